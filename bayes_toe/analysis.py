@@ -16,6 +16,7 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.classical.fit import REPLICATES, FitTable, SubjectFit, bootstrap_evidence, bootstrap_subject, subject_fit
 from bayes_toe.comparison.contrast import ContrastTable, contrast
 from bayes_toe.comparison.evidence_table import EvidenceTable, SubjectEvidence, subject_evidence
+from bayes_toe.comparison.history import HistoryTable, SubjectHistory, subject_history
 from bayes_toe.comparison.verdict import Doubt, Verdict, data_doubts, verdict
 from bayes_toe.data.messages import as_html
 from bayes_toe.data.study import Study, Subject, require_study
@@ -64,6 +65,8 @@ class Analysis:
         Some draws of the model that describes a subject best, for those for whom that is not the paper's.
     contrast : ContrastTable or None
         What differs between conditions within subjects, where the study has conditions.
+    histories : HistoryTable or None
+        Of the subjects whose answers depend on the trial before, where there are any.
     """
 
     study: Study
@@ -74,6 +77,7 @@ class Analysis:
     best: tuple[Predictor, ...] = ()
     summary_rows: tuple[SummaryRow, ...] = ()
     contrast: ContrastTable | None = None
+    histories: HistoryTable | None = None
 
     def __repr__(self) -> str:
         return f"<Analysis of {self.study!r}: verdicts, draws, evidence, fits, summary()>"
@@ -140,7 +144,9 @@ def run(
     )
     summary = tuple(row for one in small for row in one.summary)
     apart = None if study.conditions is None else contrast(study, seed=settings.seed, prior=settings.prior, workers=workers, keep=keep)
-    return Analysis(study, made, _table(small, settings, failed, study.task), settings, fits, best, summary, apart)
+    followed = tuple(one.history for one in small if one.history is not None)
+    histories = HistoryTable(followed, study, settings.seed, settings.prior) if followed else None
+    return Analysis(study, made, _table(small, settings, failed, study.task), settings, fits, best, summary, apart, histories)
 
 
 def sample(
@@ -286,6 +292,7 @@ class _Analysed:
     fit: SubjectFit | None
     best: FloatArray | None
     summary: tuple[SummaryRow, ...] = ()
+    history: SubjectHistory | None = None
 
 
 @dataclass(frozen=True)
@@ -325,7 +332,8 @@ def _analysed(subject: Subject, settings: Settings, wanted: Wanted, data: tuple[
     best = None
     if wanted.chains is not None and said.best_model not in ("", models.update.name):
         best = space.predictor(said.best_model, _SHOWN, generator(seed, subject.name, said.best_model, "shown")).x
-    return _Analysed(None if result.chains is None else subject_draws(result, summarised=True), row, fit, best)
+    history = subject_history(subject, prior, seed) if wanted.chains is not None and said.follows else None
+    return _Analysed(None if result.chains is None else subject_draws(result, summarised=True), row, fit, best, history=history)
 
 
 def _settings(study: Study, draws: int, seed: int, prior: Prior | str | None, model: str = PREDICTIVE_UPDATE.name) -> Settings:

@@ -20,6 +20,7 @@ from bayes_toe.classical.fit import SubjectFit, fit_columns
 from bayes_toe.cli.supplement import FIT_TABLE_COLUMNS, ORDER_EFFECT_COLUMNS
 from bayes_toe.comparison.contrast import CONTRAST_COLUMNS, WORDS, Difference
 from bayes_toe.comparison.evidence_table import EVIDENCE_COLUMNS, SubjectEvidence
+from bayes_toe.comparison.history import HISTORY_COLUMNS, SubjectHistory
 from bayes_toe.comparison.model_comparison import COMPARE_COLUMNS, PARTS_COLUMNS
 from bayes_toe.comparison.prior_sensitivity import SensitivityRow, sensitivity_columns
 from bayes_toe.comparison.words import EFFECTS
@@ -213,6 +214,15 @@ FILES = (
             "exact_how": "`sampled`, where there are frequencies.",
         },
     ),
+    File("compare_history.csv", "`compare --history`; history.csv of `run`", "subject", HISTORY_COLUMNS, [SubjectHistory], {
+        "depends": "Whether answers follow the trials before: `yes`, `probably`, `undecided`, `probably not`, `no`; `no pull` where none is likelier.",
+        **{f"p_{level}": f"Posterior probability of the history {said}, among compositions with a pull; empty where it was not tried." for level, said in {
+            "static": "none", "carry_over": "carry-over", "carry_over_by_time": "carry-over by time", "running_average": "running average"}.items()},
+        "parameter": "The best history's own: `carry_over` (rho, without unit), `carry_over_tau` (s), `half_life` (trials).",
+        **{name: f"{quantile} % posterior quantile of it." for name, quantile in {"q05": 5, "q50": 50, "q95": 95}.items()},
+        "best_model": "The best model with a history of stimuli.", "static_model": "The best model without.",
+        "history_p_static": "Predictive p of the answers by the trial before, of `static_model`.", "history_p": "The same of `best_model`.",
+    }),
     File("contrast.csv", "`contrast`", "subject, quantity and comparison of two conditions", CONTRAST_COLUMNS, [Difference], {
         "quantity": "`constant error`, `pull`, `width`, or `order effect`: constant error and pull together.",
         "comparison": "A level less the one that it is held against, `right - left`; of numbers the largest less the smallest.",

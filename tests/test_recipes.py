@@ -158,8 +158,8 @@ def test_blocks_of_a_subject_are_the_files(tmp_path):
     several_files(tmp_path)
     paths = sorted((tmp_path / "sessions").glob("*.csv"))
     study = bt.read_study(paths, bt.ReadOptions(subject_from="{}_session*.csv"))
-    assert study.reading.answers["A"].blocks == ("A_session1.csv", "A_session2.csv")
-    assert study.reading.answers["A"].block.tolist() == [0] * 3 + [1] * 3
+    assert study["A"].answers.blocks == ("A_session1.csv", "A_session2.csv")
+    assert study["A"].answers.block.tolist() == [0] * 3 + [1] * 3
     assert study.source == "3 files, A_session1.csv to B_session1.csv"
     frames = [pd.read_csv(path, sep=";", decimal=",").assign(subject=path.name[0]) for path in paths]
     pd.testing.assert_frame_equal(bt.read_study(frames).frame(), study.frame())

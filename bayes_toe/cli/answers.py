@@ -6,13 +6,16 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from bayes_toe.cli.headline import legend
-from bayes_toe.cli.terminal import OUTPUT, chosen, number, once, safe, say, say_footnote, say_notes, say_table
+from bayes_toe.cli.terminal import OUTPUT, chosen, number, once, safe, say, say_footnote, say_note, say_notes, say_table
 from bayes_toe.comparison.study_answer import doubts_of, of_new_subject, study_sentence, way_on
 from bayes_toe.comparison.verdict import Verdict
+from bayes_toe.data.messages import counted, named_few
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 
 if TYPE_CHECKING:
     from rich.console import Console
+
+    from bayes_toe.comparison.history import HistoryTable
 
 
 def say_verdicts(
@@ -37,7 +40,35 @@ def say_verdicts(
     say_footnote(console, f"{legend(asked)}.")
     say_notes(console, (f"{one.subject}: {doubts_of(one)}" for one in verdicts if one.data), "data", file=file)
     say_notes(console, (f"{one.subject}: {way}" for one in verdicts if (way := way_on(one))), "look", "red", file=file)
+    followed = [one.subject for one in verdicts if one.follows]
+    if followed:
+        how = f"answers of {counted(len(followed), 'subject')} seem to depend on the trial before ({named_few(followed)})"
+        say_note(console, f"trials before: {how}; compare --history tells")
     say_notes(console, once((one.subject, note) for one in verdicts for note in one.notes))
+
+
+def say_histories(console: Console, table: HistoryTable, file: str) -> None:
+    """In one line how many subjects' answers follow the trials before, then each subject in a row."""
+    say(console, f"[bold]trials before[/bold]: {safe(table.sentence())}")
+    rows: list[dict[Any, Any]] = [
+        {
+            "subject": one.subject,
+            "follows": one.depends or "-",
+            "P(static)": number(one.p_static),
+            "log BF": number(one.log_bayes_factor_history, 1),
+            "answer before": number(one.log_bayes_factor_previous_answer, 1),
+            "median (5 %, 95 %)": f"{one.parameter} {one.q50:.2g} ({one.q05:.2g}, {one.q95:.2g})" if one.parameter else one.note,
+            "p static": number(one.history_p_static),
+            "p with": number(one.history_p),
+        }
+        for one in table
+    ]
+    say_table(console, "what a trial leaves to the next", rows, file=file)
+    say_footnote(
+        console,
+        "P(static): nothing is left of the trials before, among models with a pull. log BF: of any history, and of a bias by the answer "
+        "before, natural logs. p: of the answers by the trial before, without and with a history.",
+    )
 
 
 def _cells(one: Verdict) -> dict[Any, Any]:

@@ -30,6 +30,7 @@ def compare(
     study: StudyFile,
     output: Annotated[Path, writes("compare.csv", "Table to write; NAME_parts.csv, _models.csv, .png beside it.")] = Path("compare.csv"),
     model: Annotated[list[str] | None, typer.Option("--model", help="Only this model; repeat for more. Default: the whole space.")] = None,
+    history: Annotated[bool, typer.Option("--history", help="What a trial leaves to the next, too: NAME_history.csv and .png.")] = False,
     space: Annotated[str, rare("--space", help="parts: those over which verdicts average; ladder: those with a name.")] = "parts",
     task: Annotated[Task, Takes(*MODEL, "spreadsheet_safe", "resume", draws=1000)],
 ) -> None:
@@ -41,26 +42,39 @@ def compare(
 
     [bold]Example[/bold]: bayes-toe compare study.csv -o compare.csv --seed 1
     """
-    from bayes_toe.cli.answers import say_verdicts
+    from bayes_toe.cli.answers import say_histories, say_verdicts
     from bayes_toe.comparison.model_comparison import beside
+    from bayes_toe.model.history import require_order
     from bayes_toe.model.ladder import require_models
     from bayes_toe.plots.comparison import comparison_figure
     from bayes_toe.plots.figure_files import picture_beside, save_figure
 
-    asked, files = model or space, (output, *beside(output), picture_beside(output))
+    asked, of_history = model or space, output.with_name(f"{output.stem}_history{output.suffix}")
+    files = [output, *beside(output), picture_beside(output), *([of_history, picture_beside(of_history)] if history else [])]
     task.require_files(*files)
     keep = task.partial(output)
     read, prior = task.opened(study)
     models = require_models(asked, read.task)
+    for subject in read if history else ():
+        require_order(subject)
     with task.progress("comparing", len(read) * (len(models) if asked != "parts" else 1)) as tick:
         table = bt.compare(read, asked, prior=prior, draws=task.draws, seed=task.seed, workers=task.workers, progress=tick, keep=keep)
+    histories = None
+    if history:
+        with task.progress("histories", len(read)) as tick:
+            histories = bt.compare_history(read, prior=prior, seed=table.seed, workers=task.workers, progress=tick)
     with task.together(*files) as folder:
         table.save(folder / output.name, **task.saving_of(read))
-        save_figure(comparison_figure(table, synthetic=read.synthetic), folder / files[-1].name)
+        save_figure(comparison_figure(table, synthetic=read.synthetic), folder / files[3].name)
+        if histories is not None:
+            histories.save(folder / of_history.name, **task.saving_of(read))
+            save_figure(bt.plots.history(histories), folder / files[-1].name)
     failed = {f"{row.subject} ({row.model})": "; ".join(row.notes) for row in table if row.failed}
     task.finish(keep, failed)
     say_verdicts(task.console, table.verdicts, table.seed, synthetic=read.synthetic, asked=read.task)
     say_comparison(task.console, table)
+    if histories is not None:
+        say_histories(task.console, histories, of_history.name)
     task.say_written("written:", *files, seed=table.seed)
     task.leave_unless_whole(failed, {})
 

@@ -55,7 +55,7 @@ def run(
 
     [bold]Example[/bold]: bayes-toe run study.csv -o results --seed 1
     """
-    from bayes_toe.cli.answers import say_verdicts
+    from bayes_toe.cli.answers import say_histories, say_verdicts
     from bayes_toe.cli.compare import say_contrast
     from bayes_toe.cli.results_folder import PICTURE_BYTES, PRODUCTS, Drawn, write_results
     from bayes_toe.explorer.page import EXPLORER_BYTES, require_bokeh, require_few
@@ -76,6 +76,8 @@ def run(
     with task.progress("sampling", len(read)) as tick:
         analysis = bt.run(read, draws=task.draws, seed=task.seed, prior=prior, workers=task.workers, progress=tick, keep=keep)
     say_verdicts(task.console, analysis.verdicts, analysis.settings.seed, "evidence.csv", synthetic=read.synthetic, asked=read.task)
+    if analysis.histories is not None:
+        say_histories(task.console, analysis.histories, "history.csv")
     say_failed(task.console, analysis.draws)
     if analysis.contrast is not None:
         say_contrast(task.console, analysis.contrast)

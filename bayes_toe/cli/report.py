@@ -114,6 +114,7 @@ def write_report(analysis: Analysis, facts: Facts, folder: Path) -> None:
         "home": "../report.html" if paged else "",  # from where a subject's section is
         "beside": "../" if paged else "",
         "folder": folder,
+        "histories": analysis.histories,
         "there": there,
         "posterior": next((name for name in sorted(there) if name.startswith("posterior.")), "posterior.nc"),
         "findings": [one.message for one in findings if one.subject == ""],

@@ -33,6 +33,7 @@ from bayes_toe.plots.corner import corner
 from bayes_toe.plots.curves import curves
 from bayes_toe.plots.evidence import evidence_axes, evidence_height, order_effect_axes
 from bayes_toe.plots.figure_files import png
+from bayes_toe.plots.history import history
 from bayes_toe.plots.map import study_map_axes
 from bayes_toe.plots.population import population_figure
 from bayes_toe.plots.prior_predictive import prior_predictive_figure
@@ -44,6 +45,8 @@ Figure = Any  # of matplotlib, which is of another room
 GROUP_PRODUCTS = ("population.csv", "population_subjects.csv", "population.png", "population.nc")
 #: What of conditions is in a results folder.
 CONTRAST_PRODUCTS = ("contrast.csv", "contrast.png")
+#: And of histories, where answers depend on the trial before.
+HISTORY_PRODUCTS = ("history.csv", "history.png")
 #: What a results folder may hold: draws in one of two ways, the group, corner plots, an explorer, pages of very many subjects.
 PRODUCTS = (
     "posterior.nc",
@@ -52,6 +55,7 @@ PRODUCTS = (
     "evidence.csv",
     *CONTRAST_PRODUCTS,
     *GROUP_PRODUCTS,
+    *HISTORY_PRODUCTS,
     "corner",
     "explorer.html",
     "report.html",
@@ -142,6 +146,7 @@ def write_results(
     required += [
         *(() if analysis.contrast is None else CONTRAST_PRODUCTS),
         *(() if group is None else GROUP_PRODUCTS),
+        *(() if analysis.histories is None else HISTORY_PRODUCTS),
         *(["explorer.html"] if pictures.explorer else []),
     ]
     with whole_folder(folder, PRODUCTS, required=required, overwrite=overwrite) as new, TemporaryDirectory(dir=new.absolute()) as home:
@@ -153,6 +158,9 @@ def write_results(
         analysis.evidence.save(target / "evidence.csv", spreadsheet_safe=spreadsheet_safe, units=units)
         if analysis.contrast is not None:
             _write_contrast(analysis.contrast, group, target, spreadsheet_safe=spreadsheet_safe)
+        if analysis.histories is not None:
+            analysis.histories.save(target / "history.csv", spreadsheet_safe=spreadsheet_safe, units=units)
+            (target / "history.png").write_bytes(png(history(analysis.histories), dpi=_DOTS))
         if group is not None:
             _write_group(group, target, spreadsheet_safe=spreadsheet_safe)
         write_text(of_analysis(analysis, None if group is None else group.found, figures=bool(drawn)), target / "methods.md")

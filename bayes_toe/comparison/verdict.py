@@ -32,21 +32,24 @@ from bayes_toe.comparison.words import (
 from bayes_toe.data.findings import data_findings
 from bayes_toe.data.study import Study, Subject, as_option
 from bayes_toe.inference.evidence import weighed
+from bayes_toe.inference.history_check import HISTORY_DRAWS, SCREEN, history_p
 from bayes_toe.inference.prediction import effect_size
 from bayes_toe.inference.predictive_checks import FitSummary
 from bayes_toe.inference.space import SpaceEvidence, space_evidence
 from bayes_toe.inference.subject import weighted_fit
+from bayes_toe.model.history import knows_order
 from bayes_toe.model.ladder import ORDERS, models_of
 from bayes_toe.model.parts import compose
 from bayes_toe.model.posterior import Model, Posterior
 from bayes_toe.model.prior import Prior
+from bayes_toe.seeds import generator
 
 #: Which scales of the prior belong to the order, and by what they are multiplied for `robust`.
 ORDER_SCALES, FACTORS = ("mu1_sd", "offset_sd"), (0.5, 2.0)
 #: Columns with which evidence.csv begins.
 VERDICT_COLUMNS = (
     *("subject", "effect", "kind", "fit", "data", "robust", "p_none", "p_constant_error", "p_update", "log_bayes_factor_effect"),
-    *("size_q50", "best_model", "predictive_p", "deviance_p"),
+    *("size_q50", "best_model", "predictive_p", "deviance_p", "history_p"),
 )
 
 
@@ -101,6 +104,9 @@ class Verdict:
         What is withheld, and why.
     p_first_stronger : float or None
         Under a constant error, the probability that it makes the first stimulus seem stronger.
+    history_p : float or None
+        Posterior predictive p-value of the answers by the trial before, see :func:`~bayes_toe.inference.history_check.history_p`; None
+        where the order of trials is not known.
     """
 
     subject: str
@@ -115,6 +121,7 @@ class Verdict:
     data: tuple[Doubt, ...] = ()
     notes: tuple[str, ...] = ()
     p_first_stronger: float | None = None
+    history_p: float | None = None
 
     @property
     def p_none(self) -> float | None:
@@ -223,6 +230,11 @@ class Verdict:
             words += ", and at most a negligible one"
         return f"{words} (P of none {compared(none)})"
 
+    @property
+    def follows(self) -> bool:
+        """Whether answers look as if they depended on the trial before, which no model of the space describes."""
+        return self.history_p is not None and self.history_p < SCREEN
+
     def doubts(self) -> list[str]:
         """What stands against the verdict, each in a few words; nothing where nothing does."""
         said = []
@@ -231,6 +243,8 @@ class Verdict:
             said.append(f"but no model describes the answers{scattered}")
         elif self.fit == "cannot be told":
             said.append("whether the models describe the answers cannot be told")
+        if self.follows:
+            said.append(f"answers seem to depend on the trial before (p {compared(self.history_p or 0.0)}; compare --history)")
         said += [f"but its data are in doubt: {', '.join(map(str, self.data))}"] if self.data else []
         if self.robust == "no":
             (low, high), cases = self.p_none_range, [p for p in (self.p_orders, *self.varied) if p]
@@ -275,7 +289,12 @@ def verdict(subject: Subject, prior: Prior, seed: int, *, data: Sequence[Doubt] 
         return Verdict(subject.name, None, (), None, None, None, "", None, None, tuple(data), (f"no evidence of {missing}",)), found
     of_orders = by_order(values, space)
     best = max(found.sampled, key=lambda i: float(values[i]))
-    fit = weighted_fit(found.sampled[best].fitted, seed)
+    fitted = found.sampled[best].fitted
+    fit, of_history = weighted_fit(fitted, seed), None
+    if knows_order(subject):
+        posterior, rng = fitted.proposal.posterior, generator(seed, subject.name, space[best].name, "history")
+        assert isinstance(posterior, Posterior)
+        of_history = history_p(posterior, fitted.draws.x[rng.choice(len(fitted.draws.x), HISTORY_DRAWS, p=fitted.draws.shares)], seed)
     sizes, weights = _sizes(found, values)
     order = np.argsort(sizes)
     middle = int(np.searchsorted(np.cumsum(weights[order]), 0.5))
@@ -291,6 +310,7 @@ def verdict(subject: Subject, prior: Prior, seed: int, *, data: Sequence[Doubt] 
         data=tuple(data),
         notes=found.notes,
         p_first_stronger=_first_stronger(found, values),
+        history_p=of_history,
     )
     if made.fit == "not described":
         scattering = [compose(subject.task, **{**dict(model.levels), "spread": "beta-binomial"}) for model in space]

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,12 +14,25 @@ from bayes_toe.errors import InputError
 
 @dataclass(frozen=True, eq=False)
 class Answers:
-    """Rows of one subject that have an answer, in the order in which they were given where rows are trials.
+    """Rows of one subject, in the order in which they were given where rows are trials.
 
-    `keys`, shape (rows, 2 or 3), are the pair of each row: s1 and s2 (natural-log intensities), and isi (seconds) where the study has
-    intervals; `n_yes` and `n_trials`, shape (rows,), the answers that the task counts and all answers, of which a trial is one. `block` is
-    where in `blocks`, names in their order, that of each row's block stands, None without such a column; `trials` says whether rows are
-    trials, and `place` between which rows of the file they are.
+    Parameters
+    ----------
+    keys : array, shape (rows, 2 or 3)
+        The pair of each row: s1 and s2 (natural-log intensities), and isi (seconds) where the study has intervals.
+    n_yes, n_trials : array of int, shape (rows,)
+        The answers that the task counts and all answers, of which a trial has one, or none where nobody answered in time.
+    block : array of int, shape (rows,), or None
+        Where in `blocks`, names in their order, that of each row's block stands; None without such a column.
+    blocks : tuple of str
+    trials : bool
+        Whether rows are trials.
+    place : array of int, shape (rows,), or None
+        Of trials whose order is known: one more than in the row before where memory goes on from there.
+    iti : array, shape (rows,), or None
+        Seconds between a trial and the one before it; NaN where that is not known.
+    span : tuple of int, or None
+        The first and the last row of the file that is one of these trials.
     """
 
     keys: FloatArray
@@ -28,7 +41,29 @@ class Answers:
     block: IntArray | None
     blocks: tuple[str, ...]
     trials: bool
-    place: tuple[int, int] | None = None
+    place: IntArray | None = None
+    iti: FloatArray | None = None
+    span: tuple[int, int] | None = None
+
+    @property
+    def given(self) -> Answers:
+        """Those rows that have an answer."""
+        none = self.n_trials == 0
+        return self.without(none) if none.any() else self
+
+    @property
+    def begins(self) -> BoolArray:
+        """Where memory begins anew, shape (rows,).
+
+        Examples
+        --------
+        >>> counts = np.ones(4, int)
+        >>> Answers(np.zeros((4, 2)), counts, counts, None, (), True, np.array([0, 1, 3, 4])).begins.tolist()
+        [True, False, True, False]
+        """
+        if self.place is None:
+            return np.ones(len(self.n_trials), np.bool_)
+        return np.asarray(np.diff(self.place, prepend=self.place[:1] - 2) != 1)
 
     def rows_of(self, blocks: Sequence[str]) -> BoolArray:
         """Which rows are in one of these blocks; all rows where none is named.
@@ -52,23 +87,24 @@ class Answers:
         return replace(self, n_yes=np.where(rows, self.n_trials - self.n_yes, self.n_yes))
 
     def without(self, rows: BoolArray) -> Answers:
-        """All other rows, with the blocks that they are in."""
-        blocks, block = self.blocks, self.block
+        """All other rows, with the blocks that they are in; memory begins anew behind those left out."""
+        block = None if self.block is None else self.block[~rows]
+        blocks = self.blocks
         if block is not None:
-            own, block = np.unique(block[~rows], return_inverse=True)
+            own, block = np.unique(block, return_inverse=True)
             blocks = tuple(blocks[place] for place in own.tolist())
-        return Answers(self.keys[~rows], self.n_yes[~rows], self.n_trials[~rows], block, blocks, self.trials, self.place)
+        place, iti = None if self.place is None else self.place[~rows], None if self.iti is None else self.iti[~rows]
+        return Answers(self.keys[~rows], self.n_yes[~rows], self.n_trials[~rows], block, blocks, self.trials, place, iti, self.span)
 
 
 @dataclass(frozen=True, eq=False)
 class Reading:
     """What a file told besides the counts.
 
-    `answers` are by subject, where rows are trials or have a block; `read` are the columns that were, by our names, `ignored` those that
-    were not, by their names in the file; `doubts` say what is probably a mistake in the file, a sentence each, without its full stop.
+    `read` are the columns that were, by our names, `ignored` those that were not, by their names in the file; `doubts` say what is probably
+    a mistake in the file, a sentence each, without its full stop.
     """
 
-    answers: Mapping[str, Answers] = field(default_factory=dict)
     read: tuple[str, ...] = ()
     ignored: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()

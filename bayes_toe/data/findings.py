@@ -132,15 +132,16 @@ def answer_findings(study: Study) -> tuple[Finding, ...]:
     """The same, and who has too few trials."""
     require_study(study)
     of_all, level = tuple(_other_task(study)), STUDY_LEVEL / len(study)
-    return tuple(Finding(one.name, *said) for one in study for said in (*of_all, *_of(one, study.reading.answers.get(one.name), level)))
+    return tuple(Finding(one.name, *said) for one in study for said in (*of_all, *_of(one, level)))
 
 
-def _of(subject: Subject, answers: Answers | None, level: float) -> _Rule:
+def _of(subject: Subject, level: float) -> _Rule:
     yield from _few_trials(subject)
     yield from _orders(subject)
     if subject.total_trials > _MOST_DRAWN:
         return
-    if answers is not None:
+    if subject.answers is not None:
+        answers = subject.answers.given
         blocks = list(_blocks(subject, answers, level))
         yield from blocks
         if any(code == "swapped_blocks" for code, *_ in blocks):

@@ -13,9 +13,12 @@ from bayes_toe.data.study import Study
 from bayes_toe.data.tasks import SAME_DIFFERENT, TASKS, WHICH_STRONGER, Task
 from bayes_toe.errors import InputError
 
-COLUMNS = ("subject", "s1", "s2", "i1", "i2", "response", "n_equal", "n_second", "n_trials", "isi", "block", "trial", "condition")
-#: Columns by which counts are no other, but which are looked at before answers are pooled.
-LOOKED_AT = ("block", "trial")
+COLUMNS = (
+    *("subject", "s1", "s2", "i1", "i2", "response", "n_equal", "n_second", "n_trials"),
+    *("isi", "session", "block", "trial", "iti", "condition"),
+)
+#: Columns by which counts are no other: which trial came after which, for a look before answers are pooled and for models of history.
+LOOKED_AT = ("session", "block", "trial", "iti")
 _COUNTS = ("n_equal", "n_second", "n_trials")
 _MAY_BE_IGNORED = ("isi", *LOOKED_AT, "condition")
 _ANSWERS = {answer: task for task in (SAME_DIFFERENT, WHICH_STRONGER) for answer in (task.yes, task.no)}
@@ -28,8 +31,10 @@ _SPELLINGS = {
     "n_second": {"second", "ksecond"},
     "n_trials": {"trials", "ntotal", "total"},
     "isi": {"isis", "isims", "isisec", "interval", "intervals", "intervalms", "interstimulusinterval", "soa", "soams", "gap", "delay"},
-    "block": {"blocks", "blocknr", "blockno", "blocknum", "blocknumber", "blockindex", "blockid", "run", "runnr", "session", "sessionnr"},
+    "block": {"blocks", "blocknr", "blockno", "blocknum", "blocknumber", "blockindex", "blockid", "run", "runnr"},
+    "session": {"sessions", "sess", "sessionnr", "sessionno", "sessionnum", "sessionnumber", "sessionid", "day"},
     "trial": {"trialnr", "trialno", "trialnum", "trialnumber", "trialindex", "trialid", "trialn"},
+    "iti": {"itis", "itims", "intertrialinterval", "rsi"},
 }
 
 
@@ -49,7 +54,8 @@ class ReadOptions:
     columns : mapping of str to str
         Our column names to those of the file, for columns that the file names otherwise.
     ignore : str or sequence of str
-        Columns isi, block, trial or condition that are not read although they are there: without isi pairs are pooled over the intervals.
+        Columns isi, session, block, trial, iti or condition that are not read although they are there; without isi pairs are pooled over
+        the intervals.
     where : mapping of str to str
         Columns of the file to the exact text that a row must have there to be read, for files in which not every row is a trial.
     subject_from : str, optional

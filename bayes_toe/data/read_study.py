@@ -16,17 +16,18 @@ from typing import TypeAlias
 
 import numpy as np
 
-from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, IntArray, run_starts
-from bayes_toe.data.answers import Answers, Reading
+from bayes_toe.arrays import BoolArray, FloatArray, IntArray, run_starts
+from bayes_toe.data.answers import Reading
 from bayes_toe.data.conditions import with_conditions, with_units
 from bayes_toe.data.findings import refuse_reversed
-from bayes_toe.data.messages import TWICE, bare, counted, listed, quoted
+from bayes_toe.data.messages import bare, counted, listed, quoted
 from bayes_toe.data.options import COLUMNS, ReadOptions, columns_to_read, looks_like, subject_in
 from bayes_toe.data.responses import require_task, responses
 from bayes_toe.data.several_files import read_together
 from bayes_toe.data.study import Study, Subject, said_intervals
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task, task_counted, task_named, task_of
 from bayes_toe.data.text_table import DELIMITERS, LARGEST_STUDY, Column, Frame, TextTable, read_table
+from bayes_toe.data.trial_order import answers_in_order
 from bayes_toe.data.validation import (
     bare_names,
     number,
@@ -55,10 +56,11 @@ def read_study(path: str | Path | Frame | Sequence[str | Path | Frame], options:
 
     Trials: ``subject,s1,s2,response``, the response 'equal' or 'different' (also same), or 'second' or 'first' (also s2/s1, 2nd/1st), which
     tells the task; numbers do not. Counts: ``subject,s1,s2,n_equal,n_trials``, or ``n_second``. s1 and s2 are natural-log intensities. A
-    column ``isi`` is the inter-stimulus interval in seconds, and makes the same stimuli at another interval another pair. Columns ``block``
-    (any text) and ``trial`` (numbers, over all blocks or within each) change no count: they tell how answers are looked at before they are
-    pooled. A column ``condition`` (or another one that the options name) makes each subject at each of its levels a unit, ``S01@left``;
-    see :mod:`bayes_toe.data.conditions`. Other columns are ignored.
+    column ``isi`` is the inter-stimulus interval in seconds, and makes the same stimuli at another interval another pair. Columns ``trial``
+    (numbers, over all trials or within each block or session), ``block`` and ``session`` (any text) and ``iti`` (seconds since the trial
+    before) change no count: they tell how answers are looked at before they are pooled, and what a trial may leave to the next, for which
+    trials without an answer stay. A column ``condition`` (or another one that the options name) makes each subject at each of its levels a
+    unit, ``S01@left``; see :mod:`bayes_toe.data.conditions`. Other columns are ignored.
 
     Parameters
     ----------
@@ -259,7 +261,7 @@ def _study(rows: _Rows, notes: list[str], k: IntArray, n: IntArray, task: Task) 
     parts = {rows.subject.text(part[0]): part for part in np.split(owned, run_starts(rows.subject.codes[owned])[1:])}
     values = (*rows.keys[:2], k, n, *rows.keys[2:])
     subjects = [Subject.from_counts(name, *(one[at] for one in values), task=task) for name, at in parts.items()]
-    trials, doubts, answers = "n_trials" not in rows.columns, list[str](), dict[str, Answers]()
+    trials, doubts = "n_trials" not in rows.columns, list[str]()
     merged = {one.name: len(parts[one.name]) - one.n_pairs for one in subjects if not trials}
     if any(merged.values()):
         each = listed([f"{bare(name)} {count}" for name, count in merged.items() if count])
@@ -268,11 +270,9 @@ def _study(rows: _Rows, notes: list[str], k: IntArray, n: IntArray, task: Task) 
         isi = tuple(np.unique(rows.keys[2][owned]).tolist())
         notes.append(f"{counted(len(isi), 'interval')} in column {bare(rows.columns['isi'].name)}: {said_intervals(isi)}")
     if trials or "block" in rows.columns:
-        answers, disordered = _answers(rows, parts, k, n)
-        if disordered:
-            trial = bare(rows.columns["trial"].name)
-            notes.append(f"column {trial} does not tell the order of all trials, so that of the file stands: {listed(disordered)}")
-            doubts = _repeated(rows, k, n)  # no trial is there twice where the order is known
+        answers, missing, doubts = answers_in_order(rows.table, rows.columns, rows.keys, parts, k, n)
+        subjects = [replace(one, answers=answers[one.name]) for one in subjects]
+        notes += missing
     marks = [text.lower() in _TRUE_WORDS for text in rows.columns["synthetic"].texts] if "synthetic" in rows.columns else [False]
     if any(marks):
         said = "synthetic data: column synthetic says so in every row"
@@ -280,7 +280,7 @@ def _study(rows: _Rows, notes: list[str], k: IntArray, n: IntArray, task: Task) 
     known, source = {column.name for column in rows.columns.values()}, rows.table.source
     left = {name for name in rows.table.names for ours in rows.options.ignore if looks_like(name, ours) or name == rows.options.name(ours)}
     ignored = dict.fromkeys(name for name in rows.table.names if name and name not in known | left)
-    reading = Reading(answers, tuple(rows.columns), tuple(ignored), tuple(f"{source}: {one}" for one in doubts))
+    reading = Reading(tuple(rows.columns), tuple(ignored), tuple(f"{source}: {one}" for one in doubts))
     return Study(tuple(subjects), source, all(marks), tuple(notes), reading)
 
 
@@ -337,60 +337,3 @@ def _count_study(rows: _Rows) -> Study:
     if (n == 0).any():
         notes.append(f"{counted(int(np.count_nonzero(n == 0)), 'row')} with n_trials = 0 left out")
     return _study(rows, notes, k, n, task)
-
-
-# --- Answers in their order -----------------------------------------------------------------------
-
-
-def _answers(rows: _Rows, parts: Mapping[str, IndexArray], k: IntArray, n: IntArray) -> tuple[dict[str, Answers], list[str]]:
-    """What each subject answered, in order, and for whom column trial does not tell the order."""
-    block, trials, keys = rows.columns.get("block"), "n_trials" not in rows.columns, np.column_stack(rows.keys)
-    trial = numbers(rows.table, rows.columns["trial"]) if trials and "trial" in rows.columns else None
-    names, rank = tuple[str, ...](), np.zeros(len(n), np.int64)
-    if block is not None:  # in their order by number where all are numbers, else by appearance
-        values = [number(text, rows.table.decimal_comma) for text in block.texts]
-        order = np.arange(len(values)) if any(map(math.isnan, values)) else np.argsort(values, kind="stable")
-        names, rank = tuple(block.texts[one] for one in order.tolist()), np.argsort(order)[block.codes]
-    found, disordered = dict[str, Answers](), list[str]()
-    for name, part in parts.items():
-        at = None if trial is None else _order(trial[part], rank[part])
-        if trial is not None and at is None:
-            disordered.append(bare(name))
-        at = part if at is None else part[at]
-        place = (int(part.min()), int(part.max())) if trials else None
-        every = Answers(keys[at], k[at], n[at], None if block is None else rank[at], names, trials, place)
-        found[name] = every.without(np.zeros(len(at), np.bool_))  # with the blocks that are this subject's
-    return found, disordered
-
-
-def _order(trial: FloatArray, block: IntArray) -> IndexArray | None:
-    """The order in which trials were given: by their numbers where these are unique, else by block and number; None if not known."""
-    for keys in ((trial,), (trial, block)):
-        order = np.lexsort(keys)
-        if not np.isnan(trial).any() and len(run_starts(*(key[order] for key in keys))) == len(trial):
-            return np.asarray(order)
-    return None
-
-
-def _repeated(rows: _Rows, k: IntArray, n: IntArray) -> list[str]:
-    """What is said of answered trials with the number, subject and block of an earlier row; a row without a number repeats none."""
-    block, trial = rows.columns.get("block"), numbers(rows.table, rows.columns["trial"])
-    seen, again = dict[tuple[float, ...], int](), list[tuple[int, int]]()
-    blocks = np.zeros(len(n), np.int64) if block is None else block.codes
-    for row in np.flatnonzero((n > 0) & ~np.isnan(trial)).tolist():
-        first = seen.setdefault((rows.subject.codes[row], blocks[row], trial[row]), row)
-        again += [(row, first)] if first != row else []
-    if not again:
-        return []
-    later, earlier = np.array(again).T
-    same = np.logical_and.reduce([key[later] == key[earlier] for key in (*rows.keys, k)])
-    if block is None and not same.all():
-        return []  # without blocks numbers may begin anew in each: only rows that are the same in everything count
-    verb = "repeats" if len(same) == 1 else "repeat"
-    what = f"{counted(len(same), 'row')} {verb} {'' if block is None else 'block and '}trial of another row"
-    row, other = (rows.table.rows[one[0]] for one in (later, earlier))
-    where = f"first row {row}, which repeats row {other} (subject {bare(rows.subject.text(later[0]))})"
-    if same.all():
-        return [f"{what} with the same stimuli and answer, {where}: {TWICE}, leave them out"]
-    alike = f"{same.sum()} of them with the same stimuli and answer" if same.any() else "none with the same stimuli and answer"
-    return [f"{what}, {alike}, {where}: unless these are several sessions under the same numbers, {TWICE}"]

@@ -61,20 +61,24 @@ def _together(studies: Sequence[Study]) -> Study:
     for study in studies:
         for name in study.names:
             parts.setdefault(name, []).append(study)
-    subjects, answers, doubts = list[Subject](), dict[str, Answers](), [doubt for study in studies for doubt in study.reading.doubts]
+    subjects, doubts = list[Subject](), [doubt for study in studies for doubt in study.reading.doubts]
     for name, of in parts.items():
-        keys = ("s1", "s2", "n_yes", "n_trials", *(("isi",) if True in timed else ()))
-        counts = (np.concatenate([getattr(study[name], key) for study in of]) for key in keys)
-        subjects.append(of[0][name] if len(of) == 1 else Subject.from_counts(name, *counts, task=of[0][name].task))
-        known = [(study.source, study.reading.answers[name]) for study in of if name in study.reading.answers]
+        rows = [(study.source, study[name].answers) for study in of]
+        known = [(source, one) for source, one in rows if one is not None]
         doubts += _copies(name, known)
-        if len(known) == len(of):
-            answers[name] = known[0][1] if len(of) == 1 else _joined(known)
+        if len(of) == 1:
+            subjects.append(of[0][name])
+        elif len(known) == len(of):
+            subjects.append(Subject.from_answers(name, _joined(known), of[0].task))
+        else:
+            keys = ("s1", "s2", "n_yes", "n_trials", *(("isi",) if True in timed else ()))
+            counts = (np.concatenate([getattr(study[name], key) for study in of]) for key in keys)
+            subjects.append(Subject.from_counts(name, *counts, task=of[0].task))
     several = [f"{bare(name)} {len(of)}" for name, of in parts.items() if len(of) > 1]
     joined = [f"{counted(len(several), 'subject')} in several files, put together: {listed(several)}"] if several else []
     read, ignored = (tuple(dict.fromkeys(one for study in studies for one in getattr(study.reading, key))) for key in ("read", "ignored"))
     source = f"{len(studies)} files, {studies[0].source} to {studies[-1].source}"
-    reading = Reading(answers, read, ignored, tuple(doubts))
+    reading = Reading(read, ignored, tuple(doubts))
     return Study(tuple(subjects), source, all(study.synthetic for study in studies), (*_common_notes(studies), *joined), reading)
 
 
@@ -90,12 +94,24 @@ def _copies(name: str, of: Sequence[tuple[str, Answers]]) -> Iterable[str]:
 
 def _joined(of: Sequence[tuple[str, Answers]]) -> Answers:
     """Answers in the order of the files, which are blocks or, where they have blocks, are named before these."""
-    names, places = list[str](), list[IntArray]()
+    names, blocks, places = list[str](), list[IntArray](), list[IntArray]()
     for source, one in of:
-        places.append(len(names) + (np.zeros(len(one.n_trials), np.int64) if one.block is None else one.block))
+        blocks.append(len(names) + (np.zeros(len(one.n_trials), np.int64) if one.block is None else one.block))
         names += [f"{source}: {block}" for block in one.blocks] or [source]
+        if one.place is not None:
+            places.append(one.place - one.place[0] + (places[-1][-1] + 2 if places else 0))
     keys, k, n = (np.concatenate([getattr(one, key) for _, one in of]) for key in ("keys", "n_yes", "n_trials"))
-    return Answers(keys, k, n, np.concatenate(places), tuple(names), all(one.trials for _, one in of))
+    timed = [one.iti for _, one in of if one.iti is not None]
+    return Answers(
+        keys,
+        k,
+        n,
+        np.concatenate(blocks),
+        tuple(names),
+        all(one.trials for _, one in of),
+        np.concatenate(places) if len(places) == len(of) else None,
+        np.concatenate(timed) if len(timed) == len(of) else None,
+    )
 
 
 def _common_notes(studies: Sequence[Study]) -> Iterable[str]:

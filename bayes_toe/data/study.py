@@ -53,6 +53,9 @@ class Subject:
         Of a unit, a subject at a level of a condition, that level; its name is then the subject's with @ and the level.
     felt : Stimuli, optional
         Location and scales of the stimuli that the subject of a unit felt in all conditions; they stand in the place of the unit's own.
+    answers : Answers, optional
+        Row by row what the counts are the sums of, as read: for a look before pooling, and for models of what a trial leaves to the next.
+        Only where they do add up to the counts; else None takes their place.
 
     Raises
     ------
@@ -75,6 +78,7 @@ class Subject:
     task: Task = field(default=SAME_DIFFERENT, kw_only=True)
     condition: str = field(default="", kw_only=True)
     felt: Stimuli | None = field(default=None, kw_only=True)
+    answers: Answers | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
@@ -94,6 +98,19 @@ class Subject:
             ordered = values[order]
             ordered.setflags(write=False)
             object.__setattr__(self, key, ordered)
+        if self.answers is not None and not self._are_sums_of(self.answers):
+            object.__setattr__(self, "answers", None)
+
+    def _are_sums_of(self, answers: Answers) -> bool:
+        """Whether the counts are those of the answers, as they no longer are in a copy with others."""
+        given, own = answers.given, [key for key in (self.s1, self.s2, self.isi) if key is not None]
+        if given.keys.shape[1] != len(own) or not len(given.keys):
+            return False
+        order = np.lexsort(given.keys.T[::-1])
+        rows, counts = given.keys[order].T, (given.n_yes[order], given.n_trials[order])
+        starts = run_starts(*rows)
+        found = (*(row[starts] for row in rows), *(np.add.reduceat(count, starts) for count in counts))
+        return all(map(np.array_equal, found, (*own, self.n_yes, self.n_trials)))
 
     @classmethod
     def from_counts(
@@ -147,6 +164,12 @@ class Subject:
         answers = given.astype(np.int64)
         return cls.from_counts(name, s1, s2, answers, np.ones_like(answers), isi, task=task)
 
+    @classmethod
+    def from_answers(cls, name: str, answers: Answers, task: Task = SAME_DIFFERENT) -> Subject:
+        """A subject from rows as they were given, which it keeps."""
+        s1, s2, *isi = answers.keys.T
+        return replace(cls.from_counts(name, s1, s2, answers.n_yes, answers.n_trials, *isi, task=task), answers=answers)
+
     @property
     def intervals(self) -> tuple[float, ...]:
         """Distinct inter-stimulus intervals, seconds, shortest first; empty where the study has one that was not given."""
@@ -167,8 +190,8 @@ class Subject:
         """
         if self.isi is None or isi not in self.intervals:
             raise InputError(f"subject {self.name!r}: no interval of {isi:g} s; there are: {said_intervals(self.intervals)}")
-        at = self.isi == isi
-        return replace(self, s1=self.s1[at], s2=self.s2[at], n_yes=self.n_yes[at], n_trials=self.n_trials[at], isi=None)
+        at = self.isi == isi  # the other trials were felt in between: their order says nothing any more
+        return replace(self, s1=self.s1[at], s2=self.s2[at], n_yes=self.n_yes[at], n_trials=self.n_trials[at], isi=None, answers=None)
 
     @property
     def person(self) -> str:
@@ -341,30 +364,22 @@ class Study:
         """The study with other answers of a subject, or without one who has none left; what was done stays with it."""
         subject, asked = self[name], [as_name(one) for one in ([blocks] if isinstance(blocks, str | int) else blocks)]
         keys = np.column_stack([key for key in (subject.s1, subject.s2, subject.isi) if key is not None])
-        pooled = Answers(keys, subject.n_yes, subject.n_trials, None, (), trials=False)
-        given, done = self.reading.answers.get(subject.name, pooled), f"{option} {as_option(subject.name, asked)}"
+        given = subject.answers or Answers(keys, subject.n_yes, subject.n_trials, None, (), trials=False)
+        done = f"{option} {as_option(subject.name, asked)}"
         try:
             after = change(given, given.rows_of(asked))
         except InputError as error:
             raise InputError(f"{done}: {error}") from None
-        s1, s2, *isi = after.keys.T
-        made = [Subject.from_counts(subject.name, s1, s2, after.n_yes, after.n_trials, *isi, task=subject.task)] if len(s1) else []
-        left = [replace(one, condition=subject.condition) for one in made]
+        some = bool(after.n_trials.any())
+        made = [Subject.from_answers(subject.name, after, subject.task)] if some else []
+        left = [replace(one, condition=subject.condition, answers=subject.answers and after) for one in made]
         subjects = tuple(one for old in self for one in (left if old is subject else [old]))
         subjects = subjects if self.conditions is None else felt_together(subjects)
         if not subjects:
             raise InputError(f"{done}: found nobody else, allowed: what leaves some answers")
-        known = {one.name: self.reading.answers[one.name] for one in subjects if one.name in self.reading.answers}
-        known |= {subject.name: after} if subject.name in known else {}
         what = f"subject {bare(subject.name)}{f', blocks {listed(asked)}' if len(asked) > 1 else f', block {asked[0]}' if asked else ''}"
         said = f"{what}: {'answers turned' if option == '--turn' else 'left out'}"
-        return replace(
-            self,
-            subjects=subjects,
-            notes=(*self.notes, said),
-            reading=replace(self.reading, answers=known),
-            changes=(*self.changes, done),
-        )
+        return replace(self, subjects=subjects, notes=(*self.notes, said), changes=(*self.changes, done))
 
     def frame(self) -> pd.DataFrame:
         """The counts, one row a subject and pair: a table that :func:`~bayes_toe.read_study` reads to the same study.

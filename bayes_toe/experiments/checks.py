@@ -349,7 +349,7 @@ def _conditions(study: Study) -> list[Finding]:
                 "be due to them, where the model does not hold over all stimuli."
             )
             found.append(Finding(person, "stimuli_by_condition", message))
-        known = [(one.condition, study.reading.answers[one.name].place) for one in units if one.name in study.reading.answers]
+        known = [(one.condition, one.answers.span) for one in units if one.answers is not None]
         places = sorted((place, level) for level, place in known if place is not None)
         if len(places) == len(units) > 1 and all(one[0][1] < other[0][0] for one, other in pairwise(places)):
             orders[", ".join(level for _, level in places)] += 1

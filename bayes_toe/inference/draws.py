@@ -146,6 +146,9 @@ class Draws:
         with self._reading():
             groups = {f"/{key}": self.group(key).sel(subject=[name]).load() for key in ("posterior", "sample_stats")}
         groups |= {f"/{key}": self.group(key).isel(obs=self._places[name]) for key in ("observed_data", "constant_data")}
+        if "trials" in self.tree.children:
+            trials = self.group("trials")
+            groups["/trials"] = trials.isel(trial=np.flatnonzero(trials["subject"].values == name))
         tree = xr.DataTree.from_dict(groups)
         tree.attrs.update(self.tree.attrs)
         return Draws(tree)
@@ -174,9 +177,9 @@ class Draws:
         name = self._known(name)
         columns = {**self.group("constant_data").variables, **self.group("observed_data").variables}
         keys = ("s1", "s2", self.task.count, "n_trials", *(["isi"] if "isi" in columns else []))
-        return Subject(
-            name, *(columns[key].values[self._places[name]] for key in keys), task=self.task, **self._conditions[1].get(name, {})
-        )
+        given = (columns[key].values[self._places[name]] for key in keys)
+        answers = draws_file.answers_of(self.group("trials"), name) if "trials" in self.tree.children else None
+        return Subject(name, *given, task=self.task, answers=answers, **self._conditions[1].get(name, {}))
 
     def posterior(self, name: str | int) -> Posterior | FrequencyPosterior:
         """The posterior that one subject's draws are of."""

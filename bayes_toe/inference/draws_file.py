@@ -1,7 +1,8 @@
 """A study's draws as one tree of xarray, its NetCDF file and its Zarr store.
 
 What is kept: the draws of natural parameters and their log density (chain, draw, subject), what is known of each subject, and the counts,
-in long form over `obs` (one entry per subject and pair). Everything else follows from these; see :class:`bayes_toe.inference.draws.Draws`.
+in long form over `obs` (one entry per subject and pair); of a model with a history also the trials in their order. Everything else follows
+from these; see :class:`bayes_toe.inference.draws.Draws`.
 Draws of one subject are one chunk of each variable, with a checksum of the format's own: Fletcher-32 in HDF5, CRC-32C in Zarr.
 """
 
@@ -21,6 +22,7 @@ import numpy as np
 import xarray as xr
 
 from bayes_toe.cluster import aside
+from bayes_toe.data.answers import Answers
 from bayes_toe.data.conditions import kept
 from bayes_toe.data.messages import quoted, shown
 from bayes_toe.data.study import Study
@@ -28,6 +30,8 @@ from bayes_toe.data.tasks import SAME_DIFFERENT, task_counted
 from bayes_toe.data.whole_files import named_store
 from bayes_toe.errors import InputError
 from bayes_toe.inference.subject import Settings, SubjectDraws
+from bayes_toe.model.free_frequencies import FreeFrequencies
+from bayes_toe.model.history import require_order
 from bayes_toe.model.ladder import model_named
 from bayes_toe.version import library_versions
 
@@ -73,6 +77,8 @@ def assembled_tree(
             "/constant_data": _long(study, "n_trials"),
         }
     )
+    if not isinstance(record := model_named(settings.model, study.task), FreeFrequencies) and record.by_trial:
+        tree["trials"] = xr.DataTree(_trials(study))
     tree.attrs.update(_attributes(study, settings) | ({"failed": json.dumps(dict(failed))} if failed else {}))
     if store is None:
         _fill(values, found)
@@ -123,6 +129,25 @@ def _long(study: Study, key: str) -> xr.Dataset:
     owner = np.repeat(np.array(study.names, object), [s.n_pairs for s in study])
     coords = {"obs": np.arange(len(owner)), "subject": ("obs", owner)}
     return xr.Dataset({name: ("obs", values) for name, values in columns.items()}, coords).set_coords([*columns][:-1])
+
+
+def _trials(study: Study) -> xr.Dataset:
+    """Every trial that was felt, in order: what a model with a history is of."""
+    known = [(one.name, require_order(one)) for one in study]
+    keys = np.concatenate([answers.keys for _, answers in known])
+    timed = all(answers.iti is not None for _, answers in known)
+    columns = {name: keys[:, i] for i, name in enumerate(("s1", "s2", "isi")[: keys.shape[1]])}
+    columns |= {name: np.concatenate([getattr(one, name) for _, one in known]) for name in ("n_yes", "n_trials", "place", *["iti"] * timed)}
+    owner = np.repeat(np.array(study.names, object), [len(answers.keys) for _, answers in known])
+    return xr.Dataset({name: ("trial", values) for name, values in columns.items()}, {"subject": ("trial", owner)})
+
+
+def answers_of(trials: xr.Dataset, name: str) -> Answers:
+    """Those of one subject."""
+    some = trials.isel(trial=np.flatnonzero(trials["subject"].values == name))
+    keys = np.column_stack([some[key].values for key in ("s1", "s2", "isi") if key in some])
+    counts, place = (some["n_yes"].values, some["n_trials"].values), some["place"].values
+    return Answers(keys, *counts, None, (), True, place, some["iti"].values if "iti" in some else None)
 
 
 def _attributes(study: Study, settings: Settings) -> dict[str, Any]:

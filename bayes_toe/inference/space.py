@@ -116,11 +116,17 @@ def laplace_evidences(
     These are the models within the window of the best, nats, and those that have none. Models that are the largest one of them with some
     coordinates fixed are one family.
     """
-    families: dict[object, list[int]] = {}
-    for place, model in enumerate(models):
-        families.setdefault((model.pull, model.coordinates[0], model.link_without_lapses, model.spread), []).append(place)
+    families: list[tuple[object, list[int]]] = []
+    for place in sorted(range(len(models)), key=lambda i: -len(models[i].coordinates)):
+        model = models[place]
+        kind = (model.pull, model.coordinates[0], model.link_without_lapses, model.spread, model.history, model.by_trial)
+        larger = (of for known, of in families if known == kind and {*model.coordinates} <= {*models[of[0]].coordinates})
+        places = next(larger, None)
+        if places is None:
+            families.append((kind, places := []))
+        places.append(place)
     values, own = np.empty(len(models)), dict[int, tuple[Family, int]]()
-    for places in families.values():
+    for _, places in families:
         family = Family(subject, prior, [models[place] for place in places])
         values[places] = family.laplace
         own |= {place: (family, i) for i, place in enumerate(places)}

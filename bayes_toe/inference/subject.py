@@ -41,7 +41,11 @@ FIT_COLUMNS = {
     "p_deviance": "deviance_p",
 }
 #: Names without a unit, with all that begin with q.
-_WITHOUT_UNIT = ("gamma", "gain", "pull", "rho")
+#: Units of quantities that are no ln intensity; frequencies of pairs, q_1 and so on, have none either.
+_UNITS = {
+    **dict.fromkeys(("gamma", "gain", "pull", "rho", "lapse_rate", "guess_second", "exponent", "icc", "carry_over"), "1"),
+    **{"noise_slope": "1 / ln intensity", "peak_slope": "1 / ln intensity", "carry_over_tau": "s", "half_life": "trials"},
+}
 
 SummaryRow: TypeAlias = tuple[str | float, ...]
 
@@ -257,6 +261,6 @@ def location(values: FloatArray) -> tuple[float, ...]:
 
 def unit(name: str, target: Answering) -> str:
     """The unit of a quantity; at the reference interval where an interval acts on it."""
-    plain = "1" if name in _WITHOUT_UNIT or name.startswith("q") else "ln intensity"
+    plain = _UNITS.get(name, "1" if name.startswith("q") else "ln intensity")
     reference = reference_interval(target.subject, target.prior.reference_interval)
     return plain if target.subject.isi is None else target.model.units_at_intervals(reference).get(name, plain)

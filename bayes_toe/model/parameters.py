@@ -325,8 +325,17 @@ class Width(Single):
         return f"{self.name} ~ {prior.said(prior.spread)}"
 
 
+class AnswerBias(Single):
+    """Shift of the distance by the answer before, natural-log intensity."""
+
+    def grid(self, scale: float, peak: float) -> Sequence[Sequence[float]]:
+        """None to speak of: it is small, and its likelihood has one maximum."""
+        return ((0.01 * scale,),)
+
+
 OFFSET, WIDTH = Offset("offset", Scale()), Width("width", Log())
 NOISE_SLOPE, PEAK_SLOPE = Slope("noise_slope", Scale()), Slope("peak_slope", Scale())
+ANSWER_BIAS = AnswerBias("answer_bias", Scale())
 
 
 def starting_offsets(scale: float) -> tuple[float, ...]:

@@ -1,9 +1,10 @@
-"""A model is a composition of parts, each at one of its levels: order, noise, lapses, curve, peak, spread.
+"""A model is a composition of parts, each at one of its levels: order, noise, lapses, curve, peak, spread, history, answer bias.
 
 P(equal) = f + (q0 - f) psi(z), f = lambda q0, or P(second) = lambda g + (1 - lambda) F(z), with z = ((s2 - s1) - c + p (s1 - sbar)) /
 w(s1, s2). The order part says what the first stimulus becomes (c, p), the noise part how the width depends on the stimuli, the lapses which
 answers do not depend on them (q0, lambda, g), the curve is psi or F, the peak how q0 depends on the stimuli, the spread says how counts
-scatter. Each level is a declaration; every combination of levels of one task is a model, and nothing else knows parts by name.
+scatter, the history and the answer bias what a trial leaves to the next. Each level is a declaration; every combination of levels of one
+task is a model, and nothing else knows parts by name.
 """
 
 from __future__ import annotations
@@ -18,11 +19,12 @@ import numpy as np
 from bayes_toe.data.tasks import SAME_DIFFERENT, TASKS, WHICH_STRONGER, Task
 from bayes_toe.errors import InputError
 from bayes_toe.model.closed_form import MAX_PULL
-from bayes_toe.model.distributions import Uniform
+from bayes_toe.model.distributions import LogNormal, Uniform
+from bayes_toe.model.history import History
 from bayes_toe.model.intervals import OF_EQUAL, OF_SECOND, CurveScale, Propagator, mean_reversion, random_walk
 from bayes_toe.model.links import BELL, DIFFERENCING, EXPONENT, LOGISTIC, PROBIT, Lapsing, Link
 from bayes_toe.model.memory import Memory, Update
-from bayes_toe.model.parameters import NOISE_SLOPE, OFFSET, PEAK_SLOPE, WIDTH, Block, Log, Logit, Single
+from bayes_toe.model.parameters import ANSWER_BIAS, NOISE_SLOPE, OFFSET, PEAK_SLOPE, WIDTH, Block, Log, Logit, Single
 from bayes_toe.model.posterior import Model, Pull
 from bayes_toe.model.spread import BETA_BINOMIAL, BINOMIAL, Spread
 
@@ -52,7 +54,7 @@ class Level:
         The parameters it brings.
     also : tuple of str
         Other words that are understood.
-    pull, propagator, link, spread
+    pull, propagator, link, spread, history
         What it sets of the record; see :class:`bayes_toe.model.posterior.Model`.
     lapsing : callable
         What lapses make of the curve's link.
@@ -69,6 +71,7 @@ class Level:
     link: Link = BELL
     lapsing: Callable[[Link], Link | Lapsing] = lambda link: link
     spread: Spread = BINOMIAL
+    history: History | None = None
     task: Task | None = None
 
     @property
@@ -175,9 +178,39 @@ PARTS: Mapping[str, tuple[Level, ...]] = {
             spread=BETA_BINOMIAL,
         ),
     ),
+    "history": (
+        Level("static", "expectations have relaxed before every trial"),
+        Level(
+            "carry-over",
+            "what was felt in a trial is carried over to the next",
+            (Single("carry_over", Logit(), fixed=Uniform(1.0), starts=(-0.8, 0.9)),),
+            history=History("carry-over", "logit_carry_over"),
+        ),
+        Level(
+            "carry-over by time",
+            "what was felt in a trial is carried over to the next, and fades with the time between",
+            (Single("carry_over_tau", Log(), fixed=LogNormal(5.0, 1.0), starts=(0.8, 2.3)),),
+            history=History("carry-over by time", "log_carry_over_tau"),
+        ),
+        Level(
+            "running average",
+            "a running average of the stimuli is expected",
+            (Single("half_life", Log(), fixed=LogNormal(1.5, 1.2), starts=(-0.5, 1.5)),),
+            history=History("running average", "log_half_life"),
+        ),
+    ),
+    "answer bias": (
+        Level("no answer bias", "answers do not depend on the one before", task=WHICH_STRONGER),
+        Level(
+            "previous answer",
+            "the answer before is repeated, or avoided",
+            (ANSWER_BIAS,),
+            task=WHICH_STRONGER,
+        ),
+    ),
 }
 #: The parts in the order in which their parameters are a model's.
-_WRITTEN = ("order", "lapses", "noise", "curve", "peak", "spread")
+_WRITTEN = ("order", "lapses", "noise", "curve", "peak", "spread", "history", "answer bias")
 #: Combinations that have a name of their own, and what they say.
 NAMED: Mapping[str, tuple[str, str]] = {
     "none": ("symmetric", "no order effect"),
@@ -229,6 +262,13 @@ def compose(task: Task = SAME_DIFFERENT, **levels: str) -> Model:
         raise InputError(f"model '{curve.name} + {lapses.name}': where every equal pair is called equal the criterion has no end")
     if PEAK_SLOPE in free and PEAK not in free:
         raise InputError(f"model '{chosen['peak'].name} + {lapses.name}': where every equal pair is called equal no peak has a slope")
+    if chosen["history"].history is not None and order.pull is None:
+        raise InputError(
+            f"model '{order.name} + {chosen['history'].name}': without a pull the expectation, and so its history, has no effect"
+        )
+    by_trial = [one.name for one in chosen.values() if one.history is not None or ANSWER_BIAS in one.free]
+    if by_trial and chosen["spread"].spread is BETA_BINOMIAL:
+        raise InputError(f"model '{chosen['spread'].name} + {by_trial[0]}': counts that scatter are of pairs, a history is of trials")
     departures = [level for part, level in chosen.items() if part == "order" or level is not parts[part][0]]
     text = " + ".join(level.name for level in departures)
     name, about = NAMED.get(text, (text, "; ".join(level.about for level in departures)))
@@ -242,6 +282,7 @@ def compose(task: Task = SAME_DIFFERENT, **levels: str) -> Model:
         order.propagator,
         tuple((part, level.name) for part, level in chosen.items()),
         task,
+        chosen["history"].history,
     )
 
 

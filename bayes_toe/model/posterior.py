@@ -1,7 +1,8 @@
 """The one posterior: a subject, a record of what the observer does, a prior; a :class:`bayes_toe.model.target.Target`.
 
-One likelihood core serves every record: z = ((s2 - s1) + r [p (s1 - sbar) - c]) / (w e^(b m) v) with offset c, pull p and width w, noise
-slope b over the pair's mean m = (s1 + s2)/2 - sbar, a link from z to both answers (that of P(equal) ends at z = 0 in a peak of logit
+One likelihood core serves every record: z = ((s2 - s1) + r [p (s1 - sbar - E) - c] + k a) / (w e^(b m) v) with offset c, pull p and width
+w, expectation E that follows the trials (:mod:`bayes_toe.model.history`), bias k by the answer a = 1, -1 before, noise slope b over the
+pair's mean m = (s1 + s2)/2 - sbar, a link from z to both answers (that of P(equal) ends at z = 0 in a peak of logit
 q0 + g m), a spread of the counts about it, and a propagator's scales r and v of the pair's interval, 1 where there is one interval. What a
 record leaves out is fixed: no offset means c = 0, no pull K = 1 - p = 1, no slopes b = 0 and g = 0, no peak q0 = 1, no propagator that the
 interval does not matter.
@@ -12,7 +13,7 @@ integral over x is the evidence of the model.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import pairwise
@@ -29,6 +30,7 @@ from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.errors import InputError
 from bayes_toe.model.coordinates import NATURAL, Natural
 from bayes_toe.model.distributions import Random
+from bayes_toe.model.history import History, Trials, require_order
 from bayes_toe.model.intervals import UNSCALED, Propagator, Scales, reference_interval, typical_interval
 from bayes_toe.model.levelling import Funnel, Levelling
 from bayes_toe.model.links import BELL, Answers, Lapsing, Link
@@ -37,7 +39,7 @@ from bayes_toe.model.prior import DEFAULT, Prior
 from bayes_toe.model.spread import BINOMIAL, Spread
 from bayes_toe.model.target import Levels, Names, require_points
 
-_OFFSET, _PEAK, _SLOPE, _PEAK_SLOPE = "offset", "logit_q0", "noise_slope", "peak_slope"
+_OFFSET, _PEAK, _SLOPE, _PEAK_SLOPE, _ANSWER_BIAS = "offset", "logit_q0", "noise_slope", "peak_slope", "answer_bias"
 PRIOR_DRAWS = 100_000
 _NONE = np.zeros((1, 1))
 
@@ -80,6 +82,8 @@ class Model:
         Of which parts it is composed; see :mod:`bayes_toe.model.parts`.
     task : Task
         What it answers.
+    history : History, optional
+        How the expectation follows the stimuli. None: it has relaxed before every trial.
     """
 
     name: str
@@ -91,6 +95,7 @@ class Model:
     propagator: Propagator | None = None
     levels: tuple[tuple[str, str], ...] = ()
     task: Task = SAME_DIFFERENT
+    history: History | None = None
 
     @property
     def coordinates(self) -> tuple[str, ...]:
@@ -106,6 +111,11 @@ class Model:
     def group(self) -> tuple[str, ...]:
         """Quantities that scatter between the members of a group, one for each coordinate; see :meth:`Block.to_group`."""
         return tuple(name for block in self.free for name in block.group)
+
+    @property
+    def by_trial(self) -> bool:
+        """Whether an answer depends on the trials before it."""
+        return self.history is not None or _ANSWER_BIAS in self.coordinates
 
     @property
     def knows_intervals(self) -> bool:
@@ -135,11 +145,17 @@ class Model:
         Raises
         ------
         InputError
-            If the subject was asked something else.
+            If the subject was asked something else, or the model asks for an order of trials, or their times, that are not known.
         """
         if subject.task != self.task:
             asked = f"subject {subject.name!r} was asked '{subject.task.name}'"
             raise InputError(f"model {self.name!r} is of the task '{self.task.name}', {asked}")
+        if self.by_trial:
+            answers = require_order(subject)
+            if self.history is not None and self.history.kind == "carry-over by time" and answers.iti is None:
+                raise InputError(
+                    f"subject {subject.name!r}: model {self.name!r} needs a column iti, seconds since the trial before, found none"
+                )
         return Posterior(subject, self, DEFAULT if prior is None else prior)
 
 
@@ -205,12 +221,26 @@ class Posterior:
         return self._places.get(_OFFSET)
 
     @cached_property
+    def _rows(self) -> Subject | Trials:
+        """What the likelihood is a product over: pairs, or trials where an answer depends on those before it, and these are known."""
+        known = self.model.by_trial and self.subject.answers is not None and self.subject.answers.place is not None
+        return Trials.of(self.subject) if known else self.subject
+
+    @cached_property
     def _intervals(self) -> tuple[FloatArray, IndexArray] | None:
-        """Distinct intervals over the reference, and the place of each pair's among them; None where the interval does not matter."""
-        if self.subject.isi is None or self.model.propagator is None:
+        """Distinct intervals over the reference, and the place of each row's among them; None where the interval does not matter."""
+        return None if self._rows.isi is None else self._placed(self._rows.isi)
+
+    @cached_property
+    def _felt_intervals(self) -> tuple[FloatArray, IndexArray] | None:
+        """The same of every trial that was felt, shape (steps, sessions)."""
+        return None if not isinstance(self._rows, Trials) or self._rows.seconds is None else self._placed(self._rows.seconds)
+
+    def _placed(self, seconds: FloatArray) -> tuple[FloatArray, IndexArray] | None:
+        if self.model.propagator is None:
             return None
-        intervals, which = np.unique(np.asarray(self.subject.isi) / self.reference, return_inverse=True)
-        return intervals, which.reshape(np.shape(self.subject.isi))
+        intervals, which = np.unique(np.asarray(seconds) / self.reference, return_inverse=True)
+        return intervals, which.reshape(np.shape(seconds))
 
     # --- Densities ------------------------------------------------------------------------------------
 
@@ -245,19 +275,31 @@ class Posterior:
     def log_likelihood(self, x: npt.ArrayLike) -> FloatArray:
         """Log likelihood at x, shape (points, k) -> (points,)."""
         points = require_points(x, len(self.coordinates))
-        rows = max(1, BLOCK // self.subject.n_pairs)
+        rows = max(1, BLOCK // self._rows.n_pairs)
         return np.concatenate([self.pair_log_likelihood(points[i : i + rows]).sum(axis=1) for i in range(0, len(points), rows)])
 
     def pair_log_likelihood(self, x: npt.ArrayLike, answers: Answers | None = None) -> FloatArray:
         """Log likelihood of each pair, shape (points, k) -> (points, pairs); `answers` are :meth:`log_answers` at x where known."""
-        points = require_points(x, len(self.coordinates))
-        known = self.log_answers(points) if answers is None else answers
-        return self.model.spread.log_likelihood(self.subject, known, *self._own(points, self.model.spread))
+        points, rows = require_points(x, len(self.coordinates)), self._rows
+        known = self._row_answers(points) if answers is None or isinstance(rows, Trials) else answers
+        found = self.model.spread.log_likelihood(rows, known, *self._own(points, self.model.spread))
+        return np.add.reduceat(found, rows.starts, axis=1) if isinstance(rows, Trials) else found
 
     def log_answers(self, x: npt.ArrayLike) -> Answers:
-        """Log P of the counted answer and of the other one, of every pair, (points, k) -> (points, pairs) each. Source: Eq. mod:q."""
-        points = require_points(x, len(self.coordinates))
-        return self.model.link.log_answers(self.distance(points), *self._of_link(points))
+        """Log P of the counted answer and of the other one, of every pair, (points, k) -> (points, pairs) each. Source: Eq. mod:q.
+
+        Where answers depend on the trials before, of the mean probability over a pair's trials.
+        """
+        found, rows = self._row_answers(require_points(x, len(self.coordinates))), self._rows
+        return (rows.by_pair(found[0]), rows.by_pair(found[1])) if isinstance(rows, Trials) else found
+
+    def trial_answers(self, x: npt.ArrayLike) -> FloatArray:
+        """Log P of the counted answer of every answered trial, in the order of the pairs, (points, k) -> (points, trials)."""
+        found = self._row_answers(require_points(x, len(self.coordinates)))[0]
+        return found if isinstance(self._rows, Trials) else np.repeat(found, self.subject.n_trials, axis=1)
+
+    def _row_answers(self, x: FloatArray) -> Answers:
+        return self.model.link.log_answers(self.distance(x), *self._of_link(x))
 
     def answers_given_the_rest(self, x: npt.ArrayLike) -> Answers:
         """The same of one answer given all others to its pair: what leave-one-out by trial asks for."""
@@ -269,13 +311,13 @@ class Posterior:
         return self.model.spread.realised(rng, answers, *self._own(require_points(x, len(self.coordinates)), self.model.spread))
 
     def distance(self, x: FloatArray) -> FloatArray:
-        """Normalised distance z of every pair, (points, k) -> (points, pairs)."""
-        return self._distance(self._pull(x), self._scales(x), x)
+        """Normalised distance z of every pair, or trial, (points, k) -> (points, pairs)."""
+        return self._distance(self._pull(x), self._scales(x), self._at_trials(self.expectation(x)), x)
 
     def gradient(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Log posterior density at x, (points,), and its gradient, (points, k)."""
         points = require_points(x, len(self.coordinates))
-        rows = max(1, BLOCK // self.subject.n_pairs)
+        rows = max(1, BLOCK // self._rows.n_pairs)
         parts = [self.likelihood_gradient(points[i : i + rows]) for i in range(0, max(1, len(points)), rows)]
         value, gradient = (np.concatenate(of) for of in zip(*parts, strict=True))
         return value + self.log_prior(points), gradient + self.prior_gradient(points)
@@ -290,39 +332,48 @@ class Posterior:
         The normalised distance is z = N e^(-L) with the numerator N = step + r (p lever - c) and the log of the width L, so a coordinate i
         that moves both adds A_z (N_i e^(-L) - z L_i) for the slope A_z of the log likelihood of a pair in z.
         """
-        link, spread = self.model.link, self.model.spread
+        link, spread, rows = self.model.link, self.model.spread, self._rows
         own, of_spread = self._of_link(x), self._own(x, spread)
-        scales, offset, pull = self._scales(x), self._offset(x), self._pull(x)
-        z, lever = self._distance(pull, scales, x), self.subject.s1 - self.sbar
+        scales, felt = self._scales(x), self.expectation(x)
+        z = self._distance(self._pull(x), scales, self._at_trials(felt), x)
         answers = link.log_answers(z, *own)
         with np.errstate(over="ignore"):  # far out a free exponent makes slopes beyond the largest float, and the density almost 0
-            slopes = spread.slopes(self.subject, answers, link.slopes(z, answers, *own), *of_spread)
+            slopes = spread.slopes(rows, answers, link.slopes(z, answers, *own), *of_spread)
             steep = -_finished(slopes.z, z)  # what a coordinate of log width adds
-
-        gradient, per = np.zeros(x.shape), scales.pull * self._per_width(x, scales)
+        gradient, per, growths = np.zeros(x.shape), self._per_width(x, scales), self._growths(x)
 
         def add(name: str, values: FloatArray) -> None:
-            """What pairs add to the slope in a coordinate, if it is free."""
+            """What rows add to the slope in a coordinate, if it is free."""
             if name in self._places:
                 gradient[:, self._places[name]] += np.broadcast_to(values, z.shape).sum(axis=1)
 
-        add(_OFFSET, -_finished(slopes.z, per))
-        if self.model.pull is not None:
-            a = x[:, self._places[self.model.pull.coordinate], None]
-            add(self.model.pull.coordinate, _finished(slopes.z, self.model.pull.span * expit(a) * expit(-a) * lever * per))
+        for name, rise in self._numerator_slopes(x, scales, felt, growths):
+            add(name, _finished(slopes.z, per * rise))
         add("log_width", steep)
         add(_SLOPE, _finished(steep, np.atleast_2d(self._middle)))
-        propagator = self.model.propagator
-        if self._intervals is not None and propagator is not None:
-            pulled, (intervals, which) = per * (pull * lever - offset), self._intervals
-            growth = propagator.growth(*self._columns(x, propagator), intervals).of_pairs(which)
-            for name, of_pull, of_width in zip(propagator.coordinates, *growth, strict=True):
-                add(name, _finished(slopes.z, pulled * of_pull) + _finished(steep, of_width))
+        for name, growth in growths:
+            add(name, _finished(steep, growth.width))
         for name, part in zip((*link.coordinates, *spread.coordinates), slopes.own, strict=True):
             add(name, part)
         if _PEAK_SLOPE in self._places:
             add(_PEAK_SLOPE, _finished(slopes.own[link.coordinates.index(_PEAK)], np.atleast_2d(self._middle)))
-        return spread.log_likelihood(self.subject, answers, *of_spread).sum(axis=1), gradient
+        return spread.log_likelihood(rows, answers, *of_spread).sum(axis=1), gradient
+
+    def _numerator_slopes(
+        self, x: FloatArray, scales: Scales, felt: FloatArray | None, growths: Sequence[tuple[str, Scales]]
+    ) -> Iterator[tuple[str, FloatArray]]:
+        """Coordinates on which the numerator N depends, and its derivatives there, (points, rows)."""
+        pull, lever = self._pull(x), self._rows.s1 - self.sbar - self._at_trials(felt)
+        yield _OFFSET, -scales.pull
+        if self.model.pull is not None:
+            a = x[:, self._places[self.model.pull.coordinate], None]
+            yield self.model.pull.coordinate, scales.pull * (self.model.pull.span * expit(a) * expit(-a) * lever)
+        for name, growth in growths:
+            yield name, scales.pull * (pull * lever - self._offset(x)) * growth.pull
+        for name, rise in self._expectation_slopes(x, felt):
+            yield name, -scales.pull * pull * rise
+        if isinstance(self._rows, Trials):
+            yield _ANSWER_BIAS, self._rows.before[None]
 
     # --- What engines ask for -------------------------------------------------------------------------
 
@@ -467,12 +518,51 @@ class Posterior:
     @property
     def _middle(self) -> FloatArray:
         """Mean stimulus of every pair from the mean first stimulus, shape (pairs,)."""
-        return np.asarray(0.5 * (self.subject.s1 + self.subject.s2) - self.sbar)
+        return np.asarray(0.5 * (self._rows.s1 + self._rows.s2) - self.sbar)
 
-    def _distance(self, pull: FloatArray, scales: Scales, x: FloatArray) -> FloatArray:
+    def expectation(self, x: FloatArray) -> FloatArray | None:
+        """E of every trial that was felt, shape (steps, sessions, points), natural-log intensity; None where the expectation stays."""
+        history, rows = self.model.history, self._rows
+        if history is None or not isinstance(rows, Trials):
+            return None
+        return history.expectation(rows, x[:, self._places[history.coordinate]], self._felt_pull(x))
+
+    def _expectation_slopes(self, x: FloatArray, felt: FloatArray | None) -> list[tuple[str, FloatArray]]:
+        """Coordinates on which the expectation depends, and its derivatives at answered trials, shape (points, trials)."""
+        history, rows, part = self.model.history, self._rows, self.model.pull
+        if felt is None or history is None or part is None or not isinstance(rows, Trials):
+            return []
+        pull, a = self._felt_pull(x), x[:, self._places[part.coordinate]]
+        own = pull / self._pull(x)[:, 0]  # the scale of the trial's interval
+        by = [(part.coordinate, part.span * expit(a) * expit(-a) * own)]
+        if self._felt_intervals is not None:
+            intervals, which = self._felt_intervals
+            for name, growth in self._growths(x, (intervals, which.ravel())):
+                by.append((name, pull * growth.pull.T.reshape(*which.shape, -1)))
+        found = history.slopes(rows, x[:, self._places[history.coordinate]], pull, felt, [rise for _, rise in by])
+        return [(name, self._at_trials(rise)) for name, rise in zip((history.coordinate, *(name for name, _ in by)), found, strict=True)]
+
+    def _felt_pull(self, x: FloatArray) -> FloatArray:
+        """Pull of every trial that was felt, shape (steps, sessions, points), or (1, 1, points) where there is one interval."""
+        pull = self._pull(x)[:, 0]
+        if self._felt_intervals is None:
+            return pull[None, None]
+        intervals, which = self._felt_intervals
+        return pull * np.moveaxis(self._scales_at(x, intervals).pull[:, which], 0, -1)
+
+    def _at_trials(self, felt: FloatArray | None) -> FloatArray:
+        """What is known of all trials that were felt, at those that were answered, shape (points, trials)."""
+        if felt is None or not isinstance(self._rows, Trials):
+            return _NONE
+        steps, sessions, points = felt.shape
+        return felt.reshape(steps * sessions, points)[self._rows.at].T
+
+    def _distance(self, pull: FloatArray, scales: Scales, expected: FloatArray, x: FloatArray) -> FloatArray:
         """As :meth:`distance`; in memory points lie next to each other, and so in all that follows from it: of pairs there are a few."""
-        s1, s2 = np.atleast_2d(self.subject.s1).T, np.atleast_2d(self.subject.s2).T  # a column, or of a crowd a column a point
-        shift = (s2 - s1) + scales.pull.T * (pull.T * (s1 - self.sbar) - self._offset(x).T)
+        s1, s2 = np.atleast_2d(self._rows.s1).T, np.atleast_2d(self._rows.s2).T  # a column, or of a crowd a column a point
+        shift = (s2 - s1) + scales.pull.T * (pull.T * (s1 - self.sbar - expected.T) - self._offset(x).T)
+        if _ANSWER_BIAS in self._places and isinstance(self._rows, Trials):
+            shift = shift + x[:, self._places[_ANSWER_BIAS]] * self._rows.before[:, None]
         with np.errstate(over="ignore", invalid="ignore"):  # a width below the smallest float leaves only exact equality at distance 0
             h = self._per_width(x, scales).T
             return (shift * h if np.isfinite(h).all() else np.where(shift == 0.0, 0.0, shift * h)).T
@@ -505,6 +595,15 @@ class Posterior:
         """Pull and width at intervals in units of the reference over those at it, (points, k) and (intervals,) -> (points, intervals)."""
         propagator = self.model.propagator
         return UNSCALED if propagator is None else propagator.scales(*self._columns(x, propagator), intervals)
+
+    def _growths(self, x: FloatArray, at: tuple[FloatArray, IndexArray] | None = None) -> list[tuple[str, Scales]]:
+        """Coordinates on which the scales of rows depend, or of intervals elsewhere, and their logarithmic derivatives, (points, ...)."""
+        placed, propagator = self._intervals if at is None else at, self.model.propagator
+        if placed is None or propagator is None:
+            return []
+        intervals, which = placed
+        growth = propagator.growth(*self._columns(x, propagator), intervals).of_pairs(which)
+        return [(name, Scales(*of)) for name, *of in zip(propagator.coordinates, *growth, strict=True)]
 
     def _columns(self, x: FloatArray, propagator: Propagator) -> list[FloatArray]:
         """The coordinates that a propagator depends on, shape (points,) each."""

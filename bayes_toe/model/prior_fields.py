@@ -33,6 +33,7 @@ OF_STIMULI = {
     "D": "the root mean square step between different ones",
     "D/2": "half the root mean square step between different ones",
     "0.5/R": "0.5 over their standard deviation",
+    "0.3 D": "0.3 times the root mean square step between different ones",
     "log D": "the logarithm of the root mean square step between different ones",
 }
 _LARGEST_FILE = 2**16  # bytes; a complete prior file has some 2,000
@@ -174,6 +175,15 @@ class PriorFields:
     exponent_sd: float = prior_field(0.5, parameter="exponent", kind="scale", words="sd of its logarithm")
     icc_a: float = _of_beta(1.0, "icc", "a of the beta prior of the intra-class correlation")
     icc_b: float = _of_beta(9.0, "icc", "its b")
+
+    answer_bias_sd: float | Literal["stimuli"] = prior_field(
+        STIMULI,
+        parameter="answer_bias",
+        kind="scale",
+        words="sd of the normal prior of the bias by the answer before, about 0",
+        unit=LOG_INTENSITY,
+        stimuli="0.3 D",
+    )
 
     reference_interval: float | None = prior_field(
         None,

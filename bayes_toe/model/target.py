@@ -12,7 +12,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
-from bayes_toe.arrays import FloatArray
+from bayes_toe.arrays import FloatArray, IntArray
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import NumericalError
 from bayes_toe.model.distributions import Random
@@ -29,6 +29,7 @@ DOMINATED = 0.5
 #: The order in which tables and figures name quantities.
 ORDER = (
     *("mu1", "sigma_p", "sigma_l", "rho", "q0", "noise_slope", "peak_slope", "lapse_rate", "guess_second", "exponent", "icc"),
+    *("carry_over", "carry_over_tau", "half_life", "answer_bias"),
     *("gamma", "sigma1", "gain", "width", "offset", "pull", "pse_shift", "jnd"),
 )
 
@@ -105,13 +106,29 @@ def require_defined(log_posterior: FloatArray, target: Target) -> None:
         raise NumericalError(f"subject {target.subject.name!r}: log posterior is NaN")
 
 
-def log_likelihoods(subject: Subject, log_answers: tuple[FloatArray, FloatArray]) -> FloatArray:
+class Counts(Protocol):
+    """How often rows got either answer: pairs, trials, or the pairs of each of a crowd."""
+
+    @property
+    def n_yes(self) -> IntArray:
+        """Answers that the task counts."""
+
+    @property
+    def n_trials(self) -> IntArray:
+        """All answers."""
+
+    @property
+    def n_pairs(self) -> int:
+        """Number of rows."""
+
+
+def log_likelihoods(subject: Counts, log_answers: tuple[FloatArray, FloatArray]) -> FloatArray:
     """Log likelihood of each pair from the log probabilities of both answers, (points, pairs) each, without binomial coefficients."""
     of_equal, of_different = (times_counts(count, values) for count, values in zip(answer_counts(subject), log_answers, strict=True))
     return of_equal + of_different
 
 
-def answer_counts(subject: Subject) -> tuple[FloatArray, FloatArray]:
+def answer_counts(subject: Counts) -> tuple[FloatArray, FloatArray]:
     """How often each pair got either answer, that which the task counts first, shape (pairs,) each."""
     return subject.n_yes.astype(np.float64), (subject.n_trials - subject.n_yes).astype(np.float64)
 

@@ -1,6 +1,7 @@
 """A look at the answers before pooling: who is named, who is not, and how often by chance."""
 
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -29,14 +30,13 @@ def trials(rng, count=650, blocks=10, swapped=(), drift=0.0, chance=None):
 def one(name, keys, equal, block):
     ones = np.ones_like(equal)
     answers = Answers(keys, equal, ones, block, tuple(str(1 + index) for index in range(block.max() + 1)), True)
-    return Subject.from_counts(name, *keys.T, equal, ones), answers
+    return Subject.from_answers(name, answers)
 
 
 def study(seed, subjects=1, **how):
     """Subjects that were simulated alike."""
     rng = np.random.default_rng(seed)
-    made = [one(f"S{index}", *trials(rng, **how)) for index in range(subjects)]
-    return Study(tuple(subject for subject, _ in made), reading=Reading({subject.name: answers for subject, answers in made}))
+    return Study(tuple(one(f"S{index}", *trials(rng, **how)) for index in range(subjects)))
 
 
 def found(study):
@@ -53,9 +53,7 @@ def test_clean_observers_are_named_as_rarely_as_stated():
 def test_the_level_holds_for_a_study_not_for_each_of_its_subjects():
     alone = study(194, count=130, blocks=5)  # p = 0.005: enough for one subject, not for one of 25
     assert list(found(alone)) == ["block_dispersion"]
-    answers = {f"S{index}": alone.reading.answers["S0"] for index in range(25)}
-    many = [Subject(name, s.s1, s.s2, s.n_yes, s.n_trials) for s in alone for name in answers]
-    assert found(Study(tuple(many), reading=Reading(answers))) == {}
+    assert found(Study(tuple(replace(alone["S0"], name=f"S{index}") for index in range(25)))) == {}
 
 
 @pytest.mark.parametrize(
@@ -78,7 +76,7 @@ def test_swapped_blocks_are_named_explain_the_rest_and_can_be_turned_back(swappe
         turned = of.turn("S0", [1 + block for block in swapped])
         assert turned["S0"].n_yes.tolist() == straight["S0"].n_yes.tolist()
         assert check_answers(turned) == check_answers(straight) == ()
-        assert len(of.leave_out("S0", typed.split(",")).reading.answers["S0"].blocks) == 10 - len(swapped)
+        assert len(of.leave_out("S0", typed.split(","))["S0"].answers.blocks) == 10 - len(swapped)
 
 
 def test_one_short_block_among_many_is_found_where_the_dispersion_is_not_remarkable():
@@ -91,8 +89,7 @@ def test_one_short_block_among_many_is_found_where_the_dispersion_is_not_remarka
 def test_blocks_that_differ_otherwise_are_not_called_swapped():
     keys, equal, block = trials(np.random.default_rng(1))
     equal[(block == 4) & (np.random.default_rng(2).random(len(block)) < 0.9)] = 1  # a block of lax answers
-    subject, answers = one("S", keys, equal, block)
-    (finding,) = check_answers(Study((subject,), reading=Reading({"S": answers})))
+    (finding,) = check_answers(Study((one("S", keys, equal, block),)))
     assert (finding.code, finding.option) == ("block_dispersion", "--leave-out S:5")
     assert finding.message.endswith("block 5 differs most, --leave-out S:5 shows what rests on it.")
 
@@ -152,7 +149,7 @@ def test_stimuli_far_from_where_the_prior_expects_them():
 
 def test_looking_needs_no_answers_and_changes_no_counts():
     full = study(1, 2, swapped=(3,))
-    assert found(Study(full.subjects)) == {}
+    assert found(Study(tuple(replace(one, answers=None) for one in full))) == {}
     assert found(full.select(["S1"]))["swapped_blocks"].startswith("Block 4")
     again = pickle.loads(pickle.dumps(full))
     assert check_answers(again) == check_answers(full)
@@ -195,6 +192,5 @@ def test_doubtful_data_are_told_by_kind_of_any_study():
 
 def test_options_of_names_that_a_shell_would_split_are_quoted():
     made = study(0, swapped=(3,))
-    renamed = Subject("S 1", *(getattr(made["S0"], key) for key in ("s1", "s2", "n_yes", "n_trials")))
-    found = data_findings(Study((renamed,), reading=Reading({"S 1": made.reading.answers["S0"]})))
+    found = data_findings(Study((replace(made["S0"], name="S 1"),)))
     assert {one.option for one in found} == {"--turn 'S 1:4'"}

@@ -5,6 +5,7 @@ import io
 import math
 import re
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -186,21 +187,37 @@ def test_synthetic_column(marks, synthetic):
 def test_blocks_and_trials_are_kept_in_order_beside_the_counts():
     study = read(ORDERED + words("a,0,1,1,10,2\nb,0,0,1,x,7\na,0,0,0,9,1\na,0,0,NA,9,2\na,0,0,1,10,1\n"))
     assert content(study) == {"a": [(0.0, 0.0, 1, 2), (0.0, 1.0, 1, 1)], "b": [(0.0, 0.0, 1, 1)]}
-    answers = study.reading.answers["a"]
+    answers = study["a"].answers
     assert answers.blocks == ("10", "9"), "one block is no number: in order of appearance"
-    assert answers.keys.tolist() == [[0, 0], [0, 1], [0, 0]]
-    assert (answers.n_yes.tolist(), answers.block.tolist(), answers.trials) == ([1, 1, 0], [0, 0, 1], True)
+    assert answers.keys.tolist() == [[0, 0], [0, 1], [0, 0], [0, 0]], "a trial without an answer was felt all the same"
+    assert (answers.n_yes.tolist(), answers.n_trials.tolist(), answers.block.tolist()) == ([1, 1, 0, 0], [1, 1, 1, 0], [0, 0, 1, 1])
+    assert (answers.trials, answers.begins.tolist()) == (True, [True, False, True, False]), "memory begins anew in another block"
     assert study.reading.ignored == ()
-    numbered = read(ORDERED + words("a,0,1,1,10,2\na,0,0,0,9,1\na,0,0,1,10,1\n")).reading.answers["a"]
+    numbered = read(ORDERED + words("a,0,1,1,10,2\na,0,0,0,9,1\na,0,0,1,10,1\n"))["a"].answers
     assert (numbered.blocks, numbered.n_yes.tolist()) == (("9", "10"), [0, 1, 1])
-    running = read(ORDERED + words("a,0,1,1,1,12\na,0,0,0,2,3\na,0,0,0,1,4\n")).reading.answers["a"]
+    running = read(ORDERED + words("a,0,1,1,1,12\na,0,0,0,2,3\na,0,0,0,1,4\n"))["a"].answers
     assert (running.n_yes.tolist(), running.block.tolist()) == ([0, 0, 1], [1, 0, 0]), "trials numbered over all blocks"
+
+
+def test_sessions_tell_the_order_and_where_memory_begins_anew():
+    header = "subject,s1,s2,response,session,block,trial,iti\n"
+    rows = words("a,0,0,1,2,1,1,\na,0,1,1,1,1,1,\na,0,1,0,1,2,1,2.5\na,1,1,1,1,2,3,-1\n")
+    study = read(header + rows)
+    answers = study["a"].answers
+    assert (answers.n_yes.tolist(), answers.begins.tolist()) == ([1, 0, 1, 1], [True, False, False, True])
+    np.testing.assert_array_equal(answers.iti, [np.nan, 2.5, np.nan, np.nan])
+    assert study.notes[1:] == (
+        "numbers of trials are missing (a 1): trials that were left out were felt all the same, keep them",
+        "no time since the trial before for 1 trial in column iti",
+    )
+    assert study.leave_out("a", "2")["a"].answers.begins.tolist() == [True, True]
+    assert replace(study["a"], n_yes=[0, 0, 0]).answers is None, "other counts are not those of the answers"
 
 
 def test_trials_that_tell_no_order_leave_that_of_the_file_and_are_noted():
     study = read(ORDERED + words("a,0,1,1,1,1\na,0,0,0,1,1\nb,0,0,0,1,x\nc,0,0,0,1,1\n"))
     assert study.notes[1:] == ("column trial does not tell the order of all trials, so that of the file stands: a, b",)
-    assert study.reading.answers["a"].n_yes.tolist() == [1, 0]
+    assert study["a"].answers.n_yes.tolist() == [1, 0]
 
 
 def test_trials_that_are_there_twice_are_told():
@@ -220,9 +237,9 @@ def test_trials_that_are_there_twice_are_told():
 def test_counts_have_answers_where_they_have_blocks():
     study = read("subject,s1,s2,n_equal,n_trials,Run\na,0,1,1,5,1\na,0,1,2,5,2\n", columns={"block": "Run"})
     assert content(study) == {"a": [(0.0, 1.0, 3, 10)]}
-    answers = study.reading.answers["a"]
+    answers = study["a"].answers
     assert (answers.n_yes.tolist(), answers.n_trials.tolist(), answers.blocks, answers.trials) == ([1, 2], [5, 5], ("1", "2"), False)
-    assert read(COUNTS + "a,0,1,1,5\n").reading.answers == {}
+    assert read(COUNTS + "a,0,1,1,5\n")["a"].answers is None
 
 
 def test_columns_that_nobody_reads_are_told_by_name():
@@ -300,7 +317,9 @@ def test_parse_columns_refuses(text, found):
         parse_columns(text)
     (problem,) = caught.value.problems
     assert problem.startswith(f"--columns: found {found}, allowed: ")
-    assert problem.endswith("one of subject, s1, s2, i1, i2, response, n_equal, n_second, n_trials, isi, block, trial, condition")
+    assert problem.endswith(
+        "one of subject, s1, s2, i1, i2, response, n_equal, n_second, n_trials, isi, session, block, trial, iti, condition"
+    )
 
 
 # --- Dialects -----------------------------------------------------------------------------------------

@@ -54,8 +54,9 @@ EVERY = pytest.mark.parametrize("made", SOURCES)
 def content(study):
     counts = [(one.name, one.s1.tolist(), one.s2.tolist(), one.n_yes.tolist(), one.n_trials.tolist(), one.intervals) for one in study]
     looked_at = {
-        name: (of.keys.tolist(), of.n_yes.tolist(), None if of.block is None else of.block.tolist(), of.blocks)
-        for name, of in study.reading.answers.items()
+        one.name: (of.keys.tolist(), of.n_yes.tolist(), None if of.block is None else of.block.tolist(), of.blocks)
+        for one in study
+        if (of := one.answers)
     }
     return counts, looked_at, study.reading.read, study.reading.ignored
 

@@ -116,7 +116,7 @@ REFUSED = [
     (RIGHT, ["a,0,1,1"], "--correct acc --second-code 1", "--second-code, --correct: found together, allowed: what tells one task"),
     (TRIALS, ["a,0,1,1"], "--equal-code 1 --second-code 1", "--equal-code, --second-code: found together"),
     (TRIALS, ["a,0,1,1"], "--second-code 1 --first-code 1", "--first-code: found '1' as --second-code, allowed: two different texts"),
-    (TRIALS, ["a,0,1,second"], "--ignore s1", "--ignore: found 's1', allowed: isi, block, trial, condition"),
+    (TRIALS, ["a,0,1,second"], "--ignore s1", "--ignore: found 's1', allowed: isi, session, block, trial, iti, condition"),
     ("subject,i1,i2,response", ["a,0,1,second"], "--intensity 1", "row 2, column i1: found '0', allowed: a positive finite number"),
     (
         TRIALS,

@@ -160,7 +160,7 @@ def test_it_is_in_the_prior_file(tmp_path):
 
 
 def test_it_is_in_the_help_text():
-    assert prior_help(ChiPrior).endswith("icc_a, icc_b, reference_interval, sigma_p_shape; see check --prior.")
+    assert prior_help(ChiPrior).endswith("icc_a, icc_b, answer_bias_sd, reference_interval, sigma_p_shape; see check --prior.")
 
 
 def test_it_is_in_the_sensitivity_scan_and_its_figure(small_study):

@@ -1,0 +1,277 @@
+"""Do answers depend on the trials before? Histories of a few good compositions of one subject, tried against none.
+
+A history is tried with the three compositions of the default space that describe the subject best with all expectations relaxed, and with
+the best that has a pull, without which no expectation has an effect. Every level of the part is equally probable beforehand, and within a
+level every composition; 'by time' is one where the times between trials are known. The answer before is asked of 'which is stronger?'
+alone, as a part by itself.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.special import logsumexp, softmax
+
+from bayes_toe.arrays import FloatArray
+from bayes_toe.comparison.words import HAS, NONE, PROBABLY_HAS, PROBABLY_NONE, compared
+from bayes_toe.data.messages import counted, listed
+from bayes_toe.data.study import Study, Subject, require_study
+from bayes_toe.data.tables import SubjectTable, frame_of
+from bayes_toe.data.tasks import WHICH_STRONGER
+from bayes_toe.inference.history_check import HISTORY_DRAWS, history_p
+from bayes_toe.inference.prediction import Predictor
+from bayes_toe.inference.space import Sampled, space_evidence
+from bayes_toe.kept import keeping
+from bayes_toe.model.history import require_order
+from bayes_toe.model.ladder import models_of, posterior_of
+from bayes_toe.model.parts import compose
+from bayes_toe.model.posterior import Model, Posterior
+from bayes_toe.model.prior import Prior
+from bayes_toe.model.study_prior import prior_for
+from bayes_toe.seeds import generator
+from bayes_toe.workers import Progress, Workers
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+#: Columns of compare_history.csv.
+HISTORY_COLUMNS = (
+    *("subject", "depends", "p_static", "p_carry_over", "p_carry_over_by_time", "p_running_average", "log_bayes_factor_history"),
+    *("log_bayes_factor_previous_answer", "lead", "best_model", "static_model", "parameter", "q05", "q50", "q95"),
+    *("history_p_static", "history_p", "note"),
+)
+_TRIED, _SHOWN = 3, 400  # compositions; draws that figures get
+#: What subjects do, by the word of the column `depends`.
+_COUNTED = {
+    "yes": "follow them",
+    "probably": "probably follow them",
+    "undecided": "undecided",
+    "probably not": "probably do not",
+    "no": "do not",
+    "no pull": "without a pull, of whom it cannot be told",
+    "": "without a result",
+}
+_STATIC, _BIAS = "static", {"answer bias": "previous answer"}
+
+
+@dataclass(frozen=True, eq=False)
+class SubjectHistory:
+    """What is concluded of one subject; columns of compare_history.csv are attributes.
+
+    Attributes
+    ----------
+    subject : str
+    p_static, p_carry_over, p_carry_over_by_time, p_running_average : float or None
+        Posterior probabilities of the levels of the part within the compositions that have a pull; None of a level that was not tried.
+    log_bayes_factor_history : float
+        Natural log of the evidence of any history over that of none, within the same.
+    log_bayes_factor_previous_answer : float or None
+        Of a bias by the answer before over none, within the compositions tried; None of 'same or different?'.
+    lead : float
+        Log evidence of the best model with a history of stimuli over the best without, whether that has a pull or not, nats.
+    best_model, static_model : str
+        The best model with a history of stimuli, and the best without.
+    parameter : str
+        The history's own: carry_over (rho), carry_over_tau (s) or half_life (trials).
+    q05, q50, q95 : float
+        Its posterior quantiles.
+    history_p_static, history_p : float
+        :func:`history_p` of the static model and of the best one.
+    note : str
+        What is withheld.
+    shown : tuple of array, shape (draws, k)
+        Some draws of both, the static model's first, unconstrained.
+    pulled : bool
+        Whether the static model has a pull.
+    """
+
+    subject: str
+    p_static: float | None
+    p_carry_over: float | None
+    p_carry_over_by_time: float | None
+    p_running_average: float | None
+    log_bayes_factor_history: float
+    log_bayes_factor_previous_answer: float | None
+    lead: float
+    best_model: str
+    static_model: str
+    parameter: str
+    q05: float
+    q50: float
+    q95: float
+    history_p_static: float
+    history_p: float
+    note: str = ""
+    shown: tuple[FloatArray, ...] = ()
+    pulled: bool = True
+
+    @property
+    def depends(self) -> str:
+        """Whether the expectation follows the trials before: yes, probably, undecided, probably not, no; 'no pull' where none is likelier.
+
+        Without a pull no expectation has an effect, so that its history cannot be told.
+        """
+        p = self.p_static
+        if p is None:
+            return ""
+        if not self.pulled and self.lead <= 0.0 and p <= PROBABLY_NONE:
+            return "no pull"
+        sides = ((p <= HAS, "yes"), (p <= PROBABLY_HAS, "probably"), (p >= NONE, "no"), (p >= PROBABLY_NONE, "probably not"))
+        return next((word for holds, word in sides if holds), "undecided")
+
+    def describe(self) -> str:
+        """The same in a sentence without the subject's name."""
+        said = {
+            "yes": "answers follow the trials before",
+            "probably": "answers probably follow the trials before",
+            "undecided": "whether answers follow the trials before is undecided",
+            "probably not": "answers probably do not follow the trials before",
+            "no": "answers do not follow the trials before",
+            "no pull": "no pull, hence no history to be told",
+            "": f"no probability: {self.note}",
+        }[self.depends]
+        if self.p_static is None or self.depends == "no pull":
+            return said
+        what = f"{self.parameter} {self.q50:.2g} ({self.q05:.2g} to {self.q95:.2g})"
+        fits = f"; p of the answers by trial before {self.history_p_static:.2g} static, {self.history_p:.2g} with it"
+        return f"{said} (P of a history {compared(1.0 - self.p_static)}; {what}{fits})"
+
+
+@dataclass(frozen=True, eq=False)
+class HistoryTable(SubjectTable[SubjectHistory]):
+    """Every subject's row, with the study, seed and prior."""
+
+    study: Study
+    seed: int
+    prior: Prior
+
+    def predictors(self, row: SubjectHistory) -> tuple[Predictor, Predictor]:
+        """Some draws of a subject's best model without and with a history."""
+        names = (row.static_model, row.best_model)
+        found = [posterior_of(self.study[row.subject], self.prior, model=name) for name in names]
+        static, best = (Predictor(one, x) for one, x in zip(found, row.shown, strict=True) if isinstance(one, Posterior))
+        return static, best
+
+    def sentence(self) -> str:
+        """How many subjects' answers follow the trials before, and the evidence in sum."""
+        counts = Counter(row.depends for row in self.rows)
+        words = ("yes", "probably", "undecided", "probably not", "no", "no pull", "")
+        said = [f"{counts[word]} {_COUNTED[word]}" for word in words if counts[word]]
+        total = np.nansum([row.log_bayes_factor_history for row in self.rows])
+        return f"{counted(len(self.rows), 'subject')}: {listed(said)}; log Bayes factor of a history {total:+.1f} in sum"
+
+    def frame(self) -> pd.DataFrame:
+        """The table with the columns of compare_history.csv; natural logs, empty where a value does not exist."""
+        return frame_of(self.rows, HISTORY_COLUMNS)
+
+
+def compare_history(
+    study: Study,
+    *,
+    seed: int | None = None,
+    prior: Prior | str | None = None,
+    workers: Workers = None,
+    progress: Progress | None = None,
+    keep: str | Path | None = None,
+) -> HistoryTable:
+    """Whether what was felt in a trial, or answered, has an effect on the next, for every subject.
+
+    Parameters
+    ----------
+    study : Study
+        Of trials whose order is known.
+    seed, prior, workers, progress, keep
+        As in :func:`bayes_toe.analysis.evidence`.
+
+    Raises
+    ------
+    InputError
+        If the order of a subject's trials is not known.
+    """
+    require_study(study)
+    for subject in study:
+        require_order(subject)
+    with keeping(keep, "histories of subjects") as kept:
+        chosen, root = prior_for(study, prior), kept.seed(seed)
+        jobs = [partial(subject_history, subject, chosen, root) for subject in study]
+        done = kept.work(jobs, workers, progress, [(name,) for name in study.names])
+        rows = [_failed(name, done.failed[i].reason) if i in done.failed else done.read(i) for i, name in enumerate(study.names)]
+    return HistoryTable(tuple(rows), study, root, chosen)
+
+
+def subject_history(subject: Subject, prior: Prior, seed: int) -> SubjectHistory:
+    """The histories of one subject."""
+    answers = require_order(subject)
+    space = models_of(subject.task).space
+    values = space_evidence(subject, prior, space, seed).log_evidence
+    order = [space[i] for i in np.argsort(-np.where(np.isnan(values), -np.inf, values))]
+    static = order[:_TRIED]
+    pulled = [model for model in static if model.pull is not None] or [next(model for model in order if model.pull is not None)]
+    static += [model for model in pulled if model not in static]
+    timed = answers.iti is not None and bool(np.isfinite(answers.iti[~answers.begins]).any())
+    levels = ["carry-over", *(["carry-over by time"] if timed else []), "running average"]
+    tried: dict[str, list[Model]] = {_STATIC: pulled, **{level: [_with(model, history=level) for model in pulled] for level in levels}}
+    biased = [_with(model, **_BIAS) for model in static] if subject.task == WHICH_STRONGER else []
+    found = space_evidence(subject, prior, [*static, *(one for level in levels for one in tried[level]), *biased], seed)
+    if np.isnan(found.log_evidence).any():
+        missing = [model.name for model, value in zip(found.models, found.log_evidence, strict=True) if np.isnan(value)]
+        return _failed(subject.name, f"no evidence of {', '.join(missing)}")
+
+    def mean(models: Sequence[Model]) -> float:
+        """Log of the mean evidence."""
+        return float(logsumexp([found.log_evidence[found.models.index(model)] for model in models]) - np.log(len(models)))
+
+    of_levels = {level: mean(models) for level, models in tried.items()}
+    p = dict(zip(of_levels, softmax(list(of_levels.values())).tolist(), strict=True))
+    flexible = [model for level in levels for model in tried[level]]
+    best, plain = (max(models, key=lambda model: mean([model])) for models in (flexible, static))
+    shown = [_drawn(subject, prior, one, found.sampled.get(found.models.index(one)), seed) for one in (plain, best)]
+    quantity = shown[1].target.names.natural[-1]
+    q05, q50, q95 = np.quantile(shown[1].target.quantities(shown[1].x)[quantity], [0.05, 0.5, 0.95]).tolist()
+    p_static_fit, p_fit = (history_p(one.target, one.x, seed) for one in shown)
+    return SubjectHistory(
+        subject.name,
+        p[_STATIC],
+        p["carry-over"],
+        p.get("carry-over by time"),
+        p["running average"],
+        mean(flexible) - of_levels[_STATIC],
+        mean(biased) - mean(static) if biased else None,
+        mean([best]) - mean([plain]),
+        best.name,
+        plain.name,
+        quantity,
+        q05,
+        q50,
+        q95,
+        p_static_fit,
+        p_fit,
+        shown=tuple(one.x[:_SHOWN] for one in shown),
+        pulled=plain.pull is not None,
+    )
+
+
+def _with(model: Model, **levels: str) -> Model:
+    """The same composition with other levels of some parts."""
+    return compose(model.task, **{**dict(model.levels), **levels})
+
+
+def _drawn(subject: Subject, prior: Prior, model: Model, sampled: Sampled | None, seed: int) -> Predictor:
+    """Equally weighted posterior draws of a model; sampled anew where its evidence was Laplace's."""
+    one = space_evidence(subject, prior, [model], seed).sampled[0] if sampled is None else sampled
+    draws, rng = one.fitted.draws, generator(seed, subject.name, model.name, "history draws")
+    posterior = one.fitted.proposal.posterior
+    assert isinstance(posterior, Posterior)
+    return Predictor(posterior, draws.x[rng.choice(len(draws.x), HISTORY_DRAWS, p=draws.shares)])
+
+
+def _failed(name: str, note: str) -> SubjectHistory:
+    """A row without results."""
+    nan = float("nan")
+    return SubjectHistory(name, None, None, None, None, nan, None, nan, "", "", "", nan, nan, nan, nan, nan, note)

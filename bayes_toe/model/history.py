@@ -1,0 +1,256 @@
+"""What a trial leaves to the next: an expectation that follows the stimuli felt so far, trial by trial.
+
+Only mu1 changes. With stimuli counted from mu0, the mean of all that were felt, and K = 1 - p,
+
+    mu1(t) = mu1 + E_t,    E_{t+1} = d_t E_t + b_t,    E = 0 where memory begins anew,
+
+so that the numerator of the normalised distance of a trial is the static one less p E_t. *Carry-over*: after a trial the belief has mean
+p mu_2 + K s2 with mu_2 = K s1 + p mu1(t), and relaxes to the prior by a factor rho until the next: d = rho p^2, b = rho (p K s1 + K s2).
+rho = 0 is the paper's observer, whose expectation has relaxed by then; rho = 1 is one Kalman filter through all stimuli. Where the time
+between trials is known, rho = exp(-iti/tau). *Running average*: d = 2^(-1/h) with half-life h, b = (1 - d) (s1 + s2)/2.
+
+Trials that nobody answered were felt all the same: they feed E and not the likelihood. At several inter-stimulus intervals p is that of
+the trial.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+from scipy.special import bdtr, bdtrc, expit
+
+from bayes_toe.arrays import FloatArray, IndexArray, IntArray, run_starts
+from bayes_toe.data.answers import Answers
+from bayes_toe.data.study import Subject
+from bayes_toe.errors import InputError
+
+#: Chance below which trials are said to be sorted by their stimuli.
+SORTED = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Trials:
+    """Answered trials of a subject one by one, and all that were felt in their order, sessions beside each other.
+
+    Attributes
+    ----------
+    s1, s2, isi : array, shape (trials,)
+        Of answered trials, in the order of the subject's pairs; isi None without intervals.
+    n_yes, n_trials : array of int, shape (trials,)
+        1 where the answer was the one that the task counts, else 0; and 1.
+    starts : array of int, shape (pairs,)
+        Where the trials of every pair start.
+    before : array, shape (trials,)
+        1 after a trial that got this answer, -1 after the other one, 0 after none.
+    previous : array, shape (trials,)
+        Mean stimulus of the trial before; NaN where memory begins anew.
+    at : array of int, shape (trials,)
+        Where among those felt each is, (longest session, sessions) in rows.
+    first, second : array, shape (longest session, sessions, 1)
+        Stimuli felt, from mu0; 0 behind the end of a session.
+    seconds, iti : array, shape (longest session, sessions), or None
+        Their inter-stimulus interval; the time from each to the next, infinite where that is not known.
+    """
+
+    s1: FloatArray
+    s2: FloatArray
+    isi: FloatArray | None
+    n_yes: IntArray
+    n_trials: IntArray
+    starts: IndexArray
+    before: FloatArray
+    previous: FloatArray
+    at: IndexArray
+    first: FloatArray
+    second: FloatArray
+    seconds: FloatArray | None
+    iti: FloatArray | None
+
+    @classmethod
+    def of(cls, subject: Subject) -> Trials:
+        """Those of a subject whose order of trials is known.
+
+        Raises
+        ------
+        InputError
+            If it is not.
+        """
+        answers = require_order(subject)
+        begins, keys = answers.begins, answers.keys
+        session = np.cumsum(begins) - 1
+        step = np.arange(len(begins)) - np.flatnonzero(begins)[session]
+        shape = int(step.max()) + 1, int(session[-1]) + 1
+        mu0 = keys[:, :2].mean()
+
+        def laid_out(values: FloatArray, rest: float) -> FloatArray:
+            """Values of all trials by step and session."""
+            out = np.full(shape, rest)
+            out[step, session] = values
+            return out
+
+        given = np.flatnonzero(answers.n_trials)
+        given = given[np.lexsort(keys[given].T[::-1])]
+        answer = np.where(answers.n_trials > 0, 2.0 * answers.n_yes - 1.0, 0.0)
+        before, previous = (np.r_[rest, values[:-1]] for rest, values in ((0.0, answer), (np.nan, keys[:, :2].mean(axis=1))))
+        iti = None
+        if answers.iti is not None:
+            until = np.where(np.isnan(answers.iti) | begins, np.inf, answers.iti)
+            iti = laid_out(np.r_[until[1:], np.inf], np.inf)
+        timed = keys.shape[1] > 2
+        return cls(
+            keys[given, 0],
+            keys[given, 1],
+            keys[given, 2] if timed else None,
+            answers.n_yes[given],
+            answers.n_trials[given],
+            run_starts(*keys[given].T),
+            np.where(begins, 0.0, before)[given],
+            np.where(begins, np.nan, previous)[given],
+            (step * shape[1] + session)[given],
+            laid_out(keys[:, 0] - mu0, 0.0)[:, :, None],
+            laid_out(keys[:, 1] - mu0, 0.0)[:, :, None],
+            laid_out(keys[:, 2], float(keys[0, 2])) if timed else None,
+            iti,
+        )
+
+    @property
+    def n_pairs(self) -> int:
+        """Rows of the likelihood, which are trials."""
+        return len(self.s1)
+
+    def by_pair(self, log_probability: FloatArray) -> FloatArray:
+        """Log of the mean probability of each pair's trials, (points, trials) -> (points, pairs)."""
+        highest = np.maximum.reduceat(log_probability, self.starts, axis=1)
+        counts = np.diff(np.r_[self.starts, self.n_pairs])
+        shares = np.exp(log_probability - np.repeat(np.where(np.isfinite(highest), highest, 0.0), counts, axis=1))
+        with np.errstate(divide="ignore"):  # an answer that is impossible in all trials
+            return np.asarray(np.log(np.add.reduceat(shares, self.starts, axis=1) / counts) + highest)
+
+
+def require_order(subject: Subject) -> Answers:
+    """The answers of a subject, trial by trial in the order in which they were given.
+
+    Raises
+    ------
+    InputError
+        If that is not known, or trials are sorted by their stimuli.
+    """
+    answers = subject.answers
+    if answers is None or answers.place is None:
+        raise InputError(
+            f"subject {subject.name!r}: a model with a history needs the order of trials, found none; allowed: rows that are trials, with "
+            "a column trial (numbers, once each, or once in each session or block)"
+        )
+    if looks_sorted(answers):
+        raise InputError(
+            f"subject {subject.name!r}: trials are sorted by their stimuli, which is not the order in which they were presented; allowed: "
+            "a column trial that tells it"
+        )
+    return answers
+
+
+def knows_order(subject: Subject) -> bool:
+    """Whether :func:`require_order` has nothing against a subject."""
+    return subject.answers is not None and subject.answers.place is not None and not looks_sorted(subject.answers)
+
+
+def looks_sorted(answers: Answers) -> bool:
+    """Whether stimuli only rise or only fall from trial to trial, or equal pairs follow each other, more than chance has it.
+
+    Examples
+    --------
+    >>> keys, ones = np.array([[0.0, 0.0], [0.0, 0.3], [0.3, 0.0]]), np.ones(60, int)
+    >>> looks_sorted(Answers(np.repeat(keys, 20, axis=0), ones, ones, None, (), True, np.arange(60)))
+    True
+    >>> looks_sorted(Answers(np.tile(keys, (20, 1)), ones, ones, None, (), True, np.arange(60)))
+    False
+    """
+    _, pair, counts = np.unique(answers.keys, axis=0, return_inverse=True, return_counts=True)
+    step = np.diff(pair.ravel())[~answers.begins[1:]]
+    moved, again = np.count_nonzero(step), np.count_nonzero(step == 0)
+    alike = float((np.square(counts / counts.sum())).sum())
+    one_way = bdtr(min(np.count_nonzero(step > 0), np.count_nonzero(step < 0)), moved, 0.5)
+    return bool(one_way < SORTED or (len(counts) > 1 and again > 0 and bdtrc(again - 1, len(step), alike) < SORTED))
+
+
+class _Filter(NamedTuple):
+    """E_{t+1} = keep E_t + add, and derivatives of both in the own coordinate; (steps, sessions, points), or 1 in their place."""
+
+    keep: FloatArray
+    add: FloatArray
+    keep_slope: FloatArray
+    add_slope: FloatArray
+
+
+@dataclass(frozen=True)
+class History:
+    """How the expectation follows the stimuli.
+
+    Parameters
+    ----------
+    kind : {"carry-over", "carry-over by time", "running average"}
+    coordinate : str
+        Logit of rho, log of tau (seconds) or log of the half-life (trials).
+    """
+
+    kind: Literal["carry-over", "carry-over by time", "running average"]
+    coordinate: str
+
+    def expectation(self, trials: Trials, own: FloatArray, pull: FloatArray) -> FloatArray:
+        """E of every trial that was felt, shape (steps, sessions, points).
+
+        Parameters
+        ----------
+        trials : Trials
+        own : array, shape (points,)
+            The history's coordinate.
+        pull : array, shape (steps, sessions, points), or 1 in the place of either
+        """
+        made = self._filter(trials, own, pull)
+        return _filtered(made.keep, made.add)
+
+    def slopes(
+        self, trials: Trials, own: FloatArray, pull: FloatArray, expectation: FloatArray, of_pull: Sequence[FloatArray]
+    ) -> list[FloatArray]:
+        """Derivatives of E: in the history's coordinate, and in those coordinates in which the pull has the derivatives `of_pull`."""
+        made = self._filter(trials, own, pull)
+        found = [_filtered(made.keep, made.keep_slope * expectation + made.add_slope)]
+        for rise in of_pull:
+            if self.kind == "running average":
+                found.append(np.zeros_like(expectation))
+            else:
+                bend = 2.0 * pull * expectation + (1.0 - 2.0 * pull) * trials.first - trials.second
+                found.append(_filtered(made.keep, self._kept(trials, own)[0] * rise * bend))
+        return found
+
+    def _filter(self, trials: Trials, own: FloatArray, pull: FloatArray) -> _Filter:
+        if self.kind == "running average":
+            rate = np.log(2.0) * np.exp(-own)
+            keep, slope, mean = np.exp(-rate), rate * np.exp(-rate), 0.5 * (trials.first + trials.second)
+            return _Filter(keep, -np.expm1(-rate) * mean, slope, -slope * mean)
+        rho, slope = self._kept(trials, own)
+        square, felt = np.square(pull), (1.0 - pull) * (pull * trials.first + trials.second)
+        return _Filter(rho * square, rho * felt, slope * square, slope * felt)
+
+    def _kept(self, trials: Trials, own: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Rho until the next trial, and its derivative in the own coordinate."""
+        if self.kind == "carry-over":
+            return expit(own), expit(own) * expit(-own)
+        assert trials.iti is not None  # required where the posterior was made
+        times = trials.iti[:, :, None] * np.exp(-own)
+        rho = np.exp(-times)
+        return rho, np.where(np.isfinite(times), times, 0.0) * rho
+
+
+def _filtered(keep: FloatArray, add: FloatArray) -> FloatArray:
+    """The recursion from 0, along the first axis of `add`."""
+    out = np.zeros(np.broadcast_shapes(keep.shape, add.shape))
+    add = np.broadcast_to(add, out.shape)
+    keep = np.broadcast_to(keep, out.shape)
+    for t in range(len(out) - 1):
+        np.multiply(out[t], keep[t], out=out[t + 1])
+        out[t + 1] += add[t]
+    return out

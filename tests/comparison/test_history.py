@@ -1,0 +1,145 @@
+"""What a trial leaves to the next: told of who does it, not of who does not; seen by the check, in tables, commands and figures."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from commands import inside
+
+import bayes_toe as bt
+from bayes_toe.comparison.history import HISTORY_COLUMNS
+from bayes_toe.comparison.verdict import verdict
+from bayes_toe.data.answers import Answers
+from bayes_toe.data.study import Subject
+from bayes_toe.data.tasks import WHICH_STRONGER
+from bayes_toe.inference.history_check import SCREEN, history_p
+from bayes_toe.model.ladder import posterior_of
+from bayes_toe.model.prior import DEFAULT
+
+CARRIED = {"offset": 0.02, "pull": 0.4, "width": 0.25, "lapse_rate": 0.03, "carry_over": 0.9}
+
+
+def observer(name, model, seed, trials=400, **values):
+    """Somebody who says which of neighbouring stimuli was stronger, trial by trial, by a model at natural values."""
+    rng = np.random.default_rng(seed)
+    low, up = rng.integers(0, 5, trials), rng.random(trials) < 0.5
+    keys = 0.3 * np.column_stack([low + ~up, low + up])
+    answers = Answers(keys, np.zeros(trials, int), np.ones(trials, int), None, (), True, np.arange(trials))
+    target = posterior_of(Subject.from_answers(name, answers, WHICH_STRONGER), DEFAULT, model=model)
+    x = target.points({key: np.array([values[key]]) for key in target.names.natural})
+    p = np.empty(trials)
+    p[np.lexsort(keys.T[::-1])] = np.exp(target.trial_answers(x)[0])
+    return Subject.from_answers(name, replace(answers, n_yes=(rng.random(trials) < p).astype(int)), WHICH_STRONGER), target, x
+
+
+@pytest.fixture(scope="module")
+def study():
+    (carries, *_), (relaxes, *_) = (
+        observer("carries", "contraction + carry-over", 1, **CARRIED),
+        observer("relaxes", "contraction", 2, **CARRIED),
+    )
+    return bt.Study([carries, relaxes])
+
+
+@pytest.fixture(scope="module")
+def table(study):
+    return bt.compare_history(study, seed=1, workers=1)
+
+
+def test_a_history_is_told_of_who_has_one(table):
+    carries, relaxes = table["carries"], table["relaxes"]
+    assert carries.depends == "yes"
+    assert carries.lead > 5.0
+    assert relaxes.depends not in ("yes", "probably")
+    assert carries.p_static + carries.p_carry_over + carries.p_running_average == pytest.approx(1.0)
+    assert carries.p_carry_over_by_time is None, "no times between trials"
+    assert carries.log_bayes_factor_previous_answer < 3.0
+    assert carries.history_p_static < SCREEN < carries.history_p
+    assert carries.describe().startswith("answers follow the trials before (P of a history > 0.99; carry_over ")
+    assert table.frame().columns.tolist() == list(HISTORY_COLUMNS)
+    assert table.sentence().startswith("2 subjects: 1 follow them")
+
+
+def test_a_history_is_known_within_its_interval():
+    one, target, x = observer("known", "contraction + carry-over", 3, trials=1500, **CARRIED)
+    found = bt.sample(bt.Study([one]), model="contraction + carry-over", draws=500, seed=1, workers=1).summary().set_index("parameter")
+    for name, true in CARRIED.items():
+        assert found.q05[name] - 0.02 <= true <= found.q95[name] + 0.02, name
+    assert target.log_density(x)[0] > -np.inf
+
+
+def test_the_verdict_says_that_answers_seem_to_depend_on_the_trial_before(study):
+    said, _ = verdict(study["carries"], bt.Prior(mu1_mean="stimuli", mu1_sd="stimuli"), 1)
+    assert said.history_p < SCREEN
+    assert any(doubt.startswith("answers seem to depend on the trial before (p = 0.0") for doubt in said.doubts())
+    unordered, _ = verdict(replace(study["carries"], answers=None), DEFAULT, 1)
+    assert unordered.history_p is None
+    assert not unordered.follows
+
+
+def test_the_check_is_even_where_the_model_is_true():
+    found = []
+    for seed in range(40):
+        one, target, x = observer(f"S{seed}", "contraction", seed, trials=200, **CARRIED)
+        found.append(history_p(target.for_subject(one), np.repeat(x, 200, axis=0), seed))
+    assert 0.35 < np.mean(found) < 0.65
+    assert sum(p < 0.05 for p in found) <= 7
+
+
+def test_draws_of_a_history_come_back_from_a_file_with_their_trials(study, tmp_path):
+    draws = bt.sample(study, model="update + carry-over", draws=200, seed=1, workers=1)
+    draws.save(tmp_path / "posterior.nc")
+    for back in (bt.load(tmp_path / "posterior.nc"), bt.load(tmp_path / "posterior.nc")["carries"]):
+        x = draws.points("carries")[0]
+        assert back.posterior("carries").log_likelihood(x).tolist() == draws.posterior("carries").log_likelihood(x).tolist()
+    at_rest = bt.predict(draws, "carries", 0.3, 0.6)
+    assert 0.5 < at_rest["mean"].item() < 1.0
+
+
+def test_what_has_no_order_is_refused_in_one_line(study, tmp_path):
+    with pytest.raises(bt.InputError, match="subject 'carries': a model with a history needs the order of trials"):
+        bt.compare_history(bt.Study([replace(one, answers=None) for one in study]), seed=1)
+    study.frame().to_csv(tmp_path / "counts.csv", index=False)
+    done = inside("compare", "counts.csv", "--history", "-o", "compare.csv", "--seed", "1", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "needs the order of trials, found none; allowed: rows that are trials, with a column trial" in " ".join(done.stderr.split())
+    assert not (tmp_path / "compare.csv").exists()
+
+
+def trial_rows(study):
+    """The study as a table of trials."""
+    parts = []
+    for one in study:
+        answers = one.answers
+        words = np.where(answers.n_yes > 0, "second", "first")
+        parts.append(
+            pd.DataFrame(
+                {
+                    "subject": one.name,
+                    "trial": np.arange(len(words)) + 1,
+                    "s1": answers.keys[:, 0],
+                    "s2": answers.keys[:, 1],
+                    "response": words,
+                }
+            )
+        )
+    return pd.concat(parts)
+
+
+def test_commands_say_and_draw_it(study, tmp_path):
+    trial_rows(study).to_csv(tmp_path / "trials.csv", index=False)
+    common = ("--seed", "1", "--draws", "100", "--workers", "1")
+    done = inside("compare", "trials.csv", "--history", "-o", "compare.csv", *common, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "trials before: 2 subjects: 1 follow them" in " ".join(done.stdout.split())
+    found = pd.read_csv(tmp_path / "compare_history.csv").set_index("subject")
+    assert found.depends["carries"] == "yes"
+    assert (tmp_path / "compare_history.png").stat().st_size > 10_000
+    done = inside("run", "trials.csv", "-o", "out", "--pictures", "none", *common, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert pd.read_csv(tmp_path / "out" / "history.csv").subject.tolist() == ["carries"]
+    assert pd.read_csv(tmp_path / "out" / "evidence.csv").set_index("subject").history_p["carries"] < SCREEN
+    report = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert "answers follow the trials before" in report
+    assert report.count('id="history"') == 1

@@ -1,0 +1,208 @@
+"""What a trial leaves to the next, against other routes: loops, filters of other libraries, beliefs, the static model in the limits."""
+
+from dataclasses import replace
+
+import mpmath as mp
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+from scipy.special import expit, logit
+
+from bayes_toe.data.answers import Answers
+from bayes_toe.data.study import Subject
+from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
+from bayes_toe.errors import InputError
+from bayes_toe.model.beliefs import evolve, steady_prior, update
+from bayes_toe.model.closed_form import noise_ratio, pull
+from bayes_toe.model.history import Trials
+from bayes_toe.model.ladder import model_named, posterior_of
+from bayes_toe.model.parts import composition
+from bayes_toe.model.prior import DEFAULT
+
+LEVELS = {
+    WHICH_STRONGER: (
+        "update + sloped + carry-over",
+        "contraction + carry-over by time + previous answer",
+        "free weighting + logit + running average",
+        "mean-reverting + biased guesses + carry-over",
+        "constant error + previous answer",
+    ),
+    SAME_DIFFERENT: (
+        "update + carry-over",
+        "update + differencing + both ways + sloped peak + running average",
+        "update + carry-over by time",
+    ),
+}
+MODELS = [(task, name) for task, names in LEVELS.items() for name in names]
+
+
+def session(seed=1, trials=40, isi=False, task=WHICH_STRONGER, missed=5, name="A"):
+    """Two sessions of random pairs and answers, some trials without one."""
+    rng = np.random.default_rng(seed)
+    keys = rng.choice(np.linspace(-0.4, 0.4, 5), (trials, 2))
+    keys = np.column_stack([keys, rng.choice([1.0, 2.0, 4.0], trials)]) if isi else keys
+    answered = np.ones(trials, int)
+    answered[rng.choice(trials, missed, replace=False)] = 0
+    yes = rng.integers(0, 2, trials) * answered
+    place = np.arange(trials) + (np.arange(trials) >= trials // 3)
+    return Subject.from_answers(name, Answers(keys, yes, answered, None, (), True, place, rng.exponential(4.0, trials)), task)
+
+
+def expectation(target, x):
+    """E of every trial in its order, (trials, points)."""
+    felt, begins = target.expectation(x), target.subject.answers.begins
+    at = np.cumsum(begins) - 1
+    return felt[np.arange(len(begins)) - np.flatnonzero(begins)[at], at]
+
+
+@pytest.mark.parametrize("isi", [False, True])
+@pytest.mark.parametrize(("task", "name"), MODELS)
+def test_gradients_are_differences_of_values_and_coordinates_come_back(task, name, isi):
+    target = posterior_of(session(isi=isi, task=task), DEFAULT, model=name)
+    x = target.sample_prior(np.random.default_rng(2), 30)
+    x = x[np.abs(x).max(axis=1) < 15.0]
+    steps = 1e-5 * np.eye(x.shape[1])
+    differences = np.stack([(target.log_density(x + h) - target.log_density(x - h)) / 2e-5 for h in steps], axis=1)
+    value, gradient = target.gradient(x)
+    assert gradient == pytest.approx(differences, rel=1e-5, abs=1e-4)
+    assert value == pytest.approx(target.log_density(x), rel=1e-12)
+    assert target.pair_log_likelihood(x).sum(axis=1) == pytest.approx(target.log_likelihood(x), rel=1e-12)
+    assert target.points(target.quantities(x)) == pytest.approx(x, rel=1e-9, abs=1e-9)
+
+
+def test_the_likelihood_is_that_of_a_loop_over_trials_in_many_digits():
+    one, (p, rho, c, w, lapses, bias) = session(), (0.3, 0.6, 0.05, 0.2, 0.04, 0.03)
+    target = posterior_of(one, DEFAULT, model="contraction + carry-over + previous answer")
+    x = np.array([[c, logit(p), np.log(w), logit(lapses), logit(rho), bias]])
+    assert target.coordinates == ("offset", "logit_pull", "log_width", "logit_lapse_rate", "logit_carry_over", "answer_bias")
+    keys, mu0, total, before = one.answers.keys, one.answers.keys.mean(), mp.mpf(0), 0
+    with mp.workdps(40):
+        p, rho, c, w, lapses, bias = map(mp.mpf, (p, rho, c, w, lapses, bias))
+        for t, (s1, s2) in enumerate(keys):
+            if one.answers.begins[t]:
+                mean, before = mp.mpf(mu0), 0
+            shift = s2 - s1 + p * (s1 - mp.mpf(target.sbar)) - p * (mean - mu0) - c + bias * before
+            second = lapses / 2 + (1 - lapses) * mp.ncdf(shift / w)
+            if one.answers.n_trials[t]:
+                total += mp.log(second if one.answers.n_yes[t] else 1 - second)
+            evolved = s1 + p * (mean - s1)
+            mean = mu0 + rho * (s2 + p * (evolved - s2) - mu0)
+            before = (1 if one.answers.n_yes[t] else -1) if one.answers.n_trials[t] else 0
+    assert target.log_likelihood(x)[0] == pytest.approx(float(total), rel=1e-12)
+
+
+def test_expectations_are_those_of_a_linear_filter():
+    one = session()
+    target = posterior_of(one, DEFAULT, model="contraction + running average")
+    x = target.sample_prior(np.random.default_rng(3), 4)
+    found, decay = expectation(target, x), 2.0 ** -np.exp(-x[:, -1])
+    mean = one.answers.keys.mean(axis=1) - one.answers.keys.mean()
+    for run in np.split(np.arange(len(mean)), np.flatnonzero(one.answers.begins)[1:]):
+        for i, d in enumerate(decay):
+            assert found[run, i] == pytest.approx(lfilter([0.0, 1.0 - d], [1.0, -d], mean[run]), rel=1e-12, abs=1e-15)
+
+
+def test_without_relaxation_it_is_one_kalman_filter_through_all_stimuli():
+    one, (sigma_p, sigma_l) = session(missed=0), (0.2, 0.15)
+    target = posterior_of(one, DEFAULT, model="update + carry-over")
+    a = target.model.free[0].coordinates_from(
+        {"mu1": np.array([0.1]), "sigma_p": np.array([sigma_p]), "sigma_l": np.array([sigma_l])}, target.prior, target.sbar
+    )
+    found = expectation(target, np.column_stack([a, [[-2.0, 800.0]]]))[:, 0]
+    mu0, belief = one.answers.keys.mean(), None
+    for t, (s1, s2) in enumerate(one.answers.keys):
+        if one.answers.begins[t]:
+            belief = steady_prior(mu0, sigma_p, sigma_l)
+        assert found[t] == pytest.approx(belief.mean - mu0, rel=1e-12, abs=1e-14)
+        for s in (s1, s2):  # the variance that is iterated stays where the prior's is
+            belief = evolve(update(belief, s, sigma_l), sigma_p)
+    assert pull(noise_ratio(sigma_p, sigma_l)) == pytest.approx(target.quantities(np.column_stack([a, [[-2.0, 0.0]]]))["pull"][0])
+
+
+@pytest.mark.parametrize(
+    ("name", "off"),
+    [
+        ("update + sloped + carry-over", -800.0),
+        ("contraction + carry-over by time", -40.0),
+        ("free weighting + running average", np.log(1e12)),
+        ("constant error + previous answer", 0.0),
+    ],
+)
+def test_with_nothing_left_it_is_the_static_model(name, off):
+    one = session(isi=True)
+    target, static = posterior_of(one, DEFAULT, model=name), posterior_of(one, DEFAULT, model=name.rsplit(" + ", 1)[0])
+    x = target.sample_prior(np.random.default_rng(4), 20)
+    x[:, -1] = off
+    assert target.log_likelihood(x) == pytest.approx(static.log_likelihood(x[:, :-1]), rel=1e-9)
+    for found, known in zip(target.log_answers(x), static.log_answers(x[:, :-1]), strict=True):
+        assert found == pytest.approx(known, rel=1e-9)
+
+
+def test_without_a_pull_no_history_has_an_effect():
+    target = posterior_of(session(), DEFAULT, model="contraction + carry-over")
+    x = np.repeat(target.sample_prior(np.random.default_rng(5), 1), 2, axis=0)
+    x[:, 1], x[:, -1] = -800.0, (-3.0, 3.0)
+    assert target.log_likelihood(x)[0] == target.log_likelihood(x)[1]
+    for text in ("none + carry-over", "constant error + running average"):
+        with pytest.raises(InputError, match="without a pull the expectation"):
+            composition(text, WHICH_STRONGER)
+    with pytest.raises(InputError, match="counts that scatter are of pairs, a history is of trials"):
+        composition("update + carry-over + beta-binomial")
+    with pytest.raises(InputError, match="'previous answer' is of the task"):
+        composition("update + previous answer")
+
+
+def test_memory_begins_anew_in_a_session_and_trials_without_an_answer_are_felt():
+    one, other = session(trials=30), session(seed=2, trials=30)
+    answers = replace(one.answers, place=np.arange(30))
+    again = replace(answers, n_yes=other.answers.n_yes, n_trials=other.answers.n_trials)  # the same stimuli: mu0 is the same
+    both = (np.concatenate([getattr(part, key) for part in (answers, again)]) for key in ("keys", "n_yes", "n_trials"))
+    whole = Subject.from_answers("A", Answers(*both, None, (), True, np.r_[0:30, 31:61]), WHICH_STRONGER)
+    target = posterior_of(whole, DEFAULT, model="contraction + carry-over + previous answer")
+    x = target.sample_prior(np.random.default_rng(6), 5)
+    alone = sum(target.for_subject(Subject.from_answers("A", part, WHICH_STRONGER)).log_likelihood(x) for part in (answers, again))
+    assert alone == pytest.approx(target.log_likelihood(x), rel=1e-12)
+    in_one = target.for_subject(Subject.from_answers("A", replace(whole.answers, place=np.arange(60)), WHICH_STRONGER))
+    dropped = target.for_subject(Subject.from_answers("A", replace(whole.answers.given, place=np.r_[0:25, 31:56]), WHICH_STRONGER))
+    for other_order in (in_one, dropped):
+        assert np.abs(other_order.log_likelihood(x) - target.log_likelihood(x)).min() > 1e-6
+
+
+def test_shuffled_trials_leave_the_static_model_alone():
+    one = session()
+    order = np.random.default_rng(7).permutation(40)
+    given = one.answers
+    shuffled = replace(given, keys=given.keys[order], n_yes=given.n_yes[order], n_trials=given.n_trials[order])
+    other = Subject.from_answers("A", shuffled, WHICH_STRONGER)
+    for name, same in (("contraction", True), ("contraction + carry-over", False)):
+        found, there = (posterior_of(subject, DEFAULT, model=name) for subject in (one, other))
+        x = found.sample_prior(np.random.default_rng(8), 5)
+        assert (found.log_likelihood(x) == pytest.approx(there.log_likelihood(x), rel=1e-12)) is same
+
+
+def test_without_an_order_it_is_refused_and_predicted_from_rest():
+    one = session()
+    model = model_named("update + carry-over", WHICH_STRONGER)
+    with pytest.raises(InputError, match="subject 'A': a model with a history needs the order of trials, found none"):
+        posterior_of(replace(one, answers=None), DEFAULT, model=model)
+    keys = one.answers.keys[np.lexsort(one.answers.keys.T[::-1])]
+    with pytest.raises(InputError, match="trials are sorted by their stimuli"):
+        posterior_of(Subject.from_answers("A", replace(one.answers, keys=keys, place=np.arange(40)), WHICH_STRONGER), DEFAULT, model=model)
+    untimed = Subject.from_answers("A", replace(one.answers, iti=None), WHICH_STRONGER)
+    with pytest.raises(InputError, match="needs a column iti"):
+        posterior_of(untimed, DEFAULT, model="update + carry-over by time")
+    target, static = posterior_of(one, DEFAULT, model=model), posterior_of(one, DEFAULT, model="update")
+    x = target.sample_prior(np.random.default_rng(9), 3)
+    asked = Subject("A", [0.1], [0.3], [0], [1], task=WHICH_STRONGER)
+    assert target.for_subject(asked).log_answers(x)[0] == pytest.approx(static.for_subject(asked).log_answers(x[:, :-1])[0])
+
+
+def test_trials_know_what_came_before_them():
+    keys, yes = np.array([[0.0, 0.2], [0.2, 0.0], [0.0, 0.2], [0.4, 0.4]]), np.array([1, 0, 0, 1])
+    answers = Answers(keys, yes, np.array([1, 0, 1, 1]), None, (), True, np.array([0, 1, 2, 4]), np.array([np.nan, 3.0, 2.0, np.nan]))
+    trials = Trials.of(Subject.from_answers("A", answers, WHICH_STRONGER))
+    assert (trials.s1.tolist(), trials.starts.tolist()) == ([0.0, 0.0, 0.4], [0, 2])
+    assert (trials.before.tolist(), trials.at.tolist()) == ([0.0, 0.0, 0.0], [0, 4, 1])
+    np.testing.assert_array_equal(trials.previous, [np.nan, 0.1, np.nan])
+    np.testing.assert_array_equal(trials.iti, [[3.0, np.inf], [2.0, np.inf], [np.inf, np.inf]])
+    assert expit(trials.by_pair(np.log([[0.2, 0.4, 0.5]]))) == pytest.approx(expit(np.log([[0.3, 0.5]])))
