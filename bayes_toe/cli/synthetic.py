@@ -21,6 +21,10 @@ class Observers:
     population: Annotated[
         str, typer.Option("--population", help="paper, prior, or a CSV with subject,mu1,sigma_p,sigma_l and q0, of 2afc lapse_rate.")
     ] = "paper"
+    carry_over: Annotated[
+        float, rare("--carry-over", help="Share of what is expected after a trial that is left at the next, 0 to below 1.")
+    ] = 0.0
+    missed: Annotated[float, rare("--missed", help="Share of trials that nobody answers in time.")] = 0.0
     question: Annotated[str, typer.Option("--task", help="same/different, or 2afc: which of the two is stronger.")] = "same/different"
 
 
@@ -52,7 +56,7 @@ def simulate(  # each is a choice of its own, and has a default
     prior, seed = None if task.prior is None else preset_or_file(task.prior), root_seed(task.seed)
     pairs = design_from(design, amplitudes, batches, isi)
     names, known = population_from(observers.population, observers.subjects, seed, pairs, prior=prior, task=asked)
-    trials = simulate_trials(names, known, pairs, seed, asked)
+    trials = simulate_trials(names, known, pairs, seed, asked, carried=observers.carry_over, missed=observers.missed)
     with ExitStack() as places:  # one where both files are in one folder
         folders = {
             parent: places.enter_context(task.together(*(one for one in files if one.parent == parent)))

@@ -12,12 +12,13 @@ import numpy.typing as npt
 from scipy.special import ndtr
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray
+from bayes_toe.data.answers import Answers
 from bayes_toe.data.read_study import Truth
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task, task_of
 from bayes_toe.data.validation import read_numbers
 from bayes_toe.errors import InputError
-from bayes_toe.model.closed_form import equal_probability, evolved_mean, noise_ratio, require_natural, variance_ratio
+from bayes_toe.model.closed_form import equal_probability, evolved_mean, noise_ratio, pull, require_natural, variance_ratio
 from bayes_toe.model.coordinates import Natural, natural_names
 from bayes_toe.model.intervals import at_interval, require_intervals
 from bayes_toe.model.ladder import models_of
@@ -169,15 +170,24 @@ def prior_population(
 
 @dataclass(frozen=True, eq=False)
 class Trials:
-    """Single trials of one synthetic subject in the order of presentation."""
+    """Single trials of one synthetic subject in the order of presentation; where `missed` nobody answered in time."""
 
     subject: str
     batch: IntArray
     s1: FloatArray
     s2: FloatArray
     yes: BoolArray
+    missed: BoolArray
     isi: FloatArray | None = None
     task: Task = SAME_DIFFERENT
+
+    @property
+    def answered(self) -> Subject:
+        """The subject with these answers, in their order."""
+        keys = np.column_stack([key for key in (self.s1, self.s2, self.isi) if key is not None])
+        counts = np.where(self.yes & ~self.missed, 1, 0), np.where(self.missed, 0, 1)
+        answers = Answers(keys, *counts, None, (), True, np.arange(len(self.yes)))
+        return Subject.from_answers(self.subject, answers, self.task)
 
 
 def second_probability(
@@ -195,7 +205,16 @@ def second_probability(
     return np.asarray(0.5 * lapses + (1.0 - lapses) * ndtr(z))
 
 
-def simulate_trials(names: Iterable[str], observers: Natural, design: Design, seed: int, task: Task = SAME_DIFFERENT) -> list[Trials]:
+def simulate_trials(
+    names: Iterable[str],
+    observers: Natural,
+    design: Design,
+    seed: int,
+    task: Task = SAME_DIFFERENT,
+    *,
+    carried: float = 0.0,
+    missed: float = 0.0,
+) -> list[Trials]:
     """Answers of every observer; each subject's stream is keyed by its name.
 
     Parameters
@@ -206,6 +225,10 @@ def simulate_trials(names: Iterable[str], observers: Natural, design: Design, se
         Arrays of shape (observers,); to 'which is stronger?' with the lapse rate in the place of q0.
     design : Design
     seed : int
+    carried : float
+        Share of what is expected after a trial that is carried over to the next, see :mod:`bayes_toe.model.history`; 0: all has relaxed.
+    missed : float
+        Share of trials that nobody answers in time.
 
     Examples
     --------
@@ -214,6 +237,9 @@ def simulate_trials(names: Iterable[str], observers: Natural, design: Design, se
     26
     """
     subjects, made = list(names), []
+    for option, value in (("--carry-over", carried), ("--missed", missed)):
+        if not 0.0 <= value < 1.0:
+            raise InputError(f"{option}: found {value:g}, allowed: a number from 0 to below 1")
     if len(subjects) != len(observers.mu1):
         raise InputError(f"{len(subjects)} names for {len(observers.mu1)} observers")
     for i, name in enumerate(subjects):
@@ -222,10 +248,23 @@ def simulate_trials(names: Iterable[str], observers: Natural, design: Design, se
         s1, s2 = design.s1[order], design.s2[order]
         isi = None if design.isi is None else design.isi[order]
         observer = observer if isi is None else at_interval(observer, isi)
+        if carried:
+            observer = observer._replace(mu1=observer.mu1 + _carried_over(s1, s2, observer, carried))
         q = (equal_probability if task == SAME_DIFFERENT else second_probability)(s1, s2, *observer)
         batch = np.repeat(np.arange(1, design.batches + 1), len(design.s1))
-        made.append(Trials(name, batch, s1, s2, rng.uniform(size=len(q)) < q, isi, task))
+        yes = rng.uniform(size=len(q)) < q
+        made.append(Trials(name, batch, s1, s2, yes, rng.uniform(size=len(q)) < missed, isi, task))
     return made
+
+
+def _carried_over(s1: FloatArray, s2: FloatArray, observer: Natural, share: float) -> FloatArray:
+    """By how much the expectation of every trial is off mu1: the belief after the one before, of which a share is left."""
+    middle, p = 0.5 * (s1.mean() + s2.mean()), np.broadcast_to(pull(noise_ratio(observer.sigma_p, observer.sigma_l)), s1.shape)
+    expected = np.zeros(len(s1))
+    for t in range(len(s1) - 1):
+        memory = (1.0 - p[t]) * (s1[t] - middle) + p[t] * expected[t]
+        expected[t + 1] = share * ((1.0 - p[t]) * (s2[t] - middle) + p[t] * memory)
+    return expected
 
 
 class Simulated(NamedTuple):
@@ -235,7 +274,7 @@ class Simulated(NamedTuple):
     truth: Truth
 
 
-def simulate(
+def simulate(  # noqa: PLR0913  # each is a choice of its own, and has a default
     observers: int | Truth = 16,
     *,
     population: str = "paper",
@@ -246,6 +285,8 @@ def simulate(
     prior: Prior | str | None = None,
     seed: int | None = None,
     task: Task | str = SAME_DIFFERENT,
+    carry_over: float = 0.0,
+    missed: float = 0.0,
 ) -> Simulated:
     """Answers of observers who follow the model: what `bayes-toe simulate` writes, as a study.
 
@@ -272,6 +313,8 @@ def simulate(
         Root seed; without one, fresh entropy.
     task : Task or str
         "same/different", or "2afc": which of the two is stronger.
+    carry_over, missed : float
+        Share of what is expected after a trial that is carried over to the next; share of trials without an answer.
 
     Raises
     ------
@@ -301,10 +344,10 @@ def simulate(
         raise InputError(f"population: found {population!r}, allowed: paper, prior; parameters of your own go to `observers`")
     else:
         names, natural = population_from(population, observers, root, planned, prior=prior, task=asked)
-    trials = simulate_trials(names, natural, planned, root, asked)
-    subjects = [Subject.from_trials(one.subject, one.s1, one.s2, one.yes, one.isi, task=asked) for one in trials]
-    keys = natural_names(asked)
-    truth = {name: {key: float(values[i]) for key, values in zip(keys, natural, strict=True)} for i, name in enumerate(names)}
+    trials = simulate_trials(names, natural, planned, root, asked, carried=carry_over, missed=missed)
+    also, columns = {"carry_over": carry_over} if carry_over else {}, dict(zip(natural_names(asked), natural, strict=True))
+    truth = {name: {key: float(values[i]) for key, values in columns.items()} | also for i, name in enumerate(names)}
+    subjects = [one.answered for one in trials]
     return Simulated(Study(tuple(subjects), f"simulated, seed {root}", synthetic=True), truth)
 
 
@@ -384,7 +427,7 @@ def trial_frame(trials: Sequence[Trials]) -> pd.DataFrame:
             "s1": one.s1,
             "s2": one.s2,
             **({} if one.isi is None else {"isi": one.isi}),
-            "response": np.where(one.yes, one.task.yes, one.task.no),
+            "response": np.where(one.missed, "", np.where(one.yes, one.task.yes, one.task.no)),
             "synthetic": 1,
         }
         for one in trials
