@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from bayes_toe.cli.headline import legend
 from bayes_toe.cli.terminal import OUTPUT, chosen, number, once, safe, say, say_footnote, say_note, say_notes, say_table
+from bayes_toe.comparison.history import QUANTITIES
 from bayes_toe.comparison.study_answer import doubts_of, of_new_subject, study_sentence, way_on
 from bayes_toe.comparison.verdict import Verdict
 from bayes_toe.data.messages import counted, named_few
@@ -57,7 +58,9 @@ def say_histories(console: Console, table: HistoryTable, file: str) -> None:
             "P(static)": number(one.p_static),
             "log BF": number(one.log_bayes_factor_history, 1),
             "answer before": number(one.log_bayes_factor_previous_answer, 1),
-            "median (5 %, 95 %)": f"{one.parameter} {one.q50:.2g} ({one.q05:.2g}, {one.q95:.2g})" if one.parameter else one.note,
+            "median (5 %, 95 %)": f"{QUANTITIES[one.parameter]} {one.q50:.2g} ({one.q05:.2g}, {one.q95:.2g})"
+            if one.parameter
+            else one.note,
             "p static": number(one.history_p_static),
             "p with": number(one.history_p),
         }

@@ -47,16 +47,8 @@ HISTORY_COLUMNS = (
     *("history_p_static", "history_p", "note"),
 )
 _TRIED, _SHOWN = 3, 400  # compositions; draws that figures get
-#: What subjects do, by the word of the column `depends`.
-_COUNTED = {
-    "yes": "follow them",
-    "probably": "probably follow them",
-    "undecided": "undecided",
-    "probably not": "probably do not",
-    "no": "do not",
-    "no pull": "without a pull, of whom it cannot be told",
-    "": "without a result",
-}
+#: What the histories' own quantities are called in figures and sentences.
+QUANTITIES = {"carry_over": "carried over, share", "carry_over_tau": "carried over for tau, s", "half_life": "half-life, trials"}
 _STATIC, _BIAS = "static", {"answer bias": "previous answer"}
 
 
@@ -138,7 +130,7 @@ class SubjectHistory:
         }[self.depends]
         if self.p_static is None or self.depends == "no pull":
             return said
-        what = f"{self.parameter} {self.q50:.2g} ({self.q05:.2g} to {self.q95:.2g})"
+        what = f"{QUANTITIES[self.parameter]} {self.q50:.2g} ({self.q05:.2g} to {self.q95:.2g})"
         fits = f"; p of the answers by trial before {self.history_p_static:.2g} static, {self.history_p:.2g} with it"
         return f"{said} (P of a history {compared(1.0 - self.p_static)}; {what}{fits})"
 
@@ -160,11 +152,11 @@ class HistoryTable(SubjectTable[SubjectHistory]):
 
     def sentence(self) -> str:
         """How many subjects' answers follow the trials before, and the evidence in sum."""
-        counts = Counter(row.depends for row in self.rows)
-        words = ("yes", "probably", "undecided", "probably not", "no", "no pull", "")
-        said = [f"{counts[word]} {_COUNTED[word]}" for word in words if counts[word]]
+        counts = Counter(row.depends or "no result" for row in self.rows)
+        words = ("yes", "probably", "undecided", "probably not", "no", "no pull", "no result")
+        said = listed([f"{word} {counts[word]}" for word in words if counts[word]])
         total = np.nansum([row.log_bayes_factor_history for row in self.rows])
-        return f"{counted(len(self.rows), 'subject')}: {listed(said)}; log Bayes factor of a history {total:+.1f} in sum"
+        return f"answers follow them, of {counted(len(self.rows), 'subject')}: {said}; log Bayes factor of a history {total:+.1f} in sum"
 
     def frame(self) -> pd.DataFrame:
         """The table with the columns of compare_history.csv; natural logs, empty where a value does not exist."""

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.comparison.history import HistoryTable, SubjectHistory
+from bayes_toe.comparison.history import QUANTITIES, HistoryTable, SubjectHistory
 from bayes_toe.comparison.words import compared
 from bayes_toe.errors import InputError
 from bayes_toe.inference.prediction import Predictor
@@ -71,7 +71,7 @@ def _by_trial_before(ax: Axes, row: SubjectHistory, static: Predictor, best: Pre
     _band(ax, at, lines, "with history")
     ax.errorbar(at, found, error, fmt="o", color="black", markersize=3.5, linewidth=0.8, label="answers, 1 s.e.")
     ax.set(xlabel="mean stimulus of the trial before (ln intensity)", ylabel=f"P({task.yes}) less\nthat without history")
-    known = f"{row.parameter.replace('_', ' ')} {row.q50:.2g} ({row.q05:.2g}, {row.q95:.2g})"
+    known = f"{QUANTITIES[row.parameter]} {row.q50:.2g} ({row.q05:.2g}, {row.q95:.2g})"
     ax.set_title(f"{plain(row.subject)}\nP of a history {compared(1.0 - (row.p_static or 0.0))}, {known}", fontsize=SMALL)
     dress(ax)
 

@@ -56,9 +56,9 @@ def test_a_history_is_told_of_who_has_one(table):
     assert carries.p_carry_over_by_time is None, "no times between trials"
     assert carries.log_bayes_factor_previous_answer < 3.0
     assert carries.history_p_static < SCREEN < carries.history_p
-    assert carries.describe().startswith("answers follow the trials before (P of a history > 0.99; carry_over ")
+    assert carries.describe().startswith("answers follow the trials before (P of a history > 0.99; carried over, share ")
     assert table.frame().columns.tolist() == list(HISTORY_COLUMNS)
-    assert table.sentence().startswith("2 subjects: 1 follow them")
+    assert table.sentence().startswith("answers follow them, of 2 subjects: yes 1, ")
 
 
 def test_a_history_is_known_within_its_interval():
@@ -132,7 +132,7 @@ def test_commands_say_and_draw_it(study, tmp_path):
     common = ("--seed", "1", "--draws", "100", "--workers", "1")
     done = inside("compare", "trials.csv", "--history", "-o", "compare.csv", *common, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert "trials before: 2 subjects: 1 follow them" in " ".join(done.stdout.split())
+    assert "trials before: answers follow them, of 2 subjects: yes 1" in " ".join(done.stdout.split())
     found = pd.read_csv(tmp_path / "compare_history.csv").set_index("subject")
     assert found.depends["carries"] == "yes"
     assert (tmp_path / "compare_history.png").stat().st_size > 10_000
