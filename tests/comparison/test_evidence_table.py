@@ -122,7 +122,7 @@ def test_table_has_the_columns_of_the_contract(analysis, tmp_path):
     lines = path.read_text().splitlines()
     assert lines[0] == (
         "subject,effect,kind,fit,data,robust,p_none,p_constant_error,p_update,log_bayes_factor_effect,size_q50,best_model,predictive_p,"
-        "deviance_p,n_pairs,n_trials,log_evidence_h1,log_evidence_h1_se,log_evidence_h0,log_bayes_factor,"
+        "deviance_p,history_p,n_pairs,n_trials,log_evidence_h1,log_evidence_h1_se,log_evidence_h0,log_bayes_factor,"
         "log_evidence_h1_laplace,log_evidence_h0_laplace,log_bayes_factor_laplace,"
         "pareto_k,log_evidence_h1_laplace_natural,log_evidence_h1_bootstrap,prior,"
         "log_evidence_symmetric,log_evidence_constant_error"

@@ -211,7 +211,7 @@ def test_command(study_csv, tmp_path, monkeypatch):
     }
     assert pd.read_csv(tmp_path / "out_models.csv")["model"].tolist() == list(NAMES[:2])
     assert frame.parts.dropna().unique().tolist() == [
-        "order: none; noise: Weber; lapses: misses; curve: bell; peak: one peak; spread: binomial"
+        "order: none; noise: Weber; lapses: misses; curve: bell; peak: one peak; spread: binomial; history: static"
     ]
     assert pd.read_csv(tmp_path / "out_parts.csv").empty  # one composition: no part varies
     (tmp_path / "prior.toml").write_text("sigma_p_scale = 2.0\n")
