@@ -179,10 +179,9 @@ def with_conditions(study: Study, options: ReadOptions) -> Study:
         said = f"column {bare(name)}: found every subject at one level of it"
         if options.condition is not None:
             raise InputError(f"{study.source}: {said}, allowed: at two and more of some subject; between subjects it is a covariate")
-        answers = {of[name][0]: one for name, one in study.reading.answers.items()}
         whole = tuple(replace(one, name=of[one.name][0]) for one in study)
         notes = (*study.notes, f"{said}, so that it is no condition within subjects: not used")
-        return replace(study, subjects=whole, reading=replace(study.reading, answers=answers), notes=notes)
+        return replace(study, subjects=whole, notes=notes)
     values = [number(level, False) for level in found]
     numeric = not options.categorical and not any(map(math.isnan, values))
     order = level_words(levels(values if numeric else found))
