@@ -175,6 +175,8 @@ def with_conditions(study: Study, options: ReadOptions) -> Study:
         return study
     name, of = options.name("condition"), {one.name: one.name.partition(AT)[::2] for one in study}
     found = [level for _, level in of.values()]
+    if not all(found):
+        raise InputError(f"{study.source}: found column {bare(name)} in some files only, allowed: in all or in none")
     if len({who for who, _ in of.values()}) == len(of):
         said = f"column {bare(name)}: found every subject at one level of it"
         if options.condition is not None:

@@ -13,7 +13,7 @@ import numpy as np
 from bayes_toe.arrays import IntArray
 from bayes_toe.data.answers import Answers, Reading
 from bayes_toe.data.messages import MOST_SHOWN, TWICE, bare, counted, listed
-from bayes_toe.data.study import Study, Subject
+from bayes_toe.data.study import Study, Subject, pooled
 from bayes_toe.errors import InputError
 
 _FEWEST = 20  # answers to one sequence of pairs that are not the same by chance
@@ -71,9 +71,7 @@ def _together(studies: Sequence[Study]) -> Study:
         elif len(known) == len(of):
             subjects.append(Subject.from_answers(name, _joined(known), of[0].task))
         else:
-            keys = ("s1", "s2", "n_yes", "n_trials", *(("isi",) if True in timed else ()))
-            counts = (np.concatenate([getattr(study[name], key) for study in of]) for key in keys)
-            subjects.append(Subject.from_counts(name, *counts, task=of[0].task))
+            subjects.append(pooled([study[name] for study in of]))
     several = [f"{bare(name)} {len(of)}" for name, of in parts.items() if len(of) > 1]
     joined = [f"{counted(len(several), 'subject')} in several files, put together: {listed(several)}"] if several else []
     read, ignored = (tuple(dict.fromkeys(one for study in studies for one in getattr(study.reading, key))) for key in ("read", "ignored"))

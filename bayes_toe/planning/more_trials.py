@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from typing import NamedTuple
 
@@ -12,7 +12,7 @@ import numpy as np
 from scipy.special import logsumexp, softmax
 
 from bayes_toe.data.messages import listed
-from bayes_toe.data.study import Study, Subject
+from bayes_toe.data.study import Study, Subject, pooled
 from bayes_toe.errors import InputError
 from bayes_toe.inference.prediction import Predictor
 from bayes_toe.kept import Kept
@@ -160,5 +160,4 @@ def observers(found: Weighed, size: int, rng: np.random.Generator) -> list[Predi
 
 def _together(one: Subject, other: Subject) -> Subject:
     """All answers of both."""
-    keys = ("s1", "s2", "n_yes", "n_trials", *(() if one.isi is None else ("isi",)))
-    return Subject.from_counts(one.name, *(np.concatenate([getattr(one, key), getattr(other, key)]) for key in keys), task=one.task)
+    return replace(pooled((one, other)), name=one.name, condition=one.condition, felt=one.felt)

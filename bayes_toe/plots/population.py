@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from bayes_toe.arrays import FloatArray
 from bayes_toe.comparison.population_answer import on_average
 from bayes_toe.comparison.words import compared
-from bayes_toe.data.study import Study, Subject
+from bayes_toe.data.study import Study, pooled
 from bayes_toe.groups.hyperprior import GROUP_PARAMETERS
 from bayes_toe.groups.population import Population
 from bayes_toe.groups.predictive_check import CONTRADICTED, PredictiveCheck, predictive_check
@@ -206,8 +206,7 @@ def new_subject(ax: Axes, found: Population) -> None:
     """
     isi = _main_interval(found.study)
     study = found.study if isi is None else found.study.at_isi(isi)
-    keys = ("s1", "s2", "n_yes", "n_trials")
-    everyone = Subject.from_counts("all", *(np.concatenate([getattr(one, key) for one in study]) for key in keys), task=study.task)
+    everyone = pooled(study.subjects)
     equal, reference = _curve(found, isi), main_weaker(everyone)
     low = float(everyone.s1.min()) if reference is None else reference
     order_panel(ax, everyone, None, low, size=4.0)

@@ -110,3 +110,14 @@ def test_check_warns_of_time_stimuli_and_missing_levels(read):
     codes = {(one.subject, one.code): one.message for one in bt.check(mixed)}
     assert ("", "conditions_in_order") not in codes
     assert "Never in condition left" in codes["b", "missing_condition"]
+
+
+def test_files_have_the_condition_all_or_none(tmp_path):
+    (tmp_path / "one.csv").write_text(ROWS, encoding="utf-8")
+    (tmp_path / "other.csv").write_text(ROWS.replace("condition", "hand").replace("a,", "c,"), encoding="utf-8")
+    with pytest.raises(bt.InputError, match="found column condition in some files only"):
+        bt.read_study([tmp_path / "one.csv", tmp_path / "other.csv"])
+    (tmp_path / "other.csv").write_text(ROWS.replace("a,", "c,"), encoding="utf-8")
+    together = bt.read_study([tmp_path / "one.csv", tmp_path / "other.csv"])
+    assert together.names == ("a@left", "a@right", "b@left", "b@right", "c@left", "c@right")
+    assert together["b@left"].felt == pytest.approx(together["a@left"].felt)
