@@ -33,6 +33,7 @@ from bayes_toe.inference.space import WINDOW
 from bayes_toe.inference.subject import EVIDENCE_DRAWS, Wanted, exact_result, fitted_result
 from bayes_toe.model.free_frequencies import FREE_FREQUENCIES
 from bayes_toe.model.ladder import Record
+from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.target import Answering, Conjugate, Target, hessian
 from bayes_toe.seeds import generator
@@ -153,6 +154,8 @@ def _row(target: Answering, found: _Found) -> ModelRow:
     # Models that do not know the intervals of a subject say so.
     notes = [] if subject.isi is None or target.model.knows_intervals else [target.model.of_intervals]
     notes += [note for note in (evidence.why_not, *(one.note for one in found.left_out.values())) if note]
+    if isinstance(target, Posterior) and target.model.by_trial:
+        notes.append("leave-one-out withheld: answers depend on the trials before")
     if found.reason:
         notes += [f"draws did not converge: {found.reason}", "leave-one-out and predictive checks withheld with the draws"]
     scores = {f"elpd_loo_{unit}{end}": value for unit, one in found.left_out.items() for end, value in (("", one.elpd), ("_se", one.se))}
@@ -216,13 +219,15 @@ def _checked(fitted: FittedProposal, maxima: Maxima, evidence: Evidence, setting
     x, log_likelihood, reason = _equal_draws(fitted, settings, seed)
     if reason:
         return _Found(evidence, {}, None, reason)
+    fit = summarise_fit(target, x, seed, log_likelihood=log_likelihood)
+    if isinstance(target, Posterior) and target.model.by_trial:  # without an answer the trials behind it would be others
+        return _Found(evidence, {}, fit)
     subject, some = target.subject, x[:: thinning(len(x), target.subject.n_pairs)]
     trial = leave_one_out(*target.answers_given_the_rest(some), subject.n_yes, subject.n_trials)
     if fitted.trusted:
         pair = left_out_pairs(fitted, maxima, evidence, seed)
     else:
         pair = leave_one_pair_out(target.pair_log_likelihood(some), subject.n_trials)
-    fit = summarise_fit(target, x, seed, log_likelihood=log_likelihood)
     return _Found(evidence, {"trial": trial, "pair": pair}, fit)
 
 

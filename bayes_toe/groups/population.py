@@ -300,6 +300,7 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
     (('offset', 'gain', 'width', 'q0'), True)
     """
     require_study(study)
+    _model(model, study.task)  # refuses a wrong one before any work
     if posterior is not None:
         where, given = "posterior" if posterior.file is None else shown(posterior.file), None if prior is None else prior_for(study, prior)
         require_belonging(posterior, where, study=study, prior=given)
@@ -390,4 +391,6 @@ def _model(name: str, task: Task) -> Model:
     found = model_named(name, task)
     if not isinstance(found, Model):
         raise InputError(f"population: model {name!r} has no parameters that subjects share; allowed: a composition of parts")
+    if found.by_trial:
+        raise InputError(f"population: model {name!r} has a history of trials, which is asked of subjects one by one; allowed: one without")
     return found

@@ -107,6 +107,17 @@ def test_what_has_no_order_is_refused_in_one_line(study, tmp_path):
     assert not (tmp_path / "compare.csv").exists()
 
 
+def test_what_takes_pairs_as_independent_says_so(study):
+    table = bt.compare(study.select("carries"), ["contraction", "contraction + carry-over"], draws=200, seed=1, workers=1)
+    static, carried = table.rows
+    assert carried.log_evidence - static.log_evidence > 5.0
+    assert carried.checks.elpd_loo_trial is None
+    assert static.checks.elpd_loo_trial is not None
+    assert "leave-one-out withheld: answers depend on the trials before" in carried.notes
+    with pytest.raises(bt.InputError, match="has a history of trials, which is asked of subjects one by one"):
+        bt.population(study, model="contraction + carry-over", seed=1)
+
+
 def trial_rows(study):
     """The study as a table of trials."""
     parts = []
