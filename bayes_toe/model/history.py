@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
-from scipy.special import bdtr, bdtrc, expit
+from scipy.special import bdtr, expit
 
 from bayes_toe.arrays import FloatArray, IndexArray, IntArray, run_starts
 from bayes_toe.data.answers import Answers
@@ -158,7 +158,9 @@ def knows_order(subject: Subject) -> bool:
 
 
 def looks_sorted(answers: Answers) -> bool:
-    """Whether stimuli only rise or only fall from trial to trial, or equal pairs follow each other, more than chance has it.
+    """Whether stimuli only rise or only fall from trial to trial: more than chance has it, or in one run of each pair.
+
+    Blocks of a pair in both orders are no such thing.
 
     Examples
     --------
@@ -168,12 +170,12 @@ def looks_sorted(answers: Answers) -> bool:
     >>> looks_sorted(Answers(np.tile(keys, (20, 1)), ones, ones, None, (), True, np.arange(60)))
     False
     """
-    _, pair, counts = np.unique(answers.keys, axis=0, return_inverse=True, return_counts=True)
-    step = np.diff(pair.ravel())[~answers.begins[1:]]
-    moved, again = np.count_nonzero(step), np.count_nonzero(step == 0)
-    alike = float((np.square(counts / counts.sum())).sum())
-    one_way = bdtr(min(np.count_nonzero(step > 0), np.count_nonzero(step < 0)), moved, 0.5)
-    return bool(one_way < SORTED or (len(counts) > 1 and again > 0 and bdtrc(again - 1, len(step), alike) < SORTED))
+    pair = np.unique(answers.keys, axis=0, return_inverse=True)[1].ravel()
+    step = np.diff(pair)[~answers.begins[1:]]
+    moved, rarer = np.count_nonzero(step), min(np.count_nonzero(step > 0), np.count_nonzero(step < 0))
+    in_sessions = np.unique(np.column_stack([np.cumsum(answers.begins), pair]), axis=0)
+    runs_of_one = moved == len(in_sessions) - np.count_nonzero(answers.begins) and len(step) > 2 * moved > 2
+    return bool(bdtr(rarer, moved, 0.5) < SORTED or (rarer == 0 and runs_of_one))
 
 
 class _Filter(NamedTuple):

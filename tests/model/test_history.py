@@ -14,7 +14,7 @@ from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.errors import InputError
 from bayes_toe.model.beliefs import evolve, steady_prior, update
 from bayes_toe.model.closed_form import noise_ratio, pull
-from bayes_toe.model.history import Trials
+from bayes_toe.model.history import Trials, looks_sorted
 from bayes_toe.model.ladder import model_named, posterior_of
 from bayes_toe.model.parts import composition
 from bayes_toe.model.prior import DEFAULT
@@ -195,6 +195,17 @@ def test_without_an_order_it_is_refused_and_predicted_from_rest():
     x = target.sample_prior(np.random.default_rng(9), 3)
     asked = Subject("A", [0.1], [0.3], [0], [1], task=WHICH_STRONGER)
     assert target.for_subject(asked).log_answers(x)[0] == pytest.approx(static.for_subject(asked).log_answers(x[:, :-1])[0])
+
+
+def test_blocks_of_one_pair_in_both_orders_are_not_sorted():
+    low, rng, ones = np.repeat([0.0, 0.3, 0.1, 0.5], 12), np.random.default_rng(1), np.ones(48, int)
+    keys = np.where(rng.random((48, 1)) < 0.5, np.column_stack([low, low + 0.2]), np.column_stack([low + 0.2, low]))
+    answers = Answers(keys, ones, ones, None, (), True, np.arange(48))
+    assert not looks_sorted(answers)
+    assert looks_sorted(replace(answers, keys=keys[np.lexsort(keys.T[::-1])]))
+    assert looks_sorted(replace(answers, keys=keys[np.lexsort(keys.T[::-1])[::-1]]))
+    in_sessions = np.argsort(np.r_[np.lexsort(keys[:24].T[::-1]), 24 + np.lexsort(keys[24:].T[::-1])])
+    assert looks_sorted(replace(answers, keys=keys[np.argsort(in_sessions)], place=np.r_[0:24, 25:49]))
 
 
 def test_trials_know_what_came_before_them():

@@ -33,7 +33,7 @@ def test_the_stimuli_by_hand():
     mean = values @ n / 80
     assert Stimuli.of(one)[:3] == pytest.approx((mean, np.sqrt((values - mean) ** 2 @ n / 80), np.sqrt((5 * 9 + 15) / 20)))
     assert Stimuli.of(one, one) == pytest.approx(Stimuli.of(one))
-    assert [Stimuli(2.0, 4.0, 1.0, 0.0).number(key) for key in OF_STIMULI] == [2.0, 10.0, 1.0, 0.5, 0.125, 0.0]
+    assert [Stimuli(2.0, 4.0, 1.0, 0.0).number(key) for key in OF_STIMULI] == [2.0, 10.0, 1.0, 0.5, 0.125, 0.3, 0.0]
     lone = bt.Study([subject(), bt.Subject("L", [0.4], [0.4], [1], [2])])
     with pytest.raises(
         bt.InputError, match=r"^subject 'L': the prior takes its scale from pairs of different stimuli, found none; .*--prior p"
