@@ -43,10 +43,12 @@ def history_p(posterior: Posterior, x: FloatArray, seed: int) -> float:
         p = np.exp(posterior.trial_answers(points))[:, known][:, order]
         expected, variance = (np.add.reduceat(values, starts, axis=1) for values in (p, p * (1.0 - p)))
         found, again = (
-            (np.square(np.add.reduceat(answers, starts, axis=1) - expected) / np.maximum(variance, 1e-300)).sum(axis=1)
+            np.square(np.add.reduceat(answers, starts, axis=1) - expected)
             for answers in (yes[None] + 0.0 * p, (rng.random(p.shape) < p).astype(np.float64))
         )
-        more += int(np.count_nonzero(again >= found))
+        told = variance > 0.0  # answers that are certain add nothing
+        observed, replicated = (np.divide(one, variance, out=np.zeros_like(one), where=told).sum(axis=1) for one in (found, again))
+        more += int(np.count_nonzero(replicated >= observed))
     return more / len(x)
 
 
