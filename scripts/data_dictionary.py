@@ -189,7 +189,7 @@ VERDICT = {
     "best_model": "The model with the highest evidence.",
     "predictive_p": "Posterior predictive p-value of its deviance; it does not describe the answers below 0.01.",
     "deviance_p": "P-value of its deviance; the same below 0.01; empty without degrees of freedom.",
-    "history_p": "Predictive p-value of its answers by the trial before; below 0.05 they seem to depend on it; empty where no order is known.",
+    "history_p": "Predictive p-value of its answers by the trial before; below 0.01 they seem to depend on it; empty where no order is known.",
 }
 
 FILES = (

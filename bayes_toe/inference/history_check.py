@@ -9,14 +9,16 @@ from __future__ import annotations
 import numpy as np
 
 from bayes_toe.arrays import FloatArray, IndexArray
+from bayes_toe.inference.predictive_checks import MISFIT
 from bayes_toe.model.history import Trials
 from bayes_toe.model.posterior import Posterior
 from bayes_toe.seeds import generator
 
 #: Draws of a check: its standard error is then 0.016 at most, 0.003 at 0.01.
 HISTORY_DRAWS = 1000
-#: Below this p-value a verdict says so and `run` tries histories: of those without one, one in twenty has it by chance.
-SCREEN = 0.05
+#: Below this p-value, that of every misfit, a verdict says so and `run` tries histories.
+SCREEN = MISFIT
+_FEWEST, _MOST = 200, 1 << 26  # draws that are taken in any case; draws times trials beyond which others are left out
 
 
 def history_p(posterior: Posterior, x: FloatArray, seed: int) -> float:
@@ -39,6 +41,7 @@ def history_p(posterior: Posterior, x: FloatArray, seed: int) -> float:
     order = np.argsort(cells, kind="stable")
     starts = np.flatnonzero(np.diff(cells[order], prepend=-1))
     yes, more = trials.n_yes[known][order].astype(np.float64), 0
+    x = x[: max(_FEWEST, _MOST // len(yes))]
     for points in np.array_split(x, max(1, x.shape[0] * len(yes) >> 18)):
         p = np.exp(posterior.trial_answers(points))[:, known][:, order]
         expected, variance = (np.add.reduceat(values, starts, axis=1) for values in (p, p * (1.0 - p)))

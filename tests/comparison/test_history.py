@@ -20,7 +20,7 @@ from bayes_toe.model.prior import DEFAULT
 CARRIED = {"offset": 0.02, "pull": 0.4, "width": 0.25, "lapse_rate": 0.03, "carry_over": 0.9}
 
 
-def observer(name, model, seed, trials=400, **values):
+def observer(name, model, seed, trials=700, **values):
     """Somebody who says which of neighbouring stimuli was stronger, trial by trial, by a model at natural values."""
     rng = np.random.default_rng(seed)
     low, up = rng.integers(0, 5, trials), rng.random(trials) < 0.5
@@ -72,7 +72,7 @@ def test_a_history_is_known_within_its_interval():
 def test_the_verdict_says_that_answers_seem_to_depend_on_the_trial_before(study):
     said, _ = verdict(study["carries"], bt.Prior(mu1_mean="stimuli", mu1_sd="stimuli"), 1)
     assert said.history_p < SCREEN
-    assert any(doubt.startswith("answers seem to depend on the trial before (p = 0.0") for doubt in said.doubts())
+    assert any(doubt.startswith("answers seem to depend on the trial before (p ") for doubt in said.doubts())
     unordered, _ = verdict(replace(study["carries"], answers=None), DEFAULT, 1)
     assert unordered.history_p is None
     assert not unordered.follows
