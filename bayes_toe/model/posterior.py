@@ -525,16 +525,15 @@ class Posterior:
         history, rows = self.model.history, self._rows
         if history is None or not isinstance(rows, Trials):
             return None
-        return history.expectation(rows, x[:, self._places[history.coordinate]], self._felt_pull(x))
+        return history.expectation(rows, x[:, self._places[history.coordinate]], self._pull(x)[:, 0] * self._felt_scale(x))
 
     def _expectation_slopes(self, x: FloatArray, felt: FloatArray | None) -> list[tuple[str, FloatArray]]:
         """Coordinates on which the expectation depends, and its derivatives at answered trials, shape (points, trials)."""
         history, rows, part = self.model.history, self._rows, self.model.pull
         if felt is None or history is None or part is None or not isinstance(rows, Trials):
             return []
-        pull, a = self._felt_pull(x), x[:, self._places[part.coordinate]]
-        own = pull / self._pull(x)[:, 0]  # the scale of the trial's interval
-        by = [(part.coordinate, part.span * expit(a) * expit(-a) * own)]
+        scale, a = self._felt_scale(x), x[:, self._places[part.coordinate]]
+        pull, by = self._pull(x)[:, 0] * scale, [(part.coordinate, part.span * expit(a) * expit(-a) * scale)]
         if self._felt_intervals is not None:
             intervals, which = self._felt_intervals
             for name, growth in self._growths(x, (intervals, which.ravel())):
@@ -542,13 +541,12 @@ class Posterior:
         found = history.slopes(rows, x[:, self._places[history.coordinate]], pull, felt, [rise for _, rise in by])
         return [(name, self._at_trials(rise)) for name, rise in zip((history.coordinate, *(name for name, _ in by)), found, strict=True)]
 
-    def _felt_pull(self, x: FloatArray) -> FloatArray:
-        """Pull of every trial that was felt, shape (steps, sessions, points), or (1, 1, points) where there is one interval."""
-        pull = self._pull(x)[:, 0]
+    def _felt_scale(self, x: FloatArray) -> FloatArray:
+        """Pull over that at the reference of every trial that was felt, (steps, sessions, points), or one 1 where there is one interval."""
         if self._felt_intervals is None:
-            return pull[None, None]
+            return np.ones((1, 1, 1))
         intervals, which = self._felt_intervals
-        return pull * np.moveaxis(self._scales_at(x, intervals).pull[:, which], 0, -1)
+        return np.moveaxis(self._scales_at(x, intervals).pull[:, which], 0, -1)
 
     def _at_trials(self, felt: FloatArray | None) -> FloatArray:
         """What is known of all trials that were felt, at those that were answered, shape (points, trials)."""

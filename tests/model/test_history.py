@@ -152,6 +152,15 @@ def test_without_a_pull_no_history_has_an_effect():
         composition("update + previous answer")
 
 
+@pytest.mark.parametrize("isi", [False, True])
+@pytest.mark.parametrize(("name", "a"), [("free weighting + carry-over", 0.0), ("contraction + carry-over", -800.0)])
+def test_gradients_are_finite_where_the_pull_is_0(name, a, isi):
+    target = posterior_of(session(isi=isi), DEFAULT, model=name)
+    x = target.sample_prior(np.random.default_rng(6), 3)
+    x[:, 1] = a
+    assert np.isfinite(target.likelihood_gradient(x)[1]).all()
+
+
 def test_memory_begins_anew_in_a_session_and_trials_without_an_answer_are_felt():
     one, other = session(trials=30), session(seed=2, trials=30)
     answers = replace(one.answers, place=np.arange(30))
