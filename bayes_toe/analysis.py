@@ -332,7 +332,7 @@ def _analysed(subject: Subject, settings: Settings, wanted: Wanted, data: tuple[
     best = None
     if wanted.chains is not None and said.best_model not in ("", models.update.name):
         best = space.predictor(said.best_model, _SHOWN, generator(seed, subject.name, said.best_model, "shown")).x
-    history = subject_history(subject, prior, seed) if wanted.chains is not None and said.follows else None
+    history = subject_history(space, seed) if wanted.chains is not None and said.follows else None
     return _Analysed(None if result.chains is None else subject_draws(result, summarised=True), row, fit, best, history=history)
 
 

@@ -23,6 +23,7 @@ from bayes_toe.data.answers import Answers
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.inference.space import space_evidence
+from bayes_toe.model.ladder import models_of
 from bayes_toe.model.parts import composition
 from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import DEFAULT
@@ -73,7 +74,8 @@ def observer(name: str, truth: str, trials: int, seed: int) -> Subject:
 
 def judged(truth: str, trials: int, i: int, seed: int) -> dict[str, object]:
     """What is concluded of one of them."""
-    row = subject_history(observer(f"{truth} {trials} {i}", truth, trials, seed), DEFAULT, seed)
+    subject = observer(f"{truth} {trials} {i}", truth, trials, seed)
+    row = subject_history(space_evidence(subject, DEFAULT, models_of(subject.task).space, seed), seed)
     levels = {"static": row.p_static, "carry-over": row.p_carry_over, "running average": row.p_running_average}
     own = TRUTHS[truth][1]
     true = next(iter(own.values()), np.nan)

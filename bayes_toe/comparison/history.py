@@ -26,7 +26,7 @@ from bayes_toe.data.tables import SubjectTable, frame_of
 from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.inference.history_check import HISTORY_DRAWS, history_p
 from bayes_toe.inference.prediction import Predictor
-from bayes_toe.inference.space import Sampled, space_evidence
+from bayes_toe.inference.space import SpaceEvidence, space_evidence
 from bayes_toe.kept import keeping
 from bayes_toe.model.history import require_order
 from bayes_toe.model.ladder import models_of, posterior_of
@@ -191,62 +191,73 @@ def compare_history(
         require_order(subject)
     with keeping(keep, "histories of subjects") as kept:
         chosen, root = prior_for(study, prior), kept.seed(seed)
-        jobs = [partial(subject_history, subject, chosen, root) for subject in study]
+        jobs = [partial(_tried, subject, chosen, root) for subject in study]
         done = kept.work(jobs, workers, progress, [(name,) for name in study.names])
         rows = [_failed(name, done.failed[i].reason) if i in done.failed else done.read(i) for i, name in enumerate(study.names)]
     return HistoryTable(tuple(rows), study, root, chosen)
 
 
-def subject_history(subject: Subject, prior: Prior, seed: int) -> SubjectHistory:
-    """The histories of one subject."""
-    answers = require_order(subject)
-    space = models_of(subject.task).space
-    values = space_evidence(subject, prior, space, seed).log_evidence
-    order = [space[i] for i in np.argsort(-np.where(np.isnan(values), -np.inf, values))]
-    static = order[:_TRIED]
-    pulled = [model for model in static if model.pull is not None] or [next(model for model in order if model.pull is not None)]
-    static += [model for model in pulled if model not in static]
-    timed = answers.iti is not None and bool(np.isfinite(answers.iti[~answers.begins]).any())
-    levels = ["carry-over", *(["carry-over by time"] if timed else []), "running average"]
-    tried: dict[str, list[Model]] = {_STATIC: pulled, **{level: [_with(model, history=level) for model in pulled] for level in levels}}
+def _tried(subject: Subject, prior: Prior, seed: int) -> SubjectHistory:
+    return subject_history(space_evidence(subject, prior, models_of(subject.task).space, seed), seed)
+
+
+def subject_history(found: SpaceEvidence, seed: int) -> SubjectHistory:
+    """The histories of one subject of whom the space of the task is known, which says with what compositions they are tried."""
+    subject, static = found.subject, _likeliest(found)
+    of_levels = _with_histories(subject, static)
+    flexible = [model for level, models in of_levels.items() if level != _STATIC for model in models]
     biased = [_with(model, **_BIAS) for model in static] if subject.task == WHICH_STRONGER else []
-    found = space_evidence(subject, prior, [*static, *(one for level in levels for one in tried[level]), *biased], seed)
-    if np.isnan(found.log_evidence).any():
-        missing = [model.name for model, value in zip(found.models, found.log_evidence, strict=True) if np.isnan(value)]
+    tried = space_evidence(subject, found.prior, [*static, *flexible, *biased], seed)
+    if np.isnan(tried.log_evidence).any():
+        missing = [model.name for model, value in zip(tried.models, tried.log_evidence, strict=True) if np.isnan(value)]
         return _failed(subject.name, f"no evidence of {', '.join(missing)}")
+    log_evidence = dict(zip(tried.models, tried.log_evidence.tolist(), strict=True))
 
     def mean(models: Sequence[Model]) -> float:
         """Log of the mean evidence."""
-        return float(logsumexp([found.log_evidence[found.models.index(model)] for model in models]) - np.log(len(models)))
+        return float(logsumexp([log_evidence[model] for model in models]) - np.log(len(models)))
 
-    of_levels = {level: mean(models) for level, models in tried.items()}
-    p = dict(zip(of_levels, softmax(list(of_levels.values())).tolist(), strict=True))
-    flexible = [model for level in levels for model in tried[level]]
-    best, plain = (max(models, key=lambda model: mean([model])) for models in (flexible, static))
-    shown = [_drawn(subject, prior, one, found.sampled.get(found.models.index(one)), seed) for one in (plain, best)]
-    quantity = shown[1].target.names.natural[-1]
-    q05, q50, q95 = np.quantile(shown[1].target.quantities(shown[1].x)[quantity], [0.05, 0.5, 0.95]).tolist()
-    p_static_fit, p_fit = (history_p(one.target, one.x, seed) for one in shown)
+    means = [mean(models) for models in of_levels.values()]
+    p = dict(zip(of_levels, softmax(means).tolist(), strict=True))
+    plain, best = (max(models, key=log_evidence.__getitem__) for models in (static, flexible))
+    drawn = [_drawn(tried, model, seed) for model in (plain, best)]
+    quantity = drawn[1].target.names.natural[-1]
+    q05, q50, q95 = np.quantile(drawn[1].target.quantities(drawn[1].x)[quantity], [0.05, 0.5, 0.95]).tolist()
+    p_static_fit, p_fit = (history_p(one.target, one.x, seed) for one in drawn)
     return SubjectHistory(
         subject.name,
         p[_STATIC],
         p["carry-over"],
         p.get("carry-over by time"),
         p["running average"],
-        mean(flexible) - of_levels[_STATIC],
+        mean(flexible) - means[0],
         mean(biased) - mean(static) if biased else None,
-        mean([best]) - mean([plain]),
+        log_evidence[best] - log_evidence[plain],
         best.name,
         plain.name,
-        quantity,
-        q05,
-        q50,
-        q95,
-        p_static_fit,
-        p_fit,
-        shown=tuple(one.x[:_SHOWN] for one in shown),
+        *(quantity, q05, q50, q95),
+        *(p_static_fit, p_fit),
+        shown=tuple(one.x[:_SHOWN] for one in drawn),
         pulled=plain.pull is not None,
     )
+
+
+def _likeliest(found: SpaceEvidence) -> list[Model]:
+    """The compositions that describe a subject best, the best that has a pull among them."""
+    values = found.log_evidence
+    order = [found.models[i] for i in np.argsort(-np.where(np.isnan(values), -np.inf, values))]
+    best = order[:_TRIED]
+    if all(model.pull is None for model in best):
+        best.append(next(model for model in order if model.pull is not None))
+    return best
+
+
+def _with_histories(subject: Subject, static: Sequence[Model]) -> dict[str, list[Model]]:
+    """Those that have a pull, with every level of the part: none, and what is known enough to be tried."""
+    answers, pulled = require_order(subject), [model for model in static if model.pull is not None]
+    timed = answers.iti is not None and bool(np.isfinite(answers.iti[~answers.begins]).any())
+    levels = ("carry-over", *(["carry-over by time"] if timed else []), "running average")
+    return {_STATIC: pulled, **{level: [_with(model, history=level) for model in pulled] for level in levels}}
 
 
 def _with(model: Model, **levels: str) -> Model:
@@ -254,13 +265,11 @@ def _with(model: Model, **levels: str) -> Model:
     return compose(model.task, **{**dict(model.levels), **levels})
 
 
-def _drawn(subject: Subject, prior: Prior, model: Model, sampled: Sampled | None, seed: int) -> Predictor:
+def _drawn(found: SpaceEvidence, model: Model, seed: int) -> Predictor:
     """Equally weighted posterior draws of a model; sampled anew where its evidence was Laplace's."""
-    one = space_evidence(subject, prior, [model], seed).sampled[0] if sampled is None else sampled
-    draws, rng = one.fitted.draws, generator(seed, subject.name, model.name, "history draws")
-    posterior = one.fitted.proposal.posterior
-    assert isinstance(posterior, Posterior)
-    return Predictor(posterior, draws.x[rng.choice(len(draws.x), HISTORY_DRAWS, p=draws.shares)])
+    subject, sampled = found.subject, found.models.index(model) in found.sampled
+    known = found if sampled else space_evidence(subject, found.prior, [model], seed)
+    return known.predictor(model.name, HISTORY_DRAWS, generator(seed, subject.name, model.name, "history draws"))
 
 
 def _failed(name: str, note: str) -> SubjectHistory:

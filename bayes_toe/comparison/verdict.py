@@ -292,9 +292,8 @@ def verdict(subject: Subject, prior: Prior, seed: int, *, data: Sequence[Doubt] 
     fitted = found.sampled[best].fitted
     fit, of_history = weighted_fit(fitted, seed), None
     if knows_order(subject):
-        posterior, rng = fitted.proposal.posterior, generator(seed, subject.name, space[best].name, "history")
-        assert isinstance(posterior, Posterior)
-        of_history = history_p(posterior, fitted.draws.x[rng.choice(len(fitted.draws.x), HISTORY_DRAWS, p=fitted.draws.shares)], seed)
+        drawn = found.predictor(space[best].name, HISTORY_DRAWS, generator(seed, subject.name, space[best].name, "history"))
+        of_history = history_p(drawn.target, drawn.x, seed)
     sizes, weights = _sizes(found, values)
     order = np.argsort(sizes)
     middle = int(np.searchsorted(np.cumsum(weights[order]), 0.5))
