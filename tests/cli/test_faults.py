@@ -1,4 +1,5 @@
-"""Workers that die, and commands that are stopped or killed: what is said, what is left on the disk, and that no process is."""
+"""Workers that die, and commands that are stopped or killed: what is said, what is left on the disk, that no process is,
+and that those go on that were killed."""
 
 import os
 import signal
@@ -6,8 +7,8 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from commands import inside
-from conftest import grouped_csv, known_observers
+from commands import good, inside, refused
+from conftest import few_pairs, grouped_csv, known_observers
 from processes import members, needs_proc, start, until, until_gone, workers
 
 import bayes_toe as bt
@@ -126,3 +127,55 @@ def test_what_a_killed_command_leaves_is_ended_and_swept(running):
     again = inside("run", "none.csv", "-o", "out", cwd=running.folder)
     assert "out.partial: found 2 results of a stopped command" in again.stderr
     assert not list(running.folder.glob(".bayes_toe-*"))
+
+
+@pytest.fixture
+def four(tmp_path):
+    """Four subjects with few pairs."""
+    grouped_csv(tmp_path / "study.csv", few_pairs("ABCD"))
+    return tmp_path
+
+
+def killed(folder, *words, kept):
+    """A command that is killed without warning when so many subjects are there."""
+    running = start(*words, cwd=folder)
+    until(lambda: len(list(folder.glob("*.partial/*.kept"))) >= kept, running)
+    running.kill()
+    running.communicate()
+    until_gone(running.pid)
+
+
+def test_a_command_that_is_killed_and_resumed_is_as_one_that_was_not(four):
+    options = ("--seed", "1", "--draws", "100", "--model", "symmetric", "--workers", "2")
+    words = ("sample", "study.csv", "-o", "posterior.nc", *options)
+    killed(four, *words, kept=2)
+    said = refused(*words, cwd=four)
+    if not (four / "posterior.nc").exists():
+        assert "go on with --resume or begin anew with --overwrite" in said
+        assert "of 4 subjects taken from posterior.nc.partial" in good(*words, "--resume", cwd=four)
+    assert sorted(path.name for path in four.iterdir()) == ["posterior.nc", "study.csv"]
+    good("sample", "study.csv", "-o", "calm.nc", *options, cwd=four)
+    assert (four / "posterior.nc").read_bytes() == (four / "calm.nc").read_bytes()
+
+
+def test_a_group_goes_on_with_the_subjects_that_were_done_before_it_was_killed(four):
+    grouped_csv(four / "study.csv", known_observers("ABC"))
+    options = ("--model", "symmetric", "--seed", "1", "--draws", "10", "--workers", "1")
+    killed(four, "population", "study.csv", "-o", "group.nc", "--resume", *options, kept=2)
+    assert not (four / "group.nc").exists()
+    resumed = good("population", "study.csv", "-o", "group.nc", "--resume", *options, cwd=four)
+    assert "of 3 subjects taken from group.nc.partial" in resumed
+    good("population", "study.csv", "-o", "calm.nc", *options, cwd=four)
+    assert not (four / "group.nc.partial").exists()
+    for ending in (".nc", ".csv", "_subjects.csv", ".png"):
+        assert (four / f"group{ending}").read_bytes() == (four / f"calm{ending}").read_bytes()
+
+
+def test_what_was_kept_is_thrown_away_where_that_is_asked_for(four, three_models):
+    grouped_csv(four / "study.csv", known_observers("A"))
+    (four / "evidence.csv.partial").mkdir()
+    (four / "evidence.csv.partial" / "0.kept").write_text("of another time")
+    options = ("evidence", "study.csv", "-o", "evidence.csv", "--seed", "1", "--workers", "1")
+    assert "evidence.csv.partial: found 1 results of a stopped command" in refused(*options, cwd=four)
+    good(*options, "--overwrite", cwd=four)
+    assert sorted(path.name for path in four.iterdir()) == ["evidence.csv", "study.csv"]

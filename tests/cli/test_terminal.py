@@ -5,13 +5,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 import bayes_toe as bt
 from bayes_toe.cli.answers import say_verdicts
 from bayes_toe.cli.describe import say_fits
+from bayes_toe.cli.headline import flagged, p_value, told
 from bayes_toe.cli.infer import say_draws
 from bayes_toe.cli.terminal import MOST_NAMES, MOST_ROWS, allowed, allowed_in_order, new_console, once, say_lines, say_table
 from bayes_toe.comparison.verdict import Doubt
+from bayes_toe.inference.predictive_checks import MISFIT
 
 
 def rows_of(text, names):
@@ -111,3 +115,23 @@ def test_digits_end_where_the_error_begins(value, error, most, shown):
 def test_a_median_is_shown_between_its_limits(values, errors, shown):
     assert allowed_in_order(values, errors, 2) == shown
     assert [float(text) for text in shown] == sorted(float(text) for text in shown)
+
+
+LIMITS = (0.05, 0.25, 0.75, 0.95)
+
+
+@given(st.one_of(st.floats(0.0, 1.0), st.builds(lambda limit, off: limit + off, st.sampled_from(LIMITS), st.floats(-1e-3, 1e-3))))
+def test_a_probability_is_printed_on_its_side_of_every_limit(p):
+    shown = told(p)
+    assert abs(float(shown) - p) <= 0.005 + 1e-12
+    assert all((float(shown) > one) == (p > one) for one in LIMITS if abs(p - one) > 1e-14)
+
+
+@pytest.mark.parametrize("value", [0.00951, 0.00999, 0.0099999, MISFIT, 0.01001, 0.0149])
+def test_a_p_value_below_the_limit_of_a_misfit_looks_so(value):
+    assert (float(p_value(value)) < MISFIT) == (value < MISFIT)
+
+
+def test_who_must_be_looked_at_and_why(marked):
+    assert flagged(marked.evidence) == {"A": ("not described", "data in doubt"), "C": ("no verdict",)}
+    assert flagged(marked.evidence, {"B": "few draws"})["B"] == ("not converged",)

@@ -14,7 +14,6 @@ import bayes_toe as bt
 from bayes_toe.classical.fit import bootstrap_evidence, bootstrap_subject
 from bayes_toe.comparison.evidence_table import EVIDENCE_COLUMNS, EvidenceTable, frequency_evidence_laplace, subject_evidence
 from bayes_toe.comparison.verdict import verdict
-from bayes_toe.data.tables import write_table
 from bayes_toe.experiments.simulate import reference_design
 from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.evidence import importance_evidence, laplace_evidence
@@ -135,15 +134,6 @@ def test_table_has_the_columns_of_the_contract(analysis, tmp_path):
     odds = np.log((1.0 - frame["p_none"]) / frame["p_none"] / 2.0)
     known = frame["p_none"] > 1e-9
     np.testing.assert_allclose(odds[known], frame["log_bayes_factor_effect"][known], atol=1e-5)
-
-
-@pytest.mark.parametrize("spreadsheet_safe", [False, True])
-def test_the_file_is_what_pandas_writes(analysis, tmp_path, spreadsheet_safe):
-    row = replace(analysis.evidence.rows[0], subject='=1,"2"', log_evidence_h1_laplace=None, pareto_k=math.nan, log_evidence_h1_se=1e-20)
-    table = replace(analysis.evidence, rows=(*analysis.evidence.rows, row), failed={"lost": "killed"})
-    ours = table.save(tmp_path / "ours.csv", spreadsheet_safe=spreadsheet_safe)
-    theirs = write_table(table.frame(), tmp_path / "theirs.csv", spreadsheet_safe=spreadsheet_safe)
-    assert ours.read_bytes() == theirs.read_bytes()
 
 
 def test_evidence_and_run_agree_on_all_but_the_draws_behind_the_fit_of_h1(analysis):

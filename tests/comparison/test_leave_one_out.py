@@ -1,7 +1,5 @@
 """Leave-one-out values against refits without the unit (evidence ratios), against Beta integrals, and where importance sampling fails."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy.integrate import quad
@@ -11,7 +9,6 @@ import bayes_toe as bt
 from bayes_toe.comparison import model_row
 from bayes_toe.comparison.leave_one_out import (
     LeaveOneOut,
-    below_best,
     leave_one_out,
     leave_one_out_frequencies,
     left_out_pairs,
@@ -203,25 +200,6 @@ LOG_P = np.full((200, 2), -0.7)
 def test_bad_input_is_refused(arguments, options, message):
     with pytest.raises(InputError, match=message):
         leave_one_out(*arguments, **options)
-
-
-def test_differences_to_the_best_are_paired_over_trials(observed):
-    s, equal, different, _ = observed
-    first = leave_one_out(equal, different, s.n_yes, s.n_trials)
-    second = leave_one_out(np.full_like(equal, np.log(0.5)), np.full_like(equal, np.log(0.5)), s.n_yes, s.n_trials)
-    free = leave_one_out_frequencies(s.n_yes, s.n_trials)
-    withheld = replace(free, values=free.values * np.nan)
-    found = below_best([second, first, withheld, free])
-    assert found[1] == (0.0, 0.0)
-    assert np.isnan(found[2]).all()
-    answers = [s.n_yes, s.n_trials - s.n_yes]
-    each = {one: np.concatenate([np.repeat(one.values[a], answers[a]) for a in (0, 1)]) for one in (first, second, free)}
-    for one, (difference, error) in ((second, found[0]), (free, found[3])):
-        apart = each[one] - each[first]
-        assert difference == pytest.approx(apart.sum(), rel=1e-9)
-        assert difference < 0
-        assert error == pytest.approx(np.sqrt(len(apart)) * apart.std(ddof=1), rel=1e-9)
-    assert np.isnan(below_best([withheld, withheld])).all()
 
 
 def test_joined_subjects_are_all_their_units():

@@ -1,5 +1,6 @@
 """The verdict of a subject: words by their limits, robustness and size by other routes, real subjects as measured."""
 
+import math
 from dataclasses import replace
 from itertools import pairwise
 
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 
 import bayes_toe as bt
+from bayes_toe.comparison import words
 from bayes_toe.comparison.verdict import Doubt, Verdict, verdict
 from bayes_toe.data.study import Subject
 from bayes_toe.inference.prediction import effect_size
@@ -121,3 +123,11 @@ def test_real_subjects_are_as_measured(name, real_data):
     np.testing.assert_allclose(said.p_orders, orders, atol=0.02)
     assert said.effect == word
     assert said.fit == "described"
+
+
+def test_the_scale_is_stated_with_its_own_probabilities():
+    # 2 log B of 2, 6 and 10, as Kass and Raftery have them.
+    assert [2 * least for least, _ in words.SCALE] == [10.0, 6.0, 2.0, 0.0]
+    for least, shown in ((1.0, "0.73"), (3.0, "0.95"), (5.0, "0.993")):
+        assert f"{1 / (1 + math.exp(-least)):.3f}".startswith(shown)
+        assert shown in words.STATED

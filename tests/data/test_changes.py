@@ -141,8 +141,3 @@ def test_what_is_kept_of_other_answers_is_not_taken(tmp_path):
     standing = under_way[tmp_path / "kept"]
     assert (standing.taken, standing.jobs) == (2, 3)
     xr.testing.assert_identical(turned.group("posterior"), bt.sample(study.turn("B"), **how).group("posterior"))
-
-
-def test_a_population_remembers_it_too(tmp_path):
-    found = bt.population(bt.example_study().select(["S01", "S02", "S03"]).turn("S03"), model="symmetric", draws=10, seed=1, workers=1)
-    assert bt.load(found.save(tmp_path / "group.nc")).study.changes == ("--turn S03",)

@@ -120,10 +120,6 @@ def test_guessing_reversed_answers_and_chance_accuracy_are_told_apart():
     assert found(few) == {}, "so few trials do not exclude an accuracy beyond chance"
 
 
-def test_the_answer_to_a_study_does_not_depend_on_anything_random():
-    assert check_answers(study(2, swapped=(3,))) == check_answers(study(2, swapped=(3,)))
-
-
 def test_too_few_trials_to_tell_orders_apart():
     counts = [0.0, 0.0, 0.4, 0.4], [0.0, 0.4, 0.0, 0.4]
     assert "few_trials" in found(Study((Subject("S", *counts, [30, 5, 10, 30], [31] * 4),)))

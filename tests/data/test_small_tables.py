@@ -69,16 +69,6 @@ def test_what_the_plain_files_hold(written):
 
 
 @KINDS
-@pytest.mark.parametrize(
-    ("delimiter", "decimal", "end", "codec"), [(";", ",", "\r\n", "utf-8-sig"), ("\t", ".", "\n\n", "utf-16"), (", ", ".", "\n", "utf-8")]
-)
-def test_dialects_of_a_study_are_those_of_small_files(written, kind, delimiter, decimal, end, codec):
-    plain = READERS[kind](written(TEXTS[kind]))
-    text = TEXTS[kind].replace(",", "|").replace(".", decimal).replace("|", delimiter).replace("\n", end)
-    assert READERS[kind](written(text.encode(codec))) == plain
-
-
-@KINDS
 def test_rows_of_another_width_are_refused(written, kind):
     """Readers that guess take the first column for an index, and shift all others in silence."""
     header, *rows = TEXTS[kind].splitlines()
@@ -111,20 +101,6 @@ def test_a_subject_without_a_name_or_named_twice_is_refused(written, kind):
         "row 4, column subject: found '01', allowed: each name once, and row 2 has it",
         "row 5, column subject: found '', allowed: a text that is not empty",
     ]
-
-
-@KINDS
-def test_files_that_are_no_tables_or_not_there_are_refused(written, tmp_path, kind):
-    header = TEXTS[kind].partition("\n")[0]
-    for data, said in (
-        (b"", "found an empty file, allowed: a header and at least one row"),
-        (f"{header}\n\n".encode(), "row 1: found a header only, allowed: at least one row below it"),
-        (f"{header}\n".encode() + b"\xe9", f"row 2: found byte 0xe9 at offset {len(header) + 1}, not UTF-8, allowed: text in UTF-8"),
-    ):
-        (problem,) = problems(REFUSING[kind], written(data))
-        assert problem.startswith(said)
-    (problem,) = problems(READERS["covariates"], tmp_path / "none.csv")
-    assert problem.endswith("none.csv: cannot be read (No such file or directory), allowed: a CSV file that exists and may be read")
 
 
 def test_the_bundled_truth_is_read_to_the_last_bit():

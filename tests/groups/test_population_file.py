@@ -10,7 +10,6 @@ from populations import made_up
 
 import bayes_toe as bt
 from bayes_toe.data.covariates import Covariates
-from bayes_toe.errors import OutputError
 from bayes_toe.groups import population_file
 from bayes_toe.groups.population_file import load_population
 from bayes_toe.groups.regressors import regressors
@@ -75,10 +74,3 @@ def test_what_is_no_population_is_refused(found, file, analysis, tmp_path):
         with pytest.raises(bt.InputError, match=r"allowed: a population\.nc") as refused:
             load_population(path)
         assert str(refused.value).count("\n") == 0
-
-
-def test_nothing_is_replaced_unasked(found, file):
-    before = file.read_bytes()
-    with pytest.raises(OutputError):
-        found.save(file)
-    assert file.read_bytes() == before

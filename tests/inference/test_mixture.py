@@ -4,10 +4,13 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from reference.hard_cases import hard_cases
 from scipy.special import logsumexp
 from scipy.stats import multivariate_t
 
-from bayes_toe.inference.proposal import StudentMixture
+from bayes_toe.inference.adaptation import fit_proposal
+from bayes_toe.inference.proposal import StudentMixture, efficiency, importance_draws
+from bayes_toe.model.ladder import posterior_of
 
 
 @pytest.fixture
@@ -84,3 +87,20 @@ def test_em_climbs_and_recovers_the_mixture(mixture):
     assert all(b >= a - 1e-3 for a, b in pairwise(likelihoods))
     assert np.sort(fits[-1].weights) == pytest.approx([0.3, 0.7], abs=0.03)
     assert likelihoods[-1] == pytest.approx(weights @ mixture.log_density(x), abs=0.005)
+
+
+CASES = hard_cases()
+
+
+def test_log_proposal_density_integrates_to_one():
+    # Importance weights of the proposal's own density against its draws: prior / proposal averages to the prior's mass, 1.
+    posterior = posterior_of(CASES["one batch"])
+    proposal = fit_proposal(posterior, np.random.default_rng(9)).proposal
+    draws = importance_draws(proposal, np.random.default_rng(10), 200_000)
+    ratio = np.exp(draws.log_prior - draws.log_proposal)
+    assert ratio.mean() == pytest.approx(1.0, abs=5 * ratio.std() / np.sqrt(len(ratio)))
+
+
+def test_efficiency_of_even_and_of_single_weights():
+    assert efficiency(np.full(7, -1e6)) == pytest.approx(1.0)
+    assert efficiency(np.array([0.0] + [-1e4] * 9)) == pytest.approx(0.1)

@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 
 from bayes_toe.errors import InputError
 from bayes_toe.model.beliefs import Gaussian, comparison_distance, evolve, update
-from bayes_toe.model.closed_form import MAX_PULL, equal_probability, pull, width
+from bayes_toe.model.closed_form import MAX_PULL, pull, width
 from bayes_toe.model.coordinates import Natural
 from bayes_toe.model.intervals import (
     OF_EQUAL,
@@ -42,17 +42,6 @@ def test_filter_equations_give_the_closed_form(isi):
         assert equal_probability_at(s1, s2, isi, OBSERVER) == pytest.approx(float(literal), rel=1e-12)
     weight = prior.variance / (prior.variance + OBSERVER.sigma_l**2)
     assert gain_at(OBSERVER, isi) == pytest.approx(float(weight), rel=1e-12)
-
-
-def test_one_second_is_the_model_without_intervals():
-    s1, s2 = np.array([0.0, 0.4]), np.array([0.3, 0.1])
-    assert np.array_equal(equal_probability_at(s1, s2, 1.0, OBSERVER), equal_probability(s1, s2, *OBSERVER))
-
-
-def test_the_unit_of_time_is_free():
-    # Seconds or minutes: sigma_p per root of a minute is sqrt(60) times larger.
-    slow = OBSERVER._replace(sigma_p=OBSERVER.sigma_p * np.sqrt(60.0))
-    assert equal_probability_at(0.0, 0.3, 3.0, OBSERVER) == pytest.approx(float(equal_probability_at(0.0, 0.3, 0.05, slow)), rel=1e-13)
 
 
 def test_gain_rises_with_the_interval_and_the_width_is_least_where_gamma_is_two():

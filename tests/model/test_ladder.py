@@ -6,13 +6,11 @@ from functools import cache
 import numpy as np
 import pytest
 from reference.hard_cases import hard_cases
-from scipy.integrate import cubature
 from scipy.special import logit, logsumexp
-from scipy.stats import halfnorm, norm, uniform
+from scipy.stats import norm
 
 import bayes_toe as bt
 from bayes_toe.errors import InputError, NumericalError
-from bayes_toe.experiments.simulate import reference_design
 from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.evidence import importance_evidence
 from bayes_toe.inference.maxima import find_maxima
@@ -61,80 +59,10 @@ def test_prior_density_and_prior_draws_belong_together(name, prior):
     assert ratio.std() / np.sqrt(len(x)) < 0.02
 
 
-def test_shared_quantities_share_their_priors():
-    x = {name: posterior_of(STUDY["S01"], OTHER, model=BY_NAME[name]).judged for name in BY_NAME}
-    rng = np.random.default_rng(7)
-    draws = {name: judged(posterior_of(STUDY["S01"], OTHER, model=BY_NAME[name]).sample_prior(rng, 200_000)) for name, judged in x.items()}
-    expected = {
-        "q0": uniform(),
-        "mu1": norm(0.4, 2.0),
-        "sigma_p": halfnorm(scale=0.7),
-        "sigma1": halfnorm(scale=0.7),
-        "gain": uniform(0, 2),
-        "rho": uniform(),
-        "gamma": uniform(),
-    }
-    seen = set()
-    for name, quantities in draws.items():
-        for key, distribution in expected.items():
-            if key in quantities and (key != "sigma1" or name == "mean-reverting memory"):
-                seen.add(key)
-                rank = distribution.cdf(quantities[key])
-                assert np.abs(np.sort(rank) - np.linspace(0, 1, len(rank))).max() < 2.5 / np.sqrt(len(rank))  # P about 1e-5 each
-    assert seen == set(expected)
-
-
 # --- Likelihoods ------------------------------------------------------------------------------------
 
 
-def test_free_weighting_is_hellstroms_form():
-    subject = STUDY["S03"]
-    target = posterior_of(subject, PLAIN, model="free weighting")
-    offset, gain, width, q0 = 0.04, 1.3, 0.3, 0.85
-    x = [[offset, np.log(gain / (2 - gain)), np.log(width), np.log(q0 / (1 - q0))]]
-    # The second stimulus against a weighted compound of the first and of the mean first stimulus.
-    expected = (subject.s2 - (gain * subject.s1 + (1 - gain) * target.sbar) - offset) / width
-    assert target.distance(np.array(x))[0] == pytest.approx(expected, rel=1e-12)
-
-
 # --- Evidence ---------------------------------------------------------------------------------------
-
-
-def _natural_evidence(subject, q_of, box, log_prior):
-    """Log evidence by adaptive cubature in natural coordinates; answers and prior as they are written on paper."""
-    k, n = subject.n_yes, subject.n_trials
-
-    def log_joint(theta):
-        q = q_of(theta)
-        with np.errstate(divide="ignore"):  # probabilities below the smallest float: the density is 0 there
-            return (k * np.log(q) + (n - k) * np.log1p(-q)).sum(axis=-1) + log_prior(theta)
-
-    rough = np.random.default_rng(0).uniform(*box, size=(200_000, len(box[0])))
-    top = log_joint(rough).max()
-    found = cubature(lambda theta: np.exp(log_joint(theta) - top), *box, rtol=1e-5, max_subdivisions=20_000)
-    assert found.status == "converged"
-    return top + np.log(found.estimate)
-
-
-@pytest.mark.parametrize("name", ["constant bias", "differencing"])
-def test_three_dimensions_against_quadrature(name):
-    subject = STUDY["S03"]
-
-    def q_of(theta):
-        w, q0, c = theta[:, :1], theta[:, 1:2], theta[:, 2:]
-        z = (subject.s2 - subject.s1 - c) / w
-        if name == "constant bias":
-            return q0 * 2.0 ** -(z**2)
-        k = norm.ppf(0.5 * (1 + q0))
-        return norm.cdf(k - z) - norm.cdf(-k - z)
-
-    def log_prior(theta):
-        return halfnorm.logpdf(theta[:, 0]) + norm.logpdf(theta[:, 2])
-
-    exact = _natural_evidence(subject, q_of, ([0.02, 1e-6, -0.6], [1.0, 1 - 1e-6, 0.6]), log_prior)
-    value, error, _ = evidence_of(subject, BY_NAME[name], prior=PLAIN)
-    assert value == pytest.approx(exact, abs=4.5 * error + 1e-3)
-    assert 4.5 * error < 0.02
 
 
 def _marginal_density_at(fitted, coordinate, at, grid):
@@ -224,32 +152,6 @@ def test_savage_dickey_on_an_edge(small, large, subject, coordinate, edge):
 
 
 # --- Recovery ---------------------------------------------------------------------------------------
-
-TRUTHS = {
-    "symmetric": [[np.log(0.2), 2.0]],
-    "constant bias": [[0.12, np.log(0.2), 2.0]],
-    "predictive update": [[-0.14, 1.5, np.log(0.28), 1.5]],
-    "free weighting": [[-0.02, np.log(1.6 / 0.4), np.log(0.2), 2.5]],
-    "differencing": [[0.08, np.log(0.11), 2.5]],
-}
-#: Models that reduce to the one that made the data, or that it reduces to: which of them wins by a little is chance.
-KIN = {"predictive update": {"predictive update", "mean-reverting memory", "no lapses"}}
-
-
-@pytest.mark.parametrize("name", TRUTHS)
-def test_the_model_that_made_the_data_wins_in_aggregate(name):
-    design = reference_design(batches=800)
-    s1, s2, n = np.asarray(design.s1), np.asarray(design.s2), np.full(len(design.s1), 800)
-    empty = bt.Subject("made", s1, s2, np.zeros_like(n), n)
-    q = np.exp(posterior_of(empty, PLAIN, model=BY_NAME[name]).log_answers(TRUTHS[name])[0][0])
-    # A subject has its pairs sorted.
-    # One subject of so many trials knows as much as several of fewer do together.
-    subject = bt.Subject("made", empty.s1, empty.s2, np.random.default_rng([8, 0]).binomial(n, q), n)
-    found = {model.name: evidence_of(subject, model)[0] for model in BY_NAME.values()}
-    # A withheld one is that of a model far off.
-    total = {key: -np.inf if value is None else value for key, value in found.items()}
-    assert max(total, key=total.get) in KIN.get(name, {name})
-    assert total[name] > max(total.values()) - 3.0
 
 
 # --- Sampling and hard cases ------------------------------------------------------------------------

@@ -186,16 +186,6 @@ def test_a_part_that_does_nothing_is_not_there(name):
         assert more.log_likelihood(y) == pytest.approx(less.log_likelihood(x), rel=1e-12)
 
 
-@pytest.mark.parametrize("model", SPACE, ids=lambda one: one.name)
-def test_the_gradient_of_every_model_of_the_space(model):
-    target = model.posterior(subject())
-    x = np.random.default_rng(2).normal(size=(4, len(target.coordinates))) * 0.6
-    step, found = 2.0**-14, target.gradient(x)[1]
-    for i, unit in enumerate(np.eye(x.shape[1])):
-        near, far = (target.log_density(x + k * step * unit) - target.log_density(x - k * step * unit) for k in (1, 2))
-        assert found[:, i] == pytest.approx((8.0 * near - far) / (12.0 * step), rel=1e-7, abs=1e-6)
-
-
 # --- the unit of time -----------------------------------------------------------------------------------------------------------------
 
 

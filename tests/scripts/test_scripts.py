@@ -8,6 +8,7 @@ from contextlib import chdir, redirect_stderr, redirect_stdout
 from pathlib import Path
 from unittest.mock import patch
 
+import adaptive_session
 import pandas as pd
 import pytest
 from conftest import grouped_csv
@@ -144,3 +145,13 @@ def test_before_and_after_of_the_same_commit(folder):
     refused = inside("before_after.py", "nothing-like-it", "--only", "help", cwd=folder)
     assert refused.returncode == 2
     assert refused.stderr.startswith("commit 'nothing-like-it': ")
+
+
+def test_a_session_is_saved_goes_on_and_leaves_a_study(tmp_path, monkeypatch, capsys):
+    for trials in (3, 6):
+        monkeypatch.setattr(sys, "argv", ["x", str(tmp_path / "a.json"), "--trials", str(trials), "--simulate", "--subject", "P7"])
+        assert adaptive_session.main() == 0
+        assert "P(predictive update) = " in capsys.readouterr().out
+        study = bt.read_study(tmp_path / "a.csv")
+        assert (study.names, study["P7"].total_trials) == (("P7",), trials)
+    assert bt.planning.Adaptive.resume(tmp_path / "a.json").trials == 6
