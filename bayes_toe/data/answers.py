@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
-from bayes_toe.arrays import BoolArray, FloatArray, IntArray
+from bayes_toe.arrays import BoolArray, FloatArray, IntArray, run_starts
 from bayes_toe.data.messages import bare, listed, quoted
 from bayes_toe.errors import InputError
 
@@ -38,9 +40,9 @@ class Answers:
     keys: FloatArray
     n_yes: IntArray
     n_trials: IntArray
-    block: IntArray | None
-    blocks: tuple[str, ...]
-    trials: bool
+    block: IntArray | None = None
+    blocks: tuple[str, ...] = ()
+    trials: bool = False
     place: IntArray | None = None
     iti: FloatArray | None = None
     span: tuple[int, int] | None = None
@@ -50,6 +52,15 @@ class Answers:
         """Those rows that have an answer."""
         none = self.n_trials == 0
         return self.without(none) if none.any() else self
+
+    @property
+    def sums(self) -> list[npt.NDArray[Any]]:
+        """By distinct pair with an answer, sorted by its keys: the sums of `n_yes` and `n_trials`, and the keys, shape (pairs,) each."""
+        rows = np.flatnonzero(self.n_trials)
+        rows = rows[np.lexsort(self.keys[rows].T[::-1])]
+        starts = run_starts(*self.keys[rows].T)
+        counts = (np.add.reduceat(count[rows], starts) if len(starts) else count[rows] for count in (self.n_yes, self.n_trials))
+        return [*counts, *self.keys[rows[starts]].T]
 
     @property
     def begins(self) -> BoolArray:
@@ -88,13 +99,12 @@ class Answers:
 
     def without(self, rows: BoolArray) -> Answers:
         """All other rows, with the blocks that they are in; memory begins anew behind those left out."""
-        block = None if self.block is None else self.block[~rows]
-        blocks = self.blocks
-        if block is not None:
-            own, block = np.unique(block, return_inverse=True)
-            blocks = tuple(blocks[place] for place in own.tolist())
-        place, iti = None if self.place is None else self.place[~rows], None if self.iti is None else self.iti[~rows]
-        return Answers(self.keys[~rows], self.n_yes[~rows], self.n_trials[~rows], block, blocks, self.trials, place, iti, self.span)
+        by_row = {key: getattr(self, key) for key in ("keys", "n_yes", "n_trials", "block", "place", "iti")}
+        left = replace(self, **{key: values[~rows] for key, values in by_row.items() if values is not None})
+        if left.block is None:
+            return left
+        own, block = np.unique(left.block, return_inverse=True)
+        return replace(left, block=block, blocks=tuple(self.blocks[one] for one in own.tolist()))
 
 
 @dataclass(frozen=True, eq=False)

@@ -259,9 +259,13 @@ def _study(rows: _Rows, notes: list[str], k: IntArray, n: IntArray, task: Task) 
     owned = np.flatnonzero(n > 0)
     owned = owned[np.argsort(rows.subject.codes[owned], kind="stable")]
     parts = {rows.subject.text(part[0]): part for part in np.split(owned, run_starts(rows.subject.codes[owned])[1:])}
-    values = (*rows.keys[:2], k, n, *rows.keys[2:])
-    subjects = [Subject.from_counts(name, *(one[at] for one in values), task=task) for name, at in parts.items()]
-    trials, doubts = "n_trials" not in rows.columns, list[str]()
+    trials, missing, doubts = "n_trials" not in rows.columns, list[str](), list[str]()
+    if trials or "block" in rows.columns:
+        answers, missing, doubts = answers_in_order(rows.table, rows.columns, rows.keys, parts, k, n)
+        subjects = [Subject.from_answers(name, one, task) for name, one in answers.items()]
+    else:
+        values = (*rows.keys[:2], k, n, *rows.keys[2:])
+        subjects = [Subject.from_counts(name, *(one[at] for one in values), task=task) for name, at in parts.items()]
     merged = {one.name: len(parts[one.name]) - one.n_pairs for one in subjects if not trials}
     if any(merged.values()):
         each = listed([f"{bare(name)} {count}" for name, count in merged.items() if count])
@@ -269,10 +273,7 @@ def _study(rows: _Rows, notes: list[str], k: IntArray, n: IntArray, task: Task) 
     if "isi" in rows.columns:
         isi = tuple(np.unique(rows.keys[2][owned]).tolist())
         notes.append(f"{counted(len(isi), 'interval')} in column {bare(rows.columns['isi'].name)}: {said_intervals(isi)}")
-    if trials or "block" in rows.columns:
-        answers, missing, doubts = answers_in_order(rows.table, rows.columns, rows.keys, parts, k, n)
-        subjects = [replace(one, answers=answers[one.name]) for one in subjects]
-        notes += missing
+    notes += missing
     marks = [text.lower() in _TRUE_WORDS for text in rows.columns["synthetic"].texts] if "synthetic" in rows.columns else [False]
     if any(marks):
         said = "synthetic data: column synthetic says so in every row"

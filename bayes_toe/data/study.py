@@ -103,14 +103,9 @@ class Subject:
 
     def _are_sums_of(self, answers: Answers) -> bool:
         """Whether the counts are those of the answers, as they no longer are in a copy with others."""
-        given, own = answers.given, [key for key in (self.s1, self.s2, self.isi) if key is not None]
-        if given.keys.shape[1] != len(own) or not len(given.keys):
-            return False
-        order = np.lexsort(given.keys.T[::-1])
-        rows, counts = given.keys[order].T, (given.n_yes[order], given.n_trials[order])
-        starts = run_starts(*rows)
-        found = (*(row[starts] for row in rows), *(np.add.reduceat(count, starts) for count in counts))
-        return all(map(np.array_equal, found, (*own, self.n_yes, self.n_trials)))
+        own = [column for column in (self.n_yes, self.n_trials, self.s1, self.s2, self.isi) if column is not None]
+        sums = answers.sums
+        return len(sums) == len(own) and all(map(np.array_equal, sums, own))
 
     @classmethod
     def from_counts(
@@ -132,11 +127,7 @@ class Subject:
         [3]
         """
         keys, k, n = _columns(name, (s1, s2, isi), n_yes, n_trials)
-        rows = np.flatnonzero(n)
-        rows = rows[np.lexsort([key[rows] for key in keys[::-1]])]
-        starts = run_starts(*(key[rows] for key in keys))
-        k, n = (np.add.reduceat(count[rows], starts) if len(starts) else count[rows] for count in (k, n))
-        first, second, *at = (key[rows[starts]] for key in keys)
+        k, n, first, second, *at = Answers(np.column_stack(keys), k, n).sums
         return cls(name, first, second, k, n, *at, task=task)
 
     @classmethod
@@ -167,8 +158,8 @@ class Subject:
     @classmethod
     def from_answers(cls, name: str, answers: Answers, task: Task = SAME_DIFFERENT) -> Subject:
         """A subject from rows as they were given, which it keeps."""
-        s1, s2, *isi = answers.keys.T
-        return replace(cls.from_counts(name, s1, s2, answers.n_yes, answers.n_trials, *isi, task=task), answers=answers)
+        k, n, first, second, *at = answers.sums
+        return cls(name, first, second, k, n, *at, task=task, answers=answers)
 
     @property
     def intervals(self) -> tuple[float, ...]:
@@ -364,14 +355,13 @@ class Study:
         """The study with other answers of a subject, or without one who has none left; what was done stays with it."""
         subject, asked = self[name], [as_name(one) for one in ([blocks] if isinstance(blocks, str | int) else blocks)]
         keys = np.column_stack([key for key in (subject.s1, subject.s2, subject.isi) if key is not None])
-        given = subject.answers or Answers(keys, subject.n_yes, subject.n_trials, None, (), trials=False)
+        given = subject.answers or Answers(keys, subject.n_yes, subject.n_trials)
         done = f"{option} {as_option(subject.name, asked)}"
         try:
             after = change(given, given.rows_of(asked))
         except InputError as error:
             raise InputError(f"{done}: {error}") from None
-        some = bool(after.n_trials.any())
-        made = [Subject.from_answers(subject.name, after, subject.task)] if some else []
+        made = [Subject.from_answers(subject.name, after, subject.task)] if after.n_trials.any() else []
         left = [replace(one, condition=subject.condition, answers=subject.answers and after) for one in made]
         subjects = tuple(one for old in self for one in (left if old is subject else [old]))
         subjects = subjects if self.conditions is None else felt_together(subjects)
@@ -417,8 +407,7 @@ class Study:
 def pooled(units: Sequence[Subject]) -> Subject:
     """All answers of a subject, whatever the condition."""
     keys = ("s1", "s2", "n_yes", "n_trials", *(() if units[0].isi is None else ("isi",)))
-    columns = (np.concatenate([np.asarray(getattr(one, key)) for one in units]) for key in keys)
-    return Subject.from_counts(units[0].person, *columns, task=units[0].task)
+    return Subject.from_counts(units[0].person, *(np.concatenate([getattr(one, key) for one in units]) for key in keys), task=units[0].task)
 
 
 def as_name(name: object) -> str:
