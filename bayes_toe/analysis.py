@@ -6,11 +6,11 @@ All take the same options: seed, prior, draws, workers, progress, keep.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, TypeVar, cast
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.classical.fit import REPLICATES, FitTable, SubjectFit, bootstrap_evidence, bootstrap_subject, subject_fit
@@ -42,6 +42,7 @@ from bayes_toe.kept import Done, Kept, keeping
 from bayes_toe.model.ladder import PREDICTIVE_UPDATE, model_named, models_of
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.study_prior import prior_for
+from bayes_toe.model.target import Target
 from bayes_toe.seeds import generator
 from bayes_toe.workers import Progress, Workers, run_in_order
 
@@ -133,8 +134,12 @@ def run(
         wanted = Wanted(settings.sampler, EVIDENCE_DRAWS)
         jobs = [partial(_analysed, subject, settings, wanted, data) for subject, data in zip(study, data_doubts(study), strict=True)]
         study, done, failed = _survivors(study, jobs, workers, progress, kept)
-        made = assembled(kept.draws, study, _Drawn(done), settings, failed)
-        small = [replace(one, drawn=None, summary=() if one.drawn is None else one.drawn.summary) for one in done]
+        drawn = Done(done.size, done.failed, lambda index: cast(SubjectDraws, done.read(index).drawn))
+        made = assembled(kept.draws, study, drawn, settings, failed)
+        small, summary = list[_Analysed](), list[SummaryRow]()
+        for one in done:  # draws do not stay in memory
+            summary += () if one.drawn is None else one.drawn.summary
+            small.append(replace(one, drawn=None))
     fits = FitTable(tuple(one.fit for one in small if one.fit is not None), _LEVEL, REPLICATES, settings.seed, settings.prior, study.task)
     by_name = {model.name: model for model in models_of(study.task).space}
     best = tuple(
@@ -142,11 +147,10 @@ def run(
         for one in small
         if one.best is not None and one.evidence.verdict is not None
     )
-    summary = tuple(row for one in small for row in one.summary)
     apart = None if study.conditions is None else contrast(study, seed=settings.seed, prior=settings.prior, workers=workers, keep=keep)
     followed = tuple(one.history for one in small if one.history is not None)
     histories = HistoryTable(followed, study, settings.seed, settings.prior) if followed else None
-    return Analysis(study, made, _table(small, settings, failed, study.task), settings, fits, best, summary, apart, histories)
+    return Analysis(study, made, _table(small, settings, failed, study.task), settings, fits, best, tuple(summary), apart, histories)
 
 
 def sample(
@@ -191,12 +195,9 @@ def sample(
     ('constant bias', ('q0', 'width', 'offset', 'pse_shift', 'jnd'))
     """
     made = draw(study, model=model, draws=draws, seed=seed, prior=prior, workers=workers, progress=progress, keep=keep)
-    for name, reason in made.failed.items():
-        warnings.warn(f"subject {name!r} is left out, {reason}", ConvergenceWarning, stacklevel=2)
-    for name, shortfall in made.not_converged.items():
-        warnings.warn(f"subject {name!r} did not converge: {shortfall}", ConvergenceWarning, stacklevel=2)
-    for name, imprecise in made.imprecise.items():
-        warnings.warn(f"subject {name!r}: {imprecise}", ConvergenceWarning, stacklevel=2)
+    for what, of in ((" is left out, ", made.failed), (" did not converge: ", made.not_converged), (": ", made.imprecise)):
+        for name, reason in of.items():
+            warnings.warn(f"subject {name!r}{what}{reason}", ConvergenceWarning, stacklevel=2)
     return made
 
 
@@ -256,7 +257,7 @@ def evidence(
         return _table(done, settings, failed, study.task)
 
 
-def smooth_curve_evidence(draws: Draws, *, workers: Workers = None, progress: Progress | None = None) -> EvidenceTable:
+def smooth_curve_evidence(draws: Draws, *, workers: Workers = None) -> EvidenceTable:
     """Appendix C's evidence of subjects who have draws: H1 against free frequencies (H0), without rivals of H1 and without bootstrap.
 
     Study, prior and seed are those of the draws, and so the values are those of the :func:`run` that made them; no chain is run again.
@@ -267,17 +268,15 @@ def smooth_curve_evidence(draws: Draws, *, workers: Workers = None, progress: Pr
         For draws of another model than the predictive update.
     """
     require_update(draws, "evidence of saved draws")
-    study = draws.study
-    settings = Settings(draws.seed, draws.prior, draws.sampler, draws.model)
-    jobs = [partial(_against_frequencies, subject, settings) for subject in study]
-    rows = run_in_order(jobs, workers, progress, [(name,) for name in study.names])
-    return EvidenceTable(tuple(rows), settings.seed, settings.prior, task=study.task)
+    study, prior, seed = draws.study, draws.prior, draws.seed
+    wanted = Wanted(evidence_draws=max(EVIDENCE_DRAWS, draws.sampler.proposals))  # by as many a run judges its proposal
+    jobs = [partial(_against_frequencies, models_of(study.task).update.posterior(subject, prior), seed, wanted) for subject in study]
+    rows = run_in_order(jobs, workers, None, [(name,) for name in study.names])
+    return EvidenceTable(tuple(rows), seed, prior, task=study.task)
 
 
-def _against_frequencies(subject: Subject, settings: Settings) -> SubjectEvidence:
-    wanted = Wanted(evidence_draws=max(EVIDENCE_DRAWS, settings.sampler.proposals))  # by as many a run judges its proposal
-    posterior = models_of(subject.task).update.posterior(subject, settings.prior)
-    return subject_evidence(*fitted_result(posterior, settings.seed, wanted), None)
+def _against_frequencies(target: Target, seed: int, wanted: Wanted) -> SubjectEvidence:
+    return subject_evidence(*fitted_result(target, seed, wanted), None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -291,18 +290,7 @@ class _Analysed:
     evidence: SubjectEvidence
     fit: SubjectFit | None
     best: FloatArray | None
-    summary: tuple[SummaryRow, ...] = ()
-    history: SubjectHistory | None = None
-
-
-@dataclass(frozen=True)
-class _Drawn:
-    """The draws of each of several results, read one after the other, as often as one likes."""
-
-    done: Done[_Analysed]
-
-    def __iter__(self) -> Iterator[SubjectDraws]:
-        return (one.drawn for one in self.done if one.drawn is not None)
+    history: SubjectHistory | None
 
 
 def _drawn(subject: Subject, settings: Settings, wanted: Wanted) -> SubjectDraws:
@@ -333,7 +321,7 @@ def _analysed(subject: Subject, settings: Settings, wanted: Wanted, data: tuple[
     if wanted.chains is not None and said.best_model not in ("", models.update.name):
         best = space.predictor(said.best_model, _SHOWN, generator(seed, subject.name, said.best_model, "shown")).x
     history = subject_history(space, seed) if wanted.chains is not None and said.follows else None
-    return _Analysed(None if result.chains is None else subject_draws(result, summarised=True), row, fit, best, history=history)
+    return _Analysed(None if result.chains is None else subject_draws(result, summarised=True), row, fit, best, history)
 
 
 def _settings(study: Study, draws: int, seed: int, prior: Prior | str | None, model: str = PREDICTIVE_UPDATE.name) -> Settings:

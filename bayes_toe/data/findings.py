@@ -220,8 +220,8 @@ def _stimuli(subject: Subject, level: float) -> _Rule:
     # A test of X^2 that nearly always finds a noticeable effect, and finds none.
     power = chndtr(chdtri(table.freedom, EXCLUSION), table.freedom, n.sum() * NOTICEABLE**2 / (share * (1 - share)))
     if p > EXCLUSION > power:
-        ratio, option = f"X^2 / d.f. = {table.ratio(table.k):.2f}, p = {p:.2g}", f"--leave-out {as_option(subject.name)}"
-        message = f"Answers look independent of the stimuli ({ratio}): {option} leaves the subject out."
+        option = f"--leave-out {as_option(subject.name)}"
+        message = f"Answers look independent of the stimuli (X^2 / d.f. = {table.ratio:.2f}, p = {p:.2g}): {option} leaves the subject out."
         yield "independent_answers", message, option
     elif (right > 0).any() and (right < 0).any():
         yield from _accuracy(subject, right, level)
@@ -273,19 +273,15 @@ class _Table:
         """Degrees of freedom."""
         return int(np.maximum((self.n > 0).sum(1) - 1, 0).sum())
 
-    @property
-    def by_block(self) -> FloatArray:
-        """What each block adds to X^2."""
-        return np.asarray(self._deviations(self.k).sum(0))
-
-    def chi_square(self, k: IntArray) -> FloatArray:
-        """X^2 of tables k with the margins of this one, shape (..., pairs, blocks) to (...)."""
-        return np.asarray(self._deviations(k).sum((-2, -1)))
-
-    def _deviations(self, k: IntArray) -> FloatArray:
+    def by_block(self, k: IntArray) -> FloatArray:
+        """What each block adds to X^2 of tables k with the margins of this one, shape (..., pairs, blocks) to (..., blocks)."""
         share = self.k.sum(1, keepdims=True) / self.n.sum(1, keepdims=True)
         variance = self.n * share * (1 - share)
-        return np.asarray((k - self.n * share) ** 2 / np.where(self.n > 0, variance, 1))
+        return np.asarray(((k - self.n * share) ** 2 / np.where(self.n > 0, variance, 1)).sum(-2))
+
+    def chi_square(self, k: IntArray) -> FloatArray:
+        """X^2 of such tables, shape (...)."""
+        return np.asarray(self.by_block(k).sum(-1))
 
     def agreement(self, k: IntArray) -> FloatArray:
         """Log odds, for each block, that it was answered as the other blocks and not with the buttons swapped, shape (..., blocks)."""
@@ -296,9 +292,10 @@ class _Table:
         """How much the block that agrees least speaks for swapped buttons, shape (...)."""
         return np.asarray(-self.agreement(k).min(-1))
 
-    def ratio(self, k: IntArray) -> float:
+    @property
+    def ratio(self) -> float:
         """X^2 / d.f."""
-        return float(self.chi_square(k)) / self.freedom
+        return float(self.chi_square(self.k)) / self.freedom
 
     def p_value(self, statistic: Callable[[IntArray], FloatArray], level: float, name: str) -> float:
         """Chance of a statistic at least as large where the answers to each pair fall on its trials at random.
@@ -343,11 +340,11 @@ def _blocks(subject: Subject, answers: Answers, level: float) -> _Rule:
         straight = table.k.copy()
         straight[:, turned] = table.n[:, turned] - table.k[:, turned]
         after = _Table(table.n, straight).told()
-        rest = f" ({after.ratio(after.k):.2f} with the blocks below turned)" if turned and after.freedom else ""
-        ratio = f"X^2 / d.f. of pair x block = {told.ratio(told.k):.2f} with {told.freedom} d.f., p = {p:.1g}"
+        rest = f" ({after.ratio:.2f} with the blocks below turned)" if turned and after.freedom else ""
+        ratio = f"X^2 / d.f. of pair x block = {told.ratio:.2f} with {told.freedom} d.f., p = {p:.1g}"
         message, one = f"Blocks differ in their answers to the same pairs, {ratio}{rest}: pooled counts look surer than they are", option
         if not turned and len(answers.blocks) > 2:
-            most = answers.blocks[int(np.argmax(told.by_block))]
+            most = answers.blocks[int(np.argmax(told.by_block(told.k)))]
             one = f"--leave-out {as_option(name, [most])}"
             message += f"; block {bare(most)} differs most, {one} shows what rests on it"
         yield "block_dispersion", f"{message}.", one

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from bayes_toe.arrays import IntArray
 from bayes_toe.data.answers import Answers, Reading
 from bayes_toe.data.messages import MOST_SHOWN, TWICE, bare, counted, listed
 from bayes_toe.data.study import Study, Subject, pooled
@@ -92,24 +91,16 @@ def _copies(name: str, of: Sequence[tuple[str, Answers]]) -> Iterable[str]:
 
 def _joined(of: Sequence[tuple[str, Answers]]) -> Answers:
     """Answers in the order of the files, which are blocks or, where they have blocks, are named before these."""
-    names, blocks, places = list[str](), list[IntArray](), list[IntArray]()
-    for source, one in of:
-        blocks.append(len(names) + (np.zeros(len(one.n_trials), np.int64) if one.block is None else one.block))
+    columns = {key: [getattr(one, key) for _, one in of] for key in ("keys", "n_yes", "n_trials", "place", "iti")} | {"block": []}
+    names, begin = list[str](), 0
+    for at, (source, one) in enumerate(of):
+        columns["block"].append(len(names) + (np.zeros(len(one.n_trials), np.int64) if one.block is None else one.block))
         names += [f"{source}: {block}" for block in one.blocks] or [source]
         if one.place is not None:
-            places.append(one.place - one.place[0] + (places[-1][-1] + 2 if places else 0))
-    keys, k, n = (np.concatenate([getattr(one, key) for _, one in of]) for key in ("keys", "n_yes", "n_trials"))
-    timed = [one.iti for _, one in of if one.iti is not None]
-    return Answers(
-        keys,
-        k,
-        n,
-        np.concatenate(blocks),
-        tuple(names),
-        all(one.trials for _, one in of),
-        np.concatenate(places) if len(places) == len(of) else None,
-        np.concatenate(timed) if len(timed) == len(of) else None,
-    )
+            columns["place"][at] = one.place - one.place[0] + begin
+            begin = columns["place"][at][-1] + 2
+    whole: dict[str, Any] = {key: np.concatenate(some) for key, some in columns.items() if not any(one is None for one in some)}
+    return Answers(**whole, blocks=tuple(names), trials=all(one.trials for _, one in of))
 
 
 def _common_notes(studies: Sequence[Study]) -> Iterable[str]:
