@@ -388,8 +388,7 @@ def _draws(space: _Space, sets: Sequence[frozenset[str]], rng: np.random.Generat
     shares = np.exp(values - values.max()) if np.isfinite(values).any() else np.ones(len(values))
     drawn = list[FloatArray]()
     for some, count in zip(sets, rng.multinomial(size, shares / shares.sum()).tolist(), strict=True):
-        of = space[some].fitted.draws
-        drawn.append(space[some].target.in_conditions(of.x[rng.choice(len(of.x), count, p=of.shares)]))
+        drawn.append(space[some].target.in_conditions(space[some].fitted.draws.resampled(rng, count)))
     return np.concatenate(drawn)
 
 

@@ -24,8 +24,8 @@ from bayes_toe.data.messages import counted, listed
 from bayes_toe.data.study import Study, Subject, require_study
 from bayes_toe.data.tables import SubjectTable, frame_of
 from bayes_toe.data.tasks import WHICH_STRONGER
-from bayes_toe.inference.history_check import HISTORY_DRAWS, history_p
 from bayes_toe.inference.prediction import Predictor
+from bayes_toe.inference.predictive_checks import HISTORY_DRAWS, history_p
 from bayes_toe.inference.space import SpaceEvidence, space_evidence
 from bayes_toe.kept import keeping
 from bayes_toe.model.history import require_order

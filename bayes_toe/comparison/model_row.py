@@ -33,7 +33,6 @@ from bayes_toe.inference.space import WINDOW
 from bayes_toe.inference.subject import EVIDENCE_DRAWS, Wanted, exact_result, fitted_result
 from bayes_toe.model.free_frequencies import FREE_FREQUENCIES
 from bayes_toe.model.ladder import Record
-from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.target import Answering, Conjugate, Target, hessian
 from bayes_toe.seeds import generator
@@ -154,7 +153,7 @@ def _row(target: Answering, found: _Found) -> ModelRow:
     # Models that do not know the intervals of a subject say so.
     notes = [] if subject.isi is None or target.model.knows_intervals else [target.model.of_intervals]
     notes += [note for note in (evidence.why_not, *(one.note for one in found.left_out.values())) if note]
-    if isinstance(target, Posterior) and target.model.by_trial:
+    if target.model.by_trial:
         notes.append("leave-one-out withheld: answers depend on the trials before")
     if found.reason:
         notes += [f"draws did not converge: {found.reason}", "leave-one-out and predictive checks withheld with the draws"]
@@ -220,7 +219,7 @@ def _checked(fitted: FittedProposal, maxima: Maxima, evidence: Evidence, setting
     if reason:
         return _Found(evidence, {}, None, reason)
     fit = summarise_fit(target, x, seed, log_likelihood=log_likelihood)
-    if isinstance(target, Posterior) and target.model.by_trial:  # without an answer the trials behind it would be others
+    if target.model.by_trial:  # without an answer the trials behind it would be others
         return _Found(evidence, {}, fit)
     subject, some = target.subject, x[:: thinning(len(x), target.subject.n_pairs)]
     trial = leave_one_out(*target.answers_given_the_rest(some), subject.n_yes, subject.n_trials)

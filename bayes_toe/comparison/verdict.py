@@ -32,9 +32,8 @@ from bayes_toe.comparison.words import (
 from bayes_toe.data.findings import data_findings
 from bayes_toe.data.study import Study, Subject, as_option
 from bayes_toe.inference.evidence import weighed
-from bayes_toe.inference.history_check import HISTORY_DRAWS, SCREEN, history_p
 from bayes_toe.inference.prediction import effect_size
-from bayes_toe.inference.predictive_checks import FitSummary
+from bayes_toe.inference.predictive_checks import HISTORY_DRAWS, MISFIT, FitSummary, history_p
 from bayes_toe.inference.space import SpaceEvidence, space_evidence
 from bayes_toe.inference.subject import weighted_fit
 from bayes_toe.model.history import knows_order
@@ -105,7 +104,7 @@ class Verdict:
     p_first_stronger : float or None
         Under a constant error, the probability that it makes the first stimulus seem stronger.
     history_p : float or None
-        Posterior predictive p-value of the answers by the trial before, see :func:`~bayes_toe.inference.history_check.history_p`; None
+        Posterior predictive p-value of the answers by the trial before, see :func:`~bayes_toe.inference.predictive_checks.history_p`; None
         where the order of trials is not known.
     """
 
@@ -233,7 +232,7 @@ class Verdict:
     @property
     def follows(self) -> bool:
         """Whether answers look as if they depended on the trial before, which no model of the space describes."""
-        return self.history_p is not None and self.history_p < SCREEN
+        return self.history_p is not None and self.history_p < MISFIT
 
     def doubts(self) -> list[str]:
         """What stands against the verdict, each in a few words; nothing where nothing does."""

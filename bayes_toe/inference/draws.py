@@ -147,8 +147,7 @@ class Draws:
             groups = {f"/{key}": self.group(key).sel(subject=[name]).load() for key in ("posterior", "sample_stats")}
         groups |= {f"/{key}": self.group(key).isel(obs=self._places[name]) for key in ("observed_data", "constant_data")}
         if "trials" in self.tree.children:
-            trials = self.group("trials")
-            groups["/trials"] = trials.isel(trial=np.flatnonzero(trials["subject"].values == name))
+            groups["/trials"] = draws_file.trials_of(self.group("trials"), name)
         tree = xr.DataTree.from_dict(groups)
         tree.attrs.update(self.tree.attrs)
         return Draws(tree)

@@ -30,7 +30,6 @@ from bayes_toe.data.tasks import SAME_DIFFERENT, task_counted
 from bayes_toe.data.whole_files import named_store
 from bayes_toe.errors import InputError
 from bayes_toe.inference.subject import Settings, SubjectDraws
-from bayes_toe.model.free_frequencies import FreeFrequencies
 from bayes_toe.model.history import require_order
 from bayes_toe.model.ladder import model_named
 from bayes_toe.version import library_versions
@@ -77,7 +76,7 @@ def assembled_tree(
             "/constant_data": _long(study, "n_trials"),
         }
     )
-    if not isinstance(record := model_named(settings.model, study.task), FreeFrequencies) and record.by_trial:
+    if model_named(settings.model, study.task).by_trial:
         tree["trials"] = xr.DataTree(_trials(study))
     tree.attrs.update(_attributes(study, settings) | ({"failed": json.dumps(dict(failed))} if failed else {}))
     if store is None:
@@ -142,9 +141,14 @@ def _trials(study: Study) -> xr.Dataset:
     return xr.Dataset({name: ("trial", values) for name, values in columns.items()}, {"subject": ("trial", owner)})
 
 
-def answers_of(trials: xr.Dataset, name: str) -> Answers:
+def trials_of(trials: xr.Dataset, name: str) -> xr.Dataset:
     """Those of one subject."""
-    some = trials.isel(trial=np.flatnonzero(trials["subject"].values == name))
+    return trials.isel(trial=np.flatnonzero(trials["subject"].values == name))
+
+
+def answers_of(trials: xr.Dataset, name: str) -> Answers:
+    """Those of one subject as they were given."""
+    some = trials_of(trials, name)
     keys = np.column_stack([some[key].values for key in ("s1", "s2", "isi") if key in some])
     counts, place = (some["n_yes"].values, some["n_trials"].values), some["place"].values
     return Answers(keys, *counts, None, (), True, place, some["iti"].values if "iti" in some else None)

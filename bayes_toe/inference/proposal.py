@@ -222,6 +222,10 @@ class WeightedDraws:
         weights = np.exp(log_weights - log_weights.max())
         return np.asarray(weights / weights.sum())
 
+    def resampled(self, rng: np.random.Generator, size: int) -> FloatArray:
+        """Draws by their shares, so of equal weight, shape (size, k)."""
+        return np.asarray(self.x[rng.choice(len(self.x), size, p=self.shares)])
+
     def part(self, which: slice) -> WeightedDraws:
         """Some of them, without a copy."""
         return WeightedDraws(self.x[which], self.log_prior[which], self.log_posterior[which], self.log_proposal[which])

@@ -212,6 +212,10 @@ class Described(Protocol):
         """Whether it says how an inter-stimulus interval acts."""
 
     @property
+    def by_trial(self) -> bool:
+        """Whether an answer depends on the trials before it."""
+
+    @property
     def of_intervals(self) -> str:
         """What it says of inter-stimulus intervals, in a few words."""
 

@@ -13,7 +13,7 @@ from bayes_toe.comparison.verdict import verdict
 from bayes_toe.data.answers import Answers
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import WHICH_STRONGER
-from bayes_toe.inference.history_check import SCREEN, history_p
+from bayes_toe.inference.predictive_checks import MISFIT, history_p
 from bayes_toe.model.ladder import posterior_of
 from bayes_toe.model.prior import DEFAULT
 
@@ -55,7 +55,7 @@ def test_a_history_is_told_of_who_has_one(table):
     assert carries.p_static + carries.p_carry_over + carries.p_running_average == pytest.approx(1.0)
     assert carries.p_carry_over_by_time is None, "no times between trials"
     assert carries.log_bayes_factor_previous_answer < 3.0
-    assert carries.history_p_static < SCREEN < carries.history_p
+    assert carries.history_p_static < MISFIT < carries.history_p
     assert carries.describe().startswith("answers follow the trials before (P of a history > 0.99; carried over, share ")
     assert table.frame().columns.tolist() == list(HISTORY_COLUMNS)
     assert table.sentence().startswith("answers follow them, of 2 subjects: yes 1, ")
@@ -71,7 +71,7 @@ def test_a_history_is_known_within_its_interval():
 
 def test_the_verdict_says_that_answers_seem_to_depend_on_the_trial_before(study):
     said, _ = verdict(study["carries"], bt.Prior(mu1_mean="stimuli", mu1_sd="stimuli"), 1)
-    assert said.history_p < SCREEN
+    assert said.history_p < MISFIT
     assert any(doubt.startswith("answers seem to depend on the trial before (p ") for doubt in said.doubts())
     unordered, _ = verdict(replace(study["carries"], answers=None), DEFAULT, 1)
     assert unordered.history_p is None
@@ -150,7 +150,7 @@ def test_commands_say_and_draw_it(study, tmp_path):
     done = inside("run", "trials.csv", "-o", "out", "--pictures", "none", *common, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert pd.read_csv(tmp_path / "out" / "history.csv").subject.tolist() == ["carries"]
-    assert pd.read_csv(tmp_path / "out" / "evidence.csv").set_index("subject").history_p["carries"] < SCREEN
+    assert pd.read_csv(tmp_path / "out" / "evidence.csv").set_index("subject").history_p["carries"] < MISFIT
     report = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert "answers follow the trials before" in report
     assert report.count('id="history"') == 1
