@@ -235,7 +235,7 @@ FILES = (
         "log_bf_differs": "Log Bayes factor of a difference, between any levels, against none, nats; empty where an evidence is withheld.",
         "log_bf_differs_se": "Its Monte Carlo standard error.",
         "word": f"`{'`, `'.join(WORDS)}`: from Bayes factors of 20 and 3 on, either way.",
-        "robust": "`yes` where lapses that differ too leave the word as it is.",
+        "robust": "`yes` where lapses that differ too leave the word as it is; empty where that is not known.",
         "model": "Model of every condition.",
     }),
     File(

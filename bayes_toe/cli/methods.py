@@ -22,8 +22,8 @@ from markupsafe import Markup
 from bayes_toe.cli.headline import p_value
 from bayes_toe.cli.supplement import SupplementTable, fit_table, group_table, order_effect_table, parameter_table, templates
 from bayes_toe.comparison import words as rules
-from bayes_toe.comparison.contrast import PROBABLY, SURELY, read_contrast, sentences
-from bayes_toe.comparison.saved_tables import SavedComparison, aligned, read_comparison, read_evidence
+from bayes_toe.comparison.contrast import PROBABLY, SURELY, sentences
+from bayes_toe.comparison.saved_tables import SavedComparison, aligned, read_comparison, read_contrast, read_evidence
 from bayes_toe.comparison.study_answer import SavedVerdict, of_new_subject, study_sentence
 from bayes_toe.comparison.words import compared
 from bayes_toe.data.conditions import Stimuli
@@ -139,7 +139,7 @@ def read_methods(results: Path, compared: Path | None = None) -> Methods:
         read_comparison(models, draws) if compared is not None or models.exists() else None,
         (beside / "corner").is_dir(),
         tuple(notes),
-        contrast=read_contrast(beside / "contrast.csv") if (beside / "contrast.csv").exists() else None,
+        contrast=read_contrast(beside / "contrast.csv", draws) if (beside / "contrast.csv").exists() else None,
     )
 
 

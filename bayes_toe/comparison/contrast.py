@@ -9,7 +9,7 @@ compositions in which it does, by their evidence: 'if it differs, then by so muc
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import combinations
@@ -21,11 +21,10 @@ from scipy.special import logsumexp
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.conditions import Conditions, by_person
-from bayes_toe.data.messages import counted
+from bayes_toe.data.messages import bare, counted, listed
 from bayes_toe.data.study import Study, Subject, pooled, require_study
 from bayes_toe.data.tables import Table, frame_of
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task
-from bayes_toe.data.validation import read_rows
 from bayes_toe.errors import InputError, WorkerError
 from bayes_toe.inference.adaptation import quick_proposal, with_trusted_draws
 from bayes_toe.inference.evidence import importance_evidence
@@ -56,7 +55,8 @@ CONTRAST_COLUMNS = (
 #: What columns and words mean.
 LEGEND = (
     f"Words: a difference is said from a Bayes factor of {SURELY:g} on and is probable from {PROBABLY:g}, none likewise; 'order effect': "
-    "constant error, pull or both. Not robust: lapses that differ too change the word"
+    "constant error, pull or both; of more than two levels that are no numbers any two may differ. Not robust: lapses that differ too "
+    "change the word"
 )
 _FAR = 10.0  # nats below the best maximum of the pooled answers from which on others are no starts
 _CLOUD, _FLATTEST = 400, 0.02  # draws of Laplace's normal with which a proposal begins; curvature, of 1, of no use as a scale
@@ -78,7 +78,7 @@ class Difference(NamedTuple):
     log_bf_differs, log_bf_differs_se : float or None
         Natural log of the Bayes factor of a difference, between any levels, against none.
     robust : str
-        'yes' where lapses that differ too leave the word as it is.
+        'yes' where lapses that differ too leave the word as it is; empty where that is not known.
     """
 
     subject: str
@@ -106,22 +106,30 @@ class Difference(NamedTuple):
 
     @property
     def size(self) -> str:
-        """Median (5 %, 95 %)."""
-        sign = "" if self.p_direction is None else "+"
-        return f"{self.q50:{sign}.2f} ({self.q05:{sign}.2f}, {self.q95:{sign}.2f})"
-
-    @property
-    def sentence(self) -> str:
-        """By how much, its word and the Bayes factor for what it says.
+        """Median (5 %, 95 %), with two digits of what is between these and two decimals at least.
 
         Examples
         --------
-        >>> Difference("S", "pull", "b - a", 0.1, 0.05, 0.02, 0.1, 0.19, 0.98, 2.5, 0.01, "yes").sentence
-        'pull +0.10 (+0.02, +0.19), probably differs (BF 12)'
+        >>> Difference("S", "width", "b - a", 0.01, 0.01, -0.0012, 0.0104, 0.019, 0.98, 2.5, 0.01, "yes").size
+        '+0.010 (-0.001, +0.019)'
+        """
+        sign = "" if self.p_direction is None else "+"
+        digits = max(2, 1 - int(np.floor(np.log10(self.q95 - self.q05)))) if self.q95 > self.q05 else 2
+        low, middle, high = (f"{value:{sign}.{digits}f}" for value in (self.q05, self.q50, self.q95))
+        return f"{middle} ({low}, {high})"
+
+    @property
+    def conclusion(self) -> str:
+        """Its word and the Bayes factor for what it says.
+
+        Examples
+        --------
+        >>> Difference("S", "pull", "b - a", 0.1, 0.05, 0.02, 0.1, 0.19, 0.98, 2.5, 0.01, "yes").conclusion
+        'probably differs (BF 12)'
         """
         log_bf, doubt = 0.0 if self.log_bf_differs is None else abs(self.log_bf_differs), ", not robust" if self.robust == "no" else ""
         factor = "> 1000" if log_bf > np.log(1000.0) else f"{np.exp(log_bf):.2g}"
-        return f"{self.quantity} {self.size}, {f'{self.word} (BF {factor})' if self.word else 'no evidence'}{doubt}"
+        return (f"{self.word} (BF {factor})" if self.word else "no evidence") + doubt
 
 
 def word_of(log_bf: float | None) -> str:
@@ -163,7 +171,7 @@ class ContrastTable(Table[Difference]):
     subjects : tuple of SubjectContrast
     conditions : Conditions
     left_out : mapping of str to str
-        Subjects at one level only.
+        Subjects who met no two levels that are compared, and which ones they met.
     failed : mapping of str to str
         Subjects whose work was lost, and why.
     """
@@ -193,12 +201,10 @@ class ContrastTable(Table[Difference]):
         return sentences(self.frame())
 
     def of_subject(self, subject: str) -> str:
-        """What differs in one subject, in a line."""
-        said: dict[str, list[str]] = {}
-        for row in self.rows:
-            if row.subject == subject:
-                said.setdefault(row.comparison, []).append(row.sentence)
-        return ". ".join(f"{comparison}: {'; '.join(words)}" for comparison, words in said.items())
+        """What differs in one subject, in a line; a Bayes factor is that of a difference between any levels, and so said once."""
+        own = {key: [row for row in self.some(key) if row.subject == subject] for key in self.quantities}
+        sizes = {key: ", ".join(f"{row.comparison} {row.size}" for row in rows) for key, rows in own.items()}
+        return "; ".join(f"{key} {rows[0].conclusion}: {sizes[key]}" for key, rows in own.items())
 
     def some(self, quantity: str, comparison: str | None = None) -> tuple[Difference, ...]:
         """The rows of a quantity, and of a comparison."""
@@ -217,21 +223,6 @@ def sentences(frame: pd.DataFrame) -> tuple[str, ...]:
         doubt = f"; of {doubted} the lapses have a say" if doubted else ""
         said.append(f"{quantity}, of {counted(len(rows), 'subject')}: {', '.join(parts)}{doubt}")
     return tuple(said)
-
-
-def read_contrast(path: Path) -> pd.DataFrame:
-    """The rows of a contrast.csv.
-
-    Raises
-    ------
-    InputError
-        If it is not such a file.
-    """
-    import pandas as pd
-
-    texts = ("subject", "quantity", "comparison", "word", "robust", "model", "prior")
-    said, numbers = read_rows(path, texts, [name for name in CONTRAST_COLUMNS if name not in texts])
-    return pd.DataFrame({**said, **numbers})
 
 
 def contrast(
@@ -258,7 +249,7 @@ def contrast(
     Raises
     ------
     InputError
-        If the study has no conditions, or the model is none of parts.
+        If the study has no conditions, nobody met two levels that are compared, or the model is none of parts or has a history.
     """
     require_study(study)
     if study.conditions is None:
@@ -266,17 +257,23 @@ def contrast(
     record = model_named(MODELS[study.task] if model is None else model, study.task)
     if not isinstance(record, Model):
         raise InputError(f"contrast: model {record.name!r} has no quantities that conditions share; allowed: a composition of parts")
-    people = by_person(study)
+    if record.by_trial:
+        raise InputError(f"contrast: model {record.name!r} has a history of trials, which conditions cut; allowed: one without")
+    met = {person: {one.condition: one for one in units} for person, units in by_person(study).items()}
+    compared = study.conditions.comparisons
+    asked = {person: own for person, own in met.items() if any(own.keys() >= {*pair} for pair in compared)}
+    left_out = {person: f"at {listed([*map(bare, own)])} only" for person, own in met.items() if person not in asked}
+    if not asked:
+        pairs = " or ".join(f"{bare(level)} and {bare(reference)}" for level, reference in compared)
+        raise InputError(f"contrast: found no subject at both {pairs}, allowed: one and more; another --reference")
     with keeping(keep) as kept:
         root, numbers = kept.seed(seed), prior_for(study, prior)
-        several = {person: units for person, units in people.items() if len(units) > 1}
-        jobs = [partial(subject_contrast, units, study.conditions, record.name, numbers, root) for units in several.values()]
-        done = kept.work(jobs, workers, progress, [(person,) for person in several])
+        jobs = [partial(subject_contrast, [*own.values()], study.conditions, record.name, numbers, root) for own in asked.values()]
+        done = kept.work(jobs, workers, progress, [(person,) for person in asked])
         found = tuple(done)
-    failed = {[*several][index]: one.reason for index, one in sorted(done.failed.items())}
+    failed = {[*asked][index]: one.reason for index, one in sorted(done.failed.items())}
     if not found:
         raise WorkerError("\n".join(f"{name}: {reason}" for name, reason in failed.items()))
-    left_out = {person: f"at {units[0].condition} only" for person, units in people.items() if len(units) == 1}
     rows = tuple(row for one in found for row in one.rows)
     return ContrastTable(rows, found, study.conditions, record.name, numbers, root, study.task, left_out, failed)
 
@@ -311,7 +308,7 @@ def subject_contrast(units: Sequence[Subject], conditions: Conditions, model: st
     order = [key for key in OF_ORDER if key in asked]
     for quantity in (*asked, *([ORDER_EFFECT] if order else [])):
         (value, se), (other, _) = (log_bayes_factor(space, quantity) for space in (known, freed))
-        robust = "" if value is None else "yes" if word_of(value) == word_of(other) else "no"
+        robust = "" if value is None or other is None else "yes" if word_of(value) == word_of(other) else "no"
         of = order if quantity == ORDER_EFFECT else [quantity]
         parts = next(iter(known.values())).target.values(_draws(known, [some for some in known if some & {*of}], rng, _DRAWS))
         for level, reference in conditions.comparisons:
@@ -322,7 +319,9 @@ def subject_contrast(units: Sequence[Subject], conditions: Conditions, model: st
                 low, middle, high = np.quantile(apart, [0.05, 0.5, 0.95]).tolist()
                 name, spread = f"{level} - {reference}", (float(apart.mean()), float(apart.std(ddof=1)))
                 rows.append(Difference(units[0].person, quantity, name, *spread, low, middle, high, side, value, se, robust))
-    withheld = [f"no evidence where {_said(some)}" for some, one in known.items() if np.isnan(one.log_evidence)]
+    gone = [[some for some, one in space.items() if np.isnan(one.log_evidence)] for space in (known, freed)]
+    withheld = [f"no evidence where these differ: {', '.join(sorted(some)) or 'none'}" for some in gone[0]]
+    withheld += ["no evidence where lapses differ too: whether that changes words is not known"] if gone[1] and not gone[0] else []
     return SubjectContrast(units[0].person, tuple(rows), levels, _draws(known, [*known], rng, _SHOWN), tuple(withheld))
 
 
@@ -348,9 +347,8 @@ def _sampled(same: Posterior, maxima: Maxima, units: Sequence[Subject], design: 
     rng = generator(seed, same.subject.name, same.model.name, *sorted(some), "contrast")
     fitted = with_trusted_draws(quick_proposal(target, found.x[:1], _cloud(target, found, rng), rng), rng)
     evidence = importance_evidence(fitted)
-    if evidence.value is None or evidence.se is None:
-        return _Sampled(np.nan, np.nan, fitted)
-    return _Sampled(evidence.value, evidence.se, fitted)
+    value, se = (np.nan if one is None else one for one in (evidence.value, evidence.se))
+    return _Sampled(value, se, fitted)
 
 
 def _cloud(target: Contrasted, maxima: Maxima, rng: np.random.Generator) -> FloatArray:
@@ -398,8 +396,3 @@ def _change(parts: dict[str, FloatArray], at: tuple[int, int], units: Sequence[S
     offset, pull = (parts[key][:, at[0]] - parts[key][:, at[1]] if key in parts else np.zeros(1) for key in OF_ORDER)
     spread = np.average(np.square(s1 - np.average(s1, weights=n)), weights=n)
     return np.asarray(np.sqrt(np.square(offset) + np.square(pull) * spread))
-
-
-def _said(some: Iterable[str]) -> str:
-    """What differs, in words."""
-    return f"{' and '.join(sorted(some))} differ" if some else "nothing differs"

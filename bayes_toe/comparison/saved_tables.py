@@ -1,4 +1,4 @@
-"""Tables that commands wrote, read back beside the draws that they belong to: verdicts of evidence.csv, models of compare.csv."""
+"""Tables that commands wrote, read back beside the draws that they belong to: evidence.csv, compare.csv, contrast.csv."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from bayes_toe.comparison.contrast import CONTRAST_COLUMNS
 from bayes_toe.comparison.evidence_table import EVIDENCE_COLUMNS
 from bayes_toe.comparison.model_comparison import STUDY, beside
-from bayes_toe.data.messages import bare, quoted
+from bayes_toe.data.messages import bare, listed, quoted
 from bayes_toe.data.validation import read_rows
 from bayes_toe.errors import InputError
 from bayes_toe.inference.belonging import require_said_prior, require_subjects, require_update
@@ -102,6 +103,23 @@ def read_comparison(path: str | Path, draws: Draws) -> SavedComparison:
         if who == STUDY:
             parts.setdefault(part, {})[level] = p
     return SavedComparison(models, dict(Counter(best).most_common()), tuple(rows["subject"][missing].unique()), parts)
+
+
+def read_contrast(path: Path, draws: Draws) -> pd.DataFrame:
+    """The rows of a contrast.csv.
+
+    Raises
+    ------
+    InputError
+        If it is not such a file, or has subjects that the draws do not have.
+    """
+    import pandas as pd
+
+    texts = ("subject", "quantity", "comparison", "word", "robust", "model", "prior")
+    said, numbers = read_rows(path, texts, [name for name in CONTRAST_COLUMNS if name not in texts])
+    if others := {*said["subject"]}.difference(one.person for one in draws.study):
+        raise InputError(f"{bare(path.name)}: found other subjects than the draws have, {listed(sorted(others), 3)}, allowed: one study")
+    return pd.DataFrame({**said, **numbers})
 
 
 def _require_answers(source: str, names: npt.ArrayLike, frequencies: npt.ArrayLike, draws: Draws) -> None:

@@ -85,6 +85,12 @@ def test_three_levels_numbers_and_a_missing_one():
     named = bt.contrast(bt.read_study(three, bt.ReadOptions(categorical=True)), model="constant error + no lapses", seed=1, workers=1)
     assert [row.comparison for row in named.some("constant error")] == ["2 - 1", "4 - 1"]
     assert slope.some("constant error")[0].mean < -0.05
+    assert slope.left_out == named.left_out == {"B": "at 2, 4 only"}, "who met no two levels that are compared is said to be left out"
+    (line,) = (named.of_subject(one.subject) for one in named.subjects)
+    assert line.count("BF") == 3, "one of a difference between any levels, whatever the comparisons"
+    assert "2 - 1 -0.0" in line
+    with pytest.raises(bt.InputError, match="found no subject at both 4 and 1, allowed: one and more"):
+        bt.contrast(bt.read_study(three).select(["B@2", "B@4"]), seed=1, workers=1)
     assert slope.quantities == ("constant error", "width", ORDER_EFFECT)
 
 
@@ -94,6 +100,10 @@ def test_what_is_refused():
         bt.contrast(replace(whole))
     with pytest.raises(bt.InputError, match="no quantities that conditions share"):
         bt.contrast(bt.read_study(answers()), model="free frequencies")
+    with pytest.raises(
+        bt.InputError, match=r"'contraction [+] carry-over' has a history of trials, which conditions cut; allowed: one without"
+    ):
+        bt.contrast(bt.read_study(answers()), model="contraction + carry-over")
     assert whole.task == WHICH_STRONGER
 
 
