@@ -26,8 +26,7 @@ from bayes_toe.comparison.contrast import LEGEND, ContrastTable
 from bayes_toe.comparison.study_answer import APPENDIX_C, of_new_subject, study_sentence, way_on
 from bayes_toe.comparison.words import STATED, conclusion
 from bayes_toe.data.findings import Finding
-from bayes_toe.data.messages import visible
-from bayes_toe.data.study import said_intervals
+from bayes_toe.data.messages import said_intervals, visible
 from bayes_toe.data.tables import file_stems
 from bayes_toe.data.tasks import Task
 from bayes_toe.experiments.answers_check import check_answers

@@ -18,7 +18,8 @@ from scipy.special import softmax
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.comparison.verdict import verdict
-from bayes_toe.data.study import Study, Subject, as_name
+from bayes_toe.data.messages import as_name
+from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.tables import SubjectTable
 from bayes_toe.errors import InputError
 from bayes_toe.inference.prediction import Predictor

@@ -30,7 +30,8 @@ from bayes_toe.comparison.words import (
     compared,
 )
 from bayes_toe.data.findings import data_findings
-from bayes_toe.data.study import Study, Subject, as_option
+from bayes_toe.data.messages import as_option
+from bayes_toe.data.study import Study, Subject
 from bayes_toe.inference.evidence import weighed
 from bayes_toe.inference.prediction import effect_size
 from bayes_toe.inference.predictive_checks import HISTORY_DRAWS, MISFIT, FitSummary, history_p

@@ -11,7 +11,10 @@ import numpy.typing as npt
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray, run_starts
 from bayes_toe.data.messages import bare, listed, quoted
+from bayes_toe.data.validation import LARGEST_COUNT
 from bayes_toe.errors import InputError
+
+KEYS = ("s1", "s2", "isi")  # what makes a pair
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,3 +121,23 @@ class Reading:
     read: tuple[str, ...] = ()
     ignored: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
+
+
+def counted_rows(name: str, keys: Sequence[npt.ArrayLike | None], n_yes: npt.ArrayLike, n_trials: npt.ArrayLike) -> Answers:
+    """Rows of stimuli and, where there are some, intervals, with counts within what can be counted; all of one length."""
+    counts = {key: np.asarray(values).ravel() for key, values in (("n_yes", n_yes), ("n_trials", n_trials))}
+    for key, values in counts.items():
+        if values.dtype.kind not in "iuf" or np.any(values != np.floor(values)):  # 2.5 never becomes 2
+            raise InputError(f"subject {name!r}: {key} must be whole numbers, found {values[:3].tolist()}")
+        if np.sum(np.abs(values), dtype=np.float64) > LARGEST_COUNT:
+            raise InputError(f"subject {name!r}: {key} must add up to no more than 2**53 (larger counts are not exact)")
+    try:
+        columns = [np.asarray(key, np.float64).ravel() for key in keys if key is not None]
+    except (TypeError, ValueError) as error:
+        raise InputError(f"subject {name!r}: s1, s2 and isi must be numbers ({error})") from error
+    k, n = (values.astype(np.int64) for values in counts.values())
+    if any(len(values) != len(k) for values in (*columns, n)):
+        raise InputError(f"subject {name!r}: {', '.join(KEYS[: len(columns)])}, n_yes and n_trials must be of one length")
+    if np.any((k < 0) | (k > n)):  # before repeated pairs are added up, where two wrongs could cancel
+        raise InputError(f"subject {name!r}: every n_yes must lie in 0..n_trials")
+    return Answers(np.column_stack(columns), k, n)

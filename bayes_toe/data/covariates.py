@@ -14,8 +14,6 @@ from bayes_toe.data.text_table import read_table
 from bayes_toe.data.validation import MISSING_WORDS, bare_names, number, require_numbers, require_texts
 from bayes_toe.errors import InputError
 
-_SUBJECT = "subject"
-
 
 @dataclass(frozen=True)
 class Covariates:
@@ -75,15 +73,15 @@ def read_covariates(path: Covariates | str | Path) -> Covariates:
     """
     if isinstance(path, Covariates):
         return path
-    table = read_table(path, {_SUBJECT}, every=True)
-    if _SUBJECT not in table.names or not len(table.names) == len(table.columns) > 1 or "" in table.names:
+    table = read_table(path, {"subject"}, every=True)
+    if "subject" not in table.names or not len(table.names) == len(table.columns) > 1 or "" in table.names:
         found = listed([quoted(name) for name in table.names])
         table.require([f"found columns {found}, allowed: subject and at least one covariate, each with a name of its own"])
     table.require([])
-    require_texts(table, table.columns[_SUBJECT], once=True)
-    subject, values = bare_names(table, table.columns[_SUBJECT]), {}
+    require_texts(table, table.columns["subject"], once=True)
+    subject, values = bare_names(table, table.columns["subject"]), {}
     for name, column in table.columns.items():
-        if name == _SUBJECT:
+        if name == "subject":
             continue
         # What each distinct text stands for: a number, NaN where it is none, or a level's text; None where missing.
         given = {text: number(text, table.decimal_comma) for text in column.texts if text.lower() not in MISSING_WORDS}

@@ -18,8 +18,8 @@ from scipy.special import chdtri, chndtr, logit, ndtri, xlogy
 
 from bayes_toe.arrays import BLOCK, BoolArray, FloatArray, IntArray
 from bayes_toe.data.answers import Answers
-from bayes_toe.data.messages import bare, counted
-from bayes_toe.data.study import Study, Subject, as_option, require_study
+from bayes_toe.data.messages import as_option, bare, counted
+from bayes_toe.data.study import Study, Subject, require_study
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.errors import InputError
 from bayes_toe.seeds import generator

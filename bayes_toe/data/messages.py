@@ -5,16 +5,20 @@ And how studies, draws and tables show themselves: a line at a prompt, a small t
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 if TYPE_CHECKING:
     import pandas as pd
 
 MOST_SHOWN = 10
 _LONGEST_SHOWN = 40
+_MOST_INTERVALS = 8  # listed one by one
 #: Why repeated trials matter.
 TWICE = "trials that are there twice make everything look surer than it is"
 #: Rows that a notebook shows; the rest is counted.
@@ -57,6 +61,25 @@ def named_few(names: Sequence[str], most: int = 4) -> str:
     """The first names, and how many there are beyond them."""
     more = f" and {len(names) - most:,} more" if len(names) > most else ""
     return ", ".join(map(repr, names[:most])) + more
+
+
+def as_name(name: object) -> str:
+    """The name of a subject as somebody says it: a whole number is its digits."""
+    return str(name) if isinstance(name, str | int | np.integer) and not isinstance(name, bool) else repr(name)
+
+
+def as_option(name: str, blocks: Sequence[str] = ()) -> str:
+    """Somebody, or some blocks of somebody's, as they are typed behind --turn and --leave-out."""
+    return shlex.quote(f"{name}:{','.join(blocks)}" if blocks else name)
+
+
+def said_intervals(intervals: Sequence[float]) -> str:
+    """Intervals as notes and messages show them."""
+    if not intervals:
+        return "none"
+    if len(intervals) > _MOST_INTERVALS:
+        return f"{len(intervals)} from {intervals[0]:g} to {intervals[-1]:g} s"
+    return ", ".join(f"{isi:g}" for isi in intervals) + " s"
 
 
 def as_html(caption: str, frame: pd.DataFrame, rows: int | None = None) -> str:

@@ -20,11 +20,11 @@ from bayes_toe.arrays import BoolArray, FloatArray, IntArray, run_starts
 from bayes_toe.data.answers import Reading
 from bayes_toe.data.conditions import with_conditions, with_units
 from bayes_toe.data.findings import refuse_reversed
-from bayes_toe.data.messages import bare, counted, listed, quoted
+from bayes_toe.data.messages import bare, counted, listed, quoted, said_intervals
 from bayes_toe.data.options import COLUMNS, ReadOptions, columns_to_read, looks_like, subject_in
 from bayes_toe.data.responses import require_task, responses
 from bayes_toe.data.several_files import read_together
-from bayes_toe.data.study import Study, Subject, said_intervals
+from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task, task_counted, task_named, task_of
 from bayes_toe.data.text_table import DELIMITERS, LARGEST_STUDY, Column, Frame, TextTable, read_table
 from bayes_toe.data.trial_order import answers_in_order

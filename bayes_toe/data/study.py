@@ -7,7 +7,6 @@ trials cost what their distinct pairs cost.
 from __future__ import annotations
 
 import os
-import shlex
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -18,18 +17,15 @@ import numpy as np
 import numpy.typing as npt
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray, run_starts
-from bayes_toe.data.answers import Answers, Reading
+from bayes_toe.data.answers import KEYS, Answers, Reading, counted_rows
 from bayes_toe.data.conditions import Conditions, Stimuli, by_person, felt_together
-from bayes_toe.data.messages import MOST_ROWS, as_html, bare, listed, named_few
+from bayes_toe.data.messages import MOST_ROWS, as_html, as_name, as_option, bare, listed, named_few, said_intervals
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
-from bayes_toe.data.validation import AT, LARGEST_COUNT
+from bayes_toe.data.validation import AT
 from bayes_toe.errors import InputError, require_kind
 
 if TYPE_CHECKING:
     import pandas as pd
-
-_KEYS = ("s1", "s2", "isi")  # what makes a pair
-_MOST_SHOWN = 8  # intervals listed one by one in a note
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -83,7 +79,8 @@ class Subject:
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
             raise InputError(f"subject name {self.name!r} must be a non-empty text")
-        keys, k, n = _columns(self.name, (self.s1, self.s2, self.isi), self.n_yes, self.n_trials)
+        rows = counted_rows(self.name, (self.s1, self.s2, self.isi), self.n_yes, self.n_trials)
+        keys, k, n = rows.keys.T, rows.n_yes, rows.n_trials
         order = np.lexsort(keys[::-1])  # one order whatever the file's, so results agree to the bit
         problems = {
             "no answered trial": not len(k),
@@ -94,7 +91,7 @@ class Subject:
         }
         for problem in (said for said, is_so in problems.items() if is_so):
             raise InputError(f"subject {self.name!r}: {problem}")
-        for key, values in zip((*_KEYS[: len(keys)], "n_yes", "n_trials"), (*keys, k, n), strict=True):
+        for key, values in zip((*KEYS[: len(keys)], "n_yes", "n_trials"), (*keys, k, n), strict=True):
             ordered = values[order]
             ordered.setflags(write=False)
             object.__setattr__(self, key, ordered)
@@ -126,8 +123,7 @@ class Subject:
         >>> Subject.from_counts("S01", [0.0, 0.0], [0.3, 0.3], [1, 2], [5, 5]).n_yes.tolist()
         [3]
         """
-        keys, k, n = _columns(name, (s1, s2, isi), n_yes, n_trials)
-        k, n, first, second, *at = Answers(np.column_stack(keys), k, n).sums
+        k, n, first, second, *at = counted_rows(name, (s1, s2, isi), n_yes, n_trials).sums
         return cls(name, first, second, k, n, *at, task=task)
 
     @classmethod
@@ -354,8 +350,7 @@ class Study:
     ) -> Study:
         """The study with other answers of a subject, or without one who has none left; what was done stays with it."""
         subject, asked = self[name], [as_name(one) for one in ([blocks] if isinstance(blocks, str | int) else blocks)]
-        keys = np.column_stack([key for key in (subject.s1, subject.s2, subject.isi) if key is not None])
-        given = subject.answers or Answers(keys, subject.n_yes, subject.n_trials)
+        given = subject.answers or counted_rows(subject.name, (subject.s1, subject.s2, subject.isi), subject.n_yes, subject.n_trials)
         done = f"{option} {as_option(subject.name, asked)}"
         try:
             after = change(given, given.rows_of(asked))
@@ -410,16 +405,6 @@ def pooled(units: Sequence[Subject]) -> Subject:
     return Subject.from_counts(units[0].person, *(np.concatenate([getattr(one, key) for one in units]) for key in keys), task=units[0].task)
 
 
-def as_name(name: object) -> str:
-    """The name of a subject as somebody says it: a whole number is its digits."""
-    return str(name) if isinstance(name, str | int | np.integer) and not isinstance(name, bool) else repr(name)
-
-
-def as_option(name: str, blocks: Sequence[str] = ()) -> str:
-    """Somebody, or some blocks of somebody's, as they are typed behind --turn and --leave-out."""
-    return shlex.quote(f"{name}:{','.join(blocks)}" if blocks else name)
-
-
 def require_study(given: object) -> None:
     """Refuse what stands in the place of a study, with what makes one.
 
@@ -437,15 +422,6 @@ def require_study(given: object) -> None:
     raise InputError(f"{found} bt.Study(subjects)" if isinstance(given, list | tuple) else f"{found} bt.read_study(path or DataFrame)")
 
 
-def said_intervals(intervals: Sequence[float]) -> str:
-    """Intervals as notes and messages show them."""
-    if not intervals:
-        return "none"
-    if len(intervals) > _MOST_SHOWN:
-        return f"{len(intervals)} from {intervals[0]:g} to {intervals[-1]:g} s"
-    return ", ".join(f"{isi:g}" for isi in intervals) + " s"
-
-
 def refuse_intervals(subjects: Iterable[Subject], what: str) -> None:
     """Refuse subjects with intervals where only one interval is known: pairs at several intervals are never pooled.
 
@@ -460,25 +436,3 @@ def refuse_intervals(subjects: Iterable[Subject], what: str) -> None:
                 f"{what}: not for intervals (column isi), which subject {subject.name!r} has ({said_intervals(subject.intervals)}); "
                 "take one with Study.at_isi, or leave the column out"
             )
-
-
-def _columns(
-    name: str, keys: Sequence[npt.ArrayLike | None], n_yes: npt.ArrayLike, n_trials: npt.ArrayLike
-) -> tuple[list[FloatArray], IntArray, IntArray]:
-    """Stimuli and, where there are some, intervals; counts within what can be counted; all of one length."""
-    counts = {key: np.asarray(values).ravel() for key, values in (("n_yes", n_yes), ("n_trials", n_trials))}
-    for key, values in counts.items():
-        if values.dtype.kind not in "iuf" or np.any(values != np.floor(values)):  # 2.5 never becomes 2
-            raise InputError(f"subject {name!r}: {key} must be whole numbers, found {values[:3].tolist()}")
-        if np.sum(np.abs(values), dtype=np.float64) > LARGEST_COUNT:
-            raise InputError(f"subject {name!r}: {key} must add up to no more than 2**53 (larger counts are not exact)")
-    try:
-        columns = [np.asarray(key, np.float64).ravel() for key in keys if key is not None]
-    except (TypeError, ValueError) as error:
-        raise InputError(f"subject {name!r}: s1, s2 and isi must be numbers ({error})") from error
-    k, n = (values.astype(np.int64) for values in counts.values())
-    if any(len(values) != len(k) for values in (*columns, n)):
-        raise InputError(f"subject {name!r}: {', '.join(_KEYS[: len(columns)])}, n_yes and n_trials must be of one length")
-    if np.any((k < 0) | (k > n)):  # before repeated pairs are added up, where two wrongs could cancel
-        raise InputError(f"subject {name!r}: every n_yes must lie in 0..n_trials")
-    return columns, k, n

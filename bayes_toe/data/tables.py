@@ -15,8 +15,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 
-from bayes_toe.data.messages import as_html, listed, named_few, quoted
-from bayes_toe.data.study import as_name
+from bayes_toe.data.messages import as_html, as_name, listed, named_few, quoted
 from bayes_toe.data.text_table import is_parquet, require_parquet
 from bayes_toe.data.validation import AT, runs
 from bayes_toe.data.whole_files import whole_file

@@ -113,10 +113,10 @@ def whole_folder(path: str | Path, names: Sequence[str], *, required: Sequence[s
             ours = {*produced, *(file for file in earlier if file.split("/")[0] not in names)}
             (new / MANIFEST).write_text(json.dumps({"files": sorted(ours)}, indent=1) + "\n", encoding="utf-8")
         if not os.path.lexists(target):
-            _put_in_place(new, target, overwrite=False)
+            _put_in_place(new, target)
         else:
             _publish(new, target, produced, overwrite)
-            _put_in_place(new / MANIFEST, target / MANIFEST, overwrite=True)
+            _put_in_place(new / MANIFEST, target / MANIFEST)
             for file in set(earlier) - ours if overwrite else ():
                 _remove(target, file)
     _finish(target)
@@ -174,14 +174,12 @@ def _publish(new: Path, target: Path, files: Sequence[str], overwrite: bool) -> 
     for file in files:
         with reporting(target / file):
             (target / file).parent.mkdir(parents=True, exist_ok=True)
-        _put_in_place(new / file, target / file, overwrite=overwrite)
+        _put_in_place(new / file, target / file)
 
 
-def _put_in_place(new: Path, final: Path, *, overwrite: bool) -> None:
+def _put_in_place(new: Path, final: Path) -> None:
     """Give a finished file, or a store, its name."""
     with reporting(final):
-        if not overwrite:
-            _refuse_taken(final, overwrite)
         if is_store(final):  # a folder cannot be replaced, but goes with the unfinished ones
             os.replace(final, new.with_name(f"{new.name}.old"))
         os.replace(new, final)

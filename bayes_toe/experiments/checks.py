@@ -17,8 +17,8 @@ import numpy as np
 
 from bayes_toe.data.conditions import Stimuli, by_person
 from bayes_toe.data.findings import Finding
-from bayes_toe.data.messages import counted, listed, quoted
-from bayes_toe.data.study import Study, Subject, require_study, said_intervals
+from bayes_toe.data.messages import counted, listed, quoted, said_intervals
+from bayes_toe.data.study import Study, Subject, require_study
 from bayes_toe.data.tasks import SAME_DIFFERENT
 from bayes_toe.data.validation import runs
 from bayes_toe.experiments.identifiability import FULL, PARAMETERS, identifiability

@@ -22,8 +22,8 @@ import xarray as xr
 
 from bayes_toe.arrays import FloatArray, IndexArray
 from bayes_toe.data.conditions import Conditions, from_kept
-from bayes_toe.data.messages import MOST_ROWS, as_html, listed, named_few, shown
-from bayes_toe.data.study import Study, Subject, as_name
+from bayes_toe.data.messages import MOST_ROWS, as_html, as_name, listed, named_few, shown
+from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.tasks import Task, task_counted
 from bayes_toe.data.whole_files import named_store, reporting, whole_file, whole_together
 from bayes_toe.errors import InputError, require_kind
