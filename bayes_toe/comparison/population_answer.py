@@ -41,6 +41,8 @@ class OnAverage:
         Each mean, with its own.
     differ : bool
         Whether subjects differ by more than a small effect.
+    always : PopulationRow or None
+        The mean pull where the model always has one, so that none of it is no question.
     """
 
     p_none: float
@@ -48,21 +50,25 @@ class OnAverage:
     both: PopulationRow
     means: tuple[PopulationRow, ...]
     differ: bool
+    always: PopulationRow | None = None
 
     @property
     def has(self) -> bool:
         """Whether there is, or probably is, an effect on average."""
-        return self.p_none <= PROBABLY_HAS
+        return self.always is not None or self.p_none <= PROBABLY_HAS
 
     @property
     def named(self) -> tuple[str, ...]:
         """Kinds that are said, for sure or probably."""
-        return tuple(kind for kind, share in self.shares.items() if self.has and share >= PROBABLY_NAMED)
+        return tuple(kind for kind, share in self.shares.items() if self.p_none <= PROBABLY_HAS and share >= PROBABLY_NAMED)
 
     @property
     def words(self) -> str:
         """One clause: 'one on average: a pull, and subjects differ'."""
         side = next((words for most, words in _WORDS if self.p_none <= most), "none on average")
+        if (pull := self.always) is not None:
+            size = f"a pull of {pull.q50:.2f} ({pull.q05:.2f} to {pull.q95:.2f}) on average, since this model always has one"
+            return f"{size}; {' and '.join(row.parameter for row in self.means)}: {side}"
         said = f"{side}: {' and '.join(f'a {kind}' for kind in self.named) or 'which kind is open'}" if self.has else side
         differ = ", and subjects differ" if self.has else ", but subjects differ, with effects of either sign"
         return said + differ * self.differ
@@ -70,15 +76,15 @@ class OnAverage:
 
 def on_average(found: Population) -> OnAverage | None:
     """Of a population; None where its model has no mean that may be none."""
-    rows = [row for kind in (ORDER_EFFECT, *ORDER_EFFECTS.values()) for row in found.table.some("mean", kind)]
-    rows = [row for row in rows if (row.bf_zero, row.bf_below) != (None, None)]
-    if not rows:
+    rows = [row for kind in ORDER_EFFECTS.values() for row in found.table.some("mean", kind)]
+    means = [row for row in rows if (row.bf_zero, row.bf_below) != (None, None)]
+    if not means:
         return None
-    both, *means = rows
+    (both,), always = found.table.some("mean", ORDER_EFFECT), next((row for row in rows if row not in means), None)
     average = _averages(both, means)
     p, spread = average[()], found.table.some("sd", ORDER_EFFECT)
     shares = {row.parameter: sum(one for kinds, one in average.items() if row.parameter in kinds) / (1.0 - p) for row in means if p < 1.0}
-    return OnAverage(p, shares, both, tuple(means), bool(spread) and spread[0].q05 > SMALL)
+    return OnAverage(p, shares, both, tuple(means), bool(spread) and spread[0].q05 > SMALL, always)
 
 
 def _averages(both: PopulationRow, means: Sequence[PopulationRow]) -> dict[tuple[str, ...], float]:

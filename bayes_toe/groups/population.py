@@ -16,7 +16,7 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.data.conditions import by_person, mean_first
 from bayes_toe.data.covariates import Covariates, read_covariates
 from bayes_toe.data.messages import as_html, shown
-from bayes_toe.data.study import Study, require_study
+from bayes_toe.data.study import Study, pooled, require_study
 from bayes_toe.data.tasks import Task
 from bayes_toe.errors import ConvergenceWarning, InputError, WorkerError, require_kind
 from bayes_toe.groups.asymmetries import Asymmetries, asymmetries
@@ -174,10 +174,12 @@ class Population:
         own = self.study[subject]
         return Posterior(own, self.model, self.settings.prior, centre=centre_of(self.model, own, self.centre))
 
-    @property
+    @cached_property
     def typical(self) -> Posterior:
-        """That of the first subject with the group's centre, for a subject at the mean or a further one."""
-        return Posterior(self.study.subjects[0], self.model, self.settings.prior, centre=self.centre)
+        """That of a subject at the mean or a further one, who meets everybody's stimuli, as far from the centre as they are for each."""
+        away = [centre_of(self.model, one, self.centre) - self.centre for one in self.study]
+        met = [replace(one, s1=one.s1 - far, s2=one.s2 - far, answers=None) for one, far in zip(self.study, away, strict=True)]
+        return Posterior(pooled(met), self.model, self.settings.prior, centre=self.centre)
 
     def quantities(self, eta: FloatArray) -> dict[str, FloatArray]:
         """Every named quantity of parameters on their group scales, (..., k) -> (...) each; a gain's pull, 1 - gain, too."""

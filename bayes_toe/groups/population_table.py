@@ -53,7 +53,8 @@ class PopulationRow(NamedTuple):
     p_direction : float or None
         Probability that it has the sign that it probably has; of correlations, effects and asymmetries.
     bf_zero : float or None
-        Of means that may be none, of pull and constant error each and of both together: Bayes factor of none against any.
+        Of means that may be none, of pull and constant error each and of both together: Bayes factor of none against any. The order
+        effect has none where the model's pull cannot be none.
     bf_no_difference : float or None
         Of effects, and of what differs by condition: of no difference, of conditions between any levels, against a difference.
     bf_error, bf_below : float or None
@@ -109,8 +110,9 @@ def population_table(found: Population) -> PopulationTable:
 def _means(found: Population, labels: Sequence[str], ratios: Ratios) -> Iterator[PopulationRow]:
     """On the group scales, and natural quantities of a subject at these; those that may be none have a Bayes factor."""
     own = found.chains
-    if ratios.joint is not None:
-        yield _with_ratio(_row(ORDER_EFFECT, "mean", "", _sizes(found, own.mean)), "bf_zero", ratios.joint)
+    if ratios.means:
+        size = _row(ORDER_EFFECT, "mean", "", _sizes(found, own.mean))
+        yield size if ratios.joint is None else _with_ratio(size, "bf_zero", ratios.joint)
     natural = found.quantities(own.mean)
     same = [name for name in found.names if GROUP_PARAMETERS[name].scale == "identity"]  # what is its own scale is not said twice
     values = dict(zip(labels, np.moveaxis(own.mean, -1, 0), strict=True)) | {key: natural[key] for key in natural if key not in same}
@@ -171,8 +173,8 @@ def _by_condition(found: Population, apart: Differences, own: GroupChains) -> It
 def _order_change(found: Population, own: GroupChains, at: Sequence[FloatArray]) -> FloatArray:
     """Root mean square, over the first stimuli shown, of how the shift of a typical subject changes, in just noticeable differences."""
     one, other = (found.quantities(found.chains.mean + own.mean @ step) for step in at)
-    s1, n = (np.concatenate([getattr(subject, key) for subject in found.study]) for key in ("s1", "n_trials"))
-    spread = np.average(np.square(s1 - np.average(s1, weights=n)), weights=n)
+    shown = found.typical.subject
+    spread = np.average(np.square(shown.s1 - found.centre), weights=shown.n_trials)
     offset, pull = (one[key] - other[key] if key in one else np.zeros(1) for key in ("offset", "pull"))
     return np.asarray(np.sqrt(np.square(offset) + np.square(pull) * spread) / found.quantities(found.chains.mean)["jnd"])
 

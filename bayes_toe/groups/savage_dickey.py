@@ -19,6 +19,7 @@ from scipy.special import logsumexp
 from bayes_toe.arrays import FloatArray
 from bayes_toe.groups.joint import scatter_named, with_ones
 from bayes_toe.inference.diagnostics import errors, pareto_k
+from bayes_toe.model.contrasted import QUANTITIES
 from bayes_toe.seeds import generator
 
 if TYPE_CHECKING:
@@ -54,7 +55,7 @@ class Ratio(NamedTuple):
 
 
 class Ratios(NamedTuple):
-    """Those of the means that may be none, by the group parameter; of all of these together; of effects, a row a regressor."""
+    """Those of means that may be none, by the group parameter; of all together, unless a pull cannot be none; of effects by regressor."""
 
     means: dict[str, Ratio]
     joint: Ratio | None
@@ -102,7 +103,9 @@ def savage_dickey(found: Population) -> Ratios:
     at_zero = AtZero(found.chains, given, x, found.settings.scatter, generator(found.settings.seed, "population", "no difference"))
     own, k = {name: found.names.index(name) for name in ORDER_EFFECTS if name in found.names}, len(found.names)
     effects = tuple(tuple(at_zero([(1 + i) * k + j]) for j in range(k)) for i in range(x.shape[1]))
-    return Ratios({name: at_zero([place]) for name, place in own.items()}, at_zero([*own.values()]) if own else None, effects)
+    always = any(name in QUANTITIES["pull"] and name not in ORDER_EFFECTS for name in found.names)
+    joint = None if always or not own else at_zero([*own.values()])
+    return Ratios({name: at_zero([place]) for name, place in own.items()}, joint, effects)
 
 
 def _regression(

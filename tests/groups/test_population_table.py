@@ -1,5 +1,7 @@
 """What is said of a population: the columns, rows of every kind, and each subject beside itself alone."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -7,6 +9,8 @@ from populations import made_population, made_up
 
 import bayes_toe as bt
 from bayes_toe.cli.population import answer
+from bayes_toe.comparison.population_answer import on_average
+from bayes_toe.data.conditions import mean_first
 from bayes_toe.data.covariates import Covariates
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.groups.regressors import regressors
@@ -98,3 +102,30 @@ def test_the_first_line_says_it(kind, task):
     assert "16 subjects, the model " in first
     answer_of = {SAME_DIFFERENT: "'equal' is likelier", WHICH_STRONGER: "wrong answers are likelier"}
     assert all(answer_of[task] in line for line in rest)
+
+
+@pytest.mark.parametrize("task", TYPICAL, ids=lambda task: task.count)
+def test_a_pull_that_cannot_be_none_is_said(task):
+    """A contraction has a pull in any case: only its constant error may be none."""
+    score = np.random.default_rng(4).standard_normal((8, 4))
+    mean = np.array([0.0, -0.4, -1.2, TYPICAL[task][3]])
+    found = made_population(mean + SPREAD * np.concatenate([score, -score]), model="contraction", task=task)
+    first, direction = answer(found)
+    assert "a pull of 0.3" in first
+    assert "on average, since this model always has one; constant error: none on average (P of none " in first
+    assert "direction" in direction
+    (both,) = found.table.some("mean", "order effect")
+    assert both.bf_zero is both.bf_below is None
+    assert both.mean > 0.2
+    assert on_average(found).named == ()
+
+
+def test_the_size_of_the_effect_does_not_depend_on_where_whose_stimuli_are():
+    """Offsets count from everybody's own mean: the same answers to stimuli elsewhere are the same effect, whoever comes first."""
+    score = np.random.default_rng(4).standard_normal((4, 4))
+    near = made_population(TYPICAL[SAME_DIFFERENT] - np.eye(4)[1] * 0.25 + SPREAD * score, model="free weighting")
+    moved = [replace(one, s1=one.s1 + far, s2=one.s2 + far) for one, far in zip(near.study, (5.0, 0.0, -2.0, 1.0), strict=True)]
+    far = replace(near, study=replace(near.study, subjects=tuple(moved)), centre=mean_first(*moved))
+    for kind in ("mean", "sd"):
+        (one,), (other,) = (found.table.some(kind, "order effect") for found in (near, far))
+        assert other.q50 == pytest.approx(one.q50, rel=1e-9)
