@@ -286,12 +286,16 @@ FILES = (
         {"mean": "Posterior mean of P(equal).", **{f"q{p:02d}": f"{p} % quantile of P(equal)." for p in (5, 25, 50, 75, 95)}},
     ),
     File(
-        "study.csv", "`simulate`", "trial", ("subject", "batch", "trial", "s1", "s2", "isi", "response", "synthetic"), (), {
+        "study.csv", "`simulate`", "trial", ("subject", "condition", "batch", "trial", "s1", "s2", "isi", "response", "synthetic"), (), {
+            "condition": "Level of the condition; only with `--conditions`.",
             "batch": "Repetition of the design.", "trial": "Number of the trial of the subject, from 1.", "response": "`equal` or `different`.",
             "synthetic": "1: the answer was simulated. The mark goes with the study into all results.",
         },
     ),
-    File("truth.csv", "`simulate --truth`", "subject, with the parameters that made its answers", ("subject", *FITTED)),
+    File(
+        "truth.csv", "`simulate --truth`", "subject, or with `--conditions` subject and condition (`S01@left`), with the parameters that made "
+        "its answers", ("subject", *FITTED),
+    ),
     File(
         "methods_parameters.csv", "`methods`", "subject; other models have their own parameters",
         ("subject", *(f"{name}_{key}" for name in _SHOWN for key in _RANGES), "prior_dominated", "min_ess", "max_r_hat", "converged"), (), {
@@ -387,6 +391,17 @@ FILES = (
         },
     ),
     File(
+        "power_conditions.csv", "`power --differ`", "design, number of trials, what differs, number of subjects of a study, and quantity",
+        POPULATION_COLUMNS, (), _PLANNED | {
+            "trials": "Trials of a subject, half of them under either condition.",
+            "observers": "What differs between the conditions, on the scales on which subjects scatter.", "subjects": "Subjects of a study.",
+            "quantity": "How often `contrast` says of a subject, or `population` of several on average, that constant error, pull, width or order effect "
+            "differs, or does not; for sure (a Bayes factor of 20), or probably too (3).",
+            "value": "The share.", "low": "Lower end of its 95 % interval of Monte Carlo error.", "high": "Upper end.",
+            "studies": "Over how many simulated studies.",
+        },
+    ),
+    File(
         "power_stopping.csv", "`power --stop`", "simulated session", STOPPING_COLUMNS, [SubjectEvidence], _PLANNED | {
             "trials": "Trials until it stopped.", "effect": "What the verdict then said of an effect.", "kind_named": "And of its kind.",
         },
@@ -396,7 +411,8 @@ FILES = (
         {"n_trials": "How often the pair is presented.", "isi": "Inter-stimulus interval, s; only where there are several."},
     ),
     File(
-        "trials.csv", "`design --list`", "trial, in the order of presentation", ("subject", "block", "trial", "s1", "s2", "isi", "response"), (), {
+        "trials.csv", "`design --list`", "trial, in the order of presentation", ("subject", "condition", "block", "trial", "s1", "s2", "isi", "response"), (), {
+            "condition": "Level of the condition; only with `--conditions`.",
             "block": "Number of the block, from 1.", "trial": "Number of the trial of the subject, from 1.",
             "isi": "Inter-stimulus interval, s; only where the design has several.",
             "response": "Empty: the answer goes here, `equal` or `different`, and `run` reads the file.",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,12 +15,13 @@ from bayes_toe import planning
 from bayes_toe.cli.options import rare, writes
 from bayes_toe.cli.task import MODEL, Takes, Task
 from bayes_toe.cli.terminal import safe, say
-from bayes_toe.data.messages import counted, quoted
+from bayes_toe.data.messages import counted, listed, quoted
 
 if TYPE_CHECKING:
     from bayes_toe.arrays import FloatArray
 
 _POWER, _STUDIES, _STOPPING, _POPULATION = "power.csv", "power_subjects.csv", "power_stopping.csv", "power_population.csv"
+_CONDITIONS = "power_conditions.csv"
 _BESIDE = ("power_data_sets.csv", "power.png", "power.pdf")
 Question = Annotated[str, typer.Option("--task", metavar="same/different|2afc", help="What is asked; 2afc: which is stronger.")]
 Observers = Annotated[
@@ -104,10 +106,20 @@ class SimulationOptions:
     studies: Annotated[
         int, rare("--studies", min=1, help="With --population: of each kind and number of --subjects, at the most --trials.")
     ] = 20
+    differ: Annotated[
+        str | None,
+        typer.Option(
+            "--differ",
+            metavar="pull=0.5:0.15,...",
+            help="Also two conditions, half of the trials each, that differ by so much: constant error (natural-log intensity), pull "
+            "(probit), width (log); after a colon the sd between subjects. With --population of studies too.",
+        ),
+    ] = None
     observers: Observers = None
 
     def tables(self, designs: Mapping[str, planning.StudyDesign], task: Task, keep: Path) -> dict[str, Any]:
         """What was simulated, by the file of it."""
+        from bayes_toe.experiments.conditions import differing_from
         from bayes_toe.model.study_prior import preset_or_file
         from bayes_toe.planning.observers import observers_from, shares_from
         from bayes_toe.planning.power_of_studies import power_of_studies
@@ -116,7 +128,7 @@ class SimulationOptions:
         rule = (
             None if self.stop is None else planning.StoppingRule(tuple(one.strip() for one in self.stop.split(",")), numbers[-1], self.look)
         )
-        asked = next(iter(designs.values())).task
+        asked, apart = next(iter(designs.values())).task, None if self.differ is None else differing_from("a,b", self.differ)
         kinds = len({one.kind for one in observers_from(self.observers, 1, 0, task=asked)})  # refuses a bad file before any work
         shares, seed = shares_from(self.observers, asked), task.seed
 
@@ -133,6 +145,10 @@ class SimulationOptions:
             longest = {name: one.with_total(numbers[-1]) for name, one in designs.items()}
             total = (kinds + bool(shares)) * sum(size > 1 for size in sizes) * self.studies
             found[_POPULATION] = simulated("simulating studies", total, planning.power_of_populations, longest, sizes, studies=self.studies)
+        if apart is not None:
+            many = {1: self.data_sets} | {size: self.studies for size in sizes if self.population and size > 1}
+            total, work = 2 * len(numbers) * sum(many.values()), partial(planning.power_of_conditions, apart.sizes)
+            found[_CONDITIONS] = simulated("simulating conditions", total, work, designs, numbers, studies=many)
         return found
 
 
@@ -154,7 +170,7 @@ def power(
     from bayes_toe.data.tables import write_table
     from bayes_toe.data.whole_files import whole_folder
 
-    products = (_POWER, _STUDIES, _STOPPING, _POPULATION, *_BESIDE)
+    products = (_POWER, _STUDIES, _STOPPING, _POPULATION, _CONDITIONS, *_BESIDE)
     task.require_folder(output, products)
     keep = task.partial(output)
     tables = asked.tables(_designs(design, question), task, keep)
@@ -183,6 +199,17 @@ class ListOptions:
     ] = None
     blocks: Annotated[int, rare("--blocks", min=1, help="Of --list: blocks of as many trials as can be.")] = 10
     subjects: Annotated[int, typer.Option("--subjects", min=1, help="Of --list: how many, each with an order of trials of its own.")] = 1
+    conditions: Annotated[
+        str | None,
+        typer.Option("--conditions", metavar="left,right", help="Of --list: a condition, each level with its share of --trials."),
+    ] = None
+
+    def levels(self) -> tuple[str, ...]:
+        """Those of the condition, none without one."""
+        from bayes_toe.experiments.conditions import differing_from
+
+        differing = differing_from(self.conditions, None)
+        return () if differing is None else differing.conditions.levels
 
     def write(self, made: planning.StudyDesign, seed: int, reference: float | None, task: Task) -> None:
         """A randomised, counterbalanced list of trials, which run reads once the answers are filled in."""
@@ -191,9 +218,11 @@ class ListOptions:
 
         if self.list_output is None:
             return
-        lists = [planning.trial_list(made, blocks=self.blocks, subject=name, seed=seed) for name in subject_names(self.subjects)]
+        levels, names = self.levels(), subject_names(self.subjects)
+        lists = [planning.trial_list(made, blocks=self.blocks, subject=name, seed=seed, conditions=levels) for name in names]
         save_trials(lists, self.list_output, reference=reference, overwrite=task.overwrite)
-        who = f"{counted(self.subjects, 'subject')}, {made.total} trials each in {self.blocks} blocks"
+        split = f" ({made.total} in each of {listed([*levels])}, mixed within blocks)" if levels else ""
+        who = f"{counted(self.subjects, 'subject')}, {made.total * max(1, len(levels))} trials each in {self.blocks} blocks{split}"
         both = "both orders of two stimuli equally often in a block where the design has them so"
         say(task.console, f"{who}: {both}, at most {MOST_EQUAL} equal pairs in a row")
         task.say_written("trials in", self.list_output, seed=seed)
@@ -233,7 +262,15 @@ def design(
     prior, levels, goal = preset_or_file(task.prior), wanted.levels_in_log(), wanted.goal(question)
     with task.progress("simulating and analysing", 4 * 3 * data_sets) as tick:
         found = planning.optimal_design(
-            levels, trials, goal, observers, data_sets=data_sets, seed=task.seed, prior=prior, workers=task.workers, progress=tick
+            levels,
+            trials // max(1, len(lists.levels())),
+            goal,
+            observers,
+            data_sets=data_sets,
+            seed=task.seed,
+            prior=prior,
+            workers=task.workers,
+            progress=tick,
         )
     with task.together(*files) as folder:
         found.design.save(folder / files[0].name)

@@ -215,23 +215,18 @@ _KNOWN_AS |= {GROUP_PARAMETERS[name].label: name for name in ("pull", "width")}
 
 def by_condition(found: Population) -> list[str]:
     """What differs between conditions on average, a line a comparison, with markup."""
+    from bayes_toe.comparison.contrast import word_of
+
     rows, lines = found.table.some("condition_effect"), list[str]()
     for level in dict.fromkeys(row.level for row in rows):
         own, said = {row.parameter: row for row in rows if row.level == level}, list[str]()
         for label, row in own.items():
             name = _KNOWN_AS.get(label, label)
-            if row.p_direction is not None and (row.bf_no_difference, row.bf_below) != (None, None):
-                said.append(f"{name} {_interval(own.get(name, row))}, {_said_word(row)} (Bayes factor of no difference {row.of_none})")
+            if row.p_direction is not None and row.log_bf_differs is not None:
+                word = word_of(row.log_bf_differs)
+                said.append(f"{name} {_interval(own.get(name, row))}, {word} (Bayes factor of no difference {row.of_none})")
         lines.append(f"[bold]{safe(level)}[/bold] on average: {'; '.join(said)}")
     return lines
-
-
-def _said_word(row: PopulationRow) -> str:
-    """The word of a Bayes factor of no difference, or of a bound."""
-    from bayes_toe.comparison.contrast import word_of
-
-    none = min(row.bf_below or 0.0, 1.0) if row.bf_no_difference is None else row.bf_no_difference
-    return word_of(-math.log(none) if none > 0.0 else math.inf)
 
 
 def effect(row: PopulationRow, of: str = "covariate") -> dict[Any, Any]:

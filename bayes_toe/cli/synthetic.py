@@ -25,6 +25,18 @@ class Observers:
         float, rare("--carry-over", help="Share of what is expected after a trial that is left at the next, 0 to below 1.")
     ] = 0.0
     missed: Annotated[float, rare("--missed", help="Share of trials that nobody answers in time.")] = 0.0
+    conditions: Annotated[
+        str | None, typer.Option("--conditions", metavar="left,right", help="Levels of a condition: all pairs are shown at each.")
+    ] = None
+    differ: Annotated[
+        str | None,
+        typer.Option(
+            "--differ",
+            metavar="pull=0.5:0.1,...",
+            help="By how much the last condition differs from the first: constant error "
+            "(natural-log intensity), pull (probit), width (log); after a colon the sd between subjects.",
+        ),
+    ] = None
     question: Annotated[str, typer.Option("--task", help="same/different, or 2afc: which of the two is stronger.")] = "same/different"
 
 
@@ -47,6 +59,7 @@ def simulate(  # each is a choice of its own, and has a default
     """
     from bayes_toe.data.tables import write_table
     from bayes_toe.data.tasks import task_of
+    from bayes_toe.experiments.conditions import differing_from
     from bayes_toe.experiments.simulate import design_from, population_from, simulate_trials, trial_frame, truth_frame
     from bayes_toe.model.study_prior import preset_or_file
     from bayes_toe.seeds import root_seed
@@ -56,7 +69,8 @@ def simulate(  # each is a choice of its own, and has a default
     prior, seed = None if task.prior is None else preset_or_file(task.prior), root_seed(task.seed)
     pairs = design_from(design, amplitudes, batches, isi)
     names, known = population_from(observers.population, observers.subjects, seed, pairs, prior=prior, task=asked)
-    trials = simulate_trials(names, known, pairs, seed, asked, carried=observers.carry_over, missed=observers.missed)
+    differing = differing_from(observers.conditions, observers.differ)
+    trials = simulate_trials(names, known, pairs, seed, asked, carried=observers.carry_over, missed=observers.missed, differing=differing)
     with ExitStack() as places:  # one where both files are in one folder
         folders = {
             parent: places.enter_context(task.together(*(one for one in files if one.parent == parent)))
@@ -64,6 +78,6 @@ def simulate(  # each is a choice of its own, and has a default
         }
         write_table(trial_frame(trials), folders[output.parent] / output.name, **task.saving)
         if truth_output is not None:
-            write_table(truth_frame(names, known, asked), folders[truth_output.parent] / truth_output.name, **task.saving)
+            write_table(truth_frame(trials), folders[truth_output.parent] / truth_output.name, **task.saving)
     total = sum(len(one.yes) for one in trials)
     task.say_written(f"{len(names)} synthetic subjects, {total} trials in", output, ending=f"; seed {seed}")

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -13,11 +14,13 @@ from scipy.special import ndtr
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray
 from bayes_toe.data.answers import Answers
+from bayes_toe.data.conditions import felt_together
 from bayes_toe.data.read_study import Truth
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task, task_of
-from bayes_toe.data.validation import read_numbers
+from bayes_toe.data.validation import AT, read_numbers
 from bayes_toe.errors import InputError
+from bayes_toe.experiments.conditions import Differing
 from bayes_toe.model.closed_form import equal_probability, evolved_mean, noise_ratio, pull, require_natural, variance_ratio
 from bayes_toe.model.coordinates import Natural, natural_names
 from bayes_toe.model.intervals import at_interval, require_intervals
@@ -65,6 +68,11 @@ class Design:
             object.__setattr__(self, "isi", np.atleast_1d(require_intervals(self.isi)))
             if self.isi.shape != self.s1.shape:
                 raise InputError("design: isi must have the length of s1 and s2")
+
+    def pairs(self, task: Task) -> Subject:
+        """The pairs as a subject who never gave the answer that the task counts: for what depends on the pairs alone."""
+        counts = np.zeros(len(self.s1), np.int64), np.full(len(self.s1), self.batches)
+        return Subject.from_counts("design", self.s1, self.s2, *counts, self.isi, task=task)
 
 
 def reference_design(amplitudes: Iterable[float] = PAPER_AMPLITUDES, batches: int = PAPER_BATCHES) -> Design:
@@ -155,8 +163,7 @@ def prior_population(
     As there (:func:`bayes_toe.model.study_prior.prior_for`), numbers that are the stimuli's are those of the design, and with intervals the
     prior is about sigma_p over the reference interval; the observers' is per square root of a second.
     """
-    counts = np.zeros(len(design.s1), np.int64), np.full(len(design.s1), design.batches)
-    pairs = Subject.from_counts("design", design.s1, design.s2, *counts, design.isi, task=task)
+    pairs = design.pairs(task)
     numbers = prior_for(Study((pairs,), "design", synthetic=True), prior).at(pairs)
     if task == SAME_DIFFERENT:
         drawn = numbers.sample(rng, size)
@@ -170,9 +177,13 @@ def prior_population(
 
 @dataclass(frozen=True, eq=False)
 class Trials:
-    """Single trials of one synthetic subject in the order of presentation; where `missed` nobody answered in time."""
+    """Single trials of one synthetic subject in the order of presentation; where `missed` nobody answered in time.
+
+    The observer's parameters have the shape (); of a subject under several conditions the trials are those of one, as is the name.
+    """
 
     subject: str
+    observer: Natural
     batch: IntArray
     s1: FloatArray
     s2: FloatArray
@@ -180,6 +191,12 @@ class Trials:
     missed: BoolArray
     isi: FloatArray | None = None
     task: Task = SAME_DIFFERENT
+    condition: str = ""
+
+    @property
+    def truth(self) -> dict[str, float]:
+        """The natural parameters by name."""
+        return {name: float(value) for name, value in zip(natural_names(self.task), self.observer, strict=True)}
 
     @property
     def answered(self) -> Subject:
@@ -187,7 +204,7 @@ class Trials:
         keys = np.column_stack([key for key in (self.s1, self.s2, self.isi) if key is not None])
         counts = np.where(self.yes & ~self.missed, 1, 0), np.where(self.missed, 0, 1)
         answers = Answers(keys, *counts, None, (), True, np.arange(len(self.yes)))
-        return Subject.from_answers(self.subject, answers, self.task)
+        return replace(Subject.from_answers(self.subject, answers, self.task), condition=self.condition)
 
 
 def second_probability(
@@ -214,8 +231,9 @@ def simulate_trials(
     *,
     carried: float = 0.0,
     missed: float = 0.0,
+    differing: Differing | None = None,
 ) -> list[Trials]:
-    """Answers of every observer; each subject's stream is keyed by its name.
+    """Answers of every observer, in every condition where there are some; each stream is keyed by the name, of units such as S01@left.
 
     Parameters
     ----------
@@ -229,6 +247,8 @@ def simulate_trials(
         Share of what is expected after a trial that is carried over to the next, see :mod:`bayes_toe.model.history`; 0: all has relaxed.
     missed : float
         Share of trials that nobody answers in time.
+    differing : Differing, optional
+        Conditions under each of which all is shown, and what differs between them.
 
     Examples
     --------
@@ -236,25 +256,36 @@ def simulate_trials(
     >>> len(simulate_trials(["S01"], one, reference_design(batches=2), seed=1)[0].yes)
     26
     """
-    subjects, made = list(names), []
+    subjects = list(names)
     for option, value in (("--carry-over", carried), ("--missed", missed)):
         if not 0.0 <= value < 1.0:
             raise InputError(f"{option}: found {value:g}, allowed: a number from 0 to below 1")
     if len(subjects) != len(observers.mu1):
         raise InputError(f"{len(subjects)} names for {len(observers.mu1)} observers")
+    made, shown = list[Trials](), partial(_trials, design=design, seed=seed, task=task, carried=carried, missed=missed)
     for i, name in enumerate(subjects):
-        observer, rng = Natural(*(values[i] for values in observers)), generator(seed, name, "trials")
-        order = np.argsort(rng.uniform(size=(design.batches, len(design.s1))), axis=1).ravel()
-        s1, s2 = design.s1[order], design.s2[order]
-        isi = None if design.isi is None else design.isi[order]
-        observer = observer if isi is None else at_interval(observer, isi)
-        if carried:
-            observer = observer._replace(mu1=observer.mu1 + _carried_over(s1, s2, observer, carried))
-        q = (equal_probability if task == SAME_DIFFERENT else second_probability)(s1, s2, *observer)
-        batch = np.repeat(np.arange(1, design.batches + 1), len(design.s1))
-        yes = rng.uniform(size=len(q)) < q
-        made.append(Trials(name, batch, s1, s2, yes, rng.uniform(size=len(q)) < missed, isi, task))
+        observer = Natural(*(values[i] for values in observers))
+        if differing is None:
+            made.append(shown(name, observer))
+        else:
+            units = zip(differing.conditions.levels, *differing.observers(design.pairs(task), name, observer, seed), strict=True)
+            made += [replace(shown(f"{name}{AT}{level}", Natural(*values)), condition=level) for level, *values in units]
     return made
+
+
+def _trials(name: str, observer: Natural, design: Design, seed: int, task: Task, carried: float, missed: float) -> Trials:
+    """Those of one observer."""
+    rng = generator(seed, name, "trials")
+    order = np.argsort(rng.uniform(size=(design.batches, len(design.s1))), axis=1).ravel()
+    s1, s2 = design.s1[order], design.s2[order]
+    isi = None if design.isi is None else design.isi[order]
+    felt = observer if isi is None else at_interval(observer, isi)
+    if carried:
+        felt = felt._replace(mu1=felt.mu1 + _carried_over(s1, s2, felt, carried))
+    q = (equal_probability if task == SAME_DIFFERENT else second_probability)(s1, s2, *felt)
+    batch = np.repeat(np.arange(1, design.batches + 1), len(design.s1))
+    yes = rng.uniform(size=len(q)) < q
+    return Trials(name, observer, batch, s1, s2, yes, rng.uniform(size=len(q)) < missed, isi, task)
 
 
 def _carried_over(s1: FloatArray, s2: FloatArray, observer: Natural, share: float) -> FloatArray:
@@ -287,6 +318,8 @@ def simulate(  # noqa: PLR0913  # each is a choice of its own, and has a default
     task: Task | str = SAME_DIFFERENT,
     carry_over: float = 0.0,
     missed: float = 0.0,
+    conditions: Sequence[str] = (),
+    differ: Mapping[str, float | tuple[float, float]] | None = None,
 ) -> Simulated:
     """Answers of observers who follow the model: what `bayes-toe simulate` writes, as a study.
 
@@ -315,6 +348,11 @@ def simulate(  # noqa: PLR0913  # each is a choice of its own, and has a default
         "same/different", or "2afc": which of the two is stronger.
     carry_over, missed : float
         Share of what is expected after a trial that is carried over to the next; share of trials without an answer.
+    conditions : sequence of str
+        Levels of a condition within subjects, each of whom meets all pairs under each; the truth is then that of units such as 'S01@left'.
+    differ : mapping, optional
+        Of "constant error" (natural-log intensity), "pull" (its probit), "width" (its log) the difference between the first and the last
+        of the conditions, or with it the sd between subjects: {"pull": (0.5, 0.15)}.
 
     Raises
     ------
@@ -329,13 +367,13 @@ def simulate(  # noqa: PLR0913  # each is a choice of its own, and has a default
     >>> simulate({"A": {"mu1": -0.7, "sigma_p": 0.2, "sigma_l": 0.1, "q0": 0.95}}, batches=5).study.names
     ('A',)
     """
-    asked, root, planned = (
-        task_of(task),
-        root_seed(seed),
-        design if isinstance(design, Design) else design_named(design, amplitudes, batches),
-    )
+    asked, root = task_of(task), root_seed(seed)
+    planned = design if isinstance(design, Design) else design_named(design, amplitudes, batches)
     if isi is not None:
         planned = at_intervals(planned, isi)
+    if differ is not None and not conditions:
+        raise InputError("differ: allowed with conditions, between which observers differ")
+    differing = Differing.of(conditions, differ) if conditions else None
     if isinstance(observers, Mapping):
         names, natural = list(observers), _given(observers, asked)
     elif isinstance(observers, bool) or not isinstance(observers, int) or observers < 1:
@@ -344,11 +382,12 @@ def simulate(  # noqa: PLR0913  # each is a choice of its own, and has a default
         raise InputError(f"population: found {population!r}, allowed: paper, prior; parameters of your own go to `observers`")
     else:
         names, natural = population_from(population, observers, root, planned, prior=prior, task=asked)
-    trials = simulate_trials(names, natural, planned, root, asked, carried=carry_over, missed=missed)
-    also, columns = {"carry_over": carry_over} if carry_over else {}, dict(zip(natural_names(asked), natural, strict=True))
-    truth = {name: {key: float(values[i]) for key, values in columns.items()} | also for i, name in enumerate(names)}
-    subjects = [one.answered for one in trials]
-    return Simulated(Study(tuple(subjects), f"simulated, seed {root}", synthetic=True), truth)
+    trials = simulate_trials(names, natural, planned, root, asked, carried=carry_over, missed=missed, differing=differing)
+    truth = {one.subject: one.truth | ({"carry_over": carry_over} if carry_over else {}) for one in trials}
+    study = Study(tuple(one.answered for one in trials), f"simulated, seed {root}", synthetic=True)
+    if differing is not None:
+        study = replace(study, subjects=felt_together(study), conditions=differing.conditions)
+    return Simulated(study, truth)
 
 
 def _given(observers: Truth, task: Task) -> Natural:
@@ -416,14 +455,15 @@ def population_from(
 
 
 def trial_frame(trials: Sequence[Trials]) -> pd.DataFrame:
-    """Trials as a table that `bayes-toe` reads; the column `synthetic` marks them for good."""
+    """Trials as a table that `bayes-toe` reads, conditions in turn batch by batch; the column `synthetic` marks them for good."""
     import pandas as pd
 
     parts = [
         {
-            "subject": one.subject,
+            "subject": one.subject.removesuffix(f"{AT}{one.condition}" if one.condition else ""),
+            **({"condition": one.condition} if one.condition else {}),
             "batch": one.batch,
-            "trial": np.arange(1, len(one.yes) + 1),
+            "trial": 0,
             "s1": one.s1,
             "s2": one.s2,
             **({} if one.isi is None else {"isi": one.isi}),
@@ -432,14 +472,18 @@ def trial_frame(trials: Sequence[Trials]) -> pd.DataFrame:
         }
         for one in trials
     ]
-    return pd.concat([pd.DataFrame(part) for part in parts], ignore_index=True)
+    frame = pd.concat([pd.DataFrame(part) for part in parts], ignore_index=True)
+    if trials[0].condition:
+        people = pd.factorize(frame["subject"])[0]
+        frame = frame.iloc[np.lexsort([frame["batch"].to_numpy(), people])].reset_index(drop=True)
+    return frame.assign(trial=frame.groupby("subject", sort=False).cumcount() + 1)
 
 
-def truth_frame(names: Sequence[str], observers: Natural, task: Task = SAME_DIFFERENT) -> pd.DataFrame:
-    """True natural parameters, one row a subject."""
+def truth_frame(trials: Sequence[Trials]) -> pd.DataFrame:
+    """True natural parameters, one row a subject, or a subject in a condition."""
     import pandas as pd
 
-    return pd.DataFrame({"subject": list(names), **dict(zip(natural_names(task), observers, strict=True))})
+    return pd.DataFrame([{"subject": one.subject} | one.truth for one in trials])
 
 
 def _natural_from(columns: Sequence[FloatArray], source: str, task: Task) -> Natural:

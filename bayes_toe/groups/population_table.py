@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
@@ -79,6 +80,14 @@ class PopulationRow(NamedTuple):
     bf_no_difference: float | None = None
     bf_error: float | None = None
     bf_below: float | None = None
+
+    @property
+    def log_bf_differs(self) -> float | None:
+        """Natural log of the Bayes factor of a difference against none; where only a bound is known, the least that it can be."""
+        if (self.bf_no_difference, self.bf_below) == (None, None):
+            return None
+        none = min(self.bf_below or 0.0, 1.0) if self.bf_no_difference is None else self.bf_no_difference
+        return -math.log(none) if none > 0.0 else math.inf
 
     @property
     def of_none(self) -> str:

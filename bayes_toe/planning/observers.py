@@ -21,9 +21,11 @@ from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task
 from bayes_toe.data.whole_files import named_store
 from bayes_toe.errors import InputError
+from bayes_toe.experiments.conditions import of_update
 from bayes_toe.model.closed_form import MAX_PULL
+from bayes_toe.model.coordinates import NATURAL
 from bayes_toe.model.ladder import ORDERS, model_named, models_of
-from bayes_toe.model.parts import CURVE_SCALES, compose, parts_of
+from bayes_toe.model.parts import compose, parts_of
 from bayes_toe.model.posterior import Model, Posterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.prior_fields import real, shown, toml_table
@@ -265,14 +267,12 @@ def model_of(task: Task, kind: str, quantities: Collection[str]) -> Model:
 
 
 def natural_of(values: Mapping[str, float], at: float, task: Task) -> dict[str, float]:
-    """What a model is written in, from what a file says: mu1 = at + c/p, sigma_p = w K^power of the task, sigma_l = sigma_p p^(1/2) / K."""
+    """What a model is written in, from what a file says."""
     rest = dict(values)
     if "pull" not in rest:
         return rest
-    p, gain = rest.pop("pull"), 1.0 - values["pull"]
-    sigma_p = rest.pop("width") * gain ** CURVE_SCALES[task].power
-    mu1 = at + rest.pop("offset") / p if "offset" in rest else rest.pop("mu1")
-    return {"mu1": mu1, "sigma_p": sigma_p, "sigma_l": sigma_p * float(np.sqrt(p)) / gain, **rest}
+    told = of_update(rest.pop("offset", 0.0), rest.pop("pull"), rest.pop("width"), at, task)
+    return {**dict(zip(NATURAL, map(float, told), strict=False)), **rest}
 
 
 # --- Prior and draws --------------------------------------------------------------------------------

@@ -41,7 +41,7 @@ PULL, ERROR, DENYING = "pull named", "constant error named", "none said"
 #: Rows of the population's table of which the expected width of the 90 % interval is told.
 WIDTHS = (("mean", "pull"), ("mean", "constant error"), ("sd", "pull"), ("sd", "constant error"))
 _SURE = 0.95
-_DRAWS = 200  # effective ones of everything: chains that agree have many more of most
+DRAWS = 200  # effective ones of everything: chains that agree have many more of most
 
 
 # --- By random effects over evidences -------------------------------------------------------------
@@ -247,7 +247,7 @@ def analysed_study(name: str, design: StudyDesign, planned: PlannedStudy, seed: 
     own = int(generator(seed, planned.name, "population").integers(2**32))
     with catch_warnings():
         simplefilter("ignore", ConvergenceWarning)  # counted
-        found = population(Study(tuple(answers)), draws=_DRAWS, seed=own, prior=prior, workers=1)
+        found = population(Study(tuple(answers)), draws=DRAWS, seed=own, prior=prior, workers=1)
     said, rows = on_average(found), [row for of in WIDTHS for row in found.table.some(*of)]
     assert said is not None  # free weighting has means that may be none
     widths = tuple(row.q95 - row.q05 for row in rows)

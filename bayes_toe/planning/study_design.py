@@ -208,7 +208,7 @@ def narrow_study_design(first: FloatArray, steps: FloatArray, trials: int) -> St
 class TrialList:
     """Trials of one subject in the order in which they are shown; the answers are still to come.
 
-    Blocks count from 1; s1 and s2 are natural-log intensities, isi is in seconds; shape (trials,) each.
+    Blocks count from 1; s1 and s2 are natural-log intensities, isi is in seconds, conditions are names; shape (trials,) each.
     """
 
     subject: str
@@ -216,10 +216,11 @@ class TrialList:
     s1: FloatArray
     s2: FloatArray
     isi: FloatArray | None = None
+    condition: npt.NDArray[np.str_] | None = field(default=None, kw_only=True)
 
 
-def trial_list(design: StudyDesign, *, blocks: int = 10, subject: str = "S01", seed: int) -> TrialList:
-    """A random order of all trials of a design.
+def trial_list(design: StudyDesign, *, blocks: int = 10, subject: str = "S01", seed: int, conditions: Sequence[str] = ()) -> TrialList:
+    """A random order of all trials of a design, under each of the conditions, mixed within blocks, where there are some.
 
     Every block has its share of every pair, and two stimuli in both orders equally often where the design has them so; no more than three
     equal pairs follow each other, also over the end of a block. Of all orders that are so, each is equally probable.
@@ -231,6 +232,8 @@ def trial_list(design: StudyDesign, *, blocks: int = 10, subject: str = "S01", s
     subject : str
         Whose trials; the random stream is keyed by it.
     seed : int
+    conditions : sequence of str
+        Levels of a condition within subjects, each of which has all trials of the design.
 
     Raises
     ------
@@ -246,25 +249,29 @@ def trial_list(design: StudyDesign, *, blocks: int = 10, subject: str = "S01", s
     if not 1 <= blocks <= design.total:
         raise InputError(f"--blocks {blocks}: allowed is 1 to {design.total}, the number of trials")
     rng = generator(seed, subject, "order of trials")
-    counts, same = _blocks(design, blocks, rng), design.s1 == design.s2
-    order = [rng.permutation(np.repeat(np.arange(design.n_pairs), of_block)) for of_block in counts]
+    levels = max(1, len(conditions))
+    counts, same = np.hstack([_blocks(design, blocks, rng) for _ in range(levels)]), np.tile(design.s1 == design.s2, levels)
+    order = [rng.permutation(np.repeat(np.arange(len(same)), of_block)) for of_block in counts]
     for trials, equal in zip(order, _places_of_equals(counts[:, same].sum(axis=1), counts[:, ~same].sum(axis=1), rng), strict=True):
         trials[equal], trials[~equal] = trials[same[trials]], trials[~same[trials]]
-    of_all, block = np.concatenate(order), np.repeat(np.arange(1, blocks + 1), counts.sum(axis=1))
-    return TrialList(subject, block, *(column[of_all] for column in design.columns))
+    block = np.repeat(np.arange(1, blocks + 1), counts.sum(axis=1))
+    level, pair = np.divmod(np.concatenate(order), design.n_pairs)
+    found = TrialList(subject, block, *(column[pair] for column in design.columns))
+    return replace(found, condition=np.array(conditions)[level]) if conditions else found
 
 
 def save_trials(lists: list[TrialList], path: str | Path, *, reference: float | None = None, overwrite: bool = False) -> Path:
     """Write trial lists as one CSV file that :func:`bayes_toe.data.read_study.read_study` reads once the column response is filled in.
 
-    Columns: subject, block, trial (over all blocks), s1, s2, isi where there are intervals, i1 and i2 = reference e^s where the reference
-    amplitude is given, and response, which is empty.
+    Columns: subject, condition where there are some, block, trial (over all blocks), s1, s2, isi where there are intervals, i1 and i2 =
+    reference e^s where the reference amplitude is given, and response, which is empty.
     """
     import pandas as pd
 
     parts = []
     for one in lists:
-        columns = {"subject": one.subject, "block": one.block, "trial": np.arange(1, len(one.s1) + 1), "s1": one.s1, "s2": one.s2}
+        columns: dict[str, Any] = {"subject": one.subject} | ({} if one.condition is None else {"condition": one.condition})
+        columns |= {"block": one.block, "trial": np.arange(1, len(one.s1) + 1), "s1": one.s1, "s2": one.s2}
         columns |= {} if one.isi is None else {"isi": one.isi}
         columns |= {} if reference is None else {"i1": reference * np.exp(one.s1), "i2": reference * np.exp(one.s2)}
         parts.append(pd.DataFrame({**columns, "response": ""}))

@@ -16,6 +16,7 @@ from bayes_toe.cli.supplement import fit_table, order_effect_table, parameter_ta
 from bayes_toe.data.covariates import Covariates
 from bayes_toe.experiments.checks import described
 from bayes_toe.inference.prediction import predict_pairs
+from bayes_toe.planning.power_of_conditions import NOTHING, Compared, ConditionsPower
 from bayes_toe.planning.power_of_studies import AnalysedStudy, PopulationPower, power_of_studies
 
 KNOWN = {file.name: file for file in data_dictionary.FILES}
@@ -70,6 +71,7 @@ def planned(folder):
         "power_data_sets.csv": table.data_sets_frame(),
         "power_subjects.csv": power_of_studies(table).frame(),
         "power_population.csv": PopulationPower((AnalysedStudy("d", 26, 2, "update", 0.01, ("pull",), (0.1,) * 4, False),), 1).frame(),
+        "power_conditions.csv": ConditionsPower((Compared("d", 26, 1, NOTHING, {"pull": 0.0}),), 1).frame(),
         "power_stopping.csv": sessions.frame(),
         "design.csv": pd.read_csv(folder / "design.csv"),
         "trials.csv": pd.read_csv(folder / "trials.csv"),
@@ -86,5 +88,5 @@ def test_every_column_that_is_written_is_in_it(written):
     for name, columns in written.items():
         assert [one for one in columns if one not in KNOWN[name].columns] == [], name
         assert [
-            one for one in KNOWN[name].columns if one not in [*columns] and one not in ("isi", "n_intervals", "worst_pair_isi")
+            one for one in KNOWN[name].columns if one not in [*columns] and one not in ("isi", "condition", "n_intervals", "worst_pair_isi")
         ] == [], name

@@ -1,0 +1,174 @@
+"""How many subjects and trials find a difference between two conditions: simulated ones, by the words of `contrast` and of `population`.
+
+Observers with a difference of the size that is asked for, and the same without, answer the design under both conditions, with half of the
+trials under each. Single subjects are judged by :func:`bayes_toe.comparison.contrast.contrast`, studies of several by
+:func:`bayes_toe.groups.population.population`, each with its default model and the words of a Bayes factor of 3 and 20.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import cycle
+from pathlib import Path
+from warnings import catch_warnings, simplefilter
+
+from bayes_toe.comparison.contrast import ORDER_EFFECT, WORDS, contrast, word_of
+from bayes_toe.data.conditions import felt_together
+from bayes_toe.data.study import Study
+from bayes_toe.data.validation import AT
+from bayes_toe.errors import ConvergenceWarning, InputError
+from bayes_toe.experiments.conditions import Differing, Sizes
+from bayes_toe.groups.hyperprior import GROUP_PARAMETERS
+from bayes_toe.groups.population import population
+from bayes_toe.kept import keeping
+from bayes_toe.model.contrasted import QUANTITIES
+from bayes_toe.model.ladder import ORDERS
+from bayes_toe.model.parts import compose
+from bayes_toe.model.posterior import Posterior
+from bayes_toe.model.prior import Prior
+from bayes_toe.planning.observers import UPDATE, Observer, assumed, of_kind
+from bayes_toe.planning.power import DATA_SETS, TRIALS, Estimate, Simulations, jobs_of, named_designs, share_of, worked
+from bayes_toe.planning.power_of_studies import DRAWS, POPULATION_COLUMNS, PlannedStudy
+from bayes_toe.planning.study_design import StudyDesign, nobody
+from bayes_toe.seeds import generator
+from bayes_toe.workers import Progress, Workers
+
+#: Conditions under which observers answer, and what is called the absence of any difference.
+LEVELS, NOTHING = ("a", "b"), "nothing differs"
+#: Words that say a difference, and none.
+_SAID = {"differs": WORDS[:2], "no difference": WORDS[-1:-3:-1]}
+_LABELS = {GROUP_PARAMETERS[name].label: key for key, names in QUANTITIES.items() for name in names if name in GROUP_PARAMETERS}
+_LABELS[ORDER_EFFECT] = ORDER_EFFECT
+
+
+@dataclass(frozen=True)
+class Compared:
+    """What one study said of differences, `log_bf` by quantity, None where one is withheld; of one subject, or of several on average.
+
+    `trials` are those of a subject under both conditions together; `kind` says what differs.
+    """
+
+    design: str
+    trials: int
+    subjects: int
+    kind: str
+    log_bf: Mapping[str, float | None]
+
+
+@dataclass(frozen=True, eq=False)
+class ConditionsPower(Simulations[Compared]):
+    """Simulated studies under two conditions, and how often they say of each quantity that it differs, or that it does not."""
+
+    COLUMNS = POPULATION_COLUMNS
+
+    def _counts(self, kind: str, rows: Sequence[Compared]) -> Iterator[tuple[str, Estimate]]:
+        for quantity in rows[0].log_bf:
+            words = [word_of(row.log_bf[quantity]) for row in rows]
+            for what, (surely, probably) in _SAID.items():
+                yield f"{quantity}: {what}", share_of(word == surely for word in words)
+                yield f"{quantity}: {what}, probably or not", share_of(word in (surely, probably) for word in words)
+
+    def sentences(self) -> list[str]:
+        """How often a difference is said, probably or not, and how often one that is not there, a line a design, trials and subjects."""
+        lines = []
+        for design, trials, kind, size in (key for key in self.groups if key[2] != NOTHING):
+            whom = "contrast says of single subjects" if size == 1 else f"population says of {size} subjects on average"
+            for quantity in (part.rpartition(" ")[0] for part in kind.split(", ")):
+                found, wrong = (self.counted[design, trials, one, size, f"{quantity}: differs, probably or not"] for one in (kind, NOTHING))
+                lines.append(
+                    f"with {design} and {trials} trials each, {whom} that the {quantity} differs in {found.percent} of {found.size} with "
+                    f"{kind} ({100 * found.low:.0f} to {100 * found.high:.0f} %), and wrongly in {wrong.value * wrong.size:.0f} of "
+                    f"{wrong.size} without"
+                )
+        return lines
+
+
+def power_of_conditions(  # noqa: PLR0913  # each is a choice of its own, and has a default
+    differ: Sizes,
+    design: StudyDesign | Mapping[str, StudyDesign] | None = None,
+    trials: Sequence[int] = TRIALS,
+    observers: str | Path | Sequence[Observer] | None = None,
+    *,
+    studies: Mapping[int, int] | None = None,
+    seed: int | None = None,
+    prior: Prior | str | None = None,
+    workers: Workers = None,
+    progress: Progress | None = None,
+    keep: str | Path | None = None,
+) -> ConditionsPower:
+    """How often a difference between two conditions is found, in single subjects and on average; 1 to 2 seconds a subject of each study.
+
+    Parameters
+    ----------
+    differ : mapping of str to (float, float)
+        Of "constant error" (natural-log intensity), "pull" (its probit) and "width" (its log) the mean difference and its sd between the
+        subjects of a study, see :class:`bayes_toe.experiments.conditions.Differing`. In single subjects the difference is the mean.
+    design, trials, observers, seed, prior, workers, progress, keep
+        As :func:`bayes_toe.planning.power.power` takes them; half of the trials are under either condition. Of the kinds of observers the
+        last one that there is counts, with a pull if there is one.
+    studies : mapping of int to int, optional
+        How many studies there are of each number of subjects, with the difference and without; by default 100 of single ones.
+
+    Raises
+    ------
+    InputError
+        If something is not allowed.
+    """
+    many = {1: DATA_SETS} if studies is None else dict(sorted(studies.items()))
+    if not differ or not many or min(*many, *many.values()) < 1:
+        raise InputError(f"differ={differ!r}, studies={many}: allowed is something that differs, and studies of 1 subject or more")
+    designs = named_designs(design)
+    asked = [(name, one.with_total(number)) for name, one in designs.items() for number in dict.fromkeys(trials)]
+    with keeping(keep, "simulated conditions") as kept:
+        root = kept.seed(seed)
+        people = assumed(observers, designs, max(size * number for size, number in many.items()), root, prior)
+        people = of_kind(people, max((one.kind for one in people), key=ORDERS.index))
+        planned = list(planned_conditions(people, differ, many, root))
+        rows, failed = worked(kept, jobs_of(compared, asked, planned, root, prior), workers, progress)
+    return ConditionsPower(rows, root, failed)
+
+
+def planned_conditions(people: Sequence[Observer], differ: Sizes, studies: Mapping[int, int], seed: int) -> Iterator[PlannedStudy]:
+    """So many studies of each number of the observers under both conditions, with a difference and without."""
+    kind = ", ".join(f"{key} {size:+g}" for key, (size, _) in differ.items())
+    for size, many in studies.items():
+        spread = {key: (mean, sd if size > 1 else 0.0) for key, (mean, sd) in differ.items()}
+        for label, apart in ((NOTHING, {key: (0.0, sd) for key, (_, sd) in spread.items()}), (kind, spread)):
+            differing = Differing.of(LEVELS, apart)
+            for number in range(many):
+                some = people[number * size : (number + 1) * size]
+                units = tuple(unit for one in some for unit in under_conditions(one, differing, seed))
+                yield PlannedStudy(f"study {number + 1} of {size}, {label}", label, units)
+
+
+def under_conditions(one: Observer, differing: Differing, seed: int) -> list[Observer]:
+    """An observer in every condition; of one who updates the pull may be any, as it is in the models of conditions."""
+    target = one.target(nobody(one.task))
+    levels = dict(target.model.levels)
+    model = compose(one.task, **{**levels, "order": "contraction" if levels["order"] == UPDATE else levels["order"]})
+    moved = Posterior(target.subject, model, target.prior, one.centre, one.interval)
+    x = moved.points({name: target.quantities(one.point(target))[name] for name in moved.names.natural})
+    found = moved.quantities(differing.moved(moved, x, differing.drawn(one.name, seed)))
+    told = [{name: float(found[name][i]) for name in moved.names.natural} for i in range(len(differing.conditions.levels))]
+    return [
+        replace(one, name=f"{one.name}{AT}{level}", model=model.name, quantities=values)
+        for level, values in zip(differing.conditions.levels, told, strict=True)
+    ]
+
+
+def compared(name: str, design: StudyDesign, planned: PlannedStudy, seed: int, prior: Prior) -> Compared:
+    """One study's answers to a design, half of them under either condition, judged; streams are keyed by observer and condition."""
+    half = design.with_total(design.total // len(LEVELS))
+    answers = [one.answers(half, generator(seed, one.name, "answers", design.total)) for one in planned.people]
+    units = felt_together(replace(one, condition=level) for one, level in zip(answers, cycle(LEVELS), strict=False))
+    study, own = Study(units, conditions=Differing.of(LEVELS).conditions), int(generator(seed, planned.name, "study").integers(2**32))
+    if len(units) == len(LEVELS):
+        factors = {row.quantity: row.log_bf_differs for row in contrast(study, seed=own, prior=prior, workers=1)}
+    else:
+        with catch_warnings():
+            simplefilter("ignore", ConvergenceWarning)
+            found = population(study, draws=DRAWS, seed=own, prior=prior, workers=1)
+        rows = [row for row in found.table.some("condition_effect") if row.log_bf_differs is not None]
+        factors = {_LABELS[row.parameter]: row.log_bf_differs for row in rows}
+    return Compared(name, design.total, len(units) // len(LEVELS), planned.kind, factors)
