@@ -1,16 +1,20 @@
-"""What README and docs say: commands, options, names and files that they name are there, and README's programs run as they stand."""
+"""README, docs and their site: what they name is there, the programs of README and the tutorial run, every page and name has its place."""
 
 import json
 import re
 import shlex
 from contextlib import chdir
 from functools import cache
+from importlib import import_module
 from pathlib import Path
 
 import pytest
+import reference_pages
 import typer.main
+from commands import good
 from conftest import few_pairs, grouped_csv
 
+import bayes_toe
 import bayes_toe as bt
 from bayes_toe.cli.app import app
 
@@ -103,3 +107,86 @@ def test_programs_of_the_readme_run(tmp_path):
             exec("\n".join(line for line in block.splitlines() if "compare" not in line and "explore" not in line), known)
     assert (tmp_path / "S01.png").read_bytes().startswith(b"\x89PNG")
     assert known["draws"].names == ("S01",)
+
+
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "tutorial.md"
+CHEAP = {
+    "run": ["--draws", "500", "--pictures", "none", "--workers", "1"],
+    "compare": ["--model", "symmetric", "--model", "predictive update", "--workers", "1"],
+    "corner": ["--workers", "1"],
+}
+MADE = {
+    "study.csv",
+    "asymmetry.csv",
+    "results",
+    "compare.csv",
+    "compare_parts.csv",
+    "compare_models.csv",
+    "corner",
+    "methods.md",
+    "methods.bib",
+}
+
+
+def test_the_tutorial_runs(tmp_path, three_models):
+    first, *commands = map(shlex.split, re.findall(r"^```sh\n(.*?)\n```", PAGE.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL))
+    example = Path(bayes_toe.__file__).parent.parent / first[1]
+    head, *rows = example.read_text(encoding="utf-8").splitlines()
+    (tmp_path / first[2]).write_text("\n".join([head, *(row for row in rows if row[:4] in ("S06,", "S13,"))]) + "\n", encoding="utf-8")
+    for program, command, *words in commands:
+        assert program == "bayes-toe"
+        good(command, *words, *CHEAP.get(command, ()), cwd=tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} >= MADE
+    assert "2 synthetic subjects" in (tmp_path / "methods.md").read_text(encoding="utf-8").replace("\n", " ")
+
+
+DOCS = ROOT / "docs"
+
+
+def contents():
+    """The documents that the site's contents list, by their place in the checkout."""
+    trees = re.findall(r"^```\{toctree\}\n(.*?)^```", (DOCS / "index.md").read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+    words = [line for tree in trees for line in tree.splitlines() if line and not line.startswith(":")]
+    return [str((DOCS / word).resolve().relative_to(ROOT)) for word in words]
+
+
+def test_every_document_is_reached_from_the_contents_and_no_other():
+    listed = contents()
+    assert len(listed) == len(set(listed))
+    documents = {path for folder, ending in ((DOCS, "md"), (ROOT / "notebooks", "ipynb")) for path in folder.glob(f"*.{ending}")}
+    others = {ROOT / name for name in ("CHANGELOG.md", "CONTRIBUTING.md", "tests/reference/README.md")}
+    wanted = {str(path.relative_to(ROOT).with_suffix("")) for path in documents | others}
+    assert set(listed) == wanted - {"docs/index"}
+
+
+def test_every_page_that_is_made_has_its_place_in_one_document():
+    texts = [path.read_text(encoding="utf-8") for path in DOCS.glob("*.md")]
+    for place in reference_pages.MADE:
+        assert sum(text.count(place) for text in texts) == 1, place
+
+
+def test_every_command_and_option_is_in_the_reference():
+    text = reference_pages.command_reference()
+    sections = dict(zip(*[iter(re.split(r"^### (\S+)$", text, flags=re.MULTILINE)[1:])] * 2, strict=True))
+    commands = typer.main.get_command(app).commands
+    assert list(sections) == list(commands)
+    for name, command in commands.items():
+        assert f"bayes-toe {name}" in sections[name]  # the example
+        for one in command.params:
+            words = {*one.opts, *one.secondary_opts} if one.param_type_name == "option" else {one.metavar.replace("|", "\\|")}
+            assert words & {"--help"} or all(word in sections[name] for word in words), (name, one.name)
+        assert "[bold]" not in sections[name]
+
+
+@pytest.mark.parametrize("face", reference_pages.FACES)
+def test_every_public_name_has_its_entry_once(face):
+    entries = re.findall(
+        rf"^\.\. auto(?:function|class|data):: {re.escape(face)}::(\w+)$", reference_pages.name_reference(face), re.MULTILINE
+    )
+    assert sorted(entries) == [name for name in import_module(face).__all__ if name not in ("model", "planning", "plots")]
+
+
+def test_every_figure_is_in_the_gallery():
+    gallery = (DOCS / "gallery.md").read_text(encoding="utf-8")
+    names = [name for name in import_module("bayes_toe.plots").__all__ if not name.endswith("_axes")]
+    assert [name for name in names if f"bt.plots.{name}(" not in gallery] == ["write_figures"]  # which draws no other ones

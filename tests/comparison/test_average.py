@@ -1,12 +1,14 @@
-"""Averages over models: weights, exact zeros, mixtures of answers; what is withheld."""
+"""Averages over models: weights, exact zeros, mixtures of answers, what is withheld; and the figure."""
 
 import numpy as np
 import pytest
-from one_subject import sample_model
 
 import bayes_toe as bt
-from bayes_toe.comparison.average import AVERAGED, Averages, mixed
+from bayes_toe.comparison.average import AVERAGED, Average, Averages, mixed
 from bayes_toe.inference.prediction import Predictor
+from bayes_toe.inference.sampling import SamplerSettings
+from bayes_toe.inference.subject import Wanted, infer
+from bayes_toe.model.ladder import posterior_of, require_models
 
 MODELS = ("symmetric", "constant error + sloped", "predictive update", "free weighting")
 DRAWS = 800
@@ -15,9 +17,10 @@ DRAWS = 800
 @pytest.fixture(scope="module")
 def drawn(small_study):
     """Draws of one subject under four models, with evidences that give them probabilities of 0.4, 0.3, 0.2 and 0.1."""
-    made = [sample_model(small_study["A"], name, draws=DRAWS, seed=2) for name in MODELS]
+    targets = [posterior_of(small_study["A"], model=name) for name in MODELS]
+    draws = [infer(target, 2, Wanted(SamplerSettings(draws=DRAWS))).chains.x for target in targets]
     logs = np.log([0.4, 0.3, 0.2, 0.1]) - 700
-    return logs, [Predictor(one.target, one.chains.x.reshape(-1, len(one.target.coordinates))) for one in made]
+    return logs, [Predictor(target, x.reshape(-1, x.shape[-1])) for target, x in zip(targets, draws, strict=True)]
 
 
 @pytest.fixture(scope="module")
@@ -70,3 +73,36 @@ def test_through_the_pipeline_with_the_probabilities_of_the_verdict(small_study,
     assert found["C"].without("pull") == pytest.approx(said.p_none + said.p_constant_error, abs=0.01)
     with pytest.raises(bt.InputError, match="'A': no average, R-hat"):
         Averages((), {"A": "R-hat"}, 1, bt.Prior())["A"]
+
+
+def averaged(counts):
+    """Two models with a few points each, which need not be draws."""
+    targets = [model.posterior(counts) for model in require_models(["symmetric", "constant error + sloped"])]
+    drawn = tuple(Predictor(target, target.starts()[:20]) for target in targets)
+    one = Average(counts, ("symmetric", "constant error + sloped"), np.array([0.7, 0.3]), drawn)
+    return one, Averages((one,), {}, 1, bt.Prior(), synthetic=True)
+
+
+def test_figure(small_study):
+    one, table = averaged(small_study["A"])
+    figure = bt.plots.plot_average(table, "A")
+    figure.draw_without_rendering()
+    title = figure._suptitle
+    assert title.get_text().startswith("A: average over 2 models (synthetic data)\npull 0.00 (0.00, 0.00), none: 1.00\nconstant error ")
+    assert title.get_text().endswith("none: 0.70")
+    box = title.get_window_extent()
+    assert box.x0 > 0
+    assert box.x1 < figure.bbox.width
+    (ax,) = figure.axes
+    lines = [line for line in ax.lines if len(line.get_xdata()) == 120]
+    x = lines[0].get_xdata()
+    expected = [one.yes(*pair).mean(axis=0) for pair in ((0 * x, x), (x, 0 * x), (x, x))]
+    assert all(line.get_ydata() == pytest.approx(mean) for line, mean in zip(lines, expected, strict=True))
+
+
+def test_many_stimuli_are_drawn_over_their_difference():
+    s1, s2 = (grid.ravel() for grid in np.meshgrid(*[np.linspace(0.0, 0.7, 8)] * 2))
+    _, table = averaged(bt.Subject("A", s1, s2, np.full(64, 3), np.full(64, 6)))
+    (ax,) = bt.plots.plot_average(table, "A").axes
+    assert "difference" in ax.get_xlabel()
+    assert sum(len(line.get_xdata()) for line in ax.lines if line.get_marker() == "_") == 64

@@ -17,7 +17,6 @@ from bayes_toe.comparison.verdict import verdict
 from bayes_toe.experiments.simulate import reference_design
 from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.evidence import importance_evidence, laplace_evidence
-from bayes_toe.inference.maxima import find_maxima
 from bayes_toe.inference.proposal import FittedProposal
 from bayes_toe.inference.subject import Wanted, fitted_result, infer
 from bayes_toe.model.free_frequencies import frequency_evidence
@@ -49,32 +48,6 @@ def test_h0_laplace_falls_short_with_many_thin_pairs():
     # DESIGN.md, section 5: tens of nats below the exact value with 400 pairs of 3 trials.
     subject = CASES["400 pairs with 3 trials"]
     assert frequency_evidence_laplace(subject) < frequency_evidence(subject) - 30
-
-
-@pytest.mark.parametrize("name", ["one batch", "one order missing", "single pair"])
-def test_h1_agrees_with_plain_monte_carlo_over_the_prior(name):
-    # The mean likelihood of prior draws: nothing but the prior's sampler and the natural-parameter likelihood.
-    subject = CASES[name]
-    rng = np.random.default_rng(21)
-    sums, squares, n = 0.0, 0.0, 0
-    top = max(find_maxima(posterior_of(subject, bt.Prior())).value.max(), -1e9) + 20
-    for _ in range(40):
-        theta = bt.Prior().sample(rng, 50_000)
-        columns = [v[:, None] for v in theta]
-        q = bt.model.equal_probability(subject.s1, subject.s2, *columns)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            log_equal = np.where(subject.n_yes > 0, subject.n_yes * np.log(q), 0.0)
-            rest = subject.n_trials - subject.n_yes
-            log_different = np.where(rest > 0, rest * np.log1p(-q), 0.0)
-        weight = np.exp((log_equal + log_different).sum(axis=1) - top)
-        sums, squares, n = sums + weight.sum(), squares + (weight**2).sum(), n + len(weight)
-    mean = sums / n
-    error = math.sqrt((squares / n - mean**2) / n) / mean
-    estimate = importance_evidence(fit_proposal(posterior_of(subject, bt.Prior()), np.random.default_rng(22)))
-    value, own_error, why_not = estimate.value, estimate.se, estimate.why_not
-    assert why_not == ""
-    assert error < 0.08
-    assert value == pytest.approx(math.log(mean) + top, abs=4 * math.hypot(error, own_error))
 
 
 def test_laplace_is_exact_for_a_normal_density():

@@ -20,7 +20,7 @@ from bayes_toe.inference.evidence import importance_evidence
 from bayes_toe.model.free_frequencies import frequency_evidence
 
 CASES = hard_cases()
-HARD = ["funnel", "single pair", "perfect observer", "one batch"]  # "all equal" is known by hand, below
+HARD = ["funnel", "perfect observer"]  # a single pair is known by hand, below
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +69,7 @@ def test_reweighted_evidence_is_that_of_fresh_fits(table, small_study):
 def test_hard_cases_agree_with_fresh_fits(hard):
     rows = [row for row in distinct(hard) if row.log_bayes_factor is not None]
     assert len(rows) >= 0.9 * len(distinct(hard))
-    rows = [row for row in rows if row.prior != bt.Prior()][::4]  # of every case, at both ends
+    rows = [row for row in rows if row.prior != bt.Prior()][::3]  # of both, at both ends
     z = z_scores(rows, lambda name: CASES[name])
     worst = rows[int(np.abs(z).argmax())]
     assert np.abs(z).max() < 5.0, (worst.subject, worst.varied, worst.value, worst.method, z)
@@ -124,7 +124,8 @@ def exact_all_equal(prior, s, n):
 def test_evidence_of_a_case_that_is_known_by_hand():
     subject = bt.Subject("S", [0.4], [0.4], [6], [6])
     table = bt.sensitivity(bt.Study([subject]), prior=bt.Prior(0.5, 2.0, 0.3), steps=3, seed=4, workers=1)
-    exact = np.array([exact_all_equal(row.prior, 0.4, 6) - frequency_evidence(subject) for row in table])
+    known = {prior: exact_all_equal(prior, 0.4, 6) - frequency_evidence(subject) for prior in {row.prior for row in table}}
+    exact = np.array([known[row.prior] for row in table])
     found = np.array([row.log_bayes_factor for row in table])
     error = np.array([row.se for row in table])
     assert np.ptp(exact) > 1.0  # the prior matters here
@@ -195,8 +196,9 @@ def test_weighted_quantiles_are_those_of_repeated_values():
     assert np.allclose(found, np.quantile(np.repeat(values, repeats), [0.05, 0.5, 0.95]), atol=0.03)
 
 
-def test_same_seed_same_numbers_whatever_the_workers(table, small_study):
-    pd.testing.assert_frame_equal(bt.sensitivity(small_study, steps=5, seed=5, prior="paper", workers=2).frame(), table.frame())
+def test_same_seed_same_numbers_whatever_the_workers_and_the_company(table, small_study):
+    again, frame = bt.sensitivity(small_study.select(["C"]), steps=5, seed=5, prior="paper", workers=2).frame(), table.frame()
+    pd.testing.assert_frame_equal(again, frame[frame["subject"] == "C"].reset_index(drop=True))
 
 
 @pytest.mark.parametrize("bad", [{"reach": 1.0}, {"reach": np.nan}, {"reach": 1e7}, {"steps": 4}, {"steps": 1}, {"steps": 1001}])

@@ -9,7 +9,6 @@ import sys
 from pathlib import Path
 
 import pytest
-from folder_trees import failing, manifest, tree
 
 from bayes_toe.data.whole_files import (
     HIDDEN,
@@ -22,6 +21,30 @@ from bayes_toe.data.whole_files import (
     whole_together,
 )
 from bayes_toe.errors import OutputError
+
+
+def tree(folder):
+    """Every file below a folder with its text, every empty folder with none; the manifest left out."""
+    found = {}
+    for path in sorted(folder.rglob("*")):
+        name = path.relative_to(folder).as_posix()
+        if path.is_file() and path.name != MANIFEST:
+            found[name] = path.read_text(encoding="utf-8")
+        elif path.is_dir() and not any(path.iterdir()):
+            found[name + "/"] = ""
+    return found
+
+
+def manifest(folder):
+    return json.loads((folder / MANIFEST).read_text(encoding="utf-8"))["files"]
+
+
+def failing(error):
+    def fail():
+        raise error
+
+    return fail
+
 
 NAMES = ("table.csv", "corner")
 BEFORE_WORK = failing(AssertionError("must be refused before any work"))

@@ -7,7 +7,6 @@ from scipy import stats
 
 import bayes_toe as bt
 from bayes_toe.cli.population import correlations
-from bayes_toe.groups.joint import Root
 from bayes_toe.groups.regressors import Regressor, Regressors
 from bayes_toe.groups.savage_dickey import savage_dickey
 from bayes_toe.records import packed
@@ -20,16 +19,6 @@ R = np.array([[1.0, 0.8, 0.0, 0.0], [0.8, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, -0.6],
 def known(study, **more):
     """A population with these correlations in every draw."""
     return made_up(study, z=np.broadcast_to(Z, (*SIZE, 6)), **more)
-
-
-def test_under_the_prior_each_correlation_has_its_marginal():
-    """Beta on (-1, 1) with shape - 1 + k/2 on both sides; six Kolmogorov-Smirnov tests, a false alarm in 10^4 runs."""
-    rng, k, shape = np.random.default_rng(1), 4, 2.0
-    b = [shape + 0.5 * (k - 2 - j) for j in (0, 0, 0, 1, 1, 2)]
-    factor = Root.at(np.arctanh(2.0 * rng.beta(b, b, (4000, 6)) - 1.0), k).factor
-    found, side = factor @ factor.swapaxes(1, 2), shape - 1.0 + k / 2.0
-    for i, j in zip(*np.tril_indices(k, -1), strict=True):
-        assert stats.kstest(found[:, i, j], stats.beta(side, side, -1.0, 2.0).cdf).pvalue > 2e-5
 
 
 def test_a_further_subject_has_them(small_study):

@@ -61,18 +61,13 @@ def test_of_each_what_its_own_posterior_has(model, intervals):
 
 
 @pytest.mark.parametrize("model", MODELS[:: len(OTHERS)] + MODELS[1 :: len(OTHERS)], ids=lambda model: model.name)
-def test_many_copies_change_nothing_and_the_gradient_is_the_slope(model):
+def test_many_copies_change_nothing(model):
     people, rng = subjects(True), np.random.default_rng(8)
     eta = rng.normal(0.0, 0.6, (400, len(people), len(model.group)))  # 2,400 rows: more than one block
-    few = GroupLikelihood(model, PRIOR, people, CENTRE, 2)
-    value, gradient = few(eta[[0, -1]])
-    for one, other in zip((value, gradient), GroupLikelihood(model, PRIOR, people, CENTRE, 400)(eta), strict=True):
+    for one, other in zip(
+        GroupLikelihood(model, PRIOR, people, CENTRE, 2)(eta[[0, -1]]), GroupLikelihood(model, PRIOR, people, CENTRE, 400)(eta), strict=True
+    ):
         assert one == pytest.approx(other[[0, -1]], rel=1e-13, abs=1e-12)
-    for j in range(eta.shape[-1]):
-        h = 1e-4 * np.eye(eta.shape[-1])[j]
-        (a, _), (b, _), (c, _), (d, _) = (few(eta[[0, -1]] + f * h) for f in (-2.0, -1.0, 1.0, 2.0))
-        slope = (a - 8.0 * b + 8.0 * c - d) / 12e-4
-        assert gradient[..., j] == pytest.approx(slope, rel=2e-7, abs=2e-7 * (1.0 + np.abs(value).max()))
 
 
 def test_new_answers_are_as_parameters_say():

@@ -10,10 +10,8 @@ from bayes_toe.errors import InputError
 from bayes_toe.inference.diagnostics import convergence
 from bayes_toe.inference.predictive_checks import deviance
 from bayes_toe.model.free_frequencies import FrequencyPosterior
-from bayes_toe.model.ladder import MODELS, NAMES, posterior_of
+from bayes_toe.model.ladder import MODELS, NAMES
 from bayes_toe.model.prior import DEFAULT
-
-PARAMETRIC = [name for name in NAMES if name != "free frequencies"]
 
 
 @pytest.fixture(scope="module")
@@ -83,14 +81,6 @@ def test_draws_of_free_frequencies_are_their_beta_posteriors(two):
         assert convergence(values).r_hat < 1.01
     assert np.isnan(draws.values("fewer", "q_12")).all()  # that subject met eleven pairs
     assert draws.posterior("fewer").names.natural == tuple(f"q_{i + 1}" for i in range(fewer.n_pairs))
-
-
-@pytest.mark.parametrize("name", PARAMETRIC)
-def test_models_with_intervals_know_them_or_not(name):
-    s = ([0.0, 0.0, 0.3, 0.3], [0.3, 0.3, 0.0, 0.0], [20, 30, 28, 33], [50] * 4, [0.5, 2.0, 0.5, 2.0])
-    draws = bt.sample(bt.Study([bt.Subject("timed", *s)]), model=name, draws=300, seed=1, workers=1)
-    apart = bt.predict(draws, "timed", 0.0, 0.3, [0.5, 2.0])["mean"].to_numpy()
-    assert (apart[0] != apart[1]) == posterior_of(draws.subject("timed"), model=name).model.knows_intervals
 
 
 def test_the_command_samples_any_model_and_others_read_its_file(tmp_path, small_study):

@@ -1,4 +1,4 @@
-"""Student-t mixtures: density, moments, and EM."""
+"""Student-t mixtures and proposals: density, moments, EM, weights."""
 
 from itertools import pairwise
 

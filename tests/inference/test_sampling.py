@@ -152,14 +152,12 @@ def test_python_users_are_warned_of_what_did_not_converge(monkeypatch):
 
 
 def test_same_numbers_for_any_order_and_any_number_of_workers(analysis, small_study):
-    backward = bt.run(small_study.select(["C", "A"]), draws=2000, seed=5, prior="paper", workers=2)
-    alone = bt.run(small_study.select(["B"]), draws=2000, seed=5, prior="paper", workers=1)
-    for other in (backward, alone):
-        for name in other.study.names:
-            assert np.array_equal(analysis.draws.points(name), other.draws.points(name))
-            assert analysis.evidence[name] == other.evidence[name]
-    changed = bt.sample(small_study.select(["B"]), draws=2000, seed=6, workers=1)
-    assert not np.array_equal(changed.points("B"), alone.draws.points("B"))
+    """Evidences: in comparison/test_evidence_table."""
+    backward = bt.sample(small_study.select(["C", "A"]), draws=2000, seed=5, prior="paper", workers=2)
+    for name in backward.names:
+        assert np.array_equal(analysis.draws.points(name), backward.points(name))
+    changed = bt.sample(small_study.select(["B"]), draws=2000, seed=6, prior="paper", workers=1)
+    assert not np.array_equal(changed.points("B"), analysis.draws.points("B"))
 
 
 def test_subjects_whose_names_differ_in_case_are_two():

@@ -41,26 +41,6 @@ def test_the_unsimplified_equations_of_appendix_b():
     assert [float(v) for v in belief] == pytest.approx([mu2, v2], rel=1e-13)
 
 
-def test_beliefs_by_multiplying_and_smearing_densities_on_a_grid():
-    grid = np.linspace(-6, 6, 2401)
-
-    def normal(mean, variance):
-        return np.exp(-0.5 * (grid - mean) ** 2 / variance)
-
-    mu1, sigma_p, sigma_l, s1, s2 = 0.5, 0.4, 0.3, -0.3, 0.2
-    view = trial_view(s1, s2, mu1, sigma_p, sigma_l)
-    density = normal(mu1, float(view.prior.variance)) * normal(s1, sigma_l**2)
-    beliefs = [density]
-    density = np.convolve(density, normal(0.0, sigma_p**2), "same")
-    beliefs += [density, density * normal(s2, sigma_l**2)]
-    for expected, found in zip(beliefs, (view.after_first, view.evolved, view.after_second), strict=True):
-        expected = expected / expected.sum()
-        mean = (grid * expected).sum()
-        assert float(found.mean) == pytest.approx(mean, abs=1e-9)
-        assert float(found.variance) == pytest.approx(((grid - mean) ** 2 * expected).sum(), rel=1e-9)
-        assert found.density(grid) == pytest.approx(expected / (grid[1] - grid[0]), abs=1e-9)
-
-
 def test_a_sequence_is_the_conditional_of_one_big_gaussian():
     times, mu1, sigma_p, sigma_l = 6, 0.4, 0.5, 0.35
     pauses = np.array([1.0, 0.2, 3.0, 0.0, 1.0])

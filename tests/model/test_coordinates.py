@@ -1,13 +1,15 @@
-"""Natural, identified and unconstrained coordinates: a bijection, and the Jacobian by differences."""
+"""Natural, identified, unconstrained and levelled coordinates: bijections, volumes by differences, and the funnel gone."""
 
-import mpmath
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from reference.hard_cases import hard_cases
 
+from bayes_toe.inference.maxima import find_maxima
 from bayes_toe.model.closed_form import MAX_PULL, equal_probability
-from bayes_toe.model.coordinates import Natural, derived, log_jacobian, natural, unconstrained
+from bayes_toe.model.coordinates import Natural, derived, natural, unconstrained
+from bayes_toe.model.ladder import posterior_of
 from bayes_toe.model.prior import Prior
 
 points = st.tuples(st.floats(-2, 2), st.floats(-6, 6), st.floats(-4, 2), st.floats(-6, 6))
@@ -36,26 +38,6 @@ def test_identified_coordinates_give_the_same_probability(x, sbar, s1, s2):
     assert float(equal_probability(s1, s2, *theta)) == pytest.approx(float(q0 * 2.0 ** -(z**2)), rel=1e-6, abs=1e-12)
 
 
-@given(points, st.floats(-3, 3))
-def test_jacobian_is_the_determinant_of_differences(x, sbar):
-    with mpmath.workdps(40):
-
-        def column(i, h):
-            shifted = [mpmath.mpf(v) + (h if j == i else 0) for j, v in enumerate(x)]
-            c, a, b, top = shifted
-            p = mpmath.mpf(MAX_PULL) / (1 + mpmath.exp(-a))
-            k = 1 - p
-            return [sbar + c / p, mpmath.exp(b) * k ** mpmath.mpf(1.5), p / k**2, 1 / (1 + mpmath.exp(-top))]
-
-        h = mpmath.mpf(10) ** -15
-        matrix = mpmath.matrix(4, 4)
-        for i in range(4):
-            for j, (up, down) in enumerate(zip(column(i, h), column(i, -h), strict=True)):
-                matrix[j, i] = (up - down) / (2 * h)
-        truth = float(mpmath.log(abs(mpmath.det(matrix))))
-    assert float(log_jacobian(x)) == pytest.approx(truth, rel=1e-9, abs=1e-9)
-
-
 def test_gamma_stays_below_one_and_pull_below_its_limit():
     theta = natural([0.0, 40.0, 0.0, 0.0], 0.0)
     assert float(theta.gamma) == pytest.approx(1.0, abs=1e-12)
@@ -76,3 +58,46 @@ def test_derived_quantities_follow_their_definitions():
     assert found["gain"] == pytest.approx(found["sigma1"] ** 2 / (found["sigma1"] ** 2 + theta.sigma_l**2), rel=1e-12)
     assert found["width"] == pytest.approx(found["sigma1"] + theta.sigma_l**2 / found["sigma1"], rel=1e-12)
     assert found["gamma"] == pytest.approx((theta.sigma_l / theta.sigma_p) ** 2, rel=1e-12)
+
+
+CASES = hard_cases()
+
+
+@pytest.fixture(scope="module", params=["funnel", "all different"])
+def levelling(request):
+    posterior = posterior_of(CASES[request.param])
+    return posterior.levelling(find_maxima(posterior).x)
+
+
+@given(st.tuples(st.floats(-3, 3), st.floats(-30, 30), st.floats(-5, 3), st.floats(-30, 30)))
+def test_levelled_and_back(levelling, y):
+    x, log_volume = levelling.unlevel(np.array([[y[0], y[1] / 4, y[2], y[3] / 4]]))
+    back, same_volume = levelling.level(x)
+    assert back[0] == pytest.approx([y[0], y[1] / 4, y[2], y[3] / 4], rel=1e-9, abs=1e-9)
+    assert log_volume == pytest.approx(same_volume, rel=1e-9, abs=1e-9)
+
+
+@given(st.tuples(st.floats(-1, 1), st.floats(-12, 12), st.floats(-3, 1), st.floats(-12, 12)))
+def test_volume_is_the_determinant_of_differences(levelling, x):
+    point, h = np.array([x]), 1e-5
+    columns = [(levelling.level(point + h * e)[0] - levelling.level(point - h * e)[0])[0] / (2 * h) for e in np.eye(4)]
+    assert levelling.level(point)[1][0] == pytest.approx(np.linalg.slogdet(np.array(columns))[1], abs=1e-4)
+
+
+def test_beyond_the_smallest_float_is_nowhere():
+    posterior = posterior_of(CASES["funnel"])
+    levelling = posterior.levelling(find_maxima(posterior).x)
+    x, _ = levelling.unlevel(np.array([[0.3, -60.0, 0.0, 0.0], [0.3, 0.0, 0.0, 50.0], [0.3, 0.0, 0.0, 0.0]]))
+    assert x[0, 2] == x[1, 2] == 400.0
+    assert (posterior.log_density(x)[:2] < -1e4).all()  # no weight at all
+    assert np.isfinite(posterior.log_density(x)[2])
+
+
+def test_prior_draws_far_down_the_funnel_have_unit_spread():
+    posterior = posterior_of(CASES["funnel"])
+    modes = find_maxima(posterior).x
+    levelling = posterior.levelling(modes)
+    x = posterior.sample_prior(np.random.default_rng(0), 400_000)
+    deep = x[(x[:, 1] < -8) & (x[:, 2] > modes[0, 2] - 1)]
+    assert len(deep) > 40
+    assert levelling.level(deep)[0][:, 0].std() == pytest.approx(1.0, abs=0.35)

@@ -3,7 +3,6 @@
 import mpmath
 import numpy as np
 import pytest
-from scipy.special import log_ndtr
 
 from bayes_toe.data.study import Subject
 from bayes_toe.groups.hyperprior import GROUP_PARAMETERS
@@ -90,22 +89,6 @@ def test_there_and_back(model, far):
     back = target.to_group(target.from_group(eta)[0])
     # A pull near its least, p ~ e^-450, leaves of mu1 what (p mu1)/p has.
     assert back == pytest.approx(eta, rel=1e-11, abs=1e-11)
-
-
-@pytest.mark.parametrize("name", ["update", "mean-reverting"])
-def test_the_pull_of_a_block_is_that_of_its_coordinates(name):
-    target, probit = posterior(name), np.concatenate([np.linspace(-35.0, 35.0, 141), [-37.0, -0.0]])
-    pulled = target.model.free[0].group_pull(probit)
-    eta = np.zeros((len(probit), len(target.model.group)))
-    eta[:, 0], eta[:, 1] = target.sbar + 1.0, probit
-    x, jacobian = target.from_group(eta)
-    assert x[:, 0] == pytest.approx(pulled.pull)
-    assert jacobian[:, 0, 1] == pytest.approx(pulled.rise)
-    assert jacobian[:, 1, 1] == pytest.approx(pulled.slope)
-    # Far down the pull goes as the share does, and so does its rise: d log Phi = phi/Phi.
-    log_rise = -0.5 * probit**2 - 0.5 * np.log(2.0 * np.pi) - log_ndtr(probit)
-    low = probit < -5.0
-    assert pulled.rise[low] / pulled.pull[low] == pytest.approx(np.exp(log_rise[low]), rel=1e-6)
 
 
 def test_members_of_a_group_have_one_centre():

@@ -1,4 +1,4 @@
-"""The ladder: every model against an independent route, and against its neighbours."""
+"""The ladder: prior and draws of every model, hard cases, and what is refused; evidences stand in reference/test_compositions."""
 
 from dataclasses import replace
 from functools import cache
@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 from reference.hard_cases import hard_cases
-from scipy.special import logit, logsumexp
+from scipy.special import logsumexp
 from scipy.stats import norm
 
 import bayes_toe as bt
@@ -22,8 +22,6 @@ from bayes_toe.model.prior import DEFAULT, Prior
 STUDY, CASES = bt.example_study(), hard_cases()
 BY_NAME = {model.name: model for model in MODELS if isinstance(model, Model)}
 OTHER = Prior(mu1_mean=0.4, mu1_sd=2.0, sigma_p_scale=0.7)
-#: Numbers for all; the lapse rate is uniform.
-PLAIN = Prior(offset_sd=1.0, noise_slope_sd=1.0, peak_slope_sd=1.0, lapse_rate_b=1.0)
 
 
 @cache
@@ -59,101 +57,6 @@ def test_prior_density_and_prior_draws_belong_together(name, prior):
     assert ratio.std() / np.sqrt(len(x)) < 0.02
 
 
-# --- Likelihoods ------------------------------------------------------------------------------------
-
-
-# --- Evidence ---------------------------------------------------------------------------------------
-
-
-def _marginal_density_at(fitted, coordinate, at, grid):
-    """Log posterior density of one coordinate at a point: its full conditional, by the trapezoidal rule, averaged over weighted draws."""
-    target, rng = fitted.proposal.posterior, np.random.default_rng(4)
-    j = target.coordinates.index(coordinate)
-    weights = np.exp(fitted.draws.log_weights - logsumexp(fitted.draws.log_weights))
-    x = fitted.draws.x[rng.choice(len(weights), 700, p=weights)]
-    logs = []
-    for points in x:
-        line = np.repeat(points[None], len(grid) + 1, axis=0)
-        line[:, j] = [at, *grid]
-        value = target.log_density(line)
-        logs.append(value[0] - logsumexp(value[1:]) - np.log(grid[1] - grid[0]))
-    terms = np.exp(np.array(logs) - max(logs))
-    return max(logs) + np.log(terms.mean()), terms.std() / terms.mean() / np.sqrt(len(terms))
-
-
-#: Wide and fine enough for every full conditional.
-GRIDS = {
-    "offset": (-0.6, 0.6, 401),
-    "peak_slope": (-8.0, 8.0, 501),
-    "logit_gain": (-7.0, 7.0, 401),
-    "noise_slope": (-5.0, 5.0, 501),
-    "log_exponent": (-2.0, 4.0, 301),
-}
-
-
-@pytest.mark.parametrize(
-    ("small", "large", "subject", "coordinate", "at", "log_prior_there"),
-    [
-        ("none", "constant error", "S03", "offset", 0.0, norm.logpdf(0.0, scale=PLAIN.offset_sd)),
-        ("none + sloped", "constant error + sloped", "S03", "offset", 0.0, norm.logpdf(0.0, scale=PLAIN.offset_sd)),
-        ("constant error", "free weighting", "S01", "logit_gain", 0.0, np.log(0.25)),
-        ("constant error", "free weighting", "S03", "logit_gain", 0.0, np.log(0.25)),
-        ("none", "none + sloped", "S03", "noise_slope", 0.0, norm.logpdf(0.0)),
-        ("update + both ways", "update + sloped + both ways", "S01", "noise_slope", 0.0, norm.logpdf(0.0)),
-        ("constant error + both ways", "constant error + both ways + sloped peak", "S03", "peak_slope", 0.0, norm.logpdf(0.0)),
-        ("none + differencing", "none + differencing + sloped peak", "S01", "peak_slope", 0.0, norm.logpdf(0.0)),
-        ("none", "none + exponent", "S03", "log_exponent", np.log(2.0), norm.logpdf(0.0, scale=0.5)),
-        ("constant error", "constant error + exponent", "S07", "log_exponent", np.log(2.0), norm.logpdf(0.0, scale=0.5)),
-    ],
-)
-def test_savage_dickey(small, large, subject, coordinate, at, log_prior_there):
-    lower, upper = (evidence_of(STUDY[subject], model_named(name), prior=PLAIN) for name in (small, large))
-    grid = np.linspace(*GRIDS[coordinate])
-    density, error = _marginal_density_at(upper[2], coordinate, at, grid)
-    errors = np.sqrt(error**2 + lower[1] ** 2 + upper[1] ** 2)
-    assert lower[0] - upper[0] == pytest.approx(density - log_prior_there, abs=4.5 * errors + 1e-3)
-    assert errors < 0.1
-
-
-@pytest.mark.parametrize(
-    ("small", "large", "subject", "coordinate", "edge"),
-    [
-        ("update + no lapses", "update", "S04", "logit_q0", 1.0),
-        ("update + no lapses", "update", "S09", "logit_q0", 1.0),
-        ("none", "none + both ways", "S03", "logit_lapse_rate", 0.0),
-        ("update + sloped", "update + sloped + both ways", "S09", "logit_lapse_rate", 0.0),
-        ("none", "none + beta-binomial", "S03", "logit_icc", 0.0),
-        ("constant error + both ways", "constant error + both ways + beta-binomial", "S01", "logit_icc", 0.0),
-    ],
-)
-def test_savage_dickey_on_an_edge(small, large, subject, coordinate, edge):
-    lower, upper = (evidence_of(STUDY[subject], model_named(name), prior=PLAIN) for name in (small, large))
-    target, small_target = upper[2].proposal.posterior, lower[2].proposal.posterior
-    j = target.coordinates.index(coordinate)
-    weights = np.exp(upper[2].draws.log_weights - logsumexp(upper[2].draws.log_weights))
-    x = upper[2].draws.x[np.random.default_rng(4).choice(len(weights), 1500, p=weights)]
-    # Full conditional at the edge, over the place u in the prior, which is uniform: likelihood over its integral, by Gauss-Legendre.
-    nodes, shares = np.polynomial.legendre.leggauss(120)
-    u = 0.5 * (nodes + 1)
-    line = logit(u) if coordinate != "logit_icc" else logit(-np.expm1(np.log1p(-u) / 9.0))  # Beta(1, 9)
-    at_edge = small_target.log_likelihood(np.delete(x, j, axis=1))
-    moved = np.repeat(x, len(u), axis=0)
-    moved[:, j] = np.tile(line, len(x))
-    logs = at_edge - logsumexp(target.log_likelihood(moved).reshape(len(x), -1), b=0.5 * shares, axis=1)
-    # The limit is reached: a likelihood with the coordinate far out is that at the edge.
-    far = x.copy()
-    far[:, j] = 600.0 if edge else -600.0
-    assert target.log_likelihood(far) == pytest.approx(at_edge, rel=1e-10)
-    terms = np.exp(logs)
-    error = terms.std() / np.sqrt(len(terms)) / terms.mean()
-    errors = np.sqrt(error**2 + lower[1] ** 2 + upper[1] ** 2)
-    assert lower[0] - upper[0] == pytest.approx(np.log(terms.mean()), abs=4.5 * errors + 1e-3)
-    assert errors < 0.15
-
-
-# --- Recovery ---------------------------------------------------------------------------------------
-
-
 # --- Sampling and hard cases ------------------------------------------------------------------------
 
 
@@ -171,42 +74,32 @@ def test_draws_agree_with_weighted_draws(name):
         assert (drawn[key] < median).mean() == pytest.approx(0.5, abs=4.5 * 0.5 * np.sqrt(1 / 2000 + 1 / 10_000))
 
 
-@pytest.mark.parametrize("case", ["all equal", "all different", "one batch", "single pair"])
+@pytest.mark.parametrize("case", ["all different", "single pair"])
 def test_weak_data_against_the_prior_average(case):
     for model in BY_NAME.values():
         value, error, fitted = evidence_of(CASES[case], model)
-        if value is None:
-            continue  # withheld
         target = fitted.proposal.posterior
         likelihood = target.log_likelihood(target.sample_prior(np.random.default_rng(9), 100_000))
         average = logsumexp(likelihood) - np.log(len(likelihood))
         effective = np.exp(2 * logsumexp(likelihood) - logsumexp(2 * likelihood))
-        if effective < 200:
-            continue  # an average of few terms has no normal error
-        assert value == pytest.approx(average, abs=5 * np.hypot(error, 1 / np.sqrt(effective))), model.name
+        if value is not None and effective >= 200:  # withheld, or an average of few terms, which has no normal error
+            assert value == pytest.approx(average, abs=5 * np.hypot(error, 1 / np.sqrt(effective))), model.name
 
 
-@pytest.mark.parametrize("case", ["perfect observer", "stimuli offset by 100", "a hundred million trials", "reversed answers"])
-def test_hard_cases_agree_with_themselves_or_are_withheld(case):
-    for model in BY_NAME.values():
+# With slopes of 0.1 and -0.6 alone to start from, a maximum of the last was missed: 28 standard errors apart.
+@pytest.mark.parametrize(
+    ("case", "models"),
+    [
+        ("a hundred million trials", [*BY_NAME]),
+        ("all different", ["free weighting + sloped + exponent"]),
+        ("reversed answers", [*BY_NAME, "update + sloped + both ways", "free weighting + sloped + exponent"]),
+    ],
+)
+def test_hard_cases_agree_with_themselves_or_are_withheld(case, models):
+    for model in map(model_named, models):
         one, two = (evidence_of(CASES[case], model, seed=seed) for seed in (1, 2))
         if one[0] is not None and two[0] is not None:
             assert one[0] - two[0] == pytest.approx(0.0, abs=5 * np.hypot(one[1], two[1])), model.name
-
-
-@pytest.mark.parametrize(
-    ("case", "text"),
-    [
-        ("reversed answers", "update + sloped + both ways"),
-        ("all different", "free weighting + sloped + exponent"),
-        ("reversed answers", "free weighting + sloped + exponent"),
-    ],
-)
-def test_compositions_in_hard_cases_agree_with_themselves_or_are_withheld(case, text):
-    # With slopes of 0.1 and -0.6 alone to start from, a maximum of the second was missed: 28 standard errors apart.
-    one, two = (evidence_of(CASES[case], model_named(text), seed=seed) for seed in (1, 2))
-    if one[0] is not None and two[0] is not None:
-        assert one[0] - two[0] == pytest.approx(0.0, abs=5 * np.hypot(one[1], two[1]))
 
 
 @pytest.mark.parametrize("case", ["S13", "a million trials a pair", "a hundred million trials"])

@@ -12,7 +12,7 @@ from scipy.special import logit
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import NumericalError
 from bayes_toe.model.closed_form import MAX_PULL, pull, variance_ratio
-from bayes_toe.model.ladder import MODELS, model_named, posterior_of
+from bayes_toe.model.ladder import MODELS, posterior_of
 from bayes_toe.model.posterior import Model
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.target import hessian, one_sided
@@ -88,10 +88,10 @@ OTHERS = {"offset_sd": 1.0, "noise_slope_sd": 1.0, "peak_slope_sd": 0.7, "refere
 PRIOR = Prior(mu1_mean=0.4, mu1_sd=2.0, sigma_p_scale=0.7, **OTHERS)
 OF_WIDTH = Prior(mu1_mean=0.4, mu1_sd=2.0, width_median=0.3, width_sd=0.8, q0_a=4.0, **OTHERS)
 FLAT = Prior(0.4, 1e30, 0.7, **OTHERS)
-KNOW_INTERVALS = [name for name in RUNGS + COMPOSED if model_named(name).knows_intervals]
-#: Every model at one interval, and at several those to whom these say something: the others pool the answers.
+AT_INTERVALS = ["predictive update", "mean-reverting memory", "update + sloped + both ways", COMPOSED[-1]]
+#: Every model at one interval, and at several some of those to whom these say something: the others pool the answers.
 OF_ALL = pytest.mark.parametrize(
-    ("name", "isi"), [*((name, None) for name in RUNGS + COMPOSED), *((name, [0.25, 1.0, 2.0, 0.5, 8.0]) for name in KNOW_INTERVALS)]
+    ("name", "isi"), [*((name, None) for name in RUNGS + COMPOSED), *((name, [0.25, 1.0, 2.0, 0.5, 8.0]) for name in AT_INTERVALS)]
 )
 
 
@@ -103,7 +103,7 @@ def subject(name, isi, scale=1.0):
 
 
 @OF_ALL
-@settings(max_examples=15, deadline=None, phases=[Phase.explicit, Phase.generate])
+@settings(max_examples=8, deadline=None, phases=[Phase.explicit, Phase.generate])
 @given(data=st.data())
 def test_every_rung(name, isi, data):
     target = posterior_of(subject(name, isi), data.draw(st.sampled_from([PRIOR, OF_WIDTH])), model=name)
@@ -178,7 +178,7 @@ powers = st.floats(-300, -1e-9).map(lambda e: 10.0**e)
 counts = st.integers(0, 10**9)
 
 
-@settings(max_examples=60, deadline=None, derandomize=True, database=None)
+@settings(max_examples=40, deadline=None, derandomize=True, database=None)
 @given(
     gamma=powers,
     sigma_p=st.floats(-150, 150).map(lambda e: 10.0**e),
@@ -204,7 +204,7 @@ def test_one_pair_over_the_whole_range_of_floats(gamma, sigma_p, lapse, z, mu1, 
         assert_agrees(posterior, x, digits=DIGITS)
 
 
-@settings(max_examples=40, deadline=None, derandomize=True, database=None)
+@settings(max_examples=20, deadline=None, derandomize=True, database=None)
 @given(
     gamma=st.floats(-12, -0.001).map(lambda e: 10.0**e),
     sigma_p=st.floats(0.1, 2),

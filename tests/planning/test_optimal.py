@@ -1,4 +1,4 @@
-"""Optimised designs: better than others on what is asked, admissible, and refused with a reason where nothing can be told."""
+"""Optimised designs and the information they are chosen by: against sums over answers, brute force, and designs made anew."""
 
 import numpy as np
 import pandas as pd

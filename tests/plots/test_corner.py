@@ -175,13 +175,6 @@ def test_several_subjects_share_their_panels(analysis):
     assert "squares, triangles: true values" in words(figure)
 
 
-def test_panels_of_several_subjects_are_those_of_one(analysis):
-    drawn = bt.plots.corner(analysis.draws, ["A", "B", "C"])
-    assert [ax.get_xlabel() for ax in drawn.axes[-4:]] == [LABELS[name] for name in ("mu1", "sigma_p", "sigma_l", "q0")]
-    styles = {text.get_color() for text in drawn.texts}
-    assert {colour for colour, _ in OVERLAID[:3]} <= styles
-
-
 _AT_ONCE = """
 import pathlib
 lost, replace = [], pathlib.Path.replace

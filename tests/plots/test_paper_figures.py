@@ -14,7 +14,7 @@ from reference.hard_cases import hard_cases
 import bayes_toe as bt
 from bayes_toe.classical.asymmetry import AsymmetryTable
 from bayes_toe.classical.frequencies import collapse
-from bayes_toe.errors import ConvergenceWarning, InputError, OutputError
+from bayes_toe.errors import ConvergenceWarning, InputError
 from bayes_toe.model.beliefs import trial_view
 from bayes_toe.model.closed_form import gain
 from bayes_toe.model.coordinates import Natural, unconstrained
@@ -30,7 +30,6 @@ from bayes_toe.plots.paper_figures import (
     FIGURES,
     asymmetry_figure,
     captions,
-    filter_figure,
     material_of,
     products,
     representative,
@@ -331,24 +330,3 @@ def test_files_are_all_there_the_same_each_time_and_do_not_depend_on_workers(ana
     assert "maximal asymmetry of 3 subjects" in files[CAPTIONS].decode().lower()
     bt.plots.write_figures(analysis, tmp_path / "again", formats=["svg"], workers=1)
     assert {p.name: p.read_bytes() for p in (tmp_path / "again").iterdir() if not p.name.startswith(".")} == files
-
-
-@pytest.mark.parametrize("suffix", ["png", "pdf"])
-def test_a_picture_has_no_date(analysis, suffix):
-    drawn = [picture(filter_figure(analysis.draws, "A"), suffix, dpi=100) for _ in range(2)]
-    assert drawn[0] == drawn[1]
-    assert b"CreationDate" not in drawn[0]
-
-
-def test_existing_files_are_refused_and_left(analysis, tmp_path):
-    (tmp_path / "figure_6_gamma.png").write_text("precious")
-    with pytest.raises(OutputError, match="figure_6_gamma"):
-        bt.plots.write_figures(analysis, tmp_path, formats=["png"], workers=1)
-    assert [(p.name, p.read_text()) for p in tmp_path.iterdir()] == [("figure_6_gamma.png", "precious")]
-
-
-@pytest.mark.parametrize("formats", [["gif"], []])
-def test_formats_are_checked(analysis, tmp_path, formats):
-    with pytest.raises(InputError, match="allowed: pdf, png, svg"):
-        bt.plots.write_figures(analysis, tmp_path / "new", formats=formats)
-    assert not (tmp_path / "new").exists()

@@ -179,24 +179,6 @@ def test_the_prior_has_mass_one():
         assert quantiles == pytest.approx(density.ppf(LEVELS), abs=1e-2 * sd)
 
 
-def test_shifting_stimuli_and_prior_together_changes_nothing_but_mu1():
-    s1, s2, k, n = [0.0, 0.0, 0.3, 0.5], [0.0, 0.3, 0.0, 0.5], [45, 20, 10, 44], [50, 50, 50, 50]
-    here = quick(posterior_of(Subject("S01", s1, s2, k, n), Prior(0.2, 2.0, 1.0)), tolerance=1e-2)
-    there = quick(posterior_of(Subject("S01", np.add(s1, 7.0), np.add(s2, 7.0), k, n), Prior(7.2, 2.0, 1.0)), tolerance=1e-2)
-    both = here.log_evidence_error + there.log_evidence_error
-    assert there.log_evidence == pytest.approx(here.log_evidence, abs=both)
-    shift = np.array([7.0, 0.0, 0.0, 0.0, 0.0])
-    assert np.all(np.abs(there.means - here.means - shift) < here.means_error + there.means_error)
-
-
-def test_a_smaller_tolerance_stays_within_the_error_of_a_larger_one(normal):
-    rough = quick(Normal(), tolerance=1e-2)
-    assert rough.evaluations < normal.evaluations
-    assert abs(rough.log_evidence - normal.log_evidence) <= rough.log_evidence_error + normal.log_evidence_error
-    assert np.all(np.abs(rough.means - normal.means) <= rough.means_error + normal.means_error)
-    assert np.all(np.abs(rough.quantiles - normal.quantiles) <= rough.quantiles_error + normal.quantiles_error)
-
-
 def test_a_density_that_is_zero_is_refused():
     with pytest.raises(NumericalError, match="0 wherever"):
         integrate(Nowhere())
