@@ -51,7 +51,7 @@ def explore(
     loaded = [load_draws(path) for path in posteriors]
     known = None if truth is None else read_truth(truth, loaded, subject or [name for one in loaded for name in one.names])
     group = None if population is None else load_population(population)
-    found = entries(loaded, subjects=subject, truths=known, population=group)
+    found = entries(loaded, subject, known, group)
     with task.progress("packing", len(found)) as tick:
         made = page(found, group, tick)
     made.save(output, overwrite=task.overwrite)

@@ -207,10 +207,10 @@ def felt_together(subjects: Iterable[Subject]) -> tuple[Subject, ...]:
 
 def by_person(subjects: Iterable[Subject]) -> dict[str, tuple[Subject, ...]]:
     """Units by the subject that they are of."""
-    found: dict[str, list[Subject]] = {}
+    found: dict[str, tuple[Subject, ...]] = {}
     for one in subjects:
-        found.setdefault(one.person, []).append(one)
-    return {person: tuple(own) for person, own in found.items()}
+        found[one.person] = (*found.get(one.person, ()), one)
+    return found
 
 
 # --- What files of results keep --------------------------------------------------------------------

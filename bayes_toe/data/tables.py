@@ -13,7 +13,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from bayes_toe.data.messages import as_html, as_name, listed, named_few, quoted
 from bayes_toe.data.text_table import is_parquet, require_parquet
@@ -31,16 +31,7 @@ _FORBIDDEN = re.compile(r"[^A-Za-z0-9._-]+")
 _RESERVED = re.compile(r"(?:con|prn|aux|nul|com\d|lpt\d)(?:\..*)?", re.IGNORECASE)
 
 
-class OfSubject(Protocol):
-    """What belongs to one subject."""
-
-    @property
-    def subject(self) -> str:
-        """Identifier."""
-
-
-Row = TypeVar("Row")
-SubjectRow = TypeVar("SubjectRow", bound=OfSubject)
+Row = TypeVar("Row", bound=Any)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +80,7 @@ def frame_of(rows: Iterable[object], columns: Sequence[str]) -> pd.DataFrame:
 
 
 @dataclass(frozen=True, eq=False)
-class SubjectTable(Table[SubjectRow]):
+class SubjectTable(Table[Row]):
     """A table with one row for each subject, looked up by the subject's name.
 
     Raises
@@ -98,13 +89,13 @@ class SubjectTable(Table[SubjectRow]):
         Where a subject is looked up that the table does not have.
     """
 
-    def __getitem__(self, name: str | int) -> SubjectRow:
+    def __getitem__(self, name: str | int) -> Row:
         if as_name(name) not in self._by_name:
             raise InputError(f"no subject {name!r} in the table; there are: {listed([quoted(row.subject) for row in self.rows])}")
         return self._by_name[as_name(name)]
 
     @cached_property
-    def _by_name(self) -> dict[str, SubjectRow]:
+    def _by_name(self) -> dict[str, Row]:
         return {row.subject: row for row in reversed(self.rows)}  # the first of equals
 
 

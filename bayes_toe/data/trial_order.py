@@ -39,7 +39,7 @@ def answers_in_order(
     trial, iti = (numbers(table, columns[name]) if trials and name in columns else None for name in ("trial", "iti"))
     blocks, rank = runs.get("block", ((), None))
     ranks = np.column_stack([np.zeros(len(n), np.int64), *(one for _, one in runs.values())])
-    felt = parts if trial is None else _felt(columns["subject"], pairs, AT if "condition" in columns else "")
+    felt = parts if trial is None else _felt(columns["subject"], pairs, "condition" in columns)
     found, disordered, gaps, untimed = dict[str, Answers](), list[str](), dict[str, int](), 0
     for name, part in parts.items():
         at, place, timed = part, None, None
@@ -68,10 +68,11 @@ def answers_in_order(
     return found, notes, _repeated(table, columns, keys, k, n) if disordered else []  # no trial is there twice where the order is known
 
 
-def _felt(subject: Column, pairs: FloatArray, joined: str) -> dict[str, IndexArray]:
+def _felt(subject: Column, pairs: FloatArray, units: bool) -> dict[str, IndexArray]:
     """Rows of every subject that have a pair, with an answer or without; of a unit those of its subject in all conditions."""
-    people = [text.partition(joined)[0] if joined else text for text in subject.texts]
-    whose = np.array([people.index(person) for person in people])[subject.codes] if joined else subject.codes
+    people = [text.partition(AT)[0] if units else text for text in subject.texts]
+    places = {person: place for place, person in enumerate(people)}
+    whose = np.array([places[person] for person in people])[subject.codes]
     rows = np.flatnonzero(~np.isnan(pairs).any(axis=1))
     rows = rows[np.argsort(whose[rows], kind="stable")]
     of = {people[whose[some[0]]]: some for some in np.split(rows, run_starts(whose[rows])[1:])}

@@ -104,7 +104,7 @@ class Entry:
             "more": len(self.target.names.all) - len(self.names),
             "natural": [name for name in self.names if name in self.target.names.natural],
             "identified": [name for name in self.names if name in self.target.names.identified],
-            "values": floats(samples[kept].T),
+            "values": text_of(samples[kept].T),
             "marked": marked.T.tolist(),
             "truth": {name: float(known[name]) for name in self.names if name in known},
             **outlined(samples, spans_of(samples, self.names, self.target)),
@@ -141,14 +141,14 @@ class Entry:
                     "pairs": one.pairs.tolist(),
                     "x": one.x.tolist(),
                     "orders": one.orders,
-                    "equal": None if fitted is None else floats(one.yes(fitted)),
+                    "equal": None if fitted is None else text_of(one.yes(fitted)),
                 }
                 for one in shown
             ],
-            "undrawn": slice_count(counts) - len(shown),
+            "undrawn": len(_trials(counts)) - len(shown),
             "reference": None if fitted is None or counts.isi is None else fitted.target.reference,
             "ends": ends,
-            "axis": floats(axis(quantities, self.target.sbar, ends)) if isinstance(self.target, Posterior) else None,
+            "axis": text_of(axis(quantities, self.target.sbar, ends)) if isinstance(self.target, Posterior) else None,
         }
 
 
@@ -174,7 +174,7 @@ def _contours(samples: FloatArray, spans: list[Span], frames: list[Span]) -> lis
     at = [
         np.stack([(xs - left) / (right - left), (ys - bottom) / (top - bottom)], axis=1) for xs, ys in zip(lines.xs, lines.ys, strict=True)
     ]
-    return [shorts(np.where(np.isnan(points), FRAME + 1, np.rint(points * FRAME))) for points in at[::-1]]
+    return [text_of(np.where(np.isnan(points), FRAME + 1, np.rint(points * FRAME)), "<u2") for points in at[::-1]]
 
 
 def prior_of(entry: Entry) -> dict[str, Any] | None:
@@ -187,7 +187,7 @@ def prior_of(entry: Entry) -> dict[str, Any] | None:
 
 def quantiles(drawn: Mapping[str, FloatArray]) -> dict[str, Any]:
     """Evenly spaced quantiles by name."""
-    return {"names": list(drawn), "quantiles": floats([np.quantile(values, _QUANTILES) for values in drawn.values()])}
+    return {"names": list(drawn), "quantiles": text_of([np.quantile(values, _QUANTILES) for values in drawn.values()])}
 
 
 def entries_of(draws: Draws, label: str, subjects: tuple[str, ...], truths: Mapping[str, Mapping[str, float]]) -> list[Entry]:
@@ -269,11 +269,6 @@ def slices(counts: Subject, most: int) -> list[Slice]:
     return [_slice(counts, low, isi) for low, isi in sorted(chosen, key=lambda key: (key[0], key[1] or 0.0))]
 
 
-def slice_count(counts: Subject) -> int:
-    """How many slices there are."""
-    return len(_trials(counts))
-
-
 def _trials(counts: Subject) -> Counter[tuple[float, float | None]]:
     """Trials of different stimuli by fixed stimulus and interval; without any, of all stimuli at once."""
     weaker, order = _fixed(counts), presentation_order(counts)
@@ -323,20 +318,15 @@ def axis(quantities: Mapping[str, FloatArray], sbar: float, ends: Sequence[float
 # --- numbers as text ----------------------------------------------------------------------------------------------------------------
 
 
-def floats(values: npt.ArrayLike) -> str:
-    """As float32.
+def text_of(values: npt.ArrayLike, kind: str = "<f4") -> str:
+    """As float32, or as another kind, such as "<u2", unsigned integers of 16 bits.
 
     Examples
     --------
-    >>> floats([1.0])
+    >>> text_of([1.0])
     'AACAPw=='
     """
-    return base64.b64encode(np.ascontiguousarray(values, "<f4").tobytes()).decode("ascii")
-
-
-def shorts(values: npt.ArrayLike) -> str:
-    """As unsigned integers of 16 bits."""
-    return base64.b64encode(np.ascontiguousarray(values, "<u2").tobytes()).decode("ascii")
+    return base64.b64encode(np.ascontiguousarray(values, kind).tobytes()).decode("ascii")
 
 
 def island(content: Any) -> str:

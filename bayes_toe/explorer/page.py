@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -35,6 +35,7 @@ _ROWS, _FEWEST = 1000, 300  # draws of an entry at most, and before a page shows
 _SLICES = (6, 4, 3, 2, 1)
 _ISLANDS = "<!-- posteriors -->"
 _HIGH = 1150  # pixels in a notebook
+_Given: TypeAlias = "Draws | Sequence[Draws] | Mapping[str, Draws]"
 #: What quantities are called on the page: a short symbol and what it is in words.
 _QUANTITIES = {
     "mu1": ("μ₁", "where the first stimulus is pulled to: the prior's mean"),
@@ -130,15 +131,11 @@ def explore(
         more than 200 posteriors of subjects, or two tasks.
     """
     require_bokeh()
-    return page(entries(draws, subjects=subjects, truths=truths, population=population), population)
+    return page(entries(draws, subjects, truths, population), population)
 
 
 def entries(
-    draws: Draws | Sequence[Draws] | Mapping[str, Draws],
-    *,
-    subjects: Sequence[str] | None = None,
-    truths: Truth | None = None,
-    population: Population | None = None,
+    draws: _Given, subjects: Sequence[str] | None = None, truths: Truth | None = None, population: Population | None = None
 ) -> list[Entry]:
     """What the page will hold, with the arguments and errors of :func:`explore`."""
     named = _named(draws)
@@ -169,7 +166,7 @@ def _grouped(population: Population, made: Sequence[Entry], models: Mapping[str,
     return in_group(population, everyone, {entry.target.subject.name: entry.truth for entry in made if entry.truth})
 
 
-def _named(draws: Draws | Sequence[Draws] | Mapping[str, Draws]) -> dict[str, Draws]:
+def _named(draws: _Given) -> dict[str, Draws]:
     """Draws by what they are called."""
     if isinstance(draws, Draws):
         return {draws.model: draws}

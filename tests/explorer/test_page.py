@@ -13,7 +13,7 @@ from populations import made_population, ordinary
 
 import bayes_toe as bt
 from bayes_toe.explorer import page as page_module
-from bayes_toe.explorer.entry import FRAME, Entry, badges, outlined, slice_count, slices
+from bayes_toe.explorer.entry import FRAME, Entry, badges, outlined, slices
 from bayes_toe.explorer.page import MOST_ENTRIES, entries, page
 from bayes_toe.inference.prediction import Predictor
 from bayes_toe.inference.predictive_checks import FitSummary
@@ -89,7 +89,7 @@ def test_curves_are_of_the_weaker_stimuli_with_most_trials_at_each_interval():
     one = bt.Subject("S", [0, 0, 0.1, 0.2, 0], [0.2, 0.2, 0.2, 0.2, 0], [1] * 5, [50, 40, 9, 50, 50], isi=[1, 2, 1, 1, 1])
     found = slices(one, 2)
     assert [(each.weaker, each.isi, each.orders) for each in found] == [(0.0, 1.0, (-1, 0)), (0.0, 2.0, (-1,))]
-    assert slice_count(one) == 3
+    assert len(slices(one, 9)) == 3
     assert sorted((one.s1[pair], one.s2[pair], one.isi[pair]) for pair in found[0].pairs) == [(0, 0, 1), (0, 0.2, 1), (0.2, 0.2, 1)]
 
 
