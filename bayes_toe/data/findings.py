@@ -216,10 +216,11 @@ def _stimuli(subject: Subject, level: float) -> _Rule:
     if not 0 < k.sum() < n.sum() or len(n) < 2:
         return
     table, share = _Table(n[None, :], k[None, :]), k.sum() / n.sum()
-    p, right = table.p_value(table.chi_square, EXCLUSION, subject.name), subject.task.right(subject.s2 - subject.s1)
+    right = subject.task.right(subject.s2 - subject.s1)
     # A test of X^2 that nearly always finds a noticeable effect, and finds none.
-    power = chndtr(chdtri(table.freedom, EXCLUSION), table.freedom, n.sum() * NOTICEABLE**2 / (share * (1 - share)))
-    if p > EXCLUSION > power:
+    missed = chndtr(chdtri(table.freedom, EXCLUSION), table.freedom, n.sum() * NOTICEABLE**2 / (share * (1 - share)))
+    p = table.p_value(table.chi_square, EXCLUSION, subject.name) if missed < EXCLUSION else 0.0  # which takes a hundred tables
+    if p > EXCLUSION:
         option = f"--leave-out {as_option(subject.name)}"
         message = f"Answers look independent of the stimuli (X^2 / d.f. = {table.ratio:.2f}, p = {p:.2g}): {option} leaves the subject out."
         yield "independent_answers", message, option
@@ -332,8 +333,9 @@ def _blocks(subject: Subject, answers: Answers, level: float) -> _Rule:
         return
     # Half the level each: dispersion finds any difference, agreement a single swapped block among many.
     p = told.p_value(told.chi_square, level / 2, name)
-    suspect = p <= level / 2 or table.p_value(table.worst_agreement, level / 2, name) <= level / 2
-    turned = _swapped(table, subject.task.toward_yes(pairs[:, 1] - pairs[:, 0])) if suspect else []
+    turned = _swapped(table, subject.task.toward_yes(pairs[:, 1] - pairs[:, 0]))
+    if turned and p > level / 2 and table.p_value(table.worst_agreement, level / 2, name) > level / 2:
+        turned = []
     names = [answers.blocks[index] for index in turned]
     option = f"--turn {as_option(name, names)}" if turned else ""
     if p <= level / 2:

@@ -65,12 +65,7 @@ def responses(table: TextTable, column: Column, options: ReadOptions, difference
 
 
 def require_task(table: TextTable, task: Task, column: Column | None) -> None:
-    """Refuse a column `task` that tells another task, or two; what tells none, such as the name of an experiment, is not looked at.
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse a column `task` that tells another task, or two; what tells none, such as the name of an experiment, is not looked at."""
     told = {} if column is None else {named: text for text in column.texts if (named := task_named(text)) is not None}
     if column is None or not told.keys() - {task}:
         return

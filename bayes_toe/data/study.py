@@ -406,12 +406,7 @@ def pooled(units: Sequence[Subject]) -> Subject:
 
 
 def require_study(given: object) -> None:
-    """Refuse what stands in the place of a study, with what makes one.
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse what stands in the place of a study, with what makes one."""
     if isinstance(given, Study):
         return
     if isinstance(given, str | os.PathLike):

@@ -109,14 +109,10 @@ window.explorer = (() => {
     return steps.find(found => found.length <= most) ?? [];
   }
 
-  function drawTruth(letter, found) {
-    fill(`truth-${letter}`, slots((name, slot) => ({ [slot]: found === null ? [] : [found.truth[name] ?? NaN] })));
-  }
-
-  function contours(packed, place, names, frames) {  // lines of the two named quantities, those of a level in one
-    const [i, j] = names.map(name => place.indexOf(name)), lines = { xs: [], ys: [], width: [] };
+  function contours(holder, ...names) {  // lines of the two named quantities, those of a level in one
+    const [i, j] = names.map(name => holder === null ? -1 : holder.names.indexOf(name)), lines = { xs: [], ys: [], width: [] };
     if (i < 0 || j < 0) return lines;
-    const [left, right] = [Math.min(i, j), Math.max(i, j)], count = place.length;
+    const [left, right] = [Math.min(i, j), Math.max(i, j)], { contours: packed, frames, names: { length: count } } = holder;
     for (const [level, text] of packed[left * count - left * (left + 1) / 2 + right - left - 1].entries()) {
       const numbers = Array.from(new Uint16Array(bytes(text)), value => value === 65535 ? NaN : value / 65534);
       const along = (offset, [low, high]) => range(numbers.length / 2).map(k => low + numbers[2 * k + offset] * (high - low));
@@ -130,11 +126,8 @@ window.explorer = (() => {
 
   function drawContours() {
     for (const [row, y] of state.names.entries()) for (const [column, x] of state.names.slice(0, row).entries()) {
-      for (const letter of LETTERS) {
-        const found = entry(letter);
-        fill(`contour-${letter}-${row}-${column}`, found === null ? { xs: [], ys: [], width: [] } : contours(found.contours, found.names, [x, y], found.frames));
-      }
-      const group = grouped(), { xs, ys } = group === null ? { xs: [], ys: [] } : contours(group.contours, group.names, [x, y], group.frames);
+      for (const letter of LETTERS) fill(`contour-${letter}-${row}-${column}`, contours(entry(letter), x, y));
+      const { xs, ys } = contours(grouped(), x, y);
       fill(`contour-group-${row}-${column}`, { xs, ys });
     }
   }
@@ -225,12 +218,10 @@ window.explorer = (() => {
   }
 
   function drawCurves(letter, found, kept) {
-    const slice = sliced(found);
-    if (slice === null) { for (const kind of Object.values(KINDS)) fill(`curve-${letter}-${kind}`, EMPTY); return; }
-    const points = slice.x.length, size = found.rows * points;
+    const slice = sliced(found), points = slice?.x.length, size = found?.rows * points;
     for (const [order, kind] of Object.entries(KINDS)) {
-      const place = slice.orders.indexOf(Number(order));
-      fill(`curve-${letter}-${kind}`, place < 0 || slice.values === null ? EMPTY
+      const place = slice?.values ? slice.orders.indexOf(Number(order)) : -1;
+      fill(`curve-${letter}-${kind}`, place < 0 ? EMPTY
         : { x: slice.x, ...band(slice.values.subarray(place * size, (place + 1) * size), found.rows, points, kept) });
     }
   }
@@ -300,10 +291,10 @@ window.explorer = (() => {
   }
 
   function drawKey() {
-    const lines = shown().map(letter => [letter, { a: "● ─", b: "▲ ┄" }[letter], titled(letter, entry(letter))]).map(([letter, mark, words]) => {
-      const line = element("div"), sign = element("b", `${mark} `, letter);
+    const lines = shown().map(letter => {
+      const line = element("div"), sign = element("b", { a: "● ─ ", b: "▲ ┄ " }[letter], letter);
       sign.style.color = `var(--${letter})`;
-      line.append(sign, words);
+      line.append(sign, titled(letter, entry(letter)));
       return line;
     });
     lines.push(element("div", "contours: 50 and 90 % of all draws"), element("div", "grey line: prior"));
@@ -363,7 +354,7 @@ window.explorer = (() => {
       document.querySelector(`fieldset.${letter} .posterior`).hidden = found === null || index.labels.length < 2;
       column.classList.toggle("alone", state.b === null);
       drawBadges(letter, found);
-      drawTruth(letter, found);
+      fill(`truth-${letter}`, slots((name, slot) => ({ [slot]: found === null ? [] : [found.truth[name] ?? NaN] })));
       drawAnswers(letter, found);
       if (found === null) continue;
       at(`name-${letter}`).textContent = titled(letter, found);
