@@ -24,14 +24,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 from scipy.special import betaln
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray
-from bayes_toe.errors import InputError
 from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.diagnostics import log_sum, smoothed_unnormalised, smoothed_weights
 from bayes_toe.inference.evidence import Evidence, importance_evidence
@@ -61,8 +60,6 @@ class LeaveOneOut:
 
     Attributes
     ----------
-    unit : 'trial' or 'pair'
-        What is left out at a time.
     values : array
         Per left-out unit, natural log: shape (2, pairs) for trials, one 'equal' and one 'different' answer; (1, pairs) for pairs.
         NaN where no such answer was given, or withheld.
@@ -74,7 +71,6 @@ class LeaveOneOut:
         Why values are withheld, or empty.
     """
 
-    unit: Unit
     values: FloatArray
     counts: IntArray
     pareto_k: FloatArray
@@ -91,70 +87,38 @@ class LeaveOneOut:
         return _sum(self.values, self.counts)[1]
 
     def minus(self, other: LeaveOneOut) -> tuple[float, float]:
-        """Difference of elpd to another model on the same answers, with the standard error of the paired difference.
-
-        Raises
-        ------
-        InputError
-            If units or answers differ.
-        """
-        if self.unit != other.unit or not np.array_equal(self.counts, other.counts):
-            raise InputError("leave-one-out values of different units or answers cannot be compared")
+        """Difference of elpd to another model on the same answers, with the standard error of the paired difference."""
         return _sum(self.values - other.values, self.counts)
 
     @classmethod
     def joined(cls, parts: Sequence[LeaveOneOut]) -> LeaveOneOut:
         """One model over several subjects: all their units together."""
         values, counts, k = (np.concatenate([getattr(one, key) for one in parts], axis=1) for key in ("values", "counts", "pareto_k"))
-        return cls(parts[0].unit, values, counts, k)
+        return cls(values, counts, k)
 
 
-def leave_one_out(
-    log_equal: npt.ArrayLike, log_different: npt.ArrayLike, n_yes: npt.ArrayLike, n_trials: npt.ArrayLike, *, unit: Unit = "trial"
-) -> LeaveOneOut:
-    """Expected log predictive density from posterior draws.
+def leave_one_out(log_equal: FloatArray, log_different: FloatArray, n_yes: npt.ArrayLike, n_trials: npt.ArrayLike) -> LeaveOneOut:
+    """Expected log predictive density of a left-out answer from posterior draws.
 
     Parameters
     ----------
-    log_equal, log_different : array_like, shape (draws, pairs)
+    log_equal, log_different : array, shape (draws, pairs)
         Log probabilities of both answers of one trial, the counted one first, given all others to its pair, at draws of equal weight.
     n_yes, n_trials : array_like of int, shape (pairs,)
-    unit : 'trial' or 'pair'
-        What is left out at a time.
-
-    Raises
-    ------
-    InputError
-        If shapes or counts do not fit, a probability is NaN or above 1, or an answer that was given has probability 0 in some draw.
 
     Examples
     --------
     >>> q = np.random.default_rng(0).beta([[31.0, 11.0]], [[11.0, 31.0]], size=(4000, 2))  # each pair for itself: H0
     >>> found, exact = leave_one_out(np.log(q), np.log1p(-q), [30, 10], [40, 40]), leave_one_out_frequencies([30, 10], [40, 40])
-    >>> round(found.elpd, 1) == round(exact.elpd, 1), leave_one_out(np.log(q), np.log1p(-q), [30, 10], [40, 40], unit="pair").elpd
-    (True, nan)
+    >>> round(found.elpd, 1) == round(exact.elpd, 1)
+    True
     """
-    counts = _counts(n_yes, n_trials)
-    logs = np.stack([_logs(ANSWERS[0], log_equal, counts), _logs(ANSWERS[1], log_different, counts)])
-    _require_possible(logs, counts, [repr(answer) for answer in ANSWERS])
-    if _require_unit(unit) == "trial":
-        return _smoothed(unit, logs, counts)
-    given = counts[:, :, None] > 0  # an answer never given contributes 0, also where its probability is 0
-    return leave_one_pair_out(np.where(given, counts[:, :, None] * np.where(given, logs, 0.0), 0.0).sum(axis=0).T, n_trials)
+    return _smoothed("trial", np.stack([log_equal, log_different]), _counts(n_yes, n_trials))
 
 
-def leave_one_pair_out(log_likelihood: npt.ArrayLike, n_trials: npt.ArrayLike) -> LeaveOneOut:
-    """The same by pair for answers that need not be independent: from the log likelihood of each pair, shape (draws, pairs).
-
-    Raises
-    ------
-    InputError
-        As :func:`leave_one_out`.
-    """
-    tried = (np.asarray(n_trials)[None] > 0).astype(np.int64)
-    logs = _logs("likelihood", log_likelihood, tried)[None]
-    _require_possible(logs, tried, ["this"])
-    return _smoothed("pair", logs, tried)
+def leave_one_pair_out(log_likelihood: FloatArray, n_trials: npt.ArrayLike) -> LeaveOneOut:
+    """The same of all answers to a pair, which need not be independent: from the log likelihood of each pair, shape (draws, pairs)."""
+    return _smoothed("pair", log_likelihood[None], (np.asarray(n_trials)[None] > 0).astype(np.int64))
 
 
 def leave_one_out_frequencies(n_yes: npt.ArrayLike, n_trials: npt.ArrayLike, *, unit: Unit = "trial") -> LeaveOneOut:
@@ -163,11 +127,6 @@ def leave_one_out_frequencies(n_yes: npt.ArrayLike, n_trials: npt.ArrayLike, *, 
     A left-out 'equal' answer has probability n_Eq/(n + 1), a left-out 'different' one n_Diff/(n + 1). Nothing is known of a left-out pair:
     ln B(n_Eq + 1, n_Diff + 1), so that the sum over pairs is the log evidence of H0.
 
-    Raises
-    ------
-    InputError
-        If counts do not fit.
-
     Examples
     --------
     >>> found = leave_one_out_frequencies([1], [2])  # one of each: two times 1/3
@@ -175,13 +134,13 @@ def leave_one_out_frequencies(n_yes: npt.ArrayLike, n_trials: npt.ArrayLike, *, 
     True
     """
     counts = _counts(n_yes, n_trials)
-    if _require_unit(unit) == "pair":
+    if unit == "pair":
         tried = np.asarray(counts.sum(axis=0, keepdims=True) > 0).astype(np.int64)
         values, counts = np.where(tried > 0, betaln(counts[0] + 1.0, counts[1] + 1.0), np.nan), tried
     else:
         with np.errstate(divide="ignore"):  # log 0 is not used where no such answer was given
             values = np.where(counts > 0, np.log(counts) - np.log1p(counts.sum(axis=0)), np.nan)
-    return LeaveOneOut(unit, values, counts, np.where(counts > 0, -np.inf, np.nan))
+    return LeaveOneOut(values, counts, np.where(counts > 0, -np.inf, np.nan))
 
 
 def below_best(models: Sequence[LeaveOneOut]) -> list[tuple[float, float]]:
@@ -208,17 +167,17 @@ def trusted_k(draws: int) -> float:
 
 
 def _smoothed(unit: Unit, logs: FloatArray, counts: IntArray) -> LeaveOneOut:
-    """From log probabilities of shape (answers, pairs, draws), of each unit given all that stays."""
+    """From log probabilities of shape (answers, draws, pairs), of each unit given all that stays."""
     values, k = np.full(counts.shape, np.nan), np.full(counts.shape, np.nan)
-    for unit_at in map(tuple, np.argwhere(counts > 0)):
-        log_p = logs[unit_at]
+    for answer, pair in np.argwhere(counts > 0):
+        log_p = logs[answer, :, pair]
         if np.ptp(log_p) == 0.0:
-            values[unit_at], k[unit_at] = log_p[0], -np.inf  # all weights are equal: no tail to smooth
+            values[answer, pair], k[answer, pair] = log_p[0], -np.inf  # all weights are equal: no tail to smooth
         else:
             smoothed = smoothed_weights(-log_p)
-            values[unit_at], k[unit_at] = log_sum(smoothed.log_weights + log_p), smoothed.pareto_k
-    values[k > trusted_k(logs.shape[-1])] = np.nan
-    return LeaveOneOut(unit, values, counts, k, _note(unit, values, counts, k))
+            values[answer, pair], k[answer, pair] = log_sum(smoothed.log_weights + log_p), smoothed.pareto_k
+    values[k > trusted_k(logs.shape[1])] = np.nan
+    return LeaveOneOut(values, counts, k, _note(unit, values, counts, k))
 
 
 def _sum(values: FloatArray, counts: IntArray) -> tuple[float, float]:
@@ -240,33 +199,9 @@ def _note(unit: Unit, values: FloatArray, counts: IntArray, k: FloatArray) -> st
     return f"leave-one-out by {unit} withheld: importance weights are unreliable (Pareto k-hat: {listed})"
 
 
-def _require_unit(unit: Unit) -> Unit:
-    if unit not in get_args(Unit):
-        raise InputError(f"unit={unit!r}: allowed are 'trial' and 'pair'")
-    return unit
-
-
 def _counts(n_yes: npt.ArrayLike, n_trials: npt.ArrayLike) -> IntArray:
-    """Counts of 'equal' and 'different', shape (2, pairs)."""
-    k, n = np.asarray(n_yes), np.asarray(n_trials)
-    if k.ndim != 1 or k.shape != n.shape or not np.all((k >= 0) & (k <= n)) or not np.any(n > 0):
-        raise InputError("n_yes and n_trials: allowed are two rows of the same length with 0 <= n_yes <= n_trials, not all 0")
-    return np.stack([k, n - k]).astype(np.int64)
-
-
-def _logs(name: str, values: npt.ArrayLike, counts: IntArray) -> FloatArray:
-    """Checked log probabilities of one answer, shape (pairs, draws), so that the draws of a pair lie side by side in memory."""
-    logs = np.asarray(values, np.float64)
-    if logs.ndim != 2 or logs.shape[1] != counts.shape[1] or len(logs) < 100:
-        raise InputError(f"log_{name} of shape {logs.shape}: allowed is (draws, {counts.shape[1]}) with at least 100 draws")
-    if not np.all(logs <= 1e-12):  # a logarithm of 1 - q may round up
-        raise InputError(f"log_{name}: a log probability is NaN or above 0")
-    return np.ascontiguousarray(logs.T)
-
-
-def _require_possible(logs: FloatArray, counts: IntArray, names: Sequence[str]) -> None:
-    for answer, pair in np.argwhere((logs.min(axis=-1) == -np.inf) & (counts > 0)):
-        raise InputError(f"pair {pair + 1}: {names[answer]} was answered but has probability 0 in some draw of the posterior")
+    """Counts of both answers, shape (2, pairs)."""
+    return np.stack([np.asarray(n_yes), np.asarray(n_trials) - np.asarray(n_yes)]).astype(np.int64)
 
 
 # --- pairs, by the proposal ---------------------------------------------------------------------------------------------------------
@@ -320,7 +255,7 @@ def weighted_pairs(log_likelihood: FloatArray, log_weights: FloatArray, n_trials
         smoothed, k[0, pair] = smoothed_unnormalised(rest)
         if not withheld[pair] and k[0, pair] <= trusted_k(len(rest)) and efficiency(rest) >= LEAST_SHARE:
             values[0, pair] = log_all - log_sum(smoothed)
-    return LeaveOneOut("pair", values, tried, k, _note("pair", values, tried, k))
+    return LeaveOneOut(values, tried, k, _note("pair", values, tried, k))
 
 
 def log_evidence_without(

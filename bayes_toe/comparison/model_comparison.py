@@ -225,9 +225,11 @@ class ModelComparison(Table[ModelRow]):
 
     @cached_property
     def _frequencies(self) -> ModelFrequencies | None:
-        if len(self.models) < 2 or not len(_complete(self.weighed)):
+        known = np.flatnonzero(~np.isnan(self.weighed).any(axis=1)).tolist()
+        if len(self.models) < 2 or not known:
             return None
-        return random_effects(self.weighed, models=self.models, subjects=self.subjects, leave_out=True, seed=self.seed)
+        found = random_effects(self.weighed[known], seed=self.seed)
+        return replace(found, models=self.models, subjects=tuple(self.subjects[i] for i in known))
 
     def study_frame(self) -> pd.DataFrame:
         """One row per model over the whole study.

@@ -1,6 +1,6 @@
 """Which models the subjects of a population follow, from the log evidence of every model for every subject.
 
-Random effects: each subject follows one of K models, drawn with unknown frequencies r that have a Dirichlet prior,
+Random effects: each subject follows one of K models, drawn with unknown frequencies r that have a uniform prior,
 
     p(y | r) = prod_n sum_k r_k exp(L_nk),     L_nk the log evidence of model k for subject n.
 
@@ -11,22 +11,15 @@ under eight models, where it is 0.16. Here assignments of models to subjects are
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 from scipy.special import expit, logsumexp, softmax
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.errors import InputError
 from bayes_toe.seeds import generator
 
-if TYPE_CHECKING:
-    import pandas as pd
-
-_SMALLEST_PRIOR = 0.01
 _REPEATS, _PARTICLES = 20, 1000  # repeats tell the error, particles keep the bias of each below it
 _DRAWS = 5  # of frequencies, for each particle
 
@@ -38,9 +31,7 @@ class ModelFrequencies:
     Attributes
     ----------
     models, subjects : tuple of str
-        Names; subjects only those that count.
-    left_out : tuple of str
-        Subjects without an evidence for every model, which do not count.
+        Names, where they are known; subjects only those that count.
     expected, expected_se : array, shape (models,)
         Expected frequencies, and their standard errors.
     exceedance, exceedance_se : array, shape (models,)
@@ -53,9 +44,8 @@ class ModelFrequencies:
         Frequencies drawn from their posterior, in no order.
     """
 
-    models: tuple[str, ...]
-    subjects: tuple[str, ...]
-    left_out: tuple[str, ...]
+    models: tuple[str, ...] = ()
+    subjects: tuple[str, ...] = ()
     expected: FloatArray
     expected_se: FloatArray
     exceedance: FloatArray
@@ -78,41 +68,17 @@ class ModelFrequencies:
     @property
     def protected(self) -> FloatArray:
         """Exceedance probability averaged over both: (1 - omnibus_risk) exceedance + omnibus_risk / K, shape (models,)."""
-        return (1.0 - self.omnibus_risk) * self.exceedance + self.omnibus_risk / len(self.models)
+        return (1.0 - self.omnibus_risk) * self.exceedance + self.omnibus_risk / len(self.expected)
 
     def interval(self, level: float = 0.95) -> FloatArray:
-        """Central interval of every frequency, shape (models, 2), by quantiles of the draws.
-
-        Raises
-        ------
-        InputError
-            If the level is not between 0 and 1.
-        """
-        if not 0.0 < level < 1.0:
-            raise InputError(f"level={level}: allowed is a number between 0 and 1")
+        """Central interval of every frequency, shape (models, 2), by quantiles of the draws."""
         return np.asarray(np.quantile(self.draws, [0.5 - 0.5 * level, 0.5 + 0.5 * level], axis=0).T)
 
-    def frame(self) -> pd.DataFrame:
-        """One row per model: model, expected, exceedance, protected, omnibus_risk, and the standard errors of all but the third."""
-        import pandas as pd
 
-        frame = pd.DataFrame({"model": self.models, "expected": self.expected, "exceedance": self.exceedance, "protected": self.protected})
-        errors = {f"{name}_se": getattr(self, f"{name}_se") for name in ("expected", "exceedance", "omnibus_risk")}
-        return frame.assign(omnibus_risk=self.omnibus_risk, **errors)
-
-
-def random_effects(
-    log_evidence: npt.ArrayLike,
-    *,
-    models: Sequence[str] | None = None,
-    subjects: Sequence[str] | None = None,
-    prior: float = 1.0,
-    leave_out: bool = False,
-    seed: int = 0,
-) -> ModelFrequencies:
+def random_effects(log_evidence: npt.ArrayLike, *, seed: int = 0) -> ModelFrequencies:
     """Model frequencies in the population, by sequential imputation: subjects join one by one, each particle draws a model for them.
 
-    A particle with n_k subjects under model k expects that model with r_k = (prior + n_k) / (K prior + n). The next subject multiplies its
+    A particle with n_k subjects under model k expects that model with r_k = (1 + n_k) / (K + n). The next subject multiplies its
     weight by sum_k r_k exp(L_k) and follows model k with probability ~ r_k exp(L_k). Particles are resampled by their weights where fewer
     than half of them are effective. In the end the posterior of the frequencies is the mixture of their Dirichlet posteriors, and the mean
     weight estimates the evidence without bias. Subjects who say clearly which model they follow come first: they leave all particles alike.
@@ -122,89 +88,45 @@ def random_effects(
     Parameters
     ----------
     log_evidence : array_like, shape (subjects, models)
-        Natural logs; -inf where a model rules a subject's answers out, NaN where a value was withheld.
-    models, subjects : sequence of str, optional
-        Names; numbers from 1 by default.
-    prior : float
-        Concentration of the Dirichlet prior, the same for every model; 1 is uniform.
-    leave_out : bool
-        Subjects with a NaN are left out and named in the result; by default they are refused.
+        Natural logs, of at least one subject and two models; -inf where a model rules a subject's answers out.
     seed : int
-
-    Raises
-    ------
-    InputError
-        If evidences are missing, infinite, or not a table of at least one subject and two models; or the prior is below 0.01.
 
     Examples
     --------
-    >>> found = random_effects([[0.0, 3.0], [0.0, 4.0], [0.0, -1.0], [0.0, 5.0]], models=["H0", "H1"])
+    >>> found = random_effects([[0.0, 3.0], [0.0, 4.0], [0.0, -1.0], [0.0, 5.0]])
     >>> found.expected.round(2).tolist(), found.exceedance.round(1).tolist(), round(found.omnibus_risk, 2)
     ([0.24, 0.76], [0.1, 0.9], 0.42)
     """
-    values = np.asarray(log_evidence, np.float64)
-    if values.ndim != 2 or values.shape[0] < 1 or values.shape[1] < 2:
-        raise InputError(f"log evidences of shape {values.shape}: allowed is (subjects, models) with at least two models")
-    if not (np.isfinite(prior) and prior >= _SMALLEST_PRIOR):
-        raise InputError(f"prior={prior}: allowed is a number of at least {_SMALLEST_PRIOR}")
-    who, what = _names("subjects", subjects, len(values)), _names("models", models, values.shape[1])
-    _require_evidence(values, who, what, leave_out)
-    missing = np.asarray(np.isnan(values).any(axis=1))
-    values, rng = values[~missing], generator(seed, "model frequencies")
-    logs, alpha = _assigned(values, prior, rng)
+    values, rng = np.asarray(log_evidence, np.float64), generator(seed, "model frequencies")
+    logs, alpha = _assigned(values, rng)
     shares, scaled = softmax(logs), np.exp(logs - logs.max())
-    gammas, largest = alpha, np.zeros((_REPEATS, len(what)))
+    gammas, largest = alpha, np.zeros((_REPEATS, len(alpha)))
     for _ in range(_DRAWS):
         gammas = rng.standard_gamma(alpha)
-        largest += np.eye(len(what))[gammas.argmax(axis=0)].mean(axis=1) / _DRAWS
+        largest += np.eye(len(alpha))[gammas.argmax(axis=0)].mean(axis=1) / _DRAWS
     whose = rng.choice(_REPEATS, size=_REPEATS * _PARTICLES, p=shares)
     drawn = gammas[:, whose, rng.integers(_PARTICLES, size=len(whose))].T
     expected, expected_se = _pooled(shares, alpha.mean(axis=2).T / alpha[:, 0, 0].sum())
     exceedance, exceedance_se = _pooled(shares, largest)
     return ModelFrequencies(
-        models=what,
-        subjects=tuple(name for name, gone in zip(who, missing, strict=True) if not gone),
-        left_out=tuple(name for name, gone in zip(who, missing, strict=True) if gone),
         expected=expected,
         expected_se=expected_se,
         exceedance=exceedance,
         exceedance_se=exceedance_se,
         log_evidence=float(logs.max() + np.log(scaled.mean())),
         log_evidence_se=float(scaled.std(ddof=1) / scaled.mean() / np.sqrt(_REPEATS)),
-        log_evidence_equal=float((logsumexp(values, axis=1) - np.log(len(what))).sum()),
+        log_evidence_equal=float((logsumexp(values, axis=1) - np.log(len(alpha))).sum()),
         draws=drawn / drawn.sum(axis=1, keepdims=True),
     )
 
 
-def _names(what: str, given: Sequence[str] | None, size: int) -> tuple[str, ...]:
-    names = tuple(str(i + 1) for i in range(size)) if given is None else tuple(given)
-    if len(names) != size or len(set(names)) != size:
-        raise InputError(f"{what}: {len(names)} names, allowed are {size} different ones")
-    return names
-
-
-def _require_evidence(values: FloatArray, who: Sequence[str], what: Sequence[str], leave_out: bool) -> None:
-    """Refuse infinite evidences, and missing ones unless their subjects may be left out."""
-    problems = []
-    for name, row in zip(who, values, strict=True):
-        gone = ", ".join(model for model, value in zip(what, row, strict=True) if np.isnan(value))
-        if gone and not leave_out:
-            problems.append(f"subject {name}: no evidence for model {gone}; leave_out=True compares the others without this subject")
-        if np.any(row == np.inf) or np.all(row == -np.inf):
-            problems.append(f"subject {name}: a log evidence is +inf, or all are -inf")
-    if leave_out and np.isnan(values).any(axis=1).all():
-        problems.append("no subject has an evidence for every model")
-    if problems:
-        raise InputError(problems)
-
-
-def _assigned(log_l: FloatArray, prior: float, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+def _assigned(log_l: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
     """Log evidence of every repeat, and the Dirichlet posteriors of its equally weighted particles, shape (models, repeats, particles)."""
     order = np.argsort(-softmax(log_l, axis=1).max(axis=1), kind="stable")
     likelihood = np.exp(log_l - log_l.max(axis=1, keepdims=True))[order, :, None, None]
     size, models = (_REPEATS, _PARTICLES), np.arange(log_l.shape[1])[:, None, None]
-    alpha, weights = np.full((len(models), *size), prior), np.ones(size)
-    logs, total = np.full(_REPEATS, log_l.max(axis=1).sum()), len(models) * prior
+    alpha, weights = np.ones((len(models), *size)), np.ones(size)
+    logs, total = np.full(_REPEATS, log_l.max(axis=1).sum()), float(len(models))
     for one in likelihood:
         below = np.cumsum(alpha * one, axis=0)
         weights *= below[-1] / total

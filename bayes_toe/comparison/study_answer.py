@@ -14,7 +14,6 @@ from bayes_toe.comparison.verdict import Verdict
 from bayes_toe.comparison.words import EFFECTS, KINDS, compared
 from bayes_toe.data.messages import counted, listed
 from bayes_toe.inference.predictive_checks import PairFit
-from bayes_toe.model.ladder import ORDERS
 
 #: What one subject does, after a clause that named the order effect, by the word of the effect; before that :data:`EFFECTS` has it.
 _AGAIN = {
@@ -124,7 +123,7 @@ def of_new_subject(verdicts: Sequence[Verdict | SavedVerdict], seed: int) -> str
     if len(known) < 2:
         return ""
     with np.errstate(divide="ignore"):  # a kind without any probability
-        found = random_effects(np.log(known), models=ORDERS, seed=seed)
+        found = random_effects(np.log(known), seed=seed)
     said = ("no order effect", "constant error", "pull")
     shares = ", ".join(f"P({word}) {compared(p)}" for word, p in zip(said, found.expected.tolist(), strict=True))
     return f"of a new subject, by random effects over {len(known)}: {shares}"

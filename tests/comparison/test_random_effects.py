@@ -9,7 +9,6 @@ from scipy.special import gammaln, logsumexp
 from scipy.stats import gamma
 
 from bayes_toe.comparison.random_effects import random_effects
-from bayes_toe.errors import InputError
 
 #: Of 5 s.e. from 20 repeats, Student's t with 19 degrees of freedom: a false alarm in 12,000.
 SURE = 5.0
@@ -27,15 +26,15 @@ def largest(alpha):
     return [trapezoid(density[:, k] * np.delete(below, k, axis=1).prod(axis=1), x) for k in range(len(alpha))]
 
 
-def enumerated(log_l, prior):
+def enumerated(log_l):
     """Log evidence, expected frequencies and exceedance by one term per assignment of models to subjects."""
     n, k = log_l.shape
     terms = {}
     for assignment in itertools.product(range(k), repeat=n):
         counts = tuple(np.bincount(assignment, minlength=k))
         terms.setdefault(counts, []).append(log_l[np.arange(n), assignment].sum())
-    alphas = [prior + np.array(counts) for counts in terms]
-    logs = [logsumexp(of_one) + log_beta(alpha) - log_beta(np.full(k, prior)) for of_one, alpha in zip(terms.values(), alphas, strict=True)]
+    alphas = [1.0 + np.array(counts) for counts in terms]
+    logs = [logsumexp(of_one) + log_beta(alpha) - log_beta(np.ones(k)) for of_one, alpha in zip(terms.values(), alphas, strict=True)]
     total = logsumexp(logs)
     weights = np.exp(logs - total)
     return total, weights @ [alpha / alpha.sum() for alpha in alphas], weights @ [largest(alpha) for alpha in alphas]
@@ -49,26 +48,26 @@ def agree(found, total, expected, exceedance):
     assert abs(found.omnibus_risk - odds / (1 + odds)) < SURE * found.omnibus_risk_se + 1e-12
 
 
-@pytest.mark.parametrize(("shape", "prior"), [((5, 3), 1.0), ((5, 3), 0.3), ((5, 2), 4.0), ((1, 2), 1.0), ((3, 6), 1.0), ((5, 4), 1.0)])
-def test_frequencies_are_those_of_the_sum_over_assignments(shape, prior):
+@pytest.mark.parametrize("shape", [(5, 3), (5, 2), (1, 2), (3, 6), (5, 4)])
+def test_frequencies_are_those_of_the_sum_over_assignments(shape):
     log_l = UNEVEN[:, : shape[1]] if shape[1] < 4 and shape[0] == 5 else np.random.default_rng(shape[1]).normal(size=shape) * 2
-    found = random_effects(log_l, prior=prior, seed=3)
-    agree(found, *enumerated(log_l, prior))
+    found = random_effects(log_l, seed=3)
+    agree(found, *enumerated(log_l))
     assert found.log_evidence_equal == pytest.approx(np.log(np.exp(log_l).mean(axis=1)).sum(), rel=1e-12)
     assert found.log_evidence_se < 0.02
     assert max(found.expected_se) < 0.005
     assert found.protected.sum() == pytest.approx(1.0, abs=1e-9)
 
 
-@pytest.mark.parametrize(("size", "spread", "prior"), [(20, 2.0, 1.0), (300, 0.3, 1.0), (300, 4.0, 0.5)])
-def test_two_models_by_quadrature_over_their_frequency(size, spread, prior):
+@pytest.mark.parametrize(("size", "spread"), [(20, 2.0), (300, 0.3), (300, 4.0)])
+def test_two_models_by_quadrature_over_their_frequency(size, spread):
     log_l = np.random.default_rng(size).normal(size=(size, 2)) * spread + [0.3, 0.0]
     log_l[:3, 0] = -np.inf
-    found = random_effects(log_l, prior=prior, seed=1)
+    found = random_effects(log_l, seed=1)
     t = np.linspace(-30.0, 30.0, 40_001)  # logit of the frequency
     r = 1 / (1 + np.exp(-t))
     logs = np.log(r[:, None] * np.exp(log_l[:, 0]) + (1 - r[:, None]) * np.exp(log_l[:, 1])).sum(axis=1)
-    logs += prior * np.log(r * (1 - r)) - log_beta(np.full(2, prior))
+    logs += np.log(r * (1 - r))
     weights = np.exp(logs - logs.max())
     total = logs.max() + np.log(trapezoid(weights, t))
     weights /= weights.sum()
@@ -109,46 +108,3 @@ def test_only_differences_within_a_subject_count_and_one_subject_does_not_decide
     assert random_effects(shifted).expected == pytest.approx(random_effects(UNEVEN).expected, abs=1e-9)
     one_sure = np.column_stack([np.zeros(12), np.r_[np.full(11, -3.0), 100.0]])
     assert random_effects(one_sure).expected[0] > 0.75
-
-
-def test_withheld_evidences_are_refused_by_name_or_left_out_by_name():
-    log_l = UNEVEN.copy()
-    log_l[1, 2] = log_l[3, 0] = np.nan
-    who = ["A", "B", "C", "D", "E"]
-    with pytest.raises(InputError) as caught:
-        random_effects(log_l, subjects=who, models=["H0", "H1", "H2"])
-    assert len(caught.value.problems) == 2
-    assert caught.value.problems[0].startswith("subject B: no evidence for model H2")
-    found = random_effects(log_l, subjects=who, leave_out=True)
-    assert (found.subjects, found.left_out) == (("A", "C", "E"), ("B", "D"))
-    assert np.array_equal(found.expected, random_effects(log_l[[0, 2, 4]]).expected)
-
-
-@pytest.mark.parametrize(
-    ("log_l", "options", "message"),
-    [
-        ([[1.0], [2.0]], {}, "at least two models"),
-        ([1.0, 2.0], {}, "at least two models"),
-        (np.zeros((0, 2)), {}, "at least two models"),
-        ([[0.0, np.inf]], {}, r"subject 1: a log evidence is \+inf"),
-        ([[-np.inf, -np.inf]], {}, "all are -inf"),
-        ([[np.nan, 0.0]], {"leave_out": True}, "no subject has"),
-        ([[0.0, 1.0]], {"prior": 0.0}, "prior=0"),
-        ([[0.0, 1.0]], {"models": ["a", "a"]}, "models: 2 names"),
-        ([[0.0, 1.0]], {"subjects": ["a", "b"]}, "subjects: 2 names, allowed are 1"),
-    ],
-)
-def test_bad_input_is_refused(log_l, options, message):
-    with pytest.raises(InputError, match=message):
-        random_effects(log_l, **options)
-
-
-def test_the_table_of_models():
-    found = random_effects(UNEVEN, models=["H0", "H1", "H2"])
-    frame = found.frame()
-    assert list(frame)[:5] == ["model", "expected", "exceedance", "protected", "omnibus_risk"]
-    assert frame["model"].tolist() == ["H0", "H1", "H2"]
-    assert frame["exceedance_se"].tolist() == found.exceedance_se.tolist()
-    for level in (0.0, 1.0, np.nan):
-        with pytest.raises(InputError, match="level="):
-            found.interval(level)

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 import bayes_toe as bt
 from bayes_toe.cli.app import app
-from bayes_toe.comparison.leave_one_out import leave_one_out, log_evidence_without
+from bayes_toe.comparison.leave_one_out import leave_one_pair_out, log_evidence_without
 from bayes_toe.data.study import Subject
 from bayes_toe.experiments.simulate import at_intervals, reference_design
 from bayes_toe.inference.adaptation import fit_proposal
@@ -113,8 +113,7 @@ def test_starts_find_the_maxima_of_intervals_far_from_one_second():
 
 def test_a_left_out_pair_at_its_interval_by_evidence_and_by_smoothed_weights():
     target, made = posterior_of(OF_MEMORY, model=MEAN_REVERTING), inferred(OF_MEMORY, MEAN_REVERTING, 4000, 3)
-    answers = target.log_answers(made.chains.x.reshape(-1, 5))
-    found = leave_one_out(*answers, OF_MEMORY.n_yes, OF_MEMORY.n_trials, unit="pair")
+    found = leave_one_pair_out(target.pair_log_likelihood(made.chains.x.reshape(-1, 5)), OF_MEMORY.n_trials)
     pair = int(np.argmin(found.pareto_k[0]))
     rest = log_evidence_without(target, pair, np.random.default_rng(1))
     assert made.evidence.value - rest == pytest.approx(found.values[0, pair], abs=0.03)
