@@ -13,7 +13,7 @@ from bayes_toe.cli.look import read_truth
 from bayes_toe.cli.results_folder import write_results
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.errors import InputError
-from bayes_toe.experiments.checks import check_subject, describe
+from bayes_toe.experiments.checks import check_study, described
 from bayes_toe.experiments.simulate import Design, at_intervals, design_from, reference_design, simulate_trials, trial_frame
 from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.evidence import importance_evidence
@@ -96,16 +96,17 @@ def test_one_interval_of_a_study_is_open_to_everything(study):
 
 
 def test_check_says_what_intervals_change():
-    codes = [found.code for found in check_subject(bt.Subject("a", [0.0] * 4, [0.0, 0.1, 0.0, 0.1], [9] * 4, [9] * 4, isi=[1, 1, 2, 2]))]
+    two = bt.Subject("a", [0.0] * 4, [0.0, 0.1, 0.0, 0.1], [9] * 4, [9] * 4, isi=[1, 1, 2, 2])
+    codes = [found.code for found in check_study(bt.Study([two]))]
     assert "one_first_stimulus" not in codes  # widths and offsets at two intervals tell the pull apart
     lone = bt.Study([bt.Subject("a", [0.0, 0.3], [0.3, 0.0], [3, 4], [9, 9], isi=[500.0, 500.0])])
     codes = [found.code for found in bt.check(lone)]
     assert {"one_interval", "long_intervals", "one_first_stimulus"} & set(codes) == {"one_interval", "long_intervals"}
-    row = describe(lone).to_dict("records")[0]
+    row = described(lone["a"])
     assert (row["n_intervals"], row["n_both_orders"]) == (1, 1)
     apart = bt.Subject("a", [0.0, 0.3], [0.3, 0.0], [3, 4], [9, 9], isi=[1.0, 2.0])
-    assert describe(bt.Study([apart]))["n_one_order"].tolist() == [2]
-    assert any("(0, 0.3) at 1 s, (0.3, 0) at 2 s" in found.message for found in check_subject(apart))
+    assert described(apart)["n_one_order"] == 2
+    assert any("(0, 0.3) at 1 s, (0.3, 0) at 2 s" in found.message for found in check_study(bt.Study([apart])))
 
 
 # --- simulation ---------------------------------------------------------------------------------------------------------------------

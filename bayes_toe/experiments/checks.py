@@ -11,7 +11,6 @@ import unicodedata
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,9 +22,6 @@ from bayes_toe.data.tasks import SAME_DIFFERENT
 from bayes_toe.data.validation import runs
 from bayes_toe.experiments.identifiability import FULL, PARAMETERS, identifiability
 from bayes_toe.model.prior import Prior
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 _MOST_PAIRS_SHOWN = 3
 _SELECTORS = (*range(0xFE00, 0xFE10), *range(0xE0100, 0xE01F0))
@@ -39,37 +35,14 @@ _APART = 0.25  # of the sd of the stimuli: how far their means may differ betwee
 _LONG = 100.0  # seconds: nobody compares two stimuli over that time, but 100 milliseconds are common
 
 
-def check_subject(subject: Subject) -> tuple[Finding, ...]:
-    """What the counts of one subject leave open.
+def check_study(study: Study, prior: Prior | None = None) -> tuple[Finding, ...]:
+    """What a study leaves open: findings about its file and its names first, then those of each subject.
 
     Stimuli are compared exactly, as the pairs of :class:`~bayes_toe.data.study.Subject` are.
 
     Parameters
     ----------
-    subject : Subject
-        Its stimuli are natural-log intensities.
-
-    Returns
-    -------
-    tuple of Finding
-        Empty if nothing is left open.
-
-    Examples
-    --------
-    >>> subject = Subject("S01", [0, 0, 0, 0], [0, 0.1, 0.2, 0.3], [9, 8, 5, 2], [9, 9, 9, 9])
-    >>> [finding.code for finding in check_subject(subject)]
-    ['one_first_stimulus', 'one_order', 'design_rank']
-    """
-    return _of_subject(subject, {})
-
-
-def check_study(study: Study, prior: Prior | None = None) -> tuple[Finding, ...]:
-    """What a study leaves open: findings about its file and its names first, then those of each subject.
-
-    Parameters
-    ----------
     study : Study
-        Any study.
     prior : Prior, optional
         For whether its scale is that of the stimuli.
 
@@ -123,17 +96,12 @@ def prior_scale(study: Study, prior: Prior | None) -> list[Finding]:
     return [Finding("", "prior_scale", message)]
 
 
-def describe(study: Study) -> pd.DataFrame:
-    """One row per subject: how much was asked, and how balanced.
-
-    Parameters
-    ----------
-    study : Study
-        Any study.
+def described(subject: Subject) -> dict[str, str | int | float]:
+    """How much a subject was asked, and how balanced.
 
     Returns
     -------
-    pandas.DataFrame
+    dict
         subject; n_pairs, distinct ordered pairs (with a column isi, pairs at an interval); n_intervals, only with such a column; n_trials;
         n_both_orders and n_one_order, pairs of different stimuli (order aside) that were presented in both orders and in one;
         n_equal_pairs, pairs of equal stimuli;
@@ -141,17 +109,9 @@ def describe(study: Study) -> pd.DataFrame:
 
     Examples
     --------
-    >>> subject = Subject("S01", [0, 0, 0.3], [0, 0.3, 0], [9, 2, 5], [10, 10, 10])
-    >>> describe(Study((subject,))).to_dict("records")[0]["n_both_orders"]
+    >>> described(Subject("S01", [0, 0, 0.3], [0, 0.3, 0], [9, 2, 5], [10, 10, 10]))["n_both_orders"]
     1
     """
-    import pandas as pd
-
-    return pd.DataFrame([described(subject) for subject in study])
-
-
-def described(subject: Subject) -> dict[str, str | int | float]:
-    """The row of one subject."""
     one = len(_one_order(subject))
     equal = int(np.count_nonzero(subject.s1 == subject.s2))
     return {

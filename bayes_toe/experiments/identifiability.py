@@ -22,12 +22,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import logit
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.conditions import mean_first
 from bayes_toe.data.study import Subject
-from bayes_toe.model.closed_form import LN2, MAX_PULL, pull
+from bayes_toe.data.tasks import SAME_DIFFERENT
 from bayes_toe.model.coordinates import IDENTIFIED, NATURAL
+from bayes_toe.model.ladder import models_of
+from bayes_toe.model.posterior import Posterior
+from bayes_toe.model.prior import Prior
 
 PARAMETERS = 4
 #: The model with all four.
@@ -74,12 +78,14 @@ def identifiability(subject: Subject) -> Identifiability:
     (3, 'constant bias', ('pull', 'mu1', 'sigma_p', 'sigma_l'))
     """
     lever, step = _points(subject)
-    isi = np.ones(len(step)) if len(subject.intervals) <= 1 or subject.isi is None else subject.isi
-    told = np.ones(len(_NAMES), np.bool_)
-    rank = 0
+    isi, none = subject.isi if len(subject.intervals) > 1 else None, np.zeros(len(step), np.int64)
+    pairs = Subject.from_counts("pairs", lever, lever + step, none, none + 1, isi)
+    target = Posterior(pairs, models_of(SAME_DIFFERENT).update, Prior(), 0.0, 1.0)
+    told, rank = np.ones(len(_NAMES), np.bool_), 0
     for c, share, w in _GENERIC:
-        here, open_directions = _split(_jacobian(lever, step, isi, (c, MAX_PULL * share, w)))
-        told &= np.abs(_gradients(c, MAX_PULL * share) @ open_directions).max(axis=1, initial=0.0) < 1e-5
+        of_answers, of_quantities = _slopes(target, np.array([c, logit(share), np.log(w), 0.0]))
+        here, open_directions = _split(of_answers)
+        told &= np.abs(of_quantities @ open_directions).max(axis=1, initial=0.0) < 1e-5
         rank = max(rank, here)
     several = FULL, "" if rank == PARAMETERS else "offset, pull and width at every interval follow from those at one"
     model, reason = _smallest(lever, step, rank) if len(subject.intervals) <= 1 else several
@@ -98,21 +104,16 @@ def _points(subject: Subject) -> tuple[FloatArray, FloatArray]:
     return (lever / extent, step / extent) if extent > 0 else (lever, step)
 
 
-def _jacobian(lever: FloatArray, step: FloatArray, isi: FloatArray, at: tuple[float, float, float]) -> FloatArray:
-    """Central differences of log q in offset, pull, log width and log q0 at one second, of pairs at intervals of isi seconds, (pairs, 4).
+def _slopes(target: Posterior, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Central differences of log q of every pair, (pairs, 4), and of the named quantities, (names, 4), in the model's coordinates.
 
-    gamma_t = gamma/t gives p_t; c_t = c p_t/p and w_t = w t^(1/2) (G_t/G_1)^(3/2), G = 1/(1 - p). The rank is that of the derivatives of q
-    itself, which differ by factors q > 0.
+    The rank is that of the derivatives of q itself, which differ by factors q > 0.
     """
-    c, p, w = at
-
-    def log_q(x: FloatArray) -> FloatArray:
-        pt = pull(x[1] / (1.0 - x[1]) ** 2 / isi)
-        wt = np.exp(x[2]) * np.sqrt(isi) * ((1.0 - x[1]) / (1.0 - pt)) ** 1.5
-        return np.asarray(x[3] - LN2 * ((step + pt * (lever - x[0] / x[1])) / wt) ** 2)
-
-    middle = np.array([c, p, np.log(w), 0.0])
-    return np.stack([(log_q(middle + one) - log_q(middle - one)) / (2.0 * _STEP) for one in _STEP * np.eye(PARAMETERS)], axis=1)
+    around = x + _STEP * np.concatenate([np.eye(PARAMETERS), -np.eye(PARAMETERS)])
+    quantities = target.quantities(around)
+    values = target.log_answers(around)[0], np.stack([quantities[name] for name in _NAMES], axis=1)
+    of_answers, of_quantities = ((one[:PARAMETERS] - one[PARAMETERS:]).T / (2.0 * _STEP) for one in values)
+    return of_answers, of_quantities
 
 
 def _split(jacobian: FloatArray) -> tuple[int, FloatArray]:
@@ -121,13 +122,6 @@ def _split(jacobian: FloatArray) -> tuple[int, FloatArray]:
     _, values, rows = np.linalg.svd(np.pad(jacobian, ((0, rows_needed), (0, 0))), full_matrices=False)
     rank = int(np.count_nonzero(values > _TOLERANCE * values[0]))
     return rank, rows[rank:].T
-
-
-def _gradients(c: float, p: float) -> FloatArray:
-    """Gradients of c, p, log w, q0, mu1, log sigma_p and log sigma_l in (c, p, log w, log q0), shape (7, 4)."""
-    of_sigma_p = -1.5 / (1.0 - p)
-    of_sigma_l = of_sigma_p + 0.5 / p + 1.0 / (1.0 - p)
-    return np.vstack([np.eye(4), [1.0 / p, -c / p**2, 0.0, 0.0], [0.0, of_sigma_p, 1.0, 0.0], [0.0, of_sigma_l, 1.0, 0.0]])
 
 
 def _smallest(lever: FloatArray, step: FloatArray, rank: int) -> tuple[str, str]:

@@ -9,7 +9,6 @@ from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import ndtr
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray
@@ -21,7 +20,7 @@ from bayes_toe.data.tasks import SAME_DIFFERENT, Task, task_of
 from bayes_toe.data.validation import AT, read_numbers
 from bayes_toe.errors import InputError
 from bayes_toe.experiments.conditions import Differing
-from bayes_toe.model.closed_form import equal_probability, evolved_mean, noise_ratio, pull, require_natural, variance_ratio
+from bayes_toe.model.closed_form import equal_probability, evolved_mean, pull, require_natural, variance_ratio
 from bayes_toe.model.coordinates import Natural, natural_names
 from bayes_toe.model.intervals import at_interval, require_intervals
 from bayes_toe.model.ladder import models_of
@@ -207,21 +206,6 @@ class Trials:
         return replace(Subject.from_answers(self.subject, answers, self.task), condition=self.condition)
 
 
-def second_probability(
-    s1: npt.ArrayLike, s2: npt.ArrayLike, mu1: npt.ArrayLike, sigma_p: npt.ArrayLike, sigma_l: npt.ArrayLike, lapse_rate: npt.ArrayLike
-) -> FloatArray:
-    """P(second) of the paper's observer: half the lapse rate, and else Phi((s2 - mu_2) / (G sigma_p)); natural-log intensities.
-
-    Examples
-    --------
-    >>> round(float(second_probability(0.0, 0.3, mu1=0.0, sigma_p=0.3, sigma_l=0.0, lapse_rate=0.1)), 3)
-    0.807
-    """
-    gamma, lapses = noise_ratio(sigma_p, sigma_l), np.asarray(lapse_rate)
-    z = (np.asarray(s2) - evolved_mean(s1, mu1, gamma)) / (variance_ratio(gamma) * np.asarray(sigma_p))
-    return np.asarray(0.5 * lapses + (1.0 - lapses) * ndtr(z))
-
-
 def simulate_trials(
     names: Iterable[str],
     observers: Natural,
@@ -282,7 +266,11 @@ def _trials(name: str, observer: Natural, design: Design, seed: int, task: Task,
     felt = observer if isi is None else at_interval(observer, isi)
     if carried:
         felt = felt._replace(mu1=felt.mu1 + _carried_over(s1, s2, felt, carried))
-    q = (equal_probability if task == SAME_DIFFERENT else second_probability)(s1, s2, *felt)
+    if task == SAME_DIFFERENT:
+        q = equal_probability(s1, s2, *felt)
+    else:  # half the lapse rate, and else Phi((s2 - mu_2) / (G sigma_p))
+        away = s2 - evolved_mean(s1, felt.mu1, felt.gamma)
+        q = 0.5 * felt.q0 + (1.0 - felt.q0) * ndtr(away / (variance_ratio(felt.gamma) * felt.sigma_p))
     batch = np.repeat(np.arange(1, design.batches + 1), len(design.s1))
     yes = rng.uniform(size=len(q)) < q
     return Trials(name, observer, batch, s1, s2, yes, rng.uniform(size=len(q)) < missed, isi, task)
@@ -290,7 +278,7 @@ def _trials(name: str, observer: Natural, design: Design, seed: int, task: Task,
 
 def _carried_over(s1: FloatArray, s2: FloatArray, observer: Natural, share: float) -> FloatArray:
     """By how much the expectation of every trial is off mu1: the belief after the one before, of which a share is left."""
-    middle, p = 0.5 * (s1.mean() + s2.mean()), np.broadcast_to(pull(noise_ratio(observer.sigma_p, observer.sigma_l)), s1.shape)
+    middle, p = 0.5 * (s1.mean() + s2.mean()), np.broadcast_to(pull(observer.gamma), s1.shape)
     expected = np.zeros(len(s1))
     for t in range(len(s1) - 1):
         memory = (1.0 - p[t]) * (s1[t] - middle) + p[t] * expected[t]
@@ -368,9 +356,7 @@ def simulate(  # noqa: PLR0913  # each is a choice of its own, and has a default
     ('A',)
     """
     asked, root = task_of(task), root_seed(seed)
-    planned = design if isinstance(design, Design) else design_named(design, amplitudes, batches)
-    if isi is not None:
-        planned = at_intervals(planned, isi)
+    planned = design_from(design, amplitudes, batches, isi)
     if differ is not None and not conditions:
         raise InputError("differ: allowed with conditions, between which observers differ")
     differing = Differing.of(conditions, differ) if conditions else None
@@ -404,7 +390,7 @@ def _given(observers: Truth, task: Task) -> Natural:
 # --- what the command is told in words and files ------------------------------------------------------------------------------------
 
 
-def design_from(design: str, amplitudes: str, batches: int, isi: str | None = None) -> Design:
+def design_from(design: str | Design, amplitudes: str | Sequence[float], batches: int, isi: str | Sequence[float] | None = None) -> Design:
     """The design that `--design`, `--amplitudes` and `--isi` name; anything but a known word is a CSV with columns s1,s2 (and isi).
 
     Examples
@@ -412,17 +398,15 @@ def design_from(design: str, amplitudes: str, batches: int, isi: str | None = No
     >>> len(design_from("full", "1,1.2,1.5", 2).s1)
     9
     """
-    chosen = design_named(design, _numbers("--amplitudes", amplitudes) if design in _DESIGNS else (), batches)
-    return chosen if isi is None else at_intervals(chosen, _numbers("--isi", isi))
-
-
-def design_named(design: str, amplitudes: Sequence[float], batches: int) -> Design:
-    """The same of numbers, without further intervals; amplitudes are those of a known word."""
-    if design in _DESIGNS:
-        return _DESIGNS[design](amplitudes, batches)
-    _require_file(design, "--design", _DESIGNS)
-    columns = read_numbers(design, ("s1", "s2"), optional=("isi",))[1]
-    return Design(columns["s1"], columns["s2"], batches, columns.get("isi"))
+    if isinstance(design, Design):
+        made = design
+    elif design in _DESIGNS:
+        made = _DESIGNS[design](_numbers("--amplitudes", amplitudes), batches)
+    else:
+        _require_file(design, "--design", _DESIGNS)
+        columns = read_numbers(design, ("s1", "s2"), optional=("isi",))[1]
+        made = Design(columns["s1"], columns["s2"], batches, columns.get("isi"))
+    return made if isi is None else at_intervals(made, _numbers("--isi", isi))
 
 
 def subject_names(size: int) -> list[str]:
@@ -496,11 +480,11 @@ def _natural_from(columns: Sequence[FloatArray], source: str, task: Task) -> Nat
     return observers
 
 
-def _numbers(option: str, text: str) -> list[float]:
+def _numbers(option: str, given: str | Sequence[float]) -> list[float]:
     try:
-        return [float(part) for part in text.split(",")]
+        return [float(part) for part in (given.split(",") if isinstance(given, str) else given)]
     except ValueError:
-        raise InputError(f"{option}: found {text!r}, allowed: positive numbers separated by commas") from None
+        raise InputError(f"{option}: found {given!r}, allowed: positive numbers separated by commas") from None
 
 
 def _require_file(text: str, option: str, words: Iterable[str]) -> None:

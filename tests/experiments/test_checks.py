@@ -11,7 +11,7 @@ from scipy.special import logit
 
 from bayes_toe.data.findings import Finding
 from bayes_toe.data.study import Study, Subject
-from bayes_toe.experiments.checks import check_study, check_subject, describe, doubts
+from bayes_toe.experiments.checks import check_study, described, doubts
 from bayes_toe.model.closed_form import MAX_PULL, normalised_distance
 from bayes_toe.model.coordinates import natural
 from bayes_toe.model.prior import Prior
@@ -23,6 +23,10 @@ FUZZ = settings(max_examples=200, deadline=None, derandomize=True, database=None
 def subject(pairs, n_equal=4, name="S01"):
     counts = [n_equal] * len(pairs) if isinstance(n_equal, int) else n_equal
     return Subject(name, [a for a, _ in pairs], [b for _, b in pairs], counts, [10] * len(pairs))
+
+
+def check_subject(one):
+    return check_study(Study((one,)))
 
 
 def codes(pairs, n_equal=4):
@@ -173,7 +177,7 @@ def test_findings_of_a_study_follow_its_subjects():
 def test_describe():
     first = subject([(0.0, 0.0), (0.0, 0.3), (0.3, 0.0), (0.5, 0.0), (0.1, 0.6)], [1, 2, 3, 4, 5], "01")
     second = Subject("NA", [0.0], [0.0], [1], [4])
-    table = describe(Study((first, second)))
+    table = pd.DataFrame([described(first), described(second)])
     expected = pd.DataFrame(
         {
             "subject": ["01", "NA"],
@@ -195,7 +199,7 @@ _pairs = st.lists(st.tuples(st.sampled_from([-1.0, 0.0, 0.5, 2.0]), st.sampled_f
 @given(_pairs)
 def test_pairs_are_counted_once_each(presented):
     one = Subject.from_trials("S01", *np.array(presented).T, np.zeros(len(presented)))
-    row = describe(Study((one,))).iloc[0]
+    row = described(one)
     assert row["n_pairs"] == 2 * row["n_both_orders"] + row["n_one_order"] + row["n_equal_pairs"]
     unordered = {frozenset(pair) for pair in presented}
     assert row["n_both_orders"] + row["n_one_order"] + row["n_equal_pairs"] == len(unordered)
@@ -207,7 +211,7 @@ def test_swapping_stimuli_keeps_what_does_not_depend_on_order(presented):
     stimuli = np.array(presented).T
     straight = Subject.from_trials("S01", *stimuli, np.zeros(len(presented)))
     swapped = Subject.from_trials("S01", *stimuli[::-1], np.zeros(len(presented)))
-    assert describe(Study((straight,))).equals(describe(Study((swapped,))))
+    assert described(straight) == described(swapped)
     kinds = [{finding.code for finding in check_subject(one)} - {"one_first_stimulus"} for one in (straight, swapped)]
     assert kinds[0] == kinds[1]
 

@@ -9,7 +9,7 @@ from scipy.optimize import least_squares
 from scipy.special import expit
 
 import bayes_toe as bt
-from bayes_toe.experiments.checks import check_subject
+from bayes_toe.experiments.checks import check_study
 from bayes_toe.experiments.identifiability import identifiability
 from bayes_toe.model.closed_form import MAX_PULL
 from bayes_toe.model.ladder import posterior_of
@@ -119,7 +119,7 @@ def test_a_sufficient_model_reproduces_every_prediction_and_the_next_smaller_one
 
 
 def test_the_finding_names_the_model_and_what_stays_open():
-    (message,) = [f.message for f in check_subject(made(DESIGNS["one first stimulus"])) if f.code == "design_rank"]
+    (message,) = [f.message for f in check_study(bt.Study([made(DESIGNS["one first stimulus"])])) if f.code == "design_rank"]
     assert "3 of 4 combinations" in message
     assert "offset, width, q0 can be told, pull, mu1, sigma_p, sigma_l depend on the prior" in message
     assert "smaller model 'constant bias' carries all the information" in message
