@@ -6,13 +6,14 @@ distribution with that covariance holds far more or far less than it says, and n
 
 from __future__ import annotations
 
+from numbers import Real
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.errors import InputError
+from bayes_toe.errors import InputError, require_kind
 
 #: Share of the points in an ellipse of the paper's map.
 MASS = 0.2
@@ -69,7 +70,7 @@ def mass_ellipse(x: npt.ArrayLike, y: npt.ArrayLike, mass: float = MASS) -> Elli
     6
     """
     every = np.stack([np.ravel(np.asarray(x, np.float64)), np.ravel(np.asarray(y, np.float64))], axis=-1)
-    require_mass(mass)
+    require_share("mass", mass)
     inside, points = int(np.ceil(mass * len(every))), every[np.isfinite(every).all(axis=1)]
     if inside < _FEWEST or len(points) < inside:
         return None
@@ -94,13 +95,8 @@ def mass_ellipse(x: npt.ArrayLike, y: npt.ArrayLike, mass: float = MASS) -> Elli
     return Ellipse(middle + spread * centre, np.sqrt(variances[::-1]), float(np.arctan2(axes[1, 1], axes[0, 1])))
 
 
-def require_mass(mass: float) -> None:
-    """Refuse a share that no ellipse can hold.
-
-    Raises
-    ------
-    InputError
-        If it is not between 0 and 1.
-    """
-    if not 0.0 < mass < 1.0:
-        raise InputError(f"mass={mass!r}: allowed is a number between 0 and 1")
+def require_share(name: str, given: float) -> None:
+    """Raise InputError, with the name of what was given, unless it lies between 0 and 1."""
+    require_kind(name, given, Real, "a number between 0 and 1")
+    if not 0.0 < given < 1.0:
+        raise InputError(f"{name}={given:g} must lie between 0 and 1")

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from numbers import Integral, Real
+from numbers import Integral
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,7 +17,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from bayes_toe.arrays import FloatArray, IntArray
-from bayes_toe.classical.ellipse import Ellipse
+from bayes_toe.classical.ellipse import Ellipse, require_share
 from bayes_toe.classical.maximum_likelihood import Fits, fit_counts
 from bayes_toe.data.study import Study, Subject, refuse_intervals, require_study
 from bayes_toe.data.tables import SubjectTable
@@ -78,7 +78,7 @@ class Bootstrap:
         InputError
             If the level is not between 0 and 1.
         """
-        require_level(level)
+        require_share("level", level)
         result = np.full((self.fits.parameters.shape[1], 2), np.nan)
         for i, values in enumerate(self.fits.parameters.T):
             known = values[~np.isnan(values)]
@@ -113,7 +113,7 @@ class Bootstrap:
         InputError
             If the mass is not between 0 and 1.
         """
-        require_level(mass)
+        require_share("mass", mass)
         points = self.fits.parameters[:, :2].T
         if not np.isfinite(points).all() or len(self) < 2:
             return None
@@ -154,12 +154,6 @@ def bootstrap_subject(
     ------
     InputError
         If `replicates` is less than 1.
-
-    Examples
-    --------
-    >>> subject = Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [49, 20, 15], [50, 50, 50])
-    >>> bootstrap_subject(subject, seed=1, replicates=20).fits.parameters.shape
-    (20, 4)
     """
     require_kind("replicates", replicates, Integral, "a whole number from 1")
     if replicates < 1:
@@ -200,13 +194,6 @@ def bootstrap_evidence(replicates: Bootstrap, prior: Prior) -> tuple[float | Non
     density = prior.log_density_variances(Natural(*theta))
     value = float(fitted.log_likelihood[0] + density + half_log_det)
     return value, f"{_LABEL}: the maximum {lies}, beyond which its Gaussian reaches" if edge else ""
-
-
-def require_level(level: float) -> None:
-    """Raise InputError unless 0 < level < 1."""
-    require_kind("level", level, Real, "a number between 0 and 1")
-    if not 0.0 < level < 1.0:
-        raise InputError(f"level={level:g} must lie between 0 and 1")
 
 
 #: Bootstrap replicates of a subject, as many as in the paper.
@@ -341,7 +328,7 @@ def fit(
     >>> fit(Study([one]), replicates=50, seed=1, workers=1)["S01"].at_edge
     'q0=1'
     """
-    require_level(level)
+    require_share("level", level)
     require_kind("replicates", replicates, Integral, "a whole number from 1")
     if replicates < 1:
         raise InputError(f"replicates={replicates} must be at least 1")

@@ -15,8 +15,8 @@ from scipy.special import log_expit
 from bayes_toe.arrays import FloatArray, IntArray
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError
-from bayes_toe.inference.predictive_checks import require_draws
 from bayes_toe.model.posterior import Posterior
+from bayes_toe.model.target import require_points
 
 
 def laplace_estimate(n_yes: npt.ArrayLike, n_trials: npt.ArrayLike) -> FloatArray:
@@ -115,17 +115,8 @@ class Collapse:
 
 
 def collapse(posterior: Posterior, x: npt.ArrayLike, *, mass: float = 0.9) -> Collapse:
-    """Data of Fig. 3's lower row at unconstrained points x, shape (draws, k) or (k,); bands hold `mass` of the draws.
-
-    Examples
-    --------
-    >>> from bayes_toe.data.study import Subject
-    >>> from bayes_toe.model.ladder import posterior_of
-    >>> posterior = posterior_of(Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [45, 20, 15], [50, 50, 50]))
-    >>> collapse(posterior, [0.0, 0.0, -1.0, 2.2]).order.tolist()
-    [0, -1, 1]
-    """
-    points = require_draws(np.atleast_2d(np.asarray(x, np.float64)), posterior)
+    """Data of Fig. 3's lower row at unconstrained points x, shape (draws, k) or (k,); bands hold `mass` of the draws."""
+    points = require_points(x, len(posterior.coordinates))
     low, middle, high = np.quantile(posterior.distance(points), [0.5 - 0.5 * mass, 0.5, 0.5 + 0.5 * mass], axis=0)
     peak = [points[:, i] for i, name in enumerate(posterior.coordinates) if name == "logit_q0"]
     top = float(np.exp(log_expit(np.median(peak)))) if peak else 1.0

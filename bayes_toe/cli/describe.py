@@ -91,9 +91,9 @@ def fit(
 
     [bold]Example[/bold]: bayes-toe fit study.csv -o fit.csv --seed 1
     """
-    from bayes_toe.classical.fit import require_level
+    from bayes_toe.classical.ellipse import require_share
 
-    require_level(level)
+    require_share("level", level)
     task.require_files(output)
     read, prior = task.read(study)
     say_study(task.console, read)

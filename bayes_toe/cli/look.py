@@ -173,10 +173,10 @@ def figures(
 
     [bold]Example[/bold]: bayes-toe figures --posterior results/posterior.nc -o figures --subject S06 --subject S04
     """
-    from bayes_toe.classical.ellipse import require_mass
+    from bayes_toe.classical.ellipse import require_share
     from bayes_toe.plots.paper_figures import FIGURES, products
 
-    require_mass(mass)
+    require_share("mass", mass)
     endings = ["pdf", "png"] if formats is None else formats
     task.require_folder(output, products(endings))
     found: Analysis | bt.Draws

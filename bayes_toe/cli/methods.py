@@ -37,8 +37,9 @@ from bayes_toe.inference.draws import Draws, load_draws
 from bayes_toe.inference.predictive_checks import MISFIT
 from bayes_toe.inference.space import WINDOW
 from bayes_toe.model.ladder import model_named, models_of
-from bayes_toe.model.posterior import Model, Posterior
+from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import Prior
+from bayes_toe.model.record import Model
 
 if TYPE_CHECKING:
     import pandas as pd

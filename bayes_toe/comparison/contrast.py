@@ -33,8 +33,9 @@ from bayes_toe.inference.proposal import FittedProposal
 from bayes_toe.kept import keeping
 from bayes_toe.model.contrasted import OF_ORDER, QUANTITIES, Contrasted, contrasted
 from bayes_toe.model.ladder import model_named
-from bayes_toe.model.posterior import Model, Posterior
+from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import Prior
+from bayes_toe.model.record import Model
 from bayes_toe.model.study_prior import prior_for
 from bayes_toe.seeds import generator
 from bayes_toe.workers import Progress, Workers

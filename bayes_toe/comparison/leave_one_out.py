@@ -28,11 +28,11 @@ from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import betaln
+from scipy.special import betaln, logsumexp
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray
 from bayes_toe.inference.adaptation import fit_proposal
-from bayes_toe.inference.diagnostics import log_sum, smoothed_unnormalised, smoothed_weights
+from bayes_toe.inference.diagnostics import smoothed_unnormalised, smoothed_weights
 from bayes_toe.inference.evidence import Evidence, importance_evidence
 from bayes_toe.inference.maxima import Maxima, find_maxima
 from bayes_toe.inference.proposal import FittedProposal, efficiency
@@ -175,7 +175,7 @@ def _smoothed(unit: Unit, logs: FloatArray, counts: IntArray) -> LeaveOneOut:
             values[answer, pair], k[answer, pair] = log_p[0], -np.inf  # all weights are equal: no tail to smooth
         else:
             smoothed = smoothed_weights(-log_p)
-            values[answer, pair], k[answer, pair] = log_sum(smoothed.log_weights + log_p), smoothed.pareto_k
+            values[answer, pair], k[answer, pair] = logsumexp(smoothed.log_weights + log_p), smoothed.pareto_k
     values[k > trusted_k(logs.shape[1])] = np.nan
     return LeaveOneOut(values, counts, k, _note(unit, values, counts, k))
 
@@ -248,13 +248,13 @@ def weighted_pairs(log_likelihood: FloatArray, log_weights: FloatArray, n_trials
     impossible = np.isneginf(log_likelihood)
     possible, walls = np.where(impossible, 0.0, log_likelihood), impossible.sum(axis=1)
     whole = log_weights + possible.sum(axis=1)
-    log_all = log_sum(whole[walls == 0])
+    log_all = logsumexp(whole[walls == 0])
     values, k = np.full(tried.shape, np.nan), np.full(tried.shape, np.nan)
     for pair in np.flatnonzero(tried[0]):
         rest = np.where(walls > impossible[:, pair], -np.inf, whole - possible[:, pair])
         smoothed, k[0, pair] = smoothed_unnormalised(rest)
         if not withheld[pair] and k[0, pair] <= trusted_k(len(rest)) and efficiency(rest) >= LEAST_SHARE:
-            values[0, pair] = log_all - log_sum(smoothed)
+            values[0, pair] = log_all - logsumexp(smoothed)
     return LeaveOneOut(values, tried, k, _note("pair", values, tried, k))
 
 

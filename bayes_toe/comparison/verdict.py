@@ -40,8 +40,9 @@ from bayes_toe.inference.subject import weighted_fit
 from bayes_toe.model.history import knows_order
 from bayes_toe.model.ladder import ORDERS, models_of
 from bayes_toe.model.parts import compose
-from bayes_toe.model.posterior import Model, Posterior
+from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import Prior
+from bayes_toe.model.record import Model
 from bayes_toe.seeds import generator
 
 #: Which scales of the prior belong to the order, and by what they are multiplied for `robust`.

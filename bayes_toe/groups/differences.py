@@ -21,8 +21,9 @@ from bayes_toe.groups.chains import GroupChains
 from bayes_toe.groups.hyperprior import HyperpriorNumbers
 from bayes_toe.groups.subjects import GroupLikelihood, centre_of
 from bayes_toe.model.contrasted import DIFFERENCE, QUANTITIES, Contrasted, contrasted, unit_of
-from bayes_toe.model.posterior import Model, Posterior
+from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import Prior
+from bayes_toe.model.record import Model
 
 #: What may differ between conditions, in the order of parameters.
 DIFFERING = ("constant error", "pull", "width")

@@ -42,8 +42,9 @@ from bayes_toe.inference.draws import Draws
 from bayes_toe.inference.predictive_checks import summarise_fit
 from bayes_toe.kept import Kept, keeping
 from bayes_toe.model.ladder import model_named
-from bayes_toe.model.posterior import Model, Posterior
+from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import Prior
+from bayes_toe.model.record import Model
 from bayes_toe.model.study_prior import prior_for
 from bayes_toe.seeds import generator
 from bayes_toe.workers import Progress, Workers

@@ -21,8 +21,9 @@ from bayes_toe.inference.diagnostics import smoothed_weights
 from bayes_toe.inference.draws import Draws
 from bayes_toe.model.crowd import crowd_posterior
 from bayes_toe.model.parameters import GroupPull
-from bayes_toe.model.posterior import Model, Posterior
+from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import Prior
+from bayes_toe.model.record import Model
 from bayes_toe.seeds import generator
 
 _BLOCK = 1 << 14  # values of one temporary array: there are about a hundred of them

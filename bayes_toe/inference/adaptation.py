@@ -80,14 +80,6 @@ def fit_proposal(posterior: Target, rng: np.random.Generator, *, start: Start = 
         with this posterior's densities: the first round is then from what these make of it, and maxima are not looked for.
     draws : int
         Size of the judging sample; twice as many where refits were needed.
-
-    Examples
-    --------
-    >>> from bayes_toe.model.ladder import posterior_of
-    >>> from bayes_toe.data.study import Subject
-    >>> subject = Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [49, 20, 15], [50, 50, 50])
-    >>> fit_proposal(posterior_of(subject), np.random.default_rng(1)).trusted
-    True
     """
     return with_fresh_draws(adapt_proposal(posterior, rng, start=start, draws=draws), rng)
 

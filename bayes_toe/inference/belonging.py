@@ -11,8 +11,8 @@ from bayes_toe.data.study import Study, Subject
 from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws
 from bayes_toe.model.ladder import PREDICTIVE_UPDATE, model_named
-from bayes_toe.model.posterior import Model
 from bayes_toe.model.prior import Prior
+from bayes_toe.model.record import Model
 
 _COLUMNS = ("s1", "s2", "isi", "n_yes", "n_trials")
 

@@ -55,25 +55,12 @@ def convergence(draws: npt.ArrayLike) -> Convergence:
 
     A constant quantity has no such diagnostics; all three are then NaN. So are those of draws with a NaN, of fewer than four draws, and
     R-hat of a single chain.
-
-    Examples
-    --------
-    >>> draws = np.random.default_rng(0).standard_normal((4, 500))
-    >>> convergence(draws).r_hat < 1.01
-    True
     """
     return Convergence(*_found(_CONVERGENCE, np.asarray(draws, np.float64)[None])[0])
 
 
 def errors(draws: npt.ArrayLike) -> Errors:
-    """Monte Carlo standard errors of what is said of draws, shape (chains, draws); NaN where there is no convergence to judge.
-
-    Examples
-    --------
-    >>> draws = np.random.default_rng(0).standard_normal((4, 2500))
-    >>> 0.008 < errors(draws).mean < 0.012
-    True
-    """
+    """Monte Carlo standard errors of what is said of draws, shape (chains, draws); NaN where there is no convergence to judge."""
     return Errors(*_found(_ERRORS, np.asarray(draws, np.float64)[None])[0])
 
 
@@ -152,25 +139,12 @@ class SmoothedWeights(NamedTuple):
 
 
 def pareto_k(log_weights: npt.ArrayLike) -> float:
-    """Pareto k-hat of importance weights, shape (draws,): above 0.7 their average cannot be trusted; infinite where no tail can be fitted.
-
-    Examples
-    --------
-    >>> pareto_k(np.log(np.random.default_rng(0).uniform(size=5000))) < 0.7
-    True
-    """
+    """Pareto k-hat of importance weights, shape (draws,): above 0.7 their average cannot be trusted; infinite where there is no tail."""
     return smoothed_weights(log_weights).pareto_k
 
 
 def smoothed_weights(log_weights: npt.ArrayLike) -> SmoothedWeights:
-    """Pareto-smoothed importance weights of log weights, shape (draws,); in sum 1. Where no tail can be fitted, the raw ones.
-
-    Examples
-    --------
-    >>> smoothed = smoothed_weights(np.random.default_rng(0).standard_normal(5000))
-    >>> bool(abs(np.exp(smoothed.log_weights).sum() - 1) < 1e-12), smoothed.pareto_k < 0.7
-    (True, True)
-    """
+    """Pareto-smoothed importance weights of log weights, shape (draws,); in sum 1. Where no tail can be fitted, the raw ones."""
     raw = np.asarray(log_weights, np.float64)
     with np.errstate(all="ignore"):  # weights of zero, and tails that are all but flat
         try:
@@ -183,21 +157,8 @@ def smoothed_weights(log_weights: npt.ArrayLike) -> SmoothedWeights:
 
 
 def smoothed_unnormalised(log_weights: npt.ArrayLike) -> SmoothedWeights:
-    """Pareto-smoothed weights on the scale of the raw ones, for sums that matter as such; -inf where a draw has no weight.
-
-    Examples
-    --------
-    >>> raw = np.random.default_rng(0).normal(0.0, 0.3, 5000)
-    >>> smoothed = smoothed_unnormalised(raw)
-    >>> bool(abs(np.exp(smoothed.log_weights).mean() - np.exp(raw).mean()) < 0.01), smoothed.pareto_k < 0.7
-    (True, True)
-    """
+    """Pareto-smoothed weights on the scale of the raw ones, for sums that matter as such; -inf where a draw has no weight."""
     raw, (smoothed, k) = np.asarray(log_weights, np.float64), smoothed_weights(log_weights)
     some = np.isfinite(raw)
     # All but the largest weights, at most a fifth of them, are the raw ones over one number.
     return SmoothedWeights(smoothed + np.median(raw[some] - smoothed[some]), k)
-
-
-def log_sum(values: FloatArray) -> float:
-    """Log of the sum of exp(values), shape (draws,)."""
-    return float(logsumexp(values))

@@ -7,6 +7,7 @@ likelihoods and predicted answers follow from these. A chain is an independent e
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, fields
@@ -310,7 +311,7 @@ class Draws:
         draws_file.require_zarr()
         with whole_together(final, overwrite=overwrite) as folder, reporting(final):
             if self.file is not None and self.file.is_dir():
-                draws_file.copy_store(self.file, folder / final.name)
+                shutil.copytree(self.file, folder / final.name)
             else:
                 with self._reading():
                     tree = self.tree.copy().load()

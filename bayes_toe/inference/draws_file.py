@@ -216,14 +216,6 @@ def write_store(path: Path, tree: xr.DataTree) -> None:
         tree.to_zarr(path, mode="w-", encoding=encoding, zarr_format=3)
 
 
-def copy_store(source: Path, target: Path) -> None:
-    """A second store with the same content."""
-    for file in (one for one in source.rglob("*") if one.is_file()):
-        other = target / file.relative_to(source)
-        other.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(file, other)
-
-
 def require_fitting(draws: int) -> None:
     """Refuse before the work more draws, in bytes, than one NetCDF file is written from.
 

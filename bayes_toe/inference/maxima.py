@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -21,18 +21,6 @@ _TINY = 1e-300
 
 
 OfStarts = Callable[[FloatArray, IndexArray], FloatArray]
-
-
-class Objective(Protocol):
-    """What is to be maximised; `index` says which start each point came from."""
-
-    def value(self, x: FloatArray, index: IndexArray) -> FloatArray:
-        """Value at x, shape (k, points) -> (points,)."""
-        ...
-
-    def derivatives(self, x: FloatArray, index: IndexArray) -> tuple[FloatArray, FloatArray]:
-        """Gradient (k, points) and Hessian (k, k, points) at x, where the value is finite."""
-        ...
 
 
 class Differenced:
@@ -91,7 +79,7 @@ class Ascent(NamedTuple):
 
 
 def ascend(
-    objective: Objective,
+    objective: Differenced,
     x: FloatArray,
     *,
     lower: npt.ArrayLike = -np.inf,
@@ -104,7 +92,8 @@ def ascend(
 
     Parameters
     ----------
-    objective : Objective
+    objective : Differenced
+        What is to be maximised; `index` says which start each point came from.
     x : array, shape (k, points)
         Starts, inside the bounds; the value there is finite.
     lower : array_like, broadcast to (k, points)
@@ -118,18 +107,6 @@ def ascend(
     rivals : array of int, shape (points,), optional
         Numbers from 0 of the problems to which the starts belong, where only the highest maximum of each is wanted: a start that comes to
         where a higher one already is goes no further, and does not count as arrived.
-
-    Examples
-    --------
-    >>> class Hill:
-    ...     def value(self, x, index):
-    ...         return -((x[0] - 2.0) ** 2)
-    ...
-    ...     def derivatives(self, x, index):
-    ...         return -2.0 * (x - 2.0), np.full((1, *x.shape), -2.0)
-    >>> found = ascend(Hill(), np.zeros((1, 1)))
-    >>> round(float(found.x[0, 0]), 9), round(float(ascend(Hill(), np.full((1, 1), 9.0), lower=3.0).x[0, 0]), 9)
-    (2.0, 3.0)
     """
     at = np.arange(x.shape[1])
     now = Ascent(x.copy(), objective.value(x, at), *objective.derivatives(x, at), np.zeros(len(at), bool))
@@ -253,16 +230,7 @@ class Maxima:
 
 
 def find_maxima(target: Target, starts: FloatArray | None = None) -> Maxima:
-    """Maxima of the log density from several starts, shape (starts, k), of finite density; by default those that the data suggest.
-
-    Examples
-    --------
-    >>> from bayes_toe.model.ladder import posterior_of
-    >>> from bayes_toe.data.study import Subject
-    >>> subject = Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [49, 20, 15], [50, 50, 50])
-    >>> find_maxima(posterior_of(subject)).arrived
-    True
-    """
+    """Maxima of the log density from several starts, shape (starts, k), of finite density; by default those that the data suggest."""
     x = target.starts() if starts is None else starts
     density = Differenced(lambda x, _: target.log_density(x), lambda x, _: target.gradient(x)[1], *x.shape)
     found = ascend(density, x.T)

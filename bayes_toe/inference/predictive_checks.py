@@ -10,10 +10,9 @@ from scipy.special import betainc, chdtrc, gammaln, xlogy
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.tasks import SAME_DIFFERENT
-from bayes_toe.errors import NumericalError
 from bayes_toe.model.history import Trials
 from bayes_toe.model.posterior import Posterior
-from bayes_toe.model.target import Answering, times_counts
+from bayes_toe.model.target import Answering, require_points, times_counts
 from bayes_toe.seeds import generator
 
 #: Below this posterior predictive p-value, or p-value of the deviance, the model is said not to describe the answers.
@@ -71,17 +70,7 @@ class Fit:
 
 
 def fit_at(posterior: Answering, x: npt.ArrayLike) -> Fit:
-    """Deviance and residuals at one unconstrained point x, shape (k,); meant for the maximum of the likelihood.
-
-    Examples
-    --------
-    >>> from bayes_toe.data.study import Subject
-    >>> from bayes_toe.model.ladder import posterior_of
-    >>> posterior = posterior_of(Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [45, 20, 15], [50, 50, 50]))
-    >>> fit = fit_at(posterior, [0.0, 0.0, -1.0, 2.2])
-    >>> fit.residual.shape, fit.degrees_of_freedom
-    ((3,), -1)
-    """
+    """Deviance and residuals at one unconstrained point x, shape (k,); meant for the maximum of the likelihood."""
     (log_q,), (log_rest,) = posterior.log_answers(np.asarray(x, np.float64).reshape(1, -1))
     subject, q = posterior.subject, np.exp(log_q)
     pairs = binomial_deviance(subject.n_yes, subject.n_trials, log_q, log_rest)
@@ -121,25 +110,6 @@ def _moments(n: FloatArray, log_q: FloatArray, log_rest: FloatArray) -> tuple[Fl
     values = np.where(chance > 0.0, binomial_deviance(at, n, log_rare, log_other), 0.0)
     mean, rare = (chance * values).sum(axis=0), n * np.exp(log_rare) < _OFTEN
     return np.where(rare, mean, 1.0), np.where(rare, (chance * (values - mean) ** 2).sum(axis=0), 2.0)
-
-
-def deviance(posterior: Answering, x: npt.ArrayLike) -> FloatArray:
-    """Deviance of every pair at unconstrained points, (points, k) -> (points, pairs)."""
-    return binomial_deviance(posterior.subject.n_yes, posterior.subject.n_trials, *posterior.log_answers(require_draws(x, posterior)))
-
-
-def require_draws(x: npt.ArrayLike, posterior: Answering) -> FloatArray:
-    """Draws as an array, shape (draws, k).
-
-    Raises
-    ------
-    NumericalError
-        If they have another shape, there are none, or one is NaN.
-    """
-    points, k = np.asarray(x, np.float64), len(posterior.coordinates)
-    if points.ndim != 2 or points.shape[1] != k or not len(points) or np.isnan(points).any():
-        raise NumericalError(f"draws must have shape (draws, {k}) and no NaN, found shape {points.shape}")
-    return points
 
 
 # --- Posterior predictive check ---------------------------------------------------------------------
@@ -191,7 +161,7 @@ def predictive_check(posterior: Answering, x: npt.ArrayLike, seed: int) -> Predi
     NumericalError
         If draws have another shape or hold a NaN.
     """
-    points, subject = require_draws(x, posterior), posterior.subject
+    points, subject = require_points(x, len(posterior.coordinates)), posterior.subject
     k, n = subject.n_yes, subject.n_trials
     rng = generator(seed, subject.name, posterior.model.name, "predictive check")
     sums, beyond = np.zeros((3, subject.n_pairs)), 0
@@ -280,7 +250,7 @@ def summarise_fit(
     NumericalError
         If draws have another shape or hold a NaN.
     """
-    points, subject = require_draws(x, posterior), posterior.subject
+    points, subject = require_points(x, len(posterior.coordinates)), posterior.subject
     check = predictive_check(posterior, points[:: max(1, -(-len(points) // most))], seed)
     best = int(np.argmax(posterior.log_likelihood(points) if log_likelihood is None else log_likelihood))
     fit, worst = fit_at(posterior, points[best]), int(np.argmin(check.p_value))

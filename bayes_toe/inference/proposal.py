@@ -87,7 +87,7 @@ class StudentMixture:
             found[block] = self._tops @ self._kernel(self._distances(x[block]))
         return np.asarray(np.log(found) + self._log_highest)
 
-    def sample(self, rng: np.random.Generator | np.random.RandomState, size: int) -> FloatArray:
+    def sample(self, rng: Random, size: int) -> FloatArray:
         """Draws, shape (size, D); works with numpy's old and new generators."""
         which = np.searchsorted(np.cumsum(self.weights)[:-1], rng.uniform(size=size), side="right")
         normal = rng.standard_normal((size, self.means.shape[1]))
@@ -222,7 +222,7 @@ class WeightedDraws:
         weights = np.exp(log_weights - log_weights.max())
         return np.asarray(weights / weights.sum())
 
-    def resampled(self, rng: np.random.Generator, size: int) -> FloatArray:
+    def resampled(self, rng: Random, size: int) -> FloatArray:
         """Draws by their shares, so of equal weight, shape (size, k)."""
         return np.asarray(self.x[rng.choice(len(self.x), size, p=self.shares)])
 

@@ -252,7 +252,7 @@ def _dispersed(fitted: FittedProposal, random: np.random.RandomState, walkers: i
     mean = draws.shares @ draws.x
     start, log_density = np.empty((0, draws.x.shape[1])), np.empty(0)
     while len(start) < walkers:
-        chosen = draws.x[random.choice(len(draws.x), walkers, p=draws.shares)]
+        chosen = draws.resampled(random, walkers)
         jitter = 0.1 * (chosen - chosen[::-1])  # resampled points repeat, walkers must not
         points = mean + np.sqrt(_DISPERSION) * (chosen + jitter - mean)
         start, log_density = np.concatenate([start, points]), np.concatenate([log_density, posterior.log_density(points)])

@@ -27,8 +27,9 @@ from bayes_toe.inference.proposal import FittedProposal
 from bayes_toe.model.closed_form import MAX_PULL
 from bayes_toe.model.coordinates import log_slope, logit_of_probit, probit_of_logit
 from bayes_toe.model.distributions import LOG_2PI
-from bayes_toe.model.posterior import Model, Posterior
+from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import Prior
+from bayes_toe.model.record import Model
 from bayes_toe.seeds import generator
 
 #: Nats below the best model within which evidences are sampled.

@@ -40,7 +40,6 @@ FIT_COLUMNS = {
     "worst_isi": "worst_pair_isi",
     "p_deviance": "deviance_p",
 }
-#: Names without a unit, with all that begin with q.
 #: Units of quantities that are no ln intensity; frequencies of pairs, q_1 and so on, have none either.
 _UNITS = {
     **dict.fromkeys(("gamma", "gain", "pull", "rho", "lapse_rate", "guess_second", "exponent", "icc", "carry_over"), "1"),
@@ -262,5 +261,5 @@ def location(values: FloatArray) -> tuple[float, ...]:
 def unit(name: str, target: Answering) -> str:
     """The unit of a quantity; at the reference interval where an interval acts on it."""
     plain = _UNITS.get(name, "1" if name.startswith("q") else "ln intensity")
-    reference = reference_interval(target.subject, target.prior.reference_interval)
+    reference = reference_interval(target.prior.reference_interval, target.subject)
     return plain if target.subject.isi is None else target.model.units_at_intervals(reference).get(name, plain)

@@ -114,11 +114,6 @@ def log_equal(z: npt.ArrayLike, log_q0: npt.ArrayLike) -> FloatArray:
     """Log P(equal) = log q0 - ln2 z^2.
 
     Source: Eq. mod:q.
-
-    Examples
-    --------
-    >>> round(float(np.exp(log_equal(1.0, np.log(0.9)))), 12)
-    0.45
     """
     return np.asarray(np.asarray(log_q0, np.float64) - LN2 * np.square(np.asarray(z, np.float64)))
 

@@ -1,6 +1,6 @@
 """One subject in several conditions: a model of which some quantities differ between them; a target of the engines like any other.
 
-On the scales eta on which members of a group scatter (:meth:`bayes_toe.model.posterior.Model.group`), in units of each quantity's prior,
+On the scales eta on which members of a group scatter (:meth:`bayes_toe.model.record.Model.group`), in units of each quantity's prior,
 
     eta_c = eta + unit h X_c a,    a ~ N(0, I),    h = 1/2,
 
@@ -19,7 +19,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from bayes_toe.arrays import BLOCK, FloatArray
+from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Subject
 from bayes_toe.model.distributions import LOG_2PI, Random
 from bayes_toe.model.posterior import Posterior
@@ -145,17 +145,13 @@ class Contrasted(Posterior):
         points = require_points(x, len(self.coordinates))
         return np.asarray(sum(part.log_likelihood(at) for part, (at, _) in zip(self.parts, self._moved_to(points), strict=True)))
 
-    def gradient(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Log posterior density at x, (points,), and its gradient, (points, k + differences)."""
-        points, k = require_points(x, len(self.coordinates)), len(self.model.coordinates)
-        rows = max(1, BLOCK // self.subject.n_pairs)
-        blocks = [self._likelihood_gradient(points[i : i + rows]) for i in range(0, max(1, len(points)), rows)]
-        value, slope = (np.concatenate(of) for of in zip(*blocks, strict=True))
-        of_prior = np.concatenate([self.pooled.prior_gradient(points[:, :k]), -points[:, k:]], axis=1)
-        return value + self.log_prior(points), slope + of_prior
+    def prior_gradient(self, x: FloatArray) -> FloatArray:
+        """Gradient of the log prior density, (points, k + differences)."""
+        k = len(self.model.coordinates)
+        return np.concatenate([self.pooled.prior_gradient(x[:, :k]), -x[:, k:]], axis=1)
 
-    def _likelihood_gradient(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """With d eta/dx of the shared coordinates, the inverse of dx/d eta."""
+    def likelihood_gradient(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Log likelihood and its gradient, (points, k + differences), with d eta/dx of the shared ones, the inverse of dx/d eta."""
         k = len(self.model.coordinates)
         eta = self.pooled.to_group(x[:, :k])
         value, shared, own = np.zeros(len(x)), np.zeros((len(x), k)), np.zeros((len(x), x.shape[1] - k))

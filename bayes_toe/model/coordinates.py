@@ -22,9 +22,8 @@ from bayes_toe.model.closed_form import MAX_PULL, noise_ratio, pull, variance_ra
 
 NATURAL = ("mu1", "sigma_p", "sigma_l", "q0")
 IDENTIFIED = ("offset", "pull", "width", "q0")
-DERIVED = ("gamma", "sigma1", "gain", "width")
 #: Every quantity that has a name.
-QUANTITIES = (*NATURAL, *DERIVED, "offset", "pull")
+QUANTITIES = (*NATURAL, "gamma", "sigma1", "gain", "width", "offset", "pull")
 #: By so much, relatively, sigma_l may come out above sigma_p though gamma is below 1.
 _ROUNDING = 1e-15
 
@@ -55,36 +54,18 @@ class Natural(NamedTuple):
         return noise_ratio(self.sigma_p, self.sigma_l)
 
 
-def natural(x: npt.ArrayLike, sbar: float) -> Natural:
-    """Unconstrained coordinates, shape (..., 4), to natural ones; sbar is the mean first stimulus, natural-log units.
-
-    K = 1 - p, gamma = p / K^2, sigma_p = w K^(3/2), mu1 = sbar + c / p.
-
-    Examples
-    --------
-    >>> x = unconstrained(Natural(*map(np.asarray, (-0.5, 0.2, 0.1, 0.9))), sbar=0.1)
-    >>> [round(float(v), 12) for v in natural(x, sbar=0.1)]
-    [-0.5, 0.2, 0.1, 0.9]
-    """
-    _, a, b, top = np.moveaxis(np.asarray(x, np.float64), -1, 0)
-    p = MAX_PULL * expit(a)
-    gain = 1.0 - p
-    sigma_p = np.exp(b) * gain**1.5
-    return Natural(sbar + reach(x), sigma_p, sigma_p * np.sqrt(p) / gain, expit(top))
-
-
-def reach(x: npt.ArrayLike) -> FloatArray:
+def reach(x: npt.ArrayLike, top: float = MAX_PULL) -> FloatArray:
     """Distance of the prior mean from the mean first stimulus, mu1 - sbar = c / p, natural-log units; infinite past the largest float."""
     points = np.asarray(x, np.float64)
     c, a = points[..., 0], points[..., 1]
     with np.errstate(over="ignore", invalid="ignore"):
-        return np.where(c == 0.0, 0.0, c * inverse_pull(a))
+        return np.where(c == 0.0, 0.0, c * inverse_pull(a, top))
 
 
-def inverse_pull(a: npt.ArrayLike) -> FloatArray:
-    """1/p at a = logit(p/p_max); infinite past the largest float."""
+def inverse_pull(a: npt.ArrayLike, top: float = MAX_PULL) -> FloatArray:
+    """1/p at a = logit(p/top); infinite past the largest float."""
     with np.errstate(over="ignore"):
-        return np.asarray((1.0 + np.exp(-np.asarray(a, np.float64))) / MAX_PULL)
+        return np.asarray((1.0 + np.exp(-np.asarray(a, np.float64))) / top)
 
 
 def unconstrained(theta: Natural, sbar: float) -> FloatArray:
@@ -142,23 +123,8 @@ def log_noise_ratio(a: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.asarray(log_gamma), np.where(a < 0.0, np.log1p(-np.exp(np.minimum(log_gamma, -0.1))), near)
 
 
-def derived(theta: Natural) -> dict[str, FloatArray]:
-    """What follows from natural coordinates: gamma, sigma1 and width (natural-log units) and the Kalman gain.
-
-    Examples
-    --------
-    >>> theta = Natural(*map(np.asarray, (0.0, 1.0, 2.0**0.5, 0.9)))
-    >>> {name: round(float(value), 6) for name, value in derived(theta).items()}
-    {'gamma': 2.0, 'sigma1': 1.414214, 'gain': 0.5, 'width': 2.828427}
-    """
-    gamma = theta.gamma
-    ratio = variance_ratio(gamma)
-    values = (gamma, np.sqrt(ratio) * theta.sigma_p, 1.0 / ratio, width(theta.sigma_p, gamma))
-    return dict(zip(DERIVED, map(np.asarray, values), strict=True))
-
-
 def quantities(theta: Natural, sbar: float) -> dict[str, FloatArray]:
-    """Every named quantity that follows from natural coordinates: they themselves, the derived ones, offset and pull.
+    """Every named quantity that follows from natural coordinates: they themselves, gamma, sigma1, gain and width, offset and pull.
 
     Examples
     --------
@@ -167,8 +133,10 @@ def quantities(theta: Natural, sbar: float) -> dict[str, FloatArray]:
     >>> tuple(found) == QUANTITIES, round(float(found["pull"]), 6), round(float(found["offset"]), 6)
     (True, 0.5, 0.2)
     """
-    p = pull(theta.gamma)
-    return {**theta._asdict(), **derived(theta), "offset": np.asarray(p * (theta.mu1 - sbar)), "pull": p}
+    gamma = theta.gamma
+    ratio, p = variance_ratio(gamma), pull(gamma)
+    spreads = np.sqrt(ratio) * theta.sigma_p, 1.0 / ratio, width(theta.sigma_p, gamma)
+    return dict(zip(QUANTITIES, map(np.asarray, (*theta, gamma, *spreads, p * (theta.mu1 - sbar), p)), strict=True))
 
 
 def probit_of_logit(logit: FloatArray) -> FloatArray:

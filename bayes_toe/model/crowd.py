@@ -11,8 +11,9 @@ import numpy.typing as npt
 
 from bayes_toe.arrays import FloatArray, IntArray
 from bayes_toe.data.study import Subject
-from bayes_toe.model.posterior import Model, Posterior
+from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import Prior
+from bayes_toe.model.record import Model
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import betainc, betaincc, betaincinv, betaln, erf, erfc, erfinv, ndtr, ndtri, xlog1py, xlogy
+from scipy.special import betainc, betaincinv, betaln, erf, erfinv, ndtr, ndtri, xlog1py, xlogy
 
 from bayes_toe.arrays import FloatArray
 
@@ -36,9 +36,6 @@ class Distribution(Hashable, Protocol):
 
     def cdf(self, x: npt.ArrayLike) -> FloatArray:
         """Distribution function."""
-
-    def sf(self, x: npt.ArrayLike) -> FloatArray:
-        """Survival function, 1 - cdf, without the subtraction: the upper tail keeps its digits."""
 
     def quantile(self, p: npt.ArrayLike) -> FloatArray:
         """Inverse of the distribution function, 0 < p < 1."""
@@ -80,10 +77,6 @@ class Normal:
     def cdf(self, x: npt.ArrayLike) -> FloatArray:
         """Distribution function."""
         return np.asarray(ndtr((np.asarray(x) - self.mean) / self.sd))
-
-    def sf(self, x: npt.ArrayLike) -> FloatArray:
-        """Survival function."""
-        return np.asarray(ndtr((self.mean - np.asarray(x)) / self.sd))
 
     def quantile(self, p: npt.ArrayLike) -> FloatArray:
         """Inverse of the distribution function, 0 < p < 1."""
@@ -130,10 +123,6 @@ class HalfNormal:
         """Distribution function."""
         return np.asarray(erf(np.maximum(x, 0.0) / (self.scale * math.sqrt(2.0))))
 
-    def sf(self, x: npt.ArrayLike) -> FloatArray:
-        """Survival function."""
-        return np.asarray(erfc(np.maximum(x, 0.0) / (self.scale * math.sqrt(2.0))))
-
     def quantile(self, p: npt.ArrayLike) -> FloatArray:
         """Inverse of the distribution function, 0 < p < 1."""
         return np.asarray(self.scale * math.sqrt(2.0) * erfinv(p))
@@ -177,10 +166,6 @@ class Uniform:
     def cdf(self, x: npt.ArrayLike) -> FloatArray:
         """Distribution function."""
         return np.clip(np.asarray(x) / self.top, 0.0, 1.0)
-
-    def sf(self, x: npt.ArrayLike) -> FloatArray:
-        """Survival function."""
-        return np.clip((self.top - np.asarray(x)) / self.top, 0.0, 1.0)
 
     def quantile(self, p: npt.ArrayLike) -> FloatArray:
         """Inverse of the distribution function, 0 < p < 1."""
@@ -232,10 +217,6 @@ class Beta:
     def cdf(self, x: npt.ArrayLike) -> FloatArray:
         """Distribution function."""
         return np.asarray(betainc(self.a, self.b, np.clip(x, 0.0, 1.0)))
-
-    def sf(self, x: npt.ArrayLike) -> FloatArray:
-        """Survival function."""
-        return np.asarray(betaincc(self.a, self.b, np.clip(x, 0.0, 1.0)))
 
     def quantile(self, p: npt.ArrayLike) -> FloatArray:
         """Inverse of the distribution function, 0 < p < 1."""
@@ -303,10 +284,6 @@ class LogNormal:
     def cdf(self, x: npt.ArrayLike) -> FloatArray:
         """Distribution function."""
         return np.asarray(ndtr(self._score(x)))
-
-    def sf(self, x: npt.ArrayLike) -> FloatArray:
-        """Survival function."""
-        return np.asarray(ndtr(-self._score(x)))
 
     def quantile(self, p: npt.ArrayLike) -> FloatArray:
         """Inverse of the distribution function, 0 < p < 1."""

@@ -19,7 +19,7 @@ from bayes_toe.model.target import Names, log_likelihoods, require_points
 
 @dataclass(frozen=True)
 class FreeFrequencies:
-    """The record of H0; its attributes are those of :class:`bayes_toe.model.posterior.Model`."""
+    """The record of H0; its attributes are those of :class:`bayes_toe.model.record.Model`."""
 
     name: str = "free frequencies"
     about: str = "H0: one frequency per pair, and nothing that connects them"
@@ -57,14 +57,7 @@ def frequency_evidence(subject: Subject) -> float:
 
 @dataclass(frozen=True, eq=False)
 class FrequencyPosterior:
-    """Free frequencies of one subject; x, shape (points, pairs), holds their logits.
-
-    Examples
-    --------
-    >>> h0 = FrequencyPosterior(Subject("S01", [0.0, 0.0], [0.0, 0.3], [49, 20], [50, 50]))
-    >>> h0.sample(np.random.default_rng(0), 5).shape
-    (5, 2)
-    """
+    """Free frequencies of one subject; x, shape (points, pairs), holds their logits."""
 
     subject: Subject
     model: FreeFrequencies = FREE_FREQUENCIES

@@ -168,27 +168,23 @@ UNSCALED = Scales(np.ones((1, 1)), np.ones((1, 1)))
 
 
 def typical_interval(isi: FloatArray, n_trials: IntArray) -> FloatArray:
-    """Geometric mean over trials, seconds, shape (1,): where a search starts from widths on the scale of the stimuli.
-
-    Examples
-    --------
-    >>> typical_interval(np.array([1.0, 4.0]), np.array([10, 10])).tolist()
-    [2.0]
-    """
+    """Geometric mean over trials, seconds, shape (1,): where a search starts from widths on the scale of the stimuli."""
     return np.asarray(np.exp(np.average(np.log(isi), weights=n_trials, keepdims=True)))
 
 
-def reference_interval(subject: Subject, given: float | None) -> float:
-    """The interval given, or the geometric mean of the subject's own, seconds; 1 where it has none.
+def reference_interval(given: float | None, *subjects: Subject) -> float:
+    """The interval given, or the geometric mean of the subjects' own over all trials, seconds; 1 where they have none.
 
     Examples
     --------
-    >>> reference_interval(Subject("S", [0.0, 0.0], [0.0, 0.0], [4, 4], [5, 5], [1.0, 4.0]), None)
+    >>> reference_interval(None, Subject("S", [0.0, 0.0], [0.0, 0.0], [4, 4], [5, 5], [1.0, 4.0]))
     2.0
     """
-    if subject.isi is None or given is not None:
+    known = [(one.isi, one.n_trials) for one in subjects if one.isi is not None]
+    if given is not None or not known:
         return 1.0 if given is None else given
-    return subject.intervals[0] if len(subject.intervals) == 1 else float(typical_interval(subject.isi, subject.n_trials)[0])
+    isi, n_trials = (np.concatenate(columns) for columns in zip(*known, strict=True))
+    return float(isi[0] if np.ptp(isi) == 0.0 else typical_interval(isi, n_trials)[0])
 
 
 def random_walk_scales(logit_pull: FloatArray, intervals: FloatArray, curve: CurveScale = OF_EQUAL) -> Scales:

@@ -15,8 +15,9 @@ from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task
 from bayes_toe.errors import InputError, require_kind
 from bayes_toe.model.free_frequencies import FREE_FREQUENCIES, FreeFrequencies, FrequencyPosterior
 from bayes_toe.model.parts import NAMED, allowed_words, compose, composition, compositions, parts_of
-from bayes_toe.model.posterior import Model, Posterior
+from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import Prior
+from bayes_toe.model.record import Model
 
 Record = Model | FreeFrequencies
 

@@ -63,13 +63,7 @@ class Link:
 
 
 def bell_answers(z: FloatArray, logit_peak: FloatArray) -> Answers:
-    """The paper's P(equal) = q0 2^(-z^2); logit_peak = logit q0 may be +inf, for q0 = 1. Source: Eq. mod:q.
-
-    Examples
-    --------
-    >>> bell_answers(np.array([1.0]), np.array([np.inf]))[1].round(12).tolist() == [round(-LN2, 12)]
-    True
-    """
+    """The paper's P(equal) = q0 2^(-z^2); logit_peak = logit q0 may be +inf, for q0 = 1. Source: Eq. mod:q."""
     with np.errstate(over="ignore"):  # z^2 beyond the largest float: log P(equal) is -inf to all digits
         return log_equal(z, log_expit(logit_peak)), log_different(z, logit_peak)
 
@@ -86,13 +80,7 @@ def bell_slopes(z: FloatArray, answers: Answers, logit_peak: FloatArray) -> tupl
 
 
 def exponent_answers(z: FloatArray, logit_peak: FloatArray, log_exponent: FloatArray) -> Answers:
-    """P(equal) = q0 2^(-abs(z)^nu); nu = 2 is the paper's curve, nu = 1 Shepard's exponential.
-
-    Examples
-    --------
-    >>> np.exp(exponent_answers(np.array([2.0]), np.array([np.inf]), np.array([0.0]))[0]).round(12).tolist()
-    [0.25]
-    """
+    """P(equal) = q0 2^(-abs(z)^nu); nu = 2 is the paper's curve, nu = 1 Shepard's exponential."""
     log_t = _log_t(z, log_exponent)
     with np.errstate(over="ignore"):  # t beyond the largest float
         t = np.exp(log_t)
@@ -154,13 +142,7 @@ _STEEP = 1.702  # with which a logistic curve is nearest to a normal one
 
 
 def logistic_answers(z: FloatArray) -> Answers:
-    """P(second) = 1 / (1 + exp(-1.702 z)), which has heavier tails than a normal.
-
-    Examples
-    --------
-    >>> round(float(np.exp(logistic_answers(np.asarray(1.0))[0])), 3)
-    0.846
-    """
+    """P(second) = 1 / (1 + exp(-1.702 z)), which has heavier tails than a normal."""
     return np.asarray(log_expit(_STEEP * z)), np.asarray(log_expit(-_STEEP * z))
 
 

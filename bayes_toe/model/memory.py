@@ -172,10 +172,9 @@ class Memory:
 
     def log_prior(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
         """Log density; d mu1/dc = 1/p cancels against dp/d(logit p) = p (1 - p)."""
-        c, a, b, v = x.T
-        with np.errstate(over="ignore", invalid="ignore"):  # mu1 beyond the largest float: its density is 0
-            far = np.where(c == 0.0, 0.0, c * _inverse_share(a))
-            of_mu1 = prior.distribution("mu1").log_density(sbar + far)
+        _, a, b, v = x.T
+        with np.errstate(over="ignore"):  # mu1 beyond the largest float: its density is 0
+            of_mu1 = prior.distribution("mu1").log_density(sbar + reach(x, 1.0))
         of_pull = log_lost(a) + log_expit(-a)
         of_split = log_expit(v) + log_expit(-v)
         stretch = 0.0 if prior.spread == "width" else self._log_stretch(x)
@@ -183,12 +182,11 @@ class Memory:
 
     def gradient(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
         """Gradient of :meth:`log_prior`."""
-        c, a, b, v = x.T
+        _, a, b, v = x.T
         with np.errstate(over="ignore"):  # 1/p beyond the largest float: infinite is right there
-            inverse = _inverse_share(a)
-            far = np.where(c == 0.0, 0.0, c * inverse)
+            far = reach(x, 1.0)
             of_mu1 = prior.distribution("mu1").slope(sbar + far)
-            of_offset, of_pull = of_mu1 * inverse, -of_mu1 * far * expit(-a)
+            of_offset, of_pull = of_mu1 * inverse_pull(a, 1.0), -of_mu1 * far * expit(-a)
         # sigma_1 = w / stretch: its prior sees (a, b, split) through b - log stretch.
         of_width = prior.spread == "width"
         of_spread = Log().slope(prior.distribution(prior.spread), b if of_width else b - self._log_stretch(x))
@@ -211,11 +209,9 @@ class Memory:
         lost = np.logaddexp(0.0, x[..., 1])
         sigma1 = np.exp(x[..., 2] - self._log_stretch(x))
         rho, log_gain = np.exp(-expit(x[..., 3]) * lost), -expit(-x[..., 3]) * lost
-        with np.errstate(over="ignore", invalid="ignore"):
-            mu1 = sbar + np.where(x[..., 0] == 0.0, 0.0, x[..., 0] * _inverse_share(x[..., 1]))
         # sigma_l^2/sigma1^2 = 1/K - 1
         sigma_l = sigma1 * np.sqrt(np.expm1(-log_gain))
-        found = {"mu1": mu1, "sigma1": sigma1, "sigma_l": sigma_l, "rho": rho, "gain": np.exp(-lost)}
+        found = {"mu1": sbar + reach(x, 1.0), "sigma1": sigma1, "sigma_l": sigma_l, "rho": rho, "gain": np.exp(-lost)}
         return {**found, "offset": x[..., 0], "pull": expit(x[..., 1]), "width": np.exp(x[..., 2])}
 
     def coordinates_from(self, quantities: Mapping[str, FloatArray], prior: Prior, sbar: float) -> FloatArray:
@@ -244,7 +240,7 @@ class Memory:
 
     def to_group(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
         """Prior mean, probit of the pull, log width, probit of the split."""
-        return np.stack([sbar + x[:, 0] * _inverse_share(x[:, 1]), probit_of_logit(x[:, 1]), x[:, 2], probit_of_logit(x[:, 3])], axis=-1)
+        return np.stack([sbar + reach(x, 1.0), probit_of_logit(x[:, 1]), x[:, 2], probit_of_logit(x[:, 3])], axis=-1)
 
     def from_group(self, eta: FloatArray, prior: Prior, sbar: float) -> Mapped:
         """The inverse, with c = p (mu1 - sbar)."""
@@ -274,8 +270,3 @@ class Memory:
         turn = split * expit(-v)
         by_pull = growth * (twice - mixed) + self.curve.total * expit(a) * expit(-v)
         return by_pull, -turn * (self.curve.total * lost + mixed / (1.0 + split))
-
-
-def _inverse_share(a: FloatArray) -> FloatArray:
-    """1/expit(a)."""
-    return np.asarray(1.0 + np.exp(-a))

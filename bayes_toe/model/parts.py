@@ -25,7 +25,7 @@ from bayes_toe.model.intervals import OF_EQUAL, OF_SECOND, CurveScale, Propagato
 from bayes_toe.model.links import BELL, DIFFERENCING, EXPONENT, LOGISTIC, PROBIT, Lapsing, Link
 from bayes_toe.model.memory import Memory, Update
 from bayes_toe.model.parameters import ANSWER_BIAS, NOISE_SLOPE, OFFSET, PEAK_SLOPE, WIDTH, Block, Log, Logit, Single
-from bayes_toe.model.posterior import Model, Pull
+from bayes_toe.model.record import Model, Pull
 from bayes_toe.model.spread import BETA_BINOMIAL, BINOMIAL, Spread
 
 #: q0, or the peak of the differencing model.
@@ -55,7 +55,7 @@ class Level:
     also : tuple of str
         Other words that are understood.
     pull, propagator, link, spread, history
-        What it sets of the record; see :class:`bayes_toe.model.posterior.Model`.
+        What it sets of the record; see :class:`bayes_toe.model.record.Model`.
     lapsing : callable
         What lapses make of the curve's link.
     task : Task, optional

@@ -17,7 +17,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import pairwise
-from typing import Never
+from typing import TYPE_CHECKING, Never
 
 import numpy as np
 import numpy.typing as npt
@@ -26,137 +26,24 @@ from scipy.special import expit, logit
 from bayes_toe.arrays import BLOCK, FloatArray, IndexArray
 from bayes_toe.data.conditions import mean_first
 from bayes_toe.data.study import Subject
-from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.errors import InputError
 from bayes_toe.model.coordinates import NATURAL, Natural
 from bayes_toe.model.distributions import Random
-from bayes_toe.model.history import History, Trials, require_order
+from bayes_toe.model.history import Trials
 from bayes_toe.model.intervals import UNSCALED, Propagator, Scales, reference_interval, typical_interval
 from bayes_toe.model.levelling import Funnel, Levelling
-from bayes_toe.model.links import BELL, Answers, Lapsing, Link
+from bayes_toe.model.links import Answers, Lapsing, Link
 from bayes_toe.model.parameters import Block
 from bayes_toe.model.prior import DEFAULT, Prior
-from bayes_toe.model.spread import BINOMIAL, Spread
+from bayes_toe.model.spread import Spread
 from bayes_toe.model.target import Levels, Names, require_points
+
+if TYPE_CHECKING:
+    from bayes_toe.model.record import Model
 
 _OFFSET, _PEAK, _SLOPE, _PEAK_SLOPE, _ANSWER_BIAS = "offset", "logit_q0", "noise_slope", "peak_slope", "answer_bias"
 PRIOR_DRAWS = 100_000
 _NONE = np.zeros((1, 1))
-
-
-@dataclass(frozen=True)
-class Pull:
-    """How a coordinate sets the pull: p = low + span expit(coordinate).
-
-    `centre` names the parameter of the prior from which the offset comes, c = p (mu1 - sbar), so that it narrows with p as mu1's prior
-    has it: a funnel. None where offset and pull have nothing to do with each other.
-    """
-
-    coordinate: str
-    low: float
-    span: float
-    centre: str | None = None
-
-
-@dataclass(frozen=True)
-class Model:
-    """A record: which parameters are free, how the first stimulus is pulled, which link, what an interval does.
-
-    Parameters
-    ----------
-    name : str
-    about : str
-        What it says of the observer, in a few words.
-    free : tuple of Block
-        Free parameters; blocks that share a quantity with another model are the same objects.
-    pull : Pull, optional
-        None fixes K = 1.
-    link : Link
-        From z to the log probabilities of both answers.
-    spread : Spread
-        How counts scatter about them.
-    propagator : Propagator, optional
-        How pull and width depend on the inter-stimulus interval. None: the model does not mention it, so a pair is answered alike at
-        every one, and comparing it with a model that does asks whether intervals matter.
-    levels : tuple of (part, level)
-        Of which parts it is composed; see :mod:`bayes_toe.model.parts`.
-    task : Task
-        What it answers.
-    history : History, optional
-        How the expectation follows the stimuli. None: it has relaxed before every trial.
-    """
-
-    name: str
-    about: str
-    free: tuple[Block, ...]
-    pull: Pull | None = None
-    link: Link | Lapsing = BELL
-    spread: Spread = BINOMIAL
-    propagator: Propagator | None = None
-    levels: tuple[tuple[str, str], ...] = ()
-    task: Task = SAME_DIFFERENT
-    history: History | None = None
-
-    @property
-    def coordinates(self) -> tuple[str, ...]:
-        """Names of the unconstrained coordinates."""
-        return tuple(name for block in self.free for name in block.coordinates)
-
-    @property
-    def link_without_lapses(self) -> Link:
-        """From z to the answers of trials that depend on the stimuli."""
-        return self.link.link if isinstance(self.link, Lapsing) else self.link
-
-    @property
-    def group(self) -> tuple[str, ...]:
-        """Quantities that scatter between the members of a group, one for each coordinate; see :meth:`Block.to_group`."""
-        return tuple(name for block in self.free for name in block.group)
-
-    @property
-    def by_trial(self) -> bool:
-        """Whether an answer depends on the trials before it."""
-        return self.history is not None or _ANSWER_BIAS in self.coordinates
-
-    @property
-    def knows_intervals(self) -> bool:
-        """Whether it says how an inter-stimulus interval acts."""
-        return self.propagator is not None
-
-    @property
-    def of_intervals(self) -> str:
-        """What it says of inter-stimulus intervals, in a few words."""
-        return "ignores the interval: a pair has the same P(equal) at every one" if self.propagator is None else self.propagator.about
-
-    def units_at_intervals(self, reference: float) -> Mapping[str, str]:
-        """Units of quantities that are those at the reference interval, seconds, where there are several intervals."""
-        return {} if self.propagator is None else {name: unit.format(f"{reference:g} s") for name, unit in self.propagator.units}
-
-    def parameters(self, prior: Prior) -> frozenset[str]:
-        """Parameters of the prior whose distributions its own is made of."""
-        return frozenset(name for block in self.free for name in block.parameters(prior))
-
-    def describe(self, prior: Prior) -> str:
-        """The prior of every free parameter, in words."""
-        return ", ".join(block.describe(prior) for block in self.free) + prior.remark
-
-    def posterior(self, subject: Subject, prior: Prior | None = None) -> Posterior:
-        """The posterior of a subject under this model.
-
-        Raises
-        ------
-        InputError
-            If the subject was asked something else, or the model asks for an order of trials, or their times, that are not known.
-        """
-        if subject.task != self.task:
-            asked = f"subject {subject.name!r} was asked '{subject.task.name}'"
-            raise InputError(f"model {self.name!r} is of the task '{self.task.name}', {asked}")
-        if self.by_trial:
-            answers = require_order(subject)
-            if self.history is not None and self.history.kind == "carry-over by time" and answers.iti is None:
-                raise InputError(
-                    f"subject {subject.name!r}: model {self.name!r} needs a column iti, seconds since the trial before, found none"
-                )
-        return Posterior(subject, self, DEFAULT if prior is None else prior)
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,7 +92,7 @@ class Posterior:
     @cached_property
     def reference(self) -> float:
         """Reference interval, seconds."""
-        return reference_interval(self.subject, self.prior.reference_interval) if self.interval is None else self.interval
+        return reference_interval(self.prior.reference_interval, self.subject) if self.interval is None else self.interval
 
     @cached_property
     def _places(self) -> Mapping[str, int]:

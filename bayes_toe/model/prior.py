@@ -140,11 +140,6 @@ class Prior(PriorFields):
         ------
         InputError
             For a parameter that has none of its own, or whose numbers are still those of the stimuli.
-
-        Examples
-        --------
-        >>> Prior(mu1_sd=2.0).distribution("mu1")
-        Normal(mean=0.0, sd=2.0)
         """
         if parameter in self._known:
             return self._known[parameter]
@@ -193,13 +188,7 @@ class Prior(PriorFields):
         return ", ".join(f"{name} ~ {self.said(name)}" for name in self.of_h1(task)) + self.remark
 
     def describe_orders(self, task: Task = SAME_DIFFERENT) -> str:
-        """The same with that of a constant error, against which H1 is weighed: its evidence depends on it.
-
-        Examples
-        --------
-        >>> Prior(offset_sd=0.5).describe_orders().partition("q0")[2]
-        ' ~ Uniform(0, 1), offset ~ Normal(0, 0.5)'
-        """
+        """The same with that of a constant error, against which H1 is weighed: its evidence depends on it."""
         return ", ".join(f"{name} ~ {self.said(name)}" for name in (*self.of_h1(task), "offset")) + self.remark
 
     @property
@@ -214,36 +203,21 @@ class Prior(PriorFields):
         """:attr:`penalty` in words."""
         return f"mu1 ~ {self.said('mu1')}" + ("; M mean and R sd of the stimuli" if self.of_stimuli("mu1") else "")
 
-    def log_density(self, theta: Natural) -> FloatArray:
-        """Log density with respect to (mu1, sigma_p, gamma, q0); -inf outside the support."""
-        inside = (theta.sigma_p > 0) & (theta.gamma > 0) & (theta.gamma < 1) & (theta.q0 > 0) & (theta.q0 < 1)
-        return np.where(inside, self._log_densities(theta), -np.inf)
-
     def log_density_variances(self, theta: Natural) -> FloatArray:
         """Log density with respect to the paper's coordinates (mu1, sigma_p^2, sigma_l^2, q0), edges included; -inf outside.
 
         d sigma_p / d sigma_p^2 = 1 / (2 sigma_p) and, at fixed sigma_p, d gamma / d sigma_l^2 = 1 / sigma_p^2. Source: Appendix C.
         """
-        inside = (theta.sigma_p > 0) & (theta.gamma >= 0) & (theta.gamma <= 1) & (theta.q0 >= 0) & (theta.q0 <= 1)
-        volume = -np.log(2.0) - 3.0 * np.log(theta.sigma_p)
-        return np.where(inside, self._log_densities(theta) + volume, -np.inf)
-
-    def _log_densities(self, theta: Natural) -> FloatArray:
-        """With d width / d sigma_p = G^(3/2) where the width has the prior."""
-        gamma = theta.gamma
-        stretch = np.asarray(1.0) if self.spread == "sigma_p" else variance_ratio(gamma) ** 1.5
+        gamma, width_too = theta.gamma, self.spread == "width"
+        inside = (theta.sigma_p > 0) & (gamma >= 0) & (gamma <= 1) & (theta.q0 >= 0) & (theta.q0 <= 1)
+        stretch = variance_ratio(gamma) ** 1.5 if width_too else np.asarray(1.0)  # d width / d sigma_p
         values = (theta.mu1, theta.sigma_p * stretch, gamma, theta.q0)
         densities = [self.distribution(name).log_density(value) for name, value in zip(self.of_h1(), values, strict=True)]
-        return np.asarray(sum(densities) + np.log(stretch))
+        volume = np.log(stretch) - np.log(2.0) - 3.0 * np.log(theta.sigma_p)
+        return np.where(inside, sum(densities) + volume, -np.inf)
 
     def sample(self, rng: Random, size: int) -> Natural:
-        """Independent draws, each array of shape (size,).
-
-        Examples
-        --------
-        >>> Prior().sample(np.random.default_rng(1), 3).q0.shape
-        (3,)
-        """
+        """Independent draws, each array of shape (size,)."""
         mu1, spread, gamma, q0 = (self.distribution(name).sample(rng, size) for name in self.of_h1())
         sigma_p = spread if self.spread == "sigma_p" else spread / variance_ratio(gamma) ** 1.5
         return Natural(mu1, sigma_p, sigma_p * np.sqrt(gamma), q0)

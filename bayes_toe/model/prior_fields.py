@@ -37,8 +37,6 @@ OF_STIMULI = {
     "log D": "the logarithm of the root mean square step between different ones",
 }
 _LARGEST_FILE = 2**16  # bytes; a complete prior file has some 2,000
-#: The parameters of the predictive update (H1): what `Prior.describe` names and a sensitivity scan of H1 varies.
-OF_H1 = ("mu1", "sigma_p", "gamma", "q0")
 
 
 @dataclass(frozen=True)
@@ -125,13 +123,6 @@ class PriorFields:
     ------
     InputError
         If a value is not finite, or a scale or shape is not positive.
-
-    Examples
-    --------
-    >>> [field.name for field in PriorFields.varied()]
-    ['mu1_sd', 'sigma_p_scale', 'gamma_a', 'gamma_b', 'q0_a', 'q0_b', 'mu1_mean']
-    >>> PriorFields.declared_as("gamma_a").label
-    'a of gamma'
     """
 
     mu1_mean: float | Literal["stimuli"] = prior_field(
@@ -223,7 +214,7 @@ class PriorFields:
         raise InputError(f"prior: no value {name!r}, allowed: {', '.join(one.name for one in cls.declared())}")
 
     @classmethod
-    def varied(cls, parameters: Collection[str] = OF_H1) -> tuple[PriorField, ...]:
+    def varied(cls, parameters: Collection[str]) -> tuple[PriorField, ...]:
         """The numbers of some parameters in the order of a sensitivity scan: scales and shapes first, then locations."""
         found = (one for one in cls.declared() if one.parameter in parameters)
         return tuple(sorted(found, key=lambda one: not one.positive))

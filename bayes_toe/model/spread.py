@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple, Protocol
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -133,51 +133,34 @@ class _ByCount:
 OfAnswers = tuple[Slopes, Slopes]
 
 
-class Spread(Protocol):
-    """How counts scatter about the probabilities of a model; own coordinates have shape (points, 1), answers (points, pairs)."""
-
-    @property
-    def coordinates(self) -> tuple[str, ...]:
-        """Its own unconstrained coordinates."""
-
-    def log_likelihood(self, subject: Counts, answers: Answers, *own: FloatArray) -> FloatArray:
-        """Log likelihood of each pair without binomial coefficients, shape (points, pairs)."""
-
-    def slopes(self, subject: Counts, answers: Answers, of: OfAnswers, *own: FloatArray) -> Slopes:
-        """Slopes of the log likelihood from those of both answers; its own coordinates come after the link's."""
-
-    def given_the_rest(self, subject: Counts, answers: Answers, *own: FloatArray) -> Answers:
-        """Log probabilities of one answer given all others to its pair, shape (points, pairs) each."""
-
-    def realised(self, rng: Random, answers: Answers, *own: FloatArray) -> Answers:
-        """Log probabilities of a session, shape (points, pairs) each: given them its answers are independent."""
-
-
 @dataclass(frozen=True)
-class Binomial:
-    """Independent answers."""
+class Spread:
+    """How counts scatter about the probabilities of a model; this one: binomial, answers are independent.
+
+    Own coordinates have shape (points, 1), answers and what is made of them (points, pairs).
+    """
 
     coordinates: ClassVar[tuple[str, ...]] = ()
 
     def log_likelihood(self, subject: Counts, answers: Answers, *own: FloatArray) -> FloatArray:
-        """Counts times log probabilities."""
+        """Log likelihood of each pair without binomial coefficients: counts times log probabilities."""
         return log_likelihoods(subject, answers)
 
     def slopes(self, subject: Counts, answers: Answers, of: OfAnswers, *own: FloatArray) -> Slopes:
-        """Counts times slopes."""
+        """Slopes of the log likelihood from those of both answers; its own coordinates come after the link's. Here counts times slopes."""
         return _total(answer_counts(subject), of)
 
     def given_the_rest(self, subject: Counts, answers: Answers, *own: FloatArray) -> Answers:
-        """The same."""
+        """Log probabilities of one answer given all others to its pair; here the same."""
         return answers
 
     def realised(self, rng: Random, answers: Answers, *own: FloatArray) -> Answers:
-        """The same."""
+        """Log probabilities of a session, given which its answers are independent; here the same."""
         return answers
 
 
 @dataclass(frozen=True)
-class BetaBinomial:
+class BetaBinomial(Spread):
     """Answers to a pair that go together, with intra-class correlation rho."""
 
     coordinates: ClassVar[tuple[str, ...]] = ("logit_icc",)
@@ -224,4 +207,4 @@ def _total(weights: Sequence[FloatArray], of: OfAnswers) -> Slopes:
     return Slopes(times_counts(w, one.z) + times_counts(v, other.z), tuple(own))
 
 
-BINOMIAL, BETA_BINOMIAL = Binomial(), BetaBinomial()
+BINOMIAL, BETA_BINOMIAL = Spread(), BetaBinomial()

@@ -11,11 +11,9 @@ import os
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from bayes_toe.data.study import Study, require_study
 from bayes_toe.errors import InputError, require_kind
-from bayes_toe.model.intervals import typical_interval
+from bayes_toe.model.intervals import reference_interval
 from bayes_toe.model.prior import DEFAULT, Prior, read_prior
 
 PRESETS = {"default": DEFAULT, "paper": Prior()}
@@ -59,14 +57,4 @@ def prior_for(study: Study, prior: Prior | str | None = None) -> Prior:
     given = prior if isinstance(prior, Prior) else preset_or_file(prior)
     for subject in study:
         given.at(subject)
-    return replace(given, reference_interval=_reference(study, given.reference_interval))
-
-
-def _reference(study: Study, given: float | None) -> float | None:
-    """The reference interval, seconds; None for a study without intervals."""
-    if not study.intervals or given is not None:
-        return given if study.intervals else None
-    if len(study.intervals) == 1:
-        return study.intervals[0]
-    isi, n = (np.concatenate([np.asarray(getattr(subject, name)) for subject in study]) for name in ("isi", "n_trials"))
-    return float(typical_interval(isi, n)[0])
+    return replace(given, reference_interval=reference_interval(given.reference_interval, *study) if study.intervals else None)

@@ -20,8 +20,8 @@ from bayes_toe.data.tasks import SAME_DIFFERENT, Task, task_of
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError
 from bayes_toe.model.ladder import PREDICTIVE_UPDATE, model_named, models_of
-from bayes_toe.model.posterior import Model
 from bayes_toe.model.prior import Prior, stored_prior
+from bayes_toe.model.record import Model
 from bayes_toe.planning.information import entropy, told
 from bayes_toe.planning.judging import judged
 from bayes_toe.planning.observers import prior_of

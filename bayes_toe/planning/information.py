@@ -26,8 +26,9 @@ from bayes_toe.errors import InputError
 from bayes_toe.model.closed_form import MAX_PULL
 from bayes_toe.model.crowd import Crowd
 from bayes_toe.model.ladder import models_of
-from bayes_toe.model.posterior import Model, Posterior, prior_draws
+from bayes_toe.model.posterior import Posterior, prior_draws
 from bayes_toe.model.prior import Prior
+from bayes_toe.model.record import Model
 from bayes_toe.model.target import hessian
 from bayes_toe.planning.observers import UPDATE, Observer, model_of, natural_of
 from bayes_toe.planning.study_design import StudyDesign

@@ -22,8 +22,9 @@ from bayes_toe.comparison.words import KINDS, SMALL
 from bayes_toe.data.study import Subject
 from bayes_toe.inference.prediction import effect_size
 from bayes_toe.inference.space import laplace_evidences
-from bayes_toe.model.posterior import Model, Posterior
+from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import Prior
+from bayes_toe.model.record import Model
 from bayes_toe.planning.observers import NONE
 from bayes_toe.seeds import generator
 

@@ -17,8 +17,8 @@ from bayes_toe.errors import InputError
 from bayes_toe.inference.prediction import Predictor
 from bayes_toe.kept import Kept
 from bayes_toe.model.ladder import ORDERS, models_of
-from bayes_toe.model.posterior import Model
 from bayes_toe.model.prior import Prior
+from bayes_toe.model.record import Model
 from bayes_toe.model.study_prior import prior_for
 from bayes_toe.planning.information import told
 from bayes_toe.planning.judging import Weighed, judged, weighed

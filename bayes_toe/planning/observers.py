@@ -26,9 +26,10 @@ from bayes_toe.model.closed_form import MAX_PULL
 from bayes_toe.model.coordinates import NATURAL
 from bayes_toe.model.ladder import ORDERS, model_named, models_of
 from bayes_toe.model.parts import compose, parts_of
-from bayes_toe.model.posterior import Model, Posterior
+from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.prior_fields import real, shown, toml_table
+from bayes_toe.model.record import Model
 from bayes_toe.model.study_prior import prior_for
 from bayes_toe.planning.study_design import StudyDesign, each_once, nobody
 from bayes_toe.seeds import generator

@@ -11,8 +11,9 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Subject
 from bayes_toe.inference.adaptation import adapt_proposal, redrawn, refreshed
 from bayes_toe.inference.proposal import FittedProposal, efficiency
-from bayes_toe.model.posterior import Model, Posterior
+from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import Prior
+from bayes_toe.model.record import Model
 from bayes_toe.planning.study_design import nobody
 
 #: Share of the draws that counted when they were made, below which they are made anew.

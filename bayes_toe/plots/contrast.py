@@ -13,7 +13,7 @@ from bayes_toe.data.study import Study
 from bayes_toe.errors import InputError
 from bayes_toe.inference.prediction import Predictor
 from bayes_toe.model.ladder import model_named
-from bayes_toe.model.posterior import Model
+from bayes_toe.model.record import Model
 from bayes_toe.plots.curves import main_weaker, order_panel, which_weaker
 from bayes_toe.plots.style import (
     BELIEF,

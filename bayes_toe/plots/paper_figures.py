@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from bayes_toe.analysis import Analysis, smooth_curve_evidence
 from bayes_toe.classical.asymmetry import LEVEL, AsymmetryTable, subject_asymmetries, subject_asymmetry
-from bayes_toe.classical.ellipse import MASS, require_mass
+from bayes_toe.classical.ellipse import MASS, require_share
 from bayes_toe.comparison.evidence_table import EvidenceTable
 from bayes_toe.data.read_study import Truth
 from bayes_toe.data.study import Subject, refuse_intervals
@@ -67,7 +67,7 @@ def material_of(
     draws, study = analysis if isinstance(analysis, Draws) else analysis.draws, analysis.study
     require_update(draws, "the paper's figures")
     refuse_intervals(study, "the paper's figures")
-    require_mass(mass)
+    require_share("mass", mass)
     table = AsymmetryTable(subject_asymmetries(study.subjects), study.task)
     chosen = representative(table) if subjects is None else require_subjects(subjects, study.names)
     evidence = smooth_curve_evidence(analysis, workers=workers) if isinstance(analysis, Draws) else analysis.evidence

@@ -16,8 +16,9 @@ from bayes_toe.experiments.simulate import reference_design
 from bayes_toe.inference.adaptation import adapt_proposal
 from bayes_toe.inference.sampling import SamplerSettings, sample_chains
 from bayes_toe.model.ladder import model_named
-from bayes_toe.model.posterior import Model, Posterior
+from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import DEFAULT, Prior
+from bayes_toe.model.record import Model
 from bayes_toe.seeds import generator
 from reference.calibration_statistics import place
 

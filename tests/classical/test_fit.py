@@ -192,5 +192,5 @@ def test_infinite_and_missing_points_count_as_outside():
 )
 def test_what_fixes_no_ellipse_gives_none(x, y):
     assert mass_ellipse(x, y) is None
-    with pytest.raises(InputError, match=r"mass=1\.0"):
+    with pytest.raises(InputError, match="mass=1 must"):
         mass_ellipse(x, y, 1.0)

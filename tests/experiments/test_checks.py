@@ -5,6 +5,7 @@ import itertools
 import numpy as np
 import pandas as pd
 import pytest
+from definitions import natural
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.special import logit
@@ -13,7 +14,6 @@ from bayes_toe.data.findings import Finding
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.experiments.checks import check_study, described, doubts
 from bayes_toe.model.closed_form import MAX_PULL, normalised_distance
-from bayes_toe.model.coordinates import natural
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.study_prior import prior_for
 

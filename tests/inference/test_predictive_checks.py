@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from reference.hard_cases import hard_cases
 from scipy import stats
+from scipy.special import xlogy
 
 import bayes_toe as bt
 from bayes_toe.errors import NumericalError
@@ -73,7 +74,7 @@ def test_predictive_p_values_against_simulated_repetitions(small_study):
     assert found.p_more == pytest.approx((again >= subject.n_yes).mean(axis=0), abs=error)
     assert (found.p_value <= 1).all()
     assert gof.predictive_check(posterior, x, seed=1).p_overall == found.p_overall
-    with pytest.raises(NumericalError, match="draws must have shape"):
+    with pytest.raises(NumericalError, match="a coordinate is NaN"):
         gof.predictive_check(posterior, np.full((2, 4), np.nan), seed=1)
 
 
@@ -122,7 +123,7 @@ def test_a_misfit_names_its_worst_pairs(small_study):
         worst = found.worst[0]
         at = int(np.flatnonzero((one.s1 == worst.s1) & (one.s2 == worst.s2))[0])
         assert worst.observed == one.n_yes[at] / one.n_trials[at]
-        assert at == np.argmax(gof.deviance(posterior, best)[0])
+        assert at == np.argmax(np.abs(gof.fit_at(posterior, best[0]).residual))
 
 
 def test_the_summary_is_the_predictive_check_and_the_deviance_near_the_maximum(analysis, small_study):
@@ -134,7 +135,9 @@ def test_the_summary_is_the_predictive_check_and_the_deviance_near_the_maximum(a
     assert found.worst_p == check.p_value.min()
     at = int(np.argmin(check.p_value))
     assert (found.worst_s1, found.worst_s2) == (posterior.subject.s1[at], posterior.subject.s2[at])
-    assert found.deviance == pytest.approx(gof.deviance(posterior, x).sum(axis=1).min())
+    n, k = posterior.subject.n_trials, posterior.subject.n_yes
+    saturated = (xlogy(k, k / n) + xlogy(n - k, 1.0 - k / n)).sum()
+    assert found.deviance == pytest.approx(-2.0 * (posterior.log_likelihood(x).max() - saturated))
     best = min(gof.fit_at(posterior, start).deviance for start in find_maxima(posterior).x)
     assert best - 0.2 < found.deviance < best + 0.1
     assert found.degrees_of_freedom == 9

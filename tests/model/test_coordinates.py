@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
+from definitions import natural
 from hypothesis import given
 from hypothesis import strategies as st
 from reference.hard_cases import hard_cases
 
 from bayes_toe.inference.maxima import find_maxima
 from bayes_toe.model.closed_form import MAX_PULL, equal_probability
-from bayes_toe.model.coordinates import Natural, derived, natural, unconstrained
+from bayes_toe.model.coordinates import Natural, quantities, unconstrained
 from bayes_toe.model.ladder import posterior_of
 from bayes_toe.model.prior import Prior
 
@@ -41,20 +42,20 @@ def test_identified_coordinates_give_the_same_probability(x, sbar, s1, s2):
 def test_gamma_stays_below_one_and_pull_below_its_limit():
     theta = natural([0.0, 40.0, 0.0, 0.0], 0.0)
     assert float(theta.gamma) == pytest.approx(1.0, abs=1e-12)
-    assert float(derived(theta)["gain"]) >= 1.0 - MAX_PULL - 1e-15
+    assert float(quantities(theta, 0.0)["gain"]) >= 1.0 - MAX_PULL - 1e-15
 
 
 def test_prior_density_in_natural_coordinates_and_outside_the_support():
     inside = Natural(*(np.array([v]) for v in (0.0, 0.5, 0.2, 0.5)))
     outside = Natural(*(np.array([v]) for v in (0.0, 0.5, 0.6, 0.5)))
     expected = -0.5 * np.log(2 * np.pi) - np.log(10) + 0.5 * np.log(2 / np.pi) - 0.125
-    assert Prior().log_density(inside)[0] == pytest.approx(expected, rel=1e-12)
-    assert Prior().log_density(outside)[0] == -np.inf
+    assert Prior().log_density_variances(inside)[0] == pytest.approx(expected + 2.0 * np.log(2.0), rel=1e-12)  # 1/(2 sigma_p^3)
+    assert Prior().log_density_variances(outside)[0] == -np.inf
 
 
 def test_derived_quantities_follow_their_definitions():
     theta = natural(np.random.default_rng(0).normal(size=(50, 4)), 0.1)
-    found = derived(theta)
+    found = quantities(theta, 0.0)
     assert found["gain"] == pytest.approx(found["sigma1"] ** 2 / (found["sigma1"] ** 2 + theta.sigma_l**2), rel=1e-12)
     assert found["width"] == pytest.approx(found["sigma1"] + theta.sigma_l**2 / found["sigma1"], rel=1e-12)
     assert found["gamma"] == pytest.approx((theta.sigma_l / theta.sigma_p) ** 2, rel=1e-12)

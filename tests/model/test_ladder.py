@@ -16,8 +16,8 @@ from bayes_toe.inference.evidence import importance_evidence
 from bayes_toe.inference.maxima import find_maxima
 from bayes_toe.inference.sampling import SamplerSettings, sample_chains
 from bayes_toe.model.ladder import CONSTANT_BIAS, MODELS, SYMMETRIC, model_named, posterior_of, require_models
-from bayes_toe.model.posterior import Model
 from bayes_toe.model.prior import DEFAULT, Prior
+from bayes_toe.model.record import Model
 
 STUDY, CASES = bt.example_study(), hard_cases()
 BY_NAME = {model.name: model for model in MODELS if isinstance(model, Model)}

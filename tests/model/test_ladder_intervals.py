@@ -19,7 +19,7 @@ from bayes_toe.inference.subject import EVIDENCE_DRAWS, Wanted, infer
 from bayes_toe.model.beliefs import Gaussian, comparison_distance, update
 from bayes_toe.model.free_frequencies import frequency_evidence
 from bayes_toe.model.ladder import MODELS, NAMES, PREDICTIVE_UPDATE, model_named, posterior_of
-from bayes_toe.model.posterior import Model
+from bayes_toe.model.record import Model
 
 CASES = hard_cases()
 MEAN_REVERTING = model_named("mean-reverting memory")

@@ -13,8 +13,8 @@ from bayes_toe.data.study import Subject
 from bayes_toe.errors import NumericalError
 from bayes_toe.model.closed_form import MAX_PULL, pull, variance_ratio
 from bayes_toe.model.ladder import MODELS, posterior_of
-from bayes_toe.model.posterior import Model
 from bayes_toe.model.prior import Prior
+from bayes_toe.model.record import Model
 from bayes_toe.model.target import hessian, one_sided
 
 CASES = hard_cases()

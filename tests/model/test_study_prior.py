@@ -12,9 +12,9 @@ from bayes_toe.data.conditions import Stimuli
 from bayes_toe.inference.belonging import require_belonging
 from bayes_toe.model.closed_form import MAX_PULL
 from bayes_toe.model.ladder import MODELS, SPACE, model_named
-from bayes_toe.model.posterior import Model
 from bayes_toe.model.prior import DEFAULT, read_prior
 from bayes_toe.model.prior_fields import OF_STIMULI
+from bayes_toe.model.record import Model
 from bayes_toe.model.study_prior import preset_or_file, prior_for
 
 

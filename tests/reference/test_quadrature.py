@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from definitions import natural
 from reference import lattice
 from reference.hard_cases import hard_cases
 from reference.lattice_quantiles import LEVELS
@@ -17,7 +18,6 @@ from scipy.special import expit, log_expit, logit
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import NumericalError
 from bayes_toe.model.closed_form import MAX_PULL
-from bayes_toe.model.coordinates import natural
 from bayes_toe.model.ladder import PREDICTIVE_UPDATE, posterior_of
 from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import Prior
