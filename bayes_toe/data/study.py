@@ -20,6 +20,7 @@ from bayes_toe.arrays import BoolArray, FloatArray, IntArray, run_starts
 from bayes_toe.data.answers import KEYS, Answers, Reading, counted_rows
 from bayes_toe.data.conditions import Conditions, Stimuli, by_person, felt_together
 from bayes_toe.data.messages import MOST_ROWS, as_html, as_name, as_option, bare, listed, named_few, said_intervals
+from bayes_toe.data.tables import frame_of
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.data.validation import AT
 from bayes_toe.errors import InputError, require_kind
@@ -391,12 +392,9 @@ class Study:
         return f"<Study {self.source!r}{mark}: {len(self):,} subjects ({named_few(self.names)}), {trials:,} trials>"
 
     def _repr_html_(self) -> str:
-        import pandas as pd
-
-        shown = self.subjects[:MOST_ROWS]
-        rows = [(one.name, one.n_pairs, one.total_trials, one.fraction_yes) for one in shown]
-        columns = ["subject", "pairs", "trials", f"fraction {self.task.yes!r}"]
-        return as_html(repr(self)[1:-1], pd.DataFrame(rows, columns=columns), len(self))
+        shown = frame_of(self.subjects[:MOST_ROWS], ("name", "n_pairs", "total_trials", "fraction_yes"))
+        shown.columns = ["subject", "pairs", "trials", f"fraction {self.task.yes!r}"]
+        return as_html(repr(self)[1:-1], shown, len(self))
 
 
 def pooled(units: Sequence[Subject]) -> Subject:
