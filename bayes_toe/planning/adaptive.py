@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -257,10 +257,6 @@ class Adaptive:
             return cls._of(content)
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise InputError(f"{shown(Path(path))}: not a session that can be read ({error}); allowed: a file of Adaptive.save") from error
-
-    def __reduce__(self) -> tuple[Callable[..., Adaptive], tuple[dict[str, Any]]]:
-        """For copies and other processes: as :meth:`resume` makes it."""
-        return type(self)._of, (self._content(),)
 
     def _content(self) -> dict[str, Any]:
         return {

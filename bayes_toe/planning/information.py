@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import cast
 
 import numpy as np
@@ -207,59 +208,46 @@ def told(answers: FloatArray, weights: FloatArray, which: IndexArray) -> FloatAr
 # --- Exchange -------------------------------------------------------------------------------------
 
 
-@dataclass(eq=False)
-class _Exchange:
-    """Trials that move: `put` has those of every pair, half of which are its partner's, beside those that are `fixed`."""
-
-    known: Information
-    most: int
-    fixed: IntArray
-    partner: IndexArray
-    put: IntArray
-
-    @property
-    def shown(self) -> IntArray:
-        """Trials of every pair."""
-        return self.fixed + (self.put + self.put[self.partner]) // 2
-
-    @property
-    def score(self) -> float:
-        """That of the design."""
-        return self.known.score(self.known.total(self.shown))
-
-    def best(self, size: int, new: int) -> int:
-        """Where so many trials more tell most: of the pairs there are, where so many new ones would be too many."""
-        n = self.shown
-        scores = self.known.scores(self.known.total(n), size)
-        allowed = (n > 0) | (np.count_nonzero(n) + new <= self.most)
-        return int(np.where(allowed, scores + scores[self.partner], -np.inf).argmax())
-
-
 def exchanged(known: Information, trials: int, most: int, fixed: IntArray, partner: IndexArray) -> IntArray:
     """Trials of every pair, (pairs,): so many to distribute beside those that are fixed, over at most so many different pairs.
 
     A pair and its partner, which may be itself, have equally many. Portions are put one after the other where they tell most, and then
     moved as long as a move raises the score.
     """
-    unit = 1 + int((partner != np.arange(len(partner))).any())
-    portion, made = unit * max(1, trials // (unit * _PORTIONS * most)), _Exchange(known, most, fixed, partner, np.zeros_like(fixed))
+    unit, put = 1 + int((partner != np.arange(len(partner))).any()), np.zeros_like(fixed)
+    portion = unit * max(1, trials // (unit * _PORTIONS * most))
+
+    shown, best = partial(_shown, put, fixed, partner), partial(_best, known, put, fixed, partner, most)
     for _ in range(trials // portion):
-        made.put[made.best(portion, unit)] += portion
-    score, before = made.score, -np.inf
+        put[best(portion, unit)] += portion
+    score, before = known.score(known.total(shown())), -np.inf
     while score > before + _GAIN:
         before = score
-        for place in np.flatnonzero(made.put):
-            while made.put[place]:
-                made.put[place] -= portion
-                at = made.best(portion, unit)
-                made.put[at] += portion
-                if made.score < score + _GAIN:
-                    made.put[at] -= portion
-                    made.put[place] += portion
+        for place in np.flatnonzero(put):
+            while put[place]:
+                put[place] -= portion
+                at = best(portion, unit)
+                put[at] += portion
+                moved = known.score(known.total(shown()))
+                if moved < score + _GAIN:
+                    put[at] -= portion
+                    put[place] += portion
                     break  # those that stay are alike
-                score = made.score
+                score = moved
     for _ in range(trials % portion // unit):
-        made.put[made.best(unit, most + 1)] += unit
-    found = made.shown
-    found[made.best(1, most + 1)] += trials - int((found - fixed).sum())  # one that is left, if any
+        put[best(unit, most + 1)] += unit
+    found = shown()
+    found[best(1, most + 1)] += trials - int((found - fixed).sum())  # one that is left, if any
     return found
+
+
+def _shown(put: IntArray, fixed: IntArray, partner: IndexArray) -> IntArray:
+    """Trials of every pair: half of what is put is the partner's."""
+    return fixed + (put + put[partner]) // 2
+
+
+def _best(known: Information, put: IntArray, fixed: IntArray, partner: IndexArray, most: int, size: int, new: int) -> int:
+    """Where so many trials more tell most: of the pairs there are, where so many new ones would be too many."""
+    n = _shown(put, fixed, partner)
+    scores, allowed = known.scores(known.total(n), size), (n > 0) | (np.count_nonzero(n) + new <= most)
+    return int(np.where(allowed, scores + scores[partner], -np.inf).argmax())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from typing import NamedTuple
@@ -90,51 +90,40 @@ def more_trials(
     root, numbers = root_seed(seed), prior_for(study, prior)
     space = models_of(study.task).space
     names = [one.name for one in study if judged(one, root, numbers, space).verdict.effect == "undecided"] if subjects is None else subjects
-    jobs: list[Callable[[], MoreTrials]] = [_Job(study[name], root, numbers) for name in names]
+    jobs = [partial(of_subject, study[name], root, numbers) for name in names]
     done = Kept().work(jobs, workers, progress, [(name,) for name in names])
     for lost in done.failed.values():
         raise InputError(lost.reason)
     return tuple(done)
 
 
-@dataclass(frozen=True, eq=False)
-class _Job:
-    """One subject's simulation, to be called."""
+def of_subject(subject: Subject, seed: int, prior: Prior) -> MoreTrials:
+    """One subject's simulation."""
+    found = weighed(subject, seed, prior, models_of(subject.task).space)
+    if not np.isfinite(found.values).all():
+        raise InputError(f"subject {subject.name!r}: no evidence of some model, and nothing to simulate from")
+    people = observers(found, _PREDICTED, generator(seed, subject.name, "more trials"))
+    same = StudyDesign(subject.s1, subject.s2, subject.n_trials, subject.isi, task=subject.task)
+    every = all_pairs(np.unique([subject.s1, subject.s2]), subject.intervals, subject.task)
+    yes = np.array([one.yes(*every.columns)[0] for one in people])
+    orders = np.array([ORDERS.index(dict(one.target.model.levels)["order"]) for one in people])
+    worth = told(np.stack([yes, 1.0 - yes]), np.full(_PREDICTED, 1.0 / _PREDICTED), orders)
+    best, judges = np.sort(np.argsort(-worth)[:_PAIRS]), likeliest(found)
 
-    subject: Subject
-    seed: int
-    prior: Prior
-
-    def __call__(self) -> MoreTrials:
-        subject = self.subject
-        found = weighed(subject, self.seed, self.prior, models_of(subject.task).space)
-        if not np.isfinite(found.values).all():
-            raise InputError(f"subject {subject.name!r}: no evidence of some model, and nothing to simulate from")
-        rng = generator(self.seed, subject.name, "more trials")
-        people = observers(found, _PREDICTED, rng)
-        same = StudyDesign(subject.s1, subject.s2, subject.n_trials, subject.isi, task=subject.task)
-        every = all_pairs(np.unique([subject.s1, subject.s2]), subject.intervals, subject.task)
-        yes = np.array([one.yes(*every.columns)[0] for one in people])
-        orders = np.array([ORDERS.index(dict(one.target.model.levels)["order"]) for one in people])
-        worth = told(np.stack([yes, 1.0 - yes]), np.full(_PREDICTED, 1.0 / _PREDICTED), orders)
-        best = np.sort(np.argsort(-worth)[:_PAIRS])
-        judges = likeliest(found)
-        return MoreTrials(subject.name, *(self._fewest(one, people, judges) for one in (same, every.some(best))))
-
-    def _fewest(self, design: StudyDesign, people: Sequence[Predictor], judges: Sequence[Model]) -> Tried:
-        """The fewest trials of those tried that decide, or the most: the middle number first, then upward or downward from it."""
-        tried = cache(partial(self._tried, design, people, judges))
-        return tried(TIMES[bisect_left(TIMES[:-1], True, key=lambda times: tried(times).decided >= ENOUGH)])
-
-    def _tried(self, design: StudyDesign, people: Sequence[Predictor], judges: Sequence[Model], times: float) -> Tried:
-        trials = max(design.n_pairs, round(times * self.subject.total_trials))
-        shared = design.with_total(trials)
-        decided = 0
+    def tried(design: StudyDesign, times: float) -> Tried:
+        shared, decided = design.with_total(max(design.n_pairs, round(times * subject.total_trials))), 0
         for number, one in enumerate(people[:REPETITIONS]):
-            rng = generator(self.seed, self.subject.name, "repetition", number, trials)
-            more = shared.answered(rng.binomial(shared.n_trials, one.yes(*shared.columns)[0]), self.subject.name)
-            decided += judged(_together(self.subject, more), self.seed, self.prior, judges).verdict.effect != "undecided"
-        return Tried(shared, trials, decided)
+            rng = generator(seed, subject.name, "repetition", number, shared.total)
+            more = shared.answered(rng.binomial(shared.n_trials, one.yes(*shared.columns)[0]), subject.name)
+            decided += judged(_together(subject, more), seed, prior, judges).verdict.effect != "undecided"
+        return Tried(shared, shared.total, decided)
+
+    def fewest(design: StudyDesign) -> Tried:
+        """Of those tried that decide, or the most: the middle number first, then upward or downward from it."""
+        by = cache(partial(tried, design))
+        return by(TIMES[bisect_left(TIMES[:-1], True, key=lambda times: by(times).decided >= ENOUGH)])
+
+    return MoreTrials(subject.name, fewest(same), fewest(every.some(best)))
 
 
 def likeliest(found: Weighed) -> list[Model]:

@@ -24,7 +24,7 @@ from bayes_toe.errors import InputError
 from bayes_toe.experiments.conditions import of_update
 from bayes_toe.model.closed_form import MAX_PULL
 from bayes_toe.model.coordinates import NATURAL
-from bayes_toe.model.ladder import ORDERS, model_named, models_of
+from bayes_toe.model.ladder import ORDERS, model_named
 from bayes_toe.model.parts import compose, parts_of
 from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import Prior
@@ -104,12 +104,6 @@ class Observer:
         x = self.point(target)
         q = np.exp(target.realised_answers(rng, x, target.log_answers(x))[0][0])
         return design.answered(rng.binomial(design.n_trials, q), self.name)
-
-
-def plain(task: Task) -> dict[str, Model]:
-    """The plain model of every kind of observers."""
-    known = models_of(task)
-    return dict(zip(ORDERS, (known.symmetric, known.constant_bias, known.update), strict=True))
 
 
 def observers_from(
@@ -280,7 +274,8 @@ def natural_of(values: Mapping[str, float], at: float, task: Task) -> dict[str, 
 
 
 def _of_prior(prior: Prior, middle: float, interval: float, size: int, seed: int, task: Task) -> Iterator[Observer]:
-    for kind, model in plain(task).items():
+    for kind in ORDERS:
+        model = model_of(task, kind, (task.lapses,))
         target = Posterior(nobody(task), model, prior, middle)
         for name in (f"{kind} {number + 1}" for number in range(size)):
             x = target.sample_prior(generator(seed, name, "observer"), 1)

@@ -118,30 +118,9 @@ class Simulations(Table[Row]):
         found = ((key, of) for key, rows in self.groups.items() for of in self._counts(key[2], rows))
         return {(*key, quantity): Counted(*key, quantity, *values) for key, (quantity, values) in found}
 
-    @property
-    def designs(self) -> tuple[str, ...]:
-        """Names of designs."""
-        return tuple(dict.fromkeys(key[0] for key in self.groups))
-
-    @property
-    def trials(self) -> tuple[int, ...]:
-        """Numbers of trials of a subject, in their order."""
-        return tuple(dict.fromkeys(key[1] for key in self.groups))
-
-    @property
-    def kinds(self) -> tuple[str, ...]:
-        """Kinds of observers."""
-        return tuple(dict.fromkeys(key[2] for key in self.groups))
-
-    @property
-    def subjects(self) -> tuple[int, ...]:
-        """Numbers of subjects of a study."""
-        return tuple(dict.fromkeys(key[3] for key in self.groups))
-
-    @property
-    def quantities(self) -> tuple[str, ...]:
-        """What is counted."""
-        return tuple(dict.fromkeys(key[4] for key in self.counted))
+    def different(self, name: str) -> tuple[Any, ...]:
+        """What there is of a field of :class:`Counted`, in its order: designs, numbers of trials, kinds of observers, ..."""
+        return tuple(dict.fromkeys(getattr(one, name) for one in self.counted.values()))
 
     def frame(self) -> pd.DataFrame:
         """The table with the columns of its file: a share or a mean a row, with both ends of the 95 % interval of its Monte Carlo error."""
@@ -212,7 +191,7 @@ class PowerTable(Simulations[DataSet]):
         """What is counted, by (design, trials, kind of observers, quantity)."""
         found = self.counted.get((*key[:3], 1, key[3]))
         if found is None:
-            raise InputError(f"nothing counted for {key!r}; quantities: {listed([repr(name) for name in self.quantities], 20)}")
+            raise InputError(f"nothing counted for {key!r}; quantities: {listed([repr(name) for name in self.different('quantity')], 20)}")
         return found
 
     def _counts(self, kind: str, rows: Sequence[DataSet]) -> Iterator[tuple[str, Estimate]]:
@@ -245,7 +224,7 @@ class PowerTable(Simulations[DataSet]):
         """
         lines = []
         for design, trials in dict.fromkeys(key[:2] for key in self.groups):
-            kinds = [kind for kind in self.kinds if (design, trials, kind, 1) in self.groups]
+            kinds = [kind for kind in self.different("observers") if (design, trials, kind, 1) in self.groups]
             main = UPDATE if UPDATE in kinds else kinds[-1]
             found, right = (self[design, trials, main, what] for what in (FOUND, NAMED))
             whom, wrong = WORDS[main].replace("no order effect", "none"), ""

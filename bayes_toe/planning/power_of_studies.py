@@ -77,7 +77,7 @@ class StudyPower(Simulations[ComparedStudy]):
 
     def sentences(self) -> list[str]:
         """What studies of a mixed population name, else of those who update or the last kind there is, a line a design and trials."""
-        last = [kind for kind in (*ORDERS, MIXED) if kind in self.kinds][-1:]
+        last = [kind for kind in (*ORDERS, MIXED) if kind in self.different("observers")][-1:]
         lines = []
         for design, trials, kind in dict.fromkeys(key[:3] for key in self.groups if key[2] in last):
             what = f"{WORDS[kind]} as the most frequent kind" if kind in WORDS else "the most frequent kind of the mixed population"
@@ -171,7 +171,8 @@ class PopulationPower(Simulations[AnalysedStudy]):
 
     def sentences(self) -> list[str]:
         """How often an order effect of subjects is found on average, and how often one that is not there, a line a design."""
-        main = next((kind for kind in (MIXED, UPDATE) if kind in self.kinds), self.kinds[-1])
+        kinds = self.different("observers")
+        main = next((kind for kind in (MIXED, UPDATE) if kind in kinds), kinds[-1])
         whom = f"subjects with {WORDS[main].replace('no order effect', 'none')}" if main in WORDS else "the mixed population"
         lines = []
         for design, trials in dict.fromkeys(key[:2] for key in self.groups):

@@ -59,12 +59,12 @@ def power_figure(table: PowerTable, populations: PopulationPower | None = None) 
     """
     named = {FOUND: "effect found", NAMED: "kind named"}
     rows = [partial(_draw_shares, table, "trials", named, ("share of observers", "trials of a subject"))]
-    if "update" in table.kinds and any(name.startswith("90 % width") for name in table.quantities):
+    if "update" in table.different("observers") and any(name.startswith("90 % width") for name in table.different("quantity")):
         rows.append(partial(_draw_widths, table))
     if populations is not None:
-        [trials], effects = populations.trials, {FOUND: "effect found on average", PULL: "pull named"}
+        [trials], effects = populations.different("trials"), {FOUND: "effect found on average", PULL: "pull named"}
         rows.append(partial(_draw_shares, populations, "subjects", effects, ("share of studies", f"subjects of {trials:,} trials")))
-    figure = new_figure(PAGE, 2.25 * len(rows) + 0.17 * len(table.designs) * (1 if populations is None else 2))  # of the legend
+    figure = new_figure(PAGE, 2.25 * len(rows) + 0.17 * len(table.different("design")) * (1 if populations is None else 2))  # of the legend
     for part, draw in zip(figure.subfigures(len(rows), 1, squeeze=False).ravel(), rows, strict=True):
         draw(part)
     legend_below(figure, size=LETTERS, columns=2)
@@ -74,14 +74,14 @@ def power_figure(table: PowerTable, populations: PopulationPower | None = None) 
 def _draw_shares(table: PowerTable | PopulationPower, by: str, what: Mapping[str, str], words: tuple[str, str], part: SubFigure) -> None:
     """One panel a kind of observers with the shares of two quantities, solid and dotted, by the number of trials or of subjects."""
     found = {(one.design, one.observers, getattr(one, by), one.quantity): one for one in table.counted.values()}
-    numbers = getattr(table, by)
-    for ax, kind in zip(part.subplots(1, len(table.kinds), sharey=True, squeeze=False)[0], table.kinds, strict=True):
+    numbers, kinds = table.different(by), table.different("observers")
+    for ax, kind in zip(part.subplots(1, len(kinds), sharey=True, squeeze=False)[0], kinds, strict=True):
         lines = [
             [
                 (f"{label}, {plain(design)}", style, [found[design, kind, number, quantity] for number in numbers])
                 for (quantity, label), style in zip(what.items(), "-:", strict=True)
             ]
-            for design in table.designs
+            for design in table.different("design")
         ]
         _draw_lines(ax, numbers, lines)
         ax.set(ylim=(-0.04, 1.04), ylabel=words[0], xlabel=words[1])
@@ -90,9 +90,10 @@ def _draw_shares(table: PowerTable | PopulationPower, by: str, what: Mapping[str
 
 
 def _draw_widths(table: PowerTable, part: SubFigure) -> None:
+    trials, designs = table.different("trials"), table.different("design")
     for ax, quantity in zip(part.subplots(1, len(WIDTHS)), WIDTHS, strict=True):
-        found = [[table[design, n, "update", f"90 % width of {quantity}"] for n in table.trials] for design in table.designs]
-        _draw_lines(ax, table.trials, [[("", "-", rows)] for rows in found])
+        found = [[table[design, n, "update", f"90 % width of {quantity}"] for n in trials] for design in designs]
+        _draw_lines(ax, trials, [[("", "-", rows)] for rows in found])
         ax.set(ylabel=f"90 % interval of {quantity}", xlabel="trials of a subject", yscale="log")
         ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 1.5, 2.0, 3.0, 5.0, 7.0)))
         ax.yaxis.set_major_formatter(FormatStrFormatter("%g"))
@@ -159,11 +160,12 @@ def _draw_pairs(ax: Axes, found: OptimalDesign) -> None:
 def _draw_compared(ax: Axes, found: OptimalDesign) -> None:
     names = list(found.candidates)
     table, trials = found.power, found.design.total
-    for index, kind in enumerate(table.kinds):
+    kinds = table.different("observers")
+    for index, kind in enumerate(kinds):
         label, colour, marker = _KINDS[kind]
         for quantity, filled in ((NAMED, True), (WRONG, False)):
             rows = [table[name, trials, kind, quantity] for name in names]
-            y = np.arange(len(names)) + 0.24 * (index - 0.5 * (len(table.kinds) - 1)) + (0.0 if filled else 0.09)
+            y = np.arange(len(names)) + 0.24 * (index - 0.5 * (len(kinds) - 1)) + (0.0 if filled else 0.09)
             x = np.array([row.value for row in rows])
             errors = np.array([[row.value - row.low, row.high - row.value] for row in rows]).T if filled else None
             look: dict[str, Any] = {"mfc": colour, "ms": 4.5, "label": label} if filled else {"mfc": "white", "ms": 3.0}
