@@ -98,7 +98,7 @@ def test_readme_is_short():
     assert [line for line in lines if len(line) > 140] == []
 
 
-def test_programs_of_the_readme_run(tmp_path):
+def test_programs_of_the_readme_run(tmp_path, three_models):
     grouped_csv(tmp_path / "study.csv", few_pairs(["S01"]))
     known = {}
     with chdir(tmp_path):

@@ -87,7 +87,7 @@ def test_damaged_numbers_of_draws_are_refused(analysis, tmp_path):
     with h5py.File(path) as file:
         chunks = [(one.byte_offset, one.size) for one in (file[f"posterior/{name}"].id.get_chunk_info(0) for name in ("mu1", "q0"))]
 
-    @FUZZ
+    @settings(FUZZ, max_examples=FUZZ.max_examples // 4)
     @given(st.sampled_from(chunks), st.floats(0.0, 0.99), st.binary(min_size=1, max_size=64))
     def look(chunk, place, other):
         first = chunk[0] + int(place * (chunk[1] - 64))

@@ -16,11 +16,14 @@ def folder(tmp_path_factory):
     ("words", "outputs"),
     [
         (["check", "study.csv"], []),
-        (["run", "study.csv", "-o", "results", "--draws", 400], ["results/report.html", "results/evidence.csv", "results/posterior.nc"]),
+        (
+            ["run", "study.csv", "-o", "results", "--pictures", "none", "--draws", 400],
+            ["results/report.html", "results/evidence.csv", "results/posterior.nc"],
+        ),
         (["sample", "study.csv", "-o", "other.nc", "--model", "constant error", "--draws", 400], ["other.nc"]),
         (["evidence", "study.csv", "-o", "evidence.csv"], ["evidence.csv"]),
         (["compare", "study.csv", "-o", "compare.csv", "--model", "update", "--model", "none", "--draws", 400], ["compare.csv"]),
-        (["population", "study.csv", "-o", "population.nc", "--draws", 100], ["population.nc", "population.csv"]),
+        (["population", "study.csv", "-o", "population.nc", "--model", "symmetric", "--draws", 20], ["population.nc", "population.csv"]),
         (["asymmetry", "study.csv", "-o", "asymmetry.csv"], ["asymmetry.csv"]),
         (["fit", "study.csv", "-o", "fit.csv", "--replicates", 200], ["fit.csv"]),
         (["explore", "results/posterior.nc", "-o", "explorer.html"], ["explorer.html"]),
@@ -30,7 +33,7 @@ def folder(tmp_path_factory):
     ],
     ids=lambda value: value[0] if value and "." not in value[0] else "",
 )
-def test_the_column(folder, words, outputs):
+def test_the_column(folder, three_models, words, outputs):
     seeded = words[0] in {"run", "sample", "evidence", "compare", "population", "fit"}
     done = inside(*words, *(["--seed", 1] if seeded else []), cwd=folder)
     assert done.returncode in {0, 3}, done.stdout + done.stderr

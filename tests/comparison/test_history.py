@@ -61,14 +61,6 @@ def test_a_history_is_told_of_who_has_one(table):
     assert table.sentence().startswith("answers follow them, of 2 subjects: yes 1, ")
 
 
-def test_a_history_is_known_within_its_interval():
-    one, target, x = observer("known", "contraction + carry-over", 3, trials=1500, **CARRIED)
-    found = bt.sample(bt.Study([one]), model="contraction + carry-over", draws=500, seed=1, workers=1).summary().set_index("parameter")
-    for name, true in CARRIED.items():
-        assert found.q05[name] - 0.02 <= true <= found.q95[name] + 0.02, name
-    assert target.log_density(x)[0] > -np.inf
-
-
 def test_the_verdict_says_that_answers_seem_to_depend_on_the_trial_before(study):
     said, _ = verdict(study["carries"], bt.Prior(mu1_mean="stimuli", mu1_sd="stimuli"), 1)
     assert said.history_p < MISFIT
@@ -87,11 +79,15 @@ def test_the_check_is_even_where_the_model_is_true():
     assert sum(p < 0.05 for p in found) <= 7
 
 
-def test_draws_of_a_history_come_back_from_a_file_with_their_trials(study, tmp_path):
-    draws = bt.sample(study, model="update + carry-over", draws=200, seed=1, workers=1)
+def test_a_history_is_known_within_its_interval_and_comes_back_from_a_file_with_its_trials(study, tmp_path):
+    """Five intervals of 99.8 %: a false alarm in 100 such studies."""
+    draws = bt.sample(study.select("carries"), model="contraction + carry-over", draws=200, seed=1, workers=1)
+    for name, true in CARRIED.items():
+        low, high = np.quantile(draws.values("carries", name), [0.001, 0.999])
+        assert low < true < high, name
     draws.save(tmp_path / "posterior.nc")
+    x = draws.points("carries")[0]
     for back in (bt.load(tmp_path / "posterior.nc"), bt.load(tmp_path / "posterior.nc")["carries"]):
-        x = draws.points("carries")[0]
         assert back.posterior("carries").log_likelihood(x).tolist() == draws.posterior("carries").log_likelihood(x).tolist()
     at_rest = bt.predict(draws, "carries", 0.3, 0.6)
     assert 0.5 < at_rest["mean"].item() < 1.0
@@ -118,32 +114,19 @@ def test_what_takes_pairs_as_independent_says_so(study):
         bt.population(study, model="contraction + carry-over", seed=1)
 
 
-def trial_rows(study):
-    """The study as a table of trials."""
-    parts = []
-    for one in study:
-        answers = one.answers
-        words = np.where(answers.n_yes > 0, "second", "first")
-        parts.append(
-            pd.DataFrame(
-                {
-                    "subject": one.name,
-                    "trial": np.arange(len(words)) + 1,
-                    "s1": answers.keys[:, 0],
-                    "s2": answers.keys[:, 1],
-                    "response": words,
-                }
-            )
-        )
-    return pd.concat(parts)
+def trial_rows(one):
+    """A subject as a table of trials."""
+    keys, yes = one.answers.keys.T, one.answers.n_yes
+    said = np.where(yes > 0, "second", "first")
+    return pd.DataFrame({"subject": one.name, "trial": np.arange(len(yes)) + 1, "s1": keys[0], "s2": keys[1], "response": said})
 
 
 def test_commands_say_and_draw_it(study, tmp_path):
-    trial_rows(study).to_csv(tmp_path / "trials.csv", index=False)
+    trial_rows(study["carries"]).to_csv(tmp_path / "trials.csv", index=False)
     common = ("--seed", "1", "--draws", "100", "--workers", "1")
     done = inside("compare", "trials.csv", "--history", "-o", "compare.csv", *common, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert "trials before: answers follow them, of 2 subjects: yes 1" in " ".join(done.stdout.split())
+    assert "trials before: answers follow them, of 1 subject: yes 1" in " ".join(done.stdout.split())
     found = pd.read_csv(tmp_path / "compare_history.csv").set_index("subject")
     assert found.depends["carries"] == "yes"
     assert (tmp_path / "compare_history.png").stat().st_size > 10_000

@@ -1,77 +1,27 @@
-"""One declaration of a prior: a number added in one place shows up everywhere; general families against mpmath and SciPy; contraction."""
+"""The prior: quantiles and draws, general families against mpmath and SciPy, shares at their ends, contraction."""
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from typing import ClassVar
 
 import mpmath
 import numpy as np
 import pytest
-from definitions import natural
 from scipy import stats
-from scipy.special import betaln, expit, gammainc, gammaincc, gammaincinv, gammaln
+from scipy.special import betaln, expit
 
 import bayes_toe as bt
 from bayes_toe.classical.maximum_likelihood import fit_counts
 from bayes_toe.cli.options import prior_help
-from bayes_toe.inference.adaptation import fit_proposal
-from bayes_toe.inference.evidence import importance_evidence
 from bayes_toe.model.coordinates import quantities
 from bayes_toe.model.distributions import Beta, HalfNormal, LogNormal, Normal, Uniform
-from bayes_toe.model.free_frequencies import frequency_evidence
 from bayes_toe.model.parameters import Logit
 from bayes_toe.model.parts import composition
-from bayes_toe.model.prior import Prior, example_file, log_density_of_noise_ratio, prior_quantile, read_prior
-from bayes_toe.model.prior_fields import PriorFields, prior_field
+from bayes_toe.model.prior import Prior, log_density_of_noise_ratio, prior_quantile
 from bayes_toe.model.target import contraction
 
 SBAR = 0.2
 
 
-@dataclass(frozen=True)
-class Chi:
-    """Length of a normal vector with `shape` components; with one of them half-normal."""
-
-    scale: float
-    shape: float
-
-    @property
-    def spread(self):
-        mean = np.sqrt(2.0) * np.exp(gammaln((self.shape + 1) / 2) - gammaln(self.shape / 2))
-        return self.scale * float(np.sqrt(self.shape - mean**2))
-
-    def log_density(self, x):
-        constant = (1 - self.shape / 2) * np.log(2.0) - gammaln(self.shape / 2) - self.shape * np.log(self.scale)
-        return constant + (self.shape - 1) * np.log(x) - (x / self.scale) ** 2 / 2
-
-    def slope(self, x):
-        return (self.shape - 1) / x - x / self.scale**2
-
-    def cdf(self, x):
-        return gammainc(self.shape / 2, (x / self.scale) ** 2 / 2)
-
-    def sf(self, x):
-        return gammaincc(self.shape / 2, (x / self.scale) ** 2 / 2)
-
-    def quantile(self, p):
-        return self.scale * np.sqrt(2 * gammaincinv(self.shape / 2, p))
-
-    def sample(self, rng, size):
-        return self.scale * np.sqrt(2 * rng.standard_gamma(self.shape / 2, size))
-
-    def describe(self):
-        return f"Chi({self.scale:g}, {self.shape:g})"
-
-
-@dataclass(frozen=True)
-class ChiPrior(Prior):
-    """The one place: a number, and the family that takes it."""
-
-    sigma_p_shape: float = prior_field(2.0, parameter="sigma_p", kind="shape", words="degrees of freedom of sigma_p", limits=(0.5, 20.0))
-    families: ClassVar = {**Prior.families, "sigma_p": Chi}
-
-
-CHI = ChiPrior(0.4, 2.5, 0.3, sigma_p_shape=3.0)
-PRIORS = [Prior(0.4, 2.5, 0.3), CHI]
 OF_WIDTH = Prior(0.4, 2.5, width_median=0.3, width_sd=0.7, gamma_a=2.0, gamma_b=3.0, q0_a=4.0)
 
 
@@ -79,21 +29,6 @@ def of(prior):
     """Log density of H1's prior and its gradient, with respect to unconstrained coordinates."""
     posterior = bt.model.posterior_of(bt.Subject("S", [SBAR], [SBAR], [3], [5]), prior)
     return posterior.log_prior, posterior.prior_gradient
-
-
-def points(n=12, seed=1):
-    return np.random.default_rng(seed).normal(size=(n, 4)) * [0.5, 2.0, 0.8, 2.0] + [0.1, 0.5, -1.0, 1.0]
-
-
-# --- a number added in one place ------------------------------------------------------------------------------------------------------
-
-
-def test_the_declaration_is_all_that_lists_the_numbers():
-    assert [one.name for one in ChiPrior.declared()] == [one.name for one in fields(ChiPrior)]
-    assert [one.default for one in ChiPrior.declared()][:5] == [0.0, 10.0, 1.0, None, 1.0]
-    assert Prior.declared() == PriorFields.declared() == ChiPrior.declared()[:-1]
-    assert CHI.distribution("sigma_p") == Chi(0.3, 3.0)
-    assert {one.parameter for one in Prior.declared()} == {*CHI.families, "interval"}
 
 
 def test_what_other_models_have():
@@ -107,31 +42,9 @@ def test_what_other_models_have():
     assert [one.name for one in Prior.varied(("offset", "icc"))] == ["offset_sd", "icc_a", "icc_b"]
 
 
-def test_it_is_in_the_description():
-    assert CHI.describe() == "mu1 ~ Normal(0.4, 2.5), sigma_p ~ Chi(0.3, 3), gamma ~ Uniform(0, 1), q0 ~ Uniform(0, 1)"
-
-
-def test_with_one_degree_of_freedom_it_is_the_default_prior():
-    one, x = ChiPrior(0.4, 2.5, 0.3, sigma_p_shape=1.0), points()
-    assert of(one)[0](x) == pytest.approx(of(PRIORS[0])[0](x), rel=1e-12)
-    assert of(one)[1](x) == pytest.approx(of(PRIORS[0])[1](x), rel=1e-10, abs=1e-12)
-    for parameter in ("sigma_p", "sigma_l", "sigma1", "width", "gain"):
-        assert prior_quantile(one, parameter, 0.9) == pytest.approx(prior_quantile(PRIORS[0], parameter, 0.9), rel=1e-9)
-
-
-def test_it_is_in_the_density():
-    x = points()
-    theta = natural(x, SBAR)
-    expected = stats.norm.logpdf(theta.mu1, 0.4, 2.5) + stats.chi.logpdf(theta.sigma_p, 3.0, scale=0.3)
-    volume = np.log(2 * theta.sigma_p**3)
-    assert CHI.log_density_variances(theta) == pytest.approx(expected - volume, rel=1e-12)
-    jacobian = of(PRIORS[0])[0](x) - PRIORS[0].log_density_variances(theta) - volume
-    assert of(CHI)[0](x) == pytest.approx(expected + jacobian, rel=1e-10)
-
-
-@pytest.mark.parametrize("prior", [CHI, OF_WIDTH], ids=["of sigma_p", "of the width"])
+@pytest.mark.parametrize("prior", [Prior(0.4, 2.5, 0.3), OF_WIDTH], ids=["of sigma_p", "of the width"])
 @pytest.mark.parametrize("parameter", ["mu1", "sigma_p", "gamma", "q0", "sigma_l", "sigma1", "width", "gain"])
-def test_it_is_in_draws_quantiles_and_contraction(parameter, prior):
+def test_quantiles_and_contraction_are_those_of_draws(parameter, prior):
     n, p = 200_000, np.array([0.05, 0.5, 0.95])
     drawn = quantities(prior.sample(np.random.default_rng(8), n), SBAR)[parameter]
     limits = [prior_quantile(prior, parameter, one) for one in p]
@@ -141,52 +54,20 @@ def test_it_is_in_draws_quantiles_and_contraction(parameter, prior):
     assert contraction(target, parameter, 0.5 * (limits[0] + middle), 0.5 * (limits[2] + middle)) == pytest.approx(0.75, rel=1e-9)
 
 
-def test_it_is_in_the_prior_file(tmp_path):
-    file = tmp_path / "prior.toml"
-    file.write_text(example_file(ChiPrior), encoding="utf-8")
-    assert "\nsigma_p_shape = 2.0         # degrees of freedom of sigma_p; positive\n" in example_file(ChiPrior)
-    assert read_prior(file, ChiPrior) == ChiPrior()
-    file.write_text("sigma_p_shape = 7", encoding="utf-8")
-    assert read_prior(file, ChiPrior) == ChiPrior(sigma_p_shape=7.0)
-    with pytest.raises(bt.InputError, match="key 'sigma_p_shape': unknown"):
-        read_prior(file)
-    for bad in ("0.4", "21", "nan", "'3'", "true", "1" + "0" * 400):
-        file.write_text(f"sigma_p_shape = {bad}", encoding="utf-8")
-        with pytest.raises(bt.InputError) as caught:
-            read_prior(file, ChiPrior)
-        (line,) = caught.value.problems
-        assert line.startswith(f"{file}: key sigma_p_shape: found "), bad
-        assert line.endswith(", allowed: a number from 0.5 to 20"), bad
-
-
-def test_it_is_in_the_help_text():
-    assert prior_help(ChiPrior).endswith("icc_a, icc_b, answer_bias_sd, reference_interval, sigma_p_shape; see check --prior.")
-
-
-def test_it_is_in_the_sensitivity_scan_and_its_figure(small_study):
-    subject = small_study["B"]
-    table = bt.sensitivity(bt.Study([subject]), prior=CHI, steps=3, reach=2.0, seed=3, workers=1)
-    assert table.varied == ("mu1_sd", "sigma_p_scale", "gamma_a", "gamma_b", "q0_a", "q0_b", "sigma_p_shape", "mu1_mean")
-    rows = table.of("B", "sigma_p_shape")
-    assert [(row.value, row.factor) for row in rows] == [(1.5, 0.5), (3.0, 1.0), (6.0, 2.0)]
-    assert [row.value for row in table.of("B", "mu1_mean")] == pytest.approx([0.4 - 2.5, 0.4, 0.4 + 2.5])
-    for row in (rows[0], rows[2]):
-        estimate = importance_evidence(fit_proposal(bt.model.posterior_of(subject, row.prior), np.random.default_rng(77)))
-        value, error = estimate.value, estimate.se
-        assert abs(row.log_bayes_factor - (value - frequency_evidence(subject))) < 4.5 * np.hypot(row.se, error)
-    ax = bt.plots.sensitivity_figure(table).axes[table.names.index("B")]
-    assert any(text.startswith("shape of sigma_p") for text in ax.get_legend_handles_labels()[1])
+def test_every_declared_number_is_in_the_help_text():
+    assert [one.name for one in Prior.declared()] == [one.name for one in fields(Prior)]
+    assert all(one.name in prior_help(Prior) for one in Prior.declared())
 
 
 def test_what_it_may_not_be():
     for bad in (0.0, -1.0, np.nan, np.inf):
-        with pytest.raises(bt.InputError, match=r"prior: sigma_p_shape=.*, allowed: a positive finite number"):
-            ChiPrior(sigma_p_shape=bad)
+        with pytest.raises(bt.InputError, match=r"prior: sigma_p_scale=.*, allowed: a positive finite number"):
+            Prior(sigma_p_scale=bad)
     with pytest.raises(bt.InputError, match="prior: mu1_mean=nan, allowed: a finite number or 'stimuli'"):
         Prior(mu1_mean=np.nan)
     assert Prior(mu1_mean=-3.0).mu1_mean == -3.0
     with pytest.raises(bt.InputError, match="no distribution of 'sigma_l', allowed: mu1, sigma_p, width, gamma, q0, "):
-        CHI.distribution("sigma_l")
+        Prior().distribution("sigma_l")
     with pytest.raises(bt.InputError, match="no value 'mu1_scale', allowed: mu1_mean, mu1_sd, sigma_p_scale"):
         Prior.declared_as("mu1_scale")
 
@@ -251,7 +132,6 @@ FAMILIES = [
     (HalfNormal(0.7), stats.halfnorm(scale=0.7)),
     (Uniform(), stats.uniform()),
     (Uniform(2.5), stats.uniform(scale=2.5)),
-    (Chi(0.3, 3.0), stats.chi(3.0, scale=0.3)),
     (Beta(1.0, 9.0), stats.beta(1.0, 9.0)),
     (Beta(1.7, 2.5), stats.beta(1.7, 2.5)),
     (LogNormal(2.0, 0.5), stats.lognorm(0.5, scale=2.0)),

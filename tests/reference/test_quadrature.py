@@ -95,7 +95,7 @@ def normal():
 
 @pytest.fixture(scope="module")
 def funnel():
-    return quick(Funnel())
+    return quick(Funnel(), tolerance=1e-3)
 
 
 def test_evidence_of_a_normal_density(normal):
