@@ -165,7 +165,7 @@ def sensitivity(
 
 def say_sensitivity(console: Console, table: SensitivityTable) -> None:
     """One line a subject, the subjects whose conclusion turns marked, and how many they are."""
-    from bayes_toe.comparison.reweighting import RESAMPLED
+    from bayes_toe.comparison.prior_sensitivity import RESAMPLED
     from bayes_toe.comparison.words import STATED
 
     turning = [name for name in table.names if any(table.turns(name, varied) for varied in table.varied)]

@@ -123,19 +123,16 @@ class EvidenceTable(SubjectTable[SubjectEvidence]):
         """
         import pandas as pd
 
-        frame = pd.DataFrame(self._cells(), columns=list(EVIDENCE_COLUMNS))
+        prior = None if self.prior is None else self.prior.describe_orders(self.task)
+        rows = [[prior if key == "prior" else row.cell(key) for key in EVIDENCE_COLUMNS] for row in self.rows]
+        rows += [[{"subject": name, "prior": prior}.get(key) for key in EVIDENCE_COLUMNS] for name in self.failed]
+        frame = pd.DataFrame(rows, columns=list(EVIDENCE_COLUMNS))
         return frame.astype(dict.fromkeys(_COUNTS, "Int64")) if self.failed else frame
 
     @property
     def verdicts(self) -> tuple[Verdict, ...]:
         """Those of its subjects."""
         return tuple(row.verdict for row in self.rows if row.verdict is not None)
-
-    def _cells(self) -> list[list[object]]:
-        prior = None if self.prior is None else self.prior.describe_orders(self.task)
-        rows = [[prior if key == "prior" else row.cell(key) for key in EVIDENCE_COLUMNS] for row in self.rows]
-        of_failed = ({"subject": name, "prior": prior} for name in self.failed)
-        return rows + [[row.get(key) for key in EVIDENCE_COLUMNS] for row in of_failed]
 
 
 def subject_evidence(

@@ -1,6 +1,8 @@
 """How evidence and posteriors depend on the prior: one value of it varied at a time, the weighted draws of one proposal re-used.
 
-Where re-weighting (:mod:`bayes_toe.comparison.reweighting`) does not do, fresh draws are made; the table says which was done.
+Draws x of a fitted proposal g carry log likelihood and log g; under another prior pi' their importance weights are L(x) pi'(x) / g(x),
+exactly, so nothing is sampled again. The largest weights are smoothed (PSIS, Vehtari et al. 2024). Where k-hat exceeds 0.7 or too few draws
+count, a proposal is fitted under that prior and fresh draws are made; the table says which was done.
 
 The prior of H0, one uniform frequency per pair, has no scale to vary: the log Bayes factor moves as the evidence of H1 does.
 """
@@ -11,18 +13,22 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise, product
 from numbers import Integral, Real
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from scipy.special import logsumexp
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.comparison.reweighting import Weighted, reweighted, under
+from bayes_toe.comparison.verdict import log_weights_under
 from bayes_toe.comparison.words import STRONG, conclusion
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.tables import Table
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.errors import InputError, require_kind
+from bayes_toe.inference.adaptation import fit_proposal
+from bayes_toe.inference.diagnostics import smoothed_unnormalised
+from bayes_toe.inference.proposal import TRUSTED_EFFICIENCY, TRUSTED_K, FittedProposal, efficiency
 from bayes_toe.inference.subject import EVIDENCE_DRAWS, Wanted, fitted_result
 from bayes_toe.model.free_frequencies import frequency_evidence
 from bayes_toe.model.ladder import posterior_of
@@ -30,7 +36,7 @@ from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.prior_fields import PriorField
 from bayes_toe.model.study_prior import prior_for
-from bayes_toe.seeds import root_seed
+from bayes_toe.seeds import generator, root_seed
 from bayes_toe.workers import Progress, Workers, run_in_order
 
 if TYPE_CHECKING:
@@ -38,6 +44,10 @@ if TYPE_CHECKING:
 
 
 QUANTILES = {"q05": 0.05, "q50": 0.5, "q95": 0.95}
+#: How draws were made.
+REWEIGHTED, RESAMPLED = "reweighted", "resampled"
+_NUMBERS = ("subject", "varied", "factor", "value", "log_bayes_factor", "se", "pareto_k", "method")
+_ENOUGH = 1000  # effective draws below which re-weighted draws give way to fresh ones
 
 
 def summarised(task: Task = SAME_DIFFERENT) -> tuple[str, ...]:
@@ -47,8 +57,7 @@ def summarised(task: Task = SAME_DIFFERENT) -> tuple[str, ...]:
 
 def sensitivity_columns(task: Task = SAME_DIFFERENT) -> tuple[str, ...]:
     """Columns of sensitivity.csv."""
-    numbers = ("subject", "varied", "factor", "value", "log_bayes_factor", "se", "pareto_k", "method")
-    return (*numbers, *(f"{name}_{key}" for name in summarised(task) for key in QUANTILES), "prior")
+    return (*_NUMBERS, *(f"{name}_{key}" for name in summarised(task) for key in QUANTILES), "prior")
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,7 +158,11 @@ class SensitivityTable(Table[SensitivityRow]):
         """The table with the columns of sensitivity.csv; natural logs and natural-log intensity, empty where a value does not exist."""
         import pandas as pd
 
-        return pd.DataFrame([_cells(row, self.task) for row in self.rows], columns=list(sensitivity_columns(self.task)))
+        rows = [
+            [*(getattr(row, name) for name in _NUMBERS), *row.quantiles.ravel().tolist(), row.prior.describe(self.task)]
+            for row in self.rows
+        ]
+        return pd.DataFrame(rows, columns=list(sensitivity_columns(self.task)))
 
 
 def sensitivity(
@@ -220,11 +233,11 @@ def _one_subject(subject: Subject, middle: Prior, powers: tuple[float, ...], rea
     posterior = posterior_of(subject, middle)
     middle = posterior.prior  # in numbers
     fitted = fitted_result(posterior, seed, Wanted(evidence_draws=EVIDENCE_DRAWS))[1].proposal
-    own = reweighted(fitted, posterior, posterior)
+    own = _reweighted(fitted, middle)
     rows = []
     for varied, power in product(middle.varied(middle.of_h1(subject.task)), powers):
         wanted = posterior_of(subject, moved(middle, varied, power, reach))
-        found = own if wanted.prior == middle else under(fitted, posterior, wanted, seed)
+        found = own if wanted.prior == middle else _under(fitted, wanted, seed)
         rows.append(_row(wanted, varied.name, reach**power if varied.positive else None, found))
     return rows
 
@@ -237,23 +250,52 @@ def moved(prior: Prior, varied: PriorField, power: float, reach: float) -> Prior
     return replace(prior, **changes)
 
 
-def _row(wanted: Posterior, varied: str, factor: float | None, found: Weighted) -> SensitivityRow:
-    name, prior = wanted.subject.name, wanted.prior
-    if not found.trusted:
-        nothing = np.full((len(summarised()), len(QUANTILES)), np.nan)
-        return SensitivityRow(name, varied, factor, prior, None, None, found.pareto_k, found.method, nothing)
-    n = len(found.x)
-    error = float(np.sqrt((1.0 / found.efficiency - 1.0) / n))
-    difference = found.log_evidence - frequency_evidence(wanted.subject)
-    return SensitivityRow(name, varied, factor, prior, difference, error, found.pareto_k, found.method, _quantiles(found, wanted))
+class _Weighted(NamedTuple):
+    """Draws x, their log weights, k-hat and efficiency under some prior, and how they were made."""
+
+    x: FloatArray
+    log_weights: FloatArray
+    pareto_k: float
+    efficiency: float
+    method: str
+
+    @property
+    def trusted(self) -> bool:
+        """Whether averages over the weights can be trusted."""
+        return self.pareto_k <= TRUSTED_K and self.efficiency > TRUSTED_EFFICIENCY
+
+    @property
+    def log_evidence(self) -> float:
+        """Natural log."""
+        return float(logsumexp(self.log_weights) - np.log(len(self.x)))
 
 
-def _quantiles(found: Weighted, posterior: Posterior) -> FloatArray:
-    """Weighted quantiles, shape (5, 3)."""
-    some = np.isfinite(found.log_weights)
-    weights = np.exp(found.log_weights[some] - found.log_weights.max())
-    values, names = posterior.quantities(found.x[some]), summarised(posterior.subject.task)
-    return np.stack([weighted_quantiles(values[name], weights, list(QUANTILES.values())) for name in names])
+def _under(fitted: FittedProposal, wanted: Posterior, seed: int) -> _Weighted:
+    """The draws of a proposal for one posterior under the prior of another one of the same model; fresh ones where those do not do."""
+    old = _reweighted(fitted, wanted.prior)
+    if old.trusted and old.efficiency * len(old.x) >= _ENOUGH:
+        return old
+    rng = generator(seed, wanted.subject.name, wanted.model.name, "sensitivity", wanted.model.describe(wanted.prior))
+    return _reweighted(fit_proposal(wanted, rng), wanted.prior)._replace(method=RESAMPLED)
+
+
+def _reweighted(fitted: FittedProposal, prior: Prior) -> _Weighted:
+    """The draws of a proposal that was fitted to one posterior as draws of the same model's under another prior."""
+    made, k = smoothed_unnormalised(log_weights_under(fitted, prior))
+    return _Weighted(fitted.draws.x, made, k, efficiency(made), REWEIGHTED)
+
+
+def _row(wanted: Posterior, varied: str, factor: float | None, found: _Weighted) -> SensitivityRow:
+    names, difference, error = summarised(wanted.subject.task), None, None
+    quantiles = np.full((len(names), len(QUANTILES)), np.nan)
+    if found.trusted:
+        error = float(np.sqrt((1.0 / found.efficiency - 1.0) / len(found.x)))
+        difference = found.log_evidence - frequency_evidence(wanted.subject)
+        some = np.isfinite(found.log_weights)
+        weights = np.exp(found.log_weights[some] - found.log_weights.max())
+        values = wanted.quantities(found.x[some])
+        quantiles = np.stack([weighted_quantiles(values[name], weights, list(QUANTILES.values())) for name in names])
+    return SensitivityRow(wanted.subject.name, varied, factor, wanted.prior, difference, error, found.pareto_k, found.method, quantiles)
 
 
 def weighted_quantiles(values: FloatArray, weights: FloatArray, probabilities: npt.ArrayLike) -> FloatArray:
@@ -268,14 +310,6 @@ def weighted_quantiles(values: FloatArray, weights: FloatArray, probabilities: n
     share = np.cumsum(weights[order])
     middles = (share - 0.5 * weights[order]) / share[-1]
     return np.asarray(np.interp(np.asarray(probabilities, np.float64), middles, values[order]))
-
-
-# --- words --------------------------------------------------------------------------------------------------------------------------
-
-
-def _cells(row: SensitivityRow, task: Task) -> list[object]:
-    numbers = (row.factor, row.value, row.log_bayes_factor, row.se, row.pareto_k, row.method)
-    return [row.subject, row.varied, *numbers, *row.quantiles.ravel().tolist(), row.prior.describe(task)]
 
 
 def _crossing(first: SensitivityRow, second: SensitivityRow, level: float) -> float | None:
@@ -295,9 +329,9 @@ def _line(table: SensitivityTable, name: str) -> str:
     middle = table.default(name).log_bayes_factor
     start = f"{name}: no log Bayes factor" if middle is None else f"{name}: log Bayes factor {middle:+.2f}, {conclusion(middle)}"
     parts = [part for varied in table.varied for part in _turning(table, name, varied)]
-    firm = [varied for varied in table.varied if not table.turns(name, varied)]
+    firm = [table.of(name, varied) for varied in table.varied if not table.turns(name, varied)]
     if firm:
-        parts.append("does not turn within " + ", ".join(_span(table.of(name, varied)) for varied in firm))
+        parts.append("does not turn within " + ", ".join(f"{of[0].varied} = {of[0].value:.3g}..{of[-1].value:.3g}" for of in firm))
     return "; ".join([start, *parts])
 
 
@@ -312,10 +346,6 @@ def _turning(table: SensitivityTable, name: str, varied: str) -> list[str]:
     if missing := [row.value for row in rows if row.log_bayes_factor is None]:
         words.append(f"no reliable value at {varied} = {_listed(missing)}")
     return words
-
-
-def _span(rows: tuple[SensitivityRow, ...]) -> str:
-    return f"{rows[0].varied} = {rows[0].value:.3g}..{rows[-1].value:.3g}"
 
 
 def _listed(values: tuple[float, ...] | list[float]) -> str:

@@ -35,6 +35,7 @@ from bayes_toe.data.study import Study, Subject
 from bayes_toe.inference.evidence import weighed
 from bayes_toe.inference.prediction import effect_size
 from bayes_toe.inference.predictive_checks import HISTORY_DRAWS, MISFIT, FitSummary, history_p
+from bayes_toe.inference.proposal import FittedProposal
 from bayes_toe.inference.space import SpaceEvidence, space_evidence
 from bayes_toe.inference.subject import weighted_fit
 from bayes_toe.model.history import knows_order
@@ -340,16 +341,23 @@ def _under(found: SpaceEvidence, values: FloatArray, factor: float) -> FloatArra
     other = replace(found.prior, **{name: factor * getattr(found.prior, name) for name in ORDER_SCALES})
     moved, known = values.copy(), np.zeros(len(values), bool)
     for i, one in found.sampled.items():
-        posterior, draws, log_weights = one.fitted.proposal.posterior, one.fitted.draws, one.fitted.draws.log_weights.copy()
-        assert isinstance(posterior, Posterior)
-        some = np.isfinite(log_weights)  # elsewhere the likelihood is 0, or the prior
-        log_weights[some] += posterior.log_prior_under(draws.x[some], other) - draws.log_prior[some]
-        moved[i], known[i] = values[i] + logsumexp(log_weights) - logsumexp(draws.log_weights), True
+        moved[i] += logsumexp(log_weights_under(one.fitted, other)) - logsumexp(one.fitted.draws.log_weights)
+        known[i] = True
     for places in places_by_order(found.models):
         same = np.isin(np.arange(len(values)), places)
         if (same & known).any():
             moved[same & ~known] += (moved - values)[same & known].mean()
     return moved
+
+
+def log_weights_under(fitted: FittedProposal, prior: Prior) -> FloatArray:
+    """Log importance weights of its draws, (draws,), for the same model's posterior under another prior; without sampling again."""
+    posterior, draws, log_weights = fitted.proposal.posterior, fitted.draws, fitted.draws.log_weights.copy()
+    assert isinstance(posterior, Posterior)
+    if prior != posterior.prior:
+        some = np.isfinite(log_weights)  # elsewhere the likelihood or the prior is 0, under any prior
+        log_weights[some] += posterior.log_prior_under(draws.x[some], prior) - draws.log_prior[some]
+    return log_weights
 
 
 def _sizes(found: SpaceEvidence, values: FloatArray) -> tuple[FloatArray, FloatArray]:

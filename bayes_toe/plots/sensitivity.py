@@ -11,8 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bayes_toe.comparison.prior_sensitivity import SensitivityRow, SensitivityTable
-from bayes_toe.comparison.reweighting import REWEIGHTED
+from bayes_toe.comparison.prior_sensitivity import REWEIGHTED, SensitivityRow, SensitivityTable
 from bayes_toe.comparison.words import STRONG
 from bayes_toe.model.prior_fields import STIMULI
 from bayes_toe.plots.style import (

@@ -12,8 +12,7 @@ from scipy.integrate import quad
 from scipy.special import beta
 
 import bayes_toe as bt
-from bayes_toe.comparison.prior_sensitivity import SensitivityRow, SensitivityTable, sensitivity_columns, weighted_quantiles
-from bayes_toe.comparison.reweighting import REWEIGHTED
+from bayes_toe.comparison.prior_sensitivity import REWEIGHTED, SensitivityRow, SensitivityTable, sensitivity_columns, weighted_quantiles
 from bayes_toe.data.conditions import Stimuli
 from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.evidence import importance_evidence
