@@ -134,12 +134,11 @@ class ConditionLikelihood:
 
     def __init__(self, model: Model, prior: Prior, people: Sequence[Subject], differences: Differences, centre: float, copies: int) -> None:
         self._k, self._parts = len(model.group), list[tuple[FloatArray, GroupLikelihood]]()
-        middle = [centre_of(model, one, centre) for one in people]
+        # of a condition alone the mean first stimulus is another one: all stimuli count from that of the subject
+        away = [centre_of(model, one, centre) - centre for one in people]
         for level in differences.conditions.levels:
             aligned = [_aligned(one, differences.units[one.name], level) for one in people]
-            # of a condition alone the mean first stimulus is another one: all stimuli count from that of the subject
-            moved = [one._replace(s1=one.s1 - at + centre, s2=one.s2 - at + centre) for one, at in zip(aligned, middle, strict=True)]
-            part = GroupLikelihood(model, prior, cast("list[Subject]", moved), centre, copies, moved=True)
+            part = GroupLikelihood(model, prior, cast("list[Subject]", aligned), centre, copies, away)
             self._parts.append((differences.at(level, model.group), part))
 
     def __call__(self, eta: FloatArray) -> tuple[FloatArray, FloatArray]:

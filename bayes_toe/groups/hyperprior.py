@@ -37,7 +37,7 @@ from bayes_toe.model.prior_fields import (
 )
 
 #: A number, or the key of :data:`bayes_toe.model.prior_fields.OF_STIMULI` that gives it.
-Default = float | Literal["M", "2.5 R", "0.5/R", "D/2", "log D"]
+Default = float | Literal["M", "2.5 R", "0.5/R", "D/2", "log D", "0.3 D"]
 
 #: The numbers of every group parameter, on its scale.
 NUMBERS: tuple[tuple[str, Kind, str], ...] = (
@@ -125,6 +125,10 @@ _DECLARED = (
     GroupParameter("noise_slope", "slope of the noise, 0 for Weber's law", "identity", 0.0, "0.5/R", "0.5/R", f"1/({LOG_INTENSITY})"),
     GroupParameter("offset", "constant error", "identity", 0.0, "D/2", "D/2", LOG_INTENSITY),
     GroupParameter("peak_slope", "slope of logit q0, 0 for one peak", "identity", 0.0, "0.5/R", "0.5/R", f"1/({LOG_INTENSITY})"),
+    GroupParameter("carry_over", "share of what was felt that is left in the next trial", "probit", 0.0, 1.0, 1.0),
+    GroupParameter("carry_over_tau", "time in which that share falls to a third, seconds", "log", log(5.0), 1.0, 0.7),
+    GroupParameter("half_life", "trials in which a running average forgets half", "log", log(1.5), 1.2, 0.7),
+    GroupParameter("answer_bias", "bias by the answer before", "identity", 0.0, "0.3 D", "0.3 D", LOG_INTENSITY),
 )
 #: Those that a population can be asked for, by name.
 GROUP_PARAMETERS = {one.name: one for one in _DECLARED}

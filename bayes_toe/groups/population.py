@@ -303,7 +303,8 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
     (('offset', 'gain', 'width', 'q0'), True)
     """
     require_study(study)
-    _model(model, study.task)  # refuses a wrong one before any work
+    record = _model(model, study.task)
+    _require_order(study, record)
     if posterior is not None:
         where, given = "posterior" if posterior.file is None else shown(posterior.file), None if prior is None else prior_for(study, prior)
         require_belonging(posterior, where, study=study, prior=given)
@@ -314,7 +315,7 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
     if study.conditions is not None:
         if people is not None or posterior is not None or correlations:
             raise InputError("population: found a condition, allowed without covariates, posterior and correlations; --ignore condition")
-        apart = Differences.of(study.conditions, by_person(study), _model(model, study.task))
+        apart = Differences.of(study.conditions, by_person(study), record)
         study, correlations = study.without_conditions(), False
     with keeping(keep) as kept:
         numbers = prior_for(study, prior), hyperprior_of(hyperprior).for_study(study)
@@ -390,10 +391,16 @@ def _sampled(
     return Population(group, settings, model.group, centre, who, found, own, {**who.left_out, **failed}, rough, apart)
 
 
+def _require_order(study: Study, model: Model) -> None:
+    """Refuse a study of which a model with a history cannot be asked."""
+    if model.by_trial and study.conditions is not None:
+        raise InputError(f"population: found a condition, allowed with a model without history, not {model.name!r}; --ignore condition")
+    for one in study if model.by_trial else ():
+        model.posterior(one)
+
+
 def _model(name: str, task: Task) -> Model:
     found = model_named(name, task)
     if not isinstance(found, Model):
         raise InputError(f"population: model {name!r} has no parameters that subjects share; allowed: a composition of parts")
-    if found.by_trial:
-        raise InputError(f"population: model {name!r} has a history of trials, which is asked of subjects one by one; allowed: one without")
     return found

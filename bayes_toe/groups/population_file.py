@@ -34,7 +34,7 @@ from bayes_toe.groups.hyperprior import GROUP_PARAMETERS, Hyperprior
 from bayes_toe.groups.regressors import Regressor, Regressors
 from bayes_toe.inference.diagnostics import Convergence
 from bayes_toe.inference.draws import Draws, load_draws
-from bayes_toe.inference.draws_file import as_netcdf
+from bayes_toe.inference.draws_file import answers_of, as_netcdf, felt_trials
 from bayes_toe.model.prior import stored_prior
 from bayes_toe.version import library_versions
 
@@ -111,6 +111,7 @@ def _tree(found: Population) -> xr.DataTree:
     coords = {"subject": list(found.study.names), "parameter": list(found.names), "diagnostic": list(Convergence._fields)}
     judged = xr.Dataset({"convergence": (("subject", "parameter", "diagnostic"), found.chains.subject_convergence)}, coords)
     groups = {"/posterior": posterior, "/sample_stats": judged, "/constant_data": _constant(found)}
+    groups |= {"/trials": felt_trials(found.study)} if found.model.by_trial else {}
     tree = xr.DataTree.from_dict(groups | ({"/posterior_predictive": predicted} if predicted.data_vars else {}))
     tree.attrs.update(_attributes(found, whole))
     return tree
@@ -222,7 +223,10 @@ def _population(tree: xr.DataTree) -> Population:
     study, who, settings, names = record["study"], record["regressors"], record["settings"], tuple(record["names"])
     task = task_of(study.pop("task", SAME_DIFFERENT))
     counts = ({"n_yes" if key == SAME_DIFFERENT.count else key: values for key, values in one.items()} for one in study["subjects"])
-    subjects, eta = tuple(Subject(**one, task=task) for one in counts), drawn["eta"].values
+    trials = tree["trials"].to_dataset() if "trials" in tree.children else None
+    answers = (None if trials is None else answers_of(trials, one["name"]) for one in study["subjects"])
+    subjects = tuple(Subject(**one, task=task, answers=own) for one, own in zip(counts, answers, strict=True))
+    eta = drawn["eta"].values
     lead, size = eta.shape[:2], (len(subjects), len(names))
     if eta.shape != (*lead, *size) or constant["alone"].shape[1:] != size:
         raise InputError("its draws are of other subjects")

@@ -7,7 +7,7 @@ the coordinates and starts of chains.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -52,8 +52,8 @@ class GroupLikelihood:
         Of the group, see :func:`centre_of`.
     copies : int
         Points of all subjects in one call.
-    moved : bool
-        Whether stimuli count from the centre already, whatever a subject's own mean is.
+    away : sequence of float, optional
+        How far from the group's centre each subject's own is, natural-log intensity; by default as :func:`centre_of` has it.
 
     Examples
     --------
@@ -64,14 +64,21 @@ class GroupLikelihood:
     ((2, 1), (2, 1, 4))
     """
 
-    def __init__(self, model: Model, prior: Prior, subjects: Sequence[Subject], centre: float, copies: int, *, moved: bool = False) -> None:
-        away = [0.0 if moved else centre_of(model, one, centre) - centre for one in subjects]  # stimuli less a centre are all that counts
-        rows = [replace(one, s1=one.s1 - far, s2=one.s2 - far) if far else one for one, far in zip(subjects, away, strict=True)] * copies
-        size = max(1, _BLOCK // max(one.n_pairs for one in subjects))
+    def __init__(
+        self,
+        model: Model,
+        prior: Prior,
+        subjects: Sequence[Subject],
+        centre: float,
+        copies: int,
+        away: Sequence[float] | None = None,
+    ) -> None:
+        far = [centre_of(model, one, centre) - centre for one in subjects] if away is None else away
+        rows, far = [*subjects] * copies, [*far] * copies  # stimuli less a centre are all that counts
+        size = max(1, _BLOCK // max(one.total_trials if model.by_trial else one.n_pairs for one in subjects))
         interval = 1.0 if prior.reference_interval is None else prior.reference_interval
-        self._blocks = [
-            (slice(i, i + size), crowd_posterior(model, prior, rows[i : i + size], centre, interval)) for i in range(0, len(rows), size)
-        ]
+        blocks = [slice(i, i + size) for i in range(0, len(rows), size)]
+        self._blocks = [(some, crowd_posterior(model, prior, rows[some], centre, interval, far[some])) for some in blocks]
 
     def __call__(self, eta: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Values, (copies, N), and their gradient, (copies, N, k), at eta, (copies, N, k)."""

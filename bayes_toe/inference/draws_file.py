@@ -77,7 +77,7 @@ def assembled_tree(
         }
     )
     if model_named(settings.model, study.task).by_trial:
-        tree["trials"] = xr.DataTree(_trials(study))
+        tree["trials"] = xr.DataTree(felt_trials(study))
     tree.attrs.update(_attributes(study, settings) | ({"failed": json.dumps(dict(failed))} if failed else {}))
     if store is None:
         _fill(values, found)
@@ -130,7 +130,7 @@ def _long(study: Study, key: str) -> xr.Dataset:
     return xr.Dataset({name: ("obs", values) for name, values in columns.items()}, coords).set_coords([*columns][:-1])
 
 
-def _trials(study: Study) -> xr.Dataset:
+def felt_trials(study: Study) -> xr.Dataset:
     """Every trial that was felt, in order: what a model with a history is of."""
     known = [(one.name, require_order(one)) for one in study]
     keys = np.concatenate([answers.keys for _, answers in known])

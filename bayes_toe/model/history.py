@@ -51,7 +51,7 @@ class Trials:
         Where among those felt each is, (longest session, sessions) in rows.
     first, second : array, shape (longest session, sessions, 1)
         Stimuli felt, from mu0; 0 behind the end of a session.
-    seconds, iti : array, shape (longest session, sessions), or None
+    seconds, iti : array, shape (longest session, sessions, 1), or None
         Their inter-stimulus interval; the time from each to the next, infinite where that is not known.
     """
 
@@ -87,8 +87,8 @@ class Trials:
 
         def laid_out(values: FloatArray, rest: float) -> FloatArray:
             """Values of all trials by step and session."""
-            out = np.full(shape, rest)
-            out[step, session] = values
+            out = np.full((*shape, 1), rest)
+            out[step, session, 0] = values
             return out
 
         given = np.flatnonzero(answers.n_trials)
@@ -110,8 +110,8 @@ class Trials:
             np.where(begins, 0.0, before)[given],
             np.where(begins, np.nan, previous)[given],
             (step * shape[1] + session)[given],
-            laid_out(keys[:, 0] - mu0, 0.0)[:, :, None],
-            laid_out(keys[:, 1] - mu0, 0.0)[:, :, None],
+            laid_out(keys[:, 0] - mu0, 0.0),
+            laid_out(keys[:, 1] - mu0, 0.0),
             laid_out(keys[:, 2], float(keys[0, 2])) if timed else None,
             iti,
         )
@@ -119,7 +119,12 @@ class Trials:
     @property
     def n_pairs(self) -> int:
         """Rows of the likelihood, which are trials."""
-        return len(self.s1)
+        return int(self.s1.shape[-1])
+
+    def answered(self, felt: FloatArray) -> FloatArray:
+        """What is known of all trials that were felt, (steps, sessions, points), at those that were answered, (points, trials)."""
+        steps, sessions, points = felt.shape
+        return felt.reshape(steps * sessions, points)[self.at].T
 
     def by_pair(self, log_probability: FloatArray) -> FloatArray:
         """Log of the mean probability of each pair's trials, (points, trials) -> (points, pairs)."""
@@ -242,7 +247,7 @@ class History:
         if self.kind == "carry-over":
             return expit(own), expit(own) * expit(-own)
         assert trials.iti is not None  # required where the posterior was made
-        times = trials.iti[:, :, None] * np.exp(-own)
+        times = trials.iti * np.exp(-own)
         rho = np.exp(-times)
         return rho, np.where(np.isfinite(times), times, 0.0) * rho
 

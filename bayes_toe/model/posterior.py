@@ -120,7 +120,7 @@ class Posterior:
 
     @cached_property
     def _felt_intervals(self) -> tuple[FloatArray, IndexArray] | None:
-        """The same of every trial that was felt, shape (steps, sessions)."""
+        """The same of every trial that was felt, shape (steps, sessions, 1), or of a crowd with a subject for each point."""
         return None if not isinstance(self._rows, Trials) or self._rows.seconds is None else self._placed(self._rows.seconds)
 
     def _placed(self, seconds: FloatArray) -> tuple[FloatArray, IndexArray] | None:
@@ -260,7 +260,7 @@ class Posterior:
         for name, rise in self._expectation_slopes(x, felt):
             yield name, -scales.pull * pull * rise
         if isinstance(self._rows, Trials):
-            yield _ANSWER_BIAS, self._rows.before[None]
+            yield _ANSWER_BIAS, np.atleast_2d(self._rows.before)
 
     # --- What engines ask for -------------------------------------------------------------------------
 
@@ -423,8 +423,9 @@ class Posterior:
         pull, by = self._pull(x)[:, 0] * scale, [(part.coordinate, part.span * expit(a) * expit(-a) * scale)]
         if self._felt_intervals is not None:
             intervals, which = self._felt_intervals
-            for name, growth in self._growths(x, (intervals, which.ravel())):
-                by.append((name, pull * growth.pull.T.reshape(*which.shape, -1)))
+            of_points = np.broadcast_to(which.reshape(-1, which.shape[2]).T, (len(x), which.shape[0] * which.shape[1]))
+            for name, growth in self._growths(x, (intervals, of_points)):
+                by.append((name, pull * growth.pull.T.reshape(pull.shape)))
         found = history.slopes(rows, x[:, self._places[history.coordinate]], pull, felt, [rise for _, rise in by])
         return [(name, self._at_trials(rise)) for name, rise in zip((history.coordinate, *(name for name, _ in by)), found, strict=True)]
 
@@ -433,21 +434,18 @@ class Posterior:
         if self._felt_intervals is None:
             return np.ones((1, 1, 1))
         intervals, which = self._felt_intervals
-        return np.moveaxis(self._scales_at(x, intervals).pull[:, which], 0, -1)
+        return np.asarray(self._scales_at(x, intervals).pull[np.arange(len(x)), which])
 
     def _at_trials(self, felt: FloatArray | None) -> FloatArray:
         """What is known of all trials that were felt, at those that were answered, shape (points, trials)."""
-        if felt is None or not isinstance(self._rows, Trials):
-            return _NONE
-        steps, sessions, points = felt.shape
-        return felt.reshape(steps * sessions, points)[self._rows.at].T
+        return _NONE if felt is None or not isinstance(self._rows, Trials) else self._rows.answered(felt)
 
     def _distance(self, pull: FloatArray, scales: Scales, expected: FloatArray, x: FloatArray) -> FloatArray:
         """As :meth:`distance`; in memory points lie next to each other, and so in all that follows from it: of pairs there are a few."""
         s1, s2 = np.atleast_2d(self._rows.s1).T, np.atleast_2d(self._rows.s2).T  # a column, or of a crowd a column a point
         shift = (s2 - s1) + scales.pull.T * (pull.T * (s1 - self.sbar - expected.T) - self._offset(x).T)
         if _ANSWER_BIAS in self._places and isinstance(self._rows, Trials):
-            shift = shift + x[:, self._places[_ANSWER_BIAS]] * self._rows.before[:, None]
+            shift = shift + x[:, self._places[_ANSWER_BIAS]] * np.atleast_2d(self._rows.before).T
         with np.errstate(over="ignore", invalid="ignore"):  # a width below the smallest float leaves only exact equality at distance 0
             h = self._per_width(x, scales).T
             return (shift * h if np.isfinite(h).all() else np.where(shift == 0.0, 0.0, shift * h)).T

@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from commands import inside
+from populations import made_up
 
 import bayes_toe as bt
 from bayes_toe.comparison.history import HISTORY_COLUMNS
@@ -13,9 +14,12 @@ from bayes_toe.comparison.verdict import verdict
 from bayes_toe.data.answers import Answers
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import WHICH_STRONGER
+from bayes_toe.groups.predictive_check import predictive_check
+from bayes_toe.groups.subjects import GroupLikelihood
 from bayes_toe.inference.predictive_checks import MISFIT, history_p
 from bayes_toe.model.ladder import posterior_of
 from bayes_toe.model.prior import DEFAULT
+from bayes_toe.records import packed
 
 CARRIED = {"offset": 0.02, "pull": 0.4, "width": 0.25, "lapse_rate": 0.03, "carry_over": 0.9}
 
@@ -110,8 +114,6 @@ def test_what_takes_pairs_as_independent_says_so(study):
     assert carried.checks.elpd_loo_trial is None
     assert static.checks.elpd_loo_trial is not None
     assert "leave-one-out withheld: answers depend on the trials before" in carried.notes
-    with pytest.raises(bt.InputError, match="has a history of trials, which is asked of subjects one by one"):
-        bt.population(study, model="contraction + carry-over", seed=1)
 
 
 def trial_rows(one):
@@ -119,6 +121,25 @@ def trial_rows(one):
     keys, yes = one.answers.keys.T, one.answers.n_yes
     said = np.where(yes > 0, "second", "first")
     return pd.DataFrame({"subject": one.name, "trial": np.arange(len(yes)) + 1, "s1": keys[0], "s2": keys[1], "response": said})
+
+
+def test_a_group_is_of_trials_and_comes_back_with_them(study, tmp_path):
+    found = made_up(study, model="contraction + no lapses + carry-over")
+    assert found.names == ("offset", "pull", "width", "carry_over")
+    again = bt.load(found.save(tmp_path / "population.nc"))
+    assert packed(again.table.rows) == packed(found.table.rows)
+    eta = found.chains.eta[0, :2]
+    value, _ = GroupLikelihood(found.model, found.settings.prior, found.study.subjects, found.centre, 2)(eta)
+    targets = [again.posterior(one.name) for one in again.study]
+    alone = [[of.log_likelihood(of.from_group(at[None, i])[0])[0] for i, of in enumerate(targets)] for at in eta]
+    np.testing.assert_allclose(value, alone)
+    assert all(0.0 < one.p_value <= 1.0 for one in predictive_check(again, groups=20).statistics)
+
+
+def test_a_group_needs_the_order_of_everybody_and_one_condition(study):
+    unordered = replace(study["relaxes"], answers=None)
+    with pytest.raises(bt.InputError, match="subject 'relaxes': a model with a history needs the order of trials, found none"):
+        bt.population(bt.Study([study["carries"], unordered]), model="contraction + carry-over", seed=1)
 
 
 def test_commands_say_and_draw_it(study, tmp_path):

@@ -43,7 +43,7 @@ def test_what_the_stimuli_say_by_hand():
 
 def test_the_unit_of_intensity_changes_nothing():
     here, there = (Hyperprior().for_study(one).numbers(NAMES) for one in (study(), study(4.0, -3.0)))
-    stretch = {"mu1": 4.0, "offset": 4.0, "noise_slope": 0.25, "peak_slope": 0.25}
+    stretch = {"mu1": 4.0, "offset": 4.0, "answer_bias": 4.0, "noise_slope": 0.25, "peak_slope": 0.25}
     factors = np.array([stretch.get(name, 1.0) for name in NAMES])
     shifts = {"mu1": -3.0, "width": np.log(4.0)}
     assert there.mean == pytest.approx(here.mean * factors + [shifts.get(name, 0.0) for name in NAMES])

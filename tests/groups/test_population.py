@@ -36,13 +36,14 @@ def run():
     """A run that is short however the chains mix: what is asked here does not need more."""
 
     def short(study=STUDY, **more):
-        return population(study, **{"model": "predictive update", "draws": 40, "seed": 1, "hyperprior": HYPERPRIOR, "workers": 1, **more})
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(chains, "LIMIT", 1)
+            patch.setattr(chains, "MOST", 8)
+            patch.setattr(Hamiltonian.warm_up, "__defaults__", ((20, 30),))
+            common = {"model": "predictive update", "draws": 40, "seed": 1, "hyperprior": HYPERPRIOR, "workers": 1}
+            return population(study, **common | more)
 
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(chains, "LIMIT", 1)
-        patch.setattr(chains, "MOST", 8)
-        patch.setattr(Hamiltonian.warm_up, "__defaults__", ((20, 30),))
-        yield short
+    return short
 
 
 @pytest.fixture(scope="module")

@@ -14,6 +14,7 @@ from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.errors import InputError
 from bayes_toe.model.beliefs import evolve, steady_prior, update
 from bayes_toe.model.closed_form import noise_ratio, pull
+from bayes_toe.model.crowd import crowd_posterior
 from bayes_toe.model.history import Trials, looks_sorted
 from bayes_toe.model.ladder import model_named, posterior_of
 from bayes_toe.model.parts import composition
@@ -224,5 +225,21 @@ def test_trials_know_what_came_before_them():
     assert (trials.s1.tolist(), trials.starts.tolist()) == ([0.0, 0.0, 0.4], [0, 2])
     assert (trials.before.tolist(), trials.at.tolist()) == ([0.0, 0.0, 0.0], [0, 4, 1])
     np.testing.assert_array_equal(trials.previous, [np.nan, 0.1, np.nan])
-    np.testing.assert_array_equal(trials.iti, [[3.0, np.inf], [2.0, np.inf], [np.inf, np.inf]])
+    np.testing.assert_array_equal(trials.iti[..., 0], [[3.0, np.inf], [2.0, np.inf], [np.inf, np.inf]])
     assert expit(trials.by_pair(np.log([[0.2, 0.4, 0.5]]))) == pytest.approx(expit(np.log([[0.3, 0.5]])))
+
+
+@pytest.mark.parametrize("isi", [False, True])
+@pytest.mark.parametrize(("task", "name"), MODELS)
+def test_a_crowd_has_each_subjects_likelihood_gradient_and_answers(task, name, isi):
+    people = [session(seed, 30 + 7 * seed, isi, task, name=str(seed)) for seed in range(1, 4)]
+    model = model_named(name, task)
+    crowd = crowd_posterior(model, DEFAULT, people, 0.1, 1.5, [-0.1, 0.0, 0.0])  # the first one's own centre is elsewhere
+    x = np.random.default_rng(2).normal(0.0, 0.4, (3, len(model.coordinates)))
+    value, gradient = crowd.likelihood_gradient(x)
+    shares = crowd.log_answers(x)[0]
+    for i, one in enumerate(people):
+        alone = replace(model.posterior(one), centre=0.0 if i == 0 else 0.1, interval=1.5)
+        of_one, slopes = alone.likelihood_gradient(x[i : i + 1])
+        np.testing.assert_allclose([value[i], *gradient[i]], [of_one[0], *slopes[0]])
+        np.testing.assert_allclose(shares[i, : one.n_pairs], alone.log_answers(x[i : i + 1])[0][0])
