@@ -5,45 +5,49 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from bayes_toe.cli.headline import legend
+from bayes_toe.cli.headline import legend, p_value
 from bayes_toe.cli.terminal import OUTPUT, chosen, number, once, safe, say, say_footnote, say_note, say_notes, say_table
 from bayes_toe.comparison.history import QUANTITIES
 from bayes_toe.comparison.study_answer import doubts_of, of_new_subject, study_sentence, way_on
 from bayes_toe.comparison.verdict import Verdict
 from bayes_toe.data.messages import counted, named_few
-from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from bayes_toe.comparison.history import HistoryTable
+    from bayes_toe.data.study import Study
 
 
 def say_verdicts(
     console: Console,
     verdicts: Sequence[Verdict],
     seed: int,
+    study: Study,
     file: str = OUTPUT,
     *,
-    synthetic: bool = False,
-    asked: Task = SAME_DIFFERENT,
+    followed: bool = True,
 ) -> None:
-    """The study in a sentence, a new subject of its population, every subject in a row, and a way on where no model describes one."""
+    """The study in a sentence, a new subject of its population, every subject in a row, and a way on where no model describes one.
+
+    `followed`: also whose answers seem to depend on the trial before, where histories are not told.
+    """
     if not verdicts:
         return
-    say(console, f"[bold]answer[/bold]: {safe(study_sentence(verdicts, synthetic=synthetic))}")
-    if new := of_new_subject(verdicts, seed):
+    units = study.conditions is not None
+    say(console, f"[bold]answer[/bold]: {safe(study_sentence(verdicts, synthetic=study.synthetic, units=units))}")
+    if new := of_new_subject(verdicts, seed, units=units):
         say(console, safe(new))
     looked_at = {one.subject for one in verdicts if one.fit == "not described" or one.data}
     of_subject = {one.subject: one for one in verdicts}
     rows = [_cells(of_subject[name]) for name in chosen(of_subject, looked_at)]
     say_table(console, "order effect of every subject", rows, total=len(verdicts), file=file)
-    say_footnote(console, f"{legend(asked)}.")
+    say_footnote(console, f"{legend(study.task)}.")
     say_notes(console, (f"{one.subject}: {doubts_of(one)}" for one in verdicts if one.data), "data", file=file)
     say_notes(console, (f"{one.subject}: {way}" for one in verdicts if (way := way_on(one))), "look", "red", file=file)
-    followed = [one.subject for one in verdicts if one.follows]
-    if followed:
-        how = f"answers of {counted(len(followed), 'subject')} seem to depend on the trial before ({named_few(followed)})"
+    follow = [one.subject for one in verdicts if one.follows]
+    if follow and followed:
+        how = f"answers of {counted(len(follow), 'subject')} seem to depend on the trial before ({named_few(follow)})"
         say_note(console, f"trials before: {how}; compare --history tells")
     say_notes(console, once((one.subject, note) for one in verdicts for note in one.notes))
 
@@ -61,8 +65,7 @@ def say_histories(console: Console, table: HistoryTable, file: str) -> None:
             "median (5 %, 95 %)": f"{QUANTITIES[one.parameter]} {one.q50:.2g} ({one.q05:.2g}, {one.q95:.2g})"
             if one.parameter
             else one.note,
-            "p static": number(one.history_p_static),
-            "p with": number(one.history_p),
+            **{head: "-" if p != p else p_value(p) for head, p in (("p static", one.history_p_static), ("p with", one.history_p))},
         }
         for one in table
     ]

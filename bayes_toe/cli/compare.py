@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,7 +13,7 @@ import typer
 import bayes_toe as bt
 from bayes_toe.cli.options import InTheirPlace, StudyFile, StudyFileOrSaved, rare, writes
 from bayes_toe.cli.task import MODEL, Takes, Task
-from bayes_toe.cli.terminal import MOST_NAMES, chosen, introduce, number, safe, say, say_footnote, say_lines, say_note, say_notes, say_table
+from bayes_toe.cli.terminal import MOST_NAMES, chosen, introduce, number, safe, say, say_footnote, say_more, say_note, say_notes, say_table
 from bayes_toe.data.messages import listed
 
 if TYPE_CHECKING:
@@ -63,15 +65,15 @@ def compare(
     if history:
         with task.progress("histories", len(read)) as tick:
             histories = bt.compare_history(read, prior=prior, seed=table.seed, workers=task.workers, progress=tick)
-    with task.together(*files) as folder:
-        table.save(folder / output.name, **task.saving_of(read))
-        save_figure(comparison_figure(table, synthetic=read.synthetic), folder / files[3].name)
-        if histories is not None:
-            histories.save(folder / of_history.name, **task.saving_of(read))
-            save_figure(bt.plots.history(histories), folder / files[-1].name)
+    saving, figure = task.saving_of(read), partial(save_figure, comparison_figure(table, synthetic=read.synthetic))
+    made: dict[Path, Callable[[Path], object]] = {output: partial(table.save, **saving), picture_beside(output): figure}
+    if histories is not None:
+        made |= {of_history: partial(histories.save, **saving)}
+        made |= {picture_beside(of_history): partial(save_figure, bt.plots.history(histories))}
+    task.write(made, *beside(output))
     failed = {f"{row.subject} ({row.model})": "; ".join(row.notes) for row in table if row.failed}
     task.finish(keep, failed)
-    say_verdicts(task.console, table.verdicts, table.seed, synthetic=read.synthetic, asked=read.task)
+    say_verdicts(task.console, table.verdicts, table.seed, read, followed=histories is None)
     say_comparison(task.console, table)
     if histories is not None:
         say_histories(task.console, histories, of_history.name)
@@ -99,9 +101,8 @@ def contrast(
     read, prior = task.opened(study)
     with task.progress("contrasting", len({one.person for one in read})) as tick:
         table = bt.contrast(read, model=model, seed=task.seed, prior=prior, workers=task.workers, progress=tick, keep=keep)
-    with task.together(*files) as folder:
-        table.save(folder / output.name, **task.saving)
-        save_figure(contrast_figure(table, synthetic=read.synthetic), folder / files[-1].name)
+    figure = contrast_figure(table, synthetic=read.synthetic)
+    task.write({output: partial(table.save, **task.saving), picture_beside(output): partial(save_figure, figure)})
     task.finish(keep, table.failed)
     say_contrast(task.console, table)
     task.say_written("written:", *files, seed=table.seed)
@@ -112,7 +113,7 @@ def say_contrast(console: Console, table: ContrastTable) -> None:
     """Of how many subjects each quantity differs, and every subject in a row for each comparison."""
     from bayes_toe.comparison.contrast import LEGEND
 
-    say(console, f"[bold]answer[/bold]: {safe(table.conditions.about)}")
+    say(console, f"[bold]between conditions[/bold]: {safe(table.conditions.about)}")
     for line in table.sentences():
         say(console, f"  {safe(line)}")
     decided = {row.subject for row in table if row.word.startswith("differs")}
@@ -120,12 +121,16 @@ def say_contrast(console: Console, table: ContrastTable) -> None:
     for name in chosen([one.subject for one in table.subjects], decided):
         for comparison in dict.fromkeys(row.comparison for row in table if row.subject == name):
             own = {row.quantity: row for row in table if (row.subject, row.comparison) == (name, comparison)}
-            shown = {key: f"{row.size} {number(row.bayes_factor)}" for key, row in own.items()}
+            shown = {key: f"{row.size} {_factor(row.bayes_factor)}" for key, row in own.items()}
             rows.append({"subject": name, "comparison": comparison} | shown)
     say_table(console, "differences: medians (5 %, 95 %) if they differ, and the Bayes factor", rows, total=len(rows))
     say_footnote(console, f"{LEGEND}.")
     say_notes(console, (f"{name}: {why}" for name, why in table.left_out.items() if name not in table.failed), "left out")
     say_notes(console, (f"{one.subject}: {note}" for one in table.subjects for note in one.notes))
+
+
+def _factor(value: float | None) -> str:
+    return "-" if value is None else "> 1000" if value > 1000.0 else "< 0.001" if value < 0.001 else f"{value:.2g}"
 
 
 def sensitivity(
@@ -157,9 +162,8 @@ def sensitivity(
     with task.progress("re-weighting", len(read)) as tick:
         table = bt.sensitivity(read, prior=prior, reach=reach, steps=steps, seed=seed, workers=task.workers, progress=tick)
     say_sensitivity(task.console, table)
-    with task.together(*files) as folder:
-        table.save(folder / output.name, **task.saving_of(read))
-        save_figure(sensitivity_figure(table, synthetic=read.synthetic), folder / files[1].name)
+    figure = sensitivity_figure(table, synthetic=read.synthetic)
+    task.write({output: partial(table.save, **task.saving_of(read)), picture_beside(output): partial(save_figure, figure)})
     task.say_written("written:", *files, seed=table.seed)
 
 
@@ -169,7 +173,11 @@ def say_sensitivity(console: Console, table: SensitivityTable) -> None:
     from bayes_toe.comparison.words import STATED
 
     turning = [name for name in table.names if any(table.turns(name, varied) for varied in table.varied)]
-    say_lines(console, ((line, "yellow" if name in turning else None) for name, line in zip(table.names, table.summary(), strict=True)))
+    lines = dict(zip(table.names, table.summary(), strict=True))
+    shown = chosen(lines, turning)
+    for name in shown:
+        say(console, safe(lines[name]), "yellow" if name in turning else None)
+    say_more(console, len(lines) - len(shown))
     anew = sum(row.method == RESAMPLED for row in table)
     tally = f"[bold]{len(turning)} of {len(table.names)}[/bold] conclusions turn within this range"
     say(console, f"{tally}; {anew} of {len(table.rows)} rows sampled anew, the others re-weighted")

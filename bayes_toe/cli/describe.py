@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,7 +13,7 @@ import typer
 import bayes_toe as bt
 from bayes_toe.cli.options import StudyFile, rare, writes
 from bayes_toe.cli.task import MODEL, Takes, Task
-from bayes_toe.cli.terminal import number, safe, say, say_doubts, say_findings, say_note, say_notes, say_prior, say_study, say_table
+from bayes_toe.cli.terminal import introduce, number, safe, say, say_findings, say_note, say_notes, say_study, say_table
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -32,7 +34,7 @@ def check(*, study: StudyFile, task: Annotated[Task, Takes("prior")]) -> None:
 
     prior, read = preset_or_file(task.prior), study.read()  # whatever the stimuli are: what cannot be analysed is said here
     say_study(task.console, read)
-    say_prior(task.console, prior.describe_orders(read.task))
+    say(task.console, f"  prior: {safe(prior.describe_orders(read.task))}")
     share = f"fraction_{read.task.yes}"
     rows = [{**row, share: f"{row[share]:.3f}"} for row in map(described, read)]
     say_table(task.console, "subjects", rows)
@@ -65,14 +67,11 @@ def asymmetry(
     task.require_files(*files)
     people = None if covariates is None else bt.read_covariates(covariates)
     read = study.read()
-    say_study(task.console, read)
-    say_doubts(task.console, read)
+    introduce(task.console, read)
     table = bt.asymmetry(read)
     tests = None if people is None else table.covariate_tests(people)
-    with task.together(*files) as folder:
-        table.save(folder / output.name, **task.saving_of(read))
-        if tests is not None:
-            tests.save(folder / beside.name, **task.saving)
+    made: dict[Path, Callable[[Path], object]] = {output: partial(table.save, **task.saving_of(read))}
+    task.write(made if tests is None else {**made, beside: partial(tests.save, **task.saving)})
     say_asymmetry(task.console, table)
     if tests is not None:
         say_covariates(task.console, tests)
@@ -96,9 +95,7 @@ def fit(
     require_share("level", level)
     task.require_files(output)
     read, prior = task.read(study)
-    say_study(task.console, read)
-    say(task.console, f"  penalty: {prior.describe_penalty()}")
-    say_doubts(task.console, read)
+    introduce(task.console, read, said=f"penalty: {prior.describe_penalty()}")
     with task.progress("fitting", len(read)) as tick:
         table = bt.fit(read, replicates=replicates, level=level, seed=task.seed, prior=prior, workers=task.workers, progress=tick)
     table.save(output, **task.saving_of(read))

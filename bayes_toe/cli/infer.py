@@ -16,15 +16,13 @@ from bayes_toe.cli.terminal import (
     OUTPUT,
     allowed_in_order,
     chosen,
+    introduce,
     number,
     once,
     say,
-    say_doubts,
     say_footnote,
     say_notes,
-    say_prior,
     say_smaller_models,
-    say_study,
     say_table,
 )
 
@@ -75,7 +73,7 @@ def run(
     say_smaller_models(task.console, read)
     with task.progress("sampling", len(read)) as tick:
         analysis = bt.run(read, draws=task.draws, seed=task.seed, prior=prior, workers=task.workers, progress=tick, keep=keep)
-    say_verdicts(task.console, analysis.verdicts, analysis.settings.seed, "evidence.csv", synthetic=read.synthetic, asked=read.task)
+    say_verdicts(task.console, analysis.verdicts, analysis.settings.seed, read, "evidence.csv", followed=analysis.histories is None)
     if analysis.histories is not None:
         say_histories(task.console, analysis.histories, "history.csv")
     say_failed(task.console, analysis.draws)
@@ -129,9 +127,7 @@ def sample(
     keep = task.partial(output)
     read, prior = task.read(study)
     _require_room(task, output, keep, read, prior, model)
-    say_study(task.console, read)
-    say_prior(task.console, model_named(model, read.task).describe(prior))
-    say_doubts(task.console, read, prior)
+    introduce(task.console, read, prior, f"prior: {model_named(model, read.task).describe(prior)}")
     say_smaller_models(task.console, read)
     with task.progress("sampling", len(read)) as tick:
         draws = draw(read, model=model, draws=task.draws, seed=task.seed, prior=prior, workers=task.workers, progress=tick, keep=keep)
@@ -192,7 +188,7 @@ def evidence(
         table = bt.evidence(read, seed=task.seed, prior=prior, workers=task.workers, progress=tick, keep=keep)
     table.save(output, **task.saving_of(read))
     task.finish(keep, table.failed)
-    say_verdicts(task.console, table.verdicts, table.seed or 0, synthetic=read.synthetic, asked=read.task)
+    say_verdicts(task.console, table.verdicts, table.seed or 0, read)
     say_appendix_c(task.console, table)
     undecided = [one.subject for one in table.verdicts if one.effect == "undecided"]
     if more and undecided:

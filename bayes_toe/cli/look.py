@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,7 +11,7 @@ import typer
 
 import bayes_toe as bt
 from bayes_toe.cli.infer import say_draws
-from bayes_toe.cli.options import InTheirPlace, SavedDraws, StudyFileOrExample, rare, writes
+from bayes_toe.cli.options import InTheirPlace, SavedDraws, StudyFileOrExample, TrueValues, rare, writes
 from bayes_toe.cli.task import MODEL, WORKERS, Takes, Task
 from bayes_toe.cli.terminal import introduce, say_notes
 from bayes_toe.data.messages import bare, counted, listed, quoted, shown
@@ -28,9 +28,7 @@ def explore(
     ],
     output: Annotated[Path, writes("FILE", "The page.")] = Path("explorer.html"),
     subject: Annotated[list[str] | None, typer.Option("--subject", help="Only this subject; repeat for more.")] = None,
-    truth: Annotated[
-        Path | None, rare("--truth", metavar="truth.csv", help="True parameters of synthetic subjects, as simulate writes them.")
-    ] = None,
+    truth: TrueValues = None,
     population: Annotated[
         Path | None, typer.Option("--population", metavar="population.nc", help="The group's posterior, to stand behind its subjects.")
     ] = None,
@@ -94,9 +92,7 @@ def corner(
     ] = None,
     coordinates: Annotated[str | None, rare("--coordinates", help="natural (default) or identified.")] = None,
     show_prior: Annotated[bool, typer.Option("--show-prior", help="The prior of the draws, in grey on the diagonal.")] = False,
-    truth: Annotated[
-        Path | None, rare("--truth", metavar="truth.csv", help="Known values: columns subject and mu1, gain, ..., marked.")
-    ] = None,
+    truth: TrueValues = None,
     formats: Annotated[list[str] | None, typer.Option("--format", help="pdf, png or svg; repeat for more. Default: png.")] = None,
     task: Annotated[Task, Takes(*WORKERS)],
 ) -> None:
@@ -104,7 +100,8 @@ def corner(
 
     [bold]Example[/bold]: bayes-toe corner posterior.nc -o corner --subject S01 --subject S04 --parameters gain,mu1 --show-prior
     """
-    from bayes_toe.cli.results_folder import corner_files, opened
+    from bayes_toe.cli.results_folder import opened
+    from bayes_toe.data.tables import file_stems
     from bayes_toe.data.whole_files import whole_folder
     from bayes_toe.inference.draws import load_draws
     from bayes_toe.plots.figure_files import require_formats
@@ -116,8 +113,8 @@ def corner(
         draws.subject(name)  # refuses who is not there
     known = {} if truth is None else read_truth(truth, [draws], chosen)
     look = {"coordinates": _quantities(coordinates, parameters, draws), "prior": draws.prior if show_prior else None}
-    stems = {name: Path(file).stem for name, file in corner_files(draws, chosen).items()}
-    together = subject is not None and len(chosen) > 1
+    every, together = file_stems(draws.names), subject is not None and len(chosen) > 1
+    stems = {name: every[name] for name in chosen}
     pictures = {chosen: "+".join(stems.values())} if together else {(name,): stem for name, stem in stems.items()}
     files = [f"{stem}.{ending}" for stem in pictures.values() for ending in endings]
     task.require_folder(output, files)
@@ -163,9 +160,7 @@ def figures(
     ] = None,
     formats: Annotated[list[str] | None, typer.Option("--format", help="pdf, png or svg; repeat for more. Default: pdf and png.")] = None,
     mass: Annotated[float, rare("--mass", help="Share of the draws in each ellipse of the map, between 0 and 1.")] = 0.2,
-    truth: Annotated[
-        Path | None, rare("--truth", metavar="truth.csv", help="True values, columns subject, mu1, sigma_p: squares in the map.")
-    ] = None,
+    truth: TrueValues = None,
     posterior: InTheirPlace = None,
     task: Annotated[Task, Takes(*MODEL, "draws")],
 ) -> None:
@@ -262,11 +257,10 @@ def methods(
     files = [output, output.with_suffix(".bib"), *tables]
     task.require_files(*files)
     latex = templates("tex").globals["m"]
-    with task.together(*files) as folder:
-        write_text(told, folder / output.name)
-        for table in told.tables:
-            beside = folder / f"{output.stem}_{table.name}.csv"
-            write_table(table.frame, beside, spreadsheet_safe=task.spreadsheet_safe)
-            beside.with_suffix(".tex").write_text(table.written(latex, output.stem) + "\n", encoding="utf-8")
+    made: dict[Path, Callable[[Path], object]] = {output: partial(write_text, told)}
+    for table, file in zip(told.tables, tables[::2], strict=True):
+        made[file] = partial(write_table, table.frame, spreadsheet_safe=task.spreadsheet_safe)
+        made[file.with_suffix(".tex")] = partial(Path.write_text, data=table.written(latex, output.stem) + "\n", encoding="utf-8")
+    task.write(made, output.with_suffix(".bib"))
     say_notes(task.console, told.notes)
     task.say_written("written:", *files)

@@ -263,9 +263,10 @@ def _answer(evidence: pd.DataFrame, draws: Draws) -> dict[str, Any]:
     verdicts = [SavedVerdict.of(row) for row in evidence.to_dict("records")]
     factors = evidence["log_bayes_factor"].dropna()
     ps = {row["subject"]: min(row["predictive_p"], row["deviance_p"]) for row in evidence.to_dict("records")}
+    units = draws.study.conditions is not None
     found = {
-        "sentence": study_sentence(verdicts, synthetic=draws.synthetic),
-        "new": of_new_subject(verdicts, draws.seed).removeprefix("of a new subject, ").partition(": "),
+        "sentence": study_sentence(verdicts, synthetic=draws.synthetic, units=units),
+        "new": of_new_subject(verdicts, draws.seed, units=units).removeprefix("of ").partition(", "),
         "wrong": _each({one.subject: _p(ps[one.subject]) for one in verdicts if one.fit == "not described"}),
         "untold": listed([one.subject for one in verdicts if one.fit == "cannot be told"], _MOST_NAMED),
         "unweighed": listed(evidence["subject"][evidence["log_bayes_factor"].isna()].tolist(), _MOST_NAMED),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from glob import glob
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -52,14 +52,18 @@ Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print problems only.
 
 Store = Annotated[Literal["nc", "zarr"], rare("--store", metavar="nc|zarr", help="Draws as a NetCDF file, or a Zarr store: a folder.")]
 SavedDraws = Annotated[Path, typer.Argument(metavar="posterior.nc|.zarr", help="Draws written by run or sample.")]
+TrueValues = Annotated[
+    Path | None, rare("--truth", metavar="truth.csv", help="Known values to mark, as simulate writes them: columns subject, mu1, gain, ...")
+]
 InTheirPlace = Annotated[
     Path | None,
     typer.Option(
         "--posterior",
         metavar="RESULTS/posterior.nc",
-        help="Draws that run or sample wrote: their study, prior and seed, and no chain is run again. STUDY.csv may be left out.",
+        help="Draws that run or sample wrote: their study, prior and seed; subjects are not sampled again. STUDY.csv may be left out.",
     ),
 ]
+Question = Annotated[str, typer.Option("--task", metavar="same/different|2afc", help="What is asked; 2afc: which is stronger.")]
 ModelName = Annotated[str, typer.Option("--model", help="A model by name or composition: 'update + sloped + both ways'.")]
 
 
@@ -135,21 +139,9 @@ class StudyFileOrExample:
         asked = None if self.question is None else task_of(self.question)
         if not self.files:
             return changed(example_study(asked or "same/different"), self.turn or (), self.leave_out or ())
-        options = ReadOptions(
-            intensity=self.intensity,
-            equal_code=self.equal_code,
-            different_code=self.different_code,
-            second_code=self.second_code,
-            first_code=self.first_code,
-            correct=self.correct,
-            ignore=self.ignore or (),
-            columns={} if self.columns is None else parse_columns(self.columns),
-            where=parse_where(self.where or ()),
-            subject_from=self.subject_from,
-            condition=self.condition,
-            reference=self.reference,
-            categorical=self.named_levels,
-        )
+        given: dict[str, Any] = {one.name: getattr(self, one.name, None) for one in fields(ReadOptions)}
+        given |= {"columns": {} if self.columns is None else parse_columns(self.columns), "where": parse_where(self.where or ())}
+        options = ReadOptions(**given | {"ignore": self.ignore or (), "categorical": self.named_levels})
         # Some shells leave a name with * to us.
         found = [[one] if os.path.exists(one) else sorted(map(Path, glob(str(one)))) or [one] for one in self.files]
         study = read_study([path for paths in found for path in paths], options)

@@ -12,7 +12,7 @@ import typer
 
 import bayes_toe as bt
 from bayes_toe import planning
-from bayes_toe.cli.options import rare, writes
+from bayes_toe.cli.options import Question, rare, writes
 from bayes_toe.cli.task import MODEL, Takes, Task
 from bayes_toe.cli.terminal import safe, say
 from bayes_toe.data.messages import counted, listed, quoted
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 _POWER, _STUDIES, _STOPPING, _POPULATION = "power.csv", "power_subjects.csv", "power_stopping.csv", "power_population.csv"
 _CONDITIONS = "power_conditions.csv"
 _BESIDE = ("power_data_sets.csv", "power.png", "power.pdf")
-Question = Annotated[str, typer.Option("--task", metavar="same/different|2afc", help="What is asked; 2afc: which is stronger.")]
 Observers = Annotated[
     str | None,
     typer.Option("--observers", metavar="population.toml|posterior.nc|prior", help="Whom to plan for; default: those of docs/planning.md."),
@@ -272,11 +271,13 @@ def design(
             workers=task.workers,
             progress=tick,
         )
-    with task.together(*files) as folder:
-        found.design.save(folder / files[0].name)
-        found.power.save(folder / files[1].name, spreadsheet_safe=task.spreadsheet_safe)
-        (folder / files[2].name).write_text(found.text(), encoding="utf-8")
-        bt.plots.save_figure(bt.plots.design_figure(found), folder / files[3].name)
+    written = (
+        found.design.save,
+        partial(found.power.save, spreadsheet_safe=task.spreadsheet_safe),
+        lambda file: file.write_text(found.text(), encoding="utf-8"),
+        partial(bt.plots.save_figure, bt.plots.design_figure(found)),
+    )
+    task.write(dict(zip(files, written, strict=True)))
     for line in found.said():
         say(task.console, safe(line))
     task.say_written("written:", *files, seed=found.seed)

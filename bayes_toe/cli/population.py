@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
 from itertools import compress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,17 +14,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 import bayes_toe as bt
-from bayes_toe.cli.options import StudyFileOrSaved, rare, writes
+from bayes_toe.cli.options import InTheirPlace, StudyFileOrSaved, rare, writes
 from bayes_toe.cli.task import MODEL, Takes, Task
 from bayes_toe.cli.terminal import (
     allowed,
+    introduce,
     safe,
     say,
-    say_doubts,
     say_footnote,
     say_notes,
     say_smaller_models,
-    say_study,
     say_table,
 )
 from bayes_toe.comparison.words import STATED, compared, conclusion
@@ -35,7 +36,6 @@ if TYPE_CHECKING:
     from bayes_toe.comparison.population_answer import OnAverage
     from bayes_toe.groups.population import Population
     from bayes_toe.groups.population_table import PopulationRow
-    from bayes_toe.groups.predictive_check import PredictiveCheck
 
 _HYPERPRIOR = (
     f"A file with sections [{'], ['.join(GROUP_PARAMETERS)}] of any of {', '.join(name for name, _, _ in NUMBERS)}, "
@@ -48,92 +48,80 @@ _SIDES = ("a difference", "no difference")
 _PULLING = ("pull", "gain", "offset")
 
 
-def population(  # noqa: PLR0913  # each is a choice of its own, and has a default
-    *,
-    study: StudyFileOrSaved,
-    output: Annotated[Path, writes("population.nc", "NetCDF file to write; NAME.csv, NAME_subjects.csv, NAME.png beside it.")] = Path(
-        "population.nc"
-    ),
+@dataclass(frozen=True, kw_only=True)
+class GroupOptions:
+    """What may move the subjects of a population, and of which form it is."""
+
     covariates: Annotated[
         Path | None, typer.Option("--covariates", metavar="FILE.csv", help="Columns subject and one per covariate: what may move subjects.")
-    ] = None,
+    ] = None
     categorical: Annotated[
         list[str] | None, rare("--categorical", metavar="NAME", help="A covariate whose numbers name levels; repeat for more.")
-    ] = None,
-    model: Annotated[str, rare("--model", help="A name or a composition; the paper's model is 'predictive update'.")] = "free weighting",
+    ] = None
+    model: Annotated[str, rare("--model", help="A name or a composition; the paper's model is 'predictive update'.")] = "free weighting"
     scatter: Annotated[
         str, rare("--population", metavar="normal|t", help="How subjects scatter; t (4 d.f.) lets single ones be far away.")
-    ] = "normal",
+    ] = "normal"
     correlations: Annotated[
         bool | None,
         rare(
             "--correlations/--no-correlations", help="May parameters be correlated between subjects? By default of 30 with 500 trials each."
         ),
-    ] = None,
-    posterior: Annotated[
-        Path | None,
-        typer.Option(
-            "--posterior",
-            metavar="RESULTS/posterior.nc",
-            help="Draws that run or sample wrote: study, prior and, without --seed, seed are theirs. Where they are of --model, subjects "
-            "are not sampled alone again. The group is sampled, to the same joint posterior.",
-        ),
-    ] = None,
-    hyperprior: Annotated[Path | None, rare("--hyperprior", metavar="FILE.toml", help=_HYPERPRIOR)] = None,
+    ] = None
+    hyperprior: Annotated[Path | None, rare("--hyperprior", metavar="FILE.toml", help=_HYPERPRIOR)] = None
+
+
+def population(
+    *,
+    study: StudyFileOrSaved,
+    output: Annotated[Path, writes("population.nc", "NetCDF file to write; NAME.csv, NAME_subjects.csv, NAME.png beside it.")] = Path(
+        "population.nc"
+    ),
+    asked: GroupOptions,
+    posterior: InTheirPlace = None,
     task: Annotated[Task, Takes(*MODEL, "spreadsheet_safe", "resume", draws=2000)],
 ) -> None:
     """What the subjects of a study have in common, how far they differ, what covariates do, and each subject in the light of the others.
 
     [bold]Example[/bold]: bayes-toe population study.csv -o population.nc --covariates people.csv --seed 1
     """
+    from bayes_toe.groups.population_table import pooled_subjects
     from bayes_toe.groups.predictive_check import predictive_check
 
-    files = _beside(output)
-    task.require_files(*files)
-    if categorical and covariates is None:
-        raise bt.InputError(f"--categorical {categorical[0]}: allowed with --covariates FILE.csv")
+    if output.suffix != ".nc":
+        raise bt.InputError(f"{output}: found the ending {output.suffix!r}, allowed: .nc, for draws; tables and figure go beside it")
+    table, figure, subjects = output.with_suffix(".csv"), output.with_suffix(".png"), output.with_name(f"{output.stem}_subjects.csv")
+    task.require_files(output, table, subjects, figure)
+    if asked.categorical and asked.covariates is None:
+        raise bt.InputError(f"--categorical {asked.categorical[0]}: allowed with --covariates FILE.csv")
     if task.resume and posterior is not None:
         raise bt.InputError("--resume: allowed without --posterior, where subjects are sampled alone")
     keep = task.partial(output) if posterior is None else None
     stored = None if posterior is None else task.saved(posterior, study, None)
     read, prior = task.read(study) if stored is None else (stored.study, stored.prior)
-    say_study(task.console, read)
-    say_doubts(task.console, read)
+    introduce(task.console, read)
     say_smaller_models(task.console, read)
     what = "subjects alone, then the group" if stored is None else "the group"
     with task.progress(what, len(read)) as tick, warnings.catch_warnings():
         warnings.simplefilter("ignore", bt.ConvergenceWarning)  # said below
         found = bt.population(
-            read, covariates=covariates, categorical=tuple(categorical or ()), model=model, draws=task.draws, seed=task.seed, prior=prior,
-            posterior=stored, hyperprior=hyperprior, scatter=scatter, correlations=correlations, workers=task.workers, progress=tick,
-            keep=keep,
+            read, **vars(asked) | {"categorical": tuple(asked.categorical or ())}, draws=task.draws, seed=task.seed, prior=prior,
+            posterior=stored, workers=task.workers, progress=tick, keep=keep,
         )  # fmt: skip
     check = predictive_check(found)
-    _save(task, found, check, files)
+    made: dict[Path, Callable[[Path], object]] = {
+        output: found.save,
+        table: partial(found.table.save, **task.saving),
+        subjects: partial(pooled_subjects(found).save, **task.saving_of(found.study)),
+        figure: partial(bt.plots.save_figure, bt.plots.population_figure(found, check)),
+    }
+    task.write(made)
     failed = {name: reason for name, reason in found.left_out.items() if name not in found.regressors.left_out}
     if keep is not None:
         task.finish(keep, failed)
     say_population(task.console, found, check.warnings)
-    task.say_written("written:", *files, seed=found.settings.seed)
+    task.say_written("written:", *made, seed=found.settings.seed)
     task.leave_unless_whole(failed, {} if found.converged else {"group": found.chains.reason})
-
-
-def _beside(output: Path) -> tuple[Path, ...]:
-    """The draws, the table of the population, that of its subjects, the figure."""
-    if output.suffix != ".nc":
-        raise bt.InputError(f"{output}: found the ending {output.suffix!r}, allowed: .nc, for draws; tables and figure go beside it")
-    return output, output.with_suffix(".csv"), output.with_name(f"{output.stem}_subjects.csv"), output.with_suffix(".png")
-
-
-def _save(task: Task, found: Population, check: PredictiveCheck, files: Sequence[Path]) -> None:
-    from bayes_toe.groups.population_table import pooled_subjects
-
-    with task.together(*files) as folder:
-        draws, table, subjects, figure = (folder / path.name for path in files)
-        found.save(draws, overwrite=task.overwrite)
-        found.table.save(table, **task.saving)
-        pooled_subjects(found).save(subjects, **task.saving_of(found.study))
-        bt.plots.save_figure(bt.plots.population_figure(found, check), figure)
 
 
 def say_population(console: Console, found: Population, contradicted: Sequence[str] = ()) -> None:
@@ -225,19 +213,23 @@ def by_condition(found: Population) -> list[str]:
             if row.p_direction is not None and row.log_bf_differs is not None:
                 word = word_of(row.log_bf_differs)
                 said.append(f"{name} {_interval(own.get(name, row))}, {word} (Bayes factor of no difference {row.of_none})")
-        lines.append(f"[bold]{safe(level)}[/bold] on average: {'; '.join(said)}")
+        lines.append(f"[bold]on average[/bold], {safe(level)}: {'; '.join(said)}")
     return lines
+
+
+def _for_difference(row: PopulationRow) -> float | None:
+    """Nats for a difference, or where a bound alone is known at least so many; a factor may be below the smallest float."""
+    none = row.bf_below if row.bf_no_difference is None else row.bf_no_difference
+    return None if none is None else -math.log(none) if none > 0.0 else math.inf
 
 
 def effect(row: PopulationRow, of: str = "covariate") -> dict[Any, Any]:
     """One effect of a covariate, or of a condition, as a table shows it."""
-    bound, words = row.bf_no_difference is None, conclusion(None)
-    found = row.bf_below if bound else row.bf_no_difference
-    if found is not None and row.of_none != "-":
-        nats = -math.log(found) if found > 0.0 else math.inf  # for a difference; a factor may be below the smallest float
-        words = f"{'at least ' * bound}{conclusion(nats, _SIDES)}"
-    if bound and found is None:
+    bound, nats, words = row.bf_no_difference is None, _for_difference(row), conclusion(None)
+    if nats is None:
         words = "-"
+    elif row.of_none != "-":
+        words = f"{'at least ' * bound}{conclusion(nats, _SIDES)}"
     said = {of: row.level, "on": row.parameter, "effect": _interval(row), "P(sign)": "-" if row.p_direction is None else _sign(row)}
     return {**said, "BF no difference": row.of_none, "evidence": words}
 

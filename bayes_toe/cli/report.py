@@ -21,7 +21,7 @@ from bayes_toe.classical.asymmetry import AsymmetryTable
 from bayes_toe.cli import headline
 from bayes_toe.cli.glossary import anchor, glossary, linked
 from bayes_toe.cli.population import CORRELATED, answer, correlations, effect, naturals, reference, scales
-from bayes_toe.cli.terminal import allowed, allowed_in_order, allowed_quantiles, number
+from bayes_toe.cli.terminal import allowed, allowed_in_order, allowed_quantiles, number, said_subjects
 from bayes_toe.comparison.contrast import LEGEND, ContrastTable
 from bayes_toe.comparison.study_answer import APPENDIX_C, of_new_subject, study_sentence, way_on
 from bayes_toe.comparison.words import STATED, conclusion
@@ -171,8 +171,9 @@ def _context(analysis: Analysis, facts: Facts) -> dict[str, Any]:
         "imprecise": analysis.draws.imprecise,
         "seed": attrs["seed"],
         "sampler": analysis.settings.sampler,
-        "answer": study_sentence(analysis.verdicts, synthetic=study.synthetic),
-        "new_subject": of_new_subject(analysis.verdicts, analysis.settings.seed),
+        "who": said_subjects(study),
+        "answer": study_sentence(analysis.verdicts, synthetic=study.synthetic, units=study.conditions is not None),
+        "new_subject": of_new_subject(analysis.verdicts, analysis.settings.seed, units=study.conditions is not None),
         "reference": f"{prior.reference_interval or 1.0:g} s",
         "intervals": said_intervals(study.intervals) if study.intervals else "",
         "terms": glossary(study.task).terms,
@@ -205,6 +206,7 @@ def _by_condition(table: ContrastTable) -> dict[str, Any]:
     subjects = [(one.subject, table.of_subject(one.subject)) for one in table.subjects]
     return {
         **{"about": table.conditions.about, "sentences": table.sentences(), "model": table.model, "legend": LEGEND},
+        "several": len(table.conditions.comparisons) > 1,
         "subjects": [*subjects, *((name, f"left out: {why}") for name, why in (table.left_out | table.failed).items())],
     }
 

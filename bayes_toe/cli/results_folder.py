@@ -7,14 +7,13 @@ from dataclasses import dataclass, field
 from functools import lru_cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from bayes_toe.analysis import Analysis
 from bayes_toe.classical.asymmetry import AsymmetryTable, subject_asymmetries
 from bayes_toe.cli.headline import flagged
 from bayes_toe.cli.methods import of_analysis, write_text
 from bayes_toe.cli.report import Facts, Group, write_report
-from bayes_toe.comparison.contrast import ContrastTable
 from bayes_toe.comparison.evidence_table import EvidenceTable
 from bayes_toe.data.read_study import Truth
 from bayes_toe.data.study import Study
@@ -40,6 +39,9 @@ from bayes_toe.plots.prior_predictive import prior_predictive_figure
 from bayes_toe.plots.style import LETTERS, legend_below, new_figure
 from bayes_toe.workers import Progress, Workers, of_this_machine, run_in_order
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 Figure = Any  # of matplotlib, which is of another room
 #: What of a group is in a results folder.
 GROUP_PRODUCTS = ("population.csv", "population_subjects.csv", "population.png", "population.nc")
@@ -47,21 +49,11 @@ GROUP_PRODUCTS = ("population.csv", "population_subjects.csv", "population.png",
 CONTRAST_PRODUCTS = ("contrast.csv", "contrast.png")
 #: And of histories, where answers depend on the trial before.
 HISTORY_PRODUCTS = ("history.csv", "history.png")
+ALWAYS = ("summary.csv", "evidence.csv", "report.html", "methods.md", "methods.bib")
 #: What a results folder may hold: draws in one of two ways, the group, corner plots, an explorer, pages of very many subjects.
 PRODUCTS = (
-    "posterior.nc",
-    "posterior.zarr",
-    "summary.csv",
-    "evidence.csv",
-    *CONTRAST_PRODUCTS,
-    *GROUP_PRODUCTS,
-    *HISTORY_PRODUCTS,
-    "corner",
-    "explorer.html",
-    "report.html",
-    "methods.md",
-    "methods.bib",
-    "subjects",
+    *("posterior.nc", "posterior.zarr", *ALWAYS[:2], *CONTRAST_PRODUCTS, *GROUP_PRODUCTS, *HISTORY_PRODUCTS),
+    *("corner", "explorer.html", *ALWAYS[2:], "subjects"),
 )
 #: Whose pictures may be drawn, and about how many bytes a subject that takes: two of them, and both again in the report.
 PICTURE_BYTES = {"all": 400_000, "flagged": 60_000, "none": 20_000}
@@ -140,36 +132,22 @@ def write_results(
     """
     draws, marked = analysis.draws, flagged(analysis.evidence, analysis.draws.not_converged)
     drawn = {"all": draws.names, "flagged": tuple(marked), "none": ()}[pictures.which]
-    files, posterior = corner_files(draws, drawn), f"posterior.{store}"
-    required = [posterior, "summary.csv", "evidence.csv", "methods.md", "methods.bib", "report.html"]
-    required += [f"corner/{name}" for name in files.values()]
-    required += [
-        *(() if analysis.contrast is None else CONTRAST_PRODUCTS),
-        *(() if group is None else GROUP_PRODUCTS),
-        *(() if analysis.histories is None else HISTORY_PRODUCTS),
-        *(["explorer.html"] if pictures.explorer else []),
-    ]
+    stems, posterior = file_stems(draws.names), f"posterior.{store}"
+    parts = {CONTRAST_PRODUCTS: analysis.contrast, GROUP_PRODUCTS: group, HISTORY_PRODUCTS: analysis.histories}
+    required = [posterior, *ALWAYS, *(name for names, part in parts.items() if part is not None for name in names)]
+    required += [f"corner/{stems[name]}.png" for name in drawn] + ["explorer.html"] * pictures.explorer
     with whole_folder(folder, PRODUCTS, required=required, overwrite=overwrite) as new, TemporaryDirectory(dir=new.absolute()) as home:
         target, place = new.absolute(), Path(home)  # absolute, since a worker may be in another folder than this process
         draws.save(target / posterior)
         summary = analysis.summary()
-        units = analysis.study.conditions is not None
-        write_table(summary, target / "summary.csv", spreadsheet_safe=spreadsheet_safe, units=units)
-        analysis.evidence.save(target / "evidence.csv", spreadsheet_safe=spreadsheet_safe, units=units)
-        if analysis.contrast is not None:
-            _write_contrast(analysis.contrast, group, target, spreadsheet_safe=spreadsheet_safe)
-        if analysis.histories is not None:
-            analysis.histories.save(target / "history.csv", spreadsheet_safe=spreadsheet_safe, units=units)
-            (target / "history.png").write_bytes(png(history(analysis.histories), dpi=_DOTS))
-        if group is not None:
-            _write_group(group, target, spreadsheet_safe=spreadsheet_safe)
+        _write_tables(analysis, summary, group, target, spreadsheet_safe=spreadsheet_safe)
         write_text(of_analysis(analysis, None if group is None else group.found, figures=bool(drawn)), target / "methods.md")
         if pictures.explorer:
             found = group.found if group is not None and group.found.settings.model == draws.model else None
             explore(draws, truths=pictures.truth or None, population=found).save(target / "explorer.html")
         asymmetry = AsymmetryTable(subject_asymmetries(analysis.study.subjects), analysis.study.task)
         saved = partial(opened, target / posterior, (target / posterior).stat().st_mtime_ns)
-        curve_files, corner_plots = ({name: at / file for name, file in files.items()} for at in (place / "curves", target / "corner"))
+        curve_files, corner_plots = ({name: at / f"{stems[name]}.png" for name in drawn} for at in (place / "curves", target / "corner"))
         for made in (place / "curves", *([target / "corner"] if drawn else [])):
             made.mkdir()
         jobs = _overviews(analysis, asymmetry, saved, place)
@@ -186,32 +164,31 @@ def write_results(
     return Path(folder)
 
 
-def corner_files(draws: Draws, subjects: tuple[str, ...]) -> dict[str, str]:
-    """File name of each subject's corner plot: safe, and the same whether one subject is drawn or all."""
-    stems = file_stems(draws.names)
-    return {name: f"{stems[name]}.png" for name in subjects}
-
-
 @lru_cache(maxsize=1)
 def opened(posterior: Path, changed: int) -> Draws:
     """A file of draws, which a process opens once for all its jobs; by the time of its last change, since another may get its name."""
     return load_draws(posterior)
 
 
-def _write_contrast(table: ContrastTable, group: Group | None, folder: Path, *, spreadsheet_safe: bool) -> None:
-    """Table and figure, with the group's mean where there is a group."""
-    file, picture = (folder / name for name in CONTRAST_PRODUCTS)
-    table.save(file, spreadsheet_safe=spreadsheet_safe)
-    rows = () if group is None else group.found.table.some("condition_effect")
-    picture.write_bytes(png(contrast_figure(table, {(row.parameter, row.level): (row.q05, row.q50, row.q95) for row in rows})))
-
-
-def _write_group(group: Group, folder: Path, *, spreadsheet_safe: bool) -> None:
-    table, members, picture, draws = (folder / name for name in GROUP_PRODUCTS)
-    group.found.table.save(table, spreadsheet_safe=spreadsheet_safe)
-    pooled_subjects(group.found).save(members, spreadsheet_safe=spreadsheet_safe, units=group.found.study.conditions is not None)
-    picture.write_bytes(png(population_figure(group.found, group.check)))
-    group.found.save(draws)
+def _write_tables(analysis: Analysis, summary: pd.DataFrame, group: Group | None, folder: Path, *, spreadsheet_safe: bool) -> None:
+    """All tables, with the figures and draws that go with those of conditions, of histories and of the group."""
+    study = analysis.study
+    of_units: dict[str, Any] = {"spreadsheet_safe": spreadsheet_safe, "units": study.conditions is not None}
+    write_table(summary, folder / "summary.csv", **of_units)
+    analysis.evidence.save(folder / "evidence.csv", **of_units)
+    if analysis.contrast is not None:
+        analysis.contrast.save(folder / "contrast.csv", spreadsheet_safe=spreadsheet_safe)
+        rows = () if group is None else group.found.table.some("condition_effect")
+        means = {(row.parameter, row.level): (row.q05, row.q50, row.q95) for row in rows}
+        (folder / "contrast.png").write_bytes(png(contrast_figure(analysis.contrast, means, synthetic=study.synthetic)))
+    if analysis.histories is not None:
+        analysis.histories.save(folder / "history.csv", **of_units)
+        (folder / "history.png").write_bytes(png(history(analysis.histories), dpi=_DOTS))
+    if group is not None:
+        group.found.table.save(folder / "population.csv", spreadsheet_safe=spreadsheet_safe)
+        pooled_subjects(group.found).save(folder / "population_subjects.csv", **of_units)
+        (folder / "population.png").write_bytes(png(population_figure(group.found, group.check)))
+        group.found.save(folder / "population.nc")
 
 
 # --- pictures, each drawn wherever there is a worker --------------------------------------------------

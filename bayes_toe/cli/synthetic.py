@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from bayes_toe.cli.options import rare, writes
+from bayes_toe.cli.options import Question, rare, writes
 from bayes_toe.cli.task import Takes, Task
 
 
@@ -37,7 +37,7 @@ class Observers:
             "(natural-log intensity), pull (probit), width (log); after a colon the sd between subjects.",
         ),
     ] = None
-    question: Annotated[str, typer.Option("--task", help="same/different, or 2afc: which of the two is stronger.")] = "same/different"
+    question: Question = "same/different"
 
 
 def simulate(  # each is a choice of its own, and has a default
@@ -71,13 +71,8 @@ def simulate(  # each is a choice of its own, and has a default
     names, known = population_from(observers.population, observers.subjects, seed, pairs, prior=prior, task=asked)
     differing = differing_from(observers.conditions, observers.differ)
     trials = simulate_trials(names, known, pairs, seed, asked, carried=observers.carry_over, missed=observers.missed, differing=differing)
-    with ExitStack() as places:  # one where both files are in one folder
-        folders = {
-            parent: places.enter_context(task.together(*(one for one in files if one.parent == parent)))
-            for parent in {one.parent for one in files}
-        }
-        write_table(trial_frame(trials), folders[output.parent] / output.name, **task.saving)
-        if truth_output is not None:
-            write_table(truth_frame(trials), folders[truth_output.parent] / truth_output.name, **task.saving)
+    frames = dict(zip(files, (trial_frame(trials), truth_frame(trials)), strict=False))
+    for folder in {one.parent for one in files}:
+        task.write({one: partial(write_table, frames[one], **task.saving) for one in files if one.parent == folder})
     total = sum(len(one.yes) for one in trials)
     task.say_written(f"{len(names)} synthetic subjects, {total} trials in", output, ending=f"; seed {seed}")

@@ -188,18 +188,20 @@ class Task:
             if file.resolve() in read:
                 raise InputError(f"{file}: this command reads that file, allowed: another --output, whose files leave it as it is")
 
-    def together(self, *files: Path) -> AbstractContextManager[Path]:
-        """A folder to write files to under their names, which appear all together or not at all."""
+    def write(self, made: Mapping[Path, Callable[[Path], object]], *others: Path) -> None:
+        """Write files of one folder, which appear all together or not at all: each by what writes it, `others` besides by one of those."""
         from bayes_toe.data.whole_files import whole_together
 
-        return whole_together(*files, overwrite=self.overwrite)
+        with whole_together(*made, *others, overwrite=self.overwrite) as folder:
+            for file, make in made.items():
+                make(folder / file.name)
 
     @property
-    def saving(self) -> dict[str, bool]:
+    def saving(self) -> dict[str, Any]:
         """How tables are written."""
         return {"overwrite": self.overwrite, "spreadsheet_safe": self.spreadsheet_safe}
 
-    def saving_of(self, study: Study) -> dict[str, bool]:
+    def saving_of(self, study: Study) -> dict[str, Any]:
         """How tables of subjects are written: with the condition of each, where subjects are units."""
         return {**self.saving, "units": study.conditions is not None}
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from bayes_toe.data.messages import listed, visible
+from bayes_toe.data.messages import counted, listed, visible
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -82,7 +82,7 @@ def say_table(console: Console, title: str, rows: list[dict[Any, Any]], *, total
     for row in shown:
         table.add_row(*map(safe, row.values()))
     console.print(table)
-    _say_more(console, (len(rows) if total is None else total) - len(shown), file)
+    say_more(console, (len(rows) if total is None else total) - len(shown), file)
 
 
 def chosen(names: Iterable[str], first: Collection[str]) -> list[str]:
@@ -97,24 +97,16 @@ def chosen(names: Iterable[str], first: Collection[str]) -> list[str]:
     return found if len(found) <= MOST_ROWS else sorted(found, key=lambda name: name not in first)[:MOST_ROWS]
 
 
-def say_lines(console: Console, lines: Iterable[tuple[str, str | None]], file: str = OUTPUT) -> None:
-    """Lines, each a text, which is escaped, and its style; of more than :data:`MOST_ROWS` so many, those with a style first."""
-    found = list(lines)
-    shown = found if len(found) <= MOST_ROWS else sorted(found, key=lambda line: line[1] is None)[:MOST_ROWS]
-    for text, style in shown:
-        say(console, safe(text), style)
-    _say_more(console, len(found) - len(shown), file)
-
-
 def say_notes(console: Console, texts: Iterable[str], word: str = "note", colour: str = "yellow", *, file: str = OUTPUT) -> None:
     """Notes as :func:`say_note` has them, at most :data:`MOST_NAMES`."""
     found = list(texts)
     for text in found[:MOST_NAMES]:
         say_note(console, text, word, colour)
-    _say_more(console, len(found) - MOST_NAMES, file)
+    say_more(console, len(found) - MOST_NAMES, file)
 
 
-def _say_more(console: Console, left: int, file: str) -> None:
+def say_more(console: Console, left: int, file: str = OUTPUT) -> None:
+    """How many are not shown, if any, and where they are."""
     if left > 0:
         say(console, f"... and {left:,} more in {safe(file)}")
 
@@ -136,39 +128,36 @@ def once(notes: Iterable[tuple[str, str]]) -> list[str]:
 # --- what was read ------------------------------------------------------------------------------------
 
 
-def introduce(console: Console, study: Study, prior: Prior) -> None:
-    """What everything below is about."""
+def introduce(console: Console, study: Study, prior: Prior | None = None, said: str = "") -> None:
+    """What everything below is about, a line `said`, by default the prior, and what is probably a mistake and would stand behind it all."""
+    from bayes_toe.experiments.checks import doubts
+
     say_study(console, study)
-    say_prior(console, prior.describe_orders(study.task))
-    say_doubts(console, study, prior)
+    if prior is not None and not said:
+        said = f"prior: {prior.describe_orders(study.task)}"
+    if said:
+        say(console, f"  {safe(said)}")
+    say_findings(console, doubts(study, prior))
 
 
 def say_study(console: Console, study: Study) -> None:
     """What was read, and what there is to say of it."""
     label = " (synthetic)" if study.synthetic and "synthetic" not in study.source else ""
     trials = sum(subject.total_trials for subject in study)
-    people = len({subject.person for subject in study})
-    among = "" if study.conditions is None else f" in {len(study.conditions.levels)} conditions"
-    say(console, f"[bold]{safe(study.source)}[/bold]{label}: {people} subject{'' if people == 1 else 's'}{among}, {trials} trials")
+    say(console, f"[bold]{safe(study.source)}[/bold]{label}: {said_subjects(study)}, {trials} trials")
     for note in study.notes:
         say(console, f"  {safe(note)}")
 
 
-def say_prior(console: Console, prior: str) -> None:
-    """The prior that everything below depends on."""
-    say(console, f"  prior: {safe(prior)}")
+def said_subjects(study: Study) -> str:
+    """How many there are, and in how many conditions."""
+    among = "" if study.conditions is None else f" in {len(study.conditions.levels)} conditions"
+    return counted(len({subject.person for subject in study}), "subject") + among
 
 
 def say_findings(console: Console, findings: Iterable[Finding], word: str = "warning") -> None:
     """Each message once, with the subjects that it is about."""
     say_notes(console, once((finding.subject, finding.message) for finding in findings), word)
-
-
-def say_doubts(console: Console, study: Study, prior: Prior | None = None) -> None:
-    """What is probably a mistake, and would stand behind everything below."""
-    from bayes_toe.experiments.checks import doubts
-
-    say_findings(console, doubts(study, prior))
 
 
 def say_smaller_models(console: Console, study: Study) -> None:

@@ -13,6 +13,7 @@ from bayes_toe.comparison.random_effects import random_effects
 from bayes_toe.comparison.verdict import Verdict
 from bayes_toe.comparison.words import EFFECTS, KINDS, compared
 from bayes_toe.data.messages import counted, listed
+from bayes_toe.data.validation import AT
 from bayes_toe.inference.predictive_checks import PairFit
 
 #: What one subject does, after a clause that named the order effect, by the word of the effect; before that :data:`EFFECTS` has it.
@@ -59,8 +60,10 @@ class SavedVerdict:
         return "; ".join([EFFECTS[self.effect] + _kinds([self]) + none, *doubts])
 
 
-def study_sentence(verdicts: Sequence[Verdict | SavedVerdict], *, synthetic: bool = False) -> str:
+def study_sentence(verdicts: Sequence[Verdict | SavedVerdict], *, synthetic: bool = False, units: bool = False) -> str:
     """How many subjects have an order effect, of how many no model describes the answers, and whose data are in doubt; one sentence.
+
+    `units` says that each is a subject in one condition.
 
     Examples
     --------
@@ -75,11 +78,13 @@ def study_sentence(verdicts: Sequence[Verdict | SavedVerdict], *, synthetic: boo
     if len(verdicts) == 1:
         return f"{verdicts[0].subject} {verdicts[0].describe()}"
     found = Counter(one.effect for one in verdicts)
-    parts = list[str]()
+    parts, whose = list[str](), f"{'synthetic ' * synthetic}subject"
+    people = len({one.subject.rpartition(AT)[0] for one in verdicts}) if units else 0
+    who = f"{counted(len(verdicts), 'condition')} of {counted(people, whose)}" if units else counted(len(verdicts), whose)
     for word in EFFECTS:
         if not found[word]:
             continue
-        among = f" of {counted(len(verdicts), 'synthetic subject' if synthetic else 'subject')}" if not parts else ""
+        among = f" of {who}" if not parts else ""
         verb = _AGAIN[word] if parts else EFFECTS[word]
         verb = verb.replace("has ", "have ").replace("is ", "are ") if found[word] > 1 else verb
         parts.append(f"{found[word]}{among} {verb}{_kinds([one for one in verdicts if one.effect == word])}")
@@ -87,13 +92,13 @@ def study_sentence(verdicts: Sequence[Verdict | SavedVerdict], *, synthetic: boo
     felt = {how: [one.subject for one in verdicts if one.first_seems == how] for how in ("stronger", "weaker")}
     sides = [f"{how} to {len(whose)} ({listed(whose, _NAMES)})" for how, whose in felt.items() if whose]
     said += [f"by constant errors the first stimulus seems {' and '.join(sides)}"] if sides else []
-    for whose, why in (
+    for named, why in (
         ([one.subject for one in verdicts if one.fit == "not described"], "no model describes the answers of {}"),
         ([one.subject for one in verdicts if one.data], "the data of {} are in doubt"),
         ([one.subject for one in verdicts if one.robust == "no"], "of {} the choice of the prior has a say"),
     ):
-        if whose:
-            said.append(f"{why.format(len(whose))} ({listed(whose, _NAMES)})")
+        if named:
+            said.append(f"{why.format(len(named))} ({listed(named, _NAMES)})")
     return "; ".join(said)
 
 
@@ -114,8 +119,10 @@ def _kinds(some: Sequence[Verdict | SavedVerdict]) -> str:
     return f" ({', '.join(shown)})" if shown else ""
 
 
-def of_new_subject(verdicts: Sequence[Verdict | SavedVerdict], seed: int) -> str:
+def of_new_subject(verdicts: Sequence[Verdict | SavedVerdict], seed: int, *, units: bool = False) -> str:
     """How probable each kind is of a new subject of the population, by random effects; empty with fewer than two subjects.
+
+    With `units`, of a new subject in one condition, those of the same subject taken for others.
 
     Each subject is of one kind, drawn with unknown frequencies. Source: Penny et al. 2010 (PLoS Comput. Biol. 6:e1000709).
     """
@@ -126,7 +133,7 @@ def of_new_subject(verdicts: Sequence[Verdict | SavedVerdict], seed: int) -> str
         found = random_effects(np.log(known), seed=seed)
     said = ("no order effect", "constant error", "pull")
     shares = ", ".join(f"P({word}) {compared(p)}" for word, p in zip(said, found.expected.tolist(), strict=True))
-    return f"of a new subject, by random effects over {len(known)}: {shares}"
+    return f"of a new subject{' in one condition' * units}, by random effects over {len(known)}: {shares}"
 
 
 def way_on(verdict: Verdict) -> str:

@@ -57,6 +57,10 @@ _QUANTITIES = {
     "pse_shift": ("PSE shift", "where the second stimulus seems as strong as the mean first one, from that one"),
     "jnd": ("JND", "just noticeable difference"),
     "icc": ("ICC", "correlation of answers to one pair"),
+    "carry_over": ("carried over", "share of what a trial leaves of an expectation that is there at the next"),
+    "carry_over_tau": ("carried over, τ", "seconds in which that share falls to 0.37"),
+    "half_life": ("half-life", "trials over which half of an expectation is forgotten"),
+    "answer_bias": ("answer before", "shift towards 'second' after an answer 'second'"),
 }
 #: What the width is of a task's curve.
 _WIDTHS = {

@@ -70,9 +70,12 @@ def contrast_figure(table: ContrastTable, group: Group | None = None, *, synthet
         ax.set_xlabel(f"{quantity}, {plain(comparison)} ({_UNITS[quantity]})".replace(" - ", " − "), fontsize=LETTERS)
         ax.tick_params(labelleft=i % len(quantities) == 0)
     made = " (synthetic data)" if synthetic else ""
-    figure.suptitle(f"What differs by {plain(table.conditions.name)}{made}: 5, 50 and 95 % if it differs", fontsize=LETTERS + 1.0)
-    words = {label: mark for ax in panels for mark, label in zip(*ax.get_legend_handles_labels(), strict=True)}
-    figure.legend([*words.values()], [*words], loc="outside lower center", ncols=len(words), frameon=False, fontsize=SMALL)
+    marks = "\nmarks: whether it differs between any of the conditions" if len(comparisons) > 1 else ""
+    figure.suptitle(f"What differs by {plain(table.conditions.name)}{made}: 5, 50 and 95 % if it differs{marks}", fontsize=LETTERS + 1.0)
+    words = {row.word for row in table}
+    for face, colour, label in (mark for word, mark in _MARKS.items() if word in words):
+        panels[0].plot([], [], "o", ms=3.4, mfc=face, mec=colour, mew=0.7, label=label)
+    legend_below(figure, size=SMALL, columns=len(_MARKS))
     return figure
 
 
@@ -85,12 +88,10 @@ def _forest(ax: Axes, rows: Sequence[Difference], subjects: Sequence[str], group
         ax.axvspan(group[0], group[2], color="#BDB3DD", lw=0, label="group's mean (5-50-95 %)")
         ax.axvline(group[1], color=BELIEF, lw=0.9)
     ax.axvline(0.0, color=EQUAL, lw=0.8, ls=":")
-    for word, (face, colour, label) in _MARKS.items():
-        own = [i for i, row in enumerate(shown) if row.word == word]
-        if own:
-            low, middle, high = (np.array([getattr(shown[i], key) for i in own]) for key in ("q05", "q50", "q95"))
-            ax.hlines(y[own], low, high, color=colour, lw=1.0)
-            ax.plot(middle, y[own], "o", ms=3.4, mfc=face, mec=colour, mew=0.7, label=label)
+    faces, colours, _ = zip(*(_MARKS[row.word] for row in shown), strict=True)
+    low, middle, high = np.array([(row.q05, row.q50, row.q95) for row in shown]).T
+    ax.hlines(y, low, high, colors=colours, lw=1.0)
+    ax.scatter(middle, y, 3.4**2, faces, edgecolors=colours, linewidths=0.7, zorder=2)
     ax.set_yticks(y if named else [], [plain(row.subject, 16) for row in shown] if named else [], fontsize=SMALL)
     ax.set_ylim(len(subjects) - 0.4, -0.6)
     ax.locator_params(axis="x", nbins=4)
@@ -120,6 +121,6 @@ def contrast_curves(study: Study, table: ContrastTable, subject: str) -> Figure:
         ax.set_title(f"{plain(table.conditions.name)} {plain(unit.condition)}" + (f"\n{said}" if said else ""), fontsize=LETTERS)
         dress(ax)
     panels[0].set_ylabel(chance(table.task))
-    figure.suptitle(plain(subject), fontsize=LETTERS + 1.0)
-    legend_below(figure)
+    figure.suptitle(plain(subject) + (" (synthetic data)" if study.synthetic else ""), fontsize=LETTERS + 1.0)
+    legend_below(figure, size=LETTERS)
     return figure

@@ -28,6 +28,7 @@ from bayes_toe.inference.draws import Draws
 from bayes_toe.inference.prediction import Predictor
 from bayes_toe.model.free_frequencies import FrequencyPosterior
 from bayes_toe.plots.style import (
+    BANDS,
     EQUAL,
     MARKED,
     ORDERS,
@@ -35,6 +36,7 @@ from bayes_toe.plots.style import (
     SMALL,
     Mark,
     chance,
+    draw_band,
     dress,
     first_panels,
     legend_below,
@@ -48,7 +50,6 @@ CURVE_DRAWS = 600
 #: From the stimuli of pairs, shape (pairs,) each, to P of the answer that is counted, shape (draws, pairs).
 Curve = Callable[[FloatArray, FloatArray], FloatArray]
 _ASIDE = 0.7  # of a mark's size: how far marks of both orders stand beside their stimulus, so that none hides another
-_BANDS = ((0.025, 0.975, 0.15), (0.2, 0.8, 0.35))  # lower and upper quantile, opacity
 #: What panels of answers are drawn over.
 _ALONG = {SAME_DIFFERENT: "stronger stimulus (ln intensity)", WHICH_STRONGER: "$s_2 - s_1$ (ln intensity)"}
 _BEYOND = 2.0  # the default range goes so many times below the shortest and above the longest tested interval
@@ -205,10 +206,10 @@ def order_panel(ax: Axes, counts: Subject, equal: Curve | None, weaker: float, *
     curve, of which the mean is drawn, dashed.
     """
     refuse_intervals([counts], "panel of both orders")
-    bands = _BANDS if counts.task == SAME_DIFFERENT else _BANDS[1:]  # wide ones of many curves would hide each other
+    bands = BANDS if counts.task == SAME_DIFFERENT else BANDS[1:]  # wide ones of many curves would hide each other
     for line in lines_along(counts, weaker, 120):
         if equal is not None:
-            _draw_band(ax, line.x, equal(line.s1, line.s2), line.mark.colour, 0.3 * size, bands)
+            draw_band(ax, line.x, equal(line.s1, line.s2), line.mark.colour, 0.3 * size, bands)
         if beside is not None:
             ax.plot(line.x, beside(line.s1, line.s2).mean(axis=0), color=line.mark.colour, lw=0.25 * size, ls=(0, (3, 2)))
         _draw_points(ax, line.place[line.at], counts, line.at, line.mark, size=size, aside=_ASIDE * line.side * size)
@@ -228,7 +229,7 @@ def _distance_panel(ax: Axes, counts: Subject, fitted: Predictor | None, beside:
     if fitted is not None:
         reach = 1.05 * max(float(np.abs(z).max()), 1.43)
         x = np.linspace(-reach, reach, 200)
-        _draw_band(ax, x, fitted.yes_at_distance(x), "#333333")
+        draw_band(ax, x, fitted.yes_at_distance(x), "#333333")
     for order, mark in ORDERS.items():
         at = presentation_order(counts) == order
         if at.any():
@@ -279,15 +280,6 @@ def _in_order_panel(counts: Subject, weaker: float) -> BoolArray:
     lower, alike = np.minimum(counts.s1, counts.s2), counts.s1 == counts.s2
     weakest = weaker <= _weaker_stimuli(counts).min(initial=np.inf)
     return np.asarray((lower == weaker) | (alike & ((counts.s1 >= weaker) | weakest)))
-
-
-def _draw_band(
-    ax: Axes, x: FloatArray, q: FloatArray, colour: str, line: float = 1.6, bands: Sequence[tuple[float, float, float]] = _BANDS
-) -> None:
-    """Mean over draws (the first axis of q) and bands, by default central 60 % and 95 % ones."""
-    for low, high, opacity in bands:
-        ax.fill_between(x, *np.quantile(q, [low, high], axis=0), color=colour, alpha=opacity, lw=0)
-    ax.plot(x, q.mean(axis=0), color=colour, lw=line)
 
 
 def _draw_points(ax: Axes, x: FloatArray, counts: Subject, at: BoolArray, mark: Mark, *, size: float = 5.5, aside: float = 0.0) -> None:
@@ -343,7 +335,7 @@ def _at(fitted: Predictor, isi: float) -> Curve:
 def _gain_panel(ax: Axes, tested: tuple[float, ...], fitted: Predictor) -> None:
     """Kalman gain over the interval: the weight of the first stimulus; 1 means no order effect. Short bars: tested intervals."""
     x = _dress_intervals(ax, tested)
-    _draw_band(ax, x, fitted.gain(x), POSTERIOR, 1.3)
+    draw_band(ax, x, fitted.gain(x), POSTERIOR, 1.3)
     ax.axhline(1.0, color=EQUAL, lw=0.8, ls=":")
     ax.set(ylabel="gain K", ylim=(min(0.5, ax.get_ylim()[0]), 1.03))
     dress(ax)
@@ -355,7 +347,7 @@ def _pair_panel(ax: Axes, counts: Subject, fitted: Predictor) -> None:
     assert counts.isi is not None
     for order, (s1, s2) in ({-1: (weak, strong), 1: (strong, weak)} if weak < strong else {0: (weak, strong)}).items():
         mark, at = ORDERS[order], (counts.s1 == s1) & (counts.s2 == s2)
-        _draw_band(ax, x, fitted.yes(np.full(len(x), s1), np.full(len(x), s2), x), mark.colour, 1.3)
+        draw_band(ax, x, fitted.yes(np.full(len(x), s1), np.full(len(x), s2), x), mark.colour, 1.3)
         if at.any():
             _draw_points(ax, counts.isi[at], counts, at, mark, size=4.5, aside=1.5 * order)
     about = f"{weak:.3g} and {strong:.3g}" if weak != strong else f"{weak:.3g} twice"

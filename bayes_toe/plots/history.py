@@ -6,19 +6,19 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bayes_toe.arrays import FloatArray
 from bayes_toe.comparison.history import QUANTITIES, HistoryTable, SubjectHistory
 from bayes_toe.comparison.words import compared
 from bayes_toe.errors import InputError
 from bayes_toe.inference.prediction import Predictor
 from bayes_toe.model.history import Trials
-from bayes_toe.plots.style import BELIEF, EQUAL, PAGE, POSTERIOR, SMALL, dress, legend_below, new_figure, plain
+from bayes_toe.plots.style import BELIEF, EQUAL, PAGE, POSTERIOR, SMALL, draw_band, dress, legend_below, new_figure, plain
 
 #: Groups of the trial before, and trials of the session that are drawn.
 _GROUPS, _TRIALS = 5, 80
 #: Subjects that one figure shows.
 MOST_ROWS = 6
 _HIGH = 2.1  # inches of a row
+_BAND = ((0.05, 0.95, 0.25),)
 
 
 def history(table: HistoryTable, *subjects: str) -> Figure:
@@ -68,7 +68,7 @@ def _by_trial_before(ax: Axes, row: SubjectHistory, static: Predictor, best: Pre
     lines = np.stack([(after - expected)[:, some].mean(axis=1) for some in members], axis=1)
     task = best.target.subject.task
     ax.axhline(0.0, color=EQUAL, linestyle="--", linewidth=0.8, label="without history")
-    _band(ax, at, lines, "with history")
+    draw_band(ax, at, lines, POSTERIOR, 1.2, _BAND, "with history")
     ax.errorbar(at, found, error, fmt="o", color="black", markersize=3.5, linewidth=0.8, label="answers, 1 s.e.")
     ax.set(xlabel="mean stimulus of the trial before (ln intensity)", ylabel=f"P({task.yes}) less\nthat without history")
     known = f"{QUANTITIES[row.parameter]} {row.q50:.2g} ({row.q05:.2g}, {row.q95:.2g})"
@@ -87,19 +87,12 @@ def _over_trials(ax: Axes, row: SubjectHistory, best: Predictor) -> None:
     count = rows.stop - rows.start
     mu0, own = float(answers.keys[:, :2].mean()), best.target.quantities(best.x).get("mu1")
     level = np.full(len(best.x), mu0) if own is None else own
-    number = np.arange(1, count + 1)
+    number = np.arange(1.0, count + 1.0)
     middle = answers.keys[rows, :2].mean(axis=1)
     ax.plot(number, middle, ".", color=EQUAL, markersize=2.5, label="mean stimulus of a trial")
     # What is known of mu1 itself moves all trials alike: the band is about its median.
-    _band(ax, number.astype(np.float64), float(np.median(level)) + felt[:count, longest].T, "")
+    draw_band(ax, number, float(np.median(level)) + felt[:count, longest].T, POSTERIOR, 1.2, _BAND)
     ax.axhline(float(np.median(level)), color=BELIEF, linestyle=":", linewidth=0.8, label="at rest")
     ax.set(xlabel="trial of the session", ylabel="expectation\n(ln intensity)", xlim=(0, count + 1))
     ax.set_title(row.best_model, fontsize=SMALL)
     dress(ax)
-
-
-def _band(ax: Axes, at: FloatArray, values: FloatArray, label: str) -> None:
-    """Mean and central 90 % of draws, (draws, n)."""
-    low, high = np.quantile(values, [0.05, 0.95], axis=0)
-    ax.fill_between(at, low, high, color=POSTERIOR, alpha=0.25, linewidth=0)
-    ax.plot(at, values.mean(axis=0), color=POSTERIOR, linewidth=1.2, label=label or None)

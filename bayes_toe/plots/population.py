@@ -33,6 +33,7 @@ from bayes_toe.plots.style import (
     POSTERIOR,
     SMALL,
     chance,
+    draw_band,
     dress,
     even_columns,
     first_panels,
@@ -213,12 +214,10 @@ def new_subject(ax: Axes, found: Population) -> None:
     lines = lines_along(everyone, low, 60)
     few = len(lines) <= len(ORDERS)  # dotted ends of many curves would hide each other
     for line in lines:
-        x, colour, q = line.x, line.mark.colour, equal(line.s1, line.s2)
-        outer, inner, inner_high, outer_high = np.quantile(q, (0.05, 0.25, 0.75, 0.95), axis=0)
-        ax.fill_between(x, inner, inner_high, color=colour, alpha=0.2, lw=0)
-        if few:
-            ax.plot(x, np.stack([outer, outer_high], axis=1), color=colour, lw=0.9, ls=":")  # areas of both orders would hide each other
-        ax.plot(x, q.mean(axis=0), color=colour, lw=1.6)
+        colour, q = line.mark.colour, equal(line.s1, line.s2)
+        draw_band(ax, line.x, q, colour, bands=((0.25, 0.75, 0.2),))
+        if few:  # areas of both orders would hide each other
+            ax.plot(line.x, np.quantile(q, (0.05, 0.95), axis=0).T, color=colour, lw=0.9, ls=":")
     ax.set(yticks=[0.0, 0.5, 1.0], ylabel=chance(study.task))
     at = "" if isi is None else f" at {isi:g} s"
     who = "new subject with covariates of the study" if found.regressors.columns else "new subject"
@@ -304,7 +303,7 @@ def effect_labels(found: Population) -> list[str]:
     if found.differences is None:
         return [column.about for column in found.regressors.columns]
     conditions = found.differences.conditions
-    return [f"{conditions.name} {level} - {reference}" for level, reference in conditions.comparisons]
+    return [f"{conditions.name} {level} − {reference}" for level, reference in conditions.comparisons]
 
 
 def effects_of(found: Population) -> dict[str, FloatArray]:

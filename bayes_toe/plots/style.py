@@ -8,7 +8,7 @@ markers differ too.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, Literal, NamedTuple
 
@@ -33,6 +33,9 @@ SMALL, LETTERS = 7.0, 8.0
 MOST_NAMED, HIGH = 60, 5.6
 #: Quantiles that lines and intervals mark.
 MARKED = (0.05, 0.5, 0.95)
+Band = tuple[float, float, float]
+#: Of fitted curves: lower and upper quantile, opacity.
+BANDS: tuple[Band, ...] = ((0.025, 0.975, 0.15), (0.2, 0.8, 0.35))
 LABELS = {
     "mu1": r"$\mu_1$",
     "sigma_p": r"$\sigma_p$",
@@ -53,6 +56,10 @@ LABELS = {
     "guess_second": "guessed\n'second'",
     "exponent": r"exponent $\nu$",
     "icc": "intra-class\ncorrelation",
+    "carry_over": "carried over",
+    "carry_over_tau": r"carried over, $\tau$ (s)",
+    "half_life": "half-life\n(trials)",
+    "answer_bias": "bias by the\nanswer before",
 }
 
 
@@ -168,6 +175,15 @@ def dress_bar(bar: Colorbar, label: str) -> None:
     bar.set_label(label, fontsize=LETTERS)
     bar.ax.tick_params(labelsize=SMALL, width=0.6, length=2.5)
     bar.outline.set_linewidth(0.6)
+
+
+def draw_band(
+    ax: Axes, x: FloatArray, values: FloatArray, colour: str, line: float = 1.6, bands: Sequence[Band] = BANDS, label: str | None = None
+) -> None:
+    """Mean over draws, the first axis of `values`, and bands between quantiles, by default central 60 % and 95 % ones."""
+    for low, high, opacity in bands:
+        ax.fill_between(x, *np.quantile(values, [low, high], axis=0), color=colour, alpha=opacity, lw=0)
+    ax.plot(x, values.mean(axis=0), color=colour, lw=line, label=label)
 
 
 # --- legends ------------------------------------------------------------------------------------------------------------------------

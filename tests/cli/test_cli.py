@@ -9,7 +9,6 @@ import subprocess
 import sys
 from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -19,7 +18,6 @@ from conftest import grouped_csv
 
 import bayes_toe as bt
 from bayes_toe.classical.fit import subject_fit
-from bayes_toe.cli.results_folder import corner_files
 from bayes_toe.inference.sampling import SamplerSettings
 
 ONE = ("--seed", 1, "--workers", 1)
@@ -202,13 +200,6 @@ def test_sensitivity_writes_table_and_figure_and_says_where_conclusions_turn(fol
 
 
 # --- saved draws -------------------------------------------------------------------------------------------------------------------
-
-
-def test_a_picture_has_one_name_whether_drawn_alone_or_with_others():
-    draws = SimpleNamespace(names=("s01", "S01", "a/b"))
-    every = corner_files(draws, draws.names)
-    assert len({file.lower() for file in every.values()}) == 3
-    assert all(corner_files(draws, [name]) == {name: every[name]} for name in draws.names)
 
 
 def test_corner_of_one_subject_and_of_two_with_prior_and_truth_in_any_quantities(folder, results):

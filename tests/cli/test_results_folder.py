@@ -191,8 +191,12 @@ def test_a_run_has_the_contrast_in_its_folder_report_and_methods(tmp_path):
         assert pd.read_csv(folder / name)[["subject", "condition"]].drop_duplicates().to_numpy().tolist() == [["A", "left"], ["A", "right"]]
     report, methods = ((folder / name).read_text(encoding="utf-8") for name in ("report.html", "methods.md"))
     assert 'id="conditions"' in report
+    assert "1 subject in 2 conditions · is there" in report
+    assert "2 of 2 conditions of 1 subject have an order effect" in report
+    assert "Of a new subject in one condition, by random effects over 2: " in report
+    assert "For a new subject in one condition, by random effects over 2 [@penny2010], P(no order effect) " in " ".join(methods.split())
     assert "constant error, of 1 subject: differs 1" in report
-    assert "right - left: constant error −0." in report
+    assert "right − left: constant error −0." in report
     assert "**Conditions.**" in methods
     assert "1 subject gave 720 judgements" in methods
     write_text(read_methods(folder), again := tmp_path / "methods.md")
