@@ -219,20 +219,17 @@ def _say_parts(console: Console, table: ModelComparison) -> None:
     # The order effect is the answer's, where the whole space was compared; of two levels the second says all.
     shown = [(part, slice(0 if len(part.levels) > 2 else 1, None)) for part in table.parts if not (table.verdicts and part.part == "order")]
     for i, name in enumerate(table.subjects):
-        shares = {" / ".join(part.levels[which]): _shares(part.probability[i][which]) for part, which in shown}
+        shares = {" / ".join(part.levels[which]): " / ".join(map(number, part.probability[i][which])) for part, which in shown}
         found, against = best.get(name, (None, None))
         fit = None if found is None else found.checks.p_predictive
         said = {"best": "-" if found is None else found.model, "less H0": "-" if against is None else f"{against:+.1f}"}
         rows.append({"subject": name, **shares, **said, "fit p": "-" if fit is None else f"{fit:.2g}" + " misfit" * (fit < MISFIT)})
-    if of_study := {" / ".join(part.levels[which]): _shares(part.study[which]) for part, which in shown if part.study is not None}:
+    studied = [(part.levels[which], part.study[which]) for part, which in shown if part.study is not None]
+    if of_study := {" / ".join(levels): " / ".join(map(number, shares)) for levels, shares in studied}:
         rows.append({"subject": STUDY, **of_study, **dict.fromkeys(("best", "less H0", "fit p"), "")})
     say_table(console, "probability of parts; the best model, its log evidence less that of free frequencies (H0), its fit", rows)
     if of_study:
         say(console, f"{STUDY}: of a new subject, by random effects over {table.parts[0].counted} of {len(table.subjects)} subjects")
-
-
-def _shares(probability: Any) -> str:
-    return " / ".join(map(number, probability))
 
 
 def _whose(rows: list[ModelRow], subjects: tuple[str, ...]) -> str:

@@ -87,6 +87,12 @@ def p_value(value: float) -> str:
     return "< 0.001" if value < 0.001 else told(value, [MISFIT], 2 + (value < 0.095) + (value < 0.0095))
 
 
+def said_p(value: float) -> str:
+    """A p-value in a sentence."""
+    shown = p_value(value)
+    return f"p {shown if shown.startswith('<') else f'= {shown}'}"
+
+
 def deviance(fit: FitSummary) -> str:
     """A deviance with its degrees of freedom."""
     return f"{fit.deviance:.1f} ({fit.degrees_of_freedom})"
@@ -94,6 +100,5 @@ def deviance(fit: FitSummary) -> str:
 
 def misfit(fit: FitSummary) -> str:
     """A misfit in one line: how bad, and the worst pairs."""
-    p = p_value(fit.p_overall)
-    size = f"predictive p {p if p.startswith('<') else f'= {p}'}, deviance {fit.deviance:.1f} on {fit.degrees_of_freedom} d.f."
+    size = f"predictive {said_p(fit.p_overall)}, deviance {fit.deviance:.1f} on {fit.degrees_of_freedom} d.f."
     return "; ".join([size, *map(said_pair, fit.worst)])

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 from markupsafe import Markup
 
-from bayes_toe.cli.headline import p_value
+from bayes_toe.cli.headline import said_p
 from bayes_toe.cli.supplement import SupplementTable, fit_table, group_table, order_effect_table, parameter_table, templates
 from bayes_toe.comparison import words as rules
 from bayes_toe.comparison.contrast import PROBABLY, SURELY, sentences
@@ -239,7 +239,7 @@ def _contrast_facts(rows: pd.DataFrame, draws: Draws) -> dict[str, Any]:
     }
 
 
-def _each(reasons: Mapping[str, str]) -> str:
+def _each(reasons: Mapping[Any, object]) -> str:
     return listed([f"{name} ({reason})" for name, reason in reasons.items()], _MOST_NAMED)
 
 
@@ -267,7 +267,7 @@ def _answer(evidence: pd.DataFrame, draws: Draws) -> dict[str, Any]:
     found = {
         "sentence": study_sentence(verdicts, synthetic=draws.synthetic, units=units),
         "new": of_new_subject(verdicts, draws.seed, units=units).removeprefix("of ").partition(", "),
-        "wrong": _each({one.subject: _p(ps[one.subject]) for one in verdicts if one.fit == "not described"}),
+        "wrong": _each({one.subject: said_p(ps[one.subject]) for one in verdicts if one.fit == "not described"}),
         "untold": listed([one.subject for one in verdicts if one.fit == "cannot be told"], _MOST_NAMED),
         "unweighed": listed(evidence["subject"][evidence["log_bayes_factor"].isna()].tolist(), _MOST_NAMED),
         "factors": len(factors),
@@ -280,19 +280,14 @@ def _answer(evidence: pd.DataFrame, draws: Draws) -> dict[str, Any]:
     }
 
 
-def _p(value: float) -> str:
-    said = p_value(value)
-    return f"p {said if said.startswith('<') else f'= {said}'}"
-
-
 def _of_model(draws: Draws) -> dict[str, Any]:
     """Of how many subjects the model of the draws describes the answers, by the rule that all models are judged by."""
     fits = fit_table(draws).frame
-    wrong = fits[fits["fits"] == "no"]
+    wrong = fits[fits["fits"] == "no"].set_index("subject")[["predictive_p", "p_deviance"]].min(axis=1)
     return {
         "judged": int((fits["fits"] != "").sum()),
         "fitting": int((fits["fits"] == "yes").sum()),
-        "wrong": _each({name: _p(p) for name, p in zip(wrong["subject"], wrong[["predictive_p", "p_deviance"]].min(axis=1), strict=True)}),
+        "wrong": _each(wrong.map(said_p).to_dict()),
         "untold": listed(fits["subject"][(fits["fits"] == "") & fits["predictive_p"].notna()].tolist(), _MOST_NAMED),
     }
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass, field, fields
+from functools import partial
 from glob import glob
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -30,9 +31,8 @@ def prior_help(kind: type[PriorFields] = PriorFields) -> str:
     return f"default (scales are those of the stimuli), paper, or a file of any of {names}; see check --prior."
 
 
-def rare(*names: str, **how: Any) -> Any:
-    """An option that few need: help has it in a panel of its own."""
-    return typer.Option(*names, rich_help_panel="Advanced", **how)
+#: An option that few need: help has it in a panel of its own.
+rare: Any = partial(typer.Option, rich_help_panel="Advanced")
 
 
 Seed = Annotated[int | None, typer.Option("--seed", min=0, help="Root seed; without it fresh entropy, printed and stored.")]

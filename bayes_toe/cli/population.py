@@ -43,7 +43,6 @@ _HYPERPRIOR = (
 ).replace("[", r"\[")  # no markup
 _DECIDED = 0.95  # a probability of direction: the interval from 5 to 95 % is on one side of 0
 BAYES_FACTOR = "BF: by how much the answers change the odds of no difference against a difference; below 1 they speak for a difference"
-CORRELATED = "correlations between subjects, mean (5 %, 95 %)"
 _SIDES = ("a difference", "no difference")
 _PULLING = ("pull", "gain", "offset")
 
@@ -128,17 +127,10 @@ def say_population(console: Console, found: Population, contradicted: Sequence[s
     """The answer, tables, what each prior was, and what to know before any of it is believed."""
     for line in answer(found):
         say(console, line)
-    if differing := [effect(row, "comparison") for row in found.table.some("condition_effect")]:
-        say_table(console, "differences between conditions on average, mean (5 %, 95 %)", differing)
-        say_footnote(console, f"{BAYES_FACTOR}. {STATED}.")
-    if effects := [effect(row) for row in found.table.some("effect")]:
-        about = "; ".join(column.about for column in found.regressors.columns)
-        say_table(console, f"effects of covariates, mean (5 %, 95 %): {safe(about)}", effects)
-        say_footnote(console, f"{BAYES_FACTOR}. {STATED}.")
-    say_table(console, f"{found.settings.model}: {len(found.study)} subjects, mean (5 %, 95 %)", scales(found))
-    if together := correlations(found):
-        say_table(console, CORRELATED, together)
-    say_table(console, f"medians (5 %, 95 %){reference(found)}", naturals(found))
+    for title, rows in tables(found):
+        say_table(console, safe(title), rows)
+        if "evidence" in rows[0]:
+            say_footnote(console, f"{BAYES_FACTOR}. {STATED}.")
     for line in found.settings.hyperprior.describe(found.names, correlations=found.settings.correlations):
         say_footnote(console, f"hyperprior: {line}")
     say_notes(console, found.regressors.notes)
@@ -155,18 +147,18 @@ def answer(found: Population) -> list[str]:
     from bayes_toe.comparison.population_answer import on_average
 
     begin, pairs, average = "[bold]order effect of the population[/bold]", found.asymmetries, on_average(found)
-    names = list(found.not_described)
+    names, at = list(found.not_described), safe(_reference(found))
     described = f"the model does not describe {len(names)} of them ({listed(names, 5)})" if names else "the model describes all of them"
     if average is None:
-        means = {row.parameter: _median(row) for row in found.table.some("mean")}
+        means = {row.parameter: _interval(row, "q50") for row in found.table.some("mean")}
         said = ", ".join(f"{name} {means[name]}" for name in _PULLING if name in means)
         lines = [
             _direction(found, f"{begin}, direction"),
-            f"[bold]a subject at the mean[/bold]{reference(found)}: {said}; {safe(described)}",
+            f"[bold]a subject at the mean[/bold]{at}: {said}; {safe(described)}",
         ]
     else:
         who = counted(len(found.study), "subject")
-        lines = [f"{begin}{reference(found)}: {_on_average(found, average)}; {who}, {safe(described)}"]
+        lines = [f"{begin}{at}: {_on_average(found, average)}; {who}, {safe(described)}"]
         lines += [_direction(found, "[bold]direction[/bold]")] if average.has else []
     lines += by_condition(found)
     contrasts = () if pairs is None else compress(found.table.some("asymmetry", pairs.comparisons[0]), pairs.differences)
@@ -223,7 +215,20 @@ def _for_difference(row: PopulationRow) -> float | None:
     return None if none is None else -math.log(none) if none > 0.0 else math.inf
 
 
-def effect(row: PopulationRow, of: str = "covariate") -> dict[Any, Any]:
+def tables(found: Population) -> list[tuple[str, list[dict[Any, Any]]]]:
+    """Differences between conditions, effects of covariates, parameters, correlations, quantities: each with a title, none empty."""
+    about = "; ".join(column.about for column in found.regressors.columns)
+    every = {
+        "differences between conditions on average": [_effect(row, "comparison") for row in found.table.some("condition_effect")],
+        f"effects of covariates ({about})": [_effect(row, "covariate") for row in found.table.some("effect")],
+        f"{found.settings.model}, {len(found.study)} subjects": _scales(found),
+        "correlations between subjects": _correlations(found),
+    }
+    named = [(f"{title}, mean (5 %, 95 %)", rows) for title, rows in every.items() if rows]
+    return [*named, (f"medians (5 %, 95 %){_reference(found)}", _naturals(found))]
+
+
+def _effect(row: PopulationRow, of: str) -> dict[Any, Any]:
     """One effect of a covariate, or of a condition, as a table shows it."""
     bound, nats, words = row.bf_no_difference is None, _for_difference(row), conclusion(None)
     if nats is None:
@@ -234,7 +239,7 @@ def effect(row: PopulationRow, of: str = "covariate") -> dict[Any, Any]:
     return {**said, "BF no difference": row.of_none, "evidence": words}
 
 
-def scales(found: Population) -> list[dict[Any, Any]]:
+def _scales(found: Population) -> list[dict[Any, Any]]:
     """Mean and scatter of every parameter on its scale."""
     what = "sd between subjects" if found.settings.scatter == "normal" else "scale between subjects (t)"
     rows = []
@@ -246,36 +251,32 @@ def scales(found: Population) -> list[dict[Any, Any]]:
     return rows
 
 
-def correlations(found: Population) -> list[dict[Any, Any]]:
+def _correlations(found: Population) -> list[dict[Any, Any]]:
     """How parameters go together over subjects, those first of which the sign is most certain; none where these were not asked for."""
     rows = sorted(found.table.some("correlation"), key=lambda row: -(row.p_direction or 0.0))
     return [{"scales": row.parameter, "correlation": _interval(row), "P(sign)": _sign(row)} for row in rows]
 
 
-def naturals(found: Population) -> list[dict[Any, Any]]:
+def _naturals(found: Population) -> list[dict[Any, Any]]:
     """Every quantity of a subject at the mean and of a further one."""
-    means = {row.parameter: _median(row) for row in found.table.some("mean")}
-    further = {row.parameter: _median(row) for row in found.table.some("new_subject")}
+    means = {row.parameter: _interval(row, "q50") for row in found.table.some("mean")}
+    further = {row.parameter: _interval(row, "q50") for row in found.table.some("new_subject")}
     shown = [name for name in further if name in means]
     return [{"quantity": name, "subject at the mean": means[name], "further subject": further[name]} for name in shown]
 
 
-def reference(found: Population) -> str:
+def _reference(found: Population) -> str:
     """Who is meant where there are covariates."""
     of = {column.covariate: column.reference or "mean" for column in found.regressors.columns}
-    return safe(f" ({', '.join(f'{name} {level}' for name, level in of.items())})") if of else ""
+    return f" ({', '.join(f'{name} {level}' for name, level in of.items())})" if of else ""
 
 
 def _sign(row: PopulationRow) -> str:
     return compared(row.p_direction or 0.0)
 
 
-def _interval(row: PopulationRow) -> str:
-    return f"{_shown(row.mean, row)} ({_ends(row, ', ')})"
-
-
-def _median(row: PopulationRow) -> str:
-    return f"{_shown(row.q50, row)} ({_ends(row, ', ')})"
+def _interval(row: PopulationRow, middle: str = "mean") -> str:
+    return f"{_shown(getattr(row, middle), row)} ({_ends(row, ', ')})"
 
 
 def _ends(row: PopulationRow, between: str = " to ") -> str:

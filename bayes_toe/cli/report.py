@@ -9,7 +9,7 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from math import exp
+from math import exp, nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,8 +20,8 @@ from bayes_toe.analysis import Analysis
 from bayes_toe.classical.asymmetry import AsymmetryTable
 from bayes_toe.cli import headline
 from bayes_toe.cli.glossary import anchor, glossary, linked
-from bayes_toe.cli.population import CORRELATED, answer, correlations, effect, naturals, reference, scales
-from bayes_toe.cli.terminal import allowed, allowed_in_order, allowed_quantiles, number, said_subjects
+from bayes_toe.cli.population import answer, tables
+from bayes_toe.cli.terminal import allowed, allowed_in_order, allowed_quantiles, said_subjects
 from bayes_toe.comparison.contrast import LEGEND, ContrastTable
 from bayes_toe.comparison.study_answer import APPENDIX_C, of_new_subject, study_sentence, way_on
 from bayes_toe.comparison.words import STATED, conclusion
@@ -147,7 +147,7 @@ def _environment(task: Task) -> Environment:
         head=_head,
         linked=partial(linked, task=task),
         misfit=headline.misfit,
-        number=lambda value, digits=2, error=float("nan"): "–" if number(value) == "-" else _typeset(allowed(value, error, digits)),
+        number=lambda value, digits=2, error=nan: "–" if value is None or value != value else _typeset(allowed(value, error, digits)),
         p_value=lambda value: "–" if value is None or value != value else headline.p_value(value),
         told=lambda value: "–" if value is None else headline.told(value),
         typeset=_typeset,
@@ -214,18 +214,11 @@ def _by_condition(table: ContrastTable) -> dict[str, Any]:
 def _group(group: Group) -> dict[str, Any]:
     """What the section of the group says: warnings first, then the answer, tables."""
     found = group.found
-    tables: list[tuple[str, Sequence[dict[Any, Any]]]] = [
-        ("mean (5 %, 95 %)", scales(found)),
-        (CORRELATED, correlations(found)),
-        (f"medians (5 %, 95 %){Text.from_markup(reference(found)).plain}", naturals(found)),
-        ("effects of covariates", [effect(row) for row in found.table.some("effect")]),
-        ("differences between conditions", [effect(row, "comparison") for row in found.table.some("condition_effect")]),
-    ]
     return {
         "problems": [*found.problems, *group.check.warnings],
         "converged": found.converged,
         "answer": [_typeset(Text.from_markup(line).plain) for line in answer(found)],
-        "tables": [(title, rows) for title, rows in tables if rows],
+        "tables": tables(found),
         "hyperprior": found.settings.hyperprior.describe(found.names, correlations=found.settings.correlations),
         "scatter": found.settings.scatter,
         "subjects": len(found.study),

@@ -170,9 +170,9 @@ def say_smaller_models(console: Console, study: Study) -> None:
 # --- numbers, with no more digits than their Monte Carlo errors allow -----------------------------------
 
 
-def number(value: float | None, digits: int = 2, missing: str = "-") -> str:
+def number(value: float | None, digits: int = 2) -> str:
     """A number of a table; a dash where there is none."""
-    return missing if value is None or value != value else f"{value:.{digits}f}"
+    return "-" if value is None or value != value else f"{value:.{digits}f}"
 
 
 def allowed(value: float, error: float, most: int) -> str:

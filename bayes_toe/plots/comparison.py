@@ -60,8 +60,10 @@ def comparison_figure(table: ModelComparison, *, synthetic: bool = False) -> Fig
     """
     cells, parts, few = _cells_height(table), table.parts, len(table.models) <= _MOST_MODELS or not table.parts
     bars = [_bars_height(table)] if parts else []
-    wide = max(_width(table) if few else 0.0, _LABELS + sum(map(_part_width, parts)) + _WORDS + 0.2 if parts else 0.0)
-    heights = [*bars, *([_AROUND + _heads(table) + cells, _STUDY + _heads(table)] if few else [])]
+    heads = 0.115 * max(_broken(name).count("\n") + 1 for name in table.models)  # of the longest name of a model
+    models_wide = _LABELS + _COLUMN * max(len(table.models), 5) if few else 0.0
+    wide = max(models_wide, _LABELS + sum(map(_part_width, parts)) + _WORDS + 0.2 if parts else 0.0)
+    heights = [*bars, *([_AROUND + heads + cells, _STUDY + heads] if few else [])]
     figure = new_figure(wide, sum(heights))
     grid = figure.add_gridspec(len(heights), 1, height_ratios=[*bars, *([cells, 1.25] if few else [])])
     if parts:
@@ -78,8 +80,8 @@ def comparison_figure(table: ModelComparison, *, synthetic: bool = False) -> Fig
     _draw_cells(upper, table)
     _draw_study(lower, table)
     marks, labels = lower.get_legend_handles_labels()
-    if marks:
-        figure.legend(marks, labels, loc="outside lower center", ncols=_columns_below(table), **_LEGEND)
+    if marks:  # in as many columns as stay within the figure
+        figure.legend(marks, labels, loc="outside lower center", ncols=4 if len(table.models) > 6 else 2, **_LEGEND)
     return figure
 
 
@@ -241,18 +243,9 @@ def _dress_rows(ax: Axes, places: list[float]) -> None:
 # --- sizes, inches ------------------------------------------------------------------------------------------------------------------
 
 
-def _width(table: ModelComparison) -> float:
-    return _LABELS + _COLUMN * max(len(table.models), 5)
-
-
 def _cells_height(table: ModelComparison) -> float:
     counted = (~np.isnan(table.weighed).any(axis=1)).sum()
     return _ROW * (min(len(table.subjects), _MOST_ROWS) + (1.0 + _BETWEEN if counted > 1 else 0.0))
-
-
-def _heads(table: ModelComparison) -> float:
-    """Of the longest name of a model."""
-    return 0.115 * max(_broken(name).count("\n") + 1 for name in table.models)
 
 
 def _part_width(part: PartTable) -> float:
@@ -262,11 +255,6 @@ def _part_width(part: PartTable) -> float:
 def _bars_height(table: ModelComparison) -> float:
     """Of the rows of all subjects and the study, and what stands above them."""
     return _ROW * (_row_places(table)[-1] + 1.0) + 0.3 + 0.15 * max((-(-len(part.levels) // 3) for part in table.parts), default=0)
-
-
-def _columns_below(table: ModelComparison) -> int:
-    """Of the legend below, so that it stays within the figure."""
-    return 4 if len(table.models) > 6 else 2
 
 
 def _broken(name: str) -> str:

@@ -38,6 +38,7 @@ from bayes_toe.plots.style import (
     even_columns,
     first_panels,
     legend_above,
+    legend_below,
     new_figure,
     plain,
     rounded,
@@ -83,9 +84,7 @@ def population_figure(found: Population, check: PredictiveCheck | None = None) -
             ax.tick_params(labelleft=False)
         elif len(found.study) > MOST_NAMED_IN_GROUP:
             ax.set_ylabel(f"{len(found.study):,} subjects, sorted in each panel", fontsize=LETTERS)
-    marks, words = forests[0].get_legend_handles_labels()
-    style = {"ncols": 4, "frameon": False, "fontsize": SMALL, "handletextpad": 0.4, "columnspacing": 1.4}
-    parts[0].legend(marks, words, loc="outside upper center", **style)
+    legend_below(parts[0], size=SMALL, columns=4, side="upper")
     left, right = parts[1].subplots(1, 2)
     new_subject(left, found)
     check_panel(right, predictive_check(found) if check is None else check)

@@ -15,7 +15,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colorbar import Colorbar
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, SubFigure
 from matplotlib.gridspec import GridSpecBase
 
 from bayes_toe.arrays import FloatArray
@@ -189,11 +189,12 @@ def draw_band(
 # --- legends ------------------------------------------------------------------------------------------------------------------------
 
 
-def legend_below(figure: Figure, *, size: float = 10.0, columns: int = 3) -> None:
-    """One legend for the figure, outside the panels, since points may be anywhere in them; size of letters in points."""
+def legend_below(figure: Figure | SubFigure, *, size: float = 10.0, columns: int = 3, side: Literal["lower", "upper"] = "lower") -> None:
+    """One legend for the figure, outside the panels, since points may be anywhere in them, or above them; size of letters in points."""
     found = {label: handle for ax in figure.axes for handle, label in _main_first(ax)}
     style: dict[str, Any] = {"handletextpad": 0.3, "columnspacing": 1.2, "borderaxespad": 0.2} if size <= LETTERS else {}
-    figure.legend(found.values(), found.keys(), loc="outside lower center", ncols=columns, frameon=False, fontsize=size, **style)
+    style |= {"loc": f"outside {side} center", "ncols": columns, "frameon": False, "fontsize": size}
+    figure.legend(found.values(), found.keys(), **style)
 
 
 def legend_above(ax: Axes, *, columns: int = 1, title: str | None = None) -> None:
