@@ -209,12 +209,6 @@ def by_condition(found: Population) -> list[str]:
     return lines
 
 
-def _for_difference(row: PopulationRow) -> float | None:
-    """Nats for a difference, or where a bound alone is known at least so many; a factor may be below the smallest float."""
-    none = row.bf_below if row.bf_no_difference is None else row.bf_no_difference
-    return None if none is None else -math.log(none) if none > 0.0 else math.inf
-
-
 def tables(found: Population) -> list[tuple[str, list[dict[Any, Any]]]]:
     """Differences between conditions, effects of covariates, parameters, correlations, quantities: each with a title, none empty."""
     about = "; ".join(column.about for column in found.regressors.columns)
@@ -230,7 +224,7 @@ def tables(found: Population) -> list[tuple[str, list[dict[Any, Any]]]]:
 
 def _effect(row: PopulationRow, of: str) -> dict[Any, Any]:
     """One effect of a covariate, or of a condition, as a table shows it."""
-    bound, nats, words = row.bf_no_difference is None, _for_difference(row), conclusion(None)
+    bound, nats, words = row.bf_no_difference is None, row.log_bf_differs, conclusion(None)
     if nats is None:
         words = "-"
     elif row.of_none != "-":
