@@ -57,11 +57,13 @@ def run(
     from bayes_toe.cli.compare import say_contrast
     from bayes_toe.cli.results_folder import PICTURE_BYTES, PRODUCTS, Drawn, write_results
     from bayes_toe.explorer.page import EXPLORER_BYTES, require_bokeh, require_few
+    from bayes_toe.inference.draws_file import require_zarr
 
     if explore:
         require_bokeh()
     drawn = Drawn(pictures, study.truth(), explorer=explore)
-    _require_store(output / f"posterior.{store}")
+    if store == "zarr":
+        require_zarr()
     task.require_folder(output, PRODUCTS)
     keep = task.partial(output)
     read, prior = task.opened(study)
@@ -122,7 +124,6 @@ def sample(
     from bayes_toe.analysis import draw
     from bayes_toe.model.ladder import model_named
 
-    _require_store(output)
     task.require_files(output)
     keep = task.partial(output)
     read, prior = task.read(study)
@@ -136,15 +137,6 @@ def sample(
     task.finish(keep, draws.failed)
     task.say_written("draws in", output, seed=draws.seed)
     task.leave_unless_whole(draws.failed, {**draws.not_converged, **draws.imprecise})
-
-
-def _require_store(file: Path) -> None:
-    """Refuse a Zarr store that could not be written."""
-    from bayes_toe.data.whole_files import named_store
-    from bayes_toe.inference.draws_file import require_zarr
-
-    if named_store(file):
-        require_zarr()
 
 
 def _require_room(

@@ -261,16 +261,9 @@ def design(
     prior, levels, goal = preset_or_file(task.prior), wanted.levels_in_log(), wanted.goal(question)
     with task.progress("simulating and analysing", 4 * 3 * data_sets) as tick:
         found = planning.optimal_design(
-            levels,
-            trials // max(1, len(lists.levels())),
-            goal,
-            observers,
-            data_sets=data_sets,
-            seed=task.seed,
-            prior=prior,
-            workers=task.workers,
-            progress=tick,
-        )
+            levels, trials // max(1, len(lists.levels())), goal, observers, data_sets=data_sets, seed=task.seed, prior=prior,
+            workers=task.workers, progress=tick,
+        )  # fmt: skip
     written = (
         found.design.save,
         partial(found.power.save, spreadsheet_safe=task.spreadsheet_safe),
