@@ -113,9 +113,8 @@ def corner(
         draws.subject(name)  # refuses who is not there
     known = {} if truth is None else read_truth(truth, [draws], chosen)
     look = {"coordinates": _quantities(coordinates, parameters, draws), "prior": draws.prior if show_prior else None}
-    every, together = file_stems(draws.names), subject is not None and len(chosen) > 1
-    stems = {name: every[name] for name in chosen}
-    pictures = {chosen: "+".join(stems.values())} if together else {(name,): stem for name, stem in stems.items()}
+    stems, together = file_stems(draws.names), subject is not None and len(chosen) > 1
+    pictures = {names: "+".join(stems[name] for name in names) for names in ([chosen] if together else [(name,) for name in chosen])}
     files = [f"{stem}.{ending}" for stem in pictures.values() for ending in endings]
     task.require_folder(output, files)
     made = whole_folder(output, files, required=files, overwrite=task.overwrite)
@@ -215,6 +214,8 @@ def predict(
     task: Annotated[Task, Takes("spreadsheet_safe", "overwrite")],
 ) -> None:
     """Posterior of P(equal), or P(second), mean and quantiles, for pairs and intervals that need not have been tested.
+
+    Under a model with a history of an observer at rest, whom no trial before has moved.
 
     [bold]Example[/bold]: bayes-toe predict posterior.nc pairs.csv -o predictions.csv
     """

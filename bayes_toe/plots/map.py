@@ -170,15 +170,12 @@ def study_map_axes(
 
 def posterior_clouds(draws: Draws) -> dict[str, tuple[FloatArray, FloatArray]]:
     """Posterior draws of (mu_1, sigma_p) by subject, as :func:`map_axes` takes them: some 2,000 to 4,000 draws each, evenly spaced."""
-    chains, size = (draws.group("posterior").sizes[name] for name in ("chain", "draw"))
-    step = max(1, chains * size // _ENOUGH)
-    some = {name: [draws.values(name, one).ravel()[::step].copy() for one in ("mu1", "sigma_p")] for name in draws.names}  # no views of all
-    return {name: (mu1, sigma_p) for name, (mu1, sigma_p) in some.items()}
 
+    def some(name: str, quantity: str) -> FloatArray:
+        values = draws.values(name, quantity).ravel()
+        return values[:: max(1, values.size // _ENOUGH)].copy()  # no view of all
 
-def without_pointwise(draws: Draws) -> Draws:
-    """Draws without the pointwise groups, which no figure needs and which are most of the size."""
-    return Draws(draws.tree.filter(lambda group: group.name not in ("log_likelihood", "posterior_predictive")))
+    return {name: (some(name, "mu1"), some(name, "sigma_p")) for name in draws.names}
 
 
 def farthest(values: Sequence[float], count: int) -> list[int]:

@@ -28,7 +28,7 @@ from bayes_toe.plots.curves import over_panel
 from bayes_toe.plots.evidence import evidence_axes, evidence_plane_axes
 from bayes_toe.plots.figure_files import picture, require_formats
 from bayes_toe.plots.geometry import gamma_figure, plane_figure
-from bayes_toe.plots.map import map_figure, without_pointwise
+from bayes_toe.plots.map import map_figure
 from bayes_toe.plots.style import COLUMN, PAGE, SMALL, any_characters, chance, dress, legend_above, new_figure
 from bayes_toe.plots.subject import central, examples_figure
 from bayes_toe.workers import Progress, Workers, run_in_order
@@ -71,7 +71,9 @@ def material_of(
     table = AsymmetryTable(subject_asymmetries(study.subjects), study.task)
     chosen = representative(table) if subjects is None else require_subjects(subjects, study.names)
     evidence = smooth_curve_evidence(analysis, workers=workers) if isinstance(analysis, Draws) else analysis.evidence
-    return Material(without_pointwise(draws), evidence, table, chosen, mass, truth)
+    # Pointwise groups are most of the size, and no figure needs them.
+    slim = Draws(draws.tree.filter(lambda group: group.name not in ("log_likelihood", "posterior_predictive")))
+    return Material(slim, evidence, table, chosen, mass, truth)
 
 
 def require_subjects(subjects: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
