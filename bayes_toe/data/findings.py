@@ -289,10 +289,6 @@ class _Table:
         others, trials = k.sum(-1, keepdims=True) - k, self.n.sum(1, keepdims=True) - self.n
         return np.asarray(((2 * k - self.n) * logit((others + 0.5) / (trials + 1))).sum(-2))
 
-    def worst_agreement(self, k: IntArray) -> FloatArray:
-        """How much the block that agrees least speaks for swapped buttons, shape (...)."""
-        return np.asarray(-self.agreement(k).min(-1))
-
     @property
     def ratio(self) -> float:
         """X^2 / d.f."""
@@ -333,8 +329,9 @@ def _blocks(subject: Subject, answers: Answers, level: float) -> _Rule:
         return
     # Half the level each: dispersion finds any difference, agreement a single swapped block among many.
     p = told.p_value(told.chi_square, level / 2, name)
-    turned = _swapped(table, subject.task.toward_yes(pairs[:, 1] - pairs[:, 0]))
-    if turned and p > level / 2 and table.p_value(table.worst_agreement, level / 2, name) > level / 2:
+    difference = pairs[:, 1] - pairs[:, 0]
+    turned = _swapped(table, -np.abs(difference) if subject.task == SAME_DIFFERENT else difference)
+    if turned and p > level / 2 and table.p_value(lambda k: -table.agreement(k).min(-1), level / 2, name) > level / 2:
         turned = []
     names = [answers.blocks[index] for index in turned]
     option = f"--turn {as_option(name, names)}" if turned else ""

@@ -37,10 +37,6 @@ class Task:
         """The column of files that has how often the first answer was given."""
         return f"n_{self.yes}"
 
-    def toward_yes(self, difference: FloatArray) -> FloatArray:
-        """How much s2 - s1 (natural-log intensity) speaks for the answer that is counted: the larger, the more it is given."""
-        return -np.abs(difference) if self == SAME_DIFFERENT else np.asarray(difference)
-
     def right(self, difference: FloatArray) -> FloatArray:
         """1 where the answer that is counted is right, -1 where the other one is, 0 where neither is, of s2 - s1.
 

@@ -93,7 +93,6 @@ class Entry:
         return {
             "subject": self.target.subject.name,
             "label": self.label,
-            "model": self.target.model.name,
             "synthetic": self.synthetic,
             "about": self.about,
             "badges": [*self.badges, *self._dominated(marked)],

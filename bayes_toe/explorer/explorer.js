@@ -347,7 +347,6 @@ window.explorer = (() => {
   }
 
   function redraw() {
-    at("answers").classList.toggle("single", state.b === null);
     for (const letter of LETTERS) {
       const found = entry(letter), column = at(`column-${letter}`);
       column.hidden = found === null;
