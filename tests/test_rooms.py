@@ -41,7 +41,7 @@ OWNERS = {
     "emcee": {"inference", "groups"},
     "arviz": {"inference.draws"},
     "xarray": {"inference.draws", "inference.draws_file", "groups.population_file"},
-    "pyarrow": {"data.text_table", "data.tables"},
+    "pyarrow": {"data.text_table"},
     "zarr": {"inference.draws_file"},
     "matplotlib": {"plots"},
     "corner": {"plots.corner"},

@@ -138,10 +138,7 @@ def write_table(
         frame = frame.map(inert).rename(columns=inert)
     with whole_file(target, overwrite=overwrite) as temporary:
         if is_parquet(target):
-            import pyarrow as pa
-            import pyarrow.parquet as pq
-
-            pq.write_table(pa.Table.from_pandas(frame, preserve_index=False), temporary, write_page_checksum=True)
+            frame.to_parquet(temporary, engine="pyarrow", index=False, write_page_checksum=True)
         else:
             frame.to_csv(temporary, index=False, encoding="utf-8", lineterminator="\n", na_rep="")
     return target

@@ -13,7 +13,7 @@ import bayes_toe as bt
 from bayes_toe.data.findings import data_findings
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.experiments.answers_check import check_answers
-from bayes_toe.experiments.checks import describe
+from bayes_toe.experiments.checks import described
 
 TRIALS, RIGHT, TASK = "subject,s1,s2,response", "subject,s1,s2,acc", "subject,s1,s2,response,task"
 COUNTS = "subject,s1,s2,n_second,n_trials"
@@ -221,7 +221,7 @@ def test_what_a_study_of_which_is_stronger_cannot_tell(pairs, p, expected):
     found = {one.code: one.message for one in bt.check(study)}
     assert {*found} - {"independent_answers"} == expected
     assert all(message.endswith((".", "?")) and "\n" not in message for message in found.values())
-    assert describe(study)["fraction_second"][0] == study["a"].fraction_yes
+    assert described(study["a"])["fraction_second"] == study["a"].fraction_yes
 
 
 def test_swapped_blocks_and_drift_are_found_in_either_task(tmp_path):
