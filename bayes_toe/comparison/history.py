@@ -19,7 +19,7 @@ import numpy as np
 from scipy.special import logsumexp, softmax
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.comparison.words import HAS, NONE, PROBABLY_HAS, PROBABLY_NONE, compared
+from bayes_toe.comparison.words import PROBABLY_NONE, compared, side
 from bayes_toe.data.messages import counted, listed
 from bayes_toe.data.study import Study, Subject, require_study
 from bayes_toe.data.tables import SubjectTable, frame_of
@@ -115,8 +115,8 @@ class SubjectHistory:
             return ""
         if not self.pulled and self.lead <= 0.0 and p <= PROBABLY_NONE:
             return "no pull"
-        sides = ((p <= HAS, "yes"), (p <= PROBABLY_HAS, "probably"), (p >= NONE, "no"), (p >= PROBABLY_NONE, "probably not"))
-        return next((word for holds, word in sides if holds), "undecided")
+        said = {"has": "yes", "probably has": "probably", "undecided": "undecided", "probably none": "probably not", "none": "no"}
+        return said[side(p)]
 
     def describe(self) -> str:
         """The same in a sentence without the subject's name."""

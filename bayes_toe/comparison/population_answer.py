@@ -10,18 +10,13 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from bayes_toe.comparison.words import HAS, NONE, PROBABLY_HAS, PROBABLY_NAMED, PROBABLY_NONE, SMALL
+from bayes_toe.comparison.words import PROBABLY_HAS, PROBABLY_NAMED, SMALL, side
 from bayes_toe.groups.population import Population
 from bayes_toe.groups.population_table import ORDER_EFFECT, PopulationRow
 from bayes_toe.groups.savage_dickey import ORDER_EFFECTS
 
-#: What is said up to a probability of none on average, as of one subject; above the last, 'none on average'.
-_WORDS = (
-    (HAS, "one on average"),
-    (PROBABLY_HAS, "probably one on average"),
-    (PROBABLY_NONE, "undecided on average"),
-    (NONE, "probably none on average"),
-)
+#: What is said of the mean, by what would be said of one subject.
+_WORDS = {"has": "one", "probably has": "probably one", "undecided": "undecided", "probably none": "probably none", "none": "none"}
 _FAR = 5.0  # posterior sds of a mean from 0
 
 
@@ -65,11 +60,11 @@ class OnAverage:
     @property
     def words(self) -> str:
         """One clause: 'one on average: a pull, and subjects differ'."""
-        side = next((words for most, words in _WORDS if self.p_none <= most), "none on average")
+        said = f"{_WORDS[side(self.p_none)]} on average"
         if (pull := self.always) is not None:
             size = f"a pull of {pull.q50:.2f} ({pull.q05:.2f} to {pull.q95:.2f}) on average, since this model always has one"
-            return f"{size}; {' and '.join(row.parameter for row in self.means)}: {side}"
-        said = f"{side}: {' and '.join(f'a {kind}' for kind in self.named) or 'which kind is open'}" if self.has else side
+            return f"{size}; {' and '.join(row.parameter for row in self.means)}: {said}"
+        said += f": {' and '.join(f'a {kind}' for kind in self.named) or 'which kind is open'}" if self.has else ""
         differ = ", and subjects differ" if self.has else ", but subjects differ, with effects of either sign"
         return said + differ * self.differ
 

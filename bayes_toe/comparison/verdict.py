@@ -16,19 +16,7 @@ import numpy as np
 from scipy.special import logsumexp, softmax
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.comparison.words import (
-    EFFECTS,
-    HAS,
-    KINDS,
-    NAMED,
-    NONE,
-    PROBABLY_HAS,
-    PROBABLY_NAMED,
-    PROBABLY_NONE,
-    SMALL,
-    SURELY,
-    compared,
-)
+from bayes_toe.comparison.words import EFFECTS, HAS, KINDS, NAMED, NONE, PROBABLY_HAS, PROBABLY_NAMED, SMALL, SURELY, compared, side
 from bayes_toe.data.findings import data_findings
 from bayes_toe.data.messages import as_option
 from bayes_toe.data.study import Study, Subject
@@ -145,8 +133,8 @@ class Verdict:
         """A key of :data:`EFFECTS`; empty where there is no probability."""
         if self.p_orders is None:
             return ""
-        side = _side(self.p_orders)
-        return "negligible" if side == "undecided" and self.at_most_small else side
+        said = side(self.p_orders[0])
+        return "negligible" if said == "undecided" and self.at_most_small else said
 
     @property
     def at_most_small(self) -> bool:
@@ -168,7 +156,7 @@ class Verdict:
     @property
     def p_none_range(self) -> tuple[float, float]:
         """Smallest and largest P(none) as the prior's scales of the order are halved and doubled; NaN where there is none."""
-        cases = [p[0] for p in (self.p_orders, *self.varied) if p] or [float("nan")]
+        cases = [p[0] for p in self._cases] or [float("nan")]
         return min(cases), max(cases)
 
     @property
@@ -182,10 +170,17 @@ class Verdict:
         """Yes, where halving and doubling the prior's scales of the order changes neither the side of the verdict nor the kind named."""
         if self.p_orders is None:
             return ""
-        cases = (self.p_orders, *self.varied)
-        sides = {_side(p).removeprefix("probably ") for p in cases}
-        kinds = {_kind(p).removeprefix("probably ") for p in cases} - {"open", ""}
-        return "yes" if len(sides) == 1 and len(kinds) <= 1 else "no"
+        kinds = {_kind(p).removeprefix("probably ") for p in self._cases} - {"open", ""}
+        return "yes" if len(self._sides) == 1 and len(kinds) <= 1 else "no"
+
+    @property
+    def _cases(self) -> tuple[tuple[float, ...], ...]:
+        """Probabilities under the prior, and with its scales of the order halved and doubled."""
+        return tuple(p for p in (self.p_orders, *self.varied) if p)
+
+    @property
+    def _sides(self) -> set[str]:
+        return {side(p[0]).removeprefix("probably ") for p in self._cases}
 
     @property
     def predictive_p(self) -> float | None:
@@ -249,19 +244,10 @@ class Verdict:
             said.append(f"answers seem to depend on the trial before (p {compared(self.history_p or 0.0)}; compare --history)")
         said += [f"but its data are in doubt: {', '.join(map(str, self.data))}"] if self.data else []
         if self.robust == "no":
-            (low, high), cases = self.p_none_range, [p for p in (self.p_orders, *self.varied) if p]
-            moved = f"P of none {low:.2f} to {high:.2f}" if len({_side(p).removeprefix("probably ") for p in cases}) > 1 else "another kind"
+            low, high = self.p_none_range
+            moved = f"P of none {low:.2f} to {high:.2f}" if len(self._sides) > 1 else "another kind"
             said.append(f"the prior has a say: {moved} as its scales are halved and doubled")
         return said
-
-
-def _side(p: tuple[float, ...]) -> str:
-    none = p[0]
-    if none <= PROBABLY_HAS:
-        return "has" if none <= HAS else "probably has"
-    if none >= PROBABLY_NONE:
-        return "none" if none >= NONE else "probably none"
-    return "undecided"
 
 
 def _kind(p: tuple[float, ...]) -> str:

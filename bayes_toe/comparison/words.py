@@ -29,6 +29,21 @@ STATED = (
 )
 
 
+def side(p_none: float) -> str:
+    """What the probability of no effect says: 'has', 'probably has', 'undecided', 'probably none' or 'none'.
+
+    Examples
+    --------
+    >>> [side(p) for p in (0.05, 0.1, 0.5, 0.8, 0.96)]
+    ['has', 'probably has', 'undecided', 'probably none', 'none']
+    """
+    if p_none <= PROBABLY_HAS:
+        return "has" if p_none <= HAS else "probably has"
+    if p_none >= PROBABLY_NONE:
+        return "none" if p_none >= NONE else "probably none"
+    return "undecided"
+
+
 def grade(nats: float) -> str:
     """The name of so much evidence, on either side.
 

@@ -89,28 +89,27 @@ class Differences:
         x = self.conditions.design()
         return np.asarray(x[[self.conditions.levels.index(one.condition) for one in own]])
 
+    @property
+    def places(self) -> dict[str, list[int]]:
+        """Entries of each parameter that differs."""
+        return {name: [i for i, one in enumerate(self.names) if one == name] for name in dict.fromkeys(self.names)}
+
     def between(self, level: str, reference: str) -> FloatArray:
         """What each entry adds to the difference of two levels, shape (entries,)."""
-        x = self.conditions.design()
-        return np.asarray((x[self.conditions.levels.index(level)] - x[self.conditions.levels.index(reference)])[list(self.columns)])
+        names = [*self.places]
+        return np.asarray((self.at(level, names) - self.at(reference, names)).sum(axis=1))
 
     def at(self, level: str, names: Sequence[str]) -> FloatArray:
         """What each entry adds to the parameters at a level, shape (entries, k)."""
-        found = np.zeros((len(self.names), len(names)))
-        x = self.conditions.design()[self.conditions.levels.index(level)]
-        for i, (name, column) in enumerate(zip(self.names, self.columns, strict=True)):
-            found[i, names.index(name)] = x[column]
+        found, x = np.zeros((len(self.names), len(names))), self.conditions.design()[self.conditions.levels.index(level)]
+        found[np.arange(len(found)), [names.index(name) for name in self.names]] = x[list(self.columns)]
         return found
 
     def on_average(self) -> dict[str, FloatArray]:
         """Draws of the mean difference in every parameter that differs, (chains, draws, comparisons)."""
         assert self.chains is not None
-        found = dict[str, FloatArray]()
-        for name in dict.fromkeys(self.names):
-            some = [i for i, one in enumerate(self.names) if one == name]
-            steps = np.stack([self.between(*pair)[some] for pair in self.conditions.comparisons], axis=1)
-            found[name] = self.chains.mean[..., some] @ steps
-        return found
+        steps = np.stack([self.between(*pair) for pair in self.conditions.comparisons], axis=1)
+        return {name: self.chains.mean[..., some] @ steps[some] for name, some in self.places.items()}
 
     def split(self, chains: GroupChains) -> tuple[GroupChains, Differences]:
         """Draws of all parameters as those of a subject at the middle of the conditions, and these differences."""

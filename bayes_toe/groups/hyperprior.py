@@ -256,24 +256,6 @@ class Hyperprior:
             lines.append(", ".join(part for part in (law.format(parameter.label, **said), parameter.unit) if part))
         return (*lines, *([f"correlations ~ LKJ({self.as_dict()[CORRELATIONS][LKJ.name]:g})"] if correlations else []))
 
-    def scaled(self, sd_scale: float = 1.0, *, mean_sd: float = 1.0) -> Hyperprior:
-        """With the scale of every tau, and the sd of every mean, times a factor: to see what depends on them.
-
-        Raises
-        ------
-        InputError
-            Where such a number is still that of the stimuli, or leaves its range.
-
-        Examples
-        --------
-        >>> from bayes_toe.data.read_study import example_study
-        >>> Hyperprior().for_study(example_study()).scaled(3.0).numbers(["gamma"]).sd_scale.tolist()
-        [3.0]
-        """
-        own = self.numbers(tuple(GROUP_PARAMETERS))
-        pairs = zip(GROUP_PARAMETERS, (own.sd_scale * sd_scale).tolist(), (own.mean_sd * mean_sd).tolist(), strict=True)
-        return self.changed({name: {"sd_scale": of_sd, "mean_sd": of_mean} for name, of_sd, of_mean in pairs})
-
     def as_dict(self) -> dict[str, dict[str, float | str]]:
         """All numbers by parameter and name, as JSON has them."""
         return {name: dict(zip(fields, values, strict=True)) for (name, fields), values in zip(_FIELDS.items(), self.values, strict=True)}

@@ -157,26 +157,25 @@ def _by_condition(found: Population, apart: Differences, own: GroupChains) -> It
     given = apart.numbers(found.settings.hyperprior.numbers(()), found.settings.prior.at(*found.study))
     rng = generator(found.settings.seed, "population", "no difference between conditions")
     at_zero = AtZero(own, given, np.empty((len(found.study), 0)), found.settings.scatter, rng)
-    places = {name: [i for i, one in enumerate(apart.names) if one == name] for name in dict.fromkeys(apart.names)}
-    ratios = {name: at_zero(some) for name, some in places.items()}
-    order = [i for name, some in places.items() if any(name in QUANTITIES[key] for key in OF_ORDER) for i in some]
+    ratios, means = {name: at_zero(some) for name, some in apart.places.items()}, apart.on_average()
+    order = [i for name, some in apart.places.items() if any(name in QUANTITIES[key] for key in OF_ORDER) for i in some]
     of_order = at_zero(order) if order else None
-    for level, reference in apart.conditions.comparisons:
+    for i, (level, reference) in enumerate(apart.conditions.comparisons):
         said, apart_by = f"{level} - {reference}", apart.between(level, reference)
         at = [apart.at(one, found.names) for one in (level, reference)]
         if of_order is not None:
             yield _with_ratio(_row(ORDER_EFFECT, "condition_effect", said, _order_change(found, own, at)), "bf_no_difference", of_order)
         natural = [found.quantities(found.chains.eta + own.eta @ step) for step in at]
-        for name, some in places.items():
-            values = own.mean[..., some] @ apart_by[some]
-            row = _directed(_row(GROUP_PARAMETERS[name].label, "condition_effect", said, values), values)
+        for name, some in apart.places.items():
+            label, values = GROUP_PARAMETERS[name].label, means[name][..., i]
+            row = _directed(_row(label, "condition_effect", said, values), values)
             yield _with_ratio(row, "bf_no_difference", ratios[name])
-            key = {"gain": "pull", "gamma": "pull"}.get(name, name)
             if GROUP_PARAMETERS[name].scale != "identity":
+                key = {"gain": "pull", "gamma": "pull"}.get(name, name)
                 values = (natural[0][key] - natural[1][key]).mean(axis=-1)
                 yield _directed(_row(key, "condition_effect", said, values), values)
             spread = np.sqrt(np.square(own.scatter[..., some]) @ np.square(apart_by[some]))
-            yield _row(GROUP_PARAMETERS[name].label, "condition_sd", said, spread)
+            yield _row(label, "condition_sd", said, spread)
 
 
 def _order_change(found: Population, own: GroupChains, at: Sequence[FloatArray]) -> FloatArray:
