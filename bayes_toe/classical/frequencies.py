@@ -14,7 +14,6 @@ from scipy.special import log_expit
 
 from bayes_toe.arrays import FloatArray, IntArray
 from bayes_toe.data.study import Subject
-from bayes_toe.errors import InputError
 from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.target import require_points
 
@@ -24,22 +23,17 @@ def laplace_estimate(n_yes: npt.ArrayLike, n_trials: npt.ArrayLike) -> FloatArra
 
     Source: Eq. e:2b.
 
-    Raises
-    ------
-    InputError
-        Unless 0 <= n_yes <= n_trials.
-
     Examples
     --------
     >>> laplace_estimate([0, 24, 48], 48).tolist()
     [0.02, 0.5, 0.98]
     """
-    k, n = _counts(n_yes, n_trials)
+    k, n = np.asarray(n_yes, np.float64), np.asarray(n_trials, np.float64)
     return np.asarray((k + 1.0) / (n + 2.0))
 
 
 def laplace_error(n_yes: npt.ArrayLike, n_trials: npt.ArrayLike) -> FloatArray:
-    """Uncertainty of qhat, sigmahat_q = sqrt(qhat (1 - qhat)/(n + 3)); arguments and errors as for :func:`laplace_estimate`.
+    """Uncertainty of qhat, sigmahat_q = sqrt(qhat (1 - qhat)/(n + 3)); arguments as for :func:`laplace_estimate`.
 
     Source: Eq. e:2b, in the form in which nothing cancels.
 
@@ -48,7 +42,7 @@ def laplace_error(n_yes: npt.ArrayLike, n_trials: npt.ArrayLike) -> FloatArray:
     >>> float(laplace_error(0, 0)) == 12**-0.5  # the uniform distribution
     True
     """
-    k, n = _counts(n_yes, n_trials)
+    k, n = np.asarray(n_yes, np.float64), np.asarray(n_trials, np.float64)
     return np.asarray(np.sqrt((k + 1.0) / (n + 2.0) * ((n - k + 1.0) / (n + 2.0)) / (n + 3.0)))
 
 
@@ -78,13 +72,6 @@ def presentation_order(subject: Subject) -> IntArray:
     [0, -1, 1]
     """
     return np.sign(subject.s1 - subject.s2).astype(np.int64)
-
-
-def _counts(n_yes: npt.ArrayLike, n_trials: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-    k, n = np.asarray(n_yes, np.float64), np.asarray(n_trials, np.float64)
-    if not np.all((k >= 0) & (k <= n)):
-        raise InputError("every n_yes must lie in 0..n_trials")
-    return k, n
 
 
 @dataclass(frozen=True, eq=False)

@@ -31,10 +31,10 @@ from bayes_toe.inference.proposal import FittedProposal
 from bayes_toe.inference.sampling import SamplerSettings, sample_chains
 from bayes_toe.inference.space import WINDOW
 from bayes_toe.inference.subject import EVIDENCE_DRAWS, Wanted, exact_result, fitted_result
-from bayes_toe.model.free_frequencies import FREE_FREQUENCIES
+from bayes_toe.model.free_frequencies import FREE_FREQUENCIES, FrequencyPosterior
 from bayes_toe.model.ladder import Record
 from bayes_toe.model.prior import Prior
-from bayes_toe.model.target import Answering, Conjugate, Target, hessian
+from bayes_toe.model.target import Answering, Target, hessian
 from bayes_toe.seeds import generator
 
 _EQUAL_DRAWS = 2500  # at least, so that a k-hat of 0.7 is allowed
@@ -113,7 +113,7 @@ class ModelRow:
 def compare_one(subject: Subject, model: Record, *, draws: int, seed: int, prior: Prior) -> ModelRow:
     """Everything that the table says of one subject under one model."""
     target, settings = model.posterior(subject, prior), _settings(draws)
-    if isinstance(target, Conjugate):
+    if isinstance(target, FrequencyPosterior):
         return _row(target, _exact(target, settings, seed))
     result, (maxima, fitted) = fitted_result(target, seed, Wanted(evidence_draws=EVIDENCE_DRAWS))
     assert result.evidence is not None  # it was asked for
@@ -204,7 +204,7 @@ class _Found(NamedTuple):
     reason: str = ""
 
 
-def _exact(target: Conjugate, settings: SamplerSettings, seed: int) -> _Found:
+def _exact(target: FrequencyPosterior, settings: SamplerSettings, seed: int) -> _Found:
     """In closed form, but for predictive checks."""
     subject, result = target.subject, exact_result(target, seed, Wanted(settings, EVIDENCE_DRAWS))
     assert result.evidence is not None  # it was asked for

@@ -63,18 +63,6 @@ class Predictor:
         asked = Subject(subject.name, pairs[:, 0], pairs[:, 1], 0 * once, once, isi, task=subject.task)
         return np.asarray(np.exp(self.target.for_subject(asked).log_answers(self.x)[0])[:, which.ravel()])
 
-    def gain(self, seconds: FloatArray) -> FloatArray:
-        """Weight of the first stimulus at intervals, (intervals,) -> (draws, intervals)."""
-        return self.target.gain(self.x, seconds)
-
-    def distance(self) -> FloatArray:
-        """Normalised distance of every pair that was tested, shape (draws, pairs)."""
-        return self.target.distance(self.x)
-
-    def yes_at_distance(self, z: FloatArray) -> FloatArray:
-        """The same at normalised distances, (n,) -> (draws, n): the curve on which all pairs fall."""
-        return self.target.yes_at_distance(self.x, z)
-
 
 def predict(draws: Draws, subject: str, s1: npt.ArrayLike, s2: npt.ArrayLike, isi: npt.ArrayLike | None = None) -> pd.DataFrame:
     """Posterior of P('equal'), or of P('second'), for pairs at intervals, one row each: mean and quantiles over the draws.

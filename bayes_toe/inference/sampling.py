@@ -13,7 +13,8 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.errors import InputError, require_kind
 from bayes_toe.inference.diagnostics import Convergence, convergence_of, shortfall, tail_error
 from bayes_toe.inference.proposal import FittedProposal, Proposal, WeightedDraws, importance_draws
-from bayes_toe.model.target import Conjugate, Target, require_defined
+from bayes_toe.model.free_frequencies import FrequencyPosterior
+from bayes_toe.model.target import Target, require_defined
 from bayes_toe.seeds import generator, stream
 
 #: Draws kept at least where quantiles are judged: with fewer, even independent ones leave long tails too uncertain.
@@ -135,7 +136,7 @@ class Chains:
     imprecise: str = ""
 
 
-def independent_chains(target: Conjugate, settings: SamplerSettings, seed: int) -> Chains:
+def independent_chains(target: FrequencyPosterior, settings: SamplerSettings, seed: int) -> Chains:
     """Draws of a posterior in closed form, in the shape of an ensemble's: independent, so that there is no convergence to judge."""
     random = generator(seed, target.subject.name, target.model.name, "draws")
     size = settings.walkers * settings.kept_steps

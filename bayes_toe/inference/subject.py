@@ -19,12 +19,13 @@ from bayes_toe.inference.maxima import Maxima, find_maxima
 from bayes_toe.inference.predictive_checks import FitSummary, summarise_fit
 from bayes_toe.inference.proposal import FittedProposal
 from bayes_toe.inference.sampling import Chains, SamplerSettings, independent_chains, sample_chains
+from bayes_toe.model.free_frequencies import FrequencyPosterior
 from bayes_toe.model.intervals import reference_interval
 from bayes_toe.model.prior import DEFAULT, Prior
-from bayes_toe.model.target import Answering, Conjugate, Target, contraction
+from bayes_toe.model.target import Answering, Target, contraction
 from bayes_toe.seeds import generator
 
-AnyPosterior: TypeAlias = Target | Conjugate
+AnyPosterior: TypeAlias = Target | FrequencyPosterior
 QUANTILES = {"q05": 0.05, "q25": 0.25, "q50": 0.5, "q75": 0.75, "q95": 0.95}
 _MCSE = tuple(f"mcse_{name}" for name in Errors._fields)
 SUMMARY_COLUMNS = ("subject", "parameter", "mean", "sd", *QUANTILES, "ess_bulk", "ess_tail", "r_hat", "contraction", *_MCSE)
@@ -127,10 +128,10 @@ class Fitted(NamedTuple):
 
 def infer(target: AnyPosterior, seed: int, wanted: Wanted) -> SubjectResult:
     """The pipeline of one subject under one model; random streams are keyed by seed, subject, model and purpose."""
-    return exact_result(target, seed, wanted) if isinstance(target, Conjugate) else fitted_result(target, seed, wanted)[0]
+    return exact_result(target, seed, wanted) if isinstance(target, FrequencyPosterior) else fitted_result(target, seed, wanted)[0]
 
 
-def exact_result(target: Conjugate, seed: int, wanted: Wanted) -> SubjectResult:
+def exact_result(target: FrequencyPosterior, seed: int, wanted: Wanted) -> SubjectResult:
     """The pipeline where the posterior is known in closed form."""
     chains = None if wanted.chains is None else independent_chains(target, wanted.chains, seed)
     evidence = Evidence(target.log_evidence, 0.0, None, None) if wanted.evidence_draws else None

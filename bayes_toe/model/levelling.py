@@ -12,7 +12,6 @@ exponential tails, their probits normal ones.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -82,11 +81,6 @@ class Funnel:
         return share * np.exp(log_pull) * self.prior_mean + (1.0 - share) * self.offset, log_spread
 
 
-def level_everywhere(x: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Of a posterior without a funnel: the first coordinate stays as it is."""
-    return np.zeros(len(x)), np.zeros(len(x))
-
-
 @dataclass(frozen=True)
 class Levelling:
     """The bijection between unconstrained coordinates x and levelled ones y, for one posterior.
@@ -97,17 +91,17 @@ class Levelling:
         Which coordinates are logits.
     log_width : int
         Which one is the log of a width.
-    conditional : callable
-        Mean and log standard deviation of the first coordinate given the others, shape (points,) each; see :class:`Funnel`.
+    funnel : Funnel, optional
+        By which the first coordinate is levelled; without one it stays as it is.
     """
 
     logits: tuple[int, ...]
     log_width: int
-    conditional: Callable[[FloatArray], tuple[FloatArray, FloatArray]] = level_everywhere
+    funnel: Funnel | None = None
 
     def level(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Levelled coordinates y of x, shape (points, k), and log |dy/dx|, shape (points,)."""
-        mean, log_spread = self.conditional(x)
+        mean, log_spread = (0.0, 0.0) if self.funnel is None else self.funnel.conditional(x)
         y = x.copy()
         y[:, 0] = (x[:, 0] - mean) * np.exp(-log_spread)
         y[:, self.logits] = probit_of_logit(x[:, self.logits])
@@ -122,6 +116,6 @@ class Levelling:
         x, beyond = y.copy(), (np.abs(y[:, self.logits]) > FARTHEST).any(axis=1)
         x[:, self.logits] = logit_of_probit(y[:, self.logits])
         x[beyond] = np.where(np.arange(y.shape[1]) == self.log_width, 400.0, 0.0)
-        mean, log_spread = self.conditional(x)
+        mean, log_spread = (0.0, 0.0) if self.funnel is None else self.funnel.conditional(x)
         x[~beyond, 0] = (mean + y[:, 0] * np.exp(log_spread))[~beyond]
         return x, log_slope(y[:, self.logits]).sum(axis=1) - log_spread

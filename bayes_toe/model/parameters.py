@@ -214,15 +214,15 @@ class Single:
         Whose distribution the prior has for it; by default its own name.
     fixed : Distribution, optional
         Its distribution, where the prior has none to choose.
-    starts : tuple of float
-        Values of the coordinate from which to look for maxima; none: what the data suggest.
+    starts : tuple of float, or callable
+        Values of the coordinate from which to look for maxima, or what makes them of the distance of stimuli; none: what the data suggest.
     """
 
     name: str
     scale: Scale
     parameter: str = ""
     fixed: Distribution | None = None
-    starts: tuple[float, ...] = ()
+    starts: tuple[float, ...] | Callable[[float], tuple[float, ...]] = ()
 
     @property
     def coordinates(self) -> tuple[str, ...]:
@@ -273,6 +273,8 @@ class Single:
 
     def grid(self, scale: float, peak: float) -> Sequence[Sequence[float]]:
         """The starts given; else a width about the scale of the stimuli, or the largest frequency of 'equal'."""
+        if callable(self.starts):
+            return (self.starts(scale),)
         about = tuple((np.log(scale) + np.array([-1.0, 0.0, 1.0])).tolist()) if isinstance(self.scale, Log) else (peak,)
         return (self.starts if self.starts else about,)
 
@@ -293,22 +295,6 @@ class Single:
     group_pull = None
 
 
-class Offset(Single):
-    """Constant error c, natural-log intensity: the offset at the mean first stimulus."""
-
-    def grid(self, scale: float, peak: float) -> Sequence[Sequence[float]]:
-        """Three offsets, off the round numbers at which a distance may be exactly 0."""
-        return (starting_offsets(scale),)
-
-
-class Slope(Single):
-    """Slope of something over intensity, per natural-log intensity."""
-
-    def grid(self, scale: float, peak: float) -> Sequence[Sequence[float]]:
-        """A fall, hardly any slope, a rise, over a step between stimuli."""
-        return ((-0.5 / scale, 0.03 / scale, 0.5 / scale),)
-
-
 class Width(Single):
     """Width w, natural-log intensity: at K = 1 it is sigma_p, and has the prior of that one where it has none of its own."""
 
@@ -325,22 +311,28 @@ class Width(Single):
         return f"{self.name} ~ {prior.said(prior.spread)}"
 
 
-class AnswerBias(Single):
-    """Shift of the distance by the answer before, natural-log intensity."""
-
-    def grid(self, scale: float, peak: float) -> Sequence[Sequence[float]]:
-        """None to speak of: it is small, and its likelihood has one maximum."""
-        return ((0.01 * scale,),)
-
-
-OFFSET, WIDTH = Offset("offset", Scale()), Width("width", Log())
-NOISE_SLOPE, PEAK_SLOPE = Slope("noise_slope", Scale()), Slope("peak_slope", Scale())
-ANSWER_BIAS = AnswerBias("answer_bias", Scale())
-
-
 def starting_offsets(scale: float) -> tuple[float, ...]:
-    """Offsets from which to look for maxima, for stimuli `scale` apart."""
+    """Offsets from which to look for maxima, for stimuli `scale` apart, off the round numbers at which a distance may be exactly 0."""
     return (-0.93 * scale, 0.07 * scale, 1.01 * scale)
+
+
+def starting_slopes(scale: float) -> tuple[float, ...]:
+    """A fall, hardly any slope, a rise, over a step between stimuli."""
+    return (-0.5 / scale, 0.03 / scale, 0.5 / scale)
+
+
+def starting_bias(scale: float) -> tuple[float, ...]:
+    """None to speak of: it is small, and its likelihood has one maximum."""
+    return (0.01 * scale,)
+
+
+#: Constant error c, natural-log intensity: the offset at the mean first stimulus.
+OFFSET = Single("offset", Scale(), starts=starting_offsets)
+WIDTH = Width("width", Log())
+#: Slopes of the log of the width and of logit q0 over intensity, per natural-log intensity.
+NOISE_SLOPE, PEAK_SLOPE = (Single(name, Scale(), starts=starting_slopes) for name in ("noise_slope", "peak_slope"))
+#: Shift of the distance by the answer before, natural-log intensity.
+ANSWER_BIAS = Single("answer_bias", Scale(), starts=starting_bias)
 
 
 def with_offset(eta: FloatArray, sbar: float, pulled: GroupPull) -> Mapped:

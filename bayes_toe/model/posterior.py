@@ -308,7 +308,7 @@ class Posterior:
             return Levelling(logits, self._places["log_width"])
         mu1 = self.prior.distribution(pull.centre)
         funnel = Funnel.at(modes, lambda x: self.likelihood_gradient(x)[1], mu1, self.sbar, pull.span)
-        return Levelling(logits, self._places["log_width"], funnel.conditional)
+        return Levelling(logits, self._places["log_width"], funnel)
 
     def for_subject(self, subject: Subject) -> Posterior:
         """The same model with the same prior for other answers or other pairs, with the same centre and reference interval."""

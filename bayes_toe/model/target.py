@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -302,18 +302,6 @@ def contraction(target: Answering, parameter: str, low: float, high: float) -> f
     """
     before = target.prior_quantile(parameter, RANGE[1]) - target.prior_quantile(parameter, RANGE[0])
     return 1.0 - ((high - low) / before) ** 2
-
-
-@runtime_checkable
-class Conjugate(Answering, Protocol):
-    """A posterior in closed form: its evidence is exact and its draws are independent."""
-
-    @property
-    def log_evidence(self) -> float:
-        """Exact log evidence, nats."""
-
-    def sample(self, rng: Random, size: int) -> FloatArray:
-        """Independent posterior draws, shape (size, k)."""
 
 
 class Target(Answering, Protocol):

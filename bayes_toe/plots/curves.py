@@ -225,11 +225,11 @@ def _distance_panel(ax: Axes, counts: Subject, fitted: Predictor | None, beside:
 
     Where nothing is fitted that connects them, over the difference of their stimuli. Of `beside` there is a bar at every pair.
     """
-    z = counts.s2 - counts.s1 if fitted is None else np.median(fitted.distance(), axis=0)
+    z = counts.s2 - counts.s1 if fitted is None else np.median(fitted.target.distance(fitted.x), axis=0)
     if fitted is not None:
         reach = 1.05 * max(float(np.abs(z).max()), 1.43)
         x = np.linspace(-reach, reach, 200)
-        draw_band(ax, x, fitted.yes_at_distance(x), "#333333")
+        draw_band(ax, x, fitted.target.yes_at_distance(fitted.x, x), "#333333")
     for order, mark in ORDERS.items():
         at = presentation_order(counts) == order
         if at.any():
@@ -335,7 +335,7 @@ def _at(fitted: Predictor, isi: float) -> Curve:
 def _gain_panel(ax: Axes, tested: tuple[float, ...], fitted: Predictor) -> None:
     """Kalman gain over the interval: the weight of the first stimulus; 1 means no order effect. Short bars: tested intervals."""
     x = _dress_intervals(ax, tested)
-    draw_band(ax, x, fitted.gain(x), POSTERIOR, 1.3)
+    draw_band(ax, x, fitted.target.gain(fitted.x, x), POSTERIOR, 1.3)
     ax.axhline(1.0, color=EQUAL, lw=0.8, ls=":")
     ax.set(ylabel="gain K", ylim=(min(0.5, ax.get_ylim()[0]), 1.03))
     dress(ax)
