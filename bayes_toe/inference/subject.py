@@ -25,7 +25,6 @@ from bayes_toe.model.prior import DEFAULT, Prior
 from bayes_toe.model.target import Answering, Target, contraction
 from bayes_toe.seeds import generator
 
-AnyPosterior: TypeAlias = Target | FrequencyPosterior
 QUANTILES = {"q05": 0.05, "q25": 0.25, "q50": 0.5, "q75": 0.75, "q95": 0.95}
 _MCSE = tuple(f"mcse_{name}" for name in Errors._fields)
 SUMMARY_COLUMNS = ("subject", "parameter", "mean", "sd", *QUANTILES, "ess_bulk", "ess_tail", "r_hat", "contraction", *_MCSE)
@@ -126,7 +125,7 @@ class Fitted(NamedTuple):
     proposal: FittedProposal
 
 
-def infer(target: AnyPosterior, seed: int, wanted: Wanted) -> SubjectResult:
+def infer(target: Target | FrequencyPosterior, seed: int, wanted: Wanted) -> SubjectResult:
     """The pipeline of one subject under one model; random streams are keyed by seed, subject, model and purpose."""
     return exact_result(target, seed, wanted) if isinstance(target, FrequencyPosterior) else fitted_result(target, seed, wanted)[0]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from scipy.special import expit, exprel, log_expit, ndtr, ndtri_exp
@@ -24,7 +25,7 @@ from bayes_toe.model.coordinates import (
 )
 from bayes_toe.model.distributions import Random
 from bayes_toe.model.intervals import OF_EQUAL, CurveScale, log_lost, log_lost_slope
-from bayes_toe.model.parameters import WIDTH, GroupPull, Log, Logit, Mapped, starting_offsets, with_offset
+from bayes_toe.model.parameters import WIDTH, GroupPull, Log, Logit, Mapped, Single, starting_offsets, with_offset
 from bayes_toe.model.prior import Prior, log_density_of_noise_ratio, prior_quantile, slope_of_noise_ratio
 from bayes_toe.model.target import Names
 
@@ -270,3 +271,15 @@ class Memory:
         turn = split * expit(-v)
         by_pull = growth * (twice - mixed) + self.curve.total * expit(a) * expit(-v)
         return by_pull, -turn * (self.curve.total * lost + mixed / (1.0 + split))
+
+
+#: Some coordinates with a joint prior, independent of the other blocks'; methods get this block's columns of x, shape (points, k).
+#:
+#: `coordinates` that begin with logit_ are logits of a number in 0..1. `log_prior` is the log density with respect to x, (points,), with
+#: `gradient`, (points, k); `parameters` are those of the prior whose distributions it is made of. `named` has the quantities that a reader
+#: knows, (..., k) -> (...) each, and `coordinates_from` is its inverse. `prior_quantile` is None where it has no short form, and draws have
+#: to tell it. `grid` has starting values of each coordinate, for stimuli `scale` apart and `peak`, a logit of the largest frequency of
+#: 'equal'. Between the members of a group the quantities `group`, one for each coordinate, scatter, normal on their group scales:
+#: `to_group` has them there, (points, k), `from_group` x and dx/d(eta), (points, k, k), triangular; where answers tell p (mu1 - sbar) of
+#: the first one, mu1, `group_pull` has the pull from the second, else it is None.
+Block: TypeAlias = Single | Update | Memory

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple, Protocol
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from scipy.special import expit, log_expit, logit
@@ -145,59 +145,6 @@ class GroupPull(NamedTuple):
     slope: FloatArray
     pull: FloatArray
     rise: FloatArray
-
-
-class Block(Protocol):
-    """Some coordinates with a joint prior, independent of the other blocks'; x has this block's columns only."""
-
-    @property
-    def coordinates(self) -> tuple[str, ...]:
-        """Names of the unconstrained coordinates; those that begin with logit_ are logits of a number in 0..1."""
-
-    @property
-    def names(self) -> Names:
-        """What its quantities are called."""
-
-    def describe(self, prior: Prior) -> str:
-        """The prior in words."""
-
-    def parameters(self, prior: Prior) -> tuple[str, ...]:
-        """Parameters of the prior whose distributions its own is made of."""
-
-    def log_prior(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
-        """Log density with respect to x, (points, k) -> (points,)."""
-
-    def gradient(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
-        """Gradient of the log density with respect to x, (points, k)."""
-
-    def sample(self, rng: Random, size: int, prior: Prior, sbar: float) -> FloatArray:
-        """Independent draws, shape (size, k)."""
-
-    def named(self, x: FloatArray, prior: Prior, sbar: float) -> dict[str, FloatArray]:
-        """The quantities that a reader knows, (..., k) -> (...) each."""
-
-    def coordinates_from(self, quantities: Mapping[str, FloatArray], prior: Prior, sbar: float) -> FloatArray:
-        """The inverse of :meth:`named`: coordinates (..., k) from natural quantities (...)."""
-
-    def prior_quantile(self, name: str, probability: float, prior: Prior, sbar: float) -> float | None:
-        """Prior quantile of a named quantity; None where it has no short form, and draws have to tell it."""
-
-    def grid(self, scale: float, peak: float) -> Sequence[Sequence[float]]:
-        """Starting values of each coordinate, for stimuli `scale` apart and a logit of the largest frequency of 'equal'."""
-
-    @property
-    def group(self) -> tuple[str, ...]:
-        """Quantities that scatter between the members of a group, one for each coordinate, normal on their group scale."""
-
-    def to_group(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
-        """These on their group scales, (points, k) -> (points, k)."""
-
-    def from_group(self, eta: FloatArray, prior: Prior, sbar: float) -> Mapped:
-        """The inverse: x, (points, k), and dx/d(eta), (points, k, k), triangular."""
-
-    @property
-    def group_pull(self) -> Callable[[FloatArray], GroupPull] | None:
-        """Of a block whose answers tell p (mu1 - sbar) of its first quantity, mu1: the pull from the second one. Else None."""
 
 
 @dataclass(frozen=True)

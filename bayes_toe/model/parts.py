@@ -23,8 +23,8 @@ from bayes_toe.model.distributions import LogNormal, Uniform
 from bayes_toe.model.history import History
 from bayes_toe.model.intervals import OF_EQUAL, OF_SECOND, CurveScale, Propagator, mean_reversion, random_walk
 from bayes_toe.model.links import BELL, DIFFERENCING, EXPONENT, LOGISTIC, PROBIT, Lapsing, Link
-from bayes_toe.model.memory import Memory, Update
-from bayes_toe.model.parameters import ANSWER_BIAS, NOISE_SLOPE, OFFSET, PEAK_SLOPE, WIDTH, Block, Log, Logit, Single
+from bayes_toe.model.memory import Block, Memory, Update
+from bayes_toe.model.parameters import ANSWER_BIAS, NOISE_SLOPE, OFFSET, PEAK_SLOPE, WIDTH, Log, Logit, Single
 from bayes_toe.model.record import Model, Pull
 from bayes_toe.model.spread import BETA_BINOMIAL, BINOMIAL, Spread
 

@@ -33,7 +33,7 @@ from bayes_toe.model.history import Trials
 from bayes_toe.model.intervals import UNSCALED, Propagator, Scales, reference_interval, typical_interval
 from bayes_toe.model.levelling import Funnel, Levelling
 from bayes_toe.model.links import Answers, Lapsing, Link
-from bayes_toe.model.parameters import Block
+from bayes_toe.model.memory import Block
 from bayes_toe.model.prior import DEFAULT, Prior
 from bayes_toe.model.spread import Spread
 from bayes_toe.model.target import Levels, Names, require_points

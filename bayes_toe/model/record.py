@@ -11,7 +11,7 @@ from bayes_toe.errors import InputError
 from bayes_toe.model.history import History, require_order
 from bayes_toe.model.intervals import Propagator
 from bayes_toe.model.links import BELL, Lapsing, Link
-from bayes_toe.model.parameters import Block
+from bayes_toe.model.memory import Block
 from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import DEFAULT, Prior
 from bayes_toe.model.spread import BINOMIAL, Spread
@@ -82,7 +82,7 @@ class Model:
 
     @property
     def group(self) -> tuple[str, ...]:
-        """Quantities that scatter between the members of a group, one for each coordinate; see :meth:`Block.to_group`."""
+        """Quantities that scatter between the members of a group, one for each coordinate; see :data:`bayes_toe.model.memory.Block`."""
         return tuple(name for block in self.free for name in block.group)
 
     @property

@@ -7,21 +7,27 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
-from bayes_toe.arrays import FloatArray, IntArray
+from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import NumericalError
 from bayes_toe.model.distributions import Random
+from bayes_toe.model.history import Trials
 from bayes_toe.model.prior import Prior
+
+if TYPE_CHECKING:
+    from bayes_toe.model.ladder import Record
 
 #: Steps of differences of gradients, in units of 1/sqrt abs H_ii: one-sided ones during a search, central ones where they are kept.
 _SHORT, _LONG = 1e-6, 1e-4
 _FLAT, _FINEST = 1e-6, 1e-12  # a curvature that is taken to be no smaller; the smallest step over the coordinate
 Gradient = Callable[[FloatArray], FloatArray]
+#: How often rows got either answer: pairs, or trials.
+Counts: TypeAlias = Subject | Trials
 #: The range that is compared.
 RANGE = (0.05, 0.95)
 #: Contraction below which a parameter is said to be dominated by its prior: a range narrowed by less than three tenths.
@@ -106,22 +112,6 @@ def require_defined(log_posterior: FloatArray, target: Target) -> None:
         raise NumericalError(f"subject {target.subject.name!r}: log posterior is NaN")
 
 
-class Counts(Protocol):
-    """How often rows got either answer: pairs, trials, or the pairs of each of a crowd."""
-
-    @property
-    def n_yes(self) -> IntArray:
-        """Answers that the task counts."""
-
-    @property
-    def n_trials(self) -> IntArray:
-        """All answers."""
-
-    @property
-    def n_pairs(self) -> int:
-        """Number of rows."""
-
-
 def log_likelihoods(subject: Counts, log_answers: tuple[FloatArray, FloatArray]) -> FloatArray:
     """Log likelihood of each pair from the log probabilities of both answers, (points, pairs) each, without binomial coefficients."""
     of_equal, of_different = (times_counts(count, values) for count, values in zip(answer_counts(subject), log_answers, strict=True))
@@ -200,32 +190,6 @@ class Levels(Protocol):
         """Unconstrained coordinates of y, shape (points, k), and log |dy/dx| there; points beyond all floats go where the density is 0."""
 
 
-class Described(Protocol):
-    """A record of a model, as tables and files name it."""
-
-    @property
-    def name(self) -> str:
-        """Its name."""
-
-    @property
-    def knows_intervals(self) -> bool:
-        """Whether it says how an inter-stimulus interval acts."""
-
-    @property
-    def by_trial(self) -> bool:
-        """Whether an answer depends on the trials before it."""
-
-    @property
-    def of_intervals(self) -> str:
-        """What it says of inter-stimulus intervals, in a few words."""
-
-    def units_at_intervals(self, reference: float) -> Mapping[str, str]:
-        """Units of quantities that are those at the reference interval, seconds, where there are several intervals."""
-
-    def describe(self, prior: Prior) -> str:
-        """The prior of every free parameter, in words."""
-
-
 class Answering(Protocol):
     """A model that gives probabilities of both answers to every pair of one subject; x has shape (points, k)."""
 
@@ -234,7 +198,7 @@ class Answering(Protocol):
         """The counts."""
 
     @property
-    def model(self) -> Described:
+    def model(self) -> Record:
         """Which model."""
 
     @property
