@@ -23,14 +23,15 @@ from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import Task
 from bayes_toe.data.validation import AT, number
 from bayes_toe.errors import InputError
-from bayes_toe.model.closed_form import pull
 from bayes_toe.model.contrasted import QUANTITIES
-from bayes_toe.model.coordinates import Natural
+from bayes_toe.model.coordinates import Natural, natural_names
+from bayes_toe.model.ladder import ORDERS, models_of
 from bayes_toe.model.parts import CURVE_SCALES, compose
 from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.seeds import generator
 
+UPDATE = ORDERS[-1]
 #: What may differ between conditions.
 DIFFERING = ("constant error", "pull", "width")
 #: Differences by quantity: their mean, and the sd between subjects.
@@ -83,26 +84,32 @@ class Differing:
         rng = generator(seed, name, "differences between conditions")
         return {key: size + sd * float(rng.standard_normal()) for key, (size, sd) in self.sizes.items()}
 
-    def moved(self, target: Posterior, x: FloatArray, apart: Mapping[str, float]) -> FloatArray:
-        """A point of a model, (1, k), in every condition, (levels, k), where quantities differ by so much on their group scales."""
-        by = np.zeros(x.shape[1])
-        for key, size in apart.items():
-            places = [i for i, name in enumerate(target.model.group) if name in QUANTITIES[key]]
+    def moved(self, target: Posterior, x: FloatArray, name: str, seed: int) -> tuple[Posterior, FloatArray]:
+        """The model by which an observer answers in every condition, and its points there, (levels, k), from one of a model, (1, k).
+
+        Who updates is one of any pull, as in the models of conditions.
+        """
+        levels = dict(target.model.levels)
+        model = compose(target.model.task, **{**levels, "order": "contraction" if levels["order"] == UPDATE else levels["order"]})
+        moved, known = Posterior(target.subject, model, target.prior, target.sbar, target.reference), target.quantities(x)
+        by = np.zeros(len(model.group))
+        for key, size in self.drawn(name, seed).items():
+            places = [i for i, quantity in enumerate(model.group) if quantity in QUANTITIES[key]]
             if not places:
-                raise InputError(f"--differ: model {target.model.name!r} has no {key}, allowed: what the observers have")
-            by[places] = [-size if target.model.group[i] == "gain" else size for i in places]
-        return target.from_group(target.to_group(x) + self.steps[:, None] * by)[0]
+                raise InputError(f"--differ: model {model.name!r} has no {key}, allowed: what the observers have")
+            by[places] = [-size if model.group[i] == "gain" else size for i in places]
+        eta = moved.to_group(moved.points({name: known[name] for name in moved.names.natural}))
+        return moved, moved.from_group(eta + self.steps[:, None] * by)[0]
 
     def observers(self, pairs: Subject, name: str, one: Natural, seed: int) -> Natural:
         """The observer of a name, parameters of shape (), in every condition, (levels,); the pairs are those shown.
 
         Quantities are those at one second, and the constant error is that at the mean first stimulus.
         """
-        target = Posterior(pairs, compose(pairs.task, order="contraction"), Prior(reference_interval=1.0), interval=1.0)
-        p, power = pull(one.gamma), CURVE_SCALES[pairs.task].power
-        known = {"offset": p * (one.mu1 - target.sbar), "pull": p, "width": one.sigma_p / (1.0 - p) ** power, pairs.task.lapses: one.q0}
-        x = target.points({key: np.atleast_1d(value) for key, value in known.items()})
-        found = target.quantities(self.moved(target, x, self.drawn(name, seed)))
+        target = Posterior(pairs, models_of(pairs.task).update, Prior(reference_interval=1.0), interval=1.0)
+        x = target.points({key: np.atleast_1d(value) for key, value in zip(natural_names(pairs.task), one, strict=True)})
+        moved, points = self.moved(target, x, name, seed)
+        found = moved.quantities(points)
         return Natural(*of_update(found["offset"], found["pull"], found["width"], target.sbar, pairs.task), found[pairs.task.lapses])
 
 

@@ -219,20 +219,9 @@ def simulate_trials(
 ) -> list[Trials]:
     """Answers of every observer, in every condition where there are some; each stream is keyed by the name, of units such as S01@left.
 
-    Parameters
-    ----------
-    names : iterable of str
-        One per observer.
-    observers : Natural
-        Arrays of shape (observers,); to 'which is stronger?' with the lapse rate in the place of q0.
-    design : Design
-    seed : int
-    carried : float
-        Share of what is expected after a trial that is carried over to the next, see :mod:`bayes_toe.model.history`; 0: all has relaxed.
-    missed : float
-        Share of trials that nobody answers in time.
-    differing : Differing, optional
-        Conditions under each of which all is shown, and what differs between them.
+    Parameters of observers have the shape (observers,); to 'which is stronger?' the lapse rate is in the place of q0. `carried` is the
+    share of what is expected after a trial that is carried over to the next (:mod:`bayes_toe.model.history`; 0: all has relaxed), `missed`
+    that of trials that nobody answers in time.
 
     Examples
     --------

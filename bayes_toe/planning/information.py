@@ -180,8 +180,7 @@ def _of_one(model: Model, pairs: StudyDesign, observer: Observer, prior: Prior) 
     x = target.points({name: np.array([value]) for name, value in _natural(observer).items() if name in target.names.natural})
     value, gradient = target.likelihood_gradient(np.repeat(x, size, axis=0))
     log_other = target.log_answers(np.repeat(x, size, axis=0))[1][:, 0]
-    single = Posterior(pairs.unanswered, model, prior, observer.centre, observer.interval)
-    bends, vectors = np.linalg.eigh(-hessian(single.prior_gradient, x)[0])
+    bends, vectors = np.linalg.eigh(-hessian(target.prior_gradient, x)[0])
     bent = (vectors * np.maximum(bends, 0.0)) @ vectors.T  # where a prior bends upward it holds nothing
     return gradient * np.exp(0.5 * (value - log_other))[:, None], bent, x[0]
 

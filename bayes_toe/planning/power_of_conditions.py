@@ -24,10 +24,8 @@ from bayes_toe.groups.population import population
 from bayes_toe.kept import keeping
 from bayes_toe.model.contrasted import QUANTITIES
 from bayes_toe.model.ladder import ORDERS
-from bayes_toe.model.parts import compose
-from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import Prior
-from bayes_toe.planning.observers import UPDATE, Observer, assumed, of_kind
+from bayes_toe.planning.observers import Observer, assumed, of_kind
 from bayes_toe.planning.power import DATA_SETS, TRIALS, Estimate, Simulations, jobs_of, named_designs, share_of, worked
 from bayes_toe.planning.power_of_studies import DRAWS, POPULATION_COLUMNS, PlannedStudy
 from bayes_toe.planning.study_design import StudyDesign, nobody
@@ -143,18 +141,13 @@ def planned_conditions(people: Sequence[Observer], differ: Sizes, studies: Mappi
 
 
 def under_conditions(one: Observer, differing: Differing, seed: int) -> list[Observer]:
-    """An observer in every condition; of one who updates the pull may be any, as it is in the models of conditions."""
+    """An observer in every condition."""
     target = one.target(nobody(one.task))
-    levels = dict(target.model.levels)
-    model = compose(one.task, **{**levels, "order": "contraction" if levels["order"] == UPDATE else levels["order"]})
-    moved = Posterior(target.subject, model, target.prior, one.centre, one.interval)
-    x = moved.points({name: target.quantities(one.point(target))[name] for name in moved.names.natural})
-    found = moved.quantities(differing.moved(moved, x, differing.drawn(one.name, seed)))
-    told = [{name: float(found[name][i]) for name in moved.names.natural} for i in range(len(differing.conditions.levels))]
-    return [
-        replace(one, name=f"{one.name}{AT}{level}", model=model.name, quantities=values)
-        for level, values in zip(differing.conditions.levels, told, strict=True)
-    ]
+    moved, x = differing.moved(target, one.point(target), one.name, seed)
+    found, levels = moved.quantities(x), differing.conditions.levels
+    told = [{name: float(found[name][i]) for name in moved.names.natural} for i in range(len(levels))]
+    named = zip(levels, told, strict=True)
+    return [replace(one, name=f"{one.name}{AT}{level}", model=moved.model.name, quantities=values) for level, values in named]
 
 
 def compared(name: str, design: StudyDesign, planned: PlannedStudy, seed: int, prior: Prior) -> Compared:
