@@ -1,8 +1,7 @@
-"""Conditions within subjects: what docs/conditions.md says of real studies, of nulls and of simulated ones.
+"""Conditions within subjects: what docs/conditions.md says of real studies, of nulls and of simulated groups.
 
     python scripts/conditions.py subjects [--data FOLDER]       # real studies: differences by delay; odd and even trials; early and late
     python scripts/conditions.py group [--data FOLDER]          # the group by delay
-    python scripts/conditions.py simulated --observers 60       # single subjects, with and without a difference
     python scripts/conditions.py studies --number 10            # groups of 16, with and without a difference, beside unpaired analyses
 
 FOLDER has auditory_pwm/trials.csv and vibrotactile_rate/trials.csv. Everything is printed, a line as soon as it is known.
@@ -27,8 +26,8 @@ PAIRS = np.array([(a, a + step) for a in np.linspace(0.0, 1.5, 6) for step in (-
 STEP = 0.3  # D
 #: Constant error, probit of the pull, log width, guesses: of a typical subject, and how far subjects scatter.
 TYPICAL, SCATTER, GUESSES = np.array([0.0, -0.7, np.log(0.3)]), np.array([0.06, 0.4, 0.2]), 0.04
-#: What differs in the simulated studies: D/4 of the constant error, 0.5 of the probit, 0.3 of the log; on average over a group less.
-SINGLE, AVERAGE, TAU = np.array([STEP / 4, 0.5, 0.3]), np.array([0.3 * STEP / 2, 0.3, 0.15]), np.array([0.1 * STEP / 2, 0.15, 0.1])
+#: What differs on average in the simulated studies, and how far subjects scatter in that.
+AVERAGE, TAU = np.array([0.3 * STEP / 2, 0.3, 0.15]), np.array([0.1 * STEP / 2, 0.15, 0.1])
 
 
 def real(folder: Path) -> Iterator[tuple[str, bt.Study]]:
@@ -72,20 +71,6 @@ def answers(name: str, truth: np.ndarray, trials: int, rng: np.random.Generator)
         yield pd.DataFrame({"subject": name, "condition": level, "s1": s1, "s2": s2, "n_second": rng.binomial(n, p), "n_trials": n})
 
 
-def simulated(observers: int, trials: int, seed: int) -> None:
-    """Single subjects, in whom nothing differs, or one thing."""
-    for what, apart in {
-        "nothing": 0 * SINGLE,
-        **{name: SINGLE * (np.arange(3) == i) for i, name in enumerate(("c", "pull", "width"))},
-    }.items():
-        rng, rows = np.random.default_rng([seed, int(1000 * apart.sum())]), list[pd.DataFrame]()
-        for i in range(observers):
-            own = TYPICAL + SCATTER * rng.standard_normal(3)
-            sign = rng.choice([-0.5, 0.5])
-            rows += answers(f"O{i:03d}", own + sign * np.array([[-1.0], [1.0]]) * apart, trials, rng)
-        said(f"simulated, {trials} trials a condition, {what} differs", bt.contrast(bt.read_study(pd.concat(rows)), seed=seed))
-
-
 def by_delay(study: bt.Study, model: str, draws: int, seed: int) -> None:
     """The rows of a group that are of conditions."""
     with warnings.catch_warnings():
@@ -127,10 +112,8 @@ def studies(number: int, seed: int, size: int = 16, trials: int = 200) -> None:
 def main() -> None:
     """What was asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=["subjects", "group", "simulated", "studies"])
+    parser.add_argument("what", choices=["subjects", "group", "studies"])
     parser.add_argument("--data", type=Path, default=Path("data"))
-    parser.add_argument("--observers", type=int, default=60)
-    parser.add_argument("--trials", type=int, default=600)
     parser.add_argument("--number", type=int, default=10)
     parser.add_argument("--seed", type=int, default=1)
     asked = parser.parse_args()
@@ -139,8 +122,6 @@ def main() -> None:
             said(name, bt.contrast(study, seed=asked.seed))
     elif asked.what == "group":
         by_delay(next(study for _, study in real(asked.data)), "contraction + sloped", 300, asked.seed)
-    elif asked.what == "simulated":
-        simulated(asked.observers, asked.trials, asked.seed)
     else:
         studies(asked.number, asked.seed)
 

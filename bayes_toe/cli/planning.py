@@ -212,7 +212,7 @@ class ListOptions:
 
     def write(self, made: planning.StudyDesign, seed: int, reference: float | None, task: Task) -> None:
         """A randomised, counterbalanced list of trials, which run reads once the answers are filled in."""
-        from bayes_toe.experiments.simulate import subject_names
+        from bayes_toe.experiments.populations import subject_names
         from bayes_toe.planning.study_design import MOST_EQUAL, save_trials
 
         if self.list_output is None:

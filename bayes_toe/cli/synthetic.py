@@ -60,7 +60,8 @@ def simulate(  # each is a choice of its own, and has a default
     from bayes_toe.data.tables import write_table
     from bayes_toe.data.tasks import task_of
     from bayes_toe.experiments.conditions import differing_from
-    from bayes_toe.experiments.simulate import design_from, population_from, simulate_trials, trial_frame, truth_frame
+    from bayes_toe.experiments.populations import population_from
+    from bayes_toe.experiments.simulate import design_from, simulate_trials, trial_frame, truth_frame
     from bayes_toe.model.study_prior import preset_or_file
     from bayes_toe.seeds import root_seed
 

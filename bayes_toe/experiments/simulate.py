@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -20,12 +19,11 @@ from bayes_toe.data.tasks import SAME_DIFFERENT, Task, task_of
 from bayes_toe.data.validation import AT, read_numbers
 from bayes_toe.errors import InputError
 from bayes_toe.experiments.conditions import Differing
-from bayes_toe.model.closed_form import equal_probability, evolved_mean, pull, require_natural, variance_ratio
+from bayes_toe.experiments.populations import POPULATIONS, given, population_from, require_file
+from bayes_toe.model.closed_form import equal_probability, evolved_mean, pull, variance_ratio
 from bayes_toe.model.coordinates import Natural, natural_names
 from bayes_toe.model.intervals import at_interval, require_intervals
-from bayes_toe.model.ladder import models_of
 from bayes_toe.model.prior import Prior
-from bayes_toe.model.study_prior import prior_for
 from bayes_toe.seeds import generator, root_seed
 
 if TYPE_CHECKING:
@@ -35,7 +33,6 @@ if TYPE_CHECKING:
 PAPER_AMPLITUDES = (1.0, 1.15, 1.36, 1.55, 1.66)
 #: Answered repetitions of the whole set of pairs by each of the paper's subjects.
 PAPER_BATCHES = 50
-_POPULATIONS = ("paper", "prior")
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,45 +130,6 @@ def _log_amplitudes(amplitudes: Iterable[float]) -> FloatArray:
 
 
 _DESIGNS = {"reference": reference_design, "full": full_design}
-
-
-def paper_population(size: int, rng: np.random.Generator, task: Task = SAME_DIFFERENT) -> Natural:
-    """Observers of the paper's kinds in turn: A, B, C, B, A, and every sixteenth the paper's inset C.
-
-    A: prior mean below the stimuli, mu1 ~ Normal(-0.5, 0.15); more accurate with the weaker stimulus first.
-    B: prior mean above the stimuli, mu1 ~ Normal(0.95, 0.2); more accurate with the stronger first.
-    C: prior mean among the stimuli, mu1 ~ Normal(0.25, 0.08); nearly symmetric.
-    Inset C of Fig. 4: mu1 = -0.6 but sigma_l = 0.02, so symmetric all the same.
-    For all: sigma_p = 0.22 exp(0.15 Normal(0, 1)), gamma ~ Uniform(0.1, 0.5), q0 ~ Beta(40, 4); to 'which is stronger?' the lapse rate,
-    in the place of q0, ~ Beta(2, 30).
-    """
-    kinds = np.array([(-0.5, 0.15), (0.95, 0.2), (0.25, 0.08), (0.95, 0.2), (-0.5, 0.15)])[np.arange(size) % 5]
-    mu1 = rng.normal(kinds[:, 0], kinds[:, 1])
-    sigma_p = 0.22 * np.exp(0.15 * rng.standard_normal(size))
-    sigma_l = sigma_p * np.sqrt(rng.uniform(0.1, 0.5, size))
-    q0 = rng.beta(40.0, 4.0, size) if task == SAME_DIFFERENT else rng.beta(2.0, 30.0, size)
-    inset = np.arange(size) % 16 == 15
-    return Natural(np.where(inset, -0.6, mu1), sigma_p, np.where(inset, 0.02, sigma_l), q0)
-
-
-def prior_population(
-    size: int, rng: np.random.Generator, design: Design, prior: Prior | str | None = None, task: Task = SAME_DIFFERENT
-) -> Natural:
-    """Observers drawn from the prior under which a study of this design is analysed, the default one where none is given.
-
-    As there (:func:`bayes_toe.model.study_prior.prior_for`), numbers that are the stimuli's are those of the design, and with intervals the
-    prior is about sigma_p over the reference interval; the observers' is per square root of a second.
-    """
-    pairs = design.pairs(task)
-    numbers = prior_for(Study((pairs,), "design", synthetic=True), prior).at(pairs)
-    if task == SAME_DIFFERENT:
-        drawn = numbers.sample(rng, size)
-    else:
-        observer = models_of(task).update.posterior(pairs, numbers)
-        found = observer.quantities(observer.sample_prior(rng, size))
-        drawn = Natural(*(found[name] for name in natural_names(task)))
-    interval = numbers.reference_interval or 1.0  # without intervals there is no unit of time
-    return drawn._replace(sigma_p=drawn.sigma_p / np.sqrt(interval))
 
 
 @dataclass(frozen=True, eq=False)
@@ -350,10 +308,10 @@ def simulate(  # noqa: PLR0913  # each is a choice of its own, and has a default
         raise InputError("differ: allowed with conditions, between which observers differ")
     differing = Differing.of(conditions, differ) if conditions else None
     if isinstance(observers, Mapping):
-        names, natural = list(observers), _given(observers, asked)
+        names, natural = list(observers), given(observers, asked)
     elif isinstance(observers, bool) or not isinstance(observers, int) or observers < 1:
         raise InputError(f"observers: found {observers!r}, allowed: a whole number from 1, or parameters by name")
-    elif population not in _POPULATIONS:
+    elif population not in POPULATIONS:
         raise InputError(f"population: found {population!r}, allowed: paper, prior; parameters of your own go to `observers`")
     else:
         names, natural = population_from(population, observers, root, planned, prior=prior, task=asked)
@@ -363,17 +321,6 @@ def simulate(  # noqa: PLR0913  # each is a choice of its own, and has a default
     if differing is not None:
         study = replace(study, subjects=felt_together(study), conditions=differing.conditions)
     return Simulated(study, truth)
-
-
-def _given(observers: Truth, task: Task) -> Natural:
-    """Parameters by subject as arrays, shape (observers,)."""
-    names = natural_names(task)
-    for name, values in observers.items():
-        if set(values) != set(names):
-            raise InputError(f"observer {name!r}: found {', '.join(values)}, allowed: {', '.join(names)}, all four")
-    if not observers:
-        raise InputError("observers: found none, allowed: at least one")
-    return _natural_from([np.array([float(values[key]) for values in observers.values()]) for key in names], "observers", task)
 
 
 # --- what the command is told in words and files ------------------------------------------------------------------------------------
@@ -392,39 +339,10 @@ def design_from(design: str | Design, amplitudes: str | Sequence[float], batches
     elif design in _DESIGNS:
         made = _DESIGNS[design](_numbers("--amplitudes", amplitudes), batches)
     else:
-        _require_file(design, "--design", _DESIGNS)
+        require_file(design, "--design", _DESIGNS)
         columns = read_numbers(design, ("s1", "s2"), optional=("isi",))[1]
         made = Design(columns["s1"], columns["s2"], batches, columns.get("isi"))
     return made if isi is None else at_intervals(made, _numbers("--isi", isi))
-
-
-def subject_names(size: int) -> list[str]:
-    """S01, S02 and so on, all of one length.
-
-    Examples
-    --------
-    >>> subject_names(2), subject_names(100)[0]
-    (['S01', 'S02'], 'S001')
-    """
-    width = max(2, len(str(size)))
-    return [f"S{i + 1:0{width}d}" for i in range(size)]
-
-
-def population_from(
-    population: str, size: int, seed: int, design: Design, *, prior: Prior | str | None = None, task: Task = SAME_DIFFERENT
-) -> tuple[list[str], Natural]:
-    """Names and observers that `--population` names; anything but a known word is a CSV with subject and natural parameters.
-
-    A prior may be given with the population 'prior' only, which is drawn from it, as a study of the design has it.
-    """
-    if prior is not None and population != "prior":
-        raise InputError(f"--prior: found with --population {population}, allowed: with --population prior, which is drawn from it")
-    if population in _POPULATIONS:
-        rng, names = generator(seed, "population"), subject_names(size)
-        return names, prior_population(size, rng, design, prior, task) if population == "prior" else paper_population(size, rng, task)
-    _require_file(population, "--population", _POPULATIONS)
-    names, columns = read_numbers(population, natural_names(task), key="subject")
-    return names, _natural_from([columns[name] for name in natural_names(task)], population, task)
 
 
 def trial_frame(trials: Sequence[Trials]) -> pd.DataFrame:
@@ -459,23 +377,8 @@ def truth_frame(trials: Sequence[Trials]) -> pd.DataFrame:
     return pd.DataFrame([{"subject": one.subject} | one.truth for one in trials])
 
 
-def _natural_from(columns: Sequence[FloatArray], source: str, task: Task) -> Natural:
-    """Observers of these columns, shape (observers,) each; the error of a parameter out of its range names the source."""
-    observers = Natural(*columns)
-    try:
-        require_natural(*observers)
-    except ArithmeticError as error:
-        raise InputError(f"{source}: {str(error).replace('q0', task.lapses)}") from error
-    return observers
-
-
 def _numbers(option: str, given: str | Sequence[float]) -> list[float]:
     try:
         return [float(part) for part in (given.split(",") if isinstance(given, str) else given)]
     except ValueError:
         raise InputError(f"{option}: found {given!r}, allowed: positive numbers separated by commas") from None
-
-
-def _require_file(text: str, option: str, words: Iterable[str]) -> None:
-    if not os.path.isfile(text):  # a Path refuses names that are too long with an error of its own
-        raise InputError(f"{option}: found {text!r}, allowed: {', '.join(words)}, or a CSV file that exists")

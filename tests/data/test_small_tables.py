@@ -10,7 +10,8 @@ import bayes_toe as bt
 from bayes_toe.data.covariates import Covariates, read_covariates
 from bayes_toe.data.validation import read_numbers
 from bayes_toe.errors import InputError
-from bayes_toe.experiments.simulate import design_from, population_from, reference_design
+from bayes_toe.experiments.populations import population_from
+from bayes_toe.experiments.simulate import design_from, reference_design
 from bayes_toe.inference.prediction import predict_pairs
 
 TEXTS = {

@@ -7,13 +7,11 @@ from scipy.special import ndtr
 import bayes_toe as bt
 from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.errors import InputError
+from bayes_toe.experiments.populations import paper_population, population_from, prior_population
 from bayes_toe.experiments.simulate import (
     Design,
     design_from,
     full_design,
-    paper_population,
-    population_from,
-    prior_population,
     reference_design,
     simulate_trials,
     trial_frame,
