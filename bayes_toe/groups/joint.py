@@ -53,6 +53,11 @@ class Scatter:
     def _normal(self) -> bool:
         return self.name == "normal"
 
+    @property
+    def sd(self) -> float:
+        """Standard deviation of a score: what turns tau into one."""
+        return 1.0 if self._normal else float(np.sqrt(2.0))
+
     def log_density(self, u: FloatArray) -> FloatArray:
         """-u^2/2 - ln(2 pi)/2, or ln(3/8) - (5/2) ln(1 + u^2/4)."""
         return np.asarray(-0.5 * (np.square(u) + LOG_2PI) if self._normal else np.log(0.375) - 2.5 * np.log1p(0.25 * np.square(u)))

@@ -195,11 +195,12 @@ def _sizes(found: Population, eta: FloatArray) -> FloatArray:
 
 def _scatters(found: Population) -> Iterator[PopulationRow]:
     """Of the pull 1 - gain = 1 - 2 Phi(m + tau u), over midpoints of the quantiles u of the scatter, and the size of what is not shared."""
-    own, u = found.chains, scatter_named(found.settings.scatter).quantile((np.arange(_SCORES) + 0.5) / _SCORES)
-    place, away = found.names.index("gain"), own.mean.copy()
+    own, scatter = found.chains, scatter_named(found.settings.scatter)
+    u = scatter.quantile((np.arange(_SCORES) + 0.5) / _SCORES)
+    place, offset, away = found.names.index("gain"), found.names.index("offset"), own.mean.copy()
     pull = 2.0 * ndtr(own.mean[..., place, None] + own.scatter[..., place, None] * u).std(axis=-1)
     yield _row(ORDER_EFFECTS["gain"], "sd", "", pull)
-    away[..., place], away[..., found.names.index("offset")] = ndtri(0.5 - 0.5 * pull), own.scatter[..., found.names.index("offset")]
+    away[..., place], away[..., offset] = ndtri(0.5 - 0.5 * pull), scatter.sd * own.scatter[..., offset]
     yield _row(ORDER_EFFECT, "sd", "", _sizes(found, away))
 
 

@@ -182,3 +182,14 @@ def test_of_two_subjects_only_spreads_are_asked_and_without_both_orders_no_asymm
     assert list(by_label(predictive_check(found, groups=40))) == ["sd of mean asymmetry", "sd of accuracy"]
     one_order = bt.Study([bt.Subject(name, [0.0, 0.1], [0.3, 0.1], [3, 7], [9, 9]) for name in found.study.names])
     assert list(by_label(predictive_check(replace(found, study=one_order), groups=40))) == ["sd of accuracy"]
+
+
+def test_one_sd_of_students_scatter_is_its_standard_deviation():
+    """Tau of Student's t with 4 degrees of freedom is its scale, the root of a half of its sd."""
+    score = np.random.default_rng(4).standard_normal((8, 4))
+    found = made_population(
+        TYPICAL[SAME_DIFFERENT] + (SPREAD + 0.3 * np.eye(4)[0]) * np.concatenate([score, -score]), model="free weighting"
+    )
+    wide = replace(found, settings=replace(found.settings, scatter="t"))
+    (normal,), (student,) = (one.table.some("sd", "order effect") for one in (found, wide))
+    assert student.q50 == pytest.approx(np.sqrt(2.0) * normal.q50, rel=0.02)
