@@ -149,15 +149,7 @@ def bootstrap_subject(
         How many; the paper's number is of the order of 1,000.
     fitted : Fits, optional
         The fit of the subject's own answers, where it is known already.
-
-    Raises
-    ------
-    InputError
-        If `replicates` is less than 1.
     """
-    require_kind("replicates", replicates, Integral, "a whole number from 1")
-    if replicates < 1:
-        raise InputError(f"replicates={replicates} must be at least 1")
     counts = resample(subject, generator(seed, subject.name, "bootstrap"), replicates)
     own = fit_counts(subject, prior) if fitted is None else fitted
     return Bootstrap(subject.name, own, fit_counts(subject, prior, counts), seed)
