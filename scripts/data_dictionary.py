@@ -247,7 +247,8 @@ FILES = (
         "population.csv", "`population`, `run --population`", "quantity of the population", PopulationRow._fields, [PopulationRow], {
             "quantity": "`mean`, `sd` (between subjects), `correlation`, `effect`, `condition_effect` (how much conditions differ on average), "
             "`condition_sd` (how far subjects differ in that), `asymmetry` or `new_subject` (a further one).",
-            "bf_zero": "Of the means that may be none, `pull`, `constant error` and both together (`order effect`): Bayes factor of none against any.",
+            "bf_zero": "Of the means that may be none, `pull`, `constant error` and both together (`order effect`, empty where the model "
+            "always has a pull): Bayes factor of none against any.",
             "bf_no_difference": "Of effects: Bayes factor of no difference against a difference; below 1 the answers speak for a difference.",
             "bf_error": explanation(Ratio, "error"), "bf_below": explanation(Ratio, "below"),
         },

@@ -33,7 +33,7 @@ def made_up(study, who=None, scatter=0.3, kind="normal", seed=0, model="predicti
         "eta": CENTRE + 0.3 * rng.standard_normal((*size, n, k)),
         "z": np.empty((*size, 0)),
     } | parts
-    chains = with_convergence(GroupChains(**drawn, convergence={}, subject_convergence=np.full((n, k, 3), 1.0), gradients=5))
+    chains = with_convergence(GroupChains(**drawn, convergence={}, subject_convergence=np.full((n, k, 3), 1.0)))
     hyperprior = (bt.Hyperprior() if hyperprior is None else hyperprior).for_study(study)
     settings = GroupSettings(seed, model, bt.Prior(), hyperprior, scatter=kind, correlations="z" in parts)
     alone = CENTRE + 0.5 * rng.standard_normal((400, n, k))

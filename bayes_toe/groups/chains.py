@@ -193,8 +193,6 @@ class GroupChains:
         Trajectories that were given up.
     reason : str
         What was not reached; empty where converged.
-    gradients : int
-        Gradients of single chains that all of it took.
     """
 
     mean: FloatArray
@@ -206,7 +204,6 @@ class GroupChains:
     subject_convergence: FloatArray
     divergent: int = 0
     reason: str = ""
-    gradients: int = 0
 
     @cached_property
     def root(self) -> FloatArray:
@@ -274,7 +271,7 @@ def sample_group(joint: Joint, names: Sequence[str], subjects: Sequence[str], dr
     while True:
         trace = sampler.advance(more)
         x, divergent = np.concatenate([x, trace.x]), divergent + int(trace.divergent.sum())
-        found = replace(_chains(joint, x), divergent=divergent, gradients=sampler.gradients)
+        found = replace(_chains(joint, x), divergent=divergent)
         known = found.named(names, subjects)
         reason, ((_, ess), (_, r_hat)) = shortfall(known, draws, MAX_R_HAT), worst(known)
         if not reason or sampler.draws * chains >= max(LIMIT, MOST * draws):

@@ -157,7 +157,7 @@ def _constant(found: Population) -> xr.Dataset:
         "names": found.names,
         "centre": found.centre,
         "regressors": {"columns": [one._asdict() for one in who.columns], "left_out": dict(who.left_out), "notes": who.notes},
-        "chains": {key: getattr(own, key) for key in ("divergent", "reason", "gradients")},
+        "chains": {"divergent": own.divergent, "reason": own.reason},
         "differences": None if found.differences is None else _differing(found.differences, keys),
         "left_out": dict(found.left_out),
         "rough": found.rough,
@@ -232,7 +232,8 @@ def _population(tree: xr.DataTree) -> Population:
         raise InputError("its draws are of other subjects")
     effects, z = (drawn[key].values if key in drawn else np.empty((*lead, 0, *rest)) for key, rest in (("effect", size[1:]), ("z", ())))
     judged = tree["sample_stats"].to_dataset()["convergence"].values
-    chains = GroupChains(drawn["mean"].values, drawn["sd"].values, effects, eta, z, {}, judged, **record["chains"])
+    divergent, reason = (record["chains"][key] for key in ("divergent", "reason"))
+    chains = GroupChains(drawn["mean"].values, drawn["sd"].values, effects, eta, z, {}, judged, divergent, reason)
     settings["prior"] = stored_prior(settings["prior"])
     *values, together = map(tuple, settings["hyperprior"]["values"])
     settings["hyperprior"] = Hyperprior((*values, *Hyperprior().values[len(values) : -1], together))  # parameters that there were not yet

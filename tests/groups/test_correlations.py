@@ -6,7 +6,7 @@ from populations import CENTRE, SIZE, made_up
 from scipy import stats
 
 import bayes_toe as bt
-from bayes_toe.cli.population import correlations
+from bayes_toe.cli.population import tables
 from bayes_toe.groups.regressors import Regressor, Regressors
 from bayes_toe.groups.savage_dickey import savage_dickey
 from bayes_toe.records import packed
@@ -59,8 +59,9 @@ def test_table_words_and_file(small_study, tmp_path):
     assert [row.parameter for row in rows][:4] == ["mu1, probit gamma", "mu1, log width", "mu1, probit q0", "probit gamma, log width"]
     assert rows[0].q50 == pytest.approx(np.median(found.chains.correlation[..., 0, 1]))
     assert rows[0].p_direction == 1.0
-    assert [row["scales"] for row in correlations(found)][:2] == ["mu1, probit gamma", "log width, probit q0"]
-    assert not correlations(made_up(small_study))
+    (shown,) = (rows for title, rows in tables(found) if title.startswith("correlations"))
+    assert [row["scales"] for row in shown][:2] == ["mu1, probit gamma", "log width, probit q0"]
+    assert not any(title.startswith("correlations") for title, _ in tables(made_up(small_study)))
     assert found.settings.hyperprior.describe(found.names, correlations=True)[-1] == "correlations ~ LKJ(2)"
     file = found.save(tmp_path / "p.nc")
     assert packed(bt.load(file)) == packed(found)
