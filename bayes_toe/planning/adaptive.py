@@ -20,6 +20,7 @@ from bayes_toe.data.tasks import SAME_DIFFERENT, Task, task_of
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError
 from bayes_toe.model.ladder import PREDICTIVE_UPDATE, model_named, models_of
+from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import Prior, stored_prior
 from bayes_toe.model.record import Model
 from bayes_toe.planning.information import entropy, told
@@ -100,12 +101,16 @@ class Adaptive:
         centre = float(self.pairs.s1.mean())
         interval = 1.0 if self.prior.reference_interval is None else self.prior.reference_interval
         self._clouds = {
-            one.name: Particles.of_prior(one, self.prior, centre, interval, draws, generator(self.seed, "adaptive", one.name, "prior"))
+            one.name: Particles.of_prior(
+                Posterior(self.pairs.unanswered, one, self.prior, centre, interval),
+                draws,
+                generator(self.seed, "adaptive", one.name, "prior"),
+            )
             for one in models
         }
         self._answers: list[tuple[Pair, bool]] = []
         self._seen: dict[str, tuple[int, FloatArray, FloatArray]] = {}
-        quantities = next(iter(self._clouds.values())).target(self.pairs.unanswered).names.all
+        quantities = next(iter(self._clouds.values())).rule.names.all
         if self.about not in (PARAMETERS, *([WHICH_MODEL] if len(models) > 1 else quantities)):
             allowed = f"{PARAMETERS}, {WHICH_MODEL} with at least two models, or of one model: {', '.join(quantities)}"
             raise InputError(f"about={self.about!r}: allowed: {allowed}")
@@ -134,14 +139,15 @@ class Adaptive:
         if len(shown_pair) != (2 if self.pairs.isi is None else 3):
             raise InputError(f"pair {shown_pair}: allowed are s1 and s2{'' if self.pairs.isi is None else ' and isi'}")
         task, single = self.pairs.task, self._subject([(shown_pair, bool(yes))])  # refuses what is not finite
-        if not any(cloud.allows(single) for cloud in self._clouds.values()):
+        gained = {name: cloud.gain(single) for name, cloud in self._clouds.items()}
+        if not any(np.isfinite(cloud.log_weight + gained[name]).any() for name, cloud in self._clouds.items()):
             raise InputError(
                 f"pair {shown_pair}: {task.yes if yes else task.no!r} is impossible under {' and '.join(self._clouds)}; allowed are "
                 "also models with lapses or a constant error"
             )
         self._answers.append((shown_pair, bool(yes)))
-        for cloud in self._clouds.values():
-            cloud.answered(single)
+        for name, cloud in self._clouds.items():
+            cloud.add(gained[name])
         self._renew()
 
     def information(self) -> FloatArray:
@@ -155,7 +161,7 @@ class Adaptive:
         if self.about == WHICH_MODEL:
             return told(answers, weights, np.repeat(np.arange(len(found)), [len(own) for _, own, _, _ in found]))
         [cloud] = self._clouds.values()
-        values = cloud.target(self.pairs.unanswered).quantities(cloud.x[: self._judges])[self.about]
+        values = cloud.rule.quantities(cloud.x[: self._judges])[self.about]
         order = np.argsort(values)  # in bins of equal probability
         return told(answers, weights, (_BINS * np.cumsum(weights[order]) * (1.0 - 1e-9)).astype(np.intp)[np.argsort(order)])
 
@@ -219,7 +225,7 @@ class Adaptive:
         if not all(0.0 <= level <= 1.0 for level in levels):
             raise InputError(f"levels {list(levels)}: allowed are numbers from 0 to 1")
         cloud = self._clouds[name]
-        values = cloud.target(self.pairs.unanswered).quantities(cloud.x)
+        values = cloud.rule.quantities(cloud.x)
         if quantity not in values:
             raise InputError(f"quantity {quantity!r}: allowed: {', '.join(values)}")
         order = np.argsort(values[quantity])
@@ -304,7 +310,7 @@ class Adaptive:
         """
         cloud = self._clouds[name]
         if name not in self._seen or self._seen[name][0] != cloud.generation:
-            answers = np.exp(np.stack(cloud.target(self.pairs.unanswered).log_answers(cloud.x[: self._judges])))
+            answers = np.exp(np.stack(cloud.rule.log_answers(cloud.x[: self._judges])))
             self._seen[name] = cloud.generation, answers, entropy(answers)
         weights = cloud.log_weight[: self._judges]
         return np.exp(weights - logsumexp(weights)), *self._seen[name][1:]

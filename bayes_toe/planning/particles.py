@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import logsumexp
@@ -12,9 +12,6 @@ from bayes_toe.data.study import Subject
 from bayes_toe.inference.adaptation import adapt_proposal, redrawn, refreshed
 from bayes_toe.inference.proposal import FittedProposal, efficiency
 from bayes_toe.model.posterior import Posterior
-from bayes_toe.model.prior import Prior
-from bayes_toe.model.record import Model
-from bayes_toe.planning.study_design import nobody
 
 #: Share of the draws that counted when they were made, below which they are made anew.
 ENOUGH = 0.5
@@ -30,15 +27,12 @@ class Particles:
     that they came from is refitted to them and all are drawn from it again, each with its weight: the program's global move without
     rejections, so that no error is handed on from one generation to the next.
 
-    `centre` is that of offsets (natural-log intensity), `interval` that of pull and width (seconds). `log_posterior` is the joint density
-    of draws and answers, `log_weight` the same over the density that draws came from, both -inf outside of the support, shape (draws,);
-    `generation` counts how often they were made anew.
+    `rule` is the model's posterior of pairs without answers, of which others have prior, centre and interval. `log_posterior` is the joint
+    density of draws and answers, `log_weight` the same over the density that draws came from, both -inf outside of the support, shape
+    (draws,); `generation` counts how often they were made anew.
     """
 
-    model: Model
-    prior: Prior
-    centre: float
-    interval: float
+    rule: Posterior
     x: FloatArray
     log_posterior: FloatArray
     log_weight: FloatArray
@@ -46,15 +40,14 @@ class Particles:
     generation: int = 0
 
     @classmethod
-    def of_prior(cls, model: Model, prior: Prior, centre: float, interval: float, draws: int, rng: np.random.Generator) -> Particles:
+    def of_prior(cls, rule: Posterior, draws: int, rng: np.random.Generator) -> Particles:
         """Before any answer."""
-        target = Posterior(nobody(model.task), model, prior, centre, interval)
-        x = target.sample_prior(rng, draws)
-        return cls(model, prior, centre, interval, x, target.log_prior(x), np.zeros(draws))
+        x = rule.sample_prior(rng, draws)
+        return cls(rule, x, rule.log_prior(x), np.zeros(draws))
 
-    def target(self, pairs: Subject) -> Posterior:
-        """The posterior of these answers, or the rule by which these pairs are answered."""
-        return Posterior(pairs, self.model, self.prior, self.centre, self.interval)
+    def target(self, subject: Subject) -> Posterior:
+        """The posterior of these answers."""
+        return replace(self.rule, subject=subject)
 
     @property
     def shares(self) -> FloatArray:
@@ -76,13 +69,12 @@ class Particles:
         """How many draws count; none where the answers are impossible."""
         return efficiency(self.log_weight) * len(self.x) if self.possible else 0.0
 
-    def allows(self, more: Subject) -> bool:
-        """Whether the model can have given these answers too."""
-        return bool((self.log_weight + self.target(more).log_likelihood(self.x)).max() > -np.inf)
+    def gain(self, more: Subject) -> FloatArray:
+        """Log likelihood of further answers, (draws,)."""
+        return self.target(more).log_likelihood(self.x)
 
-    def answered(self, more: Subject) -> None:
-        """Take in further answers."""
-        gained = self.target(more).log_likelihood(self.x)
+    def add(self, gained: FloatArray) -> None:
+        """Take in answers of this log likelihood."""
         self.log_posterior, self.log_weight = self.log_posterior + gained, self.log_weight + gained
 
     @property

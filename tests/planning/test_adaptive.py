@@ -92,7 +92,7 @@ def entropy(q):
 def of_prior():
     """40,000 draws of the prior, and their P(equal) of every pair."""
     centre = float(np.mean(LEVELS))
-    cloud = Particles.of_prior(PREDICTIVE_UPDATE, PRIOR, centre, 1.0, 40_000, np.random.default_rng(1))
+    cloud = Particles.of_prior(Posterior(EACH, PREDICTIVE_UPDATE, PRIOR, centre, 1.0), 40_000, np.random.default_rng(1))
     target = cloud.target(EACH)
     return target.quantities(cloud.x), np.exp(target.log_answers(cloud.x)[0])
 
@@ -112,7 +112,7 @@ def test_information_is_the_expected_fall_of_entropy_and_not_the_scatter_of_a_fe
 
 def test_information_about_the_model_is_what_its_answer_tells_of_two(of_prior):
     made = Adaptive(PAIRS, ("symmetric", "predictive update"), seed=1, draws=8000)
-    symmetric = Particles.of_prior(SYMMETRIC, PRIOR, float(np.mean(LEVELS)), 1.0, 40_000, np.random.default_rng(2))
+    symmetric = Particles.of_prior(Posterior(EACH, SYMMETRIC, PRIOR, float(np.mean(LEVELS)), 1.0), 40_000, np.random.default_rng(2))
     q = np.exp(symmetric.target(EACH).log_answers(symmetric.x)[0]).mean(axis=0), of_prior[1].mean(axis=0)
     expected = entropy(np.mean(q, axis=0)) - np.mean([entropy(one) for one in q], axis=0)
     assert made.information() == pytest.approx(expected, abs=0.003)
@@ -167,12 +167,13 @@ def test_a_file_brings_a_session_back_and_a_copy_goes_on_by_itself(tmp_path):
 
 
 def test_draws_made_anew_weigh_what_all_answers_say_and_those_outside_of_the_support_count_for_nothing(done):
-    cloud, rng = Particles.of_prior(PREDICTIVE_UPDATE, PRIOR, 0.25, 1.0, 2000, np.random.default_rng(1)), np.random.default_rng(2)
+    rule, rng = Posterior(EACH, PREDICTIVE_UPDATE, PRIOR, 0.25, 1.0), np.random.default_rng(2)
+    cloud = Particles.of_prior(rule, 2000, np.random.default_rng(1))
     more = bt.Subject.from_trials("one", [0.0], [0.1], [True])
-    cloud.answered(done.subject)
+    cloud.add(cloud.gain(done.subject))
     cloud.log_posterior[:3], cloud.log_weight[:3] = -np.inf, -np.inf
     cloud.renew(done.subject, rng)
-    cloud.answered(more)
+    cloud.add(cloud.gain(more))
     target = cloud.target(
         bt.Subject.from_counts("all", *(np.concatenate([getattr(one, key) for one in (done.subject, more)]) for key in KEYS))
     )
