@@ -316,7 +316,7 @@ class Study:
     def turn(self, name: str | int, blocks: Sequence[str | int] | str | int = ()) -> Study:
         """The study with a subject's answers turned, each for the other one of the task: in these blocks, or in all.
 
-        For somebody who had the buttons swapped, as :func:`~bayes_toe.check_answers` tells. Commands do it by ``--turn``.
+        For somebody who had the buttons swapped, as :func:`~bayes_toe.check` tells. Commands do it by ``--turn``.
 
         Raises
         ------

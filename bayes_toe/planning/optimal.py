@@ -18,7 +18,7 @@ from bayes_toe.model.prior import Prior
 from bayes_toe.planning.information import UTILITIES, Information, exchanged, information
 from bayes_toe.planning.observers import MIDDLE, UPDATE, Observer, assumed, middle_of, of_kind, prior_of
 from bayes_toe.planning.power import WIDTHS, PowerTable, jobs_of, simulated, worked
-from bayes_toe.planning.study_design import DESIGN_COLUMNS, StudyDesign, all_pairs, each_once, nobody, paper_study_design
+from bayes_toe.planning.study_design import StudyDesign, all_pairs, each_once, nobody, paper_study_design
 from bayes_toe.seeds import generator, root_seed
 from bayes_toe.workers import Progress, Workers
 
@@ -144,10 +144,9 @@ class OptimalDesign:
 
     def text(self) -> str:
         """The design, why it is so, and what it and others would name, as a file of Markdown."""
-        names = DESIGN_COLUMNS if self.design.isi is not None else DESIGN_COLUMNS[:3]
-        columns = [getattr(self.design, name).tolist() for name in names]
-        rows = [" | ".join(f"{value:g}" for value in row) for row in zip(*columns, strict=True)]
-        table = [" | ".join(names), " | ".join("---" for _ in names), *rows]
+        frame = self.design.frame()
+        rows = [" | ".join(f"{value:g}" for value in row) for row in frame.itertuples(index=False)]
+        table = [" | ".join(map(str, frame)), " | ".join("---" for _ in frame), *rows]
         said = [f"* {line}" for line in self.said()]
         head = f"# A design of {self.design.total} trials, for: {self.goal.aim}"
         return "\n".join([head, "", *said, "", *(f"| {row} |" for row in table), "", f"Seed {self.seed}.", ""])

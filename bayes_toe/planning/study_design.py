@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -23,6 +23,9 @@ from bayes_toe.data.validation import read_numbers
 from bayes_toe.errors import InputError
 from bayes_toe.experiments.simulate import reference_design
 from bayes_toe.seeds import generator
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 #: Columns of a design's file; isi where there are intervals.
 DESIGN_COLUMNS = ("s1", "s2", "n_trials", "isi")
@@ -122,12 +125,16 @@ class StudyDesign:
         """The same pairs with a constant added to every stimulus."""
         return replace(self, s1=self.s1 + by, s2=self.s2 + by)
 
-    def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
-        """Write s1,s2,n_trials (and isi) as a CSV file, whole or not at all."""
+    def frame(self) -> pd.DataFrame:
+        """A row a pair, with the columns s1, s2, n_trials (and isi)."""
         import pandas as pd
 
         names = DESIGN_COLUMNS if self.isi is not None else DESIGN_COLUMNS[:3]
-        return write_table(pd.DataFrame({name: getattr(self, name) for name in names}), path, overwrite=overwrite)
+        return pd.DataFrame({name: getattr(self, name) for name in names})
+
+    def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
+        """Write them as a CSV file, whole or not at all."""
+        return write_table(self.frame(), path, overwrite=overwrite)
 
 
 def each_once(s1: npt.ArrayLike, s2: npt.ArrayLike, isi: npt.ArrayLike | None = None, *, task: Task = SAME_DIFFERENT) -> StudyDesign:
