@@ -88,8 +88,8 @@ def _forest(ax: Axes, rows: Sequence[Difference], subjects: Sequence[str], group
         ax.axvspan(group[0], group[2], color="#BDB3DD", lw=0, label="group's mean (5-50-95 %)")
         ax.axvline(group[1], color=BELIEF, lw=0.9)
     ax.axvline(0.0, color=EQUAL, lw=0.8, ls=":")
-    faces, colours, _ = zip(*(_MARKS[row.word] for row in shown), strict=True)
-    low, middle, high = np.array([(row.q05, row.q50, row.q95) for row in shown]).T
+    low, middle, high = np.array([(row.q05, row.q50, row.q95) for row in shown]).reshape(-1, 3).T
+    faces, colours = ([_MARKS[row.word][place] for row in shown] for place in (0, 1))
     ax.hlines(y, low, high, colors=colours, lw=1.0)
     ax.scatter(middle, y, 3.4**2, faces, edgecolors=colours, linewidths=0.7, zorder=2)
     ax.set_yticks(y if named else [], [plain(row.subject, 16) for row in shown] if named else [], fontsize=SMALL)

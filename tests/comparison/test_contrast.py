@@ -114,6 +114,11 @@ def test_the_figures_show_every_subject(table):
     assert [ax.get_title() for ax in curves.axes] == ["condition left", "condition right"]
     with pytest.raises(bt.InputError, match="no contrast of subject 'C'"):
         bt.plots.contrast_curves(study, table, "C")
+    words = [text.get_text() for text in forest.legends[0].get_texts()]
+    assert words[0] == "differs"  # in their order, whichever panel has them first
+    alone = replace(table, rows=tuple(row for row in table if row.quantity != "pull"))
+    empty = replace(alone, rows=(*alone.rows, table.some("pull")[0]._replace(comparison="up - left")))  # nobody met both of these
+    assert [len(ax.collections[0].get_segments()) for ax in bt.plots.contrast_figure(empty).axes] == [2, 2, 0]
 
 
 def test_the_command(tmp_path):
