@@ -85,9 +85,9 @@ def test_a_group_and_an_explorer_stand_beside_the_report_where_asked_for_and_go_
         "Order effect</a> of the population, direction: ",
         "Group &lt;b&gt; - a: ",
         "data:image/png;base64,",
+        "<th>BF no difference",
         "<th>sd between subjects",
         "<th>further subject",
-        "<th>BF no difference",
         "Hyperprior: mu1: ",
     ]
     places = [said.index(words) for words in order]
