@@ -207,6 +207,8 @@ class ListOptions:
         """Those of the condition, none without one."""
         from bayes_toe.experiments.conditions import differing_from
 
+        if self.conditions is not None and self.list_output is None:
+            raise bt.InputError("--conditions: allowed with --list trials.csv, in which trials are split over them")
         differing = differing_from(self.conditions, None)
         return () if differing is None else differing.conditions.levels
 
@@ -248,7 +250,7 @@ def design(
     from bayes_toe.model.study_prior import preset_or_file
     from bayes_toe.seeds import root_seed
 
-    listed = [] if lists.list_output is None else [lists.list_output]
+    listed, levels = [] if lists.list_output is None else [lists.list_output], max(1, len(lists.levels()))
     wanted.require(given, bool(listed))
     if given is not None:
         task.require_files(*listed)
@@ -258,10 +260,10 @@ def design(
         raise bt.InputError(f"{output}: found the ending {output.suffix!r}, allowed: .csv, for a design")
     files = output, output.with_name(f"{output.stem}_compared.csv"), output.with_suffix(".md"), output.with_suffix(".png")
     task.require_files(*files, *listed)
-    prior, levels, goal = preset_or_file(task.prior), wanted.levels_in_log(), wanted.goal(question)
+    prior, shown, goal = preset_or_file(task.prior), wanted.levels_in_log(), wanted.goal(question)
     with task.progress("simulating and analysing", 4 * 3 * data_sets) as tick:
         found = planning.optimal_design(
-            levels, trials // max(1, len(lists.levels())), goal, observers, data_sets=data_sets, seed=task.seed, prior=prior,
+            shown, trials // levels, goal, observers, data_sets=data_sets, seed=task.seed, prior=prior,
             workers=task.workers, progress=tick,
         )  # fmt: skip
     written = (

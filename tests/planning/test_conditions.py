@@ -92,6 +92,7 @@ def test_the_commands(tmp_path, three_models):
     said = good("design", "design.csv", "--list", "trials.csv", "--conditions", "left,right", "--blocks", "5", "--seed", "1", cwd=tmp_path)
     assert "1 subject, 1300 trials each in 5 blocks (650 in each of left, right, mixed within blocks)" in " ".join(said.split())
     assert refused("design", "design.csv", "--list", "t.csv", "--conditions", "left", cwd=tmp_path).startswith("error: --conditions: found")
+    assert refused("design", "design.csv", "--conditions", "a,b", cwd=tmp_path).startswith("error: --conditions: allowed with --list")
     assert refused("power", "--differ", "gain=1", "--trials", "100", "-o", "o", cwd=tmp_path).startswith(
         "error: --differ: found 'gain=1:0'"
     )
