@@ -108,9 +108,8 @@ def test_what_has_no_order_is_refused_in_one_line(study, tmp_path):
 
 
 def test_what_takes_pairs_as_independent_says_so(study):
-    table = bt.compare(study.select("carries"), ["contraction", "contraction + carry-over"], draws=200, seed=1, workers=1)
-    static, carried = table.rows
-    assert carried.log_evidence - static.log_evidence > 5.0
+    short, *_ = observer("short", "contraction + carry-over", 1, trials=200, **CARRIED)
+    static, carried = bt.compare(bt.Study([short]), ["contraction", "contraction + carry-over"], draws=200, seed=1, workers=1).rows
     assert carried.checks.elpd_loo_trial is None
     assert static.checks.elpd_loo_trial is not None
     assert "leave-one-out withheld: answers depend on the trials before" in carried.notes

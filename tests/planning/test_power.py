@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from commands import good, refused
+from conftest import plain_models_alone
 
 import bayes_toe as bt
 from bayes_toe.comparison.random_effects import random_effects
@@ -27,10 +28,11 @@ def designs():
 
 @pytest.fixture(scope="module")
 def table(designs):
-    return power(designs, [650], data_sets=2, seed=1, workers=1)
+    with plain_models_alone():
+        return power(designs, [650], data_sets=2, seed=1, workers=1)
 
 
-def test_the_judgement_is_the_verdict(table, designs):
+def test_the_judgement_is_the_verdict(table, designs, three_models):
     observer = observers_from(None, 1, seed=1)[-1]
     subject = observer.answers(designs["paper"], generator(1, observer.name, "answers", 650))
     expected = verdict(subject, prior_of([designs["paper"]], None), 1)[0]
@@ -40,7 +42,7 @@ def test_the_judgement_is_the_verdict(table, designs):
     assert (found.verdict.effect, found.verdict.kind) == (expected.effect, expected.kind)
 
 
-def test_wide_first_stimuli_tell_an_update_that_the_papers_pairs_do_not_whoever_else_is_simulated(table, designs):
+def test_wide_first_stimuli_tell_an_update_that_the_papers_pairs_do_not_whoever_else_is_simulated(table, designs, three_models):
     assert table["narrow", 650, "update", NAMED].value == 1.0
     assert table["paper", 650, "update", "90 % width of gain"].value > 3.0 * table["narrow", 650, "update", "90 % width of gain"].value
     assert table["narrow", 650, "none", FOUND].value == 0.0
@@ -227,7 +229,7 @@ def few():
     return observers_from(None, 1, seed=1)[0].answers(design, generator(1, "few"))
 
 
-def test_an_undecided_subject_is_told_how_many_trials_of_which_pairs(few, tmp_path, monkeypatch):
+def test_an_undecided_subject_is_told_how_many_trials_of_which_pairs(few, tmp_path, monkeypatch, three_models):
     study = bt.Study((few,))
     [found] = bt.planning.more_trials(study, seed=1, workers=1)
     assert found.subject == few.name

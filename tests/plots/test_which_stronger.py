@@ -9,6 +9,7 @@ from matplotlib.text import Text
 
 import bayes_toe as bt
 from bayes_toe.plots.curves import lines_along
+from bayes_toe.plots.paper_figures import captions, material_of
 
 
 def words_of(figure):
@@ -60,8 +61,8 @@ def test_no_figure_speaks_of_another_task(stronger):
     assert len(drawn) == 10
 
 
-def test_captions_speak_of_it_too(stronger, tmp_path):
-    said = (bt.plots.write_figures(stronger, tmp_path / "figures", formats=["svg"], workers=1) / "captions.md").read_text(encoding="utf-8")
+def test_captions_speak_of_it_too(stronger):
+    said = captions(material_of(stronger))
     assert "'equal'" not in said
     assert "q0" not in said
     assert "P('second')" in said
