@@ -157,7 +157,10 @@ class HistoryTable(SubjectTable[SubjectHistory]):
         words = ("yes", "probably", "undecided", "probably not", "no", "no pull", "no result")
         said = listed([f"{word} {counts[word]}" for word in words if counts[word]])
         total = np.nansum([row.log_bayes_factor_history for row in self.rows])
-        return f"answers follow them, of {counted(len(self.rows), 'subject')}: {said}; log Bayes factor of a history {total:+.1f} in sum"
+        found = f"{said}; log Bayes factor of a history {total:+.1f} in sum"
+        if all(one.iti is None and one.begins.sum() == 1 for one in map(require_order, self.study)):
+            found += "; no column session, block or iti tells of pauses, so trials are taken to follow each other without any"
+        return f"answers follow them, of {counted(len(self.rows), 'subject')}: {found}"
 
     def frame(self) -> pd.DataFrame:
         """The table with the columns of compare_history.csv; natural logs, empty where a value does not exist."""

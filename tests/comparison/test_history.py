@@ -63,6 +63,9 @@ def test_a_history_is_told_of_who_has_one(table):
     assert carries.describe().startswith("answers follow the trials before (P of a history > 0.99; carried over, share ")
     assert table.frame().columns.tolist() == list(HISTORY_COLUMNS)
     assert table.sentence().startswith("answers follow them, of 2 subjects: yes 1, ")
+    assert "tells of pauses" in table.sentence()
+    paused = [replace(one, answers=replace(one.answers, place=np.arange(700) + (np.arange(700) > 350))) for one in table.study]
+    assert "pauses" not in replace(table, study=bt.Study(paused)).sentence()
 
 
 def test_the_verdict_says_that_answers_seem_to_depend_on_the_trial_before(study):
