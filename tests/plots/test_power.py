@@ -49,7 +49,7 @@ def test_many_designs_are_told_apart_and_stand_at_their_numbers():
 def test_whole_studies_by_the_number_of_their_subjects(table):
     rows = [
         AnalysedStudy(name, 400, size, kind, p, ("pull",) * (p < 0.1 and size > 4), (0.1,) * 4, warned=False)
-        for name in table.designs
+        for name in table.different("design")
         for kind in ("none", "update")
         for size in (4, 8)
         for p in (0.01, 0.2, 0.5)
