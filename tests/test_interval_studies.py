@@ -276,7 +276,8 @@ def test_predictions_hold_the_truth_at_intervals_never_run(analysis):
     draws = analysis.draws.natural("S01")
     again = [np.quantile(equal_probability_at(0.0, 0.3, t, draws), [0.05, 0.5, 0.95]) for t in isi]
     assert table[["q05", "q50", "q95"]].to_numpy() == pytest.approx(np.array(again), rel=1e-12)
-    low, middle, high = np.quantile(Predictor.of(analysis.draws, "S01").gain(isi), [0.05, 0.5, 0.95], axis=0)
+    fitted = Predictor.of(analysis.draws, "S01")
+    low, middle, high = np.quantile(fitted.target.gain(fitted.x, isi), [0.05, 0.5, 0.95], axis=0)
     assert (np.abs(middle - gain_at(truth, isi)) < 4.5 * (high - low) / 3.29).all()
 
 
