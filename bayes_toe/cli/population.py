@@ -189,7 +189,7 @@ def _direction(found: Population, begin: str) -> str:
 
 
 #: Quantities as readers know them, by the group parameters that Bayes factors are of.
-_KNOWN_AS = {GROUP_PARAMETERS[name].label: known for name, known in (("mu1", "constant error"), ("gain", "pull"), ("gamma", "pull"))}
+_KNOWN_AS = {GROUP_PARAMETERS[name].label: known for name, known in (("gain", "pull"), ("gamma", "pull"))}
 _KNOWN_AS |= {GROUP_PARAMETERS[name].label: name for name in ("pull", "width")}
 
 
