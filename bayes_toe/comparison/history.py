@@ -49,7 +49,7 @@ HISTORY_COLUMNS = (
 )
 _TRIED, _SHOWN = 3, 400  # compositions; draws that figures get
 #: What the histories' own quantities are called in figures and sentences.
-QUANTITIES = {"carry_over": "carried over, share", "carry_over_tau": "carried over for tau, s", "half_life": "half-life, trials"}
+QUANTITIES = {"carry_over": "carried over, share", "carry_over_tau": "carried over, time constant in s", "half_life": "half-life, trials"}
 _STATIC, _BIAS = "static", {"answer bias": "previous answer"}
 
 
@@ -132,7 +132,8 @@ class SubjectHistory:
         if self.p_static is None or self.depends == "no pull":
             return said
         what = f"{QUANTITIES[self.parameter]} {self.q50:.2g} ({self.q05:.2g} to {self.q95:.2g})"
-        fits = f"; p of the answers by trial before {self.history_p_static:.2g} static, {self.history_p:.2g} with it"
+        static, best = (compared(p).removeprefix("= ") for p in (self.history_p_static, self.history_p))
+        fits = f"; p of the answers by trial before {static} static, {best} with it"
         return f"{said} (P of a history {compared(1.0 - self.p_static)}; {what}{fits})"
 
 

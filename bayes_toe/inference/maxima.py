@@ -116,7 +116,8 @@ def ascend(
         if not len(at):
             break
         free = ~(held | ((now.x <= floor) & (now.gradient <= 0.0)))
-        with np.errstate(over="ignore"):  # where slopes are close to the largest float; the step has a longest length
+        # Slopes close to the largest float, of which the step has a longest length; elimination of what is not positive definite.
+        with np.errstate(over="ignore", invalid="ignore"):
             step, decrement, proper = _steps(now.gradient, now.hessian, free, damping)
         step *= np.minimum(1.0, most / np.maximum(np.abs(step).max(axis=0), _TINY))
         trial = np.maximum(now.x + step, floor)

@@ -10,6 +10,7 @@ import bayes_toe as bt
 from bayes_toe.data.conditions import by_person
 from bayes_toe.groups.differences import ConditionLikelihood, Differences
 from bayes_toe.groups.subjects import centre_of
+from bayes_toe.inference.maxima import find_maxima
 from bayes_toe.model.parts import composition
 from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import DEFAULT
@@ -28,6 +29,14 @@ def study(people=6, levels=("left", "right"), away=0.1, trials=40, seed=1):
             told = {"subject": f"P{i}", "condition": level, "s1": shown[:, 0], "s2": shown[:, 1], "n_trials": trials}
             rows.append(pd.DataFrame({**told, "n_second": rng.binomial(trials, p)}))
     return bt.read_study(pd.concat(rows))
+
+
+def test_a_search_warns_of_nothing_on_its_way():
+    """Far from a maximum curvatures are not positive definite, of which an elimination overflows."""
+    read, _ = bt.simulate(1, batches=20, seed=1, conditions=("a", "b", "c"), differ={"pull": (0.5, 0.0)})
+    whole, record = read.without_conditions(), composition("free weighting", read.task)
+    apart = Differences.of(read.conditions, by_person(read), record)
+    assert find_maxima(apart.posterior("S01", whole["S01"], record, DEFAULT.at(*whole), 0.2)).arrived
 
 
 @pytest.mark.parametrize("model", ["free weighting + sloped", "update", "contraction"])
