@@ -20,7 +20,7 @@ from bayes_toe.inference.evidence import importance_evidence
 from bayes_toe.inference.prediction import Predictor
 from bayes_toe.model.beliefs import comparison_distance, evolve, steady_prior, update
 from bayes_toe.model.coordinates import Natural
-from bayes_toe.model.intervals import equal_probability_at, gain_at
+from bayes_toe.model.intervals import at_interval
 
 OBSERVERS = Natural(*(np.array(column) for column in zip((-0.6, 0.21, 0.14, 0.93), (1.0, 0.25, 0.18, 0.9), strict=True)))
 THREE = (0.25, 1.0, 4.0)
@@ -137,7 +137,7 @@ def test_simulated_frequencies_are_those_of_the_model():
     design = at_intervals(Design([0.0, 0.4], [0.3, 0.1], 4000), [0.1, 10.0])
     (trials,) = simulate_trials(["a"], Natural(*(v[:1] for v in OBSERVERS)), design, seed=3)
     found = bt.Subject.from_trials("a", trials.s1, trials.s2, trials.yes, trials.isi)
-    q = equal_probability_at(found.s1, found.s2, found.isi, Natural(*(v[0] for v in OBSERVERS)))
+    q = bt.model.equal_probability(found.s1, found.s2, *at_interval(Natural(*(v[0] for v in OBSERVERS)), found.isi))
     assert (np.abs(found.n_yes / found.n_trials - q) < 4.5 * np.sqrt(q * (1 - q) / found.n_trials)).all()  # false alarm 3e-5
 
 
@@ -161,7 +161,7 @@ def spread(subject, name="gamma"):
 def expected(isi, trials):
     """Counts without scatter of an observer, in the paper's pairs at these intervals."""
     design = at_intervals(reference_design(), isi)
-    q = equal_probability_at(design.s1, design.s2, design.isi, Natural(*(v[0] for v in OBSERVERS)))
+    q = bt.model.equal_probability(design.s1, design.s2, *at_interval(Natural(*(v[0] for v in OBSERVERS)), design.isi))
     return bt.Subject("a", design.s1, design.s2, np.rint(trials * q), np.full(len(q), trials), isi=design.isi)
 
 
@@ -172,7 +172,7 @@ def test_one_first_stimulus_at_several_intervals_tells_the_pull():
 
     def subject(isi):
         t = np.repeat(isi, 5)
-        q = equal_probability_at(0.0, np.tile(s2, len(isi)), t, theta)
+        q = bt.model.equal_probability(0.0, np.tile(s2, len(isi)), *at_interval(theta, t))
         return bt.Subject("a", np.zeros(len(t)), np.tile(s2, len(isi)), np.rint(600 // len(isi) * q), [600 // len(isi)] * len(t), isi=t)
 
     assert spread(subject([1.0])) > 0.25
@@ -269,16 +269,16 @@ def test_predictions_hold_the_truth_at_intervals_never_run(analysis):
     isi = np.array([0.1, 0.5, 2.0, 8.0])
     table = bt.predict(analysis.draws, "S01", 0.0, 0.3, isi)
     truth = Natural(*(v[0] for v in OBSERVERS))
-    q = equal_probability_at(0.0, 0.3, isi, truth)
+    q = bt.model.equal_probability(0.0, 0.3, *at_interval(truth, isi))
     wide = 4.5 * (table["q95"] - table["q05"]) / 3.29
     assert (np.abs(table["q50"] - q) < wide).all()
     assert ((table["q95"] - table["q05"]) < 0.2).all()
     draws = analysis.draws.natural("S01")
-    again = [np.quantile(equal_probability_at(0.0, 0.3, t, draws), [0.05, 0.5, 0.95]) for t in isi]
+    again = [np.quantile(bt.model.equal_probability(0.0, 0.3, *at_interval(draws, t)), [0.05, 0.5, 0.95]) for t in isi]
     assert table[["q05", "q50", "q95"]].to_numpy() == pytest.approx(np.array(again), rel=1e-12)
     fitted = Predictor.of(analysis.draws, "S01")
     low, middle, high = np.quantile(fitted.target.gain(fitted.x, isi), [0.05, 0.5, 0.95], axis=0)
-    assert (np.abs(middle - gain_at(truth, isi)) < 4.5 * (high - low) / 3.29).all()
+    assert (np.abs(middle - bt.model.gain(at_interval(truth, isi).gamma)) < 4.5 * (high - low) / 3.29).all()
 
 
 def test_predictions_need_an_interval_exactly_where_there_are_some(analysis, study):

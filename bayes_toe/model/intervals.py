@@ -51,7 +51,7 @@ from scipy.special import expit, exprel, log_expit
 from bayes_toe.arrays import FloatArray, IndexArray, IntArray
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError
-from bayes_toe.model.closed_form import MAX_PULL, equal_probability, gain, pull, variance_ratio
+from bayes_toe.model.closed_form import MAX_PULL, pull, variance_ratio
 from bayes_toe.model.coordinates import Natural
 
 
@@ -78,39 +78,6 @@ def at_interval(theta: Natural, isi: npt.ArrayLike) -> Natural:
     """
     interval = require_intervals(isi)
     return theta._replace(sigma_p=np.asarray(np.asarray(theta.sigma_p, np.float64) * np.sqrt(interval)))
-
-
-def gain_at(theta: Natural, isi: npt.ArrayLike) -> FloatArray:
-    """Kalman gain at an interval (seconds), K_t = 1/G_t: the weight of the first stimulus. Arguments broadcast.
-
-    Examples
-    --------
-    >>> theta = Natural(*map(np.asarray, (0.0, 1.0, 1.0, 0.9)))
-    >>> round(float(gain_at(theta, 0.5)), 12)
-    0.5
-    """
-    return gain(at_interval(theta, isi).gamma)
-
-
-def equal_probability_at(s1: npt.ArrayLike, s2: npt.ArrayLike, isi: npt.ArrayLike, theta: Natural) -> FloatArray:
-    """P(equal) of pairs s1, s2 (natural-log intensity) at intervals isi (seconds). Arguments broadcast.
-
-    Source: Eq. mod:q with the propagator of the interval.
-
-    Raises
-    ------
-    InputError
-        If an interval is not positive and finite.
-    NumericalError
-        If a parameter is NaN or out of range.
-
-    Examples
-    --------
-    >>> theta = Natural(*map(np.asarray, (0.0, 0.15, 0.0, 0.9)))
-    >>> round(float(equal_probability_at(0.0, 0.3, 4.0, theta)), 12)
-    0.45
-    """
-    return equal_probability(s1, s2, *at_interval(theta, isi))
 
 
 def require_intervals(isi: npt.ArrayLike) -> FloatArray:

@@ -5,10 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import bayes_toe as bt
-from bayes_toe.errors import InputError, NumericalError
+from bayes_toe.errors import NumericalError
 from bayes_toe.model import closed_form as model
-from bayes_toe.model.beliefs import Gaussian, evolve, sequence_view, steady_prior, trial_view, update
+from bayes_toe.model.beliefs import Gaussian, evolve, steady_prior, trial_view, update
 
 EPS = np.finfo(float).eps
 
@@ -45,88 +44,18 @@ def test_a_sequence_is_the_conditional_of_one_big_gaussian():
     times, mu1, sigma_p, sigma_l = 6, 0.4, 0.5, 0.35
     pauses = np.array([1.0, 0.2, 3.0, 0.0, 1.0])
     s = np.array([0.1, 0.9, -0.3, 0.3, 0.2, 1.5])
-    view = sequence_view(s, mu1, sigma_p, sigma_l, intervals=pauses)
-    v1 = float(steady_prior(mu1, sigma_p, sigma_l).variance)
-    walk = v1 + sigma_p**2 * np.concatenate([[0.0], np.cumsum(pauses)])
+    before = [steady_prior(mu1, sigma_p, sigma_l)]
+    for stimulus, pause in zip(s[:-1], pauses, strict=True):
+        before.append(evolve(update(before[-1], stimulus, sigma_l), sigma_p, pause))
+    walk = float(before[0].variance) + sigma_p**2 * np.concatenate([[0.0], np.cumsum(pauses)])
     state = np.minimum.outer(walk, walk)  # covariance of a random walk
     for t in range(times):
         seen = state[:t, :t] + sigma_l**2 * np.eye(t)
         pull = np.linalg.solve(seen, state[:t, t]) if t else np.zeros(0)
-        assert view.before.mean[t] == pytest.approx(mu1 + pull @ (s[:t] - mu1), abs=1e-12)
-        assert view.before.variance[t] == pytest.approx(state[t, t] - pull @ state[:t, t], rel=1e-12)
+        assert float(before[t].mean) == pytest.approx(mu1 + pull @ (s[:t] - mu1), abs=1e-12)
+        assert float(before[t].variance) == pytest.approx(state[t, t] - pull @ state[:t, t], rel=1e-12)
 
 
-@pytest.mark.parametrize("bad", [{"intervals": [1.0, 1.0]}, {"intervals": [-1.0]}, {"intervals": [np.nan]}])
-def test_bad_intervals_are_refused(bad):
-    with pytest.raises(InputError, match="2 stimuli need 1 finite"):
-        sequence_view([0.0, 0.3], 0.0, 0.3, 0.1, **bad)
-
-
-def test_bad_sequences_and_parameters_are_refused():
-    with pytest.raises(InputError, match="at least one"):
-        sequence_view([], 0.0, 0.3, 0.1)
+def test_bad_parameters_are_refused():
     with pytest.raises(NumericalError, match="sigma_p"):
         trial_view(0.0, 0.1, 0.0, 0.0, 0.1)
-
-
-def test_a_stream_at_another_pace_is_the_papers_model_with_more_diffusion():
-    mu1, sigma_p, sigma_l, q0, pause = 0.4, 0.3, 0.2, 0.93, 2.5
-    slow = sigma_p * np.sqrt(pause)
-    found = bt.model.noticed([0.1, 0.7], mu1, sigma_p, sigma_l, q0, intervals=[pause], prior=steady_prior(mu1, slow, sigma_l))
-    assert found[0] == pytest.approx(1 - float(bt.model.equal_probability(0.1, 0.7, mu1, slow, sigma_l, q0)), abs=1e-13)
-
-
-def test_noticed_along_a_sequence_by_densities_on_a_grid():
-    # The literal route: multiply by the likelihood, smear by the propagator, read off means and sds, apply the decision rule to the shift.
-    grid = np.linspace(-6, 6, 2401)
-    mu1, sigma_p, sigma_l, q0 = 0.5, 0.4, 0.3, 0.9
-    s, pauses = [-0.3, 0.2, 0.9, 0.9, -0.4], [1.0, 0.5, 2.0, 0.7]
-
-    def normal(mean, sd):
-        return np.exp(-0.5 * ((grid - mean) / sd) ** 2)
-
-    def moments(density):
-        mean = (grid * density).sum() / density.sum()
-        return mean, np.sqrt((np.square(grid - mean) * density).sum() / density.sum())
-
-    density = normal(mu1, float(steady_prior(mu1, sigma_p, sigma_l).sd)) * normal(s[0], sigma_l)
-    expected = []
-    for stimulus, pause in zip(s[1:], pauses, strict=True):
-        density = np.convolve(density, normal(0.0, sigma_p * np.sqrt(pause)), "same")
-        mean, sd = moments(density)
-        density = density / density.sum() * normal(stimulus, sigma_l)
-        expected.append(1 - q0 * 2 ** -(((moments(density)[0] - mean) / sd) ** 2))
-    assert bt.model.noticed(s, mu1, sigma_p, sigma_l, q0, intervals=pauses) == pytest.approx(expected, abs=1e-9)
-
-
-def test_noticed_takes_draws_and_their_own_sequences():
-    rng = np.random.default_rng(6)
-    mu1, sigma_p, sigma_l, q0 = rng.normal(size=50), rng.uniform(0.2, 0.5, 50), rng.uniform(0.1, 0.2, 50), rng.uniform(0.8, 1, 50)
-    s = np.array([0.0, 0.3, -0.2, 0.5])
-    found = bt.model.noticed(s, mu1, sigma_p, sigma_l, q0, intervals=[1, 2, 0.5])
-    assert found.shape == (50, 3)
-    one = bt.model.noticed(s, mu1[7], sigma_p[7], sigma_l[7], q0[7], intervals=[1, 2, 0.5])
-    assert found[7] == pytest.approx(one, rel=1e-13)
-    chains = bt.model.noticed(s, *(v.reshape(2, 25) for v in (mu1, sigma_p, sigma_l, q0)), intervals=[1, 2, 0.5])
-    assert chains.reshape(50, 3) == pytest.approx(found, rel=1e-13)
-    own = bt.model.noticed(np.tile(s, (50, 1)), mu1, sigma_p, sigma_l, q0, intervals=[1, 2, 0.5])
-    assert own == pytest.approx(found, rel=1e-13)
-
-
-def test_only_lapses_are_noticed_in_a_constant_stream_in_the_end_and_a_longer_pause_blurs():
-    s = np.zeros(80)
-    found = bt.model.noticed(s, 2.0, 0.3, 0.2, 0.9)
-    assert np.all(np.diff(found) <= 1e-15)
-    assert found[0] > 0.2
-    assert found[-1] == pytest.approx(0.1, abs=1e-12)
-    s[-1] = 0.4
-    assert bt.model.noticed(s, 0.0, 0.3, 0.2, 0.9)[-1] > bt.model.noticed(s, 0.0, 0.3, 0.2, 0.9, intervals=[1] * 78 + [4])[-1]
-
-
-def test_noticed_refuses_what_it_cannot_use():
-    with pytest.raises(InputError, match="at least two stimuli"):
-        bt.model.noticed([0.0], 0.0, 0.3, 0.1, 0.9)
-    with pytest.raises(InputError, match="3 stimuli need 2 finite"):
-        bt.model.noticed([0.0, 0.1, 0.2], 0.0, 0.3, 0.1, 0.9, intervals=[1.0])
-    with pytest.raises(NumericalError, match="q0"):
-        bt.model.noticed([0.0, 0.1], 0.0, 0.3, 0.1, 1.1)

@@ -8,13 +8,11 @@ from scipy.integrate import solve_ivp
 
 from bayes_toe.errors import InputError
 from bayes_toe.model.beliefs import Gaussian, comparison_distance, evolve, update
-from bayes_toe.model.closed_form import MAX_PULL, pull, width
+from bayes_toe.model.closed_form import MAX_PULL, equal_probability, gain, pull, width
 from bayes_toe.model.coordinates import Natural
 from bayes_toe.model.intervals import (
     OF_EQUAL,
     at_interval,
-    equal_probability_at,
-    gain_at,
     mean_reversion,
     mean_reverting_scales,
     random_walk,
@@ -39,15 +37,15 @@ def test_filter_equations_give_the_closed_form(isi):
     for s1, s2 in [(0.0, 0.0), (0.4, 0.1), (-0.2, 0.5)]:
         evolved = evolve(update(prior, s1, OBSERVER.sigma_l), OBSERVER.sigma_p, isi)
         literal = OBSERVER.q0 * 2.0 ** -np.square(comparison_distance(evolved, s2, OBSERVER.sigma_l))
-        assert equal_probability_at(s1, s2, isi, OBSERVER) == pytest.approx(float(literal), rel=1e-12)
+        assert equal_probability(s1, s2, *at_interval(OBSERVER, isi)) == pytest.approx(float(literal), rel=1e-12)
     weight = prior.variance / (prior.variance + OBSERVER.sigma_l**2)
-    assert gain_at(OBSERVER, isi) == pytest.approx(float(weight), rel=1e-12)
+    assert gain(at_interval(OBSERVER, isi).gamma) == pytest.approx(float(weight), rel=1e-12)
 
 
 def test_gain_rises_with_the_interval_and_the_width_is_least_where_gamma_is_two():
     isi = np.geomspace(0.01, 100.0, 400)
-    assert (np.diff(gain_at(OBSERVER, isi)) > 0).all()
     at = at_interval(OBSERVER, isi)
+    assert (np.diff(gain(at.gamma)) > 0).all()
     wide = width(at.sigma_p, at.gamma)
     shortest = float(OBSERVER.gamma) / 2.0
     assert isi[np.argmin(wide)] == pytest.approx(shortest, rel=0.03)
