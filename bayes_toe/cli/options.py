@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from bayes_toe.data.study import Study
 
 
-def prior_help(kind: type[PriorFields] = PriorFields) -> str:
+def prior_help() -> str:
     """What may be given as a prior, for the help text of --prior.
 
     Examples
@@ -27,7 +27,7 @@ def prior_help(kind: type[PriorFields] = PriorFields) -> str:
     >>> prior_help()[:82]
     'default (scales are those of the stimuli), paper, or a file of any of mu1_mean, mu'
     """
-    names = ", ".join(one.name for one in kind.declared())
+    names = ", ".join(one.name for one in PriorFields.declared())
     return f"default (scales are those of the stimuli), paper, or a file of any of {names}; see check --prior."
 
 

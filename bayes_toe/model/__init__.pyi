@@ -16,7 +16,6 @@ from .equations import EQUATIONS as EQUATIONS
 from .geometry import axis as axis
 from .geometry import axis_properties as axis_properties
 from .geometry import displacement as displacement
-from .geometry import plane as plane
 from .intervals import at_interval as at_interval
 from .ladder import posterior_of as posterior_of
 from .prior import read_prior as read_prior

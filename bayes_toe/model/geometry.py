@@ -10,18 +10,13 @@ designs with two or more first stimuli, though they come close as gamma -> 0.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.errors import InputError
-from bayes_toe.model.closed_form import equal_probability, gain, pull, variance_ratio
-from bayes_toe.model.coordinates import Natural
-
-_BLOCK = 1 << 18  # values of one temporary array
+from bayes_toe.model.closed_form import gain, pull, variance_ratio
 
 
 class Axis(NamedTuple):
@@ -76,47 +71,3 @@ def displacement(s1: npt.ArrayLike, s2: npt.ArrayLike, mu1: npt.ArrayLike, gamma
     """
     first = np.asarray(s1, np.float64)
     return np.asarray((np.asarray(s2, np.float64) - first) - pull(gamma) * (np.asarray(mu1, np.float64) - first))
-
-
-@dataclass(frozen=True, eq=False)
-class Plane:
-    """P(equal) on a grid of pairs. Source: Fig. 5.
-
-    Attributes
-    ----------
-    s1, s2 : array, shapes (columns,) and (rows,)
-        Natural-log intensities of the first stimulus (to the right) and the second (upward).
-    q : array, shape (rows, columns)
-        P(equal); for draws, its posterior mean.
-    """
-
-    s1: FloatArray
-    s2: FloatArray
-    q: FloatArray
-
-
-def plane(s1: npt.ArrayLike, s2: npt.ArrayLike, theta: Natural) -> Plane:
-    """P(equal) of every pair of first stimuli s1 (columns,) and second stimuli s2 (rows,), averaged over theta of any shape.
-
-    Raises
-    ------
-    InputError
-        If a side of the grid is empty or not one-dimensional.
-    NumericalError
-        If a parameter is outside its range.
-
-    Examples
-    --------
-    >>> theta = Natural(*map(np.asarray, (0.0, 0.3, 0.2, 0.9)))
-    >>> plane([0.0, 0.1, 0.2], [0.0, 0.1], theta).q.shape
-    (2, 3)
-    """
-    columns, rows = np.asarray(s1, np.float64), np.asarray(s2, np.float64)
-    if columns.ndim != 1 or rows.ndim != 1 or not columns.size or not rows.size:
-        raise InputError("a grid needs one-dimensional, non-empty s1 and s2")
-    draws = [np.ravel(v)[:, None, None] for v in np.broadcast_arrays(*theta)]
-    total, count = np.zeros((len(rows), len(columns))), len(draws[0])
-    step = max(1, _BLOCK // total.size)
-    for i in range(0, count, step):
-        total += equal_probability(columns, rows[:, None], *(v[i : i + step] for v in draws)).sum(axis=0)
-    return Plane(columns, rows, total / count)

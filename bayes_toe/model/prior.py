@@ -18,7 +18,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
 from pathlib import Path
-from typing import Any, ClassVar, Self, TypeVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from scipy.optimize import brentq
@@ -34,7 +34,6 @@ from bayes_toe.model.coordinates import Natural, log_noise_ratio
 from bayes_toe.model.distributions import Beta, Distribution, HalfNormal, LogNormal, Normal, Random, share
 from bayes_toe.model.prior_fields import STIMULI, PriorFields, number_problems, real, toml_table
 
-AnyPrior = TypeVar("AnyPrior", bound="Prior")
 _NODES = 200  # of an integral over gamma
 
 
@@ -287,15 +286,13 @@ def _product_quantile(
     return unit * float(brentq(excess, 0.999 * shape.min(), 1.001 * shape.max(), xtol=1e-12))
 
 
-def read_prior(path: str | Path, kind: type[AnyPrior] = Prior) -> AnyPrior:  # type: ignore[assignment]
+def read_prior(path: str | Path) -> Prior:
     """The prior in a TOML file with some of the numbers that it declares, by name; :func:`example_file` has all, with their units.
 
     Parameters
     ----------
     path : str or Path
         UTF-8; a key that is absent keeps its default.
-    kind : type
-        Of prior; its declaration says which keys there are and which numbers are allowed.
 
     Raises
     ------
@@ -312,13 +309,13 @@ def read_prior(path: str | Path, kind: type[AnyPrior] = Prior) -> AnyPrior:  # t
     ...     read_prior(file) == Prior(mu1_sd=2.5)
     True
     """
-    keys = {one.name: one for one in kind.declared()}
+    keys = {one.name: one for one in Prior.declared()}
     found = toml_table(path, f"NAME = NUMBER, as in {next(iter(keys))} = 0")
     problems = [f"{path}: {line}" for key, value in found.items() for line in number_problems(keys, key, value)]
     if problems:
         raise InputError(problems)
     numbers: dict[str, Any] = {key: value if value == STIMULI else real(value) for key, value in found.items()}
-    return kind(**numbers)
+    return Prior(**numbers)
 
 
 def stored_prior(values: Mapping[str, Any]) -> Prior:
@@ -341,7 +338,7 @@ def stored_prior(values: Mapping[str, Any]) -> Prior:
     return Prior(**{name: value for name, value in {**before, **values}.items() if value is not None and name != "origin"})
 
 
-def example_file(kind: type[Prior] = Prior) -> str:
+def example_file() -> str:
     """A complete prior file with the defaults and what they mean; what has none is a comment.
 
     Examples
@@ -349,7 +346,7 @@ def example_file(kind: type[Prior] = Prior) -> str:
     >>> print(example_file().splitlines()[0])
     mu1_mean = 0.0              # mean of the normal prior of mu1, natural-log intensity; or "stimuli", their mean
     """
-    lines = {f"# {one.name} = 1.0" if one.default is None else f"{one.name} = {one.default!r}": one.about for one in kind.declared()}
+    lines = {f"# {one.name} = 1.0" if one.default is None else f"{one.name} = {one.default!r}": one.about for one in Prior.declared()}
     width = max(map(len, lines))
     return "".join(f"{line:<{width}}  # {about}\n" for line, about in lines.items())
 

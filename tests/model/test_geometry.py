@@ -7,9 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import bayes_toe as bt
-from bayes_toe.errors import InputError, NumericalError
 from bayes_toe.model import geometry as geo
-from bayes_toe.model.coordinates import Natural
 
 powers = st.one_of(st.floats(-300, 0).map(lambda e: 10.0**e), st.floats(1e-3, 1))
 stimuli = st.floats(-3, 3)
@@ -51,23 +49,3 @@ def test_the_probability_depends_on_the_size_of_the_displacement_alone(s1, s2, m
         other = step, float(bt.model.evolved_mean(step, mu1, gamma)) + label
         assert float(geo.displacement(*other, mu1, gamma)) == pytest.approx(label, abs=1e-13)
         assert q(other, mu1, gamma) == pytest.approx(here, rel=1e-9, abs=1e-12)
-
-
-def test_the_plane_is_the_mean_over_draws(monkeypatch):
-    rng = np.random.default_rng(2)
-    theta = Natural(rng.normal(size=(2, 9)), rng.uniform(0.1, 1, (2, 9)), rng.uniform(0.01, 0.1, (2, 9)), rng.uniform(size=(2, 9)))
-    s1, s2 = [0.0, 0.3, 0.7], [0.1, 0.2]
-    whole = geo.plane(s1, s2, theta)
-    for i, second in enumerate(s2):
-        for j, first in enumerate(s1):
-            assert whole.q[i, j] == pytest.approx(bt.model.equal_probability(first, second, *theta).mean(), rel=1e-12)
-    monkeypatch.setattr(geo, "_BLOCK", 12)
-    assert geo.plane(s1, s2, theta).q == pytest.approx(whole.q, rel=1e-14)
-
-
-def test_bad_planes_are_refused():
-    theta = Natural(*map(np.asarray, (0.0, 0.3, 0.1, 0.9)))
-    with pytest.raises(InputError, match="grid"):
-        geo.plane([], [0.0], theta)
-    with pytest.raises(NumericalError, match="sigma_p"):
-        geo.plane([0.0], [0.0], theta._replace(sigma_p=np.asarray(-1.0)))

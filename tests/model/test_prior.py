@@ -56,7 +56,7 @@ def test_quantiles_and_contraction_are_those_of_draws(parameter, prior):
 
 def test_every_declared_number_is_in_the_help_text():
     assert [one.name for one in Prior.declared()] == [one.name for one in fields(Prior)]
-    assert all(one.name in prior_help(Prior) for one in Prior.declared())
+    assert all(one.name in prior_help() for one in Prior.declared())
 
 
 def test_what_it_may_not_be():

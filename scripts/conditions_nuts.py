@@ -1,6 +1,6 @@
 """The group of docs/conditions.md by another library: NumPyro's NUTS on a likelihood written out anew. Needs `pip install numpyro`.
 
-    python scripts/reference/conditions_nuts.py data/auditory_pwm/trials.csv
+    python scripts/conditions_nuts.py data/auditory_pwm/trials.csv
 
 Of every subject s and delay t, with x = (t - 4)/4: offset c, probit of the pull p and log width w are u_s + x d_s, noise slope b and
 guesses g are the subject's; z = (s2 - s1 + p (s1 - sbar) - c) / (w exp(b m)), P(second) = g/2 + (1 - g) Phi(z). Only the numbers of the
