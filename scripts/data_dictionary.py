@@ -367,6 +367,14 @@ FILES = (
         },
     ),
     File(
+        "power_history.csv", "`power --carry-over`", "design, number of trials, what is carried over, and quantity", POWER_COLUMNS, (), _PLANNED | {
+            "observers": "What is carried over from trial to trial: the share, or nothing.",
+            "quantity": "How often `compare --history` says each of its words; `yes` or `probably` together.",
+            "value": "The share.", "low": "Lower end of its 95 % interval of Monte Carlo error.", "high": "Upper end.",
+            "data_sets": "Over how many simulated observers.",
+        },
+    ),
+    File(
         "power_data_sets.csv", "`power`", "simulated observer", DATA_SET_COLUMNS, [SubjectEvidence], _PLANNED | {
             "effect": "What the verdict says of an effect.", "kind_named": "And of its kind.",
             **{f"log_evidence_{one}": f"Log evidence (nats) of {said}, the mean over its models." for one, said in

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from bayes_toe.arrays import FloatArray
 
 _POWER, _STUDIES, _STOPPING, _POPULATION = "power.csv", "power_subjects.csv", "power_stopping.csv", "power_population.csv"
-_CONDITIONS = "power_conditions.csv"
+_CONDITIONS, _HISTORY = "power_conditions.csv", "power_history.csv"
 _BESIDE = ("power_data_sets.csv", "power.png", "power.pdf")
 Observers = Annotated[
     str | None,
@@ -114,6 +114,10 @@ class SimulationOptions:
             "(probit), width (log); after a colon the sd between subjects. With --population of studies too.",
         ),
     ] = None
+    carry_over: Annotated[
+        float | None,
+        typer.Option("--carry-over", metavar="SHARE", help="Also whether it is found that so much is carried over from trial to trial."),
+    ] = None
     observers: Observers = None
 
     def tables(self, designs: Mapping[str, planning.StudyDesign], task: Task, keep: Path) -> dict[str, Any]:
@@ -121,6 +125,7 @@ class SimulationOptions:
         from bayes_toe.experiments.conditions import differing_from
         from bayes_toe.model.study_prior import preset_or_file
         from bayes_toe.planning.observers import observers_from, shares_from
+        from bayes_toe.planning.power_of_histories import require_carrying
         from bayes_toe.planning.power_of_studies import power_of_studies
 
         numbers, sizes, prior = _numbers("--trials", self.trials), _numbers("--subjects", self.subjects), preset_or_file(task.prior)
@@ -128,7 +133,10 @@ class SimulationOptions:
             None if self.stop is None else planning.StoppingRule(tuple(one.strip() for one in self.stop.split(",")), numbers[-1], self.look)
         )
         asked, apart = next(iter(designs.values())).task, None if self.differ is None else differing_from("a,b", self.differ)
-        kinds = len({one.kind for one in observers_from(self.observers, 1, 0, task=asked)})  # refuses a bad file before any work
+        people = observers_from(self.observers, 1, 0, task=asked)  # refuses a bad file before any work
+        if self.carry_over is not None:
+            require_carrying(self.carry_over, people)
+        kinds = len({one.kind for one in people})
         shares, seed = shares_from(self.observers, asked), task.seed
 
         def simulated(what: str, total: int, work: Callable[..., Any], *given: object, **more: object) -> Any:
@@ -148,6 +156,9 @@ class SimulationOptions:
             many = {1: self.data_sets} | {size: self.studies for size in sizes if self.population and size > 1}
             total, work = 2 * len(numbers) * sum(many.values()), partial(planning.power_of_conditions, apart.sizes)
             found[_CONDITIONS] = simulated("simulating conditions", total, work, designs, numbers, studies=many)
+        if self.carry_over is not None:
+            total, carried = 2 * len(numbers) * self.data_sets, partial(planning.power_of_histories, self.carry_over)
+            found[_HISTORY] = simulated("simulating histories", total, carried, designs, numbers, data_sets=self.data_sets)
         return found
 
 
@@ -169,7 +180,7 @@ def power(
     from bayes_toe.data.tables import write_table
     from bayes_toe.data.whole_files import whole_folder
 
-    products = (_POWER, _STUDIES, _STOPPING, _POPULATION, _CONDITIONS, *_BESIDE)
+    products = (_POWER, _STUDIES, _STOPPING, _POPULATION, _CONDITIONS, _HISTORY, *_BESIDE)
     task.require_folder(output, products)
     keep = task.partial(output)
     tables = asked.tables(_designs(design, question), task, keep)

@@ -4,6 +4,7 @@ from .optimal import DesignGoal as DesignGoal
 from .optimal import optimal_design as optimal_design
 from .power import power as power
 from .power_of_conditions import power_of_conditions as power_of_conditions
+from .power_of_histories import power_of_histories as power_of_histories
 from .power_of_studies import power_of_populations as power_of_populations
 from .stopping import StoppingRule as StoppingRule
 from .stopping import stopping as stopping

@@ -84,9 +84,11 @@ def test_words_are_counted():
 
 def test_the_commands(tmp_path, three_models):
     WIDE.save(tmp_path / "design.csv")
-    asked = ("--trials", "100", "--data-sets", "1", "--differ", "pull=0.5", "--seed", "1", "--workers", "1")
+    asked = ("--trials", "100", "--data-sets", "1", "--differ", "pull=0.5", "--carry-over", "0.6", "--seed", "1", "--workers", "1")
     said = " ".join(good("power", "design.csv", *asked, "-o", "out", cwd=tmp_path).split())
     assert "with these pairs and 100 trials each, contrast says of single subjects that the pull differs in" in said
+    assert "with these pairs and 100 trials, answers are said to follow the trials before" in said
+    assert set(pd.read_csv(tmp_path / "out" / "power_history.csv").observers) == {"0.6 carried over", "nothing carried over"}
     table = pd.read_csv(tmp_path / "out" / "power_conditions.csv")
     assert set(table.observers) == {NOTHING, "pull +0.5"}
     said = good("design", "design.csv", "--list", "trials.csv", "--conditions", "left,right", "--blocks", "5", "--seed", "1", cwd=tmp_path)

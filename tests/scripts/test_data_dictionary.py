@@ -17,6 +17,7 @@ from bayes_toe.data.covariates import Covariates
 from bayes_toe.experiments.checks import described
 from bayes_toe.inference.prediction import predict_pairs
 from bayes_toe.planning.power_of_conditions import NOTHING, Compared, ConditionsPower
+from bayes_toe.planning.power_of_histories import Followed, HistoryPower
 from bayes_toe.planning.power_of_studies import AnalysedStudy, PopulationPower, power_of_studies
 
 KNOWN = {file.name: file for file in data_dictionary.FILES}
@@ -72,6 +73,7 @@ def planned(folder):
         "power_subjects.csv": power_of_studies(table).frame(),
         "power_population.csv": PopulationPower((AnalysedStudy("d", 26, 2, "update", 0.01, ("pull",), (0.1,) * 4, False),), 1).frame(),
         "power_conditions.csv": ConditionsPower((Compared("d", 26, 1, NOTHING, {"pull": 0.0}),), 1).frame(),
+        "power_history.csv": HistoryPower((Followed("d", 26, "o", NOTHING, "no"),), 1).frame(),
         "power_stopping.csv": sessions.frame(),
         "design.csv": pd.read_csv(folder / "design.csv"),
         "trials.csv": pd.read_csv(folder / "trials.csv"),

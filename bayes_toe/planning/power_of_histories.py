@@ -1,0 +1,151 @@
+"""How many trials tell that something is carried over from trial to trial: simulated observers, by the words of `compare --history`.
+
+Observers who carry over the share that is asked for, and the same ones who carry over nothing, answer a design in one session, its trials
+in random order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+
+from bayes_toe.comparison.history import subject_history
+from bayes_toe.data.answers import Answers
+from bayes_toe.data.study import Subject
+from bayes_toe.errors import InputError
+from bayes_toe.inference.space import space_evidence
+from bayes_toe.kept import keeping
+from bayes_toe.model.ladder import ORDERS, models_of
+from bayes_toe.model.parts import compose
+from bayes_toe.model.prior import Prior
+from bayes_toe.planning.observers import Observer, assumed, of_kind
+from bayes_toe.planning.power import DATA_SETS, POWER_COLUMNS, TRIALS, Estimate, Simulations, jobs_of, named_designs, share_of, worked
+from bayes_toe.planning.study_design import StudyDesign
+from bayes_toe.seeds import generator
+from bayes_toe.workers import Progress, Workers
+
+UPDATE, NOTHING = ORDERS[-1], "nothing carried over"
+#: Words of which the first says for sure, and both together say, that answers follow the trials before.
+WORDS = ("yes", "probably", "undecided", "probably not", "no", "no pull")
+FOUND = "yes or probably"
+
+
+class Carrying(NamedTuple):
+    """An observer, and the share of what is expected after a trial that is carried over to the next."""
+
+    name: str
+    observer: Observer
+    share: float
+
+
+@dataclass(frozen=True)
+class Followed:
+    """What was said of one observer's answers."""
+
+    design: str
+    trials: int
+    observer: str
+    kind: str
+    depends: str
+    subjects: ClassVar[int] = 1
+
+
+@dataclass(frozen=True, eq=False)
+class HistoryPower(Simulations[Followed]):
+    """Simulated observers, and how often their answers are said to follow the trials before."""
+
+    COLUMNS = POWER_COLUMNS
+
+    def _counts(self, kind: str, rows: Sequence[Followed]) -> Iterator[tuple[str, Estimate]]:
+        for word in WORDS:
+            yield f"said: {word}", share_of(row.depends == word for row in rows)
+        yield FOUND, share_of(row.depends in WORDS[:2] for row in rows)
+
+    def sentences(self) -> list[str]:
+        """How often it is said of those who carry something over, and of those who do not, a line a design and number of trials."""
+        lines = []
+        for design, trials, kind, _ in (key for key in self.groups if key[2] != NOTHING):
+            found, wrong = (self.counted[design, trials, one, 1, FOUND] for one in (kind, NOTHING))
+            said = (
+                f"with {design} and {trials} trials, answers are said to follow the trials before, for sure or probably, of {found.percent}"
+            )
+            wrongly = f"and wrongly of {wrong.value * wrong.size:.0f} of {wrong.size} without"
+            lines.append(f"{said} of observers with {kind} ({100 * found.low:.0f} to {100 * found.high:.0f} %), {wrongly}")
+        return lines
+
+
+def power_of_histories(  # noqa: PLR0913  # each is a choice of its own, and has a default
+    carry_over: float,
+    design: StudyDesign | Mapping[str, StudyDesign] | None = None,
+    trials: Sequence[int] = TRIALS,
+    observers: str | Path | Sequence[Observer] | None = None,
+    *,
+    data_sets: int = DATA_SETS,
+    seed: int | None = None,
+    prior: Prior | str | None = None,
+    workers: Workers = None,
+    progress: Progress | None = None,
+    keep: str | Path | None = None,
+) -> HistoryPower:
+    """How often it is found that a share is carried over from trial to trial; about 5 seconds an observer.
+
+    Parameters
+    ----------
+    carry_over : float
+        The share, above 0 and below 1.
+    design, trials, observers, seed, prior, workers, progress, keep
+        As :func:`bayes_toe.planning.power.power` takes them. Of the kinds of observers those with a pull count, without which nothing
+        can be carried over.
+    data_sets : int
+        Observers, each once with and once without.
+
+    Raises
+    ------
+    InputError
+        If something is not allowed, or no observers have a pull.
+    """
+    designs = named_designs(design)
+    asked = [(name, one.with_total(number)) for name, one in designs.items() for number in dict.fromkeys(trials)]
+    with keeping(keep, "simulated histories") as kept:
+        root = kept.seed(seed)
+        everybody = assumed(observers, designs, data_sets, root, prior)
+        require_carrying(carry_over, everybody)
+        people = of_kind(everybody, UPDATE)
+        carrying = [Carrying(f"{one.name}, {share:g} carried over", one, share) for share in (0.0, carry_over) for one in people]
+        rows, failed = worked(kept, jobs_of(followed, asked, carrying, root, prior), workers, progress)
+    return HistoryPower(rows, root, failed)
+
+
+def require_carrying(share: float, observers: Iterable[Observer]) -> None:
+    """Refuse a share that nobody can carry over, and observers without a pull."""
+    if not 0.0 < share < 1.0:
+        raise InputError(f"--carry-over: found {share:g}, allowed: a number above 0 and below 1")
+    if all(one.kind != UPDATE for one in observers):
+        raise InputError("--carry-over: found observers without a pull, who carry nothing over, allowed: some of the kind update")
+
+
+def followed(name: str, design: StudyDesign, one: Carrying, seed: int, prior: Prior) -> Followed:
+    """One observer's answers to a design, judged; streams are keyed by observer, share and number of trials."""
+    subject = answers_in_order(one, design, generator(seed, one.name, "answers", design.total))
+    found = subject_history(space_evidence(subject, prior, models_of(subject.task).space, seed), seed)
+    kind = f"{one.share:g} carried over" if one.share else NOTHING
+    return Followed(name, design.total, one.observer.name, kind, found.depends)
+
+
+def answers_in_order(one: Carrying, design: StudyDesign, rng: np.random.Generator) -> Subject:
+    """Answers of an observer to the trials of a design, in one session and random order."""
+    keys = np.column_stack(design.columns)[rng.permutation(np.repeat(np.arange(design.n_pairs), design.n_trials))]
+    count = len(keys)
+    answers = Answers(keys, np.zeros(count, np.int64), np.ones(count, np.int64), None, (), True, np.arange(count))
+    target = one.observer.target(Subject.from_answers(one.observer.name, answers, design.task))
+    quantities = {key: np.array([value]) for key, value in one.observer.quantities.items()}
+    if one.share:
+        target = replace(target, model=compose(design.task, **{**dict(target.model.levels), "history": "carry-over"}))
+        quantities["carry_over"] = np.array([one.share])
+    p = np.empty(count)
+    p[np.lexsort(keys.T[::-1])] = np.exp(target.trial_answers(target.points(quantities))[0])  # trials are in the order of the pairs there
+    return Subject.from_answers(one.observer.name, replace(answers, n_yes=(rng.random(count) < p).astype(np.int64)), design.task)
