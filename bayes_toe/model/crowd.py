@@ -61,7 +61,7 @@ class Crowd:
 class CrowdTrials(Trials):
     """Trials of subjects: of those answered a row each, shape (subjects, trials); of those felt a lane each, (steps, sessions, subjects).
 
-    Filled up with trials that nobody answered, and of `starts` with those of no pair. `pair` is the place of each trial's.
+    Filled up with trials that nobody answered. `pair` is the place of each trial's among its subject's pairs; `starts` has no meaning.
     """
 
     pair: IndexArray
