@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -25,8 +24,8 @@ from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.inference.space import space_evidence
 from bayes_toe.model.ladder import models_of
 from bayes_toe.model.parts import composition
-from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import DEFAULT
+from bayes_toe.planning.power_of_histories import answered
 from bayes_toe.seeds import generator
 from bayes_toe.workers import run_in_order
 
@@ -50,17 +49,6 @@ def presented(trials: int, rng: np.random.Generator) -> Answers:
     return Answers(keys, np.zeros(trials, np.int64), np.ones(trials, np.int64), None, (), True, place)
 
 
-def answering(target: Posterior, x: np.ndarray, rng: np.random.Generator) -> Subject:
-    """Who gives these answers, trial by trial, at coordinates x, shape (k,)."""
-    subject = target.subject
-    answers = subject.answers
-    assert answers is not None
-    p = np.empty(len(answers.n_yes))
-    p[np.lexsort(answers.keys.T[::-1])] = np.exp(target.trial_answers(x[None])[0])  # trials are in the order of the pairs there
-    given = replace(answers, n_yes=(rng.random(len(p)) < p).astype(np.int64))
-    return Subject.from_answers(subject.name, given, subject.task)
-
-
 def observer(name: str, truth: str, trials: int, seed: int) -> Subject:
     """One of these observers."""
     rng = generator(seed, name, "observer")
@@ -69,7 +57,7 @@ def observer(name: str, truth: str, trials: int, seed: int) -> Subject:
     target = composition(model, WHICH_STRONGER).posterior(asked, DEFAULT)
     offset, width = rng.normal(0.0, 0.05), WIDTH * np.exp(rng.normal(0.0, 0.2))
     known = {"offset": offset, "pull": PULL, "width": width, "lapse_rate": LAPSES, **own}
-    return answering(target, target.points({key: np.asarray(value) for key, value in known.items()}), rng)
+    return answered(target, target.points({key: np.array([value]) for key, value in known.items()}), rng)
 
 
 def judged(truth: str, trials: int, i: int, seed: int) -> dict[str, object]:
@@ -102,7 +90,7 @@ def ranked(model: str, i: int, seed: int) -> dict[str, object]:
     asked = Subject.from_answers(name, presented(400, rng), WHICH_STRONGER)
     target = composition(model, WHICH_STRONGER).posterior(asked, DEFAULT)
     x = target.sample_prior(rng, 1)[0]
-    subject = answering(target, x, rng)
+    subject = answered(target, x[None], rng)
     found = space_evidence(subject, DEFAULT, [target.model], seed).sampled
     if not found:
         return {"model": model, "failed": 1}

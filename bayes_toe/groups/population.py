@@ -303,13 +303,12 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
     (('offset', 'gain', 'width', 'q0'), True)
     """
     require_study(study)
-    record = _model(model, study.task)
-    _require_order(study, record)
+    record = _model_of(study, model)
     if posterior is not None:
         where, given = "posterior" if posterior.file is None else shown(posterior.file), None if prior is None else prior_for(study, prior)
         require_belonging(posterior, where, study=study, prior=given)
         seed, prior = posterior.seed if seed is None else seed, posterior.prior
-        posterior = posterior if posterior.model == model_named(model, study.task).name else None
+        posterior = posterior if posterior.model == record.name else None
     people = None if covariates is None else read_covariates(covariates)
     apart = None
     if study.conditions is not None:
@@ -391,12 +390,14 @@ def _sampled(
     return Population(group, settings, model.group, centre, who, found, own, {**who.left_out, **failed}, rough, apart)
 
 
-def _require_order(study: Study, model: Model) -> None:
-    """Refuse a study of which a model with a history cannot be asked."""
+def _model_of(study: Study, name: str) -> Model:
+    """The model, which a study can be asked of: one with a history wants an order of trials, and no condition."""
+    model = _model(name, study.task)
     if model.by_trial and study.conditions is not None:
         raise InputError(f"population: found a condition, allowed with a model without history, not {model.name!r}; --ignore condition")
     for one in study if model.by_trial else ():
         model.posterior(one)
+    return model
 
 
 def _model(name: str, task: Task) -> Model:

@@ -281,7 +281,7 @@ def power(
     (3, 1)
     """
     designs = named_designs(design)
-    asked = [(name, one.with_total(number)) for name, one in designs.items() for number in dict.fromkeys(trials)]
+    asked = with_totals(designs, trials)
     with keeping(keep, "simulated data sets") as kept:
         root = kept.seed(seed)
         people = assumed(observers, designs, data_sets, root, prior)
@@ -294,6 +294,11 @@ def named_designs(design: StudyDesign | Mapping[str, StudyDesign] | None, task: 
     if design is None:
         return {"the paper's pairs": paper_study_design(task=task)}
     return {"these pairs": design} if isinstance(design, StudyDesign) else design
+
+
+def with_totals(designs: Mapping[str, StudyDesign], trials: Iterable[int]) -> list[tuple[str, StudyDesign]]:
+    """Each design, by its name, with each of these numbers of trials."""
+    return [(name, one.with_total(number)) for name, one in designs.items() for number in dict.fromkeys(trials)]
 
 
 def jobs_of(

@@ -26,7 +26,7 @@ from bayes_toe.model.contrasted import QUANTITIES
 from bayes_toe.model.ladder import ORDERS
 from bayes_toe.model.prior import Prior
 from bayes_toe.planning.observers import Observer, assumed, of_kind
-from bayes_toe.planning.power import DATA_SETS, TRIALS, Estimate, Simulations, jobs_of, named_designs, share_of, worked
+from bayes_toe.planning.power import DATA_SETS, TRIALS, Estimate, Simulations, jobs_of, named_designs, share_of, with_totals, worked
 from bayes_toe.planning.power_of_studies import DRAWS, POPULATION_COLUMNS, PlannedStudy
 from bayes_toe.planning.study_design import StudyDesign, nobody
 from bayes_toe.seeds import generator
@@ -117,7 +117,7 @@ def power_of_conditions(  # noqa: PLR0913  # each is a choice of its own, and ha
     if not differ or not many or min(*many, *many.values()) < 1:
         raise InputError(f"differ={differ!r}, studies={many}: allowed is something that differs, and studies of 1 subject or more")
     designs = named_designs(design)
-    asked = [(name, one.with_total(number)) for name, one in designs.items() for number in dict.fromkeys(trials)]
+    asked = with_totals(designs, trials)
     with keeping(keep, "simulated conditions") as kept:
         root = kept.seed(seed)
         people = assumed(observers, designs, max(size * number for size, number in many.items()), root, prior)

@@ -13,22 +13,36 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
+from bayes_toe.arrays import FloatArray
 from bayes_toe.comparison.history import subject_history
 from bayes_toe.data.answers import Answers
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError
 from bayes_toe.inference.space import space_evidence
 from bayes_toe.kept import keeping
-from bayes_toe.model.ladder import ORDERS, models_of
+from bayes_toe.model.history import require_order
+from bayes_toe.model.ladder import models_of
 from bayes_toe.model.parts import compose
+from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import Prior
-from bayes_toe.planning.observers import Observer, assumed, of_kind
-from bayes_toe.planning.power import DATA_SETS, POWER_COLUMNS, TRIALS, Estimate, Simulations, jobs_of, named_designs, share_of, worked
+from bayes_toe.planning.observers import UPDATE, Observer, assumed, of_kind
+from bayes_toe.planning.power import (
+    DATA_SETS,
+    POWER_COLUMNS,
+    TRIALS,
+    Estimate,
+    Simulations,
+    jobs_of,
+    named_designs,
+    share_of,
+    with_totals,
+    worked,
+)
 from bayes_toe.planning.study_design import StudyDesign
 from bayes_toe.seeds import generator
 from bayes_toe.workers import Progress, Workers
 
-UPDATE, NOTHING = ORDERS[-1], "nothing carried over"
+NOTHING = "nothing carried over"
 #: Words of which the first says for sure, and both together say, that answers follow the trials before.
 WORDS = ("yes", "probably", "undecided", "probably not", "no", "no pull")
 FOUND = "yes or probably"
@@ -109,7 +123,7 @@ def power_of_histories(  # noqa: PLR0913  # each is a choice of its own, and has
         If something is not allowed, or no observers have a pull.
     """
     designs = named_designs(design)
-    asked = [(name, one.with_total(number)) for name, one in designs.items() for number in dict.fromkeys(trials)]
+    asked = with_totals(designs, trials)
     with keeping(keep, "simulated histories") as kept:
         root = kept.seed(seed)
         everybody = assumed(observers, designs, data_sets, root, prior)
@@ -146,6 +160,13 @@ def answers_in_order(one: Carrying, design: StudyDesign, rng: np.random.Generato
     if one.share:
         target = replace(target, model=compose(design.task, **{**dict(target.model.levels), "history": "carry-over"}))
         quantities["carry_over"] = np.array([one.share])
-    p = np.empty(count)
-    p[np.lexsort(keys.T[::-1])] = np.exp(target.trial_answers(target.points(quantities))[0])  # trials are in the order of the pairs there
-    return Subject.from_answers(one.observer.name, replace(answers, n_yes=(rng.random(count) < p).astype(np.int64)), design.task)
+    return answered(target, target.points(quantities), rng)
+
+
+def answered(target: Posterior, x: FloatArray, rng: np.random.Generator) -> Subject:
+    """The subject of a posterior with the answers that the model gives to its trials, in their order, at a point, (1, k)."""
+    subject = target.subject
+    answers = require_order(subject)
+    p = np.empty(len(answers.n_yes))
+    p[np.lexsort(answers.keys.T[::-1])] = np.exp(target.trial_answers(x)[0])  # trials are in the order of the pairs there
+    return Subject.from_answers(subject.name, replace(answers, n_yes=(rng.random(len(p)) < p).astype(np.int64)), subject.task)
