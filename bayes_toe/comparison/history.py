@@ -159,7 +159,8 @@ class HistoryTable(SubjectTable[SubjectHistory]):
         said = listed([f"{word} {counts[word]}" for word in words if counts[word]])
         total = np.nansum([row.log_bayes_factor_history for row in self.rows])
         found = f"{said}; log Bayes factor of a history {total:+.1f} in sum"
-        if all(one.iti is None and one.begins.sum() == 1 for one in map(require_order, self.study)):
+        told = [require_order(self.study[row.subject]) for row in self.rows]  # others of the study may have no order
+        if all(one.iti is None and one.begins.sum() == 1 for one in told):
             found += "; no column session, block or iti tells of pauses, so trials are taken to follow each other without any"
         return f"answers follow them, of {counted(len(self.rows), 'subject')}: {found}"
 

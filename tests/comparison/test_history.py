@@ -66,6 +66,8 @@ def test_a_history_is_told_of_who_has_one(table):
     assert "tells of pauses" in table.sentence()
     paused = [replace(one, answers=replace(one.answers, place=np.arange(700) + (np.arange(700) > 350))) for one in table.study]
     assert "pauses" not in replace(table, study=bt.Study(paused)).sentence()
+    unordered = bt.Study([table.study["carries"], replace(table.study["relaxes"], answers=None)])  # as `run` has it: a row of the other one
+    assert "tells of pauses" in replace(table, study=unordered, rows=table.rows[:1]).sentence()
 
 
 def test_the_verdict_says_that_answers_seem_to_depend_on_the_trial_before(study):
