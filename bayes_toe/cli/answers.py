@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from bayes_toe.cli.headline import legend, p_value
-from bayes_toe.cli.terminal import OUTPUT, chosen, number, once, safe, say, say_footnote, say_note, say_notes, say_table
+from bayes_toe.cli.terminal import OUTPUT, chosen, number, once, safe, say, say_answer, say_footnote, say_note, say_notes, say_table
 from bayes_toe.comparison.history import QUANTITIES
 from bayes_toe.comparison.study_answer import doubts_of, of_new_subject, study_sentence, way_on
 from bayes_toe.comparison.verdict import Verdict
@@ -35,7 +35,7 @@ def say_verdicts(
     if not verdicts:
         return
     units = study.conditions is not None
-    say(console, f"[bold]answer[/bold]: {safe(study_sentence(verdicts, synthetic=study.synthetic, units=units))}")
+    say_answer(console, [f"answer: {study_sentence(verdicts, synthetic=study.synthetic, units=units)}"])
     if new := of_new_subject(verdicts, seed, units=units):
         say(console, safe(new))
     looked_at = {one.subject for one in verdicts if one.fit == "not described" or one.data}
@@ -54,7 +54,7 @@ def say_verdicts(
 
 def say_histories(console: Console, table: HistoryTable, file: str) -> None:
     """In one line how many subjects' answers follow the trials before, then each subject in a row."""
-    say(console, f"[bold]trials before[/bold]: {safe(table.sentence())}")
+    say_answer(console, [f"trials before: {table.sentence()}"])
     rows: list[dict[Any, Any]] = [
         {
             "subject": one.subject,

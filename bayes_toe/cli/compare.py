@@ -13,7 +13,20 @@ import typer
 import bayes_toe as bt
 from bayes_toe.cli.options import InTheirPlace, StudyFile, StudyFileOrSaved, rare, writes
 from bayes_toe.cli.task import MODEL, Takes, Task
-from bayes_toe.cli.terminal import MOST_NAMES, chosen, introduce, number, safe, say, say_footnote, say_more, say_note, say_notes, say_table
+from bayes_toe.cli.terminal import (
+    MOST_NAMES,
+    chosen,
+    introduce,
+    number,
+    safe,
+    say,
+    say_answer,
+    say_footnote,
+    say_more,
+    say_note,
+    say_notes,
+    say_table,
+)
 from bayes_toe.data.messages import listed
 
 if TYPE_CHECKING:
@@ -48,8 +61,7 @@ def compare(
     from bayes_toe.comparison.model_comparison import beside
     from bayes_toe.model.history import require_order
     from bayes_toe.model.ladder import require_models
-    from bayes_toe.plots.comparison import comparison_figure
-    from bayes_toe.plots.figure_files import picture_beside, save_figure
+    from bayes_toe.plots.figure_files import picture_beside
 
     asked, of_history = model or space, output.with_name(f"{output.stem}_history{output.suffix}")
     files = [output, *beside(output), picture_beside(output), *([of_history, picture_beside(of_history)] if history else [])]
@@ -59,13 +71,11 @@ def compare(
     models = require_models(asked, read.task)
     for subject in read if history else ():
         require_order(subject)
-    with task.progress("comparing", len(read) * (len(models) if asked != "parts" else 1)) as tick:
-        table = bt.compare(read, asked, prior=prior, draws=task.draws, seed=task.seed, workers=task.workers, progress=tick, keep=keep)
-    histories = None
-    if history:
-        with task.progress("histories", len(read)) as tick:
-            histories = bt.compare_history(read, prior=prior, seed=table.seed, workers=task.workers, progress=tick)
-    saving, figure = task.saving_of(read), partial(save_figure, comparison_figure(table, synthetic=read.synthetic))
+    total = len(read) * (len(models) if asked != "parts" else 1)
+    table = task.work("comparing", total, bt.compare, read, asked, prior=prior, draws=task.draws, keep=keep)
+    histories = task.work("histories", len(read), bt.compare_history, read, prior=prior, seed=table.seed) if history else None
+    saving, save_figure = task.saving_of(read), bt.plots.save_figure
+    figure = partial(save_figure, bt.plots.comparison_figure(table, synthetic=read.synthetic))
     made: dict[Path, Callable[[Path], object]] = {output: partial(table.save, **saving), picture_beside(output): figure}
     if histories is not None:
         made |= {of_history: partial(histories.save, **saving)}
@@ -77,8 +87,7 @@ def compare(
     say_comparison(task.console, table)
     if histories is not None:
         say_histories(task.console, histories, of_history.name)
-    task.say_written("written:", *files, seed=table.seed)
-    task.leave_unless_whole(failed, {})
+    task.done("written:", *files, seed=table.seed, failed=failed)
 
 
 def contrast(
@@ -92,28 +101,26 @@ def contrast(
 
     [bold]Example[/bold]: bayes-toe contrast study.csv --condition hand -o contrast.csv --seed 1
     """
-    from bayes_toe.plots.contrast import contrast_figure
-    from bayes_toe.plots.figure_files import picture_beside, save_figure
+    from bayes_toe.plots.figure_files import picture_beside
 
     files = [output, picture_beside(output)]
     task.require_files(*files)
     keep = task.partial(output)
     read, prior = task.opened(study)
-    with task.progress("contrasting", len({one.person for one in read})) as tick:
-        table = bt.contrast(read, model=model, seed=task.seed, prior=prior, workers=task.workers, progress=tick, keep=keep)
-    figure = contrast_figure(table, synthetic=read.synthetic)
-    task.write({output: partial(table.save, **task.saving), picture_beside(output): partial(save_figure, figure)})
+    people = len({one.person for one in read})
+    table = task.work("contrasting", people, bt.contrast, read, model=model, prior=prior, keep=keep)
+    figure = bt.plots.contrast_figure(table, synthetic=read.synthetic)
+    task.write({output: partial(table.save, **task.saving), picture_beside(output): partial(bt.plots.save_figure, figure)})
     task.finish(keep, table.failed)
     say_contrast(task.console, table)
-    task.say_written("written:", *files, seed=table.seed)
-    task.leave_unless_whole(table.failed, {})
+    task.done("written:", *files, seed=table.seed, failed=table.failed)
 
 
 def say_contrast(console: Console, table: ContrastTable) -> None:
     """Of how many subjects each quantity differs, and every subject in a row for each comparison."""
     from bayes_toe.comparison.contrast import LEGEND
 
-    say(console, f"[bold]between conditions[/bold]: {safe(table.conditions.about)}")
+    say_answer(console, [f"between conditions: {table.conditions.about}"])
     for line in table.sentences():
         say(console, f"  {safe(line)}")
     decided = {row.subject for row in table if row.word.startswith("differs")}
@@ -147,8 +154,7 @@ def sensitivity(
     [bold]Example[/bold]: bayes-toe sensitivity study.csv -o sensitivity.csv --seed 1
     """
     from bayes_toe.comparison.prior_sensitivity import require_range
-    from bayes_toe.plots.figure_files import picture_beside, save_figure
-    from bayes_toe.plots.sensitivity import sensitivity_figure
+    from bayes_toe.plots.figure_files import picture_beside
 
     files = [output, picture_beside(output)]
     require_range(reach, steps)
@@ -159,12 +165,11 @@ def sensitivity(
         draws = task.saved(posterior, study, seed=task.seed)
         read, prior, seed = draws.study, draws.prior, draws.seed
         introduce(task.console, read, prior)
-    with task.progress("re-weighting", len(read)) as tick:
-        table = bt.sensitivity(read, prior=prior, reach=reach, steps=steps, seed=seed, workers=task.workers, progress=tick)
+    table = task.work("re-weighting", len(read), bt.sensitivity, read, prior=prior, reach=reach, steps=steps, seed=seed)
     say_sensitivity(task.console, table)
-    figure = sensitivity_figure(table, synthetic=read.synthetic)
-    task.write({output: partial(table.save, **task.saving_of(read)), picture_beside(output): partial(save_figure, figure)})
-    task.say_written("written:", *files, seed=table.seed)
+    figure = bt.plots.sensitivity_figure(table, synthetic=read.synthetic)
+    task.write({output: partial(table.save, **task.saving_of(read)), picture_beside(output): partial(bt.plots.save_figure, figure)})
+    task.done("written:", *files, seed=table.seed)
 
 
 def say_sensitivity(console: Console, table: SensitivityTable) -> None:

@@ -75,7 +75,7 @@ def asymmetry(
     say_asymmetry(task.console, table)
     if tests is not None:
         say_covariates(task.console, tests)
-    task.say_written("written:", *files)
+    task.done("written:", *files)
 
 
 def fit(
@@ -96,11 +96,10 @@ def fit(
     task.require_files(output)
     read, prior = task.read(study)
     introduce(task.console, read, said=f"penalty: {prior.describe_penalty()}")
-    with task.progress("fitting", len(read)) as tick:
-        table = bt.fit(read, replicates=replicates, level=level, seed=task.seed, prior=prior, workers=task.workers, progress=tick)
+    table = task.work("fitting", len(read), bt.fit, read, replicates=replicates, level=level, prior=prior)
     table.save(output, **task.saving_of(read))
     say_fits(task.console, table)
-    task.say_written("table in", output, seed=table.seed)
+    task.done("table in", output, seed=table.seed)
 
 
 def say_asymmetry(console: Console, table: AsymmetryTable) -> None:

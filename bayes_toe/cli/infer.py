@@ -19,7 +19,7 @@ from bayes_toe.cli.terminal import (
     introduce,
     number,
     once,
-    say,
+    say_answer,
     say_footnote,
     say_notes,
     say_smaller_models,
@@ -73,8 +73,7 @@ def run(
         require_few(len(read), "subjects")
     _require_room(task, output / f"posterior.{store}", keep, read, prior, others=PICTURE_BYTES[pictures] + EXPLORER_BYTES * explore)
     say_smaller_models(task.console, read)
-    with task.progress("sampling", len(read)) as tick:
-        analysis = bt.run(read, draws=task.draws, seed=task.seed, prior=prior, workers=task.workers, progress=tick, keep=keep)
+    analysis = task.work("sampling", len(read), bt.run, read, draws=task.draws, prior=prior, keep=keep)
     say_verdicts(task.console, analysis.verdicts, analysis.settings.seed, read, "evidence.csv", followed=analysis.histories is None)
     if analysis.histories is not None:
         say_histories(task.console, analysis.histories, "history.csv")
@@ -86,9 +85,11 @@ def run(
         write_results(analysis, output, store=store, pictures=drawn, workers=task.workers, progress=tick, group=group, **task.saving)
     task.finish(keep, analysis.draws.failed)
     written = (name for name in PRODUCTS if (output / name).exists())
-    task.say_written("results in", output, seed=analysis.settings.seed, ending=f": {', '.join(written)}")
-    missed = {} if group is None or group.found.converged else {"group": group.found.chains.reason}
-    task.leave_unless_whole(analysis.draws.failed, {**analysis.draws.not_converged, **analysis.draws.imprecise, **missed})
+    missed = {**analysis.draws.not_converged, **analysis.draws.imprecise}
+    if group is not None and not group.found.converged:
+        missed["group"] = group.found.chains.reason
+    ending = f": {', '.join(written)}"
+    task.done("results in", output, seed=analysis.settings.seed, ending=ending, failed=analysis.draws.failed, missed=missed)
 
 
 def _group(analysis: Analysis, task: Task) -> Group:
@@ -97,15 +98,14 @@ def _group(analysis: Analysis, task: Task) -> Group:
     from bayes_toe.cli.report import Group
     from bayes_toe.groups.predictive_check import predictive_check
 
-    with task.progress("the group", len(analysis.study)) as tick, warnings.catch_warnings():
+    given: dict[str, Any] = {"posterior": analysis.draws, "seed": None}
+    if analysis.study.conditions is not None:  # draws are of units, the group is of subjects
+        given = {"seed": analysis.settings.seed, "prior": analysis.settings.prior}
+    with warnings.catch_warnings():
         warnings.simplefilter("ignore", bt.ConvergenceWarning)  # said below
-        given: dict[str, Any] = {"posterior": analysis.draws}
-        if analysis.study.conditions is not None:  # draws are of units, the group is of subjects
-            given = {"seed": analysis.settings.seed, "prior": analysis.settings.prior}
-        found = bt.population(analysis.study, **given, workers=task.workers, progress=tick)
+        found = task.work("the group", len(analysis.study), bt.population, analysis.study, **given)
     group = Group(found, predictive_check(found))
-    for line in answer(found):
-        say(task.console, line)
+    say_answer(task.console, answer(found))
     say_attention(task.console, found, group.check.warnings)
     return group
 
@@ -130,13 +130,11 @@ def sample(
     _require_room(task, output, keep, read, prior, model)
     introduce(task.console, read, prior, f"prior: {model_named(model, read.task).describe(prior)}")
     say_smaller_models(task.console, read)
-    with task.progress("sampling", len(read)) as tick:
-        draws = draw(read, model=model, draws=task.draws, seed=task.seed, prior=prior, workers=task.workers, progress=tick, keep=keep)
+    draws = task.work("sampling", len(read), draw, read, model=model, draws=task.draws, prior=prior, keep=keep)
     draws.save(output, overwrite=task.overwrite)
     say_draws(task.console, draws)
     task.finish(keep, draws.failed)
-    task.say_written("draws in", output, seed=draws.seed)
-    task.leave_unless_whole(draws.failed, {**draws.not_converged, **draws.imprecise})
+    task.done("draws in", output, seed=draws.seed, failed=draws.failed, missed={**draws.not_converged, **draws.imprecise})
 
 
 def _require_room(
@@ -176,19 +174,17 @@ def evidence(
     task.require_files(output)
     keep = task.partial(output)
     read, prior = task.opened(study)
-    with task.progress("evidence", len(read)) as tick:
-        table = bt.evidence(read, seed=task.seed, prior=prior, workers=task.workers, progress=tick, keep=keep)
+    table = task.work("evidence", len(read), bt.evidence, read, prior=prior, keep=keep)
     table.save(output, **task.saving_of(read))
     task.finish(keep, table.failed)
     say_verdicts(task.console, table.verdicts, table.seed or 0, read)
     say_appendix_c(task.console, table)
     undecided = [one.subject for one in table.verdicts if one.effect == "undecided"]
     if more and undecided:
-        with task.progress("simulating more trials", len(undecided)) as tick:
-            found = bt.planning.more_trials(read, undecided, seed=table.seed, prior=prior, workers=task.workers, progress=tick)
+        total, simulate = len(undecided), bt.planning.more_trials
+        found = task.work("simulating more trials", total, simulate, read, undecided, seed=table.seed, prior=prior)
         say_notes(task.console, (f"{one.subject}: {one.sentence()}" for one in found), "more trials")
-    task.say_written("table in", output, seed=table.seed)
-    task.leave_unless_whole(table.failed, {})
+    task.done("table in", output, seed=table.seed, failed=table.failed)
 
 
 def say_draws(console: Console, draws: bt.Draws, file: str = OUTPUT) -> None:

@@ -53,7 +53,7 @@ def explore(
     with task.progress("packing", len(found)) as tick:
         made = page(found, group, tick)
     made.save(output, overwrite=task.overwrite)
-    task.say_written("explorer in", output, ending=f": {len(made.html.encode()) / 1e6:.1f} MB, open it in a browser")
+    task.done("explorer in", output, ending=f": {len(made.html.encode()) / 1e6:.1f} MB, open it in a browser")
 
 
 def read_truth(path: Path, draws: Sequence[bt.Draws], subjects: Sequence[str]) -> Truth:
@@ -122,7 +122,7 @@ def corner(
         here = partial(_draw_corner, partial(opened, posterior.absolute(), posterior.stat().st_mtime_ns), endings=endings, look=look)
         jobs = [partial(here, {name: known.get(name) for name in names}, target.absolute() / stem) for names, stem in pictures.items()]
         run_in_order(jobs, of_this_machine(task.workers), tick, [(names[0],) for names in pictures])
-    task.say_written(f"{counted(len(pictures), 'corner plot')} in", output)
+    task.done(f"{counted(len(pictures), 'corner plot')} in", output)
 
 
 def _quantities(coordinates: str | None, parameters: str | None, draws: bt.Draws) -> str | tuple[str, ...]:
@@ -187,8 +187,8 @@ def figures(
             found, output, subjects=subject, formats=endings, mass=mass, truth=known, overwrite=task.overwrite, workers=task.processes,
             progress=tick,
         )  # fmt: skip
-    task.say_written("figures and captions in", output, seed=draws.seed)
-    task.leave_unless_whole(draws.failed, {**draws.not_converged, **draws.imprecise})
+    missed = {**draws.not_converged, **draws.imprecise}
+    task.done("figures and captions in", output, seed=draws.seed, failed=draws.failed, missed=missed)
 
 
 def _analysed(study: StudyFileOrExample, subjects: list[str] | None, task: Task) -> Analysis:
@@ -201,8 +201,7 @@ def _analysed(study: StudyFileOrExample, subjects: list[str] | None, task: Task)
     if subjects is not None:
         require_subjects(subjects, read.names)
     introduce(task.console, read, prior)
-    with task.progress("sampling", len(read)) as tick:
-        return bt.run(read, draws=task.draws, seed=task.seed, prior=prior, workers=task.workers, progress=tick)
+    return task.work("sampling", len(read), bt.run, read, draws=task.draws, prior=prior)
 
 
 def predict(
@@ -227,7 +226,7 @@ def predict(
     draws = load_draws(posterior)
     table = predict_pairs(draws, pairs, draws.names if subject is None else (subject,))
     write_table(table, output, **task.saving_of(draws.study))
-    task.say_written(f"{len(table)} predictions in", output)
+    task.done(f"{len(table)} predictions in", output)
 
 
 def methods(
@@ -264,4 +263,4 @@ def methods(
         made[file.with_suffix(".tex")] = partial(Path.write_text, data=table.written(latex, output.stem) + "\n", encoding="utf-8")
     task.write(made, output.with_suffix(".bib"))
     say_notes(task.console, told.notes)
-    task.say_written("written:", *files)
+    task.done("written:", *files)

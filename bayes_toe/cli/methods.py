@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 from markupsafe import Markup
 
 from bayes_toe.cli.headline import said_p
+from bayes_toe.cli.population import answer
 from bayes_toe.cli.supplement import SupplementTable, fit_table, group_table, order_effect_table, parameter_table, templates
 from bayes_toe.comparison import words as rules
 from bayes_toe.comparison.contrast import PROBABLY, SURELY, sentences
@@ -49,17 +50,17 @@ if TYPE_CHECKING:
 _MOST_NAMED = 10
 #: What notes of reading a study say where it did something to the data.
 _DONE = ("dropped", "left out", "merged", "turned", "only rows", "only pairs")
-#: What parameters of the prior are: in words, and as the equations have them in Markdown and in LaTeX.
+#: What parameters of the prior are: in words, and as the equations have them.
 _SYMBOLS = {
-    "mu1": ("prior mean", "mu1", r"\mu_1"),
-    "sigma_p": ("diffusion of the memory, and width where there is no pull", "sigma_p", r"\sigma_p"),
-    "width": ("width", "w", "w"),
-    "gamma": ("noise ratio", "gamma", r"\gamma"),
-    "q0": ("peak", "q0", "q_0"),
-    "offset": ("constant error", "c", "c"),
-    "noise_slope": ("slope of the noise", "b", "b"),
-    "peak_slope": ("slope of the peak", "g", "g"),
-    "lapse_rate": ("answers that do not depend on the stimuli", "lambda", r"\lambda"),
+    "mu1": ("prior mean", r"\mu_1"),
+    "sigma_p": ("diffusion of the memory, and width where there is no pull", r"\sigma_p"),
+    "width": ("width", "w"),
+    "gamma": ("noise ratio", r"\gamma"),
+    "q0": ("peak", "q_0"),
+    "offset": ("constant error", "c"),
+    "noise_slope": ("slope of the noise", "b"),
+    "peak_slope": ("slope of the peak", "g"),
+    "lapse_rate": ("answers that do not depend on the stimuli", r"\lambda"),
 }
 
 
@@ -209,9 +210,7 @@ def _facts(told: Methods) -> dict[str, Any]:
         "failed": _each(draws.failed),
         "h1": draws.model == models_of(draws.task).update.name,
         "asked": draws.task,
-        "priors": [
-            (words, Markup(md), Markup(tex), draws.prior.said(name)) for name, (words, md, tex) in _SYMBOLS.items() if name in asked
-        ],
+        "priors": [(words, Markup(tex), draws.prior.said(name)) for name, (words, tex) in _SYMBOLS.items() if name in asked],
         "stimuli": _ranges(stimuli) if any(map(draws.prior.of_stimuli, asked)) else "",
         "answer": None if told.evidence is None else _answer(told.evidence, draws),
         "sampler": draws.sampler,
@@ -325,10 +324,6 @@ def _other_priors(records: Iterable[object], prior: Prior, stated: Iterable[obje
 
 
 def _group_facts(found: Population) -> dict[str, Any]:
-    from rich.text import Text
-
-    from bayes_toe.cli.population import answer
-
     rows = found.table.rows
     return {
         "settings": found.settings,
@@ -338,5 +333,5 @@ def _group_facts(found: Population) -> dict[str, Any]:
         "ess": f"{min(min(row.ess_bulk, row.ess_tail) for row in rows):,.0f}",
         "r_hat": f"{max(row.r_hat for row in rows):.4f}",
         "problems": found.problems,
-        "answer": [Text.from_markup(line).plain for line in answer(found)],
+        "answer": answer(found),
     }

@@ -140,8 +140,7 @@ class SimulationOptions:
         shares, seed = shares_from(self.observers, asked), task.seed
 
         def simulated(what: str, total: int, work: Callable[..., Any], *given: object, **more: object) -> Any:
-            with task.progress(what, len(designs) * total) as tick:
-                return work(*given, self.observers, seed=seed, prior=prior, workers=task.workers, progress=tick, keep=keep, **more)
+            return task.work(what, len(designs) * total, work, *given, self.observers, seed=seed, prior=prior, keep=keep, **more)
 
         total = kinds * self.data_sets
         table = simulated("simulating and analysing", len(numbers) * total, planning.power, designs, numbers, data_sets=self.data_sets)
@@ -195,8 +194,7 @@ def power(
     task.finish(keep, failed)
     for line in (line for one in tables.values() for line in one.sentences()):
         say(task.console, safe(line))
-    task.say_written("tables and figure in", output, seed=table.seed)
-    task.leave_unless_whole(failed, {})
+    task.done("tables and figure in", output, seed=table.seed, failed=failed)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -237,7 +235,7 @@ class ListOptions:
         who = f"{counted(self.subjects, 'subject')}, {made.total * max(1, len(levels))} trials each in {self.blocks} blocks{split}"
         both = "both orders of two stimuli equally often in a block where the design has them so"
         say(task.console, f"{who}: {both}, at most {MOST_EQUAL} equal pairs in a row")
-        task.say_written("trials in", self.list_output, seed=seed)
+        task.done("trials in", self.list_output, seed=seed)
 
 
 def design(
@@ -272,11 +270,8 @@ def design(
     files = output, output.with_name(f"{output.stem}_compared.csv"), output.with_suffix(".md"), output.with_suffix(".png")
     task.require_files(*files, *listed)
     prior, shown, goal = preset_or_file(task.prior), wanted.levels_in_log(), wanted.goal(question)
-    with task.progress("simulating and analysing", 4 * 3 * data_sets) as tick:
-        found = planning.optimal_design(
-            shown, trials // levels, goal, observers, data_sets=data_sets, seed=task.seed, prior=prior,
-            workers=task.workers, progress=tick,
-        )  # fmt: skip
+    about, find = (shown, trials // levels, goal, observers), planning.optimal_design
+    found = task.work("simulating and analysing", 4 * 3 * data_sets, find, *about, data_sets=data_sets, prior=prior)
     written = (
         found.design.save,
         partial(found.power.save, spreadsheet_safe=task.spreadsheet_safe),
@@ -286,9 +281,8 @@ def design(
     task.write(dict(zip(files, written, strict=True)))
     for line in found.said():
         say(task.console, safe(line))
-    task.say_written("written:", *files, seed=found.seed)
     lists.write(found.design, found.seed, wanted.intensity, task)
-    task.leave_unless_whole(found.power.failed, {})
+    task.done("written:", *files, seed=found.seed, failed=found.power.failed)
 
 
 def _designs(files: list[Path] | None, question: str) -> Mapping[str, planning.StudyDesign]:

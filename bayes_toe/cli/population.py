@@ -16,16 +16,7 @@ import typer
 import bayes_toe as bt
 from bayes_toe.cli.options import InTheirPlace, StudyFileOrSaved, rare, writes
 from bayes_toe.cli.task import MODEL, Takes, Task
-from bayes_toe.cli.terminal import (
-    allowed,
-    introduce,
-    safe,
-    say,
-    say_footnote,
-    say_notes,
-    say_smaller_models,
-    say_table,
-)
+from bayes_toe.cli.terminal import allowed, introduce, safe, say_answer, say_footnote, say_notes, say_smaller_models, say_table
 from bayes_toe.comparison.words import STATED, compared, conclusion
 from bayes_toe.data.messages import counted, listed
 from bayes_toe.groups.hyperprior import CORRELATIONS, GROUP_PARAMETERS, LKJ, NUMBERS
@@ -101,12 +92,10 @@ def population(
     introduce(task.console, read)
     say_smaller_models(task.console, read)
     what = "subjects alone, then the group" if stored is None else "the group"
-    with task.progress(what, len(read)) as tick, warnings.catch_warnings():
+    given = vars(asked) | {"categorical": tuple(asked.categorical or ()), "draws": task.draws, "prior": prior, "posterior": stored}
+    with warnings.catch_warnings():
         warnings.simplefilter("ignore", bt.ConvergenceWarning)  # said below
-        found = bt.population(
-            read, **vars(asked) | {"categorical": tuple(asked.categorical or ())}, draws=task.draws, seed=task.seed, prior=prior,
-            posterior=stored, workers=task.workers, progress=tick, keep=keep,
-        )  # fmt: skip
+        found = task.work(what, len(read), bt.population, read, **given, keep=keep)
     check = predictive_check(found)
     made: dict[Path, Callable[[Path], object]] = {
         output: found.save,
@@ -119,14 +108,13 @@ def population(
     if keep is not None:
         task.finish(keep, failed)
     say_population(task.console, found, check.warnings)
-    task.say_written("written:", *made, seed=found.settings.seed)
-    task.leave_unless_whole(failed, {} if found.converged else {"group": found.chains.reason})
+    missed = {} if found.converged else {"group": found.chains.reason}
+    task.done("written:", *made, seed=found.settings.seed, failed=failed, missed=missed)
 
 
 def say_population(console: Console, found: Population, contradicted: Sequence[str] = ()) -> None:
     """The answer, tables, what each prior was, and what to know before any of it is believed."""
-    for line in answer(found):
-        say(console, line)
+    say_answer(console, answer(found))
     for title, rows in tables(found):
         say_table(console, safe(title), rows)
         if "evidence" in rows[0]:
@@ -143,26 +131,25 @@ def say_attention(console: Console, found: Population, contradicted: Sequence[st
 
 
 def answer(found: Population) -> list[str]:
-    """Whether the population has an order effect, where a subject at its mean is, and what covariates do: a line each, with markup."""
+    """Whether the population has an order effect, where a subject at its mean is, what covariates and conditions do: a line each."""
     from bayes_toe.comparison.population_answer import on_average
 
-    begin, pairs, average = "[bold]order effect of the population[/bold]", found.asymmetries, on_average(found)
-    names, at = list(found.not_described), safe(_reference(found))
+    pairs, average, names = found.asymmetries, on_average(found), list(found.not_described)
     described = f"the model does not describe {len(names)} of them ({listed(names, 5)})" if names else "the model describes all of them"
     if average is None:
         means = {row.parameter: _interval(row, "q50") for row in found.table.some("mean")}
         said = ", ".join(f"{name} {means[name]}" for name in _PULLING if name in means)
         lines = [
-            _direction(found, f"{begin}, direction"),
-            f"[bold]a subject at the mean[/bold]{at}: {said}; {safe(described)}",
+            f"order effect of the population, direction: {_direction(found)}",
+            f"a subject at the mean{_reference(found)}: {said}; {described}",
         ]
     else:
         who = counted(len(found.study), "subject")
-        lines = [f"{begin}{at}: {_on_average(found, average)}; {who}, {safe(described)}"]
-        lines += [_direction(found, "[bold]direction[/bold]")] if average.has else []
-    lines += by_condition(found)
+        lines = [f"order effect of the population{_reference(found)}: {_on_average(found, average)}; {who}, {described}"]
+        lines += [f"direction: {_direction(found)}"] if average.has else []
+    lines += _by_condition(found)
     contrasts = () if pairs is None else compress(found.table.some("asymmetry", pairs.comparisons[0]), pairs.differences)
-    return lines + [f"[bold]{safe(row.level)}[/bold]: asymmetry {_interval(row)}, P(sign) {_sign(row)}" for row in contrasts]
+    return lines + [f"{row.level}: asymmetry {_interval(row)}, P(sign) {_sign(row)}" for row in contrasts]
 
 
 def _on_average(found: Population, said: OnAverage) -> str:
@@ -174,18 +161,18 @@ def _on_average(found: Population, said: OnAverage) -> str:
     return f"{said.words} ({'; '.join(parts)})"
 
 
-def _direction(found: Population, begin: str) -> str:
+def _direction(found: Population) -> str:
     """In which order the wrong answer is the likelier one."""
     every = found.asymmetries
     if every is None:
-        return f"{begin}: no pair of different stimuli was presented in both orders; see pull and gain"
+        return "no pair of different stimuli was presented in both orders; see pull and gain"
     overall, *pairs = every.comparisons
     row, (further,) = found.table.some("asymmetry", overall)[0], found.table.some("new_subject", overall)
     who = "wrong answers are" if every.answer == "wrong" else f"{every.answer!r} is"
     p, likelier = row.p_direction or 0.0, f"{who} likelier with the {'stronger' if row.mean > 0.0 else 'weaker'} stimulus first"
-    decided = f"{likelier} (P {compared(p)})", f"undecided ({likelier}: P {compared(p)})"
+    decided = f"undecided ({likelier}: P {compared(p)})" if p < _DECIDED else f"{likelier} (P {compared(p)})"
     size = f"asymmetry, {overall}, {_interval(row)} on average over {counted(len(pairs), 'comparison')} and all subjects"
-    return f"{begin}: {decided[p < _DECIDED]}; {size}; of a further subject {_ends(further)}"
+    return f"{decided}; {size}; of a further subject {_ends(further)}"
 
 
 #: Quantities as readers know them, by the group parameters that Bayes factors are of.
@@ -193,8 +180,8 @@ _KNOWN_AS = {GROUP_PARAMETERS[name].label: known for name, known in (("gain", "p
 _KNOWN_AS |= {GROUP_PARAMETERS[name].label: name for name in ("pull", "width")}
 
 
-def by_condition(found: Population) -> list[str]:
-    """What differs between conditions on average, a line a comparison, with markup."""
+def _by_condition(found: Population) -> list[str]:
+    """What differs between conditions on average, a line a comparison."""
     from bayes_toe.comparison.contrast import word_of
 
     rows, lines = found.table.some("condition_effect"), list[str]()
@@ -205,58 +192,51 @@ def by_condition(found: Population) -> list[str]:
             if row.p_direction is not None and row.log_bf_differs is not None:
                 word = word_of(row.log_bf_differs)
                 said.append(f"{name} {_interval(own.get(name, row))}, {word} (Bayes factor of no difference {row.of_none})")
-        lines.append(f"[bold]on average[/bold], {safe(level)}: {'; '.join(said)}")
+        lines.append(f"on average, {level}: {'; '.join(said)}")
     return lines
 
 
 def tables(found: Population) -> list[tuple[str, list[dict[Any, Any]]]]:
     """Differences between conditions, effects of covariates, parameters, correlations, quantities: each with a title, none empty."""
-    about = "; ".join(column.about for column in found.regressors.columns)
-    every = {
-        "differences between conditions on average": [_effect(row, "comparison") for row in found.table.some("condition_effect")],
-        f"effects of covariates ({about})": [_effect(row, "covariate") for row in found.table.some("effect")],
-        f"{found.settings.model}, {len(found.study)} subjects": _scales(found),
-        "correlations between subjects": _correlations(found),
+    some, about = found.table.some, "; ".join(column.about for column in found.regressors.columns)
+    means, sds = {row.parameter: row for row in some("mean")}, some("sd")
+    what = "sd between subjects" if found.settings.scatter == "normal" else "scale between subjects (t)"
+    every: dict[str, list[dict[Any, Any]]] = {
+        "differences between conditions on average": [_effect(row, "comparison") for row in some("condition_effect")],
+        f"effects of covariates ({about})": [_effect(row, "covariate") for row in some("effect")],
+        f"{found.settings.model}, {len(found.study)} subjects": [
+            {
+                "scale": sd.parameter,
+                "mean": _interval(mean),
+                what: _interval(sd),
+                "min ESS": f"{min(mean.ess_bulk, mean.ess_tail, sd.ess_bulk, sd.ess_tail):.0f}",
+                "max R-hat": f"{max(sd.r_hat, mean.r_hat):.3f}",
+            }
+            for sd, mean in ((sd, means[sd.parameter]) for sd in sds)
+        ],
+        "correlations between subjects": [  # those first of which the sign is most certain
+            {"scales": row.parameter, "correlation": _interval(row), "P(sign)": _sign(row)}
+            for row in sorted(some("correlation"), key=lambda row: -(row.p_direction or 0.0))
+        ],
     }
+    naturals = [
+        {"quantity": row.parameter, "subject at the mean": _interval(means[row.parameter], "q50"), "further subject": _interval(row, "q50")}
+        for row in some("new_subject")
+        if row.parameter in means
+    ]
     named = [(f"{title}, mean (5 %, 95 %)", rows) for title, rows in every.items() if rows]
-    return [*named, (f"medians (5 %, 95 %){_reference(found)}", _naturals(found))]
+    return [*named, (f"medians (5 %, 95 %){_reference(found)}", naturals)]
 
 
 def _effect(row: PopulationRow, of: str) -> dict[Any, Any]:
     """One effect of a covariate, or of a condition, as a table shows it."""
-    bound, nats, words = row.bf_no_difference is None, row.log_bf_differs, conclusion(None)
+    nats, words = row.log_bf_differs, conclusion(None)
     if nats is None:
         words = "-"
     elif row.of_none != "-":
-        words = f"{'at least ' * bound}{conclusion(nats, _SIDES)}"
+        words = f"{'at least ' * (row.bf_no_difference is None)}{conclusion(nats, _SIDES)}"
     said = {of: row.level, "on": row.parameter, "effect": _interval(row), "P(sign)": "-" if row.p_direction is None else _sign(row)}
     return {**said, "BF no difference": row.of_none, "evidence": words}
-
-
-def _scales(found: Population) -> list[dict[Any, Any]]:
-    """Mean and scatter of every parameter on its scale."""
-    what = "sd between subjects" if found.settings.scatter == "normal" else "scale between subjects (t)"
-    rows = []
-    for sd in found.table.some("sd"):
-        (mean,) = found.table.some("mean", sd.parameter)
-        ess, r_hat = min(one for row in (mean, sd) for one in (row.ess_bulk, row.ess_tail)), max(mean.r_hat, sd.r_hat)
-        row = {"scale": sd.parameter, "mean": _interval(mean), what: _interval(sd)}
-        rows.append({**row, "min ESS": f"{ess:.0f}", "max R-hat": f"{r_hat:.3f}"})
-    return rows
-
-
-def _correlations(found: Population) -> list[dict[Any, Any]]:
-    """How parameters go together over subjects, those first of which the sign is most certain; none where these were not asked for."""
-    rows = sorted(found.table.some("correlation"), key=lambda row: -(row.p_direction or 0.0))
-    return [{"scales": row.parameter, "correlation": _interval(row), "P(sign)": _sign(row)} for row in rows]
-
-
-def _naturals(found: Population) -> list[dict[Any, Any]]:
-    """Every quantity of a subject at the mean and of a further one."""
-    means = {row.parameter: _interval(row, "q50") for row in found.table.some("mean")}
-    further = {row.parameter: _interval(row, "q50") for row in found.table.some("new_subject")}
-    shown = [name for name in further if name in means]
-    return [{"quantity": name, "subject at the mean": means[name], "further subject": further[name]} for name in shown]
 
 
 def _reference(found: Population) -> str:

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
-from rich.text import Text
 
 from bayes_toe.analysis import Analysis
 from bayes_toe.classical.asymmetry import AsymmetryTable
@@ -217,7 +216,7 @@ def _group(group: Group) -> dict[str, Any]:
     return {
         "problems": [*found.problems, *group.check.warnings],
         "converged": found.converged,
-        "answer": [_typeset(Text.from_markup(line).plain) for line in answer(found)],
+        "answer": [_typeset(line) for line in answer(found)],
         "tables": tables(found),
         "hyperprior": found.settings.hyperprior.describe(found.names, correlations=found.settings.correlations),
         "scatter": found.settings.scatter,

@@ -76,4 +76,4 @@ def simulate(  # each is a choice of its own, and has a default
     for folder in {one.parent for one in files}:
         task.write({one: partial(write_table, frames[one], **task.saving) for one in files if one.parent == folder})
     total = sum(len(one.yes) for one in trials)
-    task.say_written(f"{len(names)} synthetic subjects, {total} trials in", output, ending=f"; seed {seed}")
+    task.done(f"{len(names)} synthetic subjects, {total} trials in", output, ending=f"; seed {seed}")

@@ -8,7 +8,7 @@ from contextlib import AbstractContextManager
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from functools import cached_property, wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
 
 import typer
 
@@ -38,6 +38,8 @@ if TYPE_CHECKING:
     from bayes_toe.model.prior import Prior
     from bayes_toe.workers import Workers
 
+Result = TypeVar("Result")
+NOBODY: Mapping[str, str] = {}
 BAD_INPUT, INCOMPLETE = 2, 3
 #: The shared options of commands that share their work among processes and write, and of those that compute with a model besides.
 WORKERS = ("processes", "engine", "scheduler", "overwrite")
@@ -119,6 +121,11 @@ class Task:
     def progress(self, what: str, total: int) -> AbstractContextManager[Callable[[str], None]]:
         """A progress bar; call what it gives once for each part that is done."""
         return terminal.progress_bar(self.console, what, total)
+
+    def work(self, what: str, total: int, function: Callable[..., Result], *given: Any, **options: Any) -> Result:
+        """What a function of the package makes with the task's seed and workers, unless others are given, beside a progress bar."""
+        with self.progress(what, total) as tick:
+            return function(*given, **{"seed": self.seed, "workers": self.workers, "progress": tick} | options)
 
     @cached_property
     def workers(self) -> Workers:
@@ -208,13 +215,18 @@ class Task:
         """How tables of subjects are written: with the condition of each, where subjects are units."""
         return {**self.saving, "units": study.conditions is not None}
 
-    def say_written(self, what: str, *files: Path, seed: int | None = None, ending: str = "") -> None:
-        """The seed and what was written."""
+    def done(
+        self,
+        what: str,
+        *files: Path,
+        seed: int | None = None,
+        ending: str = "",
+        failed: Mapping[str, str] = NOBODY,
+        missed: Mapping[str, str] = NOBODY,
+    ) -> None:
+        """The seed and what was written; exit code 3 where some subject failed, which is said, or its draws did not converge, which was."""
         beginning = "" if seed is None else f"seed {seed}; "
         self.console.print(f"{beginning}{what} [bold]{', '.join(map(terminal.safe, files))}[/bold]{ending}", highlight=False)
-
-    def leave_unless_whole(self, failed: Mapping[str, str], missed: Mapping[str, str]) -> None:
-        """Exit code 3 where some subject failed, which is said, or its draws did not converge, which was."""
         terminal.say_notes(self.console, (f"{name}: {reason}" for name, reason in failed.items()), "left out", "red")
         if failed or missed:
             raise typer.Exit(INCOMPLETE)

@@ -57,6 +57,13 @@ def say(console: Console, line: str, style: str | None = None) -> None:
     console.print(line, highlight=False, soft_wrap=True, style=style)
 
 
+def say_answer(console: Console, lines: Iterable[str]) -> None:
+    """Lines of an answer, each with what it is about, up to the first colon, in bold; texts are escaped."""
+    for line in lines:
+        about, colon, rest = safe(line).partition(": ")
+        say(console, f"[bold]{about}[/bold]{colon}{rest}")
+
+
 def say_note(console: Console, text: str, word: str = "note", colour: str = "yellow") -> None:
     """One line that begins with a coloured word; the text is escaped."""
     say(console, f"[{colour}]{word}[/{colour}] {safe(text)}")

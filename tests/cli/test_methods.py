@@ -67,8 +67,8 @@ def test_the_text_says_what_was_done_and_what_came_out(results, analysis):
     said = [
         "3 subjects gave 1,950 judgements (650 each)",
         "free): 48 models.",
-        "prior mean `mu1 ~ Normal(0, 10)`; diffusion of the memory, and width where there is no pull `sigma_p ~ HalfNormal(1)`",
-        "constant error `c ~ Normal(0, D/2)`",
+        r"prior mean $\mu_1 \sim$ Normal(0, 10); diffusion of the memory, and width where there is no pull $\sigma_p \sim$ HalfNormal(1)",
+        r"constant error $c \sim$ Normal(0, D/2)",
         "within 5 nats of a subject's best",
         f"{study_sentence(analysis.verdicts)}.",
         of_new_subject(analysis.verdicts, draws.seed).partition(": ")[2],
@@ -98,7 +98,7 @@ def test_one_subject_under_the_default_prior_after_something_was_done_to_the_dat
     one = bt.run(study, draws=200, seed=1, workers=1)
     write_text(of_analysis(one, None, figures=False), tmp_path / "m.md")
     text = joined(tmp_path / "m.md")
-    assert "prior mean `mu1 ~ Normal(M, 2.5 R)`; width `w ~ LogNormal(D, 1)`" in text
+    assert r"prior mean $\mu_1 \sim$ Normal(M, 2.5 R); width $w \sim$ LogNormal(D, 1)" in text
     assert "D the root mean square of the difference over pairs of different stimuli (here M = " in text
     assert "1 subject gave 650 judgements of pairs" in text
     assert "Before the analysis: 3 trials without a response dropped: A 3." in text
