@@ -301,7 +301,8 @@ def _trial_study(rows: _Rows, column: Column) -> Study:
     for rows_of, what in ((nothing, "without a response"), (found.no_answer, "with equal stimuli, of which no answer is right,")):
         if rows_of.any():
             notes.append(f"{counted(int(rows_of.sum()), 'trial')} {what} dropped: {_listed_by_subject(rows, rows_of)}")
-    gone = [bare(text) for code, text in enumerate(rows.subject.texts) if text and not found.asked[rows.subject.codes == code].any()]
+    answered = np.bincount(rows.subject.codes, found.asked, len(rows.subject.texts))
+    gone = [bare(text) for text, count in zip(rows.subject.texts, answered, strict=True) if text and not count]
     notes += [f"{counted(len(gone), 'subject')} without any response left out: {listed(gone)}"] if gone else []
     # A trial is a count of one, a trial without an answer a count of none.
     return _study(rows, notes, np.where(found.yes, 1, 0), np.where(found.asked, 1, 0), found.task)
