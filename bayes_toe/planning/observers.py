@@ -34,9 +34,8 @@ from bayes_toe.model.study_prior import prior_for
 from bayes_toe.planning.study_design import StudyDesign, each_once, nobody
 from bayes_toe.seeds import generator
 
-#: Kinds of observers by the word for them in files, and in sentences.
+#: Kinds of observers by the word for them in files.
 NONE, CONSTANT_ERROR, UPDATE = ORDERS
-SAID = {NONE: "no order effect", CONSTANT_ERROR: CONSTANT_ERROR, UPDATE: UPDATE}
 #: Middle of the paper's stimuli, natural-log intensity: from where default offsets count where these are amid those shown.
 MIDDLE = 0.25
 #: Ranges of those who are assumed where nothing is said, beside those of their task. Pulls and widths are those of clear order effects.

@@ -13,11 +13,10 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task, task_of
 from bayes_toe.data.validation import read_numbers
 from bayes_toe.errors import InputError
-from bayes_toe.kept import Kept
 from bayes_toe.model.prior import Prior
 from bayes_toe.planning.information import UTILITIES, Information, exchanged, information
 from bayes_toe.planning.observers import MIDDLE, UPDATE, Observer, assumed, middle_of, of_kind, prior_of
-from bayes_toe.planning.power import WIDTHS, PowerTable, jobs_of, simulated, worked
+from bayes_toe.planning.power import WIDTHS, PowerTable, simulated, simulation
 from bayes_toe.planning.study_design import StudyDesign, all_pairs, each_once, nobody, paper_study_design
 from bayes_toe.seeds import generator, root_seed
 from bayes_toe.workers import Progress, Workers
@@ -233,9 +232,8 @@ def optimal_design(
         if all(one.judgement.verdict.kind != "pull" for one in pilot):
             raise _hopeless(different, trials, people, f"of {_PILOT} simulated observers who update the best pairs there name none")
     designs = [(name, one.design) for name, one in found.items()]
-    rows, failed = worked(Kept(), jobs_of(simulated, designs, judges, root, prior), workers, progress)
-    reasons = tuple(reasons_for(found, people, asked.aim))
-    return OptimalDesign(design, asked, found, PowerTable(rows, root, failed), plane, worth, reasons, root)
+    table = PowerTable(*simulation(simulated, "data sets", designs, lambda _: judges, root, prior, workers, progress))
+    return OptimalDesign(design, asked, found, table, plane, worth, tuple(reasons_for(found, people, asked.aim)), root)
 
 
 def paper_amid(shown: StudyDesign) -> StudyDesign:

@@ -5,9 +5,10 @@ Counted are the words of the verdict: how often an effect that is there is found
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeAlias, TypeVar
 
@@ -21,12 +22,12 @@ from bayes_toe.data.tables import Table, frame_of
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.errors import InputError
 from bayes_toe.inference.subject import Wanted, fitted_result
-from bayes_toe.kept import Kept, keeping
-from bayes_toe.model.ladder import models_of
+from bayes_toe.kept import keeping
+from bayes_toe.model.ladder import ORDERS, models_of
 from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.planning.judging import Judgement, judged
-from bayes_toe.planning.observers import CONSTANT_ERROR, NONE, SAID, UPDATE, Observer, assumed, prior_of
+from bayes_toe.planning.observers import CONSTANT_ERROR, NONE, UPDATE, Observer, assumed, prior_of
 from bayes_toe.planning.study_design import StudyDesign, paper_study_design
 from bayes_toe.seeds import generator
 from bayes_toe.workers import Progress, Workers
@@ -34,8 +35,8 @@ from bayes_toe.workers import Progress, Workers
 if TYPE_CHECKING:
     import pandas as pd
 
-#: Quantities of the update of which the expected width of the 90 % interval is told.
-WIDTHS = ("gain", "mu1", "width")
+#: Quantities of the update of which the expected width of the 90 % interval is told, and what the width is called.
+WIDTHS, WIDTH = ("gain", "mu1", "width"), "90 % width of "
 #: Columns of power.csv and of power_data_sets.csv.
 POWER_COLUMNS = ("design", "trials", "observers", "quantity", "value", "low", "high", "data_sets")
 _EACH = ("none", "constant_error", "update")
@@ -52,7 +53,9 @@ WORDS = {NONE: "no order effect", CONSTANT_ERROR: "a constant error", UPDATE: "a
 _LEVEL = 0.95  # of the intervals of Monte Carlo error
 #: Value with both ends of its interval, and over how many it is.
 Estimate: TypeAlias = tuple[float, float, float, int]
-Row = TypeVar("Row")
+#: By quantity whether something is said, its probability, or a width; None where it is withheld.
+Said: TypeAlias = Mapping[str, float | None]
+Row = TypeVar("Row", bound=Any)
 TRIALS, DATA_SETS = (325, 650, 1300), 100
 
 
@@ -78,75 +81,74 @@ class Counted(NamedTuple):
         return f"{100 * self.value:.0f} %"
 
     @property
+    def interval(self) -> str:
+        """That of a share in words."""
+        return f"({100 * self.low:.0f} to {100 * self.high:.0f} %)"
+
+    @property
+    def hits(self) -> str:
+        """Of how many it is so."""
+        return f"{self.value * self.size:.0f} of {self.size}"
+
+    @property
     def of_studies(self) -> str:
         """A share of studies in words."""
         return f"{self.percent} of studies with {self.subjects} subjects (of {self.size})"
 
 
+class Outcome(NamedTuple):
+    """What was said of one simulated study of so many subjects of a kind, or of one subject; `trials` are those of a subject."""
+
+    design: str
+    trials: int
+    kind: str
+    subjects: int
+    said: Said
+
+
 @dataclass(frozen=True, eq=False)
 class Simulations(Table[Row]):
-    """What was simulated and judged, a row each, and what is counted of it by design, trials, kind of observers and number of subjects.
+    """What was simulated, a row each, and what is counted of it by design, trials, kind of observers and number of subjects.
 
-    Attributes
-    ----------
-    rows : tuple
-    seed : int
-    failed : mapping of str to str
-        Observers, or studies, whose work was lost, with the reason.
+    Rows are outcomes, or have what these have; `failed` has the names of observers, or studies, whose work was lost, with the reason.
     """
 
     seed: int
     failed: Mapping[str, str] = field(default_factory=dict)
     COLUMNS: ClassVar[tuple[str, ...]] = ()  # of the file, the last being the size
 
-    def _counts(self, kind: str, rows: Sequence[Row]) -> Iterator[tuple[str, Estimate]]:
-        """Every quantity of the rows of one group."""
-        raise NotImplementedError
-
-    @cached_property
-    def groups(self) -> dict[tuple[str, int, str, int], list[Row]]:
-        """Rows by design, trials of a subject, kind of observers and number of subjects."""
-        groups: dict[tuple[str, int, str, int], list[Row]] = {}
-        for row in self.rows:
-            key: Any = tuple(getattr(row, name) for name in ("design", "trials", "kind", "subjects"))
-            groups.setdefault(key, []).append(row)
-        return groups
-
     @cached_property
     def counted(self) -> dict[tuple[str, int, str, int, str], Counted]:
-        """Every share and mean, by its group and quantity."""
-        found = ((key, of) for key, rows in self.groups.items() for of in self._counts(key[2], rows))
-        return {(*key, quantity): Counted(*key, quantity, *values) for key, (quantity, values) in found}
+        """Every share, and mean of widths, by its group and quantity, of what is not withheld."""
+        values: dict[tuple[str, int, str, int, str], list[float]] = {}
+        for row in self.rows:
+            for quantity, value in row.said.items():
+                values.setdefault((row.design, row.trials, row.kind, row.subjects, quantity), []).extend([] if value is None else [value])
+        return {key: Counted(*key, *(mean if key[-1].startswith(WIDTH) else share_of)(some)) for key, some in values.items() if some}
 
-    def different(self, name: str) -> tuple[Any, ...]:
-        """What there is of a field of :class:`Counted`, in its order: designs, numbers of trials, kinds of observers, ..."""
-        return tuple(dict.fromkeys(getattr(one, name) for one in self.counted.values()))
+    def different(self, *names: str) -> tuple[Any, ...]:
+        """What there is of a field of :class:`Counted`, in its order, such as designs or kinds of observers; or of several."""
+        return tuple(dict.fromkeys(attrgetter(*names)(one) for one in self.counted.values()))
 
     def frame(self) -> pd.DataFrame:
         """The table with the columns of its file: a share or a mean a row, with both ends of the 95 % interval of its Monte Carlo error."""
         return frame_of(self.counted.values(), (*self.COLUMNS[:-1], "size")).set_axis(list(self.COLUMNS), axis=1)
 
 
-def share(hits: float, size: int) -> Estimate:
-    """A share and its 95 % interval, by Jeffreys' prior; an end is 0 or 1 where nothing or all hit.
+def share_of(values: Sequence[float]) -> Estimate:
+    """The share of what is so and its 95 % interval, by Jeffreys' prior; an end is 0 or 1 where nothing or all is.
 
-    Of a sum of probabilities the interval is too wide, if anything: they scatter no more than hits do.
+    Of probabilities the interval is too wide, if anything: they scatter no more than hits do.
 
     Examples
     --------
-    >>> [round(value, 3) for value in share(7, 20)]
+    >>> [round(value, 3) for value in share_of([True] * 7 + [False] * 13)]
     [0.35, 0.172, 0.568, 20]
     """
-    tail = 0.5 * (1.0 - _LEVEL)
+    hits, size, tail = sum(values), len(values), 0.5 * (1.0 - _LEVEL)
     low = 0.0 if hits == 0 else float(betaincinv(hits + 0.5, size - hits + 0.5, tail))
     high = 1.0 if hits == size else float(betaincinv(hits + 0.5, size - hits + 0.5, 1.0 - tail))
     return hits / size, low, high, size
-
-
-def share_of(hits: Iterable[bool]) -> Estimate:
-    """The share of what is true."""
-    found = list(hits)
-    return share(sum(found), len(found))
 
 
 def mean(values: Sequence[float]) -> Estimate:
@@ -167,6 +169,20 @@ class DataSet:
     judgement: Judgement
     subjects: ClassVar[int] = 1
 
+    @property
+    def said(self) -> Said:
+        """What is counted of it."""
+        found, none = self.judgement, (None,) * 3
+        return {
+            **{f"P({kind})": p for kind, p in zip(ORDERS, found.probability or none, strict=True)},
+            **{f"said: {word}": found.verdict.effect == word for word in EFFECTS if word},
+            FOUND: found.found,
+            NAMED: found.named == self.kind,
+            WRONG: found.named not in (None, self.kind),
+            **{f"{WIDTH}{name}": width for name, width in zip(WIDTHS, found.widths or none, strict=True)},
+            "evidence withheld": found.probability is None,
+        }
+
 
 def data_sets_frame(rows: Iterable[DataSet], columns: Sequence[str] = DATA_SET_COLUMNS) -> pd.DataFrame:
     """A row a data set; what is withheld is missing."""
@@ -176,9 +192,8 @@ def data_sets_frame(rows: Iterable[DataSet], columns: Sequence[str] = DATA_SET_C
     for row in rows:
         said = row.judgement
         numbers = [value for some in (said.log_evidence, said.probability, said.widths) for value in some or (None,) * 3]
-        words = (row.design, row.trials, row.observer, row.kind, said.verdict.effect, said.verdict.kind)
-        cells.append(dict(zip(DATA_SET_COLUMNS, (*words, *numbers), strict=True)))
-    return pd.DataFrame(cells, columns=list(columns))
+        cells.append((row.design, row.trials, row.observer, row.kind, said.verdict.effect, said.verdict.kind, *numbers))
+    return pd.DataFrame(cells, columns=list(DATA_SET_COLUMNS))[list(columns)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,21 +209,6 @@ class PowerTable(Simulations[DataSet]):
             raise InputError(f"nothing counted for {key!r}; quantities: {listed([repr(name) for name in self.different('quantity')], 20)}")
         return found
 
-    def _counts(self, kind: str, rows: Sequence[DataSet]) -> Iterator[tuple[str, Estimate]]:
-        said = [row.judgement for row in rows]
-        known = [one.probability for one in said if one.probability is not None]
-        for word, values in zip(SAID, zip(*known, strict=True), strict=False):  # none where nothing is known
-            yield f"P({word})", share(sum(values), len(known))
-        for word in filter(None, EFFECTS):
-            yield f"said: {word}", share_of(one.verdict.effect == word for one in said)
-        yield FOUND, share_of(one.found for one in said)
-        yield NAMED, share_of(one.named == kind for one in said)
-        yield WRONG, share_of(one.named not in (None, kind) for one in said)
-        told = [one.widths for one in said if one.widths is not None]
-        for name, values in zip(WIDTHS, zip(*told, strict=True), strict=False):
-            yield f"90 % width of {name}", mean(values)
-        yield "evidence withheld", share_of(one.probability is None for one in said)
-
     def data_sets_frame(self) -> pd.DataFrame:
         """Every simulated data set, with the columns of power_data_sets.csv."""
         return data_sets_frame(self.rows)
@@ -223,17 +223,14 @@ class PowerTable(Simulations[DataSet]):
         ['with these pairs 650 trials find an order effect in 50 % of observers with a pull (6 to 94 %), and name a pull in 50 %']
         """
         lines = []
-        for design, trials in dict.fromkeys(key[:2] for key in self.groups):
-            kinds = [kind for kind in self.different("observers") if (design, trials, kind, 1) in self.groups]
+        for design, trials in self.different("design", "trials"):
+            kinds = [kind for kind in self.different("observers") if (design, trials, kind, 1, FOUND) in self.counted]
             main = UPDATE if UPDATE in kinds else kinds[-1]
             found, right = (self[design, trials, main, what] for what in (FOUND, NAMED))
-            whom, wrong = WORDS[main].replace("no order effect", "none"), ""
-            if NONE in kinds and main != NONE:
-                none = self[design, trials, NONE, FOUND]
-                wrong = f"; and wrongly one in {none.value * none.size:.0f} of {none.size} without"
+            wrong = f"; and wrongly one in {self[design, trials, NONE, FOUND].hits} without" if NONE in kinds and main != NONE else ""
             lines.append(
-                f"with {design} {trials} trials find an order effect in {found.percent} of observers with {whom} "
-                f"({100 * found.low:.0f} to {100 * found.high:.0f} %), and name {WORDS[main]} in {right.percent}{wrong}"
+                f"with {design} {trials} trials find an order effect in {found.percent} of observers with "
+                f"{WORDS[main].replace('no order effect', 'none')} {found.interval}, and name {WORDS[main]} in {right.percent}{wrong}"
             )
         return lines
 
@@ -281,12 +278,8 @@ def power(
     (3, 1)
     """
     designs = named_designs(design)
-    asked = with_totals(designs, trials)
-    with keeping(keep, "simulated data sets") as kept:
-        root = kept.seed(seed)
-        people = assumed(observers, designs, data_sets, root, prior)
-        rows, failed = worked(kept, jobs_of(simulated, asked, people, root, prior), workers, progress)
-    return PowerTable(rows, root, failed)
+    people = partial(assumed, observers, designs, data_sets, prior=prior)
+    return PowerTable(*simulation(simulated, "data sets", with_totals(designs, trials), people, seed, prior, workers, progress, keep))
 
 
 def named_designs(design: StudyDesign | Mapping[str, StudyDesign] | None, task: Task | str = SAME_DIFFERENT) -> Mapping[str, StudyDesign]:
@@ -301,18 +294,28 @@ def with_totals(designs: Mapping[str, StudyDesign], trials: Iterable[int]) -> li
     return [(name, one.with_total(number)) for name, one in designs.items() for number in dict.fromkeys(trials)]
 
 
-def jobs_of(
-    job: Callable[..., Row], designs: Iterable[tuple[str, StudyDesign]], people: Sequence[Any], seed: int, prior: Prior | str | None
-) -> list[partial[Row]]:
-    """A job for every observer, or study of such, of every design, by whose name streams are keyed, with the prior in numbers for it."""
-    numbers = [(name, one, prior_of([one], prior)) for name, one in designs]
-    return [partial(job, name, one, person, seed=seed, prior=of) for name, one, of in numbers for person in people]
+def simulation(
+    job: Callable[..., Row],
+    what: str,
+    designs: Iterable[tuple[str, StudyDesign]],
+    units: Callable[[int], Sequence[Any]],
+    seed: int | None,
+    prior: Prior | str | None,
+    workers: Workers,
+    progress: Progress | None,
+    keep: str | Path | None = None,
+) -> tuple[tuple[Row, ...], int, dict[str, str]]:
+    """What a job returns of every unit with every design, the root seed, and by the names of units why some could not be done.
 
-
-def worked(kept: Kept, jobs: Sequence[partial[Row]], workers: Workers, progress: Progress | None) -> tuple[tuple[Row, ...], dict[str, str]]:
-    """What the jobs returned, and by the observer's name why some could not be done."""
-    done = kept.work(jobs, workers, progress, [(one.args[2].name,) for one in jobs])
-    return tuple(done), {jobs[at].args[2].name: one.reason for at, one in done.failed.items()}
+    Units, made from the seed, are observers or studies of such, by whose names streams are keyed; priors are in numbers for each design.
+    """
+    with keeping(keep, f"simulated {what}") as kept:
+        root = kept.seed(seed)
+        made = units(root)
+        numbers = [(name, one, prior_of([one], prior)) for name, one in designs]
+        jobs = [partial(job, name, one, unit, seed=root, prior=of) for name, one, of in numbers for unit in made]
+        done = kept.work(jobs, workers, progress, [(one.args[2].name,) for one in jobs])
+        return tuple(done), root, {jobs[at].args[2].name: one.reason for at, one in done.failed.items()}
 
 
 def simulated(name: str, design: StudyDesign, observer: Observer, seed: int, prior: Prior) -> DataSet:

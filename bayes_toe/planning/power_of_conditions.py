@@ -21,12 +21,11 @@ from bayes_toe.errors import ConvergenceWarning, InputError
 from bayes_toe.experiments.conditions import Differing, Sizes
 from bayes_toe.groups.hyperprior import GROUP_PARAMETERS
 from bayes_toe.groups.population import population
-from bayes_toe.kept import keeping
 from bayes_toe.model.contrasted import QUANTITIES
 from bayes_toe.model.ladder import ORDERS
 from bayes_toe.model.prior import Prior
 from bayes_toe.planning.observers import Observer, assumed, of_kind
-from bayes_toe.planning.power import DATA_SETS, TRIALS, Estimate, Simulations, jobs_of, named_designs, share_of, with_totals, worked
+from bayes_toe.planning.power import DATA_SETS, TRIALS, Outcome, Simulations, named_designs, simulation, with_totals
 from bayes_toe.planning.power_of_studies import DRAWS, POPULATION_COLUMNS, PlannedStudy
 from bayes_toe.planning.study_design import StudyDesign, nobody
 from bayes_toe.seeds import generator
@@ -40,44 +39,22 @@ _LABELS = {GROUP_PARAMETERS[name].label: key for key, names in QUANTITIES.items(
 _LABELS[ORDER_EFFECT] = ORDER_EFFECT
 
 
-@dataclass(frozen=True)
-class Compared:
-    """What one study said of differences, `log_bf` by quantity, None where one is withheld; of one subject, or of several on average.
-
-    `trials` are those of a subject under both conditions together; `kind` says what differs.
-    """
-
-    design: str
-    trials: int
-    subjects: int
-    kind: str
-    log_bf: Mapping[str, float | None]
-
-
 @dataclass(frozen=True, eq=False)
-class ConditionsPower(Simulations[Compared]):
+class ConditionsPower(Simulations[Outcome]):
     """Simulated studies under two conditions, and how often they say of each quantity that it differs, or that it does not."""
 
     COLUMNS = POPULATION_COLUMNS
 
-    def _counts(self, kind: str, rows: Sequence[Compared]) -> Iterator[tuple[str, Estimate]]:
-        for quantity in rows[0].log_bf:
-            words = [word_of(row.log_bf[quantity]) for row in rows]
-            for what, (surely, probably) in _SAID.items():
-                yield f"{quantity}: {what}", share_of(word == surely for word in words)
-                yield f"{quantity}: {what}, probably or not", share_of(word in (surely, probably) for word in words)
-
     def sentences(self) -> list[str]:
         """How often a difference is said, probably or not, and how often one that is not there, a line a design, trials and subjects."""
         lines = []
-        for design, trials, kind, size in (key for key in self.groups if key[2] != NOTHING):
+        for design, trials, kind, size in self.different("design", "trials", "observers", "subjects"):
             whom = "contrast says of single subjects" if size == 1 else f"population says of {size} subjects on average"
-            for quantity in (part.rpartition(" ")[0] for part in kind.split(", ")):
+            for quantity in (part.rpartition(" ")[0] for part in kind.split(", ") if kind != NOTHING):
                 found, wrong = (self.counted[design, trials, one, size, f"{quantity}: differs, probably or not"] for one in (kind, NOTHING))
                 lines.append(
                     f"with {design} and {trials} trials each, {whom} that the {quantity} differs in {found.percent} of {found.size} with "
-                    f"{kind} ({100 * found.low:.0f} to {100 * found.high:.0f} %), and wrongly in {wrong.value * wrong.size:.0f} of "
-                    f"{wrong.size} without"
+                    f"{kind} {found.interval}, and wrongly in {wrong.hits} without"
                 )
         return lines
 
@@ -117,14 +94,14 @@ def power_of_conditions(  # noqa: PLR0913  # each is a choice of its own, and ha
     if not differ or not many or min(*many, *many.values()) < 1:
         raise InputError(f"differ={differ!r}, studies={many}: allowed is something that differs, and studies of 1 subject or more")
     designs = named_designs(design)
-    asked = with_totals(designs, trials)
-    with keeping(keep, "simulated conditions") as kept:
-        root = kept.seed(seed)
+
+    def planned(root: int) -> list[PlannedStudy]:
         people = assumed(observers, designs, max(size * number for size, number in many.items()), root, prior)
         people = of_kind(people, max((one.kind for one in people), key=ORDERS.index))
-        planned = list(planned_conditions(people, differ, many, root))
-        rows, failed = worked(kept, jobs_of(compared, asked, planned, root, prior), workers, progress)
-    return ConditionsPower(rows, root, failed)
+        return [*planned_conditions(people, differ, many, root)]
+
+    found = simulation(judged_study, "conditions", with_totals(designs, trials), planned, seed, prior, workers, progress, keep)
+    return ConditionsPower(*found)
 
 
 def planned_conditions(people: Sequence[Observer], differ: Sizes, studies: Mapping[int, int], seed: int) -> Iterator[PlannedStudy]:
@@ -150,18 +127,35 @@ def under_conditions(one: Observer, differing: Differing, seed: int) -> list[Obs
     return [replace(one, name=f"{one.name}{AT}{level}", model=moved.model.name, quantities=values) for level, values in named]
 
 
-def compared(name: str, design: StudyDesign, planned: PlannedStudy, seed: int, prior: Prior) -> Compared:
-    """One study's answers to a design, half of them under either condition, judged; streams are keyed by observer and condition."""
+def judged_study(name: str, design: StudyDesign, planned: PlannedStudy, seed: int, prior: Prior) -> Outcome:
+    """What is said of one study's answers to a design; trials are those of a subject under both conditions together."""
+    said = said_of(differences(design, planned, seed, prior))
+    return Outcome(name, design.total, planned.kind, len(planned.people) // len(LEVELS), said)
+
+
+def said_of(log_bf: Mapping[str, float | None]) -> dict[str, bool]:
+    """Whether it is said of each quantity that it differs, and that it does not, of log Bayes factors, None where one is withheld."""
+    said = {}
+    for quantity, value in log_bf.items():
+        for what, (surely, probably) in _SAID.items():
+            said[f"{quantity}: {what}"] = word_of(value) == surely
+            said[f"{quantity}: {what}, probably or not"] = word_of(value) in (surely, probably)
+    return said
+
+
+def differences(design: StudyDesign, planned: PlannedStudy, seed: int, prior: Prior) -> dict[str, float | None]:
+    """Log Bayes factors by quantity, of one subject or of several on average, who answer half of a design under either condition.
+
+    Streams are keyed by observer and condition.
+    """
     half = design.with_total(design.total // len(LEVELS))
     answers = [one.answers(half, generator(seed, one.name, "answers", design.total)) for one in planned.people]
     units = felt_together(replace(one, condition=level) for one, level in zip(answers, cycle(LEVELS), strict=False))
     study, own = Study(units, conditions=Differing.of(LEVELS).conditions), int(generator(seed, planned.name, "study").integers(2**32))
     if len(units) == len(LEVELS):
-        factors = {row.quantity: row.log_bf_differs for row in contrast(study, seed=own, prior=prior, workers=1)}
-    else:
-        with catch_warnings():
-            simplefilter("ignore", ConvergenceWarning)
-            found = population(study, draws=DRAWS, seed=own, prior=prior, workers=1)
-        rows = [row for row in found.table.some("condition_effect") if row.log_bf_differs is not None]
-        factors = {_LABELS[row.parameter]: row.log_bf_differs for row in rows}
-    return Compared(name, design.total, len(units) // len(LEVELS), planned.kind, factors)
+        return {row.quantity: row.log_bf_differs for row in contrast(study, seed=own, prior=prior, workers=1)}
+    with catch_warnings():
+        simplefilter("ignore", ConvergenceWarning)
+        found = population(study, draws=DRAWS, seed=own, prior=prior, workers=1)
+    rows = found.table.some("condition_effect")
+    return {_LABELS[row.parameter]: row.log_bf_differs for row in rows if row.log_bf_differs is not None}

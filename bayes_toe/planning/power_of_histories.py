@@ -6,10 +6,10 @@ in random order.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,25 +19,13 @@ from bayes_toe.data.answers import Answers
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError
 from bayes_toe.inference.space import space_evidence
-from bayes_toe.kept import keeping
 from bayes_toe.model.history import require_order
 from bayes_toe.model.ladder import models_of
 from bayes_toe.model.parts import compose
 from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.planning.observers import UPDATE, Observer, assumed, of_kind
-from bayes_toe.planning.power import (
-    DATA_SETS,
-    POWER_COLUMNS,
-    TRIALS,
-    Estimate,
-    Simulations,
-    jobs_of,
-    named_designs,
-    share_of,
-    with_totals,
-    worked,
-)
+from bayes_toe.planning.power import DATA_SETS, POWER_COLUMNS, TRIALS, Outcome, Simulations, named_designs, simulation, with_totals
 from bayes_toe.planning.study_design import StudyDesign
 from bayes_toe.seeds import generator
 from bayes_toe.workers import Progress, Workers
@@ -56,39 +44,21 @@ class Carrying(NamedTuple):
     share: float
 
 
-@dataclass(frozen=True)
-class Followed:
-    """What was said of one observer's answers."""
-
-    design: str
-    trials: int
-    observer: str
-    kind: str
-    depends: str
-    subjects: ClassVar[int] = 1
-
-
 @dataclass(frozen=True, eq=False)
-class HistoryPower(Simulations[Followed]):
+class HistoryPower(Simulations[Outcome]):
     """Simulated observers, and how often their answers are said to follow the trials before."""
 
     COLUMNS = POWER_COLUMNS
 
-    def _counts(self, kind: str, rows: Sequence[Followed]) -> Iterator[tuple[str, Estimate]]:
-        for word in WORDS:
-            yield f"said: {word}", share_of(row.depends == word for row in rows)
-        yield FOUND, share_of(row.depends in WORDS[:2] for row in rows)
-
     def sentences(self) -> list[str]:
         """How often it is said of those who carry something over, and of those who do not, a line a design and number of trials."""
         lines = []
-        for design, trials, kind, _ in (key for key in self.groups if key[2] != NOTHING):
+        for design, trials, kind in (key for key in self.different("design", "trials", "observers") if key[2] != NOTHING):
             found, wrong = (self.counted[design, trials, one, 1, FOUND] for one in (kind, NOTHING))
-            said = (
-                f"with {design} and {trials} trials, answers are said to follow the trials before, for sure or probably, of {found.percent}"
+            lines.append(
+                f"with {design} and {trials} trials, answers are said to follow the trials before, for sure or probably, of "
+                f"{found.percent} of observers with {kind} {found.interval}, and wrongly of {wrong.hits} without"
             )
-            wrongly = f"and wrongly of {wrong.value * wrong.size:.0f} of {wrong.size} without"
-            lines.append(f"{said} of observers with {kind} ({100 * found.low:.0f} to {100 * found.high:.0f} %), {wrongly}")
         return lines
 
 
@@ -123,15 +93,14 @@ def power_of_histories(  # noqa: PLR0913  # each is a choice of its own, and has
         If something is not allowed, or no observers have a pull.
     """
     designs = named_designs(design)
-    asked = with_totals(designs, trials)
-    with keeping(keep, "simulated histories") as kept:
-        root = kept.seed(seed)
+
+    def planned(root: int) -> list[Carrying]:
         everybody = assumed(observers, designs, data_sets, root, prior)
         require_carrying(carry_over, everybody)
         people = of_kind(everybody, UPDATE)
-        carrying = [Carrying(f"{one.name}, {share:g} carried over", one, share) for share in (0.0, carry_over) for one in people]
-        rows, failed = worked(kept, jobs_of(followed, asked, carrying, root, prior), workers, progress)
-    return HistoryPower(rows, root, failed)
+        return [Carrying(f"{one.name}, {share:g} carried over", one, share) for share in (0.0, carry_over) for one in people]
+
+    return HistoryPower(*simulation(followed, "histories", with_totals(designs, trials), planned, seed, prior, workers, progress, keep))
 
 
 def require_carrying(share: float, observers: Iterable[Observer]) -> None:
@@ -142,12 +111,16 @@ def require_carrying(share: float, observers: Iterable[Observer]) -> None:
         raise InputError("--carry-over: found observers without a pull, who carry nothing over, allowed: some of the kind update")
 
 
-def followed(name: str, design: StudyDesign, one: Carrying, seed: int, prior: Prior) -> Followed:
-    """One observer's answers to a design, judged; streams are keyed by observer, share and number of trials."""
+def followed(name: str, design: StudyDesign, one: Carrying, seed: int, prior: Prior) -> Outcome:
+    """What is said of one observer's answers to a design; streams are keyed by observer, share and number of trials."""
     subject = answers_in_order(one, design, generator(seed, one.name, "answers", design.total))
     found = subject_history(space_evidence(subject, prior, models_of(subject.task).space, seed), seed)
-    kind = f"{one.share:g} carried over" if one.share else NOTHING
-    return Followed(name, design.total, one.observer.name, kind, found.depends)
+    return Outcome(name, design.total, f"{one.share:g} carried over" if one.share else NOTHING, 1, said_of(found.depends))
+
+
+def said_of(depends: str) -> dict[str, bool]:
+    """Which word it is, and whether it says that answers follow the trials before."""
+    return {**{f"said: {word}": depends == word for word in WORDS}, FOUND: depends in WORDS[:2]}
 
 
 def answers_in_order(one: Carrying, design: StudyDesign, rng: np.random.Generator) -> Subject:

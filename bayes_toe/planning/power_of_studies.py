@@ -6,7 +6,7 @@ model and the words of `population`, it finds an order effect on average, and na
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -19,11 +19,10 @@ from bayes_toe.comparison.words import PROBABLY_HAS, PROBABLY_NONE
 from bayes_toe.data.study import Study
 from bayes_toe.errors import ConvergenceWarning, InputError
 from bayes_toe.groups.population import population
-from bayes_toe.kept import keeping
 from bayes_toe.model.ladder import ORDERS
 from bayes_toe.model.prior import Prior
 from bayes_toe.planning.observers import MIXED, NONE, UPDATE, Observer, assumed, mixture, of_kind, shares_from
-from bayes_toe.planning.power import FOUND, WORDS, Estimate, PowerTable, Simulations, jobs_of, mean, named_designs, share_of, worked
+from bayes_toe.planning.power import FOUND, WIDTH, WORDS, Outcome, PowerTable, Simulations, named_designs, simulation
 from bayes_toe.planning.study_design import StudyDesign
 from bayes_toe.seeds import generator
 from bayes_toe.workers import Progress, Workers
@@ -47,31 +46,15 @@ DRAWS = 200  # effective ones of everything: chains that agree have many more of
 # --- By random effects over evidences -------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class ComparedStudy:
-    """One study of subjects of one kind, or mixed, by the random effects of `compare`: the most frequent kind, and which one is named."""
-
-    design: str
-    trials: int
-    subjects: int
-    kind: str
-    right: str
-    named: str | None
-
-
 @dataclass(frozen=True, eq=False)
-class StudyPower(Simulations[ComparedStudy]):
-    """Simulated studies, and how often they name what is the most frequent kind, or another."""
-
-    def _counts(self, kind: str, rows: Sequence[ComparedStudy]) -> Iterator[tuple[str, Estimate]]:
-        yield NAMED, share_of(row.named == row.right for row in rows)
-        yield WRONG, share_of(row.named not in (None, row.right) for row in rows)
+class StudyPower(Simulations[Outcome]):
+    """Simulated studies of subjects of one kind, or mixed, and how often they name what is the most frequent kind, or another."""
 
     def frame(self) -> pd.DataFrame:
         """One row a design, number of trials, kind of subjects and number of them, with the columns of power_subjects.csv."""
         import pandas as pd
 
-        both = [(self.counted[*key, NAMED], self.counted[*key, WRONG].value) for key in self.groups]
+        both = [(one, self.counted[*one[:4], WRONG].value) for one in self.counted.values() if one.quantity == NAMED]
         rows = [[one.design, one.trials, one.observers, one.subjects, one.size, one.value, one.low, one.high, p] for one, p in both]
         return pd.DataFrame(rows, columns=list(STUDY_COLUMNS))
 
@@ -79,7 +62,7 @@ class StudyPower(Simulations[ComparedStudy]):
         """What studies of a mixed population name, else of those who update or the last kind there is, a line a design and trials."""
         last = [kind for kind in (*ORDERS, MIXED) if kind in self.different("observers")][-1:]
         lines = []
-        for design, trials, kind in dict.fromkeys(key[:3] for key in self.groups if key[2] in last):
+        for design, trials, kind in (key for key in self.different("design", "trials", "observers") if key[2] in last):
             what = f"{WORDS[kind]} as the most frequent kind" if kind in WORDS else "the most frequent kind of the mixed population"
             said = ", ".join(one.of_studies for key, one in self.counted.items() if (*key[:3], key[4]) == (design, trials, kind, NAMED))
             lines.append(f"with {design} and {trials} trials each, {what} is named in {said}")
@@ -104,24 +87,28 @@ def power_of_studies(table: PowerTable, subjects: Sequence[int] = SUBJECTS, shar
     """
     sizes, found = [size for size in sorted(set(subjects)) if size > 1], []
     most = max((share, kind) for kind, share in shares.items())[1] if shares else ""
-    for design, trials in dict.fromkeys(key[:2] for key in table.groups):
-        groups = {key[2]: [row.judgement.log_evidence for row in rows] for key, rows in table.groups.items() if key[:2] == (design, trials)}
-        known = {kind: [one for one in some if one is not None] for kind, some in groups.items()}
-        for kind, some in known.items():
+    known: dict[tuple[str, int], dict[str, list[tuple[float, ...]]]] = {}
+    for row in table:
+        of_kind = known.setdefault((row.design, row.trials), {}).setdefault(row.kind, [])
+        of_kind += [] if row.judgement.log_evidence is None else [row.judgement.log_evidence]
+    for design, kinds in known.items():
+        for kind, some in kinds.items():
             for size in sizes:
                 studies = (some[i : i + size] for i in range(0, len(some) - size + 1, size))
-                found += [ComparedStudy(design, trials, size, kind, kind, _named(study)) for study in studies]
+                found += [Outcome(*design, kind, size, _naming(study, kind)) for study in studies]
         for size in sizes if shares else ():
             for study in mixture(shares or {}, size, table.seed):
-                if not all(i < len(known.get(kind, ())) for kind, i in study):
+                if not all(i < len(kinds.get(kind, ())) for kind, i in study):
                     break
-                found.append(ComparedStudy(design, trials, size, MIXED, most, _named([known[kind][i] for kind, i in study])))
+                found.append(Outcome(*design, MIXED, size, _naming([kinds[kind][i] for kind, i in study], most)))
     return StudyPower(tuple(found), table.seed)
 
 
-def _named(log_evidence: Sequence[tuple[float, ...]]) -> str | None:
+def _naming(log_evidence: Sequence[tuple[float, ...]], right: str) -> dict[str, bool]:
+    """Whether random effects over evidences name the right kind, and whether another."""
     found = random_effects(log_evidence).protected
-    return ORDERS[int(found.argmax())] if found.max() > _SURE else None
+    named = ORDERS[int(found.argmax())] if found.max() > _SURE else None
+    return {NAMED: named == right, WRONG: named not in (None, right)}
 
 
 # --- By the analysis of the group -----------------------------------------------------------------
@@ -136,38 +123,11 @@ class PlannedStudy:
     people: tuple[Observer, ...]
 
 
-@dataclass(frozen=True)
-class AnalysedStudy:
-    """What `population` said of one simulated study on average; `trials` are those of each subject, `kind` that of all, or "mixed".
-
-    `p_none` and `named` are those of :class:`bayes_toe.comparison.population_answer.OnAverage`; `widths` are those of the 90 % intervals of
-    :data:`WIDTHS`, `warned` is whether something was not reached.
-    """
-
-    design: str
-    trials: int
-    subjects: int
-    kind: str
-    p_none: float
-    named: tuple[str, ...]
-    widths: tuple[float, ...]
-    warned: bool
-
-
 @dataclass(frozen=True, eq=False)
-class PopulationPower(Simulations[AnalysedStudy]):
+class PopulationPower(Simulations[Outcome]):
     """Simulated studies analysed as groups, and what is counted of them."""
 
     COLUMNS = POPULATION_COLUMNS
-
-    def _counts(self, kind: str, rows: Sequence[AnalysedStudy]) -> Iterator[tuple[str, Estimate]]:
-        yield FOUND, share_of(row.p_none <= PROBABLY_HAS for row in rows)
-        yield PULL, share_of("pull" in row.named for row in rows)
-        yield ERROR, share_of("constant error" in row.named for row in rows)
-        yield DENYING, share_of(row.p_none >= PROBABLY_NONE for row in rows)
-        for (quantity, parameter), values in zip(WIDTHS, zip(*(row.widths for row in rows), strict=True), strict=True):
-            yield f"90 % width of {quantity} of {parameter}", mean(values)
-        yield "analysed with warnings", share_of(row.warned for row in rows)
 
     def sentences(self) -> list[str]:
         """How often an order effect of subjects is found on average, and how often one that is not there, a line a design."""
@@ -175,7 +135,7 @@ class PopulationPower(Simulations[AnalysedStudy]):
         main = next((kind for kind in (MIXED, UPDATE) if kind in kinds), kinds[-1])
         whom = f"subjects with {WORDS[main].replace('no order effect', 'none')}" if main in WORDS else "the mixed population"
         lines = []
-        for design, trials in dict.fromkeys(key[:2] for key in self.groups):
+        for design, trials in self.different("design", "trials"):
             every = [one for one in self.counted.values() if (one.design, one.quantity) == (design, FOUND)]
             said = ", ".join(one.of_studies for one in every if one.observers == main)
             wrong = [one for one in every if one.observers == NONE != main]
@@ -219,13 +179,13 @@ def power_of_populations(
     if studies < 1 or not sizes:
         raise InputError(f"studies={studies}, subjects={list(subjects)}: allowed is at least 1 study of at least 2 subjects")
     designs = named_designs(design)
-    with keeping(keep, "simulated studies") as kept:
-        root = kept.seed(seed)
-        people = assumed(observers, designs, studies * sizes[-1], root, prior)
-        shares = shares_from(observers, next(iter(designs.values())).task) if observers is None or isinstance(observers, str | Path) else {}
-        planned = list(planned_studies(people, sizes, shares, root))
-        rows, failed = worked(kept, jobs_of(analysed_study, designs.items(), planned, root, prior), workers, progress)
-    return PopulationPower(rows, root, failed)
+    shares = shares_from(observers, next(iter(designs.values())).task) if observers is None or isinstance(observers, str | Path) else {}
+
+    def planned(root: int) -> list[PlannedStudy]:
+        return [*planned_studies(assumed(observers, designs, studies * sizes[-1], root, prior), sizes, shares, root)]
+
+    found = simulation(analysed_study, "studies", designs.items(), planned, seed, prior, workers, progress, keep)
+    return PopulationPower(*found)
 
 
 def planned_studies(people: Sequence[Observer], sizes: Sequence[int], shares: Mapping[str, float], seed: int) -> Iterator[PlannedStudy]:
@@ -242,14 +202,26 @@ def planned_studies(people: Sequence[Observer], sizes: Sequence[int], shares: Ma
                 yield PlannedStudy(f"study {number} of {size}, {kind}", kind, tuple(study[:size]))
 
 
-def analysed_study(name: str, design: StudyDesign, planned: PlannedStudy, seed: int, prior: Prior) -> AnalysedStudy:
+def analysed_study(name: str, design: StudyDesign, planned: PlannedStudy, seed: int, prior: Prior) -> Outcome:
     """One study's answers to a design, analysed as a group; a subject's answers are those that it gives in :func:`power`."""
     answers = [one.answers(design, generator(seed, one.name, "answers", design.total)) for one in planned.people]
     own = int(generator(seed, planned.name, "population").integers(2**32))
     with catch_warnings():
         simplefilter("ignore", ConvergenceWarning)  # counted
         found = population(Study(tuple(answers)), draws=DRAWS, seed=own, prior=prior, workers=1)
-    said, rows = on_average(found), [row for of in WIDTHS for row in found.table.some(*of)]
-    assert said is not None  # free weighting has means that may be none
-    widths = tuple(row.q95 - row.q05 for row in rows)
-    return AnalysedStudy(name, design.total, len(answers), planned.kind, said.p_none, said.named, widths, bool(found.shortfalls))
+    average, rows = on_average(found), [row for of in WIDTHS for row in found.table.some(*of)]
+    assert average is not None  # free weighting has means that may be none
+    said = said_on_average(average.p_none, average.named, [row.q95 - row.q05 for row in rows], bool(found.shortfalls))
+    return Outcome(name, design.total, planned.kind, len(answers), said)
+
+
+def said_on_average(p_none: float, named: Collection[str], widths: Sequence[float], warned: bool) -> dict[str, float]:
+    """What is counted of :class:`~bayes_toe.comparison.population_answer.OnAverage`, and of 90 % intervals of :data:`WIDTHS`."""
+    return {
+        FOUND: p_none <= PROBABLY_HAS,
+        PULL: "pull" in named,
+        ERROR: "constant error" in named,
+        DENYING: p_none >= PROBABLY_NONE,
+        **{f"{WIDTH}{quantity} of {parameter}": width for (quantity, parameter), width in zip(WIDTHS, widths, strict=True)},
+        "analysed with warnings": warned,
+    }

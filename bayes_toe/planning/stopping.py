@@ -19,12 +19,11 @@ from bayes_toe.data.messages import quoted
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tables import Table
 from bayes_toe.errors import InputError
-from bayes_toe.kept import keeping
 from bayes_toe.model.ladder import models_of
 from bayes_toe.model.prior import Prior
 from bayes_toe.planning.judging import Judgement, judged
 from bayes_toe.planning.observers import NONE, Observer, assumed
-from bayes_toe.planning.power import DATA_SETS, WORDS, DataSet, data_sets_frame, jobs_of, named_designs, share_of, worked
+from bayes_toe.planning.power import DATA_SETS, WORDS, DataSet, data_sets_frame, named_designs, share_of, simulation
 from bayes_toe.planning.study_design import StudyDesign
 from bayes_toe.seeds import generator
 from bayes_toe.workers import Progress, Workers
@@ -72,9 +71,9 @@ class StoppingRule:
 class StoppingTable(Table[DataSet]):
     """Simulated sessions under a rule, a row each: their trials, and how all answers were judged at the end."""
 
-    rule: StoppingRule
     seed: int
     failed: Mapping[str, str]
+    rule: StoppingRule
 
     def frame(self) -> pd.DataFrame:
         """Every session, with the columns of power_stopping.csv."""
@@ -124,14 +123,11 @@ def stopping(
     >>> [row.trials <= 52 for row in table]
     [True, True, True]
     """
-    chosen = StoppingRule() if rule is None else rule
-    given = named_designs(design)
-    designs = {name: one.with_total(chosen.most) for name, one in given.items()}
-    with keeping(keep, "simulated sessions") as kept:
-        root = kept.seed(seed)
-        people = assumed(observers, given, data_sets, root, prior)
-        rows, failed = worked(kept, jobs_of(partial(session, rule=chosen), designs.items(), people, root, prior), workers, progress)
-    return StoppingTable(rows, chosen, root, failed)
+    chosen, given = StoppingRule() if rule is None else rule, named_designs(design)
+    longest = [(name, one.with_total(chosen.most)) for name, one in given.items()]
+    people = partial(assumed, observers, given, data_sets, prior=prior)
+    found = simulation(partial(session, rule=chosen), "sessions", longest, people, seed, prior, workers, progress, keep)
+    return StoppingTable(*found, chosen)
 
 
 def session(name: str, design: StudyDesign, observer: Observer, rule: StoppingRule, seed: int, prior: Prior) -> DataSet:

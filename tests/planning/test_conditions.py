@@ -9,13 +9,15 @@ from scipy.special import ndtri
 import bayes_toe as bt
 from bayes_toe.comparison.contrast import contrast
 from bayes_toe.experiments.conditions import Differing
-from bayes_toe.planning.observers import observers_from
+from bayes_toe.planning.observers import observers_from, prior_of
+from bayes_toe.planning.power import Outcome
 from bayes_toe.planning.power_of_conditions import (
     NOTHING,
-    Compared,
     ConditionsPower,
+    differences,
     planned_conditions,
     power_of_conditions,
+    said_of,
     under_conditions,
 )
 from bayes_toe.planning.study_design import narrow_study_design, nobody
@@ -55,24 +57,27 @@ def test_single_subjects_differ_by_the_mean_and_those_of_studies_scatter(people)
 
 
 def test_words_are_those_of_contrast_of_the_same_answers():
-    found = power_of_conditions({"constant error": (0.15, 0.0)}, WIDE, [200], studies={1: 1}, seed=1, workers=1)
-    kinds = [one.kind for one in found]
-    assert kinds == [NOTHING, "constant error +0.15"]
-    assert found.rows[1].log_bf["constant error"] > found.rows[0].log_bf["constant error"] + 2.0
+    apart = {"constant error": (0.15, 0.0)}
+    table = power_of_conditions(apart, WIDE, [200], studies={1: 1}, seed=1, workers=1)
+    assert [one.kind for one in table] == [NOTHING, "constant error +0.15"]
     [known] = [one for one in observers_from(None, 1, seed=1) if one.kind == "update"]
+    planned, asked = planned_conditions([known], apart, {1: 1}, 1), WIDE.with_total(200)
+    without, found = (differences(asked, one, 1, prior_of([asked], None)) for one in planned)
+    assert [one.said for one in table] == [said_of(without), said_of(found)]
+    assert found["constant error"] > without["constant error"] + 2.0
     half = WIDE.with_total(100)
-    units = under_conditions(known, Differing.of(("a", "b"), {"constant error": (0.15, 0.0)}), 1)
+    units = under_conditions(known, Differing.of(("a", "b"), apart), 1)
     counts = [one.answers(half, bt.seeds.generator(1, one.name, "answers", 200)) for one in units]
     rows = [{"subject": "S", "condition": level, "s1": one.s1, "s2": one.s2, "n_equal": one.n_yes, "n_trials": one.n_trials}
             for level, one in zip("ab", counts, strict=True)]  # fmt: skip
     study = bt.read_study(pd.concat([pd.DataFrame(row) for row in rows]))
     [row] = contrast(study, seed=2, workers=1).some("constant error")
-    assert found.rows[1].log_bf["constant error"] == pytest.approx(row.log_bf_differs, abs=0.3)
+    assert found["constant error"] == pytest.approx(row.log_bf_differs, abs=0.3)
 
 
 def test_words_are_counted():
     logs = {NOTHING: (3.5, 0.0, -1.5, -3.5), "pull +0.5": (3.5, 1.5, 4.0, None)}
-    rows = [Compared("d", 400, 1, kind, {"pull": value}) for kind, values in logs.items() for value in values]
+    rows = [Outcome("d", 400, kind, 1, said_of({"pull": value})) for kind, values in logs.items() for value in values]
     found = ConditionsPower(tuple(rows), 1)
     shares = found.frame().set_index(["observers", "quantity"]).value
     assert shares["pull +0.5"].tolist() == [0.5, 0.75, 0.0, 0.0]

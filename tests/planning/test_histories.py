@@ -7,7 +7,8 @@ from conftest import plain_models_alone
 
 import bayes_toe as bt
 from bayes_toe.planning.observers import observers_from
-from bayes_toe.planning.power_of_histories import NOTHING, Carrying, Followed, HistoryPower, answers_in_order, power_of_histories
+from bayes_toe.planning.power import Outcome
+from bayes_toe.planning.power_of_histories import NOTHING, Carrying, HistoryPower, answers_in_order, power_of_histories, said_of
 from bayes_toe.planning.study_design import narrow_study_design
 
 WIDE = narrow_study_design(np.linspace(-0.75, 1.25, 5), np.linspace(-0.3, 0.3, 5), 5000)
@@ -43,8 +44,8 @@ def test_every_observer_is_judged_with_and_without():
 
 
 def test_words_are_counted():
-    rows = [Followed("d", 400, f"o{i}", kind, depends) for kind, said in ((NOTHING, ["no", "no pull", "undecided", "probably"]),
-            ("0.6 carried over", ["yes", "yes", "probably", "no"])) for i, depends in enumerate(said)]  # fmt: skip
+    words = {NOTHING: ("no", "no pull", "undecided", "probably"), "0.6 carried over": ("yes", "yes", "probably", "no")}
+    rows = [Outcome("d", 400, kind, 1, said_of(depends)) for kind, said in words.items() for depends in said]
     table = HistoryPower(tuple(rows), 1)
     assert table.counted["d", 400, "0.6 carried over", 1, "said: yes"].value == 0.5
     [line] = table.sentences()

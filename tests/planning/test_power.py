@@ -14,8 +14,8 @@ from bayes_toe.model.ladder import ORDERS, SPACE
 from bayes_toe.planning.judging import Judgement, Weighed, judged
 from bayes_toe.planning.more_trials import ENOUGH, REPETITIONS, MoreTrials, Tried, likeliest
 from bayes_toe.planning.observers import observers_from, prior_of
-from bayes_toe.planning.power import FOUND, NAMED, WRONG, DataSet, PowerTable, power, share
-from bayes_toe.planning.power_of_studies import DENYING, ERROR, PULL, AnalysedStudy, PopulationPower, planned_studies, power_of_studies
+from bayes_toe.planning.power import FOUND, NAMED, WRONG, DataSet, Outcome, PowerTable, power, share_of
+from bayes_toe.planning.power_of_studies import DENYING, ERROR, PULL, PopulationPower, planned_studies, power_of_studies, said_on_average
 from bayes_toe.planning.stopping import StoppingRule, StoppingTable, session
 from bayes_toe.planning.study_design import each_once, narrow_study_design, paper_study_design
 from bayes_toe.seeds import generator
@@ -78,7 +78,7 @@ def test_a_negligible_effect_is_none():
 def test_intervals_of_shares_cover():
     rng, hits = np.random.default_rng(0), 0
     for found in rng.binomial(20, 0.35, 2000):
-        _, low, high, _ = share(int(found), 20)
+        _, low, high, _ = share_of([1] * found + [0] * (20 - found))
         hits += low <= 0.35 <= high
     assert 0.91 < hits / 2000 < 0.99  # 0.93 by the exact sum: counts are whole numbers
 
@@ -110,7 +110,7 @@ def test_a_mixed_population_names_its_most_frequent_kind():
 
 def test_counts_of_studies_analysed_as_groups():
     def analysed(kind, *found):  # probability of none, and what is named
-        return [AnalysedStudy("d", 100, 8, kind, p, named, (0.1,) * 4, warned=p > 0.9) for p, *named in found]
+        return [Outcome("d", 100, kind, 8, said_on_average(p, named, (0.1,) * 4, warned=p > 0.9)) for p, *named in found]
 
     said = (0.01, "pull"), (0.2, "pull", "constant error"), (0.3,), (0.8,)
     table = PopulationPower(tuple(analysed("none", (0.97,), (0.04, "pull")) + analysed("update", *said)), 1)
@@ -206,7 +206,7 @@ def test_a_session_ends_at_the_first_look_at_which_a_word_is_said_or_at_its_end(
 def test_errors_are_counted():
     said = [Judgement(tuple(np.log(p))) for p in ((0.01, 0.01, 0.98), (0.9, 0.05, 0.05), (0.5, 0.25, 0.25), (0.02, 0.49, 0.49))]
     rows = tuple(DataSet("d", 100 * i, f"u{i}", "update", one) for i, one in enumerate(said, 1))
-    table = StoppingTable(rows, StoppingRule(("has", "none")), 1, {})
+    table = StoppingTable(rows, 1, {}, StoppingRule(("has", "none")))
     assert table.sentences() == [
         "with d, stopping at 'has' or 'none', or 1000 trials finds an order effect in 50 % of observers with a pull (12 to 88 %), and "
         "none, or a negligible one, in 1 of 4; median 250 trials"

@@ -6,8 +6,8 @@ import pytest
 import bayes_toe as bt
 from bayes_toe.planning.judging import Judgement
 from bayes_toe.planning.optimal import OPTIMISED, PAPER, Candidate, DesignGoal, OptimalDesign
-from bayes_toe.planning.power import FOUND, DataSet, PowerTable
-from bayes_toe.planning.power_of_studies import AnalysedStudy, PopulationPower
+from bayes_toe.planning.power import FOUND, DataSet, Outcome, PowerTable
+from bayes_toe.planning.power_of_studies import PopulationPower, said_on_average
 from bayes_toe.planning.study_design import each_once, paper_study_design
 
 
@@ -48,7 +48,7 @@ def test_many_designs_are_told_apart_and_stand_at_their_numbers():
 
 def test_whole_studies_by_the_number_of_their_subjects(table):
     rows = [
-        AnalysedStudy(name, 400, size, kind, p, ("pull",) * (p < 0.1 and size > 4), (0.1,) * 4, warned=False)
+        Outcome(name, 400, kind, size, said_on_average(p, ("pull",) * (p < 0.1 and size > 4), (0.1,) * 4, warned=False))
         for name in table.different("design")
         for kind in ("none", "update")
         for size in (4, 8)

@@ -16,9 +16,10 @@ from bayes_toe.cli.supplement import fit_table, order_effect_table, parameter_ta
 from bayes_toe.data.covariates import Covariates
 from bayes_toe.experiments.checks import described
 from bayes_toe.inference.prediction import predict_pairs
-from bayes_toe.planning.power_of_conditions import NOTHING, Compared, ConditionsPower
-from bayes_toe.planning.power_of_histories import Followed, HistoryPower
-from bayes_toe.planning.power_of_studies import AnalysedStudy, PopulationPower, power_of_studies
+from bayes_toe.planning.power import Outcome
+from bayes_toe.planning.power_of_conditions import ConditionsPower
+from bayes_toe.planning.power_of_histories import HistoryPower
+from bayes_toe.planning.power_of_studies import PopulationPower, power_of_studies
 
 KNOWN = {file.name: file for file in data_dictionary.FILES}
 
@@ -67,13 +68,14 @@ def planned(folder):
         sessions = bt.planning.stopping(rule=bt.planning.StoppingRule(most=26, every=13), data_sets=1, seed=1, workers=1)
     (folder / "design.csv").write_text("s1,s2,n_trials\n0,0.3,2\n0.3,0,2\n", encoding="utf-8")
     good("design", "design.csv", "--list", "trials.csv", "--blocks", "1", "--seed", "1", cwd=folder)
+    one = Outcome("d", 26, "update", 2, {"effect found": True})
     return {
         "power.csv": table.frame(),
         "power_data_sets.csv": table.data_sets_frame(),
         "power_subjects.csv": power_of_studies(table).frame(),
-        "power_population.csv": PopulationPower((AnalysedStudy("d", 26, 2, "update", 0.01, ("pull",), (0.1,) * 4, False),), 1).frame(),
-        "power_conditions.csv": ConditionsPower((Compared("d", 26, 1, NOTHING, {"pull": 0.0}),), 1).frame(),
-        "power_history.csv": HistoryPower((Followed("d", 26, "o", NOTHING, "no"),), 1).frame(),
+        "power_population.csv": PopulationPower((one,), 1).frame(),
+        "power_conditions.csv": ConditionsPower((one,), 1).frame(),
+        "power_history.csv": HistoryPower((one,), 1).frame(),
         "power_stopping.csv": sessions.frame(),
         "design.csv": pd.read_csv(folder / "design.csv"),
         "trials.csv": pd.read_csv(folder / "trials.csv"),
