@@ -4,22 +4,25 @@
 
 over subjects eta = m + x' beta + tau L u of the population, for every draw of m, beta, tau and L. The expectation over u is a sum over
 Sobol points, the same for every draw and every level, so that its error hardly enters differences between levels; that over x is over the
-covariates that the group has. The sign is that of :mod:`bayes_toe.classical.asymmetry`.
+covariates that the group has. Where offsets count from each subject's own mean, a pair is as far from it as for those who met the pair.
+The sign is that of :mod:`bayes_toe.classical.asymmetry`.
 """
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.stats import qmc
 
 from bayes_toe.arrays import FloatArray, IndexArray
 from bayes_toe.data.messages import bare
-from bayes_toe.data.study import Study, Subject
+from bayes_toe.data.study import Subject
 from bayes_toe.groups.joint import scatter_named
+from bayes_toe.groups.subjects import centre_of
 from bayes_toe.seeds import generator
 
 if TYPE_CHECKING:
@@ -31,33 +34,14 @@ _AT_ONCE = 1 << 20  # values of one temporary array
 _AFFORDABLE = 1 << 28  # probabilities in all; of a study with very many pairs fewer draws are taken
 
 
-class Level(NamedTuple):
-    """Which part of the population: regressors of every score, shape (scores, r); where `less` is given, the difference to those."""
-
-    label: str
-    x: FloatArray
-    less: FloatArray | None = None
-
-
 @dataclass(frozen=True, eq=False)
 class Asymmetries:
-    """Draws of the population's asymmetries.
+    """Draws of the population's asymmetries, shape (chains, kept, levels, comparisons); `kept`: which draws of each chain.
 
-    Attributes
-    ----------
-    levels : tuple of str
-        "" for the whole population, then 'group A', 'group B', 'group B - A', 'age +1 sd - mean'.
-    differences : tuple of bool
-        Which of them are differences.
-    answer : str
-        Whose probabilities: 'equal', which is wrong of different stimuli whatever their order; 'wrong', where that depends on the order.
-    comparisons : tuple of str
-        The mean over all, then every pair of different stimuli that was presented in both orders.
-    draws : array, shape (chains, kept, levels, comparisons)
-    new_subject : array, shape (chains, kept)
-        The mean over comparisons of one further subject for each draw, with the covariates of one that there is.
-    kept : array of int, shape (kept,)
-        Which draws of each chain.
+    The first level is the whole population, "", then follow 'group A', 'group B', 'group B - A', 'age +1 sd - mean', of which some are
+    differences. The first comparison is the mean over all others, one for each pair of different stimuli that was presented in both orders.
+    Whose probabilities says `answer`: 'equal', which is wrong of different stimuli whatever their order, or 'wrong', where that depends on
+    the order. For each draw `new_subject` is the mean over comparisons of one further subject, with the covariates of one that there is.
     """
 
     levels: tuple[str, ...]
@@ -71,13 +55,15 @@ class Asymmetries:
 
 def asymmetries(found: Population) -> Asymmetries | None:
     """Of a population; None where no pair of different stimuli was presented in both orders."""
-    pairs = _both_orders(found.study)
+    pairs, far = _both_orders(found)
     if not len(pairs):
         return None
-    s1, s2 = pairs[:, [1, 0]].T.ravel(), pairs[:, [0, 1]].T.ravel()
-    isi = [np.tile(column, 2) for column in pairs[:, 2:].T]
-    shown = Subject("population", s1, s2, np.zeros(len(s1), int), np.ones(len(s1), int), *isi, task=found.study.task)
-    strong, weak = np.argsort(np.lexsort([*isi[::-1], s2, s1])).reshape(2, -1)  # where a subject, who has pairs in order, has them
+    met = np.concatenate([pairs[:, [1, 0, *range(2, pairs.shape[1])]], pairs])  # stronger first, then weaker first
+    met[:, :2] -= np.tile(far, 2)[:, None]
+    met, places = np.unique(met, axis=0, return_inverse=True)
+    strong, weak = places.reshape(2, -1)
+    nothing = np.zeros(len(met), int)
+    shown = Subject("population", met[:, 0], met[:, 1], nothing, nothing + 1, *met[:, 2:].T, task=found.study.task)
     posterior, right = found.typical.for_subject(shown), shown.task.right(shown.s2 - shown.s1)
     answer = "wrong" if right.max() > 0 else shown.task.yes
 
@@ -88,8 +74,9 @@ def asymmetries(found: Population) -> Asymmetries | None:
         return np.asarray(wrong[:, :, strong] - wrong[:, :, weak])
 
     (scores, whose), own, k = _scores(found), found.chains, len(found.names)
-    levels = list(_levels(found, whose))
-    work = 4 * _SCORES * len(pairs) * sum(2 if one.less is not None else 1 for one in levels)
+    labels, of, less = zip(*_levels(found, whose), strict=True)
+    differences = tuple(x is not None for x in less)
+    work = 4 * _SCORES * len(pairs) * (len(labels) + sum(differences))
     kept = spaced(len(own.mean), own.mean.shape[1], min(MOST_DRAWS, _AFFORDABLE // work))
     lead, rows = (len(own.mean), len(kept)), max(1, _AT_ONCE // (2 * len(pairs) * len(scores)))
     flat = [part[:, kept].reshape(lead[0] * lead[1], -1, k) for part in (own.mean, own.scatter, own.effects, own.root)]
@@ -101,22 +88,28 @@ def asymmetries(found: Population) -> Asymmetries | None:
             parts.append(asymmetry(m + x @ beta + tau * (scores @ factor.swapaxes(1, 2))).mean(axis=1))
         return np.concatenate(parts)
 
-    draws = np.stack([average(one.x) - (0.0 if one.less is None else average(one.less)) for one in levels], axis=1)
-    whole = np.concatenate([draws.mean(axis=2, keepdims=True), draws], axis=2).reshape(*lead, len(levels), -1)
+    draws = np.stack([average(x) - (0.0 if y is None else average(y)) for x, y in zip(of, less, strict=True)], axis=1)
+    whole = np.concatenate([draws.mean(axis=2, keepdims=True), draws], axis=2).reshape(*lead, len(labels), -1)
     rng = generator(found.settings.seed, "population", "covariates of a new subject")
     further = found.new_subject(found.regressors.x[rng.integers(len(found.study), size=own.mean.shape[:2])])
     of_further = asymmetry(further[:, kept].reshape(-1, 1, k)).mean(axis=(1, 2)).reshape(lead)
-    labels, differences = zip(*((one.label, one.less is not None) for one in levels), strict=True)
     comparisons = (f"P({answer}) stronger first less weaker first", *(_label(answer, pair) for pair in pairs))
     return Asymmetries(labels, differences, answer, comparisons, whole, of_further, kept)
 
 
-def _both_orders(study: Study) -> FloatArray:
-    """Weaker and stronger stimulus, and interval where there are any, of pairs that somebody met in both orders: (comparisons, 2 or 3)."""
-    keys = ("s1", "s2", "isi") if study.intervals else ("s1", "s2")
-    every = [np.column_stack([getattr(one, key) for key in keys]) for one in study]
-    shown = {tuple(row) for row in np.unique(np.concatenate(every), axis=0).tolist()}
-    return np.array(sorted(row for row in shown if row[0] < row[1] and (row[1], row[0], *row[2:]) in shown))
+def _both_orders(found: Population) -> tuple[FloatArray, FloatArray]:
+    """Pairs that were met in both orders, and how far from the group's centre offsets count for those who met them, on average.
+
+    A row is the weaker and the stronger stimulus, and the interval where there are any: (comparisons, 2 or 3), and (comparisons,).
+    """
+    met = defaultdict[tuple[float, ...], list[float]](list)
+    for one in found.study:
+        far = centre_of(found.model, one, found.centre) - found.centre
+        for row in zip(*(getattr(one, key).tolist() for key in ("s1", "s2", "isi") if getattr(one, key) is not None), strict=True):
+            met[row].append(far)
+    other = {row: (row[1], row[0], *row[2:]) for row in met if row[0] < row[1]}
+    pairs = sorted(row for row in other if other[row] in met)
+    return np.array(pairs), np.array([np.mean(met[row] + met[other[row]]) for row in pairs])
 
 
 def _label(answer: str, pair: FloatArray) -> str:
@@ -127,22 +120,25 @@ def _label(answer: str, pair: FloatArray) -> str:
 # --- Whom to average over -------------------------------------------------------------------------
 
 
-def _levels(found: Population, whose: IndexArray) -> Iterator[Level]:
-    """The population with its own mix of covariates, then with one of them set to a level, the others as they are."""
+def _levels(found: Population, whose: IndexArray) -> Iterator[tuple[str, FloatArray, FloatArray | None]]:
+    """The population with its own mix of covariates, then with one of them set to a level, the others as they are.
+
+    Each with the regressors of every score, shape (scores, r), and of a difference those of what it is the difference to.
+    """
     who, mix = found.regressors, found.regressors.x[whose]
-    yield Level("", mix)
+    yield "", mix, None
     for name in dict.fromkeys(column.covariate for column in who.columns):
         places = [i for i, column in enumerate(who.columns) if column.covariate == name]
         reference = mix.copy()
         reference[:, places] = 0.0
-        at = {i: reference + (np.arange(mix.shape[1]) == i) for i in places}
+        at = {who.columns[i].label: reference + (np.arange(mix.shape[1]) == i) for i in places}
         first = who.columns[places[0]]
         if not first.level:
-            yield Level(f"{first.label} +1 sd - mean", at[places[0]], reference)
+            yield f"{first.label} +1 sd - mean", at[first.label], reference
             continue
-        yield Level(f"{bare(name)} {bare(first.reference)}", reference)
-        yield from (Level(who.columns[i].label, at[i]) for i in places)
-        yield from (Level(f"{who.columns[i].label} - {bare(first.reference)}", at[i], reference) for i in places)
+        yield f"{bare(name)} {bare(first.reference)}", reference, None
+        yield from ((label, x, None) for label, x in at.items())
+        yield from ((f"{label} - {bare(first.reference)}", x, reference) for label, x in at.items())
 
 
 def _scores(found: Population) -> tuple[FloatArray, IndexArray]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -113,23 +114,15 @@ class PopulationTable(Table[PopulationRow]):
 
 def population_table(found: Population) -> PopulationTable:
     """All rows of a population."""
-    return PopulationTable((*_hyperparameters(found), *_asymmetries(found), *_further(found)))
-
-
-def _means(found: Population, labels: Sequence[str], ratios: Ratios) -> Iterator[PopulationRow]:
-    """On the group scales, and natural quantities of a subject at these; those that may be none have a Bayes factor."""
-    own = found.chains
-    if ratios.means:
-        size = _row(ORDER_EFFECT, "mean", "", _sizes(found, own.mean))
-        yield size if ratios.joint is None else _with_ratio(size, "bf_zero", ratios.joint)
-    natural = found.quantities(own.mean)
-    same = [name for name in found.names if GROUP_PARAMETERS[name].scale == "identity"]  # what is its own scale is not said twice
-    values = dict(zip(labels, np.moveaxis(own.mean, -1, 0), strict=True)) | {key: natural[key] for key in natural if key not in same}
-    judged = {key: own.convergence["mean", -1, k] for k, pair in enumerate(zip(labels, found.names, strict=True)) for key in pair}
-    of_zero = {ORDER_EFFECTS[name]: ratio for name, ratio in ratios.means.items()}
-    for name, drawn in values.items():
-        row = _row(name, "mean", "", drawn, judged.get(name))  # ranks of a group parameter are those of its quantity
-        yield _with_ratio(_directed(row, drawn), "bf_zero", of_zero[name]) if name in of_zero else row
+    rows, every = [*_hyperparameters(found)], found.asymmetries
+    if every is not None:
+        for j, comparison in enumerate(every.comparisons):
+            values = zip(every.levels, np.moveaxis(every.draws[..., j], -1, 0), strict=True)
+            rows += [_row(comparison, "asymmetry", of_level, level=level, directed=True) for level, of_level in values]
+    rows += [_row(name, "new_subject", values) for name, values in found.quantities(found.new_subject()).items()]
+    if every is not None:
+        rows.append(_row(every.comparisons[0], "new_subject", every.new_subject))
+    return PopulationTable(tuple(rows))
 
 
 def _hyperparameters(found: Population) -> Iterator[PopulationRow]:
@@ -137,19 +130,32 @@ def _hyperparameters(found: Population) -> Iterator[PopulationRow]:
     labels, own, ratios = [GROUP_PARAMETERS[name].label for name in found.names], found.chains, savage_dickey(found)
     yield from _means(found, labels, ratios)
     for k, label in enumerate(labels):
-        yield _row(label, "sd", "", own.scatter[..., k], own.convergence["sd", -1, k])
+        yield _row(label, "sd", own.scatter[..., k], own.convergence["sd", -1, k])
     if "gain" in found.names:
         yield from _scatters(found)
     for j, i in own.correlated:
-        values, judged = own.correlation[..., i, j], own.convergence[CORRELATION, j, i]
-        yield _directed(_row(f"{labels[j]}, {labels[i]}", CORRELATION, "", values, judged), values)
+        known = own.convergence[CORRELATION, j, i]
+        yield _row(f"{labels[j]}, {labels[i]}", CORRELATION, own.correlation[..., i, j], known, directed=True)
     for i, column in enumerate(found.regressors.columns):
         for k, label in enumerate(labels):
-            values, judged = own.effects[..., i, k], own.convergence["effect", i, k]
-            row = _directed(_row(label, "effect", column.label, values, judged), values)
-            yield _with_ratio(row, "bf_no_difference", ratios.effects[i][k])
+            values, known = own.effects[..., i, k], own.convergence["effect", i, k]
+            yield _row(label, "effect", values, known, level=column.label, directed=True, ratio=ratios.effects[i][k])
     if found.differences is not None and found.differences.chains is not None:
         yield from _by_condition(found, found.differences, found.differences.chains)
+
+
+def _means(found: Population, labels: Sequence[str], ratios: Ratios) -> Iterator[PopulationRow]:
+    """On the group scales, and natural quantities of a subject at these; those that may be none have a Bayes factor."""
+    own = found.chains
+    if ratios.means:
+        yield _row(ORDER_EFFECT, "mean", _sizes(found, own.mean), ratio=ratios.joint)
+    natural = found.quantities(own.mean)
+    same = [name for name in found.names if GROUP_PARAMETERS[name].scale == "identity"]  # what is its own scale is not said twice
+    values = dict(zip(labels, np.moveaxis(own.mean, -1, 0), strict=True)) | {key: natural[key] for key in natural if key not in same}
+    judged = {key: own.convergence["mean", -1, k] for k, pair in enumerate(zip(labels, found.names, strict=True)) for key in pair}
+    of_zero = {ORDER_EFFECTS[name]: ratio for name, ratio in ratios.means.items()}
+    for name, drawn in values.items():  # ranks of a group parameter are those of its quantity
+        yield _row(name, "mean", drawn, judged.get(name), directed=name in of_zero, ratio=of_zero.get(name))
 
 
 def _by_condition(found: Population, apart: Differences, own: GroupChains) -> Iterator[PopulationRow]:
@@ -160,22 +166,19 @@ def _by_condition(found: Population, apart: Differences, own: GroupChains) -> It
     ratios, means = {name: at_zero(some) for name, some in apart.places.items()}, apart.on_average()
     order = [i for name, some in apart.places.items() if any(name in QUANTITIES[key] for key in OF_ORDER) for i in some]
     of_order = at_zero(order) if order else None
-    for i, (level, reference) in enumerate(apart.conditions.comparisons):
-        said, apart_by = f"{level} - {reference}", apart.between(level, reference)
-        at = [apart.at(one, found.names) for one in (level, reference)]
+    for i, pair in enumerate(apart.conditions.comparisons):
+        effect, between = partial(_row, quantity="condition_effect", level=" - ".join(pair)), apart.between(*pair)
+        steps = [apart.at(one, found.names) for one in pair]
         if of_order is not None:
-            yield _with_ratio(_row(ORDER_EFFECT, "condition_effect", said, _order_change(found, own, at)), "bf_no_difference", of_order)
-        natural = [found.quantities(found.chains.eta + own.eta @ step) for step in at]
+            yield effect(ORDER_EFFECT, values=_order_change(found, own, steps), ratio=of_order)
+        natural = [found.quantities(found.chains.eta + own.eta @ step) for step in steps]
         for name, some in apart.places.items():
-            label, values = GROUP_PARAMETERS[name].label, means[name][..., i]
-            row = _directed(_row(label, "condition_effect", said, values), values)
-            yield _with_ratio(row, "bf_no_difference", ratios[name])
+            label = GROUP_PARAMETERS[name].label
+            yield effect(label, values=means[name][..., i], directed=True, ratio=ratios[name])
             if GROUP_PARAMETERS[name].scale != "identity":
                 key = {"gain": "pull", "gamma": "pull"}.get(name, name)
-                values = (natural[0][key] - natural[1][key]).mean(axis=-1)
-                yield _directed(_row(key, "condition_effect", said, values), values)
-            spread = np.sqrt(np.square(own.scatter[..., some]) @ np.square(apart_by[some]))
-            yield _row(label, "condition_sd", said, spread)
+                yield effect(key, values=(natural[0][key] - natural[1][key]).mean(axis=-1), directed=True)
+            yield _row(label, "condition_sd", np.sqrt(np.square(own.scatter[..., some]) @ np.square(between[some])), level=" - ".join(pair))
 
 
 def _order_change(found: Population, own: GroupChains, at: Sequence[FloatArray]) -> FloatArray:
@@ -199,39 +202,31 @@ def _scatters(found: Population) -> Iterator[PopulationRow]:
     u = scatter.quantile((np.arange(_SCORES) + 0.5) / _SCORES)
     place, offset, away = found.names.index("gain"), found.names.index("offset"), own.mean.copy()
     pull = 2.0 * ndtr(own.mean[..., place, None] + own.scatter[..., place, None] * u).std(axis=-1)
-    yield _row(ORDER_EFFECTS["gain"], "sd", "", pull)
+    yield _row(ORDER_EFFECTS["gain"], "sd", pull)
     away[..., place], away[..., offset] = ndtri(0.5 - 0.5 * pull), scatter.sd * own.scatter[..., offset]
-    yield _row(ORDER_EFFECT, "sd", "", _sizes(found, away))
+    yield _row(ORDER_EFFECT, "sd", _sizes(found, away))
 
 
-def _asymmetries(found: Population) -> Iterator[PopulationRow]:
-    every = found.asymmetries
-    if every is not None:
-        for j, comparison in enumerate(every.comparisons):
-            for i, level in enumerate(every.levels):
-                values = every.draws[:, :, i, j]
-                yield _directed(_row(comparison, "asymmetry", level, values), values)
-
-
-def _further(found: Population) -> Iterator[PopulationRow]:
-    for name, values in found.quantities(found.new_subject()).items():
-        yield _row(name, "new_subject", "", values)
-    if found.asymmetries is not None:
-        yield _row(found.asymmetries.comparisons[0], "new_subject", "", found.asymmetries.new_subject)
-
-
-def _row(parameter: str, quantity: str, level: str, values: FloatArray, known: Convergence | None = None) -> PopulationRow:
+def _row(
+    parameter: str,
+    quantity: str,
+    values: FloatArray,
+    known: Convergence | None = None,
+    *,
+    level: str = "",
+    directed: bool = False,
+    ratio: Ratio | None = None,
+) -> PopulationRow:
+    """Of draws, (chains, draws); a mean's ratio is that of none, any other's that of no difference."""
     mean, sd, q05, q25, q50, q75, q95 = location(values)
     judged = convergence(values) if known is None else known
-    return PopulationRow(parameter, quantity, level, mean, sd, q05, q25, q50, q75, q95, *judged)
-
-
-def _directed(row: PopulationRow, values: FloatArray) -> PopulationRow:
-    return row._replace(p_direction=max(float((values > 0.0).mean()), float((values < 0.0).mean())))
-
-
-def _with_ratio(row: PopulationRow, column: str, ratio: Ratio) -> PopulationRow:
-    return row._replace(**{column: ratio.value}, bf_error=ratio.error, bf_below=ratio.below)  # type: ignore[arg-type]
+    row = PopulationRow(parameter, quantity, level, mean, sd, q05, q25, q50, q75, q95, *judged)
+    if directed:
+        row = row._replace(p_direction=max(float((values > 0.0).mean()), float((values < 0.0).mean())))
+    if ratio is None:
+        return row
+    row = row._replace(bf_error=ratio.error, bf_below=ratio.below)
+    return row._replace(bf_zero=ratio.value) if quantity == "mean" else row._replace(bf_no_difference=ratio.value)
 
 
 # --- Subjects -------------------------------------------------------------------------------------

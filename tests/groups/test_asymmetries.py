@@ -96,3 +96,18 @@ def test_nothing_in_both_orders():
 def test_pairs_at_several_intervals_are_told_apart():
     found = made_up(study(isi=[1.0, 1.0, 1.0, 2.0, 1.0, 1.0]))
     assert found.asymmetries.comparisons[1:] == ("P(equal) 0.3 then 0 less 0 then 0.3, 1 s",)
+
+
+def test_stimuli_of_each_subject_are_judged_from_its_own_mean():
+    """Offsets count from everybody's own mean: wherever somebody's stimuli lie, a pair is as far from it."""
+    centre = np.array([0.05, -0.5, -1.2, 1.5])  # constant error, probit(gain/2), log width, probit q0
+    people = [
+        bt.Subject(f"P{i}", np.add(DESIGN[0], far), np.add(DESIGN[1], far), [20, 30, 10, 25, 45, 9], [50] * 6)
+        for i, far in enumerate((0, 5))
+    ]
+    same = {"model": "free weighting", "scatter": 1e-9, "mean": np.broadcast_to(centre, (*SIZE, 4))}
+    apart, alone = made_up(bt.Study(people), **same).asymmetries, made_up(study("ab"), **same).asymmetries
+    first, second = apart.draws[..., 1:3], apart.draws[..., 3:]
+    assert np.allclose(first, second, rtol=0, atol=1e-12)
+    assert np.allclose(first, alone.draws[..., 1:], rtol=0, atol=1e-12)
+    assert np.ptp(first) > 0.01
