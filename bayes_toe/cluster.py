@@ -34,15 +34,7 @@ _one_at_a_time = Lock()
 
 
 def connect(address: str) -> Client:
-    """A client of the scheduler at an address, tcp://HOST:PORT.
-
-    Raises
-    ------
-    InputError
-        If Dask is not installed.
-    WorkerError
-        If no scheduler answers there.
-    """
+    """A client of the scheduler at an address, tcp://HOST:PORT; an InputError without Dask, a WorkerError where no scheduler answers."""
     try:
         from distributed import Client
     except ImportError:
@@ -73,14 +65,8 @@ def run_on(client: Client, jobs: Sequence[Callable[[], Result]], lost: Callable[
     """Yield (index, what the job returned) as they finish; where the scheduler gives a job up, `lost` of the workers that died of it.
 
     No more jobs are on the cluster than it has workers: what dies with a worker is what it was at. Results are fetched one by one and
-    released there at once. What is left when nobody listens any more is cancelled.
-
-    Raises
-    ------
-    InputError
-        If this is no client, the scheduler or a worker has other versions than this process, or lacks this package.
-    WorkerError
-        If the client is closed, or the scheduler gone.
+    released there at once. What is left when nobody listens any more is cancelled. An InputError where this is no client, or the scheduler
+    or a worker has other versions than this process, or lacks this package; a WorkerError where the client is closed or the scheduler gone.
     """
     _require_fit(client)
     from dask import config

@@ -103,10 +103,7 @@ def _put(file: Path, content: bytes) -> None:
 def keeping(folder: str | Path | None, what: str = "subjects") -> Iterator[Kept]:
     """Hold a folder of finished results, made where it is missing and removed again where nothing was kept in it.
 
-    Raises
-    ------
-    OutputError
-        If another process holds it, or it cannot be written to.
+    An OutputError where another process holds it, or it cannot be written to.
     """
     if folder is None:
         yield Kept()

@@ -15,18 +15,7 @@ LARGEST_SEED = 2**63 - 1
 
 
 def root_seed(seed: int | None) -> int:
-    """The seed asked for, or fresh entropy that is then reported and stored.
-
-    Raises
-    ------
-    InputError
-        If it is not a whole number from 0 to 2**63 - 1.
-
-    Examples
-    --------
-    >>> root_seed(7)
-    7
-    """
+    """The seed asked for, or fresh entropy that is then reported and stored; an InputError where it is none of 0 to 2**63 - 1."""
     return secrets.randbits(32) if seed is None else _whole(seed)
 
 
@@ -42,13 +31,7 @@ def _whole(seed: int) -> int:
 
 
 def stream(seed: int, *keys: str | int) -> np.random.SeedSequence:
-    """Seed sequence of one purpose; never spawned, because spawning changes the parent's state.
-
-    Examples
-    --------
-    >>> bool(stream(1, "S01", "proposal").generate_state(1)[0] == stream(1, "S01", "proposal").generate_state(1)[0])
-    True
-    """
+    """Seed sequence of one purpose, the same for the same keys; never spawned, because spawning changes the parent's state."""
     # Length-prefixed, so that no two lists of keys run together to the same text.
     text = "".join(f"{len(str(key))}:{key};" for key in keys)
     digest = hashlib.sha256(text.encode("utf-8", "surrogatepass")).digest()

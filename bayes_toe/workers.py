@@ -77,10 +77,7 @@ def run_in_order(
 ) -> list[Result]:
     """Results of :func:`run_jobs` in the order of the jobs; progress is told a job's names, none or some, as soon as it is done.
 
-    Raises
-    ------
-    WorkerError
-        If a job failed, see :func:`run_or_fail` for those that can do without.
+    A WorkerError where a job failed, see :func:`run_or_fail` for those that can do without.
     """
     found: list[Result] = []
     for name, result in zip(names, run_or_fail(jobs, workers, progress, names), strict=True):

@@ -10,6 +10,7 @@ FOLDER has auditory_pwm/trials.csv and vibrotactile_rate/trials.csv. Everything 
 from __future__ import annotations
 
 import argparse
+import math
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
@@ -85,17 +86,18 @@ def by_delay(study: bt.Study, model: str, draws: int, seed: int) -> None:
 
 
 def studies(number: int, seed: int, size: int = 16, trials: int = 200) -> None:
-    """Groups in whom nothing differs on average, or all three; paired, unpaired, and a t test of separate fits."""
+    """Groups in whom nothing differs on average, or all three; a group for each condition by itself, and a t test of single subjects."""
     for index in range(2 * number):
         differs, rng, rows = bool(index % 2), np.random.default_rng([seed, index]), list[pd.DataFrame]()
         for i in range(size):
             own = TYPICAL + SCATTER * rng.standard_normal(3)
             apart = AVERAGE * differs + TAU * rng.standard_normal(3)
             rows += answers(f"O{i:02d}", own + np.array([[-0.5], [0.5]]) * apart, trials, rng)
-        study = bt.read_study(pd.concat(rows))
+        table = pd.concat(rows)
+        study, *halves = map(bt.read_study, (table, *(some.drop(columns="condition") for _, some in table.groupby("condition"))))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", bt.ConvergenceWarning)
-            found = bt.population(study, model="contraction", draws=100, seed=seed)
+            found, *apart = (bt.population(some, model="contraction", draws=100, seed=seed) for some in (study, *halves))
         subjects = bt.contrast(study, model="contraction", seed=seed)
         factors = {row.parameter: row for row in found.table.some("condition_effect") if row.parameter != "order effect"}
         for label, truth, quantity in zip(
@@ -105,7 +107,10 @@ def studies(number: int, seed: int, size: int = 16, trials: int = 200) -> None:
             none = row.bf_no_difference if row.bf_no_difference is not None else row.bf_below
             covered = row.q05 < truth * differs < row.q95
             t = ttest_1samp([one.mean for one in subjects.some(quantity)], 0.0).pvalue
-            numbers = f"mean {row.mean:+.4f} sd {row.sd:.4f} | BF of none {none:.3g} | covered {covered} | t p {t:.3f}"
+            unpaired = math.hypot(*(one.sd for half in apart for one in half.table.some("mean") if one.parameter == label))
+            numbers = (
+                f"mean {row.mean:+.4f} sd {row.sd:.4f}, unpaired {unpaired:.4f} | BF of none {none:.3g} | covered {covered} | t p {t:.3f}"
+            )
             print(f"study {index} | {'differs' if differs else 'none'} | {label} | {numbers}", flush=True)
 
 

@@ -67,26 +67,13 @@ class Answers:
 
     @property
     def begins(self) -> BoolArray:
-        """Where memory begins anew, shape (rows,).
-
-        Examples
-        --------
-        >>> counts = np.ones(4, int)
-        >>> Answers(np.zeros((4, 2)), counts, counts, None, (), True, np.array([0, 1, 3, 4])).begins.tolist()
-        [True, False, True, False]
-        """
+        """Where memory begins anew, shape (rows,): a place that is not one more than that of the row before."""
         if self.place is None:
             return np.ones(len(self.n_trials), np.bool_)
         return np.asarray(np.diff(self.place, prepend=self.place[:1] - 2) != 1)
 
     def rows_of(self, blocks: Sequence[str]) -> BoolArray:
-        """Which rows are in one of these blocks; all rows where none is named.
-
-        Raises
-        ------
-        InputError
-            If there is no such block, or there are no blocks.
-        """
+        """Which rows are in one of these blocks; all rows where none is named. An InputError where there is no such block."""
         if not blocks:
             return np.ones(len(self.n_trials), np.bool_)
         if self.block is None:

@@ -52,12 +52,6 @@ class Stimuli(NamedTuple):
         """Those of one subject, of a unit over all of the subject's conditions; or of several together.
 
         None where no pair has different stimuli: there is no scale.
-
-        Examples
-        --------
-        >>> from bayes_toe.data.study import Subject
-        >>> Stimuli.of(Subject("S", [0.0, 1.0], [3.0, 1.0], [1, 1], [5, 5]))
-        Stimuli(mean=1.25, sd=1.0897247358851685, step=3.0, first=0.5)
         """
         if len(subjects) == 1 and subjects[0].felt is not None:
             return subjects[0].felt
@@ -166,10 +160,7 @@ def with_units(table: TextTable, columns: dict[str, Column], categorical: bool) 
 def with_conditions(study: Study, options: ReadOptions) -> Study:
     """A study whose subjects are named as units, with what they are units of; subjects again, where none has several levels.
 
-    Raises
-    ------
-    InputError
-        If a condition was asked for that no subject meets at several levels, or a reference that is no level.
+    An InputError where a condition was asked for that no subject meets at several levels, or a reference that is no level.
     """
     if "condition" not in study.reading.read:
         return study

@@ -22,12 +22,8 @@ class Covariates:
     Attributes
     ----------
     values : mapping of str to mapping of str to str or float
-        By covariate and subject: a finite number where the covariate is numeric, a text where it is not; what is missing is left out.
-
-    Raises
-    ------
-    InputError
-        If a number is not finite.
+        By covariate and subject: a finite number (else an InputError) where the covariate is numeric, a text where it is not; what is
+        missing is left out.
     """
 
     values: Mapping[str, Mapping[str, str | float]]

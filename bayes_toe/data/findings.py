@@ -74,11 +74,6 @@ class Finding:
         One sentence that says what to conclude.
     option : str
         What to type behind a command to act on it, such as "--turn 946:2,4,6"; empty where nothing helps.
-
-    Examples
-    --------
-    >>> Finding("S01", "chance_accuracy", "Accuracy is near chance.", "--leave-out S01").kind
-    'near chance'
     """
 
     subject: str
@@ -109,10 +104,7 @@ def data_findings(study: Study) -> tuple[Finding, ...]:
 def refuse_reversed(study: Study, remedy: str) -> None:
     """Refuse answers 'second' that are rarer the larger s2 - s1 is, in all of a study: they mean the opposite of what they say.
 
-    Raises
-    ------
-    InputError
-        With the correlation within subjects; those of whom it holds while it does not of others are a finding.
+    The InputError has the correlation within subjects; those of whom it holds while it does not of others are a finding.
     """
     if study.task != WHICH_STRONGER:
         return

@@ -153,18 +153,7 @@ class ReadOptions:
 
 
 def parse_columns(text: str) -> dict[str, str]:
-    """Column names as given on the command line, comma-separated entries ours=the file's, such as ``subject=participant,s1=first``.
-
-    Raises
-    ------
-    InputError
-        One line per entry that is malformed, unknown or repeated.
-
-    Examples
-    --------
-    >>> parse_columns("subject=participant, s1=first")
-    {'subject': 'participant', 's1': 'first'}
-    """
+    """Column names as on the command line, ``subject=participant,s1=first``: ours to the file's. An InputError has a line a problem."""
     problems = _name_problems(text.split(","))
     if problems:
         raise InputError(problems)
@@ -172,13 +161,7 @@ def parse_columns(text: str) -> dict[str, str]:
 
 
 def parse_where(texts: Iterable[str]) -> dict[str, str]:
-    """Which rows are read, as given on the command line, each COLUMN=TEXT.
-
-    Raises
-    ------
-    InputError
-        One line per entry that is malformed or names a column again.
-    """
+    """Which rows are read, as on the command line, each COLUMN=TEXT. An InputError has a line for each that is wrong or named again."""
     pairs = [(text, *(part.strip() for part in text.partition("=")[::2])) for text in texts]
     names = [name for _, name, _ in pairs]
     wrong = [text for text, name, value in pairs if not name or not value or names.count(name) > 1]
@@ -190,10 +173,7 @@ def parse_where(texts: Iterable[str]) -> dict[str, str]:
 def changed(study: Study, turn: Iterable[str] = (), leave_out: Iterable[str] = ()) -> Study:
     """The study with answers turned, then left out, as the command line has it: each SUBJECT, or SUBJECT:BLOCK,BLOCK.
 
-    Raises
-    ------
-    InputError
-        As :meth:`~bayes_toe.data.study.Study.turn`, and where somebody or a block is named again.
+    Errors as of :meth:`~bayes_toe.data.study.Study.turn`, and where somebody or a block is named again.
     """
     for option, texts, change in (("--turn", turn, Study.turn), ("--leave-out", leave_out, Study.leave_out)):
         asked: dict[str, list[str]] = {}

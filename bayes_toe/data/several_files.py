@@ -21,10 +21,7 @@ _FEWEST = 20  # answers to one sequence of pairs that are not the same by chance
 def read_together(paths: Sequence[Any], read: Callable[[Any], Study]) -> Study:
     """The study in several files, or frames, each of which `read` reads; what was noted of every file is noted once.
 
-    Raises
-    ------
-    InputError
-        For no file, a file that is given twice, files of which only some have intervals; and the problems of the first files that have any.
+    An InputError for no file, a file given twice, files of which only some have intervals; and with the problems of the first files.
     """
     named = [Path(path).absolute() for path in paths if isinstance(path, str | Path)]
     twice = [path for i, path in enumerate(named) if path in named[:i]]

@@ -416,13 +416,7 @@ def require_study(given: object) -> None:
 
 
 def refuse_intervals(subjects: Iterable[Subject], what: str) -> None:
-    """Refuse subjects with intervals where only one interval is known: pairs at several intervals are never pooled.
-
-    Raises
-    ------
-    InputError
-        With what is not possible and the way out.
-    """
+    """Refuse subjects with intervals where only one interval is known, with the way out: pairs at several intervals are never pooled."""
     for subject in subjects:
         if subject.isi is not None:
             raise InputError(

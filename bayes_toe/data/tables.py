@@ -81,13 +81,7 @@ def frame_of(rows: Iterable[object], columns: Sequence[str]) -> pd.DataFrame:
 
 @dataclass(frozen=True, eq=False)
 class SubjectTable(Table[Row]):
-    """A table with one row for each subject, looked up by the subject's name.
-
-    Raises
-    ------
-    InputError
-        Where a subject is looked up that the table does not have.
-    """
+    """A table with one row for each subject, looked up by the subject's name; an InputError where there is none of that name."""
 
     def __getitem__(self, name: str | int) -> Row:
         if as_name(name) not in self._by_name:
@@ -108,21 +102,7 @@ def write_table(
     texts of a CSV file that a spreadsheet would run (:func:`~bayes_toe.data.validation.runs`); our readers take it off the names of
     subjects again. With `units`, subjects are units such as S01@left, which become columns subject and condition.
 
-    Raises
-    ------
-    OutputError
-        If the file cannot be written, or exists and may not be replaced.
-    InputError
-        If it is a Parquet file and there is no pyarrow.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> import pandas as pd
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     table = write_table(pd.DataFrame({"subject": ["S01"], "q0": [0.1 + 0.2]}), Path(folder, "table.csv"))
-    ...     table.read_text(encoding="utf-8").splitlines()
-    ['subject,q0', 'S01,0.30000000000000004']
+    An OutputError where the file cannot be written, or exists and may not be replaced; an InputError for Parquet without pyarrow.
     """
     target = Path(path)
     require_parquet(target)

@@ -162,13 +162,8 @@ class TextTable:
 def read_table(source: str | Path | Frame, names: Collection[str], largest: int = LARGEST_SMALL_FILE, *, every: bool = False) -> TextTable:
     """The columns of these names, or `every` column, of a CSV file, a file whose name ends in .parquet or .mat, or a data frame.
 
-    The delimiter of a CSV file, comma, semicolon or tab, is the one under which its first record has most of the names.
-
-    Raises
-    ------
-    InputError
-        If the source cannot be read, has more than `largest` bytes, is not text in UTF-8 or marked UTF-16, is empty, or its first record
-        cannot be split.
+    The delimiter of a CSV file, comma, semicolon or tab, is the one under which its first record has most of the names. An InputError where
+    the source cannot be read, has more than `largest` bytes, is not text in UTF-8 or marked UTF-16, is empty, or its head cannot be split.
     """
     if hasattr(source, "collect") and not hasattr(source, "to_series"):
         raise InputError(f"{type(source).__name__}: found a lazy frame, allowed: a frame, which its collect() gives")
@@ -193,13 +188,7 @@ def _places(found: Sequence[str], names: Collection[str], every: bool) -> dict[s
 
 
 def input_bytes(path: str | Path, largest: int = LARGEST_STUDY) -> bytes:
-    """The content of a file.
-
-    Raises
-    ------
-    OSError
-        If it cannot be read, is larger than `largest`, or is a pipe or a device, which may have no end.
-    """
+    """The content of a file; an OSError where it is larger than `largest`, or a pipe or a device, which may have no end."""
     status = os.stat(path)
     if not stat.S_ISREG(status.st_mode) and not stat.S_ISDIR(status.st_mode):
         raise OSError(errno.EINVAL, "a pipe or device, not a file")
@@ -388,13 +377,7 @@ def is_parquet(path: str | Path) -> bool:
 
 
 def require_parquet(path: str | Path) -> None:
-    """Refuse a Parquet file, to be read or written, where there is nothing to do that with; any other file passes.
-
-    Raises
-    ------
-    InputError
-        With what to install.
-    """
+    """Refuse a Parquet file, to be read or written, where there is no pyarrow, with what to install; any other file passes."""
     if is_parquet(path) and importlib.util.find_spec("pyarrow") is None:
         found = "found a Parquet file and no pyarrow"
         raise InputError(f"{bare(Path(path).name)}: {found}, allowed: pip install 'bayes_toe[parquet]', or a CSV file")

@@ -22,17 +22,8 @@ def answers_in_order(
 ) -> tuple[dict[str, Answers], list[str], list[str]]:
     """What each subject answered, notes of what is missing, and doubts about trials that are there twice.
 
-    Parameters
-    ----------
-    table : TextTable
-    columns : mapping of str to Column
-        By our names.
-    keys : sequence of array, shape (rows,)
-        The pair of every row, NaN where a cell cannot be read.
-    parts : mapping of str to array
-        Rows of every subject that have answers.
-    k, n : array of int, shape (rows,)
-        Answers that the task counts, and all answers, none of a trial that nobody answered.
+    Columns are by our names; `keys` are the pair of every row, NaN where a cell cannot be read; `parts` the rows of every subject that have
+    answers; k answers that the task counts and n all answers of each row, none of a trial that nobody answered.
     """
     trials, pairs = "n_trials" not in columns, np.column_stack(keys)
     runs = {name: _ranked(table, columns[name]) for name in _RUNS if name in columns}

@@ -101,31 +101,11 @@ def read_numbers(
     counts: Sequence[str] = (),
     gaps: bool = False,
 ) -> tuple[list[str], dict[str, FloatArray]]:
-    r"""Columns of finite numbers by name, optional ones where they are there, and, where `key` names one, a column of distinct texts.
+    """Columns of finite numbers by name, optional ones where they are there, and, where `key` names one, a column of distinct texts.
 
-    Columns that are `counts` hold whole numbers of at least 1; with `gaps` empty cells are NaN. Comma, semicolon or tab between cells;
-    UTF-8, or UTF-16 with a byte-order mark; or Parquet by its suffix. Other columns are ignored.
-
-    Returns
-    -------
-    texts : list of str
-        Of the column `key`, in the order of the rows; empty without one.
-    columns : dict of str to array, shape (rows,)
-        In the units of the file.
-
-    Raises
-    ------
-    InputError
-        One line per problem of the file, ten at most, with row and column.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     pairs = Path(folder, "pairs.csv")
-    ...     _ = pairs.write_text("s1;s2\n0;0,5\n0,25;0\n", encoding="utf-8")
-    ...     read_numbers(pairs, ("s1", "s2"))[1]["s2"].tolist()
-    [0.5, 0.0]
+    Columns that are `counts` hold whole numbers of at least 1; with `gaps` empty cells are NaN; other columns are ignored. Returned are the
+    texts in the order of the rows, empty without `key`, and the columns, shape (rows,) each, in the units of the file. An InputError has a
+    line per problem of the file, ten at most, with row and column.
     """
     keys = () if key is None else (key,)
     table = _read(path, (*keys, *names), optional)

@@ -35,21 +35,8 @@ _PIECES = re.compile(r"([^/]+/){0,2}zarr\.json|[^/]+/[^/]+/c(/[0-9]+)+")  # what
 def whole_file(path: str | Path, *, overwrite: bool = False) -> Iterator[Path]:
     """A temporary path to write to, of the same name, which becomes `path` when the block ends well and is removed when it does not.
 
-    Missing folders are made, and removed again on failure.
-
-    Raises
-    ------
-    OutputError
-        If the file exists and may not be replaced, is a folder, or it or its folder cannot be made or written to.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     with whole_file(Path(folder, "new", "a.txt")) as temporary:
-    ...         _ = temporary.write_text("whole", encoding="utf-8")
-    ...     Path(folder, "new", "a.txt").read_text(encoding="utf-8")
-    'whole'
+    Missing folders are made, and removed again on failure. An OutputError where the file exists and may not be replaced, is a folder, or it
+    or its folder cannot be made or written to.
     """
     with whole_together(Path(path), overwrite=overwrite) as folder:
         yield folder / Path(path).name
@@ -59,10 +46,7 @@ def whole_file(path: str | Path, *, overwrite: bool = False) -> Iterator[Path]:
 def whole_together(*files: Path, overwrite: bool = False) -> Iterator[Path]:
     """A temporary folder in which to write files of one folder under their names; they take their places when all are there.
 
-    Raises
-    ------
-    OutputError
-        As :func:`whole_file`, and where one of the files was not written.
+    Errors as of :func:`whole_file`, and where one of the files was not written.
     """
     home, names = files[0].parent, [file.name for file in files]
     for file in files:
@@ -87,16 +71,8 @@ def whole_folder(path: str | Path, names: Sequence[str], *, required: Sequence[s
 
     A folder that does not exist yet takes its name in one rename; into one that exists, files go one by one. Files of the user in `path`
     are never touched. What is produced there is listed in a manifest, so that a later run that may overwrite can also remove what it no
-    longer produces. `names` are all files and subfolders that may be produced at the top of the folder, `required` the files that must be,
-    also below subfolders.
-
-    Raises
-    ------
-    OutputError
-        If one of `names` exists and may not be replaced, the folder cannot be made or written to, or something required is missing,
-        as when someone deleted the folder meanwhile.
-    ValueError
-        If something else than `names` was produced.
+    longer produces. `names` are all files and subfolders that may be produced at the top of the folder (a ValueError for others),
+    `required` the files that must be, also below subfolders. Errors as of :func:`whole_file`, and where something required is missing.
     """
     target = Path(path)
     _refuse_taken_folder(target, names, overwrite)
