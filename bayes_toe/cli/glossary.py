@@ -117,13 +117,7 @@ def anchor(term: str) -> str:
 def linked(text: Any, page: str = "", task: Task = SAME_DIFFERENT) -> Markup:
     """Text, which is escaped, or markup, in which each term leads to its entry where it is first met, and is explained under the mouse.
 
-    Parameters
-    ----------
-    text : str or Markup
-    page : str
-        Where the entries are, empty on the same page.
-    task : Task
-        Whose meanings.
+    `page` is where the entries are, empty on the same page.
 
     Examples
     --------

@@ -66,33 +66,16 @@ _SYMBOLS = {
 
 @dataclass(frozen=True, eq=False)
 class Methods:
-    """An analysis as the text tells it.
-
-    Attributes
-    ----------
-    draws : Draws
-    evidence : pandas.DataFrame or None
-        The rows of evidence.csv in the order of the draws, where these are of the paper's model.
-    group : Population or None
-    compared : SavedComparison or None
-    figures : bool
-        Whether there are corner plots.
-    notes : tuple of str
-        What is there and is not told of, and why.
-    summary : pandas.DataFrame, optional
-        Of the draws, where it is known.
-    contrast : pandas.DataFrame, optional
-        The rows of contrast.csv.
-    """
+    """An analysis as the text tells it."""
 
     draws: Draws
-    evidence: pd.DataFrame | None = None
+    evidence: pd.DataFrame | None = None  # the rows of evidence.csv in the order of the draws, where these are of the paper's model
     group: Population | None = None
     compared: SavedComparison | None = None
-    figures: bool = False
-    notes: tuple[str, ...] = ()
-    summary: pd.DataFrame | None = None
-    contrast: pd.DataFrame | None = None
+    figures: bool = False  # whether there are corner plots
+    notes: tuple[str, ...] = ()  # what is there and is not told of, and why
+    summary: pd.DataFrame | None = None  # of the draws, where it is known
+    contrast: pd.DataFrame | None = None  # the rows of contrast.csv
 
     @cached_property
     def tables(self) -> tuple[SupplementTable, ...]:
@@ -115,13 +98,7 @@ def of_analysis(analysis: Analysis, group: Population | None, *, figures: bool) 
 
 
 def read_methods(results: Path, compared: Path | None = None) -> Methods:
-    """What lies in a results folder, or beside a file of draws; with a table of compare that may lie elsewhere.
-
-    Raises
-    ------
-    InputError
-        Where there are no draws, or files are of different analyses.
-    """
+    """What lies in a results folder, or beside a file of draws; files of different analyses are refused. `compared` may lie elsewhere."""
     posterior = _posterior(results)
     draws, beside = load_draws(posterior), posterior.parent
     if not isinstance(draws.posterior(draws.names[0]), Posterior):
@@ -225,15 +202,7 @@ def _facts(told: Methods) -> dict[str, Any]:
         **_of_model(draws),
         "compared": None if told.compared is None else _compared(told.compared, draws, told.evidence is not None),
         "group": None if told.group is None else _group_facts(told.group),
-        "contrast": None if told.contrast is None else _contrast_facts(told.contrast, draws),
-    }
-
-
-def _contrast_facts(rows: pd.DataFrame, draws: Draws) -> dict[str, Any]:
-    conditions = draws.study.conditions
-    return {
-        **{"model": rows["model"][0], "prior": rows["prior"][0], "sentences": sentences(rows)},
-        "about": "" if conditions is None else conditions.about,
+        "differing": () if told.contrast is None else sentences(told.contrast),
         "limits": (f"{PROBABLY:g}", f"{SURELY:g}"),
     }
 

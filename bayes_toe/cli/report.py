@@ -21,14 +21,14 @@ from bayes_toe.cli import headline
 from bayes_toe.cli.glossary import anchor, glossary, linked
 from bayes_toe.cli.population import answer, tables
 from bayes_toe.cli.terminal import allowed, allowed_in_order, allowed_quantiles, said_subjects
-from bayes_toe.comparison.contrast import LEGEND, ContrastTable
+from bayes_toe.comparison.contrast import LEGEND, ContrastTable, Difference
 from bayes_toe.comparison.study_answer import APPENDIX_C, of_new_subject, study_sentence, way_on
 from bayes_toe.comparison.words import STATED, conclusion
 from bayes_toe.data.findings import Finding
 from bayes_toe.data.messages import said_intervals, visible
 from bayes_toe.data.tables import file_stems
 from bayes_toe.data.tasks import Task
-from bayes_toe.experiments.answers_check import check_answers
+from bayes_toe.experiments.answers_check import NOTES, check_answers
 from bayes_toe.experiments.checks import check_study
 from bayes_toe.groups.population import Population
 from bayes_toe.groups.predictive_check import PredictiveCheck
@@ -66,32 +66,16 @@ class Group:
 
 @dataclass(frozen=True, eq=False)
 class Facts:
-    """What a report says and shows besides the analysis.
+    """What a report says and shows besides the analysis."""
 
-    Attributes
-    ----------
-    summary : pandas.DataFrame
-        Of the draws.
-    asymmetry : AsymmetryTable
-    flagged : mapping
-        Who must be looked at, and why.
-    group : Group or None
-    place : Path
-        Folder of order_effect.png, evidence.png, asymmetry.png (may be missing), map.png and prior.png; they are read one at a time.
-    curves, corner : mapping of str to Path
-        Pictures of the subjects that were drawn.
-    which : str
-        Whose these are: "all", "flagged" or "none".
-    """
-
-    summary: pd.DataFrame
+    summary: pd.DataFrame  # of the draws
     asymmetry: AsymmetryTable
-    flagged: Mapping[str, tuple[str, ...]]
+    flagged: Mapping[str, tuple[str, ...]]  # who must be looked at, and why
     group: Group | None
-    place: Path
-    curves: Mapping[str, Path]
+    place: Path  # of order_effect.png, evidence.png, asymmetry.png (may be missing), map.png and prior.png, read one at a time
+    curves: Mapping[str, Path]  # pictures of the subjects that were drawn
     corner: Mapping[str, Path]
-    which: str
+    which: str  # whose these are: "all", "flagged" or "none"
 
 
 def write_report(analysis: Analysis, facts: Facts, folder: Path) -> None:
@@ -116,7 +100,8 @@ def write_report(analysis: Analysis, facts: Facts, folder: Path) -> None:
         "there": there,
         "posterior": next((name for name in sorted(there) if name.startswith("posterior.")), "posterior.nc"),
         "findings": [one.message for one in findings if one.subject == ""],
-        "before_pooling": about_answers,
+        "before_pooling": [one for one in about_answers if one.code not in NOTES],
+        "read": [*analysis.study.notes, *(one.message.rstrip(".") for one in about_answers if one.code in NOTES)],
     }
     subjects, templates = _subjects(analysis, facts, [*findings, *about_answers]), _environment(analysis.study.task)
     if paged:
@@ -201,12 +186,16 @@ def _context(analysis: Analysis, facts: Facts) -> dict[str, Any]:
 
 
 def _by_condition(table: ContrastTable) -> dict[str, Any]:
-    """What the section of conditions says."""
-    subjects = [(one.subject, table.of_subject(one.subject)) for one in table.subjects]
+    """What the section of conditions says: a row for every subject and comparison, a column for every quantity."""
+    rows = defaultdict[tuple[str, str], list[Difference]](list)
+    for row in table:
+        rows[row.subject, row.comparison].append(row)
     return {
         **{"about": table.conditions.about, "sentences": table.sentences(), "model": table.model, "legend": LEGEND},
         "several": len(table.conditions.comparisons) > 1,
-        "subjects": [*subjects, *((name, f"left out: {why}") for name, why in (table.left_out | table.failed).items())],
+        "quantities": table.quantities,
+        "rows": [(*who, cells) for who, cells in rows.items()],
+        "left_out": [f"{name} ({why})" for name, why in (table.left_out | table.failed).items()],
     }
 
 

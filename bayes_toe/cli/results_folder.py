@@ -43,12 +43,9 @@ if TYPE_CHECKING:
     import pandas as pd
 
 Figure = Any  # of matplotlib, which is of another room
-#: What of a group is in a results folder.
+#: What a results folder has of a group, of conditions, and of histories, where answers depend on the trial before.
 GROUP_PRODUCTS = ("population.csv", "population_subjects.csv", "population.png", "population.nc")
-#: What of conditions is in a results folder.
-CONTRAST_PRODUCTS = ("contrast.csv", "contrast.png")
-#: And of histories, where answers depend on the trial before.
-HISTORY_PRODUCTS = ("history.csv", "history.png")
+CONTRAST_PRODUCTS, HISTORY_PRODUCTS = ("contrast.csv", "contrast.png"), ("history.csv", "history.png")
 ALWAYS = ("summary.csv", "evidence.csv", "report.html", "methods.md", "methods.bib")
 #: What a results folder may hold: draws in one of two ways, the group, corner plots, an explorer, pages of very many subjects.
 PRODUCTS = (
@@ -62,21 +59,9 @@ _WIDE, _DOTS = 4.8, 160  # inches of a picture, legible on a telephone, and dots
 
 @dataclass(frozen=True)
 class Drawn:
-    """Of which subjects corner plot and curves are drawn, what the corner plots show, and whether there is an explorer.
+    """Whose corner plot and curves are drawn, "all", "flagged" (:func:`bayes_toe.cli.headline.flagged`) or "none"; with which true values.
 
-    Parameters
-    ----------
-    which : str
-        "all", "flagged" (those of :func:`bayes_toe.cli.headline.flagged`) or "none".
-    truth : mapping
-        True natural parameters by subject, for synthetic studies.
-    explorer : bool
-        Whether there is explorer.html, too, of all of them: see :func:`bayes_toe.explorer.page.explore`.
-
-    Raises
-    ------
-    InputError
-        If `which` is another word.
+    `explorer` says whether there is explorer.html too, of all of them.
     """
 
     which: str = "all"
@@ -105,30 +90,8 @@ def write_results(
 ) -> Path:
     """Write posterior.nc (.zarr), summary.csv, evidence.csv, methods.md, corner/*.png, report.html, of very many also subjects/*.html.
 
-    Where it is asked for, explorer.html too.
-
-    Parameters
-    ----------
-    analysis : Analysis
-    folder : path
-        Made where it is missing; other files in it are left alone.
-    overwrite : bool
-        Whether existing products may be replaced.
-    store : str
-        "nc" or "zarr".
-    pictures : Drawn
-        Whose corner plot and curves are drawn; by default everybody's.
-    workers, progress
-        As in :func:`bayes_toe.analysis.run`; progress is told of the subjects that are drawn.
-    spreadsheet_safe : bool
-        As in :func:`bayes_toe.data.tables.write_table`.
-    group : Group, optional
-        What the subjects have in common: its tables, figure and draws, and a section of the report.
-
-    Raises
-    ------
-    OutputError
-        If the folder cannot be written or holds products already; nothing is changed then.
+    With a group its tables, figure and draws, and a section of the report. Other files of the folder are left alone; if it holds products
+    already that may not be replaced, or cannot be written, nothing is changed. Progress is told of the subjects that are drawn.
     """
     draws, marked = analysis.draws, flagged(analysis.evidence, analysis.draws.not_converged)
     drawn = {"all": draws.names, "flagged": tuple(marked), "none": ()}[pictures.which]

@@ -75,25 +75,12 @@ def templates(language: str) -> Environment:
 
 @dataclass(frozen=True, eq=False)
 class SupplementTable:
-    """One table, in two forms.
+    """One table, in two forms: numbers as they are, for the CSV file, and what people read."""
 
-    Attributes
-    ----------
-    name : str
-        What its files are called after the document: NAME_parameters.csv and .tex.
-    caption : str
-    frame : pandas.DataFrame
-        Numbers as they are, for the CSV file.
-    head : tuple of str
-        Names of parameters, where a column is one, and words.
-    rows : tuple of tuple of str
-        What people read.
-    """
-
-    name: str
+    name: str  # after that of the document: NAME_parameters.csv and .tex
     caption: str
     frame: pd.DataFrame
-    head: tuple[str, ...]
+    head: tuple[str, ...]  # names of parameters, where a column is one, and words
     rows: tuple[tuple[str, ...], ...]
 
     def written(self, markup: Any, stem: str) -> Markup:
@@ -152,13 +139,7 @@ _COLUMNS: dict[str, tuple[str, Callable[[Any], str]]] = {
 
 
 def order_effect_table(evidence: pd.DataFrame) -> SupplementTable:
-    """The verdict of every subject, and the evidence of the paper's model against free frequencies.
-
-    Parameters
-    ----------
-    evidence : pandas.DataFrame
-        With the columns of evidence.csv.
-    """
+    """The verdict of every subject, and the evidence of the paper's model against free frequencies, of the rows of evidence.csv."""
     frame = evidence[[*ORDER_EFFECT_COLUMNS]]
 
     def said(row: dict[Any, Any], name: str) -> str:

@@ -55,13 +55,7 @@ class Takes:
 
 @dataclass(frozen=True, kw_only=True)
 class Task:
-    """The shared options, in the order in which help lists them, after those that a command has for itself.
-
-    Attributes
-    ----------
-    inputs : tuple of Path
-        No option: the files that the command was given to read.
-    """
+    """The shared options, in the order in which help lists them, after those that a command has for itself; and the files it reads."""
 
     seed: Seed = None
     draws: DrawCount = 4000
@@ -91,21 +85,15 @@ class Task:
         return read, prior
 
     def saved(self, posterior: Path, study: StudyFileOrExample, model: str | None = "predictive update", seed: int | None = None) -> Draws:
-        """Saved draws of a model in the place of sampling; of the study, the prior and the seed, where these are given.
-
-        Raises
-        ------
-        InputError
-            In one line, where they are of others.
-        """
+        """Saved draws of a model in the place of sampling, refused where they are of another study, prior or seed than is given."""
         from bayes_toe.data.messages import shown
         from bayes_toe.inference.belonging import require_belonging
         from bayes_toe.inference.draws import load_draws
         from bayes_toe.model.study_prior import preset_or_file, prior_for
 
-        given = None if self.prior is None else preset_or_file(self.prior)
         if not study.files and (study.turn or study.leave_out):
             raise InputError("--turn, --leave-out: found no STUDY.csv to change, allowed: where the draws are made, or with the file")
+        given = None if self.prior is None else preset_or_file(self.prior)
         draws, read = load_draws(posterior), study.read() if study.files else None
         prior = None if given is None else prior_for(draws.study, given)
         require_belonging(draws, shown(posterior), study=read, prior=prior, seed=seed, model=model)

@@ -201,12 +201,6 @@ class ContrastTable(Table[Difference]):
         """Of how many subjects each quantity differs, a sentence each."""
         return sentences(self.frame())
 
-    def of_subject(self, subject: str) -> str:
-        """What differs in one subject, in a line; a Bayes factor is that of a difference between any levels, and so said once."""
-        own = {key: [row for row in self.some(key) if row.subject == subject] for key in self.quantities}
-        sizes = {key: ", ".join(f"{row.comparison} {row.size}" for row in rows) for key, rows in own.items()}
-        return "; ".join(f"{key} {rows[0].conclusion}: {sizes[key]}" for key, rows in own.items())
-
     def some(self, quantity: str, comparison: str | None = None) -> tuple[Difference, ...]:
         """The rows of a quantity, and of a comparison."""
         return tuple(row for row in self.rows if row.quantity == quantity and comparison in (None, row.comparison))

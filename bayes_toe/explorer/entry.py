@@ -43,29 +43,14 @@ _QUANTILES = np.linspace(0.0, 1.0, 201)
 
 @dataclass(frozen=True, eq=False)
 class Entry:
-    """One choice of the page.
-
-    Attributes
-    ----------
-    label : str
-        The model, or what else tells this posterior from others of the subject.
-    target : Posterior or FrequencyPosterior
-    x : array, shape (chains, draws, k)
-        Draws in unconstrained coordinates.
-    badges : tuple of (str, str)
-        Kind - unconverged, misfit, untold, fine - and words.
-    truth : mapping of str to float
-        Known values, as given; those that the model does not have are those of another model.
-    prior : bool
-        Whether the target's prior is that of these draws; not so in a group.
-    """
+    """One choice of the page: a subject's posterior, called by its model or what else tells it from others of the subject."""
 
     label: str
     target: Posterior | FrequencyPosterior
-    x: FloatArray
-    badges: tuple[tuple[str, str], ...] = ()
-    truth: Mapping[str, float] | None = None
-    prior: bool = True
+    x: FloatArray  # draws in unconstrained coordinates, shape (chains, draws, k)
+    badges: tuple[tuple[str, str], ...] = ()  # kind - unconverged, misfit, untold, fine - and words
+    truth: Mapping[str, float] | None = None  # known values, as given; those that the model does not have are those of another model
+    prior: bool = True  # whether the target's prior is that of these draws; not so in a group
     synthetic: bool = False
     about: str = ""
 
