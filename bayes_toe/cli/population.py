@@ -114,11 +114,14 @@ def population(
 
 def say_population(console: Console, found: Population, contradicted: Sequence[str] = ()) -> None:
     """The answer, tables, what each prior was, and what to know before any of it is believed."""
+    from bayes_toe.comparison.contrast import SAID
+
     say_answer(console, answer(found))
     for title, rows in tables(found):
         say_table(console, safe(title), rows)
-        if "evidence" in rows[0]:
-            say_footnote(console, f"{BAYES_FACTOR}. {STATED}.")
+        scale = STATED if "evidence" in rows[0] else SAID if "word" in rows[0] else ""
+        if scale:
+            say_footnote(console, f"{BAYES_FACTOR}. {scale}.")
     for line in found.settings.hyperprior.describe(found.names, correlations=found.settings.correlations):
         say_footnote(console, f"hyperprior: {line}")
     say_notes(console, found.regressors.notes)
@@ -229,14 +232,17 @@ def tables(found: Population) -> list[tuple[str, list[dict[Any, Any]]]]:
 
 
 def _effect(row: PopulationRow, of: str) -> dict[Any, Any]:
-    """One effect of a covariate, or of a condition, as a table shows it."""
-    nats, words = row.log_bf_differs, conclusion(None)
-    if nats is None:
-        words = "-"
-    elif row.of_none != "-":
-        words = f"{'at least ' * (row.bf_no_difference is None)}{conclusion(nats, _SIDES)}"
+    """One effect of a covariate, or of a condition, as a table shows it, each in the words of what else is said of such effects."""
+    from bayes_toe.comparison.contrast import word_of
+
     said = {of: row.level, "on": row.parameter, "effect": _interval(row), "P(sign)": "-" if row.p_direction is None else _sign(row)}
-    return {**said, "BF no difference": row.of_none, "evidence": words}
+    said["BF no difference"], nats = row.of_none, row.log_bf_differs
+    if row.quantity == "condition_effect":
+        return said | {"word": word_of(nats) or "-"}
+    words = "-" if nats is None else conclusion(None)
+    if nats is not None and row.of_none != "-":
+        words = f"{'at least ' * (row.bf_no_difference is None)}{conclusion(nats, _SIDES)}"
+    return said | {"evidence": words}
 
 
 def _reference(found: Population) -> str:

@@ -53,11 +53,11 @@ CONTRAST_COLUMNS = (
     *("subject", "quantity", "comparison", "mean", "sd", "q05", "q50", "q95", "p_direction"),
     *("log_bf_differs", "log_bf_differs_se", "word", "robust", "model", "prior"),
 )
-#: What columns and words mean.
+#: What words mean, and columns.
+SAID = f"Words: a difference is said from a Bayes factor of {SURELY:g} on and is probable from {PROBABLY:g}, none likewise"
 LEGEND = (
-    f"Words: a difference is said from a Bayes factor of {SURELY:g} on and is probable from {PROBABLY:g}, none likewise; 'order effect': "
-    "constant error, pull or both; of more than two levels that are no numbers any two may differ. Not robust: lapses that differ too "
-    "change the word"
+    f"{SAID}; 'order effect': constant error, pull or both; of more than two levels that are no numbers any two may differ. "
+    "Not robust: lapses that differ too change the word"
 )
 _FAR = 10.0  # nats below the best maximum of the pooled answers from which on others are no starts
 _CLOUD, _FLATTEST = 400, 0.02  # draws of Laplace's normal with which a proposal begins; curvature, of 1, of no use as a scale

@@ -1,5 +1,6 @@
 """Conditions within the subjects of a group: the likelihood over conditions, and what is said of differences on average."""
 
+import re
 import warnings
 
 import numpy as np
@@ -7,6 +8,7 @@ import pandas as pd
 import pytest
 
 import bayes_toe as bt
+from bayes_toe.cli.population import answer, tables
 from bayes_toe.data.conditions import by_person
 from bayes_toe.groups.differences import ConditionLikelihood, Differences
 from bayes_toe.groups.subjects import centre_of
@@ -80,6 +82,10 @@ def test_differences_on_average_are_found_kept_and_read_back(tmp_path):
     assert width.bf_no_difference > 1.5
     assert rows["order effect", "condition_effect"].bf_no_difference == pytest.approx(error.bf_no_difference, rel=0.3)
     assert {"log width", "constant error"} == {name for name, kind in rows if kind == "condition_sd"}
+    shown = {row["on"]: row["word"] for row in dict(tables(found))["differences between conditions on average, mean (5 %, 95 %)"]}
+    assert shown["constant error"] == "differs"  # from a Bayes factor of 20 on, in sentences and in the table
+    for label, name in (("constant error", "constant error"), ("log width", "width")):
+        assert re.search(rf"{name} [^;]*, {shown[label]} \(Bayes factor", " ".join(answer(found)))
     assert bt.plots.population_figure(found).subfigs[2].get_axes()
     again = bt.load(found.save(tmp_path / "population.nc"))
     pd.testing.assert_frame_equal(again.summary(), found.summary())
