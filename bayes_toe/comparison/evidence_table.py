@@ -144,21 +144,11 @@ def subject_evidence(
     verdict: Verdict | None = None,
     fit: FitSummary | None = None,
 ) -> SubjectEvidence:
-    """Everything the evidence table says of one subject.
+    """Everything the evidence table says of one subject, of the pipeline's result under H1 and of what it found on its way.
 
-    Parameters
-    ----------
-    result : SubjectResult
-        Of the pipeline under H1, with an evidence.
-    fitted : Fitted
-        What the pipeline found on its way.
-    by_bootstrap : (float or None, str), optional
-        By Appendix C's recipe, with what is said of it, see :mod:`bayes_toe.classical.fit`; None with intervals.
-    orders : (float or None, float or None)
-        Log evidences of H1 without an order effect, and with a constant error in its place.
-    verdict : Verdict, optional
-    fit : FitSummary, optional
-        Goodness of fit of H1; None where its draws cannot be trusted.
+    `by_bootstrap` is the evidence by Appendix C's recipe with what is said of it (:mod:`bayes_toe.classical.fit`), None with intervals;
+    `orders` are log evidences of H1 without an order effect, and with a constant error in its place; `fit` is None where draws of H1
+    cannot be trusted.
     """
     posterior, found = fitted.proposal.proposal.posterior, result.evidence
     if not isinstance(posterior, Posterior) or found is None or found.pareto_k is None or found.efficiency is None:

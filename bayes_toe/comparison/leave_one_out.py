@@ -98,13 +98,9 @@ class LeaveOneOut:
 
 
 def leave_one_out(log_equal: FloatArray, log_different: FloatArray, n_yes: npt.ArrayLike, n_trials: npt.ArrayLike) -> LeaveOneOut:
-    """Expected log predictive density of a left-out answer from posterior draws.
+    """Expected log predictive density of a left-out answer from posterior draws of equal weight.
 
-    Parameters
-    ----------
-    log_equal, log_different : array, shape (draws, pairs)
-        Log probabilities of both answers of one trial, the counted one first, given all others to its pair, at draws of equal weight.
-    n_yes, n_trials : array_like of int, shape (pairs,)
+    From log probabilities, (draws, pairs), of both answers of one trial, the counted one first, given all others to its pair; and counts.
 
     Examples
     --------
@@ -234,15 +230,8 @@ def weighted_pairs(log_likelihood: FloatArray, log_weights: FloatArray, n_trials
     A value is withheld as well where the draws that count for the rest are below :data:`LEAST_SHARE` of all: few of a proposal that was
     made for all answers reach where the pair forbids, and neither their number nor k-hat then says how far the mean is off.
 
-    Parameters
-    ----------
-    log_likelihood : array, shape (draws, pairs)
-        Of each pair; -inf where the draw makes its answers impossible.
-    log_weights : array, shape (draws,)
-        Log of prior over proposal density, unnormalised.
-    n_trials : array_like of int, shape (pairs,)
-    withheld : array of bool, shape (pairs,)
-        Pairs without which the posterior may have mass where no draw is.
+    From the log likelihood of each pair, (draws, pairs), -inf where the draw makes its answers impossible; log weights, (draws,), of prior
+    over proposal density, unnormalised; and `withheld`, (pairs,), those without which the posterior may have mass where no draw is.
     """
     tried = (np.asarray(n_trials)[None] > 0).astype(np.int64)
     impossible = np.isneginf(log_likelihood)

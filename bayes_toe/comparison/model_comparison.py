@@ -93,13 +93,7 @@ class PartTable:
 def part_tables(models: Sequence[Record], log_evidence: npt.ArrayLike, *, seed: int = 0) -> tuple[PartTable, ...]:
     """Probabilities of the levels of every part that varies among the compositions; free frequencies are none and do not count.
 
-    Parameters
-    ----------
-    models : sequence of record
-    log_evidence : array_like, shape (subjects, models)
-        Nats; NaN where withheld.
-    seed : int
-        Of the study's frequencies, which are sampled.
+    Log evidences have the shape (subjects, models), nats, NaN where withheld; the study's frequencies are sampled.
 
     Examples
     --------

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 
@@ -113,11 +112,14 @@ class ModelRow:
 def compare_one(subject: Subject, model: Record, *, draws: int, seed: int, prior: Prior) -> ModelRow:
     """Everything that the table says of one subject under one model."""
     target, settings = model.posterior(subject, prior), _settings(draws)
-    if isinstance(target, FrequencyPosterior):
-        return _row(target, _exact(target, settings, seed))
+    if isinstance(target, FrequencyPosterior):  # in closed form, but for predictive checks
+        exact = exact_result(target, seed, Wanted(settings, EVIDENCE_DRAWS))
+        assert exact.evidence is not None  # it was asked for
+        left_out = {unit: leave_one_out_frequencies(subject.n_yes, subject.n_trials, unit=unit) for unit in UNITS}
+        return _row(target, exact.evidence, left_out, exact.fit)
     result, (maxima, fitted) = fitted_result(target, seed, Wanted(evidence_draws=EVIDENCE_DRAWS))
-    assert result.evidence is not None  # it was asked for
-    return _row(target, _checked(fitted, maxima, result.evidence, settings, seed))
+    assert result.evidence is not None
+    return _checked(fitted, maxima, result.evidence, settings, seed)
 
 
 def compare_space(
@@ -133,7 +135,7 @@ def compare_space(
             bend = -hessian(partial(_slope, target), mode)
             maxima = Maxima(mode, target.log_density(mode), bend, True, mode[:0])
             enough = redrawn(fitted, generator(seed, subject.name, model.name, "compared"), max(_EQUAL_DRAWS, 5 * draws))
-            rows.append(_row(target, _checked(enough if enough.trusted else fitted, maxima, evidence, _settings(draws), seed)))
+            rows.append(_checked(enough if enough.trusted else fitted, maxima, evidence, _settings(draws), seed))
         else:
             rows.append(ModelRow(subject.name, model.name, len(model.coordinates), value, None, None, Checks(), (FAR,)))
     return tuple(rows), said
@@ -147,17 +149,17 @@ def _settings(draws: int) -> SamplerSettings:
     return SamplerSettings(draws=draws, max_quantile_error=np.inf)
 
 
-def _row(target: Answering, found: _Found) -> ModelRow:
-    """The row that is made of what was found."""
-    subject, evidence, fit = target.subject, found.evidence, found.fit
+def _row(target: Answering, evidence: Evidence, left_out: Mapping[Unit, LeaveOneOut], fit: FitSummary | None, reason: str = "") -> ModelRow:
+    """The row of what was found, or without fit and what was left out, of why draws fall short."""
+    subject = target.subject
     # Models that do not know the intervals of a subject say so.
     notes = [] if subject.isi is None or target.model.knows_intervals else [target.model.of_intervals]
-    notes += [note for note in (evidence.why_not, *(one.note for one in found.left_out.values())) if note]
+    notes += [note for note in (evidence.why_not, *(one.note for one in left_out.values())) if note]
     if target.model.by_trial:
         notes.append("leave-one-out withheld: answers depend on the trials before")
-    if found.reason:
-        notes += [f"draws did not converge: {found.reason}", "leave-one-out and predictive checks withheld with the draws"]
-    scores = {f"elpd_loo_{unit}{end}": value for unit, one in found.left_out.items() for end, value in (("", one.elpd), ("_se", one.se))}
+    if reason:
+        notes += [f"draws did not converge: {reason}", "leave-one-out and predictive checks withheld with the draws"]
+    scores = {f"elpd_loo_{unit}{end}": value for unit, one in left_out.items() for end, value in (("", one.elpd), ("_se", one.se))}
     known = {name: value for name, value in scores.items() if not np.isnan(value)}
     checks = Checks() if fit is None else Checks(**known, p_predictive=fit.p_overall, p_worst_pair=fit.worst_p)
     return ModelRow(
@@ -169,7 +171,7 @@ def _row(target: Answering, found: _Found) -> ModelRow:
         pareto_k=evidence.pareto_k,
         checks=checks,
         notes=tuple(notes),
-        left_out=found.left_out,
+        left_out=left_out,
         bound=evidence.bound,
     )
 
@@ -195,39 +197,22 @@ def difference_columns(unit: Unit) -> tuple[str, str]:
     return f"elpd_loo_{unit}_diff", f"elpd_loo_{unit}_diff_se"
 
 
-class _Found(NamedTuple):
-    """What a row is made of; why draws fall short where they do, and then neither fit nor what was left out."""
-
-    evidence: Evidence
-    left_out: Mapping[Unit, LeaveOneOut]
-    fit: FitSummary | None
-    reason: str = ""
-
-
-def _exact(target: FrequencyPosterior, settings: SamplerSettings, seed: int) -> _Found:
-    """In closed form, but for predictive checks."""
-    subject, result = target.subject, exact_result(target, seed, Wanted(settings, EVIDENCE_DRAWS))
-    assert result.evidence is not None  # it was asked for
-    left_out = {unit: leave_one_out_frequencies(subject.n_yes, subject.n_trials, unit=unit) for unit in UNITS}
-    return _Found(result.evidence, left_out, result.fit)
-
-
-def _checked(fitted: FittedProposal, maxima: Maxima, evidence: Evidence, settings: SamplerSettings, seed: int) -> _Found:
-    """From the draws of a fitted proposal."""
+def _checked(fitted: FittedProposal, maxima: Maxima, evidence: Evidence, settings: SamplerSettings, seed: int) -> ModelRow:
+    """The row from the draws of a fitted proposal."""
     target = fitted.proposal.posterior
     x, log_likelihood, reason = _equal_draws(fitted, settings, seed)
     if reason:
-        return _Found(evidence, {}, None, reason)
+        return _row(target, evidence, {}, None, reason)
     fit = summarise_fit(target, x, seed, log_likelihood=log_likelihood)
     if target.model.by_trial:  # without an answer the trials behind it would be others
-        return _Found(evidence, {}, fit)
+        return _row(target, evidence, {}, fit)
     subject, some = target.subject, x[:: thinning(len(x), target.subject.n_pairs)]
     trial = leave_one_out(*target.answers_given_the_rest(some), subject.n_yes, subject.n_trials)
     if fitted.trusted:
         pair = left_out_pairs(fitted, maxima, evidence, seed)
     else:
         pair = leave_one_pair_out(target.pair_log_likelihood(some), subject.n_trials)
-    return _Found(evidence, {"trial": trial, "pair": pair}, fit)
+    return _row(target, evidence, {"trial": trial, "pair": pair}, fit)
 
 
 def _equal_draws(fitted: FittedProposal, settings: SamplerSettings, seed: int) -> tuple[FloatArray, FloatArray, str]:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import pairwise, product
+from itertools import product
 from numbers import Integral, Real
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -121,13 +121,7 @@ class SensitivityTable(Table[SensitivityRow]):
         return tuple(name for name in self.varied if self.prior.declared_as(name).positive)
 
     def of(self, subject: str, varied: str) -> tuple[SensitivityRow, ...]:
-        """Rows of one subject and one varied value.
-
-        Raises
-        ------
-        InputError
-            For an unknown subject or value.
-        """
+        """Rows of one subject and one varied value."""
         found = tuple(row for row in self.rows if row.subject == subject and row.varied == varied)
         if not found:
             raise InputError(f"no rows of subject {subject!r} with {varied!r} varied; values: {', '.join(self.varied)}")
@@ -146,9 +140,11 @@ class SensitivityTable(Table[SensitivityRow]):
 
         Interpolated linearly, in the logarithm of a scale; two rows without a value between them are not joined.
         """
-        rows = self.of(subject, varied)
-        found = (_crossing(a, b, level) for a, b in pairwise(rows))
-        return tuple(value for value in found if value is not None)
+        rows, scale = self.of(subject, varied), varied in self.scales
+        value, above = np.array([(row.value, row.log_bayes_factor) for row in rows], np.float64).T - [[0.0], [level]]  # None becomes NaN
+        at = np.flatnonzero(((above[:-1] < 0) != (above[1:] < 0)) & np.isfinite(np.diff(above)))
+        share, (first, second) = above[at] / (above[at] - above[at + 1]), (value[at], value[at + 1])
+        return tuple((first * (second / first) ** share if scale else first + share * (second - first)).tolist())
 
     def summary(self) -> tuple[str, ...]:
         """One line a subject: where its conclusion turns, and where it stops being strong."""
@@ -213,13 +209,7 @@ def sensitivity(
 
 
 def require_range(reach: float, steps: int) -> None:
-    """Refuse a range that cannot be walked.
-
-    Raises
-    ------
-    InputError
-        If `reach` is not above 1 and up to 1e6, or `steps` not an odd number from 3 to 999.
-    """
+    """Refuse a range that cannot be walked."""
     require_kind("reach", reach, Real, "a number above 1, up to 1e6")
     require_kind("steps", steps, Integral, "an odd number from 3 to 999")
     if not 1.0 < reach <= 1e6:
@@ -299,30 +289,11 @@ def _row(wanted: Posterior, varied: str, factor: float | None, found: _Weighted)
 
 
 def weighted_quantiles(values: FloatArray, weights: FloatArray, probabilities: npt.ArrayLike) -> FloatArray:
-    """Quantiles of weighted values, each of shape (draws,); linear between the middles of the steps of the distribution function.
-
-    Examples
-    --------
-    >>> weighted_quantiles(np.array([3.0, 1.0, 2.0]), np.ones(3), [0.5]).tolist()
-    [2.0]
-    """
+    """Quantiles of weighted values, each of shape (draws,); linear between the middles of the steps of the distribution function."""
     order = np.argsort(values)
     share = np.cumsum(weights[order])
     middles = (share - 0.5 * weights[order]) / share[-1]
     return np.asarray(np.interp(np.asarray(probabilities, np.float64), middles, values[order]))
-
-
-def _crossing(first: SensitivityRow, second: SensitivityRow, level: float) -> float | None:
-    """Where the log Bayes factor passes a level between two rows; None where it does not, or where one has no value."""
-    if first.log_bayes_factor is None or second.log_bayes_factor is None:
-        return None
-    below, above = first.log_bayes_factor - level, second.log_bayes_factor - level
-    if (below < 0) == (above < 0):
-        return None
-    share = below / (below - above)
-    if first.prior.declared_as(first.varied).positive:
-        return float(first.value * (second.value / first.value) ** share)
-    return first.value + share * (second.value - first.value)
 
 
 def _line(table: SensitivityTable, name: str) -> str:

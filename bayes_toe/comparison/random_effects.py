@@ -85,11 +85,8 @@ def random_effects(log_evidence: npt.ArrayLike, *, seed: int = 0) -> ModelFreque
 
     Source: Kong, Liu & Wong 1994 (J. Am. Stat. Assoc. 89:278); resampling before drawing as in Pitt & Shephard 1999 (94:590).
 
-    Parameters
-    ----------
-    log_evidence : array_like, shape (subjects, models)
-        Natural logs, of at least one subject and two models; -inf where a model rules a subject's answers out.
-    seed : int
+    Log evidences have the shape (subjects, models), of at least one subject and two models; -inf where a model rules a subject's answers
+    out.
 
     Examples
     --------

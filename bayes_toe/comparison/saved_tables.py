@@ -31,10 +31,7 @@ _DIGITS = 1e-6  # of an exact evidence, nats: files have all digits
 def read_evidence(path: str | Path, draws: Draws) -> pd.DataFrame:
     """An evidence.csv with its columns, a row for each subject of the draws, in their order; a text that is not there is empty.
 
-    Raises
-    ------
-    InputError
-        If the file is not such a table, or is of other subjects, answers or another prior than the draws.
+    Refused where it is of other subjects, answers or another prior than the draws, as :func:`read_comparison` refuses its files.
     """
     import pandas as pd
 
@@ -76,13 +73,7 @@ class SavedComparison:
 
 
 def read_comparison(path: str | Path, draws: Draws) -> SavedComparison:
-    """A compare.csv with the table of parts beside it.
-
-    Raises
-    ------
-    InputError
-        If a file is not such a table, or is of other subjects, answers or another prior than the draws.
-    """
+    """A compare.csv with the table of parts beside it."""
     import pandas as pd
 
     source, (_, of_parts) = bare(Path(path).name), beside(Path(path))
@@ -106,13 +97,7 @@ def read_comparison(path: str | Path, draws: Draws) -> SavedComparison:
 
 
 def read_contrast(path: Path, draws: Draws) -> pd.DataFrame:
-    """The rows of a contrast.csv.
-
-    Raises
-    ------
-    InputError
-        If it is not such a file, or has subjects that the draws do not have.
-    """
+    """The rows of a contrast.csv, refused where it has subjects that the draws do not have."""
     import pandas as pd
 
     texts = ("subject", "quantity", "comparison", "word", "robust", "model", "prior")

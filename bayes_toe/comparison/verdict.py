@@ -258,16 +258,9 @@ def _kind(p: tuple[float, ...]) -> str:
 
 
 def verdict(subject: Subject, prior: Prior, seed: int, *, data: Sequence[Doubt] = ()) -> tuple[Verdict, SpaceEvidence]:
-    """The verdict of one subject, and the evidences behind it.
+    """The verdict of one subject, of whose data `data` says what they have against them, and the evidences behind it.
 
-    Parameters
-    ----------
-    subject : Subject
-    prior : Prior
-    seed : int
-        Random streams are keyed by it, the subject's name and the model's.
-    data : sequence of Doubt
-        What the data have against them.
+    Random streams are keyed by the seed, the subject's name and the model's.
     """
     space = models_of(subject.task).space
     found = space_evidence(subject, prior, space, seed)

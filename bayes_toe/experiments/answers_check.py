@@ -37,25 +37,9 @@ def check(study: Study, prior: Prior | str | None = None) -> tuple[Finding, ...]
 
 
 def check_answers(study: Study, prior: Prior | None = None) -> tuple[Finding, ...]:
-    """What speaks against pooling the answers of a study as they were read.
+    """What speaks against pooling the answers of a study as they were read, of the file first, then of each subject.
 
-    Parameters
-    ----------
-    study : Study
-        As :func:`~bayes_toe.data.read_study.read_study` gives it; one without single answers is looked at by its counts.
-    prior : Prior, optional
-        For whether the stimuli lie where it expects them.
-
-    Returns
-    -------
-    tuple of Finding
-        Of the file first, then of each subject.
-
-    Examples
-    --------
-    >>> from bayes_toe.data.study import Subject
-    >>> [finding.code for finding in check_answers(Study((Subject("S01", [20, 80], [80, 20], [90, 20], [99, 99]),)))]
-    ['raw_stimuli']
+    One without single answers is looked at by its counts; a prior says where it expects the stimuli to lie.
     """
     require_study(study)
     file = (*_raw(study), *(() if prior is None else _far(study, prior)), *_columns(study.reading))

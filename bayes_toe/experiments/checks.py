@@ -38,18 +38,7 @@ _LONG = 100.0  # seconds: nobody compares two stimuli over that time, but 100 mi
 def check_study(study: Study, prior: Prior | None = None) -> tuple[Finding, ...]:
     """What a study leaves open: findings about its file and its names first, then those of each subject.
 
-    Stimuli are compared exactly, as the pairs of :class:`~bayes_toe.data.study.Subject` are.
-
-    Parameters
-    ----------
-    study : Study
-    prior : Prior, optional
-        For whether its scale is that of the stimuli.
-
-    Returns
-    -------
-    tuple of Finding
-        Empty if nothing is left open.
+    Stimuli are compared exactly, as the pairs of :class:`~bayes_toe.data.study.Subject` are; a prior's scale is compared with theirs.
 
     Examples
     --------
@@ -97,15 +86,10 @@ def prior_scale(study: Study, prior: Prior | None) -> list[Finding]:
 
 
 def described(subject: Subject) -> dict[str, str | int | float]:
-    """How much a subject was asked, and how balanced.
+    """How much a subject was asked, and how balanced: columns of the table that check prints.
 
-    Returns
-    -------
-    dict
-        subject; n_pairs, distinct ordered pairs (with a column isi, pairs at an interval); n_intervals, only with such a column; n_trials;
-        n_both_orders and n_one_order, pairs of different stimuli (order aside) that were presented in both orders and in one;
-        n_equal_pairs, pairs of equal stimuli;
-        fraction_equal or fraction_second, share of trials with that answer, in 0..1.
+    Pairs are distinct ordered ones, at an interval where there are some; n_both_orders and n_one_order count those of different stimuli,
+    order aside; fraction_equal or fraction_second is the share of trials with that answer.
 
     Examples
     --------

@@ -55,13 +55,7 @@ class Differing:
 
     @classmethod
     def of(cls, levels: Sequence[str], differ: Mapping[str, float | tuple[float, float]] | None = None) -> Differing:
-        """Of these levels, by these sizes, each with the sd between subjects or without.
-
-        Raises
-        ------
-        InputError
-            If there are fewer than two levels, or something is not allowed.
-        """
+        """Of these levels, by these sizes, each with the sd between subjects or without."""
         values = [number(level, decimal_comma=False) for level in levels]
         numeric = bool(np.isfinite(values).all())
         names = tuple(level_words(values) if numeric else levels)

@@ -74,16 +74,7 @@ class Design:
 def reference_design(amplitudes: Iterable[float] = PAPER_AMPLITUDES, batches: int = PAPER_BATCHES) -> Design:
     """The paper's design: every stimulus with itself, and the first with every other one in both orders.
 
-    Parameters
-    ----------
-    amplitudes : iterable of float
-        Positive, in units of the reference; s = ln(amplitude).
-    batches : int
-
-    Examples
-    --------
-    >>> len(reference_design().s1)
-    13
+    Amplitudes are in units of the reference, s = ln(amplitude).
     """
     s = _log_amplitudes(amplitudes)
     first = np.full(len(s) - 1, s[0])
@@ -91,30 +82,13 @@ def reference_design(amplitudes: Iterable[float] = PAPER_AMPLITUDES, batches: in
 
 
 def full_design(amplitudes: Iterable[float] = PAPER_AMPLITUDES, batches: int = PAPER_BATCHES) -> Design:
-    """Every ordered pair of the stimuli, equal pairs included.
-
-    Examples
-    --------
-    >>> len(full_design([1.0, 1.2]).s1)
-    4
-    """
+    """Every ordered pair of the stimuli, equal pairs included."""
     s1, s2 = np.meshgrid(*2 * [_log_amplitudes(amplitudes)], indexing="ij")
     return Design(s1.ravel(), s2.ravel(), batches)
 
 
 def at_intervals(design: Design, isi: Iterable[float]) -> Design:
-    """Every pair of a design at every one of these intervals (seconds).
-
-    Raises
-    ------
-    InputError
-        If the design has intervals already, or an interval is repeated, not positive or not finite.
-
-    Examples
-    --------
-    >>> len(at_intervals(reference_design(), [0.5, 1.0, 2.0]).s1)
-    39
-    """
+    """Every pair of a design at every one of these intervals (seconds), each once."""
     seconds = np.array(list(isi), np.float64)
     if design.isi is not None or not len(seconds) or len(np.unique(seconds)) < len(seconds):
         raise InputError("intervals: allowed is at least one, each once, for a design without intervals of its own")
@@ -180,12 +154,6 @@ def simulate_trials(
     Parameters of observers have the shape (observers,); to 'which is stronger?' the lapse rate is in the place of q0. `carried` is the
     share of what is expected after a trial that is carried over to the next (:mod:`bayes_toe.model.history`; 0: all has relaxed), `missed`
     that of trials that nobody answers in time.
-
-    Examples
-    --------
-    >>> one = Natural(*(np.array([v]) for v in (0.0, 0.3, 0.1, 0.9)))
-    >>> len(simulate_trials(["S01"], one, reference_design(batches=2), seed=1)[0].yes)
-    26
     """
     subjects = list(names)
     for option, value in (("--carry-over", carried), ("--missed", missed)):
@@ -327,13 +295,7 @@ def simulate(  # noqa: PLR0913  # each is a choice of its own, and has a default
 
 
 def design_from(design: str | Design, amplitudes: str | Sequence[float], batches: int, isi: str | Sequence[float] | None = None) -> Design:
-    """The design that `--design`, `--amplitudes` and `--isi` name; anything but a known word is a CSV with columns s1,s2 (and isi).
-
-    Examples
-    --------
-    >>> len(design_from("full", "1,1.2,1.5", 2).s1)
-    9
-    """
+    """The design that `--design`, `--amplitudes` and `--isi` name; anything but a known word is a CSV with columns s1,s2 (and isi)."""
     if isinstance(design, Design):
         made = design
     elif design in _DESIGNS:

@@ -243,8 +243,17 @@ class Adaptive:
 
     def save(self, path: str | Path, *, overwrite: bool = True) -> Path:
         """Write all that :meth:`resume` needs, whole or not at all; after every trial, if one likes."""
+        content = {
+            "format": _FORMAT,
+            "task": self.pairs.task.name,
+            "pairs": self.pairs.pairs,
+            "model": list(self._clouds),
+            "prior": asdict(self.prior),
+            **{key: getattr(self, key) for key in ("seed", "about", "draws")},
+            "answers": self.answers,
+        }
         with whole_file(path, overwrite=overwrite) as target:
-            target.write_text(json.dumps(self._content()), encoding="utf-8")
+            target.write_text(json.dumps(content), encoding="utf-8")
         return Path(path)
 
     @classmethod
@@ -260,30 +269,15 @@ class Adaptive:
             content: dict[str, Any] = json.loads(Path(path).read_text(encoding="utf-8"))
             if content["format"] != _FORMAT:
                 raise ValueError(f"format {content['format']!r}")
-            return cls._of(content)
+            made = cls(
+                content["pairs"], content["model"], stored_prior(content["prior"]),
+                seed=content["seed"], about=content["about"], draws=content["draws"],
+                task=content.get("task", SAME_DIFFERENT.name),
+            )  # fmt: skip
+            for *pair, yes in content["answers"]:
+                made.answer(pair, yes)
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise InputError(f"{shown(Path(path))}: not a session that can be read ({error}); allowed: a file of Adaptive.save") from error
-
-    def _content(self) -> dict[str, Any]:
-        return {
-            "format": _FORMAT,
-            "task": self.pairs.task.name,
-            "pairs": self.pairs.pairs,
-            "model": list(self._clouds),
-            "prior": asdict(self.prior),
-            **{key: getattr(self, key) for key in ("seed", "about", "draws")},
-            "answers": self.answers,
-        }
-
-    @classmethod
-    def _of(cls, content: dict[str, Any]) -> Adaptive:
-        made = cls(
-            content["pairs"], content["model"], stored_prior(content["prior"]),
-            seed=content["seed"], about=content["about"], draws=content["draws"],
-            task=content.get("task", SAME_DIFFERENT.name),
-        )  # fmt: skip
-        for *pair, yes in content["answers"]:
-            made.answer(pair, yes)
         return made
 
     # --- Parts ------------------------------------------------------------------------------------------

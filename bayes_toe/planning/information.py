@@ -135,13 +135,7 @@ class Information:
 
 
 def information(pairs: StudyDesign, observers: Sequence[Observer], aim: str, prior: Prior) -> Information:
-    """Information of every pair about the observers: those who update, and for the aim to name these the others too.
-
-    Raises
-    ------
-    InputError
-        If nobody updates.
-    """
+    """Information of every pair about the observers: those who update, and for the aim to name these the others too."""
     model, prior = model_of(pairs.task, UPDATE, (pairs.task.lapses, "lapse_rate", "noise_slope")), prior.at(pairs.unanswered)
     needed = {*Posterior(pairs.unanswered, model, prior).names.natural}
     some = [one for one in observers if (one.kind == UPDATE or aim == "update") and _natural(one).keys() >= needed]

@@ -115,7 +115,8 @@ def of_subject(subject: Subject, seed: int, prior: Prior) -> MoreTrials:
         for number, one in enumerate(people[:REPETITIONS]):
             rng = generator(seed, subject.name, "repetition", number, shared.total)
             more = shared.answered(rng.binomial(shared.n_trials, one.yes(*shared.columns)[0]), subject.name)
-            decided += judged(_together(subject, more), seed, prior, judges).verdict.effect != "undecided"
+            both = replace(pooled((subject, more)), name=subject.name, condition=subject.condition, felt=subject.felt)
+            decided += judged(both, seed, prior, judges).verdict.effect != "undecided"
         return Tried(shared, shared.total, decided)
 
     def fewest(design: StudyDesign) -> Tried:
@@ -145,8 +146,3 @@ def observers(found: Weighed, size: int, rng: np.random.Generator) -> list[Predi
         posterior, x, weights = found.draws[place]
         made.append(Predictor(posterior, x[rng.choice(len(x), 1, p=softmax(weights))]))
     return made
-
-
-def _together(one: Subject, other: Subject) -> Subject:
-    """All answers of both."""
-    return replace(pooled((one, other)), name=one.name, condition=one.condition, felt=one.felt)

@@ -116,33 +116,14 @@ def observers_from(
 ) -> tuple[Observer, ...]:
     """Assumed observers, `size` of each kind that the source has.
 
-    Parameters
-    ----------
-    source : str or Path, optional
-        A TOML file of ranges, see :func:`read_ranges`; draws written by `run` or `sample`; 'prior'. By default :data:`DEFAULT` and
-        :data:`SHARED`: pulls of 0.30 to 0.38 with offsets of 0 to 0.15 at the middle, constant errors of 0.05 to 0.15.
-    size : int
-    seed : int
-    prior : Prior, optional
-        That 'prior' means, in numbers; its reference interval is that of all but an earlier study's.
-    middle : float
-        From where offsets count that no file says, natural-log intensity.
-    task : Task
-        What they are asked.
-
-    Raises
-    ------
-    InputError
-        If the source is not allowed.
+    The source is a TOML file of ranges, see :func:`read_ranges`; draws written by `run` or `sample`; 'prior', in numbers; by default
+    :data:`DEFAULT` and :data:`SHARED`. Offsets that no file says count from the middle (natural-log intensity), and the prior's reference
+    interval is that of all but an earlier study's.
 
     Examples
     --------
-    >>> from bayes_toe.planning.study_design import paper_study_design
-    >>> observers = observers_from(None, 2, seed=1)
-    >>> [one.kind for one in observers]
+    >>> [one.kind for one in observers_from(None, 2, seed=1)]
     ['none', 'none', 'constant error', 'constant error', 'update', 'update']
-    >>> observers[-1].p_yes(paper_study_design()).shape
-    (13,)
     """
     numbers = Prior() if prior is None else prior
     interval = _SECOND if numbers.reference_interval is None else numbers.reference_interval
@@ -163,21 +144,9 @@ def observers_from(
 def read_ranges(
     path: str | Path, middle: float = MIDDLE, task: Task = SAME_DIFFERENT
 ) -> tuple[dict[str, dict[str, tuple[float, float]]], float]:
-    r"""Ranges of each kind from a TOML file, and the intensity from which offsets count, else the middle; observers are uniform.
+    """Ranges of each kind from a TOML file, and the intensity from which offsets count, else the middle; observers are uniform.
 
-    Raises
-    ------
-    InputError
-        One line per problem.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     file = Path(folder, "people.toml")
-    ...     _ = file.write_text("at = 0.5\n[none]\nwidth = 0.3\nq0 = [0.9, 0.95]\n", encoding="utf-8")
-    ...     read_ranges(file)
-    ({'none': {'width': (0.3, 0.3), 'q0': (0.9, 0.95)}}, 0.5)
+    A number is a range of one; a file that is not allowed is refused in one line a problem.
     """
     found = dict(toml_table(path, _LINES))
     at, problems = real(found.pop("at", middle)), []
@@ -324,19 +293,14 @@ def assumed(
 ) -> Sequence[Observer]:
     """The observers given, or so many of each kind of a source, the same ones for all designs.
 
-    Raises
-    ------
-    InputError
-        If the source is not allowed, or all observers of a kind would practically always answer alike in a design.
+    Refused where all of a kind would practically always answer alike in a design.
     """
     if size < 1:
         raise InputError(f"data_sets={size}: allowed is at least 1")
-    people: Sequence[Observer]
+    people: Sequence[Observer] = () if given is None or isinstance(given, str | Path) else given
     if given is None or isinstance(given, str | Path):
         shown = list(designs.values())
         people = observers_from(given, size, seed, prior=prior_of(shown, prior), middle=middle_of(shown), task=shown[0].task)
-    else:
-        people = given
     if given != PRIOR:  # of whom some are so
         for name, one in designs.items():
             _require_answers(people, name, one, _AMID_ALL if given is None else _STATED)

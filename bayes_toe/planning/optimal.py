@@ -152,18 +152,7 @@ class OptimalDesign:
 
 
 def grid(lowest: float, highest: float, step: float) -> FloatArray:
-    """Levels from lowest to highest, natural-log intensity.
-
-    Raises
-    ------
-    InputError
-        If the range holds fewer than two.
-
-    Examples
-    --------
-    >>> grid(-0.1, 0.1, 0.1).tolist()
-    [-0.1, 0.0, 0.1]
-    """
+    """Levels from lowest to highest, natural-log intensity; a range that holds fewer than two is refused."""
     if not (np.isfinite([lowest, highest]).all() and lowest < highest):
         raise InputError(f"--lowest {lowest:g} --highest {highest:g}: allowed are finite numbers, the first the smaller one")
     if not 0.0 < step <= highest - lowest:
@@ -172,13 +161,7 @@ def grid(lowest: float, highest: float, step: float) -> FloatArray:
 
 
 def read_levels(path: str | Path, reference: float | None = None) -> FloatArray:
-    """Levels in the column s of a CSV file, natural-log intensity; or amplitudes in the column i where their reference is given.
-
-    Raises
-    ------
-    InputError
-        If there are fewer than two, or a cell holds no number.
-    """
+    """Levels in the column s of a CSV file, natural-log intensity; or amplitudes in the column i where their reference is given."""
     name = "s" if reference is None else "i"
     found = read_numbers(path, (name,))[1][name]
     if reference is not None and (found <= 0).any():
