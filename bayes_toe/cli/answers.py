@@ -6,21 +6,19 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from bayes_toe.cli.headline import legend, p_value
-from bayes_toe.cli.terminal import OUTPUT, chosen, number, once, safe, say, say_answer, say_footnote, say_note, say_notes, say_table
+from bayes_toe.cli.terminal import OUTPUT, Terminal, chosen, number, once, safe
 from bayes_toe.comparison.history import QUANTITIES
 from bayes_toe.comparison.study_answer import doubts_of, of_new_subject, study_sentence, way_on
 from bayes_toe.comparison.verdict import Verdict
 from bayes_toe.data.messages import counted, named_few
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from bayes_toe.comparison.history import HistoryTable
     from bayes_toe.data.study import Study
 
 
 def say_verdicts(
-    console: Console,
+    out: Terminal,
     verdicts: Sequence[Verdict],
     seed: int,
     study: Study,
@@ -35,26 +33,26 @@ def say_verdicts(
     if not verdicts:
         return
     units = study.conditions is not None
-    say_answer(console, [f"answer: {study_sentence(verdicts, synthetic=study.synthetic, units=units)}"])
+    out.answer([f"answer: {study_sentence(verdicts, synthetic=study.synthetic, units=units)}"])
     if new := of_new_subject(verdicts, seed, units=units):
-        say(console, safe(new))
+        out.line(safe(new))
     looked_at = {one.subject for one in verdicts if one.fit == "not described" or one.data}
     of_subject = {one.subject: one for one in verdicts}
     rows = [_cells(of_subject[name]) for name in chosen(of_subject, looked_at)]
-    say_table(console, "order effect of every subject", rows, total=len(verdicts), file=file)
-    say_footnote(console, f"{legend(study.task)}.")
-    say_notes(console, (f"{one.subject}: {doubts_of(one)}" for one in verdicts if one.data), "data", file=file)
-    say_notes(console, (f"{one.subject}: {way}" for one in verdicts if (way := way_on(one))), "look", "red", file=file)
+    out.table("order effect of every subject", rows, total=len(verdicts), file=file)
+    out.footnote(f"{legend(study.task)}.")
+    out.notes((f"{one.subject}: {doubts_of(one)}" for one in verdicts if one.data), "data", file=file)
+    out.notes((f"{one.subject}: {way}" for one in verdicts if (way := way_on(one))), "look", "red", file=file)
     follow = [one.subject for one in verdicts if one.follows]
     if follow and followed:
         how = f"answers of {counted(len(follow), 'subject')} seem to depend on the trial before ({named_few(follow)})"
-        say_note(console, f"trials before: {how}; compare --history tells")
-    say_notes(console, once((one.subject, note) for one in verdicts for note in one.notes))
+        out.note(f"trials before: {how}; compare --history tells")
+    out.notes(once((one.subject, note) for one in verdicts for note in one.notes))
 
 
-def say_histories(console: Console, table: HistoryTable, file: str) -> None:
+def say_histories(out: Terminal, table: HistoryTable, file: str) -> None:
     """In one line how many subjects' answers follow the trials before, then each subject in a row."""
-    say_answer(console, [f"trials before: {table.sentence()}"])
+    out.answer([f"trials before: {table.sentence()}"])
     rows: list[dict[Any, Any]] = [
         {
             "subject": one.subject,
@@ -69,9 +67,8 @@ def say_histories(console: Console, table: HistoryTable, file: str) -> None:
         }
         for one in table
     ]
-    say_table(console, "what a trial leaves to the next", rows, file=file)
-    say_footnote(
-        console,
+    out.table("what a trial leaves to the next", rows, file=file)
+    out.footnote(
         "P(static): nothing is left of the trials before, among models with a pull. log BF: of any history, and of a bias by the answer "
         "before, natural logs. p: of the answers by the trial before, without and with a history.",
     )

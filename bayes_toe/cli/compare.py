@@ -13,25 +13,10 @@ import typer
 import bayes_toe as bt
 from bayes_toe.cli.options import InTheirPlace, StudyFile, StudyFileOrSaved, rare, writes
 from bayes_toe.cli.task import MODEL, Takes, Task
-from bayes_toe.cli.terminal import (
-    MOST_NAMES,
-    chosen,
-    introduce,
-    number,
-    safe,
-    say,
-    say_answer,
-    say_footnote,
-    say_more,
-    say_note,
-    say_notes,
-    say_table,
-)
+from bayes_toe.cli.terminal import MOST_NAMES, Terminal, chosen, number, safe
 from bayes_toe.data.messages import listed
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from bayes_toe.comparison.contrast import ContrastTable
     from bayes_toe.comparison.model_comparison import ModelComparison
     from bayes_toe.comparison.model_row import ModelRow
@@ -83,10 +68,10 @@ def compare(
     task.write(made, *beside(output))
     failed = {f"{row.subject} ({row.model})": "; ".join(row.notes) for row in table if row.failed}
     task.finish(keep, failed)
-    say_verdicts(task.console, table.verdicts, table.seed, read, followed=histories is None)
-    say_comparison(task.console, table)
+    say_verdicts(task.out, table.verdicts, table.seed, read, followed=histories is None)
+    say_comparison(task.out, table)
     if histories is not None:
-        say_histories(task.console, histories, of_history.name)
+        say_histories(task.out, histories, of_history.name)
     task.done("written:", *files, seed=table.seed, failed=failed)
 
 
@@ -112,17 +97,17 @@ def contrast(
     figure = bt.plots.contrast_figure(table, synthetic=read.synthetic)
     task.write({output: partial(table.save, **task.saving), picture_beside(output): partial(bt.plots.save_figure, figure)})
     task.finish(keep, table.failed)
-    say_contrast(task.console, table)
+    say_contrast(task.out, table)
     task.done("written:", *files, seed=table.seed, failed=table.failed)
 
 
-def say_contrast(console: Console, table: ContrastTable) -> None:
+def say_contrast(out: Terminal, table: ContrastTable) -> None:
     """Of how many subjects each quantity differs, and every subject in a row for each comparison."""
     from bayes_toe.comparison.contrast import LEGEND
 
-    say_answer(console, [f"between conditions: {table.conditions.about}"])
+    out.answer([f"between conditions: {table.conditions.about}"])
     for line in table.sentences():
-        say(console, f"  {safe(line)}")
+        out.line(f"  {safe(line)}")
     decided = {row.subject for row in table if row.word.startswith("differs")}
     rows = []
     for name in chosen([one.subject for one in table.subjects], decided):
@@ -130,10 +115,10 @@ def say_contrast(console: Console, table: ContrastTable) -> None:
             own = {row.quantity: row for row in table if (row.subject, row.comparison) == (name, comparison)}
             shown = {key: f"{row.size} {_factor(row.bayes_factor)}" for key, row in own.items()}
             rows.append({"subject": name, "comparison": comparison} | shown)
-    say_table(console, "differences: medians (5 %, 95 %) if they differ, and the Bayes factor", rows, total=len(rows))
-    say_footnote(console, f"{LEGEND}.")
-    say_notes(console, (f"{name}: {why}" for name, why in table.left_out.items() if name not in table.failed), "left out")
-    say_notes(console, (f"{one.subject}: {note}" for one in table.subjects for note in one.notes))
+    out.table("differences: medians (5 %, 95 %) if they differ, and the Bayes factor", rows, total=len(rows))
+    out.footnote(f"{LEGEND}.")
+    out.notes((f"{name}: {why}" for name, why in table.left_out.items() if name not in table.failed), "left out")
+    out.notes(f"{one.subject}: {note}" for one in table.subjects for note in one.notes)
 
 
 def _factor(value: float | None) -> str:
@@ -164,15 +149,15 @@ def sensitivity(
     else:
         draws = task.saved(posterior, study, seed=task.seed)
         read, prior, seed = draws.study, draws.prior, draws.seed
-        introduce(task.console, read, prior)
+        task.out.introduce(read, prior)
     table = task.work("re-weighting", len(read), bt.sensitivity, read, prior=prior, reach=reach, steps=steps, seed=seed)
-    say_sensitivity(task.console, table)
+    say_sensitivity(task.out, table)
     figure = bt.plots.sensitivity_figure(table, synthetic=read.synthetic)
     task.write({output: partial(table.save, **task.saving_of(read)), picture_beside(output): partial(bt.plots.save_figure, figure)})
     task.done("written:", *files, seed=table.seed)
 
 
-def say_sensitivity(console: Console, table: SensitivityTable) -> None:
+def say_sensitivity(out: Terminal, table: SensitivityTable) -> None:
     """One line a subject, the subjects whose conclusion turns marked, and how many they are."""
     from bayes_toe.comparison.prior_sensitivity import RESAMPLED
     from bayes_toe.comparison.words import STATED
@@ -181,19 +166,19 @@ def say_sensitivity(console: Console, table: SensitivityTable) -> None:
     lines = dict(zip(table.names, table.summary(), strict=True))
     shown = chosen(lines, turning)
     for name in shown:
-        say(console, safe(lines[name]), "yellow" if name in turning else None)
-    say_more(console, len(lines) - len(shown))
+        out.line(safe(lines[name]), "yellow" if name in turning else None)
+    out.more(len(lines) - len(shown))
     anew = sum(row.method == RESAMPLED for row in table)
     tally = f"[bold]{len(turning)} of {len(table.names)}[/bold] conclusions turn within this range"
-    say(console, f"{tally}; {anew} of {len(table.rows)} rows sampled anew, the others re-weighted")
-    say_footnote(console, f"{STATED}.")
+    out.line(f"{tally}; {anew} of {len(table.rows)} rows sampled anew, the others re-weighted")
+    out.footnote(f"{STATED}.")
 
 
-def say_comparison(console: Console, table: ModelComparison) -> None:
+def say_comparison(out: Terminal, table: ModelComparison) -> None:
     """First the parts of models; of models that were named, log evidence below the best and their sums; then each note once."""
     from bayes_toe.comparison.model_row import FAR
 
-    _say_parts(console, table)
+    _say_parts(out, table)
     if not table.verdicts:
         if len(table.models) <= _MOST_COLUMNS:
             rows = [
@@ -202,8 +187,8 @@ def say_comparison(console: Console, table: ModelComparison) -> None:
                     table.subjects, table.log_evidence - np.nanmax(table.log_evidence, axis=1, keepdims=True), strict=True
                 )
             ]
-            say_table(console, "log evidence below the subject's best model, nats", rows)
-        _say_models(console, table)
+            out.table("log evidence below the subject's best model, nats", rows)
+        _say_models(out, table)
     about: dict[str, list[ModelRow]] = {}
     for one in table:
         for note in one.notes:
@@ -212,10 +197,10 @@ def say_comparison(console: Console, table: ModelComparison) -> None:
                 kind, rest = note.partition(":")[::2] if note.startswith("leave-one-out") else (note, "")
                 about.setdefault(f"{kind}, see the column note" if rest else kind, []).append(one)
     for note, found in about.items():
-        say_note(console, f"{_whose(found, table.subjects)}: {note}")
+        out.note(f"{_whose(found, table.subjects)}: {note}")
 
 
-def _say_parts(console: Console, table: ModelComparison) -> None:
+def _say_parts(out: Terminal, table: ModelComparison) -> None:
     """Probabilities of what departs from the paper's levels; the best composition, its lead over free frequencies, its fit."""
     from bayes_toe.comparison.model_comparison import STUDY
     from bayes_toe.inference.predictive_checks import MISFIT
@@ -232,9 +217,9 @@ def _say_parts(console: Console, table: ModelComparison) -> None:
     studied = [(part.levels[which], part.study[which]) for part, which in shown if part.study is not None]
     if of_study := {" / ".join(levels): " / ".join(map(number, shares)) for levels, shares in studied}:
         rows.append({"subject": STUDY, **of_study, **dict.fromkeys(("best", "less H0", "fit p"), "")})
-    say_table(console, "probability of parts; the best model, its log evidence less that of free frequencies (H0), its fit", rows)
+    out.table("probability of parts; the best model, its log evidence less that of free frequencies (H0), its fit", rows)
     if of_study:
-        say(console, f"{STUDY}: of a new subject, by random effects over {table.parts[0].counted} of {len(table.subjects)} subjects")
+        out.line(f"{STUDY}: of a new subject, by random effects over {table.parts[0].counted} of {len(table.subjects)} subjects")
 
 
 def _whose(rows: list[ModelRow], subjects: tuple[str, ...]) -> str:
@@ -245,7 +230,7 @@ def _whose(rows: list[ModelRow], subjects: tuple[str, ...]) -> str:
     return f"{subjects[0] if len(subjects) == 1 else 'every subject'} ({', '.join(models)})"
 
 
-def _say_models(console: Console, table: ModelComparison) -> None:
+def _say_models(out: Terminal, table: ModelComparison) -> None:
     """The models over the study, with their frequencies over more than one subject: how often a model is found means nothing for one."""
     everyone = len(table.subjects)
     many, frame = everyone > 1, table.study_frame()
@@ -262,11 +247,11 @@ def _say_models(console: Console, table: ModelComparison) -> None:
     ]
     first, found = frame.iloc[0].to_dict(), table.frequencies() if many else None
     how = "" if found is None else ", random effects (sampled)"
-    say_table(console, f"models over {first['subjects']} of {everyone} subjects{how}" if many else "models", lines)
+    out.table(f"models over {first['subjects']} of {everyone} subjects{how}" if many else "models", lines)
     if how:
         risk, error = number(first["omnibus_risk"], 3), first["omnibus_risk_exact_se"]
-        say(console, f"all models equally frequent with probability {risk} ± {error:.1g} ({first['exact_how']})")
+        out.line(f"all models equally frequent with probability {risk} ± {error:.1g} ({first['exact_how']})")
     for unit in ("trial", "pair"):
         if (counted := int(first[f"elpd_loo_{unit}_subjects"])) < everyone:
             over = f"sums over {counted} of {everyone} subjects, those with" if counted else "no sum, no subject has"
-            say_note(console, f"LOO by {unit}: {over} a value under every model")
+            out.note(f"LOO by {unit}: {over} a value under every model")

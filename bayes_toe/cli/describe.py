@@ -13,11 +13,9 @@ import typer
 import bayes_toe as bt
 from bayes_toe.cli.options import StudyFile, rare, writes
 from bayes_toe.cli.task import MODEL, Takes, Task
-from bayes_toe.cli.terminal import introduce, number, safe, say, say_findings, say_note, say_notes, say_study, say_table
+from bayes_toe.cli.terminal import Terminal, number, safe
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from bayes_toe.classical.asymmetry import AsymmetryTable
     from bayes_toe.classical.covariates import CovariateTable
     from bayes_toe.classical.fit import FitTable
@@ -33,17 +31,17 @@ def check(*, study: StudyFile, task: Annotated[Task, Takes("prior")]) -> None:
     from bayes_toe.model.study_prior import preset_or_file
 
     prior, read = preset_or_file(task.prior), study.read()  # whatever the stimuli are: what cannot be analysed is said here
-    say_study(task.console, read)
-    say(task.console, f"  prior: {safe(prior.describe_orders(read.task))}")
+    task.out.study(read)
+    task.out.line(f"  prior: {safe(prior.describe_orders(read.task))}")
     share = f"fraction_{read.task.yes}"
     rows = [{**row, share: f"{row[share]:.3f}"} for row in map(described, read)]
-    say_table(task.console, "subjects", rows)
+    task.out.table("subjects", rows)
     findings = bt.check(read, prior)
     warnings = [finding for finding in findings if finding.code not in NOTES]
-    say_findings(task.console, warnings)
-    say_findings(task.console, (finding for finding in findings if finding.code in NOTES), "note")
+    task.out.findings(warnings)
+    task.out.findings((finding for finding in findings if finding.code in NOTES), "note")
     if not warnings:
-        say(task.console, "no warnings")
+        task.out.line("no warnings")
 
 
 def asymmetry(
@@ -67,14 +65,14 @@ def asymmetry(
     task.require_files(*files)
     people = None if covariates is None else bt.read_covariates(covariates)
     read = study.read()
-    introduce(task.console, read)
+    task.out.introduce(read)
     table = bt.asymmetry(read)
     tests = None if people is None else table.covariate_tests(people)
     made: dict[Path, Callable[[Path], object]] = {output: partial(table.save, **task.saving_of(read))}
     task.write(made if tests is None else {**made, beside: partial(tests.save, **task.saving)})
-    say_asymmetry(task.console, table)
+    say_asymmetry(task.out, table)
     if tests is not None:
-        say_covariates(task.console, tests)
+        say_covariates(task.out, tests)
     task.done("written:", *files)
 
 
@@ -95,14 +93,14 @@ def fit(
     require_share("level", level)
     task.require_files(output)
     read, prior = task.read(study)
-    introduce(task.console, read, said=f"penalty: {prior.describe_penalty()}")
+    task.out.introduce(read, said=f"penalty: {prior.describe_penalty()}")
     table = task.work("fitting", len(read), bt.fit, read, replicates=replicates, level=level, prior=prior)
     table.save(output, **task.saving_of(read))
-    say_fits(task.console, table)
+    say_fits(task.out, table)
     task.done("table in", output, seed=table.seed)
 
 
-def say_asymmetry(console: Console, table: AsymmetryTable) -> None:
+def say_asymmetry(out: Terminal, table: AsymmetryTable) -> None:
     """The largest asymmetry of each subject, and the counts over subjects."""
     rows: list[dict[Any, Any]] = []
     for row in table:
@@ -116,13 +114,13 @@ def say_asymmetry(console: Console, table: AsymmetryTable) -> None:
         rows.append(shown)
     rows.sort(key=len, reverse=True)  # subjects without a comparison come last; the first row names the columns
     filled = [{**dict.fromkeys(rows[0], "-"), **row} for row in rows]
-    say_table(console, "asymmetry: q(c, r) - q(r, c), largest of each subject", filled)
-    say(console, safe(table.population().describe()))
+    out.table("asymmetry: q(c, r) - q(r, c), largest of each subject", filled)
+    out.line(safe(table.population().describe()))
     for note in table.notes:
-        say_note(console, note)
+        out.note(note)
 
 
-def say_covariates(console: Console, tests: CovariateTable) -> None:
+def say_covariates(out: Terminal, tests: CovariateTable) -> None:
     """Tests of covariates."""
     rows: list[dict[Any, Any]] = [
         {
@@ -137,12 +135,12 @@ def say_covariates(console: Console, tests: CovariateTable) -> None:
         }
         for row in tests
     ]
-    say_table(console, "covariates: Welch's t or Pearson's r, not corrected for their number", rows)
+    out.table("covariates: Welch's t or Pearson's r, not corrected for their number", rows)
     for note in dict.fromkeys([*tests.notes, *(f"{row.covariate}, {row.outcome}: {row.note}" for row in tests if row.note)]):
-        say_note(console, note)
+        out.note(note)
 
 
-def say_fits(console: Console, table: FitTable) -> None:
+def say_fits(out: Terminal, table: FitTable) -> None:
     """Maximum-likelihood fits with their bootstrap intervals."""
     rows: list[dict[Any, Any]] = []
     for one in table:
@@ -152,5 +150,5 @@ def say_fits(console: Console, table: FitTable) -> None:
             row[name] = number(value) + ("" if isnan(value) or isnan(low) else f" ({low:.2f}, {high:.2f})")
         rows.append({**row, "log likelihood": f"{one.log_likelihood:.2f}", "at edge": one.at_edge})
     title = f"maximum likelihood ({100 * table.level:g} % percentile intervals of {table.replicates} bootstrap replicates)"
-    say_table(console, title, rows)
-    say_notes(console, (f"{one.subject}: {note}" for one in table for note in one.notes))
+    out.table(title, rows)
+    out.notes(f"{one.subject}: {note}" for one in table for note in one.notes)

@@ -11,24 +11,9 @@ import typer
 import bayes_toe as bt
 from bayes_toe.cli.options import ModelName, Store, StudyFile, StudyFileOrExample, rare, writes
 from bayes_toe.cli.task import MODEL, Takes, Task
-from bayes_toe.cli.terminal import (
-    MOST_NAMES,
-    OUTPUT,
-    allowed_in_order,
-    chosen,
-    introduce,
-    number,
-    once,
-    say_answer,
-    say_footnote,
-    say_notes,
-    say_smaller_models,
-    say_table,
-)
+from bayes_toe.cli.terminal import MOST_NAMES, OUTPUT, Terminal, allowed_in_order, chosen, number, once
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from bayes_toe.analysis import Analysis
     from bayes_toe.cli.report import Group
     from bayes_toe.comparison.evidence_table import EvidenceTable
@@ -72,16 +57,16 @@ def run(
     if explore:
         require_few(len(read), "subjects")
     _require_room(task, output / f"posterior.{store}", keep, read, prior, others=PICTURE_BYTES[pictures] + EXPLORER_BYTES * explore)
-    say_smaller_models(task.console, read)
+    task.out.smaller_models(read)
     analysis = task.work("sampling", len(read), bt.run, read, draws=task.draws, prior=prior, keep=keep)
-    say_verdicts(task.console, analysis.verdicts, analysis.settings.seed, read, "evidence.csv", followed=analysis.histories is None)
+    say_verdicts(task.out, analysis.verdicts, analysis.settings.seed, read, "evidence.csv", followed=analysis.histories is None)
     if analysis.histories is not None:
-        say_histories(task.console, analysis.histories, "history.csv")
-    say_failed(task.console, analysis.draws)
+        say_histories(task.out, analysis.histories, "history.csv")
+    say_failed(task.out, analysis.draws)
     if analysis.contrast is not None:
-        say_contrast(task.console, analysis.contrast)
+        say_contrast(task.out, analysis.contrast)
     group = _group(analysis, task) if population else None
-    with task.progress("drawing", len(read)) as tick:
+    with task.out.progress("drawing", len(read)) as tick:
         write_results(analysis, output, store=store, pictures=drawn, workers=task.workers, progress=tick, group=group, **task.saving)
     task.finish(keep, analysis.draws.failed)
     written = (name for name in PRODUCTS if (output / name).exists())
@@ -105,8 +90,8 @@ def _group(analysis: Analysis, task: Task) -> Group:
         warnings.simplefilter("ignore", bt.ConvergenceWarning)  # said below
         found = task.work("the group", len(analysis.study), bt.population, analysis.study, **given)
     group = Group(found, predictive_check(found))
-    say_answer(task.console, answer(found))
-    say_attention(task.console, found, group.check.warnings)
+    task.out.answer(answer(found))
+    say_attention(task.out, found, group.check.warnings)
     return group
 
 
@@ -128,11 +113,11 @@ def sample(
     keep = task.partial(output)
     read, prior = task.read(study)
     _require_room(task, output, keep, read, prior, model)
-    introduce(task.console, read, prior, f"prior: {model_named(model, read.task).describe(prior)}")
-    say_smaller_models(task.console, read)
+    task.out.introduce(read, prior, f"prior: {model_named(model, read.task).describe(prior)}")
+    task.out.smaller_models(read)
     draws = task.work("sampling", len(read), draw, read, model=model, draws=task.draws, prior=prior, keep=keep)
     draws.save(output, overwrite=task.overwrite)
-    say_draws(task.console, draws)
+    say_draws(task.out, draws)
     task.finish(keep, draws.failed)
     task.done("draws in", output, seed=draws.seed, failed=draws.failed, missed={**draws.not_converged, **draws.imprecise})
 
@@ -177,17 +162,17 @@ def evidence(
     table = task.work("evidence", len(read), bt.evidence, read, prior=prior, keep=keep)
     table.save(output, **task.saving_of(read))
     task.finish(keep, table.failed)
-    say_verdicts(task.console, table.verdicts, table.seed or 0, read)
-    say_appendix_c(task.console, table)
+    say_verdicts(task.out, table.verdicts, table.seed or 0, read)
+    say_appendix_c(task.out, table)
     undecided = [one.subject for one in table.verdicts if one.effect == "undecided"]
     if more and undecided:
         total, simulate = len(undecided), bt.planning.more_trials
         found = task.work("simulating more trials", total, simulate, read, undecided, seed=table.seed, prior=prior)
-        say_notes(task.console, (f"{one.subject}: {one.sentence()}" for one in found), "more trials")
+        task.out.notes((f"{one.subject}: {one.sentence()}" for one in found), "more trials")
     task.done("table in", output, seed=table.seed, failed=table.failed)
 
 
-def say_draws(console: Console, draws: bt.Draws, file: str = OUTPUT) -> None:
+def say_draws(out: Terminal, draws: bt.Draws, file: str = OUTPUT) -> None:
     """Medians and convergence of every subject; of very many, of those first that did not converge."""
     import numpy as np
 
@@ -207,17 +192,17 @@ def say_draws(console: Console, draws: bt.Draws, file: str = OUTPUT) -> None:
             row[key] = middle + (f" ({low}, {high})" if key in _WITH_RANGE else "")
         row |= {"min ESS": f"{float(stats['min_ess'][i]):.0f}", "max R-hat": f"{float(stats['max_r_hat'][i]):.3f}"}
         rows.append({**row, "converged": "NO" if name in missed else "yes"})
-    say_table(console, f"{draws.model}: medians (5 %, 95 %)", rows, total=len(places), file=file)
-    say_failed(console, draws, file)
+    out.table(f"{draws.model}: medians (5 %, 95 %)", rows, total=len(places), file=file)
+    say_failed(out, draws, file)
 
 
-def say_failed(console: Console, draws: bt.Draws, file: str = OUTPUT) -> None:
+def say_failed(out: Terminal, draws: bt.Draws, file: str = OUTPUT) -> None:
     """Whose draws did not converge, or are too few."""
     for word, of in (("not converged", draws.not_converged), ("not precise enough", draws.imprecise)):
-        say_notes(console, (f"{name}: {why}" for name, why in of.items()), word, "red", file=file)
+        out.notes((f"{name}: {why}" for name, why in of.items()), word, "red", file=file)
 
 
-def say_appendix_c(console: Console, table: EvidenceTable) -> None:
+def say_appendix_c(out: Terminal, table: EvidenceTable) -> None:
     """The paper's model (H1) against free frequencies (H0)."""
     from bayes_toe.comparison.study_answer import APPENDIX_C
     from bayes_toe.comparison.words import conclusion
@@ -235,8 +220,8 @@ def say_appendix_c(console: Console, table: EvidenceTable) -> None:
         }
         for row in table
     ]
-    say_table(console, "Appendix C: the paper's model (H1) against a free frequency per pair (H0), natural logs", rows)
-    say_footnote(console, f"{APPENDIX_C}.")
-    say_notes(console, once((row.subject, note) for row in table for note in row.notes if not row.verdict or note not in row.verdict.notes))
+    out.table("Appendix C: the paper's model (H1) against a free frequency per pair (H0), natural logs", rows)
+    out.footnote(f"{APPENDIX_C}.")
+    out.notes(once((row.subject, note) for row in table for note in row.notes if not row.verdict or note not in row.verdict.notes))
     for line in once((row.subject, note) for row in table for note in row.footnotes)[:MOST_NAMES]:
-        say_footnote(console, line)
+        out.footnote(line)

@@ -13,7 +13,6 @@ import bayes_toe as bt
 from bayes_toe.cli.infer import say_draws
 from bayes_toe.cli.options import InTheirPlace, SavedDraws, StudyFileOrExample, TrueValues, rare, writes
 from bayes_toe.cli.task import MODEL, WORKERS, Takes, Task
-from bayes_toe.cli.terminal import introduce, say_notes
 from bayes_toe.data.messages import bare, counted, listed, quoted, shown
 
 if TYPE_CHECKING:
@@ -50,7 +49,7 @@ def explore(
     known = None if truth is None else read_truth(truth, loaded, subject or [name for one in loaded for name in one.names])
     group = None if population is None else load_population(population)
     found = entries(loaded, subject, known, group)
-    with task.progress("packing", len(found)) as tick:
+    with task.out.progress("packing", len(found)) as tick:
         made = page(found, group, tick)
     made.save(output, overwrite=task.overwrite)
     task.done("explorer in", output, ending=f": {len(made.html.encode()) / 1e6:.1f} MB, open it in a browser")
@@ -114,7 +113,7 @@ def corner(
     files = [f"{stem}.{ending}" for stem in pictures.values() for ending in endings]
     task.require_folder(output, files)
     made = whole_folder(output, files, required=files, overwrite=task.overwrite)
-    with made as target, task.progress("drawing", len(pictures)) as tick:
+    with made as target, task.out.progress("drawing", len(pictures)) as tick:
         here = partial(_draw_corner, partial(opened, posterior.absolute(), posterior.stat().st_mtime_ns), endings=endings, look=look)
         jobs = [partial(here, {name: known.get(name) for name in names}, target.absolute() / stem) for names, stem in pictures.items()]
         run_in_order(jobs, of_this_machine(task.workers), tick, [(names[0],) for names in pictures])
@@ -175,10 +174,10 @@ def figures(
         draws = found.draws
     else:
         found = draws = task.saved(posterior, study, seed=task.seed)
-        introduce(task.console, draws.study, draws.prior)
+        task.out.introduce(draws.study, draws.prior)
     known = None if truth is None else read_truth(truth, [draws], draws.names)
-    say_draws(task.console, draws)
-    with task.progress("drawing", len(FIGURES)) as tick:
+    say_draws(task.out, draws)
+    with task.out.progress("drawing", len(FIGURES)) as tick:
         bt.plots.write_figures(
             found, output, subjects=subject, formats=endings, mass=mass, truth=known, overwrite=task.overwrite, workers=task.processes,
             progress=tick,
@@ -196,7 +195,7 @@ def _analysed(study: StudyFileOrExample, subjects: list[str] | None, task: Task)
     refuse_intervals(read, "the paper's figures")
     if subjects is not None:
         require_subjects(subjects, read.names)
-    introduce(task.console, read, prior)
+    task.out.introduce(read, prior)
     return task.work("sampling", len(read), bt.run, read, draws=task.draws, prior=prior)
 
 
@@ -258,5 +257,5 @@ def methods(
         made[file] = partial(write_table, table.frame, spreadsheet_safe=task.spreadsheet_safe)
         made[file.with_suffix(".tex")] = partial(Path.write_text, data=table.written(latex, output.stem) + "\n", encoding="utf-8")
     task.write(made, output.with_suffix(".bib"))
-    say_notes(task.console, told.notes)
+    task.out.notes(told.notes)
     task.done("written:", *files)

@@ -14,7 +14,7 @@ import bayes_toe as bt
 from bayes_toe import planning
 from bayes_toe.cli.options import Question, rare, writes
 from bayes_toe.cli.task import MODEL, Takes, Task
-from bayes_toe.cli.terminal import safe, say
+from bayes_toe.cli.terminal import safe
 from bayes_toe.data.messages import counted, listed, quoted
 
 if TYPE_CHECKING:
@@ -193,7 +193,7 @@ def power(
     failed = {name: reason for one in tables.values() for name, reason in one.failed.items()}
     task.finish(keep, failed)
     for line in (line for one in tables.values() for line in one.sentences()):
-        say(task.console, safe(line))
+        task.out.line(safe(line))
     task.done("tables and figure in", output, seed=table.seed, failed=failed)
 
 
@@ -234,7 +234,7 @@ class ListOptions:
         split = f" ({made.total} in each of {listed([*levels])}, mixed within blocks)" if levels else ""
         who = f"{counted(self.subjects, 'subject')}, {made.total * max(1, len(levels))} trials each in {self.blocks} blocks{split}"
         both = "both orders of two stimuli equally often in a block where the design has them so"
-        say(task.console, f"{who}: {both}, at most {MOST_EQUAL} equal pairs in a row")
+        task.out.line(f"{who}: {both}, at most {MOST_EQUAL} equal pairs in a row")
         task.done("trials in", self.list_output, seed=seed)
 
 
@@ -280,7 +280,7 @@ def design(
     )
     task.write(dict(zip(files, written, strict=True)))
     for line in found.said():
-        say(task.console, safe(line))
+        task.out.line(safe(line))
     lists.write(found.design, found.seed, wanted.intensity, task)
     task.done("written:", *files, seed=found.seed, failed=found.power.failed)
 

@@ -16,14 +16,12 @@ import typer
 import bayes_toe as bt
 from bayes_toe.cli.options import InTheirPlace, StudyFileOrSaved, rare, writes
 from bayes_toe.cli.task import MODEL, Takes, Task
-from bayes_toe.cli.terminal import allowed, introduce, safe, say_answer, say_footnote, say_notes, say_smaller_models, say_table
+from bayes_toe.cli.terminal import Terminal, allowed, safe
 from bayes_toe.comparison.words import STATED, compared, conclusion
 from bayes_toe.data.messages import counted, listed
 from bayes_toe.groups.hyperprior import CORRELATIONS, GROUP_PARAMETERS, LKJ, NUMBERS
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from bayes_toe.comparison.population_answer import OnAverage
     from bayes_toe.groups.population import Population
     from bayes_toe.groups.population_table import PopulationRow
@@ -89,8 +87,8 @@ def population(
     keep = task.partial(output) if posterior is None else None
     stored = None if posterior is None else task.saved(posterior, study, None)
     read, prior = task.read(study) if stored is None else (stored.study, stored.prior)
-    introduce(task.console, read)
-    say_smaller_models(task.console, read)
+    task.out.introduce(read)
+    task.out.smaller_models(read)
     what = "subjects alone, then the group" if stored is None else "the group"
     given = vars(asked) | {"categorical": tuple(asked.categorical or ()), "draws": task.draws, "prior": prior, "posterior": stored}
     with warnings.catch_warnings():
@@ -107,30 +105,30 @@ def population(
     failed = {name: reason for name, reason in found.left_out.items() if name not in found.regressors.left_out}
     if keep is not None:
         task.finish(keep, failed)
-    say_population(task.console, found, check.warnings)
+    say_population(task.out, found, check.warnings)
     missed = {} if found.converged else {"group": found.chains.reason}
     task.done("written:", *made, seed=found.settings.seed, failed=failed, missed=missed)
 
 
-def say_population(console: Console, found: Population, contradicted: Sequence[str] = ()) -> None:
+def say_population(out: Terminal, found: Population, contradicted: Sequence[str] = ()) -> None:
     """The answer, tables, what each prior was, and what to know before any of it is believed."""
     from bayes_toe.comparison.contrast import SAID
 
-    say_answer(console, answer(found))
+    out.answer(answer(found))
     for title, rows in tables(found):
-        say_table(console, safe(title), rows)
+        out.table(safe(title), rows)
         scale = STATED if "evidence" in rows[0] else SAID if "word" in rows[0] else ""
         if scale:
-            say_footnote(console, f"{BAYES_FACTOR}. {scale}.")
+            out.footnote(f"{BAYES_FACTOR}. {scale}.")
     for line in found.settings.hyperprior.describe(found.names, correlations=found.settings.correlations):
-        say_footnote(console, f"hyperprior: {line}")
-    say_notes(console, found.regressors.notes)
-    say_attention(console, found, contradicted)
+        out.footnote(f"hyperprior: {line}")
+    out.notes(found.regressors.notes)
+    say_attention(out, found, contradicted)
 
 
-def say_attention(console: Console, found: Population, contradicted: Sequence[str]) -> None:
+def say_attention(out: Terminal, found: Population, contradicted: Sequence[str]) -> None:
     """What to know before any of it is believed: what was not reached, and what contradicts a population of this form."""
-    say_notes(console, (*found.shortfalls, *contradicted), "attention", "red")
+    out.notes((*found.shortfalls, *contradicted), "attention", "red")
 
 
 def answer(found: Population) -> list[str]:

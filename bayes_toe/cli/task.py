@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from functools import cached_property, wraps
 from pathlib import Path
@@ -12,7 +11,6 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_args, get_origin,
 
 import typer
 
-from bayes_toe.cli import terminal
 from bayes_toe.cli.options import (
     DrawCount,
     Engine,
@@ -26,13 +24,12 @@ from bayes_toe.cli.options import (
     SpreadsheetSafe,
     StudyFileOrExample,
 )
+from bayes_toe.cli.terminal import Terminal, safe
 from bayes_toe.data.messages import visible
 from bayes_toe.data.whole_files import said_kept, under_way
 from bayes_toe.errors import BayesToeError, InputError
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from bayes_toe.data.study import Study
     from bayes_toe.inference.draws import Draws
     from bayes_toe.model.prior import Prior
@@ -81,7 +78,7 @@ class Task:
     def opened(self, study: StudyFileOrExample) -> tuple[Study, Prior]:
         """The study and the prior, read and said."""
         read, prior = self.read(study)
-        terminal.introduce(self.console, read, prior)
+        self.out.introduce(read, prior)
         return read, prior
 
     def saved(self, posterior: Path, study: StudyFileOrExample, model: str | None = "predictive update", seed: int | None = None) -> Draws:
@@ -102,17 +99,13 @@ class Task:
     # --- the work -----------------------------------------------------------------------------------
 
     @cached_property
-    def console(self) -> Console:
+    def out(self) -> Terminal:
         """Where everything is printed."""
-        return terminal.new_console(self.quiet)
-
-    def progress(self, what: str, total: int) -> AbstractContextManager[Callable[[str], None]]:
-        """A progress bar; call what it gives once for each part that is done."""
-        return terminal.progress_bar(self.console, what, total)
+        return Terminal(self.quiet)
 
     def work(self, what: str, total: int, function: Callable[..., Result], *given: Any, **options: Any) -> Result:
         """What a function of the package makes with the task's seed and workers, unless others are given, beside a progress bar."""
-        with self.progress(what, total) as tick:
+        with self.out.progress(what, total) as tick:
             return function(*given, **{"seed": self.seed, "workers": self.workers, "progress": tick} | options)
 
     @cached_property
@@ -127,7 +120,7 @@ class Task:
         from bayes_toe.cluster import connect
 
         client = connect(self.scheduler)
-        self.console.print(f"  workers: {len(client.nthreads())} at {terminal.safe(self.scheduler)}", highlight=False)
+        self.out.line(f"  workers: {len(client.nthreads())} at {safe(self.scheduler)}")
         return client
 
     def partial(self, output: Path) -> Path:
@@ -154,7 +147,7 @@ class Task:
         standing = under_way.get(folder)
         if self.resume and standing is not None:
             taken = f"{standing.taken} of {standing.jobs} {standing.what} taken from"
-            self.console.print(f"{taken} [bold]{terminal.safe(folder)}[/bold]", highlight=False)
+            self.out.line(f"{taken} [bold]{safe(folder)}[/bold]")
         if not failed:
             discard(folder)
 
@@ -214,8 +207,8 @@ class Task:
     ) -> None:
         """The seed and what was written; exit code 3 where some subject failed, which is said, or its draws did not converge, which was."""
         beginning = "" if seed is None else f"seed {seed}; "
-        self.console.print(f"{beginning}{what} [bold]{', '.join(map(terminal.safe, files))}[/bold]{ending}", highlight=False)
-        terminal.say_notes(self.console, (f"{name}: {reason}" for name, reason in failed.items()), "left out", "red")
+        self.out.line(f"{beginning}{what} [bold]{', '.join(map(safe, files))}[/bold]{ending}")
+        self.out.notes((f"{name}: {reason}" for name, reason in failed.items()), "left out", "red")
         if failed or missed:
             raise typer.Exit(INCOMPLETE)
 

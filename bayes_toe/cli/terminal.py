@@ -12,8 +12,6 @@ from typing import TYPE_CHECKING, Any
 from bayes_toe.data.messages import counted, listed, visible
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from bayes_toe.data.findings import Finding
     from bayes_toe.data.study import Study
     from bayes_toe.model.prior import Prior
@@ -27,22 +25,102 @@ OUTPUT = "the output"
 # --- lines and tables ---------------------------------------------------------------------------------
 
 
-def new_console(quiet: bool) -> Console:
-    """Where everything is printed; nothing is where `quiet`."""
-    from rich.console import Console
+class Terminal:
+    """Where a command prints, or does not where it is `quiet`."""
 
-    # Not a terminal: a width that keeps a table's row on one line, so that logs can be searched.
-    return Console(quiet=quiet, width=None if sys.stdout.isatty() else 140)
+    def __init__(self, quiet: bool = False) -> None:
+        from rich.console import Console
+
+        # Not a terminal: a width that keeps a table's row on one line, so that logs can be searched.
+        self.console = Console(quiet=quiet, width=None if sys.stdout.isatty() else 140)
+
+    @contextmanager
+    def progress(self, what: str, total: int) -> Iterator[Callable[[str], None]]:
+        """A progress bar on a terminal, nothing elsewhere; call what it gives once for each part that is done."""
+        from rich.progress import Progress
+
+        with Progress(console=self.console, disable=not self.console.is_terminal or self.console.quiet, transient=True) as bar:
+            task = bar.add_task(what, total=total)
+            yield lambda _: bar.advance(task)
+
+    def line(self, line: str, style: str | None = None) -> None:
+        """One line of any length, with its markup."""
+        self.console.print(line, highlight=False, soft_wrap=True, style=style)
+
+    def answer(self, lines: Iterable[str]) -> None:
+        """Lines of an answer, each with what it is about, up to the first colon, in bold; texts are escaped."""
+        for line in lines:
+            about, colon, rest = safe(line).partition(": ")
+            self.line(f"[bold]{about}[/bold]{colon}{rest}")
+
+    def note(self, text: str, word: str = "note", colour: str = "yellow") -> None:
+        """One line that begins with a coloured word; the text is escaped."""
+        self.line(f"[{colour}]{word}[/{colour}] {safe(text)}")
+
+    def footnote(self, text: str) -> None:
+        """One dim line, for what a reader may pass over; the text is escaped."""
+        self.line(safe(text), "dim")
+
+    def table(self, title: str, rows: list[dict[Any, Any]], *, total: int | None = None, file: str = OUTPUT) -> None:
+        """A table of rows with the same keys, which name its columns; texts are escaped.
+
+        It ends after :data:`MOST_ROWS` with the number of those left out and the file that has them; where `total` is given, the rows are
+        some of so many and are all shown.
+        """
+        from rich.table import Table
+
+        shown = rows[:MOST_ROWS] if total is None else rows
+        table = Table(title=title, title_justify="left", title_style="bold")
+        for index, key in enumerate(rows[0]):
+            table.add_column(safe(key), justify="left" if index == 0 else "right", overflow="fold")
+        for row in shown:
+            table.add_row(*map(safe, row.values()))
+        self.console.print(table)
+        self.more((len(rows) if total is None else total) - len(shown), file)
+
+    def notes(self, texts: Iterable[str], word: str = "note", colour: str = "yellow", *, file: str = OUTPUT) -> None:
+        """Notes as :meth:`note` has them, at most :data:`MOST_NAMES`."""
+        found = list(texts)
+        for text in found[:MOST_NAMES]:
+            self.note(text, word, colour)
+        self.more(len(found) - MOST_NAMES, file)
+
+    def more(self, left: int, file: str = OUTPUT) -> None:
+        """How many are not shown, if any, and where they are."""
+        if left > 0:
+            self.line(f"... and {left:,} more in {safe(file)}")
+
+    def introduce(self, study: Study, prior: Prior | None = None, said: str = "") -> None:
+        """What everything below is about, a line `said`, by default the prior, and what is probably a mistake and stands behind it all."""
+        from bayes_toe.experiments.checks import doubts
+
+        self.study(study)
+        if prior is not None and not said:
+            said = f"prior: {prior.describe_orders(study.task)}"
+        if said:
+            self.line(f"  {safe(said)}")
+        self.findings(doubts(study, prior))
+
+    def study(self, study: Study) -> None:
+        """What was read, and what there is to say of it."""
+        label = " (synthetic)" if study.synthetic and "synthetic" not in study.source else ""
+        trials = sum(subject.total_trials for subject in study)
+        self.line(f"[bold]{safe(study.source)}[/bold]{label}: {said_subjects(study)}, {trials} trials")
+        for note in study.notes:
+            self.line(f"  {safe(note)}")
+
+    def findings(self, findings: Iterable[Finding], word: str = "warning") -> None:
+        """Each message once, with the subjects that it is about."""
+        self.notes(once((finding.subject, finding.message) for finding in findings), word)
+
+    def smaller_models(self, study: Study) -> None:
+        """Before sampling: designs that cannot tell all parameters, and the model that would be enough."""
+        from bayes_toe.experiments.checks import check_study
+
+        self.findings((finding for finding in check_study(study) if finding.code == "design_rank"), "note")
 
 
-@contextmanager
-def progress_bar(console: Console, what: str, total: int) -> Iterator[Callable[[str], None]]:
-    """A progress bar on a terminal, nothing elsewhere."""
-    from rich.progress import Progress
-
-    with Progress(console=console, disable=not console.is_terminal or console.quiet, transient=True) as bar:
-        task = bar.add_task(what, total=total)
-        yield lambda _: bar.advance(task)
+# --- words ---------------------------------------------------------------------------------------------
 
 
 def safe(text: object) -> str:
@@ -50,46 +128,6 @@ def safe(text: object) -> str:
     from rich.markup import escape
 
     return escape(visible(str(text)))
-
-
-def say(console: Console, line: str, style: str | None = None) -> None:
-    """One line of any length, with its markup."""
-    console.print(line, highlight=False, soft_wrap=True, style=style)
-
-
-def say_answer(console: Console, lines: Iterable[str]) -> None:
-    """Lines of an answer, each with what it is about, up to the first colon, in bold; texts are escaped."""
-    for line in lines:
-        about, colon, rest = safe(line).partition(": ")
-        say(console, f"[bold]{about}[/bold]{colon}{rest}")
-
-
-def say_note(console: Console, text: str, word: str = "note", colour: str = "yellow") -> None:
-    """One line that begins with a coloured word; the text is escaped."""
-    say(console, f"[{colour}]{word}[/{colour}] {safe(text)}")
-
-
-def say_footnote(console: Console, text: str) -> None:
-    """One dim line, for what a reader may pass over; the text is escaped."""
-    say(console, safe(text), "dim")
-
-
-def say_table(console: Console, title: str, rows: list[dict[Any, Any]], *, total: int | None = None, file: str = OUTPUT) -> None:
-    """A table of rows with the same keys, which name its columns; texts are escaped.
-
-    It ends after :data:`MOST_ROWS` with the number of those left out and the file that has them; where `total` is given, the rows are some
-    of so many and are all shown.
-    """
-    from rich.table import Table
-
-    shown = rows[:MOST_ROWS] if total is None else rows
-    table = Table(title=title, title_justify="left", title_style="bold")
-    for index, key in enumerate(rows[0]):
-        table.add_column(safe(key), justify="left" if index == 0 else "right", overflow="fold")
-    for row in shown:
-        table.add_row(*map(safe, row.values()))
-    console.print(table)
-    say_more(console, (len(rows) if total is None else total) - len(shown), file)
 
 
 def chosen(names: Iterable[str], first: Collection[str]) -> list[str]:
@@ -102,20 +140,6 @@ def chosen(names: Iterable[str], first: Collection[str]) -> list[str]:
     """
     found = list(names)
     return found if len(found) <= MOST_ROWS else sorted(found, key=lambda name: name not in first)[:MOST_ROWS]
-
-
-def say_notes(console: Console, texts: Iterable[str], word: str = "note", colour: str = "yellow", *, file: str = OUTPUT) -> None:
-    """Notes as :func:`say_note` has them, at most :data:`MOST_NAMES`."""
-    found = list(texts)
-    for text in found[:MOST_NAMES]:
-        say_note(console, text, word, colour)
-    say_more(console, len(found) - MOST_NAMES, file)
-
-
-def say_more(console: Console, left: int, file: str = OUTPUT) -> None:
-    """How many are not shown, if any, and where they are."""
-    if left > 0:
-        say(console, f"... and {left:,} more in {safe(file)}")
 
 
 def once(notes: Iterable[tuple[str, str]]) -> list[str]:
@@ -132,46 +156,10 @@ def once(notes: Iterable[tuple[str, str]]) -> list[str]:
     return [f"{listed(subjects, MOST_NAMES)}: {text}" if subjects else text for text, subjects in about.items()]
 
 
-# --- what was read ------------------------------------------------------------------------------------
-
-
-def introduce(console: Console, study: Study, prior: Prior | None = None, said: str = "") -> None:
-    """What everything below is about, a line `said`, by default the prior, and what is probably a mistake and would stand behind it all."""
-    from bayes_toe.experiments.checks import doubts
-
-    say_study(console, study)
-    if prior is not None and not said:
-        said = f"prior: {prior.describe_orders(study.task)}"
-    if said:
-        say(console, f"  {safe(said)}")
-    say_findings(console, doubts(study, prior))
-
-
-def say_study(console: Console, study: Study) -> None:
-    """What was read, and what there is to say of it."""
-    label = " (synthetic)" if study.synthetic and "synthetic" not in study.source else ""
-    trials = sum(subject.total_trials for subject in study)
-    say(console, f"[bold]{safe(study.source)}[/bold]{label}: {said_subjects(study)}, {trials} trials")
-    for note in study.notes:
-        say(console, f"  {safe(note)}")
-
-
 def said_subjects(study: Study) -> str:
     """How many there are, and in how many conditions."""
     among = "" if study.conditions is None else f" in {len(study.conditions.levels)} conditions"
     return counted(len({subject.person for subject in study}), "subject") + among
-
-
-def say_findings(console: Console, findings: Iterable[Finding], word: str = "warning") -> None:
-    """Each message once, with the subjects that it is about."""
-    say_notes(console, once((finding.subject, finding.message) for finding in findings), word)
-
-
-def say_smaller_models(console: Console, study: Study) -> None:
-    """Before sampling: designs that cannot tell all parameters, and the model that would be enough."""
-    from bayes_toe.experiments.checks import check_study
-
-    say_findings(console, (finding for finding in check_study(study) if finding.code == "design_rank"), "note")
 
 
 # --- numbers, with no more digits than their Monte Carlo errors allow -----------------------------------

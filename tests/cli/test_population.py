@@ -12,7 +12,7 @@ from populations import made_up
 
 import bayes_toe as bt
 from bayes_toe.cli.population import say_population
-from bayes_toe.cli.terminal import new_console
+from bayes_toe.cli.terminal import Terminal
 from bayes_toe.data.covariates import Covariates
 from bayes_toe.groups.chains import GroupChains, with_convergence
 from bayes_toe.groups.regressors import regressors
@@ -131,7 +131,7 @@ def test_chains_that_did_not_converge_are_said_and_leave_with_3(folder, monkeypa
 
 
 def said_of(found, capsys):
-    say_population(new_console(False), found)
+    say_population(Terminal(), found)
     return capsys.readouterr().out
 
 

@@ -13,7 +13,7 @@ from bayes_toe.cli.answers import say_verdicts
 from bayes_toe.cli.describe import say_fits
 from bayes_toe.cli.headline import flagged, p_value, told
 from bayes_toe.cli.infer import say_draws
-from bayes_toe.cli.terminal import MOST_NAMES, MOST_ROWS, allowed, allowed_in_order, new_console, once, say_table
+from bayes_toe.cli.terminal import MOST_NAMES, MOST_ROWS, Terminal, allowed, allowed_in_order, once
 from bayes_toe.comparison.verdict import Doubt
 from bayes_toe.inference.predictive_checks import MISFIT
 
@@ -34,7 +34,7 @@ def many(analysis):
 
 
 def test_tables_of_very_many_subjects_end_with_a_count_and_begin_with_those_that_need_attention(analysis, many, capsys):
-    say_verdicts(new_console(False), many, 1, analysis.study, "evidence.csv")
+    say_verdicts(Terminal(), many, 1, analysis.study, "evidence.csv")
     said = capsys.readouterr().out
     shown = rows_of(said, {one.subject for one in many})
     assert shown == ["S98", "S99", *(f"S{i}" for i in range(MOST_ROWS - 2))]
@@ -47,7 +47,7 @@ def test_tables_of_very_many_subjects_end_with_a_count_and_begin_with_those_that
 
 def test_up_to_so_many_rows_all_are_there_in_their_order(analysis, many, capsys):
     few = [many[99], *many[: MOST_ROWS - 1]]
-    say_verdicts(new_console(False), few, 1, analysis.study)
+    say_verdicts(Terminal(), few, 1, analysis.study)
     said = capsys.readouterr().out
     assert rows_of(said, {one.subject for one in few}) == [one.subject for one in few]
     assert "more in" not in said
@@ -56,7 +56,7 @@ def test_up_to_so_many_rows_all_are_there_in_their_order(analysis, many, capsys)
 def test_medians_of_many_are_of_those_first_that_did_not_converge(analysis, capsys, monkeypatch):
     monkeypatch.setattr("bayes_toe.cli.terminal.MOST_ROWS", 2)
     monkeypatch.setattr(bt.Draws, "not_converged", property(lambda _: {"C": "few draws"}))
-    say_draws(new_console(False), analysis.draws, "summary.csv")
+    say_draws(Terminal(), analysis.draws, "summary.csv")
     said = capsys.readouterr().out
     assert rows_of(said, set("ABC")) == ["C", "A"]
     assert "... and 1 more in summary.csv" in said
@@ -64,11 +64,11 @@ def test_medians_of_many_are_of_those_first_that_did_not_converge(analysis, caps
 
 
 def test_a_table_and_notes_that_are_cut_say_so(analysis, capsys):
-    console = new_console(False)
-    say_table(console, "title", [{"subject": f"S{i}"} for i in range(1100)])
+    out = Terminal()
+    out.table("title", [{"subject": f"S{i}"} for i in range(1100)])
     assert "... and 1,050 more in the output" in capsys.readouterr().out
     fit = replace(analysis.fits.rows[0], notes=tuple(f"note {i}" for i in range(25)))
-    say_fits(console, replace(analysis.fits, rows=(fit,)))
+    say_fits(out, replace(analysis.fits, rows=(fit,)))
     assert "... and 5 more in the output" in capsys.readouterr().out
     assert once([(f"S{i}", "short") for i in range(MOST_NAMES + 1)])[0].endswith("S19, ... and 1 more: short")
 

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 import bayes_toe as bt
 from bayes_toe.cli.app import app
 from bayes_toe.cli.compare import say_comparison
-from bayes_toe.cli.terminal import new_console
+from bayes_toe.cli.terminal import Terminal
 from bayes_toe.comparison.model_comparison import COMPARE_COLUMNS, ModelComparison, compare, with_probabilities
 from bayes_toe.comparison.model_row import Checks, ModelRow, with_differences
 from bayes_toe.comparison.random_effects import random_effects
@@ -132,7 +132,7 @@ def test_model_frequencies_over_the_study_are_by_random_effects_with_their_error
     assert np.array_equal(frame["exceedance_exact_se"], found.exceedance_se)
     assert (frame[["expected_exact_se", "exceedance_exact_se", "omnibus_risk_exact_se"]] > 0).all(axis=None)
     assert set(frame["exact_how"]) == {"sampled"}
-    say_comparison(new_console(False), table)
+    say_comparison(Terminal(), table)
     said = capsys.readouterr().out
     assert "random effects (sampled)" in said
     assert f"all models equally frequent with probability {found.omnibus_risk:.3f} ± {found.omnibus_risk_se:.1g} (sampled)" in said
@@ -148,7 +148,7 @@ def test_sums_of_leave_one_out_go_over_subjects_with_a_value_under_every_model(c
     assert frame["elpd_loo_trial_subjects"].tolist() == [2, 2]
     assert frame["elpd_loo_pair"].isna().all()
     assert frame["elpd_loo_pair_subjects"].tolist() == [0, 0]
-    say_comparison(new_console(False), table)
+    say_comparison(Terminal(), table)
     said = capsys.readouterr().out
     assert "LOO by trial: sums over 2 of 3 subjects, those with a value under every model" in said
     assert "LOO by pair: no sum, no subject has a value under every model" in said
