@@ -44,23 +44,10 @@ class Trace(NamedTuple):
 
 
 class Hamiltonian:
-    """Chains that go through a density together.
+    """Chains that go through a density together: points, (chains, D) -> log density, (chains,), and gradient, (chains, D).
 
-    Parameters
-    ----------
-    density : callable
-        Points, (chains, D) -> log density, (chains,), and gradient, (chains, D).
-    start : array, shape (chains, D)
-    scale : array, shape (D,)
-        Roughly, the standard deviation of every coordinate.
-    together : int
-        So many coordinates, the first ones, may be correlated with each other; the others are taken one by one.
-    rng : numpy.random.Generator
-
-    Attributes
-    ----------
-    gradients, draws : int
-        Gradients of single chains, and draws of each after warming up, so far.
+    They begin at `start`, (chains, D). `scale`, (D,), is roughly the standard deviation of every coordinate, of which the first `together`
+    may be correlated with each other. So far there were so many `gradients` of single chains, and `draws` of each after warming up.
     """
 
     def __init__(self, density: Density, start: FloatArray, scale: FloatArray, together: int, rng: np.random.Generator) -> None:
@@ -161,8 +148,6 @@ def _kinetic(momentum: FloatArray) -> FloatArray:
         return np.asarray(0.5 * np.square(momentum).sum(axis=1))
 
 
-_CHAINS = ((32, 16), (64, 8))  # up to so many subjects, so many chains
-_FEWEST = 4
 MAX_R_HAT = 1.01
 _NOT_MIXED = 1.1  # an R-hat above which draws are burn-in
 _FIRST, _MORE, MOST = 1.5, 1.15, 24  # draws for each effective one: at first, beyond what seems to be enough, at most
@@ -176,34 +161,17 @@ Key: TypeAlias = tuple[str, int, int]
 
 @dataclass(frozen=True, eq=False)
 class GroupChains:
-    """Draws of hyperparameters and of every subject; r regressors, N subjects, k parameters on their group scales.
+    """Draws of hyperparameters and of every subject; r regressors, N subjects, k parameters on their group scales."""
 
-    Attributes
-    ----------
-    mean, scatter : array, shape (chains, draws, k)
-    effects : array, shape (chains, draws, r, k)
-    eta : array, shape (chains, draws, N, k)
-    z : array, shape (chains, draws, c)
-        Coordinates of the correlations of a subject's parameters, see :mod:`bayes_toe.groups.joint`; c is 0 without.
-    convergence : dict of Key to Convergence
-        Of hyperparameters.
-    subject_convergence : array, shape (N, k, 3)
-        Bulk and tail effective draws and R-hat of every subject's parameters.
-    divergent : int
-        Trajectories that were given up.
-    reason : str
-        What was not reached; empty where converged.
-    """
-
-    mean: FloatArray
+    mean: FloatArray  # (chains, draws, k), as scatter
     scatter: FloatArray
-    effects: FloatArray
-    eta: FloatArray
-    z: FloatArray
-    convergence: dict[Key, Convergence]
-    subject_convergence: FloatArray
-    divergent: int = 0
-    reason: str = ""
+    effects: FloatArray  # (chains, draws, r, k)
+    eta: FloatArray  # (chains, draws, N, k)
+    z: FloatArray  # (chains, draws, c): coordinates of the correlations, see :mod:`bayes_toe.groups.joint`; c is 0 without
+    convergence: dict[Key, Convergence]  # of hyperparameters
+    subject_convergence: FloatArray  # (N, k, 3): bulk and tail effective draws and R-hat of every subject's parameters
+    divergent: int = 0  # trajectories that were given up
+    reason: str = ""  # what was not reached; empty where converged
 
     @cached_property
     def root(self) -> FloatArray:
@@ -241,28 +209,15 @@ def chain_count(subjects: int) -> int:
     """Chains in step: many where one gradient costs much the same as a dozen, fewer where subjects are many.
 
     Each costs its warm-up, and its share of the draws from which an R-hat below 1.01 can be told.
-
-    Examples
-    --------
-    >>> chain_count(16), chain_count(60), chain_count(200)
-    (16, 8, 4)
     """
-    return next((chains for most, chains in _CHAINS if subjects <= most), _FEWEST)
+    return 16 if subjects <= 32 else 8 if subjects <= 64 else 4
 
 
 def sample_group(joint: Joint, names: Sequence[str], subjects: Sequence[str], draws: int, rng: np.random.Generator) -> GroupChains:
     """Draw until all hyperparameters and every subject's parameters have so many effective draws and an R-hat below 1.01, or to a limit.
 
     Each pass adds as many draws as the last look says are missing. Where chains have not mixed at all, what was drawn so far is burn-in.
-
-    Parameters
-    ----------
-    joint : Joint
-        For :func:`chain_count` points.
-    names, subjects : sequence of str
-        Of parameters and subjects, for words.
-    draws : int
-        Bulk and tail effective draws to reach.
+    The density is one for :func:`chain_count` points; names of parameters and subjects are for words.
     """
     chains = chain_count(len(subjects))
     sampler = Hamiltonian(joint, *_start(joint, chains, rng), joint.size, rng)

@@ -46,17 +46,9 @@ class _Aligned(NamedTuple):
 class Differences:
     """Which parameters of a model differ between conditions, and how.
 
-    Attributes
-    ----------
-    conditions : Conditions
-    units : mapping of str to tuple of Subject
-        By subject, its answers in each condition that it met.
-    names : tuple of str
-        Group parameters that differ, one entry for each of them and each column of the design.
-    columns : tuple of int
-        Of which column each entry is.
-    chains : GroupChains or None
-        Draws of the differences: means, scatters and those of every subject.
+    `units` has by subject its answers in each condition that it met. There is an entry for each group parameter that differs and each
+    column of the design: `names` and `columns` say of which it is. `chains` are draws of the differences, once there are any: means,
+    scatters and those of every subject.
     """
 
     conditions: Conditions
@@ -80,14 +72,9 @@ class Differences:
 
     def posterior(self, person: str, whole: Subject, model: Model, prior: Prior, centre: float) -> Contrasted:
         """A subject's posterior without the group."""
-        own = self.units[person]
-        same = Posterior(whole, model, prior, centre=centre_of(model, whole, centre))
-        return contrasted(same, own, self._rows(own), DIFFERING)
-
-    def _rows(self, own: Sequence[Subject]) -> FloatArray:
-        """The design of the conditions that a subject met."""
-        x = self.conditions.design()
-        return np.asarray(x[[self.conditions.levels.index(one.condition) for one in own]])
+        own, same = self.units[person], Posterior(whole, model, prior, centre=centre_of(model, whole, centre))
+        met = [self.conditions.levels.index(one.condition) for one in own]
+        return contrasted(same, own, self.conditions.design()[met], DIFFERING)
 
     @property
     def places(self) -> dict[str, list[int]]:

@@ -49,31 +49,20 @@ NUMBERS: tuple[tuple[str, Kind, str], ...] = (
 
 
 class GroupParameter(NamedTuple):
-    """A parameter eta that a population of subjects has a normal distribution of, on a scale.
+    """A parameter that a population of subjects has a normal distribution of, on a scale, where it is called eta.
 
-    Attributes
-    ----------
-    name : str
-        The section in a hyperprior file.
-    words : str
-    scale : {"identity", "log", "probit"}
-        From the parameter to eta; by the probit an edge is infinitely far, and Uniform(0, top) is Normal(0, 1).
-    mean, mean_sd, sd_scale : float or str
-        Default numbers on the scale: m ~ Normal(mean, mean_sd), tau ~ HalfNormal(sd_scale).
-    unit : str
-        Of eta; empty for a pure number.
-    top : float
-        Of a probit: the parameter's largest value.
+    By the probit an edge is infinitely far, and Uniform(0, top) is Normal(0, 1). Default numbers, on the scale, are those of
+    m ~ Normal(mean, mean_sd), tau ~ HalfNormal(sd_scale).
     """
 
-    name: str
+    name: str  # the section in a hyperprior file
     words: str
     scale: Literal["identity", "log", "probit"]
     mean: Default
     mean_sd: Default
     sd_scale: Default
-    unit: str = ""
-    top: float = 1.0
+    unit: str = ""  # of eta; empty for a pure number
+    top: float = 1.0  # of a probit: the parameter's largest value
 
     @property
     def effect_sd(self) -> Default:
@@ -277,22 +266,9 @@ def hyperprior_of(given: Hyperprior | str | Path | None) -> Hyperprior:
 
 
 def read_hyperprior(path: str | Path) -> Hyperprior:
-    r"""The hyperprior in a TOML file with a section per parameter; what it leaves out keeps its default. :func:`example_file` has all.
+    """The hyperprior in a TOML file with a section per parameter; what it leaves out keeps its default. :func:`example_file` has all.
 
-    Raises
-    ------
-    InputError
-        If the file cannot be read, is not TOML, or holds an unknown section or key, something that is not a number or a number out of
-        range: one line per problem.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     file = Path(folder, "hyperprior.toml")
-    ...     _ = file.write_text("[gamma]\nsd_scale = 0.5  # subjects lie close", encoding="utf-8")
-    ...     read_hyperprior(file) == Hyperprior().changed({"gamma": {"sd_scale": 0.5}})
-    True
+    What cannot be used is refused with one line per problem.
     """
     found = toml_table(path, f"NAME = NUMBER below a line [PARAMETER], as in {_NAMES[0]} = 0 below [{next(iter(_FIELDS))}]")
     _require(str(path), found)
@@ -300,14 +276,7 @@ def read_hyperprior(path: str | Path) -> Hyperprior:
 
 
 def example_file() -> str:
-    r"""A complete hyperprior file with the defaults and what they mean.
-
-    Examples
-    --------
-    >>> print(*example_file().splitlines()[:2], sep="\n")
-    [mu1]  # mean of the prior belief
-    mean = "stimuli"           # mean of the normal prior of the population mean of mu1, natural-log intensity; or "stimuli", their mean
-    """
+    """A complete hyperprior file with the defaults and what they mean."""
     words = {one.name: one.words for one in _DECLARED} | {CORRELATIONS: "of parameters between subjects, where they are asked for"}
     texts = {(name, key): f"{key} = {json.dumps(one.default)}" for name, fields in _FIELDS.items() for key, one in fields.items()}
     width, lines = max(map(len, texts.values())), list[str]()

@@ -86,31 +86,14 @@ SCATTERS = ("normal", "t")
 
 
 def scatter_named(name: str) -> Scatter:
-    """The scatter of this name.
-
-    Raises
-    ------
-    InputError
-        If there is none.
-
-    Examples
-    --------
-    >>> scatter_named("t").log_density(np.zeros(1)).round(4).tolist()
-    [-0.9808]
-    """
+    """The scatter of this name, which a user gave."""
     if name not in SCATTERS:
         raise InputError(f"population {name!r}: allowed: {', '.join(SCATTERS)}")
     return Scatter(name)
 
 
 def pairs(k: int) -> tuple[tuple[int, int], ...]:
-    """The pairs (j, i), j < i, of k parameters: the order of the coordinates.
-
-    Examples
-    --------
-    >>> pairs(3)
-    ((0, 1), (0, 2), (1, 2))
-    """
+    """The pairs (j, i), j < i, of k parameters, (0, 1), (0, 2), (1, 2): the order of the coordinates."""
     return tuple(combinations(range(k), 2))
 
 
@@ -255,18 +238,8 @@ class _Place(NamedTuple):
 class Joint:
     """Log density and gradient of the joint posterior at several points; a point has D = k (2 + r) + c + N k coordinates.
 
-    Parameters
-    ----------
-    likelihood : callable
-        Log likelihood of each subject and its gradient, eta of shape (points, N, k) -> (points, N) and (points, N, k).
-    hyperprior : HyperpriorNumbers
-    x : array, shape (N, r)
-        Regressors.
-    approximation : NormalApproximation
-        Of each subject's likelihood.
-    scatter : Scatter
-    correlated : bool
-        Whether scores of a subject may be correlated: c = k (k - 1)/2 further coordinates.
+    The likelihood has that of each subject and its gradient, eta of shape (points, N, k) -> (points, N) and (points, N, k), and a normal
+    approximation; x are regressors, shape (N, r). Correlated scores of a subject have c = k (k - 1)/2 coordinates, otherwise c = 0.
     """
 
     likelihood: Likelihood

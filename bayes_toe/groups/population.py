@@ -60,29 +60,17 @@ _MOST_DIVERGENT = 1e-3  # of all trajectories, that say nothing
 class GroupSettings:
     """Everything that decides the numbers, stored with the results.
 
-    Parameters
-    ----------
-    seed : int
-    model : str
-    prior : Prior
-        Of single subjects: from their own posteriors chains start, and their reference interval holds for the group. It does not enter the
-        joint posterior.
-    hyperprior : Hyperprior
-    scatter : str
-        "normal" or "t".
-    draws : int
-        Bulk and tail effective draws of all hyperparameters and of every subject's parameters.
-    correlations : bool
-        Whether parameters may be correlated between subjects.
+    The prior is that of single subjects: from their own posteriors chains start, and their reference interval holds for the group. It does
+    not enter the joint posterior.
     """
 
     seed: int
     model: str
     prior: Prior
     hyperprior: Hyperprior
-    scatter: str = "normal"
-    draws: int = 2000
-    correlations: bool = False
+    scatter: str = "normal"  # or "t"
+    draws: int = 2000  # bulk and tail effective ones of all hyperparameters and of every subject's parameters
+    correlations: bool = False  # whether parameters may be correlated between subjects
 
     def __post_init__(self) -> None:
         scatter_named(self.scatter)
@@ -228,13 +216,7 @@ class Population:
         return pooled_subjects(self).frame()
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
-        """Write population.nc, which ArviZ opens and :func:`load_population` reads; whole or not at all.
-
-        Raises
-        ------
-        OutputError
-            If the file exists and may not be replaced, or cannot be written.
-        """
+        """Write population.nc, which ArviZ opens and :func:`bayes_toe.load` reads; whole or not at all, else an OutputError."""
         return save_population(self, path, overwrite=overwrite)
 
 

@@ -69,13 +69,7 @@ def load(path: str | Path) -> Draws | Population:
 
 
 def load_population(path: str | Path) -> Population:
-    """Read what :meth:`Population.save` wrote.
-
-    Raises
-    ------
-    InputError
-        If it is missing, is damaged, or is not such a file.
-    """
+    """Read what :meth:`Population.save` wrote; anything else, and what is damaged, is refused."""
     name = shown(Path(path))
     if not Path(path).is_file():
         raise InputError(f"{name}: {'not a file' if Path(path).exists() else 'no such file'}; {_ALLOWED}")

@@ -28,20 +28,10 @@ _FEWEST = 3  # subjects of which a skewness or a farthest one says anything: of 
 
 
 class Statistic(NamedTuple):
-    """How subjects differ in something that they did.
+    """How subjects differ in something that they did, beside quantiles of new groups.
 
-    Attributes
-    ----------
-    kind : {"spread", "skewness", "farthest"}
-        Standard deviation between subjects; third standardised moment; largest distance from the mean in standard deviations.
-    of : str
-    observed : float
-    q05, q50, q95 : float
-        Of new groups.
-    p_value : float
-        Two-sided share of new groups that are as far out.
-    above : bool
-        Whether it is above the median of new groups.
+    The kind is the "spread", standard deviation between subjects, the "skewness", third standardised moment, or how far the "farthest" is
+    from the mean, in standard deviations.
     """
 
     kind: str
@@ -50,8 +40,8 @@ class Statistic(NamedTuple):
     q05: float
     q50: float
     q95: float
-    p_value: float
-    above: bool
+    p_value: float  # two-sided share of new groups that are as far out
+    above: bool  # the median of new groups
 
     @property
     def label(self) -> str:
@@ -61,17 +51,7 @@ class Statistic(NamedTuple):
 
 @dataclass(frozen=True)
 class PredictiveCheck:
-    """What :func:`predictive_check` found.
-
-    Attributes
-    ----------
-    statistics : tuple of Statistic
-        Those of asymmetry are missing where fewer than two subjects met a pair in both orders.
-    scatter : str
-        Of the population that is checked.
-    groups : int
-        New groups.
-    """
+    """What :func:`predictive_check` found; asymmetries are missing where fewer than two subjects met a pair in both orders."""
 
     statistics: tuple[Statistic, ...]
     scatter: str
@@ -96,13 +76,7 @@ class PredictiveCheck:
 
 
 def predictive_check(found: Population, *, groups: int = _GROUPS) -> PredictiveCheck:
-    """Hold how subjects differ against new groups drawn from the posterior.
-
-    Parameters
-    ----------
-    found : Population
-    groups : int
-        New groups.
+    """Hold how subjects differ against so many new groups drawn from the posterior.
 
     Examples
     --------

@@ -24,27 +24,14 @@ _ALL_BUT_ROUNDING = 1e-8
 
 
 class Regressor(NamedTuple):
-    """One column.
-
-    Attributes
-    ----------
-    covariate : str
-    level : str
-        Of a category; empty for a numeric covariate.
-    about : str
-        What its effect is an effect of: 'age, per sd of 11.2 about 34.1', 'group B against A'.
-    mean, sd : float
-        x = (covariate - mean)/sd; of a level, 0 and 1.
-    reference : str
-        Of a level: the one that it is held against.
-    """
+    """One column, x = (covariate - mean)/sd, or 1 at a level of a category and 0 at others."""
 
     covariate: str
-    level: str
-    about: str
+    level: str  # of a category; empty for a numeric covariate
+    about: str  # what its effect is an effect of: 'age, per sd of 11.2 about 34.1', 'group B against A'
     mean: float = 0.0
     sd: float = 1.0
-    reference: str = ""
+    reference: str = ""  # of a level: the one that it is held against
 
     @property
     def label(self) -> str:
@@ -54,25 +41,13 @@ class Regressor(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Regressors:
-    """The subjects that have all covariates, and their columns.
-
-    Attributes
-    ----------
-    subjects : tuple of str
-        In the order of the study.
-    x : array, shape (subjects, columns)
-    columns : tuple of Regressor
-    left_out : mapping of str to str
-        Subjects of the study that are not among them, with the reason.
-    notes : tuple of str
-        Who was left out, and whose covariates nobody asked for, in words.
-    """
+    """The subjects that have all covariates, in the order of the study, and their columns."""
 
     subjects: tuple[str, ...]
-    x: FloatArray
+    x: FloatArray  # (subjects, columns)
     columns: tuple[Regressor, ...] = ()
-    left_out: Mapping[str, str] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
+    left_out: Mapping[str, str] = field(default_factory=dict)  # subjects of the study that are not among them, with the reason
+    notes: tuple[str, ...] = ()  # who was left out, and whose covariates nobody asked for, in words
 
     def __post_init__(self) -> None:
         x = np.array(self.x, np.float64)
@@ -81,13 +56,7 @@ class Regressors:
 
     @classmethod
     def none(cls, subjects: Sequence[str]) -> Regressors:
-        """Subjects without covariates.
-
-        Examples
-        --------
-        >>> Regressors.none(["S01", "S02"]).x.shape
-        (2, 0)
-        """
+        """Subjects without covariates."""
         return cls(tuple(subjects), np.empty((len(subjects), 0)))
 
     def without(self, subjects: Collection[str]) -> Regressors:
@@ -97,21 +66,10 @@ class Regressors:
 
 
 def regressors(people: Covariates, subjects: Sequence[str], *, categorical: Collection[str] = ()) -> Regressors:
-    """The columns that covariates make for the subjects of a study that have all of them.
+    """The columns that covariates make for the subjects of a study that have all of them, at least two more than there are columns.
 
-    Parameters
-    ----------
-    people : Covariates
-    subjects : sequence of str
-        Names of the study's subjects.
-    categorical : collection of str
-        Covariates whose numbers are names of levels, as in a group that is 0 or 1. Without it a covariate is a category where one of its
-        values is a text, and numeric where all are numbers.
-
-    Raises
-    ------
-    InputError
-        If there are fewer subjects than two more than columns, if a covariate does not vary over them, or a column follows from others.
+    Covariates that are `categorical` have numbers for names of levels, as in a group that is 0 or 1; others are categories where one of
+    the values is a text. Each must vary, and no column may follow from others.
 
     Examples
     --------

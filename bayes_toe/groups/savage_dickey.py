@@ -63,16 +63,7 @@ class Ratios(NamedTuple):
 
 
 class AtZero:
-    """Bayes factors of 0 of coefficients of a group's regression: means of parameters, then their effects, regressor by regressor.
-
-    Parameters
-    ----------
-    chains : GroupChains
-    given : HyperpriorNumbers
-    x : array, shape (N, r)
-    scatter : str
-    rng : numpy.random.Generator
-    """
+    """Bayes factors of 0 of coefficients of a group's regression on x, (N, r): of means, then effects, regressor by regressor."""
 
     def __init__(self, chains: GroupChains, given: HyperpriorNumbers, x: FloatArray, scatter: str, rng: np.random.Generator) -> None:
         whiten = np.linalg.inv(chains.root) / chains.scatter[..., None, :]  # from a subject less its mean to independent scores
@@ -124,15 +115,9 @@ def _regression(
 
 
 def ratio(log_ratios: FloatArray, highest: FloatArray, effective: float) -> Ratio:
-    """The average of ratios given each draw, or a bound: with what draws of which there was none could have added.
+    """The average of ratios given each draw, (chains, draws), or a bound: with what draws of which there was none could have added.
 
-    Parameters
-    ----------
-    log_ratios : array, shape (chains, draws)
-    highest : array, shape (chains, draws)
-        The largest that each could be, if its centre were 0.
-    effective : float
-        Effective draws.
+    `highest`, of the same shape, is the largest that each could be, if its centre were 0; `effective` the number of effective draws.
 
     Examples
     --------

@@ -40,20 +40,10 @@ def centre_of(model: Model, subject: Subject, centre: float) -> float:
 
 
 class GroupLikelihood:
-    """Log likelihood of each of N subjects, without binomial coefficients, at several points of all of them, with its exact gradient.
+    """Log likelihood of each of N subjects, without binomial coefficients, at `copies` points of all of them, with its exact gradient.
 
-    Parameters
-    ----------
-    model : Model
-    prior : Prior
-        Whose reference interval the quantities refer to; nothing else of it matters.
-    subjects : sequence of Subject
-    centre : float
-        Of the group, see :func:`centre_of`.
-    copies : int
-        Points of all subjects in one call.
-    away : sequence of float, optional
-        How far from the group's centre each subject's own is, natural-log intensity; by default as :func:`centre_of` has it.
+    Of the prior the reference interval alone matters. `centre` is the group's; how far from it each subject's own is, natural-log
+    intensity, says `away`, by default as :func:`centre_of` has it.
 
     Examples
     --------
@@ -168,17 +158,10 @@ def without_funnel(about: NormalApproximation, hyperprior: HyperpriorNumbers) ->
 
 @dataclass(frozen=True, eq=False)
 class Unpooled:
-    """One subject's posterior without the group.
+    """One subject's posterior without the group: draws eta of equal weight, with repeats, shape (4000, k).
 
-    Attributes
-    ----------
-    name : str
-    eta : array, shape (4000, k)
-        Draws of equal weight, with repeats.
-    log_precision, location : array, shape (k,)
-        Of its likelihood, see :class:`NormalApproximation`.
-    trusted : bool
-        Whether the weights behind the draws are good enough for averages.
+    Log precision and location of its likelihood, shape (k,), are those of :class:`NormalApproximation`; trusted is whether the weights
+    behind the draws are good enough for averages.
     """
 
     name: str
@@ -202,13 +185,7 @@ def unpooled_posterior(posterior: Posterior, draws: int, seed: int) -> Unpooled:
 
 
 def unpooled_from_draws(draws: Draws, name: str, model: Model, centre: float, seed: int) -> Unpooled:
-    """The same from draws of the subject's own posterior that are there already, of equal weight.
-
-    Raises
-    ------
-    InputError
-        If the subject met other first stimuli than the group, and the model counts from their mean.
-    """
+    """The same from draws of the subject's own posterior that are there already, of equal weight."""
     own = draws.subject(name)
     posterior = Posterior(own, model, draws.prior, centre=centre_of(model, own, centre))
     # What is stored of a slope of the noise depends on the mean first stimulus.

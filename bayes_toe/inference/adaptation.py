@@ -68,18 +68,10 @@ _CALM = 0.5  # Pareto k-hat above which other draws may well have one that is no
 
 
 def fit_proposal(posterior: Target, rng: np.random.Generator, *, start: Start = None, draws: int = 20_000) -> FittedProposal:
-    """Adapt a proposal to a posterior and judge it by draws that are independent of it.
+    """Adapt a proposal to a posterior and judge it by so many draws that are independent of it, twice as many where refits were needed.
 
-    Parameters
-    ----------
-    posterior : Target
-        A model of one subject.
-    rng : numpy.random.Generator
-    start : Maxima or FittedProposal, optional
-        Local maxima, where they are known already. Or a proposal for this posterior that was fitted to a similar one, and draws from it
-        with this posterior's densities: the first round is then from what these make of it, and maxima are not looked for.
-    draws : int
-        Size of the judging sample; twice as many where refits were needed.
+    It may start from maxima that are known already. Or from a proposal for this posterior that was fitted to a similar one, and draws from
+    it with this posterior's densities: the first round is then from what these make of it, and maxima are not looked for.
     """
     return with_fresh_draws(adapt_proposal(posterior, rng, start=start, draws=draws), rng)
 

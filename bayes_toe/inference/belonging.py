@@ -20,21 +20,9 @@ _COLUMNS = ("s1", "s2", "isi", "n_yes", "n_trials")
 def require_belonging(
     draws: Draws, where: str, *, study: Study | None = None, prior: Prior | None = None, seed: int | None = None, model: str | None = None
 ) -> None:
-    """Refuse draws that belong to something else; what is not given is not asked for.
+    """Refuse draws that belong to something else; what is not given is not asked for. `where` is what a message calls the draws.
 
-    Parameters
-    ----------
-    draws : Draws
-    where : str
-        What the draws are called in the message.
-    study : Study, optional
-        Must have the same subjects with the same counts, in any order; subjects that failed have no draws.
-    prior, seed, model : optional
-
-    Raises
-    ------
-    InputError
-        In one line: what was found, and what is allowed.
+    The study must have the same subjects with the same counts, in any order; subjects that failed have no draws.
     """
     if model is not None and draws.model != model:
         raise InputError(f"{where}: found draws of the model {draws.model!r}, allowed: {model!r}")

@@ -371,13 +371,7 @@ def require_draws(given: object) -> None:
 
 
 def load_draws(path: str | Path) -> Draws:
-    """Read draws that :meth:`Draws.save` wrote, from a file or a store; also those of earlier versions, which hold more.
-
-    Raises
-    ------
-    InputError
-        If it is missing, is damaged, or is not such a file.
-    """
+    """Read draws that :meth:`Draws.save` wrote, from a file or a store; also those of earlier versions, which hold more."""
     made, name = Draws(draws_file.read_tree(path), Path(path)), shown(Path(path))
     try:
         needed = {key for subject in made.study for key in posterior_of(subject, made.prior, model=made.model).names.natural}

@@ -194,13 +194,7 @@ def as_netcdf(tree: xr.DataTree) -> memoryview:
 
 
 def write_store(path: Path, tree: xr.DataTree) -> None:
-    """The same as a Zarr store; chunks of nothing but NaN are left out.
-
-    Raises
-    ------
-    InputError
-        If Zarr is not installed.
-    """
+    """The same as a Zarr store; chunks of nothing but NaN are left out."""
     require_zarr()
     from zarr.codecs import Crc32cCodec
 
@@ -217,12 +211,7 @@ def write_store(path: Path, tree: xr.DataTree) -> None:
 
 
 def require_fitting(draws: int) -> None:
-    """Refuse before the work more draws, in bytes, than one NetCDF file is written from.
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse before the work more draws, in bytes, than one NetCDF file is written from."""
     if draws > LARGEST:
         found, most = (f"{size / 1e9:.3g} GB" for size in (draws, LARGEST))
         raise InputError(
@@ -231,13 +220,7 @@ def require_fitting(draws: int) -> None:
 
 
 def require_zarr() -> None:
-    """Refuse a store now that could not be written or read.
-
-    Raises
-    ------
-    InputError
-        If Zarr is not installed, or is too old.
-    """
+    """Refuse a store now that could not be written or read, because Zarr is not installed or too old."""
     try:
         from zarr.codecs import Crc32cCodec  # noqa: F401
     except ImportError:
@@ -250,10 +233,7 @@ def require_zarr() -> None:
 def read_tree(path: str | Path) -> xr.DataTree:
     """All groups of a file or store of draws; draws of a store, and of a large file, are read when they are asked for.
 
-    Raises
-    ------
-    InputError
-        If it is missing or damaged, or has another layout than draws have.
+    What is missing or damaged, or has another layout than draws have, is refused.
     """
     path, name = Path(path), shown(Path(path))
     store = named_store(path) or os.path.isdir(path)  # a Path refuses names that are too long with an error of its own

@@ -28,25 +28,16 @@ NO_WEIGHT = 1e-4
 
 @dataclass(frozen=True)
 class Evidence:
-    """Log evidence in nats, without binomial coefficients.
+    """Log evidence in nats, without binomial coefficients; value and standard error are None where it is withheld.
 
-    Attributes
-    ----------
-    value, se : float or None
-        None where withheld.
-    efficiency, pareto_k : float or None
-        Of the importance weights; None where the evidence is exact.
-    why_not : str
-        The reason where it is withheld, else empty.
-    bound : float
-        Where it is withheld, what it is at most: the highest log likelihood, since the evidence is its mean over the prior. Nats.
+    It is then known to be at most `bound`: the highest log likelihood, since the evidence is the mean of the likelihood over the prior.
     """
 
     value: float | None
     se: float | None
-    efficiency: float | None
+    efficiency: float | None  # of the importance weights, as k-hat; None where the evidence is exact
     pareto_k: float | None
-    why_not: str = ""
+    why_not: str = ""  # the reason where it is withheld
     bound: float = np.inf
 
 
@@ -55,11 +46,6 @@ def importance_evidence(fitted: FittedProposal) -> Evidence:
 
     The estimate is the log mean weight of independent draws; its standard error is that of the mean, relative to it.
     Withheld, with a reason, where the weights' Pareto k-hat says that neither can be trusted.
-
-    Raises
-    ------
-    ValueError
-        If the draws had a say in the choice of the proposal: the estimate would be biased.
     """
     if not fitted.independent:
         raise ValueError("these draws helped to choose the proposal: use bayes_toe.inference.adaptation.with_fresh_draws first")

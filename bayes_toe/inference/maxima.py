@@ -26,14 +26,7 @@ OfStarts = Callable[[FloatArray, IndexArray], FloatArray]
 class Differenced:
     """An objective of which value and gradient are known, with Hessians by differences whose steps follow from the last ones.
 
-    Parameters
-    ----------
-    value : callable
-        (points, k) and the start that each came from, (points,) -> (points,).
-    gradient : callable
-        The same -> (points, k).
-    starts, k : int
-        How many starts there will be, and of how many coordinates.
+    Of points, (points, k), and the start that each came from, (points,), the value has shape (points,) and the gradient (points, k).
     """
 
     def __init__(self, value: OfStarts, gradient: OfStarts, starts: int, k: int) -> None:
@@ -88,25 +81,12 @@ def ascend(
     iterations: int = 200,
     rivals: IndexArray | None = None,
 ) -> Ascent:
-    """Levenberg-damped Newton ascent of every start; a step is kept only if it does not lower the value.
+    """Levenberg-damped Newton ascent of every start, (k, points), by steps of `most` at most; none is kept that lowers the value.
 
-    Parameters
-    ----------
-    objective : Differenced
-        What is to be maximised; `index` says which start each point came from.
-    x : array, shape (k, points)
-        Starts, inside the bounds; the value there is finite.
-    lower : array_like, broadcast to (k, points)
-        Lower bounds. A coordinate that is on its bound and would fall stays there until its slope turns.
-    fixed : array_like of bool, broadcast to (k, points)
-        Coordinates that stay where they start.
-    most : float
-        Longest step in any coordinate.
-    iterations : int
-        Steps to try at most.
-    rivals : array of int, shape (points,), optional
-        Numbers from 0 of the problems to which the starts belong, where only the highest maximum of each is wanted: a start that comes to
-        where a higher one already is goes no further, and does not count as arrived.
+    Starts are inside the bounds, where the value is finite. A coordinate that is on its lower bound and would fall stays there until its
+    slope turns; one that is fixed stays where it starts. `rivals`, (points,), are numbers from 0 of the problems to which the starts
+    belong, where only the highest maximum of each is wanted: a start that comes to where a higher one already is goes no further, and does
+    not count as arrived.
     """
     at = np.arange(x.shape[1])
     now = Ascent(x.copy(), objective.value(x, at), *objective.derivatives(x, at), np.zeros(len(at), bool))
@@ -202,27 +182,13 @@ def _solve(matrix: FloatArray, right: FloatArray, damping: FloatArray) -> tuple[
 
 @dataclass(frozen=True, eq=False)
 class Maxima:
-    """Distinct local maxima, best first.
+    """Distinct local maxima of a log density, best first, in unconstrained coordinates."""
 
-    Attributes
-    ----------
-    x : array, shape (modes, k)
-        Unconstrained coordinates.
-    value : array, shape (modes,)
-        Log posterior density there.
-    curvature : array, shape (modes, k, k)
-        Negative Hessian; positive definite at a proper maximum.
-    arrived : bool
-        False where no start met the convergence criterion; the points are then the best found.
-    hopeless : array, shape (others, k)
-        Further ones, 30 nats and more below the best.
-    """
-
-    x: FloatArray
-    value: FloatArray
-    curvature: FloatArray
-    arrived: bool
-    hopeless: FloatArray
+    x: FloatArray  # (modes, k)
+    value: FloatArray  # (modes,)
+    curvature: FloatArray  # (modes, k, k): negative Hessian; positive definite at a proper maximum
+    arrived: bool  # False where no start met the convergence criterion; the points are then the best found
+    hopeless: FloatArray  # (others, k): further ones, 30 nats and more below the best
 
     @property
     def all(self) -> FloatArray:

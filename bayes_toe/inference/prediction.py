@@ -25,27 +25,14 @@ _BLOCK = 1 << 20  # values of one temporary array
 
 @dataclass(frozen=True, eq=False)
 class Predictor:
-    """What posterior draws of one subject predict, under whichever model they are of.
-
-    Attributes
-    ----------
-    target : Posterior
-    x : array, shape (draws, k)
-        Draws in unconstrained coordinates.
-    """
+    """What posterior draws x of one subject predict, unconstrained coordinates of shape (draws, k), under whichever model they are of."""
 
     target: Posterior
     x: FloatArray
 
     @classmethod
     def of(cls, draws: Draws, subject: str, *, most: int | None = None) -> Predictor:
-        """Of a subject's draws, all of them or about `most`, evenly spaced.
-
-        Raises
-        ------
-        InputError
-            For an unknown subject, or a model that says nothing of pairs that were not tested.
-        """
+        """Of a subject's draws, all of them or about `most`, evenly spaced."""
         require_draws(draws)
         target = draws.posterior(subject)
         if isinstance(target, FrequencyPosterior):
@@ -109,13 +96,7 @@ def predict(draws: Draws, subject: str, s1: npt.ArrayLike, s2: npt.ArrayLike, is
 
 
 def predict_pairs(draws: Draws, path: str | Path, subjects: Sequence[str]) -> pd.DataFrame:
-    """:func:`predict` for the pairs of a CSV file with columns s1, s2 and isi (where the study has intervals), subject by subject.
-
-    Raises
-    ------
-    InputError
-        As :func:`predict`, or if the file cannot be used: one line per problem.
-    """
+    """:func:`predict` for the pairs of a CSV file with columns s1, s2 and isi (where the study has intervals), subject by subject."""
     pairs = read_numbers(path, ("s1", "s2"), optional=("isi",))[1]
     tables = [predict(draws, subject, pairs["s1"], pairs["s2"], pairs.get("isi")) for subject in subjects]
     frame = pd.concat(tables, ignore_index=True)

@@ -46,27 +46,13 @@ def binomial_deviance(n_yes: npt.ArrayLike, n_trials: npt.ArrayLike, log_q: Floa
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """Fit of one subject's answers at one point.
+    """Fit of one subject's answers at one point."""
 
-    Attributes
-    ----------
-    q : array, shape (pairs,)
-        Their probability by the model.
-    residual : array, shape (pairs,)
-        Signed root of each pair's deviance; positive where 'equal' was answered more often than the model has it.
-    deviance : float
-        Sum over pairs, against the saturated model.
-    degrees_of_freedom : int
-        Pairs less the free parameters.
-    p_value : float
-        P(deviance >= this one), see :func:`deviance_p_value`; NaN without degrees of freedom.
-    """
-
-    q: FloatArray
-    residual: FloatArray
-    deviance: float
-    degrees_of_freedom: int
-    p_value: float
+    q: FloatArray  # (pairs,): their probability by the model
+    residual: FloatArray  # (pairs,): signed root of the deviance; positive where 'equal' was answered more often than the model has it
+    deviance: float  # sum over pairs, against the saturated model
+    degrees_of_freedom: int  # pairs less the free parameters
+    p_value: float  # P(deviance >= this one), see :func:`deviance_p_value`; NaN without degrees of freedom
 
 
 def fit_at(posterior: Answering, x: npt.ArrayLike) -> Fit:
@@ -117,26 +103,17 @@ def _moments(n: FloatArray, log_q: FloatArray, log_rest: FloatArray) -> tuple[Fl
 
 @dataclass(frozen=True, eq=False)
 class PredictiveCheck:
-    """Observed answers against what the posterior predicts for a repetition of the experiment.
+    """Observed answers against what the posterior predicts for a repetition of the experiment, of each pair and overall.
 
-    Attributes
-    ----------
-    expected : array, shape (pairs,)
-        Posterior mean of the probability of the answer that the task counts.
-    p_fewer, p_more : array, shape (pairs,)
-        P(n_rep <= n_yes) and P(n_rep >= n_yes) for replicated counts: binomial tails averaged over draws, not simulated; where counts
-        scatter more than that, over one session simulated for each draw.
-    p_overall : float
-        P(deviance of replicated counts >= deviance of the observed ones), both at the same draw.
-    p_overall_se : float
-        Its Monte Carlo standard error, counting draws as independent.
+    P(n_rep <= n_yes) and P(n_rep >= n_yes) for replicated counts are binomial tails averaged over draws, not simulated; where counts
+    scatter more than that, over one session simulated for each draw.
     """
 
-    expected: FloatArray
+    expected: FloatArray  # (pairs,): posterior mean of the probability of the answer that the task counts
     p_fewer: FloatArray
     p_more: FloatArray
-    p_overall: float
-    p_overall_se: float
+    p_overall: float  # P(deviance of replicated counts >= deviance of the observed ones), both at the same draw
+    p_overall_se: float  # its Monte Carlo standard error, counting draws as independent
 
     @property
     def p_value(self) -> FloatArray:
@@ -145,21 +122,9 @@ class PredictiveCheck:
 
 
 def predictive_check(posterior: Answering, x: npt.ArrayLike, seed: int) -> PredictiveCheck:
-    """Posterior predictive p-values of one subject.
+    """Posterior predictive p-values of one subject from draws x, shape (draws, k), unconstrained.
 
-    Parameters
-    ----------
-    posterior : Answering
-        A model of one subject, H1 or another one of the ladder.
-    x : array_like, shape (draws, k)
-        Posterior draws in unconstrained coordinates.
-    seed : int
-        Root seed of the replicated counts, which enter `p_overall` only; the stream is keyed by subject and model.
-
-    Raises
-    ------
-    NumericalError
-        If draws have another shape or hold a NaN.
+    The seed is that of the replicated counts, which enter `p_overall` only; the stream is keyed by subject and model.
     """
     points, subject = require_points(x, len(posterior.coordinates)), posterior.subject
     k, n = subject.n_yes, subject.n_trials
@@ -244,11 +209,6 @@ def summarise_fit(
 
     The predictive check takes `most` draws, evenly spaced; the smallest deviance is sought over all, by their log likelihood, shape
     (draws,), which is evaluated where it is not given.
-
-    Raises
-    ------
-    NumericalError
-        If draws have another shape or hold a NaN.
     """
     points, subject = require_points(x, len(posterior.coordinates)), posterior.subject
     check = predictive_check(posterior, points[:: max(1, -(-len(points) // most))], seed)
@@ -284,15 +244,7 @@ def history_p(posterior: Posterior, x: FloatArray, seed: int) -> float:
     """Posterior predictive p-value of the answers by pair and third of the mean stimulus of the trial before; NaN where no trial has one.
 
     It sees what deviances of pairs cannot, since every pair is preceded by all others: Pearson's X^2 over these cells, against answers
-    replicated from the same draws.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        Of a subject whose order of trials is known.
-    x : array, shape (draws, k)
-        Independent posterior draws.
-    seed : int
+    replicated from the same independent draws x, shape (draws, k). The order of the subject's trials is known.
     """
     trials, rng = Trials.of(posterior.subject), generator(seed, posterior.subject.name, posterior.model.name, "history")
     known = ~np.isnan(trials.previous)

@@ -28,22 +28,7 @@ _BLOCK = 1024  # points done together: with some tens of components the temporar
 
 @dataclass(frozen=True, eq=False)
 class StudentMixture:
-    """Mixture of J Student-t components in D dimensions.
-
-    Parameters
-    ----------
-    weights : array, shape (J,)
-        Positive, summing to 1.
-    means : array, shape (J, D)
-    scales : array, shape (J, D, D)
-        Scale matrices (not covariances), positive definite.
-    df : int
-        Degrees of freedom, common to all components; df + D is even.
-
-    Raises
-    ------
-    ValueError
-        If df + D is odd.
+    """Mixture of J Student-t components in D dimensions, with common degrees of freedom df; df + D is even.
 
     Examples
     --------
@@ -52,9 +37,9 @@ class StudentMixture:
     True
     """
 
-    weights: FloatArray
-    means: FloatArray
-    scales: FloatArray
+    weights: FloatArray  # (J,): positive, summing to 1
+    means: FloatArray  # (J, D)
+    scales: FloatArray  # (J, D, D): scale matrices, not covariances, positive definite
     df: int
     _factors: FloatArray = field(init=False, repr=False)
     _whiteners: FloatArray = field(init=False, repr=False)  # times 1 and the coordinates: D x J whitened ones over df^(1/2)
@@ -232,13 +217,7 @@ class WeightedDraws:
 
 
 def efficiency(log_weights: FloatArray) -> float:
-    """Importance-sampling efficiency, (sum w)^2 / (n sum w^2), in 0..1.
-
-    Examples
-    --------
-    >>> round(efficiency(np.zeros(10)), 12), round(efficiency(np.array([0.0, -np.inf])), 12)
-    (1.0, 0.5)
-    """
+    """Importance-sampling efficiency, (sum w)^2 / (n sum w^2), in 0..1."""
     return float(effective_number(np.exp(log_weights - log_weights.max())) / len(log_weights))
 
 
@@ -248,13 +227,7 @@ def effective_number(weights: FloatArray) -> float:
 
 
 def importance_draws(proposal: Proposal, rng: Random, size: int) -> WeightedDraws:
-    """Independent draws from the proposal with everything their weights need.
-
-    Raises
-    ------
-    NumericalError
-        If the log posterior is NaN somewhere.
-    """
+    """Independent draws from the proposal with everything their weights need."""
     target, mark, y = proposal.posterior, rng.uniform(size=size), proposal.mixture.sample(rng, size)
     from_prior, from_cover = mark < _PRIOR_SHARE, mark > 1.0 - proposal.cover_share
     y[from_cover] = proposal.cover.sample(rng, int(from_cover.sum()))
@@ -270,27 +243,17 @@ def importance_draws(proposal: Proposal, rng: Random, size: int) -> WeightedDraw
 
 @dataclass(frozen=True, eq=False)
 class FittedProposal:
-    """A fitted proposal and what a large independent sample from it says of its quality.
+    """A fitted proposal and what a large sample from it, made after fitting, says of its quality.
 
-    Attributes
-    ----------
-    proposal : Proposal
-    draws : WeightedDraws
-        Made after fitting; the diagnostics come from these.
-    efficiency : float
-        Importance-sampling efficiency, 0..1.
-    pareto_k : float
-        Pareto k-hat of the weights; above 0.7 neither averages nor their error bars can be trusted.
-    independent : bool
-        Whether the draws are independent of the fit. Where they had a say in which of several proposals it is, an evidence from them
-        would be biased, because those were taken that look good; for the start of a sampler they serve. See
-        :func:`bayes_toe.inference.adaptation.with_fresh_draws`.
+    Where these draws had a say in which of several proposals it is, they are not `independent`: an evidence from them would be biased,
+    because those were taken that look good; for the start of a sampler they serve. See
+    :func:`bayes_toe.inference.adaptation.with_fresh_draws`.
     """
 
     proposal: Proposal
     draws: WeightedDraws
-    efficiency: float
-    pareto_k: float
+    efficiency: float  # of importance sampling, 0..1
+    pareto_k: float  # of the weights; above 0.7 neither averages nor their error bars can be trusted
     independent: bool = True
 
     @property

@@ -104,36 +104,19 @@ class SamplerSettings:
 class Chains:
     """Draws of one subject.
 
-    Attributes
-    ----------
-    x : array, shape (ensembles, draws, k)
-        Unconstrained coordinates, walker-major within an ensemble.
-    log_posterior : array, shape (ensembles, draws)
-    acceptance : array, shape (ensembles,)
-        Share of accepted proposals.
-    diagnostics : dict of str to Convergence
-        Per judged quantity.
-    thin : int
-        Every thin-th step of the final pass was kept.
-    steps : int
-        Steps of each walker over all passes; what came before the final pass was burn-in.
-    converged : bool
-    reason : str
-        What was not reached; empty where converged.
-    imprecise : str
-        The quantile that is not precise enough, and how many draws would do; empty where there is none. More draws of a sample that has
-        converged mend it.
+    Every thin-th step of the final pass was kept; what came before it, of the steps of each walker, was burn-in. More draws of a sample
+    that has converged mend a quantile that is `imprecise`.
     """
 
-    x: FloatArray
-    log_posterior: FloatArray
-    acceptance: FloatArray
-    diagnostics: dict[str, Convergence]
+    x: FloatArray  # (ensembles, draws, k): unconstrained coordinates, walker-major within an ensemble
+    log_posterior: FloatArray  # (ensembles, draws)
+    acceptance: FloatArray  # (ensembles,): share of accepted proposals
+    diagnostics: dict[str, Convergence]  # of every judged quantity
     thin: int
     steps: int
     converged: bool
-    reason: str
-    imprecise: str = ""
+    reason: str  # what was not reached; empty where converged
+    imprecise: str = ""  # the quantile that is not precise enough, and how many draws would do; empty where there is none
 
 
 def independent_chains(target: FrequencyPosterior, settings: SamplerSettings, seed: int) -> Chains:

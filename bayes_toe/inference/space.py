@@ -52,29 +52,16 @@ class Sampled(NamedTuple):
 class SpaceEvidence:
     """Log evidences of the models of a space for one subject, nats.
 
-    Attributes
-    ----------
-    subject : Subject
-    prior : Prior
-        In numbers.
-    models : tuple of Model
-    log_evidence : array, shape (models,)
-        By importance sampling where `sampled` has the model, else Laplace's; NaN where there is neither.
-    bounds : array, shape (models,)
-        What a log evidence that is NaN is at most; infinite where that is not known.
-    sampled : mapping of int to Sampled
-        By the place of the model.
-    notes : tuple of str
-        Of models near the best that have Laplace's value because their draws cannot be trusted.
+    They are by importance sampling where `sampled` has the model, by its place, else Laplace's, and NaN where there is neither.
     """
 
     subject: Subject
-    prior: Prior
+    prior: Prior  # in numbers
     models: tuple[Model, ...]
-    log_evidence: FloatArray
-    bounds: FloatArray
+    log_evidence: FloatArray  # (models,)
+    bounds: FloatArray  # (models,): what one that is NaN is at most; infinite where that is not known
     sampled: Mapping[int, Sampled]
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # of models near the best that have Laplace's value because their draws cannot be trusted
 
     def value(self, model: Model) -> float | None:
         """The log evidence of a model; None where it is withheld."""

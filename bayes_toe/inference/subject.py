@@ -51,16 +51,7 @@ SummaryRow: TypeAlias = tuple[str | float, ...]
 
 @dataclass(frozen=True)
 class Settings:
-    """Everything that decides the numbers, stored with the results.
-
-    Parameters
-    ----------
-    seed : int
-        Root seed; streams are keyed by it, the subject's name and the model's.
-    prior : Prior
-    sampler : SamplerSettings
-    model : str
-    """
+    """Everything that decides the numbers, stored with the results; streams are keyed by the seed, the subject's name and the model's."""
 
     seed: int
     prior: Prior = DEFAULT
@@ -74,18 +65,10 @@ class Settings:
 
 @dataclass(frozen=True)
 class Wanted:
-    """What is asked for of a subject.
+    """What is asked for of a subject."""
 
-    Parameters
-    ----------
-    chains : SamplerSettings, optional
-        Posterior draws by these; with them, goodness of fit.
-    evidence_draws : int
-        Independent draws behind the evidence; 0 for no evidence.
-    """
-
-    chains: SamplerSettings | None = None
-    evidence_draws: int = 0
+    chains: SamplerSettings | None = None  # posterior draws by these; with them, goodness of fit
+    evidence_draws: int = 0  # independent ones behind the evidence; 0 for no evidence
 
     @property
     def judging_draws(self) -> int:
@@ -95,18 +78,10 @@ class Wanted:
 
 @dataclass(frozen=True, eq=False)
 class SubjectResult:
-    """What was asked for of one subject under one model, None for the rest; small enough to send to another process.
-
-    Attributes
-    ----------
-    target : Answering
-        The posterior.
-    efficiency, pareto_k : float
-        How good the fitted proposal is; 1 and NaN where draws come from the posterior itself.
-    """
+    """What was asked for of one subject under one model, None for the rest; small enough to send to another process."""
 
     target: Answering
-    efficiency: float
+    efficiency: float  # and k-hat: how good the fitted proposal is; 1 and NaN where draws come from the posterior itself
     pareto_k: float
     evidence: Evidence | None
     chains: Chains | None
@@ -172,43 +147,20 @@ def weighted_fit(fitted: FittedProposal, seed: int) -> FitSummary | None:
 
 @dataclass(frozen=True, eq=False)
 class SubjectDraws:
-    """Draws of one subject under one model, and what is said of them.
-
-    Attributes
-    ----------
-    subject : Subject
-        The counts.
-    quantities : mapping of str to array, shape (chains, draws)
-        The natural ones, from which all others follow.
-    units : mapping of str to str
-    coordinates : tuple of str
-        Of the unconstrained space in which `log_posterior` is a density.
-    log_posterior : array, shape (chains, draws)
-    acceptance : array, shape (chains,)
-    statistics : mapping of str to number or str
-        By column: convergence, effort, the proposal's quality and goodness of fit, as far as these are known.
-    summary : tuple of tuple
-        Rows with the columns of summary.csv; empty where not asked for.
-    """
+    """Draws of one subject under one model, and what is said of them."""
 
     subject: Subject
-    quantities: Mapping[str, FloatArray]
+    quantities: Mapping[str, FloatArray]  # (chains, draws): the natural ones, from which all others follow
     units: Mapping[str, str]
-    coordinates: tuple[str, ...]
+    coordinates: tuple[str, ...]  # of the unconstrained space in which `log_posterior`, (chains, draws), is a density
     log_posterior: FloatArray
-    acceptance: FloatArray
-    statistics: Mapping[str, float | int | str]
-    summary: tuple[SummaryRow, ...]
+    acceptance: FloatArray  # (chains,)
+    statistics: Mapping[str, float | int | str]  # by column: convergence, effort, quality of the proposal and of the fit
+    summary: tuple[SummaryRow, ...]  # with the columns of summary.csv; empty where not asked for
 
 
 def subject_draws(result: SubjectResult, *, summarised: bool = False) -> SubjectDraws:
-    """What is kept of a result with chains, with or without rows of a summary.
-
-    Raises
-    ------
-    InputError
-        If it has none.
-    """
+    """What is kept of a result with chains, with or without rows of a summary."""
     target, chains, fit = result.target, result.chains, result.fit
     if chains is None:
         raise InputError(f"subject {result.subject.name!r} was analysed without sampling")
