@@ -7,6 +7,7 @@ import signal
 import warnings
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from hypothesis import settings
 
 import bayes_toe as bt
 from bayes_toe.analysis import Analysis
+from bayes_toe.classical.fit import subject_fit
 from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.experiments.simulate import reference_design
 from bayes_toe.model.ladder import CROSSED, models_of
@@ -101,11 +103,12 @@ def stronger() -> Analysis:
 
 @contextmanager
 def plain_models_alone():
-    """Verdicts over the plain model of each order, not over all 48: for what goes on around them, at a third of the time."""
+    """Verdicts over the plain model of each order, not over all 48, and few bootstrap replicates: for what goes on around them."""
     try:
         with pytest.MonkeyPatch.context() as patch:
             for task in CROSSED:
                 patch.setitem(CROSSED, task, {})
+            patch.setattr("bayes_toe.analysis.subject_fit", partial(subject_fit, replicates=40))
             models_of.cache_clear()
             yield
     finally:

@@ -34,7 +34,7 @@ def study():
 
 @pytest.fixture(scope="module")
 def analysis(study):
-    return bt.run(study, draws=1000, seed=2, workers=1)
+    return bt.run(study, draws=300, seed=2, workers=1)
 
 
 # --- reading ------------------------------------------------------------------------------------------------------------------------

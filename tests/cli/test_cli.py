@@ -7,7 +7,6 @@ import itertools
 import re
 import subprocess
 import sys
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +16,6 @@ from commands import call, good, inside, refused
 from conftest import grouped_csv
 
 import bayes_toe as bt
-from bayes_toe.classical.fit import subject_fit
 from bayes_toe.inference.sampling import SamplerSettings
 
 ONE = ("--seed", 1, "--workers", 1)
@@ -114,9 +112,8 @@ def test_not_converged_is_exit_code_3_and_marked_everywhere(monkeypatch, tmp_pat
     assert list(bt.load(tmp_path / "out" / "posterior.nc").not_converged) == ["x"]
 
 
-def test_subjects_may_be_any_text_and_are_never_paths_or_html(tmp_path, monkeypatch, three_models, blank_pictures):
+def test_subjects_may_be_any_text_and_are_never_paths_or_html(tmp_path, three_models, blank_pictures):
     names = ["../../<script>alert(1)</script> a$b_{c}", "na", "NA", "=S\x1b[2J\x9b\u202e\u2066\u200b\nx"]
-    monkeypatch.setattr("bayes_toe.analysis.subject_fit", partial(subject_fit, replicates=20))  # the other replicates show nothing new
     pairs = [(0, 0, 48), (0, 0.2, 31), (0, 0.4, 6), (0.2, 0, 35), (0.2, 0.4, 34), (0.4, 0, 11), (0.4, 0.4, 47)]
     rows = [f'"{n}",{a},{b},{k},50' for n in names for a, b, k in pairs]
     (tmp_path / "s.csv").write_text("subject,s1,s2,n_equal,n_trials\n" + "\n".join(rows) + "\n", encoding="utf-8")
@@ -142,8 +139,9 @@ def test_subjects_may_be_any_text_and_are_never_paths_or_html(tmp_path, monkeypa
 
 
 def test_evidence_leads_with_the_answer_and_has_the_table_of_run(folder, results):
-    said = good("evidence", "study.csv", "-o", "evidence.csv", *ONE, cwd=folder)
-    assert (folder / "evidence.csv").read_text() == (results[0] / "evidence.csv").read_text()
+    said = good("evidence", "one.csv", "-o", "evidence.csv", *ONE, cwd=folder)
+    (head, _, of_b), found = ((place / "evidence.csv").read_text().splitlines() for place in (results[0], folder))
+    assert found == [head, of_b]  # whatever the company
     assert said.index("answer: ") < said.index("order effect of every subject") < said.index("Appendix C: the paper's model (H1)")
     for row in pd.read_csv(folder / "evidence.csv").itertuples():
         assert re.search(rf"│ {row.subject} +│ +{row.effect}", said)

@@ -47,6 +47,11 @@ def study():
 
 
 @pytest.fixture(scope="module")
+def short():
+    return bt.Study([observer("short", "contraction + carry-over", 1, trials=200, **CARRIED)[0]])
+
+
+@pytest.fixture(scope="module")
 def table(study):
     return bt.compare_history(study, seed=1, workers=1)
 
@@ -88,17 +93,17 @@ def test_the_check_is_even_where_the_model_is_true():
     assert sum(p < 0.05 for p in found) <= 7
 
 
-def test_a_history_is_known_within_its_interval_and_comes_back_from_a_file_with_its_trials(study, tmp_path):
+def test_a_history_is_known_within_its_interval_and_comes_back_from_a_file_with_its_trials(short, tmp_path):
     """Five intervals of 99.8 %: a false alarm in 100 such studies."""
-    draws = bt.sample(study.select("carries"), model="contraction + carry-over", draws=200, seed=1, workers=1)
+    draws = bt.sample(short, model="contraction + carry-over", draws=200, seed=1, workers=1)
     for name, true in CARRIED.items():
-        low, high = np.quantile(draws.values("carries", name), [0.001, 0.999])
+        low, high = np.quantile(draws.values("short", name), [0.001, 0.999])
         assert low < true < high, name
     draws.save(tmp_path / "posterior.nc")
-    x = draws.points("carries")[0]
-    for back in (bt.load(tmp_path / "posterior.nc"), bt.load(tmp_path / "posterior.nc")["carries"]):
-        assert back.posterior("carries").log_likelihood(x).tolist() == draws.posterior("carries").log_likelihood(x).tolist()
-    at_rest = bt.predict(draws, "carries", 0.3, 0.6)
+    x = draws.points("short")[0]
+    for back in (bt.load(tmp_path / "posterior.nc"), bt.load(tmp_path / "posterior.nc")["short"]):
+        assert back.posterior("short").log_likelihood(x).tolist() == draws.posterior("short").log_likelihood(x).tolist()
+    at_rest = bt.predict(draws, "short", 0.3, 0.6)
     assert 0.5 < at_rest["mean"].item() < 1.0
 
 
@@ -112,9 +117,8 @@ def test_what_has_no_order_is_refused_in_one_line(study, tmp_path):
     assert not (tmp_path / "compare.csv").exists()
 
 
-def test_what_takes_pairs_as_independent_says_so(study):
-    short, *_ = observer("short", "contraction + carry-over", 1, trials=200, **CARRIED)
-    static, carried = bt.compare(bt.Study([short]), ["contraction", "contraction + carry-over"], draws=200, seed=1, workers=1).rows
+def test_what_takes_pairs_as_independent_says_so(short):
+    static, carried = bt.compare(short, ["contraction", "contraction + carry-over"], draws=200, seed=1, workers=1).rows
     assert carried.checks.elpd_loo_trial is None
     assert static.checks.elpd_loo_trial is not None
     assert "leave-one-out withheld: answers depend on the trials before" in carried.notes
@@ -146,10 +150,10 @@ def test_a_group_needs_the_order_of_everybody_and_one_condition(study):
         bt.population(bt.Study([study["carries"], unordered]), model="contraction + carry-over", seed=1)
 
 
-def test_commands_say_and_draw_it(study, tmp_path):
+def test_commands_say_and_draw_it(study, tmp_path, three_models):
     trial_rows(study["carries"]).to_csv(tmp_path / "trials.csv", index=False)
     common = ("--seed", "1", "--draws", "100", "--workers", "1")
-    done = inside("compare", "trials.csv", "--history", "-o", "compare.csv", *common, cwd=tmp_path)
+    done = inside("compare", "trials.csv", "--model", "contraction", "--history", "-o", "compare.csv", *common, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "trials before: answers follow them, of 1 subject: yes 1" in " ".join(done.stdout.split())
     found = pd.read_csv(tmp_path / "compare_history.csv").set_index("subject")

@@ -57,10 +57,10 @@ def z_scores(rows, subject_of):
 
 
 def test_reweighted_evidence_is_that_of_fresh_fits(table, small_study):
-    rows = [row for row in distinct(table) if row.method == REWEIGHTED and row.factor not in (0.5, 2.0)][::2]
+    rows = [row for row in distinct(table) if row.method == REWEIGHTED and row.factor not in (0.5, 2.0)][::3]
     assert len(rows) >= 8
     z = z_scores(rows, lambda name: small_study[name])
-    # about 12 rows share three sets of draws; 4.5 standard errors: a false alarm in about 6,000 such tests
+    # about 8 rows share three sets of draws; 4.5 standard errors: a false alarm in about 6,000 such tests
     assert np.abs(z).max() < 4.5
     assert np.sqrt(np.mean(z**2)) < 1.8
 
@@ -68,7 +68,7 @@ def test_reweighted_evidence_is_that_of_fresh_fits(table, small_study):
 def test_hard_cases_agree_with_fresh_fits(hard):
     rows = [row for row in distinct(hard) if row.log_bayes_factor is not None]
     assert len(rows) >= 0.9 * len(distinct(hard))
-    rows = [row for row in rows if row.prior != bt.Prior()][::3]  # of both, at both ends
+    rows = [row for row in rows if row.prior != bt.Prior()][::5]  # of both, at both ends
     z = z_scores(rows, lambda name: CASES[name])
     worst = rows[int(np.abs(z).argmax())]
     assert np.abs(z).max() < 5.0, (worst.subject, worst.varied, worst.value, worst.method, z)

@@ -92,7 +92,7 @@ def test_weak_data_against_the_prior_average(case):
     [
         ("a hundred million trials", [*BY_NAME]),
         ("all different", ["free weighting + sloped + exponent"]),
-        ("reversed answers", [*BY_NAME, "update + sloped + both ways", "free weighting + sloped + exponent"]),
+        ("reversed answers", ["symmetric", "no lapses", "update + sloped + both ways", "free weighting + sloped + exponent"]),
     ],
 )
 def test_hard_cases_agree_with_themselves_or_are_withheld(case, models):

@@ -103,7 +103,7 @@ def subject(name, isi, scale=1.0):
 
 
 @OF_ALL
-@settings(max_examples=8, deadline=None, phases=[Phase.explicit, Phase.generate])
+@settings(max_examples=6, deadline=None, phases=[Phase.explicit, Phase.generate])
 @given(data=st.data())
 def test_every_rung(name, isi, data):
     target = posterior_of(subject(name, isi), data.draw(st.sampled_from([PRIOR, OF_WIDTH])), model=name)

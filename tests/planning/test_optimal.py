@@ -100,7 +100,6 @@ REFUSED = [
     ((*FROM_0, "0.05", "--step", "0.01"), "650 trials between 0 and 0.05 tell next to nothing: first stimuli 0.05"),
     ((*FROM_0, "0.05", "--for", "gain"), "(the sd of gain falls from"),
     ((*WIDE_RANGE, "--trials", "3"), "--trials 3: allowed is at least 4 to distribute"),
-    ((*WIDE_RANGE, "--trials", "6", "--step", "0.5"), "6 trials between -0.75 and 1.25 tell next to nothing"),
     (("--lowest", "1", "--highest", "1"), "--lowest 1 --highest 1: allowed are finite numbers, the first the smaller one"),
     ((*FROM_0, "1", "--step", "2"), "--step 2: allowed is above 0 and at most the range, 1"),
     ((*FROM_0, "1", "--step", "0.001"), "1001 levels make 1,002,001 pairs: allowed are 20,000"),
@@ -116,7 +115,7 @@ REFUSED = [
 
 @pytest.mark.parametrize(("more", "said"), REFUSED)
 def test_what_cannot_tell_anything_is_refused_in_one_line_with_the_reason(tmp_path, more, said):
-    assert said in refused("design", "-o", "d.csv", *more, "--seed", "1", cwd=tmp_path)
+    assert said in refused("design", "-o", "d.csv", *more, "--data-sets", "1", "--seed", "1", cwd=tmp_path)
 
 
 PAIRS = each_once([-0.5, 0.0, 0.7, 1.1, 0.2], [-0.2, 0.0, 0.5, 0.6, 1.9])

@@ -39,13 +39,13 @@ def test_observers_answer_by_the_closed_form(people):
 
 def test_kinds_are_recovered_from_neighbouring_pairs_and_no_pull_is_said_of_who_has_none():
     """Of 60 prototypes' observers each 57, 48 and 48 were right by the largest probability; those here are clear ones."""
-    table = power(NEIGHBOURS, data_sets=5, trials=[650], seed=1, workers=1)
+    table = power(NEIGHBOURS, data_sets=4, trials=[650], seed=1, workers=1)
     assert [table["these pairs", 650, kind, FOUND].value for kind in table.different("observers")] == [0.0, 1.0, 1.0]
     assert table["these pairs", 650, "update", NAMED].value == 1.0
     assert table["these pairs", 650, "constant error", NAMED].value >= 0.6
     assert [table["these pairs", 650, kind, WRONG].value for kind in table.different("observers")] == [0.0] * 3
     right = [int(np.argmax(row.judgement.probability)) == table.different("observers").index(row.kind) for row in table]
-    assert sum(right) >= 12
+    assert sum(right) >= 10
 
 
 @pytest.mark.parametrize("aim", ["update", "gain", "parameters"])
