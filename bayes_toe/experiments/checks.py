@@ -127,13 +127,8 @@ def _of_subject(subject: Subject, designs: dict[bytes, list[list[tuple[str, str]
     pairs = (subject.s1, subject.s2, subject.n_trials, *(() if subject.isi is None else (subject.isi,)))
     design = b"".join(values.tobytes() for values in pairs)
     if design not in designs:
-        own = (
-            (_equal_pairs, _first_stimuli, _orders, _intervals, _design)
-            if subject.task == SAME_DIFFERENT
-            else (_equal_pairs, _orders, _intervals)
-        )
-        rules = (_few_pairs, _rounding), own
-        designs[design] = [[said for rule in some for said in rule(subject)] for some in rules]
+        of_design = [] if subject.task != SAME_DIFFERENT else _design(subject)
+        designs[design] = [[*_few_pairs(subject), *_rounding(subject)], [*_of_pairs(subject), *of_design]]
     first, rest = designs[design]
     return tuple(Finding(subject.name, code, message) for code, message in (*first, *_answers(subject), *rest))
 
@@ -220,34 +215,28 @@ def _right_answers(subject: Subject) -> _Rule:
         )
 
 
-def _equal_pairs(subject: Subject) -> _Rule:
-    equal = subject.s1 == subject.s2
+def _of_pairs(subject: Subject) -> _Rule:
+    """What pairs of equal stimuli, one first stimulus, one order and one interval leave open."""
+    equal, of_equal = subject.s1 == subject.s2, subject.task == SAME_DIFFERENT
     if equal.all():
         same = "|offset - pull (s1 - mean s1)| / width alone, so neither their scale nor the sign of the offset at a small pull can be told"
-        enters = same if subject.task == SAME_DIFFERENT else "(offset - pull (s1 - mean s1)) / width alone, so their scale cannot be told"
+        enters = same if of_equal else "(offset - pull (s1 - mean s1)) / width alone, so their scale cannot be told"
         only = "Only pairs of equal stimuli were presented: offset, pull and width enter as"
         yield "only_equal_pairs", f"{only} {enters}, and their posterior will reflect the prior."
-    elif not equal.any() and subject.task == SAME_DIFFERENT:
+    elif not equal.any() and of_equal:
         yield (
             "no_equal_pairs",
             "No pair of equal stimuli was presented: the peak q0 and the offset rest on the assumed shape of the curve "
             "between the pairs presented, so compare their posterior with the prior.",
         )
-
-
-def _first_stimuli(subject: Subject) -> _Rule:
     # With several intervals offsets and widths tell the pull apart even so.
-    if (subject.s1 == subject.s1[0]).all() and len(subject.intervals) <= 1:
+    if of_equal and (subject.s1 == subject.s1[0]).all() and len(subject.intervals) <= 1:
         yield (
             "one_first_stimulus",
             f"All pairs have the first stimulus {subject.s1[0]:.4g}: the pull does not enter the likelihood, so the "
             "posterior of the pull will reflect the prior, and with it that of gamma and mu1; the offset can be told.",
         )
-
-
-def _orders(subject: Subject) -> _Rule:
-    one = _one_order(subject)
-    if one:
+    if one := _one_order(subject):
         shown = ", ".join(one[:_MOST_PAIRS_SHOWN])
         more = f" and {len(one) - _MOST_PAIRS_SHOWN} more" if len(one) > _MOST_PAIRS_SHOWN else ""
         what = "pair was" if len(one) == 1 else "pairs were"
@@ -256,9 +245,6 @@ def _orders(subject: Subject) -> _Rule:
             f"{len(one)} {what} presented in one order only, {shown}{more}: the order effect there is not observed but "
             "predicted by the model.",
         )
-
-
-def _intervals(subject: Subject) -> _Rule:
     if len(subject.intervals) == 1:
         yield (
             "one_interval",

@@ -34,8 +34,8 @@ from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import Prior
 
 PARAMETERS = 4
-#: The model with all four.
-FULL = "predictive update"
+#: The model with all four, and the one without a pull.
+FULL, _BIAS = "predictive update", "constant bias"
 #: Relative singular value below which a direction counts as absent; stimuli that are equal up to rounding stay well below it.
 _TOLERANCE = 1e-7
 _STEP = 1e-5  # of differences, whose error is then a thousandth of that
@@ -125,42 +125,29 @@ def _split(jacobian: FloatArray) -> tuple[int, FloatArray]:
 
 
 def _smallest(lever: FloatArray, step: FloatArray, rank: int) -> tuple[str, str]:
-    """The smallest sufficient model and why, by the table of the module."""
-    flat, level = _constant(step), _constant(lever)
-    if rank == PARAMETERS:
-        return FULL, ""
-    if len(step) == 1:
-        return "symmetric", "one pair gives one frequency, which a symmetric observer can produce"
-    if len(step) == 2:
-        same = "no lapses", "two pairs with the same difference s2 - s1 differ by the pull alone, and q0 = 1 loses nothing"
-        return same if flat else ("constant bias", "two pairs give two frequencies, which an offset, a width and q0 can produce")
-    if level:
-        return "constant bias", "with one first stimulus the pull only adds to the offset and does not enter"
-    if flat:
-        return FULL, _same_difference(step)
-    if len(step) == 3 and _dimensions(lever, step) == 2:
-        return _three_pairs(step)
-    return "constant bias", "along one line of pairs the pull only rescales offset and width"
-
-
-def _three_pairs(step: FloatArray) -> tuple[str, str]:
-    """Different d: log q is a parabola in them, of any offset, width and peak; only a peak above 1 has no such observer."""
-    if np.diff(np.sort(step)).min() < _TOLERANCE:
-        return FULL, "three pairs give three frequencies, and free frequencies (H0) say as much"
-    return "constant bias", "three pairs give three frequencies, which an offset, a width and q0 produce unless their curve peaks above 1"
-
-
-def _same_difference(step: FloatArray) -> str:
-    what = "offset/width, pull/width and q0" if step[0] == 0 else "(s2 - s1 - offset)/width, pull/width and q0"
-    return f"with one difference s2 - s1 only {what} enter, so the width may be held fixed"
-
-
-def _constant(values: FloatArray) -> bool:
-    return bool(np.ptp(values) < _TOLERANCE)
-
-
-def _dimensions(lever: FloatArray, step: FloatArray) -> int:
-    """Dimensions that the points (l, d) span: 0, 1 or 2."""
+    """The smallest sufficient model and why, by the table of the module: the first case that applies."""
+    level, flat = (bool(np.ptp(values) < _TOLERANCE) for values in (lever, step))
     points = np.stack([lever - lever[0], step - step[0]], axis=1)
-    values = np.linalg.svd(points, compute_uv=False)
-    return int(np.count_nonzero(values > _TOLERANCE))
+    three = len(step) == 3 and np.count_nonzero(np.linalg.svd(points, compute_uv=False) > _TOLERANCE) == 2  # in a plane
+    open_scale = "offset/width, pull/width and q0" if step[0] == 0 else "(s2 - s1 - offset)/width, pull/width and q0"
+    cases = (
+        (rank == PARAMETERS, FULL, ""),
+        (len(step) == 1, "symmetric", "one pair gives one frequency, which a symmetric observer can produce"),
+        (
+            len(step) == 2 and flat,
+            "no lapses",
+            "two pairs with the same difference s2 - s1 differ by the pull alone, and q0 = 1 loses nothing",
+        ),
+        (len(step) == 2, _BIAS, "two pairs give two frequencies, which an offset, a width and q0 can produce"),
+        (level, _BIAS, "with one first stimulus the pull only adds to the offset and does not enter"),
+        (flat, FULL, f"with one difference s2 - s1 only {open_scale} enter, so the width may be held fixed"),
+        (
+            three and bool(np.diff(np.sort(step)).min() < _TOLERANCE),
+            FULL,
+            "three pairs give three frequencies, and free frequencies (H0) say as much",
+        ),
+        # with different d log q is a parabola in them, of any offset, width and peak; only a peak above 1 has no such observer
+        (three, _BIAS, "three pairs give three frequencies, which an offset, a width and q0 produce unless their curve peaks above 1"),
+        (True, _BIAS, "along one line of pairs the pull only rescales offset and width"),
+    )
+    return next((model, why) for applies, model, why in cases if applies)
