@@ -140,15 +140,29 @@ class SensitivityTable(Table[SensitivityRow]):
 
         Interpolated linearly, in the logarithm of a scale; two rows without a value between them are not joined.
         """
-        rows, scale = self.of(subject, varied), varied in self.scales
+        rows, scale = self.of(subject, varied), self.prior.declared_as(varied).positive
         value, above = np.array([(row.value, row.log_bayes_factor) for row in rows], np.float64).T - [[0.0], [level]]  # None becomes NaN
         at = np.flatnonzero(((above[:-1] < 0) != (above[1:] < 0)) & np.isfinite(np.diff(above)))
         share, (first, second) = above[at] / (above[at] - above[at + 1]), (value[at], value[at + 1])
         return tuple((first * (second / first) ** share if scale else first + share * (second - first)).tolist())
 
     def summary(self) -> tuple[str, ...]:
-        """One line a subject: where its conclusion turns, and where it stops being strong."""
-        return tuple(_line(self, name) for name in self.names)
+        """One line a subject: where its conclusion turns, where it stops being strong, where values are missing, along each value."""
+        lines = []
+        for name in self.names:
+            middle, firm = self.default(name).log_bayes_factor, list[str]()
+            said = [f"{name}: " + ("no log Bayes factor" if middle is None else f"log Bayes factor {middle:+.2f}, {conclusion(middle)}")]
+            for varied in self.varied:
+                rows, turns = self.of(name, varied), self.turns(name, varied)
+                told = {
+                    "turns": turns,
+                    **{f"passes {level:+g} nats": self.turns(name, varied, level) for level in (STRONG, -STRONG)},
+                    "no reliable value": [row.value for row in rows if row.log_bayes_factor is None],
+                }
+                said += [f"{what} at {varied} = {' and '.join(f'{one:.3g}' for one in at)}" for what, at in told.items() if at]
+                firm += [] if turns else [f"{varied} = {rows[0].value:.3g}..{rows[-1].value:.3g}"]
+            lines.append("; ".join([*said, *([f"does not turn within {', '.join(firm)}"] if firm else [])]))
+        return tuple(lines)
 
     def frame(self) -> pd.DataFrame:
         """The table with the columns of sensitivity.csv; natural logs and natural-log intensity, empty where a value does not exist."""
@@ -254,11 +268,6 @@ class _Weighted(NamedTuple):
         """Whether averages over the weights can be trusted."""
         return self.pareto_k <= TRUSTED_K and self.efficiency > TRUSTED_EFFICIENCY
 
-    @property
-    def log_evidence(self) -> float:
-        """Natural log."""
-        return float(logsumexp(self.log_weights) - np.log(len(self.x)))
-
 
 def _under(fitted: FittedProposal, wanted: Posterior, seed: int) -> _Weighted:
     """The draws of a proposal for one posterior under the prior of another one of the same model; fresh ones where those do not do."""
@@ -280,7 +289,7 @@ def _row(wanted: Posterior, varied: str, factor: float | None, found: _Weighted)
     quantiles = np.full((len(names), len(QUANTILES)), np.nan)
     if found.trusted:
         error = float(np.sqrt((1.0 / found.efficiency - 1.0) / len(found.x)))
-        difference = found.log_evidence - frequency_evidence(wanted.subject)
+        difference = float(logsumexp(found.log_weights) - np.log(len(found.x))) - frequency_evidence(wanted.subject)
         some = np.isfinite(found.log_weights)
         weights = np.exp(found.log_weights[some] - found.log_weights.max())
         values = wanted.quantities(found.x[some])
@@ -294,30 +303,3 @@ def weighted_quantiles(values: FloatArray, weights: FloatArray, probabilities: n
     share = np.cumsum(weights[order])
     middles = (share - 0.5 * weights[order]) / share[-1]
     return np.asarray(np.interp(np.asarray(probabilities, np.float64), middles, values[order]))
-
-
-def _line(table: SensitivityTable, name: str) -> str:
-    middle = table.default(name).log_bayes_factor
-    start = f"{name}: no log Bayes factor" if middle is None else f"{name}: log Bayes factor {middle:+.2f}, {conclusion(middle)}"
-    parts = [part for varied in table.varied for part in _turning(table, name, varied)]
-    firm = [table.of(name, varied) for varied in table.varied if not table.turns(name, varied)]
-    if firm:
-        parts.append("does not turn within " + ", ".join(f"{of[0].varied} = {of[0].value:.3g}..{of[-1].value:.3g}" for of in firm))
-    return "; ".join([start, *parts])
-
-
-def _turning(table: SensitivityTable, name: str, varied: str) -> list[str]:
-    """Where the sign turns, where +-3 is passed and where values are missing, along one value of the prior."""
-    rows, words = table.of(name, varied), []
-    if turns := table.turns(name, varied):
-        words.append(f"turns at {varied} = {_listed(turns)}")
-    for level in (STRONG, -STRONG):
-        if passes := table.turns(name, varied, level):
-            words.append(f"passes {level:+g} nats at {varied} = {_listed(passes)}")
-    if missing := [row.value for row in rows if row.log_bayes_factor is None]:
-        words.append(f"no reliable value at {varied} = {_listed(missing)}")
-    return words
-
-
-def _listed(values: tuple[float, ...] | list[float]) -> str:
-    return " and ".join(f"{value:.3g}" for value in values)

@@ -16,16 +16,9 @@ from bayes_toe.data.messages import counted, listed
 from bayes_toe.data.validation import AT
 from bayes_toe.inference.predictive_checks import PairFit
 
-#: What one subject does, after a clause that named the order effect, by the word of the effect; before that :data:`EFFECTS` has it.
-_AGAIN = {
-    "probably has": "probably has one",
-    "undecided": "is undecided",
-    "negligible": "has at most a negligible one",
-    "probably none": "probably has none",
-    "none": "has none",
-    "": "has no verdict",
-}
 _NAMES = 5  # of subjects in a line
+#: What a clause says after one that named the order effect.
+_AGAIN = (("an order effect", "one"), ("no order effect", "none"), ("negligible order effect", "negligible one"))
 #: One sentence on the table of Appendix C.
 APPENDIX_C = "H0 has a free frequency per pair: this asks whether answers follow one smooth curve, not whether there is an order effect"
 
@@ -85,7 +78,9 @@ def study_sentence(verdicts: Sequence[Verdict | SavedVerdict], *, synthetic: boo
         if not found[word]:
             continue
         among = f" of {who}" if not parts else ""
-        verb = _AGAIN[word] if parts else EFFECTS[word]
+        verb = EFFECTS[word]
+        for full, short in _AGAIN if parts else ():
+            verb = verb.replace(full, short)
         verb = verb.replace("has ", "have ").replace("is ", "are ") if found[word] > 1 else verb
         parts.append(f"{found[word]}{among} {verb}{_kinds([one for one in verdicts if one.effect == word])}")
     said = [", ".join(parts)]

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from bayes_toe.arrays import BLOCK, FloatArray, IntArray
 from bayes_toe.data.study import Study, Subject
@@ -104,7 +106,7 @@ def prior_predictive(
     ((100, 13), (16, 13))
     """
     numbers = prior_for(study, prior)
-    columns = [np.concatenate([np.asarray(getattr(subject, key)) for subject in study]) for key in _keys(study)]
+    columns = [_joined(study, key) for key in ("s1", "s2", *(["isi"] if study.intervals else []))]
     places, index = np.unique(np.column_stack(columns), axis=0, return_inverse=True)
     counts_of = (_joined(study, key) for key in ("n_yes", "n_trials"))
     pairs = Subject.from_counts("pairs", *columns[:2], *counts_of, *columns[2:], task=study.task)
@@ -122,11 +124,7 @@ def prior_predictive(
     return PriorPrediction(target.model.name, numbers, study.synthetic, pairs, group, equal, *counts)
 
 
-def _keys(study: Study) -> tuple[str, ...]:
-    return ("s1", "s2", "isi") if study.intervals else ("s1", "s2")
-
-
-def _joined(study: Study, key: str) -> IntArray:
+def _joined(study: Study, key: str) -> npt.NDArray[Any]:
     return np.concatenate([getattr(subject, key) for subject in study])
 
 
