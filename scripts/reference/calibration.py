@@ -74,19 +74,10 @@ ABOUT = {
 
 @dataclass(frozen=True)
 class Plan:
-    """What is to be simulated.
-
-    Parameters
-    ----------
-    studies : int
-        Studies of one subject whose true values are ranked, in each design.
-    data_sets : int
-        Data sets for the evidence, in each design; those from H1 are the same as the studies, as far as these go.
-    seed : int
-    """
+    """What is to be simulated, in each design: studies of one subject whose true values are ranked, and data sets for the evidence."""
 
     studies: int
-    data_sets: int
+    data_sets: int  # those from H1 are the same as the studies, as far as these go
     seed: int
 
     def __post_init__(self) -> None:
@@ -105,25 +96,15 @@ class Plan:
 
 @dataclass(frozen=True, eq=False)
 class Ranks:
-    """Where the true values of one subject lie among its draws.
-
-    Attributes
-    ----------
-    design, subject : str
-    truth : tuple of float
-        True mu1, sigma_p, sigma_l and q0.
-    values : tuple of float
-        For each of :data:`RANKED`, a number in 0..1: the share of draws below the truth, made continuous by drawing within the place that
-        the truth takes among them. Uniform where everything is right.
-    shortfall : str
-        What sampling did not reach; empty where it converged.
-    """
+    """Where the true values of one subject lie among its draws."""
 
     design: str
     subject: str
-    truth: tuple[float, ...]
+    truth: tuple[float, ...]  # mu1, sigma_p, sigma_l and q0
+    #: For each of :data:`RANKED` the share of draws below the truth, in 0..1, made continuous by drawing within the place that the truth
+    #: takes among them; uniform where everything is right.
     values: tuple[float, ...]
-    shortfall: str
+    shortfall: str  # what sampling did not reach; empty where it converged
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,27 +128,7 @@ class Outcome:
 def calibrate(*, studies: int = 1000, data_sets: int = 2000, seed: int | None = None, workers: Workers = None) -> CalibrationTable:
     """Simulate data of known origin, analyse them as usual, and judge whether posteriors and evidences are calibrated.
 
-    Parameters
-    ----------
-    studies : int
-        Studies of one subject whose true values are ranked, in each of the designs `paper` and `sparse`; 0 leaves the ranks out.
-    data_sets : int
-        Data sets for the evidence, in each design; 0 leaves it out.
-    seed : int, optional
-        Root seed; without it fresh entropy, stored in the plan.
-    workers
-        As in :func:`bayes_toe.analysis.run`.
-
-    Raises
-    ------
-    InputError
-        If a number is negative, or both are 0.
-
-    Examples
-    --------
-    >>> table = calibrate(studies=2, data_sets=0, seed=1, workers=1)
-    >>> len(table.ranks), table.passed
-    (16, True)
+    Studies and data sets are those of :class:`Plan`; 0 leaves the ranks, or the evidence, out. Without a seed fresh entropy, stored there.
     """
     plan = Plan(studies, data_sets, root_seed(seed))
     jobs = list(jobs_of(plan, calibration_settings(plan.seed)))
@@ -269,30 +230,17 @@ def ranked_quantities(subject: Subject, theta: Natural) -> dict[str, FloatArray]
 
 @dataclass(frozen=True)
 class RankRow:
-    """Verdict on the ranks of one quantity in one design.
-
-    Attributes
-    ----------
-    design, quantity : str
-    batches, studies, not_converged : int
-        Studies that did not converge are ranked like the others.
-    largest_difference, at : float
-        The largest distance of the ranks' distribution function from the uniform one, signed, and where.
-    p_value : float
-        For the whole function, not only there; exact.
-    threshold : float
-        What the p-value must not fall below: the stated false-alarm probability, shared among all quantities and designs (Bonferroni).
-    """
+    """Verdict on the ranks of one quantity in one design."""
 
     design: str
     batches: int
     quantity: str
     studies: int
-    not_converged: int
-    largest_difference: float
+    not_converged: int  # ranked like the others
+    largest_difference: float  # of the ranks' distribution function from the uniform one, signed
     at: float
-    p_value: float
-    threshold: float
+    p_value: float  # for the whole function, not only there; exact
+    threshold: float  # of the p-value: the stated false-alarm probability, shared among all quantities and designs (Bonferroni)
 
     @property
     def inside(self) -> bool:
@@ -302,32 +250,18 @@ class RankRow:
 
 @dataclass(frozen=True)
 class EvidenceRow:
-    """Verdict on the probabilities P(H1 | data) of one estimator in one design.
-
-    Attributes
-    ----------
-    design, estimator : str
-    batches, data_sets : int
-    missing_h1, missing_h0 : int
-        Data sets from H1 and from H0 for which the estimator gives no number; what follows is about the others.
-    judged : Reliability or None
-        None where there is no number at all.
-    log_score_default : float or None
-        The log score of the default estimator on the same data sets, nats.
-    median_shift, largest_shift : float or None
-        Of the log Bayes factor against the default estimator's, nats; the largest keeps its sign.
-    """
+    """Verdict on the probabilities P(H1 | data) of one estimator in one design; logs in nats."""
 
     design: str
     batches: int
     estimator: str
     data_sets: int
-    missing_h1: int
+    missing_h1: int  # data sets from H1 and from H0 for which the estimator gives no number; what follows is about the others
     missing_h0: int
     judged: Reliability | None
-    log_score_default: float | None
-    median_shift: float | None
-    largest_shift: float | None
+    log_score_default: float | None  # of the default estimator on the same data sets
+    median_shift: float | None  # of the log Bayes factor against the default estimator's
+    largest_shift: float | None  # with its sign
 
     @property
     def calibrated(self) -> bool:
@@ -337,14 +271,7 @@ class EvidenceRow:
 
 @dataclass(frozen=True, eq=False)
 class CalibrationTable:
-    """All verdicts of a run.
-
-    Attributes
-    ----------
-    outcome : Outcome
-    ranks : tuple of RankRow
-    evidence : tuple of EvidenceRow
-    """
+    """All verdicts of a run."""
 
     outcome: Outcome
     ranks: tuple[RankRow, ...]

@@ -59,13 +59,7 @@ class Band:
 
 
 def band(size: int, level: float) -> Band:
-    """The narrowest band inside which `size` uniform numbers stay with at least the probability `level`.
-
-    Examples
-    --------
-    >>> 0.99 <= band(1000, 0.99).probability < 0.991
-    True
-    """
+    """The narrowest band inside which `size` uniform numbers stay with at least the probability `level`."""
     low, high = _SMALLEST, 0.0  # of log t; the probability falls as t grows
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
@@ -85,13 +79,7 @@ def place(truth: float, among: FloatArray, rng: np.random.Generator) -> float:
 
 
 def counts_below(values: npt.ArrayLike) -> IntArray:
-    """How many of the values lie at or below each of :data:`POINTS`.
-
-    Raises
-    ------
-    NumericalError
-        If a value is not between 0 and 1.
-    """
+    """How many of the values, all in 0..1, lie at or below each of :data:`POINTS`."""
     u = np.sort(np.asarray(values, np.float64))
     if len(u) == 0 or not (u[0] >= 0.0 and u[-1] <= 1.0):
         raise NumericalError("ranks must be numbers between 0 and 1")
@@ -104,14 +92,7 @@ def ecdf_difference(values: npt.ArrayLike) -> FloatArray:
 
 
 def uniformity(values: npt.ArrayLike) -> float:
-    """Probability that as many uniform numbers stray as far as these values, at the point where they stray most: a p-value.
-
-    Examples
-    --------
-    >>> grid = (np.arange(200) + 0.5) / 200
-    >>> uniformity(grid) > 0.99, uniformity(grid**2) < 1e-6
-    (True, True)
-    """
+    """Probability that as many uniform numbers stray as far as these values, at the point where they stray most: a p-value."""
     counts, size = counts_below(values), int(np.size(values))
     tails = np.minimum(binom.logcdf(counts, size, POINTS), binom.logsf(counts - 1, size, POINTS))
     rarest = float(tails.min()) + np.log(2.0)
@@ -134,55 +115,26 @@ def _cut(size: int, log_tail: float) -> Band:
 
 @dataclass(frozen=True, eq=False)
 class Bins:
-    """The reliability diagram: equally wide bins of the stated probability that hold something, each array of shape (bins,).
-
-    Attributes
-    ----------
-    count : array of int
-    stated : array
-        Mean stated probability.
-    observed : array
-        Frequency with which the statement was true.
-    lower, upper : array
-        Exact (Clopper-Pearson) 95 % binomial interval of the frequency.
-    """
+    """The reliability diagram: equally wide bins of the stated probability that hold something, each array of shape (bins,)."""
 
     count: IntArray
-    stated: FloatArray
-    observed: FloatArray
-    lower: FloatArray
+    stated: FloatArray  # mean stated probability
+    observed: FloatArray  # frequency with which the statement was true
+    lower: FloatArray  # exact (Clopper-Pearson) 95 % binomial interval of the frequency
     upper: FloatArray
 
 
 @dataclass(frozen=True)
 class Reliability:
-    """How good stated probabilities are.
-
-    Attributes
-    ----------
-    count : int
-        Statements.
-    error : float
-        Expected calibration error: mean over statements of |observed - stated| of their bin.
-    floor : float
-        Its mean for right probabilities.
-    p_value : float
-        Share of simulations of right probabilities with an error as large.
-    brier : float
-        Mean square of probability minus truth.
-    log_score : float
-        Mean of minus the log probability given to what was true, nats; infinite where that was 0.
-    unsure : float
-        Share of statements between 0.02 and 0.98: the others hardly test anything.
-    """
+    """How good stated probabilities are."""
 
     count: int
-    error: float
-    floor: float
-    p_value: float
-    brier: float
-    log_score: float
-    unsure: float
+    error: float  # expected calibration error: mean over statements of |observed - stated| of their bin
+    floor: float  # its mean for right probabilities
+    p_value: float  # share of simulations of right probabilities with an error as large
+    brier: float  # mean square of probability minus truth
+    log_score: float  # mean of minus the log probability given to what was true, nats; infinite where that was 0
+    unsure: float  # share of statements between 0.02 and 0.98: the others hardly test anything
 
     @property
     def calibrated(self) -> bool:
@@ -191,21 +143,7 @@ class Reliability:
 
 
 def reliability(log_odds: npt.ArrayLike, true: npt.ArrayLike, rng: np.random.Generator) -> Reliability:
-    """Judge probabilities given as natural log odds, shape (statements,), against the truth, shape (statements,).
-
-    Raises
-    ------
-    InputError
-        If there is no statement, or log odds are NaN.
-
-    Examples
-    --------
-    >>> rng = np.random.default_rng(1)
-    >>> odds = rng.normal(0.0, 2.0, 2000)
-    >>> answers = rng.uniform(size=2000) < expit(odds)
-    >>> reliability(odds, answers, rng).calibrated, reliability(3.0 * odds, answers, rng).calibrated
-    (True, False)
-    """
+    """Judge probabilities given as natural log odds, shape (statements,), against the truth, shape (statements,)."""
     odds, p, y, member = _statements(log_odds, true)
     simulated = (rng.uniform(size=(100, len(p))) < p for _ in range(_SIMULATIONS // 100))
     error, *right = (np.abs((answers - p) @ member).sum(axis=1) / len(p) for answers in (y[None], *simulated))

@@ -15,13 +15,7 @@ from bayes_toe.model.closed_form import equal_probability
 
 
 def hard_cases() -> dict[str, Subject]:
-    """The collection, by name.
-
-    Examples
-    --------
-    >>> hard_cases()["single pair"].n_pairs
-    1
-    """
+    """The collection, by name."""
     cases = {**_extreme_answers(), **_extreme_observers(), **_extreme_designs()}
     return {name: Subject(name, case.s1, case.s2, case.n_yes, case.n_trials) for name, case in cases.items()}
 

@@ -17,16 +17,9 @@ _SHELL = 2.0  # nats: thickness of the outermost shell whose weight bounds what 
 
 
 class Audit:
-    """Weights of the lattice points, moments, and the errors of both.
+    """Normalised weights of the lattice points, shape (nodes,), moments, and the errors of both.
 
-    Attributes
-    ----------
-    weight : array, shape (nodes,)
-        Normalised weights.
-    outside : float
-        Bound for what lies outside, in units of the error that is allowed (as `worst`).
-    worst : array, shape (3,)
-        Error along each lattice direction.
+    `worst` is the error along each lattice direction, `outside` a bound in its units for what lies outside.
     """
 
     def __init__(self, lattice: Lattice, depth: float) -> None:

@@ -39,18 +39,10 @@ _DEPTH, _DEEPER = 15.0, 3.0  # nats below the highest lattice value at which the
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """Evidence and posterior moments by quadrature; every error is an estimate from above.
+    """Evidence (log, nats) and posterior moments by quadrature; every error is an estimate from above.
 
-    Attributes
-    ----------
-    log_evidence, log_evidence_error : float
-        Natural logarithm of the integral, nats.
-    means, means_error, sds, sds_error : array, shape (5,)
-        Of :data:`QUANTITIES`: mu1, sigma_p, sigma_l (natural-log units), q0 and the Kalman gain.
-    quantiles, quantiles_error : array, shape (5, 3)
-        At the :data:`LEVELS` 5, 50 and 95 %.
-    evaluations : int
-        Points at which the log density was computed.
+    Moments are of :data:`QUANTITIES`, shape (5,): mu1, sigma_p, sigma_l (natural-log units), q0 and the Kalman gain; quantiles at 5, 50 and
+    95 %, shape (5, 3); evaluations are points at which the log density was computed.
     """
 
     log_evidence: float
@@ -67,23 +59,8 @@ class Reference:
 def integrate(posterior: Density, *, tolerance: float = TOLERANCE) -> Reference:
     """Integrate a posterior until the estimated errors meet the tolerance, or the lattice has 600,000 points.
 
-    Parameters
-    ----------
-    posterior : Density
-        A :class:`bayes_toe.model.posterior.Posterior` or anything with its `sbar`, `log_density` and `natural`.
-    tolerance : float
-        Error allowed for the log evidence, nats; means and standard deviations may have 10 times that in units of the posterior
-        standard deviation.
-
-    Returns
-    -------
-    Reference
-        With the errors that were reached: they say so if the tolerance was not.
-
-    Raises
-    ------
-    NumericalError
-        If the density is zero wherever it was looked at, or an inner integral finds no end.
+    A posterior is anything with `sbar`, `log_density` and `natural`; the tolerance is that of the log evidence, nats: means and standard
+    deviations may have 10 times that in units of the posterior sd. The errors that were reached are in the result.
     """
     lattice = start(posterior, tolerance)
     depth = _DEPTH

@@ -33,14 +33,7 @@ LogLikelihood = Callable[[FloatArray], FloatArray]
 
 @dataclass(frozen=True, eq=False)
 class Scored:
-    """Log likelihood of a composition at normal scores of its natural parameters under :data:`PRIOR`.
-
-    Parameters
-    ----------
-    subject : Subject
-    name : str
-        Of the composition.
-    """
+    """Log likelihood of a composition at normal scores of its natural parameters under :data:`PRIOR`."""
 
     subject: Subject
     name: str
