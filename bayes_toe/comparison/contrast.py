@@ -146,14 +146,9 @@ def word_of(log_bf: float | None) -> str:
 
 @dataclass(frozen=True, eq=False)
 class SubjectContrast:
-    """All differences of one subject.
+    """All differences of one subject, the conditions that it met, and equally weighted draws, over all compositions of what differs.
 
-    Attributes
-    ----------
-    levels : tuple of str
-        The conditions that the subject met.
-    x : array, shape (draws, conditions, k)
-        Equally weighted draws of the model's coordinates in each condition, over all compositions of what differs.
+    `x` has the model's coordinates in each condition, (draws, conditions, k).
     """
 
     subject: str

@@ -7,10 +7,8 @@ first needs two values a pair, however many trials there are:
     elpd = sum over pairs of n_Eq ln p(equal | others) + n_Diff ln p(different | others).
 
 Models with draws: Pareto-smoothed importance sampling (Vehtari, Gelman, Gabry 2017; Vehtari et al. 2024), withheld where k-hat says that
-it cannot be trusted. Pairs: by the proposal that was fitted to all answers, where there is one. Its draws are independent, its cover and
-its share of the prior reach beyond the posterior, and a mean of their weights without a pair is the evidence of the other answers. Where
-too few of them count, a proposal is fitted to these answers, beginning with the one for all. Free frequencies (H0): in closed form, because
-there the weights of a left-out pair fail always.
+it cannot be trusted. Pairs: by the proposal that was fitted to all answers, where there is one, whose draws are independent and reach
+beyond the posterior; where too few of them count, by one that is fitted to the other answers. Free frequencies (H0): in closed form.
 
 Where stimuli that seem the same are never called 'different', a pair that was is a wall between offsets, and the other answers may have
 their mass beyond it, where no draw is: nothing that is computed from draws would tell. Maxima that all answers together make hopeless do:
@@ -58,17 +56,9 @@ _START, _LEAST_START = 5000, 20.0  # draws with which a refit begins, and how ma
 class LeaveOneOut:
     """Expected log predictive density of one model and subject.
 
-    Attributes
-    ----------
-    values : array
-        Per left-out unit, natural log: shape (2, pairs) for trials, one 'equal' and one 'different' answer; (1, pairs) for pairs.
-        NaN where no such answer was given, or withheld.
-    counts : array of int, same shape
-        How often each value counts.
-    pareto_k : array, same shape
-        Of each value; -inf where nothing had to be weighted, NaN where no such answer was given.
-    note : str
-        Why values are withheld, or empty.
+    Per left-out unit `values`, natural log, `counts`, how often each counts, and `pareto_k` have the shape (2, pairs) for trials, one
+    'equal' and one 'different' answer, and (1, pairs) for pairs. Values are NaN where no such answer was given, or withheld, k is NaN where
+    none was given, and -inf where nothing had to be weighted; `note` says why values are withheld.
     """
 
     values: FloatArray

@@ -340,9 +340,7 @@ def compare(
     records, chosen = require_models(models, study.task), prior_for(study, prior)
     SamplerSettings(draws=draws)  # refuses a bad number before any work
     whole = models == "parts"
-    of: list[tuple[Subject, tuple[Record, ...]]] = [
-        (subject, some) for subject in study for some in ([records] if whole else [(model,) for model in records])
-    ]
+    of = [(subject, some) for subject in study for some in ([records] if whole else [(model,) for model in records])]
     names = [(subject.name if whole else f"{subject.name}: {some[0].name}",) for subject, some in of]
     with keeping(keep, "models of subjects") as kept:
         common: dict[str, Any] = {"draws": draws, "seed": (root := kept.seed(seed)), "prior": chosen}

@@ -24,20 +24,10 @@ _FAR = 5.0  # posterior sds of a mean from 0
 class OnAverage:
     """What is said of the means that may be none.
 
-    Attributes
-    ----------
-    p_none : float
-        Probability of no effect on average.
-    shares : mapping of str to float
-        Probability that a kind, alone or with the other, is on average, if there is an effect.
-    both : PopulationRow
-        Size of the order effect at both means, with the Bayes factor of none.
-    means : tuple of PopulationRow
-        Each mean, with its own.
-    differ : bool
-        Whether subjects differ by more than a small effect.
-    always : PopulationRow or None
-        The mean pull where the model always has one, so that none of it is no question.
+    `p_none` is the probability of no effect on average, `shares` have those that a kind, alone or with the other, is on average, if there
+    is an effect; `both` is the size of the order effect at both means, with the Bayes factor of none, `means` are each with its own;
+    `differ` says whether subjects differ by more than a small effect; `always` is the mean pull where the model always has one, so that
+    none of it is no question.
     """
 
     p_none: float

@@ -55,15 +55,8 @@ def aligned(evidence: pd.DataFrame, draws: Draws) -> pd.DataFrame:
 class SavedComparison:
     """What is told of a comparison: its models, which of them are best, what parts are.
 
-    Attributes
-    ----------
-    models : tuple of record
-    best : mapping of str to int
-        For how many subjects a model has the highest evidence, free frequencies aside, most frequent first.
-    withheld : tuple of str
-        Subjects of whom an evidence is missing.
-    parts : mapping of str to (mapping of str to float)
-        By part, how probable each level is for a new subject; empty with fewer than two subjects.
+    `best` has for how many subjects a model has the highest evidence, free frequencies aside, most frequent first; `withheld` subjects of
+    whom an evidence is missing; `parts` by part how probable each level is for a new subject, empty with fewer than two subjects.
     """
 
     models: tuple[Record, ...]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import unicodedata
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from itertools import pairwise
 
 import numpy as np
@@ -309,24 +309,23 @@ def _design(subject: Subject) -> _Rule:
 
 
 def _names(names: Iterable[str]) -> list[Finding]:
-    """Names that are probably one person's, and names that are formulas to a spreadsheet."""
+    """Names that are probably one person's, as they look the same, and names that are formulas to a spreadsheet.
+
+    Looks leave out case, invisible characters and repeated spaces, and letters are composed.
+    """
     alike: dict[str, list[str]] = {}
     for name in names:
-        alike.setdefault(_look(name), []).append(name)
-    clashes = [_clash(same) for same in alike.values() if len(same) > 1]
-    formulas = [quoted(name) for same in alike.values() for name in same if runs(name)]
-    message = f"A spreadsheet would run names of subjects as formulas: {listed(formulas)}; write tables with --spreadsheet-safe."
-    return [*clashes, *([Finding("", "names_are_formulas", message)] if formulas else [])]
-
-
-def _look(name: str) -> str:
-    """A name as it looks: composed, without case, invisible characters and repeated spaces."""
-    shown = (one for one in unicodedata.normalize("NFKC", name) if unicodedata.category(one) not in ("Cf", "Cc") and one not in _INVISIBLE)
-    return unicodedata.normalize("NFKC", " ".join("".join(shown).split()).casefold())
-
-
-def _clash(same: Sequence[str]) -> Finding:
-    one = "if they are one person, join them under one name."
-    if len({name.casefold() for name in same}) == 1:
-        return Finding("", "names_differ_in_case", f"Subjects {', '.join(map(repr, same))} differ in case only: {one}")
-    return Finding("", "names_look_alike", f"Subjects {', '.join(map(ascii, same))} look alike: {one}")
+        seen = (
+            one for one in unicodedata.normalize("NFKC", name) if unicodedata.category(one) not in ("Cf", "Cc") and one not in _INVISIBLE
+        )
+        alike.setdefault(unicodedata.normalize("NFKC", " ".join("".join(seen).split()).casefold()), []).append(name)
+    found, join = list[Finding](), "if they are one person, join them under one name."
+    for same in (some for some in alike.values() if len(some) > 1):
+        if len({name.casefold() for name in same}) == 1:
+            found.append(Finding("", "names_differ_in_case", f"Subjects {', '.join(map(repr, same))} differ in case only: {join}"))
+        else:
+            found.append(Finding("", "names_look_alike", f"Subjects {', '.join(map(ascii, same))} look alike: {join}"))
+    if formulas := [quoted(name) for same in alike.values() for name in same if runs(name)]:
+        message = f"A spreadsheet would run names of subjects as formulas: {listed(formulas)}; write tables with --spreadsheet-safe."
+        found.append(Finding("", "names_are_formulas", message))
+    return found

@@ -47,18 +47,9 @@ _GENERIC = ((0.37, 0.31, 0.83), (-0.59, 0.67, 1.13), (0.13, 0.89, 1.71))
 class Identifiability:
     """What the pairs of one subject can tell.
 
-    Attributes
-    ----------
-    rank : int
-        Combinations of the four parameters that the answers can tell, 1..4.
-    told : tuple of str
-        Identified and natural parameters that can be told.
-    open : tuple of str
-        Those that cannot: their posterior reflects the prior, alone or in combination with others.
-    model : str
-        The smallest model of the ladder that carries all the information; "predictive update" where none smaller does.
-    reason : str
-        Why, in words; empty where everything can be told.
+    That are `rank` combinations of the four parameters, 1..4; the identified and natural parameters that can be told by themselves, and
+    those that are open: their posterior reflects the prior, alone or in combination with others; the smallest model of the ladder that
+    carries all the information, "predictive update" where none smaller does; and why, in words, empty where everything can be told.
     """
 
     rank: int
@@ -84,8 +75,9 @@ def identifiability(subject: Subject) -> Identifiability:
     told, rank = np.ones(len(_NAMES), np.bool_), 0
     for c, share, w in _GENERIC:
         of_answers, of_quantities = _slopes(target, np.array([c, logit(share), np.log(w), 0.0]))
-        here, open_directions = _split(of_answers)
-        told &= np.abs(of_quantities @ open_directions).max(axis=1, initial=0.0) < 1e-5
+        _, values, rows = np.linalg.svd(np.pad(of_answers, ((0, max(0, PARAMETERS - len(of_answers))), (0, 0))), full_matrices=False)
+        here = int(np.count_nonzero(values > _TOLERANCE * values[0]))
+        told &= np.abs(of_quantities @ rows[here:].T).max(axis=1, initial=0.0) < 1e-5  # rows beyond the rank change no answer
         rank = max(rank, here)
     several = FULL, "" if rank == PARAMETERS else "offset, pull and width at every interval follow from those at one"
     model, reason = _smallest(lever, step, rank) if len(subject.intervals) <= 1 else several
@@ -114,14 +106,6 @@ def _slopes(target: Posterior, x: FloatArray) -> tuple[FloatArray, FloatArray]:
     values = target.log_answers(around)[0], np.stack([quantities[name] for name in _NAMES], axis=1)
     of_answers, of_quantities = ((one[:PARAMETERS] - one[PARAMETERS:]).T / (2.0 * _STEP) for one in values)
     return of_answers, of_quantities
-
-
-def _split(jacobian: FloatArray) -> tuple[int, FloatArray]:
-    """Rank, and an orthonormal basis of the directions that change nothing, shape (4, 4 - rank)."""
-    rows_needed = max(0, PARAMETERS - len(jacobian))
-    _, values, rows = np.linalg.svd(np.pad(jacobian, ((0, rows_needed), (0, 0))), full_matrices=False)
-    rank = int(np.count_nonzero(values > _TOLERANCE * values[0]))
-    return rank, rows[rank:].T
 
 
 def _smallest(lever: FloatArray, step: FloatArray, rank: int) -> tuple[str, str]:

@@ -17,7 +17,6 @@ from scipy.special import betaincinv, ndtri
 
 from bayes_toe.comparison.words import EFFECTS
 from bayes_toe.data.messages import listed
-from bayes_toe.data.study import Subject
 from bayes_toe.data.tables import Table, frame_of
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.errors import InputError
@@ -319,19 +318,18 @@ def simulation(
 
 
 def simulated(name: str, design: StudyDesign, observer: Observer, seed: int, prior: Prior) -> DataSet:
-    """One observer's answers to a design, judged; streams are keyed by seed, observer and number of trials."""
+    """One observer's answers to a design, judged, with the widths of the update's 90 % intervals where its draws can be trusted.
+
+    Streams are keyed by seed, observer and number of trials.
+    """
     subject = observer.answers(design, generator(seed, observer.name, "answers", design.total))
-    found = replace(judged(subject, seed, prior, models_of(subject.task).space), widths=_widths(subject, seed, prior))
+    models, widths = models_of(subject.task), None
+    fitted = fitted_result(models.update.posterior(subject, prior), seed, Wanted())[1].proposal
+    if fitted.trusted:
+        target, draws = fitted.proposal.posterior, fitted.draws
+        assert isinstance(target, Posterior)
+        values = target.quantities(draws.x)
+        ends = (np.quantile(values[one], (0.05, 0.95), weights=draws.shares, method="inverted_cdf") for one in WIDTHS)
+        widths = tuple(float(np.ptp(one)) for one in ends)
+    found = replace(judged(subject, seed, prior, models.space), widths=widths)
     return DataSet(name, design.total, observer.name, observer.kind, found)
-
-
-def _widths(subject: Subject, seed: int, prior: Prior) -> tuple[float, ...] | None:
-    """Of the 90 % intervals of :data:`WIDTHS` under the update, where its draws can be trusted."""
-    fitted = fitted_result(models_of(subject.task).update.posterior(subject, prior), seed, Wanted())[1]
-    if not fitted.proposal.trusted:
-        return None
-    draws, target = fitted.proposal.draws, fitted.proposal.proposal.posterior
-    assert isinstance(target, Posterior)
-    values = target.quantities(draws.x)
-    ends = (np.quantile(values[name], (0.05, 0.95), weights=draws.shares, method="inverted_cdf") for name in WIDTHS)
-    return tuple(float(np.ptp(one)) for one in ends)
