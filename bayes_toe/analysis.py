@@ -39,10 +39,9 @@ from bayes_toe.inference.subject import (
     weighted_fit,
 )
 from bayes_toe.kept import Done, Kept, keeping
-from bayes_toe.model.ladder import PREDICTIVE_UPDATE, model_named, models_of
+from bayes_toe.model.ladder import PREDICTIVE_UPDATE, Target, model_named, models_of
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.study_prior import prior_for
-from bayes_toe.model.target import Target
 from bayes_toe.seeds import generator
 from bayes_toe.workers import Progress, Workers, run_in_order
 

@@ -34,7 +34,7 @@ from bayes_toe.inference.diagnostics import smoothed_unnormalised, smoothed_weig
 from bayes_toe.inference.evidence import Evidence, importance_evidence
 from bayes_toe.inference.maxima import Maxima, find_maxima
 from bayes_toe.inference.proposal import FittedProposal, efficiency
-from bayes_toe.model.target import Target
+from bayes_toe.model.ladder import Target
 from bayes_toe.seeds import generator
 
 Unit = Literal["trial", "pair"]

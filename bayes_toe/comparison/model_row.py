@@ -31,9 +31,9 @@ from bayes_toe.inference.sampling import SamplerSettings, sample_chains
 from bayes_toe.inference.space import WINDOW
 from bayes_toe.inference.subject import EVIDENCE_DRAWS, Wanted, exact_result, fitted_result
 from bayes_toe.model.free_frequencies import FREE_FREQUENCIES, FrequencyPosterior
-from bayes_toe.model.ladder import Record
+from bayes_toe.model.ladder import Answering, Record, Target
 from bayes_toe.model.prior import Prior
-from bayes_toe.model.target import Answering, Target, hessian
+from bayes_toe.model.target import hessian
 from bayes_toe.seeds import generator
 
 _EQUAL_DRAWS = 2500  # at least, so that a k-hat of 0.7 is allowed

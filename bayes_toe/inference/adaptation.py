@@ -26,7 +26,7 @@ from bayes_toe.inference.proposal import (
     efficiency,
     importance_draws,
 )
-from bayes_toe.model.target import Target
+from bayes_toe.model.ladder import Target
 
 #: With what a fit may begin.
 Start: TypeAlias = Maxima | FittedProposal | None

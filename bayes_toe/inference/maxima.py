@@ -13,7 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from bayes_toe.arrays import BoolArray, FloatArray, IndexArray
-from bayes_toe.model.target import Gradient, Target, hessian, one_sided
+from bayes_toe.model.ladder import Target
+from bayes_toe.model.target import Gradient, hessian, one_sided
 
 _DECREMENT = 1e-12  # twice the predicted gain, in nats, at which a point counts as arrived
 _NEAR, _CLOSE = 1e-2, 1e-2  # decrement below which a start counts as close to a maximum; distance, in every coordinate, of the same one

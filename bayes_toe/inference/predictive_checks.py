@@ -11,8 +11,9 @@ from scipy.special import betainc, chdtrc, gammaln, xlogy
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.tasks import SAME_DIFFERENT
 from bayes_toe.model.history import Trials
+from bayes_toe.model.ladder import Answering
 from bayes_toe.model.posterior import Posterior
-from bayes_toe.model.target import Answering, require_points, times_counts
+from bayes_toe.model.target import require_points, times_counts
 from bayes_toe.seeds import generator
 
 #: Below this posterior predictive p-value, or p-value of the deviance, the model is said not to describe the answers.

@@ -20,7 +20,8 @@ from scipy.special import gammaln
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.model.distributions import Random
-from bayes_toe.model.target import Levels, Target, require_defined
+from bayes_toe.model.ladder import Target
+from bayes_toe.model.target import Levels, require_defined
 
 _LEAST_SHARE = 1e-4  # of a component
 _BLOCK = 1024  # points done together: with some tens of components the temporary arrays stay in the processor's cache

@@ -14,7 +14,8 @@ from bayes_toe.errors import InputError, require_kind
 from bayes_toe.inference.diagnostics import Convergence, convergence_of, shortfall, tail_error
 from bayes_toe.inference.proposal import FittedProposal, Proposal, WeightedDraws, importance_draws
 from bayes_toe.model.free_frequencies import FrequencyPosterior
-from bayes_toe.model.target import Target, require_defined
+from bayes_toe.model.ladder import Target
+from bayes_toe.model.target import require_defined
 from bayes_toe.seeds import generator, stream
 
 #: Draws kept at least where quantiles are judged: with fewer, even independent ones leave long tails too uncertain.

@@ -71,9 +71,7 @@ class SpaceEvidence:
     def predictor(self, model: str, size: int, rng: np.random.Generator) -> Predictor:
         """So many posterior draws of a model that was sampled."""
         fitted = next(self.sampled[i].fitted for i, one in enumerate(self.models) if one.name == model)
-        posterior = fitted.proposal.posterior
-        assert isinstance(posterior, Posterior)
-        return Predictor(posterior, fitted.draws.resampled(rng, size))
+        return Predictor(fitted.proposal.posterior, fitted.draws.resampled(rng, size))
 
 
 def space_evidence(subject: Subject, prior: Prior, models: Sequence[Model], seed: int, *, window: float = WINDOW) -> SpaceEvidence:

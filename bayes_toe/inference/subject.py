@@ -21,8 +21,9 @@ from bayes_toe.inference.proposal import FittedProposal
 from bayes_toe.inference.sampling import Chains, SamplerSettings, independent_chains, sample_chains
 from bayes_toe.model.free_frequencies import FrequencyPosterior
 from bayes_toe.model.intervals import reference_interval
+from bayes_toe.model.ladder import Answering, Target
 from bayes_toe.model.prior import DEFAULT, Prior
-from bayes_toe.model.target import Answering, Target, contraction
+from bayes_toe.model.target import contraction
 from bayes_toe.seeds import generator
 
 QUANTILES = {"q05": 0.05, "q25": 0.25, "q50": 0.5, "q75": 0.75, "q95": 0.95}

@@ -62,15 +62,8 @@ class _Padded:
 class Contrasted(Posterior):
     """The joint posterior of a subject's conditions; the coordinates of the model, shared, come first, then those of the differences.
 
-    Parameters
-    ----------
-    subject : Subject
-        All answers, whatever the condition.
-    units : tuple of Subject
-        Those of each condition.
-    design : array, shape (units, columns)
-    differing : tuple of str
-        What differs, keys of :data:`QUANTITIES`.
+    The subject has all answers, the units those of each condition, for which the design has a row. What differs are keys of
+    :data:`QUANTITIES`.
 
     Examples
     --------

@@ -35,49 +35,26 @@ SORTED = 1e-6
 class Trials:
     """Answered trials of a subject one by one, and all that were felt in their order, sessions beside each other.
 
-    Attributes
-    ----------
-    s1, s2, isi : array, shape (trials,)
-        Of answered trials, in the order of the subject's pairs; isi None without intervals.
-    n_yes, n_trials : array of int, shape (trials,)
-        1 where the answer was the one that the task counts, else 0; and 1.
-    starts : array of int, shape (pairs,)
-        Where the trials of every pair start.
-    before : array, shape (trials,)
-        1 after a trial that got this answer, -1 after the other one, 0 after none.
-    previous : array, shape (trials,)
-        Mean stimulus of the trial before; NaN where memory begins anew.
-    at : array of int, shape (trials,)
-        Where among those felt each is, (longest session, sessions) in rows.
-    first, second : array, shape (longest session, sessions, 1)
-        Stimuli felt, from mu0; 0 behind the end of a session.
-    seconds, iti : array, shape (longest session, sessions, 1), or None
-        Their inter-stimulus interval; the time from each to the next, infinite where that is not known.
+    Of those answered arrays have the shape (trials,), in the order of the subject's pairs, of those felt (longest session, sessions, 1).
     """
 
     s1: FloatArray
     s2: FloatArray
     isi: FloatArray | None
-    n_yes: IntArray
-    n_trials: IntArray
-    starts: IndexArray
-    before: FloatArray
-    previous: FloatArray
-    at: IndexArray
-    first: FloatArray
+    n_yes: IntArray  # 1 where the answer was the one that the task counts, else 0
+    n_trials: IntArray  # 1
+    starts: IndexArray  # (pairs,): where the trials of every pair start
+    before: FloatArray  # 1 after a trial that got this answer, -1 after the other one, 0 after none
+    previous: FloatArray  # mean stimulus of the trial before; NaN where memory begins anew
+    at: IndexArray  # where among those felt each is, (longest session, sessions) in rows
+    first: FloatArray  # stimuli felt, from mu0, as second; 0 behind the end of a session
     second: FloatArray
-    seconds: FloatArray | None
-    iti: FloatArray | None
+    seconds: FloatArray | None  # inter-stimulus interval of those felt
+    iti: FloatArray | None  # time from each to the next, infinite where that is not known
 
     @classmethod
     def of(cls, subject: Subject) -> Trials:
-        """Those of a subject whose order of trials is known.
-
-        Raises
-        ------
-        InputError
-            If it is not.
-        """
+        """Those of a subject whose order of trials is known."""
         answers = require_order(subject)
         begins, keys = answers.begins, answers.keys
         session = np.cumsum(begins) - 1
@@ -136,13 +113,7 @@ class Trials:
 
 
 def require_order(subject: Subject) -> Answers:
-    """The answers of a subject, trial by trial in the order in which they were given.
-
-    Raises
-    ------
-    InputError
-        If that is not known, or trials are sorted by their stimuli.
-    """
+    """The answers of a subject, trial by trial in the order in which they were given, which must be known."""
     answers = subject.answers
     if answers is None or answers.place is None:
         raise InputError(
@@ -194,28 +165,13 @@ class _Filter(NamedTuple):
 
 @dataclass(frozen=True)
 class History:
-    """How the expectation follows the stimuli.
-
-    Parameters
-    ----------
-    kind : {"carry-over", "carry-over by time", "running average"}
-    coordinate : str
-        Logit of rho, log of tau (seconds) or log of the half-life (trials).
-    """
+    """How the expectation follows the stimuli; the coordinate is logit rho, log tau (seconds) or the log of the half-life (trials)."""
 
     kind: Literal["carry-over", "carry-over by time", "running average"]
     coordinate: str
 
     def expectation(self, trials: Trials, own: FloatArray, pull: FloatArray) -> FloatArray:
-        """E of every trial that was felt, shape (steps, sessions, points).
-
-        Parameters
-        ----------
-        trials : Trials
-        own : array, shape (points,)
-            The history's coordinate.
-        pull : array, shape (steps, sessions, points), or 1 in the place of either
-        """
+        """E of every trial that was felt, (steps, sessions, points), at the own coordinate, (points,), and pulls, which broadcast."""
         made = self._filter(trials, own, pull)
         return _filtered(made.keep, made.add)
 

@@ -81,13 +81,7 @@ def at_interval(theta: Natural, isi: npt.ArrayLike) -> Natural:
 
 
 def require_intervals(isi: npt.ArrayLike) -> FloatArray:
-    """Intervals as an array of seconds.
-
-    Raises
-    ------
-    InputError
-        If one is not positive and finite.
-    """
+    """Intervals as an array of seconds, positive and finite."""
     intervals = np.asarray(isi, np.float64)
     if not (np.isfinite(intervals) & (intervals > 0)).all():
         raise InputError("isi: intervals must be positive finite numbers of seconds")
@@ -248,27 +242,16 @@ def log_lost(logit_pull: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class Propagator:
-    """How a memory evolves over an interval, as its scales.
+    """How a memory evolves over an interval, as its scales and their logarithmic derivatives.
 
-    Parameters
-    ----------
-    about : str
-        In a few words.
-    coordinates : tuple of str
-        Unconstrained coordinates that the scales depend on.
-    scales : callable
-        From these coordinates, each of shape (points,), and the intervals over the reference, shape (intervals,), to :class:`Scales`.
-    growth : callable
-        From the same to the logarithmic derivatives of the scales, :class:`Scales`.
-    units : tuple of (name, unit)
-        Of quantities that are those at the reference interval, {} in them.
+    Both follow from unconstrained coordinates, each of shape (points,), and the intervals over the reference, shape (intervals,).
     """
 
     about: str
     coordinates: tuple[str, ...]
     scales: Callable[..., Scales]
     growth: Callable[..., Scales]
-    units: tuple[tuple[str, str], ...]
+    units: tuple[tuple[str, str], ...]  # of quantities that are those at the reference interval, {} in them
 
 
 _SHARE, _INTENSITY = "1, at {}", "ln intensity, at {}"

@@ -20,26 +20,19 @@ from bayes_toe.model.prior import Prior
 from bayes_toe.model.record import Model
 
 Record = Model | FreeFrequencies
+#: What engines work on: a log density over unconstrained x with gradient, starts and levelling; and what gives probabilities of answers.
+Target = Posterior
+Answering = Posterior | FrequencyPosterior
 
 
 class TaskModels(NamedTuple):
-    """The models of a task that have a role.
+    """The models of a task that have a role; the last three are the plain ones of each kind of order effect."""
 
-    Attributes
-    ----------
-    named : tuple of record
-        Those that have a name of their own, from fewest parameters to most, after free frequencies (H0).
-    space : tuple of Model
-        What verdicts average over: is there an order effect and of which kind, whatever the other parts are.
-    symmetric, constant_bias, update : Model
-        The plain models of each kind of order effect; the last is the paper's observer (H1).
-    """
-
-    named: tuple[Record, ...]
-    space: tuple[Model, ...]
+    named: tuple[Record, ...]  # those that have a name of their own, from fewest parameters to most, after free frequencies (H0)
+    space: tuple[Model, ...]  # what verdicts average over: is there an order effect and of which kind, whatever the other parts are
     symmetric: Model
     constant_bias: Model
-    update: Model
+    update: Model  # the paper's observer (H1)
 
     @property
     def compared(self) -> tuple[Record, ...]:
@@ -84,13 +77,7 @@ SPACES = ("parts", "ladder")
 
 
 def require_models(names: str | Sequence[str | Record], task: Task = SAME_DIFFERENT) -> tuple[Record, ...]:
-    """The models of a task asked for, each once: a space by its name, or models by theirs, those of a space in its order, then others.
-
-    Raises
-    ------
-    InputError
-        If a name is unknown, or there is none.
-    """
+    """The models of a task asked for, each once: a space by its name, or models by theirs, those of a space in its order, then others."""
     if not isinstance(names, Iterable) or isinstance(names, Mapping):
         require_kind("models", names, str, f"names of models, or of a space: {', '.join(SPACES)}")
     known = models_of(task)

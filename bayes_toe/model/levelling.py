@@ -29,30 +29,14 @@ FARTHEST = 37.0
 
 @dataclass(frozen=True)
 class Funnel:
-    """Normal distribution of the offset c given pull and width; the first coordinates are c, logit(p/max_pull), log w.
+    """Normal distribution of the offset c given pull and width; the first coordinates are c, logit(p/max_pull), log w."""
 
-    Attributes
-    ----------
-    prior_mean : float
-        m - sbar: prior mean of mu1 from the mean first stimulus, natural-log units.
-    log_prior_sd : float
-        Log of the prior standard deviation of mu1.
-    offset : float
-        c_0, where the data put the offset.
-    log_precision : float
-        Log of kappa, the data's precision of the offset at width w_0.
-    log_width : float
-        Log of w_0.
-    follows_width : bool
-        Whether the data's precision goes as 1/w^2. Where several modes leave c open it does not depend on w.
-    """
-
-    prior_mean: float
-    log_prior_sd: float
-    offset: float
-    log_precision: float
-    log_width: float
-    follows_width: bool
+    prior_mean: float  # m - sbar: prior mean of mu1 from the mean first stimulus, natural-log units
+    log_prior_sd: float  # of mu1
+    offset: float  # c_0, where the data put the offset
+    log_precision: float  # of kappa, the data's precision of the offset at width w_0
+    log_width: float  # of w_0
+    follows_width: bool  # whether that precision goes as 1/w^2; where several modes leave c open it does not depend on w
     max_pull: float = MAX_PULL
 
     @classmethod
@@ -83,21 +67,11 @@ class Funnel:
 
 @dataclass(frozen=True)
 class Levelling:
-    """The bijection between unconstrained coordinates x and levelled ones y, for one posterior.
+    """The bijection between unconstrained coordinates x and levelled ones y, for one posterior."""
 
-    Attributes
-    ----------
-    logits : tuple of int
-        Which coordinates are logits.
-    log_width : int
-        Which one is the log of a width.
-    funnel : Funnel, optional
-        By which the first coordinate is levelled; without one it stays as it is.
-    """
-
-    logits: tuple[int, ...]
-    log_width: int
-    funnel: Funnel | None = None
+    logits: tuple[int, ...]  # which coordinates are logits
+    log_width: int  # which one is the log of a width
+    funnel: Funnel | None = None  # by which the first coordinate is levelled; without one it stays as it is
 
     def level(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Levelled coordinates y of x, shape (points, k), and log |dy/dx|, shape (points,)."""

@@ -39,18 +39,11 @@ class Slopes(NamedTuple):
 
 @dataclass(frozen=True)
 class Link:
-    """A rule of answering.
+    """A rule of answering, with unconstrained coordinates of its own, the peak's first.
 
-    Parameters
-    ----------
-    coordinates : tuple of str
-        Its own unconstrained coordinates, the peak's first.
-    log_answers : callable
-        z and the own coordinates, which broadcast to (points, pairs) -> log P of the answer that is counted, and of the other one.
-    slopes : callable
-        z, both log probabilities and the own coordinates -> :class:`Slopes` of both.
-    noticeable : float, or callable
-        The just noticeable z, where P(equal) is half its peak, or P(second) 75 %; from the own coordinates where it depends on them.
+    Of z and these, which broadcast to (points, pairs), `log_answers` has log P of the answer that is counted, and of the other one;
+    `slopes`, which takes both of them behind z, has those of both. The just noticeable z is where P(equal) is half its peak, or P(second)
+    75 %; it is a function of the own coordinates where it depends on them.
     """
 
     coordinates: tuple[str, ...]
@@ -158,13 +151,8 @@ def logistic_slopes(z: FloatArray, answers: Answers) -> tuple[Slopes, Slopes]:
 class Lapsing:
     """The rule of an observer who answers by another rule but for a share lambda of the trials; its attributes are those of :class:`Link`.
 
-    Parameters
-    ----------
-    link : Link
-        The other rule.
-    guess : str, optional
-        The coordinate that is the logit of the share, among blind answers, of the one that is counted: one of the link's, or one more.
-        None: one half.
+    `guess` is the coordinate that is the logit of the share, among blind answers, of the one that is counted: one of the link's, or one
+    more. None: one half.
 
     Examples
     --------

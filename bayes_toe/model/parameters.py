@@ -151,24 +151,14 @@ class GroupPull(NamedTuple):
 class Single:
     """One quantity, by a coordinate on its scale.
 
-    Parameters
-    ----------
-    name : str
-        Of the quantity.
-    scale : Scale
-        Where its coordinate lives.
-    parameter : str
-        Whose distribution the prior has for it; by default its own name.
-    fixed : Distribution, optional
-        Its distribution, where the prior has none to choose.
-    starts : tuple of float, or callable
-        Values of the coordinate from which to look for maxima, or what makes them of the distance of stimuli; none: what the data suggest.
+    Maxima are looked for from the starts, values of the coordinate, or what makes them of the distance of stimuli; none: what the data
+    suggest.
     """
 
     name: str
     scale: Scale
-    parameter: str = ""
-    fixed: Distribution | None = None
+    parameter: str = ""  # whose distribution the prior has for it; by default its own name
+    fixed: Distribution | None = None  # its distribution, where the prior has none to choose
     starts: tuple[float, ...] | Callable[[float], tuple[float, ...]] = ()
 
     @property

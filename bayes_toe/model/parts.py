@@ -44,22 +44,9 @@ CURVE_SCALES: Mapping[Task, CurveScale] = {SAME_DIFFERENT: OF_EQUAL, WHICH_STRON
 class Level:
     """What one level of a part adds to a model.
 
-    Parameters
-    ----------
-    name : str
-        The word for it, unique among the levels of all parts of a task.
-    about : str
-        What it says of the observer, in a few words.
-    free : tuple of Block
-        The parameters it brings.
-    also : tuple of str
-        Other words that are understood.
-    pull, propagator, link, spread, history
-        What it sets of the record; see :class:`bayes_toe.model.record.Model`.
-    lapsing : callable
-        What lapses make of the curve's link.
-    task : Task, optional
-        The only one that has it.
+    It has a name, unique among the levels of all parts of a task, and other words that are understood (`also`), brings free parameters and
+    sets pull, propagator, link, spread and history of the :class:`bayes_toe.model.record.Model`; `lapsing` is what lapses make of the
+    curve's link, and `task` the only one that has it.
     """
 
     name: str

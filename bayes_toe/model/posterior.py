@@ -1,4 +1,4 @@
-"""The one posterior: a subject, a record of what the observer does, a prior; a :class:`bayes_toe.model.target.Target`.
+"""The one posterior: a subject, a record of what the observer does, a prior.
 
 log posterior = log likelihood (no binomial coefficients, :mod:`bayes_toe.model.likelihood`) + log prior, a density with respect to
 unconstrained coordinates x, so that its integral over x is the evidence of the model.
@@ -64,13 +64,7 @@ class Posterior(Likelihood):
         return tuple((block, slice(*part)) for block, part in zip(self.model.free, pairwise(ends), strict=True))
 
     def log_density(self, x: npt.ArrayLike) -> FloatArray:
-        """Log posterior density at x, shape (points, k) -> (points,).
-
-        Raises
-        ------
-        NumericalError
-            If a coordinate is NaN.
-        """
+        """Log posterior density at x, shape (points, k) -> (points,)."""
         points = require_points(x, len(self.coordinates))
         return self.log_likelihood(points) + self.log_prior(points)
 
@@ -108,10 +102,7 @@ class Posterior(Likelihood):
     def starts(self) -> FloatArray:
         """A grid on the scale of the stimuli, at the typical interval, shape (starts, k); points of density 0 are left out.
 
-        Raises
-        ------
-        InputError
-            If an answer that was given is impossible under the model.
+        Where no point is left, an answer that was given is impossible under the model, which is refused.
         """
         subject = self.subject
         steps = np.abs(subject.s2 - subject.s1)

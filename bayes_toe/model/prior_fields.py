@@ -41,36 +41,17 @@ _LARGEST_FILE = 2**16  # bytes; a complete prior file has some 2,000
 
 @dataclass(frozen=True)
 class PriorField:
-    """One number of a prior.
+    """One number of a prior."""
 
-    Attributes
-    ----------
-    name : str
-        Of the field, the key in a prior file.
-    default : float, "stimuli" or None
-        None where leaving the number out means something of its own, which `words` say.
-    parameter : str
-        To whose distribution it belongs.
-    kind : {"location", "scale", "shape"}
-    words : str
-        What it is, in a prior file's comment.
-    unit : str
-        Empty for a pure number.
-    smallest, largest : float
-        What a prior file may say.
-    stimuli : str
-        What "stimuli" stands for, a key of :data:`OF_STIMULI`; empty where it may not be said.
-    """
-
-    name: str
-    default: float | Literal["stimuli"] | None
-    parameter: str
+    name: str  # of the field, the key in a prior file
+    default: float | Literal["stimuli"] | None  # None where leaving the number out means something of its own, which `words` say
+    parameter: str  # to whose distribution it belongs
     kind: Kind
-    words: str
-    unit: str
+    words: str  # what it is, in a prior file's comment
+    unit: str  # empty for a pure number
     smallest: float
     largest: float
-    stimuli: str = ""
+    stimuli: str = ""  # what "stimuli" stands for, a key of :data:`OF_STIMULI`; empty where it may not be said
 
     @property
     def positive(self) -> bool:

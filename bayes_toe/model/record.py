@@ -35,40 +35,20 @@ class Pull:
 class Model:
     """A record: which parameters are free, how the first stimulus is pulled, which link, what an interval does.
 
-    Parameters
-    ----------
-    name : str
-    about : str
-        What it says of the observer, in a few words.
-    free : tuple of Block
-        Free parameters; blocks that share a quantity with another model are the same objects.
-    pull : Pull, optional
-        None fixes K = 1.
-    link : Link
-        From z to the log probabilities of both answers.
-    spread : Spread
-        How counts scatter about them.
-    propagator : Propagator, optional
-        How pull and width depend on the inter-stimulus interval. None: the model does not mention it, so a pair is answered alike at
-        every one, and comparing it with a model that does asks whether intervals matter.
-    levels : tuple of (part, level)
-        Of which parts it is composed; see :mod:`bayes_toe.model.parts`.
-    task : Task
-        What it answers.
-    history : History, optional
-        How the expectation follows the stimuli. None: it has relaxed before every trial.
+    A model without a propagator does not mention the inter-stimulus interval: a pair is answered alike at every one, and comparing it with
+    a model that does asks whether intervals matter.
     """
 
     name: str
-    about: str
-    free: tuple[Block, ...]
-    pull: Pull | None = None
-    link: Link | Lapsing = BELL
-    spread: Spread = BINOMIAL
-    propagator: Propagator | None = None
-    levels: tuple[tuple[str, str], ...] = ()
+    about: str  # what it says of the observer, in a few words
+    free: tuple[Block, ...]  # blocks that share a quantity with another model are the same objects
+    pull: Pull | None = None  # None fixes K = 1
+    link: Link | Lapsing = BELL  # from z to the log probabilities of both answers
+    spread: Spread = BINOMIAL  # how counts scatter about them
+    propagator: Propagator | None = None  # how pull and width depend on the interval
+    levels: tuple[tuple[str, str], ...] = ()  # the (part, level) of which it is composed; see :mod:`bayes_toe.model.parts`
     task: Task = SAME_DIFFERENT
-    history: History | None = None
+    history: History | None = None  # how the expectation follows the stimuli; None: it has relaxed before every trial
 
     @property
     def coordinates(self) -> tuple[str, ...]:
@@ -113,13 +93,7 @@ class Model:
         return ", ".join(block.describe(prior) for block in self.free) + prior.remark
 
     def posterior(self, subject: Subject, prior: Prior | None = None) -> Posterior:
-        """The posterior of a subject under this model.
-
-        Raises
-        ------
-        InputError
-            If the subject was asked something else, or the model asks for an order of trials, or their times, that are not known.
-        """
+        """The posterior of a subject under this model, which must be of what the subject was asked, in an order that is known if needed."""
         if subject.task != self.task:
             asked = f"subject {subject.name!r} was asked '{subject.task.name}'"
             raise InputError(f"model {self.name!r} is of the task '{self.task.name}', {asked}")

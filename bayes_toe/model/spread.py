@@ -30,15 +30,9 @@ _TOGETHER = 16  # factors whose product is a float, with the former and up to a 
 
 
 def log_drawn(answers: tuple[FloatArray, FloatArray], v: FloatArray, n: IntArray, before: IntArray) -> FloatArray:
-    """Log probability of n answers of the first kind after some of the other, shape (points, pairs).
+    """Log probability of n answers of the first kind after some of the other, shape (points, pairs), as log P and log Q, the answers.
 
-    Parameters
-    ----------
-    answers : tuple of array, shape (points, pairs)
-        log P and log Q.
-    v : array, shape (points, 1)
-        log eps.
-    n, before : array of int, shape (pairs,), or (points, pairs) for a crowd
+    v is log eps, (points, 1); counts have the shape (pairs,), or (points, pairs) for a crowd.
 
     Examples
     --------

@@ -1,11 +1,8 @@
-"""What the engines see of a model of one subject: a log density in unconstrained coordinates, and where to start with it.
-
-Proposal, sampler and evidence are written against :class:`Target` alone, so each model of the ladder costs its own dimensions only.
-"""
+"""What posteriors and engines share: names of quantities, points, counts, differences of gradients, levelled coordinates, contraction."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol, TypeAlias
 
@@ -15,12 +12,10 @@ import numpy.typing as npt
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import NumericalError
-from bayes_toe.model.distributions import Random
 from bayes_toe.model.history import Trials
-from bayes_toe.model.prior import Prior
 
 if TYPE_CHECKING:
-    from bayes_toe.model.ladder import Record
+    from bayes_toe.model.ladder import Answering, Target
 
 #: Steps of differences of gradients, in units of 1/sqrt abs H_ii: one-sided ones during a search, central ones where they are kept.
 _SHORT, _LONG = 1e-6, 1e-4
@@ -42,24 +37,12 @@ ORDER = (
 
 @dataclass(frozen=True)
 class Names:
-    """Names of quantities: as many natural and as many identified ones as there are coordinates.
+    """Names of quantities: as many natural and as many identified ones as there are coordinates."""
 
-    Attributes
-    ----------
-    natural : tuple of str
-        What the model is written in.
-    identified : tuple of str
-        What the answers depend on.
-    derived : tuple of str
-        Further ones that tables report.
-    monotone : tuple of str
-        Those that are a monotone function of a single other one, so that their ranks say nothing new.
-    """
-
-    natural: tuple[str, ...]
-    identified: tuple[str, ...]
-    derived: tuple[str, ...] = ()
-    monotone: tuple[str, ...] = ()
+    natural: tuple[str, ...]  # what the model is written in
+    identified: tuple[str, ...]  # what the answers depend on
+    derived: tuple[str, ...] = ()  # further ones that tables report
+    monotone: tuple[str, ...] = ()  # those that are a monotone function of a single other one, so that their ranks say nothing new
 
     @property
     def reported(self) -> tuple[str, ...]:
@@ -85,13 +68,7 @@ def _ordered(names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def require_points(x: npt.ArrayLike, k: int) -> FloatArray:
-    """Points as an array of shape (points, k) without NaN.
-
-    Raises
-    ------
-    NumericalError
-        If they are not.
-    """
+    """Points as an array of shape (points, k) without NaN."""
     points = np.atleast_2d(np.asarray(x, np.float64))
     if points.ndim != 2 or points.shape[1] != k:
         raise NumericalError(f"points must have shape (points, {k}), found {points.shape}")
@@ -101,13 +78,7 @@ def require_points(x: npt.ArrayLike, k: int) -> FloatArray:
 
 
 def require_defined(log_posterior: FloatArray, target: Target) -> None:
-    """Refuse log densities among which there is a NaN.
-
-    Raises
-    ------
-    NumericalError
-        If there is one, with the subject's name.
-    """
+    """Refuse log densities among which there is a NaN."""
     if np.isnan(log_posterior).any():
         raise NumericalError(f"subject {target.subject.name!r}: log posterior is NaN")
 
@@ -147,12 +118,7 @@ def one_sided(gradient: Gradient, x: FloatArray, bend: FloatArray) -> tuple[Floa
 def hessian(gradient: Gradient, x: FloatArray, bend: FloatArray | None = None) -> FloatArray:
     """Hessian, shape (points, k, k), by central differences of a gradient, (points, k) -> (points, k).
 
-    Parameters
-    ----------
-    gradient : callable
-    x : array, shape (points, k)
-    bend : array, shape (points, k), optional
-        Sizes of the Hessian's diagonal about there; by default found by differences over 1e-4 first.
+    `bend`, as in :func:`one_sided`, is found by differences over 1e-4 first where it is not given.
 
     Examples
     --------
@@ -190,66 +156,6 @@ class Levels(Protocol):
         """Unconstrained coordinates of y, shape (points, k), and log |dy/dx| there; points beyond all floats go where the density is 0."""
 
 
-class Answering(Protocol):
-    """A model that gives probabilities of both answers to every pair of one subject; x has shape (points, k)."""
-
-    @property
-    def subject(self) -> Subject:
-        """The counts."""
-
-    @property
-    def model(self) -> Record:
-        """Which model."""
-
-    @property
-    def prior(self) -> Prior:
-        """The prior of its parameters."""
-
-    @property
-    def coordinates(self) -> tuple[str, ...]:
-        """Names of the k coordinates."""
-
-    def log_likelihood(self, x: npt.ArrayLike) -> FloatArray:
-        """Log likelihood without binomial coefficients, (points, k) -> (points,)."""
-
-    def pair_log_likelihood(self, x: npt.ArrayLike, answers: tuple[FloatArray, FloatArray] | None = None) -> FloatArray:
-        """The same of every pair, (points, k) -> (points, pairs); `answers` are :meth:`log_answers` at x where these are known."""
-
-    def log_prior(self, x: npt.ArrayLike) -> FloatArray:
-        """Log prior density, (points, k) -> (points,); proper and normalised."""
-
-    def log_density(self, x: npt.ArrayLike) -> FloatArray:
-        """Sum of log likelihood and log prior, (points, k) -> (points,); its integral over x is the model's evidence."""
-
-    def log_answers(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Log P(equal) and log P(different) of every pair, (points, k) -> (points, pairs) each."""
-
-    def answers_given_the_rest(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """The same of one answer given all others to its pair; the same where answers are independent."""
-
-    def realised_answers(self, rng: Random, x: npt.ArrayLike, answers: tuple[FloatArray, FloatArray]) -> tuple[FloatArray, FloatArray]:
-        """The same, from those at x, of a session drawn for each point, whose answers are independent; the same where they are anyway."""
-
-    @property
-    def names(self) -> Names:
-        """What the quantities are called."""
-
-    def quantities(self, x: FloatArray) -> dict[str, FloatArray]:
-        """Every named quantity, (..., k) -> (...) each."""
-
-    def points(self, quantities: Mapping[str, FloatArray]) -> FloatArray:
-        """The inverse: x, shape (..., k), from natural quantities, each of shape (...)."""
-
-    def prior_quantile(self, name: str, probability: float) -> float:
-        """Prior quantile of a named quantity."""
-
-    def sample_prior(self, rng: Random, size: int) -> FloatArray:
-        """Independent draws from the prior, shape (size, k)."""
-
-    def judged(self, x: FloatArray) -> dict[str, FloatArray]:
-        """The quantities by which draws are judged to have converged, (..., k) -> (...) each."""
-
-
 def contraction(target: Answering, parameter: str, low: float, high: float) -> float:
     """How much the answers narrowed a parameter whose posterior quantiles at 5 and 95 % are `low` and `high`.
 
@@ -266,19 +172,3 @@ def contraction(target: Answering, parameter: str, low: float, high: float) -> f
     """
     before = target.prior_quantile(parameter, RANGE[1]) - target.prior_quantile(parameter, RANGE[0])
     return 1.0 - ((high - low) / before) ** 2
-
-
-class Target(Answering, Protocol):
-    """The posterior of one model of one subject over unconstrained x, shape (points, k), as the engines want it."""
-
-    def gradient(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Log density, (points,), and its gradient, (points, k)."""
-
-    def starts(self) -> FloatArray:
-        """Points from which to look for maxima, shape (starts, k), of finite density."""
-
-    def levelling(self, modes: FloatArray) -> Levels:
-        """Coordinates in which mixtures fit, given modes of the density, shape (modes, k), best first."""
-
-    def for_subject(self, subject: Subject) -> Target:
-        """The same model with the same prior for other answers, offsets counted from the same intensity where the prior is about them."""

@@ -25,10 +25,9 @@ from bayes_toe.data.messages import listed
 from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws, require_draws
 from bayes_toe.model.coordinates import NATURAL, Natural, quantities
-from bayes_toe.model.ladder import posterior_of
+from bayes_toe.model.ladder import Answering, posterior_of
 from bayes_toe.model.posterior import PRIOR_DRAWS, Posterior
 from bayes_toe.model.prior import Prior
-from bayes_toe.model.target import Answering
 from bayes_toe.plots.style import LABELS, MARKED, POSTERIOR, WEAKER_FIRST, new_figure, plain
 
 Values = Mapping[str, float]
