@@ -39,12 +39,6 @@ def check_study(study: Study, prior: Prior | None = None) -> tuple[Finding, ...]
     """What a study leaves open: findings about its file and its names first, then those of each subject.
 
     Stimuli are compared exactly, as the pairs of :class:`~bayes_toe.data.study.Subject` are; a prior's scale is compared with theirs.
-
-    Examples
-    --------
-    >>> counts = ([0, 0, 0.3, 0.3], [0, 0.3, 0, 0.3], [9, 2, 5, 8], [9, 9, 9, 9])
-    >>> [finding.message for finding in check_study(Study((Subject("a", *counts), Subject("A", *counts))))]
-    ["Subjects 'a', 'A' differ in case only: if they are one person, join them under one name."]
     """
     require_study(study)
     of_all = (*_repeated(study), *prior_scale(study, prior), *_names(study.names), *_units(study), *_conditions(study))
@@ -63,12 +57,6 @@ def prior_scale(study: Study, prior: Prior | None) -> list[Finding]:
 
     A width far from the steps has all pairs answered alike, so that where the data ask for a sigma_p that the prior hardly has, evidence
     and posterior tell about the prior. With a half-normal sigma_p that is so below 1/80 of its scale and above 16 times it.
-
-    Examples
-    --------
-    >>> study = Study((Subject("S01", [0, 3e-7], [3e-7, 0], [9, 2], [9, 9]),))
-    >>> [finding.code for finding in prior_scale(study, Prior())]
-    ['prior_scale']
     """
     stimuli = Stimuli.of(*study)
     if prior is None or stimuli is None or prior.of_stimuli(prior.spread):
@@ -90,11 +78,6 @@ def described(subject: Subject) -> dict[str, str | int | float]:
 
     Pairs are distinct ordered ones, at an interval where there are some; n_both_orders and n_one_order count those of different stimuli,
     order aside; fraction_equal or fraction_second is the share of trials with that answer.
-
-    Examples
-    --------
-    >>> described(Subject("S01", [0, 0, 0.3], [0, 0.3, 0], [9, 2, 5], [10, 10, 10]))["n_both_orders"]
-    1
     """
     one = len(_one_order(subject))
     equal = int(np.count_nonzero(subject.s1 == subject.s2))

@@ -51,13 +51,10 @@ _SHARED = 0.2
 _PORTIONS, _GAIN = 2, 1e-7
 
 
-class _Change:
-    """So many trials more of each row r, one row after the other: by the formula for matrices that change by an outer product."""
-
-    def __init__(self, total: FloatArray, rows: FloatArray, trials: float) -> None:
-        self.rows, self.trials = rows, trials
-        self.spread: FloatArray = rows @ np.linalg.inv(total)
-        self.growth: FloatArray = 1.0 + trials * np.einsum("ojk,ojk->oj", self.spread, rows)
+def _change(total: FloatArray, rows: FloatArray, trials: float) -> tuple[FloatArray, FloatArray]:
+    """Of so many trials more of each row r, one row after the other, C r and 1 + trials r'C r, C the inverse of the information."""
+    spread = rows @ np.linalg.inv(total)
+    return spread, 1.0 + trials * np.einsum("ojk,ojk->oj", spread, rows)
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +88,7 @@ class Information:
 
     def utility(self, total: FloatArray) -> float:
         """Utility of a design with this information for its aim alone; larger is better."""
-        return float(self._after(_Change(total, self.rows[:, :1], 0.0), total)[0][0])
+        return float(self._after(total, self.rows[:, :1], 0.0)[0][0])
 
     def score(self, total: FloatArray) -> float:
         """What designs are chosen by: utility, and a share of the information about all four parameters, so that none is left open."""
@@ -99,24 +96,24 @@ class Information:
 
     def scores(self, total: FloatArray, trials: float, pairs: slice = slice(None)) -> FloatArray:
         """The same with so many trials more of each of some pairs, one pair after the other: shape (pairs,)."""
-        wanted, of_all = self._after(_Change(total, self.rows[:, pairs], trials), total)
+        wanted, of_all = self._after(total, self.rows[:, pairs], trials)
         return wanted + _SHARED * of_all / len(self.interest)
 
-    def _after(self, change: _Change, total: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """After each change the utility, and half the log determinant of the information about what is of interest, others being unknown.
+    def _after(self, total: FloatArray, rows: FloatArray, trials: float) -> tuple[FloatArray, FloatArray]:
+        """With so many trials more of each row the utility, and half the log determinant of the information about what is of interest.
 
-        Of the aim to name the update: the log of the probability to, of those who do, and the expected log Bayes factor against an update,
-        log(V0/V)/2, of those who do not.
+        Of the latter others are unknown. Of the aim to name the update the utility is the log of the probability to, of those who do, and
+        the expected log Bayes factor against an update, log(V0/V)/2, of those who do not.
         """
         rest = [i for i in range(total.shape[1]) if i not in self.interest]
         nuisance = total[:, rest][:, :, rest]
-        of_rest = _Change(nuisance, change.rows[..., rest], change.trials).growth
+        (spread, growth), (_, of_rest) = _change(total, rows, trials), _change(nuisance, rows[..., rest], trials)
         before = np.linalg.slogdet(total)[1] - np.linalg.slogdet(nuisance)[1]
-        of_all = np.asarray(0.5 * (before[:, None] + np.log(change.growth) - np.log(of_rest)).mean(axis=0))
+        of_all = np.asarray(0.5 * (before[:, None] + np.log(growth) - np.log(of_rest)).mean(axis=0))
         if self.aim == "parameters":
             return of_all, of_all
-        toward = np.einsum("ojk,ok->oj", change.spread, self.direction)
-        variance = self.variance(total)[:, None] - change.trials * np.square(toward) / change.growth
+        toward = np.einsum("ojk,ok->oj", spread, self.direction)
+        variance = self.variance(total)[:, None] - trials * np.square(toward) / growth
         told = -0.5 * np.log(variance)
         if self.aim == "update":
             told[~self.updates] += 0.5 * np.log(self.prior_variance)

@@ -240,14 +240,6 @@ def proposed(
 
     By the closed form alone: seconds, where simulation takes minutes. Exchange from pairs at random, or from the paper's, ends within 0.002
     of the same score.
-
-    Examples
-    --------
-    >>> from bayes_toe.planning.observers import observers_from
-    >>> people = observers_from(None, 2, seed=1)
-    >>> found, _ = proposed(grid(-0.75, 1.25, 0.25), 200, DesignGoal("gain", max_pairs=8), people)
-    >>> found[OPTIMISED].design.total, found[OPTIMISED].sd < found[PAPER].sd
-    (200, True)
     """
     plane = _admissible(levels, goal)
     fixed = np.zeros(plane.n_pairs, np.int64)

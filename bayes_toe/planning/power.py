@@ -213,14 +213,7 @@ class PowerTable(Simulations[DataSet]):
         return data_sets_frame(self.rows)
 
     def sentences(self) -> list[str]:
-        """What the simulation says, a line a design and number of trials.
-
-        Examples
-        --------
-        >>> rows = [DataSet("these pairs", 650, f"update {i}", "update", Judgement((0.0, 0.0, 9.0 * i))) for i in range(2)]
-        >>> PowerTable(tuple(rows), 1).sentences()
-        ['with these pairs 650 trials find an order effect in 50 % of observers with a pull (6 to 94 %), and name a pull in 50 %']
-        """
+        """What the simulation says, a line a design and number of trials."""
         lines = []
         for design, trials in self.different("design", "trials"):
             kinds = [kind for kind in self.different("observers") if (design, trials, kind, 1, FOUND) in self.counted]

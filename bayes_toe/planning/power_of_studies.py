@@ -75,15 +75,6 @@ def power_of_studies(table: PowerTable, subjects: Sequence[int] = SUBJECTS, shar
     Data sets are taken together in order, each once, so that studies are independent; a kind is named where the probability that it is the
     most frequent in the population, protected against all being equally frequent, is above 0.95. There are no studies of more subjects
     than data sets, and none of a subject whose evidence is withheld.
-
-    Examples
-    --------
-    >>> from bayes_toe.planning.judging import Judgement
-    >>> from bayes_toe.planning.power import DataSet
-    >>> rows = [DataSet("d", 650, f"u{i}", "update", Judgement((-5.0, -4.0, 0.0))) for i in range(8)]
-    >>> found = power_of_studies(PowerTable(tuple(rows), 1))
-    >>> [(row.subjects, row.size, row.value) for row in found.counted.values() if row.quantity == "named"]
-    [(4, 2, 0.0), (8, 1, 1.0)]
     """
     sizes, found = [size for size in sorted(set(subjects)) if size > 1], []
     most = max((share, kind) for kind, share in shares.items())[1] if shares else ""

@@ -184,26 +184,14 @@ def read_study_design(path: str | Path, task: Task | str = SAME_DIFFERENT) -> St
 
 
 def paper_study_design(trials: int | None = None, task: Task | str = SAME_DIFFERENT) -> StudyDesign:
-    """The paper's 13 pairs, 50 trials each, or so many in all.
-
-    Examples
-    --------
-    >>> paper_study_design().total
-    650
-    """
+    """The paper's 13 pairs, 50 trials each, or so many in all."""
     paper = reference_design()
     made = StudyDesign(paper.s1, paper.s2, np.full(len(paper.s1), paper.batches), paper.isi, task=task_of(task))
     return made if trials is None else made.with_total(trials)
 
 
 def narrow_study_design(first: FloatArray, steps: FloatArray, trials: int) -> StudyDesign:
-    """First stimuli, and second ones so many steps from each (natural-log intensities).
-
-    Examples
-    --------
-    >>> narrow_study_design(np.array([0.0, 1.0]), np.array([-0.1, 0.0, 0.1]), 60).n_pairs
-    6
-    """
+    """First stimuli, and second ones so many steps from each (natural-log intensities)."""
     s1 = np.repeat(first, len(steps))
     return StudyDesign(s1, s1 + np.tile(steps, len(first)), apportioned(np.ones(len(s1)), trials))
 
