@@ -317,11 +317,6 @@ def equality_test(k1: npt.ArrayLike, n1: npt.ArrayLike, k2: npt.ArrayLike, n2: n
 
     Boschloo's test; Fisher's, doubled one-sided, for more than :data:`BOSCHLOO_TRIALS` trials n1 + n2.
 
-    Raises
-    ------
-    InputError
-        If a comparison has more than :data:`LARGEST_TOTAL` trials.
-
     Examples
     --------
     >>> found = equality_test([7, 25], [12, 50], [8, 45], [8, 50])

@@ -45,22 +45,8 @@ def mass_ellipse(x: npt.ArrayLike, y: npt.ArrayLike, mass: float = MASS) -> Elli
     covariance of the points inside, then as many points nearest by that covariance; its determinant falls with every step. For a normal
     cloud this is the level curve that the paper draws. Source: caption of Fig. 4.
 
-    Parameters
-    ----------
-    x, y : array_like, shape (points,)
-        Infinite and missing ones count as points outside.
-    mass : float
-        Share of all points, in (0, 1).
-
-    Returns
-    -------
-    Ellipse or None
-        None where too few points are finite, or all inside lie on one line.
-
-    Raises
-    ------
-    InputError
-        If shapes differ or `mass` is not between 0 and 1.
+    Coordinates have the shape (points,); infinite and missing ones count as points outside. None where too few are finite, or all inside
+    lie on one line.
 
     Examples
     --------

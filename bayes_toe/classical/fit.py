@@ -47,22 +47,11 @@ _SAID = {
 
 @dataclass(frozen=True, eq=False)
 class Bootstrap:
-    """Fits of one subject's bootstrap replicates.
-
-    Attributes
-    ----------
-    subject : str
-    fitted : Fits
-        The fit of the subject's own answers, one row.
-    fits : Fits
-        One row a replicate: parameters (replicates, 4), log likelihoods, edges, arrived, curves.
-    seed : int
-        Root seed; the stream is keyed by it and the subject's name.
-    """
+    """Fits of one subject's bootstrap replicates; the random stream is keyed by the seed and the subject's name."""
 
     subject: str
-    fitted: Fits
-    fits: Fits
+    fitted: Fits  # of the subject's own answers, one row
+    fits: Fits  # one row a replicate: parameters (replicates, 4), log likelihoods, edges, arrived, curves
     seed: int
 
     def __len__(self) -> int:
@@ -72,11 +61,6 @@ class Bootstrap:
         """Percentile interval of the four parameters, shape (4, 2): order statistics, so that infinite ones stay what they are.
 
         Over the replicates that determine the parameter; NaN where the fit or most replicates do not.
-
-        Raises
-        ------
-        InputError
-            If the level is not between 0 and 1.
         """
         require_share("level", level)
         result = np.full((self.fits.parameters.shape[1], 2), np.nan)
@@ -107,11 +91,6 @@ class Bootstrap:
         """Ellipse of this probability around the mean in (mu1, sigma_p), for a normal distribution; None where there is no covariance.
 
         Source: Fig. 4.
-
-        Raises
-        ------
-        InputError
-            If the mass is not between 0 and 1.
         """
         require_share("mass", mass)
         points = self.fits.parameters[:, :2].T
@@ -136,20 +115,7 @@ class Bootstrap:
 def bootstrap_subject(
     subject: Subject, *, seed: int, prior: Prior | None = None, replicates: int = 1000, fitted: Fits | None = None
 ) -> Bootstrap:
-    """Bootstrap the fit of one subject.
-
-    Parameters
-    ----------
-    subject : Subject
-    seed : int
-        Root seed.
-    prior : Prior, optional
-        Its normal of mu1 is the penalty.
-    replicates : int
-        How many; the paper's number is of the order of 1,000.
-    fitted : Fits, optional
-        The fit of the subject's own answers, where it is known already.
-    """
+    """Bootstrap the fit of one subject; the prior's normal of mu1 is the penalty. The paper has of the order of 1,000 replicates."""
     counts = resample(subject, generator(seed, subject.name, "bootstrap"), replicates)
     own = fit_counts(subject, prior) if fitted is None else fitted
     return Bootstrap(subject.name, own, fit_counts(subject, prior, counts), seed)

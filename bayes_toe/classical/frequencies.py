@@ -36,11 +36,6 @@ def laplace_error(n_yes: npt.ArrayLike, n_trials: npt.ArrayLike) -> FloatArray:
     """Uncertainty of qhat, sigmahat_q = sqrt(qhat (1 - qhat)/(n + 3)); arguments as for :func:`laplace_estimate`.
 
     Source: Eq. e:2b, in the form in which nothing cancels.
-
-    Examples
-    --------
-    >>> float(laplace_error(0, 0)) == 12**-0.5  # the uniform distribution
-    True
     """
     k, n = np.asarray(n_yes, np.float64), np.asarray(n_trials, np.float64)
     return np.asarray(np.sqrt((k + 1.0) / (n + 2.0) * ((n - k + 1.0) / (n + 2.0)) / (n + 3.0)))
@@ -79,26 +74,15 @@ class Collapse:
     """Model-free frequencies on the normalised distance, where both orders fall on q/q0 = 2^(-z^2). Source: Fig. 3, lower row.
 
     Arrays have shape (pairs,). Bands are quantiles over the draws that were given.
-
-    Attributes
-    ----------
-    order : array of int
-        -1 weaker stimulus first, 0 equal stimuli, 1 stronger first.
-    z, z_low, z_high : array
-        Normalised distance (s2 - mu_2)/w: median, lower and upper quantile; no unit.
-    ratio, error : array
-        qhat/q0 and sigmahat_q/q0 at the median q0. Source: Eq. e:2b.
-    top : float
-        The median q0; 1 of a model without it, as of 'which is stronger'.
     """
 
-    order: IntArray
-    z: FloatArray
+    order: IntArray  # -1 weaker stimulus first, 0 equal stimuli, 1 stronger first
+    z: FloatArray  # normalised distance (s2 - mu_2)/w, the median, and its lower and upper quantile; no unit
     z_low: FloatArray
     z_high: FloatArray
-    ratio: FloatArray
+    ratio: FloatArray  # qhat/q0, and sigmahat_q/q0, at the median q0. Source: Eq. e:2b
     error: FloatArray
-    top: float
+    top: float  # the median q0; 1 of a model without it, as of 'which is stronger'
 
 
 def collapse(posterior: Posterior, x: npt.ArrayLike, *, mass: float = 0.9) -> Collapse:

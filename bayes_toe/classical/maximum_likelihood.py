@@ -62,15 +62,10 @@ _OFFSETS, _WIDTHS, _SHARES = (0.05, 0.15, 0.4, 1.0, 2.0), np.arange(-2.0, 1.6, 0
 
 @dataclass(frozen=True, eq=False)
 class PenalisedLikelihood:
-    """What a fit maximises, for the counts of many rows; points u have the shape (points, 4) and belong to rows (points,).
+    """What a fit maximises, for the counts of many rows, (rows, pairs); points u have the shape (points, 4) and belong to rows (points,).
 
-    Parameters
-    ----------
-    posterior : Posterior
-        The predictive update of a subject, whose likelihood it is; of its prior the normal of mu1 is the penalty, the paper's has mean 0
-        and V_1 = 10^2.
-    n_yes : array of int, shape (rows, pairs)
-        How often either row's pairs got the answer that the task counts.
+    It is the likelihood of a subject's predictive update; of its prior the normal of mu1 is the penalty, the paper's has mean 0 and
+    V_1 = 10^2.
     """
 
     posterior: Posterior
@@ -78,13 +73,7 @@ class PenalisedLikelihood:
 
     @classmethod
     def of(cls, subject: Subject, prior: Prior | None = None, n_yes: npt.ArrayLike | None = None) -> PenalisedLikelihood:
-        """Of counts, (rows, pairs), over a subject's pairs, by default its own.
-
-        Raises
-        ------
-        InputError
-            If there are several intervals, or mu1's prior is not a normal.
-        """
+        """Of counts, (rows, pairs), over a subject's pairs, by default its own; at one interval, with a normal prior of mu1."""
         refuse_intervals([subject], "maximum-likelihood fit")
         posterior = models_of(subject.task).update.posterior(subject, DEFAULT if prior is None else prior)
         return cls(replace(posterior, centre=posterior.sbar), np.atleast_2d(np.asarray(subject.n_yes if n_yes is None else n_yes)))
@@ -155,31 +144,17 @@ class PenalisedLikelihood:
 class Fits:
     """Maximum-likelihood fits of one design to one or many count vectors.
 
-    Attributes
-    ----------
-    parameters : array, shape (rows, 4)
-        mu1, sigma_p, sigma_l (natural-log intensity) and q0 or the lapse rate; NaN where the data leave the parameter open ("not unique").
-    log_likelihood : array, shape (rows,)
-        At the maximum, without binomial coefficients and without the penalty, nats.
-    objective : array, shape (rows,)
-        Log likelihood minus penalty: what was maximised.
-    edges : array of bool, shape (rows, edges)
-        On which of the task's :data:`EDGES` the maximum lies.
-    arrived : array of bool, shape (rows,)
-        False where the ascent did not meet its criterion; the row is then the best point found.
-    points : array, shape (rows, 4)
-        The rows in the coordinates of the posterior, from which curves follow also where a natural parameter has no value.
-    subject : Subject
-        Whose pairs they are.
+    Parameters, (rows, 4), are mu1, sigma_p, sigma_l (natural-log intensity) and q0 or the lapse rate; NaN where the data leave one open
+    ("not unique"). Curves follow from the points, (rows, 4), in the coordinates of the posterior, also where this has no value.
     """
 
     parameters: FloatArray
-    log_likelihood: FloatArray
-    objective: FloatArray
-    edges: BoolArray
-    arrived: BoolArray
+    log_likelihood: FloatArray  # (rows,): at the maximum, without binomial coefficients and without the penalty, nats
+    objective: FloatArray  # (rows,): log likelihood minus penalty: what was maximised
+    edges: BoolArray  # (rows, edges): on which of the task's :data:`EDGES` the maximum lies
+    arrived: BoolArray  # (rows,): False where the ascent did not meet its criterion; the row is then the best point found
     points: FloatArray
-    subject: Subject
+    subject: Subject  # whose pairs they are
 
     def __len__(self) -> int:
         return len(self.objective)

@@ -160,36 +160,20 @@ class PairFit:
 class FitSummary:
     """Goodness of fit of one subject in a few numbers, for tables.
 
-    Attributes
-    ----------
-    deviance : float
-        Smallest over the draws: with thousands of draws within about 0.1 of that of the maximum of the likelihood.
-    degrees_of_freedom : int
-        Pairs less the free parameters.
-    p_overall, p_overall_se : float
-        Posterior predictive p-value of the deviance and its Monte Carlo standard error, see :class:`PredictiveCheck`.
-    worst_p : float
-        Smallest two-sided posterior predictive p-value of a pair, not corrected for the number of pairs.
-    worst_s1, worst_s2 : float
-        That pair, natural-log intensity.
-    worst_isi : float, optional
-        Its interval, seconds, where the subject has intervals.
-    p_deviance : float
-        p-value of the deviance, see :func:`deviance_p_value`, its moments averaged over draws; NaN without degrees of freedom.
-    worst : tuple of PairFit
-        The pairs with the largest residuals at the draw of the smallest deviance, at most three, largest first; all but the first beyond
-        2. Not stored with draws: empty where the summary comes from a file.
+    The deviance is the smallest over the draws: with thousands of draws within about 0.1 of that of the maximum of the likelihood. The
+    worst pairs are those with the largest residuals at that draw, at most three, largest first, all but the first beyond 2; they are not
+    stored with draws: none where the summary comes from a file.
     """
 
     deviance: float
-    degrees_of_freedom: int
-    p_overall: float
+    degrees_of_freedom: int  # pairs less the free parameters
+    p_overall: float  # posterior predictive p-value of the deviance, and its Monte Carlo error, see :class:`PredictiveCheck`
     p_overall_se: float
-    worst_p: float
-    worst_s1: float
+    worst_p: float  # smallest two-sided posterior predictive p-value of a pair, not corrected for the number of pairs
+    worst_s1: float  # that pair, natural-log intensity, at its interval, seconds
     worst_s2: float
     worst_isi: float | None = None
-    p_deviance: float = float("nan")
+    p_deviance: float = float("nan")  # see :func:`deviance_p_value`, moments averaged over draws; NaN without degrees of freedom
     worst: tuple[PairFit, ...] = ()
 
     @property

@@ -94,11 +94,6 @@ def require_models(names: str | Sequence[str | Record], task: Task = SAME_DIFFER
 def model_named(name: str | Record, task: Task = SAME_DIFFERENT) -> Record:
     """The record of a task's model by its name or its composition, or the record that was given.
 
-    Raises
-    ------
-    InputError
-        If there is none of that name.
-
     Examples
     --------
     >>> model_named("symmetric").describe(Prior())

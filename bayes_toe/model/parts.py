@@ -226,11 +226,6 @@ def parts_of(task: Task) -> Mapping[str, tuple[Level, ...]]:
 def compose(task: Task = SAME_DIFFERENT, **levels: str) -> Model:
     """The model with these levels of parts; of a part that is not named, the task's default.
 
-    Raises
-    ------
-    InputError
-        If a part or level is unknown or another task's, or two exclude each other.
-
     Examples
     --------
     >>> compose(order="constant error", lapses="both ways").coordinates
@@ -274,13 +269,7 @@ def compose(task: Task = SAME_DIFFERENT, **levels: str) -> Model:
 
 
 def level_named(part: str, word: str, task: Task = SAME_DIFFERENT) -> Level:
-    """The level of a part that a word means.
-
-    Raises
-    ------
-    InputError
-        If there is none.
-    """
+    """The level of a part that a word means."""
     for level in parts_of(task)[part]:
         if word.casefold() in level.words:
             return level
@@ -289,11 +278,6 @@ def level_named(part: str, word: str, task: Task = SAME_DIFFERENT) -> Level:
 
 def composition(text: str, task: Task = SAME_DIFFERENT) -> Model:
     """The model of a text like 'update + sloped + both ways': levels in any order, at most one of each part.
-
-    Raises
-    ------
-    InputError
-        With the words that are allowed, if one is unknown or another task's, or two are of the same part.
 
     Examples
     --------

@@ -319,18 +319,7 @@ def read_prior(path: str | Path) -> Prior:
 
 
 def stored_prior(values: Mapping[str, Any]) -> Prior:
-    """The prior that a file of results holds; before the width could have one it was the paper's with what the file says.
-
-    Raises
-    ------
-    InputError
-        For numbers that only a prior of somebody's own has.
-
-    Examples
-    --------
-    >>> stored_prior({"mu1_sd": 2.0, "offset_sd": 1.5, "origin": ""}).describe_orders()
-    'mu1 ~ Normal(0, 2), sigma_p ~ HalfNormal(1), gamma ~ Uniform(0, 1), q0 ~ Uniform(0, 1), offset ~ Normal(0, 1.5)'
-    """
+    """The prior that a file of results holds; before the width could have one it was the paper's with what the file says."""
     unknown = sorted(values.keys() - {one.name for one in Prior.declared()} - {"origin"})
     if unknown:
         raise InputError(f"draws made under a prior of your own, with {', '.join(unknown)}: only {Prior.__name__} itself can be told back")
@@ -339,13 +328,7 @@ def stored_prior(values: Mapping[str, Any]) -> Prior:
 
 
 def example_file() -> str:
-    """A complete prior file with the defaults and what they mean; what has none is a comment.
-
-    Examples
-    --------
-    >>> print(example_file().splitlines()[0])
-    mu1_mean = 0.0              # mean of the normal prior of mu1, natural-log intensity; or "stimuli", their mean
-    """
+    """A complete prior file with the defaults and what they mean; what has none is a comment."""
     lines = {f"# {one.name} = 1.0" if one.default is None else f"{one.name} = {one.default!r}": one.about for one in Prior.declared()}
     width = max(map(len, lines))
     return "".join(f"{line:<{width}}  # {about}\n" for line, about in lines.items())
