@@ -130,10 +130,9 @@ class File:
     words: dict[str, str] = field(default_factory=dict)
 
     def meaning(self, column: str) -> str:
-        """Its own words, those of a docstring, or those that hold everywhere."""
-        found = (
-            self.words.get(column) or next(filter(None, (explanation(kind, column) for kind in self.explained)), "") or COMMON.get(column)
-        )
+        """Its own words, those of a docstring, those that hold everywhere, or those beside the field."""
+        told, beside = (next(filter(None, (of(kind, column) for kind in self.explained)), "") for of in (explanation, comment))
+        found = self.words.get(column) or told or COMMON.get(column) or beside
         if not found:
             raise SystemExit(f"{self.name}: nothing says what the column {column} means")
         plain = " ".join(re.sub(r":\w+:`~?\.?([^`]+)`", r"`\1`", found).replace("|", r"\|").split())
@@ -147,6 +146,12 @@ def explanation(kind: type, name: str) -> str:
         return inspect.getdoc(getattr(kind, name)) or ""
     entry = re.search(rf"^{name} : [^\n]*\n((?:    [^\n]*\n?)+)", (inspect.getdoc(kind) or "") + "\n", flags=re.MULTILINE)
     return entry[1] if entry else ""
+
+
+def comment(kind: type, name: str) -> str:
+    """What stands beside a field, as a sentence."""
+    found = re.search(rf"^    {name}: [^#\n]*  # (.*)$", inspect.getsource(kind), flags=re.MULTILINE)
+    return f"{found[1]}." if found else ""
 
 
 def _names(kind: type) -> list[str]:

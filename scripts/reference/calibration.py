@@ -240,7 +240,7 @@ class RankRow:
     largest_difference: float  # of the ranks' distribution function from the uniform one, signed
     at: float
     p_value: float  # for the whole function, not only there; exact
-    threshold: float  # of the p-value: the stated false-alarm probability, shared among all quantities and designs (Bonferroni)
+    threshold: float  # what the p-value must not fall below: the false-alarm probability, shared among quantities and designs (Bonferroni)
 
     @property
     def inside(self) -> bool:
@@ -259,7 +259,7 @@ class EvidenceRow:
     missing_h1: int  # data sets from H1 and from H0 for which the estimator gives no number; what follows is about the others
     missing_h0: int
     judged: Reliability | None
-    log_score_default: float | None  # of the default estimator on the same data sets
+    log_score_default: float | None  # the log score of the default estimator on the same data sets, nats
     median_shift: float | None  # of the log Bayes factor against the default estimator's
     largest_shift: float | None  # with its sign
 
