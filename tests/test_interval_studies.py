@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from commands import good, refused
-from scipy.special import betaln, roots_legendre
+from scipy.special import betaln
 
 import bayes_toe as bt
 from bayes_toe.cli.look import read_truth
@@ -18,7 +18,6 @@ from bayes_toe.experiments.simulate import Design, at_intervals, design_from, re
 from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.evidence import importance_evidence
 from bayes_toe.inference.prediction import Predictor
-from bayes_toe.model.beliefs import comparison_distance, evolve, steady_prior, update
 from bayes_toe.model.coordinates import Natural
 from bayes_toe.model.intervals import at_interval
 
@@ -144,9 +143,9 @@ def test_simulated_frequencies_are_those_of_the_model():
 # --- posterior and evidence ---------------------------------------------------------------------------------------------------------
 
 
-def fitted(subject, prior=None):
-    """Under the paper's prior, where none is given: the numbers beside it are of that."""
-    return fit_proposal(bt.model.posterior_of(subject, bt.Prior() if prior is None else prior), np.random.default_rng(5))
+def fitted(subject):
+    """Under the paper's prior: the numbers beside it are of that."""
+    return fit_proposal(bt.model.posterior_of(subject, bt.Prior()), np.random.default_rng(5))
 
 
 def spread(subject, name="gamma"):
@@ -177,39 +176,6 @@ def test_one_first_stimulus_at_several_intervals_tells_the_pull():
 
     assert spread(subject([1.0])) > 0.25
     assert spread(subject([0.25, 1.0, 4.0])) < 0.12
-
-
-def brute_force(subject, prior, orders):
-    """Log evidence by a tensor of Gauss-Legendre nodes in the natural parameters, with the filter's equations one after the other."""
-    (u, wu), (v, wv), (g, wg), (t, wt) = (roots_legendre(n) for n in orders)
-    mu1, sigma_p = 6.0 * prior.mu1_sd * u, 2.5 * prior.sigma_p_scale * (1 + v)
-    gamma, q0 = (1 + g) / 2, (1 + t) / 2
-    log_mu1 = np.log(wu * 6.0) - 0.5 * (mu1 / prior.mu1_sd) ** 2 - 0.5 * np.log(2 * np.pi)
-    log_sigma = np.log(wv * 2.5) + 0.5 * np.log(2 / np.pi) - 0.5 * (sigma_p / prior.sigma_p_scale) ** 2
-    mesh = np.meshgrid(mu1, sigma_p, gamma, indexing="ij")
-    m, s, noise = mesh[0], mesh[1], mesh[1] * np.sqrt(mesh[2])
-    distances = []
-    for s1, s2, isi in zip(subject.s1, subject.s2, subject.isi, strict=True):
-        evolved = evolve(update(steady_prior(m, s * np.sqrt(isi), noise), s1, noise), s, isi)
-        distances.append(comparison_distance(evolved, s2, noise))
-    shape = 2.0 ** -np.square(np.stack(distances, -1))
-    total = np.zeros(m.shape)
-    for top, weight in zip(q0, wt / 2, strict=True):
-        q = top * shape
-        total += weight * np.prod(q**subject.n_yes * (1 - q) ** (subject.n_trials - subject.n_yes), axis=-1)
-    outside = np.exp(log_mu1[:, None, None] + log_sigma[None, :, None] + np.log(wg / 2)[None, None])
-    return float(np.log(np.sum(outside * total)))
-
-
-def test_evidence_agrees_with_brute_force():
-    s1, s2, isi = [0.0, 0.5, 0.0, 0.5, 0.4], [0.5, 0.0, 0.5, 0.1, 0.4], [0.3, 0.3, 3.0, 3.0, 1.0]
-    subject = bt.Subject("a", s1, s2, [3, 5, 4, 3, 6], [7, 7, 6, 7, 7], isi=isi)
-    prior = bt.Prior(mu1_sd=1.0, reference_interval=1.0)
-    fine = brute_force(subject, prior, (80, 90, 12, 12))  # within 1e-4 of 110, 120, 16, 16
-    estimate = importance_evidence(fitted(subject, prior))
-    value, error = estimate.value, estimate.se
-    assert error < 0.005
-    assert value == pytest.approx(fine, abs=4.5 * error + 1e-4)
 
 
 def test_evidence_and_moments_agree_with_quadrature():

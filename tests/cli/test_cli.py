@@ -265,8 +265,7 @@ def test_figures_and_sensitivity_of_saved_draws_sample_nothing(results, folder, 
 
 
 def test_simulate_then_check_then_quiet(tmp_path, three_models):
-    made = call("simulate", "-o", "s.csv", "--truth", "t.csv", "--subjects", 1, "--batches", 8, "--seed", 1, cwd=tmp_path)
-    assert made.returncode == 0, made.stderr
+    good("simulate", "-o", "s.csv", "--truth", "t.csv", "--subjects", 1, "--batches", 8, "--seed", 1, cwd=tmp_path)
     assert list(pd.read_csv(tmp_path / "t.csv").columns) == ["subject", "mu1", "sigma_p", "sigma_l", "q0"]
     assert len(pd.read_csv(tmp_path / "s.csv")) == 8 * 13
     assert "synthetic" in good("check", "s.csv", cwd=tmp_path)
