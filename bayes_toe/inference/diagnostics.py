@@ -108,11 +108,6 @@ def quantile_errors(draws: npt.ArrayLike, probabilities: npt.ArrayLike, ess: flo
     distance between the draws at the ends of its central 68 %. With the smallest of several sizes it is an upper bound.
 
     Source: Vehtari et al. 2021, section 4.4.
-
-    Examples
-    --------
-    >>> bool(0.5 <= quantile_errors(np.arange(101.0), [0.5], 10_000)[0] <= 1.5)  # sd of the share 0.005: half a percentile, whole steps
-    True
     """
     ascending, p = np.sort(np.ravel(draws)), np.asarray(probabilities, np.float64)
     if not ess > 0.0:

@@ -29,14 +29,7 @@ _ROUNDING = 1e-15
 
 
 def natural_names(task: Task) -> tuple[str, ...]:
-    """What a task calls the paper's four parameters.
-
-    Examples
-    --------
-    >>> from bayes_toe.data.tasks import WHICH_STRONGER
-    >>> natural_names(WHICH_STRONGER)
-    ('mu1', 'sigma_p', 'sigma_l', 'lapse_rate')
-    """
+    """What a task calls the paper's four parameters."""
     return (*NATURAL[:3], task.lapses)
 
 
@@ -124,15 +117,7 @@ def log_noise_ratio(a: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def quantities(theta: Natural, sbar: float) -> dict[str, FloatArray]:
-    """Every named quantity that follows from natural coordinates: they themselves, gamma, sigma1, gain and width, offset and pull.
-
-    Examples
-    --------
-    >>> theta = Natural(*map(np.asarray, (0.5, 1.0, 2.0**0.5, 0.9)))
-    >>> found = quantities(theta, sbar=0.1)
-    >>> tuple(found) == QUANTITIES, round(float(found["pull"]), 6), round(float(found["offset"]), 6)
-    (True, 0.5, 0.2)
-    """
+    """Every named quantity that follows from natural coordinates: they themselves, gamma, sigma1, gain and width, offset and pull."""
     gamma = theta.gamma
     ratio, p = variance_ratio(gamma), pull(gamma)
     spreads = np.sqrt(ratio) * theta.sigma_p, 1.0 / ratio, width(theta.sigma_p, gamma)
@@ -140,13 +125,7 @@ def quantities(theta: Natural, sbar: float) -> dict[str, FloatArray]:
 
 
 def probit_of_logit(logit: FloatArray) -> FloatArray:
-    """Standard normal quantile of expit(logit), shape (...).
-
-    Examples
-    --------
-    >>> probit_of_logit(np.array([1.0, -700.0])).round(4).tolist()
-    [0.616, -37.2951]
-    """
+    """Standard normal quantile of expit(logit), shape (...)."""
     return np.asarray(np.sign(logit) * -ndtri_exp(log_expit(-np.abs(logit))))
 
 

@@ -49,13 +49,7 @@ class Distribution(Hashable, Protocol):
 
 @dataclass(frozen=True)
 class Normal:
-    """Normal distribution.
-
-    Examples
-    --------
-    >>> Normal(0.0, 10.0).describe(), round(float(Normal(0.0, 10.0).quantile(0.95)), 4)
-    ('Normal(0, 10)', 16.4485)
-    """
+    """Normal distribution."""
 
     mean: float
     sd: float
@@ -93,13 +87,7 @@ class Normal:
 
 @dataclass(frozen=True)
 class HalfNormal:
-    """The absolute value of a normal of mean 0 and standard deviation `scale`; support x >= 0.
-
-    Examples
-    --------
-    >>> HalfNormal(1.0).describe(), round(float(HalfNormal(1.0).quantile(0.95)), 4)
-    ('HalfNormal(1)', 1.96)
-    """
+    """The absolute value of a normal of mean 0 and standard deviation `scale`; support x >= 0."""
 
     scale: float
 
@@ -138,13 +126,7 @@ class HalfNormal:
 
 @dataclass(frozen=True)
 class Uniform:
-    """Uniform distribution over 0 <= x <= top.
-
-    Examples
-    --------
-    >>> Uniform().describe(), float(Uniform().quantile(0.25)), Uniform(2.0).log_density([1.0, 3.0]).round(4).tolist()
-    ('Uniform(0, 1)', 0.25, [-0.6931, -inf])
-    """
+    """Uniform distribution over 0 <= x <= top."""
 
     top: float = 1.0
 
@@ -182,13 +164,7 @@ class Uniform:
 
 @dataclass(frozen=True)
 class Beta:
-    """Beta distribution over 0 <= x <= 1, density in proportion to x^(a-1) (1-x)^(b-1).
-
-    Examples
-    --------
-    >>> Beta(1.0, 9.0).describe(), round(float(Beta(1.0, 9.0).quantile(0.5)), 4)
-    ('Beta(1, 9)', 0.0741)
-    """
+    """Beta distribution over 0 <= x <= 1, density in proportion to x^(a-1) (1-x)^(b-1)."""
 
     a: float
     b: float
@@ -246,13 +222,7 @@ def share(a: float, b: float) -> Uniform | Beta:
 
 @dataclass(frozen=True)
 class LogNormal:
-    """Distribution over x > 0 whose logarithm is normal with mean ln median and standard deviation `sd`.
-
-    Examples
-    --------
-    >>> LogNormal(2.0, 0.5).describe(), round(float(LogNormal(2.0, 0.5).quantile(0.95)), 4)
-    ('LogNormal(2, 0.5)', 4.552)
-    """
+    """Distribution over x > 0 whose logarithm is normal with mean ln median and standard deviation `sd`."""
 
     median: float
     sd: float

@@ -134,13 +134,7 @@ def typical_interval(isi: FloatArray, n_trials: IntArray) -> FloatArray:
 
 
 def reference_interval(given: float | None, *subjects: Subject) -> float:
-    """The interval given, or the geometric mean of the subjects' own over all trials, seconds; 1 where they have none.
-
-    Examples
-    --------
-    >>> reference_interval(None, Subject("S", [0.0, 0.0], [0.0, 0.0], [4, 4], [5, 5], [1.0, 4.0]))
-    2.0
-    """
+    """The interval given, or the geometric mean of the subjects' own over all trials, seconds; 1 where they have none."""
     known = [(one.isi, one.n_trials) for one in subjects if one.isi is not None]
     if given is not None or not known:
         return 1.0 if given is None else given
