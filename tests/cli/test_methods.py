@@ -93,7 +93,7 @@ def test_run_writes_what_the_command_does(results, analysis, tmp_path):
     assert joined(tmp_path / "m.md") == document(results)[0]
 
 
-def test_one_subject_under_the_default_prior_after_something_was_done_to_the_data(small_study, tmp_path):
+def test_one_subject_under_the_default_prior_after_something_was_done_to_the_data(three_models, small_study, tmp_path):
     study = replace(small_study.select(["A"]), notes=("trial rows", "3 trials without a response dropped: A 3"))
     one = bt.run(study, draws=200, seed=1, workers=1)
     write_text(of_analysis(one, None, figures=False), tmp_path / "m.md")
