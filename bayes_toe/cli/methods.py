@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -151,17 +152,19 @@ def write_text(told: Methods, path: Path) -> None:
     """Write the document, in Markdown or LaTeX by its ending, and its citations, NAME.bib."""
     facts = _facts(told) | {"stem": Markup(path.stem), "latex": path.suffix == ".tex"}
     parts = templates(path.suffix[1:]).get_template("methods.txt").render(facts).split("\n\n")
-    leads = ("**", r"\paragraph")
-    wrapped = [
-        fill(" ".join(part.split()), 110, break_long_words=False, break_on_hyphens=False) if part.startswith(leads) else part
-        for part in parts
-    ]
+    wrapped = [_filled(part) if part.startswith(("**", r"\paragraph")) else part for part in parts]
     text = "\n\n".join(part.strip("\n") for part in wrapped if part.strip()) + "\n"
     every = (files("bayes_toe") / "cli" / "references.bib").read_text(encoding="utf-8").split("\n\n")
     entries = {entry.partition("{")[2].partition(",")[0]: entry.strip() for entry in every}
     cited = [entry for key, entry in entries.items() if f"[@{key}]" in text or rf"\citep{{{key}}}" in text]
     path.write_text(text, encoding="utf-8")
     path.with_suffix(".bib").write_text("\n\n".join(cited).replace("VERSION", facts["versions"]["bayes_toe"]) + "\n", encoding="utf-8")
+
+
+def _filled(paragraph: str) -> str:
+    """In lines of 110 letters, which end within no formula: one that begins with a minus would be an item of a list in Markdown."""
+    whole = re.sub(r"\$[^$]*\$", lambda formula: formula[0].replace(" ", "\xa0"), " ".join(paragraph.split()))
+    return fill(whole, 110, break_long_words=False, break_on_hyphens=False).replace("\xa0", " ")
 
 
 def _facts(told: Methods) -> dict[str, Any]:

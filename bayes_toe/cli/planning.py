@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
@@ -20,6 +20,7 @@ from bayes_toe.data.messages import counted, listed, quoted
 if TYPE_CHECKING:
     from bayes_toe.arrays import FloatArray
 
+Number = TypeVar("Number", int, float)
 _POWER, _STUDIES, _STOPPING, _POPULATION = "power.csv", "power_subjects.csv", "power_stopping.csv", "power_population.csv"
 _CONDITIONS, _HISTORY = "power_conditions.csv", "power_history.csv"
 _BESIDE = ("power_data_sets.csv", "power.png", "power.pdf")
@@ -76,12 +77,7 @@ class GoalOptions:
         """What the design is for."""
         from bayes_toe.data.tasks import task_of
 
-        try:
-            found = () if self.isi is None else tuple(sorted({float(part) for part in self.isi.split(",")}))
-        except ValueError:
-            found = (0.0,)
-        if any(not 0.0 < one < float("inf") for one in found):
-            raise bt.InputError(f"--isi: found {quoted(str(self.isi))}, allowed: positive numbers of seconds, separated by commas")
+        found = () if self.isi is None else tuple(_numbers("--isi", self.isi, float, "positive numbers of seconds"))
         keep = None if self.keep is None else planning.read_study_design(self.keep, question)
         return planning.DesignGoal(self.aim, self.max_pairs, keep, found, task_of(question))
 
@@ -128,10 +124,10 @@ class SimulationOptions:
         from bayes_toe.planning.power_of_histories import require_carrying
         from bayes_toe.planning.power_of_studies import power_of_studies
 
-        numbers, sizes, prior = _numbers("--trials", self.trials), _numbers("--subjects", self.subjects), preset_or_file(task.prior)
-        rule = (
-            None if self.stop is None else planning.StoppingRule(tuple(one.strip() for one in self.stop.split(",")), numbers[-1], self.look)
-        )
+        whole, prior = "whole numbers of at least 1", preset_or_file(task.prior)
+        numbers, sizes = _numbers("--trials", self.trials, int, whole), _numbers("--subjects", self.subjects, int, whole)
+        words = () if self.stop is None else tuple(one.strip() for one in self.stop.split(","))
+        rule = None if self.stop is None else planning.StoppingRule(words, numbers[-1], self.look)
         asked, apart = next(iter(designs.values())).task, None if self.differ is None else differing_from("a,b", self.differ)
         people = observers_from(self.observers, 1, 0, task=asked)  # refuses a bad file before any work
         if self.carry_over is not None:
@@ -298,11 +294,12 @@ def _designs(files: list[Path] | None, question: str) -> Mapping[str, planning.S
     return {name: planning.read_study_design(file, question) for name, file in zip(names, files, strict=True)}
 
 
-def _numbers(option: str, text: str) -> list[int]:
+def _numbers(option: str, text: str, kind: Callable[[str], Number], allowed: str) -> list[Number]:
+    """Positive numbers of an option, ascending, each once."""
     try:
-        numbers = [int(part) for part in text.split(",")]
+        numbers = sorted({kind(part) for part in text.split(",")})
     except ValueError:
-        numbers = [0]
-    if min(numbers) < 1:
-        raise bt.InputError(f"{option}: found {quoted(text)}, allowed: whole numbers of at least 1, separated by commas")
-    return sorted(set(numbers))
+        numbers = []
+    if not numbers or not all(0 < one < float("inf") for one in numbers):
+        raise bt.InputError(f"{option}: found {quoted(text)}, allowed: {allowed}, separated by commas")
+    return numbers

@@ -6,9 +6,8 @@ And the two languages in which these and the text of :mod:`bayes_toe.cli.methods
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -73,21 +72,21 @@ def templates(language: str) -> Environment:
     return made
 
 
-@dataclass(frozen=True, eq=False)
-class SupplementTable:
-    """One table, in two forms: numbers as they are, for the CSV file, and what people read."""
+class SupplementTable(NamedTuple):
+    """One table, in two forms: numbers as they are, for the CSV file, and what people read, a text a cell.
 
-    name: str  # after that of the document: NAME_parameters.csv and .tex
+    Its files are called after the document, NAME_parameters.csv and .tex, and columns that are parameters after these.
+    """
+
+    name: str
     caption: str
     frame: pd.DataFrame
-    head: tuple[str, ...]  # names of parameters, where a column is one, and words
-    rows: tuple[tuple[str, ...], ...]
+    shown: pd.DataFrame
 
     def written(self, markup: Any, stem: str) -> Markup:
         """For people, with the macros of a language; columns that are parameters have their symbols."""
-        parameters = {name.removesuffix("_median") for name in self.frame.columns if name.endswith("_median")}
-        head = [markup.symbol(one) if one in parameters else one for one in self.head]
-        return Markup(markup.table(head, self.rows, self.caption, Markup(f"{stem}_{self.name}")).strip())
+        head = [markup.symbol(one) if f"{one}_median" in self.frame else one for one in self.shown]
+        return Markup(markup.table(head, self.shown.to_numpy().tolist(), self.caption, Markup(f"{stem}_{self.name}")).strip())
 
 
 def parameter_table(draws: Draws, summary: pd.DataFrame) -> SupplementTable:
@@ -95,25 +94,24 @@ def parameter_table(draws: Draws, summary: pd.DataFrame) -> SupplementTable:
     import pandas as pd
 
     names, stats, missed = draws.posterior(draws.names[0]).names, draws.group("sample_stats"), draws.not_converged
-    shown = (*names.natural, *(("gain",) if "gain" in names.reported and "gain" not in names.natural else ()))
-    frames, rows = list[dict[str, Any]](), list[tuple[str, ...]]()
+    keys = (*names.natural, *(("gain",) if "gain" in names.reported and "gain" not in names.natural else ()))
+    frames, shown = list[dict[str, Any]](), list[dict[str, str]]()
     for i, (name, part) in enumerate(summary.groupby("subject", sort=False)):
         by = {str(row["parameter"]): row for row in part.to_dict("records")}
-        ruled = [key for key in shown if by[key]["contraction"] < DOMINATED]
+        ruled = [key for key in keys if by[key]["contraction"] < DOMINATED]
         reached = {"min_ess": float(stats["min_ess"][i]), "max_r_hat": float(stats["max_r_hat"][i])}
-        values = {f"{key}_{ending}": by[key][column] for key in shown for ending, column in _RANGE.items()}
+        values = {f"{key}_{ending}": by[key][column] for key in keys for ending, column in _RANGE.items()}
         converged = "no" if name in missed else "yes"
         frames.append({"subject": name, **values, "prior_dominated": ", ".join(ruled), **reached, "converged": converged})
-        ranges = {key: allowed_quantiles(by[key], 3) for key in shown}
-        cells = [f"{middle} ({low}, {high}){'*' * (key in ruled)}" for key, (low, middle, high) in ranges.items()]
-        rows.append((str(name), *cells, f"{reached['min_ess']:.0f}", f"{reached['max_r_hat']:.3f}", converged))
+        ranges = {key: "{1} ({0}, {2})".format(*allowed_quantiles(by[key], 3)) + "*" * (key in ruled) for key in keys}
+        numbers = {"ESS": f"{reached['min_ess']:.0f}", "R-hat": f"{reached['max_r_hat']:.3f}"}
+        shown.append({"subject": str(name), **ranges, **numbers, "converged": converged})
     whose = "the paper's model" if draws.model == models_of(draws.task).update.name else f"the model {draws.model}"
     caption = (
         f"Posterior medians (5 %, 95 %) of each subject under {whose}. *: dominated by the prior (contraction below "
         f"{DOMINATED:g}). ESS: smallest bulk or tail effective sample size; R-hat: largest."
     )
-    head = ("subject", *shown, "ESS", "R-hat", "converged")
-    return SupplementTable("parameters", caption, pd.DataFrame(frames), head, tuple(rows))
+    return SupplementTable("parameters", caption, pd.DataFrame(frames), pd.DataFrame(shown))
 
 
 def _probability(value: float) -> str:
@@ -140,11 +138,7 @@ _COLUMNS: dict[str, tuple[str, Callable[[Any], str]]] = {
 
 def order_effect_table(evidence: pd.DataFrame) -> SupplementTable:
     """The verdict of every subject, and the evidence of the paper's model against free frequencies, of the rows of evidence.csv."""
-    frame = evidence[[*ORDER_EFFECT_COLUMNS]]
-
-    def said(row: dict[Any, Any], name: str) -> str:
-        value = row[name]
-        return _NOTHING if value is None or value == "" or value != value else _COLUMNS[name][1](value)
+    import pandas as pd
 
     caption = (
         "Order effect by subject. P: posterior probabilities over all models, none, constant error and pull equally probable beforehand. "
@@ -152,10 +146,13 @@ def order_effect_table(evidence: pd.DataFrame) -> SupplementTable:
         "Fit: of the model with the highest evidence. Robust: the same with the prior scales of the order halved and doubled. ln BF H1:H0: "
         "natural log Bayes factor of the paper's model against free frequencies."
     )
-    cells = {name: [said(row, name) for row in frame.to_dict("records")] for name in _COLUMNS}
-    shown = [name for name, column in cells.items() if {*column} != {_NOTHING}]
-    rows = tuple(zip(*(cells[name] for name in shown), strict=True))
-    return SupplementTable("order_effect", caption, frame, tuple(_COLUMNS[name][0] for name in shown), rows)
+    cells = {head: _in_words(evidence[name], words) for name, (head, words) in _COLUMNS.items()}
+    shown = pd.DataFrame({head: column for head, column in cells.items() if {*column} != {_NOTHING}})
+    return SupplementTable("order_effect", caption, evidence[[*ORDER_EFFECT_COLUMNS]], shown)
+
+
+def _in_words(column: Iterable[Any], words: Callable[[Any], str]) -> list[str]:
+    return [_NOTHING if value is None or value == "" or value != value else words(value) for value in column]
 
 
 def fit_table(draws: Draws) -> SupplementTable:
@@ -169,28 +166,35 @@ def fit_table(draws: Draws) -> SupplementTable:
     counts = [(subject.n_pairs, subject.total_trials) for subject in draws.study]
     cells = zip(draws.names, *zip(*counts, strict=True), p, deviance_p, np.where(known, np.where(wrong, "no", "yes"), ""), strict=True)
     frame = pd.DataFrame(cells, columns=list(FIT_TABLE_COLUMNS))
-    p_values = ([_NOTHING if np.isnan(value) else p_value(value) for value in values.tolist()] for values in (p, deviance_p))
-    rows = zip(draws.names, map(str, frame["n_trials"]), *p_values, [fits or _NOTHING for fits in frame["fits"]], strict=True)
+    columns: dict[str, Callable[[Any], str]] = {
+        "subject": str,
+        "n_trials": str,
+        "predictive_p": p_value,
+        "p_deviance": p_value,
+        "fits": str,
+    }
+    shown = pd.DataFrame({name: _in_words(frame[name], words) for name, words in columns.items()})
     caption = f"Fit of the model by subject: no where a predictive p or a p-value of the deviance is below {MISFIT:g}."
-    return SupplementTable("fit", caption, frame, ("subject", "trials", "predictive p", "p of deviance", "fits"), tuple(rows))
+    heads = {"n_trials": "trials", "predictive_p": "predictive p", "p_deviance": "p of deviance"}
+    return SupplementTable("fit", caption, frame, shown.rename(columns=heads))
 
 
 def group_table(found: Population) -> SupplementTable:
     """Everything that is said of a population: the rows of population.csv."""
-    frame = found.table.frame()
-    rows = tuple(
-        (
-            row.quantity.replace("_", " "),
-            row.parameter,
-            row.level,
-            f"{row.q50:.3f} ({row.q05:.3f}, {row.q95:.3f})",
-            _NOTHING if row.p_direction is None else _probability(row.p_direction),
-            _NOTHING if row.of_none == "-" else row.of_none,
-            f"{row.ess_bulk:.0f}",
-            f"{row.r_hat:.3f}",
-        )
+    import pandas as pd
+
+    shown = [
+        {
+            "quantity": row.quantity.replace("_", " "),
+            "parameter": row.parameter,
+            "of": row.level,
+            "median (5 %, 95 %)": f"{row.q50:.3f} ({row.q05:.3f}, {row.q95:.3f})",
+            "P(sign)": _NOTHING if row.p_direction is None else _probability(row.p_direction),
+            "BF of none": _NOTHING if row.of_none == "-" else row.of_none,
+            "bulk ESS": f"{row.ess_bulk:.0f}",
+            "R-hat": f"{row.r_hat:.3f}",
+        }
         for row in found.table
-    )
-    head = ("quantity", "parameter", "of", "median (5 %, 95 %)", "P(sign)", "BF of none", "bulk ESS", "R-hat")
+    ]
     caption = f"The population under the model {found.settings.model}. BF of none: Bayes factor of a mean of 0, or of no difference."
-    return SupplementTable("population", caption, frame, head, rows)
+    return SupplementTable("population", caption, found.table.frame(), pd.DataFrame(shown))

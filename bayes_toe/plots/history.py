@@ -71,8 +71,8 @@ def _by_trial_before(ax: Axes, row: SubjectHistory, static: Predictor, best: Pre
     draw_band(ax, at, lines, POSTERIOR, 1.2, _BAND, "with history")
     ax.errorbar(at, found, error, fmt="o", color="black", markersize=3.5, linewidth=0.8, label="answers, 1 s.e.")
     ax.set(xlabel="mean stimulus of the trial before (ln intensity)", ylabel=f"P({task.yes}) less\nthat without history")
-    known = f"{QUANTITIES[row.parameter]} {row.q50:.2g} ({row.q05:.2g}, {row.q95:.2g})"
-    ax.set_title(f"{plain(row.subject)}\nP of a history {compared(1.0 - (row.p_static or 0.0))}, {known}", fontsize=SMALL)
+    known = f"{QUANTITIES[row.parameter]}: {row.q50:.2g} ({row.q05:.2g}, {row.q95:.2g})"
+    ax.set_title(f"{plain(row.subject, 24)}, P of a history {compared(1.0 - (row.p_static or 0.0))}\n{known}", fontsize=SMALL)
     dress(ax)
 
 

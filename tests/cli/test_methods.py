@@ -85,6 +85,8 @@ def test_the_text_says_what_was_done_and_what_came_out(results, analysis):
     ]
     assert [one for one in said if one not in text] == []
     assert "synthetic" not in text
+    lines = (results / "text" / "m.md").read_text(encoding="utf-8").splitlines()
+    assert all(line.count("$") % 2 == 0 for line in lines), "no line ends within a formula"
     assert {path.name for path in (results / "text").iterdir()} >= FILES
 
 
