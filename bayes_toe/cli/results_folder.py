@@ -113,7 +113,10 @@ def write_results(
         curve_files, corner_plots = ({name: at / f"{stems[name]}.png" for name in drawn} for at in (place / "curves", target / "corner"))
         for made in (place / "curves", *([target / "corner"] if drawn else [])):
             made.mkdir()
-        jobs = _overviews(analysis, asymmetry, saved, place)
+        overviews = ["order_effect", "evidence", "map", "prior"]
+        overviews += ["asymmetry"] * any(row.comparisons for row in asymmetry)  # else no pair was presented in both orders
+        given = (analysis.evidence, asymmetry, analysis.study, analysis.settings, saved)
+        jobs = [partial(_draw_overview, place / f"{name}.png", *given) for name in overviews]
         names: list[tuple[str, ...]] = [*((),) * len(jobs), *((name,) for name in drawn)]
         prior, truth = analysis.settings.prior, pictures.truth
         best = {one.target.subject.name: one for one in analysis.best}
@@ -157,47 +160,28 @@ def _write_tables(analysis: Analysis, summary: pd.DataFrame, group: Group | None
 # --- pictures, each drawn wherever there is a worker --------------------------------------------------
 
 
-def _overviews(analysis: Analysis, asymmetry: AsymmetryTable, saved: Callable[[], Draws], place: Path) -> list[Callable[[], None]]:
-    """Calls that draw order effect, evidence, asymmetry, map and prior into files with the names that the report looks for."""
-    figures: dict[str, Callable[[], Figure]] = {
-        name: partial(_of_evidence, name, analysis.evidence, _said(analysis.draws)) for name in ("order_effect", "evidence")
-    }
-    if any(row.comparisons for row in asymmetry):  # otherwise no pair was presented in both orders
-        figures["asymmetry"] = partial(_of_asymmetry, asymmetry)
-    figures |= {"map": partial(_map, saved), "prior": partial(_prior, analysis.study, analysis.settings)}
-    return [partial(_draw, figure, place / f"{name}.png") for name, figure in figures.items()]
-
-
-def _draw(figure: Callable[[], Figure], file: Path) -> None:
-    file.write_bytes(png(figure(), dpi=_DOTS))
-
-
-def _of_evidence(name: str, table: EvidenceTable, title: str) -> Figure:
-    figure = new_figure(_WIDE, evidence_height(table))
+def _draw_overview(
+    file: Path, evidence: EvidenceTable, asymmetry: AsymmetryTable, study: Study, settings: Settings, saved: Callable[[], Draws]
+) -> None:
+    """The picture of the study that the report looks for under the file's name."""
+    if file.stem == "prior":
+        figure = prior_predictive_figure(study, settings.prior, seed=settings.seed)
+        figure.suptitle(_said(study), fontsize=LETTERS)
+        file.write_bytes(png(figure, dpi=_DOTS))
+        return
+    heights = {"asymmetry": asymmetry_height(asymmetry), "map": 4.0}
+    figure = new_figure(_WIDE, heights.get(file.stem, evidence_height(evidence)))
     ax = figure.subplots()
-    order_effect_axes(table, ax) if name == "order_effect" else evidence_axes(ax, table)
-    ax.set_title(title, fontsize=LETTERS, loc="right")
-    legend_below(figure, size=LETTERS, columns=2)
-    return figure
-
-
-def _of_asymmetry(table: AsymmetryTable) -> Figure:
-    figure = new_figure(_WIDE, asymmetry_height(table))
-    asymmetry_axes(table, figure.subplots())
-    return figure
-
-
-def _map(saved: Callable[[], Draws]) -> Figure:
-    figure = new_figure(_WIDE, 4.0)
-    study_map_axes(saved(), figure.subplots())
-    figure.set_layout_engine("none")  # found already, for the names
-    return figure
-
-
-def _prior(study: Study, settings: Settings) -> Figure:
-    figure = prior_predictive_figure(study, settings.prior, seed=settings.seed)
-    figure.suptitle(_said(study), fontsize=LETTERS)
-    return figure
+    if file.stem == "asymmetry":
+        asymmetry_axes(asymmetry, ax)
+    elif file.stem == "map":
+        study_map_axes(saved(), ax)
+        figure.set_layout_engine("none")  # found already, for the names
+    else:
+        order_effect_axes(evidence, ax) if file.stem == "order_effect" else evidence_axes(ax, evidence)
+        ax.set_title(_said(study), fontsize=LETTERS, loc="right")
+        legend_below(figure, size=LETTERS, columns=2)
+    file.write_bytes(png(figure, dpi=_DOTS))
 
 
 def _draw_subject(

@@ -18,6 +18,7 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from matplotlib.transforms import ScaledTranslation
+from scipy.stats import mode
 
 from bayes_toe.arrays import BoolArray, FloatArray
 from bayes_toe.classical.frequencies import laplace_error, laplace_estimate, presentation_order
@@ -249,21 +250,18 @@ def _draw_means(ax: Axes, counts: Subject, x: FloatArray, equal: FloatArray) -> 
 
 def _panels(counts: Subject) -> Sequence[float]:
     """The weaker stimulus of every panel; of 'which is stronger' there is one for all pairs."""
-    return [0.0] if counts.task == WHICH_STRONGER else _weaker_stimuli(counts).tolist()
+    return [0.0] if counts.task == WHICH_STRONGER else np.unique(_weaker(counts)).tolist()
 
 
-def _weaker_stimuli(counts: Subject) -> FloatArray:
-    """The weaker ones of all pairs of different stimuli, ascending."""
-    return np.unique(np.minimum(counts.s1, counts.s2)[counts.s1 != counts.s2])
+def _weaker(counts: Subject) -> FloatArray:
+    """The weaker stimulus of every pair of different ones."""
+    return np.asarray(np.minimum(counts.s1, counts.s2)[counts.s1 != counts.s2])
 
 
 def main_weaker(counts: Subject) -> float | None:
     """The weaker stimulus that most pairs of different stimuli share (the reference r of the paper's design); None without such pairs."""
-    weaker = np.minimum(counts.s1, counts.s2)[counts.s1 != counts.s2]
-    if not weaker.size:
-        return None
-    values, found = np.unique(weaker, return_counts=True)
-    return float(values[np.argmax(found)])
+    weaker = _weaker(counts)
+    return float(mode(weaker).mode) if weaker.size else None
 
 
 def which_weaker(counts: Subject, weaker: float | None) -> str:
@@ -278,7 +276,7 @@ def _said_weaker(weaker: float) -> str:
 def _in_order_panel(counts: Subject, weaker: float) -> BoolArray:
     """Pairs with this weaker stimulus, and equal ones from it on; with the weakest one, which is shown anyway, all equal ones."""
     lower, alike = np.minimum(counts.s1, counts.s2), counts.s1 == counts.s2
-    weakest = weaker <= _weaker_stimuli(counts).min(initial=np.inf)
+    weakest = weaker <= _weaker(counts).min(initial=np.inf)
     return np.asarray((lower == weaker) | (alike & ((counts.s1 >= weaker) | weakest)))
 
 

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from textwrap import fill
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -14,16 +13,7 @@ from matplotlib.figure import Figure
 from bayes_toe.comparison.prior_sensitivity import REWEIGHTED, SensitivityRow, SensitivityTable
 from bayes_toe.comparison.words import STRONG
 from bayes_toe.model.prior_fields import STIMULI
-from bayes_toe.plots.style import (
-    EQUAL,
-    LETTERS,
-    SMALL,
-    STRONGER_FIRST,
-    dress,
-    first_panels,
-    new_figure,
-    plain,
-)
+from bayes_toe.plots.style import EQUAL, LETTERS, SMALL, STRONGER_FIRST, dress, first_panels, new_figure, plain
 
 #: Of the values of a prior in their order; a prior with more of them starts anew.
 _COLOURS = (STRONGER_FIRST, "#CC79A7", "#009E73", "#E69F00", "#333333", "#56B4E9", "#7B3294", "#8B4513")
@@ -44,7 +34,7 @@ def _draw_subject(ax: Axes, table: SensitivityTable, subject: str) -> None:
     ax.set_xscale("log")
     factors = [row.factor for row in table.of(subject, table.scales[0]) if row.factor is not None]
     low, high = min(factors), max(factors)
-    scans = {varied: _Scan.of(table, subject, varied, high) for varied in table.varied}
+    scans = {varied: _scan(table, subject, varied, high) for varied in table.varied}
     for place, scan in enumerate(scans.values()):
         _draw_scan(ax, scan, place)
     _dress_factors(ax, low, high)
@@ -81,37 +71,24 @@ def sensitivity_figure(table: SensitivityTable, *, synthetic: bool = False) -> F
     return figure
 
 
-@dataclass(frozen=True, eq=False)
-class _Scan:
-    """One value of the prior, varied: where its rows stand across, as factors, and what it is called."""
+class _Scan(NamedTuple):
+    """One value of the prior, varied: what it is called, its rows, and where a value of the prior stands across, as a factor."""
 
+    label: str
     rows: Sequence[SensitivityRow]
-    given: float
-    half: float
-    reach: float
-    of_stimuli: bool
+    across: Callable[[float], float]
 
-    @classmethod
-    def of(cls, table: SensitivityTable, subject: str, varied: str, reach: float) -> _Scan:
-        rows, given = table.of(subject, varied), table.given(subject, varied)
-        return cls(rows, given, max(abs(row.value - given) for row in rows), reach, getattr(table.prior, varied) == STIMULI)
 
-    @property
-    def label(self) -> str:
-        label = self.rows[0].prior.declared_as(self.rows[0].varied).label
-        if self.of_stimuli and not self._scale:  # another one for each subject
-            return f"{label}, shifted by its sd"
-        return label if self._scale else f"{label}, from {self.rows[0].value:.3g} to {self.rows[-1].value:.3g}".replace("-", "−")
-
-    @property
-    def _scale(self) -> bool:
-        return self.rows[0].prior.declared_as(self.rows[0].varied).positive
-
-    def across(self, value: float) -> float:
-        """Where a value of the prior stands: a scale at its factor, a location as far to the side as it is shifted."""
-        if self._scale:
-            return value / self.given
-        return float(self.reach ** ((value - self.given) / self.half)) if self.half > 0.0 else 1.0
+def _scan(table: SensitivityTable, subject: str, varied: str, reach: float) -> _Scan:
+    """A scale stands at its factor, a location as far to the side as it is shifted, up to `reach`."""
+    rows, given = table.of(subject, varied), table.given(subject, varied)
+    declared, half = rows[0].prior.declared_as(varied), max(abs(row.value - given) for row in rows)
+    if declared.positive:
+        return _Scan(declared.label, rows, lambda value: value / given)
+    ends = "shifted by its sd"  # another one for each subject
+    if getattr(table.prior, varied) != STIMULI:
+        ends = f"from {rows[0].value:.3g} to {rows[-1].value:.3g}".replace("-", "−")
+    return _Scan(f"{declared.label}, {ends}", rows, lambda value: reach ** ((value - given) / half) if half > 0.0 else 1.0)
 
 
 def _draw_scan(ax: Axes, scan: _Scan, place: int) -> None:

@@ -18,19 +18,7 @@ from bayes_toe.inference.draws import Draws
 from bayes_toe.model.beliefs import Gaussian, steady_prior
 from bayes_toe.model.posterior import Posterior
 from bayes_toe.plots.curves import Curve, fitted_curve, lines_along, main_weaker, order_panel, over_panel, which_weaker
-from bayes_toe.plots.style import (
-    BELIEF,
-    COLUMN,
-    LETTERS,
-    ORDERS,
-    PAGE,
-    SMALL,
-    chance,
-    dress,
-    even_columns,
-    legend_below,
-    new_figure,
-)
+from bayes_toe.plots.style import BELIEF, COLUMN, LETTERS, ORDERS, PAGE, SMALL, chance, dress, even_columns, legend_below, new_figure
 
 _ACROSS = 3  # columns of one block of rows
 _OF_PRIOR = ("mu1", "sigma_p", "sigma_l")

@@ -166,3 +166,11 @@ def test_commands_say_and_draw_it(study, tmp_path, three_models):
     report = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert "answers follow the trials before" in report
     assert report.count('id="history"') == 1
+
+
+def test_titles_of_the_figure_stay_within_it(table):
+    """Also that of the quantity with the longest name."""
+    row = replace(table.rows[0], parameter="carry_over_tau", q50=7.6, q05=3.6, q95=22.1)
+    figure = bt.plots.history(replace(table, rows=(row,)))
+    figure.draw_without_rendering()
+    assert figure.axes[0].title.get_window_extent().x0 >= 0.0
