@@ -92,11 +92,16 @@ class Differences:
         found[np.arange(len(found)), [names.index(name) for name in self.names]] = x[list(self.columns)]
         return found
 
+    @property
+    def drawn(self) -> GroupChains:
+        """The draws, which there are once a group was sampled."""
+        assert self.chains is not None
+        return self.chains
+
     def on_average(self) -> dict[str, FloatArray]:
         """Draws of the mean difference in every parameter that differs, (chains, draws, comparisons)."""
-        assert self.chains is not None
         steps = np.stack([self.between(*pair) for pair in self.conditions.comparisons], axis=1)
-        return {name: self.chains.mean[..., some] @ steps[some] for name, some in self.places.items()}
+        return {name: self.drawn.mean[..., some] @ steps[some] for name, some in self.places.items()}
 
     def split(self, chains: GroupChains) -> tuple[GroupChains, Differences]:
         """Draws of all parameters as those of a subject at the middle of the conditions, and these differences."""

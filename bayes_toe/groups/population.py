@@ -139,8 +139,8 @@ class Population:
         for i, name in enumerate(self.study.names):
             middle = self.chains.eta[:, :, i].reshape(-1, k)
             parts = [(name, self.posterior(name), middle)]
-            if self.differences is not None and self.differences.chains is not None:
-                away = self.differences.chains.eta[:, :, i].reshape(len(middle), -1)
+            if self.differences is not None:
+                away = self.differences.drawn.eta[:, :, i].reshape(len(middle), -1)
                 units = ((one, replace(parts[0][1], subject=one)) for one in self.differences.units[name])
                 parts = [(one.name, of, middle + away @ self.differences.at(one.condition, self.names)) for one, of in units]
             for said, posterior, eta in parts:

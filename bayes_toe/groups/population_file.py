@@ -127,8 +127,8 @@ def _posterior(found: Population) -> xr.Dataset:
     if found.regressors.columns:
         data["effect"] = ((*dims, "regressor", "parameter"), own.effects)
         coords["regressor"] = [column.label for column in found.regressors.columns]
-    if found.differences is not None and found.differences.chains is not None:
-        differing = found.differences.chains
+    if found.differences is not None:
+        differing = found.differences.drawn
         data |= {"difference_mean": ((*dims, "entry"), differing.mean), "difference_sd": ((*dims, "entry"), differing.scatter)}
         data["difference"] = ((*dims, "subject", "entry"), differing.eta)
     if own.correlated:
@@ -168,7 +168,7 @@ def _differing(found: Differences, keys: Sequence[str]) -> dict[str, Any]:
     """Conditions, what differs, and the answers of every subject in each condition."""
     units = [one for own in found.units.values() for one in own]
     counts = [{"name": one.name, "condition": one.condition} | {key: getattr(one, key).tolist() for key in keys} for one in units]
-    judged = None if found.chains is None else found.chains.subject_convergence.tolist()
+    judged = found.drawn.subject_convergence.tolist()
     return {"conditions": asdict(found.conditions), "names": found.names, "columns": found.columns, "units": counts, "judged": judged}
 
 

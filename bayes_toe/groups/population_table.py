@@ -140,8 +140,8 @@ def _hyperparameters(found: Population) -> Iterator[PopulationRow]:
         for k, label in enumerate(labels):
             values, known = own.effects[..., i, k], own.convergence["effect", i, k]
             yield _row(label, "effect", values, known, level=column.label, directed=True, ratio=ratios.effects[i][k])
-    if found.differences is not None and found.differences.chains is not None:
-        yield from _by_condition(found, found.differences, found.differences.chains)
+    if found.differences is not None:
+        yield from _by_condition(found, found.differences)
 
 
 def _means(found: Population, labels: Sequence[str], ratios: Ratios) -> Iterator[PopulationRow]:
@@ -158,9 +158,9 @@ def _means(found: Population, labels: Sequence[str], ratios: Ratios) -> Iterator
         yield _row(name, "mean", drawn, judged.get(name), directed=name in of_zero, ratio=of_zero.get(name))
 
 
-def _by_condition(found: Population, apart: Differences, own: GroupChains) -> Iterator[PopulationRow]:
+def _by_condition(found: Population, apart: Differences) -> Iterator[PopulationRow]:
     """Of every comparison: means of differences on the group scales, of natural quantities over the subjects, and scatters."""
-    given = apart.numbers(found.settings.hyperprior.numbers(()), found.settings.prior.at(*found.study))
+    own, given = apart.drawn, apart.numbers(found.settings.hyperprior.numbers(()), found.settings.prior.at(*found.study))
     rng = generator(found.settings.seed, "population", "no difference between conditions")
     at_zero = AtZero(own, given, np.empty((len(found.study), 0)), found.settings.scatter, rng)
     ratios, means = {name: at_zero(some) for name, some in apart.places.items()}, apart.on_average()

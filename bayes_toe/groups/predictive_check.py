@@ -94,8 +94,8 @@ def predictive_check(found: Population, *, groups: int = _GROUPS) -> PredictiveC
     eta = expected + tau * (scatter_named(found.settings.scatter).sample(rng, expected.shape) @ root.swapaxes(1, 2))
     own = (found.model, found.settings.prior, found.study.subjects)
     likelihood: GroupLikelihood | ConditionLikelihood = GroupLikelihood(*own, found.centre, _TOGETHER)
-    if found.differences is not None and found.differences.chains is not None:
-        apart = found.differences.chains
+    if found.differences is not None:
+        apart = found.differences.drawn
         mean, tau = (values.reshape(draws, 1, -1)[some] for values in (apart.mean, apart.scatter))
         score = scatter_named(found.settings.scatter).sample(rng, (*eta.shape[:2], mean.shape[-1]))
         eta = np.concatenate([eta, mean + tau * score], axis=-1)
