@@ -85,21 +85,21 @@ class SubjectHistory:
     """
 
     subject: str
-    p_static: float | None
-    p_carry_over: float | None
-    p_carry_over_by_time: float | None
-    p_running_average: float | None
-    log_bayes_factor_history: float
-    log_bayes_factor_previous_answer: float | None
-    lead: float
-    best_model: str
-    static_model: str
-    parameter: str
-    q05: float
-    q50: float
-    q95: float
-    history_p_static: float
-    history_p: float
+    p_static: float | None = None
+    p_carry_over: float | None = None
+    p_carry_over_by_time: float | None = None
+    p_running_average: float | None = None
+    log_bayes_factor_history: float = np.nan
+    log_bayes_factor_previous_answer: float | None = None
+    lead: float = np.nan
+    best_model: str = ""
+    static_model: str = ""
+    parameter: str = ""
+    q05: float = np.nan
+    q50: float = np.nan
+    q95: float = np.nan
+    history_p_static: float = np.nan
+    history_p: float = np.nan
     note: str = ""
     shown: tuple[FloatArray, ...] = ()
     pulled: bool = True
@@ -199,7 +199,9 @@ def compare_history(
         chosen, root = prior_for(study, prior), kept.seed(seed)
         jobs = [partial(_tried, subject, chosen, root) for subject in study]
         done = kept.work(jobs, workers, progress, [(name,) for name in study.names])
-        rows = [_failed(name, done.failed[i].reason) if i in done.failed else done.read(i) for i, name in enumerate(study.names)]
+        rows = [
+            SubjectHistory(name, note=done.failed[i].reason) if i in done.failed else done.read(i) for i, name in enumerate(study.names)
+        ]
     return HistoryTable(tuple(rows), study, root, chosen)
 
 
@@ -216,7 +218,7 @@ def subject_history(found: SpaceEvidence, seed: int) -> SubjectHistory:
     tried = space_evidence(subject, found.prior, [*static, *flexible, *biased], seed)
     if np.isnan(tried.log_evidence).any():
         missing = [model.name for model, value in zip(tried.models, tried.log_evidence, strict=True) if np.isnan(value)]
-        return _failed(subject.name, f"no evidence of {', '.join(missing)}")
+        return SubjectHistory(subject.name, note=f"no evidence of {', '.join(missing)}")
     log_evidence = dict(zip(tried.models, tried.log_evidence.tolist(), strict=True))
 
     def mean(models: Sequence[Model]) -> float:
@@ -276,9 +278,3 @@ def _drawn(found: SpaceEvidence, model: Model, seed: int) -> Predictor:
     subject, sampled = found.subject, found.models.index(model) in found.sampled
     known = found if sampled else space_evidence(subject, found.prior, [model], seed)
     return known.predictor(model.name, HISTORY_DRAWS, generator(seed, subject.name, model.name, "history draws"))
-
-
-def _failed(name: str, note: str) -> SubjectHistory:
-    """A row without results."""
-    nan = float("nan")
-    return SubjectHistory(name, None, None, None, None, nan, None, nan, "", "", "", nan, nan, nan, nan, nan, note)

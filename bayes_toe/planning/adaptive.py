@@ -148,7 +148,11 @@ class Adaptive:
         self._answers.append((shown_pair, bool(yes)))
         for name, cloud in self._clouds.items():
             cloud.add(gained[name])
-        self._renew()
+        share, clouds = self.probabilities, self._clouds
+        if few := [name for name, cloud in clouds.items() if cloud.possible and cloud.left < ENOUGH]:
+            # Made anew are the draws of the model by whose log evidence, with its error of 1/sqrt(effective), probabilities are moved most.
+            worst = max(few, key=lambda name: share[name] / np.sqrt(clouds[name].effective))
+            clouds[worst].renew(self.subject, generator(self.seed, "adaptive", worst, "particles", self.trials))
 
     def information(self) -> FloatArray:
         """Expected information of one answer to each pair about what is asked, nats, shape (pairs,)."""
@@ -285,17 +289,6 @@ class Adaptive:
     def _subject(self, answers: Sequence[tuple[Pair, bool]]) -> Subject:
         columns = np.array([pair for pair, _ in answers]).T
         return Subject.from_trials("adaptive", columns[0], columns[1], [yes for _, yes in answers], *columns[2:], task=self.pairs.task)
-
-    def _renew(self) -> None:
-        """Make the draws of one model anew, of those that have come to count too little.
-
-        Of the model by whose log evidence, with its error of 1/sqrt(effective draws), probabilities are moved most.
-        """
-        share, clouds = self.probabilities, self._clouds
-        few = [name for name, cloud in clouds.items() if cloud.possible and cloud.left < ENOUGH]
-        if few:
-            worst = max(few, key=lambda name: share[name] / np.sqrt(clouds[name].effective))
-            clouds[worst].renew(self.subject, generator(self.seed, "adaptive", worst, "particles", self.trials))
 
     def _judged(self, name: str) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Weights of some particles, (draws,), their probabilities of both answers to pairs, (2, draws, pairs), and the entropy of these.
