@@ -113,16 +113,12 @@ def say_contrast(out: Terminal, table: ContrastTable) -> None:
     for name in chosen([one.subject for one in table.subjects], decided):
         for comparison in dict.fromkeys(row.comparison for row in table if row.subject == name):
             own = {row.quantity: row for row in table if (row.subject, row.comparison) == (name, comparison)}
-            shown = {key: f"{row.size} {_factor(row.bayes_factor)}" for key, row in own.items()}
+            shown = {key: f"{row.size} {row.factor}" for key, row in own.items()}
             rows.append({"subject": name, "comparison": comparison} | shown)
     out.table("differences: medians (5 %, 95 %) if they differ, and the Bayes factor", rows, total=len(rows))
     out.footnote(f"{LEGEND}.")
     out.notes((f"{name}: {why}" for name, why in table.left_out.items() if name not in table.failed), "left out")
     out.notes(f"{one.subject}: {note}" for one in table.subjects for note in one.notes)
-
-
-def _factor(value: float | None) -> str:
-    return "-" if value is None else "> 1000" if value > 1000.0 else "< 0.001" if value < 0.001 else f"{value:.2g}"
 
 
 def sensitivity(

@@ -101,9 +101,10 @@ class Difference(NamedTuple):
         return word_of(self.log_bf_differs)
 
     @property
-    def bayes_factor(self) -> float | None:
-        """Of a difference against none."""
-        return None if self.log_bf_differs is None else float(np.exp(self.log_bf_differs))
+    def factor(self) -> str:
+        """The Bayes factor of a difference against none, in words."""
+        value = float("nan") if self.log_bf_differs is None else float(np.exp(self.log_bf_differs))
+        return "-" if np.isnan(value) else "> 1000" if value > 1000.0 else "< 0.001" if value < 0.001 else f"{value:.2g}"
 
     @property
     def size(self) -> str:
@@ -121,16 +122,14 @@ class Difference(NamedTuple):
 
     @property
     def conclusion(self) -> str:
-        """Its word and the Bayes factor for what it says.
+        """Its word and the Bayes factor of a difference.
 
         Examples
         --------
         >>> Difference("S", "pull", "b - a", 0.1, 0.05, 0.02, 0.1, 0.19, 0.98, 2.5, 0.01, "yes").conclusion
         'probably differs (BF 12)'
         """
-        log_bf, doubt = 0.0 if self.log_bf_differs is None else abs(self.log_bf_differs), ", not robust" if self.robust == "no" else ""
-        factor = "> 1000" if log_bf > np.log(1000.0) else f"{np.exp(log_bf):.2g}"
-        return (f"{self.word} (BF {factor})" if self.word else "no evidence") + doubt
+        return (f"{self.word} (BF {self.factor})" if self.word else "no evidence") + (", not robust" if self.robust == "no" else "")
 
 
 def word_of(log_bf: float | None) -> str:

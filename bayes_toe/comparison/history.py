@@ -131,7 +131,7 @@ class SubjectHistory:
         }[self.depends]
         if self.p_static is None or self.depends == "no pull":
             return said
-        what = f"{QUANTITIES[self.parameter]} {self.q50:.2g} ({self.q05:.2g} to {self.q95:.2g})"
+        what = f"{QUANTITIES[self.parameter]}: {self.q50:.2g} ({self.q05:.2g} to {self.q95:.2g})"
         static, best = (compared(p).removeprefix("= ") for p in (self.history_p_static, self.history_p))
         fits = f"; p of the answers by trial before {static} static, {best} with it"
         return f"{said} (P of a history {compared(1.0 - self.p_static)}; {what}{fits})"

@@ -65,7 +65,7 @@ def test_a_history_is_told_of_who_has_one(table):
     assert carries.p_carry_over_by_time is None, "no times between trials"
     assert carries.log_bayes_factor_previous_answer < 3.0
     assert carries.history_p_static < MISFIT < carries.history_p
-    assert carries.describe().startswith("answers follow the trials before (P of a history > 0.99; carried over, share ")
+    assert carries.describe().startswith("answers follow the trials before (P of a history > 0.99; carried over, share: ")
     assert table.frame().columns.tolist() == list(HISTORY_COLUMNS)
     assert table.sentence().startswith("answers follow them, of 2 subjects: yes 1, ")
     assert "tells of pauses" in table.sentence()
