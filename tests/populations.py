@@ -69,3 +69,11 @@ def made_population(eta, *, model="predictive update", task=SAME_DIFFERENT, colu
     who = Regressors(study.names, np.zeros((n, 0)) if x is None else x, tuple(columns))
     settings = GroupSettings(1, model, bt.Prior(), Hyperprior().for_study(study))
     return Population(study, settings, record.group, 0.2, who, chains, (eta + spread * noise(n, k)).reshape(-1, n, k), {})
+
+
+def drawn(joint, names, members, draws, rng, **fields):
+    """Chains of a group in the place of those of its sampler: independent draws."""
+    size, k, r = (16, 40), len(names), joint.x.shape[1]
+    mean, scatter, effects, eta = (rng.standard_normal((*size, *shape)) for shape in ((k,), (k,), (r, k), (len(members), k)))
+    empty, ones = np.empty((*size, 0)), np.ones((len(members), k, 3))
+    return with_convergence(GroupChains(mean, np.abs(scatter), effects, eta, empty, {}, ones, **fields))

@@ -8,13 +8,12 @@ import pandas as pd
 import pytest
 from commands import good, inside, refused
 from conftest import few_pairs, grouped_csv, known_observers
-from populations import made_up
+from populations import drawn, made_up
 
 import bayes_toe as bt
 from bayes_toe.cli.population import say_population
 from bayes_toe.cli.terminal import Terminal
 from bayes_toe.data.covariates import Covariates
-from bayes_toe.groups.chains import GroupChains, with_convergence
 from bayes_toe.groups.regressors import regressors
 from bayes_toe.inference.diagnostics import Convergence
 
@@ -35,18 +34,11 @@ def folder(tmp_path_factory):
     return folder
 
 
-def drawn(joint, names, members, draws, rng, **fields):
-    """Chains of a group without a sampler: independent draws."""
-    size, k, r = (16, 40), len(names), joint.x.shape[1]
-    mean, scatter, effects, eta = (rng.standard_normal((*size, *shape)) for shape in ((k,), (k,), (r, k), (len(members), k)))
-    return GroupChains(mean, np.abs(scatter), effects, eta, np.empty((*size, 0)), {}, np.ones((len(members), k, 3)), **fields)
-
-
 @pytest.fixture(scope="module")
 def done(folder):
     more = ("--covariates", "people.csv", "--categorical", "site", "--hyperprior", "near.toml")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("bayes_toe.groups.population.sample_group", lambda *given: with_convergence(drawn(*given)))
+        patch.setattr("bayes_toe.groups.population.sample_group", drawn)
         return good("population", "study.csv", "-o", "group.nc", *more, *OPTIONS, cwd=folder)
 
 
@@ -107,7 +99,7 @@ def test_stored_draws_are_not_sampled_again(folder):
 
 def test_which_is_stronger(tmp_path, monkeypatch):
     bt.example_study("2afc").select(["S01", "S02", "S03"]).frame().to_csv(tmp_path / "stronger.csv", index=False)
-    monkeypatch.setattr("bayes_toe.groups.population.sample_group", lambda *given: with_convergence(drawn(*given)))
+    monkeypatch.setattr("bayes_toe.groups.population.sample_group", drawn)
     assert "hyperprior: probit lapse_rate: mean ~ Normal(-1.5, 0.6)" in good("population", "stronger.csv", *OPTIONS, cwd=tmp_path)
     found = bt.load(tmp_path / "population.nc")
     assert (found.study.task.yes, found.names) == ("second", ("offset", "gain", "width", "lapse_rate"))

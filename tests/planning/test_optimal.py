@@ -1,5 +1,8 @@
 """Optimised designs and the information they are chosen by: against sums over answers, brute force, and designs made anew."""
 
+from dataclasses import replace
+from itertools import combinations_with_replacement
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -8,6 +11,8 @@ from conftest import plain_models_alone
 
 import bayes_toe as bt
 from bayes_toe.errors import InputError
+from bayes_toe.model.ladder import model_named
+from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.planning.information import UTILITIES, exchanged, information
 from bayes_toe.planning.observers import observers_from, of_kind
@@ -16,6 +21,7 @@ from bayes_toe.planning.power import NAMED
 from bayes_toe.planning.study_design import StudyDesign, each_once
 
 WIDE = grid(-0.75, 1.25, 0.25)
+KEPT = StudyDesign([0.0, 0.33], [0.0, 0.33], [25, 30])
 
 
 @pytest.fixture(scope="module")
@@ -32,14 +38,13 @@ def test_an_optimised_design_names_updates_and_the_papers_pairs_do_not(found):
     assert found.power[OPTIMISED, 650, "update", NAMED].value == 1.0
     wrong = [row.judgement.named for row in found.power if row.design == OPTIMISED and row.kind != "update"]
     assert "update" not in wrong
+    assert (found.worth > 0).all()
     assert found.reasons[0].startswith("first stimuli, of most trials: -0.75 (")
 
 
 @pytest.mark.parametrize("aim", UTILITIES)
 def test_brute_force_finds_nothing_better_than_exchange(aim):
     """Five pairs, ten portions: every way to distribute them."""
-    from itertools import combinations_with_replacement
-
     pairs = each_once([-0.75, -0.75, 0.25, 1.25, 1.25], [-0.6, -0.3, 0.5, 0.9, 1.25])
     known = information(pairs, observers_from(None, 4, seed=1), aim, Prior())
     found = exchanged(known, 50, 5, np.zeros(5, np.int64), np.arange(5))  # in portions of 5
@@ -54,9 +59,8 @@ def best(levels, trials, goal):
 
 
 def test_pairs_that_are_kept_stay_and_there_are_no_more_than_asked():
-    keep = bt.planning.StudyDesign([0.0, 0.33], [0.0, 0.33], [25, 30])
-    made = best(WIDE, 200, DesignGoal("parameters", max_pairs=6, keep=keep))[OPTIMISED].design
-    counts = {(a, b): n for a, b, n in zip(made.s1.tolist(), made.s2.tolist(), made.n_trials.tolist(), strict=True)}
+    made = best(WIDE, 200, DesignGoal("parameters", max_pairs=6, keep=KEPT))[OPTIMISED].design
+    counts = dict(zip(made.pairs, made.n_trials.tolist(), strict=True))
     assert (counts[0.0, 0.0] >= 25, counts[0.33, 0.33] >= 30, made.total, made.n_pairs <= 6) == (True, True, 200, True)
 
 
@@ -84,20 +88,28 @@ def test_levels_of_hardware(tmp_path):
     assert grid(-0.75, 1.25, 0.05)[[0, 15, -1]].tolist() == [-0.75, 0.0, 1.25]
 
 
-def test_the_command(tmp_path, three_models):
-    range_ = ("--lowest", "-0.75", "--highest", "1.25", "--step", "0.25")
-    asked = ("--trials", 100, "--data-sets", 1, "--list", "t.csv", "--seed", 1, "--workers", 1)
-    good("design", "-o", "d.csv", *range_, *asked, cwd=tmp_path)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["d.csv", "d.md", "d.png", "d_compared.csv", "t.csv"]
-    assert len(pd.read_csv(tmp_path / "t.csv")) == 100
-    assert bt.planning.read_study_design(tmp_path / "d.csv").total == 100
-    assert set(pd.read_csv(tmp_path / "d_compared.csv").design) >= {OPTIMISED, PAPER, "full factorial", "random pairs"}
-    assert (tmp_path / "d.md").read_text(encoding="utf-8").startswith("# A design of 100 trials, for: update\n\n* first stimuli")
+def test_the_command(found, tmp_path, monkeypatch):
+    asked = []
+    replace(KEPT, isi=[0.5, 2.0]).save(tmp_path / "kept.csv")
+    monkeypatch.setattr("bayes_toe.planning.optimal_design", lambda *given, **options: asked.append((*given, options)) or found)
+    words = ("--lowest", "-0.75", "--highest", "1.25", "--step", "0.25", "--data-sets", 1, "--list", "t.csv", "--seed", 1, "--workers", 1)
+    said = good("design", "-o", "d.csv", *words, "--max-pairs", 9, "--for", "gain", "--isi", "0.5,2", "--keep", "kept.csv", cwd=tmp_path)
+    [(levels, trials, goal, observers, options)] = asked
+    assert levels.tolist() == WIDE.tolist()
+    assert (trials, goal.aim, goal.max_pairs, goal.isi, goal.keep.total, observers) == (650, "gain", 9, (0.5, 2.0), 55, None)
+    assert (options["data_sets"], options["seed"]) == (1, 1)
+    assert sorted(path.name for path in tmp_path.glob("[dt]*")) == ["d.csv", "d.md", "d.png", "d_compared.csv", "t.csv"]
+    assert len(pd.read_csv(tmp_path / "t.csv")) == 650
+    assert bt.planning.read_study_design(tmp_path / "d.csv").pairs == found.design.pairs
+    assert set(pd.read_csv(tmp_path / "d_compared.csv").design) == {OPTIMISED, PAPER, "full factorial", "random pairs"}
+    text = (tmp_path / "d.md").read_text(encoding="utf-8")
+    assert text.startswith("# A design of 650 trials, for: update\n\n* first stimuli")
+    assert all(line in " ".join(said.split()) and line in text for line in found.said())
 
 
 FROM_0, WIDE_RANGE = ("--lowest", "0", "--highest"), ("--lowest", "-0.75", "--highest", "1.25")
 REFUSED = [
-    ((*FROM_0, "0.05", "--step", "0.01"), "650 trials between 0 and 0.05 tell next to nothing: first stimuli 0.05"),
+    ((*FROM_0, "0.05", "--step", "0.01", "--trials", "50"), "50 trials between 0 and 0.05 tell next to nothing: first stimuli 0.05"),
     ((*FROM_0, "0.05", "--for", "gain"), "(the sd of gain falls from"),
     ((*WIDE_RANGE, "--trials", "3"), "--trials 3: allowed is at least 4 to distribute"),
     (("--lowest", "1", "--highest", "1"), "--lowest 1 --highest 1: allowed are finite numbers, the first the smaller one"),
@@ -114,7 +126,7 @@ REFUSED = [
 
 
 @pytest.mark.parametrize(("more", "said"), REFUSED)
-def test_what_cannot_tell_anything_is_refused_in_one_line_with_the_reason(tmp_path, more, said):
+def test_what_cannot_tell_anything_is_refused_in_one_line_with_the_reason(tmp_path, three_models, more, said):
     assert said in refused("design", "-o", "d.csv", *more, "--data-sets", "1", "--seed", "1", cwd=tmp_path)
 
 
@@ -127,25 +139,19 @@ def observers():
 
 
 def test_information_is_the_expected_product_of_slopes(observers):
-    from bayes_toe.model.ladder import model_named
-    from bayes_toe.model.posterior import Posterior
-
-    found = information(PAIRS, observers, "gain", Prior())
-    one = of_kind(observers, "update")[1]
-    design = StudyDesign(PAIRS.s1, PAIRS.s2, np.ones(5, int))
+    one, design = of_kind(observers, "update")[1], each_once(PAIRS.s1, PAIRS.s2)
     target = Posterior(design.unanswered, model_named("update + sloped + both ways"), Prior(), one.centre, one.interval)
-    x = target.points({name: np.array([{"lapse_rate": 0.02, "noise_slope": 0.0, **one.quantities}[name]]) for name in target.names.natural})
+    known = {"lapse_rate": 0.02, "noise_slope": 0.0, **one.quantities}
+    x = target.points({name: np.array([known[name]]) for name in target.names.natural})
     step, k = 1e-5, x.shape[1]
-    slopes = np.stack([(target.log_answers(x + e)[0] - target.log_answers(x - e)[0])[0] / (2 * step) for e in step * np.eye(k)])
-    rest = np.stack([(target.log_answers(x + e)[1] - target.log_answers(x - e)[1])[0] / (2 * step) for e in step * np.eye(k)])
-    q = np.exp(target.log_answers(x)[0][0])
+    slopes = [(np.stack(target.log_answers(x + e)) - np.stack(target.log_answers(x - e)))[:, 0] / (2 * step) for e in step * np.eye(k)]
+    slopes, q = np.stack(slopes, axis=1), np.exp(target.log_answers(x)[0][0])  # (2, k, pairs)
     pull = target.quantities(x)["pull"][0]
     scale = np.ones(k)
     scale[1] = pull * (1 - pull / 0.3819660112501051)  # the pull itself in the place of its logit
-    for j, place in enumerate(np.lexsort((PAIRS.s2, PAIRS.s1))):
-        expected = q[j] * np.outer(slopes[:, j], slopes[:, j]) + (1 - q[j]) * np.outer(rest[:, j], rest[:, j])
-        rows = found.rows[1, place]
-        assert np.outer(rows, rows) == pytest.approx(expected / np.outer(scale, scale), rel=1e-5, abs=1e-9)
+    rows = information(PAIRS, observers, "gain", Prior()).rows[1]
+    expected = np.einsum("aj,aij,alj->jil", [q, 1 - q], slopes, slopes) / np.outer(scale, scale)
+    assert np.einsum("ji,jl->jil", rows, rows) == pytest.approx(expected, rel=1e-5, abs=1e-9)
 
 
 @pytest.mark.parametrize("aim", UTILITIES)
@@ -177,11 +183,7 @@ def test_the_expected_sd_is_that_of_maximum_likelihood_over_simulated_data(obser
 
 
 def test_who_does_not_update_counts_for_naming_alone(observers):
-    assert information(PAIRS, observers, "gain", Prior()).updates.tolist() == [True] * 3
-    assert information(PAIRS, observers, "update", Prior()).updates.sum() == 3
-    assert len(information(PAIRS, observers, "update", Prior()).updates) == 9
-
-
-def test_refusals(observers):
+    gain, update = (information(PAIRS, observers, aim, Prior()).updates for aim in ("gain", "update"))
+    assert (gain.tolist(), update.sum(), len(update)) == ([True] * 3, 3, 9)
     with pytest.raises(InputError, match="found nobody with a predictive update"):
         information(PAIRS, of_kind(observers, "none"), "update", Prior())

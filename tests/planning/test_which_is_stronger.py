@@ -1,5 +1,7 @@
 """Planning of 'which is stronger?': observers answer by the closed form, kinds are recovered, designs have both orders, sessions go on."""
 
+from importlib import import_module
+
 import numpy as np
 import pytest
 from commands import good, refused
@@ -37,15 +39,15 @@ def test_observers_answer_by_the_closed_form(people):
     assert 0.30 < 1 - gain < 0.38
 
 
-def test_kinds_are_recovered_from_neighbouring_pairs_and_no_pull_is_said_of_who_has_none():
-    """Of 60 prototypes' observers each 57, 48 and 48 were right by the largest probability; those here are clear ones."""
-    table = power(NEIGHBOURS, data_sets=4, trials=[650], seed=1, workers=1)
-    assert [table["these pairs", 650, kind, FOUND].value for kind in table.different("observers")] == [0.0, 1.0, 1.0]
+def test_kinds_are_recovered_from_neighbouring_pairs_and_no_pull_is_said_of_who_has_none(three_models):
+    """Of 60 observers of each kind 57, 48 and 48 were right by the largest probability; those here are clear ones."""
+    table = power(NEIGHBOURS, data_sets=3, trials=[650], seed=1, workers=1)
+    kinds = table.different("observers")
+    assert [table["these pairs", 650, kind, FOUND].value for kind in kinds] == [0.0, 1.0, 1.0]
+    assert [table["these pairs", 650, kind, WRONG].value for kind in kinds] == [0.0] * 3
     assert table["these pairs", 650, "update", NAMED].value == 1.0
     assert table["these pairs", 650, "constant error", NAMED].value >= 0.6
-    assert [table["these pairs", 650, kind, WRONG].value for kind in table.different("observers")] == [0.0] * 3
-    right = [int(np.argmax(row.judgement.probability)) == table.different("observers").index(row.kind) for row in table]
-    assert sum(right) >= 10
+    assert sum(np.argmax(row.judgement.probability) == kinds.index(row.kind) for row in table) >= 8
 
 
 @pytest.mark.parametrize("aim", ["update", "gain", "parameters"])
@@ -75,7 +77,10 @@ def test_a_session_takes_true_for_second_and_goes_on_from_its_file(people, tmp_p
         Adaptive([(0.0, 0.1)], "update + both ways", task="2afc", seed=1)
 
 
-def test_more_trials_of_an_undecided_subject(three_models):
+def test_more_trials_of_an_undecided_subject(three_models, monkeypatch):
+    module = import_module("bayes_toe.planning.more_trials")  # whose name is that of its function
+    monkeypatch.setattr(module, "REPETITIONS", 1)
+    monkeypatch.setattr(module, "ENOUGH", 1)
     subject = observers_from(None, 1, seed=1, task=WHICH_STRONGER)[0].answers(NEIGHBOURS.with_total(40), np.random.default_rng(2))
     [found] = bt.planning.more_trials(bt.Study((subject,)), [subject.name], seed=1, workers=1)
     assert found.same.design.task == found.telling.design.task == WHICH_STRONGER
@@ -95,6 +100,6 @@ def test_observers_that_are_of_another_task_or_always_answer_alike_are_refused(t
     assert said in refused("power", "d.csv", "--task", "2afc", "--observers", "people.toml", "--trials", "130", "-o", "out", cwd=tmp_path)
 
 
-def test_the_command(tmp_path, three_models):
+def test_the_command(tmp_path, three_models, blank_figure):
     asked = ("--task", "2afc", "--trials", "130", "--data-sets", "1", "--subjects", "2", "--seed", "1", "--workers", "1", "-o", "out")
     assert "with the paper's pairs 130 trials find an order effect in" in good("power", *asked, cwd=tmp_path)
