@@ -143,23 +143,19 @@ def chosen(names: Iterable[str], first: Collection[str]) -> list[str]:
 
 
 def once(notes: Iterable[tuple[str, str]]) -> list[str]:
-    """Notes, each a subject and a text: each text once, with the subjects that it is about, of many their number; '' is no subject.
+    """Notes, each a subject and a text: each text once, with the subjects that it is about, the first of them if many; '' is no subject.
 
     Examples
     --------
     >>> once([("A", "few trials"), ("B", "few trials"), ("", "all raw")])
     ['A, B: few trials', 'all raw']
     >>> once((name, "no easy pair") for name in "ABCDEFG")
-    ['7 subjects (A, B, C, D, E, ... and 2 more): no easy pair']
+    ['A, B, C, D, E, ... and 2 more: no easy pair']
     """
     about: dict[str, list[str]] = {}
     for subject, text in notes:
         about.setdefault(text, []).extend([subject] if subject else [])
-    whose = [
-        "" if not names else ", ".join(names) if len(names) < 6 else f"{len(names)} subjects ({listed(names, 5)})"
-        for names in about.values()
-    ]
-    return [f"{who}: {text}" if who else text for who, text in zip(whose, about, strict=True)]
+    return [f"{listed(names, 5)}: {text}" if names else text for text, names in about.items()]
 
 
 def said_subjects(study: Study) -> str:

@@ -27,6 +27,9 @@ if TYPE_CHECKING:
     from bayes_toe.data.study import Study, Subject
 
 
+_REPEATED = 10  # trials with a pair that was there before: from so many on it is no chance that all have the level that it had
+
+
 class Stimuli(NamedTuple):
     """Location and scales of the stimuli that somebody felt, natural-log intensity; all are means over trials.
 
@@ -194,6 +197,18 @@ def felt_together(subjects: Iterable[Subject]) -> tuple[Subject, ...]:
     people = by_person(subjects)
     felt = {person: Stimuli.of(*(replace(one, felt=None) for one in own)) for person, own in people.items()}
     return tuple(replace(one, felt=felt[one.person]) for one in chain.from_iterable(people.values()))
+
+
+def follows_from_pairs(people: Iterable[Sequence[Subject]]) -> bool:
+    """Whether pairs were repeated, and none in two units of its subject: such a condition may be a name of pairs, or of their order."""
+    repeated = 0
+    for units in people:
+        pairs = [set(zip(one.s1.tolist(), one.s2.tolist(), strict=True)) for one in units]
+        distinct = len(set().union(*pairs))
+        if len(units) > 1 and distinct < sum(map(len, pairs)):
+            return False
+        repeated += sum(one.total_trials for one in units) - distinct if len(units) > 1 else 0
+    return repeated >= _REPEATED
 
 
 def by_person(subjects: Iterable[Subject]) -> dict[str, tuple[Subject, ...]]:

@@ -18,7 +18,7 @@ import numpy as np
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray, run_starts
 from bayes_toe.data.answers import Reading
-from bayes_toe.data.conditions import with_conditions, with_units
+from bayes_toe.data.conditions import by_person, follows_from_pairs, with_conditions, with_units
 from bayes_toe.data.findings import refuse_reversed
 from bayes_toe.data.messages import bare, counted, listed, quoted, said_intervals
 from bayes_toe.data.options import COLUMNS, ReadOptions, columns_to_read, looks_like, subject_in
@@ -97,6 +97,13 @@ def read_study(path: str | Path | Frame | Sequence[str | Path | Frame], options:
     require_kind("options", options, ReadOptions, "a ReadOptions, such as bt.ReadOptions(columns={'subject': 'participant'})")
     paths = list(path) if isinstance(path, list | tuple) else [path]
     study = with_conditions(read_together(paths, partial(_read, options=options)), options)
+    asked = options.condition is not None or options.reference is not None or options.categorical
+    if study.conditions is not None and not asked and follows_from_pairs(by_person(study).values()):
+        name = bare(study.conditions.name)
+        said = f"column {name}: found no pair at two of its levels, as where it names pairs or their order, so that it is no condition"
+        whole = read_study(path, replace(options, ignore=(*options.ignore, "condition")))
+        notes = (note for note in whole.notes if note != f"column {name} not read, as --ignore has it")
+        return replace(whole, notes=(*notes, f"{said}: not used; --condition {name} takes it all the same"))
     refuse_reversed(study, _way_back(study, options, python=any(hasattr(one, "columns") for one in paths)))
     return study
 

@@ -40,7 +40,7 @@ def answers_in_order(
             if ordered is not None:
                 at, place, missing = ordered, *_places(trial[ordered], ranks[ordered, -1])
                 timed = None if iti is None else np.where(iti[at] >= 0.0, iti[at], math.nan)
-                gaps |= {name: missing} if missing else {}
+                gaps |= {name.partition(AT)[0] if "condition" in columns else name: missing} if missing else {}
         own = columns["subject"].codes[at] == columns["subject"].codes[part[0]]
         n_yes, n_trials = (np.where(own, counts[at], 0) for counts in (k, n))
         span = (int(part.min()), int(part.max())) if trials else None

@@ -14,7 +14,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from bayes_toe.data.conditions import Stimuli, by_person
+from bayes_toe.data.conditions import Stimuli, by_person, follows_from_pairs
 from bayes_toe.data.findings import Finding
 from bayes_toe.data.messages import counted, listed, quoted, said_intervals
 from bayes_toe.data.study import Study, Subject, require_study
@@ -261,6 +261,9 @@ def _conditions(study: Study) -> list[Finding]:
                 f"Stimuli differ between conditions, by {apart:.2g} of their standard deviation in the mean: a difference in answers may "
                 "be due to them, where the model does not hold over all stimuli."
             )
+            found.append(Finding(person, "stimuli_by_condition", message))
+        elif follows_from_pairs([units]):
+            message = "No pair was presented under two conditions: a difference in answers may be due to the pairs, or their order."
             found.append(Finding(person, "stimuli_by_condition", message))
         known = [(one.condition, one.answers.span) for one in units if one.answers is not None]
         places = sorted((place, level) for level, place in known if place is not None)

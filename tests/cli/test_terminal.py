@@ -42,7 +42,7 @@ def test_tables_of_very_many_subjects_end_with_a_count_and_begin_with_those_that
     assert said.count("... and 50 more in evidence.csv") == 1
     assert "data S98: near chance, which --leave-out S98 acts on" in said
     assert "look S99: no model describes the answers: " in said
-    assert "100 subjects (S0, S1, S2, S3, S4, ... and 95 more): the same note" in said
+    assert "S0, S1, S2, S3, S4, ... and 95 more: the same note" in said
 
 
 def test_up_to_so_many_rows_all_are_there_in_their_order(analysis, many, capsys):

@@ -79,6 +79,29 @@ def test_what_does_not_differ_within_subjects_is_no_condition(read):
         read(text, condition="condition")
 
 
+@pytest.mark.parametrize("name", ["{0}-{1}", "{2}"])
+def test_names_of_pairs_or_of_their_order_are_no_condition_unless_asked_for(read, name):
+    pairs = [(0.0, 0.3, "up"), (0.3, 0.0, "down"), (0.0, 0.6, "up"), (0.6, 0.0, "down")] * 4
+    rows = [f"a,{i},{s1},{s2},equal,{name.format(s1, s2, order)}" for i, (s1, s2, order) in enumerate(pairs)]
+    text = "\n".join(["subject,trial,s1,s2,response,condition", *rows[:3], *rows[4:]])
+    found = read(text)
+    assert (found.names, found.conditions) == (("a",), None)
+    assert "found no pair at two of its levels" in found.notes[-1]
+    assert not any("as --ignore has it" in note for note in found.notes)
+    asked = read(text, condition="condition")
+    assert len(asked) == len({row.rpartition(",")[2] for row in rows})
+    assert any("numbers of trials are missing (a 1)" in note for note in asked.notes)
+    assert read(text + "\na,16,0.0,0.3,equal,other").conditions is not None  # a pair at two levels
+
+
+def test_check_warns_where_no_pair_is_in_two_conditions(read):
+    rows = [f"a,{s1},{s2},equal,{order}" for s1, s2, order in [(0.0, 0.3, "up"), (0.3, 0.0, "down")] * 6]
+    found = bt.check(read("\n".join(["subject,s1,s2,response,condition", *rows]), condition="condition"))
+    assert [one.message for one in found if one.code == "stimuli_by_condition"] == [
+        "No pair was presented under two conditions: a difference in answers may be due to the pairs, or their order."
+    ]
+
+
 @pytest.mark.parametrize(
     ("text", "options", "said"),
     [
