@@ -237,12 +237,13 @@ def _of_pairs(subject: Subject) -> _Rule:
 
 
 def _units(study: Study) -> list[Finding]:
-    """Intervals that were probably meant in milliseconds."""
+    """Times that were probably meant in milliseconds: the longest interval; the median pause, since between sessions may lie days."""
+    pauses = [one.answers.iti for one in study if one.answers is not None and one.answers.iti is not None]
+    pause = float(np.nanmedian(np.concatenate([*pauses, [0.0]])))  # 0 where no pause is known
     longest = max(study.intervals, default=0.0)
-    if longest < _LONG:
-        return []
-    message = f"Column isi has intervals up to {longest:g} s: it is read in seconds, so divide by 1000 if these are milliseconds."
-    return [Finding("", "long_intervals", message)]
+    times = ((longest, "intervals", f"isi has intervals up to {longest:g}"), (pause, "pauses", f"iti has pauses of {pause:g} (median)"))
+    message = "Column {} s: it is read in seconds, so divide by 1000 if these are milliseconds."
+    return [Finding("", f"long_{what}", message.format(said)) for time, what, said in times if time >= _LONG]
 
 
 def _conditions(study: Study) -> list[Finding]:

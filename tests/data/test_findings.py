@@ -190,3 +190,11 @@ def test_options_of_names_that_a_shell_would_split_are_quoted():
     made = study(0, swapped=(3,))
     found = data_findings(Study((replace(made["S0"], name="S 1"),)))
     assert {one.option for one in found} == {"--turn 'S 1:4'"}
+
+
+@pytest.mark.parametrize(("pause", "said"), [("1.5", set()), ("1500", {"long_pauses"})])
+def test_pauses_that_look_like_milliseconds(tmp_path, pause, said):
+    rows = [f"a,{i},{i % 2 * 0.3},0.0,equal,{pause if i != 3 else 90000}" for i in range(8)]  # a night between two of them
+    path = tmp_path / "study.csv"
+    path.write_text("\n".join(["subject,trial,s1,s2,response,iti", *rows]), encoding="utf-8")
+    assert {found.code for found in bt.check(bt.read_study(path))} & {"long_pauses"} == said
