@@ -109,13 +109,14 @@ def say_contrast(out: Terminal, table: ContrastTable) -> None:
     for line in table.sentences():
         out.line(f"  {safe(line)}")
     decided = {row.subject for row in table if row.word.startswith("differs")}
-    rows = []
+    rows, comparisons = [], {row.comparison for row in table}
     for name in chosen([one.subject for one in table.subjects], decided):
         for comparison in dict.fromkeys(row.comparison for row in table if row.subject == name):
             own = {row.quantity: row for row in table if (row.subject, row.comparison) == (name, comparison)}
             shown = {key: f"{row.size} {row.factor}" for key, row in own.items()}
-            rows.append({"subject": name, "comparison": comparison} | shown)
-    out.table("differences: medians (5 %, 95 %) if they differ, and the Bayes factor", rows, total=len(rows))
+            rows.append({"subject": name} | ({"comparison": comparison} if len(comparisons) > 1 else {}) | shown)
+    what = f"differences, {comparisons.pop()}" if len(comparisons) == 1 else "differences"
+    out.table(f"{what}: medians (5 %, 95 %) if they differ, and the Bayes factor", rows, total=len(rows))
     out.footnote(f"{LEGEND}.")
     out.notes((f"{name}: {why}" for name, why in table.left_out.items() if name not in table.failed), "left out")
     out.notes(f"{one.subject}: {note}" for one in table.subjects for note in one.notes)

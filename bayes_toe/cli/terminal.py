@@ -70,7 +70,7 @@ class Terminal:
         from rich.table import Table
 
         shown = rows[:MOST_ROWS] if total is None else rows
-        table = Table(title=title, title_justify="left", title_style="bold")
+        table = Table(title=safe(title), title_justify="left", title_style="bold")
         for index, key in enumerate(rows[0]):
             table.add_column(safe(key), justify="left" if index == 0 else "right", overflow="fold")
         for row in shown:
