@@ -1,52 +1,149 @@
-"""The container: contract of posterior.nc, summary, saving, loading, ArviZ; whose draws they are."""
+"""Draws of every model of the ladder: the same container, its summary, what ArviZ finds in it, and whose draws they are."""
 
 import json
-import warnings
 from dataclasses import replace
 
+import arviz as az
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from commands import good, refused
+from conftest import grouped_csv
 
 import bayes_toe as bt
 from bayes_toe.analysis import smooth_curve_evidence
 from bayes_toe.errors import InputError
 from bayes_toe.inference.belonging import require_belonging
+from bayes_toe.inference.diagnostics import convergence
+from bayes_toe.inference.predictive_checks import binomial_deviance
 from bayes_toe.inference.subject import SUMMARY_COLUMNS
+from bayes_toe.model.free_frequencies import FrequencyPosterior
+from bayes_toe.model.ladder import MODELS, NAMES
+from bayes_toe.model.prior import DEFAULT
 
 PARAMETERS = ("mu1", "sigma_p", "sigma_l", "q0", "gamma", "sigma1", "gain", "width", "pse_shift", "jnd")
 
 
+# --- of any model -----------------------------------------------------------------------------------
+
+
 @pytest.fixture(scope="module")
-def saved(analysis, tmp_path_factory):
-    return analysis.draws.save(tmp_path_factory.mktemp("nc") / "posterior.nc")
+def two(small_study):
+    """Two subjects, one of them without two of the pairs."""
+    b = small_study["B"]
+    fewer = bt.Subject("fewer", b.s1[2:], b.s2[2:], b.n_yes[2:], b.n_trials[2:])
+    return bt.Study([small_study["A"], fewer], source="two")
 
 
-def test_seed_and_prior_come_back_as_they_went_in(saved, small_study, tmp_path):
-    loaded = bt.load(saved)
-    assert (loaded.seed, loaded.prior) == (5, bt.Prior())
-    assert "mu1 ~ Normal(0, 10)" in loaded.attrs["prior"]
-    assert json.loads(loaded.attrs["settings"])["sampler"]["draws"] == 2000
-    assert {"python", "emcee", "arviz", "bayes_toe"} <= set(json.loads(loaded.attrs["versions"]))
+@pytest.fixture(scope="module", params=NAMES)
+def draws(two, request):
+    return bt.sample(two, model=request.param, draws=500, seed=3, workers=1)
+
+
+@pytest.mark.parametrize("file", ["posterior.nc", "posterior.zarr"])
+def test_a_file_says_which_model_and_which_prior_and_comes_back(draws, tmp_path, file):
+    again = bt.load(draws.save(tmp_path / file))
+    record = next(model for model in MODELS if model.name == draws.model)
+    assert (again.model, again.seed, again.prior) == (draws.model, 3, DEFAULT)
+    assert again.attrs["prior"] == record.describe(DEFAULT) == again.described_prior()
+    for name in again.parameters:
+        assert np.array_equal(again.values("A", name), draws.values("A", name), equal_nan=True)
+    assert repr(again.fit("A")) == repr(draws.fit("A"))  # under free frequencies a p-value is NaN
+
+
+def test_points_and_quantities_are_inverse_and_have_the_stored_density(draws):
+    for name in draws.names:
+        target, x = draws.posterior(name), draws.points(name)
+        assert x.shape[-1] == len(target.coordinates)
+        stored = draws.group("sample_stats")["lp"].sel(subject=name).values
+        assert target.log_density(x.reshape(-1, x.shape[-1])) == pytest.approx(stored.ravel(), rel=1e-7, abs=1e-5)
+        found = target.quantities(x)
+        for key in target.names.all:
+            assert draws.values(name, key) == pytest.approx(found[key], rel=1e-9)
+
+
+def test_summary_fit_and_predictions_are_those_of_the_draws(draws):
+    frame, subject, target, fit = draws.summary(), draws.subject("A"), draws.posterior("A"), draws.fit("A")
+    for name in draws.names:
+        rows = frame[frame["subject"] == name]
+        assert tuple(rows["parameter"]) == draws.posterior(name).names.reported
+        assert np.isfinite(rows["mean"]).all()
+        assert (rows["contraction"] < 1.0).all()
+        # Enough for the ranks of every judged quantity; a quantity that follows from others has about as many.
+        assert (rows["ess_bulk"] > 300).all()
+    x = draws.points("A").reshape(-1, len(target.coordinates))
+    best = binomial_deviance(target.subject.n_yes, target.subject.n_trials, *target.log_answers(x)).sum(axis=1).min()
+    assert fit.deviance == pytest.approx(best, rel=1e-3, abs=1e-3)
+    assert (fit.degrees_of_freedom, 0.0 <= fit.worst_p <= 1.0) == (13 - len(target.coordinates), True)
+    if draws.model == "free frequencies":
+        with pytest.raises(InputError, match="says nothing of pairs and intervals that were not tested"):
+            bt.predict(draws, "A", subject.s1, subject.s2)
+        return
+    found, q = bt.predict(draws, "A", subject.s1, subject.s2), np.exp(target.log_answers(x)[0])
+    assert found["mean"].to_numpy() == pytest.approx(q.mean(axis=0), rel=1e-9)
+    assert found["q95"].to_numpy() == pytest.approx(np.quantile(q, 0.95, axis=0), rel=1e-9)
+
+
+def test_draws_of_free_frequencies_are_their_beta_posteriors(two):
+    draws = bt.sample(two, model="free frequencies", draws=4000, seed=3, workers=1)
+    a, fewer = two["A"], two["fewer"]
+    assert isinstance(draws.posterior("A"), FrequencyPosterior)
+    for i in range(13):
+        values, k, n = draws.values("A", f"q_{i + 1}"), a.n_yes[i] + 1, a.n_trials[i] + 2
+        sd = np.sqrt(k * (n - k) / n**2 / (n + 1))
+        # 13 means at 4.5 standard errors: a false alarm in ten thousand such tests.
+        assert values.mean() == pytest.approx(k / n, abs=4.5 * sd / np.sqrt(values.size))
+        assert convergence(values).r_hat < 1.01
+    assert np.isnan(draws.values("fewer", "q_12")).all()  # that subject met eleven pairs
+    assert draws.posterior("fewer").names.natural == tuple(f"q_{i + 1}" for i in range(fewer.n_pairs))
+
+
+def test_the_command_samples_any_model(tmp_path, small_study):
+    grouped_csv(tmp_path / "study.csv", small_study.select(["A"]))
+    asked = ("--model", "constant bias", "--draws", "100", "--seed", "1", "--workers", "1")
+    assert "constant bias: medians" in good("sample", "study.csv", "-o", "bias.nc", *asked, cwd=tmp_path)
+    draws = bt.load(tmp_path / "bias.nc")
+    assert draws.model == "constant bias"
+    with pytest.raises(InputError, match=r"^the paper's figures: found draws of the model 'constant bias'"):
+        bt.plots.figures(draws)
+    with pytest.raises(InputError, match="model 'constant bias' has no mu1, sigma_p, sigma_l; it has: q0, width, offset"):
+        draws.natural("A")
+    said = refused("sample", "study.csv", "-o", "none.nc", "--model", "biased", cwd=tmp_path)
+    assert "error: model 'biased': 'biased'; allowed, joined by +: order: update, none, constant error" in said
+    assert "or: free frequencies, symmetric" in said
+
+
+# --- of the paper's: contents, summary, ArviZ ---------------------------------------------------------
+
+
+def test_seed_prior_settings_and_versions_come_back_as_they_went_in(analysis, small_study, tmp_path):
+    assert "mu1 ~ Normal(0, 10)" in analysis.draws.attrs["prior"]
+    assert json.loads(analysis.draws.attrs["settings"])["sampler"]["draws"] == 2000
+    assert {"python", "emcee", "arviz", "bayes_toe"} <= set(json.loads(analysis.draws.attrs["versions"]))
     prior = bt.Prior(mu1_mean=-0.25, mu1_sd=1.5, sigma_p_scale=0.1 + 0.2)
-    draws = bt.sample(small_study.select(["A"]), draws=200, seed=np.int64(2**62), prior=prior, workers=1)
+    draws = bt.sample(small_study.select(["A"]), draws=100, seed=np.int64(2**62), prior=prior, workers=1)
     again = bt.load(draws.save(tmp_path / "posterior.nc"))
-    assert (again.seed, again.prior) == (2**62, prior)
-    assert again.attrs["prior"] == again.prior.describe()
+    assert (again.seed, again.prior, again.attrs["prior"]) == (2**62, prior, prior.describe())
 
 
-def test_saved_and_loaded_are_one(saved, analysis):
-    loaded = bt.load(saved)
-    assert (loaded.names, loaded.parameters) == (analysis.draws.names, PARAMETERS)
-    for name in PARAMETERS:
-        assert np.array_equal(loaded.values("B", name), analysis.draws.values("B", name))
-    assert np.array_equal(loaded.subject("B").n_yes, analysis.study["B"].n_yes)
-    loaded.save(saved, overwrite=True)  # the file is not locked by having been read
+def test_summary_has_the_columns_and_the_numbers(analysis):
+    frame = analysis.draws.summary()
+    before = "subject,parameter,mean,sd,q05,q25,q50,q75,q95,ess_bulk,ess_tail,r_hat,contraction"
+    assert ",".join(frame.columns) == ",".join(SUMMARY_COLUMNS) == before + ",mcse_mean,mcse_q05,mcse_q50,mcse_q95"
+    assert len(frame) == 3 * len(PARAMETERS)
+    row = frame[(frame.subject == "B") & (frame.parameter == "sigma_p")].iloc[0]
+    values = analysis.draws.values("B", "sigma_p")
+    assert row["mean"] == pytest.approx(values.mean())
+    assert row[["q05", "q25", "q50", "q75", "q95"]].tolist() == pytest.approx(np.quantile(values, [0.05, 0.25, 0.5, 0.75, 0.95]))
+    assert row["mcse_mean"] == pytest.approx(values.std(ddof=1) / np.sqrt(row["ess_bulk"]), rel=0.2)
+    natural = frame[frame.parameter.isin(("mu1", "sigma_p", "sigma_l", "q0"))]
+    assert (natural[["mcse_q05", "mcse_q95"]].max(axis=1) < 0.05 * (natural.q95 - natural.q05)).all()
 
 
 @pytest.fixture(scope="module")
-def data(saved):
+def data(analysis):
     """For the ArviZ that is installed: an InferenceData or a DataTree."""
-    return bt.load(saved).to_arviz()
+    return analysis.draws.to_arviz()
 
 
 def test_arviz_has_all_groups_and_their_dimensions(data):
@@ -62,17 +159,12 @@ def test_arviz_has_all_groups_and_their_dimensions(data):
     assert data.attrs["model"] == "predictive update"
 
 
-@pytest.mark.filterwarnings("ignore")  # of ArviZ's own imports and of its pictures
+@pytest.mark.filterwarnings("ignore")  # of ArviZ's pictures
 def test_arviz_functions_take_it(data, analysis):
-    import arviz as az
-    import matplotlib.pyplot as plt
-
     one = analysis.draws["A"].to_arviz()
     table = az.summary(one, var_names=list(PARAMETERS), round_to="none")
-    assert len(table) == len(PARAMETERS)
-    assert table["mean"].to_numpy(float) == pytest.approx([analysis.draws.values("A", name).mean() for name in PARAMETERS])
-    ours = analysis.draws.summary()
-    expected = ours[(ours.subject == "A")].set_index("parameter").loc[list(PARAMETERS)]
+    expected = analysis.draws["A"].summary().set_index("parameter").loc[list(PARAMETERS)]
+    assert table["mean"].to_numpy(float) == pytest.approx(expected["mean"].to_numpy())
     assert table["r_hat"].to_numpy(float) == pytest.approx(expected["r_hat"].to_numpy(), abs=1e-6)
     for draws, pairs in ((one, 13), (data, 39)):
         loo = az.loo(draws, var_name="n_equal", pointwise=True)
@@ -84,77 +176,27 @@ def test_arviz_functions_take_it(data, analysis):
     plt.close("all")
 
 
+def test_arviz_opens_the_file_as_it_is(analysis, tmp_path):
+    data = az.from_netcdf(analysis.draws.save(tmp_path / "posterior.nc"))
+    posterior = data["posterior"].to_dataset() if hasattr(data["posterior"], "to_dataset") else data["posterior"]
+    assert len(az.summary(posterior.sel(subject="A"))) == 4
+    assert data["sample_stats"]["lp"].dims == ("chain", "draw", "subject")
+    data.close()
+
+
 def test_log_likelihoods_and_predicted_answers_follow_from_the_draws(analysis, data):
-    name = "C"
-    at = data["observed_data"]["subject"].values == name
-    theta = [analysis.draws.values(name, key)[..., None] for key in ("mu1", "sigma_p", "sigma_l", "q0")]
-    s = analysis.study[name]
-    q = bt.model.equal_probability(s.s1, s.s2, *theta)
+    at, s = data["observed_data"]["subject"].values == "C", analysis.study["C"]
+    q = bt.model.equal_probability(s.s1, s.s2, *(analysis.draws.values("C", key)[..., None] for key in PARAMETERS[:4]))
     expected = s.n_yes * np.log(q) + (s.n_trials - s.n_yes) * np.log1p(-q)
     assert data["log_likelihood"]["n_equal"].values[..., at] == pytest.approx(expected, rel=1e-9, abs=1e-9)
     predicted = data["posterior_predictive"]["n_equal"].values[..., at]
     assert predicted.mean(axis=(0, 1)) == pytest.approx((s.n_trials * q).mean(axis=(0, 1)), abs=0.5)
     spread = s.n_trials * (q * (1 - q)).mean(axis=(0, 1)) + (s.n_trials * q).var(axis=(0, 1))
     assert predicted.var(axis=(0, 1)) == pytest.approx(spread, rel=0.1)
-    again = analysis.draws[name].to_arviz()["posterior_predictive"]["n_equal"].values
-    assert np.array_equal(again, predicted)
+    assert np.array_equal(analysis.draws["C"].to_arviz()["posterior_predictive"]["n_equal"].values, predicted)
 
 
-@pytest.mark.filterwarnings("ignore")  # of ArviZ's own imports
-def test_arviz_opens_the_file_as_it_is(saved):
-    import arviz as az
-
-    data = az.from_netcdf(saved)
-    posterior = data["posterior"].to_dataset() if hasattr(data["posterior"], "to_dataset") else data["posterior"]
-    one = posterior.sel(subject="A")
-    assert float(az.rhat(one)["mu1"]) < 1.01
-    assert len(az.summary(one)) == 4
-    assert data["sample_stats"]["lp"].dims == ("chain", "draw", "subject")
-    data.close()
-
-
-def test_summary_has_the_columns_and_the_numbers(analysis):
-    frame = analysis.draws.summary()
-    assert tuple(frame.columns) == SUMMARY_COLUMNS
-    before = "subject,parameter,mean,sd,q05,q25,q50,q75,q95,ess_bulk,ess_tail,r_hat,contraction"
-    assert ",".join(SUMMARY_COLUMNS) == before + ",mcse_mean,mcse_q05,mcse_q50,mcse_q95"
-    assert len(frame) == 3 * len(PARAMETERS)
-    row = frame[(frame.subject == "B") & (frame.parameter == "sigma_p")].iloc[0]
-    values = analysis.draws.values("B", "sigma_p")
-    assert row["mean"] == pytest.approx(values.mean())
-    assert row["q95"] == pytest.approx(np.quantile(values, 0.95))
-    assert row["mcse_mean"] == pytest.approx(values.std(ddof=1) / np.sqrt(row["ess_bulk"]), rel=0.2)
-    natural = frame[frame.parameter.isin(("mu1", "sigma_p", "sigma_l", "q0"))]
-    assert (natural[["mcse_q05", "mcse_q95"]].max(axis=1) < 0.05 * (natural.q95 - natural.q05)).all()
-
-
-def test_unknown_names_and_files_are_refused(analysis, tmp_path):
-    with pytest.raises(InputError, match="no subject 'Z'"):
-        analysis.draws.values("Z", "mu1")
-    with pytest.raises(InputError, match="unknown parameter"):
-        analysis.draws.values("A", "mu_1")
-    with pytest.raises(InputError, match="no such file"):
-        bt.load(tmp_path / "none.nc")
-    (tmp_path / "text.nc").write_text("not netcdf")
-    with pytest.raises(InputError, match="not a NetCDF file"):
-        bt.load(tmp_path / "text.nc")
-
-
-def test_the_bundled_study_is_recovered_and_small(tmp_path):
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        study, truth = bt.example_study(), bt.example_truth()
-        draws = bt.sample(study, seed=4)  # of some seeds a quantile of S05 is said to need more draws
-    levels = []
-    for name in study.names:
-        for key, value in truth[name].items():
-            levels.append((draws.values(name, key) < value).mean())
-    levels = np.array(levels)
-    # 64 quantile levels of true values: for a calibrated posterior the count outside 90 % is Binomial(64, 0.1).
-    assert ((levels < 0.05) | (levels > 0.95)).sum() <= 14
-    assert 0.3 < levels.mean() < 0.7
-    path = draws.save(tmp_path / "posterior.nc")
-    assert path.stat().st_size < 60e6
+# --- whose they are, and what is not there ------------------------------------------------------------
 
 
 def test_draws_tell_their_study(analysis, small_study):
@@ -167,30 +209,33 @@ def test_draws_tell_their_study(analysis, small_study):
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (lambda one: replace(one, n_yes=np.minimum(one.n_yes + 1, one.n_trials)), "found draws of subject 'B' from other answers"),
-        (lambda one: replace(one, name="X"), "found no draws of subject 'X'"),
-        (lambda one: None, "found draws of subject 'B', whom three kinds does not have"),
-        (lambda one: replace(one, isi=np.ones(one.n_pairs)), "found draws of subject 'B' from other answers"),
+        (lambda a, b, c: [a, replace(b, n_yes=np.minimum(b.n_yes + 1, b.n_trials)), c], "found draws of subject 'B' from other answers"),
+        (lambda a, b, c: [a, replace(b, name="X"), c], "found no draws of subject 'X'"),
+        (lambda a, b, c: [a, c], "found draws of subject 'B', whom three kinds does not have"),
+        (lambda *all: [replace(one, isi=np.ones(13)) for one in all], "found draws of subject 'A', 'B', 'C' from other answers"),
     ],
     ids=["counts", "name", "absent", "intervals"],
 )
 def test_another_study_is_refused(analysis, small_study, change, said):
-    others = [small_study["A"], change(small_study["B"]), small_study["C"]]
-    if others[1] is not None and others[1].isi is not None:
-        others = [replace(one, isi=np.ones(one.n_pairs)) for one in others]
-        said = said.replace("'B'", "'A', 'B', 'C'")
-    study = bt.Study([one for one in others if one is not None], source="three kinds")
-    with pytest.raises(bt.InputError, match=r"^file: ") as refused:
-        require_belonging(analysis.draws, "file", study=study)
-    assert said in str(refused.value)
-
-
-def test_another_model_is_refused_for_figures(small_study):
-    draws = bt.sample(small_study.select(["A"]), model="constant bias", draws=100, seed=1, workers=1)
-    with pytest.raises(bt.InputError, match=r"^the paper's figures: found draws of the model 'constant bias'"):
-        bt.plots.figures(draws)
+    with pytest.raises(InputError, match=rf"^file: .*{said}"):
+        require_belonging(analysis.draws, "file", study=bt.Study(change(*small_study), source="three kinds"))
 
 
 def test_evidence_of_saved_draws_is_that_of_the_run(analysis):
     found = smooth_curve_evidence(analysis.draws, workers=1)
     assert [row.log_evidence_h1 for row in found] == [row.log_evidence_h1 for row in analysis.evidence]
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (lambda draws, folder: draws.values("Z", "mu1"), "no subject 'Z'"),
+        (lambda draws, folder: draws.values("A", "mu_1"), "unknown parameter"),
+        (lambda draws, folder: bt.load(folder / "none.nc"), "no such file"),
+        (lambda draws, folder: bt.load(folder / "text.nc"), "not a NetCDF file"),
+    ],
+)
+def test_unknown_names_and_files_are_refused(analysis, tmp_path, call, said):
+    (tmp_path / "text.nc").write_text("not netcdf")
+    with pytest.raises(InputError, match=said):
+        call(analysis.draws, tmp_path)
