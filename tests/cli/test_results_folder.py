@@ -196,7 +196,7 @@ def test_a_run_has_the_contrast_in_its_folder_report_and_methods(tmp_path, three
     assert "Of a new subject in one condition, by random effects over 2: " in report
     assert "For a new subject in one condition, by random effects over 2 [@penny2010], P(no order effect) " in " ".join(methods.split())
     assert "constant error, of 1 subject: differs 1" in report
-    assert "right − left</td>" in report
+    assert "Differences (right − left) are medians" in report
     assert re.search(r">−0\.\d\d \(.*<span class=\"soft\">differs \(BF ", report)
     assert "**Conditions.**" in methods
     assert "1 subject gave 720 judgements" in methods
