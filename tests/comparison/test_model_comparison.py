@@ -95,6 +95,8 @@ def test_what_is_withheld_has_no_difference(table):
     assert [[row.cell(f"elpd_loo_pair_{name}") for name in ("diff", "diff_se")] for row in rows] == [[None] * 2, [0.0] * 2, [None] * 2]
     assert rows[0].cell("elpd_loo_trial_diff") == 0.0
     assert ModelComparison(tuple(rows), ("A",), FEW, 1, bt.Prior()).study_frame()["elpd_loo_trial_diff"].isna().all()
+    left = ModelComparison((*rows, *table.rows[3:]), ("A", "C"), FEW, 1, bt.Prior()).study_frame()["elpd_loo_pair_diff"]
+    assert left.tolist() == [row.differences["elpd_loo_pair_diff"] for row in table.rows[3:]]  # of the other subject alone
 
 
 # --- the study ----------------------------------------------------------------------------------------------------------------------
