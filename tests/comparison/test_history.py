@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from commands import inside
+from commands import good, refused
+from conftest import plain_models_alone
 from populations import made_up
 
 import bayes_toe as bt
@@ -39,11 +40,8 @@ def observer(name, model, seed, trials=700, **values):
 
 @pytest.fixture(scope="module")
 def study():
-    (carries, *_), (relaxes, *_) = (
-        observer("carries", "contraction + carry-over", 1, **CARRIED),
-        observer("relaxes", "contraction", 2, **CARRIED),
-    )
-    return bt.Study([carries, relaxes])
+    told = {"carries": ("contraction + carry-over", 1), "relaxes": ("contraction", 2)}
+    return bt.Study([observer(name, *of, **CARRIED)[0] for name, of in told.items()])
 
 
 @pytest.fixture(scope="module")
@@ -53,20 +51,25 @@ def short():
 
 @pytest.fixture(scope="module")
 def table(study):
-    return bt.compare_history(study, seed=1, workers=1)
+    with plain_models_alone():
+        return bt.compare_history(study, seed=1, workers=1)
 
 
 def test_a_history_is_told_of_who_has_one(table):
     carries, relaxes = table["carries"], table["relaxes"]
     assert carries.depends == "yes"
-    assert carries.lead > 5.0
     assert relaxes.depends not in ("yes", "probably")
+    assert carries.lead > 5.0
     assert carries.p_static + carries.p_carry_over + carries.p_running_average == pytest.approx(1.0)
     assert carries.p_carry_over_by_time is None, "no times between trials"
     assert carries.log_bayes_factor_previous_answer < 3.0
+    assert carries.q05 < CARRIED["carry_over"] < carries.q95
     assert carries.history_p_static < MISFIT < carries.history_p
     assert carries.describe().startswith("answers follow the trials before (P of a history > 0.99; carried over, share: ")
     assert table.frame().columns.tolist() == list(HISTORY_COLUMNS)
+
+
+def test_a_study_is_told_of_in_a_sentence_which_says_where_nothing_tells_of_pauses(table):
     assert table.sentence().startswith("answers follow them, of 2 subjects: yes 1, ")
     assert "tells of pauses" in table.sentence()
     paused = [replace(one, answers=replace(one.answers, place=np.arange(700) + (np.arange(700) > 350))) for one in table.study]
@@ -75,13 +78,12 @@ def test_a_history_is_told_of_who_has_one(table):
     assert "tells of pauses" in replace(table, study=unordered, rows=table.rows[:1]).sentence()
 
 
-def test_the_verdict_says_that_answers_seem_to_depend_on_the_trial_before(study):
-    said, _ = verdict(study["carries"], bt.Prior(mu1_mean="stimuli", mu1_sd="stimuli"), 1)
+def test_the_verdict_says_that_answers_seem_to_depend_on_the_trial_before(study, three_models):
+    said, _ = verdict(study["carries"], DEFAULT, 1)
     assert said.history_p < MISFIT
     assert any(doubt.startswith("answers seem to depend on the trial before (p ") for doubt in said.doubts())
     unordered, _ = verdict(replace(study["carries"], answers=None), DEFAULT, 1)
-    assert unordered.history_p is None
-    assert not unordered.follows
+    assert (unordered.history_p, unordered.follows) == (None, False)
 
 
 def test_the_check_is_even_where_the_model_is_true():
@@ -108,13 +110,14 @@ def test_a_history_is_known_within_its_interval_and_comes_back_from_a_file_with_
 
 
 def test_what_has_no_order_is_refused_in_one_line(study, tmp_path):
-    with pytest.raises(bt.InputError, match="subject 'carries': a model with a history needs the order of trials"):
-        bt.compare_history(bt.Study([replace(one, answers=None) for one in study]), seed=1)
+    unordered, said = [replace(one, answers=None) for one in study], "a model with a history needs the order of trials, found none"
+    with pytest.raises(bt.InputError, match=f"subject 'carries': {said}"):
+        bt.compare_history(bt.Study(unordered), seed=1)
+    with pytest.raises(bt.InputError, match=f"subject 'relaxes': {said}"):  # of a group, of everybody
+        bt.population(bt.Study([study["carries"], unordered[1]]), model="contraction + carry-over", seed=1)
     study.frame().to_csv(tmp_path / "counts.csv", index=False)
-    done = inside("compare", "counts.csv", "--history", "-o", "compare.csv", "--seed", "1", cwd=tmp_path)
-    assert done.returncode == 2
-    assert "needs the order of trials, found none; allowed: rows that are trials, with a column trial" in " ".join(done.stderr.split())
-    assert not (tmp_path / "compare.csv").exists()
+    line = refused("compare", "counts.csv", "--history", "-o", "compare.csv", "--seed", 1, cwd=tmp_path, silent=False)
+    assert "needs the order of trials, found none; allowed: rows that are trials, with a column trial" in line
 
 
 def test_what_takes_pairs_as_independent_says_so(short):
@@ -122,13 +125,6 @@ def test_what_takes_pairs_as_independent_says_so(short):
     assert carried.checks.elpd_loo_trial is None
     assert static.checks.elpd_loo_trial is not None
     assert "leave-one-out withheld: answers depend on the trials before" in carried.notes
-
-
-def trial_rows(one):
-    """A subject as a table of trials."""
-    keys, yes = one.answers.keys.T, one.answers.n_yes
-    said = np.where(yes > 0, "second", "first")
-    return pd.DataFrame({"subject": one.name, "trial": np.arange(len(yes)) + 1, "s1": keys[0], "s2": keys[1], "response": said})
 
 
 def test_a_group_is_of_trials_and_comes_back_with_them(study, tmp_path):
@@ -144,25 +140,19 @@ def test_a_group_is_of_trials_and_comes_back_with_them(study, tmp_path):
     assert all(0.0 < one.p_value <= 1.0 for one in predictive_check(again, groups=20).statistics)
 
 
-def test_a_group_needs_the_order_of_everybody_and_one_condition(study):
-    unordered = replace(study["relaxes"], answers=None)
-    with pytest.raises(bt.InputError, match="subject 'relaxes': a model with a history needs the order of trials, found none"):
-        bt.population(bt.Study([study["carries"], unordered]), model="contraction + carry-over", seed=1)
-
-
 def test_commands_say_and_draw_it(study, tmp_path, three_models):
-    trial_rows(study["carries"]).to_csv(tmp_path / "trials.csv", index=False)
-    common = ("--seed", "1", "--draws", "100", "--workers", "1")
-    done = inside("compare", "trials.csv", "--model", "contraction", "--history", "-o", "compare.csv", *common, cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert "trials before: answers follow them, of 1 subject: yes 1" in " ".join(done.stdout.split())
-    found = pd.read_csv(tmp_path / "compare_history.csv").set_index("subject")
-    assert found.depends["carries"] == "yes"
+    answers = study["carries"].answers
+    said = np.where(answers.n_yes > 0, "second", "first")
+    trials = {"subject": "carries", "trial": np.arange(len(said)) + 1, "s1": answers.keys[:, 0], "s2": answers.keys[:, 1], "response": said}
+    pd.DataFrame(trials).to_csv(tmp_path / "trials.csv", index=False)
+    common = ("--seed", 1, "--draws", 100, "--workers", 1)
+    asked = ("compare", "trials.csv", "--model", "contraction", "--history", "-o", "compare.csv")
+    assert "trials before: answers follow them, of 1 subject: yes 1" in " ".join(good(*asked, *common, cwd=tmp_path).split())
+    assert pd.read_csv(tmp_path / "compare_history.csv").depends.tolist() == ["yes"]
     assert (tmp_path / "compare_history.png").stat().st_size > 10_000
-    done = inside("run", "trials.csv", "-o", "out", "--pictures", "none", *common, cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+    good("run", "trials.csv", "-o", "out", "--pictures", "none", *common, cwd=tmp_path)
     assert pd.read_csv(tmp_path / "out" / "history.csv").subject.tolist() == ["carries"]
-    assert pd.read_csv(tmp_path / "out" / "evidence.csv").set_index("subject").history_p["carries"] < MISFIT
+    assert (pd.read_csv(tmp_path / "out" / "evidence.csv").history_p < MISFIT).all()
     report = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert "answers follow the trials before" in report
     assert report.count('id="history"') == 1
