@@ -16,7 +16,7 @@ from bayes_toe.groups.chains import Hamiltonian
 from bayes_toe.groups.hyperprior import Hyperprior
 from bayes_toe.groups.population import population
 from bayes_toe.groups.predictive_check import predictive_check
-from bayes_toe.groups.subjects import unpooled
+from bayes_toe.groups.subjects import unpooled_from_draws
 from bayes_toe.inference.diagnostics import errors, worst
 from bayes_toe.records import packed
 
@@ -51,6 +51,19 @@ def found(run):
     return run()
 
 
+@pytest.fixture(scope="module")
+def stored():
+    return bt.sample(STUDY, draws=1000, seed=1, workers=1)
+
+
+def require_alike(one, other, same):
+    """Means, scatters and subjects (place in one, place in the other): 24 z scores, false alarms once in 1500 runs."""
+    values = [(getattr(one.chains, name), getattr(other.chains, name)) for name in ("mean", "scatter")]
+    values += [(one.chains.eta[:, :, i], other.chains.eta[:, :, j]) for i, j in same]
+    for a, b in ((a[..., k], b[..., k]) for a, b in values for k in range(4)):
+        assert abs(a.mean() - b.mean()) < 4.2 * np.hypot(errors(a).mean, errors(b).mean)
+
+
 def test_the_number_of_workers_changes_no_bit(found, run):
     other = run(workers=2)
     for name in ("mean", "scatter", "eta"):
@@ -59,12 +72,7 @@ def test_the_number_of_workers_changes_no_bit(found, run):
 
 
 def test_the_order_of_subjects_changes_what_chance_may_change(found, run):
-    """16 z scores: false alarms once in 2000 runs."""
-    other = run(STUDY.select(["C", "A", "B"]))
-    pairs = [(getattr(found.chains, name)[..., j], getattr(other.chains, name)[..., j]) for name in ("mean", "scatter") for j in range(4)]
-    pairs += [(found.chains.eta[:, :, 0, j], other.chains.eta[:, :, 1, j]) for j in range(4)]
-    for one, two in pairs:
-        assert abs(one.mean() - two.mean()) < 4.2 * np.hypot(errors(one).mean, errors(two).mean)
+    require_alike(found, run(STUDY.select(["C", "A", "B"])), [(0, 1), (2, 0)])
 
 
 def test_the_stated_diagnostics_are_those_of_the_draws(found):
@@ -76,26 +84,27 @@ def test_the_stated_diagnostics_are_those_of_the_draws(found):
     assert (own.scatter > 0.0).all()
 
 
-def test_parameters_may_be_correlated_in_large_groups(found, run, monkeypatch):
+def test_parameters_may_be_correlated_in_large_groups(found, run, stored, monkeypatch):
     assert not found.settings.correlations
     monkeypatch.setattr("bayes_toe.groups.population.MANY", 3)
     fewest = min(one.total_trials for one in STUDY)
     monkeypatch.setattr("bayes_toe.groups.population.LONG", fewest)
-    own = run()
+    own = run(posterior=stored)
     assert own.settings.correlations
     assert {key for key in own.chains.convergence if key[0] == "correlation"} == {("correlation", j, i) for i in range(4) for j in range(i)}
     assert np.linalg.eigvalsh(own.chains.correlation).min() > 0.0
     assert own.chains.z.std() > 0.1
     monkeypatch.setattr("bayes_toe.groups.population.LONG", fewest + 1)
-    assert not run().settings.correlations
+    monkeypatch.setattr("bayes_toe.groups.population.sample_group", lambda joint, *_: found.chains if not joint.correlated else None)
+    assert not run(posterior=stored).settings.correlations
 
 
 @pytest.mark.parametrize(("model", "names"), [("free weighting", ("offset", "gain")), ("update", ("mu1", "gamma"))])
 def test_which_is_stronger(run, model, names, tmp_path):
-    """Six subjects with a pull of a quarter, whose means are known by their own answers, not by the hyperprior."""
-    eta = np.array([0.1, -0.32, -1.2, -1.8]) + 0.05 * np.random.default_rng(3).standard_normal((6, 4))
+    """Four subjects with a pull of a quarter, whose means are known by their own answers, not by the hyperprior."""
+    eta = np.array([0.1, -0.32, -1.2, -1.8]) + 0.05 * np.random.default_rng(3).standard_normal((4, 4))
     study = made_population(eta, model="free weighting", task=WHICH_STRONGER).study
-    found = run(study, model=model, hyperprior=None, draws=200)
+    found = run(study, model=model, hyperprior=None, draws=60)
     assert found.names == (*names, "width", "lapse_rate")
     low, high = np.quantile(found.quantities(found.chains.mean)["pull"], (0.005, 0.995))
     assert low < 0.25 < high < 0.5
@@ -109,9 +118,9 @@ def test_which_is_stronger(run, model, names, tmp_path):
     assert check.statistics[2].observed == pytest.approx(np.std([accuracy(one) for one in study], ddof=1))
 
 
-def test_a_subject_that_is_known_badly_alone_is_named(run, monkeypatch):
-    def doubted(subject, *rest):
-        return replace(unpooled(subject, *rest), trusted=subject.name != "B")
+def test_a_subject_that_is_known_badly_alone_is_named(run, stored, monkeypatch):
+    def doubted(subject, model, prior, centre, draws, seed):
+        return replace(unpooled_from_draws(stored, subject.name, model, centre, seed), trusted=subject.name != "B")
 
     monkeypatch.setattr("bayes_toe.groups.population.unpooled", doubted)
     found = run()
@@ -122,24 +131,11 @@ def test_a_subject_that_is_known_badly_alone_is_named(run, monkeypatch):
 # --- draws that are there already ---------------------------------------------------------------------------------------------------
 
 
-@pytest.fixture(scope="module")
-def stored():
-    return bt.sample(STUDY, draws=1000, seed=1, workers=1)
-
-
 def test_stored_draws_stand_in_the_place_of_subjects_alone(found, run, stored, monkeypatch):
-    """24 z scores: false alarms once in 1500 runs."""
-
-    def sampled(*_):
-        raise AssertionError("a subject was sampled alone")
-
-    monkeypatch.setattr("bayes_toe.groups.population.unpooled", sampled)
+    monkeypatch.setattr("bayes_toe.groups.population.unpooled", lambda *_: pytest.fail("a subject was sampled alone"))
     other = run(posterior=stored, seed=None)
     assert (other.settings.seed, other.settings.prior, other.rough) == (1, stored.prior, ())
-    pairs = [(getattr(found.chains, name)[..., j], getattr(other.chains, name)[..., j]) for name in ("mean", "scatter") for j in range(4)]
-    pairs += [(found.chains.eta[:, :, i, j], other.chains.eta[:, :, i, j]) for i in range(2) for j in range(4)]
-    for one, two in pairs:
-        assert abs(one.mean() - two.mean()) < 4.2 * np.hypot(errors(one).mean, errors(two).mean)
+    require_alike(found, other, [(0, 0), (1, 1)])
     mine = stored.values("B", "mu1")
     assert other.unpooled.shape == found.unpooled.shape
     assert abs(np.median(other.unpooled[:, 1, 0]) - np.median(mine)) < 0.1 * mine.std()
@@ -152,10 +148,13 @@ def test_of_draws_of_another_model_seed_and_prior_are_taken(run, stored):
     assert (other.names, other.settings.seed, other.settings.prior) == (("offset", "gain", "width", "q0"), 1, stored.prior)
 
 
-def test_stored_draws_of_something_else_are_refused(run, stored):
-    for what, said in (
+@pytest.mark.parametrize(
+    ("what", "said"),
+    [
         ({"study": few_pairs(["A", "B"])}, "posterior: found draws of subject 'C', whom .* does not have"),
         ({"prior": bt.Prior(mu1_sd=1.0)}, "posterior: found draws under .*; allowed: that prior, or none, given"),
-    ):
-        with pytest.raises(InputError, match=said):
-            run(posterior=stored, **what)
+    ],
+)
+def test_stored_draws_of_something_else_are_refused(run, stored, what, said):
+    with pytest.raises(InputError, match=said):
+        run(posterior=stored, **what)
