@@ -51,15 +51,13 @@ def test_columns_and_kinds(found, tmp_path):
 
 
 def test_numbers_are_those_of_the_draws(found):
-    gamma = found.chains.mean[..., 1]
-    label, natural = (found.table.some("mean", name)[0] for name in ("probit gamma", "gamma"))
+    own, gamma, of = found.chains, found.chains.mean[..., 1], found.table.some
+    (label,), (natural,), effect = of("mean", "probit gamma"), of("mean", "gamma"), of("effect", "log width")[1]
     assert (label.mean, label.q05) == pytest.approx((gamma.mean(), np.quantile(gamma, 0.05)))
-    assert natural.q50 == pytest.approx(np.quantile(found.quantities(found.chains.mean)["gamma"], 0.5))
-    assert label.ess_bulk == found.chains.convergence["mean", -1, 1].ess_bulk
-    effect = found.table.some("effect", "log width")[1]
-    values = found.chains.effects[..., 1, 2]
-    assert (effect.level, effect.p_direction) == ("group y", max((values > 0).mean(), (values < 0).mean()))
-    further = {row.parameter: row for row in found.table.some("new_subject")}
+    assert natural.q50 == pytest.approx(np.quantile(found.quantities(own.mean)["gamma"], 0.5))
+    assert label.ess_bulk == own.convergence["mean", -1, 1].ess_bulk
+    assert (effect.level, effect.p_direction) == ("group y", max((own.effects[..., 1, 2] > 0).mean(), (own.effects[..., 1, 2] < 0).mean()))
+    further = {row.parameter: row for row in of("new_subject")}
     assert further["gain"].q50 == pytest.approx(np.median(found.quantities(found.new_subject())["gain"]))
     assert further[OVERALL].mean == pytest.approx(found.asymmetries.new_subject.mean())
 
@@ -70,48 +68,48 @@ def test_subjects_in_the_group_and_alone(found):
         "subject", "parameter", "mean", "sd", "q05", "q25", "q50", "q75", "q95", "ess_bulk", "ess_tail", "r_hat",
         "mcse_mean", "mcse_q05", "mcse_q50", "mcse_q95", "alone_q05", "alone_q50", "alone_q95",
     ]  # fmt: skip
-    assert frame.subject.drop_duplicates().tolist() == ["A", "B", "D", "E"]  # C is left out
+    reported = ["mu1", "sigma_p", "sigma_l", "q0", "gamma", "sigma1", "gain", "width", "pse_shift", "jnd"]
+    assert frame[["subject", "parameter"]].to_numpy().tolist() == [[name, key] for name in "ABDE" for key in reported]  # C is left out
     one = frame[frame.subject == "B"].set_index("parameter")
-    assert one.index.tolist() == ["mu1", "sigma_p", "sigma_l", "q0", "gamma", "sigma1", "gain", "width", "pse_shift", "jnd"]
     assert one.q95["mu1"] == pytest.approx(np.quantile(found.chains.eta[:, :, 1, 0], 0.95))
     assert one.alone_q05["width"] == pytest.approx(np.quantile(np.exp(found.unpooled[:, 1, 2]), 0.05))
+
+
+# --- in words -----------------------------------------------------------------------------------------------------------------------
 
 
 #: Constant error, probit(gain/2), log width and probit of q0 or of the lapse rate at the mean, and sds between subjects.
 TYPICAL = {SAME_DIFFERENT: np.array([0.0, 0.0, -1.2, 1.4]), WHICH_STRONGER: np.array([0.0, 0.0, -1.2, -1.8])}
 SPREAD = np.array([0.01, 0.01, 0.1, 0.2])
-#: What is added to the means, and to the sds.
-KINDS = {
-    "none": (0.0, 0.0, "none on average (P of none ", False),
-    "constant error": (np.eye(4)[0] * 0.15, 0.0, "one on average: a constant error", True),
-    "pull": (-np.eye(4)[1] * 0.25, 0.0, "one on average: a pull", True),
-    "opposite": (0.0, np.eye(4)[0] * 0.25, "on average, but subjects differ, with effects of either sign", False),
-}
+#: Eight scores, and those of opposite sign: means known as well as sixteen subjects tell them.
+SCORE = np.concatenate([sign * np.random.default_rng(4).standard_normal((8, 4)) for sign in (1, -1)])
 
 
-@pytest.mark.parametrize("task", TYPICAL, ids=lambda task: task.count)
-@pytest.mark.parametrize("kind", KINDS)
-def test_the_first_line_says_it(kind, task):
-    """Means known as well as sixteen subjects tell them; those of both signs come in pairs."""
-    mean, sd, said, directed = KINDS[kind]
-    score = np.random.default_rng(4).standard_normal((8, 4))
-    eta = TYPICAL[task] + mean + (SPREAD + sd) * np.concatenate([score, -score])
-    found = made_population(eta, model="free weighting", task=task)
-    first, *rest = answer(found)
+@pytest.mark.parametrize(
+    ("task", "mean", "sd", "said", "directed"),
+    [
+        (SAME_DIFFERENT, 0.0, 0.0, "none on average (P of none ", False),
+        (SAME_DIFFERENT, np.eye(4)[0] * 0.15, 0.0, "one on average: a constant error", True),
+        (SAME_DIFFERENT, -np.eye(4)[1] * 0.25, 0.0, "one on average: a pull", True),
+        (SAME_DIFFERENT, 0.0, np.eye(4)[0] * 0.25, "on average, but subjects differ, with effects of either sign", False),
+        (WHICH_STRONGER, np.eye(4)[0] * 0.15, 0.0, "one on average: a constant error", True),
+        (WHICH_STRONGER, -np.eye(4)[1] * 0.25, 0.0, "one on average: a pull", True),
+    ],
+)
+def test_the_first_line_says_it(task, mean, sd, said, directed):
+    """Of what is added to the means, and to the sds."""
+    first, *rest = answer(made_population(TYPICAL[task] + mean + (SPREAD + sd) * SCORE, model="free weighting", task=task))
     assert said in first
-    assert bool(rest) == directed
     assert "Bayes factor of none" in first
     assert "16 subjects, the model " in first
-    answer_of = {SAME_DIFFERENT: "'equal' is likelier", WHICH_STRONGER: "wrong answers are likelier"}
-    assert all(answer_of[task] in line for line in rest)
+    assert bool(rest) == directed
+    assert all({SAME_DIFFERENT: "'equal' is likelier", WHICH_STRONGER: "wrong answers are likelier"}[task] in line for line in rest)
 
 
 @pytest.mark.parametrize("task", TYPICAL, ids=lambda task: task.count)
 def test_a_pull_that_cannot_be_none_is_said(task):
     """A contraction has a pull in any case: only its constant error may be none."""
-    score = np.random.default_rng(4).standard_normal((8, 4))
-    mean = np.array([0.0, -0.4, -1.2, TYPICAL[task][3]])
-    found = made_population(mean + SPREAD * np.concatenate([score, -score]), model="contraction", task=task)
+    found = made_population(np.array([0.0, -0.4, -1.2, TYPICAL[task][3]]) + SPREAD * SCORE, model="contraction", task=task)
     first, direction = answer(found)
     assert "a pull of 0.3" in first
     assert "on average, since this model always has one; constant error: none on average (P of none " in first
@@ -124,8 +122,7 @@ def test_a_pull_that_cannot_be_none_is_said(task):
 
 def test_the_size_of_the_effect_does_not_depend_on_where_whose_stimuli_are():
     """Offsets count from everybody's own mean: the same answers to stimuli elsewhere are the same effect, whoever comes first."""
-    score = np.random.default_rng(4).standard_normal((4, 4))
-    near = made_population(TYPICAL[SAME_DIFFERENT] - np.eye(4)[1] * 0.25 + SPREAD * score, model="free weighting")
+    near = made_population(TYPICAL[SAME_DIFFERENT] - np.eye(4)[1] * 0.25 + SPREAD * SCORE[:4], model="free weighting")
     moved = [replace(one, s1=one.s1 + far, s2=one.s2 + far) for one, far in zip(near.study, (5.0, 0.0, -2.0, 1.0), strict=True)]
     far = replace(near, study=replace(near.study, subjects=tuple(moved)), centre=mean_first(*moved))
     for kind in ("mean", "sd"):
@@ -133,63 +130,9 @@ def test_the_size_of_the_effect_does_not_depend_on_where_whose_stimuli_are():
         assert other.q50 == pytest.approx(one.q50, rel=1e-9)
 
 
-def by_label(check):
-    return {one.label: one for one in check.statistics}
-
-
-def test_what_is_observed_is_what_the_answers_say():
-    found = made_population(ordinary(8))
-    seen, table = by_label(predictive_check(found, groups=50)), asymmetry(found.study)
-    means, accuracies = np.array([(row.mean_asymmetry, row.accuracy) for row in table]).T
-    shares = np.array([one.fraction_yes for one in found.study])
-    scores = (shares - shares.mean()) / shares.std(ddof=1)
-    assert seen["sd of mean asymmetry"].observed == pytest.approx(means.std(ddof=1))
-    assert seen["sd of accuracy"].observed == pytest.approx(accuracies.std(ddof=1))
-    assert seen["skewness of share of 'equal'"].observed == pytest.approx(np.mean(scores**3))
-    assert seen["farthest share of 'equal', in sd"].observed == pytest.approx(np.abs(scores).max())
-
-
-def test_an_ordinary_group_is_left_in_peace():
-    checks = [predictive_check(made_population(ordinary(20, seed), seed=seed), groups=300) for seed in range(4)]
-    assert [check.warnings for check in checks] == [()] * 4
-    assert predictive_check(made_population(ordinary(6)), groups=100) == predictive_check(made_population(ordinary(6)), groups=100)
-
-
-def test_two_kinds_of_subjects_are_no_normal_population():
-    eta = MEAN + 0.03 * np.random.default_rng(3).standard_normal((20, 4))
-    eta[:, 0] += np.where(np.arange(20) % 2, 1.0, -1.0)
-    check = predictive_check(made_population(eta))
-    said = [words for words in check.warnings if "farthest in its mean asymmetry is nearer than a normal population" in words]
-    assert len(said) == 1
-    assert "A covariate may tell them apart" in said[0]
-    assert "--population t" not in said[0]
-
-
-def test_a_subject_far_away_asks_for_t_and_only_where_the_population_is_normal():
-    eta = MEAN + 0.1 * np.random.default_rng(3).standard_normal((30, 4))
-    eta[0, 3] -= 1.4  # rarely 'equal'
-    found = made_population(eta)
-    check = predictive_check(found)
-    assert any("farther out than a normal" in words and words.endswith("; try --population t") for words in check.warnings)
-    assert all(one.p_value < CONTRADICTED for one in check.statistics if one.label.startswith("farthest share"))
-    t = predictive_check(replace(found, settings=replace(found.settings, scatter="t")))
-    assert not any("try" in words for words in t.warnings)
-    assert by_label(t)["farthest share of 'equal', in sd"].p_value > by_label(check)["farthest share of 'equal', in sd"].p_value
-
-
-def test_of_two_subjects_only_spreads_are_asked_and_without_both_orders_no_asymmetry():
-    found = made_population(ordinary(2))
-    assert list(by_label(predictive_check(found, groups=40))) == ["sd of mean asymmetry", "sd of accuracy"]
-    one_order = bt.Study([bt.Subject(name, [0.0, 0.1], [0.3, 0.1], [3, 7], [9, 9]) for name in found.study.names])
-    assert list(by_label(predictive_check(replace(found, study=one_order), groups=40))) == ["sd of accuracy"]
-
-
 def test_one_sd_of_students_scatter_is_its_standard_deviation():
     """Tau of Student's t with 4 degrees of freedom is its scale, the root of a half of its sd."""
-    score = np.random.default_rng(4).standard_normal((8, 4))
-    found = made_population(
-        TYPICAL[SAME_DIFFERENT] + (SPREAD + 0.3 * np.eye(4)[0]) * np.concatenate([score, -score]), model="free weighting"
-    )
+    found = made_population(TYPICAL[SAME_DIFFERENT] + (SPREAD + 0.3 * np.eye(4)[0]) * SCORE, model="free weighting")
     wide = replace(found, settings=replace(found.settings, scatter="t"))
     (normal,), (student,) = (one.table.some("sd", "order effect") for one in (found, wide))
     assert student.q50 == pytest.approx(np.sqrt(2.0) * normal.q50, rel=0.02)
@@ -204,3 +147,56 @@ def test_the_real_vibrotactile_subjects_hardly_pull(real_data):
     assert gamma.q50 == pytest.approx(-1.65, abs=0.3)
     assert gamma.q05 < -1.9 < -1.5 < gamma.q95
     assert 0.02 < pull.q50 < 0.07
+
+
+# --- the predictive check -----------------------------------------------------------------------------------------------------------
+
+
+def labelled(found, groups):
+    return {one.label: one for one in predictive_check(found, groups=groups).statistics}
+
+
+def test_what_is_observed_is_what_the_answers_say():
+    found = made_population(ordinary(8))
+    seen, table = labelled(found, 50), asymmetry(found.study)
+    means, accuracies = np.array([(row.mean_asymmetry, row.accuracy) for row in table]).T
+    shares = np.array([one.fraction_yes for one in found.study])
+    scores = (shares - shares.mean()) / shares.std(ddof=1)
+    assert seen["sd of mean asymmetry"].observed == pytest.approx(means.std(ddof=1))
+    assert seen["sd of accuracy"].observed == pytest.approx(accuracies.std(ddof=1))
+    assert seen["skewness of share of 'equal'"].observed == pytest.approx(np.mean(scores**3))
+    assert seen["farthest share of 'equal', in sd"].observed == pytest.approx(np.abs(scores).max())
+
+
+def test_an_ordinary_group_is_left_in_peace():
+    checks = [predictive_check(made_population(ordinary(20, seed), seed=seed), groups=300) for seed in range(4)]
+    assert [check.warnings for check in checks] == [()] * 4
+    assert predictive_check(made_population(ordinary(20, 0), seed=0), groups=300) == checks[0]
+
+
+def test_two_kinds_of_subjects_are_no_normal_population():
+    eta = MEAN + 0.03 * np.random.default_rng(3).standard_normal((20, 4))
+    eta[:, 0] += np.where(np.arange(20) % 2, 1.0, -1.0)
+    warned = predictive_check(made_population(eta)).warnings
+    (said,) = [words for words in warned if "farthest in its mean asymmetry is nearer than a normal population" in words]
+    assert "A covariate may tell them apart" in said
+    assert "--population t" not in said
+
+
+def test_a_subject_far_away_asks_for_t_and_only_where_the_population_is_normal():
+    eta = MEAN + 0.1 * np.random.default_rng(3).standard_normal((30, 4))
+    eta[0, 3] -= 1.4  # rarely 'equal'
+    found = made_population(eta)
+    normal, t = (predictive_check(replace(found, settings=replace(found.settings, scatter=name))) for name in ("normal", "t"))
+    assert any("farther out than a normal" in words and words.endswith("; try --population t") for words in normal.warnings)
+    assert not any("try" in words for words in t.warnings)
+    far, near = (next(one.p_value for one in check.statistics if one.label.startswith("farthest share")) for check in (normal, t))
+    assert far < CONTRADICTED
+    assert far < near
+
+
+def test_of_two_subjects_only_spreads_are_asked_and_without_both_orders_no_asymmetry():
+    found = made_population(ordinary(2))
+    assert [*labelled(found, 40)] == ["sd of mean asymmetry", "sd of accuracy"]
+    one_order = bt.Study([bt.Subject(name, [0.0, 0.1], [0.3, 0.1], [3, 7], [9, 9]) for name in found.study.names])
+    assert [*labelled(replace(found, study=one_order), 40)] == ["sd of accuracy"]
