@@ -141,7 +141,7 @@ def test_one_sd_of_students_scatter_is_its_standard_deviation():
 def test_the_real_vibrotactile_subjects_hardly_pull(real_data):
     """Worked out with other code and a somewhat narrower hyperprior: probit gamma -1.65 (-2.26, -1.21), a pull of about 0.05."""
     study = bt.read_study(real_data / "vibrotactile_rate" / "trials.csv", bt.ReadOptions(equal_code="1"))
-    found = bt.population(study, model="predictive update", seed=1, draws=100, workers=1)
+    found = bt.population(study, model="predictive update", seed=1, draws=40, workers=1)
     assert found.converged
     gamma, pull = (found.table.some("mean", name)[0] for name in ("probit gamma", "pull"))
     assert gamma.q50 == pytest.approx(-1.65, abs=0.3)
