@@ -62,7 +62,7 @@ def test_a_right_density_passes_and_wrong_ones_are_caught(monkeypatch):
 
 @pytest.fixture(scope="module")
 def table():
-    return calibrate(studies=2, data_sets=3, seed=3, workers=1)
+    return calibrate(studies=1, data_sets=2, seed=3, workers=1)
 
 
 def test_everything_planned_is_there(table):
@@ -70,24 +70,13 @@ def test_everything_planned_is_there(table):
     names = [job.name for job in jobs_of(plan, calibration_settings(3))]
     assert len(names) == len(set(names)) == plan.total
     assert [row.quantity for row in table.ranks] == [*RANKED, *RANKED]
-    assert all(row.studies == 2 for row in table.ranks)
+    assert all(row.studies == 1 for row in table.ranks)
     assert [(row.design, row.estimator) for row in table.evidence] == [(d, e) for d in DESIGNS for e in ESTIMATORS]
     for design in DESIGNS:
-        origins = [one.from_h1 for one in table.outcome.evidence if one.design == design]
-        assert len(origins) == 3
-        assert sum(origins) == plan.from_h1(design)
-
-
-def test_a_smaller_plan_is_a_part_of_a_larger_one():
-    assert 0 <= Plan(1, 100, 5).from_h1("paper") - Plan(1, 90, 5).from_h1("paper") <= 10
-
-
-def test_alone_or_with_evidence_the_ranks_are_the_same(table):
-    alone, evidence = work(next(jobs_of(Plan(1, 0, 3), calibration_settings(3))))
-    assert (alone.values, evidence) == (table.outcome.ranks[0].values, None)
-    one = next(one for one in table.outcome.evidence if not one.from_h1)
-    again = work(Job(one.design, False, one.evidence.subject, False, True, calibration_settings(3)))[1]
-    assert again.evidence == one.evidence
+        assert [one.from_h1 for one in table.outcome.evidence if one.design == design].count(True) == plan.from_h1(design)
+    assert 0 <= Plan(1, 100, 5).from_h1("paper") - Plan(1, 90, 5).from_h1("paper") <= 10  # a smaller plan is a part of a larger one
+    with pytest.raises(InputError):
+        Plan(0, 0, 1)
 
 
 def test_what_is_judged_is_what_the_commands_say(three_models, monkeypatch):
@@ -121,8 +110,8 @@ def test_the_script_writes_says_and_returns_what_was_found(table, tmp_path, monk
     assert all((tmp_path / name).read_bytes().startswith(b"\x89PNG") for name in PRODUCTS if name.endswith(".png"))
     assert set(pd.read_csv(tmp_path / "calibration.csv").verdict) == {"inside"}
     sets = pd.read_csv(tmp_path / "evidence_data_sets.csv")
-    assert (len(sets), sets[DEFAULT].notna().all()) == (6, True)
-    assert "--studies 2 --data-sets 3 --seed 3" in (tmp_path / "calibration.md").read_text(encoding="utf-8")
+    assert (len(sets), sets[DEFAULT].notna().all()) == (4, True)
+    assert "--studies 1 --data-sets 2 --seed 3" in (tmp_path / "calibration.md").read_text(encoding="utf-8")
     assert calibration_script.main() == 2  # the folder is taken
     monkeypatch.setattr(type(table), "failures", ("made to fail",))
     monkeypatch.setattr(calibration_script, "write_calibration", lambda *_, overwrite: None)  # nor need all be drawn again
@@ -144,8 +133,3 @@ def test_failures_and_what_did_not_converge_are_named():
     assert sum(line.startswith("NOT calibrated: paper design: ranks of") for line in lines) == len(RANKED)
     assert lines[-1] == "not converged, ranked with the others: 1 of 50 studies: p3"
     assert {row.not_converged for row in failed.ranks} == {1}
-
-
-def test_an_empty_plan_is_refused():
-    with pytest.raises(InputError):
-        Plan(0, 0, 1)

@@ -17,19 +17,28 @@ from bayes_toe.inference.maxima import find_maxima
 from bayes_toe.inference.proposal import WeightedDraws, efficiency
 from bayes_toe.inference.sampling import SamplerSettings, sample_chains
 from bayes_toe.model.ladder import model_named, posterior_of
-from bayes_toe.model.parts import compositions
 
 STORED = json.loads((Path(__file__).with_name("reference.json")).read_text(encoding="utf-8"))
 SUBJECTS = {**hard_cases(), **{subject.name: subject for subject in bt.example_study()}}
 
 
-def test_stored_cases_belong_to_todays_counts_and_prior():
+CASES = json.loads((Path(__file__).with_name("compositions.json")).read_text(encoding="utf-8"))["cases"]
+
+
+def counts(name):
+    """By which a stored case knows its subject."""
+    s = SUBJECTS[name]
+    return hashlib.sha256(np.column_stack((s.s1, s.s2, s.n_yes.astype(float), s.n_trials.astype(float))).tobytes()).hexdigest()
+
+
+def test_stored_cases_belong_to_todays_counts_prior_and_method():
     for name, case in STORED["cases"].items():
-        s = SUBJECTS[name]
-        columns = np.column_stack((s.s1, s.s2, s.n_yes.astype(float), s.n_trials.astype(float)))
-        assert case["counts"] == hashlib.sha256(columns.tobytes()).hexdigest()
-        assert case["prior"] == bt.Prior().describe()
+        assert (case["counts"], case["prior"]) == (counts(name), bt.Prior().describe())
         assert case["log_evidence_error"] <= 1.01e-4
+    for key, case in CASES.items():
+        name, model = key.split(": ")
+        assert (case["counts"], case["prior"]) == (counts(name), model_named(model).describe(PRIOR))
+        assert (case["method"], case["log_evidence_error"] < 0.15) == (METHOD, True)
 
 
 def parts(fitted, count):
@@ -39,7 +48,7 @@ def parts(fitted, count):
         yield replace(fitted, draws=draws, efficiency=efficiency(draws.log_weights))
 
 
-@pytest.mark.parametrize(("name", "fits"), [("S01", 10), ("one order missing", 10)])
+@pytest.mark.parametrize(("name", "fits"), [("S01", 5), ("one order missing", 5)])
 def test_error_bars_of_the_evidence_are_honest_over_a_hundred_estimates(name, fits):
     # Parts of the draws are as independent as fits are, and error bars of fewer draws are harder to get right.
     posterior, case = bt.model.posterior_of(SUBJECTS[name], bt.Prior()), STORED["cases"][name]
@@ -75,34 +84,14 @@ def test_evidence_and_draws_agree(name):
             assert below == pytest.approx(level, abs=5 * np.sqrt(level * (1 - level) / 4000) + 0.003)
 
 
-CASES = json.loads((Path(__file__).with_name("compositions.json")).read_text(encoding="utf-8"))["cases"]
-
-
-def test_stored_cases_belong_to_todays_counts_prior_and_method():
-    names = {key.split(": ")[0] for key in CASES}
-    assert len(names) >= 4
-    small = compositions(order=("none", "constant error", "update"), noise=("Weber", "sloped"), lapses=("misses", "both ways"))
-    assert {f"{name}: {model.name}" for name in names for model in small} <= set(CASES)
-    for key, case in CASES.items():
-        name, model = key.split(": ")
-        s = SUBJECTS[name]
-        columns = np.column_stack((s.s1, s.s2, s.n_yes.astype(float), s.n_trials.astype(float)))
-        assert case["counts"] == hashlib.sha256(columns.tobytes()).hexdigest()
-        assert case["prior"] == model_named(model).describe(PRIOR)
-        assert case["method"] == METHOD
-
-
-#: Some seconds each: one subject is enough.
-DEAR = ("update + sloped + both ways + exponent + beta-binomial", "update + sloped + both ways + differencing + sloped peak")
-#: Every other model with two of the four subjects, every subject with half of the models.
-KEYS = [key for i, key in enumerate(sorted(CASES)) if (key.startswith("guessing") if key.endswith(DEAR) else (i + i // 18) % 3 == 1)]
+#: Every model with one of the four subjects.
+KEYS = [key for i, key in enumerate(sorted(CASES)) if (i + i // 18) % 4 == 1]
 
 
 @pytest.mark.parametrize("key", KEYS)
 def test_evidence_agrees_within_four_standard_errors(key):
-    # Errors of the references are from eight runs (7 degrees of freedom): a false alarm in one of six such sets; the seeds are fixed.
+    # Errors of the references are from eight runs (7 degrees of freedom): a false alarm in one of eight such sets; the seeds are fixed.
     (name, model), case = key.split(": "), CASES[key]
     estimate = importance_evidence(fit_proposal(posterior_of(SUBJECTS[name], PRIOR, model=model), np.random.default_rng(2611)))
     assert estimate.value is not None, estimate.why_not
     assert estimate.value == pytest.approx(case["log_evidence"], abs=4 * np.hypot(estimate.se, case["log_evidence_error"]))
-    assert case["log_evidence_error"] < 0.15
