@@ -76,10 +76,19 @@ def known_observers(names):
     return bt.Study([replace(one, name=name) for name, one in zip(names, bt.example_study(), strict=False)], synthetic=True)
 
 
+@contextmanager
+def few_replicates():
+    """Analyses with few bootstrap replicates, which take longer than all evidences: for what does not look at their intervals."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("bayes_toe.analysis.subject_fit", partial(subject_fit, replicates=40))
+        yield
+
+
 @pytest.fixture(scope="session")
 def analysis(small_study) -> Analysis:
     """Draws and evidence of the small study under the paper's prior, in this process."""
-    return bt.run(small_study, draws=2000, seed=5, prior="paper", workers=1)
+    with few_replicates():
+        return bt.run(small_study, draws=2000, seed=5, prior="paper", workers=1)
 
 
 def stronger_counts(name, pull, mu1, n=60):
@@ -98,17 +107,17 @@ def stronger_counts(name, pull, mu1, n=60):
 def stronger() -> Analysis:
     """Two observers who were asked which is stronger: one whose memory is pulled, and one whose is hardly."""
     study = bt.Study([stronger_counts("pulled", 0.35, 0.4), stronger_counts("plain", 0.001, 0.6)], source="which is stronger")
-    return bt.run(study, draws=500, seed=2, workers=1)
+    with few_replicates():
+        return bt.run(study, draws=500, seed=2, workers=1)
 
 
 @contextmanager
 def plain_models_alone():
     """Verdicts over the plain model of each order, not over all 48, and few bootstrap replicates: for what goes on around them."""
     try:
-        with pytest.MonkeyPatch.context() as patch:
+        with pytest.MonkeyPatch.context() as patch, few_replicates():
             for task in CROSSED:
                 patch.setitem(CROSSED, task, {})
-            patch.setattr("bayes_toe.analysis.subject_fit", partial(subject_fit, replicates=40))
             models_of.cache_clear()
             yield
     finally:

@@ -1,11 +1,11 @@
 """The figures of a comparison say what its tables say; what is withheld is shown as withheld."""
 
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
-from matplotlib.colors import to_hex, to_rgb
+from legible import require_legible
+from matplotlib.colors import to_hex
 from matplotlib.patches import Rectangle
 
 import bayes_toe as bt
@@ -13,7 +13,7 @@ from bayes_toe.comparison.model_comparison import ModelComparison
 from bayes_toe.comparison.model_row import Checks, ModelRow
 from bayes_toe.data.tasks import SAME_DIFFERENT
 from bayes_toe.model.ladder import NAMES, models_of
-from bayes_toe.plots.comparison import CLASSES, ORDER_COLOURS, OTHER_COLOURS, comparison_figure
+from bayes_toe.plots.comparison import CLASSES, comparison_figure
 
 
 def made(evidence, models=NAMES, probability=None):
@@ -44,35 +44,22 @@ def cells(ax):
 EVIDENCE = np.array([[-100.0, -103.04, -100.4, -120.0], [-50.0, np.nan, -41.0, -42.0], [-60.0, -62.0, -61.0, -260.0]])
 
 
-def test_every_cell_has_its_number_and_its_class():
-    table = made(EVIDENCE, NAMES[:4])
-    ax = panels(table)[1]
-    patches, numbers = cells(ax)
-    assert len(patches) == 16  # three subjects and the sum
-    below = {0: ["best", "3.0", "0.4", "20.0"], 1: ["9.0", None, "best", "1.0"], 2: ["best", "2.0", "1.0", "200"]}
-    shades = {0: [0, 2, 1, 4], 1: [3, None, 0, 1], 2: [0, 2, 1, 4]}
-    for i in range(3):
-        for j in range(4):
-            assert numbers.get((i, j)) == below[i][j]
-            if shades[i][j] is not None:
-                assert to_hex(patches[i, j].get_facecolor()) == CLASSES[shades[i][j]][2].lower()
-                assert not patches[i, j].get_hatch()
-    assert [label.get_text() for label in ax.get_yticklabels()] == ["P1", "P2", "P3", "sum of 2"]
-    last = ax.get_yticks()[-1]
-    assert [numbers[last, j] for j in range(4)] == ["best", "5.0", "1.4", "220"]  # P1 and P3 only
-    low, high = sorted(ax.get_ylim())
-    assert low <= -0.5
-    assert last + 0.5 <= high
-
-
-def test_a_withheld_evidence_is_hatched_named_and_its_subject_grey():
+def test_every_cell_has_its_number_and_its_class_and_what_is_withheld_is_hatched_and_its_subject_grey():
     ax = panels(made(EVIDENCE, NAMES[:4]))[1]
     patches, numbers = cells(ax)
+    last = ax.get_yticks()[-1]
+    below = [["best", "3.0", "0.4", "20.0"], ["9.0", None, "best", "1.0"], ["best", "2.0", "1.0", "200"], ["best", "5.0", "1.4", "220"]]
+    shades = [[0, 2, 1, 4], [3, None, 0, 1], [0, 2, 1, 4]]
+    assert [[numbers.get((i, j)) for j in range(4)] for i in (0, 1, 2, last)] == below  # the sum is of P1 and P3 only
+    drawn = [[to_hex(patches[i, j].get_facecolor()) for j in range(4)] for i in range(3)]
+    expected = [[drawn[i][j] if one is None else CLASSES[one][2].lower() for j, one in enumerate(row)] for i, row in enumerate(shades)]
+    assert drawn == expected
     assert [place for place, one in patches.items() if one.get_hatch()] == [(1, 1)]
-    assert (1, 1) not in numbers
     assert "withheld: subject not counted" in [text.get_text() for text in ax.get_legend().get_texts()]
-    colours = [label.get_color() for label in ax.get_yticklabels()]
-    assert colours[0] == colours[2] == "black" != colours[1]
+    names = ax.get_yticklabels()
+    assert [label.get_text() for label in names] == ["P1", "P2", "P3", "sum of 2"]
+    assert names[0].get_color() == names[2].get_color() == "black" != names[1].get_color()
+    assert min(ax.get_ylim()) <= -0.5 < last + 0.5 <= max(ax.get_ylim())
     whole = panels(made(EVIDENCE[[0, 2]], NAMES[:4]))[1]
     assert "withheld" not in " ".join(text.get_text() for text in whole.get_legend().get_texts())
 
@@ -86,13 +73,6 @@ def test_a_rival_without_weight_counts():
     assert not any(one.get_hatch() for one in patches.values())
     assert numbers[1, 1] == numbers[ax.get_yticks()[-1], 1] == "∞"
     assert {label.get_color() for label in ax.get_yticklabels()} == {"black"}
-
-
-def test_classes_are_told_apart_without_colour():
-    grey = [np.dot(to_rgb(colour), [0.299, 0.587, 0.114]) for _, _, colour, _ in CLASSES]
-    assert min(np.diff(grey)) > 0.1
-    for value, (_, _, _, letters) in zip(grey, CLASSES, strict=True):
-        assert abs(value - np.dot(to_rgb(letters), [0.299, 0.587, 0.114])) > 0.4
 
 
 def lines(ax):
@@ -162,13 +142,6 @@ def test_bars_and_words_are_those_of_the_table():
     assert "a new subject, random effects over 2 subjects" in words
 
 
-@pytest.mark.parametrize("colours", [ORDER_COLOURS, OTHER_COLOURS])
-def test_levels_are_told_apart_without_colour(colours):
-    grey = np.array([np.dot(to_rgb(colour), [0.299, 0.587, 0.114]) for colour, _ in colours])
-    assert np.diff(np.sort(grey)).min() > 0.1
-    assert min(abs(value - np.dot(to_rgb(letters), [0.299, 0.587, 0.114])) for value, (_, letters) in zip(grey, colours, strict=True)) > 0.4
-
-
 def test_a_misfit_is_bold_and_says_so():
     table = made([[0.0, 2.0, *[-9.0] * 11]], SPACE)
     table = replace(table, rows=tuple(replace(row, checks=Checks(p_predictive=0.002)) for row in table.rows))
@@ -176,40 +149,17 @@ def test_a_misfit_is_bold_and_says_so():
     assert bold == ["misfit 0.002"]
 
 
-@pytest.mark.parametrize("shape", [(1, 13), (2, 2), (11, 13), (16, 8), (40, 13)])
-def test_nothing_leaves_the_figure_or_meets(shape):
+@pytest.mark.parametrize("shape", [(1, 13), (2, 2), (16, 8), (40, 13)])
+def test_words_can_be_read_and_numbers_stay_in_their_cells(shape):
     evidence = np.random.default_rng(4).normal(size=shape) * 20
-    if shape[0] > 2:
-        evidence[1, 1] = np.nan
-    table = made(evidence, SPACE if shape[1] == 13 else NAMES[: shape[1]], 1 / shape[1])
-    figure = bt.plots.comparison_figure(table, synthetic=True)
-    figure.draw_without_rendering()
+    evidence[1:2, 1] = np.nan
+    figure = comparison_figure(made(evidence, SPACE if shape[1] == 13 else NAMES[: shape[1]], 1 / shape[1]), synthetic=True)
+    require_legible(figure, 6.5)
     assert "synthetic data" in figure.get_suptitle()
-    width, height = figure.bbox.size
     *parts, upper, lower = figure.axes
-    texts = [
-        *(text for ax in parts for text in ax.texts),
-        *upper.texts,
-        *upper.get_xticklabels(),
-        *upper.get_yticklabels(),
-        *lower.get_xticklabels(),
-        lower.yaxis.label,
-    ]
-    legends = [*figure.legends, *(ax.get_legend() for ax in figure.axes if ax.get_legend())]
-    boxes = [text.get_window_extent() for text in texts] + [legend.get_window_extent() for legend in legends]
-    for box in boxes:
-        assert box.x0 > -1
-        assert box.y0 > -1
-        assert box.x1 < width + 1
-        assert box.y1 < height + 1
     cell = min(patch.get_window_extent().height for patch in upper.patches)
     assert max(text.get_window_extent().height for text in upper.texts) < cell
     assert lower._left_title.get_window_extent().y1 < upper.patches[-1].get_window_extent().y0
-    heads = [label.get_window_extent() for label in upper.get_xticklabels()]
-    assert all(one.x1 < two.x0 for one, two in pairwise(heads))
-    names = [ax.get_legend().get_window_extent() for ax in parts if ax.get_legend()]
-    assert all(one.x1 < two.x0 for one, two in pairwise(names))
     if parts:
-        assert max(box.y1 for box in heads) < min(patch.get_window_extent().y0 for ax in parts for patch in ax.patches)
-        rows = [text.get_window_extent() for text in parts[-1].texts]
-        assert not any(one.overlaps(two) for one, two in pairwise(rows))
+        heads = max(label.get_window_extent().y1 for label in upper.get_xticklabels())
+        assert heads < min(patch.get_window_extent().y0 for ax in parts for patch in ax.patches)

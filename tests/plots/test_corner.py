@@ -3,10 +3,10 @@
 import os
 import subprocess
 import sys
-from itertools import pairwise
 
 import numpy as np
 import pytest
+from legible import require_legible
 from matplotlib.contour import ContourSet
 from matplotlib.figure import Figure
 from matplotlib.path import Path
@@ -20,6 +20,7 @@ from bayes_toe.plots.corner import BINS, OVERLAID, TRUTH, Density, support
 from bayes_toe.plots.style import LABELS
 
 TRUE = {"mu1": -0.7, "sigma_p": 0.25, "sigma_l": 0.17, "q0": 0.92}
+KNOWN = quantities(Natural(*map(np.float64, TRUE.values())), 0.0)
 
 
 def words(figure):
@@ -95,24 +96,18 @@ def test_what_cannot_be_drawn_is_refused(analysis, asked, named):
         bt.plots.corner(analysis.draws, **{"subject": "A"} | asked)
 
 
-@pytest.mark.parametrize("names", [["gain"], ["mu1", "width"], ["offset", "pull", "q0"], list(QUANTITIES)], ids=len)
+@pytest.mark.parametrize("names", [["gain"], ["mu1", "width"], list(QUANTITIES)], ids=len)
 def test_words_and_ticks_are_clear_of_the_panels_and_of_each_other(analysis, names):
     figure = bt.plots.corner(analysis.draws, "A", coordinates=names, truths=TRUE, prior=bt.Prior())
-    figure.draw_without_rendering()  # lays the texts out
+    require_legible(figure)
     axes = np.array(figure.axes).reshape(len(names), len(names))
     panels = [axes[i, j].get_window_extent() for i in range(len(names)) for j in range(i + 1)]
-    boxes = [text.get_window_extent() for text in figure.texts]
-    for box in boxes:
-        assert not any(box.overlaps(panel) for panel in panels)
-        assert figure.bbox.x0 <= box.x0 < box.x1 <= figure.bbox.x1
-    assert all(above.y0 >= below.y1 - 1.0 for above, below in pairwise(boxes))
+    assert not any(text.get_window_extent().overlaps(panel) for text in figure.texts for panel in panels)
     labelled = [label for ax in axes[-1] for label in ax.get_xticklabels()]
-    assert all(label.get_text() for label in labelled)
     at = [label.get_transform().transform(label.get_position())[0] for label in labelled]
     # Labels at 45 degrees touch where their ticks are nearer than a line's height times the root of 2.
     assert np.diff(at).min() > labelled[0].get_fontsize() * figure.dpi / 72 * 1.42
     assert all(2 <= len(ax.get_xticks()) <= 6 for ax in axes[-1])
-    assert all(figure.bbox.y0 <= ax.xaxis.label.get_window_extent().y0 for ax in axes[-1])
 
 
 def test_drawn_into_a_part_of_a_figure(analysis):
@@ -123,11 +118,9 @@ def test_drawn_into_a_part_of_a_figure(analysis):
     assert "red: true value" in words(parts[0])
 
 
-@pytest.mark.parametrize("names", [["gain"], ["offset", "pull", "width", "q0"], ["sigma1", "gamma"]], ids=len)
+@pytest.mark.parametrize("names", [["offset", "pull", "width", "q0"], ["sigma1", "gamma", "gain"]], ids=len)
 def test_true_values_of_natural_parameters_are_drawn_in_any_coordinates(analysis, names):
-    theta = Natural(*map(np.float64, TRUE.values()))
-    known, sbar = quantities(theta, 0.0), posterior_of(analysis.study["A"]).sbar
-    true = {**known, "offset": (1 - known["gain"]) * (TRUE["mu1"] - sbar)}
+    true = KNOWN | {"offset": (1 - KNOWN["gain"]) * (TRUE["mu1"] - posterior_of(analysis.study["A"]).sbar)}
     axes = np.array(bt.plots.corner(analysis.draws, "A", coordinates=names, truths=TRUE).axes).reshape(len(names), len(names))
     for i, name in enumerate(names):
         assert marked(axes[i, i])[0] == pytest.approx([float(true[name])])
@@ -171,10 +164,7 @@ def test_several_subjects_share_their_panels(analysis):
         tallest = max(np.histogram(one, np.linspace(low, high, 41))[0].max() for one in values)
         assert axes[i, i].get_ylim()[1] >= 1.09 * tallest
     [square] = [line for line in axes[1, 0].lines if line.get_marker() == "s" and np.isfinite(line.get_xdata()).all()]
-    assert (square.get_color(), float(square.get_xdata()[0])) == (
-        OVERLAID[1][0],
-        pytest.approx(float(quantities(Natural(*map(np.float64, TRUE.values())), 0.0)["gain"])),
-    )
+    assert (square.get_color(), square.get_xdata()[0]) == (OVERLAID[1][0], pytest.approx(float(KNOWN["gain"])))
     assert "A (solid)" in words(figure)
     assert "squares, triangles: true values" in words(figure)
 

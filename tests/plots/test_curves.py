@@ -1,28 +1,14 @@
 """Curves over the answers, by what is drawn in them."""
 
-from itertools import combinations
-
 import numpy as np
 import pytest
+from legible import require_legible
 from reference.hard_cases import hard_cases
 
 import bayes_toe as bt
 from bayes_toe.inference.prediction import Predictor
 from bayes_toe.plots.curves import MOST_PANELS, main_weaker, order_panel
 from bayes_toe.plots.style import STRONGER_FIRST, WEAKER_FIRST, new_figure
-
-
-def words_are_apart(figure):
-    """Panels with their words, title and legend, none of them over another or cut."""
-    figure.draw_without_rendering()
-    boxes = [
-        *(ax.get_tightbbox() for ax in figure.axes),
-        figure.legends[0].get_window_extent(),
-        *(text.get_window_extent() for text in figure.texts),
-    ]
-    assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
-    assert all(figure.bbox.x0 <= box.x0 and box.x1 <= figure.bbox.x1 for box in boxes)
-    assert all(figure.bbox.y0 <= box.y0 and box.y1 <= figure.bbox.y1 for box in boxes)
 
 
 def test_curves_show_both_orders_where_the_data_are(analysis):
@@ -38,7 +24,7 @@ def test_curves_show_both_orders_where_the_data_are(analysis):
         at = np.flatnonzero((subject.s1 == s1) & (subject.s2 == s2))[0]
         qhat = (subject.n_yes[at] + 1) / (subject.n_trials[at] + 2)
         assert q[-1] == pytest.approx(qhat, abs=0.15)
-    words_are_apart(figure)
+    require_legible(figure)
     assert ax.get_ylabel() == "P('equal')"
     assert bt.plots.curves(analysis.draws, "A", title="").get_suptitle() == ""
     assert {c.get_label() for c in ax.containers} == {"weaker first", "stronger first", "equal stimuli"}
@@ -48,10 +34,10 @@ def test_designs_without_a_reference_get_panels_and_wild_ones_the_common_curve()
     grid = np.log([1.0, 1.2, 1.5])
     s1, s2 = (a.ravel() for a in np.meshgrid(grid, grid))
     three = bt.Subject("three", s1, s2, np.where(s1 == s2, 9, 4), np.full(9, 10))
-    draws = bt.sample(bt.Study([three, hard_cases()["400 pairs with 3 trials"]]), draws=300, seed=1, workers=1)
+    draws = bt.sample(bt.Study([three, hard_cases()["400 pairs with 3 trials"]]), draws=100, seed=1, workers=1)
     figures = [bt.plots.curves(draws, name) for name in draws.names]
     for figure in figures:
-        words_are_apart(figure)
+        require_legible(figure)
     panels, [common] = (figure.axes for figure in figures)
     assert [ax.get_title() for ax in panels] == ["weaker stimulus 0", "weaker stimulus 0.182"]
     assert "normalised distance" in common.get_xlabel()
@@ -61,7 +47,7 @@ def test_designs_without_a_reference_get_panels_and_wild_ones_the_common_curve()
 def test_the_curve_of_another_model_is_dashed_beside_and_named(small_study, analysis):
     other = Predictor.of(bt.sample(bt.Study([small_study["A"]]), model="constant bias", draws=200, seed=1, workers=1), "A")
     figure = bt.plots.curves(analysis.draws, "A", title="", beside=other)
-    words_are_apart(figure)
+    require_legible(figure)
     assert figure.get_suptitle() == "dashed: constant bias"
     dashed = {line.get_color(): line.get_data() for line in figure.axes[0].lines if line.get_linestyle() == "--"}
     for colour, forward in ((WEAKER_FIRST, True), (STRONGER_FIRST, False)):

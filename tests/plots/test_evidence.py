@@ -6,11 +6,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from legible import require_legible, texts_of
-from matplotlib.colors import to_rgb
 
 import bayes_toe as bt
 from bayes_toe.comparison.evidence_table import EvidenceTable
-from bayes_toe.plots.evidence import KIND_COLOURS, evidence_plane_axes, order_effect_axes, sorted_by_kind, stacked_shares
+from bayes_toe.plots.evidence import evidence_plane_axes, order_effect_axes, sorted_by_kind, stacked_shares
 from bayes_toe.plots.style import panel
 
 
@@ -92,9 +91,3 @@ def test_stacked_shares_of_many_subjects_lie_in_the_order_of_their_kinds():
     assert corners >= {(0.9, -0.5), (0.9, 0.5), (0.6, 0.5), (0.6, 1.5), (0.1, 1.5), (0.2, 3.5)}
     [marks] = [one for one in ax.collections if one.get_label() == "no model describes the answers: 1"]
     assert marks.get_segments()[0][0, 1] == 1
-
-
-def test_kinds_are_told_apart_in_grey():
-    colours = np.array([to_rgb(colour) for colour in KIND_COLOURS.values()])
-    lightness = np.sort(colours @ [0.299, 0.587, 0.114])  # as a grey print has it
-    assert (np.diff(lightness) > 0.2).all()

@@ -31,7 +31,6 @@ from bayes_toe.plots.paper_figures import (
     asymmetry_figure,
     captions,
     material_of,
-    products,
     representative,
 )
 from bayes_toe.plots.style import EQUAL, STRONGER_FIRST, WEAKER_FIRST, new_figure
@@ -91,12 +90,12 @@ def test_the_key_of_asymmetries_is_on_the_page_beside_any_names(small_study, nam
     require_legible(bt.plots.asymmetry_axes(bt.asymmetry(study)).figure)
 
 
-@pytest.mark.parametrize("pair", [(0.0, 0.3), (0.3, 0.0), (0.3, 0.3)])
+@pytest.mark.parametrize("pair", [(0.0, 0.3), (0.3, 0.0)])
 def test_the_filter_view_shows_the_four_beliefs(pair):
     theta = (-0.7, 0.25, 0.17)
     view = trial_view(*pair, *theta)
     ax = filter_axes(*pair, *theta, 0.9)
-    vertical = [line.get_xdata()[0] for line in ax.lines if len(line.get_xdata()) == 2 and line.get_xdata()[0] == line.get_xdata()[1]]
+    vertical = [line.get_xdata()[0] for line in ax.lines if len(line.get_xdata()) == 2 and np.ptp(line.get_xdata()) == 0]
     assert vertical == pytest.approx([float(b.mean) for b in (view.prior, view.after_first, view.evolved, view.after_second)])
     assert f"{abs(float(view.distance)):.2f}" in ax.get_title()
     assert f"{float(bt.model.equal_probability(*pair, *theta, 0.9)):.2f}" in ax.get_title()
@@ -136,23 +135,17 @@ def test_both_orders_collapse_on_one_curve(analysis):
         assert ratio == pytest.approx(np.interp(z, *curve.get_data()), abs=0.08)
 
 
-def test_ellipses_of_the_map_hold_a_fifth_of_the_draws(analysis):
-    clouds = posterior_clouds(analysis.draws)
-    ax = bt.plots.map_axes(clouds, names={"A": "one", "B": "two", "C": "three"})
-    assert {text.get_text() for text in ax.texts} - {""} == {"one", "two", "three"}
-    for cloud, patch in zip(clouds.values(), ax.patches, strict=True):
-        assert patch.get_path().contains_points(np.column_stack(cloud)).mean() == pytest.approx(0.2, abs=0.01)
-
-
-def test_the_map_takes_bootstrap_replicates_too(analysis):
-    fits = bt.fit(analysis.study, replicates=200, seed=1, workers=1)
-    clouds = {name: tuple(fits[name].bootstrap.fits.parameters.T[:2]) for name in analysis.study.names}
-    ax = max(map_figure(analysis.draws, clouds=clouds).axes, key=lambda one: len(one.patches))
-    outlines = [patch for patch in ax.patches if len(patch.get_xy()) > 50]
-    for (mu1, sigma_p), patch in zip(clouds.values(), outlines, strict=True):
-        known = np.isfinite(mu1) & np.isfinite(sigma_p)
-        held = patch.get_path().contains_points(np.column_stack([mu1[known], sigma_p[known]])).sum()
-        assert held / len(mu1) == pytest.approx(0.2, abs=0.02)
+def test_ellipses_of_the_map_hold_a_fifth_of_the_draws_or_of_replicates_some_of_which_are_unknown(analysis):
+    replicates = {name: tuple(np.random.default_rng(1).normal(0.3, 0.1, (2, 400))) for name in "ABC"}
+    for values in replicates.values():
+        values[0][:40] = np.nan
+    for clouds in (posterior_clouds(analysis.draws), replicates):
+        ax = max(map_figure(analysis.draws, clouds=clouds).axes, key=lambda one: len(one.patches))
+        outlines = [patch for patch in ax.patches if len(patch.get_xy()) > 50]
+        for cloud, patch in zip(clouds.values(), outlines, strict=True):
+            points = np.column_stack(cloud)
+            held = patch.get_path().contains_points(points[np.isfinite(points).all(axis=1)]).sum()
+            assert held / len(points) == pytest.approx(0.2, abs=0.02)
 
 
 def test_the_map_says_what_its_ellipses_hold_and_names_everybody_by_a_letter(analysis):
@@ -212,11 +205,6 @@ def test_functions_of_gamma_end_at_the_golden_ratio():
     assert np.array(ends) == pytest.approx(np.array([(1.0, golden), (1.0, 1.0 / golden), (0.0, 1.0 - 1.0 / golden)]))
 
 
-def test_subjects_are_chosen_in_the_roles_of_the_paper(table):
-    assert representative(table) == ("A", "B", "C")
-    assert farthest([3.0, 1.0, 2.0], 5) == [1, 2, 0]
-
-
 def test_many_subjects_are_sorted_by_their_largest_asymmetry_in_a_figure_of_one_height(table):
     rows = [replace(table.rows[i % len(table)], subject=f"S{i}") for i in range(200)]
     many = AsymmetryTable((*rows, replace(rows[0], subject="none", comparisons=())))
@@ -242,6 +230,13 @@ def test_of_very_many_subjects_the_map_names_a_few_and_thins_their_draws(analysi
     assert np.isin(x, analysis.draws.values("A", "mu1")).all()
 
 
+def test_subjects_are_chosen_in_the_roles_of_the_paper(table):
+    """Likeliest 'equal' with the weaker first, with the stronger first, and alike; the farthest on the map."""
+    rows = [replace(row, subject=f"{row.subject}{i}") for i, row in enumerate((table["C"], table["B"], table["A"], table["C"]))]
+    assert representative(AsymmetryTable(tuple(rows)))[:2] == ("A2", "B1")
+    assert farthest([3.0, 1.0, 2.0], 5) == [1, 2, 0]
+
+
 # --- words ------------------------------------------------------------------------------------------------------------------------
 
 
@@ -258,14 +253,9 @@ def odd(case):
 
 
 @pytest.fixture(scope="module")
-def bundled():
-    return sampled(bt.example_study())
-
-
-@pytest.fixture(scope="module")
-def material(bundled):
-    """Of all subjects, and the representative ones."""
-    return material_of(bundled)
+def material():
+    """Of some bundled subjects, and the representative ones of these."""
+    return material_of(sampled(bt.example_study().select(["S01", "S02", "S05", "S09", "S12", "S16"])))
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -288,18 +278,17 @@ def test_any_subjects_can_be_chosen(material):
             bt.plots.figures(material.draws, wrong)
 
 
-@pytest.mark.parametrize("case", ["one order missing", "single pair", "400 pairs with 3 trials", "all equal"])
+@pytest.mark.parametrize("case", ["single pair", "400 pairs with 3 trials", "all equal"])
 def test_figures_of_small_and_odd_studies_are_legible(case):
     drawn = bt.plots.figures(odd(case))
-    missing = {"figure_1c_asymmetry"} if case in ("one order missing", "single pair") else set()
-    assert set(drawn) == set(NAMES) - missing
+    assert set(drawn) == set(NAMES) - ({"figure_1c_asymmetry"} if case == "single pair" else set())
     for figure in drawn.values():
         require_legible(figure)
 
 
 def test_figures_of_a_real_study_are_legible(real_data):
     study = bt.read_study(real_data / "vibrotactile_rate" / "trials.csv", bt.ReadOptions(equal_code="1"))
-    for figure in bt.plots.figures(sampled(study.select(study.names[:6]))).values():
+    for figure in bt.plots.figures(sampled(study.select(study.names[:3]))).values():
         require_legible(figure)
 
 
@@ -323,10 +312,12 @@ def test_captions_say_what_is_left_out_and_what_did_not_converge(analysis):
 # --- files ------------------------------------------------------------------------------------------------------------------------
 
 
-def test_files_are_all_there_the_same_each_time_and_do_not_depend_on_workers(analysis, tmp_path):
-    bt.plots.write_figures(analysis, tmp_path / "new", formats=["svg"], workers=2)
-    files = {p.name: p.read_bytes() for p in (tmp_path / "new").iterdir() if not p.name.startswith(".")}
-    assert set(files) == set(products(["svg"]))
-    assert "maximal asymmetry of 3 subjects" in files[CAPTIONS].decode().lower()
-    bt.plots.write_figures(analysis, tmp_path / "again", formats=["svg"], workers=1)
-    assert {p.name: p.read_bytes() for p in (tmp_path / "again").iterdir() if not p.name.startswith(".")} == files
+def test_files_are_all_there_the_same_each_time_and_do_not_depend_on_workers(analysis, tmp_path, monkeypatch):
+    monkeypatch.setattr("bayes_toe.plots.paper_figures.FIGURES", {name: FIGURES[name] for name in ("figure_4_map", "figure_6_gamma")})
+    files = {}
+    for workers in (1, 2):
+        folder = bt.plots.write_figures(analysis, tmp_path / str(workers), formats=["svg"], workers=workers)
+        files[workers] = {path.name: path.read_bytes() for path in folder.glob("[!.]*")}
+    assert set(files[1]) == {"figure_4_map.svg", "figure_6_gamma.svg", CAPTIONS}
+    assert "maximal asymmetry of 3 subjects" in files[1][CAPTIONS].decode().lower()
+    assert files[1] == files[2]

@@ -4,11 +4,13 @@ import io
 
 import numpy as np
 import pytest
-from matplotlib.colors import to_hex
+from matplotlib.colors import to_hex, to_rgb
 from matplotlib.image import imread
 
 import bayes_toe as bt
 from bayes_toe.errors import InputError, OutputError
+from bayes_toe.plots.comparison import CLASSES, ORDER_COLOURS, OTHER_COLOURS
+from bayes_toe.plots.evidence import KIND_COLOURS
 from bayes_toe.plots.figure_files import picture, require_figure
 from bayes_toe.plots.geometry import plane_figure
 from bayes_toe.plots.paper_figures import filter_figure
@@ -26,14 +28,23 @@ def test_synthetic_data_are_labelled_wherever_they_are_shown(analysis):
     assert "synthetic" in figure.axes[0].get_title(loc="right")
 
 
-def test_names_are_drawn_as_text_not_as_mathematics():
+@pytest.mark.parametrize("colours", [[one[2:] for one in CLASSES], ORDER_COLOURS, OTHER_COLOURS], ids=["classes", "orders", "others"])
+def test_areas_are_told_apart_in_grey_and_letters_on_them_can_be_read(colours):
+    area, letters = (np.array([to_rgb(one) for one in some]) @ [0.299, 0.587, 0.114] for some in zip(*colours, strict=True))
+    assert np.diff(np.sort(area)).min() > 0.1
+    assert np.abs(area - letters).min() > 0.4
+
+
+def test_kinds_are_told_apart_in_grey():
+    lightness = np.sort(np.array([to_rgb(colour) for colour in KIND_COLOURS.values()]) @ [0.299, 0.587, 0.114])
+    assert (np.diff(lightness) > 0.2).all()
+
+
+def test_names_are_drawn_as_text_not_as_mathematics_and_shortened_to_what_tells_them_apart():
     assert plain("$x_1$") == r"\$x_1\$"
     assert len(plain("n" * 100)) == 32
-
-
-def test_shortened_names_keep_what_tells_them_apart():
     names = [f"participant_of_the_study_{i:03d}" for i in range(40)]
-    for limit in (10, 12, 14, 16, 20, 24):
+    for limit in (10, 16, 24):
         short = {plain(name, limit) for name in names}
         assert len(short) == len(names)
         assert {len(name) for name in short} == {limit}
