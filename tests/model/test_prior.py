@@ -1,6 +1,6 @@
 """The prior: quantiles and draws, general families against mpmath and SciPy, shares at their ends, contraction."""
 
-from dataclasses import fields, replace
+from dataclasses import asdict, fields, replace
 from typing import ClassVar
 
 import mpmath
@@ -16,7 +16,7 @@ from bayes_toe.model.coordinates import quantities
 from bayes_toe.model.distributions import Beta, HalfNormal, LogNormal, Normal, Uniform
 from bayes_toe.model.parameters import Logit
 from bayes_toe.model.parts import composition
-from bayes_toe.model.prior import Prior, log_density_of_noise_ratio, prior_quantile
+from bayes_toe.model.prior import Prior, example_file, log_density_of_noise_ratio, prior_quantile, read_prior
 from bayes_toe.model.target import contraction
 
 SBAR = 0.2
@@ -40,6 +40,9 @@ def test_what_other_models_have():
     }
     assert Prior().distribution("q0") == Prior().distribution("gamma") == Uniform()
     assert [one.name for one in Prior.varied(("offset", "icc"))] == ["offset_sd", "icc_a", "icc_b"]
+    assert (Prior(0.4, 2.5).penalty, Prior(0.4, 2.5).describe_penalty()) == (Normal(0.4, 2.5), "mu1 ~ Normal(0.4, 2.5)")
+    assert [one.name for one in Prior.declared()] == [one.name for one in fields(Prior)]
+    assert all(one.name in prior_help() for one in Prior.declared())
 
 
 @pytest.mark.parametrize("prior", [Prior(0.4, 2.5, 0.3), OF_WIDTH], ids=["of sigma_p", "of the width"])
@@ -52,24 +55,103 @@ def test_quantiles_and_contraction_are_those_of_draws(parameter, prior):
     assert np.all(np.abs([(drawn < limit).mean() for limit in limits] - p) < 4.5 * np.sqrt(p * (1 - p) / n))
     middle, target = 0.5 * (limits[0] + limits[2]), bt.model.posterior_of(bt.Subject("S", [0.0], [0.3], [4], [10]), prior)
     assert contraction(target, parameter, 0.5 * (limits[0] + middle), 0.5 * (limits[2] + middle)) == pytest.approx(0.75, rel=1e-9)
+    assert contraction(target, parameter, middle, middle) == 1.0
+    assert contraction(target, parameter, limits[0] - 0.1, limits[2] + 0.1) < 0.0
 
 
-def test_every_declared_number_is_in_the_help_text():
-    assert [one.name for one in Prior.declared()] == [one.name for one in fields(Prior)]
-    assert all(one.name in prior_help() for one in Prior.declared())
+class Flat(Prior):
+    families: ClassVar = {**Prior.families, "mu1": lambda *_: Uniform()}
 
 
-def test_what_it_may_not_be():
-    for bad in (0.0, -1.0, np.nan, np.inf):
-        with pytest.raises(bt.InputError, match=r"prior: sigma_p_scale=.*, allowed: a positive finite number"):
-            Prior(sigma_p_scale=bad)
-    with pytest.raises(bt.InputError, match="prior: mu1_mean=nan, allowed: a finite number or 'stimuli'"):
-        Prior(mu1_mean=np.nan)
-    assert Prior(mu1_mean=-3.0).mu1_mean == -3.0
-    with pytest.raises(bt.InputError, match="no distribution of 'sigma_l', allowed: mu1, sigma_p, width, gamma, q0, "):
-        Prior().distribution("sigma_l")
-    with pytest.raises(bt.InputError, match="no value 'mu1_scale', allowed: mu1_mean, mu1_sd, sigma_p_scale"):
-        Prior.declared_as("mu1_scale")
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        *(
+            (lambda bad=bad: Prior(sigma_p_scale=bad), "prior: sigma_p_scale=.*, allowed: a positive finite number")
+            for bad in (0.0, -1.0, np.inf)
+        ),
+        (lambda: Prior(mu1_mean=np.nan), "prior: mu1_mean=nan, allowed: a finite number or 'stimuli'"),
+        (lambda: Prior(gamma_a="stimuli"), "gamma_a=stimuli, allowed: a positive finite number$"),
+        (lambda: Prior().distribution("sigma_l"), "no distribution of 'sigma_l', allowed: mu1, sigma_p, width, gamma, q0, "),
+        (lambda: Prior.declared_as("mu1_scale"), "no value 'mu1_scale', allowed: mu1_mean, mu1_sd, sigma_p_scale"),
+        (lambda: fit_counts(bt.example_study()["S01"], Flat()), r"found mu1 ~ Uniform\(0, 1\), allowed as a penalty: a normal"),
+    ],
+)
+def test_what_it_may_not_be(call, said):
+    with pytest.raises(bt.InputError, match=said):
+        call()
+
+
+# --- files --------------------------------------------------------------------------------------------------------------------------
+
+
+def written(tmp_path, text):
+    path = tmp_path / "prior.toml"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return path
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("", bt.Prior()),
+        (example_file(), bt.Prior()),
+        ('mu1_mean = "stimuli"\nsigma_p_scale = 0.5', bt.Prior(mu1_mean="stimuli", sigma_p_scale=0.5)),
+        ("offset_sd = 2\ngamma_a = 3", bt.Prior(offset_sd=2.0, gamma_a=3.0)),
+        ("mu1_mean = -0.5\r\nmu1_sd = 1e1\r\nsigma_p_scale = 0.3\r\n", bt.Prior(-0.5, 10.0, 0.3)),
+        (b"\xef\xbb\xbfmu1_sd = 3.0", bt.Prior(mu1_sd=3.0)),
+    ],
+)
+def test_what_is_read(tmp_path, text, expected):
+    found = read_prior(written(tmp_path, text))
+    assert found == expected
+    assert {type(value) for value in asdict(found).values() if value} == {float, str}
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("mu_sd = 2", "key 'mu_sd': unknown, allowed: mu1_mean, mu1_sd, sigma_p_scale"),
+        ("[prior]\nmu1_sd = 2", "key 'prior': unknown"),
+        ("mu1_sd = '2'", "key mu1_sd: found '2', allowed: a number from 1e-100 to 1e+100"),
+        ("offset_sd = 0", "key offset_sd: found 0, allowed"),
+        ("icc_b = 0.01", "key icc_b: found 0.01, allowed: a number from 0.05 to 1000"),
+        ("mu1_sd = true", "key mu1_sd: found true"),
+        ("mu1_sd = [1, 2]", "key mu1_sd: found a list"),
+        ("mu1_sd = -1.5", "key mu1_sd: found -1.5, allowed"),
+        ("sigma_p_scale = inf", "key sigma_p_scale: found inf"),
+        ("mu1_mean = nan", "key mu1_mean: found nan, allowed: a number from -1e+100 to 1e+100"),
+        ("mu1_mean = 1" + "0" * 400, "key mu1_mean: found an integer too large for a number"),
+        ("mu1_mean = 0x1" + "0" * 5000, "key mu1_mean: found an integer too large for a number"),
+        ("mu1_mean = 1" + "0" * 5000, "found text that is not TOML"),
+        ("mu1_mean = " + "[" * 20_000, "found text that is not TOML"),
+        ("#" * 70_000, "cannot be read (70000 bytes, more than 65536)"),
+        ("mu1_mean = 1979-05-27", "key mu1_mean: found 1979-05-27"),
+        ("mu1_sd 2", "found text that is not TOML"),
+        ("mu1_sd = 2\nmu1_sd = 3", "found text that is not TOML"),
+        (b"\xff\xfe\x00", "found bytes that are not UTF-8"),
+    ],
+)
+def test_what_is_refused(tmp_path, text, said):
+    path = written(tmp_path, text)
+    with pytest.raises(bt.InputError) as caught:
+        read_prior(path)
+    (line,) = caught.value.problems
+    assert line.startswith((f"{path}: ", "prior.toml: "))
+    assert said in line
+    assert "\n" not in line
+    assert len(line) - len(str(path)) < 320
+
+
+def test_all_problems_at_once(tmp_path):
+    with pytest.raises(bt.InputError) as caught:
+        read_prior(written(tmp_path, "mu1_sd = 'stimulus'\nx = 2\ngamma_a = 'stimuli'"))
+    allowed = ["a number from 1e-100 to 1e+100 or 'stimuli'", "mu1_mean, mu1_sd, sigma_p_scale", "a number from 0.05 to 1000"]
+    assert [line.split("allowed: ")[1][: len(known)] for line, known in zip(caught.value.problems, allowed, strict=True)] == allowed
+    with pytest.raises(bt.InputError, match="no such file; allowed: a TOML file with NAME = NUMBER, as in mu1_mean = 0"):
+        read_prior(tmp_path / "none.toml")
+    with pytest.raises(bt.InputError, match="cannot be read"):
+        read_prior(tmp_path)
 
 
 # --- shares at their ends -----------------------------------------------------------------------------------------------------------------
@@ -107,22 +189,6 @@ def test_a_share_keeps_its_digits_at_both_ends(distribution):
     values = [Logit().log_density(distribution, logits[1:3] + step) for step in (-1e-5, 1e-5)]
     assert slope[1:3] == pytest.approx((values[1] - values[0]) / 2e-5, rel=1e-7)
     assert slope[[0, -1]] == pytest.approx([a, -b])
-
-
-def test_the_limit_of_gamma_is_inside_the_support():
-    x = [[0.1, a, -1.0, top] for a in (30.0, 37.0, 40.0, 700.0) for top in (37.0, 700.0)]
-    assert np.isfinite(of(Prior())[0](np.array(x))).all()
-
-
-def test_a_fit_has_a_normal_penalty_or_is_refused(small_study):
-    assert Prior(0.4, 2.5).penalty == Normal(0.4, 2.5)
-    assert Prior(0.4, 2.5).describe_penalty() == "mu1 ~ Normal(0.4, 2.5)"
-
-    class Flat(Prior):
-        families: ClassVar = {**Prior.families, "mu1": lambda *_: Uniform()}
-
-    with pytest.raises(bt.InputError, match=r"found mu1 ~ Uniform\(0, 1\), allowed as a penalty: a normal"):
-        fit_counts(small_study["A"], Flat())
 
 
 # --- families against SciPy -----------------------------------------------------------------------------------------------------------
@@ -185,20 +251,6 @@ def test_draws_of_a_share_with_poles_have_finite_coordinates_of_its_distribution
     inside = np.abs(values - 0.5) < 0.5 - 1e-12  # nearer to an edge a float rounds them
     expected = (np.arange(len(values)) + 0.5) / len(values)
     assert np.abs(prior.distribution(name).cdf(values) - expected)[inside].max() < 0.035  # Kolmogorov: passes by chance in all but 1e-4
-
-
-PRIOR = bt.Prior(0.4, 2.5, 0.3)
-TARGET = bt.model.posterior_of(bt.Subject("S", [0.0, 0.0], [0.0, 0.3], [9, 4], [10, 10]), PRIOR)
-
-
-def test_for_normal_densities_it_is_one_minus_the_ratio_of_variances():
-    half_width = 1.6448536269514722 * 0.5
-    assert contraction(TARGET, "mu1", 1.0 - half_width, 1.0 + half_width) == pytest.approx(1.0 - 0.5**2 / 2.5**2, rel=1e-12)
-
-
-def test_a_point_is_all_contraction_and_a_wider_range_is_negative():
-    assert contraction(TARGET, "q0", 0.7, 0.7) == 1.0
-    assert contraction(TARGET, "gamma", 0.01, 0.99) < 0.0
 
 
 def test_the_summary_says_what_the_prior_rules(small_study):
