@@ -1,6 +1,4 @@
-"""docs/data_dictionary.md: as it is made now, and every column that is written is in it."""
-
-from pathlib import Path
+"""docs/data_dictionary.md: as declarations and docstrings have it, and every column that is written is in it."""
 
 import data_dictionary
 import pandas as pd
@@ -8,20 +6,26 @@ import pytest
 from commands import good
 from conftest import few_pairs, plain_models_alone
 from populations import made_up
-from reference.calibration import calibrate
+from reference.calibration import ABOUT, calibrate
 
 import bayes_toe as bt
 from bayes_toe.classical.covariates import covariate_tests
 from bayes_toe.cli.supplement import fit_table, order_effect_table, parameter_table
+from bayes_toe.comparison.contrast import WORDS
+from bayes_toe.comparison.words import EFFECTS
 from bayes_toe.data.covariates import Covariates
 from bayes_toe.experiments.checks import described
 from bayes_toe.inference.prediction import predict_pairs
+from bayes_toe.model.ladder import SPACE
 from bayes_toe.planning.power import Outcome
 from bayes_toe.planning.power_of_conditions import ConditionsPower
 from bayes_toe.planning.power_of_histories import HistoryPower
 from bayes_toe.planning.power_of_studies import PopulationPower, power_of_studies
 
-KNOWN = {file.name: file for file in data_dictionary.FILES}
+DOCUMENT = data_dictionary.OUTPUT.read_text(encoding="utf-8")
+KNOWN = {section.partition("\n")[0]: data_dictionary.words(section) for section in DOCUMENT.split(data_dictionary.SECTION)[1:]}
+#: Columns that not every file of the kind has.
+AT_TIMES = {"isi", "condition", "n_intervals", "worst_pair_isi"}
 
 
 @pytest.fixture(scope="module")
@@ -82,15 +86,33 @@ def planned(folder):
     }
 
 
-def test_the_document_is_the_one_that_the_script_writes():
+def test_the_document_is_as_declared():
     """Otherwise: python scripts/data_dictionary.py --overwrite."""
-    assert (Path(__file__).resolve().parents[2] / data_dictionary.OUTPUT).read_text(encoding="utf-8") == data_dictionary.text()
+    assert data_dictionary.updated(DOCUMENT) == DOCUMENT
+
+
+def test_a_column_without_words_is_named():
+    with pytest.raises(SystemExit, match=r"fit\.csv: nothing says what these mean: penalty"):
+        data_dictionary.updated("".join(line for line in DOCUMENT.splitlines(keepends=True) if not line.startswith("| `penalty` |")))
+
+
+@pytest.mark.parametrize(
+    ("file", "column", "said"),
+    [
+        ("evidence.csv", "effect", [word for word in EFFECTS if word]),
+        ("methods_order_effect.csv", "effect", [word for word in EFFECTS if word]),
+        ("evidence.csv", "p_none", [f"over {len(SPACE)} models"]),
+        ("contrast.csv", "word", WORDS),
+        ("evidence_calibration.csv", "estimator", [f"{name}: {words}" for name, words in ABOUT.items()]),
+    ],
+)
+def test_words_that_a_column_holds_are_listed(file, column, said):
+    assert [word for word in said if word not in KNOWN[file][column]] == []
 
 
 def test_every_column_that_is_written_is_in_it(written):
+    assert data_dictionary.FILES.keys() <= KNOWN.keys()
     assert KNOWN.keys() - written.keys() == {"sensitivity.csv", "contrast.csv", "compare_history.csv"}  # whose frames have declared columns
     for name, columns in written.items():
-        assert [one for one in columns if one not in KNOWN[name].columns] == [], name
-        assert [
-            one for one in KNOWN[name].columns if one not in [*columns] and one not in ("isi", "condition", "n_intervals", "worst_pair_isi")
-        ] == [], name
+        assert {*columns} - KNOWN[name].keys() == set(), name
+        assert KNOWN[name].keys() - {*columns} - AT_TIMES == set(), name
