@@ -227,7 +227,9 @@ def _of_csv(source: str, data: bytes, names: Collection[str], every: bool) -> Te
 
 
 def _decoded(source: str, data: bytes) -> tuple[str, str]:
-    """The text of a file and its encoding; what cannot be decoded, and NUL characters, are refused."""
+    """The text of a file and its encoding; what cannot be decoded, and NUL characters, are refused; so are Excel's and other archives."""
+    if data.startswith((b"PK\x03\x04", b"\xd0\xcf\x11\xe0")):
+        raise InputError(f"{source}: found a spreadsheet or an archive, allowed: {_TEXT_ALLOWED}; save its sheet as CSV")
     mark, codec, label = next(entry for entry in _ENCODINGS if data.startswith(entry[0]))
     try:
         text = data[len(mark) :].decode(codec)

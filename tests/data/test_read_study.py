@@ -506,6 +506,7 @@ REFUSED = [
     no(f"{TRIALS}a,0,1,1\na,1,0,1\n", "found no row that is as --where has it in all of s1, s2", where={"s1": "0", "s2": "0"}),
     no("s1,s2,response\n0,0,1\n", "found no subject in its name, allowed: a file named as --subject-from {}.tsv", subject_from="{}.tsv"),
     # Bytes.
+    no(b"PK\x03\x04" + b"[Content_Types].xml\x82", f"found a spreadsheet or an archive, {TEXT}; save its sheet as CSV"),
     no(TRIALS.encode() + b"a,0,0,equal\r\nZo\xeb,0,0,equal\n", f"row 3: found byte 0xeb at offset 38, not UTF-8, {TEXT}"),
     no(b"\xef\xbb\xbf" + TRIALS.encode() + b"Zo\xeb,0,0,equal\n", f"row 2: found byte 0xeb at offset 28, not UTF-8, {TEXT}"),
     no(f"{TRIALS}a,0,0,equal".encode("utf-16")[:-1], f"row 2: found byte 0x6c at offset 68, not UTF-16, {TEXT}"),
