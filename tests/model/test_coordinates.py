@@ -9,9 +9,8 @@ from reference.hard_cases import hard_cases
 
 from bayes_toe.inference.maxima import find_maxima
 from bayes_toe.model.closed_form import MAX_PULL, equal_probability
-from bayes_toe.model.coordinates import Natural, quantities, unconstrained
+from bayes_toe.model.coordinates import quantities, unconstrained
 from bayes_toe.model.ladder import posterior_of
-from bayes_toe.model.prior import Prior
 
 points = st.tuples(st.floats(-2, 2), st.floats(-6, 6), st.floats(-4, 2), st.floats(-6, 6))
 
@@ -37,20 +36,6 @@ def test_identified_coordinates_give_the_same_probability(x, sbar, s1, s2):
     z = ((s2 - s1) - c + p * (s1 - sbar)) / w
     theta = natural(x, sbar)
     assert float(equal_probability(s1, s2, *theta)) == pytest.approx(float(q0 * 2.0 ** -(z**2)), rel=1e-6, abs=1e-12)
-
-
-def test_gamma_stays_below_one_and_pull_below_its_limit():
-    theta = natural([0.0, 40.0, 0.0, 0.0], 0.0)
-    assert float(theta.gamma) == pytest.approx(1.0, abs=1e-12)
-    assert float(quantities(theta, 0.0)["gain"]) >= 1.0 - MAX_PULL - 1e-15
-
-
-def test_prior_density_in_natural_coordinates_and_outside_the_support():
-    inside = Natural(*(np.array([v]) for v in (0.0, 0.5, 0.2, 0.5)))
-    outside = Natural(*(np.array([v]) for v in (0.0, 0.5, 0.6, 0.5)))
-    expected = -0.5 * np.log(2 * np.pi) - np.log(10) + 0.5 * np.log(2 / np.pi) - 0.125
-    assert Prior().log_density_variances(inside)[0] == pytest.approx(expected + 2.0 * np.log(2.0), rel=1e-12)  # 1/(2 sigma_p^3)
-    assert Prior().log_density_variances(outside)[0] == -np.inf
 
 
 def test_derived_quantities_follow_their_definitions():
@@ -92,13 +77,3 @@ def test_beyond_the_smallest_float_is_nowhere():
     assert x[0, 2] == x[1, 2] == 400.0
     assert (posterior.log_density(x)[:2] < -1e4).all()  # no weight at all
     assert np.isfinite(posterior.log_density(x)[2])
-
-
-def test_prior_draws_far_down_the_funnel_have_unit_spread():
-    posterior = posterior_of(CASES["funnel"])
-    modes = find_maxima(posterior).x
-    levelling = posterior.levelling(modes)
-    x = posterior.sample_prior(np.random.default_rng(0), 400_000)
-    deep = x[(x[:, 1] < -8) & (x[:, 2] > modes[0, 2] - 1)]
-    assert len(deep) > 40
-    assert levelling.level(deep)[0][:, 0].std() == pytest.approx(1.0, abs=0.35)

@@ -144,13 +144,20 @@ def test_without_a_pull_no_history_has_an_effect():
     x = np.repeat(target.sample_prior(np.random.default_rng(5), 1), 2, axis=0)
     x[:, 1], x[:, -1] = -800.0, (-3.0, 3.0)
     assert target.log_likelihood(x)[0] == target.log_likelihood(x)[1]
-    for text in ("none + carry-over", "constant error + running average"):
-        with pytest.raises(InputError, match="without a pull the expectation"):
-            composition(text, WHICH_STRONGER)
-    with pytest.raises(InputError, match="counts that scatter are of pairs, a history is of trials"):
-        composition("update + carry-over + beta-binomial")
-    with pytest.raises(InputError, match="'previous answer' is of the task"):
-        composition("update + previous answer")
+
+
+@pytest.mark.parametrize(
+    ("text", "task", "said"),
+    [
+        ("none + carry-over", WHICH_STRONGER, "without a pull the expectation"),
+        ("constant error + running average", WHICH_STRONGER, "without a pull the expectation"),
+        ("update + carry-over + beta-binomial", SAME_DIFFERENT, "counts that scatter are of pairs, a history is of trials"),
+        ("update + previous answer", SAME_DIFFERENT, "'previous answer' is of the task"),
+    ],
+)
+def test_compositions_without_meaning_are_refused(text, task, said):
+    with pytest.raises(InputError, match=said):
+        composition(text, task)
 
 
 @pytest.mark.parametrize("isi", [False, True])
@@ -162,48 +169,26 @@ def test_gradients_are_finite_where_the_pull_is_0(name, a, isi):
     assert np.isfinite(target.likelihood_gradient(x)[1]).all()
 
 
-def test_memory_begins_anew_in_a_session_and_trials_without_an_answer_are_felt():
-    one, other = session(trials=30), session(seed=2, trials=30)
-    answers = replace(one.answers, place=np.arange(30))
-    again = replace(answers, n_yes=other.answers.n_yes, n_trials=other.answers.n_trials)  # the same stimuli: mu0 is the same
-    both = (np.concatenate([getattr(part, key) for part in (answers, again)]) for key in ("keys", "n_yes", "n_trials"))
-    whole = Subject.from_answers("A", Answers(*both, None, (), True, np.r_[0:30, 31:61]), WHICH_STRONGER)
-    target = posterior_of(whole, DEFAULT, model="contraction + carry-over + previous answer")
-    x = target.sample_prior(np.random.default_rng(6), 5)
-    alone = sum(target.for_subject(Subject.from_answers("A", part, WHICH_STRONGER)).log_likelihood(x) for part in (answers, again))
-    assert alone == pytest.approx(target.log_likelihood(x), rel=1e-12)
-    in_one = target.for_subject(Subject.from_answers("A", replace(whole.answers, place=np.arange(60)), WHICH_STRONGER))
-    dropped = target.for_subject(Subject.from_answers("A", replace(whole.answers.given, place=np.r_[0:25, 31:56]), WHICH_STRONGER))
-    for other_order in (in_one, dropped):
-        assert np.abs(other_order.log_likelihood(x) - target.log_likelihood(x)).min() > 1e-6
+def changed(one, **columns):
+    return Subject.from_answers("A", replace(one.answers, **columns), WHICH_STRONGER)
 
 
-def test_shuffled_trials_leave_the_static_model_alone():
-    one = session()
-    order = np.random.default_rng(7).permutation(40)
-    given = one.answers
-    shuffled = replace(given, keys=given.keys[order], n_yes=given.n_yes[order], n_trials=given.n_trials[order])
-    other = Subject.from_answers("A", shuffled, WHICH_STRONGER)
-    for name, same in (("contraction", True), ("contraction + carry-over", False)):
-        found, there = (posterior_of(subject, DEFAULT, model=name) for subject in (one, other))
-        x = found.sample_prior(np.random.default_rng(8), 5)
-        assert (found.log_likelihood(x) == pytest.approx(there.log_likelihood(x), rel=1e-12)) is same
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda one: replace(one, answers=None), "subject 'A': a model with a history needs the order of trials, found none"),
+        (lambda one: changed(one, keys=np.sort(one.answers.keys, axis=0), place=np.arange(40)), "trials are sorted by their stimuli"),
+        (lambda one: changed(one, iti=None), "needs a column iti"),
+    ],
+)
+def test_without_an_order_it_is_refused(change, said):
+    with pytest.raises(InputError, match=said):
+        posterior_of(change(session()), DEFAULT, model="update + carry-over by time")
 
 
-def test_without_an_order_it_is_refused_and_predicted_from_rest():
-    one = session()
-    model = model_named("update + carry-over", WHICH_STRONGER)
-    with pytest.raises(InputError, match="subject 'A': a model with a history needs the order of trials, found none"):
-        posterior_of(replace(one, answers=None), DEFAULT, model=model)
-    keys = one.answers.keys[np.lexsort(one.answers.keys.T[::-1])]
-    with pytest.raises(InputError, match="trials are sorted by their stimuli"):
-        posterior_of(Subject.from_answers("A", replace(one.answers, keys=keys, place=np.arange(40)), WHICH_STRONGER), DEFAULT, model=model)
-    untimed = Subject.from_answers("A", replace(one.answers, iti=None), WHICH_STRONGER)
-    with pytest.raises(InputError, match="needs a column iti"):
-        posterior_of(untimed, DEFAULT, model="update + carry-over by time")
-    target, static = posterior_of(one, DEFAULT, model=model), posterior_of(one, DEFAULT, model="update")
-    x = target.sample_prior(np.random.default_rng(9), 3)
-    asked = Subject("A", [0.1], [0.3], [0], [1], task=WHICH_STRONGER)
+def test_a_pair_that_was_not_presented_is_predicted_from_rest():
+    target, static = (posterior_of(session(), DEFAULT, model=name) for name in ("update + carry-over", "update"))
+    x, asked = target.sample_prior(np.random.default_rng(9), 3), Subject("A", [0.1], [0.3], [0], [1], task=WHICH_STRONGER)
     assert target.for_subject(asked).log_answers(x)[0] == pytest.approx(static.for_subject(asked).log_answers(x[:, :-1])[0])
 
 

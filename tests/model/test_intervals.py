@@ -42,16 +42,6 @@ def test_filter_equations_give_the_closed_form(isi):
     assert gain(at_interval(OBSERVER, isi).gamma) == pytest.approx(float(weight), rel=1e-12)
 
 
-def test_gain_rises_with_the_interval_and_the_width_is_least_where_gamma_is_two():
-    isi = np.geomspace(0.01, 100.0, 400)
-    at = at_interval(OBSERVER, isi)
-    assert (np.diff(gain(at.gamma)) > 0).all()
-    wide = width(at.sigma_p, at.gamma)
-    shortest = float(OBSERVER.gamma) / 2.0
-    assert isi[np.argmin(wide)] == pytest.approx(shortest, rel=0.03)
-    assert float(width(at_interval(OBSERVER, shortest).sigma_p, 2.0)) == pytest.approx(2.0 * float(OBSERVER.sigma_l), rel=1e-12)
-
-
 @pytest.mark.parametrize("bad", [0.0, -1.0, np.nan, np.inf])
 def test_an_interval_is_positive(bad):
     with pytest.raises(InputError, match="positive finite"):
@@ -106,9 +96,3 @@ def test_mean_reversion_solves_the_equations_of_its_moments(t):
 def test_mean_reversion_begins_with_the_gain_and_ends_with_the_prior():
     assert of_memory(1e-12) == pytest.approx((GAIN, (v := np.sqrt(GAIN) * SIGMA_L) + SIGMA_L**2 / v), rel=1e-9)
     assert of_memory(1e6) == pytest.approx((0.0, SIGMA1 + SIGMA_L**2 / SIGMA1), rel=1e-12, abs=1e-12)
-
-
-def test_the_two_memories_disagree_on_what_an_interval_does_to_the_order_effect():
-    seconds, a = np.array([0.25, 0.5, 2.0, 4.0]), np.array([-1.0, 1.0])
-    assert (np.diff(random_walk_scales(a, seconds).pull) < 0).all()
-    assert (np.diff(mean_reverting_scales(a, a, seconds).pull) > 0).all()

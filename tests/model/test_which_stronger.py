@@ -76,16 +76,6 @@ def test_gradients_are_differences_of_values_and_coordinates_come_back(model):
     assert target.points(target.quantities(x)) == pytest.approx(x, rel=1e-9, abs=1e-9)
 
 
-def test_swapping_the_stimuli_swaps_the_answers():
-    model = model_named("none", WHICH_STRONGER)
-    swapped = subject(s1=S2, s2=S1)
-    x = model.posterior(subject(), Prior()).sample_prior(np.random.default_rng(3), 5)
-    here, there = (dict(zip(zip(one.s1, one.s2, strict=True), range(8), strict=True)) for one in (subject(), swapped))
-    answers, others = (model.posterior(one, Prior()).log_answers(x) for one in (subject(), swapped))
-    for (s1, s2), place in here.items():
-        assert answers[0][:, place] == pytest.approx(others[1][:, there[s2, s1]], rel=1e-12)
-
-
 def test_both_tasks_have_one_observer():
     """The width of 'equal' is that of 'second' times the root of G, and the pull is the same."""
     theta = {"mu1": np.array([0.3]), "sigma_p": np.array([0.2]), "sigma_l": np.array([0.15])}
@@ -174,9 +164,9 @@ def test_models_of_another_task_are_refused():
 
 def test_real_listeners_are_pulled_to_the_middle_of_what_they_hear(real_data):
     study = bt.read_study(real_data / "auditory_pwm" / "trials.csv", bt.ReadOptions(ignore=("isi",)))
-    said = [verdict(one, DEFAULT, 1)[0] for one in study.subjects[::4]]
-    assert sum(int(np.argmax(one.p_orders)) == 2 for one in said) >= 10  # of 12; of all 46 subjects 42
-    assert sum(one.fit == "described" for one in said) >= 10  # of all 46 subjects 43
+    said = [verdict(one, DEFAULT, 1)[0] for one in study.subjects[::8]]
+    assert sum(int(np.argmax(one.p_orders)) == 2 for one in said) >= 5  # of 6; of all 46 subjects 42
+    assert sum(one.fit == "described" for one in said) >= 5  # of all 46 subjects 43
 
 
 def test_a_constant_error_in_lifted_weights_cannot_be_told_from_a_pull(real_data):
