@@ -8,7 +8,6 @@ import pandas as pd
 import pytest
 from conftest import few_pairs
 from reference.hard_cases import hard_cases
-from scipy.integrate import quad
 
 import bayes_toe as bt
 from bayes_toe.classical.fit import bootstrap_evidence, bootstrap_subject
@@ -17,6 +16,7 @@ from bayes_toe.comparison.verdict import verdict
 from bayes_toe.experiments.simulate import reference_design
 from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.evidence import importance_evidence, laplace_evidence
+from bayes_toe.inference.maxima import Maxima
 from bayes_toe.inference.proposal import FittedProposal
 from bayes_toe.inference.subject import Wanted, fitted_result, infer
 from bayes_toe.model.free_frequencies import frequency_evidence
@@ -24,14 +24,6 @@ from bayes_toe.model.ladder import posterior_of
 from bayes_toe.model.prior import DEFAULT
 
 CASES = hard_cases()
-
-
-def test_h0_is_the_integral_over_every_frequency():
-    subject = bt.Subject("S", [0.0, 0.0, 0.2], [0.0, 0.3, 0.0], [9, 4, 0], [10, 10, 7])
-    total = 0.0
-    for k, n in zip(subject.n_yes, subject.n_trials, strict=True):
-        total += math.log(quad(lambda q, k=k, n=n: q**k * (1 - q) ** (n - k), 0, 1)[0])
-    assert frequency_evidence(subject) == pytest.approx(total, rel=1e-9)
 
 
 def test_h0_laplace_is_appendix_c_term_by_term():
@@ -50,43 +42,35 @@ def test_h0_laplace_falls_short_with_many_thin_pairs():
     assert frequency_evidence_laplace(subject) < frequency_evidence(subject) - 30
 
 
-def test_laplace_is_exact_for_a_normal_density():
-    from bayes_toe.inference.maxima import Maxima
-
+def test_laplace_is_exact_for_a_normal_density_and_there_is_none_at_a_saddle():
     covariance = np.array([[2.0, 0.3, 0, 0], [0.3, 1.0, 0.1, 0], [0, 0.1, 0.5, 0], [0, 0, 0, 3.0]])
     top = -0.5 * np.log(np.linalg.det(2 * np.pi * covariance))
-    value, why_not = laplace_evidence(Maxima(np.zeros((1, 4)), np.array([top]), np.linalg.inv(covariance)[None], True, np.zeros((0, 4))))
-    assert value == pytest.approx(0.0, abs=1e-12)
-    assert why_not == ""
+
+    def laplace(value, curvature):
+        return laplace_evidence(Maxima(np.zeros((1, 4)), np.array([value]), curvature[None], True, np.zeros((0, 4))))
+
+    assert laplace(top, np.linalg.inv(covariance)) == (pytest.approx(0.0, abs=1e-12), "")
+    value, why_not = laplace(0.0, np.diag([1.0, 1.0, -1.0, 1.0]))
+    assert value is None
+    assert "not negative definite" in why_not
 
 
 def test_laplace_that_does_not_exist_is_empty_and_says_why():
     subject = CASES["perfect observer"]
     result, found = fitted_result(posterior_of(subject, bt.Prior()), 1, Wanted(evidence_draws=20_000))
-    by_bootstrap = bootstrap_evidence(bootstrap_subject(subject, seed=1, prior=bt.Prior()), bt.Prior())
+    by_bootstrap = bootstrap_evidence(bootstrap_subject(subject, seed=1, replicates=50, prior=bt.Prior()), bt.Prior())
     row = subject_evidence(result, found, by_bootstrap)
-    assert row.log_evidence_h1_laplace is None
-    assert row.log_bayes_factor_laplace is None
+    assert (row.log_evidence_h1_laplace, row.log_bayes_factor_laplace) == (None, None)
     assert row.log_evidence_h1 is not None
     assert any("Laplace" in note for note in row.footnotes)
-    frame = EvidenceTable((row,)).frame()
-    assert frame["log_evidence_h1_laplace"].isna().all()
-
-
-def test_a_saddle_has_no_laplace_approximation():
-    from bayes_toe.inference.maxima import Maxima
-
-    value, why_not = laplace_evidence(Maxima(np.zeros((1, 4)), np.zeros(1), np.diag([1.0, 1.0, -1.0, 1.0])[None], True, np.zeros((0, 4))))
-    assert value is None
-    assert "not negative definite" in why_not
+    assert EvidenceTable((row,)).frame()["log_evidence_h1_laplace"].isna().all()
 
 
 def test_untrusted_weights_give_no_number():
     fitted = fit_proposal(posterior_of(CASES["one batch"]), np.random.default_rng(1))
     estimate = importance_evidence(replace(fitted, pareto_k=0.9))
-    value, error, why_not = estimate.value, estimate.se, estimate.why_not
-    assert (value, error) == (None, None)
-    assert "0.90" in why_not
+    assert (estimate.value, estimate.se) == (None, None)
+    assert "0.90" in estimate.why_not
 
 
 def test_table_has_the_columns_of_the_contract(analysis, tmp_path):
@@ -109,7 +93,8 @@ def test_table_has_the_columns_of_the_contract(analysis, tmp_path):
     np.testing.assert_allclose(odds[known], frame["log_bayes_factor_effect"][known], atol=1e-5)
 
 
-def test_evidence_and_run_agree_on_all_but_the_draws_behind_the_fit_of_h1(analysis):
+def test_evidence_and_run_agree_on_all_but_the_draws_behind_the_fit_of_h1(analysis, monkeypatch):
+    monkeypatch.setattr("bayes_toe.analysis.REPLICATES", 40)  # as many as the other has
     alone = bt.evidence(analysis.study.select(["B"]), seed=analysis.settings.seed, prior="paper", workers=1)
     frame = analysis.evidence.frame()
     pd.testing.assert_frame_equal(alone.frame(), frame[frame["subject"] == "B"].reset_index(drop=True))
@@ -134,26 +119,18 @@ def test_a_model_whose_draws_cannot_be_trusted_has_laplace_s_evidence_and_says_s
     assert f"{whole.best_model}: evidence by Laplace's approximation, importance weights are unreliable" in row.notes
 
 
-def less_free_frequencies(subject):
-    """The log Bayes factor of H1 against H0 under the paper's prior."""
-    return infer(posterior_of(subject, bt.Prior()), 1, Wanted(evidence_draws=10_000)).evidence.value - frequency_evidence(subject)
-
-
-def test_real_listeners_prefer_free_frequencies(real_data):
-    study = bt.read_study(real_data / "morse_rothkopf_1957" / "dots.csv")
-    assert less_free_frequencies(study["dots"]) == pytest.approx(-252, abs=1)
-
-
 def test_real_vibrotactile_subjects_go_both_ways(real_data):
+    """Log Bayes factors of H1 against H0 under the paper's prior."""
     study = bt.read_study(real_data / "vibrotactile_rate" / "trials.csv", bt.ReadOptions(equal_code="1"))
     assert sum(subject.total_trials for subject in study) == 11904
-    factors = [less_free_frequencies(subject) for subject in study]
-    assert sum(one > 0 for one in factors) == 6
-    assert min(factors) == pytest.approx(-17, abs=0.5)
-    assert max(factors) == pytest.approx(18.5, abs=0.5)
+    found = [
+        infer(posterior_of(one, bt.Prior()), 1, Wanted(evidence_draws=10_000)).evidence.value - frequency_evidence(one) for one in study
+    ]
+    assert sum(one > 0 for one in found) == 6
+    assert (min(found), max(found)) == pytest.approx((-17, 18.5), abs=0.5)
 
 
-def test_h1_may_beat_free_frequencies_where_there_is_no_order_effect():
+def test_h1_may_beat_free_frequencies_where_there_is_no_order_effect(three_models):
     design, rng = reference_design(), np.random.default_rng(8)
     q = 0.9 * 2.0 ** -(((design.s2 - design.s1) / 0.3) ** 2)
     subject = bt.Subject("none", design.s1, design.s2, rng.binomial(50, q), np.full(len(q), 50))

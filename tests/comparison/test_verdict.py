@@ -23,45 +23,39 @@ def made(none, constant=0.0, *, larger=1.0, varied=(), fit=FITS, **other):
     return Verdict("S", (none, constant, 1.0 - none - constant), varied, 0.0, 0.3, larger, "none", fit, **other)
 
 
-@pytest.mark.parametrize(
-    ("none", "larger", "word"),
-    [
-        (0.05, 1.0, "has"),
-        (0.06, 1.0, "probably has"),
-        (0.25, 0.0, "probably has"),
-        (0.26, 1.0, "undecided"),
-        (0.26, 0.05, "negligible"),
-        (0.74, 0.06, "undecided"),
-        (0.75, 0.0, "probably none"),
-        (0.95, 1.0, "none"),
-    ],
-)
-def test_words_by_their_limits(none, larger, word):
-    assert made(none, larger=larger).effect == word
+def test_words_by_their_limits():
+    """Of P(none), and of P of an effect that is not small."""
+    limits = {
+        (0.05, 1.0): "has",
+        (0.06, 1.0): "probably has",
+        (0.25, 0.0): "probably has",
+        (0.26, 1.0): "undecided",
+        (0.26, 0.05): "negligible",
+        (0.74, 0.06): "undecided",
+        (0.75, 0.0): "probably none",
+        (0.95, 1.0): "none",
+    }
+    assert {of: made(of[0], larger=of[1]).effect for of in limits} == limits
 
 
-@pytest.mark.parametrize(
-    ("orders", "kind"),
-    [
-        ((0.0, 0.9), "constant error"),
-        ((0.0, 0.89), "probably constant error"),
-        ((0.2, 0.16), "probably pull"),
-        ((0.2, 0.05), "pull"),
-        ((0.0, 0.5), "open"),
-        ((0.3, 0.7), ""),
-    ],
-)
-def test_a_kind_is_named_by_its_share_of_the_effect(orders, kind):
-    assert made(*orders).kind == kind
+def test_a_kind_is_named_by_its_share_of_the_effect():
+    """Of P(none) and P(constant error)."""
+    kinds = {
+        (0.0, 0.9): "constant error",
+        (0.0, 0.89): "probably constant error",
+        (0.2, 0.16): "probably pull",
+        (0.2, 0.05): "pull",
+        (0.0, 0.5): "open",
+        (0.3, 0.7): "",
+    }
+    assert {orders: made(*orders).kind for orders in kinds} == kinds
 
 
 def test_robust_is_who_keeps_side_and_kind():
-    same = ((0.02, 0.03, 0.95), (0.04, 0.1, 0.86))
-    assert made(0.03, 0.02, varied=same).robust == "yes"
-    assert made(0.03, 0.02, varied=(same[0], (0.3, 0.1, 0.6))).robust == "no"
-    assert made(0.03, 0.02, varied=(same[0], (0.02, 0.9, 0.08))).robust == "no"
-    assert made(0.03, 0.02, varied=(same[0], (0.02, 0.4, 0.58))).robust == "yes"  # a kind that is open is no other kind
-    assert "P of none 0.02 to 0.30" in made(0.03, 0.02, varied=(same[0], (0.3, 0.1, 0.6))).describe()
+    """A kind that is open is no other kind."""
+    others = {(0.04, 0.1, 0.86): "yes", (0.3, 0.1, 0.6): "no", (0.02, 0.9, 0.08): "no", (0.02, 0.4, 0.58): "yes"}
+    assert {other: made(0.03, 0.02, varied=((0.02, 0.03, 0.95), other)).robust for other in others} == others
+    assert "P of none 0.02 to 0.30" in made(0.03, 0.02, varied=((0.02, 0.03, 0.95), (0.3, 0.1, 0.6))).describe()
 
 
 def test_every_doubt_stands_in_the_words():
@@ -95,7 +89,7 @@ def test_size_is_the_shift_over_the_distance_at_which_the_curve_has_halved():
         np.testing.assert_allclose(effect_size(posterior, x), size, rtol=1e-9, atol=1e-12)
 
 
-def test_halved_and_doubled_scales_are_those_of_fresh_runs():
+def test_halved_and_doubled_scales_are_those_of_fresh_runs(three_models):
     subject = bt.example_study()["S08"]
     said, _ = verdict(subject, DEFAULT, 1)
     numbers = DEFAULT.at(subject)
