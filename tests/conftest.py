@@ -81,6 +81,7 @@ def few_replicates():
     """Analyses with few bootstrap replicates, which take longer than all evidences: for what does not look at their intervals."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("bayes_toe.analysis.subject_fit", partial(subject_fit, replicates=40))
+        patch.setattr("bayes_toe.analysis.REPLICATES", 40)
         yield
 
 

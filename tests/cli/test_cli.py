@@ -7,16 +7,18 @@ import itertools
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 from commands import call, good, inside, refused
-from conftest import grouped_csv
+from conftest import grouped_csv, plain_models_alone
 
 import bayes_toe as bt
 from bayes_toe.inference.sampling import SamplerSettings
+from bayes_toe.plots.paper_figures import FIGURES
 
 ONE = ("--seed", 1, "--workers", 1)
 
@@ -31,9 +33,8 @@ def folder(tmp_path_factory, small_study):
 
 @pytest.fixture(scope="module")
 def results(folder):
-    done = call("run", "study.csv", "-o", "out", "--draws", 1000, *ONE, cwd=folder)
-    assert (done.returncode, done.stderr) == (0, "")
-    return folder / "out", done.stdout
+    with plain_models_alone():
+        return folder / "out", good("run", "study.csv", "-o", "out", "--draws", 1000, *ONE, cwd=folder)
 
 
 # --- run ---------------------------------------------------------------------------------------------------------------------------
@@ -84,19 +85,19 @@ def test_a_misfit_is_loud_in_terminal_and_report(folder, small_study, three_mode
     subject = small_study["A"]
     equal = subject.n_yes.copy()
     equal[[2, 5]] = subject.n_trials[[2, 5]] - equal[[2, 5]]
-    study = bt.Study([bt.Subject("bent", subject.s1, subject.s2, equal, subject.n_trials), small_study["B"]])
-    grouped_csv(folder / "bent.csv", study)
+    grouped_csv(folder / "bent.csv", bt.Study([replace(subject, name="bent", n_yes=equal), small_study["B"]]))
     said = good("run", "bent.csv", "-o", "bent", "--draws", 300, "--pictures", "none", *ONE, cwd=folder)
     assert "no model describes the answers of 1 (bent)" in said
-    [line] = [line for line in said.splitlines() if line.startswith("look ")]
-    assert line.startswith("look bent: no model describes the answers: ")
-    assert "answered equal" in line
+    assert re.search(r"^look bent: no model describes the answers: .*answered equal", said, re.MULTILINE)
     places = [said.index(words) for words in ("answer: ", "order effect of every subject", "look bent", "next: ")]
     assert places == sorted(places)
     text = (folder / "bent" / "report.html").read_text(encoding="utf-8")
-    assert text.count('<div class="misfit">No model describes the answers: ') == 1
-    assert text.count('<span class="badge wrong">not described</span>') == 1
-    assert text.count(' wrong">not described</td>') == 1
+    for words in (
+        '<div class="misfit">No model describes the answers: ',
+        '<span class="badge wrong">not described</span>',
+        ' wrong">not described</td>',
+    ):
+        assert text.count(words) == 1
 
 
 def test_not_converged_is_exit_code_3_and_marked_everywhere(monkeypatch, tmp_path, three_models, blank_pictures):
@@ -138,7 +139,7 @@ def test_subjects_may_be_any_text_and_are_never_paths_or_html(tmp_path, three_mo
 # --- evidence, sample, compare, fit, sensitivity -----------------------------------------------------------------------------------
 
 
-def test_evidence_leads_with_the_answer_and_has_the_table_of_run(folder, results):
+def test_evidence_leads_with_the_answer_and_has_the_table_of_run(folder, results, three_models):
     said = good("evidence", "one.csv", "-o", "evidence.csv", *ONE, cwd=folder)
     (head, _, of_b), found = ((place / "evidence.csv").read_text().splitlines() for place in (results[0], folder))
     assert found == [head, of_b]  # whatever the company
@@ -241,17 +242,22 @@ def test_what_is_refused_before_the_work_in_one_line(folder, results, small_stud
     assert said in refused(*given, *(() if "-o" in given else ("-o", "none")), cwd=folder)
 
 
-def test_figures_of_chosen_subjects_in_one_format(folder, three_models):
+@pytest.fixture
+def two_figures(monkeypatch):
+    for name in ("figure_1c_asymmetry", "figure_3_examples", "figure_4_map", "figure_5_plane", "appendix_c_evidence"):
+        monkeypatch.delitem(FIGURES, name)
+
+
+def test_figures_of_chosen_subjects_in_one_format(folder, three_models, two_figures):
     args = ("figures", "study.csv", "-o", "pictures", "--draws", 300, "--subject", "B", "--format", "svg", *ONE)
     good(*args, cwd=folder)
-    made = {p.name for p in (folder / "pictures").iterdir() if not p.name.startswith(".")}
-    assert len(made) == 8
-    assert {Path(name).suffix for name in made - {"captions.md"}} == {".svg"}
+    made = {path.name for path in (folder / "pictures").glob("[!.]*")}
+    assert made == {"figure_2_filter.svg", "figure_6_gamma.svg", "captions.md"}
     assert "Subjects B." in (folder / "pictures" / "captions.md").read_text(encoding="utf-8")
     assert "overwrite" in refused(*args, cwd=folder)
 
 
-def test_figures_and_sensitivity_of_saved_draws_sample_nothing(results, folder, monkeypatch):
+def test_figures_and_sensitivity_of_saved_draws_sample_nothing(results, folder, monkeypatch, two_figures):
     monkeypatch.setattr("bayes_toe.inference.subject.sample_chains", None)  # calling it would raise
     posterior = ("--posterior", results[0] / "posterior.nc", "--workers", 1)
     drawn = ("-o", "saved", "--subject", "B", "--format", "png")

@@ -11,6 +11,7 @@ import pandas as pd
 import pytest
 from commands import good, inside, refused
 from conftest import few_pairs, grouped_csv, known_observers
+from populations import drawn
 from processes import members, needs_proc, start, until, until_gone, workers
 
 import bayes_toe as bt
@@ -75,46 +76,40 @@ def sampling(running):
     return workers(running.pid)
 
 
-def said(kept):
-    return f"{kept} of 2 subjects kept in out.partial, go on with --resume" if kept else "nothing written"
-
-
 @pytest.fixture
 def running(folder):
     """A command at work, whose results are never there in time, and whose processes are gone in the end."""
     asked = {signal.SIGINT: signal.default_int_handler, signal.SIGHUP: signal.SIG_DFL}  # not ignored, as in the background or by nohup
     before = {number: signal.signal(number, action) for number, action in asked.items()}
-    begun = start("run", "study.csv", "-o", "out", "--seed", "1", "--workers", "2", "--draws", "100", cwd=folder)
-    begun.folder = folder
-    yield begun
+    yield start("run", "study.csv", "-o", "out", "--seed", "1", "--workers", "2", "--draws", "100", cwd=folder)
     for number, action in before.items():
         signal.signal(number, action)
-    for pid in members(begun.pid):
-        os.kill(pid, signal.SIGKILL)
 
 
-CASES = [(signal.SIGINT, listening), (signal.SIGTERM, sampling), (signal.SIGHUP, sampling)]
-
-
-@pytest.mark.parametrize(("number", "when"), CASES, ids=lambda value: getattr(value, "name", None) or value.__name__)
-def test_a_signal_ends_a_command_with_one_line_and_leaves_what_is_finished(running, number, when):
+@pytest.mark.parametrize(
+    ("send", "number", "when"),
+    [
+        (os.kill, signal.SIGINT, listening),
+        (os.kill, signal.SIGHUP, listening),
+        (os.kill, signal.SIGTERM, sampling),
+        (os.killpg, signal.SIGINT, sampling),  # of a terminal to all processes, of which one answers
+    ],
+)
+def test_a_signal_ends_a_command_with_one_line_and_leaves_what_is_finished(folder, running, send, number, when):
     until(lambda: when(running), running)
-    running.send_signal(number)
-    until_gone(running.pid)
-    _, errors = running.communicate()
-    kept = len(list(running.folder.glob("out.partial/*.kept")))
+    try:
+        send(running.pid, number)
+        until_gone(running.pid)
+        errors = running.communicate()[1]
+    finally:
+        for pid in members(running.pid):
+            os.kill(pid, signal.SIGKILL)
+    kept = len(list(folder.glob("out.partial/*.kept")))
     assert kept < 2, errors
-    assert errors == f"stopped by {number.name}: {said(kept)}\n"
+    left = f"{kept} of 2 subjects kept in out.partial, go on with --resume" if kept else "nothing written"
+    assert errors == f"stopped by {number.name}: {left}\n"
     assert running.returncode == 128 + number
-    assert sorted(path.name for path in running.folder.iterdir()) == (["out.partial", "study.csv"] if kept else ["study.csv"])
-
-
-def test_what_a_terminal_says_to_all_processes_is_answered_by_one(running):
-    until(lambda: sampling(running), running)
-    os.killpg(running.pid, signal.SIGINT)
-    errors = running.communicate()[1]
-    assert errors == f"stopped by SIGINT: {said(len(list(running.folder.glob('out.partial/*.kept'))))}\n"
-    assert running.returncode == 130
+    assert sorted(path.name for path in folder.iterdir()) == (["out.partial", "study.csv"] if kept else ["study.csv"])
 
 
 def test_what_a_killed_command_leaves_is_swept(tmp_path):
@@ -145,7 +140,7 @@ def killed(folder, *words, kept):
 
 
 def test_a_command_that_is_killed_and_resumed_is_as_one_that_was_not(four):
-    options = ("--seed", "1", "--draws", "100", "--model", "symmetric", "--workers", "2")
+    options = ("--seed", "1", "--draws", "100", "--model", "symmetric", "--workers", "1")
     words = ("sample", "study.csv", "-o", "posterior.nc", *options)
     killed(four, *words, kept=2)
     said = refused(*words, cwd=four)
@@ -157,7 +152,8 @@ def test_a_command_that_is_killed_and_resumed_is_as_one_that_was_not(four):
     assert (four / "posterior.nc").read_bytes() == (four / "calm.nc").read_bytes()
 
 
-def test_a_group_goes_on_with_the_subjects_that_were_done_before_it_was_killed(four):
+def test_a_group_goes_on_with_the_subjects_that_were_done_before_it_was_killed(four, monkeypatch):
+    monkeypatch.setattr("bayes_toe.groups.population.sample_group", drawn)  # the one that is killed comes never as far
     grouped_csv(four / "study.csv", known_observers("ABC"))
     options = ("--model", "symmetric", "--seed", "1", "--draws", "10", "--workers", "1")
     killed(four, "population", "study.csv", "-o", "group.nc", "--resume", *options, kept=2)
@@ -201,7 +197,6 @@ signal.raise_signal(signal.SIGTERM)
 """
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 def test_a_library_that_swallows_the_exception_does_not_keep_the_command():
     with subprocess.Popen([sys.executable, "-c", DEAF], stdout=subprocess.PIPE, text=True) as deaf:
         assert deaf.stdout.readline() == "ready\n"
@@ -209,7 +204,6 @@ def test_a_library_that_swallows_the_exception_does_not_keep_the_command():
         assert deaf.wait(60) == 128 + signal.SIGTERM
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 def test_a_signal_that_is_ignored_on_purpose_goes_on_being_ignored():
     assert subprocess.run([sys.executable, "-c", UNDER_NOHUP], timeout=60).returncode == 0
 

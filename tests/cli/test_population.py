@@ -83,8 +83,9 @@ def test_what_is_refused(done, folder, options, said):
     assert said in refused("population", "study.csv", *OPTIONS, *options, cwd=folder, silent=False)
 
 
-def test_stored_draws_are_not_sampled_again(folder):
-    model = ("--model", "symmetric")  # the one that is sampled soonest
+def test_stored_draws_are_not_sampled_again(folder, monkeypatch):
+    monkeypatch.setattr("bayes_toe.groups.population.sample_group", drawn)
+    model = ("--model", "symmetric")
     assert inside("sample", "study.csv", "-o", "posterior.nc", *model, *OPTIONS, cwd=folder).returncode in (0, 3)
     of_draws = ("population", "--posterior", "posterior.nc", "-o", "stored.nc", "--draws", "200", *model)
     assert "seed 1; written: stored.nc" in good(*of_draws, cwd=folder)
