@@ -52,11 +52,6 @@ def test_em_leaves_a_component_that_holds_nothing_and_lies_far_away():
     assert fitted.covariance == pytest.approx(np.cov(x.T) + 1e-3 * np.diag(x.var(axis=0)) * 8 / 6, rel=0.25)
 
 
-def test_mixture_refuses_degrees_of_freedom_that_leave_a_root():
-    with pytest.raises(ValueError, match="df=5 and dimension 2: their sum must be even"):
-        StudentMixture(np.ones(1), np.zeros((1, 2)), np.eye(2)[None], df=5)
-
-
 def test_a_joined_mixture_is_the_weighted_sum(mixture):
     x = np.random.default_rng(3).normal(size=(10, 2))
     other = StudentMixture(np.ones(1), np.array([[5.0, 5.0]]), np.eye(2)[None], df=6)

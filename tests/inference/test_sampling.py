@@ -9,22 +9,17 @@ from reference.hard_cases import hard_cases, twins
 from scipy.special import logsumexp
 
 import bayes_toe as bt
+from bayes_toe import analysis as analysis_module
 from bayes_toe.errors import ConvergenceWarning, InputError
 from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.diagnostics import TAIL, convergence, errors
-from bayes_toe.inference.draws import assembled
 from bayes_toe.inference.proposal import importance_draws
 from bayes_toe.inference.sampling import SamplerSettings, burn_in, sample_chains
-from bayes_toe.inference.subject import Settings, Wanted, infer, subject_draws
 from bayes_toe.model.ladder import posterior_of
 from bayes_toe.seeds import generator
 
 CASES = hard_cases()
 QUICK = SamplerSettings(draws=1000)
-
-
-def sampled(study, settings):
-    return [infer(posterior_of(subject, settings.prior), settings.seed, Wanted(settings.sampler)) for subject in study]
 
 
 def test_burn_in_is_as_long_as_the_proposal_needs():
@@ -91,15 +86,12 @@ def test_claimed_effective_sizes_hold_over_independent_runs(replications):
         assert 1 / 2.1 < claimed / true_size < 2.1, key
 
 
-def test_a_limit_too_low_is_said_and_not_hidden(small_study):
-    hard = bt.Study([CASES["guessing at 0.5"]])
-    settings = Settings(seed=1, sampler=SamplerSettings(max_r_hat=1.000001, max_thin=1), model="predictive update")
-    [result] = sampled(hard, settings)
-    assert not result.chains.converged
-    assert "required" in result.chains.reason
-    assert result.chains.imprecise == ""
-    draws = assembled(None, hard, [subject_draws(result)], settings, {})
-    assert list(draws.not_converged) == ["guessing at 0.5"]
+def test_a_limit_too_low_is_said_and_not_hidden(monkeypatch):
+    monkeypatch.setattr(analysis_module, "SamplerSettings", lambda draws: SamplerSettings(draws=draws, max_r_hat=1.000001, max_thin=1))
+    with pytest.warns(ConvergenceWarning, match="did not converge"):
+        draws = bt.sample(bt.Study([CASES["guessing at 0.5"]]), seed=1, workers=1)
+    assert "required" in draws.not_converged["guessing at 0.5"]
+    assert not draws.imprecise
 
 
 def test_sampling_goes_on_until_quantiles_of_natural_quantities_are_certain():
@@ -143,14 +135,6 @@ def test_stated_errors_of_quantiles_are_the_spread_over_independent_runs(replica
     assert abs(np.mean(ratios)) < 0.17  # draws in random order, that is, taken to be independent: -0.22
 
 
-def test_python_users_are_warned_of_what_did_not_converge(monkeypatch):
-    from bayes_toe import analysis as module
-
-    monkeypatch.setattr(module, "SamplerSettings", lambda draws: SamplerSettings(draws=draws, max_r_hat=1.000001, max_thin=1))
-    with pytest.warns(ConvergenceWarning, match="did not converge"):
-        bt.sample(bt.Study([CASES["guessing at 0.5"]]), seed=1, workers=1)
-
-
 def test_same_numbers_for_any_order_and_any_number_of_workers(analysis, small_study):
     """Evidences: in comparison/test_evidence_table."""
     backward = bt.sample(small_study.select(["C", "A"]), draws=2000, seed=5, prior="paper", workers=2)
@@ -161,10 +145,9 @@ def test_same_numbers_for_any_order_and_any_number_of_workers(analysis, small_st
 
 
 def test_subjects_whose_names_differ_in_case_are_two():
-    study = bt.Study(twins())
-    results = sampled(study, Settings(seed=1, sampler=QUICK))
-    assert [r.subject.name for r in results] == ["Ann", "ann"]
-    assert results[0].chains.x[..., 0].mean() < 0 < results[1].chains.x[..., 0].mean()
+    draws = bt.sample(bt.Study(twins()), draws=100, seed=1, workers=1)
+    assert draws.names == ("Ann", "ann")
+    assert draws.values("Ann", "offset").mean() < 0 < draws.values("ann", "offset").mean()
 
 
 @pytest.mark.parametrize(
