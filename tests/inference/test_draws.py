@@ -146,7 +146,7 @@ def data(analysis):
     return analysis.draws.to_arviz()
 
 
-def test_arviz_has_all_groups_and_their_dimensions(data):
+def test_arviz_has_all_groups_and_their_dimensions(data, analysis):
     for name in PARAMETERS:
         assert data["posterior"][name].dims == ("chain", "draw", "subject")
     assert data["posterior"]["sigma1"].attrs["units"] == "ln intensity"
@@ -157,6 +157,8 @@ def test_arviz_has_all_groups_and_their_dimensions(data):
     assert data["sample_stats"]["lp"].dims == ("chain", "draw", "subject")
     assert data["sample_stats"]["acceptance_rate"].dims == ("chain", "subject")
     assert data.attrs["model"] == "predictive update"
+    for name in "ABC":
+        assert np.array_equal(data["posterior"]["gain"].sel(subject=name), analysis.draws.values(name, "gain"))
 
 
 @pytest.mark.filterwarnings("ignore")  # of ArviZ's pictures

@@ -84,17 +84,13 @@ def test_right_probabilities_pass_and_their_error_is_the_floor():
     assert min(one.p_value for one in found) > 1e-3
 
 
-@pytest.mark.parametrize("stretch", [2.5, 0.3, -1.0])
-def test_overconfident_timid_and_reversed_ones_fail(stretch):
-    found = reliability(*statements(4, stretch))
+@pytest.mark.parametrize(("stretch", "shift"), [(2.5, 0.0), (0.3, 0.0), (-1.0, 0.0), (1.0, 1.0)])
+def test_overconfident_timid_reversed_and_shifted_ones_fail(stretch, shift):
+    odds, answers, rng = statements(4, stretch)
+    found = reliability(odds + shift, answers, rng)
     assert not found.calibrated
     assert found.p_value < 0.001
     assert found.log_score > reliability(*statements(4)).log_score
-
-
-def test_a_constant_shift_of_the_evidence_fails():
-    odds, answers, rng = statements(5)
-    assert not reliability(odds + 1.0, answers, rng).calibrated
 
 
 def test_scores_by_hand():

@@ -15,11 +15,9 @@ from scipy import integrate as scipy_integrate
 from scipy import optimize, stats
 from scipy.special import expit, log_expit, logit
 
-from bayes_toe.data.study import Subject
 from bayes_toe.errors import NumericalError
 from bayes_toe.model.closed_form import MAX_PULL
-from bayes_toe.model.ladder import PREDICTIVE_UPDATE, posterior_of
-from bayes_toe.model.posterior import Posterior
+from bayes_toe.model.ladder import posterior_of
 from bayes_toe.model.prior import Prior
 
 STORED = json.loads((Path(__file__).with_name("reference.json")).read_text(encoding="utf-8"))["cases"]
@@ -58,13 +56,6 @@ class Funnel(Normal):
         return mu1 - np.log(p) + tails + log_normal(b, -1.0, 0.4)
 
 
-class PriorOnly(Posterior):
-    """A posterior whose likelihood is 1."""
-
-    def log_density(self, x):
-        return self.log_prior(x)
-
-
 class Nowhere(Normal):
     def log_density(self, x):
         return np.full(len(x), -np.inf)
@@ -77,17 +68,6 @@ def quick(density, **options):
         return integrate(density, **options)
 
 
-def logistic_mean(mean, sd, power=1):
-    """Mean of expit(u)^power for a normal u."""
-    return scipy_integrate.quad(lambda u: expit(u) ** power * stats.norm.pdf(u, mean, sd), mean - 9 * sd, mean + 9 * sd)[0]
-
-
-def row(found, name):
-    """Mean, standard deviation and quantiles of one quantity."""
-    i = QUANTITIES.index(name)
-    return found.means[i], found.sds[i], found.quantiles[i]
-
-
 @pytest.fixture(scope="module")
 def normal():
     return quick(Normal())
@@ -98,26 +78,10 @@ def funnel():
     return quick(Funnel(), tolerance=1e-3)
 
 
-def test_evidence_of_a_normal_density(normal):
+def test_evidence_of_a_normal_density_and_quantiles_of_functions_of_two_coordinates(normal):
+    """P(sigma < q) and P(mu1 < q) at the reported q, by one integral over a of an exact conditional probability."""
     assert normal.log_evidence == pytest.approx(5.0, abs=normal.log_evidence_error)
     assert normal.log_evidence_error < TOLERANCE
-
-
-def test_moments_and_quantiles_of_q0_and_gain(normal):
-    sds = np.sqrt((Normal.factor**2).sum(axis=1))
-    for name, i, scale in (("q0", 3, 1.0), ("gain", 1, -MAX_PULL)):
-        mean, sd, quantiles = row(normal, name)
-        first = logistic_mean(Normal.mean[i], sds[i])
-        exact_sd = abs(scale) * np.sqrt(logistic_mean(Normal.mean[i], sds[i], 2) - first**2)
-        assert sd == pytest.approx(exact_sd, rel=1e-3)
-        assert mean == pytest.approx((scale < 0) + scale * first, abs=1e-3 * exact_sd)
-        levels = np.array(LEVELS) if scale > 0 else 1.0 - np.array(LEVELS)
-        exact = (scale < 0) + scale * expit(Normal.mean[i] + sds[i] * stats.norm.ppf(levels))
-        assert quantiles == pytest.approx(exact, abs=2e-3 * exact_sd)
-
-
-def test_quantiles_of_functions_of_two_coordinates(normal):
-    """P(sigma < q) and P(mu1 < q) at the reported q, by one integral over a of an exact conditional probability."""
     covariance = Normal.factor @ Normal.factor.T
     mean_a, sd_a = Normal.mean[1], np.sqrt(covariance[1, 1])
 
@@ -144,39 +108,22 @@ def test_quantiles_of_functions_of_two_coordinates(normal):
             assert below(i, threshold) == pytest.approx(level, abs=3e-4)
 
 
-def test_funnel_with_two_humps(funnel):
+def test_a_funnel_with_two_humps_and_exponential_tails(funnel):
+    """mu1 is a mixture of two normals, the pull uniform on (0, p_max), 2 logit q0 logistic."""
     assert funnel.log_evidence == pytest.approx(0.0, abs=funnel.log_evidence_error)
     weights, means, sds = np.array(Funnel.humps).T
-    mean, sd, quantiles = row(funnel, "mu1")
-    exact_mean = weights @ means
-    exact_sd = np.sqrt(weights @ (sds**2 + means**2) - exact_mean**2)
-    assert mean == pytest.approx(exact_mean, abs=1e-3 * exact_sd)
-    assert sd == pytest.approx(exact_sd, rel=1e-3)
-    exact = [optimize.brentq(lambda t, level=level: weights @ stats.norm.cdf(t, means, sds) - level, -9, 9) for level in LEVELS]
-    assert quantiles == pytest.approx(exact, abs=2e-3 * exact_sd)
-
-
-def test_exponential_tails(funnel):
-    """The pull is uniform on (0, p_max), and 2 logit q0 is logistic."""
-    mean, sd, quantiles = row(funnel, "gain")
-    assert mean == pytest.approx(1.0 - MAX_PULL / 2, abs=1e-3 * sd)
-    assert sd == pytest.approx(MAX_PULL / np.sqrt(12.0), rel=1e-3)
-    assert quantiles == pytest.approx(1.0 - MAX_PULL * (1.0 - np.array(LEVELS)), abs=2e-3 * sd)
-    mean, sd, quantiles = row(funnel, "q0")
-    assert mean == pytest.approx(0.5, abs=1e-3 * sd)
-    assert quantiles == pytest.approx(expit(0.5 * logit(np.array(LEVELS))), abs=2e-3 * sd)
-
-
-def test_the_prior_has_mass_one():
-    prior = Prior(mu1_mean=1.0, mu1_sd=3.0, sigma_p_scale=0.5)
-    found = quick(PriorOnly(Subject("S01", [0.0, 0.4], [0.3, 0.1], [1, 1], [2, 2]), PREDICTIVE_UPDATE, prior), tolerance=1e-3)
-    assert found.log_evidence == pytest.approx(0.0, abs=found.log_evidence_error)
-    exact = {"mu1": stats.norm(1.0, 3.0), "sigma_p": stats.halfnorm(0.0, 0.5), "q0": stats.uniform()}
-    for name, density in exact.items():
-        mean, sd, quantiles = row(found, name)
-        assert mean == pytest.approx(density.mean(), abs=5e-3 * sd)
-        assert sd == pytest.approx(density.std(), rel=5e-3)
-        assert quantiles == pytest.approx(density.ppf(LEVELS), abs=1e-2 * sd)
+    levels, mean = np.array(LEVELS), weights @ means
+    of_mu1 = [optimize.brentq(lambda t, level=level: weights @ stats.norm.cdf(t, means, sds) - level, -9, 9) for level in LEVELS]
+    of_q0 = expit(0.5 * logit(levels))
+    for name, exact_mean, exact_sd, exact in (
+        ("mu1", mean, np.sqrt(weights @ (sds**2 + means**2) - mean**2), of_mu1),
+        ("gain", 1.0 - MAX_PULL / 2, MAX_PULL / np.sqrt(12.0), 1.0 - MAX_PULL * (1.0 - levels)),
+        ("q0", 0.5, scipy_integrate.quad(lambda u: (expit(0.5 * logit(u)) - 0.5) ** 2, 0, 1)[0] ** 0.5, of_q0),
+    ):
+        i = QUANTITIES.index(name)
+        assert funnel.means[i] == pytest.approx(exact_mean, abs=1e-3 * exact_sd)
+        assert funnel.sds[i] == pytest.approx(exact_sd, rel=1e-3)
+        assert funnel.quantiles[i] == pytest.approx(exact, abs=2e-3 * exact_sd)
 
 
 def test_a_density_that_is_zero_is_refused():
