@@ -5,11 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from commands import inside
+from commands import good, refused
 
 import bayes_toe as bt
 from bayes_toe.comparison.contrast import CONTRAST_COLUMNS, ORDER_EFFECT, WORDS, joint_evidences, log_bayes_factor
-from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.model.prior import DEFAULT
 
 PAIRS = [(a, b) for a in (0.0, 0.3, 0.6, 0.9) for b in (a - 0.3, a + 0.3)]
@@ -37,10 +36,9 @@ def test_what_differs_is_found_with_its_sign_and_size(table):
     assert list(table.frame().columns) == list(CONTRAST_COLUMNS)
     assert [row.quantity for row in table][:4] == ["constant error", "pull", "width", ORDER_EFFECT]
     for one in table.some("constant error"):
-        assert one.word == WORDS[0]
+        assert (one.word, one.robust) == (WORDS[0], "yes")
         assert one.q05 < -0.16 < one.q95
         assert one.p_direction > 0.99
-        assert one.robust == "yes"
     for one in table.some(ORDER_EFFECT):
         assert one.log_bf_differs > 3.0
         assert one.p_direction is None
@@ -88,17 +86,17 @@ def test_three_levels_numbers_and_a_missing_one():
     assert slope.quantities == ("constant error", "width", ORDER_EFFECT)
 
 
-def test_what_is_refused():
-    whole = bt.read_study(answers(), bt.ReadOptions(ignore="condition"))
-    with pytest.raises(bt.InputError, match="no condition within subjects"):
-        bt.contrast(replace(whole))
-    with pytest.raises(bt.InputError, match="no quantities that conditions share"):
-        bt.contrast(bt.read_study(answers()), model="free frequencies")
-    with pytest.raises(
-        bt.InputError, match=r"'contraction [+] carry-over' has a history of trials, which conditions cut; allowed: one without"
-    ):
-        bt.contrast(bt.read_study(answers()), model="contraction + carry-over")
-    assert whole.task == WHICH_STRONGER
+@pytest.mark.parametrize(
+    ("options", "model", "said"),
+    [
+        (bt.ReadOptions(ignore="condition"), None, "no condition within subjects"),
+        (bt.ReadOptions(), "free frequencies", "no quantities that conditions share"),
+        (bt.ReadOptions(), "contraction + carry-over", "has a history of trials, which conditions cut; allowed: one without"),
+    ],
+)
+def test_what_is_refused(options, model, said):
+    with pytest.raises(bt.InputError, match=said):
+        bt.contrast(bt.read_study(answers(), options), model=model)
 
 
 def test_the_figures_show_every_subject(table):
@@ -117,17 +115,11 @@ def test_the_figures_show_every_subject(table):
 
 def test_the_command(tmp_path):
     answers(subjects="A", trials=10).rename(columns={"condition": "hand"}).to_csv(tmp_path / "study.csv", index=False)
-    done = inside("contrast", "study.csv", "--condition", "hand", "--reference", "right", "--seed", "1", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert "left - right" in done.stdout
-    found = pd.read_csv(tmp_path / "contrast.csv")
-    assert found.comparison.unique().tolist() == ["left - right"]
+    hand = ("study.csv", "--condition", "hand")
+    assert "left - right" in good("contrast", *hand, "--reference", "right", "--seed", 1, cwd=tmp_path)
+    assert set(pd.read_csv(tmp_path / "contrast.csv").comparison) == {"left - right"}
     assert (tmp_path / "contrast.png").exists()
-    done = inside("asymmetry", "study.csv", "--condition", "hand", "-o", "asymmetry.csv", cwd=tmp_path)
-    assert pd.read_csv(tmp_path / "asymmetry.csv")[["subject", "condition"]].drop_duplicates().to_numpy().tolist()[:2] == [
-        ["A", "left"],
-        ["A", "right"],
-    ]
-    done = inside("contrast", "study.csv", "--overwrite", cwd=tmp_path)
-    assert done.returncode == 2
-    assert "found no condition within subjects, allowed: a column condition, or --condition COLUMN" in done.stderr
+    good("asymmetry", *hand, "-o", "asymmetry.csv", cwd=tmp_path)
+    assert set(pd.read_csv(tmp_path / "asymmetry.csv")[["subject", "condition"]].itertuples(index=False)) == {("A", "left"), ("A", "right")}
+    line = refused("contrast", "study.csv", "--overwrite", cwd=tmp_path, silent=False)
+    assert "found no condition within subjects, allowed: a column condition, or --condition COLUMN" in line

@@ -72,8 +72,7 @@ def test_differences_on_average_are_found_kept_and_read_back(tmp_path):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", bt.ConvergenceWarning)
         found = bt.population(study(), model="constant error + no lapses", draws=200, seed=1, workers=1)
-    assert found.names == ("offset", "width")
-    assert found.study.names == tuple(f"P{i}" for i in range(6))
+    assert (found.names, found.study.names) == (("offset", "width"), tuple(f"P{i}" for i in range(6)))
     rows = {(row.parameter, row.quantity): row for row in found.table if row.quantity.startswith("condition")}
     error, width = rows["constant error", "condition_effect"], rows["log width", "condition_effect"]
     assert error.level == "right - left"

@@ -6,7 +6,7 @@ import warnings
 import numpy as np
 import pytest
 import xarray as xr
-from populations import made_up
+from populations import SIZE, made_up
 
 import bayes_toe as bt
 from bayes_toe.data.covariates import Covariates
@@ -19,7 +19,7 @@ from bayes_toe.records import packed
 @pytest.fixture(scope="module")
 def found(small_study):
     who = regressors(Covariates({"group": {"A": "x", "B": "x", "C": "y"}}), small_study.names)
-    return made_up(small_study, who)
+    return made_up(small_study, who, z=0.1 * np.random.default_rng(3).standard_normal((*SIZE, 6)))
 
 
 @pytest.fixture(scope="module")
@@ -44,6 +44,7 @@ def test_arviz_opens_it(found, file):
     assert drawn["regressor"].values.tolist() == ["group y"]
     assert np.array_equal(drawn["eta"].sel(subject="B", parameter="width").values, found.chains.eta[:, :, 1, 2])
     assert np.allclose(np.log(drawn["width"].sel(subject="B").values), found.chains.eta[:, :, 1, 2])
+    assert np.array_equal(drawn["correlation"].sel(parameter="mu1", other="gamma").values, found.chains.correlation[..., 0, 1])
     assert np.array_equal(drawn["new_subject"].sel(quantity="gain").values, found.quantities(found.new_subject())["gain"])
     assert tree["posterior_predictive"]["asymmetry"].sel(level="group y - x").shape[1] == len(found.asymmetries.kept)
     assert json.loads(tree.attrs["settings"])["hyperprior"]["gamma"]["sd_scale"] == 1.0
