@@ -124,12 +124,13 @@ def test_closed_and_full_streams(place, tmp_path):
 def test_a_plain_environment_without_a_home_and_a_temporary_folder(place, tmp_path):
     """Libraries that keep a cache at home end in a traceback there, or leave a folder ~ where the command was called."""
     plain = {"LC_ALL": "C", "PYTHONIOENCODING": "ascii", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
-    nowhere, words = str(place / "study.csv" / "home"), ("-o", "a.nc", "--draws", 100, "--model", "symmetric", "--workers", 1)
+    nowhere = str(place / "study.csv" / "home")
     grouped_csv(tmp_path / "study.csv", few_pairs(["\xe9"]))
-    done = call("sample", "study.csv", *words, cwd=tmp_path, **plain, HOME=nowhere, TMPDIR=nowhere)
+    words = ("sensitivity", "study.csv", "-o", "a.csv", "--steps", 3, "--workers", 1)  # which draws a figure
+    done = call(*words, cwd=tmp_path, **plain, HOME=nowhere, TMPDIR=nowhere)
     assert (done.returncode, done.stderr) == (0, "")
     assert r"\xe9" in done.stdout  # a letter that ASCII lacks
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.nc", "study.csv"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.csv", "a.png", "study.csv"]
 
 
 def test_pipes_and_devices_are_refused(place, tmp_path):

@@ -71,6 +71,11 @@ def opened(page):
     assert page.problems == []
 
 
+def shown_rows(page):
+    """How many draws the page holds, and which of them it shows as selected, of the first subject."""
+    return len(page.data("all-a-1-0")["x"]), page.data("kept-a-1-0")["row"].astype(int)
+
+
 def thinned(draws, subject, rows):
     """The natural parameters of the draws that the page holds."""
     theta = draws.natural(subject)
@@ -93,9 +98,9 @@ def test_a_drag_selects_the_draws_and_moves_the_curves(opened, analysis):
         assert kept["row"].tolist() == np.flatnonzero(inside).tolist()
         np.testing.assert_allclose(kept["y"], theta["q0"][inside], rtol=1e-6)
         assert f"{inside.sum():,} of {len(inside):,} draws" in opened.page.inner_text("#share")
-    assert 5 < len(opened.data("kept-a-1-0")["row"]) < 0.9 * len(opened.data("all-a-1-0")["x"])
-    theta = thinned(analysis.draws, "A", len(opened.data("all-a-1-0")["x"]))
-    rows = opened.data("kept-a-1-0")["row"].astype(int)
+    size, rows = shown_rows(opened)
+    assert 5 < len(rows) < 0.9 * size
+    theta = thinned(analysis.draws, "A", size)
     for kind, weaker_first in (("weaker", True), ("stronger", False)):
         drawn = opened.data(f"curve-a-{kind}")
         low, x = np.full_like(drawn["x"], drawn["x"][0]), drawn["x"]
@@ -116,29 +121,26 @@ def test_a_drag_on_the_diagonal_takes_a_range_and_reset_gives_all_back(opened):
     assert "all" in opened.page.inner_text("#share")
 
 
-def test_no_draws_have_no_numbers(opened):
-    opened.page.fill("#from", "1e6")
-    opened.page.press("#from", "Enter")
-    opened.settle()
-    assert "none of" in opened.page.inner_text("#share")
-    assert np.isnan(opened.data("curve-a-weaker")["kept"]).all()
-    cells = opened.page.locator("#table-a tr td:nth-child(3)").all_inner_texts()
-    assert set(cells) == {"no draws"}
-
-
-def test_the_keyboard_alone_selects(opened, analysis):
+def test_the_keyboard_alone_selects_some_or_none_which_have_no_numbers(opened, analysis):
     opened.page.focus("#range-name")
     opened.page.select_option("#range-name", "q0")
     opened.page.keyboard.press("Tab")
     opened.page.keyboard.type("0.9")
     opened.page.keyboard.press("Enter")
     opened.settle()
-    theta = thinned(analysis.draws, "A", len(opened.data("all-a-1-0")["x"]))
-    assert opened.data("kept-a-1-0")["row"].tolist() == np.flatnonzero(np.float32(theta["q0"]) >= 0.9).tolist()
+    size, rows = shown_rows(opened)
+    theta = thinned(analysis.draws, "A", size)
+    assert rows.tolist() == np.flatnonzero(np.float32(theta["q0"]) >= 0.9).tolist()
     assert opened.page.inner_text("#where") == "selected: q₀ from 0.9"
     quantiles = np.quantile(theta["q0"][theta["q0"] >= 0.9], 0.5)
     shown = opened.page.locator("#table-a tr", has_text="q₀").locator("td:nth-child(3) b").inner_text()
     assert float(shown) == pytest.approx(quantiles, abs=6e-4)
+    opened.page.fill("#from", "1e6")
+    opened.page.press("#from", "Enter")
+    opened.settle()
+    assert "none of" in opened.page.inner_text("#share")
+    assert np.isnan(opened.data("curve-a-weaker")["kept"]).all()
+    assert set(opened.page.locator("#table-a tr td:nth-child(3)").all_inner_texts()) == {"no draws"}
     opened.page.keyboard.press("Escape")
     opened.settle()
     assert opened.page.evaluate("window.explorer.state.brush") is None
@@ -192,13 +194,10 @@ def test_hovering_reads_a_draw(opened):
     assert float(told.nth(1).inner_text().replace("−", "-")) == pytest.approx(drawn["x"][middle], abs=0.02)
 
 
-def test_what_is_known_and_badged(opened):
+def test_what_is_known_and_badged_and_fits_a_wide_screen(opened):
     assert opened.data("truth-a")["0"].tolist() == [-0.7]
     assert opened.data("prior-a")["y0"].max() > 0.0
     assert "dominated by the prior" in opened.page.inner_text("#badges-a")
-
-
-def test_nothing_overflows_on_a_wide_screen(opened):
     opened.page.click("#identified")
     opened.settle()
     assert opened.wide() <= 1200

@@ -3,7 +3,9 @@
 import base64
 import json
 import re
+from dataclasses import replace
 from html import unescape
+from itertools import product
 from types import SimpleNamespace
 
 import numpy as np
@@ -33,9 +35,25 @@ def held(explorer):
     return islands(explorer.html)
 
 
-def test_the_page_asks_nothing_of_the_network(explorer):
+def shown(subject, draws=3000, copies=1):
+    """The page of made draws of a subject under the symmetric model."""
+    target = bt.model.posterior_of(subject, model="symmetric")
+    return page([Entry("symmetric", target, np.zeros((1, draws, 2)) + np.linspace(-1, 0, draws)[:, None])] * copies).html
+
+
+def thinned(draws, first):
+    """The natural parameters of the draws of A that an entry holds."""
+    theta = draws.natural("A")
+    at = np.arange(first["rows"]) * theta.mu1.size // first["rows"]
+    return [values.ravel()[at] for values in theta]
+
+
+def test_the_page_asks_nothing_of_the_network_and_a_notebook_shows_it_as_it_is(explorer):
     own = re.sub(r"<script.*?</script>", "", explorer.html, flags=re.DOTALL)
     assert re.findall(r"https?://", own) == []
+    frame = explorer._repr_html_()
+    assert frame.startswith("<iframe srcdoc=")
+    assert unescape(frame.split('"')[1]) == explorer.html
 
 
 def test_entries_hold_draws_quantiles_and_what_is_known(held, analysis):
@@ -52,22 +70,14 @@ def test_entries_hold_draws_quantiles_and_what_is_known(held, analysis):
     assert first["truth"]["sigma_p"] == 0.25
     assert first["truth"]["gain"] == pytest.approx(1.0 / bt.model.variance_ratio((0.17 / 0.25) ** 2))
     assert held["entry-1"]["truth"] == {}
+    assert (held["entry-3"]["label"], held["entry-3"]["truth"]) == ("symmetric", {"q0": 0.92}), "of a model that has no more"
 
 
-def test_a_model_that_lacks_a_true_quantity_says_only_what_it_has(held):
-    symmetric = held["entry-3"]
-    assert symmetric["label"] == "symmetric"
-    assert symmetric["truth"] == {"q0": 0.92}
-
-
-def test_axis_and_curves_agree_with_the_beliefs_of_the_closed_form(held, analysis):
+def test_the_axis_agrees_with_the_beliefs_of_the_closed_form(held, analysis):
     first = held["entry-0"]
-    axis = numbers(first["axis"]).reshape(2, first["rows"])
-    theta = analysis.draws.natural("A")
-    at = np.arange(first["rows"]) * theta.mu1.size // first["rows"]
-    mu1, sigma_p, sigma_l, q0 = (values.ravel()[at] for values in theta)
-    for s1, s2 in zip(first["ends"], axis, strict=True):
-        np.testing.assert_allclose(bt.model.equal_probability(s1, s2, mu1, sigma_p, sigma_l, q0), q0, atol=1e-6)
+    *theta, q0 = thinned(analysis.draws, first)
+    for s1, s2 in zip(first["ends"], numbers(first["axis"]).reshape(2, first["rows"]), strict=True):
+        np.testing.assert_allclose(bt.model.equal_probability(s1, s2, *theta, q0), q0, atol=1e-6)
 
 
 def test_contours_hold_their_shares():
@@ -115,9 +125,7 @@ def test_badges_say_what_is_wrong_before_what_is_right():
 
 
 def test_a_name_cannot_end_the_page(small_study):
-    rude = bt.Subject("</script><b>", *(getattr(small_study["A"], name) for name in ("s1", "s2", "n_yes", "n_trials")))
-    target = bt.model.posterior_of(rude, model="symmetric")
-    html = page([Entry("symmetric", target, np.zeros((1, 30, 2)) + np.linspace(-1, 0, 30)[:, None])]).html
+    html = shown(replace(small_study["A"], name="</script><b>"), 30)
     assert islands(html)["index"]["entries"][0]["subject"] == "</script><b>"
     assert "</script><b>" not in html
 
@@ -136,25 +144,27 @@ def test_the_group_stands_behind_its_subjects(group, analysis):
     np.testing.assert_allclose(inner["marked"][inner["names"].index("gain")][1], np.median(group.quantities(eta)["gain"]), rtol=1e-6)
 
 
-def test_more_posteriors_than_a_page_has_room_for_are_refused_with_the_way_out(analysis):
-    names = tuple(f"S{i}" for i in range(MOST_ENTRIES + 1))
-    with pytest.raises(bt.InputError, match=r"found 201 subjects, allowed: at most 200 in a page; name some with --subject"):
-        entries({"H1": SimpleNamespace(names=names)})
+MANY = {"H1": SimpleNamespace(names=[f"S{i}" for i in range(MOST_ENTRIES + 1)])}
 
 
-def test_what_cannot_be_shown_is_refused(analysis, symmetric, group):
-    with pytest.raises(bt.InputError, match="no subject 'D' among the draws"):
-        bt.explore(analysis.draws, subjects=["D"])
-    with pytest.raises(bt.InputError, match="truths of 'A': unknown quantity 'mu'"):
-        bt.explore(analysis.draws, truths={"A": {"mu": 1.0}})
-    with pytest.raises(bt.InputError, match="population is of model 'predictive update', the draws are of 'symmetric'"):
-        bt.explore(symmetric, population=group)
-    with pytest.raises(bt.InputError, match="population has none of these subjects; it has: 'P000', 'P001'"):
-        bt.explore(analysis.draws, population=made_population(ordinary(2), draws=5))
-    with pytest.raises(bt.InputError, match="found no subjects"):
-        bt.explore(analysis.draws, subjects=[])
-    with pytest.raises(bt.InputError, match="found no draws"):
-        bt.explore([])
+@pytest.mark.parametrize(
+    ("explored", "said"),
+    [
+        (lambda draws, *_: bt.explore(draws, subjects=["D"]), "no subject 'D' among the draws"),
+        (lambda draws, *_: bt.explore(draws, subjects=[]), "found no subjects"),
+        (lambda draws, *_: bt.explore(draws, truths={"A": {"mu": 1.0}}), "truths of 'A': unknown quantity 'mu'"),
+        (lambda draws, other, group: bt.explore(other, population=group), "of model 'predictive update', the draws are of 'symmetric'"),
+        (
+            lambda draws, *_: bt.explore(draws, population=made_population(ordinary(2), draws=5)),
+            "population has none of these subjects; it has: 'P000', 'P001'",
+        ),
+        (lambda *_: bt.explore([]), "found no draws"),
+        (lambda *_: entries(MANY), "found 201 subjects, allowed: at most 200 in a page; name some with --subject"),
+    ],
+)
+def test_what_cannot_be_shown_is_refused(analysis, symmetric, group, explored, said):
+    with pytest.raises(bt.InputError, match=said):
+        explored(analysis.draws, symmetric, group)
 
 
 def test_without_bokeh_the_extra_is_named(analysis, monkeypatch):
@@ -163,26 +173,14 @@ def test_without_bokeh_the_extra_is_named(analysis, monkeypatch):
         bt.explore(analysis.draws)
 
 
-def test_a_lone_subject_has_all_its_curves():
-    s1, s2 = (side.ravel() for side in np.meshgrid(np.arange(5) / 5, np.arange(5) / 5))
-    target = bt.model.posterior_of(bt.Subject("S", s1, s2, 0 * s1.astype(int) + 3, 0 * s1.astype(int) + 9), model="symmetric")
-    made = islands(page([Entry("symmetric", target, np.zeros((1, 3000, 2)) + np.linspace(-1, 0, 3000)[:, None])]).html)["entry-0"]
-    assert (len(made["slices"]), made["undrawn"], made["rows"]) == (4, 0, 1000)
-
-
-def test_many_posteriors_have_fewer_draws_and_the_page_stays_small(small_study, monkeypatch):
+def test_a_lone_subject_has_all_its_curves_and_many_posteriors_have_fewer_draws(small_study, monkeypatch):
+    s1, s2 = np.transpose(list(product(np.arange(5) / 5, repeat=2)))
+    alone = islands(shown(bt.Subject("S", s1, s2, np.full(25, 3), np.full(25, 9))))["entry-0"]
+    assert (len(alone["slices"]), alone["undrawn"], alone["rows"]) == (4, 0, 1000)
     monkeypatch.setattr(page_module, "_BYTES", 3 * 100e3)
-    target = bt.model.posterior_of(small_study["A"], model="symmetric")
-    some = [Entry("symmetric", target, np.zeros((1, 3000, 2)) + np.linspace(-1, 0, 3000)[:, None])] * 3
-    made = islands(page(some).html)
-    assert 300 <= made["entry-0"]["rows"] < 1000
-    assert len(made["entry-0"]["values"]) + len(made["entry-0"]["slices"][0]["equal"]) < 100e3 * 4 / 3
-
-
-def test_a_notebook_shows_the_page_itself(explorer):
-    shown = explorer._repr_html_()
-    assert shown.startswith("<iframe srcdoc=")
-    assert unescape(shown.split('"')[1]) == explorer.html
+    made = islands(shown(small_study["A"], copies=3))["entry-0"]
+    assert 300 <= made["rows"] < 1000
+    assert len(made["values"]) + len(made["slices"][0]["equal"]) < 100e3 * 4 / 3
 
 
 def test_the_command_writes_the_page_and_refuses_to_replace_it(analysis, symmetric, tmp_path):
