@@ -9,12 +9,12 @@ from scipy.special import logsumexp
 from scipy.stats import norm
 
 import bayes_toe as bt
-from bayes_toe.errors import InputError, NumericalError
+from bayes_toe.errors import InputError
 from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.evidence import importance_evidence
 from bayes_toe.inference.maxima import find_maxima
 from bayes_toe.inference.sampling import SamplerSettings, sample_chains
-from bayes_toe.model.ladder import MODELS, SYMMETRIC, model_named, posterior_of, require_models
+from bayes_toe.model.ladder import MODELS, model_named, posterior_of, require_models
 from bayes_toe.model.prior import DEFAULT, Prior
 from bayes_toe.model.record import Model
 
@@ -125,7 +125,7 @@ def test_no_maximum_between_walls_is_missed(case):
 # --- Refusals ---------------------------------------------------------------------------------------
 
 
-def test_names_and_points_are_checked():
+def test_names_are_checked():
     assert [model.name for model in require_models(["update", "free frequencies"])] == ["free frequencies", "predictive update"]
     with pytest.raises(InputError, match=r"'H7'; allowed, joined by \+: order: update, none, constant error.*; or: free frequencies"):
         require_models(["H7"])
@@ -135,11 +135,6 @@ def test_names_and_points_are_checked():
         model_named("none + misses + both ways")
     with pytest.raises(InputError, match="no end"):
         model_named("none + differencing + no lapses")
-    target = posterior_of(STUDY["S01"], model=SYMMETRIC)
-    with pytest.raises(NumericalError, match="shape"):
-        target.log_density(np.zeros((2, 3)))
-    with pytest.raises(NumericalError, match="NaN"):
-        target.log_density([[np.nan, 0.0]])
 
 
 @pytest.mark.parametrize("name", ["none + no lapses", "none + sloped + no lapses + exponent + beta-binomial"])
