@@ -11,7 +11,7 @@ from pathlib import Path
 
 from calibration_figures import differences_figure, ranks_figure, reliability_figure
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
-from reference.calibration import ABOUT, DEFAULT, DESIGNS, DRAWS, FALSE_ALARM, CalibrationTable, calibrate, calibration_settings
+from reference.calibration import ABOUT, DEFAULT, DESIGNS, DRAWS, FALSE_ALARM, Calibration, calibrate, calibration_settings
 from reference.calibration_statistics import MARGIN
 
 import bayes_toe as bt
@@ -20,44 +20,41 @@ from bayes_toe.data.tables import write_table
 from bayes_toe.data.whole_files import require_folder, whole_folder
 from bayes_toe.version import library_versions
 
-_OF_RANKS = ("calibration.csv", "calibration_ranks.csv", "calibration_ranks.png", "calibration_ranks.pdf")
-_OF_EVIDENCE = (
-    "evidence_calibration.csv",
-    "evidence_data_sets.csv",
-    *(f"evidence_{what}.{suffix}" for what in ("reliability", "differences") for suffix in ("png", "pdf")),
-)
 #: What the folder of a calibration may hold.
-PRODUCTS = ("calibration.md", *_OF_RANKS, *_OF_EVIDENCE)
+PRODUCTS = (
+    *("calibration.md", "calibration.csv", "calibration_ranks.csv", "evidence_calibration.csv", "evidence_data_sets.csv"),
+    *(f"{what}.{suffix}" for what in ("calibration_ranks", "evidence_reliability", "evidence_differences") for suffix in ("png", "pdf")),
+)
 
 
-def write_calibration(table: CalibrationTable, folder: str | Path, *, overwrite: bool = False) -> None:
+def write_calibration(found: Calibration, folder: str | Path, *, overwrite: bool = False) -> None:
     """Write tables, figures (PNG and PDF) and calibration.md into `folder`, all or none."""
-    required = ("calibration.md", *(_OF_RANKS if table.ranks else ()), *(_OF_EVIDENCE if table.evidence else ()))
-    with whole_folder(folder, PRODUCTS, required=required, overwrite=overwrite) as target:
-        (target / "calibration.md").write_text(_text(table) + "\n", encoding="utf-8")
-        figures = {}
-        if table.ranks:
-            write_table(table.rank_frame(), target / "calibration.csv")
-            write_table(table.subject_ranks_frame(), target / "calibration_ranks.csv")
-            figures["calibration_ranks"] = ranks_figure(table)
-        if table.evidence:
-            write_table(table.evidence_frame(), target / "evidence_calibration.csv")
-            write_table(table.data_sets_frame(), target / "evidence_data_sets.csv")
-            figures |= {"evidence_reliability": reliability_figure(table), "evidence_differences": differences_figure(table)}
+    tables, figures = {}, {}
+    if len(found.ranks):
+        tables |= {"calibration": found.rank_verdicts, "calibration_ranks": found.ranks}
+        figures["calibration_ranks"] = ranks_figure(found)
+    if len(found.data_sets):
+        tables |= {"evidence_calibration": found.evidence_verdicts, "evidence_data_sets": found.data_sets}
+        figures |= {"evidence_reliability": reliability_figure(found), "evidence_differences": differences_figure(found)}
+    with whole_folder(folder, PRODUCTS, required=("calibration.md",), overwrite=overwrite) as target:
+        (target / "calibration.md").write_text(_text(found) + "\n", encoding="utf-8")
+        for stem, table in tables.items():
+            write_table(table, target / f"{stem}.csv")
         for stem, figure in figures.items():
             for suffix in ("png", "pdf"):
                 bt.plots.save_figure(figure, target / f"{stem}.{suffix}")
 
 
-def _text(table: CalibrationTable) -> str:
+def _text(found: Calibration) -> str:
     """calibration.md: verdict, tables, figures, how it was made."""
     environment = Environment(loader=FileSystemLoader(Path(__file__).parent), undefined=StrictUndefined, trim_blocks=True)
     environment.filters.update(number=number)
     return environment.get_template("calibration.md").render(
-        table=table,
-        plan=table.outcome.plan,
-        verdict=verdict_lines(table),
-        prior=calibration_settings(table.outcome.plan.seed).prior.describe(),
+        ranks=list(found.rank_verdicts.itertuples()),
+        evidence=list(found.evidence_verdicts.itertuples()),
+        plan=found.plan,
+        verdict=verdict_lines(found),
+        prior=calibration_settings(found.plan.seed).prior.describe(),
         designs=" and ".join(f"{name} ({batches} batches)" for name, batches in DESIGNS.items()),
         draws=DRAWS,
         about=ABOUT,
@@ -69,25 +66,24 @@ def _text(table: CalibrationTable) -> str:
     )
 
 
-def verdict_lines(table: CalibrationTable) -> list[str]:
+def verdict_lines(found: Calibration) -> list[str]:
     """The verdict in a few lines: what failed, or that nothing did; what did not converge; what was withheld."""
-    lines = [f"NOT calibrated: {failure}" for failure in table.failures]
-    if table.ranks:
-        inside = sum(row.inside for row in table.ranks)
-        lines.append(f"ranks: {inside} of {len(table.ranks)} inside their bands (all of them with {100 * (1 - FALSE_ALARM):g} % if right)")
-    for row in (row for row in table.evidence if row.estimator == DEFAULT):
-        found = "the default estimator gives no number"
-        if row.judged is not None:
-            verdict = "calibrated" if row.calibrated else "NOT calibrated"
-            found = f"{verdict}, ECE {row.judged.error:.4f}, floor {row.judged.floor:.4f}, allowed {MARGIN:g} more"
-        lines.append(f"evidence, {row.design} design: {found}")
-    if table.ranks:
-        missed = table.not_converged
-        named = f": {', '.join(missed)}" if missed else ""
-        lines.append(f"not converged, ranked with the others: {len(missed)} of {len(table.outcome.ranks)} studies{named}")
-    if table.withheld:
-        lines.append(f"evidence withheld by the default estimator: {', '.join(table.withheld)}")
-    return lines
+    lines = [f"NOT calibrated: {failure}" for failure in found.failures]
+    if len(found.ranks):
+        inside = (found.rank_verdicts["verdict"] == "inside").sum()
+        lines.append(
+            f"ranks: {inside} of {len(found.rank_verdicts)} inside their bands (all of them with {100 * (1 - FALSE_ALARM):g} % if right)"
+        )
+    for row in found.evidence_verdicts.itertuples():
+        if row.estimator == DEFAULT:
+            said = f"{row.verdict.replace('not', 'NOT')}, ECE {row.error:.4f}, floor {row.floor:.4f}, allowed {MARGIN:g} more"
+            lines.append(f"evidence, {row.design} design: {said if row.error == row.error else 'the default estimator gives no number'}")
+    if len(found.ranks):
+        missed = found.ranks["subject"][found.ranks["shortfall"] != ""]
+        named = f": {', '.join(missed)}" if len(missed) else ""
+        lines.append(f"not converged, ranked with the others: {len(missed)} of {len(found.ranks)} studies{named}")
+    withheld = found.data_sets["data_set"][found.data_sets[DEFAULT].isna()]
+    return lines + ([f"evidence withheld by the default estimator: {', '.join(withheld)}"] if len(withheld) else [])
 
 
 def main() -> int:
@@ -102,14 +98,14 @@ def main() -> int:
     options = parser.parse_args()
     try:
         require_folder(options.output, PRODUCTS, overwrite=options.overwrite)  # before the work, not after it
-        table = calibrate(studies=options.studies, data_sets=options.data_sets, seed=options.seed, workers=options.workers)
-        write_calibration(table, options.output, overwrite=options.overwrite)
+        found = calibrate(studies=options.studies, data_sets=options.data_sets, seed=options.seed, workers=options.workers)
+        write_calibration(found, options.output, overwrite=options.overwrite)
     except bt.BayesToeError as error:
         print(error, file=sys.stderr)
         return 2
-    print("\n".join(verdict_lines(table)))
-    print(f"seed {table.outcome.plan.seed}; results in {options.output}")
-    return 0 if table.passed else 3
+    print("\n".join(verdict_lines(found)))
+    print(f"seed {found.plan.seed}; results in {options.output}")
+    return 3 if found.failures else 0
 
 
 if __name__ == "__main__":

@@ -6,9 +6,10 @@ from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from reference.calibration import DEFAULT, DESIGNS, ESTIMATORS, FALSE_ALARM, RANKED, CalibrationTable, log_odds, rank_columns
+from reference.calibration import DEFAULT, DESIGNS, ESTIMATORS, FALSE_ALARM, RANKED, Calibration, log_odds
 from reference.calibration_statistics import POINTS, band, ecdf_difference, reliability_bins
 
 from bayes_toe.arrays import BoolArray, FloatArray
@@ -22,63 +23,58 @@ _ENDS = np.concatenate([[0.0], POINTS, [1.0]])  # with 0 and 1, where every diff
 _TICKS = (-100, -30, -10, -3, -1, 0, 1, 3, 10, 30, 100)
 
 
-def ranks_figure(table: CalibrationTable) -> Figure:
+def ranks_figure(table: Calibration) -> Figure:
     """Distribution function of the ranks of every quantity minus the uniform one, with the band that all stay in with 99 %."""
     return _two_rows(3.7, RANKED, partial(_draw_ranks, table), "rank of the true value", "ECDF difference")
 
 
-def _draw_ranks(table: CalibrationTable, quantity: str, ax: Axes) -> None:
-    """One quantity of all designs; a design's band is that of its number of studies."""
-    drawn: set[int] = set()
-    for design, (colour, line, _) in STYLE.items():
-        found = [one for one in table.outcome.ranks if one.design == design]
-        rows = [row for row in table.ranks if row.design == design and row.quantity == quantity]
-        if not found:
-            continue
-        if len(found) not in drawn:
-            drawn.add(len(found))
-            lower, upper = band(len(found), 1.0 - rows[0].threshold).differences()
-            ax.fill_between(_ENDS, np.pad(lower, 1), np.pad(upper, 1), color=EQUAL, alpha=0.18, lw=0, label=_BAND)
+def _draw_ranks(table: Calibration, quantity: str, ax: Axes) -> None:
+    """One quantity of all designs; a design's band is that of its number of studies, and drawn once a number."""
+    sizes = dict.fromkeys(len(found) for _, found in table.ranks.groupby("design", sort=False))
+    for size in sizes:
+        lower, upper = band(size, 1.0 - table.rank_verdicts["threshold"].iloc[0]).differences()
+        ax.fill_between(_ENDS, np.pad(lower, 1), np.pad(upper, 1), color=EQUAL, alpha=0.18, lw=0, label=_BAND)
+    for design, found in table.ranks.groupby("design", sort=False):
+        colour, line, _ = STYLE[design]
         label = f"{design} design: {DESIGNS[design]} batches, {len(found)} studies"
-        ax.plot(_ENDS, np.pad(ecdf_difference(rank_columns(found)[quantity]), 1), color=colour, ls=line, lw=1.1, label=label)
+        ax.plot(_ENDS, np.pad(ecdf_difference(found[quantity]), 1), color=colour, ls=line, lw=1.1, label=label)
     ax.axhline(0.0, color="black", lw=0.5)
     ax.set_title(LABELS.get(quantity, quantity.replace("_", " ")), fontsize=LETTERS)
     ax.set_xlim(0.0, 1.0)
     ax.set_xticks([0.0, 0.5, 1.0], ["0", "0.5", "1"])
 
 
-def reliability_figure(table: CalibrationTable) -> Figure:
+def reliability_figure(table: Calibration) -> Figure:
     """Reliability diagrams of all estimators: how often H1 was true where its probability was p."""
     return _two_rows(5.7, list(ESTIMATORS), partial(_draw_reliability, table), "stated P(H1 | data)", "share that came from H1")
 
 
-def _draw_reliability(table: CalibrationTable, estimator: str, ax: Axes) -> None:
+def _draw_reliability(table: Calibration, estimator: str, ax: Axes) -> None:
     """One estimator: bins of the stated probability with exact 95 % intervals; the area of a mark grows with the data sets in it."""
     ax.plot([0, 1], [0, 1], color="black", lw=0.5)
-    rows = [row for design in STYLE for row in table.evidence if row.design == design and row.estimator == estimator]
-    for line, row in enumerate(rows):
+    rows = table.evidence_verdicts
+    for line, row in enumerate(rows[rows["estimator"] == estimator].itertuples()):
         note = _none(row.missing_h1 + row.missing_h0, row.data_sets)
-        said = "none exists" if row.judged is None else f"ECE {row.judged.error:.3f}" + (f", {note}" if note else "")
+        odds, from_h1 = log_odds(table.data_sets[table.data_sets["design"] == row.design], estimator)
+        said = f"ECE {row.error:.3f}" + (f", {note}" if note else "") if len(odds) else "none exists"
         ax.text(0.0, 1.25 - 0.11 * line, said, color=STYLE[row.design][0], fontsize=SMALL, va="center")
-        found = [one for one in table.outcome.evidence if one.design == row.design]
-        odds, from_h1, _ = log_odds(found, estimator)
         if len(odds):
-            _draw_bins(ax, odds, from_h1, row.design, len(found))
+            _draw_bins(ax, odds, from_h1, row.design, row.data_sets)
     ax.set_title(estimator + (" (default)" if estimator == DEFAULT else ""), fontsize=LETTERS)
     ax.set(xlim=(-0.05, 1.05), ylim=(-0.05, 1.32), aspect="equal")
     ax.set_xticks([0.0, 0.5, 1.0], ["0", "0.5", "1"])
     ax.set_yticks([0.0, 0.5, 1.0], ["0", "0.5", "1"])
 
 
-def differences_figure(table: CalibrationTable) -> Figure:
+def differences_figure(table: Calibration) -> Figure:
     """How far the log Bayes factor of every estimator lies from the default's, and how often there is none."""
     figure = new_figure(PAGE, 2.7)
     ax = figure.subplots()
     others = [name for name in ESTIMATORS if name != DEFAULT]
-    designs = [design for design in STYLE if any(one.design == design for one in table.outcome.evidence)]
+    designs = list(table.data_sets.groupby("design", sort=False))
     for line, estimator in enumerate(others):
-        for step, design in enumerate(designs):
-            _draw_shifts(ax, table, estimator, design, -line + 0.3 * (0.5 * (len(designs) - 1) - step))
+        for step, (design, found) in enumerate(designs):
+            _draw_shifts(ax, found, estimator, design, -line + 0.3 * (0.5 * (len(designs) - 1) - step))
     ax.axvline(0.0, color="black", lw=0.5)
     ax.set_xscale("symlog", linthresh=1.0, linscale=1.0)
     low, high = ax.get_xlim()
@@ -113,13 +109,11 @@ def _draw_bins(ax: Axes, odds: FloatArray, from_h1: BoolArray, design: str, tota
     ax.scatter(bins.stated + shift, bins.observed, s=size, color=colour, marker=marker, lw=0, zorder=3, label=label)
 
 
-def _draw_shifts(ax: Axes, table: CalibrationTable, estimator: str, design: str, height: float) -> None:
+def _draw_shifts(ax: Axes, found: pd.DataFrame, estimator: str, design: str, height: float) -> None:
     """Median, and the ranges that hold half, 90 % and all of the data sets."""
-    found = [one.evidence for one in table.outcome.evidence if one.design == design]
-    pairs = [(ESTIMATORS[estimator](row), ESTIMATORS[DEFAULT](row)) for row in found]
-    shifts = np.array([value - default for value, default in pairs if value is not None and default is not None])
+    shifts = (found[estimator] - found[DEFAULT]).dropna()
     colour, _, marker = STYLE[design]
-    note = _none(sum(value is None for value, _ in pairs), len(pairs))
+    note = _none(found[estimator].isna().sum(), len(found))
     ax.annotate(note, (1.01, height), xycoords=("axes fraction", "data"), fontsize=SMALL, color=colour, va="center", annotation_clip=False)
     if not len(shifts):
         return

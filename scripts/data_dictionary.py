@@ -11,9 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from reference.calibration import EvidenceRow, RankRow
-from reference.calibration_statistics import Reliability
-
 from bayes_toe.classical.asymmetry import ASYMMETRY_COLUMNS, Comparison, SubjectAsymmetry
 from bayes_toe.classical.covariates import COVARIATE_COLUMNS, CovariateTest
 from bayes_toe.classical.fit import SubjectFit, fit_columns
@@ -40,7 +37,7 @@ _ROW = re.compile(r"^\| `([^`]+)` \| (.*) \|$", flags=re.MULTILINE)
 
 @dataclass(frozen=True)
 class File:
-    """Declared columns of a file, the records that explain them, and what the document says better than these; no columns: as they are."""
+    """Declared columns of a file, the records that explain them, and what the document says better than these."""
 
     columns: Sequence[str] = ()
     explained: Sequence[type] = ()
@@ -71,8 +68,6 @@ FILES = {
     "asymmetry_covariates.csv": File(COVARIATE_COLUMNS, [CovariateTest]),
     "methods_order_effect.csv": File(ORDER_EFFECT_COLUMNS, [SubjectEvidence], ["fit"]),
     "methods_fit.csv": File(FIT_TABLE_COLUMNS),
-    "calibration.csv": File((), [RankRow], ["not_converged", "largest_difference"]),
-    "evidence_calibration.csv": File((), [EvidenceRow, Reliability], ["missing_h1", "median_shift", "largest_shift"]),
     "power.csv": File(POWER_COLUMNS),
     "power_history.csv": File(POWER_COLUMNS),
     "power_data_sets.csv": File(DATA_SET_COLUMNS, [SubjectEvidence]),

@@ -9,7 +9,7 @@ right, of the data sets with posterior probability P(H1 | data) near p a share p
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from functools import partial
 
@@ -27,49 +27,42 @@ from bayes_toe.inference.draws import Draws, assembled
 from bayes_toe.inference.sampling import SamplerSettings
 from bayes_toe.inference.subject import EVIDENCE_DRAWS, Settings, Wanted, fitted_result, subject_draws
 from bayes_toe.model.closed_form import log_different, log_equal, normalised_distance
-from bayes_toe.model.coordinates import Natural
+from bayes_toe.model.coordinates import NATURAL, Natural
 from bayes_toe.model.ladder import PREDICTIVE_UPDATE
 from bayes_toe.model.prior import DEFAULT as DEFAULT_PRIOR
 from bayes_toe.model.prior import Prior
 from bayes_toe.seeds import generator, root_seed
 from bayes_toe.workers import Workers, run_in_order
-from reference.calibration_statistics import POINTS, Reliability, ecdf_difference, log_score, place, reliability, uniformity
+from reference.calibration_statistics import POINTS, ecdf_difference, log_score, place, reliability, uniformity
 
 #: Batches of the paper's 13 pairs that each design has.
 DESIGNS = {"paper": PAPER_BATCHES, "sparse": 5}
 #: Pairs that no design has, natural-log intensity: their q is predicted, not fitted.
 HELD_OUT = {"q(1.15, 1.55)": (1.15, 1.55), "q(1.66, 1.36)": (1.66, 1.36)}
-RANKED = ("mu1", "sigma_p", "sigma_l", "q0", "gamma", "log_likelihood", *HELD_OUT)
+RANKED = (*NATURAL, "gamma", "log_likelihood", *HELD_OUT)
 #: Effective draws asked for: four for each one that is used.
 DRAWS = 1000
 
 #: Probability of any false alarm among all ranked quantities of all designs.
 FALSE_ALARM = 0.01
 
-
-def _minus(first: float | None, second: float | None) -> float | None:
-    return None if first is None or second is None else first - second
-
-
-#: Log Bayes factor H1 - H0 by each estimator, from a row of the evidence table; the first is the default.
-ESTIMATORS: Mapping[str, Callable[[SubjectEvidence], float | None]] = {
-    "importance sampling": lambda row: row.log_bayes_factor,
-    "Laplace, identified": lambda row: _minus(row.log_evidence_h1_laplace, row.log_evidence_h0),
-    "Laplace, paper's": lambda row: _minus(row.log_evidence_h1_laplace_natural, row.log_evidence_h0),
-    "bootstrap covariance": lambda row: _minus(row.log_evidence_h1_bootstrap, row.log_evidence_h0),
-    "H0 by Laplace": lambda row: _minus(row.log_evidence_h1, row.log_evidence_h0_laplace),
-    "Appendix C": lambda row: _minus(row.log_evidence_h1_bootstrap, row.log_evidence_h0_laplace),
+#: By estimator of the log Bayes factor H1 - H0, its columns of the evidence table, and what these are; the first is the default.
+ESTIMATORS = {
+    "importance sampling": ("h1", "h0", "the default: H1 by importance sampling, H0 exactly"),
+    "Laplace, identified": ("h1_laplace", "h0", "H1 by Laplace in identified coordinates, H0 exactly"),
+    "Laplace, paper's": ("h1_laplace_natural", "h0", "H1 by Laplace in (mu1, sigma_p^2, sigma_l^2, q0), H0 exactly"),
+    "bootstrap covariance": ("h1_bootstrap", "h0", "H1 from the fit and the covariance of bootstrap refits (Appendix C), H0 exactly"),
+    "H0 by Laplace": ("h1", "h0_laplace", "H1 by importance sampling, H0 by the Laplace estimator of frequencies (Appendix C)"),
+    "Appendix C": ("h1_bootstrap", "h0_laplace", "both sides as in Appendix C: bootstrap covariance and Laplace estimator of frequencies"),
 }
 DEFAULT = next(iter(ESTIMATORS))
-#: What each estimator takes for H1 and for H0.
-ABOUT = {
-    "importance sampling": "the default: H1 by importance sampling, H0 exactly",
-    "Laplace, identified": "H1 by Laplace in identified coordinates, H0 exactly",
-    "Laplace, paper's": "H1 by Laplace in (mu1, sigma_p^2, sigma_l^2, q0), H0 exactly",
-    "bootstrap covariance": "H1 from the fit and the covariance of bootstrap refits (Appendix C), H0 exactly",
-    "H0 by Laplace": "H1 by importance sampling, H0 by the Laplace estimator of frequencies (Appendix C)",
-    "Appendix C": "both sides as in Appendix C: bootstrap covariance and Laplace estimator of frequencies",
-}
+ABOUT = {name: words for name, (*_, words) in ESTIMATORS.items()}
+#: One row a study: true parameters, and the share of draws below the true value of each quantity, in 0..1, made continuous by drawing
+#: within the place that the truth takes among them; what sampling did not reach, empty where it converged.
+RANK_COLUMNS = ("design", "subject", *(f"true_{name}" for name in NATURAL), *RANKED, "shortfall")
+#: One row a data set: where it came from, and its log Bayes factor by every estimator, nats; NaN where there is none.
+SET_COLUMNS = ("design", "data_set", "from", *ESTIMATORS)
+Row = dict[str, object]
 
 
 @dataclass(frozen=True)
@@ -88,61 +81,6 @@ class Plan:
         """How many of the data sets for the evidence are from H1: a fair coin is thrown for each."""
         return int((generator(self.seed, design, "hypothesis").uniform(size=self.data_sets) < 0.5).sum())
 
-    @property
-    def total(self) -> int:
-        """Data sets to analyse."""
-        return sum(max(self.studies, n) + self.data_sets - n for n in map(self.from_h1, DESIGNS))
-
-
-@dataclass(frozen=True, eq=False)
-class Ranks:
-    """Where the true values of one subject lie among its draws."""
-
-    design: str
-    subject: str
-    truth: tuple[float, ...]  # mu1, sigma_p, sigma_l and q0
-    #: For each of :data:`RANKED` the share of draws below the truth, in 0..1, made continuous by drawing within the place that the truth
-    #: takes among them; uniform where everything is right.
-    values: tuple[float, ...]
-    shortfall: str  # what sampling did not reach; empty where it converged
-
-
-@dataclass(frozen=True, eq=False)
-class KnownEvidence:
-    """The evidence row of one data set and where its data came from."""
-
-    design: str
-    from_h1: bool
-    evidence: SubjectEvidence
-
-
-@dataclass(frozen=True, eq=False)
-class Outcome:
-    """What came of a plan, in the order of designs and subjects."""
-
-    plan: Plan
-    ranks: tuple[Ranks, ...]
-    evidence: tuple[KnownEvidence, ...]
-
-
-def calibrate(*, studies: int = 1000, data_sets: int = 2000, seed: int | None = None, workers: Workers = None) -> CalibrationTable:
-    """Simulate data of known origin, analyse them as usual, and judge whether posteriors and evidences are calibrated.
-
-    Studies and data sets are those of :class:`Plan`; 0 leaves the ranks, or the evidence, out. Without a seed fresh entropy, stored there.
-    """
-    plan = Plan(studies, data_sets, root_seed(seed))
-    jobs = list(jobs_of(plan, calibration_settings(plan.seed)))
-    done = run_in_order([partial(work, job) for job in jobs], workers, None, [(job.name,) for job in jobs])
-    return judge(Outcome(plan, tuple(ranks for ranks, _ in done if ranks), tuple(found for _, found in done if found)))
-
-
-def calibration_settings(seed: int, prior: Prior | None = None) -> Settings:
-    """Settings of every analysis: the defaults, but for fewer draws."""
-    design = reference_design()
-    shown = Subject("design", design.s1, design.s2, np.zeros(len(design.s1), np.int64), np.ones(len(design.s1), np.int64))
-    numbers = (DEFAULT_PRIOR if prior is None else prior).at(shown)  # which observers are drawn from as well
-    return Settings(root_seed(seed), numbers, SamplerSettings(draws=DRAWS), PREDICTIVE_UPDATE.name)
-
 
 @dataclass(frozen=True, eq=False)
 class Job:
@@ -157,6 +95,47 @@ class Job:
     truth: Prior | None = None  # what observers are drawn from, if not the prior of the analysis: tests analyse under another one
 
 
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """What came of a plan, :data:`RANK_COLUMNS` and :data:`SET_COLUMNS`, and verdicts, a row a design and quantity or estimator."""
+
+    plan: Plan
+    ranks: pd.DataFrame
+    data_sets: pd.DataFrame
+    rank_verdicts: pd.DataFrame
+    evidence_verdicts: pd.DataFrame
+
+    @property
+    def failures(self) -> list[str]:
+        """What is not as it should be, one line each: ranks outside their band, and a default evidence that is not calibrated."""
+        ranks, evidence = self.rank_verdicts, self.evidence_verdicts
+        outside = ranks[ranks["verdict"] != "inside"].itertuples()
+        wrong = evidence[(evidence["estimator"] == DEFAULT) & (evidence["verdict"] != "calibrated")].itertuples()
+        return [
+            *(f"{row.design} design: ranks of {row.quantity} outside their band (p = {row.p_value:.2g})" for row in outside),
+            *(f"{row.design} design: probabilities of H1 by {DEFAULT} are not calibrated" for row in wrong),
+        ]
+
+
+def calibrate(*, studies: int = 1000, data_sets: int = 2000, seed: int | None = None, workers: Workers = None) -> Calibration:
+    """Simulate data of known origin, analyse them as usual, and judge whether posteriors and evidences are calibrated.
+
+    Studies and data sets are those of :class:`Plan`; 0 leaves the ranks, or the evidence, out. Without a seed fresh entropy, stored there.
+    """
+    plan = Plan(studies, data_sets, root_seed(seed))
+    jobs = list(jobs_of(plan, calibration_settings(plan.seed)))
+    done = run_in_order([partial(work, job) for job in jobs], workers, None, [(job.name,) for job in jobs])
+    return judged(plan, [ranks for ranks, _ in done if ranks], [found for _, found in done if found])
+
+
+def calibration_settings(seed: int, prior: Prior | None = None) -> Settings:
+    """Settings of every analysis: the defaults, but for fewer draws."""
+    design = reference_design()
+    shown = Subject("design", design.s1, design.s2, np.zeros(len(design.s1), np.int64), np.ones(len(design.s1), np.int64))
+    numbers = (DEFAULT_PRIOR if prior is None else prior).at(shown)  # which observers are drawn from as well
+    return Settings(root_seed(seed), numbers, SamplerSettings(draws=DRAWS), PREDICTIVE_UPDATE.name)
+
+
 def jobs_of(plan: Plan, settings: Settings) -> Iterator[Job]:
     """The plan subject by subject."""
     for design in DESIGNS:
@@ -167,18 +146,20 @@ def jobs_of(plan: Plan, settings: Settings) -> Iterator[Job]:
             yield Job(design, False, f"{design}-h0-{i + 1:04d}", False, True, settings)
 
 
-def work(job: Job) -> tuple[Ranks | None, KnownEvidence | None]:
-    """Simulate and analyse a subject as the commands would: what is judged, and no more; the streams are theirs, and so are the numbers."""
+def work(job: Job) -> tuple[Row, Row]:
+    """Simulate and analyse a subject as the commands would, with their streams: its rows of ranks and of data sets, or empty ones."""
     (subject, theta), settings = observed(job), job.settings
     wanted = Wanted(settings.sampler if job.with_draws else None, EVIDENCE_DRAWS if job.with_evidence else 0)
     result, fitted = fitted_result(PREDICTIVE_UPDATE.posterior(subject, settings.prior), settings.seed, wanted)
-    ranks, known = None, None
+    ranks: Row = {}
+    known: Row = {}
     if job.with_draws and theta is not None:
         draws = assembled(None, Study((subject,), "calibration", synthetic=True), [subject_draws(result)], settings, {})
-        ranks = ranks_of(job.design, draws, subject, theta, settings.seed)
+        ranks = {"design": job.design, **ranks_of(draws, subject, theta, settings.seed)}
     if job.with_evidence:
         replicates = bootstrap_subject(subject, seed=settings.seed, prior=settings.prior)
-        known = KnownEvidence(job.design, job.from_h1, subject_evidence(result, fitted, bootstrap_evidence(replicates, settings.prior)))
+        row = subject_evidence(result, fitted, bootstrap_evidence(replicates, settings.prior))
+        known = {"design": job.design, "data_set": job.name, "from": "H1" if job.from_h1 else "H0", **log_bayes_factors(row)}
     return ranks, known
 
 
@@ -194,18 +175,22 @@ def observed(job: Job) -> tuple[Subject, Natural | None]:
     return Subject(name, design.s1, design.s2, counts, np.full(len(counts), design.batches)), None
 
 
-# --- ranks --------------------------------------------------------------------------------------------------------------------------
+def log_bayes_factors(row: SubjectEvidence) -> dict[str, float]:
+    """By estimator, nats; NaN where a side is withheld."""
+    sides = {name: np.array([getattr(row, f"log_evidence_{side}") for side in of[:2]], np.float64) for name, of in ESTIMATORS.items()}
+    return {name: float(h1 - h0) for name, (h1, h0) in sides.items()}
 
 
-def ranks_of(design: str, draws: Draws, subject: Subject, theta: Natural, seed: int) -> Ranks:
+def ranks_of(draws: Draws, subject: Subject, theta: Natural, seed: int) -> Row:
     """Where the true parameters of a subject lie among its draws."""
     name, rng = subject.name, generator(seed, subject.name, "rank")
     # Of each walker its last draw: walkers of a converged sample move every few steps, so these are as good as independent.
     last = np.flatnonzero(np.diff(draws.group("posterior")["walker"].values, append=-1))
     stored = Natural(*(values[:, last].ravel() for values in draws.natural(name)))
     truth, among = ranked_quantities(subject, theta), ranked_quantities(subject, stored)
-    values = tuple(place(float(truth[key][0]), among[key], rng) for key in RANKED)
-    return Ranks(design, name, tuple(float(v[0]) for v in theta), values, draws.not_converged.get(name, ""))
+    true = {f"true_{key}": float(value[0]) for key, value in theta._asdict().items()}
+    places = {key: place(float(truth[key][0]), among[key], rng) for key in RANKED}
+    return {"subject": name, **true, **places, "shortfall": draws.not_converged.get(name, "")}
 
 
 def ranked_quantities(subject: Subject, theta: Natural) -> dict[str, FloatArray]:
@@ -225,163 +210,57 @@ def ranked_quantities(subject: Subject, theta: Natural) -> dict[str, FloatArray]
     return {key: np.asarray(found[key], np.float64) for key in RANKED}
 
 
-# --- verdicts ----------------------------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class RankRow:
-    """Verdict on the ranks of one quantity in one design."""
-
-    design: str
-    batches: int
-    quantity: str
-    studies: int
-    not_converged: int  # ranked like the others
-    largest_difference: float  # of the ranks' distribution function from the uniform one, signed
-    at: float
-    p_value: float  # for the whole function, not only there; exact
-    threshold: float  # what the p-value must not fall below: the false-alarm probability, shared among quantities and designs (Bonferroni)
-
-    @property
-    def inside(self) -> bool:
-        """Whether the function stays inside its band."""
-        return self.p_value >= self.threshold
-
-
-@dataclass(frozen=True)
-class EvidenceRow:
-    """Verdict on the probabilities P(H1 | data) of one estimator in one design; logs in nats."""
-
-    design: str
-    batches: int
-    estimator: str
-    data_sets: int
-    missing_h1: int  # data sets from H1 and from H0 for which the estimator gives no number; what follows is about the others
-    missing_h0: int
-    judged: Reliability | None
-    log_score_default: float | None  # the log score of the default estimator on the same data sets, nats
-    median_shift: float | None  # of the log Bayes factor against the default estimator's
-    largest_shift: float | None  # with its sign
-
-    @property
-    def calibrated(self) -> bool:
-        """Whether there are numbers and they are calibrated."""
-        return self.judged is not None and self.judged.calibrated
-
-
-@dataclass(frozen=True, eq=False)
-class CalibrationTable:
-    """All verdicts of a run."""
-
-    outcome: Outcome
-    ranks: tuple[RankRow, ...]
-    evidence: tuple[EvidenceRow, ...]
-
-    @property
-    def passed(self) -> bool:
-        """Whether all ranks are inside and the default evidence is calibrated."""
-        return not self.failures
-
-    @property
-    def failures(self) -> tuple[str, ...]:
-        """What is not as it should be, one line each."""
-        outside = [row for row in self.ranks if not row.inside]
-        uncalibrated = [row for row in self.evidence if row.estimator == DEFAULT and not row.calibrated]
-        return (
-            *(f"{row.design} design: ranks of {row.quantity} outside their band (p = {row.p_value:.2g})" for row in outside),
-            *(f"{row.design} design: probabilities of H1 by {DEFAULT} are not calibrated" for row in uncalibrated),
-        )
-
-    @property
-    def not_converged(self) -> dict[str, str]:
-        """Subjects whose draws missed the convergence criteria, with what was missed."""
-        return {one.subject: one.shortfall for one in self.outcome.ranks if one.shortfall}
-
-    @property
-    def withheld(self) -> tuple[str, ...]:
-        """Data sets whose evidence the default estimator withholds."""
-        return tuple(one.evidence.subject for one in self.outcome.evidence if one.evidence.log_bayes_factor is None)
-
-    def rank_frame(self) -> pd.DataFrame:
-        """Columns of calibration.csv."""
-        return pd.DataFrame([{**asdict(row), "verdict": "inside" if row.inside else "outside"} for row in self.ranks])
-
-    def evidence_frame(self) -> pd.DataFrame:
-        """Columns of evidence_calibration.csv; empty where a value does not exist."""
-        rows = []
-        for row in self.evidence:
-            cells = asdict(row)
-            judged = cells.pop("judged")
-            keys = ("error", "floor", "p_value", "brier", "log_score", "unsure")
-            scores = {key: None if judged is None else judged[key] for key in keys}
-            rows.append({**cells, **scores, "verdict": "calibrated" if row.calibrated else "not calibrated"})
-        return pd.DataFrame(rows)
-
-    def subject_ranks_frame(self) -> pd.DataFrame:
-        """One row a study: true parameters and the place of every true value among its draws, in 0..1."""
-        truths = ("true_mu1", "true_sigma_p", "true_sigma_l", "true_q0")
-        rows = [[one.design, one.subject, *one.truth, *one.values, one.shortfall] for one in self.outcome.ranks]
-        return pd.DataFrame(rows, columns=["design", "subject", *truths, *RANKED, "shortfall"])
-
-    def data_sets_frame(self) -> pd.DataFrame:
-        """One row a data set: where it came from, and its log Bayes factor by every estimator, nats."""
-        rows = [
-            [one.design, one.evidence.subject, "H1" if one.from_h1 else "H0", *(of(one.evidence) for of in ESTIMATORS.values())]
-            for one in self.outcome.evidence
-        ]
-        return pd.DataFrame(rows, columns=["design", "data_set", "from", *ESTIMATORS])
-
-
-def judge(outcome: Outcome) -> CalibrationTable:
+def judged(plan: Plan, ranks: list[Row], data_sets: list[Row]) -> Calibration:
     """All verdicts on what a plan gave."""
-    of_ranks = {design: [one for one in outcome.ranks if one.design == design] for design in DESIGNS}
-    tests = len(RANKED) * sum(bool(found) for found in of_ranks.values())
-    ranks = [row for design, found in of_ranks.items() if found for row in rank_rows(design, found, FALSE_ALARM / tests)]
-    of_evidence = {design: [one for one in outcome.evidence if one.design == design] for design in DESIGNS}
-    seed = outcome.plan.seed
-    evidence = [_evidence_row(design, name, found, seed) for design, found in of_evidence.items() if found for name in ESTIMATORS]
-    return CalibrationTable(outcome, tuple(ranks), tuple(evidence))
+    of_ranks, of_sets = pd.DataFrame(ranks, columns=RANK_COLUMNS), pd.DataFrame(data_sets, columns=SET_COLUMNS)
+    threshold = FALSE_ALARM / max(1, len(RANKED) * of_ranks["design"].nunique())
+    rank_rows = [_rank_row(some, name, threshold) for _, some in of_ranks.groupby("design", sort=False) for name in RANKED]
+    evidence_rows = [_evidence_row(some, name, plan.seed) for _, some in of_sets.groupby("design", sort=False) for name in ESTIMATORS]
+    return Calibration(plan, of_ranks, of_sets, pd.DataFrame(rank_rows), pd.DataFrame(evidence_rows))
 
 
-def rank_rows(design: str, found: Sequence[Ranks], threshold: float) -> list[RankRow]:
-    """Verdicts on the ranks of one design."""
-    missed = sum(bool(one.shortfall) for one in found)
-    rows = []
-    for quantity, values in rank_columns(found).items():
-        difference = ecdf_difference(values)
-        far = int(np.abs(difference).argmax())
-        at, p_value = float(POINTS[far]), uniformity(values)
-        rows.append(RankRow(design, DESIGNS[design], quantity, len(found), missed, float(difference[far]), at, p_value, threshold))
-    return rows
+def _rank_row(found: pd.DataFrame, quantity: str, threshold: float) -> Row:
+    """Verdict on the ranks of one quantity in one design, against a p-value that it must not fall below (Bonferroni)."""
+    difference, p_value, design = ecdf_difference(found[quantity]), uniformity(found[quantity]), found["design"].iloc[0]
+    far = int(np.abs(difference).argmax())
+    return {
+        "design": design,
+        "batches": DESIGNS[design],
+        "quantity": quantity,
+        "studies": len(found),
+        "not_converged": int((found["shortfall"] != "").sum()),  # ranked like the others
+        "largest_difference": float(difference[far]),
+        "at": float(POINTS[far]),
+        "p_value": p_value,
+        "threshold": threshold,
+        "verdict": "inside" if p_value >= threshold else "outside",
+    }
 
 
-def rank_columns(found: Sequence[Ranks]) -> dict[str, FloatArray]:
-    """Ranks by quantity, each of shape (studies,)."""
-    columns = np.array([one.values for one in found]).T
-    return dict(zip(RANKED, columns, strict=True))
+def log_odds(found: pd.DataFrame, estimator: str) -> tuple[FloatArray, BoolArray]:
+    """Log Bayes factors of the data sets for which there is one, and whether these came from H1."""
+    known = found[found[estimator].notna()]
+    return known[estimator].to_numpy(np.float64), (known["from"] == "H1").to_numpy()
 
 
-def log_odds(found: Sequence[KnownEvidence], estimator: str) -> tuple[FloatArray, BoolArray, BoolArray]:
-    """Log Bayes factors of the data sets for which there is one, whether these came from H1, and which of all they are."""
-    values = np.array([ESTIMATORS[estimator](one.evidence) for one in found], np.float64)  # None becomes NaN
-    known = ~np.isnan(values)
-    return values[known], np.array([one.from_h1 for one in found])[known], known
-
-
-def _evidence_row(design: str, estimator: str, found: Sequence[KnownEvidence], seed: int) -> EvidenceRow:
-    values, defaults = (np.array([ESTIMATORS[name](one.evidence) for one in found], np.float64) for name in (estimator, DEFAULT))
-    from_h1, known = np.array([one.from_h1 for one in found]), ~np.isnan(values)
-    both = known & ~np.isnan(defaults)
-    shifts = (values - defaults)[both]
-    return EvidenceRow(
-        design=design,
-        batches=DESIGNS[design],
-        estimator=estimator,
-        data_sets=len(found),
-        missing_h1=int((from_h1 & ~known).sum()),
-        missing_h0=int((~from_h1 & ~known).sum()),
-        judged=reliability(values[known], from_h1[known], generator(seed, design, estimator, "reliability")) if known.any() else None,
-        log_score_default=log_score(defaults[both], from_h1[both]) if both.any() else None,
-        median_shift=float(np.median(shifts)) if both.any() else None,
-        largest_shift=float(shifts[np.abs(shifts).argmax()]) if both.any() else None,
-    )
+def _evidence_row(found: pd.DataFrame, estimator: str, seed: int) -> Row:
+    """Verdict on the probabilities P(H1 | data) of one estimator in one design; logs in nats."""
+    design, missing = found["design"].iloc[0], found["from"][found[estimator].isna()]
+    both = found.dropna(subset=[estimator, DEFAULT])
+    shifts = (both[estimator] - both[DEFAULT]).to_numpy(np.float64)
+    odds, from_h1 = log_odds(found, estimator)
+    judged = reliability(odds, from_h1, generator(seed, design, estimator, "reliability")) if len(odds) else None
+    scores = asdict(judged) if judged else {}
+    return {
+        "design": design,
+        "batches": DESIGNS[design],
+        "estimator": estimator,
+        "data_sets": len(found),
+        "missing_h1": int((missing == "H1").sum()),
+        "missing_h0": int((missing == "H0").sum()),
+        "log_score_default": log_score(*log_odds(both, DEFAULT)) if len(both) else np.nan,
+        "median_shift": float(np.median(shifts)) if len(both) else np.nan,
+        "largest_shift": float(shifts[np.abs(shifts).argmax()]) if len(both) else np.nan,
+        **{key: scores.get(key, np.nan) for key in ("error", "floor", "p_value", "brier", "log_score", "unsure")},
+        "verdict": "calibrated" if judged and judged.calibrated else "not calibrated",
+    }

@@ -13,17 +13,14 @@ from reference.calibration import (
     DESIGNS,
     DRAWS,
     ESTIMATORS,
-    FALSE_ALARM,
     RANKED,
     Job,
-    Outcome,
     Plan,
-    Ranks,
     calibrate,
     calibration_settings,
     jobs_of,
-    judge,
-    rank_rows,
+    judged,
+    log_bayes_factors,
     ranked_quantities,
     work,
 )
@@ -39,25 +36,24 @@ STUDIES, FEWER = 8, 5  # the fewer are enough for errors as large as these
 def ranks_under(prior, studies=STUDIES):
     """Verdicts where observers come from the default prior and are analysed under this one."""
     settings = calibration_settings(7, prior)
-    done = [work(Job("sparse", True, f"test-{i}", True, False, settings, bt.Prior())) for i in range(studies)]
-    assert not any(evidence for _, evidence in done)
-    found = [ranks for ranks, _ in done]
-    assert not any(one.shortfall for one in found)
-    return {row.quantity: row for row in rank_rows("sparse", found, FALSE_ALARM / len(RANKED))}
+    ranks, evidence = zip(*(work(Job("sparse", True, f"test-{i}", True, False, settings, bt.Prior())) for i in range(studies)), strict=True)
+    assert not any(evidence)
+    assert not any(row["shortfall"] for row in ranks)
+    return judged(Plan(studies, 0, 7), ranks, []).rank_verdicts.set_index("quantity")
 
 
 @pytest.mark.slow
 def test_a_right_density_passes_and_wrong_ones_are_caught(monkeypatch):
-    assert all(row.inside for row in ranks_under(bt.Prior()).values())
+    assert (ranks_under(bt.Prior()).verdict == "inside").all()
     right = Posterior.log_prior
     with monkeypatch.context() as wrong:  # the Jacobian of (sigma_p^2, sigma_l^2), 2 sigma_p^3, where that of (sigma_p, gamma) belongs
         wrong.setattr(Posterior, "log_prior", lambda self, x: right(self, x) + 3.0 * np.log(self.natural(x).sigma_p))
         jacobian = ranks_under(bt.Prior(), FEWER)
-    assert not jacobian["sigma_p"].inside
-    assert jacobian["sigma_p"].largest_difference > 0  # draws too large: the truth ranks low
+    assert jacobian.verdict["sigma_p"] == "outside"
+    assert jacobian.largest_difference["sigma_p"] > 0  # draws too large: the truth ranks low
     prior = ranks_under(bt.Prior(mu1_sd=3.0, sigma_p_scale=0.3), FEWER)
-    assert not prior["sigma_p"].inside
-    assert prior["sigma_p"].largest_difference < 0
+    assert prior.verdict["sigma_p"] == "outside"
+    assert prior.largest_difference["sigma_p"] < 0
 
 
 @pytest.fixture(scope="module")
@@ -66,14 +62,15 @@ def table():
 
 
 def test_everything_planned_is_there(table):
-    plan = table.outcome.plan
-    names = [job.name for job in jobs_of(plan, calibration_settings(3))]
-    assert len(names) == len(set(names)) == plan.total
-    assert [row.quantity for row in table.ranks] == [*RANKED, *RANKED]
-    assert all(row.studies == 1 for row in table.ranks)
-    assert [(row.design, row.estimator) for row in table.evidence] == [(d, e) for d in DESIGNS for e in ESTIMATORS]
-    for design in DESIGNS:
-        assert [one.from_h1 for one in table.outcome.evidence if one.design == design].count(True) == plan.from_h1(design)
+    jobs = list(jobs_of(table.plan, calibration_settings(3)))
+    assert len({job.name for job in jobs}) == len(jobs)
+    assert list(table.ranks.subject) == [job.name for job in jobs if job.with_draws]
+    assert list(table.data_sets.data_set) == [job.name for job in jobs if job.with_evidence]
+    ranks, evidence = table.rank_verdicts, table.evidence_verdicts
+    assert [*zip(ranks.design, ranks.quantity, ranks.studies, strict=True)] == [(d, q, 1) for d in DESIGNS for q in RANKED]
+    assert [*zip(evidence.design, evidence.estimator, evidence.data_sets, strict=True)] == [(d, e, 2) for d in DESIGNS for e in ESTIMATORS]
+    for design, origins in table.data_sets.groupby("design")["from"]:
+        assert sum(origins == "H1") == table.plan.from_h1(design)
     assert 0 <= Plan(1, 100, 5).from_h1("paper") - Plan(1, 90, 5).from_h1("paper") <= 10  # a smaller plan is a part of a larger one
     with pytest.raises(InputError):
         Plan(0, 0, 1)
@@ -81,15 +78,16 @@ def test_everything_planned_is_there(table):
 
 def test_what_is_judged_is_what_the_commands_say(three_models, monkeypatch):
     """The same seed and subjects through the public verbs, which compute more: the numbers that the verdicts use are the same."""
-    settings = calibration_settings(3)
-    job = Job("sparse", True, "sparse-h1-0001", True, True, settings)
+    job = Job("sparse", True, "sparse-h1-0001", True, True, calibration_settings(3))
     subject, theta = calibration.observed(job)
     ranks, known = work(job)
     monkeypatch.setattr("bayes_toe.analysis.subject_fit", subject_fit)  # with all replicates
     both = bt.run(bt.Study((subject,)), draws=DRAWS, seed=3, workers=1)
-    for of in ESTIMATORS.values():
-        assert of(known.evidence) == pytest.approx(of(both.evidence.rows[0]), abs=1e-6)
-    assert ranks.values == calibration.ranks_of("sparse", both.draws, subject, theta, 3).values
+    row = both.evidence.rows[0]
+    assert {key: known[key] for key in ESTIMATORS} == pytest.approx(log_bayes_factors(row), abs=1e-6, nan_ok=True)
+    assert known[DEFAULT] == pytest.approx(row.log_bayes_factor, abs=1e-6)
+    assert known["H0 by Laplace"] == pytest.approx(row.log_evidence_h1 - row.log_evidence_h0_laplace, abs=1e-6)
+    assert ranks == {"design": "sparse", **calibration.ranks_of(both.draws, subject, theta, 3)}
 
 
 def test_the_ranked_likelihood_is_the_posteriors():
@@ -113,7 +111,7 @@ def test_the_script_writes_says_and_returns_what_was_found(table, tmp_path, monk
     assert (len(sets), sets[DEFAULT].notna().all()) == (4, True)
     assert "--studies 1 --data-sets 2 --seed 3" in (tmp_path / "calibration.md").read_text(encoding="utf-8")
     assert calibration_script.main() == 2  # the folder is taken
-    monkeypatch.setattr(type(table), "failures", ("made to fail",))
+    monkeypatch.setattr(type(table), "failures", ["made to fail"])
     monkeypatch.setattr(calibration_script, "write_calibration", lambda *_, overwrite: None)  # nor need all be drawn again
     monkeypatch.setattr(sys, "argv", [*sys.argv, "--overwrite"])
     assert calibration_script.main() == 3
@@ -125,11 +123,24 @@ def test_the_script_writes_says_and_returns_what_was_found(table, tmp_path, monk
 
 def test_failures_and_what_did_not_converge_are_named():
     """Ranks piled up at one end, and one study that missed its criteria."""
-    values = tuple(np.full(len(RANKED), 0.01))
-    found = [Ranks("paper", f"p{i}", (0.0, 1.0, 0.5, 0.9), values, "too few draws" if i == 3 else "") for i in range(50)]
-    failed = judge(Outcome(Plan(50, 0, 1), tuple(found), ()))
-    assert not failed.passed
+    row = {"design": "paper", **dict.fromkeys(RANKED, 0.01)}
+    failed = judged(Plan(50, 0, 1), [{**row, "subject": f"p{i}", "shortfall": "too few draws" if i == 3 else ""} for i in range(50)], [])
     lines = verdict_lines(failed)
-    assert sum(line.startswith("NOT calibrated: paper design: ranks of") for line in lines) == len(RANKED)
+    assert sum(line.startswith("NOT calibrated: paper design: ranks of") for line in lines) == len(failed.failures) == len(RANKED)
     assert lines[-1] == "not converged, ranked with the others: 1 of 50 studies: p3"
-    assert {row.not_converged for row in failed.ranks} == {1}
+    assert (failed.rank_verdicts.not_converged == 1).all()
+
+
+def test_wrong_evidences_fail_and_withheld_ones_are_named():
+    """From one data set of a design, or from all; the others say H1 of data sets from H0."""
+    rows = [{"design": "paper", "data_set": f"s{i}", "from": "H0", **dict.fromkeys(ESTIMATORS, 3.0)} for i in range(40)]
+    rows[7] |= {DEFAULT: np.nan}
+    rows += [{"design": "sparse", "data_set": "x", "from": "H1", **dict.fromkeys(ESTIMATORS, np.nan)}]
+    found = judged(Plan(0, 40, 1), [], rows)
+    assert found.failures == [f"{design} design: probabilities of H1 by {DEFAULT} are not calibrated" for design in DESIGNS]
+    assert verdict_lines(found)[-2:] == [
+        "evidence, sparse design: the default estimator gives no number",
+        "evidence withheld by the default estimator: s7, x",
+    ]
+    assert list(found.evidence_verdicts.missing_h1) == [0] * 6 + [1] * 6
+    assert list(found.evidence_verdicts.missing_h0) == [1] + [0] * 11
