@@ -11,8 +11,6 @@ import hashlib
 import json
 import platform
 import time
-from collections.abc import Callable, Iterator
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -41,45 +39,19 @@ COMPOSITIONS = (
 COMPOSED_SUBJECTS = ("S01", "S09", "one order missing", "guessing at 0.5")
 
 
-def fingerprint(subject: bt.Subject) -> str:
-    """What tells that a stored case belongs to these counts."""
-    columns = (subject.s1, subject.s2, subject.n_yes.astype(float), subject.n_trials.astype(float))
-    return hashlib.sha256(np.column_stack(columns).tobytes()).hexdigest()
+def belongs(subject: bt.Subject, model: str | None) -> dict[str, str]:
+    """What tells that a stored case is of these counts, this prior and the method as it is."""
+    counts = np.column_stack((subject.s1, subject.s2, subject.n_yes.astype(float), subject.n_trials.astype(float)))
+    prior = bt.Prior().describe() if model is None else model_named(model).describe(PRIOR)
+    return {"counts": hashlib.sha256(counts.tobytes()).hexdigest(), "prior": prior, "method": METHOD if model is None else TEMPERING}
 
 
-def case(subject: bt.Subject) -> dict[str, object]:
-    """One subject's reference as plain numbers."""
-    found = integrate(bt.model.posterior_of(subject, bt.Prior()))
-    arrays = ("means", "means_error", "sds", "sds_error", "quantiles", "quantiles_error")
-    return {
-        "counts": fingerprint(subject),
-        "prior": bt.Prior().describe(),
-        "method": METHOD,
-        "log_evidence": found.log_evidence,
-        "log_evidence_error": found.log_evidence_error,
-        "evaluations": found.evaluations,
-        **{key: getattr(found, key).tolist() for key in arrays},
-    }
-
-
-def composed_case(subject: bt.Subject, name: str) -> dict[str, object]:
-    """Evidence of one subject under a composition."""
-    value, error = composed_evidence(subject, name)
-    prior = model_named(name).describe(PRIOR)
-    return {"counts": fingerprint(subject), "prior": prior, "method": TEMPERING, "log_evidence": value, "log_evidence_error": error}
-
-
-def tasks(compositions: bool) -> Iterator[tuple[str, tuple[str, str, str], Callable[[], dict[str, object]]]]:
-    """Name, what must not have changed, and the way to a case."""
-    subjects = {**hard_cases(), **{subject.name: subject for subject in bt.example_study()}}
-    if compositions:
-        for subject in map(subjects.__getitem__, COMPOSED_SUBJECTS):
-            for model in COMPOSITIONS:
-                prior = model_named(model).describe(PRIOR)
-                yield f"{subject.name}: {model}", (fingerprint(subject), prior, TEMPERING), partial(composed_case, subject, model)
-        return
-    for name, subject in subjects.items():
-        yield name, (fingerprint(subject), bt.Prior().describe(), METHOD), partial(case, subject)
+def case(subject: bt.Subject, model: str | None) -> dict[str, object]:
+    """One subject's reference as plain numbers; the evidence alone of a composition."""
+    if model is not None:
+        return dict(zip(("log_evidence", "log_evidence_error"), composed_evidence(subject, model), strict=True))
+    found = vars(integrate(bt.model.posterior_of(subject, bt.Prior())))
+    return {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in found.items()}
 
 
 def main() -> None:
@@ -88,23 +60,25 @@ def main() -> None:
     parser.add_argument("-o", "--output", type=Path, default=Path("tests/reference"))
     parser.add_argument("--compositions", action="store_true", help="compositions of parts, by tempering, into compositions.json")
     parser.add_argument("--only", help="one case by name")
-    options = parser.parse_args()
-    path = options.output / ("compositions.json" if options.compositions else "reference.json")
-    head = {} if options.compositions else {"quantities": QUANTITIES, "levels": LEVELS}
+    asked = parser.parse_args()
+    subjects = {**hard_cases(), **{subject.name: subject for subject in bt.example_study()}}
+    if asked.compositions:
+        path, head = asked.output / "compositions.json", {}
+        cases = {f"{name}: {model}": (subjects[name], model) for name in COMPOSED_SUBJECTS for model in COMPOSITIONS}
+    else:
+        path, head = asked.output / "reference.json", {"quantities": QUANTITIES, "levels": LEVELS}
+        cases = {name: (subject, None) for name, subject in subjects.items()}
+    head["versions"] = {"numpy": np.__version__, "scipy": scipy.__version__, "python": platform.python_version()}
     stored = json.loads(path.read_text(encoding="utf-8"))["cases"] if path.exists() else {}
-    for name, key, made in tasks(options.compositions):
-        old = stored.get(name, {})
-        if options.only not in (None, name) or key == (old.get("counts"), old.get("prior"), old.get("method")):
+    for name, of in cases.items():
+        if asked.only not in (None, name) or belongs(*of).items() <= stored.get(name, {}).items():
             continue
         began = time.perf_counter()
-        stored[name] = made()
-        versions = {"numpy": np.__version__, "scipy": scipy.__version__, "python": platform.python_version()}
-        text = json.dumps({**head, "versions": versions, "cases": stored}, indent=1, sort_keys=True)
+        made = stored[name] = {**belongs(*of), **case(*of)}
         with whole_file(path, overwrite=True) as target:
-            target.write_text(text + "\n", encoding="utf-8")
-        print(
-            f"{name}: {stored[name]['log_evidence']:.6f} +- {stored[name]['log_evidence_error']:.1e}, {time.perf_counter() - began:.0f} s"
-        )
+            target.write_text(json.dumps({**head, "cases": stored}, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+        took = time.perf_counter() - began
+        print(f"{name}: {made['log_evidence']:.6f} +- {made['log_evidence_error']:.1e}, {took:.0f} s")
 
 
 if __name__ == "__main__":

@@ -108,12 +108,17 @@ class Calibration:
     @property
     def failures(self) -> list[str]:
         """What is not as it should be, one line each: ranks outside their band, and a default evidence that is not calibrated."""
-        ranks, evidence = self.rank_verdicts, self.evidence_verdicts
-        outside = ranks[ranks["verdict"] != "inside"].itertuples()
-        wrong = evidence[(evidence["estimator"] == DEFAULT) & (evidence["verdict"] != "calibrated")].itertuples()
         return [
-            *(f"{row.design} design: ranks of {row.quantity} outside their band (p = {row.p_value:.2g})" for row in outside),
-            *(f"{row.design} design: probabilities of H1 by {DEFAULT} are not calibrated" for row in wrong),
+            *(
+                f"{row.design} design: ranks of {row.quantity} outside their band (p = {row.p_value:.2g})"
+                for row in self.rank_verdicts.itertuples()
+                if row.verdict != "inside"
+            ),
+            *(
+                f"{row.design} design: probabilities of H1 by {DEFAULT} are not calibrated"
+                for row in self.evidence_verdicts.itertuples()
+                if row.estimator == DEFAULT and row.verdict != "calibrated"
+            ),
         ]
 
 
