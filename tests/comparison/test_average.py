@@ -28,6 +28,11 @@ def one(drawn, small_study):
     return mixed(small_study["A"], *drawn, DRAWS)
 
 
+@pytest.fixture(scope="module")
+def table(one):
+    return Averages((one,), {}, 1, bt.Prior())
+
+
 def test_draws_are_shared_out_and_what_a_model_lacks_is_exact(one, drawn):
     assert one.weights == pytest.approx([0.4, 0.3, 0.2, 0.1], rel=1e-12)
     assert [len(part.x) for part in one.drawn] == [320, 240, 160, 80]
@@ -40,13 +45,13 @@ def test_draws_are_shared_out_and_what_a_model_lacks_is_exact(one, drawn):
     assert one.values("offset")[320:560].mean() == pytest.approx(one.drawn[1].target.quantities(one.drawn[1].x)["offset"].mean())
 
 
-def test_answers_are_the_mixture_of_those_of_the_models(one, drawn):
+def test_answers_are_the_mixture_of_those_of_the_models(one, table, drawn):
     s1, s2 = np.array([0.0, 0.3, 0.1]), np.array([0.3, 0.0, 0.1])
     answers = one.yes(s1, s2)
     parts = np.array([each.yes(s1, s2).mean(axis=0) for each in drawn[1]])
     spread = np.sqrt(answers.var(axis=0) / 100)  # as if the draws were worth a hundred independent ones
     assert np.all(np.abs(answers.mean(axis=0) - one.weights @ parts) < 4 * spread)
-    frame = Averages((one,), {}, 1, bt.Prior()).yes("A", [0.0, 0.3], 0.2)
+    frame = table.yes("A", [0.0, 0.3], 0.2)
     assert frame["s2"].tolist() == [0.2, 0.2]
     assert frame["mean"].to_numpy() == pytest.approx(one.yes([0.0, 0.3], [0.2, 0.2]).mean(axis=0), rel=1e-12)
     assert (np.diff(frame[["q05", "q25", "q50", "q75", "q95"]]) >= 0).all()
@@ -54,8 +59,7 @@ def test_answers_are_the_mixture_of_those_of_the_models(one, drawn):
         one.yes(0.0, 0.3, 1.0)
 
 
-def test_summary_and_weights(one):
-    table = Averages((one,), {}, 1, bt.Prior())
+def test_summary_and_weights(one, table):
     summary = table.summary().set_index("quantity")
     assert summary.columns.tolist() == ["subject", "mean", "q05", "q25", "q50", "q75", "q95", "value_without", "p_without"]
     assert summary.loc["pull", "q50"] == 0.0
@@ -77,9 +81,10 @@ def test_through_the_pipeline_with_the_probabilities_of_the_verdict(small_study,
 
 def averaged(counts):
     """Two models with a few points each, which need not be draws."""
-    targets = [model.posterior(counts) for model in require_models(["symmetric", "constant error + sloped"])]
+    names = ("symmetric", "constant error + sloped")
+    targets = [model.posterior(counts) for model in require_models(names)]
     drawn = tuple(Predictor(target, target.starts()[:20]) for target in targets)
-    one = Average(counts, ("symmetric", "constant error + sloped"), np.array([0.7, 0.3]), drawn)
+    one = Average(counts, names, np.array([0.7, 0.3]), drawn)
     return one, Averages((one,), {}, 1, bt.Prior(), synthetic=True)
 
 
@@ -90,9 +95,7 @@ def test_figure(small_study):
     title = figure._suptitle
     assert title.get_text().startswith("A: average over 2 models (synthetic data)\npull 0.00 (0.00, 0.00), none: 1.00\nconstant error ")
     assert title.get_text().endswith("none: 0.70")
-    box = title.get_window_extent()
-    assert box.x0 > 0
-    assert box.x1 < figure.bbox.width
+    assert 0 < title.get_window_extent().x0 < title.get_window_extent().x1 < figure.bbox.width
     (ax,) = figure.axes
     lines = [line for line in ax.lines if len(line.get_xdata()) == 120]
     x = lines[0].get_xdata()
