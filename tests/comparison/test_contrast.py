@@ -14,13 +14,13 @@ from bayes_toe.model.prior import DEFAULT
 PAIRS = [(a, b) for a in (0.0, 0.3, 0.6, 0.9) for b in (a - 0.3, a + 0.3)]
 
 
-def answers(levels=("left", "right"), offsets=(0.08, -0.08), subjects="AB", trials=50, scale=1.0, shift=0.0):
-    """Subjects whose constant error depends on the condition."""
+def answers(levels=("left", "right"), offsets=(0.08, -0.08), pulls=(0.3, 0.3, 0.3), subjects="AB", trials=50, scale=1.0, shift=0.0):
+    """Subjects whose constant error, or pull, depends on the condition."""
     rng, s = np.random.default_rng(3), np.array(PAIRS)
     rows = []
     for who in subjects:
-        for level, offset in zip(levels, offsets, strict=True):
-            p = 1.0 / (1.0 + np.exp(-((s[:, 1] - s[:, 0]) - offset + 0.3 * (s[:, 0] - 0.45)) / 0.15))
+        for level, offset, pull in zip(levels, offsets, pulls, strict=False):
+            p = 1.0 / (1.0 + np.exp(-((s[:, 1] - s[:, 0]) - offset + pull * (s[:, 0] - 0.45)) / 0.15))
             k = rng.binomial(trials, p)
             told = {"subject": who, "condition": level, "s1": scale * s[:, 0] + shift, "s2": scale * s[:, 1] + shift}
             rows.append(pd.DataFrame({**told, "n_second": k, "n_trials": trials}))
@@ -55,6 +55,14 @@ def test_the_other_reference_turns_signs_another_unit_scales_and_no_bayes_factor
         factor = (1.0 if one.quantity == ORDER_EFFECT else -1.0) * (1.0 if one.quantity == "pull" else 3.0)
         assert turned.mean / factor == pytest.approx(one.mean, abs=0.35 * one.sd)
         assert turned.log_bf_differs == pytest.approx(one.log_bf_differs, abs=5 * np.hypot(one.log_bf_differs_se, turned.log_bf_differs_se))
+
+
+def test_a_pull_that_differs_moves_the_shift_by_its_share_of_the_spread_of_first_stimuli():
+    study = bt.read_study(answers(offsets=(0.0, 0.0), pulls=(0.0, 0.6), subjects="A", trials=200))
+    table = bt.contrast(study, model="contraction + no lapses", seed=1, workers=1)
+    (pull,), (order,) = table.some("pull"), table.some(ORDER_EFFECT)
+    assert pull.word == WORDS[0]
+    assert order.q50 == pytest.approx(abs(pull.q50) * np.std(np.array(PAIRS)[:, 0]), rel=0.05)
 
 
 def test_bayes_factors_by_hand():

@@ -60,6 +60,8 @@ def test_a_history_is_told_of_who_has_one(table):
     assert carries.depends == "yes"
     assert relaxes.depends not in ("yes", "probably")
     assert carries.lead > 5.0
+    for one in (carries, relaxes):  # two levels, of models equally many
+        assert one.log_bayes_factor_history == pytest.approx(np.log((one.p_carry_over + one.p_running_average) / 2 / one.p_static))
     assert carries.p_static + carries.p_carry_over + carries.p_running_average == pytest.approx(1.0)
     assert carries.p_carry_over_by_time is None, "no times between trials"
     assert carries.log_bayes_factor_previous_answer < 3.0

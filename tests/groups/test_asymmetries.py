@@ -34,14 +34,14 @@ def test_where_nobody_differs_it_is_that_of_the_subject_at_the_mean():
     assert np.allclose(found.asymmetries.draws[0, 0, 0, 1:], expected, rtol=0, atol=1e-6)
 
 
-@pytest.mark.parametrize("kind", ["normal", "t"])
+@pytest.mark.parametrize("kind", ["normal", "t", "correlated"])
 def test_the_average_is_that_of_many_subjects(kind):
     """Against 40,000 subjects for one draw: four standard errors of these, and the fixed scores' own error."""
-    same = np.broadcast_to(CENTRE, (*SIZE, 4))
-    found = made_up(study(), mean=same, scatter=0.5, kind=kind)
-    tau, rng = found.chains.scatter[0, 0], np.random.default_rng(4)
-    u = rng.standard_normal((40_000, 4)) if kind == "normal" else rng.standard_t(4, (40_000, 4))
-    at = found.quantities(CENTRE + tau * u)
+    rng, z = np.random.default_rng(4), np.broadcast_to(np.arctanh([0.9, -0.6, 0, 0, 0, 0]), (*SIZE, 6))
+    of = {"kind": "t"} if kind == "t" else {"z": z} if kind == "correlated" else {}
+    found = made_up(study(), mean=np.broadcast_to(CENTRE, (*SIZE, 4)), scatter=0.5, **of)
+    u = rng.standard_t(4, (40_000, 4)) if kind == "t" else rng.standard_normal((40_000, 4))
+    at = found.quantities(CENTRE + 0.5 * u @ np.linalg.cholesky(found.chains.correlation[0, 0]).T)
     one, other = (
         bt.model.equal_probability(s1, s2, at["mu1"], at["sigma_p"], at["sigma_l"], at["q0"]) for s1, s2 in ((0.3, 0.0), (0.0, 0.3))
     )
