@@ -66,20 +66,11 @@ def judged(truth: str, trials: int, i: int, seed: int) -> dict[str, object]:
     row = subject_history(space_evidence(subject, DEFAULT, models_of(subject.task).space, seed), seed)
     levels = {"static": row.p_static, "carry-over": row.p_carry_over, "running average": row.p_running_average}
     own = TRUTHS[truth][1]
-    true = next(iter(own.values()), np.nan)
-    held = row.q05 <= true <= row.q95 if row.parameter in own else None
-    likeliest = max(levels, key=lambda level: levels[level] or 0.0)
+    held = row.q05 <= own[row.parameter] <= row.q95 if row.parameter in own else None
     return {
-        "truth": truth,
-        "trials": trials,
-        "depends": row.depends,
-        "likeliest": likeliest,
-        "log_bayes_factor_history": row.log_bayes_factor_history,
-        "lead": row.lead,
-        "interval_holds": held,
-        "interval": row.q95 - row.q05 if held is not None else np.nan,
-        "history_p_static": row.history_p_static,
-        "history_p": row.history_p,
+        **{"truth": truth, "trials": trials, "likeliest": max(levels, key=lambda level: levels[level] or 0.0), "interval_holds": held},
+        **{key: getattr(row, key) for key in ("depends", "log_bayes_factor_history", "history_p_static", "history_p")},
+        "interval": np.nan if held is None else row.q95 - row.q05,
     }
 
 
@@ -98,11 +89,6 @@ def ranked(model: str, i: int, seed: int) -> dict[str, object]:
     true, values = (target.quantities(one) for one in (x, draws.x))
     ranks = {key: float(draws.shares @ (values[key] < true[key])) for key in target.names.natural}
     return {"model": model, "failed": 0, **ranks}
-
-
-def rows(jobs: list, workers: int) -> pd.DataFrame:
-    """What they give, as a frame."""
-    return pd.DataFrame(run_in_order(jobs, workers, None, [()] * len(jobs)))
 
 
 def told(found: pd.DataFrame) -> Iterator[dict[str, object]]:
@@ -135,11 +121,12 @@ def main() -> None:
     asked = parser.parse_args()
     kinds = [(truth, 400) for truth in TRUTHS] + [("carry-over 0.6", trials) for trials in TRIALS if trials != 400]
     jobs = [partial(judged, truth, trials, i, asked.seed) for truth, trials in kinds for i in range(asked.observers)]
-    table = pd.DataFrame(told(rows(jobs, asked.workers)))
+    table = pd.DataFrame(told(pd.DataFrame(run_in_order(jobs, asked.workers, None, [()] * len(jobs)))))
     table.to_csv(asked.output / "history_recovery.csv", index=False)
     print(table.to_string())
     models = ("contraction + carry-over", "contraction + running average")
-    found = rows([partial(ranked, model, i, asked.seed) for model in models for i in range(asked.ranks)], asked.workers)
+    jobs = [partial(ranked, model, i, asked.seed) for model in models for i in range(asked.ranks)]
+    found = pd.DataFrame(run_in_order(jobs, asked.workers, None, [()] * len(jobs)))
     uniform = [
         {"model": model, "quantity": key, "observers": int(values.count()), "p_uniform": kstest(values.dropna(), "uniform").pvalue}
         for model, some in found.groupby("model", sort=False)

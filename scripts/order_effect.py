@@ -16,7 +16,7 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 from functools import partial
-from itertools import pairwise
+from itertools import pairwise, product
 from pathlib import Path
 
 import numpy as np
@@ -136,15 +136,8 @@ def study_row(kind: str, i: int, seed: int) -> dict[str, object]:
     assert answer is not None
     factors = {f"bf_{row.parameter.replace(' ', '_')}": row.of_none for row in answer.means}
     counts = {f"n_{word.replace(' ', '_')}": sum(one.effect == word for one in said) for word in EFFECTS if word}
-    return {
-        "kind": kind,
-        "study": i,
-        "population": answer.words,
-        "p_none": answer.p_none,
-        **factors,
-        **counts,
-        "subjects": study_sentence(said),
-    }
+    said_of_all = {"kind": kind, "study": i, "population": answer.words, "p_none": answer.p_none}
+    return {**said_of_all, **factors, **counts, "subjects": study_sentence(said)}
 
 
 def agreement(table: pd.DataFrame) -> pd.DataFrame:
@@ -161,22 +154,19 @@ def words(table: pd.DataFrame) -> pd.DataFrame:
     truths = {"has": effect, "probably has": effect, "negligible": ~large, "probably none": ~effect, "none": ~effect}
     found = []
     for design, of in table.groupby("design", sort=False):
-        for word in EFFECTS:
-            if word:
-                some = of.index[of["effect"] == word]
-                right = int(truths[word][some].sum()) if word in truths else None
-                found.append({"design": design, "word": word, "said": len(some), "right": right})
+        for word in filter(None, EFFECTS):
+            some = of.index[of["effect"] == word]
+            found.append((design, word, len(some), int(truths[word][some].sum()) if word in truths else None))
         for kind in ("constant error", "pull"):
             for word in (kind, f"probably {kind}"):
                 some = of[of["kind"] == word]
-                found.append({"design": design, "word": word, "said": len(some), "right": int((some["true"] == kind).sum())})
+                found.append((design, word, len(some), int((some["true"] == kind).sum())))
         p = of[["p_none", "p_constant_error", "p_update"]].to_numpy()
         own = p[np.arange(len(of)), [list(KINDS.values()).index(true) for true in of["true"]]]
         sure = p.max(axis=1) > 0.95
-        wrong = int((own[sure] < 0.5).sum())
-        found.append({"design": design, "word": "P > 0.95", "said": int(sure.sum()), "right": int(sure.sum()) - wrong})
-        found.append({"design": design, "word": f"log score {-np.log(own).mean():.3f}", "said": len(of), "right": None})
-    return pd.DataFrame(found).astype({"right": "Int64"})
+        found.append((design, "P > 0.95", int(sure.sum()), int((own[sure] >= 0.5).sum())))
+        found.append((design, f"log score {-np.log(own).mean():.3f}", len(of), None))
+    return pd.DataFrame(found, columns=["design", "word", "said", "right"]).astype({"right": "Int64"})
 
 
 def main() -> None:
@@ -188,20 +178,18 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--studies", type=int, default=0, help="of each kind, in the place of observers")
     given = parser.parse_args()
-    if given.studies:
-        pairs = [(kind, i) for kind in STUDIES for i in range(given.studies)]
-        rows = run_in_order([partial(study_row, *one, given.seed) for one in pairs], given.workers, None, [(str(one),) for one in pairs])
-        table = pd.DataFrame(rows)
-        table.to_csv(given.output / "order_effect_studies.csv", index=False, float_format="%.3g")
-        print(agreement(table).to_string(index=False))
-        return
-    asked = [(design, order, i) for design in ("moderate", "harsh", *COMPARED) for order in ORDERS for i in range(given.observers)]
-    rows = run_in_order([partial(row, *one, given.seed) for one in asked], given.workers, None, [(str(one),) for one in asked])
-    table = pd.DataFrame(rows)
-    found = words(table)
     given.output.mkdir(parents=True, exist_ok=True)
-    table.to_csv(given.output / "order_effect.csv", index=False, float_format="%.4g")
-    found.to_csv(given.output / "order_effect_words.csv", index=False)
+    if given.studies:
+        name, of, jobs = "order_effect_studies.csv", study_row, [(kind, i) for kind in STUDIES for i in range(given.studies)]
+    else:
+        designs = ("moderate", "harsh", *COMPARED)
+        name, of, jobs = "order_effect.csv", row, [*product(designs, ORDERS, range(given.observers))]
+    rows = run_in_order([partial(of, *job, given.seed) for job in jobs], given.workers, None, [(str(job),) for job in jobs])
+    table = pd.DataFrame(rows)
+    table.to_csv(given.output / name, index=False, float_format="%.3g" if given.studies else "%.4g")
+    found = agreement(table) if given.studies else words(table)
+    if not given.studies:
+        found.to_csv(given.output / "order_effect_words.csv", index=False)
     print(found.to_string(index=False))
 
 

@@ -5,10 +5,12 @@ All are made, none is anybody's data. Counts that come from a model observer are
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import numpy.typing as npt
 
-from bayes_toe.arrays import FloatArray, IntArray
+from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Subject
 from bayes_toe.experiments.simulate import PAPER_AMPLITUDES, reference_design
 from bayes_toe.model.closed_form import equal_probability
@@ -16,23 +18,41 @@ from bayes_toe.model.closed_form import equal_probability
 
 def hard_cases() -> dict[str, Subject]:
     """The collection, by name."""
-    cases = {**_extreme_answers(), **_extreme_observers(), **_extreme_designs()}
-    return {name: Subject(name, case.s1, case.s2, case.n_yes, case.n_trials) for name, case in cases.items()}
+    s1, s2 = _pairs()
+    apart = np.abs(s2 - s1)
+    one_order = _observer()
+    kept = one_order.s1 <= one_order.s2
+    columns = (one_order.s1, one_order.s2, one_order.n_yes, one_order.n_trials)
+    cases = {
+        "all equal": _counts(50),
+        "all different": _counts(0),
+        "perfect observer": _counts(np.where(s1 == s2, 50, 0)),
+        "guessing at 0.5": _counts(25),
+        "reversed answers": _counts(np.rint(50 * (0.2 + 0.7 * apart / apart.max())).astype(np.int64)),
+        "funnel": _observer(mu1=-8.0, gamma=0.004),
+        "maximum on gamma = 1": _observer(mu1=-0.7, gamma=0.999),
+        "q0 = 1": _observer(q0=1.0),
+        "very blunt observer": _observer(mu1=0.3, sigma_p=3.0, q0=0.8),
+        "stimuli spanning 10 log units": _observer(mu1=3.0, sigma_p=2.0, amplitudes=np.exp(np.linspace(0.0, 10.0, 5))),
+        "stimuli offset by 100": _observer(mu1=99.5, amplitudes=np.multiply(PAPER_AMPLITUDES, np.exp(100.0))),
+        "one batch": _counts([1, 1, 0, 1, 1, 1, 1, 0, 0, 1, 0, 0, 0], n=1),
+        "one order missing": Subject.from_counts("case", *(column[kept] for column in columns)),
+        "single pair": Subject.from_counts("case", [0.0], [0.3], [20], [50]),
+        "400 pairs with 3 trials": _many_pairs(),
+        "a million trials a pair": _observer(n=10**6),
+        "a hundred million trials": _observer(n=10**8 // 13),
+    }
+    return {name: replace(case, name=name) for name, case in cases.items()}
 
 
 def twins() -> tuple[Subject, Subject]:
     """Two subjects whose names differ only in case, with different answers."""
-    upper, lower = _observer(mu1=-0.5), _observer(mu1=1.0)
-    return Subject("Ann", *_columns(upper)), Subject("ann", *_columns(lower))
+    return replace(_observer(mu1=-0.5), name="Ann"), replace(_observer(mu1=1.0), name="ann")
 
 
 def _pairs(amplitudes: npt.ArrayLike = PAPER_AMPLITUDES) -> tuple[FloatArray, FloatArray]:
     design = reference_design(np.asarray(amplitudes, np.float64), batches=1)
     return design.s1, design.s2
-
-
-def _columns(subject: Subject) -> tuple[FloatArray, FloatArray, IntArray, IntArray]:
-    return subject.s1, subject.s2, subject.n_yes, subject.n_trials
 
 
 def _counts(n_equal: npt.ArrayLike, n: int = 50) -> Subject:
@@ -46,43 +66,6 @@ def _observer(
     s1, s2 = _pairs(amplitudes)
     q = equal_probability(s1, s2, mu1, sigma_p, sigma_p * np.sqrt(gamma), q0)
     return Subject("case", s1, s2, np.rint(q * n).astype(np.int64), np.full(len(s1), n))
-
-
-def _extreme_answers() -> dict[str, Subject]:
-    s1, s2 = _pairs()
-    apart = np.abs(s2 - s1)
-    reversed_counts = np.rint(50 * (0.2 + 0.7 * apart / apart.max())).astype(np.int64)
-    return {
-        "all equal": _counts(50),
-        "all different": _counts(0),
-        "perfect observer": _counts(np.where(s1 == s2, 50, 0)),
-        "guessing at 0.5": _counts(25),
-        "reversed answers": _counts(reversed_counts),
-    }
-
-
-def _extreme_observers() -> dict[str, Subject]:
-    return {
-        "funnel": _observer(mu1=-8.0, gamma=0.004),
-        "maximum on gamma = 1": _observer(mu1=-0.7, gamma=0.999),
-        "q0 = 1": _observer(q0=1.0),
-        "very blunt observer": _observer(mu1=0.3, sigma_p=3.0, q0=0.8),
-        "stimuli spanning 10 log units": _observer(mu1=3.0, sigma_p=2.0, amplitudes=np.exp(np.linspace(0.0, 10.0, 5))),
-        "stimuli offset by 100": _observer(mu1=99.5, amplitudes=np.multiply(PAPER_AMPLITUDES, np.exp(100.0))),
-    }
-
-
-def _extreme_designs() -> dict[str, Subject]:
-    one_order = _observer()
-    kept = one_order.s1 <= one_order.s2
-    return {
-        "one batch": _counts([1, 1, 0, 1, 1, 1, 1, 0, 0, 1, 0, 0, 0], n=1),
-        "one order missing": Subject.from_counts("case", *(column[kept] for column in _columns(one_order))),
-        "single pair": Subject.from_counts("case", [0.0], [0.3], [20], [50]),
-        "400 pairs with 3 trials": _many_pairs(),
-        "a million trials a pair": _observer(n=10**6),
-        "a hundred million trials": _observer(n=10**8 // 13),
-    }
 
 
 def _many_pairs() -> Subject:

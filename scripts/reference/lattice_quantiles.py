@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -20,20 +20,11 @@ from reference.panels import COEFFICIENTS, WEIGHTS, joined
 LEVELS = (0.05, 0.5, 0.95)
 
 
-class _Cumulative(Protocol):
-    """P(u < threshold) under signed weights of the lattice points."""
-
-    #: Error along the direction of u itself, as a probability; that direction, or None; the characters that add to it.
-    own_error: float
-    direction: int | None
-    others: tuple[tuple[int, ...], ...]
-
-    def __call__(self, threshold: float, weight: FloatArray, /) -> float:
-        """Weighted probability."""
-
-
 class _AlongLattice:
-    """Cumulative probability of a quantity u that grows by one unit with the coordinate of one lattice direction."""
+    """P(u < threshold), under signed weights, of a quantity u that grows by one unit with the coordinate of one lattice direction.
+
+    `own_error` is the error along that direction, as a probability; `others` are the characters that add to it.
+    """
 
     def __init__(self, audit: Audit, direction: int, u: FloatArray) -> None:
         index = audit.lattice.index.copy()
@@ -55,7 +46,7 @@ class _AlongLattice:
 
 
 class _AlongPanels:
-    """Cumulative probability of mu1 - sbar = c / p from the panels' polynomials."""
+    """The same of mu1 - sbar = c / p, from the panels' polynomials."""
 
     own_error = 0.0
     direction: int | None = None
@@ -77,6 +68,9 @@ class _AlongPanels:
         primitive = chebyshev.chebint(panels.values[cut] @ COEFFICIENTS.T, lbnd=-1, axis=1)
         share[cut] = 0.5 * panels.width[cut] * chebyshev.chebval(place[cut], primitive.T, tensor=False)
         return float(weight[panels.node] @ share)
+
+
+_Cumulative = _AlongLattice | _AlongPanels
 
 
 class Quantiles(NamedTuple):
