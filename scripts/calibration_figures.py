@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -12,58 +11,60 @@ from matplotlib.figure import Figure
 from reference.calibration import DEFAULT, DESIGNS, ESTIMATORS, FALSE_ALARM, RANKED, Calibration, log_odds
 from reference.calibration_statistics import POINTS, band, ecdf_difference, reliability_bins
 
-from bayes_toe.arrays import BoolArray, FloatArray
 from bayes_toe.plots.style import EQUAL, LABELS, LETTERS, PAGE, SMALL, STRONGER_FIRST, WEAKER_FIRST, dress, legend_below, new_figure
 
 #: Colour, line and marker of each design: two that colour-blind readers can tell apart.
 STYLE = {"paper": (STRONGER_FIRST, "-", "o"), "sparse": (WEAKER_FIRST, (0, (3, 1.2)), "s")}
-_BAND = f"band (all lines inside with {100 * (1 - FALSE_ALARM):g} %)"
-_FADE = 0.45
 _ENDS = np.concatenate([[0.0], POINTS, [1.0]])  # with 0 and 1, where every difference is 0
 _TICKS = (-100, -30, -10, -3, -1, 0, 1, 3, 10, 30, 100)
 
 
 def ranks_figure(table: Calibration) -> Figure:
     """Distribution function of the ranks of every quantity minus the uniform one, with the band that all stay in with 99 %."""
-    return _two_rows(3.7, RANKED, partial(_draw_ranks, table), "rank of the true value", "ECDF difference")
+    designs = list(table.ranks.groupby("design", sort=False))
+    threshold = table.rank_verdicts["threshold"].iloc[0]
+    bands = [band(size, 1.0 - threshold).differences() for size in dict.fromkeys(len(found) for _, found in designs)]
 
+    def draw(quantity: str, ax: Axes) -> None:
+        for lower, upper in bands:
+            label = f"band (all lines inside with {100 * (1 - FALSE_ALARM):g} %)"
+            ax.fill_between(_ENDS, np.pad(lower, 1), np.pad(upper, 1), color=EQUAL, alpha=0.18, lw=0, label=label)
+        for design, found in designs:
+            colour, line, _ = STYLE[design]
+            label = f"{design} design: {DESIGNS[design]} batches, {len(found)} studies"
+            ax.plot(_ENDS, np.pad(ecdf_difference(found[quantity]), 1), color=colour, ls=line, lw=1.1, label=label)
+        ax.axhline(0.0, color="black", lw=0.5)
+        ax.set_title(LABELS.get(quantity, quantity.replace("_", " ")), fontsize=LETTERS)
+        ax.set_xlim(0.0, 1.0)
+        ax.set_xticks([0.0, 0.5, 1.0], ["0", "0.5", "1"])
 
-def _draw_ranks(table: Calibration, quantity: str, ax: Axes) -> None:
-    """One quantity of all designs; a design's band is that of its number of studies, and drawn once a number."""
-    sizes = dict.fromkeys(len(found) for _, found in table.ranks.groupby("design", sort=False))
-    for size in sizes:
-        lower, upper = band(size, 1.0 - table.rank_verdicts["threshold"].iloc[0]).differences()
-        ax.fill_between(_ENDS, np.pad(lower, 1), np.pad(upper, 1), color=EQUAL, alpha=0.18, lw=0, label=_BAND)
-    for design, found in table.ranks.groupby("design", sort=False):
-        colour, line, _ = STYLE[design]
-        label = f"{design} design: {DESIGNS[design]} batches, {len(found)} studies"
-        ax.plot(_ENDS, np.pad(ecdf_difference(found[quantity]), 1), color=colour, ls=line, lw=1.1, label=label)
-    ax.axhline(0.0, color="black", lw=0.5)
-    ax.set_title(LABELS.get(quantity, quantity.replace("_", " ")), fontsize=LETTERS)
-    ax.set_xlim(0.0, 1.0)
-    ax.set_xticks([0.0, 0.5, 1.0], ["0", "0.5", "1"])
+    return _two_rows(3.7, RANKED, draw, "rank of the true value", "ECDF difference")
 
 
 def reliability_figure(table: Calibration) -> Figure:
-    """Reliability diagrams of all estimators: how often H1 was true where its probability was p."""
-    return _two_rows(5.7, list(ESTIMATORS), partial(_draw_reliability, table), "stated P(H1 | data)", "share that came from H1")
+    """How often H1 was true where its probability was p: bins with exact 95 % intervals, marks whose area grows with what is in them."""
 
+    def draw(estimator: str, ax: Axes) -> None:
+        ax.plot([0, 1], [0, 1], color="black", lw=0.5)
+        rows = table.evidence_verdicts
+        for line, row in enumerate(rows[rows["estimator"] == estimator].itertuples()):
+            colour, _, marker = STYLE[row.design]
+            note = _none(row.missing_h1 + row.missing_h0, row.data_sets)
+            odds, from_h1 = log_odds(table.data_sets[table.data_sets["design"] == row.design], estimator)
+            said = ", ".join(filter(None, [f"ECE {row.error:.3f}", note])) if len(odds) else "none exists"
+            ax.text(0.0, 1.25 - 0.11 * line, said, color=colour, fontsize=SMALL, va="center")
+            if len(odds):
+                bins = reliability_bins(odds, from_h1)
+                at = bins.stated + (0.012 if row.design == "sparse" else -0.012)  # so that the two designs do not hide each other
+                ax.vlines(at, bins.lower, bins.upper, color=colour, lw=0.9)
+                size = 6.0 + 60.0 * bins.count / row.data_sets
+                ax.scatter(at, bins.observed, s=size, color=colour, marker=marker, lw=0, zorder=3, label=_sets(row.design, row.data_sets))
+        ax.set_title(estimator + (" (default)" if estimator == DEFAULT else ""), fontsize=LETTERS)
+        ax.set(xlim=(-0.05, 1.05), ylim=(-0.05, 1.32), aspect="equal")
+        ax.set_xticks([0.0, 0.5, 1.0], ["0", "0.5", "1"])
+        ax.set_yticks([0.0, 0.5, 1.0], ["0", "0.5", "1"])
 
-def _draw_reliability(table: Calibration, estimator: str, ax: Axes) -> None:
-    """One estimator: bins of the stated probability with exact 95 % intervals; the area of a mark grows with the data sets in it."""
-    ax.plot([0, 1], [0, 1], color="black", lw=0.5)
-    rows = table.evidence_verdicts
-    for line, row in enumerate(rows[rows["estimator"] == estimator].itertuples()):
-        note = _none(row.missing_h1 + row.missing_h0, row.data_sets)
-        odds, from_h1 = log_odds(table.data_sets[table.data_sets["design"] == row.design], estimator)
-        said = f"ECE {row.error:.3f}" + (f", {note}" if note else "") if len(odds) else "none exists"
-        ax.text(0.0, 1.25 - 0.11 * line, said, color=STYLE[row.design][0], fontsize=SMALL, va="center")
-        if len(odds):
-            _draw_bins(ax, odds, from_h1, row.design, row.data_sets)
-    ax.set_title(estimator + (" (default)" if estimator == DEFAULT else ""), fontsize=LETTERS)
-    ax.set(xlim=(-0.05, 1.05), ylim=(-0.05, 1.32), aspect="equal")
-    ax.set_xticks([0.0, 0.5, 1.0], ["0", "0.5", "1"])
-    ax.set_yticks([0.0, 0.5, 1.0], ["0", "0.5", "1"])
+    return _two_rows(5.7, list(ESTIMATORS), draw, "stated P(H1 | data)", "share that came from H1")
 
 
 def differences_figure(table: Calibration) -> Figure:
@@ -99,30 +100,22 @@ def _two_rows(high: float, kinds: Sequence[str], draw: Callable[[str, Axes], Non
     return figure
 
 
-def _draw_bins(ax: Axes, odds: FloatArray, from_h1: BoolArray, design: str, total: int) -> None:
-    bins = reliability_bins(odds, from_h1)
-    colour, _, marker = STYLE[design]
-    shift = 0.012 * (1 if design == "sparse" else -1)  # so that the two designs do not hide each other
-    ax.vlines(bins.stated + shift, bins.lower, bins.upper, color=colour, lw=0.9)
-    label = f"{design} design: {DESIGNS[design]} batches, {total} data sets"
-    size = 6.0 + 60.0 * bins.count / total
-    ax.scatter(bins.stated + shift, bins.observed, s=size, color=colour, marker=marker, lw=0, zorder=3, label=label)
-
-
 def _draw_shifts(ax: Axes, found: pd.DataFrame, estimator: str, design: str, height: float) -> None:
     """Median, and the ranges that hold half, 90 % and all of the data sets."""
     shifts = (found[estimator] - found[DEFAULT]).dropna()
     colour, _, marker = STYLE[design]
     note = _none(found[estimator].isna().sum(), len(found))
     ax.annotate(note, (1.01, height), xycoords=("axes fraction", "data"), fontsize=SMALL, color=colour, va="center", annotation_clip=False)
-    if not len(shifts):
-        return
-    least, low, lower, middle, upper, high, most = np.quantile(shifts, [0.0, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0])
-    ax.plot([least, most], [height, height], color=colour, lw=0.5)
-    ax.plot([low, high], [height, height], color=colour, lw=1.6, solid_capstyle="butt")
-    ax.plot([lower, upper], [height, height], color=colour, lw=4.5, alpha=_FADE, solid_capstyle="butt")
-    label = f"{design} design: {DESIGNS[design]} batches, {len(found)} data sets"
-    ax.plot([middle], [height], color=colour, marker=marker, ms=4.0, ls="", label=label)
+    if len(shifts):
+        least, low, lower, middle, upper, high, most = np.quantile(shifts, [0.0, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0])
+        ax.plot([least, most], [height, height], color=colour, lw=0.5)
+        ax.plot([low, high], [height, height], color=colour, lw=1.6, solid_capstyle="butt")
+        ax.plot([lower, upper], [height, height], color=colour, lw=4.5, alpha=0.45, solid_capstyle="butt")
+        ax.plot([middle], [height], color=colour, marker=marker, ms=4.0, ls="", label=_sets(design, len(found)))
+
+
+def _sets(design: str, size: int) -> str:
+    return f"{design} design: {DESIGNS[design]} batches, {size} data sets"
 
 
 def _none(missing: int, total: int) -> str:

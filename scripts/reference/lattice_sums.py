@@ -36,7 +36,11 @@ class Audit:
         self.sds = np.sqrt(self.weight @ central)
         # The columns whose sums are reported: 1, theta - mean, and (theta - mean)^2 - variance, the latter two in units of sd.
         scaled = [np.ones(len(outer))[:, None], (first - self.means) / self.sds, 0.5 * (central / self.sds**2 - 1.0)]
-        self.errors = self._errors(np.column_stack(scaled))
+        columns = np.column_stack(scaled)
+        #: Of the weighted sums of the columns: along the 7 characters of the lattice, outside, and inside; (9, columns).
+        rows = [np.abs((self.weight * self.sign(e)) @ columns) for e in CHARACTERS]
+        outside = self.weight[self.shell] @ np.abs(columns[self.shell])
+        self.errors = np.stack([*rows, outside, np.full(columns.shape[1], self.panel_error)])
 
     def _node_moments(self) -> tuple[FloatArray, FloatArray]:
         """First and second moment of mu1 - sbar, sigma_p, sigma_l, q0 and gain along each line, each (nodes, 5)."""
@@ -49,13 +53,6 @@ class Audit:
         spread = np.column_stack([sd, self.outer])
         second[:, 0] += reach(spread) ** 2
         return first, second
-
-    def _errors(self, columns: FloatArray) -> FloatArray:
-        """Errors of the weighted sums of the columns: along the 7 characters of the lattice, outside, and inside; (9, columns)."""
-        rows = [np.abs((self.weight * self.sign(e)) @ columns) for e in CHARACTERS]
-        rows.append(np.abs(self.weight[self.shell]) @ np.abs(columns[self.shell]))
-        rows.append(np.full(columns.shape[1], self.panel_error))
-        return np.stack(rows)
 
     def sign(self, character: tuple[int, ...]) -> FloatArray:
         """(-1)^(character . index), (nodes,)."""
