@@ -15,6 +15,7 @@ from bayes_toe.cli import report, results_folder
 from bayes_toe.cli.methods import read_methods, write_text
 from bayes_toe.cli.report import Group
 from bayes_toe.cli.results_folder import GROUP_PRODUCTS, Drawn, opened, write_results
+from bayes_toe.explorer.page import Explorer
 from bayes_toe.groups.predictive_check import PredictiveCheck, Statistic
 from bayes_toe.groups.regressors import Regressor
 
@@ -68,9 +69,10 @@ def test_of_very_many_subjects_the_report_is_an_index_with_a_page_for_each(marke
     assert 'href="../corner/A.png"' in pages["A"]
 
 
-def test_a_group_and_an_explorer_stand_beside_the_report_where_asked_for_and_go_where_not(marked, tmp_path):
+def test_a_group_and_an_explorer_stand_beside_the_report_where_asked_for_and_go_where_not(marked, tmp_path, monkeypatch):
     """The section of the group says first what speaks against it, then the answer, figure and tables."""
-    pytest.importorskip("bokeh")
+    explored = []
+    monkeypatch.setattr(results_folder, "explore", lambda *draws, **more: explored.append((draws, more)) or Explorer("explored"))
     out, columns = tmp_path / "out", [Regressor("group", "<b>", "group <b> against a", reference="a")]
     found = made_population(ordinary(3), columns=columns, x=[[0.0], [1.0], [0.0]], reason="few draws")
     group = Group(found, PredictiveCheck((WRONG,), "normal", 500))
@@ -100,7 +102,8 @@ def test_a_group_and_an_explorer_stand_beside_the_report_where_asked_for_and_go_
     write_results(replace(marked, settings=settings), out, pictures=Drawn("none", explorer=True), workers=1, overwrite=True)
     assert 'id="group"' not in page(out)
     assert not any((out / name).exists() for name in GROUP_PRODUCTS)
-    assert "<title>Explore a posterior</title>" in (out / "explorer.html").read_text(encoding="utf-8")
+    assert (out / "explorer.html").read_text(encoding="utf-8") == "explored"
+    assert explored == [((marked.draws,), {"truths": None, "population": None})]
     assert page(out).count('href="explorer.html"') == 2
     assert "bayes-toe explore" not in page(out)
     # The probabilities of the order effect depend on the constant error's own prior, so the report has it.
