@@ -11,7 +11,7 @@ from scipy.special import logsumexp
 from bayes_toe.data.study import Subject
 from bayes_toe.experiments.simulate import reference_design
 from bayes_toe.inference import adaptation
-from bayes_toe.inference.adaptation import fit_proposal, with_fresh_draws
+from bayes_toe.inference.adaptation import adapt_proposal, fit_proposal, with_fresh_draws
 from bayes_toe.inference.evidence import importance_evidence
 from bayes_toe.model.ladder import posterior_of
 from bayes_toe.model.prior import Prior
@@ -55,14 +55,14 @@ def test_a_fit_survives_starting_components_of_enormous_scale():
 
 
 def test_draws_that_chose_the_proposal_give_no_evidence():
-    fitted = fit_proposal(posterior_of(CASES["one batch"]), np.random.default_rng(3))
-    assert fitted.independent
+    chosen = adapt_proposal(posterior_of(CASES["all different"]), np.random.default_rng(7))  # refitted to the draws that judged it
+    assert not chosen.independent
     with pytest.raises(ValueError, match="helped to choose"):
-        importance_evidence(replace(fitted, independent=False))
-    again = with_fresh_draws(replace(fitted, independent=False), np.random.default_rng(4))
+        importance_evidence(chosen)
+    again = with_fresh_draws(chosen, np.random.default_rng(4))
     assert again.independent
-    assert len(again.draws.x) == 2 * len(fitted.draws.x)
-    assert not set(again.draws.log_posterior) & set(fitted.draws.log_posterior)
+    assert len(again.draws.x) == 2 * len(chosen.draws.x)
+    assert not set(again.draws.log_posterior) & set(chosen.draws.log_posterior)
 
 
 def test_a_fit_that_begins_with_another_one_needs_no_maxima_and_finds_the_same_evidence(monkeypatch):

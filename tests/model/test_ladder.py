@@ -1,4 +1,4 @@
-"""The ladder: prior and draws of every model, hard cases, and what is refused; evidences stand in reference/test_compositions."""
+"""The ladder: prior and draws of every model, hard cases, and what is refused; evidences stand in reference/test_reference."""
 
 from functools import cache
 
