@@ -8,8 +8,6 @@ in session.csv, which `bayes-toe run` reads.
 """
 
 import argparse
-import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -39,7 +37,7 @@ def simulated(pair: tuple[float, ...], rng: np.random.Generator) -> bool:
     return bool(rng.uniform() < observer.p_yes(StudyDesign([pair[0]], [pair[1]], [1]))[0])
 
 
-def main() -> int:
+def main() -> None:
     """One session."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("file", type=Path)
@@ -49,25 +47,17 @@ def main() -> int:
     asked = parser.parse_args()
     pairs = [(a, b) for a in LEVELS for b in LEVELS]
     session = bt.planning.Adaptive.resume(asked.file) if asked.file.exists() else bt.planning.Adaptive(pairs, MODELS, seed=1)
-    rng, waits = np.random.default_rng(session.trials), []
+    rng = np.random.default_rng(session.trials)
     while session.trials < asked.trials:
-        begun = time.perf_counter()
         pair = session.next()
-        waits.append(time.perf_counter() - begun)
         show(pair)
-        equal = simulated(pair, rng) if asked.simulate else ask()
-        begun = time.perf_counter()
-        session.answer(pair, equal)
+        session.answer(pair, simulated(pair, rng) if asked.simulate else ask())
         session.save(asked.file)
-        waits[-1] += time.perf_counter() - begun
     frame = pd.DataFrame(session.answers, columns=["s1", "s2", "response"])
     frame = frame.assign(subject=asked.subject, trial=np.arange(1, len(frame) + 1), response=np.where(frame.response, "equal", "different"))
     frame.to_csv(asked.file.with_suffix(".csv"), index=False)
     print(", ".join(f"P({name}) = {p:.3f}" for name, p in session.probabilities.items()))
-    if waits:
-        print(f"{1000 * np.median(waits):.0f} ms between an answer and the next pair (median)")
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

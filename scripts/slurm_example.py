@@ -6,7 +6,6 @@ environment that all nodes see.
 """
 
 import argparse
-import sys
 from pathlib import Path
 
 import dask
@@ -16,7 +15,7 @@ from distributed import Client
 import bayes_toe as bt
 
 
-def main() -> int:
+def main() -> None:
     """Ask for jobs, sample on what comes, save."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("study", type=Path, help="CSV of trials or counts")
@@ -36,13 +35,12 @@ def main() -> int:
     with SLURMCluster(processes=options.cores, **{key: getattr(options, key) for key in keys}) as cluster:
         if options.show:
             print(cluster.job_script())
-            return 0
+            return
         cluster.scale(jobs=options.jobs)  # work begins with the first worker
         with Client(cluster) as client:
             draws = bt.sample(bt.read_study(options.study), draws=options.draws, seed=options.seed, workers=client, progress=print)
     draws.save(options.output)
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -133,7 +133,7 @@ def test_failures_and_what_did_not_converge_are_named():
 
 def test_wrong_evidences_fail_and_withheld_ones_are_named():
     """From one data set of a design, or from all; the others say H1 of data sets from H0."""
-    rows = [{"design": "paper", "data_set": f"s{i}", "from": "H0", **dict.fromkeys(ESTIMATORS, 3.0)} for i in range(40)]
+    rows = [{"design": "paper", "data_set": f"s{i}", "from": "H0", **dict.fromkeys(ESTIMATORS, 3.0), "Appendix C": 1.0} for i in range(40)]
     rows[7] |= {DEFAULT: np.nan}
     rows += [{"design": "sparse", "data_set": "x", "from": "H1", **dict.fromkeys(ESTIMATORS, np.nan)}]
     found = judged(Plan(0, 40, 1), [], rows)
@@ -142,5 +142,6 @@ def test_wrong_evidences_fail_and_withheld_ones_are_named():
         "evidence, sparse design: the default estimator gives no number",
         "evidence withheld by the default estimator: s7, x",
     ]
+    assert list(found.evidence_verdicts.median_shift[:6]) == list(found.evidence_verdicts.largest_shift[:6]) == [0, 0, 0, 0, 0, -2]
     assert list(found.evidence_verdicts.missing_h1) == [0] * 6 + [1] * 6
     assert list(found.evidence_verdicts.missing_h0) == [1] + [0] * 11
