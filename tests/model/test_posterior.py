@@ -152,6 +152,7 @@ def test_one_pair_over_the_whole_range_of_floats(gamma, sigma_p, lapse, z, mu1, 
     width, p = sigma_p * float(variance_ratio(gamma)) ** 1.5, float(pull(gamma))
     # sbar is the pair's own first stimulus, so the displacement is s2 - s1 - c: the second stimulus is placed z widths away.
     step = z * width + p * mu1
+    assume(abs(step) < 1e150)  # beyond, the standard deviation of the stimuli, a prior's scale, is no float
     subject = Subject("S", [0.0], [step], [equal], [equal + different])
     posterior = posterior_of(subject, Prior())
     # 1 - q0 may be far below machine precision.
