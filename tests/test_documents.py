@@ -72,6 +72,7 @@ def test_files_are_there(path):
     text = words(path)
     links = [link for link in re.findall(r"\]\(([^)#\s]+)", text) if not re.match("[a-z]+:", link)]
     assert [link for link in links if not (path.parent / link).exists()] == []
+    assert path == README or README not in [(path.parent / link).resolve() for link in links]  # it is no page of the site
     for paragraph in re.split(r"\n\s*\n", text):
         if not re.search(r"commit `?[0-9a-f]{7}", paragraph):
             named = re.findall(rf"(?<![\w/.-])(?:(?:{'|'.join(OURS)})/[\w./-]*\w|[\w/]+\.py\b)", paragraph)

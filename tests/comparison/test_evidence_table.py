@@ -15,8 +15,8 @@ from bayes_toe.comparison.evidence_table import EVIDENCE_COLUMNS, EvidenceTable,
 from bayes_toe.comparison.verdict import verdict
 from bayes_toe.experiments.simulate import reference_design
 from bayes_toe.inference.adaptation import fit_proposal
-from bayes_toe.inference.evidence import importance_evidence, laplace_evidence
-from bayes_toe.inference.maxima import Maxima
+from bayes_toe.inference.evidence import importance_evidence, laplace_evidence, laplace_evidence_natural
+from bayes_toe.inference.maxima import Maxima, find_maxima
 from bayes_toe.inference.proposal import FittedProposal
 from bayes_toe.inference.subject import Wanted, fitted_result, infer
 from bayes_toe.model.free_frequencies import frequency_evidence
@@ -37,7 +37,7 @@ def test_h0_laplace_is_appendix_c_term_by_term():
 
 
 def test_h0_laplace_falls_short_with_many_thin_pairs():
-    # DESIGN.md, section 5: tens of nats below the exact value with 400 pairs of 3 trials.
+    # Tens of nats below the exact value with 400 pairs of 3 trials.
     subject = CASES["400 pairs with 3 trials"]
     assert frequency_evidence_laplace(subject) < frequency_evidence(subject) - 30
 
@@ -64,6 +64,14 @@ def test_laplace_that_does_not_exist_is_empty_and_says_why():
     assert row.log_evidence_h1 is not None
     assert any("Laplace" in note for note in row.footnotes)
     assert EvidenceTable((row,)).frame()["log_evidence_h1_laplace"].isna().all()
+
+
+def test_laplace_in_either_coordinates_stands_in_its_own_column():
+    posterior = posterior_of(bt.example_study()["S01"], bt.Prior())
+    row, maxima = subject_evidence(*fitted_result(posterior, 1, Wanted(evidence_draws=20_000)), None), find_maxima(posterior)
+    assert row.log_evidence_h1_laplace == pytest.approx(laplace_evidence(maxima)[0], abs=1e-6)
+    assert row.log_evidence_h1_laplace_natural == pytest.approx(laplace_evidence_natural(posterior, maxima)[0], abs=1e-6)
+    assert abs(row.log_evidence_h1_laplace - row.log_evidence_h1_laplace_natural) > 0.01
 
 
 def test_untrusted_weights_give_no_number():
