@@ -40,7 +40,7 @@ EDGES: Mapping[Task, tuple[str, ...]] = {
     task: ("gamma=0", "gamma=1", f"{task.lapses}=0", f"{task.lapses}=1", "sigma_p=0", "sigma_p=inf", "not unique") for task in TASKS
 }
 #: Values of one temporary array: of some tens together they stay in the processor's cache.
-_BLOCK = 1 << 13
+_BLOCK = 1 << 14
 #: -log of a share that is 1 or 0 to all digits; how far a width may be from the steps between stimuli, natural log.
 _WHOLE, _NONE, _FAR = 1e-15, 80.0, 30.0
 #: Curvatures below which a direction counts as flat: nats, and what differences can tell of those of its coordinates.
