@@ -200,7 +200,7 @@ def test_draws_are_stored_with_intervals_and_units(analysis, study, tmp_path):
     back = bt.load(tmp_path / "posterior.nc")
     assert back.intervals == THREE
     assert np.array_equal(back.subject("S02").isi, study["S02"].isi)
-    assert back.select("S02").intervals == THREE
+    assert back["S02"].intervals == THREE
     assert back.group("posterior")["sigma_p"].attrs["units"] == "ln intensity / (1 s)^(1/2)"
     assert back.attrs["model"] == "predictive update"
     assert "self-consistent prior for each interval" in back.attrs["about_model"]

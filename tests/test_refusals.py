@@ -82,7 +82,7 @@ def test_small_files_are_read_or_refused_in_lines(kind, tmp_path):
 
 def test_damaged_numbers_of_draws_are_refused(analysis, tmp_path):
     """Of damage to what is not a number HDF5 says what it says."""
-    path = analysis.draws.select("A").save(tmp_path / "posterior.nc")
+    path = analysis.draws["A"].save(tmp_path / "posterior.nc")
     whole = path.read_bytes()
     with h5py.File(path) as file:
         chunks = [(one.byte_offset, one.size) for one in (file[f"posterior/{name}"].id.get_chunk_info(0) for name in ("mu1", "q0"))]

@@ -17,7 +17,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from bayes_toe.arrays import FloatArray, IntArray
-from bayes_toe.classical.ellipse import Ellipse, require_share
+from bayes_toe.classical.ellipse import require_share
 from bayes_toe.classical.maximum_likelihood import Fits, fit_counts
 from bayes_toe.data.study import Study, Subject, refuse_intervals, require_study
 from bayes_toe.data.tables import SubjectTable
@@ -86,19 +86,6 @@ class Bootstrap:
         mu1, sigma_p, sigma_l, q0 = self.fits.parameters.T
         columns = np.stack([mu1, np.square(sigma_p), np.square(sigma_l), q0])
         return np.cov(columns) if np.isfinite(columns).all() and len(self) > 1 else None
-
-    def ellipse(self, mass: float = 0.2) -> Ellipse | None:
-        """Ellipse of this probability around the mean in (mu1, sigma_p), for a normal distribution; None where there is no covariance.
-
-        Source: Fig. 4.
-        """
-        require_share("mass", mass)
-        points = self.fits.parameters[:, :2].T
-        if not np.isfinite(points).all() or len(self) < 2:
-            return None
-        variances, axes = np.linalg.eigh(np.cov(points))
-        radius = np.sqrt(-2.0 * np.log1p(-mass) * np.maximum(variances, 0.0))  # rounding may leave a variance of 0 just below it
-        return Ellipse(points.mean(axis=1), radius[::-1], float(np.arctan2(axes[1, 1], axes[0, 1])))
 
     def remarks(self) -> tuple[str, ...]:
         """What a reader of the intervals has to know, one sentence each."""

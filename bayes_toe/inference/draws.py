@@ -139,10 +139,6 @@ class Draws:
 
     def __getitem__(self, name: str | int) -> Draws:
         """Draws of one subject alone; of a store or a large file, no others are read."""
-        return self.select(name)
-
-    def select(self, name: str | int) -> Draws:
-        """The same."""
         name = self._known(name)
         with self._reading():
             groups = {f"/{key}": self.group(key).sel(subject=[name]).load() for key in ("posterior", "sample_stats")}

@@ -22,6 +22,7 @@ _GIVEN, _WEAK = "the prior given", f"within {STRONG:g} nats of 0: not strong"
 _ANEW, _TURNS = "open: sampled anew, not re-weighted", "the sign turns, at this value of the prior"
 _EXPLAINED = (_GIVEN, _WEAK, _TURNS, _ANEW)
 _ACROSS, _WIDE, _HIGH = 4, 1.9, 1.75  # panels beside each other, inches of each
+_BESIDE, _OF_WORDS = 3.1, 1.9  # inches that words beside few panels take, across and down
 _LETTERS_AN_INCH = 15.0  # of words below
 _NEAR = 25.0  # a panel shows 0 if its values come this close to it, in nats
 
@@ -56,18 +57,18 @@ def sensitivity_figure(table: SensitivityTable, *, synthetic: bool = False) -> F
     names = table.names
     across = min(_ACROSS, len(names))
     down = -(-len(names) // across)
-    figure = new_figure(max(_WIDE * across + 0.4, 3.4), _HIGH * down + 1.0)
+    beside = across < 3  # words beside few panels, above many
+    figure = new_figure(_WIDE * across + (_BESIDE if beside else 0.4), max(_HIGH * down, _OF_WORDS if beside else 0.0) + 1.0)
     for ax, name in zip(first_panels(figure.add_gridspec(down, across), len(names)), names, strict=True):
         _draw_subject(ax, table, name)
-    figure.supylabel("log Bayes factor, H1 minus H0 (nats)", fontsize=LETTERS)
+    figure.supylabel(fill("log Bayes factor, H1 minus H0 (nats)", int(_LETTERS_AN_INCH * _HIGH * down)), fontsize=LETTERS)
     words = "factor on the prior's scale; its mean of mu1 is shifted instead" + (" (synthetic data)" if synthetic else "")
     figure.supxlabel(fill(words, int(_LETTERS_AN_INCH * figure.get_figwidth())), fontsize=LETTERS)
     found = {label: handle for ax in figure.axes for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
     scans = [label for label in found if label not in _EXPLAINED]  # first, whichever subject has which of the others
     order = [*scans, *(label for label in _EXPLAINED if label in found)]
-    columns = min(across, 3)
-    style: dict[str, Any] = {"ncols": columns, "frameon": False, "fontsize": LETTERS if columns > 1 else SMALL}
-    figure.legend([found[label] for label in order], order, loc="outside upper center", **style)
+    place: dict[str, Any] = {"loc": "outside right center"} if beside else {"loc": "outside upper center", "ncols": 3}
+    figure.legend([found[label] for label in order], order, frameon=False, fontsize=SMALL, **place)
     return figure
 
 
