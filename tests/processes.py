@@ -84,12 +84,15 @@ def die(main, marks, deaths):
 
 
 def save_on_a_full_disk(source, target, room):
-    """Save draws again where no file may have more bytes than `room`: an error, and no other end of the process."""
+    """Save draws again where no file may have more bytes than `room`: an error, and no other end of the process.
+
+    With -B: Python would leave libraries half compiled, in which nobody could load them any more.
+    """
     saves = (
         "import resource, sys, bayes_toe as bt; draws = bt.load(sys.argv[1]); room = int(sys.argv[3]); "
         "resource.setrlimit(resource.RLIMIT_FSIZE, (room, room)); draws.save(sys.argv[2])"
     )
-    ended = subprocess.run([sys.executable, "-c", saves, str(source), str(target), str(room)], capture_output=True, text=True)
+    ended = subprocess.run([sys.executable, "-B", "-c", saves, str(source), str(target), str(room)], capture_output=True, text=True)
     assert ended.returncode == 1
     assert "OutputError: " in ended.stderr.splitlines()[-1]
     assert f"{target.name}: cannot be written (File too large)" in ended.stderr.splitlines()[-1]

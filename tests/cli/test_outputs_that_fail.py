@@ -46,7 +46,8 @@ def test_a_full_disk_is_one_line_and_leaves_what_was_there(place, tmp_path, comm
     output = out / "posterior.nc" if command == "sample" else out
     words = [command, place / "study.csv", "-o", output, "--draws", 100, "--seed", 1, "--workers", 1, "--overwrite", "-q"]
     full = partial(resource.setrlimit, resource.RLIMIT_FSIZE, (limit, limit))
-    done = subprocess.run([*PROGRAM, *map(str, words)], capture_output=True, text=True, preexec_fn=full)
+    whole = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1"}  # Python would leave libraries half compiled
+    done = subprocess.run([*PROGRAM, *map(str, words)], capture_output=True, text=True, preexec_fn=full, env=whole)
     assert f"{name}: cannot be written (File too large)" in one_line(done)
     assert ".bayes_toe" not in done.stderr
     assert content(out) == {"posterior.nc": b"old"}
