@@ -54,8 +54,8 @@ STAGES = (
     Stage(components=24, draws=4000, rounds=10, enough=0.6, cover_share=0.1),
 )
 #: Of a proposal that begins with Laplace's approximation, for an evidence among many.
-QUICK = Stage(components=6, draws=700, rounds=5, enough=0.5, cover_share=0.05)
-QUICK_DRAWS = 2500
+QUICK = Stage(components=6, draws=700, rounds=5, enough=0.5, cover_share=0.15)
+QUICK_DRAWS, _QUICK_REFITS = 2500, 3
 _POOR = 0.5  # efficiency below which the second stage runs
 _REFITS = 5
 _HARD = 2  # times the judging draws, where refits were needed
@@ -77,7 +77,10 @@ def fit_proposal(posterior: Target, rng: np.random.Generator, *, start: Start = 
 
 
 def quick_proposal(posterior: Target, modes: FloatArray, cloud: FloatArray, rng: np.random.Generator) -> FittedProposal:
-    """A proposal from a cloud of draws about a maximum, shapes (draws, k) and (1, k), judged by 2,500 draws."""
+    """A proposal from a cloud of draws about a maximum, shapes (draws, k) and (1, k), judged by 2,500 draws.
+
+    Where these show what it misses it is refitted to them and judged by as many others, three times at most.
+    """
     levelling = posterior.levelling(modes)
     y = levelling.level(cloud)[0]
     spread = _covariance(y)
@@ -87,7 +90,11 @@ def quick_proposal(posterior: Target, modes: FloatArray, cloud: FloatArray, rng:
     cover = StudentMixture(np.ones(1), means[:1], 4.0 * spread[None], _even(_COVER_DF, y.shape[1]))
     history = _adapt(Proposal(posterior, levelling, mixture, cover, QUICK.cover_share), QUICK, rng)
     found = _judged(_refitted(history[-_HISTORY:], QUICK), rng, QUICK_DRAWS)
-    return found if found.trusted else _judged(_refitted([found], QUICK, _PATCHES // 2), rng, 2 * QUICK_DRAWS)
+    for _ in range(_QUICK_REFITS):
+        if found.trusted and found.heaviest < _HEAVY:
+            break
+        found = _judged(_refitted([found], QUICK, _PATCHES // 2), rng, QUICK_DRAWS)
+    return found
 
 
 def adapt_proposal(posterior: Target, rng: np.random.Generator, *, start: Start = None, draws: int = 20_000) -> FittedProposal:

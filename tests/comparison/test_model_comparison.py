@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from commands import good, refused
+from conftest import few_pairs
 
 import bayes_toe as bt
 from bayes_toe.cli.compare import say_comparison
@@ -61,6 +62,20 @@ def test_subjects_are_independent_of_company_and_workers(table, small_study):
     assert (alone.log_evidence, alone.checks) == (table["C", "symmetric"].log_evidence, table["C", "symmetric"].checks)
     shared = compare(small_study.select(["C", "A"]), FEW, seed=5, prior="paper", workers=2)
     assert [shared[name, model] for name in ("A", "C") for model in FEW] == list(table)
+
+
+def test_the_space_of_verdicts_has_the_values_of_each_of_its_models_and_the_verdict(three_models):
+    """The first of it: their evidences and draws are those of the verdict, made another way than a model's own."""
+    study = few_pairs(["A"])
+    whole = compare(study, draws=300, seed=5, prior="paper", workers=1)
+    assert whole.verdicts[0].p_none == bt.evidence(study, seed=5, prior="paper", workers=1)["A"].verdict.p_none
+    near = [row for row in whole if row.pareto_k is not None]
+    assert len(near) > 1
+    for row, other in zip(near, compare(study, [row.model for row in near], draws=300, seed=6, prior="paper", workers=1), strict=True):
+        assert row.parameters == other.parameters
+        assert abs(row.log_evidence - other.log_evidence) < 5.0 * np.hypot(row.log_evidence_se, other.log_evidence_se)
+        assert row.checks.p_predictive == pytest.approx(other.checks.p_predictive, abs=0.06)
+        assert row.checks.elpd_loo_trial == pytest.approx(other.checks.elpd_loo_trial, abs=0.2)
 
 
 def test_a_model_that_misses_an_order_effect_is_seen_by_its_checks(table):

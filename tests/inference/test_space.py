@@ -8,7 +8,7 @@ import bayes_toe as bt
 from bayes_toe.data.study import Subject
 from bayes_toe.inference.space import WINDOW, laplace_evidences, space_evidence
 from bayes_toe.inference.subject import Wanted, fitted_result
-from bayes_toe.model.ladder import SPACE
+from bayes_toe.model.ladder import SPACE, model_named
 from bayes_toe.model.prior import DEFAULT, Prior
 
 
@@ -67,3 +67,13 @@ def test_nothing_is_lost_by_the_window(subject, found):
 def test_a_constant_and_a_factor_change_no_probability(subject, found):
     moved = Subject(subject.name, 3.0 * subject.s1 + 2.0, 3.0 * subject.s2 + 2.0, subject.n_yes, subject.n_trials)
     assert np.abs(by_order(space_evidence(moved, DEFAULT, SPACE, 1).log_evidence) - by_order(found.log_evidence)).max() < 1e-9
+
+
+def test_what_lies_far_from_the_maximum_is_found():
+    """A narrow width with many lapses: a tenth of the posterior, ten of Laplace's standard deviations away; four pairs leave it open."""
+    few = Subject("P", [0.0, 0.0, 0.3, 0.3], [0.0, 0.3, 0.0, 0.3], [45, 20, 15, 46], [50] * 4)
+    model = model_named("none + sloped + both ways")
+    known = fitted_result(model.posterior(few, DEFAULT), 2, Wanted(evidence_draws=100_000))[0].evidence
+    values = [space_evidence(few, DEFAULT, [model], seed).log_evidence[0] for seed in range(24)]
+    assert known.se < 0.002
+    assert abs(np.mean(values) - known.value) < 0.017  # and not 0.03 too low
