@@ -53,9 +53,9 @@ STAGES = (
     Stage(components=12, draws=1000, rounds=8, enough=0.75, cover_share=0.05),
     Stage(components=24, draws=4000, rounds=10, enough=0.6, cover_share=0.1),
 )
-#: Of a proposal that begins with Laplace's approximation, for an evidence among many.
-QUICK = Stage(components=6, draws=700, rounds=5, enough=0.5, cover_share=0.15)
-QUICK_DRAWS, _QUICK_REFITS = 2500, 3
+#: Of a proposal that begins with Laplace's approximation, for an evidence among many; a cover so large because that may miss a part.
+_QUICK = Stage(components=6, draws=700, rounds=5, enough=0.5, cover_share=0.15)
+_QUICK_DRAWS, _QUICK_REFITS = 2500, 3
 _POOR = 0.5  # efficiency below which the second stage runs
 _REFITS = 5
 _HARD = 2  # times the judging draws, where refits were needed
@@ -84,16 +84,16 @@ def quick_proposal(posterior: Target, modes: FloatArray, cloud: FloatArray, rng:
     levelling = posterior.levelling(modes)
     y = levelling.level(cloud)[0]
     spread = _covariance(y)
-    means = np.concatenate([y.mean(axis=0)[None], y[: QUICK.components - 1]])
-    scales = np.concatenate([1.2 * spread[None], np.repeat(0.6 * spread[None], QUICK.components - 1, axis=0)])
+    means = np.concatenate([y.mean(axis=0)[None], y[: _QUICK.components - 1]])
+    scales = np.concatenate([1.2 * spread[None], np.repeat(0.6 * spread[None], _QUICK.components - 1, axis=0)])
     mixture = StudentMixture(np.full(len(means), 1.0 / len(means)), means, scales, _even(_DF, y.shape[1]))
     cover = StudentMixture(np.ones(1), means[:1], 4.0 * spread[None], _even(_COVER_DF, y.shape[1]))
-    history = _adapt(Proposal(posterior, levelling, mixture, cover, QUICK.cover_share), QUICK, rng)
-    found = _judged(_refitted(history[-_HISTORY:], QUICK), rng, QUICK_DRAWS)
+    history = _adapt(Proposal(posterior, levelling, mixture, cover, _QUICK.cover_share), _QUICK, rng)
+    found = _judged(_refitted(history[-_HISTORY:], _QUICK), rng, _QUICK_DRAWS)
     for _ in range(_QUICK_REFITS):
         if found.trusted and found.heaviest < _HEAVY:
             break
-        found = _judged(_refitted([found], QUICK, _PATCHES // 2), rng, QUICK_DRAWS)
+        found = _judged(_refitted([found], _QUICK, _PATCHES // 2), rng, _QUICK_DRAWS)
     return found
 
 

@@ -22,7 +22,7 @@ _GIVEN, _WEAK = "the prior given", f"within {STRONG:g} nats of 0: not strong"
 _ANEW, _TURNS = "open: sampled anew, not re-weighted", "the sign turns, at this value of the prior"
 _EXPLAINED = (_GIVEN, _WEAK, _TURNS, _ANEW)
 _ACROSS, _WIDE, _HIGH = 4, 1.9, 1.75  # panels beside each other, inches of each
-_BESIDE, _OF_WORDS = 3.1, 1.9  # inches that words beside few panels take, across and down
+_BESIDE = 3.1  # inches that words beside few panels take
 _LETTERS_AN_INCH = 15.0  # of words below
 _NEAR = 25.0  # a panel shows 0 if its values come this close to it, in nats
 
@@ -58,10 +58,10 @@ def sensitivity_figure(table: SensitivityTable, *, synthetic: bool = False) -> F
     across = min(_ACROSS, len(names))
     down = -(-len(names) // across)
     beside = across < 3  # words beside few panels, above many
-    figure = new_figure(_WIDE * across + (_BESIDE if beside else 0.4), max(_HIGH * down, _OF_WORDS if beside else 0.0) + 1.0)
+    figure = new_figure(_WIDE * across + (_BESIDE if beside else 0.4), _HIGH * down + 1.0)
     for ax, name in zip(first_panels(figure.add_gridspec(down, across), len(names)), names, strict=True):
         _draw_subject(ax, table, name)
-    figure.supylabel(fill("log Bayes factor, H1 minus H0 (nats)", int(_LETTERS_AN_INCH * _HIGH * down)), fontsize=LETTERS)
+    figure.supylabel("log Bayes factor, H1 minus H0 (nats)", fontsize=LETTERS)
     words = "factor on the prior's scale; its mean of mu1 is shifted instead" + (" (synthetic data)" if synthetic else "")
     figure.supxlabel(fill(words, int(_LETTERS_AN_INCH * figure.get_figwidth())), fontsize=LETTERS)
     found = {label: handle for ax in figure.axes for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}

@@ -65,7 +65,7 @@ def test_subjects_are_independent_of_company_and_workers(table, small_study):
 
 
 def test_the_space_of_verdicts_has_the_values_of_each_of_its_models_and_the_verdict(three_models):
-    """The first of it: their evidences and draws are those of the verdict, made another way than a model's own."""
+    """What `compare` does by default, over three models: rows from the verdict's draws agree with those of each model asked for by name."""
     study = few_pairs(["A"])
     whole = compare(study, draws=300, seed=5, prior="paper", workers=1)
     assert whole.verdicts[0].p_none == bt.evidence(study, seed=5, prior="paper", workers=1)["A"].verdict.p_none
