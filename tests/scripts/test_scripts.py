@@ -98,15 +98,17 @@ def test_problems_are_told_before_the_work_and_end_with_exit_code_2(folder, argu
     assert not (folder / "z").exists()
 
 
-def test_the_error_bars_of_a_case_are_judged_and_an_unknown_case_is_refused(folder):
-    done = inside("error_bars.py", "-o", "bars", "--seeds", "12", "--cases", "one batch", "--workers", "1", cwd=folder)
+@pytest.mark.parametrize(("options", "case"), [((), "one batch"), (("--verdict",), "S01: symmetric")])
+def test_the_error_bars_of_a_case_are_judged_and_an_unknown_case_is_refused(folder, options, case):
+    name = "_".join(["error_bars", *(option.strip("-") for option in options)])
+    done = inside("error_bars.py", "-o", "bars", *options, "--seeds", "12", "--cases", case, "--workers", "1", cwd=folder)
     assert done.returncode in (0, 3), done.stdout + done.stderr
-    row = pd.read_csv(folder / "bars" / "error_bars.csv").iloc[0]
-    assert (row["case"], row["seeds"], row["withheld"]) == ("one batch", 12, 0)
+    row = pd.read_csv(folder / "bars" / f"{name}.csv").iloc[0]
+    assert (row["case"], row["seeds"], row["withheld"]) == (case, 12, 0)
     assert 0.4 < row["sd_z"] < 1.8
     assert bool(row["honest"]) == (0.8 < row["sd_z"] < 1.25) == (done.returncode == 0)
-    assert "| one batch |" in (folder / "bars" / "error_bars.md").read_text(encoding="utf-8")
-    assert inside("error_bars.py", "-o", "bars2", "--cases", "nobody", cwd=folder).returncode == 2
+    assert f"| {case} |" in (folder / "bars" / f"{name}.md").read_text(encoding="utf-8")
+    assert inside("error_bars.py", "-o", "bars2", *options, "--cases", "nobody", cwd=folder).returncode == 2
 
 
 def test_before_and_after_of_the_same_commit(folder):
