@@ -13,7 +13,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar, cast
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.classical.fit import REPLICATES, FitTable, SubjectFit, bootstrap_evidence, bootstrap_subject, subject_fit
+from bayes_toe.classical.fit import (
+    REPLICATES,
+    FitTable,
+    SubjectFit,
+    bootstrap_evidence,
+    bootstrap_subject,
+    subject_fit,
+)
 from bayes_toe.comparison.contrast import ContrastTable, contrast
 from bayes_toe.comparison.evidence_table import EvidenceTable, SubjectEvidence, subject_evidence
 from bayes_toe.comparison.history import HistoryTable, SubjectHistory, subject_history
@@ -131,25 +138,56 @@ def run(
     with keeping(keep) as kept:
         settings = _settings(study, draws, kept.seed(seed), prior)
         wanted = Wanted(settings.sampler, EVIDENCE_DRAWS)
-        jobs = [partial(_analysed, subject, settings, wanted, data) for subject, data in zip(study, data_doubts(study), strict=True)]
+        jobs = [
+            partial(_analysed, subject, settings, wanted, data)
+            for subject, data in zip(study, data_doubts(study), strict=True)
+        ]
         study, done, failed = _survivors(study, jobs, workers, progress, kept)
-        drawn = Done(done.size, done.failed, lambda index: cast(SubjectDraws, done.read(index).drawn))
+        drawn = Done(
+            done.size, done.failed, lambda index: cast(SubjectDraws, done.read(index).drawn)
+        )
         made = assembled(kept.draws, study, drawn, settings, failed)
         small, summary = list[_Analysed](), list[SummaryRow]()
         for one in done:  # draws do not stay in memory
             summary += () if one.drawn is None else one.drawn.summary
             small.append(replace(one, drawn=None))
-    fits = FitTable(tuple(one.fit for one in small if one.fit is not None), _LEVEL, REPLICATES, settings.seed, settings.prior, study.task)
+    fits = FitTable(
+        tuple(one.fit for one in small if one.fit is not None),
+        _LEVEL,
+        REPLICATES,
+        settings.seed,
+        settings.prior,
+        study.task,
+    )
     by_name = {model.name: model for model in models_of(study.task).space}
     best = tuple(
-        Predictor(by_name[one.evidence.verdict.best_model].posterior(study[one.evidence.subject], settings.prior), one.best)
+        Predictor(
+            by_name[one.evidence.verdict.best_model].posterior(
+                study[one.evidence.subject], settings.prior
+            ),
+            one.best,
+        )
         for one in small
         if one.best is not None and one.evidence.verdict is not None
     )
-    apart = None if study.conditions is None else contrast(study, seed=settings.seed, prior=settings.prior, workers=workers, keep=keep)
+    apart = (
+        None
+        if study.conditions is None
+        else contrast(study, seed=settings.seed, prior=settings.prior, workers=workers, keep=keep)
+    )
     followed = tuple(one.history for one in small if one.history is not None)
     histories = HistoryTable(followed, study, settings.seed, settings.prior) if followed else None
-    return Analysis(study, made, _table(small, settings, failed, study.task), settings, fits, best, tuple(summary), apart, histories)
+    return Analysis(
+        study,
+        made,
+        _table(small, settings, failed, study.task),
+        settings,
+        fits,
+        best,
+        tuple(summary),
+        apart,
+        histories,
+    )
 
 
 def sample(
@@ -193,8 +231,21 @@ def sample(
     >>> found.model, found.parameters
     ('constant bias', ('q0', 'width', 'offset', 'pse_shift', 'jnd'))
     """
-    made = draw(study, model=model, draws=draws, seed=seed, prior=prior, workers=workers, progress=progress, keep=keep)
-    for what, of in ((" is left out, ", made.failed), (" did not converge: ", made.not_converged), (": ", made.imprecise)):
+    made = draw(
+        study,
+        model=model,
+        draws=draws,
+        seed=seed,
+        prior=prior,
+        workers=workers,
+        progress=progress,
+        keep=keep,
+    )
+    for what, of in (
+        (" is left out, ", made.failed),
+        (" did not converge: ", made.not_converged),
+        (": ", made.imprecise),
+    ):
         for name, reason in of.items():
             warnings.warn(f"subject {name!r}{what}{reason}", ConvergenceWarning, stacklevel=2)
     return made
@@ -250,8 +301,14 @@ def evidence(
     True
     """
     with keeping(keep) as kept:
-        settings, wanted = _settings(study, draws, kept.seed(seed), prior), Wanted(evidence_draws=draws)
-        jobs = [partial(_analysed, subject, settings, wanted, data) for subject, data in zip(study, data_doubts(study), strict=True)]
+        settings, wanted = (
+            _settings(study, draws, kept.seed(seed), prior),
+            Wanted(evidence_draws=draws),
+        )
+        jobs = [
+            partial(_analysed, subject, settings, wanted, data)
+            for subject, data in zip(study, data_doubts(study), strict=True)
+        ]
         _, done, failed = _survivors(study, jobs, workers, progress, kept)
         return _table(done, settings, failed, study.task)
 
@@ -268,8 +325,18 @@ def smooth_curve_evidence(draws: Draws, *, workers: Workers = None) -> EvidenceT
     """
     require_update(draws, "evidence of saved draws")
     study, prior, seed = draws.study, draws.prior, draws.seed
-    wanted = Wanted(evidence_draws=max(EVIDENCE_DRAWS, draws.sampler.proposals))  # by as many a run judges its proposal
-    jobs = [partial(_against_frequencies, models_of(study.task).update.posterior(subject, prior), seed, wanted) for subject in study]
+    wanted = Wanted(
+        evidence_draws=max(EVIDENCE_DRAWS, draws.sampler.proposals)
+    )  # by as many a run judges its proposal
+    jobs = [
+        partial(
+            _against_frequencies,
+            models_of(study.task).update.posterior(subject, prior),
+            seed,
+            wanted,
+        )
+        for subject in study
+    ]
     rows = run_in_order(jobs, workers, None, [(name,) for name in study.names])
     return EvidenceTable(tuple(rows), seed, prior, task=study.task)
 
@@ -293,19 +360,33 @@ class _Analysed:
 
 
 def _drawn(subject: Subject, settings: Settings, wanted: Wanted) -> SubjectDraws:
-    return subject_draws(infer(model_named(settings.model, subject.task).posterior(subject, settings.prior), settings.seed, wanted))
+    return subject_draws(
+        infer(
+            model_named(settings.model, subject.task).posterior(subject, settings.prior),
+            settings.seed,
+            wanted,
+        )
+    )
 
 
-def _analysed(subject: Subject, settings: Settings, wanted: Wanted, data: tuple[Doubt, ...]) -> _Analysed:
+def _analysed(
+    subject: Subject, settings: Settings, wanted: Wanted, data: tuple[Doubt, ...]
+) -> _Analysed:
     """The verdict, and the paper's model with all that is wanted."""
     prior, seed, models = settings.prior.at(subject), settings.seed, models_of(subject.task)
     said, space = verdict(subject, prior, seed, data=data)
     result, fitted = fitted_result(models.update.posterior(subject, prior), seed, wanted)
     fit, by_bootstrap = None, None
-    if subject.isi is None and wanted.chains is not None:  # the maximum-likelihood fit knows no intervals
+    if (
+        subject.isi is None and wanted.chains is not None
+    ):  # the maximum-likelihood fit knows no intervals
         fit = subject_fit(subject, prior, seed=seed)
     if subject.isi is None and subject.task == SAME_DIFFERENT:  # of the paper's task
-        made = bootstrap_subject(subject, seed=seed, prior=prior, replicates=REPLICATES) if fit is None else fit.bootstrap
+        made = (
+            bootstrap_subject(subject, seed=seed, prior=prior, replicates=REPLICATES)
+            if fit is None
+            else fit.bootstrap
+        )
         by_bootstrap = bootstrap_evidence(made, prior)
     described = weighted_fit(fitted.proposal, seed) if result.fit is None else result.fit
     row = subject_evidence(
@@ -318,25 +399,55 @@ def _analysed(subject: Subject, settings: Settings, wanted: Wanted, data: tuple[
     )
     best = None
     if wanted.chains is not None and said.best_model not in ("", models.update.name):
-        best = space.predictor(said.best_model, _SHOWN, generator(seed, subject.name, said.best_model, "shown")).x
+        best = space.predictor(
+            said.best_model, _SHOWN, generator(seed, subject.name, said.best_model, "shown")
+        ).x
     history = subject_history(space, seed) if wanted.chains is not None and said.follows else None
-    return _Analysed(None if result.chains is None else subject_draws(result, summarised=True), row, fit, best, history)
+    return _Analysed(
+        None if result.chains is None else subject_draws(result, summarised=True),
+        row,
+        fit,
+        best,
+        history,
+    )
 
 
-def _settings(study: Study, draws: int, seed: int, prior: Prior | str | None, model: str = PREDICTIVE_UPDATE.name) -> Settings:
+def _settings(
+    study: Study,
+    draws: int,
+    seed: int,
+    prior: Prior | str | None,
+    model: str = PREDICTIVE_UPDATE.name,
+) -> Settings:
     return Settings(seed, prior_for(study, prior), SamplerSettings(draws=draws), model)
 
 
-def _table(done: Iterable[_Analysed], settings: Settings, failed: Mapping[str, str], task: Task) -> EvidenceTable:
-    return EvidenceTable(tuple(one.evidence for one in done), settings.seed, settings.prior, failed, task)
+def _table(
+    done: Iterable[_Analysed], settings: Settings, failed: Mapping[str, str], task: Task
+) -> EvidenceTable:
+    return EvidenceTable(
+        tuple(one.evidence for one in done), settings.seed, settings.prior, failed, task
+    )
 
 
 def _survivors(
-    study: Study, jobs: Sequence[Callable[[], Result]], workers: Workers, progress: Progress | None, kept: Kept
+    study: Study,
+    jobs: Sequence[Callable[[], Result]],
+    workers: Workers,
+    progress: Progress | None,
+    kept: Kept,
 ) -> tuple[Study, Done[Result], dict[str, str]]:
     """Do a job for each subject: the subjects that did not fail, their results, and by name why others did."""
     done = kept.work(jobs, workers, progress, [(name,) for name in study.names])
     failed = {study.names[index]: one.reason for index, one in sorted(done.failed.items())}
     if len(failed) == len(study):
         raise WorkerError("\n".join(f"{name}: {reason}" for name, reason in failed.items()))
-    return (replace(study, subjects=tuple(one for one in study if one.name not in failed)) if failed else study), done, failed
+    return (
+        (
+            replace(study, subjects=tuple(one for one in study if one.name not in failed))
+            if failed
+            else study
+        ),
+        done,
+        failed,
+    )

@@ -46,10 +46,14 @@ def connect(address: str) -> Client:
             kind = asking.submit(lambda: asyncio.run(_identity(address))).result()["type"]
         if kind != "Scheduler":
             raise ValueError(f"that is a {kind.lower()}")
-        logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # what ends the work is said by an error
+        logging.getLogger("distributed.client").setLevel(
+            logging.CRITICAL
+        )  # what ends the work is said by an error
         return Client(address, timeout=PATIENCE, set_as_default=False)
     except Exception as error:  # whatever the answer of something else is taken for
-        raise WorkerError(f"no Dask scheduler at {address!r}: {str(error) or f'no answer within {PATIENCE:g} s'}") from error
+        raise WorkerError(
+            f"no Dask scheduler at {address!r}: {str(error) or f'no answer within {PATIENCE:g} s'}"
+        ) from error
 
 
 async def _identity(address: str) -> dict[str, str]:
@@ -61,7 +65,9 @@ async def _identity(address: str) -> dict[str, str]:
         return found
 
 
-def run_on(client: Client, jobs: Sequence[Callable[[], Result]], lost: Callable[[int], Lost]) -> Generator[tuple[int, Result | Lost]]:
+def run_on(
+    client: Client, jobs: Sequence[Callable[[], Result]], lost: Callable[[int], Lost]
+) -> Generator[tuple[int, Result | Lost]]:
     """Yield (index, what the job returned) as they finish; where the scheduler gives a job up, `lost` of the workers that died of it.
 
     No more jobs are on the cluster than it has workers: what dies with a worker is what it was at. Results are fetched one by one and
@@ -74,12 +80,16 @@ def run_on(client: Client, jobs: Sequence[Callable[[], Result]], lost: Callable[
     from distributed.scheduler import KilledWorker
 
     waiting, done = iter(enumerate(jobs)), as_completed(loop=client.loop)
-    there: dict[str, int] = {}  # every key that may be known there: an interrupt can come between any two lines
+    there: dict[
+        str, int
+    ] = {}  # every key that may be known there: an interrupt can come between any two lines
 
     def fill(places: int) -> None:
         for index, job in islice(waiting, max(0, places - len(there))):
             there[key := f"bayes_toe-{uuid4().hex}"] = index
-            with config.set({"distributed.admin.large-graph-warning-threshold": "1 TB"}):  # what a job brings along is used once
+            with config.set(
+                {"distributed.admin.large-graph-warning-threshold": "1 TB"}
+            ):  # what a job brings along is used once
                 done.add(client.submit(_job_there, versions(), job, key=key, pure=False))
 
     try:
@@ -109,7 +119,9 @@ def _places(client: Client) -> int:
 
 def _job_there(expected: Mapping[str, str], job: Callable[[], Result]) -> Result:
     """In a worker: do a job, with one BLAS thread, and alone, since threads would only wait for each other and drawing minds company."""
-    _require_same(f"the worker on {platform.node()}", versions(), expected)  # which may have come after all were asked
+    _require_same(
+        f"the worker on {platform.node()}", versions(), expected
+    )  # which may have come after all were asked
     with _one_at_a_time:
         threadpool_limits(1)  # and for good: the libraries of one job are those of the next
         return job()
@@ -124,11 +136,16 @@ def versions() -> Mapping[str, str]:
 def _require_fit(client: Client) -> None:
     """A client that is open, with our versions at the scheduler, which reads what it hands on, and at the workers that are there."""
     if not hasattr(client, "scheduler_info"):
-        raise InputError(f"workers={client!r}: allowed is a number of processes from 1, or a distributed.Client")
+        raise InputError(
+            f"workers={client!r}: allowed is a number of processes from 1, or a distributed.Client"
+        )
     if client.status != "running":
         raise WorkerError(f"the Dask client is {client.status}")
     try:
-        found = {"the scheduler": client.run_on_scheduler(versions), **client.run(versions, on_error="return")}
+        found = {
+            "the scheduler": client.run_on_scheduler(versions),
+            **client.run(versions, on_error="return"),
+        }
     except (ImportError, AttributeError) as error:
         found = {"the scheduler": error}
     except OSError as error:
@@ -137,12 +154,16 @@ def _require_fit(client: Client) -> None:
         _require_same(where, theirs, versions())
 
 
-def _require_same(where: str, found: Mapping[str, str] | Exception, expected: Mapping[str, str]) -> None:
+def _require_same(
+    where: str, found: Mapping[str, str] | Exception, expected: Mapping[str, str]
+) -> None:
     if isinstance(found, Exception):
         raise InputError(f"{where} lacks what this process has: {found}")
     for name, ours in expected.items():
         if found.get(name) != ours:
-            raise InputError(f"{where} has {name} {found.get(name)}, this process {ours}: they have to be the same")
+            raise InputError(
+                f"{where} has {name} {found.get(name)}, this process {ours}: they have to be the same"
+            )
 
 
 def aside() -> AbstractContextManager[object]:

@@ -20,7 +20,15 @@ from typing import Generic, TextIO, TypeVar
 from threadpoolctl import threadpool_info
 
 from bayes_toe.data.messages import shown
-from bayes_toe.data.whole_files import Standing, make_folders, remove_empty, reporting, sweep, under_way, whole_file
+from bayes_toe.data.whole_files import (
+    Standing,
+    make_folders,
+    remove_empty,
+    reporting,
+    sweep,
+    under_way,
+    whole_file,
+)
 from bayes_toe.errors import InputError, OutputError, require_kind
 from bayes_toe.records import fingerprint, packed, unpacked
 from bayes_toe.seeds import root_seed
@@ -71,7 +79,11 @@ class Kept:
         return root
 
     def work(
-        self, jobs: Sequence[Callable[[], Result]], workers: Workers, progress: Progress | None, names: Sequence[tuple[str, ...]]
+        self,
+        jobs: Sequence[Callable[[], Result]],
+        workers: Workers,
+        progress: Progress | None,
+        names: Sequence[tuple[str, ...]],
     ) -> Done[Result]:
         """Do the jobs whose results are not here, and keep each as it comes; progress is told a job's names when it is done."""
         if self.folder is None:
@@ -163,7 +175,9 @@ def _held(folder: Path) -> Iterator[None]:
     with lock:
         if not _locked(lock):
             lock.seek(0)
-            raise OutputError(f"{shown(folder)}: in use by {lock.read(1000) or 'another process'}; wait for it")
+            raise OutputError(
+                f"{shown(folder)}: in use by {lock.read(1000) or 'another process'}; wait for it"
+            )
         with reporting(folder):
             lock.truncate(0)
             lock.write(f"process {os.getpid()} on {platform.node()}")

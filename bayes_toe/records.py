@@ -39,7 +39,12 @@ def packed(value: object) -> bytes:
     arrays: list[npt.NDArray[Any]] = []
     text = json.dumps(_plain(value, arrays, _refuse))
     content = io.BytesIO()
-    np.savez(content, allow_pickle=False, text=np.array(text), **{f"a{i}": array for i, array in enumerate(arrays)})
+    np.savez(
+        content,
+        allow_pickle=False,
+        text=np.array(text),
+        **{f"a{i}": array for i, array in enumerate(arrays)},
+    )
     return content.getvalue()
 
 
@@ -66,11 +71,15 @@ def fingerprint(value: object) -> str:
     arrays: list[npt.NDArray[Any]] = []
     found = hashlib.sha256(json.dumps(_plain(value, arrays, _named), sort_keys=True).encode())
     for array in arrays:
-        found.update(f"{array.dtype.str}{array.shape}".encode() + np.ascontiguousarray(array).tobytes())
+        found.update(
+            f"{array.dtype.str}{array.shape}".encode() + np.ascontiguousarray(array).tobytes()
+        )
     return found.hexdigest()
 
 
-def _plain(value: object, arrays: list[npt.NDArray[Any]], other: Callable[[object], object]) -> object:
+def _plain(
+    value: object, arrays: list[npt.NDArray[Any]], other: Callable[[object], object]
+) -> object:
     """A value as JSON has it, its arrays aside."""
     inner = partial(_plain, arrays=arrays, other=other)
     if value is None or isinstance(value, bool | int | float | str):
@@ -85,7 +94,10 @@ def _plain(value: object, arrays: list[npt.NDArray[Any]], other: Callable[[objec
     names = _fields(value)
     if names is not None:
         kind = type(value)
-        return {"record": f"{kind.__module__}:{kind.__qualname__}", "fields": {name: inner(getattr(value, name)) for name in names}}
+        return {
+            "record": f"{kind.__module__}:{kind.__qualname__}",
+            "fields": {name: inner(getattr(value, name)) for name in names},
+        }
     if isinstance(value, tuple):
         return {"tuple": [inner(one) for one in value]}
     return inner(other(value))
@@ -109,7 +121,9 @@ def _named(value: object) -> object:
     if not callable(value) or "<" in getattr(value, "__qualname__", "<"):
         _refuse(value)
     own = getattr(value, "__self__", None)  # a method counts with the object it belongs to
-    return f"{value.__module__}:{value.__qualname__}", None if isinstance(own, type | ModuleType) else own  # type: ignore[attr-defined]
+    return f"{value.__module__}:{value.__qualname__}", None if isinstance(
+        own, type | ModuleType
+    ) else own  # type: ignore[attr-defined]
 
 
 def _made(plain: Any, members: Mapping[str, npt.NDArray[Any]]) -> Any:

@@ -7,4 +7,7 @@ __version__ = version("bayes_toe")
 
 def library_versions(*others: str) -> dict[str, str]:
     """By name, of all that decides numbers, and of others."""
-    return {name: version(name) for name in ("bayes_toe", "numpy", "scipy", "emcee", "arviz", "arviz-stats", *others)}
+    return {
+        name: version(name)
+        for name in ("bayes_toe", "numpy", "scipy", "emcee", "arviz", "arviz-stats", *others)
+    }

@@ -50,7 +50,9 @@ def of_this_machine(workers: Workers) -> int | None:
     return int(workers) if isinstance(workers, Integral) else None
 
 
-def run_jobs(jobs: Sequence[Callable[[], Result]], workers: Workers) -> Generator[tuple[int, Result | Failed]]:
+def run_jobs(
+    jobs: Sequence[Callable[[], Result]], workers: Workers
+) -> Generator[tuple[int, Result | Failed]]:
     """Yield (index, what the job returned) as they finish, in any order; one BLAS thread in every process.
 
     A job is a call that is still to be made, `partial(function, ...)`, of a function that can be imported. Where a worker dies (killed,
@@ -69,11 +71,16 @@ def run_jobs(jobs: Sequence[Callable[[], Result]], workers: Workers) -> Generato
     if workers is not None and workers < 1:
         raise InputError(f"workers={workers} must be at least 1")
     count = min(cpu_count() if workers is None else int(workers), len(jobs))
-    return _here(jobs) if count <= 1 or _have_begun_workers - {os.getpid()} else _shared(jobs, count)
+    return (
+        _here(jobs) if count <= 1 or _have_begun_workers - {os.getpid()} else _shared(jobs, count)
+    )
 
 
 def run_in_order(
-    jobs: Sequence[Callable[[], Result]], workers: Workers, progress: Progress | None, names: Sequence[tuple[str, ...]]
+    jobs: Sequence[Callable[[], Result]],
+    workers: Workers,
+    progress: Progress | None,
+    names: Sequence[tuple[str, ...]],
 ) -> list[Result]:
     """Results of :func:`run_jobs` in the order of the jobs; progress is told a job's names, none or some, as soon as it is done.
 
@@ -88,7 +95,10 @@ def run_in_order(
 
 
 def run_or_fail(
-    jobs: Sequence[Callable[[], Result]], workers: Workers, progress: Progress | None, names: Sequence[tuple[str, ...]]
+    jobs: Sequence[Callable[[], Result]],
+    workers: Workers,
+    progress: Progress | None,
+    names: Sequence[tuple[str, ...]],
 ) -> list[Result | Failed]:
     """The same where others go on without a job that failed."""
     results: dict[int, Result | Failed] = {}
@@ -112,7 +122,9 @@ def _here(jobs: Sequence[Callable[[], Result]]) -> Generator[tuple[int, Result |
             yield index, job()
 
 
-def _shared(jobs: Sequence[Callable[[], Result]], count: int) -> Generator[tuple[int, Result | Failed]]:
+def _shared(
+    jobs: Sequence[Callable[[], Result]], count: int
+) -> Generator[tuple[int, Result | Failed]]:
     waiting, at_work = deque(enumerate(jobs)), set[int]()
 
     def handed_out() -> Iterator[tuple[int, Callable[[], Result]]]:
@@ -134,16 +146,24 @@ def _shared(jobs: Sequence[Callable[[], Result]], count: int) -> Generator[tuple
 
 def _alone(job: Callable[[], Result]) -> Result | Failed:
     try:
-        ((_, result),) = _by_processes([(0, job)], 2)  # of a single one joblib would do the work in this process
+        ((_, result),) = _by_processes(
+            [(0, job)], 2
+        )  # of a single one joblib would do the work in this process
     except BrokenProcessPool:
         return _died(2)
     return result
 
 
-def _by_processes(jobs: Iterable[tuple[int, Callable[[], Result]]], count: int) -> Generator[tuple[int, Result]]:
+def _by_processes(
+    jobs: Iterable[tuple[int, Callable[[], Result]]], count: int
+) -> Generator[tuple[int, Result]]:
     """Results of numbered jobs by so many processes, which are kept for the next call."""
-    with parallel_config("loky", n_jobs=count, inner_max_num_threads=1, initializer=_begin, initargs=(os.getpid(),)):
-        parallel = Parallel(return_as="generator_unordered", batch_size=1, pre_dispatch="n_jobs", max_nbytes=None)
+    with parallel_config(
+        "loky", n_jobs=count, inner_max_num_threads=1, initializer=_begin, initargs=(os.getpid(),)
+    ):
+        parallel = Parallel(
+            return_as="generator_unordered", batch_size=1, pre_dispatch="n_jobs", max_nbytes=None
+        )
     _have_begun_workers.add(os.getpid())
     results: Generator[tuple[int, Result]] | None = None
     try:

@@ -14,9 +14,17 @@ sys.path.insert(0, str(ROOT / "scripts"))
 from reference_pages import FACES, MADE  # noqa: E402
 
 project = "bayes_toe"
-version = release = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
+version = release = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"][
+    "version"
+]
 root_doc = "docs/index"
-include_patterns = ["docs/*.md", "notebooks/*.ipynb", "CHANGELOG.md", "CONTRIBUTING.md", "tests/reference/README.md"]
+include_patterns = [
+    "docs/*.md",
+    "notebooks/*.ipynb",
+    "CHANGELOG.md",
+    "CONTRIBUTING.md",
+    "tests/reference/README.md",
+]
 exclude_patterns = [".*", "build", "results", "bayes_toe_results"]
 
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.autosummary", "sphinx.ext.napoleon"]
@@ -29,7 +37,9 @@ nb_execution_mode = "force"
 nb_execution_raise_on_error = True
 nb_execution_timeout = 600
 nb_merge_streams = True
-nb_render_image_options = {"width": "100%"}  # what has a width is a link to its full size; site.css leaves small ones as they are
+nb_render_image_options = {
+    "width": "100%"
+}  # what has a width is a link to its full size; site.css leaves small ones as they are
 
 # --- docstrings ----------------------------------------------------------------------------------------------------------------------
 autosummary_generate = False
@@ -64,10 +74,15 @@ def _public(app, env, node, contnode):
     module, _, name = node.get("reftarget", "").rpartition(".")
     for face in FACES:
         package = import_module(face)
-        if name in package.__all__ and getattr(getattr(package, name), "__module__", None) == module:
+        if (
+            name in package.__all__
+            and getattr(getattr(package, name), "__module__", None) == module
+        ):
             known = f"{face}.{name}"
             said = contnode.astext().replace(f"{module}.{name}", known)
-            return env.get_domain("py").resolve_xref(env, node["refdoc"], app.builder, "obj", known, node, type(contnode)("", said))
+            return env.get_domain("py").resolve_xref(
+                env, node["refdoc"], app.builder, "obj", known, node, type(contnode)("", said)
+            )
     return None
 
 

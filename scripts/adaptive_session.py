@@ -46,7 +46,11 @@ def main() -> None:
     parser.add_argument("--simulate", action="store_true")
     asked = parser.parse_args()
     pairs = [(a, b) for a in LEVELS for b in LEVELS]
-    session = bt.planning.Adaptive.resume(asked.file) if asked.file.exists() else bt.planning.Adaptive(pairs, MODELS, seed=1)
+    session = (
+        bt.planning.Adaptive.resume(asked.file)
+        if asked.file.exists()
+        else bt.planning.Adaptive(pairs, MODELS, seed=1)
+    )
     rng = np.random.default_rng(session.trials)
     while session.trials < asked.trials:
         pair = session.next()
@@ -54,7 +58,11 @@ def main() -> None:
         session.answer(pair, simulated(pair, rng) if asked.simulate else ask())
         session.save(asked.file)
     frame = pd.DataFrame(session.answers, columns=["s1", "s2", "response"])
-    frame = frame.assign(subject=asked.subject, trial=np.arange(1, len(frame) + 1), response=np.where(frame.response, "equal", "different"))
+    frame = frame.assign(
+        subject=asked.subject,
+        trial=np.arange(1, len(frame) + 1),
+        response=np.where(frame.response, "equal", "different"),
+    )
     frame.to_csv(asked.file.with_suffix(".csv"), index=False)
     print(", ".join(f"P({name}) = {p:.3f}" for name, p in session.probabilities.items()))
 

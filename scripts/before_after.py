@@ -39,17 +39,30 @@ BARS = {
 
 def main() -> None:
     """Measure; each row is printed as soon as it is known."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("commit", help="what to compare with")
     parser.add_argument("-o", "--output", type=Path, help="table to write")
-    parser.add_argument("--only", nargs="+", metavar="NAME", choices=BARS, default=list(BARS), help="of: " + "; ".join(BARS))
-    parser.add_argument("--repeats", type=int, default=3, help="runs of either tree, of which the least counts")
+    parser.add_argument(
+        "--only",
+        nargs="+",
+        metavar="NAME",
+        choices=BARS,
+        default=list(BARS),
+        help="of: " + "; ".join(BARS),
+    )
+    parser.add_argument(
+        "--repeats", type=int, default=3, help="runs of either tree, of which the least counts"
+    )
     asked = parser.parse_args()
     rows = []
     with tempfile.TemporaryDirectory() as folder:
         tree, place = Path(folder, "tree"), Path(folder)
         tree.mkdir()
-        packed = subprocess.run(["git", "-C", HERE, "archive", asked.commit, "bayes_toe"], capture_output=True)
+        packed = subprocess.run(
+            ["git", "-C", HERE, "archive", asked.commit, "bayes_toe"], capture_output=True
+        )
         if packed.returncode:
             parser.error(f"commit {asked.commit!r}: {packed.stderr.decode().strip()}")
         subprocess.run(["tar", "-x", "-C", tree], input=packed.stdout, check=True)
@@ -59,10 +72,21 @@ def main() -> None:
         print(",".join(COLUMNS))
         for name in asked.only:
             words, bar, unit = BARS[name]
-            runs = [[seconds(one, place, words) for one in (tree, HERE)] for _ in range(asked.repeats)]
+            runs = [
+                [seconds(one, place, words) for one in (tree, HERE)] for _ in range(asked.repeats)
+            ]
             before, now = np.min(runs, axis=0)
             met = (now if unit == "s" else now / before) <= bar
-            rows.append((name, round(before, 3), round(now, 3), round(now / before, 3), f"{bar:g} {unit}", "yes" if met else "no"))
+            rows.append(
+                (
+                    name,
+                    round(before, 3),
+                    round(now, 3),
+                    round(now / before, 3),
+                    f"{bar:g} {unit}",
+                    "yes" if met else "no",
+                )
+            )
             print(*rows[-1], sep=",", flush=True)
     if asked.output is not None:
         pd.DataFrame(rows, columns=COLUMNS).to_csv(asked.output, index=False)
@@ -70,11 +94,20 @@ def main() -> None:
 
 def write_studies(folder: Path) -> None:
     """The bundled study, and one of 10,000 subjects who answer the paper's pairs 50 times each."""
-    (folder / "study.csv").write_bytes((HERE / "bayes_toe" / "data" / "example_study.csv").read_bytes())
+    (folder / "study.csv").write_bytes(
+        (HERE / "bayes_toe" / "data" / "example_study.csv").read_bytes()
+    )
     design, rng, subjects = reference_design(), np.random.default_rng(1), 10_000
     pairs = len(design.s1)
-    frame = {"subject": np.repeat([f"S{i:05d}" for i in range(subjects)], pairs), "s1": np.tile(design.s1, subjects)}
-    frame |= {"s2": np.tile(design.s2, subjects), "n_equal": rng.binomial(50, rng.uniform(size=subjects * pairs)), "n_trials": 50}
+    frame = {
+        "subject": np.repeat([f"S{i:05d}" for i in range(subjects)], pairs),
+        "s1": np.tile(design.s1, subjects),
+    }
+    frame |= {
+        "s2": np.tile(design.s2, subjects),
+        "n_equal": rng.binomial(50, rng.uniform(size=subjects * pairs)),
+        "n_trials": 50,
+    }
     pd.DataFrame(frame).to_csv(folder / "many.csv", index=False)
 
 
@@ -83,7 +116,11 @@ def seconds(tree: Path, place: Path, words: str) -> float:
     environment = {**os.environ, **dict.fromkeys(THREADS, "1"), "PYTHONPATH": str(tree)}
     before = os.times().children_user
     done = subprocess.run(
-        [sys.executable, "-m", "bayes_toe", *shlex.split(words)], cwd=place, env=environment, capture_output=True, text=True
+        [sys.executable, "-m", "bayes_toe", *shlex.split(words)],
+        cwd=place,
+        env=environment,
+        capture_output=True,
+        text=True,
     )
     if done.returncode not in (0, 3):  # 3: there is a result, and something to look at
         raise SystemExit(f"{words}: exit code {done.returncode}: {done.stderr}")

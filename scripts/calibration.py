@@ -11,7 +11,16 @@ from pathlib import Path
 
 from calibration_figures import differences_figure, ranks_figure, reliability_figure
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
-from reference.calibration import ABOUT, DEFAULT, DESIGNS, DRAWS, FALSE_ALARM, Calibration, calibrate, calibration_settings
+from reference.calibration import (
+    ABOUT,
+    DEFAULT,
+    DESIGNS,
+    DRAWS,
+    FALSE_ALARM,
+    Calibration,
+    calibrate,
+    calibration_settings,
+)
 from reference.calibration_statistics import MARGIN
 
 import bayes_toe as bt
@@ -22,8 +31,18 @@ from bayes_toe.version import library_versions
 
 #: What the folder of a calibration may hold.
 PRODUCTS = (
-    *("calibration.md", "calibration.csv", "calibration_ranks.csv", "evidence_calibration.csv", "evidence_data_sets.csv"),
-    *(f"{what}.{suffix}" for what in ("calibration_ranks", "evidence_reliability", "evidence_differences") for suffix in ("png", "pdf")),
+    *(
+        "calibration.md",
+        "calibration.csv",
+        "calibration_ranks.csv",
+        "evidence_calibration.csv",
+        "evidence_data_sets.csv",
+    ),
+    *(
+        f"{what}.{suffix}"
+        for what in ("calibration_ranks", "evidence_reliability", "evidence_differences")
+        for suffix in ("png", "pdf")
+    ),
 )
 
 
@@ -34,9 +53,17 @@ def write_calibration(found: Calibration, folder: str | Path, *, overwrite: bool
         tables |= {"calibration": found.rank_verdicts, "calibration_ranks": found.ranks}
         figures["calibration_ranks"] = ranks_figure(found)
     if len(found.data_sets):
-        tables |= {"evidence_calibration": found.evidence_verdicts, "evidence_data_sets": found.data_sets}
-        figures |= {"evidence_reliability": reliability_figure(found), "evidence_differences": differences_figure(found)}
-    with whole_folder(folder, PRODUCTS, required=("calibration.md",), overwrite=overwrite) as target:
+        tables |= {
+            "evidence_calibration": found.evidence_verdicts,
+            "evidence_data_sets": found.data_sets,
+        }
+        figures |= {
+            "evidence_reliability": reliability_figure(found),
+            "evidence_differences": differences_figure(found),
+        }
+    with whole_folder(
+        folder, PRODUCTS, required=("calibration.md",), overwrite=overwrite
+    ) as target:
         (target / "calibration.md").write_text(_text(found) + "\n", encoding="utf-8")
         for stem, table in tables.items():
             write_table(table, target / f"{stem}.csv")
@@ -47,7 +74,9 @@ def write_calibration(found: Calibration, folder: str | Path, *, overwrite: bool
 
 def _text(found: Calibration) -> str:
     """calibration.md: verdict, tables, figures, how it was made."""
-    environment = Environment(loader=FileSystemLoader(Path(__file__).parent), undefined=StrictUndefined, trim_blocks=True)
+    environment = Environment(
+        loader=FileSystemLoader(Path(__file__).parent), undefined=StrictUndefined, trim_blocks=True
+    )
     environment.filters.update(number=number)
     return environment.get_template("calibration.md").render(
         ranks=list(found.rank_verdicts.itertuples()),
@@ -77,28 +106,55 @@ def verdict_lines(found: Calibration) -> list[str]:
     for row in found.evidence_verdicts.itertuples():
         if row.estimator == DEFAULT:
             said = f"{row.verdict.replace('not', 'NOT')}, ECE {row.error:.4f}, floor {row.floor:.4f}, allowed {MARGIN:g} more"
-            lines.append(f"evidence, {row.design} design: {said if row.error == row.error else 'the default estimator gives no number'}")
+            lines.append(
+                f"evidence, {row.design} design: {said if row.error == row.error else 'the default estimator gives no number'}"
+            )
     if len(found.ranks):
         missed = found.ranks["subject"][found.ranks["shortfall"] != ""]
         named = f": {', '.join(missed)}" if len(missed) else ""
-        lines.append(f"not converged, ranked with the others: {len(missed)} of {len(found.ranks)} studies{named}")
+        lines.append(
+            f"not converged, ranked with the others: {len(missed)} of {len(found.ranks)} studies{named}"
+        )
     withheld = found.data_sets["data_set"][found.data_sets[DEFAULT].isna()]
-    return lines + ([f"evidence withheld by the default estimator: {', '.join(withheld)}"] if len(withheld) else [])
+    return lines + (
+        [f"evidence withheld by the default estimator: {', '.join(withheld)}"]
+        if len(withheld)
+        else []
+    )
 
 
 def main() -> int:
     """Run the calibration and write its folder."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("-o", "--output", default="calibration", help="folder")
-    parser.add_argument("--studies", type=int, default=1000, help="studies a design for the ranks; 0 leaves them out")
-    parser.add_argument("--data-sets", type=int, default=2000, help="data sets a design for the evidence; 0 leaves it out")
+    parser.add_argument(
+        "--studies",
+        type=int,
+        default=1000,
+        help="studies a design for the ranks; 0 leaves them out",
+    )
+    parser.add_argument(
+        "--data-sets",
+        type=int,
+        default=2000,
+        help="data sets a design for the evidence; 0 leaves it out",
+    )
     parser.add_argument("--seed", type=int, help="without it fresh entropy, printed")
     parser.add_argument("--workers", type=int, help="processes; by default one per processor")
     parser.add_argument("--overwrite", action="store_true")
     options = parser.parse_args()
     try:
-        require_folder(options.output, PRODUCTS, overwrite=options.overwrite)  # before the work, not after it
-        found = calibrate(studies=options.studies, data_sets=options.data_sets, seed=options.seed, workers=options.workers)
+        require_folder(
+            options.output, PRODUCTS, overwrite=options.overwrite
+        )  # before the work, not after it
+        found = calibrate(
+            studies=options.studies,
+            data_sets=options.data_sets,
+            seed=options.seed,
+            workers=options.workers,
+        )
         write_calibration(found, options.output, overwrite=options.overwrite)
     except bt.BayesToeError as error:
         print(error, file=sys.stderr)

@@ -8,10 +8,29 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from reference.calibration import DEFAULT, DESIGNS, ESTIMATORS, FALSE_ALARM, RANKED, Calibration, log_odds
+from reference.calibration import (
+    DEFAULT,
+    DESIGNS,
+    ESTIMATORS,
+    FALSE_ALARM,
+    RANKED,
+    Calibration,
+    log_odds,
+)
 from reference.calibration_statistics import POINTS, band, ecdf_difference, reliability_bins
 
-from bayes_toe.plots.style import EQUAL, LABELS, LETTERS, PAGE, SMALL, STRONGER_FIRST, WEAKER_FIRST, dress, legend_below, new_figure
+from bayes_toe.plots.style import (
+    EQUAL,
+    LABELS,
+    LETTERS,
+    PAGE,
+    SMALL,
+    STRONGER_FIRST,
+    WEAKER_FIRST,
+    dress,
+    legend_below,
+    new_figure,
+)
 
 #: Colour, line and marker of each design: two that colour-blind readers can tell apart.
 STYLE = {"paper": (STRONGER_FIRST, "-", "o"), "sparse": (WEAKER_FIRST, (0, (3, 1.2)), "s")}
@@ -23,16 +42,34 @@ def ranks_figure(table: Calibration) -> Figure:
     """Distribution function of the ranks of every quantity minus the uniform one, with the band that all stay in with 99 %."""
     designs = list(table.ranks.groupby("design", sort=False))
     threshold = table.rank_verdicts["threshold"].iloc[0]
-    bands = [band(size, 1.0 - threshold).differences() for size in dict.fromkeys(len(found) for _, found in designs)]
+    bands = [
+        band(size, 1.0 - threshold).differences()
+        for size in dict.fromkeys(len(found) for _, found in designs)
+    ]
 
     def draw(quantity: str, ax: Axes) -> None:
         for lower, upper in bands:
             label = f"band (all lines inside with {100 * (1 - FALSE_ALARM):g} %)"
-            ax.fill_between(_ENDS, np.pad(lower, 1), np.pad(upper, 1), color=EQUAL, alpha=0.18, lw=0, label=label)
+            ax.fill_between(
+                _ENDS,
+                np.pad(lower, 1),
+                np.pad(upper, 1),
+                color=EQUAL,
+                alpha=0.18,
+                lw=0,
+                label=label,
+            )
         for design, found in designs:
             colour, line, _ = STYLE[design]
             label = f"{design} design: {DESIGNS[design]} batches, {len(found)} studies"
-            ax.plot(_ENDS, np.pad(ecdf_difference(found[quantity]), 1), color=colour, ls=line, lw=1.1, label=label)
+            ax.plot(
+                _ENDS,
+                np.pad(ecdf_difference(found[quantity]), 1),
+                color=colour,
+                ls=line,
+                lw=1.1,
+                label=label,
+            )
         ax.axhline(0.0, color="black", lw=0.5)
         ax.set_title(LABELS.get(quantity, quantity.replace("_", " ")), fontsize=LETTERS)
         ax.set_xlim(0.0, 1.0)
@@ -50,15 +87,32 @@ def reliability_figure(table: Calibration) -> Figure:
         for line, row in enumerate(rows[rows["estimator"] == estimator].itertuples()):
             colour, _, marker = STYLE[row.design]
             note = _none(row.missing_h1 + row.missing_h0, row.data_sets)
-            odds, from_h1 = log_odds(table.data_sets[table.data_sets["design"] == row.design], estimator)
-            said = ", ".join(filter(None, [f"ECE {row.error:.3f}", note])) if len(odds) else "none exists"
+            odds, from_h1 = log_odds(
+                table.data_sets[table.data_sets["design"] == row.design], estimator
+            )
+            said = (
+                ", ".join(filter(None, [f"ECE {row.error:.3f}", note]))
+                if len(odds)
+                else "none exists"
+            )
             ax.text(0.0, 1.25 - 0.11 * line, said, color=colour, fontsize=SMALL, va="center")
             if len(odds):
                 bins = reliability_bins(odds, from_h1)
-                at = bins.stated + (0.012 if row.design == "sparse" else -0.012)  # so that the two designs do not hide each other
+                at = bins.stated + (
+                    0.012 if row.design == "sparse" else -0.012
+                )  # so that the two designs do not hide each other
                 ax.vlines(at, bins.lower, bins.upper, color=colour, lw=0.9)
                 size = 6.0 + 60.0 * bins.count / row.data_sets
-                ax.scatter(at, bins.observed, s=size, color=colour, marker=marker, lw=0, zorder=3, label=_sets(row.design, row.data_sets))
+                ax.scatter(
+                    at,
+                    bins.observed,
+                    s=size,
+                    color=colour,
+                    marker=marker,
+                    lw=0,
+                    zorder=3,
+                    label=_sets(row.design, row.data_sets),
+                )
         ax.set_title(estimator + (" (default)" if estimator == DEFAULT else ""), fontsize=LETTERS)
         ax.set(xlim=(-0.05, 1.05), ylim=(-0.05, 1.32), aspect="equal")
         ax.set_xticks([0.0, 0.5, 1.0], ["0", "0.5", "1"])
@@ -75,7 +129,9 @@ def differences_figure(table: Calibration) -> Figure:
     designs = list(table.data_sets.groupby("design", sort=False))
     for line, estimator in enumerate(others):
         for step, (design, found) in enumerate(designs):
-            _draw_shifts(ax, found, estimator, design, -line + 0.3 * (0.5 * (len(designs) - 1) - step))
+            _draw_shifts(
+                ax, found, estimator, design, -line + 0.3 * (0.5 * (len(designs) - 1) - step)
+            )
     ax.axvline(0.0, color="black", lw=0.5)
     ax.set_xscale("symlog", linthresh=1.0, linscale=1.0)
     low, high = ax.get_xlim()
@@ -89,10 +145,14 @@ def differences_figure(table: Calibration) -> Figure:
     return figure
 
 
-def _two_rows(high: float, kinds: Sequence[str], draw: Callable[[str, Axes], None], across: str, up: str) -> Figure:
+def _two_rows(
+    high: float, kinds: Sequence[str], draw: Callable[[str, Axes], None], across: str, up: str
+) -> Figure:
     """One panel a kind, half of them above the others, with words at the outer axes only."""
     figure = new_figure(PAGE, high)
-    for ax, kind in zip(figure.subplots(2, len(kinds) // 2, sharex=True, sharey=True).ravel(), kinds, strict=True):
+    for ax, kind in zip(
+        figure.subplots(2, len(kinds) // 2, sharex=True, sharey=True).ravel(), kinds, strict=True
+    ):
         draw(kind, ax)
         ax.set(xlabel=across, ylabel=up)
         dress(ax).label_outer()
@@ -105,13 +165,38 @@ def _draw_shifts(ax: Axes, found: pd.DataFrame, estimator: str, design: str, hei
     shifts = (found[estimator] - found[DEFAULT]).dropna()
     colour, _, marker = STYLE[design]
     note = _none(found[estimator].isna().sum(), len(found))
-    ax.annotate(note, (1.01, height), xycoords=("axes fraction", "data"), fontsize=SMALL, color=colour, va="center", annotation_clip=False)
+    ax.annotate(
+        note,
+        (1.01, height),
+        xycoords=("axes fraction", "data"),
+        fontsize=SMALL,
+        color=colour,
+        va="center",
+        annotation_clip=False,
+    )
     if len(shifts):
-        least, low, lower, middle, upper, high, most = np.quantile(shifts, [0.0, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0])
+        least, low, lower, middle, upper, high, most = np.quantile(
+            shifts, [0.0, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0]
+        )
         ax.plot([least, most], [height, height], color=colour, lw=0.5)
         ax.plot([low, high], [height, height], color=colour, lw=1.6, solid_capstyle="butt")
-        ax.plot([lower, upper], [height, height], color=colour, lw=4.5, alpha=0.45, solid_capstyle="butt")
-        ax.plot([middle], [height], color=colour, marker=marker, ms=4.0, ls="", label=_sets(design, len(found)))
+        ax.plot(
+            [lower, upper],
+            [height, height],
+            color=colour,
+            lw=4.5,
+            alpha=0.45,
+            solid_capstyle="butt",
+        )
+        ax.plot(
+            [middle],
+            [height],
+            color=colour,
+            marker=marker,
+            ms=4.0,
+            ls="",
+            label=_sets(design, len(found)),
+        )
 
 
 def _sets(design: str, size: int) -> str:

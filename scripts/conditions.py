@@ -37,16 +37,30 @@ def real(folder: Path) -> Iterator[tuple[str, bt.Study]]:
     yield "auditory, delay 6 - 2 s", bt.read_study(auditory, options)
     trials = pd.read_csv(auditory, dtype={"subject": str}).drop(columns="isi")
     trials = trials[trials["response"].notna()]
-    yield "auditory, odd and even", bt.read_study(trials.assign(condition=np.where(trials["trial"] % 2, "odd", "even")))
+    yield (
+        "auditory, odd and even",
+        bt.read_study(trials.assign(condition=np.where(trials["trial"] % 2, "odd", "even"))),
+    )
     pulses = pd.read_csv(folder / "vibrotactile_rate" / "trials.csv", dtype={"subject": str})
     pulses["response"] = np.where(pulses["response"] == 1, "equal", "different")
-    for who, blocks in (("946", (2, 4, 6)), ("865", (2,))):  # who most likely missed a swap of the buttons
+    for who, blocks in (
+        ("946", (2, 4, 6)),
+        ("865", (2,)),
+    ):  # who most likely missed a swap of the buttons
         turned = (pulses["subject"] == who) & pulses["block"].isin(blocks)
-        pulses.loc[turned, "response"] = pulses.loc[turned, "response"].map({"equal": "different", "different": "equal"})
+        pulses.loc[turned, "response"] = pulses.loc[turned, "response"].map(
+            {"equal": "different", "different": "equal"}
+        )
     place = pulses.groupby("subject").cumcount()
-    yield "vibrotactile, odd and even", bt.read_study(pulses.assign(condition=np.where(place % 2, "odd", "even")))
+    yield (
+        "vibrotactile, odd and even",
+        bt.read_study(pulses.assign(condition=np.where(place % 2, "odd", "even"))),
+    )
     half = place < pulses.groupby("subject")["subject"].transform("size") / 2
-    yield "vibrotactile, early and late", bt.read_study(pulses.assign(condition=np.where(half, "early", "late")))
+    yield (
+        "vibrotactile, early and late",
+        bt.read_study(pulses.assign(condition=np.where(half, "early", "late"))),
+    )
 
 
 def said(what: str, table: ContrastTable) -> None:
@@ -63,13 +77,24 @@ def said(what: str, table: ContrastTable) -> None:
         )
 
 
-def answers(name: str, truth: np.ndarray, trials: int, rng: np.random.Generator) -> Iterator[pd.DataFrame]:
+def answers(
+    name: str, truth: np.ndarray, trials: int, rng: np.random.Generator
+) -> Iterator[pd.DataFrame]:
     """A subject in two conditions, of truth (2, 3)."""
     s1, s2 = PAIRS.T
     for level, (offset, probit, log_width) in zip(("a", "b"), truth, strict=True):
         z = (s2 - s1 - offset + ndtr(probit) * (s1 - s1.mean())) / np.exp(log_width)
         p, n = GUESSES / 2 + (1 - GUESSES) * ndtr(z), trials // len(s1)
-        yield pd.DataFrame({"subject": name, "condition": level, "s1": s1, "s2": s2, "n_second": rng.binomial(n, p), "n_trials": n})
+        yield pd.DataFrame(
+            {
+                "subject": name,
+                "condition": level,
+                "s1": s1,
+                "s2": s2,
+                "n_second": rng.binomial(n, p),
+                "n_trials": n,
+            }
+        )
 
 
 def by_delay(study: bt.Study, model: str, draws: int, seed: int) -> None:
@@ -80,7 +105,8 @@ def by_delay(study: bt.Study, model: str, draws: int, seed: int) -> None:
     for row in found.table:
         if row.quantity.startswith("condition"):
             print(
-                f"{row.parameter} | {row.quantity} | {row.level} | {row.mean:+.3f} +- {row.sd:.3f} | BF of none {row.of_none}", flush=True
+                f"{row.parameter} | {row.quantity} | {row.level} | {row.mean:+.3f} +- {row.sd:.3f} | BF of none {row.of_none}",
+                flush=True,
             )
     print(f"converged: {found.converged} {found.chains.reason}", flush=True)
 
@@ -88,35 +114,62 @@ def by_delay(study: bt.Study, model: str, draws: int, seed: int) -> None:
 def studies(number: int, seed: int, size: int = 16, trials: int = 200) -> None:
     """Groups in whom nothing differs on average, or all three; a group for each condition by itself, and a t test of single subjects."""
     for index in range(2 * number):
-        differs, rng, rows = bool(index % 2), np.random.default_rng([seed, index]), list[pd.DataFrame]()
+        differs, rng, rows = (
+            bool(index % 2),
+            np.random.default_rng([seed, index]),
+            list[pd.DataFrame](),
+        )
         for i in range(size):
             own = TYPICAL + SCATTER * rng.standard_normal(3)
             apart = AVERAGE * differs + TAU * rng.standard_normal(3)
             rows += answers(f"O{i:02d}", own + np.array([[-0.5], [0.5]]) * apart, trials, rng)
         table = pd.concat(rows)
-        study, *halves = map(bt.read_study, (table, *(some.drop(columns="condition") for _, some in table.groupby("condition"))))
+        study, *halves = map(
+            bt.read_study,
+            (table, *(some.drop(columns="condition") for _, some in table.groupby("condition"))),
+        )
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", bt.ConvergenceWarning)
-            found, *apart = (bt.population(some, model="contraction", draws=100, seed=seed) for some in (study, *halves))
+            found, *apart = (
+                bt.population(some, model="contraction", draws=100, seed=seed)
+                for some in (study, *halves)
+            )
         subjects = bt.contrast(study, model="contraction", seed=seed)
-        factors = {row.parameter: row for row in found.table.some("condition_effect") if row.parameter != "order effect"}
+        factors = {
+            row.parameter: row
+            for row in found.table.some("condition_effect")
+            if row.parameter != "order effect"
+        }
         for label, truth, quantity in zip(
-            ("constant error", "probit pull", "log width"), AVERAGE, ("constant error", "pull", "width"), strict=True
+            ("constant error", "probit pull", "log width"),
+            AVERAGE,
+            ("constant error", "pull", "width"),
+            strict=True,
         ):
             row = factors[label]
             none = row.bf_no_difference if row.bf_no_difference is not None else row.bf_below
             covered = row.q05 < truth * differs < row.q95
             t = ttest_1samp([one.mean for one in subjects.some(quantity)], 0.0).pvalue
-            unpaired = math.hypot(*(one.sd for half in apart for one in half.table.some("mean") if one.parameter == label))
-            numbers = (
-                f"mean {row.mean:+.4f} sd {row.sd:.4f}, unpaired {unpaired:.4f} | BF of none {none:.3g} | covered {covered} | t p {t:.3f}"
+            unpaired = math.hypot(
+                *(
+                    one.sd
+                    for half in apart
+                    for one in half.table.some("mean")
+                    if one.parameter == label
+                )
             )
-            print(f"study {index} | {'differs' if differs else 'none'} | {label} | {numbers}", flush=True)
+            numbers = f"mean {row.mean:+.4f} sd {row.sd:.4f}, unpaired {unpaired:.4f} | BF of none {none:.3g} | covered {covered} | t p {t:.3f}"
+            print(
+                f"study {index} | {'differs' if differs else 'none'} | {label} | {numbers}",
+                flush=True,
+            )
 
 
 def main() -> None:
     """What was asked for."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("what", choices=["subjects", "group", "studies"])
     parser.add_argument("--data", type=Path, default=Path("data"))
     parser.add_argument("--number", type=int, default=10)
@@ -126,7 +179,9 @@ def main() -> None:
         for name, study in real(asked.data):
             said(name, bt.contrast(study, seed=asked.seed))
     elif asked.what == "group":
-        by_delay(next(study for _, study in real(asked.data)), "contraction + sloped", 300, asked.seed)
+        by_delay(
+            next(study for _, study in real(asked.data)), "contraction + sloped", 300, asked.seed
+        )
     else:
         studies(asked.number, asked.seed)
 

@@ -27,7 +27,12 @@ NAMES = ("offset", "pull", "width", "lapse_rate", "noise_slope")
 
 
 def model(
-    pairs: dict[str, np.ndarray], subjects: int, mean: np.ndarray, mean_sd: np.ndarray, sd_scale: np.ndarray, apart: np.ndarray
+    pairs: dict[str, np.ndarray],
+    subjects: int,
+    mean: np.ndarray,
+    mean_sd: np.ndarray,
+    sd_scale: np.ndarray,
+    apart: np.ndarray,
 ) -> None:
     """Means, scatters and subjects of five parameters, then of three differences, none centred."""
     m = numpyro.sample("m", dist.Normal(mean, mean_sd).to_event(1))
@@ -39,14 +44,20 @@ def model(
     own = u[pairs["who"]]
     offset, probit, log_width = (own[:, :3] + pairs["x"][:, None] * d[pairs["who"]]).T
     middle = 0.5 * (pairs["s1"] + pairs["s2"]) - pairs["sbar"]
-    z = (pairs["s2"] - pairs["s1"] + ndtr(probit) * (pairs["s1"] - pairs["sbar"]) - offset) * jnp.exp(-log_width - own[:, 4] * middle)
+    z = (
+        pairs["s2"] - pairs["s1"] + ndtr(probit) * (pairs["s1"] - pairs["sbar"]) - offset
+    ) * jnp.exp(-log_width - own[:, 4] * middle)
     guesses = ndtr(own[:, 3])
-    numpyro.sample("n", dist.Binomial(pairs["n"], guesses / 2 + (1 - guesses) * ndtr(z)), obs=pairs["k"])
+    numpyro.sample(
+        "n", dist.Binomial(pairs["n"], guesses / 2 + (1 - guesses) * ndtr(z)), obs=pairs["k"]
+    )
 
 
 def main() -> None:
     """Sample, and print differences over the range of delays beside those of `bt.population`."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("trials")
     parser.add_argument("--draws", type=int, default=1000)
     parser.add_argument("--subjects", type=int, default=1000)
@@ -56,18 +67,36 @@ def main() -> None:
     jax.config.update("jax_enable_x64", True)
     trials = pd.read_csv(asked.trials).dropna(subset=["response"])
     trials = trials[trials.subject.isin(trials.subject.unique()[: asked.subjects])]
-    pairs = trials.assign(k=trials.response == "second", n=1).groupby(["subject", "s1", "s2", "isi"], as_index=False)[["k", "n"]].sum()
+    pairs = (
+        trials.assign(k=trials.response == "second", n=1)
+        .groupby(["subject", "s1", "s2", "isi"], as_index=False)[["k", "n"]]
+        .sum()
+    )
     sbar = pairs.assign(total=pairs.s1 * pairs.n).groupby("subject")[["total", "n"]].sum()
     who, names = pd.factorize(pairs.subject)
     columns = {key: pairs[key].to_numpy(float) for key in ("s1", "s2", "k", "n")}
-    columns |= {"who": who, "x": (pairs.isi.to_numpy() - 4.0) / 4.0, "sbar": (sbar.total / sbar.n)[pairs.subject].to_numpy()}
+    columns |= {
+        "who": who,
+        "x": (pairs.isi.to_numpy() - 4.0) / 4.0,
+        "sbar": (sbar.total / sbar.n)[pairs.subject].to_numpy(),
+    }
     study = bt.read_study(trials, bt.ReadOptions(condition="isi"))
     whole = study.without_conditions()
     given = bt.Hyperprior().for_study(whole).numbers(NAMES)
-    apart = DIFFERENCE * np.array([unit_of(name, bt.model.prior_for(study).at(*whole)) for name in NAMES[:3]])
-    sizes = {"num_warmup": 800, "num_samples": asked.draws, "num_chains": 2, "chain_method": "sequential", "progress_bar": False}
+    apart = DIFFERENCE * np.array(
+        [unit_of(name, bt.model.prior_for(study).at(*whole)) for name in NAMES[:3]]
+    )
+    sizes = {
+        "num_warmup": 800,
+        "num_samples": asked.draws,
+        "num_chains": 2,
+        "chain_method": "sequential",
+        "progress_bar": False,
+    }
     run = MCMC(NUTS(model, target_accept_prob=0.9, init_strategy=init_to_median), **sizes)
-    run.run(jax.random.PRNGKey(1), columns, len(names), given.mean, given.mean_sd, given.sd_scale, apart)
+    run.run(
+        jax.random.PRNGKey(1), columns, len(names), given.mean, given.mean_sd, given.sd_scale, apart
+    )
     found = run.get_samples(group_by_chain=True)
     for i, name in enumerate(NAMES[:3]):
         beta, tau = np.asarray(found["beta"])[..., i], np.asarray(found["tau_b"])[..., i]
@@ -77,7 +106,10 @@ def main() -> None:
     if asked.package:
         for row in bt.population(study, model="contraction + sloped", draws=1000, seed=1).table:
             if row.quantity.startswith("condition"):
-                print(f"bayes_toe | {row.parameter} | {row.quantity} | {row.mean:+.4f} +- {row.sd:.4f}", flush=True)
+                print(
+                    f"bayes_toe | {row.parameter} | {row.quantity} | {row.mean:+.4f} +- {row.sd:.4f}",
+                    flush=True,
+                )
 
 
 if __name__ == "__main__":

@@ -47,7 +47,12 @@ class File:
         """What a docstring or else a comment says of a column, as it is read in a file; empty where nothing does."""
         if column in self.better:
             return ""
-        found = next(filter(None, (of(kind, column) for of in (explanation, comment) for kind in self.explained)), "")
+        found = next(
+            filter(
+                None, (of(kind, column) for of in (explanation, comment) for kind in self.explained)
+            ),
+            "",
+        )
         plain = " ".join(re.sub(r":\w+:`~?\.?([^`]+)`", r"`\1`", found).replace("|", r"\|").split())
         plain = re.sub(r"\bNone where\b", "empty where", plain)
         return plain[:1].upper() + plain[1:]
@@ -61,7 +66,9 @@ FILES = {
     "compare_history.csv": File(HISTORY_COLUMNS, [SubjectHistory], ["depends", "parameter"]),
     "contrast.csv": File(CONTRAST_COLUMNS, [Difference], ["p_direction", "word", "robust"]),
     "sensitivity.csv": File(sensitivity_columns(), [SensitivityRow], ["method"]),
-    "population.csv": File(PopulationRow._fields, [PopulationRow, Ratio], ["bf_zero", "bf_no_difference"]),
+    "population.csv": File(
+        PopulationRow._fields, [PopulationRow, Ratio], ["bf_zero", "bf_no_difference"]
+    ),
     "population_subjects.csv": File(SUBJECT_COLUMNS),
     "fit.csv": File(fit_columns(SAME_DIFFERENT), [SubjectFit], ["at_edge"]),
     "asymmetry.csv": File(ASYMMETRY_COLUMNS, [Comparison, SubjectAsymmetry]),
@@ -83,13 +90,19 @@ def explanation(kind: type, name: str) -> str:
     """What a docstring says of an attribute, or of a property; nothing where it says nothing of this one alone."""
     if isinstance(getattr(kind, name, None), property):
         return inspect.getdoc(getattr(kind, name)) or ""
-    entry = re.search(rf"^{name} : [^\n]*\n((?:    [^\n]*\n?)+)", (inspect.getdoc(kind) or "") + "\n", flags=re.MULTILINE)
+    entry = re.search(
+        rf"^{name} : [^\n]*\n((?:    [^\n]*\n?)+)",
+        (inspect.getdoc(kind) or "") + "\n",
+        flags=re.MULTILINE,
+    )
     return entry[1] if entry else ""
 
 
 def comment(kind: type, name: str) -> str:
     """What stands beside a field, as a sentence."""
-    found = re.search(rf"^    {name}: [^#\n]*  # (.*)$", inspect.getsource(kind), flags=re.MULTILINE)
+    found = re.search(
+        rf"^    {name}: [^#\n]*  # (.*)$", inspect.getsource(kind), flags=re.MULTILINE
+    )
     return f"{found[1]}." if found else ""
 
 
@@ -105,16 +118,26 @@ def updated(document: str) -> str:
         before, rule, _ = section.partition("|---|---|\n")
         name, stored = section.partition("\n")[0], words(section)
         file = FILES.get(name, File())
-        said = {column: file.told(column) or stored.get(column) for column in file.columns or stored}
+        said = {
+            column: file.told(column) or stored.get(column) for column in file.columns or stored
+        }
         if None in said.values():
-            raise SystemExit(f"{OUTPUT.name}: {name}: nothing says what these mean: {', '.join(key for key in said if said[key] is None)}")
-        sections[place] = before + rule + "".join(f"| `{column}` | {meaning} |\n" for column, meaning in said.items())
+            raise SystemExit(
+                f"{OUTPUT.name}: {name}: nothing says what these mean: {', '.join(key for key in said if said[key] is None)}"
+            )
+        sections[place] = (
+            before
+            + rule
+            + "".join(f"| `{column}` | {meaning} |\n" for column, meaning in said.items())
+        )
     return SECTION.join([head, *sections])
 
 
 def main() -> None:
     """Write the document."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("-o", "--output", default=OUTPUT)
     parser.add_argument("--overwrite", action="store_true")
     given = parser.parse_args()

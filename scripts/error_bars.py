@@ -56,15 +56,35 @@ ROW = (
 def main() -> int:
     """Estimate, compare, write."""
     subjects = {**{subject.name: subject for subject in bt.example_study()}, **hard_cases()}
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("-o", "--output", type=Path, required=True, help="folder to write to; the committed run is in docs")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        required=True,
+        help="folder to write to; the committed run is in docs",
+    )
     parser.add_argument("--seeds", type=int, default=100)
-    parser.add_argument("--cases", type=lambda names: names.split(","), help="names, separated by commas; by default all")
-    parser.add_argument("--verdict", action="store_true", help="the models of verdicts; writes error_bars_verdict.csv and .md")
+    parser.add_argument(
+        "--cases",
+        type=lambda names: names.split(","),
+        help="names, separated by commas; by default all",
+    )
+    parser.add_argument(
+        "--verdict",
+        action="store_true",
+        help="the models of verdicts; writes error_bars_verdict.csv and .md",
+    )
     parser.add_argument("--workers", type=int, help="processes; by default one per processor")
     parser.add_argument("--overwrite", action="store_true")
     asked = parser.parse_args()
-    known = json.loads((REFERENCES / ("compositions.json" if asked.verdict else "reference.json")).read_text(encoding="utf-8"))["cases"]
+    known = json.loads(
+        (REFERENCES / ("compositions.json" if asked.verdict else "reference.json")).read_text(
+            encoding="utf-8"
+        )
+    )["cases"]
     cases, models = {}, {"", *(model.name for model in SPACE)}
     for name, one in known.items():
         subject, _, model = name.partition(": ")
@@ -93,15 +113,23 @@ def main() -> int:
 def estimates(subject: bt.Subject, model: str, seeds: int) -> list[tuple[FittedProposal, Evidence]]:
     """The evidence with every seed, and the proposal behind it: of a model as a verdict has it, without a name of the paper's."""
     if model:
-        found = (space_evidence(subject, PRIOR, [model_named(model)], seed).sampled for seed in range(seeds))
+        found = (
+            space_evidence(subject, PRIOR, [model_named(model)], seed).sampled
+            for seed in range(seeds)
+        )
         return [(some[0].fitted, some[0].evidence) for some in found if some]
     posterior = bt.model.posterior_of(subject, bt.Prior())
     maxima = find_maxima(posterior)
-    fitted = [fit_proposal(posterior, np.random.default_rng([seed, 7]), start=maxima) for seed in range(seeds)]
+    fitted = [
+        fit_proposal(posterior, np.random.default_rng([seed, 7]), start=maxima)
+        for seed in range(seeds)
+    ]
     return [(one, importance_evidence(one)) for one in fitted]
 
 
-def z_scores(name: str, subject: bt.Subject, model: str, reference: float, seeds: int) -> dict[str, object]:
+def z_scores(
+    name: str, subject: bt.Subject, model: str, reference: float, seeds: int
+) -> dict[str, object]:
     """The row of one case."""
     found = estimates(subject, model, seeds)
     given = [(one.value, one.se) for _, one in found if one.value is not None]
@@ -109,11 +137,21 @@ def z_scores(name: str, subject: bt.Subject, model: str, reference: float, seeds
     z = pd.Series((values - reference) / errors)
     row = {"case": name, "seeds": seeds, "withheld": seeds - len(z)}
     if len(z) > 1:
-        row |= {"mean_z": z.mean(), "sd_z": z.std(), "largest_z": z.abs().max(), "median_se": np.median(errors), "largest_se": errors.max()}
+        row |= {
+            "mean_z": z.mean(),
+            "sd_z": z.std(),
+            "largest_z": z.abs().max(),
+            "median_se": np.median(errors),
+            "largest_se": errors.max(),
+        }
     else:
         row |= dict.fromkeys(("mean_z", "sd_z", "largest_z", "median_se", "largest_se"), np.nan)
     honest = BAND[0] < row["sd_z"] < BAND[1] or len(z) == 0
-    return {**row, "largest_pareto_k": max((fit.pareto_k for fit, _ in found), default=np.nan), "honest": bool(honest)}
+    return {
+        **row,
+        "largest_pareto_k": max((fit.pareto_k for fit, _ in found), default=np.nan),
+        "honest": bool(honest),
+    }
 
 
 def page(table: pd.DataFrame, file: str, verdict: bool) -> str:
@@ -131,7 +169,9 @@ def page(table: pd.DataFrame, file: str, verdict: bool) -> str:
         band=BAND,
         precision=100 / np.sqrt(2 * (seeds - 1)),
         verdict="every one lies in that range." if bad.empty else f"outside it: {', '.join(bad)}.",
-        far=f"Single estimates further than 5 standard errors off, without a warning: {far}.\n" if far else "",
+        far=f"Single estimates further than 5 standard errors off, without a warning: {far}.\n"
+        if far
+        else "",
         version=bt.__version__,
         python=platform.python_version(),
         numpy=np.__version__,

@@ -8,11 +8,26 @@ from pathlib import Path
 
 import bayes_toe as bt
 
-COLUMNS = ["subject", "effect", "kind", "fit", "p_none", "p_constant_error", "p_update", "log_bayes_factor"]
+COLUMNS = [
+    "subject",
+    "effect",
+    "kind",
+    "fit",
+    "p_none",
+    "p_constant_error",
+    "p_update",
+    "log_bayes_factor",
+]
 
 if __name__ == "__main__":  # worker processes import this file
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("study", nargs="?", help="CSV of trials or counts; by default the bundled, synthetic example")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "study",
+        nargs="?",
+        help="CSV of trials or counts; by default the bundled, synthetic example",
+    )
     parser.add_argument("-o", "--output", type=Path, default="evidence.csv")
     parser.add_argument("--figure", type=Path, help="PNG, PDF or SVG to draw it into")
     parser.add_argument("--seed", type=int, help="without it fresh entropy, printed")
@@ -26,7 +41,9 @@ if __name__ == "__main__":  # worker processes import this file
     table = bt.evidence(study, seed=asked.seed, workers=asked.workers)
     table.save(asked.output)
     if asked.figure:
-        bt.plots.save_figure(bt.plots.evidence_figure(table, synthetic=study.synthetic), asked.figure)
+        bt.plots.save_figure(
+            bt.plots.evidence_figure(table, synthetic=study.synthetic), asked.figure
+        )
     print(table.frame()[COLUMNS].round(3).to_string(index=False))
     for row in table:
         for note in (*row.notes, *row.footnotes):

@@ -27,7 +27,12 @@ import pandas as pd
 PRIOR = "offset_sd = 1.0\nnoise_slope_sd = 1.0\nlapse_rate_b = 1.0\n"
 _COMPARED = (
     "free frequencies",
-    *(f"{order}{noise}{lapses}" for order in ("none", "update") for noise in ("", " + sloped") for lapses in ("", " + both ways")),
+    *(
+        f"{order}{noise}{lapses}"
+        for order in ("none", "update")
+        for noise in ("", " + sloped")
+        for lapses in ("", " + both ways")
+    ),
 )
 #: By command: its words, and of every table it writes what names a row.
 COMMANDS: dict[str, tuple[tuple[str, ...], dict[str, tuple[str, ...]]]] = {
@@ -36,7 +41,13 @@ COMMANDS: dict[str, tuple[tuple[str, ...], dict[str, tuple[str, ...]]]] = {
         {"results/evidence.csv": ("subject",), "results/summary.csv": ("subject", "parameter")},
     ),
     "compare": (
-        ("-o", "compare.csv", "--prior", "prior.toml", *(word for name in _COMPARED for word in ("--model", name))),
+        (
+            "-o",
+            "compare.csv",
+            "--prior",
+            "prior.toml",
+            *(word for name in _COMPARED for word in ("--model", name)),
+        ),
         {"compare.csv": ("subject", "model")},
     ),
     "fit": (("-o", "fit.csv", "--prior", "prior.toml"), {"fit.csv": ("subject",)}),
@@ -49,11 +60,15 @@ _KEY = ["study", "table", "row", "column"]
 
 def main() -> int:
     """Run, freeze or check."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("what", choices=("run", "freeze", "check"))
     parser.add_argument("folder", type=Path)
     parser.add_argument("table", type=Path, nargs="?", help="of frozen numbers")
-    parser.add_argument("--study", action="append", default=[], help="NAME=FILE.csv; repeat for more")
+    parser.add_argument(
+        "--study", action="append", default=[], help="NAME=FILE.csv; repeat for more"
+    )
     parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2, 3])
     parser.add_argument("--only", nargs="+", choices=COMMANDS, default=list(COMMANDS))
     options = parser.parse_args()
@@ -65,13 +80,21 @@ def main() -> int:
     if options.what == "freeze":
         frozen(options.folder).to_csv(options.table, index=False, float_format="%.9g")
         return 0
-    numbers, outside = check(options.folder, pd.read_csv(options.table, keep_default_na=False, na_values=[""]))
+    numbers, outside = check(
+        options.folder, pd.read_csv(options.table, keep_default_na=False, na_values=[""])
+    )
     print(f"{numbers} numbers held against {options.table}; {len(outside)} outside")
     print(outside.to_string(index=False) if len(outside) else "")
     return 3 if too_far(numbers, outside) else 0
 
 
-def run(folder: Path, study: Path, seed: int, commands: Sequence[str] = tuple(COMMANDS), reading: Sequence[str] = ()) -> None:
+def run(
+    folder: Path,
+    study: Path,
+    seed: int,
+    commands: Sequence[str] = tuple(COMMANDS),
+    reading: Sequence[str] = (),
+) -> None:
     """All commands on one study."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "prior.toml").write_text(PRIOR, encoding="utf-8")
@@ -85,7 +108,9 @@ def run(folder: Path, study: Path, seed: int, commands: Sequence[str] = tuple(CO
 
 def call(*words: str, cwd: Path) -> subprocess.CompletedProcess[str]:
     """A command, as a user calls it."""
-    return subprocess.run([sys.executable, "-m", "bayes_toe", *words], cwd=cwd, capture_output=True, text=True)
+    return subprocess.run(
+        [sys.executable, "-m", "bayes_toe", *words], cwd=cwd, capture_output=True, text=True
+    )
 
 
 def _numbers(folder: Path) -> Iterator[pd.DataFrame]:
@@ -96,25 +121,58 @@ def _numbers(folder: Path) -> Iterator[pd.DataFrame]:
         for table, key in tables.items():
             if not (place / table).exists():
                 continue
-            wide = pd.read_csv(place / table, dtype=dict.fromkeys(key, str), keep_default_na=False, na_values=["", "nan", "NaN"])
+            wide = pd.read_csv(
+                place / table,
+                dtype=dict.fromkeys(key, str),
+                keep_default_na=False,
+                na_values=["", "nan", "NaN"],
+            )
             row = wide[list(key)].fillna("").agg(" / ".join, axis=1)
             values = wide.select_dtypes("number").drop(columns=[*LEFT_OUT], errors="ignore")
-            errors = {name: values.get(f"mcse_{name}", values.get(f"{name}_se", 0.0 * values[name])) for name in values.columns}
+            errors = {
+                name: values.get(f"mcse_{name}", values.get(f"{name}_se", 0.0 * values[name]))
+                for name in values.columns
+            }
             for name in values.columns:
-                if not name.startswith("mcse_") and not (name.endswith("_se") and table != "asymmetry.csv"):
-                    mc = 0.0 if table == "asymmetry.csv" or name.startswith("elpd") else errors[name].fillna(0.0)
+                if not name.startswith("mcse_") and not (
+                    name.endswith("_se") and table != "asymmetry.csv"
+                ):
+                    mc = (
+                        0.0
+                        if table == "asymmetry.csv" or name.startswith("elpd")
+                        else errors[name].fillna(0.0)
+                    )
                     yield pd.DataFrame(
-                        {"study": study, "seed": seed, "table": table, "row": row, "column": name, "value": values[name], "error": mc}
+                        {
+                            "study": study,
+                            "seed": seed,
+                            "table": table,
+                            "row": row,
+                            "column": name,
+                            "value": values[name],
+                            "error": mc,
+                        }
                     )
 
 
 def frozen(folder: Path) -> pd.DataFrame:
     """Centre and tolerance of every number over the seeds."""
     every = pd.concat(_numbers(folder), ignore_index=True).dropna(subset=["value"])
-    found = every.groupby(_KEY, sort=False).agg(centre=("value", "mean"), sd=("value", "std"), error=("error", "mean")).reset_index()
+    found = (
+        every.groupby(_KEY, sort=False)
+        .agg(centre=("value", "mean"), sd=("value", "std"), error=("error", "mean"))
+        .reset_index()
+    )
     found["sd"] = found["sd"].fillna(0.0)
-    kind = found["row"].where(found["table"].str.contains("summary"), "").str.rsplit(" / ", n=1).str[-1]  # a quantity's own scale
-    typical = found.groupby([found["study"], found["table"], found["column"], kind], sort=False)["sd"].transform("median")
+    kind = (
+        found["row"]
+        .where(found["table"].str.contains("summary"), "")
+        .str.rsplit(" / ", n=1)
+        .str[-1]
+    )  # a quantity's own scale
+    typical = found.groupby([found["study"], found["table"], found["column"], kind], sort=False)[
+        "sd"
+    ].transform("median")
     spread = np.sqrt(found["sd"] ** 2 + typical**2 + found["error"] ** 2)
     probability = found["column"].str.contains("prob") | found["column"].str.startswith("p_")
     least = np.where(probability & (spread > 0.0), 2e-3, 0.0) + 1e-6 * (1.0 + found["centre"].abs())

@@ -46,7 +46,9 @@ def presented(trials: int, rng: np.random.Generator) -> Answers:
     low, up = rng.integers(0, 5, trials), rng.random(trials) < 0.5
     keys = STEP * np.column_stack([low + ~up, low + up]).astype(float)
     place = np.arange(trials) + (np.arange(trials) >= trials // 2)
-    return Answers(keys, np.zeros(trials, np.int64), np.ones(trials, np.int64), None, (), True, place)
+    return Answers(
+        keys, np.zeros(trials, np.int64), np.ones(trials, np.int64), None, (), True, place
+    )
 
 
 def observer(name: str, truth: str, trials: int, seed: int) -> Subject:
@@ -57,19 +59,35 @@ def observer(name: str, truth: str, trials: int, seed: int) -> Subject:
     target = composition(model, WHICH_STRONGER).posterior(asked, DEFAULT)
     offset, width = rng.normal(0.0, 0.05), WIDTH * np.exp(rng.normal(0.0, 0.2))
     known = {"offset": offset, "pull": PULL, "width": width, "lapse_rate": LAPSES, **own}
-    return answered(target, target.points({key: np.array([value]) for key, value in known.items()}), rng)
+    return answered(
+        target, target.points({key: np.array([value]) for key, value in known.items()}), rng
+    )
 
 
 def judged(truth: str, trials: int, i: int, seed: int) -> dict[str, object]:
     """What is concluded of one of them."""
     subject = observer(f"{truth} {trials} {i}", truth, trials, seed)
-    row = subject_history(space_evidence(subject, DEFAULT, models_of(subject.task).space, seed), seed)
-    levels = {"static": row.p_static, "carry-over": row.p_carry_over, "running average": row.p_running_average}
+    row = subject_history(
+        space_evidence(subject, DEFAULT, models_of(subject.task).space, seed), seed
+    )
+    levels = {
+        "static": row.p_static,
+        "carry-over": row.p_carry_over,
+        "running average": row.p_running_average,
+    }
     own = TRUTHS[truth][1]
     held = row.q05 <= own[row.parameter] <= row.q95 if row.parameter in own else None
     return {
-        **{"truth": truth, "trials": trials, "likeliest": max(levels, key=lambda level: levels[level] or 0.0), "interval_holds": held},
-        **{key: getattr(row, key) for key in ("depends", "log_bayes_factor_history", "history_p_static", "history_p")},
+        **{
+            "truth": truth,
+            "trials": trials,
+            "likeliest": max(levels, key=lambda level: levels[level] or 0.0),
+            "interval_holds": held,
+        },
+        **{
+            key: getattr(row, key)
+            for key in ("depends", "log_bayes_factor_history", "history_p_static", "history_p")
+        },
         "interval": np.nan if held is None else row.q95 - row.q05,
     }
 
@@ -99,8 +117,14 @@ def told(found: pd.DataFrame) -> Iterator[dict[str, object]]:
             "truth": truth,
             "trials": trials,
             "observers": len(some),
-            **{word: int((some.depends == word).sum()) for word in ("yes", "probably", "undecided", "probably not", "no", "no pull")},
-            **{f"likeliest {level}": int((some.likeliest == level).sum()) for level in ("static", "carry-over", "running average")},
+            **{
+                word: int((some.depends == word).sum())
+                for word in ("yes", "probably", "undecided", "probably not", "no", "no pull")
+            },
+            **{
+                f"likeliest {level}": int((some.likeliest == level).sum())
+                for level in ("static", "carry-over", "running average")
+            },
             "sum_log_bayes_factor": some.log_bayes_factor_history.sum(),
             "intervals": len(held),
             "intervals_hold": int(held.sum()),
@@ -112,23 +136,38 @@ def told(found: pd.DataFrame) -> Iterator[dict[str, object]]:
 
 def main() -> None:
     """Simulate, judge, write."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("-o", "--output", type=Path, default=Path("docs"))
     parser.add_argument("--observers", type=int, default=40)
     parser.add_argument("--ranks", type=int, default=200)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--workers", type=int, default=2)
     asked = parser.parse_args()
-    kinds = [(truth, 400) for truth in TRUTHS] + [("carry-over 0.6", trials) for trials in TRIALS if trials != 400]
-    jobs = [partial(judged, truth, trials, i, asked.seed) for truth, trials in kinds for i in range(asked.observers)]
-    table = pd.DataFrame(told(pd.DataFrame(run_in_order(jobs, asked.workers, None, [()] * len(jobs)))))
+    kinds = [(truth, 400) for truth in TRUTHS] + [
+        ("carry-over 0.6", trials) for trials in TRIALS if trials != 400
+    ]
+    jobs = [
+        partial(judged, truth, trials, i, asked.seed)
+        for truth, trials in kinds
+        for i in range(asked.observers)
+    ]
+    table = pd.DataFrame(
+        told(pd.DataFrame(run_in_order(jobs, asked.workers, None, [()] * len(jobs))))
+    )
     table.to_csv(asked.output / "history_recovery.csv", index=False)
     print(table.to_string())
     models = ("contraction + carry-over", "contraction + running average")
     jobs = [partial(ranked, model, i, asked.seed) for model in models for i in range(asked.ranks)]
     found = pd.DataFrame(run_in_order(jobs, asked.workers, None, [()] * len(jobs)))
     uniform = [
-        {"model": model, "quantity": key, "observers": int(values.count()), "p_uniform": kstest(values.dropna(), "uniform").pvalue}
+        {
+            "model": model,
+            "quantity": key,
+            "observers": int(values.count()),
+            "p_uniform": kstest(values.dropna(), "uniform").pvalue,
+        }
         for model, some in found.groupby("model", sort=False)
         for key, values in some.drop(columns=["model", "failed"]).items()
         if values.notna().any()

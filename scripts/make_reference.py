@@ -27,7 +27,11 @@ from bayes_toe.model.ladder import SPACE, model_named
 
 #: Order, noise and lapses of the default space of `compare`, and every other level in some composition.
 COMPOSITIONS = (
-    *(model.name for model in SPACE if {("curve", "bell"), ("peak", "one peak")} <= {*model.levels}),
+    *(
+        model.name
+        for model in SPACE
+        if {("curve", "bell"), ("peak", "one peak")} <= {*model.levels}
+    ),
     "constant error + sloped peak",
     "update + sloped + both ways + differencing + sloped peak",
     "none + exponent",
@@ -41,34 +45,63 @@ COMPOSED_SUBJECTS = ("S01", "S09", "one order missing", "guessing at 0.5")
 
 def belongs(subject: bt.Subject, model: str | None) -> dict[str, str]:
     """What tells that a stored case is of these counts, this prior and the method as it is."""
-    counts = np.column_stack((subject.s1, subject.s2, subject.n_yes.astype(float), subject.n_trials.astype(float)))
+    counts = np.column_stack(
+        (subject.s1, subject.s2, subject.n_yes.astype(float), subject.n_trials.astype(float))
+    )
     prior = bt.Prior().describe() if model is None else model_named(model).describe(PRIOR)
-    return {"counts": hashlib.sha256(counts.tobytes()).hexdigest(), "prior": prior, "method": METHOD if model is None else TEMPERING}
+    return {
+        "counts": hashlib.sha256(counts.tobytes()).hexdigest(),
+        "prior": prior,
+        "method": METHOD if model is None else TEMPERING,
+    }
 
 
 def case(subject: bt.Subject, model: str | None) -> dict[str, object]:
     """One subject's reference as plain numbers; the evidence alone of a composition."""
     if model is not None:
-        return dict(zip(("log_evidence", "log_evidence_error"), composed_evidence(subject, model), strict=True))
+        return dict(
+            zip(
+                ("log_evidence", "log_evidence_error"),
+                composed_evidence(subject, model),
+                strict=True,
+            )
+        )
     found = vars(integrate(bt.model.posterior_of(subject, bt.Prior())))
-    return {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in found.items()}
+    return {
+        key: value.tolist() if isinstance(value, np.ndarray) else value
+        for key, value in found.items()
+    }
 
 
 def main() -> None:
     """Integrate what is missing, one case at a time; the file is whole after each."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("-o", "--output", type=Path, default=Path("tests/reference"))
-    parser.add_argument("--compositions", action="store_true", help="compositions of parts, by tempering, into compositions.json")
+    parser.add_argument(
+        "--compositions",
+        action="store_true",
+        help="compositions of parts, by tempering, into compositions.json",
+    )
     parser.add_argument("--only", help="one case by name")
     asked = parser.parse_args()
     subjects = {**hard_cases(), **{subject.name: subject for subject in bt.example_study()}}
     if asked.compositions:
         path, head = asked.output / "compositions.json", {}
-        cases = {f"{name}: {model}": (subjects[name], model) for name in COMPOSED_SUBJECTS for model in COMPOSITIONS}
+        cases = {
+            f"{name}: {model}": (subjects[name], model)
+            for name in COMPOSED_SUBJECTS
+            for model in COMPOSITIONS
+        }
     else:
         path, head = asked.output / "reference.json", {"quantities": QUANTITIES, "levels": LEVELS}
         cases = {name: (subject, None) for name, subject in subjects.items()}
-    head["versions"] = {"numpy": np.__version__, "scipy": scipy.__version__, "python": platform.python_version()}
+    head["versions"] = {
+        "numpy": np.__version__,
+        "scipy": scipy.__version__,
+        "python": platform.python_version(),
+    }
     stored = json.loads(path.read_text(encoding="utf-8"))["cases"] if path.exists() else {}
     for name, of in cases.items():
         if asked.only not in (None, name) or belongs(*of).items() <= stored.get(name, {}).items():
@@ -76,9 +109,14 @@ def main() -> None:
         began = time.perf_counter()
         made = stored[name] = {**belongs(*of), **case(*of)}
         with whole_file(path, overwrite=True) as target:
-            target.write_text(json.dumps({**head, "cases": stored}, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+            target.write_text(
+                json.dumps({**head, "cases": stored}, indent=1, sort_keys=True) + "\n",
+                encoding="utf-8",
+            )
         took = time.perf_counter() - began
-        print(f"{name}: {made['log_evidence']:.6f} +- {made['log_evidence_error']:.1e}, {took:.0f} s")
+        print(
+            f"{name}: {made['log_evidence']:.6f} +- {made['log_evidence_error']:.1e}, {took:.0f} s"
+        )
 
 
 if __name__ == "__main__":

@@ -68,7 +68,11 @@ def observer(design: str, order: str, name: str, seed: int) -> tuple[Subject, fl
     if harsh and rng.uniform() < 0.5:
         parts.append("sloped peak")
         values["peak_slope"] = float(rng.normal(1.0, 1.5))
-    values["offset"] = float(rng.choice([-1, 1]) * np.exp(rng.normal(np.log(0.15), 0.8)) if harsh else rng.normal(0.0, 0.2))
+    values["offset"] = float(
+        rng.choice([-1, 1]) * np.exp(rng.normal(np.log(0.15), 0.8))
+        if harsh
+        else rng.normal(0.0, 0.2)
+    )
     middle = float(np.mean([pairs.s1, pairs.s2]))
     mu1 = float(middle + rng.uniform(-2.5, 2.5) if harsh else rng.normal(0.25, 0.45))
     pull = float(rng.uniform(0.1, 0.35) if harsh else rng.uniform(0.08, 0.38))
@@ -92,12 +96,20 @@ def comparing_observer(design: str, order: str, name: str, seed: int) -> tuple[S
     values["offset"] = rng.choice([-1, 1]) * step * np.exp(rng.normal(np.log(0.3), 0.6))
     pull = rng.uniform(0.08, 0.38)
     sigma_p = values["width"] * (1.0 - pull)
-    values |= {"mu1": rng.normal(s1.mean(), 1.2 * s1.std()), "sigma_p": sigma_p, "sigma_l": sigma_p * np.sqrt(pull) / (1.0 - pull)}
-    asked = Subject(name, s1, s2, np.zeros(len(s1), int), np.full(len(s1), trials), task=WHICH_STRONGER)
+    values |= {
+        "mu1": rng.normal(s1.mean(), 1.2 * s1.std()),
+        "sigma_p": sigma_p,
+        "sigma_l": sigma_p * np.sqrt(pull) / (1.0 - pull),
+    }
+    asked = Subject(
+        name, s1, s2, np.zeros(len(s1), int), np.full(len(s1), trials), task=WHICH_STRONGER
+    )
     return answered(asked, " + ".join(parts), values, rng)
 
 
-def answered(asked: Subject, model: str, values: dict[str, float], rng: np.random.Generator) -> tuple[Subject, float]:
+def answered(
+    asked: Subject, model: str, values: dict[str, float], rng: np.random.Generator
+) -> tuple[Subject, float]:
     """What an observer with these quantities under a model answers to the pairs of a subject, and the true size of the order effect."""
     posterior = posterior_of(asked, model=model)
     x = posterior.points({key: np.asarray(value) for key, value in values.items()})[None]
@@ -107,12 +119,22 @@ def answered(asked: Subject, model: str, values: dict[str, float], rng: np.rando
 
 def row(design: str, order: str, i: int, seed: int) -> dict[str, object]:
     """One observer with its verdict."""
-    subject, size = (comparing_observer if design in COMPARED else observer)(design, order, f"{order} {i}", seed)
+    subject, size = (comparing_observer if design in COMPARED else observer)(
+        design, order, f"{order} {i}", seed
+    )
     said, _ = verdict(subject, DEFAULT, seed)
     assert said.p_orders is not None
     found = dict(zip(("p_none", "p_constant_error", "p_update"), said.p_orders, strict=True))
     named = {"effect": said.effect, "kind": said.kind, "fit": said.fit, "robust": said.robust}
-    return {"design": design, "observer": i, "true": KINDS[order], "true_size": size, **named, **found, "p_larger": said.p_larger}
+    return {
+        "design": design,
+        "observer": i,
+        "true": KINDS[order],
+        "true_size": size,
+        **named,
+        **found,
+        "p_larger": said.p_larger,
+    }
 
 
 def members(kind: str, i: int, seed: int) -> bt.Study:
@@ -121,9 +143,19 @@ def members(kind: str, i: int, seed: int) -> bt.Study:
     made = []
     for j in range(SUBJECTS):
         pull = rng.normal(0.18, 0.06) if kind == "pull" else 0.0
-        error = {"constant error": rng.normal(0.12, 0.05), "opposite errors": (-1) ** j * rng.normal(0.2, 0.05)}.get(kind, 0.0)
-        values = {"offset": error, "gain": 1.0 - pull, "width": np.exp(rng.normal(-1.2, 0.2)), "q0": rng.beta(20, 2)}
-        asked = Subject(f"P{j + 1:02d}", pairs.s1, pairs.s2, 0 * pairs.n_yes, np.full(pairs.n_pairs, TRIALS))
+        error = {
+            "constant error": rng.normal(0.12, 0.05),
+            "opposite errors": (-1) ** j * rng.normal(0.2, 0.05),
+        }.get(kind, 0.0)
+        values = {
+            "offset": error,
+            "gain": 1.0 - pull,
+            "width": np.exp(rng.normal(-1.2, 0.2)),
+            "q0": rng.beta(20, 2),
+        }
+        asked = Subject(
+            f"P{j + 1:02d}", pairs.s1, pairs.s2, 0 * pairs.n_yes, np.full(pairs.n_pairs, TRIALS)
+        )
         made.append(answered(asked, "free weighting", values, rng)[0])
     return bt.Study(made)
 
@@ -135,7 +167,11 @@ def study_row(kind: str, i: int, seed: int) -> dict[str, object]:
     said = [verdict(one, DEFAULT, seed)[0] for one in study]
     assert answer is not None
     factors = {f"bf_{row.parameter.replace(' ', '_')}": row.of_none for row in answer.means}
-    counts = {f"n_{word.replace(' ', '_')}": sum(one.effect == word for one in said) for word in EFFECTS if word}
+    counts = {
+        f"n_{word.replace(' ', '_')}": sum(one.effect == word for one in said)
+        for word in EFFECTS
+        if word
+    }
     said_of_all = {"kind": kind, "study": i, "population": answer.words, "p_none": answer.p_none}
     return {**said_of_all, **factors, **counts, "subjects": study_sentence(said)}
 
@@ -144,19 +180,29 @@ def agreement(table: pd.DataFrame) -> pd.DataFrame:
     """What was said of studies of each kind, how often, and how many of their eight subjects have, or probably have, an effect."""
     clause = table["population"].str.partition(":")[0].str.replace(", and subjects differ", "")
     some = table["n_has"] + table["n_probably_has"]
-    rows = table.assign(population=clause, subjects=some).groupby(["kind", "population"], sort=False)["subjects"]
+    rows = table.assign(population=clause, subjects=some).groupby(
+        ["kind", "population"], sort=False
+    )["subjects"]
     return rows.agg(studies="size", fewest="min", median="median", most="max").reset_index()
 
 
 def words(table: pd.DataFrame) -> pd.DataFrame:
     """How often each word was said and right, by design."""
     effect, large = table["true"] != "none", table["true_size"] > SMALL
-    truths = {"has": effect, "probably has": effect, "negligible": ~large, "probably none": ~effect, "none": ~effect}
+    truths = {
+        "has": effect,
+        "probably has": effect,
+        "negligible": ~large,
+        "probably none": ~effect,
+        "none": ~effect,
+    }
     found = []
     for design, of in table.groupby("design", sort=False):
         for word in filter(None, EFFECTS):
             some = of.index[of["effect"] == word]
-            found.append((design, word, len(some), int(truths[word][some].sum()) if word in truths else None))
+            found.append(
+                (design, word, len(some), int(truths[word][some].sum()) if word in truths else None)
+            )
         for kind in ("constant error", "pull"):
             for word in (kind, f"probably {kind}"):
                 some = of[of["kind"] == word]
@@ -166,25 +212,44 @@ def words(table: pd.DataFrame) -> pd.DataFrame:
         sure = p.max(axis=1) > 0.95
         found.append((design, "P > 0.95", int(sure.sum()), int((own[sure] >= 0.5).sum())))
         found.append((design, f"log score {-np.log(own).mean():.3f}", len(of), None))
-    return pd.DataFrame(found, columns=["design", "word", "said", "right"]).astype({"right": "Int64"})
+    return pd.DataFrame(found, columns=["design", "word", "said", "right"]).astype(
+        {"right": "Int64"}
+    )
 
 
 def main() -> None:
     """Simulate, judge, write."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("-o", "--output", type=Path, default=Path())
     parser.add_argument("--observers", type=int, default=200, help="of each kind and design")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--studies", type=int, default=0, help="of each kind, in the place of observers")
+    parser.add_argument(
+        "--studies", type=int, default=0, help="of each kind, in the place of observers"
+    )
     given = parser.parse_args()
     given.output.mkdir(parents=True, exist_ok=True)
     if given.studies:
-        name, of, jobs = "order_effect_studies.csv", study_row, [(kind, i) for kind in STUDIES for i in range(given.studies)]
+        name, of, jobs = (
+            "order_effect_studies.csv",
+            study_row,
+            [(kind, i) for kind in STUDIES for i in range(given.studies)],
+        )
     else:
         designs = ("moderate", "harsh", *COMPARED)
-        name, of, jobs = "order_effect.csv", row, [*product(designs, ORDERS, range(given.observers))]
-    rows = run_in_order([partial(of, *job, given.seed) for job in jobs], given.workers, None, [(str(job),) for job in jobs])
+        name, of, jobs = (
+            "order_effect.csv",
+            row,
+            [*product(designs, ORDERS, range(given.observers))],
+        )
+    rows = run_in_order(
+        [partial(of, *job, given.seed) for job in jobs],
+        given.workers,
+        None,
+        [(str(job),) for job in jobs],
+    )
     table = pd.DataFrame(rows)
     table.to_csv(given.output / name, index=False, float_format="%.3g" if given.studies else "%.4g")
     found = agreement(table) if given.studies else words(table)

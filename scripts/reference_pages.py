@@ -18,11 +18,17 @@ HELP = "--help"
 def command_reference() -> str:
     """Every command with its arguments and options, by what they are for, as Markdown."""
     commands = typer.main.get_command(app).commands
-    purposes = {purpose: [function.__name__ for function in functions] for purpose, functions in COMMANDS.items()}
+    purposes = {
+        purpose: [function.__name__ for function in functions]
+        for purpose, functions in COMMANDS.items()
+    }
     return "\n\n".join(
         block
         for purpose, names in purposes.items()
-        for block in (f"## {purpose}", *(part for name in names for part in _command(name, commands[name])))
+        for block in (
+            f"## {purpose}",
+            *(part for name in names for part in _command(name, commands[name])),
+        )
     )
 
 
@@ -38,7 +44,13 @@ def _command(name: str, command: Any) -> Iterator[str]:
             panels.setdefault(getattr(one, "rich_help_panel", None) or "Options", []).append(one)
     for panel, rows in panels.items():
         if rows:
-            yield "\n".join([f"| {panel} | |", "|---|---|", *(f"| {_spelt(one)} | {_said(one)} |" for one in rows)])
+            yield "\n".join(
+                [
+                    f"| {panel} | |",
+                    "|---|---|",
+                    *(f"| {_spelt(one)} | {_said(one)} |" for one in rows),
+                ]
+            )
 
 
 def _spelt(one: Any) -> str:
@@ -51,7 +63,12 @@ def _spelt(one: Any) -> str:
 
 
 def _said(one: Any) -> str:
-    known = one.default is not None and one.default != () and not callable(one.default) and not one.is_flag
+    known = (
+        one.default is not None
+        and one.default != ()
+        and not callable(one.default)
+        and not one.is_flag
+    )
     default = f" Default: `{one.default}`." if known and one.param_type_name == "option" else ""
     text = " ".join((one.help or "").split()).replace("*", "\\*").replace("<", "\\<")
     text = re.sub(r"(?<![\w-])--[a-z][a-z-]*", r"`\g<0>`", text)
@@ -61,12 +78,19 @@ def _said(one: Any) -> str:
 def name_reference(face: str) -> str:
     """Every public name of a package: tables of all, then each with its docstring, as reStructuredText within Markdown."""
     package = import_module(face)
-    kinds: dict[str, list[str]] = {"Functions": [], "Records": [], "Errors and warnings": [], "Values": []}
+    kinds: dict[str, list[str]] = {
+        "Functions": [],
+        "Records": [],
+        "Errors and warnings": [],
+        "Values": [],
+    }
     for name in package.__all__:
         value = getattr(package, name)
         if not inspect.ismodule(value):
             kinds[_kind(value)].append(name)
-    return "\n\n".join(block for kind, names in kinds.items() if names for block in _names(face, kind, names))
+    return "\n\n".join(
+        block for kind, names in kinds.items() if names for block in _names(face, kind, names)
+    )
 
 
 def _kind(value: Any) -> str:
@@ -80,7 +104,11 @@ def _names(face: str, kind: str, names: list[str]) -> Iterator[str]:
     lines = [".. autosummary::", "   :nosignatures:", "", *(f"   ~{face}.{name}" for name in names)]
     directive = {"Functions": "autofunction", "Values": "autodata"}.get(kind, "autoclass")
     for name in names:
-        lines += ["", f".. {directive}:: {face}::{name}", *(["   :members:"] if directive == "autoclass" else [])]
+        lines += [
+            "",
+            f".. {directive}:: {face}::{name}",
+            *(["   :members:"] if directive == "autoclass" else []),
+        ]
     yield "\n".join(["```{eval-rst}", *lines, "```"])
 
 

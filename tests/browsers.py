@@ -5,7 +5,14 @@ from contextlib import contextmanager
 
 import pytest
 
-BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "microsoft-edge")
+BROWSERS = (
+    "chromium",
+    "chromium-browser",
+    "google-chrome",
+    "google-chrome-stable",
+    "chrome",
+    "microsoft-edge",
+)
 
 
 @contextmanager
@@ -17,7 +24,9 @@ def launched():
         try:
             opened = playwright.chromium.launch(executable_path=found, args=["--no-sandbox"])
         except sync_api.Error as error:
-            pytest.skip(f"no browser: none of {', '.join(BROWSERS)} on the path, nor Playwright's own ({str(error).splitlines()[0]})")
+            pytest.skip(
+                f"no browser: none of {', '.join(BROWSERS)} on the path, nor Playwright's own ({str(error).splitlines()[0]})"
+            )
         yield opened
         opened.close()
 
@@ -28,10 +37,20 @@ class Opened:
     def __init__(self, browser, path, width, high=900, **options):
         self.problems = []
         self.page = browser.new_page(viewport={"width": width, "height": high}, **options)
-        self.page.on("console", lambda said: self.problems.append(said.text) if said.type in ("error", "warning") else None)
+        self.page.on(
+            "console",
+            lambda said: (
+                self.problems.append(said.text) if said.type in ("error", "warning") else None
+            ),
+        )
         self.page.on("pageerror", lambda error: self.problems.append(str(error)))
         self.page.on(
-            "request", lambda asked: None if asked.url.startswith(("file:", "data:", "blob:")) else self.problems.append(asked.url)
+            "request",
+            lambda asked: (
+                None
+                if asked.url.startswith(("file:", "data:", "blob:"))
+                else self.problems.append(asked.url)
+            ),
         )
         self.page.goto(path.as_uri())
 

@@ -13,7 +13,14 @@ PROGRAM = [sys.executable, "-m", "bayes_toe"]
 def call(*args, cwd=None, **environment):
     """Run the command in its own process, as a user does."""
     env = {**os.environ, "OMP_NUM_THREADS": "1", **environment}
-    return subprocess.run([*PROGRAM, *map(str, args)], capture_output=True, text=True, cwd=cwd, env=env, encoding="utf-8")
+    return subprocess.run(
+        [*PROGRAM, *map(str, args)],
+        capture_output=True,
+        text=True,
+        cwd=cwd,
+        env=env,
+        encoding="utf-8",
+    )
 
 
 def inside(*args, cwd="."):
@@ -21,7 +28,11 @@ def inside(*args, cwd="."):
     from bayes_toe.cli.app import app
 
     words, code = [str(word) for word in args], 0
-    with chdir(cwd), redirect_stdout(io.StringIO()) as out, redirect_stderr(io.StringIO()) as errors:
+    with (
+        chdir(cwd),
+        redirect_stdout(io.StringIO()) as out,
+        redirect_stderr(io.StringIO()) as errors,
+    ):
         try:
             app(words, prog_name="bayes-toe")
         except SystemExit as left:

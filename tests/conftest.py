@@ -61,19 +61,31 @@ def observer_counts(mu1, sigma_p, sigma_l, q0, n=50):
 @pytest.fixture(scope="session")
 def small_study():
     """Three ordinary observers of the paper's kinds A, B and C."""
-    kinds = {"A": (-0.7, 0.25, 0.17, 0.92), "B": (1.2, 0.25, 0.18, 0.9), "C": (0.25, 0.22, 0.15, 0.95)}
-    return bt.Study([bt.Subject(name, *observer_counts(*kind)) for name, kind in kinds.items()], source="three kinds")
+    kinds = {
+        "A": (-0.7, 0.25, 0.17, 0.92),
+        "B": (1.2, 0.25, 0.18, 0.9),
+        "C": (0.25, 0.22, 0.15, 0.95),
+    }
+    return bt.Study(
+        [bt.Subject(name, *observer_counts(*kind)) for name, kind in kinds.items()],
+        source="three kinds",
+    )
 
 
 def few_pairs(names):
     """A study that costs little: four pairs of every subject."""
     pairs = [0.0, 0.0, 0.3, 0.3], [0.0, 0.3, 0.0, 0.3]
-    return bt.Study([bt.Subject(name, *pairs, [45, 20 - k, 15, 46], [50] * 4) for k, name in enumerate(names)])
+    return bt.Study(
+        [bt.Subject(name, *pairs, [45, 20 - k, 15, 46], [50] * 4) for k, name in enumerate(names)]
+    )
 
 
 def known_observers(names):
     """Bundled subjects under other names: who has answered so much that a group of them is quickly sampled."""
-    return bt.Study([replace(one, name=name) for name, one in zip(names, bt.example_study(), strict=False)], synthetic=True)
+    return bt.Study(
+        [replace(one, name=name) for name, one in zip(names, bt.example_study(), strict=False)],
+        synthetic=True,
+    )
 
 
 @contextmanager
@@ -107,7 +119,10 @@ def stronger_counts(name, pull, mu1, n=60):
 @pytest.fixture(scope="session")
 def stronger() -> Analysis:
     """Two observers who were asked which is stronger: one whose memory is pulled, and one whose is hardly."""
-    study = bt.Study([stronger_counts("pulled", 0.35, 0.4), stronger_counts("plain", 0.001, 0.6)], source="which is stronger")
+    study = bt.Study(
+        [stronger_counts("pulled", 0.35, 0.4), stronger_counts("plain", 0.001, 0.6)],
+        source="which is stronger",
+    )
     with few_replicates():
         return bt.run(study, draws=500, seed=2, workers=1)
 
@@ -134,7 +149,9 @@ def three_models():
 @pytest.fixture
 def blank_pictures(monkeypatch):
     """Figures of a results folder are made and not drawn: for what stands around them."""
-    monkeypatch.setattr("bayes_toe.cli.results_folder.png", lambda figure, **_: b"\x89PNG" + bytes(1000))
+    monkeypatch.setattr(
+        "bayes_toe.cli.results_folder.png", lambda figure, **_: b"\x89PNG" + bytes(1000)
+    )
 
 
 @pytest.fixture(scope="module")
@@ -157,7 +174,10 @@ def grouped_csv(path, study):
     lines = ["subject,s1,s2,n_equal,n_trials"]
     for s in study:
         rows = zip(s.s1, s.s2, s.n_yes, s.n_trials, strict=True)
-        lines += [f"{s.name},{a!r},{b!r},{k},{n}" for a, b, k, n in ((float(a), float(b), int(k), int(n)) for a, b, k, n in rows)]
+        lines += [
+            f"{s.name},{a!r},{b!r},{k},{n}"
+            for a, b, k, n in ((float(a), float(b), int(k), int(n)) for a, b, k, n in rows)
+        ]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     return path
 
@@ -169,7 +189,9 @@ def study_csv(tmp_path, small_study):
 
 
 os.environ.setdefault("COLUMNS", "140")
-os.environ.setdefault("LOKY_MAX_CPU_COUNT", "1")  # workers where a test asks for some: others would load all libraries for a job or two
+os.environ.setdefault(
+    "LOKY_MAX_CPU_COUNT", "1"
+)  # workers where a test asks for some: others would load all libraries for a job or two
 # HYPOTHESIS_PROFILE=night: other files each night, and many of them; tests that set their own numbers keep these.
 settings.register_profile("day", max_examples=60, deadline=None, derandomize=True, database=None)
 settings.register_profile("night", max_examples=20_000, deadline=None)

@@ -80,7 +80,9 @@ def log_likelihood(spread, equal, different, k, n, at):
     if spread == "binomial":
         return (k * log(equal) if k else 0) + ((n - k) * log(different) if n > k else 0)
     eps = exp(at["logit_icc"])
-    drawn = [log(equal + j * eps) for j in range(k)] + [log(different + j * eps) for j in range(n - k)]
+    drawn = [log(equal + j * eps) for j in range(k)] + [
+        log(different + j * eps) for j in range(n - k)
+    ]
     return mpmath.fsum(drawn) - mpmath.fsum(log(1 + j * eps) for j in range(n))
 
 
@@ -115,15 +117,25 @@ def prior_terms(order, at, prior, sbar):
         sigma1 = exp(at["log_width"]) * gain * sqrt(1 - weight * rho) / (1 - weight * weight)
         yield normal(at["offset"] / p + sbar, prior.mu1_mean, prior.mu1_sd)
         yield of_spread(sigma1, exp(at["log_width"]), prior)
-        yield log(weight * lost * split * (1 - split))  # d(mu1, rho, K)/dx: 1/p and rho K l p split (1 - split)
+        yield log(
+            weight * lost * split * (1 - split)
+        )  # d(mu1, rho, K)/dx: 1/p and rho K l p split (1 - split)
     else:
         yield of_spread(exp(at["log_width"]), exp(at["log_width"]), prior)
         if "offset" in at:
             yield normal(at["offset"], 0, prior.offset_sd)
     if "logit_gain" in at:
         yield log(expit(at["logit_gain"]) * (1 - expit(at["logit_gain"])))
-    yield from (beta(at[f"logit_{key}"], *numbers(prior, key)) for key in ("q0", "lapse_rate", "icc") if f"logit_{key}" in at)
-    yield from (normal(at[key], 0, getattr(prior, f"{key}_sd")) for key in ("noise_slope", "peak_slope") if key in at)
+    yield from (
+        beta(at[f"logit_{key}"], *numbers(prior, key))
+        for key in ("q0", "lapse_rate", "icc")
+        if f"logit_{key}" in at
+    )
+    yield from (
+        normal(at[key], 0, getattr(prior, f"{key}_sd"))
+        for key in ("noise_slope", "peak_slope")
+        if key in at
+    )
     if "log_exponent" in at:
         yield normal(at["log_exponent"], log(mpf(prior.exponent_median)), prior.exponent_sd)
 
@@ -140,10 +152,20 @@ def terms(target, x):
         r, v = scales(levels["order"], at, mpf(float(t)) / mpf(target.reference))
         middle = (first + second) / 2 - sbar
         log_width = at["log_width"] + at.get("noise_slope", 0) * middle
-        peak = expit(at["logit_q0"] + at.get("peak_slope", 0) * middle) if "logit_q0" in at else mpf(1)
+        peak = (
+            expit(at["logit_q0"] + at.get("peak_slope", 0) * middle) if "logit_q0" in at else mpf(1)
+        )
         criterion = sqrt(2) * mpmath.erfinv(peak) if levels["curve"] == "differencing" else None
         z = ((second - first) + r * (pull_of(at) * (first - sbar) - offset)) * exp(-log_width) / v
-        found.append(log_likelihood(levels["spread"], *answers(levels["curve"], z, peak, criterion, at), int(k), int(n), at))
+        found.append(
+            log_likelihood(
+                levels["spread"],
+                *answers(levels["curve"], z, peak, criterion, at),
+                int(k),
+                int(n),
+                at,
+            )
+        )
     return [*found, *prior_terms(levels["order"], at, target.prior, sbar)]
 
 
@@ -155,26 +177,40 @@ def value_and_gradient(target, x, digits):
         def moved(i, sign):
             return terms(target, [v + sign * step * (i == j) for j, v in enumerate(point)])
 
-        slopes = [[(a - b) / (2 * step) for a, b in zip(moved(i, 1), moved(i, -1), strict=True)] for i in range(len(point))]
+        slopes = [
+            [(a - b) / (2 * step) for a, b in zip(moved(i, 1), moved(i, -1), strict=True)]
+            for i in range(len(point))
+        ]
         return [
-            tuple(np.array([as_float(mpmath.fsum(part, absolute=absolute)) for part in parts]) for absolute in (False, True))
+            tuple(
+                np.array([as_float(mpmath.fsum(part, absolute=absolute)) for part in parts])
+                for absolute in (False, True)
+            )
             for parts in ([terms(target, point)], slopes)
         ]
 
 
 def as_float(value):
     """A float, infinite where the value is beyond the largest one."""
-    return float(value) if abs(value) < mpf("1.79e308") else float(np.sign(float(mpmath.sign(value))) * np.inf)
+    return (
+        float(value)
+        if abs(value) < mpf("1.79e308")
+        else float(np.sign(float(mpmath.sign(value))) * np.inf)
+    )
 
 
 def assert_agrees(target, x, tolerance=1e-12, digits=120, slope_tolerance=1e-11):
     """Value and gradient within so much of the contributions."""
     value, gradient = target.gradient([x])
     expected = value_and_gradient(target, x, digits)
-    for found, (truth, size), allowed in zip((value, gradient[0]), expected, (tolerance, slope_tolerance), strict=True):
+    for found, (truth, size), allowed in zip(
+        (value, gradient[0]), expected, (tolerance, slope_tolerance), strict=True
+    ):
         some = size < 1e300  # a term beyond the largest float is nothing to compare
         near = 4e-16  # of a coordinate next to the middle of its prior: its own rounding
-        assert (np.abs(found - truth)[some] <= allowed * np.maximum(size, 1e-80)[some] + near).all(), (
+        assert (
+            np.abs(found - truth)[some] <= allowed * np.maximum(size, 1e-80)[some] + near
+        ).all(), (
             target.model.name,
             x,
             found,

@@ -8,9 +8,18 @@ def texts_of(figure):
     """Texts that are drawn: ticks beyond the limits are not."""
     figure.draw_without_rendering()
     every = [axis for ax in figure.axes for axis in (ax.xaxis, ax.yaxis)]
-    ticks = {text for axis in every for tick in axis.majorTicks for text in (tick.label1, tick.label2)}
-    shown = {text for axis in every for tick in axis._update_ticks() for text in (tick.label1, tick.label2)}
-    found = [text for text in figure.findobj(Text) if text.get_text().strip() and text.get_visible()]
+    ticks = {
+        text for axis in every for tick in axis.majorTicks for text in (tick.label1, tick.label2)
+    }
+    shown = {
+        text
+        for axis in every
+        for tick in axis._update_ticks()
+        for text in (tick.label1, tick.label2)
+    }
+    found = [
+        text for text in figure.findobj(Text) if text.get_text().strip() and text.get_visible()
+    ]
     return [text for text in found if text not in ticks or text in shown]
 
 
@@ -19,9 +28,14 @@ def require_legible(figure, smallest=7.0):
     texts, page, slack = texts_of(figure), figure.bbox, figure.dpi / 72.0
     words = [text.get_text() for text in texts]
     x0, y0, x1, y1 = np.array([text.get_window_extent().extents for text in texts]).T
-    outside = (np.minimum(x0 - page.x0, y0 - page.y0) < -slack) | (np.minimum(page.x1 - x1, page.y1 - y1) < -slack)
+    outside = (np.minimum(x0 - page.x0, y0 - page.y0) < -slack) | (
+        np.minimum(page.x1 - x1, page.y1 - y1) < -slack
+    )
     assert [word for word, out in zip(words, outside, strict=True) if out] == []
-    across, down = (np.minimum.outer(high, high) - np.maximum.outer(low, low) for low, high in ((x0, x1), (y0, y1)))
+    across, down = (
+        np.minimum.outer(high, high) - np.maximum.outer(low, low)
+        for low, high in ((x0, x1), (y0, y1))
+    )
     over = np.argwhere(np.triu((across > slack) & (down > slack), 1))
     assert [(words[one], words[other]) for one, other in over] == []
     assert min(text.get_fontsize() for text in texts) >= smallest - 0.01

@@ -21,7 +21,16 @@ CENTRE = np.array([-0.4, 0.3, -1.2, 1.5])  # of subjects whose prior mean is bel
 SIZE = 16, 50
 
 
-def made_up(study, who=None, scatter=0.3, kind="normal", seed=0, model="predictive update", hyperprior=None, **parts):
+def made_up(
+    study,
+    who=None,
+    scatter=0.3,
+    kind="normal",
+    seed=0,
+    model="predictive update",
+    hyperprior=None,
+    **parts,
+):
     """With mean, scatter, effects and eta as given, shape (chains, draws, ...), else drawn about :data:`CENTRE`."""
     rng, n, k = np.random.default_rng(seed), len(study), len(NAMES)
     who = Regressors.none(study.names) if who is None else who
@@ -33,11 +42,24 @@ def made_up(study, who=None, scatter=0.3, kind="normal", seed=0, model="predicti
         "eta": CENTRE + 0.3 * rng.standard_normal((*size, n, k)),
         "z": np.empty((*size, 0)),
     } | parts
-    chains = with_convergence(GroupChains(**drawn, convergence={}, subject_convergence=np.full((n, k, 3), 1.0)))
+    chains = with_convergence(
+        GroupChains(**drawn, convergence={}, subject_convergence=np.full((n, k, 3), 1.0))
+    )
     hyperprior = (bt.Hyperprior() if hyperprior is None else hyperprior).for_study(study)
-    settings = GroupSettings(seed, model, bt.Prior(), hyperprior, scatter=kind, correlations="z" in parts)
+    settings = GroupSettings(
+        seed, model, bt.Prior(), hyperprior, scatter=kind, correlations="z" in parts
+    )
     alone = CENTRE + 0.5 * rng.standard_normal((400, n, k))
-    return Population(study, settings, model_named(model, study.task).group, 0.2, who, chains, alone, dict(who.left_out))
+    return Population(
+        study,
+        settings,
+        model_named(model, study.task).group,
+        0.2,
+        who,
+        chains,
+        alone,
+        dict(who.left_out),
+    )
 
 
 #: Mean and sd of mu1, probit gamma, log w and probit q0 of ordinary subjects.
@@ -49,14 +71,35 @@ def ordinary(subjects, seed=1):
     return MEAN + SD * np.random.default_rng(seed).standard_normal((subjects, 4))
 
 
-def made_population(eta, *, model="predictive update", task=SAME_DIFFERENT, columns=(), x=None, reason="", isi=None, draws=150, seed=2):
+def made_population(
+    eta,
+    *,
+    model="predictive update",
+    task=SAME_DIFFERENT,
+    columns=(),
+    x=None,
+    reason="",
+    isi=None,
+    draws=150,
+    seed=2,
+):
     """A population in which subjects with parameters eta, shape (N, k), gave 40 answers to each pair."""
     rng, (n, k) = np.random.default_rng(seed), eta.shape
     record, design = model_named(model, task), reference_design(batches=40)
-    count, more = np.full(len(design.s1), 40), {"isi": None if isi is None else 0 * design.s1 + isi, "task": task}
-    asked = [bt.Subject(f"P{i:03d}", design.s1, design.s2, 0 * count, count, **more) for i in range(n)]
+    count, more = (
+        np.full(len(design.s1), 40),
+        {"isi": None if isi is None else 0 * design.s1 + isi, "task": task},
+    )
+    asked = [
+        bt.Subject(f"P{i:03d}", design.s1, design.s2, 0 * count, count, **more) for i in range(n)
+    ]
     answered = GroupLikelihood(record, bt.Prior(), asked, 0.2, 1).repeated(eta[None], rng)[0]
-    study = bt.Study([bt.Subject(one.name, one.s1, one.s2, k, one.n_trials, **more) for one, k in zip(asked, answered, strict=True)])
+    study = bt.Study(
+        [
+            bt.Subject(one.name, one.s1, one.s2, k, one.n_trials, **more)
+            for one, k in zip(asked, answered, strict=True)
+        ]
+    )
     spread = eta.std(axis=0, ddof=1)
 
     def noise(*shape):
@@ -65,15 +108,39 @@ def made_population(eta, *, model="predictive update", task=SAME_DIFFERENT, colu
     scatter = spread * np.exp(noise(k) / np.sqrt(2 * n))
     effects = 0.5 * spread + spread * noise(len(columns), k) / np.sqrt(n)
     mean, near = eta.mean(axis=0) + spread * noise(k) / np.sqrt(n), eta + 0.1 * spread * noise(n, k)
-    chains = with_convergence(GroupChains(mean, scatter, effects, near, np.empty((4, draws, 0)), {}, np.ones((n, k, 3)), reason=reason))
+    chains = with_convergence(
+        GroupChains(
+            mean,
+            scatter,
+            effects,
+            near,
+            np.empty((4, draws, 0)),
+            {},
+            np.ones((n, k, 3)),
+            reason=reason,
+        )
+    )
     who = Regressors(study.names, np.zeros((n, 0)) if x is None else x, tuple(columns))
     settings = GroupSettings(1, model, bt.Prior(), Hyperprior().for_study(study))
-    return Population(study, settings, record.group, 0.2, who, chains, (eta + spread * noise(n, k)).reshape(-1, n, k), {})
+    return Population(
+        study,
+        settings,
+        record.group,
+        0.2,
+        who,
+        chains,
+        (eta + spread * noise(n, k)).reshape(-1, n, k),
+        {},
+    )
 
 
 def drawn(joint, names, members, draws, rng, **fields):
     """Chains of a group in the place of those of its sampler: independent draws."""
     size, k, r = (16, 40), len(names), joint.x.shape[1]
-    mean, scatter, effects, eta = (rng.standard_normal((*size, *shape)) for shape in ((k,), (k,), (r, k), (len(members), k)))
+    mean, scatter, effects, eta = (
+        rng.standard_normal((*size, *shape)) for shape in ((k,), (k,), (r, k), (len(members), k))
+    )
     empty, ones = np.empty((*size, 0)), np.ones((len(members), k, 3))
-    return with_convergence(GroupChains(mean, np.abs(scatter), effects, eta, empty, {}, ones, **fields))
+    return with_convergence(
+        GroupChains(mean, np.abs(scatter), effects, eta, empty, {}, ones, **fields)
+    )

@@ -13,14 +13,18 @@ from commands import PROGRAM
 
 from bayes_toe.errors import InputError
 
-needs_proc = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks for processes in /proc")
+needs_proc = pytest.mark.skipif(
+    not Path("/proc/self/stat").exists(), reason="looks for processes in /proc"
+)
 
 
 def start(*args, cwd, **options):
     """The command as a user starts it, still running."""
     env = {**os.environ, "OMP_NUM_THREADS": "1"}
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-    return subprocess.Popen([*PROGRAM, *map(str, args)], cwd=cwd, env=env, start_new_session=True, **pipes, **options)
+    return subprocess.Popen(
+        [*PROGRAM, *map(str, args)], cwd=cwd, env=env, start_new_session=True, **pipes, **options
+    )
 
 
 def workers(session):
@@ -30,7 +34,11 @@ def workers(session):
 
 def workers_of(parent):
     """Worker processes that a process has begun."""
-    return [pid for pid, line in members(os.getsid(parent)).items() if "popen_loky" in line and parent_of(pid) == parent]
+    return [
+        pid
+        for pid, line in members(os.getsid(parent)).items()
+        if "popen_loky" in line and parent_of(pid) == parent
+    ]
 
 
 def parent_of(pid):
@@ -44,7 +52,10 @@ def members(session):
     found = {}
     for folder in Path("/proc").glob("[0-9]*"):
         with suppress(OSError):
-            if os.getsid(int(folder.name)) == session and (folder / "stat").read_text().rpartition(")")[2].split()[0] != "Z":
+            if (
+                os.getsid(int(folder.name)) == session
+                and (folder / "stat").read_text().rpartition(")")[2].split()[0] != "Z"
+            ):
                 found[int(folder.name)] = (folder / "cmdline").read_text().replace("\0", " ")
     return found
 
@@ -92,7 +103,11 @@ def save_on_a_full_disk(source, target, room):
         "import resource, sys, bayes_toe as bt; draws = bt.load(sys.argv[1]); room = int(sys.argv[3]); "
         "resource.setrlimit(resource.RLIMIT_FSIZE, (room, room)); draws.save(sys.argv[2])"
     )
-    ended = subprocess.run([sys.executable, "-B", "-c", saves, str(source), str(target), str(room)], capture_output=True, text=True)
+    ended = subprocess.run(
+        [sys.executable, "-B", "-c", saves, str(source), str(target), str(room)],
+        capture_output=True,
+        text=True,
+    )
     assert ended.returncode == 1
     assert "OutputError: " in ended.stderr.splitlines()[-1]
     assert f"{target.name}: cannot be written (File too large)" in ended.stderr.splitlines()[-1]

@@ -24,7 +24,9 @@ def minus_objective(subject, prior):
             else:
                 log_q = np.log(last) - np.log(2) * (away / big**1.5) ** 2
                 logs = (log_q, np.log(-np.expm1(log_q)))
-            total = sum(np.where(n > 0, n * log, 0).sum() for n, log in zip((k, d), logs, strict=True))
+            total = sum(
+                np.where(n > 0, n * log, 0).sum() for n, log in zip((k, d), logs, strict=True)
+            )
         result = total - (mu1 - prior.mu1_mean) ** 2 / (2 * prior.mu1_sd**2)
         return -result if np.isfinite(result) else 1e300
 
@@ -33,7 +35,10 @@ def minus_objective(subject, prior):
 
 def best_of_random_starts(subject, starts, seed=0, prior=None):
     """L-BFGS-B, SLSQP and Nelder-Mead by turns, inside the bounds of the model."""
-    rng, target = np.random.default_rng(seed), minus_objective(subject, Prior() if prior is None else prior)
+    rng, target = (
+        np.random.default_rng(seed),
+        minus_objective(subject, Prior() if prior is None else prior),
+    )
     scale = max(float(np.ptp(np.concatenate([subject.s1, subject.s2]))), 0.1)
     tight = {
         "L-BFGS-B": {"maxiter": 2000, "ftol": 1e-15, "gtol": 1e-9},
@@ -42,10 +47,21 @@ def best_of_random_starts(subject, starts, seed=0, prior=None):
     }
     best = np.inf
     for i in range(starts):
-        start = [subject.s1.mean() + 3 * scale * rng.normal(), scale * np.exp(rng.normal()), rng.uniform(), rng.uniform(0.3, 1)]
+        start = [
+            subject.s1.mean() + 3 * scale * rng.normal(),
+            scale * np.exp(rng.normal()),
+            rng.uniform(),
+            rng.uniform(0.3, 1),
+        ]
         method = list(tight)[i % 3]
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # scipy's own remarks on clipping and precision
-            found = minimize(target, start, method=method, bounds=[(-100, 100), (1e-6, 1e6), (0, 1), (0, 1)], options=tight[method])
+            found = minimize(
+                target,
+                start,
+                method=method,
+                bounds=[(-100, 100), (1e-6, 1e6), (0, 1), (0, 1)],
+                options=tight[method],
+            )
         best = min(best, found.fun)
     return -best

@@ -28,8 +28,12 @@ def dask():
     from dask import config
 
     with config.set({"distributed.scheduler.allowed-failures": 1}):
-        threads = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "2")  # as where Dask's own setting of 1 is not in force
-        made = distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0", memory_limit=0, env=threads)
+        threads = dict.fromkeys(
+            ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "2"
+        )  # as where Dask's own setting of 1 is not in force
+        made = distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, dashboard_address=":0", memory_limit=0, env=threads
+        )
     with made:
         yield made
 
@@ -51,7 +55,10 @@ def tasks_of(client):
 
 
 def test_numbers_are_those_of_this_process(client, two, tmp_path):
-    there, here = (bt.sample(two, model="symmetric", draws=300, seed=1, workers=workers) for workers in (client, 1))
+    there, here = (
+        bt.sample(two, model="symmetric", draws=300, seed=1, workers=workers)
+        for workers in (client, 1)
+    )
     there.save(tmp_path / "draws.nc")  # beside a client that is the session's
     for group in ("posterior", "sample_stats"):
         xr.testing.assert_identical(bt.load(tmp_path / "draws.nc").group(group), here.group(group))
@@ -59,7 +66,9 @@ def test_numbers_are_those_of_this_process(client, two, tmp_path):
 
 def test_jobs_wait_here_and_results_do_not_stay_there(client):
     jobs, there = [partial(slow, k, 0.1) for k in range(20)], []
-    assert run_in_order(jobs, client, lambda _: there.append(tasks_of(client)), [("",)] * 20) == [*range(20)]
+    assert run_in_order(jobs, client, lambda _: there.append(tasks_of(client)), [("",)] * 20) == [
+        *range(20)
+    ]
     assert max(there) <= 3  # what both workers are at, and the result that is in hand
     until(lambda: tasks_of(client) == 0)
 
@@ -74,14 +83,18 @@ def test_an_interrupt_cancels_what_is_there(client, delay):
         if len(said) == 1:
             press.start()
 
-    with pytest.raises(KeyboardInterrupt) as error:  # which keeps what was under way, as a session does
+    with pytest.raises(
+        KeyboardInterrupt
+    ) as error:  # which keeps what was under way, as a session does
         run_in_order([partial(slow, k, 0.05) for k in range(500)], client, progress, [("",)] * 500)
     until(lambda: tasks_of(client) == 0)
     assert error.tb is not None
 
 
 def test_every_worker_has_one_blas_thread_and_a_large_job_is_no_reason_to_warn(client):
-    found = run_in_order([blas_threads, blas_threads, partial(len, bytes(11_000_000))], client, None, [()] * 3)
+    found = run_in_order(
+        [blas_threads, blas_threads, partial(len, bytes(11_000_000))], client, None, [()] * 3
+    )
     assert [set(found[0]), set(found[1]), found[2]] == [{1}, {1}, 11_000_000]
 
 
@@ -94,12 +107,16 @@ def other_version(monkeypatch):
 
 
 def test_another_version_there_is_refused_in_one_line(client, two, other_version, monkeypatch):
-    monkeypatch.setattr(client, "run_on_scheduler", lambda _: {**cluster.versions(), "bayes_toe": "0.1"})
+    monkeypatch.setattr(
+        client, "run_on_scheduler", lambda _: {**cluster.versions(), "bayes_toe": "0.1"}
+    )
     with pytest.raises(InputError, match="^the scheduler" + other_version):
         bt.sample(two, draws=300, seed=1, workers=client)
 
 
-def test_a_worker_that_comes_later_refuses_work_of_another_version(client, other_version, monkeypatch):
+def test_a_worker_that_comes_later_refuses_work_of_another_version(
+    client, other_version, monkeypatch
+):
     monkeypatch.setattr(client, "run_on_scheduler", lambda _: cluster.versions())
     monkeypatch.setattr(client, "run", lambda *_, **__: {})
     with pytest.raises(InputError, match=r"^the worker on \S+" + other_version):
@@ -107,8 +124,14 @@ def test_a_worker_that_comes_later_refuses_work_of_another_version(client, other
 
 
 def test_a_cluster_without_the_package_is_refused(client, monkeypatch):
-    monkeypatch.setattr(client, "run", lambda *_, **__: {"tcp://a:1": ModuleNotFoundError("No module named 'bayes_toe'")})
-    with pytest.raises(InputError, match=r"^tcp://a:1 lacks what this process has: No module named 'bayes_toe'$"):
+    monkeypatch.setattr(
+        client,
+        "run",
+        lambda *_, **__: {"tcp://a:1": ModuleNotFoundError("No module named 'bayes_toe'")},
+    )
+    with pytest.raises(
+        InputError, match=r"^tcp://a:1 lacks what this process has: No module named 'bayes_toe'$"
+    ):
         run_in_order([partial(slow, 1, 0.1)], client, None, [()])
 
 
@@ -119,7 +142,9 @@ def test_errors_of_a_job_are_those_of_this_process(client):
 
 @pytest.mark.parametrize("workers", ["4", 2.5, object()])
 def test_what_is_no_client_is_refused(two, workers):
-    with pytest.raises(InputError, match=r"allowed is a number of processes from 1, or a distributed\.Client"):
+    with pytest.raises(
+        InputError, match=r"allowed is a number of processes from 1, or a distributed\.Client"
+    ):
         bt.sample(two, workers=workers)
 
 
@@ -141,7 +166,16 @@ def folder(tmp_path, two):
 
 def test_a_command_on_a_cluster_writes_what_it_writes_without(dask, folder):
     options = ("fit", "study.csv", "--replicates", "20", "--seed", "1")
-    said = good(*options, "-o", "there.csv", "--engine", "dask", "--scheduler", dask.scheduler_address, cwd=folder)
+    said = good(
+        *options,
+        "-o",
+        "there.csv",
+        "--engine",
+        "dask",
+        "--scheduler",
+        dask.scheduler_address,
+        cwd=folder,
+    )
     assert f"workers: 2 at {dask.scheduler_address}" in said
     good(*options, "-o", "here.csv", "--workers", "1", cwd=folder)
     assert (folder / "there.csv").read_bytes() == (folder / "here.csv").read_bytes()
@@ -151,23 +185,38 @@ def test_a_command_on_a_cluster_writes_what_it_writes_without(dask, folder):
     ("options", "said"),
     [
         (("--engine", "dask"), "--engine dask and --scheduler tcp://HOST:PORT go together"),
-        (("--scheduler", "tcp://127.0.0.1:1"), "--engine dask and --scheduler tcp://HOST:PORT go together"),
+        (
+            ("--scheduler", "tcp://127.0.0.1:1"),
+            "--engine dask and --scheduler tcp://HOST:PORT go together",
+        ),
         (
             ("--engine", "dask", "--scheduler", "tcp://127.0.0.1:1", "--workers", "2"),
             "--workers 2 is of --engine local: the workers of a cluster are those it has",
         ),
-        (("--engine", "dask", "--scheduler", "nonsense"), "no Dask scheduler at 'nonsense': missing port number in address 'nonsense'"),
-        (("--engine", "dask", "--scheduler", "tcp://127.0.0.1:1"), "no Dask scheduler at 'tcp://127.0.0.1:1': no answer within 0.5 s"),
+        (
+            ("--engine", "dask", "--scheduler", "nonsense"),
+            "no Dask scheduler at 'nonsense': missing port number in address 'nonsense'",
+        ),
+        (
+            ("--engine", "dask", "--scheduler", "tcp://127.0.0.1:1"),
+            "no Dask scheduler at 'tcp://127.0.0.1:1': no answer within 0.5 s",
+        ),
     ],
 )
 def test_an_engine_that_cannot_be_had_is_one_line(folder, options, said, monkeypatch):
     monkeypatch.setattr(cluster, "PATIENCE", 0.5)
-    assert refused("fit", "study.csv", "-o", "fit.csv", *options, cwd=folder, silent=False) == f"error: {said}\n"
+    assert (
+        refused("fit", "study.csv", "-o", "fit.csv", *options, cwd=folder, silent=False)
+        == f"error: {said}\n"
+    )
 
 
 def test_what_listens_and_is_no_scheduler_is_refused(client, monkeypatch):
     monkeypatch.setattr(cluster, "PATIENCE", 0.5)
-    with closing(socket.create_server(("127.0.0.1", 0))) as silent, pytest.raises(WorkerError, match=r"no answer within 0\.5 s$"):
+    with (
+        closing(socket.create_server(("127.0.0.1", 0))) as silent,
+        pytest.raises(WorkerError, match=r"no answer within 0\.5 s$"),
+    ):
         cluster.connect(f"tcp://127.0.0.1:{silent.getsockname()[1]}")
     worker = next(iter(client.nthreads()))
     with pytest.raises(WorkerError, match=f"^no Dask scheduler at '{worker}': that is a worker$"):
@@ -184,9 +233,23 @@ def test_where_an_event_loop_runs_already_as_in_a_notebook(client):
 # --- deaths, last: a fresh worker loads everything anew --------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("deaths", "expected"), [(1, "alive"), (9, Failed("failed: 2 workers died of it (killed, or out of memory)"))])
-def test_a_job_whose_worker_dies_is_tried_once_more_and_no_other_job_suffers(client, tmp_path, deaths, expected):
-    jobs, said = [partial(die, os.getpid(), tmp_path / "marks", deaths), *(partial(slow, k, 0.1) for k in range(8))], []
-    assert run_or_fail(jobs, client, said.append, [(str(k),) for k in range(9)]) == [expected, *range(8)]
+@pytest.mark.parametrize(
+    ("deaths", "expected"),
+    [(1, "alive"), (9, Failed("failed: 2 workers died of it (killed, or out of memory)"))],
+)
+def test_a_job_whose_worker_dies_is_tried_once_more_and_no_other_job_suffers(
+    client, tmp_path, deaths, expected
+):
+    jobs, said = (
+        [
+            partial(die, os.getpid(), tmp_path / "marks", deaths),
+            *(partial(slow, k, 0.1) for k in range(8)),
+        ],
+        [],
+    )
+    assert run_or_fail(jobs, client, said.append, [(str(k),) for k in range(9)]) == [
+        expected,
+        *range(8),
+    ]
     assert (tmp_path / "marks").stat().st_size == 2
     assert sorted(said) == sorted(map(str, range(9)))

@@ -9,9 +9,15 @@ from packaging.requirements import Requirement
 
 ROOT = Path(__file__).resolve().parents[1]
 SETTINGS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-INCLUDED = [ROOT / name for name in SETTINGS["tool"]["hatch"]["build"]["targets"]["sdist"]["include"]]
+INCLUDED = [
+    ROOT / name for name in SETTINGS["tool"]["hatch"]["build"]["targets"]["sdist"]["include"]
+]
 TEXTS = [*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")]
-PYTHONS = [words.rsplit(" ", 1)[1] for words in SETTINGS["project"]["classifiers"] if words.startswith("Programming Language")]
+PYTHONS = [
+    words.rsplit(" ", 1)[1]
+    for words in SETTINGS["project"]["classifiers"]
+    if words.startswith("Programming Language")
+]
 
 
 @pytest.mark.parametrize("text", TEXTS, ids=lambda text: text.name)
@@ -36,7 +42,9 @@ def _required(extra):
 @pytest.mark.parametrize("python", PYTHONS)
 def test_constraints_are_versions_of_all_that_is_required(python):
     lines = (ROOT / "constraints" / f"python{python}.txt").read_text(encoding="utf-8").splitlines()
-    pinned = dict(line.replace("_", "-").lower().split("==") for line in lines if not line.startswith("#"))
+    pinned = dict(
+        line.replace("_", "-").lower().split("==") for line in lines if not line.startswith("#")
+    )
     for wanted in [*map(Requirement, SETTINGS["project"]["dependencies"]), *_required("test")]:
         if wanted.marker is None or wanted.marker.evaluate({"python_version": python}):
             name = wanted.name.replace("_", "-").lower()
@@ -49,7 +57,9 @@ def test_the_citation_is_that_of_this_version():
     said = dict(line.split(": ", 1) for line in lines if re.match(r"[a-z-]+: .", line))
     project = SETTINGS["project"]
     assert (said["version"], said["license"]) == (project["version"], project["license"])
-    assert lines[lines.index("keywords:") + 1 :][: len(project["keywords"])] == [f"  - {word}" for word in project["keywords"]]
+    assert lines[lines.index("keywords:") + 1 :][: len(project["keywords"])] == [
+        f"  - {word}" for word in project["keywords"]
+    ]
     references = (ROOT / "bayes_toe" / "cli" / "references.bib").read_text(encoding="utf-8")
     title = next(line.split(": ", 1)[1] for line in lines if line.startswith("    title:"))
     assert title in references.replace("{Bayesian}", "Bayesian")

@@ -21,7 +21,11 @@ from bayes_toe.cli.app import app
 ROOT = Path(__file__).resolve().parents[1]
 README = ROOT / "README.md"
 TEXTS = [README, *sorted((ROOT / "docs").glob("*.md"))]
-OTHERS = [ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", ROOT / "tests" / "reference" / "README.md"]
+OTHERS = [
+    ROOT / "CONTRIBUTING.md",
+    ROOT / "CHANGELOG.md",
+    ROOT / "tests" / "reference" / "README.md",
+]
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 OURS = ("bayes_toe", "constraints", "docs", "notebooks", "scripts", "tests")
 
@@ -30,7 +34,10 @@ OURS = ("bayes_toe", "constraints", "docs", "notebooks", "scripts", "tests")
 def options():
     """By command, the names of its options."""
     found = typer.main.get_command(app).commands
-    return {name: {word for one in command.params for word in (*one.opts, *one.secondary_opts)} for name, command in found.items()}
+    return {
+        name: {word for one in command.params for word in (*one.opts, *one.secondary_opts)}
+        for name, command in found.items()
+    }
 
 
 def commands(text):
@@ -47,13 +54,17 @@ def test_commands_and_options_are_there(path):
         if command == "...":  # any
             continue
         known = options()[command]
-        given = [word.split("=")[0] for word in words if re.match("--?[a-z]", word)]  # -0.75 is a number
+        given = [
+            word.split("=")[0] for word in words if re.match("--?[a-z]", word)
+        ]  # -0.75 is a number
         assert [word for word in given if word not in {*known, "-h", "--help"}] == [], command
 
 
 @pytest.mark.parametrize("path", TEXTS, ids=lambda path: path.name)
 def test_public_names_are_there(path):
-    for face, name in re.findall(r"\bbt\.(plots\.|model\.)?(\w+)", path.read_text(encoding="utf-8")):
+    for face, name in re.findall(
+        r"\bbt\.(plots\.|model\.)?(\w+)", path.read_text(encoding="utf-8")
+    ):
         assert hasattr(getattr(bt, face[:-1]) if face else bt, name), face + name
 
 
@@ -62,29 +73,50 @@ def words(path):
     text = path.read_text(encoding="utf-8")
     if path.suffix != ".ipynb":
         return text
-    return "\n\n".join("".join(cell["source"]) for cell in json.loads(text)["cells"] if cell["cell_type"] == "markdown")
+    return "\n\n".join(
+        "".join(cell["source"])
+        for cell in json.loads(text)["cells"]
+        if cell["cell_type"] == "markdown"
+    )
 
 
 @pytest.mark.parametrize("path", [*TEXTS, *OTHERS, *NOTEBOOKS], ids=lambda path: path.name)
 def test_files_are_there(path):
     """Links, modules and places in the checkout; what a paragraph says of an earlier commit is that commit's."""
-    files = [one.relative_to(ROOT).as_posix() for folder in OURS for one in (ROOT / folder).rglob("*.*")]
+    files = [
+        one.relative_to(ROOT).as_posix() for folder in OURS for one in (ROOT / folder).rglob("*.*")
+    ]
     text = words(path)
     links = [link for link in re.findall(r"\]\(([^)#\s]+)", text) if not re.match("[a-z]+:", link)]
     assert [link for link in links if not (path.parent / link).exists()] == []
-    assert path == README or README not in [(path.parent / link).resolve() for link in links]  # it is no page of the site
+    assert path == README or README not in [
+        (path.parent / link).resolve() for link in links
+    ]  # it is no page of the site
     for paragraph in re.split(r"\n\s*\n", text):
         if not re.search(r"commit `?[0-9a-f]{7}", paragraph):
-            named = re.findall(rf"(?<![\w/.-])(?:(?:{'|'.join(OURS)})/[\w./-]*\w|[\w/]+\.py\b)", paragraph)
-            gone = [name for name in named if not (ROOT / name).exists() and not any(f"/{one}".endswith(f"/{name}") for one in files)]
+            named = re.findall(
+                rf"(?<![\w/.-])(?:(?:{'|'.join(OURS)})/[\w./-]*\w|[\w/]+\.py\b)", paragraph
+            )
+            gone = [
+                name
+                for name in named
+                if not (ROOT / name).exists()
+                and not any(f"/{one}".endswith(f"/{name}") for one in files)
+            ]
             assert gone == [], paragraph
 
 
 @pytest.mark.parametrize("path", [*TEXTS, *OTHERS], ids=lambda path: path.name)
 def test_headings_that_links_lead_to_are_there(path):
     for file, heading in re.findall(r"\]\(([\w./-]*)#([\w-]+)\)", path.read_text(encoding="utf-8")):
-        known = re.findall("^#+ (.+)$", (path.parent / file if file else path).read_text(encoding="utf-8"), flags=re.MULTILINE)
-        assert heading in [re.sub(r"[^\w -]", "", one.lower()).replace(" ", "-") for one in known], file
+        known = re.findall(
+            "^#+ (.+)$",
+            (path.parent / file if file else path).read_text(encoding="utf-8"),
+            flags=re.MULTILINE,
+        )
+        assert heading in [
+            re.sub(r"[^\w -]", "", one.lower()).replace(" ", "-") for one in known
+        ], file
 
 
 def test_tables_and_pictures_of_the_docs_are_used():
@@ -103,9 +135,20 @@ def test_programs_of_the_readme_run(tmp_path, three_models):
     grouped_csv(tmp_path / "study.csv", few_pairs(["S01"]))
     known = {}
     with chdir(tmp_path):
-        for block in re.findall(r"^```python\n(.*?)^```", README.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL):
+        for block in re.findall(
+            r"^```python\n(.*?)^```",
+            README.read_text(encoding="utf-8"),
+            flags=re.MULTILINE | re.DOTALL,
+        ):
             # 12 models and the explorer cost too much here, and have tests of their own.
-            exec("\n".join(line for line in block.splitlines() if "compare" not in line and "explore" not in line), known)
+            exec(
+                "\n".join(
+                    line
+                    for line in block.splitlines()
+                    if "compare" not in line and "explore" not in line
+                ),
+                known,
+            )
     assert (tmp_path / "S01.png").read_bytes().startswith(b"\x89PNG")
     assert known["draws"].names == ("S01",)
 
@@ -130,15 +173,25 @@ MADE = {
 
 
 def test_the_tutorial_runs(tmp_path, three_models):
-    first, *commands = map(shlex.split, re.findall(r"^```sh\n(.*?)\n```", PAGE.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL))
+    first, *commands = map(
+        shlex.split,
+        re.findall(
+            r"^```sh\n(.*?)\n```", PAGE.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL
+        ),
+    )
     example = Path(bayes_toe.__file__).parent.parent / first[1]
     head, *rows = example.read_text(encoding="utf-8").splitlines()
-    (tmp_path / first[2]).write_text("\n".join([head, *(row for row in rows if row[:4] in ("S06,", "S13,"))]) + "\n", encoding="utf-8")
+    (tmp_path / first[2]).write_text(
+        "\n".join([head, *(row for row in rows if row[:4] in ("S06,", "S13,"))]) + "\n",
+        encoding="utf-8",
+    )
     for program, command, *words in commands:
         assert program == "bayes-toe"
         good(command, *words, *CHEAP.get(command, ()), cwd=tmp_path)
     assert {path.name for path in tmp_path.iterdir()} >= MADE
-    assert "2 synthetic subjects" in (tmp_path / "methods.md").read_text(encoding="utf-8").replace("\n", " ")
+    assert "2 synthetic subjects" in (tmp_path / "methods.md").read_text(encoding="utf-8").replace(
+        "\n", " "
+    )
 
 
 DOCS = ROOT / "docs"
@@ -146,16 +199,28 @@ DOCS = ROOT / "docs"
 
 def contents():
     """The documents that the site's contents list, by their place in the checkout."""
-    trees = re.findall(r"^```\{toctree\}\n(.*?)^```", (DOCS / "index.md").read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
-    words = [line for tree in trees for line in tree.splitlines() if line and not line.startswith(":")]
+    trees = re.findall(
+        r"^```\{toctree\}\n(.*?)^```",
+        (DOCS / "index.md").read_text(encoding="utf-8"),
+        flags=re.MULTILINE | re.DOTALL,
+    )
+    words = [
+        line for tree in trees for line in tree.splitlines() if line and not line.startswith(":")
+    ]
     return [str((DOCS / word).resolve().relative_to(ROOT)) for word in words]
 
 
 def test_every_document_is_reached_from_the_contents_and_no_other():
     listed = contents()
     assert len(listed) == len(set(listed))
-    documents = {path for folder, ending in ((DOCS, "md"), (ROOT / "notebooks", "ipynb")) for path in folder.glob(f"*.{ending}")}
-    others = {ROOT / name for name in ("CHANGELOG.md", "CONTRIBUTING.md", "tests/reference/README.md")}
+    documents = {
+        path
+        for folder, ending in ((DOCS, "md"), (ROOT / "notebooks", "ipynb"))
+        for path in folder.glob(f"*.{ending}")
+    }
+    others = {
+        ROOT / name for name in ("CHANGELOG.md", "CONTRIBUTING.md", "tests/reference/README.md")
+    }
     wanted = {str(path.relative_to(ROOT).with_suffix("")) for path in documents | others}
     assert set(listed) == wanted - {"docs/index"}
 
@@ -168,26 +233,43 @@ def test_every_page_that_is_made_has_its_place_in_one_document():
 
 def test_every_command_and_option_is_in_the_reference():
     text = reference_pages.command_reference()
-    sections = dict(zip(*[iter(re.split(r"^### (\S+)$", text, flags=re.MULTILINE)[1:])] * 2, strict=True))
+    sections = dict(
+        zip(*[iter(re.split(r"^### (\S+)$", text, flags=re.MULTILINE)[1:])] * 2, strict=True)
+    )
     commands = typer.main.get_command(app).commands
     assert list(sections) == list(commands)
     for name, command in commands.items():
         assert f"bayes-toe {name}" in sections[name]  # the example
         for one in command.params:
-            words = {*one.opts, *one.secondary_opts} if one.param_type_name == "option" else {one.metavar.replace("|", "\\|")}
-            assert words & {"--help"} or all(word in sections[name] for word in words), (name, one.name)
+            words = (
+                {*one.opts, *one.secondary_opts}
+                if one.param_type_name == "option"
+                else {one.metavar.replace("|", "\\|")}
+            )
+            assert words & {"--help"} or all(word in sections[name] for word in words), (
+                name,
+                one.name,
+            )
         assert "[bold]" not in sections[name]
 
 
 @pytest.mark.parametrize("face", reference_pages.FACES)
 def test_every_public_name_has_its_entry_once(face):
     entries = re.findall(
-        rf"^\.\. auto(?:function|class|data):: {re.escape(face)}::(\w+)$", reference_pages.name_reference(face), re.MULTILINE
+        rf"^\.\. auto(?:function|class|data):: {re.escape(face)}::(\w+)$",
+        reference_pages.name_reference(face),
+        re.MULTILINE,
     )
-    assert sorted(entries) == [name for name in import_module(face).__all__ if name not in ("model", "planning", "plots")]
+    assert sorted(entries) == [
+        name for name in import_module(face).__all__ if name not in ("model", "planning", "plots")
+    ]
 
 
 def test_every_figure_is_in_the_gallery():
     gallery = (DOCS / "gallery.md").read_text(encoding="utf-8")
-    names = [name for name in import_module("bayes_toe.plots").__all__ if not name.endswith("_axes")]
-    assert [name for name in names if f"bt.plots.{name}(" not in gallery] == ["write_figures"]  # which draws no other ones
+    names = [
+        name for name in import_module("bayes_toe.plots").__all__ if not name.endswith("_axes")
+    ]
+    assert [name for name in names if f"bt.plots.{name}(" not in gallery] == [
+        "write_figures"
+    ]  # which draws no other ones

@@ -15,21 +15,39 @@ from bayes_toe.cli.results_folder import write_results
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.errors import InputError
 from bayes_toe.experiments.checks import check_study, described
-from bayes_toe.experiments.simulate import Design, at_intervals, design_from, reference_design, simulate_trials, trial_frame
+from bayes_toe.experiments.simulate import (
+    Design,
+    at_intervals,
+    design_from,
+    reference_design,
+    simulate_trials,
+    trial_frame,
+)
 from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.evidence import importance_evidence
 from bayes_toe.inference.prediction import Predictor
 from bayes_toe.model.coordinates import Natural
 from bayes_toe.model.intervals import at_interval
 
-OBSERVERS = Natural(*(np.array(column) for column in zip((-0.6, 0.21, 0.14, 0.93), (1.0, 0.25, 0.18, 0.9), strict=True)))
+OBSERVERS = Natural(
+    *(
+        np.array(column)
+        for column in zip((-0.6, 0.21, 0.14, 0.93), (1.0, 0.25, 0.18, 0.9), strict=True)
+    )
+)
 FIRST, THREE = Natural(*(values[0] for values in OBSERVERS)), (0.25, 1.0, 4.0)
 
 
 @pytest.fixture(scope="module")
 def study():
-    trials = simulate_trials(["S01", "S02"], OBSERVERS, at_intervals(reference_design(batches=20), THREE), seed=8)
-    return bt.Study([bt.Subject.from_trials(t.subject, t.s1, t.s2, t.yes, t.isi) for t in trials], "three intervals", True)
+    trials = simulate_trials(
+        ["S01", "S02"], OBSERVERS, at_intervals(reference_design(batches=20), THREE), seed=8
+    )
+    return bt.Study(
+        [bt.Subject.from_trials(t.subject, t.s1, t.s2, t.yes, t.isi) for t in trials],
+        "three intervals",
+        True,
+    )
 
 
 @pytest.fixture(scope="module")
@@ -48,20 +66,33 @@ def read(tmp_path, text, **options):
 
 
 def test_trials_and_counts_keep_intervals_apart(tmp_path):
-    trials = read(tmp_path, "subject,s1,s2,isi,response\na,0,0.3,1,equal\na,0,0.3,0.5,different\na,0,0.3,0.5,equal\na,0.3,0,2,equal\n")
+    trials = read(
+        tmp_path,
+        "subject,s1,s2,isi,response\na,0,0.3,1,equal\na,0,0.3,0.5,different\na,0,0.3,0.5,equal\na,0.3,0,2,equal\n",
+    )
     assert trials["a"].isi.tolist() == [0.5, 1.0, 2.0]
     assert trials["a"].n_trials.tolist() == [2, 1, 1]
     assert trials.intervals == (0.5, 1.0, 2.0)
     assert "3 intervals in column isi: 0.5, 1, 2 s" in trials.notes
-    counts = read(tmp_path, "subject;s1;s2;n_equal;n_trials;gap\na;0;0,3;3;5;0,5\na;0;0,3;1;5;0,5\na;0;0,3;2;5;1\n", columns={"isi": "gap"})
+    counts = read(
+        tmp_path,
+        "subject;s1;s2;n_equal;n_trials;gap\na;0;0,3;3;5;0,5\na;0;0,3;1;5;0,5\na;0;0,3;2;5;1\n",
+        columns={"isi": "gap"},
+    )
     assert counts["a"].n_yes.tolist() == [4, 2]
     assert counts["a"].isi.tolist() == [0.5, 1.0]
     assert {"column gap read as isi", "2 intervals in column gap: 0.5, 1 s"} <= set(counts.notes)
-    assert read(tmp_path, "subject,s1,s2,isi,response\na,0,0.3,1,equal\n,,,,\na,,,,\n").intervals == (1.0,)  # rows without an answer
+    assert read(
+        tmp_path, "subject,s1,s2,isi,response\na,0,0.3,1,equal\n,,,,\na,,,,\n"
+    ).intervals == (1.0,)  # rows without an answer
     for bad in ("", "abc", "1e400"):
         allowed = "a positive finite number of seconds, in every row or no such column"
-        with pytest.raises(InputError, match=f"^study.csv: row 3, column isi: found '{bad}', allowed: {allowed}$"):
-            read(tmp_path, f"subject,s1,s2,isi,response\na,0,0.3,1,equal\na,0,0.3,{bad},different\n")
+        with pytest.raises(
+            InputError, match=f"^study.csv: row 3, column isi: found '{bad}', allowed: {allowed}$"
+        ):
+            read(
+                tmp_path, f"subject,s1,s2,isi,response\na,0,0.3,1,equal\na,0,0.3,{bad},different\n"
+            )
 
 
 @pytest.mark.parametrize(
@@ -92,14 +123,35 @@ def test_one_interval_of_a_study_is_open_to_everything(study):
 @pytest.mark.parametrize(
     ("call", "said"),
     [
-        (lambda study, analysis: bt.fit(study, replicates=10, seed=1, workers=1), r"not for intervals \(column isi\).*Study.at_isi"),
-        (lambda study, analysis: bt.asymmetry(study), r"not for intervals \(column isi\).*Study.at_isi"),
-        (lambda study, analysis: bt.plots.figures(analysis), r"not for intervals \(column isi\).*Study.at_isi"),
+        (
+            lambda study, analysis: bt.fit(study, replicates=10, seed=1, workers=1),
+            r"not for intervals \(column isi\).*Study.at_isi",
+        ),
+        (
+            lambda study, analysis: bt.asymmetry(study),
+            r"not for intervals \(column isi\).*Study.at_isi",
+        ),
+        (
+            lambda study, analysis: bt.plots.figures(analysis),
+            r"not for intervals \(column isi\).*Study.at_isi",
+        ),
         (lambda study, analysis: study.at_isi(3.0), r"no interval of 3 s; there are: 0.25, 1, 4 s"),
-        (lambda study, analysis: study["S01"].at_isi(3.0), r"no interval of 3 s; there are: 0.25, 1, 4 s"),
-        (lambda study, analysis: bt.predict(analysis.draws, "S01", 0.0, 0.3), "made with intervals"),
-        (lambda study, analysis: bt.predict(analysis.draws, "S01", 0.0, 0.3, -1.0), "positive finite"),
-        (lambda study, analysis: at_intervals(Design([0.0], [0.3], 1, [1.0]), [1.0]), "without intervals of its own"),
+        (
+            lambda study, analysis: study["S01"].at_isi(3.0),
+            r"no interval of 3 s; there are: 0.25, 1, 4 s",
+        ),
+        (
+            lambda study, analysis: bt.predict(analysis.draws, "S01", 0.0, 0.3),
+            "made with intervals",
+        ),
+        (
+            lambda study, analysis: bt.predict(analysis.draws, "S01", 0.0, 0.3, -1.0),
+            "positive finite",
+        ),
+        (
+            lambda study, analysis: at_intervals(Design([0.0], [0.3], 1, [1.0]), [1.0]),
+            "without intervals of its own",
+        ),
         (lambda study, analysis: Design([0.0], [0.3], 1, [1.0, 2.0]), "length"),
         (lambda study, analysis: design_from("reference", "1,1.2", 5, "x"), "--isi: found 'x'"),
     ],
@@ -112,15 +164,23 @@ def test_what_is_refused(study, analysis, call, said):
 def test_check_says_what_intervals_change():
     two = bt.Subject("a", [0.0] * 4, [0.0, 0.1, 0.0, 0.1], [9] * 4, [9] * 4, isi=[1, 1, 2, 2])
     codes = [found.code for found in check_study(bt.Study([two]))]
-    assert "one_first_stimulus" not in codes  # widths and offsets at two intervals tell the pull apart
+    assert (
+        "one_first_stimulus" not in codes
+    )  # widths and offsets at two intervals tell the pull apart
     lone = bt.Study([bt.Subject("a", [0.0, 0.3], [0.3, 0.0], [3, 4], [9, 9], isi=[500.0, 500.0])])
     codes = [found.code for found in bt.check(lone)]
-    assert {"one_interval", "long_intervals", "one_first_stimulus"} & set(codes) == {"one_interval", "long_intervals"}
+    assert {"one_interval", "long_intervals", "one_first_stimulus"} & set(codes) == {
+        "one_interval",
+        "long_intervals",
+    }
     row = described(lone["a"])
     assert (row["n_intervals"], row["n_both_orders"]) == (1, 1)
     apart = bt.Subject("a", [0.0, 0.3], [0.3, 0.0], [3, 4], [9, 9], isi=[1.0, 2.0])
     assert described(apart)["n_one_order"] == 2
-    assert any("(0, 0.3) at 1 s, (0.3, 0) at 2 s" in found.message for found in check_study(bt.Study([apart])))
+    assert any(
+        "(0, 0.3) at 1 s, (0.3, 0) at 2 s" in found.message
+        for found in check_study(bt.Study([apart]))
+    )
 
 
 # --- simulation ---------------------------------------------------------------------------------------------------------------------
@@ -171,21 +231,29 @@ def test_one_first_stimulus_at_several_intervals_tells_the_pull():
 
 def test_evidence_and_moments_agree_with_quadrature():
     # reference.quadrature.integrate of this posterior: errors 2e-5 nat, 2e-6 in means and standard deviations.
-    evidence, means, sds = -890.1292755, (-0.6155167, 0.2134129, 0.1408259, 0.9295392), (0.0428065, 0.0106820, 0.0053121, 0.0123957)
+    evidence, means, sds = (
+        -890.1292755,
+        (-0.6155167, 0.2134129, 0.1408259, 0.9295392),
+        (0.0428065, 0.0106820, 0.0053121, 0.0123957),
+    )
     design = at_intervals(reference_design(), THREE)
     found, theta, shares = fitted(answering(design.s1, design.s2, design.isi, 50))
     estimate, error = importance_evidence(found), 1 / np.sqrt(found.efficiency * len(shares))
     assert estimate.value == pytest.approx(evidence, abs=4.5 * estimate.se)
     for values, mean, sd in zip(theta, means, sds, strict=True):
         assert values @ shares == pytest.approx(mean, abs=4.5 * sd * error)
-        assert np.sqrt((values - values @ shares) ** 2 @ shares) == pytest.approx(sd, abs=4.5 * sd * error)
+        assert np.sqrt((values - values @ shares) ** 2 @ shares) == pytest.approx(
+            sd, abs=4.5 * sd * error
+        )
 
 
 def test_h0_has_one_frequency_for_each_pair_and_interval(study, analysis):
     subject = study["S01"]
     row = analysis.evidence["S01"]
     assert row.n_pairs == 39
-    assert row.log_evidence_h0 == pytest.approx(float(betaln(subject.n_yes + 1.0, subject.n_trials - subject.n_yes + 1.0).sum()))
+    assert row.log_evidence_h0 == pytest.approx(
+        float(betaln(subject.n_yes + 1.0, subject.n_trials - subject.n_yes + 1.0).sum())
+    )
     assert row.log_bayes_factor > 10
     assert row.log_evidence_h1_laplace == pytest.approx(row.log_evidence_h1, abs=0.5)
     assert row.log_evidence_h1_laplace_natural == pytest.approx(row.log_evidence_h1, abs=0.5)
@@ -219,11 +287,18 @@ def test_predictions_hold_the_truth_at_intervals_never_run(analysis):
     assert (np.abs(table["q50"] - q) < wide).all()
     assert ((table["q95"] - table["q05"]) < 0.2).all()
     draws = analysis.draws.natural("S01")
-    again = [np.quantile(bt.model.equal_probability(0.0, 0.3, *at_interval(draws, t)), [0.05, 0.5, 0.95]) for t in isi]
+    again = [
+        np.quantile(bt.model.equal_probability(0.0, 0.3, *at_interval(draws, t)), [0.05, 0.5, 0.95])
+        for t in isi
+    ]
     assert table[["q05", "q50", "q95"]].to_numpy() == pytest.approx(np.array(again), rel=1e-12)
     predictor = Predictor.of(analysis.draws, "S01")
-    low, middle, high = np.quantile(predictor.target.gain(predictor.x, isi), [0.05, 0.5, 0.95], axis=0)
-    assert (np.abs(middle - bt.model.gain(at_interval(FIRST, isi).gamma)) < 4.5 * (high - low) / 3.29).all()
+    low, middle, high = np.quantile(
+        predictor.target.gain(predictor.x, isi), [0.05, 0.5, 0.95], axis=0
+    )
+    assert (
+        np.abs(middle - bt.model.gain(at_interval(FIRST, isi).gamma)) < 4.5 * (high - low) / 3.29
+    ).all()
 
 
 def test_without_intervals_none_may_be_asked_for(study):
@@ -239,10 +314,15 @@ def test_the_command_predicts_pairs_of_a_file(analysis, tmp_path):
     good("predict", "posterior.nc", "pairs.csv", "-o", "p.csv", cwd=tmp_path)
     table = pd.read_csv(tmp_path / "p.csv")
     assert table["subject"].tolist() == ["S01", "S01", "S02", "S02"]
-    each = [bt.predict(analysis.draws, "S02", *pair).to_numpy()[0] for pair in ((0.0, 0.3, 0.5), (0.3, 0.0, 8.0))]
+    each = [
+        bt.predict(analysis.draws, "S02", *pair).to_numpy()[0]
+        for pair in ((0.0, 0.3, 0.5), (0.3, 0.0, 8.0))
+    ]
     assert table.iloc[2:, 1:].to_numpy() == pytest.approx(np.array(each), rel=1e-12)
     (tmp_path / "bad.csv").write_text("s1,s2,isi\n0,0.3,0\n", encoding="utf-8")
-    assert "positive finite numbers of seconds" in refused("predict", "posterior.nc", "bad.csv", "-o", "q.csv", cwd=tmp_path)
+    assert "positive finite numbers of seconds" in refused(
+        "predict", "posterior.nc", "bad.csv", "-o", "q.csv", cwd=tmp_path
+    )
 
 
 # --- figures, report, and what refuses ----------------------------------------------------------------------------------------------
@@ -251,21 +331,32 @@ def test_the_command_predicts_pairs_of_a_file(analysis, tmp_path):
 def test_panels_that_show_one_of_several_weaker_stimuli_name_it():
     s1, s2 = [-0.5, -0.2, -0.5, 0.0, -0.2, 0.0], [-0.2, -0.5, 0.0, -0.5, 0.0, -0.2]
     twice = [np.tile(values, 2) for values in (s1, s2, [30, 20, 9, 8, 25, 30], [40] * 6)]
-    draws = bt.sample(bt.Study([bt.Subject("S", *twice, np.repeat([0.5, 2.0], 6))]), draws=100, seed=1, workers=1)
+    draws = bt.sample(
+        bt.Study([bt.Subject("S", *twice, np.repeat([0.5, 2.0], 6))]), draws=100, seed=1, workers=1
+    )
     panels = bt.plots.curves(draws, "S").axes[:2]
-    assert [ax.get_title() for ax in panels] == ["0.5 s, weaker stimulus −0.5", "2 s, weaker stimulus −0.5"]
+    assert [ax.get_title() for ax in panels] == [
+        "0.5 s, weaker stimulus −0.5",
+        "2 s, weaker stimulus −0.5",
+    ]
 
 
 def test_figures_show_answers_where_they_were_given(analysis):
     *panels, gain, pair = bt.plots.curves(analysis.draws, "S01").axes
     assert [ax.get_title() for ax in panels] == [f"{isi:g} s" for isi in THREE]
-    points = [line for line in pair.get_lines() if len(line.get_xdata()) == len(THREE) and line.get_linestyle() == "None"]
+    points = [
+        line
+        for line in pair.get_lines()
+        if len(line.get_xdata()) == len(THREE) and line.get_linestyle() == "None"
+    ]
     assert len(points) >= 3  # both orders, and the bars that mark tested intervals
     assert all(line.get_xdata() == pytest.approx(THREE, rel=0.05) for line in points)
     assert gain.get_xlim() == (0.5 * min(THREE), 2.0 * max(THREE))
 
 
-def test_a_results_folder_has_everything_but_what_knows_one_interval(analysis, tmp_path, blank_pictures):
+def test_a_results_folder_has_everything_but_what_knows_one_interval(
+    analysis, tmp_path, blank_pictures
+):
     write_results(analysis, tmp_path / "results", workers=1)
     text = (tmp_path / "results" / "report.html").read_text(encoding="utf-8")
     assert "Inter-stimulus intervals: 0.25, 1, 4 s." in text
@@ -275,11 +366,19 @@ def test_a_results_folder_has_everything_but_what_knows_one_interval(analysis, t
 
 
 def test_a_true_sigma_p_per_root_second_is_marked_over_the_reference_interval(analysis, tmp_path):
-    (tmp_path / "truth.csv").write_text("subject,mu1,sigma_p\nS01,0.5,0.25\nS02,,\n", encoding="utf-8")
+    (tmp_path / "truth.csv").write_text(
+        "subject,mu1,sigma_p\nS01,0.5,0.25\nS02,,\n", encoding="utf-8"
+    )
     draws = analysis.draws
     over_four = SimpleNamespace(
-        names=draws.names, posterior=draws.posterior, intervals=draws.intervals, prior=bt.Prior(reference_interval=4.0)
+        names=draws.names,
+        posterior=draws.posterior,
+        intervals=draws.intervals,
+        prior=bt.Prior(reference_interval=4.0),
     )
-    assert read_truth(tmp_path / "truth.csv", [over_four], ["S01"]) == {"S01": {"mu1": 0.5, "sigma_p": 0.5}, "S02": {}}
+    assert read_truth(tmp_path / "truth.csv", [over_four], ["S01"]) == {
+        "S01": {"mu1": 0.5, "sigma_p": 0.5},
+        "S02": {},
+    }
     over_four.intervals = ()
     assert read_truth(tmp_path / "truth.csv", [over_four], ["S01"])["S01"]["sigma_p"] == 0.25

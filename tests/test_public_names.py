@@ -20,7 +20,12 @@ def _listed(face):
     """The names in the stub of a package, as often as they stand there."""
     stub = Path(import_module(face).__file__).with_suffix(".pyi")
     tree = ast.parse(stub.read_text(encoding="utf-8"))
-    return [alias.name for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) for alias in node.names]
+    return [
+        alias.name
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    ]
 
 
 @pytest.mark.parametrize("face", FACES)
@@ -35,13 +40,24 @@ def test_every_name_is_there_and_comes_from_the_place_that_the_stub_names(face):
 
 
 def test_no_name_is_listed_twice():
-    assert [name for name, times in Counter(name for face in FACES for name in _listed(face)).items() if times > 1] == []
+    assert [
+        name
+        for name, times in Counter(name for face in FACES for name in _listed(face)).items()
+        if times > 1
+    ] == []
 
 
 def test_a_stub_renames_nothing():
     for face in FACES:
-        tree = ast.parse(Path(import_module(face).__file__).with_suffix(".pyi").read_text(encoding="utf-8"))
-        assert all(alias.asname == alias.name for node in tree.body if isinstance(node, ast.ImportFrom) for alias in node.names)
+        tree = ast.parse(
+            Path(import_module(face).__file__).with_suffix(".pyi").read_text(encoding="utf-8")
+        )
+        assert all(
+            alias.asname == alias.name
+            for node in tree.body
+            if isinstance(node, ast.ImportFrom)
+            for alias in node.names
+        )
 
 
 def test_an_unknown_name_is_refused():
@@ -58,7 +74,12 @@ def test_star_import_gives_the_names():
 
 def test_a_figure_keeps_its_name_where_its_file_has_the_same():
     code = "import bayes_toe.plots.corner, bayes_toe as bt; print(callable(bt.plots.corner), callable(bt.plots.corner))"
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip() == "True True"
+    assert (
+        subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, check=True
+        ).stdout.strip()
+        == "True True"
+    )
 
 
 def test_figures_and_equations_load_after_the_package_alone():
@@ -73,14 +94,22 @@ bt.model.gain
 print(seen())
 bt.plots.corner
 """
-    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.splitlines()
+    said = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    ).stdout.splitlines()
     assert said == ["[]", "['numpy']"]
 
 
 def test_every_equation_that_the_room_names_leads_to_its_function():
     room = Path(bt.model.__file__).parent
     source = re.compile(r"Source: Eqs?\. ((?:\w+:)?\w+)")
-    named = {label for path in room.glob("*.py") for label in source.findall(path.read_text(encoding="utf-8"))}
+    named = {
+        label
+        for path in room.glob("*.py")
+        for label in source.findall(path.read_text(encoding="utf-8"))
+    }
     assert named <= set(bt.model.EQUATIONS)
     for label, function in bt.model.EQUATIONS.items():
-        assert re.search(rf"Eqs?\. {label}\b", inspect.getsource(inspect.getmodule(function))), label
+        assert re.search(rf"Eqs?\. {label}\b", inspect.getsource(inspect.getmodule(function))), (
+            label
+        )

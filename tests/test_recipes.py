@@ -19,41 +19,79 @@ PAIRS = [(0.087, 0.087), (0.087, 0.12), (0.12, 0.087), (0.12, 0.12)]
 
 def psychopy(folder):
     for who in ("P1", "P2"):
-        rows = [f"{a},{b},{i},{key},0.61,{who},same_or_different" for i, ((a, b), key) in enumerate(zip(PAIRS, "fjjf", strict=True))]
-        lines = ["first_g,second_g,trials.thisN,key_resp.keys,key_resp.rt,participant,expName", f",,,,,{who},same_or_different", *rows]
-        write(folder / "data" / f"{who}_2026.csv", [*lines, f"0.087,0.12,4,None,,{who},same_or_different"])
+        rows = [
+            f"{a},{b},{i},{key},0.61,{who},same_or_different"
+            for i, ((a, b), key) in enumerate(zip(PAIRS, "fjjf", strict=True))
+        ]
+        lines = [
+            "first_g,second_g,trials.thisN,key_resp.keys,key_resp.rt,participant,expName",
+            f",,,,,{who},same_or_different",
+            *rows,
+        ]
+        write(
+            folder / "data" / f"{who}_2026.csv",
+            [*lines, f"0.087,0.12,4,None,,{who},same_or_different"],
+        )
 
 
 def jspsych(folder):
     rows = [f'"600","{key}","html-keyboard-response","{i + 1}","7","comparison","{a}","{b}"' for i, (a, b, key) in
             enumerate([(0, 0, "s"), (0, 0.3, "d"), (0.3, 0, "s"), (0.3, 0.3, "null")])]  # fmt: skip
     header = '"rt","response","trial_type","trial_index","participant_id","task","s1","s2"'
-    write(folder / "jspsych.csv", [header, '"1234"," ","html-keyboard-response","0","7","instructions","",""', *rows])
+    write(
+        folder / "jspsych.csv",
+        [header, '"1234"," ","html-keyboard-response","0","7","instructions","",""', *rows],
+    )
 
 
 def which_was_stronger(folder):
-    keys = [(0.087, 0.12, "right"), (0.12, 0.087, "left"), (0.12, 0.15, "right"), (0.15, 0.12, "None")]
+    keys = [
+        (0.087, 0.12, "right"),
+        (0.12, 0.087, "left"),
+        (0.12, 0.15, "right"),
+        (0.15, 0.12, "None"),
+    ]
     rows = [f"{a},{b},{i},{key},0.61,P1" for i, (a, b, key) in enumerate(keys)]
-    write(folder / "data" / "P1_2026.csv", ["first_g,second_g,trials.thisN,key_resp.keys,key_resp.rt,participant", *rows])
+    write(
+        folder / "data" / "P1_2026.csv",
+        ["first_g,second_g,trials.thisN,key_resp.keys,key_resp.rt,participant", *rows],
+    )
 
 
 def right_or_wrong(folder):
-    rows = [f'"{a}","{b}","{right}","comparison","7"' for a, b, right in ((0, 0.3, "true"), (0.3, 0, "false"), (0.3, 0.3, "true"))]
+    rows = [
+        f'"{a}","{b}","{right}","comparison","7"'
+        for a, b, right in ((0, 0.3, "true"), (0.3, 0, "false"), (0.3, 0.3, "true"))
+    ]
     write(folder / "jspsych.csv", ['"s1","s2","correct","task","participant_id"', *rows])
 
 
 def wide_tables(folder):
-    write(folder / "wide.csv", ["subject,equal_0_0,equal_0_0.3,equal_0.3_0,equal_0.3_0.3", "01,46,20,12,45", "02,48,31,9,47"])
+    write(
+        folder / "wide.csv",
+        [
+            "subject,equal_0_0,equal_0_0.3,equal_0.3_0,equal_0.3_0.3",
+            "01,46,20,12,45",
+            "02,48,31,9,47",
+        ],
+    )
 
 
 def several_files(folder):
     for name in ("A_session1", "A_session2", "B_session1"):
-        write(folder / "sessions" / f"{name}.csv", ["s1;s2;response", "0;0,3;same", "0,3;0;different", "0;0;same"])
+        write(
+            folder / "sessions" / f"{name}.csv",
+            ["s1;s2;response", "0;0,3;same", "0,3;0;different", "0;0;same"],
+        )
 
 
 def bids(folder):
     for who in ("01", "02"):
-        rows = ["0.0\t0.3\tn/a\tn/a\tinstruction\tn/a", "2.1\t0.7\t0.0\t0.3\tcomparison\tsame", "4.5\t0.7\t0.3\t0.0\tcomparison\tn/a"]
+        rows = [
+            "0.0\t0.3\tn/a\tn/a\tinstruction\tn/a",
+            "2.1\t0.7\t0.0\t0.3\tcomparison\tsame",
+            "4.5\t0.7\t0.3\t0.0\tcomparison\tn/a",
+        ]
         write(folder / "bids" / f"sub-{who}" / "beh" / f"sub-{who}_task-same_events.tsv",
               ["onset\tduration\tfirst\tsecond\ttrial_type\tresponse", *rows])  # fmt: skip
 
@@ -62,9 +100,13 @@ def matlab(folder):
     (folder / "matlab").mkdir()
     amplitudes = np.array(PAIRS)
     same = np.array([True, False, False, True])
-    savemat(folder / "matlab" / "one.mat", {"subject": "M1", "amp1": amplitudes[:, 0], "amp2": amplitudes[:, 1], "same": same})
+    savemat(
+        folder / "matlab" / "one.mat",
+        {"subject": "M1", "amp1": amplitudes[:, 0], "amp2": amplitudes[:, 1], "same": same},
+    )
     trials = np.array(
-        [(3.0, a, b, k) for (a, b), k in zip(PAIRS, same, strict=True)], [(x, "O") for x in ("subject", "amp1", "amp2", "same")]
+        [(3.0, a, b, k) for (a, b), k in zip(PAIRS, same, strict=True)],
+        [(x, "O") for x in ("subject", "amp1", "amp2", "same")],
     )
     savemat(folder / "matlab" / "two.mat", {"trials": trials})
     savemat(folder / "nested.mat", {"session": {"log": {"amp": amplitudes, "same": same}}})
@@ -76,13 +118,36 @@ def write(path, lines):
 
 
 SECTIONS = {
-    "PsychoPy": (psychopy, ["2 subjects, 8 trials", "2 trials without a response dropped", "column key_resp.keys read as response"]),
-    "jsPsych": (jspsych, ["1 subject, 3 trials", "only rows with comparison in column task", "1 trial without a response dropped: 7 1"]),
+    "PsychoPy": (
+        psychopy,
+        [
+            "2 subjects, 8 trials",
+            "2 trials without a response dropped",
+            "column key_resp.keys read as response",
+        ],
+    ),
+    "jsPsych": (
+        jspsych,
+        [
+            "1 subject, 3 trials",
+            "only rows with comparison in column task",
+            "1 trial without a response dropped: 7 1",
+        ],
+    ),
     "Which was stronger?": (which_was_stronger, ["1 subject, 3 trials", "'right' as second (2)"]),
     "Right or wrong": (right_or_wrong, ["1 subject, 2 trials"]),
     "Wide tables": (wide_tables, {"names": ("01", "02"), "total": 400}),
-    "Several files a subject": (several_files, ["2 subjects, 9 trials", "1 subject in several files, put together: A 2"]),
-    "BIDS": (bids, ["2 subjects, 2 trials", "2 files, such as sub-01_task-same_events.tsv: 1 trial without a response dropped"]),
+    "Several files a subject": (
+        several_files,
+        ["2 subjects, 9 trials", "1 subject in several files, put together: A 2"],
+    ),
+    "BIDS": (
+        bids,
+        [
+            "2 subjects, 2 trials",
+            "2 files, such as sub-01_task-same_events.tsv: 1 trial without a response dropped",
+        ],
+    ),
     "MATLAB": (matlab, ["2 subjects, 8 trials", "MATLAB", {"names": ("S07",), "total": 4}]),
 }
 
@@ -98,13 +163,18 @@ def test_a_recipe_works_as_it_stands(name, tmp_path):
     made, expected = SECTIONS[name]
     made(tmp_path)
     wanted = [expected] if isinstance(expected, dict) else list(expected)
-    for language, block in re.findall(r"^```(\w+)\n(.*?)^```", sections()[name], flags=re.MULTILINE | re.DOTALL):
+    for language, block in re.findall(
+        r"^```(\w+)\n(.*?)^```", sections()[name], flags=re.MULTILINE | re.DOTALL
+    ):
         if language == "python":
             known = {}
             with chdir(tmp_path):
                 exec(block, known)
             study, about = known["study"], wanted.pop()
-            assert (study.names, sum(one.total_trials for one in study)) == (about["names"], about["total"])
+            assert (study.names, sum(one.total_trials for one in study)) == (
+                about["names"],
+                about["total"],
+            )
             continue
         program, *words = shlex.split(block)
         assert program == "bayes-toe"
@@ -116,8 +186,14 @@ def test_a_recipe_works_as_it_stands(name, tmp_path):
     ("words", "said"),
     [
         (("--where", "task"), "--where: found 'task', allowed: COLUMN=TEXT, each column once"),
-        (("--where", "task=compare"), "column task: found 'instructions', 'comparison', allowed: 'compare', as --where has it"),
-        (("--subject-from", "sub-{}.csv"), "found no subject in its name, allowed: a file named as --subject-from sub-{}.csv"),
+        (
+            ("--where", "task=compare"),
+            "column task: found 'instructions', 'comparison', allowed: 'compare', as --where has it",
+        ),
+        (
+            ("--subject-from", "sub-{}.csv"),
+            "found no subject in its name, allowed: a file named as --subject-from sub-{}.csv",
+        ),
         (("jspsych.csv",), "jspsych.csv: found twice, allowed: each file once"),
         (("none*.csv",), "none*.csv: cannot be read (No such file or directory)"),
     ],
@@ -126,21 +202,37 @@ def test_a_recipe_works_as_it_stands(name, tmp_path):
 def test_a_wrong_option_is_one_line(words, said, tmp_path):
     jspsych(tmp_path)
     names = () if "--subject-from" in words else ("--columns", "subject=participant_id")
-    assert said in refused("check", "jspsych.csv", *words, *names, "--equal-code", "s", "--different-code", "d", cwd=tmp_path)
+    assert said in refused(
+        "check",
+        "jspsych.csv",
+        *words,
+        *names,
+        "--equal-code",
+        "s",
+        "--different-code",
+        "d",
+        cwd=tmp_path,
+    )
 
 
 def test_problems_of_all_files_come_together(tmp_path):
     for folder in ("a", "b"):
         write(tmp_path / folder / "s.csv", ["subject,s1,s2,response", f"{folder},0,x,same"])
     done = inside("check", "a/s.csv", "b/s.csv", cwd=tmp_path)
-    lines = [f"error: {folder}/s.csv: row 2, column s2: found 'x', allowed: a finite number" for folder in ("a", "b")]
+    lines = [
+        f"error: {folder}/s.csv: row 2, column s2: found 'x', allowed: a finite number"
+        for folder in ("a", "b")
+    ]
     assert done.stderr.splitlines() == lines
 
 
 @pytest.mark.parametrize(
     ("content", "said"),
     [
-        ({"a": {"x": [1.0, 2.0]}, "b": {"x": [1.0]}}, "found the structs a, b, allowed: one struct"),
+        (
+            {"a": {"x": [1.0, 2.0]}, "b": {"x": [1.0]}},
+            "found the structs a, b, allowed: one struct",
+        ),
         ({"s1": [1.0, 2.0], "s2": [1.0, 2.0, 3.0]}, "found s1, not a column of 3"),
         (
             {"s1": [0.0, 1.0], "s2": [1.0, np.nan], "response": ["same", "same"], "subject": 7},
@@ -161,5 +253,7 @@ def test_blocks_of_a_subject_are_the_files(tmp_path):
     assert study["A"].answers.blocks == ("A_session1.csv", "A_session2.csv")
     assert study["A"].answers.block.tolist() == [0] * 3 + [1] * 3
     assert study.source == "3 files, A_session1.csv to B_session1.csv"
-    frames = [pd.read_csv(path, sep=";", decimal=",").assign(subject=path.name[0]) for path in paths]
+    frames = [
+        pd.read_csv(path, sep=";", decimal=",").assign(subject=path.name[0]) for path in paths
+    ]
     pd.testing.assert_frame_equal(bt.read_study(frames).frame(), study.frame())

@@ -31,7 +31,12 @@ SUBJECT = Subject("S01", [0.0, 0.3], [0.3, 0.0], [20, 15], [50, 50])
 def test_everything_comes_back_to_the_bit():
     values = {
         "numbers": (0.1 + 0.2, -0.0, float("inf"), 3, True, None, "ä\n\u202e"),
-        ("a", 1): [np.float32(0.1), np.int64(2**62), np.array([np.nan, -0.0]), np.empty((2, 0), np.int32)],
+        ("a", 1): [
+            np.float32(0.1),
+            np.int64(2**62),
+            np.array([np.nan, -0.0]),
+            np.empty((2, 0), np.int32),
+        ],
     }
     again = unpacked(packed(values))
     assert repr(again) == repr(values)
@@ -60,7 +65,9 @@ def test_damage_is_noticed():
             unpacked(damaged)
 
 
-@pytest.mark.parametrize("name", ["subprocess:Popen", "bayes_toe.workers:run_jobs", "bayes_toe.workers:os", "os:system"])
+@pytest.mark.parametrize(
+    "name", ["subprocess:Popen", "bayes_toe.workers:run_jobs", "bayes_toe.workers:os", "os:system"]
+)
 def test_only_records_of_this_package_are_made(name):
     body = BytesIO()
     np.savez(body, text=np.array(json.dumps({"record": name, "fields": {"args": "true"}})))
@@ -71,8 +78,16 @@ def test_only_records_of_this_package_are_made(name):
 def test_a_fingerprint_tells_every_argument_apart():
     other = Subject("S01", [0.0, 0.3], [0.3, 0.0], [20, 16], [50, 50])
     models = require_models("parts")
-    calls = [partial(max, one, seed=seed, model=model) for one in (SUBJECT, other) for seed in (1, 2) for model in models]
-    calls += [partial(min, SUBJECT, seed=1, model=models[0]), partial(max, SUBJECT, seed=1.0, model=models[0])]
+    calls = [
+        partial(max, one, seed=seed, model=model)
+        for one in (SUBJECT, other)
+        for seed in (1, 2)
+        for model in models
+    ]
+    calls += [
+        partial(min, SUBJECT, seed=1, model=models[0]),
+        partial(max, SUBJECT, seed=1.0, model=models[0]),
+    ]
     assert len({fingerprint(call) for call in calls}) == len(calls)
     same = Subject("S01", [0.0, 0.3], [0.3, 0.0], [20, 15], [50, 50])
     assert fingerprint(calls[0]) == fingerprint(partial(max, same, seed=1, model=models[0]))
@@ -91,7 +106,9 @@ def test_what_is_no_seed_is_refused_in_one_line(small_study, seed):
         lambda: generator(seed, "trials"),
     )
     for call in calls:
-        with pytest.raises(InputError, match=r"seed=.*: allowed is a whole number from 0 to 2") as caught:
+        with pytest.raises(
+            InputError, match=r"seed=.*: allowed is a whole number from 0 to 2"
+        ) as caught:
             call()
         assert "\n" not in str(caught.value)
 
@@ -109,7 +126,9 @@ def test_integers_of_numpy_are_seeds_and_none_is_fresh():
 def computed(monkeypatch):
     """How many jobs are computed, call by call."""
     counts = []
-    monkeypatch.setattr(store, "run_jobs", lambda jobs, workers: counts.append(len(jobs)) or run_jobs(jobs, workers))
+    monkeypatch.setattr(
+        store, "run_jobs", lambda jobs, workers: counts.append(len(jobs)) or run_jobs(jobs, workers)
+    )
     return counts
 
 
@@ -133,7 +152,9 @@ def few():
 QUICK = {"draws": 100, "workers": 1}
 
 
-def test_an_interrupted_call_goes_on_to_the_same_bits(few, tmp_path, monkeypatch, computed, three_models):
+def test_an_interrupted_call_goes_on_to_the_same_bits(
+    few, tmp_path, monkeypatch, computed, three_models
+):
     calm = bt.run(few, seed=3, **QUICK)
     monkeypatch.undo()
     interrupted(monkeypatch, 1)
@@ -142,12 +163,16 @@ def test_an_interrupted_call_goes_on_to_the_same_bits(few, tmp_path, monkeypatch
     monkeypatch.undo()
     assert kept_in(tmp_path / "kept") == 1
     said = []
-    resumed = bt.run(few, keep=tmp_path / "kept", progress=said.append, **QUICK)  # with the seed that is kept there
+    resumed = bt.run(
+        few, keep=tmp_path / "kept", progress=said.append, **QUICK
+    )  # with the seed that is kept there
     assert sorted(said) == ["A", "B"]
     xr.testing.assert_identical(resumed.draws.tree, calm.draws.tree)
     assert resumed.evidence.frame().equals(calm.evidence.frame())
     assert resumed.summary().equals(calm.summary())
-    pd.testing.assert_frame_equal(calm.summary(), calm.draws.summary(), rtol=1e-5)  # ranks of draws that differ by a rounding
+    pd.testing.assert_frame_equal(
+        calm.summary(), calm.draws.summary(), rtol=1e-5
+    )  # ranks of draws that differ by a rounding
     assert resumed.fits.frame().equals(calm.fits.frame())
 
 
@@ -160,7 +185,11 @@ def test_many_draws_are_put_together_in_a_store(few, tmp_path, monkeypatch):
 
 
 def test_each_verb_takes_what_is_kept_and_nothing_else(few, tmp_path, computed, three_models):
-    verbs = [partial(bt.sample, model="symmetric"), bt.evidence, partial(bt.compare, models=["symmetric", "free frequencies"])]
+    verbs = [
+        partial(bt.sample, model="symmetric"),
+        bt.evidence,
+        partial(bt.compare, models=["symmetric", "free frequencies"]),
+    ]
     for verb in verbs:
         first, again = (verb(few, seed=3, keep=tmp_path, **QUICK) for _ in range(2))
         if isinstance(first, bt.Draws):
@@ -172,7 +201,12 @@ def test_each_verb_takes_what_is_kept_and_nothing_else(few, tmp_path, computed, 
         partial(bt.sample, few, model="symmetric", seed=4),
         partial(bt.sample, few, model="constant bias", seed=3),
         partial(bt.sample, few, model="symmetric", seed=3, prior="paper"),
-        partial(bt.sample, replace(few, subjects=(few["A"], replace(few["B"], n_yes=few["B"].n_yes // 2))), model="symmetric", seed=3),
+        partial(
+            bt.sample,
+            replace(few, subjects=(few["A"], replace(few["B"], n_yes=few["B"].n_yes // 2))),
+            model="symmetric",
+            seed=3,
+        ),
     ]
     del computed[:]
     for call in changed:
@@ -193,7 +227,12 @@ def packed_text(text):
     return body.getvalue()
 
 
-ODD = ["{}[", '{"record": "bayes_toe.data.study:Subject", "fields": {"age": 7}}', '{"array": 7}', '{"record": "os:system", "fields": {}}']
+ODD = [
+    "{}[",
+    '{"record": "bayes_toe.data.study:Subject", "fields": {"age": 7}}',
+    '{"array": 7}',
+    '{"record": "os:system", "fields": {}}',
+]
 
 
 def test_a_damaged_or_foreign_result_is_computed_again(few, tmp_path, computed):
@@ -211,7 +250,9 @@ def test_a_damaged_or_foreign_result_is_computed_again(few, tmp_path, computed):
 
 
 def test_a_failed_job_is_not_kept(tmp_path, monkeypatch):
-    monkeypatch.setattr(store, "run_jobs", lambda jobs, workers: (one for one in [(0, Failed("died")), (1, 8)]))
+    monkeypatch.setattr(
+        store, "run_jobs", lambda jobs, workers: (one for one in [(0, Failed("died")), (1, 8)])
+    )
     with keeping(tmp_path) as kept:
         done = kept.work([partial(pow, 2, 2), partial(pow, 2, 3)], 1, None, [("a",), ("b",)])
         assert (list(done), dict(done.failed)) == ([8], {0: Failed("died")})
@@ -221,10 +262,14 @@ def test_a_failed_job_is_not_kept(tmp_path, monkeypatch):
 def test_a_folder_in_use_is_refused_and_one_of_a_dead_process_is_not(tmp_path):
     with keeping(tmp_path):
         there = "import sys; from bayes_toe.kept import keeping\nwith keeping(sys.argv[1]): pass"
-        ended = subprocess.run([sys.executable, "-c", there, str(tmp_path)], capture_output=True, text=True)
+        ended = subprocess.run(
+            [sys.executable, "-c", there, str(tmp_path)], capture_output=True, text=True
+        )
         assert f"in use by process {os.getpid()} on " in ended.stderr.splitlines()[-1]
         assert (tmp_path / "lock").exists()  # though nothing is kept here yet
-    dies = "import os, sys; from bayes_toe.kept import keeping\nwith keeping(sys.argv[1]): os._exit(1)"
+    dies = (
+        "import os, sys; from bayes_toe.kept import keeping\nwith keeping(sys.argv[1]): os._exit(1)"
+    )
     subprocess.run([sys.executable, "-c", dies, str(tmp_path)], check=False)
     with keeping(tmp_path):
         pass

@@ -37,7 +37,19 @@ READERS = {
 }
 #: What breaks readers: quotes, delimiters, line ends, marks, escapes, numbers that are none, brackets without an end.
 _WORDS = b"nan inf 1e999 -1e-999 =1+1 '=1 [ # 1_0 subject s1 response n_trials synthetic trial mu1_sd stimuli True 1979-05-27"
-_MARKS = [b",", b";", b"\t", b"\n", b"\r", b"\0", b"\xff\xfe", b"\xef\xbb\xbf", b"\x1b[2J", "\u202e\u2028\x85".encode(), b"\xf0\x9f"]
+_MARKS = [
+    b",",
+    b";",
+    b"\t",
+    b"\n",
+    b"\r",
+    b"\0",
+    b"\xff\xfe",
+    b"\xef\xbb\xbf",
+    b"\x1b[2J",
+    "\u202e\u2028\x85".encode(),
+    b"\xf0\x9f",
+]
 _LONG = [b"9" * 400, b"9" * 5000, b"0x" + b"f" * 5000, b"[" * 2000, b"{a=" * 2000, b"a." * 2000]
 PIECES = st.sampled_from([b'"', *_MARKS, *_LONG, *_WORDS.split()])
 
@@ -48,7 +60,11 @@ def damaged(draw, whole):
     data = whole
     for _ in range(draw(st.integers(0, 4))):
         first = draw(st.integers(0, len(data)))
-        data = data[:first] + draw(PIECES | st.binary(max_size=8)) + data[first + draw(st.integers(0, 12)) :]
+        data = (
+            data[:first]
+            + draw(PIECES | st.binary(max_size=8))
+            + data[first + draw(st.integers(0, 12)) :]
+        )
     return data
 
 
@@ -85,7 +101,10 @@ def test_damaged_numbers_of_draws_are_refused(analysis, tmp_path):
     path = analysis.draws["A"].save(tmp_path / "posterior.nc")
     whole = path.read_bytes()
     with h5py.File(path) as file:
-        chunks = [(one.byte_offset, one.size) for one in (file[f"posterior/{name}"].id.get_chunk_info(0) for name in ("mu1", "q0"))]
+        chunks = [
+            (one.byte_offset, one.size)
+            for one in (file[f"posterior/{name}"].id.get_chunk_info(0) for name in ("mu1", "q0"))
+        ]
 
     @settings(FUZZ, max_examples=FUZZ.max_examples // 4)
     @given(st.sampled_from(chunks), st.floats(0.0, 0.99), st.binary(min_size=1, max_size=64))

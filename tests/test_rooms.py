@@ -67,7 +67,9 @@ def _imported(name):
 
 
 def _imports(name):
-    for node in ast.walk(ast.parse((PACKAGE / f"{name.replace('.', '/')}.py").read_text(encoding="utf-8"))):
+    for node in ast.walk(
+        ast.parse((PACKAGE / f"{name.replace('.', '/')}.py").read_text(encoding="utf-8"))
+    ):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -81,13 +83,25 @@ def _place(name):
 
 @pytest.mark.parametrize("name", _modules())
 def test_every_file_stands_in_a_room_and_imports_point_down(name):
-    ours = [other.removeprefix("bayes_toe.") for other in _imported(name) if other.startswith("bayes_toe.")]
+    ours = [
+        other.removeprefix("bayes_toe.")
+        for other in _imported(name)
+        if other.startswith("bayes_toe.")
+    ]
     assert name.count(".") <= 1, "one level of rooms"
-    assert [other for other in ours if other.split(".")[0] in ORDER and _place(other) > _place(name)] == []
+    assert [
+        other for other in ours if other.split(".")[0] in ORDER and _place(other) > _place(name)
+    ] == []
 
 
 @pytest.mark.parametrize("library", OWNERS)
 def test_a_library_has_one_owner(library):
-    importers = {name for name in _modules() if library in {other.split(".")[0] for other in _imported(name)}}
+    importers = {
+        name for name in _modules() if library in {other.split(".")[0] for other in _imported(name)}
+    }
     assert importers
-    assert {name for name in importers if name not in OWNERS[library] and name.split(".")[0] not in OWNERS[library]} == set()
+    assert {
+        name
+        for name in importers
+        if name not in OWNERS[library] and name.split(".")[0] not in OWNERS[library]
+    } == set()

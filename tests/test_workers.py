@@ -17,9 +17,16 @@ from bayes_toe.workers import Failed, run_in_order, run_jobs, run_or_fail
 FATAL = "failed: 2 workers died of it (killed, or out of memory)"
 
 
-@pytest.mark.parametrize(("deaths", "expected"), [(1, "alive"), (9, Failed(FATAL))], ids=["once", "always"])
-def test_a_job_whose_worker_dies_is_tried_once_more_and_no_other_job_suffers(tmp_path, deaths, expected):
-    jobs = [partial(die, os.getpid(), tmp_path / "marks", deaths), *(partial(slow, k, 0.3) for k in range(6))]
+@pytest.mark.parametrize(
+    ("deaths", "expected"), [(1, "alive"), (9, Failed(FATAL))], ids=["once", "always"]
+)
+def test_a_job_whose_worker_dies_is_tried_once_more_and_no_other_job_suffers(
+    tmp_path, deaths, expected
+):
+    jobs = [
+        partial(die, os.getpid(), tmp_path / "marks", deaths),
+        *(partial(slow, k, 0.3) for k in range(6)),
+    ]
     said, names = [], [(str(k),) for k in range(7)]
     assert run_or_fail(jobs, 2, said.append, names) == [expected, *range(6)]
     assert (tmp_path / "marks").stat().st_size == 2
@@ -44,8 +51,14 @@ def test_a_worker_that_died_without_work_is_replaced():
 @needs_proc
 @pytest.mark.parametrize("way", ["of a job", "of who listens"])
 def test_an_interrupt_leaves_no_worker_at_work(way):
-    jobs = [partial(slow, 1, 0.3), partial(interrupted) if way == "of a job" else partial(slow, 2, 0.3), *[partial(slow, 3, 0.3)] * 50]
-    with pytest.raises(KeyboardInterrupt) as error:  # which keeps what was under way, as a session does
+    jobs = [
+        partial(slow, 1, 0.3),
+        partial(interrupted) if way == "of a job" else partial(slow, 2, 0.3),
+        *[partial(slow, 3, 0.3)] * 50,
+    ]
+    with pytest.raises(
+        KeyboardInterrupt
+    ) as error:  # which keeps what was under way, as a session does
         run_in_order(jobs, 2, lambda _: interrupted(), [("",)] * 52)
     until(lambda: not workers_of(os.getpid()))
     assert error.tb is not None
@@ -60,7 +73,12 @@ def test_who_wants_no_more_results_is_not_warned(recwarn):
 def test_results_are_in_the_order_of_the_jobs_and_progress_hears_each_name_once(workers):
     said = []
     names = [("a",), (), ("b", "c"), ("d",)]
-    assert run_in_order([partial(pow, 2, k) for k in range(4)], workers, said.append, names) == [1, 2, 4, 8]
+    assert run_in_order([partial(pow, 2, k) for k in range(4)], workers, said.append, names) == [
+        1,
+        2,
+        4,
+        8,
+    ]
     assert sorted(said) == ["a", "b", "c", "d"]
 
 
@@ -68,8 +86,20 @@ def test_workers_of_a_command_run_no_file_of_the_working_directory(tmp_path):
     """A data folder may hold a random.py or a json.py."""
     grouped_csv(tmp_path / "study.csv", few_pairs("AB"))
     for name in ("random", "json", "queue", "select"):
-        (tmp_path / f"{name}.py").write_text("raise SystemExit('a file of the data folder was run')")
-    words = [Path(sys.executable).parent / "bayes-toe", "fit", "study.csv", "-o", "fit.csv", "--replicates", "2", "--workers", "2"]
+        (tmp_path / f"{name}.py").write_text(
+            "raise SystemExit('a file of the data folder was run')"
+        )
+    words = [
+        Path(sys.executable).parent / "bayes-toe",
+        "fit",
+        "study.csv",
+        "-o",
+        "fit.csv",
+        "--replicates",
+        "2",
+        "--workers",
+        "2",
+    ]
     done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (0, "")
     assert "failed" not in done.stdout
@@ -92,6 +122,11 @@ print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs processes that are copies")
 def test_a_copy_of_a_process_that_has_workers_can_work(tmp_path):
-    quiet = ["-W", "ignore::DeprecationWarning"]  # from 3.12 on Python warns of a copy of a process with threads, which joblib's has
-    done = subprocess.run([sys.executable, *quiet, "-c", FORKED], cwd=tmp_path, capture_output=True, text=True)
+    quiet = [
+        "-W",
+        "ignore::DeprecationWarning",
+    ]  # from 3.12 on Python warns of a copy of a process with threads, which joblib's has
+    done = subprocess.run(
+        [sys.executable, *quiet, "-c", FORKED], cwd=tmp_path, capture_output=True, text=True
+    )
     assert (done.stdout, done.stderr) == ("[1, 2, 4]\n[1, 2, 4]\n0\n", "")

@@ -133,12 +133,20 @@ class SubjectAsymmetry:
     @property
     def mean_asymmetry(self) -> float:
         """Mean of the asymmetries over comparisons; NaN where there is none."""
-        return float(np.mean([one.asymmetry for one in self.comparisons])) if self.comparisons else float("nan")
+        return (
+            float(np.mean([one.asymmetry for one in self.comparisons]))
+            if self.comparisons
+            else float("nan")
+        )
 
     @property
     def mean_absolute_asymmetry(self) -> float:
         """Mean of the absolute asymmetries over comparisons; NaN where there is none."""
-        return float(np.mean([abs(one.asymmetry) for one in self.comparisons])) if self.comparisons else float("nan")
+        return (
+            float(np.mean([abs(one.asymmetry) for one in self.comparisons]))
+            if self.comparisons
+            else float("nan")
+        )
 
 
 @dataclass(frozen=True)
@@ -184,21 +192,39 @@ class AsymmetryTable(SubjectTable[SubjectAsymmetry]):
         found = []
         for row in self.rows:
             if row.pooled and not row.comparisons:
-                found.append(f"{row.subject}: no pair of different stimuli was presented in both orders; its asymmetry cannot be observed")
+                found.append(
+                    f"{row.subject}: no pair of different stimuli was presented in both orders; its asymmetry cannot be observed"
+                )
             elif row.pooled and row.n_one_order:
                 what = "pair was" if row.n_one_order == 1 else "pairs were"
-                found.append(f"{row.subject}: {row.n_one_order} {what} presented in one order only and left out")
+                found.append(
+                    f"{row.subject}: {row.n_one_order} {what} presented in one order only and left out"
+                )
         return tuple(found)
 
     def frame(self) -> pd.DataFrame:
         """One row per subject and comparison, with the columns of asymmetry.csv, n_wrong for n_equal of 'which is stronger?'."""
-        rows = [[*(getattr(one, key) for key in ASYMMETRY_COLUMNS[:-1]), row.accuracy] for row in self.rows for one in row.comparisons]
+        rows = [
+            [*(getattr(one, key) for key in ASYMMETRY_COLUMNS[:-1]), row.accuracy]
+            for row in self.rows
+            for one in row.comparisons
+        ]
         counted = "n_equal" if self.task == SAME_DIFFERENT else "n_wrong"
-        return pd.DataFrame(rows, columns=[key.replace("n_equal", counted) for key in ASYMMETRY_COLUMNS])
+        return pd.DataFrame(
+            rows, columns=[key.replace("n_equal", counted) for key in ASYMMETRY_COLUMNS]
+        )
 
     def subjects(self) -> pd.DataFrame:
         """One row per subject: accuracy, mean and mean absolute asymmetry, and the comparison where it is largest."""
-        keys = ("s_weak", "s_strong", "asymmetry", "asymmetry_se", "p_value", "p_adjusted", "probability_of_direction")
+        keys = (
+            "s_weak",
+            "s_strong",
+            "asymmetry",
+            "asymmetry_se",
+            "p_value",
+            "p_adjusted",
+            "probability_of_direction",
+        )
         names = [f"maximal_{key}" if key.startswith("asymmetry") else key for key in keys]
         means = ("mean_asymmetry", "mean_absolute_asymmetry")
         rows = [
@@ -212,7 +238,14 @@ class AsymmetryTable(SubjectTable[SubjectAsymmetry]):
         """Signs of the maximal asymmetries over the subjects that have a comparison."""
         found = [row.maximal for row in self.rows if row.maximal is not None]
         sides = [[one for one in found if sign * one.asymmetry > 0] for sign in (1, -1)]
-        counts = [(len(side), sum(one.p_adjusted < level for one in side), sum(one.p_value < level for one in side)) for side in sides]
+        counts = [
+            (
+                len(side),
+                sum(one.p_adjusted < level for one in side),
+                sum(one.p_value < level for one in side),
+            )
+            for side in sides
+        ]
         return Population(level, len(found), *counts[0], *counts[1])
 
     def outcomes(self) -> dict[str, dict[str, float]]:
@@ -270,8 +303,16 @@ def subject_asymmetry(subject: Subject) -> SubjectAsymmetry:
 def subject_asymmetries(subjects: Sequence[Subject]) -> tuple[SubjectAsymmetry, ...]:
     """Those of many subjects, all comparisons in one call of the tests."""
     orders = [_orders(subject) for subject in subjects]
-    counts = [np.stack([one.task.wrong(one.s2 - one.s1, one.n_yes, one.n_trials), one.n_trials]) for one in subjects]
-    weak, strong = (np.concatenate([one[:, at[:, i]] for one, (at, _) in zip(counts, orders, strict=True)], axis=1) for i in (0, 1))
+    counts = [
+        np.stack([one.task.wrong(one.s2 - one.s1, one.n_yes, one.n_trials), one.n_trials])
+        for one in subjects
+    ]
+    weak, strong = (
+        np.concatenate(
+            [one[:, at[:, i]] for one, (at, _) in zip(counts, orders, strict=True)], axis=1
+        )
+        for i in (0, 1)
+    )
     tested, direction = equality_test(*strong, *weak), probability_greater(*strong, *weak)
     q, error = ((of(*weak), of(*strong)) for of in (laplace_estimate, laplace_error))
     estimates = [q[0], error[0], q[1], error[1], q[1] - q[0], np.hypot(*error)]
@@ -280,12 +321,22 @@ def subject_asymmetries(subjects: Sequence[Subject]) -> tuple[SubjectAsymmetry, 
         some = slice(first, first := first + len(at))
         p_value, size = tested.p_value[some], np.abs(estimates[4][some])
         maximal = np.zeros(len(at), bool)
-        maximal[np.lexsort((p_value, -size))[:1]] = True  # of two alike, the one that is better established
-        counted = [one.s1[at[:, 0]], one.s2[at[:, 0]], *weak[:, some], *strong[:, some], *(values[some] for values in estimates)]
+        maximal[np.lexsort((p_value, -size))[:1]] = (
+            True  # of two alike, the one that is better established
+        )
+        counted = [
+            one.s1[at[:, 0]],
+            one.s2[at[:, 0]],
+            *weak[:, some],
+            *strong[:, some],
+            *(values[some] for values in estimates),
+        ]
         judged = [p_value, holm(p_value), tested.test[some], direction[some], maximal]
         rows = zip(*(column.tolist() for column in (*counted, *judged)), strict=True)
         comparisons = tuple(Comparison(one.name, *row) for row in rows)
-        found.append(SubjectAsymmetry(one.name, accuracy(one), comparisons, left_out, pooled=one.isi is None))
+        found.append(
+            SubjectAsymmetry(one.name, accuracy(one), comparisons, left_out, pooled=one.isi is None)
+        )
     return tuple(found)
 
 
@@ -293,10 +344,14 @@ def _orders(subject: Subject) -> tuple[IndexArray, int]:
     """Which pairs are the two orders of comparisons, weaker first and stronger first, (comparisons, 2); how many lack an order."""
     if subject.isi is not None:
         return np.empty((0, 2), np.intp), 0
-    at = {pair: i for i, pair in enumerate(zip(subject.s1.tolist(), subject.s2.tolist(), strict=True))}
+    at = {
+        pair: i for i, pair in enumerate(zip(subject.s1.tolist(), subject.s2.tolist(), strict=True))
+    }
     unequal = {(min(pair), max(pair)) for pair in at if pair[0] != pair[1]}
     both = sorted(pair for pair in unequal if pair in at and pair[::-1] in at)
-    return np.array([(at[pair], at[pair[::-1]]) for pair in both], np.intp).reshape(-1, 2), len(unequal) - len(both)
+    return np.array([(at[pair], at[pair[::-1]]) for pair in both], np.intp).reshape(-1, 2), len(
+        unequal
+    ) - len(both)
 
 
 #: Most trials n1 + n2 of Boschloo's test, of which SciPy's takes 6 ms at 100 and 25 ms at 150; beyond it, Fisher's is used.
@@ -312,7 +367,9 @@ class ExactTest(NamedTuple):
     test: npt.NDArray[np.str_]
 
 
-def equality_test(k1: npt.ArrayLike, n1: npt.ArrayLike, k2: npt.ArrayLike, n2: npt.ArrayLike) -> ExactTest:
+def equality_test(
+    k1: npt.ArrayLike, n1: npt.ArrayLike, k2: npt.ArrayLike, n2: npt.ArrayLike
+) -> ExactTest:
     """Exact two-sided test of the null that k1 of n1 and k2 of n2 come from one probability. Arguments broadcast.
 
     Boschloo's test; Fisher's, doubled one-sided, for more than :data:`BOSCHLOO_TRIALS` trials n1 + n2.
@@ -332,7 +389,9 @@ def equality_test(k1: npt.ArrayLike, n1: npt.ArrayLike, k2: npt.ArrayLike, n2: n
     return ExactTest(p_value, np.where(few, "boschloo", "fisher"))
 
 
-def probability_greater(k1: npt.ArrayLike, n1: npt.ArrayLike, k2: npt.ArrayLike, n2: npt.ArrayLike) -> FloatArray:
+def probability_greater(
+    k1: npt.ArrayLike, n1: npt.ArrayLike, k2: npt.ArrayLike, n2: npt.ArrayLike
+) -> FloatArray:
     """Posterior probability that the first probability exceeds the second, under independent uniform priors. Arguments broadcast.
 
     q1 ~ Beta(k1 + 1, n1 - k1 + 1), q2 ~ Beta(k2 + 1, n2 - k2 + 1); P(q1 > q2) = P(H <= k1) with H the number of marked items among
@@ -366,17 +425,25 @@ def holm(p_values: npt.ArrayLike) -> FloatArray:
 
 def _tables(k1: npt.ArrayLike, n1: npt.ArrayLike, k2: npt.ArrayLike, n2: npt.ArrayLike) -> IntArray:
     """Counts, shape (..., 4)."""
-    tables = np.stack(np.broadcast_arrays(*(np.asarray(values, np.int64) for values in (k1, n1, k2, n2))), axis=-1)
+    tables = np.stack(
+        np.broadcast_arrays(*(np.asarray(values, np.int64) for values in (k1, n1, k2, n2))), axis=-1
+    )
     if np.any((total := tables[..., 1] + tables[..., 3]) > LARGEST_TOTAL):
-        raise InputError(f"{total.max()} trials in one comparison: exact tails are computed for at most {LARGEST_TOTAL}")
+        raise InputError(
+            f"{total.max()} trials in one comparison: exact tails are computed for at most {LARGEST_TOTAL}"
+        )
     return tables
 
 
 @lru_cache(maxsize=1 << 16)
 def _boschloo(k1: int, n1: int, k2: int, n2: int) -> float:
     """Twice the p-value of the side on which the frequencies differ, the smaller one; the same for orders, or answers, swapped."""
-    first = min((k1, n1, k2, n2), (k2, n2, k1, n1), (n1 - k1, n1, n2 - k2, n2), (n2 - k2, n2, n1 - k1, n1))
+    first = min(
+        (k1, n1, k2, n2), (k2, n2, k1, n1), (n1 - k1, n1, n2 - k2, n2), (n2 - k2, n2, n1 - k1, n1)
+    )
     if first != (k1, n1, k2, n2):
         return _boschloo(*first)
     side, table = "less" if k1 * n2 < k2 * n1 else "greater", [[k1, k2], [n1 - k1, n2 - k2]]
-    return min(1.0, 2.0 * float(boschloo_exact(table, alternative=side, n=64).pvalue))  # of 32 points, rarely, none leads to the supremum
+    return min(
+        1.0, 2.0 * float(boschloo_exact(table, alternative=side, n=64).pvalue)
+    )  # of 32 points, rarely, none leads to the supremum

@@ -21,7 +21,18 @@ from bayes_toe.data.messages import listed, quoted
 from bayes_toe.data.tables import Table, frame_of
 from bayes_toe.errors import InputError
 
-COVARIATE_COLUMNS = ("covariate", "outcome", "test", "groups", "n", "difference_or_r", "statistic", "df", "p_value", "note")
+COVARIATE_COLUMNS = (
+    "covariate",
+    "outcome",
+    "test",
+    "groups",
+    "n",
+    "difference_or_r",
+    "statistic",
+    "df",
+    "p_value",
+    "note",
+)
 
 
 @dataclass(frozen=True)
@@ -66,7 +77,9 @@ class CovariateTable(Table[CovariateTest]):
         return frame_of(self.rows, COVARIATE_COLUMNS)
 
 
-def covariate_tests(covariates: Covariates, outcomes: Mapping[str, Mapping[str, float]]) -> CovariateTable:
+def covariate_tests(
+    covariates: Covariates, outcomes: Mapping[str, Mapping[str, float]]
+) -> CovariateTable:
     """Test every outcome (by name and subject) against every covariate.
 
     Raises
@@ -88,30 +101,56 @@ def covariate_tests(covariates: Covariates, outcomes: Mapping[str, Mapping[str, 
         return listed([quoted(name) for name in sorted(names)])
 
     if not known & studied:
-        raise InputError(f"no subject of the study has a covariate; the study has {said(studied)}, the covariates {said(known)}")
-    rows = [_row(key, column, outcome, values) for key, column in covariates.values.items() for outcome, values in outcomes.items()]
-    gaps = (("covariates of subjects that are not in the study ignored", known - studied), ("subjects without covariates", studied - known))
-    return CovariateTable(tuple(rows), tuple(f"{about}: {said(names)}" for about, names in gaps if names))
+        raise InputError(
+            f"no subject of the study has a covariate; the study has {said(studied)}, the covariates {said(known)}"
+        )
+    rows = [
+        _row(key, column, outcome, values)
+        for key, column in covariates.values.items()
+        for outcome, values in outcomes.items()
+    ]
+    gaps = (
+        ("covariates of subjects that are not in the study ignored", known - studied),
+        ("subjects without covariates", studied - known),
+    )
+    return CovariateTable(
+        tuple(rows), tuple(f"{about}: {said(names)}" for about, names in gaps if names)
+    )
 
 
-def _row(covariate: str, column: Mapping[str, str | float], outcome: str, values: Mapping[str, float]) -> CovariateTest:
+def _row(
+    covariate: str, column: Mapping[str, str | float], outcome: str, values: Mapping[str, float]
+) -> CovariateTest:
     names = [name for name in values if name in column]
     y, x = np.array([values[name] for name in names]), [column[name] for name in names]
     kinds = levels(column.values())
     if len(kinds) > 2 and isinstance(kinds[-1], str):
-        return CovariateTest(covariate, outcome, "t", "", str(len(x)), note=f"{len(kinds)} groups: Welch's t-test compares two")
+        return CovariateTest(
+            covariate,
+            outcome,
+            "t",
+            "",
+            str(len(x)),
+            note=f"{len(kinds)} groups: Welch's t-test compares two",
+        )
     if len(kinds) > 2:
-        return _pearson_row((covariate, outcome, "pearson", "", str(len(x))), np.array(x, np.float64), y)
+        return _pearson_row(
+            (covariate, outcome, "pearson", "", str(len(x))), np.array(x, np.float64), y
+        )
     groups = [y[[value == kind for value in x]] if len(y) else y for kind in kinds]
     sizes = " + ".join(str(len(some)) for some in groups)
     return _welch_row((covariate, outcome, "t", " - ".join(level_words(kinds)), sizes), groups)
 
 
-def _welch_row(about: tuple[str, str, str, str, str], groups: Sequence[FloatArray]) -> CovariateTest:
+def _welch_row(
+    about: tuple[str, str, str, str, str], groups: Sequence[FloatArray]
+) -> CovariateTest:
     lacks = {
         "one value only: nothing to compare": len(groups) < 2,
         "a group of fewer than two subjects has no variance": min(map(len, groups)) < 2,
-        "the outcome does not vary within the groups": all(len(values) == 0 or np.ptp(values) == 0 for values in groups),
+        "the outcome does not vary within the groups": all(
+            len(values) == 0 or np.ptp(values) == 0 for values in groups
+        ),
     }
     for note, lacking in lacks.items():
         if lacking:
@@ -121,10 +160,14 @@ def _welch_row(about: tuple[str, str, str, str, str], groups: Sequence[FloatArra
         warnings.filterwarnings("ignore", message="Precision loss", category=RuntimeWarning)
         found = ttest_ind(*groups, equal_var=False)
     difference = float(groups[0].mean() - groups[1].mean())
-    return CovariateTest(*about, difference, float(found.statistic), float(found.df), float(found.pvalue))
+    return CovariateTest(
+        *about, difference, float(found.statistic), float(found.df), float(found.pvalue)
+    )
 
 
-def _pearson_row(about: tuple[str, str, str, str, str], x: FloatArray, y: FloatArray) -> CovariateTest:
+def _pearson_row(
+    about: tuple[str, str, str, str, str], x: FloatArray, y: FloatArray
+) -> CovariateTest:
     if len(x) < 3:
         return CovariateTest(*about, note="fewer than three subjects: no correlation")
     if np.ptp(x) == 0 or np.ptp(y) == 0:

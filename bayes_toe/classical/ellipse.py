@@ -34,8 +34,12 @@ class Ellipse(NamedTuple):
     def outline(self, points: int = 100) -> FloatArray:
         """Closed curve, shape (points, 2)."""
         t = np.linspace(0.0, 2.0 * np.pi, points)
-        turn = np.array([[np.cos(self.angle), -np.sin(self.angle)], [np.sin(self.angle), np.cos(self.angle)]])
-        return np.asarray(self.centre + (np.stack([np.cos(t), np.sin(t)], axis=-1) * self.half_axes) @ turn.T)
+        turn = np.array(
+            [[np.cos(self.angle), -np.sin(self.angle)], [np.sin(self.angle), np.cos(self.angle)]]
+        )
+        return np.asarray(
+            self.centre + (np.stack([np.cos(t), np.sin(t)], axis=-1) * self.half_axes) @ turn.T
+        )
 
 
 def mass_ellipse(x: npt.ArrayLike, y: npt.ArrayLike, mass: float = MASS) -> Ellipse | None:
@@ -55,15 +59,22 @@ def mass_ellipse(x: npt.ArrayLike, y: npt.ArrayLike, mass: float = MASS) -> Elli
     >>> round(float(found.half_axes[0]))  # sqrt(-2 ln 0.8) = 0.67 standard deviations
     6
     """
-    every = np.stack([np.ravel(np.asarray(x, np.float64)), np.ravel(np.asarray(y, np.float64))], axis=-1)
+    every = np.stack(
+        [np.ravel(np.asarray(x, np.float64)), np.ravel(np.asarray(y, np.float64))], axis=-1
+    )
     require_share("mass", mass)
     inside, points = int(np.ceil(mass * len(every))), every[np.isfinite(every).all(axis=1)]
     if inside < _FEWEST or len(points) < inside:
         return None
-    middle, spread = np.median(points, axis=0), np.diff(np.quantile(points, [0.25, 0.75], axis=0), axis=0)[0]
+    middle, spread = (
+        np.median(points, axis=0),
+        np.diff(np.quantile(points, [0.25, 0.75], axis=0), axis=0)[0],
+    )
     if not np.all(spread > 0):
         return None
-    scaled = (points - middle) / spread  # both coordinates of one size: the determinants below keep their digits
+    scaled = (
+        points - middle
+    ) / spread  # both coordinates of one size: the determinants below keep their digits
     core = min(len(points), max(inside, int(_CORE * len(points)), _FEWEST))
     distance, nearest = np.square(scaled).sum(axis=1), np.empty(0, np.intp)
     for _ in range(_STEPS):
@@ -78,7 +89,11 @@ def mass_ellipse(x: npt.ArrayLike, y: npt.ArrayLike, mass: float = MASS) -> Elli
         distance = np.einsum("ij,ij->i", away @ np.linalg.inv(shape), away)
     scale, radius = np.diag(spread), np.partition(distance, inside - 1)[inside - 1]
     variances, axes = np.linalg.eigh(scale @ shape @ scale * radius)
-    return Ellipse(middle + spread * centre, np.sqrt(variances[::-1]), float(np.arctan2(axes[1, 1], axes[0, 1])))
+    return Ellipse(
+        middle + spread * centre,
+        np.sqrt(variances[::-1]),
+        float(np.arctan2(axes[1, 1], axes[0, 1])),
+    )
 
 
 def require_share(name: str, given: float) -> None:

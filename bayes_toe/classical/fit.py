@@ -67,15 +67,21 @@ class Bootstrap:
         for i, values in enumerate(self.fits.parameters.T):
             known = values[~np.isnan(values)]
             if 2 * len(known) > len(self) and not np.isnan(self.fitted.parameters[0, i]):
-                result[i] = np.quantile(known, [0.5 - level / 2.0, 0.5 + level / 2.0], method="inverted_cdf")
+                result[i] = np.quantile(
+                    known, [0.5 - level / 2.0, 0.5 + level / 2.0], method="inverted_cdf"
+                )
         return result
 
-    def bands(self, s1: npt.ArrayLike, s2: npt.ArrayLike, low: float = 0.2, high: float = 0.8) -> FloatArray:
+    def bands(
+        self, s1: npt.ArrayLike, s2: npt.ArrayLike, low: float = 0.2, high: float = 0.8
+    ) -> FloatArray:
         """Quantiles of the replicates' P of the answer that the task counts for pairs s1, s2 (natural-log intensity), shape (2, pairs).
 
         The default is the paper's central 60 % range. Source: Methods; Fig. 3, shaded.
         """
-        first, second = np.broadcast_arrays(np.atleast_1d(np.asarray(s1, np.float64)), np.atleast_1d(np.asarray(s2, np.float64)))
+        first, second = np.broadcast_arrays(
+            np.atleast_1d(np.asarray(s1, np.float64)), np.atleast_1d(np.asarray(s2, np.float64))
+        )
         return np.asarray(np.quantile(self.fits.curves.yes(first, second), [low, high], axis=0))
 
     def covariance(self) -> FloatArray | None:
@@ -91,16 +97,31 @@ class Bootstrap:
         """What a reader of the intervals has to know, one sentence each."""
         count, lost = len(self), int((~self.fits.arrived).sum())
         on_edge = dict(zip(self.fits.edge_names, self.fits.edges.sum(axis=0).tolist(), strict=True))
-        found = [f"{lost} of {count} bootstrap replicates did not converge; their best points are used"] if lost else []
-        found += [f"{on_edge[name]} of {count} bootstrap replicates have {said}" for name, said in _SAID.items() if on_edge[name]]
+        found = (
+            [f"{lost} of {count} bootstrap replicates did not converge; their best points are used"]
+            if lost
+            else []
+        )
+        found += [
+            f"{on_edge[name]} of {count} bootstrap replicates have {said}"
+            for name, said in _SAID.items()
+            if on_edge[name]
+        ]
         limits = zip(self.fitted.names, self.fitted.parameters[0], self.intervals(), strict=True)
         if outside := [name for name, value, (low, high) in limits if value < low or value > high]:
-            found.append(f"outside its own 95 % interval: {', '.join(outside)}, because replicates are of smoothed frequencies")
+            found.append(
+                f"outside its own 95 % interval: {', '.join(outside)}, because replicates are of smoothed frequencies"
+            )
         return tuple(found)
 
 
 def bootstrap_subject(
-    subject: Subject, *, seed: int, prior: Prior | None = None, replicates: int = 1000, fitted: Fits | None = None
+    subject: Subject,
+    *,
+    seed: int,
+    prior: Prior | None = None,
+    replicates: int = 1000,
+    fitted: Fits | None = None,
 ) -> Bootstrap:
     """Bootstrap the fit of one subject; the prior's normal of mu1 is the penalty. The paper has of the order of 1,000 replicates."""
     counts = resample(subject, generator(seed, subject.name, "bootstrap"), replicates)
@@ -110,7 +131,11 @@ def bootstrap_subject(
 
 def resample(subject: Subject, rng: np.random.Generator, replicates: int) -> IntArray:
     """New counts of every pair, (replicates, pairs): q' ~ Beta(n_yes + 1, n_no + 1), n' ~ Binomial(n, q')."""
-    q = rng.beta(subject.n_yes + 1.0, subject.n_trials - subject.n_yes + 1.0, size=(replicates, subject.n_pairs))
+    q = rng.beta(
+        subject.n_yes + 1.0,
+        subject.n_trials - subject.n_yes + 1.0,
+        size=(replicates, subject.n_pairs),
+    )
     return np.asarray(rng.binomial(subject.n_trials, q), np.int64)
 
 
@@ -126,7 +151,9 @@ def bootstrap_evidence(replicates: Bootstrap, prior: Prior) -> tuple[float | Non
     fitted, covariance = replicates.fitted, replicates.covariance()
     theta, edge = fitted.parameters[0], fitted.at_edge[0]
     at = ";".join(part for part in edge.split(";") if part != "not unique")
-    lies = " and ".join([*([f"lies at {at}"] if at else []), *(["is not unique"] if at != edge else [])])
+    lies = " and ".join(
+        [*([f"lies at {at}"] if at else []), *(["is not unique"] if at != edge else [])]
+    )
     if not np.isfinite(theta).all() or theta[1] == 0.0:
         return None, f"{_LABEL} does not exist: the maximum {lies}"
     if covariance is None:
@@ -153,7 +180,16 @@ def fit_columns(task: Task) -> tuple[str, ...]:
     """Columns of fit.csv."""
     natural = natural_names(task)
     limits = (f"{name}_{side}" for name in natural for side in ("lower", "upper"))
-    return ("subject", *natural, "log_likelihood", "at_edge", *limits, "level", "replicates", "penalty")
+    return (
+        "subject",
+        *natural,
+        "log_likelihood",
+        "at_edge",
+        *limits,
+        "level",
+        "replicates",
+        "penalty",
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,8 +243,14 @@ class FitTable(SubjectTable[SubjectFit]):
         """The table with the columns of fit.csv; NaN (in the file: empty) where the data leave a parameter open."""
         penalty = None if self.prior is None else self.prior.describe_penalty()
         limits = (row.bootstrap.intervals(self.level).ravel() for row in self)
-        fits = ((row.subject, *row.parameters, row.log_likelihood, row.at_edge, *some) for row, some in zip(self, limits, strict=True))
-        return pd.DataFrame([(*cells, self.level, self.replicates, penalty) for cells in fits], columns=list(fit_columns(self.task)))
+        fits = (
+            (row.subject, *row.parameters, row.log_likelihood, row.at_edge, *some)
+            for row, some in zip(self, limits, strict=True)
+        )
+        return pd.DataFrame(
+            [(*cells, self.level, self.replicates, penalty) for cells in fits],
+            columns=list(fit_columns(self.task)),
+        )
 
     def beside(self, draws: Draws) -> pd.DataFrame:
         """Central posterior interval beside the bootstrap interval of every subject and natural parameter, both at the table's level.
@@ -228,7 +270,10 @@ class FitTable(SubjectTable[SubjectFit]):
         rows = []
         for row in self:
             for key, best, (lower, upper) in zip(
-                natural_names(self.task), row.parameters, row.bootstrap.intervals(self.level), strict=True
+                natural_names(self.task),
+                row.parameters,
+                row.bootstrap.intervals(self.level),
+                strict=True,
             ):
                 low, middle, high = np.quantile(draws.values(row.subject, key), tails)
                 rows.append((row.subject, key, middle, low, high, best, lower, upper, row.at_edge))
@@ -280,17 +325,26 @@ def fit(
     require_study(study)
     refuse_intervals(study, "maximum-likelihood fit")
     root, penalty = root_seed(seed), prior_for(study, prior)
-    jobs = [partial(subject_fit, subject, penalty, seed=root, replicates=replicates) for subject in study]
+    jobs = [
+        partial(subject_fit, subject, penalty, seed=root, replicates=replicates)
+        for subject in study
+    ]
     rows = run_in_order(jobs, workers, progress, [(name,) for name in study.names])
     return FitTable(tuple(rows), level, replicates, root, penalty, study.task)
 
 
-def subject_fit(subject: Subject, prior: Prior, *, seed: int, replicates: int = REPLICATES) -> SubjectFit:
+def subject_fit(
+    subject: Subject, prior: Prior, *, seed: int, replicates: int = REPLICATES
+) -> SubjectFit:
     """Fit and bootstrap of one subject; arguments as in :func:`fit`."""
     fitted = fit_counts(subject, prior)
     made = bootstrap_subject(subject, seed=seed, prior=prior, replicates=replicates, fitted=fitted)
     notes = [] if fitted.arrived[0] else ["the fit did not converge: the best point found is given"]
-    open_ = [name for name, value in zip(fitted.names, fitted.parameters[0], strict=True) if np.isnan(value)]
+    open_ = [
+        name
+        for name, value in zip(fitted.names, fitted.parameters[0], strict=True)
+        if np.isnan(value)
+    ]
     if open_:
         notes.append(f"not determined by these answers: {', '.join(open_)}")
     return SubjectFit(subject.name, fitted, made, (*notes, *made.remarks()))

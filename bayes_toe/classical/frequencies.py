@@ -52,7 +52,10 @@ def accuracy(subject: Subject) -> float:
     0.75
     """
     difference = subject.s2 - subject.s1
-    wrong, n = subject.task.wrong(difference, subject.n_yes, subject.n_trials), subject.n_trials[subject.task.right(difference) != 0].sum()
+    wrong, n = (
+        subject.task.wrong(difference, subject.n_yes, subject.n_trials),
+        subject.n_trials[subject.task.right(difference) != 0].sum(),
+    )
     return float(1.0 - wrong.sum() / n) if n else float("nan")
 
 
@@ -88,9 +91,13 @@ class Collapse:
 def collapse(posterior: Posterior, x: npt.ArrayLike, *, mass: float = 0.9) -> Collapse:
     """Data of Fig. 3's lower row at unconstrained points x, shape (draws, k) or (k,); bands hold `mass` of the draws."""
     points = require_points(x, len(posterior.coordinates))
-    low, middle, high = np.quantile(posterior.distance(points), [0.5 - 0.5 * mass, 0.5, 0.5 + 0.5 * mass], axis=0)
+    low, middle, high = np.quantile(
+        posterior.distance(points), [0.5 - 0.5 * mass, 0.5, 0.5 + 0.5 * mass], axis=0
+    )
     peak = [points[:, i] for i, name in enumerate(posterior.coordinates) if name == "logit_q0"]
     top = float(np.exp(log_expit(np.median(peak)))) if peak else 1.0
     subject = posterior.subject
-    q, error = (estimate(subject.n_yes, subject.n_trials) for estimate in (laplace_estimate, laplace_error))
+    q, error = (
+        estimate(subject.n_yes, subject.n_trials) for estimate in (laplace_estimate, laplace_error)
+    )
     return Collapse(presentation_order(subject), middle, low, high, q / top, error / top, top)

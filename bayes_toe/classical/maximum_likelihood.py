@@ -37,7 +37,16 @@ from bayes_toe.model.prior import DEFAULT, Prior
 
 #: Where a maximum may lie beyond the open domain, in the order in which `at_edge` names them.
 EDGES: Mapping[Task, tuple[str, ...]] = {
-    task: ("gamma=0", "gamma=1", f"{task.lapses}=0", f"{task.lapses}=1", "sigma_p=0", "sigma_p=inf", "not unique") for task in TASKS
+    task: (
+        "gamma=0",
+        "gamma=1",
+        f"{task.lapses}=0",
+        f"{task.lapses}=1",
+        "sigma_p=0",
+        "sigma_p=inf",
+        "not unique",
+    )
+    for task in TASKS
 }
 #: Values of one temporary array: of some tens together they stay in the processor's cache.
 _BLOCK = 1 << 14
@@ -57,7 +66,11 @@ _PARTS = (
     ((1.0,), (-1.0, 1.0)),
     ((0.0,), (0.0,)),
 )
-_OFFSETS, _WIDTHS, _SHARES = (0.05, 0.15, 0.4, 1.0, 2.0), np.arange(-2.0, 1.6, 0.5), (0.05, 0.2, 0.5, 0.8, 0.95, 0.99)
+_OFFSETS, _WIDTHS, _SHARES = (
+    (0.05, 0.15, 0.4, 1.0, 2.0),
+    np.arange(-2.0, 1.6, 0.5),
+    (0.05, 0.2, 0.5, 0.8, 0.95, 0.99),
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,11 +85,18 @@ class PenalisedLikelihood:
     n_yes: npt.NDArray[np.int64]
 
     @classmethod
-    def of(cls, subject: Subject, prior: Prior | None = None, n_yes: npt.ArrayLike | None = None) -> PenalisedLikelihood:
+    def of(
+        cls, subject: Subject, prior: Prior | None = None, n_yes: npt.ArrayLike | None = None
+    ) -> PenalisedLikelihood:
         """Of counts, (rows, pairs), over a subject's pairs, by default its own; at one interval, with a normal prior of mu1."""
         refuse_intervals([subject], "maximum-likelihood fit")
-        posterior = models_of(subject.task).update.posterior(subject, DEFAULT if prior is None else prior)
-        return cls(replace(posterior, centre=posterior.sbar), np.atleast_2d(np.asarray(subject.n_yes if n_yes is None else n_yes)))
+        posterior = models_of(subject.task).update.posterior(
+            subject, DEFAULT if prior is None else prior
+        )
+        return cls(
+            replace(posterior, centre=posterior.sbar),
+            np.atleast_2d(np.asarray(subject.n_yes if n_yes is None else n_yes)),
+        )
 
     @cached_property
     def scale(self) -> float:
@@ -99,7 +119,9 @@ class PenalisedLikelihood:
     def value(self, u: FloatArray, row: IndexArray) -> FloatArray:
         """What is maximised, (points,)."""
         x, blocks = self.coordinates(u), self._blocks(len(u))
-        return np.concatenate([self._of(row[at]).pair_log_likelihood(x[at]).sum(axis=1) for at in blocks]) - self.penalty(u)
+        return np.concatenate(
+            [self._of(row[at]).pair_log_likelihood(x[at]).sum(axis=1) for at in blocks]
+        ) - self.penalty(u)
 
     def gradient(self, u: FloatArray, row: IndexArray) -> FloatArray:
         """Its gradient, (points, 4); that of the penalty follows from mu1 = sbar + c/p and d(1/p)/du_1 = 1/p."""
@@ -107,7 +129,9 @@ class PenalisedLikelihood:
         slopes = np.concatenate([self._of(row[at]).likelihood_gradient(x[at])[1] for at in blocks])
         of_logits = 1.0 / np.expm1(-np.maximum(u, _WHOLE))
         slopes *= np.stack([one, of_logits[:, 1], -one, self.sign * of_logits[:, 3]], axis=-1)
-        slopes[:, :2] -= (self._far(u) * np.exp(u[:, 1]) / MAX_PULL)[:, None] * np.stack([one, u[:, 0]], axis=-1)
+        slopes[:, :2] -= (self._far(u) * np.exp(u[:, 1]) / MAX_PULL)[:, None] * np.stack(
+            [one, u[:, 0]], axis=-1
+        )
         return slopes
 
     def penalty(self, u: FloatArray) -> FloatArray:
@@ -126,7 +150,10 @@ class PenalisedLikelihood:
         table = np.concatenate(self.posterior.log_answers(self.coordinates(u)), axis=1).T
         answers = np.concatenate([self.n_yes, self.posterior.subject.n_trials - self.n_yes], axis=1)
         penalty, size = self.penalty(u), max(1, 32 * _BLOCK // len(u))
-        best = [(answers[i : i + size] @ table - penalty).argmax(axis=1) for i in range(0, len(answers), size)]
+        best = [
+            (answers[i : i + size] @ table - penalty).argmax(axis=1)
+            for i in range(0, len(answers), size)
+        ]
         return np.asarray(u[np.concatenate(best)])
 
     def _blocks(self, points: int) -> list[slice]:
@@ -177,10 +204,15 @@ class Fits:
     @property
     def at_edge(self) -> tuple[str, ...]:
         """The edges of every row as text, joined with ';', empty for a maximum inside."""
-        return tuple(";".join(name for name, here in zip(self.edge_names, row, strict=True) if here) for row in self.edges)
+        return tuple(
+            ";".join(name for name, here in zip(self.edge_names, row, strict=True) if here)
+            for row in self.edges
+        )
 
 
-def fit_counts(subject: Subject, prior: Prior | None = None, n_yes: npt.ArrayLike | None = None) -> Fits:
+def fit_counts(
+    subject: Subject, prior: Prior | None = None, n_yes: npt.ArrayLike | None = None
+) -> Fits:
     """Fit counts, (rows, pairs), over a subject's pairs, by default its own: all in one batch of Newton ascents.
 
     Examples
@@ -193,8 +225,12 @@ def fit_counts(subject: Subject, prior: Prior | None = None, n_yes: npt.ArrayLik
     starts, rows = _starts(fitted), np.arange(len(fitted.n_yes))
     every = np.repeat(rows, starts.shape[1])
     found = _ascended(fitted, every, starts.reshape(-1, 4), iterations=_ITERATIONS, rivals=every)[1]
-    value = found.value.reshape(len(rows), -1)  # of equal ones the first: rather inside than on gamma = 0
-    best = (value > value.max(axis=1, keepdims=True) - _same(value)).argmax(axis=1) + rows * starts.shape[1]
+    value = found.value.reshape(
+        len(rows), -1
+    )  # of equal ones the first: rather inside than on gamma = 0
+    best = (value > value.max(axis=1, keepdims=True) - _same(value)).argmax(
+        axis=1
+    ) + rows * starts.shape[1]
     climb, ended = _ascended(fitted, rows, found.x[:, best].T, iterations=10 * _ITERATIONS)
     return _described(fitted, ended, climb.curvature(ended.x, rows))
 
@@ -206,7 +242,9 @@ def _starts(fitted: PenalisedLikelihood) -> FloatArray:
     """
     found = []
     for shares, sides in _PARTS:
-        pulls = np.array([_NONE if share == 0.0 else max(-np.log(share), _WHOLE) for share in shares])
+        pulls = np.array(
+            [_NONE if share == 0.0 else max(-np.log(share), _WHOLE) for share in shares]
+        )
         offsets = fitted.scale * np.unique(np.outer(sides, _OFFSETS))
         axes = np.meshgrid(offsets, pulls, -np.log(fitted.scale) - _WIDTHS, -np.log(_SHARES))
         found.append(fitted.highest(np.stack([axis.ravel() for axis in axes], axis=-1)))
@@ -214,13 +252,24 @@ def _starts(fitted: PenalisedLikelihood) -> FloatArray:
 
 
 def _ascended(
-    fitted: PenalisedLikelihood, row: IndexArray, start: FloatArray, *, iterations: int, rivals: IndexArray | None = None
+    fitted: PenalisedLikelihood,
+    row: IndexArray,
+    start: FloatArray,
+    *,
+    iterations: int,
+    rivals: IndexArray | None = None,
 ) -> tuple[Differenced, Ascent]:
     """Newton from starts, (points, 4), of rows, (points,); on the edge gamma = 0 offset and pull stay."""
     held = (start[:, 1:2] == _NONE) & [True, True, False, False]
     lower = np.array([-np.inf, _WHOLE, -np.log(fitted.scale) - _FAR, _WHOLE])[:, None]
-    climb = Differenced(lambda u, at: fitted.value(u, row[at]), lambda u, at: fitted.gradient(u, row[at]), *start.shape)
-    return climb, ascend(climb, start.T, lower=lower, fixed=held.T, most=3.0, iterations=iterations, rivals=rivals)
+    climb = Differenced(
+        lambda u, at: fitted.value(u, row[at]),
+        lambda u, at: fitted.gradient(u, row[at]),
+        *start.shape,
+    )
+    return climb, ascend(
+        climb, start.T, lower=lower, fixed=held.T, most=3.0, iterations=iterations, rivals=rivals
+    )
 
 
 def _same(value: FloatArray) -> FloatArray:
@@ -276,11 +325,21 @@ class _Suprema(NamedTuple):
 def _suprema(fitted: PenalisedLikelihood, u: FloatArray, value: FloatArray) -> _Suprema:
     """From where ascents ended, (rows, 4): the edge where going there costs nothing and going elsewhere does."""
     (c, pull, width, share), row, end = u.T, np.arange(len(u)), u.copy()
-    design, middle, penalty = fitted.posterior.subject, -np.log(fitted.scale), fitted.posterior.prior.penalty
+    design, middle, penalty = (
+        fitted.posterior.subject,
+        -np.log(fitted.scale),
+        fitted.posterior.prior.penalty,
+    )
 
-    def goes(some: BoolArray, there: Sequence[npt.ArrayLike], elsewhere: Sequence[npt.ArrayLike] = ()) -> BoolArray:
+    def goes(
+        some: BoolArray, there: Sequence[npt.ArrayLike], elsewhere: Sequence[npt.ArrayLike] = ()
+    ) -> BoolArray:
         """Which rows go there, of some."""
-        points = [np.stack(np.broadcast_arrays(*where, row)[:4], axis=-1) for where in (there, elsewhere) if where]
+        points = [
+            np.stack(np.broadcast_arrays(*where, row)[:4], axis=-1)
+            for where in (there, elsewhere)
+            if where
+        ]
         high, *others = (fitted.value(at, row) >= value - _same(value) for at in points)
         gone = np.asarray(some & high & ~np.any(others, axis=0))
         end[gone] = points[0][gone]
@@ -293,7 +352,11 @@ def _suprema(fitted: PenalisedLikelihood, u: FloatArray, value: FloatArray) -> _
     told = ~(wide | never) & bool(np.any(design.s1 != design.s2))
     vanished = goes(told, (c * np.exp(-_FAR), pull + _FAR, width + _FAR, share))
     narrow = goes(told & ~vanished, (c, pull, width + _FAR, share)) | vanished
-    far = np.where(pull < _NONE, c * np.exp(np.minimum(pull, _NONE)), MAX_PULL * (penalty.mean - fitted.posterior.sbar))
+    far = np.where(
+        pull < _NONE,
+        c * np.exp(np.minimum(pull, _NONE)),
+        MAX_PULL * (penalty.mean - fitted.posterior.sbar),
+    )
     goes(~(wide | never | narrow), (*no_pull, width, share), (far, _WHOLE, width, share))
     return _Suprema(end, wide, never, narrow, vanished)
 
@@ -311,7 +374,9 @@ def _left_open(fitted: PenalisedLikelihood, ended: Ascent, curvature: FloatArray
     both = free[:, :, None] & free[:, None, :]
     bend = np.where(both, curvature * unit[:, :, None] * unit[:, None, :], np.eye(4))
     values, vectors = np.linalg.eigh(bend)
-    flat = values < np.maximum(_FLAT, _ROUGH * np.einsum("rcd,rcc->rd", np.square(vectors), np.abs(bend)))
+    flat = values < np.maximum(
+        _FLAT, _ROUGH * np.einsum("rcd,rcc->rd", np.square(vectors), np.abs(bend))
+    )
 
     def described(points: FloatArray) -> FloatArray:
         found = fitted.posterior.quantities(fitted.coordinates(points))
@@ -319,5 +384,7 @@ def _left_open(fitted: PenalisedLikelihood, ended: Ascent, curvature: FloatArray
         return np.stack([first, *map(np.log, sigmas), last], axis=-1)
 
     steps = _STEP * np.moveaxis(vectors * unit[:, :, None], 2, 0)  # (directions, rows, coordinates)
-    along = np.abs(np.stack([described(u + step) - described(u - step) for step in steps], axis=-1)) / (2.0 * _STEP)
+    along = np.abs(
+        np.stack([described(u + step) - described(u - step) for step in steps], axis=-1)
+    ) / (2.0 * _STEP)
     return np.asarray((flat[:, None, :] & (along > _STILL)).any(axis=2))

@@ -41,8 +41,15 @@ def say_verdicts(
     rows = [_cells(of_subject[name]) for name in chosen(of_subject, looked_at)]
     out.table("order effect of every subject", rows, total=len(verdicts), file=file)
     out.footnote(f"{legend(study.task)}.")
-    out.notes((f"{one.subject}: {doubts_of(one)}" for one in verdicts if one.data), "data", file=file)
-    out.notes((f"{one.subject}: {way}" for one in verdicts if (way := way_on(one))), "look", "red", file=file)
+    out.notes(
+        (f"{one.subject}: {doubts_of(one)}" for one in verdicts if one.data), "data", file=file
+    )
+    out.notes(
+        (f"{one.subject}: {way}" for one in verdicts if (way := way_on(one))),
+        "look",
+        "red",
+        file=file,
+    )
     follow = [one.subject for one in verdicts if one.follows]
     if follow and followed:
         how = f"answers of {counted(len(follow), 'subject')} seem to depend on the trial before ({named_few(follow)})"
@@ -63,7 +70,10 @@ def say_histories(out: Terminal, table: HistoryTable, file: str) -> None:
             "median (5 %, 95 %)": f"{QUANTITIES[one.parameter]} {one.q50:.2g} ({one.q05:.2g}, {one.q95:.2g})"
             if one.parameter
             else one.note,
-            **{head: "-" if p != p else p_value(p) for head, p in (("p static", one.history_p_static), ("p with", one.history_p))},
+            **{
+                head: "-" if p != p else p_value(p)
+                for head, p in (("p static", one.history_p_static), ("p with", one.history_p))
+            },
         }
         for one in table
     ]
@@ -86,5 +96,7 @@ def _cells(one: Verdict) -> dict[Any, Any]:
         "size": number(one.size_q50),
         "fit": one.fit,
         "data": ", ".join(doubt.kind for doubt in one.data) or "-",
-        "robust": "no, P(none) {:.2f}-{:.2f}".format(*one.p_none_range) if one.robust == "no" else one.robust or "-",
+        "robust": "no, P(none) {:.2f}-{:.2f}".format(*one.p_none_range)
+        if one.robust == "no"
+        else one.robust or "-",
     }

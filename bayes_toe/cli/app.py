@@ -18,7 +18,13 @@ from bayes_toe.cli.task import as_command
 
 #: In the order in which help lists them: the way from answers to a paper, then all others.
 COMMANDS = {
-    "From answers to a paper": (describe.check, infer.run, compare.compare, look.explore, look.methods),
+    "From answers to a paper": (
+        describe.check,
+        infer.run,
+        compare.compare,
+        look.explore,
+        look.methods,
+    ),
     "More": (
         infer.sample,
         infer.evidence,
@@ -49,7 +55,9 @@ for _purpose, _commands in COMMANDS.items():
 
 
 @app.callback(invoke_without_command=True)
-def _root(version: Annotated[bool, typer.Option("--version", help="Print the version and exit.")] = False) -> None:
+def _root(
+    version: Annotated[bool, typer.Option("--version", help="Print the version and exit.")] = False,
+) -> None:
     if version:
         typer.echo(f"bayes-toe {bt.__version__}")
         raise typer.Exit

@@ -22,16 +22,33 @@ if TYPE_CHECKING:
     from bayes_toe.comparison.model_row import ModelRow
     from bayes_toe.comparison.prior_sensitivity import SensitivityTable
 
-_MOST_COLUMNS = 8  # models whose evidences stand side by side; the file and the figure have them all
+_MOST_COLUMNS = (
+    8  # models whose evidences stand side by side; the file and the figure have them all
+)
 
 
 def compare(
     *,
     study: StudyFile,
-    output: Annotated[Path, writes("compare.csv", "Table to write; NAME_parts.csv, _models.csv, .png beside it.")] = Path("compare.csv"),
-    model: Annotated[list[str] | None, typer.Option("--model", help="Only this model; repeat for more. Default: the whole space.")] = None,
-    history: Annotated[bool, typer.Option("--history", help="What a trial leaves to the next, too: NAME_history.csv and .png.")] = False,
-    space: Annotated[str, rare("--space", help="parts: those over which verdicts average; ladder: those with a name.")] = "parts",
+    output: Annotated[
+        Path, writes("compare.csv", "Table to write; NAME_parts.csv, _models.csv, .png beside it.")
+    ] = Path("compare.csv"),
+    model: Annotated[
+        list[str] | None,
+        typer.Option("--model", help="Only this model; repeat for more. Default: the whole space."),
+    ] = None,
+    history: Annotated[
+        bool,
+        typer.Option(
+            "--history", help="What a trial leaves to the next, too: NAME_history.csv and .png."
+        ),
+    ] = False,
+    space: Annotated[
+        str,
+        rare(
+            "--space", help="parts: those over which verdicts average; ladder: those with a name."
+        ),
+    ] = "parts",
     task: Annotated[Task, Takes(*MODEL, "spreadsheet_safe", "resume", draws=1000)],
 ) -> None:
     """Which order effect, and which noise, lapses, curve and peak: probabilities of parts over all models, for every subject and the study.
@@ -49,7 +66,12 @@ def compare(
     from bayes_toe.plots.figure_files import picture_beside
 
     asked, of_history = model or space, output.with_name(f"{output.stem}_history{output.suffix}")
-    files = [output, *beside(output), picture_beside(output), *([of_history, picture_beside(of_history)] if history else [])]
+    files = [
+        output,
+        *beside(output),
+        picture_beside(output),
+        *([of_history, picture_beside(of_history)] if history else []),
+    ]
     task.require_files(*files)
     keep = task.partial(output)
     read, prior = task.opened(study)
@@ -57,11 +79,20 @@ def compare(
     for subject in read if history else ():
         require_order(subject)
     total = len(read) * (len(models) if asked != "parts" else 1)
-    table = task.work("comparing", total, bt.compare, read, asked, prior=prior, draws=task.draws, keep=keep)
-    histories = task.work("histories", len(read), bt.compare_history, read, prior=prior, seed=table.seed) if history else None
+    table = task.work(
+        "comparing", total, bt.compare, read, asked, prior=prior, draws=task.draws, keep=keep
+    )
+    histories = (
+        task.work("histories", len(read), bt.compare_history, read, prior=prior, seed=table.seed)
+        if history
+        else None
+    )
     saving, save_figure = task.saving_of(read), bt.plots.save_figure
     figure = partial(save_figure, bt.plots.comparison_figure(table, synthetic=read.synthetic))
-    made: dict[Path, Callable[[Path], object]] = {output: partial(table.save, **saving), picture_beside(output): figure}
+    made: dict[Path, Callable[[Path], object]] = {
+        output: partial(table.save, **saving),
+        picture_beside(output): figure,
+    }
     if histories is not None:
         made |= {of_history: partial(histories.save, **saving)}
         made |= {picture_beside(of_history): partial(save_figure, bt.plots.history(histories))}
@@ -78,8 +109,13 @@ def compare(
 def contrast(
     *,
     study: StudyFile,
-    output: Annotated[Path, writes("contrast.csv", "Table to write; the figure goes to NAME.png.")] = Path("contrast.csv"),
-    model: Annotated[str | None, typer.Option("--model", help="Of every condition; default: a constant error and a pull.")] = None,
+    output: Annotated[
+        Path, writes("contrast.csv", "Table to write; the figure goes to NAME.png.")
+    ] = Path("contrast.csv"),
+    model: Annotated[
+        str | None,
+        typer.Option("--model", help="Of every condition; default: a constant error and a pull."),
+    ] = None,
     task: Annotated[Task, Takes(*MODEL, "spreadsheet_safe", "resume")],
 ) -> None:
     """What differs between conditions within every subject: constant error, pull, width; by how much, with Bayes factors.
@@ -95,7 +131,12 @@ def contrast(
     people = len({one.person for one in read})
     table = task.work("contrasting", people, bt.contrast, read, model=model, prior=prior, keep=keep)
     figure = bt.plots.contrast_figure(table, synthetic=read.synthetic)
-    task.write({output: partial(table.save, **task.saving), picture_beside(output): partial(bt.plots.save_figure, figure)})
+    task.write(
+        {
+            output: partial(table.save, **task.saving),
+            picture_beside(output): partial(bt.plots.save_figure, figure),
+        }
+    )
     task.finish(keep, table.failed)
     say_contrast(task.out, table)
     task.done("written:", *files, seed=table.seed, failed=table.failed)
@@ -112,21 +153,41 @@ def say_contrast(out: Terminal, table: ContrastTable) -> None:
     rows, comparisons = [], {row.comparison for row in table}
     for name in chosen([one.subject for one in table.subjects], decided):
         for comparison in dict.fromkeys(row.comparison for row in table if row.subject == name):
-            own = {row.quantity: row for row in table if (row.subject, row.comparison) == (name, comparison)}
+            own = {
+                row.quantity: row
+                for row in table
+                if (row.subject, row.comparison) == (name, comparison)
+            }
             shown = {key: f"{row.size} {row.factor}" for key, row in own.items()}
-            rows.append({"subject": name} | ({"comparison": comparison} if len(comparisons) > 1 else {}) | shown)
+            rows.append(
+                {"subject": name}
+                | ({"comparison": comparison} if len(comparisons) > 1 else {})
+                | shown
+            )
     what = f"differences, {comparisons.pop()}" if len(comparisons) == 1 else "differences"
-    out.table(f"{what}: medians (5 %, 95 %) if they differ, and the Bayes factor", rows, total=len(rows))
+    out.table(
+        f"{what}: medians (5 %, 95 %) if they differ, and the Bayes factor", rows, total=len(rows)
+    )
     out.footnote(f"{LEGEND}.")
-    out.notes((f"{name}: {why}" for name, why in table.left_out.items() if name not in table.failed), "left out")
+    out.notes(
+        (f"{name}: {why}" for name, why in table.left_out.items() if name not in table.failed),
+        "left out",
+    )
     out.notes(f"{one.subject}: {note}" for one in table.subjects for note in one.notes)
 
 
 def sensitivity(
     *,
     study: StudyFileOrSaved,
-    output: Annotated[Path, writes("sensitivity.csv", "Table to write; the figure goes to NAME.png.")] = Path("sensitivity.csv"),
-    reach: Annotated[float, rare("--reach", help="Scales of the prior are multiplied by factors from 1/REACH to REACH.")] = 4.0,
+    output: Annotated[
+        Path, writes("sensitivity.csv", "Table to write; the figure goes to NAME.png.")
+    ] = Path("sensitivity.csv"),
+    reach: Annotated[
+        float,
+        rare(
+            "--reach", help="Scales of the prior are multiplied by factors from 1/REACH to REACH."
+        ),
+    ] = 4.0,
     steps: Annotated[int, rare("--steps", help="Values of each, an odd number.")] = 9,
     posterior: InTheirPlace = None,
     task: Annotated[Task, Takes(*MODEL, "spreadsheet_safe")],
@@ -147,10 +208,24 @@ def sensitivity(
         draws = task.saved(posterior, study, seed=task.seed)
         read, prior, seed = draws.study, draws.prior, draws.seed
         task.out.introduce(read, prior)
-    table = task.work("re-weighting", len(read), bt.sensitivity, read, prior=prior, reach=reach, steps=steps, seed=seed)
+    table = task.work(
+        "re-weighting",
+        len(read),
+        bt.sensitivity,
+        read,
+        prior=prior,
+        reach=reach,
+        steps=steps,
+        seed=seed,
+    )
     say_sensitivity(task.out, table)
     figure = bt.plots.sensitivity_figure(table, synthetic=read.synthetic)
-    task.write({output: partial(table.save, **task.saving_of(read)), picture_beside(output): partial(bt.plots.save_figure, figure)})
+    task.write(
+        {
+            output: partial(table.save, **task.saving_of(read)),
+            picture_beside(output): partial(bt.plots.save_figure, figure),
+        }
+    )
     task.done("written:", *files, seed=table.seed)
 
 
@@ -159,7 +234,9 @@ def say_sensitivity(out: Terminal, table: SensitivityTable) -> None:
     from bayes_toe.comparison.prior_sensitivity import RESAMPLED
     from bayes_toe.comparison.words import STATED
 
-    turning = [name for name in table.names if any(table.turns(name, varied) for varied in table.varied)]
+    turning = [
+        name for name in table.names if any(table.turns(name, varied) for varied in table.varied)
+    ]
     lines = dict(zip(table.names, table.summary(), strict=True))
     shown = chosen(lines, turning)
     for name in shown:
@@ -179,9 +256,17 @@ def say_comparison(out: Terminal, table: ModelComparison) -> None:
     if not table.verdicts:
         if len(table.models) <= _MOST_COLUMNS:
             rows = [
-                {"subject": name, **{model: number(value, 1) for model, value in zip(table.models, values, strict=True)}}
+                {
+                    "subject": name,
+                    **{
+                        model: number(value, 1)
+                        for model, value in zip(table.models, values, strict=True)
+                    },
+                }
                 for name, values in zip(
-                    table.subjects, table.log_evidence - np.nanmax(table.log_evidence, axis=1, keepdims=True), strict=True
+                    table.subjects,
+                    table.log_evidence - np.nanmax(table.log_evidence, axis=1, keepdims=True),
+                    strict=True,
                 )
             ]
             out.table("log evidence below the subject's best model, nats", rows)
@@ -191,7 +276,9 @@ def say_comparison(out: Terminal, table: ModelComparison) -> None:
         for note in one.notes:
             if note != FAR:
                 # Which pair fails differs from row to row: the file says it, here one line for all.
-                kind, rest = note.partition(":")[::2] if note.startswith("leave-one-out") else (note, "")
+                kind, rest = (
+                    note.partition(":")[::2] if note.startswith("leave-one-out") else (note, "")
+                )
                 about.setdefault(f"{kind}, see the column note" if rest else kind, []).append(one)
     for note, found in about.items():
         out.note(f"{_whose(found, table.subjects)}: {note}")
@@ -204,19 +291,47 @@ def _say_parts(out: Terminal, table: ModelComparison) -> None:
 
     best, rows = table.best_compositions(), list[dict[Any, Any]]()
     # The order effect is the answer's, where the whole space was compared; of two levels the second says all.
-    shown = [(part, slice(0 if len(part.levels) > 2 else 1, None)) for part in table.parts if not (table.verdicts and part.part == "order")]
+    shown = [
+        (part, slice(0 if len(part.levels) > 2 else 1, None))
+        for part in table.parts
+        if not (table.verdicts and part.part == "order")
+    ]
     for i, name in enumerate(table.subjects):
-        shares = {" / ".join(part.levels[which]): " / ".join(map(number, part.probability[i][which])) for part, which in shown}
+        shares = {
+            " / ".join(part.levels[which]): " / ".join(map(number, part.probability[i][which]))
+            for part, which in shown
+        }
         found, against = best.get(name, (None, None))
         fit = None if found is None else found.checks.p_predictive
-        said = {"best": "-" if found is None else found.model, "less H0": "-" if against is None else f"{against:+.1f}"}
-        rows.append({"subject": name, **shares, **said, "fit p": "-" if fit is None else f"{fit:.2g}" + " misfit" * (fit < MISFIT)})
-    studied = [(part.levels[which], part.study[which]) for part, which in shown if part.study is not None]
-    if of_study := {" / ".join(levels): " / ".join(map(number, shares)) for levels, shares in studied}:
-        rows.append({"subject": STUDY, **of_study, **dict.fromkeys(("best", "less H0", "fit p"), "")})
-    out.table("probability of parts; the best model, its log evidence less that of free frequencies (H0), its fit", rows)
+        said = {
+            "best": "-" if found is None else found.model,
+            "less H0": "-" if against is None else f"{against:+.1f}",
+        }
+        rows.append(
+            {
+                "subject": name,
+                **shares,
+                **said,
+                "fit p": "-" if fit is None else f"{fit:.2g}" + " misfit" * (fit < MISFIT),
+            }
+        )
+    studied = [
+        (part.levels[which], part.study[which]) for part, which in shown if part.study is not None
+    ]
+    if of_study := {
+        " / ".join(levels): " / ".join(map(number, shares)) for levels, shares in studied
+    }:
+        rows.append(
+            {"subject": STUDY, **of_study, **dict.fromkeys(("best", "less H0", "fit p"), "")}
+        )
+    out.table(
+        "probability of parts; the best model, its log evidence less that of free frequencies (H0), its fit",
+        rows,
+    )
     if of_study:
-        out.line(f"{STUDY}: of a new subject, by random effects over {table.parts[0].counted} of {len(table.subjects)} subjects")
+        out.line(
+            f"{STUDY}: of a new subject, by random effects over {table.parts[0].counted} of {len(table.subjects)} subjects"
+        )
 
 
 def _whose(rows: list[ModelRow], subjects: tuple[str, ...]) -> str:
@@ -231,8 +346,16 @@ def _say_models(out: Terminal, table: ModelComparison) -> None:
     """The models over the study, with their frequencies over more than one subject: how often a model is found means nothing for one."""
     everyone = len(table.subjects)
     many, frame = everyone > 1, table.study_frame()
-    columns = {"expected": "frequency", "exceedance": "exceedance", "protected": "protected"} if many else {}
-    sums = {"group_log_evidence": "log evidence", "elpd_loo_trial": "LOO by trial", "elpd_loo_pair": "LOO by pair"}
+    columns = (
+        {"expected": "frequency", "exceedance": "exceedance", "protected": "protected"}
+        if many
+        else {}
+    )
+    sums = {
+        "group_log_evidence": "log evidence",
+        "elpd_loo_trial": "LOO by trial",
+        "elpd_loo_pair": "LOO by pair",
+    }
     lines = [
         {
             "model": row["model"],
@@ -244,11 +367,19 @@ def _say_models(out: Terminal, table: ModelComparison) -> None:
     ]
     first, found = frame.iloc[0].to_dict(), table.frequencies() if many else None
     how = "" if found is None else ", random effects (sampled)"
-    out.table(f"models over {first['subjects']} of {everyone} subjects{how}" if many else "models", lines)
+    out.table(
+        f"models over {first['subjects']} of {everyone} subjects{how}" if many else "models", lines
+    )
     if how:
         risk, error = number(first["omnibus_risk"], 3), first["omnibus_risk_exact_se"]
-        out.line(f"all models equally frequent with probability {risk} ± {error:.1g} ({first['exact_how']})")
+        out.line(
+            f"all models equally frequent with probability {risk} ± {error:.1g} ({first['exact_how']})"
+        )
     for unit in ("trial", "pair"):
         if (counted := int(first[f"elpd_loo_{unit}_subjects"])) < everyone:
-            over = f"sums over {counted} of {everyone} subjects, those with" if counted else "no sum, no subject has"
+            over = (
+                f"sums over {counted} of {everyone} subjects, those with"
+                if counted
+                else "no sum, no subject has"
+            )
             out.note(f"LOO by {unit}: {over} a value under every model")

@@ -30,7 +30,10 @@ def check(*, study: StudyFile, task: Annotated[Task, Takes("prior")]) -> None:
     from bayes_toe.experiments.checks import described
     from bayes_toe.model.study_prior import preset_or_file
 
-    prior, read = preset_or_file(task.prior), study.read()  # whatever the stimuli are: what cannot be analysed is said here
+    prior, read = (
+        preset_or_file(task.prior),
+        study.read(),
+    )  # whatever the stimuli are: what cannot be analysed is said here
     task.out.study(read)
     task.out.line(f"  prior: {safe(prior.describe_orders(read.task))}")
     share = f"fraction_{read.task.yes}"
@@ -50,7 +53,11 @@ def asymmetry(
     output: Annotated[Path, writes("asymmetry.csv", "Table to write.")] = Path("asymmetry.csv"),
     covariates: Annotated[
         Path | None,
-        typer.Option("--covariates", metavar="FILE.csv", help="Columns subject and one per covariate; tests go to NAME_covariates.csv."),
+        typer.Option(
+            "--covariates",
+            metavar="FILE.csv",
+            help="Columns subject and one per covariate; tests go to NAME_covariates.csv.",
+        ),
     ] = None,
     task: Annotated[Task, Takes("spreadsheet_safe", "overwrite")],
 ) -> None:
@@ -60,7 +67,9 @@ def asymmetry(
     """
     from bayes_toe.data.text_table import is_parquet
 
-    beside = output.with_name(f"{output.stem}_covariates{output.suffix if is_parquet(output) else '.csv'}")
+    beside = output.with_name(
+        f"{output.stem}_covariates{output.suffix if is_parquet(output) else '.csv'}"
+    )
     files = [output] if covariates is None else [output, beside]
     task.require_files(*files)
     people = None if covariates is None else bt.read_covariates(covariates)
@@ -68,7 +77,9 @@ def asymmetry(
     task.out.introduce(read)
     table = bt.asymmetry(read)
     tests = None if people is None else table.covariate_tests(people)
-    made: dict[Path, Callable[[Path], object]] = {output: partial(table.save, **task.saving_of(read))}
+    made: dict[Path, Callable[[Path], object]] = {
+        output: partial(table.save, **task.saving_of(read))
+    }
     task.write(made if tests is None else {**made, beside: partial(tests.save, **task.saving)})
     say_asymmetry(task.out, table)
     if tests is not None:
@@ -80,8 +91,12 @@ def fit(
     *,
     study: StudyFile,
     output: Annotated[Path, writes("fit.csv", "Table to write.")] = Path("fit.csv"),
-    replicates: Annotated[int, rare("--replicates", min=1, max=10**6, help="Bootstrap replicates a subject.")] = 1000,
-    level: Annotated[float, rare("--level", help="Level of the bootstrap intervals, between 0 and 1.")] = 0.95,
+    replicates: Annotated[
+        int, rare("--replicates", min=1, max=10**6, help="Bootstrap replicates a subject.")
+    ] = 1000,
+    level: Annotated[
+        float, rare("--level", help="Level of the bootstrap intervals, between 0 and 1.")
+    ] = 0.95,
     task: Annotated[Task, Takes(*MODEL, "spreadsheet_safe")],
 ) -> None:
     """Maximum-likelihood fit of every subject (as in the paper with --prior paper), with percentile bootstrap intervals.
@@ -94,7 +109,9 @@ def fit(
     task.require_files(output)
     read, prior = task.read(study)
     task.out.introduce(read, said=f"penalty: {prior.describe_penalty()}")
-    table = task.work("fitting", len(read), bt.fit, read, replicates=replicates, level=level, prior=prior)
+    table = task.work(
+        "fitting", len(read), bt.fit, read, replicates=replicates, level=level, prior=prior
+    )
     table.save(output, **task.saving_of(read))
     say_fits(task.out, table)
     task.done("table in", output, seed=table.seed)
@@ -104,7 +121,11 @@ def say_asymmetry(out: Terminal, table: AsymmetryTable) -> None:
     """The largest asymmetry of each subject, and the counts over subjects."""
     rows: list[dict[Any, Any]] = []
     for row in table:
-        shown: dict[Any, Any] = {"subject": row.subject, "comparisons": len(row.comparisons), "accuracy": f"{row.accuracy:.2f}"}
+        shown: dict[Any, Any] = {
+            "subject": row.subject,
+            "comparisons": len(row.comparisons),
+            "accuracy": f"{row.accuracy:.2f}",
+        }
         one = row.maximal
         if one is not None:
             shown["maximal asymmetry"] = f"{one.asymmetry:+.2f} ± {one.asymmetry_se:.2f}"
@@ -112,7 +133,9 @@ def say_asymmetry(out: Terminal, table: AsymmetryTable) -> None:
             shown |= {"p": f"{one.p_value:.2g}", "p (Holm)": f"{one.p_adjusted:.2g}"}
             shown["P(q_cr > q_rc)"] = f"{one.probability_of_direction:.3f}"
         rows.append(shown)
-    rows.sort(key=len, reverse=True)  # subjects without a comparison come last; the first row names the columns
+    rows.sort(
+        key=len, reverse=True
+    )  # subjects without a comparison come last; the first row names the columns
     filled = [{**dict.fromkeys(rows[0], "-"), **row} for row in rows]
     out.table("asymmetry: q(c, r) - q(r, c), largest of each subject", filled)
     out.line(safe(table.population().describe()))
@@ -136,7 +159,12 @@ def say_covariates(out: Terminal, tests: CovariateTable) -> None:
         for row in tests
     ]
     out.table("covariates: Welch's t or Pearson's r, not corrected for their number", rows)
-    for note in dict.fromkeys([*tests.notes, *(f"{row.covariate}, {row.outcome}: {row.note}" for row in tests if row.note)]):
+    for note in dict.fromkeys(
+        [
+            *tests.notes,
+            *(f"{row.covariate}, {row.outcome}: {row.note}" for row in tests if row.note),
+        ]
+    ):
         out.note(note)
 
 
@@ -146,8 +174,12 @@ def say_fits(out: Terminal, table: FitTable) -> None:
     for one in table:
         row: dict[Any, Any] = {"subject": one.subject}
         limits = one.bootstrap.intervals(table.level).tolist()
-        for name, value, (low, high) in zip(one.fitted.names, one.parameters.tolist(), limits, strict=True):
-            row[name] = number(value) + ("" if isnan(value) or isnan(low) else f" ({low:.2f}, {high:.2f})")
+        for name, value, (low, high) in zip(
+            one.fitted.names, one.parameters.tolist(), limits, strict=True
+        ):
+            row[name] = number(value) + (
+                "" if isnan(value) or isnan(low) else f" ({low:.2f}, {high:.2f})"
+            )
         rows.append({**row, "log likelihood": f"{one.log_likelihood:.2f}", "at edge": one.at_edge})
     title = f"maximum likelihood ({100 * table.level:g} % percentile intervals of {table.replicates} bootstrap replicates)"
     out.table(title, rows)

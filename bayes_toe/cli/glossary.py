@@ -70,8 +70,17 @@ _JND = {
 }
 #: Other words for the same.
 _ALSO = {
-    **{"P(constant)": "P(constant error)", "update": "predictive update", "ESS": "effective sample size", "k-hat": "Pareto k-hat"},
-    **{"just noticeable difference": "JND", "point of subjective equality": "PSE", "pse_shift": "PSE"},
+    **{
+        "P(constant)": "P(constant error)",
+        "update": "predictive update",
+        "ESS": "effective sample size",
+        "k-hat": "Pareto k-hat",
+    },
+    **{
+        "just noticeable difference": "JND",
+        "point of subjective equality": "PSE",
+        "pse_shift": "PSE",
+    },
 }
 _MARKUP = re.compile(r"(<[^>]*>)")
 _UNTOUCHED = ("a", "code")
@@ -94,13 +103,20 @@ def glossary(task: Task) -> Glossary:
     >>> glossary(WHICH_STRONGER).terms["H0"]
     "a free frequency of 'second' for every pair: nothing connects the pairs"
     """
-    known = {"yes": task.yes, "models": len(models_of(task).space), "jnd": _JND[task], "share_of": SHARE_OF[task]}
+    known = {
+        "yes": task.yes,
+        "models": len(models_of(task).space),
+        "jnd": _JND[task],
+        "share_of": SHARE_OF[task],
+    }
     terms = {term: words.format_map(known) for term, words in _TERMS.items()}
     reported = (name for block in models_of(task).update.free for name in block.names.reported)
     terms |= {name: f"{symbol(name)}: {meaning(name, task)}" for name in reported}
     words = "|".join(map(re.escape, sorted([*terms, *_ALSO], key=len, reverse=True)))
     found = re.compile(rf"(?<![\w-])({words})(s?)(?![\w(-])", re.IGNORECASE)
-    return Glossary(terms, found, {word.lower(): _ALSO.get(word, word) for word in (*terms, *_ALSO)})
+    return Glossary(
+        terms, found, {word.lower(): _ALSO.get(word, word) for word in (*terms, *_ALSO)}
+    )
 
 
 def anchor(term: str) -> str:

@@ -6,7 +6,16 @@ from collections.abc import Collection, Sequence
 
 from bayes_toe.comparison.evidence_table import EvidenceTable
 from bayes_toe.comparison.study_answer import said_pair
-from bayes_toe.comparison.words import HAS, NAMED, NONE, PROBABLY_HAS, PROBABLY_NAMED, PROBABLY_NONE, SMALL, SURELY
+from bayes_toe.comparison.words import (
+    HAS,
+    NAMED,
+    NONE,
+    PROBABLY_HAS,
+    PROBABLY_NAMED,
+    PROBABLY_NONE,
+    SMALL,
+    SURELY,
+)
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task
 from bayes_toe.inference.predictive_checks import MISFIT, FitSummary
 from bayes_toe.model.ladder import models_of
@@ -15,7 +24,9 @@ from bayes_toe.model.ladder import models_of
 LIMITS = (
     f"An order effect is said up to P(none) = {HAS}, and probably up to {PROBABLY_HAS}; probably none from {PROBABLY_NONE} on, none from "
     f"{NONE}; negligible where it is open and P(size > {SMALL}) is at most {SURELY}; otherwise it is undecided. The kind is named where it "
-    f"has {NAMED:.0%} of the probability of any effect, probably from {PROBABLY_NAMED:.0%} on".replace("%", " %")
+    f"has {NAMED:.0%} of the probability of any effect, probably from {PROBABLY_NAMED:.0%} on".replace(
+        "%", " %"
+    )
 )
 #: What the figure of a subject's answers shows, of either task, before its bands.
 CURVES = {
@@ -30,7 +41,11 @@ FLAGGED = "not described, data in doubt, draws not converged, or no verdict"
 def legend(task: Task) -> str:
     """What the columns of a verdict mean."""
     space = models_of(task).space
-    varied = [part for part in dict(space[0].levels) if len({dict(model.levels)[part] for model in space}) > 1]
+    varied = [
+        part
+        for part in dict(space[0].levels)
+        if len({dict(model.levels)[part] for model in space}) > 1
+    ]
     return (
         f"P: averaged over {len(space)} models ({', '.join(varied)}), equally probable beforehand. Size: in just noticeable differences "
         f"(JND). Fit: of the best of them; not described: predictive p or p of the deviance below {MISFIT:g}. Robust: the same with the "
@@ -38,7 +53,9 @@ def legend(task: Task) -> str:
     )
 
 
-def flagged(table: EvidenceTable, not_converged: Collection[str] = ()) -> dict[str, tuple[str, ...]]:
+def flagged(
+    table: EvidenceTable, not_converged: Collection[str] = ()
+) -> dict[str, tuple[str, ...]]:
     """Subjects that someone must look at, in the order of the table, with the reasons in a word or two.
 
     Examples
@@ -59,7 +76,11 @@ def flagged(table: EvidenceTable, not_converged: Collection[str] = ()) -> dict[s
     return found
 
 
-def told(value: float, limits: Sequence[float] = (HAS, PROBABLY_HAS, PROBABLY_NONE, NONE), digits: int = 2) -> str:
+def told(
+    value: float,
+    limits: Sequence[float] = (HAS, PROBABLY_HAS, PROBABLY_NONE, NONE),
+    digits: int = 2,
+) -> str:
     """A number with so many decimals, or as many as tell on which side of the limits it is.
 
     Examples
@@ -67,7 +88,9 @@ def told(value: float, limits: Sequence[float] = (HAS, PROBABLY_HAS, PROBABLY_NO
     >>> told(0.2531), told(0.2478), told(0.25), told(0.2499997)
     ('0.253', '0.248', '0.25', '0.2499997')
     """
-    while digits < 15 and any(_side(value, one) != _side(round(value, digits), one) for one in limits):
+    while digits < 15 and any(
+        _side(value, one) != _side(round(value, digits), one) for one in limits
+    ):
         digits += 1
     return f"{value:.{digits}f}"
 
@@ -84,7 +107,11 @@ def p_value(value: float) -> str:
     >>> p_value(0.0), p_value(0.0123), p_value(0.00997), p_value(0.5)
     ('< 0.001', '0.012', '0.00997', '0.50')
     """
-    return "< 0.001" if value < 0.001 else told(value, [MISFIT], 2 + (value < 0.095) + (value < 0.0095))
+    return (
+        "< 0.001"
+        if value < 0.001
+        else told(value, [MISFIT], 2 + (value < 0.095) + (value < 0.0095))
+    )
 
 
 def said_p(value: float) -> str:

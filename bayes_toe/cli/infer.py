@@ -11,7 +11,15 @@ import typer
 import bayes_toe as bt
 from bayes_toe.cli.options import ModelName, Store, StudyFile, StudyFileOrExample, rare, writes
 from bayes_toe.cli.task import MODEL, Takes, Task
-from bayes_toe.cli.terminal import MOST_NAMES, OUTPUT, Terminal, allowed_in_order, chosen, number, once
+from bayes_toe.cli.terminal import (
+    MOST_NAMES,
+    OUTPUT,
+    Terminal,
+    allowed_in_order,
+    chosen,
+    number,
+    once,
+)
 
 if TYPE_CHECKING:
     from bayes_toe.analysis import Analysis
@@ -28,9 +36,21 @@ def run(
     *,
     study: StudyFileOrExample,
     output: Annotated[Path, writes("DIR", "Results folder.")] = Path("bayes_toe_results"),
-    pictures: Annotated[str, rare("--pictures", help="Of subjects: all, flagged (who must be looked at) or none.")] = "all",
-    population: Annotated[bool, typer.Option("--population", help="What the subjects have in common, too: the joint posterior.")] = False,
-    explore: Annotated[bool, typer.Option("--explore", help="explorer.html, too: posteriors to drag over, in a browser.")] = False,
+    pictures: Annotated[
+        str, rare("--pictures", help="Of subjects: all, flagged (who must be looked at) or none.")
+    ] = "all",
+    population: Annotated[
+        bool,
+        typer.Option(
+            "--population", help="What the subjects have in common, too: the joint posterior."
+        ),
+    ] = False,
+    explore: Annotated[
+        bool,
+        typer.Option(
+            "--explore", help="explorer.html, too: posteriors to drag over, in a browser."
+        ),
+    ] = False,
     store: Store = "nc",
     task: Annotated[Task, Takes(*MODEL, "draws", "spreadsheet_safe", "resume")],
 ) -> None:
@@ -56,10 +76,26 @@ def run(
         raise bt.InputError(f"--population: found {len(read)} subject, allowed: 2 and more")
     if explore:
         require_few(len(read), "subjects")
-    _require_room(task, output / f"posterior.{store}", keep, read, prior, others=PICTURE_BYTES[pictures] + EXPLORER_BYTES * explore)
+    _require_room(
+        task,
+        output / f"posterior.{store}",
+        keep,
+        read,
+        prior,
+        others=PICTURE_BYTES[pictures] + EXPLORER_BYTES * explore,
+    )
     task.out.smaller_models(read)
-    analysis = task.work("sampling", len(read), bt.run, read, draws=task.draws, prior=prior, keep=keep)
-    say_verdicts(task.out, analysis.verdicts, analysis.settings.seed, read, "evidence.csv", followed=analysis.histories is None)
+    analysis = task.work(
+        "sampling", len(read), bt.run, read, draws=task.draws, prior=prior, keep=keep
+    )
+    say_verdicts(
+        task.out,
+        analysis.verdicts,
+        analysis.settings.seed,
+        read,
+        "evidence.csv",
+        followed=analysis.histories is None,
+    )
     if analysis.histories is not None:
         say_histories(task.out, analysis.histories, "history.csv")
     say_failed(task.out, analysis.draws)
@@ -67,14 +103,30 @@ def run(
         say_contrast(task.out, analysis.contrast)
     group = _group(analysis, task) if population else None
     with task.out.progress("drawing", len(read)) as tick:
-        write_results(analysis, output, store=store, pictures=drawn, workers=task.workers, progress=tick, group=group, **task.saving)
+        write_results(
+            analysis,
+            output,
+            store=store,
+            pictures=drawn,
+            workers=task.workers,
+            progress=tick,
+            group=group,
+            **task.saving,
+        )
     task.finish(keep, analysis.draws.failed)
     written = (name for name in PRODUCTS if (output / name).exists())
     missed = {**analysis.draws.not_converged, **analysis.draws.imprecise}
     if group is not None and not group.found.converged:
         missed["group"] = group.found.chains.reason
     ending = f": {', '.join(written)}"
-    task.done("results in", output, seed=analysis.settings.seed, ending=ending, failed=analysis.draws.failed, missed=missed)
+    task.done(
+        "results in",
+        output,
+        seed=analysis.settings.seed,
+        ending=ending,
+        failed=analysis.draws.failed,
+        missed=missed,
+    )
 
 
 def _group(analysis: Analysis, task: Task) -> Group:
@@ -98,7 +150,9 @@ def _group(analysis: Analysis, task: Task) -> Group:
 def sample(
     *,
     study: StudyFile,
-    output: Annotated[Path, writes("posterior.nc", "NetCDF file to write; NAME.zarr: a Zarr store, a folder.")] = Path("posterior.nc"),
+    output: Annotated[
+        Path, writes("posterior.nc", "NetCDF file to write; NAME.zarr: a Zarr store, a folder.")
+    ] = Path("posterior.nc"),
     model: ModelName = "predictive update",
     task: Annotated[Task, Takes(*MODEL, "draws", "resume")],
 ) -> None:
@@ -115,15 +169,30 @@ def sample(
     _require_room(task, output, keep, read, prior, model)
     task.out.introduce(read, prior, f"prior: {model_named(model, read.task).describe(prior)}")
     task.out.smaller_models(read)
-    draws = task.work("sampling", len(read), draw, read, model=model, draws=task.draws, prior=prior, keep=keep)
+    draws = task.work(
+        "sampling", len(read), draw, read, model=model, draws=task.draws, prior=prior, keep=keep
+    )
     draws.save(output, overwrite=task.overwrite)
     say_draws(task.out, draws)
     task.finish(keep, draws.failed)
-    task.done("draws in", output, seed=draws.seed, failed=draws.failed, missed={**draws.not_converged, **draws.imprecise})
+    task.done(
+        "draws in",
+        output,
+        seed=draws.seed,
+        failed=draws.failed,
+        missed={**draws.not_converged, **draws.imprecise},
+    )
 
 
 def _require_room(
-    task: Task, file: Path, keep: Path, study: bt.Study, prior: bt.Prior, model: str = "predictive update", *, others: int = 0
+    task: Task,
+    file: Path,
+    keep: Path,
+    study: bt.Study,
+    prior: bt.Prior,
+    model: str = "predictive update",
+    *,
+    others: int = 0,
 ) -> None:
     """Refuse before the work draws that will not fit on the disk, with `others`: bytes a subject of what goes beside them.
 
@@ -138,7 +207,9 @@ def _require_room(
     draws = stored_bytes(study, prior, SamplerSettings(task.draws), model)
     if not named_store(file):
         require_fitting(draws)
-    require_room(file, (3 if named_store(file) else 2) * draws + others * (len(study) + 1), used=keep)
+    require_room(
+        file, (3 if named_store(file) else 2) * draws + others * (len(study) + 1), used=keep
+    )
 
 
 def evidence(
@@ -146,7 +217,11 @@ def evidence(
     study: StudyFile,
     output: Annotated[Path, writes("evidence.csv", "Table to write.")] = Path("evidence.csv"),
     more: Annotated[
-        bool, typer.Option("--more-trials", help="Of undecided subjects also: how many more trials of which pairs would decide; 10 s each.")
+        bool,
+        typer.Option(
+            "--more-trials",
+            help="Of undecided subjects also: how many more trials of which pairs would decide; 10 s each.",
+        ),
     ] = False,
     task: Annotated[Task, Takes(*MODEL, "spreadsheet_safe", "resume")],
 ) -> None:
@@ -167,7 +242,9 @@ def evidence(
     undecided = [one.subject for one in table.verdicts if one.effect == "undecided"]
     if more and undecided:
         total, simulate = len(undecided), bt.planning.more_trials
-        found = task.work("simulating more trials", total, simulate, read, undecided, seed=table.seed, prior=prior)
+        found = task.work(
+            "simulating more trials", total, simulate, read, undecided, seed=table.seed, prior=prior
+        )
         task.out.notes((f"{one.subject}: {one.sentence()}" for one in found), "more trials")
     task.done("table in", output, seed=table.seed, failed=table.failed)
 
@@ -188,9 +265,14 @@ def say_draws(out: Terminal, draws: bt.Draws, file: str = OUTPUT) -> None:
             values = draws.values(name, key)
             # The smallest of all effective sizes: errors that are rather too large, and cost next to nothing.
             errors = quantile_errors(values, _SHOWN_QUANTILES, float(stats["min_ess"][i]))
-            low, middle, high = allowed_in_order(np.quantile(values, _SHOWN_QUANTILES).tolist(), errors.tolist(), 2)
+            low, middle, high = allowed_in_order(
+                np.quantile(values, _SHOWN_QUANTILES).tolist(), errors.tolist(), 2
+            )
             row[key] = middle + (f" ({low}, {high})" if key in _WITH_RANGE else "")
-        row |= {"min ESS": f"{float(stats['min_ess'][i]):.0f}", "max R-hat": f"{float(stats['max_r_hat'][i]):.3f}"}
+        row |= {
+            "min ESS": f"{float(stats['min_ess'][i]):.0f}",
+            "max R-hat": f"{float(stats['max_r_hat'][i]):.3f}",
+        }
         rows.append({**row, "converged": "NO" if name in missed else "yes"})
     out.table(f"{draws.model}: medians (5 %, 95 %)", rows, total=len(places), file=file)
     say_failed(out, draws, file)
@@ -198,7 +280,10 @@ def say_draws(out: Terminal, draws: bt.Draws, file: str = OUTPUT) -> None:
 
 def say_failed(out: Terminal, draws: bt.Draws, file: str = OUTPUT) -> None:
     """Whose draws did not converge, or are too few."""
-    for word, of in (("not converged", draws.not_converged), ("not precise enough", draws.imprecise)):
+    for word, of in (
+        ("not converged", draws.not_converged),
+        ("not precise enough", draws.imprecise),
+    ):
         out.notes((f"{name}: {why}" for name, why in of.items()), word, "red", file=file)
 
 
@@ -220,8 +305,18 @@ def say_appendix_c(out: Terminal, table: EvidenceTable) -> None:
         }
         for row in table
     ]
-    out.table("Appendix C: the paper's model (H1) against a free frequency per pair (H0), natural logs", rows)
+    out.table(
+        "Appendix C: the paper's model (H1) against a free frequency per pair (H0), natural logs",
+        rows,
+    )
     out.footnote(f"{APPENDIX_C}.")
-    out.notes(once((row.subject, note) for row in table for note in row.notes if not row.verdict or note not in row.verdict.notes))
+    out.notes(
+        once(
+            (row.subject, note)
+            for row in table
+            for note in row.notes
+            if not row.verdict or note not in row.verdict.notes
+        )
+    )
     for line in once((row.subject, note) for row in table for note in row.footnotes)[:MOST_NAMES]:
         out.footnote(line)

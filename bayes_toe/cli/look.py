@@ -11,7 +11,14 @@ import typer
 
 import bayes_toe as bt
 from bayes_toe.cli.infer import say_draws
-from bayes_toe.cli.options import InTheirPlace, SavedDraws, StudyFileOrExample, TrueValues, rare, writes
+from bayes_toe.cli.options import (
+    InTheirPlace,
+    SavedDraws,
+    StudyFileOrExample,
+    TrueValues,
+    rare,
+    writes,
+)
 from bayes_toe.cli.task import MODEL, WORKERS, Takes, Task
 from bayes_toe.data.messages import bare, counted, listed, quoted, shown
 
@@ -23,13 +30,24 @@ if TYPE_CHECKING:
 def explore(
     *,
     posteriors: Annotated[
-        list[Path], typer.Argument(metavar="posterior.nc...", help="Draws written by run or sample; of several models, several files.")
+        list[Path],
+        typer.Argument(
+            metavar="posterior.nc...",
+            help="Draws written by run or sample; of several models, several files.",
+        ),
     ],
     output: Annotated[Path, writes("FILE", "The page.")] = Path("explorer.html"),
-    subject: Annotated[list[str] | None, typer.Option("--subject", help="Only this subject; repeat for more.")] = None,
+    subject: Annotated[
+        list[str] | None, typer.Option("--subject", help="Only this subject; repeat for more.")
+    ] = None,
     truth: TrueValues = None,
     population: Annotated[
-        Path | None, typer.Option("--population", metavar="population.nc", help="The group's posterior, to stand behind its subjects.")
+        Path | None,
+        typer.Option(
+            "--population",
+            metavar="population.nc",
+            help="The group's posterior, to stand behind its subjects.",
+        ),
     ] = None,
     task: Annotated[Task, Takes("overwrite")],
 ) -> None:
@@ -46,13 +64,21 @@ def explore(
     require_bokeh()
     task.require_files(output)
     loaded = [load_draws(path) for path in posteriors]
-    known = None if truth is None else read_truth(truth, loaded, subject or [name for one in loaded for name in one.names])
+    known = (
+        None
+        if truth is None
+        else read_truth(truth, loaded, subject or [name for one in loaded for name in one.names])
+    )
     group = None if population is None else load_population(population)
     found = entries(loaded, subject, known, group)
     with task.out.progress("packing", len(found)) as tick:
         made = page(found, group, tick)
     made.save(output, overwrite=task.overwrite)
-    task.done("explorer in", output, ending=f": {len(made.html.encode()) / 1e6:.1f} MB, open it in a browser")
+    task.done(
+        "explorer in",
+        output,
+        ending=f": {len(made.html.encode()) / 1e6:.1f} MB, open it in a browser",
+    )
 
 
 def read_truth(path: Path, draws: Sequence[bt.Draws], subjects: Sequence[str]) -> Truth:
@@ -63,32 +89,56 @@ def read_truth(path: Path, draws: Sequence[bt.Draws], subjects: Sequence[str]) -
     """
     from bayes_toe.data.validation import read_numbers
 
-    quantities = list(dict.fromkeys(name for one in draws for name in one.posterior(one.names[0]).names.all))
+    quantities = list(
+        dict.fromkeys(name for one in draws for name in one.posterior(one.names[0]).names.all)
+    )
     names, columns = read_numbers(path, (), "subject", optional=quantities, gaps=True)
     interval = next((one.prior.reference_interval for one in draws if one.intervals), None)
     if interval is not None and "sigma_p" in columns:
         columns["sigma_p"] = columns["sigma_p"] * interval**0.5
     values = {key: column.tolist() for key, column in columns.items()}
-    found = {name: {key: cells[row] for key, cells in values.items() if cells[row] == cells[row]} for row, name in enumerate(names)}
+    found = {
+        name: {key: cells[row] for key, cells in values.items() if cells[row] == cells[row]}
+        for row, name in enumerate(names)
+    }
     if not any(found.get(name) for name in subjects):
-        raise bt.InputError(f"{bare(path.name)}: found no true values of {listed([*map(quoted, subjects)], 3)}, allowed: a row of each")
+        raise bt.InputError(
+            f"{bare(path.name)}: found no true values of {listed([*map(quoted, subjects)], 3)}, allowed: a row of each"
+        )
     return found
 
 
 def corner(
     *,
     posterior: SavedDraws,
-    output: Annotated[Path, writes("DIR", "Folder for the pictures, one a subject.")] = Path("corner"),
+    output: Annotated[Path, writes("DIR", "Folder for the pictures, one a subject.")] = Path(
+        "corner"
+    ),
     subject: Annotated[
-        list[str] | None, typer.Option("--subject", help="Only this subject; repeated, two to four subjects in one picture.")
+        list[str] | None,
+        typer.Option(
+            "--subject", help="Only this subject; repeated, two to four subjects in one picture."
+        ),
     ] = None,
     parameters: Annotated[
-        str | None, typer.Option("--parameters", metavar="gain,mu1", help="Any quantities of the model, natural or identified.")
+        str | None,
+        typer.Option(
+            "--parameters",
+            metavar="gain,mu1",
+            help="Any quantities of the model, natural or identified.",
+        ),
     ] = None,
-    coordinates: Annotated[str | None, rare("--coordinates", help="natural (default) or identified.")] = None,
-    show_prior: Annotated[bool, typer.Option("--show-prior", help="The prior of the draws, in grey on the diagonal.")] = False,
+    coordinates: Annotated[
+        str | None, rare("--coordinates", help="natural (default) or identified.")
+    ] = None,
+    show_prior: Annotated[
+        bool, typer.Option("--show-prior", help="The prior of the draws, in grey on the diagonal.")
+    ] = False,
     truth: TrueValues = None,
-    formats: Annotated[list[str] | None, typer.Option("--format", help="pdf, png or svg; repeat for more. Default: png.")] = None,
+    formats: Annotated[
+        list[str] | None,
+        typer.Option("--format", help="pdf, png or svg; repeat for more. Default: png."),
+    ] = None,
     task: Annotated[Task, Takes(*WORKERS)],
 ) -> None:
     """Corner plots of saved draws, one a subject, or several subjects in one.
@@ -107,41 +157,75 @@ def corner(
     for name in chosen:
         draws.subject(name)  # refuses who is not there
     known = {} if truth is None else read_truth(truth, [draws], chosen)
-    look = {"coordinates": _quantities(coordinates, parameters, draws), "prior": draws.prior if show_prior else None}
+    look = {
+        "coordinates": _quantities(coordinates, parameters, draws),
+        "prior": draws.prior if show_prior else None,
+    }
     stems, together = file_stems(draws.names), subject is not None and len(chosen) > 1
-    pictures = {names: "+".join(stems[name] for name in names) for names in ([chosen] if together else [(name,) for name in chosen])}
+    pictures = {
+        names: "+".join(stems[name] for name in names)
+        for names in ([chosen] if together else [(name,) for name in chosen])
+    }
     files = [f"{stem}.{ending}" for stem in pictures.values() for ending in endings]
     task.require_folder(output, files)
     made = whole_folder(output, files, required=files, overwrite=task.overwrite)
     with made as target, task.out.progress("drawing", len(pictures)) as tick:
-        here = partial(_draw_corner, partial(opened, posterior.absolute(), posterior.stat().st_mtime_ns), endings=endings, look=look)
-        jobs = [partial(here, {name: known.get(name) for name in names}, target.absolute() / stem) for names, stem in pictures.items()]
+        here = partial(
+            _draw_corner,
+            partial(opened, posterior.absolute(), posterior.stat().st_mtime_ns),
+            endings=endings,
+            look=look,
+        )
+        jobs = [
+            partial(here, {name: known.get(name) for name in names}, target.absolute() / stem)
+            for names, stem in pictures.items()
+        ]
         run_in_order(jobs, of_this_machine(task.workers), tick, [(names[0],) for names in pictures])
     task.done(f"{counted(len(pictures), 'corner plot')} in", output)
 
 
-def _quantities(coordinates: str | None, parameters: str | None, draws: bt.Draws) -> str | tuple[str, ...]:
+def _quantities(
+    coordinates: str | None, parameters: str | None, draws: bt.Draws
+) -> str | tuple[str, ...]:
     """Which quantities are drawn, from --coordinates or --parameters."""
     if parameters is None:
         return "natural" if coordinates is None else coordinates
     if coordinates is not None:
-        raise bt.InputError(f"--parameters {parameters}: found --coordinates {coordinates} too, allowed: one of them")
-    names, allowed = tuple(name.strip() for name in parameters.split(",")), draws.posterior(draws.names[0]).names.all
+        raise bt.InputError(
+            f"--parameters {parameters}: found --coordinates {coordinates} too, allowed: one of them"
+        )
+    names, allowed = (
+        tuple(name.strip() for name in parameters.split(",")),
+        draws.posterior(draws.names[0]).names.all,
+    )
     wrong = [name for name in names if name not in allowed or names.count(name) > 1]
     if wrong:
-        raise bt.InputError(f"--parameters {parameters}: found {quoted(wrong[0])}, allowed: each once, of {', '.join(allowed)}")
+        raise bt.InputError(
+            f"--parameters {parameters}: found {quoted(wrong[0])}, allowed: each once, of {', '.join(allowed)}"
+        )
     return names
 
 
-def _draw_corner(draws: Any, truths: Mapping[str, Any], stem: Path, *, endings: Sequence[str], look: Mapping[str, Any]) -> None:
+def _draw_corner(
+    draws: Any,
+    truths: Mapping[str, Any],
+    stem: Path,
+    *,
+    endings: Sequence[str],
+    look: Mapping[str, Any],
+) -> None:
     """One picture of one subject or of several, in every format; `draws` opens them where this is run."""
     from bayes_toe.plots.figure_files import picture, png
 
     names, known = tuple(truths), {name: true for name, true in truths.items() if true is not None}
     one = len(names) == 1
-    figure = bt.plots.corner(draws(), names[0] if one else names, truths=known.get(names[0]) if one else known, **look)
+    figure = bt.plots.corner(
+        draws(), names[0] if one else names, truths=known.get(names[0]) if one else known, **look
+    )
     for ending in endings:
-        stem.with_name(f"{stem.name}.{ending}").write_bytes(png(figure, dpi=110) if ending == "png" else picture(figure, ending))
+        stem.with_name(f"{stem.name}.{ending}").write_bytes(
+            png(figure, dpi=110) if ending == "png" else picture(figure, ending)
+        )
 
 
 def figures(
@@ -150,10 +234,19 @@ def figures(
     output: Annotated[Path, writes("DIR", "Folder for the figures.")] = Path("figures"),
     subject: Annotated[
         list[str] | None,
-        typer.Option("--subject", help="In Figs. 3 and 5, the first also in Fig. 2; repeat for more. Default: three kinds."),
+        typer.Option(
+            "--subject",
+            help="In Figs. 3 and 5, the first also in Fig. 2; repeat for more. Default: three kinds.",
+        ),
     ] = None,
-    formats: Annotated[list[str] | None, typer.Option("--format", help="pdf, png or svg; repeat for more. Default: pdf and png.")] = None,
-    mass: Annotated[float, rare("--mass", help="Share of the draws in each ellipse of the map, between 0 and 1.")] = 0.2,
+    formats: Annotated[
+        list[str] | None,
+        typer.Option("--format", help="pdf, png or svg; repeat for more. Default: pdf and png."),
+    ] = None,
+    mass: Annotated[
+        float,
+        rare("--mass", help="Share of the draws in each ellipse of the map, between 0 and 1."),
+    ] = 0.2,
     truth: TrueValues = None,
     posterior: InTheirPlace = None,
     task: Annotated[Task, Takes(*MODEL, "draws")],
@@ -183,7 +276,9 @@ def figures(
             progress=tick,
         )  # fmt: skip
     missed = {**draws.not_converged, **draws.imprecise}
-    task.done("figures and captions in", output, seed=draws.seed, failed=draws.failed, missed=missed)
+    task.done(
+        "figures and captions in", output, seed=draws.seed, failed=draws.failed, missed=missed
+    )
 
 
 def _analysed(study: StudyFileOrExample, subjects: list[str] | None, task: Task) -> Analysis:
@@ -202,7 +297,13 @@ def _analysed(study: StudyFileOrExample, subjects: list[str] | None, task: Task)
 def predict(
     *,
     posterior: SavedDraws,
-    pairs: Annotated[Path, typer.Argument(metavar="PAIRS.csv", help="Columns s1,s2, and isi (seconds) where the study has intervals.")],
+    pairs: Annotated[
+        Path,
+        typer.Argument(
+            metavar="PAIRS.csv",
+            help="Columns s1,s2, and isi (seconds) where the study has intervals.",
+        ),
+    ],
     output: Annotated[Path, writes("predictions.csv", "Table to write.")] = Path("predictions.csv"),
     subject: Annotated[str | None, typer.Option("--subject", help="Only this subject.")] = None,
     task: Annotated[Task, Takes("spreadsheet_safe", "overwrite")],
@@ -228,12 +329,21 @@ def methods(
     *,
     results: Annotated[
         Path,
-        typer.Argument(metavar="RESULTS", help="Folder that run wrote, or draws; population.nc and compare.csv in it are told of."),
+        typer.Argument(
+            metavar="RESULTS",
+            help="Folder that run wrote, or draws; population.nc and compare.csv in it are told of.",
+        ),
     ],
-    output: Annotated[Path, writes("methods.md|.tex", "Text; NAME.bib and NAME_*.csv, NAME_*.tex beside it.")] = Path("methods.md"),
+    output: Annotated[
+        Path, writes("methods.md|.tex", "Text; NAME.bib and NAME_*.csv, NAME_*.tex beside it.")
+    ] = Path("methods.md"),
     compare: Annotated[
         Path | None,
-        rare("--compare", metavar="compare.csv", help="Table that compare wrote, or its folder; if elsewhere."),
+        rare(
+            "--compare",
+            metavar="compare.csv",
+            help="Table that compare wrote, or its folder; if elsewhere.",
+        ),
     ] = None,
     task: Annotated[Task, Takes("spreadsheet_safe", "overwrite")],
 ) -> None:
@@ -246,16 +356,24 @@ def methods(
     from bayes_toe.data.tables import write_table
 
     if output.suffix not in (".md", ".tex"):
-        raise bt.InputError(f"{shown(output)}: found the ending {quoted(output.suffix)}, allowed: .md, .tex")
+        raise bt.InputError(
+            f"{shown(output)}: found the ending {quoted(output.suffix)}, allowed: .md, .tex"
+        )
     told = read_methods(results, compare)
-    tables = [output.with_name(f"{output.stem}_{name}{suffix}") for name in told.names for suffix in (".csv", ".tex")]
+    tables = [
+        output.with_name(f"{output.stem}_{name}{suffix}")
+        for name in told.names
+        for suffix in (".csv", ".tex")
+    ]
     files = [output, output.with_suffix(".bib"), *tables]
     task.require_files(*files)
     latex = templates("tex").globals["m"]
     made: dict[Path, Callable[[Path], object]] = {output: partial(write_text, told)}
     for table, file in zip(told.tables, tables[::2], strict=True):
         made[file] = partial(write_table, table.frame, spreadsheet_safe=task.spreadsheet_safe)
-        made[file.with_suffix(".tex")] = partial(Path.write_text, data=table.written(latex, output.stem) + "\n", encoding="utf-8")
+        made[file.with_suffix(".tex")] = partial(
+            Path.write_text, data=table.written(latex, output.stem) + "\n", encoding="utf-8"
+        )
     task.write(made, output.with_suffix(".bib"))
     task.out.notes(told.notes)
     task.done("written:", *files)

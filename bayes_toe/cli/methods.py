@@ -22,10 +22,23 @@ from markupsafe import Markup
 
 from bayes_toe.cli.headline import said_p
 from bayes_toe.cli.population import answer
-from bayes_toe.cli.supplement import SupplementTable, fit_table, group_table, order_effect_table, parameter_table, templates
+from bayes_toe.cli.supplement import (
+    SupplementTable,
+    fit_table,
+    group_table,
+    order_effect_table,
+    parameter_table,
+    templates,
+)
 from bayes_toe.comparison import words as rules
 from bayes_toe.comparison.contrast import PROBABLY, SURELY, sentences
-from bayes_toe.comparison.saved_tables import SavedComparison, aligned, read_comparison, read_contrast, read_evidence
+from bayes_toe.comparison.saved_tables import (
+    SavedComparison,
+    aligned,
+    read_comparison,
+    read_contrast,
+    read_evidence,
+)
 from bayes_toe.comparison.study_answer import SavedVerdict, of_new_subject, study_sentence
 from bayes_toe.comparison.words import compared
 from bayes_toe.data.conditions import Stimuli
@@ -70,7 +83,9 @@ class Methods:
     """An analysis as the text tells it."""
 
     draws: Draws
-    evidence: pd.DataFrame | None = None  # the rows of evidence.csv in the order of the draws, where these are of the paper's model
+    evidence: pd.DataFrame | None = (
+        None  # the rows of evidence.csv in the order of the draws, where these are of the paper's model
+    )
     group: Population | None = None
     compared: SavedComparison | None = None
     figures: bool = False  # whether there are corner plots
@@ -81,21 +96,33 @@ class Methods:
     @cached_property
     def tables(self) -> tuple[SupplementTable, ...]:
         """Those of the supplement."""
-        second = fit_table(self.draws) if self.evidence is None else order_effect_table(self.evidence)
+        second = (
+            fit_table(self.draws) if self.evidence is None else order_effect_table(self.evidence)
+        )
         summary = self.draws.summary() if self.summary is None else self.summary
-        return (parameter_table(self.draws, summary), second, *(() if self.group is None else (group_table(self.group),)))
+        return (
+            parameter_table(self.draws, summary),
+            second,
+            *(() if self.group is None else (group_table(self.group),)),
+        )
 
     @property
     def names(self) -> tuple[str, ...]:
         """What the tables are called, known before they are made."""
-        return ("parameters", "fit" if self.evidence is None else "order_effect", *(() if self.group is None else ("population",)))
+        return (
+            "parameters",
+            "fit" if self.evidence is None else "order_effect",
+            *(() if self.group is None else ("population",)),
+        )
 
 
 def of_analysis(analysis: Analysis, group: Population | None, *, figures: bool) -> Methods:
     """What :func:`read_methods` would find in the results folder of an analysis."""
     evidence = aligned(analysis.evidence.frame(), analysis.draws)
     apart = None if analysis.contrast is None else analysis.contrast.frame()
-    return Methods(analysis.draws, evidence, group, figures=figures, summary=analysis.summary(), contrast=apart)
+    return Methods(
+        analysis.draws, evidence, group, figures=figures, summary=analysis.summary(), contrast=apart
+    )
 
 
 def read_methods(results: Path, compared: Path | None = None) -> Methods:
@@ -103,15 +130,27 @@ def read_methods(results: Path, compared: Path | None = None) -> Methods:
     posterior = _posterior(results)
     draws, beside = load_draws(posterior), posterior.parent
     if not isinstance(draws.posterior(draws.names[0]), Posterior):
-        raise InputError(f"{shown(posterior)}: found draws of the model {draws.model!r}, allowed: one with parameters")
+        raise InputError(
+            f"{shown(posterior)}: found draws of the model {draws.model!r}, allowed: one with parameters"
+        )
     notes, evidence = list[str](), beside / "evidence.csv"
     group = _group(beside / "population.nc", draws)
     if group is None and (table := beside / "population.csv").exists():
-        notes.append(f"{shown(table)}: left out, since what it was made with is in population.nc, which bayes-toe population writes")
+        notes.append(
+            f"{shown(table)}: left out, since what it was made with is in population.nc, which bayes-toe population writes"
+        )
     known = evidence.exists() and draws.model == models_of(draws.task).update.name
     if evidence.exists() and not known:
-        notes.append(f"{shown(evidence)} goes with draws of the paper's model, these are of {draws.model!r}: left out")
-    models = beside / "compare.csv" if compared is None else compared / "compare.csv" if os.path.isdir(compared) else compared
+        notes.append(
+            f"{shown(evidence)} goes with draws of the paper's model, these are of {draws.model!r}: left out"
+        )
+    models = (
+        beside / "compare.csv"
+        if compared is None
+        else compared / "compare.csv"
+        if os.path.isdir(compared)
+        else compared
+    )
     return Methods(
         draws,
         read_evidence(evidence, draws) if known else None,
@@ -119,18 +158,28 @@ def read_methods(results: Path, compared: Path | None = None) -> Methods:
         read_comparison(models, draws) if compared is not None or models.exists() else None,
         (beside / "corner").is_dir(),
         tuple(notes),
-        contrast=read_contrast(beside / "contrast.csv", draws) if (beside / "contrast.csv").exists() else None,
+        contrast=read_contrast(beside / "contrast.csv", draws)
+        if (beside / "contrast.csv").exists()
+        else None,
     )
 
 
 def _posterior(results: Path) -> Path:
     """The draws themselves, or those of a folder."""
-    if not os.path.isdir(results) or is_store(results):  # a Path refuses names that are too long with an error of its own
+    if not os.path.isdir(results) or is_store(
+        results
+    ):  # a Path refuses names that are too long with an error of its own
         return results
-    there = [path for path in (results / "posterior.nc", results / "posterior.zarr") if path.exists()]
+    there = [
+        path for path in (results / "posterior.nc", results / "posterior.zarr") if path.exists()
+    ]
     if len(there) != 1:
-        found = "posterior.nc and posterior.zarr" if there else "no posterior.nc and no posterior.zarr"
-        raise InputError(f"{shown(results)}: found {found}, allowed: a folder that bayes-toe run wrote, or a file of draws")
+        found = (
+            "posterior.nc and posterior.zarr" if there else "no posterior.nc and no posterior.zarr"
+        )
+        raise InputError(
+            f"{shown(results)}: found {found}, allowed: a folder that bayes-toe run wrote, or a file of draws"
+        )
     return there[0]
 
 
@@ -139,9 +188,15 @@ def _group(path: Path, draws: Draws) -> Population | None:
         return None
     found = load_population(path)
     known = draws.study.without_conditions()
-    others = [one.name for one in found.study if one.name not in known.names or not same_answers(one, known[one.name])]
+    others = [
+        one.name
+        for one in found.study
+        if one.name not in known.names or not same_answers(one, known[one.name])
+    ]
     if others:
-        raise InputError(f"{shown(path)}: found other answers than the draws have of {listed(others, 3)}, allowed: one study")
+        raise InputError(
+            f"{shown(path)}: found other answers than the draws have of {listed(others, 3)}, allowed: one study"
+        )
     return found
 
 
@@ -154,16 +209,27 @@ def write_text(told: Methods, path: Path) -> None:
     parts = templates(path.suffix[1:]).get_template("methods.txt").render(facts).split("\n\n")
     wrapped = [_filled(part) if part.startswith(("**", r"\paragraph")) else part for part in parts]
     text = "\n\n".join(part.strip("\n") for part in wrapped if part.strip()) + "\n"
-    every = (files("bayes_toe") / "cli" / "references.bib").read_text(encoding="utf-8").split("\n\n")
+    every = (
+        (files("bayes_toe") / "cli" / "references.bib").read_text(encoding="utf-8").split("\n\n")
+    )
     entries = {entry.partition("{")[2].partition(",")[0]: entry.strip() for entry in every}
-    cited = [entry for key, entry in entries.items() if f"[@{key}]" in text or rf"\citep{{{key}}}" in text]
+    cited = [
+        entry
+        for key, entry in entries.items()
+        if f"[@{key}]" in text or rf"\citep{{{key}}}" in text
+    ]
     path.write_text(text, encoding="utf-8")
-    path.with_suffix(".bib").write_text("\n\n".join(cited).replace("VERSION", facts["versions"]["bayes_toe"]) + "\n", encoding="utf-8")
+    path.with_suffix(".bib").write_text(
+        "\n\n".join(cited).replace("VERSION", facts["versions"]["bayes_toe"]) + "\n",
+        encoding="utf-8",
+    )
 
 
 def _filled(paragraph: str) -> str:
     """In lines of 110 letters, which end within no formula: one that begins with a minus would be an item of a list in Markdown."""
-    whole = re.sub(r"\$[^$]*\$", lambda formula: formula[0].replace(" ", "\xa0"), " ".join(paragraph.split()))
+    whole = re.sub(
+        r"\$[^$]*\$", lambda formula: formula[0].replace(" ", "\xa0"), " ".join(paragraph.split())
+    )
     return fill(whole, 110, break_long_words=False, break_on_hyphens=False).replace("\xa0", " ")
 
 
@@ -185,12 +251,18 @@ def _facts(told: Methods) -> dict[str, Any]:
         "space": len(space),
         "subjects": counted(len(trials), "subject"),
         "trials": f"{sum(trials):,}",
-        "each": "" if len(trials) == 1 else f" ({' to '.join(dict.fromkeys(f'{n:,}' for n in (min(trials), max(trials))))} each)",
+        "each": ""
+        if len(trials) == 1
+        else f" ({' to '.join(dict.fromkeys(f'{n:,}' for n in (min(trials), max(trials))))} each)",
         "done": [note for note in study.notes if any(word in note for word in _DONE)],
         "failed": _each(draws.failed),
         "h1": draws.model == models_of(draws.task).update.name,
         "asked": draws.task,
-        "priors": [(words, Markup(tex), draws.prior.said(name)) for name, (words, tex) in _SYMBOLS.items() if name in asked],
+        "priors": [
+            (words, Markup(tex), draws.prior.said(name))
+            for name, (words, tex) in _SYMBOLS.items()
+            if name in asked
+        ],
         "stimuli": _ranges(stimuli) if any(map(draws.prior.of_stimuli, asked)) else "",
         "answer": None if told.evidence is None else _answer(told.evidence, draws),
         "sampler": draws.sampler,
@@ -203,7 +275,9 @@ def _facts(told: Methods) -> dict[str, Any]:
         "ruled": _ruled(told),
         "reference": f"{draws.prior.reference_interval or 1.0:g} s",
         **_of_model(draws),
-        "compared": None if told.compared is None else _compared(told.compared, draws, told.evidence is not None),
+        "compared": None
+        if told.compared is None
+        else _compared(told.compared, draws, told.evidence is not None),
         "group": None if told.group is None else _group_facts(told.group),
         "differing": () if told.contrast is None else sentences(told.contrast),
         "limits": (f"{PROBABLY:g}", f"{SURELY:g}"),
@@ -216,16 +290,27 @@ def _each(reasons: Mapping[Any, object]) -> str:
 
 def _ranges(stimuli: list[Stimuli]) -> str:
     """Location and scales of the stimuli over subjects."""
-    said = {"M": [one.mean for one in stimuli], "R": [one.sd for one in stimuli], "D": [one.step for one in stimuli]}
+    said = {
+        "M": [one.mean for one in stimuli],
+        "R": [one.sd for one in stimuli],
+        "D": [one.step for one in stimuli],
+    }
     ends = {
-        symbol: dict.fromkeys(f"{round(end, 3) + 0.0:g}" for end in (min(found), max(found))) for symbol, found in said.items() if found
+        symbol: dict.fromkeys(f"{round(end, 3) + 0.0:g}" for end in (min(found), max(found)))
+        for symbol, found in said.items()
+        if found
     }
     return ", ".join(f"{symbol} = {' to '.join(both)}" for symbol, both in ends.items())
 
 
 def _ruled(told: Methods) -> str:
     """Parameters that the prior dominates, and in how many subjects."""
-    counts = Counter(key for cell in told.tables[0].frame["prior_dominated"] for key in str(cell).split(", ") if key)
+    counts = Counter(
+        key
+        for cell in told.tables[0].frame["prior_dominated"]
+        for key in str(cell).split(", ")
+        if key
+    )
     return ", ".join(f"{key} in {count}" for key, count in counts.items())
 
 
@@ -233,19 +318,37 @@ def _answer(evidence: pd.DataFrame, draws: Draws) -> dict[str, Any]:
     """The study's sentence and a new subject; whom no model describes; and the paper's model against free frequencies."""
     verdicts = [SavedVerdict.of(row) for row in evidence.to_dict("records")]
     factors = evidence["log_bayes_factor"].dropna()
-    ps = {row["subject"]: min(row["predictive_p"], row["deviance_p"]) for row in evidence.to_dict("records")}
+    ps = {
+        row["subject"]: min(row["predictive_p"], row["deviance_p"])
+        for row in evidence.to_dict("records")
+    }
     units = draws.study.conditions is not None
     found = {
         "sentence": study_sentence(verdicts, synthetic=draws.synthetic, units=units),
-        "new": of_new_subject(verdicts, draws.seed, units=units).removeprefix("of ").partition(", "),
-        "wrong": _each({one.subject: said_p(ps[one.subject]) for one in verdicts if one.fit == "not described"}),
-        "untold": listed([one.subject for one in verdicts if one.fit == "cannot be told"], _MOST_NAMED),
-        "unweighed": listed(evidence["subject"][evidence["log_bayes_factor"].isna()].tolist(), _MOST_NAMED),
+        "new": of_new_subject(verdicts, draws.seed, units=units)
+        .removeprefix("of ")
+        .partition(", "),
+        "wrong": _each(
+            {one.subject: said_p(ps[one.subject]) for one in verdicts if one.fit == "not described"}
+        ),
+        "untold": listed(
+            [one.subject for one in verdicts if one.fit == "cannot be told"], _MOST_NAMED
+        ),
+        "unweighed": listed(
+            evidence["subject"][evidence["log_bayes_factor"].isna()].tolist(), _MOST_NAMED
+        ),
         "factors": len(factors),
     }
     return found | {
         "favoured": int((factors > 0.0).sum()),
-        **{name: f"{value:.1f}" for name, value in (("median", factors.median()), ("lowest", factors.min()), ("highest", factors.max()))},
+        **{
+            name: f"{value:.1f}"
+            for name, value in (
+                ("median", factors.median()),
+                ("lowest", factors.min()),
+                ("highest", factors.max()),
+            )
+        },
         "error": f"{evidence['log_evidence_h1_se'].max():.2g} nat",
         "pareto_k": f"{evidence['pareto_k'].max():.2f}",
     }
@@ -254,12 +357,17 @@ def _answer(evidence: pd.DataFrame, draws: Draws) -> dict[str, Any]:
 def _of_model(draws: Draws) -> dict[str, Any]:
     """Of how many subjects the model of the draws describes the answers, by the rule that all models are judged by."""
     fits = fit_table(draws).frame
-    wrong = fits[fits["fits"] == "no"].set_index("subject")[["predictive_p", "p_deviance"]].min(axis=1)
+    wrong = (
+        fits[fits["fits"] == "no"].set_index("subject")[["predictive_p", "p_deviance"]].min(axis=1)
+    )
     return {
         "judged": int((fits["fits"] != "").sum()),
         "fitting": int((fits["fits"] == "yes").sum()),
         "wrong": _each(wrong.map(said_p).to_dict()),
-        "untold": listed(fits["subject"][(fits["fits"] == "") & fits["predictive_p"].notna()].tolist(), _MOST_NAMED),
+        "untold": listed(
+            fits["subject"][(fits["fits"] == "") & fits["predictive_p"].notna()].tolist(),
+            _MOST_NAMED,
+        ),
     }
 
 
@@ -273,23 +381,35 @@ def _compared(found: SavedComparison, draws: Draws, answered: bool) -> dict[str,
         else f"{len(composed)} models"
     )
     shown = {
-        part: [*levels.items()][0 if len(levels) > 2 else 1 :] for part, levels in found.parts.items() if not (answered and part == "order")
+        part: [*levels.items()][0 if len(levels) > 2 else 1 :]
+        for part, levels in found.parts.items()
+        if not (answered and part == "order")
     }
     return {
         "models": said + free,
         "priors": _other_priors(
-            found.models, draws.prior, models_of(draws.task).space if answered else (model_named(draws.model, draws.task),)
+            found.models,
+            draws.prior,
+            models_of(draws.task).space if answered else (model_named(draws.model, draws.task),),
         ),
         "best": ", ".join(f"{name} for {count}" for name, count in found.best.items()),
         "withheld": listed(found.withheld, _MOST_NAMED),
-        "parts": [f"{part}, {', '.join(f'P({level}) {compared(p)}' for level, p in levels)}" for part, levels in shown.items()],
+        "parts": [
+            f"{part}, {', '.join(f'P({level}) {compared(p)}' for level, p in levels)}"
+            for part, levels in shown.items()
+        ],
     }
 
 
 def _other_priors(records: Iterable[object], prior: Prior, stated: Iterable[object]) -> str:
     """Priors of what some models have and those before have not: they decide on evidence as much as the others."""
     own, all_of_them = (
-        dict.fromkeys(block.describe(prior) for record in some if isinstance(record, Model) for block in record.free)
+        dict.fromkeys(
+            block.describe(prior)
+            for record in some
+            if isinstance(record, Model)
+            for block in record.free
+        )
         for some in (stated, records)
     )
     return ", ".join(said for said in all_of_them if said not in own)
@@ -300,7 +420,9 @@ def _group_facts(found: Population) -> dict[str, Any]:
     return {
         "settings": found.settings,
         "subjects": counted(len(found.study), "subject"),
-        "hyperprior": found.settings.hyperprior.describe(found.names, correlations=found.settings.correlations),
+        "hyperprior": found.settings.hyperprior.describe(
+            found.names, correlations=found.settings.correlations
+        ),
         "covariates": [column.about for column in found.regressors.columns],
         "ess": f"{min(min(row.ess_bulk, row.ess_tail) for row in rows):,.0f}",
         "r_hat": f"{max(row.r_hat for row in rows):.4f}",

@@ -35,25 +35,62 @@ def prior_help() -> str:
 rare: Any = partial(typer.Option, rich_help_panel="Advanced")
 
 
-Seed = Annotated[int | None, typer.Option("--seed", min=0, help="Root seed; without it fresh entropy, printed and stored.")]
-DrawCount = Annotated[int, rare("--draws", min=1, max=10**6, help="Effective draws to reach for every parameter.")]
+Seed = Annotated[
+    int | None,
+    typer.Option("--seed", min=0, help="Root seed; without it fresh entropy, printed and stored."),
+]
+DrawCount = Annotated[
+    int, rare("--draws", min=1, max=10**6, help="Effective draws to reach for every parameter.")
+]
 Processes = Annotated[
-    int | None, typer.Option("--workers", min=1, help="Processes; default one per processor. The numbers do not depend on it.")
+    int | None,
+    typer.Option(
+        "--workers",
+        min=1,
+        help="Processes; default one per processor. The numbers do not depend on it.",
+    ),
 ]
-Engine = Annotated[Literal["local", "dask"], rare("--engine", help="Processes of this machine, or the workers of a Dask cluster.")]
-Scheduler = Annotated[str | None, rare("--scheduler", metavar="tcp://HOST:PORT", help="That of the Dask cluster.")]
-PriorFile = Annotated[str | None, typer.Option("--prior", metavar="default|paper|prior.toml", help=prior_help())]
+Engine = Annotated[
+    Literal["local", "dask"],
+    rare("--engine", help="Processes of this machine, or the workers of a Dask cluster."),
+]
+Scheduler = Annotated[
+    str | None, rare("--scheduler", metavar="tcp://HOST:PORT", help="That of the Dask cluster.")
+]
+PriorFile = Annotated[
+    str | None, typer.Option("--prior", metavar="default|paper|prior.toml", help=prior_help())
+]
 SpreadsheetSafe = Annotated[
-    bool, rare("--spreadsheet-safe", help="An apostrophe before texts in tables that a spreadsheet would run (=, +, -, @).")
+    bool,
+    rare(
+        "--spreadsheet-safe",
+        help="An apostrophe before texts in tables that a spreadsheet would run (=, +, -, @).",
+    ),
 ]
-Resume = Annotated[bool, typer.Option("--resume", help="Go on with the subjects that a stopped command has kept in OUTPUT.partial.")]
+Resume = Annotated[
+    bool,
+    typer.Option(
+        "--resume",
+        help="Go on with the subjects that a stopped command has kept in OUTPUT.partial.",
+    ),
+]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace outputs that exist.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print problems only.")]
 
-Store = Annotated[Literal["nc", "zarr"], rare("--store", metavar="nc|zarr", help="Draws as a NetCDF file, or a Zarr store: a folder.")]
-SavedDraws = Annotated[Path, typer.Argument(metavar="posterior.nc|.zarr", help="Draws written by run or sample.")]
+Store = Annotated[
+    Literal["nc", "zarr"],
+    rare("--store", metavar="nc|zarr", help="Draws as a NetCDF file, or a Zarr store: a folder."),
+]
+SavedDraws = Annotated[
+    Path, typer.Argument(metavar="posterior.nc|.zarr", help="Draws written by run or sample.")
+]
 TrueValues = Annotated[
-    Path | None, rare("--truth", metavar="truth.csv", help="Known values to mark, as simulate writes them: columns subject, mu1, gain, ...")
+    Path | None,
+    rare(
+        "--truth",
+        metavar="truth.csv",
+        help="Known values to mark, as simulate writes them: columns subject, mu1, gain, ...",
+    ),
 ]
 InTheirPlace = Annotated[
     Path | None,
@@ -63,8 +100,16 @@ InTheirPlace = Annotated[
         help="Draws that run or sample wrote: their study, prior and seed; subjects are not sampled again. STUDY.csv may be left out.",
     ),
 ]
-Question = Annotated[str, typer.Option("--task", metavar="same/different|2afc", help="What is asked; 2afc: which is stronger.")]
-ModelName = Annotated[str, typer.Option("--model", help="A model by name or composition: 'update + sloped + both ways'.")]
+Question = Annotated[
+    str,
+    typer.Option(
+        "--task", metavar="same/different|2afc", help="What is asked; 2afc: which is stronger."
+    ),
+]
+ModelName = Annotated[
+    str,
+    typer.Option("--model", help="A model by name or composition: 'update + sloped + both ways'."),
+]
 
 
 def writes(metavar: str, help_text: str) -> Any:
@@ -73,7 +118,9 @@ def writes(metavar: str, help_text: str) -> Any:
 
 
 def _how_to_read(name: str, help_text: str, metavar: str | None = None) -> Any:
-    return typer.Option(name, metavar=metavar, help=help_text, rich_help_panel="Files in another layout")
+    return typer.Option(
+        name, metavar=metavar, help=help_text, rich_help_panel="Files in another layout"
+    )
 
 
 _WHOSE = "SUBJECT[:BLOCK,...]"
@@ -85,43 +132,103 @@ class StudyFileOrExample:
 
     files: Annotated[
         list[Path] | None,
-        typer.Argument(metavar="[STUDY.csv]...", help="Trials or counts, CSV, .parquet or .mat, one file or several; none: the example."),
+        typer.Argument(
+            metavar="[STUDY.csv]...",
+            help="Trials or counts, CSV, .parquet or .mat, one file or several; none: the example.",
+        ),
     ] = None
-    intensity: Annotated[float | None, _how_to_read("--intensity", "Columns i1,i2 hold raw amplitudes; s = ln(i / REF).", "REF")] = None
-    equal_code: Annotated[str | None, _how_to_read("--equal-code", "The response that means 'equal'.")] = None
-    different_code: Annotated[str | None, _how_to_read("--different-code", "The response that means 'different'.")] = None
-    second_code: Annotated[str | None, _how_to_read("--second-code", "The response that means 'second'.")] = None
-    first_code: Annotated[str | None, _how_to_read("--first-code", "The response that means 'first'.")] = None
+    intensity: Annotated[
+        float | None,
+        _how_to_read("--intensity", "Columns i1,i2 hold raw amplitudes; s = ln(i / REF).", "REF"),
+    ] = None
+    equal_code: Annotated[
+        str | None, _how_to_read("--equal-code", "The response that means 'equal'.")
+    ] = None
+    different_code: Annotated[
+        str | None, _how_to_read("--different-code", "The response that means 'different'.")
+    ] = None
+    second_code: Annotated[
+        str | None, _how_to_read("--second-code", "The response that means 'second'.")
+    ] = None
+    first_code: Annotated[
+        str | None, _how_to_read("--first-code", "The response that means 'first'.")
+    ] = None
     correct: Annotated[
-        str | None, _how_to_read("--correct", "A column that says right or wrong: second or first by the sign of s2 - s1.", "COLUMN")
+        str | None,
+        _how_to_read(
+            "--correct",
+            "A column that says right or wrong: second or first by the sign of s2 - s1.",
+            "COLUMN",
+        ),
     ] = None
     ignore: Annotated[
         list[str] | None,
-        _how_to_read("--ignore", "A column that is not read: isi pools pairs over it; repeatable.", "isi|block|trial|condition"),
+        _how_to_read(
+            "--ignore",
+            "A column that is not read: isi pools pairs over it; repeatable.",
+            "isi|block|trial|condition",
+        ),
     ] = None
     question: Annotated[
         str | None,
-        typer.Option("--task", metavar="same/different|2afc", help="The example's task without a file; else what the file must be."),
+        typer.Option(
+            "--task",
+            metavar="same/different|2afc",
+            help="The example's task without a file; else what the file must be.",
+        ),
     ] = None
-    where: Annotated[list[str] | None, _how_to_read("--where", "Only rows with TEXT in this column; repeatable.", "COLUMN=TEXT")] = None
+    where: Annotated[
+        list[str] | None,
+        _how_to_read("--where", "Only rows with TEXT in this column; repeatable.", "COLUMN=TEXT"),
+    ] = None
     subject_from: Annotated[
-        str | None, _how_to_read("--subject-from", "The subject stands in the file's name, at {}, e.g. 'sub-{}_*.tsv'.", "NAME")
+        str | None,
+        _how_to_read(
+            "--subject-from",
+            "The subject stands in the file's name, at {}, e.g. 'sub-{}_*.tsv'.",
+            "NAME",
+        ),
     ] = None
     columns: Annotated[
-        str | None, _how_to_read("--columns", "Other column names, e.g. subject=participant,s1=first.", "OURS=THEIRS,...")
+        str | None,
+        _how_to_read(
+            "--columns", "Other column names, e.g. subject=participant,s1=first.", "OURS=THEIRS,..."
+        ),
     ] = None
     condition: Annotated[
         str | None,
-        typer.Option("--condition", metavar="COLUMN", help="A condition that differs within subjects; default: a column condition."),
+        typer.Option(
+            "--condition",
+            metavar="COLUMN",
+            help="A condition that differs within subjects; default: a column condition.",
+        ),
     ] = None
-    reference: Annotated[str | None, typer.Option("--reference", metavar="LEVEL", help="The level with which others are compared.")] = None
-    named_levels: Annotated[bool, rare("--categorical-condition", help="Numbers of the condition are names of levels: no slope.")] = False
+    reference: Annotated[
+        str | None,
+        typer.Option(
+            "--reference", metavar="LEVEL", help="The level with which others are compared."
+        ),
+    ] = None
+    named_levels: Annotated[
+        bool,
+        rare(
+            "--categorical-condition",
+            help="Numbers of the condition are names of levels: no slope.",
+        ),
+    ] = False
     turn: Annotated[
         list[str] | None,
-        typer.Option("--turn", metavar=_WHOSE, help="Swap the two answers in these blocks, or in all; repeatable."),
+        typer.Option(
+            "--turn",
+            metavar=_WHOSE,
+            help="Swap the two answers in these blocks, or in all; repeatable.",
+        ),
     ] = None
     leave_out: Annotated[
-        list[str] | None, typer.Option("--leave-out", metavar=_WHOSE, help="Without a subject, or these blocks; repeatable.")
+        list[str] | None,
+        typer.Option(
+            "--leave-out", metavar=_WHOSE, help="Without a subject, or these blocks; repeatable."
+        ),
     ] = None
 
     def truth(self) -> Truth:
@@ -138,15 +245,29 @@ class StudyFileOrExample:
 
         asked = None if self.question is None else task_of(self.question)
         if not self.files:
-            return changed(example_study(asked or "same/different"), self.turn or (), self.leave_out or ())
-        given: dict[str, Any] = {one.name: getattr(self, one.name, None) for one in fields(ReadOptions)}
-        given |= {"columns": {} if self.columns is None else parse_columns(self.columns), "where": parse_where(self.where or ())}
-        options = ReadOptions(**given | {"ignore": self.ignore or (), "categorical": self.named_levels})
+            return changed(
+                example_study(asked or "same/different"), self.turn or (), self.leave_out or ()
+            )
+        given: dict[str, Any] = {
+            one.name: getattr(self, one.name, None) for one in fields(ReadOptions)
+        }
+        given |= {
+            "columns": {} if self.columns is None else parse_columns(self.columns),
+            "where": parse_where(self.where or ()),
+        }
+        options = ReadOptions(
+            **given | {"ignore": self.ignore or (), "categorical": self.named_levels}
+        )
         # Some shells leave a name with * to us.
-        found = [[one] if os.path.exists(one) else sorted(map(Path, glob(str(one)))) or [one] for one in self.files]
+        found = [
+            [one] if os.path.exists(one) else sorted(map(Path, glob(str(one)))) or [one]
+            for one in self.files
+        ]
         study = read_study([path for paths in found for path in paths], options)
         if asked not in (None, study.task):
-            raise InputError(f"--task: found {self.question!r}, allowed: {study.task.name!r}, which the answers in {study.source} are of")
+            raise InputError(
+                f"--task: found {self.question!r}, allowed: {study.task.name!r}, which the answers in {study.source} are of"
+            )
         return changed(study, self.turn or (), self.leave_out or ())
 
 
@@ -156,13 +277,18 @@ class StudyFileOrSaved(StudyFileOrExample):
 
     files: Annotated[
         list[Path] | None,
-        typer.Argument(metavar="[STUDY.csv]...", help="Trials or counts, CSV, .parquet or .mat; not needed with --posterior."),
+        typer.Argument(
+            metavar="[STUDY.csv]...",
+            help="Trials or counts, CSV, .parquet or .mat; not needed with --posterior.",
+        ),
     ] = None
 
     def read(self) -> Study:
         """The study of the files, which there must be where it is asked for."""
         if not self.files:
-            raise InputError("STUDY.csv: missing, allowed: a file, or --posterior RESULTS/posterior.nc")
+            raise InputError(
+                "STUDY.csv: missing, allowed: a file, or --posterior RESULTS/posterior.nc"
+            )
         return super().read()
 
 

@@ -41,30 +41,55 @@ class GroupOptions:
     """What may move the subjects of a population, and of which form it is."""
 
     covariates: Annotated[
-        Path | None, typer.Option("--covariates", metavar="FILE.csv", help="Columns subject and one per covariate: what may move subjects.")
+        Path | None,
+        typer.Option(
+            "--covariates",
+            metavar="FILE.csv",
+            help="Columns subject and one per covariate: what may move subjects.",
+        ),
     ] = None
     categorical: Annotated[
-        list[str] | None, rare("--categorical", metavar="NAME", help="A covariate whose numbers name levels; repeat for more.")
+        list[str] | None,
+        rare(
+            "--categorical",
+            metavar="NAME",
+            help="A covariate whose numbers name levels; repeat for more.",
+        ),
     ] = None
-    model: Annotated[str, rare("--model", help="A name or a composition; the paper's model is 'predictive update'.")] = "free weighting"
+    model: Annotated[
+        str,
+        rare("--model", help="A name or a composition; the paper's model is 'predictive update'."),
+    ] = "free weighting"
     scatter: Annotated[
-        str, rare("--population", metavar="normal|t", help="How subjects scatter; t (4 d.f.) lets single ones be far away.")
+        str,
+        rare(
+            "--population",
+            metavar="normal|t",
+            help="How subjects scatter; t (4 d.f.) lets single ones be far away.",
+        ),
     ] = "normal"
     correlations: Annotated[
         bool | None,
         rare(
-            "--correlations/--no-correlations", help="May parameters be correlated between subjects? By default of 30 with 500 trials each."
+            "--correlations/--no-correlations",
+            help="May parameters be correlated between subjects? By default of 30 with 500 trials each.",
         ),
     ] = None
-    hyperprior: Annotated[Path | None, rare("--hyperprior", metavar="FILE.toml", help=_HYPERPRIOR)] = None
+    hyperprior: Annotated[
+        Path | None, rare("--hyperprior", metavar="FILE.toml", help=_HYPERPRIOR)
+    ] = None
 
 
 def population(
     *,
     study: StudyFileOrSaved,
-    output: Annotated[Path, writes("population.nc", "NetCDF file to write; NAME.csv, NAME_subjects.csv, NAME.png beside it.")] = Path(
-        "population.nc"
-    ),
+    output: Annotated[
+        Path,
+        writes(
+            "population.nc",
+            "NetCDF file to write; NAME.csv, NAME_subjects.csv, NAME.png beside it.",
+        ),
+    ] = Path("population.nc"),
     asked: GroupOptions,
     posterior: InTheirPlace = None,
     task: Annotated[Task, Takes(*MODEL, "spreadsheet_safe", "resume", draws=2000)],
@@ -77,20 +102,35 @@ def population(
     from bayes_toe.groups.predictive_check import predictive_check
 
     if output.suffix != ".nc":
-        raise bt.InputError(f"{output}: found the ending {output.suffix!r}, allowed: .nc, for draws; tables and figure go beside it")
-    table, figure, subjects = output.with_suffix(".csv"), output.with_suffix(".png"), output.with_name(f"{output.stem}_subjects.csv")
+        raise bt.InputError(
+            f"{output}: found the ending {output.suffix!r}, allowed: .nc, for draws; tables and figure go beside it"
+        )
+    table, figure, subjects = (
+        output.with_suffix(".csv"),
+        output.with_suffix(".png"),
+        output.with_name(f"{output.stem}_subjects.csv"),
+    )
     task.require_files(output, table, subjects, figure)
     if asked.categorical and asked.covariates is None:
-        raise bt.InputError(f"--categorical {asked.categorical[0]}: allowed with --covariates FILE.csv")
+        raise bt.InputError(
+            f"--categorical {asked.categorical[0]}: allowed with --covariates FILE.csv"
+        )
     if task.resume and posterior is not None:
-        raise bt.InputError("--resume: allowed without --posterior, where subjects are sampled alone")
+        raise bt.InputError(
+            "--resume: allowed without --posterior, where subjects are sampled alone"
+        )
     keep = task.partial(output) if posterior is None else None
     stored = None if posterior is None else task.saved(posterior, study, None)
     read, prior = task.read(study) if stored is None else (stored.study, stored.prior)
     task.out.introduce(read)
     task.out.smaller_models(read)
     what = "subjects alone, then the group" if stored is None else "the group"
-    given = vars(asked) | {"categorical": tuple(asked.categorical or ()), "draws": task.draws, "prior": prior, "posterior": stored}
+    given = vars(asked) | {
+        "categorical": tuple(asked.categorical or ()),
+        "draws": task.draws,
+        "prior": prior,
+        "posterior": stored,
+    }
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", bt.ConvergenceWarning)  # said below
         found = task.work(what, len(read), bt.population, read, **given, keep=keep)
@@ -102,7 +142,11 @@ def population(
         figure: partial(bt.plots.save_figure, bt.plots.population_figure(found, check)),
     }
     task.write(made)
-    failed = {name: reason for name, reason in found.left_out.items() if name not in found.regressors.left_out}
+    failed = {
+        name: reason
+        for name, reason in found.left_out.items()
+        if name not in found.regressors.left_out
+    }
     if keep is not None:
         task.finish(keep, failed)
     say_population(task.out, found, check.warnings)
@@ -120,7 +164,9 @@ def say_population(out: Terminal, found: Population, contradicted: Sequence[str]
         scale = STATED if "evidence" in rows[0] else SAID if "word" in rows[0] else ""
         if scale:
             out.footnote(f"{BAYES_FACTOR}. {scale}.")
-    for line in found.settings.hyperprior.describe(found.names, correlations=found.settings.correlations):
+    for line in found.settings.hyperprior.describe(
+        found.names, correlations=found.settings.correlations
+    ):
         out.footnote(f"hyperprior: {line}")
     out.notes(found.regressors.notes)
     say_attention(out, found, contradicted)
@@ -136,7 +182,11 @@ def answer(found: Population) -> list[str]:
     from bayes_toe.comparison.population_answer import on_average
 
     pairs, average, names = found.asymmetries, on_average(found), list(found.not_described)
-    described = f"the model does not describe {len(names)} of them ({listed(names, 5)})" if names else "the model describes all of them"
+    described = (
+        f"the model does not describe {len(names)} of them ({listed(names, 5)})"
+        if names
+        else "the model describes all of them"
+    )
     if average is None:
         means = {row.parameter: _interval(row, "q50") for row in found.table.some("mean")}
         said = ", ".join(f"{name} {means[name]}" for name in _PULLING if name in means)
@@ -146,19 +196,31 @@ def answer(found: Population) -> list[str]:
         ]
     else:
         who = counted(len(found.study), "subject")
-        lines = [f"order effect of the population{_reference(found)}: {_on_average(found, average)}; {who}, {described}"]
+        lines = [
+            f"order effect of the population{_reference(found)}: {_on_average(found, average)}; {who}, {described}"
+        ]
         lines += [f"direction: {_direction(found)}"] if average.has else []
     lines += _by_condition(found)
-    contrasts = () if pairs is None else compress(found.table.some("asymmetry", pairs.comparisons[0]), pairs.differences)
-    return lines + [f"{row.level}: asymmetry {_interval(row)}, P(sign) {_sign(row)}" for row in contrasts]
+    contrasts = (
+        ()
+        if pairs is None
+        else compress(found.table.some("asymmetry", pairs.comparisons[0]), pairs.differences)
+    )
+    return lines + [
+        f"{row.level}: asymmetry {_interval(row)}, P(sign) {_sign(row)}" for row in contrasts
+    ]
 
 
 def _on_average(found: Population, said: OnAverage) -> str:
     """Whether there is an order effect on average; then both means and both sds."""
-    parts = [f"P of none {compared(said.p_none)}"] + [f"Bayes factor of none {said.both.of_none}"] * (len(said.means) > 1)
+    parts = [f"P of none {compared(said.p_none)}"] + [
+        f"Bayes factor of none {said.both.of_none}"
+    ] * (len(said.means) > 1)
     for row in said.means:
         (sd,) = found.table.some("sd", row.parameter)
-        parts.append(f"{row.parameter} {_interval(row)}, Bayes factor of none {row.of_none}, sd between subjects {_shown(sd.mean, sd)}")
+        parts.append(
+            f"{row.parameter} {_interval(row)}, Bayes factor of none {row.of_none}, sd between subjects {_shown(sd.mean, sd)}"
+        )
     return f"{said.words} ({'; '.join(parts)})"
 
 
@@ -168,16 +230,28 @@ def _direction(found: Population) -> str:
     if every is None:
         return "no pair of different stimuli was presented in both orders; see pull and gain"
     overall, *pairs = every.comparisons
-    row, (further,) = found.table.some("asymmetry", overall)[0], found.table.some("new_subject", overall)
+    row, (further,) = (
+        found.table.some("asymmetry", overall)[0],
+        found.table.some("new_subject", overall),
+    )
     who = "wrong answers are" if every.answer == "wrong" else f"{every.answer!r} is"
-    p, likelier = row.p_direction or 0.0, f"{who} likelier with the {'stronger' if row.mean > 0.0 else 'weaker'} stimulus first"
-    decided = f"undecided ({likelier}: P {compared(p)})" if p < _DECIDED else f"{likelier} (P {compared(p)})"
+    p, likelier = (
+        row.p_direction or 0.0,
+        f"{who} likelier with the {'stronger' if row.mean > 0.0 else 'weaker'} stimulus first",
+    )
+    decided = (
+        f"undecided ({likelier}: P {compared(p)})"
+        if p < _DECIDED
+        else f"{likelier} (P {compared(p)})"
+    )
     size = f"asymmetry, {overall}, {_interval(row)} on average over {counted(len(pairs), 'comparison')} and all subjects"
     return f"{decided}; {size}; of a further subject {_ends(further)}"
 
 
 #: Quantities as readers know them, by the group parameters that Bayes factors are of.
-_KNOWN_AS = {GROUP_PARAMETERS[name].label: known for name, known in (("gain", "pull"), ("gamma", "pull"))}
+_KNOWN_AS = {
+    GROUP_PARAMETERS[name].label: known for name, known in (("gain", "pull"), ("gamma", "pull"))
+}
 _KNOWN_AS |= {GROUP_PARAMETERS[name].label: name for name in ("pull", "width")}
 
 
@@ -192,7 +266,9 @@ def _by_condition(found: Population) -> list[str]:
             name = _KNOWN_AS.get(label, label)
             if row.p_direction is not None and row.log_bf_differs is not None:
                 word = word_of(row.log_bf_differs)
-                said.append(f"{name} {_interval(own.get(name, row))}, {word} (Bayes factor of no difference {row.of_none})")
+                said.append(
+                    f"{name} {_interval(own.get(name, row))}, {word} (Bayes factor of no difference {row.of_none})"
+                )
         lines.append(f"on average, {level}: {'; '.join(said)}")
     return lines
 
@@ -201,9 +277,15 @@ def tables(found: Population) -> list[tuple[str, list[dict[Any, Any]]]]:
     """Differences between conditions, effects of covariates, parameters, correlations, quantities: each with a title, none empty."""
     some, about = found.table.some, "; ".join(column.about for column in found.regressors.columns)
     means, sds = {row.parameter: row for row in some("mean")}, some("sd")
-    what = "sd between subjects" if found.settings.scatter == "normal" else "scale between subjects (t)"
+    what = (
+        "sd between subjects"
+        if found.settings.scatter == "normal"
+        else "scale between subjects (t)"
+    )
     every: dict[str, list[dict[Any, Any]]] = {
-        "differences between conditions on average": [_effect(row, "comparison") for row in some("condition_effect")],
+        "differences between conditions on average": [
+            _effect(row, "comparison") for row in some("condition_effect")
+        ],
         f"effects of covariates ({about})": [_effect(row, "covariate") for row in some("effect")],
         f"{found.settings.model}, {len(found.study)} subjects": [
             {
@@ -221,7 +303,11 @@ def tables(found: Population) -> list[tuple[str, list[dict[Any, Any]]]]:
         ],
     }
     naturals = [
-        {"quantity": row.parameter, "subject at the mean": _interval(means[row.parameter], "q50"), "further subject": _interval(row, "q50")}
+        {
+            "quantity": row.parameter,
+            "subject at the mean": _interval(means[row.parameter], "q50"),
+            "further subject": _interval(row, "q50"),
+        }
         for row in some("new_subject")
         if row.parameter in means
     ]
@@ -233,7 +319,12 @@ def _effect(row: PopulationRow, of: str) -> dict[Any, Any]:
     """One effect of a covariate, or of a condition, as a table shows it, each in the words of what else is said of such effects."""
     from bayes_toe.comparison.contrast import word_of
 
-    said = {of: row.level, "on": row.parameter, "effect": _interval(row), "P(sign)": "-" if row.p_direction is None else _sign(row)}
+    said = {
+        of: row.level,
+        "on": row.parameter,
+        "effect": _interval(row),
+        "P(sign)": "-" if row.p_direction is None else _sign(row),
+    }
     said["BF no difference"], nats = row.of_none, row.log_bf_differs
     if row.quantity == "condition_effect":
         return said | {"word": word_of(nats) or "-"}

@@ -53,7 +53,9 @@ _SAMPLER = {
     "max_thin": "thinning at which sampling gives up",
     "max_quantile_error": "largest error of 5 and 95 % quantiles, of the range between them",
 }
-_MINUS = re.compile(r"(?<![\w.])-(?=\d)")  # of a number; not the hyphen of a word, a range or an exponent
+_MINUS = re.compile(
+    r"(?<![\w.])-(?=\d)"
+)  # of a number; not the hyphen of a word, a range or an exponent
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,33 +86,59 @@ def write_report(analysis: Analysis, facts: Facts, folder: Path) -> None:
     Every text from outside is escaped by the template engine, its control characters too. Pages are written piece by piece: with its
     pictures a report may be larger than memory.
     """
-    names, paged, there = analysis.study.names, len(analysis.study) > MOST_IN_ONE, {path.name for path in folder.iterdir()}
+    names, paged, there = (
+        analysis.study.names,
+        len(analysis.study) > MOST_IN_ONE,
+        {path.name for path in folder.iterdir()},
+    )
     stems = file_stems(names) if paged else {}
-    findings, about_answers = check_study(analysis.study, analysis.settings.prior), check_answers(analysis.study, analysis.settings.prior)
+    findings, about_answers = (
+        check_study(analysis.study, analysis.settings.prior),
+        check_answers(analysis.study, analysis.settings.prior),
+    )
     context = _context(analysis, facts) | {
-        "links": {name: f"subjects/{stems[name]}.html" if paged else f"#subject-{i + 1}" for i, name in enumerate(names)},
+        "links": {
+            name: f"subjects/{stems[name]}.html" if paged else f"#subject-{i + 1}"
+            for i, name in enumerate(names)
+        },
         "paged": paged,
         "most": _MOST_LISTED if paged else None,
         # Of very many those come first who must be looked at.
-        "index": sorted(analysis.verdicts, key=lambda one: paged and one.subject not in facts.flagged),
+        "index": sorted(
+            analysis.verdicts, key=lambda one: paged and one.subject not in facts.flagged
+        ),
         "home": "../report.html" if paged else "",  # from where a subject's section is
         "beside": "../" if paged else "",
         "folder": folder,
         "histories": analysis.histories,
         "there": there,
-        "posterior": next((name for name in sorted(there) if name.startswith("posterior.")), "posterior.nc"),
+        "posterior": next(
+            (name for name in sorted(there) if name.startswith("posterior.")), "posterior.nc"
+        ),
         "findings": [one.message for one in findings if one.subject == ""],
         "before_pooling": [one for one in about_answers if one.code not in NOTES],
-        "read": [*analysis.study.notes, *(one.message.rstrip(".") for one in about_answers if one.code in NOTES)],
+        "read": [
+            *analysis.study.notes,
+            *(one.message.rstrip(".") for one in about_answers if one.code in NOTES),
+        ],
     }
-    subjects, templates = _subjects(analysis, facts, [*findings, *about_answers]), _environment(analysis.study.task)
+    subjects, templates = (
+        _subjects(analysis, facts, [*findings, *about_answers]),
+        _environment(analysis.study.task),
+    )
     if paged:
         (folder / "subjects").mkdir()
         for subject in subjects:
-            with (folder / context["links"][subject["counts"].name]).open("w", encoding="utf-8") as file:
-                file.writelines(templates.get_template("page.html").generate(context | {"subject": subject}))
+            with (folder / context["links"][subject["counts"].name]).open(
+                "w", encoding="utf-8"
+            ) as file:
+                file.writelines(
+                    templates.get_template("page.html").generate(context | {"subject": subject})
+                )
     with (folder / "report.html").open("w", encoding="utf-8") as file:
-        file.writelines(templates.get_template("report.html").generate(context | {"subjects": subjects}))
+        file.writelines(
+            templates.get_template("report.html").generate(context | {"subjects": subjects})
+        )
 
 
 def _environment(task: Task) -> Environment:
@@ -121,17 +149,23 @@ def _environment(task: Task) -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
-        finalize=lambda value: visible(value) if type(value) is str else value,  # markup is the template's own
+        finalize=lambda value: (
+            visible(value) if type(value) is str else value
+        ),  # markup is the template's own
     )
     made.filters.update(
         anchor=anchor,
         conclusion=conclusion,
-        data_uri=lambda picture: f"data:image/png;base64,{base64.b64encode(picture.read_bytes()).decode('ascii')}",
+        data_uri=lambda picture: (
+            f"data:image/png;base64,{base64.b64encode(picture.read_bytes()).decode('ascii')}"
+        ),
         deviance=headline.deviance,
         head=_head,
         linked=partial(linked, task=task),
         misfit=headline.misfit,
-        number=lambda value, digits=2, error=nan: "–" if value is None or value != value else _typeset(allowed(value, error, digits)),
+        number=lambda value, digits=2, error=nan: (
+            "–" if value is None or value != value else _typeset(allowed(value, error, digits))
+        ),
         p_value=lambda value: "–" if value is None or value != value else headline.p_value(value),
         told=lambda value: "–" if value is None else headline.told(value),
         typeset=_typeset,
@@ -149,15 +183,21 @@ def _context(analysis: Analysis, facts: Facts) -> dict[str, Any]:
         "facts": facts,
         "rows": analysis.evidence.rows,
         "fitted": bool(analysis.fits.rows),
-        "in_natural": any(row.log_evidence_h1_laplace_natural is not None for row in analysis.evidence),
+        "in_natural": any(
+            row.log_evidence_h1_laplace_natural is not None for row in analysis.evidence
+        ),
         "failed": analysis.draws.failed,
         "not_converged": analysis.draws.not_converged,
         "imprecise": analysis.draws.imprecise,
         "seed": attrs["seed"],
         "sampler": analysis.settings.sampler,
         "who": said_subjects(study),
-        "answer": study_sentence(analysis.verdicts, synthetic=study.synthetic, units=study.conditions is not None),
-        "new_subject": of_new_subject(analysis.verdicts, analysis.settings.seed, units=study.conditions is not None),
+        "answer": study_sentence(
+            analysis.verdicts, synthetic=study.synthetic, units=study.conditions is not None
+        ),
+        "new_subject": of_new_subject(
+            analysis.verdicts, analysis.settings.seed, units=study.conditions is not None
+        ),
         "reference": f"{prior.reference_interval or 1.0:g} s",
         "intervals": said_intervals(study.intervals) if study.intervals else "",
         "terms": glossary(study.task).terms,
@@ -191,7 +231,12 @@ def _by_condition(table: ContrastTable) -> dict[str, Any]:
     for row in table:
         rows[row.subject, row.comparison].append(row)
     return {
-        **{"about": table.conditions.about, "sentences": table.sentences(), "model": table.model, "legend": LEGEND},
+        **{
+            "about": table.conditions.about,
+            "sentences": table.sentences(),
+            "model": table.model,
+            "legend": LEGEND,
+        },
         "several": len(table.conditions.comparisons) > 1,
         "quantities": table.quantities,
         "rows": [(*who, cells) for who, cells in rows.items()],
@@ -207,23 +252,38 @@ def _group(group: Group) -> dict[str, Any]:
         "converged": found.converged,
         "answer": [_typeset(line) for line in answer(found)],
         "tables": tables(found),
-        "hyperprior": found.settings.hyperprior.describe(found.names, correlations=found.settings.correlations),
+        "hyperprior": found.settings.hyperprior.describe(
+            found.names, correlations=found.settings.correlations
+        ),
         "scatter": found.settings.scatter,
         "subjects": len(found.study),
     }
 
 
-def _subjects(analysis: Analysis, facts: Facts, findings: Sequence[Finding]) -> Iterator[dict[str, Any]]:
+def _subjects(
+    analysis: Analysis, facts: Facts, findings: Sequence[Finding]
+) -> Iterator[dict[str, Any]]:
     """What each subject's section says, made when it is written."""
     stats, messages = analysis.draws.group("sample_stats"), defaultdict[str, list[str]](list)
     for finding in findings:
         messages[finding.subject].append(finding.message)
     fits = {fit.subject: fit for fit in analysis.fits}
-    summaries = {str(name): part.to_dict("records") for name, part in facts.summary.groupby("subject", sort=False)}
-    for i, (counts, row, asymmetry) in enumerate(zip(analysis.study, analysis.evidence, facts.asymmetry, strict=True)):
+    summaries = {
+        str(name): part.to_dict("records")
+        for name, part in facts.summary.groupby("subject", sort=False)
+    }
+    for i, (counts, row, asymmetry) in enumerate(
+        zip(analysis.study, analysis.evidence, facts.asymmetry, strict=True)
+    ):
         name, fit = counts.name, fits.get(counts.name)
         natural = analysis.draws.posterior(name).names.natural
-        limits = [] if fit is None else zip(natural, fit.parameters, fit.bootstrap.intervals(analysis.fits.level), strict=True)
+        limits = (
+            []
+            if fit is None
+            else zip(
+                natural, fit.parameters, fit.bootstrap.intervals(analysis.fits.level), strict=True
+            )
+        )
         yield {
             "anchor": f"subject-{i + 1}",
             "counts": counts,
@@ -234,12 +294,22 @@ def _subjects(analysis: Analysis, facts: Facts, findings: Sequence[Finding]) -> 
             "fit": fit,
             "fitted": {key: (best, *limit) for key, best, limit in limits},
             "parameters": [
-                {**one, "quantiles": allowed_quantiles(one, 3), "percent": _in_percent(one) if one["parameter"] in _PUBLISHED else []}
+                {
+                    **one,
+                    "quantiles": allowed_quantiles(one, 3),
+                    "percent": _in_percent(one) if one["parameter"] in _PUBLISHED else [],
+                }
                 for one in summaries[name]
             ],
-            "remarks": [*messages[name], *(messages[counts.person] if counts.condition else ()), *row.notes],
+            "remarks": [
+                *messages[name],
+                *(messages[counts.person] if counts.condition else ()),
+                *row.notes,
+            ],
             "prior_dominated": [
-                one["parameter"] for one in summaries[name] if one["parameter"] in (*natural, "gamma") and one["contraction"] < DOMINATED
+                one["parameter"]
+                for one in summaries[name]
+                if one["parameter"] in (*natural, "gamma") and one["contraction"] < DOMINATED
             ],
         }
 
@@ -248,7 +318,11 @@ def _in_percent(row: Mapping[Any, Any]) -> list[str]:
     """The 5 % quantile, median and 95 % quantile of a difference of natural logs, as a change of the intensity, exp - 1, in per cent."""
     keys = ("q05", "q50", "q95")
     factors = [100.0 * exp(row[key]) for key in keys]
-    return allowed_in_order([one - 100.0 for one in factors], [one * row[f"mcse_{key}"] for one, key in zip(factors, keys, strict=True)], 1)
+    return allowed_in_order(
+        [one - 100.0 for one in factors],
+        [one * row[f"mcse_{key}"] for one, key in zip(factors, keys, strict=True)],
+        1,
+    )
 
 
 def _typeset(words: str) -> str:

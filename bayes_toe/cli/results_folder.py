@@ -45,11 +45,21 @@ if TYPE_CHECKING:
 Figure = Any  # of matplotlib, which is of another room
 #: What a results folder has of a group, of conditions, and of histories, where answers depend on the trial before.
 GROUP_PRODUCTS = ("population.csv", "population_subjects.csv", "population.png", "population.nc")
-CONTRAST_PRODUCTS, HISTORY_PRODUCTS = ("contrast.csv", "contrast.png"), ("history.csv", "history.png")
+CONTRAST_PRODUCTS, HISTORY_PRODUCTS = (
+    ("contrast.csv", "contrast.png"),
+    ("history.csv", "history.png"),
+)
 ALWAYS = ("summary.csv", "evidence.csv", "report.html", "methods.md", "methods.bib")
 #: What a results folder may hold: draws in one of two ways, the group, corner plots, an explorer, pages of very many subjects.
 PRODUCTS = (
-    *("posterior.nc", "posterior.zarr", *ALWAYS[:2], *CONTRAST_PRODUCTS, *GROUP_PRODUCTS, *HISTORY_PRODUCTS),
+    *(
+        "posterior.nc",
+        "posterior.zarr",
+        *ALWAYS[:2],
+        *CONTRAST_PRODUCTS,
+        *GROUP_PRODUCTS,
+        *HISTORY_PRODUCTS,
+    ),
     *("corner", "explorer.html", *ALWAYS[2:], "subjects"),
 )
 #: Whose pictures may be drawn, and about how many bytes a subject that takes: two of them, and both again in the report.
@@ -96,37 +106,84 @@ def write_results(
     draws, marked = analysis.draws, flagged(analysis.evidence, analysis.draws.not_converged)
     drawn = {"all": draws.names, "flagged": tuple(marked), "none": ()}[pictures.which]
     stems, posterior = file_stems(draws.names), f"posterior.{store}"
-    parts = {CONTRAST_PRODUCTS: analysis.contrast, GROUP_PRODUCTS: group, HISTORY_PRODUCTS: analysis.histories}
-    required = [posterior, *ALWAYS, *(name for names, part in parts.items() if part is not None for name in names)]
-    required += [f"corner/{stems[name]}.png" for name in drawn] + ["explorer.html"] * pictures.explorer
-    with whole_folder(folder, PRODUCTS, required=required, overwrite=overwrite) as new, TemporaryDirectory(dir=new.absolute()) as home:
-        target, place = new.absolute(), Path(home)  # absolute, since a worker may be in another folder than this process
+    parts = {
+        CONTRAST_PRODUCTS: analysis.contrast,
+        GROUP_PRODUCTS: group,
+        HISTORY_PRODUCTS: analysis.histories,
+    }
+    required = [
+        posterior,
+        *ALWAYS,
+        *(name for names, part in parts.items() if part is not None for name in names),
+    ]
+    required += [f"corner/{stems[name]}.png" for name in drawn] + [
+        "explorer.html"
+    ] * pictures.explorer
+    with (
+        whole_folder(folder, PRODUCTS, required=required, overwrite=overwrite) as new,
+        TemporaryDirectory(dir=new.absolute()) as home,
+    ):
+        target, place = (
+            new.absolute(),
+            Path(home),
+        )  # absolute, since a worker may be in another folder than this process
         draws.save(target / posterior)
         summary = analysis.summary()
         _write_tables(analysis, summary, group, target, spreadsheet_safe=spreadsheet_safe)
-        write_text(of_analysis(analysis, None if group is None else group.found, figures=bool(drawn)), target / "methods.md")
+        write_text(
+            of_analysis(analysis, None if group is None else group.found, figures=bool(drawn)),
+            target / "methods.md",
+        )
         if pictures.explorer:
-            found = group.found if group is not None and group.found.settings.model == draws.model else None
-            explore(draws, truths=pictures.truth or None, population=found).save(target / "explorer.html")
-        asymmetry = AsymmetryTable(subject_asymmetries(analysis.study.subjects), analysis.study.task)
+            found = (
+                group.found
+                if group is not None and group.found.settings.model == draws.model
+                else None
+            )
+            explore(draws, truths=pictures.truth or None, population=found).save(
+                target / "explorer.html"
+            )
+        asymmetry = AsymmetryTable(
+            subject_asymmetries(analysis.study.subjects), analysis.study.task
+        )
         saved = partial(opened, target / posterior, (target / posterior).stat().st_mtime_ns)
-        curve_files, corner_plots = ({name: at / f"{stems[name]}.png" for name in drawn} for at in (place / "curves", target / "corner"))
+        curve_files, corner_plots = (
+            {name: at / f"{stems[name]}.png" for name in drawn}
+            for at in (place / "curves", target / "corner")
+        )
         for made in (place / "curves", *([target / "corner"] if drawn else [])):
             made.mkdir()
         overviews = ["order_effect", "evidence", "map", "prior"]
-        overviews += ["asymmetry"] * any(row.comparisons for row in asymmetry)  # else no pair was presented in both orders
+        overviews += ["asymmetry"] * any(
+            row.comparisons for row in asymmetry
+        )  # else no pair was presented in both orders
         given = (analysis.evidence, asymmetry, analysis.study, analysis.settings, saved)
         jobs = [partial(_draw_overview, place / f"{name}.png", *given) for name in overviews]
         names: list[tuple[str, ...]] = [*((),) * len(jobs), *((name,) for name in drawn)]
         prior, truth = analysis.settings.prior, pictures.truth
         best = {one.target.subject.name: one for one in analysis.best}
         jobs += [
-            partial(_draw_subject, saved, name, prior, truth.get(name), best.get(name), corner_plots[name], curve_files[name])
+            partial(
+                _draw_subject,
+                saved,
+                name,
+                prior,
+                truth.get(name),
+                best.get(name),
+                corner_plots[name],
+                curve_files[name],
+            )
             for name in drawn
         ]
         run_in_order(jobs, of_this_machine(workers), progress, names)
         opened.cache_clear()
-        write_report(analysis, Facts(summary, asymmetry, marked, group, place, curve_files, corner_plots, pictures.which), target)
+        write_report(
+            analysis,
+            Facts(
+                summary, asymmetry, marked, group, place, curve_files, corner_plots, pictures.which
+            ),
+            target,
+        )
     return Path(folder)
 
 
@@ -136,17 +193,29 @@ def opened(posterior: Path, changed: int) -> Draws:
     return load_draws(posterior)
 
 
-def _write_tables(analysis: Analysis, summary: pd.DataFrame, group: Group | None, folder: Path, *, spreadsheet_safe: bool) -> None:
+def _write_tables(
+    analysis: Analysis,
+    summary: pd.DataFrame,
+    group: Group | None,
+    folder: Path,
+    *,
+    spreadsheet_safe: bool,
+) -> None:
     """All tables, with the figures and draws that go with those of conditions, of histories and of the group."""
     study = analysis.study
-    of_units: dict[str, Any] = {"spreadsheet_safe": spreadsheet_safe, "units": study.conditions is not None}
+    of_units: dict[str, Any] = {
+        "spreadsheet_safe": spreadsheet_safe,
+        "units": study.conditions is not None,
+    }
     write_table(summary, folder / "summary.csv", **of_units)
     analysis.evidence.save(folder / "evidence.csv", **of_units)
     if analysis.contrast is not None:
         analysis.contrast.save(folder / "contrast.csv", spreadsheet_safe=spreadsheet_safe)
         rows = () if group is None else group.found.table.some("condition_effect")
         means = {(row.parameter, row.level): (row.q05, row.q50, row.q95) for row in rows}
-        (folder / "contrast.png").write_bytes(png(contrast_figure(analysis.contrast, means, synthetic=study.synthetic)))
+        (folder / "contrast.png").write_bytes(
+            png(contrast_figure(analysis.contrast, means, synthetic=study.synthetic))
+        )
     if analysis.histories is not None:
         analysis.histories.save(folder / "history.csv", **of_units)
         (folder / "history.png").write_bytes(png(history(analysis.histories), dpi=_DOTS))
@@ -161,7 +230,12 @@ def _write_tables(analysis: Analysis, summary: pd.DataFrame, group: Group | None
 
 
 def _draw_overview(
-    file: Path, evidence: EvidenceTable, asymmetry: AsymmetryTable, study: Study, settings: Settings, saved: Callable[[], Draws]
+    file: Path,
+    evidence: EvidenceTable,
+    asymmetry: AsymmetryTable,
+    study: Study,
+    settings: Settings,
+    saved: Callable[[], Draws],
 ) -> None:
     """The picture of the study that the report looks for under the file's name."""
     if file.stem == "prior":
@@ -178,7 +252,9 @@ def _draw_overview(
         study_map_axes(saved(), ax)
         figure.set_layout_engine("none")  # found already, for the names
     else:
-        order_effect_axes(evidence, ax) if file.stem == "order_effect" else evidence_axes(ax, evidence)
+        order_effect_axes(evidence, ax) if file.stem == "order_effect" else evidence_axes(
+            ax, evidence
+        )
         ax.set_title(_said(study), fontsize=LETTERS, loc="right")
         legend_below(figure, size=LETTERS, columns=2)
     file.write_bytes(png(figure, dpi=_DOTS))

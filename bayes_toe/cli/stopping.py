@@ -21,7 +21,9 @@ from typing import Any
 from bayes_toe.data.messages import shown
 from bayes_toe.data.whole_files import finished, said_kept
 
-_SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+_SIGNALS = tuple(
+    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
+)
 PATIENCE = 10.0  # seconds for tidying up after a signal
 _LOST = 2  # exit code where standard output is not complete
 
@@ -38,11 +40,15 @@ def main() -> None:
     """Entry point of the `bayes-toe` command."""
     output = open_streams()
     require_cache()
-    os.environ["PYTHONSAFEPATH"] = "1"  # workers take no file of a data folder, a random.py or json.py, for a module
+    os.environ["PYTHONSAFEPATH"] = (
+        "1"  # workers take no file of a data folder, a random.py or json.py, for a module
+    )
     code: Any = 0
     try:
         heard = listen()
-        from bayes_toe.cli.app import app  # what it loads takes a while, in which a signal is answered already
+        from bayes_toe.cli.app import (
+            app,
+        )  # what it loads takes a while, in which a signal is answered already
 
         try:
             app()
@@ -54,7 +60,9 @@ def main() -> None:
         say_stopped(stop.number)
         raise SystemExit(128 + stop.number) from None
     sys.stdout.flush()
-    if output.failed is not None and output.failed.errno != errno.EPIPE:  # a reader may go away, as `head` does
+    if (
+        output.failed is not None and output.failed.errno != errno.EPIPE
+    ):  # a reader may go away, as `head` does
         sys.stderr.write(f"error: standard output: cannot be written ({output.failed.strerror})\n")
         code = code or _LOST
     sys.exit(code)
@@ -80,15 +88,25 @@ def open_streams() -> Log:
     for number in range(3):
         try:
             os.fstat(number)
-        except OSError:  # closed: its number must not become that of a file of ours, nor of one of a worker's
+        except (
+            OSError
+        ):  # closed: its number must not become that of a file of ours, nor of one of a worker's
             os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)
     if sys.stdin is None:
         sys.stdin = open(0, encoding="utf-8", closefd=False)  # noqa: SIM115
     logs = [Log(number, "w", closefd=False) for number in (1, 2)]
     for name, log in zip(("stdout", "stderr"), logs, strict=True):
         before = getattr(sys, name)
-        encoding, lines = ("utf-8", False) if before is None else (before.encoding, before.line_buffering)
-        setattr(sys, name, io.TextIOWrapper(io.BufferedWriter(log), encoding, "backslashreplace", line_buffering=lines))
+        encoding, lines = (
+            ("utf-8", False) if before is None else (before.encoding, before.line_buffering)
+        )
+        setattr(
+            sys,
+            name,
+            io.TextIOWrapper(
+                io.BufferedWriter(log), encoding, "backslashreplace", line_buffering=lines
+            ),
+        )
     return logs[0]
 
 

@@ -30,7 +30,14 @@ if TYPE_CHECKING:
     from bayes_toe.groups.population import Population
 
 #: Columns of methods_order_effect.csv, and of methods_fit.csv.
-ORDER_EFFECT_COLUMNS = (*VERDICT_COLUMNS, "n_pairs", "n_trials", "log_bayes_factor", "log_evidence_h1_se", "pareto_k")
+ORDER_EFFECT_COLUMNS = (
+    *VERDICT_COLUMNS,
+    "n_pairs",
+    "n_trials",
+    "log_bayes_factor",
+    "log_evidence_h1_se",
+    "pareto_k",
+)
 FIT_TABLE_COLUMNS = ("subject", "n_pairs", "n_trials", "predictive_p", "p_deviance", "fits")
 _RANGE = {"median": "q50", "q05": "q05", "q95": "q95"}
 _NOTHING = "--"
@@ -48,7 +55,11 @@ def templates(language: str) -> Environment:
     """Where documents are made in a language, "md" or "tex": texts come out as letters, its macros (markup.md, markup.tex) are `m`."""
 
     def letters(value: object) -> Markup:
-        return value if isinstance(value, Markup) else Markup(visible(str(value)).translate(_LETTERS[language]))
+        return (
+            value
+            if isinstance(value, Markup)
+            else Markup(visible(str(value)).translate(_LETTERS[language]))
+        )
 
     def symbol(name: str) -> Markup:
         """A parameter as the paper has it, where it has it."""
@@ -57,7 +68,12 @@ def templates(language: str) -> Environment:
     def distributed(text: str) -> Markup:
         """A prior with symbols, and a sign for 'is distributed as'."""
         words = re.split(r"(\w+) ~ ", text)
-        return Markup("".join(rf"{symbol(word)} $\sim$ " if i % 2 else letters(word) for i, word in enumerate(words)))
+        return Markup(
+            "".join(
+                rf"{symbol(word)} $\sim$ " if i % 2 else letters(word)
+                for i, word in enumerate(words)
+            )
+        )
 
     made = Environment(
         loader=PackageLoader("bayes_toe", "cli"),
@@ -86,27 +102,55 @@ class SupplementTable(NamedTuple):
     def written(self, markup: Any, stem: str) -> Markup:
         """For people, with the macros of a language; columns that are parameters have their symbols."""
         head = [markup.symbol(one) if f"{one}_median" in self.frame else one for one in self.shown]
-        return Markup(markup.table(head, self.shown.to_numpy().tolist(), self.caption, Markup(f"{stem}_{self.name}")).strip())
+        return Markup(
+            markup.table(
+                head, self.shown.to_numpy().tolist(), self.caption, Markup(f"{stem}_{self.name}")
+            ).strip()
+        )
 
 
 def parameter_table(draws: Draws, summary: pd.DataFrame) -> SupplementTable:
     """Medians and intervals of every subject, what the prior rules, and what sampling has reached."""
     import pandas as pd
 
-    names, stats, missed = draws.posterior(draws.names[0]).names, draws.group("sample_stats"), draws.not_converged
-    keys = (*names.natural, *(("gain",) if "gain" in names.reported and "gain" not in names.natural else ()))
+    names, stats, missed = (
+        draws.posterior(draws.names[0]).names,
+        draws.group("sample_stats"),
+        draws.not_converged,
+    )
+    keys = (
+        *names.natural,
+        *(("gain",) if "gain" in names.reported and "gain" not in names.natural else ()),
+    )
     frames, shown = list[dict[str, Any]](), list[dict[str, str]]()
     for i, (name, part) in enumerate(summary.groupby("subject", sort=False)):
         by = {str(row["parameter"]): row for row in part.to_dict("records")}
         ruled = [key for key in keys if by[key]["contraction"] < DOMINATED]
         reached = {"min_ess": float(stats["min_ess"][i]), "max_r_hat": float(stats["max_r_hat"][i])}
-        values = {f"{key}_{ending}": by[key][column] for key in keys for ending, column in _RANGE.items()}
+        values = {
+            f"{key}_{ending}": by[key][column] for key in keys for ending, column in _RANGE.items()
+        }
         converged = "no" if name in missed else "yes"
-        frames.append({"subject": name, **values, "prior_dominated": ", ".join(ruled), **reached, "converged": converged})
-        ranges = {key: "{1} ({0}, {2})".format(*allowed_quantiles(by[key], 3)) + "*" * (key in ruled) for key in keys}
+        frames.append(
+            {
+                "subject": name,
+                **values,
+                "prior_dominated": ", ".join(ruled),
+                **reached,
+                "converged": converged,
+            }
+        )
+        ranges = {
+            key: "{1} ({0}, {2})".format(*allowed_quantiles(by[key], 3)) + "*" * (key in ruled)
+            for key in keys
+        }
         numbers = {"ESS": f"{reached['min_ess']:.0f}", "R-hat": f"{reached['max_r_hat']:.3f}"}
         shown.append({"subject": str(name), **ranges, **numbers, "converged": converged})
-    whose = "the paper's model" if draws.model == models_of(draws.task).update.name else f"the model {draws.model}"
+    whose = (
+        "the paper's model"
+        if draws.model == models_of(draws.task).update.name
+        else f"the model {draws.model}"
+    )
     caption = (
         f"Posterior medians (5 %, 95 %) of each subject under {whose}. *: dominated by the prior (contraction below "
         f"{DOMINATED:g}). ESS: smallest bulk or tail effective sample size; R-hat: largest."
@@ -130,7 +174,10 @@ _COLUMNS: dict[str, tuple[str, Callable[[Any], str]]] = {
     "size_q50": ("size", "{:.2f}".format),
     "log_bayes_factor_effect": ("ln BF effect:none", "{:.1f}".format),
     "fit": ("fit", str),
-    "data": ("data", lambda value: re.sub(r" \(--[^)]*\)", "", value)),  # options that act on it are no part of a paper
+    "data": (
+        "data",
+        lambda value: re.sub(r" \(--[^)]*\)", "", value),
+    ),  # options that act on it are no part of a paper
     "robust": ("robust", str),
     "log_bayes_factor": ("ln BF H1:H0", "{:.2f}".format),
 }
@@ -147,12 +194,17 @@ def order_effect_table(evidence: pd.DataFrame) -> SupplementTable:
         "natural log Bayes factor of the paper's model against free frequencies."
     )
     cells = {head: _in_words(evidence[name], words) for name, (head, words) in _COLUMNS.items()}
-    shown = pd.DataFrame({head: column for head, column in cells.items() if {*column} != {_NOTHING}})
+    shown = pd.DataFrame(
+        {head: column for head, column in cells.items() if {*column} != {_NOTHING}}
+    )
     return SupplementTable("order_effect", caption, evidence[[*ORDER_EFFECT_COLUMNS]], shown)
 
 
 def _in_words(column: Iterable[Any], words: Callable[[Any], str]) -> list[str]:
-    return [_NOTHING if value is None or value == "" or value != value else words(value) for value in column]
+    return [
+        _NOTHING if value is None or value == "" or value != value else words(value)
+        for value in column
+    ]
 
 
 def fit_table(draws: Draws) -> SupplementTable:
@@ -160,11 +212,22 @@ def fit_table(draws: Draws) -> SupplementTable:
     import pandas as pd
 
     stats, nothing = draws.group("sample_stats"), np.full(len(draws.names), np.nan)
-    p, deviance_p = (stats[name].values if name in stats else nothing for name in ("predictive_p", "deviance_p"))
+    p, deviance_p = (
+        stats[name].values if name in stats else nothing for name in ("predictive_p", "deviance_p")
+    )
     wrong = (p < MISFIT) | (deviance_p < MISFIT)
-    known = ~np.isnan(p) & (wrong | (stats["degrees_of_freedom"].values > 0 if "degrees_of_freedom" in stats else False))
+    known = ~np.isnan(p) & (
+        wrong | (stats["degrees_of_freedom"].values > 0 if "degrees_of_freedom" in stats else False)
+    )
     counts = [(subject.n_pairs, subject.total_trials) for subject in draws.study]
-    cells = zip(draws.names, *zip(*counts, strict=True), p, deviance_p, np.where(known, np.where(wrong, "no", "yes"), ""), strict=True)
+    cells = zip(
+        draws.names,
+        *zip(*counts, strict=True),
+        p,
+        deviance_p,
+        np.where(known, np.where(wrong, "no", "yes"), ""),
+        strict=True,
+    )
     frame = pd.DataFrame(cells, columns=list(FIT_TABLE_COLUMNS))
     columns: dict[str, Callable[[Any], str]] = {
         "subject": str,

@@ -81,7 +81,13 @@ class Task:
         self.out.introduce(read, prior)
         return read, prior
 
-    def saved(self, posterior: Path, study: StudyFileOrExample, model: str | None = "predictive update", seed: int | None = None) -> Draws:
+    def saved(
+        self,
+        posterior: Path,
+        study: StudyFileOrExample,
+        model: str | None = "predictive update",
+        seed: int | None = None,
+    ) -> Draws:
         """Saved draws of a model in the place of sampling, refused where they are of another study, prior or seed than is given."""
         from bayes_toe.data.messages import shown
         from bayes_toe.inference.belonging import require_belonging
@@ -89,7 +95,9 @@ class Task:
         from bayes_toe.model.study_prior import preset_or_file, prior_for
 
         if not study.files and (study.turn or study.leave_out):
-            raise InputError("--turn, --leave-out: found no STUDY.csv to change, allowed: where the draws are made, or with the file")
+            raise InputError(
+                "--turn, --leave-out: found no STUDY.csv to change, allowed: where the draws are made, or with the file"
+            )
         given = None if self.prior is None else preset_or_file(self.prior)
         draws, read = load_draws(posterior), study.read() if study.files else None
         prior = None if given is None else prior_for(draws.study, given)
@@ -103,10 +111,14 @@ class Task:
         """Where everything is printed."""
         return Terminal(self.quiet)
 
-    def work(self, what: str, total: int, function: Callable[..., Result], *given: Any, **options: Any) -> Result:
+    def work(
+        self, what: str, total: int, function: Callable[..., Result], *given: Any, **options: Any
+    ) -> Result:
         """What a function of the package makes with the task's seed and workers, unless others are given, beside a progress bar."""
         with self.out.progress(what, total) as tick:
-            return function(*given, **{"seed": self.seed, "workers": self.workers, "progress": tick} | options)
+            return function(
+                *given, **{"seed": self.seed, "workers": self.workers, "progress": tick} | options
+            )
 
     @cached_property
     def workers(self) -> Workers:
@@ -116,7 +128,9 @@ class Task:
         if self.scheduler is None:
             return self.processes
         if self.processes is not None:
-            raise InputError(f"--workers {self.processes} is of --engine local: the workers of a cluster are those it has")
+            raise InputError(
+                f"--workers {self.processes} is of --engine local: the workers of a cluster are those it has"
+            )
         from bayes_toe.cluster import connect
 
         client = connect(self.scheduler)
@@ -162,7 +176,9 @@ class Task:
         for file in files:
             require_parquet(file)
             if named_store(file):
-                from bayes_toe.inference.draws_file import require_zarr  # as slow to load as a fit of some subjects
+                from bayes_toe.inference.draws_file import (
+                    require_zarr,
+                )  # as slow to load as a fit of some subjects
 
                 require_zarr()
             require_writable(file, overwrite=self.overwrite)
@@ -178,7 +194,9 @@ class Task:
         read = {path.resolve() for path in self.inputs}
         for file in files:
             if file.resolve() in read:
-                raise InputError(f"{file}: this command reads that file, allowed: another --output, whose files leave it as it is")
+                raise InputError(
+                    f"{file}: this command reads that file, allowed: another --output, whose files leave it as it is"
+                )
 
     def write(self, made: Mapping[Path, Callable[[Path], object]], *others: Path) -> None:
         """Write files of one folder, which appear all together or not at all: each by what writes it, `others` besides by one of those."""
@@ -221,12 +239,23 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
     receives the record of them. Our errors become lines on standard error and exit code 2; anything else is a bug and shows its traceback.
     """
     signature = inspect.signature(function, eval_str=True)
-    records = {name: found for name, one in signature.parameters.items() if (found := _record(one.annotation)) is not None}
-    options = {name: _options(*records[name]) if name in records else [parameter] for name, parameter in signature.parameters.items()}
+    records = {
+        name: found
+        for name, one in signature.parameters.items()
+        if (found := _record(one.annotation)) is not None
+    }
+    options = {
+        name: _options(*records[name]) if name in records else [parameter]
+        for name, parameter in signature.parameters.items()
+    }
 
     @wraps(function)
     def command(**given: Any) -> None:
-        values = (value if isinstance(value, list) else [value] for name, value in given.items() if not name.endswith("output"))
+        values = (
+            value if isinstance(value, list) else [value]
+            for name, value in given.items()
+            if not name.endswith("output")
+        )
         inputs = tuple(one for some in values for one in some if isinstance(one, Path))
         for name, (kind, _) in records.items():
             told = {"inputs": inputs} if kind is Task else {}
@@ -248,7 +277,9 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
 
 def _record(annotation: Any) -> tuple[Any, Takes | None] | None:
     """The record that a parameter is, and which fields of it are taken, all where that is not said; None where it is none."""
-    kind, takes = get_args(annotation)[:2] if get_origin(annotation) is Annotated else (annotation, None)
+    kind, takes = (
+        get_args(annotation)[:2] if get_origin(annotation) is Annotated else (annotation, None)
+    )
     return (kind, takes) if is_dataclass(kind) else None
 
 
@@ -259,7 +290,9 @@ def _options(kind: Any, takes: Takes | None) -> list[inspect.Parameter]:
         inspect.Parameter(
             one.name,
             inspect.Parameter.KEYWORD_ONLY,
-            default=own.get(one.name, inspect.Parameter.empty if one.default is MISSING else one.default),
+            default=own.get(
+                one.name, inspect.Parameter.empty if one.default is MISSING else one.default
+            ),
             annotation=hints[one.name],
         )
         for one in fields(kind)

@@ -39,7 +39,11 @@ class Terminal:
         """A progress bar on a terminal, nothing elsewhere; call what it gives once for each part that is done."""
         from rich.progress import Progress
 
-        with Progress(console=self.console, disable=not self.console.is_terminal or self.console.quiet, transient=True) as bar:
+        with Progress(
+            console=self.console,
+            disable=not self.console.is_terminal or self.console.quiet,
+            transient=True,
+        ) as bar:
             task = bar.add_task(what, total=total)
             yield lambda _: bar.advance(task)
 
@@ -61,7 +65,14 @@ class Terminal:
         """One dim line, for what a reader may pass over; the text is escaped."""
         self.line(safe(text), "dim")
 
-    def table(self, title: str, rows: list[dict[Any, Any]], *, total: int | None = None, file: str = OUTPUT) -> None:
+    def table(
+        self,
+        title: str,
+        rows: list[dict[Any, Any]],
+        *,
+        total: int | None = None,
+        file: str = OUTPUT,
+    ) -> None:
         """A table of rows with the same keys, which name its columns; texts are escaped.
 
         It ends after :data:`MOST_ROWS` with the number of those left out and the file that has them; where `total` is given, the rows are
@@ -78,7 +89,14 @@ class Terminal:
         self.console.print(table)
         self.more((len(rows) if total is None else total) - len(shown), file)
 
-    def notes(self, texts: Iterable[str], word: str = "note", colour: str = "yellow", *, file: str = OUTPUT) -> None:
+    def notes(
+        self,
+        texts: Iterable[str],
+        word: str = "note",
+        colour: str = "yellow",
+        *,
+        file: str = OUTPUT,
+    ) -> None:
         """Notes as :meth:`note` has them, at most :data:`MOST_NAMES`."""
         found = list(texts)
         for text in found[:MOST_NAMES]:
@@ -105,7 +123,9 @@ class Terminal:
         """What was read, and what there is to say of it."""
         label = " (synthetic)" if study.synthetic and "synthetic" not in study.source else ""
         trials = sum(subject.total_trials for subject in study)
-        self.line(f"[bold]{safe(study.source)}[/bold]{label}: {said_subjects(study)}, {trials} trials")
+        self.line(
+            f"[bold]{safe(study.source)}[/bold]{label}: {said_subjects(study)}, {trials} trials"
+        )
         for note in study.notes:
             self.line(f"  {safe(note)}")
 
@@ -117,7 +137,9 @@ class Terminal:
         """Before sampling: designs that cannot tell all parameters, and the model that would be enough."""
         from bayes_toe.experiments.checks import check_study
 
-        self.findings((finding for finding in check_study(study) if finding.code == "design_rank"), "note")
+        self.findings(
+            (finding for finding in check_study(study) if finding.code == "design_rank"), "note"
+        )
 
 
 # --- words ---------------------------------------------------------------------------------------------
@@ -139,7 +161,11 @@ def chosen(names: Iterable[str], first: Collection[str]) -> list[str]:
     (['S2', 'S1'], ['7', '1999', '0', '1'])
     """
     found = list(names)
-    return found if len(found) <= MOST_ROWS else sorted(found, key=lambda name: name not in first)[:MOST_ROWS]
+    return (
+        found
+        if len(found) <= MOST_ROWS
+        else sorted(found, key=lambda name: name not in first)[:MOST_ROWS]
+    )
 
 
 def once(notes: Iterable[tuple[str, str]]) -> list[str]:
@@ -182,7 +208,11 @@ def allowed(value: float, error: float, most: int) -> str:
     >>> allowed(0.123456, 0.004, 5), allowed(0.123456, 0.04, 5), allowed(1234.5, 30.0, 2), allowed(0.123456, float("nan"), 2)
     ('0.123', '0.12', '1230', '0.12')
     """
-    return _rounded(value, min(most, _decimals(error))) if 0.0 < error < math.inf else f"{value:.{most}f}"
+    return (
+        _rounded(value, min(most, _decimals(error)))
+        if 0.0 < error < math.inf
+        else f"{value:.{most}f}"
+    )
 
 
 def allowed_in_order(values: Sequence[float], errors: Sequence[float], most: int) -> list[str]:

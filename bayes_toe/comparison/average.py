@@ -68,9 +68,17 @@ class Average:
     def without(self, quantity: str) -> float:
         """Probability that it is exactly 0, or the gain 1: that of the models without it."""
         name = "gain" if quantity == "pull" else quantity
-        return float(sum(w for w, one in zip(self.weights, self.drawn, strict=True) if name not in one.target.names.all))
+        return float(
+            sum(
+                w
+                for w, one in zip(self.weights, self.drawn, strict=True)
+                if name not in one.target.names.all
+            )
+        )
 
-    def yes(self, s1: npt.ArrayLike, s2: npt.ArrayLike, isi: npt.ArrayLike | None = None) -> FloatArray:
+    def yes(
+        self, s1: npt.ArrayLike, s2: npt.ArrayLike, isi: npt.ArrayLike | None = None
+    ) -> FloatArray:
         """P of the answer that the task counts, (draws, pairs), of pairs: natural-log intensities, intervals (s) where there are any.
 
         Raises
@@ -79,8 +87,12 @@ class Average:
             If intervals are missing or not known.
         """
         if (isi is None) != (self.counts.isi is None):
-            raise InputError(f"isi: subject {self.subject!r} was tested {'without' if self.counts.isi is None else 'with'} intervals")
-        given = [np.asarray(values, np.float64) for values in (s1, s2, *(() if isi is None else (isi,)))]
+            raise InputError(
+                f"isi: subject {self.subject!r} was tested {'without' if self.counts.isi is None else 'with'} intervals"
+            )
+        given = [
+            np.asarray(values, np.float64) for values in (s1, s2, *(() if isi is None else (isi,)))
+        ]
         pairs = [np.atleast_1d(values) for values in np.broadcast_arrays(*given)]
         return np.concatenate([one.yes(*pairs) for one in self.drawn if len(one.x)])
 
@@ -110,9 +122,13 @@ class Averages(SubjectTable[Average]):
         import pandas as pd
 
         rows = [
-            (one.subject, name, *_summarised(one.values(name)), null, one.without(name)) for one in self for name, null in AVERAGED.items()
+            (one.subject, name, *_summarised(one.values(name)), null, one.without(name))
+            for one in self
+            for name, null in AVERAGED.items()
         ]
-        return pd.DataFrame(rows, columns=["subject", "quantity", "mean", *QUANTILES, "value_without", "p_without"])
+        return pd.DataFrame(
+            rows, columns=["subject", "quantity", "mean", *QUANTILES, "value_without", "p_without"]
+        )
 
     def frame(self) -> pd.DataFrame:
         """The same: what :meth:`save` writes."""
@@ -122,15 +138,27 @@ class Averages(SubjectTable[Average]):
         """One row per subject and model: subject, model, probability."""
         import pandas as pd
 
-        rows = [(one.subject, *row) for one in self for row in zip(one.models, one.weights.tolist(), strict=True)]
+        rows = [
+            (one.subject, *row)
+            for one in self
+            for row in zip(one.models, one.weights.tolist(), strict=True)
+        ]
         return pd.DataFrame(rows, columns=["subject", "model", "probability"])
 
-    def yes(self, subject: str, s1: npt.ArrayLike, s2: npt.ArrayLike, isi: npt.ArrayLike | None = None) -> pd.DataFrame:
+    def yes(
+        self, subject: str, s1: npt.ArrayLike, s2: npt.ArrayLike, isi: npt.ArrayLike | None = None
+    ) -> pd.DataFrame:
         """P of the answer that the task counts, a row a pair of one subject: s1, s2, isi (only with intervals), mean, q05 ... q95."""
         import pandas as pd
 
         given = {"s1": s1, "s2": s2} | ({} if isi is None else {"isi": isi})
-        columns = dict(zip(given, np.broadcast_arrays(*(np.atleast_1d(values) for values in given.values())), strict=True))
+        columns = dict(
+            zip(
+                given,
+                np.broadcast_arrays(*(np.atleast_1d(values) for values in given.values())),
+                strict=True,
+            )
+        )
         found = np.stack(_summarised(self[subject].yes(s1, s2, isi)), axis=1)
         return pd.DataFrame(columns).join(pd.DataFrame(found, columns=["mean", *QUANTILES]))
 
@@ -165,7 +193,9 @@ def average_models(
     jobs = [partial(_averaged, subject, chosen, root, draws) for subject in study]
     found = run_in_order(jobs, workers, progress, [(subject.name,) for subject in study])
     rows = tuple(one for one in found if isinstance(one, Average))
-    withheld = {subject.name: one for subject, one in zip(study, found, strict=True) if isinstance(one, str)}
+    withheld = {
+        subject.name: one for subject, one in zip(study, found, strict=True) if isinstance(one, str)
+    }
     return Averages(rows, withheld, root, chosen, study.synthetic)
 
 
@@ -179,11 +209,18 @@ def _averaged(counts: Subject, prior: Prior, seed: int, draws: int) -> Average |
     return mixed(counts, space.log_evidence[places], drawn, draws)
 
 
-def mixed(counts: Subject, log_evidence: FloatArray, drawn: Sequence[Predictor], draws: int) -> Average:
+def mixed(
+    counts: Subject, log_evidence: FloatArray, drawn: Sequence[Predictor], draws: int
+) -> Average:
     """So many draws in all, of each model its share."""
     weights = np.asarray(softmax(log_evidence))
-    sizes = np.diff(np.rint(draws * np.cumsum(weights)).astype(np.int64), prepend=0).tolist()  # each within one of its share
-    parts = (Predictor(one.target, one.x[np.arange(size) * len(one.x) // max(size, 1)]) for one, size in zip(drawn, sizes, strict=True))
+    sizes = np.diff(
+        np.rint(draws * np.cumsum(weights)).astype(np.int64), prepend=0
+    ).tolist()  # each within one of its share
+    parts = (
+        Predictor(one.target, one.x[np.arange(size) * len(one.x) // max(size, 1)])
+        for one, size in zip(drawn, sizes, strict=True)
+    )
     return Average(counts, tuple(one.target.model.name for one in drawn), weights, tuple(parts))
 
 

@@ -31,7 +31,14 @@ if TYPE_CHECKING:
 #: Columns of evidence.csv: the verdict, then the paper's comparison. New ones are appended only.
 EVIDENCE_COLUMNS = (
     *VERDICT_COLUMNS,
-    *("n_pairs", "n_trials", "log_evidence_h1", "log_evidence_h1_se", "log_evidence_h0", "log_bayes_factor"),
+    *(
+        "n_pairs",
+        "n_trials",
+        "log_evidence_h1",
+        "log_evidence_h1_se",
+        "log_evidence_h0",
+        "log_bayes_factor",
+    ),
     *("log_evidence_h1_laplace", "log_evidence_h0_laplace", "log_bayes_factor_laplace", "pareto_k"),
     *("log_evidence_h1_laplace_natural", "log_evidence_h1_bootstrap", "prior"),
     *("log_evidence_symmetric", "log_evidence_constant_error"),
@@ -124,8 +131,14 @@ class EvidenceTable(SubjectTable[SubjectEvidence]):
         import pandas as pd
 
         prior = None if self.prior is None else self.prior.describe_orders(self.task)
-        rows = [[prior if key == "prior" else row.cell(key) for key in EVIDENCE_COLUMNS] for row in self.rows]
-        rows += [[{"subject": name, "prior": prior}.get(key) for key in EVIDENCE_COLUMNS] for name in self.failed]
+        rows = [
+            [prior if key == "prior" else row.cell(key) for key in EVIDENCE_COLUMNS]
+            for row in self.rows
+        ]
+        rows += [
+            [{"subject": name, "prior": prior}.get(key) for key in EVIDENCE_COLUMNS]
+            for name in self.failed
+        ]
         frame = pd.DataFrame(rows, columns=list(EVIDENCE_COLUMNS))
         return frame.astype(dict.fromkeys(_COUNTS, "Int64")) if self.failed else frame
 
@@ -151,14 +164,23 @@ def subject_evidence(
     cannot be trusted.
     """
     posterior, found = fitted.proposal.proposal.posterior, result.evidence
-    if not isinstance(posterior, Posterior) or found is None or found.pareto_k is None or found.efficiency is None:
+    if (
+        not isinstance(posterior, Posterior)
+        or found is None
+        or found.pareto_k is None
+        or found.efficiency is None
+    ):
         raise ValueError("the row of an evidence table needs an evidence by importance sampling")
     subject = posterior.subject
     laplace, why_no_laplace = laplace_evidence(fitted.maxima)
     # The paper's coordinates are those of its task.
     known = "q0" in posterior.names.natural
-    natural, why_no_natural = laplace_evidence_natural(posterior, fitted.maxima) if known else (None, "")
-    bootstrap, about_bootstrap = (None, _NO_REPLICATES if known else "") if by_bootstrap is None else by_bootstrap
+    natural, why_no_natural = (
+        laplace_evidence_natural(posterior, fitted.maxima) if known else (None, "")
+    )
+    bootstrap, about_bootstrap = (
+        (None, _NO_REPLICATES if known else "") if by_bootstrap is None else by_bootstrap
+    )
     return SubjectEvidence(
         subject=subject.name,
         n_pairs=subject.n_pairs,

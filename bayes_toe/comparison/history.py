@@ -43,13 +43,34 @@ if TYPE_CHECKING:
 
 #: Columns of compare_history.csv.
 HISTORY_COLUMNS = (
-    *("subject", "depends", "p_static", "p_carry_over", "p_carry_over_by_time", "p_running_average", "log_bayes_factor_history"),
-    *("log_bayes_factor_previous_answer", "lead", "best_model", "static_model", "parameter", "q05", "q50", "q95"),
+    *(
+        "subject",
+        "depends",
+        "p_static",
+        "p_carry_over",
+        "p_carry_over_by_time",
+        "p_running_average",
+        "log_bayes_factor_history",
+    ),
+    *(
+        "log_bayes_factor_previous_answer",
+        "lead",
+        "best_model",
+        "static_model",
+        "parameter",
+        "q05",
+        "q50",
+        "q95",
+    ),
     *("history_p_static", "history_p", "note"),
 )
 _TRIED, _SHOWN = 3, 400  # compositions; draws that figures get
 #: What the histories' own quantities are called in figures and sentences.
-QUANTITIES = {"carry_over": "carried over, share", "carry_over_tau": "carried over, time constant in s", "half_life": "half-life, trials"}
+QUANTITIES = {
+    "carry_over": "carried over, share",
+    "carry_over_tau": "carried over, time constant in s",
+    "half_life": "half-life, trials",
+}
 _STATIC, _BIAS = "static", {"answer bias": "previous answer"}
 
 
@@ -115,7 +136,13 @@ class SubjectHistory:
             return ""
         if not self.pulled and self.lead <= 0.0 and p <= PROBABLY_NONE:
             return "no pull"
-        said = {"has": "yes", "probably has": "probably", "undecided": "undecided", "probably none": "probably not", "none": "no"}
+        said = {
+            "has": "yes",
+            "probably has": "probably",
+            "undecided": "undecided",
+            "probably none": "probably not",
+            "none": "no",
+        }
         return said[side(p)]
 
     def describe(self) -> str:
@@ -132,7 +159,9 @@ class SubjectHistory:
         if self.p_static is None or self.depends == "no pull":
             return said
         what = f"{QUANTITIES[self.parameter]}: {self.q50:.2g} ({self.q05:.2g} to {self.q95:.2g})"
-        static, best = (compared(p).removeprefix("= ") for p in (self.history_p_static, self.history_p))
+        static, best = (
+            compared(p).removeprefix("= ") for p in (self.history_p_static, self.history_p)
+        )
         fits = f"; p of the answers by trial before {static} static, {best} with it"
         return f"{said} (P of a history {compared(1.0 - self.p_static)}; {what}{fits})"
 
@@ -149,7 +178,11 @@ class HistoryTable(SubjectTable[SubjectHistory]):
         """Some draws of a subject's best model without and with a history."""
         names = (row.static_model, row.best_model)
         found = [posterior_of(self.study[row.subject], self.prior, model=name) for name in names]
-        static, best = (Predictor(one, x) for one, x in zip(found, row.shown, strict=True) if isinstance(one, Posterior))
+        static, best = (
+            Predictor(one, x)
+            for one, x in zip(found, row.shown, strict=True)
+            if isinstance(one, Posterior)
+        )
         return static, best
 
     def sentence(self) -> str:
@@ -159,7 +192,9 @@ class HistoryTable(SubjectTable[SubjectHistory]):
         said = listed([f"{word} {counts[word]}" for word in words if counts[word]])
         total = np.nansum([row.log_bayes_factor_history for row in self.rows])
         found = f"{said}; log Bayes factor of a history {total:+.1f} in sum"
-        told = [require_order(self.study[row.subject]) for row in self.rows]  # others of the study may have no order
+        told = [
+            require_order(self.study[row.subject]) for row in self.rows
+        ]  # others of the study may have no order
         if all(one.iti is None and one.begins.sum() == 1 for one in told):
             found += "; no column session, block or iti tells of pauses, so trials are taken to follow each other without any"
         return f"answers follow them, of {counted(len(self.rows), 'subject')}: {found}"
@@ -200,24 +235,33 @@ def compare_history(
         jobs = [partial(_tried, subject, chosen, root) for subject in study]
         done = kept.work(jobs, workers, progress, [(name,) for name in study.names])
         rows = [
-            SubjectHistory(name, note=done.failed[i].reason) if i in done.failed else done.read(i) for i, name in enumerate(study.names)
+            SubjectHistory(name, note=done.failed[i].reason) if i in done.failed else done.read(i)
+            for i, name in enumerate(study.names)
         ]
     return HistoryTable(tuple(rows), study, root, chosen)
 
 
 def _tried(subject: Subject, prior: Prior, seed: int) -> SubjectHistory:
-    return subject_history(space_evidence(subject, prior, models_of(subject.task).space, seed), seed)
+    return subject_history(
+        space_evidence(subject, prior, models_of(subject.task).space, seed), seed
+    )
 
 
 def subject_history(found: SpaceEvidence, seed: int) -> SubjectHistory:
     """The histories of one subject of whom the space of the task is known, which says with what compositions they are tried."""
     subject, static = found.subject, _likeliest(found)
     of_levels = _with_histories(subject, static)
-    flexible = [model for level, models in of_levels.items() if level != _STATIC for model in models]
+    flexible = [
+        model for level, models in of_levels.items() if level != _STATIC for model in models
+    ]
     biased = [_with(model, **_BIAS) for model in static] if subject.task == WHICH_STRONGER else []
     tried = space_evidence(subject, found.prior, [*static, *flexible, *biased], seed)
     if np.isnan(tried.log_evidence).any():
-        missing = [model.name for model, value in zip(tried.models, tried.log_evidence, strict=True) if np.isnan(value)]
+        missing = [
+            model.name
+            for model, value in zip(tried.models, tried.log_evidence, strict=True)
+            if np.isnan(value)
+        ]
         return SubjectHistory(subject.name, note=f"no evidence of {', '.join(missing)}")
     log_evidence = dict(zip(tried.models, tried.log_evidence.tolist(), strict=True))
 
@@ -230,7 +274,9 @@ def subject_history(found: SpaceEvidence, seed: int) -> SubjectHistory:
     plain, best = (max(models, key=log_evidence.__getitem__) for models in (static, flexible))
     drawn = [_drawn(tried, model, seed) for model in (plain, best)]
     quantity = drawn[1].target.names.natural[-1]
-    q05, q50, q95 = np.quantile(drawn[1].target.quantities(drawn[1].x)[quantity], [0.05, 0.5, 0.95]).tolist()
+    q05, q50, q95 = np.quantile(
+        drawn[1].target.quantities(drawn[1].x)[quantity], [0.05, 0.5, 0.95]
+    ).tolist()
     p_static_fit, p_fit = (history_p(one.target, one.x, seed) for one in drawn)
     return SubjectHistory(
         subject.name,
@@ -265,7 +311,10 @@ def _with_histories(subject: Subject, static: Sequence[Model]) -> dict[str, list
     answers, pulled = require_order(subject), [model for model in static if model.pull is not None]
     timed = answers.iti is not None and bool(np.isfinite(answers.iti[~answers.begins]).any())
     levels = ("carry-over", *(["carry-over by time"] if timed else []), "running average")
-    return {_STATIC: pulled, **{level: [_with(model, history=level) for model in pulled] for level in levels}}
+    return {
+        _STATIC: pulled,
+        **{level: [_with(model, history=level) for model in pulled] for level in levels},
+    }
 
 
 def _with(model: Model, **levels: str) -> Model:
@@ -277,4 +326,6 @@ def _drawn(found: SpaceEvidence, model: Model, seed: int) -> Predictor:
     """Equally weighted posterior draws of a model; sampled anew where its evidence was Laplace's."""
     subject, sampled = found.subject, found.models.index(model) in found.sampled
     known = found if sampled else space_evidence(subject, found.prior, [model], seed)
-    return known.predictor(model.name, HISTORY_DRAWS, generator(seed, subject.name, model.name, "history draws"))
+    return known.predictor(
+        model.name, HISTORY_DRAWS, generator(seed, subject.name, model.name, "history draws")
+    )

@@ -45,11 +45,16 @@ LARGEST_K = 0.7
 LEAST_SHARE = 0.1
 #: Values of one array of log probabilities; draws are thinned to stay below, to no fewer than the least.
 VALUES, LEAST_DRAWS = 5_000_000, 1000
-_MOST_REFITS = 10  # a model that more pairs surprise describes the answers badly, which the other columns show
+_MOST_REFITS = (
+    10  # a model that more pairs surprise describes the answers badly, which the other columns show
+)
 #: Nats below the best at which a maximum still has draws, and at which one may matter once it has moved; by how much it rises at least.
 _SHOWN, _NEAR, _RISEN = 5.0, 8.0, 3.0
 _JUDGING = 5000  # draws behind the evidence without a pair: uncertain by less than 0.01 then
-_START, _LEAST_START = 5000, 20.0  # draws with which a refit begins, and how many must count: fewer do not show where to look
+_START, _LEAST_START = (
+    5000,
+    20.0,
+)  # draws with which a refit begins, and how many must count: fewer do not show where to look
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,11 +88,16 @@ class LeaveOneOut:
     @classmethod
     def joined(cls, parts: Sequence[LeaveOneOut]) -> LeaveOneOut:
         """One model over several subjects: all their units together."""
-        values, counts, k = (np.concatenate([getattr(one, key) for one in parts], axis=1) for key in ("values", "counts", "pareto_k"))
+        values, counts, k = (
+            np.concatenate([getattr(one, key) for one in parts], axis=1)
+            for key in ("values", "counts", "pareto_k")
+        )
         return cls(values, counts, k)
 
 
-def leave_one_out(log_equal: FloatArray, log_different: FloatArray, n_yes: npt.ArrayLike, n_trials: npt.ArrayLike) -> LeaveOneOut:
+def leave_one_out(
+    log_equal: FloatArray, log_different: FloatArray, n_yes: npt.ArrayLike, n_trials: npt.ArrayLike
+) -> LeaveOneOut:
     """Expected log predictive density of a left-out answer from posterior draws of equal weight.
 
     From log probabilities, (draws, pairs), of both answers of one trial, the counted one first, given all others to its pair; and counts.
@@ -104,10 +114,14 @@ def leave_one_out(log_equal: FloatArray, log_different: FloatArray, n_yes: npt.A
 
 def leave_one_pair_out(log_likelihood: FloatArray, n_trials: npt.ArrayLike) -> LeaveOneOut:
     """The same of all answers to a pair, which need not be independent: from the log likelihood of each pair, shape (draws, pairs)."""
-    return _smoothed("pair", log_likelihood[None], (np.asarray(n_trials)[None] > 0).astype(np.int64))
+    return _smoothed(
+        "pair", log_likelihood[None], (np.asarray(n_trials)[None] > 0).astype(np.int64)
+    )
 
 
-def leave_one_out_frequencies(n_yes: npt.ArrayLike, n_trials: npt.ArrayLike, *, unit: Unit = "trial") -> LeaveOneOut:
+def leave_one_out_frequencies(
+    n_yes: npt.ArrayLike, n_trials: npt.ArrayLike, *, unit: Unit = "trial"
+) -> LeaveOneOut:
     """The same for H0, one free frequency per pair with a uniform prior, in closed form.
 
     A left-out 'equal' answer has probability n_Eq/(n + 1), a left-out 'different' one n_Diff/(n + 1). Nothing is known of a left-out pair:
@@ -122,7 +136,10 @@ def leave_one_out_frequencies(n_yes: npt.ArrayLike, n_trials: npt.ArrayLike, *, 
     counts = _counts(n_yes, n_trials)
     if unit == "pair":
         tried = np.asarray(counts.sum(axis=0, keepdims=True) > 0).astype(np.int64)
-        values, counts = np.where(tried > 0, betaln(counts[0] + 1.0, counts[1] + 1.0), np.nan), tried
+        values, counts = (
+            np.where(tried > 0, betaln(counts[0] + 1.0, counts[1] + 1.0), np.nan),
+            tried,
+        )
     else:
         with np.errstate(divide="ignore"):  # log 0 is not used where no such answer was given
             values = np.where(counts > 0, np.log(counts) - np.log1p(counts.sum(axis=0)), np.nan)
@@ -158,10 +175,16 @@ def _smoothed(unit: Unit, logs: FloatArray, counts: IntArray) -> LeaveOneOut:
     for answer, pair in np.argwhere(counts > 0):
         log_p = logs[answer, :, pair]
         if np.ptp(log_p) == 0.0:
-            values[answer, pair], k[answer, pair] = log_p[0], -np.inf  # all weights are equal: no tail to smooth
+            values[answer, pair], k[answer, pair] = (
+                log_p[0],
+                -np.inf,
+            )  # all weights are equal: no tail to smooth
         else:
             smoothed = smoothed_weights(-log_p)
-            values[answer, pair], k[answer, pair] = logsumexp(smoothed.log_weights + log_p), smoothed.pareto_k
+            values[answer, pair], k[answer, pair] = (
+                logsumexp(smoothed.log_weights + log_p),
+                smoothed.pareto_k,
+            )
     values[k > trusted_k(logs.shape[1])] = np.nan
     return LeaveOneOut(values, counts, k, _note(unit, values, counts, k))
 
@@ -180,7 +203,10 @@ def _note(unit: Unit, values: FloatArray, counts: IntArray, k: FloatArray) -> st
     bad = np.argwhere(np.isnan(values) & (counts > 0))
     if not len(bad):
         return ""
-    which = [f"pair {i + 1}" + (f" ('{ANSWERS[a]}')" if unit == "trial" else "") + f" {k[a, i]:.2f}" for a, i in bad]
+    which = [
+        f"pair {i + 1}" + (f" ('{ANSWERS[a]}')" if unit == "trial" else "") + f" {k[a, i]:.2f}"
+        for a, i in bad
+    ]
     listed = ", ".join(which[:5]) + (f" and {len(which) - 5} more" if len(which) > 5 else "")
     return f"leave-one-out by {unit} withheld: importance weights are unreliable (Pareto k-hat: {listed})"
 
@@ -193,7 +219,9 @@ def _counts(n_yes: npt.ArrayLike, n_trials: npt.ArrayLike) -> IntArray:
 # --- pairs, by the proposal ---------------------------------------------------------------------------------------------------------
 
 
-def left_out_pairs(fitted: FittedProposal, maxima: Maxima, evidence: Evidence, seed: int) -> LeaveOneOut:
+def left_out_pairs(
+    fitted: FittedProposal, maxima: Maxima, evidence: Evidence, seed: int
+) -> LeaveOneOut:
     """Leave-one-out by pair of a model whose proposal can be trusted; values where weights fail come from refits, at most ten.
 
     `maxima` are those of the posterior of all answers.
@@ -201,7 +229,10 @@ def left_out_pairs(fitted: FittedProposal, maxima: Maxima, evidence: Evidence, s
     target, subject = fitted.proposal.posterior, fitted.proposal.posterior.subject
     some = fitted.draws.part(slice(None, None, thinning(len(fitted.draws.x), subject.n_pairs)))
     elsewhere = _elsewhere(target, maxima)
-    log_likelihood, log_weights = target.pair_log_likelihood(some.x), some.log_prior - some.log_proposal
+    log_likelihood, log_weights = (
+        target.pair_log_likelihood(some.x),
+        some.log_prior - some.log_proposal,
+    )
     found = weighted_pairs(log_likelihood, log_weights, subject.n_trials, withheld=elsewhere)
     failed = np.flatnonzero(np.isnan(found.values[0]) & (subject.n_trials > 0)).tolist()
     if evidence.value is None or not 0 < len(failed) <= _MOST_REFITS:
@@ -209,12 +240,22 @@ def left_out_pairs(fitted: FittedProposal, maxima: Maxima, evidence: Evidence, s
     values = found.values.copy()
     for pair in failed:
         rng = generator(seed, subject.name, target.model.name, "left out", pair)
-        rest = log_evidence_without(target, pair, rng, fitted=None if elsewhere[pair] else fitted, starts=maxima.all)
+        rest = log_evidence_without(
+            target, pair, rng, fitted=None if elsewhere[pair] else fitted, starts=maxima.all
+        )
         values[0, pair] = np.nan if rest is None else evidence.value - rest
-    return replace(found, values=values, note=found.note if np.isnan(values[found.counts > 0]).any() else "")
+    return replace(
+        found, values=values, note=found.note if np.isnan(values[found.counts > 0]).any() else ""
+    )
 
 
-def weighted_pairs(log_likelihood: FloatArray, log_weights: FloatArray, n_trials: npt.ArrayLike, *, withheld: BoolArray) -> LeaveOneOut:
+def weighted_pairs(
+    log_likelihood: FloatArray,
+    log_weights: FloatArray,
+    n_trials: npt.ArrayLike,
+    *,
+    withheld: BoolArray,
+) -> LeaveOneOut:
     """The same from draws that are weighted: ln p(pair | rest) = ln Z(all) - ln Z(rest), with mean weights in the place of both evidences.
 
     A value is withheld as well where the draws that count for the rest are below :data:`LEAST_SHARE` of all: few of a proposal that was
@@ -232,13 +273,22 @@ def weighted_pairs(log_likelihood: FloatArray, log_weights: FloatArray, n_trials
     for pair in np.flatnonzero(tried[0]):
         rest = np.where(walls > impossible[:, pair], -np.inf, whole - possible[:, pair])
         smoothed, k[0, pair] = smoothed_unnormalised(rest)
-        if not withheld[pair] and k[0, pair] <= trusted_k(len(rest)) and efficiency(rest) >= LEAST_SHARE:
+        if (
+            not withheld[pair]
+            and k[0, pair] <= trusted_k(len(rest))
+            and efficiency(rest) >= LEAST_SHARE
+        ):
             values[0, pair] = log_all - logsumexp(smoothed)
     return LeaveOneOut(values, tried, k, _note("pair", values, tried, k))
 
 
 def log_evidence_without(
-    target: Target, pair: int, rng: np.random.Generator, *, fitted: FittedProposal | None = None, starts: FloatArray | None = None
+    target: Target,
+    pair: int,
+    rng: np.random.Generator,
+    *,
+    fitted: FittedProposal | None = None,
+    starts: FloatArray | None = None,
 ) -> float | None:
     """Of all answers but those to one pair, by a fit without it; None where that is withheld.
 
@@ -249,9 +299,13 @@ def log_evidence_without(
     if not kept.any():
         return 0.0  # no answers: their probability is 1
     columns = ("s1", "s2", "n_yes", "n_trials", *(() if subject.isi is None else ("isi",)))
-    rest = target.for_subject(replace(subject, **{key: getattr(subject, key)[kept] for key in columns}))
+    rest = target.for_subject(
+        replace(subject, **{key: getattr(subject, key)[kept] for key in columns})
+    )
     moved = None if fitted is None else _moved(fitted, rest)
-    return importance_evidence(fit_proposal(rest, rng, start=moved or find_maxima(rest, starts), draws=_JUDGING)).value
+    return importance_evidence(
+        fit_proposal(rest, rng, start=moved or find_maxima(rest, starts), draws=_JUDGING)
+    ).value
 
 
 def thinning(draws: int, pairs: int) -> int:
@@ -277,4 +331,6 @@ def _moved(fitted: FittedProposal, rest: Target) -> FittedProposal | None:
     share = efficiency(draws.log_weights)
     if share * len(draws.x) < _LEAST_START:
         return None
-    return FittedProposal(replace(fitted.proposal, posterior=rest), draws, share, pareto_k=float("nan"))
+    return FittedProposal(
+        replace(fitted.proposal, posterior=rest), draws, share, pareto_k=float("nan")
+    )

@@ -21,7 +21,14 @@ from scipy.special import log_expit, logit, logsumexp, softmax
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.comparison.leave_one_out import LeaveOneOut, Unit, below_best
-from bayes_toe.comparison.model_row import ModelRow, compare_one, compare_space, difference_columns, failed_row, with_differences
+from bayes_toe.comparison.model_row import (
+    ModelRow,
+    compare_one,
+    compare_space,
+    difference_columns,
+    failed_row,
+    with_differences,
+)
 from bayes_toe.comparison.random_effects import ModelFrequencies, random_effects
 from bayes_toe.comparison.verdict import Verdict, data_doubts
 from bayes_toe.data.study import Study, Subject, require_study
@@ -43,8 +50,24 @@ if TYPE_CHECKING:
 #: Columns of compare.csv.
 COMPARE_COLUMNS = (
     *("subject", "model", "parameters", "log_evidence", "log_evidence_se", "pareto_k"),
-    *("elpd_loo_trial", "elpd_loo_trial_se", "elpd_loo_pair", "elpd_loo_pair_se", "model_probability", "p_predictive", "p_worst_pair"),
-    *("note", "prior", "elpd_loo_pair_diff", "elpd_loo_pair_diff_se", "elpd_loo_trial_diff", "elpd_loo_trial_diff_se", "parts"),
+    *(
+        "elpd_loo_trial",
+        "elpd_loo_trial_se",
+        "elpd_loo_pair",
+        "elpd_loo_pair_se",
+        "model_probability",
+        "p_predictive",
+        "p_worst_pair",
+    ),
+    *(
+        "note",
+        "prior",
+        "elpd_loo_pair_diff",
+        "elpd_loo_pair_diff_se",
+        "elpd_loo_trial_diff",
+        "elpd_loo_trial_diff_se",
+        "parts",
+    ),
 )
 #: Columns of compare_parts.csv.
 PARTS_COLUMNS = ("subject", "part", "level", "probability", "log_inclusion_bayes_factor")
@@ -87,10 +110,16 @@ class PartTable:
         found = [*zip(subjects, self.probability, self.log_inclusion, strict=True)]
         if self.study is not None and self.study_log_inclusion is not None:
             found.append((STUDY, self.study, self.study_log_inclusion))
-        return [(who, self.part, *row) for who, p, b in found for row in zip(self.levels, p.tolist(), b.tolist(), strict=True)]
+        return [
+            (who, self.part, *row)
+            for who, p, b in found
+            for row in zip(self.levels, p.tolist(), b.tolist(), strict=True)
+        ]
 
 
-def part_tables(models: Sequence[Record], log_evidence: npt.ArrayLike, *, seed: int = 0) -> tuple[PartTable, ...]:
+def part_tables(
+    models: Sequence[Record], log_evidence: npt.ArrayLike, *, seed: int = 0
+) -> tuple[PartTable, ...]:
     """Probabilities of the levels of every part that varies among the compositions; free frequencies are none and do not count.
 
     Log evidences have the shape (subjects, models), nats, NaN where withheld; the study's frequencies are sampled.
@@ -109,14 +138,27 @@ def part_tables(models: Sequence[Record], log_evidence: npt.ArrayLike, *, seed: 
         for part, level in models[i].levels:
             families.setdefault(part, {}).setdefault(level, []).append(place)
     values = np.asarray(log_evidence, np.float64)[:, composed]
-    return tuple(_part_table(part, levels, values, seed) for part, levels in families.items() if len(levels) > 1)
+    return tuple(
+        _part_table(part, levels, values, seed)
+        for part, levels in families.items()
+        if len(levels) > 1
+    )
 
 
-def _part_table(part: str, levels: dict[str, list[int]], log_evidence: FloatArray, seed: int) -> PartTable:
+def _part_table(
+    part: str, levels: dict[str, list[int]], log_evidence: FloatArray, seed: int
+) -> PartTable:
     # NaN wherever an evidence is missing: all levels would depend on it.
     values = np.where(np.isnan(log_evidence).any(axis=1, keepdims=True), np.nan, log_evidence)
-    families = np.column_stack([logsumexp(values[:, of], axis=1) - np.log(len(of)) for of in levels.values()])
-    odds = np.column_stack([families[:, k] - logsumexp(np.delete(families, k, axis=1), axis=1) for k in range(len(levels))])
+    families = np.column_stack(
+        [logsumexp(values[:, of], axis=1) - np.log(len(of)) for of in levels.values()]
+    )
+    odds = np.column_stack(
+        [
+            families[:, k] - logsumexp(np.delete(families, k, axis=1), axis=1)
+            for k in range(len(levels))
+        ]
+    )
     even, known = logit(1.0 / len(levels)), _complete(families)
     study = random_effects(known, seed=seed).expected if len(known) > 1 else None
     of_study = None if study is None else np.asarray(logit(study) - even)
@@ -151,7 +193,9 @@ class ModelComparison(Table[ModelRow]):
         for row in self.rows:
             if (row.subject, row.model) == tuple(key):
                 return row
-        raise InputError(f"no row {key!r} in the comparison; subjects: {', '.join(self.subjects)}; models: {', '.join(self.models)}")
+        raise InputError(
+            f"no row {key!r} in the comparison; subjects: {', '.join(self.subjects)}; models: {', '.join(self.models)}"
+        )
 
     @property
     def log_evidence(self) -> FloatArray:
@@ -161,8 +205,12 @@ class ModelComparison(Table[ModelRow]):
     @cached_property
     def weighed(self) -> FloatArray:
         """The same with -inf where a withheld one has no weight even by its bound, see :func:`~bayes_toe.inference.evidence.weighed`."""
-        bounds = np.reshape([row.bound for row in self.rows], (len(self.subjects), len(self.models)))
-        return np.array([weighed(*one) for one in zip(self.log_evidence, bounds, strict=True)]).reshape(bounds.shape)
+        bounds = np.reshape(
+            [row.bound for row in self.rows], (len(self.subjects), len(self.models))
+        )
+        return np.array(
+            [weighed(*one) for one in zip(self.log_evidence, bounds, strict=True)]
+        ).reshape(bounds.shape)
 
     @property
     def records(self) -> tuple[Record, ...]:
@@ -174,10 +222,19 @@ class ModelComparison(Table[ModelRow]):
         import pandas as pd
 
         said = {
-            record.name: {"prior": record.describe(self.prior), "parts": "; ".join(f"{part}: {level}" for part, level in record.levels)}
+            record.name: {
+                "prior": record.describe(self.prior),
+                "parts": "; ".join(f"{part}: {level}" for part, level in record.levels),
+            }
             for record in self.records
         }
-        cells = [[said[row.model][key] if key in ("prior", "parts") else row.cell(key) for key in COMPARE_COLUMNS] for row in self.rows]
+        cells = [
+            [
+                said[row.model][key] if key in ("prior", "parts") else row.cell(key)
+                for key in COMPARE_COLUMNS
+            ]
+            for row in self.rows
+        ]
         numbers = {key: "float64" for key in COMPARE_COLUMNS if key not in _TEXTS}
         return pd.DataFrame(cells, columns=list(COMPARE_COLUMNS)).astype(numbers)
 
@@ -204,13 +261,19 @@ class ModelComparison(Table[ModelRow]):
 
         Without subjects whose evidences are all withheld.
         """
-        composed, evidence = np.array([bool(record.levels) for record in self.records]), self.log_evidence
+        composed, evidence = (
+            np.array([bool(record.levels) for record in self.records]),
+            self.log_evidence,
+        )
         found: dict[str, tuple[ModelRow, float | None]] = {}
         for i, (name, values) in enumerate(zip(self.subjects, evidence, strict=True)):
             known = np.where(composed & ~np.isnan(values), values, -np.inf)
             best, free = int(known.argmax()), values[~composed & ~np.isnan(values)].tolist()
             if np.isfinite(known[best]):
-                found[name] = self.rows[i * len(self.models) + best], float(known[best]) - free[0] if free else None
+                found[name] = (
+                    self.rows[i * len(self.models) + best],
+                    float(known[best]) - free[0] if free else None,
+                )
         return found
 
     def frequencies(self) -> ModelFrequencies | None:
@@ -239,13 +302,24 @@ class ModelComparison(Table[ModelRow]):
         import pandas as pd
 
         complete, found = _complete(self.weighed), self.frequencies()
-        frequencies = {name: np.nan if found is None else getattr(found, name) for name in _FREQUENCIES}
-        errors = {name: np.nan if found is None else getattr(found, f"{name}_se") for name in _FREQUENCIES if name != "protected"}
-        predicted = {f"elpd_loo_{unit}": _complete(self._matrix(f"elpd_loo_{unit}")) for unit in ("trial", "pair")}
+        frequencies = {
+            name: np.nan if found is None else getattr(found, name) for name in _FREQUENCIES
+        }
+        errors = {
+            name: np.nan if found is None else getattr(found, f"{name}_se")
+            for name in _FREQUENCIES
+            if name != "protected"
+        }
+        predicted = {
+            f"elpd_loo_{unit}": _complete(self._matrix(f"elpd_loo_{unit}"))
+            for unit in ("trial", "pair")
+        }
         columns = {
             "model": self.models,
             "subjects": len(complete),
-            "best": np.bincount(complete.argmax(axis=1), minlength=len(self.models)) if len(complete) else 0,
+            "best": np.bincount(complete.argmax(axis=1), minlength=len(self.models))
+            if len(complete)
+            else 0,
             **frequencies,
             "group_log_evidence": _sum(np.where(np.isinf(complete), np.nan, complete)),
             **{name: _sum(values) for name, values in predicted.items()},
@@ -258,19 +332,38 @@ class ModelComparison(Table[ModelRow]):
         }
         return pd.DataFrame(columns)
 
-    def save(self, path: str | Path, *, overwrite: bool = False, spreadsheet_safe: bool = False, units: bool = False) -> Path:
+    def save(
+        self,
+        path: str | Path,
+        *,
+        overwrite: bool = False,
+        spreadsheet_safe: bool = False,
+        units: bool = False,
+    ) -> Path:
         """Write compare.csv, and beside it compare_models.csv (the study) and compare_parts.csv; all of them or none."""
-        files, frames = (Path(path), *beside(path)), (self.frame(), self.study_frame(), self.parts_frame())
+        files, frames = (
+            (Path(path), *beside(path)),
+            (self.frame(), self.study_frame(), self.parts_frame()),
+        )
         with whole_together(*files, overwrite=overwrite) as folder:
             for frame, file in zip(frames, files, strict=True):
-                write_table(frame, folder / file.name, spreadsheet_safe=spreadsheet_safe, units=units and "subject" in frame)
+                write_table(
+                    frame,
+                    folder / file.name,
+                    spreadsheet_safe=spreadsheet_safe,
+                    units=units and "subject" in frame,
+                )
         return files[0]
 
     def _differences(self, unit: Unit) -> dict[str, list[float]]:
         """Leave-one-out differences to the best model and their errors over the subjects with a value under every model."""
         size = len(self.models)
         subjects = [self.rows[i : i + size] for i in range(0, len(self.rows), size)]
-        found = [[row.left_out[unit] for row in rows] for rows in subjects if all(unit in row.left_out for row in rows)]
+        found = [
+            [row.left_out[unit] for row in rows]
+            for rows in subjects
+            if all(unit in row.left_out for row in rows)
+        ]
         counted = [rows for rows in found if not any(np.isnan(one.elpd) for one in rows)]
         joined = [LeaveOneOut.joined(parts) for parts in zip(*counted, strict=True)]
         pairs = below_best(joined) if joined else [(np.nan, np.nan)] * size
@@ -293,7 +386,10 @@ def _sum(rows: FloatArray) -> FloatArray:
 
 def beside(path: str | Path) -> tuple[Path, Path]:
     """Where the tables of the study and of the parts go: compare_models.csv and compare_parts.csv beside compare.csv."""
-    models, parts = (Path(path).with_name(f"{Path(path).stem}_{what}{Path(path).suffix}") for what in ("models", "parts"))
+    models, parts = (
+        Path(path).with_name(f"{Path(path).stem}_{what}{Path(path).suffix}")
+        for what in ("models", "parts")
+    )
     return models, parts
 
 
@@ -340,18 +436,37 @@ def compare(
     records, chosen = require_models(models, study.task), prior_for(study, prior)
     SamplerSettings(draws=draws)  # refuses a bad number before any work
     whole = models == "parts"
-    of = [(subject, some) for subject in study for some in ([records] if whole else [(model,) for model in records])]
-    names = [(subject.name if whole else f"{subject.name}: {some[0].name}",) for subject, some in of]
+    of = [
+        (subject, some)
+        for subject in study
+        for some in ([records] if whole else [(model,) for model in records])
+    ]
+    names = [
+        (subject.name if whole else f"{subject.name}: {some[0].name}",) for subject, some in of
+    ]
     with keeping(keep, "models of subjects") as kept:
-        common: dict[str, Any] = {"draws": draws, "seed": (root := kept.seed(seed)), "prior": chosen}
+        common: dict[str, Any] = {
+            "draws": draws,
+            "seed": (root := kept.seed(seed)),
+            "prior": chosen,
+        }
         jobs: list[Callable[[], tuple[Sequence[ModelRow], Verdict | None]]] = (
-            [partial(compare_space, subject, data=data, **common) for subject, data in zip(study, data_doubts(study), strict=True)]
+            [
+                partial(compare_space, subject, data=data, **common)
+                for subject, data in zip(study, data_doubts(study), strict=True)
+            ]
             if whole
             else [partial(_alone, subject, some[0], **common) for subject, some in of]
         )
         done = kept.work(jobs, workers, progress, names)
         found = [
-            ([failed_row(subject, model, done.failed[at].reason, prior=chosen) for model in some], None)
+            (
+                [
+                    failed_row(subject, model, done.failed[at].reason, prior=chosen)
+                    for model in some
+                ],
+                None,
+            )
             if at in done.failed
             else done.read(at)
             for at, (subject, some) in enumerate(of)
@@ -360,10 +475,20 @@ def compare(
     groups = [rows[i : i + size] for i in range(0, len(rows), size)]
     table = tuple(row for group in groups for row in with_probabilities(with_differences(group)))
     said = tuple(said for _, said in found if said)
-    return ModelComparison(table, tuple(study.names), tuple(model.name for model in records), root, chosen, said, study.task)
+    return ModelComparison(
+        table,
+        tuple(study.names),
+        tuple(model.name for model in records),
+        root,
+        chosen,
+        said,
+        study.task,
+    )
 
 
-def _alone(subject: Subject, model: Record, *, draws: int, seed: int, prior: Prior) -> tuple[Sequence[ModelRow], None]:
+def _alone(
+    subject: Subject, model: Record, *, draws: int, seed: int, prior: Prior
+) -> tuple[Sequence[ModelRow], None]:
     return [compare_one(subject, model, draws=draws, seed=seed, prior=prior)], None
 
 
@@ -374,7 +499,9 @@ def with_probabilities(rows: Sequence[ModelRow]) -> list[ModelRow]:
         missing = [row.model for row, value in zip(rows, values, strict=True) if np.isnan(value)]
         note = f"no model probability: no evidence of {', '.join(missing)}"
         return [replace(row, notes=(*row.notes, note)) for row in rows]
-    said = [() if row.log_evidence is not None else (said_of_bound(row.bound, values),) for row in rows]
+    said = [
+        () if row.log_evidence is not None else (said_of_bound(row.bound, values),) for row in rows
+    ]
     return [
         replace(row, model_probability=float(share), notes=(*row.notes, *more))
         for row, share, more in zip(rows, softmax(values), said, strict=True)

@@ -109,13 +109,18 @@ class ModelRow:
         return getattr(self.checks if hasattr(self.checks, column) else self, column)
 
 
-def compare_one(subject: Subject, model: Record, *, draws: int, seed: int, prior: Prior) -> ModelRow:
+def compare_one(
+    subject: Subject, model: Record, *, draws: int, seed: int, prior: Prior
+) -> ModelRow:
     """Everything that the table says of one subject under one model."""
     target, settings = model.posterior(subject, prior), _settings(draws)
     if isinstance(target, FrequencyPosterior):  # in closed form, but for predictive checks
         exact = exact_result(target, seed, Wanted(settings, EVIDENCE_DRAWS))
         assert exact.evidence is not None  # it was asked for
-        left_out = {unit: leave_one_out_frequencies(subject.n_yes, subject.n_trials, unit=unit) for unit in UNITS}
+        left_out = {
+            unit: leave_one_out_frequencies(subject.n_yes, subject.n_trials, unit=unit)
+            for unit in UNITS
+        }
         return _row(target, exact.evidence, left_out, exact.fit)
     result, (maxima, fitted) = fitted_result(target, seed, Wanted(evidence_draws=EVIDENCE_DRAWS))
     assert result.evidence is not None
@@ -134,10 +139,29 @@ def compare_space(
             target = fitted.proposal.posterior
             bend = -hessian(partial(_slope, target), mode)
             maxima = Maxima(mode, target.log_density(mode), bend, True, mode[:0])
-            enough = redrawn(fitted, generator(seed, subject.name, model.name, "compared"), max(_EQUAL_DRAWS, 5 * draws))
-            rows.append(_checked(enough if enough.trusted else fitted, maxima, evidence, _settings(draws), seed))
+            enough = redrawn(
+                fitted,
+                generator(seed, subject.name, model.name, "compared"),
+                max(_EQUAL_DRAWS, 5 * draws),
+            )
+            rows.append(
+                _checked(
+                    enough if enough.trusted else fitted, maxima, evidence, _settings(draws), seed
+                )
+            )
         else:
-            rows.append(ModelRow(subject.name, model.name, len(model.coordinates), value, None, None, Checks(), (FAR,)))
+            rows.append(
+                ModelRow(
+                    subject.name,
+                    model.name,
+                    len(model.coordinates),
+                    value,
+                    None,
+                    None,
+                    Checks(),
+                    (FAR,),
+                )
+            )
     return tuple(rows), said
 
 
@@ -149,19 +173,38 @@ def _settings(draws: int) -> SamplerSettings:
     return SamplerSettings(draws=draws, max_quantile_error=np.inf)
 
 
-def _row(target: Answering, evidence: Evidence, left_out: Mapping[Unit, LeaveOneOut], fit: FitSummary | None, reason: str = "") -> ModelRow:
+def _row(
+    target: Answering,
+    evidence: Evidence,
+    left_out: Mapping[Unit, LeaveOneOut],
+    fit: FitSummary | None,
+    reason: str = "",
+) -> ModelRow:
     """The row of what was found, or without fit and what was left out, of why draws fall short."""
     subject = target.subject
     # Models that do not know the intervals of a subject say so.
-    notes = [] if subject.isi is None or target.model.knows_intervals else [target.model.of_intervals]
+    notes = (
+        [] if subject.isi is None or target.model.knows_intervals else [target.model.of_intervals]
+    )
     notes += [note for note in (evidence.why_not, *(one.note for one in left_out.values())) if note]
     if target.model.by_trial:
         notes.append("leave-one-out withheld: answers depend on the trials before")
     if reason:
-        notes += [f"draws did not converge: {reason}", "leave-one-out and predictive checks withheld with the draws"]
-    scores = {f"elpd_loo_{unit}{end}": value for unit, one in left_out.items() for end, value in (("", one.elpd), ("_se", one.se))}
+        notes += [
+            f"draws did not converge: {reason}",
+            "leave-one-out and predictive checks withheld with the draws",
+        ]
+    scores = {
+        f"elpd_loo_{unit}{end}": value
+        for unit, one in left_out.items()
+        for end, value in (("", one.elpd), ("_se", one.se))
+    }
     known = {name: value for name, value in scores.items() if not np.isnan(value)}
-    checks = Checks() if fit is None else Checks(**known, p_predictive=fit.p_overall, p_worst_pair=fit.worst_p)
+    checks = (
+        Checks()
+        if fit is None
+        else Checks(**known, p_predictive=fit.p_overall, p_worst_pair=fit.worst_p)
+    )
     return ModelRow(
         subject=subject.name,
         model=target.model.name,
@@ -179,7 +222,9 @@ def _row(target: Answering, evidence: Evidence, left_out: Mapping[Unit, LeaveOne
 def failed_row(subject: Subject, model: Record, reason: str, *, prior: Prior) -> ModelRow:
     """The row where that work was lost."""
     size = len(model.posterior(subject, prior).coordinates)
-    return ModelRow(subject.name, model.name, size, None, None, None, Checks(), (reason,), failed=True)
+    return ModelRow(
+        subject.name, model.name, size, None, None, None, Checks(), (reason,), failed=True
+    )
 
 
 def with_differences(rows: Sequence[ModelRow]) -> list[ModelRow]:
@@ -188,7 +233,11 @@ def with_differences(rows: Sequence[ModelRow]) -> list[ModelRow]:
     for unit in UNITS:
         known = [i for i, row in enumerate(rows) if unit in row.left_out]
         for i, pair in zip(known, below_best([rows[i].left_out[unit] for i in known]), strict=True):
-            found[i] |= {name: value for name, value in zip(difference_columns(unit), pair, strict=True) if not np.isnan(value)}
+            found[i] |= {
+                name: value
+                for name, value in zip(difference_columns(unit), pair, strict=True)
+                if not np.isnan(value)
+            }
     return [replace(row, differences=own) for row, own in zip(rows, found, strict=True)]
 
 
@@ -197,7 +246,9 @@ def difference_columns(unit: Unit) -> tuple[str, str]:
     return f"elpd_loo_{unit}_diff", f"elpd_loo_{unit}_diff_se"
 
 
-def _checked(fitted: FittedProposal, maxima: Maxima, evidence: Evidence, settings: SamplerSettings, seed: int) -> ModelRow:
+def _checked(
+    fitted: FittedProposal, maxima: Maxima, evidence: Evidence, settings: SamplerSettings, seed: int
+) -> ModelRow:
     """The row from the draws of a fitted proposal."""
     target = fitted.proposal.posterior
     x, log_likelihood, reason = _equal_draws(fitted, settings, seed)
@@ -215,19 +266,28 @@ def _checked(fitted: FittedProposal, maxima: Maxima, evidence: Evidence, setting
     return _row(target, evidence, {"trial": trial, "pair": pair}, fit)
 
 
-def _equal_draws(fitted: FittedProposal, settings: SamplerSettings, seed: int) -> tuple[FloatArray, FloatArray, str]:
+def _equal_draws(
+    fitted: FittedProposal, settings: SamplerSettings, seed: int
+) -> tuple[FloatArray, FloatArray, str]:
     """Posterior draws of equal weight, shape (draws, k), their log likelihoods, and why they fall short where they do.
 
     Those of the proposal, taken by their weights: they are independent. Chains where the proposal cannot be trusted, or fewer count than
     were asked for.
     """
-    target, draws, size = fitted.proposal.posterior, fitted.draws, max(_EQUAL_DRAWS, 5 * settings.draws // 2)
+    target, draws, size = (
+        fitted.proposal.posterior,
+        fitted.draws,
+        max(_EQUAL_DRAWS, 5 * settings.draws // 2),
+    )
     counting = 1.0 / (1.0 / (fitted.efficiency * len(draws.x)) + 1.0 / size)
     if not fitted.trusted or counting < settings.draws:
         chains = sample_chains(fitted, settings, seed)
         x = chains.x.reshape(-1, len(target.coordinates))
         return x, chains.log_posterior.ravel() - target.log_prior(x), chains.reason
     below = np.cumsum(np.exp(smoothed_weights(draws.log_weights).log_weights))
-    places = (np.arange(size) + generator(seed, target.subject.name, target.model.name, "equal draws").uniform()) / size
+    places = (
+        np.arange(size)
+        + generator(seed, target.subject.name, target.model.name, "equal draws").uniform()
+    ) / size
     kept = np.searchsorted(below[:-1], places * below[-1], side="right")
     return draws.x[kept], draws.log_posterior[kept] - draws.log_prior[kept], ""

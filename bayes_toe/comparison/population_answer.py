@@ -16,7 +16,13 @@ from bayes_toe.groups.population_table import ORDER_EFFECT, PopulationRow
 from bayes_toe.groups.savage_dickey import ORDER_EFFECTS
 
 #: What is said of the mean, by what would be said of one subject.
-_WORDS = {"has": "one", "probably has": "probably one", "undecided": "undecided", "probably none": "probably none", "none": "none"}
+_WORDS = {
+    "has": "one",
+    "probably has": "probably one",
+    "undecided": "undecided",
+    "probably none": "probably none",
+    "none": "none",
+}
 _FAR = 5.0  # posterior sds of a mean from 0
 
 
@@ -45,7 +51,11 @@ class OnAverage:
     @property
     def named(self) -> tuple[str, ...]:
         """Kinds that are said, for sure or probably."""
-        return tuple(kind for kind, share in self.shares.items() if self.p_none <= PROBABLY_HAS and share >= PROBABLY_NAMED)
+        return tuple(
+            kind
+            for kind, share in self.shares.items()
+            if self.p_none <= PROBABLY_HAS and share >= PROBABLY_NAMED
+        )
 
     @property
     def words(self) -> str:
@@ -54,8 +64,16 @@ class OnAverage:
         if (pull := self.always) is not None:
             size = f"a pull of {pull.q50:.2f} ({pull.q05:.2f} to {pull.q95:.2f}) on average, since this model always has one"
             return f"{size}; {' and '.join(row.parameter for row in self.means)}: {said}"
-        said += f": {' and '.join(f'a {kind}' for kind in self.named) or 'which kind is open'}" if self.has else ""
-        differ = ", and subjects differ" if self.has else ", but subjects differ, with effects of either sign"
+        said += (
+            f": {' and '.join(f'a {kind}' for kind in self.named) or 'which kind is open'}"
+            if self.has
+            else ""
+        )
+        differ = (
+            ", and subjects differ"
+            if self.has
+            else ", but subjects differ, with effects of either sign"
+        )
         return said + differ * self.differ
 
 
@@ -65,10 +83,18 @@ def on_average(found: Population) -> OnAverage | None:
     means = [row for row in rows if (row.bf_zero, row.bf_below) != (None, None)]
     if not means:
         return None
-    (both,), always = found.table.some("mean", ORDER_EFFECT), next((row for row in rows if row not in means), None)
+    (both,), always = (
+        found.table.some("mean", ORDER_EFFECT),
+        next((row for row in rows if row not in means), None),
+    )
     average = _averages(both, means)
     p, spread = average[()], found.table.some("sd", ORDER_EFFECT)
-    shares = {row.parameter: sum(one for kinds, one in average.items() if row.parameter in kinds) / (1.0 - p) for row in means if p < 1.0}
+    shares = {
+        row.parameter: sum(one for kinds, one in average.items() if row.parameter in kinds)
+        / (1.0 - p)
+        for row in means
+        if p < 1.0
+    }
     return OnAverage(p, shares, both, tuple(means), bool(spread) and spread[0].q05 > SMALL, always)
 
 

@@ -57,7 +57,11 @@ def summarised(task: Task = SAME_DIFFERENT) -> tuple[str, ...]:
 
 def sensitivity_columns(task: Task = SAME_DIFFERENT) -> tuple[str, ...]:
     """Columns of sensitivity.csv."""
-    return (*_NUMBERS, *(f"{name}_{key}" for name in summarised(task) for key in QUANTILES), "prior")
+    return (
+        *_NUMBERS,
+        *(f"{name}_{key}" for name in summarised(task) for key in QUANTILES),
+        "prior",
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +128,9 @@ class SensitivityTable(Table[SensitivityRow]):
         """Rows of one subject and one varied value."""
         found = tuple(row for row in self.rows if row.subject == subject and row.varied == varied)
         if not found:
-            raise InputError(f"no rows of subject {subject!r} with {varied!r} varied; values: {', '.join(self.varied)}")
+            raise InputError(
+                f"no rows of subject {subject!r} with {varied!r} varied; values: {', '.join(self.varied)}"
+            )
         return found
 
     def default(self, subject: str) -> SensitivityRow:
@@ -141,27 +147,51 @@ class SensitivityTable(Table[SensitivityRow]):
         Interpolated linearly, in the logarithm of a scale; two rows without a value between them are not joined.
         """
         rows, scale = self.of(subject, varied), self.prior.declared_as(varied).positive
-        value, above = np.array([(row.value, row.log_bayes_factor) for row in rows], np.float64).T - [[0.0], [level]]  # None becomes NaN
+        value, above = np.array(
+            [(row.value, row.log_bayes_factor) for row in rows], np.float64
+        ).T - [[0.0], [level]]  # None becomes NaN
         at = np.flatnonzero(((above[:-1] < 0) != (above[1:] < 0)) & np.isfinite(np.diff(above)))
         share, (first, second) = above[at] / (above[at] - above[at + 1]), (value[at], value[at + 1])
-        return tuple((first * (second / first) ** share if scale else first + share * (second - first)).tolist())
+        return tuple(
+            (
+                first * (second / first) ** share if scale else first + share * (second - first)
+            ).tolist()
+        )
 
     def summary(self) -> tuple[str, ...]:
         """One line a subject: where its conclusion turns, where it stops being strong, where values are missing, along each value."""
         lines = []
         for name in self.names:
             middle, firm = self.default(name).log_bayes_factor, list[str]()
-            said = [f"{name}: " + ("no log Bayes factor" if middle is None else f"log Bayes factor {middle:+.2f}, {conclusion(middle)}")]
+            said = [
+                f"{name}: "
+                + (
+                    "no log Bayes factor"
+                    if middle is None
+                    else f"log Bayes factor {middle:+.2f}, {conclusion(middle)}"
+                )
+            ]
             for varied in self.varied:
                 rows, turns = self.of(name, varied), self.turns(name, varied)
                 told = {
                     "turns": turns,
-                    **{f"passes {level:+g} nats": self.turns(name, varied, level) for level in (STRONG, -STRONG)},
-                    "no reliable value": [row.value for row in rows if row.log_bayes_factor is None],
+                    **{
+                        f"passes {level:+g} nats": self.turns(name, varied, level)
+                        for level in (STRONG, -STRONG)
+                    },
+                    "no reliable value": [
+                        row.value for row in rows if row.log_bayes_factor is None
+                    ],
                 }
-                said += [f"{what} at {varied} = {' and '.join(f'{one:.3g}' for one in at)}" for what, at in told.items() if at]
+                said += [
+                    f"{what} at {varied} = {' and '.join(f'{one:.3g}' for one in at)}"
+                    for what, at in told.items()
+                    if at
+                ]
                 firm += [] if turns else [f"{varied} = {rows[0].value:.3g}..{rows[-1].value:.3g}"]
-            lines.append("; ".join([*said, *([f"does not turn within {', '.join(firm)}"] if firm else [])]))
+            lines.append(
+                "; ".join([*said, *([f"does not turn within {', '.join(firm)}"] if firm else [])])
+            )
         return tuple(lines)
 
     def frame(self) -> pd.DataFrame:
@@ -169,7 +199,11 @@ class SensitivityTable(Table[SensitivityRow]):
         import pandas as pd
 
         rows = [
-            [*(getattr(row, name) for name in _NUMBERS), *row.quantiles.ravel().tolist(), row.prior.describe(self.task)]
+            [
+                *(getattr(row, name) for name in _NUMBERS),
+                *row.quantiles.ravel().tolist(),
+                row.prior.describe(self.task),
+            ]
             for row in self.rows
         ]
         return pd.DataFrame(rows, columns=list(sensitivity_columns(self.task)))
@@ -229,10 +263,14 @@ def require_range(reach: float, steps: int) -> None:
     if not 1.0 < reach <= 1e6:
         raise InputError(f"reach={reach:g}: allowed is a number above 1, up to 1e6")
     if not 3 <= steps < 1000 or steps % 2 == 0:
-        raise InputError(f"steps={steps}: allowed is an odd number from 3 to 999, so that the prior itself is among them")
+        raise InputError(
+            f"steps={steps}: allowed is an odd number from 3 to 999, so that the prior itself is among them"
+        )
 
 
-def _one_subject(subject: Subject, middle: Prior, powers: tuple[float, ...], reach: float, seed: int) -> list[SensitivityRow]:
+def _one_subject(
+    subject: Subject, middle: Prior, powers: tuple[float, ...], reach: float, seed: int
+) -> list[SensitivityRow]:
     """Rows of one subject: for each value that is varied, one for each power of the reach."""
     posterior = posterior_of(subject, middle)
     middle = posterior.prior  # in numbers
@@ -249,7 +287,11 @@ def _one_subject(subject: Subject, middle: Prior, powers: tuple[float, ...], rea
 def moved(prior: Prior, varied: PriorField, power: float, reach: float) -> Prior:
     """The prior with a scale or shape multiplied by a power of the reach, or a location shifted by so many standard deviations."""
     value: float = getattr(prior, varied.name)
-    there = value * reach**power if varied.positive else value + power * prior.distribution(varied.parameter).spread
+    there = (
+        value * reach**power
+        if varied.positive
+        else value + power * prior.distribution(varied.parameter).spread
+    )
     changes: dict[str, Any] = {varied.name: there}
     return replace(prior, **changes)
 
@@ -274,7 +316,13 @@ def _under(fitted: FittedProposal, wanted: Posterior, seed: int) -> _Weighted:
     old = _reweighted(fitted, wanted.prior)
     if old.trusted and old.efficiency * len(old.x) >= _ENOUGH:
         return old
-    rng = generator(seed, wanted.subject.name, wanted.model.name, "sensitivity", wanted.model.describe(wanted.prior))
+    rng = generator(
+        seed,
+        wanted.subject.name,
+        wanted.model.name,
+        "sensitivity",
+        wanted.model.describe(wanted.prior),
+    )
     return _reweighted(fit_proposal(wanted, rng), wanted.prior)._replace(method=RESAMPLED)
 
 
@@ -289,15 +337,31 @@ def _row(wanted: Posterior, varied: str, factor: float | None, found: _Weighted)
     quantiles = np.full((len(names), len(QUANTILES)), np.nan)
     if found.trusted:
         error = float(np.sqrt((1.0 / found.efficiency - 1.0) / len(found.x)))
-        difference = float(logsumexp(found.log_weights) - np.log(len(found.x))) - frequency_evidence(wanted.subject)
+        difference = float(
+            logsumexp(found.log_weights) - np.log(len(found.x))
+        ) - frequency_evidence(wanted.subject)
         some = np.isfinite(found.log_weights)
         weights = np.exp(found.log_weights[some] - found.log_weights.max())
         values = wanted.quantities(found.x[some])
-        quantiles = np.stack([weighted_quantiles(values[name], weights, list(QUANTILES.values())) for name in names])
-    return SensitivityRow(wanted.subject.name, varied, factor, wanted.prior, difference, error, found.pareto_k, found.method, quantiles)
+        quantiles = np.stack(
+            [weighted_quantiles(values[name], weights, list(QUANTILES.values())) for name in names]
+        )
+    return SensitivityRow(
+        wanted.subject.name,
+        varied,
+        factor,
+        wanted.prior,
+        difference,
+        error,
+        found.pareto_k,
+        found.method,
+        quantiles,
+    )
 
 
-def weighted_quantiles(values: FloatArray, weights: FloatArray, probabilities: npt.ArrayLike) -> FloatArray:
+def weighted_quantiles(
+    values: FloatArray, weights: FloatArray, probabilities: npt.ArrayLike
+) -> FloatArray:
     """Quantiles of weighted values, each of shape (draws,); linear between the middles of the steps of the distribution function."""
     order = np.argsort(values)
     share = np.cumsum(weights[order])

@@ -132,7 +132,9 @@ def _assigned(log_l: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, 
         for i in np.flatnonzero(np.square(weights).mean(axis=1) > 2.0):
             kept = _resampled(weights[i], rng)
             alpha[:, i], below[:, i], weights[i] = alpha[:, i, kept], below[:, i, kept], 1.0
-        shares = rng.permuted((np.arange(_PARTICLES) + rng.uniform(size=size)) / _PARTICLES, axis=1)  # of all particles evenly
+        shares = rng.permuted(
+            (np.arange(_PARTICLES) + rng.uniform(size=size)) / _PARTICLES, axis=1
+        )  # of all particles evenly
         alpha += (below[:-1] <= shares * below[-1]).sum(axis=0) == models
     for repeat, of_one in enumerate(weights):
         alpha[:, repeat] = alpha[:, repeat, _resampled(of_one, rng)]

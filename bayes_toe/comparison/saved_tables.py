@@ -37,7 +37,9 @@ def read_evidence(path: str | Path, draws: Draws) -> pd.DataFrame:
 
     source = bare(Path(path).name)
     require_update(draws, source)
-    texts, numbers = read_rows(path, _TEXTS, [name for name in EVIDENCE_COLUMNS if name not in _TEXTS])
+    texts, numbers = read_rows(
+        path, _TEXTS, [name for name in EVIDENCE_COLUMNS if name not in _TEXTS]
+    )
     require_subjects(source, texts["subject"], draws)
     require_said_prior(source, texts["prior"][0], draws.prior.describe_orders(draws.task))
     _require_answers(source, texts["subject"], numbers["log_evidence_h0"], draws)
@@ -47,7 +49,9 @@ def read_evidence(path: str | Path, draws: Draws) -> pd.DataFrame:
 def aligned(evidence: pd.DataFrame, draws: Draws) -> pd.DataFrame:
     """Rows of an evidence.csv by subject, in the order of the draws: numbers that may be NaN, texts that may be empty."""
     rows = evidence.set_index("subject", drop=False).loc[list(draws.names)]
-    numbers = rows.drop(columns=list(_TEXTS)).astype(float).astype({"n_pairs": int, "n_trials": int})
+    numbers = (
+        rows.drop(columns=list(_TEXTS)).astype(float).astype({"n_pairs": int, "n_trials": int})
+    )
     return rows[list(_TEXTS)].fillna("").join(numbers)[list(EVIDENCE_COLUMNS)]
 
 
@@ -70,12 +74,18 @@ def read_comparison(path: str | Path, draws: Draws) -> SavedComparison:
     import pandas as pd
 
     source, (_, of_parts) = bare(Path(path).name), beside(Path(path))
-    texts, numbers = read_rows(path, ("subject", "model", "prior"), ("log_evidence", "model_probability"))
+    texts, numbers = read_rows(
+        path, ("subject", "model", "prior"), ("log_evidence", "model_probability")
+    )
     rows = pd.DataFrame({**texts, **numbers}).drop_duplicates(["subject", "model"])
     require_subjects(source, rows["subject"], draws)
     models = tuple(map(model_named, rows["model"].unique()))
     for record in models:
-        require_said_prior(source, rows["prior"][rows["model"] == record.name].iloc[0], record.describe(draws.prior))
+        require_said_prior(
+            source,
+            rows["prior"][rows["model"] == record.name].iloc[0],
+            record.describe(draws.prior),
+        )
     free = rows[rows["model"] == FREE_FREQUENCIES.name]
     _require_answers(source, free["subject"], free["log_evidence"], draws)
     others = rows[(rows["model"] != FREE_FREQUENCIES.name) & rows["log_evidence"].notna()]
@@ -86,7 +96,9 @@ def read_comparison(path: str | Path, draws: Draws) -> SavedComparison:
     for who, part, level, p in zip(*said.values(), shares["probability"].tolist(), strict=True):
         if who == STUDY:
             parts.setdefault(part, {})[level] = p
-    return SavedComparison(models, dict(Counter(best).most_common()), tuple(rows["subject"][missing].unique()), parts)
+    return SavedComparison(
+        models, dict(Counter(best).most_common()), tuple(rows["subject"][missing].unique()), parts
+    )
 
 
 def read_contrast(path: Path, draws: Draws) -> pd.DataFrame:
@@ -96,15 +108,23 @@ def read_contrast(path: Path, draws: Draws) -> pd.DataFrame:
     texts = ("subject", "quantity", "comparison", "word", "robust", "model", "prior")
     said, numbers = read_rows(path, texts, [name for name in CONTRAST_COLUMNS if name not in texts])
     if others := {*said["subject"]}.difference(one.person for one in draws.study):
-        raise InputError(f"{bare(path.name)}: found other subjects than the draws have, {listed(sorted(others), 3)}, allowed: one study")
+        raise InputError(
+            f"{bare(path.name)}: found other subjects than the draws have, {listed(sorted(others), 3)}, allowed: one study"
+        )
     return pd.DataFrame({**said, **numbers})
 
 
-def _require_answers(source: str, names: npt.ArrayLike, frequencies: npt.ArrayLike, draws: Draws) -> None:
+def _require_answers(
+    source: str, names: npt.ArrayLike, frequencies: npt.ArrayLike, draws: Draws
+) -> None:
     """The evidence of free frequencies is exact, and so tells whether the answers are the same."""
-    for name, found in zip(np.asarray(names, str).tolist(), np.asarray(frequencies, np.float64).tolist(), strict=True):
+    for name, found in zip(
+        np.asarray(names, str).tolist(), np.asarray(frequencies, np.float64).tolist(), strict=True
+    ):
         if name in draws.failed:
             continue
         exact = frequency_evidence(draws.subject(name))
         if not abs(found - exact) < _DIGITS * (1.0 + abs(exact)):
-            raise InputError(f"{source}: found other answers than the draws have of {quoted(name)}, allowed: one study")
+            raise InputError(
+                f"{source}: found other answers than the draws have of {quoted(name)}, allowed: one study"
+            )

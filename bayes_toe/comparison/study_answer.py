@@ -18,7 +18,11 @@ from bayes_toe.inference.predictive_checks import PairFit
 
 _NAMES = 5  # of subjects in a line
 #: What a clause says after one that named the order effect.
-_AGAIN = (("an order effect", "one"), ("no order effect", "none"), ("negligible order effect", "negligible one"))
+_AGAIN = (
+    ("an order effect", "one"),
+    ("no order effect", "none"),
+    ("negligible order effect", "negligible one"),
+)
 #: One sentence on the table of Appendix C.
 APPENDIX_C = "H0 has a free frequency per pair: this asks whether answers follow one smooth curve, not whether there is an order effect"
 
@@ -53,7 +57,9 @@ class SavedVerdict:
         return "; ".join([EFFECTS[self.effect] + _kinds([self]) + none, *doubts])
 
 
-def study_sentence(verdicts: Sequence[Verdict | SavedVerdict], *, synthetic: bool = False, units: bool = False) -> str:
+def study_sentence(
+    verdicts: Sequence[Verdict | SavedVerdict], *, synthetic: bool = False, units: bool = False
+) -> str:
     """How many subjects have an order effect, of how many no model describes the answers, and whose data are in doubt; one sentence.
 
     `units` says that each is a subject in one condition.
@@ -73,7 +79,11 @@ def study_sentence(verdicts: Sequence[Verdict | SavedVerdict], *, synthetic: boo
     found = Counter(one.effect for one in verdicts)
     parts, whose = list[str](), f"{'synthetic ' * synthetic}subject"
     people = len({one.subject.rpartition(AT)[0] for one in verdicts}) if units else 0
-    who = f"{counted(len(verdicts), 'condition')} of {counted(people, whose)}" if units else counted(len(verdicts), whose)
+    who = (
+        f"{counted(len(verdicts), 'condition')} of {counted(people, whose)}"
+        if units
+        else counted(len(verdicts), whose)
+    )
     for word in EFFECTS:
         if not found[word]:
             continue
@@ -82,15 +92,28 @@ def study_sentence(verdicts: Sequence[Verdict | SavedVerdict], *, synthetic: boo
         for full, short in _AGAIN if parts else ():
             verb = verb.replace(full, short)
         verb = verb.replace("has ", "have ").replace("is ", "are ") if found[word] > 1 else verb
-        parts.append(f"{found[word]}{among} {verb}{_kinds([one for one in verdicts if one.effect == word])}")
+        parts.append(
+            f"{found[word]}{among} {verb}{_kinds([one for one in verdicts if one.effect == word])}"
+        )
     said = [", ".join(parts)]
-    felt = {how: [one.subject for one in verdicts if one.first_seems == how] for how in ("stronger", "weaker")}
-    sides = [f"{how} to {len(whose)} ({listed(whose, _NAMES)})" for how, whose in felt.items() if whose]
+    felt = {
+        how: [one.subject for one in verdicts if one.first_seems == how]
+        for how in ("stronger", "weaker")
+    }
+    sides = [
+        f"{how} to {len(whose)} ({listed(whose, _NAMES)})" for how, whose in felt.items() if whose
+    ]
     said += [f"by constant errors the first stimulus seems {' and '.join(sides)}"] if sides else []
     for named, why in (
-        ([one.subject for one in verdicts if one.fit == "not described"], "no model describes the answers of {}"),
+        (
+            [one.subject for one in verdicts if one.fit == "not described"],
+            "no model describes the answers of {}",
+        ),
         ([one.subject for one in verdicts if one.data], "the data of {} are in doubt"),
-        ([one.subject for one in verdicts if one.robust == "no"], "of {} the choice of the prior has a say"),
+        (
+            [one.subject for one in verdicts if one.robust == "no"],
+            "of {} the choice of the prior has a say",
+        ),
     ):
         if named:
             said.append(f"{why.format(len(named))} ({listed(named, _NAMES)})")
@@ -107,14 +130,25 @@ def _kinds(some: Sequence[Verdict | SavedVerdict]) -> str:
     ' (1 a pull, 1 probably a pull, 1 of an open kind)'
     """
     found = Counter(one.kind for one in some if one.kind)
-    words = {kind: f"a {kind}" if kind in KINDS.values() else f"probably a {kind[9:]}" for kind in found}
+    words = {
+        kind: f"a {kind}" if kind in KINDS.values() else f"probably a {kind[9:]}" for kind in found
+    }
     words |= {"open": "of an open kind"}
-    order = sorted(found, key=lambda kind: (kind == "open", kind.removeprefix("probably "), kind.startswith("probably")))
+    order = sorted(
+        found,
+        key=lambda kind: (
+            kind == "open",
+            kind.removeprefix("probably "),
+            kind.startswith("probably"),
+        ),
+    )
     shown = [f"{found[kind]} {words[kind]}" if len(some) > 1 else words[kind] for kind in order]
     return f" ({', '.join(shown)})" if shown else ""
 
 
-def of_new_subject(verdicts: Sequence[Verdict | SavedVerdict], seed: int, *, units: bool = False) -> str:
+def of_new_subject(
+    verdicts: Sequence[Verdict | SavedVerdict], seed: int, *, units: bool = False
+) -> str:
     """How probable each kind is of a new subject of the population, by random effects; empty with fewer than two subjects.
 
     With `units`, of a new subject in one condition, those of the same subject taken for others.
@@ -127,7 +161,9 @@ def of_new_subject(verdicts: Sequence[Verdict | SavedVerdict], seed: int, *, uni
     with np.errstate(divide="ignore"):  # a kind without any probability
         found = random_effects(np.log(known), seed=seed)
     said = ("no order effect", "constant error", "pull")
-    shares = ", ".join(f"P({word}) {compared(p)}" for word, p in zip(said, found.expected.tolist(), strict=True))
+    shares = ", ".join(
+        f"P({word}) {compared(p)}" for word, p in zip(said, found.expected.tolist(), strict=True)
+    )
     return f"of a new subject{' in one condition' * units}, by random effects over {len(known)}: {shares}"
 
 
@@ -142,14 +178,18 @@ def way_on(verdict: Verdict) -> str:
         scatter = f"; if answers to a pair may scatter from block to block, P of none is {changed}"
     options = [one.option for one in verdict.data if one.option]
     advice = (
-        f"run again with {' '.join(options)}, which may be all of it" if options else "report the effect as undecided, with these pairs"
+        f"run again with {' '.join(options)}, which may be all of it"
+        if options
+        else "report the effect as undecided, with these pairs"
     )
     return f"no model describes the answers: {pairs}{scatter}; next: {advice}"
 
 
 def doubts_of(verdict: Verdict) -> str:
     """What the data have against them, and what acts on it; empty where nothing was found."""
-    return ", ".join(one.kind + (f", which {one.option} acts on" if one.option else "") for one in verdict.data)
+    return ", ".join(
+        one.kind + (f", which {one.option} acts on" if one.option else "") for one in verdict.data
+    )
 
 
 def said_pair(pair: PairFit) -> str:
@@ -161,6 +201,4 @@ def said_pair(pair: PairFit) -> str:
     '(3.69, 3.3) answered equal 95 %, expected 70 %'
     """
     interval = "" if pair.isi is None else f" at {pair.isi:g} s"
-    return (
-        f"({pair.s1:.3g}, {pair.s2:.3g}){interval} answered {pair.answer} {100 * pair.observed:.0f} %, expected {100 * pair.expected:.0f} %"
-    )
+    return f"({pair.s1:.3g}, {pair.s2:.3g}){interval} answered {pair.answer} {100 * pair.observed:.0f} %, expected {100 * pair.expected:.0f} %"

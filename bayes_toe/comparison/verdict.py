@@ -16,7 +16,19 @@ import numpy as np
 from scipy.special import logsumexp, softmax
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.comparison.words import EFFECTS, HAS, KINDS, NAMED, NONE, PROBABLY_HAS, PROBABLY_NAMED, SMALL, SURELY, compared, side
+from bayes_toe.comparison.words import (
+    EFFECTS,
+    HAS,
+    KINDS,
+    NAMED,
+    NONE,
+    PROBABLY_HAS,
+    PROBABLY_NAMED,
+    SMALL,
+    SURELY,
+    compared,
+    side,
+)
 from bayes_toe.data.findings import data_findings
 from bayes_toe.data.messages import as_option
 from bayes_toe.data.study import Study, Subject
@@ -38,7 +50,18 @@ from bayes_toe.seeds import generator
 ORDER_SCALES, FACTORS = ("mu1_sd", "offset_sd"), (0.5, 2.0)
 #: Columns with which evidence.csv begins.
 VERDICT_COLUMNS = (
-    *("subject", "effect", "kind", "fit", "data", "robust", "p_none", "p_constant_error", "p_update", "log_bayes_factor_effect"),
+    *(
+        "subject",
+        "effect",
+        "kind",
+        "fit",
+        "data",
+        "robust",
+        "p_none",
+        "p_constant_error",
+        "p_update",
+        "log_bayes_factor_effect",
+    ),
     *("size_q50", "best_model", "predictive_p", "deviance_p", "history_p"),
 )
 
@@ -62,8 +85,13 @@ def data_doubts(study: Study) -> list[tuple[Doubt, ...]]:
         if "swapped_blocks" in said:
             said.pop("block_dispersion", None)
     for subject in study:
-        if subject.n_yes.sum() in (0, subject.total_trials):  # a shift then explains what no width can
-            found.setdefault(subject.name, {})["one_answer"] = Doubt("one answer only", f"--leave-out {as_option(subject.name)}")
+        if subject.n_yes.sum() in (
+            0,
+            subject.total_trials,
+        ):  # a shift then explains what no width can
+            found.setdefault(subject.name, {})["one_answer"] = Doubt(
+                "one answer only", f"--leave-out {as_option(subject.name)}"
+            )
     return [tuple(found.get(name, {}).values()) for name in study.names]
 
 
@@ -151,7 +179,13 @@ class Verdict:
         """What a constant error that is named makes of the first stimulus, 'stronger' or 'weaker'; empty where that is not known."""
         if not self.kind.endswith("constant error") or self.p_first_stronger is None:
             return ""
-        return "stronger" if self.p_first_stronger >= NONE else "weaker" if self.p_first_stronger <= HAS else ""
+        return (
+            "stronger"
+            if self.p_first_stronger >= NONE
+            else "weaker"
+            if self.p_first_stronger <= HAS
+            else ""
+        )
 
     @property
     def p_none_range(self) -> tuple[float, float]:
@@ -163,7 +197,9 @@ class Verdict:
     def fit(self) -> str:
         """Whether the best model describes the answers: 'described', 'not described', 'cannot be told'."""
         describes = None if self.best_fit is None else self.best_fit.describes
-        return "cannot be told" if describes is None else "described" if describes else "not described"
+        return (
+            "cannot be told" if describes is None else "described" if describes else "not described"
+        )
 
     @property
     def robust(self) -> str:
@@ -214,7 +250,10 @@ class Verdict:
         none = self.p_orders[0]
         words = EFFECTS[self.effect]
         if none <= PROBABLY_HAS:
-            of = {kind: p / (1.0 - none) for kind, p in zip(KINDS.values(), self.p_orders[1:], strict=True)}
+            of = {
+                kind: p / (1.0 - none)
+                for kind, p in zip(KINDS.values(), self.p_orders[1:], strict=True)
+            }
             likely = max(of, key=lambda kind: of[kind])
             words = words.replace("an order", "a small order") if self.at_most_small else words
             if self.kind == "open":
@@ -236,13 +275,21 @@ class Verdict:
         """What stands against the verdict, each in a few words; nothing where nothing does."""
         said = []
         if self.fit == "not described":
-            scattered = "" if self.p_none_scattered is None else f" (with more scatter P of none {compared(self.p_none_scattered)})"
+            scattered = (
+                ""
+                if self.p_none_scattered is None
+                else f" (with more scatter P of none {compared(self.p_none_scattered)})"
+            )
             said.append(f"but no model describes the answers{scattered}")
         elif self.fit == "cannot be told":
             said.append("whether the models describe the answers cannot be told")
         if self.follows:
-            said.append(f"answers seem to depend on the trial before (p {compared(self.history_p or 0.0)}; compare --history)")
-        said += [f"but its data are in doubt: {', '.join(map(str, self.data))}"] if self.data else []
+            said.append(
+                f"answers seem to depend on the trial before (p {compared(self.history_p or 0.0)}; compare --history)"
+            )
+        said += (
+            [f"but its data are in doubt: {', '.join(map(str, self.data))}"] if self.data else []
+        )
         if self.robust == "no":
             low, high = self.p_none_range
             moved = f"P of none {low:.2f} to {high:.2f}" if len(self._sides) > 1 else "another kind"
@@ -257,23 +304,47 @@ def _kind(p: tuple[float, ...]) -> str:
     return name if share >= NAMED else f"probably {name}" if share >= PROBABLY_NAMED else "open"
 
 
-def verdict(subject: Subject, prior: Prior, seed: int, *, data: Sequence[Doubt] = ()) -> tuple[Verdict, SpaceEvidence]:
+def verdict(
+    subject: Subject, prior: Prior, seed: int, *, data: Sequence[Doubt] = ()
+) -> tuple[Verdict, SpaceEvidence]:
     """The verdict of one subject, of whose data `data` says what they have against them, and the evidences behind it.
 
     Random streams are keyed by the seed, the subject's name and the model's.
     """
     space = models_of(subject.task).space
     found = space_evidence(subject, prior, space, seed)
-    values = weighed([None if np.isnan(one) else one for one in found.log_evidence.tolist()], found.bounds.tolist())
+    values = weighed(
+        [None if np.isnan(one) else one for one in found.log_evidence.tolist()],
+        found.bounds.tolist(),
+    )
     if np.isnan(values).any() or not found.sampled:
-        missing = ", ".join(space[i].name for i in np.flatnonzero(np.isnan(values))) or "any model that can be trusted"
-        return Verdict(subject.name, None, (), None, None, None, "", None, None, tuple(data), (f"no evidence of {missing}",)), found
+        missing = (
+            ", ".join(space[i].name for i in np.flatnonzero(np.isnan(values)))
+            or "any model that can be trusted"
+        )
+        return Verdict(
+            subject.name,
+            None,
+            (),
+            None,
+            None,
+            None,
+            "",
+            None,
+            None,
+            tuple(data),
+            (f"no evidence of {missing}",),
+        ), found
     of_orders = by_order(values, space)
     best = max(found.sampled, key=lambda i: float(values[i]))
     fitted = found.sampled[best].fitted
     fit, of_history = weighted_fit(fitted, seed), None
     if knows_order(subject):
-        drawn = found.predictor(space[best].name, HISTORY_DRAWS, generator(seed, subject.name, space[best].name, "history"))
+        drawn = found.predictor(
+            space[best].name,
+            HISTORY_DRAWS,
+            generator(seed, subject.name, space[best].name, "history"),
+        )
         of_history = history_p(drawn.target, drawn.x, seed)
     sizes, weights = _sizes(found, values)
     order = np.argsort(sizes)
@@ -293,7 +364,10 @@ def verdict(subject: Subject, prior: Prior, seed: int, *, data: Sequence[Doubt] 
         history_p=of_history,
     )
     if made.fit == "not described":
-        scattering = [compose(subject.task, **{**dict(model.levels), "spread": "beta-binomial"}) for model in space]
+        scattering = [
+            compose(subject.task, **{**dict(model.levels), "spread": "beta-binomial"})
+            for model in space
+        ]
         more = by_order(space_evidence(subject, prior, scattering, seed).log_evidence, scattering)
         made = replace(made, p_none_scattered=_probabilities(np.logaddexp(of_orders, more))[0])
     return made, found
@@ -317,10 +391,14 @@ def _probabilities(log_evidence: FloatArray) -> tuple[float, ...]:
 
 def _under(found: SpaceEvidence, values: FloatArray, factor: float) -> FloatArray:
     """The log evidences with the order's scales multiplied: sampled ones by their draws, others as those of their order on average."""
-    other = replace(found.prior, **{name: factor * getattr(found.prior, name) for name in ORDER_SCALES})
+    other = replace(
+        found.prior, **{name: factor * getattr(found.prior, name) for name in ORDER_SCALES}
+    )
     moved, known = values.copy(), np.zeros(len(values), bool)
     for i, one in found.sampled.items():
-        moved[i] += logsumexp(log_weights_under(one.fitted, other)) - logsumexp(one.fitted.draws.log_weights)
+        moved[i] += logsumexp(log_weights_under(one.fitted, other)) - logsumexp(
+            one.fitted.draws.log_weights
+        )
         known[i] = True
     for places in places_by_order(found.models):
         same = np.isin(np.arange(len(values)), places)
@@ -331,10 +409,16 @@ def _under(found: SpaceEvidence, values: FloatArray, factor: float) -> FloatArra
 
 def log_weights_under(fitted: FittedProposal, prior: Prior) -> FloatArray:
     """Log importance weights of its draws, (draws,), for the same model's posterior under another prior; without sampling again."""
-    posterior, draws, log_weights = fitted.proposal.posterior, fitted.draws, fitted.draws.log_weights.copy()
+    posterior, draws, log_weights = (
+        fitted.proposal.posterior,
+        fitted.draws,
+        fitted.draws.log_weights.copy(),
+    )
     assert isinstance(posterior, Posterior)
     if prior != posterior.prior:
-        some = np.isfinite(log_weights)  # elsewhere the likelihood or the prior is 0, under any prior
+        some = np.isfinite(
+            log_weights
+        )  # elsewhere the likelihood or the prior is 0, under any prior
         log_weights[some] += posterior.log_prior_under(draws.x[some], prior) - draws.log_prior[some]
     return log_weights
 
@@ -362,4 +446,6 @@ def _first_stronger(found: SpaceEvidence, values: FloatArray) -> float | None:
     if not places:
         return None
     drawn = [found.sampled[i].fitted.draws for i in places]  # the offset is the first coordinate
-    return float(softmax(values[places]) @ [draws.shares @ (draws.x[:, 0] > 0.0) for draws in drawn])
+    return float(
+        softmax(values[places]) @ [draws.shares @ (draws.x[:, 0] > 0.0) for draws in drawn]
+    )

@@ -63,7 +63,11 @@ def conclusion(log_bayes_factor: float | None, sides: tuple[str, str] = ("H1", "
     >>> conclusion(4.0), conclusion(-0.5), conclusion(None)
     ('strong for H1', 'weak for H0', 'no estimate')
     """
-    return "no estimate" if log_bayes_factor is None else f"{grade(log_bayes_factor)} for {sides[log_bayes_factor <= 0]}"
+    return (
+        "no estimate"
+        if log_bayes_factor is None
+        else f"{grade(log_bayes_factor)} for {sides[log_bayes_factor <= 0]}"
+    )
 
 
 def compared(p: float) -> str:

@@ -62,7 +62,10 @@ class Answers:
         rows = np.flatnonzero(self.n_trials)
         rows = rows[np.lexsort(self.keys[rows].T[::-1])]
         starts = run_starts(*self.keys[rows].T)
-        counts = (np.add.reduceat(count[rows], starts) if len(starts) else count[rows] for count in (self.n_yes, self.n_trials))
+        counts = (
+            np.add.reduceat(count[rows], starts) if len(starts) else count[rows]
+            for count in (self.n_yes, self.n_trials)
+        )
         return [*counts, *self.keys[rows[starts]].T]
 
     @property
@@ -77,10 +80,14 @@ class Answers:
         if not blocks:
             return np.ones(len(self.n_trials), np.bool_)
         if self.block is None:
-            raise InputError("found no column block, allowed: all answers of the subject, or a column with --columns block=NAME")
+            raise InputError(
+                "found no column block, allowed: all answers of the subject, or a column with --columns block=NAME"
+            )
         unknown = [quoted(one) for one in blocks if one not in self.blocks]
         if unknown:
-            raise InputError(f"found no block {listed(unknown)}, allowed: {listed([*map(bare, self.blocks)])}")
+            raise InputError(
+                f"found no block {listed(unknown)}, allowed: {listed([*map(bare, self.blocks)])}"
+            )
         return np.isin(self.block, [self.blocks.index(one) for one in blocks])
 
     def turned(self, rows: BoolArray) -> Answers:
@@ -89,8 +96,13 @@ class Answers:
 
     def without(self, rows: BoolArray) -> Answers:
         """All other rows, with the blocks that they are in; memory begins anew behind those left out."""
-        by_row = {key: getattr(self, key) for key in ("keys", "n_yes", "n_trials", "block", "place", "iti")}
-        left = replace(self, **{key: values[~rows] for key, values in by_row.items() if values is not None})
+        by_row = {
+            key: getattr(self, key)
+            for key in ("keys", "n_yes", "n_trials", "block", "place", "iti")
+        }
+        left = replace(
+            self, **{key: values[~rows] for key, values in by_row.items() if values is not None}
+        )
         if left.block is None:
             return left
         own, block = np.unique(left.block, return_inverse=True)
@@ -110,21 +122,36 @@ class Reading:
     doubts: tuple[str, ...] = ()
 
 
-def counted_rows(name: str, keys: Sequence[npt.ArrayLike | None], n_yes: npt.ArrayLike, n_trials: npt.ArrayLike) -> Answers:
+def counted_rows(
+    name: str, keys: Sequence[npt.ArrayLike | None], n_yes: npt.ArrayLike, n_trials: npt.ArrayLike
+) -> Answers:
     """Rows of stimuli and, where there are some, intervals, with counts within what can be counted; all of one length."""
-    counts = {key: np.asarray(values).ravel() for key, values in (("n_yes", n_yes), ("n_trials", n_trials))}
+    counts = {
+        key: np.asarray(values).ravel()
+        for key, values in (("n_yes", n_yes), ("n_trials", n_trials))
+    }
     for key, values in counts.items():
-        if values.dtype.kind not in "iuf" or np.any(values != np.floor(values)):  # 2.5 never becomes 2
-            raise InputError(f"subject {name!r}: {key} must be whole numbers, found {values[:3].tolist()}")
+        if values.dtype.kind not in "iuf" or np.any(
+            values != np.floor(values)
+        ):  # 2.5 never becomes 2
+            raise InputError(
+                f"subject {name!r}: {key} must be whole numbers, found {values[:3].tolist()}"
+            )
         if np.sum(np.abs(values), dtype=np.float64) > LARGEST_COUNT:
-            raise InputError(f"subject {name!r}: {key} must add up to no more than 2**53 (larger counts are not exact)")
+            raise InputError(
+                f"subject {name!r}: {key} must add up to no more than 2**53 (larger counts are not exact)"
+            )
     try:
         columns = [np.asarray(key, np.float64).ravel() for key in keys if key is not None]
     except (TypeError, ValueError) as error:
         raise InputError(f"subject {name!r}: s1, s2 and isi must be numbers ({error})") from error
     k, n = (values.astype(np.int64) for values in counts.values())
     if any(len(values) != len(k) for values in (*columns, n)):
-        raise InputError(f"subject {name!r}: {', '.join(KEYS[: len(columns)])}, n_yes and n_trials must be of one length")
-    if np.any((k < 0) | (k > n)):  # before repeated pairs are added up, where two wrongs could cancel
+        raise InputError(
+            f"subject {name!r}: {', '.join(KEYS[: len(columns)])}, n_yes and n_trials must be of one length"
+        )
+    if np.any(
+        (k < 0) | (k > n)
+    ):  # before repeated pairs are added up, where two wrongs could cancel
         raise InputError(f"subject {name!r}: every n_yes must lie in 0..n_trials")
     return Answers(np.column_stack(columns), k, n)

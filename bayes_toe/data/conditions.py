@@ -58,19 +58,34 @@ class Stimuli(NamedTuple):
         """
         if len(subjects) == 1 and subjects[0].felt is not None:
             return subjects[0].felt
-        s1, s2, n = (np.concatenate([getattr(subject, name) for subject in subjects]) for name in ("s1", "s2", "n_trials"))
+        s1, s2, n = (
+            np.concatenate([getattr(subject, name) for subject in subjects])
+            for name in ("s1", "s2", "n_trials")
+        )
         unequal = (s1 != s2) & (n > 0)
         if not unequal.any():
             return None
         mean = float(np.average(0.5 * (s1 + s2), weights=n))
-        sd = float(np.sqrt(np.average(0.5 * (np.square(s1 - mean) + np.square(s2 - mean)), weights=n)))
+        sd = float(
+            np.sqrt(np.average(0.5 * (np.square(s1 - mean) + np.square(s2 - mean)), weights=n))
+        )
         step = float(np.sqrt(np.average(np.square(s2 - s1)[unequal], weights=n[unequal])))
         # differences whose squares are below the smallest float
-        return cls(mean, sd, step, float(np.average(s1, weights=n))) if sd > 0.0 and step > 0.0 else None
+        return (
+            cls(mean, sd, step, float(np.average(s1, weights=n)))
+            if sd > 0.0 and step > 0.0
+            else None
+        )
 
     def number(self, symbol: str) -> float:
         """What a key of :data:`bayes_toe.model.prior_fields.OF_STIMULI` stands for."""
-        scales = {"2.5 R": 2.5 * self.sd, "0.5/R": 0.5 / self.sd, "0.3 D": 0.3 * self.step, "D": self.step, "D/2": 0.5 * self.step}
+        scales = {
+            "2.5 R": 2.5 * self.sd,
+            "0.5/R": 0.5 / self.sd,
+            "0.3 D": 0.3 * self.step,
+            "D": self.step,
+            "D/2": 0.5 * self.step,
+        }
         return {"M": self.mean, "log D": float(np.log(self.step)), **scales}[symbol]
 
 
@@ -78,7 +93,10 @@ def mean_first(*subjects: Subject) -> float:
     """Mean first stimulus of all trials, natural-log intensity; of a unit that of the subject over all conditions."""
     if len(subjects) == 1 and subjects[0].felt is not None:
         return subjects[0].felt.first
-    s1, n = (np.concatenate([getattr(subject, name) for subject in subjects]) for name in ("s1", "n_trials"))
+    s1, n = (
+        np.concatenate([getattr(subject, name) for subject in subjects])
+        for name in ("s1", "n_trials")
+    )
     return float(np.average(s1, weights=n))
 
 
@@ -138,7 +156,9 @@ class Conditions:
 # --- Reading ---------------------------------------------------------------------------------------
 
 
-def with_units(table: TextTable, columns: dict[str, Column], categorical: bool) -> dict[str, Column]:
+def with_units(
+    table: TextTable, columns: dict[str, Column], categorical: bool
+) -> dict[str, Column]:
     """Columns by our names with the unit of every row as its subject, where there is a condition.
 
     Numbers that are written differently are one level; names with the sign that joins them are noted as problems.
@@ -155,9 +175,16 @@ def with_units(table: TextTable, columns: dict[str, Column], categorical: bool) 
         return text if math.isnan(value) else level_words([value])[0]
 
     words = [word(text) for text in level.texts]
-    pairs, codes = np.unique(np.column_stack([subject.codes, level.codes]), axis=0, return_inverse=True)
+    pairs, codes = np.unique(
+        np.column_stack([subject.codes, level.codes]), axis=0, return_inverse=True
+    )
     names = [(subject.texts[one], words[other]) for one, other in pairs.tolist()]
-    return {**columns, "subject": Column.of(subject.name, [f"{who}{AT}{what}" if who else "" for who, what in names], codes.ravel())}
+    return {
+        **columns,
+        "subject": Column.of(
+            subject.name, [f"{who}{AT}{what}" if who else "" for who, what in names], codes.ravel()
+        ),
+    }
 
 
 def with_conditions(study: Study, options: ReadOptions) -> Study:
@@ -170,11 +197,15 @@ def with_conditions(study: Study, options: ReadOptions) -> Study:
     name, of = options.name("condition"), {one.name: one.name.partition(AT)[::2] for one in study}
     found = [level for _, level in of.values()]
     if not all(found):
-        raise InputError(f"{study.source}: found column {bare(name)} in some files only, allowed: in all or in none")
+        raise InputError(
+            f"{study.source}: found column {bare(name)} in some files only, allowed: in all or in none"
+        )
     if len({who for who, _ in of.values()}) == len(of):
         said = f"column {bare(name)}: found every subject at one level of it"
         if options.condition is not None:
-            raise InputError(f"{study.source}: {said}, allowed: at two and more of some subject; between subjects it is a covariate")
+            raise InputError(
+                f"{study.source}: {said}, allowed: at two and more of some subject; between subjects it is a covariate"
+            )
         whole = tuple(replace(one, name=of[one.name][0]) for one in study)
         notes = (*study.notes, f"{said}, so that it is no condition within subjects: not used")
         return replace(study, subjects=whole, notes=notes)
@@ -182,21 +213,34 @@ def with_conditions(study: Study, options: ReadOptions) -> Study:
     numeric = not options.categorical and not any(map(math.isnan, values))
     order = level_words(levels(values if numeric else found))
     if options.reference not in (None, *order):
-        raise InputError(f"--reference: found {quoted(str(options.reference))}, allowed: {listed([*map(bare, order)])}")
+        raise InputError(
+            f"--reference: found {quoted(str(options.reference))}, allowed: {listed([*map(bare, order)])}"
+        )
     order.sort(key=lambda level: level != options.reference)
     people = list(dict.fromkeys(who for who, _ in of.values()))
     subjects = sorted(
-        (replace(one, condition=of[one.name][1]) for one in study), key=lambda one: (people.index(one.person), order.index(one.condition))
+        (replace(one, condition=of[one.name][1]) for one in study),
+        key=lambda one: (people.index(one.person), order.index(one.condition)),
     )
     made = Conditions(name, tuple(order), numeric)
-    return replace(study, subjects=felt_together(subjects), conditions=made, notes=(*study.notes, f"condition {made.about}"))
+    return replace(
+        study,
+        subjects=felt_together(subjects),
+        conditions=made,
+        notes=(*study.notes, f"condition {made.about}"),
+    )
 
 
 def felt_together(subjects: Iterable[Subject]) -> tuple[Subject, ...]:
     """Units with the location and scales of the stimuli of their subjects."""
     people = by_person(subjects)
-    felt = {person: Stimuli.of(*(replace(one, felt=None) for one in own)) for person, own in people.items()}
-    return tuple(replace(one, felt=felt[one.person]) for one in chain.from_iterable(people.values()))
+    felt = {
+        person: Stimuli.of(*(replace(one, felt=None) for one in own))
+        for person, own in people.items()
+    }
+    return tuple(
+        replace(one, felt=felt[one.person]) for one in chain.from_iterable(people.values())
+    )
 
 
 def follows_from_pairs(people: Iterable[Sequence[Subject]]) -> bool:
@@ -226,12 +270,18 @@ def kept(study: Study) -> dict[str, Any]:
     """What tells conditions and units again, as JSON has it; empty without conditions."""
     if study.conditions is None:
         return {}
-    return {**asdict(study.conditions), "units": {one.name: [one.condition, one.felt] for one in study}}
+    return {
+        **asdict(study.conditions),
+        "units": {one.name: [one.condition, one.felt] for one in study},
+    }
 
 
 def from_kept(told: Mapping[str, Any]) -> tuple[Conditions | None, dict[str, dict[str, Any]]]:
     """The conditions, and of every unit by its name what a :class:`~bayes_toe.data.study.Subject` has besides the counts."""
     if not told:
         return None, {}
-    units = {name: {"condition": level, "felt": felt and Stimuli(*felt)} for name, (level, felt) in told["units"].items()}
+    units = {
+        name: {"condition": level, "felt": felt and Stimuli(*felt)}
+        for name, (level, felt) in told["units"].items()
+    }
     return Conditions(told["name"], tuple(told["levels"]), told["numeric"]), units

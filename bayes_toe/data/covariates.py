@@ -11,7 +11,13 @@ import numpy as np
 
 from bayes_toe.data.messages import bare, listed, quoted
 from bayes_toe.data.text_table import read_table
-from bayes_toe.data.validation import MISSING_WORDS, bare_names, number, require_numbers, require_texts
+from bayes_toe.data.validation import (
+    MISSING_WORDS,
+    bare_names,
+    number,
+    require_numbers,
+    require_texts,
+)
 from bayes_toe.errors import InputError
 
 
@@ -33,7 +39,9 @@ class Covariates:
             for subject, value in column.items():
                 if not isinstance(value, str) and not math.isfinite(value):
                     found = f"covariate {bare(name)} of subject {quoted(subject)}: found {value}"
-                    raise InputError(f"{found}, allowed: a finite number or a text; leave out what is missing")
+                    raise InputError(
+                        f"{found}, allowed: a finite number or a text; leave out what is missing"
+                    )
 
 
 def levels(values: Iterable[str | float]) -> list[str | float]:
@@ -43,7 +51,10 @@ def levels(values: Iterable[str | float]) -> list[str | float]:
 
 def level_words(values: Iterable[str | float]) -> list[str]:
     """Levels as tables name them, every two different ones differently."""
-    return [value if isinstance(value, str) else str(float(value)).removesuffix(".0") for value in values]
+    return [
+        value if isinstance(value, str) else str(float(value)).removesuffix(".0")
+        for value in values
+    ]
 
 
 def read_covariates(path: Covariates | str | Path) -> Covariates:
@@ -70,9 +81,17 @@ def read_covariates(path: Covariates | str | Path) -> Covariates:
     if isinstance(path, Covariates):
         return path
     table = read_table(path, {"subject"}, every=True)
-    if "subject" not in table.names or not len(table.names) == len(table.columns) > 1 or "" in table.names:
+    if (
+        "subject" not in table.names
+        or not len(table.names) == len(table.columns) > 1
+        or "" in table.names
+    ):
         found = listed([quoted(name) for name in table.names])
-        table.require([f"found columns {found}, allowed: subject and at least one covariate, each with a name of its own"])
+        table.require(
+            [
+                f"found columns {found}, allowed: subject and at least one covariate, each with a name of its own"
+            ]
+        )
     table.require([])
     require_texts(table, table.columns["subject"], once=True)
     subject, values = bare_names(table, table.columns["subject"]), {}
@@ -80,13 +99,25 @@ def read_covariates(path: Covariates | str | Path) -> Covariates:
         if name == "subject":
             continue
         # What each distinct text stands for: a number, NaN where it is none, or a level's text; None where missing.
-        given = {text: number(text, table.decimal_comma) for text in column.texts if text.lower() not in MISSING_WORDS}
+        given = {
+            text: number(text, table.decimal_comma)
+            for text in column.texts
+            if text.lower() not in MISSING_WORDS
+        }
         words = [math.isnan(value) for value in given.values()]
         category = all(words) or (len(words) <= 2 and any(words))
-        meanings = [text if category and text in given else given.get(text) for text in column.texts]
-        wrong = np.array([isinstance(value, float) and math.isnan(value) for value in meanings], np.bool_)
-        require_numbers(table, column, wrong[column.codes], "a finite number (or no number in the whole column)")
-        of_rows = ((subject.text(row), meanings[code]) for row, code in enumerate(column.codes.tolist()))
+        meanings = [
+            text if category and text in given else given.get(text) for text in column.texts
+        ]
+        wrong = np.array(
+            [isinstance(value, float) and math.isnan(value) for value in meanings], np.bool_
+        )
+        require_numbers(
+            table, column, wrong[column.codes], "a finite number (or no number in the whole column)"
+        )
+        of_rows = (
+            (subject.text(row), meanings[code]) for row, code in enumerate(column.codes.tolist())
+        )
         values[name] = {who: value for who, value in of_rows if value is not None}
     table.problems.refuse()
     return Covariates(values)

@@ -54,8 +54,13 @@ DOUBTS = {
 _ONE_LINE = 1e-7  # of the extent of the pairs: stimuli that are equal up to rounding stay below it
 _REVERSED, _STRAIGHT = -5.0, 3.0  # z scores that nobody has by chance
 _STRETCHES = 10  # of the trials, among which drift is looked for
-_FEWEST_DRAWS, _LARGER = 99, 10  # drawing ends with so many tables, or sooner with so many that deviate more
-_MOST_DRAWN = 10**8  # answers of a subject: beyond them tables cannot be drawn, and no experiment has so many
+_FEWEST_DRAWS, _LARGER = (
+    99,
+    10,
+)  # drawing ends with so many tables, or sooner with so many that deviate more
+_MOST_DRAWN = (
+    10**8
+)  # answers of a subject: beyond them tables cannot be drawn, and no experiment has so many
 _Rule = Iterable[tuple[str, ...]]
 
 
@@ -110,14 +115,19 @@ def refuse_reversed(study: Study, remedy: str) -> None:
         return
     rows = []
     for one in study:
-        share, x = one.fraction_yes, one.s2 - one.s1 - np.average(one.s2 - one.s1, weights=one.n_trials)
+        share, x = (
+            one.fraction_yes,
+            one.s2 - one.s1 - np.average(one.s2 - one.s1, weights=one.n_trials),
+        )
         rows.append((x @ one.n_yes, (x**2) @ one.n_trials, share * (1 - share), one.total_trials))
     together, of_x, of_y, n = np.array(rows).T
     z = together / np.sqrt(np.maximum(of_x * of_y, 1e-300))
     if together.sum() < _REVERSED * math.sqrt((of_x * of_y).sum()) and z.max() < _STRAIGHT:
         correlation = together.sum() / math.sqrt(of_x.sum() * (of_y * n).sum())
         found = f"found 'second' less often the larger s2 - s1 is (correlation {correlation:.2f})"
-        raise InputError(f"{study.source}: {found}, allowed: 'second' where the second stimulus was called the stronger; {remedy}")
+        raise InputError(
+            f"{study.source}: {found}, allowed: 'second' where the second stimulus was called the stronger; {remedy}"
+        )
 
 
 def answer_findings(study: Study) -> tuple[Finding, ...]:
@@ -147,7 +157,10 @@ def _of(subject: Subject, level: float) -> _Rule:
 
 
 def _few_trials(subject: Subject) -> _Rule:
-    up, down = (int(subject.n_trials[chosen].sum()) for chosen in (subject.s1 < subject.s2, subject.s1 > subject.s2))
+    up, down = (
+        int(subject.n_trials[chosen].sum())
+        for chosen in (subject.s1 < subject.s2, subject.s1 > subject.s2)
+    )
     if up and down and 2 * math.sqrt(0.25 / up + 0.25 / down) > WIDE:
         yield (
             "few_trials",
@@ -161,9 +174,19 @@ def _orders(subject: Subject) -> _Rule:
     if subject.task == SAME_DIFFERENT:
         unequal = subject.s1 != subject.s2
         isi = np.zeros(subject.n_pairs) if subject.isi is None else subject.isi
-        pairs = set(zip(subject.s1[unequal].tolist(), subject.s2[unequal].tolist(), isi[unequal].tolist(), strict=True))
+        pairs = set(
+            zip(
+                subject.s1[unequal].tolist(),
+                subject.s2[unequal].tolist(),
+                isi[unequal].tolist(),
+                strict=True,
+            )
+        )
         if pairs and not any((second, first, at) in pairs for first, second, at in pairs):
-            yield "one_order", "Every pair was presented in one order only: an order effect is not observed but predicted by the model."
+            yield (
+                "one_order",
+                "Every pair was presented in one order only: an order effect is not observed but predicted by the model.",
+            )
         return
     points = np.column_stack([subject.s1, subject.s2])
     points = points - points.mean(0)
@@ -171,9 +194,16 @@ def _orders(subject: Subject) -> _Rule:
     values = np.linalg.svd(points, compute_uv=False)
     if len(points) < 3 or (len(subject.intervals) <= 1 and values[-1] <= _ONE_LINE * values[0]):
         one = (subject.s1 == subject.s1[0]).all()
-        design = f"All pairs have the first stimulus {subject.s1[0]:.4g}" if one else "s1 and s2 are one linear function of each other"
+        design = (
+            f"All pairs have the first stimulus {subject.s1[0]:.4g}"
+            if one
+            else "s1 and s2 are one linear function of each other"
+        )
         told = "from a constant error" if one else "from a constant error and the width"
-        yield "pull_not_told", f"{design}: a pull cannot be told {told}, so which kind an order effect is rests on the prior."
+        yield (
+            "pull_not_told",
+            f"{design}: a pull cannot be told {told}, so which kind an order effect is rests on the prior.",
+        )
 
 
 def _other_task(study: Study) -> _Rule:
@@ -181,8 +211,12 @@ def _other_task(study: Study) -> _Rule:
     monotone = off = equal = 0.0
     for one in study.subjects[:100]:  # who are enough to tell
         difference = one.s2 - one.s1
-        shifts = np.abs(difference).max() * np.array([-0.5, -0.25, 0.0, 0.25, 0.5])  # an order effect moves the peak
-        monotone += _isotonic(difference, one) - max(_isotonic(np.abs(difference - shift), one) for shift in shifts.tolist())
+        shifts = np.abs(difference).max() * np.array(
+            [-0.5, -0.25, 0.0, 0.25, 0.5]
+        )  # an order effect moves the peak
+        monotone += _isotonic(difference, one) - max(
+            _isotonic(np.abs(difference - shift), one) for shift in shifts.tolist()
+        )
         off += np.abs(one.n_yes - 0.5 * one.n_trials)[difference == 0].sum()
         equal += one.n_trials[difference == 0].sum()
     said = ""
@@ -210,9 +244,17 @@ def _stimuli(subject: Subject, level: float) -> _Rule:
     table, share = _Table(n[None, :], k[None, :]), k.sum() / n.sum()
     right = subject.task.right(subject.s2 - subject.s1)
     # A test of X^2 that nearly always finds a noticeable effect, and finds none.
-    missed = chndtr(chdtri(table.freedom, EXCLUSION), table.freedom, n.sum() * NOTICEABLE**2 / (share * (1 - share)))
-    doubtful = missed < EXCLUSION and chdtrc(table.freedom, table.chi_square(table.k)) > 0.01 * EXCLUSION
-    p = table.p_value(table.chi_square, EXCLUSION, subject.name) if doubtful else 0.0  # which takes a hundred tables
+    missed = chndtr(
+        chdtri(table.freedom, EXCLUSION),
+        table.freedom,
+        n.sum() * NOTICEABLE**2 / (share * (1 - share)),
+    )
+    doubtful = (
+        missed < EXCLUSION and chdtrc(table.freedom, table.chi_square(table.k)) > 0.01 * EXCLUSION
+    )
+    p = (
+        table.p_value(table.chi_square, EXCLUSION, subject.name) if doubtful else 0.0
+    )  # which takes a hundred tables
     if p > EXCLUSION:
         option = f"--leave-out {as_option(subject.name)}"
         message = f"Answers look independent of the stimuli (X^2 / d.f. = {table.ratio:.2f}, p = {p:.2g}): {option} leaves the subject out."
@@ -223,10 +265,21 @@ def _stimuli(subject: Subject, level: float) -> _Rule:
 
 def _accuracy(subject: Subject, right: FloatArray, level: float) -> _Rule:
     """Whether an answer is given more often where it is right than elsewhere (Fisher's exact test, and a bound that is Wald's)."""
-    yes, answers = (np.array([counts[chosen].sum() for chosen in (right > 0, right < 0)]) for counts in (subject.n_yes, subject.n_trials))
+    yes, answers = (
+        np.array([counts[chosen].sum() for chosen in (right > 0, right < 0)])
+        for counts in (subject.n_yes, subject.n_trials)
+    )
     share = (yes + 0.5) / (answers + 1)
-    most = share[0] - share[1] - ndtri(EXCLUSION) * math.sqrt((share * (1 - share) / (answers + 1)).sum())
-    of = ("equal", "different") if subject.task == SAME_DIFFERENT else ("weaker-first", "stronger-first")
+    most = (
+        share[0]
+        - share[1]
+        - ndtri(EXCLUSION) * math.sqrt((share * (1 - share) / (answers + 1)).sum())
+    )
+    of = (
+        ("equal", "different")
+        if subject.task == SAME_DIFFERENT
+        else ("weaker-first", "stronger-first")
+    )
     given = yes / answers
     said = f"{subject.task.yes!r} to {given[0]:.0%} of the {of[0]} and {given[1]:.0%} of the {of[1]} pairs"
     turned = yes[0] * answers[1] < yes[1] * answers[0]  # else the p-value is at least a half
@@ -240,7 +293,11 @@ def _accuracy(subject: Subject, right: FloatArray, level: float) -> _Rule:
         yield "reversed_answers", message, option
     elif most < NEAR_CHANCE:
         option = f"--leave-out {as_option(subject.name)}"
-        yield "chance_accuracy", f"Accuracy is near chance, {said}: {option} leaves the subject out.", option
+        yield (
+            "chance_accuracy",
+            f"Accuracy is near chance, {said}: {option} leaves the subject out.",
+            option,
+        )
 
 
 # --- The answers in their blocks, and in their order -----------------------------------------------
@@ -287,7 +344,9 @@ class _Table:
         """X^2 / d.f."""
         return float(self.chi_square(self.k)) / self.freedom
 
-    def p_value(self, statistic: Callable[[IntArray], FloatArray], level: float, name: str) -> float:
+    def p_value(
+        self, statistic: Callable[[IntArray], FloatArray], level: float, name: str
+    ) -> float:
         """Chance of a statistic at least as large where the answers to each pair fall on its trials at random.
 
         Tables are drawn until ten deviate as much (Besag and Clifford 1991) or until the level can be told.
@@ -296,8 +355,13 @@ class _Table:
         most, batch = max(_FEWEST_DRAWS, math.ceil(5 / level)), max(1, BLOCK // self.n.size)
         larger = drawn = 0
         while drawn < most and larger < _LARGER:
-            size = min(batch, most - drawn, 32 + 3 * drawn)  # most tables do not deviate, which a few tell
-            rows = [rng.multivariate_hypergeometric(n, k, size) for n, k in zip(self.n, self.k.sum(1), strict=True)]
+            size = min(
+                batch, most - drawn, 32 + 3 * drawn
+            )  # most tables do not deviate, which a few tell
+            rows = [
+                rng.multivariate_hypergeometric(n, k, size)
+                for n, k in zip(self.n, self.k.sum(1), strict=True)
+            ]
             larger += int((statistic(np.stack(rows, 1)) >= observed).sum())
             drawn += size
         return (1 + larger) / (1 + drawn)
@@ -325,7 +389,11 @@ def _blocks(subject: Subject, answers: Answers, level: float) -> _Rule:
     p = told.p_value(told.chi_square, level / 2, name) if told.ratio > 1.0 else 1.0
     difference = pairs[:, 1] - pairs[:, 0]
     turned = _swapped(table, -np.abs(difference) if subject.task == SAME_DIFFERENT else difference)
-    if turned and p > level / 2 and table.p_value(lambda k: -table.agreement(k).min(-1), level / 2, name) > level / 2:
+    if (
+        turned
+        and p > level / 2
+        and table.p_value(lambda k: -table.agreement(k).min(-1), level / 2, name) > level / 2
+    ):
         turned = []
     names = [answers.blocks[index] for index in turned]
     option = f"--turn {as_option(name, names)}" if turned else ""
@@ -333,9 +401,16 @@ def _blocks(subject: Subject, answers: Answers, level: float) -> _Rule:
         straight = table.k.copy()
         straight[:, turned] = table.n[:, turned] - table.k[:, turned]
         after = _Table(table.n, straight).told()
-        rest = f" ({after.ratio:.2f} with the blocks below turned)" if turned and after.freedom else ""
-        ratio = f"X^2 / d.f. of pair x block = {told.ratio:.2f} with {told.freedom} d.f., p = {p:.1g}"
-        message, one = f"Blocks differ in their answers to the same pairs, {ratio}{rest}: pooled counts look surer than they are", option
+        rest = (
+            f" ({after.ratio:.2f} with the blocks below turned)" if turned and after.freedom else ""
+        )
+        ratio = (
+            f"X^2 / d.f. of pair x block = {told.ratio:.2f} with {told.freedom} d.f., p = {p:.1g}"
+        )
+        message, one = (
+            f"Blocks differ in their answers to the same pairs, {ratio}{rest}: pooled counts look surer than they are",
+            option,
+        )
         if not turned and len(answers.blocks) > 2:
             most = answers.blocks[int(np.argmax(told.by_block(told.k)))]
             one = f"--leave-out {as_option(name, [most])}"
@@ -343,7 +418,11 @@ def _blocks(subject: Subject, answers: Answers, level: float) -> _Rule:
         yield "block_dispersion", f"{message}.", one
     if turned:
         shown = [*map(bare, names)]
-        several = f"Blocks {', '.join(shown[:-1])} and {shown[-1]} look" if len(shown) > 1 else f"Block {shown[0]} looks"
+        several = (
+            f"Blocks {', '.join(shown[:-1])} and {shown[-1]} look"
+            if len(shown) > 1
+            else f"Block {shown[0]} looks"
+        )
         out = f"--leave-out {as_option(name, names)}"
         message = f"{several} answered the wrong way round (swapped buttons): {option} turns these answers, {out} leaves them out."
         yield "swapped_blocks", message, option
@@ -377,7 +456,9 @@ def _drift(subject: Subject, answers: Answers, level: float) -> _Rule:
     kinds = np.stack([np.ones(len(pairs)), subject.task.right(pairs[:, 1] - pairs[:, 0])])
     time = np.arange(table.n.shape[1]) / table.n.shape[1]
     centred = time - (table.n @ time / table.n.sum(1))[:, None]
-    slopes = kinds[:, :, None] * centred / (table.n * centred**2).sum()  # least squares: the change from the first trial to the last
+    slopes = (
+        kinds[:, :, None] * centred / (table.n * centred**2).sum()
+    )  # least squares: the change from the first trial to the last
 
     def largest(k: IntArray) -> FloatArray:
         return np.asarray(np.abs(np.tensordot(k, slopes, ((-2, -1), (1, 2)))).max(-1))
@@ -389,4 +470,7 @@ def _drift(subject: Subject, answers: Answers, level: float) -> _Rule:
     if p <= level:
         what = (f"P({subject.task.yes})", "share of right answers")[which]
         way = f"{'rises' if change[which] > 0 else 'falls'} by {abs(change[which]):.2f} from the first trial to the last"
-        yield "drift", f"Answers drift: the {what} for the same pairs {way} (p = {p:.1g}), and pooled counts are an average over that."
+        yield (
+            "drift",
+            f"Answers drift: the {what} for the same pairs {way} (p = {p:.1g}), and pooled counts are an average over that.",
+        )

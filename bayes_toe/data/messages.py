@@ -27,7 +27,11 @@ MOST_ROWS = 20
 
 def visible(text: str) -> str:
     """A text without what a terminal or a browser would obey: control, bidirectional and invisible characters as their escapes."""
-    return text if text.isprintable() else "".join(one if one.isprintable() else repr(one)[1:-1] for one in text)
+    return (
+        text
+        if text.isprintable()
+        else "".join(one if one.isprintable() else repr(one)[1:-1] for one in text)
+    )
 
 
 def quoted(text: str) -> str:
@@ -65,7 +69,11 @@ def named_few(names: Sequence[str], most: int = 4) -> str:
 
 def as_name(name: object) -> str:
     """The name of a subject as somebody says it: a whole number is its digits."""
-    return str(name) if isinstance(name, str | int | np.integer) and not isinstance(name, bool) else repr(name)
+    return (
+        str(name)
+        if isinstance(name, str | int | np.integer) and not isinstance(name, bool)
+        else repr(name)
+    )
 
 
 def as_option(name: str, blocks: Sequence[str] = ()) -> str:
@@ -85,6 +93,8 @@ def said_intervals(intervals: Sequence[float]) -> str:
 def as_html(caption: str, frame: pd.DataFrame, rows: int | None = None) -> str:
     """A caption and a frame of which the first rows are shown; `rows` says how many there are, where the frame has only the first."""
     count = len(frame) if rows is None else rows
-    shown = frame.head(MOST_ROWS).to_html(index=False, border=0, na_rep="", float_format=lambda value: f"{value:.4g}")
+    shown = frame.head(MOST_ROWS).to_html(
+        index=False, border=0, na_rep="", float_format=lambda value: f"{value:.4g}"
+    )
     more = f"<p>and {count - MOST_ROWS:,} more rows</p>" if count > MOST_ROWS else ""
     return f"<p><b>{escape(caption)}</b></p>{shown}{more}"

@@ -21,18 +21,70 @@ COLUMNS = (
 LOOKED_AT = ("session", "block", "trial", "iti")
 _COUNTS = ("n_equal", "n_second", "n_trials")
 _MAY_BE_IGNORED = ("isi", *LOOKED_AT, "condition")
-_ANSWERS = {answer: task for task in (SAME_DIFFERENT, WHICH_STRONGER) for answer in (task.yes, task.no)}
+_ANSWERS = {
+    answer: task for task in (SAME_DIFFERENT, WHICH_STRONGER) for answer in (task.yes, task.no)
+}
 # Other spellings, in small letters and digits alone.
 _SPELLINGS = {
-    "subject": {"subj", "subjectid", "subjid", "participant", "participantid", "observer", "person", "vp"},
+    "subject": {
+        "subj",
+        "subjectid",
+        "subjid",
+        "participant",
+        "participantid",
+        "observer",
+        "person",
+        "vp",
+    },
     "response": {"resp", "answer", "judgment", "judgement", "choice"},
-    "correct": {"accuracy", "acc", "hit", "hits", "iscorrect", "responsecorrect", "respcorr", "corr", "keyrespcorr"},
+    "correct": {
+        "accuracy",
+        "acc",
+        "hit",
+        "hits",
+        "iscorrect",
+        "responsecorrect",
+        "respcorr",
+        "corr",
+        "keyrespcorr",
+    },
     "n_equal": {"nsame", "equal", "kequal"},
     "n_second": {"second", "ksecond"},
     "n_trials": {"trials", "ntotal", "total"},
-    "isi": {"isis", "isims", "isisec", "interval", "intervals", "intervalms", "interstimulusinterval", "soa", "soams", "gap", "delay"},
-    "block": {"blocks", "blocknr", "blockno", "blocknum", "blocknumber", "blockindex", "blockid", "run", "runnr"},
-    "session": {"sessions", "sess", "sessionnr", "sessionno", "sessionnum", "sessionnumber", "sessionid", "day"},
+    "isi": {
+        "isis",
+        "isims",
+        "isisec",
+        "interval",
+        "intervals",
+        "intervalms",
+        "interstimulusinterval",
+        "soa",
+        "soams",
+        "gap",
+        "delay",
+    },
+    "block": {
+        "blocks",
+        "blocknr",
+        "blockno",
+        "blocknum",
+        "blocknumber",
+        "blockindex",
+        "blockid",
+        "run",
+        "runnr",
+    },
+    "session": {
+        "sessions",
+        "sess",
+        "sessionnr",
+        "sessionno",
+        "sessionnum",
+        "sessionnumber",
+        "sessionid",
+        "day",
+    },
     "trial": {"trialnr", "trialno", "trialnum", "trialnumber", "trialindex", "trialid", "trialn"},
     "iti": {"itis", "itims", "intertrialinterval", "rsi"},
 }
@@ -96,41 +148,75 @@ class ReadOptions:
     categorical: bool = False
 
     def __post_init__(self) -> None:
-        for key in (*(f"{answer}_code" for answer in _ANSWERS), "correct", "condition", "reference"):
+        for key in (
+            *(f"{answer}_code" for answer in _ANSWERS),
+            "correct",
+            "condition",
+            "reference",
+        ):
             text = getattr(self, key)
             object.__setattr__(self, key, None if text is None else text.strip())
         for key in ("columns", "where"):
-            object.__setattr__(self, key, {name.strip(): text.strip() for name, text in getattr(self, key).items()})
-        object.__setattr__(self, "ignore", (self.ignore,) if isinstance(self.ignore, str) else tuple(self.ignore))
+            object.__setattr__(
+                self, key, {name.strip(): text.strip() for name, text in getattr(self, key).items()}
+            )
+        object.__setattr__(
+            self, "ignore", (self.ignore,) if isinstance(self.ignore, str) else tuple(self.ignore)
+        )
         problems = []
-        if self.intensity is not None and not (math.isfinite(self.intensity) and self.intensity > 0):
-            problems.append(f"--intensity: found {self.intensity!r}, allowed: a positive finite number")
+        if self.intensity is not None and not (
+            math.isfinite(self.intensity) and self.intensity > 0
+        ):
+            problems.append(
+                f"--intensity: found {self.intensity!r}, allowed: a positive finite number"
+            )
         problems += self._code_problems()
         problems += _name_problems(f"{ours}={theirs}" for ours, theirs in self.columns.items())
         unknown = [quoted(one) for one in self.ignore if one not in _MAY_BE_IGNORED]
-        problems += [f"--ignore: found {one}, allowed: {', '.join(_MAY_BE_IGNORED)}" for one in unknown]
+        problems += [
+            f"--ignore: found {one}, allowed: {', '.join(_MAY_BE_IGNORED)}" for one in unknown
+        ]
         if self.subject_from is not None and self.subject_from.count("{}") != 1:
             found = quoted(self.subject_from)
-            problems.append(f"--subject-from: found {found}, allowed: a file's name with one {{}}, such as 'sub-{{}}_*.tsv'")
+            problems.append(
+                f"--subject-from: found {found}, allowed: a file's name with one {{}}, such as 'sub-{{}}_*.tsv'"
+            )
         if problems:
             raise InputError(problems)
 
     def _code_problems(self) -> list[str]:
         """What is said of codes that are empty, that are one text, and of what tells the task twice."""
         given = {option: text for option, (_, text) in self._telling().items()}
-        problems = [f"{name}: found '', allowed: a text that is not empty" for name, text in given.items() if text == ""]
+        problems = [
+            f"{name}: found '', allowed: a text that is not empty"
+            for name, text in given.items()
+            if text == ""
+        ]
         for task in TASKS:
             yes, no = self.codes(task)
             if yes and yes == no:
-                problems.append(f"--{task.no}-code: found {quoted(yes)} as --{task.yes}-code, allowed: two different texts")
-        if len({task for task, _ in self._telling().values()}) > 1 or (self.correct is not None and len(given) > 1):
-            problems.append(f"{', '.join(given)}: found together, allowed: what tells one task in one way")
+                problems.append(
+                    f"--{task.no}-code: found {quoted(yes)} as --{task.yes}-code, allowed: two different texts"
+                )
+        if len({task for task, _ in self._telling().values()}) > 1 or (
+            self.correct is not None and len(given) > 1
+        ):
+            problems.append(
+                f"{', '.join(given)}: found together, allowed: what tells one task in one way"
+            )
         return problems
 
     def _telling(self) -> dict[str, tuple[Task, str]]:
         """What was given that tells the task, by option: the task and the text."""
-        codes = {f"--{answer}-code": (task, getattr(self, f"{answer}_code")) for answer, task in _ANSWERS.items()}
-        return {option: one for option, one in {**codes, "--correct": (WHICH_STRONGER, self.correct)}.items() if one[1] is not None}
+        codes = {
+            f"--{answer}-code": (task, getattr(self, f"{answer}_code"))
+            for answer, task in _ANSWERS.items()
+        }
+        return {
+            option: one
+            for option, one in {**codes, "--correct": (WHICH_STRONGER, self.correct)}.items()
+            if one[1] is not None
+        }
 
     @property
     def task(self) -> Task | None:
@@ -157,7 +243,10 @@ def parse_columns(text: str) -> dict[str, str]:
     problems = _name_problems(text.split(","))
     if problems:
         raise InputError(problems)
-    return {ours.strip(): theirs.strip() for ours, _, theirs in (entry.partition("=") for entry in text.split(","))}
+    return {
+        ours.strip(): theirs.strip()
+        for ours, _, theirs in (entry.partition("=") for entry in text.split(","))
+    }
 
 
 def parse_where(texts: Iterable[str]) -> dict[str, str]:
@@ -166,7 +255,12 @@ def parse_where(texts: Iterable[str]) -> dict[str, str]:
     names = [name for _, name, _ in pairs]
     wrong = [text for text, name, value in pairs if not name or not value or names.count(name) > 1]
     if wrong:
-        raise InputError([f"--where: found {quoted(text)}, allowed: COLUMN=TEXT, each column once" for text in wrong])
+        raise InputError(
+            [
+                f"--where: found {quoted(text)}, allowed: COLUMN=TEXT, each column once"
+                for text in wrong
+            ]
+        )
     return {name: value for _, name, value in pairs}
 
 
@@ -175,18 +269,29 @@ def changed(study: Study, turn: Iterable[str] = (), leave_out: Iterable[str] = (
 
     Errors as of :meth:`~bayes_toe.data.study.Study.turn`, and where somebody or a block is named again.
     """
-    for option, texts, change in (("--turn", turn, Study.turn), ("--leave-out", leave_out, Study.leave_out)):
+    for option, texts, change in (
+        ("--turn", turn, Study.turn),
+        ("--leave-out", leave_out, Study.leave_out),
+    ):
         asked: dict[str, list[str]] = {}
         for text in texts:
             # Names may have colons.
             named = [name for name in study.names if text == name or text.startswith(f"{name}:")]
             name = max(named, key=len, default=text.partition(":")[0])
-            blocks = [block.strip() for block in text[len(name) + 1 :].split(",")] if text != name else []
+            blocks = (
+                [block.strip() for block in text[len(name) + 1 :].split(",")]
+                if text != name
+                else []
+            )
             if name not in study.names:
-                raise InputError(f"{option} {text}: no subject {quoted(name)}, allowed: {listed([bare(one) for one in study.names])}")
+                raise InputError(
+                    f"{option} {text}: no subject {quoted(name)}, allowed: {listed([bare(one) for one in study.names])}"
+                )
             again = [*asked.get(name, ()), *blocks]
             if (name in asked and not (blocks and asked[name])) or len({*again}) < len(again):
-                raise InputError(f"{option} {text}: found twice, allowed: each subject or block once")
+                raise InputError(
+                    f"{option} {text}: found twice, allowed: each subject or block once"
+                )
             asked[name] = again
         for name, blocks in asked.items():
             study = change(study, name, blocks)
@@ -203,7 +308,9 @@ def subject_in(path: Path, pattern: str) -> str | None:
     """
     tail = "/".join(path.absolute().parts[-1 - pattern.count("/") :])
     kinds = {"{}": "([^/]+?)", "*": "[^/]*"}
-    found = re.fullmatch("".join(kinds.get(part, re.escape(part)) for part in re.split(r"(\{\}|\*)", pattern)), tail)
+    found = re.fullmatch(
+        "".join(kinds.get(part, re.escape(part)) for part in re.split(r"(\{\}|\*)", pattern)), tail
+    )
     return None if found is None else found[1]
 
 
@@ -221,7 +328,9 @@ def _name_problems(entries: Iterable[str]) -> list[str]:
         known, again = ours in COLUMNS and theirs, taken & {("ours", ours), ("theirs", theirs)}
         if not known or again:
             how = "each name once, as OURS=NAME" if known else "OURS=NAME"
-            problems.append(f"--columns: found {quoted(entry.strip())}, allowed: {how} with OURS one of {', '.join(COLUMNS)}")
+            problems.append(
+                f"--columns: found {quoted(entry.strip())}, allowed: {how} with OURS one of {', '.join(COLUMNS)}"
+            )
         taken |= {("ours", ours), ("theirs", theirs)}
     return problems
 
@@ -229,7 +338,9 @@ def _name_problems(entries: Iterable[str]) -> list[str]:
 # --- Which columns are read ---------------------------------------------------------------------------
 
 
-def columns_to_read(names: Sequence[str], options: ReadOptions, *, python: bool = False) -> tuple[list[str], list[str]]:
+def columns_to_read(
+    names: Sequence[str], options: ReadOptions, *, python: bool = False
+) -> tuple[list[str], list[str]]:
     """Our names of the columns that a table with these names is read from, and what is wrong with the names.
 
     Examples
@@ -245,24 +356,38 @@ def columns_to_read(names: Sequence[str], options: ReadOptions, *, python: bool 
         lines.append(f"column {bare(name)}: found as {roles}, allowed: one meaning per column")
     found = listed([quoted(name) for name in names])
     missing = [name for name in options.where if names.count(name) != 1]
-    lines += [f"column {bare(name)}: --where needs one column of this name, found {found}, allowed: one of these" for name in missing]
+    lines += [
+        f"column {bare(name)}: --where needs one column of this name, found {found}, allowed: one of these"
+        for name in missing
+    ]
     if options.subject_from is not None:
         needed.remove("subject")
         if options.name("subject") in names:
-            lines.append(f"column {bare(options.name('subject'))}: found together with --subject-from, allowed: one of them")
+            lines.append(
+                f"column {bare(options.name('subject'))}: found together with --subject-from, allowed: one of them"
+            )
     for ours in (*COLUMNS, "correct"):
         count = names.count(options.name(ours))
         if count == 0 and (ours in needed or ours in options.columns):
             hint = "; ".join(_ways_out(names, options, ours, python))
-            lines.append(f"column {bare(options.name(ours))}: missing, found {found}, allowed: a column of this name, or {hint}")
+            lines.append(
+                f"column {bare(options.name(ours))}: missing, found {found}, allowed: a column of this name, or {hint}"
+            )
         elif count > 1 and ours in needed:
-            lines.append(f"column {bare(options.name(ours))}: found {count} columns of this name, allowed: one")
+            lines.append(
+                f"column {bare(options.name(ours))}: found {count} columns of this name, allowed: one"
+            )
     return needed, lines
 
 
-def _answer_problems(names: Sequence[str], needed: Sequence[str], options: ReadOptions, python: bool) -> Iterable[str]:
+def _answer_problems(
+    names: Sequence[str], needed: Sequence[str], options: ReadOptions, python: bool
+) -> Iterable[str]:
     """What is said where answers are told twice, are of two tasks, or are none."""
-    counts, response = [bare(options.name(ours)) for ours in _COUNTS if ours in needed], options.name("response")
+    counts, response = (
+        [bare(options.name(ours)) for ours in _COUNTS if ours in needed],
+        options.name("response"),
+    )
     if "response" in needed and counts:
         both = f"{bare(options.name('n_equal'))} and {bare(options.name('n_trials'))}"
         allowed = f"{bare(response)} alone (one row per trial) or {both} alone (one row per pair)"
@@ -279,28 +404,52 @@ def _needed(names: Sequence[str], options: ReadOptions) -> list[str]:
     """Our names of the columns that these names call for, and of those that there may be."""
     # No inference reads block and trial: twice there, or named as something else, they are left out like any other column.
     others = [options.name(ours) for ours in COLUMNS if ours not in LOOKED_AT]
-    looked_at = [ours for ours in LOOKED_AT if options.name(ours) not in others and names.count(options.name(ours)) == 1]
+    looked_at = [
+        ours
+        for ours in LOOKED_AT
+        if options.name(ours) not in others and names.count(options.name(ours)) == 1
+    ]
     counts = [ours for ours in _COUNTS if options.name(ours) in names]
     if options.correct is not None:
         answers = ["correct"]
     elif options.name("response") in names or not counts:
         answers = ["response", *counts]
     else:
-        answers = [*(ours for ours in counts if ours != "n_trials"), "n_trials"] if counts != ["n_trials"] else ["n_equal", "n_trials"]
+        answers = (
+            [*(ours for ours in counts if ours != "n_trials"), "n_trials"]
+            if counts != ["n_trials"]
+            else ["n_equal", "n_trials"]
+        )
     condition = ["condition"] if options.condition or options.name("condition") in names else []
-    isi = ["isi"] if options.name("isi") in names and not (condition and options.name("isi") == options.name("condition")) else []
+    isi = (
+        ["isi"]
+        if options.name("isi") in names
+        and not (condition and options.name("isi") == options.name("condition"))
+        else []
+    )
     isi += condition
-    return ["subject", *options.stimuli, *answers, *(ours for ours in (*isi, *looked_at) if ours not in options.ignore)]
+    return [
+        "subject",
+        *options.stimuli,
+        *answers,
+        *(ours for ours in (*isi, *looked_at) if ours not in options.ignore),
+    ]
 
 
 def _ways_out(names: Sequence[str], options: ReadOptions, ours: str, python: bool) -> Iterable[str]:
     """What else is allowed in the place of a column that is missing."""
     taken = [options.name(one) for one in COLUMNS]
-    theirs = next((bare(name) for name in names if name not in taken and looks_like(name, ours)), "NAME")
+    theirs = next(
+        (bare(name) for name in names if name not in taken and looks_like(name, ours)), "NAME"
+    )
     if ours == "correct":
         yield f"ReadOptions(correct={theirs!r})" if python else f"--correct {theirs}"
     else:
-        yield f"ReadOptions(columns={{{ours!r}: {theirs!r}}})" if python else f"--columns {ours}={theirs}"
+        yield (
+            f"ReadOptions(columns={{{ours!r}: {theirs!r}}})"
+            if python
+            else f"--columns {ours}={theirs}"
+        )
     amplitudes, logs = (("i1", "i2"), ("s1", "s2"))
     if ours in logs and any(options.name(other) in names for other in amplitudes):
         how = "ReadOptions(intensity=REF)" if python else "--intensity REF"
@@ -313,6 +462,12 @@ def _ways_out(names: Sequence[str], options: ReadOptions, ours: str, python: boo
     if ours == "response":
         yield f"or counts in {bare(options.name('n_equal'))} or {bare(options.name('n_second'))}, and {bare(options.name('n_trials'))}"
         right = next((bare(name) for name in names if looks_like(name, "correct")), None)
-        yield from [f"or {f'correct={right!r}' if python else f'--correct {right}'}, where that says right or wrong"] if right else []
+        yield from (
+            [
+                f"or {f'correct={right!r}' if python else f'--correct {right}'}, where that says right or wrong"
+            ]
+            if right
+            else []
+        )
     if ours == "n_equal":
         yield f"or {bare(options.name('n_second'))}, where the question was which is stronger"

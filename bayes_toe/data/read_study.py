@@ -25,8 +25,22 @@ from bayes_toe.data.options import COLUMNS, ReadOptions, columns_to_read, looks_
 from bayes_toe.data.responses import require_task, responses
 from bayes_toe.data.several_files import read_together
 from bayes_toe.data.study import Study, Subject
-from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task, task_counted, task_named, task_of
-from bayes_toe.data.text_table import DELIMITERS, LARGEST_STUDY, Column, Frame, TextTable, read_table
+from bayes_toe.data.tasks import (
+    SAME_DIFFERENT,
+    WHICH_STRONGER,
+    Task,
+    task_counted,
+    task_named,
+    task_of,
+)
+from bayes_toe.data.text_table import (
+    DELIMITERS,
+    LARGEST_STUDY,
+    Column,
+    Frame,
+    TextTable,
+    read_table,
+)
 from bayes_toe.data.trial_order import answers_in_order
 from bayes_toe.data.validation import (
     bare_names,
@@ -51,7 +65,9 @@ Truth: TypeAlias = Mapping[str, Mapping[str, float]]
 _TRUE_WORDS = frozenset({"1", "1.0", "true", "yes"})
 
 
-def read_study(path: str | Path | Frame | Sequence[str | Path | Frame], options: ReadOptions | None = None) -> Study:
+def read_study(
+    path: str | Path | Frame | Sequence[str | Path | Frame], options: ReadOptions | None = None
+) -> Study:
     r"""The study in a CSV file, or a data frame, of trials or of counts; the header tells which.
 
     Trials: ``subject,s1,s2,response``, the response 'equal' or 'different' (also same), or 'second' or 'first' (also s2/s1, 2nd/1st), which
@@ -94,7 +110,12 @@ def read_study(path: str | Path | Frame | Sequence[str | Path | Frame], options:
     (('01',), ("trial rows, comma-separated, UTF-8, responses 'equal' (1) / 'different' (1)",))
     """
     options = ReadOptions() if options is None else options
-    require_kind("options", options, ReadOptions, "a ReadOptions, such as bt.ReadOptions(columns={'subject': 'participant'})")
+    require_kind(
+        "options",
+        options,
+        ReadOptions,
+        "a ReadOptions, such as bt.ReadOptions(columns={'subject': 'participant'})",
+    )
     paths = list(path) if isinstance(path, list | tuple) else [path]
     study = with_conditions(read_together(paths, partial(_read, options=options)), options)
     asked = options.condition is not None or options.reference is not None or options.categorical
@@ -102,9 +123,15 @@ def read_study(path: str | Path | Frame | Sequence[str | Path | Frame], options:
         name = bare(study.conditions.name)
         said = f"column {name}: found no pair at two of its levels, as where it names pairs or their order, so that it is no condition"
         whole = read_study(path, replace(options, ignore=(*options.ignore, "condition")))
-        notes = (note for note in whole.notes if note != f"column {name} not read, as --ignore has it")
-        return replace(whole, notes=(*notes, f"{said}: not used; --condition {name} takes it all the same"))
-    refuse_reversed(study, _way_back(study, options, python=any(hasattr(one, "columns") for one in paths)))
+        notes = (
+            note for note in whole.notes if note != f"column {name} not read, as --ignore has it"
+        )
+        return replace(
+            whole, notes=(*notes, f"{said}: not used; --condition {name} takes it all the same")
+        )
+    refuse_reversed(
+        study, _way_back(study, options, python=any(hasattr(one, "columns") for one in paths))
+    )
     return study
 
 
@@ -120,8 +147,15 @@ def _way_back(study: Study, options: ReadOptions, python: bool) -> str:
         return f"{bare(options.name('n_second'))} counts those"
     if options.correct:
         return f"column {bare(options.correct)} says right of those"
-    second, first = (code or word for code, word in zip(options.codes(WHICH_STRONGER), ("second", "first"), strict=True))
-    codes = f"ReadOptions(second_code={first!r}, first_code={second!r})" if python else f"--second-code {first} --first-code {second}"
+    second, first = (
+        code or word
+        for code, word in zip(options.codes(WHICH_STRONGER), ("second", "first"), strict=True)
+    )
+    codes = (
+        f"ReadOptions(second_code={first!r}, first_code={second!r})"
+        if python
+        else f"--second-code {first} --first-code {second}"
+    )
     return f"if they mean the opposite, {codes}"
 
 
@@ -153,8 +187,13 @@ def example_truth(task: Task | str = SAME_DIFFERENT) -> Truth:
     """
     asked = task_of(task)
     with as_file(files("bayes_toe.data") / f"{_EXAMPLES[asked]}_truth.csv") as path:
-        names, columns = read_numbers(path, ("mu1", "sigma_p", "sigma_l", asked.lapses), key="subject")
-    return {name: {key: float(values[row]) for key, values in columns.items()} for row, name in enumerate(names)}
+        names, columns = read_numbers(
+            path, ("mu1", "sigma_p", "sigma_l", asked.lapses), key="subject"
+        )
+    return {
+        name: {key: float(values[row]) for key, values in columns.items()}
+        for row, name in enumerate(names)
+    }
 
 
 # --- Rows of trials or of counts ----------------------------------------------------------------------
@@ -175,7 +214,9 @@ class _Rows:
     @property
     def shown(self) -> list[Column]:
         """The columns of the keys."""
-        return [self.columns[ours] for ours in (*self.options.stimuli, "isi") if ours in self.columns]
+        return [
+            self.columns[ours] for ours in (*self.options.stimuli, "isi") if ours in self.columns
+        ]
 
     @property
     def subject(self) -> Column:
@@ -185,35 +226,65 @@ class _Rows:
     def require_pairs(self, asked: BoolArray) -> None:
         """Note subjects without a name, stimuli and intervals without a number, in these rows."""
         positive = "a positive finite number"
-        for column in (self.subject, *([self.columns["condition"]] if "condition" in self.columns else [])):
+        for column in (
+            self.subject,
+            *([self.columns["condition"]] if "condition" in self.columns else []),
+        ):
             require_texts(self.table, column, asked)
         for column, values in zip(self.shown[:2], self.keys, strict=False):
-            require_numbers(self.table, column, asked & np.isnan(values), "a finite number" if self.options.intensity is None else positive)
+            require_numbers(
+                self.table,
+                column,
+                asked & np.isnan(values),
+                "a finite number" if self.options.intensity is None else positive,
+            )
         for column, values in zip(self.shown[2:], self.keys[2:], strict=True):
-            self.table.fault(column, asked & np.isnan(values), f"{positive} of seconds, in every row or no such column")
+            self.table.fault(
+                column,
+                asked & np.isnan(values),
+                f"{positive} of seconds, in every row or no such column",
+            )
 
     def layout(self, what: str, answers: str) -> list[str]:
         """Notes of how the table is written, which rows were asked for, which columns have another name or another unit."""
         table, options = self.table, self.options
-        comma = table.decimal_comma and any("," in text for column in self.shown for text in column.texts)
+        comma = table.decimal_comma and any(
+            "," in text for column in self.shown for text in column.texts
+        )
         split = f"{DELIMITERS[table.delimiter]}-separated, " if table.delimiter else ""
         notes = [f"{what} rows, {split}{table.form}{', decimal comma' if comma else ''}, {answers}"]
-        notes += [f"only rows with {bare(text)} in column {bare(name)}" for name, text in options.where.items()]
-        notes += [f"column {bare(theirs)} read as {ours}" for ours, theirs in options.columns.items() if theirs != ours]
-        ignored = [bare(options.name(ours)) for ours in options.ignore if options.name(ours) in table.names]
+        notes += [
+            f"only rows with {bare(text)} in column {bare(name)}"
+            for name, text in options.where.items()
+        ]
+        notes += [
+            f"column {bare(theirs)} read as {ours}"
+            for ours, theirs in options.columns.items()
+            if theirs != ours
+        ]
+        ignored = [
+            bare(options.name(ours)) for ours in options.ignore if options.name(ours) in table.names
+        ]
         notes += [f"column {name} not read, as --ignore has it" for name in ignored]
         if options.intensity is not None:
-            notes += [f"column {bare(one.name)} read as amplitude in units of {float(options.intensity)!r}" for one in self.shown[:2]]
+            notes += [
+                f"column {bare(one.name)} read as amplitude in units of {float(options.intensity)!r}"
+                for one in self.shown[:2]
+            ]
         return notes
 
 
 def _rows(path: str | Path | Frame, options: ReadOptions) -> _Rows:
     """The rows that are asked for; all others are left out before anything is checked."""
     others = ("synthetic", "task")
-    table = read_table(path, {*map(options.name, (*COLUMNS, "correct")), *others, *options.where}, LARGEST_STUDY)
+    table = read_table(
+        path, {*map(options.name, (*COLUMNS, "correct")), *others, *options.where}, LARGEST_STUDY
+    )
     needed, problems = columns_to_read(table.names, options, python=table.python)
     table.require(problems)
-    named = {ours: options.name(ours) for ours in needed} | {ours: ours for ours in others if ours in table.columns}
+    named = {ours: options.name(ours) for ours in needed} | {
+        ours: ours for ours in others if ours in table.columns
+    }
     columns = {ours: table.columns[theirs] for ours, theirs in named.items()}
     if "subject" in columns:
         columns["subject"] = bare_names(table, columns["subject"])
@@ -244,10 +315,14 @@ def _asked_for(table: TextTable, where: Mapping[str, str]) -> BoolArray:
         column = table.columns[name]
         if asked not in column.texts:
             found = f"column {bare(name)}: found {listed([*map(quoted, column.texts)])}"
-            raise InputError(f"{table.source}: {found}, allowed: {quoted(asked)}, as --where has it, in some row")
+            raise InputError(
+                f"{table.source}: {found}, allowed: {quoted(asked)}, as --where has it, in some row"
+            )
         kept &= column.codes == column.texts.index(asked)
     if not kept.any():
-        raise InputError(f"{table.source}: found no row that is as --where has it in all of {', '.join(where)}")
+        raise InputError(
+            f"{table.source}: found no row that is as --where has it in all of {', '.join(where)}"
+        )
     return kept
 
 
@@ -265,30 +340,55 @@ def _study(rows: _Rows, notes: list[str], k: IntArray, n: IntArray, task: Task) 
     """The study of valid rows; answers are kept as they were given where rows are trials or have a block."""
     owned = np.flatnonzero(n > 0)
     owned = owned[np.argsort(rows.subject.codes[owned], kind="stable")]
-    parts = {rows.subject.text(part[0]): part for part in np.split(owned, run_starts(rows.subject.codes[owned])[1:])}
+    parts = {
+        rows.subject.text(part[0]): part
+        for part in np.split(owned, run_starts(rows.subject.codes[owned])[1:])
+    }
     trials, missing, doubts = "n_trials" not in rows.columns, list[str](), list[str]()
     if trials or "block" in rows.columns:
-        answers, missing, doubts = answers_in_order(rows.table, rows.columns, rows.keys, parts, k, n)
+        answers, missing, doubts = answers_in_order(
+            rows.table, rows.columns, rows.keys, parts, k, n
+        )
         subjects = [Subject.from_answers(name, one, task) for name, one in answers.items()]
     else:
         values = (*rows.keys[:2], k, n, *rows.keys[2:])
-        subjects = [Subject.from_counts(name, *(one[at] for one in values), task=task) for name, at in parts.items()]
+        subjects = [
+            Subject.from_counts(name, *(one[at] for one in values), task=task)
+            for name, at in parts.items()
+        ]
     merged = {one.name: len(parts[one.name]) - one.n_pairs for one in subjects if not trials}
     if any(merged.values()):
         each = listed([f"{bare(name)} {count}" for name, count in merged.items() if count])
         notes.append(f"{counted(sum(merged.values()), 'repeated row')} merged: {each}")
     if "isi" in rows.columns:
         isi = tuple(np.unique(rows.keys[2][owned]).tolist())
-        notes.append(f"{counted(len(isi), 'interval')} in column {bare(rows.columns['isi'].name)}: {said_intervals(isi)}")
+        notes.append(
+            f"{counted(len(isi), 'interval')} in column {bare(rows.columns['isi'].name)}: {said_intervals(isi)}"
+        )
     notes += missing
-    marks = [text.lower() in _TRUE_WORDS for text in rows.columns["synthetic"].texts] if "synthetic" in rows.columns else [False]
+    marks = (
+        [text.lower() in _TRUE_WORDS for text in rows.columns["synthetic"].texts]
+        if "synthetic" in rows.columns
+        else [False]
+    )
     if any(marks):
         said = "synthetic data: column synthetic says so in every row"
-        notes.append(said if all(marks) else "column synthetic says so in some rows only: not marked synthetic")
+        notes.append(
+            said
+            if all(marks)
+            else "column synthetic says so in some rows only: not marked synthetic"
+        )
     known, source = {column.name for column in rows.columns.values()}, rows.table.source
-    left = {name for name in rows.table.names for ours in rows.options.ignore if looks_like(name, ours) or name == rows.options.name(ours)}
+    left = {
+        name
+        for name in rows.table.names
+        for ours in rows.options.ignore
+        if looks_like(name, ours) or name == rows.options.name(ours)
+    }
     ignored = dict.fromkeys(name for name in rows.table.names if name and name not in known | left)
-    reading = Reading(tuple(rows.columns), tuple(ignored), tuple(f"{source}: {one}" for one in doubts))
+    reading = Reading(
+        tuple(rows.columns), tuple(ignored), tuple(f"{source}: {one}" for one in doubts)
+    )
     return Study(tuple(subjects), source, all(marks), tuple(notes), reading)
 
 
@@ -298,19 +398,36 @@ def _study(rows: _Rows, notes: list[str], k: IntArray, n: IntArray, task: Task) 
 def _trial_study(rows: _Rows, column: Column) -> Study:
     table = rows.table
     found = responses(table, column, rows.options, rows.keys[1] - rows.keys[0])
-    rows.require_pairs(found.asked | found.no_answer)  # rows without an answer, such as instruction screens, may hold anything else
+    rows.require_pairs(
+        found.asked | found.no_answer
+    )  # rows without an answer, such as instruction screens, may hold anything else
     table.problems.refuse()
     require_task(table, found.task, rows.columns.get("task"))
     if not found.asked.any():
-        raise InputError(f"{table.source}: found no response in any of {len(found.asked)} rows, allowed: at least one answered trial")
+        raise InputError(
+            f"{table.source}: found no response in any of {len(found.asked)} rows, allowed: at least one answered trial"
+        )
     notes = rows.layout("trial", found.said)
     nothing = ~found.asked & ~found.no_answer
-    for rows_of, what in ((nothing, "without a response"), (found.no_answer, "with equal stimuli, of which no answer is right,")):
+    for rows_of, what in (
+        (nothing, "without a response"),
+        (found.no_answer, "with equal stimuli, of which no answer is right,"),
+    ):
         if rows_of.any():
-            notes.append(f"{counted(int(rows_of.sum()), 'trial')} {what} dropped: {_listed_by_subject(rows, rows_of)}")
+            notes.append(
+                f"{counted(int(rows_of.sum()), 'trial')} {what} dropped: {_listed_by_subject(rows, rows_of)}"
+            )
     answered = np.bincount(rows.subject.codes, found.asked, len(rows.subject.texts))
-    gone = [bare(text) for text, count in zip(rows.subject.texts, answered, strict=True) if text and not count]
-    notes += [f"{counted(len(gone), 'subject')} without any response left out: {listed(gone)}"] if gone else []
+    gone = [
+        bare(text)
+        for text, count in zip(rows.subject.texts, answered, strict=True)
+        if text and not count
+    ]
+    notes += (
+        [f"{counted(len(gone), 'subject')} without any response left out: {listed(gone)}"]
+        if gone
+        else []
+    )
     # A trial is a count of one, a trial without an answer a count of none.
     return _study(rows, notes, np.where(found.yes, 1, 0), np.where(found.asked, 1, 0), found.task)
 
@@ -330,16 +447,28 @@ def _count_study(rows: _Rows) -> Study:
     task = task_counted(rows.columns)
     assert task is not None  # the header was checked
     given = rows.columns[task.count]
-    k, n = (column.map(lambda text: whole_number(text, table.decimal_comma), np.int64) for column in (given, trials))
+    k, n = (
+        column.map(lambda text: whole_number(text, table.decimal_comma), np.int64)
+        for column in (given, trials)
+    )
     rows.require_pairs(np.ones(len(n), np.bool_))
     for column, count in ((given, k), (trials, n)):
-        table.fault(column, count < 0, "a whole number from 0 to 2**53, without thousands separators")
+        table.fault(
+            column, count < 0, "a whole number from 0 to 2**53, without thousands separators"
+        )
     table.fault(given, (n >= 0) & (k > n), lambda index: f"0 to {bare(trials.name)} = {n[index]}")
     first = np.unique(subject.codes, return_index=True)[1]
     empty = np.bincount(subject.codes, n != 0, len(subject.texts)) == 0
     for code in (code for code in np.flatnonzero(empty).tolist() if subject.texts[code]):
         found = f"found 0 in all rows of subject {quoted(subject.texts[code])}, allowed: at least 1 trial"
-        table.problems.add([(row := int(table.rows[first[code]]), f"row {row}, column {bare(trials.name)}: {found}")])
+        table.problems.add(
+            [
+                (
+                    row := int(table.rows[first[code]]),
+                    f"row {row}, column {bare(trials.name)}: {found}",
+                )
+            ]
+        )
     table.problems.refuse()
     require_task(table, task, rows.columns.get("task"))
     notes = rows.layout("grouped", f"{k.sum()} of {n.sum()} trials answered '{task.yes}'")

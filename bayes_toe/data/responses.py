@@ -18,8 +18,14 @@ from bayes_toe.errors import InputError
 
 _YES, _NO, _MISSING, _UNKNOWN = 1, 0, -1, -2
 #: The words of each task's two answers, in any case; and those of columns that say right or wrong.
-_WORDS = {SAME_DIFFERENT: (("equal", "same"), ("different",)), WHICH_STRONGER: (("second", "s2", "2nd"), ("first", "s1", "1st"))}
-_RIGHT_WRONG = (("1", "true", "yes", "correct", "right", "hit"), ("0", "false", "no", "incorrect", "wrong", "error", "miss"))
+_WORDS = {
+    SAME_DIFFERENT: (("equal", "same"), ("different",)),
+    WHICH_STRONGER: (("second", "s2", "2nd"), ("first", "s1", "1st")),
+}
+_RIGHT_WRONG = (
+    ("1", "true", "yes", "correct", "right", "hit"),
+    ("0", "false", "no", "incorrect", "wrong", "error", "miss"),
+)
 #: The text that is the other answer where one was said to be an answer.
 _OTHER = {"1": "0", "0": "1", "2": "1", "true": "false", "false": "true", "yes": "no", "no": "yes"}
 _DIGIT = re.compile(r"(\d)[.,]0*")
@@ -38,22 +44,33 @@ class Responses(NamedTuple):
     said: str
 
 
-def responses(table: TextTable, column: Column, options: ReadOptions, difference: FloatArray) -> Responses:
+def responses(
+    table: TextTable, column: Column, options: ReadOptions, difference: FloatArray
+) -> Responses:
     """The answers in a column, of trials with these differences s2 - s1; what cannot be read is noted in the table.
 
     Where no word is known, one line says so of the column, and another task than the one of the result may have been meant.
     """
     judged, untold = options.correct is not None, "" if options.task else _untold(table, column)
     task = options.task or next((task for task in TASKS if _words_of(task, column)), SAME_DIFFERENT)
-    names, words = (("right", "wrong"), _RIGHT_WRONG) if judged else ((task.yes, task.no), _WORDS[task])
+    names, words = (
+        (("right", "wrong"), _RIGHT_WRONG) if judged else ((task.yes, task.no), _WORDS[task])
+    )
     answer = column.map(lambda text: _answer(text, options.codes(task), words), np.int64)
     if untold:
         table.problems.add([(0, f"column {bare(column.name)}: {untold}")])
     else:
         shown = zip(options.codes(task), words, names, strict=True)
-        texts = " or ".join(f"{', '.join(some) if code is None else quoted(code)} ({name})" for code, some, name in shown)
+        texts = " or ".join(
+            f"{', '.join(some) if code is None else quoted(code)} ({name})"
+            for code, some, name in shown
+        )
         python = f"ReadOptions({', '.join(f'{one}_code=...' for one in names)})"
-        others = "" if judged else f"; other codes by {python if table.python else ', '.join(f'--{one}-code' for one in names)}"
+        others = (
+            ""
+            if judged
+            else f"; other codes by {python if table.python else ', '.join(f'--{one}-code' for one in names)}"
+        )
         table.fault(column, answer == _UNKNOWN, f"{texts}, or empty{others}")
     said = f"responses {' / '.join(_as_answered(column, answer == value, word) for value, word in zip((_YES, _NO), names, strict=True))}"
     yes, asked, none = answer == _YES, answer != _MISSING, np.zeros(len(answer), np.bool_)
@@ -66,12 +83,24 @@ def responses(table: TextTable, column: Column, options: ReadOptions, difference
 
 def require_task(table: TextTable, task: Task, column: Column | None) -> None:
     """Refuse a column `task` that tells another task, or two; what tells none, such as the name of an experiment, is not looked at."""
-    told = {} if column is None else {named: text for text in column.texts if (named := task_named(text)) is not None}
+    told = (
+        {}
+        if column is None
+        else {named: text for text in column.texts if (named := task_named(text)) is not None}
+    )
     if column is None or not told.keys() - {task}:
         return
     found = f"{table.source}: column {bare(column.name)}: found {' and '.join(quoted(text) for text in told.values())}"
-    some = f"ReadOptions(where={{{column.name!r}: ...}})" if table.python else f"--where {bare(column.name)}=TEXT"
-    allowed = f"one task, which {some} chooses" if len(told) > 1 else f"{task.name!r}, which the answers are of"
+    some = (
+        f"ReadOptions(where={{{column.name!r}: ...}})"
+        if table.python
+        else f"--where {bare(column.name)}=TEXT"
+    )
+    allowed = (
+        f"one task, which {some} chooses"
+        if len(told) > 1
+        else f"{task.name!r}, which the answers are of"
+    )
     raise InputError(f"{found}, allowed: {allowed}")
 
 
@@ -82,7 +111,10 @@ def _words_of(task: Task, column: Column) -> list[str]:
 
 def _untold(table: TextTable, column: Column) -> str:
     """What is said of a column whose words tell no task, or two; nothing where they tell one, or where there is no answer."""
-    texts, told = [text for text in column.texts if text.lower() not in MISSING_WORDS], [_words_of(task, column) for task in TASKS]
+    texts, told = (
+        [text for text in column.texts if text.lower() not in MISSING_WORDS],
+        [_words_of(task, column) for task in TASKS],
+    )
     if all(told):
         both = " and ".join(quoted(words[0]) for words in told)
         return f"found {both}, words of two tasks, allowed: one task, such as the rows that --where COLUMN=TEXT chooses"
@@ -91,9 +123,14 @@ def _untold(table: TextTable, column: Column) -> str:
     plain = {_plain(text).lower(): _plain(text) for text in texts}
     likely = next((plain[one] for one in ("1", "true", "yes") if one in plain), "TEXT")
     name = "ReadOptions({}_code={!r})" if table.python else "--{}-code {}"
-    ways = [f"{name.format(task.yes, code)} ({task.name})" for task, code in zip(TASKS, (likely, plain.get("2", likely)), strict=True)]
+    ways = [
+        f"{name.format(task.yes, code)} ({task.name})"
+        for task, code in zip(TASKS, (likely, plain.get("2", likely)), strict=True)
+    ]
     if plain.keys() <= {*_RIGHT_WRONG[0], *_RIGHT_WRONG[1]}:
-        ways.append(f"{f'ReadOptions(correct={column.name!r})' if table.python else f'--correct {bare(column.name)}'} (right or wrong)")
+        ways.append(
+            f"{f'ReadOptions(correct={column.name!r})' if table.python else f'--correct {bare(column.name)}'} (right or wrong)"
+        )
     words = " or ".join(f"{task.yes}/{task.no}" for task in TASKS)
     return f"found {listed([*map(quoted, texts)], 4)}, which do not tell the task, allowed: {words}, or {', '.join(ways)}"
 
@@ -115,7 +152,9 @@ def _answer(text: str, given: Sequence[str | None], words: Sequence[Sequence[str
     if any(code is not None and word == code.lower() for code in codes):
         return _UNKNOWN  # where 'Different' was declared to mean equal, 'different' must not count as different by default
     for code, other, known, answer in zip(codes, codes[::-1], words, (_YES, _NO), strict=True):
-        if code is None and (word in known or (other is not None and word == _OTHER.get(other.lower()))):
+        if code is None and (
+            word in known or (other is not None and word == _OTHER.get(other.lower()))
+        ):
             return answer
     return _UNKNOWN
 

@@ -26,11 +26,19 @@ def read_together(paths: Sequence[Any], read: Callable[[Any], Study]) -> Study:
     named = [Path(path).absolute() for path in paths if isinstance(path, str | Path)]
     twice = [path for i, path in enumerate(named) if path in named[:i]]
     if not paths or twice:
-        raise InputError(f"{bare(twice[0].name)}: found twice, allowed: each file once" if twice else "files: found none, allowed: some")
+        raise InputError(
+            f"{bare(twice[0].name)}: found twice, allowed: each file once"
+            if twice
+            else "files: found none, allowed: some"
+        )
     called = [path.name for path in named]
     studies, faulty = list[Study](), list[list[str]]()
     for path in paths:
-        home = f"{Path(path).absolute().parent.name}/" if isinstance(path, str | Path) and called.count(Path(path).name) > 1 else ""
+        home = (
+            f"{Path(path).absolute().parent.name}/"
+            if isinstance(path, str | Path) and called.count(Path(path).name) > 1
+            else ""
+        )
         try:
             study = read(path)
             studies.append(replace(study, source=home + study.source))
@@ -40,7 +48,11 @@ def read_together(paths: Sequence[Any], read: Callable[[Any], Study]) -> Study:
         shown, told = faulty[0], 1  # of which the last may count what is not shown
         while told < len(faulty) and len(shown) + len(faulty[told]) <= MOST_SHOWN:
             shown, told = shown + faulty[told], told + 1
-        more = [f"... and problems in {counted(len(faulty) - told, 'more file')}"] if told < len(faulty) else []
+        more = (
+            [f"... and problems in {counted(len(faulty) - told, 'more file')}"]
+            if told < len(faulty)
+            else []
+        )
         raise InputError([*shown, *more])
     return studies[0] if len(studies) == 1 else _together(studies)
 
@@ -52,12 +64,17 @@ def _together(studies: Sequence[Study]) -> Study:
         raise InputError(f"{second}: asked {other}, and {first} {one}; allowed: files of one task")
     timed = {bool(study.intervals): study.source for study in studies}
     if len(timed) > 1:
-        raise InputError(f"{timed[False]}: no column isi, which {timed[True]} has; allowed: in all files or in none")
+        raise InputError(
+            f"{timed[False]}: no column isi, which {timed[True]} has; allowed: in all files or in none"
+        )
     parts: dict[str, list[Study]] = {}
     for study in studies:
         for name in study.names:
             parts.setdefault(name, []).append(study)
-    subjects, doubts = list[Subject](), [doubt for study in studies for doubt in study.reading.doubts]
+    subjects, doubts = (
+        list[Subject](),
+        [doubt for study in studies for doubt in study.reading.doubts],
+    )
     for name, of in parts.items():
         rows = [(study.source, study[name].answers) for study in of]
         known = [(source, one) for source, one in rows if one is not None]
@@ -69,11 +86,24 @@ def _together(studies: Sequence[Study]) -> Study:
         else:
             subjects.append(pooled([study[name] for study in of]))
     several = [f"{bare(name)} {len(of)}" for name, of in parts.items() if len(of) > 1]
-    joined = [f"{counted(len(several), 'subject')} in several files, put together: {listed(several)}"] if several else []
-    read, ignored = (tuple(dict.fromkeys(one for study in studies for one in getattr(study.reading, key))) for key in ("read", "ignored"))
+    joined = (
+        [f"{counted(len(several), 'subject')} in several files, put together: {listed(several)}"]
+        if several
+        else []
+    )
+    read, ignored = (
+        tuple(dict.fromkeys(one for study in studies for one in getattr(study.reading, key)))
+        for key in ("read", "ignored")
+    )
     source = f"{len(studies)} files, {studies[0].source} to {studies[-1].source}"
     reading = Reading(read, ignored, tuple(doubts))
-    return Study(tuple(subjects), source, all(study.synthetic for study in studies), (*_common_notes(studies), *joined), reading)
+    return Study(
+        tuple(subjects),
+        source,
+        all(study.synthetic for study in studies),
+        (*_common_notes(studies), *joined),
+        reading,
+    )
 
 
 def _copies(name: str, of: Sequence[tuple[str, Answers]]) -> Iterable[str]:
@@ -88,15 +118,24 @@ def _copies(name: str, of: Sequence[tuple[str, Answers]]) -> Iterable[str]:
 
 def _joined(of: Sequence[tuple[str, Answers]]) -> Answers:
     """Answers in the order of the files, which are blocks or, where they have blocks, are named before these."""
-    columns = {key: [getattr(one, key) for _, one in of] for key in ("keys", "n_yes", "n_trials", "place", "iti")} | {"block": []}
+    columns = {
+        key: [getattr(one, key) for _, one in of]
+        for key in ("keys", "n_yes", "n_trials", "place", "iti")
+    } | {"block": []}
     names, begin = list[str](), 0
     for at, (source, one) in enumerate(of):
-        columns["block"].append(len(names) + (np.zeros(len(one.n_trials), np.int64) if one.block is None else one.block))
+        columns["block"].append(
+            len(names) + (np.zeros(len(one.n_trials), np.int64) if one.block is None else one.block)
+        )
         names += [f"{source}: {block}" for block in one.blocks] or [source]
         if one.place is not None:
             columns["place"][at] = one.place - one.place[0] + begin
             begin = columns["place"][at][-1] + 2
-    whole: dict[str, Any] = {key: np.concatenate(some) for key, some in columns.items() if not any(one is None for one in some)}
+    whole: dict[str, Any] = {
+        key: np.concatenate(some)
+        for key, some in columns.items()
+        if not any(one is None for one in some)
+    }
     return Answers(**whole, blocks=tuple(names), trials=all(one.trials for _, one in of))
 
 

@@ -19,7 +19,16 @@ import numpy.typing as npt
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray, run_starts
 from bayes_toe.data.answers import KEYS, Answers, Reading, counted_rows
 from bayes_toe.data.conditions import Conditions, Stimuli, by_person, felt_together
-from bayes_toe.data.messages import MOST_ROWS, as_html, as_name, as_option, bare, listed, named_few, said_intervals
+from bayes_toe.data.messages import (
+    MOST_ROWS,
+    as_html,
+    as_name,
+    as_option,
+    bare,
+    listed,
+    named_few,
+    said_intervals,
+)
 from bayes_toe.data.tables import frame_of
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.data.validation import AT
@@ -86,13 +95,20 @@ class Subject:
         problems = {
             "no answered trial": not len(k),
             "s1 and s2 must be finite numbers": not np.isfinite(keys[:2]).all(),
-            "isi must be positive finite numbers of seconds": any(not (np.isfinite(isi) & (isi > 0)).all() for isi in keys[2:]),
+            "isi must be positive finite numbers of seconds": any(
+                not (np.isfinite(isi) & (isi > 0)).all() for isi in keys[2:]
+            ),
             "every pair needs n_trials >= 1": (n < 1).any(),
-            "a pair of stimuli is repeated; Subject.from_counts adds repeats up": len(run_starts(*(key[order] for key in keys))) < len(k),
+            "a pair of stimuli is repeated; Subject.from_counts adds repeats up": len(
+                run_starts(*(key[order] for key in keys))
+            )
+            < len(k),
         }
         for problem in (said for said, is_so in problems.items() if is_so):
             raise InputError(f"subject {self.name!r}: {problem}")
-        for key, values in zip((*KEYS[: len(keys)], "n_yes", "n_trials"), (*keys, k, n), strict=True):
+        for key, values in zip(
+            (*KEYS[: len(keys)], "n_yes", "n_trials"), (*keys, k, n), strict=True
+        ):
             ordered = values[order]
             ordered.setflags(write=False)
             object.__setattr__(self, key, ordered)
@@ -101,7 +117,11 @@ class Subject:
 
     def _are_sums_of(self, answers: Answers) -> bool:
         """Whether the counts are those of the answers, as they no longer are in a copy with others."""
-        own = [column for column in (self.n_yes, self.n_trials, self.s1, self.s2, self.isi) if column is not None]
+        own = [
+            column
+            for column in (self.n_yes, self.n_trials, self.s1, self.s2, self.isi)
+            if column is not None
+        ]
         sums = answers.sums
         return len(sums) == len(own) and all(map(np.array_equal, sums, own))
 
@@ -148,7 +168,9 @@ class Subject:
         given = np.asarray(yes).ravel()
         # Words would all count as True: only truth values, or the numbers 1 and 0, say which answer was given.
         if given.dtype.kind not in "biuf" or not np.isin(given, (0, 1)).all():
-            raise InputError(f"subject {name!r}: {task.yes} must hold True or False (or 1 or 0), found {given[:3].tolist()}")
+            raise InputError(
+                f"subject {name!r}: {task.yes} must hold True or False (or 1 or 0), found {given[:3].tolist()}"
+            )
         answers = given.astype(np.int64)
         return cls.from_counts(name, s1, s2, answers, np.ones_like(answers), isi, task=task)
 
@@ -177,9 +199,21 @@ class Subject:
         [2]
         """
         if self.isi is None or isi not in self.intervals:
-            raise InputError(f"subject {self.name!r}: no interval of {isi:g} s; there are: {said_intervals(self.intervals)}")
-        at = self.isi == isi  # the other trials were felt in between: their order says nothing any more
-        return replace(self, s1=self.s1[at], s2=self.s2[at], n_yes=self.n_yes[at], n_trials=self.n_trials[at], isi=None, answers=None)
+            raise InputError(
+                f"subject {self.name!r}: no interval of {isi:g} s; there are: {said_intervals(self.intervals)}"
+            )
+        at = (
+            self.isi == isi
+        )  # the other trials were felt in between: their order says nothing any more
+        return replace(
+            self,
+            s1=self.s1[at],
+            s2=self.s2[at],
+            n_yes=self.n_yes[at],
+            n_trials=self.n_trials[at],
+            isi=None,
+            answers=None,
+        )
 
     @property
     def person(self) -> str:
@@ -245,15 +279,23 @@ class Study:
         subjects = tuple(self.subjects)
         for one in subjects:
             require_kind("Study", one, Subject, "Subjects, in a list")
-        repeated = sorted(name for name, count in Counter(subject.name for subject in subjects).items() if count > 1)
+        repeated = sorted(
+            name
+            for name, count in Counter(subject.name for subject in subjects).items()
+            if count > 1
+        )
         if not subjects:
             raise InputError("a study needs at least one subject")
         if repeated:
-            raise InputError(f"subject names must be unique, repeated: {listed([*map(repr, repeated)])}")
+            raise InputError(
+                f"subject names must be unique, repeated: {listed([*map(repr, repeated)])}"
+            )
         if len({subject.isi is None for subject in subjects}) > 1:
             raise InputError("either every subject of a study has intervals (isi) or none")
         if len({subject.task for subject in subjects}) > 1:
-            raise InputError("every subject of a study must have been asked the same: same or different, or which is stronger")
+            raise InputError(
+                "every subject of a study must have been asked the same: same or different, or which is stronger"
+            )
         for key in ("subjects", "notes", "changes"):
             object.__setattr__(self, key, tuple(getattr(self, key)))
 
@@ -276,7 +318,9 @@ class Study:
     def __getitem__(self, name: str | int) -> Subject:
         """A subject by name; a whole number stands for its digits, since files are full of them."""
         if as_name(name) not in self._by_name:
-            raise InputError(f"no subject {name!r} in {self.source}; there are: {listed([*map(repr, self.names)])}")
+            raise InputError(
+                f"no subject {name!r} in {self.source}; there are: {listed([*map(repr, self.names)])}"
+            )
         return self._by_name[as_name(name)]
 
     @cached_property
@@ -298,7 +342,9 @@ class Study:
             If there is no such interval.
         """
         if isi not in self.intervals:
-            raise InputError(f"{self.source}: no interval of {isi:g} s; there are: {said_intervals(self.intervals)}")
+            raise InputError(
+                f"{self.source}: no interval of {isi:g} s; there are: {said_intervals(self.intervals)}"
+            )
         some = tuple(subject.at_isi(isi) for subject in self if isi in subject.intervals)
         notes = (*self.notes, f"only pairs with an interval of {isi:g} s")
         return replace(self, subjects=some, notes=notes, reading=Reading())
@@ -306,7 +352,11 @@ class Study:
     def without_conditions(self) -> Study:
         """The study with each subject's answers in all conditions put together."""
         subjects = tuple(map(pooled, by_person(self).values()))
-        return self if self.conditions is None else replace(self, subjects=subjects, reading=Reading(), conditions=None)
+        return (
+            self
+            if self.conditions is None
+            else replace(self, subjects=subjects, reading=Reading(), conditions=None)
+        )
 
     def select(self, names: Sequence[str | int] | str | int) -> Study:
         """The same study with only these subjects, or this one, in the order asked for."""
@@ -347,25 +397,43 @@ class Study:
         return self._changed("--leave-out", name, blocks, Answers.without)
 
     def _changed(
-        self, option: str, name: str | int, blocks: Sequence[str | int] | str | int, change: Callable[[Answers, BoolArray], Answers]
+        self,
+        option: str,
+        name: str | int,
+        blocks: Sequence[str | int] | str | int,
+        change: Callable[[Answers, BoolArray], Answers],
     ) -> Study:
         """The study with other answers of a subject, or without one who has none left; what was done stays with it."""
-        subject, asked = self[name], [as_name(one) for one in ([blocks] if isinstance(blocks, str | int) else blocks)]
-        given = subject.answers or counted_rows(subject.name, (subject.s1, subject.s2, subject.isi), subject.n_yes, subject.n_trials)
+        subject, asked = (
+            self[name],
+            [as_name(one) for one in ([blocks] if isinstance(blocks, str | int) else blocks)],
+        )
+        given = subject.answers or counted_rows(
+            subject.name, (subject.s1, subject.s2, subject.isi), subject.n_yes, subject.n_trials
+        )
         done = f"{option} {as_option(subject.name, asked)}"
         try:
             after = change(given, given.rows_of(asked))
         except InputError as error:
             raise InputError(f"{done}: {error}") from None
-        made = [Subject.from_answers(subject.name, after, subject.task)] if after.n_trials.any() else []
-        left = [replace(one, condition=subject.condition, answers=subject.answers and after) for one in made]
+        made = (
+            [Subject.from_answers(subject.name, after, subject.task)]
+            if after.n_trials.any()
+            else []
+        )
+        left = [
+            replace(one, condition=subject.condition, answers=subject.answers and after)
+            for one in made
+        ]
         subjects = tuple(one for old in self for one in (left if old is subject else [old]))
         subjects = subjects if self.conditions is None else felt_together(subjects)
         if not subjects:
             raise InputError(f"{done}: found nobody else, allowed: what leaves some answers")
         what = f"subject {bare(subject.name)}{f', blocks {listed(asked)}' if len(asked) > 1 else f', block {asked[0]}' if asked else ''}"
         said = f"{what}: {'answers turned' if option == '--turn' else 'left out'}"
-        return replace(self, subjects=subjects, notes=(*self.notes, said), changes=(*self.changes, done))
+        return replace(
+            self, subjects=subjects, notes=(*self.notes, said), changes=(*self.changes, done)
+        )
 
     def frame(self) -> pd.DataFrame:
         """The counts, one row a subject and pair: a table that :func:`~bayes_toe.read_study` reads to the same study.
@@ -381,9 +449,20 @@ class Study:
         import pandas as pd
 
         keys = ("s1", "s2", *(("isi",) if self.intervals else ()), "n_yes", "n_trials")
-        told = {"subject": [one.person for one in self], **({"condition": [one.condition for one in self]} if self.conditions else {})}
-        owner = {name: np.repeat(np.array(values, object), [one.n_pairs for one in self]) for name, values in told.items()}
-        columns = {key if key != "n_yes" else self.task.count: np.concatenate([getattr(one, key) for one in self]) for key in keys}
+        told = {
+            "subject": [one.person for one in self],
+            **({"condition": [one.condition for one in self]} if self.conditions else {}),
+        }
+        owner = {
+            name: np.repeat(np.array(values, object), [one.n_pairs for one in self])
+            for name, values in told.items()
+        }
+        columns = {
+            key if key != "n_yes" else self.task.count: np.concatenate(
+                [getattr(one, key) for one in self]
+            )
+            for key in keys
+        }
         return pd.DataFrame({**owner, **columns, **({"synthetic": 1} if self.synthetic else {})})
 
     def __repr__(self) -> str:
@@ -392,7 +471,9 @@ class Study:
         return f"<Study {self.source!r}{mark}: {len(self):,} subjects ({named_few(self.names)}), {trials:,} trials>"
 
     def _repr_html_(self) -> str:
-        shown = frame_of(self.subjects[:MOST_ROWS], ("name", "n_pairs", "total_trials", "fraction_yes"))
+        shown = frame_of(
+            self.subjects[:MOST_ROWS], ("name", "n_pairs", "total_trials", "fraction_yes")
+        )
         shown.columns = ["subject", "pairs", "trials", f"fraction {self.task.yes!r}"]
         return as_html(repr(self)[1:-1], shown, len(self))
 
@@ -400,7 +481,11 @@ class Study:
 def pooled(units: Sequence[Subject]) -> Subject:
     """All answers of a subject, whatever the condition."""
     keys = ("s1", "s2", "n_yes", "n_trials", *(() if units[0].isi is None else ("isi",)))
-    return Subject.from_counts(units[0].person, *(np.concatenate([getattr(one, key) for one in units]) for key in keys), task=units[0].task)
+    return Subject.from_counts(
+        units[0].person,
+        *(np.concatenate([getattr(one, key) for one in units]) for key in keys),
+        task=units[0].task,
+    )
 
 
 def require_study(given: object) -> None:
@@ -408,11 +493,17 @@ def require_study(given: object) -> None:
     if isinstance(given, Study):
         return
     if isinstance(given, str | os.PathLike):
-        raise InputError(f"found {str(given)!r}, allowed: a Study, such as bt.read_study({str(given)!r})")
+        raise InputError(
+            f"found {str(given)!r}, allowed: a Study, such as bt.read_study({str(given)!r})"
+        )
     found = f"found {type(given).__name__}, allowed: a Study, such as"
     if isinstance(given, Subject):
         raise InputError(f"{found} bt.Study([subject])")
-    raise InputError(f"{found} bt.Study(subjects)" if isinstance(given, list | tuple) else f"{found} bt.read_study(path or DataFrame)")
+    raise InputError(
+        f"{found} bt.Study(subjects)"
+        if isinstance(given, list | tuple)
+        else f"{found} bt.read_study(path or DataFrame)"
+    )
 
 
 def refuse_intervals(subjects: Iterable[Subject], what: str) -> None:

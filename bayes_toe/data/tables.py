@@ -52,7 +52,9 @@ class Table(ABC, Generic[Row]):
     def __repr__(self) -> str:
         names = list(dict.fromkeys(str(getattr(row, "subject", "")) for row in self.rows))
         whose = "" if names in ([], [""]) else f" of {named_few(names)}"
-        return f"<{type(self).__name__}: {len(self.rows):,} rows{whose}; frame() gives them to pandas>"
+        return (
+            f"<{type(self).__name__}: {len(self.rows):,} rows{whose}; frame() gives them to pandas>"
+        )
 
     def _repr_html_(self) -> str:
         return as_html(type(self).__name__, self.frame())
@@ -67,16 +69,27 @@ class Table(ABC, Generic[Row]):
     def frame(self) -> pd.DataFrame:
         """The table with the columns of its CSV file."""
 
-    def save(self, path: str | Path, *, overwrite: bool = False, spreadsheet_safe: bool = False, units: bool = False) -> Path:
+    def save(
+        self,
+        path: str | Path,
+        *,
+        overwrite: bool = False,
+        spreadsheet_safe: bool = False,
+        units: bool = False,
+    ) -> Path:
         """Write the table as a CSV file, or a Parquet file by its suffix, whole or not at all: see :func:`write_table`."""
-        return write_table(self.frame(), path, overwrite=overwrite, spreadsheet_safe=spreadsheet_safe, units=units)
+        return write_table(
+            self.frame(), path, overwrite=overwrite, spreadsheet_safe=spreadsheet_safe, units=units
+        )
 
 
 def frame_of(rows: Iterable[object], columns: Sequence[str]) -> pd.DataFrame:
     """A frame of what rows have under the names of its columns."""
     import pandas as pd
 
-    return pd.DataFrame([[getattr(row, name) for name in columns] for row in rows], columns=list(columns))
+    return pd.DataFrame(
+        [[getattr(row, name) for name in columns] for row in rows], columns=list(columns)
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +98,9 @@ class SubjectTable(Table[Row]):
 
     def __getitem__(self, name: str | int) -> Row:
         if as_name(name) not in self._by_name:
-            raise InputError(f"no subject {name!r} in the table; there are: {listed([quoted(row.subject) for row in self.rows])}")
+            raise InputError(
+                f"no subject {name!r} in the table; there are: {listed([quoted(row.subject) for row in self.rows])}"
+            )
         return self._by_name[as_name(name)]
 
     @cached_property
@@ -94,7 +109,12 @@ class SubjectTable(Table[Row]):
 
 
 def write_table(
-    frame: pd.DataFrame, path: str | Path, *, overwrite: bool = False, spreadsheet_safe: bool = False, units: bool = False
+    frame: pd.DataFrame,
+    path: str | Path,
+    *,
+    overwrite: bool = False,
+    spreadsheet_safe: bool = False,
+    units: bool = False,
 ) -> Path:
     """A table as a CSV file: UTF-8, one line per row, numbers that read back to the same bits, missing as empty, no index.
 
@@ -135,7 +155,11 @@ def file_stems(names: Sequence[str]) -> dict[str, str]:
     >>> file_stems(["S01", "../S02"])
     {'S01': 'S01', '../S02': '_S02-58c1dce7'}
     """
-    plain = {name for name in names if len(name) <= _LONGEST_STEM and _PLAIN.fullmatch(name) and not _RESERVED.fullmatch(name)}
+    plain = {
+        name
+        for name in names
+        if len(name) <= _LONGEST_STEM and _PLAIN.fullmatch(name) and not _RESERVED.fullmatch(name)
+    }
     stems = {name: name if name in plain else _marked(name) for name in names}
     while True:
         seen = Counter(stem.lower() for stem in stems.values())

@@ -72,9 +72,13 @@ _CALLED = {
 
 def task_of(given: Task | str) -> Task:
     """The task, or the one that is called so; an InputError where none is."""
-    found = given if isinstance(given, Task) else task_named(given) if isinstance(given, str) else None
+    found = (
+        given if isinstance(given, Task) else task_named(given) if isinstance(given, str) else None
+    )
     if found is None:
-        raise InputError(f"--task: found {given!r}, allowed: {SAME_DIFFERENT.name}, or 2afc ({WHICH_STRONGER.name})")
+        raise InputError(
+            f"--task: found {given!r}, allowed: {SAME_DIFFERENT.name}, or 2afc ({WHICH_STRONGER.name})"
+        )
     return found
 
 

@@ -55,7 +55,10 @@ _SPLIT_ERRORS = {
     "expected after": "text after a closing quote",
     "field larger": "a cell of more than 131072 characters (a quote that is never closed?)",
 }
-_MISSING = ("NAType", "NaTType")  # pandas' own; they equal nothing, and say so in words that are no truth values
+_MISSING = (
+    "NAType",
+    "NaTType",
+)  # pandas' own; they equal nothing, and say so in words that are no truth values
 _SAVED = "one struct, or vectors of one length: S = table2struct(T, 'ToScalar', true); save('trials.mat', '-struct', 'S', '-v7')"
 
 
@@ -81,7 +84,9 @@ class Column:
     def only(self, rows: BoolArray) -> Column:
         """The column of these rows, without the texts that only others have."""
         codes, places = np.unique(self.codes[rows], return_inverse=True)
-        return Column(self.name, [self.texts[code] for code in codes.tolist()], places.astype(np.int64))
+        return Column(
+            self.name, [self.texts[code] for code in codes.tolist()], places.astype(np.int64)
+        )
 
     def text(self, index: int) -> str:
         """The text of one row."""
@@ -105,7 +110,11 @@ class Problems:
         if self.count == 0:
             return
         shown = sorted(self._shown, key=itemgetter(0))[:MOST_SHOWN]
-        more = [f"... and {counted(self.count - len(shown), 'more problem')}"] if self.count > len(shown) else []
+        more = (
+            [f"... and {counted(self.count - len(shown), 'more problem')}"]
+            if self.count > len(shown)
+            else []
+        )
         raise InputError([*(f"{self.source}: {text}" for _, text in shown), *more])
 
 
@@ -142,11 +151,16 @@ class TextTable:
     def require(self, lines: Sequence[str]) -> None:
         """Refuse a head of which something is to be said, together with the rows that cannot be split; and a table without rows."""
         if lines:
-            self.problems.add((0, f"{self.head}{': ' if line.startswith('found') else ', '}{line}") for line in lines)
+            self.problems.add(
+                (0, f"{self.head}{': ' if line.startswith('found') else ', '}{line}")
+                for line in lines
+            )
             self.problems.refuse()
         if not len(self.rows) and self.problems.count == 0:
             found = "a header only" if self.delimiter else "no row below it"
-            raise InputError(f"{self.source}: {self.head}: found {found}, allowed: at least one row{' below it' if self.delimiter else ''}")
+            raise InputError(
+                f"{self.source}: {self.head}: found {found}, allowed: at least one row{' below it' if self.delimiter else ''}"
+            )
 
     def fault(self, column: Column, bad: BoolArray, allowed: str | Callable[[int], str]) -> None:
         """Note the cells of a column that are bad; `allowed` says what would have been right, of the index of a record where it differs."""
@@ -155,29 +169,43 @@ class TextTable:
         for index in wrong[:MOST_SHOWN].tolist():
             right = allowed if isinstance(allowed, str) else allowed(index)
             row, found = int(self.rows[index]), quoted(column.text(index))
-            lines.append((row, f"row {row}, column {bare(column.name)}: found {found}, allowed: {right}"))
+            lines.append(
+                (row, f"row {row}, column {bare(column.name)}: found {found}, allowed: {right}")
+            )
         self.problems.add(lines, len(wrong))
 
 
-def read_table(source: str | Path | Frame, names: Collection[str], largest: int = LARGEST_SMALL_FILE, *, every: bool = False) -> TextTable:
+def read_table(
+    source: str | Path | Frame,
+    names: Collection[str],
+    largest: int = LARGEST_SMALL_FILE,
+    *,
+    every: bool = False,
+) -> TextTable:
     """The columns of these names, or `every` column, of a CSV file, a file whose name ends in .parquet or .mat, or a data frame.
 
     The delimiter of a CSV file, comma, semicolon or tab, is the one under which its first record has most of the names. An InputError where
     the source cannot be read, has more than `largest` bytes, is not text in UTF-8 or marked UTF-16, is empty, or its head cannot be split.
     """
     if hasattr(source, "collect") and not hasattr(source, "to_series"):
-        raise InputError(f"{type(source).__name__}: found a lazy frame, allowed: a frame, which its collect() gives")
+        raise InputError(
+            f"{type(source).__name__}: found a lazy frame, allowed: a frame, which its collect() gives"
+        )
     if hasattr(source, "columns") and (hasattr(source, "iloc") or hasattr(source, "to_series")):
         return _of_frame(source, names, every)
     if not isinstance(source, str | os.PathLike):
-        raise InputError(f"found {quoted(type(source).__name__)}, allowed: the path of a file, or a pandas or polars DataFrame")
+        raise InputError(
+            f"found {quoted(type(source).__name__)}, allowed: the path of a file, or a pandas or polars DataFrame"
+        )
     path = Path(source)
     require_parquet(path)
     try:
         data = input_bytes(path, largest)
     except (OSError, ValueError) as error:  # a value where there is a NUL character in the path
         reason = getattr(error, "strerror", None) or str(error)
-        raise InputError(f"{visible(str(path))}: cannot be read ({reason}), allowed: a CSV file that exists and may be read") from error
+        raise InputError(
+            f"{visible(str(path))}: cannot be read ({reason}), allowed: a CSV file that exists and may be read"
+        ) from error
     kinds = {".parquet": _of_parquet, ".mat": _of_matlab}
     return kinds.get(path.suffix.lower(), _of_csv)(bare(path.name), data, names, every)
 
@@ -203,7 +231,10 @@ def input_bytes(path: str | Path, largest: int = LARGEST_STUDY) -> bytes:
 def _of_csv(source: str, data: bytes, names: Collection[str], every: bool) -> TextTable:
     text, label = _decoded(source, data)
     heads = {one: next(_records(text, one), (0, [])) for one in DELIMITERS}
-    cells = {one: [] if isinstance(head, csv.Error) else [cell.strip() for cell in head] for one, (_, head) in heads.items()}
+    cells = {
+        one: [] if isinstance(head, csv.Error) else [cell.strip() for cell in head]
+        for one, (_, head) in heads.items()
+    }
     delimiter = max(cells, key=lambda one: (len(set(names) & set(cells[one])), len(cells[one])))
     (first, head), found, problems = heads[delimiter], cells[delimiter], Problems(source)
     if isinstance(head, csv.Error):
@@ -213,23 +244,31 @@ def _of_csv(source: str, data: bytes, names: Collection[str], every: bool) -> Te
     places = _places(found, names, every)
     # Files of experiments are much wider than what is read of them, and most texts are there many times.
     rows, codes = array("q"), {name: array("q") for name in places}
-    texts: dict[str, dict[str, int]] = {name: defaultdict(itertools.count().__next__) for name in places}
+    texts: dict[str, dict[str, int]] = {
+        name: defaultdict(itertools.count().__next__) for name in places
+    }
     wanted = [(codes[name].append, texts[name], place) for name, place in places.items()]
     for row, record in itertools.islice(_records(text, delimiter), 1, None):
         if isinstance(record, csv.Error) or len(record) != len(found):
-            problems.add([(row, _broken(row, record, len(found)))] if problems.count < MOST_SHOWN else [], 1)
+            problems.add(
+                [(row, _broken(row, record, len(found)))] if problems.count < MOST_SHOWN else [], 1
+            )
             continue
         rows.append(row)
         for append, code, place in wanted:
             append(code[record[place]])
     columns = {name: Column.of(name, texts[name], codes[name]) for name in places}
-    return TextTable(label, delimiter, f"row {first}", found, columns, np.array(rows, np.int64), problems)
+    return TextTable(
+        label, delimiter, f"row {first}", found, columns, np.array(rows, np.int64), problems
+    )
 
 
 def _decoded(source: str, data: bytes) -> tuple[str, str]:
     """The text of a file and its encoding; what cannot be decoded, and NUL characters, are refused; so are Excel's and other archives."""
     if data.startswith((b"PK\x03\x04", b"\xd0\xcf\x11\xe0")):
-        raise InputError(f"{source}: found a spreadsheet or an archive, allowed: {_TEXT_ALLOWED}; save its sheet as CSV")
+        raise InputError(
+            f"{source}: found a spreadsheet or an archive, allowed: {_TEXT_ALLOWED}; save its sheet as CSV"
+        )
     mark, codec, label = next(entry for entry in _ENCODINGS if data.startswith(entry[0]))
     try:
         text = data[len(mark) :].decode(codec)
@@ -249,7 +288,9 @@ def _decoded(source: str, data: bytes) -> tuple[str, str]:
 def _records(text: str, delimiter: str) -> Iterator[tuple[int, list[str] | csv.Error]]:
     """First physical row and cells of every record that is not blank; the error where a row cannot be split."""
     # Not strict, the csv module would read '"12"3' as 123 and a quote left open as one giant cell, without a word.
-    reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, skipinitialspace=True, strict=True)
+    reader = csv.reader(
+        io.StringIO(text, newline=""), delimiter=delimiter, skipinitialspace=True, strict=True
+    )
     while True:
         row = reader.line_num + 1
         try:
@@ -274,7 +315,9 @@ def _broken(row: int, record: list[str] | csv.Error, width: int) -> str:
 # --- Frames, MATLAB, Parquet: values --------------------------------------------------------------------
 
 
-def _of_values(named: tuple[str, str, str], names: list[str], values: dict[str, list[Any]], rows: Sequence[int]) -> TextTable:
+def _of_values(
+    named: tuple[str, str, str], names: list[str], values: dict[str, list[Any]], rows: Sequence[int]
+) -> TextTable:
     """The table of values by column; `named` are its source, its form and its head."""
     source, form, head = named
     columns, problems = {}, Problems(source)
@@ -283,8 +326,17 @@ def _of_values(named: tuple[str, str, str], names: list[str], values: dict[str, 
         if None in texts:
             at = texts.index(None)
             found = f"found {quoted(str(some[at]))} of type {type(some[at]).__name__}"
-            problems.add([(rows[at], f"row {rows[at]}, column {bare(name)}: {found}, allowed: text, numbers or truth values")])
-        columns[name] = Column.of(name, ("" if text is None else text for text in texts), range(len(texts)))
+            problems.add(
+                [
+                    (
+                        rows[at],
+                        f"row {rows[at]}, column {bare(name)}: {found}, allowed: text, numbers or truth values",
+                    )
+                ]
+            )
+        columns[name] = Column.of(
+            name, ("" if text is None else text for text in texts), range(len(texts))
+        )
     problems.refuse()
     return TextTable(form, "", head, names, columns, np.array(rows, np.int64), problems)
 
@@ -294,7 +346,11 @@ def _of_frame(frame: Any, names: Collection[str], every: bool) -> TextTable:
     source = f"{type(frame).__module__.partition('.')[0]} {type(frame).__name__}"
     found, values = [str(name).strip() for name in frame.columns], {}
     for name, place in _places(found, names, every).items():
-        values[name] = frame.iloc[:, place].tolist() if hasattr(frame, "iloc") else frame.to_series(place).to_list()
+        values[name] = (
+            frame.iloc[:, place].tolist()
+            if hasattr(frame, "iloc")
+            else frame.to_series(place).to_list()
+        )
     return _of_values((source, source, "columns"), found, values, range(len(frame)))
 
 
@@ -302,7 +358,10 @@ def _of_matlab(source: str, data: bytes, names: Collection[str], every: bool) ->
     """Row 1 is the first trial; a single value stands in every row."""
     columns = _matlab_columns(source, _matlab_variables(source, data))
     rows = max(map(len, columns.values()))
-    values = {name: columns[name] * (rows // len(columns[name])) for name in _places([*columns], names, every)}
+    values = {
+        name: columns[name] * (rows // len(columns[name]))
+        for name in _places([*columns], names, every)
+    }
     return _of_values((source, "MATLAB", "variables"), [*columns], values, range(1, rows + 1))
 
 
@@ -313,19 +372,29 @@ def _matlab_variables(source: str, data: bytes) -> dict[str, Any]:
         with warnings.catch_warnings(action="ignore"):
             found = loadmat(io.BytesIO(data), simplify_cells=True)
     except NotImplementedError:
-        raise InputError(f"{source}: found a file of version 7.3, allowed: one saved with '-v7'") from None
+        raise InputError(
+            f"{source}: found a file of version 7.3, allowed: one saved with '-v7'"
+        ) from None
     except Exception as error:  # of a damaged file the library raises whatever its parser meets
         said = bare(" ".join(str(error).split())[:200])
-        raise InputError(f"{source}: found a damaged MATLAB file ({said}), allowed: one that MATLAB has saved with '-v7'") from None
+        raise InputError(
+            f"{source}: found a damaged MATLAB file ({said}), allowed: one that MATLAB has saved with '-v7'"
+        ) from None
     if "__function_workspace__" in found:
-        raise InputError(f"{source}: found a table or another object of MATLAB's own, allowed: {_SAVED}")
+        raise InputError(
+            f"{source}: found a table or another object of MATLAB's own, allowed: {_SAVED}"
+        )
     return {name: value for name, value in found.items() if not name.startswith("__")}
 
 
 def _matlab_columns(source: str, found: dict[str, Any]) -> dict[str, list[Any]]:
     """Columns of one length or of one value."""
     structs = {name: value for name, value in found.items() if isinstance(value, dict)}
-    arrays = {name: value for name, value in found.items() if np.ndim(value) == 1 and len(value) and isinstance(value[0], dict)}
+    arrays = {
+        name: value
+        for name, value in found.items()
+        if np.ndim(value) == 1 and len(value) and isinstance(value[0], dict)
+    }
     if len(structs) + len(arrays) > 1:
         several = listed([bare(name) for name in found if name in {**structs, **arrays}])
         raise InputError(f"{source}: found the structs {several}, allowed: {_SAVED}")
@@ -334,11 +403,18 @@ def _matlab_columns(source: str, found: dict[str, Any]) -> dict[str, list[Any]]:
     for trials in arrays.values():
         found = {name: np.array([one[name] for one in trials], object) for name in trials[0]}
     columns = {name: np.atleast_1d(np.asarray(value, object)) for name, value in found.items()}
-    lengths = {name: column.size if column.size == max(column.shape) else 0 for name, column in columns.items()}
+    lengths = {
+        name: column.size if column.size == max(column.shape) else 0
+        for name, column in columns.items()
+    }
     most = max(lengths.values(), default=0)
-    wrong = [bare(name) for name, length in lengths.items() if length not in (1, most) or not length]
+    wrong = [
+        bare(name) for name, length in lengths.items() if length not in (1, most) or not length
+    ]
     if wrong or not most:
-        raise InputError(f"{source}: found {f'{listed(wrong)}, not a column of {most}' if wrong else 'nothing'}, allowed: {_SAVED}")
+        raise InputError(
+            f"{source}: found {f'{listed(wrong)}, not a column of {most}' if wrong else 'nothing'}, allowed: {_SAVED}"
+        )
     return {name: column.ravel().tolist() for name, column in columns.items()}
 
 
@@ -353,10 +429,22 @@ def _of_parquet(source: str, data: bytes, names: Collection[str], every: bool) -
         for name, place in _places(found, names, every).items():
             column = table.column(place)
             # In double precision 0.1 of single precision is another number.
-            values[name] = (column.cast(pa.string()) if pa.types.is_float32(column.type) else column).to_pylist()
-    except (pa.ArrowException, OSError, ValueError, KeyError, IndexError, OverflowError, MemoryError) as error:
+            values[name] = (
+                column.cast(pa.string()) if pa.types.is_float32(column.type) else column
+            ).to_pylist()
+    except (
+        pa.ArrowException,
+        OSError,
+        ValueError,
+        KeyError,
+        IndexError,
+        OverflowError,
+        MemoryError,
+    ) as error:
         said = bare(" ".join(str(error).split())[:200])
-        raise InputError(f"{source}: found a damaged Parquet file ({said}), allowed: one that a Parquet writer has finished") from None
+        raise InputError(
+            f"{source}: found a damaged Parquet file ({said}), allowed: one that a Parquet writer has finished"
+        ) from None
     return _of_values((source, "Parquet", "schema"), found, values, range(1, table.num_rows + 1))
 
 
@@ -382,4 +470,6 @@ def require_parquet(path: str | Path) -> None:
     """Refuse a Parquet file, to be read or written, where there is no pyarrow, with what to install; any other file passes."""
     if is_parquet(path) and importlib.util.find_spec("pyarrow") is None:
         found = "found a Parquet file and no pyarrow"
-        raise InputError(f"{bare(Path(path).name)}: {found}, allowed: pip install 'bayes_toe[parquet]', or a CSV file")
+        raise InputError(
+            f"{bare(Path(path).name)}: {found}, allowed: pip install 'bayes_toe[parquet]', or a CSV file"
+        )

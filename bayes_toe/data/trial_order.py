@@ -18,7 +18,12 @@ _RUNS = ("block", "session")
 
 
 def answers_in_order(
-    table: TextTable, columns: Mapping[str, Column], keys: Sequence[FloatArray], parts: Mapping[str, IndexArray], k: IntArray, n: IntArray
+    table: TextTable,
+    columns: Mapping[str, Column],
+    keys: Sequence[FloatArray],
+    parts: Mapping[str, IndexArray],
+    k: IntArray,
+    n: IntArray,
 ) -> tuple[dict[str, Answers], list[str], list[str]]:
     """What each subject answered, notes of what is missing, and doubts about trials that are there twice.
 
@@ -27,7 +32,10 @@ def answers_in_order(
     """
     trials, pairs = "n_trials" not in columns, np.column_stack(keys)
     runs = {name: _ranked(table, columns[name]) for name in _RUNS if name in columns}
-    trial, iti = (numbers(table, columns[name]) if trials and name in columns else None for name in ("trial", "iti"))
+    trial, iti = (
+        numbers(table, columns[name]) if trials and name in columns else None
+        for name in ("trial", "iti")
+    )
     blocks, rank = runs.get("block", ((), None))
     ranks = np.column_stack([np.zeros(len(n), np.int64), *(one for _, one in runs.values())])
     felt = parts if trial is None else _felt(columns["subject"], pairs, "condition" in columns)
@@ -35,17 +43,40 @@ def answers_in_order(
     for name, part in parts.items():
         at, place, timed = part, None, None
         if trial is not None:  # rows without an answer may be something else than trials
-            ordered = next((some[order] for some in (felt[name], part) if (order := _order(trial[some], ranks[some])) is not None), None)
+            ordered = next(
+                (
+                    some[order]
+                    for some in (felt[name], part)
+                    if (order := _order(trial[some], ranks[some])) is not None
+                ),
+                None,
+            )
             disordered += [bare(name)] if ordered is None else []
             if ordered is not None:
                 at, place, missing = ordered, *_places(trial[ordered], ranks[ordered, -1])
                 timed = None if iti is None else np.where(iti[at] >= 0.0, iti[at], math.nan)
-                gaps |= {name.partition(AT)[0] if "condition" in columns else name: missing} if missing else {}
+                gaps |= (
+                    {name.partition(AT)[0] if "condition" in columns else name: missing}
+                    if missing
+                    else {}
+                )
         own = columns["subject"].codes[at] == columns["subject"].codes[part[0]]
         n_yes, n_trials = (np.where(own, counts[at], 0) for counts in (k, n))
         span = (int(part.min()), int(part.max())) if trials else None
-        every = Answers(pairs[at], n_yes, n_trials, None if rank is None else rank[at], blocks, trials, place, timed, span)
-        found[name] = every.without(np.zeros(len(at), np.bool_))  # with the blocks that are this subject's
+        every = Answers(
+            pairs[at],
+            n_yes,
+            n_trials,
+            None if rank is None else rank[at],
+            blocks,
+            trials,
+            place,
+            timed,
+            span,
+        )
+        found[name] = every.without(
+            np.zeros(len(at), np.bool_)
+        )  # with the blocks that are this subject's
         untimed += 0 if timed is None else int(np.isnan(timed[~every.begins]).sum())
     notes = []
     if disordered:
@@ -53,10 +84,18 @@ def answers_in_order(
         notes.append(f"{what}, so that of the file stands: {listed(disordered)}")
     if gaps:
         missed = listed([f"{bare(name)} {count}" for name, count in gaps.items()])
-        notes.append(f"numbers of trials are missing ({missed}): trials that were left out were felt all the same, keep them")
+        notes.append(
+            f"numbers of trials are missing ({missed}): trials that were left out were felt all the same, keep them"
+        )
     if untimed:
-        notes.append(f"no time since the trial before for {counted(untimed, 'trial')} in column {bare(columns['iti'].name)}")
-    return found, notes, _repeated(table, columns, keys, k, n) if disordered else []  # no trial is there twice where the order is known
+        notes.append(
+            f"no time since the trial before for {counted(untimed, 'trial')} in column {bare(columns['iti'].name)}"
+        )
+    return (
+        found,
+        notes,
+        _repeated(table, columns, keys, k, n) if disordered else [],
+    )  # no trial is there twice where the order is known
 
 
 def _felt(subject: Column, pairs: FloatArray, units: bool) -> dict[str, IndexArray]:
@@ -67,13 +106,19 @@ def _felt(subject: Column, pairs: FloatArray, units: bool) -> dict[str, IndexArr
     rows = np.flatnonzero(~np.isnan(pairs).any(axis=1))
     rows = rows[np.argsort(whose[rows], kind="stable")]
     of = {people[whose[some[0]]]: some for some in np.split(rows, run_starts(whose[rows])[1:])}
-    return {text: of[person] for text, person in zip(subject.texts, people, strict=True) if person in of}
+    return {
+        text: of[person] for text, person in zip(subject.texts, people, strict=True) if person in of
+    }
 
 
 def _ranked(table: TextTable, column: Column) -> tuple[tuple[str, ...], IntArray]:
     """Names of blocks or sessions in their order, by number where all are numbers, else by appearance; and which of them each row's is."""
     values = [number(text, table.decimal_comma) for text in column.texts]
-    order = np.arange(len(values)) if any(map(math.isnan, values)) else np.argsort(values, kind="stable")
+    order = (
+        np.arange(len(values))
+        if any(map(math.isnan, values))
+        else np.argsort(values, kind="stable")
+    )
     return tuple(column.texts[one] for one in order.tolist()), np.argsort(order)[column.codes]
 
 
@@ -82,7 +127,9 @@ def _order(trial: FloatArray, ranks: IntArray) -> IndexArray | None:
     for last in range(1, ranks.shape[1] + 1):
         keys = (trial, *ranks[:, :last].T)
         order = np.lexsort(keys)
-        if not np.isnan(trial).any() and len(run_starts(*(key[order] for key in keys))) == len(trial):
+        if not np.isnan(trial).any() and len(run_starts(*(key[order] for key in keys))) == len(
+            trial
+        ):
             return np.asarray(order)
     return None
 
@@ -95,11 +142,24 @@ def _places(trial: FloatArray, run: IntArray) -> tuple[IntArray, int]:
     return np.arange(len(trial)) + np.r_[0, np.cumsum(anew)], missing
 
 
-def _repeated(table: TextTable, columns: Mapping[str, Column], keys: Sequence[FloatArray], k: IntArray, n: IntArray) -> list[str]:
+def _repeated(
+    table: TextTable,
+    columns: Mapping[str, Column],
+    keys: Sequence[FloatArray],
+    k: IntArray,
+    n: IntArray,
+) -> list[str]:
     """What is said of answered trials with the number, subject and block of an earlier row; a row without a number repeats none."""
-    block, trial, subject = columns.get("block"), numbers(table, columns["trial"]), columns["subject"]
+    block, trial, subject = (
+        columns.get("block"),
+        numbers(table, columns["trial"]),
+        columns["subject"],
+    )
     seen, again = dict[tuple[float, ...], int](), list[tuple[int, int]]()
-    blocks = np.column_stack([column.codes for column in (block, columns.get("session")) if column] or [np.zeros(len(n), np.int64)])
+    blocks = np.column_stack(
+        [column.codes for column in (block, columns.get("session")) if column]
+        or [np.zeros(len(n), np.int64)]
+    )
     for row in np.flatnonzero((n > 0) & ~np.isnan(trial)).tolist():
         first = seen.setdefault((subject.codes[row], *blocks[row], trial[row]), row)
         again += [(row, first)] if first != row else []
@@ -115,5 +175,11 @@ def _repeated(table: TextTable, columns: Mapping[str, Column], keys: Sequence[Fl
     where = f"first row {row}, which repeats row {other} (subject {bare(subject.text(later[0]))})"
     if same.all():
         return [f"{what} with the same stimuli and answer, {where}: {TWICE}, leave them out"]
-    alike = f"{same.sum()} of them with the same stimuli and answer" if same.any() else "none with the same stimuli and answer"
-    return [f"{what}, {alike}, {where}: unless these are several sessions under the same numbers, {TWICE}"]
+    alike = (
+        f"{same.sum()} of them with the same stimuli and answer"
+        if same.any()
+        else "none with the same stimuli and answer"
+    )
+    return [
+        f"{what}, {alike}, {where}: unless these are several sessions under the same numbers, {TWICE}"
+    ]

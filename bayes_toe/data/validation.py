@@ -54,7 +54,11 @@ def runs(text: str) -> bool:
 def bare_names(table: TextTable, column: Column) -> Column:
     """Names of a CSV file without the apostrophe that keeps a spreadsheet from running them, where that makes no two of them one."""
     texts = [text[1:] if text[:1] == "'" and runs(text[1:]) else text for text in column.texts]
-    return Column(column.name, texts, column.codes) if table.delimiter and len(set(texts)) == len(texts) else column
+    return (
+        Column(column.name, texts, column.codes)
+        if table.delimiter and len(set(texts)) == len(texts)
+        else column
+    )
 
 
 def numbers(table: TextTable, column: Column) -> FloatArray:
@@ -67,26 +71,36 @@ def empty(column: Column) -> BoolArray:
     return column.map(lambda text: text == "", np.bool_)
 
 
-def require_numbers(table: TextTable, column: Column, bad: BoolArray, kind: str = "a finite number") -> None:
+def require_numbers(
+    table: TextTable, column: Column, bad: BoolArray, kind: str = "a finite number"
+) -> None:
     """Note cells that hold no number of this kind, with the way out where the comma is to blame."""
 
     def allowed(index: int) -> str:
         text = column.text(index)
         if table.delimiter == "," and "," in text and not math.isnan(number(text, True)):
             return f"{kind}; decimal commas need ';' or tab between cells"
-        return f"{kind}, without thousands separators" if "," in text or text.count(".") > 1 else kind
+        return (
+            f"{kind}, without thousands separators" if "," in text or text.count(".") > 1 else kind
+        )
 
     table.fault(column, bad, allowed)
 
 
-def require_texts(table: TextTable, column: Column, rows: BoolArray | None = None, *, once: bool = False) -> None:
+def require_texts(
+    table: TextTable, column: Column, rows: BoolArray | None = None, *, once: bool = False
+) -> None:
     """Note cells, of these rows or of all, that are empty, or that an earlier row has where each may stand `once`."""
     blank = empty(column)
     table.fault(column, blank if rows is None else blank & rows, "a text that is not empty")
     if once:
         first = np.unique(column.codes, return_index=True)[1][column.codes]
         again = (np.arange(len(first)) > first) & ~blank
-        table.fault(column, again, lambda index: f"each name once, and row {table.rows[first[index]]} has it")
+        table.fault(
+            column,
+            again,
+            lambda index: f"each name once, and row {table.rows[first[index]]} has it",
+        )
 
 
 # --- Small tables of numbers: a design, a population, pairs to predict, true parameters ---------------
@@ -111,15 +125,23 @@ def read_numbers(
     table = _read(path, (*keys, *names), optional)
     if not names and len(table.columns) < 2:
         found = listed([quoted(name) for name in table.names])
-        table.require([f"found {found}, allowed: {', '.join(map(bare, keys))} and some of {', '.join(optional)}"])
+        table.require(
+            [
+                f"found {found}, allowed: {', '.join(map(bare, keys))} and some of {', '.join(optional)}"
+            ]
+        )
     for name in keys:
         require_texts(table, table.columns[name], once=True)
-    columns = {name: _numbers(table, name, name in counts, gaps) for name in table.columns if name != key}
+    columns = {
+        name: _numbers(table, name, name in counts, gaps) for name in table.columns if name != key
+    }
     table.problems.refuse()
     return [text for name in keys for text in _texts(table, name)], columns
 
 
-def read_rows(path: str | Path, texts: Sequence[str], names: Sequence[str]) -> tuple[dict[str, list[str]], dict[str, FloatArray]]:
+def read_rows(
+    path: str | Path, texts: Sequence[str], names: Sequence[str]
+) -> tuple[dict[str, list[str]], dict[str, FloatArray]]:
     r"""A table that this program has written: columns of texts, and of numbers, NaN where a cell is empty; all of them must be there.
 
     Where there is a column condition subjects are units.
@@ -141,8 +163,16 @@ def _read(path: str | Path, needed: Sequence[str], optional: Sequence[str] = ())
     table = read_table(path, {*needed, *optional})
     counts = {name: table.names.count(name) for name in (*needed, *optional)}
     found = listed([quoted(name) for name in table.names])
-    missing = [f"column {bare(name)}: missing, found {found}, allowed: a column of this name" for name in needed if counts[name] == 0]
-    twice = [f"column {bare(name)}: found {count} columns of this name, allowed: one" for name, count in counts.items() if count > 1]
+    missing = [
+        f"column {bare(name)}: missing, found {found}, allowed: a column of this name"
+        for name in needed
+        if counts[name] == 0
+    ]
+    twice = [
+        f"column {bare(name)}: found {count} columns of this name, allowed: one"
+        for name, count in counts.items()
+        if count > 1
+    ]
     table.require([*missing, *twice])
     return table
 
@@ -151,7 +181,12 @@ def _numbers(table: TextTable, name: str, count: bool = False, gaps: bool = Fals
     column = table.columns[name]
     values = numbers(table, column)
     bad = ~((values >= 1) & (values == np.floor(values))) if count else np.isnan(values)
-    require_numbers(table, column, bad & ~empty(column) if gaps else bad, "a whole number of at least 1" if count else "a finite number")
+    require_numbers(
+        table,
+        column,
+        bad & ~empty(column) if gaps else bad,
+        "a whole number of at least 1" if count else "a finite number",
+    )
     return values
 
 

@@ -66,7 +66,9 @@ def require_writable(path: str | Path, *, overwrite: bool) -> None:
 
 
 @contextmanager
-def whole_folder(path: str | Path, names: Sequence[str], *, required: Sequence[str] = (), overwrite: bool = False) -> Iterator[Path]:
+def whole_folder(
+    path: str | Path, names: Sequence[str], *, required: Sequence[str] = (), overwrite: bool = False
+) -> Iterator[Path]:
     """A temporary folder to write to, whose files move into `path` when the block ends well, and vanish when not.
 
     A folder that does not exist yet takes its name in one rename; into one that exists, files go one by one. Files of the user in `path`
@@ -87,7 +89,9 @@ def whole_folder(path: str | Path, names: Sequence[str], *, required: Sequence[s
             earlier = _manifest(target)
             # Other commands may share the folder: what they produced stays listed.
             ours = {*produced, *(file for file in earlier if file.split("/")[0] not in names)}
-            (new / MANIFEST).write_text(json.dumps({"files": sorted(ours)}, indent=1) + "\n", encoding="utf-8")
+            (new / MANIFEST).write_text(
+                json.dumps({"files": sorted(ours)}, indent=1) + "\n", encoding="utf-8"
+            )
         if not os.path.lexists(target):
             _put_in_place(new, target)
         else:
@@ -109,7 +113,9 @@ def require_folder(path: str | Path, names: Sequence[str], *, overwrite: bool) -
 def _refuse_impossible(target: Path) -> None:
     """Refuse names that no file can have here, such as a name that is too long, and stores that hold something else."""
     if "\0" in str(target):
-        raise OutputError(f"{shown(target)}: cannot be written (it has a NUL character), choose another name")
+        raise OutputError(
+            f"{shown(target)}: cannot be written (it has a NUL character), choose another name"
+        )
     with reporting(target), suppress(FileNotFoundError):
         os.lstat(target)
     if named_store(target) and target.is_dir() and not is_store(target):
@@ -139,7 +145,9 @@ def _refuse_taken_folder(target: Path, names: Sequence[str], overwrite: bool) ->
 def _require_there(new: Path, target: Path, files: Sequence[str]) -> None:
     for file in files:
         if not os.path.lexists(new / file):
-            raise OutputError(f"{shown(target)}: cannot be written ({file} is missing, deleted meanwhile), choose another place")
+            raise OutputError(
+                f"{shown(target)}: cannot be written ({file} is missing, deleted meanwhile), choose another place"
+            )
 
 
 def _publish(new: Path, target: Path, files: Sequence[str], overwrite: bool) -> None:
@@ -162,7 +170,9 @@ def _put_in_place(new: Path, final: Path) -> None:
 
 
 def _finish(*targets: Path) -> None:
-    finished.extend(target for target in targets if not any(part.startswith(HIDDEN) for part in target.parts))
+    finished.extend(
+        target for target in targets if not any(part.startswith(HIDDEN) for part in target.parts)
+    )
 
 
 def _pieces(folder: Path) -> Iterator[Path]:
@@ -177,9 +187,16 @@ def _pieces(folder: Path) -> Iterator[Path]:
 def _manifest(folder: Path) -> list[str]:
     """What earlier runs produced in a folder and is still there, not elsewhere; nothing where the manifest is missing or damaged."""
     try:
-        files = [str(file) for file in json.loads((folder / MANIFEST).read_text(encoding="utf-8"))["files"]]
+        files = [
+            str(file)
+            for file in json.loads((folder / MANIFEST).read_text(encoding="utf-8"))["files"]
+        ]
         there = [file for file in files if (folder / file).is_file() or is_store(folder / file)]
-        return [file for file in there if (folder / file).parent.resolve().is_relative_to(folder.resolve())]
+        return [
+            file
+            for file in there
+            if (folder / file).parent.resolve().is_relative_to(folder.resolve())
+        ]
     except (OSError, ValueError, LookupError, TypeError):
         return []
 
@@ -204,7 +221,11 @@ def named_store(path: Path) -> bool:
 def is_store(path: Path) -> bool:
     """Whether a folder is a store of draws with nothing else in it: then it may be replaced, and no file of a user is lost."""
     try:
-        head = json.loads((path / "zarr.json").read_text(encoding="utf-8")) if named_store(path) else {}
+        head = (
+            json.loads((path / "zarr.json").read_text(encoding="utf-8"))
+            if named_store(path)
+            else {}
+        )
         ours = {"model", "settings", "seed"} <= head["attributes"].keys()
     except (OSError, ValueError, LookupError, TypeError, AttributeError):
         return False
@@ -218,9 +239,13 @@ def reporting(target: Path, hidden: Path | None = None) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        plain = f"{shown(target)}: cannot be written ({error.strerror or error}), choose another place"
+        plain = (
+            f"{shown(target)}: cannot be written ({error.strerror or error}), choose another place"
+        )
         said = str(error) if isinstance(error, OutputError) else plain
-        raise OutputError(said if hidden is None else said.replace(shown(hidden), shown(target))) from error
+        raise OutputError(
+            said if hidden is None else said.replace(shown(hidden), shown(target))
+        ) from error
 
 
 def make_folders(folder: Path, made: ExitStack) -> None:
@@ -240,8 +265,14 @@ def remove_empty(folder: Path) -> None:
 def require_room(place: Path, needed: int, *, used: Path | None = None) -> None:
     """Refuse now what will not fit on the disk, with a tenth to spare: about `needed` bytes, of which the folder `used` holds some."""
     with reporting(place):
-        free = shutil.disk_usage(next(part for part in (place.absolute(), *place.absolute().parents) if part.is_dir())).free
-        there = sum(file.stat().st_size for file in used.iterdir()) if used is not None and used.is_dir() else 0
+        free = shutil.disk_usage(
+            next(part for part in (place.absolute(), *place.absolute().parents) if part.is_dir())
+        ).free
+        there = (
+            sum(file.stat().st_size for file in used.iterdir())
+            if used is not None and used.is_dir()
+            else 0
+        )
     wanted = 1.1 * needed - there
     if wanted > free:
         sizes = f"about {wanted / 1e6:.3g} MB are needed, {free / 1e6:.3g} MB are free"
@@ -308,5 +339,9 @@ under_way: dict[Path, Standing] = {}
 
 def said_kept() -> str:
     """What another call need not compute again; empty where that is nothing."""
-    said = [f"{one.done} of {one.jobs} {one.what} kept in {folder}" for folder, one in under_way.items() if one.done]
+    said = [
+        f"{one.done} of {one.jobs} {one.what} kept in {folder}"
+        for folder, one in under_way.items()
+        if one.done
+    ]
     return f"{', '.join(said)}, go on with --resume" if said else ""

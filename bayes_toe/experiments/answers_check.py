@@ -43,7 +43,9 @@ def check_answers(study: Study, prior: Prior | None = None) -> tuple[Finding, ..
     """
     require_study(study)
     file = (*_raw(study), *(() if prior is None else _far(study, prior)), *_columns(study.reading))
-    of_subjects = (one for one in answer_findings(study) if one.code != "one_order")  # which check_study says pair by pair
+    of_subjects = (
+        one for one in answer_findings(study) if one.code != "one_order"
+    )  # which check_study says pair by pair
     return (*(Finding("", code, message) for code, message in file), *of_subjects)
 
 
@@ -63,7 +65,14 @@ def _far(study: Study, prior: Prior) -> _Rule:
         return
     mu1 = prior.distribution("mu1")
     low, high = (float(mu1.quantile(p)) for p in (0.05, 0.95))
-    centre = float(np.mean([np.average((subject.s1 + subject.s2) / 2, weights=subject.n_trials) for subject in study]))
+    centre = float(
+        np.mean(
+            [
+                np.average((subject.s1 + subject.s2) / 2, weights=subject.n_trials)
+                for subject in study
+            ]
+        )
+    )
     if not low <= centre <= high:
         yield (
             "far_from_prior",
@@ -74,7 +83,9 @@ def _far(study: Study, prior: Prior) -> _Rule:
 
 def _columns(reading: Reading) -> _Rule:
     for ours in ("isi", *LOOKED_AT):
-        alike = [name for name in reading.ignored if ours not in reading.read and looks_like(name, ours)]
+        alike = [
+            name for name in reading.ignored if ours not in reading.read and looks_like(name, ours)
+        ]
         unit = " (seconds)" if ours == "isi" else ""
         if alike:
             yield (
@@ -82,4 +93,7 @@ def _columns(reading: Reading) -> _Rule:
                 f"Column {bare(alike[0])} looks like {ours}{unit}: use --columns {ours}={bare(alike[0])}, or it is ignored.",
             )
     if reading.ignored:
-        yield "columns_ignored", f"Columns ignored: {listed([bare(name) for name in reading.ignored])}."
+        yield (
+            "columns_ignored",
+            f"Columns ignored: {listed([bare(name) for name in reading.ignored])}.",
+        )

@@ -26,13 +26,20 @@ from bayes_toe.model.prior import Prior
 _MOST_PAIRS_SHOWN = 3
 _SELECTORS = (*range(0xFE00, 0xFE10), *range(0xE0100, 0xE01F0))
 #: Beside format and control characters: joiners, fillers and selectors, which are letters or marks to Unicode, and the braille blank.
-_INVISIBLE = frozenset("\u034f\u115f\u1160\u17b4\u17b5\u2800\u3164\uffa0") | frozenset(map(chr, _SELECTORS))
-_NEAR, _SELDOM = 10.0, 0.1  # a prior of another unit has sigma_p within this factor of the stimuli's step less often
+_INVISIBLE = frozenset("\u034f\u115f\u1160\u17b4\u17b5\u2800\u3164\uffa0") | frozenset(
+    map(chr, _SELECTORS)
+)
+_NEAR, _SELDOM = (
+    10.0,
+    0.1,
+)  # a prior of another unit has sigma_p within this factor of the stimuli's step less often
 _ROUNDED = 1e-6  # of the range of the stimuli: no observer tells them apart, and stimuli in single precision are as near
 #: Shares of right answers: two just noticeable differences (75 % points) give 91 % without lapses; few lapse in more than 5 %.
 _EASY, _CERTAIN = 0.9, 0.95
 _APART = 0.25  # of the sd of the stimuli: how far their means may differ between conditions
-_LONG = 100.0  # seconds: nobody compares two stimuli over that time, but 100 milliseconds are common
+_LONG = (
+    100.0  # seconds: nobody compares two stimuli over that time, but 100 milliseconds are common
+)
 
 
 def check_study(study: Study, prior: Prior | None = None) -> tuple[Finding, ...]:
@@ -41,14 +48,24 @@ def check_study(study: Study, prior: Prior | None = None) -> tuple[Finding, ...]
     Stimuli are compared exactly, as the pairs of :class:`~bayes_toe.data.study.Subject` are; a prior's scale is compared with theirs.
     """
     require_study(study)
-    of_all = (*_repeated(study), *prior_scale(study, prior), *_names(study.names), *_units(study), *_conditions(study))
+    of_all = (
+        *_repeated(study),
+        *prior_scale(study, prior),
+        *_names(study.names),
+        *_units(study),
+        *_conditions(study),
+    )
     designs: dict[bytes, list[list[tuple[str, str]]]] = {}
     return (*of_all, *(finding for subject in study for finding in _of_subject(subject, designs)))
 
 
 def doubts(study: Study, prior: Prior | None = None) -> tuple[Finding, ...]:
     """What is probably a mistake and would stand behind everything: those findings of :func:`check_study` that every command says."""
-    rounding = (Finding(subject.name, code, message) for subject in study for code, message in _rounding(subject))
+    rounding = (
+        Finding(subject.name, code, message)
+        for subject in study
+        for code, message in _rounding(subject)
+    )
     return (*_repeated(study), *prior_scale(study, prior), *rounding)
 
 
@@ -98,22 +115,42 @@ def _one_order(subject: Subject) -> list[str]:
     isi = np.zeros(subject.n_pairs) if subject.isi is None else subject.isi
     pairs = list(zip(subject.s1.tolist(), subject.s2.tolist(), isi.tolist(), strict=True))
     present = set(pairs)
-    lone = [(first, second, at) for first, second, at in pairs if first != second and (second, first, at) not in present]
-    return [f"({first:.4g}, {second:.4g})" + (f" at {at:g} s" if subject.isi is not None else "") for first, second, at in lone]
+    lone = [
+        (first, second, at)
+        for first, second, at in pairs
+        if first != second and (second, first, at) not in present
+    ]
+    return [
+        f"({first:.4g}, {second:.4g})" + (f" at {at:g} s" if subject.isi is not None else "")
+        for first, second, at in lone
+    ]
 
 
 _Rule = Iterable[tuple[str, str]]
 
 
-def _of_subject(subject: Subject, designs: dict[bytes, list[list[tuple[str, str]]]]) -> tuple[Finding, ...]:
+def _of_subject(
+    subject: Subject, designs: dict[bytes, list[list[tuple[str, str]]]]
+) -> tuple[Finding, ...]:
     """The findings of one subject; what the design alone tells is told once of all subjects with the same."""
-    pairs = (subject.s1, subject.s2, subject.n_trials, *(() if subject.isi is None else (subject.isi,)))
+    pairs = (
+        subject.s1,
+        subject.s2,
+        subject.n_trials,
+        *(() if subject.isi is None else (subject.isi,)),
+    )
     design = b"".join(values.tobytes() for values in pairs)
     if design not in designs:
         of_design = [] if subject.task != SAME_DIFFERENT else _design(subject)
-        designs[design] = [[*_few_pairs(subject), *_rounding(subject)], [*_of_pairs(subject), *of_design]]
+        designs[design] = [
+            [*_few_pairs(subject), *_rounding(subject)],
+            [*_of_pairs(subject), *of_design],
+        ]
     first, rest = designs[design]
-    return tuple(Finding(subject.name, code, message) for code, message in (*first, *_answers(subject), *rest))
+    return tuple(
+        Finding(subject.name, code, message)
+        for code, message in (*first, *_answers(subject), *rest)
+    )
 
 
 def _few_pairs(subject: Subject) -> _Rule:
@@ -130,7 +167,9 @@ def _rounding(subject: Subject) -> _Rule:
     """Stimuli so near each other that they were meant to be one, and pairs that are several for that reason."""
     both = np.concatenate([subject.s1, subject.s2])
     gaps = np.diff(np.sort(both))
-    if not ((gaps > 0) & (gaps <= _ROUNDED * gaps.sum())).any():  # as nearly always: cheap for 100,000 subjects
+    if not (
+        (gaps > 0) & (gaps <= _ROUNDED * gaps.sum())
+    ).any():  # as nearly always: cheap for 100,000 subjects
         return
     stimuli, place = np.unique(both, return_inverse=True)
     shown = np.bincount(place.ravel(), np.tile(subject.n_trials, 2))
@@ -182,7 +221,9 @@ def _right_answers(subject: Subject) -> _Rule:
     difference = np.round(subject.s2 - subject.s1, 9)
     right = subject.n_trials - subject.task.wrong(difference, subject.n_yes, subject.n_trials)
     sizes, place = np.unique(np.abs(difference), return_inverse=True)
-    shares = np.bincount(place.ravel(), right) / np.bincount(place.ravel(), subject.n_trials)  # over both orders, whatever is preferred
+    shares = np.bincount(place.ravel(), right) / np.bincount(
+        place.ravel(), subject.n_trials
+    )  # over both orders, whatever is preferred
     shares = shares[sizes > 0]
     if len(shares) and shares.max() < _EASY:
         yield (
@@ -203,7 +244,11 @@ def _of_pairs(subject: Subject) -> _Rule:
     equal, of_equal = subject.s1 == subject.s2, subject.task == SAME_DIFFERENT
     if equal.all():
         same = "|offset - pull (s1 - mean s1)| / width alone, so neither their scale nor the sign of the offset at a small pull can be told"
-        enters = same if of_equal else "(offset - pull (s1 - mean s1)) / width alone, so their scale cannot be told"
+        enters = (
+            same
+            if of_equal
+            else "(offset - pull (s1 - mean s1)) / width alone, so their scale cannot be told"
+        )
         only = "Only pairs of equal stimuli were presented: offset, pull and width enter as"
         yield "only_equal_pairs", f"{only} {enters}, and their posterior will reflect the prior."
     elif not equal.any() and of_equal:
@@ -238,12 +283,21 @@ def _of_pairs(subject: Subject) -> _Rule:
 
 def _units(study: Study) -> list[Finding]:
     """Times that were probably meant in milliseconds: the longest interval; the median pause, since between sessions may lie days."""
-    pauses = [one.answers.iti for one in study if one.answers is not None and one.answers.iti is not None]
+    pauses = [
+        one.answers.iti for one in study if one.answers is not None and one.answers.iti is not None
+    ]
     pause = float(np.nanmedian(np.concatenate([*pauses, [0.0]])))  # 0 where no pause is known
     longest = max(study.intervals, default=0.0)
-    times = ((longest, "intervals", f"isi has intervals up to {longest:g}"), (pause, "pauses", f"iti has pauses of {pause:g} (median)"))
+    times = (
+        (longest, "intervals", f"isi has intervals up to {longest:g}"),
+        (pause, "pauses", f"iti has pauses of {pause:g} (median)"),
+    )
     message = "Column {} s: it is read in seconds, so divide by 1000 if these are milliseconds."
-    return [Finding("", f"long_{what}", message.format(said)) for time, what, said in times if time >= _LONG]
+    return [
+        Finding("", f"long_{what}", message.format(said))
+        for time, what, said in times
+        if time >= _LONG
+    ]
 
 
 def _conditions(study: Study) -> list[Finding]:
@@ -252,11 +306,18 @@ def _conditions(study: Study) -> list[Finding]:
         return []
     found, orders = list[Finding](), Counter[str]()
     for person, units in by_person(study).items():
-        missing = [level for level in study.conditions.levels if level not in {one.condition for one in units}]
+        missing = [
+            level
+            for level in study.conditions.levels
+            if level not in {one.condition for one in units}
+        ]
         if missing:
             message = f"Never in condition {listed(missing)}: that says nothing there of this subject, who stays in the population."
             found.append(Finding(person, "missing_condition", message))
-        means, felt = [0.5 * float(np.average(one.s1 + one.s2, weights=one.n_trials)) for one in units], units[0].felt
+        means, felt = (
+            [0.5 * float(np.average(one.s1 + one.s2, weights=one.n_trials)) for one in units],
+            units[0].felt,
+        )
         if felt is not None and (apart := (max(means) - min(means)) / felt.sd) > _APART:
             message = (
                 f"Stimuli differ between conditions, by {apart:.2g} of their standard deviation in the mean: a difference in answers may "
@@ -268,7 +329,9 @@ def _conditions(study: Study) -> list[Finding]:
             found.append(Finding(person, "stimuli_by_condition", message))
         known = [(one.condition, one.answers.span) for one in units if one.answers is not None]
         places = sorted((place, level) for level, place in known if place is not None)
-        if len(places) == len(units) > 1 and all(one[0][1] < other[0][0] for one, other in pairwise(places)):
+        if len(places) == len(units) > 1 and all(
+            one[0][1] < other[0][0] for one, other in pairwise(places)
+        ):
             orders[", ".join(level for _, level in places)] += 1
     if len(orders) == 1 and orders.total() > 0.5 * len(by_person(study)):
         message = (
@@ -286,8 +349,14 @@ def _repeated(study: Study) -> list[Finding]:
 def _design(subject: Subject) -> _Rule:
     found = identifiability(subject)
     if found.rank < PARAMETERS:
-        told = f"{', '.join(found.told)} can be told" if found.told else "none can be told by itself"
-        enough = "no smaller model of the ladder carries" if found.model == FULL else f"the smaller model '{found.model}' carries"
+        told = (
+            f"{', '.join(found.told)} can be told" if found.told else "none can be told by itself"
+        )
+        enough = (
+            "no smaller model of the ladder carries"
+            if found.model == FULL
+            else f"the smaller model '{found.model}' carries"
+        )
         yield (
             "design_rank",
             f"The pairs can tell {found.rank} of {PARAMETERS} combinations of the parameters, whatever the answers: {told}, "
@@ -303,15 +372,31 @@ def _names(names: Iterable[str]) -> list[Finding]:
     alike: dict[str, list[str]] = {}
     for name in names:
         seen = (
-            one for one in unicodedata.normalize("NFKC", name) if unicodedata.category(one) not in ("Cf", "Cc") and one not in _INVISIBLE
+            one
+            for one in unicodedata.normalize("NFKC", name)
+            if unicodedata.category(one) not in ("Cf", "Cc") and one not in _INVISIBLE
         )
-        alike.setdefault(unicodedata.normalize("NFKC", " ".join("".join(seen).split()).casefold()), []).append(name)
+        alike.setdefault(
+            unicodedata.normalize("NFKC", " ".join("".join(seen).split()).casefold()), []
+        ).append(name)
     found, join = list[Finding](), "if they are one person, join them under one name."
     for same in (some for some in alike.values() if len(some) > 1):
         if len({name.casefold() for name in same}) == 1:
-            found.append(Finding("", "names_differ_in_case", f"Subjects {', '.join(map(repr, same))} differ in case only: {join}"))
+            found.append(
+                Finding(
+                    "",
+                    "names_differ_in_case",
+                    f"Subjects {', '.join(map(repr, same))} differ in case only: {join}",
+                )
+            )
         else:
-            found.append(Finding("", "names_look_alike", f"Subjects {', '.join(map(ascii, same))} look alike: {join}"))
+            found.append(
+                Finding(
+                    "",
+                    "names_look_alike",
+                    f"Subjects {', '.join(map(ascii, same))} look alike: {join}",
+                )
+            )
     if formulas := [quoted(name) for same in alike.values() for name in same if runs(name)]:
         message = f"A spreadsheet would run names of subjects as formulas: {listed(formulas)}; write tables with --spreadsheet-safe."
         found.append(Finding("", "names_are_formulas", message))

@@ -54,43 +54,72 @@ class Differing:
     sizes: Sizes
 
     @classmethod
-    def of(cls, levels: Sequence[str], differ: Mapping[str, float | tuple[float, float]] | None = None) -> Differing:
+    def of(
+        cls, levels: Sequence[str], differ: Mapping[str, float | tuple[float, float]] | None = None
+    ) -> Differing:
         """Of these levels, by these sizes, each with the sd between subjects or without."""
         values = [number(level, decimal_comma=False) for level in levels]
         numeric = bool(np.isfinite(values).all())
         names = tuple(level_words(values) if numeric else levels)
-        if len(names) < 2 or len({*names}) < len(names) or any(not one or AT in one for one in names):
-            raise InputError(f"--conditions: found {quoted(','.join(levels))}, allowed: two levels and more, each once, without {AT}")
-        sizes = {key: (float(size), 0.0) if isinstance(size, int | float) else size for key, size in (differ or {}).items()}
+        if (
+            len(names) < 2
+            or len({*names}) < len(names)
+            or any(not one or AT in one for one in names)
+        ):
+            raise InputError(
+                f"--conditions: found {quoted(','.join(levels))}, allowed: two levels and more, each once, without {AT}"
+            )
+        sizes = {
+            key: (float(size), 0.0) if isinstance(size, int | float) else size
+            for key, size in (differ or {}).items()
+        }
         for key, (size, sd) in sizes.items():
             if key not in DIFFERING or not (np.isfinite([size, sd]).all() and sd >= 0.0):
-                raise InputError(f"--differ: found {quoted(f'{key}={size:g}:{sd:g}')}, allowed: {_ALLOWED}")
+                raise InputError(
+                    f"--differ: found {quoted(f'{key}={size:g}:{sd:g}')}, allowed: {_ALLOWED}"
+                )
         return cls(Conditions("condition", names, numeric), sizes)
 
     @property
     def steps(self) -> FloatArray:
         """Where each level is between the first and the last one, shape (levels,)."""
         levels = self.conditions.levels
-        return self.conditions.design()[:, 0] if self.conditions.numeric else np.linspace(-0.5, 0.5, len(levels))
+        return (
+            self.conditions.design()[:, 0]
+            if self.conditions.numeric
+            else np.linspace(-0.5, 0.5, len(levels))
+        )
 
     def drawn(self, name: str, seed: int) -> dict[str, float]:
         """How much each quantity differs in a subject; the random stream is keyed by its name."""
         rng = generator(seed, name, "differences between conditions")
-        return {key: size + sd * float(rng.standard_normal()) for key, (size, sd) in self.sizes.items()}
+        return {
+            key: size + sd * float(rng.standard_normal()) for key, (size, sd) in self.sizes.items()
+        }
 
-    def moved(self, target: Posterior, x: FloatArray, name: str, seed: int) -> tuple[Posterior, FloatArray]:
+    def moved(
+        self, target: Posterior, x: FloatArray, name: str, seed: int
+    ) -> tuple[Posterior, FloatArray]:
         """The model by which an observer answers in every condition, and its points there, (levels, k), from one of a model, (1, k).
 
         Who updates is one of any pull, as in the models of conditions.
         """
         levels = dict(target.model.levels)
-        model = compose(target.model.task, **{**levels, "order": "contraction" if levels["order"] == UPDATE else levels["order"]})
-        moved, known = Posterior(target.subject, model, target.prior, target.sbar, target.reference), target.quantities(x)
+        model = compose(
+            target.model.task,
+            **{**levels, "order": "contraction" if levels["order"] == UPDATE else levels["order"]},
+        )
+        moved, known = (
+            Posterior(target.subject, model, target.prior, target.sbar, target.reference),
+            target.quantities(x),
+        )
         by = np.zeros(len(model.group))
         for key, size in self.drawn(name, seed).items():
             places = [i for i, quantity in enumerate(model.group) if quantity in QUANTITIES[key]]
             if not places:
-                raise InputError(f"--differ: model {model.name!r} has no {key}, allowed: what the observers have")
+                raise InputError(
+                    f"--differ: model {model.name!r} has no {key}, allowed: what the observers have"
+                )
             by[places] = [-size if model.group[i] == "gain" else size for i in places]
         eta = moved.to_group(moved.points({name: known[name] for name in moved.names.natural}))
         return moved, moved.from_group(eta + self.steps[:, None] * by)[0]
@@ -100,11 +129,21 @@ class Differing:
 
         Quantities are those at one second, and the constant error is that at the mean first stimulus.
         """
-        target = Posterior(pairs, models_of(pairs.task).update, Prior(reference_interval=1.0), interval=1.0)
-        x = target.points({key: np.atleast_1d(value) for key, value in zip(natural_names(pairs.task), one, strict=True)})
+        target = Posterior(
+            pairs, models_of(pairs.task).update, Prior(reference_interval=1.0), interval=1.0
+        )
+        x = target.points(
+            {
+                key: np.atleast_1d(value)
+                for key, value in zip(natural_names(pairs.task), one, strict=True)
+            }
+        )
         moved, points = self.moved(target, x, name, seed)
         found = moved.quantities(points)
-        return Natural(*of_update(found["offset"], found["pull"], found["width"], target.sbar, pairs.task), found[pairs.task.lapses])
+        return Natural(
+            *of_update(found["offset"], found["pull"], found["width"], target.sbar, pairs.task),
+            found[pairs.task.lapses],
+        )
 
 
 def of_update(

@@ -75,14 +75,30 @@ def identifiability(subject: Subject) -> Identifiability:
     told, rank = np.ones(len(_NAMES), np.bool_), 0
     for c, share, w in _GENERIC:
         of_answers, of_quantities = _slopes(target, np.array([c, logit(share), np.log(w), 0.0]))
-        _, values, rows = np.linalg.svd(np.pad(of_answers, ((0, max(0, PARAMETERS - len(of_answers))), (0, 0))), full_matrices=False)
+        _, values, rows = np.linalg.svd(
+            np.pad(of_answers, ((0, max(0, PARAMETERS - len(of_answers))), (0, 0))),
+            full_matrices=False,
+        )
         here = int(np.count_nonzero(values > _TOLERANCE * values[0]))
-        told &= np.abs(of_quantities @ rows[here:].T).max(axis=1, initial=0.0) < 1e-5  # rows beyond the rank change no answer
+        told &= (
+            np.abs(of_quantities @ rows[here:].T).max(axis=1, initial=0.0) < 1e-5
+        )  # rows beyond the rank change no answer
         rank = max(rank, here)
-    several = FULL, "" if rank == PARAMETERS else "offset, pull and width at every interval follow from those at one"
+    several = (
+        FULL,
+        ""
+        if rank == PARAMETERS
+        else "offset, pull and width at every interval follow from those at one",
+    )
     model, reason = _smallest(lever, step, rank) if len(subject.intervals) <= 1 else several
     of = dict(zip(_NAMES, told.tolist(), strict=True))
-    return Identifiability(rank, tuple(k for k in _NAMES if of[k]), tuple(k for k in _NAMES if not of[k]), model, reason)
+    return Identifiability(
+        rank,
+        tuple(k for k in _NAMES if of[k]),
+        tuple(k for k in _NAMES if not of[k]),
+        model,
+        reason,
+    )
 
 
 _NAMES = tuple(dict.fromkeys([*IDENTIFIED, *NATURAL]))
@@ -104,7 +120,9 @@ def _slopes(target: Posterior, x: FloatArray) -> tuple[FloatArray, FloatArray]:
     around = x + _STEP * np.concatenate([np.eye(PARAMETERS), -np.eye(PARAMETERS)])
     quantities = target.quantities(around)
     values = target.log_answers(around)[0], np.stack([quantities[name] for name in _NAMES], axis=1)
-    of_answers, of_quantities = ((one[:PARAMETERS] - one[PARAMETERS:]).T / (2.0 * _STEP) for one in values)
+    of_answers, of_quantities = (
+        (one[:PARAMETERS] - one[PARAMETERS:]).T / (2.0 * _STEP) for one in values
+    )
     return of_answers, of_quantities
 
 
@@ -112,26 +130,53 @@ def _smallest(lever: FloatArray, step: FloatArray, rank: int) -> tuple[str, str]
     """The smallest sufficient model and why, by the table of the module: the first case that applies."""
     level, flat = (bool(np.ptp(values) < _TOLERANCE) for values in (lever, step))
     points = np.stack([lever - lever[0], step - step[0]], axis=1)
-    three = len(step) == 3 and np.count_nonzero(np.linalg.svd(points, compute_uv=False) > _TOLERANCE) == 2  # in a plane
-    open_scale = "offset/width, pull/width and q0" if step[0] == 0 else "(s2 - s1 - offset)/width, pull/width and q0"
+    three = (
+        len(step) == 3
+        and np.count_nonzero(np.linalg.svd(points, compute_uv=False) > _TOLERANCE) == 2
+    )  # in a plane
+    open_scale = (
+        "offset/width, pull/width and q0"
+        if step[0] == 0
+        else "(s2 - s1 - offset)/width, pull/width and q0"
+    )
     cases = (
         (rank == PARAMETERS, FULL, ""),
-        (len(step) == 1, "symmetric", "one pair gives one frequency, which a symmetric observer can produce"),
+        (
+            len(step) == 1,
+            "symmetric",
+            "one pair gives one frequency, which a symmetric observer can produce",
+        ),
         (
             len(step) == 2 and flat,
             "no lapses",
             "two pairs with the same difference s2 - s1 differ by the pull alone, and q0 = 1 loses nothing",
         ),
-        (len(step) == 2, _BIAS, "two pairs give two frequencies, which an offset, a width and q0 can produce"),
-        (level, _BIAS, "with one first stimulus the pull only adds to the offset and does not enter"),
-        (flat, FULL, f"with one difference s2 - s1 only {open_scale} enter, so the width may be held fixed"),
+        (
+            len(step) == 2,
+            _BIAS,
+            "two pairs give two frequencies, which an offset, a width and q0 can produce",
+        ),
+        (
+            level,
+            _BIAS,
+            "with one first stimulus the pull only adds to the offset and does not enter",
+        ),
+        (
+            flat,
+            FULL,
+            f"with one difference s2 - s1 only {open_scale} enter, so the width may be held fixed",
+        ),
         (
             three and bool(np.diff(np.sort(step)).min() < _TOLERANCE),
             FULL,
             "three pairs give three frequencies, and free frequencies (H0) say as much",
         ),
         # with different d log q is a parabola in them, of any offset, width and peak; only a peak above 1 has no such observer
-        (three, _BIAS, "three pairs give three frequencies, which an offset, a width and q0 produce unless their curve peaks above 1"),
+        (
+            three,
+            _BIAS,
+            "three pairs give three frequencies, which an offset, a width and q0 produce unless their curve peaks above 1",
+        ),
         (True, _BIAS, "along one line of pairs the pull only rescales offset and width"),
     )
     return next((model, why) for applies, model, why in cases if applies)

@@ -38,7 +38,9 @@ def paper_population(size: int, rng: np.random.Generator, task: Task = SAME_DIFF
     For all: sigma_p = 0.22 exp(0.15 Normal(0, 1)), gamma ~ Uniform(0.1, 0.5), q0 ~ Beta(40, 4); to 'which is stronger?' the lapse rate,
     in the place of q0, ~ Beta(2, 30).
     """
-    kinds = np.array([(-0.5, 0.15), (0.95, 0.2), (0.25, 0.08), (0.95, 0.2), (-0.5, 0.15)])[np.arange(size) % 5]
+    kinds = np.array([(-0.5, 0.15), (0.95, 0.2), (0.25, 0.08), (0.95, 0.2), (-0.5, 0.15)])[
+        np.arange(size) % 5
+    ]
     mu1 = rng.normal(kinds[:, 0], kinds[:, 1])
     sigma_p = 0.22 * np.exp(0.15 * rng.standard_normal(size))
     sigma_l = sigma_p * np.sqrt(rng.uniform(0.1, 0.5, size))
@@ -48,7 +50,11 @@ def paper_population(size: int, rng: np.random.Generator, task: Task = SAME_DIFF
 
 
 def prior_population(
-    size: int, rng: np.random.Generator, design: Design, prior: Prior | str | None = None, task: Task = SAME_DIFFERENT
+    size: int,
+    rng: np.random.Generator,
+    design: Design,
+    prior: Prior | str | None = None,
+    task: Task = SAME_DIFFERENT,
 ) -> Natural:
     """Observers drawn from the prior under which a study of this design is analysed, the default one where none is given.
 
@@ -68,17 +74,27 @@ def prior_population(
 
 
 def population_from(
-    population: str, size: int, seed: int, design: Design, *, prior: Prior | str | None = None, task: Task = SAME_DIFFERENT
+    population: str,
+    size: int,
+    seed: int,
+    design: Design,
+    *,
+    prior: Prior | str | None = None,
+    task: Task = SAME_DIFFERENT,
 ) -> tuple[list[str], Natural]:
     """Names and observers that `--population` names; anything but a known word is a CSV with subject and natural parameters.
 
     A prior may be given with the population 'prior' only, which is drawn from it, as a study of the design has it.
     """
     if prior is not None and population != "prior":
-        raise InputError(f"--prior: found with --population {population}, allowed: with --population prior, which is drawn from it")
+        raise InputError(
+            f"--prior: found with --population {population}, allowed: with --population prior, which is drawn from it"
+        )
     if population in POPULATIONS:
         rng, names = generator(seed, "population"), subject_names(size)
-        return names, prior_population(size, rng, design, prior, task) if population == "prior" else paper_population(size, rng, task)
+        return names, prior_population(
+            size, rng, design, prior, task
+        ) if population == "prior" else paper_population(size, rng, task)
     require_file(population, "--population", POPULATIONS)
     names, columns = read_numbers(population, natural_names(task), key="subject")
     return names, _natural_from([columns[name] for name in natural_names(task)], population, task)
@@ -101,10 +117,16 @@ def given(observers: Truth, task: Task) -> Natural:
     names = natural_names(task)
     for name, values in observers.items():
         if set(values) != set(names):
-            raise InputError(f"observer {name!r}: found {', '.join(values)}, allowed: {', '.join(names)}, all four")
+            raise InputError(
+                f"observer {name!r}: found {', '.join(values)}, allowed: {', '.join(names)}, all four"
+            )
     if not observers:
         raise InputError("observers: found none, allowed: at least one")
-    return _natural_from([np.array([float(values[key]) for values in observers.values()]) for key in names], "observers", task)
+    return _natural_from(
+        [np.array([float(values[key]) for values in observers.values()]) for key in names],
+        "observers",
+        task,
+    )
 
 
 def _natural_from(columns: Sequence[FloatArray], source: str, task: Task) -> Natural:
@@ -120,4 +142,6 @@ def _natural_from(columns: Sequence[FloatArray], source: str, task: Task) -> Nat
 def require_file(text: str, option: str, words: Iterable[str]) -> None:
     """Refuse what is neither one of the words nor a file."""
     if not os.path.isfile(text):  # a Path refuses names that are too long with an error of its own
-        raise InputError(f"{option}: found {text!r}, allowed: {', '.join(words)}, or a CSV file that exists")
+        raise InputError(
+            f"{option}: found {text!r}, allowed: {', '.join(words)}, or a CSV file that exists"
+        )

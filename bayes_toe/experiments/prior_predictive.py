@@ -61,7 +61,9 @@ class PriorPrediction:
     @property
     def distance(self) -> FloatArray:
         """Mean s2 - s1 of each group, natural-log intensity, shape (groups,): its sign tells the order."""
-        return np.asarray(np.bincount(self.group, self.pairs.s2 - self.pairs.s1) / np.bincount(self.group))
+        return np.asarray(
+            np.bincount(self.group, self.pairs.s2 - self.pairs.s1) / np.bincount(self.group)
+        )
 
     @property
     def largest(self) -> FloatArray:
@@ -71,7 +73,9 @@ class PriorPrediction:
     @property
     def largest_observed(self) -> FloatArray:
         """Largest share of 'equal' of each subject, shape (subjects,): a frequency, which scatters upward where trials are few."""
-        return np.asarray((self.n_yes / np.maximum(self.n_trials, 1)).max(axis=1))  # a group not met has 0/1
+        return np.asarray(
+            (self.n_yes / np.maximum(self.n_trials, 1)).max(axis=1)
+        )  # a group not met has 0/1
 
 
 def prior_predictive(
@@ -114,14 +118,20 @@ def prior_predictive(
     target = posterior_of(pairs, numbers, model=model)
     x = target.sample_prior(generator(seed, "prior predictive", target.model.name), draws)
     weights = np.zeros((len(group), group.max() + 1))
-    weights[np.arange(len(group)), group] = pairs.n_trials / np.bincount(group, pairs.n_trials)[group]
+    weights[np.arange(len(group)), group] = (
+        pairs.n_trials / np.bincount(group, pairs.n_trials)[group]
+    )
     rows = max(1, BLOCK // len(group))
-    equal = np.concatenate([np.exp(target.log_answers(x[i : i + rows])[0]) @ weights for i in range(0, draws, rows)])
+    equal = np.concatenate(
+        [np.exp(target.log_answers(x[i : i + rows])[0]) @ weights for i in range(0, draws, rows)]
+    )
     who = np.repeat(np.arange(len(study)), [subject.n_pairs for subject in study])
     counts = np.zeros((2, len(study), weights.shape[1]), np.int64)
     for to, key in zip(counts, ("n_yes", "n_trials"), strict=True):
         np.add.at(to, (who, group[index.ravel()]), _joined(study, key))
-    return PriorPrediction(target.model.name, numbers, study.synthetic, pairs, group, equal, *counts)
+    return PriorPrediction(
+        target.model.name, numbers, study.synthetic, pairs, group, equal, *counts
+    )
 
 
 def _joined(study: Study, key: str) -> npt.NDArray[Any]:
@@ -133,7 +143,9 @@ def _groups(places: FloatArray) -> IntArray:
     distance = np.round(places[:, 1] - places[:, 0], 9)  # equal where only rounding differs
     group = np.empty(len(places), np.int64)
     if len(places) <= _MOST_PAIRS:
-        group[np.argsort(distance, kind="stable")] = np.arange(len(places))  # pairs come sorted by s1, s2 and interval
+        group[np.argsort(distance, kind="stable")] = np.arange(
+            len(places)
+        )  # pairs come sorted by s1, s2 and interval
         return group
     order = np.sign(places[:, 1] - places[:, 0]).astype(np.int64)
     for sign in (-1, 0, 1):

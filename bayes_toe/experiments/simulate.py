@@ -56,8 +56,14 @@ class Design:
     def __post_init__(self) -> None:
         for key in ("s1", "s2"):
             object.__setattr__(self, key, np.array(getattr(self, key), np.float64, ndmin=1))
-        if self.s1.shape != self.s2.shape or not len(self.s1) or not np.isfinite([self.s1, self.s2]).all():
-            raise InputError("design: s1 and s2 must be finite and have one common length of at least 1")
+        if (
+            self.s1.shape != self.s2.shape
+            or not len(self.s1)
+            or not np.isfinite([self.s1, self.s2]).all()
+        ):
+            raise InputError(
+                "design: s1 and s2 must be finite and have one common length of at least 1"
+            )
         if self.batches < 1:
             raise InputError(f"design: batches={self.batches} must be at least 1")
         if self.isi is not None:
@@ -71,7 +77,9 @@ class Design:
         return Subject.from_counts("design", self.s1, self.s2, *counts, self.isi, task=task)
 
 
-def reference_design(amplitudes: Iterable[float] = PAPER_AMPLITUDES, batches: int = PAPER_BATCHES) -> Design:
+def reference_design(
+    amplitudes: Iterable[float] = PAPER_AMPLITUDES, batches: int = PAPER_BATCHES
+) -> Design:
     """The paper's design: every stimulus with itself, and the first with every other one in both orders.
 
     Amplitudes are in units of the reference, s = ln(amplitude).
@@ -81,7 +89,9 @@ def reference_design(amplitudes: Iterable[float] = PAPER_AMPLITUDES, batches: in
     return Design(np.concatenate([s, first, s[1:]]), np.concatenate([s, s[1:], first]), batches)
 
 
-def full_design(amplitudes: Iterable[float] = PAPER_AMPLITUDES, batches: int = PAPER_BATCHES) -> Design:
+def full_design(
+    amplitudes: Iterable[float] = PAPER_AMPLITUDES, batches: int = PAPER_BATCHES
+) -> Design:
     """Every ordered pair of the stimuli, equal pairs included."""
     s1, s2 = np.meshgrid(*2 * [_log_amplitudes(amplitudes)], indexing="ij")
     return Design(s1.ravel(), s2.ravel(), batches)
@@ -91,9 +101,16 @@ def at_intervals(design: Design, isi: Iterable[float]) -> Design:
     """Every pair of a design at every one of these intervals (seconds), each once."""
     seconds = np.array(list(isi), np.float64)
     if design.isi is not None or not len(seconds) or len(np.unique(seconds)) < len(seconds):
-        raise InputError("intervals: allowed is at least one, each once, for a design without intervals of its own")
+        raise InputError(
+            "intervals: allowed is at least one, each once, for a design without intervals of its own"
+        )
     times = len(seconds)
-    return Design(np.tile(design.s1, times), np.tile(design.s2, times), design.batches, np.repeat(seconds, len(design.s1)))
+    return Design(
+        np.tile(design.s1, times),
+        np.tile(design.s2, times),
+        design.batches,
+        np.repeat(seconds, len(design.s1)),
+    )
 
 
 def _log_amplitudes(amplitudes: Iterable[float]) -> FloatArray:
@@ -127,7 +144,10 @@ class Trials:
     @property
     def truth(self) -> dict[str, float]:
         """The natural parameters by name."""
-        return {name: float(value) for name, value in zip(natural_names(self.task), self.observer, strict=True)}
+        return {
+            name: float(value)
+            for name, value in zip(natural_names(self.task), self.observer, strict=True)
+        }
 
     @property
     def answered(self) -> Subject:
@@ -135,7 +155,9 @@ class Trials:
         keys = np.column_stack([key for key in (self.s1, self.s2, self.isi) if key is not None])
         counts = np.where(self.yes & ~self.missed, 1, 0), np.where(self.missed, 0, 1)
         answers = Answers(keys, *counts, None, (), True, np.arange(len(self.yes)))
-        return replace(Subject.from_answers(self.subject, answers, self.task), condition=self.condition)
+        return replace(
+            Subject.from_answers(self.subject, answers, self.task), condition=self.condition
+        )
 
 
 def simulate_trials(
@@ -161,18 +183,36 @@ def simulate_trials(
             raise InputError(f"{option}: found {value:g}, allowed: a number from 0 to below 1")
     if len(subjects) != len(observers.mu1):
         raise InputError(f"{len(subjects)} names for {len(observers.mu1)} observers")
-    made, shown = list[Trials](), partial(_trials, design=design, seed=seed, task=task, carried=carried, missed=missed)
+    made, shown = (
+        list[Trials](),
+        partial(_trials, design=design, seed=seed, task=task, carried=carried, missed=missed),
+    )
     for i, name in enumerate(subjects):
         observer = Natural(*(values[i] for values in observers))
         if differing is None:
             made.append(shown(name, observer))
         else:
-            units = zip(differing.conditions.levels, *differing.observers(design.pairs(task), name, observer, seed), strict=True)
-            made += [replace(shown(f"{name}{AT}{level}", Natural(*values)), condition=level) for level, *values in units]
+            units = zip(
+                differing.conditions.levels,
+                *differing.observers(design.pairs(task), name, observer, seed),
+                strict=True,
+            )
+            made += [
+                replace(shown(f"{name}{AT}{level}", Natural(*values)), condition=level)
+                for level, *values in units
+            ]
     return made
 
 
-def _trials(name: str, observer: Natural, design: Design, seed: int, task: Task, carried: float, missed: float) -> Trials:
+def _trials(
+    name: str,
+    observer: Natural,
+    design: Design,
+    seed: int,
+    task: Task,
+    carried: float,
+    missed: float,
+) -> Trials:
     """Those of one observer."""
     rng = generator(seed, name, "trials")
     order = np.argsort(rng.uniform(size=(design.batches, len(design.s1))), axis=1).ravel()
@@ -185,7 +225,9 @@ def _trials(name: str, observer: Natural, design: Design, seed: int, task: Task,
         q = equal_probability(s1, s2, *felt)
     else:  # half the lapse rate, and else Phi((s2 - mu_2) / (G sigma_p))
         away = s2 - evolved_mean(s1, felt.mu1, felt.gamma)
-        q = 0.5 * felt.q0 + (1.0 - felt.q0) * ndtr(away / (variance_ratio(felt.gamma) * felt.sigma_p))
+        q = 0.5 * felt.q0 + (1.0 - felt.q0) * ndtr(
+            away / (variance_ratio(felt.gamma) * felt.sigma_p)
+        )
     batch = np.repeat(np.arange(1, design.batches + 1), len(design.s1))
     yes = rng.uniform(size=len(q)) < q
     return Trials(name, observer, batch, s1, s2, yes, rng.uniform(size=len(q)) < missed, isi, task)
@@ -278,13 +320,24 @@ def simulate(  # noqa: PLR0913  # each is a choice of its own, and has a default
     if isinstance(observers, Mapping):
         names, natural = list(observers), given(observers, asked)
     elif isinstance(observers, bool) or not isinstance(observers, int) or observers < 1:
-        raise InputError(f"observers: found {observers!r}, allowed: a whole number from 1, or parameters by name")
+        raise InputError(
+            f"observers: found {observers!r}, allowed: a whole number from 1, or parameters by name"
+        )
     elif population not in POPULATIONS:
-        raise InputError(f"population: found {population!r}, allowed: paper, prior; parameters of your own go to `observers`")
+        raise InputError(
+            f"population: found {population!r}, allowed: paper, prior; parameters of your own go to `observers`"
+        )
     else:
-        names, natural = population_from(population, observers, root, planned, prior=prior, task=asked)
-    trials = simulate_trials(names, natural, planned, root, asked, carried=carry_over, missed=missed, differing=differing)
-    truth = {one.subject: one.truth | ({"carry_over": carry_over} if carry_over else {}) for one in trials}
+        names, natural = population_from(
+            population, observers, root, planned, prior=prior, task=asked
+        )
+    trials = simulate_trials(
+        names, natural, planned, root, asked, carried=carry_over, missed=missed, differing=differing
+    )
+    truth = {
+        one.subject: one.truth | ({"carry_over": carry_over} if carry_over else {})
+        for one in trials
+    }
     study = Study(tuple(one.answered for one in trials), f"simulated, seed {root}", synthetic=True)
     if differing is not None:
         study = replace(study, subjects=felt_together(study), conditions=differing.conditions)
@@ -294,7 +347,12 @@ def simulate(  # noqa: PLR0913  # each is a choice of its own, and has a default
 # --- what the command is told in words and files ------------------------------------------------------------------------------------
 
 
-def design_from(design: str | Design, amplitudes: str | Sequence[float], batches: int, isi: str | Sequence[float] | None = None) -> Design:
+def design_from(
+    design: str | Design,
+    amplitudes: str | Sequence[float],
+    batches: int,
+    isi: str | Sequence[float] | None = None,
+) -> Design:
     """The design that `--design`, `--amplitudes` and `--isi` name; anything but a known word is a CSV with columns s1,s2 (and isi)."""
     if isinstance(design, Design):
         made = design
@@ -343,4 +401,6 @@ def _numbers(option: str, given: str | Sequence[float]) -> list[float]:
     try:
         return [float(part) for part in (given.split(",") if isinstance(given, str) else given)]
     except ValueError:
-        raise InputError(f"{option}: found {given!r}, allowed: positive numbers separated by commas") from None
+        raise InputError(
+            f"{option}: found {given!r}, allowed: positive numbers separated by commas"
+        ) from None

@@ -49,7 +49,9 @@ class Entry:
     target: Posterior | FrequencyPosterior
     x: FloatArray  # draws in unconstrained coordinates, shape (chains, draws, k)
     badges: tuple[tuple[str, str], ...] = ()  # kind - unconverged, misfit, untold, fine - and words
-    truth: Mapping[str, float] | None = None  # known values, as given; those that the model does not have are those of another model
+    truth: Mapping[str, float] | None = (
+        None  # known values, as given; those that the model does not have are those of another model
+    )
     prior: bool = True  # whether the target's prior is that of these draws; not so in a group
     synthetic: bool = False
     about: str = ""
@@ -62,18 +64,26 @@ class Entry:
     def values_a_draw(self, most_slices: int) -> int:
         """Numbers that :meth:`packed` keeps of every draw."""
         free = isinstance(self.target, FrequencyPosterior)
-        curves = 0 if free else sum(len(one.orders) for one in slices(self.target.subject, most_slices))
+        curves = (
+            0 if free else sum(len(one.orders) for one in slices(self.target.subject, most_slices))
+        )
         return len(self.names) + 2 + POINTS * curves
 
     def packed(self, rows: int, most_slices: int) -> dict[str, Any]:
         """What the page holds of it: about so many draws, and so many slices of curves at most."""
         x = self.x.reshape(-1, self.x.shape[-1])
-        kept = np.arange(min(len(x), rows)) * len(x) // min(len(x), rows)  # by the rule that explorer.js goes back by
+        kept = (
+            np.arange(min(len(x), rows)) * len(x) // min(len(x), rows)
+        )  # by the rule that explorer.js goes back by
         quantities = self.target.quantities(x)
         samples = np.column_stack([quantities[name] for name in self.names])
         marked = np.quantile(samples, MARKED, axis=0)
         some = {name: values[kept] for name, values in quantities.items()}
-        given = {name: value for name, value in (self.truth or {}).items() if name in self.target.names.all}
+        given = {
+            name: value
+            for name, value in (self.truth or {}).items()
+            if name in self.target.names.all
+        }
         known = known_from(given, self.target) if given else {}
         return {
             "subject": self.target.subject.name,
@@ -98,9 +108,15 @@ class Entry:
     def _dominated(self, marked: FloatArray) -> list[tuple[str, str]]:
         """Quantities whose 5 to 95 % range is not much narrower than the prior's."""
         ends = zip(self.names, marked[0].tolist(), marked[2].tolist(), strict=True)
-        return [("dominated", name) for name, low, high in ends if self.prior and contraction(self.target, name, low, high) < DOMINATED]
+        return [
+            ("dominated", name)
+            for name, low, high in ends
+            if self.prior and contraction(self.target, name, low, high) < DOMINATED
+        ]
 
-    def _answers(self, x: FloatArray, quantities: Mapping[str, FloatArray], most_slices: int) -> dict[str, Any]:
+    def _answers(
+        self, x: FloatArray, quantities: Mapping[str, FloatArray], most_slices: int
+    ) -> dict[str, Any]:
         """Counts, and curves over them where the model has any."""
         counts = self.target.subject
         low, high = (float(edge([counts.s1, counts.s2])) for edge in (np.min, np.max))
@@ -110,7 +126,11 @@ class Entry:
         shown = slices(counts, most_slices)
         return {
             "pairs": {
-                **{key: getattr(counts, key).tolist() for key in ("s1", "s2", "isi") if getattr(counts, key) is not None},
+                **{
+                    key: getattr(counts, key).tolist()
+                    for key in ("s1", "s2", "isi")
+                    if getattr(counts, key) is not None
+                },
                 "k": counts.n_yes.tolist(),
                 "n": counts.n_trials.tolist(),
                 "order": presentation_order(counts).tolist(),
@@ -132,7 +152,9 @@ class Entry:
             "undrawn": len(_trials(counts)) - len(shown),
             "reference": None if fitted is None or counts.isi is None else fitted.target.reference,
             "ends": ends,
-            "axis": text_of(axis(quantities, self.target.sbar, ends)) if isinstance(self.target, Posterior) else None,
+            "axis": text_of(axis(quantities, self.target.sbar, ends))
+            if isinstance(self.target, Posterior)
+            else None,
         }
 
 
@@ -143,7 +165,10 @@ def outlined(samples: FloatArray, spans: list[Span]) -> dict[str, Any]:
     """
     beyond = (AROUND - 0.5) / BINS
     frames = [(low - beyond * (high - low), high + beyond * (high - low)) for low, high in spans]
-    packed = [_contours(samples[:, [j, i]], [spans[j], spans[i]], [frames[j], frames[i]]) for j, i in combinations(range(len(spans)), 2)]
+    packed = [
+        _contours(samples[:, [j, i]], [spans[j], spans[i]], [frames[j], frames[i]])
+        for j, i in combinations(range(len(spans)), 2)
+    ]
     return {"spans": spans, "frames": frames, "contours": packed}
 
 
@@ -152,13 +177,19 @@ def _contours(samples: FloatArray, spans: list[Span], frames: list[Span]) -> lis
     from bokeh.plotting.contour import contour_data
 
     found = Density.of(*samples.T, *spans)
-    lines = contour_data(found.x, found.y, found.values, sorted(set(found.levels)), want_fill=False, want_line=True).line_data
+    lines = contour_data(
+        found.x, found.y, found.values, sorted(set(found.levels)), want_fill=False, want_line=True
+    ).line_data
     assert lines is not None
     (left, right), (bottom, top) = frames
     at = [
-        np.stack([(xs - left) / (right - left), (ys - bottom) / (top - bottom)], axis=1) for xs, ys in zip(lines.xs, lines.ys, strict=True)
+        np.stack([(xs - left) / (right - left), (ys - bottom) / (top - bottom)], axis=1)
+        for xs, ys in zip(lines.xs, lines.ys, strict=True)
     ]
-    return [text_of(np.where(np.isnan(points), FRAME + 1, np.rint(points * FRAME)), "<u2") for points in at[::-1]]
+    return [
+        text_of(np.where(np.isnan(points), FRAME + 1, np.rint(points * FRAME)), "<u2")
+        for points in at[::-1]
+    ]
 
 
 def prior_of(entry: Entry) -> dict[str, Any] | None:
@@ -171,16 +202,31 @@ def prior_of(entry: Entry) -> dict[str, Any] | None:
 
 def quantiles(drawn: Mapping[str, FloatArray]) -> dict[str, Any]:
     """Evenly spaced quantiles by name."""
-    return {"names": list(drawn), "quantiles": text_of([np.quantile(values, _QUANTILES) for values in drawn.values()])}
+    return {
+        "names": list(drawn),
+        "quantiles": text_of([np.quantile(values, _QUANTILES) for values in drawn.values()]),
+    }
 
 
-def entries_of(draws: Draws, label: str, subjects: tuple[str, ...], truths: Mapping[str, Mapping[str, float]]) -> list[Entry]:
+def entries_of(
+    draws: Draws, label: str, subjects: tuple[str, ...], truths: Mapping[str, Mapping[str, float]]
+) -> list[Entry]:
     """Subjects of a posterior file."""
     missed, made = draws.not_converged, []
     about = f"{label}: {draws.attrs.get('source', '')}, seed {draws.seed}, prior {draws.described_prior()}."
     for name in subjects:
         told, true = badges(draws, name, missed), truths.get(name)
-        made.append(Entry(label, draws.posterior(name), draws.points(name), told, true, synthetic=draws.synthetic, about=about))
+        made.append(
+            Entry(
+                label,
+                draws.posterior(name),
+                draws.points(name),
+                told,
+                true,
+                synthetic=draws.synthetic,
+                about=about,
+            )
+        )
     return made
 
 
@@ -191,9 +237,15 @@ def badges(draws: Draws, name: str, missed: Mapping[str, str]) -> tuple[tuple[st
     if np.isnan(fit.p_overall):
         return (sampled,)
     if fit.describes is None:
-        return sampled, ("untold", f"whether the model describes the answers cannot be told, predictive p {_said(fit.p_overall)}")
+        return sampled, (
+            "untold",
+            f"whether the model describes the answers cannot be told, predictive p {_said(fit.p_overall)}",
+        )
     if fit.misfit:
-        return sampled, ("misfit", f"predictive p {_said(fit.p_overall)}, p of the deviance {_said(fit.p_deviance)}")
+        return sampled, (
+            "misfit",
+            f"predictive p {_said(fit.p_overall)}, p of the deviance {_said(fit.p_deviance)}",
+        )
     return sampled, ("fine", f"no misfit seen, predictive p {_said(fit.p_overall)}")
 
 
@@ -201,7 +253,9 @@ def _said(p: float) -> str:
     return f"{p:.2g}" if p >= 0.001 else "below 0.001"
 
 
-def in_group(found: Population, subjects: tuple[str, ...], truths: Mapping[str, Mapping[str, float]]) -> list[Entry]:
+def in_group(
+    found: Population, subjects: tuple[str, ...], truths: Mapping[str, Mapping[str, float]]
+) -> list[Entry]:
     """The same subjects in the light of the others."""
     label, names, made = f"{found.model.name}, in the group", list(found.study.names), []
     told = (("fine", "converged"),) if found.converged else (("unconverged", found.chains.reason),)
@@ -209,7 +263,18 @@ def in_group(found: Population, subjects: tuple[str, ...], truths: Mapping[str, 
     for name in (one for one in subjects if one in names):
         eta, target = found.chains.eta[:, :, names.index(name)], found.posterior(name)
         x, _ = target.from_group(eta.reshape(-1, eta.shape[-1]))
-        made.append(Entry(label, target, x.reshape(eta.shape), told, truths.get(name), False, found.study.synthetic, about))
+        made.append(
+            Entry(
+                label,
+                target,
+                x.reshape(eta.shape),
+                told,
+                truths.get(name),
+                False,
+                found.study.synthetic,
+                about,
+            )
+        )
     return made
 
 
@@ -235,7 +300,9 @@ class Slice:
     def title(self, several: bool) -> str:
         """What tells it from others."""
         words = [f"{FIXED[self.task]} stimulus {self.weaker:.3g}"] if several else []
-        return ", ".join(words + ([] if self.isi is None else [f"interval {self.isi:g} s"])).replace("-", "−")
+        return ", ".join(
+            words + ([] if self.isi is None else [f"interval {self.isi:g} s"])
+        ).replace("-", "−")
 
     def yes(self, fitted: Predictor) -> FloatArray:
         """P of the counted answer at every draw, shape (orders, POINTS, draws)."""
@@ -250,7 +317,10 @@ class Slice:
 def slices(counts: Subject, most: int) -> list[Slice]:
     """The slices with the most trials of different stimuli, at most so many, in the order of fixed stimulus and interval."""
     chosen = [key for key, _ in _trials(counts).most_common(most)]
-    return [_slice(counts, low, isi) for low, isi in sorted(chosen, key=lambda key: (key[0], key[1] or 0.0))]
+    return [
+        _slice(counts, low, isi)
+        for low, isi in sorted(chosen, key=lambda key: (key[0], key[1] or 0.0))
+    ]
 
 
 def _trials(counts: Subject) -> Counter[tuple[float, float | None]]:
@@ -258,7 +328,9 @@ def _trials(counts: Subject) -> Counter[tuple[float, float | None]]:
     weaker, order = _fixed(counts), presentation_order(counts)
     seconds = [None] * counts.n_pairs if counts.isi is None else counts.isi.tolist()
     found: Counter[tuple[float, float | None]] = Counter()
-    for low, isi, kind, count in zip(weaker.tolist(), seconds, order.tolist(), counts.n_trials.tolist(), strict=True):
+    for low, isi, kind, count in zip(
+        weaker.tolist(), seconds, order.tolist(), counts.n_trials.tolist(), strict=True
+    ):
         if kind:
             found[low, isi] += count
     return found or Counter({(float(weaker.min()), seconds[0]): 1})
@@ -271,7 +343,9 @@ def _fixed(counts: Subject) -> FloatArray:
 
 def along(counts: Subject) -> FloatArray:
     """Where every pair stands along its slice: at its stronger stimulus, or at s2 - s1, shape (pairs,)."""
-    return counts.s2 - counts.s1 if counts.task == WHICH_STRONGER else np.maximum(counts.s1, counts.s2)
+    return (
+        counts.s2 - counts.s1 if counts.task == WHICH_STRONGER else np.maximum(counts.s1, counts.s2)
+    )
 
 
 def _slice(counts: Subject, weaker: float, isi: float | None) -> Slice:
@@ -286,7 +360,14 @@ def _slice(counts: Subject, weaker: float, isi: float | None) -> Slice:
     x = np.linspace(weaker, top + _BEYOND * (top - weaker), POINTS)
     orders = [one for one in (-1, 1) if (order[shown] == one).any()]
     several = len(np.unique(high[shown & (order == 0)])) > 1 or not orders
-    return Slice(counts.task, weaker, isi, np.flatnonzero(shown), x, (*orders, 0) if several else tuple(orders))
+    return Slice(
+        counts.task,
+        weaker,
+        isi,
+        np.flatnonzero(shown),
+        x,
+        (*orders, 0) if several else tuple(orders),
+    )
 
 
 def axis(quantities: Mapping[str, FloatArray], sbar: float, ends: Sequence[float]) -> FloatArray:
@@ -296,7 +377,9 @@ def axis(quantities: Mapping[str, FloatArray], sbar: float, ends: Sequence[float
     """
     first = np.asarray(ends)[:, None]
     none = np.zeros(len(next(iter(quantities.values()))))
-    return np.asarray(first - quantities.get("pull", none) * (first - sbar) + quantities.get("offset", none))
+    return np.asarray(
+        first - quantities.get("pull", none) * (first - sbar) + quantities.get("offset", none)
+    )
 
 
 # --- numbers as text ----------------------------------------------------------------------------------------------------------------
@@ -321,4 +404,6 @@ def island(content: Any) -> str:
     >>> island({"subject": "</script>"})
     '{"subject":"\\u003c/script>"}'
     """
-    return json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":")).replace("<", r"\u003c")
+    return json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":")).replace(
+        "<", r"\u003c"
+    )

@@ -17,7 +17,16 @@ from bayes_toe.data.read_study import Truth, example_truth
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError
-from bayes_toe.explorer.entry import FIXED, Entry, entries_of, in_group, island, outlined, prior_of, quantiles
+from bayes_toe.explorer.entry import (
+    FIXED,
+    Entry,
+    entries_of,
+    in_group,
+    island,
+    outlined,
+    prior_of,
+    quantiles,
+)
 from bayes_toe.inference.draws import Draws, require_draws
 from bayes_toe.plots.corner import spans_of
 from bayes_toe.version import __version__
@@ -31,7 +40,10 @@ MOST_ENTRIES = 200
 EXPLORER_BYTES = 700_000
 #: Bytes of draws and curves in all, of all where entries are few, of one where they are not; as text they take a third more.
 _BYTES, _FEW, _OWN = 20e6, 2e6, 200e3
-_ROWS, _FEWEST = 1000, 300  # draws of an entry at most, and before a page shows fewer weaker stimuli
+_ROWS, _FEWEST = (
+    1000,
+    300,
+)  # draws of an entry at most, and before a page shows fewer weaker stimuli
 _SLICES = (6, 4, 3, 2, 1)
 _ISLANDS = "<!-- posteriors -->"
 _HIGH = 1150  # pixels in a notebook
@@ -54,10 +66,16 @@ _QUANTITIES = {
     "lapse_rate": ("lapse λ", "share of answers that are guesses"),
     "guess_second": ("guess g", "share of 'second' among guesses"),
     "exponent": ("exponent ν", "shape of the curve; 2: the bell"),
-    "pse_shift": ("PSE shift", "where the second stimulus seems as strong as the mean first one, from that one"),
+    "pse_shift": (
+        "PSE shift",
+        "where the second stimulus seems as strong as the mean first one, from that one",
+    ),
     "jnd": ("JND", "just noticeable difference"),
     "icc": ("ICC", "correlation of answers to one pair"),
-    "carry_over": ("carried over", "share of what a trial leaves of an expectation that is there at the next"),
+    "carry_over": (
+        "carried over",
+        "share of what a trial leaves of an expectation that is there at the next",
+    ),
     "carry_over_tau": ("carried over, τ", "seconds in which that share falls to 0.37"),
     "half_life": ("half-life", "trials over which half of an expectation is forgotten"),
     "answer_bias": ("answer before", "shift towards 'second' after an answer 'second'"),
@@ -98,9 +116,7 @@ class Explorer:
 
     def _repr_html_(self) -> str:
         """In a frame of its own, so that the notebook's styles and the page's do not meet."""
-        return (
-            f'<iframe srcdoc="{html.escape(self.html)}" style="width:100%;height:{_HIGH}px;border:0" title="bayes_toe explorer"></iframe>'
-        )
+        return f'<iframe srcdoc="{html.escape(self.html)}" style="width:100%;height:{_HIGH}px;border:0" title="bayes_toe explorer"></iframe>'
 
 
 def explore(
@@ -139,7 +155,10 @@ def explore(
 
 
 def entries(
-    draws: _Given, subjects: Sequence[str] | None = None, truths: Truth | None = None, population: Population | None = None
+    draws: _Given,
+    subjects: Sequence[str] | None = None,
+    truths: Truth | None = None,
+    population: Population | None = None,
 ) -> list[Entry]:
     """What the page will hold, with the arguments and errors of :func:`explore`."""
     named = _named(draws)
@@ -147,27 +166,61 @@ def entries(
     chosen = known if subjects is None else list(dict.fromkeys(subjects))
     for name in chosen:
         if name not in known:
-            raise InputError(f"no subject {name!r} among the draws; there are: {listed([*map(repr, known)], 20)}")
-    shown = {label: tuple(name for name in chosen if name in one.names) for label, one in named.items()}
-    require_few(sum(map(len, shown.values())), "subjects" if len(shown) == 1 else "posteriors of subjects")
-    bundled = [truths is None and one.attrs.get("source") == "bundled example (synthetic)" for one in named.values()]
-    true = [example_truth(one.study.task) if own else truths or {} for one, own in zip(named.values(), bundled, strict=True)]
-    made = [entry for (label, one), of in zip(named.items(), true, strict=True) for entry in entries_of(one, label, shown[label], of)]
+            raise InputError(
+                f"no subject {name!r} among the draws; there are: {listed([*map(repr, known)], 20)}"
+            )
+    shown = {
+        label: tuple(name for name in chosen if name in one.names) for label, one in named.items()
+    }
+    require_few(
+        sum(map(len, shown.values())), "subjects" if len(shown) == 1 else "posteriors of subjects"
+    )
+    bundled = [
+        truths is None and one.attrs.get("source") == "bundled example (synthetic)"
+        for one in named.values()
+    ]
+    true = [
+        example_truth(one.study.task) if own else truths or {}
+        for one, own in zip(named.values(), bundled, strict=True)
+    ]
+    made = [
+        entry
+        for (label, one), of in zip(named.items(), true, strict=True)
+        for entry in entries_of(one, label, shown[label], of)
+    ]
     allowed = list(dict.fromkeys(name for entry in made for name in entry.target.names.all))
-    for subject, name in ((subject, name) for subject, values in (truths or {}).items() for name in values):
+    for subject, name in (
+        (subject, name) for subject, values in (truths or {}).items() for name in values
+    ):
         if name not in allowed:
-            raise InputError(f"truths of {subject!r}: unknown quantity {name!r}; there are: {', '.join(allowed)}")
-    return made if population is None else made + _grouped(population, made, {one.model: one for one in named.values()})
+            raise InputError(
+                f"truths of {subject!r}: unknown quantity {name!r}; there are: {', '.join(allowed)}"
+            )
+    return (
+        made
+        if population is None
+        else made + _grouped(population, made, {one.model: one for one in named.values()})
+    )
 
 
-def _grouped(population: Population, made: Sequence[Entry], models: Mapping[str, Draws]) -> list[Entry]:
+def _grouped(
+    population: Population, made: Sequence[Entry], models: Mapping[str, Draws]
+) -> list[Entry]:
     """The same subjects in a group; one of another model or of others is refused."""
     everyone = tuple(dict.fromkeys(entry.target.subject.name for entry in made))
     if population.settings.model not in models:
-        raise InputError(f"the population is of model {population.settings.model!r}, the draws are of {', '.join(map(repr, models))}")
+        raise InputError(
+            f"the population is of model {population.settings.model!r}, the draws are of {', '.join(map(repr, models))}"
+        )
     if not set(everyone) & set(population.study.names):
-        raise InputError(f"the population has none of these subjects; it has: {listed([*map(repr, population.study.names)], 20)}")
-    return in_group(population, everyone, {entry.target.subject.name: entry.truth for entry in made if entry.truth})
+        raise InputError(
+            f"the population has none of these subjects; it has: {listed([*map(repr, population.study.names)], 20)}"
+        )
+    return in_group(
+        population,
+        everyone,
+        {entry.target.subject.name: entry.truth for entry in made if entry.truth},
+    )
 
 
 def _named(draws: _Given) -> dict[str, Draws]:
@@ -181,14 +234,21 @@ def _named(draws: _Given) -> dict[str, Draws]:
         for one in several:
             require_draws(one)
         models = [one.model for one in several]
-        again = [f" ({models[: i + 1].count(name)})" if models.count(name) > 1 else "" for i, name in enumerate(models)]
+        again = [
+            f" ({models[: i + 1].count(name)})" if models.count(name) > 1 else ""
+            for i, name in enumerate(models)
+        ]
         found = {name + more: one for name, more, one in zip(models, again, several, strict=True)}
     if not found:
         raise InputError("explore: found no draws, allowed: those of one model or more")
     return found
 
 
-def page(found: Sequence[Entry], population: Population | None = None, progress: Callable[[str], None] | None = None) -> Explorer:
+def page(
+    found: Sequence[Entry],
+    population: Population | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> Explorer:
     """The page of these entries; progress is told the name of every subject that is done."""
     from bayes_toe.explorer.panels import SLOTS
 
@@ -198,7 +258,11 @@ def page(found: Sequence[Entry], population: Population | None = None, progress:
     for place, entry in enumerate(found):
         name, prior = entry.target.subject.name, prior_of(entry)
         islands.append((f"entry-{place}", island(entry.packed(rows, most_slices))))
-        same = population is not None and entry.target.model.name == population.settings.model and name in population.study.names
+        same = (
+            population is not None
+            and entry.target.model.name == population.settings.model
+            and name in population.study.names
+        )
         where = None if prior is None else priors.setdefault(island(prior), (len(priors), prior))[0]
         told.append({"subject": name, "label": entry.label, "prior": where, "grouped": same})
         if progress is not None:
@@ -207,11 +271,16 @@ def page(found: Sequence[Entry], population: Population | None = None, progress:
     task = found[0].target.subject.task
     if any(entry.target.subject.task != task for entry in found):
         raise InputError("explore: found draws of two tasks, allowed: one in a page")
-    others = sorted(range(1, len(told)), key=lambda place: (told[place]["subject"] != told[0]["subject"], place))
+    others = sorted(
+        range(1, len(told)), key=lambda place: (told[place]["subject"] != told[0]["subject"], place)
+    )
     index = {
         "entries": told,
         "labels": list(dict.fromkeys(entry.label for entry in found)),
-        "first": (0, others[0] if others else None),  # the first subject, and itself in another posterior, or the next subject
+        "first": (
+            0,
+            others[0] if others else None,
+        ),  # the first subject, and itself in another posterior, or the next subject
         "priors": [prior for _, prior in priors.values()],
         "group": None if population is None else _group(population),
         "symbols": {name: symbol(name) for name in names},
@@ -222,7 +291,8 @@ def page(found: Sequence[Entry], population: Population | None = None, progress:
     }
     before, after = _frame(task).split(_ISLANDS)
     scripts = (
-        f'<script type="application/json" id="{name}">{content}</script>\n' for name, content in [("index", island(index)), *islands]
+        f'<script type="application/json" id="{name}">{content}</script>\n'
+        for name, content in [("index", island(index)), *islands]
     )
     return Explorer("".join([before, *scripts, after]))
 
@@ -240,7 +310,9 @@ def require_few(found: int, what: str) -> None:
     if found == 0:
         raise InputError("explore: found no subjects, allowed: at least one")
     if found > MOST_ENTRIES:
-        raise InputError(f"explore: found {found} {what}, allowed: at most {MOST_ENTRIES} in a page; name some with --subject or subjects=")
+        raise InputError(
+            f"explore: found {found} {what}, allowed: at most {MOST_ENTRIES} in a page; name some with --subject or subjects="
+        )
 
 
 def _affordable(found: Sequence[Entry]) -> tuple[int, int]:
@@ -289,6 +361,23 @@ def _frame(task: Task) -> str:
 
     from bayes_toe.explorer.panels import corner_names, document
 
-    own = {name: (files("bayes_toe.explorer") / name).read_text(encoding="utf-8") for name in ("page.html", "page.css", "explorer.js")}
-    variables = {"style": own["page.css"], "script": own["explorer.js"], "islands": _ISLANDS, "corner": corner_names(), "yes": task.yes}
-    return str(file_html(document(task), INLINE, "Explore a posterior", template=own["page.html"], template_variables=variables))
+    own = {
+        name: (files("bayes_toe.explorer") / name).read_text(encoding="utf-8")
+        for name in ("page.html", "page.css", "explorer.js")
+    }
+    variables = {
+        "style": own["page.css"],
+        "script": own["explorer.js"],
+        "islands": _ISLANDS,
+        "corner": corner_names(),
+        "yes": task.yes,
+    }
+    return str(
+        file_html(
+            document(task),
+            INLINE,
+            "Explore a posterior",
+            template=own["page.html"],
+            template_variables=variables,
+        )
+    )

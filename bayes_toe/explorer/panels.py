@@ -45,7 +45,10 @@ GROUP, PRIOR = "#C9A227", "#8A8A8A"
 #: Pixels around panels; more where explorer.js puts numbers beside them.
 AROUND = 3
 _BRUSH = "window.explorer.brushed(cb_obj.origin.name, cb_obj.geometry)"
-_ALONG = {SAME_DIFFERENT: "stronger stimulus (ln intensity)", WHICH_STRONGER: "s₂ − s₁ (ln intensity)"}
+_ALONG = {
+    SAME_DIFFERENT: "stronger stimulus (ln intensity)",
+    WHICH_STRONGER: "s₂ − s₁ (ln intensity)",
+}
 _BAND = ("x", "all", "kept", "low", "high")
 
 
@@ -57,7 +60,10 @@ def document(task: Task) -> Document:
     corner += [_cloud(sources, ranges, i, j) for j, i in combinations(range(SLOTS), 2)]
     made = Document()
     with made.models.freeze():  # otherwise all models are collected anew with every root
-        for root in (*corner, *(make(sources, letter, task) for letter in LETTERS for make in (_curves, _plane))):
+        for root in (
+            *corner,
+            *(make(sources, letter, task) for letter in LETTERS for make in (_curves, _plane)),
+        ):
             made.add_root(root)
     return made
 
@@ -88,11 +94,24 @@ def _plot(name: str, tools: list[Any], **options: Any) -> Any:
         "width": 120,
         "height": 120,
     }
-    made = figure(name=name, tools=tools, toolbar_location=None, outline_line_color="#777777", **size, **options)
+    made = figure(
+        name=name,
+        tools=tools,
+        toolbar_location=None,
+        outline_line_color="#777777",
+        **size,
+        **options,
+    )
     made.grid.grid_line_color = None
     for axis in made.axis:
-        axis.update(major_label_text_font_size="11px", axis_label_text_font_size="14px", axis_label_text_font_style="normal")
-        axis.update(minor_tick_line_color=None, axis_line_color=None, major_tick_in=0, major_tick_out=4)
+        axis.update(
+            major_label_text_font_size="11px",
+            axis_label_text_font_size="14px",
+            axis_label_text_font_style="normal",
+        )
+        axis.update(
+            minor_tick_line_color=None, axis_line_color=None, major_tick_in=0, major_tick_out=4
+        )
     return made
 
 
@@ -104,7 +123,13 @@ def _panel(name: str, x: Range1d, y: Range1d, dimensions: Any, tools: list[Any])
     made.js_on_event("selectiongeometry", CustomJS(code=_BRUSH))
     for axis in made.axis:
         axis.update(visible=False, ticker=FixedTicker(ticks=[]))
-    style = {"fill_color": "#000000", "fill_alpha": 0.08, "line_color": "#000000", "line_alpha": 0.9, "line_width": 1.5}
+    style = {
+        "fill_color": "#000000",
+        "fill_alpha": 0.08,
+        "line_color": "#000000",
+        "line_alpha": 0.9,
+        "line_width": 1.5,
+    }
     made.add_layout(BoxAnnotation(name=f"brush-{name}", visible=False, editable=False, **style))
     return made
 
@@ -113,14 +138,24 @@ def _distribution(sources: _Sources, ranges: list[Range1d], i: int) -> Any:
     """The diagonal: histogram of all draws and of the brushed ones, prior and group; a drag takes an interval."""
     made = _panel(f"panel-{i}-{i}", ranges[i], Range1d(0, 1, name=f"height-{i}"), "width", [])
     x, y = f"x{i}", f"y{i}"
-    made.add_glyph(sources.named("density-group", x, y), VArea(x=x, y1=0, y2=y, fill_color=GROUP, fill_alpha=0.3))
+    made.add_glyph(
+        sources.named("density-group", x, y),
+        VArea(x=x, y1=0, y2=y, fill_color=GROUP, fill_alpha=0.3),
+    )
     for letter, (colour, _, dash) in LETTERS.items():
-        made.add_glyph(sources.named(f"prior-{letter}", x, y), Line(x=x, y=y, line_color=PRIOR, line_width=2, line_dash=dash))
+        made.add_glyph(
+            sources.named(f"prior-{letter}", x, y),
+            Line(x=x, y=y, line_color=PRIOR, line_width=2, line_dash=dash),
+        )
         bars = sources.named(f"bars-{letter}", x, f"all{i}", f"kept{i}")
         made.add_glyph(bars, VArea(x=x, y1=0, y2=f"kept{i}", fill_color=colour, fill_alpha=0.35))
-        made.add_glyph(bars, Line(x=x, y=f"all{i}", line_color=colour, line_width=1.5, line_dash=dash))
+        made.add_glyph(
+            bars, Line(x=x, y=f"all{i}", line_color=colour, line_width=1.5, line_dash=dash)
+        )
         truth = sources.named(f"truth-{letter}", f"{i}")
-        made.add_glyph(truth, VSpan(x=f"{i}", line_color=colour, line_width=2.5, line_dash="dotdash"))
+        made.add_glyph(
+            truth, VSpan(x=f"{i}", line_color=colour, line_width=2.5, line_dash="dotdash")
+        )
     return made
 
 
@@ -129,53 +164,108 @@ def _cloud(sources: _Sources, ranges: list[Range1d], i: int, j: int) -> Any:
     name, x, y = f"panel-{i}-{j}", f"{j}", f"{i}"
     made = _panel(name, ranges[j], ranges[i], "both", [])
     group = sources.named(f"contour-group-{i}-{j}", "xs", "ys")
-    made.add_glyph(group, Patches(xs="xs", ys="ys", fill_color=GROUP, fill_alpha=0.18, line_color=None))
+    made.add_glyph(
+        group, Patches(xs="xs", ys="ys", fill_color=GROUP, fill_alpha=0.18, line_color=None)
+    )
     for letter, (colour, marker, _) in LETTERS.items():
-        faint = Scatter(x="x", y="y", marker=marker, size=3, fill_color=colour, fill_alpha=0.12, line_color=None)
+        faint = Scatter(
+            x="x", y="y", marker=marker, size=3, fill_color=colour, fill_alpha=0.12, line_color=None
+        )
         made.add_glyph(sources.named(f"all-{letter}-{i}-{j}", "x", "y"), faint)
     kept = []
     for letter, (colour, marker, dash) in LETTERS.items():
-        strong = Scatter(x="x", y="y", marker=marker, size=4, fill_color=colour, fill_alpha=0.35, line_color=None)
-        kept.append(made.add_glyph(sources.named(f"kept-{letter}-{i}-{j}", "x", "y", "row"), strong, name=letter.upper()))
+        strong = Scatter(
+            x="x", y="y", marker=marker, size=4, fill_color=colour, fill_alpha=0.35, line_color=None
+        )
+        kept.append(
+            made.add_glyph(
+                sources.named(f"kept-{letter}-{i}-{j}", "x", "y", "row"),
+                strong,
+                name=letter.upper(),
+            )
+        )
         lines = sources.named(f"contour-{letter}-{i}-{j}", "xs", "ys", "width")
-        made.add_glyph(lines, MultiLine(xs="xs", ys="ys", line_color="white", line_width=4, line_alpha=0.7))
-        made.add_glyph(lines, MultiLine(xs="xs", ys="ys", line_color=colour, line_width="width", line_dash=dash))
+        made.add_glyph(
+            lines, MultiLine(xs="xs", ys="ys", line_color="white", line_width=4, line_alpha=0.7)
+        )
+        made.add_glyph(
+            lines,
+            MultiLine(xs="xs", ys="ys", line_color=colour, line_width="width", line_dash=dash),
+        )
     for letter, (colour, *_) in LETTERS.items():
         truth = sources.named(f"truth-{letter}", x, y)
         for edge, width in (("white", 6), (colour, 3)):
-            made.add_glyph(truth, Scatter(x=x, y=y, marker=CROSSES[letter], size=13, line_color=edge, line_width=width))
-    made.add_tools(HoverTool(name=f"hover-{name}", renderers=kept, limit=1, tooltips=[("", "$name")]))
+            made.add_glyph(
+                truth,
+                Scatter(
+                    x=x, y=y, marker=CROSSES[letter], size=13, line_color=edge, line_width=width
+                ),
+            )
+    made.add_tools(
+        HoverTool(name=f"hover-{name}", renderers=kept, limit=1, tooltips=[("", "$name")])
+    )
     return made
 
 
 def _hover(renderers: list[Any], task: Task) -> HoverTool:
     """A pair under the mouse, and how often it was answered so."""
-    shown = [("", "$name"), ("first, second", "@s1{0.000}, @s2{0.000}"), (f"'{task.yes}'", "@k of @n")]
+    shown = [
+        ("", "$name"),
+        ("first, second", "@s1{0.000}, @s2{0.000}"),
+        (f"'{task.yes}'", "@k of @n"),
+    ]
     return HoverTool(renderers=renderers, tooltips=shown, limit=2)
 
 
 def _curves(sources: _Sources, letter: str, task: Task) -> Any:
     """P of the counted answer of both orders over the stronger stimulus, or over s2 - s1, with the answers."""
-    made = _plot(f"curves-{letter}", [], x_range=Range1d(0, 1, name=f"stronger-{letter}"), y_range=Range1d(-0.03, 1.03))
+    made = _plot(
+        f"curves-{letter}",
+        [],
+        x_range=Range1d(0, 1, name=f"stronger-{letter}"),
+        y_range=Range1d(-0.03, 1.03),
+    )
     made.xaxis.axis_label, made.yaxis.axis_label = _ALONG[task], f"P({task.yes})"
     _small_words(made)
     points = []
     for order, (kind, marker) in KINDS.items():
         colour = ORDERS[order].colour
         _band(made, sources.named(f"curve-{letter}-{kind}", *_BAND), colour)
-        answers = sources.named(f"answers-{letter}-{kind}", "x", "estimate", "low", "high", "s1", "s2", "k", "n")
-        made.add_glyph(answers, Segment(x0="x", y0="low", x1="x", y1="high", line_color=colour, line_width=1.5))
-        point = Scatter(x="x", y="estimate", marker=marker, fill_color=colour, line_color="white", size=10 if kind == "equal" else 8)
+        answers = sources.named(
+            f"answers-{letter}-{kind}", "x", "estimate", "low", "high", "s1", "s2", "k", "n"
+        )
+        made.add_glyph(
+            answers, Segment(x0="x", y0="low", x1="x", y1="high", line_color=colour, line_width=1.5)
+        )
+        point = Scatter(
+            x="x",
+            y="estimate",
+            marker=marker,
+            fill_color=colour,
+            line_color="white",
+            size=10 if kind == "equal" else 8,
+        )
         points.append(made.add_glyph(answers, point, name=ORDERS[order].label))
     made.add_tools(_hover(points, task))
-    made.add_layout(Title(text="", name=f"curves-title-{letter}", text_font_size="12px", text_font_style="normal", standoff=2), "above")
+    made.add_layout(
+        Title(
+            text="",
+            name=f"curves-title-{letter}",
+            text_font_size="12px",
+            text_font_style="normal",
+            standoff=2,
+        ),
+        "above",
+    )
     return made
 
 
 def _band(made: Any, source: ColumnDataSource, colour: str) -> None:
     """A line over all draws, another over the brushed ones, and the band of these."""
     made.add_glyph(source, VArea(x="x", y1="low", y2="high", fill_color=colour, fill_alpha=0.2))
-    made.add_glyph(source, Line(x="x", y="all", line_color=colour, line_width=1.5, line_dash="dotted"))
+    made.add_glyph(
+        source, Line(x="x", y="all", line_color=colour, line_width=1.5, line_dash="dotted")
+    )
     made.add_glyph(source, Line(x="x", y="kept", line_color=colour, line_width=2.5))
 
 
@@ -183,7 +273,10 @@ def _plane(sources: _Sources, letter: str, task: Task) -> Any:
     """The plane of stimuli: pairs that were presented, filled by how often the counted answer was given, and the axis of symmetry."""
     side = Range1d(0, 1, name=f"plane-{letter}-range")
     made = _plot(f"plane-{letter}", [], x_range=side, y_range=side)
-    made.xaxis.axis_label, made.yaxis.axis_label = "first stimulus (ln intensity)", "second stimulus"
+    made.xaxis.axis_label, made.yaxis.axis_label = (
+        "first stimulus (ln intensity)",
+        "second stimulus",
+    )
     _small_words(made)
     axis = sources.named(f"axis-{letter}", *_BAND)
     made.add_glyph(axis, Line(x="x", y="x", line_color="#777777", line_dash="dashed"))
@@ -192,7 +285,15 @@ def _plane(sources: _Sources, letter: str, task: Task) -> Any:
     for order, (kind, marker) in KINDS.items():
         pairs_of = sources.named(f"pairs-{letter}-{kind}", "s1", "s2", "k", "n", "fill")
         size = 12 if kind == "equal" else 10
-        point = Scatter(x="s1", y="s2", marker=marker, line_color=ORDERS[order].colour, line_width=2, fill_color="fill", size=size)
+        point = Scatter(
+            x="s1",
+            y="s2",
+            marker=marker,
+            line_color=ORDERS[order].colour,
+            line_width=2,
+            fill_color="fill",
+            size=size,
+        )
         points.append(made.add_glyph(pairs_of, point, name=ORDERS[order].label))
     made.add_tools(_hover(points, task))
     return made

@@ -58,12 +58,22 @@ def asymmetries(found: Population) -> Asymmetries | None:
     pairs, far = _both_orders(found)
     if not len(pairs):
         return None
-    met = np.concatenate([pairs[:, [1, 0, *range(2, pairs.shape[1])]], pairs])  # stronger first, then weaker first
+    met = np.concatenate(
+        [pairs[:, [1, 0, *range(2, pairs.shape[1])]], pairs]
+    )  # stronger first, then weaker first
     met[:, :2] -= np.tile(far, 2)[:, None]
     met, places = np.unique(met, axis=0, return_inverse=True)
     strong, weak = places.reshape(2, -1)
     nothing = np.zeros(len(met), int)
-    shown = Subject("population", met[:, 0], met[:, 1], nothing, nothing + 1, *met[:, 2:].T, task=found.study.task)
+    shown = Subject(
+        "population",
+        met[:, 0],
+        met[:, 1],
+        nothing,
+        nothing + 1,
+        *met[:, 2:].T,
+        task=found.study.task,
+    )
     posterior, right = found.typical.for_subject(shown), shown.task.right(shown.s2 - shown.s1)
     answer = "wrong" if right.max() > 0 else shown.task.yes
 
@@ -79,21 +89,36 @@ def asymmetries(found: Population) -> Asymmetries | None:
     work = 4 * _SCORES * len(pairs) * (len(labels) + sum(differences))
     kept = spaced(len(own.mean), own.mean.shape[1], min(MOST_DRAWS, _AFFORDABLE // work))
     lead, rows = (len(own.mean), len(kept)), max(1, _AT_ONCE // (2 * len(pairs) * len(scores)))
-    flat = [part[:, kept].reshape(lead[0] * lead[1], -1, k) for part in (own.mean, own.scatter, own.effects, own.root)]
+    flat = [
+        part[:, kept].reshape(lead[0] * lead[1], -1, k)
+        for part in (own.mean, own.scatter, own.effects, own.root)
+    ]
 
     def average(x: FloatArray) -> FloatArray:
         parts = []
         for i in range(0, len(flat[0]), rows):
             m, tau, beta, factor = (part[i : i + rows] for part in flat)
-            parts.append(asymmetry(m + x @ beta + tau * (scores @ factor.swapaxes(1, 2))).mean(axis=1))
+            parts.append(
+                asymmetry(m + x @ beta + tau * (scores @ factor.swapaxes(1, 2))).mean(axis=1)
+            )
         return np.concatenate(parts)
 
-    draws = np.stack([average(x) - (0.0 if y is None else average(y)) for x, y in zip(of, less, strict=True)], axis=1)
-    whole = np.concatenate([draws.mean(axis=2, keepdims=True), draws], axis=2).reshape(*lead, len(labels), -1)
+    draws = np.stack(
+        [average(x) - (0.0 if y is None else average(y)) for x, y in zip(of, less, strict=True)],
+        axis=1,
+    )
+    whole = np.concatenate([draws.mean(axis=2, keepdims=True), draws], axis=2).reshape(
+        *lead, len(labels), -1
+    )
     rng = generator(found.settings.seed, "population", "covariates of a new subject")
-    further = found.new_subject(found.regressors.x[rng.integers(len(found.study), size=own.mean.shape[:2])])
+    further = found.new_subject(
+        found.regressors.x[rng.integers(len(found.study), size=own.mean.shape[:2])]
+    )
     of_further = asymmetry(further[:, kept].reshape(-1, 1, k)).mean(axis=(1, 2)).reshape(lead)
-    comparisons = (f"P({answer}) stronger first less weaker first", *(_label(answer, pair) for pair in pairs))
+    comparisons = (
+        f"P({answer}) stronger first less weaker first",
+        *(_label(answer, pair) for pair in pairs),
+    )
     return Asymmetries(labels, differences, answer, comparisons, whole, of_further, kept)
 
 
@@ -105,7 +130,14 @@ def _both_orders(found: Population) -> tuple[FloatArray, FloatArray]:
     met = defaultdict[tuple[float, ...], list[float]](list)
     for one in found.study:
         far = centre_of(found.model, one, found.centre) - found.centre
-        for row in zip(*(getattr(one, key).tolist() for key in ("s1", "s2", "isi") if getattr(one, key) is not None), strict=True):
+        for row in zip(
+            *(
+                getattr(one, key).tolist()
+                for key in ("s1", "s2", "isi")
+                if getattr(one, key) is not None
+            ),
+            strict=True,
+        ):
             met[row].append(far)
     other = {row: (row[1], row[0], *row[2:]) for row in met if row[0] < row[1]}
     pairs = sorted(row for row in other if other[row] in met)
@@ -114,13 +146,17 @@ def _both_orders(found: Population) -> tuple[FloatArray, FloatArray]:
 
 def _label(answer: str, pair: FloatArray) -> str:
     weak, strong, *isi = (f"{value:.6g}" for value in pair.tolist())
-    return f"P({answer}) {strong} then {weak} less {weak} then {strong}" + "".join(f", {one} s" for one in isi)
+    return f"P({answer}) {strong} then {weak} less {weak} then {strong}" + "".join(
+        f", {one} s" for one in isi
+    )
 
 
 # --- Whom to average over -------------------------------------------------------------------------
 
 
-def _levels(found: Population, whose: IndexArray) -> Iterator[tuple[str, FloatArray, FloatArray | None]]:
+def _levels(
+    found: Population, whose: IndexArray
+) -> Iterator[tuple[str, FloatArray, FloatArray | None]]:
     """The population with its own mix of covariates, then with one of them set to a level, the others as they are.
 
     Each with the regressors of every score, shape (scores, r), and of a difference those of what it is the difference to.
@@ -145,7 +181,10 @@ def _scores(found: Population) -> tuple[FloatArray, IndexArray]:
     """Scores u, shape (scores, k), and whose covariates each has; every score with its opposite, so that what is odd in u cancels."""
     k = len(found.names)
     cube = qmc.Sobol(k + 1, scramble=False).random(_SCORES) + 0.5 / _SCORES
-    u, whose = scatter_named(found.settings.scatter).quantile(cube[:, :k]), (cube[:, k] * len(found.study)).astype(np.intp)
+    u, whose = (
+        scatter_named(found.settings.scatter).quantile(cube[:, :k]),
+        (cube[:, k] * len(found.study)).astype(np.intp),
+    )
     return np.concatenate([u, -u]), np.concatenate([whose, whose])
 
 

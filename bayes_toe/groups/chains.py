@@ -28,10 +28,16 @@ from bayes_toe.inference.diagnostics import Convergence, convergence_of, shortfa
 
 Density = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 _ACCEPTED = 0.85
-_LENGTH, _ALIKE = 0.75 * np.pi, 0.6  # of a trajectory on average; autocorrelation of draws from which on it is doubled
+_LENGTH, _ALIKE = (
+    0.75 * np.pi,
+    0.6,
+)  # of a trajectory on average; autocorrelation of draws from which on it is doubled
 _LOST, _FAST = 1000.0, 1000.0  # energy gained, and momentum, at which a trajectory is given up
 _MOST_STEPS = 256
-_SETTLING, _SHORT = 40, 8  # draws, of so many steps at most, with the step that the slowest chain needs
+_SETTLING, _SHORT = (
+    40,
+    8,
+)  # draws, of so many steps at most, with the step that the slowest chain needs
 _CAREFUL = 0.125
 
 
@@ -50,7 +56,14 @@ class Hamiltonian:
     may be correlated with each other. So far there were so many `gradients` of single chains, and `draws` of each after warming up.
     """
 
-    def __init__(self, density: Density, start: FloatArray, scale: FloatArray, together: int, rng: np.random.Generator) -> None:
+    def __init__(
+        self,
+        density: Density,
+        start: FloatArray,
+        scale: FloatArray,
+        together: int,
+        rng: np.random.Generator,
+    ) -> None:
         self._density, self._rng, self._x = density, rng, start.copy()
         self._value, self._gradient = density(start)
         self._root, self._scale = np.diag(scale[:together]), scale[together:]
@@ -78,7 +91,10 @@ class Hamiltonian:
         return Trace(*map(np.stack, zip(*made, strict=True)))
 
     def _adapt_step(
-        self, size: int, judge: Callable[[FloatArray], float] = lambda accepted: float(accepted.mean()), most: int = _MOST_STEPS
+        self,
+        size: int,
+        judge: Callable[[FloatArray], float] = lambda accepted: float(accepted.mean()),
+        most: int = _MOST_STEPS,
     ) -> FloatArray:
         """Draws during which the step follows the acceptance by dual averaging (Hoffman & Gelman 2014, section 3.2)."""
         anchor, error, averaged, made = np.log(2.0 * self.step), 0.0, np.log(self.step), []
@@ -98,16 +114,27 @@ class Hamiltonian:
         flat = flat - flat.mean(axis=0)
         together, weight = len(self._root), len(flat) / (len(flat) + 5.0)
         covariance = flat[:, :together].T @ flat[:, :together] / len(flat)
-        self._root = np.linalg.cholesky(weight * covariance + (1.0 - weight) * self._root @ self._root.T)
-        self._scale = np.sqrt(weight * np.square(flat[:, together:]).mean(axis=0) + (1.0 - weight) * np.square(self._scale))
+        self._root = np.linalg.cholesky(
+            weight * covariance + (1.0 - weight) * self._root @ self._root.T
+        )
+        self._scale = np.sqrt(
+            weight * np.square(flat[:, together:]).mean(axis=0)
+            + (1.0 - weight) * np.square(self._scale)
+        )
 
     def _alike(self, draws: FloatArray) -> float:
         """The largest autocorrelation of one draw and the next, (draws, chains, D), of the coordinates that may be correlated."""
         some = draws[..., : len(self._root)]
         some = some - some.mean(axis=(0, 1))
-        return float(((some[1:] * some[:-1]).mean(axis=(0, 1)) / np.square(some).mean(axis=(0, 1))).max(initial=0.0))
+        return float(
+            ((some[1:] * some[:-1]).mean(axis=(0, 1)) / np.square(some).mean(axis=(0, 1))).max(
+                initial=0.0
+            )
+        )
 
-    def _trajectory(self, factor: float = 1.0, most: int = _MOST_STEPS) -> tuple[FloatArray, FloatArray, BoolArray]:
+    def _trajectory(
+        self, factor: float = 1.0, most: int = _MOST_STEPS
+    ) -> tuple[FloatArray, FloatArray, BoolArray]:
         """One trajectory of every chain: where they are then, chance to be accepted, lost or not."""
         length = self._length * self._rng.uniform(1.0 / 3.0, 5.0 / 3.0)
         steps = min(most, max(1, round(length / self.step)))
@@ -128,29 +155,42 @@ class Hamiltonian:
         chance = np.exp(np.minimum(gained, 0.0))
         moved = self._rng.uniform(size=len(x)) < chance
         self._x = np.where(moved[:, None], x, self._x)
-        self._value, self._gradient = np.where(moved, value, self._value), np.where(moved[:, None], gradient, self._gradient)
+        self._value, self._gradient = (
+            np.where(moved, value, self._value),
+            np.where(moved[:, None], gradient, self._gradient),
+        )
         return self._x, chance, lost
 
     def _to_place(self, momentum: FloatArray) -> FloatArray:
         """How far momenta carry, (chains, D)."""
         together = len(self._root)
-        return np.concatenate([momentum[:, :together] @ self._root.T, momentum[:, together:] * self._scale], axis=1)
+        return np.concatenate(
+            [momentum[:, :together] @ self._root.T, momentum[:, together:] * self._scale], axis=1
+        )
 
     def _to_momentum(self, gradient: FloatArray) -> FloatArray:
         """What slopes do to momenta, (chains, D)."""
         together = len(self._root)
-        return np.concatenate([gradient[:, :together] @ self._root, gradient[:, together:] * self._scale], axis=1)
+        return np.concatenate(
+            [gradient[:, :together] @ self._root, gradient[:, together:] * self._scale], axis=1
+        )
 
 
 def _kinetic(momentum: FloatArray) -> FloatArray:
     """Kinetic energy, (chains,)."""
-    with np.errstate(over="ignore"):  # where the density is 0 its slope may be anything; such a trajectory is given up
+    with np.errstate(
+        over="ignore"
+    ):  # where the density is 0 its slope may be anything; such a trajectory is given up
         return np.asarray(0.5 * np.square(momentum).sum(axis=1))
 
 
 MAX_R_HAT = 1.01
 _NOT_MIXED = 1.1  # an R-hat above which draws are burn-in
-_FIRST, _MORE, MOST = 1.5, 1.15, 24  # draws for each effective one: at first, beyond what seems to be enough, at most
+_FIRST, _MORE, MOST = (
+    1.5,
+    1.15,
+    24,
+)  # draws for each effective one: at first, beyond what seems to be enough, at most
 LIMIT = 40_000  # draws that may be made in any case
 CORRELATION = "correlation"
 _APART = 2.0  # how many times farther apart than the posterior would have them chains start
@@ -201,7 +241,10 @@ class GroupChains:
             for (kind, other, k), one in self.convergence.items()
         }
         for subject, rows in zip(subjects, self.subject_convergence.tolist(), strict=True):
-            found |= {f"{name} of {subject!r}": Convergence(*row) for name, row in zip(names, rows, strict=True)}
+            found |= {
+                f"{name} of {subject!r}": Convergence(*row)
+                for name, row in zip(names, rows, strict=True)
+            }
         return found
 
 
@@ -213,7 +256,13 @@ def chain_count(subjects: int) -> int:
     return 16 if subjects <= 32 else 8 if subjects <= 64 else 4
 
 
-def sample_group(joint: Joint, names: Sequence[str], subjects: Sequence[str], draws: int, rng: np.random.Generator) -> GroupChains:
+def sample_group(
+    joint: Joint,
+    names: Sequence[str],
+    subjects: Sequence[str],
+    draws: int,
+    rng: np.random.Generator,
+) -> GroupChains:
     """Draw until all hyperparameters and every subject's parameters have so many effective draws and an R-hat below 1.01, or to a limit.
 
     Each pass adds as many draws as the last look says are missing. Where chains have not mixed at all, what was drawn so far is burn-in.
@@ -222,7 +271,11 @@ def sample_group(joint: Joint, names: Sequence[str], subjects: Sequence[str], dr
     chains = chain_count(len(subjects))
     sampler = Hamiltonian(joint, *_start(joint, chains, rng), joint.size, rng)
     sampler.warm_up()
-    x, divergent, more = np.empty((0, chains, joint.dimension)), 0, int(np.ceil(_FIRST * draws / chains))
+    x, divergent, more = (
+        np.empty((0, chains, joint.dimension)),
+        0,
+        int(np.ceil(_FIRST * draws / chains)),
+    )
     while True:
         trace = sampler.advance(more)
         x, divergent = np.concatenate([x, trace.x]), divergent + int(trace.divergent.sum())
@@ -241,7 +294,9 @@ def sample_group(joint: Joint, names: Sequence[str], subjects: Sequence[str], dr
 def _start(joint: Joint, chains: int, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
     """Points about the population that the subjects' answers suggest, (chains, D), and about the standard deviation of each coordinate."""
     scales, (n, k) = np.ones(joint.dimension), joint.approximation.location.shape
-    scales[k : 2 * k] = (2.0 * n) ** -0.5  # of what tells of scatters it goes with the number of subjects
+    scales[k : 2 * k] = (
+        2.0 * n
+    ) ** -0.5  # of what tells of scatters it goes with the number of subjects
     scales[k * (2 + joint.x.shape[1]) : joint.size] = n**-0.5
     theta = rng.standard_normal((chains, joint.dimension)) * scales
     theta[:, : joint.size] *= _APART

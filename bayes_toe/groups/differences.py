@@ -58,28 +58,48 @@ class Differences:
     chains: GroupChains | None = None
 
     @classmethod
-    def of(cls, conditions: Conditions, units: Mapping[str, tuple[Subject, ...]], model: Model) -> Differences:
+    def of(
+        cls, conditions: Conditions, units: Mapping[str, tuple[Subject, ...]], model: Model
+    ) -> Differences:
         """Those of a model, before sampling."""
         moved = [name for name in model.group if any(name in QUANTITIES[key] for key in DIFFERING)]
         count = conditions.design().shape[1]
-        return cls(conditions, units, tuple(name for name in moved for _ in range(count)), tuple(range(count)) * len(moved))
+        return cls(
+            conditions,
+            units,
+            tuple(name for name in moved for _ in range(count)),
+            tuple(range(count)) * len(moved),
+        )
 
     def numbers(self, given: HyperpriorNumbers, prior: Prior) -> HyperpriorNumbers:
         """The hyperprior of a subject's parameters with that of the differences behind it; `prior` has the scales of the study."""
         spread = np.array([DIFFERENCE * unit_of(name, prior) for name in self.names])
-        joined = {key: np.concatenate([getattr(given, key), spread]) for key in ("mean_sd", "sd_scale", "effect_sd")}
-        return HyperpriorNumbers(np.concatenate([given.mean, np.zeros_like(spread)]), **joined, lkj=given.lkj)
+        joined = {
+            key: np.concatenate([getattr(given, key), spread])
+            for key in ("mean_sd", "sd_scale", "effect_sd")
+        }
+        return HyperpriorNumbers(
+            np.concatenate([given.mean, np.zeros_like(spread)]), **joined, lkj=given.lkj
+        )
 
-    def posterior(self, person: str, whole: Subject, model: Model, prior: Prior, centre: float) -> Contrasted:
+    def posterior(
+        self, person: str, whole: Subject, model: Model, prior: Prior, centre: float
+    ) -> Contrasted:
         """A subject's posterior without the group."""
-        own, same = self.units[person], Posterior(whole, model, prior, centre=centre_of(model, whole, centre))
+        own, same = (
+            self.units[person],
+            Posterior(whole, model, prior, centre=centre_of(model, whole, centre)),
+        )
         met = [self.conditions.levels.index(one.condition) for one in own]
         return contrasted(same, own, self.conditions.design()[met], DIFFERING)
 
     @property
     def places(self) -> dict[str, list[int]]:
         """Entries of each parameter that differs."""
-        return {name: [i for i, one in enumerate(self.names) if one == name] for name in dict.fromkeys(self.names)}
+        return {
+            name: [i for i, one in enumerate(self.names) if one == name]
+            for name in dict.fromkeys(self.names)
+        }
 
     def between(self, level: str, reference: str) -> FloatArray:
         """What each entry adds to the difference of two levels, shape (entries,)."""
@@ -88,8 +108,13 @@ class Differences:
 
     def at(self, level: str, names: Sequence[str]) -> FloatArray:
         """What each entry adds to the parameters at a level, shape (entries, k)."""
-        found, x = np.zeros((len(self.names), len(names))), self.conditions.design()[self.conditions.levels.index(level)]
-        found[np.arange(len(found)), [names.index(name) for name in self.names]] = x[list(self.columns)]
+        found, x = (
+            np.zeros((len(self.names), len(names))),
+            self.conditions.design()[self.conditions.levels.index(level)],
+        )
+        found[np.arange(len(found)), [names.index(name) for name in self.names]] = x[
+            list(self.columns)
+        ]
         return found
 
     @property
@@ -101,7 +126,9 @@ class Differences:
     def on_average(self) -> dict[str, FloatArray]:
         """Draws of the mean difference in every parameter that differs, (chains, draws, comparisons)."""
         steps = np.stack([self.between(*pair) for pair in self.conditions.comparisons], axis=1)
-        return {name: self.drawn.mean[..., some] @ steps[some] for name, some in self.places.items()}
+        return {
+            name: self.drawn.mean[..., some] @ steps[some] for name, some in self.places.items()
+        }
 
     def split(self, chains: GroupChains) -> tuple[GroupChains, Differences]:
         """Draws of all parameters as those of a subject at the middle of the conditions, and these differences."""
@@ -112,9 +139,15 @@ class Differences:
 def _some(chains: GroupChains, some: slice) -> GroupChains:
     """The draws of some parameters."""
     places = range(chains.mean.shape[-1])[some]
-    judged = {(kind, i, place - places[0]): one for (kind, i, place), one in chains.convergence.items() if place in places}
+    judged = {
+        (kind, i, place - places[0]): one
+        for (kind, i, place), one in chains.convergence.items()
+        if place in places
+    }
     parts = {key: getattr(chains, key)[..., some] for key in ("mean", "scatter", "effects", "eta")}
-    return replace(chains, **parts, convergence=judged, subject_convergence=chains.subject_convergence[:, some])
+    return replace(
+        chains, **parts, convergence=judged, subject_convergence=chains.subject_convergence[:, some]
+    )
 
 
 class ConditionLikelihood:
@@ -123,13 +156,23 @@ class ConditionLikelihood:
     Points are subjects' parameters with the differences behind them, (copies, N, k + entries).
     """
 
-    def __init__(self, model: Model, prior: Prior, people: Sequence[Subject], differences: Differences, centre: float, copies: int) -> None:
+    def __init__(
+        self,
+        model: Model,
+        prior: Prior,
+        people: Sequence[Subject],
+        differences: Differences,
+        centre: float,
+        copies: int,
+    ) -> None:
         self._k, self._parts = len(model.group), list[tuple[FloatArray, GroupLikelihood]]()
         # of a condition alone the mean first stimulus is another one: all stimuli count from that of the subject
         away = [centre_of(model, one, centre) - centre for one in people]
         for level in differences.conditions.levels:
             aligned = [_aligned(one, differences.units[one.name], level) for one in people]
-            part = GroupLikelihood(model, prior, cast("list[Subject]", aligned), centre, copies, away)
+            part = GroupLikelihood(
+                model, prior, cast("list[Subject]", aligned), centre, copies, away
+            )
             self._parts.append((differences.at(level, model.group), part))
 
     def __call__(self, eta: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -146,7 +189,9 @@ class ConditionLikelihood:
         """Counted answers of all conditions if everything were done once more, (copies, N, k + entries) -> (copies, N, pairs)."""
         return np.asarray(sum(part.repeated(at, rng) for at, (_, part) in self._at(eta)))
 
-    def _at(self, eta: FloatArray) -> Iterator[tuple[FloatArray, tuple[FloatArray, GroupLikelihood]]]:
+    def _at(
+        self, eta: FloatArray
+    ) -> Iterator[tuple[FloatArray, tuple[FloatArray, GroupLikelihood]]]:
         for step, part in self._parts:
             yield eta[..., : self._k] + eta[..., self._k :] @ step, (step, part)
 
@@ -154,10 +199,16 @@ class ConditionLikelihood:
 def _aligned(whole: Subject, units: Sequence[Subject], level: str) -> _Aligned:
     """The answers at a level, 0 to pairs that were not shown there; the pairs are those of all conditions."""
     keys = [key for key in ("s1", "s2", "isi") if getattr(whole, key) is not None]
-    place = {pair: i for i, pair in enumerate(zip(*(getattr(whole, key).tolist() for key in keys), strict=True))}
+    place = {
+        pair: i
+        for i, pair in enumerate(zip(*(getattr(whole, key).tolist() for key in keys), strict=True))
+    }
     counts = np.zeros((2, whole.n_pairs), np.int64)
     for one in units:
         if one.condition == level:
-            at = [place[pair] for pair in zip(*(getattr(one, key).tolist() for key in keys), strict=True)]
+            at = [
+                place[pair]
+                for pair in zip(*(getattr(one, key).tolist() for key in keys), strict=True)
+            ]
             counts[:, at] = one.n_yes, one.n_trials
     return _Aligned(whole.s1, whole.s2, counts[0], counts[1], whole.isi, whole.n_pairs, whole.name)

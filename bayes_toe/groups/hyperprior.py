@@ -84,7 +84,11 @@ class GroupParameter(NamedTuple):
         """
         if self.scale == "identity":
             return "constant error" if self.name == "offset" else self.name
-        return f"{self.scale} {self.name}" if self.top == 1.0 else f"{self.scale}({self.name}/{self.top:g})"
+        return (
+            f"{self.scale} {self.name}"
+            if self.top == 1.0
+            else f"{self.scale}({self.name}/{self.top:g})"
+        )
 
     @property
     def fields(self) -> dict[str, PriorField]:
@@ -95,36 +99,98 @@ class GroupParameter(NamedTuple):
             number: float | Literal["stimuli"] = STIMULI if isinstance(default, str) else default
             stimuli = default if isinstance(default, str) else ""
             least = -LARGEST if kind == "location" else SMALLEST
-            found[name] = PriorField(name, number, self.name, kind, words.format(self.label), self.unit, least, LARGEST, stimuli)
+            found[name] = PriorField(
+                name,
+                number,
+                self.name,
+                kind,
+                words.format(self.label),
+                self.unit,
+                least,
+                LARGEST,
+                stimuli,
+            )
         return found
 
 
 _DECLARED = (
-    GroupParameter("mu1", "mean of the prior belief", "identity", "M", "2.5 R", "2.5 R", LOG_INTENSITY),
+    GroupParameter(
+        "mu1", "mean of the prior belief", "identity", "M", "2.5 R", "2.5 R", LOG_INTENSITY
+    ),
     GroupParameter("gamma", "noise ratio (sigma_l/sigma_p)^2", "probit", 0.0, 1.0, 1.0),
     GroupParameter("width", "width w of the curve", "log", "log D", 1.0, 0.7),
     GroupParameter("q0", "P(equal) of equal stimuli", "probit", 1.0, 0.7, 0.7),
     # Of q0, lapse rate and icc the population's mean has what a single subject's prior is by default on this scale.
-    GroupParameter("lapse_rate", "share of answers that do not depend on the stimuli", "probit", -1.5, 0.6, 0.7),
+    GroupParameter(
+        "lapse_rate", "share of answers that do not depend on the stimuli", "probit", -1.5, 0.6, 0.7
+    ),
     GroupParameter("icc", "intra-class correlation of answers", "probit", -1.5, 0.6, 0.7),
     GroupParameter("pull", "pull of a memory that decays", "probit", 0.0, 1.0, 1.0),
-    GroupParameter("split", "share v of the decay in that pull, rho = g^v and K = g^(1 - v)", "probit", 0.0, 1.0, 1.0),
+    GroupParameter(
+        "split",
+        "share v of the decay in that pull, rho = g^v and K = g^(1 - v)",
+        "probit",
+        0.0,
+        1.0,
+        1.0,
+    ),
     GroupParameter("gain", "weight of the first stimulus", "probit", 0.0, 0.4, 0.4, top=2.0),
     GroupParameter("exponent", "exponent of the curve", "log", log(2.0), 0.5, 0.5),
-    GroupParameter("noise_slope", "slope of the noise, 0 for Weber's law", "identity", 0.0, "0.5/R", "0.5/R", f"1/({LOG_INTENSITY})"),
+    GroupParameter(
+        "noise_slope",
+        "slope of the noise, 0 for Weber's law",
+        "identity",
+        0.0,
+        "0.5/R",
+        "0.5/R",
+        f"1/({LOG_INTENSITY})",
+    ),
     GroupParameter("offset", "constant error", "identity", 0.0, "D/2", "D/2", LOG_INTENSITY),
-    GroupParameter("peak_slope", "slope of logit q0, 0 for one peak", "identity", 0.0, "0.5/R", "0.5/R", f"1/({LOG_INTENSITY})"),
-    GroupParameter("carry_over", "share of what was felt that is left in the next trial", "probit", 0.0, 1.0, 1.0),
-    GroupParameter("carry_over_tau", "time in which that share falls to a third, seconds", "log", log(5.0), 1.0, 0.7),
-    GroupParameter("half_life", "trials in which a running average forgets half", "log", log(1.5), 1.2, 0.7),
-    GroupParameter("answer_bias", "bias by the answer before", "identity", 0.0, "0.3 D", "0.3 D", LOG_INTENSITY),
+    GroupParameter(
+        "peak_slope",
+        "slope of logit q0, 0 for one peak",
+        "identity",
+        0.0,
+        "0.5/R",
+        "0.5/R",
+        f"1/({LOG_INTENSITY})",
+    ),
+    GroupParameter(
+        "carry_over",
+        "share of what was felt that is left in the next trial",
+        "probit",
+        0.0,
+        1.0,
+        1.0,
+    ),
+    GroupParameter(
+        "carry_over_tau",
+        "time in which that share falls to a third, seconds",
+        "log",
+        log(5.0),
+        1.0,
+        0.7,
+    ),
+    GroupParameter(
+        "half_life", "trials in which a running average forgets half", "log", log(1.5), 1.2, 0.7
+    ),
+    GroupParameter(
+        "answer_bias", "bias by the answer before", "identity", 0.0, "0.3 D", "0.3 D", LOG_INTENSITY
+    ),
 )
 #: Those that a population can be asked for, by name.
 GROUP_PARAMETERS = {one.name: one for one in _DECLARED}
 #: The section of what holds for all parameters together, and its number.
 CORRELATIONS = "correlations"
 LKJ = PriorField(
-    "lkj", 2.0, CORRELATIONS, "shape", "shape of the LKJ prior of correlations between parameters; 1: uniform", "", SMALLEST, LARGEST
+    "lkj",
+    2.0,
+    CORRELATIONS,
+    "shape",
+    "shape of the LKJ prior of correlations between parameters; 1: uniform",
+    "",
+    SMALLEST,
+    LARGEST,
 )
 
 
@@ -165,7 +231,8 @@ class Hyperprior:
     """
 
     values: tuple[tuple[float | str, ...], ...] = tuple(
-        tuple(one.default for one in fields.values() if one.default is not None) for fields in _FIELDS.values()
+        tuple(one.default for one in fields.values() if one.default is not None)
+        for fields in _FIELDS.values()
     )
 
     def __post_init__(self) -> None:
@@ -180,8 +247,15 @@ class Hyperprior:
             For an unknown parameter or number, and for one that is out of range.
         """
         _require("hyperprior", sections)
-        whole = ({**section, **sections.get(name, {})}.values() for name, section in self.as_dict().items())
-        return Hyperprior(tuple(tuple(one if one == STIMULI else real(one) for one in section) for section in whole))
+        whole = (
+            {**section, **sections.get(name, {})}.values()
+            for name, section in self.as_dict().items()
+        )
+        return Hyperprior(
+            tuple(
+                tuple(one if one == STIMULI else real(one) for one in section) for section in whole
+            )
+        )
 
     def for_study(self, study: Study) -> Hyperprior:
         """With numbers in the place of "stimuli", the same for all models of the study.
@@ -198,13 +272,23 @@ class Hyperprior:
         >>> Hyperprior().for_study(study).describe(["mu1"])[0]
         'mu1: mean ~ Normal(0.625, 2.0492), sd between subjects ~ HalfNormal(2.0492), effect ~ Normal(0, 2.0492), natural-log intensity'
         """
-        found = {name: {key: value for key, value in section.items() if value == STIMULI} for name, section in self.as_dict().items()}
+        found = {
+            name: {key: value for key, value in section.items() if value == STIMULI}
+            for name, section in self.as_dict().items()
+        }
         if not any(found.values()):
             return self
         stimuli = Stimuli.of(*study)
         if stimuli is None:
-            raise InputError(f"{STIMULI!r} in a hyperprior needs pairs of different stimuli, found none; allowed: numbers")
-        return self.changed({name: {key: stimuli.number(_FIELDS[name][key].stimuli) for key in keys} for name, keys in found.items()})
+            raise InputError(
+                f"{STIMULI!r} in a hyperprior needs pairs of different stimuli, found none; allowed: numbers"
+            )
+        return self.changed(
+            {
+                name: {key: stimuli.number(_FIELDS[name][key].stimuli) for key in keys}
+                for name, keys in found.items()
+            }
+        )
 
     def numbers(self, names: Sequence[str]) -> HyperpriorNumbers:
         """Those of some parameters, in this order.
@@ -223,9 +307,13 @@ class Hyperprior:
         for name, section in sections.items():
             for key, value in section.items():
                 if value == STIMULI:
-                    raise InputError(f"hyperprior: {key} of {name} is that of the stimuli; Hyperprior.for_study(study) puts in the number")
+                    raise InputError(
+                        f"hyperprior: {key} of {name} is that of the stimuli; Hyperprior.for_study(study) puts in the number"
+                    )
         lkj = real(self.as_dict()[CORRELATIONS][LKJ.name])
-        mean, mean_sd, sd_scale, effect_sd = (np.array([sections[name][key] for name in names], np.float64) for key in _NAMES)
+        mean, mean_sd, sd_scale, effect_sd = (
+            np.array([sections[name][key] for name in names], np.float64) for key in _NAMES
+        )
         return HyperpriorNumbers(mean, mean_sd, sd_scale, effect_sd, lkj)
 
     def describe(self, names: Sequence[str], *, correlations: bool = False) -> tuple[str, ...]:
@@ -240,20 +328,39 @@ class Hyperprior:
         lines = []
         for name, section in self._sections(names).items():
             known = {key: field.stimuli for key, field in _FIELDS[name].items()}
-            said = {key: known[key] if value == STIMULI else f"{value:g}" for key, value in section.items()}
+            said = {
+                key: known[key] if value == STIMULI else f"{value:g}"
+                for key, value in section.items()
+            }
             parameter = GROUP_PARAMETERS[name]
-            lines.append(", ".join(part for part in (law.format(parameter.label, **said), parameter.unit) if part))
-        return (*lines, *([f"correlations ~ LKJ({self.as_dict()[CORRELATIONS][LKJ.name]:g})"] if correlations else []))
+            lines.append(
+                ", ".join(
+                    part for part in (law.format(parameter.label, **said), parameter.unit) if part
+                )
+            )
+        return (
+            *lines,
+            *(
+                [f"correlations ~ LKJ({self.as_dict()[CORRELATIONS][LKJ.name]:g})"]
+                if correlations
+                else []
+            ),
+        )
 
     def as_dict(self) -> dict[str, dict[str, float | str]]:
         """All numbers by parameter and name, as JSON has them."""
-        return {name: dict(zip(fields, values, strict=True)) for (name, fields), values in zip(_FIELDS.items(), self.values, strict=True)}
+        return {
+            name: dict(zip(fields, values, strict=True))
+            for (name, fields), values in zip(_FIELDS.items(), self.values, strict=True)
+        }
 
     def _sections(self, names: Iterable[str]) -> dict[str, dict[str, float | str]]:
         known = self.as_dict()
         for name in names:
             if name not in GROUP_PARAMETERS:
-                raise InputError(f"hyperprior: no parameter {quoted(name)}, allowed: {', '.join(GROUP_PARAMETERS)}")
+                raise InputError(
+                    f"hyperprior: no parameter {quoted(name)}, allowed: {', '.join(GROUP_PARAMETERS)}"
+                )
         return {name: known[name] for name in names}
 
 
@@ -261,7 +368,9 @@ def hyperprior_of(given: Hyperprior | str | Path | None) -> Hyperprior:
     """The hyperprior, or the one in the file of this path; the default one where there is nothing."""
     if given is None or isinstance(given, Hyperprior):
         return given or Hyperprior()
-    require_kind("hyperprior", given, (str, os.PathLike), "a Hyperprior, or the path of a TOML file")
+    require_kind(
+        "hyperprior", given, (str, os.PathLike), "a Hyperprior, or the path of a TOML file"
+    )
     return read_hyperprior(given)
 
 
@@ -270,18 +379,30 @@ def read_hyperprior(path: str | Path) -> Hyperprior:
 
     What cannot be used is refused with one line per problem.
     """
-    found = toml_table(path, f"NAME = NUMBER below a line [PARAMETER], as in {_NAMES[0]} = 0 below [{next(iter(_FIELDS))}]")
+    found = toml_table(
+        path,
+        f"NAME = NUMBER below a line [PARAMETER], as in {_NAMES[0]} = 0 below [{next(iter(_FIELDS))}]",
+    )
     _require(str(path), found)
     return Hyperprior().changed(found)
 
 
 def example_file() -> str:
     """A complete hyperprior file with the defaults and what they mean."""
-    words = {one.name: one.words for one in _DECLARED} | {CORRELATIONS: "of parameters between subjects, where they are asked for"}
-    texts = {(name, key): f"{key} = {json.dumps(one.default)}" for name, fields in _FIELDS.items() for key, one in fields.items()}
+    words = {one.name: one.words for one in _DECLARED} | {
+        CORRELATIONS: "of parameters between subjects, where they are asked for"
+    }
+    texts = {
+        (name, key): f"{key} = {json.dumps(one.default)}"
+        for name, fields in _FIELDS.items()
+        for key, one in fields.items()
+    }
     width, lines = max(map(len, texts.values())), list[str]()
     for name, fields in _FIELDS.items():
-        lines += [f"[{name}]  # {words[name]}\n", *(f"{texts[name, key]:<{width}}  # {one.about}\n" for key, one in fields.items())]
+        lines += [
+            f"[{name}]  # {words[name]}\n",
+            *(f"{texts[name, key]:<{width}}  # {one.about}\n" for key, one in fields.items()),
+        ]
     return "".join(lines)
 
 
@@ -292,8 +413,14 @@ def _require(source: str, sections: Mapping[str, Any]) -> None:
         if name not in _FIELDS:
             problems.append(f"section {quoted(name)}: unknown, allowed: {', '.join(_FIELDS)}")
         elif not isinstance(section, Mapping):
-            problems.append(f"key {name}: found {shown(section)}, allowed: a section [{name}] with {', '.join(_FIELDS[name])}")
+            problems.append(
+                f"key {name}: found {shown(section)}, allowed: a section [{name}] with {', '.join(_FIELDS[name])}"
+            )
         else:
-            problems += [f"[{name}] {line}" for key, value in section.items() for line in number_problems(_FIELDS[name], key, value)]
+            problems += [
+                f"[{name}] {line}"
+                for key, value in section.items()
+                for line in number_problems(_FIELDS[name], key, value)
+            ]
     if problems:
         raise InputError([f"{source}: {line}" for line in problems])

@@ -60,7 +60,11 @@ class Scatter:
 
     def log_density(self, u: FloatArray) -> FloatArray:
         """-u^2/2 - ln(2 pi)/2, or ln(3/8) - (5/2) ln(1 + u^2/4)."""
-        return np.asarray(-0.5 * (np.square(u) + LOG_2PI) if self._normal else np.log(0.375) - 2.5 * np.log1p(0.25 * np.square(u)))
+        return np.asarray(
+            -0.5 * (np.square(u) + LOG_2PI)
+            if self._normal
+            else np.log(0.375) - 2.5 * np.log1p(0.25 * np.square(u))
+        )
 
     def slope(self, u: FloatArray) -> FloatArray:
         """Its derivative: -u, or -5 u/(4 + u^2)."""
@@ -79,7 +83,11 @@ class Scatter:
 
         Student's t is normal with a precision of Gamma(2, rate 2), which given the score is Gamma(5/2, rate 2 + u^2/2).
         """
-        return np.ones(u.shape) if self._normal else np.asarray(rng.standard_gamma(2.5, u.shape) / (2.0 + 0.5 * np.square(u)))
+        return (
+            np.ones(u.shape)
+            if self._normal
+            else np.asarray(rng.standard_gamma(2.5, u.shape) / (2.0 + 0.5 * np.square(u)))
+        )
 
 
 SCATTERS = ("normal", "t")
@@ -135,7 +143,9 @@ class Root(NamedTuple):
         """Independent scores v of scores u = L v, (points, N, k)."""
         v, diagonal = np.empty(u.shape), np.exp(self.log_diagonal)
         for i in range(u.shape[2]):
-            v[..., i] = (u[..., i] - (v[..., :i] @ self.factor[:, i, :i, None])[..., 0]) / diagonal[:, i, None]
+            v[..., i] = (u[..., i] - (v[..., :i] @ self.factor[:, i, :i, None])[..., 0]) / diagonal[
+                :, i, None
+            ]
         return v
 
     def back(self, slopes: FloatArray) -> FloatArray:
@@ -150,7 +160,9 @@ class Root(NamedTuple):
         """What slopes in L, (points, k, k), are in the coordinates, (points, k (k - 1)/2)."""
         through = of_factor * self.factor
         later = np.cumsum(through[:, :, ::-1], axis=2)[:, :, ::-1] - through
-        return _below(of_factor * (1.0 - np.square(self.partial)) * self.left - self.partial * later)
+        return _below(
+            of_factor * (1.0 - np.square(self.partial)) * self.left - self.partial * later
+        )
 
     @property
     def log_diagonal_slopes(self) -> FloatArray:
@@ -165,13 +177,19 @@ def log_lkj(z: FloatArray, k: int, shape: float) -> tuple[FloatArray, FloatArray
     """
     b = np.array([shape + 0.5 * (k - 2 - j) for j, _ in pairs(k)[: z.shape[1]]])
     log_cosh = np.logaddexp(z, -z) - np.log(2.0)
-    return np.asarray((-2.0 * b * log_cosh - betaln(b, 0.5)).sum(axis=1)), np.asarray(-2.0 * b * np.tanh(z))
+    return np.asarray((-2.0 * b * log_cosh - betaln(b, 0.5)).sum(axis=1)), np.asarray(
+        -2.0 * b * np.tanh(z)
+    )
 
 
 def _below(square: FloatArray) -> FloatArray:
     """The entries below the diagonal in the order of the coordinates."""
     k = square.shape[-1]
-    return np.stack([square[:, i, j] for j, i in pairs(k)], axis=1) if k > 1 else np.empty((len(square), 0))
+    return (
+        np.stack([square[:, i, j] for j, i in pairs(k)], axis=1)
+        if k > 1
+        else np.empty((len(square), 0))
+    )
 
 
 Likelihood = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
@@ -200,16 +218,28 @@ def with_ones(x: FloatArray) -> FloatArray:
     return np.column_stack([np.ones(len(x)), x])
 
 
-def log_hyperprior(at: Hyperparameters, given: HyperpriorNumbers) -> tuple[FloatArray, Hyperparameters]:
+def log_hyperprior(
+    at: Hyperparameters, given: HyperpriorNumbers
+) -> tuple[FloatArray, Hyperparameters]:
     """Log density with respect to (m, log tau, beta, z), (points,), and its slopes in each of them."""
     of_mean, of_effects = (at.mean - given.mean) / given.mean_sd, at.effects / given.effect_sd
     of_scatter = np.exp(at.log_scatter) / given.sd_scale
-    constant = (np.log(given.mean_sd) + 0.5 * LOG_2PI + np.log(given.sd_scale) + 0.5 * np.log(np.pi / 2.0)).sum()
+    constant = (
+        np.log(given.mean_sd) + 0.5 * LOG_2PI + np.log(given.sd_scale) + 0.5 * np.log(np.pi / 2.0)
+    ).sum()
     constant += at.effects.shape[1] * (np.log(given.effect_sd) + 0.5 * LOG_2PI).sum()
-    squares = np.square(of_mean).sum(axis=1) + np.square(of_scatter).sum(axis=1) + np.square(of_effects).sum(axis=(1, 2))
+    squares = (
+        np.square(of_mean).sum(axis=1)
+        + np.square(of_scatter).sum(axis=1)
+        + np.square(of_effects).sum(axis=(1, 2))
+    )
     of_correlations, of_z = log_lkj(at.z, at.mean.shape[1], given.lkj)
-    slopes = Hyperparameters(-of_mean / given.mean_sd, 1.0 - np.square(of_scatter), -of_effects / given.effect_sd, of_z)
-    return np.asarray(-0.5 * squares + at.log_scatter.sum(axis=1) - constant + of_correlations), slopes
+    slopes = Hyperparameters(
+        -of_mean / given.mean_sd, 1.0 - np.square(of_scatter), -of_effects / given.effect_sd, of_z
+    )
+    return np.asarray(
+        -0.5 * squares + at.log_scatter.sum(axis=1) - constant + of_correlations
+    ), slopes
 
 
 class _Units(NamedTuple):
@@ -276,15 +306,24 @@ class Joint:
                 whole[..., self.approximation.funnel.pull] += funnelled
         of_subjects = of_scores + (at.log_unit - hyper.log_scatter[:, None]).sum(axis=(1, 2))
         prior, of_prior = log_hyperprior(hyper, self.hyperprior)
-        by_mean = of_eta * at.share - drawn * at.rest  # not steep - drawn, which cancels where the scatter is small
+        by_mean = (
+            of_eta * at.share - drawn * at.rest
+        )  # not steep - drawn, which cancels where the scatter is small
         by_coefficient = of_prior.coefficients + with_ones(self.x).T @ by_mean
-        by_log_scatter = of_prior.log_scatter + (steep * at.by_log_scatter - by_score * at.score - at.rest).sum(axis=1)
+        by_log_scatter = of_prior.log_scatter + (
+            steep * at.by_log_scatter - by_score * at.score - at.rest
+        ).sum(axis=1)
         moved = coefficients * units.unit
-        by_log_scatter += (by_coefficient * (units.centre_slope + moved * units.log_unit_slope) + units.log_unit_slope).sum(axis=1)
+        by_log_scatter += (
+            by_coefficient * (units.centre_slope + moved * units.log_unit_slope)
+            + units.log_unit_slope
+        ).sum(axis=1)
         by_unit = by_coefficient * units.unit
         parts = (by_unit[:, 0], by_log_scatter, by_unit[:, 1:], of_prior.z + by_z, steep * at.unit)
         gradient = np.concatenate([part.reshape(len(theta), -1) for part in parts], axis=1)
-        return of_answers.sum(axis=1) + of_subjects + prior + units.log_unit.sum(axis=(1, 2)), gradient
+        return of_answers.sum(axis=1) + of_subjects + prior + units.log_unit.sum(
+            axis=(1, 2)
+        ), gradient
 
     def split(self, theta: FloatArray) -> tuple[Hyperparameters, FloatArray]:
         """Hyperparameters, and parameters of the subjects, (points, N, k)."""
@@ -304,60 +343,108 @@ class Joint:
         log_share = -np.logaddexp(0.0, log_ratio)
         weight = np.exp(about.log_precision + log_share)
         slope = -2.0 * weight * np.exp(log_ratio + log_share)
-        precision = np.stack([prior.mean_sd, *[prior.effect_sd] * self.x.shape[1]]) ** -2.0 + squares @ weight
+        precision = (
+            np.stack([prior.mean_sd, *[prior.effect_sd] * self.x.shape[1]]) ** -2.0
+            + squares @ weight
+        )
         log_unit_slope = -0.5 * (squares @ slope) / precision
         centre, centre_slope = np.zeros(precision.shape), np.zeros(precision.shape)
-        centre[:, 0] = (prior.mean / np.square(prior.mean_sd) + (weight * about.location).sum(axis=1)) / precision[:, 0]
+        centre[:, 0] = (
+            prior.mean / np.square(prior.mean_sd) + (weight * about.location).sum(axis=1)
+        ) / precision[:, 0]
         # The slope of sum w e less that of P times the centre: about the centre, so that locations far from 0 do not cancel.
-        centre_slope[:, 0] = (slope * (about.location - centre[:, :1])).sum(axis=1) / precision[:, 0]
+        centre_slope[:, 0] = (slope * (about.location - centre[:, :1])).sum(axis=1) / precision[
+            :, 0
+        ]
         log_unit = -0.5 * np.log(precision)
         return _Units(centre, log_unit, np.exp(log_unit), centre_slope, log_unit_slope)
 
     def _parts(self, theta: FloatArray) -> tuple[Hyperparameters, FloatArray]:
         """Hyperparameters with means and effects in their units, and xi, of points, (points, D)."""
         (n, k), r = self.approximation.location.shape, self.x.shape[1]
-        mean, log_scatter, effects, z, xi = np.split(theta, (k, 2 * k, (2 + r) * k, self.size), axis=1)
-        return Hyperparameters(mean, log_scatter, effects.reshape(len(theta), r, k), z), xi.reshape(len(theta), n, k)
+        mean, log_scatter, effects, z, xi = np.split(
+            theta, (k, 2 * k, (2 + r) * k, self.size), axis=1
+        )
+        return Hyperparameters(mean, log_scatter, effects.reshape(len(theta), r, k), z), xi.reshape(
+            len(theta), n, k
+        )
 
-    def _scores(self, score: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def _scores(
+        self, score: FloatArray, z: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Log density of scores, (points, N, k), by point, its slopes in each of them, and in the coordinates of correlations."""
         if not self.correlated:
             return self.scatter.log_density(score).sum(axis=(1, 2)), self.scatter.slope(score), z
         root, n = Root.at(z, score.shape[2]), score.shape[1]
-        with np.errstate(all="ignore"):  # a correlation next to 1: density 0, where no trajectory goes on
+        with np.errstate(
+            all="ignore"
+        ):  # a correlation next to 1: density 0, where no trajectory goes on
             plain = root.plain(score)
-            density = self.scatter.log_density(plain).sum(axis=(1, 2)) - n * root.log_diagonal.sum(axis=1)
+            density = self.scatter.log_density(plain).sum(axis=(1, 2)) - n * root.log_diagonal.sum(
+                axis=1
+            )
             by_score = root.back(self.scatter.slope(plain))
             by_z = root.slopes(-by_score.swapaxes(1, 2) @ plain) - n * root.log_diagonal_slopes
         return density, by_score, by_z
 
     def _place(self, hyper: Hyperparameters, xi: FloatArray) -> tuple[_Place, FloatArray | None]:
         """Where subjects are; where there is a funnel, also what the pull's quantity does: to mu1 and to the log of its unit."""
-        about, expected, log_scatter = self.approximation, hyper.expected(self.x), hyper.log_scatter[:, None]
-        at = _between(about.log_precision, about.log_precision, about.location - expected, log_scatter, expected, xi)
+        about, expected, log_scatter = (
+            self.approximation,
+            hyper.expected(self.x),
+            hyper.log_scatter[:, None],
+        )
+        at = _between(
+            about.log_precision,
+            about.log_precision,
+            about.location - expected,
+            log_scatter,
+            expected,
+            xi,
+        )
         if about.funnel is None:
             return at, None
         i, of = about.funnel.mean, about.funnel.pulled(at.eta[..., about.funnel.pull])
-        precision, log_scatter, far = about.log_precision[:, i], log_scatter[..., i], expected[..., i] - about.funnel.centre
+        precision, log_scatter, far = (
+            about.log_precision[:, i],
+            log_scatter[..., i],
+            expected[..., i] - about.funnel.centre,
+        )
         with np.errstate(divide="ignore"):  # a pull below the smallest float: nothing is told
             log_pull = np.log(of.pull)
         short = about.location[:, i] - of.pull * far
-        column = _between(precision + 2.0 * log_pull, precision + log_pull, short, log_scatter, expected[..., i], xi[..., i])
+        column = _between(
+            precision + 2.0 * log_pull,
+            precision + log_pull,
+            short,
+            log_scatter,
+            expected[..., i],
+            xi[..., i],
+        )
         for whole, part in zip(at, column, strict=True):
             whole[..., i] = part
         weight = np.exp(precision + 2.0 * column.log_unit)
-        by_pull = weight * (short * (2.0 * column.share - 1.0) - of.pull * (far + column.unit * xi[..., i]))
+        by_pull = weight * (
+            short * (2.0 * column.share - 1.0) - of.pull * (far + column.unit * xi[..., i])
+        )
         return at, np.stack([by_pull * of.rise, -of.pull * weight * of.rise])
 
 
-def _out_of_units(given: Hyperparameters, units: _Units, coefficients: FloatArray) -> Hyperparameters:
+def _out_of_units(
+    given: Hyperparameters, units: _Units, coefficients: FloatArray
+) -> Hyperparameters:
     """Hyperparameters as they are, from means and effects in their units, (points, 1 + r, k)."""
     whole = units.centre + coefficients * units.unit
     return Hyperparameters(whole[:, 0], given.log_scatter, whole[:, 1:], given.z)
 
 
 def _between(
-    log_precision: FloatArray, log_lever: FloatArray, short: FloatArray, log_scatter: FloatArray, expected: FloatArray, xi: FloatArray
+    log_precision: FloatArray,
+    log_lever: FloatArray,
+    short: FloatArray,
+    log_scatter: FloatArray,
+    expected: FloatArray,
+    xi: FloatArray,
 ) -> _Place:
     """Subjects between the population's mean and where their answers have them; the latter is exp(log_lever - log_precision) short away."""
     log_ratio = log_precision + 2.0 * log_scatter
@@ -366,4 +453,12 @@ def _between(
     unit = np.exp(log_unit)
     drawn, own = np.exp(log_lever + 2.0 * log_unit) * short, unit * xi
     score = np.exp(log_lever + log_unit + 0.5 * log_share) * short + np.exp(0.5 * log_share) * xi
-    return _Place(expected + drawn + own, score, share, np.exp(log_ratio + log_share), log_unit, unit, share * (2.0 * drawn + own))
+    return _Place(
+        expected + drawn + own,
+        score,
+        share,
+        np.exp(log_ratio + log_share),
+        log_unit,
+        unit,
+        share * (2.0 * drawn + own),
+    )

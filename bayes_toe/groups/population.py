@@ -52,7 +52,10 @@ from bayes_toe.workers import Progress, Workers
 #: Subjects, and trials of each, from which on correlations between parameters are asked for.
 MANY, LONG = 30, 500
 _FEWEST, _MOST_DRAWS = 2, 100_000
-_JUDGING, _JUDGED_BY = 20_000, 1000  # draws: of a subject alone, and of a predictive check of its fit
+_JUDGING, _JUDGED_BY = (
+    20_000,
+    1000,
+)  # draws: of a subject alone, and of a predictive check of its fit
 _MOST_DIVERGENT = 1e-3  # of all trajectories, that say nothing
 
 
@@ -130,7 +133,10 @@ class Population:
     @property
     def problems(self) -> tuple[str, ...]:
         """What to know before any number is believed, in words: who is left out, then :attr:`shortfalls`."""
-        return (*(f"subject {name!r} is left out: {reason}" for name, reason in self.left_out.items()), *self.shortfalls)
+        return (
+            *(f"subject {name!r} is left out: {reason}" for name, reason in self.left_out.items()),
+            *self.shortfalls,
+        )
 
     @cached_property
     def not_described(self) -> tuple[str, ...]:
@@ -141,40 +147,64 @@ class Population:
             parts = [(name, self.posterior(name), middle)]
             if self.differences is not None:
                 away = self.differences.drawn.eta[:, :, i].reshape(len(middle), -1)
-                units = ((one, replace(parts[0][1], subject=one)) for one in self.differences.units[name])
-                parts = [(one.name, of, middle + away @ self.differences.at(one.condition, self.names)) for one, of in units]
+                units = (
+                    (one, replace(parts[0][1], subject=one)) for one in self.differences.units[name]
+                )
+                parts = [
+                    (one.name, of, middle + away @ self.differences.at(one.condition, self.names))
+                    for one, of in units
+                ]
             for said, posterior, eta in parts:
-                fit = summarise_fit(posterior, posterior.from_group(eta)[0], self.settings.seed, most=_JUDGED_BY)
+                fit = summarise_fit(
+                    posterior, posterior.from_group(eta)[0], self.settings.seed, most=_JUDGED_BY
+                )
                 names += [said] if fit.misfit else []
         return tuple(names)
 
     @property
     def shortfalls(self) -> tuple[str, ...]:
         """What was not reached, what diverged, and which subjects are known badly alone, in words."""
-        found = [f"subject {name!r} alone: few of the draws count, so that its columns alone_ are rough" for name in self.rough]
+        found = [
+            f"subject {name!r} alone: few of the draws count, so that its columns alone_ are rough"
+            for name in self.rough
+        ]
         if self.chains.reason:
             found.append(f"the group's chains did not converge: {self.chains.reason}")
         if self.chains.divergent > _MOST_DIVERGENT * self.chains.mean[..., 0].size:
-            found.append(f"{self.chains.divergent} of {self.chains.mean[..., 0].size} trajectories diverged: the tails may be too thin")
+            found.append(
+                f"{self.chains.divergent} of {self.chains.mean[..., 0].size} trajectories diverged: the tails may be too thin"
+            )
         return tuple(found)
 
     def posterior(self, subject: str) -> Posterior:
         """A subject's posterior with its centre in the group: what turns group parameters into quantities and answers."""
         own = self.study[subject]
-        return Posterior(own, self.model, self.settings.prior, centre=centre_of(self.model, own, self.centre))
+        return Posterior(
+            own, self.model, self.settings.prior, centre=centre_of(self.model, own, self.centre)
+        )
 
     @cached_property
     def typical(self) -> Posterior:
         """That of a subject at the mean or a further one, who meets everybody's stimuli, as far from the centre as they are for each."""
         away = [centre_of(self.model, one, self.centre) - self.centre for one in self.study]
-        met = [replace(one, s1=one.s1 - far, s2=one.s2 - far, answers=None) for one, far in zip(self.study, away, strict=True)]
+        met = [
+            replace(one, s1=one.s1 - far, s2=one.s2 - far, answers=None)
+            for one, far in zip(self.study, away, strict=True)
+        ]
         return Posterior(pooled(met), self.model, self.settings.prior, centre=self.centre)
 
     def quantities(self, eta: FloatArray) -> dict[str, FloatArray]:
         """Every named quantity of parameters on their group scales, (..., k) -> (...) each; a gain's pull, 1 - gain, too."""
         x, _ = self.typical.from_group(eta.reshape(-1, eta.shape[-1]))
-        found = {name: values.reshape(eta.shape[:-1]) for name, values in self.typical.quantities(x).items()}
-        return found if "pull" in found or "gain" not in found else {**found, "pull": 1.0 - found["gain"]}
+        found = {
+            name: values.reshape(eta.shape[:-1])
+            for name, values in self.typical.quantities(x).items()
+        }
+        return (
+            found
+            if "pull" in found or "gain" not in found
+            else {**found, "pull": 1.0 - found["gain"]}
+        )
 
     def new_subject(self, x: FloatArray | None = None) -> FloatArray:
         """A draw of a further subject for every draw of the hyperparameters, shape (chains, draws, k).
@@ -186,8 +216,12 @@ class Population:
         """
         rng = generator(self.settings.seed, "population", "new subject")
         score = scatter_named(self.settings.scatter).sample(rng, self.chains.mean.shape)
-        made = self.chains.mean + self.chains.scatter * (self.chains.root @ score[..., None])[..., 0]
-        return np.asarray(made if x is None else made + np.einsum("...r,...rk->...k", x, self.chains.effects))
+        made = (
+            self.chains.mean + self.chains.scatter * (self.chains.root @ score[..., None])[..., 0]
+        )
+        return np.asarray(
+            made if x is None else made + np.einsum("...r,...rk->...k", x, self.chains.effects)
+        )
 
     @cached_property
     def asymmetries(self) -> Asymmetries | None:
@@ -287,7 +321,10 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
     require_study(study)
     record = _model_of(study, model)
     if posterior is not None:
-        where, given = "posterior" if posterior.file is None else shown(posterior.file), None if prior is None else prior_for(study, prior)
+        where, given = (
+            "posterior" if posterior.file is None else shown(posterior.file),
+            None if prior is None else prior_for(study, prior),
+        )
         require_belonging(posterior, where, study=study, prior=given)
         seed, prior = posterior.seed if seed is None else seed, posterior.prior
         posterior = posterior if posterior.model == record.name else None
@@ -295,18 +332,32 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
     apart = None
     if study.conditions is not None:
         if people is not None or posterior is not None or correlations:
-            raise InputError("population: found a condition, allowed without covariates, posterior and correlations; --ignore condition")
+            raise InputError(
+                "population: found a condition, allowed without covariates, posterior and correlations; --ignore condition"
+            )
         apart = Differences.of(study.conditions, by_person(study), record)
         study, correlations = study.without_conditions(), False
     with keeping(keep) as kept:
         numbers = prior_for(study, prior), hyperprior_of(hyperprior).for_study(study)
-        who = Regressors.none(study.names) if people is None else regressors(people, study.names, categorical=categorical)
-        if correlations is None:  # of fewer subjects, or trials, answers tell less of them, and sampling them costs many times as much
-            correlations = sum(one.total_trials >= LONG for one in study.select(who.subjects)) >= MANY
+        who = (
+            Regressors.none(study.names)
+            if people is None
+            else regressors(people, study.names, categorical=categorical)
+        )
+        if (
+            correlations is None
+        ):  # of fewer subjects, or trials, answers tell less of them, and sampling them costs many times as much
+            correlations = (
+                sum(one.total_trials >= LONG for one in study.select(who.subjects)) >= MANY
+            )
         settings = GroupSettings(kept.seed(seed), model, *numbers, scatter, draws, correlations)
         if len(who.subjects) < _FEWEST:
-            raise InputError(f"population: found {len(who.subjects)} subject, allowed: {_FEWEST} and more")
-        alone, failed = _unpooled(study, settings, who, posterior, apart, workers=workers, progress=progress, kept=kept)
+            raise InputError(
+                f"population: found {len(who.subjects)} subject, allowed: {_FEWEST} and more"
+            )
+        alone, failed = _unpooled(
+            study, settings, who, posterior, apart, workers=workers, progress=progress, kept=kept
+        )
         if len(alone) < _FEWEST:
             raise WorkerError("\n".join(f"{name}: {reason}" for name, reason in failed.items()))
         made = _sampled(study, settings, who.without(failed), alone, failed, apart)
@@ -329,12 +380,20 @@ def _unpooled(
     """Every subject without the group, sampled or from draws that are there already, and whose work was lost."""
     model, centre, seed = _model(settings.model, study.task), mean_first(*study), settings.seed
     if posterior is None:
-        jobs = [partial(unpooled, study[name], model, settings.prior, centre, _JUDGING, seed) for name in who.subjects]
+        jobs = [
+            partial(unpooled, study[name], model, settings.prior, centre, _JUDGING, seed)
+            for name in who.subjects
+        ]
         if apart is not None:
-            targets = [apart.posterior(name, study[name], model, settings.prior, centre) for name in who.subjects]
+            targets = [
+                apart.posterior(name, study[name], model, settings.prior, centre)
+                for name in who.subjects
+            ]
             jobs = [partial(unpooled_posterior, target, _JUDGING, seed) for target in targets]
         done = kept.work(jobs, workers, progress, [(name,) for name in who.subjects])
-        return list(done), {who.subjects[index]: one.reason for index, one in sorted(done.failed.items())}
+        return list(done), {
+            who.subjects[index]: one.reason for index, one in sorted(done.failed.items())
+        }
     found = []
     for name in who.subjects:
         if name not in posterior.failed:
@@ -353,30 +412,62 @@ def _sampled(
     apart: Differences | None,
 ) -> Population:
     """The group, with the coordinates and starts that its subjects' own posteriors suggest."""
-    model, centre, group = _model(settings.model, study.task), mean_first(*study), study.select(who.subjects)
-    precision, location = np.stack([one.log_precision for one in alone]), np.stack([one.location for one in alone])
+    model, centre, group = (
+        _model(settings.model, study.task),
+        mean_first(*study),
+        study.select(who.subjects),
+    )
+    precision, location = (
+        np.stack([one.log_precision for one in alone]),
+        np.stack([one.location for one in alone]),
+    )
     about = NormalApproximation(precision, location, funnel_of(model, centre))
-    scatter, numbers, chains = scatter_named(settings.scatter), settings.hyperprior.numbers(model.group), chain_count(len(group))
+    scatter, numbers, chains = (
+        scatter_named(settings.scatter),
+        settings.hyperprior.numbers(model.group),
+        chain_count(len(group)),
+    )
     likelihood: Likelihood = GroupLikelihood(model, settings.prior, group.subjects, centre, chains)
     names = model.group
     if apart is not None:
-        likelihood = ConditionLikelihood(model, settings.prior, group.subjects, apart, centre, chains)
+        likelihood = ConditionLikelihood(
+            model, settings.prior, group.subjects, apart, centre, chains
+        )
         numbers = apart.numbers(numbers, settings.prior.at(*group))
         names += tuple(f"difference in {name}" for name in apart.names)
     joint = Joint(likelihood, numbers, who.x, about, scatter, settings.correlations)
-    found = sample_group(joint, names, group.names, settings.draws, generator(settings.seed, model.name, "population"))
+    found = sample_group(
+        joint,
+        names,
+        group.names,
+        settings.draws,
+        generator(settings.seed, model.name, "population"),
+    )
     if apart is not None:
         found, apart = apart.split(found)
     own = np.stack([one.eta[:, : len(model.group)] for one in alone], axis=1)
     rough = tuple(one.name for one in alone if not one.trusted)
-    return Population(group, settings, model.group, centre, who, found, own, {**who.left_out, **failed}, rough, apart)
+    return Population(
+        group,
+        settings,
+        model.group,
+        centre,
+        who,
+        found,
+        own,
+        {**who.left_out, **failed},
+        rough,
+        apart,
+    )
 
 
 def _model_of(study: Study, name: str) -> Model:
     """The model, which a study can be asked of: one with a history wants an order of trials, and no condition."""
     model = _model(name, study.task)
     if model.by_trial and study.conditions is not None:
-        raise InputError(f"population: found a condition, allowed with a model without history, not {model.name!r}; --ignore condition")
+        raise InputError(
+            f"population: found a condition, allowed with a model without history, not {model.name!r}; --ignore condition"
+        )
     for one in study if model.by_trial else ():
         model.posterior(one)
     return model
@@ -385,5 +476,7 @@ def _model_of(study: Study, name: str) -> Model:
 def _model(name: str, task: Task) -> Model:
     found = model_named(name, task)
     if not isinstance(found, Model):
-        raise InputError(f"population: model {name!r} has no parameters that subjects share; allowed: a composition of parts")
+        raise InputError(
+            f"population: model {name!r} has no parameters that subjects share; allowed: a composition of parts"
+        )
     return found

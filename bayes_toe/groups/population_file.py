@@ -48,7 +48,11 @@ _MOST_SAID = 1 << 14  # characters of one attribute; HDF5 has room for four time
 
 def save_population(found: Population, path: str | Path, *, overwrite: bool = False) -> Path:
     """Write the file; see :meth:`Population.save`."""
-    with whole_file(path, overwrite=overwrite) as target, as_netcdf(_tree(found)) as content, target.open("wb") as file:
+    with (
+        whole_file(path, overwrite=overwrite) as target,
+        as_netcdf(_tree(found)) as content,
+        target.open("wb") as file,
+    ):
         file.write(content)
     return Path(path)
 
@@ -61,7 +65,12 @@ def load(path: str | Path) -> Draws | Population:
     InputError
         If it is missing, is damaged, or is neither.
     """
-    require_kind("file", path, (str, os.PathLike), "the path of a posterior.nc, posterior.zarr or population.nc")
+    require_kind(
+        "file",
+        path,
+        (str, os.PathLike),
+        "the path of a posterior.nc, posterior.zarr or population.nc",
+    )
     of_population = False
     with suppress(OSError), h5py.File(path) as file:
         of_population = "hyperprior" in file.attrs
@@ -72,13 +81,19 @@ def load_population(path: str | Path) -> Population:
     """Read what :meth:`Population.save` wrote; anything else, and what is damaged, is refused."""
     name = shown(Path(path))
     if not Path(path).is_file():
-        raise InputError(f"{name}: {'not a file' if Path(path).exists() else 'no such file'}; {_ALLOWED}")
+        raise InputError(
+            f"{name}: {'not a file' if Path(path).exists() else 'no such file'}; {_ALLOWED}"
+        )
     try:
         with closing(xr.open_datatree(path, engine="h5netcdf", decode_times=False)) as tree:
             return _population(tree.load())
-    except Exception as error:  # of a damaged file the libraries say anything, from KeyError to RuntimeError
+    except (
+        Exception
+    ) as error:  # of a damaged file the libraries say anything, from KeyError to RuntimeError
         reason = f" ({error})" if isinstance(error, InputError) else ""
-        raise InputError(f"{name}: not a population that can be read{reason}; {_ALLOWED}") from error
+        raise InputError(
+            f"{name}: not a population that can be read{reason}; {_ALLOWED}"
+        ) from error
 
 
 # --- Writing --------------------------------------------------------------------------------------
@@ -90,23 +105,42 @@ def _tree(found: Population) -> xr.DataTree:
     reported, every = found.posterior(found.study.names[0]).names.reported, found.asymmetries
     few = spaced(chains, draws, MOST_DRAWS) if every is None else every.kept
     whole = chains * draws * subjects * len(reported) <= AFFORDABLE
-    posterior, predicted = _posterior(found), xr.Dataset(coords={"chain": np.arange(chains), "draw": few})
+    posterior, predicted = (
+        _posterior(found),
+        xr.Dataset(coords={"chain": np.arange(chains), "draw": few}),
+    )
     if every is not None:
         dims = ("chain", "draw", "level", "comparison")
-        predicted = predicted.assign_coords(level=list(every.levels), comparison=list(every.comparisons))
-        predicted = predicted.assign(asymmetry=(dims, every.draws), new_asymmetry=(dims[:2], every.new_subject))
+        predicted = predicted.assign_coords(
+            level=list(every.levels), comparison=list(every.comparisons)
+        )
+        predicted = predicted.assign(
+            asymmetry=(dims, every.draws), new_asymmetry=(dims[:2], every.new_subject)
+        )
     some = np.arange(draws) if whole else few
     of_subjects = [found.quantities(found.chains.eta[:, some, i]) for i in range(subjects)]
-    values = {name: (("chain", "draw", "subject"), np.stack([one[name] for one in of_subjects], axis=-1)) for name in reported}
+    values = {
+        name: (("chain", "draw", "subject"), np.stack([one[name] for one in of_subjects], axis=-1))
+        for name in reported
+    }
     if whole:
         posterior = posterior.assign(values)
     else:
         predicted = predicted.assign_coords(subject=list(found.study.names)).assign(values)
-    coords = {"subject": list(found.study.names), "parameter": list(found.names), "diagnostic": list(Convergence._fields)}
-    judged = xr.Dataset({"convergence": (("subject", "parameter", "diagnostic"), found.chains.subject_convergence)}, coords)
+    coords = {
+        "subject": list(found.study.names),
+        "parameter": list(found.names),
+        "diagnostic": list(Convergence._fields),
+    }
+    judged = xr.Dataset(
+        {"convergence": (("subject", "parameter", "diagnostic"), found.chains.subject_convergence)},
+        coords,
+    )
     groups = {"/posterior": posterior, "/sample_stats": judged, "/constant_data": _constant(found)}
     groups |= {"/trials": felt_trials(found.study)} if found.model.by_trial else {}
-    tree = xr.DataTree.from_dict(groups | ({"/posterior_predictive": predicted} if predicted.data_vars else {}))
+    tree = xr.DataTree.from_dict(
+        groups | ({"/posterior_predictive": predicted} if predicted.data_vars else {})
+    )
     tree.attrs.update(_attributes(found, whole))
     return tree
 
@@ -122,17 +156,27 @@ def _posterior(found: Population) -> xr.Dataset:
         "at_mean": ((*dims, "quantity"), np.stack(list(at_mean.values()), axis=-1)),
         "new_subject": ((*dims, "quantity"), np.stack(list(further.values()), axis=-1)),
     }
-    coords: dict[str, Any] = {"chain": np.arange(len(own.mean)), "draw": np.arange(own.mean.shape[1]), "quantity": list(at_mean)}
+    coords: dict[str, Any] = {
+        "chain": np.arange(len(own.mean)),
+        "draw": np.arange(own.mean.shape[1]),
+        "quantity": list(at_mean),
+    }
     coords |= {"subject": list(found.study.names), "parameter": list(found.names)}
     if found.regressors.columns:
         data["effect"] = ((*dims, "regressor", "parameter"), own.effects)
         coords["regressor"] = [column.label for column in found.regressors.columns]
     if found.differences is not None:
         differing = found.differences.drawn
-        data |= {"difference_mean": ((*dims, "entry"), differing.mean), "difference_sd": ((*dims, "entry"), differing.scatter)}
+        data |= {
+            "difference_mean": ((*dims, "entry"), differing.mean),
+            "difference_sd": ((*dims, "entry"), differing.scatter),
+        }
         data["difference"] = ((*dims, "subject", "entry"), differing.eta)
     if own.correlated:
-        data |= {"correlation": ((*dims, "parameter", "other"), own.correlation), "z": ((*dims, "pair"), own.z)}
+        data |= {
+            "correlation": ((*dims, "parameter", "other"), own.correlation),
+            "z": ((*dims, "pair"), own.z),
+        }
         coords["other"] = list(found.names)
     return xr.Dataset(data, coords)
 
@@ -143,20 +187,30 @@ def _constant(found: Population) -> xr.Dataset:
     keys = ("s1", "s2", "n_yes", "n_trials", *(["isi"] if study.intervals else []))
     record = {
         "study": {
-            "subjects": [{"name": one.name} | {key: getattr(one, key).tolist() for key in keys} for one in study],
+            "subjects": [
+                {"name": one.name} | {key: getattr(one, key).tolist() for key in keys}
+                for one in study
+            ],
             "task": study.task.name,
             **{key: getattr(study, key) for key in ("source", "synthetic", "notes", "changes")},
         },
         "settings": asdict(settings),
         "names": found.names,
         "centre": found.centre,
-        "regressors": {"columns": [one._asdict() for one in who.columns], "left_out": dict(who.left_out), "notes": who.notes},
+        "regressors": {
+            "columns": [one._asdict() for one in who.columns],
+            "left_out": dict(who.left_out),
+            "notes": who.notes,
+        },
         "chains": {"divergent": own.divergent, "reason": own.reason},
         "differences": None if found.differences is None else _differing(found.differences, keys),
         "left_out": dict(found.left_out),
         "rough": found.rough,
     }
-    data: dict[str, Any] = {"alone": (("alone_draw", "subject", "parameter"), found.unpooled), "record": ((), json.dumps(record))}
+    data: dict[str, Any] = {
+        "alone": (("alone_draw", "subject", "parameter"), found.unpooled),
+        "record": ((), json.dumps(record)),
+    }
     coords = {"subject": list(study.names), "parameter": list(found.names)}
     if who.columns:
         data["x"] = (("subject", "regressor"), who.x)
@@ -167,9 +221,19 @@ def _constant(found: Population) -> xr.Dataset:
 def _differing(found: Differences, keys: Sequence[str]) -> dict[str, Any]:
     """Conditions, what differs, and the answers of every subject in each condition."""
     units = [one for own in found.units.values() for one in own]
-    counts = [{"name": one.name, "condition": one.condition} | {key: getattr(one, key).tolist() for key in keys} for one in units]
+    counts = [
+        {"name": one.name, "condition": one.condition}
+        | {key: getattr(one, key).tolist() for key in keys}
+        for one in units
+    ]
     judged = found.drawn.subject_convergence.tolist()
-    return {"conditions": asdict(found.conditions), "names": found.names, "columns": found.columns, "units": counts, "judged": judged}
+    return {
+        "conditions": asdict(found.conditions),
+        "names": found.names,
+        "columns": found.columns,
+        "units": counts,
+        "judged": judged,
+    }
 
 
 def _attributes(found: Population, whole: bool) -> dict[str, Any]:
@@ -185,15 +249,25 @@ def _attributes(found: Population, whole: bool) -> dict[str, Any]:
         "scatter": settings.scatter,
         "correlations": int(settings.correlations),
         "prior": found.model.describe(settings.prior),
-        "hyperprior": "\n".join(settings.hyperprior.describe(found.names, correlations=settings.correlations)),
-        "settings": json.dumps({"draws": settings.draws, "prior": asdict(settings.prior), "hyperprior": settings.hyperprior.as_dict()}),
+        "hyperprior": "\n".join(
+            settings.hyperprior.describe(found.names, correlations=settings.correlations)
+        ),
+        "settings": json.dumps(
+            {
+                "draws": settings.draws,
+                "prior": asdict(settings.prior),
+                "hyperprior": settings.hyperprior.as_dict(),
+            }
+        ),
         "scales": json.dumps({name: GROUP_PARAMETERS[name].label for name in found.names}),
         "centre": found.centre,
         "regressors": _said(column.about for column in found.regressors.columns),
         "left_out": _said(f"{name}: {reason}" for name, reason in found.left_out.items()),
         "converged": int(found.converged),
         "problems": _said(found.problems),
-        "thinned": "" if whole else "quantities of subjects are those of the draws of posterior_predictive; eta has all",
+        "thinned": ""
+        if whole
+        else "quantities of subjects are those of the draws of posterior_predictive; eta has all",
         "versions": json.dumps(versions),
         "inference_library": "bayes_toe",
         "inference_library_version": versions["bayes_toe"],
@@ -214,43 +288,93 @@ def _population(tree: xr.DataTree) -> Population:
 
     drawn, constant = tree["posterior"].to_dataset(), tree["constant_data"].to_dataset()
     record = json.loads(str(constant["record"].values))
-    study, who, settings, names = record["study"], record["regressors"], record["settings"], tuple(record["names"])
+    study, who, settings, names = (
+        record["study"],
+        record["regressors"],
+        record["settings"],
+        tuple(record["names"]),
+    )
     task = task_of(study.pop("task", SAME_DIFFERENT))
-    counts = ({"n_yes" if key == SAME_DIFFERENT.count else key: values for key, values in one.items()} for one in study["subjects"])
+    counts = (
+        {"n_yes" if key == SAME_DIFFERENT.count else key: values for key, values in one.items()}
+        for one in study["subjects"]
+    )
     trials = tree["trials"].to_dataset() if "trials" in tree.children else None
-    answers = (None if trials is None else answers_of(trials, one["name"]) for one in study["subjects"])
-    subjects = tuple(Subject(**one, task=task, answers=own) for one, own in zip(counts, answers, strict=True))
+    answers = (
+        None if trials is None else answers_of(trials, one["name"]) for one in study["subjects"]
+    )
+    subjects = tuple(
+        Subject(**one, task=task, answers=own) for one, own in zip(counts, answers, strict=True)
+    )
     eta = drawn["eta"].values
     lead, size = eta.shape[:2], (len(subjects), len(names))
     if eta.shape != (*lead, *size) or constant["alone"].shape[1:] != size:
         raise InputError("its draws are of other subjects")
-    effects, z = (drawn[key].values if key in drawn else np.empty((*lead, 0, *rest)) for key, rest in (("effect", size[1:]), ("z", ())))
+    effects, z = (
+        drawn[key].values if key in drawn else np.empty((*lead, 0, *rest))
+        for key, rest in (("effect", size[1:]), ("z", ()))
+    )
     judged = tree["sample_stats"].to_dataset()["convergence"].values
     divergent, reason = (record["chains"][key] for key in ("divergent", "reason"))
-    chains = GroupChains(drawn["mean"].values, drawn["sd"].values, effects, eta, z, {}, judged, divergent, reason)
+    chains = GroupChains(
+        drawn["mean"].values, drawn["sd"].values, effects, eta, z, {}, judged, divergent, reason
+    )
     settings["prior"] = stored_prior(settings["prior"])
     *values, together = map(tuple, settings["hyperprior"]["values"])
-    settings["hyperprior"] = Hyperprior((*values, *Hyperprior().values[len(values) : -1], together))  # parameters that there were not yet
-    x, columns = constant["x"].values if "x" in constant else np.empty((size[0], 0)), tuple(Regressor(**one) for one in who["columns"])
+    settings["hyperprior"] = Hyperprior(
+        (*values, *Hyperprior().values[len(values) : -1], together)
+    )  # parameters that there were not yet
+    x, columns = (
+        constant["x"].values if "x" in constant else np.empty((size[0], 0)),
+        tuple(Regressor(**one) for one in who["columns"]),
+    )
     return Population(
-        Study(subjects, study["source"], study["synthetic"], tuple(study["notes"]), changes=study.get("changes", ())),
+        Study(
+            subjects,
+            study["source"],
+            study["synthetic"],
+            tuple(study["notes"]),
+            changes=study.get("changes", ()),
+        ),
         GroupSettings(**settings),
         names,
         record["centre"],
-        Regressors(tuple(one.name for one in subjects), x, columns, who["left_out"], tuple(who["notes"])),
+        Regressors(
+            tuple(one.name for one in subjects), x, columns, who["left_out"], tuple(who["notes"])
+        ),
         with_convergence(chains),
         constant["alone"].values,
         record["left_out"],
         tuple(record["rough"]),
-        None if record.get("differences") is None else _differences(record["differences"], drawn, chains, task),
+        None
+        if record.get("differences") is None
+        else _differences(record["differences"], drawn, chains, task),
     )
 
 
-def _differences(told: Mapping[str, Any], drawn: xr.Dataset, chains: GroupChains, task: Task) -> Differences:
+def _differences(
+    told: Mapping[str, Any], drawn: xr.Dataset, chains: GroupChains, task: Task
+) -> Differences:
     """What differs between conditions, with its draws."""
-    conditions = Conditions(told["conditions"]["name"], tuple(told["conditions"]["levels"]), told["conditions"]["numeric"])
+    conditions = Conditions(
+        told["conditions"]["name"],
+        tuple(told["conditions"]["levels"]),
+        told["conditions"]["numeric"],
+    )
     units = by_person(felt_together(Subject(**one, task=task) for one in told["units"]))
     mean, scatter, eta = (drawn[f"difference{ending}"].values for ending in ("_mean", "_sd", ""))
-    empty: dict[str, Any] = {"effects": np.empty((*mean.shape[:2], 0, mean.shape[2])), "z": np.empty((*mean.shape[:2], 0))}
-    own = replace(chains, mean=mean, scatter=scatter, eta=eta, **empty, subject_convergence=np.array(told["judged"]))
-    return Differences(conditions, units, tuple(told["names"]), tuple(told["columns"]), with_convergence(own))
+    empty: dict[str, Any] = {
+        "effects": np.empty((*mean.shape[:2], 0, mean.shape[2])),
+        "z": np.empty((*mean.shape[:2], 0)),
+    }
+    own = replace(
+        chains,
+        mean=mean,
+        scatter=scatter,
+        eta=eta,
+        **empty,
+        subject_convergence=np.array(told["judged"]),
+    )
+    return Differences(
+        conditions, units, tuple(told["names"]), tuple(told["columns"]), with_convergence(own)
+    )

@@ -87,7 +87,11 @@ class PopulationRow(NamedTuple):
         """Natural log of the Bayes factor of a difference against none; where only a bound is known, the least that it can be."""
         if (self.bf_no_difference, self.bf_below) == (None, None):
             return None
-        none = min(self.bf_below or 0.0, 1.0) if self.bf_no_difference is None else self.bf_no_difference
+        none = (
+            min(self.bf_below or 0.0, 1.0)
+            if self.bf_no_difference is None
+            else self.bf_no_difference
+        )
         return -math.log(none) if none > 0.0 else math.inf
 
     @property
@@ -105,11 +109,17 @@ class PopulationTable(Table[PopulationRow]):
 
     def frame(self) -> pd.DataFrame:
         """One row per quantity, with the columns of population.csv."""
-        return pd.DataFrame(self.rows, columns=list(PopulationRow._fields)).astype(dict.fromkeys(PopulationRow._fields[3:], float))
+        return pd.DataFrame(self.rows, columns=list(PopulationRow._fields)).astype(
+            dict.fromkeys(PopulationRow._fields[3:], float)
+        )
 
     def some(self, quantity: str, parameter: str | None = None) -> tuple[PopulationRow, ...]:
         """The rows of one kind, or of one kind and parameter."""
-        return tuple(row for row in self.rows if row.quantity == quantity and parameter in (None, row.parameter))
+        return tuple(
+            row
+            for row in self.rows
+            if row.quantity == quantity and parameter in (None, row.parameter)
+        )
 
 
 def population_table(found: Population) -> PopulationTable:
@@ -118,8 +128,14 @@ def population_table(found: Population) -> PopulationTable:
     if every is not None:
         for j, comparison in enumerate(every.comparisons):
             values = zip(every.levels, np.moveaxis(every.draws[..., j], -1, 0), strict=True)
-            rows += [_row(comparison, "asymmetry", of_level, level=level, directed=True) for level, of_level in values]
-    rows += [_row(name, "new_subject", values) for name, values in found.quantities(found.new_subject()).items()]
+            rows += [
+                _row(comparison, "asymmetry", of_level, level=level, directed=True)
+                for level, of_level in values
+            ]
+    rows += [
+        _row(name, "new_subject", values)
+        for name, values in found.quantities(found.new_subject()).items()
+    ]
     if every is not None:
         rows.append(_row(every.comparisons[0], "new_subject", every.new_subject))
     return PopulationTable(tuple(rows))
@@ -127,7 +143,11 @@ def population_table(found: Population) -> PopulationTable:
 
 def _hyperparameters(found: Population) -> Iterator[PopulationRow]:
     """Means, scatters, correlations, effects; some with a Bayes factor."""
-    labels, own, ratios = [GROUP_PARAMETERS[name].label for name in found.names], found.chains, savage_dickey(found)
+    labels, own, ratios = (
+        [GROUP_PARAMETERS[name].label for name in found.names],
+        found.chains,
+        savage_dickey(found),
+    )
     yield from _means(found, labels, ratios)
     for k, label in enumerate(labels):
         yield _row(label, "sd", own.scatter[..., k], own.convergence["sd", -1, k])
@@ -135,11 +155,25 @@ def _hyperparameters(found: Population) -> Iterator[PopulationRow]:
         yield from _scatters(found)
     for j, i in own.correlated:
         known = own.convergence[CORRELATION, j, i]
-        yield _row(f"{labels[j]}, {labels[i]}", CORRELATION, own.correlation[..., i, j], known, directed=True)
+        yield _row(
+            f"{labels[j]}, {labels[i]}",
+            CORRELATION,
+            own.correlation[..., i, j],
+            known,
+            directed=True,
+        )
     for i, column in enumerate(found.regressors.columns):
         for k, label in enumerate(labels):
             values, known = own.effects[..., i, k], own.convergence["effect", i, k]
-            yield _row(label, "effect", values, known, level=column.label, directed=True, ratio=ratios.effects[i][k])
+            yield _row(
+                label,
+                "effect",
+                values,
+                known,
+                level=column.label,
+                directed=True,
+                ratio=ratios.effects[i][k],
+            )
     if found.differences is not None:
         yield from _by_condition(found, found.differences)
 
@@ -150,24 +184,45 @@ def _means(found: Population, labels: Sequence[str], ratios: Ratios) -> Iterator
     if ratios.means:
         yield _row(ORDER_EFFECT, "mean", _sizes(found, own.mean), ratio=ratios.joint)
     natural = found.quantities(own.mean)
-    same = [name for name in found.names if GROUP_PARAMETERS[name].scale == "identity"]  # what is its own scale is not said twice
-    values = dict(zip(labels, np.moveaxis(own.mean, -1, 0), strict=True)) | {key: natural[key] for key in natural if key not in same}
-    judged = {key: own.convergence["mean", -1, k] for k, pair in enumerate(zip(labels, found.names, strict=True)) for key in pair}
+    same = [
+        name for name in found.names if GROUP_PARAMETERS[name].scale == "identity"
+    ]  # what is its own scale is not said twice
+    values = dict(zip(labels, np.moveaxis(own.mean, -1, 0), strict=True)) | {
+        key: natural[key] for key in natural if key not in same
+    }
+    judged = {
+        key: own.convergence["mean", -1, k]
+        for k, pair in enumerate(zip(labels, found.names, strict=True))
+        for key in pair
+    }
     of_zero = {ORDER_EFFECTS[name]: ratio for name, ratio in ratios.means.items()}
     for name, drawn in values.items():  # ranks of a group parameter are those of its quantity
-        yield _row(name, "mean", drawn, judged.get(name), directed=name in of_zero, ratio=of_zero.get(name))
+        yield _row(
+            name, "mean", drawn, judged.get(name), directed=name in of_zero, ratio=of_zero.get(name)
+        )
 
 
 def _by_condition(found: Population, apart: Differences) -> Iterator[PopulationRow]:
     """Of every comparison: means of differences on the group scales, of natural quantities over the subjects, and scatters."""
-    own, given = apart.drawn, apart.numbers(found.settings.hyperprior.numbers(()), found.settings.prior.at(*found.study))
+    own, given = (
+        apart.drawn,
+        apart.numbers(found.settings.hyperprior.numbers(()), found.settings.prior.at(*found.study)),
+    )
     rng = generator(found.settings.seed, "population", "no difference between conditions")
     at_zero = AtZero(own, given, np.empty((len(found.study), 0)), found.settings.scatter, rng)
     ratios, means = {name: at_zero(some) for name, some in apart.places.items()}, apart.on_average()
-    order = [i for name, some in apart.places.items() if any(name in QUANTITIES[key] for key in OF_ORDER) for i in some]
+    order = [
+        i
+        for name, some in apart.places.items()
+        if any(name in QUANTITIES[key] for key in OF_ORDER)
+        for i in some
+    ]
     of_order = at_zero(order) if order else None
     for i, pair in enumerate(apart.conditions.comparisons):
-        effect, between = partial(_row, quantity="condition_effect", level=" - ".join(pair)), apart.between(*pair)
+        effect, between = (
+            partial(_row, quantity="condition_effect", level=" - ".join(pair)),
+            apart.between(*pair),
+        )
         steps = [apart.at(one, found.names) for one in pair]
         if of_order is not None:
             yield effect(ORDER_EFFECT, values=_order_change(found, own, steps), ratio=of_order)
@@ -177,8 +232,15 @@ def _by_condition(found: Population, apart: Differences) -> Iterator[PopulationR
             yield effect(label, values=means[name][..., i], directed=True, ratio=ratios[name])
             if GROUP_PARAMETERS[name].scale != "identity":
                 key = {"gain": "pull", "gamma": "pull"}.get(name, name)
-                yield effect(key, values=(natural[0][key] - natural[1][key]).mean(axis=-1), directed=True)
-            yield _row(label, "condition_sd", np.sqrt(np.square(own.scatter[..., some]) @ np.square(between[some])), level=" - ".join(pair))
+                yield effect(
+                    key, values=(natural[0][key] - natural[1][key]).mean(axis=-1), directed=True
+                )
+            yield _row(
+                label,
+                "condition_sd",
+                np.sqrt(np.square(own.scatter[..., some]) @ np.square(between[some])),
+                level=" - ".join(pair),
+            )
 
 
 def _order_change(found: Population, own: GroupChains, at: Sequence[FloatArray]) -> FloatArray:
@@ -186,8 +248,13 @@ def _order_change(found: Population, own: GroupChains, at: Sequence[FloatArray])
     one, other = (found.quantities(found.chains.mean + own.mean @ step) for step in at)
     shown = found.typical.subject
     spread = np.average(np.square(shown.s1 - found.centre), weights=shown.n_trials)
-    offset, pull = (one[key] - other[key] if key in one else np.zeros(1) for key in ("offset", "pull"))
-    return np.asarray(np.sqrt(np.square(offset) + np.square(pull) * spread) / found.quantities(found.chains.mean)["jnd"])
+    offset, pull = (
+        one[key] - other[key] if key in one else np.zeros(1) for key in ("offset", "pull")
+    )
+    return np.asarray(
+        np.sqrt(np.square(offset) + np.square(pull) * spread)
+        / found.quantities(found.chains.mean)["jnd"]
+    )
 
 
 def _sizes(found: Population, eta: FloatArray) -> FloatArray:
@@ -203,7 +270,10 @@ def _scatters(found: Population) -> Iterator[PopulationRow]:
     place, offset, away = found.names.index("gain"), found.names.index("offset"), own.mean.copy()
     pull = 2.0 * ndtr(own.mean[..., place, None] + own.scatter[..., place, None] * u).std(axis=-1)
     yield _row(ORDER_EFFECTS["gain"], "sd", pull)
-    away[..., place], away[..., offset] = ndtri(0.5 - 0.5 * pull), scatter.sd * own.scatter[..., offset]
+    away[..., place], away[..., offset] = (
+        ndtri(0.5 - 0.5 * pull),
+        scatter.sd * own.scatter[..., offset],
+    )
     yield _row(ORDER_EFFECT, "sd", _sizes(found, away))
 
 
@@ -222,11 +292,17 @@ def _row(
     judged = convergence(values) if known is None else known
     row = PopulationRow(parameter, quantity, level, mean, sd, q05, q25, q50, q75, q95, *judged)
     if directed:
-        row = row._replace(p_direction=max(float((values > 0.0).mean()), float((values < 0.0).mean())))
+        row = row._replace(
+            p_direction=max(float((values > 0.0).mean()), float((values < 0.0).mean()))
+        )
     if ratio is None:
         return row
     row = row._replace(bf_error=ratio.error, bf_below=ratio.below)
-    return row._replace(bf_zero=ratio.value) if quantity == "mean" else row._replace(bf_no_difference=ratio.value)
+    return (
+        row._replace(bf_zero=ratio.value)
+        if quantity == "mean"
+        else row._replace(bf_no_difference=ratio.value)
+    )
 
 
 # --- Subjects -------------------------------------------------------------------------------------
@@ -243,15 +319,25 @@ class PooledSubjects(Table[SummaryRow]):
 
 def pooled_subjects(found: Population) -> PooledSubjects:
     """Of every subject in the group; who was left out is not in it."""
-    return PooledSubjects(tuple(row for i in range(len(found.study)) for row in _subject_rows(found, i)))
+    return PooledSubjects(
+        tuple(row for i in range(len(found.study)) for row in _subject_rows(found, i))
+    )
 
 
 def _subject_rows(found: Population, i: int) -> Iterator[SummaryRow]:
     name = found.study.names[i]
-    pooled, unpooled = found.quantities(found.chains.eta[:, :, i]), found.quantities(found.unpooled[:, i])
+    pooled, unpooled = (
+        found.quantities(found.chains.eta[:, :, i]),
+        found.quantities(found.unpooled[:, i]),
+    )
     reported = {key: pooled[key] for key in found.posterior(name).names.reported}
-    known = {key: Convergence(*row) for key, row in zip(found.names, found.chains.subject_convergence[i].tolist(), strict=True)}
-    judged = known | convergence_of({key: values for key, values in reported.items() if key not in known})
+    known = {
+        key: Convergence(*row)
+        for key, row in zip(found.names, found.chains.subject_convergence[i].tolist(), strict=True)
+    }
+    judged = known | convergence_of(
+        {key: values for key, values in reported.items() if key not in known}
+    )
     uncertain = errors_of(reported)
     for key, values in reported.items():
         own = np.quantile(unpooled[key], list(_UNPOOLED.values())).tolist()

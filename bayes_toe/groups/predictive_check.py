@@ -46,7 +46,11 @@ class Statistic(NamedTuple):
     @property
     def label(self) -> str:
         """What it is, in words."""
-        return {"spread": "sd of {}", "skewness": "skewness of {}", "farthest": "farthest {}, in sd"}[self.kind].format(self.of)
+        return {
+            "spread": "sd of {}",
+            "skewness": "skewness of {}",
+            "farthest": "farthest {}, in sd",
+        }[self.kind].format(self.of)
 
 
 @dataclass(frozen=True)
@@ -69,9 +73,15 @@ class PredictiveCheck:
             "skewness": f"the {one.of} of the subjects is skewed otherwise than",
             "farthest": f"the subject farthest in its {one.of} is {'farther out' if above else 'nearer'} than",
         }[one.kind]
-        numbers = f"{one.observed:.2g}, {one.q05:.2g} to {one.q95:.2g} expected, p = {one.p_value:.2g}"
+        numbers = (
+            f"{one.observed:.2g}, {one.q05:.2g} to {one.q95:.2g} expected, p = {one.p_value:.2g}"
+        )
         further = "; try --population t" if outlying and self.scatter == "normal" else ""
-        clumps = "; do the subjects fall into kinds? A covariate may tell them apart" if not outlying and one.kind == "farthest" else ""
+        clumps = (
+            "; do the subjects fall into kinds? A covariate may tell them apart"
+            if not outlying and one.kind == "farthest"
+            else ""
+        )
         return f"{what} a {self.scatter} population has it ({numbers}){further}{clumps}"
 
 
@@ -89,11 +99,18 @@ def predictive_check(found: Population, *, groups: int = _GROUPS) -> PredictiveC
     rng, chains = generator(found.settings.seed, "population", "predictive check"), found.chains
     k, draws, parts = len(found.names), chains.mean[..., 0].size, -(-groups // _TOGETHER)
     some = np.linspace(0, draws - 1, parts * _TOGETHER).astype(int)
-    mean, tau, effects, root = (values.reshape(draws, -1, k)[some] for values in (chains.mean, chains.scatter, chains.effects, chains.root))
+    mean, tau, effects, root = (
+        values.reshape(draws, -1, k)[some]
+        for values in (chains.mean, chains.scatter, chains.effects, chains.root)
+    )
     expected = mean + found.regressors.x @ effects
-    eta = expected + tau * (scatter_named(found.settings.scatter).sample(rng, expected.shape) @ root.swapaxes(1, 2))
+    eta = expected + tau * (
+        scatter_named(found.settings.scatter).sample(rng, expected.shape) @ root.swapaxes(1, 2)
+    )
     own = (found.model, found.settings.prior, found.study.subjects)
-    likelihood: GroupLikelihood | ConditionLikelihood = GroupLikelihood(*own, found.centre, _TOGETHER)
+    likelihood: GroupLikelihood | ConditionLikelihood = GroupLikelihood(
+        *own, found.centre, _TOGETHER
+    )
     if found.differences is not None:
         apart = found.differences.drawn
         mean, tau = (values.reshape(draws, 1, -1)[some] for values in (apart.mean, apart.scatter))
@@ -101,18 +118,32 @@ def predictive_check(found: Population, *, groups: int = _GROUPS) -> PredictiveC
         eta = np.concatenate([eta, mean + tau * score], axis=-1)
         likelihood = ConditionLikelihood(*own, found.differences, found.centre, _TOGETHER)
     crowd = Crowd.of(found.study.subjects, 0.0, 1.0)
-    everyone = np.concatenate([crowd.n_yes[None], *(likelihood.repeated(part, rng) for part in np.split(eta, parts))])[: groups + 1]
-    statistics = [one for deed in _deeds(found.study.subjects, crowd, everyone) for one in _statistics(*deed)]
+    everyone = np.concatenate(
+        [crowd.n_yes[None], *(likelihood.repeated(part, rng) for part in np.split(eta, parts))]
+    )[: groups + 1]
+    statistics = [
+        one for deed in _deeds(found.study.subjects, crowd, everyone) for one in _statistics(*deed)
+    ]
     return PredictiveCheck(tuple(statistics), found.settings.scatter, groups)
 
 
-def _deeds(subjects: Sequence[Subject], crowd: Crowd, n_yes: IntArray) -> Iterator[tuple[str, FloatArray, tuple[str, ...]]]:
+def _deeds(
+    subjects: Sequence[Subject], crowd: Crowd, n_yes: IntArray
+) -> Iterator[tuple[str, FloatArray, tuple[str, ...]]]:
     """What each subject of each group did, shape (groups, N), from counts, shape (groups, N, pairs), and what is asked of it."""
     task, difference, n = subjects[0].task, crowd.s2 - crowd.s1, crowd.n_trials
-    wrong, weights = task.wrong(difference, n_yes, n), np.zeros(crowd.s1.shape)  # of pairs in a subject's mean of q(c, r) - q(r, c)
+    wrong, weights = (
+        task.wrong(difference, n_yes, n),
+        np.zeros(crowd.s1.shape),
+    )  # of pairs in a subject's mean of q(c, r) - q(r, c)
     for row, one in zip(weights, subjects, strict=True):
         seconds = np.zeros(one.n_pairs) if one.isi is None else one.isi
-        at = {key: i for i, key in enumerate(zip(one.s1.tolist(), one.s2.tolist(), seconds.tolist(), strict=True))}
+        at = {
+            key: i
+            for i, key in enumerate(
+                zip(one.s1.tolist(), one.s2.tolist(), seconds.tolist(), strict=True)
+            )
+        }
         both = [(i, at[b, a, isi]) for (a, b, isi), i in at.items() if a > b and (b, a, isi) in at]
         for strong_first, weak_first in both:
             row[strong_first], row[weak_first] = 1.0 / len(both), -1.0 / len(both)
@@ -132,11 +163,24 @@ def _statistics(of: str, values: FloatArray, kinds: Sequence[str]) -> Iterator[S
     spread = values.std(axis=1, ddof=1, keepdims=True)
     from_mean = values - values.mean(axis=1, keepdims=True)
     scores = np.divide(from_mean, spread, out=np.zeros_like(from_mean), where=spread > 0.0)
-    measures = {"spread": spread[:, 0], "skewness": (scores**3).mean(axis=1), "farthest": np.abs(scores).max(axis=1)}
+    measures = {
+        "spread": spread[:, 0],
+        "skewness": (scores**3).mean(axis=1),
+        "farthest": np.abs(scores).max(axis=1),
+    }
     for kind in kinds:
         if kind != "spread" and values.shape[1] < _FEWEST:
             continue
         observed, *others = measures[kind].tolist()
         tail = min(sum(one >= observed for one in others), sum(one <= observed for one in others))
         q05, q50, q95 = np.quantile(others, (0.05, 0.5, 0.95)).tolist()
-        yield Statistic(kind, of, observed, q05, q50, q95, min(1.0, 2.0 * (tail + 1) / (len(others) + 1)), observed > q50)
+        yield Statistic(
+            kind,
+            of,
+            observed,
+            q05,
+            q50,
+            q95,
+            min(1.0, 2.0 * (tail + 1) / (len(others) + 1)),
+            observed > q50,
+        )

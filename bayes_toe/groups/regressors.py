@@ -46,7 +46,9 @@ class Regressors:
     subjects: tuple[str, ...]
     x: FloatArray  # (subjects, columns)
     columns: tuple[Regressor, ...] = ()
-    left_out: Mapping[str, str] = field(default_factory=dict)  # subjects of the study that are not among them, with the reason
+    left_out: Mapping[str, str] = field(
+        default_factory=dict
+    )  # subjects of the study that are not among them, with the reason
     notes: tuple[str, ...] = ()  # who was left out, and whose covariates nobody asked for, in words
 
     def __post_init__(self) -> None:
@@ -65,7 +67,9 @@ class Regressors:
         return replace(self, subjects=tuple(compress(self.subjects, kept)), x=self.x[kept])
 
 
-def regressors(people: Covariates, subjects: Sequence[str], *, categorical: Collection[str] = ()) -> Regressors:
+def regressors(
+    people: Covariates, subjects: Sequence[str], *, categorical: Collection[str] = ()
+) -> Regressors:
     """The columns that covariates make for the subjects of a study that have all of them, at least two more than there are columns.
 
     Covariates that are `categorical` have numbers for names of levels, as in a group that is 0 or 1; others are categories where one of
@@ -82,12 +86,18 @@ def regressors(people: Covariates, subjects: Sequence[str], *, categorical: Coll
     """
     unknown = [name for name in categorical if name not in people.values]
     if unknown:
-        raise InputError(f"categorical: found {quoted(unknown[0])}, allowed: {listed([*map(quoted, people.values)])}")
+        raise InputError(
+            f"categorical: found {quoted(unknown[0])}, allowed: {listed([*map(quoted, people.values)])}"
+        )
     left_out = dict[str, str]()
     for subject in subjects:
-        missing = [f"no {bare(name)}" for name, values in people.values.items() if subject not in values]
+        missing = [
+            f"no {bare(name)}" for name, values in people.values.items() if subject not in values
+        ]
         if missing:
-            left_out[subject] = "no covariates" if len(missing) == len(people.values) > 1 else ", ".join(missing)
+            left_out[subject] = (
+                "no covariates" if len(missing) == len(people.values) > 1 else ", ".join(missing)
+            )
     said = listed([f"{quoted(subject)} ({reason})" for subject, reason in left_out.items()])
     kept = tuple(subject for subject in subjects if subject not in left_out)
     _require_subjects(kept, len(people.values), said)
@@ -95,30 +105,57 @@ def regressors(people: Covariates, subjects: Sequence[str], *, categorical: Coll
     for name, values in people.values.items():
         own = [values[subject] for subject in kept]
         of_levels = name in categorical or any(isinstance(value, str) for value in values.values())
-        more, part = _of_levels(name, own) if of_levels else _of_numbers(name, np.array(own, np.float64))
+        more, part = (
+            _of_levels(name, own) if of_levels else _of_numbers(name, np.array(own, np.float64))
+        )
         columns += more
         x.append(part)
     _require_subjects(kept, len(columns), said)
     _require_independent(columns, np.hstack(x))
-    others = sorted({subject for values in people.values.values() for subject in values}.difference(subjects))
-    notes = (("covariates of subjects that are not in the study ignored", listed([*map(quoted, others)])), ("subjects left out", said))
-    return Regressors(kept, np.hstack(x), tuple(columns), left_out, tuple(f"{about}: {names}" for about, names in notes if names))
+    others = sorted(
+        {subject for values in people.values.values() for subject in values}.difference(subjects)
+    )
+    notes = (
+        (
+            "covariates of subjects that are not in the study ignored",
+            listed([*map(quoted, others)]),
+        ),
+        ("subjects left out", said),
+    )
+    return Regressors(
+        kept,
+        np.hstack(x),
+        tuple(columns),
+        left_out,
+        tuple(f"{about}: {names}" for about, names in notes if names),
+    )
 
 
 def _of_numbers(name: str, values: FloatArray) -> tuple[list[Regressor], FloatArray]:
     _require_several(name, f"{values[0]:g}", bool(values.min() < values.max()))
-    unit = float(np.abs(values).max())  # squares of numbers beyond 1e154 are beyond the largest float
+    unit = float(
+        np.abs(values).max()
+    )  # squares of numbers beyond 1e154 are beyond the largest float
     mean, sd = float(np.mean(values / unit)), float(np.std(values / unit, ddof=1))
     about = f"{bare(name)}, per sd of {unit * sd:.4g} about {unit * mean:.4g}"
-    return [Regressor(name, "", about, unit * mean, unit * sd)], ((values / unit - mean) / sd)[:, None]
+    return [Regressor(name, "", about, unit * mean, unit * sd)], ((values / unit - mean) / sd)[
+        :, None
+    ]
 
 
 def _of_levels(name: str, values: Sequence[str | float]) -> tuple[list[Regressor], FloatArray]:
     kinds = levels(values)
     reference, *others = level_words(kinds)
     _require_several(name, quoted(reference), bool(others))
-    columns = [Regressor(name, word, f"{bare(name)} {bare(word)} against {bare(reference)}", reference=reference) for word in others]
-    return columns, np.array([[value == kind for kind in kinds[1:]] for value in values], np.float64)
+    columns = [
+        Regressor(
+            name, word, f"{bare(name)} {bare(word)} against {bare(reference)}", reference=reference
+        )
+        for word in others
+    ]
+    return columns, np.array(
+        [[value == kind for kind in kinds[1:]] for value in values], np.float64
+    )
 
 
 def _require_several(name: str, found: str, several: bool) -> None:
@@ -131,7 +168,9 @@ def _require_subjects(kept: Sequence[str], columns: int, left_out: str) -> None:
     if columns and len(kept) < columns + 2:
         found = f"covariates: found {counted(len(kept), 'subject')} with all of them"
         rest = f"; left out: {left_out}" if left_out else ""
-        raise InputError(f"{found}, allowed: at least {columns + 2} for {counted(columns, 'column')}{rest}")
+        raise InputError(
+            f"{found}, allowed: at least {columns + 2} for {counted(columns, 'column')}{rest}"
+        )
 
 
 def _require_independent(columns: Sequence[Regressor], x: FloatArray) -> None:

@@ -65,34 +65,74 @@ class Ratios(NamedTuple):
 class AtZero:
     """Bayes factors of 0 of coefficients of a group's regression on x, (N, r): of means, then effects, regressor by regressor."""
 
-    def __init__(self, chains: GroupChains, given: HyperpriorNumbers, x: FloatArray, scatter: str, rng: np.random.Generator) -> None:
-        whiten = np.linalg.inv(chains.root) / chains.scatter[..., None, :]  # from a subject less its mean to independent scores
+    def __init__(
+        self,
+        chains: GroupChains,
+        given: HyperpriorNumbers,
+        x: FloatArray,
+        scatter: str,
+        rng: np.random.Generator,
+    ) -> None:
+        whiten = (
+            np.linalg.inv(chains.root) / chains.scatter[..., None, :]
+        )  # from a subject less its mean to independent scores
         expected = chains.mean[..., None, :] + x @ chains.effects
-        weights = scatter_named(scatter).precisions(rng, (chains.eta - expected) @ whiten.swapaxes(-1, -2))
+        weights = scatter_named(scatter).precisions(
+            rng, (chains.eta - expected) @ whiten.swapaxes(-1, -2)
+        )
         self._chains, self.k, r = chains, len(given.mean), x.shape[1]
         self._prior_sd = np.concatenate([given.mean_sd, np.tile(given.effect_sd, r)])
-        self._centre, self._covariance = _regression(with_ones(x), chains.eta - given.mean, weights, whiten, self._prior_sd)
-        self._zero = np.concatenate([-given.mean, np.zeros(r * self.k)])  # means count from those of the prior
+        self._centre, self._covariance = _regression(
+            with_ones(x), chains.eta - given.mean, weights, whiten, self._prior_sd
+        )
+        self._zero = np.concatenate(
+            [-given.mean, np.zeros(r * self.k)]
+        )  # means count from those of the prior
         drawn = np.concatenate([chains.mean[..., None, :], chains.effects], axis=2)
         self._kernel = np.square(_KERNEL) * drawn.var(axis=(0, 1)).ravel()
 
     def __call__(self, places: Sequence[int]) -> Ratio:
         """Of some coefficients together."""
         sds, k = self._prior_sd[places], self.k
-        own, far = self._covariance[..., places, :][..., places], self._zero[places] - self._centre[..., places]
+        own, far = (
+            self._covariance[..., places, :][..., places],
+            self._zero[places] - self._centre[..., places],
+        )
         variances = np.diagonal(own, axis1=-2, axis2=-1)
-        own = own + np.maximum(self._kernel[places] - variances, 0.0)[..., None] * np.eye(len(places))
+        own = own + np.maximum(self._kernel[places] - variances, 0.0)[..., None] * np.eye(
+            len(places)
+        )
         squares = np.einsum("...i,...ij,...j->...", far, np.linalg.inv(own), far)
-        highest = np.log(sds).sum() - 0.5 * np.linalg.slogdet(own)[1] + 0.5 * np.square(self._zero[places] / sds).sum()
-        keys = [("effect", place // k - 1, place % k) if place >= k else ("mean", -1, place) for place in places]
-        return ratio(highest - 0.5 * squares, np.exp(highest), min(self._chains.convergence[key].ess_bulk for key in keys))
+        highest = (
+            np.log(sds).sum()
+            - 0.5 * np.linalg.slogdet(own)[1]
+            + 0.5 * np.square(self._zero[places] / sds).sum()
+        )
+        keys = [
+            ("effect", place // k - 1, place % k) if place >= k else ("mean", -1, place)
+            for place in places
+        ]
+        return ratio(
+            highest - 0.5 * squares,
+            np.exp(highest),
+            min(self._chains.convergence[key].ess_bulk for key in keys),
+        )
 
 
 def savage_dickey(found: Population) -> Ratios:
     """For what tells of an order effect on average, and for every regressor and parameter."""
     given, x = found.settings.hyperprior.numbers(found.names), found.regressors.x
-    at_zero = AtZero(found.chains, given, x, found.settings.scatter, generator(found.settings.seed, "population", "no difference"))
-    own, k = {name: found.names.index(name) for name in ORDER_EFFECTS if name in found.names}, len(found.names)
+    at_zero = AtZero(
+        found.chains,
+        given,
+        x,
+        found.settings.scatter,
+        generator(found.settings.seed, "population", "no difference"),
+    )
+    own, k = (
+        {name: found.names.index(name) for name in ORDER_EFFECTS if name in found.names},
+        len(found.names),
+    )
     effects = tuple(tuple(at_zero([(1 + i) * k + j]) for j in range(k)) for i in range(x.shape[1]))
     always = any(name in QUANTITIES["pull"] and name not in ORDER_EFFECTS for name in found.names)
     joint = None if always or not own else at_zero([*own.values()])
@@ -108,7 +148,9 @@ def _regression(
     """
     (*lead, k), q = y[:, :, 0].shape, a.shape[1]
     of_scores = np.einsum("cdnl,np,nq->cdlpq", weights, a, a, optimize=True)
-    precision = np.einsum("cdlpq,cdlj,cdlm->cdpjqm", of_scores, whiten, whiten, optimize=True).reshape(*lead, q * k, q * k)
+    precision = np.einsum(
+        "cdlpq,cdlj,cdlm->cdpjqm", of_scores, whiten, whiten, optimize=True
+    ).reshape(*lead, q * k, q * k)
     covariance = np.linalg.inv(precision + np.diag(prior_sd**-2.0))
     pulled = a.T @ (weights * (y @ whiten.swapaxes(-1, -2))) @ whiten
     return (covariance @ pulled.reshape(*lead, -1, 1))[..., 0], covariance

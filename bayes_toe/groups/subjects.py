@@ -64,17 +64,28 @@ class GroupLikelihood:
         away: Sequence[float] | None = None,
     ) -> None:
         far = [centre_of(model, one, centre) - centre for one in subjects] if away is None else away
-        rows, far = [*subjects] * copies, [*far] * copies  # stimuli less a centre are all that counts
-        size = max(1, _BLOCK // max(one.total_trials if model.by_trial else one.n_pairs for one in subjects))
+        rows, far = (
+            [*subjects] * copies,
+            [*far] * copies,
+        )  # stimuli less a centre are all that counts
+        size = max(
+            1,
+            _BLOCK // max(one.total_trials if model.by_trial else one.n_pairs for one in subjects),
+        )
         interval = 1.0 if prior.reference_interval is None else prior.reference_interval
         blocks = [slice(i, i + size) for i in range(0, len(rows), size)]
-        self._blocks = [(some, crowd_posterior(model, prior, rows[some], centre, interval, far[some])) for some in blocks]
+        self._blocks = [
+            (some, crowd_posterior(model, prior, rows[some], centre, interval, far[some]))
+            for some in blocks
+        ]
 
     def __call__(self, eta: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Values, (copies, N), and their gradient, (copies, N, k), at eta, (copies, N, k)."""
         points = eta.reshape(-1, eta.shape[-1])
         value, gradient = np.empty(len(points)), np.empty(points.shape)
-        with np.errstate(over="ignore", invalid="ignore"):  # a width next to nothing: density 0, where no trajectory goes on
+        with np.errstate(
+            over="ignore", invalid="ignore"
+        ):  # a width next to nothing: density 0, where no trajectory goes on
             for some, posterior in self._blocks:
                 x, jacobian = posterior.from_group(points[some])
                 value[some], slope = posterior.likelihood_gradient(x)
@@ -121,11 +132,17 @@ class NormalApproximation:
 
 def funnel_of(model: Model, centre: float) -> Funnel | None:
     """Where mu1 and what its pull follows from are among the model's group parameters."""
-    places = ((model.group.index(block.group[0]), block.group_pull) for block in model.free if block.group_pull is not None)
+    places = (
+        (model.group.index(block.group[0]), block.group_pull)
+        for block in model.free
+        if block.group_pull is not None
+    )
     return next((Funnel(place, place + 1, centre, pulled) for place, pulled in places), None)
 
 
-def population_moments(about: NormalApproximation, hyperprior: HyperpriorNumbers) -> tuple[FloatArray, FloatArray]:
+def population_moments(
+    about: NormalApproximation, hyperprior: HyperpriorNumbers
+) -> tuple[FloatArray, FloatArray]:
     """Means and scatters of which the subjects may have been drawn: a few rounds of expectation and maximisation."""
     mean, scatter, n = hyperprior.mean, hyperprior.sd_scale, len(about.location)
     precision = np.exp(about.log_precision)
@@ -135,11 +152,16 @@ def population_moments(about: NormalApproximation, hyperprior: HyperpriorNumbers
         inverse = np.square(scatter / hyperprior.mean_sd) / n
         mean = (subject.mean(axis=0) + inverse * hyperprior.mean) / (1.0 + inverse)
         # Half a subject as far away as the hyperprior has them, so that a scatter cannot vanish.
-        scatter = np.sqrt(((np.square(subject - mean) + unit).sum(axis=0) + 0.5 * np.square(hyperprior.sd_scale)) / (n + 0.5))
+        scatter = np.sqrt(
+            ((np.square(subject - mean) + unit).sum(axis=0) + 0.5 * np.square(hyperprior.sd_scale))
+            / (n + 0.5)
+        )
     return mean, scatter
 
 
-def without_funnel(about: NormalApproximation, hyperprior: HyperpriorNumbers) -> NormalApproximation:
+def without_funnel(
+    about: NormalApproximation, hyperprior: HyperpriorNumbers
+) -> NormalApproximation:
     """With what is known of mu1 itself, at the pull that each subject seems to have."""
     if about.funnel is None:
         return about
@@ -171,25 +193,42 @@ class Unpooled:
     trusted: bool
 
 
-def unpooled(subject: Subject, model: Model, prior: Prior, centre: float, draws: int, seed: int) -> Unpooled:
+def unpooled(
+    subject: Subject, model: Model, prior: Prior, centre: float, draws: int, seed: int
+) -> Unpooled:
     """Fit a proposal to a subject's own posterior and draw from it."""
-    return unpooled_posterior(Posterior(subject, model, prior, centre=centre_of(model, subject, centre)), draws, seed)
+    return unpooled_posterior(
+        Posterior(subject, model, prior, centre=centre_of(model, subject, centre)), draws, seed
+    )
 
 
 def unpooled_posterior(posterior: Posterior, draws: int, seed: int) -> Unpooled:
     """The same of a posterior."""
-    fitted = fit_proposal(posterior, generator(seed, posterior.subject.name, posterior.model.name, "alone"), draws=draws)
+    fitted = fit_proposal(
+        posterior,
+        generator(seed, posterior.subject.name, posterior.model.name, "alone"),
+        draws=draws,
+    )
     some = np.isfinite(fitted.draws.log_posterior)
-    x, shares = fitted.draws.x[some], np.exp(smoothed_weights(fitted.draws.log_weights[some]).log_weights)
-    return _unpooled(posterior, x, (fitted.draws.shares[some], shares / shares.sum()), fitted.trusted, seed)
+    x, shares = (
+        fitted.draws.x[some],
+        np.exp(smoothed_weights(fitted.draws.log_weights[some]).log_weights),
+    )
+    return _unpooled(
+        posterior, x, (fitted.draws.shares[some], shares / shares.sum()), fitted.trusted, seed
+    )
 
 
-def unpooled_from_draws(draws: Draws, name: str, model: Model, centre: float, seed: int) -> Unpooled:
+def unpooled_from_draws(
+    draws: Draws, name: str, model: Model, centre: float, seed: int
+) -> Unpooled:
     """The same from draws of the subject's own posterior that are there already, of equal weight."""
     own = draws.subject(name)
     posterior = Posterior(own, model, draws.prior, centre=centre_of(model, own, centre))
     # What is stored of a slope of the noise depends on the mean first stimulus.
-    if {"noise_slope", "peak_slope"} & {*model.coordinates} and not np.isclose(Posterior(own, model, draws.prior).sbar, posterior.sbar):
+    if {"noise_slope", "peak_slope"} & {*model.coordinates} and not np.isclose(
+        Posterior(own, model, draws.prior).sbar, posterior.sbar
+    ):
         raise InputError(
             f"posterior: subject {name!r} met other first stimuli than the group, and {model.name!r} counts from their mean; "
             "allowed: no posterior"
@@ -199,10 +238,19 @@ def unpooled_from_draws(draws: Draws, name: str, model: Model, centre: float, se
     return _unpooled(posterior, x, (equal, equal), name not in draws.not_converged, seed)
 
 
-def _unpooled(posterior: Posterior, x: FloatArray, shares: tuple[FloatArray, FloatArray], trusted: bool, seed: int) -> Unpooled:
+def _unpooled(
+    posterior: Posterior,
+    x: FloatArray,
+    shares: tuple[FloatArray, FloatArray],
+    trusted: bool,
+    seed: int,
+) -> Unpooled:
     """From points with shares of the whole, as they are and smoothed: what the answers say is the posterior less what the prior knows."""
     name, eta, (plain, smoothed) = posterior.subject.name, posterior.to_group(x), shares
-    funnel, believed = funnel_of(posterior.model, posterior.sbar), posterior.sample_prior(generator(seed, name, "prior"), _PRIOR_DRAWS)
+    funnel, believed = (
+        funnel_of(posterior.model, posterior.sbar),
+        posterior.sample_prior(generator(seed, name, "prior"), _PRIOR_DRAWS),
+    )
     told, first = eta.copy(), posterior.to_group(believed)
     if funnel is not None:  # answers tell p (mu1 - centre) more or less normally, and not mu1
         offset = posterior.coordinates.index("offset")

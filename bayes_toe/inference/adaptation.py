@@ -30,8 +30,14 @@ from bayes_toe.model.ladder import Target
 
 #: With what a fit may begin.
 Start: TypeAlias = Maxima | FittedProposal | None
-_COVER_DF, _DF = 4, 8  # one more in an odd number of dimensions, because the sum of both is to be even
-_COVERS, _FLAT = 4, 0.3  # components of the cover, and the power by which the posterior is flattened for them
+_COVER_DF, _DF = (
+    4,
+    8,
+)  # one more in an odd number of dimensions, because the sum of both is to be even
+_COVERS, _FLAT = (
+    4,
+    0.3,
+)  # components of the cover, and the power by which the posterior is flattened for them
 _PATCH_SHARE, _PATCHES = 0.01, 8
 _HISTORY = 4  # rounds whose draws are pooled
 _LARGE = 4000  # draws of the round after these, which shows more of the tails
@@ -67,7 +73,9 @@ _HEAVY = 6.0
 _CALM = 0.5  # Pareto k-hat above which other draws may well have one that is not trusted
 
 
-def fit_proposal(posterior: Target, rng: np.random.Generator, *, start: Start = None, draws: int = 20_000) -> FittedProposal:
+def fit_proposal(
+    posterior: Target, rng: np.random.Generator, *, start: Start = None, draws: int = 20_000
+) -> FittedProposal:
     """Adapt a proposal to a posterior and judge it by so many draws that are independent of it, twice as many where refits were needed.
 
     It may start from maxima that are known already. Or from a proposal for this posterior that was fitted to a similar one, and draws from
@@ -76,7 +84,9 @@ def fit_proposal(posterior: Target, rng: np.random.Generator, *, start: Start = 
     return with_fresh_draws(adapt_proposal(posterior, rng, start=start, draws=draws), rng)
 
 
-def quick_proposal(posterior: Target, modes: FloatArray, cloud: FloatArray, rng: np.random.Generator) -> FittedProposal:
+def quick_proposal(
+    posterior: Target, modes: FloatArray, cloud: FloatArray, rng: np.random.Generator
+) -> FittedProposal:
     """A proposal from a cloud of draws about a maximum, shapes (draws, k) and (1, k), judged by 2,500 draws.
 
     Where these show what it misses it is refitted to them and judged by as many others, three times at most.
@@ -85,10 +95,16 @@ def quick_proposal(posterior: Target, modes: FloatArray, cloud: FloatArray, rng:
     y = levelling.level(cloud)[0]
     spread = _covariance(y)
     means = np.concatenate([y.mean(axis=0)[None], y[: _QUICK.components - 1]])
-    scales = np.concatenate([1.2 * spread[None], np.repeat(0.6 * spread[None], _QUICK.components - 1, axis=0)])
-    mixture = StudentMixture(np.full(len(means), 1.0 / len(means)), means, scales, _even(_DF, y.shape[1]))
+    scales = np.concatenate(
+        [1.2 * spread[None], np.repeat(0.6 * spread[None], _QUICK.components - 1, axis=0)]
+    )
+    mixture = StudentMixture(
+        np.full(len(means), 1.0 / len(means)), means, scales, _even(_DF, y.shape[1])
+    )
     cover = StudentMixture(np.ones(1), means[:1], 4.0 * spread[None], _even(_COVER_DF, y.shape[1]))
-    history = _adapt(Proposal(posterior, levelling, mixture, cover, _QUICK.cover_share), _QUICK, rng)
+    history = _adapt(
+        Proposal(posterior, levelling, mixture, cover, _QUICK.cover_share), _QUICK, rng
+    )
     found = _judged(_refitted(history[-_HISTORY:], _QUICK), rng, _QUICK_DRAWS)
     for _ in range(_QUICK_REFITS):
         if found.trusted and found.heaviest < _HEAVY:
@@ -97,7 +113,9 @@ def quick_proposal(posterior: Target, modes: FloatArray, cloud: FloatArray, rng:
     return found
 
 
-def adapt_proposal(posterior: Target, rng: np.random.Generator, *, start: Start = None, draws: int = 20_000) -> FittedProposal:
+def adapt_proposal(
+    posterior: Target, rng: np.random.Generator, *, start: Start = None, draws: int = 20_000
+) -> FittedProposal:
     """:func:`fit_proposal` without its last step: judged on fresh draws, refitted on those where they reveal a gap, a few times.
 
     All that a sampler needs; an evidence needs draws that the fit has not seen.
@@ -105,7 +123,11 @@ def adapt_proposal(posterior: Target, rng: np.random.Generator, *, start: Start 
     stage = STAGES[0]
     if start is None:
         start = find_maxima(posterior)
-    history = _adapt(_first(posterior, start, rng) if isinstance(start, Maxima) else _refitted([start], stage), stage, rng)
+    history = _adapt(
+        _first(posterior, start, rng) if isinstance(start, Maxima) else _refitted([start], stage),
+        stage,
+        rng,
+    )
     if max(entry.efficiency for entry in history) < _POOR:
         stage = STAGES[1]
         history = _adapt(_refitted(history[-_HISTORY:], stage), stage, rng)
@@ -114,13 +136,17 @@ def adapt_proposal(posterior: Target, rng: np.random.Generator, *, start: Start 
     judged = [_judged(_refitted([sharper], stage, _PATCHES), rng, draws)]
     while len(judged) <= _REFITS and not _good(judged[-1], best):
         judged.append(_judged(_refitted(judged[-1:], stage, _PATCHES), rng, draws))
-    chosen = judged[-1] if _good(judged[-1], best) else max(judged, key=lambda fitted: fitted.efficiency)
+    chosen = (
+        judged[-1] if _good(judged[-1], best) else max(judged, key=lambda fitted: fitted.efficiency)
+    )
     return replace(chosen, independent=len(judged) == 1)
 
 
 def with_fresh_draws(fitted: FittedProposal, rng: np.random.Generator) -> FittedProposal:
     """The proposal with draws that are independent of it: those that it has, or new ones and twice as many, because its tails are hard."""
-    return fitted if fitted.independent else _judged(fitted.proposal, rng, _HARD * len(fitted.draws.x))
+    return (
+        fitted if fitted.independent else _judged(fitted.proposal, rng, _HARD * len(fitted.draws.x))
+    )
 
 
 def redrawn(fitted: FittedProposal, rng: np.random.Generator, size: int) -> FittedProposal:
@@ -142,7 +168,9 @@ def with_trusted_draws(fitted: FittedProposal, rng: np.random.Generator) -> Fitt
     return found
 
 
-def refreshed(fitted: FittedProposal, posterior: Target, log_posterior: FloatArray, rng: np.random.Generator) -> FittedProposal:
+def refreshed(
+    fitted: FittedProposal, posterior: Target, log_posterior: FloatArray, rng: np.random.Generator
+) -> FittedProposal:
     """A proposal for a posterior like the one that it was fitted to, by one round of EM on the draws that it has, and new draws from it.
 
     `log_posterior` is that of the new posterior at the old draws, shape (draws,); the centre and the prior are the same. For posteriors to
@@ -154,7 +182,12 @@ def refreshed(fitted: FittedProposal, posterior: Target, log_posterior: FloatArr
 
 
 def _good(fitted: FittedProposal, promised: float) -> bool:
-    return fitted.pareto_k < _CALM and fitted.trusted and fitted.efficiency > 0.5 * promised and fitted.heaviest < _HEAVY
+    return (
+        fitted.pareto_k < _CALM
+        and fitted.trusted
+        and fitted.efficiency > 0.5 * promised
+        and fitted.heaviest < _HEAVY
+    )
 
 
 def _judged(proposal: Proposal, rng: np.random.Generator, size: int) -> FittedProposal:
@@ -190,16 +223,27 @@ def _first(posterior: Target, maxima: Maxima, rng: np.random.Generator) -> Propo
     y = levelling.level(x)[0]
     spread = _covariance(y, weights)
     few = STAGES[0].components // 2
-    centres, scales = [y[rng.choice(len(y), few, p=weights)]], [np.repeat(spread[None], few, axis=0)]
+    centres, scales = (
+        [y[rng.choice(len(y), few, p=weights)]],
+        [np.repeat(spread[None], few, axis=0)],
+    )
     around = STAGES[0].components // len(maxima.x) + 1
     for mode, curvature in zip(maxima.x, maxima.curvature, strict=True):
-        if np.linalg.eigvalsh(curvature)[0] > 0.01:  # flatter than ten units: a ridge running to infinity, no use as a scale
-            cloud = mode + rng.standard_normal((500, len(mode))) @ np.linalg.inv(np.linalg.cholesky(curvature))
+        if (
+            np.linalg.eigvalsh(curvature)[0] > 0.01
+        ):  # flatter than ten units: a ridge running to infinity, no use as a scale
+            cloud = mode + rng.standard_normal((500, len(mode))) @ np.linalg.inv(
+                np.linalg.cholesky(curvature)
+            )
             levelled = levelling.level(cloud)[0]
-            centres.append(levelled.mean(axis=0) + 0.7 * (levelled[:around] - levelled.mean(axis=0)))
+            centres.append(
+                levelled.mean(axis=0) + 0.7 * (levelled[:around] - levelled.mean(axis=0))
+            )
             scales.append(np.repeat(1.5 * _covariance(levelled)[None], around, axis=0))
     means = np.concatenate(centres)
-    mixture = StudentMixture(np.full(len(means), 1 / len(means)), means, np.concatenate(scales), _even(_DF, y.shape[1]))
+    mixture = StudentMixture(
+        np.full(len(means), 1 / len(means)), means, np.concatenate(scales), _even(_DF, y.shape[1])
+    )
     wide = y[rng.choice(len(y), _COVERS, p=weights)], np.repeat(4.0 * spread[None], _COVERS, axis=0)
     cover = StudentMixture(np.full(_COVERS, 1 / _COVERS), *wide, _even(_COVER_DF, y.shape[1]))
     return Proposal(posterior, levelling, mixture, cover, STAGES[0].cover_share)
@@ -219,25 +263,37 @@ def _tempered(log_weights: FloatArray, least: float) -> FloatArray:
     return np.asarray(weights / weights.sum())
 
 
-def _refitted(rounds: Sequence[_Round | FittedProposal], stage: Stage, patches: int = 0) -> Proposal:
+def _refitted(
+    rounds: Sequence[_Round | FittedProposal], stage: Stage, patches: int = 0
+) -> Proposal:
     """EM on the pooled draws of rounds of one size, then so many new components, or as many as EM dropped if these are more."""
     x, log_prior, log_posterior = (
-        np.concatenate([getattr(entry.draws, key) for entry in rounds]) for key in ("x", "log_prior", "log_posterior")
+        np.concatenate([getattr(entry.draws, key) for entry in rounds])
+        for key in ("x", "log_prior", "log_posterior")
     )
     last = rounds[-1].proposal
     y, log_volume = last.levelling.level(x)  # one for all rounds of a fit
-    made = np.logaddexp.reduce([entry.proposal.levelled_log_density(y, log_volume, log_prior) for entry in rounds]) - np.log(len(rounds))
+    made = np.logaddexp.reduce(
+        [entry.proposal.levelled_log_density(y, log_volume, log_prior) for entry in rounds]
+    ) - np.log(len(rounds))
     flattened = _FLAT * (log_posterior - log_volume) - (made - log_volume)
-    weights, flat = _tempered(log_posterior - made, least=0.05 * len(x)), _tempered(flattened, least=0.02 * len(x))
+    weights, flat = (
+        _tempered(log_posterior - made, least=0.05 * len(x)),
+        _tempered(flattened, least=0.02 * len(x)),
+    )
     mixture, cover = last.mixture, last.cover
     for _ in range(3):
         mixture, cover = mixture.updated(y, weights), cover.updated(y, flat)
     proposal = Proposal(last.posterior, last.levelling, mixture, cover, stage.cover_share)
     draws = WeightedDraws(x, log_prior, log_posterior, made)
-    return _patched(proposal, draws, y, log_volume, max(patches, stage.components - len(mixture.weights)))
+    return _patched(
+        proposal, draws, y, log_volume, max(patches, stage.components - len(mixture.weights))
+    )
 
 
-def _patched(proposal: Proposal, draws: WeightedDraws, y: FloatArray, log_volume: FloatArray, patches: int) -> Proposal:
+def _patched(
+    proposal: Proposal, draws: WeightedDraws, y: FloatArray, log_volume: FloatArray, patches: int
+) -> Proposal:
     """The proposal with some components more, one after the other where it falls shortest of the posterior (Raftery and Bao 2010).
 
     y and log_volume are the draws in levelled coordinates.
@@ -246,14 +302,23 @@ def _patched(proposal: Proposal, draws: WeightedDraws, y: FloatArray, log_volume
     white = y @ np.linalg.inv(np.linalg.cholesky(proposal.cover.covariance)).T
     found: list[StudentMixture] = []
     for _ in range(patches):
-        short = draws.log_posterior - proposal.combined(of_mixture, of_cover, log_volume, draws.log_prior)
+        short = draws.log_posterior - proposal.combined(
+            of_mixture, of_cover, log_volume, draws.log_prior
+        )
         worst = short.argmax()  # a component there, shaped like the points around it
         distance = np.einsum("nd,nd->n", apart := white - white[worst], apart)
         near = np.argpartition(distance, size := max(100, len(y) // 50))[:size]
-        weights, around = 0.5 * np.exp(short[near] - logsumexp(short[near])) + 0.5 / size, y[near] - y[worst]
+        weights, around = (
+            0.5 * np.exp(short[near] - logsumexp(short[near])) + 0.5 / size,
+            y[near] - y[worst],
+        )
         scale = (weights[:, None] * around).T @ around
-        found.append(StudentMixture(np.ones(1), y[worst][None], scale[None], _even(_DF, y.shape[1])))
-        of_mixture = np.logaddexp(np.log1p(-_PATCH_SHARE) + of_mixture, np.log(_PATCH_SHARE) + found[-1].log_density(y))
+        found.append(
+            StudentMixture(np.ones(1), y[worst][None], scale[None], _even(_DF, y.shape[1]))
+        )
+        of_mixture = np.logaddexp(
+            np.log1p(-_PATCH_SHARE) + of_mixture, np.log(_PATCH_SHARE) + found[-1].log_density(y)
+        )
     return replace(proposal, mixture=proposal.mixture.joined(found, _PATCH_SHARE))
 
 

@@ -18,7 +18,13 @@ _COLUMNS = ("s1", "s2", "isi", "n_yes", "n_trials")
 
 
 def require_belonging(
-    draws: Draws, where: str, *, study: Study | None = None, prior: Prior | None = None, seed: int | None = None, model: str | None = None
+    draws: Draws,
+    where: str,
+    *,
+    study: Study | None = None,
+    prior: Prior | None = None,
+    seed: int | None = None,
+    model: str | None = None,
 ) -> None:
     """Refuse draws that belong to something else; what is not given is not asked for. `where` is what a message calls the draws.
 
@@ -27,7 +33,11 @@ def require_belonging(
     if model is not None and draws.model != model:
         raise InputError(f"{where}: found draws of the model {draws.model!r}, allowed: {model!r}")
     if study is not None and (wrong := _other_study(draws, study)):
-        made = "" if draws.study.changes == study.changes else f", read with {' '.join(draws.study.changes) or 'no change'}"
+        made = (
+            ""
+            if draws.study.changes == study.changes
+            else f", read with {' '.join(draws.study.changes) or 'no change'}"
+        )
         raise InputError(f"{where}: {wrong}{made}; allowed: the posterior of {study.source}")
     if prior is not None and not _same_prior(draws, prior):
         raise InputError(
@@ -35,7 +45,9 @@ def require_belonging(
             f"given {prior.describe_orders(draws.task)}"
         )
     if seed is not None and draws.seed != seed:
-        raise InputError(f"{where}: found draws of seed {draws.seed}, allowed: that seed, or none, given {seed}")
+        raise InputError(
+            f"{where}: found draws of seed {draws.seed}, allowed: that seed, or none, given {seed}"
+        )
 
 
 def require_update(draws: Draws, what: str) -> None:
@@ -48,28 +60,47 @@ def require_subjects(source: str, names: Iterable[str], draws: Draws) -> None:
     others = (set(names) ^ set(draws.names)) - draws.failed.keys()
     if others:
         whom = listed([*map(quoted, sorted(others))], 3)
-        raise InputError(f"{source}: found other subjects than the draws have, {whom}, allowed: one study")
+        raise InputError(
+            f"{source}: found other subjects than the draws have, {whom}, allowed: one study"
+        )
 
 
 def require_said_prior(source: str, said: str, wanted: str) -> None:
     """Refuse a table that says another prior, in words, than that of the draws."""
     if said != wanted:
-        raise InputError(f"{source}, column prior: found {quoted(said)}, allowed: that of the draws, {wanted}")
+        raise InputError(
+            f"{source}, column prior: found {quoted(said)}, allowed: that of the draws, {wanted}"
+        )
 
 
 def _same_prior(draws: Draws, prior: Prior) -> bool:
     """Whether the model's parameters have the same prior; what only other models have does not count."""
     record, own = model_named(draws.model, draws.task), draws.prior
-    used = {"interval"}.union(*(record.parameters(one) for one in (prior, own))) if isinstance(record, Model) else {"interval"}
-    same = (getattr(own, one.name) == getattr(prior, one.name) for one in own.declared() if one.parameter in used)
+    used = (
+        {"interval"}.union(*(record.parameters(one) for one in (prior, own)))
+        if isinstance(record, Model)
+        else {"interval"}
+    )
+    same = (
+        getattr(own, one.name) == getattr(prior, one.name)
+        for one in own.declared()
+        if one.parameter in used
+    )
     return type(prior) is type(own) and all(same)
 
 
 def _other_study(draws: Draws, study: Study) -> str:
     """What is not the same; nothing where all is."""
     known = {*draws.names, *draws.failed}
-    absent, others = [name for name in study.names if name not in known], sorted(known.difference(study.names))
-    different = [] if absent or others else [name for name in draws.names if not same_answers(draws.subject(name), study[name])]
+    absent, others = (
+        [name for name in study.names if name not in known],
+        sorted(known.difference(study.names)),
+    )
+    different = (
+        []
+        if absent or others
+        else [name for name in draws.names if not same_answers(draws.subject(name), study[name])]
+    )
     who = f"subject {listed([quoted(name) for name in absent or others or different], 3)}"
     if absent:
         return f"found no draws of {who}"
@@ -81,4 +112,7 @@ def _other_study(draws: Draws, study: Study) -> str:
 def same_answers(one: Subject, other: Subject) -> bool:
     """Whether both have the same counts of the same pairs."""
     pairs = [(getattr(one, name), getattr(other, name)) for name in _COLUMNS]
-    return all(mine is theirs is None if mine is None or theirs is None else np.array_equal(mine, theirs) for mine, theirs in pairs)
+    return all(
+        mine is theirs is None if mine is None or theirs is None else np.array_equal(mine, theirs)
+        for mine, theirs in pairs
+    )

@@ -47,7 +47,10 @@ _CONVERGENCE = (
     partial(array_stats.ess, method="tail", prob=TAIL),
     partial(array_stats.rhat, method="rank"),
 )
-_ERRORS = (partial(array_stats.mcse, method="mean"), *(partial(array_stats.mcse, method="quantile", prob=p) for p in (0.05, 0.5, 0.95)))
+_ERRORS = (
+    partial(array_stats.mcse, method="mean"),
+    *(partial(array_stats.mcse, method="quantile", prob=p) for p in (0.05, 0.5, 0.95)),
+)
 
 
 def convergence(draws: npt.ArrayLike) -> Convergence:
@@ -68,15 +71,29 @@ def convergence_of(quantities: Mapping[str, FloatArray]) -> dict[str, Convergenc
     """:func:`convergence` of many quantities of one shape, by name, in one go."""
     if not quantities:
         return {}
-    return dict(zip(quantities, map(Convergence._make, _found(_CONVERGENCE, np.stack(list(quantities.values())))), strict=True))
+    return dict(
+        zip(
+            quantities,
+            map(Convergence._make, _found(_CONVERGENCE, np.stack(list(quantities.values())))),
+            strict=True,
+        )
+    )
 
 
 def errors_of(quantities: Mapping[str, FloatArray]) -> dict[str, Errors]:
     """:func:`errors` of many quantities of one shape, by name, in one go."""
-    return dict(zip(quantities, map(Errors._make, _found(_ERRORS, np.stack(list(quantities.values())))), strict=True))
+    return dict(
+        zip(
+            quantities,
+            map(Errors._make, _found(_ERRORS, np.stack(list(quantities.values())))),
+            strict=True,
+        )
+    )
 
 
-def _found(measures: tuple[Callable[[FloatArray], FloatArray], ...], draws: FloatArray) -> list[list[float]]:
+def _found(
+    measures: tuple[Callable[[FloatArray], FloatArray], ...], draws: FloatArray
+) -> list[list[float]]:
     """What the measures say of draws, shape (quantities, chains, draws); of constants ArviZ itself says that all draws count."""
     found = np.full((len(draws), len(measures)), np.nan)
     varies = draws.max(axis=(1, 2)) > draws.min(axis=(1, 2))  # NaN is above nothing
@@ -97,7 +114,11 @@ def shortfall(found: Mapping[str, Convergence], draws: int, max_r_hat: float) ->
     """What was not reached, in words; empty where everything was."""
     (lowest, ess), (highest, r_hat) = worst(found)
     problems = [f"{ess:.0f} effective draws of {lowest}, {draws} required"] if ess < draws else []
-    problems += [f"R-hat {r_hat:.3f} of {highest}, below {max_r_hat:g} required"] if r_hat >= max_r_hat else []
+    problems += (
+        [f"R-hat {r_hat:.3f} of {highest}, below {max_r_hat:g} required"]
+        if r_hat >= max_r_hat
+        else []
+    )
     return "; ".join(problems)
 
 
@@ -112,7 +133,10 @@ def quantile_errors(draws: npt.ArrayLike, probabilities: npt.ArrayLike, ess: flo
     ascending, p = np.sort(np.ravel(draws)), np.asarray(probabilities, np.float64)
     if not ess > 0.0:
         return np.full(p.shape, np.nan)
-    low, high = (betaincinv(ess * p + 1.0, ess * (1.0 - p) + 1.0, level) * ascending.size - 1.0 for level in _ONE_SD)
+    low, high = (
+        betaincinv(ess * p + 1.0, ess * (1.0 - p) + 1.0, level) * ascending.size - 1.0
+        for level in _ONE_SD
+    )
     ends = np.maximum(np.floor(low), 0.0), np.minimum(np.ceil(high), ascending.size - 1.0)
     return np.asarray((ascending[ends[1].astype(int)] - ascending[ends[0].astype(int)]) / 2.0)
 

@@ -31,7 +31,15 @@ from bayes_toe.errors import InputError, require_kind
 from bayes_toe.inference import draws_file
 from bayes_toe.inference.predictive_checks import FitSummary
 from bayes_toe.inference.sampling import SamplerSettings
-from bayes_toe.inference.subject import FIT_COLUMNS, SUMMARY_COLUMNS, Settings, SubjectDraws, SummaryRow, summary_rows, unit
+from bayes_toe.inference.subject import (
+    FIT_COLUMNS,
+    SUMMARY_COLUMNS,
+    Settings,
+    SubjectDraws,
+    SummaryRow,
+    summary_rows,
+    unit,
+)
 from bayes_toe.model.coordinates import NATURAL, Natural
 from bayes_toe.model.free_frequencies import FrequencyPosterior
 from bayes_toe.model.ladder import model_named, posterior_of
@@ -81,7 +89,14 @@ class Draws:
     @property
     def parameters(self) -> tuple[str, ...]:
         """The quantities that tables report, in order; :meth:`values` knows further ones that follow from them."""
-        return tuple(dict.fromkeys((*self.posterior(self.names[0]).names.reported, *map(str, self.group("posterior").data_vars))))
+        return tuple(
+            dict.fromkeys(
+                (
+                    *self.posterior(self.names[0]).names.reported,
+                    *map(str, self.group("posterior").data_vars),
+                )
+            )
+        )
 
     @property
     def seed(self) -> int:
@@ -92,12 +107,17 @@ class Draws:
     def prior(self) -> Prior:
         """The prior that these draws were made under; :meth:`described_prior` is the line for a Methods section."""
         values = json.loads(self.tree.attrs["settings"])["prior"]
-        return stored_prior({"reference_interval": 1.0 if self.intervals else None, **values})  # as before this could be said
+        return stored_prior(
+            {"reference_interval": 1.0 if self.intervals else None, **values}
+        )  # as before this could be said
 
     @property
     def sampler(self) -> SamplerSettings:
         """The settings that these draws were made with."""
-        stored, known = json.loads(self.tree.attrs["settings"])["sampler"], {one.name for one in fields(SamplerSettings)}
+        stored, known = (
+            json.loads(self.tree.attrs["settings"])["sampler"],
+            {one.name for one in fields(SamplerSettings)},
+        )
         return SamplerSettings(**{name: value for name, value in stored.items() if name in known})
 
     def described_prior(self) -> str:
@@ -118,31 +138,52 @@ class Draws:
     @property
     def not_converged(self) -> dict[str, str]:
         """Subjects whose draws missed the convergence criteria, with what was missed."""
-        missed = self._said("shortfall", ~self.group("sample_stats")["converged"].values.astype(bool))
-        return {name: reason for name, reason in missed.items() if not reason.startswith(_OF_QUANTILES)}
+        missed = self._said(
+            "shortfall", ~self.group("sample_stats")["converged"].values.astype(bool)
+        )
+        return {
+            name: reason for name, reason in missed.items() if not reason.startswith(_OF_QUANTILES)
+        }
 
     @property
     def imprecise(self) -> dict[str, str]:
         """Subjects of whom more draws are wanted, because a quantile is not precise enough, with how many would do."""
-        column = "imprecise" if "imprecise" in self.group("sample_stats") else "shortfall"  # as earlier versions had it
-        return {name: reason for name, reason in self._said(column).items() if reason.startswith(_OF_QUANTILES)}
+        column = (
+            "imprecise" if "imprecise" in self.group("sample_stats") else "shortfall"
+        )  # as earlier versions had it
+        return {
+            name: reason
+            for name, reason in self._said(column).items()
+            if reason.startswith(_OF_QUANTILES)
+        }
 
     def _said(self, column: str, of: npt.ArrayLike = True) -> dict[str, str]:
         """A text of every subject, or of some of them."""
         texts = self.group("sample_stats")[column].values
-        return {self.names[i]: str(texts[i]) for i in np.flatnonzero(np.broadcast_to(of, texts.shape))}
+        return {
+            self.names[i]: str(texts[i]) for i in np.flatnonzero(np.broadcast_to(of, texts.shape))
+        }
 
     @property
     def failed(self) -> dict[str, str]:
         """Subjects of the study that there are no draws of because their work was lost, with the reason."""
-        return {str(name): str(reason) for name, reason in json.loads(self.tree.attrs.get("failed", "{}")).items()}
+        return {
+            str(name): str(reason)
+            for name, reason in json.loads(self.tree.attrs.get("failed", "{}")).items()
+        }
 
     def __getitem__(self, name: str | int) -> Draws:
         """Draws of one subject alone; of a store or a large file, no others are read."""
         name = self._known(name)
         with self._reading():
-            groups = {f"/{key}": self.group(key).sel(subject=[name]).load() for key in ("posterior", "sample_stats")}
-        groups |= {f"/{key}": self.group(key).isel(obs=self._places[name]) for key in ("observed_data", "constant_data")}
+            groups = {
+                f"/{key}": self.group(key).sel(subject=[name]).load()
+                for key in ("posterior", "sample_stats")
+            }
+        groups |= {
+            f"/{key}": self.group(key).isel(obs=self._places[name])
+            for key in ("observed_data", "constant_data")
+        }
         if "trials" in self.tree.children:
             groups["/trials"] = draws_file.trials_of(self.group("trials"), name)
         tree = xr.DataTree.from_dict(groups)
@@ -152,9 +193,19 @@ class Draws:
     @property
     def study(self) -> Study:
         """The study that these are draws of: the counts of everybody who has draws, with the notes of reading them."""
-        notes, changes = (tuple(line for line in str(self.tree.attrs.get(key, "")).split("\n") if line) for key in ("notes", "changes"))
+        notes, changes = (
+            tuple(line for line in str(self.tree.attrs.get(key, "")).split("\n") if line)
+            for key in ("notes", "changes")
+        )
         subjects = tuple(map(self.subject, self.names))
-        return Study(subjects, str(self.tree.attrs["source"]), self.synthetic, notes, changes=changes, conditions=self._conditions[0])
+        return Study(
+            subjects,
+            str(self.tree.attrs["source"]),
+            self.synthetic,
+            notes,
+            changes=changes,
+            conditions=self._conditions[0],
+        )
 
     @cached_property
     def _conditions(self) -> tuple[Conditions | None, dict[str, dict[str, Any]]]:
@@ -174,8 +225,14 @@ class Draws:
         columns = {**self.group("constant_data").variables, **self.group("observed_data").variables}
         keys = ("s1", "s2", self.task.count, "n_trials", *(["isi"] if "isi" in columns else []))
         given = (columns[key].values[self._places[name]] for key in keys)
-        answers = draws_file.answers_of(self.group("trials"), name) if "trials" in self.tree.children else None
-        return Subject(name, *given, task=self.task, answers=answers, **self._conditions[1].get(name, {}))
+        answers = (
+            draws_file.answers_of(self.group("trials"), name)
+            if "trials" in self.tree.children
+            else None
+        )
+        return Subject(
+            name, *given, task=self.task, answers=answers, **self._conditions[1].get(name, {})
+        )
 
     def posterior(self, name: str | int) -> Posterior | FrequencyPosterior:
         """The posterior that one subject's draws are of."""
@@ -196,7 +253,9 @@ class Draws:
         """
         missing = [key for key in NATURAL if key not in self.parameters]
         if missing:
-            raise InputError(f"model {self.model!r} has no {', '.join(missing)}; it has: {', '.join(self.parameters)}")
+            raise InputError(
+                f"model {self.model!r} has no {', '.join(missing)}; it has: {', '.join(self.parameters)}"
+            )
         return Natural(*(self.values(name, key) for key in NATURAL))
 
     def values(self, name: str | int, parameter: str) -> FloatArray:
@@ -219,7 +278,9 @@ class Draws:
             return self._stored(name, parameter)
         target = self.posterior(name)
         if parameter not in target.names.all:
-            raise InputError(f"unknown parameter {parameter!r}; there are: {', '.join(target.names.all)}")
+            raise InputError(
+                f"unknown parameter {parameter!r}; there are: {', '.join(target.names.all)}"
+            )
         if name not in self._derived:  # of one subject at a time
             self._derived.clear()
             self._derived[name] = target.quantities(self.points(name))
@@ -228,7 +289,9 @@ class Draws:
     def fit(self, name: str | int) -> FitSummary:
         """Goodness of fit of one subject: deviance and posterior predictive p-values."""
         stats = self.group("sample_stats").sel(subject=self._known(name))
-        return FitSummary(**{key: stats[column].item() for key, column in FIT_COLUMNS.items() if column in stats})
+        return FitSummary(
+            **{key: stats[column].item() for key, column in FIT_COLUMNS.items() if column in stats}
+        )
 
     def summary(self) -> pd.DataFrame:
         """One row per subject and parameter: mean, sd, quantiles, bulk and tail ESS, R-hat, contraction, Monte Carlo errors.
@@ -241,7 +304,9 @@ class Draws:
         rows: list[SummaryRow] = []
         for name in self.names:
             target = self.posterior(name)
-            rows += summary_rows(target, {key: self.values(name, key) for key in target.names.reported})
+            rows += summary_rows(
+                target, {key: self.values(name, key) for key in target.names.reported}
+            )
         return pd.DataFrame(rows, columns=list(SUMMARY_COLUMNS))
 
     def to_arviz(self) -> Any:
@@ -262,14 +327,19 @@ class Draws:
         import arviz  # as slow to load as everything else together
 
         target, dims = self.posterior(self.names[0]), draws_file.BY_SUBJECT
-        groups = {name: self.group(name) for name in ("posterior", "sample_stats", "observed_data", "constant_data")}
+        groups = {
+            name: self.group(name)
+            for name in ("posterior", "sample_stats", "observed_data", "constant_data")
+        }
         for key in self.parameters:
             values = np.stack([self.values(name, key) for name in self.names], axis=-1)
             groups["posterior"][key] = (dims, values, {"units": unit(key, target)})
         coords = {**groups["sample_stats"].coords, **groups["observed_data"].coords}
         found = zip(*(self._answers(name) for name in self.names), strict=True)
         for group, parts in zip(("log_likelihood", "posterior_predictive"), found, strict=True):
-            groups[group] = xr.Dataset({self.task.count: ((*dims[:2], "obs"), np.concatenate(parts, axis=-1))}, coords)
+            groups[group] = xr.Dataset(
+                {self.task.count: ((*dims[:2], "obs"), np.concatenate(parts, axis=-1))}, coords
+            )
         tree = xr.DataTree.from_dict({f"/{name}": group for name, group in groups.items()})
         tree.attrs.update(self.tree.attrs)
         convert = getattr(arviz, "from_datatree", None)  # of 0.x, which has a container of its own
@@ -280,10 +350,14 @@ class Draws:
         target, x = self.posterior(name), self.points(name)
         rng = generator(self.seed, name, self.model, "posterior_predictive")
         log_likelihood, predicted = np.empty((2, *x.shape[:2], target.subject.n_pairs))
-        for chain, points in enumerate(x):  # one at a time: temporaries of a large design stay small
+        for chain, points in enumerate(
+            x
+        ):  # one at a time: temporaries of a large design stay small
             answers = target.log_answers(points)
             log_likelihood[chain] = target.pair_log_likelihood(points, answers)
-            predicted[chain] = rng.binomial(target.subject.n_trials, np.exp(target.realised_answers(rng, points, answers)[0]))
+            predicted[chain] = rng.binomial(
+                target.subject.n_trials, np.exp(target.realised_answers(rng, points, answers)[0])
+            )
         return log_likelihood, predicted.astype(np.int64)
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
@@ -317,9 +391,17 @@ class Draws:
     def _stored(self, name: str | int, parameter: str) -> FloatArray:
         with self._reading():
             # Of one layout, so that sums have one order.
-            values = np.ascontiguousarray(self.group("posterior")[parameter].sel(subject=as_name(name)).values, np.float64)
-            if self.file is not None and np.isnan(values).any() and parameter in self.posterior(name).names.natural:
-                raise OSError("checksum of a chunk that was lost")  # Zarr takes it for one that has nothing in it
+            values = np.ascontiguousarray(
+                self.group("posterior")[parameter].sel(subject=as_name(name)).values, np.float64
+            )
+            if (
+                self.file is not None
+                and np.isnan(values).any()
+                and parameter in self.posterior(name).names.natural
+            ):
+                raise OSError(
+                    "checksum of a chunk that was lost"
+                )  # Zarr takes it for one that has nothing in it
         return values
 
     @contextmanager
@@ -341,12 +423,16 @@ class Draws:
     def _known(self, name: str | int) -> str:
         """A subject's name, of whom there are draws."""
         if as_name(name) not in self._places:
-            raise InputError(f"no subject {name!r} among the draws; there are: {listed([*map(repr, self.names)], 20)}")
+            raise InputError(
+                f"no subject {name!r} among the draws; there are: {listed([*map(repr, self.names)], 20)}"
+            )
         return as_name(name)
 
     def __repr__(self) -> str:
         size = self.group("posterior").sizes
-        missed = f"; NOT CONVERGED: {named_few([*self.not_converged])}" if self.not_converged else ""
+        missed = (
+            f"; NOT CONVERGED: {named_few([*self.not_converged])}" if self.not_converged else ""
+        )
         about = f"{size['chain']} chains of {size['draw']:,}, seed {self.seed}{missed}"
         return f"<Draws of {self.model!r}: {len(self.names):,} subjects ({named_few(self.names)}), {about}>"
 
@@ -358,38 +444,65 @@ class Draws:
                 low, middle, high = np.quantile(self.values(name, key), [0.05, 0.5, 0.95])
                 row[key] = f"{middle:.3g} ({low:.3g} to {high:.3g})"
             rows.append({**row, "converged": "no" if name in self.not_converged else "yes"})
-        return as_html(f"{repr(self)[1:-1]}. Medians (5 to 95 %)", pd.DataFrame(rows), len(self.names))
+        return as_html(
+            f"{repr(self)[1:-1]}. Medians (5 to 95 %)", pd.DataFrame(rows), len(self.names)
+        )
 
 
 def require_draws(given: object) -> None:
     """Refuse what stands in the place of draws, with what makes them."""
-    require_kind("draws", given, Draws, "Draws, such as bt.sample(study), bt.run(study).draws or bt.load('posterior.nc')")
+    require_kind(
+        "draws",
+        given,
+        Draws,
+        "Draws, such as bt.sample(study), bt.run(study).draws or bt.load('posterior.nc')",
+    )
 
 
 def load_draws(path: str | Path) -> Draws:
     """Read draws that :meth:`Draws.save` wrote, from a file or a store; also those of earlier versions, which hold more."""
     made, name = Draws(draws_file.read_tree(path), Path(path)), shown(Path(path))
     try:
-        needed = {key for subject in made.study for key in posterior_of(subject, made.prior, model=made.model).names.natural}
+        needed = {
+            key
+            for subject in made.study
+            for key in posterior_of(subject, made.prior, model=made.model).names.natural
+        }
     except InputError as error:
         raise InputError(f"{name}: draws of {error}") from error
     except (TypeError, ArithmeticError, LookupError, ValueError, RecursionError) as error:
-        raise InputError(f"{name}: its prior or its pairs are none that draws have; {draws_file.ALLOWED}") from error
+        raise InputError(
+            f"{name}: its prior or its pairs are none that draws have; {draws_file.ALLOWED}"
+        ) from error
     absent = sorted(needed - set(made.group("posterior").data_vars))
     if absent:
-        raise InputError(f"{name}: no {', '.join(absent)} among the draws of model {made.model!r}; {draws_file.ALLOWED}")
+        raise InputError(
+            f"{name}: no {', '.join(absent)} among the draws of model {made.model!r}; {draws_file.ALLOWED}"
+        )
     return made
 
 
-def assembled(path: Path | None, study: Study, found: Iterable[SubjectDraws], settings: Settings, failed: Mapping[str, str]) -> Draws:
+def assembled(
+    path: Path | None,
+    study: Study,
+    found: Iterable[SubjectDraws],
+    settings: Settings,
+    failed: Mapping[str, str],
+) -> Draws:
     """The draws of every subject of a study, and who failed; where there is a path and much to store, in a Zarr store there."""
-    much = stored_bytes(study, settings.prior, settings.sampler, settings.model) > draws_file.AT_ONCE and find_spec("zarr") is not None
+    much = (
+        stored_bytes(study, settings.prior, settings.sampler, settings.model) > draws_file.AT_ONCE
+        and find_spec("zarr") is not None
+    )
     store = path if much else None
     return Draws(draws_file.assembled_tree(study, found, settings, failed, store), store)
 
 
 def stored_bytes(study: Study, prior: Prior, sampler: SamplerSettings, model: str) -> int:
     """About how many bytes the file of draws will have, before they are made."""
-    record, stored = model_named(model, study.task), sampler.ensembles * sampler.walkers * sampler.kept_steps
+    record, stored = (
+        model_named(model, study.task),
+        sampler.ensembles * sampler.walkers * sampler.kept_steps,
+    )
     names = {name for subject in study for name in record.posterior(subject, prior).names.natural}
     return 8 * stored * len(study) * (len(names) + 1) + 50_000

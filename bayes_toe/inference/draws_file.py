@@ -35,7 +35,9 @@ from bayes_toe.model.ladder import model_named
 from bayes_toe.version import library_versions
 
 ALLOWED = "allowed: a posterior.nc or posterior.zarr written by bayes-toe"
-AT_ONCE = 2**28  # bytes of draws that are put together, or read, in memory; of more each subject's when they are asked for
+AT_ONCE = (
+    2**28
+)  # bytes of draws that are put together, or read, in memory; of more each subject's when they are asked for
 LARGEST = 2**31  # bytes of draws in one NetCDF file, which is written from memory
 BY_SUBJECT = ("chain", "draw", "subject")
 _OBSERVED: dict[str, tuple[str, ...]] = {"subject": ("obs",), "s1": ("obs",), "s2": ("obs",)}
@@ -43,20 +45,31 @@ _OBSERVED: dict[str, tuple[str, ...]] = {"subject": ("obs",), "s1": ("obs",), "s
 _LAYOUT: dict[str, dict[str, tuple[str, ...]]] = {
     "posterior": {"chain": ("chain",), "draw": ("draw",), "subject": ("subject",)},
     "sample_stats": {
-        **dict.fromkeys(("subject", "converged", "shortfall", "min_ess", "max_r_hat"), ("subject",)),
+        **dict.fromkeys(
+            ("subject", "converged", "shortfall", "min_ess", "max_r_hat"), ("subject",)
+        ),
         "lp": BY_SUBJECT,
     },
     "observed_data": {**_OBSERVED},  # and the count of the task
     "constant_data": {**_OBSERVED, "n_trials": ("obs",)},
 }
-_ATTRIBUTES: dict[str, Any] = {"model": str, "settings": str, "seed": int | np.integer, "synthetic": int | np.integer}
+_ATTRIBUTES: dict[str, Any] = {
+    "model": str,
+    "settings": str,
+    "seed": int | np.integer,
+    "synthetic": int | np.integer,
+}
 
 
 # --- From the draws of subjects to a tree ---------------------------------------------------------
 
 
 def assembled_tree(
-    study: Study, found: Iterable[SubjectDraws], settings: Settings, failed: Mapping[str, str], store: Path | None = None
+    study: Study,
+    found: Iterable[SubjectDraws],
+    settings: Settings,
+    failed: Mapping[str, str],
+    store: Path | None = None,
 ) -> xr.DataTree:
     """The tree of all subjects' draws; into a store, where one is given, subject by subject, so that they are never in memory together."""
     heads = [_Head(one) for one in found]
@@ -71,14 +84,18 @@ def assembled_tree(
             "/posterior": _coordinates(study, heads[0].size, settings.sampler.walkers).assign(
                 {name: (BY_SUBJECT, values[name], {"units": units[name]}) for name in names}
             ),
-            "/sample_stats": _statistics(study, heads).assign(lp=(BY_SUBJECT, values["lp"], {"description": density})),
+            "/sample_stats": _statistics(study, heads).assign(
+                lp=(BY_SUBJECT, values["lp"], {"description": density})
+            ),
             "/observed_data": _long(study, "n_yes").rename(n_yes=study.task.count),
             "/constant_data": _long(study, "n_trials"),
         }
     )
     if model_named(settings.model, study.task).by_trial:
         tree["trials"] = xr.DataTree(felt_trials(study))
-    tree.attrs.update(_attributes(study, settings) | ({"failed": json.dumps(dict(failed))} if failed else {}))
+    tree.attrs.update(
+        _attributes(study, settings) | ({"failed": json.dumps(dict(failed))} if failed else {})
+    )
     if store is None:
         _fill(values, found)
         return tree
@@ -87,7 +104,10 @@ def assembled_tree(
     import zarr
 
     root: Any = zarr.open_group(store, mode="r+")
-    _fill({name: root["sample_stats" if name == "lp" else "posterior"][name] for name in values}, found)
+    _fill(
+        {name: root["sample_stats" if name == "lp" else "posterior"][name] for name in values},
+        found,
+    )
     return read_tree(store)
 
 
@@ -102,14 +122,24 @@ class _Head:
     """What is small of the draws of a subject."""
 
     def __init__(self, one: SubjectDraws) -> None:
-        self.units, self.coordinates, self.size = one.units, one.coordinates, one.log_posterior.shape
+        self.units, self.coordinates, self.size = (
+            one.units,
+            one.coordinates,
+            one.log_posterior.shape,
+        )
         self.acceptance, self.statistics = one.acceptance, one.statistics
 
 
 def _coordinates(study: Study, size: tuple[int, ...], walkers: int) -> xr.Dataset:
     chains, draws = size
-    coords = {"chain": np.arange(chains), "draw": np.arange(draws), "subject": np.array(study.names, object)}
-    return xr.Dataset(coords=coords | {"walker": ("draw", np.repeat(np.arange(walkers), draws // walkers))})
+    coords = {
+        "chain": np.arange(chains),
+        "draw": np.arange(draws),
+        "subject": np.array(study.names, object),
+    }
+    return xr.Dataset(
+        coords=coords | {"walker": ("draw", np.repeat(np.arange(walkers), draws // walkers))}
+    )
 
 
 def _statistics(study: Study, heads: list[_Head]) -> xr.Dataset:
@@ -118,16 +148,24 @@ def _statistics(study: Study, heads: list[_Head]) -> xr.Dataset:
     known = [name for name in heads[0].statistics if all(name in head.statistics for head in heads)]
     rates = np.stack([head.acceptance for head in heads], axis=-1)
     columns: dict[str, Any] = {"acceptance_rate": (("chain", "subject"), rates)}
-    columns |= {name: ("subject", np.array([head.statistics[name] for head in heads], kinds.get(name))) for name in known}
+    columns |= {
+        name: ("subject", np.array([head.statistics[name] for head in heads], kinds.get(name)))
+        for name in known
+    }
     return _coordinates(study, heads[0].size, 1).drop_vars("walker").assign(columns)
 
 
 def _long(study: Study, key: str) -> xr.Dataset:
     """One count per subject and pair, with the pair as coordinates."""
-    columns = {name: np.concatenate([getattr(s, name) for s in study]) for name in ("s1", "s2", *(["isi"] if study.intervals else []), key)}
+    columns = {
+        name: np.concatenate([getattr(s, name) for s in study])
+        for name in ("s1", "s2", *(["isi"] if study.intervals else []), key)
+    }
     owner = np.repeat(np.array(study.names, object), [s.n_pairs for s in study])
     coords = {"obs": np.arange(len(owner)), "subject": ("obs", owner)}
-    return xr.Dataset({name: ("obs", values) for name, values in columns.items()}, coords).set_coords([*columns][:-1])
+    return xr.Dataset(
+        {name: ("obs", values) for name, values in columns.items()}, coords
+    ).set_coords([*columns][:-1])
 
 
 def felt_trials(study: Study) -> xr.Dataset:
@@ -136,9 +174,14 @@ def felt_trials(study: Study) -> xr.Dataset:
     keys = np.concatenate([answers.keys for _, answers in known])
     timed = all(answers.iti is not None for _, answers in known)
     columns = {name: keys[:, i] for i, name in enumerate(("s1", "s2", "isi")[: keys.shape[1]])}
-    columns |= {name: np.concatenate([getattr(one, name) for _, one in known]) for name in ("n_yes", "n_trials", "place", *["iti"] * timed)}
+    columns |= {
+        name: np.concatenate([getattr(one, name) for _, one in known])
+        for name in ("n_yes", "n_trials", "place", *["iti"] * timed)
+    }
     owner = np.repeat(np.array(study.names, object), [len(answers.keys) for _, answers in known])
-    return xr.Dataset({name: ("trial", values) for name, values in columns.items()}, {"subject": ("trial", owner)})
+    return xr.Dataset(
+        {name: ("trial", values) for name, values in columns.items()}, {"subject": ("trial", owner)}
+    )
 
 
 def trials_of(trials: xr.Dataset, name: str) -> xr.Dataset:
@@ -151,7 +194,9 @@ def answers_of(trials: xr.Dataset, name: str) -> Answers:
     some = trials_of(trials, name)
     keys = np.column_stack([some[key].values for key in ("s1", "s2", "isi") if key in some])
     counts, place = (some["n_yes"].values, some["n_trials"].values), some["place"].values
-    return Answers(keys, *counts, None, (), True, place, some["iti"].values if "iti" in some else None)
+    return Answers(
+        keys, *counts, None, (), True, place, some["iti"].values if "iti" in some else None
+    )
 
 
 def _attributes(study: Study, settings: Settings) -> dict[str, Any]:
@@ -164,7 +209,8 @@ def _attributes(study: Study, settings: Settings) -> dict[str, Any]:
         "changes": "\n".join(study.changes),
         **({} if study.conditions is None else {"conditions": json.dumps(kept(study))}),
         "model": settings.model,
-        "about_model": record.about + (f"; intervals isi in seconds: {record.of_intervals}" if study.intervals else ""),
+        "about_model": record.about
+        + (f"; intervals isi in seconds: {record.of_intervals}" if study.intervals else ""),
         "seed": settings.seed,
         "prior": record.describe(settings.prior),
         "settings": json.dumps(settings.as_dict()),
@@ -185,7 +231,8 @@ def as_netcdf(tree: xr.DataTree) -> memoryview:
     encoding: dict[str, dict[str, dict[str, Any]]] = {}
     for group, node in tree.children.items():
         encoding[f"/{group}"] = {
-            str(name): {"fletcher32": True} | ({"chunksizes": (*one.shape[:2], 1)} if one.dims == BY_SUBJECT else {})
+            str(name): {"fletcher32": True}
+            | ({"chunksizes": (*one.shape[:2], 1)} if one.dims == BY_SUBJECT else {})
             for name, one in node.to_dataset().variables.items()
             if one.dtype.kind not in "UOT" and one.ndim > 0
         }
@@ -200,13 +247,16 @@ def write_store(path: Path, tree: xr.DataTree) -> None:
 
     encoding = {
         f"/{group}": {
-            str(name): {"compressors": [Crc32cCodec()]} | ({"chunks": (*one.shape[:2], 1)} if one.dims == BY_SUBJECT else {})
+            str(name): {"compressors": [Crc32cCodec()]}
+            | ({"chunks": (*one.shape[:2], 1)} if one.dims == BY_SUBJECT else {})
             for name, one in node.to_dataset().variables.items()
         }
         for group, node in tree.children.items()
     }
     with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Consolidated metadata", UserWarning)  # may change in the future; xarray has it as its default
+        warnings.filterwarnings(
+            "ignore", "Consolidated metadata", UserWarning
+        )  # may change in the future; xarray has it as its default
         tree.to_zarr(path, mode="w-", encoding=encoding, zarr_format=3)
 
 
@@ -236,14 +286,18 @@ def read_tree(path: str | Path) -> xr.DataTree:
     What is missing or damaged, or has another layout than draws have, is refused.
     """
     path, name = Path(path), shown(Path(path))
-    store = named_store(path) or os.path.isdir(path)  # a Path refuses names that are too long with an error of its own
+    store = named_store(path) or os.path.isdir(
+        path
+    )  # a Path refuses names that are too long with an error of its own
     if not (os.path.isdir(path) if store else os.path.isfile(path)):
         what = "not a file" if os.path.exists(path) else f"no such {'folder' if store else 'file'}"
         raise InputError(f"{name}: {what}; {ALLOWED}")
     if store:
         require_zarr()
     try:
-        how: dict[str, Any] = {"engine": "zarr", "chunks": None} if store else {"engine": "h5netcdf"}
+        how: dict[str, Any] = (
+            {"engine": "zarr", "chunks": None} if store else {"engine": "h5netcdf"}
+        )
         tree = xr.open_datatree(path, decode_times=False, **how)  # no units are times
         at_once = not store and path.stat().st_size <= AT_ONCE
         if at_once:
@@ -254,7 +308,9 @@ def read_tree(path: str | Path) -> xr.DataTree:
             raise InputError(f"{name}: {problem}; {ALLOWED}")
     except InputError:
         raise
-    except Exception as error:  # of a damaged file the libraries say anything, from KeyError to RuntimeError
+    except (
+        Exception
+    ) as error:  # of a damaged file the libraries say anything, from KeyError to RuntimeError
         raise unreadable(path, error) from error
     return tree
 
@@ -262,14 +318,22 @@ def read_tree(path: str | Path) -> xr.DataTree:
 def _with_small(group: xr.Dataset) -> xr.Dataset:
     """A group with all but its draws in memory, and texts of one type, whichever format they come from."""
     small = {name: one.load() for name, one in group.variables.items() if one.dims != BY_SUBJECT}
-    return group.assign({name: one.astype(object) for name, one in small.items() if one.dtype.kind in "TU"})
+    return group.assign(
+        {name: one.astype(object) for name, one in small.items() if one.dtype.kind in "TU"}
+    )
 
 
 def unreadable(path: Path, error: Exception) -> InputError:
     """What is raised where the libraries cannot read a file or a store, or a part of it."""
     kind = "store of draws" if named_store(path) else "NetCDF file"
-    damaged = any(word in str(error) for word in ("filter", "checksum"))  # as HDF5 and as Zarr say it
-    reason = "damaged: its numbers do not fit their checksums" if damaged else f"not a {kind} that can be read"
+    damaged = any(
+        word in str(error) for word in ("filter", "checksum")
+    )  # as HDF5 and as Zarr say it
+    reason = (
+        "damaged: its numbers do not fit their checksums"
+        if damaged
+        else f"not a {kind} that can be read"
+    )
     return InputError(f"{shown(path)}: {reason}; {ALLOWED}")
 
 
@@ -282,15 +346,29 @@ def _misfits(tree: xr.DataTree, at_once: bool) -> Iterator[str]:
     groups = {group: tree[group].to_dataset() for group in _LAYOUT}
     for group, variables in _LAYOUT.items():
         found = {name: one.dims for name, one in groups[group].variables.items()}
-        yield from (f"no variable {group}/{name} over ({', '.join(dims)})" for name, dims in variables.items() if found.get(name) != dims)
-    yield from _odd_draws({str(name): one.variable for name, one in groups["posterior"].data_vars.items()}, at_once)
+        yield from (
+            f"no variable {group}/{name} over ({', '.join(dims)})"
+            for name, dims in variables.items()
+            if found.get(name) != dims
+        )
+    yield from _odd_draws(
+        {str(name): one.variable for name, one in groups["posterior"].data_vars.items()}, at_once
+    )
     drawn, judged, observed, _ = ([*map(str, group["subject"].values)] for group in groups.values())
-    if not drawn or not drawn == judged == list(dict.fromkeys(observed)) or len({*drawn}) < len(drawn):
+    if (
+        not drawn
+        or not drawn == judged == list(dict.fromkeys(observed))
+        or len({*drawn}) < len(drawn)
+    ):
         yield "posterior, sample_stats and observed_data are not of the same subjects"
     task = task_counted(groups["observed_data"])
     if task is None:
         yield f"no variable observed_data/{SAME_DIFFERENT.count} over (obs)"
-    elif not groups["observed_data"].drop_vars(task.count).equals(groups["constant_data"].drop_vars("n_trials")):
+    elif (
+        not groups["observed_data"]
+        .drop_vars(task.count)
+        .equals(groups["constant_data"].drop_vars("n_trials"))
+    ):
         yield "observed_data and constant_data are of other pairs"
 
 
@@ -299,5 +377,10 @@ def _odd_draws(drawn: Mapping[str, xr.Variable], at_once: bool) -> Iterator[str]
     for name, one in drawn.items():
         if one.dims != BY_SUBJECT or one.dtype.kind != "f":
             yield f"{quoted(name)} is not a number over ({', '.join(BY_SUBJECT)})"
-        if at_once and not (np.isfinite(one.values).all(axis=(0, 1)) | np.isnan(one.values).all(axis=(0, 1))).all():
+        if (
+            at_once
+            and not (
+                np.isfinite(one.values).all(axis=(0, 1)) | np.isnan(one.values).all(axis=(0, 1))
+            ).all()
+        ):
             yield f"draws of {quoted(name)} are no numbers"

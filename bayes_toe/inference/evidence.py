@@ -35,7 +35,9 @@ class Evidence:
 
     value: float | None
     se: float | None
-    efficiency: float | None  # of the importance weights, as k-hat; None where the evidence is exact
+    efficiency: (
+        float | None
+    )  # of the importance weights, as k-hat; None where the evidence is exact
     pareto_k: float | None
     why_not: str = ""  # the reason where it is withheld
     bound: float = np.inf
@@ -48,12 +50,21 @@ def importance_evidence(fitted: FittedProposal) -> Evidence:
     Withheld, with a reason, where the weights' Pareto k-hat says that neither can be trusted.
     """
     if not fitted.independent:
-        raise ValueError("these draws helped to choose the proposal: use bayes_toe.inference.adaptation.with_fresh_draws first")
+        raise ValueError(
+            "these draws helped to choose the proposal: use bayes_toe.inference.adaptation.with_fresh_draws first"
+        )
     quality, draws = (fitted.efficiency, fitted.pareto_k), fitted.draws
     if not fitted.trusted:
         reason = f"importance weights are unreliable (Pareto k-hat {fitted.pareto_k:.2f}, efficiency {fitted.efficiency:.3f})"
-        target, best = fitted.proposal.posterior, draws.x[np.argmax(draws.log_posterior - draws.log_prior)]
-        highest = -float(minimize(lambda x: -float(target.log_likelihood(x[None])[0]), best, method="Nelder-Mead").fun)
+        target, best = (
+            fitted.proposal.posterior,
+            draws.x[np.argmax(draws.log_posterior - draws.log_prior)],
+        )
+        highest = -float(
+            minimize(
+                lambda x: -float(target.log_likelihood(x[None])[0]), best, method="Nelder-Mead"
+            ).fun
+        )
         return Evidence(None, None, *quality, f"evidence withheld: {reason}", highest)
     n = len(draws.log_weights)
     value = float(logsumexp(draws.log_weights) - np.log(n))
@@ -70,7 +81,10 @@ def weighed(values: Iterable[float | None], bounds: Iterable[float]) -> FloatArr
     >>> weighed([-300.0, None], [np.inf, -500.0]).tolist(), weighed([-300.0, None], [np.inf, -299.0]).tolist()
     ([-300.0, -inf], [-300.0, nan])
     """
-    found, most = np.array([*values], np.float64), np.array([*bounds], np.float64)  # None becomes NaN
+    found, most = (
+        np.array([*values], np.float64),
+        np.array([*bounds], np.float64),
+    )  # None becomes NaN
     missing = np.isnan(found)
     if missing.any() and not missing.all():
         share = logsumexp(most[missing]) - logsumexp(found[~missing])
@@ -99,11 +113,16 @@ _STILL = 1e-3  # Newton step, in any unconstrained coordinate, below which a poi
 def laplace_evidence(maxima: Maxima) -> tuple[float | None, str]:
     """Log evidence at the highest maximum in unconstrained identified coordinates, nats; None, with the reason, where there is none."""
     if not maxima.arrived:
-        return None, "Laplace of H1 does not exist: the posterior has no interior maximum (it rises toward an edge)"
+        return (
+            None,
+            "Laplace of H1 does not exist: the posterior has no interior maximum (it rises toward an edge)",
+        )
     return _at(float(maxima.value[0]), maxima.curvature[0], "Laplace of H1")
 
 
-def laplace_evidence_natural(posterior: Posterior, maxima: Maxima, starts: FloatArray | None = None) -> tuple[float | None, str]:
+def laplace_evidence_natural(
+    posterior: Posterior, maxima: Maxima, starts: FloatArray | None = None
+) -> tuple[float | None, str]:
     """Log evidence at the highest maximum in (mu1, sigma_p^2, sigma_l^2, q0), nats; None, with the reason, where that is on an edge.
 
     `maxima` are those in unconstrained identified coordinates. The search runs in these coordinates, in which an edge lies at infinity: a
@@ -134,8 +153,17 @@ def laplace_evidence_natural(posterior: Posterior, maxima: Maxima, starts: Float
     # Coordinate by coordinate: toward an edge slope and curvature vanish together, and nothing else tells that they do.
     slope, bend = np.abs(found.gradient[:, best[0]]), np.abs(np.diagonal(curvature))
     if not found.arrived[best[0]] or np.any(slope > _STILL * bend):
-        edges = {"gamma = 1": x[1], "gamma = 0": -x[1], "q0 = 1": x[3], "q0 = 0": -x[3], "sigma_p = 0": -x[2]}
-        return None, f"{label} does not exist: the maximum lies on an edge ({max(edges, key=edges.__getitem__)})"
+        edges = {
+            "gamma = 1": x[1],
+            "gamma = 0": -x[1],
+            "q0 = 1": x[3],
+            "q0 = 0": -x[3],
+            "sigma_p = 0": -x[2],
+        }
+        return (
+            None,
+            f"{label} does not exist: the maximum lies on an edge ({max(edges, key=edges.__getitem__)})",
+        )
     return _at(float(posterior.log_density(x)[0]), curvature, label)
 
 
@@ -150,7 +178,13 @@ def _starts(log_density: Callable[[FloatArray], FloatArray], maxima: Maxima) -> 
     about = offset + np.concatenate([-far, [0.0], far])
     highest = []
     for offsets, pulls in ((-far, _SMALL), (far, _SMALL), *((about, larger) for larger in _LARGER)):
-        points = np.stack([axis.ravel() for axis in np.meshgrid(offsets, pulls, log_width + _WIDTHS, logit_q0 + _PEAKS)], axis=-1)
+        points = np.stack(
+            [
+                axis.ravel()
+                for axis in np.meshgrid(offsets, pulls, log_width + _WIDTHS, logit_q0 + _PEAKS)
+            ],
+            axis=-1,
+        )
         highest.append(points[log_density(points).argmax()])
     return np.stack([*maxima.x[:3], *highest])
 

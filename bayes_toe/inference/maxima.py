@@ -17,7 +17,10 @@ from bayes_toe.model.ladder import Target
 from bayes_toe.model.target import Gradient, hessian, one_sided
 
 _DECREMENT = 1e-12  # twice the predicted gain, in nats, at which a point counts as arrived
-_NEAR, _CLOSE = 1e-2, 1e-2  # decrement below which a start counts as close to a maximum; distance, in every coordinate, of the same one
+_NEAR, _CLOSE = (
+    1e-2,
+    1e-2,
+)  # decrement below which a start counts as close to a maximum; distance, in every coordinate, of the same one
 _TINY = 1e-300
 
 
@@ -64,7 +67,13 @@ class Ascent(NamedTuple):
 
     def take(self, index: IndexArray) -> Ascent:
         """A copy of some of them."""
-        return Ascent(self.x[:, index], self.value[index], self.gradient[:, index], self.hessian[:, :, index], self.arrived[index])
+        return Ascent(
+            self.x[:, index],
+            self.value[index],
+            self.gradient[:, index],
+            self.hessian[:, :, index],
+            self.arrived[index],
+        )
 
     def put(self, index: IndexArray, some: Ascent) -> None:
         """Set some of them."""
@@ -90,8 +99,13 @@ def ascend(
     not count as arrived.
     """
     at = np.arange(x.shape[1])
-    now = Ascent(x.copy(), objective.value(x, at), *objective.derivatives(x, at), np.zeros(len(at), bool))
-    ended, floor, held = now, *(np.array(np.broadcast_to(bound, x.shape)) for bound in (lower, fixed))
+    now = Ascent(
+        x.copy(), objective.value(x, at), *objective.derivatives(x, at), np.zeros(len(at), bool)
+    )
+    ended, floor, held = (
+        now,
+        *(np.array(np.broadcast_to(bound, x.shape)) for bound in (lower, fixed)),
+    )
     damping, leaders = np.full(len(at), 1e-3), None if rivals is None else _Leaders(rivals, x)
     for _ in range(iterations):
         if not len(at):
@@ -105,17 +119,31 @@ def ascend(
         value = objective.value(trial, at)
         better = value >= now.value
         now.x[:, better], now.value[better] = trial[:, better], value[better]
-        now.gradient[:, better], now.hessian[:, :, better] = objective.derivatives(now.x[:, better], at[better])
+        now.gradient[:, better], now.hessian[:, :, better] = objective.derivatives(
+            now.x[:, better], at[better]
+        )
         # A predicted gain below the rounding of the value cannot be seen: arrived, whether or not the step was taken.
-        now.arrived[:] = (decrement < _DECREMENT * (1.0 + np.abs(now.value) * 1e-3)) & (damping <= 1e-2)
-        damping = np.where(better, np.maximum(damping / 16.0, 1e-12), np.maximum(8.0 * damping, 1e-3))
-        going = ~now.arrived & (damping < 1e12) & np.isfinite(now.hessian).all(axis=(0, 1))  # not beyond where slopes are floats
+        now.arrived[:] = (decrement < _DECREMENT * (1.0 + np.abs(now.value) * 1e-3)) & (
+            damping <= 1e-2
+        )
+        damping = np.where(
+            better, np.maximum(damping / 16.0, 1e-12), np.maximum(8.0 * damping, 1e-3)
+        )
+        going = (
+            ~now.arrived & (damping < 1e12) & np.isfinite(now.hessian).all(axis=(0, 1))
+        )  # not beyond where slopes are floats
         if leaders is not None:
             near = np.flatnonzero(better & proper & (decrement < _NEAR))
             going[near] &= ~leaders.followed(at[near], now.x[:, near], now.value[near])
         if not going.all():
             ended.put(at, now)
-            at, damping, floor, held, now = at[going], damping[going], floor[:, going], held[:, going], now.take(np.flatnonzero(going))
+            at, damping, floor, held, now = (
+                at[going],
+                damping[going],
+                floor[:, going],
+                held[:, going],
+                now.take(np.flatnonzero(going)),
+            )
     ended.put(at, now)
     return ended
 
@@ -132,7 +160,9 @@ class _Leaders:
         """Which of the starts `at`, close to a maximum, are where a higher one is; the others may lead from now on."""
         order = np.argsort(value, kind="stable")
         order = order[value[order] >= self.value[self.rivals[at[order]]]]
-        first = self.rivals[at[order]]  # of several starts of a problem the last is kept, the highest
+        first = self.rivals[
+            at[order]
+        ]  # of several starts of a problem the last is kept, the highest
         self.at[first], self.value[first], self.x[:, first] = at[order], value[order], x[:, order]
         of = self.rivals[at]
         with np.errstate(invalid="ignore"):  # coordinates that are fixed at infinity
@@ -140,7 +170,9 @@ class _Leaders:
         return np.asarray((self.at[of] != at) & close.all(axis=0))
 
 
-def _steps(gradient: FloatArray, hessian: FloatArray, free: BoolArray, damping: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
+def _steps(
+    gradient: FloatArray, hessian: FloatArray, free: BoolArray, damping: FloatArray
+) -> tuple[FloatArray, FloatArray, BoolArray]:
     """Ascent steps (k, points) in the free coordinates, twice their predicted gains, and whether -H is positive definite.
 
     -H is scaled to a unit diagonal, which the damping, (points,), raises. Where the result is positive definite the step follows by
@@ -155,12 +187,16 @@ def _steps(gradient: FloatArray, hessian: FloatArray, free: BoolArray, damping: 
     step, proper = _solve(matrix, right, damping)
     if not proper.all():
         values, vectors = np.linalg.eigh(np.moveaxis(matrix[..., ~proper], -1, 0))
-        along = np.einsum("nij,in->nj", vectors, right[:, ~proper]) / (np.abs(values) + damping[~proper, None])
+        along = np.einsum("nij,in->nj", vectors, right[:, ~proper]) / (
+            np.abs(values) + damping[~proper, None]
+        )
         step[:, ~proper] = np.einsum("nij,nj->in", vectors, along)
     return step * scale, np.abs(step * right).sum(axis=0), proper
 
 
-def _solve(matrix: FloatArray, right: FloatArray, damping: FloatArray) -> tuple[FloatArray, BoolArray]:
+def _solve(
+    matrix: FloatArray, right: FloatArray, damping: FloatArray
+) -> tuple[FloatArray, BoolArray]:
     """Solve many small symmetric systems with raised diagonals by elimination; False where a pivot is not positive.
 
     LAPACK, called for each, takes several times as long.
@@ -172,7 +208,9 @@ def _solve(matrix: FloatArray, right: FloatArray, damping: FloatArray) -> tuple[
         proper &= good
         a[j, j][~good] = 1.0
         factor = a[j, j + 1 :] / a[j, j]
-        for i in range(j + 1, k):  # the rows below, of which the part on and behind the diagonal counts
+        for i in range(
+            j + 1, k
+        ):  # the rows below, of which the part on and behind the diagonal counts
             a[i, i:] -= factor[i - j - 1] * a[j, i:]
         y[j + 1 :] -= factor * y[j]
     for j in reversed(range(k)):
@@ -200,13 +238,23 @@ class Maxima:
 def find_maxima(target: Target, starts: FloatArray | None = None) -> Maxima:
     """Maxima of the log density from several starts, shape (starts, k), of finite density; by default those that the data suggest."""
     x = target.starts() if starts is None else starts
-    density = Differenced(lambda x, _: target.log_density(x), lambda x, _: target.gradient(x)[1], *x.shape)
+    density = Differenced(
+        lambda x, _: target.log_density(x), lambda x, _: target.gradient(x)[1], *x.shape
+    )
     found = ascend(density, x.T)
     chosen: list[int] = []
     for i in np.argsort(-found.value):
-        if (found.arrived[i] or not found.arrived.any()) and all(np.abs(found.x[:, i] - found.x[:, j]).max() > 1e-3 for j in chosen):
+        if (found.arrived[i] or not found.arrived.any()) and all(
+            np.abs(found.x[:, i] - found.x[:, j]).max() > 1e-3 for j in chosen
+        ):
             chosen.append(int(i))
     x, value = found.x.T[chosen], found.value[chosen]
     near = value > value[0] - 30.0
     kept = np.array(chosen)[near]
-    return Maxima(x[near], value[near], density.curvature(found.x[:, kept], kept), bool(found.arrived.any()), x[~near])
+    return Maxima(
+        x[near],
+        value[near],
+        density.curvature(found.x[:, kept], kept),
+        bool(found.arrived.any()),
+        x[~near],
+    )

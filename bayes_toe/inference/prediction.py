@@ -36,22 +36,38 @@ class Predictor:
         require_draws(draws)
         target = draws.posterior(subject)
         if isinstance(target, FrequencyPosterior):
-            raise InputError(f"model {draws.model!r} says nothing of pairs and intervals that were not tested")
+            raise InputError(
+                f"model {draws.model!r} says nothing of pairs and intervals that were not tested"
+            )
         x = np.concatenate(list(draws.points(subject)))
         return cls(target, x if most is None else x[:: max(1, len(x) // most)])
 
     def yes(self, s1: FloatArray, s2: FloatArray, isi: FloatArray | None = None) -> FloatArray:
         """P of the answer that the task counts, of any pairs, (pairs,) -> (draws, pairs); natural-log intensities, intervals in seconds."""
-        keys = np.column_stack(np.broadcast_arrays(s1, s2) if isi is None else np.broadcast_arrays(s1, s2, isi))
-        pairs, which = np.unique(keys, axis=0, return_inverse=True)  # a subject has its pairs once, in this order
+        keys = np.column_stack(
+            np.broadcast_arrays(s1, s2) if isi is None else np.broadcast_arrays(s1, s2, isi)
+        )
+        pairs, which = np.unique(
+            keys, axis=0, return_inverse=True
+        )  # a subject has its pairs once, in this order
         once = np.ones(len(pairs), np.int64)
         subject = self.target.subject
         isi = None if isi is None else pairs[:, 2]
-        asked = Subject(subject.name, pairs[:, 0], pairs[:, 1], 0 * once, once, isi, task=subject.task)
-        return np.asarray(np.exp(self.target.for_subject(asked).log_answers(self.x)[0])[:, which.ravel()])
+        asked = Subject(
+            subject.name, pairs[:, 0], pairs[:, 1], 0 * once, once, isi, task=subject.task
+        )
+        return np.asarray(
+            np.exp(self.target.for_subject(asked).log_answers(self.x)[0])[:, which.ravel()]
+        )
 
 
-def predict(draws: Draws, subject: str, s1: npt.ArrayLike, s2: npt.ArrayLike, isi: npt.ArrayLike | None = None) -> pd.DataFrame:
+def predict(
+    draws: Draws,
+    subject: str,
+    s1: npt.ArrayLike,
+    s2: npt.ArrayLike,
+    isi: npt.ArrayLike | None = None,
+) -> pd.DataFrame:
     """Posterior of P('equal'), or of P('second'), for pairs at intervals, one row each: mean and quantiles over the draws.
 
     The bands hold what the parameters leave open, not the scatter of a finite number of answers. An interval far from those that were
@@ -87,29 +103,48 @@ def predict(draws: Draws, subject: str, s1: npt.ArrayLike, s2: npt.ArrayLike, is
     """
     fitted, keys = Predictor.of(draws, subject), ("s1", "s2", "isi")
     if isi is None and draws.intervals:
-        raise InputError("isi: these draws were made with intervals, so a prediction needs one, in seconds")
+        raise InputError(
+            "isi: these draws were made with intervals, so a prediction needs one, in seconds"
+        )
     if isi is not None and not draws.intervals:
-        raise InputError("isi: these draws were made without intervals, so their sigma_p is per interval and not per second")
+        raise InputError(
+            "isi: these draws were made without intervals, so their sigma_p is per interval and not per second"
+        )
     asked = (s1, s2) if isi is None else (s1, s2, require_intervals(isi))
-    columns = [values.ravel() for values in np.broadcast_arrays(*(np.atleast_1d(np.asarray(one, np.float64)) for one in asked))]
-    return _table(dict(zip(keys, columns, strict=False)), len(fitted.x), lambda rows: fitted.yes(*(one[rows] for one in columns)))
+    columns = [
+        values.ravel()
+        for values in np.broadcast_arrays(
+            *(np.atleast_1d(np.asarray(one, np.float64)) for one in asked)
+        )
+    ]
+    return _table(
+        dict(zip(keys, columns, strict=False)),
+        len(fitted.x),
+        lambda rows: fitted.yes(*(one[rows] for one in columns)),
+    )
 
 
 def predict_pairs(draws: Draws, path: str | Path, subjects: Sequence[str]) -> pd.DataFrame:
     """:func:`predict` for the pairs of a CSV file with columns s1, s2 and isi (where the study has intervals), subject by subject."""
     pairs = read_numbers(path, ("s1", "s2"), optional=("isi",))[1]
-    tables = [predict(draws, subject, pairs["s1"], pairs["s2"], pairs.get("isi")) for subject in subjects]
+    tables = [
+        predict(draws, subject, pairs["s1"], pairs["s2"], pairs.get("isi")) for subject in subjects
+    ]
     frame = pd.concat(tables, ignore_index=True)
     frame.insert(0, "subject", np.repeat(np.array(subjects, object), len(pairs["s1"])))
     return frame
 
 
-def _table(columns: Mapping[str, FloatArray], draws: int, predicted: Callable[[slice], FloatArray]) -> pd.DataFrame:
+def _table(
+    columns: Mapping[str, FloatArray], draws: int, predicted: Callable[[slice], FloatArray]
+) -> pd.DataFrame:
     """The columns, each of shape (rows,), with mean and quantiles over draws of what is predicted for slices of their rows."""
     rows, size = len(next(iter(columns.values()))), max(1, _BLOCK // draws)
     values = [predicted(slice(i, i + size)) for i in range(0, rows, size)]
     mean = np.concatenate([part.mean(axis=0) for part in values])
-    quantiles = np.concatenate([np.quantile(part, list(QUANTILES.values()), axis=0) for part in values], axis=1)
+    quantiles = np.concatenate(
+        [np.quantile(part, list(QUANTILES.values()), axis=0) for part in values], axis=1
+    )
     return pd.DataFrame({**columns, "mean": mean, **dict(zip(QUANTILES, quantiles, strict=True))})
 
 
@@ -120,7 +155,9 @@ def effect_size(posterior: Posterior, x: FloatArray) -> FloatArray:
     pull = known["pull"] if "pull" in known else 1.0 - known.get("gain", np.ones(len(x)))
     lever = subject.s1 - posterior.sbar
     share = subject.n_trials / subject.n_trials.sum()
-    spread = np.average(np.square(lever), weights=share)  # the mean of the lever is 0, or that of the centre
+    spread = np.average(
+        np.square(lever), weights=share
+    )  # the mean of the lever is 0, or that of the centre
     mean = np.average(lever, weights=share)
     square = np.square(offset) - 2.0 * offset * pull * mean + np.square(pull) * spread
     return np.asarray(np.sqrt(np.maximum(square, 0.0)) / (known["width"] * posterior.noticeable(x)))

@@ -19,15 +19,23 @@ from bayes_toe.seeds import generator
 #: Below this posterior predictive p-value, or p-value of the deviance, the model is said not to describe the answers.
 MISFIT = 0.01
 _BLOCK = 1 << 18  # values of one temporary array
-_OFTEN, _COUNTS = 20.0, 101  # expected rarer answers from which chi-square holds for a pair; counts that matter where there are fewer
+_OFTEN, _COUNTS = (
+    20.0,
+    101,
+)  # expected rarer answers from which chi-square holds for a pair; counts that matter where there are fewer
 _OF_MOMENTS = 3000  # draws times pairs over which the moments of a deviance are averaged
-_CONSPICUOUS, _NAMED = 2.0, 3  # residual from which a pair is named among the worst, and how many are
+_CONSPICUOUS, _NAMED = (
+    2.0,
+    3,
+)  # residual from which a pair is named among the worst, and how many are
 
 
 # --- Deviance ---------------------------------------------------------------------------------------
 
 
-def binomial_deviance(n_yes: npt.ArrayLike, n_trials: npt.ArrayLike, log_q: FloatArray, log_rest: FloatArray) -> FloatArray:
+def binomial_deviance(
+    n_yes: npt.ArrayLike, n_trials: npt.ArrayLike, log_q: FloatArray, log_rest: FloatArray
+) -> FloatArray:
     """Deviance of k answers in n from their probability q, that of the other answer being 1 - q, in nats times 2. Arguments broadcast.
 
     D = 2 [k ln(k/(n q)) + (n - k) ln((n - k)/(n (1 - q)))], twice the log likelihood that the saturated model has more, to the rounding of
@@ -36,7 +44,9 @@ def binomial_deviance(n_yes: npt.ArrayLike, n_trials: npt.ArrayLike, log_q: Floa
     """
     k, n = np.asarray(n_yes, np.float64), np.asarray(n_trials, np.float64)
     saturated = xlogy(k, k / n) + xlogy(n - k, (n - k) / n)
-    return np.asarray(2.0 * np.maximum(saturated - times_counts(k, log_q) - times_counts(n - k, log_rest), 0.0))
+    return np.asarray(
+        2.0 * np.maximum(saturated - times_counts(k, log_q) - times_counts(n - k, log_rest), 0.0)
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,12 +65,17 @@ def fit_at(posterior: Answering, x: npt.ArrayLike) -> Fit:
     (log_q,), (log_rest,) = posterior.log_answers(np.asarray(x, np.float64).reshape(1, -1))
     subject, q = posterior.subject, np.exp(log_q)
     pairs = binomial_deviance(subject.n_yes, subject.n_trials, log_q, log_rest)
-    sign, freedom = np.sign(subject.n_yes - subject.n_trials * q), subject.n_pairs - len(posterior.coordinates)
+    sign, freedom = (
+        np.sign(subject.n_yes - subject.n_trials * q),
+        subject.n_pairs - len(posterior.coordinates),
+    )
     p_value = deviance_p_value(float(pairs.sum()), freedom, subject.n_trials, log_q, log_rest)
     return Fit(q, sign * np.sqrt(pairs), float(pairs.sum()), freedom, p_value)
 
 
-def deviance_p_value(value: float, freedom: int, n_trials: npt.ArrayLike, log_q: FloatArray, log_rest: FloatArray) -> float:
+def deviance_p_value(
+    value: float, freedom: int, n_trials: npt.ArrayLike, log_q: FloatArray, log_rest: FloatArray
+) -> float:
     """P(deviance >= value) of a fit with so many degrees of freedom, by a scaled chi-square; NaN where there are none.
 
     Chi-square itself where every pair has many answers of both kinds. Elsewhere the deviance of a pair has another mean and variance,
@@ -75,22 +90,38 @@ def deviance_p_value(value: float, freedom: int, n_trials: npt.ArrayLike, log_q:
     """
     if freedom <= 0:
         return float("nan")
-    moments = _moments(np.asarray(n_trials, np.float64), np.atleast_2d(log_q), np.atleast_2d(log_rest))
+    moments = _moments(
+        np.asarray(n_trials, np.float64), np.atleast_2d(log_q), np.atleast_2d(log_rest)
+    )
     mean, variance = (float(values.sum(axis=1).mean()) for values in moments)
     if variance == 0.0:  # the answers are certain under the model
         return float(value <= 0.0)
-    return float(chdtrc(2.0 * mean**2 / variance * freedom / log_q.shape[-1], 2.0 * mean / variance * value))
+    return float(
+        chdtrc(2.0 * mean**2 / variance * freedom / log_q.shape[-1], 2.0 * mean / variance * value)
+    )
 
 
-def _moments(n: FloatArray, log_q: FloatArray, log_rest: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _moments(
+    n: FloatArray, log_q: FloatArray, log_rest: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Mean and variance of each pair's deviance, over the counts of its rarer answer; 1 and 2 where that is not rare."""
-    k = np.arange(min(_COUNTS, int(n.max()) + 1), dtype=np.float64).reshape(-1, *(1,) * np.ndim(log_q))
-    log_rare, log_other, at = np.minimum(log_q, log_rest), np.maximum(log_q, log_rest), np.minimum(k, n)
+    k = np.arange(min(_COUNTS, int(n.max()) + 1), dtype=np.float64).reshape(
+        -1, *(1,) * np.ndim(log_q)
+    )
+    log_rare, log_other, at = (
+        np.minimum(log_q, log_rest),
+        np.maximum(log_q, log_rest),
+        np.minimum(k, n),
+    )
     log_ways = gammaln(n + 1.0) - gammaln(at + 1.0) - gammaln(n - at + 1.0)
-    chance = np.where(k <= n, np.exp(log_ways + times_counts(at, log_rare) + times_counts(n - at, log_other)), 0.0)
+    chance = np.where(
+        k <= n, np.exp(log_ways + times_counts(at, log_rare) + times_counts(n - at, log_other)), 0.0
+    )
     values = np.where(chance > 0.0, binomial_deviance(at, n, log_rare, log_other), 0.0)
     mean, rare = (chance * values).sum(axis=0), n * np.exp(log_rare) < _OFTEN
-    return np.where(rare, mean, 1.0), np.where(rare, (chance * (values - mean) ** 2).sum(axis=0), 2.0)
+    return np.where(rare, mean, 1.0), np.where(
+        rare, (chance * (values - mean) ** 2).sum(axis=0), 2.0
+    )
 
 
 # --- Posterior predictive check ---------------------------------------------------------------------
@@ -104,7 +135,9 @@ class PredictiveCheck:
     scatter more than that, over one session simulated for each draw.
     """
 
-    expected: FloatArray  # (pairs,): posterior mean of the probability of the answer that the task counts
+    expected: (
+        FloatArray  # (pairs,): posterior mean of the probability of the answer that the task counts
+    )
     p_fewer: FloatArray
     p_more: FloatArray
     p_overall: float  # P(deviance of replicated counts >= deviance of the observed ones), both at the same draw
@@ -130,12 +163,19 @@ def predictive_check(posterior: Answering, x: npt.ArrayLike, seed: int) -> Predi
         some = points[start : start + rows]
         logs = posterior.log_answers(some)
         q, rest = (np.exp(values) for values in posterior.realised_answers(rng, some, logs))
-        tails = (np.where(x < n, betainc(np.maximum(n - x, 1), x + 1, share), 1.0) for x, share in ((k, rest), (n - k, q)))
+        tails = (
+            np.where(x < n, betainc(np.maximum(n - x, 1), x + 1, share), 1.0)
+            for x, share in ((k, rest), (n - k, q))
+        )
         sums += [values.sum(axis=0) for values in (np.exp(logs[0]), *tails)]
-        again, seen = (binomial_deviance(counts, n, *logs).sum(axis=1) for counts in (rng.binomial(n, q), k))
+        again, seen = (
+            binomial_deviance(counts, n, *logs).sum(axis=1) for counts in (rng.binomial(n, q), k)
+        )
         beyond += int(np.count_nonzero(again >= seen))
     (expected, fewer, more), share = sums / len(points), beyond / len(points)
-    return PredictiveCheck(expected, fewer, more, share, float(np.sqrt(share * (1.0 - share) / len(points))))
+    return PredictiveCheck(
+        expected, fewer, more, share, float(np.sqrt(share * (1.0 - share) / len(points)))
+    )
 
 
 @dataclass(frozen=True)
@@ -167,7 +207,9 @@ class FitSummary:
     worst_s1: float  # that pair, natural-log intensity, at its interval, seconds
     worst_s2: float
     worst_isi: float | None = None
-    p_deviance: float = float("nan")  # see :func:`deviance_p_value`, moments averaged over draws; NaN without degrees of freedom
+    p_deviance: float = float(
+        "nan"
+    )  # see :func:`deviance_p_value`, moments averaged over draws; NaN without degrees of freedom
     worst: tuple[PairFit, ...] = ()
 
     @property
@@ -182,7 +224,12 @@ class FitSummary:
 
 
 def summarise_fit(
-    posterior: Answering, x: npt.ArrayLike, seed: int, *, log_likelihood: FloatArray | None = None, most: int = 2000
+    posterior: Answering,
+    x: npt.ArrayLike,
+    seed: int,
+    *,
+    log_likelihood: FloatArray | None = None,
+    most: int = 2000,
 ) -> FitSummary:
     """Deviance and posterior predictive p-values of one subject from draws x, shape (draws, k), unconstrained.
 
@@ -191,11 +238,19 @@ def summarise_fit(
     """
     points, subject = require_points(x, len(posterior.coordinates)), posterior.subject
     check = predictive_check(posterior, points[:: max(1, -(-len(points) // most))], seed)
-    best = int(np.argmax(posterior.log_likelihood(points) if log_likelihood is None else log_likelihood))
+    best = int(
+        np.argmax(posterior.log_likelihood(points) if log_likelihood is None else log_likelihood)
+    )
     fit, worst = fit_at(posterior, points[best]), int(np.argmin(check.p_value))
     isi = [None] * subject.n_pairs if subject.isi is None else subject.isi.tolist()
-    s1, s2, observed, expected = (column.tolist() for column in (subject.s1, subject.s2, subject.n_yes / subject.n_trials, fit.q))
-    order, far = np.argsort(-np.abs(fit.residual), kind="stable").tolist(), np.abs(fit.residual) >= _CONSPICUOUS
+    s1, s2, observed, expected = (
+        column.tolist()
+        for column in (subject.s1, subject.s2, subject.n_yes / subject.n_trials, fit.q)
+    )
+    order, far = (
+        np.argsort(-np.abs(fit.residual), kind="stable").tolist(),
+        np.abs(fit.residual) >= _CONSPICUOUS,
+    )
     named = [i for place, i in enumerate(order[:_NAMED]) if place == 0 or far[i]]
     few = points[:: max(1, -(-len(points) * subject.n_pairs // _OF_MOMENTS))]
     return FitSummary(
@@ -207,8 +262,12 @@ def summarise_fit(
         s1[worst],
         s2[worst],
         isi[worst],
-        deviance_p_value(fit.deviance, fit.degrees_of_freedom, subject.n_trials, *posterior.log_answers(few)),
-        tuple(PairFit(s1[i], s2[i], observed[i], expected[i], isi[i], subject.task.yes) for i in named),
+        deviance_p_value(
+            fit.deviance, fit.degrees_of_freedom, subject.n_trials, *posterior.log_answers(few)
+        ),
+        tuple(
+            PairFit(s1[i], s2[i], observed[i], expected[i], isi[i], subject.task.yes) for i in named
+        ),
     )
 
 
@@ -216,7 +275,10 @@ def summarise_fit(
 
 #: Draws of a check: its standard error is then 0.016 at most, 0.003 at 0.01.
 HISTORY_DRAWS = 1000
-_FEWEST, _MOST = 200, 1 << 26  # draws that are taken in any case; draws times trials beyond which others are left out
+_FEWEST, _MOST = (
+    200,
+    1 << 26,
+)  # draws that are taken in any case; draws times trials beyond which others are left out
 
 
 def history_p(posterior: Posterior, x: FloatArray, seed: int) -> float:
@@ -225,12 +287,21 @@ def history_p(posterior: Posterior, x: FloatArray, seed: int) -> float:
     It sees what deviances of pairs cannot, since every pair is preceded by all others: Pearson's X^2 over these cells, against answers
     replicated from the same independent draws x, shape (draws, k). The order of the subject's trials is known.
     """
-    trials, rng = Trials.of(posterior.subject), generator(seed, posterior.subject.name, posterior.model.name, "history")
+    trials, rng = (
+        Trials.of(posterior.subject),
+        generator(seed, posterior.subject.name, posterior.model.name, "history"),
+    )
     known = ~np.isnan(trials.previous)
     if not known.any():
         return float("nan")
-    third = np.searchsorted(np.nanquantile(trials.previous, [1 / 3, 2 / 3]), trials.previous[known], side="right")
-    cell = third + 3 * np.repeat(np.arange(len(trials.starts)), np.diff(np.r_[trials.starts, len(known)]))[known]
+    third = np.searchsorted(
+        np.nanquantile(trials.previous, [1 / 3, 2 / 3]), trials.previous[known], side="right"
+    )
+    cell = (
+        third
+        + 3
+        * np.repeat(np.arange(len(trials.starts)), np.diff(np.r_[trials.starts, len(known)]))[known]
+    )
     cells = np.unique(cell, return_inverse=True)[1]
     order = np.argsort(cells, kind="stable")
     starts = np.flatnonzero(np.diff(cells[order], prepend=-1))
@@ -238,12 +309,17 @@ def history_p(posterior: Posterior, x: FloatArray, seed: int) -> float:
     x = x[: max(_FEWEST, _MOST // len(yes))]
     for points in np.array_split(x, max(1, x.shape[0] * len(yes) >> 18)):
         p = np.exp(posterior.trial_answers(points))[:, known][:, order]
-        expected, variance = (np.add.reduceat(values, starts, axis=1) for values in (p, p * (1.0 - p)))
+        expected, variance = (
+            np.add.reduceat(values, starts, axis=1) for values in (p, p * (1.0 - p))
+        )
         found, again = (
             np.square(np.add.reduceat(answers, starts, axis=1) - expected)
             for answers in (yes[None] + 0.0 * p, (rng.random(p.shape) < p).astype(np.float64))
         )
         told = variance > 0.0  # answers that are certain add nothing
-        observed, replicated = (np.divide(one, variance, out=np.zeros_like(one), where=told).sum(axis=1) for one in (found, again))
+        observed, replicated = (
+            np.divide(one, variance, out=np.zeros_like(one), where=told).sum(axis=1)
+            for one in (found, again)
+        )
         more += int(np.count_nonzero(replicated >= observed))
     return more / len(x)

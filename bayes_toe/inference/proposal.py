@@ -43,8 +43,12 @@ class StudentMixture:
     scales: FloatArray  # (J, D, D): scale matrices, not covariances, positive definite
     df: int
     _factors: FloatArray = field(init=False, repr=False)
-    _whiteners: FloatArray = field(init=False, repr=False)  # times 1 and the coordinates: D x J whitened ones over df^(1/2)
-    _tops: FloatArray = field(init=False, repr=False)  # of the components' densities, over the highest
+    _whiteners: FloatArray = field(
+        init=False, repr=False
+    )  # times 1 and the coordinates: D x J whitened ones over df^(1/2)
+    _tops: FloatArray = field(
+        init=False, repr=False
+    )  # of the components' densities, over the highest
     _log_highest: float = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -53,11 +57,15 @@ class StudentMixture:
             raise ValueError(f"df={self.df} and dimension {dim}: their sum must be even")
         factors = np.linalg.cholesky(self.scales)
         log_volume = np.log(np.diagonal(factors, axis1=1, axis2=2)).sum(axis=1)
-        log_norm = gammaln((self.df + dim) / 2) - gammaln(self.df / 2) - dim / 2 * np.log(self.df * np.pi)
+        log_norm = (
+            gammaln((self.df + dim) / 2) - gammaln(self.df / 2) - dim / 2 * np.log(self.df * np.pi)
+        )
         log_tops = np.log(self.weights) + log_norm - log_volume
         inverse = np.linalg.inv(factors)
         shifts = -np.einsum("jab,jb->aj", inverse, self.means)[:, :, None]
-        whiteners = np.concatenate([shifts, inverse.transpose(1, 0, 2)], axis=2)  # dimension by dimension
+        whiteners = np.concatenate(
+            [shifts, inverse.transpose(1, 0, 2)], axis=2
+        )  # dimension by dimension
         for key, value in {
             "_factors": factors,
             "_whiteners": whiteners.reshape(-1, 1 + dim) / np.sqrt(self.df),
@@ -78,7 +86,10 @@ class StudentMixture:
         which = np.searchsorted(np.cumsum(self.weights)[:-1], rng.uniform(size=size), side="right")
         normal = rng.standard_normal((size, self.means.shape[1]))
         stretch = np.sqrt(self.df / rng.chisquare(self.df, size=size))
-        return np.asarray(self.means[which] + np.einsum("nij,nj->ni", self._factors[which], normal) * stretch[:, None])
+        return np.asarray(
+            self.means[which]
+            + np.einsum("nij,nj->ni", self._factors[which], normal) * stretch[:, None]
+        )
 
     def updated(self, x: FloatArray, weights: FloatArray) -> StudentMixture:
         """One EM step toward the density that points x, shape (N, D), with normalised weights (N,) stand for.
@@ -97,24 +108,35 @@ class StudentMixture:
             held += shares.sum(axis=1)
             squares += np.einsum("jn,jn->j", shares, shares)
             y = x[block] - centre
-            moments += (shares / u) @ np.column_stack([np.ones(len(y)), y, _outer(y).reshape(len(y), -1)])
+            moments += (shares / u) @ np.column_stack(
+                [np.ones(len(y)), y, _outer(y).reshape(len(y), -1)]
+            )
         # A component needs some points of its own for a covariance: the effective number behind its share.
         kept = (held > _LEAST_SHARE) & (held**2 > 3 * dim * squares)
         if not kept.any():
             return self
         held, moments = held[kept], moments[kept] * ((self.df + dim) / self.df)
         apart = moments[:, 1 : dim + 1] / moments[:, :1]
-        scales = (moments[:, dim + 1 :].reshape(-1, dim, dim) - moments[:, 0, None, None] * _outer(apart)) / held[:, None, None]
+        scales = (
+            moments[:, dim + 1 :].reshape(-1, dim, dim) - moments[:, 0, None, None] * _outer(apart)
+        ) / held[:, None, None]
         spread = weights @ np.square(x - centre)
         # A thousandth of the overall spread is added, so that no component collapses onto a few points.
-        return StudentMixture(held / held.sum(), centre + apart, scales + 1e-3 * np.diag(spread), self.df)
+        return StudentMixture(
+            held / held.sum(), centre + apart, scales + 1e-3 * np.diag(spread), self.df
+        )
 
     def joined(self, others: Sequence[StudentMixture], share: float) -> StudentMixture:
         """This mixture with others of the same degrees of freedom, each of which takes a share of what was before it."""
         left = (1.0 - share) ** np.arange(len(others), -1, -1)
         parts = [self, *others]
         return StudentMixture(
-            np.concatenate([one.weights * kept for one, kept in zip(parts, left * [1.0, *[share] * len(others)], strict=True)]),
+            np.concatenate(
+                [
+                    one.weights * kept
+                    for one, kept in zip(parts, left * [1.0, *[share] * len(others)], strict=True)
+                ]
+            ),
             np.concatenate([one.means for one in parts]),
             np.concatenate([one.scales for one in parts]),
             self.df,
@@ -124,7 +146,11 @@ class StudentMixture:
     def covariance(self) -> FloatArray:
         """Covariance, shape (D, D); df is above 2."""
         apart = self.means - self.weights @ self.means
-        return np.asarray(np.einsum("j,jab->ab", self.weights, self.scales * (self.df / (self.df - 2)) + _outer(apart)))
+        return np.asarray(
+            np.einsum(
+                "j,jab->ab", self.weights, self.scales * (self.df / (self.df - 2)) + _outer(apart)
+            )
+        )
 
     def _distances(self, x: FloatArray) -> FloatArray:
         """1 + (squared Mahalanobis distance) / df to every component, shape (J, N)."""
@@ -177,13 +203,26 @@ class Proposal:
         """Log density at x, shape (points, k) -> (points,); log_prior is the prior's log density there."""
         return self.levelled_log_density(*self.levelling.level(x), log_prior)
 
-    def levelled_log_density(self, y: FloatArray, log_volume: FloatArray, log_prior: FloatArray) -> FloatArray:
+    def levelled_log_density(
+        self, y: FloatArray, log_volume: FloatArray, log_prior: FloatArray
+    ) -> FloatArray:
         """The same where the levelled coordinates y and log |dy/dx| are known already."""
-        return self.combined(self.mixture.log_density(y), self.cover.log_density(y), log_volume, log_prior)
+        return self.combined(
+            self.mixture.log_density(y), self.cover.log_density(y), log_volume, log_prior
+        )
 
-    def combined(self, of_mixture: FloatArray, of_cover: FloatArray, log_volume: FloatArray, log_prior: FloatArray) -> FloatArray:
+    def combined(
+        self,
+        of_mixture: FloatArray,
+        of_cover: FloatArray,
+        log_volume: FloatArray,
+        log_prior: FloatArray,
+    ) -> FloatArray:
         """Log density where mixture, cover (both in levelled coordinates) and prior have these log densities."""
-        fitted = np.logaddexp(np.log1p(-_PRIOR_SHARE - self.cover_share) + of_mixture, np.log(self.cover_share) + of_cover)
+        fitted = np.logaddexp(
+            np.log1p(-_PRIOR_SHARE - self.cover_share) + of_mixture,
+            np.log(self.cover_share) + of_cover,
+        )
         return np.asarray(np.logaddexp(fitted + log_volume, np.log(_PRIOR_SHARE) + log_prior))
 
 
@@ -214,7 +253,12 @@ class WeightedDraws:
 
     def part(self, which: slice) -> WeightedDraws:
         """Some of them, without a copy."""
-        return WeightedDraws(self.x[which], self.log_prior[which], self.log_posterior[which], self.log_proposal[which])
+        return WeightedDraws(
+            self.x[which],
+            self.log_prior[which],
+            self.log_posterior[which],
+            self.log_proposal[which],
+        )
 
 
 def efficiency(log_weights: FloatArray) -> float:
@@ -236,7 +280,9 @@ def importance_draws(proposal: Proposal, rng: Random, size: int) -> WeightedDraw
     x[from_prior] = target.sample_prior(rng, int(from_prior.sum()))
     y[from_prior], log_volume[from_prior] = proposal.levelling.level(x[from_prior])
     log_prior = target.log_prior(x)
-    log_proposal = proposal.levelled_log_density(y, log_volume, log_prior)  # cheaper than to begin with x
+    log_proposal = proposal.levelled_log_density(
+        y, log_volume, log_prior
+    )  # cheaper than to begin with x
     log_posterior = target.log_likelihood(x) + log_prior
     require_defined(log_posterior, target)
     return WeightedDraws(x, log_prior, log_posterior, log_proposal)
@@ -254,7 +300,9 @@ class FittedProposal:
     proposal: Proposal
     draws: WeightedDraws
     efficiency: float  # of importance sampling, 0..1
-    pareto_k: float  # of the weights; above 0.7 neither averages nor their error bars can be trusted
+    pareto_k: (
+        float  # of the weights; above 0.7 neither averages nor their error bars can be trusted
+    )
     independent: bool = True
 
     @property

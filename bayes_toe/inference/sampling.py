@@ -69,9 +69,11 @@ class SamplerSettings:
         rules = {
             f"draws={self.draws} must be in 1..1000000": 1 <= self.draws <= 10**6,
             f"ensembles={self.ensembles} must be at least 4": self.ensembles >= 4,
-            f"walkers={self.walkers} must be even and at least 8": self.walkers >= 8 and self.walkers % 2 == 0,
+            f"walkers={self.walkers} must be even and at least 8": self.walkers >= 8
+            and self.walkers % 2 == 0,
             f"max_r_hat={self.max_r_hat} must be above 1": self.max_r_hat > 1.0,
-            f"max_quantile_error={self.max_quantile_error} must be above 0": self.max_quantile_error > 0.0,
+            f"max_quantile_error={self.max_quantile_error} must be above 0": self.max_quantile_error
+            > 0.0,
             f"max_thin={self.max_thin} must be at least 1": self.max_thin >= 1,
         }
         problems = [rule for rule, holds in rules.items() if not holds]
@@ -126,7 +128,9 @@ def independent_chains(target: FrequencyPosterior, settings: SamplerSettings, se
     size = settings.walkers * settings.kept_steps
     x = target.sample(random, settings.ensembles * size).reshape(settings.ensembles, size, -1)
     log_posterior = np.stack([target.log_density(points) for points in x])
-    return Chains(x, log_posterior, np.ones(settings.ensembles), {}, 1, settings.kept_steps, True, "")
+    return Chains(
+        x, log_posterior, np.ones(settings.ensembles), {}, 1, settings.kept_steps, True, ""
+    )
 
 
 def sample_chains(fitted: FittedProposal, settings: SamplerSettings, seed: int) -> Chains:
@@ -145,9 +149,23 @@ def sample_chains(fitted: FittedProposal, settings: SamplerSettings, seed: int) 
         x, log_posterior, acceptance = (np.stack([p[i] for p in passes]) for i in range(3))
         diagnostics = convergence_of(posterior.judged(x))
         reason = shortfall(diagnostics, settings.required, settings.max_r_hat)
-        imprecise, hopeless = ("", False) if reason else _uncertain_quantile(posterior, x, diagnostics, settings.max_quantile_error)
+        imprecise, hopeless = (
+            ("", False)
+            if reason
+            else _uncertain_quantile(posterior, x, diagnostics, settings.max_quantile_error)
+        )
         if hopeless or thin >= settings.max_thin or not (reason or imprecise):
-            return Chains(x, log_posterior, acceptance, diagnostics, thin, steps, not reason, reason, imprecise)
+            return Chains(
+                x,
+                log_posterior,
+                acceptance,
+                diagnostics,
+                thin,
+                steps,
+                not reason,
+                reason,
+                imprecise,
+            )
         thin *= 2
 
 
@@ -156,7 +174,9 @@ def burn_in(fitted: FittedProposal) -> int:
 
     About the efficiency of the proposal is also the share of steps at which a walker moves.
     """
-    return min(8, int(np.ceil(np.log(1e-3) / np.log1p(-fitted.efficiency)))) if fitted.trusted else 8
+    return (
+        min(8, int(np.ceil(np.log(1e-3) / np.log1p(-fitted.efficiency)))) if fitted.trusted else 8
+    )
 
 
 class GlobalMove(emcee.moves.Move):  # type: ignore[misc]  # emcee has no types
@@ -173,9 +193,15 @@ class GlobalMove(emcee.moves.Move):  # type: ignore[misc]  # emcee has no types
     def propose(self, model: Any, state: Any) -> tuple[Any, Any]:
         """One step of all walkers, as emcee asks for it."""
         fresh = self.take(len(state.coords), model.random)
-        log_old = self.proposal.log_density(state.coords, self.proposal.posterior.log_prior(state.coords))
-        accepted = np.log(model.random.rand(len(fresh.x))) < fresh.log_weights - (state.log_prob - log_old)
-        return self.update(state, emcee.State(fresh.x, log_prob=fresh.log_posterior), accepted), accepted
+        log_old = self.proposal.log_density(
+            state.coords, self.proposal.posterior.log_prior(state.coords)
+        )
+        accepted = np.log(model.random.rand(len(fresh.x))) < fresh.log_weights - (
+            state.log_prob - log_old
+        )
+        return self.update(
+            state, emcee.State(fresh.x, log_prob=fresh.log_posterior), accepted
+        ), accepted
 
     def take(self, size: int, random: np.random.RandomState) -> WeightedDraws:
         """The next draws from the proposal."""
@@ -198,15 +224,29 @@ def moves(fitted: FittedProposal, first: WeightedDraws) -> list[tuple[Any, float
 class _Ensemble(emcee.EnsembleSampler):  # type: ignore[misc]  # emcee has no types
     """One ensemble with a random stream of its own, begun and burnt in; `advance` returns one pass, walker-major."""
 
-    def __init__(self, fitted: FittedProposal, settings: SamplerSettings, seed: int, index: int) -> None:
+    def __init__(
+        self, fitted: FittedProposal, settings: SamplerSettings, seed: int, index: int
+    ) -> None:
         self._posterior = posterior = fitted.proposal.posterior
-        random = np.random.RandomState(np.random.MT19937(stream(seed, posterior.subject.name, posterior.model.name, "ensemble", index)))
+        random = np.random.RandomState(
+            np.random.MT19937(
+                stream(seed, posterior.subject.name, posterior.model.name, "ensemble", index)
+            )
+        )
         judging = len(fitted.draws.x) // settings.ensembles
         mixed = moves(fitted, fitted.draws.part(slice(index * judging, (index + 1) * judging)))
-        super().__init__(settings.walkers, len(posterior.coordinates), posterior.log_density, vectorize=True, moves=mixed)
+        super().__init__(
+            settings.walkers,
+            len(posterior.coordinates),
+            posterior.log_density,
+            vectorize=True,
+            moves=mixed,
+        )
         # emcee ignores a seed or a Generator in silence; only the state of a RandomState reaches it.
         self.random_state = random.get_state()
-        self._state = self._run(_dispersed(fitted, random, settings.walkers), burn_in(fitted), store=False)
+        self._state = self._run(
+            _dispersed(fitted, random, settings.walkers), burn_in(fitted), store=False
+        )
 
     def advance(self, thin: int, kept: int) -> tuple[FloatArray, FloatArray, float]:
         """Draws, shape (walkers x kept, k), their log densities and the share of accepted proposals."""
@@ -240,27 +280,42 @@ def _dispersed(fitted: FittedProposal, random: np.random.RandomState, walkers: i
         chosen = draws.resampled(random, walkers)
         jitter = 0.1 * (chosen - chosen[::-1])  # resampled points repeat, walkers must not
         points = mean + np.sqrt(_DISPERSION) * (chosen + jitter - mean)
-        start, log_density = np.concatenate([start, points]), np.concatenate([log_density, posterior.log_density(points)])
+        start, log_density = (
+            np.concatenate([start, points]),
+            np.concatenate([log_density, posterior.log_density(points)]),
+        )
         some = np.isfinite(log_density)
         start, log_density = start[some], log_density[some]
     return emcee.State(start[:walkers], log_prob=log_density[:walkers])
 
 
-def _uncertain_quantile(posterior: Target, x: FloatArray, diagnostics: dict[str, Convergence], limit: float) -> tuple[str, bool]:
+def _uncertain_quantile(
+    posterior: Target, x: FloatArray, diagnostics: dict[str, Convergence], limit: float
+) -> tuple[str, bool]:
     """What is said of the natural quantity with the most uncertain 5 or 95 % quantile, empty where it is certain enough.
 
     With it, whether draws further apart would be in vain: where as many independent ones were not enough either.
     """
     if limit == np.inf:
         return "", False
-    natural = {name: values for name, values in posterior.quantities(x).items() if name in posterior.names.natural}
-    known = diagnostics | convergence_of({name: values for name, values in natural.items() if name not in diagnostics})
+    natural = {
+        name: values
+        for name, values in posterior.quantities(x).items()
+        if name in posterior.names.natural
+    }
+    known = diagnostics | convergence_of(
+        {name: values for name, values in natural.items() if name not in diagnostics}
+    )
     errors = {name: tail_error(values, known[name].ess_tail) for name, values in natural.items()}
     worst = max(errors, key=lambda name: np.nan_to_num(errors[name], nan=np.inf))
     if errors[worst] < limit:
         return "", False
     values, error = natural[worst], errors[worst]
-    needed = values.size / 2 * (error / (_SAFE * limit)) ** 2  # half of the draws kept are what a user asks for
+    needed = (
+        values.size / 2 * (error / (_SAFE * limit)) ** 2
+    )  # half of the draws kept are what a user asks for
     digits = 10 ** (int(np.log10(needed)) - 1)
     reason = f"a 5 or 95 % quantile of {worst} is uncertain by {error:.3f} of the range between them, below {limit:g} wanted"
-    return f"{reason}: {int(np.ceil(needed / digits)) * digits:,} draws would do", not tail_error(values, values.size) < limit
+    return f"{reason}: {int(np.ceil(needed / digits)) * digits:,} draws would do", not tail_error(
+        values, values.size
+    ) < limit

@@ -59,9 +59,13 @@ class SpaceEvidence:
     prior: Prior  # in numbers
     models: tuple[Model, ...]
     log_evidence: FloatArray  # (models,)
-    bounds: FloatArray  # (models,): what one that is NaN is at most; infinite where that is not known
+    bounds: (
+        FloatArray  # (models,): what one that is NaN is at most; infinite where that is not known
+    )
     sampled: Mapping[int, Sampled]
-    notes: tuple[str, ...] = ()  # of models near the best that have Laplace's value because their draws cannot be trusted
+    notes: tuple[
+        str, ...
+    ] = ()  # of models near the best that have Laplace's value because their draws cannot be trusted
 
     def value(self, model: Model) -> float | None:
         """The log evidence of a model; None where it is withheld."""
@@ -70,11 +74,15 @@ class SpaceEvidence:
 
     def predictor(self, model: str, size: int, rng: np.random.Generator) -> Predictor:
         """So many posterior draws of a model that was sampled."""
-        fitted = next(self.sampled[i].fitted for i, one in enumerate(self.models) if one.name == model)
+        fitted = next(
+            self.sampled[i].fitted for i, one in enumerate(self.models) if one.name == model
+        )
         return Predictor(fitted.proposal.posterior, fitted.draws.resampled(rng, size))
 
 
-def space_evidence(subject: Subject, prior: Prior, models: Sequence[Model], seed: int, *, window: float = WINDOW) -> SpaceEvidence:
+def space_evidence(
+    subject: Subject, prior: Prior, models: Sequence[Model], seed: int, *, window: float = WINDOW
+) -> SpaceEvidence:
     """The log evidence of every model; random streams are keyed by seed, subject and model."""
     numbers = prior.at(subject)
     values, counting = laplace_evidences(subject, numbers, models, window)
@@ -82,14 +90,18 @@ def space_evidence(subject: Subject, prior: Prior, models: Sequence[Model], seed
     for place, (family, i) in counting.items():
         rng = generator(seed, subject.name, models[place].name, "space")
         mode, cloud = family.cloud(i, rng)
-        fitted = with_trusted_draws(quick_proposal(models[place].posterior(subject, numbers), mode, cloud, rng), rng)
+        fitted = with_trusted_draws(
+            quick_proposal(models[place].posterior(subject, numbers), mode, cloud, rng), rng
+        )
         evidence = importance_evidence(fitted)
         if evidence.value is not None:
             values[place], sampled[place] = evidence.value, Sampled(fitted, evidence, mode)
         elif np.isnan(values[place]):
             bounds[place] = evidence.bound
         else:
-            notes.append(f"{models[place].name}: evidence by Laplace's approximation, importance weights are unreliable")
+            notes.append(
+                f"{models[place].name}: evidence by Laplace's approximation, importance weights are unreliable"
+            )
     return SpaceEvidence(subject, numbers, tuple(models), values, bounds, sampled, tuple(notes))
 
 
@@ -104,8 +116,19 @@ def laplace_evidences(
     families: list[tuple[object, list[int]]] = []
     for place in sorted(range(len(models)), key=lambda i: -len(models[i].coordinates)):
         model = models[place]
-        kind = (model.pull, model.coordinates[0], model.link_without_lapses, model.spread, model.history, model.by_trial)
-        larger = (of for known, of in families if known == kind and {*model.coordinates} <= {*models[of[0]].coordinates})
+        kind = (
+            model.pull,
+            model.coordinates[0],
+            model.link_without_lapses,
+            model.spread,
+            model.history,
+            model.by_trial,
+        )
+        larger = (
+            of
+            for known, of in families
+            if known == kind and {*model.coordinates} <= {*models[of[0]].coordinates}
+        )
         places = next(larger, None)
         if places is None:
             families.append((kind, places := []))
@@ -126,7 +149,9 @@ class Family:
         largest = max(models, key=lambda model: len(model.coordinates))
         self.models, self.whole = models, Posterior(subject, largest, prior)
         names = self.whole.coordinates
-        self.free: BoolArray = np.array([[name in model.coordinates for name in names] for model in models])
+        self.free: BoolArray = np.array(
+            [[name in model.coordinates for name in names] for model in models]
+        )
         self.rest = np.array([-np.inf if name == _LAPSE else 0.0 for name in names])
         self.lapse = names.index(_LAPSE) if _LAPSE in names else None
         pull = largest.pull
@@ -144,7 +169,10 @@ class Family:
             x[:, 0] = MAX_PULL * expit(u[:, 1]) * (self.reach + self.unit * u[:, 0])
             volume[:, 0] = np.log(MAX_PULL * self.unit) + log_expit(u[:, 1])
         if self.lapse is not None:
-            x[:, self.lapse], volume[:, self.lapse] = logit_of_probit(u[:, self.lapse]), -log_slope(u[:, self.lapse])
+            x[:, self.lapse], volume[:, self.lapse] = (
+                logit_of_probit(u[:, self.lapse]),
+                -log_slope(u[:, self.lapse]),
+            )
         return x, volume
 
     def straight(self, x: FloatArray) -> FloatArray:
@@ -160,12 +188,18 @@ class Family:
         """With respect to the coordinates that are free, (points, k) -> (points,)."""
         free, (x, volume) = self.free[which], self.points(u)
         of_prior = (self.whole.block_log_prior(x) * free[:, self.whole.block_starts]).sum(axis=1)
-        return np.asarray(self.whole.log_likelihood(np.where(free, x, self.rest)) + of_prior + np.where(free, volume, 0.0).sum(axis=1))
+        return np.asarray(
+            self.whole.log_likelihood(np.where(free, x, self.rest))
+            + of_prior
+            + np.where(free, volume, 0.0).sum(axis=1)
+        )
 
     def gradient(self, u: FloatArray, which: IndexArray) -> FloatArray:
         """Gradient of :meth:`log_density`, 0 in fixed coordinates."""
         free, (x, _) = self.free[which], self.points(u)
-        slope = self.whole.likelihood_gradient(np.where(free, x, self.rest))[1] + self.whole.prior_gradient(x)
+        slope = self.whole.likelihood_gradient(np.where(free, x, self.rest))[
+            1
+        ] + self.whole.prior_gradient(x)
         if self.funnel:
             down, per = expit(-u[:, 1]), MAX_PULL * expit(u[:, 1])
             slope[:, 1] += (1.0 + slope[:, 0] * x[:, 0]) * down
@@ -173,7 +207,12 @@ class Family:
         if self.lapse is not None:
             v = u[:, self.lapse]
             density = np.exp(-0.5 * np.square(v) - 0.5 * LOG_2PI)
-            slope[:, self.lapse] = slope[:, self.lapse] * np.exp(-log_slope(v)) - density / ndtr(v) + density / ndtr(-v) - v
+            slope[:, self.lapse] = (
+                slope[:, self.lapse] * np.exp(-log_slope(v))
+                - density / ndtr(v)
+                + density / ndtr(-v)
+                - v
+            )
         return np.where(free, slope, 0.0)
 
     # --- Maxima -----------------------------------------------------------------------------------
@@ -182,7 +221,9 @@ class Family:
         """Of every model the best points of its grid, one for each start of offset and pull, and whose they are."""
         found, whose = [], []
         for i, model in enumerate(self.models):
-            grid = Posterior(self.whole.subject, model, self.whole.prior, self.whole.centre).starts()
+            grid = Posterior(
+                self.whole.subject, model, self.whole.prior, self.whole.centre
+            ).starts()
             x = np.zeros((len(grid), len(self.rest)))
             x[:, self.free[i]] = grid
             u = self.straight(x)
@@ -191,7 +232,9 @@ class Family:
             lead = x[:, : 2 if self.funnel else 1 if model.coordinates[0] == "offset" else 0]
             _, cell = np.unique(lead, axis=0, return_inverse=True)
             cell = np.zeros(len(u), np.intp) if lead.shape[1] == 0 else cell.ravel()
-            best = [np.flatnonzero(cell == j)[value[cell == j].argmax()] for j in range(cell.max() + 1)]
+            best = [
+                np.flatnonzero(cell == j)[value[cell == j].argmax()] for j in range(cell.max() + 1)
+            ]
             found.append(u[best])
             whose.append(np.full(len(best), i))
         return np.concatenate(found), np.concatenate(whose)
@@ -201,11 +244,18 @@ class Family:
         """Of every model its highest maximum, (models, k), value, (models,), and negative Hessian, (models, k, k), 1 where fixed."""
         u, whose = self.starts()
         climb = Differenced(
-            lambda u, starts: self.log_density(u, whose[starts]), lambda u, starts: self.gradient(u, whose[starts]), *u.shape
+            lambda u, starts: self.log_density(u, whose[starts]),
+            lambda u, starts: self.gradient(u, whose[starts]),
+            *u.shape,
         )
         found = ascend(climb, u.T, fixed=~self.free[whose].T, rivals=whose)
         value = np.where(found.arrived, found.value, -np.inf)
-        best = np.array([np.flatnonzero(whose == i)[np.argmax(value[whose == i])] for i in range(len(self.models))])
+        best = np.array(
+            [
+                np.flatnonzero(whose == i)[np.argmax(value[whose == i])]
+                for i in range(len(self.models))
+            ]
+        )
         bend = climb.curvature(found.x[:, best], best)
         bend[:, np.arange(len(self.rest)), np.arange(len(self.rest))] += ~self.free
         return found.x.T[best], value[best], bend
@@ -216,7 +266,9 @@ class Family:
         _, value, bend = self.maxima
         sign, log_det = np.linalg.slogdet(bend)
         proper = np.isfinite(value) & (sign > 0) & (np.linalg.eigvalsh(bend)[:, 0] > 0)
-        return np.where(proper, value + 0.5 * self.free.sum(axis=1) * LOG_2PI - 0.5 * log_det, np.nan)
+        return np.where(
+            proper, value + 0.5 * self.free.sum(axis=1) * LOG_2PI - 0.5 * log_det, np.nan
+        )
 
     def cloud(self, i: int, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
         """The maximum of a model, (1, k), and draws of Laplace's normal, (draws, k), in the model's own coordinates x."""
@@ -224,7 +276,9 @@ class Family:
         u = top + rng.standard_normal((_CLOUD, len(spread))) @ spread.T
         return self.points(top[None])[0][:, self.free[i]], self.points(u)[0][:, self.free[i]]
 
-    def weighted(self, i: int, rng: np.random.Generator, size: int) -> tuple[FloatArray, FloatArray]:
+    def weighted(
+        self, i: int, rng: np.random.Generator, size: int
+    ) -> tuple[FloatArray, FloatArray]:
         """Draws of a model from Student's t of Laplace's shape, (size, k), in its own coordinates x, and log weights of mean evidence."""
         (top, spread, log_det), k = self._normal(i), int(self.free[i].sum())
         t = multivariate_t(np.zeros(k), np.eye(k), df=_FREEDOM)
@@ -238,7 +292,11 @@ class Family:
         """Maximum of a model, factor of the covariance of Laplace's normal, no direction of which is too flat, and its log determinant."""
         tops, _, bends = self.maxima
         size = np.sqrt(np.maximum(np.abs(np.diagonal(bends[i])), 1e-3))
-        bend = bends[i] / np.outer(size, size)  # so that the draws do not depend on the unit of intensity
-        bend += max(0.0, _FLATTEST - float(np.linalg.eigvalsh(bend)[0])) * np.diag(self.free[i].astype(np.float64))
+        bend = bends[i] / np.outer(
+            size, size
+        )  # so that the draws do not depend on the unit of intensity
+        bend += max(0.0, _FLATTEST - float(np.linalg.eigvalsh(bend)[0])) * np.diag(
+            self.free[i].astype(np.float64)
+        )
         spread = np.linalg.inv(np.linalg.cholesky(bend)).T / size[:, None]
         return tops[i], spread, float(np.log(np.diagonal(spread)).sum())

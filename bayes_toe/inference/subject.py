@@ -13,7 +13,14 @@ from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError
 from bayes_toe.inference.adaptation import EVIDENCE_DRAWS as EVIDENCE_DRAWS
 from bayes_toe.inference.adaptation import adapt_proposal, with_trusted_draws
-from bayes_toe.inference.diagnostics import Convergence, Errors, convergence_of, errors_of, smoothed_weights, worst
+from bayes_toe.inference.diagnostics import (
+    Convergence,
+    Errors,
+    convergence_of,
+    errors_of,
+    smoothed_weights,
+    worst,
+)
 from bayes_toe.inference.evidence import Evidence, importance_evidence
 from bayes_toe.inference.maxima import Maxima, find_maxima
 from bayes_toe.inference.predictive_checks import FitSummary, summarise_fit
@@ -28,7 +35,18 @@ from bayes_toe.seeds import generator
 
 QUANTILES = {"q05": 0.05, "q25": 0.25, "q50": 0.5, "q75": 0.75, "q95": 0.95}
 _MCSE = tuple(f"mcse_{name}" for name in Errors._fields)
-SUMMARY_COLUMNS = ("subject", "parameter", "mean", "sd", *QUANTILES, "ess_bulk", "ess_tail", "r_hat", "contraction", *_MCSE)
+SUMMARY_COLUMNS = (
+    "subject",
+    "parameter",
+    "mean",
+    "sd",
+    *QUANTILES,
+    "ess_bulk",
+    "ess_tail",
+    "r_hat",
+    "contraction",
+    *_MCSE,
+)
 #: Where the goodness of fit is kept among the statistics.
 FIT_COLUMNS = {
     "deviance": "deviance",
@@ -43,8 +61,26 @@ FIT_COLUMNS = {
 }
 #: Units of quantities that are no ln intensity; frequencies of pairs, q_1 and so on, have none either.
 _UNITS = {
-    **dict.fromkeys(("gamma", "gain", "pull", "rho", "lapse_rate", "guess_second", "exponent", "icc", "carry_over"), "1"),
-    **{"noise_slope": "1 / ln intensity", "peak_slope": "1 / ln intensity", "carry_over_tau": "s", "half_life": "trials"},
+    **dict.fromkeys(
+        (
+            "gamma",
+            "gain",
+            "pull",
+            "rho",
+            "lapse_rate",
+            "guess_second",
+            "exponent",
+            "icc",
+            "carry_over",
+        ),
+        "1",
+    ),
+    **{
+        "noise_slope": "1 / ln intensity",
+        "peak_slope": "1 / ln intensity",
+        "carry_over_tau": "s",
+        "half_life": "trials",
+    },
 }
 
 SummaryRow: TypeAlias = tuple[str | float, ...]
@@ -74,7 +110,10 @@ class Wanted:
     @property
     def judging_draws(self) -> int:
         """By how many draws a proposal is judged: those of an evidence, asked for or not (chains are then the same), or more for chains."""
-        return max(self.evidence_draws or EVIDENCE_DRAWS, 0 if self.chains is None else self.chains.proposals)
+        return max(
+            self.evidence_draws or EVIDENCE_DRAWS,
+            0 if self.chains is None else self.chains.proposals,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,25 +142,36 @@ class Fitted(NamedTuple):
 
 def infer(target: Target | FrequencyPosterior, seed: int, wanted: Wanted) -> SubjectResult:
     """The pipeline of one subject under one model; random streams are keyed by seed, subject, model and purpose."""
-    return exact_result(target, seed, wanted) if isinstance(target, FrequencyPosterior) else fitted_result(target, seed, wanted)[0]
+    return (
+        exact_result(target, seed, wanted)
+        if isinstance(target, FrequencyPosterior)
+        else fitted_result(target, seed, wanted)[0]
+    )
 
 
 def exact_result(target: FrequencyPosterior, seed: int, wanted: Wanted) -> SubjectResult:
     """The pipeline where the posterior is known in closed form."""
     chains = None if wanted.chains is None else independent_chains(target, wanted.chains, seed)
     evidence = Evidence(target.log_evidence, 0.0, None, None) if wanted.evidence_draws else None
-    return SubjectResult(target, 1.0, float("nan"), evidence, chains, _chains_fit(target, chains, seed))
+    return SubjectResult(
+        target, 1.0, float("nan"), evidence, chains, _chains_fit(target, chains, seed)
+    )
 
 
 def fitted_result(target: Target, seed: int, wanted: Wanted) -> tuple[SubjectResult, Fitted]:
     """The pipeline where a proposal has to be fitted, with what it found on its way."""
-    maxima, rng = find_maxima(target), generator(seed, target.subject.name, target.model.name, "proposal")
+    maxima, rng = (
+        find_maxima(target),
+        generator(seed, target.subject.name, target.model.name, "proposal"),
+    )
     adapted = adapt_proposal(target, rng, start=maxima, draws=wanted.judging_draws)
     chains = None if wanted.chains is None else sample_chains(adapted, wanted.chains, seed)
     fitted = with_trusted_draws(adapted, rng) if wanted.evidence_draws else adapted
     evidence = importance_evidence(fitted) if wanted.evidence_draws else None
     fit = _chains_fit(target, chains, seed)
-    return SubjectResult(target, adapted.efficiency, adapted.pareto_k, evidence, chains, fit), Fitted(maxima, fitted)
+    return SubjectResult(
+        target, adapted.efficiency, adapted.pareto_k, evidence, chains, fit
+    ), Fitted(maxima, fitted)
 
 
 def _chains_fit(target: Answering, chains: Chains | None, seed: int) -> FitSummary | None:
@@ -129,7 +179,9 @@ def _chains_fit(target: Answering, chains: Chains | None, seed: int) -> FitSumma
     if chains is None:
         return None
     x = chains.x.reshape(-1, chains.x.shape[-1])
-    return summarise_fit(target, x, seed, log_likelihood=chains.log_posterior.ravel() - target.log_prior(x))
+    return summarise_fit(
+        target, x, seed, log_likelihood=chains.log_posterior.ravel() - target.log_prior(x)
+    )
 
 
 def weighted_fit(fitted: FittedProposal, seed: int) -> FitSummary | None:
@@ -140,7 +192,12 @@ def weighted_fit(fitted: FittedProposal, seed: int) -> FitSummary | None:
     weights = np.exp(smoothed_weights(draws.log_weights).log_weights)
     rng = generator(seed, target.subject.name, target.model.name, "resampling")
     kept = rng.choice(len(weights), len(weights), p=weights / weights.sum())
-    return summarise_fit(target, draws.x[kept], seed, log_likelihood=draws.log_posterior[kept] - draws.log_prior[kept])
+    return summarise_fit(
+        target,
+        draws.x[kept],
+        seed,
+        log_likelihood=draws.log_posterior[kept] - draws.log_prior[kept],
+    )
 
 
 # --- What a file of draws keeps, and tables say ---------------------------------------------------
@@ -151,12 +208,18 @@ class SubjectDraws:
     """Draws of one subject under one model, and what is said of them."""
 
     subject: Subject
-    quantities: Mapping[str, FloatArray]  # (chains, draws): the natural ones, from which all others follow
+    quantities: Mapping[
+        str, FloatArray
+    ]  # (chains, draws): the natural ones, from which all others follow
     units: Mapping[str, str]
-    coordinates: tuple[str, ...]  # of the unconstrained space in which `log_posterior`, (chains, draws), is a density
+    coordinates: tuple[
+        str, ...
+    ]  # of the unconstrained space in which `log_posterior`, (chains, draws), is a density
     log_posterior: FloatArray
     acceptance: FloatArray  # (chains,)
-    statistics: Mapping[str, float | int | str]  # by column: convergence, effort, quality of the proposal and of the fit
+    statistics: Mapping[
+        str, float | int | str
+    ]  # by column: convergence, effort, quality of the proposal and of the fit
     summary: tuple[SummaryRow, ...]  # with the columns of summary.csv; empty where not asked for
 
 
@@ -167,7 +230,11 @@ def subject_draws(result: SubjectResult, *, summarised: bool = False) -> Subject
         raise InputError(f"subject {result.subject.name!r} was analysed without sampling")
     found = target.quantities(chains.x)
     natural = {name: found[name] for name in target.names.natural}
-    (_, ess), (_, r_hat) = worst(chains.diagnostics) if chains.diagnostics else (("", chains.log_posterior.size), ("", 1.0))
+    (_, ess), (_, r_hat) = (
+        worst(chains.diagnostics)
+        if chains.diagnostics
+        else (("", chains.log_posterior.size), ("", 1.0))
+    )
     statistics: dict[str, float | int | str | None] = {
         "converged": int(chains.converged),
         "shortfall": chains.reason,
@@ -188,12 +255,18 @@ def subject_draws(result: SubjectResult, *, summarised: bool = False) -> Subject
         chains.log_posterior,
         chains.acceptance,
         {name: value for name, value in statistics.items() if value is not None},
-        summary_rows(target, {name: found[name] for name in target.names.reported}, chains.diagnostics) if summarised else (),
+        summary_rows(
+            target, {name: found[name] for name in target.names.reported}, chains.diagnostics
+        )
+        if summarised
+        else (),
     )
 
 
 def summary_rows(
-    target: Answering, values: Mapping[str, FloatArray], known: Mapping[str, Convergence] | None = None
+    target: Answering,
+    values: Mapping[str, FloatArray],
+    known: Mapping[str, Convergence] | None = None,
 ) -> tuple[SummaryRow, ...]:
     """Rows with the columns of summary.csv from values of shape (chains, draws), of some of which convergence is known."""
     judged = dict({} if known is None else known)
@@ -202,17 +275,27 @@ def summary_rows(
     for name, draws in values.items():
         located = location(draws)
         narrowed = contraction(target, name, located[2], located[-1])
-        rows.append((target.subject.name, name, *located, *judged[name], narrowed, *uncertain[name]))
+        rows.append(
+            (target.subject.name, name, *located, *judged[name], narrowed, *uncertain[name])
+        )
     return tuple(rows)
 
 
 def location(values: FloatArray) -> tuple[float, ...]:
     """Mean, sd and :data:`QUANTILES` of draws, shape (chains, draws)."""
-    return (float(values.mean()), float(values.std(ddof=1)), *np.quantile(values, list(QUANTILES.values())).tolist())
+    return (
+        float(values.mean()),
+        float(values.std(ddof=1)),
+        *np.quantile(values, list(QUANTILES.values())).tolist(),
+    )
 
 
 def unit(name: str, target: Answering) -> str:
     """The unit of a quantity; at the reference interval where an interval acts on it."""
     plain = _UNITS.get(name, "1" if name.startswith("q") else "ln intensity")
     reference = reference_interval(target.prior.reference_interval, target.subject)
-    return plain if target.subject.isi is None else target.model.units_at_intervals(reference).get(name, plain)
+    return (
+        plain
+        if target.subject.isi is None
+        else target.model.units_at_intervals(reference).get(name, plain)
+    )

@@ -32,7 +32,10 @@ class Gaussian(NamedTuple):
 
     def density(self, s: npt.ArrayLike) -> FloatArray:
         """Density at s, for figures."""
-        return np.asarray(np.exp(-0.5 * ((np.asarray(s, np.float64) - self.mean) / self.sd) ** 2) / (self.sd * np.sqrt(2.0 * np.pi)))
+        return np.asarray(
+            np.exp(-0.5 * ((np.asarray(s, np.float64) - self.mean) / self.sd) ** 2)
+            / (self.sd * np.sqrt(2.0 * np.pi))
+        )
 
 
 def steady_prior(mu1: npt.ArrayLike, sigma_p: npt.ArrayLike, sigma_l: npt.ArrayLike) -> Gaussian:
@@ -43,7 +46,9 @@ def steady_prior(mu1: npt.ArrayLike, sigma_p: npt.ArrayLike, sigma_l: npt.ArrayL
     >>> round(float(steady_prior(0.0, 1.0, 2**0.5).variance), 12)
     2.0
     """
-    variance = variance_ratio(noise_ratio(sigma_p, sigma_l)) * np.square(np.asarray(sigma_p, np.float64))
+    variance = variance_ratio(noise_ratio(sigma_p, sigma_l)) * np.square(
+        np.asarray(sigma_p, np.float64)
+    )
     mean, variance = np.broadcast_arrays(np.asarray(mu1, np.float64), variance)
     return Gaussian(np.asarray(mean), np.asarray(variance))
 
@@ -59,12 +64,16 @@ def update(belief: Gaussian, s: npt.ArrayLike, sigma_l: npt.ArrayLike) -> Gaussi
     """
     stimulus, noise = np.asarray(s, np.float64), np.square(np.asarray(sigma_l, np.float64))
     kept = noise / (belief.variance + noise)
-    return Gaussian(np.asarray(stimulus + kept * (belief.mean - stimulus)), np.asarray(kept * belief.variance))
+    return Gaussian(
+        np.asarray(stimulus + kept * (belief.mean - stimulus)), np.asarray(kept * belief.variance)
+    )
 
 
 def evolve(belief: Gaussian, sigma_p: npt.ArrayLike, interval: npt.ArrayLike = 1.0) -> Gaussian:
     """Belief after an interval, in units of the experiment's own: the variance grows by interval sigma_p^2. Source: Eq. integrales."""
-    mean, variance = np.broadcast_arrays(belief.mean, belief.variance + np.asarray(interval, np.float64) * np.square(sigma_p))
+    mean, variance = np.broadcast_arrays(
+        belief.mean, belief.variance + np.asarray(interval, np.float64) * np.square(sigma_p)
+    )
     return Gaussian(np.asarray(mean), np.asarray(variance))
 
 
@@ -73,7 +82,10 @@ def comparison_distance(belief: Gaussian, s: npt.ArrayLike, sigma_l: npt.ArrayLi
 
     Source: Eq. mod:qdphi. P(equal) = q0 2^(-distance^2).
     """
-    return np.asarray((np.asarray(s, np.float64) - belief.mean) / (belief.sd + np.square(np.asarray(sigma_l, np.float64)) / belief.sd))
+    return np.asarray(
+        (np.asarray(s, np.float64) - belief.mean)
+        / (belief.sd + np.square(np.asarray(sigma_l, np.float64)) / belief.sd)
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +99,13 @@ class TrialView:
     distance: FloatArray
 
 
-def trial_view(s1: npt.ArrayLike, s2: npt.ArrayLike, mu1: npt.ArrayLike, sigma_p: npt.ArrayLike, sigma_l: npt.ArrayLike) -> TrialView:
+def trial_view(
+    s1: npt.ArrayLike,
+    s2: npt.ArrayLike,
+    mu1: npt.ArrayLike,
+    sigma_p: npt.ArrayLike,
+    sigma_l: npt.ArrayLike,
+) -> TrialView:
     """Prior, posterior after s1, evolved prior, posterior after s2, and the normalised distance z of the comparison.
 
     Arguments broadcast, so draws go in as they are.
@@ -107,4 +125,10 @@ def trial_view(s1: npt.ArrayLike, s2: npt.ArrayLike, mu1: npt.ArrayLike, sigma_p
     prior = steady_prior(mu1, sigma_p, sigma_l)
     after_first = update(prior, s1, sigma_l)
     evolved = evolve(after_first, sigma_p)
-    return TrialView(prior, after_first, evolved, update(evolved, s2, sigma_l), comparison_distance(evolved, s2, sigma_l))
+    return TrialView(
+        prior,
+        after_first,
+        evolved,
+        update(evolved, s2, sigma_l),
+        comparison_distance(evolved, s2, sigma_l),
+    )

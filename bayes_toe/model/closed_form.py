@@ -98,7 +98,11 @@ def evolved_mean(s1: npt.ArrayLike, mu1: npt.ArrayLike, gamma: npt.ArrayLike) ->
 
 
 def normalised_distance(
-    s1: npt.ArrayLike, s2: npt.ArrayLike, mu1: npt.ArrayLike, sigma_p: npt.ArrayLike, sigma_l: npt.ArrayLike
+    s1: npt.ArrayLike,
+    s2: npt.ArrayLike,
+    mu1: npt.ArrayLike,
+    sigma_p: npt.ArrayLike,
+    sigma_l: npt.ArrayLike,
 ) -> FloatArray:
     """Distance of the second stimulus from the evolved mean in units of the width, z = (s2 - mu_2) / w; no unit.
 
@@ -106,7 +110,9 @@ def normalised_distance(
     """
     gamma = noise_ratio(sigma_p, sigma_l)
     first = np.asarray(s1, np.float64)
-    displacement = (np.asarray(s2, np.float64) - first) - pull(gamma) * (np.asarray(mu1, np.float64) - first)
+    displacement = (np.asarray(s2, np.float64) - first) - pull(gamma) * (
+        np.asarray(mu1, np.float64) - first
+    )
     return np.asarray(displacement / width(sigma_p, gamma))
 
 
@@ -145,8 +151,12 @@ def log_different(z: npt.ArrayLike, logit_q0: npt.ArrayLike) -> FloatArray:
     with np.errstate(divide="ignore"):  # log(0) is the truth where 1 - q is 0
         result = np.asarray(np.log(lapse + (1.0 - lapse) * rest))
         np.log1p(-q, out=result, where=q < 0.5)
-        if np.any(logit > 700.0):  # 1 - q0 underflows there, its logarithm does not; q0 is 1 to all digits
-            result = np.where((q >= 0.5) & (logit > 700.0), np.logaddexp(-logit, np.log(rest)), result)
+        if np.any(
+            logit > 700.0
+        ):  # 1 - q0 underflows there, its logarithm does not; q0 is 1 to all digits
+            result = np.where(
+                (q >= 0.5) & (logit > 700.0), np.logaddexp(-logit, np.log(rest)), result
+            )
     return np.asarray(result)
 
 
@@ -177,7 +187,9 @@ def equal_probability(
     return np.asarray(np.asarray(q0, np.float64) * np.exp(-LN2 * np.square(z)))
 
 
-def require_natural(mu1: npt.ArrayLike, sigma_p: npt.ArrayLike, sigma_l: npt.ArrayLike, q0: npt.ArrayLike) -> None:
+def require_natural(
+    mu1: npt.ArrayLike, sigma_p: npt.ArrayLike, sigma_l: npt.ArrayLike, q0: npt.ArrayLike
+) -> None:
     """Raise NumericalError, naming the parameter, unless all natural parameters are usable."""
     sigma, noise, top = (np.asarray(v, np.float64) for v in (sigma_p, sigma_l, q0))
     allowed = {

@@ -37,7 +37,11 @@ QUANTITIES = {
 }
 #: Those that an effect of the order is made of.
 OF_ORDER = ("constant error", "pull")
-_NARROW = {"q0": 0.7, "lapse_rate": 0.6, "gain": 0.4}  # sds of probits, as a population's mean has them
+_NARROW = {
+    "q0": 0.7,
+    "lapse_rate": 0.6,
+    "gain": 0.4,
+}  # sds of probits, as a population's mean has them
 
 
 @dataclass(frozen=True)
@@ -83,7 +87,9 @@ class Contrasted(Posterior):
     def coordinates(self) -> tuple[str, ...]:
         """Names of the coordinates."""
         columns = range(1, self.design.shape[1] + 1)
-        return self.model.coordinates + tuple(f"{self.model.group[place]} {i}" for place in self._moved for i in columns)
+        return self.model.coordinates + tuple(
+            f"{self.model.group[place]} {i}" for place in self._moved for i in columns
+        )
 
     @cached_property
     def pooled(self) -> Posterior:
@@ -93,7 +99,9 @@ class Contrasted(Posterior):
     @cached_property
     def parts(self) -> tuple[Posterior, ...]:
         """Those of the conditions by themselves, with the scales of the whole."""
-        return tuple(Posterior(one, self.model, self.prior, self.sbar, self.reference) for one in self.units)
+        return tuple(
+            Posterior(one, self.model, self.prior, self.sbar, self.reference) for one in self.units
+        )
 
     @cached_property
     def _moved(self) -> list[int]:
@@ -105,14 +113,19 @@ class Contrasted(Posterior):
     def _steps(self) -> FloatArray:
         """What a coordinate of a difference adds to each eta in each condition, shape (conditions, differences, k)."""
         unit = [unit_of(self.model.group[place], self.prior) for place in self._moved]
-        found = np.zeros((len(self.units), len(self._moved), self.design.shape[1], len(self.model.group)))
+        found = np.zeros(
+            (len(self.units), len(self._moved), self.design.shape[1], len(self.model.group))
+        )
         for i, (place, size) in enumerate(zip(self._moved, unit, strict=True)):
             found[:, i, :, place] = DIFFERENCE * size * self.design
         return found.reshape(len(self.units), -1, len(self.model.group))
 
     def to_group(self, x: FloatArray) -> FloatArray:
         """Shared quantities on their group scales, and differences over the columns of the design, (points, k + differences), the same."""
-        k, sizes = len(self.model.coordinates), [unit_of(self.model.group[place], self.prior) for place in self._moved]
+        k, sizes = (
+            len(self.model.coordinates),
+            [unit_of(self.model.group[place], self.prior) for place in self._moved],
+        )
         units = DIFFERENCE * np.repeat(sizes, self.design.shape[1])
         return np.concatenate([self.pooled.to_group(x[:, :k]), x[:, k:] * units], axis=1)
 
@@ -131,12 +144,20 @@ class Contrasted(Posterior):
     def log_prior(self, x: npt.ArrayLike) -> FloatArray:
         """Log prior density at x, shape (points, k + differences) -> (points,)."""
         points, k = require_points(x, len(self.coordinates)), len(self.model.coordinates)
-        return np.asarray(self.pooled.log_prior(points[:, :k]) - 0.5 * (np.square(points[:, k:]) + LOG_2PI).sum(axis=1))
+        return np.asarray(
+            self.pooled.log_prior(points[:, :k])
+            - 0.5 * (np.square(points[:, k:]) + LOG_2PI).sum(axis=1)
+        )
 
     def log_likelihood(self, x: npt.ArrayLike) -> FloatArray:
         """Sum of those of the conditions, (points,)."""
         points = require_points(x, len(self.coordinates))
-        return np.asarray(sum(part.log_likelihood(at) for part, (at, _) in zip(self.parts, self._moved_to(points), strict=True)))
+        return np.asarray(
+            sum(
+                part.log_likelihood(at)
+                for part, (at, _) in zip(self.parts, self._moved_to(points), strict=True)
+            )
+        )
 
     def prior_gradient(self, x: FloatArray) -> FloatArray:
         """Gradient of the log prior density, (points, k + differences)."""
@@ -147,13 +168,19 @@ class Contrasted(Posterior):
         """Log likelihood and its gradient, (points, k + differences), with d eta/dx of the shared ones, the inverse of dx/d eta."""
         k = len(self.model.coordinates)
         eta = self.pooled.to_group(x[:, :k])
-        value, shared, own = np.zeros(len(x)), np.zeros((len(x), k)), np.zeros((len(x), x.shape[1] - k))
+        value, shared, own = (
+            np.zeros(len(x)),
+            np.zeros((len(x), k)),
+            np.zeros((len(x), x.shape[1] - k)),
+        )
         for part, step in zip(self.parts, self._steps, strict=True):
             at, jacobian = part.from_group(eta + x[:, k:] @ step)
             of_part, slope = part.likelihood_gradient(at)
             by_eta = (slope[:, None, :] @ jacobian)[:, 0]
             value, shared, own = value + of_part, shared + by_eta, own + by_eta @ step.T
-        back = np.linalg.solve(self.pooled.from_group(eta)[1].swapaxes(1, 2), shared[:, :, None])[:, :, 0]
+        back = np.linalg.solve(self.pooled.from_group(eta)[1].swapaxes(1, 2), shared[:, :, None])[
+            :, :, 0
+        ]
         return value, np.concatenate([back, own], axis=1)
 
     # --- What engines ask for -------------------------------------------------------------------------
@@ -169,7 +196,9 @@ class Contrasted(Posterior):
     def sample_prior(self, rng: Random, size: int) -> FloatArray:
         """Independent draws from the prior, shape (size, k + differences)."""
         shared = self.pooled.sample_prior(rng, size)
-        return np.concatenate([shared, rng.standard_normal((size, len(self.coordinates) - shared.shape[1]))], axis=1)
+        return np.concatenate(
+            [shared, rng.standard_normal((size, len(self.coordinates) - shared.shape[1]))], axis=1
+        )
 
     def levelling(self, modes: FloatArray) -> Levels:
         """That of the pooled answers; differences are normal as they are."""
@@ -189,7 +218,9 @@ def unit_of(name: str, prior: Prior) -> float:
     return prior.distribution(name).spread if name in ("offset", "mu1") else _NARROW.get(name, 1.0)
 
 
-def contrasted(posterior: Posterior, units: Sequence[Subject], design: FloatArray, differing: Sequence[str]) -> Contrasted:
+def contrasted(
+    posterior: Posterior, units: Sequence[Subject], design: FloatArray, differing: Sequence[str]
+) -> Contrasted:
     """The posterior of pooled answers as one of several conditions."""
     return Contrasted(
         *(posterior.subject, posterior.model, posterior.prior, posterior.sbar, posterior.reference),

@@ -72,14 +72,21 @@ def unconstrained(theta: Natural, sbar: float) -> FloatArray:
     gamma = theta.gamma
     p = pull(gamma)
     with np.errstate(divide="ignore"):
-        columns = (p * (theta.mu1 - sbar), _logit_pull(theta, p), np.log(width(theta.sigma_p, gamma)), logit(theta.q0))
+        columns = (
+            p * (theta.mu1 - sbar),
+            _logit_pull(theta, p),
+            np.log(width(theta.sigma_p, gamma)),
+            logit(theta.q0),
+        )
     return np.stack(np.broadcast_arrays(*columns), axis=-1)
 
 
 def _logit_pull(theta: Natural, p: FloatArray) -> FloatArray:
     """logit(p / p_max), with p_max - p by 1 - gamma (see :func:`log_noise_ratio`), and that by the difference of sigma_p and sigma_l."""
     apart = (theta.sigma_p - theta.sigma_l) / theta.sigma_p
-    rest = np.where((apart < 0.0) & (apart >= -_ROUNDING), 0.0, apart * (1.0 + theta.sigma_l / theta.sigma_p))
+    rest = np.where(
+        (apart < 0.0) & (apart >= -_ROUNDING), 0.0, apart * (1.0 + theta.sigma_l / theta.sigma_p)
+    )
     return np.asarray(np.log(p) + np.log(1.0 / MAX_PULL - p) - 2.0 * np.log1p(-p) - np.log(rest))
 
 
@@ -113,7 +120,9 @@ def log_noise_ratio(a: FloatArray) -> tuple[FloatArray, FloatArray]:
     p = MAX_PULL * expit(a)
     log_gamma = np.log(MAX_PULL) + log_expit(a) - 2.0 * np.log1p(-p)
     near = np.log(MAX_PULL) + log_expit(-a) + np.log(1.0 / MAX_PULL - p) - 2.0 * np.log1p(-p)
-    return np.asarray(log_gamma), np.where(a < 0.0, np.log1p(-np.exp(np.minimum(log_gamma, -0.1))), near)
+    return np.asarray(log_gamma), np.where(
+        a < 0.0, np.log1p(-np.exp(np.minimum(log_gamma, -0.1))), near
+    )
 
 
 def quantities(theta: Natural, sbar: float) -> dict[str, FloatArray]:
@@ -121,7 +130,13 @@ def quantities(theta: Natural, sbar: float) -> dict[str, FloatArray]:
     gamma = theta.gamma
     ratio, p = variance_ratio(gamma), pull(gamma)
     spreads = np.sqrt(ratio) * theta.sigma_p, 1.0 / ratio, width(theta.sigma_p, gamma)
-    return dict(zip(QUANTITIES, map(np.asarray, (*theta, gamma, *spreads, p * (theta.mu1 - sbar), p)), strict=True))
+    return dict(
+        zip(
+            QUANTITIES,
+            map(np.asarray, (*theta, gamma, *spreads, p * (theta.mu1 - sbar), p)),
+            strict=True,
+        )
+    )
 
 
 def probit_of_logit(logit: FloatArray) -> FloatArray:

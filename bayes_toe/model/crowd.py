@@ -35,7 +35,9 @@ class Crowd:
     trials: CrowdTrials | None = None
 
     @classmethod
-    def of(cls, subjects: Sequence[Subject], centre: float, interval: float, away: Sequence[float] = ()) -> Crowd:
+    def of(
+        cls, subjects: Sequence[Subject], centre: float, interval: float, away: Sequence[float] = ()
+    ) -> Crowd:
         """The counts of subjects, a row each; pairs never shown are two stimuli at the centre, at this interval.
 
         Of each subject's stimuli `away` is taken, 0 by default.
@@ -47,9 +49,16 @@ class Crowd:
             parts = [np.asarray(getattr(one, name)) for one in subjects]
             if away and name in ("s1", "s2"):
                 parts = [part - far for part, far in zip(parts, away, strict=True)]
-            return np.stack([np.pad(part, (0, pairs - len(part)), constant_values=filler[name]) for part in parts])
+            return np.stack(
+                [
+                    np.pad(part, (0, pairs - len(part)), constant_values=filler[name])
+                    for part in parts
+                ]
+            )
 
-        return cls(rows("s1"), rows("s2"), rows("n_yes"), rows("n_trials"), rows("isi") if known else None)
+        return cls(
+            rows("s1"), rows("s2"), rows("n_yes"), rows("n_trials"), rows("isi") if known else None
+        )
 
     @property
     def n_pairs(self) -> int:
@@ -67,22 +76,36 @@ class CrowdTrials(Trials):
     pair: IndexArray
 
     @classmethod
-    def of_all(cls, subjects: Sequence[Subject], crowd: Crowd, centre: float, interval: float) -> CrowdTrials:
+    def of_all(
+        cls, subjects: Sequence[Subject], crowd: Crowd, centre: float, interval: float
+    ) -> CrowdTrials:
         """Those of subjects whose order of trials is known, and whose counts are a crowd's."""
         filler = {"s1": centre, "s2": centre, "isi": interval, "seconds": interval, "iti": np.inf}
         made = [Trials.of(one) for one in subjects]
-        pairs = [np.repeat(np.arange(one.n_pairs), np.diff(np.r_[of.starts, of.n_pairs])) for one, of in zip(subjects, made, strict=True)]
+        pairs = [
+            np.repeat(np.arange(one.n_pairs), np.diff(np.r_[of.starts, of.n_pairs]))
+            for one, of in zip(subjects, made, strict=True)
+        ]
         parts: dict[str, list[npt.NDArray[Any]]] = {"pair": [*pairs]}
         for name in (field.name for field in fields(Trials)):
             parts[name] = [getattr(of, name) for of in made]
-        parts |= {name: [row[pair] for row, pair in zip(getattr(crowd, name), pairs, strict=True)] for name in ("s1", "s2")}
+        parts |= {
+            name: [row[pair] for row, pair in zip(getattr(crowd, name), pairs, strict=True)]
+            for name in ("s1", "s2")
+        }
 
         def together(name: str, values: list[npt.NDArray[Any]]) -> Any:
             if any(one is None for one in values):  # times, of which somebody has none
                 return None
             longest, rest = np.max([one.shape for one in values], axis=0), filler.get(name, 0)
-            behind = [[(0, most - n) for n, most in zip(one.shape, longest, strict=True)] for one in values]
-            filled = [np.pad(one, width, constant_values=rest) for one, width in zip(values, behind, strict=True)]
+            behind = [
+                [(0, most - n) for n, most in zip(one.shape, longest, strict=True)]
+                for one in values
+            ]
+            filled = [
+                np.pad(one, width, constant_values=rest)
+                for one, width in zip(values, behind, strict=True)
+            ]
             return np.concatenate(filled, axis=2) if filled[0].ndim > 2 else np.stack(filled)
 
         return cls(**{name: together(name, values) for name, values in parts.items()})
@@ -112,7 +135,12 @@ class _CrowdPosterior(Posterior):
 
 
 def crowd_posterior(
-    model: Model, prior: Prior, subjects: Sequence[Subject], centre: float, interval: float, away: Sequence[float] = ()
+    model: Model,
+    prior: Prior,
+    subjects: Sequence[Subject],
+    centre: float,
+    interval: float,
+    away: Sequence[float] = (),
 ) -> Posterior:
     """A posterior of which `log_answers`, `likelihood_gradient` and `from_group` take points with a row for each subject.
 

@@ -62,7 +62,10 @@ class Normal:
     def log_density(self, x: npt.ArrayLike) -> FloatArray:
         """-ln(2 pi)/2 - (x - mean)^2 / (2 sd^2) - ln sd."""
         with np.errstate(over="ignore"):  # a square beyond the largest float: the density is 0
-            return np.asarray(-0.5 * (LOG_2PI + ((np.asarray(x, np.float64) - self.mean) / self.sd) ** 2) - np.log(self.sd))
+            return np.asarray(
+                -0.5 * (LOG_2PI + ((np.asarray(x, np.float64) - self.mean) / self.sd) ** 2)
+                - np.log(self.sd)
+            )
 
     def slope(self, x: npt.ArrayLike) -> FloatArray:
         """-(x - mean)/sd^2."""
@@ -179,11 +182,17 @@ class Beta:
         points = np.asarray(x, np.float64)
         outside = (points < 0.0) | (points > 1.0)
         inside = np.where(outside, 0.5, points)
-        return np.where(outside, -np.inf, xlogy(self.a - 1.0, inside) + xlog1py(self.b - 1.0, -inside) - betaln(self.a, self.b))
+        return np.where(
+            outside,
+            -np.inf,
+            xlogy(self.a - 1.0, inside) + xlog1py(self.b - 1.0, -inside) - betaln(self.a, self.b),
+        )
 
     def log_density_of_logs(self, log_x: FloatArray, log_rest: FloatArray) -> FloatArray:
         """:meth:`log_density` from ln x and ln(1 - x), where x is too near an edge for a float to tell."""
-        return np.asarray((self.a - 1.0) * log_x + (self.b - 1.0) * log_rest - betaln(self.a, self.b))
+        return np.asarray(
+            (self.a - 1.0) * log_x + (self.b - 1.0) * log_rest - betaln(self.a, self.b)
+        )
 
     def slope(self, x: npt.ArrayLike) -> FloatArray:
         """(a - 1)/x - (b - 1)/(1 - x)."""
@@ -207,7 +216,10 @@ class Beta:
 
         Of shape a such a variate is one of shape a + 1 times U^(1/a), and -ln U is exponential; in logs nothing underflows.
         """
-        above, below = (np.log(rng.standard_gamma(k + 1.0, size)) - rng.standard_exponential(size) / k for k in (self.a, self.b))
+        above, below = (
+            np.log(rng.standard_gamma(k + 1.0, size)) - rng.standard_exponential(size) / k
+            for k in (self.a, self.b)
+        )
         return np.asarray(above - below)
 
     def describe(self) -> str:

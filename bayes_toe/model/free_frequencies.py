@@ -80,11 +80,15 @@ class FrequencyPosterior:
         """The same: answers are independent."""
         return self.log_answers(x)
 
-    def realised_answers(self, rng: Random, x: npt.ArrayLike, answers: tuple[FloatArray, FloatArray]) -> tuple[FloatArray, FloatArray]:
+    def realised_answers(
+        self, rng: Random, x: npt.ArrayLike, answers: tuple[FloatArray, FloatArray]
+    ) -> tuple[FloatArray, FloatArray]:
         """The same."""
         return answers
 
-    def pair_log_likelihood(self, x: npt.ArrayLike, answers: tuple[FloatArray, FloatArray] | None = None) -> FloatArray:
+    def pair_log_likelihood(
+        self, x: npt.ArrayLike, answers: tuple[FloatArray, FloatArray] | None = None
+    ) -> FloatArray:
         """Log likelihood of each pair, (points, pairs) each."""
         return log_likelihoods(self.subject, self.log_answers(x) if answers is None else answers)
 
@@ -105,7 +109,10 @@ class FrequencyPosterior:
         """Independent posterior draws, shape (size, pairs); Beta(n_Eq + 1, n_Diff + 1) as a ratio of gammas, whose logit is exact."""
         n_yes, n_trials = self.subject.n_yes, self.subject.n_trials
         shape = (size, self.subject.n_pairs)
-        return np.asarray(np.log(rng.standard_gamma(n_yes + 1.0, shape)) - np.log(rng.standard_gamma(n_trials - n_yes + 1.0, shape)))
+        return np.asarray(
+            np.log(rng.standard_gamma(n_yes + 1.0, shape))
+            - np.log(rng.standard_gamma(n_trials - n_yes + 1.0, shape))
+        )
 
     @property
     def names(self) -> Names:

@@ -61,7 +61,9 @@ def axis_properties(gamma: npt.ArrayLike) -> AxisProperties:
     return AxisProperties(ratio, variance_ratio(ratio), gain(ratio), pull(ratio))
 
 
-def displacement(s1: npt.ArrayLike, s2: npt.ArrayLike, mu1: npt.ArrayLike, gamma: npt.ArrayLike) -> FloatArray:
+def displacement(
+    s1: npt.ArrayLike, s2: npt.ArrayLike, mu1: npt.ArrayLike, gamma: npt.ArrayLike
+) -> FloatArray:
     """Signed label of a pair's class, d = s2 - mu_2(s1), natural-log units; q depends on its magnitude. Source: Results, New symmetries.
 
     Examples
@@ -70,4 +72,6 @@ def displacement(s1: npt.ArrayLike, s2: npt.ArrayLike, mu1: npt.ArrayLike, gamma
     1.0
     """
     first = np.asarray(s1, np.float64)
-    return np.asarray((np.asarray(s2, np.float64) - first) - pull(gamma) * (np.asarray(mu1, np.float64) - first))
+    return np.asarray(
+        (np.asarray(s2, np.float64) - first) - pull(gamma) * (np.asarray(mu1, np.float64) - first)
+    )

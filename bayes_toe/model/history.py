@@ -71,7 +71,10 @@ class Trials:
         given = np.flatnonzero(answers.n_trials)
         given = given[np.lexsort(keys[given].T[::-1])]
         answer = np.where(answers.n_trials > 0, 2.0 * answers.n_yes - 1.0, 0.0)
-        before, previous = (np.r_[rest, values[:-1]] for rest, values in ((0.0, answer), (np.nan, keys[:, :2].mean(axis=1))))
+        before, previous = (
+            np.r_[rest, values[:-1]]
+            for rest, values in ((0.0, answer), (np.nan, keys[:, :2].mean(axis=1)))
+        )
         iti = None
         if answers.iti is not None:
             until = np.where(np.isnan(answers.iti) | begins, np.inf, answers.iti)
@@ -107,9 +110,14 @@ class Trials:
         """Log of the mean probability of each pair's trials, (points, trials) -> (points, pairs)."""
         highest = np.maximum.reduceat(log_probability, self.starts, axis=1)
         counts = np.diff(np.r_[self.starts, self.n_pairs])
-        shares = np.exp(log_probability - np.repeat(np.where(np.isfinite(highest), highest, 0.0), counts, axis=1))
+        shares = np.exp(
+            log_probability
+            - np.repeat(np.where(np.isfinite(highest), highest, 0.0), counts, axis=1)
+        )
         with np.errstate(divide="ignore"):  # an answer that is impossible in all trials
-            return np.asarray(np.log(np.add.reduceat(shares, self.starts, axis=1) / counts) + highest)
+            return np.asarray(
+                np.log(np.add.reduceat(shares, self.starts, axis=1) / counts) + highest
+            )
 
 
 def require_order(subject: Subject) -> Answers:
@@ -130,7 +138,11 @@ def require_order(subject: Subject) -> Answers:
 
 def knows_order(subject: Subject) -> bool:
     """Whether :func:`require_order` has nothing against a subject."""
-    return subject.answers is not None and subject.answers.place is not None and not looks_sorted(subject.answers)
+    return (
+        subject.answers is not None
+        and subject.answers.place is not None
+        and not looks_sorted(subject.answers)
+    )
 
 
 def looks_sorted(answers: Answers) -> bool:
@@ -148,9 +160,14 @@ def looks_sorted(answers: Answers) -> bool:
     """
     pair = np.unique(answers.keys, axis=0, return_inverse=True)[1].ravel()
     step = np.diff(pair)[~answers.begins[1:]]
-    moved, rarer = np.count_nonzero(step), min(np.count_nonzero(step > 0), np.count_nonzero(step < 0))
+    moved, rarer = (
+        np.count_nonzero(step),
+        min(np.count_nonzero(step > 0), np.count_nonzero(step < 0)),
+    )
     in_sessions = np.unique(np.column_stack([np.cumsum(answers.begins), pair]), axis=0)
-    runs_of_one = moved == len(in_sessions) - np.count_nonzero(answers.begins) and len(step) > 2 * moved > 2
+    runs_of_one = (
+        moved == len(in_sessions) - np.count_nonzero(answers.begins) and len(step) > 2 * moved > 2
+    )
     return bool(bdtr(rarer, moved, 0.5) < SORTED or (rarer == 0 and runs_of_one))
 
 
@@ -176,7 +193,12 @@ class History:
         return _filtered(made.keep, made.add)
 
     def slopes(
-        self, trials: Trials, own: FloatArray, pull: FloatArray, expectation: FloatArray, of_pull: Sequence[FloatArray]
+        self,
+        trials: Trials,
+        own: FloatArray,
+        pull: FloatArray,
+        expectation: FloatArray,
+        of_pull: Sequence[FloatArray],
     ) -> list[FloatArray]:
         """Derivatives of E: in the history's coordinate, and in those coordinates in which the pull has the derivatives `of_pull`."""
         made = self._filter(trials, own, pull)
@@ -192,7 +214,11 @@ class History:
     def _filter(self, trials: Trials, own: FloatArray, pull: FloatArray) -> _Filter:
         if self.kind == "running average":
             rate = np.log(2.0) * np.exp(-own)
-            keep, slope, mean = np.exp(-rate), rate * np.exp(-rate), 0.5 * (trials.first + trials.second)
+            keep, slope, mean = (
+                np.exp(-rate),
+                rate * np.exp(-rate),
+                0.5 * (trials.first + trials.second),
+            )
             return _Filter(keep, -np.expm1(-rate) * mean, slope, -slope * mean)
         rho, slope = self._kept(trials, own)
         square, felt = np.square(pull), (1.0 - pull) * (pull * trials.first + trials.second)

@@ -77,7 +77,9 @@ def at_interval(theta: Natural, isi: npt.ArrayLike) -> Natural:
     [2.0, 1.0, 0.25]
     """
     interval = require_intervals(isi)
-    return theta._replace(sigma_p=np.asarray(np.asarray(theta.sigma_p, np.float64) * np.sqrt(interval)))
+    return theta._replace(
+        sigma_p=np.asarray(np.asarray(theta.sigma_p, np.float64) * np.sqrt(interval))
+    )
 
 
 def require_intervals(isi: npt.ArrayLike) -> FloatArray:
@@ -142,7 +144,9 @@ def reference_interval(given: float | None, *subjects: Subject) -> float:
     return float(isi[0] if np.ptp(isi) == 0.0 else typical_interval(isi, n_trials)[0])
 
 
-def random_walk_scales(logit_pull: FloatArray, intervals: FloatArray, curve: CurveScale = OF_EQUAL) -> Scales:
+def random_walk_scales(
+    logit_pull: FloatArray, intervals: FloatArray, curve: CurveScale = OF_EQUAL
+) -> Scales:
     """Scales of a memory that diffuses by sigma_p^2 a reference interval, shapes (points,) and (intervals,).
 
     As gamma -> 0, r -> 1/t and v -> sqrt(t): nothing is lost however small the pull.
@@ -153,7 +157,9 @@ def random_walk_scales(logit_pull: FloatArray, intervals: FloatArray, curve: Cur
     [[[1.0, 0.25]], [[1.0, 2.0]]]
     """
     gamma = noise_ratio_at(logit_pull)
-    ratio = variance_ratio(gamma / intervals) / variance_ratio(gamma)  # t = 1 by the same formula: exactly 1
+    ratio = variance_ratio(gamma / intervals) / variance_ratio(
+        gamma
+    )  # t = 1 by the same formula: exactly 1
     return Scales(1.0 / (np.square(ratio) * intervals), np.sqrt(intervals) * ratio**curve.power)
 
 
@@ -163,7 +169,12 @@ def noise_ratio_at(logit_pull: FloatArray) -> FloatArray:
     return np.asarray(p / np.square(1.0 - p))
 
 
-def mean_reverting_scales(logit_pull: FloatArray, logit_split: FloatArray, intervals: FloatArray, curve: CurveScale = OF_EQUAL) -> Scales:
+def mean_reverting_scales(
+    logit_pull: FloatArray,
+    logit_split: FloatArray,
+    intervals: FloatArray,
+    curve: CurveScale = OF_EQUAL,
+) -> Scales:
     """Scales of a memory that decays to the prior by rho^t, shapes (points,), (points,) and (intervals,).
 
     With l = -ln g_1 and rho = g_1^s, 0 < s < 1, the exponents are linear in the interval: g_t = exp(-l m) and g_t rho^t = exp(-l n) with
@@ -188,24 +199,36 @@ def mean_reverting_scales(logit_pull: FloatArray, logit_split: FloatArray, inter
     def forms(t: FloatArray) -> Scales:
         """(1 - g_t)/l and f_t/l^(1/2), but for factors without t."""
         m, n = kept + decayed * t, kept + 2.0 * decayed * t
-        return Scales(m * exprel(-lost * m), (m * exprel(-2.0 * lost * m)) ** curve.total / (n * exprel(-lost * n)) ** curve.own)
+        return Scales(
+            m * exprel(-lost * m),
+            (m * exprel(-2.0 * lost * m)) ** curve.total / (n * exprel(-lost * n)) ** curve.own,
+        )
 
     at, one = forms(intervals), forms(np.ones(1))  # t = 1 by the same formula: exactly 1
     return Scales(at.pull / one.pull, at.width / one.width)
 
 
-def random_walk_growth(logit_pull: FloatArray, intervals: FloatArray, curve: CurveScale = OF_EQUAL) -> Scales:
+def random_walk_growth(
+    logit_pull: FloatArray, intervals: FloatArray, curve: CurveScale = OF_EQUAL
+) -> Scales:
     """Derivatives of :func:`random_walk_scales`: with e = log(G_t/G_1), log r = -2 e - log t and log v = power e + log(t)/2.
 
     With u = log gamma, de/du = p_t/(1 + p_t) - p_1/(1 + p_1) and du/da = expit(-a) (1 + p_1)/(1 - p_1).
     """
     gamma = noise_ratio_at(logit_pull)
     p1, pt = pull(gamma), pull(gamma / intervals)
-    slope = (pt / (1.0 + pt) - p1 / (1.0 + p1)) * expit(-logit_pull[:, None]) * (1.0 + p1) / (1.0 - p1)
+    slope = (
+        (pt / (1.0 + pt) - p1 / (1.0 + p1)) * expit(-logit_pull[:, None]) * (1.0 + p1) / (1.0 - p1)
+    )
     return Scales(-2.0 * slope[None], curve.power * slope[None])
 
 
-def mean_reverting_growth(logit_pull: FloatArray, logit_split: FloatArray, intervals: FloatArray, curve: CurveScale = OF_EQUAL) -> Scales:
+def mean_reverting_growth(
+    logit_pull: FloatArray,
+    logit_split: FloatArray,
+    intervals: FloatArray,
+    curve: CurveScale = OF_EQUAL,
+) -> Scales:
     """Derivatives of :func:`mean_reverting_scales` in (logit pull, logit split), with d log(1 - e^-x)/d log x = x/(e^x - 1)."""
     lost, log_growth = np.logaddexp(0.0, logit_pull[:, None]), log_lost_slope(logit_pull[:, None])
     kept, decayed = expit(-logit_split[:, None]), expit(logit_split[:, None])
@@ -231,7 +254,9 @@ def log_lost_slope(logit_pull: FloatArray) -> FloatArray:
 
 def log_lost(logit_pull: FloatArray) -> FloatArray:
     """log(-log(1 - p)) at the logit of the pull."""
-    return np.where(logit_pull < -30.0, logit_pull, np.log(np.logaddexp(0.0, np.maximum(logit_pull, -30.0))))
+    return np.where(
+        logit_pull < -30.0, logit_pull, np.log(np.logaddexp(0.0, np.maximum(logit_pull, -30.0)))
+    )
 
 
 @dataclass(frozen=True)
@@ -245,7 +270,9 @@ class Propagator:
     coordinates: tuple[str, ...]
     scales: Callable[..., Scales]
     growth: Callable[..., Scales]
-    units: tuple[tuple[str, str], ...]  # of quantities that are those at the reference interval, {} in them
+    units: tuple[
+        tuple[str, str], ...
+    ]  # of quantities that are those at the reference interval, {} in them
 
 
 _SHARE, _INTENSITY = "1, at {}", "ln intensity, at {}"
@@ -258,7 +285,13 @@ def random_walk(curve: CurveScale) -> Propagator:
         ("logit_pull",),
         partial(random_walk_scales, curve=curve),
         partial(random_walk_growth, curve=curve),
-        (("sigma_p", "ln intensity / ({})^(1/2)"), ("gamma", _SHARE), ("gain", _SHARE), ("sigma1", _INTENSITY), ("width", _INTENSITY)),
+        (
+            ("sigma_p", "ln intensity / ({})^(1/2)"),
+            ("gamma", _SHARE),
+            ("gain", _SHARE),
+            ("sigma1", _INTENSITY),
+            ("width", _INTENSITY),
+        ),
     )
 
 

@@ -28,8 +28,12 @@ Answering = Posterior | FrequencyPosterior
 class TaskModels(NamedTuple):
     """The models of a task that have a role; the last three are the plain ones of each kind of order effect."""
 
-    named: tuple[Record, ...]  # those that have a name of their own, from fewest parameters to most, after free frequencies (H0)
-    space: tuple[Model, ...]  # what verdicts average over: is there an order effect and of which kind, whatever the other parts are
+    named: tuple[
+        Record, ...
+    ]  # those that have a name of their own, from fewest parameters to most, after free frequencies (H0)
+    space: tuple[
+        Model, ...
+    ]  # what verdicts average over: is there an order effect and of which kind, whatever the other parts are
     symmetric: Model
     constant_bias: Model
     update: Model  # the paper's observer (H1)
@@ -63,10 +67,17 @@ def models_of(task: Task) -> TaskModels:
     >>> len(models_of(SAME_DIFFERENT).space), len(models_of(WHICH_STRONGER).space)
     (48, 12)
     """
-    words = {word for levels in parts_of(task).values() for level in levels for word in (level.name, *level.also)}
+    words = {
+        word
+        for levels in parts_of(task).values()
+        for level in levels
+        for word in (level.name, *level.also)
+    }
     named = [composition(text, task) for text in NAMED if {*text.split(" + ")} <= words]
     plain = (compose(task, order=order) for order in ORDERS)
-    return TaskModels((FREE_FREQUENCIES, *named), compositions(task, order=ORDERS, **CROSSED[task]), *plain)
+    return TaskModels(
+        (FREE_FREQUENCIES, *named), compositions(task, order=ORDERS, **CROSSED[task]), *plain
+    )
 
 
 #: Of same or different.
@@ -76,7 +87,9 @@ NAMES = tuple(model.name for model in MODELS)
 SPACES = ("parts", "ladder")
 
 
-def require_models(names: str | Sequence[str | Record], task: Task = SAME_DIFFERENT) -> tuple[Record, ...]:
+def require_models(
+    names: str | Sequence[str | Record], task: Task = SAME_DIFFERENT
+) -> tuple[Record, ...]:
     """The models of a task asked for, each once: a space by its name, or models by theirs, those of a space in its order, then others."""
     if not isinstance(names, Iterable) or isinstance(names, Mapping):
         require_kind("models", names, str, f"names of models, or of a space: {', '.join(SPACES)}")
@@ -85,7 +98,9 @@ def require_models(names: str | Sequence[str | Record], task: Task = SAME_DIFFER
         spaces = dict(zip(SPACES, (known.compared, known.named), strict=True))
         return spaces[names] if names in spaces else (model_named(names, task),)
     if not names:
-        raise InputError(f"models: none given; allowed: {', '.join(one.name for one in known.named)}, or {allowed_words(task)}")
+        raise InputError(
+            f"models: none given; allowed: {', '.join(one.name for one in known.named)}, or {allowed_words(task)}"
+        )
     asked = tuple(dict.fromkeys(model_named(name, task) for name in names))
     first = tuple(model for model in (*known.named, *known.compared) if model in asked)
     return tuple(dict.fromkeys((*first, *asked)))
@@ -105,7 +120,9 @@ def model_named(name: str | Record, task: Task = SAME_DIFFERENT) -> Record:
     """
     if isinstance(name, Record):
         return name
-    require_kind("model", name, str, "a name or a composition, such as 'update + sloped + both ways'")
+    require_kind(
+        "model", name, str, "a name or a composition, such as 'update + sloped + both ways'"
+    )
     named = {model.name: model for model in models_of(task).named}
     if name in named:
         return named[name]
@@ -118,7 +135,9 @@ def model_named(name: str | Record, task: Task = SAME_DIFFERENT) -> Record:
 @overload
 def posterior_of(subject: Subject, prior: Prior | None = None) -> Posterior: ...
 @overload
-def posterior_of(subject: Subject, prior: Prior | None = None, *, model: str | Record) -> Posterior | FrequencyPosterior: ...
+def posterior_of(
+    subject: Subject, prior: Prior | None = None, *, model: str | Record
+) -> Posterior | FrequencyPosterior: ...
 def posterior_of(
     subject: Subject, prior: Prior | None = None, *, model: str | Record = PREDICTIVE_UPDATE.name
 ) -> Posterior | FrequencyPosterior:

@@ -40,7 +40,14 @@ class Funnel:
     max_pull: float = MAX_PULL
 
     @classmethod
-    def at(cls, modes: FloatArray, slope: Gradient, mu1: Distribution, sbar: float, max_pull: float = MAX_PULL) -> Funnel:
+    def at(
+        cls,
+        modes: FloatArray,
+        slope: Gradient,
+        mu1: Distribution,
+        sbar: float,
+        max_pull: float = MAX_PULL,
+    ) -> Funnel:
         """From what the data say of the offset at modes of the posterior, shape (modes, k), best first.
 
         `slope` is the gradient of the log likelihood, `mu1` the distribution of the prior mean, sbar that from which the offset counts.
@@ -53,7 +60,14 @@ class Funnel:
         apart = float(modes[:, 0].std())
         log_precision = float(-2.0 * np.log(np.hypot(spread, apart)))
         believed = float(mu1.quantile(0.5)) - sbar, float(np.log(mu1.spread))
-        return cls(*believed, float(modes[:, 0].mean()), log_precision, float(best[2]), bool(apart < spread), max_pull)
+        return cls(
+            *believed,
+            float(modes[:, 0].mean()),
+            log_precision,
+            float(best[2]),
+            bool(apart < spread),
+            max_pull,
+        )
 
     def conditional(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Mean and log standard deviation of c given the other coordinates, shape (points,) each; in logs, since p may be tiny."""
@@ -71,7 +85,9 @@ class Levelling:
 
     logits: tuple[int, ...]  # which coordinates are logits
     log_width: int  # which one is the log of a width
-    funnel: Funnel | None = None  # by which the first coordinate is levelled; without one it stays as it is
+    funnel: Funnel | None = (
+        None  # by which the first coordinate is levelled; without one it stays as it is
+    )
 
     def level(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Levelled coordinates y of x, shape (points, k), and log |dy/dx|, shape (points,)."""

@@ -34,7 +34,13 @@ from bayes_toe.model.target import require_points
 if TYPE_CHECKING:
     from bayes_toe.model.record import Model
 
-_OFFSET, _PEAK, _SLOPE, _PEAK_SLOPE, _ANSWER_BIAS = "offset", "logit_q0", "noise_slope", "peak_slope", "answer_bias"
+_OFFSET, _PEAK, _SLOPE, _PEAK_SLOPE, _ANSWER_BIAS = (
+    "offset",
+    "logit_q0",
+    "noise_slope",
+    "peak_slope",
+    "answer_bias",
+)
 _NONE = np.zeros((1, 1))
 
 
@@ -68,7 +74,11 @@ class Likelihood:
     @cached_property
     def reference(self) -> float:
         """Reference interval, seconds."""
-        return reference_interval(self.prior.reference_interval, self.subject) if self.interval is None else self.interval
+        return (
+            reference_interval(self.prior.reference_interval, self.subject)
+            if self.interval is None
+            else self.interval
+        )
 
     @cached_property
     def _places(self) -> Mapping[str, int]:
@@ -81,7 +91,11 @@ class Likelihood:
     @cached_property
     def _rows(self) -> Subject | Trials:
         """What the likelihood is a product over: pairs, or trials where an answer depends on those before it, and these are known."""
-        known = self.model.by_trial and self.subject.answers is not None and self.subject.answers.place is not None
+        known = (
+            self.model.by_trial
+            and self.subject.answers is not None
+            and self.subject.answers.place is not None
+        )
         return Trials.of(self.subject) if known else self.subject
 
     @cached_property
@@ -92,7 +106,11 @@ class Likelihood:
     @cached_property
     def _felt_intervals(self) -> tuple[FloatArray, IndexArray] | None:
         """The same of every trial that was felt, shape (steps, sessions, 1), or of a crowd with a subject for each point."""
-        return None if not isinstance(self._rows, Trials) or self._rows.seconds is None else self._placed(self._rows.seconds)
+        return (
+            None
+            if not isinstance(self._rows, Trials) or self._rows.seconds is None
+            else self._placed(self._rows.seconds)
+        )
 
     def _placed(self, seconds: FloatArray) -> tuple[FloatArray, IndexArray] | None:
         if self.model.propagator is None:
@@ -106,12 +124,19 @@ class Likelihood:
         """Log likelihood at x, shape (points, k) -> (points,)."""
         points = require_points(x, len(self.coordinates))
         rows = max(1, BLOCK // self._rows.n_pairs)
-        return np.concatenate([self.pair_log_likelihood(points[i : i + rows]).sum(axis=1) for i in range(0, len(points), rows)])
+        return np.concatenate(
+            [
+                self.pair_log_likelihood(points[i : i + rows]).sum(axis=1)
+                for i in range(0, len(points), rows)
+            ]
+        )
 
     def pair_log_likelihood(self, x: npt.ArrayLike, answers: Answers | None = None) -> FloatArray:
         """Log likelihood of each pair, shape (points, k) -> (points, pairs); `answers` are :meth:`log_answers` at x where known."""
         points, rows = require_points(x, len(self.coordinates)), self._rows
-        known = self._row_answers(points) if answers is None or isinstance(rows, Trials) else answers
+        known = (
+            self._row_answers(points) if answers is None or isinstance(rows, Trials) else answers
+        )
         found = self.model.spread.log_likelihood(rows, known, *self._own(points, self.model.spread))
         return np.add.reduceat(found, rows.starts, axis=1) if isinstance(rows, Trials) else found
 
@@ -121,12 +146,18 @@ class Likelihood:
         Where answers depend on the trials before, of the mean probability over a pair's trials.
         """
         found, rows = self._row_answers(require_points(x, len(self.coordinates))), self._rows
-        return (rows.by_pair(found[0]), rows.by_pair(found[1])) if isinstance(rows, Trials) else found
+        return (
+            (rows.by_pair(found[0]), rows.by_pair(found[1])) if isinstance(rows, Trials) else found
+        )
 
     def trial_answers(self, x: npt.ArrayLike) -> FloatArray:
         """Log P of the counted answer of every answered trial, in the order of the pairs, (points, k) -> (points, trials)."""
         found = self._row_answers(require_points(x, len(self.coordinates)))[0]
-        return found if isinstance(self._rows, Trials) else np.repeat(found, self.subject.n_trials, axis=1)
+        return (
+            found
+            if isinstance(self._rows, Trials)
+            else np.repeat(found, self.subject.n_trials, axis=1)
+        )
 
     def _row_answers(self, x: FloatArray) -> Answers:
         return self.model.link.log_answers(self.distance(x), *self._of_link(x))
@@ -134,15 +165,21 @@ class Likelihood:
     def answers_given_the_rest(self, x: npt.ArrayLike) -> Answers:
         """The same of one answer given all others to its pair: what leave-one-out by trial asks for."""
         points = require_points(x, len(self.coordinates))
-        return self.model.spread.given_the_rest(self.subject, self.log_answers(points), *self._own(points, self.model.spread))
+        return self.model.spread.given_the_rest(
+            self.subject, self.log_answers(points), *self._own(points, self.model.spread)
+        )
 
     def realised_answers(self, rng: Random, x: npt.ArrayLike, answers: Answers) -> Answers:
         """The same, from those at x, of one session for each point: pairs have the probabilities that the spread of counts gives them."""
-        return self.model.spread.realised(rng, answers, *self._own(require_points(x, len(self.coordinates)), self.model.spread))
+        return self.model.spread.realised(
+            rng, answers, *self._own(require_points(x, len(self.coordinates)), self.model.spread)
+        )
 
     def distance(self, x: FloatArray) -> FloatArray:
         """Normalised distance z of every pair, or trial, (points, k) -> (points, pairs)."""
-        return self._distance(self._pull(x), self._scales(x), self._at_trials(self.expectation(x)), x)
+        return self._distance(
+            self._pull(x), self._scales(x), self._at_trials(self.expectation(x)), x
+        )
 
     def likelihood_gradient(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Log likelihood, (points,), and its gradient, (points, k); of the points of a crowd too.
@@ -155,7 +192,9 @@ class Likelihood:
         scales, felt = self._scales(x), self.expectation(x)
         z = self._distance(self._pull(x), scales, self._at_trials(felt), x)
         answers = link.log_answers(z, *own)
-        with np.errstate(over="ignore"):  # far out a free exponent makes slopes beyond the largest float, and the density almost 0
+        with np.errstate(
+            over="ignore"
+        ):  # far out a free exponent makes slopes beyond the largest float, and the density almost 0
             slopes = spread.slopes(rows, answers, link.slopes(z, answers, *own), *of_spread)
             steep = -_finished(slopes.z, z)  # what a coordinate of log width adds
         gradient, per, growths = np.zeros(x.shape), self._per_width(x, scales), self._growths(x)
@@ -174,18 +213,28 @@ class Likelihood:
         for name, part in zip((*link.coordinates, *spread.coordinates), slopes.own, strict=True):
             add(name, part)
         if _PEAK_SLOPE in self._places:
-            add(_PEAK_SLOPE, _finished(slopes.own[link.coordinates.index(_PEAK)], np.atleast_2d(self._middle)))
+            add(
+                _PEAK_SLOPE,
+                _finished(slopes.own[link.coordinates.index(_PEAK)], np.atleast_2d(self._middle)),
+            )
         return spread.log_likelihood(rows, answers, *of_spread).sum(axis=1), gradient
 
     def _numerator_slopes(
-        self, x: FloatArray, scales: Scales, felt: FloatArray | None, growths: Sequence[tuple[str, Scales]]
+        self,
+        x: FloatArray,
+        scales: Scales,
+        felt: FloatArray | None,
+        growths: Sequence[tuple[str, Scales]],
     ) -> Iterator[tuple[str, FloatArray]]:
         """Coordinates on which the numerator N depends, and its derivatives there, (points, rows)."""
         pull, lever = self._pull(x), self._rows.s1 - self.sbar - self._at_trials(felt)
         yield _OFFSET, -scales.pull
         if self.model.pull is not None:
             a = x[:, self._places[self.model.pull.coordinate], None]
-            yield self.model.pull.coordinate, scales.pull * (self.model.pull.span * expit(a) * expit(-a) * lever)
+            yield (
+                self.model.pull.coordinate,
+                scales.pull * (self.model.pull.span * expit(a) * expit(-a) * lever),
+            )
         for name, growth in growths:
             yield name, scales.pull * (pull * lever - self._offset(x)) * growth.pull
         for name, rise in self._expectation_slopes(x, felt):
@@ -198,7 +247,11 @@ class Likelihood:
     def _pull(self, x: FloatArray) -> FloatArray:
         """Pull p, shape (points, 1)."""
         pull = self.model.pull
-        return np.zeros((1, 1)) if pull is None else pull.low + pull.span * expit(x[:, self._places[pull.coordinate], None])
+        return (
+            np.zeros((1, 1))
+            if pull is None
+            else pull.low + pull.span * expit(x[:, self._places[pull.coordinate], None])
+        )
 
     def _offset(self, x: FloatArray) -> FloatArray:
         """Offset c, shape (points, 1)."""
@@ -214,22 +267,38 @@ class Likelihood:
         history, rows = self.model.history, self._rows
         if history is None or not isinstance(rows, Trials):
             return None
-        return history.expectation(rows, x[:, self._places[history.coordinate]], self._pull(x)[:, 0] * self._felt_scale(x))
+        return history.expectation(
+            rows, x[:, self._places[history.coordinate]], self._pull(x)[:, 0] * self._felt_scale(x)
+        )
 
-    def _expectation_slopes(self, x: FloatArray, felt: FloatArray | None) -> list[tuple[str, FloatArray]]:
+    def _expectation_slopes(
+        self, x: FloatArray, felt: FloatArray | None
+    ) -> list[tuple[str, FloatArray]]:
         """Coordinates on which the expectation depends, and its derivatives at answered trials, shape (points, trials)."""
         history, rows, part = self.model.history, self._rows, self.model.pull
         if felt is None or history is None or part is None or not isinstance(rows, Trials):
             return []
         scale, a = self._felt_scale(x), x[:, self._places[part.coordinate]]
-        pull, by = self._pull(x)[:, 0] * scale, [(part.coordinate, part.span * expit(a) * expit(-a) * scale)]
+        pull, by = (
+            self._pull(x)[:, 0] * scale,
+            [(part.coordinate, part.span * expit(a) * expit(-a) * scale)],
+        )
         if self._felt_intervals is not None:
             intervals, which = self._felt_intervals
-            of_points = np.broadcast_to(which.reshape(-1, which.shape[2]).T, (len(x), which.shape[0] * which.shape[1]))
+            of_points = np.broadcast_to(
+                which.reshape(-1, which.shape[2]).T, (len(x), which.shape[0] * which.shape[1])
+            )
             for name, growth in self._growths(x, (intervals, of_points)):
                 by.append((name, pull * growth.pull.T.reshape(pull.shape)))
-        found = history.slopes(rows, x[:, self._places[history.coordinate]], pull, felt, [rise for _, rise in by])
-        return [(name, self._at_trials(rise)) for name, rise in zip((history.coordinate, *(name for name, _ in by)), found, strict=True)]
+        found = history.slopes(
+            rows, x[:, self._places[history.coordinate]], pull, felt, [rise for _, rise in by]
+        )
+        return [
+            (name, self._at_trials(rise))
+            for name, rise in zip(
+                (history.coordinate, *(name for name, _ in by)), found, strict=True
+            )
+        ]
 
     def _felt_scale(self, x: FloatArray) -> FloatArray:
         """Pull over that at the reference of every trial that was felt, (steps, sessions, points), or one 1 where there is one interval."""
@@ -240,15 +309,28 @@ class Likelihood:
 
     def _at_trials(self, felt: FloatArray | None) -> FloatArray:
         """What is known of all trials that were felt, at those that were answered, shape (points, trials)."""
-        return _NONE if felt is None or not isinstance(self._rows, Trials) else self._rows.answered(felt)
+        return (
+            _NONE
+            if felt is None or not isinstance(self._rows, Trials)
+            else self._rows.answered(felt)
+        )
 
-    def _distance(self, pull: FloatArray, scales: Scales, expected: FloatArray, x: FloatArray) -> FloatArray:
+    def _distance(
+        self, pull: FloatArray, scales: Scales, expected: FloatArray, x: FloatArray
+    ) -> FloatArray:
         """As :meth:`distance`; in memory points lie next to each other, and so in all that follows from it: of pairs there are a few."""
-        s1, s2 = np.atleast_2d(self._rows.s1).T, np.atleast_2d(self._rows.s2).T  # a column, or of a crowd a column a point
-        shift = (s2 - s1) + scales.pull.T * (pull.T * (s1 - self.sbar - expected.T) - self._offset(x).T)
+        s1, s2 = (
+            np.atleast_2d(self._rows.s1).T,
+            np.atleast_2d(self._rows.s2).T,
+        )  # a column, or of a crowd a column a point
+        shift = (s2 - s1) + scales.pull.T * (
+            pull.T * (s1 - self.sbar - expected.T) - self._offset(x).T
+        )
         if _ANSWER_BIAS in self._places and isinstance(self._rows, Trials):
             shift = shift + x[:, self._places[_ANSWER_BIAS]] * np.atleast_2d(self._rows.before).T
-        with np.errstate(over="ignore", invalid="ignore"):  # a width below the smallest float leaves only exact equality at distance 0
+        with np.errstate(
+            over="ignore", invalid="ignore"
+        ):  # a width below the smallest float leaves only exact equality at distance 0
             h = self._per_width(x, scales).T
             return (shift * h if np.isfinite(h).all() else np.where(shift == 0.0, 0.0, shift * h)).T
 
@@ -268,7 +350,10 @@ class Likelihood:
 
     def _own(self, x: FloatArray, of: Link | Lapsing | Spread) -> tuple[FloatArray, ...]:
         """Own coordinates of a link or a spread, shape (points, 1) each; a logit that is fixed is infinite."""
-        return tuple(x[:, self._places[name], None] if name in self._places else np.full((len(x), 1), np.inf) for name in of.coordinates)
+        return tuple(
+            x[:, self._places[name], None] if name in self._places else np.full((len(x), 1), np.inf)
+            for name in of.coordinates
+        )
 
     def _scales(self, x: FloatArray) -> Scales:
         """Pull and width of every pair over those at the reference; one row and column of 1 where nothing depends on the interval."""
@@ -279,16 +364,24 @@ class Likelihood:
     def _scales_at(self, x: FloatArray, intervals: FloatArray) -> Scales:
         """Pull and width at intervals in units of the reference over those at it, (points, k) and (intervals,) -> (points, intervals)."""
         propagator = self.model.propagator
-        return UNSCALED if propagator is None else propagator.scales(*self._columns(x, propagator), intervals)
+        return (
+            UNSCALED
+            if propagator is None
+            else propagator.scales(*self._columns(x, propagator), intervals)
+        )
 
-    def _growths(self, x: FloatArray, at: tuple[FloatArray, IndexArray] | None = None) -> list[tuple[str, Scales]]:
+    def _growths(
+        self, x: FloatArray, at: tuple[FloatArray, IndexArray] | None = None
+    ) -> list[tuple[str, Scales]]:
         """Coordinates on which the scales of rows depend, or of intervals elsewhere, and their logarithmic derivatives, (points, ...)."""
         placed, propagator = self._intervals if at is None else at, self.model.propagator
         if placed is None or propagator is None:
             return []
         intervals, which = placed
         growth = propagator.growth(*self._columns(x, propagator), intervals).of_pairs(which)
-        return [(name, Scales(*of)) for name, *of in zip(propagator.coordinates, *growth, strict=True)]
+        return [
+            (name, Scales(*of)) for name, *of in zip(propagator.coordinates, *growth, strict=True)
+        ]
 
     def _columns(self, x: FloatArray, propagator: Propagator) -> list[FloatArray]:
         """The coordinates that a propagator depends on, shape (points,) each."""

@@ -57,14 +57,18 @@ class Link:
 
 def bell_answers(z: FloatArray, logit_peak: FloatArray) -> Answers:
     """The paper's P(equal) = q0 2^(-z^2); logit_peak = logit q0 may be +inf, for q0 = 1. Source: Eq. mod:q."""
-    with np.errstate(over="ignore"):  # z^2 beyond the largest float: log P(equal) is -inf to all digits
+    with np.errstate(
+        over="ignore"
+    ):  # z^2 beyond the largest float: log P(equal) is -inf to all digits
         return log_equal(z, log_expit(logit_peak)), log_different(z, logit_peak)
 
 
 def bell_slopes(z: FloatArray, answers: Answers, logit_peak: FloatArray) -> tuple[Slopes, Slopes]:
     """Slopes of :func:`bell_answers`: with the odds r = q/(1 - q), those of log(1 - q) are 2 ln2 r z and -r (1 - q0)."""
     lapse = expit(-logit_peak)
-    with np.errstate(over="ignore", invalid="ignore"):  # at z = 0 with q0 = 1 'different' is nobody's answer
+    with np.errstate(
+        over="ignore", invalid="ignore"
+    ):  # at z = 0 with q0 = 1 'different' is nobody's answer
         odds = np.exp(answers[0] - answers[1])
         return Slopes(-2.0 * LN2 * z, (lapse,)), Slopes(2.0 * LN2 * odds * z, (-odds * lapse,))
 
@@ -80,22 +84,31 @@ def exponent_answers(z: FloatArray, logit_peak: FloatArray, log_exponent: FloatA
     log_q = log_expit(logit_peak) - t
     # 1 - q = (1 - q0) + q0 (1 - e^-t); 1 - e^-t is t where t is far below rounding, and its log is known there even where t is 0.
     rest = np.logaddexp(log_expit(-logit_peak), log_expit(logit_peak) + _log_lost(log_t, t))
-    return np.asarray(log_q), np.where(log_q < -LN2, np.log1p(-np.exp(np.minimum(log_q, -LN2))), rest)
+    return np.asarray(log_q), np.where(
+        log_q < -LN2, np.log1p(-np.exp(np.minimum(log_q, -LN2))), rest
+    )
 
 
-def exponent_slopes(z: FloatArray, answers: Answers, logit_peak: FloatArray, log_exponent: FloatArray) -> tuple[Slopes, Slopes]:
+def exponent_slopes(
+    z: FloatArray, answers: Answers, logit_peak: FloatArray, log_exponent: FloatArray
+) -> tuple[Slopes, Slopes]:
     """Slopes of :func:`exponent_answers` in z, the logit of the peak and log nu.
 
     With t = ln2 abs(z)^nu, the odds r = q/(1 - q) and R = r t, those of log(1 - q) are nu R/z, -r (1 - q0) and R nu log abs(z); 'equal' has
     -t in the place of R. At z = 0 itself, where a derivative exists for nu > 1 only, the first is 0, the mean of both sides.
     """
     nu, log_t, lapse = np.exp(log_exponent), _log_t(z, log_exponent), expit(-logit_peak)
-    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # z = 0 and t beyond the largest float: handled below
+    with np.errstate(
+        over="ignore", invalid="ignore", divide="ignore"
+    ):  # z = 0 and t beyond the largest float: handled below
         log_odds, along = answers[0] - answers[1], nu * np.log(np.abs(z))
 
         def of(steep: FloatArray, peak: FloatArray) -> Slopes:
             flat = (z == 0.0) | (steep == 0.0)
-            return Slopes(np.where(flat, 0.0, nu * steep / z), (peak, np.where(steep == 0.0, 0.0, steep * along)))
+            return Slopes(
+                np.where(flat, 0.0, nu * steep / z),
+                (peak, np.where(steep == 0.0, 0.0, steep * along)),
+            )
 
         return of(-np.exp(log_t), lapse), of(np.exp(log_odds + log_t), -np.exp(log_odds) * lapse)
 
@@ -181,11 +194,17 @@ class Lapsing:
         def mixed(sign: float, parts: Answers, log_p: FloatArray, of: Slopes) -> Slopes:
             lapsed, attended = (np.exp(part - log_p) for part in parts)
             # Far out, where nothing of the curve is left, its slopes may be infinite: they no longer count.
-            z_slope, *rest = (np.where(attended > 0.0, attended * part, 0.0) for part in (of.z, *of.own))
+            z_slope, *rest = (
+                np.where(attended > 0.0, attended * part, 0.0) for part in (of.z, *of.own)
+            )
             found = dict(zip(self.link.coordinates, rest, strict=True))
             if self.guess is not None:  # d log g or d log(1 - g)
-                found[self.guess] = found.get(self.guess, 0.0) + lapsed * sign * expit(-sign * self._guess(own))
-            return Slopes(z_slope, (*found.values(), lapsed * expit(-rate) - attended * expit(rate)))
+                found[self.guess] = found.get(self.guess, 0.0) + lapsed * sign * expit(
+                    -sign * self._guess(own)
+                )
+            return Slopes(
+                z_slope, (*found.values(), lapsed * expit(-rate) - attended * expit(rate))
+            )
 
         with np.errstate(over="ignore", invalid="ignore"):
             slopes = self.link.slopes(z, of_curve, *own[: len(self.link.coordinates)])
@@ -213,13 +232,18 @@ BELL = Link(("logit_q0",), bell_answers, bell_slopes)
 EXPONENT = Link(("logit_q0", "log_exponent"), exponent_answers, exponent_slopes)
 
 
-_NODES, _WEIGHTS = (0.5 * (part + offset) for part, offset in zip(np.polynomial.legendre.leggauss(12), (1.0, 0.0), strict=True))
+_NODES, _WEIGHTS = (
+    0.5 * (part + offset)
+    for part, offset in zip(np.polynomial.legendre.leggauss(12), (1.0, 0.0), strict=True)
+)
 
 
 def differencing_answers(z: FloatArray, logit_peak: FloatArray) -> Answers:
     """Log P(equal) and log P(different), each accurate to rounding wherever the other is near 1."""
     distance, k = np.broadcast_arrays(np.abs(z), criterion(logit_peak))
-    with np.errstate(over="ignore", divide="ignore"):  # distances whose square is beyond the largest float; probabilities that are 0
+    with np.errstate(
+        over="ignore", divide="ignore"
+    ):  # distances whose square is beyond the largest float; probabilities that are 0
         inside = _log_inside(distance, k)
         outside = np.logaddexp(log_ndtr(distance - k), log_ndtr(-distance - k))
         few, many = inside < -LN2, outside < -LN2
@@ -244,7 +268,9 @@ def _log_inside(distance: FloatArray, k: FloatArray) -> FloatArray:
     result = upper + np.log1p(-np.exp(apart))
     level = _level(distance, k)
     if level.any():
-        result[level] = _log_mass(distance[level], k[level]) - 0.5 * (np.square(distance[level]) + LOG_2PI)
+        result[level] = _log_mass(distance[level], k[level]) - 0.5 * (
+            np.square(distance[level]) + LOG_2PI
+        )
     return np.asarray(result)
 
 
@@ -256,29 +282,43 @@ def _level(distance: FloatArray, k: FloatArray) -> BoolArray:
 def _log_mass(distance: FloatArray, k: FloatArray) -> FloatArray:
     """Log of the integral of exp(-t^2/2 - d t) over the window -k < t < k, shape (n,), where it is narrow: by positive terms."""
     t = k[:, None] * _NODES
-    return np.asarray(np.log(2.0 * k * ((np.exp(-0.5 * np.square(t)) * np.cosh(distance[:, None] * t)) @ _WEIGHTS)))
+    return np.asarray(
+        np.log(
+            2.0 * k * ((np.exp(-0.5 * np.square(t)) * np.cosh(distance[:, None] * t)) @ _WEIGHTS)
+        )
+    )
 
 
-def differencing_slopes(z: FloatArray, answers: Answers, logit_peak: FloatArray) -> tuple[Slopes, Slopes]:
+def differencing_slopes(
+    z: FloatArray, answers: Answers, logit_peak: FloatArray
+) -> tuple[Slopes, Slopes]:
     """Slopes of :func:`differencing_answers` in z and in the logit l of the peak, with 2 phi(k) dk/dl = expit(l) expit(-l).
 
     With d = abs(z) - k the distance of the near edge from the mean, log P has the slopes phi(d) (e^(-2 abs(z) k) - 1)/P in abs(z) and
     phi(d) (1 + e^(-2 abs(z) k))/P in k; log(1 - P) has the same over -(1 - P).
     """
     distance, k = np.broadcast_arrays(np.abs(z), criterion(logit_peak))
-    with np.errstate(over="ignore", invalid="ignore"):  # distances whose square is beyond the largest float
-        rate = np.exp(log_expit(logit_peak) + log_expit(-logit_peak) + 0.5 * (np.square(k) + LOG_2PI) - LN2)
+    with np.errstate(
+        over="ignore", invalid="ignore"
+    ):  # distances whose square is beyond the largest float
+        rate = np.exp(
+            log_expit(logit_peak) + log_expit(-logit_peak) + 0.5 * (np.square(k) + LOG_2PI) - LN2
+        )
         fall, far = np.sign(z) * np.expm1(-2.0 * distance * k), np.exp(-2.0 * distance * k)
         log_edge = -0.5 * (np.square(distance - k) + LOG_2PI)
         inside, outside = np.asarray(np.exp(log_edge - answers[0])), np.exp(log_edge - answers[1])
         # Far out P and phi(d) are too small for their ratio: P by Mills' ratios of both edges, or by the integral over the window.
         level = _level(distance, k)
         beyond = (distance - k > 2.0) & ~level
-        mills = np.sqrt(0.5 * np.pi) * (erfcx((distance - k) * np.sqrt(0.5)) - far * erfcx((distance + k) * np.sqrt(0.5)))
+        mills = np.sqrt(0.5 * np.pi) * (
+            erfcx((distance - k) * np.sqrt(0.5)) - far * erfcx((distance + k) * np.sqrt(0.5))
+        )
         inside[beyond] = 1.0 / mills[beyond]
         d, half = distance[level], k[level]
         inside[level] = np.exp(half * (d - 0.5 * half) - _log_mass(d, half))
-        return Slopes(inside * fall, (inside * (1.0 + far) * rate,)), Slopes(-outside * fall, (-outside * (1.0 + far) * rate,))
+        return Slopes(inside * fall, (inside * (1.0 + far) * rate,)), Slopes(
+            -outside * fall, (-outside * (1.0 + far) * rate,)
+        )
 
 
 def differencing_half(logit_peak: FloatArray) -> FloatArray:
@@ -293,7 +333,9 @@ def differencing_half(logit_peak: FloatArray) -> FloatArray:
     k = criterion(logit_peak)
     z = np.sqrt(2.0 * LN2 + np.square(k))  # above the root
     goal = log_expit(logit_peak) - LN2
-    for _ in range(6):  # Newton on the log of P(equal), which is concave in z: from above each step stays there
+    for _ in range(
+        6
+    ):  # Newton on the log of P(equal), which is concave in z: from above each step stays there
         answers = differencing_answers(z, logit_peak)
         z = z - (answers[0] - goal) / differencing_slopes(z, answers, logit_peak)[0].z
     return np.asarray(z)

@@ -25,8 +25,22 @@ from bayes_toe.model.coordinates import (
 )
 from bayes_toe.model.distributions import Random
 from bayes_toe.model.intervals import OF_EQUAL, CurveScale, log_lost, log_lost_slope
-from bayes_toe.model.parameters import WIDTH, GroupPull, Log, Logit, Mapped, Single, starting_offsets, with_offset
-from bayes_toe.model.prior import Prior, log_density_of_noise_ratio, prior_quantile, slope_of_noise_ratio
+from bayes_toe.model.parameters import (
+    WIDTH,
+    GroupPull,
+    Log,
+    Logit,
+    Mapped,
+    Single,
+    starting_offsets,
+    with_offset,
+)
+from bayes_toe.model.prior import (
+    Prior,
+    log_density_of_noise_ratio,
+    prior_quantile,
+    slope_of_noise_ratio,
+)
 from bayes_toe.model.target import Names
 
 
@@ -42,7 +56,10 @@ class Update:
     coordinates = ("offset", "logit_pull", "log_width")
     group = ("mu1", "gamma", "width")
     names = Names(
-        ("mu1", "sigma_p", "sigma_l"), ("offset", "pull", "width"), derived=("gamma", "sigma1", "gain", "width"), monotone=("gain", "pull")
+        ("mu1", "sigma_p", "sigma_l"),
+        ("offset", "pull", "width"),
+        derived=("gamma", "sigma1", "gain", "width"),
+        monotone=("gain", "pull"),
     )
 
     def parameters(self, prior: Prior) -> tuple[str, ...]:
@@ -61,20 +78,38 @@ class Update:
         seen = b if prior.spread == "width" else b + self.curve.power * log_gain
         with np.errstate(over="ignore"):  # mu1 beyond the largest float: the density is 0 there
             of_values = of_mu1.log_density(sbar + reach(x)) + Log().log_density(of_spread, seen)
-        return np.asarray(of_values + log_density_of_noise_ratio(of_gamma, a) + log_jacobian_of_pull(a) - 1.5 * log_gain)
+        return np.asarray(
+            of_values
+            + log_density_of_noise_ratio(of_gamma, a)
+            + log_jacobian_of_pull(a)
+            - 1.5 * log_gain
+        )
 
     def gradient(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
         """Gradient of :meth:`log_prior`."""
         a, b, p, down = x[:, 1], x[:, 2], MAX_PULL * expit(x[:, 1]), expit(-x[:, 1])
         of_mu1, of_spread, of_gamma = (prior.distribution(name) for name in self.parameters(prior))
         narrowing = -p * down / (1.0 - p)  # d log K / da
-        with np.errstate(over="ignore"):  # 1/p is beyond the largest float where p < 1e-308: infinite is right there
+        with np.errstate(
+            over="ignore"
+        ):  # 1/p is beyond the largest float where p < 1e-308: infinite is right there
             far = reach(x)
             score = of_mu1.slope(sbar + far)
-            of_log_spread = Log().slope(of_spread, b if prior.spread == "width" else b + self.curve.power * np.log1p(-p))
+            of_log_spread = Log().slope(
+                of_spread, b if prior.spread == "width" else b + self.curve.power * np.log1p(-p)
+            )
             of_pull = log_jacobian_slope_of_pull(a) - score * far * down - 1.5 * narrowing
-            of_pull += 0.0 if prior.spread == "width" else self.curve.power * narrowing * of_log_spread
-            return np.stack([score * inverse_pull(a), of_pull + slope_of_noise_ratio(of_gamma, a), of_log_spread], axis=-1)
+            of_pull += (
+                0.0 if prior.spread == "width" else self.curve.power * narrowing * of_log_spread
+            )
+            return np.stack(
+                [
+                    score * inverse_pull(a),
+                    of_pull + slope_of_noise_ratio(of_gamma, a),
+                    of_log_spread,
+                ],
+                axis=-1,
+            )
 
     def sample(self, rng: Random, size: int, prior: Prior, sbar: float) -> FloatArray:
         """Independent draws, shape (size, 3).
@@ -84,8 +119,15 @@ class Update:
         mu1, spread = (prior.distribution(name).sample(rng, size) for name in ("mu1", prior.spread))
         logit_gamma = Logit().sample(prior.distribution("gamma"), rng, size)
         gamma = expit(logit_gamma)
-        p, w = pull(gamma), spread if prior.spread == "width" else spread * variance_ratio(gamma) ** self.curve.power
-        return np.stack([p * (mu1 - sbar), logit_gamma + np.log(1.0 / MAX_PULL - p), np.log(w)], axis=-1)
+        p, w = (
+            pull(gamma),
+            spread
+            if prior.spread == "width"
+            else spread * variance_ratio(gamma) ** self.curve.power,
+        )
+        return np.stack(
+            [p * (mu1 - sbar), logit_gamma + np.log(1.0 / MAX_PULL - p), np.log(w)], axis=-1
+        )
 
     def named(self, x: FloatArray, prior: Prior, sbar: float) -> dict[str, FloatArray]:
         """Natural, derived and identified parameters."""
@@ -93,23 +135,49 @@ class Update:
         gain = 1.0 - p
         sigma_p = w * gain**self.curve.power
         found = {
-            **{"mu1": sbar + reach(x), "sigma_p": sigma_p, "sigma_l": sigma_p * np.sqrt(p) / gain, "gamma": p / np.square(gain)},
-            **{"sigma1": sigma_p / np.sqrt(gain), "gain": gain, "width": w, "offset": x[..., 0], "pull": p},
+            **{
+                "mu1": sbar + reach(x),
+                "sigma_p": sigma_p,
+                "sigma_l": sigma_p * np.sqrt(p) / gain,
+                "gamma": p / np.square(gain),
+            },
+            **{
+                "sigma1": sigma_p / np.sqrt(gain),
+                "gain": gain,
+                "width": w,
+                "offset": x[..., 0],
+                "pull": p,
+            },
         }
-        return {name: found[name] for name in dict.fromkeys((*self.names.natural, *self.names.derived, *self.names.identified))}
+        return {
+            name: found[name]
+            for name in dict.fromkeys(
+                (*self.names.natural, *self.names.derived, *self.names.identified)
+            )
+        }
 
-    def coordinates_from(self, quantities: Mapping[str, FloatArray], prior: Prior, sbar: float) -> FloatArray:
+    def coordinates_from(
+        self, quantities: Mapping[str, FloatArray], prior: Prior, sbar: float
+    ) -> FloatArray:
         """From the natural parameters."""
-        mu1, sigma_p, sigma_l = (np.asarray(quantities[name], np.float64) for name in self.names.natural)
+        mu1, sigma_p, sigma_l = (
+            np.asarray(quantities[name], np.float64) for name in self.names.natural
+        )
         x = unconstrained(Natural(mu1, sigma_p, sigma_l, np.asarray(0.5)), sbar)[..., :3]
-        x[..., 2] = np.log(sigma_p) + self.curve.power * np.log(variance_ratio(noise_ratio(sigma_p, sigma_l)))
+        x[..., 2] = np.log(sigma_p) + self.curve.power * np.log(
+            variance_ratio(noise_ratio(sigma_p, sigma_l))
+        )
         return x
 
-    def prior_quantile(self, name: str, probability: float, prior: Prior, sbar: float) -> float | None:
+    def prior_quantile(
+        self, name: str, probability: float, prior: Prior, sbar: float
+    ) -> float | None:
         """Exact, but for the offset."""
         if name == "pull":
             return 1.0 - prior_quantile(prior, "gain", 1.0 - probability)
-        return None if name == "offset" else prior_quantile(prior, name, probability, self.curve.power)
+        return (
+            None if name == "offset" else prior_quantile(prior, name, probability, self.curve.power)
+        )
 
     def grid(self, scale: float, peak: float) -> Sequence[Sequence[float]]:
         """Offsets and widths on the scale of the stimuli, a weak and a strong pull."""
@@ -159,7 +227,12 @@ class Memory:
 
     coordinates = ("offset", "logit_pull", "log_width", "logit_split")
     group = ("mu1", "pull", "width", "split")
-    names = Names(("mu1", "sigma1", "sigma_l", "rho"), ("offset", "pull", "width", "rho"), ("gain", "width"), ("gain",))
+    names = Names(
+        ("mu1", "sigma1", "sigma_l", "rho"),
+        ("offset", "pull", "width", "rho"),
+        ("gain", "width"),
+        ("gain",),
+    )
 
     def parameters(self, prior: Prior) -> tuple[str, ...]:
         """Whose distributions the prior is made of."""
@@ -179,7 +252,12 @@ class Memory:
         of_pull = log_lost(a) + log_expit(-a)
         of_split = log_expit(v) + log_expit(-v)
         stretch = 0.0 if prior.spread == "width" else self._log_stretch(x)
-        return np.asarray(of_mu1 + Log().log_density(prior.distribution(prior.spread), b - stretch) + of_pull + of_split)
+        return np.asarray(
+            of_mu1
+            + Log().log_density(prior.distribution(prior.spread), b - stretch)
+            + of_pull
+            + of_split
+        )
 
     def gradient(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
         """Gradient of :meth:`log_prior`."""
@@ -190,10 +268,16 @@ class Memory:
             of_offset, of_pull = of_mu1 * inverse_pull(a, 1.0), -of_mu1 * far * expit(-a)
         # sigma_1 = w / stretch: its prior sees (a, b, split) through b - log stretch.
         of_width = prior.spread == "width"
-        of_spread = Log().slope(prior.distribution(prior.spread), b if of_width else b - self._log_stretch(x))
-        by_pull, by_split = (np.zeros_like(a), np.zeros_like(a)) if of_width else self._stretch_slopes(a, v)
+        of_spread = Log().slope(
+            prior.distribution(prior.spread), b if of_width else b - self._log_stretch(x)
+        )
+        by_pull, by_split = (
+            (np.zeros_like(a), np.zeros_like(a)) if of_width else self._stretch_slopes(a, v)
+        )
         of_pull += log_lost_slope(a) - expit(a) - of_spread * by_pull
-        return np.stack([of_offset, of_pull, of_spread, -of_spread * by_split - np.tanh(0.5 * v)], axis=-1)
+        return np.stack(
+            [of_offset, of_pull, of_spread, -of_spread * by_split - np.tanh(0.5 * v)], axis=-1
+        )
 
     def sample(self, rng: Random, size: int, prior: Prior, sbar: float) -> FloatArray:
         """Independent draws, shape (size, 4)."""
@@ -212,23 +296,42 @@ class Memory:
         rho, log_gain = np.exp(-expit(x[..., 3]) * lost), -expit(-x[..., 3]) * lost
         # sigma_l^2/sigma1^2 = 1/K - 1
         sigma_l = sigma1 * np.sqrt(np.expm1(-log_gain))
-        found = {"mu1": sbar + reach(x, 1.0), "sigma1": sigma1, "sigma_l": sigma_l, "rho": rho, "gain": np.exp(-lost)}
+        found = {
+            "mu1": sbar + reach(x, 1.0),
+            "sigma1": sigma1,
+            "sigma_l": sigma_l,
+            "rho": rho,
+            "gain": np.exp(-lost),
+        }
         return {**found, "offset": x[..., 0], "pull": expit(x[..., 1]), "width": np.exp(x[..., 2])}
 
-    def coordinates_from(self, quantities: Mapping[str, FloatArray], prior: Prior, sbar: float) -> FloatArray:
+    def coordinates_from(
+        self, quantities: Mapping[str, FloatArray], prior: Prior, sbar: float
+    ) -> FloatArray:
         """From the natural parameters."""
-        mu1, sigma1, sigma_l, rho = (np.asarray(quantities[name], np.float64) for name in self.names.natural)
-        return self._point(mu1 - sbar, np.log(sigma1), np.log(rho), -np.log1p(np.square(sigma_l / sigma1)))
+        mu1, sigma1, sigma_l, rho = (
+            np.asarray(quantities[name], np.float64) for name in self.names.natural
+        )
+        return self._point(
+            mu1 - sbar, np.log(sigma1), np.log(rho), -np.log1p(np.square(sigma_l / sigma1))
+        )
 
-    def _point(self, reach: FloatArray, log_sigma1: FloatArray, log_rho: FloatArray, log_gain: FloatArray) -> FloatArray:
+    def _point(
+        self, reach: FloatArray, log_sigma1: FloatArray, log_rho: FloatArray, log_gain: FloatArray
+    ) -> FloatArray:
         """Coordinates of mu1 - sbar, log sigma1, log rho and log of the measurement's gain."""
         lost = -(log_rho + log_gain)
         pull = -np.expm1(-lost)
-        x = np.stack([pull * reach, np.log(pull) + lost, np.zeros_like(lost), np.log(log_rho / log_gain)], axis=-1)
+        x = np.stack(
+            [pull * reach, np.log(pull) + lost, np.zeros_like(lost), np.log(log_rho / log_gain)],
+            axis=-1,
+        )
         x[..., 2] = log_sigma1 + self._log_stretch(x)
         return x
 
-    def prior_quantile(self, name: str, probability: float, prior: Prior, sbar: float) -> float | None:
+    def prior_quantile(
+        self, name: str, probability: float, prior: Prior, sbar: float
+    ) -> float | None:
         """Exact where the prior names the quantity."""
         if name == "rho":
             return probability
@@ -241,7 +344,10 @@ class Memory:
 
     def to_group(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
         """Prior mean, probit of the pull, log width, probit of the split."""
-        return np.stack([sbar + reach(x, 1.0), probit_of_logit(x[:, 1]), x[:, 2], probit_of_logit(x[:, 3])], axis=-1)
+        return np.stack(
+            [sbar + reach(x, 1.0), probit_of_logit(x[:, 1]), x[:, 2], probit_of_logit(x[:, 3])],
+            axis=-1,
+        )
 
     def from_group(self, eta: FloatArray, prior: Prior, sbar: float) -> Mapped:
         """The inverse, with c = p (mu1 - sbar)."""
@@ -261,13 +367,19 @@ class Memory:
     def _log_stretch(self, x: FloatArray) -> FloatArray:
         """Log of w/sigma1 with g = exp(-l), rho = exp(-l v), K = exp(-l (1 - v)), l = -ln(1 - p)."""
         lost, v = np.logaddexp(0.0, x[..., 1]), x[..., 3]
-        total, own = np.log(-np.expm1(-2.0 * lost)) + lost * expit(-v), np.log(-np.expm1(-lost * (1.0 + expit(v))))
+        total, own = (
+            np.log(-np.expm1(-2.0 * lost)) + lost * expit(-v),
+            np.log(-np.expm1(-lost * (1.0 + expit(v)))),
+        )
         return np.asarray(self.curve.total * total - self.curve.own * own)
 
     def _stretch_slopes(self, a: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Derivatives of the log of w/sigma1 in the logits of pull and split, with d log(1 - e^-x)/d log x = x/(e^x - 1)."""
         lost, growth, split = np.logaddexp(0.0, a), log_lost_slope(a), expit(v)
-        twice, mixed = self.curve.total / exprel(2.0 * lost), self.curve.own / exprel(lost * (1.0 + split))
+        twice, mixed = (
+            self.curve.total / exprel(2.0 * lost),
+            self.curve.own / exprel(lost * (1.0 + split)),
+        )
         turn = split * expit(-v)
         by_pull = growth * (twice - mixed) + self.curve.total * expit(a) * expit(-v)
         return by_pull, -turn * (self.curve.total * lost + mixed / (1.0 + split))

@@ -114,14 +114,18 @@ class Logit(Scale):
         up, down = log_expit(x), log_expit(-x)
         if isinstance(distribution, Beta) and self.top == 1.0:
             return np.asarray(distribution.log_density_of_logs(up, down) + up + down)
-        return np.asarray(distribution.log_density(self.top * expit(x)) + np.log(self.top) + up + down)
+        return np.asarray(
+            distribution.log_density(self.top * expit(x)) + np.log(self.top) + up + down
+        )
 
     def slope(self, distribution: Distribution, x: FloatArray) -> FloatArray:
         """With d(log dt/dx)/dx = -tanh(x/2)."""
         up, down = expit(x), expit(-x)
         if isinstance(distribution, Beta) and self.top == 1.0:
             return np.asarray(distribution.a * down - distribution.b * up)
-        return np.asarray(distribution.slope(self.top * up) * self.top * up * down - np.tanh(0.5 * x))
+        return np.asarray(
+            distribution.slope(self.top * up) * self.top * up * down - np.tanh(0.5 * x)
+        )
 
     def to_group(self, x: FloatArray) -> FloatArray:
         """The probit of the share: uniform is standard normal, so that its edges are far away."""
@@ -175,7 +179,9 @@ class Single:
 
     def describe(self, prior: Prior) -> str:
         """The prior in words."""
-        said = prior.said(self.parameter or self.name) if self.fixed is None else self.fixed.describe()
+        said = (
+            prior.said(self.parameter or self.name) if self.fixed is None else self.fixed.describe()
+        )
         return f"{self.name} ~ {said}"
 
     def log_prior(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
@@ -194,11 +200,15 @@ class Single:
         """The quantity."""
         return {self.name: self.scale.quantity(x[..., 0])}
 
-    def coordinates_from(self, quantities: Mapping[str, FloatArray], prior: Prior, sbar: float) -> FloatArray:
+    def coordinates_from(
+        self, quantities: Mapping[str, FloatArray], prior: Prior, sbar: float
+    ) -> FloatArray:
         """Its coordinate; infinite where rounding has it at an end of its range."""
         return self.scale.coordinate(quantities[self.name])[..., None]
 
-    def prior_quantile(self, name: str, probability: float, prior: Prior, sbar: float) -> float | None:
+    def prior_quantile(
+        self, name: str, probability: float, prior: Prior, sbar: float
+    ) -> float | None:
         """Of its distribution."""
         return float(self.distribution(prior).quantile(probability))
 
@@ -206,7 +216,11 @@ class Single:
         """The starts given; else a width about the scale of the stimuli, or the largest frequency of 'equal'."""
         if callable(self.starts):
             return (self.starts(scale),)
-        about = tuple((np.log(scale) + np.array([-1.0, 0.0, 1.0])).tolist()) if isinstance(self.scale, Log) else (peak,)
+        about = (
+            tuple((np.log(scale) + np.array([-1.0, 0.0, 1.0])).tolist())
+            if isinstance(self.scale, Log)
+            else (peak,)
+        )
         return (self.starts if self.starts else about,)
 
     @property
@@ -261,7 +275,9 @@ def starting_bias(scale: float) -> tuple[float, ...]:
 OFFSET = Single("offset", Scale(), starts=starting_offsets)
 WIDTH = Width("width", Log())
 #: Slopes of the log of the width and of logit q0 over intensity, per natural-log intensity.
-NOISE_SLOPE, PEAK_SLOPE = (Single(name, Scale(), starts=starting_slopes) for name in ("noise_slope", "peak_slope"))
+NOISE_SLOPE, PEAK_SLOPE = (
+    Single(name, Scale(), starts=starting_slopes) for name in ("noise_slope", "peak_slope")
+)
 #: Shift of the distance by the answer before, natural-log intensity.
 ANSWER_BIAS = Single("answer_bias", Scale(), starts=starting_bias)
 

@@ -21,10 +21,26 @@ from bayes_toe.errors import InputError
 from bayes_toe.model.closed_form import MAX_PULL
 from bayes_toe.model.distributions import LogNormal, Uniform
 from bayes_toe.model.history import History
-from bayes_toe.model.intervals import OF_EQUAL, OF_SECOND, CurveScale, Propagator, mean_reversion, random_walk
+from bayes_toe.model.intervals import (
+    OF_EQUAL,
+    OF_SECOND,
+    CurveScale,
+    Propagator,
+    mean_reversion,
+    random_walk,
+)
 from bayes_toe.model.links import BELL, DIFFERENCING, EXPONENT, LOGISTIC, PROBIT, Lapsing, Link
 from bayes_toe.model.memory import Block, Memory, Update
-from bayes_toe.model.parameters import ANSWER_BIAS, NOISE_SLOPE, OFFSET, PEAK_SLOPE, WIDTH, Log, Logit, Single
+from bayes_toe.model.parameters import (
+    ANSWER_BIAS,
+    NOISE_SLOPE,
+    OFFSET,
+    PEAK_SLOPE,
+    WIDTH,
+    Log,
+    Logit,
+    Single,
+)
 from bayes_toe.model.record import Model, Pull
 from bayes_toe.model.spread import BETA_BINOMIAL, BINOMIAL, Spread
 
@@ -84,7 +100,12 @@ PARTS: Mapping[str, tuple[Level, ...]] = {
             for task, scale in CURVE_SCALES.items()
         ),
         Level("none", "no order effect", (WIDTH,), ("symmetric",)),
-        Level("constant error", "the second stimulus is judged with a constant error", (OFFSET, WIDTH), ("constant bias",)),
+        Level(
+            "constant error",
+            "the second stimulus is judged with a constant error",
+            (OFFSET, WIDTH),
+            ("constant bias",),
+        ),
         Level(
             "free weighting",
             "Hellstrom's sensation weighting: any gain, any constant error",
@@ -116,7 +137,13 @@ PARTS: Mapping[str, tuple[Level, ...]] = {
     ),
     "lapses": (
         Level("misses", "equal pairs are sometimes called different", (PEAK,), task=SAME_DIFFERENT),
-        Level("guesses", "a share of the answers is guessed, either one as often", (LAPSE_RATE,), lapsing=Lapsing, task=WHICH_STRONGER),
+        Level(
+            "guesses",
+            "a share of the answers is guessed, either one as often",
+            (LAPSE_RATE,),
+            lapsing=Lapsing,
+            task=WHICH_STRONGER,
+        ),
         Level("no lapses", "every answer depends on the stimuli"),
         Level(
             "both ways",
@@ -135,10 +162,17 @@ PARTS: Mapping[str, tuple[Level, ...]] = {
     ),
     "curve": (
         Level("bell", "2^(-z^2), the paper's", task=SAME_DIFFERENT),
-        Level("probit", "the second stimulus as memory predicts it", link=PROBIT, task=WHICH_STRONGER),
+        Level(
+            "probit", "the second stimulus as memory predicts it", link=PROBIT, task=WHICH_STRONGER
+        ),
         Level("logit", "a logistic curve, with heavier tails", link=LOGISTIC, task=WHICH_STRONGER),
         # The peak is 2 Phi(k) - 1 with the criterion k; the width is the noise of the difference.
-        Level("differencing", "signal detection: the difference against a criterion", link=DIFFERENCING, task=SAME_DIFFERENT),
+        Level(
+            "differencing",
+            "signal detection: the difference against a criterion",
+            link=DIFFERENCING,
+            task=SAME_DIFFERENT,
+        ),
         Level(
             "exponent",
             "2^(-abs(z)^nu) with a free exponent",
@@ -148,7 +182,9 @@ PARTS: Mapping[str, tuple[Level, ...]] = {
         ),
     ),
     "peak": (
-        Level("one peak", "equal pairs are called equal alike at every intensity", task=SAME_DIFFERENT),
+        Level(
+            "one peak", "equal pairs are called equal alike at every intensity", task=SAME_DIFFERENT
+        ),
         Level(
             "sloped peak",
             "equal pairs are called equal more often at some intensities",
@@ -202,11 +238,20 @@ _WRITTEN = ("order", "lapses", "noise", "curve", "peak", "spread", "history", "a
 NAMED: Mapping[str, tuple[str, str]] = {
     "none": ("symmetric", "no order effect"),
     "constant error": ("constant bias", "the second stimulus is judged with a constant error"),
-    "constant error + differencing": ("differencing", "signal detection: the difference against a criterion, with bias"),
+    "constant error + differencing": (
+        "differencing",
+        "signal detection: the difference against a criterion, with bias",
+    ),
     "update + no lapses": ("no lapses", "H1 without lapses"),
     "update": ("predictive update", "H1: memory is updated by a prior and diffuses"),
-    "free weighting": ("free weighting", "Hellstrom's sensation weighting: any gain, any constant error"),
-    "mean-reverting": ("mean-reverting memory", "memory decays toward the prior mean (Ornstein-Uhlenbeck)"),
+    "free weighting": (
+        "free weighting",
+        "Hellstrom's sensation weighting: any gain, any constant error",
+    ),
+    "mean-reverting": (
+        "mean-reverting memory",
+        "memory decays toward the prior mean (Ornstein-Uhlenbeck)",
+    ),
 }
 
 
@@ -219,7 +264,10 @@ def parts_of(task: Task) -> Mapping[str, tuple[Level, ...]]:
     >>> [level.name for level in parts_of(WHICH_STRONGER)["lapses"]], "peak" in parts_of(WHICH_STRONGER)
     (['guesses', 'no lapses', 'biased guesses'], False)
     """
-    found = {part: tuple(level for level in levels if level.task in (None, task)) for part, levels in PARTS.items()}
+    found = {
+        part: tuple(level for level in levels if level.task in (None, task))
+        for part, levels in PARTS.items()
+    }
     return {part: levels for part, levels in found.items() if levels}
 
 
@@ -237,21 +285,34 @@ def compose(task: Task = SAME_DIFFERENT, **levels: str) -> Model:
     unknown = [part for part in levels if part not in parts]
     if unknown:
         raise InputError(f"part {unknown[0]!r}; allowed: {', '.join(parts)}")
-    chosen = {part: level_named(part, levels[part], task) if part in levels else of[0] for part, of in parts.items()}
+    chosen = {
+        part: level_named(part, levels[part], task) if part in levels else of[0]
+        for part, of in parts.items()
+    }
     order, lapses, curve = chosen["order"], chosen["lapses"], chosen["curve"]
     free = tuple(block for part in _WRITTEN if part in chosen for block in chosen[part].free)
     if curve.link is DIFFERENCING and PEAK not in free:
-        raise InputError(f"model '{curve.name} + {lapses.name}': where every equal pair is called equal the criterion has no end")
+        raise InputError(
+            f"model '{curve.name} + {lapses.name}': where every equal pair is called equal the criterion has no end"
+        )
     if PEAK_SLOPE in free and PEAK not in free:
-        raise InputError(f"model '{chosen['peak'].name} + {lapses.name}': where every equal pair is called equal no peak has a slope")
+        raise InputError(
+            f"model '{chosen['peak'].name} + {lapses.name}': where every equal pair is called equal no peak has a slope"
+        )
     if chosen["history"].history is not None and order.pull is None:
         raise InputError(
             f"model '{order.name} + {chosen['history'].name}': without a pull the expectation, and so its history, has no effect"
         )
-    by_trial = [one.name for one in chosen.values() if one.history is not None or ANSWER_BIAS in one.free]
+    by_trial = [
+        one.name for one in chosen.values() if one.history is not None or ANSWER_BIAS in one.free
+    ]
     if by_trial and chosen["spread"].spread is BETA_BINOMIAL:
-        raise InputError(f"model '{chosen['spread'].name} + {by_trial[0]}': counts that scatter are of pairs, a history is of trials")
-    departures = [level for part, level in chosen.items() if part == "order" or level is not parts[part][0]]
+        raise InputError(
+            f"model '{chosen['spread'].name} + {by_trial[0]}': counts that scatter are of pairs, a history is of trials"
+        )
+    departures = [
+        level for part, level in chosen.items() if part == "order" or level is not parts[part][0]
+    ]
     text = " + ".join(level.name for level in departures)
     name, about = NAMED.get(text, (text, "; ".join(level.about for level in departures)))
     return Model(
@@ -273,7 +334,9 @@ def level_named(part: str, word: str, task: Task = SAME_DIFFERENT) -> Level:
     for level in parts_of(task)[part]:
         if word.casefold() in level.words:
             return level
-    raise InputError(f"{part}: {word!r}; allowed: {', '.join(level.name for level in parts_of(task)[part])}")
+    raise InputError(
+        f"{part}: {word!r}; allowed: {', '.join(level.name for level in parts_of(task)[part])}"
+    )
 
 
 def composition(text: str, task: Task = SAME_DIFFERENT) -> Model:
@@ -286,21 +349,39 @@ def composition(text: str, task: Task = SAME_DIFFERENT) -> Model:
     """
     levels: dict[str, str] = {}
     for word in (part.strip() for part in text.split("+")):
-        known = {of: [part for part, some in parts_of(of).items() if any(word.casefold() in one.words for one in some)] for of in TASKS}
+        known = {
+            of: [
+                part
+                for part, some in parts_of(of).items()
+                if any(word.casefold() in one.words for one in some)
+            ]
+            for of in TASKS
+        }
         others = [of.name for of, parts in known.items() if parts]
         if not known[task]:
-            found = f"{word!r} is of the task '{others[0]}', and asked was '{task.name}'" if others else repr(word)
-            raise InputError(f"model {text!r}: {found}; allowed, joined by +: {allowed_words(task)}")
+            found = (
+                f"{word!r} is of the task '{others[0]}', and asked was '{task.name}'"
+                if others
+                else repr(word)
+            )
+            raise InputError(
+                f"model {text!r}: {found}; allowed, joined by +: {allowed_words(task)}"
+            )
         part = known[task][0]
         if part in levels:
-            raise InputError(f"model {text!r}: {levels[part]!r} and {word!r} are both of the part {part}; allowed is one of them")
+            raise InputError(
+                f"model {text!r}: {levels[part]!r} and {word!r} are both of the part {part}; allowed is one of them"
+            )
         levels[part] = word
     return compose(task, **levels)
 
 
 def allowed_words(task: Task = SAME_DIFFERENT) -> str:
     """The levels of all parts in one line."""
-    return "; ".join(f"{part}: {', '.join(level.name for level in levels)}" for part, levels in parts_of(task).items())
+    return "; ".join(
+        f"{part}: {', '.join(level.name for level in levels)}"
+        for part, levels in parts_of(task).items()
+    )
 
 
 def compositions(task: Task = SAME_DIFFERENT, **levels: tuple[str, ...]) -> tuple[Model, ...]:
@@ -311,4 +392,7 @@ def compositions(task: Task = SAME_DIFFERENT, **levels: tuple[str, ...]) -> tupl
     >>> [model.name for model in compositions(order=("none", "update"), noise=("Weber", "sloped"))]
     ['symmetric', 'none + sloped', 'predictive update', 'update + sloped']
     """
-    return tuple(compose(task, **dict(zip(levels, words, strict=True))) for words in product(*levels.values()))
+    return tuple(
+        compose(task, **dict(zip(levels, words, strict=True)))
+        for words in product(*levels.values())
+    )

@@ -61,7 +61,10 @@ class Posterior(Likelihood):
     @cached_property
     def _parts(self) -> tuple[tuple[Block, slice], ...]:
         ends = np.cumsum([0, *(len(block.coordinates) for block in self.model.free)]).tolist()
-        return tuple((block, slice(*part)) for block, part in zip(self.model.free, pairwise(ends), strict=True))
+        return tuple(
+            (block, slice(*part))
+            for block, part in zip(self.model.free, pairwise(ends), strict=True)
+        )
 
     def log_density(self, x: npt.ArrayLike) -> FloatArray:
         """Log posterior density at x, shape (points, k) -> (points,)."""
@@ -70,11 +73,16 @@ class Posterior(Likelihood):
 
     def log_prior(self, x: npt.ArrayLike) -> FloatArray:
         """Log prior density at x, shape (points, k) -> (points,)."""
-        return np.asarray(self.block_log_prior(require_points(x, len(self.coordinates))).sum(axis=1))
+        return np.asarray(
+            self.block_log_prior(require_points(x, len(self.coordinates))).sum(axis=1)
+        )
 
     def block_log_prior(self, x: FloatArray) -> FloatArray:
         """Log prior density of every block of coordinates, (points, k) -> (points, blocks)."""
-        return np.stack([block.log_prior(x[:, part], self.prior, self.sbar) for block, part in self._parts], axis=1)
+        return np.stack(
+            [block.log_prior(x[:, part], self.prior, self.sbar) for block, part in self._parts],
+            axis=1,
+        )
 
     @property
     def block_starts(self) -> list[int]:
@@ -89,13 +97,19 @@ class Posterior(Likelihood):
         """Log posterior density at x, (points,), and its gradient, (points, k)."""
         points = require_points(x, len(self.coordinates))
         rows = max(1, BLOCK // self._rows.n_pairs)
-        parts = [self.likelihood_gradient(points[i : i + rows]) for i in range(0, max(1, len(points)), rows)]
+        parts = [
+            self.likelihood_gradient(points[i : i + rows])
+            for i in range(0, max(1, len(points)), rows)
+        ]
         value, gradient = (np.concatenate(of) for of in zip(*parts, strict=True))
         return value + self.log_prior(points), gradient + self.prior_gradient(points)
 
     def prior_gradient(self, x: FloatArray) -> FloatArray:
         """Gradient of the log prior density, (points, k)."""
-        return np.concatenate([block.gradient(x[:, part], self.prior, self.sbar) for block, part in self._parts], axis=1)
+        return np.concatenate(
+            [block.gradient(x[:, part], self.prior, self.sbar) for block, part in self._parts],
+            axis=1,
+        )
 
     # --- What engines ask for -------------------------------------------------------------------------
 
@@ -108,12 +122,22 @@ class Posterior(Likelihood):
         steps = np.abs(subject.s2 - subject.s1)
         scale = float(np.sqrt(np.mean(steps[steps > 0] ** 2))) if np.any(steps > 0) else 0.3
         peak = float(logit(((subject.n_yes + 1.0) / (subject.n_trials + 2.0)).max()))
-        axes = np.meshgrid(*(values for block in self.model.free for values in block.grid(scale, peak)))
+        axes = np.meshgrid(
+            *(values for block in self.model.free for values in block.grid(scale, peak))
+        )
         points: FloatArray = np.stack([axis.ravel() for axis in axes], axis=-1)
-        if self._offset_place is not None and "logit_q0" in self.model.link.coordinates and "logit_q0" not in self._places:
+        if (
+            self._offset_place is not None
+            and "logit_q0" in self.model.link.coordinates
+            and "logit_q0" not in self._places
+        ):
             points = np.concatenate([points, *map(self._between_pairs, np.unique(points, axis=0))])
-        if self._intervals is not None:  # offset and width are those at the typical interval: what they are at the reference
-            at = self._scales_at(points, typical_interval(np.asarray(subject.isi) / self.reference, subject.n_trials))
+        if (
+            self._intervals is not None
+        ):  # offset and width are those at the typical interval: what they are at the reference
+            at = self._scales_at(
+                points, typical_interval(np.asarray(subject.isi) / self.reference, subject.n_trials)
+            )
             points[:, self._places["offset"]] /= at.pull[:, 0]
             points[:, self._places["log_width"]] -= np.log(at.width[:, 0])
         some = np.isfinite(self.log_density(points))
@@ -125,8 +149,14 @@ class Posterior(Likelihood):
         Where identical stimuli are never called 'different' such an offset is impossible if the pair ever was: a wall, with a maximum of
         its own on each side.
         """
-        walls = np.unique((self.subject.s2 - self.subject.s1) + self._pull(point[None])[0] * (self.subject.s1 - self.sbar))
-        moved, offsets = np.repeat(point[None], len(walls) - 1, axis=0), 0.5 * (walls[1:] + walls[:-1])
+        walls = np.unique(
+            (self.subject.s2 - self.subject.s1)
+            + self._pull(point[None])[0] * (self.subject.s1 - self.sbar)
+        )
+        moved, offsets = (
+            np.repeat(point[None], len(walls) - 1, axis=0),
+            0.5 * (walls[1:] + walls[:-1]),
+        )
         moved[:, self._offset_place] = offsets
         return moved
 
@@ -142,15 +172,22 @@ class Posterior(Likelihood):
 
     def sample_prior(self, rng: Random, size: int) -> FloatArray:
         """Independent draws from the prior, shape (size, k)."""
-        return np.concatenate([block.sample(rng, size, self.prior, self.sbar) for block, _ in self._parts], axis=1)
+        return np.concatenate(
+            [block.sample(rng, size, self.prior, self.sbar) for block, _ in self._parts], axis=1
+        )
 
     def levelling(self, modes: FloatArray) -> Levels:
         """Coordinates in which mixtures fit: the funnel of a free prior mean straightened, probits in the place of logits."""
-        pull, logits = self.model.pull, tuple(i for name, i in self._places.items() if name.startswith("logit_"))
+        pull, logits = (
+            self.model.pull,
+            tuple(i for name, i in self._places.items() if name.startswith("logit_")),
+        )
         if pull is None or pull.centre is None:
             return Levelling(logits, self._places["log_width"])
         mu1 = self.prior.distribution(pull.centre)
-        funnel = Funnel.at(modes, lambda x: self.likelihood_gradient(x)[1], mu1, self.sbar, pull.span)
+        funnel = Funnel.at(
+            modes, lambda x: self.likelihood_gradient(x)[1], mu1, self.sbar, pull.span
+        )
         return Levelling(logits, self._places["log_width"], funnel)
 
     def for_subject(self, subject: Subject) -> Posterior:
@@ -159,13 +196,18 @@ class Posterior(Likelihood):
 
     def to_group(self, x: FloatArray) -> FloatArray:
         """The quantities of :attr:`Model.group` on their group scales, shape (points, k) -> (points, k)."""
-        return np.concatenate([block.to_group(x[:, part], self.prior, self.sbar) for block, part in self._parts], axis=1)
+        return np.concatenate(
+            [block.to_group(x[:, part], self.prior, self.sbar) for block, part in self._parts],
+            axis=1,
+        )
 
     def from_group(self, eta: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The inverse: x, shape (points, k), and dx/d(eta), shape (points, k, k)."""
         x, jacobian = np.empty(eta.shape), np.zeros((*eta.shape, eta.shape[1]))
         for block, part in self._parts:
-            x[:, part], jacobian[:, part, part] = block.from_group(eta[:, part], self.prior, self.sbar)
+            x[:, part], jacobian[:, part, part] = block.from_group(
+                eta[:, part], self.prior, self.sbar
+            )
         return x, jacobian
 
     # --- What readers ask for -------------------------------------------------------------------------
@@ -177,7 +219,13 @@ class Posterior(Likelihood):
 
     def yes_at_distance(self, x: FloatArray, z: FloatArray) -> FloatArray:
         """P of the answer that the task counts at normalised distances, (points, k) and (n,) -> (points, n)."""
-        return np.asarray(np.exp(self.model.link.log_answers(np.broadcast_to(z, (len(x), len(z))), *self._own(x, self.model.link))[0]))
+        return np.asarray(
+            np.exp(
+                self.model.link.log_answers(
+                    np.broadcast_to(z, (len(x), len(z))), *self._own(x, self.model.link)
+                )[0]
+            )
+        )
 
     def noticeable(self, x: FloatArray) -> FloatArray:
         """Just noticeable normalised distance, (points, k) -> (points,); of the answers that depend on the stimuli.
@@ -193,7 +241,9 @@ class Posterior(Likelihood):
     def names(self) -> Names:
         """What the quantities are called."""
         published = ("pse_shift", "jnd") if self._offset_place is not None else ("jnd",)
-        return sum((block.names for block in self.model.free), start=Names((), (), published, published))
+        return sum(
+            (block.names for block in self.model.free), start=Names((), (), published, published)
+        )
 
     def quantities(self, x: FloatArray) -> dict[str, FloatArray]:
         """Every named quantity, each with the shape of x without its last axis.
@@ -201,8 +251,14 @@ class Posterior(Likelihood):
         The shift of the point of subjective equality, at the mean first stimulus, is the offset; the just noticeable difference is the
         distance of the stimuli at which 'equal' is half as frequent as at its peak, or P(second) 75 %, leaving lapses aside.
         """
-        found = {name: values for block, part in self._parts for name, values in block.named(x[..., part], self.prior, self.sbar).items()}
-        found["jnd"] = found["width"] * self.noticeable(x.reshape(-1, x.shape[-1])).reshape(x.shape[:-1])
+        found = {
+            name: values
+            for block, part in self._parts
+            for name, values in block.named(x[..., part], self.prior, self.sbar).items()
+        }
+        found["jnd"] = found["width"] * self.noticeable(x.reshape(-1, x.shape[-1])).reshape(
+            x.shape[:-1]
+        )
         return found | ({"pse_shift": found["offset"]} if "offset" in found else {})
 
     def judged(self, x: FloatArray) -> dict[str, FloatArray]:
@@ -212,7 +268,13 @@ class Posterior(Likelihood):
 
     def points(self, quantities: Mapping[str, FloatArray]) -> FloatArray:
         """Unconstrained coordinates, shape (..., k), from named quantities, each of shape (...); they must name all that is free."""
-        return np.concatenate([block.coordinates_from(quantities, self.prior, self.sbar) for block in self.model.free], axis=-1)
+        return np.concatenate(
+            [
+                block.coordinates_from(quantities, self.prior, self.sbar)
+                for block in self.model.free
+            ],
+            axis=-1,
+        )
 
     def prior_quantile(self, name: str, probability: float) -> float:
         """Prior quantile of a named quantity; from draws, to about half a percent of the prior's range, where it has no short form."""
@@ -222,11 +284,24 @@ class Posterior(Likelihood):
             of_width = self.model.link_without_lapses.noticeable
             if isinstance(of_width, float):
                 return of_width * self.prior_quantile("width", probability)
-            return float(np.quantile(self.quantities(self.sample_prior(np.random.default_rng(0), PRIOR_DRAWS))[name], probability))
+            return float(
+                np.quantile(
+                    self.quantities(self.sample_prior(np.random.default_rng(0), PRIOR_DRAWS))[name],
+                    probability,
+                )
+            )
         for block in self.model.free:
             if name in block.names.all:
                 known = block.prior_quantile(name, probability, self.prior, self.sbar)
-                return float(np.quantile(prior_draws(self.model, self.prior, self.sbar)[name], probability)) if known is None else known
+                return (
+                    float(
+                        np.quantile(
+                            prior_draws(self.model, self.prior, self.sbar)[name], probability
+                        )
+                    )
+                    if known is None
+                    else known
+                )
         raise InputError(f"unknown quantity {name!r}; there are: {', '.join(self.names.all)}")
 
     def natural(self, x: npt.ArrayLike) -> Natural:

@@ -31,7 +31,15 @@ from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.errors import InputError
 from bayes_toe.model.closed_form import MAX_PULL, variance_ratio
 from bayes_toe.model.coordinates import Natural, log_noise_ratio
-from bayes_toe.model.distributions import Beta, Distribution, HalfNormal, LogNormal, Normal, Random, share
+from bayes_toe.model.distributions import (
+    Beta,
+    Distribution,
+    HalfNormal,
+    LogNormal,
+    Normal,
+    Random,
+    share,
+)
 from bayes_toe.model.prior_fields import STIMULI, PriorFields, number_problems, real, toml_table
 
 _NODES = 200  # of an integral over gamma
@@ -118,7 +126,9 @@ class Prior(PriorFields):
         if not named:
             return self
         found = Stimuli.of(*subjects)
-        if found is None:  # what only rivals of H1 need may stay open: whoever asks for it is refused
+        if (
+            found is None
+        ):  # what only rivals of H1 need may stay open: whoever asks for it is refused
             if any(one.parameter in self.of_h1() for one in named.values()):
                 raise InputError(
                     f"subject {subjects[0].name!r}: the prior takes its scale from pairs of different stimuli, found none; allowed: the "
@@ -143,29 +153,52 @@ class Prior(PriorFields):
         if parameter in self._known:
             return self._known[parameter]
         if parameter not in self.families:
-            raise InputError(f"prior: no distribution of {parameter!r}, allowed: {', '.join(self.families)}")
-        open_ones = ", ".join(name for name, value in self._numbers(parameter).items() if value in (STIMULI, None))
-        raise InputError(f"prior: {open_ones} is to come from pairs of different stimuli, and there are none; allowed: a number")
+            raise InputError(
+                f"prior: no distribution of {parameter!r}, allowed: {', '.join(self.families)}"
+            )
+        open_ones = ", ".join(
+            name for name, value in self._numbers(parameter).items() if value in (STIMULI, None)
+        )
+        raise InputError(
+            f"prior: {open_ones} is to come from pairs of different stimuli, and there are none; allowed: a number"
+        )
 
     @cached_property
     def _known(self) -> Mapping[str, Distribution]:
         """The distributions of which all is known."""
         numbers = {parameter: [*self._numbers(parameter).values()] for parameter in self.families}
-        return {name: self.families[name](*values) for name, values in numbers.items() if not {STIMULI, None} & set(values)}
+        return {
+            name: self.families[name](*values)
+            for name, values in numbers.items()
+            if not {STIMULI, None} & set(values)
+        }
 
     def _numbers(self, parameter: str) -> dict[str, Any]:
-        return {one.name: getattr(self, one.name) for one in self.declared() if one.parameter == parameter}
+        return {
+            one.name: getattr(self, one.name)
+            for one in self.declared()
+            if one.parameter == parameter
+        }
 
     def said(self, parameter: str) -> str:
         """The distribution of a parameter in words, as in 'Normal(M, 2.5 R)' where its numbers are those of the stimuli."""
         numbers = self._numbers(parameter)
-        symbols = {name: self.declared_as(name).stimuli for name, value in numbers.items() if value == STIMULI}
+        symbols = {
+            name: self.declared_as(name).stimuli
+            for name, value in numbers.items()
+            if value == STIMULI
+        }
         if not symbols:
             return self.distribution(parameter).describe()
-        stand_in = self.families[parameter](*(1.0 if name in symbols else value for name, value in numbers.items())).describe()
+        stand_in = self.families[parameter](
+            *(1.0 if name in symbols else value for name, value in numbers.items())
+        ).describe()
         family, own = stand_in.split("(")[0], stand_in[stand_in.index("(") + 1 : -1].split(", ")
         first = len(own) - len(numbers)  # a family may begin with a number that is fixed
-        said = [*own[:first], *(symbols.get(name, word) for name, word in zip(numbers, own[first:], strict=True))]
+        said = [
+            *own[:first],
+            *(symbols.get(name, word) for name, word in zip(numbers, own[first:], strict=True)),
+        ]
         return f"{family}({', '.join(said)})"
 
     @property
@@ -179,7 +212,9 @@ class Prior(PriorFields):
         """
         found = self.distribution("mu1")
         if not isinstance(found, Normal):
-            raise InputError(f"prior: found mu1 ~ {found.describe()}, allowed as a penalty: a normal")
+            raise InputError(
+                f"prior: found mu1 ~ {found.describe()}, allowed as a penalty: a normal"
+            )
         return found
 
     def describe(self, task: Task = SAME_DIFFERENT) -> str:
@@ -188,7 +223,10 @@ class Prior(PriorFields):
 
     def describe_orders(self, task: Task = SAME_DIFFERENT) -> str:
         """The same with that of a constant error, against which H1 is weighed: its evidence depends on it."""
-        return ", ".join(f"{name} ~ {self.said(name)}" for name in (*self.of_h1(task), "offset")) + self.remark
+        return (
+            ", ".join(f"{name} ~ {self.said(name)}" for name in (*self.of_h1(task), "offset"))
+            + self.remark
+        )
 
     @property
     def remark(self) -> str:
@@ -200,7 +238,9 @@ class Prior(PriorFields):
 
     def describe_penalty(self) -> str:
         """:attr:`penalty` in words."""
-        return f"mu1 ~ {self.said('mu1')}" + ("; M mean and R sd of the stimuli" if self.of_stimuli("mu1") else "")
+        return f"mu1 ~ {self.said('mu1')}" + (
+            "; M mean and R sd of the stimuli" if self.of_stimuli("mu1") else ""
+        )
 
     def log_density_variances(self, theta: Natural) -> FloatArray:
         """Log density with respect to the paper's coordinates (mu1, sigma_p^2, sigma_l^2, q0), edges included; -inf outside.
@@ -208,16 +248,25 @@ class Prior(PriorFields):
         d sigma_p / d sigma_p^2 = 1 / (2 sigma_p) and, at fixed sigma_p, d gamma / d sigma_l^2 = 1 / sigma_p^2. Source: Appendix C.
         """
         gamma, width_too = theta.gamma, self.spread == "width"
-        inside = (theta.sigma_p > 0) & (gamma >= 0) & (gamma <= 1) & (theta.q0 >= 0) & (theta.q0 <= 1)
-        stretch = variance_ratio(gamma) ** 1.5 if width_too else np.asarray(1.0)  # d width / d sigma_p
+        inside = (
+            (theta.sigma_p > 0) & (gamma >= 0) & (gamma <= 1) & (theta.q0 >= 0) & (theta.q0 <= 1)
+        )
+        stretch = (
+            variance_ratio(gamma) ** 1.5 if width_too else np.asarray(1.0)
+        )  # d width / d sigma_p
         values = (theta.mu1, theta.sigma_p * stretch, gamma, theta.q0)
-        densities = [self.distribution(name).log_density(value) for name, value in zip(self.of_h1(), values, strict=True)]
+        densities = [
+            self.distribution(name).log_density(value)
+            for name, value in zip(self.of_h1(), values, strict=True)
+        ]
         volume = np.log(stretch) - np.log(2.0) - 3.0 * np.log(theta.sigma_p)
         return np.where(inside, sum(densities) + volume, -np.inf)
 
     def sample(self, rng: Random, size: int) -> Natural:
         """Independent draws, each array of shape (size,)."""
-        mu1, spread, gamma, q0 = (self.distribution(name).sample(rng, size) for name in self.of_h1())
+        mu1, spread, gamma, q0 = (
+            self.distribution(name).sample(rng, size) for name in self.of_h1()
+        )
         sigma_p = spread if self.spread == "sigma_p" else spread / variance_ratio(gamma) ** 1.5
         return Natural(mu1, sigma_p, sigma_p * np.sqrt(gamma), q0)
 
@@ -236,8 +285,16 @@ def slope_of_noise_ratio(distribution: Distribution, a: FloatArray) -> FloatArra
     """
     p, down = MAX_PULL * expit(a), expit(-a)
     rise = (1.0 + p) / (1.0 - p)
-    if isinstance(distribution, Beta):  # near an edge the slope of the density in gamma is huge, those of the logs are not
-        return np.asarray(rise * ((distribution.a - 1.0) * down - (distribution.b - 1.0) * expit(a) / (1.0 / MAX_PULL - p)))
+    if isinstance(
+        distribution, Beta
+    ):  # near an edge the slope of the density in gamma is huge, those of the logs are not
+        return np.asarray(
+            rise
+            * (
+                (distribution.a - 1.0) * down
+                - (distribution.b - 1.0) * expit(a) / (1.0 / MAX_PULL - p)
+            )
+        )
     return np.asarray(distribution.slope(_noise_ratio(a)) * rise * p * down / np.square(1.0 - p))
 
 
@@ -264,19 +321,33 @@ def prior_quantile(prior: Prior, parameter: str, probability: float, power: floa
     of_gamma = prior.distribution("gamma")
     if parameter == "gain":
         return float(1.0 / variance_ratio(of_gamma.quantile(1.0 - probability)))
-    return _product_quantile(prior.distribution(prior.spread), of_gamma, prior.spread, parameter, probability, power)
+    return _product_quantile(
+        prior.distribution(prior.spread), of_gamma, prior.spread, parameter, probability, power
+    )
 
 
 @cache
 def _product_quantile(
-    of_spread: Distribution, of_gamma: Distribution, spread: str, parameter: str, probability: float, power: float
+    of_spread: Distribution,
+    of_gamma: Distribution,
+    spread: str,
+    parameter: str,
+    probability: float,
+    power: float,
 ) -> float:
     """Quantile of the spread times h(gamma): between the smallest and the largest h times its own, so it is looked for in that unit."""
     nodes, weights = np.polynomial.legendre.leggauss(_NODES)
-    root = 0.5 * (nodes + 1.0)  # of gamma's distribution function u: sigma_l is smooth in it, du = 2 root d root
+    root = 0.5 * (
+        nodes + 1.0
+    )  # of gamma's distribution function u: sigma_l is smooth in it, du = 2 root d root
     gamma = of_gamma.quantile(np.square(root))
     ratio = variance_ratio(gamma)
-    over_sigma_p = {"sigma_p": np.ones_like(gamma), "sigma_l": np.sqrt(gamma), "sigma1": np.sqrt(ratio), "width": ratio**power}
+    over_sigma_p = {
+        "sigma_p": np.ones_like(gamma),
+        "sigma_l": np.sqrt(gamma),
+        "sigma1": np.sqrt(ratio),
+        "width": ratio**power,
+    }
     shape = over_sigma_p[parameter] / over_sigma_p[spread]
     unit = float(of_spread.quantile(probability))
 
@@ -311,10 +382,16 @@ def read_prior(path: str | Path) -> Prior:
     """
     keys = {one.name: one for one in Prior.declared()}
     found = toml_table(path, f"NAME = NUMBER, as in {next(iter(keys))} = 0")
-    problems = [f"{path}: {line}" for key, value in found.items() for line in number_problems(keys, key, value)]
+    problems = [
+        f"{path}: {line}"
+        for key, value in found.items()
+        for line in number_problems(keys, key, value)
+    ]
     if problems:
         raise InputError(problems)
-    numbers: dict[str, Any] = {key: value if value == STIMULI else real(value) for key, value in found.items()}
+    numbers: dict[str, Any] = {
+        key: value if value == STIMULI else real(value) for key, value in found.items()
+    }
     return Prior(**numbers)
 
 
@@ -322,14 +399,29 @@ def stored_prior(values: Mapping[str, Any]) -> Prior:
     """The prior that a file of results holds; before the width could have one it was the paper's with what the file says."""
     unknown = sorted(values.keys() - {one.name for one in Prior.declared()} - {"origin"})
     if unknown:
-        raise InputError(f"draws made under a prior of your own, with {', '.join(unknown)}: only {Prior.__name__} itself can be told back")
-    before = {} if "width_median" in values else {"offset_sd": 1.0, "noise_slope_sd": 1.0, "lapse_rate_b": 1.0}
-    return Prior(**{name: value for name, value in {**before, **values}.items() if value is not None and name != "origin"})
+        raise InputError(
+            f"draws made under a prior of your own, with {', '.join(unknown)}: only {Prior.__name__} itself can be told back"
+        )
+    before = (
+        {}
+        if "width_median" in values
+        else {"offset_sd": 1.0, "noise_slope_sd": 1.0, "lapse_rate_b": 1.0}
+    )
+    return Prior(
+        **{
+            name: value
+            for name, value in {**before, **values}.items()
+            if value is not None and name != "origin"
+        }
+    )
 
 
 def example_file() -> str:
     """A complete prior file with the defaults and what they mean; what has none is a comment."""
-    lines = {f"# {one.name} = 1.0" if one.default is None else f"{one.name} = {one.default!r}": one.about for one in Prior.declared()}
+    lines = {
+        f"# {one.name} = 1.0" if one.default is None else f"{one.name} = {one.default!r}": one.about
+        for one in Prior.declared()
+    }
     width = max(map(len, lines))
     return "".join(f"{line:<{width}}  # {about}\n" for line, about in lines.items())
 

@@ -44,14 +44,18 @@ class PriorField:
     """One number of a prior."""
 
     name: str  # of the field, the key in a prior file
-    default: float | Literal["stimuli"] | None  # None where leaving the number out means something of its own, which `words` say
+    default: (
+        float | Literal["stimuli"] | None
+    )  # None where leaving the number out means something of its own, which `words` say
     parameter: str  # to whose distribution it belongs
     kind: Kind
     words: str  # what it is, in a prior file's comment
     unit: str  # empty for a pure number
     smallest: float
     largest: float
-    stimuli: str = ""  # what "stimuli" stands for, a key of :data:`OF_STIMULI`; empty where it may not be said
+    stimuli: str = (
+        ""  # what "stimuli" stands for, a key of :data:`OF_STIMULI`; empty where it may not be said
+    )
 
     @property
     def positive(self) -> bool:
@@ -66,13 +70,17 @@ class PriorField:
     @property
     def about(self) -> str:
         """Words, unit and sign in one line."""
-        ending = ("; positive" if self.positive else "") + (f'; or "{STIMULI}", {OF_STIMULI[self.stimuli]}' if self.stimuli else "")
+        ending = ("; positive" if self.positive else "") + (
+            f'; or "{STIMULI}", {OF_STIMULI[self.stimuli]}' if self.stimuli else ""
+        )
         return ", ".join(part for part in (self.words, self.unit) if part) + ending
 
     @property
     def allowed(self) -> str:
         """The range in words."""
-        return f"a number from {self.smallest:g} to {self.largest:g}" + (f" or '{STIMULI}'" if self.stimuli else "")
+        return f"a number from {self.smallest:g} to {self.largest:g}" + (
+            f" or '{STIMULI}'" if self.stimuli else ""
+        )
 
 
 def prior_field(
@@ -86,14 +94,26 @@ def prior_field(
     stimuli: str = "",
 ) -> Any:
     """Declare one number of a prior, as the default of a dataclass field; see :class:`PriorField` for the arguments."""
-    least, most = (-LARGEST if kind == "location" else SMALLEST, LARGEST) if limits is None else limits
-    said = {"parameter": parameter, "kind": kind, "words": words, "unit": unit, "smallest": least, "largest": most, "stimuli": stimuli}
+    least, most = (
+        (-LARGEST if kind == "location" else SMALLEST, LARGEST) if limits is None else limits
+    )
+    said = {
+        "parameter": parameter,
+        "kind": kind,
+        "words": words,
+        "unit": unit,
+        "smallest": least,
+        "largest": most,
+        "stimuli": stimuli,
+    }
     return field(default=default, metadata={"default": default, **said})
 
 
 def _of_beta(default: float, parameter: str, words: str) -> Any:
     """A number of a beta; beyond these limits it is all but an atom, at an edge or at one value."""
-    return prior_field(default, parameter=parameter, kind="shape", words=words, limits=(0.05, 1000.0))
+    return prior_field(
+        default, parameter=parameter, kind="shape", words=words, limits=(0.05, 1000.0)
+    )
 
 
 @dataclass(frozen=True)
@@ -107,13 +127,28 @@ class PriorFields:
     """
 
     mu1_mean: float | Literal["stimuli"] = prior_field(
-        0.0, parameter="mu1", kind="location", words="mean of the normal prior of mu1", unit=LOG_INTENSITY, stimuli="M"
+        0.0,
+        parameter="mu1",
+        kind="location",
+        words="mean of the normal prior of mu1",
+        unit=LOG_INTENSITY,
+        stimuli="M",
     )
     mu1_sd: float | Literal["stimuli"] = prior_field(
-        10.0, parameter="mu1", kind="scale", words="its standard deviation", unit=LOG_INTENSITY, stimuli="2.5 R"
+        10.0,
+        parameter="mu1",
+        kind="scale",
+        words="its standard deviation",
+        unit=LOG_INTENSITY,
+        stimuli="2.5 R",
     )
     sigma_p_scale: float | Literal["stimuli"] = prior_field(
-        1.0, parameter="sigma_p", kind="scale", words="scale of the half-normal prior of sigma_p", unit=LOG_INTENSITY, stimuli="D"
+        1.0,
+        parameter="sigma_p",
+        kind="scale",
+        words="scale of the half-normal prior of sigma_p",
+        unit=LOG_INTENSITY,
+        stimuli="D",
     )
     width_median: float | Literal["stimuli"] | None = prior_field(
         None,
@@ -123,13 +158,20 @@ class PriorFields:
         unit=LOG_INTENSITY,
         stimuli="D",
     )
-    width_sd: float = prior_field(1.0, parameter="width", kind="scale", words="sd of the width's logarithm")
+    width_sd: float = prior_field(
+        1.0, parameter="width", kind="scale", words="sd of the width's logarithm"
+    )
     gamma_a: float = _of_beta(1.0, "gamma", "a of the beta prior of gamma; 1 and 1 are uniform")
     gamma_b: float = _of_beta(1.0, "gamma", "its b")
     q0_a: float = _of_beta(1.0, "q0", "a of the beta prior of q0")
     q0_b: float = _of_beta(1.0, "q0", "its b")
     offset_sd: float | Literal["stimuli"] = prior_field(
-        STIMULI, parameter="offset", kind="scale", words="sd of the normal prior of a constant error", unit=LOG_INTENSITY, stimuli="D/2"
+        STIMULI,
+        parameter="offset",
+        kind="scale",
+        words="sd of the normal prior of a constant error",
+        unit=LOG_INTENSITY,
+        stimuli="D/2",
     )
     noise_slope_sd: float | Literal["stimuli"] = prior_field(
         STIMULI,
@@ -139,12 +181,23 @@ class PriorFields:
         stimuli="0.5/R",
     )
     peak_slope_sd: float | Literal["stimuli"] = prior_field(
-        STIMULI, parameter="peak_slope", kind="scale", words="sd of the normal prior of the slope of logit q0 about 0", stimuli="0.5/R"
+        STIMULI,
+        parameter="peak_slope",
+        kind="scale",
+        words="sd of the normal prior of the slope of logit q0 about 0",
+        stimuli="0.5/R",
     )
     lapse_rate_a: float = _of_beta(1.0, "lapse_rate", "a of the beta prior of the lapse rate")
     lapse_rate_b: float = _of_beta(9.0, "lapse_rate", "its b")
-    exponent_median: float = prior_field(2.0, parameter="exponent", kind="scale", words="median of the lognormal prior of the exponent")
-    exponent_sd: float = prior_field(0.5, parameter="exponent", kind="scale", words="sd of its logarithm")
+    exponent_median: float = prior_field(
+        2.0,
+        parameter="exponent",
+        kind="scale",
+        words="median of the lognormal prior of the exponent",
+    )
+    exponent_sd: float = prior_field(
+        0.5, parameter="exponent", kind="scale", words="sd of its logarithm"
+    )
     icc_a: float = _of_beta(1.0, "icc", "a of the beta prior of the intra-class correlation")
     icc_b: float = _of_beta(9.0, "icc", "its b")
 
@@ -171,8 +224,12 @@ class PriorFields:
             if (value is None and one.default is None) or (value == STIMULI and one.stimuli):
                 continue
             if isinstance(value, str) or not math.isfinite(value) or (one.positive and value <= 0):
-                allowed = ("a positive finite number" if one.positive else "a finite number") + (f" or {STIMULI!r}" if one.stimuli else "")
-                raise InputError(f"prior: {one.name}={value if isinstance(value, str) else f'{value:g}'}, allowed: {allowed}")
+                allowed = ("a positive finite number" if one.positive else "a finite number") + (
+                    f" or {STIMULI!r}" if one.stimuli else ""
+                )
+                raise InputError(
+                    f"prior: {one.name}={value if isinstance(value, str) else f'{value:g}'}, allowed: {allowed}"
+                )
 
     @classmethod
     @cache
@@ -192,7 +249,9 @@ class PriorFields:
         for one in cls.declared():
             if one.name == name:
                 return one
-        raise InputError(f"prior: no value {name!r}, allowed: {', '.join(one.name for one in cls.declared())}")
+        raise InputError(
+            f"prior: no value {name!r}, allowed: {', '.join(one.name for one in cls.declared())}"
+        )
 
     @classmethod
     def varied(cls, parameters: Collection[str]) -> tuple[PriorField, ...]:
@@ -210,15 +269,28 @@ def toml_table(path: str | Path, lines: str) -> Mapping[str, Any]:
         In one line, if the file cannot be read or is not TOML.
     """
     try:
-        return tomllib.loads(input_bytes(path, _LARGEST_FILE).decode("utf-8-sig"))  # Windows' editors put a byte-order mark in front
+        return tomllib.loads(
+            input_bytes(path, _LARGEST_FILE).decode("utf-8-sig")
+        )  # Windows' editors put a byte-order mark in front
     except OSError as error:
-        reason = "no such file" if isinstance(error, FileNotFoundError) else f"cannot be read ({error.strerror})"
+        reason = (
+            "no such file"
+            if isinstance(error, FileNotFoundError)
+            else f"cannot be read ({error.strerror})"
+        )
         raise InputError(f"{path}: {reason}; allowed: a TOML file with {lines}") from error
     except UnicodeDecodeError as error:
-        raise InputError(f"{path}: found bytes that are not UTF-8, allowed: a TOML file with {lines}") from error
-    except (ValueError, RecursionError) as error:  # the parser's own, Python's on integers of 5,000 digits, thousands of brackets
+        raise InputError(
+            f"{path}: found bytes that are not UTF-8, allowed: a TOML file with {lines}"
+        ) from error
+    except (
+        ValueError,
+        RecursionError,
+    ) as error:  # the parser's own, Python's on integers of 5,000 digits, thousands of brackets
         what = visible(" ".join(str(error).split()))
-        raise InputError(f"{path}: found text that is not TOML ({what}), allowed: lines {lines}") from error
+        raise InputError(
+            f"{path}: found text that is not TOML ({what}), allowed: lines {lines}"
+        ) from error
 
 
 def number_problems(keys: Mapping[str, PriorField], key: str, value: object) -> list[str]:
@@ -236,7 +308,11 @@ def number_problems(keys: Mapping[str, PriorField], key: str, value: object) -> 
 def real(value: object) -> float:
     """The number that a value is; NaN where it is none, or too large an integer."""
     try:
-        return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else math.nan
+        return (
+            float(value)
+            if isinstance(value, int | float) and not isinstance(value, bool)
+            else math.nan
+        )
     except OverflowError:
         return math.nan
 
@@ -249,4 +325,10 @@ def shown(value: object) -> str:
         return "a list"
     if isinstance(value, int) and not isinstance(value, bool) and math.isnan(real(value)):
         return "an integer too large for a number"
-    return str(value).lower() if isinstance(value, bool) else quoted(value) if isinstance(value, str) else bare(str(value))
+    return (
+        str(value).lower()
+        if isinstance(value, bool)
+        else quoted(value)
+        if isinstance(value, str)
+        else bare(str(value))
+    )

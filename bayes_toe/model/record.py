@@ -46,9 +46,13 @@ class Model:
     link: Link | Lapsing = BELL  # from z to the log probabilities of both answers
     spread: Spread = BINOMIAL  # how counts scatter about them
     propagator: Propagator | None = None  # how pull and width depend on the interval
-    levels: tuple[tuple[str, str], ...] = ()  # the (part, level) of which it is composed; see :mod:`bayes_toe.model.parts`
+    levels: tuple[
+        tuple[str, str], ...
+    ] = ()  # the (part, level) of which it is composed; see :mod:`bayes_toe.model.parts`
     task: Task = SAME_DIFFERENT
-    history: History | None = None  # how the expectation follows the stimuli; None: it has relaxed before every trial
+    history: History | None = (
+        None  # how the expectation follows the stimuli; None: it has relaxed before every trial
+    )
 
     @property
     def coordinates(self) -> tuple[str, ...]:
@@ -78,11 +82,19 @@ class Model:
     @property
     def of_intervals(self) -> str:
         """What it says of inter-stimulus intervals, in a few words."""
-        return "ignores the interval: a pair has the same P(equal) at every one" if self.propagator is None else self.propagator.about
+        return (
+            "ignores the interval: a pair has the same P(equal) at every one"
+            if self.propagator is None
+            else self.propagator.about
+        )
 
     def units_at_intervals(self, reference: float) -> Mapping[str, str]:
         """Units of quantities that are those at the reference interval, seconds, where there are several intervals."""
-        return {} if self.propagator is None else {name: unit.format(f"{reference:g} s") for name, unit in self.propagator.units}
+        return (
+            {}
+            if self.propagator is None
+            else {name: unit.format(f"{reference:g} s") for name, unit in self.propagator.units}
+        )
 
     def parameters(self, prior: Prior) -> frozenset[str]:
         """Parameters of the prior whose distributions its own is made of."""
@@ -99,7 +111,11 @@ class Model:
             raise InputError(f"model {self.name!r} is of the task '{self.task.name}', {asked}")
         if self.by_trial:
             answers = require_order(subject)
-            if self.history is not None and self.history.kind == "carry-over by time" and answers.iti is None:
+            if (
+                self.history is not None
+                and self.history.kind == "carry-over by time"
+                and answers.iti is None
+            ):
                 raise InputError(
                     f"subject {subject.name!r}: model {self.name!r} needs a column iti, seconds since the trial before, found none"
                 )

@@ -29,7 +29,9 @@ _LEAST = -20.0  # log of factors below which the larger of their two parts is se
 _TOGETHER = 16  # factors whose product is a float, with the former and up to a million answers
 
 
-def log_drawn(answers: tuple[FloatArray, FloatArray], v: FloatArray, n: IntArray, before: IntArray) -> FloatArray:
+def log_drawn(
+    answers: tuple[FloatArray, FloatArray], v: FloatArray, n: IntArray, before: IntArray
+) -> FloatArray:
     """Log probability of n answers of the first kind after some of the other, shape (points, pairs), as log P and log Q, the answers.
 
     v is log eps, (points, 1); counts have the shape (pairs,), or (points, pairs) for a crowd.
@@ -85,7 +87,9 @@ def rising(u: FloatArray, v: FloatArray, n: IntArray) -> Rising:
     return Rising(*map(pairs.put, (first, rest)))
 
 
-def _parts(u: FloatArray, v: FloatArray, least: float = np.inf) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _parts(
+    u: FloatArray, v: FloatArray, least: float = np.inf
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """P (1 - rho) and rho over the larger of both where its log is below `least`, and that log, or 0."""
     log_own, log_step = u + log_expit(-v), log_expit(v)
     larger = np.maximum(log_own, log_step)
@@ -110,7 +114,9 @@ class _ByCount:
             return np.broadcast_to(part, self._shape).ravel()[self._order, None].astype(np.float64)
         if part.ndim == 1:
             return part[self._order, None].astype(np.float64)
-        return np.ascontiguousarray(part.T if part.shape[1] == 1 < len(self._order) else part.T[self._order], np.float64)
+        return np.ascontiguousarray(
+            part.T if part.shape[1] == 1 < len(self._order) else part.T[self._order], np.float64
+        )
 
     def put(self, values: FloatArray) -> FloatArray:
         """The inverse, shape (points, pairs)."""
@@ -121,7 +127,9 @@ class _ByCount:
     def going(self) -> Iterator[tuple[int, slice]]:
         """The numbers j of answers, from 1 on, and those who give one more."""
         j = np.arange(1, int(self.counts.max(initial=1)))
-        yield from zip(j.tolist(), map(slice, np.searchsorted(-self.counts[:, 0], -j).tolist()), strict=True)
+        yield from zip(
+            j.tolist(), map(slice, np.searchsorted(-self.counts[:, 0], -j).tolist()), strict=True
+        )
 
 
 OfAnswers = tuple[Slopes, Slopes]
@@ -162,7 +170,9 @@ class BetaBinomial(Spread):
     def log_likelihood(self, subject: Counts, answers: Answers, *own: FloatArray) -> FloatArray:
         """All 'equal', then all 'different', each given those before it; their order does not matter."""
         k, rest = _counts(subject)
-        return log_drawn(answers, own[0], k, np.zeros_like(k)) + log_drawn(answers[::-1], own[0], rest, k)
+        return log_drawn(answers, own[0], k, np.zeros_like(k)) + log_drawn(
+            answers[::-1], own[0], rest, k
+        )
 
     def slopes(self, subject: Counts, answers: Answers, of: OfAnswers, *own: FloatArray) -> Slopes:
         """With t = P/(P + j eps), sum t in the place of the counts, and in log eps the sums of 1 - t less that of the trials."""
@@ -186,7 +196,9 @@ class BetaBinomial(Spread):
         with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
             gammas = [rng.standard_gamma(np.exp(u - own[0])) for u in answers]
             total = gammas[0] + gammas[1]
-            share = np.where(total > 0.0, gammas[0] / total, rng.uniform(size=total.shape) < np.exp(answers[0]))
+            share = np.where(
+                total > 0.0, gammas[0] / total, rng.uniform(size=total.shape) < np.exp(answers[0])
+            )
             return np.log(share), np.log1p(-share)
 
 

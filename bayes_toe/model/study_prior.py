@@ -57,4 +57,9 @@ def prior_for(study: Study, prior: Prior | str | None = None) -> Prior:
     given = prior if isinstance(prior, Prior) else preset_or_file(prior)
     for subject in study:
         given.at(subject)
-    return replace(given, reference_interval=reference_interval(given.reference_interval, *study) if study.intervals else None)
+    return replace(
+        given,
+        reference_interval=reference_interval(given.reference_interval, *study)
+        if study.intervals
+        else None,
+    )

@@ -19,7 +19,10 @@ if TYPE_CHECKING:
 
 #: Steps of differences of gradients, in units of 1/sqrt abs H_ii: one-sided ones during a search, central ones where they are kept.
 _SHORT, _LONG = 1e-6, 1e-4
-_FLAT, _FINEST = 1e-6, 1e-12  # a curvature that is taken to be no smaller; the smallest step over the coordinate
+_FLAT, _FINEST = (
+    1e-6,
+    1e-12,
+)  # a curvature that is taken to be no smaller; the smallest step over the coordinate
 Gradient = Callable[[FloatArray], FloatArray]
 #: How often rows got either answer: pairs, or trials.
 Counts: TypeAlias = Subject | Trials
@@ -29,7 +32,19 @@ RANGE = (0.05, 0.95)
 DOMINATED = 0.5
 #: The order in which tables and figures name quantities.
 ORDER = (
-    *("mu1", "sigma_p", "sigma_l", "rho", "q0", "noise_slope", "peak_slope", "lapse_rate", "guess_second", "exponent", "icc"),
+    *(
+        "mu1",
+        "sigma_p",
+        "sigma_l",
+        "rho",
+        "q0",
+        "noise_slope",
+        "peak_slope",
+        "lapse_rate",
+        "guess_second",
+        "exponent",
+        "icc",
+    ),
     *("carry_over", "carry_over_tau", "half_life", "answer_bias"),
     *("gamma", "sigma1", "gain", "width", "offset", "pull", "pse_shift", "jnd"),
 )
@@ -42,7 +57,9 @@ class Names:
     natural: tuple[str, ...]  # what the model is written in
     identified: tuple[str, ...]  # what the answers depend on
     derived: tuple[str, ...] = ()  # further ones that tables report
-    monotone: tuple[str, ...] = ()  # those that are a monotone function of a single other one, so that their ranks say nothing new
+    monotone: tuple[
+        str, ...
+    ] = ()  # those that are a monotone function of a single other one, so that their ranks say nothing new
 
     @property
     def reported(self) -> tuple[str, ...]:
@@ -64,7 +81,12 @@ class Names:
 
 
 def _ordered(names: tuple[str, ...]) -> tuple[str, ...]:
-    return tuple(sorted(dict.fromkeys(names), key=lambda name: ORDER.index(name) if name in ORDER else len(ORDER)))
+    return tuple(
+        sorted(
+            dict.fromkeys(names),
+            key=lambda name: ORDER.index(name) if name in ORDER else len(ORDER),
+        )
+    )
 
 
 def require_points(x: npt.ArrayLike, k: int) -> FloatArray:
@@ -85,7 +107,10 @@ def require_defined(log_posterior: FloatArray, target: Target) -> None:
 
 def log_likelihoods(subject: Counts, log_answers: tuple[FloatArray, FloatArray]) -> FloatArray:
     """Log likelihood of each pair from the log probabilities of both answers, (points, pairs) each, without binomial coefficients."""
-    of_equal, of_different = (times_counts(count, values) for count, values in zip(answer_counts(subject), log_answers, strict=True))
+    of_equal, of_different = (
+        times_counts(count, values)
+        for count, values in zip(answer_counts(subject), log_answers, strict=True)
+    )
     return of_equal + of_different
 
 
@@ -96,7 +121,9 @@ def answer_counts(subject: Counts) -> tuple[FloatArray, FloatArray]:
 
 def times_counts(counts: FloatArray, values: FloatArray) -> FloatArray:
     """Counts times what each answer adds; an answer never given adds 0, also where its probability is 0."""
-    with np.errstate(over="ignore", invalid="ignore"):  # a product beyond the largest float is infinite to all digits; 0 times infinity
+    with np.errstate(
+        over="ignore", invalid="ignore"
+    ):  # a product beyond the largest float is infinite to all digits; 0 times infinity
         product = np.asarray(counts * values)
     never = ~(counts > 0.0)
     if never.any():
@@ -131,7 +158,9 @@ def hessian(gradient: Gradient, x: FloatArray, bend: FloatArray | None = None) -
 
 def _steps(x: FloatArray, bend: FloatArray, unit: float) -> FloatArray:
     """Steps in one coordinate after the other, (k, points, k), none so small that it is rounding."""
-    return np.eye(x.shape[1])[:, None] * np.maximum(unit / np.sqrt(np.maximum(bend, _FLAT)), _FINEST * np.abs(x))
+    return np.eye(x.shape[1])[:, None] * np.maximum(
+        unit / np.sqrt(np.maximum(bend, _FLAT)), _FINEST * np.abs(x)
+    )
 
 
 def _symmetric(change: FloatArray, step: FloatArray) -> FloatArray:

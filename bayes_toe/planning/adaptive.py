@@ -35,7 +35,10 @@ Pair = tuple[float, ...]
 #: What answers may be asked about, beside the name of a quantity.
 PARAMETERS, WHICH_MODEL = "parameters", "model"
 DRAWS = 4000
-_JUDGES, _JUDGED = 512, 512_000  # draws of a model by which pairs are compared, at least, and their answers to all pairs, about
+_JUDGES, _JUDGED = (
+    512,
+    512_000,
+)  # draws of a model by which pairs are compared, at least, and their answers to all pairs, about
 _BINS = 16  # of a quantity
 _FORMAT = "bayes-toe adaptive 1"
 
@@ -91,13 +94,17 @@ class Adaptive:
         self.pairs = pairs if isinstance(pairs, StudyDesign) else _design(pairs, task_of(task))
         self.prior, self.seed, self.draws = prior_of([self.pairs], prior), root_seed(seed), draws
         names = [model] if isinstance(model, str) else list(model)
-        models = list(dict.fromkeys(_allowed(name, self.pairs.task) for name in names))  # of which one may have two names
+        models = list(
+            dict.fromkeys(_allowed(name, self.pairs.task) for name in names)
+        )  # of which one may have two names
         if not models:
             raise InputError("model: found none, allowed: one or several")
         self.about = about if about is not None else PARAMETERS if len(models) == 1 else WHICH_MODEL
         if draws < _JUDGES:
             raise InputError(f"draws={draws}: allowed is at least {_JUDGES}")
-        self._judges = min(draws, max(_JUDGES, _JUDGED // self.pairs.n_pairs))  # few would take their scatter for information
+        self._judges = min(
+            draws, max(_JUDGES, _JUDGED // self.pairs.n_pairs)
+        )  # few would take their scatter for information
         centre = float(self.pairs.s1.mean())
         interval = 1.0 if self.prior.reference_interval is None else self.prior.reference_interval
         self._clouds = {
@@ -121,7 +128,9 @@ class Adaptive:
         """The pair whose answer is expected to tell most; of equals any, by chance."""
         worth = self.information()
         best = np.flatnonzero(worth >= worth.max() - 1e-12)
-        return self.pairs.pairs[int(generator(self.seed, "adaptive", "next", self.trials).choice(best))]
+        return self.pairs.pairs[
+            int(generator(self.seed, "adaptive", "next", self.trials).choice(best))
+        ]
 
     def answer(self, pair: Sequence[float], yes: bool) -> None:
         """Take in the answer to a pair, also to one that was not proposed: True for 'equal', or for 'second', as the task counts.
@@ -137,10 +146,18 @@ class Adaptive:
             raise InputError(f"yes={yes!r}: allowed is True or False")
         shown_pair = tuple(float(value) for value in pair)
         if len(shown_pair) != (2 if self.pairs.isi is None else 3):
-            raise InputError(f"pair {shown_pair}: allowed are s1 and s2{'' if self.pairs.isi is None else ' and isi'}")
-        task, single = self.pairs.task, self._subject([(shown_pair, bool(yes))])  # refuses what is not finite
+            raise InputError(
+                f"pair {shown_pair}: allowed are s1 and s2{'' if self.pairs.isi is None else ' and isi'}"
+            )
+        task, single = (
+            self.pairs.task,
+            self._subject([(shown_pair, bool(yes))]),
+        )  # refuses what is not finite
         gained = {name: cloud.gain(single) for name, cloud in self._clouds.items()}
-        if not any(np.isfinite(cloud.log_weight + gained[name]).any() for name, cloud in self._clouds.items()):
+        if not any(
+            np.isfinite(cloud.log_weight + gained[name]).any()
+            for name, cloud in self._clouds.items()
+        ):
             raise InputError(
                 f"pair {shown_pair}: {task.yes if yes else task.no!r} is impossible under {' and '.join(self._clouds)}; allowed are "
                 "also models with lapses or a constant error"
@@ -149,10 +166,14 @@ class Adaptive:
         for name, cloud in self._clouds.items():
             cloud.add(gained[name])
         share, clouds = self.probabilities, self._clouds
-        if few := [name for name, cloud in clouds.items() if cloud.possible and cloud.left < ENOUGH]:
+        if few := [
+            name for name, cloud in clouds.items() if cloud.possible and cloud.left < ENOUGH
+        ]:
             # Made anew are the draws of the model by whose log evidence, with its error of 1/sqrt(effective), probabilities are moved most.
             worst = max(few, key=lambda name: share[name] / np.sqrt(clouds[name].effective))
-            clouds[worst].renew(self.subject, generator(self.seed, "adaptive", worst, "particles", self.trials))
+            clouds[worst].renew(
+                self.subject, generator(self.seed, "adaptive", worst, "particles", self.trials)
+            )
 
     def information(self) -> FloatArray:
         """Expected information of one answer to each pair about what is asked, nats, shape (pairs,)."""
@@ -161,13 +182,23 @@ class Adaptive:
         weights = np.concatenate([p * own for p, own, _, _ in found])
         answers = np.concatenate([one for _, _, one, _ in found], axis=1)
         if self.about == PARAMETERS:
-            return np.asarray(entropy(weights @ answers) - weights @ np.concatenate([each for *_, each in found]))
+            return np.asarray(
+                entropy(weights @ answers) - weights @ np.concatenate([each for *_, each in found])
+            )
         if self.about == WHICH_MODEL:
-            return told(answers, weights, np.repeat(np.arange(len(found)), [len(own) for _, own, _, _ in found]))
+            return told(
+                answers,
+                weights,
+                np.repeat(np.arange(len(found)), [len(own) for _, own, _, _ in found]),
+            )
         [cloud] = self._clouds.values()
         values = cloud.rule.quantities(cloud.x[: self._judges])[self.about]
         order = np.argsort(values)  # in bins of equal probability
-        return told(answers, weights, (_BINS * np.cumsum(weights[order]) * (1.0 - 1e-9)).astype(np.intp)[np.argsort(order)])
+        return told(
+            answers,
+            weights,
+            (_BINS * np.cumsum(weights[order]) * (1.0 - 1e-9)).astype(np.intp)[np.argsort(order)],
+        )
 
     # --- What is known ----------------------------------------------------------------------------------
 
@@ -213,7 +244,13 @@ class Adaptive:
         """
         return judged(self.subject, self.seed, self.prior, models_of(self.pairs.task).space).verdict
 
-    def quantiles(self, quantity: str, levels: Sequence[float] = (0.05, 0.5, 0.95), *, model: str | None = None) -> list[float]:
+    def quantiles(
+        self,
+        quantity: str,
+        levels: Sequence[float] = (0.05, 0.5, 0.95),
+        *,
+        model: str | None = None,
+    ) -> list[float]:
         """Posterior quantiles of a quantity under a model, by default the first.
 
         Raises
@@ -222,10 +259,14 @@ class Adaptive:
             If it is not a quantity of the model, the model is not of the session or cannot have given the answers, or a level is not
             between 0 and 1.
         """
-        name = next(iter(self._clouds)) if model is None else model_named(model, self.pairs.task).name
+        name = (
+            next(iter(self._clouds)) if model is None else model_named(model, self.pairs.task).name
+        )
         if name not in self._clouds or not self._clouds[name].possible:
             possible = [known for known, cloud in self._clouds.items() if cloud.possible]
-            raise InputError(f"model {name!r}: allowed, of this session and its answers: {', '.join(possible)}")
+            raise InputError(
+                f"model {name!r}: allowed, of this session and its answers: {', '.join(possible)}"
+            )
         if not all(0.0 <= level <= 1.0 for level in levels):
             raise InputError(f"levels {list(levels)}: allowed are numbers from 0 to 1")
         cloud = self._clouds[name]
@@ -281,14 +322,23 @@ class Adaptive:
             for *pair, yes in content["answers"]:
                 made.answer(pair, yes)
         except (OSError, ValueError, KeyError, TypeError) as error:
-            raise InputError(f"{shown(Path(path))}: not a session that can be read ({error}); allowed: a file of Adaptive.save") from error
+            raise InputError(
+                f"{shown(Path(path))}: not a session that can be read ({error}); allowed: a file of Adaptive.save"
+            ) from error
         return made
 
     # --- Parts ------------------------------------------------------------------------------------------
 
     def _subject(self, answers: Sequence[tuple[Pair, bool]]) -> Subject:
         columns = np.array([pair for pair, _ in answers]).T
-        return Subject.from_trials("adaptive", columns[0], columns[1], [yes for _, yes in answers], *columns[2:], task=self.pairs.task)
+        return Subject.from_trials(
+            "adaptive",
+            columns[0],
+            columns[1],
+            [yes for _, yes in answers],
+            *columns[2:],
+            task=self.pairs.task,
+        )
 
     def _judged(self, name: str) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Weights of some particles, (draws,), their probabilities of both answers to pairs, (2, draws, pairs), and the entropy of these.
@@ -307,14 +357,20 @@ def _design(pairs: npt.ArrayLike, task: Task) -> StudyDesign:
     try:
         columns = np.asarray(pairs, np.float64).T
     except (TypeError, ValueError) as error:
-        raise InputError(f"pairs: allowed are rows of s1 and s2, and isi where there are several intervals ({error})") from error
+        raise InputError(
+            f"pairs: allowed are rows of s1 and s2, and isi where there are several intervals ({error})"
+        ) from error
     if columns.ndim != 2 or len(columns) not in (2, 3):
-        raise InputError(f"pairs: found shape {columns.T.shape}, allowed: (pairs, 2), or (pairs, 3) with intervals")
+        raise InputError(
+            f"pairs: found shape {columns.T.shape}, allowed: (pairs, 2), or (pairs, 3) with intervals"
+        )
     return each_once(*columns, task=task)
 
 
 def _allowed(name: str, task: Task) -> Model:
     found = model_named(name, task)
     if not isinstance(found, Model) or dict(found.levels)["spread"] != "binomial":
-        raise InputError(f"model {found.name!r}: allowed are models with parameters, by which answers are independent")
+        raise InputError(
+            f"model {found.name!r}: allowed are models with parameters, by which answers are independent"
+        )
     return found

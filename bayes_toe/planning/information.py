@@ -80,11 +80,18 @@ class Information:
         """Information of so many trials of each pair, shape (pairs,), and the prior: (observers, k, k)."""
         some = np.flatnonzero(n_trials)
         rows = self.rows[:, some]
-        return np.asarray(self.prior + np.einsum("oji,ojk,j->oik", rows, rows, n_trials[some].astype(np.float64), optimize=True))
+        return np.asarray(
+            self.prior
+            + np.einsum(
+                "oji,ojk,j->oik", rows, rows, n_trials[some].astype(np.float64), optimize=True
+            )
+        )
 
     def variance(self, total: FloatArray) -> FloatArray:
         """Of the wanted quantity, shape (observers,)."""
-        return np.asarray(np.einsum("ok,okl,ol->o", self.direction, np.linalg.inv(total), self.direction))
+        return np.asarray(
+            np.einsum("ok,okl,ol->o", self.direction, np.linalg.inv(total), self.direction)
+        )
 
     def utility(self, total: FloatArray) -> float:
         """Utility of a design with this information for its aim alone; larger is better."""
@@ -99,7 +106,9 @@ class Information:
         wanted, of_all = self._after(total, self.rows[:, pairs], trials)
         return wanted + _SHARED * of_all / len(self.interest)
 
-    def _after(self, total: FloatArray, rows: FloatArray, trials: float) -> tuple[FloatArray, FloatArray]:
+    def _after(
+        self, total: FloatArray, rows: FloatArray, trials: float
+    ) -> tuple[FloatArray, FloatArray]:
         """With so many trials more of each row the utility, and half the log determinant of the information about what is of interest.
 
         Of the latter others are unknown. Of the aim to name the update the utility is the log of the probability to, of those who do, and
@@ -107,7 +116,10 @@ class Information:
         """
         rest = [i for i in range(total.shape[1]) if i not in self.interest]
         nuisance = total[:, rest][:, :, rest]
-        (spread, growth), (_, of_rest) = _change(total, rows, trials), _change(nuisance, rows[..., rest], trials)
+        (spread, growth), (_, of_rest) = (
+            _change(total, rows, trials),
+            _change(nuisance, rows[..., rest], trials),
+        )
         before = np.linalg.slogdet(total)[1] - np.linalg.slogdet(nuisance)[1]
         of_all = np.asarray(0.5 * (before[:, None] + np.log(growth) - np.log(of_rest)).mean(axis=0))
         if self.aim == "parameters":
@@ -118,7 +130,9 @@ class Information:
         if self.aim == "update":
             told[~self.updates] += 0.5 * np.log(self.prior_variance)
             told[self.updates] = log_ndtr(self._ahead(variance)[self.updates])
-        return np.asarray(sum(told[some].mean(axis=0) for some in (self.updates, ~self.updates) if some.any())), of_all
+        return np.asarray(
+            sum(told[some].mean(axis=0) for some in (self.updates, ~self.updates) if some.any())
+        ), of_all
 
     def _ahead(self, variance: FloatArray) -> FloatArray:
         """Standard errors by which the answers' estimate of the pull is expected beyond what naming it takes.
@@ -126,27 +140,48 @@ class Information:
         With the variances V0 before and V after the answers, they alone have the precision 1/V - 1/V0, and at an estimate of z standard
         errors the Bayes factor is log B = z^2/2 - log(V0/V)/2.
         """
-        gained = np.maximum(1.0 / variance - 1.0 / self.prior_variance, 0.0)  # below 0 by rounding alone
+        gained = np.maximum(
+            1.0 / variance - 1.0 / self.prior_variance, 0.0
+        )  # below 0 by rounding alone
         needed = 2.0 * np.log(NAMED / (1.0 - NAMED)) + np.log1p(self.prior_variance * gained)
         return np.asarray(self.pull[:, None] * np.sqrt(gained) - np.sqrt(needed))
 
 
-def information(pairs: StudyDesign, observers: Sequence[Observer], aim: str, prior: Prior) -> Information:
+def information(
+    pairs: StudyDesign, observers: Sequence[Observer], aim: str, prior: Prior
+) -> Information:
     """Information of every pair about the observers: those who update, and for the aim to name these the others too."""
-    model, prior = model_of(pairs.task, UPDATE, (pairs.task.lapses, "lapse_rate", "noise_slope")), prior.at(pairs.unanswered)
+    model, prior = (
+        model_of(pairs.task, UPDATE, (pairs.task.lapses, "lapse_rate", "noise_slope")),
+        prior.at(pairs.unanswered),
+    )
     needed = {*Posterior(pairs.unanswered, model, prior).names.natural}
-    some = [one for one in observers if (one.kind == UPDATE or aim == "update") and _natural(one).keys() >= needed]
+    some = [
+        one
+        for one in observers
+        if (one.kind == UPDATE or aim == "update") and _natural(one).keys() >= needed
+    ]
     updates = np.array([one.kind == UPDATE for one in some], np.bool_)
     if not updates.any():
-        raise InputError("--observers: found nobody with a predictive update, allowed: such observers, of whom a design is to tell")
-    rows, curvature, x = (np.stack(parts) for parts in zip(*(_of_one(model, pairs, one, prior) for one in some), strict=True))
+        raise InputError(
+            "--observers: found nobody with a predictive update, allowed: such observers, of whom a design is to tell"
+        )
+    rows, curvature, x = (
+        np.stack(parts)
+        for parts in zip(*(_of_one(model, pairs, one, prior) for one in some), strict=True)
+    )
     places = {name: i for i, name in enumerate(model.coordinates)}
     at, spread = places["logit_pull"], float(np.var(prior_draws(model, prior, 0.0)["pull"]))
     pull = MAX_PULL * expit(x[:, at])
     rows[:, :, at] /= (pull * (1.0 - pull / MAX_PULL))[:, None]
     curvature[:, at], curvature[:, :, at] = 0.0, 0.0
     curvature[:, at, at] = 1.0 / spread
-    wanted = {"update": {"logit_pull": 1.0}, "parameters": {"logit_pull": 1.0}, "gain": {"logit_pull": 1.0}, "width": {"log_width": 1.0}}
+    wanted = {
+        "update": {"logit_pull": 1.0},
+        "parameters": {"logit_pull": 1.0},
+        "gain": {"logit_pull": 1.0},
+        "width": {"log_width": 1.0},
+    }
     wanted["mu1"] = {"offset": 1.0 / pull, "logit_pull": -x[:, places["offset"]] / np.square(pull)}
     direction = np.zeros_like(x)
     for name, slope in wanted[aim].items():
@@ -159,20 +194,38 @@ def _natural(observer: Observer) -> dict[str, float]:
     """An observer as the model has them, as far as that can be; it counts those without a pull as those with next to none."""
     values = {"lapse_rate": SMALL_LAPSES, "noise_slope": 0.0, **observer.quantities}
     if observer.kind != UPDATE and "width" in values:
-        values = natural_of({"pull": SMALL_PULL, "offset": 0.0, **values}, observer.centre, observer.task)
+        values = natural_of(
+            {"pull": SMALL_PULL, "offset": 0.0, **values}, observer.centre, observer.task
+        )
     return values
 
 
-def _of_one(model: Model, pairs: StudyDesign, observer: Observer, prior: Prior) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _of_one(
+    model: Model, pairs: StudyDesign, observer: Observer, prior: Prior
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Rows of one observer, curvature of the prior there, and the point."""
     size, one = pairs.n_pairs, np.ones((pairs.n_pairs, 1), np.int64)
-    crowd = Crowd(pairs.s1[:, None], pairs.s2[:, None], one, one, None if pairs.isi is None else pairs.isi[:, None])
+    crowd = Crowd(
+        pairs.s1[:, None],
+        pairs.s2[:, None],
+        one,
+        one,
+        None if pairs.isi is None else pairs.isi[:, None],
+    )
     target = Posterior(cast(Subject, crowd), model, prior, observer.centre, observer.interval)
-    x = target.points({name: np.array([value]) for name, value in _natural(observer).items() if name in target.names.natural})
+    x = target.points(
+        {
+            name: np.array([value])
+            for name, value in _natural(observer).items()
+            if name in target.names.natural
+        }
+    )
     value, gradient = target.likelihood_gradient(np.repeat(x, size, axis=0))
     log_other = target.log_answers(np.repeat(x, size, axis=0))[1][:, 0]
     bends, vectors = np.linalg.eigh(-hessian(target.prior_gradient, x)[0])
-    bent = (vectors * np.maximum(bends, 0.0)) @ vectors.T  # where a prior bends upward it holds nothing
+    bent = (
+        vectors * np.maximum(bends, 0.0)
+    ) @ vectors.T  # where a prior bends upward it holds nothing
     return gradient * np.exp(0.5 * (value - log_other))[:, None], bent, x[0]
 
 
@@ -192,13 +245,17 @@ def told(answers: FloatArray, weights: FloatArray, which: IndexArray) -> FloatAr
     members = np.where(which == np.unique(which)[:, None], weights, 0.0)
     share = members.sum(axis=1)
     members, share = members[share > 0], share[share > 0]
-    return np.asarray(entropy(weights @ answers) - share @ entropy(members @ answers / share[:, None]))
+    return np.asarray(
+        entropy(weights @ answers) - share @ entropy(members @ answers / share[:, None])
+    )
 
 
 # --- Exchange -------------------------------------------------------------------------------------
 
 
-def exchanged(known: Information, trials: int, most: int, fixed: IntArray, partner: IndexArray) -> IntArray:
+def exchanged(
+    known: Information, trials: int, most: int, fixed: IntArray, partner: IndexArray
+) -> IntArray:
     """Trials of every pair, (pairs,): so many to distribute beside those that are fixed, over at most so many different pairs.
 
     A pair and its partner, which may be itself, have equally many. Portions are put one after the other where they tell most, and then
@@ -207,7 +264,10 @@ def exchanged(known: Information, trials: int, most: int, fixed: IntArray, partn
     unit, put = 1 + int((partner != np.arange(len(partner))).any()), np.zeros_like(fixed)
     portion = unit * max(1, trials // (unit * _PORTIONS * most))
 
-    shown, best = partial(_shown, put, fixed, partner), partial(_best, known, put, fixed, partner, most)
+    shown, best = (
+        partial(_shown, put, fixed, partner),
+        partial(_best, known, put, fixed, partner, most),
+    )
     for _ in range(trials // portion):
         put[best(portion, unit)] += portion
     score, before = known.score(known.total(shown())), -np.inf
@@ -236,8 +296,19 @@ def _shown(put: IntArray, fixed: IntArray, partner: IndexArray) -> IntArray:
     return fixed + (put + put[partner]) // 2
 
 
-def _best(known: Information, put: IntArray, fixed: IntArray, partner: IndexArray, most: int, size: int, new: int) -> int:
+def _best(
+    known: Information,
+    put: IntArray,
+    fixed: IntArray,
+    partner: IndexArray,
+    most: int,
+    size: int,
+    new: int,
+) -> int:
     """Where so many trials more tell most: of the pairs there are, where so many new ones would be too many."""
     n = _shown(put, fixed, partner)
-    scores, allowed = known.scores(known.total(n), size), (n > 0) | (np.count_nonzero(n) + new <= most)
+    scores, allowed = (
+        known.scores(known.total(n), size),
+        (n > 0) | (np.count_nonzero(n) + new <= most),
+    )
     return int(np.where(allowed, scores + scores[partner], -np.inf).argmax())

@@ -83,7 +83,9 @@ def weighed(subject: Subject, seed: int, prior: Prior, models: Sequence[Model]) 
     numbers, draws = prior.at(subject), {}
     values, counting = laplace_evidences(subject, numbers, models)
     for place, (family, i) in counting.items():
-        x, weights = family.weighted(i, generator(seed, subject.name, models[place].name, "judged"), DRAWS)
+        x, weights = family.weighted(
+            i, generator(seed, subject.name, models[place].name, "judged"), DRAWS
+        )
         values[place] = logsumexp(weights) - np.log(len(weights))
         draws[place] = models[place].posterior(subject, numbers), x, weights
     return Weighed(models, values, draws)

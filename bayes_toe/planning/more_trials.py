@@ -56,8 +56,15 @@ class MoreTrials:
 
 
 def _said(one: Tried, pairs: str) -> str:
-    number, often = f"{float(f'{one.trials:.2g}'):,.0f} more trials of {pairs}", f"in {one.decided} of {REPETITIONS} simulated repetitions"
-    return f"about {number} would decide ({often})" if one.decided >= ENOUGH else f"even {number} would decide {often} only"
+    number, often = (
+        f"{float(f'{one.trials:.2g}'):,.0f} more trials of {pairs}",
+        f"in {one.decided} of {REPETITIONS} simulated repetitions",
+    )
+    return (
+        f"about {number} would decide ({often})"
+        if one.decided >= ENOUGH
+        else f"even {number} would decide {often} only"
+    )
 
 
 def more_trials(
@@ -89,7 +96,15 @@ def more_trials(
     """
     root, numbers = root_seed(seed), prior_for(study, prior)
     space = models_of(study.task).space
-    names = [one.name for one in study if judged(one, root, numbers, space).verdict.effect == "undecided"] if subjects is None else subjects
+    names = (
+        [
+            one.name
+            for one in study
+            if judged(one, root, numbers, space).verdict.effect == "undecided"
+        ]
+        if subjects is None
+        else subjects
+    )
     jobs = [partial(of_subject, study[name], root, numbers) for name in names]
     done = Kept().work(jobs, workers, progress, [(name,) for name in names])
     for lost in done.failed.values():
@@ -101,7 +116,9 @@ def of_subject(subject: Subject, seed: int, prior: Prior) -> MoreTrials:
     """One subject's simulation."""
     found = weighed(subject, seed, prior, models_of(subject.task).space)
     if not np.isfinite(found.values).all():
-        raise InputError(f"subject {subject.name!r}: no evidence of some model, and nothing to simulate from")
+        raise InputError(
+            f"subject {subject.name!r}: no evidence of some model, and nothing to simulate from"
+        )
     people = observers(found, _PREDICTED, generator(seed, subject.name, "more trials"))
     same = StudyDesign(subject.s1, subject.s2, subject.n_trials, subject.isi, task=subject.task)
     every = all_pairs(np.unique([subject.s1, subject.s2]), subject.intervals, subject.task)
@@ -111,18 +128,30 @@ def of_subject(subject: Subject, seed: int, prior: Prior) -> MoreTrials:
     best, judges = np.sort(np.argsort(-worth)[:_PAIRS]), likeliest(found)
 
     def tried(design: StudyDesign, times: float) -> Tried:
-        shared, decided = design.with_total(max(design.n_pairs, round(times * subject.total_trials))), 0
+        shared, decided = (
+            design.with_total(max(design.n_pairs, round(times * subject.total_trials))),
+            0,
+        )
         for number, one in enumerate(people[:REPETITIONS]):
             rng = generator(seed, subject.name, "repetition", number, shared.total)
-            more = shared.answered(rng.binomial(shared.n_trials, one.yes(*shared.columns)[0]), subject.name)
-            both = replace(pooled((subject, more)), name=subject.name, condition=subject.condition, felt=subject.felt)
+            more = shared.answered(
+                rng.binomial(shared.n_trials, one.yes(*shared.columns)[0]), subject.name
+            )
+            both = replace(
+                pooled((subject, more)),
+                name=subject.name,
+                condition=subject.condition,
+                felt=subject.felt,
+            )
             decided += judged(both, seed, prior, judges).verdict.effect != "undecided"
         return Tried(shared, shared.total, decided)
 
     def fewest(design: StudyDesign) -> Tried:
         """Of those tried that decide, or the most: the middle number first, then upward or downward from it."""
         by = cache(partial(tried, design))
-        return by(TIMES[bisect_left(TIMES[:-1], True, key=lambda times: by(times).decided >= ENOUGH)])
+        return by(
+            TIMES[bisect_left(TIMES[:-1], True, key=lambda times: by(times).decided >= ENOUGH)]
+        )
 
     return MoreTrials(subject.name, fewest(same), fewest(every.some(best)))
 
@@ -134,7 +163,10 @@ def likeliest(found: Weighed) -> list[Model]:
         levels = dict(model.levels)
         rest = tuple(level for part, level in model.levels if part not in ("order", "curve"))
         shapes.setdefault(levels["curve"], {}).setdefault(rest, []).append(place)
-    best = (max(some.values(), key=lambda places: float(logsumexp(found.values[places]))) for some in shapes.values())
+    best = (
+        max(some.values(), key=lambda places: float(logsumexp(found.values[places])))
+        for some in shapes.values()
+    )
     return [found.models[place] for place in sorted(place for places in best for place in places)]
 
 

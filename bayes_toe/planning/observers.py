@@ -51,7 +51,11 @@ SHARED: Mapping[Task, Mapping[str, tuple[float, float]]] = {
 _SECOND = 1.0  # reference interval where nothing has intervals, seconds
 PRIOR = "prior"  # the source of observers that is no file
 MIXED, _SHARE = "mixed", "share"
-_FINITE, _POSITIVE, _PART = (-np.inf, np.inf, "finite"), (0.0, np.inf, "above 0"), (0.0, 1.0, "above 0 and below 1")
+_FINITE, _POSITIVE, _PART = (
+    (-np.inf, np.inf, "finite"),
+    (0.0, np.inf, "above 0"),
+    (0.0, 1.0, "above 0 and below 1"),
+)
 _RANGES = {
     "pull": (0.0, MAX_PULL, f"above 0 and below {MAX_PULL:.6f}"),
     **dict.fromkeys(("offset", "mu1", "noise_slope"), _FINITE),
@@ -86,7 +90,9 @@ class Observer:
         """The model by which pairs are answered."""
         record = model_named(self.model, self.task)
         assert isinstance(record, Model)  # free frequencies are refused where observers are made
-        return Posterior(pairs, record, Prior(reference_interval=self.interval), self.centre, self.interval)
+        return Posterior(
+            pairs, record, Prior(reference_interval=self.interval), self.centre, self.interval
+        )
 
     def point(self, target: Posterior) -> FloatArray:
         """The observer in the coordinates of the model, shape (1, k)."""
@@ -128,14 +134,25 @@ def observers_from(
     numbers = Prior() if prior is None else prior
     interval = _SECOND if numbers.reference_interval is None else numbers.reference_interval
     if source is None:
-        return tuple(_in_ranges({kind: {**some, **SHARED[task]} for kind, some in DEFAULT.items()}, middle, interval, size, seed, task))
+        return tuple(
+            _in_ranges(
+                {kind: {**some, **SHARED[task]} for kind, some in DEFAULT.items()},
+                middle,
+                interval,
+                size,
+                seed,
+                task,
+            )
+        )
     if str(source) == PRIOR:
         return tuple(_of_prior(numbers, middle, interval, size, seed, task))
     if named_store(Path(source)) or Path(source).suffix == ".nc":
         return tuple(_of_draws(Path(source), size, seed, task))
     if Path(source).suffix == ".toml":
         return tuple(_in_ranges(*read_ranges(source, middle, task), interval, size, seed, task))
-    raise InputError(f"--observers: found {str(source)!r}, allowed: prior, a .toml file of ranges, or draws (posterior.nc, .zarr)")
+    raise InputError(
+        f"--observers: found {str(source)!r}, allowed: prior, a .toml file of ranges, or draws (posterior.nc, .zarr)"
+    )
 
 
 # --- Ranges -----------------------------------------------------------------------------------------
@@ -157,11 +174,20 @@ def read_ranges(
     for kind, ranges in found.items():
         problems += _kind_problems(kind, ranges, task)
     shares = [] if problems else [ranges[_SHARE] for ranges in found.values() if _SHARE in ranges]
-    if shares and (len(shares) < len(found) or any(isinstance(one, list) for one in shares) or shares.count(max(shares)) > 1):
-        problems.append("share: allowed: a number in every section, one of which is the largest, or in none")
+    if shares and (
+        len(shares) < len(found)
+        or any(isinstance(one, list) for one in shares)
+        or shares.count(max(shares)) > 1
+    ):
+        problems.append(
+            "share: allowed: a number in every section, one of which is the largest, or in none"
+        )
     if problems:
         raise InputError([f"{path}: {line}" for line in problems])
-    return {kind: {name: _range(value) for name, value in ranges.items()} for kind, ranges in found.items()}, at
+    return {
+        kind: {name: _range(value) for name, value in ranges.items()}
+        for kind, ranges in found.items()
+    }, at
 
 
 def _kind_problems(kind: str, ranges: object, task: Task) -> Iterator[str]:
@@ -170,7 +196,11 @@ def _kind_problems(kind: str, ranges: object, task: Task) -> Iterator[str]:
         return
     needed = [*DEFAULT[kind], "width", *({task.lapses} - {"lapse_rate"})]
     allowed = {*needed, "noise_slope", "lapse_rate", _SHARE, *(("mu1",) if kind == UPDATE else ())}
-    yield from (f"[{kind}]: {name} is missing" for name in needed if name not in ranges and not (name == "offset" and "mu1" in ranges))
+    yield from (
+        f"[{kind}]: {name} is missing"
+        for name in needed
+        if name not in ranges and not (name == "offset" and "mu1" in ranges)
+    )
     if "mu1" in ranges and "offset" in ranges:
         yield f"[{kind}]: offset and mu1 say the same, allowed: one of them"
     for name, value in ranges.items():
@@ -185,7 +215,11 @@ def _kind_problems(kind: str, ranges: object, task: Task) -> Iterator[str]:
 
 def shares_from(source: str | Path | None, task: Task = SAME_DIFFERENT) -> dict[str, float]:
     """Shares of the kinds in a mixed population, from a TOML file that says them; empty where nothing does."""
-    ranges = read_ranges(source, task=task)[0] if source is not None and Path(source).suffix == ".toml" else {}
+    ranges = (
+        read_ranges(source, task=task)[0]
+        if source is not None and Path(source).suffix == ".toml"
+        else {}
+    )
     shares = {kind: ranges[kind][_SHARE][0] for kind in ORDERS if _SHARE in ranges.get(kind, {})}
     return {kind: share / sum(shares.values()) for kind, share in shares.items()}
 
@@ -212,21 +246,36 @@ def _range(value: Any) -> tuple[float, float]:
 
 
 def _in_ranges(
-    ranges: Mapping[str, Mapping[str, tuple[float, float]]], at: float, interval: float, size: int, seed: int, task: Task
+    ranges: Mapping[str, Mapping[str, tuple[float, float]]],
+    at: float,
+    interval: float,
+    size: int,
+    seed: int,
+    task: Task,
 ) -> Iterator[Observer]:
     for kind in (kind for kind in ORDERS if kind in ranges):
         model = model_of(task, kind, ranges[kind])
         for name in (f"{kind} {number + 1}" for number in range(size)):
             rng = generator(seed, name, "observer")
-            values = {key: float(rng.uniform(low, high)) for key, (low, high) in ranges[kind].items() if key != _SHARE}
+            values = {
+                key: float(rng.uniform(low, high))
+                for key, (low, high) in ranges[kind].items()
+                if key != _SHARE
+            }
             yield Observer(name, kind, model.name, natural_of(values, at, task), at, interval, task)
 
 
 def model_of(task: Task, kind: str, quantities: Collection[str]) -> Model:
     """That of a kind of observers of whom these are told, beside pull, offset and width."""
     given = {"q0", "lapse_rate"}.intersection(quantities)
-    lapses = next(level.name for level in parts_of(task)["lapses"] if {block.names.natural[0] for block in level.free} == given)
-    return compose(task, order=kind, lapses=lapses, noise="sloped" if "noise_slope" in quantities else "Weber")
+    lapses = next(
+        level.name
+        for level in parts_of(task)["lapses"]
+        if {block.names.natural[0] for block in level.free} == given
+    )
+    return compose(
+        task, order=kind, lapses=lapses, noise="sloped" if "noise_slope" in quantities else "Weber"
+    )
 
 
 def natural_of(values: Mapping[str, float], at: float, task: Task) -> dict[str, float]:
@@ -241,13 +290,17 @@ def natural_of(values: Mapping[str, float], at: float, task: Task) -> dict[str, 
 # --- Prior and draws --------------------------------------------------------------------------------
 
 
-def _of_prior(prior: Prior, middle: float, interval: float, size: int, seed: int, task: Task) -> Iterator[Observer]:
+def _of_prior(
+    prior: Prior, middle: float, interval: float, size: int, seed: int, task: Task
+) -> Iterator[Observer]:
     for kind in ORDERS:
         model = model_of(task, kind, (task.lapses,))
         target = Posterior(nobody(task), model, prior, middle)
         for name in (f"{kind} {number + 1}" for number in range(size)):
             x = target.sample_prior(generator(seed, name, "observer"), 1)
-            yield Observer(name, kind, model.name, _needed(target, x, target), middle, interval, task)
+            yield Observer(
+                name, kind, model.name, _needed(target, x, target), middle, interval, task
+            )
 
 
 def _of_draws(path: Path, size: int, seed: int, task: Task) -> Iterator[Observer]:
@@ -256,11 +309,18 @@ def _of_draws(path: Path, size: int, seed: int, task: Task) -> Iterator[Observer
 
     draws = load_draws(path)
     if draws.task != task:
-        raise InputError(f"{path}: draws of the task '{draws.task.name}', allowed: those of '{task.name}'")
+        raise InputError(
+            f"{path}: draws of the task '{draws.task.name}', allowed: those of '{task.name}'"
+        )
     record = model_named(draws.model, task)
     if not isinstance(record, Model):
-        raise InputError(f"{path}: draws of {draws.model!r}, which has no parameters of an observer; allowed: those of another model")
-    order, rest = dict(record.levels)["order"], {part: word for part, word in record.levels if part != "order"}
+        raise InputError(
+            f"{path}: draws of {draws.model!r}, which has no parameters of an observer; allowed: those of another model"
+        )
+    order, rest = (
+        dict(record.levels)["order"],
+        {part: word for part, word in record.levels if part != "order"},
+    )
     kind = order if order in ORDERS else UPDATE
     for like in ORDERS[: ORDERS.index(kind) + 1]:
         model = compose(task, order=order if like == kind else like, **rest)
@@ -271,7 +331,15 @@ def _of_draws(path: Path, size: int, seed: int, task: Task) -> Iterator[Observer
             points = draws.points(target.subject.name).reshape(-1, len(target.coordinates))
             x = points[[int(rng.integers(len(points)))]]
             kept = Posterior(target.subject, model, target.prior, target.sbar)
-            yield Observer(name, like, model.name, _needed(target, x, kept), target.sbar, target.reference, task)
+            yield Observer(
+                name,
+                like,
+                model.name,
+                _needed(target, x, kept),
+                target.sbar,
+                target.reference,
+                task,
+            )
 
 
 def _needed(target: Posterior, x: FloatArray, of: Posterior) -> dict[str, float]:
@@ -289,7 +357,11 @@ def of_kind(observers: Sequence[Observer], kind: str) -> list[Observer]:
 
 
 def assumed(
-    given: str | Path | Sequence[Observer] | None, designs: Mapping[str, StudyDesign], size: int, seed: int, prior: Prior | str | None
+    given: str | Path | Sequence[Observer] | None,
+    designs: Mapping[str, StudyDesign],
+    size: int,
+    seed: int,
+    prior: Prior | str | None,
 ) -> Sequence[Observer]:
     """The observers given, or so many of each kind of a source, the same ones for all designs.
 
@@ -300,7 +372,14 @@ def assumed(
     people: Sequence[Observer] = () if given is None or isinstance(given, str | Path) else given
     if given is None or isinstance(given, str | Path):
         shown = list(designs.values())
-        people = observers_from(given, size, seed, prior=prior_of(shown, prior), middle=middle_of(shown), task=shown[0].task)
+        people = observers_from(
+            given,
+            size,
+            seed,
+            prior=prior_of(shown, prior),
+            middle=middle_of(shown),
+            task=shown[0].task,
+        )
     if given != PRIOR:  # of whom some are so
         for name, one in designs.items():
             _require_answers(people, name, one, _AMID_ALL if given is None else _STATED)
@@ -326,22 +405,46 @@ def middle_of(shown: Iterable[StudyDesign]) -> float:
 def prior_of(shown: Sequence[StudyDesign], prior: Prior | str | None) -> Prior:
     """The prior in numbers, for the stimuli and intervals of all designs together; of some without intervals, those of the others."""
     subjects = [replace(one.unanswered, name=str(number)) for number, one in enumerate(shown)]
-    timed, rest = ([one for one in subjects if (one.isi is not None) == has] for has in (True, False))
+    timed, rest = (
+        [one for one in subjects if (one.isi is not None) == has] for has in (True, False)
+    )
     if not (timed and rest):
         return prior_for(Study(tuple(subjects)), prior).at(*subjects)
-    untimed = tuple(Subject.from_counts(one.name, one.s1, one.s2, one.n_yes, one.n_trials, task=one.task) for one in subjects)
+    untimed = tuple(
+        Subject.from_counts(one.name, one.s1, one.s2, one.n_yes, one.n_trials, task=one.task)
+        for one in subjects
+    )
     interval = prior_for(Study(tuple(timed)), prior).reference_interval
     return replace(prior_for(Study(untimed), prior), reference_interval=interval).at(*untimed)
 
 
-def _require_answers(people: Sequence[Observer], name: str, design: StudyDesign, allowed: str) -> None:
+def _require_answers(
+    people: Sequence[Observer], name: str, design: StudyDesign, allowed: str
+) -> None:
     """Refuse a design to all pairs of which, and even to identical stimuli, all observers of a kind give one answer, but for lapses."""
     s1, s2, *isi = design.columns
-    twice = np.hstack([np.stack([first, second, *isi]) for first, second in ((s1, s2), (s1, s1), (s2, s2))])
+    twice = np.hstack(
+        [np.stack([first, second, *isi]) for first, second in ((s1, s2), (s1, s1), (s2, s2))]
+    )
     pairs, task = each_once(*np.unique(twice, axis=1), task=design.task), design.task
     for kind in dict.fromkeys(one.kind for one in people):
-        known = ((one, {key: _NO_LAPSES if key == "lapse_rate" else value for key, value in one.quantities.items()}) for one in people)
-        q = np.array([replace(one, quantities=values).p_yes(pairs) for one, values in known if one.kind == kind])
+        known = (
+            (
+                one,
+                {
+                    key: _NO_LAPSES if key == "lapse_rate" else value
+                    for key, value in one.quantities.items()
+                },
+            )
+            for one in people
+        )
+        q = np.array(
+            [
+                replace(one, quantities=values).p_yes(pairs)
+                for one, values in known
+                if one.kind == kind
+            ]
+        )
         for answer, highest in ((task.yes, q.max()), (task.no, 1.0 - q.min())):
             if highest <= _NEVER:
                 raise InputError(

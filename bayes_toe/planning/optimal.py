@@ -15,9 +15,23 @@ from bayes_toe.data.validation import read_numbers
 from bayes_toe.errors import InputError
 from bayes_toe.model.prior import Prior
 from bayes_toe.planning.information import UTILITIES, Information, exchanged, information
-from bayes_toe.planning.observers import MIDDLE, UPDATE, Observer, assumed, middle_of, of_kind, prior_of
+from bayes_toe.planning.observers import (
+    MIDDLE,
+    UPDATE,
+    Observer,
+    assumed,
+    middle_of,
+    of_kind,
+    prior_of,
+)
 from bayes_toe.planning.power import WIDTHS, PowerTable, simulated, simulation
-from bayes_toe.planning.study_design import StudyDesign, all_pairs, each_once, nobody, paper_study_design
+from bayes_toe.planning.study_design import (
+    StudyDesign,
+    all_pairs,
+    each_once,
+    nobody,
+    paper_study_design,
+)
 from bayes_toe.seeds import generator, root_seed
 from bayes_toe.workers import Progress, Workers
 
@@ -45,14 +59,18 @@ class Candidate:
     sd: float
 
 
-def reasons_for(candidates: Mapping[str, Candidate], people: Sequence[Observer], aim: str) -> Iterator[str]:
+def reasons_for(
+    candidates: Mapping[str, Candidate], people: Sequence[Observer], aim: str
+) -> Iterator[str]:
     """Which pairs the optimised design has and why, and what the closed form says of it and the others."""
     best = candidates[OPTIMISED]
     design = best.design
     share, apart = design.n_trials / design.total, np.abs(design.s2 - design.s1)
     different, place = np.unique(design.s1, return_inverse=True)
     of_first = np.bincount(place, share)
-    firsts = ", ".join(f"{different[i]:g} ({100 * of_first[i]:.0f} %)" for i in sorted(np.argsort(-of_first)[:4]))
+    firsts = ", ".join(
+        f"{different[i]:g} ({100 * of_first[i]:.0f} %)" for i in sorted(np.argsort(-of_first)[:4])
+    )
     yield (
         f"first stimuli, of most trials: {firsts}; a pull moves what is remembered up from below and down from above, a constant error all "
         "of it one way, so that stimuli far apart tell the two from each other"
@@ -64,13 +82,19 @@ def reasons_for(candidates: Mapping[str, Candidate], people: Sequence[Observer],
         f"second stimuli: mostly {near:.2g} to {far:.2g} from the first, where those who update say '{task.yes}' to {100 * low:.0f} to "
         f"{100 * high:.0f} % of the trials: answers that are certain beforehand tell nothing"
     )
-    told = "" if (apart == 0).any() or task != SAME_DIFFERENT else "; q0 is told by pairs that seem equal, which are others with a pull"
+    told = (
+        ""
+        if (apart == 0).any() or task != SAME_DIFFERENT
+        else "; q0 is told by pairs that seem equal, which are others with a pull"
+    )
     kept = " (to have some: --keep)" if told else ""
     yield f"equal pairs: {int((apart == 0).sum())} of {design.n_pairs}, {100 * share[apart == 0].sum():.0f} % of the trials{told}{kept}"
     if MOVED in candidates:
         there = candidates[MOVED].design
         yield f"{MOVED}: as far apart as the paper's, from {there.s1.min():.3g} to {there.s1.max():.3g}, amid what can be shown"
-    others = "; ".join(f"{name} {one.utility:.2f}" for name, one in candidates.items() if name != OPTIMISED)
+    others = "; ".join(
+        f"{name} {one.utility:.2f}" for name, one in candidates.items() if name != OPTIMISED
+    )
     yield f"utility ({UTILITIES[aim]}), lapses and sloped noise being unknown: {best.utility:.2f}; {others}"
     more = [name for name, one in candidates.items() if one.utility > best.utility]
     if more:
@@ -109,9 +133,13 @@ class DesignGoal:
         if self.aim not in UTILITIES:
             raise InputError(f"--for: found {self.aim!r}, allowed: {', '.join(UTILITIES)}")
         if self.max_pairs < _FEWEST:
-            raise InputError(f"--max-pairs {self.max_pairs}: allowed is at least {_FEWEST}, as many as there are parameters")
+            raise InputError(
+                f"--max-pairs {self.max_pairs}: allowed is at least {_FEWEST}, as many as there are parameters"
+            )
         if self.keep is not None and (self.keep.isi is not None) != bool(self.isi):
-            raise InputError("--keep: either it has a column isi and --isi names intervals, or neither")
+            raise InputError(
+                "--keep: either it has a column isi and --isi names intervals, or neither"
+            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,16 +176,25 @@ class OptimalDesign:
         table = [" | ".join(map(str, frame)), " | ".join("---" for _ in frame), *rows]
         said = [f"* {line}" for line in self.said()]
         head = f"# A design of {self.design.total} trials, for: {self.goal.aim}"
-        return "\n".join([head, "", *said, "", *(f"| {row} |" for row in table), "", f"Seed {self.seed}.", ""])
+        return "\n".join(
+            [head, "", *said, "", *(f"| {row} |" for row in table), "", f"Seed {self.seed}.", ""]
+        )
 
 
 def grid(lowest: float, highest: float, step: float) -> FloatArray:
     """Levels from lowest to highest, natural-log intensity; a range that holds fewer than two is refused."""
     if not (np.isfinite([lowest, highest]).all() and lowest < highest):
-        raise InputError(f"--lowest {lowest:g} --highest {highest:g}: allowed are finite numbers, the first the smaller one")
+        raise InputError(
+            f"--lowest {lowest:g} --highest {highest:g}: allowed are finite numbers, the first the smaller one"
+        )
     if not 0.0 < step <= highest - lowest:
-        raise InputError(f"--step {step:g}: allowed is above 0 and at most the range, {highest - lowest:g}")
-    return np.asarray(np.round(lowest + step * np.arange(np.floor((highest - lowest) / step + 1e-9) + 1), 12) + 0.0)
+        raise InputError(
+            f"--step {step:g}: allowed is above 0 and at most the range, {highest - lowest:g}"
+        )
+    return np.asarray(
+        np.round(lowest + step * np.arange(np.floor((highest - lowest) / step + 1e-9) + 1), 12)
+        + 0.0
+    )
 
 
 def read_levels(path: str | Path, reference: float | None = None) -> FloatArray:
@@ -168,7 +205,9 @@ def read_levels(path: str | Path, reference: float | None = None) -> FloatArray:
         raise InputError(f"{path}: column i: allowed are positive numbers")
     levels = np.unique(found if reference is None else np.log(found / reference))
     if len(levels) < 2:
-        raise InputError(f"{path}: column {name}: found {len(levels)} level, allowed: at least two different ones")
+        raise InputError(
+            f"{path}: column {name}: found {len(levels)} level, allowed: at least two different ones"
+        )
     return np.asarray(levels)
 
 
@@ -207,16 +246,40 @@ def optimal_design(
     asked, root = DesignGoal() if goal is None else goal, root_seed(seed)
     different = np.unique(np.asarray(levels, np.float64))
     plane = _admissible(different, asked)
-    people, judges = (assumed(observers, {"the pairs that can be shown": plane}, size, root, prior) for size in (ASSUMED, data_sets))
+    people, judges = (
+        assumed(observers, {"the pairs that can be shown": plane}, size, root, prior)
+        for size in (ASSUMED, data_sets)
+    )
     found, worth = proposed(different, trials, asked, people, root, prior)
     design = found[OPTIMISED].design
     if asked.aim == "update":  # the closed form is too hopeful where there are few trials
-        pilot = (simulated(OPTIMISED, design, one, root, prior_of([plane], prior)) for one in of_kind(people, UPDATE)[:_PILOT])
+        pilot = (
+            simulated(OPTIMISED, design, one, root, prior_of([plane], prior))
+            for one in of_kind(people, UPDATE)[:_PILOT]
+        )
         if all(one.judgement.verdict.kind != "pull" for one in pilot):
-            raise _hopeless(different, trials, people, f"of {_PILOT} simulated observers who update the best pairs there name none")
+            raise _hopeless(
+                different,
+                trials,
+                people,
+                f"of {_PILOT} simulated observers who update the best pairs there name none",
+            )
     designs = [(name, one.design) for name, one in found.items()]
-    table = PowerTable(*simulation(simulated, "data sets", designs, lambda _: judges, root, prior, workers, progress))
-    return OptimalDesign(design, asked, found, table, plane, worth, tuple(reasons_for(found, people, asked.aim)), root)
+    table = PowerTable(
+        *simulation(
+            simulated, "data sets", designs, lambda _: judges, root, prior, workers, progress
+        )
+    )
+    return OptimalDesign(
+        design,
+        asked,
+        found,
+        table,
+        plane,
+        worth,
+        tuple(reasons_for(found, people, asked.aim)),
+        root,
+    )
 
 
 def paper_amid(shown: StudyDesign) -> StudyDesign:
@@ -234,7 +297,12 @@ def paper_amid(shown: StudyDesign) -> StudyDesign:
 
 
 def proposed(
-    levels: FloatArray, trials: int, goal: DesignGoal, people: Sequence[Observer], seed: int = 0, prior: Prior | str | None = None
+    levels: FloatArray,
+    trials: int,
+    goal: DesignGoal,
+    people: Sequence[Observer],
+    seed: int = 0,
+    prior: Prior | str | None = None,
 ) -> tuple[dict[str, Candidate], FloatArray]:
     """Designs to compare: the best, the paper's, a full factorial, random pairs; and what one more trial of each admissible pair adds.
 
@@ -248,15 +316,23 @@ def proposed(
     left, kept = trials - int(fixed.sum()), int((fixed > 0).sum())
     if left < _FEWEST:
         said = f", {trials - left} of which --keep has taken" if kept else ""
-        raise InputError(f"--trials {trials}{said}: allowed is at least {_FEWEST} to distribute, for as many parameters")
+        raise InputError(
+            f"--trials {trials}{said}: allowed is at least {_FEWEST} to distribute, for as many parameters"
+        )
     if kept >= goal.max_pairs:
-        raise InputError(f"--max-pairs {goal.max_pairs}: --keep has {kept} already; allowed is more")
+        raise InputError(
+            f"--max-pairs {goal.max_pairs}: --keep has {kept} already; allowed is more"
+        )
     numbers, most = prior_of([plane], prior), min(goal.max_pairs, left + kept)
     known = information(plane, people, goal.aim, numbers)
     partner = np.arange(plane.n_pairs)
-    if goal.task != SAME_DIFFERENT:  # a preference for one answer is told from a pull by both orders
+    if (
+        goal.task != SAME_DIFFERENT
+    ):  # a preference for one answer is told from a pull by both orders
         places = {pair: place for place, pair in enumerate(plane.pairs)}
-        partner = np.array([places.get((s2, s1, *isi), place) for (s1, s2, *isi), place in places.items()])
+        partner = np.array(
+            [places.get((s2, s1, *isi), place) for (s1, s2, *isi), place in places.items()]
+        )
     n = exchanged(known, left, most, fixed, partner)
 
     def candidate(design: StudyDesign) -> Candidate:
@@ -267,8 +343,17 @@ def proposed(
     best = candidate(plane.some(np.flatnonzero(n), n[n > 0]))
     begun = _sd(known, known.prior)
     if goal.aim in WIDTHS and best.sd > _LITTLE * begun:
-        raise _hopeless(levels, trials, people, f"the sd of {goal.aim} falls from {begun:.2g} to {best.sd:.2g} at best")
-    rivals = {name: candidate(one.with_total(trials)) for name, one in _rivals(levels, plane, goal, seed) if one.n_pairs <= trials}
+        raise _hopeless(
+            levels,
+            trials,
+            people,
+            f"the sd of {goal.aim} falls from {begun:.2g} to {best.sd:.2g} at best",
+        )
+    rivals = {
+        name: candidate(one.with_total(trials))
+        for name, one in _rivals(levels, plane, goal, seed)
+        if one.n_pairs <= trials
+    }
     total = known.total(n)
     return {OPTIMISED: best, **rivals}, known.scores(total, 1.0) - known.score(total)
 
@@ -277,12 +362,20 @@ def _admissible(levels: FloatArray, goal: DesignGoal) -> StudyDesign:
     """Ordered pairs of levels, at every interval, and those that are kept."""
     number = len(levels) ** 2 * max(1, len(goal.isi))
     if number > _MOST_PAIRS:
-        raise InputError(f"{len(levels)} levels make {number:,} pairs: allowed are {_MOST_PAIRS:,}; a larger --step")
+        raise InputError(
+            f"{len(levels)} levels make {number:,} pairs: allowed are {_MOST_PAIRS:,}; a larger --step"
+        )
     found, keep = all_pairs(levels, goal.isi, goal.task), goal.keep
-    return found if keep is None else each_once(*np.unique(np.hstack([found.columns, keep.columns]), axis=1), task=goal.task)
+    return (
+        found
+        if keep is None
+        else each_once(*np.unique(np.hstack([found.columns, keep.columns]), axis=1), task=goal.task)
+    )
 
 
-def _rivals(levels: FloatArray, plane: StudyDesign, goal: DesignGoal, seed: int) -> Iterator[tuple[str, StudyDesign]]:
+def _rivals(
+    levels: FloatArray, plane: StudyDesign, goal: DesignGoal, seed: int
+) -> Iterator[tuple[str, StudyDesign]]:
     """At all intervals that there are; the paper's too where a range is too narrow for them: they say what the range is worth."""
     paper, rng = paper_amid(plane), generator(seed, "random pairs")
     isi = [np.repeat(goal.isi, paper.n_pairs)] if goal.isi else []
@@ -291,7 +384,10 @@ def _rivals(levels: FloatArray, plane: StudyDesign, goal: DesignGoal, seed: int)
     yield PAPER if there else MOVED, each_once(*timed, *isi, task=goal.task)
     some = levels[np.linspace(0, len(levels) - 1, min(_LEVELS, len(levels))).round().astype(int)]
     yield FULL, all_pairs(some, goal.isi, goal.task)
-    yield RANDOM, plane.some(rng.choice(plane.n_pairs, min(goal.max_pairs, plane.n_pairs), replace=False))
+    yield (
+        RANDOM,
+        plane.some(rng.choice(plane.n_pairs, min(goal.max_pairs, plane.n_pairs), replace=False)),
+    )
 
 
 def _sd(known: Information, total: FloatArray) -> float:
@@ -304,9 +400,13 @@ def _hopeless(levels: FloatArray, trials: int, people: Sequence[Observer], why: 
     updates, span = of_kind(people, UPDATE), float(np.ptp(levels))
     targets = [(one, one.target(nobody(one.task))) for one in updates]
     known = [target.quantities(one.point(target)) for one, target in targets]
-    pull, width, toward = (float(np.mean([one[name] for one in known])) for name in ("pull", "width", "mu1"))
+    pull, width, toward = (
+        float(np.mean([one[name] for one in known])) for name in ("pull", "width", "mu1")
+    )
     away = pull * max(levels[0] - toward, toward - levels[-1])  # of the nearest stimulus
-    nearer = f", or observers nearer to it than these, whose mu1 is {toward:.3g}" if away > width else ""
+    nearer = (
+        f", or observers nearer to it than these, whose mu1 is {toward:.3g}" if away > width else ""
+    )
     return InputError(
         f"{trials} trials between {levels[0]:g} and {levels[-1]:g} tell next to nothing: first stimuli {span:g} apart are pulled together "
         f"by {pull * span:.2g}, {pull * span / width:.2g} of a width of {width:.2g}; allowed: a wider range, or more trials{nearer} ({why})"

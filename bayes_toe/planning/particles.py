@@ -80,15 +80,24 @@ class Particles:
     @property
     def left(self) -> float:
         """Share of the draws that counted when they were made, that count still."""
-        return self.effective / (len(self.x) * (1.0 if self.fitted is None else self.fitted.efficiency))
+        return self.effective / (
+            len(self.x) * (1.0 if self.fitted is None else self.fitted.efficiency)
+        )
 
     def renew(self, subject: Subject, rng: np.random.Generator) -> None:
         """Make the draws anew, for all answers so far; where it can be, the old proposal is brought up to date."""
         target, size = self.target(subject), len(self.x)
-        fitted = None if self.fitted is None else refreshed(self.fitted, target, self.log_posterior, rng)
+        fitted = (
+            None if self.fitted is None else refreshed(self.fitted, target, self.log_posterior, rng)
+        )
         if fitted is None or not fitted.trusted or fitted.efficiency < _POOR:
             fitted = adapt_proposal(target, rng, draws=size)
             fitted = fitted if fitted.independent else redrawn(fitted, rng, size)
         draws = fitted.draws
-        self.x, self.log_posterior, self.log_weight, self.fitted = draws.x, draws.log_posterior, draws.log_weights, fitted
+        self.x, self.log_posterior, self.log_weight, self.fitted = (
+            draws.x,
+            draws.log_posterior,
+            draws.log_weights,
+            fitted,
+        )
         self.generation += 1

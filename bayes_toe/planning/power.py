@@ -122,8 +122,14 @@ class Simulations(Table[Row]):
         values: dict[tuple[str, int, str, int, str], list[float]] = {}
         for row in self.rows:
             for quantity, value in row.said.items():
-                values.setdefault((row.design, row.trials, row.kind, row.subjects, quantity), []).extend([] if value is None else [value])
-        return {key: Counted(*key, *(mean if key[-1].startswith(WIDTH) else share_of)(some)) for key, some in values.items() if some}
+                values.setdefault(
+                    (row.design, row.trials, row.kind, row.subjects, quantity), []
+                ).extend([] if value is None else [value])
+        return {
+            key: Counted(*key, *(mean if key[-1].startswith(WIDTH) else share_of)(some))
+            for key, some in values.items()
+            if some
+        }
 
     def different(self, *names: str) -> tuple[Any, ...]:
         """What there is of a field of :class:`Counted`, in its order, such as designs or kinds of observers; or of several."""
@@ -131,7 +137,9 @@ class Simulations(Table[Row]):
 
     def frame(self) -> pd.DataFrame:
         """The table with the columns of its file: a share or a mean a row, with both ends of the 95 % interval of its Monte Carlo error."""
-        return frame_of(self.counted.values(), (*self.COLUMNS[:-1], "size")).set_axis(list(self.COLUMNS), axis=1)
+        return frame_of(self.counted.values(), (*self.COLUMNS[:-1], "size")).set_axis(
+            list(self.COLUMNS), axis=1
+        )
 
 
 def share_of(values: Sequence[float]) -> Estimate:
@@ -153,7 +161,11 @@ def share_of(values: Sequence[float]) -> Estimate:
 def mean(values: Sequence[float]) -> Estimate:
     """A mean and its 95 % interval, whose ends are NaN where there is one value only."""
     middle = float(np.mean(values))
-    error = float(np.std(values, ddof=1) / np.sqrt(len(values)) * ndtri(0.5 * (1 + _LEVEL))) if len(values) > 1 else float("nan")
+    error = (
+        float(np.std(values, ddof=1) / np.sqrt(len(values)) * ndtri(0.5 * (1 + _LEVEL)))
+        if len(values) > 1
+        else float("nan")
+    )
     return middle, middle - error, middle + error, len(values)
 
 
@@ -178,20 +190,39 @@ class DataSet:
             FOUND: found.found,
             NAMED: found.named == self.kind,
             WRONG: found.named not in (None, self.kind),
-            **{f"{WIDTH}{name}": width for name, width in zip(WIDTHS, found.widths or none, strict=True)},
+            **{
+                f"{WIDTH}{name}": width
+                for name, width in zip(WIDTHS, found.widths or none, strict=True)
+            },
             "evidence withheld": found.probability is None,
         }
 
 
-def data_sets_frame(rows: Iterable[DataSet], columns: Sequence[str] = DATA_SET_COLUMNS) -> pd.DataFrame:
+def data_sets_frame(
+    rows: Iterable[DataSet], columns: Sequence[str] = DATA_SET_COLUMNS
+) -> pd.DataFrame:
     """A row a data set; what is withheld is missing."""
     import pandas as pd
 
     cells = []
     for row in rows:
         said = row.judgement
-        numbers = [value for some in (said.log_evidence, said.probability, said.widths) for value in some or (None,) * 3]
-        cells.append((row.design, row.trials, row.observer, row.kind, said.verdict.effect, said.verdict.kind, *numbers))
+        numbers = [
+            value
+            for some in (said.log_evidence, said.probability, said.widths)
+            for value in some or (None,) * 3
+        ]
+        cells.append(
+            (
+                row.design,
+                row.trials,
+                row.observer,
+                row.kind,
+                said.verdict.effect,
+                said.verdict.kind,
+                *numbers,
+            )
+        )
     return pd.DataFrame(cells, columns=list(DATA_SET_COLUMNS))[list(columns)]
 
 
@@ -205,7 +236,9 @@ class PowerTable(Simulations[DataSet]):
         """What is counted, by (design, trials, kind of observers, quantity)."""
         found = self.counted.get((*key[:3], 1, key[3]))
         if found is None:
-            raise InputError(f"nothing counted for {key!r}; quantities: {listed([repr(name) for name in self.different('quantity')], 20)}")
+            raise InputError(
+                f"nothing counted for {key!r}; quantities: {listed([repr(name) for name in self.different('quantity')], 20)}"
+            )
         return found
 
     def data_sets_frame(self) -> pd.DataFrame:
@@ -216,10 +249,18 @@ class PowerTable(Simulations[DataSet]):
         """What the simulation says, a line a design and number of trials."""
         lines = []
         for design, trials in self.different("design", "trials"):
-            kinds = [kind for kind in self.different("observers") if (design, trials, kind, 1, FOUND) in self.counted]
+            kinds = [
+                kind
+                for kind in self.different("observers")
+                if (design, trials, kind, 1, FOUND) in self.counted
+            ]
             main = UPDATE if UPDATE in kinds else kinds[-1]
             found, right = (self[design, trials, main, what] for what in (FOUND, NAMED))
-            wrong = f"; and wrongly one in {self[design, trials, NONE, FOUND].hits} without" if NONE in kinds and main != NONE else ""
+            wrong = (
+                f"; and wrongly one in {self[design, trials, NONE, FOUND].hits} without"
+                if NONE in kinds and main != NONE
+                else ""
+            )
             lines.append(
                 f"with {design} {trials} trials find an order effect in {found.percent} of observers with "
                 f"{WORDS[main].replace('no order effect', 'none')} {found.interval}, and name {WORDS[main]} in {right.percent}{wrong}"
@@ -271,19 +312,39 @@ def power(
     """
     designs = named_designs(design)
     people = partial(assumed, observers, designs, data_sets, prior=prior)
-    return PowerTable(*simulation(simulated, "data sets", with_totals(designs, trials), people, seed, prior, workers, progress, keep))
+    return PowerTable(
+        *simulation(
+            simulated,
+            "data sets",
+            with_totals(designs, trials),
+            people,
+            seed,
+            prior,
+            workers,
+            progress,
+            keep,
+        )
+    )
 
 
-def named_designs(design: StudyDesign | Mapping[str, StudyDesign] | None, task: Task | str = SAME_DIFFERENT) -> Mapping[str, StudyDesign]:
+def named_designs(
+    design: StudyDesign | Mapping[str, StudyDesign] | None, task: Task | str = SAME_DIFFERENT
+) -> Mapping[str, StudyDesign]:
     """Designs by name; the paper's for a task where there is none."""
     if design is None:
         return {"the paper's pairs": paper_study_design(task=task)}
     return {"these pairs": design} if isinstance(design, StudyDesign) else design
 
 
-def with_totals(designs: Mapping[str, StudyDesign], trials: Iterable[int]) -> list[tuple[str, StudyDesign]]:
+def with_totals(
+    designs: Mapping[str, StudyDesign], trials: Iterable[int]
+) -> list[tuple[str, StudyDesign]]:
     """Each design, by its name, with each of these numbers of trials."""
-    return [(name, one.with_total(number)) for name, one in designs.items() for number in dict.fromkeys(trials)]
+    return [
+        (name, one.with_total(number))
+        for name, one in designs.items()
+        for number in dict.fromkeys(trials)
+    ]
 
 
 def simulation(
@@ -305,12 +366,22 @@ def simulation(
         root = kept.seed(seed)
         made = units(root)
         numbers = [(name, one, prior_of([one], prior)) for name, one in designs]
-        jobs = [partial(job, name, one, unit, seed=root, prior=of) for name, one, of in numbers for unit in made]
+        jobs = [
+            partial(job, name, one, unit, seed=root, prior=of)
+            for name, one, of in numbers
+            for unit in made
+        ]
         done = kept.work(jobs, workers, progress, [(one.args[2].name,) for one in jobs])
-        return tuple(done), root, {jobs[at].args[2].name: one.reason for at, one in done.failed.items()}
+        return (
+            tuple(done),
+            root,
+            {jobs[at].args[2].name: one.reason for at, one in done.failed.items()},
+        )
 
 
-def simulated(name: str, design: StudyDesign, observer: Observer, seed: int, prior: Prior) -> DataSet:
+def simulated(
+    name: str, design: StudyDesign, observer: Observer, seed: int, prior: Prior
+) -> DataSet:
     """One observer's answers to a design, judged, with the widths of the update's 90 % intervals where its draws can be trusted.
 
     Streams are keyed by seed, observer and number of trials.
@@ -322,7 +393,10 @@ def simulated(name: str, design: StudyDesign, observer: Observer, seed: int, pri
         target, draws = fitted.proposal.posterior, fitted.draws
         assert isinstance(target, Posterior)
         values = target.quantities(draws.x)
-        ends = (np.quantile(values[one], (0.05, 0.95), weights=draws.shares, method="inverted_cdf") for one in WIDTHS)
+        ends = (
+            np.quantile(values[one], (0.05, 0.95), weights=draws.shares, method="inverted_cdf")
+            for one in WIDTHS
+        )
         widths = tuple(float(np.ptp(one)) for one in ends)
     found = replace(judged(subject, seed, prior, models.space), widths=widths)
     return DataSet(name, design.total, observer.name, observer.kind, found)

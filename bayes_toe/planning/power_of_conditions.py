@@ -25,7 +25,15 @@ from bayes_toe.model.contrasted import QUANTITIES
 from bayes_toe.model.ladder import ORDERS
 from bayes_toe.model.prior import Prior
 from bayes_toe.planning.observers import Observer, assumed, of_kind
-from bayes_toe.planning.power import DATA_SETS, TRIALS, Outcome, Simulations, named_designs, simulation, with_totals
+from bayes_toe.planning.power import (
+    DATA_SETS,
+    TRIALS,
+    Outcome,
+    Simulations,
+    named_designs,
+    simulation,
+    with_totals,
+)
 from bayes_toe.planning.power_of_studies import DRAWS, POPULATION_COLUMNS, PlannedStudy
 from bayes_toe.planning.study_design import StudyDesign, nobody
 from bayes_toe.seeds import generator
@@ -35,7 +43,12 @@ from bayes_toe.workers import Progress, Workers
 LEVELS, NOTHING = ("a", "b"), "nothing differs"
 #: Words that say a difference, and none.
 _SAID = {"differs": WORDS[:2], "no difference": WORDS[-1:-3:-1]}
-_LABELS = {GROUP_PARAMETERS[name].label: key for key, names in QUANTITIES.items() for name in names if name in GROUP_PARAMETERS}
+_LABELS = {
+    GROUP_PARAMETERS[name].label: key
+    for key, names in QUANTITIES.items()
+    for name in names
+    if name in GROUP_PARAMETERS
+}
 _LABELS[ORDER_EFFECT] = ORDER_EFFECT
 
 
@@ -48,10 +61,21 @@ class ConditionsPower(Simulations[Outcome]):
     def sentences(self) -> list[str]:
         """How often a difference is said, probably or not, and how often one that is not there, a line a design, trials and subjects."""
         lines = []
-        for design, trials, kind, size in self.different("design", "trials", "observers", "subjects"):
-            whom = "contrast says of single subjects" if size == 1 else f"population says of {size} subjects on average"
-            for quantity in (part.rpartition(" ")[0] for part in kind.split(", ") if kind != NOTHING):
-                found, wrong = (self.counted[design, trials, one, size, f"{quantity}: differs, probably or not"] for one in (kind, NOTHING))
+        for design, trials, kind, size in self.different(
+            "design", "trials", "observers", "subjects"
+        ):
+            whom = (
+                "contrast says of single subjects"
+                if size == 1
+                else f"population says of {size} subjects on average"
+            )
+            for quantity in (
+                part.rpartition(" ")[0] for part in kind.split(", ") if kind != NOTHING
+            ):
+                found, wrong = (
+                    self.counted[design, trials, one, size, f"{quantity}: differs, probably or not"]
+                    for one in (kind, NOTHING)
+                )
                 lines.append(
                     f"with {design} and {trials} trials each, {whom} that the {quantity} differs in {found.percent} of {found.size} with "
                     f"{kind} {found.interval}, and wrongly in {wrong.hits} without"
@@ -92,28 +116,49 @@ def power_of_conditions(  # noqa: PLR0913  # each is a choice of its own, and ha
     """
     many = {1: DATA_SETS} if studies is None else dict(sorted(studies.items()))
     if not differ or not many or min(*many, *many.values()) < 1:
-        raise InputError(f"differ={differ!r}, studies={many}: allowed is something that differs, and studies of 1 subject or more")
+        raise InputError(
+            f"differ={differ!r}, studies={many}: allowed is something that differs, and studies of 1 subject or more"
+        )
     designs = named_designs(design)
 
     def planned(root: int) -> list[PlannedStudy]:
-        people = assumed(observers, designs, max(size * number for size, number in many.items()), root, prior)
+        people = assumed(
+            observers, designs, max(size * number for size, number in many.items()), root, prior
+        )
         people = of_kind(people, max((one.kind for one in people), key=ORDERS.index))
         return [*planned_conditions(people, differ, many, root)]
 
-    found = simulation(judged_study, "conditions", with_totals(designs, trials), planned, seed, prior, workers, progress, keep)
+    found = simulation(
+        judged_study,
+        "conditions",
+        with_totals(designs, trials),
+        planned,
+        seed,
+        prior,
+        workers,
+        progress,
+        keep,
+    )
     return ConditionsPower(*found)
 
 
-def planned_conditions(people: Sequence[Observer], differ: Sizes, studies: Mapping[int, int], seed: int) -> Iterator[PlannedStudy]:
+def planned_conditions(
+    people: Sequence[Observer], differ: Sizes, studies: Mapping[int, int], seed: int
+) -> Iterator[PlannedStudy]:
     """So many studies of each number of the observers under both conditions, with a difference and without."""
     kind = ", ".join(f"{key} {size:+g}" for key, (size, _) in differ.items())
     for size, many in studies.items():
         spread = {key: (mean, sd if size > 1 else 0.0) for key, (mean, sd) in differ.items()}
-        for label, apart in ((NOTHING, {key: (0.0, sd) for key, (_, sd) in spread.items()}), (kind, spread)):
+        for label, apart in (
+            (NOTHING, {key: (0.0, sd) for key, (_, sd) in spread.items()}),
+            (kind, spread),
+        ):
             differing = Differing.of(LEVELS, apart)
             for number in range(many):
                 some = people[number * size : (number + 1) * size]
-                units = tuple(unit for one in some for unit in under_conditions(one, differing, seed))
+                units = tuple(
+                    unit for one in some for unit in under_conditions(one, differing, seed)
+                )
                 yield PlannedStudy(f"study {number + 1} of {size}, {label}", label, units)
 
 
@@ -122,12 +167,19 @@ def under_conditions(one: Observer, differing: Differing, seed: int) -> list[Obs
     target = one.target(nobody(one.task))
     moved, x = differing.moved(target, one.point(target), one.name, seed)
     found, levels = moved.quantities(x), differing.conditions.levels
-    told = [{name: float(found[name][i]) for name in moved.names.natural} for i in range(len(levels))]
+    told = [
+        {name: float(found[name][i]) for name in moved.names.natural} for i in range(len(levels))
+    ]
     named = zip(levels, told, strict=True)
-    return [replace(one, name=f"{one.name}{AT}{level}", model=moved.model.name, quantities=values) for level, values in named]
+    return [
+        replace(one, name=f"{one.name}{AT}{level}", model=moved.model.name, quantities=values)
+        for level, values in named
+    ]
 
 
-def judged_study(name: str, design: StudyDesign, planned: PlannedStudy, seed: int, prior: Prior) -> Outcome:
+def judged_study(
+    name: str, design: StudyDesign, planned: PlannedStudy, seed: int, prior: Prior
+) -> Outcome:
     """What is said of one study's answers to a design; trials are those of a subject under both conditions together."""
     said = said_of(differences(design, planned, seed, prior))
     return Outcome(name, design.total, planned.kind, len(planned.people) // len(LEVELS), said)
@@ -143,19 +195,34 @@ def said_of(log_bf: Mapping[str, float | None]) -> dict[str, bool]:
     return said
 
 
-def differences(design: StudyDesign, planned: PlannedStudy, seed: int, prior: Prior) -> dict[str, float | None]:
+def differences(
+    design: StudyDesign, planned: PlannedStudy, seed: int, prior: Prior
+) -> dict[str, float | None]:
     """Log Bayes factors by quantity, of one subject or of several on average, who answer half of a design under either condition.
 
     Streams are keyed by observer and condition.
     """
     half = design.with_total(design.total // len(LEVELS))
-    answers = [one.answers(half, generator(seed, one.name, "answers", design.total)) for one in planned.people]
-    units = felt_together(replace(one, condition=level) for one, level in zip(answers, cycle(LEVELS), strict=False))
-    study, own = Study(units, conditions=Differing.of(LEVELS).conditions), int(generator(seed, planned.name, "study").integers(2**32))
+    answers = [
+        one.answers(half, generator(seed, one.name, "answers", design.total))
+        for one in planned.people
+    ]
+    units = felt_together(
+        replace(one, condition=level) for one, level in zip(answers, cycle(LEVELS), strict=False)
+    )
+    study, own = (
+        Study(units, conditions=Differing.of(LEVELS).conditions),
+        int(generator(seed, planned.name, "study").integers(2**32)),
+    )
     if len(units) == len(LEVELS):
-        return {row.quantity: row.log_bf_differs for row in contrast(study, seed=own, prior=prior, workers=1)}
+        return {
+            row.quantity: row.log_bf_differs
+            for row in contrast(study, seed=own, prior=prior, workers=1)
+        }
     with catch_warnings():
         simplefilter("ignore", ConvergenceWarning)
         found = population(study, draws=DRAWS, seed=own, prior=prior, workers=1)
     rows = found.table.some("condition_effect")
-    return {_LABELS[row.parameter]: row.log_bf_differs for row in rows if row.log_bf_differs is not None}
+    return {
+        _LABELS[row.parameter]: row.log_bf_differs for row in rows if row.log_bf_differs is not None
+    }

@@ -25,7 +25,16 @@ from bayes_toe.model.parts import compose
 from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.planning.observers import UPDATE, Observer, assumed, of_kind
-from bayes_toe.planning.power import DATA_SETS, POWER_COLUMNS, TRIALS, Outcome, Simulations, named_designs, simulation, with_totals
+from bayes_toe.planning.power import (
+    DATA_SETS,
+    POWER_COLUMNS,
+    TRIALS,
+    Outcome,
+    Simulations,
+    named_designs,
+    simulation,
+    with_totals,
+)
 from bayes_toe.planning.study_design import StudyDesign
 from bayes_toe.seeds import generator
 from bayes_toe.workers import Progress, Workers
@@ -53,7 +62,9 @@ class HistoryPower(Simulations[Outcome]):
     def sentences(self) -> list[str]:
         """How often it is said of those who carry something over, and of those who do not, a line a design and number of trials."""
         lines = []
-        for design, trials, kind in (key for key in self.different("design", "trials", "observers") if key[2] != NOTHING):
+        for design, trials, kind in (
+            key for key in self.different("design", "trials", "observers") if key[2] != NOTHING
+        ):
             found, wrong = (self.counted[design, trials, one, 1, FOUND] for one in (kind, NOTHING))
             lines.append(
                 f"with {design} and {trials} trials, answers are said to follow the trials before, for sure or probably, of "
@@ -98,9 +109,25 @@ def power_of_histories(  # noqa: PLR0913  # each is a choice of its own, and has
         everybody = assumed(observers, designs, data_sets, root, prior)
         require_carrying(carry_over, everybody)
         people = of_kind(everybody, UPDATE)
-        return [Carrying(f"{one.name}, {share:g} carried over", one, share) for share in (0.0, carry_over) for one in people]
+        return [
+            Carrying(f"{one.name}, {share:g} carried over", one, share)
+            for share in (0.0, carry_over)
+            for one in people
+        ]
 
-    return HistoryPower(*simulation(followed, "histories", with_totals(designs, trials), planned, seed, prior, workers, progress, keep))
+    return HistoryPower(
+        *simulation(
+            followed,
+            "histories",
+            with_totals(designs, trials),
+            planned,
+            seed,
+            prior,
+            workers,
+            progress,
+            keep,
+        )
+    )
 
 
 def require_carrying(share: float, observers: Iterable[Observer]) -> None:
@@ -108,14 +135,24 @@ def require_carrying(share: float, observers: Iterable[Observer]) -> None:
     if not 0.0 < share < 1.0:
         raise InputError(f"--carry-over: found {share:g}, allowed: a number above 0 and below 1")
     if all(one.kind != UPDATE for one in observers):
-        raise InputError("--carry-over: found observers without a pull, who carry nothing over, allowed: some of the kind update")
+        raise InputError(
+            "--carry-over: found observers without a pull, who carry nothing over, allowed: some of the kind update"
+        )
 
 
 def followed(name: str, design: StudyDesign, one: Carrying, seed: int, prior: Prior) -> Outcome:
     """What is said of one observer's answers to a design; streams are keyed by observer, share and number of trials."""
     subject = answers_in_order(one, design, generator(seed, one.name, "answers", design.total))
-    found = subject_history(space_evidence(subject, prior, models_of(subject.task).space, seed), seed)
-    return Outcome(name, design.total, f"{one.share:g} carried over" if one.share else NOTHING, 1, said_of(found.depends))
+    found = subject_history(
+        space_evidence(subject, prior, models_of(subject.task).space, seed), seed
+    )
+    return Outcome(
+        name,
+        design.total,
+        f"{one.share:g} carried over" if one.share else NOTHING,
+        1,
+        said_of(found.depends),
+    )
 
 
 def said_of(depends: str) -> dict[str, bool]:
@@ -125,13 +162,20 @@ def said_of(depends: str) -> dict[str, bool]:
 
 def answers_in_order(one: Carrying, design: StudyDesign, rng: np.random.Generator) -> Subject:
     """Answers of an observer to the trials of a design, in one session and random order."""
-    keys = np.column_stack(design.columns)[rng.permutation(np.repeat(np.arange(design.n_pairs), design.n_trials))]
+    keys = np.column_stack(design.columns)[
+        rng.permutation(np.repeat(np.arange(design.n_pairs), design.n_trials))
+    ]
     count = len(keys)
-    answers = Answers(keys, np.zeros(count, np.int64), np.ones(count, np.int64), None, (), True, np.arange(count))
+    answers = Answers(
+        keys, np.zeros(count, np.int64), np.ones(count, np.int64), None, (), True, np.arange(count)
+    )
     target = one.observer.target(Subject.from_answers(one.observer.name, answers, design.task))
     quantities = {key: np.array([value]) for key, value in one.observer.quantities.items()}
     if one.share:
-        target = replace(target, model=compose(design.task, **{**dict(target.model.levels), "history": "carry-over"}))
+        target = replace(
+            target,
+            model=compose(design.task, **{**dict(target.model.levels), "history": "carry-over"}),
+        )
         quantities["carry_over"] = np.array([one.share])
     return answered(target, target.points(quantities), rng)
 
@@ -141,5 +185,11 @@ def answered(target: Posterior, x: FloatArray, rng: np.random.Generator) -> Subj
     subject = target.subject
     answers = require_order(subject)
     p = np.empty(len(answers.n_yes))
-    p[np.lexsort(answers.keys.T[::-1])] = np.exp(target.trial_answers(x)[0])  # trials are in the order of the pairs there
-    return Subject.from_answers(subject.name, replace(answers, n_yes=(rng.random(len(p)) < p).astype(np.int64)), subject.task)
+    p[np.lexsort(answers.keys.T[::-1])] = np.exp(
+        target.trial_answers(x)[0]
+    )  # trials are in the order of the pairs there
+    return Subject.from_answers(
+        subject.name,
+        replace(answers, n_yes=(rng.random(len(p)) < p).astype(np.int64)),
+        subject.task,
+    )

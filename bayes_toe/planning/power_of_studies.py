@@ -21,8 +21,26 @@ from bayes_toe.errors import ConvergenceWarning, InputError
 from bayes_toe.groups.population import population
 from bayes_toe.model.ladder import ORDERS
 from bayes_toe.model.prior import Prior
-from bayes_toe.planning.observers import MIXED, NONE, UPDATE, Observer, assumed, mixture, of_kind, shares_from
-from bayes_toe.planning.power import FOUND, WIDTH, WORDS, Outcome, PowerTable, Simulations, named_designs, simulation
+from bayes_toe.planning.observers import (
+    MIXED,
+    NONE,
+    UPDATE,
+    Observer,
+    assumed,
+    mixture,
+    of_kind,
+    shares_from,
+)
+from bayes_toe.planning.power import (
+    FOUND,
+    WIDTH,
+    WORDS,
+    Outcome,
+    PowerTable,
+    Simulations,
+    named_designs,
+    simulation,
+)
 from bayes_toe.planning.study_design import StudyDesign
 from bayes_toe.seeds import generator
 from bayes_toe.workers import Progress, Workers
@@ -32,8 +50,28 @@ if TYPE_CHECKING:
 
 SUBJECTS, STUDIES = (4, 8, 16), 20
 #: Columns of power_subjects.csv and of power_population.csv.
-STUDY_COLUMNS = ("design", "trials", "observers", "subjects", "studies", "named", "low", "high", "another_named")
-POPULATION_COLUMNS = ("design", "trials", "observers", "subjects", "quantity", "value", "low", "high", "studies")
+STUDY_COLUMNS = (
+    "design",
+    "trials",
+    "observers",
+    "subjects",
+    "studies",
+    "named",
+    "low",
+    "high",
+    "another_named",
+)
+POPULATION_COLUMNS = (
+    "design",
+    "trials",
+    "observers",
+    "subjects",
+    "quantity",
+    "value",
+    "low",
+    "high",
+    "studies",
+)
 #: What is counted of studies by their evidences, and of those analysed as groups beside an effect that is found.
 NAMED, WRONG = "named", "another named"
 PULL, ERROR, DENYING = "pull named", "constant error named", "none said"
@@ -54,22 +92,51 @@ class StudyPower(Simulations[Outcome]):
         """One row a design, number of trials, kind of subjects and number of them, with the columns of power_subjects.csv."""
         import pandas as pd
 
-        both = [(one, self.counted[*one[:4], WRONG].value) for one in self.counted.values() if one.quantity == NAMED]
-        rows = [[one.design, one.trials, one.observers, one.subjects, one.size, one.value, one.low, one.high, p] for one, p in both]
+        both = [
+            (one, self.counted[*one[:4], WRONG].value)
+            for one in self.counted.values()
+            if one.quantity == NAMED
+        ]
+        rows = [
+            [
+                one.design,
+                one.trials,
+                one.observers,
+                one.subjects,
+                one.size,
+                one.value,
+                one.low,
+                one.high,
+                p,
+            ]
+            for one, p in both
+        ]
         return pd.DataFrame(rows, columns=list(STUDY_COLUMNS))
 
     def sentences(self) -> list[str]:
         """What studies of a mixed population name, else of those who update or the last kind there is, a line a design and trials."""
         last = [kind for kind in (*ORDERS, MIXED) if kind in self.different("observers")][-1:]
         lines = []
-        for design, trials, kind in (key for key in self.different("design", "trials", "observers") if key[2] in last):
-            what = f"{WORDS[kind]} as the most frequent kind" if kind in WORDS else "the most frequent kind of the mixed population"
-            said = ", ".join(one.of_studies for key, one in self.counted.items() if (*key[:3], key[4]) == (design, trials, kind, NAMED))
+        for design, trials, kind in (
+            key for key in self.different("design", "trials", "observers") if key[2] in last
+        ):
+            what = (
+                f"{WORDS[kind]} as the most frequent kind"
+                if kind in WORDS
+                else "the most frequent kind of the mixed population"
+            )
+            said = ", ".join(
+                one.of_studies
+                for key, one in self.counted.items()
+                if (*key[:3], key[4]) == (design, trials, kind, NAMED)
+            )
             lines.append(f"with {design} and {trials} trials each, {what} is named in {said}")
         return lines
 
 
-def power_of_studies(table: PowerTable, subjects: Sequence[int] = SUBJECTS, shares: Mapping[str, float] | None = None) -> StudyPower:
+def power_of_studies(
+    table: PowerTable, subjects: Sequence[int] = SUBJECTS, shares: Mapping[str, float] | None = None
+) -> StudyPower:
     """Random effects over simulated subjects of one kind, as `compare` has them over real ones; with shares, also of a mixture of kinds.
 
     Data sets are taken together in order, each once, so that studies are independent; a kind is named where the probability that it is the
@@ -91,7 +158,11 @@ def power_of_studies(table: PowerTable, subjects: Sequence[int] = SUBJECTS, shar
             for study in mixture(shares or {}, size, table.seed):
                 if not all(i < len(kinds.get(kind, ())) for kind, i in study):
                     break
-                found.append(Outcome(*design, MIXED, size, _naming([kinds[kind][i] for kind, i in study], most)))
+                found.append(
+                    Outcome(
+                        *design, MIXED, size, _naming([kinds[kind][i] for kind, i in study], most)
+                    )
+                )
     return StudyPower(tuple(found), table.seed)
 
 
@@ -124,10 +195,18 @@ class PopulationPower(Simulations[Outcome]):
         """How often an order effect of subjects is found on average, and how often one that is not there, a line a design."""
         kinds = self.different("observers")
         main = next((kind for kind in (MIXED, UPDATE) if kind in kinds), kinds[-1])
-        whom = f"subjects with {WORDS[main].replace('no order effect', 'none')}" if main in WORDS else "the mixed population"
+        whom = (
+            f"subjects with {WORDS[main].replace('no order effect', 'none')}"
+            if main in WORDS
+            else "the mixed population"
+        )
         lines = []
         for design, trials in self.different("design", "trials"):
-            every = [one for one in self.counted.values() if (one.design, one.quantity) == (design, FOUND)]
+            every = [
+                one
+                for one in self.counted.values()
+                if (one.design, one.quantity) == (design, FOUND)
+            ]
             said = ", ".join(one.of_studies for one in every if one.observers == main)
             wrong = [one for one in every if one.observers == NONE != main]
             more = f", and wrongly of others in {sum(one.value * one.size for one in wrong):.0f} of {sum(one.size for one in wrong)}"
@@ -168,22 +247,39 @@ def power_of_populations(
     """
     sizes = sorted({size for size in subjects if size > 1})
     if studies < 1 or not sizes:
-        raise InputError(f"studies={studies}, subjects={list(subjects)}: allowed is at least 1 study of at least 2 subjects")
+        raise InputError(
+            f"studies={studies}, subjects={list(subjects)}: allowed is at least 1 study of at least 2 subjects"
+        )
     designs = named_designs(design)
-    shares = shares_from(observers, next(iter(designs.values())).task) if observers is None or isinstance(observers, str | Path) else {}
+    shares = (
+        shares_from(observers, next(iter(designs.values())).task)
+        if observers is None or isinstance(observers, str | Path)
+        else {}
+    )
 
     def planned(root: int) -> list[PlannedStudy]:
-        return [*planned_studies(assumed(observers, designs, studies * sizes[-1], root, prior), sizes, shares, root)]
+        return [
+            *planned_studies(
+                assumed(observers, designs, studies * sizes[-1], root, prior), sizes, shares, root
+            )
+        ]
 
-    found = simulation(analysed_study, "studies", designs.items(), planned, seed, prior, workers, progress, keep)
+    found = simulation(
+        analysed_study, "studies", designs.items(), planned, seed, prior, workers, progress, keep
+    )
     return PopulationPower(*found)
 
 
-def planned_studies(people: Sequence[Observer], sizes: Sequence[int], shares: Mapping[str, float], seed: int) -> Iterator[PlannedStudy]:
+def planned_studies(
+    people: Sequence[Observer], sizes: Sequence[int], shares: Mapping[str, float], seed: int
+) -> Iterator[PlannedStudy]:
     """Studies of observers of one kind, taken together in order, or of a mixture; smaller ones have the first subjects of the largest."""
     groups = {kind: of_kind(people, kind) for kind in dict.fromkeys(one.kind for one in people)}
     most = min(len(some) for some in groups.values()) // sizes[-1]
-    largest = {kind: [some[i * sizes[-1] : (i + 1) * sizes[-1]] for i in range(len(some) // sizes[-1])] for kind, some in groups.items()}
+    largest = {
+        kind: [some[i * sizes[-1] : (i + 1) * sizes[-1]] for i in range(len(some) // sizes[-1])]
+        for kind, some in groups.items()
+    }
     if shares:
         drawn = islice(mixture(shares, sizes[-1], seed), most)
         largest[MIXED] = [[groups[kind][number] for kind, number in study] for study in drawn]
@@ -193,26 +289,38 @@ def planned_studies(people: Sequence[Observer], sizes: Sequence[int], shares: Ma
                 yield PlannedStudy(f"study {number} of {size}, {kind}", kind, tuple(study[:size]))
 
 
-def analysed_study(name: str, design: StudyDesign, planned: PlannedStudy, seed: int, prior: Prior) -> Outcome:
+def analysed_study(
+    name: str, design: StudyDesign, planned: PlannedStudy, seed: int, prior: Prior
+) -> Outcome:
     """One study's answers to a design, analysed as a group; a subject's answers are those that it gives in :func:`power`."""
-    answers = [one.answers(design, generator(seed, one.name, "answers", design.total)) for one in planned.people]
+    answers = [
+        one.answers(design, generator(seed, one.name, "answers", design.total))
+        for one in planned.people
+    ]
     own = int(generator(seed, planned.name, "population").integers(2**32))
     with catch_warnings():
         simplefilter("ignore", ConvergenceWarning)  # counted
         found = population(Study(tuple(answers)), draws=DRAWS, seed=own, prior=prior, workers=1)
     average, rows = on_average(found), [row for of in WIDTHS for row in found.table.some(*of)]
     assert average is not None  # free weighting has means that may be none
-    said = said_on_average(average.p_none, average.named, [row.q95 - row.q05 for row in rows], bool(found.shortfalls))
+    said = said_on_average(
+        average.p_none, average.named, [row.q95 - row.q05 for row in rows], bool(found.shortfalls)
+    )
     return Outcome(name, design.total, planned.kind, len(answers), said)
 
 
-def said_on_average(p_none: float, named: Collection[str], widths: Sequence[float], warned: bool) -> dict[str, float]:
+def said_on_average(
+    p_none: float, named: Collection[str], widths: Sequence[float], warned: bool
+) -> dict[str, float]:
     """What is counted of :class:`~bayes_toe.comparison.population_answer.OnAverage`, and of 90 % intervals of :data:`WIDTHS`."""
     return {
         FOUND: p_none <= PROBABLY_HAS,
         PULL: "pull" in named,
         ERROR: "constant error" in named,
         DENYING: p_none >= PROBABLY_NONE,
-        **{f"{WIDTH}{quantity} of {parameter}": width for (quantity, parameter), width in zip(WIDTHS, widths, strict=True)},
+        **{
+            f"{WIDTH}{quantity} of {parameter}": width
+            for (quantity, parameter), width in zip(WIDTHS, widths, strict=True)
+        },
         "analysed with warnings": warned,
     }

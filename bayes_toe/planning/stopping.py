@@ -23,7 +23,15 @@ from bayes_toe.model.ladder import models_of
 from bayes_toe.model.prior import Prior
 from bayes_toe.planning.judging import Judgement, judged
 from bayes_toe.planning.observers import NONE, Observer, assumed
-from bayes_toe.planning.power import DATA_SETS, WORDS, DataSet, data_sets_frame, named_designs, share_of, simulation
+from bayes_toe.planning.power import (
+    DATA_SETS,
+    WORDS,
+    DataSet,
+    data_sets_frame,
+    named_designs,
+    share_of,
+    simulation,
+)
 from bayes_toe.planning.study_design import StudyDesign
 from bayes_toe.seeds import generator
 from bayes_toe.workers import Progress, Workers
@@ -32,9 +40,23 @@ if TYPE_CHECKING:
     import pandas as pd
 
 #: Columns of power_stopping.csv.
-STOPPING_COLUMNS = ("design", "observer", "kind", "trials", "effect", "kind_named", "p_none", "p_constant_error", "p_update")
+STOPPING_COLUMNS = (
+    "design",
+    "observer",
+    "kind",
+    "trials",
+    "effect",
+    "kind_named",
+    "p_none",
+    "p_constant_error",
+    "p_update",
+)
 #: Words of a verdict at which a session may end.
-ALLOWED = (*(word for word in EFFECTS if word not in ("", "undecided")), *KINDS.values(), *(f"probably {kind}" for kind in KINDS.values()))
+ALLOWED = (
+    *(word for word in EFFECTS if word not in ("", "undecided")),
+    *KINDS.values(),
+    *(f"probably {kind}" for kind in KINDS.values()),
+)
 
 
 @dataclass(frozen=True)
@@ -58,9 +80,13 @@ class StoppingRule:
     def __post_init__(self) -> None:
         wrong = [one for one in self.words if one not in ALLOWED]
         if wrong or not self.words:
-            raise InputError(f"--stop: found {', '.join(map(quoted, wrong)) or 'nothing'}, allowed: some of {', '.join(ALLOWED)}")
+            raise InputError(
+                f"--stop: found {', '.join(map(quoted, wrong)) or 'nothing'}, allowed: some of {', '.join(ALLOWED)}"
+            )
         if not 1 <= self.every <= self.most:
-            raise InputError(f"--look {self.every}: allowed is 1 to {self.most}, the largest number of trials")
+            raise InputError(
+                f"--look {self.every}: allowed is 1 to {self.most}, the largest number of trials"
+            )
 
     def ends(self, verdict: Verdict) -> bool:
         """Whether the verdict says one of the words."""
@@ -85,8 +111,16 @@ class StoppingTable(Table[DataSet]):
         lines, rule = [], f"stopping at {words}, or {self.rule.most} trials"
         for design, kind in dict.fromkeys((row.design, row.kind) for row in self.rows):
             rows = [row for row in self.rows if (row.design, row.kind) == (design, kind)]
-            found, none = ([row.judgement.found for row in rows], [row.judgement.named == NONE for row in rows])
-            what, right, else_, wrong = "finds an order effect", found, "none, or a negligible one,", none
+            found, none = (
+                [row.judgement.found for row in rows],
+                [row.judgement.named == NONE for row in rows],
+            )
+            what, right, else_, wrong = (
+                "finds an order effect",
+                found,
+                "none, or a negligible one,",
+                none,
+            )
             if kind == NONE:
                 what, right, else_, wrong = "says none, or a negligible effect", none, "one", found
             p, low, high = (100 * part for part in share_of(right)[:3])
@@ -126,11 +160,23 @@ def stopping(
     chosen, given = StoppingRule() if rule is None else rule, named_designs(design)
     longest = [(name, one.with_total(chosen.most)) for name, one in given.items()]
     people = partial(assumed, observers, given, data_sets, prior=prior)
-    found = simulation(partial(session, rule=chosen), "sessions", longest, people, seed, prior, workers, progress, keep)
+    found = simulation(
+        partial(session, rule=chosen),
+        "sessions",
+        longest,
+        people,
+        seed,
+        prior,
+        workers,
+        progress,
+        keep,
+    )
     return StoppingTable(*found, chosen)
 
 
-def session(name: str, design: StudyDesign, observer: Observer, rule: StoppingRule, seed: int, prior: Prior) -> DataSet:
+def session(
+    name: str, design: StudyDesign, observer: Observer, rule: StoppingRule, seed: int, prior: Prior
+) -> DataSet:
     """One observer's session: at every look all answers so far are judged."""
     rng, trials = generator(seed, observer.name, "session"), 0
     order = rng.permutation(np.repeat(np.arange(design.n_pairs), design.n_trials))
@@ -140,5 +186,10 @@ def session(name: str, design: StudyDesign, observer: Observer, rule: StoppingRu
     while not rule.ends(judgement.verdict) and trials < rule.most:
         trials = min(trials + rule.every, rule.most)
         so_far = (column[:trials] for column in (s1, s2, yes, *isi))
-        judgement = judged(Subject.from_trials(observer.name, *so_far, task=design.task), seed, prior, models_of(design.task).space)
+        judgement = judged(
+            Subject.from_trials(observer.name, *so_far, task=design.task),
+            seed,
+            prior,
+            models_of(design.task).space,
+        )
     return DataSet(name, trials, observer.name, observer.kind, judgement)

@@ -68,7 +68,14 @@ class StudyDesign:
 
     def __post_init__(self) -> None:
         try:
-            pairs = Subject("design", self.s1, self.s2, np.zeros(np.shape(self.s1), np.int64), self.n_trials, self.isi)
+            pairs = Subject(
+                "design",
+                self.s1,
+                self.s2,
+                np.zeros(np.shape(self.s1), np.int64),
+                self.n_trials,
+                self.isi,
+            )
         except InputError as error:
             raise InputError(str(error).replace("subject 'design'", "design")) from error
         for key in DESIGN_COLUMNS:
@@ -97,7 +104,9 @@ class StudyDesign:
 
     def answered(self, n_yes: npt.ArrayLike, name: str = "design") -> Subject:
         """The counts of a subject who has answered every trial."""
-        return Subject(name, self.s1, self.s2, np.asarray(n_yes), self.n_trials, self.isi, task=self.task)
+        return Subject(
+            name, self.s1, self.s2, np.asarray(n_yes), self.n_trials, self.isi, task=self.task
+        )
 
     @property
     def unanswered(self) -> Subject:
@@ -113,12 +122,21 @@ class StudyDesign:
             If there are fewer trials than pairs.
         """
         if trials < self.n_pairs:
-            raise InputError(f"{trials} trials for {self.n_pairs} pairs: allowed is at least one trial a pair")
-        return self if trials == self.total else replace(self, n_trials=apportioned(self.n_trials / self.total, trials))
+            raise InputError(
+                f"{trials} trials for {self.n_pairs} pairs: allowed is at least one trial a pair"
+            )
+        return (
+            self
+            if trials == self.total
+            else replace(self, n_trials=apportioned(self.n_trials / self.total, trials))
+        )
 
     def some(self, places: IndexArray, n_trials: IntArray | None = None) -> StudyDesign:
         """Some of the pairs, with as many trials as before or with others."""
-        columns: dict[str, Any] = {key: None if (one := getattr(self, key)) is None else one[places] for key in DESIGN_COLUMNS}
+        columns: dict[str, Any] = {
+            key: None if (one := getattr(self, key)) is None else one[places]
+            for key in DESIGN_COLUMNS
+        }
         return replace(self, **(columns if n_trials is None else {**columns, "n_trials": n_trials}))
 
     def moved(self, by: float) -> StudyDesign:
@@ -137,14 +155,24 @@ class StudyDesign:
         return write_table(self.frame(), path, overwrite=overwrite)
 
 
-def each_once(s1: npt.ArrayLike, s2: npt.ArrayLike, isi: npt.ArrayLike | None = None, *, task: Task = SAME_DIFFERENT) -> StudyDesign:
+def each_once(
+    s1: npt.ArrayLike,
+    s2: npt.ArrayLike,
+    isi: npt.ArrayLike | None = None,
+    *,
+    task: Task = SAME_DIFFERENT,
+) -> StudyDesign:
     """A design that has each of these pairs once."""
     return StudyDesign(s1, s2, np.ones(np.shape(s1), np.int64), isi, task=task)  # type: ignore[arg-type]  # which makes arrays of them
 
 
-def all_pairs(levels: FloatArray, isi: Sequence[float] = (), task: Task = SAME_DIFFERENT) -> StudyDesign:
+def all_pairs(
+    levels: FloatArray, isi: Sequence[float] = (), task: Task = SAME_DIFFERENT
+) -> StudyDesign:
     """Every ordered pair of levels once, at every interval (seconds) where there are any."""
-    return each_once(*np.array([*product(levels, levels, *([isi] if len(isi) else []))]).T, task=task)
+    return each_once(
+        *np.array([*product(levels, levels, *([isi] if len(isi) else []))]).T, task=task
+    )
 
 
 def nobody(task: Task) -> Subject:
@@ -176,9 +204,17 @@ def read_study_design(path: str | Path, task: Task | str = SAME_DIFFERENT) -> St
     InputError
         One line per problem of the file, with row and column.
     """
-    columns = read_numbers(path, DESIGN_COLUMNS[:3], optional=DESIGN_COLUMNS[3:], counts=("n_trials",))[1]
+    columns = read_numbers(
+        path, DESIGN_COLUMNS[:3], optional=DESIGN_COLUMNS[3:], counts=("n_trials",)
+    )[1]
     try:
-        return StudyDesign(columns["s1"], columns["s2"], columns["n_trials"].astype(np.int64), columns.get("isi"), task=task_of(task))
+        return StudyDesign(
+            columns["s1"],
+            columns["s2"],
+            columns["n_trials"].astype(np.int64),
+            columns.get("isi"),
+            task=task_of(task),
+        )
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
 
@@ -186,7 +222,9 @@ def read_study_design(path: str | Path, task: Task | str = SAME_DIFFERENT) -> St
 def paper_study_design(trials: int | None = None, task: Task | str = SAME_DIFFERENT) -> StudyDesign:
     """The paper's 13 pairs, 50 trials each, or so many in all."""
     paper = reference_design()
-    made = StudyDesign(paper.s1, paper.s2, np.full(len(paper.s1), paper.batches), paper.isi, task=task_of(task))
+    made = StudyDesign(
+        paper.s1, paper.s2, np.full(len(paper.s1), paper.batches), paper.isi, task=task_of(task)
+    )
     return made if trials is None else made.with_total(trials)
 
 
@@ -214,7 +252,14 @@ class TrialList:
     condition: npt.NDArray[np.str_] | None = field(default=None, kw_only=True)
 
 
-def trial_list(design: StudyDesign, *, blocks: int = 10, subject: str = "S01", seed: int, conditions: Sequence[str] = ()) -> TrialList:
+def trial_list(
+    design: StudyDesign,
+    *,
+    blocks: int = 10,
+    subject: str = "S01",
+    seed: int,
+    conditions: Sequence[str] = (),
+) -> TrialList:
     """A random order of all trials of a design, under each of the conditions, mixed within blocks, where there are some.
 
     Every block has its share of every pair, and two stimuli in both orders equally often where the design has them so; no more than three
@@ -245,9 +290,16 @@ def trial_list(design: StudyDesign, *, blocks: int = 10, subject: str = "S01", s
         raise InputError(f"--blocks {blocks}: allowed is 1 to {design.total}, the number of trials")
     rng = generator(seed, subject, "order of trials")
     levels = max(1, len(conditions))
-    counts, same = np.hstack([_blocks(design, blocks, rng) for _ in range(levels)]), np.tile(design.s1 == design.s2, levels)
+    counts, same = (
+        np.hstack([_blocks(design, blocks, rng) for _ in range(levels)]),
+        np.tile(design.s1 == design.s2, levels),
+    )
     order = [rng.permutation(np.repeat(np.arange(len(same)), of_block)) for of_block in counts]
-    for trials, equal in zip(order, _places_of_equals(counts[:, same].sum(axis=1), counts[:, ~same].sum(axis=1), rng), strict=True):
+    for trials, equal in zip(
+        order,
+        _places_of_equals(counts[:, same].sum(axis=1), counts[:, ~same].sum(axis=1), rng),
+        strict=True,
+    ):
         trials[equal], trials[~equal] = trials[same[trials]], trials[~same[trials]]
     block = np.repeat(np.arange(1, blocks + 1), counts.sum(axis=1))
     level, pair = np.divmod(np.concatenate(order), design.n_pairs)
@@ -255,7 +307,13 @@ def trial_list(design: StudyDesign, *, blocks: int = 10, subject: str = "S01", s
     return replace(found, condition=np.array(conditions)[level]) if conditions else found
 
 
-def save_trials(lists: list[TrialList], path: str | Path, *, reference: float | None = None, overwrite: bool = False) -> Path:
+def save_trials(
+    lists: list[TrialList],
+    path: str | Path,
+    *,
+    reference: float | None = None,
+    overwrite: bool = False,
+) -> Path:
     """Write trial lists as one CSV file that :func:`bayes_toe.data.read_study.read_study` reads once the column response is filled in.
 
     Columns: subject, condition where there are some, block, trial (over all blocks), s1, s2, isi where there are intervals, i1 and i2 =
@@ -265,10 +323,21 @@ def save_trials(lists: list[TrialList], path: str | Path, *, reference: float | 
 
     parts = []
     for one in lists:
-        columns: dict[str, Any] = {"subject": one.subject} | ({} if one.condition is None else {"condition": one.condition})
-        columns |= {"block": one.block, "trial": np.arange(1, len(one.s1) + 1), "s1": one.s1, "s2": one.s2}
+        columns: dict[str, Any] = {"subject": one.subject} | (
+            {} if one.condition is None else {"condition": one.condition}
+        )
+        columns |= {
+            "block": one.block,
+            "trial": np.arange(1, len(one.s1) + 1),
+            "s1": one.s1,
+            "s2": one.s2,
+        }
         columns |= {} if one.isi is None else {"isi": one.isi}
-        columns |= {} if reference is None else {"i1": reference * np.exp(one.s1), "i2": reference * np.exp(one.s2)}
+        columns |= (
+            {}
+            if reference is None
+            else {"i1": reference * np.exp(one.s1), "i2": reference * np.exp(one.s2)}
+        )
         parts.append(pd.DataFrame({**columns, "response": ""}))
     return write_table(pd.concat(parts), path, overwrite=overwrite)
 
@@ -283,10 +352,14 @@ def _blocks(design: StudyDesign, blocks: int, rng: np.random.Generator) -> IntAr
     """
     counts = np.zeros((blocks, design.n_pairs), np.int64)
     units = [(pairs, times) for pairs, times in _units(design) if times]
-    for index in sorted(rng.permutation(len(units)).tolist(), key=lambda index: -len(units[index][0])):
+    for index in sorted(
+        rng.permutation(len(units)).tolist(), key=lambda index: -len(units[index][0])
+    ):
         pairs, times = units[index]
         counts[:, pairs] += times // blocks
-        fewest = np.lexsort((rng.uniform(size=blocks), counts[:, pairs].sum(axis=1), counts.sum(axis=1)))[: times % blocks]
+        fewest = np.lexsort(
+            (rng.uniform(size=blocks), counts[:, pairs].sum(axis=1), counts.sum(axis=1))
+        )[: times % blocks]
         counts[np.ix_(fewest, pairs)] += 1
     return counts
 
@@ -304,7 +377,9 @@ def _units(design: StudyDesign) -> Iterator[tuple[list[int], int]]:
     yield from (([i], int(count)) for i, count in enumerate(left))
 
 
-def _places_of_equals(equal: IntArray, different: IntArray, rng: np.random.Generator) -> list[BoolArray]:
+def _places_of_equals(
+    equal: IntArray, different: IntArray, rng: np.random.Generator
+) -> list[BoolArray]:
     """Of every block with so many pairs, which of its trials are equal ones: all ways with no more than three in a row equally probable.
 
     Ways are counted from the end: of each block by how many different and equal pairs are to come where a different one was last, and of
@@ -316,13 +391,19 @@ def _places_of_equals(equal: IntArray, different: IntArray, rng: np.random.Gener
         log_ways[0, : MOST_EQUAL + 1] = from_here[: e + 1]
         for left in range(1, d + 1):
             for size in range(min(MOST_EQUAL, e) + 1):
-                log_ways[left, size:] = np.logaddexp(log_ways[left, size:], log_ways[left - 1, : e + 1 - size])
+                log_ways[left, size:] = np.logaddexp(
+                    log_ways[left, size:], log_ways[left - 1, : e + 1 - size]
+                )
         tables.append(log_ways)
         runs = range(MOST_EQUAL + 1)
         if d:
-            from_here = np.array([logsumexp(log_ways[d - 1, max(0, e - MOST_EQUAL + run) :]) for run in runs])
+            from_here = np.array(
+                [logsumexp(log_ways[d - 1, max(0, e - MOST_EQUAL + run) :]) for run in runs]
+            )
         else:
-            from_here = np.array([from_here[run + e] if run + e <= MOST_EQUAL else -np.inf for run in runs])
+            from_here = np.array(
+                [from_here[run + e] if run + e <= MOST_EQUAL else -np.inf for run in runs]
+            )
     if np.isneginf(from_here[0]):
         worst = int((equal - MOST_EQUAL * different).argmax())
         raise InputError(
@@ -338,6 +419,10 @@ def _places_of_equals(equal: IntArray, different: IntArray, rng: np.random.Gener
             p = np.exp(log_ways[left, fewest : e + 1] - logsumexp(log_ways[left, fewest : e + 1]))
             sizes.append(e - fewest - int(rng.choice(len(p), p=p)))
             e, run = e - sizes[-1], 0
-        found.append(np.insert(np.ones(log_ways.shape[1] - 1, np.bool_), np.cumsum(sizes, dtype=np.int64), False))
+        found.append(
+            np.insert(
+                np.ones(log_ways.shape[1] - 1, np.bool_), np.cumsum(sizes, dtype=np.int64), False
+            )
+        )
         run += e
     return found

@@ -47,7 +47,9 @@ _MARKS = {
 _MOST_PANELS = 6
 
 
-def contrast_figure(table: ContrastTable, group: Group | None = None, *, synthetic: bool = False) -> Figure:
+def contrast_figure(
+    table: ContrastTable, group: Group | None = None, *, synthetic: bool = False
+) -> Figure:
     """Every subject's difference in every quantity, 5, 50 and 95 % if it differs, marked by its word; a row of panels a comparison.
 
     Parameters
@@ -63,15 +65,30 @@ def contrast_figure(table: ContrastTable, group: Group | None = None, *, synthet
     subjects = [one.subject for one in table.subjects]
     height = 0.9 + (0.6 * HIGH if len(subjects) > MOST_NAMED else max(0.7, 0.16 * len(subjects)))
     figure = new_figure(PAGE, 0.7 + height * len(comparisons))
-    panels = first_panels(figure.add_gridspec(len(comparisons), len(quantities)), len(comparisons) * len(quantities))
+    panels = first_panels(
+        figure.add_gridspec(len(comparisons), len(quantities)), len(comparisons) * len(quantities)
+    )
     for i, ax in enumerate(panels):
         comparison, quantity = comparisons[i // len(quantities)], quantities[i % len(quantities)]
-        _forest(ax, table.some(quantity, comparison), subjects, None if group is None else group.get((quantity, comparison)))
-        ax.set_xlabel(f"{quantity}, {plain(comparison)} ({_UNITS[quantity]})".replace(" - ", " − "), fontsize=LETTERS)
+        _forest(
+            ax,
+            table.some(quantity, comparison),
+            subjects,
+            None if group is None else group.get((quantity, comparison)),
+        )
+        ax.set_xlabel(
+            f"{quantity}, {plain(comparison)} ({_UNITS[quantity]})".replace(" - ", " − "),
+            fontsize=LETTERS,
+        )
         ax.tick_params(labelleft=i % len(quantities) == 0)
     made = " (synthetic data)" if synthetic else ""
-    marks = "\nmarks: whether it differs between any of the conditions" if len(comparisons) > 1 else ""
-    figure.suptitle(f"What differs by {plain(table.conditions.name)}{made}: 5, 50 and 95 % if it differs{marks}", fontsize=LETTERS + 1.0)
+    marks = (
+        "\nmarks: whether it differs between any of the conditions" if len(comparisons) > 1 else ""
+    )
+    figure.suptitle(
+        f"What differs by {plain(table.conditions.name)}{made}: 5, 50 and 95 % if it differs{marks}",
+        fontsize=LETTERS + 1.0,
+    )
     words = {row.word for row in table}
     for face, colour, label in (mark for word, mark in _MARKS.items() if word in words):
         panels[0].plot([], [], "o", ms=3.4, mfc=face, mec=colour, mew=0.7, label=label)
@@ -79,7 +96,12 @@ def contrast_figure(table: ContrastTable, group: Group | None = None, *, synthet
     return figure
 
 
-def _forest(ax: Axes, rows: Sequence[Difference], subjects: Sequence[str], group: tuple[float, float, float] | None) -> None:
+def _forest(
+    ax: Axes,
+    rows: Sequence[Difference],
+    subjects: Sequence[str],
+    group: tuple[float, float, float] | None,
+) -> None:
     """One quantity of every subject, sorted where they are too many for their names."""
     named = len(subjects) <= MOST_NAMED
     shown = list(rows) if named else sorted(rows, key=lambda row: row.q50)
@@ -92,7 +114,11 @@ def _forest(ax: Axes, rows: Sequence[Difference], subjects: Sequence[str], group
     faces, colours = ([_MARKS[row.word][place] for row in shown] for place in (0, 1))
     ax.hlines(y, low, high, colors=colours, lw=1.0)
     ax.scatter(middle, y, 3.4**2, faces, edgecolors=colours, linewidths=0.7, zorder=2)
-    ax.set_yticks(y if named else [], [plain(row.subject, 16) for row in shown] if named else [], fontsize=SMALL)
+    ax.set_yticks(
+        y if named else [],
+        [plain(row.subject, 16) for row in shown] if named else [],
+        fontsize=SMALL,
+    )
     ax.set_ylim(len(subjects) - 0.4, -0.6)
     ax.locator_params(axis="x", nbins=4)
     dress(ax).tick_params(axis="y", length=0)
@@ -109,8 +135,12 @@ def contrast_curves(study: Study, table: ContrastTable, subject: str) -> Figure:
     found = next((one for one in table.subjects if one.subject == subject), None)
     record = model_named(table.model, table.task)
     if found is None or not isinstance(record, Model):
-        raise InputError(f"no contrast of subject {subject!r}; there are: {', '.join(one.subject for one in table.subjects)}")
-    units = [one for one in study if one.person == subject and one.condition in found.levels][:_MOST_PANELS]
+        raise InputError(
+            f"no contrast of subject {subject!r}; there are: {', '.join(one.subject for one in table.subjects)}"
+        )
+    units = [one for one in study if one.person == subject and one.condition in found.levels][
+        :_MOST_PANELS
+    ]
     figure = new_figure(PAGE, 3.2)
     panels = first_panels(figure.add_gridspec(1, len(units)), len(units), sharey=True)
     for unit, ax in zip(units, panels, strict=True):
@@ -118,9 +148,15 @@ def contrast_curves(study: Study, table: ContrastTable, subject: str) -> Figure:
         fitted = Predictor(record.posterior(unit, table.prior), x)
         order_panel(ax, unit, fitted.yes, 0.0 if weaker is None else weaker, size=4.0)
         said = which_weaker(unit, weaker)
-        ax.set_title(f"{plain(table.conditions.name)} {plain(unit.condition)}" + (f"\n{said}" if said else ""), fontsize=LETTERS)
+        ax.set_title(
+            f"{plain(table.conditions.name)} {plain(unit.condition)}"
+            + (f"\n{said}" if said else ""),
+            fontsize=LETTERS,
+        )
         dress(ax)
     panels[0].set_ylabel(chance(table.task))
-    figure.suptitle(plain(subject) + (" (synthetic data)" if study.synthetic else ""), fontsize=LETTERS + 1.0)
+    figure.suptitle(
+        plain(subject) + (" (synthetic data)" if study.synthetic else ""), fontsize=LETTERS + 1.0
+    )
     legend_below(figure, size=LETTERS)
     return figure

@@ -41,9 +41,23 @@ AROUND = 2
 LEVELS, SPANNED = (0.5, 0.9), (0.005, 0.995)
 PRIOR, TRUTH = "#999999", WEAKER_FIRST
 #: Of several subjects in the same panels: colour, and the line that tells them apart in grey.
-OVERLAID = ((POSTERIOR, "solid"), ("#B8520A", "dashed"), ("#00704F", "dotted"), ("#A0458A", "dashdot"))
+OVERLAID = (
+    (POSTERIOR, "solid"),
+    ("#B8520A", "dashed"),
+    ("#00704F", "dotted"),
+    ("#A0458A", "dashdot"),
+)
 #: Inches: a panel, a lone one, the gap between two; margins; from panels to their labels; the least that words beside them need.
-_PANEL, _LONE_PANEL, _GAP, _LEFT, _BELOW, _MARGIN, _LABEL, _WORDS = 1.6, 2.6, 0.1, 0.95, 0.95, 0.15, 0.63, 2.7
+_PANEL, _LONE_PANEL, _GAP, _LEFT, _BELOW, _MARGIN, _LABEL, _WORDS = (
+    1.6,
+    2.6,
+    0.1,
+    0.95,
+    0.95,
+    0.15,
+    0.63,
+    2.7,
+)
 _LINE = 1.3 / 72.0  # inches from a line of words to the next, by its points
 
 
@@ -81,15 +95,21 @@ def corner(
     """
     require_draws(draws)
     subjects, alone = ([subject], True) if isinstance(subject, str) else (list(subject), False)
-    if not alone and (not 2 <= len(subjects) <= len(OVERLAID) or len(set(subjects)) < len(subjects)):
-        raise InputError(f"subjects in one corner plot: found {listed([*map(repr, subjects)])}; allowed: 2 to {len(OVERLAID)}, each once")
+    if not alone and (
+        not 2 <= len(subjects) <= len(OVERLAID) or len(set(subjects)) < len(subjects)
+    ):
+        raise InputError(
+            f"subjects in one corner plot: found {listed([*map(repr, subjects)])}; allowed: 2 to {len(OVERLAID)}, each once"
+        )
     known = _truths_by_subject(truths, subject)
     shown = [_Shown.of(draws, name, coordinates, known.get(name)) for name in subjects]
     spans = [
         (min(low for low, _ in of), max(high for _, high in of))
         for of in zip(*(spans_of(one.samples, one.names, one.target) for one in shown), strict=True)
     ]
-    words = (_words_of_one(draws, shown[0], spans) if alone else _words_of_several(draws, shown)) + [
+    words = (
+        _words_of_one(draws, shown[0], spans) if alone else _words_of_several(draws, shown)
+    ) + [
         *([_Words("grey: prior")] if prior is not None else []),
         _Words("intensities: natural log"),
     ]
@@ -99,24 +119,39 @@ def corner(
     diagonal = np.array(figure.axes).reshape(len(spans), len(spans)).diagonal()
     believed = [] if prior is None else [one.believed(prior, spans) for one in shown]
     for i, (ax, span) in enumerate(zip(diagonal, spans, strict=True)):
-        bars = [np.histogram(one.samples[:, i], BINS, span)[0] for one in shown] + [of[i] for of in believed]
-        ax.set_ylim(0.0, 1.1 * max(float(one.max()) for one in bars))  # each subject's panels were fitted to it alone
+        bars = [np.histogram(one.samples[:, i], BINS, span)[0] for one in shown] + [
+            of[i] for of in believed
+        ]
+        ax.set_ylim(
+            0.0, 1.1 * max(float(one.max()) for one in bars)
+        )  # each subject's panels were fitted to it alone
         for of, (_, line) in zip(believed, OVERLAID, strict=False):
             if of is believed[0] or not np.array_equal(of[i], believed[0][i]):
-                ax.stairs(of[i], np.linspace(*span, BINS + 1), color=PRIOR, lw=1.4, ls=line, label="prior")
+                ax.stairs(
+                    of[i], np.linspace(*span, BINS + 1), color=PRIOR, lw=1.4, ls=line, label="prior"
+                )
     _lay_out(figure, spans, words)
     return figure
 
 
-def _truths_by_subject(truths: Values | Mapping[str, Values] | None, subject: str | Sequence[str]) -> Mapping[str, Values]:
+def _truths_by_subject(
+    truths: Values | Mapping[str, Values] | None, subject: str | Sequence[str]
+) -> Mapping[str, Values]:
     """True values by subject, of one or of several."""
     nested = [name for name, value in (truths or {}).items() if isinstance(value, Mapping)]
     if isinstance(subject, str) and nested:
         own = f"truths[{nested[0]!r}]"
-        raise InputError(f"truths: found values by subject ({nested[0]!r}), allowed for one subject: its own, such as {own}")
+        raise InputError(
+            f"truths: found values by subject ({nested[0]!r}), allowed for one subject: its own, such as {own}"
+        )
     if not isinstance(subject, str) and len(nested) < len(truths or {}):
-        raise InputError("truths: found numbers, allowed for several subjects: a mapping of each one's values by its name")
-    return cast("Mapping[str, Values]", {} if truths is None else {subject: truths} if isinstance(subject, str) else truths)
+        raise InputError(
+            "truths: found numbers, allowed for several subjects: a mapping of each one's values by its name"
+        )
+    return cast(
+        "Mapping[str, Values]",
+        {} if truths is None else {subject: truths} if isinstance(subject, str) else truths,
+    )
 
 
 # --- what is shown of a subject -----------------------------------------------------------------------------------------------------
@@ -134,22 +169,38 @@ class _Shown:
     known: Values
 
     @classmethod
-    def of(cls, draws: Draws, subject: str, coordinates: str | Sequence[str], truths: Values | None) -> _Shown:
+    def of(
+        cls, draws: Draws, subject: str, coordinates: str | Sequence[str], truths: Values | None
+    ) -> _Shown:
         """What is asked for, refused where it cannot be."""
         target = draws.posterior(subject)
         if len(coordinates) == 0:
-            raise InputError(f"coordinates: found none, allowed: {', '.join(COORDINATES)} or some of {', '.join(target.names.all)}")
+            raise InputError(
+                f"coordinates: found none, allowed: {', '.join(COORDINATES)} or some of {', '.join(target.names.all)}"
+            )
         if isinstance(coordinates, str) and coordinates not in COORDINATES:
-            raise InputError(f"coordinates {coordinates!r} must be one of: {', '.join(COORDINATES)}")
+            raise InputError(
+                f"coordinates {coordinates!r} must be one of: {', '.join(COORDINATES)}"
+            )
         kinds = {"natural": target.names.natural, "identified": target.names.identified}
         names = kinds[coordinates] if isinstance(coordinates, str) else tuple(coordinates)
         samples = np.column_stack([draws.values(subject, name).ravel() for name in names])
-        return cls(subject, target, draws.model, names, samples, {} if truths is None else known_from(truths, target))
+        return cls(
+            subject,
+            target,
+            draws.model,
+            names,
+            samples,
+            {} if truths is None else known_from(truths, target),
+        )
 
     def believed(self, prior: Prior, spans: Sequence[Span]) -> list[FloatArray]:
         """Draws from a prior, counted in the bins of the panels as if there were as many as of the posterior."""
         drawn = prior_values(posterior_of(self.target.subject, prior, model=self.model))
-        counted = [np.histogram(drawn[name], BINS, span)[0] for name, span in zip(self.names, spans, strict=True)]
+        counted = [
+            np.histogram(drawn[name], BINS, span)[0]
+            for name, span in zip(self.names, spans, strict=True)
+        ]
         return [len(self.samples) / PRIOR_DRAWS * of.astype(np.float64) for of in counted]
 
 
@@ -163,7 +214,10 @@ def spans_of(samples: FloatArray, names: Sequence[str], target: Answering) -> li
     ends = np.quantile(samples, SPANNED, axis=0).T.tolist()
     pads = [0.08 * (high - low) if high > low else 0.5 * abs(low) + 1e-12 for low, high in ends]
     supports = [support(target, name) for name in names]
-    return [(max(low - pad, of[0]), min(high + pad, of[1])) for (low, high), pad, of in zip(ends, pads, supports, strict=True)]
+    return [
+        (max(low - pad, of[0]), min(high + pad, of[1]))
+        for (low, high), pad, of in zip(ends, pads, supports, strict=True)
+    ]
 
 
 def support(target: Answering, name: str) -> Span:
@@ -174,7 +228,9 @@ def support(target: Answering, name: str) -> Span:
         return 0.0, 1.0
     if name.startswith("sigma") or name in ("width", "jnd"):
         return 0.0, np.inf
-    return target.prior_quantile(name, 0.0), target.prior_quantile(name, 1.0)  # as far as the model's prior reaches
+    return target.prior_quantile(name, 0.0), target.prior_quantile(
+        name, 1.0
+    )  # as far as the model's prior reaches
 
 
 def known_from(truths: Values, target: Answering) -> dict[str, float]:
@@ -184,10 +240,16 @@ def known_from(truths: Values, target: Answering) -> dict[str, float]:
         if name not in allowed:
             raise InputError(f"truths: unknown quantity {name!r}; there are: {', '.join(allowed)}")
         if not np.isfinite(value) or (name == "sigma_p" and value <= 0):
-            raise InputError(f"truths: {name}={value!r}, allowed: a {'positive ' if name == 'sigma_p' else ''}finite number")
+            raise InputError(
+                f"truths: {name}={value!r}, allowed: a {'positive ' if name == 'sigma_p' else ''}finite number"
+            )
     # NaN stands for what was not given, and marks what cannot be known without it.
-    given = {name: np.asarray(truths.get(name, np.nan), np.float64) for name in target.names.natural}
-    if isinstance(target, Posterior) and set(NATURAL) <= set(given):  # the paper's parameters may also lie outside the prior's support
+    given = {
+        name: np.asarray(truths.get(name, np.nan), np.float64) for name in target.names.natural
+    }
+    if isinstance(target, Posterior) and set(NATURAL) <= set(
+        given
+    ):  # the paper's parameters may also lie outside the prior's support
         found = quantities(Natural(*(given[name] for name in NATURAL)), target.sbar)
     else:
         found = target.quantities(target.points(given))
@@ -215,8 +277,13 @@ class Density(NamedTuple):
         """Of draws, shape (draws,) each, in a panel that reaches so far."""
         smooth = gaussian_filter(np.histogram2d(y, x, BINS, [up, across])[0], 1.0)
         values = np.pad(np.pad(smooth, 1, mode="edge"), 1, constant_values=smooth.min())
-        places = [(draws - low) / (high - low) * BINS + AROUND - 0.5 for draws, (low, high) in ((y, up), (x, across))]
-        at_draws = map_coordinates(values, places, order=1, mode="constant", cval=-1.0)  # outside, less than any density
+        places = [
+            (draws - low) / (high - low) * BINS + AROUND - 0.5
+            for draws, (low, high) in ((y, up), (x, across))
+        ]
+        at_draws = map_coordinates(
+            values, places, order=1, mode="constant", cval=-1.0
+        )  # outside, less than any density
         middles = (np.arange(-AROUND, BINS + AROUND) + 0.5) / BINS
         levels = np.quantile(at_draws, 1.0 - np.array(LEVELS)).tolist()
         middle_x, middle_y = (low + (high - low) * middles for low, high in (across, up))
@@ -237,7 +304,9 @@ def corner_package() -> Any:
     return package
 
 
-def _draw_posterior(figure: Figure, one: _Shown, spans: Sequence[Span], colour: str, line: str, *, alone: bool) -> None:
+def _draw_posterior(
+    figure: Figure, one: _Shown, spans: Sequence[Span], colour: str, line: str, *, alone: bool
+) -> None:
     """Histograms, contours and true values of one subject; in a figure that has panels already, over what is there."""
     library, truths = corner_package(), [one.known.get(name, np.nan) for name in one.names]
     library.corner(
@@ -249,7 +318,9 @@ def _draw_posterior(figure: Figure, one: _Shown, spans: Sequence[Span], colour: 
         label_kwargs={"fontsize": 13},
         max_n_ticks=0,
         color=colour,
-        hist_kwargs={"color": colour} if alone else {"color": colour, "linestyle": line, "linewidth": 1.4},
+        hist_kwargs={"color": colour}
+        if alone
+        else {"color": colour, "linestyle": line, "linewidth": 1.4},
         quantiles=MARKED if alone else None,
         plot_datapoints=False,
         plot_density=False,
@@ -257,7 +328,13 @@ def _draw_posterior(figure: Figure, one: _Shown, spans: Sequence[Span], colour: 
     )
     axes = np.array(figure.axes).reshape(len(spans), len(spans))
     for j, i in combinations(range(len(spans)), 2):
-        _draw_contours(axes[i, j], Density.of(one.samples[:, j], one.samples[:, i], spans[j], spans[i]), colour, line, filled=alone)
+        _draw_contours(
+            axes[i, j],
+            Density.of(one.samples[:, j], one.samples[:, i], spans[j], spans[i]),
+            colour,
+            line,
+            filled=alone,
+        )
     if alone:  # corner's own lines fail in a figure of one quantity
         for i in np.flatnonzero(np.isfinite(truths)).tolist():
             for ax in axes[i:, i]:
@@ -268,7 +345,9 @@ def _draw_posterior(figure: Figure, one: _Shown, spans: Sequence[Span], colour: 
     else:  # lines would be taken for medians
         style: dict[str, Any] = {"color": colour, "mec": "black", "mew": 0.8, "zorder": 5}
         library.overplot_points(figure, [truths], marker="s", ms=5, **style)
-        for ax, median, value in zip(axes.diagonal(), np.median(one.samples, axis=0), truths, strict=True):
+        for ax, median, value in zip(
+            axes.diagonal(), np.median(one.samples, axis=0), truths, strict=True
+        ):
             ax.axvline(median, color=colour, lw=1.0, ls=line)
             ax.plot(value, 0.0, "^", ms=7, clip_on=False, **style)
 
@@ -278,8 +357,19 @@ def _draw_contours(ax: Axes, found: Density, colour: str, line: str, *, filled: 
     levels = np.unique(found.levels)
     if filled:
         colours = [(colour, 1.0 / 3.0), colour][-len(levels) :]
-        ax.contourf(found.x, found.y, found.values, [*levels, 2.0 * found.values.max()], colors=colours)
-    ax.contour(found.x, found.y, found.values, levels, colors=colour, linestyles=line, linewidths=1.5, zorder=1.5)
+        ax.contourf(
+            found.x, found.y, found.values, [*levels, 2.0 * found.values.max()], colors=colours
+        )
+    ax.contour(
+        found.x,
+        found.y,
+        found.values,
+        levels,
+        colors=colour,
+        linestyles=line,
+        linewidths=1.5,
+        zorder=1.5,
+    )
 
 
 # --- words and layout ---------------------------------------------------------------------------------------------------------------
@@ -296,16 +386,30 @@ class _Words(NamedTuple):
 
 def _words_of_one(draws: Draws, one: _Shown, spans: Sequence[Span]) -> list[_Words]:
     """Who it is, what is drawn, and true values that lie outside their panels."""
-    found = [_Words(plain(one.subject, 24), 14.0, "bold", "black"), _Words(draws.model, 11.0, colour="black")]
+    found = [
+        _Words(plain(one.subject, 24), 14.0, "bold", "black"),
+        _Words(draws.model, 11.0, colour="black"),
+    ]
     found += [_Words("synthetic data", 11.0, colour="black")] if draws.synthetic else []
-    found += [_Words("NOT CONVERGED", 13.0, "bold", "black")] if one.subject in draws.not_converged else []
-    found += [_Words("blue: posterior" + (", contours 50 and 90 %" if len(spans) > 1 else "")), _Words("dashed: 5, 50, 95 %")]
+    found += (
+        [_Words("NOT CONVERGED", 13.0, "bold", "black")]
+        if one.subject in draws.not_converged
+        else []
+    )
+    found += [
+        _Words("blue: posterior" + (", contours 50 and 90 %" if len(spans) > 1 else "")),
+        _Words("dashed: 5, 50, 95 %"),
+    ]
     known = {
         name: (one.known[name], low <= one.known[name] <= high)
         for name, (low, high) in zip(one.names, spans, strict=True)
         if name in one.known
     }
-    outside = [f"{LABELS.get(name, name)} = {value:.5g}".replace("-", "−") for name, (value, inside) in known.items() if not inside]
+    outside = [
+        f"{LABELS.get(name, name)} = {value:.5g}".replace("-", "−")
+        for name, (value, inside) in known.items()
+        if not inside
+    ]
     found += [_Words("red: true value")] if len(outside) < len(known) else []
     return found + ([_Words(f"true value outside: {', '.join(outside)}")] if outside else [])
 
@@ -316,10 +420,20 @@ def _words_of_several(draws: Draws, shown: Sequence[_Shown]) -> list[_Words]:
     for one, (colour, line) in zip(shown, OVERLAID, strict=False):
         missed = ", NOT CONVERGED" if one.subject in draws.not_converged else ""
         found.append(_Words(f"{plain(one.subject, 20)} ({line}{missed})", 12.0, "bold", colour))
-    found.append(_Words(f"{draws.model}, synthetic data" if draws.synthetic else draws.model, 11.0, colour="black"))
+    found.append(
+        _Words(
+            f"{draws.model}, synthetic data" if draws.synthetic else draws.model,
+            11.0,
+            colour="black",
+        )
+    )
     found += [_Words("contours: 50 and 90 %")] if several else []
     marked = any(name in one.known for one in shown for name in one.names)
-    return [*found, _Words("upright: medians"), *([_Words(f"{'squares, ' if several else ''}triangles: true values")] if marked else [])]
+    return [
+        *found,
+        _Words("upright: medians"),
+        *([_Words(f"{'squares, ' if several else ''}triangles: true values")] if marked else []),
+    ]
 
 
 def _new_figure(count: int, words: Sequence[_Words]) -> Figure:
@@ -333,13 +447,21 @@ def _new_figure(count: int, words: Sequence[_Words]) -> Figure:
 def _header(count: int, panel: float, words: Sequence[_Words], wide: float) -> float:
     """Inches of words above the panels: none where they stand beside the topmost one."""
     beside = (count - 1) * (panel + _GAP) >= _WORDS
-    return 0.0 if beside else _MARGIN + sum(_LINE * one.size for one, _ in _lines(words, wide - 2.0 * _MARGIN))
+    return (
+        0.0
+        if beside
+        else _MARGIN + sum(_LINE * one.size for one, _ in _lines(words, wide - 2.0 * _MARGIN))
+    )
 
 
 def _lines(words: Sequence[_Words], room: float) -> list[tuple[_Words, str]]:
     """Words in lines that are no wider than so many inches."""
     letters = [room * 72.0 / ((0.68 if one.weight == "bold" else 0.54) * one.size) for one in words]
-    return [(one, line) for one, most in zip(words, letters, strict=True) for line in wrap(one.text, max(8, int(most)))]
+    return [
+        (one, line)
+        for one, most in zip(words, letters, strict=True)
+        for line in wrap(one.text, max(8, int(most)))
+    ]
 
 
 def _lay_out(figure: Figure, spans: Sequence[Span], words: Sequence[_Words]) -> None:
@@ -349,11 +471,20 @@ def _lay_out(figure: Figure, spans: Sequence[Span], words: Sequence[_Words]) -> 
     across = (wide - _LEFT - _MARGIN - (count - 1) * _GAP) / count
     header = _header(count, across, words, wide)
     down = (high - _BELOW - _MARGIN - header - (count - 1) * _GAP) / count
-    figure.subplots_adjust(_LEFT / wide, _BELOW / high, 1.0 - _MARGIN / wide, 1.0 - (_MARGIN + header) / high, _GAP / across, _GAP / down)
+    figure.subplots_adjust(
+        _LEFT / wide,
+        _BELOW / high,
+        1.0 - _MARGIN / wide,
+        1.0 - (_MARGIN + header) / high,
+        _GAP / across,
+        _GAP / down,
+    )
     axes = np.array(figure.axes).reshape(count, count)
     for i, (start, end) in enumerate(spans):
         found, margin = np.asarray(MaxNLocator(4).tick_values(start, end)), 0.06 * (end - start)
-        ticks = found[(found >= start + margin) & (found <= end - margin)]  # whose labels do not touch the next panel's
+        ticks = found[
+            (found >= start + margin) & (found <= end - margin)
+        ]  # whose labels do not touch the next panel's
         for ax in axes[i:, i]:
             ax.set_xticks(ticks)
         for ax in axes[i, :i]:
@@ -365,5 +496,14 @@ def _lay_out(figure: Figure, spans: Sequence[Span], words: Sequence[_Words]) -> 
     y = high - _MARGIN
     for one, line in _lines(words, room):
         x, side = (_MARGIN, "left") if above else (wide - _MARGIN, "right")
-        figure.text(x / wide, y / high, line, size=one.size, weight=one.weight, color=one.colour, ha=side, va="top")
+        figure.text(
+            x / wide,
+            y / high,
+            line,
+            size=one.size,
+            weight=one.weight,
+            color=one.colour,
+            ha=side,
+            va="top",
+        )
         y -= _LINE * one.size

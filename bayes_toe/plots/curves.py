@@ -52,14 +52,19 @@ CURVE_DRAWS = 600
 Curve = Callable[[FloatArray, FloatArray], FloatArray]
 _ASIDE = 0.7  # of a mark's size: how far marks of both orders stand beside their stimulus, so that none hides another
 #: What panels of answers are drawn over.
-_ALONG = {SAME_DIFFERENT: "stronger stimulus (ln intensity)", WHICH_STRONGER: "$s_2 - s_1$ (ln intensity)"}
+_ALONG = {
+    SAME_DIFFERENT: "stronger stimulus (ln intensity)",
+    WHICH_STRONGER: "$s_2 - s_1$ (ln intensity)",
+}
 _BEYOND = 2.0  # the default range goes so many times below the shortest and above the longest tested interval
 
 
 # --- one subject, over the stimuli --------------------------------------------------------------------------------------------------
 
 
-def curves(draws: Draws, subject: str, *, title: str | None = None, beside: Predictor | None = None) -> Figure:
+def curves(
+    draws: Draws, subject: str, *, title: str | None = None, beside: Predictor | None = None
+) -> Figure:
     """Answers of one subject in both orders with the fitted P('equal'): posterior mean, central 60 % and 95 % bands.
 
     Of 'which is stronger' P('second') over s2 - s1 with 60 % bands, a curve for each of up to six first stimuli, or groups of these: where
@@ -78,16 +83,24 @@ def curves(draws: Draws, subject: str, *, title: str | None = None, beside: Pred
     """
     counts = draws.subject(subject)
     if title is None:
-        title = f"{plain(subject)}: {draws.model}" + (" (synthetic data)" if draws.synthetic else "") + _unconverged(draws, subject)
+        title = (
+            f"{plain(subject)}: {draws.model}"
+            + (" (synthetic data)" if draws.synthetic else "")
+            + _unconverged(draws, subject)
+        )
     if beside is not None:
         title = "\n".join(filter(None, [title, f"dashed: {beside.target.model.name}"]))
     if counts.intervals:
-        return _interval_figure(counts, Predictor.of(draws, subject, most=CURVE_DRAWS), title, beside)
+        return _interval_figure(
+            counts, Predictor.of(draws, subject, most=CURVE_DRAWS), title, beside
+        )
     free = isinstance(draws.posterior(subject), FrequencyPosterior)
     fitted = None if free else Predictor.of(draws, subject, most=CURVE_DRAWS)
     equal = None if fitted is None else fitted.yes
     other = None if beside is None else beside.yes
-    return _answers_figure(counts, equal, lambda ax: _distance_panel(ax, counts, fitted, beside), title, other)
+    return _answers_figure(
+        counts, equal, lambda ax: _distance_panel(ax, counts, fitted, beside), title, other
+    )
 
 
 def plot_average(averages: Averages, subject: str) -> Figure:
@@ -103,20 +116,35 @@ def plot_average(averages: Averages, subject: str) -> Figure:
     """
     one = averages[subject]
     refuse_intervals([one.counts], "panel of both orders")
-    said = [f"{plain(subject)}: average over {len(one.models)} models" + (" (synthetic data)" if averages.synthetic else "")]
+    said = [
+        f"{plain(subject)}: average over {len(one.models)} models"
+        + (" (synthetic data)" if averages.synthetic else "")
+    ]
     for name, words in {"pull": "pull", "offset": "constant error"}.items():
-        low, middle, high = (0.0 + round(value, 2) for value in np.quantile(one.values(name), MARKED).tolist())
-        said.append(f"{words} {middle:.2f} ({low:.2f}, {high:.2f}), none: {one.without(name):.2f}".replace("-", "−"))
+        low, middle, high = (
+            0.0 + round(value, 2) for value in np.quantile(one.values(name), MARKED).tolist()
+        )
+        said.append(
+            f"{words} {middle:.2f} ({low:.2f}, {high:.2f}), none: {one.without(name):.2f}".replace(
+                "-", "−"
+            )
+        )
 
     def over_difference(ax: Axes) -> None:
         _distance_panel(ax, one.counts, None)
-        _draw_means(ax, one.counts, one.counts.s2 - one.counts.s1, one.yes(one.counts.s1, one.counts.s2))
+        _draw_means(
+            ax, one.counts, one.counts.s2 - one.counts.s1, one.yes(one.counts.s1, one.counts.s2)
+        )
 
     return _answers_figure(one.counts, one.yes, over_difference, "\n".join(said))
 
 
 def _answers_figure(
-    counts: Subject, equal: Curve | None, single: Callable[[Axes], object], title: str, beside: Curve | None = None
+    counts: Subject,
+    equal: Curve | None,
+    single: Callable[[Axes], object],
+    title: str,
+    beside: Curve | None = None,
 ) -> Figure:
     """One panel per weaker stimulus with curves, or a single one, which `single` draws, where a design has too many of those."""
     weaker = _panels(counts)
@@ -140,7 +168,11 @@ def _answers_figure(
 
 def over_panel(draws: Draws, subject: str) -> str:
     """The title of a panel of one subject among others."""
-    return plain(subject, 20) + (" (synthetic)" if draws.synthetic else "") + _unconverged(draws, subject)
+    return (
+        plain(subject, 20)
+        + (" (synthetic)" if draws.synthetic else "")
+        + _unconverged(draws, subject)
+    )
 
 
 def _unconverged(draws: Draws, subject: str) -> str:
@@ -176,12 +208,22 @@ def lines_along(counts: Subject, weaker: float, points: int) -> list[Line]:
     """Curves of a panel: of both orders and of equal stimuli over the stronger one, with one weaker one (ln); or by the first stimulus."""
     if counts.task == WHICH_STRONGER:
         return _by_first(counts, points)
-    stronger, shown, order = np.maximum(counts.s1, counts.s2), _in_order_panel(counts, weaker), presentation_order(counts)
-    low, high = float(stronger[shown].min(initial=weaker)), float(stronger[shown].max(initial=weaker))
+    stronger, shown, order = (
+        np.maximum(counts.s1, counts.s2),
+        _in_order_panel(counts, weaker),
+        presentation_order(counts),
+    )
+    low, high = (
+        float(stronger[shown].min(initial=weaker)),
+        float(stronger[shown].max(initial=weaker)),
+    )
     x, alike = (np.linspace(start, max(high, weaker + 1e-9), points) for start in (weaker, low))
     fixed = np.full_like(x, weaker)
     along = {0: (alike, alike, alike), -1: (x, fixed, x), 1: (x, x, fixed)}
-    found = (Line(mark, shown & (order == side), stronger, side, *along[side]) for side, mark in ORDERS.items())
+    found = (
+        Line(mark, shown & (order == side), stronger, side, *along[side])
+        for side, mark in ORDERS.items()
+    )
     return [line for line in found if line.at.any()]
 
 
@@ -189,17 +231,36 @@ def _by_first(counts: Subject, points: int) -> list[Line]:
     """P('second') over s2 - s1 by the first stimulus, of which neighbouring ones are taken together where there are more than six."""
     firsts, place = np.unique(counts.s1), counts.s2 - counts.s1
     pad = 0.05 * max(float(np.ptp(place)), 1e-9)
-    x, groups = np.linspace(place.min() - pad, place.max() + pad, points), np.array_split(firsts, min(len(firsts), MOST_PANELS))
-    middle, colours = 0.5 * (len(groups) - 1), colormaps["viridis"](np.linspace(0.0, 0.85, len(groups)))
+    x, groups = (
+        np.linspace(place.min() - pad, place.max() + pad, points),
+        np.array_split(firsts, min(len(firsts), MOST_PANELS)),
+    )
+    middle, colours = (
+        0.5 * (len(groups) - 1),
+        colormaps["viridis"](np.linspace(0.0, 0.85, len(groups))),
+    )
     found = []
     for i, group in enumerate(groups):
-        ends = " to ".join(dict.fromkeys(f"{end:.3g}" for end in (group[0], group[-1]))).replace("-", "−")
-        mark, fixed = Mark(to_hex(colours[i]), "osD^vh"[i], f"$s_1$ = {ends}"), np.full_like(x, group[len(group) // 2])
+        ends = " to ".join(dict.fromkeys(f"{end:.3g}" for end in (group[0], group[-1]))).replace(
+            "-", "−"
+        )
+        mark, fixed = (
+            Mark(to_hex(colours[i]), "osD^vh"[i], f"$s_1$ = {ends}"),
+            np.full_like(x, group[len(group) // 2]),
+        )
         found.append(Line(mark, np.isin(counts.s1, group), place, i - middle, x, fixed, fixed + x))
     return found
 
 
-def order_panel(ax: Axes, counts: Subject, equal: Curve | None, weaker: float, *, size: float = 5.5, beside: Curve | None = None) -> Axes:
+def order_panel(
+    ax: Axes,
+    counts: Subject,
+    equal: Curve | None,
+    weaker: float,
+    *,
+    size: float = 5.5,
+    beside: Curve | None = None,
+) -> Axes:
     """Both orders of all pairs with one weaker stimulus (ln) over the stronger one, marks of so many points; as in Fig. 3, upper row.
 
     Of 'which is stronger' the psychometric curves after every first stimulus, whatever the weaker one is. `equal` goes from the stimuli of
@@ -207,13 +268,29 @@ def order_panel(ax: Axes, counts: Subject, equal: Curve | None, weaker: float, *
     curve, of which the mean is drawn, dashed.
     """
     refuse_intervals([counts], "panel of both orders")
-    bands = BANDS if counts.task == SAME_DIFFERENT else BANDS[1:]  # wide ones of many curves would hide each other
+    bands = (
+        BANDS if counts.task == SAME_DIFFERENT else BANDS[1:]
+    )  # wide ones of many curves would hide each other
     for line in lines_along(counts, weaker, 120):
         if equal is not None:
             draw_band(ax, line.x, equal(line.s1, line.s2), line.mark.colour, 0.3 * size, bands)
         if beside is not None:
-            ax.plot(line.x, beside(line.s1, line.s2).mean(axis=0), color=line.mark.colour, lw=0.25 * size, ls=(0, (3, 2)))
-        _draw_points(ax, line.place[line.at], counts, line.at, line.mark, size=size, aside=_ASIDE * line.side * size)
+            ax.plot(
+                line.x,
+                beside(line.s1, line.s2).mean(axis=0),
+                color=line.mark.colour,
+                lw=0.25 * size,
+                ls=(0, (3, 2)),
+            )
+        _draw_points(
+            ax,
+            line.place[line.at],
+            counts,
+            line.at,
+            line.mark,
+            size=size,
+            aside=_ASIDE * line.side * size,
+        )
     if counts.task == WHICH_STRONGER:
         ax.axhline(0.5, color=EQUAL, lw=0.8, ls=":", zorder=0, label="one half: PSE")
         ax.axvline(0.0, color=EQUAL, lw=0.8, ls=":", zorder=0)
@@ -221,12 +298,18 @@ def order_panel(ax: Axes, counts: Subject, equal: Curve | None, weaker: float, *
     return ax
 
 
-def _distance_panel(ax: Axes, counts: Subject, fitted: Predictor | None, beside: Predictor | None = None) -> None:
+def _distance_panel(
+    ax: Axes, counts: Subject, fitted: Predictor | None, beside: Predictor | None = None
+) -> None:
     """All pairs over their normalised distance z (posterior median) on the common curve; as in Fig. 3, lower row.
 
     Where nothing is fitted that connects them, over the difference of their stimuli. Of `beside` there is a bar at every pair.
     """
-    z = counts.s2 - counts.s1 if fitted is None else np.median(fitted.target.distance(fitted.x), axis=0)
+    z = (
+        counts.s2 - counts.s1
+        if fitted is None
+        else np.median(fitted.target.distance(fitted.x), axis=0)
+    )
     if fitted is not None:
         reach = 1.05 * max(float(np.abs(z).max()), 1.43)
         x = np.linspace(-reach, reach, 200)
@@ -237,7 +320,11 @@ def _distance_panel(ax: Axes, counts: Subject, fitted: Predictor | None, beside:
             _draw_points(ax, z[at], counts, at, mark)
     if beside is not None:
         _draw_means(ax, counts, z, beside.yes(counts.s1, counts.s2))
-    label = r"difference $s_2 - s_1$ (ln intensity)" if fitted is None else r"normalised distance $(s_2 - \mu_2)/w$"
+    label = (
+        r"difference $s_2 - s_1$ (ln intensity)"
+        if fitted is None
+        else r"normalised distance $(s_2 - \mu_2)/w$"
+    )
     ax.set(xlabel=label, ylim=(-0.03, 1.03))
 
 
@@ -245,7 +332,9 @@ def _draw_means(ax: Axes, counts: Subject, x: FloatArray, equal: FloatArray) -> 
     """The mean P of every pair as a bar at its place, from draws, shape (draws, pairs)."""
     order = presentation_order(counts)
     for sign, mark in ORDERS.items():
-        ax.plot(x[order == sign], equal.mean(axis=0)[order == sign], "_", color=mark.colour, ms=SMALL)
+        ax.plot(
+            x[order == sign], equal.mean(axis=0)[order == sign], "_", color=mark.colour, ms=SMALL
+        )
 
 
 def _panels(counts: Subject) -> Sequence[float]:
@@ -280,24 +369,52 @@ def _in_order_panel(counts: Subject, weaker: float) -> BoolArray:
     return np.asarray((lower == weaker) | (alike & ((counts.s1 >= weaker) | weakest)))
 
 
-def _draw_points(ax: Axes, x: FloatArray, counts: Subject, at: BoolArray, mark: Mark, *, size: float = 5.5, aside: float = 0.0) -> None:
+def _draw_points(
+    ax: Axes,
+    x: FloatArray,
+    counts: Subject,
+    at: BoolArray,
+    mark: Mark,
+    *,
+    size: float = 5.5,
+    aside: float = 0.0,
+) -> None:
     """The Laplace estimator and its standard deviation, Eq. e:2b; size of the marks, and how far beside their place they are, points."""
     figure = ax.get_figure(root=True)
     assert figure is not None
     beside = ax.transData + ScaledTranslation(aside / 72.0, 0.0, figure.dpi_scale_trans)
     k, n = counts.n_yes[at], counts.n_trials[at]
     crowded = at.sum() > 25
-    style: dict[str, Any] = {"ms": 3.0, "alpha": 0.35, "elinewidth": 0.4} if crowded else {"ms": size, "elinewidth": size / 4.6}
+    style: dict[str, Any] = (
+        {"ms": 3.0, "alpha": 0.35, "elinewidth": 0.4}
+        if crowded
+        else {"ms": size, "elinewidth": size / 4.6}
+    )
     value, error = laplace_estimate(k, n), laplace_error(k, n)
-    ax.errorbar(x, value, error, fmt=mark.marker, color=mark.colour, mec="white", mew=0.5, label=mark.label, transform=beside, **style)
-    ax.update_datalim(np.column_stack([x, value]))  # marks that are set aside do not say where data are
+    ax.errorbar(
+        x,
+        value,
+        error,
+        fmt=mark.marker,
+        color=mark.colour,
+        mec="white",
+        mew=0.5,
+        label=mark.label,
+        transform=beside,
+        **style,
+    )
+    ax.update_datalim(
+        np.column_stack([x, value])
+    )  # marks that are set aside do not say where data are
     ax.autoscale_view()
 
 
 # --- over the interval --------------------------------------------------------------------------------------------------------------
 
 
-def _interval_figure(counts: Subject, fitted: Predictor, title: str, beside: Predictor | None) -> Figure:
+def _interval_figure(
+    counts: Subject, fitted: Predictor, title: str, beside: Predictor | None
+) -> Figure:
     """Answers and curves at each of up to six intervals, and below, gain and P of one pair over the interval."""
     tested, weaker = counts.intervals, main_weaker(counts)
     shown = tested if weaker is not None and len(tested) <= MOST_PANELS else ()
@@ -307,14 +424,27 @@ def _interval_figure(counts: Subject, fitted: Predictor, title: str, beside: Pre
     grid = figure.add_gridspec(rows + 1, 6)
     first: Axes | None = None
     for i, isi in enumerate(shown):
-        ax = figure.add_subplot(grid[i // across, wide * (i % across) : wide * (i % across + 1)], sharey=first)
+        ax = figure.add_subplot(
+            grid[i // across, wide * (i % across) : wide * (i % across + 1)], sharey=first
+        )
         first = ax if first is None else first
         here = counts.at_isi(isi)
         own = weaker if weaker in np.minimum(here.s1, here.s2) else main_weaker(here)
         low = float(here.s1.min()) if own is None else own
-        order_panel(ax, here, _at(fitted, isi), low, size=4.5, beside=None if beside is None else _at(beside, isi))
+        order_panel(
+            ax,
+            here,
+            _at(fitted, isi),
+            low,
+            size=4.5,
+            beside=None if beside is None else _at(beside, isi),
+        )
         about = which_weaker(counts, low)
-        ax.set(title=f"{isi:g} s" + (about and f", {about}"), xlabel=_ALONG[counts.task].replace(" intensity", ""), yticks=[0.0, 0.5, 1.0])
+        ax.set(
+            title=f"{isi:g} s" + (about and f", {about}"),
+            xlabel=_ALONG[counts.task].replace(" intensity", ""),
+            yticks=[0.0, 0.5, 1.0],
+        )
         ax.set_ylabel(chance(counts.task) if i % across == 0 else "")
         dress(ax)
     if rows:
@@ -343,13 +473,17 @@ def _pair_panel(ax: Axes, counts: Subject, fitted: Predictor) -> None:
     """P in both orders over the interval of the pair whose answers tell most, with the answers a little beside their interval."""
     x, (weak, strong) = _dress_intervals(ax, counts.intervals), _usual_pair(counts)
     assert counts.isi is not None
-    for order, (s1, s2) in ({-1: (weak, strong), 1: (strong, weak)} if weak < strong else {0: (weak, strong)}).items():
+    for order, (s1, s2) in (
+        {-1: (weak, strong), 1: (strong, weak)} if weak < strong else {0: (weak, strong)}
+    ).items():
         mark, at = ORDERS[order], (counts.s1 == s1) & (counts.s2 == s2)
         draw_band(ax, x, fitted.yes(np.full(len(x), s1), np.full(len(x), s2), x), mark.colour, 1.3)
         if at.any():
             _draw_points(ax, counts.isi[at], counts, at, mark, size=4.5, aside=1.5 * order)
     about = f"{weak:.3g} and {strong:.3g}" if weak != strong else f"{weak:.3g} twice"
-    ax.set(xlim=(x[0], x[-1]), ylabel=chance(counts.task), ylim=(-0.03, 1.03), yticks=[0.0, 0.5, 1.0])
+    ax.set(
+        xlim=(x[0], x[-1]), ylabel=chance(counts.task), ylim=(-0.03, 1.03), yticks=[0.0, 0.5, 1.0]
+    )
     ax.set_title(f"stimuli {about}".replace("-", "−"))
     dress(ax)
 
@@ -362,7 +496,15 @@ def _dress_intervals(ax: Axes, tested: tuple[float, ...]) -> FloatArray:
     ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     ax.xaxis.set_minor_formatter(NullFormatter())
     ax.set(xlabel="inter-stimulus interval (s)", xlim=(x[0], x[-1]))
-    ax.plot(tested, np.full(len(tested), 0.03), "|", color="#111111", ms=7, mew=1.2, transform=ax.get_xaxis_transform())
+    ax.plot(
+        tested,
+        np.full(len(tested), 0.03),
+        "|",
+        color="#111111",
+        ms=7,
+        mew=1.2,
+        transform=ax.get_xaxis_transform(),
+    )
     return x
 
 

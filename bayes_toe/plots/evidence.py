@@ -63,11 +63,19 @@ def order_effect_axes(table: EvidenceTable, ax: Axes | None = None) -> Axes:
     subjects have no names and are sorted by their likeliest kind.
     """
     crowded = len(table) > MOST_NAMED
-    ax = panel(ax, wide=COLUMN + 1.0, high=1.2 + (HIGH if crowded else 0.2 * len(table)))  # with room for names
+    ax = panel(
+        ax, wide=COLUMN + 1.0, high=1.2 + (HIGH if crowded else 0.2 * len(table))
+    )  # with room for names
     said = [row.verdict for row in table]
-    share = np.array([(np.nan,) * 3 if one is None or one.p_orders is None else one.p_orders for one in said]).reshape(-1, 3)
+    share = np.array(
+        [(np.nan,) * 3 if one is None or one.p_orders is None else one.p_orders for one in said]
+    ).reshape(-1, 3)
     undescribed = np.array([one is not None and one.fit == "not described" for one in said], bool)
-    ax.set(xlim=(0.0, 1.07 if crowded else 1.0), xlabel="probability of each kind", xticks=np.linspace(0.0, 1.0, 6))
+    ax.set(
+        xlim=(0.0, 1.07 if crowded else 1.0),
+        xlabel="probability of each kind",
+        xticks=np.linspace(0.0, 1.0, 6),
+    )
     if crowded:
         stacked_shares(ax, share, KIND_COLOURS, undescribed)
         return ax
@@ -75,7 +83,13 @@ def order_effect_axes(table: EvidenceTable, ax: Axes | None = None) -> Axes:
     for (kind, colour), values, end in zip(KIND_COLOURS.items(), share.T, ends.T, strict=True):
         ax.barh(y, values, left=end - values, height=0.62, color=colour, label=kind)
     if undescribed.any():
-        hatched: dict[str, Any] = {"fc": "none", "ec": "#1C1C1C", "hatch": "/////", "hatch_linewidth": 0.5, "lw": 0.0}
+        hatched: dict[str, Any] = {
+            "fc": "none",
+            "ec": "#1C1C1C",
+            "hatch": "/////",
+            "hatch_linewidth": 0.5,
+            "lw": 0.0,
+        }
         ax.barh(y[undescribed], 1.0, height=0.62, label=_UNDESCRIBED, **hatched)
     for i in np.flatnonzero(np.isnan(ends[:, -1])).tolist():
         ax.text(0.5, i, "no reliable estimate", ha="center", va="center", fontsize=8, color=EQUAL)
@@ -84,7 +98,9 @@ def order_effect_axes(table: EvidenceTable, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def stacked_shares(ax: Axes, share: FloatArray, colours: Mapping[str, str], marked: BoolArray) -> None:
+def stacked_shares(
+    ax: Axes, share: FloatArray, colours: Mapping[str, str], marked: BoolArray
+) -> None:
     """Shares of kinds, shape (subjects, kinds), as a stack of areas in their colours: subjects by their likeliest kind, then by its share.
 
     Those without shares (NaN) come last. `marked`, shape (subjects,), get a red line at the right edge. The legend counts all.
@@ -92,18 +108,40 @@ def stacked_shares(ax: Axes, share: FloatArray, colours: Mapping[str, str], mark
     order, kind = sorted_by_kind(share)
     known = int((kind >= 0).sum())
     edges = np.concatenate([np.zeros((known, 1)), np.cumsum(share[order[:known]], axis=1)], axis=1)
-    ends = np.repeat(np.arange(known + 1) - 0.5, 2)[1:-1]  # doubled: steps that begin and end where the subject does
+    ends = np.repeat(np.arange(known + 1) - 0.5, 2)[
+        1:-1
+    ]  # doubled: steps that begin and end where the subject does
     for k, (word, colour) in enumerate(colours.items()):
         left, right = (np.repeat(edges[:, at], 2) for at in (k, k + 1))
-        ax.fill_betweenx(ends, left, right, color=colour, lw=0, label=f"{word}: likeliest for {(kind == k).sum():,}")
+        ax.fill_betweenx(
+            ends,
+            left,
+            right,
+            color=colour,
+            lw=0,
+            label=f"{word}: likeliest for {(kind == k).sum():,}",
+        )
     for end in np.cumsum([(kind == k).sum() for k in range(len(colours) - 1)]):
         ax.axhline(end - 0.5, color="white", lw=1.5)
     at = np.flatnonzero(marked[order])
     if len(at):
-        ax.hlines(at, 1.01, 1.06, color=BAD, lw=0.8, clip_on=False, label=f"{_UNDESCRIBED}: {len(at):,}")
+        ax.hlines(
+            at, 1.01, 1.06, color=BAD, lw=0.8, clip_on=False, label=f"{_UNDESCRIBED}: {len(at):,}"
+        )
     if known < len(share):
-        ax.fill_betweenx([], [], color="white", ec=EQUAL, lw=0.5, label=f"no reliable estimate: {len(share) - known:,}")
-    ax.set(ylim=(len(share) - 0.5, -0.5), yticks=[], ylabel=f"{len(share):,} subjects, sorted by their likeliest kind")
+        ax.fill_betweenx(
+            [],
+            [],
+            color="white",
+            ec=EQUAL,
+            lw=0.5,
+            label=f"no reliable estimate: {len(share) - known:,}",
+        )
+    ax.set(
+        ylim=(len(share) - 0.5, -0.5),
+        yticks=[],
+        ylabel=f"{len(share):,} subjects, sorted by their likeliest kind",
+    )
 
 
 def sorted_by_kind(share: FloatArray) -> tuple[IntArray, IntArray]:
@@ -122,22 +160,45 @@ def evidence_axes(ax: Axes, table: EvidenceTable) -> Axes:
     rows = table.rows
     y = range(len(rows))
     keys = ("log_bayes_factor", "log_evidence_h1_se", "log_bayes_factor_laplace")
-    value, error, laplace = (np.array([getattr(row, key) for row in rows], np.float64) for key in keys)  # None becomes NaN
+    value, error, laplace = (
+        np.array([getattr(row, key) for row in rows], np.float64) for key in keys
+    )  # None becomes NaN
     ax.axvline(0.0, color="black", lw=1.0)
-    ax.set_xlabel("log Bayes factor (nats)\nbelow 0: free frequencies (H0)\nabove 0: the paper's model (H1)")
+    ax.set_xlabel(
+        "log Bayes factor (nats)\nbelow 0: free frequencies (H0)\nabove 0: the paper's model (H1)"
+    )
     if len(rows) > MOST_NAMED:
         _draw_ranked(ax, value, error)
         return ax
     for i in y:
         ax.axhline(i, color="#EEEEEE", lw=0.8, zorder=0)
-    ax.errorbar(value, y, xerr=2.0 * error, fmt="o", ms=6, color=POSTERIOR, label="importance sampling, 2 s.e.")
+    ax.errorbar(
+        value,
+        y,
+        xerr=2.0 * error,
+        fmt="o",
+        ms=6,
+        color=POSTERIOR,
+        label="importance sampling, 2 s.e.",
+    )
     ax.plot(laplace, y, "D", ms=5, mfc="none", color=WEAKER_FIRST, label="Laplace (both models)")
     ax.set_yticks(y, [plain(row.subject, 24) for row in rows])
     ax.set_ylim(len(rows) - 0.5, -0.5)
     ax.margins(x=0.08)
     for i in np.flatnonzero(np.isnan(value)).tolist():  # words in its row, not an empty line
-        words = "no reliable estimate" if np.isnan(laplace[i]) else "no reliable estimate, Laplace only"
-        ax.text(0.99, i, words, transform=ax.get_yaxis_transform(), ha="right", va="center", fontsize=8, color=EQUAL)
+        words = (
+            "no reliable estimate" if np.isnan(laplace[i]) else "no reliable estimate, Laplace only"
+        )
+        ax.text(
+            0.99,
+            i,
+            words,
+            transform=ax.get_yaxis_transform(),
+            ha="right",
+            va="center",
+            fontsize=8,
+            color=EQUAL,
+        )
     return ax
 
 
@@ -146,10 +207,16 @@ def _draw_ranked(ax: Axes, value: FloatArray, error: FloatArray) -> None:
     known = np.abs(value[~np.isnan(value)])
     order, few, y = np.argsort(-value, kind="stable"), len(value) <= _LINES, np.arange(len(value))
     if few:
-        ax.hlines(y, (value - 2.0 * error)[order], (value + 2.0 * error)[order], color=POSTERIOR, lw=0.6)
+        ax.hlines(
+            y, (value - 2.0 * error)[order], (value + 2.0 * error)[order], color=POSTERIOR, lw=0.6
+        )
     label = f"importance sampling, above 0 for {int((value > 0).sum()):,} of {len(known):,}"
     ax.plot(value[order], y, "o", ms=3.0 if few else 1.8, color=POSTERIOR, label=label)
-    ax.set(ylim=(len(value) - 0.5, -0.5), yticks=[], ylabel="subjects, sorted by their log Bayes factor")
+    ax.set(
+        ylim=(len(value) - 0.5, -0.5),
+        yticks=[],
+        ylabel="subjects, sorted by their log Bayes factor",
+    )
     if len(known) and known.max() > _LINEAR:
         ax.set_xscale("symlog", linthresh=_LINEAR)
     ax.margins(x=0.08)
@@ -161,8 +228,14 @@ def evidence_plane_axes(table: EvidenceTable, ax: Axes) -> Axes:
     Per trial, so that studies and subjects of any length share one scale; above the diagonal one smooth curve does better than free
     frequencies. Subjects without a reliable estimate are counted in the panel.
     """
-    known = [(row.log_evidence_h0, row.log_evidence_h1, row.n_trials) for row in table.rows if row.log_evidence_h1 is not None]
-    points = np.array([(h0 / trials, h1 / trials) for h0, h1, trials in known], np.float64).reshape(-1, 2)
+    known = [
+        (row.log_evidence_h0, row.log_evidence_h1, row.n_trials)
+        for row in table.rows
+        if row.log_evidence_h1 is not None
+    ]
+    points = np.array([(h0 / trials, h1 / trials) for h0, h1, trials in known], np.float64).reshape(
+        -1, 2
+    )
     ax.axline((0.0, 0.0), slope=1.0, color="black", lw=0.8)
     for favoured, colour, marker, label in (
         (True, POSTERIOR, "o", "the paper's model (H1)"),
@@ -179,7 +252,16 @@ def evidence_plane_axes(table: EvidenceTable, ax: Axes) -> Axes:
         legend_above(ax, columns=2)
     if len(points) < len(table.rows):
         said = f"{len(table.rows) - len(points)} without a reliable estimate"
-        ax.text(0.98, 0.03, said, transform=ax.transAxes, ha="right", va="bottom", fontsize=SMALL, color=EQUAL)
+        ax.text(
+            0.98,
+            0.03,
+            said,
+            transform=ax.transAxes,
+            ha="right",
+            va="bottom",
+            fontsize=SMALL,
+            color=EQUAL,
+        )
     ax.set_aspect("equal")
     ax.set(xlabel="log evidence per trial, H0 (nats)", ylabel="log evidence per trial, H1 (nats)")
     return dress(ax)

@@ -37,7 +37,9 @@ def picture(figure: Figure, suffix: str, *, dpi: int = 300) -> bytes:
     return buffer.getvalue()
 
 
-def save_figure(figure: Figure, path: str | Path, *, overwrite: bool = False, dpi: int = 200) -> Path:
+def save_figure(
+    figure: Figure, path: str | Path, *, overwrite: bool = False, dpi: int = 200
+) -> Path:
     """Write a figure, whole or not at all; the format follows from the suffix.
 
     Raises
@@ -57,7 +59,9 @@ def picture_beside(table: Path) -> Path:
     """Where the figure of a table goes, as PNG, refused if the table itself is to have that name."""
     picture = table.with_name(f"{table.stem}.png")
     if picture == table:
-        raise InputError(f"{table}: found the name of the figure for the table, allowed: another suffix, such as .csv")
+        raise InputError(
+            f"{table}: found the name of the figure for the table, allowed: another suffix, such as .csv"
+        )
     return picture
 
 
@@ -71,7 +75,11 @@ def require_formats(formats: Sequence[str]) -> tuple[str, ...]:
     """
     unknown = [name for name in formats if name not in FORMATS]
     if unknown or not formats:
-        raise InputError(f"format {unknown[0]!r}: allowed: {', '.join(FORMATS)}" if unknown else f"formats: allowed: {', '.join(FORMATS)}")
+        raise InputError(
+            f"format {unknown[0]!r}: allowed: {', '.join(FORMATS)}"
+            if unknown
+            else f"formats: allowed: {', '.join(FORMATS)}"
+        )
     return tuple(dict.fromkeys(formats))
 
 
@@ -98,5 +106,7 @@ def _write(figure: Figure, where: Any, suffix: str, dpi: int) -> None:
 def _require_suffix(path: str | Path) -> str:
     suffix = Path(path).suffix.lstrip(".").lower()
     if suffix not in FigureCanvasBase.get_supported_filetypes():
-        raise InputError(f"{path}: found suffix {suffix!r}, allowed: png, pdf, svg and what else matplotlib writes")
+        raise InputError(
+            f"{path}: found suffix {suffix!r}, allowed: png, pdf, svg and what else matplotlib writes"
+        )
     return suffix

@@ -35,7 +35,10 @@ from bayes_toe.plots.style import (
 
 _CELLS = 120
 _ACROSS = 3
-_WIDTHS, _HEIGHTS = {1: 3.6, 2: 5.6, 3: PAGE}, {1: 3.2, 2: 2.5, 3: 2.15}  # inches of figures and rows with so many columns
+_WIDTHS, _HEIGHTS = (
+    {1: 3.6, 2: 5.6, 3: PAGE},
+    {1: 3.2, 2: 2.5, 3: 2.15},
+)  # inches of figures and rows with so many columns
 AXIS = "#111111"
 #: What Fig. 6 shows of the axis, and what it is called.
 _QUANTITIES = {
@@ -59,12 +62,30 @@ def plane_axes(draws: Draws, subject: str, ax: Axes) -> Axes:
     side = np.linspace(low, high, _CELLS)
     mean = np.stack([fitted(np.full(_CELLS, s1), side).mean(axis=0) for s1 in side], axis=1)
     half = 0.5 * float(side[1] - side[0])
-    ends = (low - half, high + half)  # of an image whose outermost pixels are centred on the ends of the grid
-    ax.imshow(mean, origin="lower", extent=(*ends, *ends), cmap=_greys(), vmin=0.0, vmax=1.0, interpolation="bilinear", zorder=0)
-    ax.contour(side, side, mean, levels=[0.25, 0.5, 0.75], colors="#FFFFFF", linewidths=0.5, zorder=1)
+    ends = (
+        low - half,
+        high + half,
+    )  # of an image whose outermost pixels are centred on the ends of the grid
+    ax.imshow(
+        mean,
+        origin="lower",
+        extent=(*ends, *ends),
+        cmap=_greys(),
+        vmin=0.0,
+        vmax=1.0,
+        interpolation="bilinear",
+        zorder=0,
+    )
+    ax.contour(
+        side, side, mean, levels=[0.25, 0.5, 0.75], colors="#FFFFFF", linewidths=0.5, zorder=1
+    )
     ax.plot([low, high], [low, high], "--", color="#444444", lw=0.8, label="diagonal")
     low_edge, middle, high_edge = np.quantile(
-        evolved_mean(side[:, None], *(draws.values(subject, name).ravel() for name in ("mu1", "gamma"))), [0.2, 0.5, 0.8], axis=1
+        evolved_mean(
+            side[:, None], *(draws.values(subject, name).ravel() for name in ("mu1", "gamma"))
+        ),
+        [0.2, 0.5, 0.8],
+        axis=1,
     )
     ax.plot(side, middle, color=AXIS, lw=1.5, label="symmetry axis")
     for edge in (low_edge, high_edge):
@@ -74,8 +95,22 @@ def plane_axes(draws: Draws, subject: str, ax: Axes) -> Axes:
         at = order == kind
         if at.any():
             style: dict[str, Any] = {"ms": 2.0, "mew": 0.6} if crowded else {"ms": 4.6, "mew": 1.2}
-            ax.plot(counts.s1[at], counts.s2[at], mark.marker, mfc="white", mec=mark.colour, label=mark.label, zorder=4, **style)
-    ax.set(xlim=(low, high), ylim=(low, high), xlabel="first stimulus $s_1$ (ln intensity)", ylabel="second stimulus $s_2$ (ln intensity)")
+            ax.plot(
+                counts.s1[at],
+                counts.s2[at],
+                mark.marker,
+                mfc="white",
+                mec=mark.colour,
+                label=mark.label,
+                zorder=4,
+                **style,
+            )
+    ax.set(
+        xlim=(low, high),
+        ylim=(low, high),
+        xlabel="first stimulus $s_1$ (ln intensity)",
+        ylabel="second stimulus $s_2$ (ln intensity)",
+    )
     ax.set_aspect("equal")
     ticks = [tick for tick in ax.get_xticks() if low <= tick <= high]  # the same to both sides
     ax.set(xticks=ticks, yticks=ticks)
@@ -93,7 +128,9 @@ def plane_figure(draws: Draws, subjects: Sequence[str]) -> Figure:
         ax.set_title(over_panel(draws, subject), fontsize=LETTERS)
         if i % across:
             ax.set_ylabel("")
-    bar = figure.colorbar(ScalarMappable(cmap=_greys()), ax=panels, fraction=0.02, pad=0.01, aspect=30, shrink=0.85)
+    bar = figure.colorbar(
+        ScalarMappable(cmap=_greys()), ax=panels, fraction=0.02, pad=0.01, aspect=30, shrink=0.85
+    )
     dress_bar(bar, chance(draws.task))
     legend_below(figure, size=SMALL, columns=5 if across > 2 else 3)
     return figure
@@ -105,11 +142,18 @@ def gamma_figure(draws: Draws | None = None) -> Figure:
     Source: Fig. 6, Eqs. axis1 and axis2.
     """
     figure, x = new_figure(PAGE, 2.4), np.linspace(0.0, 1.0, 300)
-    medians = None if draws is None else np.array([np.median(draws.values(name, "gamma")) for name in draws.names])
+    medians = (
+        None
+        if draws is None
+        else np.array([np.median(draws.values(name, "gamma")) for name in draws.names])
+    )
     for ax, (quantity, label) in zip(figure.subplots(1, 3), _QUANTITIES.items(), strict=True):
         ax.plot(x, getattr(axis_properties(x), quantity), color=AXIS, lw=1.4)
         if medians is not None:
-            at, style = getattr(axis_properties(medians), quantity), {"ms": 4.0, "mfc": "white", "mec": STRONGER_FIRST, "mew": 1.0}
+            at, style = (
+                getattr(axis_properties(medians), quantity),
+                {"ms": 4.0, "mfc": "white", "mec": STRONGER_FIRST, "mew": 1.0},
+            )
             ax.plot(medians, at, "o", label="subjects: median of $\\gamma$", **style)
         ax.set(xlabel=r"$\gamma = \sigma_\ell^2/\sigma_p^2$", ylabel=label, xlim=(-0.03, 1.03))
         dress(ax)

@@ -92,26 +92,52 @@ def map_axes(
     ax = panel(ax, wide=COLUMN + 0.6, high=COLUMN)
     found = {name: mass_ellipse(*cloud, mass=mass) for name, cloud in clouds.items()}
     centres = {
-        name: np.array([np.nanmedian(np.asarray(values, np.float64)) for values in clouds[name]]) if ellipse is None else ellipse.centre
+        name: np.array([np.nanmedian(np.asarray(values, np.float64)) for values in clouds[name]])
+        if ellipse is None
+        else ellipse.centre
         for name, ellipse in found.items()
     }
-    known = {} if truth is None else {name: np.array(truth[name], np.float64) for name in clouds if name in truth}
-    _set_limits(ax, [*centres.values(), *known.values()], found, None if stimuli is None else np.asarray(stimuli, np.float64))
+    known = (
+        {}
+        if truth is None
+        else {name: np.array(truth[name], np.float64) for name in clouds if name in truth}
+    )
+    _set_limits(
+        ax,
+        [*centres.values(), *known.values()],
+        found,
+        None if stimuli is None else np.asarray(stimuli, np.float64),
+    )
     colours = _colours(ax, clouds, sigma_l)
     for name in clouds:
-        _draw_subject(ax, found[name], centres[name], colours[name], min(1.0, MOST_NAMED / len(clouds)))
-    ax.set(xlabel=r"prior mean $\mu_1$ (ln intensity)", ylabel=r"memory diffusion $\sigma_p$ (ln intensity)")
+        _draw_subject(
+            ax, found[name], centres[name], colours[name], min(1.0, MOST_NAMED / len(clouds))
+        )
+    ax.set(
+        xlabel=r"prior mean $\mu_1$ (ln intensity)",
+        ylabel=r"memory diffusion $\sigma_p$ (ln intensity)",
+    )
     dress(ax)
     for name, place in known.items():
-        ax.plot(*zip(centres[name], place, strict=True), ":", color="black", lw=0.6, zorder=3)  # whose square it is
+        ax.plot(
+            *zip(centres[name], place, strict=True), ":", color="black", lw=0.6, zorder=3
+        )  # whose square it is
         ax.plot(*place, "s", ms=3.5, color=colours[name], mec="black", mew=0.7, zorder=4)
-    said = [f"ellipses: {100.0 * mass:.3g} % of the draws each"] if any(one is not None for one in found.values()) else []
+    said = (
+        [f"ellipses: {100.0 * mass:.3g} % of the draws each"]
+        if any(one is not None for one in found.values())
+        else []
+    )
     said += ["squares: true"] if known else []
-    ax.set_title("; ".join(said), fontsize=SMALL, loc="left")  # decides where the panel is, and so the names
+    ax.set_title(
+        "; ".join(said), fontsize=SMALL, loc="left"
+    )  # decides where the panel is, and so the names
     if names is None:
         some = [name for name, centre in centres.items() if np.isfinite(centre).all()]
         if len(centres) > MOST_NAMED:
-            some = [some[i] for i in farthest([float(centres[name][0]) for name in some], MOST_INSETS)]
+            some = [
+                some[i] for i in farthest([float(centres[name][0]) for name in some], MOST_INSETS)
+            ]
         names = {name: plain(name, 12) for name in some}
     with any_characters():
         unnamed = _write_names(ax, centres, names)
@@ -121,7 +147,11 @@ def map_axes(
 
 
 def map_figure(
-    draws: Draws, *, mass: float = MASS, clouds: Clouds | None = None, truth: Mapping[str, Mapping[str, float]] | None = None
+    draws: Draws,
+    *,
+    mass: float = MASS,
+    clouds: Clouds | None = None,
+    truth: Mapping[str, Mapping[str, float]] | None = None,
 ) -> Figure:
     """:func:`study_map_axes`, and the answers of up to eight subjects beside it: those whose prior means lie farthest out.
 
@@ -131,11 +161,16 @@ def map_figure(
     chosen = farthest(mu1, MOST_INSETS)
     order = sorted(range(len(mu1)) if len(mu1) <= MOST_NAMED else chosen, key=lambda i: mu1[i])
     letters = {draws.names[i]: _letter(rank) for rank, i in enumerate(order)}
-    names = {name: (f"{letters[name]}: " if name in letters else "") + plain(name, 12) for name in draws.names}
+    names = {
+        name: (f"{letters[name]}: " if name in letters else "") + plain(name, 12)
+        for name in draws.names
+    }
     figure = new_figure(PAGE, 4.4)
     grid = figure.add_gridspec(1, 2, width_ratios=(1.3, 1.0))
     _draw_insets(figure, grid[1], draws, {draws.names[i]: letters[draws.names[i]] for i in chosen})
-    study_map_axes(draws, figure.add_subplot(grid[0]), names=names, mass=mass, clouds=clouds, truth=truth)
+    study_map_axes(
+        draws, figure.add_subplot(grid[0]), names=names, mass=mass, clouds=clouds, truth=truth
+    )
     return figure
 
 
@@ -161,10 +196,18 @@ def study_map_axes(
         posterior_clouds(draws) if clouds is None else clouds,
         ax,
         sigma_l={name: central(draws, name)["sigma_l"] for name in draws.names},
-        stimuli=np.concatenate([values for counts in subjects for values in (counts.s1, counts.s2)]),
+        stimuli=np.concatenate(
+            [values for counts in subjects for values in (counts.s1, counts.s2)]
+        ),
         names=names,
         mass=mass,
-        truth=None if truth is None else {name: (of["mu1"], of["sigma_p"]) for name, of in truth.items() if {"mu1", "sigma_p"} <= set(of)},
+        truth=None
+        if truth is None
+        else {
+            name: (of["mu1"], of["sigma_p"])
+            for name, of in truth.items()
+            if {"mu1", "sigma_p"} <= set(of)
+        },
     )
 
 
@@ -191,25 +234,45 @@ def farthest(values: Sequence[float], count: int) -> list[int]:
     return order[:low] + order[max(low, len(order) - (count - low)) :]
 
 
-def _draw_insets(figure: Figure, place: SubplotSpec, draws: Draws, letters: Mapping[str, str]) -> None:
+def _draw_insets(
+    figure: Figure, place: SubplotSpec, draws: Draws, letters: Mapping[str, str]
+) -> None:
     """Small panels in the order of their letters, at least three rows high so that they stay small."""
     down = max(-(-len(letters) // _ACROSS), 3)
     panels = first_panels(place.subgridspec(down, _ACROSS), len(letters), sharey=True)
     for i, (name, letter) in enumerate(letters.items()):
         counts = draws.subject(name)
-        ax, about = answers_axes(counts, fitted_curve(draws, name), panels[i], size=2.8), which_weaker(counts, main_weaker(counts))
-        ax.set_title(f"{letter}: {plain(name, 12)}" + (about and f"\n{about}"), fontsize=SMALL, pad=7.0 if about else 2.0)
+        ax, about = (
+            answers_axes(counts, fitted_curve(draws, name), panels[i], size=2.8),
+            which_weaker(counts, main_weaker(counts)),
+        )
+        ax.set_title(
+            f"{letter}: {plain(name, 12)}" + (about and f"\n{about}"),
+            fontsize=SMALL,
+            pad=7.0 if about else 2.0,
+        )
         last = i + _ACROSS >= len(letters)
-        ax.set_xlabel(ax.get_xlabel().replace(" (ln intensity)", "") if last else "", fontsize=SMALL)
+        ax.set_xlabel(
+            ax.get_xlabel().replace(" (ln intensity)", "") if last else "", fontsize=SMALL
+        )
         ax.set_ylabel("" if i % _ACROSS else ax.get_ylabel(), fontsize=SMALL)
     legend_below(figure, size=SMALL)
 
 
-def _set_limits(ax: Axes, places: Sequence[FloatArray], found: Mapping[str, Ellipse | None], stimuli: FloatArray | None) -> None:
+def _set_limits(
+    ax: Axes,
+    places: Sequence[FloatArray],
+    found: Mapping[str, Ellipse | None],
+    stimuli: FloatArray | None,
+) -> None:
     """Room for all ellipses and places, but not too far from the stimuli, which are drawn behind them."""
-    points = np.concatenate([*(e.outline() for e in found.values() if e is not None), np.array(places)])
+    points = np.concatenate(
+        [*(e.outline() for e in found.values() if e is not None), np.array(places)]
+    )
     points = points[np.isfinite(points).all(axis=1)]
-    low, high = (float(points[:, 0].min()), float(points[:, 0].max())) if len(points) else (-1.0, 1.0)
+    low, high = (
+        (float(points[:, 0].min()), float(points[:, 0].max())) if len(points) else (-1.0, 1.0)
+    )
     if stimuli is not None:
         first, last, different = float(stimuli.min()), float(stimuli.max()), np.unique(stimuli)
         reach = _FARTHEST * max(last - first, 0.5)
@@ -229,13 +292,20 @@ def _colours(ax: Axes, clouds: Clouds, sigma_l: Mapping[str, float] | None) -> d
     if sigma_l is None:
         return dict.fromkeys(clouds, EQUAL)
     values = [sigma_l[name] for name in clouds]
-    scale = ScalarMappable(Normalize(min(0.0, *values) if len(values) > 1 else 0.0, max(values)), COLOURS)
+    scale = ScalarMappable(
+        Normalize(min(0.0, *values) if len(values) > 1 else 0.0, max(values)), COLOURS
+    )
     bar = ax.figure.colorbar(scale, ax=ax, fraction=0.05, pad=0.02, aspect=30)
     dress_bar(bar, r"likelihood noise $\sigma_\ell$ (ln intensity)")
-    return {name: scale.to_rgba(np.array([value]))[0] for name, value in zip(clouds, values, strict=True)}
+    return {
+        name: scale.to_rgba(np.array([value]))[0]
+        for name, value in zip(clouds, values, strict=True)
+    }
 
 
-def _draw_subject(ax: Axes, ellipse: Ellipse | None, centre: FloatArray, colour: Any, weight: float) -> None:
+def _draw_subject(
+    ax: Axes, ellipse: Ellipse | None, centre: FloatArray, colour: Any, weight: float
+) -> None:
     """An ellipse around its centre; fainter where `weight`, at most 1, is less."""
     if ellipse is None:
         ax.plot(*centre, "x", ms=4.0, mew=1.0, color=colour)
@@ -258,19 +328,47 @@ def _write_names(ax: Axes, centres: Mapping[str, FloatArray], labels: Mapping[st
     assert figure is not None
     figure.draw_without_rendering()  # decides where the panel is
     within, (low, high), (bottom, top) = ax.get_window_extent(), ax.get_xlim(), ax.get_ylim()
-    shown = {name: np.clip(centre, [low, bottom], [high, top]) for name, centre in centres.items() if np.isfinite(centre).all()}
+    shown = {
+        name: np.clip(centre, [low, bottom], [high, top])
+        for name, centre in centres.items()
+        if np.isfinite(centre).all()
+    }
     marks = {name: ax.transData.transform(point) for name, point in shown.items()}
     taken = [Bbox([mark - 2.0, mark + 2.0]) for mark in marks.values()]
     middle, unnamed = float(np.median([mark[0] for mark in marks.values()])) if marks else 0.0, 0
-    for name in sorted((one for one in marks if one in labels), key=lambda n: (-abs(marks[n][0] - middle), marks[n][1])):
+    for name in sorted(
+        (one for one in marks if one in labels),
+        key=lambda n: (-abs(marks[n][0] - middle), marks[n][1]),
+    ):
         beyond = bool(np.any(shown[name] != centres[name]))
-        words = labels[name] + (f" ($\\mu_1$ = {centres[name][0]:.2g})".replace("-", "−") if beyond else "")
-        text = ax.annotate(words, tuple(shown[name]), (0.0, 0.0), textcoords="offset points", fontsize=SMALL, zorder=6)
-        text.set_path_effects([withStroke(linewidth=1.6, foreground="white")])  # legible over ellipses too
+        words = labels[name] + (
+            f" ($\\mu_1$ = {centres[name][0]:.2g})".replace("-", "−") if beyond else ""
+        )
+        text = ax.annotate(
+            words,
+            tuple(shown[name]),
+            (0.0, 0.0),
+            textcoords="offset points",
+            fontsize=SMALL,
+            zorder=6,
+        )
+        text.set_path_effects(
+            [withStroke(linewidth=1.6, foreground="white")]
+        )  # legible over ellipses too
         if beyond:
-            ax.plot(*shown[name], "<" if centres[name][0] < low else ">", ms=4.0, color=EQUAL, clip_on=False)
+            ax.plot(
+                *shown[name],
+                "<" if centres[name][0] < low else ">",
+                ms=4.0,
+                color=EQUAL,
+                clip_on=False,
+            )
         for place, (across, up) in _PLACES:
-            text.set(position=place, ha=("right", "center", "left")[across + 1], va=("top", "center", "bottom")[up + 1])
+            text.set(
+                position=place,
+                ha=("right", "center", "left")[across + 1],
+                va=("top", "center", "bottom")[up + 1],
+            )
             box = text.get_window_extent()
             inside = all(map(within.contains, (box.x0, box.x1), (box.y0, box.y1)))
             if inside and not any(box.overlaps(other) for other in taken):
@@ -281,7 +379,9 @@ def _write_names(ax: Axes, centres: Mapping[str, FloatArray], labels: Mapping[st
             continue
         if np.hypot(*place) > _LEADER:
             line = {"arrowstyle": "-", "lw": 0.5, "color": EQUAL, "shrinkA": 0.0, "shrinkB": 0.0}
-            ax.annotate("", tuple(shown[name]), place, textcoords="offset points", arrowprops=line, zorder=5)
+            ax.annotate(
+                "", tuple(shown[name]), place, textcoords="offset points", arrowprops=line, zorder=5
+            )
         taken.append(box)
     return unnamed
 
@@ -290,5 +390,14 @@ def _write_names(ax: Axes, centres: Mapping[str, FloatArray], labels: Mapping[st
 _PLACES = [
     ((away * across * scale, away * up * scale), (across, up))
     for away in (3.0, 7.0, 12.0, 18.0, 26.0, 36.0, 48.0, 62.0, 78.0, 96.0)
-    for across, up, scale in ((1, 0, 1.0), (-1, 0, 1.0), (0, 1, 1.0), (0, -1, 1.0), (1, 1, 0.7), (1, -1, 0.7), (-1, 1, 0.7), (-1, -1, 0.7))
+    for across, up, scale in (
+        (1, 0, 1.0),
+        (-1, 0, 1.0),
+        (0, 1, 1.0),
+        (0, -1, 1.0),
+        (1, 1, 0.7),
+        (1, -1, 0.7),
+        (-1, 1, 0.7),
+        (-1, -1, 0.7),
+    )
 ]

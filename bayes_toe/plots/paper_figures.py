@@ -11,7 +11,12 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from bayes_toe.analysis import Analysis, smooth_curve_evidence
-from bayes_toe.classical.asymmetry import LEVEL, AsymmetryTable, subject_asymmetries, subject_asymmetry
+from bayes_toe.classical.asymmetry import (
+    LEVEL,
+    AsymmetryTable,
+    subject_asymmetries,
+    subject_asymmetry,
+)
 from bayes_toe.classical.ellipse import MASS, require_share
 from bayes_toe.comparison.evidence_table import EvidenceTable
 from bayes_toe.data.read_study import Truth
@@ -29,7 +34,16 @@ from bayes_toe.plots.evidence import evidence_axes, evidence_plane_axes
 from bayes_toe.plots.figure_files import picture, require_formats
 from bayes_toe.plots.geometry import gamma_figure, plane_figure
 from bayes_toe.plots.map import map_figure
-from bayes_toe.plots.style import COLUMN, PAGE, SMALL, any_characters, chance, dress, legend_above, new_figure
+from bayes_toe.plots.style import (
+    COLUMN,
+    PAGE,
+    SMALL,
+    any_characters,
+    chance,
+    dress,
+    legend_above,
+    new_figure,
+)
 from bayes_toe.plots.subject import central, examples_figure
 from bayes_toe.workers import Progress, Workers, run_in_order
 
@@ -70,9 +84,17 @@ def material_of(
     require_share("mass", mass)
     table = AsymmetryTable(subject_asymmetries(study.subjects), study.task)
     chosen = representative(table) if subjects is None else require_subjects(subjects, study.names)
-    evidence = smooth_curve_evidence(analysis, workers=workers) if isinstance(analysis, Draws) else analysis.evidence
+    evidence = (
+        smooth_curve_evidence(analysis, workers=workers)
+        if isinstance(analysis, Draws)
+        else analysis.evidence
+    )
     # Pointwise groups are most of the size, and no figure needs them.
-    slim = Draws(draws.tree.filter(lambda group: group.name not in ("log_likelihood", "posterior_predictive")))
+    slim = Draws(
+        draws.tree.filter(
+            lambda group: group.name not in ("log_likelihood", "posterior_predictive")
+        )
+    )
     return Material(slim, evidence, table, chosen, mass, truth)
 
 
@@ -103,9 +125,15 @@ def asymmetry_figure(table: AsymmetryTable, *, synthetic: bool = False) -> Figur
     """Fig. 1C and its kin: the clearest comparison in both orders, and the asymmetries of all subjects and comparisons."""
     high = min(_HIGHEST, max(2.7, asymmetry_height(table) + 0.15))
     figure = new_figure(1.9 + COLUMN, high)
-    grid = figure.add_gridspec(2, 2, width_ratios=(1.0, 2.1), height_ratios=(2.4, max(0.01, high - 2.4)))
+    grid = figure.add_gridspec(
+        2, 2, width_ratios=(1.0, 2.1), height_ratios=(2.4, max(0.01, high - 2.4))
+    )
     clearest = min((one for row in table for one in row.comparisons), key=lambda one: one.p_value)
-    order_axes(clearest, figure.add_subplot(grid[0, 0] if high > 3.2 else grid[:, 0]), share_of=table.share_of)
+    order_axes(
+        clearest,
+        figure.add_subplot(grid[0, 0] if high > 3.2 else grid[:, 0]),
+        share_of=table.share_of,
+    )
     asymmetry_axes(table, figure.add_subplot(grid[:, 1]))
     figure.suptitle("synthetic data" if synthetic else "", fontsize=SMALL)
     return figure
@@ -121,14 +149,25 @@ def filter_figure(draws: Draws, subject: str) -> Figure:
     posterior, points = draws.posterior(subject), np.concatenate(list(draws.points(subject)))
     assert isinstance(posterior, Posterior)
     x = np.median(points, axis=0, keepdims=True)
-    largest, widest = subject_asymmetry(counts).maximal, int(np.argmax(np.abs(counts.s1 - counts.s2)))
-    pair = (float(counts.s1[widest]), float(counts.s2[widest])) if largest is None else (largest.s_weak, largest.s_strong)
+    largest, widest = (
+        subject_asymmetry(counts).maximal,
+        int(np.argmax(np.abs(counts.s1 - counts.s2))),
+    )
+    pair = (
+        (float(counts.s1[widest]), float(counts.s2[widest]))
+        if largest is None
+        else (largest.s_weak, largest.s_strong)
+    )
     weak, strong = sorted(pair)
     orders = ((weak, strong), (strong, weak)) if weak < strong else ((weak, strong),)
     figure = new_figure(PAGE if len(orders) == 2 else COLUMN, 3.3)
-    lows, highs = zip(*(filter_span(s1, s2, mu1, sigma_p, sigma_l) for s1, s2 in orders), strict=True)
+    lows, highs = zip(
+        *(filter_span(s1, s2, mu1, sigma_p, sigma_l) for s1, s2 in orders), strict=True
+    )
     for ax, (s1, s2) in zip(figure.subplots(1, len(orders), squeeze=False)[0], orders, strict=True):
-        shown = posterior.for_subject(Subject.from_counts(subject, [s1], [s2], [0], [1], task=counts.task))
+        shown = posterior.for_subject(
+            Subject.from_counts(subject, [s1], [s2], [0], [1], task=counts.task)
+        )
         z, p = shown.distance(x).item(), float(np.exp(shown.log_answers(x)[0].item()))
         said = f"$z$ = {z:.2f}, {chance(counts.task)} = {p:.2f}".replace("-", "−")
         filter_axes(s1, s2, mu1, sigma_p, sigma_l, span=(min(lows), max(highs)), said=said, ax=ax)
@@ -158,7 +197,9 @@ FIGURES: Mapping[str, Callable[[Material], Figure]] = {
     "figure_4_map": lambda of: map_figure(of.draws, mass=of.mass, truth=of.truth),
     "figure_5_plane": lambda of: plane_figure(of.draws, of.subjects),
     "figure_6_gamma": lambda of: gamma_figure(of.draws),
-    "appendix_c_evidence": lambda of: evidence_pair_figure(of.evidence, synthetic=of.draws.synthetic),
+    "appendix_c_evidence": lambda of: evidence_pair_figure(
+        of.evidence, synthetic=of.draws.synthetic
+    ),
 }
 
 
@@ -166,11 +207,17 @@ def left_out(material: Material) -> dict[str, str]:
     """Figures that this study does not allow, with the reason."""
     if any(row.comparisons for row in material.asymmetry):
         return {}
-    return {"figure_1c_asymmetry": "no pair of different stimuli was presented in both orders to one subject"}
+    return {
+        "figure_1c_asymmetry": "no pair of different stimuli was presented in both orders to one subject"
+    }
 
 
 def figures(
-    analysis: Analysis | Draws, subjects: Sequence[str] | None = None, *, mass: float = MASS, truth: Truth | None = None
+    analysis: Analysis | Draws,
+    subjects: Sequence[str] | None = None,
+    *,
+    mass: float = MASS,
+    truth: Truth | None = None,
 ) -> dict[str, Figure]:
     """The paper's figures of an analysed study, by file name.
 
@@ -191,12 +238,17 @@ def figures(
         For an unknown or repeated subject, or a share outside (0, 1).
     """
     material = material_of(analysis, subjects, mass=mass, truth=truth)
-    return {name: draw(material) for name, draw in FIGURES.items() if name not in left_out(material)}
+    return {
+        name: draw(material) for name, draw in FIGURES.items() if name not in left_out(material)
+    }
 
 
 def products(formats: Sequence[str]) -> tuple[str, ...]:
     """Every file that :func:`write_figures` may make in formats of which none is unknown."""
-    return (*(f"{name}.{suffix}" for name in FIGURES for suffix in require_formats(formats)), CAPTIONS)
+    return (
+        *(f"{name}.{suffix}" for name in FIGURES for suffix in require_formats(formats)),
+        CAPTIONS,
+    )
 
 
 def write_figures(
@@ -237,12 +289,17 @@ def write_figures(
     OutputError
         If the folder cannot be written or holds products already; nothing is changed then.
     """
-    names, material = products(formats), material_of(analysis, subjects, mass=mass, truth=truth, workers=workers)
+    names, material = (
+        products(formats),
+        material_of(analysis, subjects, mass=mass, truth=truth, workers=workers),
+    )
     shown = [name for name in FIGURES if name not in left_out(material)]
     jobs = [partial(_draw, name, material, tuple(dict.fromkeys(formats))) for name in shown]
     required = (CAPTIONS, *(f"{name}.{suffix}" for name in shown for suffix in formats))
     with whole_folder(folder, names, required=required, overwrite=overwrite) as target:
-        for name, files in zip(shown, run_in_order(jobs, workers, progress, [(name,) for name in shown]), strict=True):
+        for name, files in zip(
+            shown, run_in_order(jobs, workers, progress, [(name,) for name in shown]), strict=True
+        ):
             for suffix, content in files.items():
                 (target / f"{name}.{suffix}").write_bytes(content)
         (target / CAPTIONS).write_text(captions(material), encoding="utf-8")
@@ -272,7 +329,9 @@ def captions(material: Material) -> str:
         material.asymmetry.population().describe().capitalize() + ".",
     ]
     if draws.not_converged:
-        lines.append(f"Draws NOT CONVERGED, not to be reported as they stand: {', '.join(draws.not_converged)}.")
+        lines.append(
+            f"Draws NOT CONVERGED, not to be reported as they stand: {', '.join(draws.not_converged)}."
+        )
     words = {
         "subjects": ", ".join(material.subjects),
         "first": material.subjects[0],
@@ -283,7 +342,10 @@ def captions(material: Material) -> str:
         **_OF_TASK[draws.task],
     }
     for name, text in _CAPTIONS.items():
-        lines.append(f"**{name}.** " + (f"Left out: {missing[name]}." if name in missing else text.format(**words)))
+        lines.append(
+            f"**{name}.** "
+            + (f"Left out: {missing[name]}." if name in missing else text.format(**words))
+        )
     return "\n\n".join(lines) + "\n"
 
 

@@ -58,27 +58,63 @@ def power_figure(table: PowerTable, populations: PopulationPower | None = None) 
     error.
     """
     named = {FOUND: "effect found", NAMED: "kind named"}
-    rows = [partial(_draw_shares, table, "trials", named, ("share of observers", "trials of a subject"))]
-    if "update" in table.different("observers") and any(name.startswith("90 % width") for name in table.different("quantity")):
+    rows = [
+        partial(_draw_shares, table, "trials", named, ("share of observers", "trials of a subject"))
+    ]
+    if "update" in table.different("observers") and any(
+        name.startswith("90 % width") for name in table.different("quantity")
+    ):
         rows.append(partial(_draw_widths, table))
     if populations is not None:
-        [trials], effects = populations.different("trials"), {FOUND: "effect found on average", PULL: "pull named"}
-        rows.append(partial(_draw_shares, populations, "subjects", effects, ("share of studies", f"subjects of {trials:,} trials")))
-    figure = new_figure(PAGE, 2.25 * len(rows) + 0.17 * len(table.different("design")) * (1 if populations is None else 2))  # of the legend
-    for part, draw in zip(figure.subfigures(len(rows), 1, squeeze=False).ravel(), rows, strict=True):
+        [trials], effects = (
+            populations.different("trials"),
+            {FOUND: "effect found on average", PULL: "pull named"},
+        )
+        rows.append(
+            partial(
+                _draw_shares,
+                populations,
+                "subjects",
+                effects,
+                ("share of studies", f"subjects of {trials:,} trials"),
+            )
+        )
+    figure = new_figure(
+        PAGE,
+        2.25 * len(rows)
+        + 0.17 * len(table.different("design")) * (1 if populations is None else 2),
+    )  # of the legend
+    for part, draw in zip(
+        figure.subfigures(len(rows), 1, squeeze=False).ravel(), rows, strict=True
+    ):
         draw(part)
     legend_below(figure, size=LETTERS, columns=2)
     return figure
 
 
-def _draw_shares(table: PowerTable | PopulationPower, by: str, what: Mapping[str, str], words: tuple[str, str], part: SubFigure) -> None:
+def _draw_shares(
+    table: PowerTable | PopulationPower,
+    by: str,
+    what: Mapping[str, str],
+    words: tuple[str, str],
+    part: SubFigure,
+) -> None:
     """One panel a kind of observers with the shares of two quantities, solid and dotted, by the number of trials or of subjects."""
-    found = {(one.design, one.observers, getattr(one, by), one.quantity): one for one in table.counted.values()}
+    found = {
+        (one.design, one.observers, getattr(one, by), one.quantity): one
+        for one in table.counted.values()
+    }
     numbers, kinds = table.different(by), table.different("observers")
-    for ax, kind in zip(part.subplots(1, len(kinds), sharey=True, squeeze=False)[0], kinds, strict=True):
+    for ax, kind in zip(
+        part.subplots(1, len(kinds), sharey=True, squeeze=False)[0], kinds, strict=True
+    ):
         lines = [
             [
-                (f"{label}, {plain(design)}", style, [found[design, kind, number, quantity] for number in numbers])
+                (
+                    f"{label}, {plain(design)}",
+                    style,
+                    [found[design, kind, number, quantity] for number in numbers],
+                )
                 for (quantity, label), style in zip(what.items(), "-:", strict=True)
             ]
             for design in table.different("design")
@@ -92,7 +128,10 @@ def _draw_shares(table: PowerTable | PopulationPower, by: str, what: Mapping[str
 def _draw_widths(table: PowerTable, part: SubFigure) -> None:
     trials, designs = table.different("trials"), table.different("design")
     for ax, quantity in zip(part.subplots(1, len(WIDTHS)), WIDTHS, strict=True):
-        found = [[table[design, n, "update", f"90 % width of {quantity}"] for n in trials] for design in designs]
+        found = [
+            [table[design, n, "update", f"90 % width of {quantity}"] for n in trials]
+            for design in designs
+        ]
         _draw_lines(ax, trials, [[("", "-", rows)] for rows in found])
         ax.set(ylabel=f"90 % interval of {quantity}", xlabel="trials of a subject", yscale="log")
         ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 1.5, 2.0, 3.0, 5.0, 7.0)))
@@ -109,11 +148,25 @@ def _draw_lines(ax: Axes, numbers: Sequence[int], designs: Sequence[Sequence[_Li
     nearest = float(np.diff(np.log(np.sort(at))).min(initial=2.0 * np.log(_MARGIN)))
     places = iter(min(_APART, _MOST * nearest / count) * (np.arange(count) - 0.5 * (count - 1)))
     for index, lines in enumerate(designs):
-        colour, marker = _COLOURS[index % len(_COLOURS)], _MARKERS[(index + index // len(_COLOURS)) % len(_MARKERS)]
+        colour, marker = (
+            _COLOURS[index % len(_COLOURS)],
+            _MARKERS[(index + index // len(_COLOURS)) % len(_MARKERS)],
+        )
         for label, style, rows in lines:
-            y, errors = [one.value for one in rows], np.array([(one.value - one.low, one.high - one.value) for one in rows]).T
-            look: dict[str, Any] = {"fmt": marker, "ls": style, "color": colour, "mfc": colour if style == "-" else "white", "ms": 4.0}
-            ax.errorbar(at * np.exp(next(places)), y, errors, lw=1.1, elinewidth=0.8, label=label, **look)
+            y, errors = (
+                [one.value for one in rows],
+                np.array([(one.value - one.low, one.high - one.value) for one in rows]).T,
+            )
+            look: dict[str, Any] = {
+                "fmt": marker,
+                "ls": style,
+                "color": colour,
+                "mfc": colour if style == "-" else "white",
+                "ms": 4.0,
+            }
+            ax.errorbar(
+                at * np.exp(next(places)), y, errors, lw=1.1, elinewidth=0.8, label=label, **look
+            )
     ax.set(xscale="log", xlim=(min(numbers) / _MARGIN, max(numbers) * _MARGIN))
     ax.set_xticks(list(numbers), [f"{number:,}" for number in numbers])
     ax.xaxis.set_minor_locator(NullLocator())
@@ -142,18 +195,51 @@ def _draw_pairs(ax: Axes, found: OptimalDesign) -> None:
     values = np.full((len(second), len(first)), np.nan)
     at = np.searchsorted(second, plane.s2), np.searchsorted(first, plane.s1)
     np.fmax.at(values, at, 1000.0 * found.worth)  # of several intervals the best
-    mesh = ax.pcolormesh(first, second, values, cmap="Greys", shading="nearest", vmin=0.0, rasterized=True)
+    mesh = ax.pcolormesh(
+        first, second, values, cmap="Greys", shading="nearest", vmin=0.0, rasterized=True
+    )
     bar = ax.figure.colorbar(mesh, ax=ax, shrink=0.9, pad=0.02)
     dress_bar(bar, "what one more trial adds, thousandths of a nat")
-    ax.axline((float(first[0]), float(first[0])), slope=1.0, color=EQUAL, linewidth=0.6, linestyle=":")
+    ax.axline(
+        (float(first[0]), float(first[0])), slope=1.0, color=EQUAL, linewidth=0.6, linestyle=":"
+    )
     paper = paper_amid(plane)
     name = MOVED if MOVED in found.candidates else PAPER
-    ax.plot(paper.s1, paper.s2, "x", color=WEAKER_FIRST, markersize=4.0, markeredgewidth=1.0, label=name)
+    ax.plot(
+        paper.s1, paper.s2, "x", color=WEAKER_FIRST, markersize=4.0, markeredgewidth=1.0, label=name
+    )
     area = _LARGEST * design.n_trials / design.n_trials.max()
-    ax.scatter(design.s1, design.s2, area, facecolor=STRONGER_FIRST, edgecolor="white", linewidth=0.7, alpha=0.85, zorder=3, clip_on=False)
-    ax.scatter([], [], _LARGEST / 3, facecolor=STRONGER_FIRST, label=f"this design (largest: {design.n_trials.max()} trials)")
-    ax.set(xlabel="first stimulus (natural log)", ylabel="second stimulus (natural log)", aspect="equal")
-    ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), frameon=False, fontsize=SMALL, handletextpad=0.3, borderaxespad=0.1)
+    ax.scatter(
+        design.s1,
+        design.s2,
+        area,
+        facecolor=STRONGER_FIRST,
+        edgecolor="white",
+        linewidth=0.7,
+        alpha=0.85,
+        zorder=3,
+        clip_on=False,
+    )
+    ax.scatter(
+        [],
+        [],
+        _LARGEST / 3,
+        facecolor=STRONGER_FIRST,
+        label=f"this design (largest: {design.n_trials.max()} trials)",
+    )
+    ax.set(
+        xlabel="first stimulus (natural log)",
+        ylabel="second stimulus (natural log)",
+        aspect="equal",
+    )
+    ax.legend(
+        loc="lower left",
+        bbox_to_anchor=(0.0, 1.0),
+        frameon=False,
+        fontsize=SMALL,
+        handletextpad=0.3,
+        borderaxespad=0.1,
+    )
     dress(ax)
 
 
@@ -165,13 +251,40 @@ def _draw_compared(ax: Axes, found: OptimalDesign) -> None:
         label, colour, marker = _KINDS[kind]
         for quantity, filled in ((NAMED, True), (WRONG, False)):
             rows = [table[name, trials, kind, quantity] for name in names]
-            y = np.arange(len(names)) + 0.24 * (index - 0.5 * (len(kinds) - 1)) + (0.0 if filled else 0.09)
+            y = (
+                np.arange(len(names))
+                + 0.24 * (index - 0.5 * (len(kinds) - 1))
+                + (0.0 if filled else 0.09)
+            )
             x = np.array([row.value for row in rows])
-            errors = np.array([[row.value - row.low, row.high - row.value] for row in rows]).T if filled else None
-            look: dict[str, Any] = {"mfc": colour, "ms": 4.5, "label": label} if filled else {"mfc": "white", "ms": 3.0}
+            errors = (
+                np.array([[row.value - row.low, row.high - row.value] for row in rows]).T
+                if filled
+                else None
+            )
+            look: dict[str, Any] = (
+                {"mfc": colour, "ms": 4.5, "label": label}
+                if filled
+                else {"mfc": "white", "ms": 3.0}
+            )
             ax.errorbar(x, y, xerr=errors, fmt=marker, color=colour, elinewidth=0.8, **look)
-    ax.set_yticks(np.arange(len(names)), [plain("this design" if name == OPTIMISED else name) for name in names])
-    ax.set(xlim=(-0.03, 1.03), ylim=(len(names) - 0.5, -0.5), xlabel="share whose kind is named (hollow: another)")
+    ax.set_yticks(
+        np.arange(len(names)),
+        [plain("this design" if name == OPTIMISED else name) for name in names],
+    )
+    ax.set(
+        xlim=(-0.03, 1.03),
+        ylim=(len(names) - 0.5, -0.5),
+        xlabel="share whose kind is named (hollow: another)",
+    )
     ax.set_title(f"{trials:,} trials, observers with", fontsize=LETTERS)
-    ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.08), ncols=3, frameon=False, fontsize=SMALL, handletextpad=0.2, columnspacing=1.0)
+    ax.legend(
+        loc="lower center",
+        bbox_to_anchor=(0.5, 1.08),
+        ncols=3,
+        frameon=False,
+        fontsize=SMALL,
+        handletextpad=0.2,
+        columnspacing=1.0,
+    )
     dress(ax)

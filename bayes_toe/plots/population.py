@@ -18,7 +18,14 @@ from bayes_toe.groups.hyperprior import GROUP_PARAMETERS
 from bayes_toe.groups.population import Population
 from bayes_toe.groups.predictive_check import CONTRADICTED, PredictiveCheck, predictive_check
 from bayes_toe.inference.prediction import Predictor
-from bayes_toe.plots.curves import CURVE_DRAWS, Curve, lines_along, main_weaker, order_panel, which_weaker
+from bayes_toe.plots.curves import (
+    CURVE_DRAWS,
+    Curve,
+    lines_along,
+    main_weaker,
+    order_panel,
+    which_weaker,
+)
 from bayes_toe.plots.style import (
     BAD,
     BAND,
@@ -69,13 +76,18 @@ def population_figure(found: Population, check: PredictiveCheck | None = None) -
         Made here where it is not given.
     """
     values, quantities, effects = marked(found), _main_quantities(found), effects_of(found)
-    across, effects_across = even_columns(len(quantities), _ACROSS), even_columns(max(len(effects), 1), _ACROSS + 1)
+    across, effects_across = (
+        even_columns(len(quantities), _ACROSS),
+        even_columns(max(len(effects), 1), _ACROSS + 1),
+    )
     down, effects_down = -(-len(quantities) // across), -(-len(effects) // effects_across)
     heights = [0.3 + down * _forest_height(found), 2.9]
     labels = effect_labels(found)
     heights += [0.3 + effects_down * (0.85 + 0.4 * len(labels))] if effects else []
     figure = new_figure(PAGE, 0.6 + sum(heights))
-    figure.suptitle(_heading(found), fontsize=LETTERS + 1.0, color="black" if found.converged else BAD)
+    figure.suptitle(
+        _heading(found), fontsize=LETTERS + 1.0, color="black" if found.converged else BAD
+    )
     parts = figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0]
     forests = first_panels(parts[0].add_gridspec(down, across), len(quantities))
     for i, (name, ax) in enumerate(zip(quantities, forests, strict=True)):
@@ -89,12 +101,21 @@ def population_figure(found: Population, check: PredictiveCheck | None = None) -
     new_subject(left, found)
     check_panel(right, predictive_check(found) if check is None else check)
     if effects:
-        what = "differences between conditions on average" if found.differences else "effects of covariates on the population's mean"
+        what = (
+            "differences between conditions on average"
+            if found.differences
+            else "effects of covariates on the population's mean"
+        )
         said = f"{what}, 5, 50 and 95 %, on the scales on which subjects scatter"
         parts[2].suptitle(said, fontsize=SMALL)
         panels = first_panels(parts[2].add_gridspec(effects_down, effects_across), len(effects))
         for i, ((name, draws), ax) in enumerate(zip(effects.items(), panels, strict=True)):
-            effects_panel(ax, draws, "asymmetry" if name == ASYMMETRY else GROUP_PARAMETERS[name].label, labels)
+            effects_panel(
+                ax,
+                draws,
+                "asymmetry" if name == ASYMMETRY else GROUP_PARAMETERS[name].label,
+                labels,
+            )
             ax.tick_params(labelleft=i % effects_across == 0)
     return figure
 
@@ -104,13 +125,20 @@ def _heading(found: Population) -> str:
     answer, said = on_average(found), list[str]()
     if answer is None and found.asymmetries is not None:
         draws = found.asymmetries.draws[:, :, 0, 0]
-        said.append(f"asymmetry {said_interval(np.quantile(draws, MARKED))}, {_direction(float((draws > 0.0).mean()))}")
+        said.append(
+            f"asymmetry {said_interval(np.quantile(draws, MARKED))}, {_direction(float((draws > 0.0).mean()))}"
+        )
     if answer is None:
         mean = found.quantities(found.chains.mean.reshape(-1, len(found.names)))
-        said += [f"{name} {said_interval(np.quantile(mean[name], MARKED))}" for name in _main_quantities(found)[:2]]
+        said += [
+            f"{name} {said_interval(np.quantile(mean[name], MARKED))}"
+            for name in _main_quantities(found)[:2]
+        ]
     else:
         factors = ", ".join(f"{row.parameter} {row.of_none}" for row in answer.means)
-        said += [f"order effect: {answer.words} (P of none {compared(answer.p_none)})\nBayes factors of a mean of 0: {factors}"]
+        said += [
+            f"order effect: {answer.words} (P of none {compared(answer.p_none)})\nBayes factors of a mean of 0: {factors}"
+        ]
     model = found.settings.model + (" (synthetic data)" if found.study.synthetic else "")
     badge = "" if found.converged else "NOT CONVERGED, not to be reported as it stands\n"
     return f"{badge}Population of {len(found.study)} subjects: {model}\n{'; '.join(said)}"
@@ -119,7 +147,9 @@ def _heading(found: Population) -> str:
 def _main_quantities(found: Population) -> tuple[str, ...]:
     """What the answers depend on, with mu1 in the place of the offset that follows from it."""
     names = found.typical.names
-    return tuple("mu1" if name == "offset" and "mu1" in names.natural else name for name in names.identified)
+    return tuple(
+        "mu1" if name == "offset" and "mu1" in names.natural else name for name in names.identified
+    )
 
 
 def _direction(above: float) -> str:
@@ -145,7 +175,13 @@ def marked(found: Population) -> dict[str, Marked]:
     of_subjects = (found.unpooled, found.chains.eta.reshape(-1, len(found.study), k))
     some = [eta[:: max(1, len(eta) // _DRAWS)] for eta in of_subjects]
     points = (*some, found.chains.mean.reshape(-1, k), found.new_subject().reshape(-1, k))
-    quantiles = [{name: np.quantile(values, MARKED, axis=0) for name, values in found.quantities(eta).items()} for eta in points]
+    quantiles = [
+        {
+            name: np.quantile(values, MARKED, axis=0)
+            for name, values in found.quantities(eta).items()
+        }
+        for eta in points
+    ]
     return {name: Marked(*(one[name] for one in quantiles)) for name in quantiles[0]}
 
 
@@ -159,7 +195,14 @@ def forest(ax: Axes, found: Population, quantity: str, shown: Marked) -> None:
         low, middle, high = shown.group[:, np.argsort(shown.group[1], kind="stable")]
         y = np.arange(len(middle))
         ax.hlines(y, low, high, color=POSTERIOR, lw=min(1.2, 160.0 / len(y)), alpha=0.6)
-        ax.plot(middle, y, "o", ms=1.8 if len(y) <= 100 else 1.2, color=POSTERIOR, label="subjects in the group (5-50-95 %)")
+        ax.plot(
+            middle,
+            y,
+            "o",
+            ms=1.8 if len(y) <= 100 else 1.2,
+            color=POSTERIOR,
+            label="subjects in the group (5-50-95 %)",
+        )
         ax.set(ylim=(len(y) - 0.5, -0.5), yticks=[])
     else:
         _draw_named(ax, shown, [plain(name, 14) for name in found.study.names])
@@ -172,19 +215,53 @@ def forest(ax: Axes, found: Population, quantity: str, shown: Marked) -> None:
 def _draw_named(ax: Axes, shown: Marked, names: list[str]) -> None:
     """Subjects alone and in the group; where one alone says little, its interval is cut, since it would squeeze all others."""
     y = np.arange(len(names))
-    inner = float(min(shown.group[0].min(), shown.new[0])), float(max(shown.group[2].max(), shown.new[2]))
+    inner = (
+        float(min(shown.group[0].min(), shown.new[0])),
+        float(max(shown.group[2].max(), shown.new[2])),
+    )
     more = 0.25 * (inner[1] - inner[0])
     low = min(inner[0], max(inner[0] - more, float(shown.alone[0].min())))
     high = max(inner[1], min(inner[1] + more, float(shown.alone[2].max())))
     low, high = low - 0.03 * (high - low), high + 0.03 * (high - low)
     ax.set_xlim(low, high)
     ax.hlines(y - 0.2, shown.alone[0], shown.alone[2], color=_ALONE, lw=0.7)
-    ax.plot(shown.alone[1], y - 0.2, "o", ms=2.6, mfc="white", mec=_ALONE, mew=0.7, label="subject alone (5-50-95 %)")
-    for edge, marker, beyond in ((low, "<", shown.alone[0] < low), (high, ">", shown.alone[2] > high)):
-        if beyond.any():  # without any, an empty line that is not clipped would take room at the page's corner
-            ax.plot(np.full(beyond.sum(), edge), y[beyond] - 0.2, marker, ms=2.6, color=_ALONE, mew=0, clip_on=False)
+    ax.plot(
+        shown.alone[1],
+        y - 0.2,
+        "o",
+        ms=2.6,
+        mfc="white",
+        mec=_ALONE,
+        mew=0.7,
+        label="subject alone (5-50-95 %)",
+    )
+    for edge, marker, beyond in (
+        (low, "<", shown.alone[0] < low),
+        (high, ">", shown.alone[2] > high),
+    ):
+        if (
+            beyond.any()
+        ):  # without any, an empty line that is not clipped would take room at the page's corner
+            ax.plot(
+                np.full(beyond.sum(), edge),
+                y[beyond] - 0.2,
+                marker,
+                ms=2.6,
+                color=_ALONE,
+                mew=0,
+                clip_on=False,
+            )
     ax.hlines(y + 0.15, shown.group[0], shown.group[2], color=POSTERIOR, lw=1.6)
-    ax.plot(shown.group[1], y + 0.15, "o", ms=3.4, color=POSTERIOR, mec="white", mew=0.4, label="in the group")
+    ax.plot(
+        shown.group[1],
+        y + 0.15,
+        "o",
+        ms=3.4,
+        color=POSTERIOR,
+        mec="white",
+        mew=0.4,
+        label="in the group",
+    )
     ax.set_yticks(y, names)
     ax.set_ylim(len(names) - 0.5, -0.6)
 
@@ -192,7 +269,11 @@ def _draw_named(ax: Axes, shown: Marked, names: list[str]) -> None:
 def _forest_height(found: Population) -> float:
     """Inches of a forest."""
     subjects = len(found.study)
-    return 0.75 + (0.6 * HIGH if subjects > MOST_NAMED_IN_GROUP else max(0.8, subjects * (0.2 if subjects <= 20 else 0.16)))
+    return 0.75 + (
+        0.6 * HIGH
+        if subjects > MOST_NAMED_IN_GROUP
+        else max(0.8, subjects * (0.2 if subjects <= 20 else 0.16))
+    )
 
 
 # --- a new subject ------------------------------------------------------------------------------------------------------------------
@@ -222,7 +303,9 @@ def new_subject(ax: Axes, found: Population) -> None:
     who = "new subject with covariates of the study" if found.regressors.columns else "new subject"
     if about := which_weaker(everyone, low):
         ax.set_xlabel(f"stronger stimulus (ln), {about}")
-    legend_above(ax, columns=3, title=f"{who}:\nmean, 50 %{', dotted 90 %' * few}; points: all answers{at}")
+    legend_above(
+        ax, columns=3, title=f"{who}:\nmean, 50 %{', dotted 90 %' * few}; points: all answers{at}"
+    )
     dress(ax)
 
 
@@ -230,7 +313,10 @@ def _main_interval(study: Study) -> float | None:
     """The interval of most trials."""
     if not study.intervals:
         return None
-    isi, trials = (np.concatenate([np.asarray(getattr(one, key)) for one in study]) for key in ("isi", "n_trials"))
+    isi, trials = (
+        np.concatenate([np.asarray(getattr(one, key)) for one in study])
+        for key in ("isi", "n_trials")
+    )
     return max(study.intervals, key=lambda seconds: int(trials[isi == seconds].sum()))
 
 
@@ -240,9 +326,13 @@ def _curve(found: Population, isi: float | None) -> Curve:
     some = slice(None, None, max(1, found.chains.mean[..., 0].size // CURVE_DRAWS))
     eta = found.new_subject().reshape(-1, k)[some]
     effects = found.chains.effects.reshape(found.chains.mean[..., 0].size, -1, k)[some]
-    whose = generator(found.settings.seed, "population", "whose covariates").integers(len(columns), size=len(eta))
+    whose = generator(found.settings.seed, "population", "whose covariates").integers(
+        len(columns), size=len(eta)
+    )
     target = found.typical
-    fitted = Predictor(target, target.from_group(eta + np.einsum("dr,drk->dk", columns[whose], effects))[0])
+    fitted = Predictor(
+        target, target.from_group(eta + np.einsum("dr,drk->dk", columns[whose], effects))[0]
+    )
     return lambda s1, s2: fitted.yes(s1, s2, None if isi is None else np.full(len(s1), isi))
 
 
@@ -302,18 +392,28 @@ def effect_labels(found: Population) -> list[str]:
     if found.differences is None:
         return [column.about for column in found.regressors.columns]
     conditions = found.differences.conditions
-    return [f"{conditions.name} {level} − {reference}" for level, reference in conditions.comparisons]
+    return [
+        f"{conditions.name} {level} − {reference}" for level, reference in conditions.comparisons
+    ]
 
 
 def effects_of(found: Population) -> dict[str, FloatArray]:
     """Draws of the effects on everything, shape (draws, columns): parameters, and the asymmetry where it can be seen; or of conditions."""
     columns = found.regressors.columns
     if found.differences is not None:
-        return {name: values.reshape(-1, values.shape[-1]) for name, values in found.differences.on_average().items()}
+        return {
+            name: values.reshape(-1, values.shape[-1])
+            for name, values in found.differences.on_average().items()
+        }
     if not columns:
         return {}
-    of_parameters = {name: found.chains.effects[..., i].reshape(-1, len(columns)) for i, name in enumerate(found.names)}
+    of_parameters = {
+        name: found.chains.effects[..., i].reshape(-1, len(columns))
+        for i, name in enumerate(found.names)
+    }
     if found.asymmetries is None:
         return of_parameters
-    of_answers = found.asymmetries.draws[:, :, np.flatnonzero(found.asymmetries.differences), 0]  # in the order of the columns
+    of_answers = found.asymmetries.draws[
+        :, :, np.flatnonzero(found.asymmetries.differences), 0
+    ]  # in the order of the columns
     return of_parameters | {ASYMMETRY: of_answers.reshape(-1, len(columns))}

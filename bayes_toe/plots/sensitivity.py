@@ -13,10 +13,28 @@ from matplotlib.figure import Figure
 from bayes_toe.comparison.prior_sensitivity import REWEIGHTED, SensitivityRow, SensitivityTable
 from bayes_toe.comparison.words import STRONG
 from bayes_toe.model.prior_fields import STIMULI
-from bayes_toe.plots.style import EQUAL, LETTERS, SMALL, STRONGER_FIRST, dress, first_panels, new_figure, plain
+from bayes_toe.plots.style import (
+    EQUAL,
+    LETTERS,
+    SMALL,
+    STRONGER_FIRST,
+    dress,
+    first_panels,
+    new_figure,
+    plain,
+)
 
 #: Of the values of a prior in their order; a prior with more of them starts anew.
-_COLOURS = (STRONGER_FIRST, "#CC79A7", "#009E73", "#E69F00", "#333333", "#56B4E9", "#7B3294", "#8B4513")
+_COLOURS = (
+    STRONGER_FIRST,
+    "#CC79A7",
+    "#009E73",
+    "#E69F00",
+    "#333333",
+    "#56B4E9",
+    "#7B3294",
+    "#8B4513",
+)
 _MARKERS = ("o", "s", "^", "D", "v", "<", ">", "P")
 _GIVEN, _WEAK = "the prior given", f"within {STRONG:g} nats of 0: not strong"
 _ANEW, _TURNS = "open: sampled anew, not re-weighted", "the sign turns, at this value of the prior"
@@ -40,7 +58,11 @@ def _draw_subject(ax: Axes, table: SensitivityTable, subject: str) -> None:
         _draw_scan(ax, scan, place)
     _dress_factors(ax, low, high)
     _set_limits(ax, [row for scan in scans.values() for row in scan.rows])
-    turns = {place: (scan, found) for place, (varied, scan) in enumerate(scans.items()) if (found := table.turns(subject, varied))}
+    turns = {
+        place: (scan, found)
+        for place, (varied, scan) in enumerate(scans.items())
+        if (found := table.turns(subject, varied))
+    }
     for rank, (place, (scan, found)) in enumerate(turns.items()):
         _mark_turns(ax, scan, found, _COLOURS[place % len(_COLOURS)], rank)
     ax.set_title(plain(subject, 20))
@@ -59,15 +81,27 @@ def sensitivity_figure(table: SensitivityTable, *, synthetic: bool = False) -> F
     down = -(-len(names) // across)
     beside = across < 3  # words beside few panels, above many
     figure = new_figure(_WIDE * across + (_BESIDE if beside else 0.4), _HIGH * down + 1.0)
-    for ax, name in zip(first_panels(figure.add_gridspec(down, across), len(names)), names, strict=True):
+    for ax, name in zip(
+        first_panels(figure.add_gridspec(down, across), len(names)), names, strict=True
+    ):
         _draw_subject(ax, table, name)
     figure.supylabel("log Bayes factor, H1 minus H0 (nats)", fontsize=LETTERS)
-    words = "factor on the prior's scale; its mean of mu1 is shifted instead" + (" (synthetic data)" if synthetic else "")
+    words = "factor on the prior's scale; its mean of mu1 is shifted instead" + (
+        " (synthetic data)" if synthetic else ""
+    )
     figure.supxlabel(fill(words, int(_LETTERS_AN_INCH * figure.get_figwidth())), fontsize=LETTERS)
-    found = {label: handle for ax in figure.axes for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)}
-    scans = [label for label in found if label not in _EXPLAINED]  # first, whichever subject has which of the others
+    found = {
+        label: handle
+        for ax in figure.axes
+        for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)
+    }
+    scans = [
+        label for label in found if label not in _EXPLAINED
+    ]  # first, whichever subject has which of the others
     order = [*scans, *(label for label in _EXPLAINED if label in found)]
-    place: dict[str, Any] = {"loc": "outside right center"} if beside else {"loc": "outside upper center", "ncols": 3}
+    place: dict[str, Any] = (
+        {"loc": "outside right center"} if beside else {"loc": "outside upper center", "ncols": 3}
+    )
     figure.legend([found[label] for label in order], order, frameon=False, fontsize=SMALL, **place)
     return figure
 
@@ -89,13 +123,19 @@ def _scan(table: SensitivityTable, subject: str, varied: str, reach: float) -> _
     ends = "shifted by its sd"  # another one for each subject
     if getattr(table.prior, varied) != STIMULI:
         ends = f"from {rows[0].value:.3g} to {rows[-1].value:.3g}".replace("-", "−")
-    return _Scan(f"{declared.label}, {ends}", rows, lambda value: reach ** ((value - given) / half) if half > 0.0 else 1.0)
+    return _Scan(
+        f"{declared.label}, {ends}",
+        rows,
+        lambda value: reach ** ((value - given) / half) if half > 0.0 else 1.0,
+    )
 
 
 def _draw_scan(ax: Axes, scan: _Scan, place: int) -> None:
     colour, marker = _COLOURS[place % len(_COLOURS)], _MARKERS[place % len(_MARKERS)]
     at = np.array([scan.across(row.value) for row in scan.rows])
-    value = np.array([row.log_bayes_factor for row in scan.rows], np.float64)  # None becomes NaN: a gap
+    value = np.array(
+        [row.log_bayes_factor for row in scan.rows], np.float64
+    )  # None becomes NaN: a gap
     error = np.array([row.se for row in scan.rows], np.float64)
     anew = np.array([row.method != REWEIGHTED for row in scan.rows])
     style: dict[str, Any] = {"ms": 3.2, "color": colour, "mew": 0.8}
@@ -114,17 +154,33 @@ def _mark_turns(ax: Axes, scan: _Scan, turns: Sequence[float], colour: str, rank
     for value in turns:
         at = scan.across(value)
         ax.plot(at, 0.0, "x", ms=6.5, mew=1.6, color=colour, zorder=4)
-        style: dict[str, Any] = {"ha": "center", "va": "bottom" if way > 0 else "top", "textcoords": "offset points"}
-        ax.annotate(f"{value:.2g}".replace("-", "−"), (at, 0.0), (0, way * away), fontsize=SMALL, color=colour, **style)
+        style: dict[str, Any] = {
+            "ha": "center",
+            "va": "bottom" if way > 0 else "top",
+            "textcoords": "offset points",
+        }
+        ax.annotate(
+            f"{value:.2g}".replace("-", "−"),
+            (at, 0.0),
+            (0, way * away),
+            fontsize=SMALL,
+            color=colour,
+            **style,
+        )
     ax.plot([], [], "x", ms=6.5, mew=1.6, color=EQUAL, label=_TURNS)
 
 
 def _dress_factors(ax: Axes, low: float, high: float) -> None:
     """Powers of two (of ten on a long axis) as ticks."""
     base = 2.0 if high / low <= 64.0 else 10.0
-    first, last = np.ceil(np.log(low) / np.log(base) - 1e-9), np.floor(np.log(high) / np.log(base) + 1e-9)
+    first, last = (
+        np.ceil(np.log(low) / np.log(base) - 1e-9),
+        np.floor(np.log(high) / np.log(base) + 1e-9),
+    )
     ticks = base ** np.arange(first, last + 1)
-    ax.set_xticks(ticks, [f"{tick:g}" if tick >= 1 or base > 2 else f"1/{1 / tick:g}" for tick in ticks])
+    ax.set_xticks(
+        ticks, [f"{tick:g}" if tick >= 1 or base > 2 else f"1/{1 / tick:g}" for tick in ticks]
+    )
     ax.minorticks_off()
 
 
@@ -137,4 +193,13 @@ def _set_limits(ax: Axes, rows: Sequence[SensitivityRow]) -> None:
     pad = max(0.08 * (high - low), 0.5)
     ax.set_ylim(low - pad, high + pad)
     if not known:
-        ax.text(0.5, 0.5, "no reliable estimate", transform=ax.transAxes, ha="center", va="center", fontsize=SMALL, color=EQUAL)
+        ax.text(
+            0.5,
+            0.5,
+            "no reliable estimate",
+            transform=ax.transAxes,
+            ha="center",
+            va="center",
+            fontsize=SMALL,
+            color=EQUAL,
+        )

@@ -117,21 +117,27 @@ def said_interval(quantiles: FloatArray) -> str:
 def rounded(low: float, high: float, *values: float) -> list[str]:
     """Numbers with two digits of the distance between two others."""
     digits = max(0, 1 - int(np.floor(np.log10(high - low)))) if high > low else 3
-    return [f"{round(value, digits) + 0.0:.{digits}f}".replace("-", "−") for value in values]  # never -0.0
+    return [
+        f"{round(value, digits) + 0.0:.{digits}f}".replace("-", "−") for value in values
+    ]  # never -0.0
 
 
 @contextmanager
 def any_characters() -> Iterator[None]:
     """Lay out or draw without a warning for characters that the font lacks: they become boxes."""
     with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message="Glyph .* missing from font", category=UserWarning)
+        warnings.filterwarnings(
+            "ignore", message="Glyph .* missing from font", category=UserWarning
+        )
         yield
 
 
 # --- panels -------------------------------------------------------------------------------------------------------------------------
 
 
-def new_figure(wide: float, high: float, layout: Literal["constrained"] | None = "constrained") -> Figure:
+def new_figure(
+    wide: float, high: float, layout: Literal["constrained"] | None = "constrained"
+) -> Figure:
     """A figure that no global state knows of: nothing to close, nothing pops up."""
     return Figure(figsize=(wide, high), layout=layout)
 
@@ -178,21 +184,39 @@ def dress_bar(bar: Colorbar, label: str) -> None:
 
 
 def draw_band(
-    ax: Axes, x: FloatArray, values: FloatArray, colour: str, line: float = 1.6, bands: Sequence[Band] = BANDS, label: str | None = None
+    ax: Axes,
+    x: FloatArray,
+    values: FloatArray,
+    colour: str,
+    line: float = 1.6,
+    bands: Sequence[Band] = BANDS,
+    label: str | None = None,
 ) -> None:
     """Mean over draws, the first axis of `values`, and bands between quantiles, by default central 60 % and 95 % ones."""
     for low, high, opacity in bands:
-        ax.fill_between(x, *np.quantile(values, [low, high], axis=0), color=colour, alpha=opacity, lw=0)
+        ax.fill_between(
+            x, *np.quantile(values, [low, high], axis=0), color=colour, alpha=opacity, lw=0
+        )
     ax.plot(x, values.mean(axis=0), color=colour, lw=line, label=label)
 
 
 # --- legends ------------------------------------------------------------------------------------------------------------------------
 
 
-def legend_below(figure: Figure | SubFigure, *, size: float = 10.0, columns: int = 3, side: Literal["lower", "upper"] = "lower") -> None:
+def legend_below(
+    figure: Figure | SubFigure,
+    *,
+    size: float = 10.0,
+    columns: int = 3,
+    side: Literal["lower", "upper"] = "lower",
+) -> None:
     """One legend for the figure, outside the panels, since points may be anywhere in them, or above them; size of letters in points."""
     found = {label: handle for ax in figure.axes for handle, label in _main_first(ax)}
-    style: dict[str, Any] = {"handletextpad": 0.3, "columnspacing": 1.2, "borderaxespad": 0.2} if size <= LETTERS else {}
+    style: dict[str, Any] = (
+        {"handletextpad": 0.3, "columnspacing": 1.2, "borderaxespad": 0.2}
+        if size <= LETTERS
+        else {}
+    )
     style |= {"loc": f"outside {side} center", "ncols": columns, "frameon": False, "fontsize": size}
     figure.legend(found.values(), found.keys(), **style)
 
@@ -200,9 +224,23 @@ def legend_below(figure: Figure | SubFigure, *, size: float = 10.0, columns: int
 def legend_above(ax: Axes, *, columns: int = 1, title: str | None = None) -> None:
     """One legend for a panel, above it, in small letters, perhaps with words over it; estimates with error bars come first."""
     handles, labels = zip(*_main_first(ax), strict=True)
-    place: dict[str, Any] = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0), "borderaxespad": 0.2}
+    place: dict[str, Any] = {
+        "loc": "lower center",
+        "bbox_to_anchor": (0.5, 1.0),
+        "borderaxespad": 0.2,
+    }
     space: dict[str, Any] = {"handletextpad": 0.3, "columnspacing": 1.0, "labelspacing": 0.25}
-    ax.legend(handles, labels, ncols=columns, frameon=False, fontsize=SMALL, title=title, title_fontsize=SMALL, **place, **space)
+    ax.legend(
+        handles,
+        labels,
+        ncols=columns,
+        frameon=False,
+        fontsize=SMALL,
+        title=title,
+        title_fontsize=SMALL,
+        **place,
+        **space,
+    )
 
 
 def _main_first(ax: Axes) -> list[tuple[Any, str]]:

@@ -17,8 +17,28 @@ from bayes_toe.data.tasks import SAME_DIFFERENT
 from bayes_toe.inference.draws import Draws
 from bayes_toe.model.beliefs import Gaussian, steady_prior
 from bayes_toe.model.posterior import Posterior
-from bayes_toe.plots.curves import Curve, fitted_curve, lines_along, main_weaker, order_panel, over_panel, which_weaker
-from bayes_toe.plots.style import BELIEF, COLUMN, LETTERS, ORDERS, PAGE, SMALL, chance, dress, even_columns, legend_below, new_figure
+from bayes_toe.plots.curves import (
+    Curve,
+    fitted_curve,
+    lines_along,
+    main_weaker,
+    order_panel,
+    over_panel,
+    which_weaker,
+)
+from bayes_toe.plots.style import (
+    BELIEF,
+    COLUMN,
+    LETTERS,
+    ORDERS,
+    PAGE,
+    SMALL,
+    chance,
+    dress,
+    even_columns,
+    legend_below,
+    new_figure,
+)
 
 _ACROSS = 3  # columns of one block of rows
 _OF_PRIOR = ("mu1", "sigma_p", "sigma_l")
@@ -31,7 +51,9 @@ def central(draws: Draws, subject: str) -> Mapping[str, float]:
     Medians of the natural parameters themselves need not lie together where mu_1 and gamma trade off.
     """
     points = draws.points(subject)
-    found = draws.posterior(subject).quantities(np.median(points.reshape(-1, points.shape[-1]), axis=0))
+    found = draws.posterior(subject).quantities(
+        np.median(points.reshape(-1, points.shape[-1]), axis=0)
+    )
     return {name: float(value) for name, value in found.items()}
 
 
@@ -47,7 +69,12 @@ def answers_axes(counts: Subject, curve: Curve, ax: Axes, *, size: float = 4.0) 
     order_panel(ax, counts, curve, low, size=size)
     places = np.concatenate([line.x[[0, -1]] for line in lines_along(counts, low, 2)])
     pad = max(0.06 * float(np.ptp(places)), 0.05)
-    ax.set(xlim=(places.min() - pad, places.max() + pad), ylim=(-0.03, 1.14), yticks=[0.0, 0.5, 1.0], ylabel=chance(counts.task))
+    ax.set(
+        xlim=(places.min() - pad, places.max() + pad),
+        ylim=(-0.03, 1.14),
+        yticks=[0.0, 0.5, 1.0],
+        ylabel=chance(counts.task),
+    )
     for one in subject_asymmetry(counts).comparisons if counts.task == SAME_DIFFERENT else ():
         if one.s_weak == reference and one.p_adjusted < LEVEL:
             ax.text(one.s_strong, 1.09, "*", ha="center", va="center_baseline", fontsize=2.5 * size)
@@ -71,19 +98,56 @@ def prior_axes(draws: Draws, subject: str, ax: Axes) -> Axes:
     ax.plot(x, np.minimum(some.density(x) / peak, 1.6).T, color=BELIEF, lw=0.4, alpha=0.25)
     ax.fill_between(x, 0.0, prior.density(x) / peak, color=BELIEF, alpha=0.18, lw=0)
     ax.plot(x, prior.density(x) / peak, color=BELIEF, lw=1.4)
-    ax.plot(stimuli, np.full_like(stimuli, -0.09), "^", ms=4.0, color="black", mec="white", mew=0.4, clip_on=False)
+    ax.plot(
+        stimuli,
+        np.full_like(stimuli, -0.09),
+        "^",
+        ms=4.0,
+        color="black",
+        mec="white",
+        mew=0.4,
+        clip_on=False,
+    )
     centre, noise = float(stimuli.mean()), middle["sigma_l"]
-    ax.plot([centre - noise, centre + noise], [-0.3, -0.3], color="#333333", lw=2.2, solid_capstyle="butt")
-    ax.text(centre + noise + 0.015 * (high - low), -0.3, r"$\sigma_\ell$", ha="left", va="center", fontsize=SMALL)
-    ax.set(xlim=(low, high), ylim=(-0.42, 1.5), yticks=[], xlabel="stimulus (ln intensity)", ylabel="prior density")
-    ax.set_title(rf"$\mu_1$ = {middle['mu1']:.2f}, $\sigma_1$ = {float(prior.sd):.2f}".replace("-", "−"))
+    ax.plot(
+        [centre - noise, centre + noise],
+        [-0.3, -0.3],
+        color="#333333",
+        lw=2.2,
+        solid_capstyle="butt",
+    )
+    ax.text(
+        centre + noise + 0.015 * (high - low),
+        -0.3,
+        r"$\sigma_\ell$",
+        ha="left",
+        va="center",
+        fontsize=SMALL,
+    )
+    ax.set(
+        xlim=(low, high),
+        ylim=(-0.42, 1.5),
+        yticks=[],
+        xlabel="stimulus (ln intensity)",
+        ylabel="prior density",
+    )
+    ax.set_title(
+        rf"$\mu_1$ = {middle['mu1']:.2f}, $\sigma_1$ = {float(prior.sd):.2f}".replace("-", "−")
+    )
     dress(ax)
     ax.title.set_fontsize(SMALL)
     ax.spines["left"].set_visible(False)
     if not low <= prior.mean <= high:  # an arrow to where it is
         side, way = (0.02, 1.0) if prior.mean < low else (0.98, -1.0)
         style: dict[str, Any] = {"arrowstyle": "->", "color": BELIEF, "lw": 1.2}
-        ax.annotate("", (side, 0.6), (side + 0.14 * way, 0.6), xycoords="axes fraction", textcoords="axes fraction", arrowprops=style)
+        ax.annotate(
+            "",
+            (side, 0.6),
+            (side + 0.14 * way, 0.6),
+            xycoords="axes fraction",
+            textcoords="axes fraction",
+            arrowprops=style,
+        )
     return ax
 
 
@@ -92,7 +156,9 @@ def _reach(stimuli: FloatArray, prior: Gaussian) -> tuple[float, float]:
     first, last = float(stimuli.min()), float(stimuli.max())
     span = max(last - first, 1.5 * float(prior.sd))
     low, high = float(prior.mean - 2.5 * prior.sd), float(prior.mean + 2.5 * prior.sd)
-    return max(min(first - 0.15 * span, low), first - 4.0 * span), min(max(last + 0.15 * span, high), last + 4.0 * span)
+    return max(min(first - 0.15 * span, low), first - 4.0 * span), min(
+        max(last + 0.15 * span, high), last + 4.0 * span
+    )
 
 
 def collapse_axes(draws: Draws, subject: str, ax: Axes) -> Axes:
@@ -108,17 +174,34 @@ def collapse_axes(draws: Draws, subject: str, ax: Axes) -> Axes:
     found = collapse(posterior, points, mass=0.6)
     reach = max(1.5, 1.08 * float(np.abs([found.z_low, found.z_high]).max()))
     x = np.linspace(-reach, reach, 300)
-    ax.plot(x, posterior.yes_at_distance(np.median(points, axis=0, keepdims=True), x)[0] / found.top, color="#333333", lw=1.2)
+    ax.plot(
+        x,
+        posterior.yes_at_distance(np.median(points, axis=0, keepdims=True), x)[0] / found.top,
+        color="#333333",
+        lw=1.2,
+    )
     crowded, style = counts.n_pairs > 60, dict[str, Any]()
     for order, mark in ORDERS.items():
         at = found.order == order
         if at.any():
             across = np.stack([found.z - found.z_low, found.z_high - found.z])[:, at]
-            style = {"ms": 2.2, "alpha": 0.4, "elinewidth": 0.3} if crowded else {"ms": 4.0, "elinewidth": 0.8}
+            style = (
+                {"ms": 2.2, "alpha": 0.4, "elinewidth": 0.3}
+                if crowded
+                else {"ms": 4.0, "elinewidth": 0.8}
+            )
             style |= {"fmt": mark.marker, "color": mark.colour, "mec": "white", "mew": 0.4}
             ax.errorbar(found.z[at], found.ratio[at], found.error[at], across, **style)
-    top, divided = max(1.14, 1.04 * float((found.ratio + found.error).max())), "$/q_0$" if found.top < 1.0 else ""
-    ax.set(xlim=(-reach, reach), ylim=(-0.03, top), xlabel=r"$(s_2 - \mu_2)/w$", ylabel=chance(counts.task) + divided)
+    top, divided = (
+        max(1.14, 1.04 * float((found.ratio + found.error).max())),
+        "$/q_0$" if found.top < 1.0 else "",
+    )
+    ax.set(
+        xlim=(-reach, reach),
+        ylim=(-0.03, top),
+        xlabel=r"$(s_2 - \mu_2)/w$",
+        ylabel=chance(counts.task) + divided,
+    )
     return dress(ax)
 
 
@@ -127,8 +210,14 @@ def examples_figure(draws: Draws, subjects: Sequence[str]) -> Figure:
     across = even_columns(len(subjects), _ACROSS)
     blocks = -(-len(subjects) // across)
     figure = new_figure({1: COLUMN, 2: 5.0}.get(across, PAGE), 5.6 * blocks + 0.3)
-    grid = figure.subplots(3 * blocks, across, squeeze=False, gridspec_kw={"height_ratios": (1.25, 0.85, 1.1) * blocks})
-    columns = [grid[3 * block : 3 * block + 3, column] for block in range(blocks) for column in range(across)]
+    grid = figure.subplots(
+        3 * blocks, across, squeeze=False, gridspec_kw={"height_ratios": (1.25, 0.85, 1.1) * blocks}
+    )
+    columns = [
+        grid[3 * block : 3 * block + 3, column]
+        for block in range(blocks)
+        for column in range(across)
+    ]
     for ax in (ax for axes in columns[len(subjects) :] for ax in axes):
         ax.remove()
     for place, (subject, (top, middle, bottom)) in enumerate(zip(subjects, columns, strict=False)):

@@ -25,7 +25,13 @@ from bayes_toe.errors import InputError
 from bayes_toe.experiments.simulate import PAPER_BATCHES, reference_design, simulate_trials
 from bayes_toe.inference.draws import Draws, assembled
 from bayes_toe.inference.sampling import SamplerSettings
-from bayes_toe.inference.subject import EVIDENCE_DRAWS, Settings, Wanted, fitted_result, subject_draws
+from bayes_toe.inference.subject import (
+    EVIDENCE_DRAWS,
+    Settings,
+    Wanted,
+    fitted_result,
+    subject_draws,
+)
 from bayes_toe.model.closed_form import log_different, log_equal, normalised_distance
 from bayes_toe.model.coordinates import NATURAL, Natural
 from bayes_toe.model.ladder import PREDICTIVE_UPDATE
@@ -33,7 +39,14 @@ from bayes_toe.model.prior import DEFAULT as DEFAULT_PRIOR
 from bayes_toe.model.prior import Prior
 from bayes_toe.seeds import generator, root_seed
 from bayes_toe.workers import Workers, run_in_order
-from reference.calibration_statistics import POINTS, ecdf_difference, log_score, place, reliability, uniformity
+from reference.calibration_statistics import (
+    POINTS,
+    ecdf_difference,
+    log_score,
+    place,
+    reliability,
+    uniformity,
+)
 
 #: Batches of the paper's 13 pairs that each design has.
 DESIGNS = {"paper": PAPER_BATCHES, "sparse": 5}
@@ -49,11 +62,31 @@ FALSE_ALARM = 0.01
 #: By estimator of the log Bayes factor H1 - H0, its columns of the evidence table, and what these are; the first is the default.
 ESTIMATORS = {
     "importance sampling": ("h1", "h0", "the default: H1 by importance sampling, H0 exactly"),
-    "Laplace, identified": ("h1_laplace", "h0", "H1 by Laplace in identified coordinates, H0 exactly"),
-    "Laplace, paper's": ("h1_laplace_natural", "h0", "H1 by Laplace in (mu1, sigma_p^2, sigma_l^2, q0), H0 exactly"),
-    "bootstrap covariance": ("h1_bootstrap", "h0", "H1 from the fit and the covariance of bootstrap refits (Appendix C), H0 exactly"),
-    "H0 by Laplace": ("h1", "h0_laplace", "H1 by importance sampling, H0 by the Laplace estimator of frequencies (Appendix C)"),
-    "Appendix C": ("h1_bootstrap", "h0_laplace", "both sides as in Appendix C: bootstrap covariance and Laplace estimator of frequencies"),
+    "Laplace, identified": (
+        "h1_laplace",
+        "h0",
+        "H1 by Laplace in identified coordinates, H0 exactly",
+    ),
+    "Laplace, paper's": (
+        "h1_laplace_natural",
+        "h0",
+        "H1 by Laplace in (mu1, sigma_p^2, sigma_l^2, q0), H0 exactly",
+    ),
+    "bootstrap covariance": (
+        "h1_bootstrap",
+        "h0",
+        "H1 from the fit and the covariance of bootstrap refits (Appendix C), H0 exactly",
+    ),
+    "H0 by Laplace": (
+        "h1",
+        "h0_laplace",
+        "H1 by importance sampling, H0 by the Laplace estimator of frequencies (Appendix C)",
+    ),
+    "Appendix C": (
+        "h1_bootstrap",
+        "h0_laplace",
+        "both sides as in Appendix C: bootstrap covariance and Laplace estimator of frequencies",
+    ),
 }
 DEFAULT = next(iter(ESTIMATORS))
 ABOUT = {name: words for name, (*_, words) in ESTIMATORS.items()}
@@ -75,11 +108,15 @@ class Plan:
 
     def __post_init__(self) -> None:
         if self.studies < 0 or self.data_sets < 0 or self.studies + self.data_sets == 0:
-            raise InputError(f"studies={self.studies} and data_sets={self.data_sets} must not be negative, nor both 0")
+            raise InputError(
+                f"studies={self.studies} and data_sets={self.data_sets} must not be negative, nor both 0"
+            )
 
     def from_h1(self, design: str) -> int:
         """How many of the data sets for the evidence are from H1: a fair coin is thrown for each."""
-        return int((generator(self.seed, design, "hypothesis").uniform(size=self.data_sets) < 0.5).sum())
+        return int(
+            (generator(self.seed, design, "hypothesis").uniform(size=self.data_sets) < 0.5).sum()
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +129,9 @@ class Job:
     with_draws: bool
     with_evidence: bool
     settings: Settings
-    truth: Prior | None = None  # what observers are drawn from, if not the prior of the analysis: tests analyse under another one
+    truth: Prior | None = (
+        None  # what observers are drawn from, if not the prior of the analysis: tests analyse under another one
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,22 +161,36 @@ class Calibration:
         ]
 
 
-def calibrate(*, studies: int = 1000, data_sets: int = 2000, seed: int | None = None, workers: Workers = None) -> Calibration:
+def calibrate(
+    *, studies: int = 1000, data_sets: int = 2000, seed: int | None = None, workers: Workers = None
+) -> Calibration:
     """Simulate data of known origin, analyse them as usual, and judge whether posteriors and evidences are calibrated.
 
     Studies and data sets are those of :class:`Plan`; 0 leaves the ranks, or the evidence, out. Without a seed fresh entropy, stored there.
     """
     plan = Plan(studies, data_sets, root_seed(seed))
     jobs = list(jobs_of(plan, calibration_settings(plan.seed)))
-    done = run_in_order([partial(work, job) for job in jobs], workers, None, [(job.name,) for job in jobs])
-    return judged(plan, [ranks for ranks, _ in done if ranks], [found for _, found in done if found])
+    done = run_in_order(
+        [partial(work, job) for job in jobs], workers, None, [(job.name,) for job in jobs]
+    )
+    return judged(
+        plan, [ranks for ranks, _ in done if ranks], [found for _, found in done if found]
+    )
 
 
 def calibration_settings(seed: int, prior: Prior | None = None) -> Settings:
     """Settings of every analysis: the defaults, but for fewer draws."""
     design = reference_design()
-    shown = Subject("design", design.s1, design.s2, np.zeros(len(design.s1), np.int64), np.ones(len(design.s1), np.int64))
-    numbers = (DEFAULT_PRIOR if prior is None else prior).at(shown)  # which observers are drawn from as well
+    shown = Subject(
+        "design",
+        design.s1,
+        design.s2,
+        np.zeros(len(design.s1), np.int64),
+        np.ones(len(design.s1), np.int64),
+    )
+    numbers = (DEFAULT_PRIOR if prior is None else prior).at(
+        shown
+    )  # which observers are drawn from as well
     return Settings(root_seed(seed), numbers, SamplerSettings(draws=DRAWS), PREDICTIVE_UPDATE.name)
 
 
@@ -154,17 +207,32 @@ def jobs_of(plan: Plan, settings: Settings) -> Iterator[Job]:
 def work(job: Job) -> tuple[Row, Row]:
     """Simulate and analyse a subject as the commands would, with their streams: its rows of ranks and of data sets, or empty ones."""
     (subject, theta), settings = observed(job), job.settings
-    wanted = Wanted(settings.sampler if job.with_draws else None, EVIDENCE_DRAWS if job.with_evidence else 0)
-    result, fitted = fitted_result(PREDICTIVE_UPDATE.posterior(subject, settings.prior), settings.seed, wanted)
+    wanted = Wanted(
+        settings.sampler if job.with_draws else None, EVIDENCE_DRAWS if job.with_evidence else 0
+    )
+    result, fitted = fitted_result(
+        PREDICTIVE_UPDATE.posterior(subject, settings.prior), settings.seed, wanted
+    )
     ranks: Row = {}
     known: Row = {}
     if job.with_draws and theta is not None:
-        draws = assembled(None, Study((subject,), "calibration", synthetic=True), [subject_draws(result)], settings, {})
+        draws = assembled(
+            None,
+            Study((subject,), "calibration", synthetic=True),
+            [subject_draws(result)],
+            settings,
+            {},
+        )
         ranks = {"design": job.design, **ranks_of(draws, subject, theta, settings.seed)}
     if job.with_evidence:
         replicates = bootstrap_subject(subject, seed=settings.seed, prior=settings.prior)
         row = subject_evidence(result, fitted, bootstrap_evidence(replicates, settings.prior))
-        known = {"design": job.design, "data_set": job.name, "from": "H1" if job.from_h1 else "H0", **log_bayes_factors(row)}
+        known = {
+            "design": job.design,
+            "data_set": job.name,
+            "from": "H1" if job.from_h1 else "H0",
+            **log_bayes_factors(row),
+        }
     return ranks, known
 
 
@@ -182,7 +250,10 @@ def observed(job: Job) -> tuple[Subject, Natural | None]:
 
 def log_bayes_factors(row: SubjectEvidence) -> dict[str, float]:
     """By estimator, nats; NaN where a side is withheld."""
-    sides = {name: np.array([getattr(row, f"log_evidence_{side}") for side in of[:2]], np.float64) for name, of in ESTIMATORS.items()}
+    sides = {
+        name: np.array([getattr(row, f"log_evidence_{side}") for side in of[:2]], np.float64)
+        for name, of in ESTIMATORS.items()
+    }
     return {name: float(h1 - h0) for name, (h1, h0) in sides.items()}
 
 
@@ -204,11 +275,22 @@ def ranked_quantities(subject: Subject, theta: Natural) -> dict[str, FloatArray]
     In place of q its logarithm, which has the same ranks and does not vanish.
     """
     columns = Natural(*(values[:, None] for values in theta))
-    z, different = normalised_distance(subject.s1, subject.s2, *columns[:3]), subject.n_trials - subject.n_yes
-    with np.errstate(divide="ignore", invalid="ignore"):  # an answer never given contributes 0, also where its probability is 0
-        of_equal = np.where(subject.n_yes > 0, subject.n_yes * log_equal(z, np.log(columns.q0)), 0.0)
+    z, different = (
+        normalised_distance(subject.s1, subject.s2, *columns[:3]),
+        subject.n_trials - subject.n_yes,
+    )
+    with np.errstate(
+        divide="ignore", invalid="ignore"
+    ):  # an answer never given contributes 0, also where its probability is 0
+        of_equal = np.where(
+            subject.n_yes > 0, subject.n_yes * log_equal(z, np.log(columns.q0)), 0.0
+        )
         of_different = np.where(different > 0, different * log_different(z, logit(columns.q0)), 0.0)
-    found = {**theta._asdict(), "gamma": theta.gamma, "log_likelihood": (of_equal + of_different).sum(axis=1)}
+    found = {
+        **theta._asdict(),
+        "gamma": theta.gamma,
+        "log_likelihood": (of_equal + of_different).sum(axis=1),
+    }
     for key, amplitudes in HELD_OUT.items():
         s1, s2 = np.log(amplitudes)
         found[key] = log_equal(normalised_distance(s1, s2, *theta[:3]), np.log(theta.q0))
@@ -217,16 +299,33 @@ def ranked_quantities(subject: Subject, theta: Natural) -> dict[str, FloatArray]
 
 def judged(plan: Plan, ranks: list[Row], data_sets: list[Row]) -> Calibration:
     """All verdicts on what a plan gave."""
-    of_ranks, of_sets = pd.DataFrame(ranks, columns=RANK_COLUMNS), pd.DataFrame(data_sets, columns=SET_COLUMNS)
+    of_ranks, of_sets = (
+        pd.DataFrame(ranks, columns=RANK_COLUMNS),
+        pd.DataFrame(data_sets, columns=SET_COLUMNS),
+    )
     threshold = FALSE_ALARM / max(1, len(RANKED) * of_ranks["design"].nunique())
-    rank_rows = [_rank_row(some, name, threshold) for _, some in of_ranks.groupby("design", sort=False) for name in RANKED]
-    evidence_rows = [_evidence_row(some, name, plan.seed) for _, some in of_sets.groupby("design", sort=False) for name in ESTIMATORS]
-    return Calibration(plan, of_ranks, of_sets, pd.DataFrame(rank_rows), pd.DataFrame(evidence_rows))
+    rank_rows = [
+        _rank_row(some, name, threshold)
+        for _, some in of_ranks.groupby("design", sort=False)
+        for name in RANKED
+    ]
+    evidence_rows = [
+        _evidence_row(some, name, plan.seed)
+        for _, some in of_sets.groupby("design", sort=False)
+        for name in ESTIMATORS
+    ]
+    return Calibration(
+        plan, of_ranks, of_sets, pd.DataFrame(rank_rows), pd.DataFrame(evidence_rows)
+    )
 
 
 def _rank_row(found: pd.DataFrame, quantity: str, threshold: float) -> Row:
     """Verdict on the ranks of one quantity in one design, against a p-value that it must not fall below (Bonferroni)."""
-    difference, p_value, design = ecdf_difference(found[quantity]), uniformity(found[quantity]), found["design"].iloc[0]
+    difference, p_value, design = (
+        ecdf_difference(found[quantity]),
+        uniformity(found[quantity]),
+        found["design"].iloc[0],
+    )
     far = int(np.abs(difference).argmax())
     return {
         "design": design,
@@ -254,7 +353,11 @@ def _evidence_row(found: pd.DataFrame, estimator: str, seed: int) -> Row:
     both = found.dropna(subset=[estimator, DEFAULT])
     shifts = (both[estimator] - both[DEFAULT]).to_numpy(np.float64)
     odds, from_h1 = log_odds(found, estimator)
-    judged = reliability(odds, from_h1, generator(seed, design, estimator, "reliability")) if len(odds) else None
+    judged = (
+        reliability(odds, from_h1, generator(seed, design, estimator, "reliability"))
+        if len(odds)
+        else None
+    )
     scores = asdict(judged) if judged else {}
     return {
         "design": design,
@@ -266,6 +369,9 @@ def _evidence_row(found: pd.DataFrame, estimator: str, seed: int) -> Row:
         "log_score_default": log_score(*log_odds(both, DEFAULT)) if len(both) else np.nan,
         "median_shift": float(np.median(shifts)) if len(both) else np.nan,
         "largest_shift": float(shifts[np.abs(shifts).argmax()]) if len(both) else np.nan,
-        **{key: scores.get(key, np.nan) for key in ("error", "floor", "p_value", "brier", "log_score", "unsure")},
+        **{
+            key: scores.get(key, np.nan)
+            for key in ("error", "floor", "p_value", "brier", "log_score", "unsure")
+        },
         "verdict": "calibrated" if judged and judged.calibrated else "not calibrated",
     }

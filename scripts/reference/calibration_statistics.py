@@ -46,7 +46,9 @@ class Band:
             return 0.0
         inside, start = np.ones(1), 0
         steps = np.diff(POINTS, prepend=0.0, append=1.0) * self.size
-        for low, high, step in zip(np.append(self.lower, self.size), np.append(self.upper, self.size), steps, strict=True):
+        for low, high, step in zip(
+            np.append(self.lower, self.size), np.append(self.upper, self.size), steps, strict=True
+        ):
             k = np.arange(high - start + 1)
             reached = np.convolve(inside, np.exp(k * np.log(step) - step - gammaln(k + 1.0)))
             inside, start = reached[low - start : high - start + 1], low
@@ -106,7 +108,9 @@ def _cut(size: int, log_tail: float) -> Band:
     """The band that leaves half of the tail probability on either side of every point."""
     half = 0.5 * np.exp(log_tail)
     lower = binom.ppf(half, size, POINTS)
-    upper = size - binom.ppf(half, size, 1.0 - POINTS)  # the upper tail as a lower one: 1 - half would lose its digits
+    upper = size - binom.ppf(
+        half, size, 1.0 - POINTS
+    )  # the upper tail as a lower one: 1 - half would lose its digits
     return Band(size, lower.astype(np.int64), upper.astype(np.int64))
 
 
@@ -142,11 +146,15 @@ class Reliability:
         return self.error <= self.floor + MARGIN
 
 
-def reliability(log_odds: npt.ArrayLike, true: npt.ArrayLike, rng: np.random.Generator) -> Reliability:
+def reliability(
+    log_odds: npt.ArrayLike, true: npt.ArrayLike, rng: np.random.Generator
+) -> Reliability:
     """Judge probabilities given as natural log odds, shape (statements,), against the truth, shape (statements,)."""
     odds, p, y, member = _statements(log_odds, true)
     simulated = (rng.uniform(size=(100, len(p))) < p for _ in range(_SIMULATIONS // 100))
-    error, *right = (np.abs((answers - p) @ member).sum(axis=1) / len(p) for answers in (y[None], *simulated))
+    error, *right = (
+        np.abs((answers - p) @ member).sum(axis=1) / len(p) for answers in (y[None], *simulated)
+    )
     floor = np.concatenate(right)
     return Reliability(
         count=len(p),
@@ -175,10 +183,14 @@ def reliability_bins(log_odds: npt.ArrayLike, true: npt.ArrayLike) -> Bins:
     return Bins(count.astype(np.int64), stated / count, hits / count, lower, upper)
 
 
-def _statements(log_odds: npt.ArrayLike, true: npt.ArrayLike) -> tuple[FloatArray, FloatArray, BoolArray, FloatArray]:
+def _statements(
+    log_odds: npt.ArrayLike, true: npt.ArrayLike
+) -> tuple[FloatArray, FloatArray, BoolArray, FloatArray]:
     """Log odds, probabilities and truth, each of shape (statements,), and in which bin each is, shape (statements, bins)."""
     odds, y = np.asarray(log_odds, np.float64), np.asarray(true, np.bool_)
     if odds.shape != y.shape or odds.ndim != 1 or len(odds) == 0 or np.isnan(odds).any():
-        raise InputError("log odds and truth must have one common length of at least 1, without NaN")
+        raise InputError(
+            "log odds and truth must have one common length of at least 1, without NaN"
+        )
     p = expit(odds)
     return odds, p, y, np.eye(BINS)[np.minimum((p * BINS).astype(np.int64), BINS - 1)]

@@ -28,13 +28,19 @@ def hard_cases() -> dict[str, Subject]:
         "all different": _counts(0),
         "perfect observer": _counts(np.where(s1 == s2, 50, 0)),
         "guessing at 0.5": _counts(25),
-        "reversed answers": _counts(np.rint(50 * (0.2 + 0.7 * apart / apart.max())).astype(np.int64)),
+        "reversed answers": _counts(
+            np.rint(50 * (0.2 + 0.7 * apart / apart.max())).astype(np.int64)
+        ),
         "funnel": _observer(mu1=-8.0, gamma=0.004),
         "maximum on gamma = 1": _observer(mu1=-0.7, gamma=0.999),
         "q0 = 1": _observer(q0=1.0),
         "very blunt observer": _observer(mu1=0.3, sigma_p=3.0, q0=0.8),
-        "stimuli spanning 10 log units": _observer(mu1=3.0, sigma_p=2.0, amplitudes=np.exp(np.linspace(0.0, 10.0, 5))),
-        "stimuli offset by 100": _observer(mu1=99.5, amplitudes=np.multiply(PAPER_AMPLITUDES, np.exp(100.0))),
+        "stimuli spanning 10 log units": _observer(
+            mu1=3.0, sigma_p=2.0, amplitudes=np.exp(np.linspace(0.0, 10.0, 5))
+        ),
+        "stimuli offset by 100": _observer(
+            mu1=99.5, amplitudes=np.multiply(PAPER_AMPLITUDES, np.exp(100.0))
+        ),
         "one batch": _counts([1, 1, 0, 1, 1, 1, 1, 0, 0, 1, 0, 0, 0], n=1),
         "one order missing": Subject.from_counts("case", *(column[kept] for column in columns)),
         "single pair": Subject.from_counts("case", [0.0], [0.3], [20], [50]),
@@ -61,7 +67,12 @@ def _counts(n_equal: npt.ArrayLike, n: int = 50) -> Subject:
 
 
 def _observer(
-    mu1: float = -0.5, sigma_p: float = 0.25, gamma: float = 0.3, q0: float = 0.9, n: int = 50, amplitudes: npt.ArrayLike = PAPER_AMPLITUDES
+    mu1: float = -0.5,
+    sigma_p: float = 0.25,
+    gamma: float = 0.3,
+    q0: float = 0.9,
+    n: int = 50,
+    amplitudes: npt.ArrayLike = PAPER_AMPLITUDES,
 ) -> Subject:
     s1, s2 = _pairs(amplitudes)
     q = equal_probability(s1, s2, mu1, sigma_p, sigma_p * np.sqrt(gamma), q0)
@@ -74,4 +85,6 @@ def _many_pairs() -> Subject:
     s1, s2 = (side.ravel() for side in np.meshgrid(grid, grid, indexing="ij"))
     q = equal_probability(s1, s2, -0.4, 0.25, 0.25 * np.sqrt(0.3), 0.9)
     thresholds = (np.arange(3 * len(s1)) * (np.sqrt(5.0) - 1) / 2) % 1.0
-    return Subject("case", s1, s2, (thresholds.reshape(-1, 3) < q[:, None]).sum(axis=1), np.full(len(s1), 3))
+    return Subject(
+        "case", s1, s2, (thresholds.reshape(-1, 3) < q[:, None]).sum(axis=1), np.full(len(s1), 3)
+    )

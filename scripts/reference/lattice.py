@@ -47,7 +47,9 @@ class Lattice:
             floor = self.log_mass.max(initial=-np.inf) + np.log(0.02)
             some = slice(i, i + _BATCH)
             lines = self.inner.lines(self.outer(index[some]), centre[some], scale[some], floor)
-            sd = np.maximum(lines.sd, 0.3 * scale[some])  # as a guess for the neighbours it may shrink, not collapse
+            sd = np.maximum(
+                lines.sd, 0.3 * scale[some]
+            )  # as a guess for the neighbours it may shrink, not collapse
             columns = np.stack([lines.log_mass, lines.log_error, lines.mean, lines.sd, sd])
             self._append(index[some], columns, lines.panels, floor)
 
@@ -86,7 +88,9 @@ class Lattice:
 def keys(index: IntArray) -> IntArray:
     """One integer for each triple of integers below a million."""
     base = np.int64(1 << 20)
-    return np.asarray(((index[:, 0] + base) * 2 * base + index[:, 1] + base) * 2 * base + index[:, 2] + base)
+    return np.asarray(
+        ((index[:, 0] + base) * 2 * base + index[:, 1] + base) * 2 * base + index[:, 2] + base
+    )
 
 
 def start(density: Density, tolerance: float) -> Lattice:
@@ -98,7 +102,9 @@ def start(density: Density, tolerance: float) -> Lattice:
     lattice = Lattice(inner, peaks[0, 1:].copy(), _shape(curvature), np.full(3, _STEP))
     steps = np.linalg.solve(lattice.basis, (peaks[:, 1:] - lattice.origin).T).T / lattice.step
     index, which = np.unique(np.rint(steps).astype(np.int64), axis=0, return_inverse=True)
-    ends = np.array([(peaks[which == i, 0].min(), peaks[which == i, 0].max()) for i in range(len(index))])
+    ends = np.array(
+        [(peaks[which == i, 0].min(), peaks[which == i, 0].max()) for i in range(len(index))]
+    )
     lattice.add(index, ends.mean(axis=1), spread + 0.5 * np.diff(ends, axis=1)[:, 0])
     return lattice
 
@@ -126,14 +132,20 @@ def _peaks(inner: Inner, points: int = 1 << 14, climbs: int = 24) -> FloatArray:
     for i in np.argsort(-value, kind="stable"):
         if len(chosen) == climbs or not np.isfinite(value[i]):
             break
-        if all(np.abs(np.arcsinh(scan[i] * [3, 1, 1, 1]) - np.arcsinh(scan[j] * [3, 1, 1, 1])).max() > 0.5 for j in chosen):
+        if all(
+            np.abs(np.arcsinh(scan[i] * [3, 1, 1, 1]) - np.arcsinh(scan[j] * [3, 1, 1, 1])).max()
+            > 0.5
+            for j in chosen
+        ):
             chosen.append(int(i))
     if not chosen:
         raise NumericalError("the density is 0 wherever it was looked at")
     peaks = scan[chosen]
     for _ in range(4):
         options = {"maxfev": 800, "xatol": 1e-9, "fatol": 1e-3}
-        peaks = np.stack([minimize(depth, x, method="Nelder-Mead", options=options).x for x in peaks])
+        peaks = np.stack(
+            [minimize(depth, x, method="Nelder-Mead", options=options).x for x in peaks]
+        )
     return np.asarray(peaks[np.argsort(-height(peaks), kind="stable")])
 
 
@@ -143,7 +155,9 @@ def _scan(points: int) -> FloatArray:
     unit = (0.5 + np.arange(1, points + 1)[:, None] * root ** -np.arange(1.0, 5.0)) % 1.0
     side = 2.0 * unit[:, 0] - 1.0
     c = np.sign(side) * np.exp(np.log(1e-3) + np.abs(side) * np.log(50.0 / 1e-3))
-    return np.column_stack([c, -10.0 + 16.0 * unit[:, 1], -6.0 + 9.0 * unit[:, 2], -6.0 + 18.0 * unit[:, 3]])
+    return np.column_stack(
+        [c, -10.0 + 16.0 * unit[:, 1], -6.0 + 9.0 * unit[:, 2], -6.0 + 18.0 * unit[:, 3]]
+    )
 
 
 def _curvature(inner: Inner, x: FloatArray) -> FloatArray:

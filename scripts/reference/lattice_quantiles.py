@@ -66,7 +66,9 @@ class _AlongPanels:
         share = np.where(place >= 1.0, self._mass, 0.0)
         cut = np.flatnonzero(np.abs(place) < 1.0)
         primitive = chebyshev.chebint(panels.values[cut] @ COEFFICIENTS.T, lbnd=-1, axis=1)
-        share[cut] = 0.5 * panels.width[cut] * chebyshev.chebval(place[cut], primitive.T, tensor=False)
+        share[cut] = (
+            0.5 * panels.width[cut] * chebyshev.chebval(place[cut], primitive.T, tensor=False)
+        )
         return float(weight[panels.node] @ share)
 
 
@@ -84,8 +86,12 @@ class Quantiles(NamedTuple):
 def find_quantiles(audit: Audit) -> Quantiles:
     """Quantiles of every quantity at every level."""
     rows = [[_quantile(audit, *each, level) for level in LEVELS] for each in _scales(audit)]
-    values, errors, worst = (np.array([[cell[i] for cell in row] for row in rows]) for i in range(3))
-    return Quantiles(values, errors, np.asarray((worst / audit.sds[:, None, None]).max(axis=(0, 1))))
+    values, errors, worst = (
+        np.array([[cell[i] for cell in row] for row in rows]) for i in range(3)
+    )
+    return Quantiles(
+        values, errors, np.asarray((worst / audit.sds[:, None, None]).max(axis=(0, 1)))
+    )
 
 
 def _scales(audit: Audit) -> Iterator[tuple[_Cumulative, FloatArray, Callable[[float], float]]]:
@@ -100,15 +106,23 @@ def _scales(audit: Audit) -> Iterator[tuple[_Cumulative, FloatArray, Callable[[f
 
 
 def _quantile(
-    audit: Audit, cumulative: _Cumulative, u: FloatArray, back: Callable[[float], float], level: float
+    audit: Audit,
+    cumulative: _Cumulative,
+    u: FloatArray,
+    back: Callable[[float], float],
+    level: float,
 ) -> tuple[float, float, FloatArray]:
     """One quantile, its error, and what each lattice direction adds to that."""
     weight = audit.weight
     middle = float(weight @ u)
     scale = float(np.sqrt(weight @ (u - middle) ** 2)) + 1e-300
-    falling = back(middle + scale) < back(middle - scale)  # the gain falls with u: its lowest values are the highest u
+    falling = back(middle + scale) < back(
+        middle - scale
+    )  # the gain falls with u: its lowest values are the highest u
     at = _solve(lambda t: cumulative(t, weight), 1.0 - level if falling else level, middle, scale)
-    slope = (cumulative(at + 0.03 * scale, weight) - cumulative(at - 0.03 * scale, weight)) / (0.06 * scale)
+    slope = (cumulative(at + 0.03 * scale, weight) - cumulative(at - 0.03 * scale, weight)) / (
+        0.06 * scale
+    )
     others = np.array([abs(cumulative(at, weight * audit.sign(e))) for e in cumulative.others])
     shift = (cumulative.own_error + others.sum() + audit.missed) / slope
     worst = np.array(cumulative.others).T @ others
@@ -118,7 +132,9 @@ def _quantile(
     return back(at), error, worst / slope * (error / shift)
 
 
-def _solve(cumulative: Callable[[float], float], level: float, middle: float, scale: float) -> float:
+def _solve(
+    cumulative: Callable[[float], float], level: float, middle: float, scale: float
+) -> float:
     """Where a cumulative probability reaches a level."""
     low, high = middle - scale, middle + scale
     while cumulative(low) > level:

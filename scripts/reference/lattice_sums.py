@@ -35,7 +35,11 @@ class Audit:
         central = second - first**2 + (first - self.means) ** 2
         self.sds = np.sqrt(self.weight @ central)
         # The columns whose sums are reported: 1, theta - mean, and (theta - mean)^2 - variance, the latter two in units of sd.
-        scaled = [np.ones(len(outer))[:, None], (first - self.means) / self.sds, 0.5 * (central / self.sds**2 - 1.0)]
+        scaled = [
+            np.ones(len(outer))[:, None],
+            (first - self.means) / self.sds,
+            0.5 * (central / self.sds**2 - 1.0),
+        ]
         columns = np.column_stack(scaled)
         #: Of the weighted sums of the columns: along the 7 characters of the lattice, outside, and inside; (9, columns).
         rows = [np.abs((self.weight * self.sign(e)) @ columns) for e in CHARACTERS]

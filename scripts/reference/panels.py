@@ -88,22 +88,34 @@ class Inner:
         subject = getattr(self.density, "subject", None)
         steps = np.zeros(0) if subject is None else subject.s2 - subject.s1
         levers = np.zeros(0) if subject is None else subject.s1 - self.density.sbar
-        kept = np.unique(np.linspace(0, len(steps) - 1, 16).astype(int)) if len(steps) else np.zeros(0, int)
+        kept = (
+            np.unique(np.linspace(0, len(steps) - 1, 16).astype(int))
+            if len(steps)
+            else np.zeros(0, int)
+        )
         order = np.argsort(steps)[kept]
         self._steps, self._levers = steps[order], levers[order]
 
-    def lines(self, outer: FloatArray, centre: FloatArray, scale: FloatArray, floor: float) -> Lines:
+    def lines(
+        self, outer: FloatArray, centre: FloatArray, scale: FloatArray, floor: float
+    ) -> Lines:
         """Integrals at outer (nodes, 3); centre and scale are guesses; floor is the log of a mass too small to be exact about."""
         panels = self._cut(outer, self._window(outer, centre, scale))
         finished: list[Panels] = []
         for halvings in range(60):
             mass, error, best = _masses(panels, len(outer))
             total = np.bincount(panels.node, mass, len(outer))
-            some = best > -np.inf  # a line on which the density is 0 throughout has mass 0, and no error
+            some = (
+                best > -np.inf
+            )  # a line on which the density is 0 throughout has mass 0, and no error
             with np.errstate(over="ignore"):
-                spare = np.exp(np.subtract(floor, best, where=some, out=np.full(len(best), -np.inf)))
+                spare = np.exp(
+                    np.subtract(floor, best, where=some, out=np.full(len(best), -np.inf))
+                )
             allowed = self.tolerance * np.maximum(total, spare)
-            bad = (error > allowed[panels.node]) | (_unresolved(panels, best) & (halvings < 30))  # an edge is sharp for ever
+            bad = (error > allowed[panels.node]) | (
+                _unresolved(panels, best) & (halvings < 30)
+            )  # an edge is sharp for ever
             open_nodes = np.zeros(len(outer), bool)
             open_nodes[panels.node[bad]] = True
             still = open_nodes[panels.node]
@@ -113,7 +125,9 @@ class Inner:
             panels = joined([panels.some(still & ~bad), self._halves(outer, panels.some(bad))])
         raise NumericalError("the log density has a feature in c too narrow to integrate")
 
-    def _evaluate(self, outer: FloatArray, node: IntArray, low: FloatArray, width: FloatArray) -> Panels:
+    def _evaluate(
+        self, outer: FloatArray, node: IntArray, low: FloatArray, width: FloatArray
+    ) -> Panels:
         """Panels with the log density at their points."""
         x = np.empty((len(node), _ORDER + 1, 4))
         x[..., 0] = low[:, None] + 0.5 * (POINTS + 1.0) * width[:, None]
@@ -121,16 +135,24 @@ class Inner:
         flat = x.reshape(-1, 4)
         parts = [self.density.log_density(flat[i : i + _ROWS]) for i in range(0, len(flat), _ROWS)]
         self.evaluations += len(flat)
-        return Panels(node, low, width, np.concatenate([np.zeros(0), *parts]).reshape(-1, _ORDER + 1))
+        return Panels(
+            node, low, width, np.concatenate([np.zeros(0), *parts]).reshape(-1, _ORDER + 1)
+        )
 
     def _window(self, outer: FloatArray, centre: FloatArray, scale: FloatArray) -> Panels:
         """Four panels about the centre and, on either side, doubled ones until the density has dropped."""
         edges = centre[:, None] + scale[:, None] * _EDGES
         node = np.arange(len(outer))
-        found = [self._evaluate(outer, np.repeat(node, 4), edges[:, :-1].ravel(), np.diff(edges, axis=1).ravel())]
+        found = [
+            self._evaluate(
+                outer, np.repeat(node, 4), edges[:, :-1].ravel(), np.diff(edges, axis=1).ravel()
+            )
+        ]
         values = found[0].values.reshape(len(outer), -1)
         best = values.max(axis=1)
-        for side, edge, goal in zip((-1, 1), (edges[:, 0], edges[:, -1]), self._goals(outer, edges, best), strict=True):
+        for side, edge, goal in zip(
+            (-1, 1), (edges[:, 0], edges[:, -1]), self._goals(outer, edges, best), strict=True
+        ):
             at, width = edge.copy(), edges[:, -1] - edges[:, 0]
             active = node[_outermost(values, side) > best - _DROP]
             active = np.union1d(active, node[side * goal > side * at])
@@ -140,11 +162,15 @@ class Inner:
                 at[active] += side * width[active]
                 width[active] *= 2.0
                 best[active] = np.maximum(best[active], found[-1].values.max(axis=1))
-                more = (_outermost(found[-1].values, side) > best[active] - _DROP) | (side * goal > side * at)[active]
+                more = (_outermost(found[-1].values, side) > best[active] - _DROP) | (
+                    side * goal > side * at
+                )[active]
                 active = active[more]
         return joined(found)
 
-    def _goals(self, outer: FloatArray, edges: FloatArray, best: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _goals(
+        self, outer: FloatArray, edges: FloatArray, best: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
         """How far the window must reach at least, left and right: past every hump that a probe finds outside it.
 
         The likelihood has its humps in c within a few widths of where distances vanish; 17 points there show each as a rise and a fall,
@@ -156,14 +182,23 @@ class Inner:
         zeros, margin = self._zeros(outer), 6.0 * np.exp(outer[:, 1])
         low, high = zeros.min(axis=1) - margin, zeros.max(axis=1) + margin
         probe = self._evaluate(outer, np.arange(n), low, high - low)
-        c = np.column_stack([low[:, None] + 0.5 * (POINTS + 1.0) * (high - low)[:, None], 0.5 * (edges[:, 0] + edges[:, -1])])
+        c = np.column_stack(
+            [
+                low[:, None] + 0.5 * (POINTS + 1.0) * (high - low)[:, None],
+                0.5 * (edges[:, 0] + edges[:, -1]),
+            ]
+        )
         order = np.argsort(c, axis=1)
         c = np.take_along_axis(c, order, axis=1)
         values = np.take_along_axis(np.column_stack([probe.values, best]), order, axis=1)
         seen = (c < edges[:, :1]) | (c > edges[:, -1:])
-        seen &= np.isfinite(values) & ((_sharpness(values) >= 0.0) | (values > best[:, None] - _DROP))
+        seen &= np.isfinite(values) & (
+            (_sharpness(values) >= 0.0) | (values > best[:, None] - _DROP)
+        )
         before, after = np.column_stack([c[:, 0], c[:, :-1]]), np.column_stack([c[:, 1:], c[:, -1]])
-        return np.where(seen, before, np.inf).min(axis=1), np.where(seen, after, -np.inf).max(axis=1)
+        return np.where(seen, before, np.inf).min(axis=1), np.where(seen, after, -np.inf).max(
+            axis=1
+        )
 
     def _zeros(self, outer: FloatArray) -> FloatArray:
         """Values of c at which the distance of a pair vanishes, (nodes, pairs)."""
@@ -181,7 +216,9 @@ class Inner:
         width, low = np.diff(edges, axis=1), edges[:, :-1]
         node = np.broadcast_to(panels.node[split, None], low.shape)
         real = width > 0
-        return joined([panels.some(~split), self._evaluate(outer, node[real], low[real], width[real])])
+        return joined(
+            [panels.some(~split), self._evaluate(outer, node[real], low[real], width[real])]
+        )
 
     def _halves(self, outer: FloatArray, panels: Panels) -> Panels:
         half = 0.5 * panels.width
@@ -201,7 +238,9 @@ def _sharpness(values: FloatArray) -> FloatArray:
     """
     padded = np.column_stack([values[:, [2, 1]], values, values[:, [-2, -3]]])
     with np.errstate(invalid="ignore"):
-        further, left, right, beyond = (values - padded[:, i : i + values.shape[1]] for i in (0, 1, 3, 4))
+        further, left, right, beyond = (
+            values - padded[:, i : i + values.shape[1]] for i in (0, 1, 3, 4)
+        )
         top = (left >= 0.0) & (right >= 0.0) & (values > -np.inf)
         return np.where(top, np.maximum(np.minimum(left, beyond), np.minimum(further, right)), -1.0)
 
@@ -209,7 +248,9 @@ def _sharpness(values: FloatArray) -> FloatArray:
 def _unresolved(panels: Panels, best: FloatArray) -> BoolArray:
     """Panels with a peak so sharp that its top may lie between the points, and so high that it may matter."""
     sharp = _sharpness(panels.values)
-    return np.asarray(((sharp > _SHARP) & (panels.values + sharp > best[panels.node, None] - _DROP)).any(axis=1))
+    return np.asarray(
+        ((sharp > _SHARP) & (panels.values + sharp > best[panels.node, None] - _DROP)).any(axis=1)
+    )
 
 
 def joined(panels: list[Panels]) -> Panels:
@@ -230,7 +271,9 @@ def _masses(panels: Panels, nodes: int) -> tuple[FloatArray, FloatArray, FloatAr
 
 def _relative(panels: Panels, best: FloatArray) -> FloatArray:
     """Density in units of its maximum along the line; 0 where the whole line is 0."""
-    return np.asarray(np.exp(panels.values - np.where(np.isfinite(best), best, 0.0)[panels.node, None]))
+    return np.asarray(
+        np.exp(panels.values - np.where(np.isfinite(best), best, 0.0)[panels.node, None])
+    )
 
 
 def _summary(panels: Panels, outer: FloatArray, centre: FloatArray, scale: FloatArray) -> Lines:
@@ -238,12 +281,22 @@ def _summary(panels: Panels, outer: FloatArray, centre: FloatArray, scale: Float
     n = len(outer)
     mass, error, best = _masses(panels, n)
     weight = 0.5 * panels.width[:, None] * _relative(panels, best) * WEIGHTS
-    offset = (panels.low - centre[panels.node])[:, None] + 0.5 * (POINTS + 1.0) * panels.width[:, None]
+    offset = (panels.low - centre[panels.node])[:, None] + 0.5 * (POINTS + 1.0) * panels.width[
+        :, None
+    ]
     total = np.bincount(panels.node, mass, n)
     safe = np.where(total > 0, total, 1.0)
     shift = np.bincount(panels.node, (weight * offset).sum(axis=1), n) / safe
-    square = np.bincount(panels.node, (weight * (offset - shift[panels.node, None]) ** 2).sum(axis=1), n) / safe
+    square = (
+        np.bincount(panels.node, (weight * (offset - shift[panels.node, None]) ** 2).sum(axis=1), n)
+        / safe
+    )
     sd = np.where(total > 0, np.sqrt(square), scale)
     with np.errstate(divide="ignore"):
-        log_mass, log_error = np.log(total) + best, np.log(np.bincount(panels.node, error, n)) + best
-    return Lines(log_mass, log_error, centre + shift, sd, panels.some(mass > 1e-10 * total[panels.node]))
+        log_mass, log_error = (
+            np.log(total) + best,
+            np.log(np.bincount(panels.node, error, n)) + best,
+        )
+    return Lines(
+        log_mass, log_error, centre + shift, sd, panels.some(mass > 1e-10 * total[panels.node])
+    )

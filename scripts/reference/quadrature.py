@@ -34,7 +34,10 @@ TOLERANCE = 1e-4
 #: Changes whenever a change of the integration can change a number; stored references carry it.
 METHOD = "nested 2"
 
-_DEPTH, _DEEPER = 15.0, 3.0  # nats below the highest lattice value at which the walk turns back; what is added if that is not enough
+_DEPTH, _DEEPER = (
+    15.0,
+    3.0,
+)  # nats below the highest lattice value at which the walk turns back; what is added if that is not enough
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,5 +92,14 @@ def _reference(audit: Audit, quantiles: Quantiles) -> Reference:
     shift = np.zeros(n)
     shift[0] = lattice.inner.density.sbar
     sizes = (error[0], error[1 : n + 1] * audit.sds, error[n + 1 :] * audit.sds)
-    values = (float(audit.log_total + volume), float(sizes[0]), audit.means + shift, sizes[1], audit.sds, sizes[2])
-    return Reference(*values, quantiles.values + shift[:, None], quantiles.errors, lattice.inner.evaluations)
+    values = (
+        float(audit.log_total + volume),
+        float(sizes[0]),
+        audit.means + shift,
+        sizes[1],
+        audit.sds,
+        sizes[2],
+    )
+    return Reference(
+        *values, quantiles.values + shift[:, None], quantiles.errors, lattice.inner.evaluations
+    )

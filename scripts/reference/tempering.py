@@ -27,7 +27,10 @@ PRIOR = Prior(offset_sd=0.3, noise_slope_sd=1.0, peak_slope_sd=1.0, lapse_rate_b
 METHOD = "tempering 1"
 _KEPT = 0.66  # share of the particles that count after a change of the power
 _STEPS = 8  # moves of each particle between two powers
-_KERNELS, _NARROW = 200, 0.4  # kernels of the refinement, and their width over that of the whole cloud
+_KERNELS, _NARROW = (
+    200,
+    0.4,
+)  # kernels of the refinement, and their width over that of the whole cloud
 LogLikelihood = Callable[[FloatArray], FloatArray]
 
 
@@ -47,7 +50,12 @@ class Scored:
     def parameters(self) -> tuple[str, ...]:
         """Natural parameters, one score each."""
         levels = self.levels
-        of_order = {"none": (), "constant error": ("c",), "update": ("mu1", "gamma"), "free weighting": ("c", "gain")}
+        of_order = {
+            "none": (),
+            "constant error": ("c",),
+            "update": ("mu1", "gamma"),
+            "free weighting": ("c", "gain"),
+        }
         wanted = {
             "b": levels["noise"] == "sloped",
             "q0": levels["lapses"] != "no lapses",
@@ -56,12 +64,21 @@ class Scored:
             "nu": levels["curve"] == "exponent",
             "icc": levels["spread"] == "beta-binomial",
         }
-        return ("spread", *of_order[levels["order"]], *(name for name, is_free in wanted.items() if is_free))
+        return (
+            "spread",
+            *of_order[levels["order"]],
+            *(name for name, is_free in wanted.items() if is_free),
+        )
 
     def __call__(self, scores: FloatArray) -> FloatArray:
         """(particles, parameters) -> (particles,)."""
-        theta = {name: _NATURAL[name](score)[:, None] for name, score in zip(self.parameters, scores.T, strict=True)}
-        with np.errstate(all="ignore"):  # where a probability is 0 an answer that was given makes the likelihood 0
+        theta = {
+            name: _NATURAL[name](score)[:, None]
+            for name, score in zip(self.parameters, scores.T, strict=True)
+        }
+        with np.errstate(
+            all="ignore"
+        ):  # where a probability is 0 an answer that was given makes the likelihood 0
             value = np.asarray(self._counts(theta, self._equal(theta)).sum(axis=1))
         return np.where(np.isnan(value), -np.inf, value)
 
@@ -72,7 +89,10 @@ class Scored:
         shift, width = s.s2 - s.s1, theta["spread"]
         if order == "update":
             big = (1.0 + np.sqrt(1.0 + 4.0 * theta["gamma"])) / 2.0  # sigma_1^2 / sigma_p^2
-            shift, width = s.s2 - s.s1 / big - (1.0 - 1.0 / big) * theta["mu1"], theta["spread"] * big**1.5
+            shift, width = (
+                s.s2 - s.s1 / big - (1.0 - 1.0 / big) * theta["mu1"],
+                theta["spread"] * big**1.5,
+            )
         elif order != "none":
             shift = shift - theta["c"] + (1.0 - theta.get("gain", 1.0)) * (s.s1 - sbar)
         middle = 0.5 * (s.s1 + s.s2) - sbar
@@ -90,7 +110,9 @@ class Scored:
     def _counts(self, theta: Mapping[str, FloatArray], p: FloatArray) -> FloatArray:
         """Log probability of the counts, without binomial coefficients."""
         k, n = self.subject.n_yes, self.subject.n_trials
-        binomial = np.where(k > 0, k * np.log(p), 0.0) + np.where(n > k, (n - k) * np.log1p(-p), 0.0)
+        binomial = np.where(k > 0, k * np.log(p), 0.0) + np.where(
+            n > k, (n - k) * np.log1p(-p), 0.0
+        )
         if "icc" not in theta:
             return binomial
         total = 1.0 / theta["icc"] - 1.0
@@ -116,7 +138,9 @@ _NATURAL: Mapping[str, Callable[[FloatArray], FloatArray]] = {
 }
 
 
-def tempered(log_likelihood: LogLikelihood, k: int, rng: np.random.Generator, particles: int) -> tuple[FloatArray, float]:
+def tempered(
+    log_likelihood: LogLikelihood, k: int, rng: np.random.Generator, particles: int
+) -> tuple[FloatArray, float]:
     """Particles of the posterior, shape (particles, k), and the log of the mean likelihood under k standard normal scores; one run.
 
     Examples
@@ -134,13 +158,17 @@ def tempered(log_likelihood: LogLikelihood, k: int, rng: np.random.Generator, pa
         total += float(logsumexp(weights)) - np.log(particles)
         power += step
         shares = np.exp(weights - logsumexp(weights))
-        chosen = np.searchsorted(np.cumsum(shares)[:-1], (rng.uniform() + np.arange(particles)) / particles)  # systematic resampling
+        chosen = np.searchsorted(
+            np.cumsum(shares)[:-1], (rng.uniform() + np.arange(particles)) / particles
+        )  # systematic resampling
         chosen = rng.permutation(chosen)
         x, value = _moved(log_likelihood, x[chosen], value[chosen], power, rng)
     return x, total
 
 
-def refined(log_likelihood: LogLikelihood, x: FloatArray, rng: np.random.Generator, size: int) -> tuple[float, float]:
+def refined(
+    log_likelihood: LogLikelihood, x: FloatArray, rng: np.random.Generator, size: int
+) -> tuple[float, float]:
     """The same mean by importance sampling about particles of the posterior, and its standard error.
 
     Half of the points have a Student-t kernel (4 degrees of freedom) about one of some particles, a quarter one of the whole cloud,
@@ -150,17 +178,28 @@ def refined(log_likelihood: LogLikelihood, x: FloatArray, rng: np.random.Generat
     factor = np.linalg.cholesky(np.cov(x.T).reshape(k, k) + 1e-9 * np.eye(k))
     whole: FloatArray = np.asarray(factor, np.float64)
     few = rng.multinomial(size, [0.5, 0.25, 0.25])
-    tails = [rng.standard_normal((n, k)) / np.sqrt(rng.chisquare(4, size=(n, 1)) / 4.0) @ whole.T for n in few]
+    tails = [
+        rng.standard_normal((n, k)) / np.sqrt(rng.chisquare(4, size=(n, 1)) / 4.0) @ whole.T
+        for n in few
+    ]
     near = centres[rng.integers(_KERNELS, size=few[0])] + _NARROW * tails[0]
-    points = np.concatenate([near, x.mean(axis=0) + 1.5 * tails[1], rng.standard_normal((few[2], k))])
+    points = np.concatenate(
+        [near, x.mean(axis=0) + 1.5 * tails[1], rng.standard_normal((few[2], k))]
+    )
     log_prior = -0.5 * (np.square(points).sum(axis=1) + k * np.log(2.0 * np.pi))
     narrow: FloatArray = np.asarray(_NARROW * whole, np.float64)
-    of_kernels = np.concatenate([logsumexp(_log_t(part, centres, narrow), axis=1) for part in np.array_split(points, 20)])
+    of_kernels = np.concatenate(
+        [logsumexp(_log_t(part, centres, narrow), axis=1) for part in np.array_split(points, 20)]
+    )
     of_whole = _log_t(points, x.mean(axis=0)[None], np.asarray(1.5 * whole, np.float64))[:, 0]
-    parts = np.stack([np.log(0.5 / _KERNELS) + of_kernels, np.log(0.25) + of_whole, np.log(0.25) + log_prior])
+    parts = np.stack(
+        [np.log(0.5 / _KERNELS) + of_kernels, np.log(0.25) + of_whole, np.log(0.25) + log_prior]
+    )
     weights = log_likelihood(points) + log_prior - logsumexp(parts, axis=0)
     total = float(logsumexp(weights))
-    return total - float(np.log(size)), float(np.sqrt(np.exp(logsumexp(2.0 * weights) - 2.0 * total) - 1.0 / size))
+    return total - float(np.log(size)), float(
+        np.sqrt(np.exp(logsumexp(2.0 * weights) - 2.0 * total) - 1.0 / size)
+    )
 
 
 def _log_t(points: FloatArray, centres: FloatArray, factor: FloatArray) -> FloatArray:
@@ -168,7 +207,12 @@ def _log_t(points: FloatArray, centres: FloatArray, factor: FloatArray) -> Float
     k = len(factor)
     a, b = (np.linalg.solve(factor, part.T).T for part in (points, centres))
     far = np.square(a).sum(axis=1)[:, None] + np.square(b).sum(axis=1) - 2.0 * a @ b.T
-    norm = gammaln(0.5 * (4 + k)) - gammaln(2.0) - 0.5 * k * np.log(4.0 * np.pi) - np.log(np.diagonal(factor)).sum()
+    norm = (
+        gammaln(0.5 * (4 + k))
+        - gammaln(2.0)
+        - 0.5 * k * np.log(4.0 * np.pi)
+        - np.log(np.diagonal(factor)).sum()
+    )
     return np.asarray(norm - 0.5 * (4 + k) * np.log1p(np.maximum(far, 0.0) / 4.0))
 
 
@@ -176,7 +220,9 @@ def _step(value: FloatArray, most: float) -> float:
     """Growth of the power after which the wanted share of the particles counts."""
 
     def share(step: float) -> float:
-        return float(np.exp(2.0 * logsumexp(step * value) - logsumexp(2.0 * step * value))) / len(value)
+        return float(np.exp(2.0 * logsumexp(step * value) - logsumexp(2.0 * step * value))) / len(
+            value
+        )
 
     if share(most) >= _KEPT:
         return most
@@ -189,7 +235,11 @@ def _step(value: FloatArray, most: float) -> float:
 
 
 def _moved(
-    log_likelihood: LogLikelihood, x: FloatArray, value: FloatArray, power: float, rng: np.random.Generator
+    log_likelihood: LogLikelihood,
+    x: FloatArray,
+    value: FloatArray,
+    power: float,
+    rng: np.random.Generator,
 ) -> tuple[FloatArray, FloatArray]:
     """Particles after some Metropolis moves; each half moves by differences within the other, so that detailed balance holds."""
     half, k = len(x) // 2, x.shape[1]
@@ -204,14 +254,18 @@ def _moved(
             trial = here + jump
             found = log_likelihood(trial)
             with np.errstate(invalid="ignore"):
-                rise = power * (found - value[mine]) + 0.5 * (np.square(here) - np.square(trial)).sum(axis=1)
+                rise = power * (found - value[mine]) + 0.5 * (
+                    np.square(here) - np.square(trial)
+                ).sum(axis=1)
             taken = np.log(rng.uniform(size=len(here))) < rise
             x[mine] = np.where(taken[:, None], trial, here)
             value[mine] = np.where(taken, found, value[mine])
     return x, value
 
 
-def composed_evidence(subject: Subject, name: str, *, runs: int = 8, particles: int = 2000, size: int = 30_000) -> tuple[float, float]:
+def composed_evidence(
+    subject: Subject, name: str, *, runs: int = 8, particles: int = 2000, size: int = 30_000
+) -> tuple[float, float]:
     """Log evidence of a composition under :data:`PRIOR` and its standard error, the larger of what weights and runs say of it."""
     scored = Scored(subject, name)
     found = []

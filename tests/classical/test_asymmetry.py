@@ -14,7 +14,13 @@ from hypothesis import strategies as st
 from scipy import stats
 
 import bayes_toe as bt
-from bayes_toe.classical.asymmetry import ASYMMETRY_COLUMNS, BOSCHLOO_TRIALS, equality_test, holm, probability_greater
+from bayes_toe.classical.asymmetry import (
+    ASYMMETRY_COLUMNS,
+    BOSCHLOO_TRIALS,
+    equality_test,
+    holm,
+    probability_greater,
+)
 from bayes_toe.errors import InputError
 
 
@@ -26,7 +32,12 @@ def test_one_comparison_by_hand():
     one = bt.asymmetry(bt.Study([both_orders(strong=(25, 40))]))["S"].maximal
     weak, strong = stats.beta(13, 39), stats.beta(26, 16)
     assert (one.s_weak, one.s_strong) == (0.0, 0.3)
-    assert (one.n_equal_weak_first, one.n_trials_weak_first, one.n_equal_strong_first, one.n_trials_strong_first) == (12, 50, 25, 40)
+    assert (
+        one.n_equal_weak_first,
+        one.n_trials_weak_first,
+        one.n_equal_strong_first,
+        one.n_trials_strong_first,
+    ) == (12, 50, 25, 40)
     assert one.asymmetry == pytest.approx(strong.mean() - weak.mean())
     assert one.asymmetry_se == pytest.approx(np.sqrt(strong.var() + weak.var()))
     assert one.p_value == pytest.approx(stats.boschloo_exact([[12, 25], [38, 15]]).pvalue, rel=1e-6)
@@ -43,7 +54,10 @@ def test_a_prior_below_the_stimuli_makes_the_asymmetry_positive(small_study, mu1
     assert (row.maximal.probability_of_direction > 0.5) == (sign > 0)
     wrong_weak, wrong_strong = row.maximal.q_weak_first, row.maximal.q_strong_first
     assert sign * (wrong_strong - wrong_weak) > 0
-    q = [float(bt.model.equal_probability(*pair, mu1, 0.25, 0.18, 0.9)) for pair in ((0.3, 0.0), (0.0, 0.3))]
+    q = [
+        float(bt.model.equal_probability(*pair, mu1, 0.25, 0.18, 0.9))
+        for pair in ((0.3, 0.0), (0.0, 0.3))
+    ]
     assert np.sign(q[0] - q[1]) == sign
 
 
@@ -59,13 +73,23 @@ def test_maxima_correction_and_counts_over_subjects(tmp_path):
     ]
     table = bt.asymmetry(bt.Study(subjects))
     found = table.population()
-    assert (found.n_subjects, found.positive, found.positive_significant, found.positive_uncorrected) == (6, 4, 2, 3)
-    assert "4 positive (2 significant at p < 0.05, 3 before correction), 1 negative (1 significant" in found.describe()
+    assert (
+        found.n_subjects,
+        found.positive,
+        found.positive_significant,
+        found.positive_uncorrected,
+    ) == (6, 4, 2, 3)
+    assert (
+        "4 positive (2 significant at p < 0.05, 3 before correction), 1 negative (1 significant"
+        in found.describe()
+    )
     assert sum(one.is_maximal for one in table["two alike"].comparisons) == 1
     for row in table:
         sizes, p = np.array([[abs(one.asymmetry), one.p_value] for one in row.comparisons]).T
         assert abs(row.maximal.asymmetry) == sizes.max()
-        assert min(one.p_adjusted for one in row.comparisons) == pytest.approx(min(1, len(p) * p.min()))
+        assert min(one.p_adjusted for one in row.comparisons) == pytest.approx(
+            min(1, len(p) * p.min())
+        )
         assert row.mean_absolute_asymmetry == pytest.approx(sizes.mean())
     read = pd.read_csv(table.save(tmp_path / "asymmetry.csv"), dtype={"subject": str})
     assert tuple(read.columns) == ASYMMETRY_COLUMNS
@@ -96,31 +120,52 @@ def test_under_the_null_p_values_are_not_too_small():
     s1, s2 = [0.0] * 4 + [0.1, 0.2, 0.3, 0.4], [0.1, 0.2, 0.3, 0.4] + [0.0] * 4
     q = np.tile([0.8, 0.6, 0.4, 0.2], 2)
     subjects = [bt.Subject(str(i), s1, s2, rng.binomial(50, q), [50] * 8) for i in range(400)]
-    false = np.mean([min(one.p_adjusted for one in row.comparisons) < 0.05 for row in bt.asymmetry(bt.Study(subjects))])
+    false = np.mean(
+        [
+            min(one.p_adjusted for one in row.comparisons) < 0.05
+            for row in bt.asymmetry(bt.Study(subjects))
+        ]
+    )
     assert false < 0.05 + 4 * np.sqrt(0.05 * 0.95 / 400)
 
 
 def test_the_command(tmp_path, study_csv):
     (tmp_path / "people.csv").write_text("subject,kind,age\nA,x,20\nB,x,30\nC,y,50\n")
-    said = good("asymmetry", "study.csv", "-o", "out/a.csv", "--covariates", "people.csv", cwd=tmp_path)
+    said = good(
+        "asymmetry", "study.csv", "-o", "out/a.csv", "--covariates", "people.csv", cwd=tmp_path
+    )
     assert "maximal asymmetry of 3 subjects" in said
     assert "no variance" in said
     assert len(pd.read_csv(tmp_path / "out" / "a.csv")) == 12
     assert set(pd.read_csv(tmp_path / "out" / "a_covariates.csv").covariate) == {"kind", "age"}
     assert "overwrite" in refused("asymmetry", "study.csv", "-o", "out/a.csv", cwd=tmp_path)
-    assert good("asymmetry", "study.csv", "-o", "out/a.csv", "--overwrite", "--quiet", cwd=tmp_path) == ""
+    assert (
+        good("asymmetry", "study.csv", "-o", "out/a.csv", "--overwrite", "--quiet", cwd=tmp_path)
+        == ""
+    )
 
 
 def test_real_vibrotactile_subjects(real_data):
-    table = bt.asymmetry(bt.read_study(real_data / "vibrotactile_rate" / "trials.csv", bt.ReadOptions(equal_code="1")))
-    one = table["1008"].maximal  # 'same' to 27 then 40 Hz in 91 %, to 40 then 27 in 52 %: the data's own description
+    table = bt.asymmetry(
+        bt.read_study(
+            real_data / "vibrotactile_rate" / "trials.csv", bt.ReadOptions(equal_code="1")
+        )
+    )
+    one = table[
+        "1008"
+    ].maximal  # 'same' to 27 then 40 Hz in 91 %, to 40 then 27 in 52 %: the data's own description
     assert np.exp([one.s_weak, one.s_strong]) == pytest.approx([27.03, 40.0], rel=1e-3)
     assert one.n_equal_weak_first / one.n_trials_weak_first == pytest.approx(0.91, abs=0.005)
     assert one.n_equal_strong_first / one.n_trials_strong_first == pytest.approx(0.52, abs=0.005)
     assert one.p_adjusted < 1e-4
     assert table["1009"].accuracy < 0.6  # hardly discriminates
     found = table.population()
-    assert (found.positive, found.positive_significant, found.negative, found.negative_significant) == (4, 0, 7, 3)
+    assert (
+        found.positive,
+        found.positive_significant,
+        found.negative,
+        found.negative_significant,
+    ) == (4, 0, 7, 3)
 
 
 def test_real_morse_listeners(real_data):
@@ -136,7 +181,10 @@ tables = st.tuples(st.integers(1, 40), st.integers(1, 40)).flatmap(
 
 
 def fisher(k1, n1, k2, n2):
-    tails = [stats.fisher_exact([[k1, k2], [n1 - k1, n2 - k2]], alternative=side)[1] for side in ("less", "greater")]
+    tails = [
+        stats.fisher_exact([[k1, k2], [n1 - k1, n2 - k2]], alternative=side)[1]
+        for side in ("less", "greater")
+    ]
     return min(1.0, 2.0 * min(tails))
 
 
@@ -152,7 +200,10 @@ def test_never_above_fisher_and_blind_to_names(table):
 
 def test_fisher_for_many_trials_and_close_to_what_it_replaces():
     n = BOSCHLOO_TRIALS // 2
-    below, above = equality_test([30, 300, 25], [n, 1200, n], [45, 380, 40], [n, 1250, n + 1]), [(300, 1200, 380, 1250), (25, n, 40, n + 1)]
+    below, above = (
+        equality_test([30, 300, 25], [n, 1200, n], [45, 380, 40], [n, 1250, n + 1]),
+        [(300, 1200, 380, 1250), (25, n, 40, n + 1)],
+    )
     assert below.test.tolist() == ["boschloo", "fisher", "fisher"]
     assert below.p_value[1:] == pytest.approx([fisher(*table) for table in above], rel=1e-9)
     assert below.p_value[0] < fisher(30, n, 45, n) < 1.5 * below.p_value[0]
@@ -165,18 +216,28 @@ def test_direction_in_exact_fractions(table):
     # P(q1 > q2) = sum over j of the integral of Beta(q1) q1^j (1 - q1)^(n2 + 1 - j) C(n2 + 1, j): q2 < q1 where j >= k2 + 1 of n2 + 1.
     whole = Fraction(factorial(k1) * factorial(n1 - k1), factorial(n1 + 1))
     exact = sum(
-        Fraction(comb(n2 + 1, j) * factorial(k1 + j) * factorial(n1 - k1 + n2 + 1 - j), factorial(n1 + n2 + 2)) / whole
+        Fraction(
+            comb(n2 + 1, j) * factorial(k1 + j) * factorial(n1 - k1 + n2 + 1 - j),
+            factorial(n1 + n2 + 2),
+        )
+        / whole
         for j in range(k2 + 1, n2 + 2)
     )
     assert float(probability_greater(*table)) == pytest.approx(float(exact), rel=1e-12)
 
 
 def test_tails_far_out_and_for_a_thousand_million_trials():
-    assert float(probability_greater(0, 500, 500, 500)) == pytest.approx(float(1 / mpmath.binomial(1002, 501)), rel=1e-10)
+    assert float(probability_greater(0, 500, 500, 500)) == pytest.approx(
+        float(1 / mpmath.binomial(1002, 501)), rel=1e-10
+    )
     n, k1, k2 = 10**9, 400_000_000, 400_030_000
     sd = np.sqrt(2 * 0.4 * 0.6 / n)
-    assert float(probability_greater(k1, n, k2, n)) == pytest.approx(stats.norm.sf(3e-5 / sd), rel=1e-3)
-    assert float(equality_test(k1, n, k2, n).p_value) == pytest.approx(2 * stats.norm.sf(3e-5 / sd), rel=1e-3)
+    assert float(probability_greater(k1, n, k2, n)) == pytest.approx(
+        stats.norm.sf(3e-5 / sd), rel=1e-3
+    )
+    assert float(equality_test(k1, n, k2, n).p_value) == pytest.approx(
+        2 * stats.norm.sf(3e-5 / sd), rel=1e-3
+    )
     skewed = probability_greater(10, 10**9, 0, 10**9)  # rates of Poisson counts: 1 - 2^-11
     assert float(skewed) == pytest.approx(1 - 2.0**-11, rel=1e-6)
 
@@ -187,7 +248,9 @@ def test_holm_is_the_closed_test_of_bonferroni():
         p = rng.uniform(0, 0.3, 5)
         closed = []
         for i in range(5):
-            families = [s for r in range(1, 6) for s in itertools.combinations(range(5), r) if i in s]
+            families = [
+                s for r in range(1, 6) for s in itertools.combinations(range(5), r) if i in s
+            ]
             closed.append(max(min(1.0, len(s) * min(p[list(s)])) for s in families))
         assert holm(p) == pytest.approx(closed, rel=1e-14)
     assert holm([]).shape == (0,)

@@ -31,7 +31,15 @@ def made_up(parameters, fitted=(0.1, 0.3, 0.1, 0.9)):
 
     def fits(p):
         n = len(p)
-        return Fits(p, np.full(n, -5.0), np.full(n, -5.0), np.zeros((n, 7), bool), np.ones(n, bool), np.zeros((n, 4)), SUBJECTS["S01"])
+        return Fits(
+            p,
+            np.full(n, -5.0),
+            np.full(n, -5.0),
+            np.zeros((n, 7), bool),
+            np.ones(n, bool),
+            np.zeros((n, 4)),
+            SUBJECTS["S01"],
+        )
 
     return Bootstrap("x", fits(rows[0]), fits(rows[1]), 1)
 
@@ -52,7 +60,9 @@ def test_optima_are_those_of_a_loop_over_a_general_optimiser(name):
     found = bootstrap_subject(subject, seed=1, prior=Prior(), replicates=count).fits
     counts = resample(subject, generator(1, name, "bootstrap"), count)
     for i, row in enumerate(counts):
-        other = best_of_random_starts(Subject(name, subject.s1, subject.s2, row, subject.n_trials), 3)
+        other = best_of_random_starts(
+            Subject(name, subject.s1, subject.s2, row, subject.n_trials), 3
+        )
         assert found.objective[i] >= other - 1e-8
 
 
@@ -60,7 +70,14 @@ def test_a_study_of_which_is_stronger_has_the_same_table_with_lapses():
     study = bt.example_study(WHICH_STRONGER).select(["S01", "S02"])
     table = bt.fit(study, replicates=100, seed=1, workers=1)
     frame = table.frame().set_index("subject")
-    assert list(frame.columns[:6]) == ["mu1", "sigma_p", "sigma_l", "lapse_rate", "log_likelihood", "at_edge"]
+    assert list(frame.columns[:6]) == [
+        "mu1",
+        "sigma_p",
+        "sigma_l",
+        "lapse_rate",
+        "log_likelihood",
+        "at_edge",
+    ]
     assert (frame.lapse_rate_lower <= frame.lapse_rate).all()
     assert (frame.mu1 < frame.mu1_upper).all()
     low, high = table["S02"].bootstrap.bands(0.0, [-0.3, 0.3])
@@ -69,20 +86,30 @@ def test_a_study_of_which_is_stronger_has_the_same_table_with_lapses():
 
 def test_same_seed_same_numbers_whatever_the_workers_and_the_order(small_study):
     one = bt.fit(small_study, replicates=60, seed=5, workers=1)
-    two = bt.fit(small_study.select(list(small_study.names)[::-1]), replicates=60, seed=5, workers=2)
+    two = bt.fit(
+        small_study.select(list(small_study.names)[::-1]), replicates=60, seed=5, workers=2
+    )
     for row in one:
-        assert np.array_equal(row.bootstrap.fits.parameters, two[row.subject].bootstrap.fits.parameters)
+        assert np.array_equal(
+            row.bootstrap.fits.parameters, two[row.subject].bootstrap.fits.parameters
+        )
     other = bt.fit(small_study, replicates=60, seed=6, workers=1)
-    assert not np.array_equal(one.rows[0].bootstrap.fits.parameters, other.rows[0].bootstrap.fits.parameters)
+    assert not np.array_equal(
+        one.rows[0].bootstrap.fits.parameters, other.rows[0].bootstrap.fits.parameters
+    )
 
 
 def test_intervals_bands_and_covariance_are_those_of_the_replicates(replicates):
     values = replicates.fits.parameters
     for i, (low, high) in enumerate(replicates.intervals(0.9)):
-        assert ((values[:, i] >= low) & (values[:, i] <= high)).mean() == pytest.approx(0.9, abs=0.01)
+        assert ((values[:, i] >= low) & (values[:, i] <= high)).mean() == pytest.approx(
+            0.9, abs=0.01
+        )
     subject = SUBJECTS["S01"]
     q = np.array([bt.model.equal_probability(subject.s1, subject.s2, *theta) for theta in values])
-    assert replicates.bands(subject.s1, subject.s2) == pytest.approx(np.quantile(q, [0.2, 0.8], axis=0), rel=1e-9)
+    assert replicates.bands(subject.s1, subject.s2) == pytest.approx(
+        np.quantile(q, [0.2, 0.8], axis=0), rel=1e-9
+    )
     squares = np.column_stack([values[:, 0], values[:, 1] ** 2, values[:, 2] ** 2, values[:, 3]])
     assert replicates.covariance() == pytest.approx(np.cov(squares.T))
 
@@ -98,7 +125,12 @@ def test_evidence_by_appendix_c_is_the_formula():
     h = 1e-6
     of_p = (norm.cdf(np.sqrt(v_p + h)) - norm.cdf(np.sqrt(v_p - h))) * 2 / (2 * h)
     of_l = ((v_l + h) / v_p - (v_l - h) / v_p) / (2 * h)
-    expected = -5.0 + norm.logpdf(mu1, 0, 10) + np.log(of_p * of_l) + 0.5 * np.linalg.slogdet(2 * np.pi * np.cov(squares.T))[1]
+    expected = (
+        -5.0
+        + norm.logpdf(mu1, 0, 10)
+        + np.log(of_p * of_l)
+        + 0.5 * np.linalg.slogdet(2 * np.pi * np.cov(squares.T))[1]
+    )
     assert (value, note) == (pytest.approx(expected, abs=1e-6), "")
 
 
@@ -113,7 +145,9 @@ def test_evidence_says_what_is_wrong_with_it():
         ("one batch", "infinite"),
         ("perfect observer", "sigma_p=0"),
     ):
-        value, note = bootstrap_evidence(bootstrap_subject(CASES[name], seed=1, prior=Prior(), replicates=200), Prior())
+        value, note = bootstrap_evidence(
+            bootstrap_subject(CASES[name], seed=1, prior=Prior(), replicates=200), Prior()
+        )
         assert value is None
         assert word in note
     same = np.random.default_rng(1).normal(size=(50, 4)) * [1, 0, 0.1, 0.1] + [0, 0.3, 0.5, 0.5]
@@ -130,7 +164,9 @@ def test_posterior_and_bootstrap_side_by_side(analysis):
     assert row.posterior_lower < row.posterior_median < row.posterior_upper
     low, high = np.quantile(analysis.draws.values("A", "q0"), [0.1, 0.9])
     assert (row.posterior_lower, row.posterior_upper) == pytest.approx((low, high))
-    assert (row.bootstrap_lower, row.bootstrap_upper) == pytest.approx(tuple(table["A"].bootstrap.intervals(0.8)[3]))
+    assert (row.bootstrap_lower, row.bootstrap_upper) == pytest.approx(
+        tuple(table["A"].bootstrap.intervals(0.8)[3])
+    )
     with pytest.raises(InputError, match="same subjects"):
         bt.fit(analysis.study.select(["A"]), replicates=5, seed=1, workers=1).beside(analysis.draws)
 
@@ -143,13 +179,24 @@ def test_what_has_no_value_is_missing_and_said_and_wrong_options_raise(small_stu
     blunt = bootstrap_subject(CASES["all equal"], seed=1, prior=Prior(), replicates=200)
     assert blunt.intervals()[1, 1] == np.inf
     assert any("infinite sigma_p" in text for text in blunt.remarks())
-    for options in ({"replicates": 0}, {"level": 1.0}, {"level": float("nan")}, {"seed": -1}, {"workers": 0}):
+    for options in (
+        {"replicates": 0},
+        {"level": 1.0},
+        {"level": float("nan")},
+        {"seed": -1},
+        {"workers": 0},
+    ):
         with pytest.raises(InputError):
             bt.fit(small_study, **options)
 
 
 def inside(ellipse, x, y):
-    turn = np.array([[np.cos(ellipse.angle), np.sin(ellipse.angle)], [-np.sin(ellipse.angle), np.cos(ellipse.angle)]])
+    turn = np.array(
+        [
+            [np.cos(ellipse.angle), np.sin(ellipse.angle)],
+            [-np.sin(ellipse.angle), np.cos(ellipse.angle)],
+        ]
+    )
     u = turn @ (np.stack([x, y]) - ellipse.centre[:, None])
     return np.square(u / ellipse.half_axes[:, None]).sum(axis=0) <= 1.0 + 1e-9
 
@@ -161,7 +208,9 @@ def test_a_normal_cloud_gives_the_level_curve_around_its_peak(mass):
     found = mass_ellipse(x, y, mass)
     variances, axes = np.linalg.eigh([[4.0, 1.5], [1.5, 1.0]])
     assert inside(found, x, y).mean() == pytest.approx(mass, abs=1e-4)
-    assert found.half_axes == pytest.approx(np.sqrt(-2.0 * np.log1p(-mass) * variances[::-1]), rel=0.12)
+    assert found.half_axes == pytest.approx(
+        np.sqrt(-2.0 * np.log1p(-mass) * variances[::-1]), rel=0.12
+    )
     assert abs(np.sin(found.angle - np.arctan2(axes[1, 1], axes[0, 1]))) < 0.1
     assert found.centre == pytest.approx([2.0, -1.0], abs=0.25)
 

@@ -25,15 +25,21 @@ counts = st.integers(0, 10**9).flatmap(lambda n: st.tuples(st.integers(0, n), st
 def test_the_papers_formula_in_exact_fractions(count):
     k, n = count
     q = Fraction(k + 1, n + 2)
-    variance = q * (Fraction(k + 2, n + 3) - q)  # Eq. e:2b as printed; this difference is what floats would lose
+    variance = q * (
+        Fraction(k + 2, n + 3) - q
+    )  # Eq. e:2b as printed; this difference is what floats would lose
     assert float(laplace_estimate(k, n)) == pytest.approx(float(q), rel=1e-15)
     assert float(laplace_error(k, n)) ** 2 == pytest.approx(float(variance), rel=1e-14)
 
 
 def test_one_subject():
-    subject = bt.Subject("S", [0.0, 0.0, 0.4, 0.4], [0.0, 0.4, 0.0, 0.4], [8, 3, 5, 9], [10, 20, 30, 10])
+    subject = bt.Subject(
+        "S", [0.0, 0.0, 0.4, 0.4], [0.0, 0.4, 0.0, 0.4], [8, 3, 5, 9], [10, 20, 30, 10]
+    )
     assert presentation_order(subject).tolist() == [0, -1, 1, 0]
-    assert laplace_estimate(subject.n_yes, subject.n_trials) == pytest.approx([9 / 12, 4 / 22, 6 / 32, 10 / 12])
+    assert laplace_estimate(subject.n_yes, subject.n_trials) == pytest.approx(
+        [9 / 12, 4 / 22, 6 / 32, 10 / 12]
+    )
     assert accuracy(subject) == pytest.approx((8 + 17 + 25 + 9) / 70)
 
 
@@ -53,7 +59,12 @@ def test_both_orders_collapse_on_one_curve(small_study):
 
 def test_bands_of_the_collapse_hold_their_mass(small_study):
     posterior = bt.model.posterior_of(small_study["C"])
-    x = find_maxima(posterior).x[0] + 0.15 * np.random.default_rng(2).standard_normal((4000, 4)) * [0.2, 1, 0.5, 1]
+    x = find_maxima(posterior).x[0] + 0.15 * np.random.default_rng(2).standard_normal((4000, 4)) * [
+        0.2,
+        1,
+        0.5,
+        1,
+    ]
     found = collapse(posterior, x, mass=0.6)
     z = posterior.distance(x)
     inside = ((z >= found.z_low) & (z <= found.z_high)).mean(axis=0)

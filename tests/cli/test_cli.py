@@ -34,7 +34,9 @@ def folder(tmp_path_factory, small_study):
 @pytest.fixture(scope="module")
 def results(folder):
     with plain_models_alone():
-        return folder / "out", good("run", "study.csv", "-o", "out", "--draws", 1000, *ONE, cwd=folder)
+        return folder / "out", good(
+            "run", "study.csv", "-o", "out", "--draws", 1000, *ONE, cwd=folder
+        )
 
 
 # --- run ---------------------------------------------------------------------------------------------------------------------------
@@ -48,7 +50,18 @@ def test_run_writes_everything(results):
     assert {p.name for p in (out / "corner").iterdir()} == {"A.png", "B.png"}
     assert all(p.read_bytes().startswith(b"\x89PNG") for p in (out / "corner").iterdir())
     summary = pd.read_csv(out / "summary.csv", dtype={"subject": str}, keep_default_na=False)
-    assert set(summary.parameter) == {"mu1", "sigma_p", "sigma_l", "q0", "gamma", "sigma1", "gain", "width", "pse_shift", "jnd"}
+    assert set(summary.parameter) == {
+        "mu1",
+        "sigma_p",
+        "sigma_l",
+        "q0",
+        "gamma",
+        "sigma1",
+        "gain",
+        "width",
+        "pse_shift",
+        "jnd",
+    }
     assert (summary.r_hat < 1.01).all()
     assert list(pd.read_csv(out / "evidence.csv").subject) == ["A", "B"]
     assert "seed 1" in printed
@@ -59,7 +72,18 @@ def test_run_writes_everything(results):
 
 def test_the_report_stands_alone(results):
     text = (results[0] / "report.html").read_text(encoding="utf-8")
-    sections = ("answer", "overview", "read", "subject-1", "subject-2", "order", "appendix-c", "prior", "method", "files")
+    sections = (
+        "answer",
+        "overview",
+        "read",
+        "subject-1",
+        "subject-2",
+        "order",
+        "appendix-c",
+        "prior",
+        "method",
+        "files",
+    )
     order = [text.index(f'id="{place}"') for place in sections]
     assert order == sorted(order)
     assert 'class="misfit"' not in text
@@ -69,7 +93,15 @@ def test_the_report_stands_alone(results):
     assert "this asks whether answers follow one smooth curve, not whether there is an " in text
     assert not re.search(r"""src=["'](?!data:)""", text)
     beside = set(re.findall(r'href="(?!data:|#)([^"]*)"', text))
-    assert beside == {"summary.csv", "evidence.csv", "corner", "corner/A.png", "corner/B.png", "posterior.nc", "methods.md"}
+    assert beside == {
+        "summary.csv",
+        "evidence.csv",
+        "corner",
+        "corner/A.png",
+        "corner/B.png",
+        "posterior.nc",
+        "methods.md",
+    }
     assert all((results[0] / name).exists() for name in beside)
     assert text.count("data:image/png;base64,") == 5 + 2 * 2
     assert "bayes-toe explore posterior.nc -o explorer.html" in text
@@ -85,11 +117,21 @@ def test_a_misfit_is_loud_in_terminal_and_report(folder, small_study, three_mode
     subject = small_study["A"]
     equal = subject.n_yes.copy()
     equal[[2, 5]] = subject.n_trials[[2, 5]] - equal[[2, 5]]
-    grouped_csv(folder / "bent.csv", bt.Study([replace(subject, name="bent", n_yes=equal), small_study["B"]]))
-    said = good("run", "bent.csv", "-o", "bent", "--draws", 300, "--pictures", "none", *ONE, cwd=folder)
+    grouped_csv(
+        folder / "bent.csv",
+        bt.Study([replace(subject, name="bent", n_yes=equal), small_study["B"]]),
+    )
+    said = good(
+        "run", "bent.csv", "-o", "bent", "--draws", 300, "--pictures", "none", *ONE, cwd=folder
+    )
     assert "no model describes the answers of 1 (bent)" in said
-    assert re.search(r"^look bent: no model describes the answers: .*answered equal", said, re.MULTILINE)
-    places = [said.index(words) for words in ("answer: ", "order effect of every subject", "look bent", "next: ")]
+    assert re.search(
+        r"^look bent: no model describes the answers: .*answered equal", said, re.MULTILINE
+    )
+    places = [
+        said.index(words)
+        for words in ("answer: ", "order effect of every subject", "look bent", "next: ")
+    ]
     assert places == sorted(places)
     text = (folder / "bent" / "report.html").read_text(encoding="utf-8")
     for words in (
@@ -100,11 +142,17 @@ def test_a_misfit_is_loud_in_terminal_and_report(folder, small_study, three_mode
         assert text.count(words) == 1
 
 
-def test_not_converged_is_exit_code_3_and_marked_everywhere(monkeypatch, tmp_path, three_models, blank_pictures):
+def test_not_converged_is_exit_code_3_and_marked_everywhere(
+    monkeypatch, tmp_path, three_models, blank_pictures
+):
     # One pass and an R-hat that chance alone exceeds.
     defaults = SamplerSettings.__init__.__defaults__
-    monkeypatch.setattr(SamplerSettings.__init__, "__defaults__", (*defaults[:-3], 1.000001, 1, 0.05))
-    counts = "\n".join(f"x,{a},{b},25,50" for a, b in [(0, 0), (0, 0.3), (0.3, 0), (0.3, 0.3), (0, 0.5), (0.5, 0)])
+    monkeypatch.setattr(
+        SamplerSettings.__init__, "__defaults__", (*defaults[:-3], 1.000001, 1, 0.05)
+    )
+    counts = "\n".join(
+        f"x,{a},{b},25,50" for a, b in [(0, 0), (0, 0.3), (0.3, 0), (0.3, 0.3), (0, 0.5), (0.5, 0)]
+    )
     (tmp_path / "s.csv").write_text("subject,s1,s2,n_equal,n_trials\n" + counts + "\n")
     done = inside("run", "s.csv", "-o", "out", "--draws", 500, *ONE, cwd=tmp_path)
     assert (done.returncode, done.stderr) == (3, "")
@@ -113,26 +161,49 @@ def test_not_converged_is_exit_code_3_and_marked_everywhere(monkeypatch, tmp_pat
     assert list(bt.load(tmp_path / "out" / "posterior.nc").not_converged) == ["x"]
 
 
-def test_subjects_may_be_any_text_and_are_never_paths_or_html(tmp_path, three_models, blank_pictures):
-    names = ["../../<script>alert(1)</script> a$b_{c}", "na", "NA", "=S\x1b[2J\x9b\u202e\u2066\u200b\nx"]
-    pairs = [(0, 0, 48), (0, 0.2, 31), (0, 0.4, 6), (0.2, 0, 35), (0.2, 0.4, 34), (0.4, 0, 11), (0.4, 0.4, 47)]
+def test_subjects_may_be_any_text_and_are_never_paths_or_html(
+    tmp_path, three_models, blank_pictures
+):
+    names = [
+        "../../<script>alert(1)</script> a$b_{c}",
+        "na",
+        "NA",
+        "=S\x1b[2J\x9b\u202e\u2066\u200b\nx",
+    ]
+    pairs = [
+        (0, 0, 48),
+        (0, 0.2, 31),
+        (0, 0.4, 6),
+        (0.2, 0, 35),
+        (0.2, 0.4, 34),
+        (0.4, 0, 11),
+        (0.4, 0.4, 47),
+    ]
     rows = [f'"{n}",{a},{b},{k},50' for n in names for a, b, k in pairs]
-    (tmp_path / "s.csv").write_text("subject,s1,s2,n_equal,n_trials\n" + "\n".join(rows) + "\n", encoding="utf-8")
-    printed = good("run", "s.csv", "-o", "out", "--draws", 100, "--spreadsheet-safe", *ONE, cwd=tmp_path)
+    (tmp_path / "s.csv").write_text(
+        "subject,s1,s2,n_equal,n_trials\n" + "\n".join(rows) + "\n", encoding="utf-8"
+    )
+    printed = good(
+        "run", "s.csv", "-o", "out", "--draws", 100, "--spreadsheet-safe", *ONE, cwd=tmp_path
+    )
     files = [p.name for p in (tmp_path / "out" / "corner").iterdir()]
     assert len({f.lower() for f in files}) == len(names)
     assert all(re.fullmatch(r"[A-Za-z0-9_.-]+\.png", f) for f in files)
     report = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert "<script>alert" not in report
     assert "&lt;script&gt;" in report
-    unknown = refused("corner", "out/posterior.nc", "-o", "c", "--subject", "\x1b\u202e", cwd=tmp_path)
+    unknown = refused(
+        "corner", "out/posterior.nc", "-o", "c", "--subject", "\x1b\u202e", cwd=tmp_path
+    )
     checked = good("check", "s.csv", cwd=tmp_path)
     for shown in (report, printed, checked, unknown):  # nothing that a terminal or a browser obeys
         assert "\\x1b" in shown
         assert [one for one in shown if not one.isprintable() and one != "\n"] == []
     assert "as formulas: '=S" in checked
     assert bt.load(tmp_path / "out" / "posterior.nc").names == tuple(names)
-    assert list(pd.read_csv(tmp_path / "out" / "evidence.csv", dtype=str, keep_default_na=False).subject) == [*names[:-1], f"'{names[-1]}"]
+    assert list(
+        pd.read_csv(tmp_path / "out" / "evidence.csv", dtype=str, keep_default_na=False).subject
+    ) == [*names[:-1], f"'{names[-1]}"]
     assert sorted(path.name for path in tmp_path.iterdir()) == ["out", "s.csv"]
 
 
@@ -141,9 +212,15 @@ def test_subjects_may_be_any_text_and_are_never_paths_or_html(tmp_path, three_mo
 
 def test_evidence_leads_with_the_answer_and_has_the_table_of_run(folder, results, three_models):
     said = good("evidence", "one.csv", "-o", "evidence.csv", *ONE, cwd=folder)
-    (head, _, of_b), found = ((place / "evidence.csv").read_text().splitlines() for place in (results[0], folder))
+    (head, _, of_b), found = (
+        (place / "evidence.csv").read_text().splitlines() for place in (results[0], folder)
+    )
     assert found == [head, of_b]  # whatever the company
-    assert said.index("answer: ") < said.index("order effect of every subject") < said.index("Appendix C: the paper's model (H1)")
+    assert (
+        said.index("answer: ")
+        < said.index("order effect of every subject")
+        < said.index("Appendix C: the paper's model (H1)")
+    )
     for row in pd.read_csv(folder / "evidence.csv").itertuples():
         assert re.search(rf"│ {row.subject} +│ +{row.effect}", said)
 
@@ -167,12 +244,23 @@ def test_one_subject_has_no_random_effects(folder):
 
 
 def test_fit_writes_its_columns_and_states_its_level(folder):
-    said = good("fit", "study.csv", "-o", "fit.csv", "--replicates", 50, "--level", 0.8, *ONE, cwd=folder)
+    said = good(
+        "fit", "study.csv", "-o", "fit.csv", "--replicates", 50, "--level", 0.8, *ONE, cwd=folder
+    )
     assert "80 % percentile intervals of 50 bootstrap replicates" in said
     frame = pd.read_csv(folder / "fit.csv", dtype={"subject": str}, keep_default_na=False)
     natural = ("mu1", "sigma_p", "sigma_l", "q0")
     limits = [f"{name}_{side}" for name in natural for side in ("lower", "upper")]
-    assert list(frame.columns) == ["subject", *natural, "log_likelihood", "at_edge", *limits, "level", "replicates", "penalty"]
+    assert list(frame.columns) == [
+        "subject",
+        *natural,
+        "log_likelihood",
+        "at_edge",
+        *limits,
+        "level",
+        "replicates",
+        "penalty",
+    ]
     assert (set(frame.level), list(frame.subject)) == ({0.8}, ["A", "B"])
     assert (frame.sigma_p_lower < frame.sigma_p_upper).all()
     assert "exists" in refused("fit", "study.csv", "-o", "fit.csv", cwd=folder)
@@ -184,17 +272,39 @@ def test_fit_of_degenerate_answers_is_empty_and_said(tmp_path):
     said = good("fit", "s.csv", "-o", "fit.csv", "--replicates", 20, *ONE, cwd=tmp_path)
     assert "not determined by these answers: sigma_p, sigma_l, q0" in said
     row = pd.read_csv(tmp_path / "fit.csv", dtype=str, keep_default_na=False).iloc[0]
-    assert (row.at_edge, row.sigma_p, row.sigma_l_upper, row.level, row.replicates) == ("not unique", "", "", "0.95", "20")
+    assert (row.at_edge, row.sigma_p, row.sigma_l_upper, row.level, row.replicates) == (
+        "not unique",
+        "",
+        "",
+        "0.95",
+        "20",
+    )
 
 
 def test_sensitivity_writes_table_and_figure_and_says_where_conclusions_turn(folder):
-    said = good("sensitivity", "study.csv", "-o", "sensitivity.csv", "--steps", 3, "--reach", 2, *ONE, cwd=folder)
+    said = good(
+        "sensitivity",
+        "study.csv",
+        "-o",
+        "sensitivity.csv",
+        "--steps",
+        3,
+        "--reach",
+        2,
+        *ONE,
+        cwd=folder,
+    )
     table = pd.read_csv(folder / "sensitivity.csv", dtype={"subject": str})
     assert len(table) == 2 * 8 * 3
     assert sorted(set(table[table.varied == "mu1_sd"].factor)) == [0.5, 1.0, 2.0]
     assert (folder / "sensitivity.png").read_bytes().startswith(b"\x89PNG")
     assert "0 of 2 conclusions turn within this range" in said
-    for words in (("sensitivity.csv",), ("x.csv", "--steps", 4), ("x.csv", "--reach", 1), ("x.png",)):
+    for words in (
+        ("sensitivity.csv",),
+        ("x.csv", "--steps", 4),
+        ("x.csv", "--reach", 1),
+        ("x.png",),
+    ):
         refused("sensitivity", "study.csv", "-o", *words, cwd=folder)
 
 
@@ -202,32 +312,83 @@ def test_sensitivity_writes_table_and_figure_and_says_where_conclusions_turn(fol
 
 
 def test_corner_of_one_subject_and_of_two_with_prior_and_truth_in_any_quantities(folder, results):
-    (folder / "truth.csv").write_text("subject,mu1,gain,q0\nA,-0.7,0.8,\nZ,1,0.5,0.9\n", encoding="utf-8")
+    (folder / "truth.csv").write_text(
+        "subject,mu1,gain,q0\nA,-0.7,0.8,\nZ,1,0.5,0.9\n", encoding="utf-8"
+    )
     posterior = results[0] / "posterior.nc"
-    good("corner", posterior, "-o", "one", "--subject", "B", "--coordinates", "identified", cwd=folder)
+    good(
+        "corner",
+        posterior,
+        "-o",
+        "one",
+        "--subject",
+        "B",
+        "--coordinates",
+        "identified",
+        cwd=folder,
+    )
     assert [p.name for p in (folder / "one").glob("*.png")] == ["B.png"]
-    asked = ("--subject", "B", "--subject", "A", "--parameters", "gain, offset", "--show-prior", "--truth", "truth.csv")
-    said = good("corner", posterior, "-o", "both", *asked, "--format", "svg", "--format", "pdf", cwd=folder)
+    asked = (
+        "--subject",
+        "B",
+        "--subject",
+        "A",
+        "--parameters",
+        "gain, offset",
+        "--show-prior",
+        "--truth",
+        "truth.csv",
+    )
+    said = good(
+        "corner", posterior, "-o", "both", *asked, "--format", "svg", "--format", "pdf", cwd=folder
+    )
     assert "1 corner plot in both" in said
-    assert {p.name for p in (folder / "both").iterdir() if not p.name.startswith(".")} == {"B+A.svg", "B+A.pdf"}
+    assert {p.name for p in (folder / "both").iterdir() if not p.name.startswith(".")} == {
+        "B+A.svg",
+        "B+A.pdf",
+    }
     words = (folder / "both" / "B+A.svg").read_text(encoding="utf-8")
-    assert all(said in words for said in ("B (solid)", "A (dashed)", "grey: prior", "squares, triangles: true values", "offset"))
+    assert all(
+        said in words
+        for said in (
+            "B (solid)",
+            "A (dashed)",
+            "grey: prior",
+            "squares, triangles: true values",
+            "offset",
+        )
+    )
 
 
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ("corner POSTERIOR --parameters gain,mu_1", "found 'mu_1', allowed: each once, of mu1, sigma_p"),
+        (
+            "corner POSTERIOR --parameters gain,mu_1",
+            "found 'mu_1', allowed: each once, of mu1, sigma_p",
+        ),
         ("corner POSTERIOR --parameters gain,gain", "found 'gain', allowed: each once"),
         ("corner POSTERIOR --parameters gain --coordinates natural", "allowed: one of them"),
         ("corner POSTERIOR --format gif", "format 'gif': allowed: pdf, png, svg"),
         ("corner POSTERIOR --subject A --subject Z", "no subject 'Z'"),
-        ("corner POSTERIOR --truth study.csv", "found 'subject', 's1', 's2', 'n_equal', 'n_trials', allowed: subject and some of mu1"),
+        (
+            "corner POSTERIOR --truth study.csv",
+            "found 'subject', 's1', 's2', 'n_equal', 'n_trials', allowed: subject and some of mu1",
+        ),
         ("figures study.csv --subject Z", "no subject 'Z'"),
         ("figures study.csv --format gif", "allowed: pdf, png, svg"),
-        ("figures three.csv --posterior POSTERIOR", "found no draws of subject 'C'; allowed: the posterior of three.csv"),
-        ("figures --posterior POSTERIOR --seed 2", "found draws of seed 1, allowed: that seed, or none, given 2"),
-        ("sensitivity --posterior POSTERIOR --prior wide.toml", "found draws under mu1 ~ Normal(M, 2.5 R)"),
+        (
+            "figures three.csv --posterior POSTERIOR",
+            "found no draws of subject 'C'; allowed: the posterior of three.csv",
+        ),
+        (
+            "figures --posterior POSTERIOR --seed 2",
+            "found draws of seed 1, allowed: that seed, or none, given 2",
+        ),
+        (
+            "sensitivity --posterior POSTERIOR --prior wide.toml",
+            "found draws under mu1 ~ Normal(M, 2.5 R)",
+        ),
         ("sensitivity", "STUDY.csv: missing"),
         ("run study.csv --pictures some", "allowed are all, flagged, none"),
         ("run study.csv -o out", "overwrite"),
@@ -244,12 +405,30 @@ def test_what_is_refused_before_the_work_in_one_line(folder, results, small_stud
 
 @pytest.fixture
 def two_figures(monkeypatch):
-    for name in ("figure_1c_asymmetry", "figure_3_examples", "figure_4_map", "figure_5_plane", "appendix_c_evidence"):
+    for name in (
+        "figure_1c_asymmetry",
+        "figure_3_examples",
+        "figure_4_map",
+        "figure_5_plane",
+        "appendix_c_evidence",
+    ):
         monkeypatch.delitem(FIGURES, name)
 
 
 def test_figures_of_chosen_subjects_in_one_format(folder, three_models, two_figures):
-    args = ("figures", "study.csv", "-o", "pictures", "--draws", 300, "--subject", "B", "--format", "svg", *ONE)
+    args = (
+        "figures",
+        "study.csv",
+        "-o",
+        "pictures",
+        "--draws",
+        300,
+        "--subject",
+        "B",
+        "--format",
+        "svg",
+        *ONE,
+    )
     good(*args, cwd=folder)
     made = {path.name for path in (folder / "pictures").glob("[!.]*")}
     assert made == {"figure_2_filter.svg", "figure_6_gamma.svg", "captions.md"}
@@ -257,36 +436,75 @@ def test_figures_of_chosen_subjects_in_one_format(folder, three_models, two_figu
     assert "overwrite" in refused(*args, cwd=folder)
 
 
-def test_figures_and_sensitivity_of_saved_draws_sample_nothing(results, folder, monkeypatch, two_figures):
+def test_figures_and_sensitivity_of_saved_draws_sample_nothing(
+    results, folder, monkeypatch, two_figures
+):
     monkeypatch.setattr("bayes_toe.inference.subject.sample_chains", None)  # calling it would raise
     posterior = ("--posterior", results[0] / "posterior.nc", "--workers", 1)
     drawn = ("-o", "saved", "--subject", "B", "--format", "png")
-    assert "seed 1; figures and captions" in good("figures", "study.csv", *posterior, *drawn, cwd=folder)
+    assert "seed 1; figures and captions" in good(
+        "figures", "study.csv", *posterior, *drawn, cwd=folder
+    )
     good("sensitivity", *posterior, "-o", "saved.csv", "--steps", 3, "--reach", 1.5, cwd=folder)
-    table = pd.read_csv(folder / "saved.csv").query("varied == 'mu1_sd' and factor == 1.0").log_bayes_factor
-    np.testing.assert_allclose(table, pd.read_csv(results[0] / "evidence.csv").log_bayes_factor, atol=0.01)  # as `evidence` has it
+    table = (
+        pd.read_csv(folder / "saved.csv")
+        .query("varied == 'mu1_sd' and factor == 1.0")
+        .log_bayes_factor
+    )
+    np.testing.assert_allclose(
+        table, pd.read_csv(results[0] / "evidence.csv").log_bayes_factor, atol=0.01
+    )  # as `evidence` has it
 
 
 # --- simulate, check, priors -------------------------------------------------------------------------------------------------------
 
 
 def test_simulate_then_check_then_quiet(tmp_path, three_models):
-    good("simulate", "-o", "s.csv", "--truth", "t.csv", "--subjects", 1, "--batches", 8, "--seed", 1, cwd=tmp_path)
-    assert list(pd.read_csv(tmp_path / "t.csv").columns) == ["subject", "mu1", "sigma_p", "sigma_l", "q0"]
+    good(
+        "simulate",
+        "-o",
+        "s.csv",
+        "--truth",
+        "t.csv",
+        "--subjects",
+        1,
+        "--batches",
+        8,
+        "--seed",
+        1,
+        cwd=tmp_path,
+    )
+    assert list(pd.read_csv(tmp_path / "t.csv").columns) == [
+        "subject",
+        "mu1",
+        "sigma_p",
+        "sigma_l",
+        "q0",
+    ]
     assert len(pd.read_csv(tmp_path / "s.csv")) == 8 * 13
     assert "synthetic" in good("check", "s.csv", cwd=tmp_path)
     assert good("evidence", "s.csv", "-o", "e.csv", "--quiet", "--workers", 1, cwd=tmp_path) == ""
 
 
 def test_trials_that_are_there_twice_are_said_by_every_command(tmp_path, three_models):
-    rows = ["subject,block,trial,s1,s2,response", *(f"[i]x,1,{i},{i % 2},{i % 3},{('same', 'different')[i % 2]}" for i in range(12))]
+    rows = [
+        "subject,block,trial,s1,s2,response",
+        *(f"[i]x,1,{i},{i % 2},{i % 3},{('same', 'different')[i % 2]}" for i in range(12)),
+    ]
     (tmp_path / "s.csv").write_text("\n".join([*rows, *rows[1:]]) + "\n")
     said = "warning s.csv: 12 rows repeat block and trial of another row with the same stimuli and answer, first row 14,"
-    for command in (["check"], ["asymmetry"], ["fit", "--replicates", 2], ["evidence", "--workers", 1]):
+    for command in (
+        ["check"],
+        ["asymmetry"],
+        ["fit", "--replicates", 2],
+        ["evidence", "--workers", 1],
+    ):
         assert good(command[0], "s.csv", *command[1:], cwd=tmp_path).count(said) == 1
 
 
-def test_a_block_with_swapped_buttons_is_told_by_check_and_report(tmp_path, three_models, blank_pictures):
+def test_a_block_with_swapped_buttons_is_told_by_check_and_report(
+    tmp_path, three_models, blank_pictures
+):
     """A study of trials, in which one block was answered the wrong way round; its columns have names of their own."""
     rng, rows = np.random.default_rng(3), ["subject,s1,s2,response,[b]Run,ISI,rt"]
     for block in range(1, 6):
@@ -298,16 +516,35 @@ def test_a_block_with_swapped_buttons_is_told_by_check_and_report(tmp_path, thre
     beginning = "warning [i]x: Blocks differ in their answers to the same pairs, X^2 / d.f. of pair x block = "
     assert sum(beginning in line for line in lines) == 1
     ways = "--turn '[i]x:<2>' turns these answers, --leave-out '[i]x:<2>' leaves them out."
-    assert f"warning [i]x: Block <2> looks answered the wrong way round (swapped buttons): {ways}" in lines
+    assert (
+        f"warning [i]x: Block <2> looks answered the wrong way round (swapped buttons): {ways}"
+        in lines
+    )
     turned = good("check", "s.csv", "--columns", "block=[b]Run", "--turn", "[i]x:<2>", cwd=tmp_path)
     assert "  subject [i]x, block <2>: answers turned" in turned.splitlines()
     assert "swapped" not in turned
-    assert "warning Column ISI looks like isi (seconds): use --columns isi=ISI, or it is ignored." in lines
+    assert (
+        "warning Column ISI looks like isi (seconds): use --columns isi=ISI, or it is ignored."
+        in lines
+    )
     assert "note Columns ignored: ISI, rt." in lines
     unread = good("check", "s.csv", cwd=tmp_path)
     assert "Blocks differ" not in unread
     assert "note Columns ignored: [b]Run, ISI, rt." in unread
-    good("run", "s.csv", "-o", "out", "--draws", 500, "--columns", "block=[b]Run", "--pictures", "none", *ONE, cwd=tmp_path)
+    good(
+        "run",
+        "s.csv",
+        "-o",
+        "out",
+        "--draws",
+        500,
+        "--columns",
+        "block=[b]Run",
+        "--pictures",
+        "none",
+        *ONE,
+        cwd=tmp_path,
+    )
     report = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     section = report[report.index('<h2 id="pooling">') : report.index('<h2 id="prior">')]
     assert "<strong>[i]x</strong>: Block &lt;2&gt; looks answered the wrong way round" in section
@@ -325,30 +562,56 @@ def test_bad_input_is_one_line_a_problem_and_exit_code_2(tmp_path):
 
 
 def test_a_prior_file_is_used_shown_and_stored(folder, three_models, blank_pictures):
-    (folder / "narrow.toml").write_text("mu1_sd = 2.0  # informative\nsigma_p_scale = 0.5\n", encoding="utf-8")
+    (folder / "narrow.toml").write_text(
+        "mu1_sd = 2.0  # informative\nsigma_p_scale = 0.5\n", encoding="utf-8"
+    )
     said, under = "mu1 ~ Normal(0, 2), sigma_p ~ HalfNormal(0.5)", ("--prior", "narrow.toml")
-    printed = good("run", "one.csv", "-o", "narrow", "--draws", 500, "--pictures", "none", *under, *ONE, cwd=folder)
+    printed = good(
+        "run",
+        "one.csv",
+        "-o",
+        "narrow",
+        "--draws",
+        500,
+        "--pictures",
+        "none",
+        *under,
+        *ONE,
+        cwd=folder,
+    )
     assert f"prior: {said}" in printed
     assert said in (folder / "narrow" / "report.html").read_text(encoding="utf-8")
-    assert bt.load(folder / "narrow" / "posterior.nc").prior == bt.Prior(mu1_sd=2.0, sigma_p_scale=0.5)
+    assert bt.load(folder / "narrow" / "posterior.nc").prior == bt.Prior(
+        mu1_sd=2.0, sigma_p_scale=0.5
+    )
     assert pd.read_csv(folder / "narrow" / "evidence.csv").prior.str.startswith(said).all()
     assert said in good("check", "one.csv", *under, cwd=folder)
-    assert "penalty: mu1 ~ Normal(0, 2)" in good("fit", "one.csv", "-o", "narrow_fit.csv", "--replicates", 20, *under, *ONE, cwd=folder)
+    assert "penalty: mu1 ~ Normal(0, 2)" in good(
+        "fit", "one.csv", "-o", "narrow_fit.csv", "--replicates", 20, *under, *ONE, cwd=folder
+    )
     assert set(pd.read_csv(folder / "narrow_fit.csv").penalty) == {"mu1 ~ Normal(0, 2)"}
 
 
 def test_a_preset_is_a_word_and_a_file_of_that_name_has_a_path(folder):
     (folder / "default").write_text("mu1_sd = 7.0\n", encoding="utf-8")
-    said = [good("check", "study.csv", "--prior", given, cwd=folder) for given in ("paper", "default", "./default")]
+    said = [
+        good("check", "study.csv", "--prior", given, cwd=folder)
+        for given in ("paper", "default", "./default")
+    ]
     assert "mu1 ~ Normal(0, 10)" in said[0]
     assert "mu1 ~ Normal(M, 2.5 R), width ~ LogNormal(D, 1)" in " ".join(said[1].split())
     assert "mu1 ~ Normal(0, 7)" in said[2]
 
 
-@pytest.mark.parametrize("command", ["run", "sample", "evidence", "fit", "figures", "sensitivity", "check", "simulate"])
+@pytest.mark.parametrize(
+    "command", ["run", "sample", "evidence", "fit", "figures", "sensitivity", "check", "simulate"]
+)
 def test_a_bad_prior_file_is_one_line_for_every_command(folder, command):
     (folder / "bad.toml").write_text("mu1_sd = -1\n", encoding="utf-8")
-    words = (*(() if command == "simulate" else ("study.csv",)), *(() if command == "check" else ("-o", "bad.csv")))
+    words = (
+        *(() if command == "simulate" else ("study.csv",)),
+        *(() if command == "check" else ("-o", "bad.csv")),
+    )
     said = "error: bad.toml: key mu1_sd: found -1, allowed: a number from 1e-100 to 1e+100 or 'stimuli'\n"
     assert refused(command, *words, "--prior", "bad.toml", cwd=folder) == said
 
@@ -356,9 +619,21 @@ def test_a_bad_prior_file_is_one_line_for_every_command(folder, command):
 def test_simulate_draws_its_population_from_a_prior_file(folder):
     (folder / "near.toml").write_text("mu1_mean = 5.0\nmu1_sd = 0.1\n", encoding="utf-8")
     args = ("--subjects", 20, "--batches", 1, "--seed", 1, "--prior", "near.toml")
-    good("simulate", "-o", "made.csv", "--truth", "made_truth.csv", "--population", "prior", *args, cwd=folder)
+    good(
+        "simulate",
+        "-o",
+        "made.csv",
+        "--truth",
+        "made_truth.csv",
+        "--population",
+        "prior",
+        *args,
+        cwd=folder,
+    )
     assert abs(pd.read_csv(folder / "made_truth.csv").mu1 - 5.0).max() < 0.5
-    assert "allowed: with --population prior" in refused("simulate", "-o", "other.csv", *args, cwd=folder)
+    assert "allowed: with --population prior" in refused(
+        "simulate", "-o", "other.csv", *args, cwd=folder
+    )
 
 
 # --- the program itself ------------------------------------------------------------------------------------------------------------
@@ -377,12 +652,27 @@ LARGE = {"pandas", "xarray", "arviz", "arviz_stats", "emcee", "joblib", "matplot
     [
         ("import bayes_toe", {*LARGE, "scipy", "numpy"}),
         ("import bayes_toe.cli.app", {*LARGE, "scipy"}),
-        ("from bayes_toe.cli.app import app; app(['--help'], standalone_mode=False)", {*LARGE, "scipy"}),
-        ("from bayes_toe.cli.app import app; app(['population', '--help'], standalone_mode=False)", {*LARGE, "scipy"}),
-        ("from bayes_toe.cli.app import app; app(['check', 'study.csv'], standalone_mode=False)", LARGE),
+        (
+            "from bayes_toe.cli.app import app; app(['--help'], standalone_mode=False)",
+            {*LARGE, "scipy"},
+        ),
+        (
+            "from bayes_toe.cli.app import app; app(['population', '--help'], standalone_mode=False)",
+            {*LARGE, "scipy"},
+        ),
+        (
+            "from bayes_toe.cli.app import app; app(['check', 'study.csv'], standalone_mode=False)",
+            LARGE,
+        ),
     ],
 )
 def test_a_quick_command_loads_no_large_library(study_csv, code, libraries):
     said = f"{code}; import sys; print([*{libraries} & {{*sys.modules}}])"
-    done = subprocess.run([sys.executable, "-c", said], capture_output=True, text=True, check=True, cwd=study_csv.parent)
+    done = subprocess.run(
+        [sys.executable, "-c", said],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=study_csv.parent,
+    )
     assert done.stdout.splitlines()[-1] == "[]"

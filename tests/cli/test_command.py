@@ -17,7 +17,18 @@ from bayes_toe.cli.options import StudyFile
 from bayes_toe.cli.task import Takes, Task, as_command
 from bayes_toe.errors import InputError
 
-SHARED = ["seed", "draws", "processes", "engine", "scheduler", "prior", "spreadsheet_safe", "resume", "overwrite", "quiet"]
+SHARED = [
+    "seed",
+    "draws",
+    "processes",
+    "engine",
+    "scheduler",
+    "prior",
+    "spreadsheet_safe",
+    "resume",
+    "overwrite",
+    "quiet",
+]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,27 +50,42 @@ def names(function):
 def test_a_record_becomes_its_fields_a_task_those_that_are_taken_and_both_come_back_whole():
     received = []
 
-    def bake(*, flour: Annotated[int, typer.Option("--flour")] = 1, recipe: Recipe, task: Annotated[Task, Takes("seed", draws=7)]):
+    def bake(
+        *,
+        flour: Annotated[int, typer.Option("--flour")] = 1,
+        recipe: Recipe,
+        task: Annotated[Task, Takes("seed", draws=7)],
+    ):
         received.append((flour, recipe, task))
 
     assert names(bake) == ["flour", "sugar", "bowl", "seed", "draws", "quiet"]
     assert program(bake)("--flour", 2, "--sugar", 5, "--bowl", "here", "-q").exit_code == 0
-    assert received == [(2, Recipe(sugar=5, bowl=Path("here")), Task(quiet=True, draws=7, inputs=(Path("here"),)))]
+    assert received == [
+        (2, Recipe(sugar=5, bowl=Path("here")), Task(quiet=True, draws=7, inputs=(Path("here"),)))
+    ]
 
 
 def test_the_files_that_are_read_are_told():
     received = []
 
-    def read(*, study: StudyFile, output: Annotated[Path, typer.Option("-o")], task: Annotated[Task, Takes()]):
+    def read(
+        *,
+        study: StudyFile,
+        output: Annotated[Path, typer.Option("-o")],
+        task: Annotated[Task, Takes()],
+    ):
         received.append(task.inputs)
 
     assert program(read)("a.csv", "b.csv", "-o", "c.csv").exit_code == 0
     assert received == [(Path("a.csv"), Path("b.csv"))]
-    assert "Missing argument" in program(read)("-o", "c.csv").output  # a field without a default is required
+    assert (
+        "Missing argument" in program(read)("-o", "c.csv").output
+    )  # a field without a default is required
 
 
 @pytest.mark.parametrize(
-    ("error", "code", "said"), [(InputError("row 2\nrow 5"), 2, "error: row 2\nerror: row 5\n"), (ZeroDivisionError(), 1, "")]
+    ("error", "code", "said"),
+    [(InputError("row 2\nrow 5"), 2, "error: row 2\nerror: row 5\n"), (ZeroDivisionError(), 1, "")],
 )
 def test_problems_are_lines_and_a_code_and_a_bug_shows_itself(error, code, said):
     def fail(*, task: Annotated[Task, Takes()]):
@@ -70,7 +96,11 @@ def test_problems_are_lines_and_a_code_and_a_bug_shows_itself(error, code, said)
     assert said or done.exception is error
 
 
-@pytest.mark.parametrize("function", [one for commands in COMMANDS.values() for one in commands], ids=lambda function: function.__name__)
+@pytest.mark.parametrize(
+    "function",
+    [one for commands in COMMANDS.values() for one in commands],
+    ids=lambda function: function.__name__,
+)
 def test_every_command_lists_shared_options_last_in_one_order_and_its_help_has_every_word(function):
     found = names(function)
     shared = [name for name in SHARED if name in found]
@@ -87,12 +117,22 @@ def test_every_command_lists_shared_options_last_in_one_order_and_its_help_has_e
 
 def test_help_begins_with_the_way_from_answers_to_a_paper_and_has_rare_options_apart():
     said = inside("--help").stdout
-    first, more = (re.findall(r"^│ (\w+)  ", part, re.MULTILINE) for part in said.partition("From answers to a paper")[2].split("More"))
+    first, more = (
+        re.findall(r"^│ (\w+)  ", part, re.MULTILINE)
+        for part in said.partition("From answers to a paper")[2].split("More")
+    )
     assert first == ["check", "run", "compare", "explore", "methods"]
-    assert sorted(first + more) == sorted(one.__name__ for commands in COMMANDS.values() for one in commands)
+    assert sorted(first + more) == sorted(
+        one.__name__ for commands in COMMANDS.values() for one in commands
+    )
     usual, rare = inside("run", "--help").stdout.split("Advanced")
-    assert all(f"{name} " in usual for name in ("--output", "--turn", "--leave-out", "--prior", "--seed", "--workers"))
-    assert all(f"{name} " in rare for name in ("--engine", "--scheduler", "--spreadsheet-safe", "--store"))
+    assert all(
+        f"{name} " in usual
+        for name in ("--output", "--turn", "--leave-out", "--prior", "--seed", "--workers")
+    )
+    assert all(
+        f"{name} " in rare for name in ("--engine", "--scheduler", "--spreadsheet-safe", "--store")
+    )
 
 
 def test_the_sections_of_a_hyperprior_are_named_by_help():

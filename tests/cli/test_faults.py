@@ -40,8 +40,22 @@ def without_the_first(monkeypatch):
     monkeypatch.setattr("bayes_toe.kept.run_jobs", some)
 
 
-def test_a_subject_whose_workers_die_is_marked_and_the_study_goes_on(folder, without_the_first, three_models, blank_pictures):
-    done = inside("run", "study.csv", "-o", "out", "--draws", 100, "--pictures", "none", "--seed", 1, cwd=folder)
+def test_a_subject_whose_workers_die_is_marked_and_the_study_goes_on(
+    folder, without_the_first, three_models, blank_pictures
+):
+    done = inside(
+        "run",
+        "study.csv",
+        "-o",
+        "out",
+        "--draws",
+        100,
+        "--pictures",
+        "none",
+        "--seed",
+        1,
+        cwd=folder,
+    )
     assert (done.returncode, done.stderr) == (3, "")
     assert f"left out A: {FATAL}" in done.stdout
     table = pd.read_csv(folder / "out" / "evidence.csv", dtype=str)
@@ -57,7 +71,18 @@ def test_a_subject_whose_workers_die_is_marked_and_the_study_goes_on(folder, wit
 
 def test_a_comparison_has_an_empty_row_with_a_note(folder, without_the_first):
     models = ("--model", "symmetric", "--model", "free frequencies")
-    done = inside("compare", "study.csv", "-o", "compare.csv", *models, "--draws", 100, "--seed", 1, cwd=folder)
+    done = inside(
+        "compare",
+        "study.csv",
+        "-o",
+        "compare.csv",
+        *models,
+        "--draws",
+        100,
+        "--seed",
+        1,
+        cwd=folder,
+    )
     assert (done.returncode, done.stderr) == (3, "")
     assert f"left out A (free frequencies): {FATAL}" in done.stdout
     rows = pd.read_csv(folder / "compare.csv").set_index(["subject", "model"])
@@ -68,7 +93,11 @@ def test_a_comparison_has_an_empty_row_with_a_note(folder, without_the_first):
 
 def listening(running):
     """Whether a command would hear SIGTERM."""
-    caught = next(line for line in Path(f"/proc/{running.pid}/status").read_text().splitlines() if line.startswith("SigCgt"))
+    caught = next(
+        line
+        for line in Path(f"/proc/{running.pid}/status").read_text().splitlines()
+        if line.startswith("SigCgt")
+    )
     return int(caught.split()[1], 16) >> (signal.SIGTERM - 1) & 1
 
 
@@ -79,9 +108,24 @@ def sampling(running):
 @pytest.fixture
 def running(folder):
     """A command at work, whose results are never there in time, and whose processes are gone in the end."""
-    asked = {signal.SIGINT: signal.default_int_handler, signal.SIGHUP: signal.SIG_DFL}  # not ignored, as in the background or by nohup
+    asked = {
+        signal.SIGINT: signal.default_int_handler,
+        signal.SIGHUP: signal.SIG_DFL,
+    }  # not ignored, as in the background or by nohup
     before = {number: signal.signal(number, action) for number, action in asked.items()}
-    yield start("run", "study.csv", "-o", "out", "--seed", "1", "--workers", "2", "--draws", "100", cwd=folder)
+    yield start(
+        "run",
+        "study.csv",
+        "-o",
+        "out",
+        "--seed",
+        "1",
+        "--workers",
+        "2",
+        "--draws",
+        "100",
+        cwd=folder,
+    )
     for number, action in before.items():
         signal.signal(number, action)
 
@@ -92,10 +136,16 @@ def running(folder):
         (os.kill, signal.SIGINT, listening),
         (os.kill, signal.SIGHUP, listening),
         (os.kill, signal.SIGTERM, sampling),
-        (os.killpg, signal.SIGINT, sampling),  # of a terminal to all processes, of which one answers
+        (
+            os.killpg,
+            signal.SIGINT,
+            sampling,
+        ),  # of a terminal to all processes, of which one answers
     ],
 )
-def test_a_signal_ends_a_command_with_one_line_and_leaves_what_is_finished(folder, running, send, number, when):
+def test_a_signal_ends_a_command_with_one_line_and_leaves_what_is_finished(
+    folder, running, send, number, when
+):
     until(lambda: when(running), running)
     try:
         send(running.pid, number)
@@ -106,14 +156,22 @@ def test_a_signal_ends_a_command_with_one_line_and_leaves_what_is_finished(folde
             os.kill(pid, signal.SIGKILL)
     kept = len(list(folder.glob("out.partial/*.kept")))
     assert kept < 2, errors
-    left = f"{kept} of 2 subjects kept in out.partial, go on with --resume" if kept else "nothing written"
+    left = (
+        f"{kept} of 2 subjects kept in out.partial, go on with --resume"
+        if kept
+        else "nothing written"
+    )
     assert errors == f"stopped by {number.name}: {left}\n"
     assert running.returncode == 128 + number
-    assert sorted(path.name for path in folder.iterdir()) == (["out.partial", "study.csv"] if kept else ["study.csv"])
+    assert sorted(path.name for path in folder.iterdir()) == (
+        ["out.partial", "study.csv"] if kept else ["study.csv"]
+    )
 
 
 def test_what_a_killed_command_leaves_is_swept(tmp_path):
-    bt.sample(known_observers("ABCD"), model="symmetric", draws=20, seed=1, workers=1).save(tmp_path / "posterior.nc")
+    bt.sample(known_observers("ABCD"), model="symmetric", draws=20, seed=1, workers=1).save(
+        tmp_path / "posterior.nc"
+    )
     drawing = start("corner", "posterior.nc", "-o", "out", "--workers", "1", cwd=tmp_path)
     until(lambda: any(tmp_path.glob(f"{HIDDEN}*/*.png")), drawing)
     drawing.kill()
@@ -153,7 +211,9 @@ def test_a_command_that_is_killed_and_resumed_is_as_one_that_was_not(four):
 
 
 def test_a_group_goes_on_with_the_subjects_that_were_done_before_it_was_killed(four, monkeypatch):
-    monkeypatch.setattr("bayes_toe.groups.population.sample_group", drawn)  # the one that is killed comes never as far
+    monkeypatch.setattr(
+        "bayes_toe.groups.population.sample_group", drawn
+    )  # the one that is killed comes never as far
     grouped_csv(four / "study.csv", known_observers("ABC"))
     options = ("--model", "symmetric", "--seed", "1", "--draws", "10", "--workers", "1")
     killed(four, "population", "study.csv", "-o", "group.nc", "--resume", *options, kept=2)
@@ -171,7 +231,9 @@ def test_what_was_kept_is_thrown_away_where_that_is_asked_for(four, three_models
     (four / "evidence.csv.partial").mkdir()
     (four / "evidence.csv.partial" / "0.kept").write_text("of another time")
     options = ("evidence", "study.csv", "-o", "evidence.csv", "--seed", "1", "--workers", "1")
-    assert "evidence.csv.partial: found 1 results of a stopped command" in refused(*options, cwd=four)
+    assert "evidence.csv.partial: found 1 results of a stopped command" in refused(
+        *options, cwd=four
+    )
     good(*options, "--overwrite", cwd=four)
     assert sorted(path.name for path in four.iterdir()) == ["evidence.csv", "study.csv"]
 
@@ -208,7 +270,9 @@ def test_a_signal_that_is_ignored_on_purpose_goes_on_being_ignored():
     assert subprocess.run([sys.executable, "-c", UNDER_NOHUP], timeout=60).returncode == 0
 
 
-def test_what_has_its_name_already_is_known_and_what_is_inside_an_unfinished_folder_is_not(tmp_path):
+def test_what_has_its_name_already_is_known_and_what_is_inside_an_unfinished_folder_is_not(
+    tmp_path,
+):
     del finished[:]
     with unfinished(tmp_path) as inside, whole_file(inside / "a.csv") as path:
         path.touch()

@@ -19,7 +19,14 @@ from bayes_toe.comparison.verdict import Doubt
 from bayes_toe.comparison.words import compared
 from bayes_toe.inference.draws import Draws
 
-FILES = {"m.md", "m.bib", "m_parameters.csv", "m_parameters.tex", "m_order_effect.csv", "m_order_effect.tex"}
+FILES = {
+    "m.md",
+    "m.bib",
+    "m_parameters.csv",
+    "m_parameters.tex",
+    "m_order_effect.csv",
+    "m_order_effect.tex",
+}
 
 MODELS = ("free frequencies", "symmetric", "constant bias", "free weighting")
 
@@ -55,7 +62,10 @@ def with_stats(draws, **changes):
     for name, value in changes.items():
         values = stats[name].values.astype(object)
         values[0] = value
-        stats[name] = (stats[name].dims, values.astype(str if isinstance(value, str) else stats[name].dtype))
+        stats[name] = (
+            stats[name].dims,
+            values.astype(str if isinstance(value, str) else stats[name].dtype),
+        )
     tree["sample_stats"] = stats
     return Draws(tree)
 
@@ -95,18 +105,28 @@ def test_run_writes_what_the_command_does(results, analysis, tmp_path):
     assert joined(tmp_path / "m.md") == document(results)[0]
 
 
-def test_one_subject_under_the_default_prior_after_something_was_done_to_the_data(three_models, small_study, tmp_path):
-    study = replace(small_study.select(["A"]), notes=("trial rows", "3 trials without a response dropped: A 3"))
+def test_one_subject_under_the_default_prior_after_something_was_done_to_the_data(
+    three_models, small_study, tmp_path
+):
+    study = replace(
+        small_study.select(["A"]), notes=("trial rows", "3 trials without a response dropped: A 3")
+    )
     one = bt.run(study, draws=200, seed=1, workers=1)
     write_text(of_analysis(one, None, figures=False), tmp_path / "m.md")
     text = joined(tmp_path / "m.md")
     assert r"prior mean $\mu_1 \sim$ Normal(M, 2.5 R); width $w \sim$ LogNormal(D, 1)" in text
-    assert "D the root mean square of the difference over pairs of different stimuli (here M = " in text
+    assert (
+        "D the root mean square of the difference over pairs of different stimuli (here M = "
+        in text
+    )
     assert "1 subject gave 650 judgements of pairs" in text
     assert "Before the analysis: 3 trials without a response dropped: A 3." in text
     assert "**Order effect.** A " in text
     assert "For a new subject" not in text
-    assert f"log Bayes factor of H1 against H0 is {one.evidence.rows[0].log_bayes_factor:.1f} by" in text
+    assert (
+        f"log Bayes factor of H1 against H0 is {one.evidence.rows[0].log_bayes_factor:.1f} by"
+        in text
+    )
 
 
 def test_citations_are_those_of_the_text(results, tmp_path):
@@ -117,14 +137,20 @@ def test_citations_are_those_of_the_text(results, tmp_path):
         text, _ = document(tmp_path)
         entries = (tmp_path / "text" / "m.bib").read_text(encoding="utf-8")
         keys = {*re.findall(r"^@\w+\{(\w+),", entries, flags=re.MULTILINE)}
-        assert keys == {*re.findall(r"@(\w+)", text)} >= {"avetta2026", "emcee", "arviz", "numpy", "scipy"} | figures
+        assert (
+            keys
+            == {*re.findall(r"@(\w+)", text)}
+            >= {"avetta2026", "emcee", "arviz", "numpy", "scipy"} | figures
+        )
         assert keys & {"corner", "matplotlib"} == figures
         assert f"Version {bt.__version__}" in entries
 
 
 def test_tables_have_the_numbers_of_the_files(results, analysis):
     document(results)
-    parameters, order = (pd.read_csv(results / "text" / f"m_{name}.csv") for name in ("parameters", "order_effect"))
+    parameters, order = (
+        pd.read_csv(results / "text" / f"m_{name}.csv") for name in ("parameters", "order_effect")
+    )
     summary = analysis.draws.summary().set_index(["subject", "parameter"])
     for row in parameters.itertuples():
         for key in ("mu1", "sigma_p", "sigma_l", "q0", "gain"):
@@ -137,15 +163,27 @@ def test_tables_have_the_numbers_of_the_files(results, analysis):
 
 
 def test_what_did_not_converge_or_fit_is_said(results, analysis, tmp_path):
-    wrong = with_stats(analysis.draws, converged=0, shortfall="12 effective draws of mu1", predictive_p=0.001, min_ess=12.0)
+    wrong = with_stats(
+        analysis.draws,
+        converged=0,
+        shortfall="12 effective draws of mu1",
+        predictive_p=0.001,
+        min_ess=12.0,
+    )
     wrong.tree.attrs["failed"] = '{"D": "its process was killed"}'
     wrong.save(tmp_path / "posterior.nc")
     first, *others = analysis.evidence.rows
     misfit = replace(first.verdict.best_fit, p_overall=0.0)
     first = replace(
-        first, log_evidence_h1=None, verdict=replace(first.verdict, best_fit=misfit, data=(Doubt("swapped blocks", "--turn A:2"),))
+        first,
+        log_evidence_h1=None,
+        verdict=replace(
+            first.verdict, best_fit=misfit, data=(Doubt("swapped blocks", "--turn A:2"),)
+        ),
     )
-    replace(analysis.evidence, rows=(first, *others), failed={"D": "killed"}).save(tmp_path / "evidence.csv")
+    replace(analysis.evidence, rows=(first, *others), failed={"D": "killed"}).save(
+        tmp_path / "evidence.csv"
+    )
     text, _ = document(tmp_path)
     said = [
         "effective sample sizes of 12 and more (smallest: A)",
@@ -159,7 +197,11 @@ def test_what_did_not_converge_or_fit_is_said(results, analysis, tmp_path):
     assert [one for one in said if one not in text] == []
     assert "met these criteria" not in text
     assert re.search(r"\| A \| 650 \|.*\| not described \| swapped blocks \|", text)
-    assert pd.read_csv(tmp_path / "text" / "m_parameters.csv").converged.tolist() == ["no", "yes", "yes"]
+    assert pd.read_csv(tmp_path / "text" / "m_parameters.csv").converged.tolist() == [
+        "no",
+        "yes",
+        "yes",
+    ]
 
 
 def test_draws_alone_of_another_model(small_study, tmp_path):
@@ -192,12 +234,22 @@ def test_a_group_is_told_of_where_its_draws_are(results, small_study, tmp_path):
     rows = pd.read_csv(tmp_path / "text" / "m_population.csv")
     assert np.array_equal(rows["q50"], found.summary()["q50"])
     table = (tmp_path / "text" / "m_population.tex").read_text(encoding="utf-8")
-    said = [row.of_none for row in found.table.some("mean") if row.parameter in ("pull", "constant error")]
+    said = [
+        row.of_none
+        for row in found.table.some("mean")
+        if row.parameter in ("pull", "constant error")
+    ]
     assert "BF of none" in table
-    assert [one for one in said if f"& {one.replace('<', chr(92) + 'textless{}')} &" not in table] == []
-    other = bt.Study([*small_study.subjects[:2], replace(small_study["C"], n_yes=small_study["C"].n_yes - 1)])
+    assert [
+        one for one in said if f"& {one.replace('<', chr(92) + 'textless{}')} &" not in table
+    ] == []
+    other = bt.Study(
+        [*small_study.subjects[:2], replace(small_study["C"], n_yes=small_study["C"].n_yes - 1)]
+    )
     made_up(other).save(tmp_path / "population.nc", overwrite=True)
-    assert "population.nc: found other answers than the draws have of C" in refused("methods", ".", "-o", "n.md", cwd=tmp_path)
+    assert "population.nc: found other answers than the draws have of C" in refused(
+        "methods", ".", "-o", "n.md", cwd=tmp_path
+    )
 
 
 @pytest.fixture(scope="module")
@@ -213,7 +265,10 @@ def test_a_comparison_is_told_of(results, comparison, tmp_path):
     folder, found = comparison
     assert "Comparison of models" not in document(results)[0]
     text, _ = document(results, "--compare", folder)
-    (order,), best = found.parts, Counter(row.model for row, _ in found.best_compositions().values())
+    (order,), best = (
+        found.parts,
+        Counter(row.model for row, _ in found.best_compositions().values()),
+    )
     said = [
         "3 models (symmetric, constant bias, free weighting) and free frequencies (H0) were compared",
         "with further priors `gain ~ Uniform(0, 2)`",
@@ -228,7 +283,9 @@ def test_a_comparison_is_told_of(results, comparison, tmp_path):
     frame.to_csv(tmp_path / "compare.csv", index=False)
     text, _ = document(tmp_path)  # beside the draws it is found
     assert "Some evidence was withheld for A." in text
-    shares = ", ".join(f"P({level}) {compared(p)}" for level, p in zip(order.levels, order.study, strict=True))
+    shares = ", ".join(
+        f"P({level}) {compared(p)}" for level, p in zip(order.levels, order.study, strict=True)
+    )
     assert f"[@penny2010]: order, {shares}." in text
 
 
@@ -236,15 +293,32 @@ def test_a_comparison_is_told_of(results, comparison, tmp_path):
     ("name", "old", "new", "said"),
     [
         ("evidence.csv", "D/2", "D/3", "evidence.csv, column prior: found 'mu1 ~ Normal(0, 10)"),
-        ("evidence.csv", "(A,.*,13,650,[^,]*,[^,]*),-", r"\1,-1", "evidence.csv: found other answers than the draws have of 'A'"),
+        (
+            "evidence.csv",
+            "(A,.*,13,650,[^,]*,[^,]*),-",
+            r"\1,-1",
+            "evidence.csv: found other answers than the draws have of 'A'",
+        ),
         ("evidence.csv", "p_none", "none", "evidence.csv: row 1, column p_none: missing, found"),
         ("compare.csv", "D/2", "D/3", "compare.csv, column prior: found"),
-        ("compare.csv", "A,free frequencies,13,-", "A,free frequencies,13,-1", "found other answers than the draws have of 'A'"),
-        ("compare.csv", "C,", "D,", "compare.csv: found other subjects than the draws have, 'C', 'D'"),
+        (
+            "compare.csv",
+            "A,free frequencies,13,-",
+            "A,free frequencies,13,-1",
+            "found other answers than the draws have of 'A'",
+        ),
+        (
+            "compare.csv",
+            "C,",
+            "D,",
+            "compare.csv: found other subjects than the draws have, 'C', 'D'",
+        ),
         ("compare.csv", "C,symmetric", "C,other", "other"),
     ],
 )
-def test_a_table_of_another_analysis_is_one_line(results, comparison, tmp_path, name, old, new, said):
+def test_a_table_of_another_analysis_is_one_line(
+    results, comparison, tmp_path, name, old, new, said
+):
     copied(results, tmp_path, *comparison[0].iterdir())
     text = (tmp_path / name).read_text(encoding="utf-8")
     assert re.search(old, text)
@@ -254,7 +328,9 @@ def test_a_table_of_another_analysis_is_one_line(results, comparison, tmp_path, 
 
 def test_other_refusals_are_one_line(results, tmp_path):
     copied(results, tmp_path)
-    assert "m.txt: found the ending '.txt', allowed: .md, .tex" in refused("methods", ".", "-o", "m.txt", cwd=tmp_path)
+    assert "m.txt: found the ending '.txt', allowed: .md, .tex" in refused(
+        "methods", ".", "-o", "m.txt", cwd=tmp_path
+    )
     (tmp_path / "m.bib").write_text("mine")
     assert "m.bib: exists" in refused("methods", ".", "-o", "m.md", cwd=tmp_path)
     (tmp_path / "posterior.nc").unlink()
@@ -267,7 +343,10 @@ def test_other_refusals_are_one_line(results, tmp_path):
 
 def test_no_name_is_read_as_markup():
     name = r"a_b & 5%$#{}~^\|<i>[x](y)*"
-    latex, markdown = (templates(language).from_string("{{ name }}").render(name=name) for language in ("tex", "md"))
+    latex, markdown = (
+        templates(language).from_string("{{ name }}").render(name=name)
+        for language in ("tex", "md")
+    )
     left = re.sub(r"\\(text\w+\{\}|[&%$#_{}])", "", latex)
     assert not re.search(r"[&%$#_{}~^\\|<>]", left)
     assert re.sub(r"\\(.)", r"\1", markdown) == name
@@ -275,7 +354,11 @@ def test_no_name_is_read_as_markup():
 
 
 def test_a_row_that_begins_with_a_bracket_is_none_of_the_line_break_before_it():
-    table = templates("tex").globals["m"].table(["subject", "x"], [["a", "1"], ["[b", "2"], ["*c", "3"]], "caption", "t")
+    table = (
+        templates("tex")
+        .globals["m"]
+        .table(["subject", "x"], [["a", "1"], ["[b", "2"], ["*c", "3"]], "caption", "t")
+    )
     assert not re.search(r"\\\\\s*[\[*]", table)
     assert table.count("{") == table.count("}")
 

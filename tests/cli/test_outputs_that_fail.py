@@ -17,12 +17,21 @@ from bayes_toe.errors import OutputError
 def place(tmp_path_factory):
     """A folder with a study of one subject."""
     folder = tmp_path_factory.mktemp("place")
-    assert inside("simulate", "-o", folder / "study.csv", "--subjects", 1, "--seed", 1, "-q").returncode == 0
+    assert (
+        inside(
+            "simulate", "-o", folder / "study.csv", "--subjects", 1, "--seed", 1, "-q"
+        ).returncode
+        == 0
+    )
     return folder
 
 
 def content(folder):
-    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    return {
+        path.relative_to(folder).as_posix(): path.read_bytes()
+        for path in folder.rglob("*")
+        if path.is_file()
+    }
 
 
 def one_line(done):
@@ -34,20 +43,45 @@ def one_line(done):
 
 def shell(ending, *words, **options):
     """A command with some of its streams elsewhere."""
-    return subprocess.run(["sh", "-c", f'"$@" {ending}', "sh", *PROGRAM, *map(str, words)], capture_output=True, text=True, **options)
+    return subprocess.run(
+        ["sh", "-c", f'"$@" {ending}', "sh", *PROGRAM, *map(str, words)],
+        capture_output=True,
+        text=True,
+        **options,
+    )
 
 
-@pytest.mark.parametrize(("command", "name"), [("sample", "posterior.nc.partial"), ("run", "out.partial")])
+@pytest.mark.parametrize(
+    ("command", "name"), [("sample", "posterior.nc.partial"), ("run", "out.partial")]
+)
 def test_a_full_disk_is_one_line_and_leaves_what_was_there(place, tmp_path, command, name):
     limit = 100_000  # of a file, in bytes
     out = tmp_path / "out"
     out.mkdir()
     (out / "posterior.nc").write_text("old")
     output = out / "posterior.nc" if command == "sample" else out
-    words = [command, place / "study.csv", "-o", output, "--draws", 100, "--seed", 1, "--workers", 1, "--overwrite", "-q"]
+    words = [
+        command,
+        place / "study.csv",
+        "-o",
+        output,
+        "--draws",
+        100,
+        "--seed",
+        1,
+        "--workers",
+        1,
+        "--overwrite",
+        "-q",
+    ]
     full = partial(resource.setrlimit, resource.RLIMIT_FSIZE, (limit, limit))
-    whole = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1"}  # Python would leave libraries half compiled
-    done = subprocess.run([*PROGRAM, *map(str, words)], capture_output=True, text=True, preexec_fn=full, env=whole)
+    whole = {
+        **os.environ,
+        "PYTHONDONTWRITEBYTECODE": "1",
+    }  # Python would leave libraries half compiled
+    done = subprocess.run(
+        [*PROGRAM, *map(str, words)], capture_output=True, text=True, preexec_fn=full, env=whole
+    )
     assert f"{name}: cannot be written (File too large)" in one_line(done)
     assert ".bayes_toe" not in done.stderr
     assert content(out) == {"posterior.nc": b"old"}
@@ -63,7 +97,9 @@ def test_what_will_not_fit_is_known_before_the_work(place, tmp_path, monkeypatch
     assert list(tmp_path.iterdir()) == []
 
 
-def test_an_output_folder_that_is_deleted_meanwhile_is_no_success(place, tmp_path, monkeypatch, three_models, blank_pictures):
+def test_an_output_folder_that_is_deleted_meanwhile_is_no_success(
+    place, tmp_path, monkeypatch, three_models, blank_pictures
+):
     from bayes_toe.cli import results_folder
 
     out, write = tmp_path / "out", results_folder.write_report
@@ -73,7 +109,20 @@ def test_an_output_folder_that_is_deleted_meanwhile_is_no_success(place, tmp_pat
         shutil.rmtree(out)
         write(*given)
 
-    words = ("run", place / "study.csv", "-o", out, "--draws", 100, "--seed", 1, "--workers", 1, "--pictures", "none")
+    words = (
+        "run",
+        place / "study.csv",
+        "-o",
+        out,
+        "--draws",
+        100,
+        "--seed",
+        1,
+        "--workers",
+        1,
+        "--pictures",
+        "none",
+    )
     monkeypatch.setattr(results_folder, "write_report", deleted)
     done = inside(*words)
     assert "cannot be written" in one_line(done)
@@ -93,8 +142,13 @@ def test_an_output_folder_that_is_deleted_meanwhile_is_no_success(place, tmp_pat
 
 def test_what_is_kept_already_needs_no_more_room(place, tmp_path, monkeypatch):
     words = ("sample", place / "study.csv", "-o", tmp_path / "out.nc", "--resume", "-q")
-    monkeypatch.setattr(shutil, "disk_usage", lambda path: shutil._ntuple_diskusage(10**5, 0, 10**5))
-    monkeypatch.setattr("bayes_toe.analysis._survivors", lambda *_: (_ for _ in ()).throw(OutputError("the work began")))
+    monkeypatch.setattr(
+        shutil, "disk_usage", lambda path: shutil._ntuple_diskusage(10**5, 0, 10**5)
+    )
+    monkeypatch.setattr(
+        "bayes_toe.analysis._survivors",
+        lambda *_: (_ for _ in ()).throw(OutputError("the work began")),
+    )
     assert "MB are needed, " in one_line(inside(*words))
     kept = tmp_path / "out.nc.partial" / "0.kept"
     kept.parent.mkdir()
@@ -124,10 +178,24 @@ def test_closed_and_full_streams(place, tmp_path):
 
 def test_a_plain_environment_without_a_home_and_a_temporary_folder(place, tmp_path):
     """Libraries that keep a cache at home end in a traceback there, or leave a folder ~ where the command was called."""
-    plain = {"LC_ALL": "C", "PYTHONIOENCODING": "ascii", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    plain = {
+        "LC_ALL": "C",
+        "PYTHONIOENCODING": "ascii",
+        "PYTHONUTF8": "0",
+        "PYTHONCOERCECLOCALE": "0",
+    }
     nowhere = str(place / "study.csv" / "home")
     grouped_csv(tmp_path / "study.csv", few_pairs(["\xe9"]))
-    words = ("sensitivity", "study.csv", "-o", "a.csv", "--steps", 3, "--workers", 1)  # which draws a figure
+    words = (
+        "sensitivity",
+        "study.csv",
+        "-o",
+        "a.csv",
+        "--steps",
+        3,
+        "--workers",
+        1,
+    )  # which draws a figure
     done = call(*words, cwd=tmp_path, **plain, HOME=nowhere, TMPDIR=nowhere)
     assert (done.returncode, done.stderr) == (0, "")
     assert r"\xe9" in done.stdout  # a letter that ASCII lacks

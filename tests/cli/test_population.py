@@ -44,11 +44,16 @@ def done(folder):
 
 def test_files_and_answer(done, folder):
     assert sorted(path.name for path in folder.glob("group*")) == [*FILES]
-    said = [line for line in done.splitlines() if line.startswith(("order", "site 2 - 1: asymmetry"))]
+    said = [
+        line for line in done.splitlines() if line.startswith(("order", "site 2 - 1: asymmetry"))
+    ]
     assert len(said) == 2
     number = r"-?[\d.]+"
     of_each = rf"{number} \({number}, {number}\), Bayes factor of none {number}, sd between subjects {number}"
-    assert re.search(rf"\(site 1, age mean\): .* on average.* \(P of none .*; Bayes factor of none {number}; pull {of_each}", said[0])
+    assert re.search(
+        rf"\(site 1, age mean\): .* on average.* \(P of none .*; Bayes factor of none {number}; pull {of_each}",
+        said[0],
+    )
     assert re.search(rf"; constant error {of_each}\); 5 subjects, the model ", said[0])
     assert re.search(r"│ site 2 +│ +probit\(gain/2\) │.*(no|a) difference │", done)
     assert "probit(gain/2): mean ~ Normal(0, 0.4), sd between subjects ~ HalfNormal(0.5)" in done
@@ -58,9 +63,17 @@ def test_files_and_answer(done, folder):
 
 def test_files_are_those_of_the_population(done, folder):
     found = bt.load(folder / "group.nc")
-    assert (found.study.names, dict(found.left_out), found.converged) == (tuple(MEMBERS), {"I": "no age"}, True)
+    assert (found.study.names, dict(found.left_out), found.converged) == (
+        tuple(MEMBERS),
+        {"I": "no age"},
+        True,
+    )
     assert found.settings.hyperprior.as_dict()["gain"]["sd_scale"] == 0.5
-    table = pd.read_csv(folder / "group.csv", keep_default_na=False, na_values={name: "" for name in ("bf_below", "bf_error")})
+    table = pd.read_csv(
+        folder / "group.csv",
+        keep_default_na=False,
+        na_values={name: "" for name in ("bf_below", "bf_error")},
+    )
     assert np.array_equal(table["mean"], found.summary()["mean"])
     assert (table.level[table.quantity == "effect"].unique() == ["site 2", "age"]).all()
     assert pd.read_csv(folder / "group_subjects.csv").subject.unique().tolist() == list(MEMBERS)
@@ -74,9 +87,15 @@ def test_files_are_those_of_the_population(done, folder):
         (("--population", "cauchy"), "population 'cauchy': allowed: normal, t"),
         (("--model", "free frequencies"), "allowed"),
         (("--hyperprior", "none.toml"), "none.toml: no such file"),
-        (("--covariates", "people.csv", "--categorical", "size"), "categorical: found 'size', allowed: 'site', 'age'"),
+        (
+            ("--covariates", "people.csv", "--categorical", "size"),
+            "categorical: found 'size', allowed: 'site', 'age'",
+        ),
         (("-o", "group.nc"), "overwrite"),
-        (("-o", "study.nc", "--overwrite"), "study.csv: this command reads that file, allowed: another --output"),  # study.csv is beside it
+        (
+            ("-o", "study.nc", "--overwrite"),
+            "study.csv: this command reads that file, allowed: another --output",
+        ),  # study.csv is beside it
     ],
 )
 def test_what_is_refused(done, folder, options, said):
@@ -86,8 +105,19 @@ def test_what_is_refused(done, folder, options, said):
 def test_stored_draws_are_not_sampled_again(folder, monkeypatch):
     monkeypatch.setattr("bayes_toe.groups.population.sample_group", drawn)
     model = ("--model", "symmetric")
-    assert inside("sample", "study.csv", "-o", "posterior.nc", *model, *OPTIONS, cwd=folder).returncode in (0, 3)
-    of_draws = ("population", "--posterior", "posterior.nc", "-o", "stored.nc", "--draws", "200", *model)
+    assert inside(
+        "sample", "study.csv", "-o", "posterior.nc", *model, *OPTIONS, cwd=folder
+    ).returncode in (0, 3)
+    of_draws = (
+        "population",
+        "--posterior",
+        "posterior.nc",
+        "-o",
+        "stored.nc",
+        "--draws",
+        "200",
+        *model,
+    )
     assert "seed 1; written: stored.nc" in good(*of_draws, cwd=folder)
     assert bt.load(folder / "stored.nc").study.names == (*MEMBERS, "I")
     for option, said in (
@@ -95,24 +125,40 @@ def test_stored_draws_are_not_sampled_again(folder, monkeypatch):
         (("-o", "posterior.nc", "--overwrite"), "posterior.nc: this command reads that file"),
     ):
         assert said in refused(*of_draws, *option, cwd=folder)
-    assert "STUDY.csv: missing, allowed: a file, or --posterior" in refused("population", "-o", "none.nc", cwd=folder)
+    assert "STUDY.csv: missing, allowed: a file, or --posterior" in refused(
+        "population", "-o", "none.nc", cwd=folder
+    )
 
 
 def test_which_is_stronger(tmp_path, monkeypatch):
-    bt.example_study("2afc").select(["S01", "S02", "S03"]).frame().to_csv(tmp_path / "stronger.csv", index=False)
+    bt.example_study("2afc").select(["S01", "S02", "S03"]).frame().to_csv(
+        tmp_path / "stronger.csv", index=False
+    )
     monkeypatch.setattr("bayes_toe.groups.population.sample_group", drawn)
-    assert "hyperprior: probit lapse_rate: mean ~ Normal(-1.5, 0.6)" in good("population", "stronger.csv", *OPTIONS, cwd=tmp_path)
+    assert "hyperprior: probit lapse_rate: mean ~ Normal(-1.5, 0.6)" in good(
+        "population", "stronger.csv", *OPTIONS, cwd=tmp_path
+    )
     found = bt.load(tmp_path / "population.nc")
-    assert (found.study.task.yes, found.names) == ("second", ("offset", "gain", "width", "lapse_rate"))
+    assert (found.study.task.yes, found.names) == (
+        "second",
+        ("offset", "gain", "width", "lapse_rate"),
+    )
     other = ("-o", "other.nc", "--model", "update + misses", *OPTIONS)
     said = refused("population", "stronger.csv", *other, cwd=tmp_path, silent=False)
     assert "'misses' is of the task 'same/different', and asked was 'which is stronger'" in said
-    assert {path.name for path in tmp_path.iterdir()} == {"stronger.csv", *(name.replace("group", "population") for name in FILES)}
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "stronger.csv",
+        *(name.replace("group", "population") for name in FILES),
+    }
 
 
 def test_chains_that_did_not_converge_are_said_and_leave_with_3(folder, monkeypatch):
     def short(joint, names, *given):
-        bad = {(kind, -1, j): Convergence(9.0, 8.0, 1.5) for kind in ("mean", "sd") for j in range(len(names))}
+        bad = {
+            (kind, -1, j): Convergence(9.0, 8.0, 1.5)
+            for kind in ("mean", "sd")
+            for j in range(len(names))
+        }
         return replace(drawn(joint, names, *given, divergent=7, reason=SHORT), convergence=bad)
 
     monkeypatch.setattr("bayes_toe.groups.population.sample_group", short)
@@ -130,18 +176,31 @@ def said_of(found, capsys):
 
 def test_words_for_what_is_known_and_what_is_not(small_study, capsys):
     found = made_up(small_study)
-    assert "'equal' is likelier with the stronger stimulus first (P > 0.99)" in said_of(found, capsys)
+    assert "'equal' is likelier with the stronger stimulus first (P > 0.99)" in said_of(
+        found, capsys
+    )
     mean = found.chains.mean.copy()
     mean[..., 0] = 0.2 + np.random.default_rng(2).standard_normal(mean.shape[:2])
     assert "direction: undecided" in said_of(made_up(small_study, mean=mean), capsys)
-    one_way = bt.Study([bt.Subject(name, [0.0, 0.2], [0.3, 0.2], [9, 40], [50] * 2) for name in "ab"])
-    assert "no pair of different stimuli was presented in both orders" in said_of(made_up(one_way), capsys)
+    one_way = bt.Study(
+        [bt.Subject(name, [0.0, 0.2], [0.3, 0.2], [9, 40], [50] * 2) for name in "ab"]
+    )
+    assert "no pair of different stimuli was presented in both orders" in said_of(
+        made_up(one_way), capsys
+    )
 
 
 def test_a_difference_that_is_certain_has_a_bound(capsys):
     study = few_pairs("ABCDEFGH")
-    who = regressors(Covariates({"[group]": dict(zip(study.names, "xyxyxyxy", strict=True))}), study.names)
+    who = regressors(
+        Covariates({"[group]": dict(zip(study.names, "xyxyxyxy", strict=True))}), study.names
+    )
     rng = np.random.default_rng(3)
     eta = rng.normal(0.0, 0.05, (16, 50, 8, 4)) + 9.0 * who.x
-    said = said_of(made_up(study, who, eta=eta, scatter=0.2, effects=rng.normal(9.0, 0.1, (16, 50, 1, 4))), capsys)
-    assert re.search(r"\[group\] y │ +mu1 │ .* │ +< [\d.e-]+ │ at least strong for a difference", said)
+    said = said_of(
+        made_up(study, who, eta=eta, scatter=0.2, effects=rng.normal(9.0, 0.1, (16, 50, 1, 4))),
+        capsys,
+    )
+    assert re.search(
+        r"\[group\] y │ +mu1 │ .* │ +< [\d.e-]+ │ at least strong for a difference", said
+    )

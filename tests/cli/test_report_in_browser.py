@@ -10,7 +10,12 @@ from bayes_toe.cli.results_folder import Drawn, write_results
 
 @pytest.fixture(scope="module")
 def path(marked, tmp_path_factory):
-    return write_results(marked, tmp_path_factory.mktemp("report") / "out", pictures=Drawn("flagged"), workers=1) / "report.html"
+    return (
+        write_results(
+            marked, tmp_path_factory.mktemp("report") / "out", pictures=Drawn("flagged"), workers=1
+        )
+        / "report.html"
+    )
 
 
 @pytest.fixture
@@ -22,7 +27,9 @@ def opened(browser, path):
 
 
 def values(page, column):
-    return page.locator(f"#overview tbody td:nth-child({column})").evaluate_all("cells => cells.map(cell => cell.dataset.value)")
+    return page.locator(f"#overview tbody td:nth-child({column})").evaluate_all(
+        "cells => cells.map(cell => cell.dataset.value)"
+    )
 
 
 def names(page):
@@ -31,7 +38,12 @@ def names(page):
 
 @pytest.mark.parametrize(
     ("medium", "width", "scheme", "dark"),
-    [("screen", 400, "light", False), ("screen", 400, "dark", True), ("screen", 1200, "dark", True), ("print", 718, "dark", False)],
+    [
+        ("screen", 400, "light", False),
+        ("screen", 400, "dark", True),
+        ("screen", 1200, "dark", True),
+        ("print", 718, "dark", False),
+    ],
 )
 def test_nothing_overflows(browser, path, medium, width, scheme, dark):
     made = Opened(browser, path, width, color_scheme=scheme)
@@ -39,7 +51,10 @@ def test_nothing_overflows(browser, path, medium, width, scheme, dark):
     made.page.evaluate("dispatchEvent(new Event('beforeprint'))")  # everything is open
     assert made.page.locator("details:not([open])").count() == 0
     assert made.wide() == width
-    assert dark == (made.page.evaluate("getComputedStyle(document.body).backgroundColor") != "rgb(255, 255, 255)")
+    assert dark == (
+        made.page.evaluate("getComputedStyle(document.body).backgroundColor")
+        != "rgb(255, 255, 255)"
+    )
     made.page.close()
     assert made.problems == []
 
@@ -65,7 +80,9 @@ def test_a_column_sorts_both_ways_and_what_has_no_value_stays_last(opened, marke
         head.click()
         found = [float(one) if one else math.nan for one in values(opened.page, 6)]
         assert head.get_attribute("aria-sort") == order
-        assert found[:2] == sorted([one for one in known if one is not None], reverse=order == "descending")
+        assert found[:2] == sorted(
+            [one for one in known if one is not None], reverse=order == "descending"
+        )
         assert math.isnan(found[2])
     opened.page.locator("#overview thead tr:last-child th:first-child button").press("Enter")
     assert names(opened.page) == ["A", "B", "C"]
@@ -87,7 +104,9 @@ def test_the_filter_is_of_table_contents_and_subjects(opened):
 
 def test_the_answer_is_in_sight_first_and_the_table_below_it(browser, path):
     made = Opened(browser, path, 1200, 700)
-    answer, table, others = (made.page.locator(what).first.bounding_box() for what in (".lead", "#overview", "#read"))
+    answer, table, others = (
+        made.page.locator(what).first.bounding_box() for what in (".lead", "#overview", "#read")
+    )
     assert answer["y"] < table["y"] < table["y"] + table["height"] < 700 < others["y"]
     made.page.close()
     assert made.problems == []

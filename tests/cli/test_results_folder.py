@@ -33,9 +33,15 @@ def section(folder):
 
 
 @pytest.mark.parametrize(
-    ("which", "drawn", "said"), [("flagged", "AC", "drawn of 2 subjects (--pictures flagged: "), ("none", "", "drawn of no subjects")]
+    ("which", "drawn", "said"),
+    [
+        ("flagged", "AC", "drawn of 2 subjects (--pictures flagged: "),
+        ("none", "", "drawn of no subjects"),
+    ],
 )
-def test_pictures_are_of_the_flagged_or_of_none_and_the_report_says_of_whom(marked, tmp_path, which, drawn, said):
+def test_pictures_are_of_the_flagged_or_of_none_and_the_report_says_of_whom(
+    marked, tmp_path, which, drawn, said
+):
     told = []
     write_results(marked, tmp_path / "out", pictures=Drawn(which), workers=1, progress=told.append)
     corners = tmp_path / "out" / "corner"
@@ -46,35 +52,64 @@ def test_pictures_are_of_the_flagged_or_of_none_and_the_report_says_of_whom(mark
     assert text.count("data:image/png") == 5 + 2 * len(drawn)
     assert text.count("Not drawn (--pictures") == 3 - len(drawn)
     assert said in text
-    assert {path.name for path in (tmp_path / "out").iterdir()} <= {*results_folder.PRODUCTS, ".bayes_toe_files.json"}
+    assert {path.name for path in (tmp_path / "out").iterdir()} <= {
+        *results_folder.PRODUCTS,
+        ".bayes_toe_files.json",
+    }
     summary = marked.draws.summary()
-    pd.testing.assert_frame_equal(pd.read_csv(tmp_path / "out" / "summary.csv", keep_default_na=False), summary, rtol=1e-5)
+    pd.testing.assert_frame_equal(
+        pd.read_csv(tmp_path / "out" / "summary.csv", keep_default_na=False), summary, rtol=1e-5
+    )
 
 
-def test_of_very_many_subjects_the_report_is_an_index_with_a_page_for_each(marked, tmp_path, monkeypatch):
+def test_of_very_many_subjects_the_report_is_an_index_with_a_page_for_each(
+    marked, tmp_path, monkeypatch
+):
     monkeypatch.setattr(report, "MOST_IN_ONE", 2)
     out = tmp_path / "out"
     write_results(marked, out, pictures=Drawn("flagged"), workers=1)
     index = page(out)
     found = re.findall(r'href="(subjects/[^"]+)"', index)
-    assert found[:3] == ["subjects/A.html", "subjects/C.html", "subjects/B.html"]  # flagged ones first
+    assert found[:3] == [
+        "subjects/A.html",
+        "subjects/C.html",
+        "subjects/B.html",
+    ]  # flagged ones first
     assert index.count("data:image/png") == 5
     assert '<details class="subject' not in index
     assert "2 of 3 must be looked at" in index
     pages = {name: page(out / "subjects", f"{name}.html") for name in "ABC"}
-    assert {name: text.count("data:image/png") for name, text in pages.items()} == {"A": 2, "B": 0, "C": 2}
+    assert {name: text.count("data:image/png") for name, text in pages.items()} == {
+        "A": 2,
+        "B": 0,
+        "C": 2,
+    }
     assert "No model describes the answers" in pages["A"]
     assert "next: run again with --turn A:2" in pages["A"]
-    assert all('href="../report.html#read"' in text and 'href="../report.html#term-sigma_p"' in text for text in pages.values())
+    assert all(
+        'href="../report.html#read"' in text and 'href="../report.html#term-sigma_p"' in text
+        for text in pages.values()
+    )
     assert 'href="../corner/A.png"' in pages["A"]
 
 
-def test_a_group_and_an_explorer_stand_beside_the_report_where_asked_for_and_go_where_not(marked, tmp_path, monkeypatch):
+def test_a_group_and_an_explorer_stand_beside_the_report_where_asked_for_and_go_where_not(
+    marked, tmp_path, monkeypatch
+):
     """The section of the group says first what speaks against it, then the answer, figure and tables."""
     explored = []
-    monkeypatch.setattr(results_folder, "explore", lambda *draws, **more: explored.append((draws, more)) or Explorer("explored"))
-    out, columns = tmp_path / "out", [Regressor("group", "<b>", "group <b> against a", reference="a")]
-    found = made_population(ordinary(3), columns=columns, x=[[0.0], [1.0], [0.0]], reason="few draws")
+    monkeypatch.setattr(
+        results_folder,
+        "explore",
+        lambda *draws, **more: explored.append((draws, more)) or Explorer("explored"),
+    )
+    out, columns = (
+        tmp_path / "out",
+        [Regressor("group", "<b>", "group <b> against a", reference="a")],
+    )
+    found = made_population(
+        ordinary(3), columns=columns, x=[[0.0], [1.0], [0.0]], reason="few draws"
+    )
     group = Group(found, PredictiveCheck((WRONG,), "normal", 500))
     write_results(marked, out, pictures=Drawn("none"), workers=1, group=group)
     assert "bayes-toe explore" in page(out)
@@ -99,7 +134,13 @@ def test_a_group_and_an_explorer_stand_beside_the_report_where_asked_for_and_go_
     assert not re.search(r"[ (>]-\d", numbers)
     assert all((out / name).stat().st_size > 500 for name in GROUP_PRODUCTS)
     settings = replace(marked.settings, prior=replace(marked.settings.prior, offset_sd=0.5))
-    write_results(replace(marked, settings=settings), out, pictures=Drawn("none", explorer=True), workers=1, overwrite=True)
+    write_results(
+        replace(marked, settings=settings),
+        out,
+        pictures=Drawn("none", explorer=True),
+        workers=1,
+        overwrite=True,
+    )
     assert 'id="group"' not in page(out)
     assert not any((out / name).exists() for name in GROUP_PRODUCTS)
     assert (out / "explorer.html").read_text(encoding="utf-8") == "explored"
@@ -110,7 +151,9 @@ def test_a_group_and_an_explorer_stand_beside_the_report_where_asked_for_and_go_
     assert "offset ~ Normal(0, 0.5)" in page(out)
 
 
-def test_run_computes_the_group_from_its_own_draws_and_leaves_with_3_where_it_did_not_converge(analysis, tmp_path, monkeypatch):
+def test_run_computes_the_group_from_its_own_draws_and_leaves_with_3_where_it_did_not_converge(
+    analysis, tmp_path, monkeypatch
+):
     asked = {}
 
     def population(study, **options):
@@ -126,11 +169,15 @@ def test_run_computes_the_group_from_its_own_draws_and_leaves_with_3_where_it_di
     assert asked["posterior"] is analysis.draws  # whose prior and seed are the group's
     assert "order effect of the population, direction: " in done.stdout
     assert "attention the group's chains did not converge: few draws" in done.stdout
-    assert "population.csv, population_subjects.csv, population.png, population.nc" in " ".join(done.stdout.split())
+    assert "population.csv, population_subjects.csv, population.png, population.nc" in " ".join(
+        done.stdout.split()
+    )
     assert "few draws" in section(tmp_path / "out")
 
 
-def test_a_group_of_one_and_an_explorer_that_cannot_be_are_refused_before_the_work(study_csv, tmp_path, monkeypatch):
+def test_a_group_of_one_and_an_explorer_that_cannot_be_are_refused_before_the_work(
+    study_csv, tmp_path, monkeypatch
+):
     monkeypatch.setattr("bayes_toe.explorer.page.MOST_ENTRIES", 2)
     one = grouped_csv(tmp_path / "one.csv", few_pairs("A"))
     for file, option, said in (
@@ -143,9 +190,13 @@ def test_a_group_of_one_and_an_explorer_that_cannot_be_are_refused_before_the_wo
         assert said in refused("run", file, "-o", "out", option, cwd=tmp_path, silent=False)
 
 
-def test_a_process_opens_the_draws_once_and_again_where_the_file_is_another_one(analysis, tmp_path, monkeypatch):
+def test_a_process_opens_the_draws_once_and_again_where_the_file_is_another_one(
+    analysis, tmp_path, monkeypatch
+):
     file, loads = analysis.draws.save(tmp_path / "posterior.nc"), []
-    monkeypatch.setattr(results_folder, "load_draws", lambda path: loads.append(path) or bt.load(path))
+    monkeypatch.setattr(
+        results_folder, "load_draws", lambda path: loads.append(path) or bt.load(path)
+    )
     opened.cache_clear()
     good("corner", file, "-o", "out", "--subject", "A", "--workers", 1, cwd=tmp_path)
     assert opened(file, file.stat().st_mtime_ns).names == ("A", "B", "C")
@@ -157,7 +208,9 @@ def test_a_process_opens_the_draws_once_and_again_where_the_file_is_another_one(
 
 def test_a_report_on_which_is_stronger_speaks_of_it_alone(stronger, tmp_path):
     out = write_results(stronger, tmp_path / "out", workers=1)
-    text = re.sub(r"data:image[^\"]*", "", page(out)) + (out / "methods.md").read_text(encoding="utf-8")
+    text = re.sub(r"data:image[^\"]*", "", page(out)) + (out / "methods.md").read_text(
+        encoding="utf-8"
+    )
     for other in ("'equal'", "called equal", "P(equal)", "q0", "half-width", "48 models"):
         assert other not in text, other
     for own in (
@@ -172,8 +225,13 @@ def test_a_report_on_which_is_stronger_speaks_of_it_alone(stronger, tmp_path):
     ):
         assert own in text, own
     medians = stronger.summary().query("subject == 'pulled'").set_index("parameter")["q50"]
-    for published in ("pse_shift", "jnd"):  # in natural log and, below it, in per cent of the intensity
-        row = re.search(rf">{published}</a></td><td>(−?[\d.]+)<br><span class=\"soft\">(−?[\d.]+) %", text)
+    for published in (
+        "pse_shift",
+        "jnd",
+    ):  # in natural log and, below it, in per cent of the intensity
+        row = re.search(
+            rf">{published}</a></td><td>(−?[\d.]+)<br><span class=\"soft\">(−?[\d.]+) %", text
+        )
         shown, percent = (float(part.replace("−", "-")) for part in row.groups())
         assert shown == pytest.approx(medians[published], abs=6e-3)
         assert percent == pytest.approx(100 * np.expm1(medians[published]), abs=0.6)
@@ -181,7 +239,10 @@ def test_a_report_on_which_is_stronger_speaks_of_it_alone(stronger, tmp_path):
 
 
 def test_a_run_has_the_contrast_in_its_folder_report_and_methods(tmp_path, three_models):
-    rng, s = np.random.default_rng(1), np.array([(a, a + step) for a in (0.0, 0.3, 0.6) for step in (-0.3, 0.3)])
+    rng, s = (
+        np.random.default_rng(1),
+        np.array([(a, a + step) for a in (0.0, 0.3, 0.6) for step in (-0.3, 0.3)]),
+    )
     rows = []
     for level, offset in (("left", 0.12), ("right", -0.12)):
         p = 1.0 / (1.0 + np.exp(-(s[:, 1] - s[:, 0] - offset) / 0.12))
@@ -189,15 +250,25 @@ def test_a_run_has_the_contrast_in_its_folder_report_and_methods(tmp_path, three
         rows.append(pd.DataFrame({**told, "n_second": rng.binomial(60, p)}))
     analysis = bt.run(bt.read_study(pd.concat(rows)), draws=100, seed=1, workers=1)
     folder = write_results(analysis, tmp_path / "results", pictures=Drawn("none"), workers=1)
-    assert pd.read_csv(folder / "contrast.csv").groupby("quantity")["word"].first()["constant error"] == "differs"
+    assert (
+        pd.read_csv(folder / "contrast.csv").groupby("quantity")["word"].first()["constant error"]
+        == "differs"
+    )
     for name in ("evidence.csv", "summary.csv"):
-        assert pd.read_csv(folder / name)[["subject", "condition"]].drop_duplicates().to_numpy().tolist() == [["A", "left"], ["A", "right"]]
-    report, methods = ((folder / name).read_text(encoding="utf-8") for name in ("report.html", "methods.md"))
+        assert pd.read_csv(folder / name)[
+            ["subject", "condition"]
+        ].drop_duplicates().to_numpy().tolist() == [["A", "left"], ["A", "right"]]
+    report, methods = (
+        (folder / name).read_text(encoding="utf-8") for name in ("report.html", "methods.md")
+    )
     assert 'id="conditions"' in report
     assert "1 subject in 2 conditions · is there" in report
     assert "2 of 2 conditions of 1 subject have an order effect" in report
     assert "Of a new subject in one condition, by random effects over 2: " in report
-    assert "For a new subject in one condition, by random effects over 2 [@penny2010], P(no order effect) " in " ".join(methods.split())
+    assert (
+        "For a new subject in one condition, by random effects over 2 [@penny2010], P(no order effect) "
+        in " ".join(methods.split())
+    )
     assert "constant error, of 1 subject: differs 1" in report
     assert "Differences (right − left) are medians" in report
     assert re.search(r">−0\.\d\d \(.*<span class=\"soft\">differs \(BF ", report)

@@ -27,13 +27,18 @@ def rows_of(text, names):
 @pytest.fixture
 def many(analysis):
     """Verdicts of a hundred subjects: no model describes the last, and the one before has doubtful data."""
-    said = [replace(analysis.verdicts[i % 3], subject=f"S{i}", notes=("the same note",)) for i in range(100)]
+    said = [
+        replace(analysis.verdicts[i % 3], subject=f"S{i}", notes=("the same note",))
+        for i in range(100)
+    ]
     said[98] = replace(said[98], data=(Doubt("near chance", "--leave-out S98"),))
     said[99] = replace(said[99], best_fit=replace(said[99].best_fit, p_overall=0.001))
     return said
 
 
-def test_tables_of_very_many_subjects_end_with_a_count_and_begin_with_those_that_need_attention(analysis, many, capsys):
+def test_tables_of_very_many_subjects_end_with_a_count_and_begin_with_those_that_need_attention(
+    analysis, many, capsys
+):
     say_verdicts(Terminal(), many, 1, analysis.study, "evidence.csv")
     said = capsys.readouterr().out
     shown = rows_of(said, {one.subject for one in many})
@@ -102,10 +107,22 @@ def test_digits_end_where_the_error_begins(value, error, most, shown):
 @pytest.mark.parametrize(
     ("values", "errors", "shown"),
     [
-        ([0.12, 0.51, 2.34], [0.01, 0.002, 0.2], ["0.12", "0.51", "2.3"]),  # each by its own error, in their order
-        ([49.6, 40_213.0, 86_443.6], [20.0, 3e5, 0.004], ["0", "40000", "90000"]),  # not 50, 0, 86443.60
+        (
+            [0.12, 0.51, 2.34],
+            [0.01, 0.002, 0.2],
+            ["0.12", "0.51", "2.3"],
+        ),  # each by its own error, in their order
+        (
+            [49.6, 40_213.0, 86_443.6],
+            [20.0, 3e5, 0.004],
+            ["0", "40000", "90000"],
+        ),  # not 50, 0, 86443.60
         ([0.0, 77.3, 345_678.0], [3e4, 1.0, 9e4], ["0", "77", "350000"]),
-        ([0.12, 0.123, 0.15], [0.1, 0.1, 0.01], ["0.12", "0.12", "0.15"]),  # alike with all the decimals that there may be
+        (
+            [0.12, 0.123, 0.15],
+            [0.1, 0.1, 0.01],
+            ["0.12", "0.12", "0.15"],
+        ),  # alike with all the decimals that there may be
         ([0.0, 0.0, 0.0], [math.nan] * 3, ["0.00"] * 3),
     ],
 )
@@ -117,7 +134,12 @@ def test_a_median_is_shown_between_its_limits(values, errors, shown):
 LIMITS = (0.05, 0.25, 0.75, 0.95)
 
 
-@given(st.one_of(st.floats(0.0, 1.0), st.builds(lambda limit, off: limit + off, st.sampled_from(LIMITS), st.floats(-1e-3, 1e-3))))
+@given(
+    st.one_of(
+        st.floats(0.0, 1.0),
+        st.builds(lambda limit, off: limit + off, st.sampled_from(LIMITS), st.floats(-1e-3, 1e-3)),
+    )
+)
 def test_a_probability_is_printed_on_its_side_of_every_limit(p):
     shown = told(p)
     assert abs(float(shown) - p) <= 0.005 + 1e-12
@@ -130,5 +152,8 @@ def test_a_p_value_below_the_limit_of_a_misfit_looks_so(value):
 
 
 def test_who_must_be_looked_at_and_why(marked):
-    assert flagged(marked.evidence) == {"A": ("not described", "data in doubt"), "C": ("no verdict",)}
+    assert flagged(marked.evidence) == {
+        "A": ("not described", "data in doubt"),
+        "C": ("no verdict",),
+    }
     assert flagged(marked.evidence, {"B": "few draws"})["B"] == ("not converged",)

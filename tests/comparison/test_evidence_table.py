@@ -11,11 +11,20 @@ from reference.hard_cases import hard_cases
 
 import bayes_toe as bt
 from bayes_toe.classical.fit import bootstrap_evidence, bootstrap_subject
-from bayes_toe.comparison.evidence_table import EVIDENCE_COLUMNS, EvidenceTable, frequency_evidence_laplace, subject_evidence
+from bayes_toe.comparison.evidence_table import (
+    EVIDENCE_COLUMNS,
+    EvidenceTable,
+    frequency_evidence_laplace,
+    subject_evidence,
+)
 from bayes_toe.comparison.verdict import verdict
 from bayes_toe.experiments.simulate import reference_design
 from bayes_toe.inference.adaptation import fit_proposal
-from bayes_toe.inference.evidence import importance_evidence, laplace_evidence, laplace_evidence_natural
+from bayes_toe.inference.evidence import (
+    importance_evidence,
+    laplace_evidence,
+    laplace_evidence_natural,
+)
 from bayes_toe.inference.maxima import Maxima, find_maxima
 from bayes_toe.inference.proposal import FittedProposal
 from bayes_toe.inference.subject import Wanted, fitted_result, infer
@@ -32,7 +41,12 @@ def test_h0_laplace_is_appendix_c_term_by_term():
     for k, n in zip(subject.n_yes, subject.n_trials, strict=True):
         q = (k + 1) / (n + 2)
         sigma = math.sqrt(q * ((k + 2) / (n + 3) - q))  # Eq. e:2b as printed
-        total += k * math.log(q) + (n - k) * math.log(1 - q) + math.log(sigma) + 0.5 * math.log(2 * math.pi)
+        total += (
+            k * math.log(q)
+            + (n - k) * math.log(1 - q)
+            + math.log(sigma)
+            + 0.5 * math.log(2 * math.pi)
+        )
     assert frequency_evidence_laplace(subject) == pytest.approx(total, rel=1e-12)
 
 
@@ -47,7 +61,9 @@ def test_laplace_is_exact_for_a_normal_density_and_there_is_none_at_a_saddle():
     top = -0.5 * np.log(np.linalg.det(2 * np.pi * covariance))
 
     def laplace(value, curvature):
-        return laplace_evidence(Maxima(np.zeros((1, 4)), np.array([value]), curvature[None], True, np.zeros((0, 4))))
+        return laplace_evidence(
+            Maxima(np.zeros((1, 4)), np.array([value]), curvature[None], True, np.zeros((0, 4)))
+        )
 
     assert laplace(top, np.linalg.inv(covariance)) == (pytest.approx(0.0, abs=1e-12), "")
     value, why_not = laplace(0.0, np.diag([1.0, 1.0, -1.0, 1.0]))
@@ -57,8 +73,12 @@ def test_laplace_is_exact_for_a_normal_density_and_there_is_none_at_a_saddle():
 
 def test_laplace_that_does_not_exist_is_empty_and_says_why():
     subject = CASES["perfect observer"]
-    result, found = fitted_result(posterior_of(subject, bt.Prior()), 1, Wanted(evidence_draws=20_000))
-    by_bootstrap = bootstrap_evidence(bootstrap_subject(subject, seed=1, replicates=50, prior=bt.Prior()), bt.Prior())
+    result, found = fitted_result(
+        posterior_of(subject, bt.Prior()), 1, Wanted(evidence_draws=20_000)
+    )
+    by_bootstrap = bootstrap_evidence(
+        bootstrap_subject(subject, seed=1, replicates=50, prior=bt.Prior()), bt.Prior()
+    )
     row = subject_evidence(result, found, by_bootstrap)
     assert (row.log_evidence_h1_laplace, row.log_bayes_factor_laplace) == (None, None)
     assert row.log_evidence_h1 is not None
@@ -68,9 +88,14 @@ def test_laplace_that_does_not_exist_is_empty_and_says_why():
 
 def test_laplace_in_either_coordinates_stands_in_its_own_column():
     posterior = posterior_of(bt.example_study()["S01"], bt.Prior())
-    row, maxima = subject_evidence(*fitted_result(posterior, 1, Wanted(evidence_draws=20_000)), None), find_maxima(posterior)
+    row, maxima = (
+        subject_evidence(*fitted_result(posterior, 1, Wanted(evidence_draws=20_000)), None),
+        find_maxima(posterior),
+    )
     assert row.log_evidence_h1_laplace == pytest.approx(laplace_evidence(maxima)[0], abs=1e-6)
-    assert row.log_evidence_h1_laplace_natural == pytest.approx(laplace_evidence_natural(posterior, maxima)[0], abs=1e-6)
+    assert row.log_evidence_h1_laplace_natural == pytest.approx(
+        laplace_evidence_natural(posterior, maxima)[0], abs=1e-6
+    )
     assert abs(row.log_evidence_h1_laplace - row.log_evidence_h1_laplace_natural) > 0.01
 
 
@@ -95,7 +120,9 @@ def test_table_has_the_columns_of_the_contract(analysis, tmp_path):
     frame = analysis.evidence.frame()
     assert (frame["log_bayes_factor"] == frame["log_evidence_h1"] - frame["log_evidence_h0"]).all()
     assert frame["log_evidence_h1_se"].between(0, 0.01).all()
-    assert np.allclose(frame[["p_none", "p_constant_error", "p_update"]].sum(axis=1), 1.0, rtol=0, atol=1e-12)
+    assert np.allclose(
+        frame[["p_none", "p_constant_error", "p_update"]].sum(axis=1), 1.0, rtol=0, atol=1e-12
+    )
     odds = np.log((1.0 - frame["p_none"]) / frame["p_none"] / 2.0)
     known = frame["p_none"] > 1e-9
     np.testing.assert_allclose(odds[known], frame["log_bayes_factor_effect"][known], atol=1e-5)
@@ -103,9 +130,13 @@ def test_table_has_the_columns_of_the_contract(analysis, tmp_path):
 
 def test_evidence_and_run_agree_on_all_but_the_draws_behind_the_fit_of_h1(analysis, monkeypatch):
     monkeypatch.setattr("bayes_toe.analysis.REPLICATES", 40)  # as many as the other has
-    alone = bt.evidence(analysis.study.select(["B"]), seed=analysis.settings.seed, prior="paper", workers=1)
+    alone = bt.evidence(
+        analysis.study.select(["B"]), seed=analysis.settings.seed, prior="paper", workers=1
+    )
     frame = analysis.evidence.frame()
-    pd.testing.assert_frame_equal(alone.frame(), frame[frame["subject"] == "B"].reset_index(drop=True))
+    pd.testing.assert_frame_equal(
+        alone.frame(), frame[frame["subject"] == "B"].reset_index(drop=True)
+    )
     one, other = alone["B"].fit, analysis.evidence["B"].fit
     assert one.p_overall == pytest.approx(other.p_overall, abs=0.08)
     assert one.deviance == pytest.approx(other.deviance, abs=0.2)
@@ -115,24 +146,40 @@ def test_evidence_and_run_agree_on_all_but_the_draws_behind_the_fit_of_h1(analys
 def test_the_draws_asked_for_are_behind_the_evidence_of_h1(small_study, three_models):
     subject = small_study["A"]
     row = bt.evidence(bt.Study([subject]), draws=2000, seed=5, workers=1)["A"]
-    assert row.log_evidence_h1 == infer(posterior_of(subject), 5, Wanted(evidence_draws=2000)).evidence.value
+    assert (
+        row.log_evidence_h1
+        == infer(posterior_of(subject), 5, Wanted(evidence_draws=2000)).evidence.value
+    )
 
 
-def test_a_model_whose_draws_cannot_be_trusted_has_laplace_s_evidence_and_says_so(monkeypatch, three_models):
+def test_a_model_whose_draws_cannot_be_trusted_has_laplace_s_evidence_and_says_so(
+    monkeypatch, three_models
+):
     subject = few_pairs("A")["A"]
     whole, _ = verdict(subject, DEFAULT, 1)
-    monkeypatch.setattr(FittedProposal, "trusted", property(lambda self: self.proposal.posterior.model.name != whole.best_model))
+    monkeypatch.setattr(
+        FittedProposal,
+        "trusted",
+        property(lambda self: self.proposal.posterior.model.name != whole.best_model),
+    )
     row = bt.evidence(bt.Study([subject]), seed=1, workers=1)["A"]
     assert row.verdict.p_orders == pytest.approx(whole.p_orders, abs=0.05)
-    assert f"{whole.best_model}: evidence by Laplace's approximation, importance weights are unreliable" in row.notes
+    assert (
+        f"{whole.best_model}: evidence by Laplace's approximation, importance weights are unreliable"
+        in row.notes
+    )
 
 
 def test_real_vibrotactile_subjects_go_both_ways(real_data):
     """Log Bayes factors of H1 against H0 under the paper's prior."""
-    study = bt.read_study(real_data / "vibrotactile_rate" / "trials.csv", bt.ReadOptions(equal_code="1"))
+    study = bt.read_study(
+        real_data / "vibrotactile_rate" / "trials.csv", bt.ReadOptions(equal_code="1")
+    )
     assert sum(subject.total_trials for subject in study) == 11904
     found = [
-        infer(posterior_of(one, bt.Prior()), 1, Wanted(evidence_draws=10_000)).evidence.value - frequency_evidence(one) for one in study
+        infer(posterior_of(one, bt.Prior()), 1, Wanted(evidence_draws=10_000)).evidence.value
+        - frequency_evidence(one)
+        for one in study
     ]
     assert sum(one > 0 for one in found) == 6
     assert (min(found), max(found)) == pytest.approx((-17, 18.5), abs=0.5)

@@ -30,12 +30,20 @@ def observer(name, model, seed, trials=700, **values):
     rng = np.random.default_rng(seed)
     low, up = rng.integers(0, 5, trials), rng.random(trials) < 0.5
     keys = 0.3 * np.column_stack([low + ~up, low + up])
-    answers = Answers(keys, np.zeros(trials, int), np.ones(trials, int), None, (), True, np.arange(trials))
+    answers = Answers(
+        keys, np.zeros(trials, int), np.ones(trials, int), None, (), True, np.arange(trials)
+    )
     target = posterior_of(Subject.from_answers(name, answers, WHICH_STRONGER), DEFAULT, model=model)
     x = target.points({key: np.array([values[key]]) for key in target.names.natural})
     p = np.empty(trials)
     p[np.lexsort(keys.T[::-1])] = np.exp(target.trial_answers(x)[0])
-    return Subject.from_answers(name, replace(answers, n_yes=(rng.random(trials) < p).astype(int)), WHICH_STRONGER), target, x
+    return (
+        Subject.from_answers(
+            name, replace(answers, n_yes=(rng.random(trials) < p).astype(int)), WHICH_STRONGER
+        ),
+        target,
+        x,
+    )
 
 
 @pytest.fixture(scope="module")
@@ -61,29 +69,41 @@ def test_a_history_is_told_of_who_has_one(table):
     assert relaxes.depends not in ("yes", "probably")
     assert carries.lead > 5.0
     for one in (carries, relaxes):  # two levels, of models equally many
-        assert one.log_bayes_factor_history == pytest.approx(np.log((one.p_carry_over + one.p_running_average) / 2 / one.p_static))
+        assert one.log_bayes_factor_history == pytest.approx(
+            np.log((one.p_carry_over + one.p_running_average) / 2 / one.p_static)
+        )
     assert carries.p_static + carries.p_carry_over + carries.p_running_average == pytest.approx(1.0)
     assert carries.p_carry_over_by_time is None, "no times between trials"
     assert carries.log_bayes_factor_previous_answer < 3.0
     assert carries.q05 < CARRIED["carry_over"] < carries.q95
     assert carries.history_p_static < MISFIT < carries.history_p
-    assert carries.describe().startswith("answers follow the trials before (P of a history > 0.99; carried over, share: ")
+    assert carries.describe().startswith(
+        "answers follow the trials before (P of a history > 0.99; carried over, share: "
+    )
     assert table.frame().columns.tolist() == list(HISTORY_COLUMNS)
 
 
 def test_a_study_is_told_of_in_a_sentence_which_says_where_nothing_tells_of_pauses(table):
     assert table.sentence().startswith("answers follow them, of 2 subjects: yes 1, ")
     assert "tells of pauses" in table.sentence()
-    paused = [replace(one, answers=replace(one.answers, place=np.arange(700) + (np.arange(700) > 350))) for one in table.study]
+    paused = [
+        replace(one, answers=replace(one.answers, place=np.arange(700) + (np.arange(700) > 350)))
+        for one in table.study
+    ]
     assert "pauses" not in replace(table, study=bt.Study(paused)).sentence()
-    unordered = bt.Study([table.study["carries"], replace(table.study["relaxes"], answers=None)])  # as `run` has it: a row of the other one
+    unordered = bt.Study(
+        [table.study["carries"], replace(table.study["relaxes"], answers=None)]
+    )  # as `run` has it: a row of the other one
     assert "tells of pauses" in replace(table, study=unordered, rows=table.rows[:1]).sentence()
 
 
 def test_the_verdict_says_that_answers_seem_to_depend_on_the_trial_before(study, three_models):
     said, _ = verdict(study["carries"], DEFAULT, 1)
     assert said.history_p < MISFIT
-    assert any(doubt.startswith("answers seem to depend on the trial before (p ") for doubt in said.doubts())
+    assert any(
+        doubt.startswith("answers seem to depend on the trial before (p ")
+        for doubt in said.doubts()
+    )
     unordered, _ = verdict(replace(study["carries"], answers=None), DEFAULT, 1)
     assert (unordered.history_p, unordered.follows) == (None, False)
 
@@ -97,7 +117,9 @@ def test_the_check_is_even_where_the_model_is_true():
     assert sum(p < 0.05 for p in found) <= 7
 
 
-def test_a_history_is_known_within_its_interval_and_comes_back_from_a_file_with_its_trials(short, tmp_path):
+def test_a_history_is_known_within_its_interval_and_comes_back_from_a_file_with_its_trials(
+    short, tmp_path
+):
     """Five intervals of 99.8 %: a false alarm in 100 such studies."""
     draws = bt.sample(short, model="contraction + carry-over", draws=200, seed=1, workers=1)
     for name, true in CARRIED.items():
@@ -106,24 +128,49 @@ def test_a_history_is_known_within_its_interval_and_comes_back_from_a_file_with_
     draws.save(tmp_path / "posterior.nc")
     x = draws.points("short")[0]
     for back in (bt.load(tmp_path / "posterior.nc"), bt.load(tmp_path / "posterior.nc")["short"]):
-        assert back.posterior("short").log_likelihood(x).tolist() == draws.posterior("short").log_likelihood(x).tolist()
+        assert (
+            back.posterior("short").log_likelihood(x).tolist()
+            == draws.posterior("short").log_likelihood(x).tolist()
+        )
     at_rest = bt.predict(draws, "short", 0.3, 0.6)
     assert 0.5 < at_rest["mean"].item() < 1.0
 
 
 def test_what_has_no_order_is_refused_in_one_line(study, tmp_path):
-    unordered, said = [replace(one, answers=None) for one in study], "a model with a history needs the order of trials, found none"
+    unordered, said = (
+        [replace(one, answers=None) for one in study],
+        "a model with a history needs the order of trials, found none",
+    )
     with pytest.raises(bt.InputError, match=f"subject 'carries': {said}"):
         bt.compare_history(bt.Study(unordered), seed=1)
-    with pytest.raises(bt.InputError, match=f"subject 'relaxes': {said}"):  # of a group, of everybody
-        bt.population(bt.Study([study["carries"], unordered[1]]), model="contraction + carry-over", seed=1)
+    with pytest.raises(
+        bt.InputError, match=f"subject 'relaxes': {said}"
+    ):  # of a group, of everybody
+        bt.population(
+            bt.Study([study["carries"], unordered[1]]), model="contraction + carry-over", seed=1
+        )
     study.frame().to_csv(tmp_path / "counts.csv", index=False)
-    line = refused("compare", "counts.csv", "--history", "-o", "compare.csv", "--seed", 1, cwd=tmp_path, silent=False)
-    assert "needs the order of trials, found none; allowed: rows that are trials, with a column trial" in line
+    line = refused(
+        "compare",
+        "counts.csv",
+        "--history",
+        "-o",
+        "compare.csv",
+        "--seed",
+        1,
+        cwd=tmp_path,
+        silent=False,
+    )
+    assert (
+        "needs the order of trials, found none; allowed: rows that are trials, with a column trial"
+        in line
+    )
 
 
 def test_what_takes_pairs_as_independent_says_so(short):
-    static, carried = bt.compare(short, ["contraction", "contraction + carry-over"], draws=200, seed=1, workers=1).rows
+    static, carried = bt.compare(
+        short, ["contraction", "contraction + carry-over"], draws=200, seed=1, workers=1
+    ).rows
     assert carried.checks.elpd_loo_trial is None
     assert static.checks.elpd_loo_trial is not None
     assert "leave-one-out withheld: answers depend on the trials before" in carried.notes
@@ -135,9 +182,14 @@ def test_a_group_is_of_trials_and_comes_back_with_them(study, tmp_path):
     again = bt.load(found.save(tmp_path / "population.nc"))
     assert packed(again.table.rows) == packed(found.table.rows)
     eta = found.chains.eta[0, :2]
-    value, _ = GroupLikelihood(found.model, found.settings.prior, found.study.subjects, found.centre, 2)(eta)
+    value, _ = GroupLikelihood(
+        found.model, found.settings.prior, found.study.subjects, found.centre, 2
+    )(eta)
     targets = [again.posterior(one.name) for one in again.study]
-    alone = [[of.log_likelihood(of.from_group(at[None, i])[0])[0] for i, of in enumerate(targets)] for at in eta]
+    alone = [
+        [of.log_likelihood(of.from_group(at[None, i])[0])[0] for i, of in enumerate(targets)]
+        for at in eta
+    ]
     np.testing.assert_allclose(value, alone)
     assert all(0.0 < one.p_value <= 1.0 for one in predictive_check(again, groups=20).statistics)
 
@@ -145,11 +197,19 @@ def test_a_group_is_of_trials_and_comes_back_with_them(study, tmp_path):
 def test_commands_say_and_draw_it(study, tmp_path, three_models):
     answers = study["carries"].answers
     said = np.where(answers.n_yes > 0, "second", "first")
-    trials = {"subject": "carries", "trial": np.arange(len(said)) + 1, "s1": answers.keys[:, 0], "s2": answers.keys[:, 1], "response": said}
+    trials = {
+        "subject": "carries",
+        "trial": np.arange(len(said)) + 1,
+        "s1": answers.keys[:, 0],
+        "s2": answers.keys[:, 1],
+        "response": said,
+    }
     pd.DataFrame(trials).to_csv(tmp_path / "trials.csv", index=False)
     common = ("--seed", 1, "--draws", 100, "--workers", 1)
     asked = ("compare", "trials.csv", "--model", "contraction", "--history", "-o", "compare.csv")
-    assert "trials before: answers follow them, of 1 subject: yes 1" in " ".join(good(*asked, *common, cwd=tmp_path).split())
+    assert "trials before: answers follow them, of 1 subject: yes 1" in " ".join(
+        good(*asked, *common, cwd=tmp_path).split()
+    )
     assert pd.read_csv(tmp_path / "compare_history.csv").depends.tolist() == ["yes"]
     assert (tmp_path / "compare_history.png").stat().st_size > 10_000
     good("run", "trials.csv", "-o", "out", "--pictures", "none", *common, cwd=tmp_path)

@@ -41,8 +41,15 @@ def evidence(target):
 def observed():
     """The posterior of a bundled subject, log P of both answers at draws from it, and its log evidence with error."""
     study = bt.example_study().select(["S01"])
-    target, draws = posterior_of(study["S01"], DEFAULT.at(study["S01"])), bt.sample(study, draws=20_000, seed=3, workers=1)
-    return target, *target.answers_given_the_rest(draws.points("S01").reshape(-1, 4)), evidence(target)
+    target, draws = (
+        posterior_of(study["S01"], DEFAULT.at(study["S01"])),
+        bt.sample(study, draws=20_000, seed=3, workers=1),
+    )
+    return (
+        target,
+        *target.answers_given_the_rest(draws.points("S01").reshape(-1, 4)),
+        evidence(target),
+    )
 
 
 def answers(s, n_yes, n_trials):
@@ -63,9 +70,17 @@ def test_a_unit_left_out_is_the_evidence_with_it_over_the_evidence_without(obser
     s, one = target.subject, np.arange(target.subject.n_pairs) == pair
     if answer is None:
         log_p = s.n_yes * equal + (s.n_trials - s.n_yes) * different
-        found, log_p, n_yes, n_trials = leave_one_pair_out(log_p, s.n_trials), log_p[:, pair], s.n_yes * ~one, s.n_trials * ~one
+        found, log_p, n_yes, n_trials = (
+            leave_one_pair_out(log_p, s.n_trials),
+            log_p[:, pair],
+            s.n_yes * ~one,
+            s.n_trials * ~one,
+        )
     else:
-        found, log_p = leave_one_out(equal, different, s.n_yes, s.n_trials), (equal, different)[answer][:, pair]
+        found, log_p = (
+            leave_one_out(equal, different, s.n_yes, s.n_trials),
+            (equal, different)[answer][:, pair],
+        )
         n_yes, n_trials = s.n_yes - one * (answer == 0), s.n_trials - one
     less, less_error = evidence(target.for_subject(answers(s, n_yes, n_trials)))
     error = np.sqrt(full_error**2 + less_error**2 + monte_carlo_error(log_p) ** 2)
@@ -77,7 +92,11 @@ def log_evidence_by_grid(subject, n_equal, n_trials):
     """Of the symmetric model with beta-binomial counts by a sum over a grid, without draws."""
     axes = np.linspace(-7.0, 2.5, 48), np.linspace(-9.0, 9.0, 46), np.linspace(-13.0, 6.0, 48)
     points = np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")], axis=-1)
-    density = composition("none + beta-binomial").posterior(answers(subject, n_equal, n_trials), bt.Prior()).log_density(points)
+    density = (
+        composition("none + beta-binomial")
+        .posterior(answers(subject, n_equal, n_trials), bt.Prior())
+        .log_density(points)
+    )
     return logsumexp(density) + np.log([axis[1] - axis[0] for axis in axes]).sum()
 
 
@@ -90,7 +109,9 @@ def test_answers_that_go_together_are_left_out_given_the_others_to_their_pair():
     for pair, one in enumerate(np.eye(3, dtype=int)):
         for answer in (0, 1):  # one 'equal', one 'different'
             less = log_evidence_by_grid(s, s.n_yes - one * (answer == 0), s.n_trials - one)
-            assert row.left_out["trial"].values[answer, pair] == pytest.approx(full - less, abs=0.03)
+            assert row.left_out["trial"].values[answer, pair] == pytest.approx(
+                full - less, abs=0.03
+            )
         rest = log_evidence_by_grid(s, s.n_yes * (1 - one), s.n_trials * (1 - one))
         assert row.left_out["pair"].values[0, pair] == pytest.approx(full - rest, abs=0.06)
 
@@ -99,9 +120,13 @@ def test_trials_add_up_with_their_counts(observed):
     target, *logs, _ = observed
     s = target.subject
     found = leave_one_out(*logs, s.n_yes, s.n_trials)
-    each = np.repeat(found.values.ravel(), np.concatenate([s.n_yes, s.n_trials - s.n_yes]))  # one value per trial
+    each = np.repeat(
+        found.values.ravel(), np.concatenate([s.n_yes, s.n_trials - s.n_yes])
+    )  # one value per trial
     assert len(each) == s.total_trials
-    assert (found.elpd, found.se) == pytest.approx((each.sum(), np.sqrt(len(each)) * each.std(ddof=1)), rel=1e-9)
+    assert (found.elpd, found.se) == pytest.approx(
+        (each.sum(), np.sqrt(len(each)) * each.std(ddof=1)), rel=1e-9
+    )
 
 
 def integral(k, n):
@@ -118,7 +143,9 @@ def test_free_frequencies_are_beta_integrals():
             expected = np.log(whole / integral(k - (answer == 0), n - 1)) if given else np.nan
             assert trial.values[answer, i] == pytest.approx(expected, abs=1e-9, nan_ok=True)
     assert trial.counts.tolist() == [K.tolist(), (N - K).tolist()]
-    assert pair.elpd == pytest.approx(frequency_evidence(bt.Subject("S", [0.0, 0.1, 0.2, 0.3], np.zeros(4), K, N)), rel=1e-13)
+    assert pair.elpd == pytest.approx(
+        frequency_evidence(bt.Subject("S", [0.0, 0.1, 0.2, 0.3], np.zeros(4), K, N)), rel=1e-13
+    )
     assert np.isnan(leave_one_out_frequencies([3], [5], unit="pair").se)  # one unit
 
 
@@ -160,7 +187,11 @@ def test_answers_never_given_need_no_probability():
         ("S01", "mean-reverting memory", 7),  # by the posterior's own draws k-hat would be 0.86
         ("S05", "free weighting", 0),  # too few draws count: refitted
         ("S13", "no lapses", 0),  # as well
-        ("S11", "no lapses", 1),  # without the pair there is mass behind a wall, where no draw is: nothing in the weights tells
+        (
+            "S11",
+            "no lapses",
+            1,
+        ),  # without the pair there is mass behind a wall, where no draw is: nothing in the weights tells
     ],
 )
 def test_a_pair_left_out_is_that_of_a_fit_without_it(name, model, pair):
@@ -198,21 +229,36 @@ def test_where_an_answer_is_impossible_draws_count_for_the_other_answers_only():
     logs[::2, 0] = -np.inf
     pairs = weighted_pairs(logs, np.zeros(4000), [1, 1], withheld=np.zeros(2, bool))
     p = np.exp(logs)
-    assert pairs.values[0] == pytest.approx(np.log(p.prod(axis=1).mean()) - np.log(p[:, ::-1].mean(axis=0)), abs=1e-3)
+    assert pairs.values[0] == pytest.approx(
+        np.log(p.prod(axis=1).mean()) - np.log(p[:, ::-1].mean(axis=0)), abs=1e-3
+    )
     kept = weighted_pairs(logs, np.zeros(4000), [1, 1], withheld=np.array([True, False]))
     assert kept.values[0] == pytest.approx([np.nan, pairs.values[0, 1]], nan_ok=True)
     assert "pair 1" in kept.note
     few = logs.copy()
     few[160:, 1] = -30.0  # 80 draws count: too few, however even their weights
-    assert np.isnan(weighted_pairs(few, np.zeros(4000), [1, 1], withheld=np.zeros(2, bool)).values[0, 0])
+    assert np.isnan(
+        weighted_pairs(few, np.zeros(4000), [1, 1], withheld=np.zeros(2, bool)).values[0, 0]
+    )
 
 
-def test_chains_take_over_where_more_draws_are_asked_for_than_the_proposal_has(small_study, monkeypatch):
+def test_chains_take_over_where_more_draws_are_asked_for_than_the_proposal_has(
+    small_study, monkeypatch
+):
     asked, sample = [], model_row.sample_chains
-    monkeypatch.setattr(model_row, "sample_chains", lambda fitted, how, seed: asked.append(how.draws) or sample(fitted, how, seed))
-    one, other = (compare_one(small_study["C"], model_named("symmetric"), draws=n, seed=1, prior=bt.Prior()) for n in (1000, 15_000))
+    monkeypatch.setattr(
+        model_row,
+        "sample_chains",
+        lambda fitted, how, seed: asked.append(how.draws) or sample(fitted, how, seed),
+    )
+    one, other = (
+        compare_one(small_study["C"], model_named("symmetric"), draws=n, seed=1, prior=bt.Prior())
+        for n in (1000, 15_000)
+    )
     assert asked == [15_000]
     assert one.log_evidence == other.log_evidence
     assert one.checks.elpd_loo_trial == pytest.approx(other.checks.elpd_loo_trial, abs=0.2)
-    assert one.left_out["pair"].values == pytest.approx(other.left_out["pair"].values)  # by the proposal in either case
+    assert one.left_out["pair"].values == pytest.approx(
+        other.left_out["pair"].values
+    )  # by the proposal in either case
     assert one.checks.p_predictive == pytest.approx(other.checks.p_predictive, abs=0.06)

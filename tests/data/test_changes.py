@@ -34,7 +34,15 @@ def study():
 
 
 def counts(subject):
-    return list(zip(subject.s1.tolist(), subject.s2.tolist(), subject.n_yes.tolist(), subject.n_trials.tolist(), strict=True))
+    return list(
+        zip(
+            subject.s1.tolist(),
+            subject.s2.tolist(),
+            subject.n_yes.tolist(),
+            subject.n_trials.tolist(),
+            strict=True,
+        )
+    )
 
 
 def same(one, other):
@@ -55,7 +63,10 @@ def test_turning_blocks_is_as_if_the_file_had_them_the_other_way_round(study):
 def test_leaving_out_is_as_if_the_file_had_no_such_rows(study):
     left = study.leave_out("a", 2)
     assert same(left, bt.read_study(FRAME[(FRAME.subject != "a") | (FRAME.block != 2)]))
-    assert (left["a"].answers.blocks, left["a"].answers.block.tolist()) == (("1", "3"), [0, 0, 1, 1])
+    assert (left["a"].answers.blocks, left["a"].answers.block.tolist()) == (
+        ("1", "3"),
+        [0, 0, 1, 1],
+    )
     assert left.turn("a", 3).changes == ("--leave-out a:2", "--turn a:3")
     for gone in (study.leave_out("a"), study.leave_out("a", [1, 2, 3])):
         assert (gone.names, [one.name for one in gone if one.answers]) == (("b:1",), ["b:1"])
@@ -64,9 +75,15 @@ def test_leaving_out_is_as_if_the_file_had_no_such_rows(study):
 
 
 def test_counts_without_blocks_can_be_turned_and_left_out_whole():
-    timed = bt.Study([bt.Subject(name, [0.0, 0.0], [0.3, 0.3], [4, 2], [5, 5], isi=[0.5, 2.0]) for name in "ab"])
+    timed = bt.Study(
+        [bt.Subject(name, [0.0, 0.0], [0.3, 0.3], [4, 2], [5, 5], isi=[0.5, 2.0]) for name in "ab"]
+    )
     turned = timed.turn("b")
-    assert (turned["b"].n_yes.tolist(), turned["b"].isi.tolist(), turned["a"]) == ([1, 3], [0.5, 2.0], timed["a"])
+    assert (turned["b"].n_yes.tolist(), turned["b"].isi.tolist(), turned["a"]) == (
+        [1, 3],
+        [0.5, 2.0],
+        timed["a"],
+    )
     assert turned.at_isi(2.0).changes == ("--turn b",)
     assert timed.leave_out("a").names == ("b",)
 
@@ -91,9 +108,18 @@ def test_blocks_of_several_files_are_named_after_these(tmp_path):
 REFUSED = [
     (["--turn", "x:2"], "--turn x:2: no subject 'x', allowed: a, b:1"),
     (["--leave-out", "a:9"], "--leave-out a:9: found no block '9', allowed: 1, 2, 3"),
-    (["--turn", "a:2", "--turn", "a:2,3"], "--turn a:2,3: found twice, allowed: each subject or block once"),
-    (["--leave-out", "a", "--leave-out", "a:1"], "--leave-out a:1: found twice, allowed: each subject or block once"),
-    (["--leave-out", "a", "--leave-out", "b:1"], "--leave-out b:1: found nobody else, allowed: what leaves some answers"),
+    (
+        ["--turn", "a:2", "--turn", "a:2,3"],
+        "--turn a:2,3: found twice, allowed: each subject or block once",
+    ),
+    (
+        ["--leave-out", "a", "--leave-out", "a:1"],
+        "--leave-out a:1: found twice, allowed: each subject or block once",
+    ),
+    (
+        ["--leave-out", "a", "--leave-out", "b:1"],
+        "--leave-out b:1: found nobody else, allowed: what leaves some answers",
+    ),
 ]
 
 
@@ -101,19 +127,36 @@ REFUSED = [
 def test_what_cannot_be_changed_is_refused_in_one_line(tmp_path, options, said):
     FRAME.to_csv(tmp_path / "study.csv", index=False)
     for command in (["check"], ["asymmetry", "-o", "out.csv"], ["run", "-o", "out"]):
-        assert refused(command[0], "study.csv", *command[1:], *options, cwd=tmp_path) == f"error: {said}\n"
+        assert (
+            refused(command[0], "study.csv", *command[1:], *options, cwd=tmp_path)
+            == f"error: {said}\n"
+        )
 
 
 def test_blocks_of_a_file_without_blocks_and_files_that_are_not_there_are_refused(tmp_path):
     grouped_csv(tmp_path / "study.csv", few_pairs("AB"))
     said = "found no column block, allowed: all answers of the subject, or a column with --columns block=NAME"
-    assert refused("check", "study.csv", "--turn", "A:2", cwd=tmp_path) == f"error: --turn A:2: {said}\n"
+    assert (
+        refused("check", "study.csv", "--turn", "A:2", cwd=tmp_path)
+        == f"error: --turn A:2: {said}\n"
+    )
     with pytest.raises(bt.InputError, match="no subject 'C'"):
         few_pairs("AB").turn("C")
 
 
 def test_every_command_that_reads_answers_has_the_options():
-    for command in ("check", "run", "sample", "evidence", "compare", "fit", "asymmetry", "population", "sensitivity", "figures"):
+    for command in (
+        "check",
+        "run",
+        "sample",
+        "evidence",
+        "compare",
+        "fit",
+        "asymmetry",
+        "population",
+        "sensitivity",
+        "figures",
+    ):
         shown = inside(command, "--help").stdout
         assert "--turn" in shown, command
         assert "--leave-out" in shown, command
@@ -122,7 +165,18 @@ def test_every_command_that_reads_answers_has_the_options():
 def test_results_remember_what_was_changed_and_belong_to_that_study_alone(tmp_path):
     grouped_csv(tmp_path / "study.csv", few_pairs("ABC"))
     options = ("--seed", 1, "--draws", 100, "--workers", 1)
-    made = good("sample", "study.csv", "-o", "draws.nc", "--turn", "A", "--leave-out", "C", *options, cwd=tmp_path)
+    made = good(
+        "sample",
+        "study.csv",
+        "-o",
+        "draws.nc",
+        "--turn",
+        "A",
+        "--leave-out",
+        "C",
+        *options,
+        cwd=tmp_path,
+    )
     assert "subject A: answers turned" in made
     draws = bt.load(tmp_path / "draws.nc")
     assert draws.study.changes == ("--turn A", "--leave-out C")
@@ -131,7 +185,9 @@ def test_results_remember_what_was_changed_and_belong_to_that_study_alone(tmp_pa
     figures = ("figures", "-o", "figures", "--posterior", "draws.nc")
     other = refused(*figures, "study.csv", "--leave-out", "C", cwd=tmp_path)
     assert "of subject 'A' from other answers, read with --turn A --leave-out C;" in other
-    assert "--turn, --leave-out: found no STUDY.csv to change" in refused(*figures, "--turn", "A", cwd=tmp_path)
+    assert "--turn, --leave-out: found no STUDY.csv to change" in refused(
+        *figures, "--turn", "A", cwd=tmp_path
+    )
 
 
 def test_what_is_kept_of_other_answers_is_not_taken(tmp_path):
@@ -140,4 +196,6 @@ def test_what_is_kept_of_other_answers_is_not_taken(tmp_path):
     turned = bt.sample(study.turn("B"), keep=tmp_path / "kept", **how)
     standing = under_way[tmp_path / "kept"]
     assert (standing.taken, standing.jobs) == (2, 3)
-    xr.testing.assert_identical(turned.group("posterior"), bt.sample(study.turn("B"), **how).group("posterior"))
+    xr.testing.assert_identical(
+        turned.group("posterior"), bt.sample(study.turn("B"), **how).group("posterior")
+    )

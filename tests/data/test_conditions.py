@@ -13,7 +13,11 @@ ROWS = "subject,s1,s2,response,condition,isi\n" + "".join(
     f"{who},{s1},{s2},{answer},{level},{isi}\n"
     for who in ("a", "b")
     for level, isi, far in (("right", 2, 0.0), ("left", "1.0", 1.0))
-    for s1, s2, answer in ((far, far, "equal"), (far, 0.3 + far, "different"), (0.3 + far, far, "equal"))
+    for s1, s2, answer in (
+        (far, far, "equal"),
+        (far, 0.3 + far, "different"),
+        (0.3 + far, far, "equal"),
+    )
 )
 
 
@@ -51,7 +55,11 @@ def test_units_have_the_scales_of_their_subject(read):
     for one in found:
         assert one.felt == Stimuli.of(one) == pytest.approx(Stimuli.of(whole[one.person]))
         own, of_whole = bt.model.posterior_of(one), bt.model.posterior_of(whole[one.person])
-        assert own.sbar == pytest.approx(of_whole.sbar) != pytest.approx(np.average(one.s1, weights=one.n_trials))
+        assert (
+            own.sbar
+            == pytest.approx(of_whole.sbar)
+            != pytest.approx(np.average(one.s1, weights=one.n_trials))
+        )
         assert own.prior.mu1_mean == pytest.approx(of_whole.prior.mu1_mean)
     assert found.turn("a@left")["a@left"].felt == found["a@left"].felt
     again = bt.read_study(found.frame())
@@ -69,7 +77,9 @@ def test_intervals_may_be_levels(read):
 
 def test_what_does_not_differ_within_subjects_is_no_condition(read):
     between = ROWS.replace("left", "right").splitlines()
-    text = "\n".join(line.replace("right", "left") if line.startswith("b,") else line for line in between)
+    text = "\n".join(
+        line.replace("right", "left") if line.startswith("b,") else line for line in between
+    )
     found = read(text)
     assert found.names == ("a", "b")
     assert found.conditions is None
@@ -82,7 +92,10 @@ def test_what_does_not_differ_within_subjects_is_no_condition(read):
 @pytest.mark.parametrize("name", ["{0}-{1}", "{2}"])
 def test_names_of_pairs_or_of_their_order_are_no_condition_unless_asked_for(read, name):
     pairs = [(0.0, 0.3, "up"), (0.3, 0.0, "down"), (0.0, 0.6, "up"), (0.6, 0.0, "down")] * 4
-    rows = [f"a,{i},{s1},{s2},equal,{name.format(s1, s2, order)}" for i, (s1, s2, order) in enumerate(pairs)]
+    rows = [
+        f"a,{i},{s1},{s2},equal,{name.format(s1, s2, order)}"
+        for i, (s1, s2, order) in enumerate(pairs)
+    ]
     text = "\n".join(["subject,trial,s1,s2,response,condition", *rows[:3], *rows[4:]])
     found = read(text)
     assert (found.names, found.conditions) == (("a",), None)
@@ -95,8 +108,12 @@ def test_names_of_pairs_or_of_their_order_are_no_condition_unless_asked_for(read
 
 
 def test_check_warns_where_no_pair_is_in_two_conditions(read):
-    rows = [f"a,{s1},{s2},equal,{order}" for s1, s2, order in [(0.0, 0.3, "up"), (0.3, 0.0, "down")] * 6]
-    found = bt.check(read("\n".join(["subject,s1,s2,response,condition", *rows]), condition="condition"))
+    rows = [
+        f"a,{s1},{s2},equal,{order}" for s1, s2, order in [(0.0, 0.3, "up"), (0.3, 0.0, "down")] * 6
+    ]
+    found = bt.check(
+        read("\n".join(["subject,s1,s2,response,condition", *rows]), condition="condition")
+    )
     assert [one.message for one in found if one.code == "stimuli_by_condition"] == [
         "No pair was presented under two conditions: a difference in answers may be due to the pairs, or their order."
     ]
@@ -105,8 +122,16 @@ def test_check_warns_where_no_pair_is_in_two_conditions(read):
 @pytest.mark.parametrize(
     ("text", "options", "said"),
     [
-        (ROWS.replace("left", "l@ft"), {}, "row 5, column condition: found 'l@ft', allowed: a name without @"),
-        (ROWS.replace("left", ""), {}, "row 5, column condition: found '', allowed: a text that is not empty"),
+        (
+            ROWS.replace("left", "l@ft"),
+            {},
+            "row 5, column condition: found 'l@ft', allowed: a name without @",
+        ),
+        (
+            ROWS.replace("left", ""),
+            {},
+            "row 5, column condition: found '', allowed: a text that is not empty",
+        ),
         (ROWS, {"reference": "up"}, "--reference: found 'up', allowed: left, right"),
         (ROWS, {"condition": "hand"}, "column hand: missing"),
     ],
@@ -119,7 +144,12 @@ def test_what_is_refused(read, text, options, said):
 def test_tables_have_subject_and_condition_and_are_read_back_as_units(tmp_path):
     frame = pd.DataFrame({"model": ["m", "m"], "subject": ["a@left", "*"], "value": [1.0, 2.0]})
     path = write_table(frame, tmp_path / "table.csv", units=True)
-    assert pd.read_csv(path, keep_default_na=False).columns.tolist() == ["model", "subject", "condition", "value"]
+    assert pd.read_csv(path, keep_default_na=False).columns.tolist() == [
+        "model",
+        "subject",
+        "condition",
+        "value",
+    ]
     assert read_rows(path, ("subject",), ("value",))[0]["subject"] == ["a@left", "*"]
 
 
@@ -137,7 +167,9 @@ def test_check_warns_of_time_stimuli_and_missing_levels(read):
 
 def test_files_have_the_condition_all_or_none(tmp_path):
     (tmp_path / "one.csv").write_text(ROWS, encoding="utf-8")
-    (tmp_path / "other.csv").write_text(ROWS.replace("condition", "hand").replace("a,", "c,"), encoding="utf-8")
+    (tmp_path / "other.csv").write_text(
+        ROWS.replace("condition", "hand").replace("a,", "c,"), encoding="utf-8"
+    )
     with pytest.raises(bt.InputError, match="found column condition in some files only"):
         bt.read_study([tmp_path / "one.csv", tmp_path / "other.csv"])
     (tmp_path / "other.csv").write_text(ROWS.replace("a,", "c,"), encoding="utf-8")

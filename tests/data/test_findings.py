@@ -13,7 +13,12 @@ from bayes_toe.data.study import Study, Subject
 from bayes_toe.experiments.answers_check import check_answers
 from bayes_toe.experiments.simulate import reference_design
 
-OBSERVER = (-0.7, 0.25, 0.17, 0.92)  # mu1, sigma_p, sigma_l, q0: an order effect, no symmetric answers
+OBSERVER = (
+    -0.7,
+    0.25,
+    0.17,
+    0.92,
+)  # mu1, sigma_p, sigma_l, q0: an order effect, no symmetric answers
 
 
 def trials(rng, count=650, blocks=10, swapped=(), drift=0.0, chance=None):
@@ -29,7 +34,9 @@ def trials(rng, count=650, blocks=10, swapped=(), drift=0.0, chance=None):
 
 def one(name, keys, equal, block):
     ones = np.ones_like(equal)
-    answers = Answers(keys, equal, ones, block, tuple(str(1 + index) for index in range(block.max() + 1)), True)
+    answers = Answers(
+        keys, equal, ones, block, tuple(str(1 + index) for index in range(block.max() + 1)), True
+    )
     return Subject.from_answers(name, answers)
 
 
@@ -68,7 +75,11 @@ def test_swapped_blocks_are_named_explain_the_rest_and_can_be_turned_back(swappe
     for seed in range(5):
         of = study(seed, swapped=swapped)
         unlike, swaps = check_answers(of)
-        assert (unlike.kind, swaps.kind, unlike.option, swaps.option) == ("unlike blocks", "swapped blocks", *[f"--turn S0:{typed}"] * 2)
+        assert (unlike.kind, swaps.kind, unlike.option, swaps.option) == (
+            "unlike blocks",
+            "swapped blocks",
+            *[f"--turn S0:{typed}"] * 2,
+        )
         ways = f"--turn S0:{typed} turns these answers, --leave-out S0:{typed} leaves them out."
         assert swaps.message == f"{said} answered the wrong way round (swapped buttons): {ways}"
         assert 0.7 < float(unlike.message.split("(")[1].split()[0]) < 1.4
@@ -88,7 +99,9 @@ def test_one_short_block_among_many_is_found_where_the_dispersion_is_not_remarka
 
 def test_blocks_that_differ_otherwise_are_not_called_swapped():
     keys, equal, block = trials(np.random.default_rng(1))
-    equal[(block == 4) & (np.random.default_rng(2).random(len(block)) < 0.9)] = 1  # a block of lax answers
+    equal[(block == 4) & (np.random.default_rng(2).random(len(block)) < 0.9)] = (
+        1  # a block of lax answers
+    )
     (finding,) = check_answers(Study((one("S", keys, equal, block),)))
     assert (finding.code, finding.option) == ("block_dispersion", "--leave-out S:5")
     assert finding.message.endswith("block 5 differs most, --leave-out S:5 shows what rests on it.")
@@ -97,7 +110,9 @@ def test_blocks_that_differ_otherwise_are_not_called_swapped():
 def test_drift_is_named_with_its_size_and_a_small_one_is_not():
     messages = found(study(3, drift=0.5, count=1300, blocks=1))
     assert list(messages) == ["drift"]
-    assert messages["drift"].startswith("Answers drift: the P(equal) for the same pairs rises by 0.")
+    assert messages["drift"].startswith(
+        "Answers drift: the P(equal) for the same pairs rises by 0."
+    )
     assert 0.3 < float(messages["drift"].split(" by ")[1].split()[0]) < 0.6
     assert found(study(3, drift=0.1, count=13000, blocks=1)) == {}
 
@@ -113,7 +128,8 @@ def test_guessing_reversed_answers_and_chance_accuracy_are_told_apart():
     s1, s2 = [0.0, 0.0, 0.4, 0.4], [0.0, 0.4, 0.0, 0.4]
     by_the_first = Study((Subject("S", s1, s2, [450, 440, 50, 60], [500] * 4),))
     assert (
-        found(by_the_first)["chance_accuracy"] == "Accuracy is near chance, 'equal' to 51% of the equal and 49% of the different pairs: "
+        found(by_the_first)["chance_accuracy"]
+        == "Accuracy is near chance, 'equal' to 51% of the equal and 49% of the different pairs: "
         "--leave-out S leaves the subject out."
     )
     few = Study((Subject("S", s1, s2, [45, 44, 5, 6], [50] * 4),))
@@ -124,21 +140,32 @@ def test_too_few_trials_to_tell_orders_apart():
     counts = [0.0, 0.0, 0.4, 0.4], [0.0, 0.4, 0.0, 0.4]
     assert "few_trials" in found(Study((Subject("S", *counts, [30, 5, 10, 30], [31] * 4),)))
     assert found(Study((Subject("S", *counts, [30, 5, 10, 30], [32] * 4),))) == {}
-    many = Subject("S", *counts, [2**45, 5, 10, 2**45], [2**46] * 4)  # more than tables are drawn for
+    many = Subject(
+        "S", *counts, [2**45, 5, 10, 2**45], [2**46] * 4
+    )  # more than tables are drawn for
     assert found(Study((many,))) == {}
 
 
-@pytest.mark.parametrize(("shift", "scale", "raw"), [(0, 1, False), (4.7, 1, False), (5.3, 1, True), (0, 10, True)])
+@pytest.mark.parametrize(
+    ("shift", "scale", "raw"), [(0, 1, False), (4.7, 1, False), (5.3, 1, True), (0, 10, True)]
+)
 def test_stimuli_that_look_raw(shift, scale, raw):
-    stimuli = [shift + scale * s for s in (0.0, 0.0, 0.55, 0.55)], [shift + scale * s for s in (0.0, 0.55, 0.0, 0.55)]
+    stimuli = (
+        [shift + scale * s for s in (0.0, 0.0, 0.55, 0.55)],
+        [shift + scale * s for s in (0.0, 0.55, 0.0, 0.55)],
+    )
     made = Subject("S", *stimuli, [45, 5, 10, 45], [50] * 4)
     assert ("raw_stimuli" in found(Study((made,)))) == raw
-    assert found(Study((made,), reading=Reading(read=("i1", "i2")))) == {}, "what --intensity made is not raw"
+    assert found(Study((made,), reading=Reading(read=("i1", "i2")))) == {}, (
+        "what --intensity made is not raw"
+    )
 
 
 def test_stimuli_far_from_where_the_prior_expects_them():
     narrow = bt.Prior(mu1_mean=3.0, mu1_sd=1.0)
-    (finding,) = [finding for finding in check_answers(study(1), narrow) if finding.code == "far_from_prior"]
+    (finding,) = [
+        finding for finding in check_answers(study(1), narrow) if finding.code == "far_from_prior"
+    ]
     assert "lies outside 1.355 to 4.645" in finding.message
     assert check_answers(study(1), bt.Prior()) == ()
 
@@ -152,9 +179,13 @@ def test_looking_needs_no_answers_and_changes_no_counts():
 
 
 def test_real_vibrotactile_subjects_three_are_named(real_data):
-    read = bt.read_study(real_data / "vibrotactile_rate" / "trials.csv", bt.ReadOptions(equal_code="1"))
+    read = bt.read_study(
+        real_data / "vibrotactile_rate" / "trials.csv", bt.ReadOptions(equal_code="1")
+    )
     findings = check_answers(read, bt.Prior())
-    named = {(finding.subject, finding.code): finding.message for finding in findings if finding.subject}
+    named = {
+        (finding.subject, finding.code): finding.message for finding in findings if finding.subject
+    }
     assert list(named) == [
         ("865", "block_dispersion"),
         ("865", "swapped_blocks"),
@@ -162,7 +193,9 @@ def test_real_vibrotactile_subjects_three_are_named(real_data):
         ("946", "swapped_blocks"),
         ("976", "block_dispersion"),
     ]
-    ratios = [named[name, "block_dispersion"].split("= ")[1].split()[0] for name in ("865", "946", "976")]
+    ratios = [
+        named[name, "block_dispersion"].split("= ")[1].split()[0] for name in ("865", "946", "976")
+    ]
     assert ratios == ["2.28", "9.97", "1.72"]
     typed = {(one.subject, one.kind): one.option for one in findings if one.subject}
     assert typed["865", "swapped blocks"] == "--turn 865:2"
@@ -183,7 +216,9 @@ def test_doubtful_data_are_told_by_kind_of_any_study():
     ]
     assert Finding("a", "few_trials", "Only one.").kind == "few trials"
     assert {one.code for one in found} <= DOUBTS.keys()
-    assert not any(one.code == "one_order" for one in check_answers(Study((one_way,)))), "check_study says it, pair by pair"
+    assert not any(one.code == "one_order" for one in check_answers(Study((one_way,)))), (
+        "check_study says it, pair by pair"
+    )
 
 
 def test_options_of_names_that_a_shell_would_split_are_quoted():
@@ -194,7 +229,9 @@ def test_options_of_names_that_a_shell_would_split_are_quoted():
 
 @pytest.mark.parametrize(("pause", "said"), [("1.5", set()), ("1500", {"long_pauses"})])
 def test_pauses_that_look_like_milliseconds(tmp_path, pause, said):
-    rows = [f"a,{i},{i % 2 * 0.3},0.0,equal,{pause if i != 3 else 90000}" for i in range(8)]  # a night between two of them
+    rows = [
+        f"a,{i},{i % 2 * 0.3},0.0,equal,{pause if i != 3 else 90000}" for i in range(8)
+    ]  # a night between two of them
     path = tmp_path / "study.csv"
     path.write_text("\n".join(["subject,trial,s1,s2,response,iti", *rows]), encoding="utf-8")
     assert {found.code for found in bt.check(bt.read_study(path))} & {"long_pauses"} == said

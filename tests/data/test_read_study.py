@@ -34,21 +34,39 @@ def read(data, **options):
 
 def words(rows):
     """Rows whose fourth cell is 1 or 0, with words in its place."""
-    return re.sub(r"^((?:[^,]*,){3})([01])(?=,|$)", lambda row: row[1] + ("different", "equal")[int(row[2])], rows, flags=re.MULTILINE)
+    return re.sub(
+        r"^((?:[^,]*,){3})([01])(?=,|$)",
+        lambda row: row[1] + ("different", "equal")[int(row[2])],
+        rows,
+        flags=re.MULTILINE,
+    )
 
 
 def refused(data, **options):
     with pytest.raises(InputError) as caught:
         read(data, **options)
     problems = caught.value.problems
-    assert all(problem.isprintable() for problem in problems), "one line per problem, and nothing that a terminal would obey"
+    assert all(problem.isprintable() for problem in problems), (
+        "one line per problem, and nothing that a terminal would obey"
+    )
     assert str(caught.value).splitlines() == list(problems)
     assert all(problem.startswith(("study.csv: ", "... and ")) for problem in problems)
     return [problem.removeprefix("study.csv: ") for problem in problems]
 
 
 def content(study):
-    return {one.name: list(zip(one.s1.tolist(), one.s2.tolist(), one.n_yes.tolist(), one.n_trials.tolist(), strict=True)) for one in study}
+    return {
+        one.name: list(
+            zip(
+                one.s1.tolist(),
+                one.s2.tolist(),
+                one.n_yes.tolist(),
+                one.n_trials.tolist(),
+                strict=True,
+            )
+        )
+        for one in study
+    }
 
 
 # --- What is read -----------------------------------------------------------------------------------
@@ -61,33 +79,75 @@ ONE = {"a": [(0.0, 0.0, 1, 1)]}
     ("data", "options", "expected"),
     [
         # Grouped by subject and ordered pair; subjects in order of first appearance, also in rows without an answer.
-        (TRIALS + "b,0.1,0.3,equal\nb,0.1,0.3,different\na,0,0,different\n", {}, {"b": [(0.1, 0.3, 1, 2)], "a": [(0.0, 0.0, 0, 1)]}),
+        (
+            TRIALS + "b,0.1,0.3,equal\nb,0.1,0.3,different\na,0,0,different\n",
+            {},
+            {"b": [(0.1, 0.3, 1, 2)], "a": [(0.0, 0.0, 0, 1)]},
+        ),
         (TRIALS + "b,0,0,\na,0,0,equal\nb,0,0,equal\n", {}, {"b": [(0.0, 0.0, 1, 1)], **ONE}),
-        (COUNTS + "a,0,0.3,1,5\na,0.0,0.30,2,6\na,1,1,0,0\na,0,0.3,0,4\n", {}, {"a": [(0.0, 0.3, 3, 15)]}),
-        (f"{COUNTS}a,0,0,9007199254740992,9007199254740992\n", {}, {"a": [(0.0, 0.0, 2**53, 2**53)]}),
+        (
+            COUNTS + "a,0,0.3,1,5\na,0.0,0.30,2,6\na,1,1,0,0\na,0,0.3,0,4\n",
+            {},
+            {"a": [(0.0, 0.3, 3, 15)]},
+        ),
+        (
+            f"{COUNTS}a,0,0,9007199254740992,9007199254740992\n",
+            {},
+            {"a": [(0.0, 0.0, 2**53, 2**53)]},
+        ),
         (f"{TRIALS}a,-0.0,0,same\na,0,-0,different\n", {}, {"a": [(0.0, 0.0, 1, 2)]}),
         *(
             (f"{TRIALS}a,{text},-{text.lstrip('+')},same\n", {}, {"a": [(0.25, -0.25, 1, 1)]})
             for text in ("+0.25", ".25", "25E-2", "00.250")
         ),
-        *((f"{COUNTS}a,0,0,0,{text}\n", {}, {"a": [(0.0, 0.0, 0, 5)]}) for text in ("5", "5.0", "5.", "+5", "005", "5.00")),
+        *(
+            (f"{COUNTS}a,0,0,0,{text}\n", {}, {"a": [(0.0, 0.0, 0, 5)]})
+            for text in ("5", "5.0", "5.", "+5", "005", "5.00")
+        ),
         *((f"{TRIALS}a,0,0,{text}\n", {}, ONE) for text in ("equal", "EQUAL", " Same ")),
-        *((f"{TRIALS}a,0,0,{text}\n", {}, {"a": [(0.0, 0.0, 0, 1)]}) for text in ("different", "Different")),
+        *(
+            (f"{TRIALS}a,0,0,{text}\n", {}, {"a": [(0.0, 0.0, 0, 1)]})
+            for text in ("different", "Different")
+        ),
         # Cells and headers are stripped; blank rows and other columns, also repeated ones, are ignored.
         (' subject , s1,"s2 ",response \n a , 0 ,\t0.5, "equal "\n', {}, {"a": [(0.0, 0.5, 1, 1)]}),
         ('x,subject,s1,,x,s2,response,\n\n1,a,0,,"free, text",0,equal,\n  \n,,,,,,,\n,\n', {}, ONE),
         ("subject;s1;s2;response;a,b,c,d,e,f,g\na;0;0;equal;y\n", {}, ONE),
-        ("subject;s1;s2;response\na;0;0;1,0\na;0;0;0,0\na;0;0;1\n", {"equal_code": "1"}, {"a": [(0.0, 0.0, 2, 3)]}),
+        (
+            "subject;s1;s2;response\na;0;0;1,0\na;0;0;0,0\na;0;0;1\n",
+            {"equal_code": "1"},
+            {"a": [(0.0, 0.0, 2, 3)]},
+        ),
         ("block,s1,s2,response\na,0,0,equal\n", {"columns": {"subject": "block"}}, ONE),
         # Codes are exact; one leaves the default words of the other side; one is never also read as its opposite.
-        (f"{TRIALS}a,0,0,f\na,0,0, J \n", {"equal_code": "f", "different_code": "J"}, {"a": [(0.0, 0.0, 1, 2)]}),
-        (f"{TRIALS}a,0,0,0\na,0,0,1\n", {"equal_code": "0", "different_code": "1"}, {"a": [(0.0, 0.0, 1, 2)]}),
-        (f"{TRIALS}a,0,0,z\na,0,0,different\na,0,0,Different\n", {"equal_code": "z"}, {"a": [(0.0, 0.0, 1, 3)]}),
-        (f"{TRIALS}a,0,0,None\na,0,0,none\na,0,0,different\n", {"equal_code": "None"}, {"a": [(0.0, 0.0, 1, 2)]}),
+        (
+            f"{TRIALS}a,0,0,f\na,0,0, J \n",
+            {"equal_code": "f", "different_code": "J"},
+            {"a": [(0.0, 0.0, 1, 2)]},
+        ),
+        (
+            f"{TRIALS}a,0,0,0\na,0,0,1\n",
+            {"equal_code": "0", "different_code": "1"},
+            {"a": [(0.0, 0.0, 1, 2)]},
+        ),
+        (
+            f"{TRIALS}a,0,0,z\na,0,0,different\na,0,0,Different\n",
+            {"equal_code": "z"},
+            {"a": [(0.0, 0.0, 1, 3)]},
+        ),
+        (
+            f"{TRIALS}a,0,0,None\na,0,0,none\na,0,0,different\n",
+            {"equal_code": "None"},
+            {"a": [(0.0, 0.0, 1, 2)]},
+        ),
         # Stimuli in both units are chosen by the option; columns may be swapped; the reference itself is exactly 0.
         ("subject,s1,s2,i1,i2,response\na,0,0,7,8,equal\n", {}, ONE),
         ("subject,s1,s2,i1,i2,response\na,7,8,0.087,0.087,equal\n", {"intensity": 0.087}, ONE),
-        (f"{TRIALS}a,1,2,equal\n", {"columns": {"s1": "s2", "s2": "s1"}}, {"a": [(2.0, 1.0, 1, 1)]}),
+        (
+            f"{TRIALS}a,1,2,equal\n",
+            {"columns": {"s1": "s2", "s2": "s1"}},
+            {"a": [(2.0, 1.0, 1, 1)]},
+        ),
     ],
 )
 def test_what_is_read(data, options, expected):
@@ -103,7 +163,9 @@ def test_what_is_read(data, options, expected):
         (
             TRIALS + "a,0,0,1.0\na,0,0,0\n",
             {"equal_code": "1"},
-            ["trial rows, comma-separated, UTF-8, responses '1.0' as equal (1) / '0' as different (1)"],
+            [
+                "trial rows, comma-separated, UTF-8, responses '1.0' as equal (1) / '0' as different (1)"
+            ],
         ),
         (
             COUNTS + "a,0,0.3,1,5\nb,0,0,3,3\na,0.0,0.30,2,6\na,1,1,0,0\na,0,0.3,0,4\n",
@@ -119,7 +181,11 @@ def test_what_is_read(data, options, expected):
             {"columns": {"n_equal": "k", "n_trials": "n"}},
             [
                 "grouped rows, comma-separated, UTF-8, 2 of 4 trials answered 'equal'",
-                *("column k read as n_equal", "column n read as n_trials", "1 repeated row merged: a 1"),
+                *(
+                    "column k read as n_equal",
+                    "column n read as n_trials",
+                    "1 repeated row merged: a 1",
+                ),
             ],
         ),
         (
@@ -158,7 +224,22 @@ def test_rows_without_a_response_are_dropped_and_counted(text):
 
 
 def test_subject_names_stay_as_they_are():
-    names = ["01", "1", "1.0", "NA", "nan", "None", "Zoë", "被験者 一", "🙂", "a\u200bb", "O'Neil", "true", "1e5", "-"]
+    names = [
+        "01",
+        "1",
+        "1.0",
+        "NA",
+        "nan",
+        "None",
+        "Zoë",
+        "被験者 一",
+        "🙂",
+        "a\u200bb",
+        "O'Neil",
+        "true",
+        "1e5",
+        "-",
+    ]
     assert read(TRIALS + "".join(f"{name},0,0,equal\n" for name in names)).names == tuple(names)
     assert read(f'{TRIALS}"a ""x"", b",0,0,equal\n"c\nd",0,0,equal\n').names == ('a "x", b', "c\nd")
 
@@ -166,16 +247,29 @@ def test_subject_names_stay_as_they_are():
 def test_amplitudes_become_log_intensities_and_do_not_overflow():
     study = read(AMPLITUDES + "a,0.087,0.174,equal\na,0.0435,1e-3,different\n", intensity=0.087)
     assert study["a"].s1.tolist() == pytest.approx([math.log(0.5), 0.0], abs=1e-15)
-    assert study["a"].s2.tolist() == pytest.approx([math.log(1e-3 / 0.087), math.log(2.0)], rel=1e-14)
+    assert study["a"].s2.tolist() == pytest.approx(
+        [math.log(1e-3 / 0.087), math.log(2.0)], rel=1e-14
+    )
     extreme = read(AMPLITUDES + "a,1e308,1e-308,same\n", intensity=1e-300)
-    assert (extreme["a"].s1[0], extreme["a"].s2[0]) == pytest.approx((608 * math.log(10), -8 * math.log(10)))
+    assert (extreme["a"].s1[0], extreme["a"].s2[0]) == pytest.approx(
+        (608 * math.log(10), -8 * math.log(10))
+    )
 
 
 @pytest.mark.parametrize(
-    ("marks", "synthetic"), [(("1", "1"), True), (("true", "YES"), True), (("1", "0"), False), (("", ""), False), (("1", ""), False)]
+    ("marks", "synthetic"),
+    [
+        (("1", "1"), True),
+        (("true", "YES"), True),
+        (("1", "0"), False),
+        (("", ""), False),
+        (("1", ""), False),
+    ],
 )
 def test_synthetic_column(marks, synthetic):
-    study = read(f"subject,s1,s2,response,synthetic\na,0,0,equal,{marks[0]}\na,0,0,equal,{marks[1]}\n")
+    study = read(
+        f"subject,s1,s2,response,synthetic\na,0,0,equal,{marks[0]}\na,0,0,equal,{marks[1]}\n"
+    )
     assert study.synthetic is synthetic
     assert any("synthetic" in note for note in study.notes) is ("1" in marks or synthetic)
 
@@ -184,18 +278,30 @@ def test_synthetic_column(marks, synthetic):
 
 
 def test_blocks_and_trials_are_kept_in_order_beside_the_counts():
-    study = read(ORDERED + words("a,0,1,1,10,2\nb,0,0,1,x,7\na,0,0,0,9,1\na,0,0,NA,9,2\na,0,0,1,10,1\n"))
+    study = read(
+        ORDERED + words("a,0,1,1,10,2\nb,0,0,1,x,7\na,0,0,0,9,1\na,0,0,NA,9,2\na,0,0,1,10,1\n")
+    )
     assert content(study) == {"a": [(0.0, 0.0, 1, 2), (0.0, 1.0, 1, 1)], "b": [(0.0, 0.0, 1, 1)]}
     answers = study["a"].answers
     assert answers.blocks == ("10", "9"), "one block is no number: in order of appearance"
-    assert answers.keys.tolist() == [[0, 0], [0, 1], [0, 0], [0, 0]], "a trial without an answer was felt all the same"
-    assert (answers.n_yes.tolist(), answers.n_trials.tolist(), answers.block.tolist()) == ([1, 1, 0, 0], [1, 1, 1, 0], [0, 0, 1, 1])
-    assert (answers.trials, answers.begins.tolist()) == (True, [True, False, True, False]), "memory begins anew in another block"
+    assert answers.keys.tolist() == [[0, 0], [0, 1], [0, 0], [0, 0]], (
+        "a trial without an answer was felt all the same"
+    )
+    assert (answers.n_yes.tolist(), answers.n_trials.tolist(), answers.block.tolist()) == (
+        [1, 1, 0, 0],
+        [1, 1, 1, 0],
+        [0, 0, 1, 1],
+    )
+    assert (answers.trials, answers.begins.tolist()) == (True, [True, False, True, False]), (
+        "memory begins anew in another block"
+    )
     assert study.reading.ignored == ()
     numbered = read(ORDERED + words("a,0,1,1,10,2\na,0,0,0,9,1\na,0,0,1,10,1\n"))["a"].answers
     assert (numbered.blocks, numbered.n_yes.tolist()) == (("9", "10"), [0, 1, 1])
     running = read(ORDERED + words("a,0,1,1,1,12\na,0,0,0,2,3\na,0,0,0,1,4\n"))["a"].answers
-    assert (running.n_yes.tolist(), running.block.tolist()) == ([0, 0, 1], [1, 0, 0]), "trials numbered over all blocks"
+    assert (running.n_yes.tolist(), running.block.tolist()) == ([0, 0, 1], [1, 0, 0]), (
+        "trials numbered over all blocks"
+    )
 
 
 def test_sessions_tell_the_order_and_where_memory_begins_anew():
@@ -203,41 +309,70 @@ def test_sessions_tell_the_order_and_where_memory_begins_anew():
     rows = words("a,0,0,1,2,1,1,\na,0,1,1,1,1,1,\na,0,1,0,1,2,1,2.5\na,1,1,1,1,2,3,-1\n")
     study = read(header + rows)
     answers = study["a"].answers
-    assert (answers.n_yes.tolist(), answers.begins.tolist()) == ([1, 0, 1, 1], [True, False, False, True])
+    assert (answers.n_yes.tolist(), answers.begins.tolist()) == (
+        [1, 0, 1, 1],
+        [True, False, False, True],
+    )
     np.testing.assert_array_equal(answers.iti, [np.nan, 2.5, np.nan, np.nan])
     assert study.notes[1:] == (
         "numbers of trials are missing (a 1): trials that were left out were felt all the same, keep them",
         "no time since the trial before for 1 trial in column iti",
     )
     assert study.leave_out("a", "2")["a"].answers.begins.tolist() == [True, True]
-    assert replace(study["a"], n_yes=[0, 0, 0]).answers is None, "other counts are not those of the answers"
+    assert replace(study["a"], n_yes=[0, 0, 0]).answers is None, (
+        "other counts are not those of the answers"
+    )
 
 
 def test_trials_that_tell_no_order_leave_that_of_the_file_and_are_noted():
     study = read(ORDERED + words("a,0,1,1,1,1\na,0,0,0,1,1\nb,0,0,0,1,x\nc,0,0,0,1,1\n"))
-    assert study.notes[1:] == ("column trial does not tell the order of all trials, so that of the file stands: a, b",)
+    assert study.notes[1:] == (
+        "column trial does not tell the order of all trials, so that of the file stands: a, b",
+    )
     assert study["a"].answers.n_yes.tolist() == [1, 0]
 
 
 def test_trials_that_are_there_twice_are_told():
     rows = words("a,0,1,1,1,1\na,0,0,0,1,2\nb,0,0,0,1,1\n")
-    (same,) = read(ORDERED + rows + words("b,0,1,NA,1,1\na,0,0,0,1,2\nb,0,0,0,1,1\n")).reading.doubts
-    assert "2 rows repeat block and trial of another row with the same stimuli and answer, first row 6, which repeats row 3 (" in same
+    (same,) = read(
+        ORDERED + rows + words("b,0,1,NA,1,1\na,0,0,0,1,2\nb,0,0,0,1,1\n")
+    ).reading.doubts
+    assert (
+        "2 rows repeat block and trial of another row with the same stimuli and answer, first row 6, which repeats row 3 ("
+        in same
+    )
     (other,) = read(ORDERED + rows + words("b,0,0,1,1,1\n")).reading.doubts
-    assert "1 row repeats block and trial of another row, none with the same stimuli and answer, first row 5" in other
+    assert (
+        "1 row repeats block and trial of another row, none with the same stimuli and answer, first row 5"
+        in other
+    )
     assert "unless these are several sessions" in other
     unblocked = "subject,s1,s2,response,trial\n" + words("a,0,1,1,1\na,0,1,1,1\n")
     assert "1 row repeats trial of another row with the same" in read(unblocked).reading.doubts[0]
     several = words("a,0,0,0,1,x\na,0,0,0,1,x\n"), words("a,0,0,1,1\n"), words("a,0,1,1\na,0,1,1\n")
-    for fine in (ORDERED + rows, ORDERED + rows + several[0], unblocked + several[1], TRIALS + several[2]):
-        assert read(fine).reading.doubts == (), "in another block, without a number, or without blocks they may be other trials"
+    for fine in (
+        ORDERED + rows,
+        ORDERED + rows + several[0],
+        unblocked + several[1],
+        TRIALS + several[2],
+    ):
+        assert read(fine).reading.doubts == (), (
+            "in another block, without a number, or without blocks they may be other trials"
+        )
 
 
 def test_counts_have_answers_where_they_have_blocks():
-    study = read("subject,s1,s2,n_equal,n_trials,Run\na,0,1,1,5,1\na,0,1,2,5,2\n", columns={"block": "Run"})
+    study = read(
+        "subject,s1,s2,n_equal,n_trials,Run\na,0,1,1,5,1\na,0,1,2,5,2\n", columns={"block": "Run"}
+    )
     assert content(study) == {"a": [(0.0, 1.0, 3, 10)]}
     answers = study["a"].answers
-    assert (answers.n_yes.tolist(), answers.n_trials.tolist(), answers.blocks, answers.trials) == ([1, 2], [5, 5], ("1", "2"), False)
+    assert (answers.n_yes.tolist(), answers.n_trials.tolist(), answers.blocks, answers.trials) == (
+        [1, 2],
+        [5, 5],
+        ("1", "2"),
+        False,
+    )
     assert read(COUNTS + "a,0,1,1,5\n")["a"].answers is None
 
 
@@ -246,7 +381,9 @@ def test_columns_that_nobody_reads_are_told_by_name():
     assert study.reading.ignored == ("rt", "i1", "Block")
     assert study.reading.read == ("subject", "s1", "s2", "response")
     twice = read("subject,s1,s2,response,block,block\na,0,1,same,1,2\n")
-    assert twice.reading.ignored == ("block",), "which of two is meant cannot be told, and no result depends on it"
+    assert twice.reading.ignored == ("block",), (
+        "which of two is meant cannot be told, and no result depends on it"
+    )
 
 
 # --- Several files --------------------------------------------------------------------------------------
@@ -264,11 +401,15 @@ def test_a_file_that_is_a_copy_of_another_is_told(tmp_path):
     for path, text in zip(paths, texts.values(), strict=True):
         path.write_text(text, encoding="utf-8")
     (told,) = read_study(paths).reading.doubts
-    assert told.startswith("3.csv has the same 20 trials of subject a as 1.csv: trials that are there twice")
+    assert told.startswith(
+        "3.csv has the same 20 trials of subject a as 1.csv: trials that are there twice"
+    )
     assert read_study([paths[0], paths[1], paths[3]]).reading.doubts == ()
 
 
-def test_of_several_files_the_problems_of_the_first_are_all_told_and_the_other_files_counted(tmp_path):
+def test_of_several_files_the_problems_of_the_first_are_all_told_and_the_other_files_counted(
+    tmp_path,
+):
     for name, rows in {"a": 12, "b": 3, "c": 3}.items():
         (tmp_path / f"{name}.csv").write_text(TRIALS + "a,x,0,equal\n" * rows, encoding="utf-8")
     files = [tmp_path / f"{name}.csv" for name in "abc"]
@@ -288,7 +429,10 @@ def test_of_several_files_the_problems_of_the_first_are_all_told_and_the_other_f
 @pytest.mark.parametrize(
     ("options", "problems"),
     [
-        ({"equal_code": "a", "different_code": " a "}, ["--different-code: found 'a' as --equal-code"]),
+        (
+            {"equal_code": "a", "different_code": " a "},
+            ["--different-code: found 'a' as --equal-code"],
+        ),
         ({"equal_code": "  "}, ["--equal-code: found ''"]),
         ({"different_code": ""}, ["--different-code: found ''"]),
         ({"intensity": 0.0}, ["--intensity: found 0.0, allowed: a positive finite number"]),
@@ -297,19 +441,33 @@ def test_of_several_files_the_problems_of_the_first_are_all_told_and_the_other_f
         ({"columns": {"first": "s1"}}, ["--columns: found 'first=s1'"]),
         ({"columns": {"s1": " "}}, ["--columns: found 's1='"]),
         ({"columns": {"s1": "a", "s2": "a"}}, ["--columns: found 's2=a', allowed: each name once"]),
-        ({"subject_from": "x.csv"}, ["--subject-from: found 'x.csv', allowed: a file's name with one {}"]),
-        ({"intensity": -1, "equal_code": "", "columns": {"x": "y"}}, ["--intensity", "--equal-code", "--columns"]),
+        (
+            {"subject_from": "x.csv"},
+            ["--subject-from: found 'x.csv', allowed: a file's name with one {}"],
+        ),
+        (
+            {"intensity": -1, "equal_code": "", "columns": {"x": "y"}},
+            ["--intensity", "--equal-code", "--columns"],
+        ),
     ],
 )
 def test_options_that_make_no_sense_are_refused_all_at_once(options, problems):
     with pytest.raises(InputError) as caught:
         ReadOptions(**options)
     assert len(caught.value.problems) == len(problems)
-    assert all(line.startswith(problem) for line, problem in zip(caught.value.problems, problems, strict=True))
+    assert all(
+        line.startswith(problem)
+        for line, problem in zip(caught.value.problems, problems, strict=True)
+    )
 
 
 @pytest.mark.parametrize(
-    ("text", "found"), [*((text, repr(text)) for text in ("", "s1", "s1=", "=x", "S1=x", "s3=a")), ("s1=a,", "''"), ("s1=a,s1=b", "'s1=b'")]
+    ("text", "found"),
+    [
+        *((text, repr(text)) for text in ("", "s1", "s1=", "=x", "S1=x", "s3=a")),
+        ("s1=a,", "''"),
+        ("s1=a,s1=b", "'s1=b'"),
+    ],
 )
 def test_parse_columns_refuses(text, found):
     with pytest.raises(InputError) as caught:
@@ -325,16 +483,25 @@ def test_parse_columns_refuses(text, found):
 
 
 @pytest.mark.parametrize(
-    ("codec", "label"), [("utf-8", "UTF-8"), ("utf-8-sig", "UTF-8"), ("utf-16", "UTF-16"), ("utf-16-be", "UTF-16")], ids=str
+    ("codec", "label"),
+    [("utf-8", "UTF-8"), ("utf-8-sig", "UTF-8"), ("utf-16", "UTF-16"), ("utf-16-be", "UTF-16")],
+    ids=str,
 )
 @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"], ids=["LF", "CRLF", "CR"])
 @pytest.mark.parametrize(("delimiter", "name"), [(",", "comma"), (";", "semicolon"), ("\t", "tab")])
 def test_dialects(codec, label, end, delimiter, name):
-    lines = ['"subject","a|b","s1","s2","response"', "Zoë,0,0.5,-0.25,equal", "Ω,0,0,0,different", ""]
+    lines = [
+        '"subject","a|b","s1","s2","response"',
+        "Zoë,0,0.5,-0.25,equal",
+        "Ω,0,0,0,different",
+        "",
+    ]
     mark = b"\xfe\xff" if codec == "utf-16-be" else b""
     study = read(mark + end.join(lines).replace(",", delimiter).replace("|", ",").encode(codec))
     assert content(study) == {"Zoë": [(0.5, -0.25, 1, 1)], "Ω": [(0.0, 0.0, 0, 1)]}
-    assert study.notes[0].startswith(f"trial rows, {name}-separated, {label}, responses 'equal' (1)")
+    assert study.notes[0].startswith(
+        f"trial rows, {name}-separated, {label}, responses 'equal' (1)"
+    )
 
 
 # --- Refusals -----------------------------------------------------------------------------------------
@@ -349,7 +516,9 @@ HEADER_ONLY = "row 1: found a header only, allowed: at least one row below it"
 
 
 def missing(name, found, hint):
-    return f"row 1, column {name}: missing, found {found}, allowed: a column of this name, or {hint}"
+    return (
+        f"row 1, column {name}: missing, found {found}, allowed: a column of this name, or {hint}"
+    )
 
 
 def no(data, *problems, **options):
@@ -359,29 +528,52 @@ def no(data, *problems, **options):
 
 HEAD = "'subject', 's1', 's2'"
 FROM_NAME = "or --subject-from '{}.csv', where the name of the file tells it"
-ALONE = "allowed: response alone (one row per trial) or n_equal and n_trials alone (one row per pair)"
+ALONE = (
+    "allowed: response alone (one row per trial) or n_equal and n_trials alone (one row per pair)"
+)
 REFUSED = [
     # The header.
     no(
         "id,x,response\na,0,equal\n",
         missing("subject", "'id', 'x', 'response'", f"--columns subject=NAME; {FROM_NAME}"),
-        *(missing(name, "'id', 'x', 'response'", f"--columns {name}=NAME") for name in ("s1", "s2")),
+        *(
+            missing(name, "'id', 'x', 'response'", f"--columns {name}=NAME")
+            for name in ("s1", "s2")
+        ),
     ),
-    no("Subject,s1,s2,response\na,0,1,same\n", missing("subject", "'Subject', 's1', 's2', 'response'", "--columns subject=Subject")),
+    no(
+        "Subject,s1,s2,response\na,0,1,same\n",
+        missing("subject", "'Subject', 's1', 's2', 'response'", "--columns subject=Subject"),
+    ),
     no(
         "subject,s1,s2,Answer\na,0,1,same\n",
-        missing("response", HEAD + ", 'Answer'", "--columns response=Answer; or counts in n_equal or n_second, and n_trials"),
+        missing(
+            "response",
+            HEAD + ", 'Answer'",
+            "--columns response=Answer; or counts in n_equal or n_second, and n_trials",
+        ),
     ),
-    no("subject,s1,s2,n_equal\na,0,1,5\n", missing("n_trials", HEAD + ", 'n_equal'", "--columns n_trials=NAME")),
+    no(
+        "subject,s1,s2,n_equal\na,0,1,5\n",
+        missing("n_trials", HEAD + ", 'n_equal'", "--columns n_trials=NAME"),
+    ),
     no(
         "subject,s1,s2,n_trials\na,0,1,5\n",
-        missing("n_equal", HEAD + ", 'n_trials'", "--columns n_equal=NAME; or n_second, where the question was which is stronger"),
+        missing(
+            "n_equal",
+            HEAD + ", 'n_trials'",
+            "--columns n_equal=NAME; or n_second, where the question was which is stronger",
+        ),
     ),
     (
         "subject,i1,i2,response\na,1,2,equal\n",
         {},
         [
-            missing(name, "'subject', 'i1', 'i2', 'response'", f"--columns {name}=NAME; the amplitudes i1, i2 need --intensity REF")
+            missing(
+                name,
+                "'subject', 'i1', 'i2', 'response'",
+                f"--columns {name}=NAME; the amplitudes i1, i2 need --intensity REF",
+            )
             for name in ("s1", "s2")
         ],
     ),
@@ -389,7 +581,11 @@ REFUSED = [
         f"{TRIALS}a,1,2,equal\n",
         {"intensity": 1.0},
         [
-            missing(name, HEAD + ", 'response'", f"--columns {name}=NAME; the log intensities s1, s2 are read without --intensity")
+            missing(
+                name,
+                HEAD + ", 'response'",
+                f"--columns {name}=NAME; the log intensities s1, s2 are read without --intensity",
+            )
             for name in ("i1", "i2")
         ],
     ),
@@ -400,11 +596,21 @@ REFUSED = [
         columns={"s1": "first", "n_trials": "n"},
     ),
     *(
-        no(f"subject,s1,s2,response,{counts}\n", f"row 1, column response: found together with {counts.replace(',', ' and ')}, {ALONE}")
+        no(
+            f"subject,s1,s2,response,{counts}\n",
+            f"row 1, column response: found together with {counts.replace(',', ' and ')}, {ALONE}",
+        )
         for counts in ("n_equal", "n_trials", "n_equal,n_trials")
     ),
-    no("subject,s1,s2,s1,response\na,0,0,0,equal\n", "row 1, column s1: found 2 columns of this name, allowed: one"),
-    no(f"{TRIALS}a,0,0,equal\n", "row 1, column s2: found as s1 and as s2, allowed: one meaning per column", columns={"s1": "s2"}),
+    no(
+        "subject,s1,s2,s1,response\na,0,0,0,equal\n",
+        "row 1, column s1: found 2 columns of this name, allowed: one",
+    ),
+    no(
+        f"{TRIALS}a,0,0,equal\n",
+        "row 1, column s2: found as s1 and as s2, allowed: one meaning per column",
+        columns={"s1": "s2"},
+    ),
     no(
         "subject,s1,response\na,0,equal\nb,0\n",
         missing("s2", "'subject', 's1', 'response'", "--columns s2=NAME"),
@@ -412,13 +618,22 @@ REFUSED = [
     ),
     *(no(data, EMPTY) for data in (b"", b"\n\n", b"  \n", b"\xef\xbb\xbf", b"\xff\xfe")),
     *(no(header, HEADER_ONLY) for header in (TRIALS, COUNTS, TRIALS + "\n\n", COUNTS + ",,,\n")),
-    no('"subject,s1,s2,response\na,0,0,equal\n', f"row 1: found a quote that is never closed, {QUOTES}"),
+    no(
+        '"subject,s1,s2,response\na,0,0,equal\n',
+        f"row 1: found a quote that is never closed, {QUOTES}",
+    ),
     # Rows that cannot be split; rows are physical.
     *(
-        no(f"{TRIALS}a,0,0,equal\n{row}\na,0,0,equal\n", f"row 3: found {cells}, allowed: 4 cells as in the header")
+        no(
+            f"{TRIALS}a,0,0,equal\n{row}\na,0,0,equal\n",
+            f"row 3: found {cells}, allowed: 4 cells as in the header",
+        )
         for row, cells in (("a,0,0", "3 cells"), ("a", "1 cell"), ("a,0,0,equal,", "5 cells"))
     ),
-    no(f'{TRIALS}a,0,0,equal\n"b,0,0,equal\nc,0,0,equal\n', f"row 3: found a quote that is never closed, {QUOTES}"),
+    no(
+        f'{TRIALS}a,0,0,equal\n"b,0,0,equal\nc,0,0,equal\n',
+        f"row 3: found a quote that is never closed, {QUOTES}",
+    ),
     no(f'{TRIALS}a,"1"2,0,equal\n', f"row 2: found text after a closing quote, {QUOTES}"),
     no(
         f'{TRIALS}"{"x" * 200_000}",0,0,equal\n',
@@ -432,23 +647,46 @@ REFUSED = [
     no(f"\n \n{TRIALS}\na,0,x,equal\n", f"row 5, column s2: found 'x', allowed: {NUMBER}"),
     # Cells.
     *(
-        no(f"{head}a,0,0,{good}\n ,0,0,{bad}\n", "row 3, column subject: found '', allowed: a text that is not empty")
-        for head, good, bad in ((TRIALS, "equal", "equal"), (COUNTS, "1,2", "1,2"), (COUNTS, "1,2", "0,0"))
+        no(
+            f"{head}a,0,0,{good}\n ,0,0,{bad}\n",
+            "row 3, column subject: found '', allowed: a text that is not empty",
+        )
+        for head, good, bad in (
+            (TRIALS, "equal", "equal"),
+            (COUNTS, "1,2", "1,2"),
+            (COUNTS, "1,2", "0,0"),
+        )
     ),
     *(
-        no(f"{TRIALS}a,0,0,equal\na,{text},0,equal\n", f"row 3, column s1: found {text!r}, allowed: {NUMBER}")
+        no(
+            f"{TRIALS}a,0,0,equal\na,{text},0,equal\n",
+            f"row 3, column s1: found {text!r}, allowed: {NUMBER}",
+        )
         for text in ("abc", "nan", "-inf", "1e999", "1_0", "0x1", "", "1 2", "٣", "\u22121")
     ),
     *(
-        no(f"subject;s1;s2;response\na;{text};0;same\n", f"row 2, column s1: found {text!r}, allowed: {NUMBER}{unclear}")
+        no(
+            f"subject;s1;s2;response\na;{text};0;same\n",
+            f"row 2, column s1: found {text!r}, allowed: {NUMBER}{unclear}",
+        )
         for text, unclear in (
-            *((text, ", without thousands separators") for text in ("1.234,5", "1,234.5", "1,2,3", "1.2.3")),
+            *(
+                (text, ", without thousands separators")
+                for text in ("1.234,5", "1,234.5", "1,2,3", "1.2.3")
+            ),
             *((text, "") for text in ("1 000", "1'000")),
         )
     ),
-    no(f'{TRIALS}a,"0,087",0,same\n', f"row 2, column s1: found '0,087', allowed: {NUMBER}; decimal commas need ';' or tab between cells"),
+    no(
+        f'{TRIALS}a,"0,087",0,same\n',
+        f"row 2, column s1: found '0,087', allowed: {NUMBER}; decimal commas need ';' or tab between cells",
+    ),
     *(
-        no(f"{AMPLITUDES}a,1,{text},same\n", f"row 2, column i2: found {text!r}, allowed: a positive finite number", intensity=2.0)
+        no(
+            f"{AMPLITUDES}a,1,{text},same\n",
+            f"row 2, column i2: found {text!r}, allowed: a positive finite number",
+            intensity=2.0,
+        )
         for text in ("0", "-0.1", "0.0", "1e-999", "nan", "inf", "x", "")
     ),
     no(
@@ -458,12 +696,27 @@ REFUSED = [
     *(
         no(f"{COUNTS}a,0,0,{cells}\n", f"row 2, column {column}: found {shown!r}, allowed: {WHOLE}")
         for text in ("-1", "2.5", "", "inf", "9007199254740993", "1e3", "5.000", "1,5", "٣")
-        for column, cells, shown in (("n_equal", f'"{text}",9007199254740992', text), ("n_trials", f'0,"{text}"', text))
+        for column, cells, shown in (
+            ("n_equal", f'"{text}",9007199254740992', text),
+            ("n_trials", f'0,"{text}"', text),
+        )
     ),
-    no("subject;s1;s2;n_equal;n_trials\na;0;0;5;12.000\n", f"row 2, column n_trials: found '12.000', allowed: {WHOLE}"),
-    no(f"{COUNTS}a,0,0,2,2\na,0,1,6,5\n", "row 3, column n_equal: found '6', allowed: 0 to n_trials = 5"),
-    no(f"{COUNTS}a,0,0,2,2\na,0,1,1,0\n", "row 3, column n_equal: found '1', allowed: 0 to n_trials = 0"),
-    no(f"{COUNTS}a,0,0,7,5\na,0,0,0,5\n", "row 2, column n_equal: found '7', allowed: 0 to n_trials = 5"),
+    no(
+        "subject;s1;s2;n_equal;n_trials\na;0;0;5;12.000\n",
+        f"row 2, column n_trials: found '12.000', allowed: {WHOLE}",
+    ),
+    no(
+        f"{COUNTS}a,0,0,2,2\na,0,1,6,5\n",
+        "row 3, column n_equal: found '6', allowed: 0 to n_trials = 5",
+    ),
+    no(
+        f"{COUNTS}a,0,0,2,2\na,0,1,1,0\n",
+        "row 3, column n_equal: found '1', allowed: 0 to n_trials = 0",
+    ),
+    no(
+        f"{COUNTS}a,0,0,7,5\na,0,0,0,5\n",
+        "row 2, column n_equal: found '7', allowed: 0 to n_trials = 5",
+    ),
     (
         f"{COUNTS}a,0,0,1,2\nb,0,0,0,0\nb,0,1,0,0\nc,0,0,0,0\n",
         {},
@@ -473,7 +726,10 @@ REFUSED = [
         ],
     ),
     *(
-        no(f"{TRIALS}a,0,0,equal\na,0,0,{text}\n", f"row 3, column response: found {text!r}, allowed: {ANSWERS}")
+        no(
+            f"{TRIALS}a,0,0,equal\na,0,0,{text}\n",
+            f"row 3, column response: found {text!r}, allowed: {ANSWERS}",
+        )
         for text in ("2", "0.5", "true", "equal.", "same different", "1e0")
     ),
     *(
@@ -490,7 +746,10 @@ REFUSED = [
         f"row 3, column response: found 'F', allowed: 'f' (equal) or {ANSWERS.split(' or ', 1)[1]}",
         equal_code="f",
     ),
-    no(f"{TRIALS}a,0,0,NA\nb,0,0,\n", "found no response in any of 2 rows, allowed: at least one answered trial"),
+    no(
+        f"{TRIALS}a,0,0,NA\nb,0,0,\n",
+        "found no response in any of 2 rows, allowed: at least one answered trial",
+    ),
     no(
         "who,s1,first,s2,response\na,9,x,1,same\n",
         f"row 2, column first: found 'x', allowed: {NUMBER}",
@@ -502,14 +761,38 @@ REFUSED = [
         f"row 1, column task: --where needs one column of this name, found {HEAD}, 'response', allowed: one of these",
         where={"task": "x"},
     ),
-    no(f"{TRIALS}a,0,0,1\n", "column s1: found '0', allowed: '7', as --where has it, in some row", where={"s1": "7"}),
-    no(f"{TRIALS}a,0,1,1\na,1,0,1\n", "found no row that is as --where has it in all of s1, s2", where={"s1": "0", "s2": "0"}),
-    no("s1,s2,response\n0,0,1\n", "found no subject in its name, allowed: a file named as --subject-from {}.tsv", subject_from="{}.tsv"),
+    no(
+        f"{TRIALS}a,0,0,1\n",
+        "column s1: found '0', allowed: '7', as --where has it, in some row",
+        where={"s1": "7"},
+    ),
+    no(
+        f"{TRIALS}a,0,1,1\na,1,0,1\n",
+        "found no row that is as --where has it in all of s1, s2",
+        where={"s1": "0", "s2": "0"},
+    ),
+    no(
+        "s1,s2,response\n0,0,1\n",
+        "found no subject in its name, allowed: a file named as --subject-from {}.tsv",
+        subject_from="{}.tsv",
+    ),
     # Bytes.
-    no(b"PK\x03\x04" + b"[Content_Types].xml\x82", f"found a spreadsheet or an archive, {TEXT}; save its sheet as CSV"),
-    no(TRIALS.encode() + b"a,0,0,equal\r\nZo\xeb,0,0,equal\n", f"row 3: found byte 0xeb at offset 38, not UTF-8, {TEXT}"),
-    no(b"\xef\xbb\xbf" + TRIALS.encode() + b"Zo\xeb,0,0,equal\n", f"row 2: found byte 0xeb at offset 28, not UTF-8, {TEXT}"),
-    no(f"{TRIALS}a,0,0,equal".encode("utf-16")[:-1], f"row 2: found byte 0x6c at offset 68, not UTF-16, {TEXT}"),
+    no(
+        b"PK\x03\x04" + b"[Content_Types].xml\x82",
+        f"found a spreadsheet or an archive, {TEXT}; save its sheet as CSV",
+    ),
+    no(
+        TRIALS.encode() + b"a,0,0,equal\r\nZo\xeb,0,0,equal\n",
+        f"row 3: found byte 0xeb at offset 38, not UTF-8, {TEXT}",
+    ),
+    no(
+        b"\xef\xbb\xbf" + TRIALS.encode() + b"Zo\xeb,0,0,equal\n",
+        f"row 2: found byte 0xeb at offset 28, not UTF-8, {TEXT}",
+    ),
+    no(
+        f"{TRIALS}a,0,0,equal".encode("utf-16")[:-1],
+        f"row 2: found byte 0x6c at offset 68, not UTF-16, {TEXT}",
+    ),
     no(TRIALS.encode() + b"a\0,0,0,equal\n", f"row 2: found a NUL character at offset 24, {TEXT}"),
     no(b"\0", f"row 1: found a NUL character at offset 0, {TEXT}"),
     no(TRIALS.encode("utf-16-le"), f"row 1: found a NUL character at offset 1, {TEXT}"),
@@ -525,13 +808,26 @@ REFUSED = [
     *(
         no(
             TRIALS + "a,x,0,equal\n" * count,
-            *(f"row {row}, column s1: found 'x', allowed: {NUMBER}" for row in range(2, 2 + min(count, 10))),
+            *(
+                f"row {row}, column s1: found 'x', allowed: {NUMBER}"
+                for row in range(2, 2 + min(count, 10))
+            ),
             *last,
         )
-        for count, last in ((10, []), (11, ["... and 1 more problem"]), (45, ["... and 35 more problems"]))
+        for count, last in (
+            (10, []),
+            (11, ["... and 1 more problem"]),
+            (45, ["... and 35 more problems"]),
+        )
     ),
-    no(f"{TRIALS}a,{'x' * 5000},0,equal\n", f"row 2, column s1: found '{'x' * 35}...', allowed: {NUMBER}"),
-    no(f'{TRIALS}a,"\x1b[31m\n",0,equal\n', f"row 2, column s1: found '\\x1b[31m', allowed: {NUMBER}"),
+    no(
+        f"{TRIALS}a,{'x' * 5000},0,equal\n",
+        f"row 2, column s1: found '{'x' * 35}...', allowed: {NUMBER}",
+    ),
+    no(
+        f'{TRIALS}a,"\x1b[31m\n",0,equal\n',
+        f"row 2, column s1: found '\\x1b[31m', allowed: {NUMBER}",
+    ),
 ]
 
 
@@ -542,7 +838,13 @@ def test_what_cannot_be_used_is_refused_by_row_and_column(data, options, problem
 
 def test_unreadable_paths(tmp_path, monkeypatch):
     (tmp_path / "file.txt").write_text("x")
-    for path in (tmp_path / "missing\n.csv", tmp_path, tmp_path / "file.txt" / "x.csv", "nul\0l.csv", "x" * 300):
+    for path in (
+        tmp_path / "missing\n.csv",
+        tmp_path,
+        tmp_path / "file.txt" / "x.csv",
+        "nul\0l.csv",
+        "x" * 300,
+    ):
         with pytest.raises(InputError, match="cannot be read") as caught:
             read_study(path)
         assert len(caught.value.problems) == 1
@@ -559,7 +861,11 @@ def test_unreadable_paths(tmp_path, monkeypatch):
 # --- Properties ---------------------------------------------------------------------------------------------
 
 # No bare carriage return: the csv module of Python before 3.13 writes it without quotes, which ends a row.
-_names = st.text(min_size=1, max_size=8).map(str.strip).filter(lambda name: name != "" and not set("\0\r") & set(name))
+_names = (
+    st.text(min_size=1, max_size=8)
+    .map(str.strip)
+    .filter(lambda name: name != "" and not set("\0\r") & set(name))
+)
 _numbers = st.floats(-5, 5).map(lambda value: round(value, 3) + 0.0)
 _trials = st.lists(st.tuples(_names, _numbers, _numbers, st.booleans()), min_size=1, max_size=30)
 
@@ -583,7 +889,12 @@ def test_any_dialect_gives_the_same_study(trials, delimiter, comma, codec, end, 
             first, second = first.replace(".", ","), second.replace(".", ",")
         writer.writerow(["equal" if equal else "different", second, "x;y,z\t", name, first])
     names = list(dict.fromkeys(name for name, *_ in trials))
-    subjects = (Subject.from_trials(name, *zip(*(rest for who, *rest in trials if who == name), strict=True)) for name in names)
+    subjects = (
+        Subject.from_trials(
+            name, *zip(*(rest for who, *rest in trials if who == name), strict=True)
+        )
+        for name in names
+    )
     study = read(text.getvalue().encode(codec))
     assert content(study) == content(Study(tuple(subjects)))
     assert list(study.names) == names
@@ -592,6 +903,8 @@ def test_any_dialect_gives_the_same_study(trials, delimiter, comma, codec, end, 
 @pytest.mark.parametrize("sign", ["", ".", "e"])
 @pytest.mark.parametrize("digit", ["0", "1"])
 def test_a_hopeless_number_of_many_digits_is_none(digit, sign):
-    text = digit * 60_000 + sign + digit * 60_000 + "x"  # a pattern that tries every split of the digits would not end
+    text = (
+        digit * 60_000 + sign + digit * 60_000 + "x"
+    )  # a pattern that tries every split of the digits would not end
     assert math.isnan(number(text))
     assert whole_number(text) == -1

@@ -29,7 +29,15 @@ TRIALS = pd.DataFrame(
         "more": [None] * 6,
     }
 )
-COUNTS = pd.DataFrame({"subject": ["a", "a", "b"], "s1": [0, 0, 1], "s2": [1, 2, 3], "n_equal": [1, 2, 3], "n_trials": [4, 5, 6]})
+COUNTS = pd.DataFrame(
+    {
+        "subject": ["a", "a", "b"],
+        "s1": [0, 0, 1],
+        "s2": [1, 2, 3],
+        "n_equal": [1, 2, 3],
+        "n_trials": [4, 5, 6],
+    }
+)
 
 
 def as_pandas(frame, folder):
@@ -37,7 +45,10 @@ def as_pandas(frame, folder):
 
 
 def as_polars(frame, folder):
-    columns = {name: [None if value is None or value != value else value for value in frame[name].tolist()] for name in frame}
+    columns = {
+        name: [None if value is None or value != value else value for value in frame[name].tolist()]
+        for name in frame
+    }
     return pytest.importorskip("polars").DataFrame(columns, strict=False)
 
 
@@ -47,14 +58,33 @@ def as_parquet(frame, folder):
     return folder / "study.parquet"
 
 
-SOURCES = {as_pandas: ("pandas DataFrame", 0), as_polars: ("polars DataFrame", 0), as_parquet: ("Parquet", 1)}
+SOURCES = {
+    as_pandas: ("pandas DataFrame", 0),
+    as_polars: ("polars DataFrame", 0),
+    as_parquet: ("Parquet", 1),
+}
 EVERY = pytest.mark.parametrize("made", SOURCES)
 
 
 def content(study):
-    counts = [(one.name, one.s1.tolist(), one.s2.tolist(), one.n_yes.tolist(), one.n_trials.tolist(), one.intervals) for one in study]
+    counts = [
+        (
+            one.name,
+            one.s1.tolist(),
+            one.s2.tolist(),
+            one.n_yes.tolist(),
+            one.n_trials.tolist(),
+            one.intervals,
+        )
+        for one in study
+    ]
     looked_at = {
-        one.name: (of.keys.tolist(), of.n_yes.tolist(), None if of.block is None else of.block.tolist(), of.blocks)
+        one.name: (
+            of.keys.tolist(),
+            of.n_yes.tolist(),
+            None if of.block is None else of.block.tolist(),
+            of.blocks,
+        )
         for one in study
         if (of := one.answers)
     }
@@ -70,10 +100,15 @@ def problems(source, read=bt.read_study, options=None):
 @EVERY
 @pytest.mark.parametrize("frame", [TRIALS, COUNTS], ids=["trials", "counts"])
 def test_a_study_is_the_same_as_from_csv(tmp_path, made, frame):
-    read, plain = bt.read_study(made(frame, tmp_path)), bt.read_study(write_table(frame.replace("'=q", "''=q"), tmp_path / "study.csv"))
+    read, plain = (
+        bt.read_study(made(frame, tmp_path)),
+        bt.read_study(write_table(frame.replace("'=q", "''=q"), tmp_path / "study.csv")),
+    )
     form = SOURCES[made][0]
     assert read.source == ("study.parquet" if form == "Parquet" else form)
-    assert str(content(read)).replace("'=q", "''=q") == str(content(plain))  # a spreadsheet's apostrophe is taken off in CSV files alone
+    assert str(content(read)).replace("'=q", "''=q") == str(
+        content(plain)
+    )  # a spreadsheet's apostrophe is taken off in CSV files alone
     assert read.notes == tuple(note.replace("comma-separated, UTF-8", form) for note in plain.notes)
 
 
@@ -82,12 +117,27 @@ def test_a_study_is_the_same_as_from_csv(tmp_path, made, frame):
     ("change", "said"),
     [
         ({"s1": [0.0, None, 0.0]}, "row {}, column s1: found '', allowed: a finite number"),
-        ({"s2": [1.0, float("inf"), 3.0]}, "row {}, column s2: found 'inf', allowed: a finite number"),
-        ({"subject": ["1", None, "7"]}, "row {}, column subject: found '', allowed: a text that is not empty"),
-        ({"subject": ["a", "a\0b", "b"]}, "row {}, column subject: found 'a\\x00b' of type str, allowed: text, numbers or truth values"),
-        ({"s1": ["0", "0,3", "0"]}, "row {}, column s1: found '0,3', allowed: a finite number, without thousands separators"),
+        (
+            {"s2": [1.0, float("inf"), 3.0]},
+            "row {}, column s2: found 'inf', allowed: a finite number",
+        ),
+        (
+            {"subject": ["1", None, "7"]},
+            "row {}, column subject: found '', allowed: a text that is not empty",
+        ),
+        (
+            {"subject": ["a", "a\0b", "b"]},
+            "row {}, column subject: found 'a\\x00b' of type str, allowed: text, numbers or truth values",
+        ),
+        (
+            {"s1": ["0", "0,3", "0"]},
+            "row {}, column s1: found '0,3', allowed: a finite number, without thousands separators",
+        ),
         ({"n_equal": [1, 7, 3]}, "row {}, column n_equal: found '7', allowed: 0 to n_trials = 5"),
-        ({"s1": [None, b"x", None]}, "row {}, column s1: found \"b'x'\" of type bytes, allowed: text, numbers or truth values"),
+        (
+            {"s1": [None, b"x", None]},
+            "row {}, column s1: found \"b'x'\" of type bytes, allowed: text, numbers or truth values",
+        ),
     ],
     ids=["missing", "infinite", "name", "nul", "comma", "count", "bytes"],
 )
@@ -99,47 +149,85 @@ def test_what_cannot_be_used_is_refused_by_row_and_column(tmp_path, made, change
 
 def test_columns_that_are_missing_or_hold_something_else_or_nothing(tmp_path):
     frame = COUNTS.rename(columns={"subject": "participant"})
-    assert problems(frame)[0].endswith("or ReadOptions(columns={'subject': 'participant'})"), "in words of Python"
-    assert bt.read_study(frame, bt.ReadOptions(columns={"subject": "participant"})).names == ("a", "b")
+    assert problems(frame)[0].endswith("or ReadOptions(columns={'subject': 'participant'})"), (
+        "in words of Python"
+    )
+    assert bt.read_study(frame, bt.ReadOptions(columns={"subject": "participant"})).names == (
+        "a",
+        "b",
+    )
     (problem,) = problems(as_parquet(COUNTS.drop(columns="s2"), tmp_path))
-    assert problem.startswith("study.parquet: schema, column s2: missing, found 'subject', 's1', 'n_equal', 'n_trials', allowed: a column")
+    assert problem.startswith(
+        "study.parquet: schema, column s2: missing, found 'subject', 's1', 'n_equal', 'n_trials', allowed: a column"
+    )
     assert problem.endswith("--columns s2=NAME")
-    dates = COUNTS.assign(subject=pd.Series([pd.Timestamp("2024-01-01")] * 3, dtype="datetime64[ns]"), s2=[[1.0], [2.0], [3.0]])
+    dates = COUNTS.assign(
+        subject=pd.Series([pd.Timestamp("2024-01-01")] * 3, dtype="datetime64[ns]"),
+        s2=[[1.0], [2.0], [3.0]],
+    )
     assert problems(as_parquet(dates, tmp_path)) == [
         f"study.parquet: row 1, column {name}: found {found}, allowed: text, numbers or truth values"
-        for name, found in (("subject", "'2024-01-01 00:00:00' of type Timestamp"), ("s2", "'[1.0]' of type list"))
+        for name, found in (
+            ("subject", "'2024-01-01 00:00:00' of type Timestamp"),
+            ("s2", "'[1.0]' of type list"),
+        )
     ]
     assert problems(as_parquet(COUNTS[:0].astype(str), tmp_path)) == [
         "study.parquet: schema: found no row below it, allowed: at least one row"
     ]
-    assert problems(COUNTS[:0]) == ["pandas DataFrame: columns: found no row below it, allowed: at least one row"]
+    assert problems(COUNTS[:0]) == [
+        "pandas DataFrame: columns: found no row below it, allowed: at least one row"
+    ]
     for wrong, found in ((TRIALS.to_dict("list"), "dict"), (3, "int")):
-        assert problems(wrong) == [f"found {found!r}, allowed: the path of a file, or a pandas or polars DataFrame"]
+        assert problems(wrong) == [
+            f"found {found!r}, allowed: the path of a file, or a pandas or polars DataFrame"
+        ]
     lazy = pytest.importorskip("polars").DataFrame({"subject": ["a"]}).lazy()
-    assert problems(lazy) == ["LazyFrame: found a lazy frame, allowed: a frame, which its collect() gives"]
+    assert problems(lazy) == [
+        "LazyFrame: found a lazy frame, allowed: a frame, which its collect() gives"
+    ]
 
 
 def test_values_of_other_types_are_read_as_what_they_say(tmp_path):
     frame = pd.DataFrame(
         {
             " who": pd.Categorical(["b", "a", "b"], categories=["a", "b"]),
-            "i.1": np.array([0.1, 0.2, 0.1], np.float32),  # 0.1, not its nearest neighbour among the doubles
+            "i.1": np.array(
+                [0.1, 0.2, 0.1], np.float32
+            ),  # 0.1, not its nearest neighbour among the doubles
             "s2": [Decimal("0.30"), Decimal("0.25"), Decimal("0.30")],
             "response": [True, False, False],
             "synthetic": [True] * 3,
         }
     )
-    study = bt.read_study(as_parquet(frame, tmp_path), bt.ReadOptions(columns={"subject": "who", "s1": "i.1"}, equal_code="1"))
+    study = bt.read_study(
+        as_parquet(frame, tmp_path),
+        bt.ReadOptions(columns={"subject": "who", "s1": "i.1"}, equal_code="1"),
+    )
     assert study.synthetic
     assert [(one.name, one.s1.tolist(), one.s2.tolist(), one.n_yes.tolist()) for one in study] == [
         ("b", [0.1], [0.3], [1]),
         ("a", [0.2], [0.25], [0]),
     ]
-    floats = pd.DataFrame({"subject": [1008.0, 1008.0, np.nan], "s1": [0, 0, 0], "s2": [0, 1, 0], "response": [1.0, 0.0, np.nan]})
+    floats = pd.DataFrame(
+        {
+            "subject": [1008.0, 1008.0, np.nan],
+            "s1": [0, 0, 0],
+            "s2": [0, 1, 0],
+            "response": [1.0, 0.0, np.nan],
+        }
+    )
     study = bt.read_study(floats, bt.ReadOptions(equal_code="1"))
     assert study.names == ("1008",), "whole numbers keep their digits whatever pandas made of them"
     assert study[1008] is study["1008"] is study[np.int64(1008)]
-    answers = pd.DataFrame({"subject": pd.Categorical(["x"] * 2), "s1": 0, "s2": [0, 1], "response": pd.array([True, False], "boolean")})
+    answers = pd.DataFrame(
+        {
+            "subject": pd.Categorical(["x"] * 2),
+            "s1": 0,
+            "s2": [0, 1],
+            "response": pd.array([True, False], "boolean"),
+        }
+    )
     assert bt.read_study(answers, bt.ReadOptions(equal_code="1"))["x"].n_yes.tolist() == [1, 0]
 
 
@@ -150,7 +238,10 @@ def test_a_study_gives_the_frame_that_it_is_read_from(isi):
     assert again.synthetic
     assert content(again)[0] == content(study)[0]
     people = pd.DataFrame({"subject": ["01", "NA"], "age": [20.5, None], "group": ["x", "y"]})
-    assert bt.read_covariates(people).values == {"age": {"01": 20.5}, "group": {"01": "x", "NA": "y"}}
+    assert bt.read_covariates(people).values == {
+        "age": {"01": 20.5},
+        "group": {"01": "x", "NA": "y"},
+    }
 
 
 # --- Files that are damaged, too large, or none --------------------------------------------------------------
@@ -163,8 +254,12 @@ def test_a_damaged_parquet_file_is_one_line(tmp_path):
     for at in random_bytes.sample(range(len(whole)), 60):
         path.write_bytes(whole[:at])
         assert len(problems(path)) == 1
-        path.write_bytes(whole[:at] + bytes([whole[at] ^ 1 << random_bytes.randrange(8)]) + whole[at + 1 :])
-        with suppress(bt.InputError):  # in what is not read, such as statistics, a change does no harm
+        path.write_bytes(
+            whole[:at] + bytes([whole[at] ^ 1 << random_bytes.randrange(8)]) + whole[at + 1 :]
+        )
+        with suppress(
+            bt.InputError
+        ):  # in what is not read, such as statistics, a change does no harm
             assert content(bt.read_study(path)) == plain
     path.write_bytes(b"subject,s1,s2,response\na,0,0,equal\n")
     assert "study.parquet: found a damaged Parquet file" in refused("check", path, cwd=tmp_path)
@@ -177,14 +272,23 @@ def test_without_pyarrow_one_line_says_what_to_install(tmp_path, monkeypatch):
     assert problems(path) == [f"study.parquet: {said}"]
     with pytest.raises(bt.InputError, match="no pyarrow"):
         write_table(COUNTS, tmp_path / "t.parquet")
-    before_the_work = refused("asymmetry", "there is no such study.csv", "-o", "t.parquet", cwd=tmp_path)
+    before_the_work = refused(
+        "asymmetry", "there is no such study.csv", "-o", "t.parquet", cwd=tmp_path
+    )
     assert before_the_work == f"error: t.parquet: {said}\n"
 
 
 def test_a_damaged_matlab_file_is_one_line(tmp_path):
-    columns = {"subject": "M1", "s1": np.array([0.0, 0.3, 0.0]), "s2": np.array([0.3, 0.0, 0.0]), "response": np.array([1, 0, 1])}
+    columns = {
+        "subject": "M1",
+        "s1": np.array([0.0, 0.3, 0.0]),
+        "s2": np.array([0.3, 0.0, 0.0]),
+        "response": np.array([1, 0, 1]),
+    }
     savemat(tmp_path / "trials.mat", columns)
-    assert bt.read_study(tmp_path / "trials.mat", bt.ReadOptions(equal_code="1"))["M1"].n_yes.tolist() == [1, 1, 0]
+    assert bt.read_study(tmp_path / "trials.mat", bt.ReadOptions(equal_code="1"))[
+        "M1"
+    ].n_yes.tolist() == [1, 1, 0]
     (tmp_path / "trials.mat").write_bytes((tmp_path / "trials.mat").read_bytes()[:200])
     (problem,) = problems(tmp_path / "trials.mat")
     assert problem.startswith("trials.mat: found a damaged MATLAB file (")
@@ -217,11 +321,24 @@ def test_files_without_an_end_and_files_that_are_too_large(tmp_path):
 )
 def test_a_name_that_is_too_long_for_a_file_is_one_line(tmp_path, command):
     COUNTS.to_csv(tmp_path / "example.csv", index=False)
-    assert refused(*(word.replace("LONG", 300 * "x") for word in command), cwd=tmp_path).startswith("error: ")
+    assert refused(*(word.replace("LONG", 300 * "x") for word in command), cwd=tmp_path).startswith(
+        "error: "
+    )
 
 
 def test_commands_read_and_write_parquet(tmp_path):
     pytest.importorskip("pyarrow")
-    good("simulate", "-o", "study.parquet", "--subjects", 2, "--batches", 2, "--seed", 1, cwd=tmp_path)
+    good(
+        "simulate",
+        "-o",
+        "study.parquet",
+        "--subjects",
+        2,
+        "--batches",
+        2,
+        "--seed",
+        1,
+        cwd=tmp_path,
+    )
     good("asymmetry", "study.parquet", "-o", "a.parquet", cwd=tmp_path)
     assert set(pd.read_parquet(tmp_path / "a.parquet")["subject"]) >= {"S01", "S02"}

@@ -25,8 +25,18 @@ def columns(one):
 
 def test_pairs_are_sorted_together_with_their_counts():
     one = Subject("S01", [0.3, 0, 0.3], [0.5, 0.3, 0.0], [1.0, 2.0, 3.0], [4, 5, 6])
-    assert columns(one) == {"s1": [0.0, 0.3, 0.3], "s2": [0.3, 0.0, 0.5], "n_yes": [2, 3, 1], "n_trials": [5, 6, 4]}
-    assert [getattr(one, key).dtype for key in COLUMNS] == [np.float64, np.float64, np.int64, np.int64]
+    assert columns(one) == {
+        "s1": [0.0, 0.3, 0.3],
+        "s2": [0.3, 0.0, 0.5],
+        "n_yes": [2, 3, 1],
+        "n_trials": [5, 6, 4],
+    }
+    assert [getattr(one, key).dtype for key in COLUMNS] == [
+        np.float64,
+        np.float64,
+        np.int64,
+        np.int64,
+    ]
     assert (subject().n_pairs, subject().total_trials, subject().fraction_yes) == (2, 18, 0.5)
 
 
@@ -63,17 +73,34 @@ def test_arrays_are_copies_and_read_only():
     ],
 )
 def test_invalid_subjects_are_refused(change, message):
-    valid = {"name": "S01", "s1": [0.3, 0.0], "s2": [0.0, 0.3], "n_yes": [2, 7], "n_trials": [8, 10]}
+    valid = {
+        "name": "S01",
+        "s1": [0.3, 0.0],
+        "s2": [0.0, 0.3],
+        "n_yes": [2, 7],
+        "n_trials": [8, 10],
+    }
     assert Subject(**valid).n_pairs == 2
     with pytest.raises(InputError, match=message):
         Subject(**{**valid, **change})
 
 
 def test_counts_are_added_up():
-    one = Subject.from_counts("S01", [0.3, 0.0, 0.3, 1.0], [0.0, 0.3, 0.0, 1.0], [1, 2, 3, 0], [5, 5, 6, 0])
-    assert columns(one) == {"s1": [0.0, 0.3], "s2": [0.3, 0.0], "n_yes": [2, 4], "n_trials": [5, 11]}
-    assert Subject.from_counts("S01", [0, np.nan], [0, 0], [1, 0], [5, 0]).n_pairs == 1, "pairs never answered are not looked at"
-    assert Subject.from_counts("S01", [0.0, -0.0], [1, 1], [1, 0], [1, 1]).n_pairs == 1, "zero has no sign"
+    one = Subject.from_counts(
+        "S01", [0.3, 0.0, 0.3, 1.0], [0.0, 0.3, 0.0, 1.0], [1, 2, 3, 0], [5, 5, 6, 0]
+    )
+    assert columns(one) == {
+        "s1": [0.0, 0.3],
+        "s2": [0.3, 0.0],
+        "n_yes": [2, 4],
+        "n_trials": [5, 11],
+    }
+    assert Subject.from_counts("S01", [0, np.nan], [0, 0], [1, 0], [5, 0]).n_pairs == 1, (
+        "pairs never answered are not looked at"
+    )
+    assert Subject.from_counts("S01", [0.0, -0.0], [1, 1], [1, 0], [1, 1]).n_pairs == 1, (
+        "zero has no sign"
+    )
     for equal, trials, said in (
         ([7, 0], [5, 5], "n_yes must lie in"),
         ([-1, 2], [5, 5], "n_yes must lie in"),
@@ -83,13 +110,21 @@ def test_counts_are_added_up():
             Subject.from_counts("S01", [0, 0], [0, 0], equal, trials)
 
 
-_trials = st.lists(st.tuples(st.sampled_from([-0.5, 0.0, 0.25]), st.sampled_from([-0.5, 0.0, 0.25]), st.booleans()), min_size=1)
+_trials = st.lists(
+    st.tuples(
+        st.sampled_from([-0.5, 0.0, 0.25]), st.sampled_from([-0.5, 0.0, 0.25]), st.booleans()
+    ),
+    min_size=1,
+)
 
 
 @FUZZ
 @given(trials=_trials, data=st.data())
 def test_trials_are_counted_one_by_one_whatever_their_order(trials, data):
-    one, other = (Subject.from_trials("S01", *zip(*rows, strict=True)) for rows in (trials, data.draw(st.permutations(trials))))
+    one, other = (
+        Subject.from_trials("S01", *zip(*rows, strict=True))
+        for rows in (trials, data.draw(st.permutations(trials)))
+    )
     assert columns(one) == columns(other)
     for s1, s2, k, n in zip(*columns(one).values(), strict=True):
         answers = [equal for first, second, equal in trials if (first, second) == (s1, s2)]
@@ -102,10 +137,22 @@ def test_trials_are_counted_one_by_one_whatever_their_order(trials, data):
 def test_a_study_is_a_sequence_of_its_subjects():
     subjects = [subject("b"), subject("a")]
     study = Study(subjects, "pilot", synthetic=True, notes=["n"])
-    assert (len(study), study.names, list(study), study["a"]) == (2, ("b", "a"), subjects, subjects[1])
+    assert (len(study), study.names, list(study), study["a"]) == (
+        2,
+        ("b", "a"),
+        subjects,
+        subjects[1],
+    )
     assert (study.subjects, study.notes) == (tuple(subjects), ("n",))
-    part = Study((subject("a"), subject("b"), subject("c")), "pilot", True, ("n",)).select(["c", "a"])
-    assert (part.names, part.source, part.synthetic, part.notes) == (("c", "a"), "pilot", True, ("n",))
+    part = Study((subject("a"), subject("b"), subject("c")), "pilot", True, ("n",)).select(
+        ["c", "a"]
+    )
+    assert (part.names, part.source, part.synthetic, part.notes) == (
+        ("c", "a"),
+        "pilot",
+        True,
+        ("n",),
+    )
 
 
 def test_unknown_subjects_are_refused_with_those_there_are():
@@ -129,6 +176,8 @@ def test_answers_counts_and_stimuli_that_are_no_such_numbers_are_refused():
             Subject.from_trials("S01", [0.0, 0.0], [0.3, 0.3], answers)
     for counts in ([1e300], [math.inf], [2**53 + 2], [2**53] * 3000):
         with pytest.raises(InputError, match=r"2\*\*53"):
-            Subject.from_counts("S01", [0.0] * len(counts), [0.3] * len(counts), [0] * len(counts), counts)
+            Subject.from_counts(
+                "S01", [0.0] * len(counts), [0.3] * len(counts), [0] * len(counts), counts
+            )
     with pytest.raises(InputError, match="must be numbers"):
         Subject.from_counts("S01", ["a"], [0.3], [0], [1])

@@ -19,10 +19,21 @@ FUZZ = settings(max_examples=200, deadline=None, derandomize=True, database=None
 
 def test_tables_are_plain_csv(tmp_path):
     frame = pd.DataFrame(
-        {"subject": ["01", "NA", 'Zoë, "x"'], "q0": [0.1 + 0.2, math.nan, -1e-300], "n": [1, 2, 3], "note": ["", None, "a"]},
+        {
+            "subject": ["01", "NA", 'Zoë, "x"'],
+            "q0": [0.1 + 0.2, math.nan, -1e-300],
+            "n": [1, 2, 3],
+            "note": ["", None, "a"],
+        },
         index=[7, 8, 9],
     )
-    lines = ["subject,q0,n,note", "01,0.30000000000000004,1,", "NA,,2,", '"Zoë, ""x""",-1e-300,3,a', ""]
+    lines = [
+        "subject,q0,n,note",
+        "01,0.30000000000000004,1,",
+        "NA,,2,",
+        '"Zoë, ""x""",-1e-300,3,a',
+        "",
+    ]
     path = write_table(frame, tmp_path / "new" / "t.csv")
     assert path == tmp_path / "new" / "t.csv"
     assert path.read_bytes() == "\n".join(lines).encode()
@@ -30,12 +41,19 @@ def test_tables_are_plain_csv(tmp_path):
 
 def test_formulas_get_an_apostrophe_where_asked_and_our_reader_takes_it_off(tmp_path):
     names = ["=1+1", "+a", "-2", "@x", "-b c", "'q"]
-    frame = pd.DataFrame({"subject": names, "s1": 0.0, "s2": [-0.5] * 6, "n_equal": 1, "n_trials": 2})
-    plain, safe = write_table(frame, tmp_path / "plain.csv"), write_table(frame, tmp_path / "safe.csv", spreadsheet_safe=True)
+    frame = pd.DataFrame(
+        {"subject": names, "s1": 0.0, "s2": [-0.5] * 6, "n_equal": 1, "n_trials": 2}
+    )
+    plain, safe = (
+        write_table(frame, tmp_path / "plain.csv"),
+        write_table(frame, tmp_path / "safe.csv", spreadsheet_safe=True),
+    )
     first = [line.split(",")[0] for line in safe.read_text().splitlines()[1:]]
     assert first == ["'=1+1", "'+a", "-2", "'@x", "'-b c", "'q"]
     assert read_study(safe).names == read_study(plain).names == tuple(names)
-    both = pd.concat([frame, frame.assign(subject=["'=1+1", *"abcde"])])  # two names must not become one
+    both = pd.concat(
+        [frame, frame.assign(subject=["'=1+1", *"abcde"])]
+    )  # two names must not become one
     assert "'=1+1" in read_study(write_table(both, tmp_path / "both.csv")).names
 
 
@@ -45,7 +63,9 @@ def test_numbers_in_tables_keep_every_bit(tmp_path_factory, values):
     path = tmp_path_factory.getbasetemp() / "t.csv"
     write_table(pd.DataFrame({"x": values, "y": 0}), path, overwrite=True)
     texts = [line.split(",")[0] for line in path.read_text(encoding="utf-8").splitlines()[1:]]
-    assert np.array_equal(np.array(values).view(np.int64), np.array([float(text) for text in texts]).view(np.int64))
+    assert np.array_equal(
+        np.array(values).view(np.int64), np.array([float(text) for text in texts]).view(np.int64)
+    )
 
 
 def test_a_full_disk_is_reported_in_one_line(tmp_path, monkeypatch):
@@ -69,7 +89,9 @@ class Weights(SubjectTable[Weight]):
     unit: str = "kg"
 
     def frame(self):
-        return pd.DataFrame({"subject": [row.subject for row in self], self.unit: [row.kilograms for row in self]})
+        return pd.DataFrame(
+            {"subject": [row.subject for row in self], self.unit: [row.kilograms for row in self]}
+        )
 
 
 def test_a_table_is_gone_through_looked_up_and_saved(tmp_path):
@@ -86,11 +108,17 @@ def test_a_table_is_gone_through_looked_up_and_saved(tmp_path):
 
 def test_parquet_tables_keep_every_bit_and_no_apostrophe_is_put(tmp_path):
     pytest.importorskip("pyarrow")
-    frame = pd.DataFrame({"subject": ["=1", "b"], "q0": [0.1 + 0.2, np.nan], "n": [1, 2], "note": [None, "a"]}, index=[3, 4])
+    frame = pd.DataFrame(
+        {"subject": ["=1", "b"], "q0": [0.1 + 0.2, np.nan], "n": [1, 2], "note": [None, "a"]},
+        index=[3, 4],
+    )
     again = pd.read_parquet(write_table(frame, tmp_path / "t.parquet", spreadsheet_safe=True))
     assert again["q0"].to_numpy().tobytes() == frame["q0"].to_numpy().tobytes()
     assert list(again.columns) == list(frame.columns)
-    assert (again["subject"].tolist(), again["note"].isna().tolist()) == (["=1", "b"], [True, False])
+    assert (again["subject"].tolist(), again["note"].isna().tolist()) == (
+        ["=1", "b"],
+        [True, False],
+    )
 
 
 # --- Names of files -------------------------------------------------------------------------------------------
@@ -99,8 +127,22 @@ def test_parquet_tables_keep_every_bit_and_no_apostrophe_is_put(tmp_path):
 @pytest.mark.parametrize(
     ("name", "start"),
     [
-        *(("Zoë", "Zo_-"), ("被験者", "_-"), ("../up", "_up-"), ("a/b", "a_b-"), ("...", "_-"), (".hidden", "hidden-"), ("end.", "end.-")),
-        *(("con", "_con-"), ("CON.txt", "_CON.txt-"), ("Lpt9", "_Lpt9-"), ("a\nb", "a_b-"), ("b" * 61, "b" * 51 + "-")),
+        *(
+            ("Zoë", "Zo_-"),
+            ("被験者", "_-"),
+            ("../up", "_up-"),
+            ("a/b", "a_b-"),
+            ("...", "_-"),
+            (".hidden", "hidden-"),
+            ("end.", "end.-"),
+        ),
+        *(
+            ("con", "_con-"),
+            ("CON.txt", "_CON.txt-"),
+            ("Lpt9", "_Lpt9-"),
+            ("a\nb", "a_b-"),
+            ("b" * 61, "b" * 51 + "-"),
+        ),
     ],
 )
 def test_only_names_that_are_not_plain_carry_their_hash(name, start):
@@ -111,7 +153,13 @@ def test_only_names_that_are_not_plain_carry_their_hash(name, start):
 
 
 @FUZZ
-@given(st.lists(st.one_of(st.text(max_size=80), st.sampled_from(["a", "A", "a ", "con", "CON", "aux.x", "\ud800"]))))
+@given(
+    st.lists(
+        st.one_of(
+            st.text(max_size=80), st.sampled_from(["a", "A", "a ", "con", "CON", "aux.x", "\ud800"])
+        )
+    )
+)
 def test_stems_are_safe_and_distinct(names):
     stems = file_stems(names)
     assert set(stems) == set(names)
@@ -119,4 +167,10 @@ def test_stems_are_safe_and_distinct(names):
     for stem in stems.values():
         assert re.fullmatch(r"[A-Za-z0-9_-][A-Za-z0-9._-]{0,59}", stem)
         assert not stem.endswith(".")
-        assert stem.split(".")[0].lower() not in {"con", "prn", "aux", "nul", *(f"com{i}" for i in range(10))}
+        assert stem.split(".")[0].lower() not in {
+            "con",
+            "prn",
+            "aux",
+            "nul",
+            *(f"com{i}" for i in range(10)),
+        }

@@ -27,21 +27,53 @@ def written(folder, head, *rows):
 
 
 READ = [
-    (TRIALS, ["a,0,1,second", "a,0,1,S1", "a,1,0,2nd", "a,1,0,FIRST", "a,1,0,"], {}, [1, 1], [2, 2]),
-    (TRIALS, ["a,0,1,1", "a,0,1,0.0", "a,1,0,1.0", "a,1,0,NA"], {"second_code": "1"}, [1, 1], [2, 1]),
+    (
+        TRIALS,
+        ["a,0,1,second", "a,0,1,S1", "a,1,0,2nd", "a,1,0,FIRST", "a,1,0,"],
+        {},
+        [1, 1],
+        [2, 2],
+    ),
+    (
+        TRIALS,
+        ["a,0,1,1", "a,0,1,0.0", "a,1,0,1.0", "a,1,0,NA"],
+        {"second_code": "1"},
+        [1, 1],
+        [2, 1],
+    ),
     (TRIALS, ["a,0,1,2", "a,0,1,1", "a,1,0,2"], {"second_code": "2"}, [1, 1], [2, 1]),
     (TRIALS, ["a,0,1,True", "a,1,0,False"], {"second_code": "True"}, [1, 0], [1, 1]),
     (TRIALS, ["a,0,1,j", "a,1,0,f"], {"second_code": "j", "first_code": "f"}, [1, 0], [1, 1]),
-    (TRIALS, ["a,0,1,second", "a,1,0,first"], {"second_code": "first", "first_code": "second"}, [0, 1], [1, 1]),
+    (
+        TRIALS,
+        ["a,0,1,second", "a,1,0,first"],
+        {"second_code": "first", "first_code": "second"},
+        [0, 1],
+        [1, 1],
+    ),
     (COUNTS, ["a,0,1,3,5", "a,1,0,1,5"], {}, [3, 1], [5, 5]),
     (COUNTS.replace("n_second", "k"), ["a,0,1,3,5"], {"columns": {"n_second": "k"}}, [3], [5]),
-    (RIGHT, ["a,0,1,1", "a,0,1,0", "a,1,0,1", "a,1,0,wrong", "a,0,0,1", "a,0,1,"], {"correct": "acc"}, [1, 1], [2, 2]),
-    (TASK, ["a,0,1,second,2AFC", "a,0,1,same,same-different"], {"where": {"task": "2AFC"}}, [1], [1]),
+    (
+        RIGHT,
+        ["a,0,1,1", "a,0,1,0", "a,1,0,1", "a,1,0,wrong", "a,0,0,1", "a,0,1,"],
+        {"correct": "acc"},
+        [1, 1],
+        [2, 2],
+    ),
+    (
+        TASK,
+        ["a,0,1,second,2AFC", "a,0,1,same,same-different"],
+        {"where": {"task": "2AFC"}},
+        [1],
+        [1],
+    ),
     (TASK, ["a,0,1,second,comparison", "a,1,0,first,practice"], {}, [1, 0], [1, 1]),
 ]
 
 
-@pytest.mark.parametrize(("head", "rows", "options", "n_yes", "n_trials"), READ, ids=range(len(READ)))
+@pytest.mark.parametrize(
+    ("head", "rows", "options", "n_yes", "n_trials"), READ, ids=range(len(READ))
+)
 def test_answers_second_and_first_are_read(tmp_path, head, rows, options, n_yes, n_trials):
     study = bt.read_study(written(tmp_path, head, *rows), bt.ReadOptions(**options))
     assert study.task == WHICH_STRONGER
@@ -51,17 +83,26 @@ def test_answers_second_and_first_are_read(tmp_path, head, rows, options, n_yes,
 
 
 def test_other_sources_tell_their_task_alike(tmp_path):
-    columns = {"s1": np.array([0.0, 0.3, 0.0]), "s2": np.array([0.3, 0.0, 0.0]), "hit": np.array([True, False, True])}
+    columns = {
+        "s1": np.array([0.0, 0.3, 0.0]),
+        "s2": np.array([0.3, 0.0, 0.0]),
+        "hit": np.array([True, False, True]),
+    }
     savemat(tmp_path / "trials.mat", {"subject": "M", **columns})
     for source in (tmp_path / "trials.mat", pd.DataFrame({"subject": "M", **columns})):
         study = bt.read_study(source, bt.ReadOptions(correct="hit"))
         assert (study.task, study["M"].n_yes.tolist()) == (WHICH_STRONGER, [1, 1])
-    with pytest.raises(bt.InputError, match=r"ReadOptions\(second_code='1'\) .*, ReadOptions\(correct='response'\)"):
+    with pytest.raises(
+        bt.InputError, match=r"ReadOptions\(second_code='1'\) .*, ReadOptions\(correct='response'\)"
+    ):
         bt.read_study(pd.DataFrame({"subject": "M", **columns, "response": [True] * 3}))
 
 
 def test_right_answers_are_dropped_where_stimuli_are_equal_and_said(tmp_path):
-    study = bt.read_study(written(tmp_path, RIGHT, "a,0,1,1", "a,0,0,1", "b,0,1,0", "b,0,1,"), bt.ReadOptions(correct="acc"))
+    study = bt.read_study(
+        written(tmp_path, RIGHT, "a,0,1,1", "a,0,0,1", "b,0,1,0", "b,0,1,"),
+        bt.ReadOptions(correct="acc"),
+    )
     assert study.notes == (
         "trial rows, comma-separated, UTF-8, responses '1' as right (2) / '0' as wrong (1), 'second' or 'first' by the sign of s2 - s1",
         "1 trial without a response dropped: b 1",
@@ -70,8 +111,13 @@ def test_right_answers_are_dropped_where_stimuli_are_equal_and_said(tmp_path):
 
 
 def test_a_column_that_is_ignored_pools_pairs_and_is_not_asked_for(tmp_path):
-    path = written(tmp_path, "subject,s1,s2,Delay,response,block", "a,0,1,2,second,1", "a,0,1,4,first,2")
-    timed, pooled = (bt.read_study(path, bt.ReadOptions(columns={"isi": "Delay"}, ignore=some)) for some in ((), ("isi", "block")))
+    path = written(
+        tmp_path, "subject,s1,s2,Delay,response,block", "a,0,1,2,second,1", "a,0,1,4,first,2"
+    )
+    timed, pooled = (
+        bt.read_study(path, bt.ReadOptions(columns={"isi": "Delay"}, ignore=some))
+        for some in ((), ("isi", "block"))
+    )
     assert bt.ReadOptions(ignore="isi") == bt.ReadOptions(ignore=["isi"])
     assert (timed["a"].n_pairs, pooled["a"].n_pairs, pooled.intervals) == (2, 1, ())
     assert [note for note in pooled.notes if "ignore" in note] == [
@@ -87,9 +133,16 @@ REFUSED = [
         TRIALS,
         ["a,0,1,1", "a,1,0,0"],
         "",
-        "column response: found '1', '0', " + UNTOLD + " --equal-code 1 (same/different), --second-code 1",
+        "column response: found '1', '0', "
+        + UNTOLD
+        + " --equal-code 1 (same/different), --second-code 1",
     ),
-    (TRIALS, ["a,0,1,2", "a,1,0,1"], "", "--equal-code 1 (same/different), --second-code 2 (which is stronger)"),
+    (
+        TRIALS,
+        ["a,0,1,2", "a,1,0,1"],
+        "",
+        "--equal-code 1 (same/different), --second-code 2 (which is stronger)",
+    ),
     (
         TRIALS,
         ["a,0,1,True", "a,1,0,False"],
@@ -97,12 +150,42 @@ REFUSED = [
         "--equal-code True (same/different), --second-code True (which is stronger), --correct response",
     ),
     (TRIALS, ["a,0,1,f", "a,1,0,j"], "", "found 'f', 'j', " + UNTOLD),
-    (TRIALS, ["a,0,1,equal", "a,1,0,second"], "", "found 'equal' and 'second', words of two tasks, allowed: one task"),
-    (TRIALS, ["a,0,1,equal"], "--second-code 1", "row 2, column response: found 'equal', allowed: '1' (second) or first, s1, 1st"),
-    (TRIALS, ["a,0,1,2nd", "a,0,1,1"], "", "row 3, column response: found '1', allowed: second, s2, 2nd (second) or first"),
-    (TASK, ["a,0,1,second,2afc", "a,0,1,first,same/different"], "", "column task: found '2afc' and 'same/different', allowed: one task"),
-    (TASK, ["a,0,1,second,same/different"], "", "column task: found 'same/different', allowed: 'which is stronger'"),
-    (COUNTS.replace("n_trials", "n_equal,n_trials"), ["a,0,1,1,1,2"], "", "column n_second: found together with n_equal, allowed: one"),
+    (
+        TRIALS,
+        ["a,0,1,equal", "a,1,0,second"],
+        "",
+        "found 'equal' and 'second', words of two tasks, allowed: one task",
+    ),
+    (
+        TRIALS,
+        ["a,0,1,equal"],
+        "--second-code 1",
+        "row 2, column response: found 'equal', allowed: '1' (second) or first, s1, 1st",
+    ),
+    (
+        TRIALS,
+        ["a,0,1,2nd", "a,0,1,1"],
+        "",
+        "row 3, column response: found '1', allowed: second, s2, 2nd (second) or first",
+    ),
+    (
+        TASK,
+        ["a,0,1,second,2afc", "a,0,1,first,same/different"],
+        "",
+        "column task: found '2afc' and 'same/different', allowed: one task",
+    ),
+    (
+        TASK,
+        ["a,0,1,second,same/different"],
+        "",
+        "column task: found 'same/different', allowed: 'which is stronger'",
+    ),
+    (
+        COUNTS.replace("n_trials", "n_equal,n_trials"),
+        ["a,0,1,1,1,2"],
+        "",
+        "column n_second: found together with n_equal, allowed: one",
+    ),
     (RIGHT, ["a,0,1,1"], "", "or --correct acc, where that says right or wrong"),
     (
         RIGHT,
@@ -110,35 +193,88 @@ REFUSED = [
         "--columns response=acc",
         "column acc: found as response, though it seems to say right or wrong, allowed: --correct",
     ),
-    (RIGHT, ["a,0,1,maybe"], "--correct acc", "row 2, column acc: found 'maybe', allowed: 1, true, yes, correct, right, hit (right) or 0"),
+    (
+        RIGHT,
+        ["a,0,1,maybe"],
+        "--correct acc",
+        "row 2, column acc: found 'maybe', allowed: 1, true, yes, correct, right, hit (right) or 0",
+    ),
     (RIGHT, ["a,0,0,1"], "--correct acc", "found no response in any of 1 rows"),
-    (RIGHT, ["a,0,1,1"], "--correct hit", "column hit: missing, found 'subject', 's1', 's2', 'acc', allowed: a column of this name, or"),
-    (RIGHT, ["a,0,1,1"], "--correct acc --second-code 1", "--second-code, --correct: found together, allowed: what tells one task"),
-    (TRIALS, ["a,0,1,1"], "--equal-code 1 --second-code 1", "--equal-code, --second-code: found together"),
-    (TRIALS, ["a,0,1,1"], "--second-code 1 --first-code 1", "--first-code: found '1' as --second-code, allowed: two different texts"),
-    (TRIALS, ["a,0,1,second"], "--ignore s1", "--ignore: found 's1', allowed: isi, session, block, trial, iti, condition"),
-    ("subject,i1,i2,response", ["a,0,1,second"], "--intensity 1", "row 2, column i1: found '0', allowed: a positive finite number"),
+    (
+        RIGHT,
+        ["a,0,1,1"],
+        "--correct hit",
+        "column hit: missing, found 'subject', 's1', 's2', 'acc', allowed: a column of this name, or",
+    ),
+    (
+        RIGHT,
+        ["a,0,1,1"],
+        "--correct acc --second-code 1",
+        "--second-code, --correct: found together, allowed: what tells one task",
+    ),
+    (
+        TRIALS,
+        ["a,0,1,1"],
+        "--equal-code 1 --second-code 1",
+        "--equal-code, --second-code: found together",
+    ),
+    (
+        TRIALS,
+        ["a,0,1,1"],
+        "--second-code 1 --first-code 1",
+        "--first-code: found '1' as --second-code, allowed: two different texts",
+    ),
+    (
+        TRIALS,
+        ["a,0,1,second"],
+        "--ignore s1",
+        "--ignore: found 's1', allowed: isi, session, block, trial, iti, condition",
+    ),
+    (
+        "subject,i1,i2,response",
+        ["a,0,1,second"],
+        "--intensity 1",
+        "row 2, column i1: found '0', allowed: a positive finite number",
+    ),
     (
         TRIALS,
         ["a,0,1,second"],
         "--task same/different",
         "--task: found 'same/different', allowed: 'which is stronger', which the answers in",
     ),
-    (TRIALS, ["a,0,1,second"], "--task 3afc", "--task: found '3afc', allowed: same/different, or 2afc (which is stronger)"),
-    (TRIALS, BACK * 3, "", "less often the larger s2 - s1 is (correlation -0.82), allowed: 'second' where the second stimulus was called"),
+    (
+        TRIALS,
+        ["a,0,1,second"],
+        "--task 3afc",
+        "--task: found '3afc', allowed: same/different, or 2afc (which is stronger)",
+    ),
+    (
+        TRIALS,
+        BACK * 3,
+        "",
+        "less often the larger s2 - s1 is (correlation -0.82), allowed: 'second' where the second stimulus was called",
+    ),
     (TRIALS, BACK * 3, "", "if they mean the opposite, --second-code first --first-code second"),
 ]
 
 
 @pytest.mark.parametrize(("head", "rows", "options", "said"), REFUSED, ids=range(len(REFUSED)))
-def test_what_cannot_be_read_is_one_line_and_nothing_is_written(tmp_path, head, rows, options, said):
+def test_what_cannot_be_read_is_one_line_and_nothing_is_written(
+    tmp_path, head, rows, options, said
+):
     written(tmp_path, head, *rows)
     assert said in refused("run", "study.csv", "-o", "out", *options.split(), cwd=tmp_path)
 
 
 def test_several_files_are_of_one_task(tmp_path):
-    frames = [pd.DataFrame({"subject": ["a"], "s1": 0, "s2": 1, "response": [one]}) for one in ("same", "second")]
-    with pytest.raises(bt.InputError, match=r"asked which is stronger, and .* same/different; allowed: files of one task"):
+    frames = [
+        pd.DataFrame({"subject": ["a"], "s1": 0, "s2": 1, "response": [one]})
+        for one in ("same", "second")
+    ]
+    with pytest.raises(
+        bt.InputError,
+        match=r"asked which is stronger, and .* same/different; allowed: files of one task",
+    ):
         bt.read_study(frames)
 
 
@@ -171,11 +307,17 @@ def test_some_reversed_subjects_are_found_and_all_are_refused_where_they_are_rea
     with pytest.raises(bt.InputError, match=r"correlation -0\.[67].*n_second counts those"):
         bt.read_study(bt.Study((back, answering("c", lambda d: rising(-d)))).frame())
     parts = [bt.Study((one,)).frame() for one in (straight, back)]
-    assert kinds(*bt.read_study(parts)) == {("b", "reversed answers"): "--turn b"}, "a file of one reversed subject is not a study"
-    trials = pd.DataFrame(
-        [(*pair, "a", "first" if pair[1] > pair[0] else "second") for pair in GRID * 3], columns=["s1", "s2", "subject", "response"]
+    assert kinds(*bt.read_study(parts)) == {("b", "reversed answers"): "--turn b"}, (
+        "a file of one reversed subject is not a study"
     )
-    with pytest.raises(bt.InputError, match=r"the opposite, ReadOptions\(second_code='first', first_code='second'\)"):
+    trials = pd.DataFrame(
+        [(*pair, "a", "first" if pair[1] > pair[0] else "second") for pair in GRID * 3],
+        columns=["s1", "s2", "subject", "response"],
+    )
+    with pytest.raises(
+        bt.InputError,
+        match=r"the opposite, ReadOptions\(second_code='first', first_code='second'\)",
+    ):
         bt.read_study(trials)
     for guessing in range(20):  # one subject at chance is no reversed study
         bt.read_study(bt.Study((answering("a", lambda d: 0 * d + 0.5, seed=guessing),)).frame())
@@ -186,19 +328,33 @@ def test_answers_to_the_other_question_are_doubted_in_every_verdict():
         right = [answering(name, p, task=task, seed=seed) for seed, name in enumerate("abc")]
         other = WHICH_STRONGER if task == SAME_DIFFERENT else SAME_DIFFERENT
         assert kinds(*right) == {}
-        assert {one for one, kind in kinds(*(replace(one, task=other) for one in right)) if kind == "like another task"} == {*"abc"}
+        assert {
+            one
+            for one, kind in kinds(*(replace(one, task=other) for one in right))
+            if kind == "like another task"
+        } == {*"abc"}
 
 
 @pytest.mark.parametrize(
     ("pairs", "said"),
     [
-        ([(0.0, b) for b in (-0.4, -0.2, 0.2, 0.4)], "All pairs have the first stimulus 0: a pull cannot be told from a constant error,"),
-        ([(a, 0.3 - a) for a in (-0.4, 0.0, 0.2, 0.4)], "s1 and s2 are one linear function of each other: a pull cannot be told from a"),
+        (
+            [(0.0, b) for b in (-0.4, -0.2, 0.2, 0.4)],
+            "All pairs have the first stimulus 0: a pull cannot be told from a constant error,",
+        ),
+        (
+            [(a, 0.3 - a) for a in (-0.4, 0.0, 0.2, 0.4)],
+            "s1 and s2 are one linear function of each other: a pull cannot be told from a",
+        ),
         (GRID, ""),
     ],
 )
 def test_designs_that_cannot_tell_a_pull_are_doubted(pairs, said):
-    found = [one for one in data_findings(bt.Study([answering("a", rising, 40, pairs)])) if one.kind == "pull cannot be told"]
+    found = [
+        one
+        for one in data_findings(bt.Study([answering("a", rising, 40, pairs)]))
+        if one.kind == "pull cannot be told"
+    ]
     assert [one.message.startswith(said) for one in found] == ([True] if said else [])
 
 
@@ -208,9 +364,17 @@ def test_designs_that_cannot_tell_a_pull_are_doubted(pairs, said):
         (GRID, rising, set()),
         (GRID, lambda d: 0 * d + 1.0, {"all_alike"}),
         (GRID, lambda d: 0 * d, {"all_alike"}),
-        ([(a, a) for a in (-0.4, -0.2, 0.2, 0.4)], lambda d: 0 * d + 0.5, {"only_equal_pairs", "pull_not_told"}),
+        (
+            [(a, a) for a in (-0.4, -0.2, 0.2, 0.4)],
+            lambda d: 0 * d + 0.5,
+            {"only_equal_pairs", "pull_not_told"},
+        ),
         ([pair for pair in GRID if abs(pair[0] - pair[1]) < 0.3], rising, {"no_easy_pairs"}),
-        ([pair for pair in GRID if abs(pair[0] - pair[1]) > 0.5], lambda d: ndtr(d / 0.1), {"only_easy_pairs"}),
+        (
+            [pair for pair in GRID if abs(pair[0] - pair[1]) > 0.5],
+            lambda d: ndtr(d / 0.1),
+            {"only_easy_pairs"},
+        ),
         ([(0.0, b) for b in (-0.4, -0.2, 0.2, 0.4)], rising, {"one_order", "pull_not_told"}),
         ([(s + 30, t + 30) for s, t in GRID], rising, {"raw_stimuli"}),
     ],
@@ -231,7 +395,11 @@ def test_swapped_blocks_and_drift_are_found_in_either_task(tmp_path):
             second = (rng.random() < rising(s2 - s1)) ^ (block == 2)
             rows.append(f"a,{s1},{s2},{'second' if second else 'first'},{block}")
     (unlike, swapped) = check_answers(bt.read_study(written(tmp_path, TRIALS + ",block", *rows)))
-    assert (unlike.kind, swapped.kind, swapped.option) == ("unlike blocks", "swapped blocks", "--turn a:2")
+    assert (unlike.kind, swapped.kind, swapped.option) == (
+        "unlike blocks",
+        "swapped blocks",
+        "--turn a:2",
+    )
 
 
 def test_real_studies_are_read_as_they_were_asked_and_not_doubted(real_data):
@@ -242,10 +410,21 @@ def test_real_studies_are_read_as_they_were_asked_and_not_doubted(real_data):
     ):
         study = bt.read_study(real_data / name / file, bt.ReadOptions(**options))
         assert (study.task, sum(one.total_trials for one in study)) == (WHICH_STRONGER, trials)
-        assert not {one.code for one in data_findings(study)} & {"other_task", "reversed_answers", "pull_not_told"}
+        assert not {one.code for one in data_findings(study)} & {
+            "other_task",
+            "reversed_answers",
+            "pull_not_told",
+        }
         wrong = bt.Study([replace(one, task=SAME_DIFFERENT) for one in study])
-        assert any(one.code == "other_task" for one in data_findings(wrong)) == (name != "auditory_pwm")  # one distance, no equal pair
-    for folder, options in (("vibrotactile_rate/trials.csv", {"equal_code": "1"}), ("morse_rothkopf_1957/dots.csv", {})):
+        assert any(one.code == "other_task" for one in data_findings(wrong)) == (
+            name != "auditory_pwm"
+        )  # one distance, no equal pair
+    for folder, options in (
+        ("vibrotactile_rate/trials.csv", {"equal_code": "1"}),
+        ("morse_rothkopf_1957/dots.csv", {}),
+    ):
         study = bt.read_study(real_data / folder, bt.ReadOptions(**options))
         wrong = bt.Study([replace(one, task=WHICH_STRONGER) for one in study])
-        assert [any(one.code == "other_task" for one in data_findings(of)) for of in (study, wrong)] == [False, True]
+        assert [
+            any(one.code == "other_task" for one in data_findings(of)) for of in (study, wrong)
+        ] == [False, True]

@@ -48,7 +48,10 @@ def failing(error):
 
 NAMES = ("table.csv", "corner")
 BEFORE_WORK = failing(AssertionError("must be refused before any work"))
-POSIX = pytest.mark.skipif(os.name == "nt", reason="links need rights on Windows, and processes are asked for as POSIX does")
+POSIX = pytest.mark.skipif(
+    os.name == "nt",
+    reason="links need rights on Windows, and processes are asked for as POSIX does",
+)
 
 
 def write(path, text, *, overwrite=False, meanwhile=int):
@@ -75,7 +78,11 @@ def test_a_file_appears_whole(tmp_path):
     target = tmp_path / "new" / "deep" / "fit.nc"
     for before, text in ((None, "whole"), ("whole", "new")):
         with whole_file(target, overwrite=True) as temporary:
-            assert (temporary.exists(), temporary.parent.parent, temporary.name) == (False, target.parent, target.name)
+            assert (temporary.exists(), temporary.parent.parent, temporary.name) == (
+                False,
+                target.parent,
+                target.name,
+            )
             temporary.write_text(text)
             assert (target.read_text() if target.exists() else None) == before
         assert tree(tmp_path) == {"new/deep/fit.nc": text}
@@ -87,7 +94,10 @@ def test_what_exists_or_appears_meanwhile_is_kept(tmp_path):
         write(target, "new", meanwhile=lambda: target.write_text("mine"))
     link.symlink_to(tmp_path / "nowhere")
     for path in (target, link):
-        with pytest.raises(OutputError, match=rf"{path.name}: exists, choose another name or allow to overwrite it$"):
+        with pytest.raises(
+            OutputError,
+            match=rf"{path.name}: exists, choose another name or allow to overwrite it$",
+        ):
             write(path, "new", meanwhile=BEFORE_WORK)
     link.unlink()
     assert tree(tmp_path) == {"a.csv": "mine"}
@@ -103,7 +113,9 @@ def test_failure_leaves_everything_as_it_was(tmp_path, error):
             write(tmp_path / name, "half", overwrite=True, meanwhile=failing(error()))
     for name in ("out", "new/out"):
         with pytest.raises(error):
-            produce(tmp_path / name, {"table.csv": "half"}, overwrite=True, meanwhile=failing(error()))
+            produce(
+                tmp_path / name, {"table.csv": "half"}, overwrite=True, meanwhile=failing(error())
+            )
     assert tree(tmp_path) == before
     assert not (tmp_path / "new").exists()
 
@@ -134,7 +146,10 @@ def test_impossible_places(tmp_path, name, reason):
     (tmp_path / "folder").mkdir()
     (tmp_path / "file.txt").write_text("x")
     before = tree(tmp_path)
-    for action in (lambda path: write(path, "x", overwrite=True), lambda path: require_writable(path, overwrite=False)):
+    for action in (
+        lambda path: write(path, "x", overwrite=True),
+        lambda path: require_writable(path, overwrite=False),
+    ):
         with pytest.raises(OutputError, match=reason) as caught:
             action(tmp_path / name)
         assert len(str(caught.value).splitlines()) == 1
@@ -150,7 +165,9 @@ def test_places_without_permission(tmp_path, monkeypatch):
         real(path, **how)
 
     monkeypatch.setattr(Path, "mkdir", mkdir)
-    message = re.escape(f"{tmp_path / 'new'}: cannot be written (Permission denied), choose another place")
+    message = re.escape(
+        f"{tmp_path / 'new'}: cannot be written (Permission denied), choose another place"
+    )
     for action in (
         lambda: require_writable(tmp_path / "new" / "a.csv", overwrite=False),
         lambda: require_folder(tmp_path / "new" / "out", (), overwrite=False),
@@ -214,7 +231,11 @@ def test_what_a_killed_process_has_left_goes_and_all_else_stays(tmp_path):
 
 def test_a_folder_appears_whole_and_files_of_the_user_stay(tmp_path):
     out = tmp_path / "new" / "out"
-    produce(out, {"table.csv": "t", "corner/a.png": "a"}, meanwhile=lambda: None if not out.exists() else pytest.fail("too early"))
+    produce(
+        out,
+        {"table.csv": "t", "corner/a.png": "a"},
+        meanwhile=lambda: None if not out.exists() else pytest.fail("too early"),
+    )
     assert tree(tmp_path) == {"new/out/table.csv": "t", "new/out/corner/a.png": "a"}
     assert manifest(out) == ["corner/a.png", "table.csv"]
     (out / "corner" / "mine.png").write_text("mine")
@@ -223,12 +244,21 @@ def test_a_folder_appears_whole_and_files_of_the_user_stay(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("there", "said"), [(["table.csv"], "table.csv"), (["corner/"], "corner"), ("abc", "a, b, c"), ("abcd", "a, b, c and 1 more")]
+    ("there", "said"),
+    [
+        (["table.csv"], "table.csv"),
+        (["corner/"], "corner"),
+        ("abc", "a, b, c"),
+        ("abcd", "a, b, c and 1 more"),
+    ],
 )
 def test_existing_names_are_refused_before_any_work(tmp_path, there, said):
     for name in there:
         (tmp_path / name).mkdir() if name.endswith("/") else (tmp_path / name).write_text("mine")
-    before, message = tree(tmp_path), re.escape(f"{tmp_path}: already holds {said}, choose another folder or allow to overwrite")
+    before, message = (
+        tree(tmp_path),
+        re.escape(f"{tmp_path}: already holds {said}, choose another folder or allow to overwrite"),
+    )
     with pytest.raises(OutputError, match=f"^{message}$"):
         produce(tmp_path, {}, names=[*NAMES, *"abcd"], meanwhile=BEFORE_WORK)
     assert tree(tmp_path) == before
@@ -236,7 +266,11 @@ def test_existing_names_are_refused_before_any_work(tmp_path, there, said):
 
 def test_a_file_in_place_of_the_folder(tmp_path):
     (tmp_path / "out").write_text("x")
-    refusals = {"out": "out: is a file, choose the name of a folder", "out/deep": "cannot be written", "a\0b": "NUL"}
+    refusals = {
+        "out": "out: is a file, choose the name of a folder",
+        "out/deep": "cannot be written",
+        "a\0b": "NUL",
+    }
     for name, message in refusals.items():
         with pytest.raises(OutputError, match=message):
             produce(tmp_path / name, {"table.csv": "t"})
@@ -244,7 +278,10 @@ def test_a_file_in_place_of_the_folder(tmp_path):
 
 
 def test_stale_files_of_an_earlier_run_go_as_far_as_the_manifest_tells(tmp_path):
-    produce(tmp_path, {"table.csv": "1", "corner/a.png": "1", "corner/b.png": "1", "corner/deep/c.png": "1"})
+    produce(
+        tmp_path,
+        {"table.csv": "1", "corner/a.png": "1", "corner/b.png": "1", "corner/deep/c.png": "1"},
+    )
     produce(tmp_path, {"table.csv": "2", "corner/b.png": "2"}, overwrite=True)
     assert tree(tmp_path) == {"table.csv": "2", "corner/b.png": "2"}
     assert manifest(tmp_path) == ["corner/b.png", "table.csv"]
@@ -264,15 +301,35 @@ def test_two_commands_may_share_a_folder(tmp_path):
 @pytest.mark.parametrize(
     "text",
     [
-        *("", "[]", '{"files": 7}', '{"files": "table.csv"}', "\udcff", '{"files": [7, null, ["corner/a.png"]]}'),
-        *(json.dumps({"files": [name]}) for name in ("../victim", "/victim", "corner/../../victim", "", ".", "corner", "corner/gone.png")),
+        *(
+            "",
+            "[]",
+            '{"files": 7}',
+            '{"files": "table.csv"}',
+            "\udcff",
+            '{"files": [7, null, ["corner/a.png"]]}',
+        ),
+        *(
+            json.dumps({"files": [name]})
+            for name in (
+                "../victim",
+                "/victim",
+                "corner/../../victim",
+                "",
+                ".",
+                "corner",
+                "corner/gone.png",
+            )
+        ),
     ],
 )
 def test_damaged_manifests_remove_nothing(tmp_path, text):
     out = tmp_path / "out"
     produce(out, {"table.csv": "1", "corner/a.png": "1", "corner/deep/b.png": "1"})
     (tmp_path / "victim").write_text("v")
-    (out / MANIFEST).write_bytes(text.replace("/victim", f"{tmp_path}/victim").encode("utf-8", "surrogateescape"))
+    (out / MANIFEST).write_bytes(
+        text.replace("/victim", f"{tmp_path}/victim").encode("utf-8", "surrogateescape")
+    )
     produce(out, {"table.csv": "2"}, overwrite=True)
     kept = {"out/corner/a.png": "1", "out/corner/deep/b.png": "1"}
     assert tree(tmp_path) == {"victim": "v", "out/table.csv": "2", **kept}
@@ -322,7 +379,10 @@ def test_what_is_required_must_be_there_and_only_what_was_named(tmp_path):
         written(names=["other.csv"])
     assert tree(tmp_path) == {}
     written("table.csv")
-    with pytest.raises(OutputError, match=r"b\.csv is missing"), whole_together(tmp_path / "a.csv", tmp_path / "b.csv") as folder:
+    with (
+        pytest.raises(OutputError, match=r"b\.csv is missing"),
+        whole_together(tmp_path / "a.csv", tmp_path / "b.csv") as folder,
+    ):
         (folder / "a.csv").write_text("a")
     with pytest.raises(OutputError, match=r"a\.csv: cannot be written"):
         write(tmp_path / "a.csv", None, overwrite=True)

@@ -23,17 +23,40 @@ CASES = {
     "one equal pair": ([(0.2, 0.2)], 1, "symmetric", ()),
     "both orders of one pair": ([(0.0, 0.3), (0.3, 0.0)], 2, "constant bias", None),
     "two equal pairs": ([(0.0, 0.0), (0.3, 0.3)], 2, "no lapses", None),
-    "only equal pairs": ([(s, s) for s in STEPS], 3, "predictive update", ("q0", "mu1")),  # z = -p (mu1 - s1)/w is zero at mu1
+    "only equal pairs": (
+        [(s, s) for s in STEPS],
+        3,
+        "predictive update",
+        ("q0", "mu1"),
+    ),  # z = -p (mu1 - s1)/w is zero at mu1
     "one difference": ([(s, s + 0.2) for s in STEPS], 3, "predictive update", ("q0",)),
-    "one first stimulus": ([(0.1, s) for s in STEPS], 3, "constant bias", ("offset", "width", "q0")),
+    "one first stimulus": (
+        [(0.1, s) for s in STEPS],
+        3,
+        "constant bias",
+        ("offset", "width", "q0"),
+    ),
     "one second stimulus": ([(s, 0.1) for s in STEPS], 3, "constant bias", ("q0",)),
     "another line": ([(s, 0.4 * s + 0.1) for s in STEPS], 3, "constant bias", None),
     "three pairs": ([(0.0, 0.0), (0.0, 0.3), (0.3, 0.0)], 3, "constant bias", None),
-    "three pairs with two differences": ([(0.0, 0.0), (0.3, 0.3), (0.0, 0.3)], 3, "predictive update", None),
+    "three pairs with two differences": (
+        [(0.0, 0.0), (0.3, 0.3), (0.0, 0.3)],
+        3,
+        "predictive update",
+        None,
+    ),
     "four pairs": ([(0.0, 0.0), (0.0, 0.3), (0.3, 0.0), (0.3, 0.3)], 4, "predictive update", ALL),
-    "one order only": ([(a, b) for a in STEPS for b in STEPS if a < b], 4, "predictive update", ALL),
+    "one order only": (
+        [(a, b) for a in STEPS for b in STEPS if a < b],
+        4,
+        "predictive update",
+        ALL,
+    ),
 }
-DESIGNS, EXPECTED = {name: case[0] for name, case in CASES.items()}, {name: case[1:3] for name, case in CASES.items()}
+DESIGNS, EXPECTED = (
+    {name: case[0] for name, case in CASES.items()},
+    {name: case[1:3] for name, case in CASES.items()},
+)
 
 
 def made(pairs, shift=0.0, scale=1.0):
@@ -64,7 +87,9 @@ def test_swapping_the_stimuli_of_a_line_keeps_the_rank():
 
 
 @settings(max_examples=60, deadline=None, derandomize=True, database=None)
-@given(st.lists(st.tuples(st.integers(-4, 4), st.integers(-4, 4)), min_size=1, max_size=9, unique=True))
+@given(
+    st.lists(st.tuples(st.integers(-4, 4), st.integers(-4, 4)), min_size=1, max_size=9, unique=True)
+)
 def test_rank_is_that_of_the_closed_form(pairs):
     # min(n, dimensions + 2), the dimensions from exact integers
     points = np.array([(a, b - a) for a, b in pairs])
@@ -76,8 +101,13 @@ def differences_rank(subject):
     """Rank of the Jacobian of P(equal) by central differences."""
     posterior = posterior_of(subject, Prior())
     x, h = np.array([0.07, 0.3, -1.1, 1.2]), 1e-5
-    sides = [np.exp(posterior.log_answers(np.stack([x + h * axis, x - h * axis]))[0]) for axis in np.eye(4)]
-    values = np.linalg.svd(np.stack([(up - down) / (2 * h) for up, down in sides], axis=1), compute_uv=False)
+    sides = [
+        np.exp(posterior.log_answers(np.stack([x + h * axis, x - h * axis]))[0])
+        for axis in np.eye(4)
+    ]
+    values = np.linalg.svd(
+        np.stack([(up - down) / (2 * h) for up, down in sides], axis=1), compute_uv=False
+    )
     return np.count_nonzero(values > 1e-7 * values[0])
 
 
@@ -97,7 +127,12 @@ def reproduces(subject, target, model, rng, error):
     """Whether a model reproduces the probabilities within this error from one of many starts; the first that does ends the search."""
     size, full = SMALLER[model]
     fits = (
-        least_squares(lambda v: predicted(subject, *full(np.clip(v, -40, 40))) - target, rng.normal(0.0, 1.5, size), xtol=1e-14, ftol=1e-14)
+        least_squares(
+            lambda v: predicted(subject, *full(np.clip(v, -40, 40))) - target,
+            rng.normal(0.0, 1.5, size),
+            xtol=1e-14,
+            ftol=1e-14,
+        )
         for _ in range(30)
     )
     return any(np.abs(fit.fun).max() < error for fit in fits)
@@ -108,20 +143,39 @@ def test_a_sufficient_model_reproduces_every_prediction_and_the_next_smaller_one
     for name, pairs in DESIGNS.items():
         subject, model = made(pairs), EXPECTED[name][1]
         targets = [
-            predicted(subject, rng.normal(0, 0.1), rng.uniform(0.05, 0.35), np.log(rng.uniform(0.2, 0.6)), rng.uniform(0.6, 0.95))
+            predicted(
+                subject,
+                rng.normal(0, 0.1),
+                rng.uniform(0.05, 0.35),
+                np.log(rng.uniform(0.2, 0.6)),
+                rng.uniform(0.6, 0.95),
+            )
             for _ in range(20)
         ]
         if model in SMALLER:
-            assert all(reproduces(subject, target, model, rng, 1e-5) for target in targets[:5]), name
-        for smaller in [m for m in SMALLER if model == "predictive update" or SMALLER[m][0] < SMALLER[model][0]]:
+            assert all(reproduces(subject, target, model, rng, 1e-5) for target in targets[:5]), (
+                name
+            )
+        for smaller in [
+            m for m in SMALLER if model == "predictive update" or SMALLER[m][0] < SMALLER[model][0]
+        ]:
             # The first prediction that is out of reach from every start is enough.
-            assert not all(reproduces(subject, target, smaller, rng, 1e-4) for target in targets), (name, smaller)
+            assert not all(reproduces(subject, target, smaller, rng, 1e-4) for target in targets), (
+                name,
+                smaller,
+            )
 
 
 def test_the_finding_names_the_model_and_what_stays_open():
-    (message,) = [f.message for f in check_study(bt.Study([made(DESIGNS["one first stimulus"])])) if f.code == "design_rank"]
+    (message,) = [
+        f.message
+        for f in check_study(bt.Study([made(DESIGNS["one first stimulus"])]))
+        if f.code == "design_rank"
+    ]
     assert "3 of 4 combinations" in message
-    assert "offset, width, q0 can be told, pull, mu1, sigma_p, sigma_l depend on the prior" in message
+    assert (
+        "offset, width, q0 can be told, pull, mu1, sigma_p, sigma_l depend on the prior" in message
+    )
     assert "smaller model 'constant bias' carries all the information" in message
 
 
@@ -136,7 +190,10 @@ def test_many_pairs_cost_little_memory():
     assert identifiability(made(list(zip(grid, grid, strict=True)))).rank == 3
 
 
-@pytest.mark.parametrize("pairs", [[(0.0, 0.3)], [(0.0, 0.0), (0.3, 0.0)], [(s, s) for s in STEPS], [(0.1, s) for s in STEPS]])
+@pytest.mark.parametrize(
+    "pairs",
+    [[(0.0, 0.3)], [(0.0, 0.0), (0.3, 0.0)], [(s, s) for s in STEPS], [(0.1, s) for s in STEPS]],
+)
 def test_intervals_rank_is_that_of_finite_differences(pairs):
     isi = np.tile([0.5, 1.0, 4.0], len(pairs))
     s1, s2 = (np.repeat(side, 3) for side in zip(*pairs, strict=True))
@@ -149,5 +206,7 @@ def test_intervals_rank_is_that_of_finite_differences(pairs):
 def test_one_interval_tells_what_no_interval_does():
     for name, pairs in DESIGNS.items():
         plain = made(pairs)
-        timed = bt.Subject("S", plain.s1, plain.s2, plain.n_yes, plain.n_trials, np.full(plain.n_pairs, 2.5))
+        timed = bt.Subject(
+            "S", plain.s1, plain.s2, plain.n_yes, plain.n_trials, np.full(plain.n_pairs, 2.5)
+        )
         assert identifiability(timed) == identifiability(plain), name

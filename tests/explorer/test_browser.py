@@ -21,11 +21,16 @@ class Explorer(Opened):
 
     def settle(self):
         """Wait until everything that was asked for is drawn."""
-        self.page.evaluate("() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
+        self.page.evaluate(
+            "() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))"
+        )
         self.page.wait_for_function("() => Bokeh.documents[0].is_idle")
 
     def data(self, name):
-        return {key: np.array(values, float) for key, values in self.page.evaluate(f"({DATA})({name!r})").items()}
+        return {
+            key: np.array(values, float)
+            for key, values in self.page.evaluate(f"({DATA})({name!r})").items()
+        }
 
     def limits(self):
         return self.page.evaluate("window.explorer.state.brush.limits")
@@ -38,7 +43,10 @@ class Explorer(Opened):
         """Drag over a panel, from and to shares of its width and height."""
         self.page.locator(f"#cell-{cell}").scroll_into_view_if_needed()
         frame = self.page.locator(f"#cell-{cell}").bounding_box()
-        places = [(frame["x"] + x * frame["width"], frame["y"] + y * frame["height"]) for x, y in (start, end)]
+        places = [
+            (frame["x"] + x * frame["width"], frame["y"] + y * frame["height"])
+            for x, y in (start, end)
+        ]
         self.page.mouse.move(*places[0])
         self.page.mouse.down()
         self.page.mouse.move(*places[1], steps=4)
@@ -93,7 +101,11 @@ def test_a_drag_selects_the_draws_and_moves_the_curves(opened, analysis):
         kept, every = opened.data(f"kept-{letter}-3-0"), opened.data(f"all-{letter}-3-0")
         theta = thinned(analysis.draws, subject, len(every["x"]))
         inside = np.all(
-            [(np.float32(theta[name]) >= low) & (np.float32(theta[name]) <= high) for name, (low, high) in limits.items()], axis=0
+            [
+                (np.float32(theta[name]) >= low) & (np.float32(theta[name]) <= high)
+                for name, (low, high) in limits.items()
+            ],
+            axis=0,
         )
         assert kept["row"].tolist() == np.flatnonzero(inside).tolist()
         np.testing.assert_allclose(kept["y"], theta["q0"][inside], rtol=1e-6)
@@ -105,7 +117,11 @@ def test_a_drag_selects_the_draws_and_moves_the_curves(opened, analysis):
         drawn = opened.data(f"curve-a-{kind}")
         low, x = np.full_like(drawn["x"], drawn["x"][0]), drawn["x"]
         first, second = (low, x) if weaker_first else (x, low)
-        q = bt.model.equal_probability(first, second, *(theta[name][rows, None] for name in ("mu1", "sigma_p", "sigma_l", "q0")))
+        q = bt.model.equal_probability(
+            first,
+            second,
+            *(theta[name][rows, None] for name in ("mu1", "sigma_p", "sigma_l", "q0")),
+        )
         np.testing.assert_allclose(drawn["kept"], q.mean(axis=0), atol=1e-6)
         np.testing.assert_allclose(drawn["low"], np.quantile(q, 0.05, axis=0), atol=1e-6)
 
@@ -133,7 +149,9 @@ def test_the_keyboard_alone_selects_some_or_none_which_have_no_numbers(opened, a
     assert rows.tolist() == np.flatnonzero(np.float32(theta["q0"]) >= 0.9).tolist()
     assert opened.page.inner_text("#where") == "selected: q₀ from 0.9"
     quantiles = np.quantile(theta["q0"][theta["q0"] >= 0.9], 0.5)
-    shown = opened.page.locator("#table-a tr", has_text="q₀").locator("td:nth-child(3) b").inner_text()
+    shown = (
+        opened.page.locator("#table-a tr", has_text="q₀").locator("td:nth-child(3) b").inner_text()
+    )
     assert float(shown) == pytest.approx(quantiles, abs=6e-4)
     opened.page.fill("#from", "1e6")
     opened.page.press("#from", "Enter")
@@ -149,10 +167,14 @@ def test_the_keyboard_alone_selects_some_or_none_which_have_no_numbers(opened, a
 def test_subjects_coordinates_and_models_can_be_switched(opened, analysis, symmetric):
     opened.choose("#subject-a", "C")
     rows = len(opened.data("kept-a-1-0")["x"])
-    np.testing.assert_allclose(opened.data("kept-a-1-0")["x"], thinned(analysis.draws, "C", rows)["mu1"], rtol=1e-6)
+    np.testing.assert_allclose(
+        opened.data("kept-a-1-0")["x"], thinned(analysis.draws, "C", rows)["mu1"], rtol=1e-6
+    )
     opened.page.click("#identified")
     opened.settle()
-    shown = [one.get_attribute("value") for one in opened.page.locator("#boxes input:checked").all()]
+    shown = [
+        one.get_attribute("value") for one in opened.page.locator("#boxes input:checked").all()
+    ]
     assert sorted(shown) == ["offset", "pull", "q0", "width"]
     opened.choose("#subject-b", "B")
     opened.choose("#label-b", "symmetric")
@@ -161,7 +183,9 @@ def test_subjects_coordinates_and_models_can_be_switched(opened, analysis, symme
     down, across = max(place["width"], place["q0"]), min(place["width"], place["q0"])
     kept = opened.data(f"kept-b-{down}-{across}")
     axis = "y" if down == place["width"] else "x"
-    np.testing.assert_allclose(kept[axis], width[np.arange(len(kept["row"])) * width.size // len(kept["row"])], rtol=1e-6)
+    np.testing.assert_allclose(
+        kept[axis], width[np.arange(len(kept["row"])) * width.size // len(kept["row"])], rtol=1e-6
+    )
     opened.drag(f"{place['pull']}-{place['pull']}", (0.2, 0.5), (0.5, 0.6))
     assert "lacks the quantity" in opened.page.inner_text("#share .b")
 
@@ -175,23 +199,40 @@ def test_the_selection_becomes_a_table(opened, analysis):
     assert len(mine) == len(opened.data("kept-a-1-0")["row"]) > 0
     theta = analysis.draws.natural("A")
     for line in mine[:5]:
-        assert float(line["mu1"]) == pytest.approx(theta.mu1[int(line["chain"]), int(line["draw"])], rel=1e-6)
+        assert float(line["mu1"]) == pytest.approx(
+            theta.mu1[int(line["chain"]), int(line["draw"])], rel=1e-6
+        )
 
 
 def test_hovering_reads_a_draw(opened):
     drawn = opened.data("kept-a-2-1")
-    limits = [opened.page.evaluate(f"(r => [r.start, r.end])(Bokeh.documents[0].get_model_by_name('range-{slot}'))") for slot in (1, 2)]
-    middle = np.argmin(sum((drawn[key] - np.median(drawn[key])) ** 2 / np.var(drawn[key]) for key in ("x", "y")))
-    along, up = ((drawn[key][middle] - low) / (high - low) for key, (low, high) in zip(("x", "y"), limits, strict=True))
+    limits = [
+        opened.page.evaluate(
+            f"(r => [r.start, r.end])(Bokeh.documents[0].get_model_by_name('range-{slot}'))"
+        )
+        for slot in (1, 2)
+    ]
+    middle = np.argmin(
+        sum((drawn[key] - np.median(drawn[key])) ** 2 / np.var(drawn[key]) for key in ("x", "y"))
+    )
+    along, up = (
+        (drawn[key][middle] - low) / (high - low)
+        for key, (low, high) in zip(("x", "y"), limits, strict=True)
+    )
     opened.page.locator("#cell-2-1").scroll_into_view_if_needed()
     frame = opened.page.locator("#cell-2-1").bounding_box()
     border = 3
-    x, y = (border + share * (frame[side] - 2 * border) for share, side in ((along, "width"), (1 - up, "height")))
+    x, y = (
+        border + share * (frame[side] - 2 * border)
+        for share, side in ((along, "width"), (1 - up, "height"))
+    )
     opened.page.mouse.move(frame["x"] + x, frame["y"] + y, steps=3)
     told = opened.page.locator(".bk-tooltip-row-value:visible")
     told.first.wait_for()
     assert told.nth(0).inner_text() == "A"
-    assert float(told.nth(1).inner_text().replace("−", "-")) == pytest.approx(drawn["x"][middle], abs=0.02)
+    assert float(told.nth(1).inner_text().replace("−", "-")) == pytest.approx(
+        drawn["x"][middle], abs=0.02
+    )
 
 
 def test_what_is_known_and_badged_and_fits_a_wide_screen(opened):
@@ -209,7 +250,9 @@ def test_a_narrow_screen_has_fewer_panels_that_can_be_read(browser, path):
     assert len(made.limits()) == 2
     assert made.wide() <= 400
     sides = [made.page.locator(f"#cell-{i}-{i}").bounding_box() for i in range(3)]
-    assert all(box["x"] >= 0 and box["x"] + box["width"] <= 400 and box["width"] > 90 for box in sides)
+    assert all(
+        box["x"] >= 0 and box["x"] + box["width"] <= 400 and box["width"] > 90 for box in sides
+    )
     assert made.page.locator("#cell-3-3").is_hidden()
     made.page.close()
     assert made.problems == []

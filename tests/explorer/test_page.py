@@ -22,7 +22,9 @@ from bayes_toe.inference.predictive_checks import FitSummary
 
 
 def islands(html):
-    found = re.findall(r'<script type="application/json" id="(index|entry-\d+)">(.*?)</script>', html)
+    found = re.findall(
+        r'<script type="application/json" id="(index|entry-\d+)">(.*?)</script>', html
+    )
     return {name: json.loads(content) for name, content in found}
 
 
@@ -38,7 +40,10 @@ def held(explorer):
 def shown(subject, draws=3000, copies=1):
     """The page of made draws of a subject under the symmetric model."""
     target = bt.model.posterior_of(subject, model="symmetric")
-    return page([Entry("symmetric", target, np.zeros((1, draws, 2)) + np.linspace(-1, 0, draws)[:, None])] * copies).html
+    return page(
+        [Entry("symmetric", target, np.zeros((1, draws, 2)) + np.linspace(-1, 0, draws)[:, None])]
+        * copies
+    ).html
 
 
 def thinned(draws, first):
@@ -62,15 +67,27 @@ def test_entries_hold_draws_quantiles_and_what_is_known(held, analysis):
     values = numbers(first["values"]).reshape(len(first["names"]), first["rows"])
     theta = analysis.draws.values("A", "gain").ravel()
     at = np.arange(first["rows"]) * theta.size // first["rows"]
-    np.testing.assert_array_equal(values[first["names"].index("gain")], theta[at].astype(np.float32))
-    np.testing.assert_allclose(first["marked"][first["names"].index("gain")], np.quantile(theta, [0.05, 0.5, 0.95]), rtol=1e-9)
+    np.testing.assert_array_equal(
+        values[first["names"].index("gain")], theta[at].astype(np.float32)
+    )
+    np.testing.assert_allclose(
+        first["marked"][first["names"].index("gain")],
+        np.quantile(theta, [0.05, 0.5, 0.95]),
+        rtol=1e-9,
+    )
     summary = analysis.draws.summary().set_index(["subject", "parameter"])["contraction"]
     ruled = {what for kind, what in first["badges"] if kind == "dominated"}
-    assert {name for name, value in summary["A"].items() if value < 0.5} == ruled & set(summary["A"].index)
+    assert {name for name, value in summary["A"].items() if value < 0.5} == ruled & set(
+        summary["A"].index
+    )
     assert first["truth"]["sigma_p"] == 0.25
-    assert first["truth"]["gain"] == pytest.approx(1.0 / bt.model.variance_ratio((0.17 / 0.25) ** 2))
+    assert first["truth"]["gain"] == pytest.approx(
+        1.0 / bt.model.variance_ratio((0.17 / 0.25) ** 2)
+    )
     assert held["entry-1"]["truth"] == {}
-    assert (held["entry-3"]["label"], held["entry-3"]["truth"]) == ("symmetric", {"q0": 0.92}), "of a model that has no more"
+    assert (held["entry-3"]["label"], held["entry-3"]["truth"]) == ("symmetric", {"q0": 0.92}), (
+        "of a model that has no more"
+    )
 
 
 def test_the_axis_agrees_with_the_beliefs_of_the_closed_form(held, analysis):
@@ -96,11 +113,25 @@ def test_contours_hold_their_shares():
 
 
 def test_curves_are_of_the_weaker_stimuli_with_most_trials_at_each_interval():
-    one = bt.Subject("S", [0, 0, 0.1, 0.2, 0], [0.2, 0.2, 0.2, 0.2, 0], [1] * 5, [50, 40, 9, 50, 50], isi=[1, 2, 1, 1, 1])
+    one = bt.Subject(
+        "S",
+        [0, 0, 0.1, 0.2, 0],
+        [0.2, 0.2, 0.2, 0.2, 0],
+        [1] * 5,
+        [50, 40, 9, 50, 50],
+        isi=[1, 2, 1, 1, 1],
+    )
     found = slices(one, 2)
-    assert [(each.weaker, each.isi, each.orders) for each in found] == [(0.0, 1.0, (-1, 0)), (0.0, 2.0, (-1,))]
+    assert [(each.weaker, each.isi, each.orders) for each in found] == [
+        (0.0, 1.0, (-1, 0)),
+        (0.0, 2.0, (-1,)),
+    ]
     assert len(slices(one, 9)) == 3
-    assert sorted((one.s1[pair], one.s2[pair], one.isi[pair]) for pair in found[0].pairs) == [(0, 0, 1), (0, 0.2, 1), (0.2, 0.2, 1)]
+    assert sorted((one.s1[pair], one.s2[pair], one.isi[pair]) for pair in found[0].pairs) == [
+        (0, 0, 1),
+        (0, 0.2, 1),
+        (0.2, 0.2, 1),
+    ]
 
 
 def test_free_frequencies_have_no_curve_and_no_axis(small_study):
@@ -114,11 +145,26 @@ def test_free_frequencies_have_no_curve_and_no_axis(small_study):
 
 def test_badges_say_what_is_wrong_before_what_is_right():
     def told(missed, p_overall, p_deviance, *, parameters_as_pairs=False):
-        fit = FitSummary(9.0, 0 if parameters_as_pairs else 3, p_overall, 0.0, 0.5, 0.0, 0.0, p_deviance=p_deviance)
+        fit = FitSummary(
+            9.0,
+            0 if parameters_as_pairs else 3,
+            p_overall,
+            0.0,
+            0.5,
+            0.0,
+            0.0,
+            p_deviance=p_deviance,
+        )
         return badges(SimpleNamespace(fit=lambda name: fit), "A", missed)
 
-    assert told({"A": "R-hat of q0 1.2"}, 0.4, 0.3) == (("unconverged", "R-hat of q0 1.2"), ("fine", "no misfit seen, predictive p 0.4"))
-    assert told({}, 0.0, 0.02) == (("fine", "converged"), ("misfit", "predictive p below 0.001, p of the deviance 0.02"))
+    assert told({"A": "R-hat of q0 1.2"}, 0.4, 0.3) == (
+        ("unconverged", "R-hat of q0 1.2"),
+        ("fine", "no misfit seen, predictive p 0.4"),
+    )
+    assert told({}, 0.0, 0.02) == (
+        ("fine", "converged"),
+        ("misfit", "predictive p below 0.001, p of the deviance 0.02"),
+    )
     assert told({}, np.nan, np.nan) == (("fine", "converged"),)
     untold = ("untold", "whether the model describes the answers cannot be told, predictive p 0.4")
     assert told({}, 0.4, np.nan, parameters_as_pairs=True) == (("fine", "converged"), untold)
@@ -132,16 +178,25 @@ def test_a_name_cannot_end_the_page(small_study):
 
 def test_the_group_stands_behind_its_subjects(group, analysis):
     made = islands(bt.explore(analysis.draws, subjects=["A"], population=group).html)
-    assert [one["label"] for one in made["index"]["entries"]] == ["predictive update", "predictive update, in the group"]
+    assert [one["label"] for one in made["index"]["entries"]] == [
+        "predictive update",
+        "predictive update, in the group",
+    ]
     assert [one["grouped"] for one in made["index"]["entries"]] == [True, True]
     assert made["index"]["entries"][1]["prior"] is None
     place = made["index"]["group"]["names"].index("gain")
-    quantiles = numbers(made["index"]["group"]["quantiles"]).reshape(len(made["index"]["group"]["names"]), -1)[place]
+    quantiles = numbers(made["index"]["group"]["quantiles"]).reshape(
+        len(made["index"]["group"]["names"]), -1
+    )[place]
     drawn = group.quantities(group.new_subject())["gain"]
     assert quantiles[100] == pytest.approx(np.median(drawn), rel=1e-6)
     inner = made["entry-1"]
     eta = group.chains.eta[:, :, 0]
-    np.testing.assert_allclose(inner["marked"][inner["names"].index("gain")][1], np.median(group.quantities(eta)["gain"]), rtol=1e-6)
+    np.testing.assert_allclose(
+        inner["marked"][inner["names"].index("gain")][1],
+        np.median(group.quantities(eta)["gain"]),
+        rtol=1e-6,
+    )
 
 
 MANY = {"H1": SimpleNamespace(names=[f"S{i}" for i in range(MOST_ENTRIES + 1)])}
@@ -152,14 +207,23 @@ MANY = {"H1": SimpleNamespace(names=[f"S{i}" for i in range(MOST_ENTRIES + 1)])}
     [
         (lambda draws, *_: bt.explore(draws, subjects=["D"]), "no subject 'D' among the draws"),
         (lambda draws, *_: bt.explore(draws, subjects=[]), "found no subjects"),
-        (lambda draws, *_: bt.explore(draws, truths={"A": {"mu": 1.0}}), "truths of 'A': unknown quantity 'mu'"),
-        (lambda draws, other, group: bt.explore(other, population=group), "of model 'predictive update', the draws are of 'symmetric'"),
+        (
+            lambda draws, *_: bt.explore(draws, truths={"A": {"mu": 1.0}}),
+            "truths of 'A': unknown quantity 'mu'",
+        ),
+        (
+            lambda draws, other, group: bt.explore(other, population=group),
+            "of model 'predictive update', the draws are of 'symmetric'",
+        ),
         (
             lambda draws, *_: bt.explore(draws, population=made_population(ordinary(2), draws=5)),
             "population has none of these subjects; it has: 'P000', 'P001'",
         ),
         (lambda *_: bt.explore([]), "found no draws"),
-        (lambda *_: entries(MANY), "found 201 subjects, allowed: at most 200 in a page; name some with --subject"),
+        (
+            lambda *_: entries(MANY),
+            "found 201 subjects, allowed: at most 200 in a page; name some with --subject",
+        ),
     ],
 )
 def test_what_cannot_be_shown_is_refused(analysis, symmetric, group, explored, said):
@@ -173,7 +237,9 @@ def test_without_bokeh_the_extra_is_named(analysis, monkeypatch):
         bt.explore(analysis.draws)
 
 
-def test_a_lone_subject_has_all_its_curves_and_many_posteriors_have_fewer_draws(small_study, monkeypatch):
+def test_a_lone_subject_has_all_its_curves_and_many_posteriors_have_fewer_draws(
+    small_study, monkeypatch
+):
     s1, s2 = np.transpose(list(product(np.arange(5) / 5, repeat=2)))
     alone = islands(shown(bt.Subject("S", s1, s2, np.full(25, 3), np.full(25, 9))))["entry-0"]
     assert (len(alone["slices"]), alone["undrawn"], alone["rows"]) == (4, 0, 1000)
@@ -186,8 +252,22 @@ def test_a_lone_subject_has_all_its_curves_and_many_posteriors_have_fewer_draws(
 def test_the_command_writes_the_page_and_refuses_to_replace_it(analysis, symmetric, tmp_path):
     symmetric.save(tmp_path / "posterior.nc")
     (tmp_path / "truth.csv").write_text("subject,q0,width\nA,0.9,0.3\n", encoding="utf-8")
-    assert "explorer in a.html" in good("explore", "posterior.nc", "-o", "a.html", "--truth", "truth.csv", "--subject", "A", cwd=tmp_path)
-    assert islands((tmp_path / "a.html").read_text(encoding="utf-8"))["entry-0"]["truth"] == {"q0": 0.9, "width": 0.3, "jnd": 0.3}
+    assert "explorer in a.html" in good(
+        "explore",
+        "posterior.nc",
+        "-o",
+        "a.html",
+        "--truth",
+        "truth.csv",
+        "--subject",
+        "A",
+        cwd=tmp_path,
+    )
+    assert islands((tmp_path / "a.html").read_text(encoding="utf-8"))["entry-0"]["truth"] == {
+        "q0": 0.9,
+        "width": 0.3,
+        "jnd": 0.3,
+    }
     assert "a.html: exists" in refused("explore", "posterior.nc", "-o", "a.html", cwd=tmp_path)
 
 
@@ -199,7 +279,9 @@ def test_curves_of_which_is_stronger_are_over_the_difference_by_the_first_stimul
     assert {subject.s1[pair] for pair in middle.pairs} == {middle.weaker}
     assert middle.title(True) == f"first stimulus {middle.weaker:.3g}"
     [curve] = middle.yes(fitted)
-    np.testing.assert_allclose(curve[3], fitted.yes(np.array([middle.weaker]), middle.weaker + middle.x[3:4])[:, 0])
+    np.testing.assert_allclose(
+        curve[3], fitted.yes(np.array([middle.weaker]), middle.weaker + middle.x[3:4])[:, 0]
+    )
     told = page(entries(stronger.draws)).html
     assert "P(second)" in told
     assert "'equal'" not in told.partition('<section id="answers"')[2].partition("</section>")[0]

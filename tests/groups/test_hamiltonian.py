@@ -6,7 +6,9 @@ from scipy import stats
 
 from bayes_toe.groups.chains import Hamiltonian
 
-COVARIANCE = np.array([[4.0, 1.2, 0.0, 0.0], [1.2, 1.0, 0.0, 0.0], [0.0, 0.0, 0.01, 0.0], [0.0, 0.0, 0.0, 900.0]])
+COVARIANCE = np.array(
+    [[4.0, 1.2, 0.0, 0.0], [1.2, 1.0, 0.0, 0.0], [0.0, 0.0, 0.01, 0.0], [0.0, 0.0, 0.0, 900.0]]
+)
 MEAN = np.array([1.0, -2.0, 5.0, 100.0])
 
 
@@ -36,19 +38,29 @@ def uniforms(x):
 
 
 def sampler(density, start, seed, together=0, scale=None):
-    return Hamiltonian(density, start, np.ones(start.shape[1]) if scale is None else scale, together, np.random.default_rng(seed))
+    return Hamiltonian(
+        density,
+        start,
+        np.ones(start.shape[1]) if scale is None else scale,
+        together,
+        np.random.default_rng(seed),
+    )
 
 
 def test_a_normal_from_a_poor_start():
     """Means, variances and a correlation: 13 z scores from about independent draws; false alarms once in 10,000 runs."""
     chains = sampler(normal, np.random.default_rng(1).normal(0.0, 3.0, (16, 4)), 2, together=2)
     chains.warm_up()
-    assert chains.step > 0.4  # in coordinates of one size; the narrowest has an sd of 0.1 beside one of 30
+    assert (
+        chains.step > 0.4
+    )  # in coordinates of one size; the narrowest has an sd of 0.1 beside one of 30
     trace = chains.advance(400)
     assert trace.accepted.mean() == pytest.approx(0.8, abs=0.12)
     x = trace.x.reshape(-1, 4) - MEAN
     products = x[:, :, None] * x[:, None, :]
-    errors = np.sqrt((np.outer(np.diag(COVARIANCE), np.diag(COVARIANCE)) + COVARIANCE**2) / (0.3 * len(x)))
+    errors = np.sqrt(
+        (np.outer(np.diag(COVARIANCE), np.diag(COVARIANCE)) + COVARIANCE**2) / (0.3 * len(x))
+    )
     assert np.abs((products.mean(axis=0) - COVARIANCE) / errors).max() < 4.5
     assert np.abs(x.mean(axis=0) / np.sqrt(np.diag(COVARIANCE) / (0.3 * len(x)))).max() < 4.5
 
@@ -71,7 +83,10 @@ def test_a_density_is_left_as_it_is(step):
     if step == 0.6:  # a wrong acceptance would be seen
         chains = sampler(twisted, skewed_draws(np.random.default_rng(4), 2000), 5)
         chains.step = step
-        assert min(stats.kstest(u, "uniform").pvalue for u in uniforms(chains.advance(6).x[-1]).T) < 1e-4
+        assert (
+            min(stats.kstest(u, "uniform").pvalue for u in uniforms(chains.advance(6).x[-1]).T)
+            < 1e-4
+        )
 
 
 def test_trajectories_over_a_cliff_are_refused_and_counted():
@@ -107,7 +122,9 @@ def test_trajectories_are_longer_where_draws_are_alike():
 
     def followed(x):
         first, apart = x[:, :1], (x[:, 1:] - x[:, :1]) / 0.1
-        slope = np.concatenate([-first + apart.sum(axis=1, keepdims=True) / 0.1, -apart / 0.1], axis=1)
+        slope = np.concatenate(
+            [-first + apart.sum(axis=1, keepdims=True) / 0.1, -apart / 0.1], axis=1
+        )
         return -0.5 * (np.square(first[:, 0]) + np.square(apart).sum(axis=1)), slope
 
     slow = sampler(followed, np.random.default_rng(1).normal(0.0, 1.0, (16, 21)), 15, together=1)

@@ -12,7 +12,12 @@ from bayes_toe.groups.subjects import Funnel, NormalApproximation
 from bayes_toe.model.ladder import PREDICTIVE_UPDATE
 
 N, K, CENTRE = 3, 4, 0.3
-HYPERPRIOR = HyperpriorNumbers(*np.array([[0.2, 0.0, -1.0, 1.0], [2.0, 1.0, 1.1, 0.9], [2.0, 1.0, 0.7, 0.8], [0.4, 0.5, 0.6, 0.7]]), 1.7)
+HYPERPRIOR = HyperpriorNumbers(
+    *np.array(
+        [[0.2, 0.0, -1.0, 1.0], [2.0, 1.0, 1.1, 0.9], [2.0, 1.0, 0.7, 0.8], [0.4, 0.5, 0.6, 0.7]]
+    ),
+    1.7,
+)
 PULL = PREDICTIVE_UPDATE.free[0].group_pull
 #: Funnel or not, kind of scatter, regressors, what is told.
 CASES = {
@@ -22,29 +27,41 @@ CASES = {
     "funnel, nothing told": (True, "normal", 1, "nothing"),
     "funnel, very much told": (True, "t", 1, "much"),
 }
-CORRELATED = {"correlated, funnel, regressor": (True, "normal", 1, "some"), "correlated, t": (True, "t", 0, "nothing")}
+CORRELATED = {
+    "correlated, funnel, regressor": (True, "normal", 1, "some"),
+    "correlated, t": (True, "t", 0, "nothing"),
+}
 
 
 def bumps(eta):
     """A likelihood that needs no digits: of each member, and its gradient."""
     weight = np.array([0.3, 1.1, 0.7, 2.0])
-    return -(weight * (eta**2 / 4.0 + np.cos(eta))).sum(axis=-1), -weight * (eta / 2.0 - np.sin(eta))
+    return -(weight * (eta**2 / 4.0 + np.cos(eta))).sum(axis=-1), -weight * (
+        eta / 2.0 - np.sin(eta)
+    )
 
 
 def bump(eta):
-    return -sum(w * (e**2 / 4 + mpmath.cos(e)) for w, e in zip(map(mpmath.mpf, (0.3, 1.1, 0.7, 2.0)), eta, strict=True))
+    return -sum(
+        w * (e**2 / 4 + mpmath.cos(e))
+        for w, e in zip(map(mpmath.mpf, (0.3, 1.1, 0.7, 2.0)), eta, strict=True)
+    )
 
 
 def made(funnel, scatter, regressors, told, likelihood=bumps, correlated=False):
     rng = np.random.default_rng(11)
-    log_precision = {"nothing": np.full((N, K), -np.inf), "some": rng.normal(1.0, 2.0, (N, K)), "much": rng.uniform(8.0, 20.0, (N, K))}[
-        told
-    ]
+    log_precision = {
+        "nothing": np.full((N, K), -np.inf),
+        "some": rng.normal(1.0, 2.0, (N, K)),
+        "much": rng.uniform(8.0, 20.0, (N, K)),
+    }[told]
     if told == "some":
         log_precision[1, 2] = -np.inf
     place = rng.normal(0.0, 1.0, (N, K))
     x = rng.standard_normal((N, regressors))
-    known = NormalApproximation(log_precision, place, Funnel(0, 1, CENTRE, PULL) if funnel else None)
+    known = NormalApproximation(
+        log_precision, place, Funnel(0, 1, CENTRE, PULL) if funnel else None
+    )
     return Joint(likelihood, HYPERPRIOR, x, known, scatter_named(scatter), correlated)
 
 
@@ -60,15 +77,24 @@ def points(joint, far):
 def coefficients_by_definition(joint, theta, tau):
     """Means and effects, (1 + r) rows of k, and the sum of the logs of their units."""
     told, given, r = joint.without_funnel, joint.hyperprior, joint.x.shape[1]
-    scores, rows, log_unit = [theta[:K], *(theta[(2 + a) * K : (3 + a) * K] for a in range(r))], [], mpmath.mpf(0)
+    scores, rows, log_unit = (
+        [theta[:K], *(theta[(2 + a) * K : (3 + a) * K] for a in range(r))],
+        [],
+        mpmath.mpf(0),
+    )
     for a, score in enumerate(scores):
         row = []
         for j in range(K):
             s = mpmath.mpf(float((given.effect_sd if a else given.mean_sd)[j]))
             h = [mpmath.exp(mpmath.mpf(float(v))) for v in told.log_precision[:, j]]
-            weights = [v / (1 + v * tau[j] ** 2) * (mpmath.mpf(float(joint.x[i, a - 1])) ** 2 if a else 1) for i, v in enumerate(h)]
+            weights = [
+                v / (1 + v * tau[j] ** 2) * (mpmath.mpf(float(joint.x[i, a - 1])) ** 2 if a else 1)
+                for i, v in enumerate(h)
+            ]
             precision = 1 / s**2 + sum(weights)
-            places = sum(w * mpmath.mpf(float(e)) for w, e in zip(weights, told.location[:, j], strict=True))
+            places = sum(
+                w * mpmath.mpf(float(e)) for w, e in zip(weights, told.location[:, j], strict=True)
+            )
             centre = 0 if a else (mpmath.mpf(float(given.mean[j])) / s**2 + places) / precision
             row.append(centre + score[j] / mpmath.sqrt(precision))
             log_unit -= mpmath.log(precision) / 2
@@ -82,7 +108,13 @@ def eta_by_definition(joint, theta):
     tau, xi, found = [mpmath.exp(v) for v in theta[K : 2 * K]], theta[joint.size :], []
     (mean, *effects), log_unit = coefficients_by_definition(joint, theta, tau)
     for i in range(N):
-        eta, expected = ([None] * K, [mean[j] + sum(mpmath.mpf(float(joint.x[i, a])) * effects[a][j] for a in range(r)) for j in range(K)])
+        eta, expected = (
+            [None] * K,
+            [
+                mean[j] + sum(mpmath.mpf(float(joint.x[i, a])) * effects[a][j] for a in range(r))
+                for j in range(K)
+            ],
+        )
         unit = [None] * K
         for j in (1, 2, 3, 0):
             h = mpmath.exp(mpmath.mpf(float(told.log_precision[i, j])))
@@ -120,7 +152,10 @@ def lkj_by_definition(z, shape):
     h, pairs = mpmath.mpf(10) ** -40, list(itertools.combinations(range(K), 2))
     jacobian = mpmath.zeros(len(pairs))
     for column in range(len(pairs)):
-        up, down = (correlations_by_definition([v + sign * h * (i == column) for i, v in enumerate(z)]) for sign in (1, -1))
+        up, down = (
+            correlations_by_definition([v + sign * h * (i == column) for i, v in enumerate(z)])
+            for sign in (1, -1)
+        )
         for row, (j, i) in enumerate(pairs):
             jacobian[row, column] = (up[i, j] - down[i, j]) / (2 * h)
     integral = mpmath.mpf(0)
@@ -138,19 +173,27 @@ def by_definition(joint, theta):
     if joint.correlated:
         z = theta[joint.size - K * (K - 1) // 2 : joint.size]
         root = mpmath.cholesky(correlations_by_definition(z))
-        total += lkj_by_definition(z, mpmath.mpf(given.lkj)) - N * sum(mpmath.log(root[j, j]) for j in range(K))
+        total += lkj_by_definition(z, mpmath.mpf(given.lkj)) - N * sum(
+            mpmath.log(root[j, j]) for j in range(K)
+        )
     for eta, expected, unit in subjects:
         total += bump(eta)
-        scores = mpmath.inverse(root) * mpmath.matrix([(eta[j] - expected[j]) / tau[j] for j in range(K)])
+        scores = mpmath.inverse(root) * mpmath.matrix(
+            [(eta[j] - expected[j]) / tau[j] for j in range(K)]
+        )
         for j, u in enumerate(scores):
             of_score = (
-                mpmath.log(mpmath.mpf(3) / 8 * (1 + u**2 / 4) ** mpmath.mpf(-2.5)) if joint.scatter.name == "t" else log_normal(u, 0, 1)
+                mpmath.log(mpmath.mpf(3) / 8 * (1 + u**2 / 4) ** mpmath.mpf(-2.5))
+                if joint.scatter.name == "t"
+                else log_normal(u, 0, 1)
             )
             total += of_score - mpmath.log(tau[j]) + mpmath.log(unit[j])
     for j in range(K):
         total += log_normal(mean[j], given.mean[j], given.mean_sd[j])
         total += mpmath.log(2) + log_normal(tau[j], 0, given.sd_scale[j]) + mpmath.log(tau[j])
-        total += sum(log_normal(effect, 0, given.effect_sd[j]) for effect in (row[j] for row in effects))
+        total += sum(
+            log_normal(effect, 0, given.effect_sd[j]) for effect in (row[j] for row in effects)
+        )
     return total
 
 
@@ -160,17 +203,28 @@ def require_right(joint, far):
     values, gradients = joint(theta)
     with mpmath.workdps(90):
         first, other = ([mpmath.mpf(float(v)) for v in point] for point in theta)
-        assert values == pytest.approx([float(by_definition(joint, at)) for at in (first, other)], rel=1e-12)
+        assert values == pytest.approx(
+            [float(by_definition(joint, at)) for at in (first, other)], rel=1e-12
+        )
         for i, found in enumerate(gradients[0]):
-            up, down = (by_definition(joint, [v + sign * h * (j == i) for j, v in enumerate(first)]) for sign in (1, -1))
-            assert found == pytest.approx(float((up - down) / (2 * h)), rel=1e-11, abs=1e-11 * np.abs(gradients[0]).max())
+            up, down = (
+                by_definition(joint, [v + sign * h * (j == i) for j, v in enumerate(first)])
+                for sign in (1, -1)
+            )
+            assert found == pytest.approx(
+                float((up - down) / (2 * h)), rel=1e-11, abs=1e-11 * np.abs(gradients[0]).max()
+            )
 
 
-@pytest.mark.parametrize(("case", "far"), [("funnel, t, two regressors", False), *((case, True) for case in CASES)])
+@pytest.mark.parametrize(
+    ("case", "far"), [("funnel, t, two regressors", False), *((case, True) for case in CASES)]
+)
 def test_value_and_gradient_are_those_of_the_definition(case, far):
     require_right(made(*CASES[case]), far)
 
 
-@pytest.mark.parametrize(("case", "far"), [("correlated, t", False), ("correlated, funnel, regressor", True)])
+@pytest.mark.parametrize(
+    ("case", "far"), [("correlated, t", False), ("correlated, funnel, regressor", True)]
+)
 def test_correlated_parameters(case, far):
     require_right(made(*CORRELATED[case], correlated=True), far)

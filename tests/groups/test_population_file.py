@@ -43,13 +43,27 @@ def test_arviz_opens_it(found, file):
     drawn = tree["posterior"]
     assert drawn["effect"].dims == ("chain", "draw", "regressor", "parameter")
     assert drawn["regressor"].values.tolist() == ["group y"]
-    assert np.array_equal(drawn["eta"].sel(subject="B", parameter="width").values, found.chains.eta[:, :, 1, 2])
+    assert np.array_equal(
+        drawn["eta"].sel(subject="B", parameter="width").values, found.chains.eta[:, :, 1, 2]
+    )
     assert np.allclose(np.log(drawn["width"].sel(subject="B").values), found.chains.eta[:, :, 1, 2])
-    assert np.array_equal(drawn["correlation"].sel(parameter="mu1", other="gamma").values, found.chains.correlation[..., 0, 1])
-    assert np.array_equal(drawn["new_subject"].sel(quantity="gain").values, found.quantities(found.new_subject())["gain"])
-    assert tree["posterior_predictive"]["asymmetry"].sel(level="group y - x").shape[1] == len(found.asymmetries.kept)
+    assert np.array_equal(
+        drawn["correlation"].sel(parameter="mu1", other="gamma").values,
+        found.chains.correlation[..., 0, 1],
+    )
+    assert np.array_equal(
+        drawn["new_subject"].sel(quantity="gain").values,
+        found.quantities(found.new_subject())["gain"],
+    )
+    assert tree["posterior_predictive"]["asymmetry"].sel(level="group y - x").shape[1] == len(
+        found.asymmetries.kept
+    )
     assert json.loads(tree.attrs["settings"])["hyperprior"]["gamma"]["sd_scale"] == 1.0
-    assert (tree.attrs["seed"], tree.attrs["model"], tree.attrs["converged"]) == (0, "predictive update", 1)
+    assert (tree.attrs["seed"], tree.attrs["model"], tree.attrs["converged"]) == (
+        0,
+        "predictive update",
+        1,
+    )
     assert tree.attrs["regressors"] == "group y against x"
     tree.close()
 
@@ -58,12 +72,17 @@ def test_of_a_large_group_quantities_of_subjects_are_thinned(found, tmp_path, mo
     monkeypatch.setattr("bayes_toe.groups.asymmetries.MOST_DRAWS", 200)
     found = replace(found)  # without the asymmetries that it knows
     monkeypatch.setattr(population_file, "AFFORDABLE", 100)
-    monkeypatch.setattr(population_file, "spaced", lambda *_: pytest.fail("asymmetries say which draws"))
+    monkeypatch.setattr(
+        population_file, "spaced", lambda *_: pytest.fail("asymmetries say which draws")
+    )
     again = bt.load(found.save(tmp_path / "large.nc"))
     assert packed(again) == packed(found)
     with xr.open_datatree(tmp_path / "large.nc") as tree:
         assert "gain" not in tree["posterior"]
-        assert tree["posterior_predictive"]["gain"].shape == (*found.asymmetries.new_subject.shape, 3)
+        assert tree["posterior_predictive"]["gain"].shape == (
+            *found.asymmetries.new_subject.shape,
+            3,
+        )
         assert tree["posterior_predictive"]["gain"].shape[1] < found.chains.mean.shape[1]
         assert tree.attrs["thinned"]
 

@@ -9,14 +9,18 @@ from bayes_toe.groups.regressors import regressors
 
 NAMES = tuple("abcdefgh")
 AGES = dict(zip(NAMES, [23.0, 31.0, 40.0, 28.5, 61.0, 19.0, 35.0, 44.0], strict=True))
-SITES = dict(zip(NAMES, ["west", "north", "east", "west", "north", "east", "east", "north"], strict=True))
+SITES = dict(
+    zip(NAMES, ["west", "north", "east", "west", "north", "east", "east", "north"], strict=True)
+)
 
 
 def test_least_squares_on_them_finds_slopes_and_differences():
     found = regressors(Covariates({"age": AGES, "site": SITES}), NAMES)
     level = {"east": 2.0, "north": -1.0, "west": 4.5}
     y = np.array([0.3 * AGES[name] + level[SITES[name]] for name in NAMES])
-    mean, slope, *differences = np.linalg.lstsq(np.column_stack([np.ones(8), found.x]), y, rcond=None)[0]
+    mean, slope, *differences = np.linalg.lstsq(
+        np.column_stack([np.ones(8), found.x]), y, rcond=None
+    )[0]
     ages = np.array(list(AGES.values()))
     assert (mean, slope) == pytest.approx((0.3 * ages.mean() + 2.0, 0.3 * ages.std(ddof=1)))
     assert differences == pytest.approx([-3.0, 2.5])
@@ -25,19 +29,29 @@ def test_least_squares_on_them_finds_slopes_and_differences():
         ("site", "north", "site north", "site north against east"),
         ("site", "west", "site west", "site west against east"),
     ]
-    assert (found.columns[0].mean, found.columns[0].sd) == pytest.approx((ages.mean(), ages.std(ddof=1)))
+    assert (found.columns[0].mean, found.columns[0].sd) == pytest.approx(
+        (ages.mean(), ages.std(ddof=1))
+    )
     assert not found.x.flags.writeable
 
 
 def test_subjects_in_the_studys_order_and_those_left_out_by_name(tmp_path):
     path = tmp_path / "people.csv"
-    path.write_text("subject,age,site\nz,90,south\na,23,x\nb,NA,y\nc,40,y\nd,28,x\ne,61,\nf,19,x\ng,,\n", encoding="utf-8")
+    path.write_text(
+        "subject,age,site\nz,90,south\na,23,x\nb,NA,y\nc,40,y\nd,28,x\ne,61,\nf,19,x\ng,,\n",
+        encoding="utf-8",
+    )
     found = regressors(read_covariates(path), ["h", "g", "f", "e", "d", "c", "b", "a"])
     assert found.subjects == ("f", "d", "c", "a")
     assert found.x[:, 1].tolist() == [0.0, 0.0, 1.0, 0.0]
     assert (found.x[:, 0].mean(), found.x[:, 0].std(ddof=1)) == pytest.approx((0, 1), abs=1e-12)
     assert found.columns[0].mean == pytest.approx((23 + 40 + 28 + 19) / 4)  # over those kept
-    assert found.left_out == {"h": "no covariates", "g": "no covariates", "e": "no site", "b": "no age"}
+    assert found.left_out == {
+        "h": "no covariates",
+        "g": "no covariates",
+        "e": "no site",
+        "b": "no age",
+    }
     assert found.notes == (
         "covariates of subjects that are not in the study ignored: 'z'",
         "subjects left out: 'h' (no covariates), 'g' (no covariates), 'e' (no site), 'b' (no age)",
@@ -48,7 +62,10 @@ def test_numbers_are_numbers_unless_asked():
     dose = dict(zip(NAMES, [10.0, 2.0, 0.0, 10.0, 2.0, 0.0, 2.0, 0.0], strict=True))
     assert [one.level for one in regressors(Covariates({"dose": dose}), NAMES).columns] == [""]
     found = regressors(Covariates({"dose": dose}), NAMES, categorical=["dose"])
-    assert [one.about for one in found.columns] == ["dose 2 against 0", "dose 10 against 0"]  # in the order of numbers
+    assert [one.about for one in found.columns] == [
+        "dose 2 against 0",
+        "dose 10 against 0",
+    ]  # in the order of numbers
     assert found.x.sum(axis=0).tolist() == [3.0, 2.0]
     with pytest.raises(InputError, match="categorical: found 'doze', allowed: 'dose'"):
         regressors(Covariates({"dose": dose}), NAMES, categorical=["doze"])
@@ -64,23 +81,39 @@ def test_the_unit_of_a_covariate_changes_nothing(factor, shift):
 @pytest.mark.parametrize(
     ("columns", "said"),
     [
-        ({"age": dict.fromkeys(NAMES, 30.0)}, "covariate age: found 30 for every subject, allowed: at least two different values; leave"),
+        (
+            {"age": dict.fromkeys(NAMES, 30.0)},
+            "covariate age: found 30 for every subject, allowed: at least two different values; leave",
+        ),
         ({"site": dict.fromkeys(NAMES, "x")}, "covariate site: found 'x' for every subject"),
-        ({"age": {**AGES, "a": 1.0}, "site": dict.fromkeys(NAMES[1:], "x")}, "covariate site: found 'x' for every subject"),
+        (
+            {"age": {**AGES, "a": 1.0}, "site": dict.fromkeys(NAMES[1:], "x")},
+            "covariate site: found 'x' for every subject",
+        ),
         (
             {"age": AGES, "born": {name: 2024 - age for name, age in AGES.items()}},
             "covariates: born follows from age, allowed: columns that",
         ),
         (
-            {"site": SITES, "age": AGES, "coast": {name: str(site == "west") for name, site in SITES.items()}},
+            {
+                "site": SITES,
+                "age": AGES,
+                "coast": {name: str(site == "west") for name, site in SITES.items()},
+            },
             "covariates: coast True follows from site north, site west, age, allowed",
         ),
         (
             {"age": {"a": 1.0, "b": 2.0}, "x": AGES},
             "covariates: found 2 subjects with all of them, allowed: at least 4 for 2 columns; left out: 'c' ",
         ),
-        ({"who": {name: name for name in NAMES}}, "covariates: found 8 subjects with all of them, allowed: at least 9 for 7 columns"),
-        ({"age": {"z": 3.0}}, "covariates: found 0 subjects with all of them, allowed: at least 3 for 1 column; left out: 'a' (no age)"),
+        (
+            {"who": {name: name for name in NAMES}},
+            "covariates: found 8 subjects with all of them, allowed: at least 9 for 7 columns",
+        ),
+        (
+            {"age": {"z": 3.0}},
+            "covariates: found 0 subjects with all of them, allowed: at least 3 for 1 column; left out: 'a' (no age)",
+        ),
     ],
 )
 def test_what_cannot_be_used_is_one_line(columns, said):

@@ -36,7 +36,11 @@ def subjects(intervals):
         s2 = np.where(rng.uniform(size=pairs) < 0.3, s1, s2)
         n = rng.integers(1, 40, pairs) if i != 5 else np.array([1])
         k = n if i == 3 else 0 * n if i == 4 else rng.binomial(n, 0.6)
-        made.append(Subject(f"S{i}", s1, s2, k, n, isi=rng.choice([0.4, 0.9, 2.0], pairs) if intervals else None))
+        made.append(
+            Subject(
+                f"S{i}", s1, s2, k, n, isi=rng.choice([0.4, 0.9, 2.0], pairs) if intervals else None
+            )
+        )
     return made
 
 
@@ -56,15 +60,23 @@ def test_of_each_what_its_own_posterior_has(model, intervals):
                 assert value[i] == pytest.approx(wanted, rel=1e-12, abs=1e-12)
                 if np.isfinite(wanted):
                     steep = own.likelihood_gradient(x)[1][0] @ jacobian[0]
-                    assert gradient[i] == pytest.approx(steep, rel=1e-9, abs=1e-10 * (1.0 + np.abs(steep).max()))
+                    assert gradient[i] == pytest.approx(
+                        steep, rel=1e-9, abs=1e-10 * (1.0 + np.abs(steep).max())
+                    )
 
 
-@pytest.mark.parametrize("model", MODELS[:: len(OTHERS)] + MODELS[1 :: len(OTHERS)], ids=lambda model: model.name)
+@pytest.mark.parametrize(
+    "model", MODELS[:: len(OTHERS)] + MODELS[1 :: len(OTHERS)], ids=lambda model: model.name
+)
 def test_many_copies_change_nothing(model):
     people, rng = subjects(True), np.random.default_rng(8)
-    eta = rng.normal(0.0, 0.6, (400, len(people), len(model.group)))  # 2,400 rows: more than one block
+    eta = rng.normal(
+        0.0, 0.6, (400, len(people), len(model.group))
+    )  # 2,400 rows: more than one block
     for one, other in zip(
-        GroupLikelihood(model, PRIOR, people, CENTRE, 2)(eta[[0, -1]]), GroupLikelihood(model, PRIOR, people, CENTRE, 400)(eta), strict=True
+        GroupLikelihood(model, PRIOR, people, CENTRE, 2)(eta[[0, -1]]),
+        GroupLikelihood(model, PRIOR, people, CENTRE, 400)(eta),
+        strict=True,
     ):
         assert one == pytest.approx(other[[0, -1]], rel=1e-13, abs=1e-12)
 
@@ -73,28 +85,41 @@ def test_new_answers_are_as_parameters_say():
     """False alarms: 5 standard errors of a mean over 4,000 sets of answers."""
     one = Subject("a", [0.0, 0.0, 0.4], [0.0, 0.4, 0.0], [0, 0, 0], [9, 30, 4])
     other = Subject("b", [0.1], [0.3], [0], [20])
-    likelihood, eta = GroupLikelihood(PREDICTIVE_UPDATE, Prior(), [one, other], 0.2, 4000), np.array([[0.1, -0.5, -1.3, 1.3]] * 2)
+    likelihood, eta = (
+        GroupLikelihood(PREDICTIVE_UPDATE, Prior(), [one, other], 0.2, 4000),
+        np.array([[0.1, -0.5, -1.3, 1.3]] * 2),
+    )
     counts = likelihood.repeated(np.broadcast_to(eta, (4000, 2, 4)), np.random.default_rng(1))
     assert (counts.shape, counts[:, 1, 1:].max()) == ((4000, 2, 3), 0)
     for i, subject in enumerate((one, other)):
         posterior = Posterior(subject, PREDICTIVE_UPDATE, Prior(), centre=0.2)
         p = np.exp(posterior.log_answers(posterior.from_group(eta[i : i + 1])[0])[0])[0]
         error = np.sqrt(p * (1 - p) / subject.n_trials / 4000)
-        assert np.all(np.abs(counts[:, i, : subject.n_pairs].mean(axis=0) / subject.n_trials - p) < 5 * error)
+        assert np.all(
+            np.abs(counts[:, i, : subject.n_pairs].mean(axis=0) / subject.n_trials - p) < 5 * error
+        )
 
 
 @pytest.mark.parametrize("name", ["reversed answers", "one batch"])
 def test_without_the_group_they_are_their_own_posteriors(name):
     """20 shares below quantiles of weighted draws from another seed, within 4.5 errors of 2,000 and at least 6,000 independent ones."""
     one, probabilities = hard_cases()[name], np.array([0.05, 0.25, 0.5, 0.75, 0.95])
-    found, posterior = unpooled(one, PREDICTIVE_UPDATE, Prior(), 0.25, 5000, 6), Posterior(one, PREDICTIVE_UPDATE, Prior(), centre=0.25)
+    found, posterior = (
+        unpooled(one, PREDICTIVE_UPDATE, Prior(), 0.25, 5000, 6),
+        Posterior(one, PREDICTIVE_UPDATE, Prior(), centre=0.25),
+    )
     draws = fit_proposal(posterior, np.random.default_rng(7), draws=20_000).draws
     eta, weights = posterior.to_group(draws.x), np.exp(draws.log_weights - draws.log_weights.max())
     assert found.trusted
     for drawn, values in zip(found.eta.T, eta.T, strict=True):
         below = (drawn[:, None] <= weighted_quantiles(values, weights, probabilities)).mean(axis=0)
-        assert (np.abs(below - probabilities) < 4.5 * np.sqrt(probabilities * (1.0 - probabilities) / 1500)).all()
+        assert (
+            np.abs(below - probabilities)
+            < 4.5 * np.sqrt(probabilities * (1.0 - probabilities) / 1500)
+        ).all()
     if name == "reversed answers":  # of a log width the prior hardly says anything
         mean = np.average(eta[:, 2], weights=weights)
         sd = np.sqrt(np.average(np.square(eta[:, 2] - mean), weights=weights))
-        assert (found.location[2], np.exp(-0.5 * found.log_precision[2])) == pytest.approx((mean, sd), abs=0.1 * sd)
+        assert (found.location[2], np.exp(-0.5 * found.log_precision[2])) == pytest.approx(
+            (mean, sd), abs=0.1 * sd
+        )

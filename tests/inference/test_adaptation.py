@@ -30,13 +30,22 @@ def test_proposals_fit_every_hard_case(name):
 
 def test_a_model_of_one_parameter_has_the_evidence_of_a_quadrature():
     subject = Subject("A", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [50, 20, 15], [50, 50, 50])
-    fitted = fit_proposal(posterior_of(subject, Prior(), model="none + no lapses"), np.random.default_rng(1))
+    fitted = fit_proposal(
+        posterior_of(subject, Prior(), model="none + no lapses"), np.random.default_rng(1)
+    )
 
     def density(width):  # HalfNormal(1); 35 of 100 answers at a distance of 0.3 are 'equal'
         z2 = (0.3 / width) ** 2
-        return np.sqrt(2 / np.pi) * np.exp(-0.5 * width**2 - 35 * np.log(2) * z2) * (-np.expm1(-np.log(2) * z2)) ** 65
+        return (
+            np.sqrt(2 / np.pi)
+            * np.exp(-0.5 * width**2 - 35 * np.log(2) * z2)
+            * (-np.expm1(-np.log(2) * z2)) ** 65
+        )
 
-    area, mean = (quad(lambda width, k=k: width**k * density(width), 0.05, 4.0, points=[0.2, 0.3])[0] for k in (0, 1))
+    area, mean = (
+        quad(lambda width, k=k: width**k * density(width), 0.05, 4.0, points=[0.2, 0.3])[0]
+        for k in (0, 1)
+    )
     draws, n = fitted.draws, len(fitted.draws.x)
     error = np.sqrt((1 / fitted.efficiency - 1) / n)
     assert logsumexp(draws.log_weights) - np.log(n) == pytest.approx(np.log(area), abs=5 * error)
@@ -55,7 +64,9 @@ def test_a_fit_survives_starting_components_of_enormous_scale():
 
 
 def test_draws_that_chose_the_proposal_give_no_evidence():
-    chosen = adapt_proposal(posterior_of(CASES["all different"]), np.random.default_rng(7))  # refitted to the draws that judged it
+    chosen = adapt_proposal(
+        posterior_of(CASES["all different"]), np.random.default_rng(7)
+    )  # refitted to the draws that judged it
     assert not chosen.independent
     with pytest.raises(ValueError, match="helped to choose"):
         importance_evidence(chosen)
@@ -65,11 +76,15 @@ def test_draws_that_chose_the_proposal_give_no_evidence():
     assert not set(again.draws.log_posterior) & set(chosen.draws.log_posterior)
 
 
-def test_a_fit_that_begins_with_another_one_needs_no_maxima_and_finds_the_same_evidence(monkeypatch):
+def test_a_fit_that_begins_with_another_one_needs_no_maxima_and_finds_the_same_evidence(
+    monkeypatch,
+):
     posterior = posterior_of(CASES["one order missing"])
     subject = posterior.subject
     fitted = fit_proposal(posterior, np.random.default_rng(5))
-    fewer = posterior.for_subject(Subject("fewer", subject.s1, subject.s2, subject.n_yes // 2, subject.n_trials // 2))
+    fewer = posterior.for_subject(
+        Subject("fewer", subject.s1, subject.s2, subject.n_yes // 2, subject.n_trials // 2)
+    )
     plain = importance_evidence(fit_proposal(fewer, np.random.default_rng(6)))
     moved = replace(fitted.draws, log_posterior=fewer.log_density(fitted.draws.x))
     start = replace(fitted, proposal=replace(fitted.proposal, posterior=fewer), draws=moved)

@@ -49,17 +49,30 @@ CASES = {
 def test_every_number_is_that_of_the_arviz_that_users_have(case):
     draws = np.asarray(CASES[case], np.float64)
     sizes = [arviz.ess(draws, method="bulk"), arviz.ess(draws, method="tail", prob=(0.05, 0.95))]
-    uncertain = [arviz.mcse(draws, method="mean"), *(arviz.mcse(draws, method="quantile", prob=p) for p in (0.05, 0.5, 0.95))]
+    uncertain = [
+        arviz.mcse(draws, method="mean"),
+        *(arviz.mcse(draws, method="quantile", prob=p) for p in (0.05, 0.5, 0.95)),
+    ]
     expected = np.array([*sizes, arviz.rhat(draws, method="rank"), *uncertain], np.float64)
     # A draw that is itself a quantile ArviZ 0.x may round off.
-    np.testing.assert_allclose([*convergence(draws), *errors(draws)], expected, rtol=0.02 if "odd" in case and not ONE else 1e-9)
+    np.testing.assert_allclose(
+        [*convergence(draws), *errors(draws)],
+        expected,
+        rtol=0.02 if "odd" in case and not ONE else 1e-9,
+    )
 
 
 def test_many_quantities_have_the_numbers_of_each_and_constants_have_none():
     shape = (4, 500)
-    found = {"slow": walk(0.9, shape), "constant": np.ones(shape), "one step": np.arange(4.0)[:, None] * np.ones(shape)}
+    found = {
+        "slow": walk(0.9, shape),
+        "constant": np.ones(shape),
+        "one step": np.arange(4.0)[:, None] * np.ones(shape),
+    }
     for name, draws in found.items():
-        np.testing.assert_array_equal(convergence_of(found)[name], convergence(np.asfortranarray(draws)))
+        np.testing.assert_array_equal(
+            convergence_of(found)[name], convergence(np.asfortranarray(draws))
+        )
         np.testing.assert_array_equal(errors_of(found)[name], errors(draws))
     assert np.isnan([*convergence(found["constant"]), *errors(found["constant"])]).all()
     assert convergence(found["one step"]).r_hat > 1e10

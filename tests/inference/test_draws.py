@@ -21,7 +21,18 @@ from bayes_toe.model.free_frequencies import FrequencyPosterior
 from bayes_toe.model.ladder import MODELS, NAMES
 from bayes_toe.model.prior import DEFAULT
 
-PARAMETERS = ("mu1", "sigma_p", "sigma_l", "q0", "gamma", "sigma1", "gain", "width", "pse_shift", "jnd")
+PARAMETERS = (
+    "mu1",
+    "sigma_p",
+    "sigma_l",
+    "q0",
+    "gamma",
+    "sigma1",
+    "gain",
+    "width",
+    "pse_shift",
+    "jnd",
+)
 
 
 # --- of any model -----------------------------------------------------------------------------------
@@ -56,14 +67,21 @@ def test_points_and_quantities_are_inverse_and_have_the_stored_density(draws):
         target, x = draws.posterior(name), draws.points(name)
         assert x.shape[-1] == len(target.coordinates)
         stored = draws.group("sample_stats")["lp"].sel(subject=name).values
-        np.testing.assert_allclose(target.log_density(x.reshape(-1, x.shape[-1])), stored.ravel(), rtol=1e-7, atol=1e-5)
+        np.testing.assert_allclose(
+            target.log_density(x.reshape(-1, x.shape[-1])), stored.ravel(), rtol=1e-7, atol=1e-5
+        )
         found = target.quantities(x)
         for key in target.names.all:
             np.testing.assert_allclose(draws.values(name, key), found[key], rtol=1e-9)
 
 
 def test_summary_fit_and_predictions_are_those_of_the_draws(draws):
-    frame, subject, target, fit = draws.summary(), draws.subject("A"), draws.posterior("A"), draws.fit("A")
+    frame, subject, target, fit = (
+        draws.summary(),
+        draws.subject("A"),
+        draws.posterior("A"),
+        draws.fit("A"),
+    )
     for name in draws.names:
         rows = frame[frame["subject"] == name]
         assert tuple(rows["parameter"]) == draws.posterior(name).names.reported
@@ -72,11 +90,20 @@ def test_summary_fit_and_predictions_are_those_of_the_draws(draws):
         # Enough for the ranks of every judged quantity; a quantity that follows from others has about as many.
         assert (rows["ess_bulk"] > 300).all()
     x = draws.points("A").reshape(-1, len(target.coordinates))
-    best = binomial_deviance(target.subject.n_yes, target.subject.n_trials, *target.log_answers(x)).sum(axis=1).min()
+    best = (
+        binomial_deviance(target.subject.n_yes, target.subject.n_trials, *target.log_answers(x))
+        .sum(axis=1)
+        .min()
+    )
     assert fit.deviance == pytest.approx(best, rel=1e-3, abs=1e-3)
-    assert (fit.degrees_of_freedom, 0.0 <= fit.worst_p <= 1.0) == (13 - len(target.coordinates), True)
+    assert (fit.degrees_of_freedom, 0.0 <= fit.worst_p <= 1.0) == (
+        13 - len(target.coordinates),
+        True,
+    )
     if draws.model == "free frequencies":
-        with pytest.raises(InputError, match="says nothing of pairs and intervals that were not tested"):
+        with pytest.raises(
+            InputError, match="says nothing of pairs and intervals that were not tested"
+        ):
             bt.predict(draws, "A", subject.s1, subject.s2)
         return
     found, q = bt.predict(draws, "A", subject.s1, subject.s2), np.exp(target.log_answers(x)[0])
@@ -95,33 +122,51 @@ def test_draws_of_free_frequencies_are_their_beta_posteriors(two):
         assert values.mean() == pytest.approx(k / n, abs=4.5 * sd / np.sqrt(values.size))
         assert convergence(values).r_hat < 1.01
     assert np.isnan(draws.values("fewer", "q_12")).all()  # that subject met eleven pairs
-    assert draws.posterior("fewer").names.natural == tuple(f"q_{i + 1}" for i in range(fewer.n_pairs))
+    assert draws.posterior("fewer").names.natural == tuple(
+        f"q_{i + 1}" for i in range(fewer.n_pairs)
+    )
 
 
 def test_the_command_samples_any_model(tmp_path, small_study):
     grouped_csv(tmp_path / "study.csv", small_study.select(["A"]))
     asked = ("--model", "constant bias", "--draws", "100", "--seed", "1", "--workers", "1")
-    assert "constant bias: medians" in good("sample", "study.csv", "-o", "bias.nc", *asked, cwd=tmp_path)
+    assert "constant bias: medians" in good(
+        "sample", "study.csv", "-o", "bias.nc", *asked, cwd=tmp_path
+    )
     draws = bt.load(tmp_path / "bias.nc")
     assert draws.model == "constant bias"
-    with pytest.raises(InputError, match=r"^the paper's figures: found draws of the model 'constant bias'"):
+    with pytest.raises(
+        InputError, match=r"^the paper's figures: found draws of the model 'constant bias'"
+    ):
         bt.plots.figures(draws)
-    with pytest.raises(InputError, match="model 'constant bias' has no mu1, sigma_p, sigma_l; it has: q0, width, offset"):
+    with pytest.raises(
+        InputError,
+        match="model 'constant bias' has no mu1, sigma_p, sigma_l; it has: q0, width, offset",
+    ):
         draws.natural("A")
     said = refused("sample", "study.csv", "-o", "none.nc", "--model", "biased", cwd=tmp_path)
-    assert "error: model 'biased': 'biased'; allowed, joined by +: order: update, none, constant error" in said
+    assert (
+        "error: model 'biased': 'biased'; allowed, joined by +: order: update, none, constant error"
+        in said
+    )
     assert "or: free frequencies, symmetric" in said
 
 
 # --- of the paper's: contents, summary, ArviZ ---------------------------------------------------------
 
 
-def test_seed_prior_settings_and_versions_come_back_as_they_went_in(analysis, small_study, tmp_path):
+def test_seed_prior_settings_and_versions_come_back_as_they_went_in(
+    analysis, small_study, tmp_path
+):
     assert "mu1 ~ Normal(0, 10)" in analysis.draws.attrs["prior"]
     assert json.loads(analysis.draws.attrs["settings"])["sampler"]["draws"] == 2000
-    assert {"python", "emcee", "arviz", "bayes_toe"} <= set(json.loads(analysis.draws.attrs["versions"]))
+    assert {"python", "emcee", "arviz", "bayes_toe"} <= set(
+        json.loads(analysis.draws.attrs["versions"])
+    )
     prior = bt.Prior(mu1_mean=-0.25, mu1_sd=1.5, sigma_p_scale=0.1 + 0.2)
-    draws = bt.sample(small_study.select(["A"]), draws=100, seed=np.int64(2**62), prior=prior, workers=1)
+    draws = bt.sample(
+        small_study.select(["A"]), draws=100, seed=np.int64(2**62), prior=prior, workers=1
+    )
     again = bt.load(draws.save(tmp_path / "posterior.nc"))
     assert (again.seed, again.prior, again.attrs["prior"]) == (2**62, prior, prior.describe())
 
@@ -129,15 +174,23 @@ def test_seed_prior_settings_and_versions_come_back_as_they_went_in(analysis, sm
 def test_summary_has_the_columns_and_the_numbers(analysis):
     frame = analysis.draws.summary()
     before = "subject,parameter,mean,sd,q05,q25,q50,q75,q95,ess_bulk,ess_tail,r_hat,contraction"
-    assert ",".join(frame.columns) == ",".join(SUMMARY_COLUMNS) == before + ",mcse_mean,mcse_q05,mcse_q50,mcse_q95"
+    assert (
+        ",".join(frame.columns)
+        == ",".join(SUMMARY_COLUMNS)
+        == before + ",mcse_mean,mcse_q05,mcse_q50,mcse_q95"
+    )
     assert len(frame) == 3 * len(PARAMETERS)
     row = frame[(frame.subject == "B") & (frame.parameter == "sigma_p")].iloc[0]
     values = analysis.draws.values("B", "sigma_p")
     assert row["mean"] == pytest.approx(values.mean())
-    assert row[["q05", "q25", "q50", "q75", "q95"]].tolist() == pytest.approx(np.quantile(values, [0.05, 0.25, 0.5, 0.75, 0.95]))
+    assert row[["q05", "q25", "q50", "q75", "q95"]].tolist() == pytest.approx(
+        np.quantile(values, [0.05, 0.25, 0.5, 0.75, 0.95])
+    )
     assert row["mcse_mean"] == pytest.approx(values.std(ddof=1) / np.sqrt(row["ess_bulk"]), rel=0.2)
     natural = frame[frame.parameter.isin(("mu1", "sigma_p", "sigma_l", "q0"))]
-    assert (natural[["mcse_q05", "mcse_q95"]].max(axis=1) < 0.05 * (natural.q95 - natural.q05)).all()
+    assert (
+        natural[["mcse_q05", "mcse_q95"]].max(axis=1) < 0.05 * (natural.q95 - natural.q05)
+    ).all()
 
 
 @pytest.fixture(scope="module")
@@ -158,7 +211,9 @@ def test_arviz_has_all_groups_and_their_dimensions(data, analysis):
     assert data["sample_stats"]["acceptance_rate"].dims == ("chain", "subject")
     assert data.attrs["model"] == "predictive update"
     for name in "ABC":
-        assert np.array_equal(data["posterior"]["gain"].sel(subject=name), analysis.draws.values(name, "gain"))
+        assert np.array_equal(
+            data["posterior"]["gain"].sel(subject=name), analysis.draws.values(name, "gain")
+        )
 
 
 @pytest.mark.filterwarnings("ignore")  # of ArviZ's pictures
@@ -173,14 +228,22 @@ def test_arviz_functions_take_it(data, analysis):
         assert np.asarray(loo.elpd_i if hasattr(loo, "elpd_i") else loo.loo_i).size == pairs
     az.plot_pair(one, var_names=["mu1", "gain"])
     az.plot_forest(data, var_names=["gain"], combined=True)
-    marks = [len(ax.lines) + len(ax.collections) for number in plt.get_fignums() for ax in plt.figure(number).axes]
+    marks = [
+        len(ax.lines) + len(ax.collections)
+        for number in plt.get_fignums()
+        for ax in plt.figure(number).axes
+    ]
     assert sum(marks) > 3  # ArviZ 1.x can draw an empty forest without a word
     plt.close("all")
 
 
 def test_arviz_opens_the_file_as_it_is(analysis, tmp_path):
     data = az.from_netcdf(analysis.draws.save(tmp_path / "posterior.nc"))
-    posterior = data["posterior"].to_dataset() if hasattr(data["posterior"], "to_dataset") else data["posterior"]
+    posterior = (
+        data["posterior"].to_dataset()
+        if hasattr(data["posterior"], "to_dataset")
+        else data["posterior"]
+    )
     assert len(az.summary(posterior.sel(subject="A"))) == 4
     assert data["sample_stats"]["lp"].dims == ("chain", "draw", "subject")
     data.close()
@@ -188,44 +251,71 @@ def test_arviz_opens_the_file_as_it_is(analysis, tmp_path):
 
 def test_log_likelihoods_and_predicted_answers_follow_from_the_draws(analysis, data):
     at, s = data["observed_data"]["subject"].values == "C", analysis.study["C"]
-    q = bt.model.equal_probability(s.s1, s.s2, *(analysis.draws.values("C", key)[..., None] for key in PARAMETERS[:4]))
+    q = bt.model.equal_probability(
+        s.s1, s.s2, *(analysis.draws.values("C", key)[..., None] for key in PARAMETERS[:4])
+    )
     expected = s.n_yes * np.log(q) + (s.n_trials - s.n_yes) * np.log1p(-q)
-    np.testing.assert_allclose(data["log_likelihood"]["n_equal"].values[..., at], expected, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(
+        data["log_likelihood"]["n_equal"].values[..., at], expected, rtol=1e-9, atol=1e-9
+    )
     predicted = data["posterior_predictive"]["n_equal"].values[..., at]
     assert predicted.mean(axis=(0, 1)) == pytest.approx((s.n_trials * q).mean(axis=(0, 1)), abs=0.5)
     spread = s.n_trials * (q * (1 - q)).mean(axis=(0, 1)) + (s.n_trials * q).var(axis=(0, 1))
     assert predicted.var(axis=(0, 1)) == pytest.approx(spread, rel=0.1)
-    assert np.array_equal(analysis.draws["C"].to_arviz()["posterior_predictive"]["n_equal"].values, predicted)
+    assert np.array_equal(
+        analysis.draws["C"].to_arviz()["posterior_predictive"]["n_equal"].values, predicted
+    )
 
 
 # --- whose they are, and what is not there ------------------------------------------------------------
 
 
 def test_draws_tell_their_study(analysis, small_study):
-    require_belonging(analysis.draws, "draws", study=small_study, prior=bt.Prior(), seed=5, model="predictive update")
+    require_belonging(
+        analysis.draws,
+        "draws",
+        study=small_study,
+        prior=bt.Prior(),
+        seed=5,
+        model="predictive update",
+    )
     again = analysis.draws.study
-    assert (again.names, again.source, again.synthetic) == (small_study.names, small_study.source, small_study.synthetic)
+    assert (again.names, again.source, again.synthetic) == (
+        small_study.names,
+        small_study.source,
+        small_study.synthetic,
+    )
     require_belonging(analysis.draws, "draws", study=again.select(["C", "A", "B"]))
 
 
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (lambda a, b, c: [a, replace(b, n_yes=np.minimum(b.n_yes + 1, b.n_trials)), c], "found draws of subject 'B' from other answers"),
+        (
+            lambda a, b, c: [a, replace(b, n_yes=np.minimum(b.n_yes + 1, b.n_trials)), c],
+            "found draws of subject 'B' from other answers",
+        ),
         (lambda a, b, c: [a, replace(b, name="X"), c], "found no draws of subject 'X'"),
         (lambda a, b, c: [a, c], "found draws of subject 'B', whom three kinds does not have"),
-        (lambda *all: [replace(one, isi=np.ones(13)) for one in all], "found draws of subject 'A', 'B', 'C' from other answers"),
+        (
+            lambda *all: [replace(one, isi=np.ones(13)) for one in all],
+            "found draws of subject 'A', 'B', 'C' from other answers",
+        ),
     ],
     ids=["counts", "name", "absent", "intervals"],
 )
 def test_another_study_is_refused(analysis, small_study, change, said):
     with pytest.raises(InputError, match=rf"^file: .*{said}"):
-        require_belonging(analysis.draws, "file", study=bt.Study(change(*small_study), source="three kinds"))
+        require_belonging(
+            analysis.draws, "file", study=bt.Study(change(*small_study), source="three kinds")
+        )
 
 
 def test_evidence_of_saved_draws_is_that_of_the_run(analysis):
     found = smooth_curve_evidence(analysis.draws, workers=1)
-    assert [row.log_evidence_h1 for row in found] == [row.log_evidence_h1 for row in analysis.evidence]
+    assert [row.log_evidence_h1 for row in found] == [
+        row.log_evidence_h1 for row in analysis.evidence
+    ]
 
 
 @pytest.mark.parametrize(

@@ -43,7 +43,11 @@ def store(saved, tmp_path):
 
 
 def content(folder):
-    return {file.relative_to(folder).as_posix(): file.read_bytes() for file in folder.rglob("*") if file.is_file()}
+    return {
+        file.relative_to(folder).as_posix(): file.read_bytes()
+        for file in folder.rglob("*")
+        if file.is_file()
+    }
 
 
 def flip(file, at=None):
@@ -58,11 +62,22 @@ def flip(file, at=None):
 @pytest.mark.parametrize("name", KINDS)
 def test_natural_parameters_are_stored_and_all_else_follows(saved, analysis, name):
     there, here = bt.load(saved[name]), analysis.draws
-    assert set(there.tree.children) == {"posterior", "sample_stats", "observed_data", "constant_data"}
+    assert set(there.tree.children) == {
+        "posterior",
+        "sample_stats",
+        "observed_data",
+        "constant_data",
+    }
     assert set(there.group("posterior").data_vars) == {"mu1", "sigma_p", "sigma_l", "q0"}
     xr.testing.assert_identical(there.tree.load(), here.tree)
-    assert (there.parameters, there.attrs, there.names) == (here.parameters, here.attrs, ("A", "B", "C"))
-    assert name != "posterior.nc" or saved[name].stat().st_size < 3 * 1.06e6, "of a thousand draws half a megabyte a subject"
+    assert (there.parameters, there.attrs, there.names) == (
+        here.parameters,
+        here.attrs,
+        ("A", "B", "C"),
+    )
+    assert name != "posterior.nc" or saved[name].stat().st_size < 3 * 1.06e6, (
+        "of a thousand draws half a megabyte a subject"
+    )
     for key in here.posterior("B").names.all:
         assert np.array_equal(there.values("B", key), here.values("B", key))
     there.save(saved[name], overwrite=True)  # a file is not locked by having been read
@@ -72,23 +87,36 @@ def test_files_and_stores_of_earlier_versions_are_read(tmp_path):
     """With all reported quantities, pointwise groups and a seal behind the end of the file; 2 chains of 4 draws were cut out."""
     with tarfile.open(Path(__file__).with_name("old_posteriors.tar.xz")) as archive:
         archive.extractall(tmp_path, filter="data")
-    files = {file: bt.load(tmp_path / file) for file in sorted(os.listdir(tmp_path)) if file.startswith("old")}
+    files = {
+        file: bt.load(tmp_path / file)
+        for file in sorted(os.listdir(tmp_path))
+        if file.startswith("old")
+    }
     for key, mean in json.loads((tmp_path / "expected.json").read_text()).items():
         file, subject, quantity = key.split(" ")
         draws, target = files[file], files[file].posterior(subject)
         assert draws.values(subject, quantity).mean() == pytest.approx(mean, rel=1e-12, nan_ok=True)
-        assert target.quantities(draws.points(subject))[quantity] == pytest.approx(draws.values(subject, quantity), rel=1e-9)
+        assert target.quantities(draws.points(subject))[quantity] == pytest.approx(
+            draws.values(subject, quantity), rel=1e-9
+        )
     for draws in files.values():
         assert draws.to_arviz()["log_likelihood"]["n_equal"].shape[:2] == (2, 4)
         assert draws.study.names == ("a", "b")
-        xr.testing.assert_equal(bt.load(draws.save(tmp_path / "again.nc", overwrite=True)).tree.load(), draws.tree.load())
+        xr.testing.assert_equal(
+            bt.load(draws.save(tmp_path / "again.nc", overwrite=True)).tree.load(),
+            draws.tree.load(),
+        )
 
 
 @pytest.mark.parametrize("name", KINDS)
-def test_draws_of_much_data_are_read_when_they_are_asked_for(saved, analysis, tmp_path, monkeypatch, name):
+def test_draws_of_much_data_are_read_when_they_are_asked_for(
+    saved, analysis, tmp_path, monkeypatch, name
+):
     monkeypatch.setattr(draws_file, "AT_ONCE", 0)
     draws = bt.load(saved[name])
-    xr.testing.assert_identical(draws["B"].group("posterior"), analysis.draws["B"].group("posterior"))
+    xr.testing.assert_identical(
+        draws["B"].group("posterior"), analysis.draws["B"].group("posterior")
+    )
     assert np.array_equal(draws.points("C"), analysis.draws.points("C"))
     assert not any(one.variable._in_memory for one in draws.group("posterior").data_vars.values())
     for other in KINDS:
@@ -101,9 +129,14 @@ def test_one_subject_of_a_store_reads_its_own_chunks_alone(store, analysis):
         if file.name != "1":
             flip(file)
     draws = bt.load(store)
-    xr.testing.assert_identical(draws["B"].group("posterior"), analysis.draws["B"].group("posterior"))
+    xr.testing.assert_identical(
+        draws["B"].group("posterior"), analysis.draws["B"].group("posterior")
+    )
     for read in (draws.__getitem__, draws.points):
-        with pytest.raises(InputError, match=r"posterior\.zarr: damaged: its numbers do not fit their checksums; allowed: "):
+        with pytest.raises(
+            InputError,
+            match=r"posterior\.zarr: damaged: its numbers do not fit their checksums; allowed: ",
+        ):
             read("A")
 
 
@@ -130,7 +163,10 @@ def _put(name, at, value):
         (_delete("posterior/q0"), "no q0 among the draws"),
         (_attribute(seed="five"), "attribute seed is not a whole number"),
         (_attribute(settings="[" * 60_000), "none that draws have"),
-        (_attribute(model="psychic"), r"draws of model 'psychic': 'psychic'; allowed, joined by \+: .*; or: free"),
+        (
+            _attribute(model="psychic"),
+            r"draws of model 'psychic': 'psychic'; allowed, joined by \+: .*; or: free",
+        ),
         (_put("observed_data/subject", 0, "Z"), "not of the same subjects"),
         (_put("observed_data/n_equal", 0, -1), "n_yes"),
         (_put("constant_data/s1", 0, 7.0), "of other pairs"),
@@ -162,11 +198,23 @@ def test_a_damaged_file_is_refused_in_one_line(path):
 @pytest.mark.parametrize(
     ("damage", "said"),
     [
-        (lambda store: (store / "zarr.json").write_text('{"attributes": {}}'), "not a store of draws that can be read"),
-        (lambda store: (store / "zarr.json").write_text("[" * 60_000), "not a store of draws that can be read"),
+        (
+            lambda store: (store / "zarr.json").write_text('{"attributes": {}}'),
+            "not a store of draws that can be read",
+        ),
+        (
+            lambda store: (store / "zarr.json").write_text("[" * 60_000),
+            "not a store of draws that can be read",
+        ),
         (lambda store: (store / "zarr.json").unlink(), "not a store of draws that can be read"),
-        (lambda store: flip(store / "observed_data/n_equal/c/0"), "damaged: its numbers do not fit their checksums"),
-        (lambda store: (store / "posterior/q0/c/0/0/0").unlink(), "damaged: its numbers do not fit their checksums"),
+        (
+            lambda store: flip(store / "observed_data/n_equal/c/0"),
+            "damaged: its numbers do not fit their checksums",
+        ),
+        (
+            lambda store: (store / "posterior/q0/c/0/0/0").unlink(),
+            "damaged: its numbers do not fit their checksums",
+        ),
         (lambda store: shutil.rmtree(store / "posterior"), "allowed: a posterior.nc"),
         (lambda store: shutil.rmtree(store), "no such folder"),
     ],
@@ -197,7 +245,9 @@ def test_a_store_replaces_a_store_and_nothing_else(store, analysis):
     xr.testing.assert_identical(bt.load(store).group("posterior").load(), one.group("posterior"))
     (store / "mine.txt").write_text("m")
     before = content(store)
-    with pytest.raises(OutputError, match=r"posterior\.zarr: holds something else than draws, choose another name"):
+    with pytest.raises(
+        OutputError, match=r"posterior\.zarr: holds something else than draws, choose another name"
+    ):
         analysis.draws.save(store, overwrite=True)
     assert content(store) == before
     assert bt.load(store).names == ("B",)  # the file of a user does not make it unreadable
@@ -214,14 +264,18 @@ def test_a_folder_of_others_is_neither_replaced_nor_read(analysis, tmp_path, nam
     assert content(tmp_path) == {f"{name}/image": b"precious"}
 
 
-def test_more_draws_than_a_file_is_written_from_are_refused_with_the_way_out(study_csv, tmp_path, monkeypatch):
+def test_more_draws_than_a_file_is_written_from_are_refused_with_the_way_out(
+    study_csv, tmp_path, monkeypatch
+):
     monkeypatch.setattr(draws_file, "LARGEST", 10**6)
     monkeypatch.setattr("bayes_toe.analysis._survivors", lambda *_: pytest.fail("the work began"))
     said = "allowed in a NetCDF file: 0.001 GB; a Zarr store takes them: -o NAME.zarr, run --store zarr"
     assert said in refused("sample", study_csv, "-o", "posterior.nc", cwd=tmp_path)
 
 
-def test_commands_write_and_take_stores(small_study, tmp_path, monkeypatch, three_models, blank_pictures):
+def test_commands_write_and_take_stores(
+    small_study, tmp_path, monkeypatch, three_models, blank_pictures
+):
     grouped_csv(tmp_path / "study.csv", small_study.select(["B"]))
     options = ("--draws", "100", "--seed", "1", "--workers", "1")
     good("run", "study.csv", "-o", "out", "--pictures", "none", *options, cwd=tmp_path)
@@ -233,22 +287,36 @@ def test_commands_write_and_take_stores(small_study, tmp_path, monkeypatch, thre
     assert "already holds posterior.nc" in refused(*stored, cwd=tmp_path)
     assert "posterior.zarr, summary.csv" in good(*stored, "--overwrite", cwd=tmp_path)
     assert "posterior.nc" not in os.listdir(tmp_path / "out")  # of other draws than those beside it
-    one, *others = (bt.load(tmp_path / name).group("posterior").load() for name in ("p.nc", "p.zarr", "out/posterior.zarr"))
+    one, *others = (
+        bt.load(tmp_path / name).group("posterior").load()
+        for name in ("p.nc", "p.zarr", "out/posterior.zarr")
+    )
     for other in others:
         xr.testing.assert_identical(one, other)
     (tmp_path / "pairs.csv").write_text("s1,s2\n0,0.3\n")
     for name in ("p.nc", "p.zarr"):
         good("predict", name, "pairs.csv", "-o", f"{name}.csv", cwd=tmp_path)
     assert (tmp_path / "p.nc.csv").read_text() == (tmp_path / "p.zarr.csv").read_text()
-    assert not [name for name in os.listdir(tmp_path) if name.startswith(".") or name.endswith(".partial")]
+    assert not [
+        name for name in os.listdir(tmp_path) if name.startswith(".") or name.endswith(".partial")
+    ]
 
 
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("run", "STUDY", "-o", "theirs", "--store", "zarr", "--overwrite"), "posterior.zarr: holds something else than draws"),
-        (("sample", "STUDY", "-o", "theirs/posterior.zarr", "--overwrite"), "posterior.zarr: holds something else than draws"),
-        (("corner", "theirs/posterior.zarr", "-o", "out"), "posterior.zarr: not a store of draws that can be read"),
+        (
+            ("run", "STUDY", "-o", "theirs", "--store", "zarr", "--overwrite"),
+            "posterior.zarr: holds something else than draws",
+        ),
+        (
+            ("sample", "STUDY", "-o", "theirs/posterior.zarr", "--overwrite"),
+            "posterior.zarr: holds something else than draws",
+        ),
+        (
+            ("corner", "theirs/posterior.zarr", "-o", "out"),
+            "posterior.zarr: not a store of draws that can be read",
+        ),
         (("corner", "none.zarr", "-o", "out"), "none.zarr: no such folder"),
     ],
 )
@@ -256,12 +324,22 @@ def test_refusals_are_one_line_before_the_work(study_csv, tmp_path, monkeypatch,
     monkeypatch.setattr("bayes_toe.analysis._survivors", lambda *_: pytest.fail("the work began"))
     (tmp_path / "theirs" / "posterior.zarr").mkdir(parents=True)
     (tmp_path / "theirs" / "posterior.zarr" / "zarr.json").write_text('{"attributes": {}}')
-    assert said in refused(*(study_csv if word == "STUDY" else word for word in words), cwd=tmp_path)
+    assert said in refused(
+        *(study_csv if word == "STUDY" else word for word in words), cwd=tmp_path
+    )
 
 
-@pytest.mark.parametrize("words", [("run", "STUDY", "--store", "zarr"), ("sample", "STUDY", "-o", "p.zarr"), ("corner", "STORE")])
+@pytest.mark.parametrize(
+    "words",
+    [("run", "STUDY", "--store", "zarr"), ("sample", "STUDY", "-o", "p.zarr"), ("corner", "STORE")],
+)
 def test_without_the_library_one_line_names_the_extra(store, study_csv, monkeypatch, words):
     monkeypatch.setitem(sys.modules, "zarr.codecs", None)
     monkeypatch.setattr("bayes_toe.analysis._survivors", lambda *_: pytest.fail("the work began"))
-    done = inside(*({"STUDY": study_csv, "STORE": store}.get(word, word) for word in words), cwd=store.parent)
-    assert (done.returncode, done.stderr) == (2, "error: Zarr 3 is not installed: pip install 'bayes_toe[zarr]'\n")
+    done = inside(
+        *({"STUDY": study_csv, "STORE": store}.get(word, word) for word in words), cwd=store.parent
+    )
+    assert (done.returncode, done.stderr) == (
+        2,
+        "error: Zarr 3 is not installed: pip install 'bayes_toe[zarr]'\n",
+    )

@@ -22,7 +22,9 @@ class Quadratics:
         return 0.5 * np.sum((x - self.maxima[:, index]) * self.derivatives(x, index)[0], axis=0)
 
     def derivatives(self, x, index):
-        return -np.einsum("ijn,jn->in", self.matrices[:, :, index], x - self.maxima[:, index]), -self.matrices[:, :, index]
+        return -np.einsum(
+            "ijn,jn->in", self.matrices[:, :, index], x - self.maxima[:, index]
+        ), -self.matrices[:, :, index]
 
 
 class Saddle:
@@ -81,7 +83,9 @@ def test_of_rivals_one_goes_on_and_other_maxima_are_found_all_the_same():
 
     class Lower(Saddle):
         def value(self, x, index):
-            return super().value(x, index) - 0.1 * x[0]  # the maximum at negative x is the higher one
+            return (
+                super().value(x, index) - 0.1 * x[0]
+            )  # the maximum at negative x is the higher one
 
         def derivatives(self, x, index):
             slope, hessian = super().derivatives(x, index)
@@ -93,7 +97,9 @@ def test_of_rivals_one_goes_on_and_other_maxima_are_found_all_the_same():
     assert found.arrived.sum() < alone.arrived.sum() == 6
     for problem in (0, 1):
         of = rivals == problem
-        assert found.value[of & found.arrived].max() == pytest.approx(alone.value[of].max(), abs=1e-12)
+        assert found.value[of & found.arrived].max() == pytest.approx(
+            alone.value[of].max(), abs=1e-12
+        )
     assert (found.x[0, :4][found.arrived[:4]] < 0).any()
     assert np.abs(found.x - alone.x).max() < 2e-2
 
@@ -116,7 +122,10 @@ def test_newton_is_never_beaten_by_a_general_optimiser(name):
     assert found.arrived
     simplex = {"maxiter": 4000, "xatol": 1e-8, "fatol": 1e-9}
     rivals = [
-        -minimize(lambda x: -posterior.log_density(x)[0], s, method="Nelder-Mead", options=simplex).fun for s in posterior.starts()[::4]
+        -minimize(
+            lambda x: -posterior.log_density(x)[0], s, method="Nelder-Mead", options=simplex
+        ).fun
+        for s in posterior.starts()[::4]
     ]
     assert found.value[0] >= max(rivals) - 1e-7
     _, gradient = posterior.gradient(found.x[:1])

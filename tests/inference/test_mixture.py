@@ -20,14 +20,23 @@ def mixture():
     return StudentMixture(np.array([0.3, 0.7]), means, scales, df=6)
 
 
-@pytest.mark.parametrize(("dim", "df"), [(1, 1), (1, 3), (2, 8), (3, 9), (4, 4), (4, 8), (5, 9), (13, 3)])
+@pytest.mark.parametrize(
+    ("dim", "df"), [(1, 1), (1, 3), (2, 8), (3, 9), (4, 4), (4, 8), (5, 9), (13, 3)]
+)
 def test_mixture_density_in_any_dimension(dim, df):
     rng = np.random.default_rng([dim, df])
     roots = rng.normal(size=(3, dim, dim))
     scales, means = roots @ roots.transpose(0, 2, 1) + 0.1 * np.eye(dim), rng.normal(size=(3, dim))
-    x = rng.normal(size=(2500, dim)) * rng.choice([0.1, 1.0, 100.0], (2500, 1))  # more than two blocks of points
-    parts = [np.log(1 / 3) + multivariate_t(m, s, df=df).logpdf(x) for m, s in zip(means, scales, strict=True)]
-    assert StudentMixture(np.full(3, 1 / 3), means, scales, df).log_density(x) == pytest.approx(logsumexp(parts, axis=0), rel=1e-11)
+    x = rng.normal(size=(2500, dim)) * rng.choice(
+        [0.1, 1.0, 100.0], (2500, 1)
+    )  # more than two blocks of points
+    parts = [
+        np.log(1 / 3) + multivariate_t(m, s, df=df).logpdf(x)
+        for m, s in zip(means, scales, strict=True)
+    ]
+    assert StudentMixture(np.full(3, 1 / 3), means, scales, df).log_density(x) == pytest.approx(
+        logsumexp(parts, axis=0), rel=1e-11
+    )
 
 
 @pytest.mark.parametrize("apart", [1e2, 1e6, 1e12])
@@ -49,16 +58,23 @@ def test_em_leaves_a_component_that_holds_nothing_and_lies_far_away():
     for _ in range(20):
         fitted = fitted.updated(x, np.full(len(x), 1 / len(x)))
     assert len(fitted.weights) == 1
-    assert fitted.covariance == pytest.approx(np.cov(x.T) + 1e-3 * np.diag(x.var(axis=0)) * 8 / 6, rel=0.25)
+    assert fitted.covariance == pytest.approx(
+        np.cov(x.T) + 1e-3 * np.diag(x.var(axis=0)) * 8 / 6, rel=0.25
+    )
 
 
 def test_a_joined_mixture_is_the_weighted_sum(mixture):
     x = np.random.default_rng(3).normal(size=(10, 2))
     other = StudentMixture(np.ones(1), np.array([[5.0, 5.0]]), np.eye(2)[None], df=6)
     last = StudentMixture(np.ones(1), np.array([[-3.0, 2.0]]), 2.0 * np.eye(2)[None], df=6)
-    own, others = np.exp(mixture.log_density(x)), [np.exp(one.log_density(x)) for one in (other, last)]
+    own, others = (
+        np.exp(mixture.log_density(x)),
+        [np.exp(one.log_density(x)) for one in (other, last)],
+    )
     expected = 0.8 * (0.8 * own + 0.2 * others[0]) + 0.2 * others[1]
-    assert np.exp(mixture.joined([other, last], 0.2).log_density(x)) == pytest.approx(expected, rel=1e-12)
+    assert np.exp(mixture.joined([other, last], 0.2).log_density(x)) == pytest.approx(
+        expected, rel=1e-12
+    )
 
 
 def test_mixture_draws_have_the_mixtures_moments(mixture):
@@ -66,7 +82,10 @@ def test_mixture_draws_have_the_mixtures_moments(mixture):
     x = mixture.sample(np.random.default_rng(1), n)
     mean = mixture.weights @ mixture.means
     assert x.mean(axis=0) == pytest.approx(mean, abs=5 * x.std(axis=0).max() / np.sqrt(n))
-    second = sum(w * (6 / 4 * s + np.outer(m, m)) for w, m, s in zip(mixture.weights, mixture.means, mixture.scales, strict=True))
+    second = sum(
+        w * (6 / 4 * s + np.outer(m, m))
+        for w, m, s in zip(mixture.weights, mixture.means, mixture.scales, strict=True)
+    )
     assert x.T @ x / n == pytest.approx(second, abs=0.05)
     assert mixture.covariance + np.outer(mean, mean) == pytest.approx(second, rel=1e-12)
 
@@ -74,7 +93,12 @@ def test_mixture_draws_have_the_mixtures_moments(mixture):
 def test_em_climbs_and_recovers_the_mixture(mixture):
     x = mixture.sample(np.random.default_rng(2), 20_000)
     weights = np.full(len(x), 1 / len(x))
-    start = StudentMixture(np.array([0.5, 0.5]), np.array([[-1.0, 0.0], [1.0, 0.0]]), np.repeat(np.eye(2)[None], 2, 0), 6)
+    start = StudentMixture(
+        np.array([0.5, 0.5]),
+        np.array([[-1.0, 0.0], [1.0, 0.0]]),
+        np.repeat(np.eye(2)[None], 2, 0),
+        6,
+    )
     fits = [start]
     for _ in range(60):
         fits.append(fits[-1].updated(x, weights))

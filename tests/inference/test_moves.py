@@ -20,10 +20,18 @@ class Target:
         self.shape = np.array([0.7, 1.5, 3.0, 8.0])
 
     def log_density(self, x):
-        return (self.shape * x - np.exp(x)).sum(axis=1) if self.skewed else -0.5 * np.square(x).sum(axis=1)
+        return (
+            (self.shape * x - np.exp(x)).sum(axis=1)
+            if self.skewed
+            else -0.5 * np.square(x).sum(axis=1)
+        )
 
     def sample(self, random, size):
-        return np.log(random.gamma(self.shape, size=(size, 4))) if self.skewed else random.standard_normal((size, 4))
+        return (
+            np.log(random.gamma(self.shape, size=(size, 4)))
+            if self.skewed
+            else random.standard_normal((size, 4))
+        )
 
     def truth(self):
         from scipy.special import digamma, polygamma
@@ -56,7 +64,9 @@ def _fitted_for(target):
 
     one = StudentMixture(np.ones(1), np.full((1, 4), 0.4), 1.7 * np.eye(4)[None], 4)
     made = module.Proposal(Known(), Level(), one, one, 0.05)
-    return module.FittedProposal(made, module.importance_draws(made, np.random.default_rng(3), 4000), 0.5, 0.1)
+    return module.FittedProposal(
+        made, module.importance_draws(made, np.random.default_rng(3), 4000), 0.5, 0.1
+    )
 
 
 def _worst_moment(move, target, index, runs=16):
@@ -67,7 +77,9 @@ def _worst_moment(move, target, index, runs=16):
     means, variances = [], []
     for k in range(runs):
         random = np.random.RandomState(np.random.MT19937(stream(11, "moments", index, k)))
-        sampler = emcee.EnsembleSampler(192, 4, target.log_density, vectorize=True, moves=[(move, 1.0)])
+        sampler = emcee.EnsembleSampler(
+            192, 4, target.log_density, vectorize=True, moves=[(move, 1.0)]
+        )
         sampler.random_state = random.get_state()
         state = sampler.run_mcmc(target.sample(random, 192), 60, store=False)
         sampler.run_mcmc(state, 80)
@@ -75,7 +87,12 @@ def _worst_moment(move, target, index, runs=16):
         means.append(x.mean(axis=0))
         variances.append(np.square(x - mean).mean(axis=0))
     sides = ((np.array(means), mean), (np.array(variances), variance))
-    return max(np.abs((found.mean(axis=0) - truth) / (found.std(axis=0, ddof=1) / np.sqrt(len(found)))).max() for found, truth in sides)
+    return max(
+        np.abs(
+            (found.mean(axis=0) - truth) / (found.std(axis=0, ddof=1) / np.sqrt(len(found)))
+        ).max()
+        for found, truth in sides
+    )
 
 
 @pytest.mark.parametrize("skewed", [False, True])
@@ -113,6 +130,8 @@ def test_the_global_move_deals_the_judging_draws_and_then_new_ones_with_their_de
     dealt = list(map(GlobalMove(fitted.proposal, first).take, [300] * 5, [random] * 5))
     assert np.array_equal(np.concatenate([one.x for one in dealt[:3]]), first.x[:900])
     for one in dealt:
-        assert one.log_posterior == pytest.approx(fitted.proposal.posterior.log_density(one.x), rel=1e-12, abs=1e-12)
+        assert one.log_posterior == pytest.approx(
+            fitted.proposal.posterior.log_density(one.x), rel=1e-12, abs=1e-12
+        )
         assert one.log_proposal == pytest.approx(density(fitted, one.x), rel=1e-9, abs=1e-9)
     assert not np.isin(dealt[3].x, first.x).any()

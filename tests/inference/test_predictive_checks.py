@@ -24,22 +24,39 @@ counts = st.integers(1, 10**9).flatmap(lambda n: st.tuples(st.integers(0, n), st
 def test_deviance_against_fifty_digits(count, power, near):
     """To the rounding of the two log likelihoods of which it is the difference."""
     k, n = count
-    q = min(max((k + 0.5) / (n + 1) * (1 + 10.0 ** (power - 3)), 1e-300), 1 - 1e-12) if near else 0.999 * 10.0**power
+    q = (
+        min(max((k + 0.5) / (n + 1) * (1 + 10.0 ** (power - 3)), 1e-300), 1 - 1e-12)
+        if near
+        else 0.999 * 10.0**power
+    )
     with mpmath.workdps(50):
         p = mpmath.mpf(q)
-        expected = float(2 * mpmath.fsum(x * mpmath.log(x / m) for x, m in ((k, n * p), (n - k, n * (1 - p))) if x))
+        expected = float(
+            2
+            * mpmath.fsum(x * mpmath.log(x / m) for x, m in ((k, n * p), (n - k, n * (1 - p))) if x)
+        )
         log_q, log_rest = float(mpmath.log(p)), float(mpmath.log(1 - p))
     rounding = 1e-15 * (n - k * log_q - (n - k) * log_rest)
-    assert float(gof.binomial_deviance(k, n, log_q, log_rest)) == pytest.approx(expected, rel=1e-15, abs=rounding)
+    assert float(gof.binomial_deviance(k, n, log_q, log_rest)) == pytest.approx(
+        expected, rel=1e-15, abs=rounding
+    )
 
 
 def test_deviance_of_answers_that_are_impossible_or_all_but():
     # 3 'equal' of 5 at q = e^-2000: 2 [3 (ln 0.6 + 2000) + 2 ln 0.4].
-    assert float(gof.binomial_deviance(3, 5, -2000.0, -0.0)) == pytest.approx(2 * (3 * (np.log(0.6) + 2000) + 2 * np.log(0.4)), rel=1e-14)
-    found = [float(gof.binomial_deviance(k, 5, *logs)) for logs in ((-np.inf, 0.0), (0.0, -np.inf)) for k in (0, 1, 4, 5)]
+    assert float(gof.binomial_deviance(3, 5, -2000.0, -0.0)) == pytest.approx(
+        2 * (3 * (np.log(0.6) + 2000) + 2 * np.log(0.4)), rel=1e-14
+    )
+    found = [
+        float(gof.binomial_deviance(k, 5, *logs))
+        for logs in ((-np.inf, 0.0), (0.0, -np.inf))
+        for k in (0, 1, 4, 5)
+    ]
     assert found == [0.0, np.inf, np.inf, np.inf, np.inf, np.inf, np.inf, 0.0]
     log_q, log_rest = np.array([-np.inf, -np.inf]), np.zeros(2)
-    assert [gof.deviance_p_value(value, 1, [10, 10], log_q, log_rest) for value in (np.inf, 0.0)] == [0.0, 1.0]
+    assert [
+        gof.deviance_p_value(value, 1, [10, 10], log_q, log_rest) for value in (np.inf, 0.0)
+    ] == [0.0, 1.0]
     assert np.isnan(gof.deviance_p_value(3.0, 0, [10, 10], log_q, log_rest))
 
 
@@ -52,14 +69,21 @@ def test_the_fit_at_a_maximum(small_study):
     assert np.square(fit.residual).sum() == pytest.approx(fit.deviance)
     assert fit.deviance < 1.0  # the counts are the model's own, rounded
     assert fit.p_value > 0.999
-    assert np.isnan(gof.fit_at(bt.model.posterior_of(hard_cases()["single pair"]), np.zeros(4)).p_value)
+    assert np.isnan(
+        gof.fit_at(bt.model.posterior_of(hard_cases()["single pair"]), np.zeros(4)).p_value
+    )
 
 
 def posterior_and_draws(subject, size=4000):
     """Draws about the maximum, wide enough to matter: any draws serve to test the predictive arithmetic."""
     posterior = bt.model.posterior_of(subject)
     rng = np.random.default_rng(2)
-    return posterior, find_maxima(posterior).x[0] + 0.15 * rng.standard_normal((size, 4)) * [0.2, 1, 0.5, 1]
+    return posterior, find_maxima(posterior).x[0] + 0.15 * rng.standard_normal((size, 4)) * [
+        0.2,
+        1,
+        0.5,
+        1,
+    ]
 
 
 def test_predictive_p_values_against_simulated_repetitions(small_study):
@@ -79,13 +103,20 @@ def test_predictive_p_values_against_simulated_repetitions(small_study):
         gof.predictive_check(posterior, np.full((2, 4), np.nan), seed=1)
 
 
-@pytest.mark.parametrize(("n", "q", "pairs"), [(10**8, 0.3, 14), (3, 0.4, 200), (40, 0.01, 60), (10**7, 2e-7, 30)])
+@pytest.mark.parametrize(
+    ("n", "q", "pairs"), [(10**8, 0.3, 14), (3, 0.4, 200), (40, 0.01, 60), (10**7, 2e-7, 30)]
+)
 def test_the_reference_of_the_deviance_against_simulated_sessions(n, q, pairs):
     # No parameter is fitted: as many degrees of freedom as pairs. P(p < 0.01) is 0.01; 4 s.e. of 20,000 sessions and 0.005 of the shape.
     log_q, log_rest = np.full(pairs, np.log(q)), np.full(pairs, np.log1p(-q))
     again = np.random.default_rng(3).binomial(n, q, (20_000, pairs))
     values = gof.binomial_deviance(again, n, log_q, log_rest).sum(axis=1)
-    beyond = np.mean([gof.deviance_p_value(value, pairs, np.full(pairs, n), log_q, log_rest) < 0.01 for value in values[:2000]])
+    beyond = np.mean(
+        [
+            gof.deviance_p_value(value, pairs, np.full(pairs, n), log_q, log_rest) < 0.01
+            for value in values[:2000]
+        ]
+    )
     assert beyond == pytest.approx(0.01, abs=0.005 + 4 * np.sqrt(0.01 * 0.99 / 2000))
 
 
@@ -99,7 +130,10 @@ def test_a_misfit_names_its_worst_pairs(small_study):
         best = find_maxima(posterior).x[:1]
         found = gof.summarise_fit(posterior, np.repeat(best, 500, axis=0), seed=1)
         assert (found.misfit, found.p_overall < 0.01) == (misfit, misfit)
-        assert [replace(found, p_overall=p, p_deviance=0.5).misfit for p in (0.001, 0.5)] == [True, False]
+        assert [replace(found, p_overall=p, p_deviance=0.5).misfit for p in (0.001, 0.5)] == [
+            True,
+            False,
+        ]
         assert 1 <= len(found.worst) <= 3
         assert found.p_deviance == pytest.approx(gof.fit_at(posterior, best[0]).p_value, rel=1e-10)
         worst = found.worst[0]
@@ -108,7 +142,9 @@ def test_a_misfit_names_its_worst_pairs(small_study):
         assert at == np.argmax(np.abs(gof.fit_at(posterior, best[0]).residual))
 
 
-def test_the_summary_is_the_predictive_check_and_the_deviance_near_the_maximum(analysis, small_study):
+def test_the_summary_is_the_predictive_check_and_the_deviance_near_the_maximum(
+    analysis, small_study
+):
     posterior = bt.model.posterior_of(small_study["B"])
     x = unconstrained(Natural(*map(np.ravel, analysis.draws.natural("B"))), posterior.sbar)
     found = gof.summarise_fit(posterior, x, seed=3, most=len(x))

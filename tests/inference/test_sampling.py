@@ -24,12 +24,16 @@ QUICK = SamplerSettings(draws=1000)
 
 def test_burn_in_is_as_long_as_the_proposal_needs():
     fitted = fit_proposal(posterior_of(CASES["funnel"]), generator(1, "x"))
-    steps = [burn_in(replace(fitted, efficiency=efficiency)) for efficiency in (0.9, 0.75, 0.6, 0.3)]
+    steps = [
+        burn_in(replace(fitted, efficiency=efficiency)) for efficiency in (0.9, 0.75, 0.6, 0.3)
+    ]
     assert steps == [3, 5, 8, 8]  # 0.1^3 and 0.25^5 are at most 1/1000, and never more than 8
     assert burn_in(replace(fitted, efficiency=0.9, pareto_k=0.8)) == 8
     chains = sample_chains(fitted, SamplerSettings(draws=500), 1)
     assert chains.steps == burn_in(fitted) + chains.thin * SamplerSettings(draws=500).kept_steps
-    slow = replace(fitted, efficiency=0.8)  # successive steps are too much alike: every second one at once
+    slow = replace(
+        fitted, efficiency=0.8
+    )  # successive steps are too much alike: every second one at once
     assert (chains.thin, sample_chains(slow, SamplerSettings(draws=500), 1).thin) == (1, 2)
 
 
@@ -53,7 +57,11 @@ def test_chains_meet_what_was_asked_and_are_walker_major(analysis):
     tree = analysis.draws.tree
     assert not analysis.draws.not_converged
     sampler = analysis.settings.sampler
-    assert dict(tree["posterior"].sizes) == {"chain": 4, "draw": sampler.walkers * sampler.kept_steps, "subject": 3}
+    assert dict(tree["posterior"].sizes) == {
+        "chain": 4,
+        "draw": sampler.walkers * sampler.kept_steps,
+        "subject": 3,
+    }
     for name in analysis.draws.names:
         posterior = posterior_of(analysis.draws.subject(name))
         for parameter in ("mu1", "sigma_p", "sigma_l", "q0", "gamma", "gain", "width"):
@@ -71,8 +79,14 @@ def replications():
     """Forty independent runs of one subject, with its posterior; judging draws are part of a run."""
     posterior = posterior_of(CASES["one order missing"])
     fitted = fit_proposal(posterior, generator(3, "claims"))
-    judged = (importance_draws(fitted.proposal, generator(seed, "judged"), QUICK.proposals) for seed in range(40))
-    return posterior, [sample_chains(replace(fitted, draws=draws), QUICK, seed) for seed, draws in enumerate(judged)]
+    judged = (
+        importance_draws(fitted.proposal, generator(seed, "judged"), QUICK.proposals)
+        for seed in range(40)
+    )
+    return posterior, [
+        sample_chains(replace(fitted, draws=draws), QUICK, seed)
+        for seed, draws in enumerate(judged)
+    ]
 
 
 def test_claimed_effective_sizes_hold_over_independent_runs(replications):
@@ -87,7 +101,11 @@ def test_claimed_effective_sizes_hold_over_independent_runs(replications):
 
 
 def test_a_limit_too_low_is_said_and_not_hidden(monkeypatch):
-    monkeypatch.setattr(analysis_module, "SamplerSettings", lambda draws: SamplerSettings(draws=draws, max_r_hat=1.000001, max_thin=1))
+    monkeypatch.setattr(
+        analysis_module,
+        "SamplerSettings",
+        lambda draws: SamplerSettings(draws=draws, max_r_hat=1.000001, max_thin=1),
+    )
     with pytest.warns(ConvergenceWarning, match="did not converge"):
         draws = bt.sample(bt.Study([CASES["guessing at 0.5"]]), seed=1, workers=1)
     assert "required" in draws.not_converged["guessing at 0.5"]
@@ -100,10 +118,16 @@ def test_sampling_goes_on_until_quantiles_of_natural_quantities_are_certain():
     natural = posterior.names.natural
 
     def worst(chains):
-        found = [(errors(values), np.quantile(values, TAIL)) for key, values in posterior.quantities(chains.x).items() if key in natural]
+        found = [
+            (errors(values), np.quantile(values, TAIL))
+            for key, values in posterior.quantities(chains.x).items()
+            if key in natural
+        ]
         return max(max(one.q05, one.q95) / (high - low) for one, (low, high) in found)
 
-    once = sample_chains(fitted, SamplerSettings(draws=5000, max_thin=1, max_quantile_error=np.inf), 1)
+    once = sample_chains(
+        fitted, SamplerSettings(draws=5000, max_thin=1, max_quantile_error=np.inf), 1
+    )
     alone = sample_chains(fitted, SamplerSettings(draws=1000, max_quantile_error=np.inf), 1)
     assert once.converged
     assert alone.log_posterior.size < 10_000 <= once.log_posterior.size
@@ -115,10 +139,16 @@ def test_sampling_goes_on_until_quantiles_of_natural_quantities_are_certain():
     # Beyond the reach of so many draws it says so at once, and how many would do; it has converged all the same.
     short = sample_chains(fitted, SamplerSettings(draws=5000, max_quantile_error=limit / 2), 1)
     assert (short.converged, short.reason, short.thin) == (True, "", 1)
-    wanted = int(re.fullmatch(r"a 5 or 95 % quantile of .*: ([0-9,]+) draws would do", short.imprecise)[1].replace(",", ""))
+    wanted = int(
+        re.fullmatch(r"a 5 or 95 % quantile of .*: ([0-9,]+) draws would do", short.imprecise)[
+            1
+        ].replace(",", "")
+    )
     enough = sample_chains(fitted, SamplerSettings(draws=wanted, max_quantile_error=limit / 2), 1)
     assert (enough.imprecise, worst(enough) <= limit / 2) == ("", True)
-    cut = sample_chains(fitted, SamplerSettings(draws=5000, max_quantile_error=limit, max_thin=1), 1)
+    cut = sample_chains(
+        fitted, SamplerSettings(draws=5000, max_quantile_error=limit, max_thin=1), 1
+    )
     assert (cut.converged, cut.imprecise.endswith("draws would do")) == (True, True)
 
 
@@ -132,12 +162,16 @@ def test_stated_errors_of_quantiles_are_the_spread_over_independent_runs(replica
         ratios.extend(np.log(stated / spread))
     # The log of a standard deviation of 40 has an error of 0.113: 4 of them each, and 4 of the mean of nine, which hang together little.
     assert np.abs(ratios).max() < 0.45
-    assert abs(np.mean(ratios)) < 0.17  # draws in random order, that is, taken to be independent: -0.22
+    assert (
+        abs(np.mean(ratios)) < 0.17
+    )  # draws in random order, that is, taken to be independent: -0.22
 
 
 def test_same_numbers_for_any_order_and_any_number_of_workers(analysis, small_study):
     """Evidences: in comparison/test_evidence_table."""
-    backward = bt.sample(small_study.select(["C", "A"]), draws=2000, seed=5, prior="paper", workers=2)
+    backward = bt.sample(
+        small_study.select(["C", "A"]), draws=2000, seed=5, prior="paper", workers=2
+    )
     for name in backward.names:
         assert np.array_equal(analysis.draws.points(name), backward.points(name))
     changed = bt.sample(small_study.select(["B"]), draws=2000, seed=6, prior="paper", workers=1)

@@ -21,18 +21,30 @@ def test_two_stimuli_are_the_papers_model(s1, s2, mu1, sigma_p, gamma):
     sigma_l = sigma_p * np.sqrt(gamma)
     view = trial_view(s1, s2, mu1, sigma_p, sigma_l)
     ratio = model.noise_ratio(sigma_p, sigma_l)
-    assert float(view.evolved.mean) == pytest.approx(float(model.evolved_mean(s1, mu1, ratio)), rel=16 * EPS, abs=16 * EPS * 5)
-    assert float(view.evolved.variance) == pytest.approx(float(view.prior.variance), rel=16 * EPS)  # self-consistent
+    assert float(view.evolved.mean) == pytest.approx(
+        float(model.evolved_mean(s1, mu1, ratio)), rel=16 * EPS, abs=16 * EPS * 5
+    )
+    assert float(view.evolved.variance) == pytest.approx(
+        float(view.prior.variance), rel=16 * EPS
+    )  # self-consistent
     width = float(view.evolved.sd + sigma_l**2 / view.evolved.sd)
     assert width == pytest.approx(float(model.width(sigma_p, ratio)), rel=16 * EPS)
     z = float(model.normalised_distance(s1, s2, mu1, sigma_p, sigma_l))
     assert float(view.distance) == pytest.approx(z, rel=1e-12, abs=50 * EPS / sigma_p)
-    shift = float(view.after_second.mean - view.evolved.mean) / float(view.evolved.sd)  # (mu_f - mu_2)/sigma_2
+    shift = float(view.after_second.mean - view.evolved.mean) / float(
+        view.evolved.sd
+    )  # (mu_f - mu_2)/sigma_2
     assert shift == pytest.approx(z, rel=1e-9, abs=50 * EPS / sigma_p)
 
 
 def test_the_unsimplified_equations_of_appendix_b():
-    mu1, v1, vl, vp, s = 0.7, 0.5, 0.3, 0.9, -0.4  # any prior variance, not only the self-consistent one
+    mu1, v1, vl, vp, s = (
+        0.7,
+        0.5,
+        0.3,
+        0.9,
+        -0.4,
+    )  # any prior variance, not only the self-consistent one
     vx = 1 / (1 / v1 + 1 / vl + 1 / vp)
     v2 = vp * vp / (vp - vx)
     mu2 = v2 / vp * vx * (mu1 / v1 + s / vl)  # Eq. app:m2v2, first form
@@ -53,7 +65,9 @@ def test_a_sequence_is_the_conditional_of_one_big_gaussian():
         seen = state[:t, :t] + sigma_l**2 * np.eye(t)
         pull = np.linalg.solve(seen, state[:t, t]) if t else np.zeros(0)
         assert float(before[t].mean) == pytest.approx(mu1 + pull @ (s[:t] - mu1), abs=1e-12)
-        assert float(before[t].variance) == pytest.approx(state[t, t] - pull @ state[:t, t], rel=1e-12)
+        assert float(before[t].variance) == pytest.approx(
+            state[t, t] - pull @ state[:t, t], rel=1e-12
+        )
 
 
 def test_bad_parameters_are_refused():

@@ -23,7 +23,11 @@ def test_gain_and_pull_to_the_last_digits(gamma):
     with mpmath.workdps(50):
         g = mpmath.mpf(gamma)
         big = (1 + mpmath.sqrt(1 + 4 * g)) / 2
-        assert abs(mpmath.mpf(float(pull(gamma))) / (1 - 1 / big) - 1) < 1e-15 if gamma > 1e-30 else float(pull(gamma)) == gamma
+        assert (
+            abs(mpmath.mpf(float(pull(gamma))) / (1 - 1 / big) - 1) < 1e-15
+            if gamma > 1e-30
+            else float(pull(gamma)) == gamma
+        )
         assert abs(mpmath.mpf(float(gain(gamma))) * big - 1) < 1e-15
 
 
@@ -35,7 +39,9 @@ def test_logs_of_both_answers_agree_with_fifty_digits(z, logit_q0):
         q = q0 * mpmath.exp(-t)
         truth_different = mpmath.log1p(-q) if q < 0.1 else mpmath.log(lapse - q0 * mpmath.expm1(-t))
         truth_equal = -mpmath.log1p(mpmath.exp(-mpmath.mpf(logit_q0))) - t
-    assert float(log_different(z, logit_q0)) == pytest.approx(float(truth_different), rel=1e-12, abs=1e-300)
+    assert float(log_different(z, logit_q0)) == pytest.approx(
+        float(truth_different), rel=1e-12, abs=1e-300
+    )
     log_q0 = -np.logaddexp(0.0, -logit_q0)
     assert float(log_equal(z, log_q0)) == pytest.approx(float(truth_equal), rel=1e-12)
 
@@ -52,7 +58,12 @@ def test_no_measurement_noise_means_no_order_effect():
 
 @pytest.mark.parametrize(
     ("values", "named"),
-    [((np.nan, 0.2, 0.1, 0.9), "mu1"), ((0.0, 0.0, 0.1, 0.9), "sigma_p"), ((0.0, 0.2, -0.1, 0.9), "sigma_l"), ((0.0, 0.2, 0.1, 1.1), "q0")],
+    [
+        ((np.nan, 0.2, 0.1, 0.9), "mu1"),
+        ((0.0, 0.0, 0.1, 0.9), "sigma_p"),
+        ((0.0, 0.2, -0.1, 0.9), "sigma_l"),
+        ((0.0, 0.2, 0.1, 1.1), "q0"),
+    ],
 )
 def test_unusable_parameters_raise_and_are_named(values, named):
     with pytest.raises(NumericalError, match=named):

@@ -17,10 +17,17 @@ from bayes_toe.model.prior import DEFAULT
 S1, S2 = np.array([0.0, 0.3, 0.3, 0.9, 1.2]), np.array([0.3, 0.0, 0.7, 0.5, 1.2])
 
 
-def units(task=WHICH_STRONGER, counts=((5, 2, 9, 1, 4), (9, 4, 10, 2, 7), (8, 3, 9, 4, 6)), scale=1.0, shift=0.0):
+def units(
+    task=WHICH_STRONGER,
+    counts=((5, 2, 9, 1, 4), (9, 4, 10, 2, 7), (8, 3, 9, 4, 6)),
+    scale=1.0,
+    shift=0.0,
+):
     answers = zip("abc", counts, strict=False)
     s1, s2 = scale * S1 + shift, scale * S2 + shift
-    return felt_together(bt.Subject(f"S@{at}", s1, s2, k, [12] * 5, task=task, condition=at) for at, k in answers)
+    return felt_together(
+        bt.Subject(f"S@{at}", s1, s2, k, [12] * 5, task=task, condition=at) for at, k in answers
+    )
 
 
 def joint(model, differing, task=WHICH_STRONGER, **how):
@@ -48,11 +55,18 @@ def test_gradient_and_what_happens_where_nothing_differs(model, task):
     value, gradient = target.gradient(x)
     np.testing.assert_allclose(value, target.log_density(x), rtol=1e-12)
     steps = 1e-6 * np.eye(x.shape[1])
-    numeric = np.stack([(target.log_density(x + step) - target.log_density(x - step)) / 2e-6 for step in steps], axis=1)
+    numeric = np.stack(
+        [(target.log_density(x + step) - target.log_density(x - step)) / 2e-6 for step in steps],
+        axis=1,
+    )
     np.testing.assert_allclose(gradient, numeric, rtol=1e-5, atol=1e-5)
     same = target.without_differences(x[:, :k])
-    np.testing.assert_allclose(target.log_likelihood(same), target.pooled.log_likelihood(x[:, :k]), rtol=1e-12)
-    np.testing.assert_allclose(target.in_conditions(same), np.repeat(x[:, None, :k], 3, axis=1), rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(
+        target.log_likelihood(same), target.pooled.log_likelihood(x[:, :k]), rtol=1e-12
+    )
+    np.testing.assert_allclose(
+        target.in_conditions(same), np.repeat(x[:, None, :k], 3, axis=1), rtol=1e-9, atol=1e-9
+    )
     levelling = target.levelling(x)
     np.testing.assert_allclose(levelling.unlevel(levelling.level(x)[0])[0], x, rtol=1e-9, atol=1e-9)
 
@@ -77,14 +91,19 @@ def log_likelihood(of, offsets, widths):
     return found
 
 
-@pytest.mark.parametrize(("model", "differing"), [("none + no lapses", {"width"}), ("constant error + no lapses", {"constant error"})])
+@pytest.mark.parametrize(
+    ("model", "differing"),
+    [("none + no lapses", {"width"}), ("constant error + no lapses", {"constant error"})],
+)
 def test_the_evidence_by_quadrature(model, differing):
     of = units(counts=((5, 2, 9, 1, 4), (9, 4, 10, 2, 7)))
     known, _ = joint_evidences(of, np.array([[-0.5], [0.5]]), model, DEFAULT, 1)
     step = DEFAULT.at(of[0]).distribution("offset").spread * 2
     z = np.linspace(-5.5, 5.5, 45)
     log_weight = stats.norm.logpdf(z) + np.log(z[1] - z[0])
-    axes = [axis.ravel() for axis in np.meshgrid(z, z, z if "error" in model else [0.0], indexing="ij")]
+    axes = [
+        axis.ravel() for axis in np.meshgrid(z, z, z if "error" in model else [0.0], indexing="ij")
+    ]
     of_axes = [log_weight, log_weight, log_weight if "error" in model else [0.0]]
     weight = sum(part.ravel() for part in np.meshgrid(*of_axes, indexing="ij"))
     half = 0.25 * np.array([-1.0, 1.0])  # h X
@@ -93,6 +112,8 @@ def test_the_evidence_by_quadrature(model, differing):
     if differing == {"width"}:
         value = log_likelihood(of, np.zeros((len(moved), 2)), np.exp(log_width + moved))
     else:
-        value = log_likelihood(of, offset + 0.5 * step * moved, np.exp(np.broadcast_to(log_width, moved.shape)))
+        value = log_likelihood(
+            of, offset + 0.5 * step * moved, np.exp(np.broadcast_to(log_width, moved.shape))
+        )
     found = known[frozenset(differing)]
     assert found.log_evidence == pytest.approx(logsumexp(value + weight), abs=5.0 * found.se + 1e-4)

@@ -24,10 +24,15 @@ def test_there_and_back(x, sbar):
 @pytest.mark.parametrize("logit_pull", [30.0, 36.0, 40.0, 700.0])
 def test_a_draw_next_to_the_edge_comes_back_near_it_or_on_it(logit_pull):
     rng = np.random.default_rng(1)
-    x = np.stack([rng.normal(size=20_000), np.full(20_000, logit_pull), *rng.normal(size=(2, 20_000))], axis=-1)
+    x = np.stack(
+        [rng.normal(size=20_000), np.full(20_000, logit_pull), *rng.normal(size=(2, 20_000))],
+        axis=-1,
+    )
     back = unconstrained(natural(x, 0.3), 0.3)
     assert np.allclose(back[:, [0, 2, 3]], x[:, [0, 2, 3]], rtol=1e-12, atol=1e-12)
-    assert (back[:, 1] > min(logit_pull, 35.0) - 1.0).all()  # also where sigma_l came out above sigma_p
+    assert (
+        back[:, 1] > min(logit_pull, 35.0) - 1.0
+    ).all()  # also where sigma_l came out above sigma_p
 
 
 @given(points, st.floats(-3, 3), st.floats(-1, 1), st.floats(-1, 1))
@@ -35,14 +40,20 @@ def test_identified_coordinates_give_the_same_probability(x, sbar, s1, s2):
     c, p, w, q0 = x[0], MAX_PULL / (1 + np.exp(-x[1])), np.exp(x[2]), 1 / (1 + np.exp(-x[3]))
     z = ((s2 - s1) - c + p * (s1 - sbar)) / w
     theta = natural(x, sbar)
-    assert float(equal_probability(s1, s2, *theta)) == pytest.approx(float(q0 * 2.0 ** -(z**2)), rel=1e-6, abs=1e-12)
+    assert float(equal_probability(s1, s2, *theta)) == pytest.approx(
+        float(q0 * 2.0 ** -(z**2)), rel=1e-6, abs=1e-12
+    )
 
 
 def test_derived_quantities_follow_their_definitions():
     theta = natural(np.random.default_rng(0).normal(size=(50, 4)), 0.1)
     found = quantities(theta, 0.0)
-    assert found["gain"] == pytest.approx(found["sigma1"] ** 2 / (found["sigma1"] ** 2 + theta.sigma_l**2), rel=1e-12)
-    assert found["width"] == pytest.approx(found["sigma1"] + theta.sigma_l**2 / found["sigma1"], rel=1e-12)
+    assert found["gain"] == pytest.approx(
+        found["sigma1"] ** 2 / (found["sigma1"] ** 2 + theta.sigma_l**2), rel=1e-12
+    )
+    assert found["width"] == pytest.approx(
+        found["sigma1"] + theta.sigma_l**2 / found["sigma1"], rel=1e-12
+    )
     assert found["gamma"] == pytest.approx((theta.sigma_l / theta.sigma_p) ** 2, rel=1e-12)
 
 
@@ -66,14 +77,21 @@ def test_levelled_and_back(levelling, y):
 @given(st.tuples(st.floats(-1, 1), st.floats(-12, 12), st.floats(-3, 1), st.floats(-12, 12)))
 def test_volume_is_the_determinant_of_differences(levelling, x):
     point, h = np.array([x]), 1e-5
-    columns = [(levelling.level(point + h * e)[0] - levelling.level(point - h * e)[0])[0] / (2 * h) for e in np.eye(4)]
-    assert levelling.level(point)[1][0] == pytest.approx(np.linalg.slogdet(np.array(columns))[1], abs=1e-4)
+    columns = [
+        (levelling.level(point + h * e)[0] - levelling.level(point - h * e)[0])[0] / (2 * h)
+        for e in np.eye(4)
+    ]
+    assert levelling.level(point)[1][0] == pytest.approx(
+        np.linalg.slogdet(np.array(columns))[1], abs=1e-4
+    )
 
 
 def test_beyond_the_smallest_float_is_nowhere():
     posterior = posterior_of(CASES["funnel"])
     levelling = posterior.levelling(find_maxima(posterior).x)
-    x, _ = levelling.unlevel(np.array([[0.3, -60.0, 0.0, 0.0], [0.3, 0.0, 0.0, 50.0], [0.3, 0.0, 0.0, 0.0]]))
+    x, _ = levelling.unlevel(
+        np.array([[0.3, -60.0, 0.0, 0.0], [0.3, 0.0, 0.0, 50.0], [0.3, 0.0, 0.0, 0.0]])
+    )
     assert x[0, 2] == x[1, 2] == 400.0
     assert (posterior.log_density(x)[:2] < -1e4).all()  # no weight at all
     assert np.isfinite(posterior.log_density(x)[2])

@@ -25,7 +25,9 @@ def test_slope_and_prefactor_against_many_digits(gamma):
         g = mpmath.mpf(gamma)
         ratio = (1 + mpmath.sqrt(1 + 4 * g)) / 2
         slope, prefactor = (ratio - 1) / g, (ratio - 1) / ratio  # Eq. axis2
-        corrected = (1 - 1 / ratio) * ratio / g  # Eq. axis0 with its factor put right: (1 - sigma_p^2/sigma^2) sigma^2/sigma_l^2
+        corrected = (
+            (1 - 1 / ratio) * ratio / g
+        )  # Eq. axis0 with its factor put right: (1 - sigma_p^2/sigma^2) sigma^2/sigma_l^2
         expected = [float(v) for v in (ratio, slope, corrected, prefactor)]
     found = geo.axis_properties(gamma)
     assert float(found.prior_uncertainty) == pytest.approx(expected[0], rel=4e-16)
@@ -38,7 +40,9 @@ def test_on_the_axis_the_probability_is_the_peak():
     line = geo.axis(mu1=1.3, gamma=0.4)
     for s1 in (-2.0, 0.0, 5.0):
         assert q((s1, line.slope * s1 + line.intercept), 1.3, 0.4) == pytest.approx(Q0, rel=1e-14)
-    assert float(line.slope * 1.3 + line.intercept) == pytest.approx(1.3, rel=1e-15)  # through (mu_1, mu_1)
+    assert float(line.slope * 1.3 + line.intercept) == pytest.approx(
+        1.3, rel=1e-15
+    )  # through (mu_1, mu_1)
 
 
 @settings(max_examples=100, deadline=None)

@@ -14,7 +14,13 @@ from bayes_toe.model.prior import Prior
 SUBJECT = Subject("A", [0.1, 0.3, 0.6], [0.1, 0.5, 0.2], [9, 4, 5], [10, 10, 10])
 #: Each order with all other parts: between them they have every block.
 ORDERS = ("none", "constant error", "update", "free weighting", "mean-reverting")
-ALL = {"noise": "sloped", "lapses": "both ways", "curve": "exponent", "peak": "sloped peak", "spread": "beta-binomial"}
+ALL = {
+    "noise": "sloped",
+    "lapses": "both ways",
+    "curve": "exponent",
+    "peak": "sloped peak",
+    "spread": "beta-binomial",
+}
 FULL = [compose(order=order, **ALL).name for order in ORDERS]
 
 
@@ -50,7 +56,10 @@ def pull_of(at):
 def jacobian_by_definition(names, eta, sbar):
     h, columns = mpmath.mpf(10) ** -40, []
     for j in range(len(eta)):
-        up, down = (by_definition(names, [e + sign * h * (i == j) for i, e in enumerate(eta)], sbar) for sign in (1, -1))
+        up, down = (
+            by_definition(names, [e + sign * h * (i == j) for i, e in enumerate(eta)], sbar)
+            for sign in (1, -1)
+        )
         columns.append([(a - b) / (2 * h) for a, b in zip(up, down, strict=True)])
     return np.array([[float(value) for value in column] for column in columns]).T
 
@@ -59,8 +68,16 @@ def points(names, far):
     rng = np.random.default_rng(3)
     ordinary = rng.standard_normal((3, len(names)))
     probit = np.array([GROUP_PARAMETERS[name].scale == "probit" for name in names])
-    tails = np.where(probit, rng.choice([-1.0, 1.0], (3, len(names))) * rng.uniform(5.0, 30.0, (3, len(names))), ordinary)
-    widths = np.where([GROUP_PARAMETERS[name].scale == "log" for name in names], rng.uniform(-50.0, 50.0, (3, len(names))), tails)
+    tails = np.where(
+        probit,
+        rng.choice([-1.0, 1.0], (3, len(names))) * rng.uniform(5.0, 30.0, (3, len(names))),
+        ordinary,
+    )
+    widths = np.where(
+        [GROUP_PARAMETERS[name].scale == "log" for name in names],
+        rng.uniform(-50.0, 50.0, (3, len(names))),
+        tails,
+    )
     return widths if far else ordinary
 
 
@@ -73,14 +90,21 @@ def test_coordinates_and_jacobian_are_those_of_the_definitions(name, far):
             x, jacobian = target.from_group(eta[None])
             exact = [mpmath.mpf(float(e)) for e in eta]
             assert x[0] == pytest.approx(
-                [float(v) for v in by_definition(target.model.group, exact, mpmath.mpf(target.sbar))], rel=2e-13, abs=1e-300
+                [
+                    float(v)
+                    for v in by_definition(target.model.group, exact, mpmath.mpf(target.sbar))
+                ],
+                rel=2e-13,
+                abs=1e-300,
             )
             wanted = jacobian_by_definition(target.model.group, exact, mpmath.mpf(target.sbar))
             assert jacobian[0] == pytest.approx(wanted, rel=2e-12, abs=1e-300)
 
 
 @pytest.mark.parametrize("far", [False, True])
-@pytest.mark.parametrize("model", compositions(order=ORDERS, lapses=("misses", "no lapses", "both ways")))
+@pytest.mark.parametrize(
+    "model", compositions(order=ORDERS, lapses=("misses", "no lapses", "both ways"))
+)
 def test_there_and_back(model, far):
     target = posterior(model.name)
     assert len(target.model.group) == len(target.coordinates) == len(set(target.model.group))
@@ -92,7 +116,12 @@ def test_there_and_back(model, far):
 
 
 def test_members_of_a_group_have_one_centre():
-    here, there = (Posterior(SUBJECT, posterior("update").model, Prior(), centre=centre) for centre in (0.0, 2.0))
+    here, there = (
+        Posterior(SUBJECT, posterior("update").model, Prior(), centre=centre)
+        for centre in (0.0, 2.0)
+    )
     eta = np.array([[0.7, -0.3, -1.0, 1.2]])
     shift = here.from_group(eta)[0] - there.from_group(eta)[0]
-    assert shift[0] == pytest.approx([2.0 * here.model.free[0].group_pull(eta[:, 1]).pull[0], 0.0, 0.0, 0.0])
+    assert shift[0] == pytest.approx(
+        [2.0 * here.model.free[0].group_pull(eta[:, 1]).pull[0], 0.0, 0.0, 0.0]
+    )

@@ -46,7 +46,11 @@ def session(seed=1, trials=40, isi=False, task=WHICH_STRONGER, missed=5, name="A
     answered[rng.choice(trials, missed, replace=False)] = 0
     yes = rng.integers(0, 2, trials) * answered
     place = np.arange(trials) + (np.arange(trials) >= trials // 3)
-    return Subject.from_answers(name, Answers(keys, yes, answered, None, (), True, place, rng.exponential(4.0, trials)), task)
+    return Subject.from_answers(
+        name,
+        Answers(keys, yes, answered, None, (), True, place, rng.exponential(4.0, trials)),
+        task,
+    )
 
 
 def expectation(target, x):
@@ -63,11 +67,15 @@ def test_gradients_are_differences_of_values_and_coordinates_come_back(task, nam
     x = target.sample_prior(np.random.default_rng(2), 30)
     x = x[np.abs(x).max(axis=1) < 15.0]
     steps = 1e-5 * np.eye(x.shape[1])
-    differences = np.stack([(target.log_density(x + h) - target.log_density(x - h)) / 2e-5 for h in steps], axis=1)
+    differences = np.stack(
+        [(target.log_density(x + h) - target.log_density(x - h)) / 2e-5 for h in steps], axis=1
+    )
     value, gradient = target.gradient(x)
     assert gradient == pytest.approx(differences, rel=1e-5, abs=1e-4)
     assert value == pytest.approx(target.log_density(x), rel=1e-12)
-    assert target.pair_log_likelihood(x).sum(axis=1) == pytest.approx(target.log_likelihood(x), rel=1e-12)
+    assert target.pair_log_likelihood(x).sum(axis=1) == pytest.approx(
+        target.log_likelihood(x), rel=1e-12
+    )
     assert target.points(target.quantities(x)) == pytest.approx(x, rel=1e-9, abs=1e-9)
 
 
@@ -75,7 +83,14 @@ def test_the_likelihood_is_that_of_a_loop_over_trials_in_many_digits():
     one, (p, rho, c, w, lapses, bias) = session(), (0.3, 0.6, 0.05, 0.2, 0.04, 0.03)
     target = posterior_of(one, DEFAULT, model="contraction + carry-over + previous answer")
     x = np.array([[c, logit(p), np.log(w), logit(lapses), logit(rho), bias]])
-    assert target.coordinates == ("offset", "logit_pull", "log_width", "logit_lapse_rate", "logit_carry_over", "answer_bias")
+    assert target.coordinates == (
+        "offset",
+        "logit_pull",
+        "log_width",
+        "logit_lapse_rate",
+        "logit_carry_over",
+        "answer_bias",
+    )
     keys, mu0, total, before = one.answers.keys, one.answers.keys.mean(), mp.mpf(0), 0
     with mp.workdps(40):
         p, rho, c, w, lapses, bias = map(mp.mpf, (p, rho, c, w, lapses, bias))
@@ -100,14 +115,18 @@ def test_expectations_are_those_of_a_linear_filter():
     mean = one.answers.keys.mean(axis=1) - one.answers.keys.mean()
     for run in np.split(np.arange(len(mean)), np.flatnonzero(one.answers.begins)[1:]):
         for i, d in enumerate(decay):
-            assert found[run, i] == pytest.approx(lfilter([0.0, 1.0 - d], [1.0, -d], mean[run]), rel=1e-12, abs=1e-15)
+            assert found[run, i] == pytest.approx(
+                lfilter([0.0, 1.0 - d], [1.0, -d], mean[run]), rel=1e-12, abs=1e-15
+            )
 
 
 def test_without_relaxation_it_is_one_kalman_filter_through_all_stimuli():
     one, (sigma_p, sigma_l) = session(missed=0), (0.2, 0.15)
     target = posterior_of(one, DEFAULT, model="update + carry-over")
     a = target.model.free[0].coordinates_from(
-        {"mu1": np.array([0.1]), "sigma_p": np.array([sigma_p]), "sigma_l": np.array([sigma_l])}, target.prior, target.sbar
+        {"mu1": np.array([0.1]), "sigma_p": np.array([sigma_p]), "sigma_l": np.array([sigma_l])},
+        target.prior,
+        target.sbar,
     )
     found = expectation(target, np.column_stack([a, [[-2.0, 800.0]]]))[:, 0]
     mu0, belief = one.answers.keys.mean(), None
@@ -117,7 +136,9 @@ def test_without_relaxation_it_is_one_kalman_filter_through_all_stimuli():
         assert found[t] == pytest.approx(belief.mean - mu0, rel=1e-12, abs=1e-14)
         for s in (s1, s2):  # the variance that is iterated stays where the prior's is
             belief = evolve(update(belief, s, sigma_l), sigma_p)
-    assert pull(noise_ratio(sigma_p, sigma_l)) == pytest.approx(target.quantities(np.column_stack([a, [[-2.0, 0.0]]]))["pull"][0])
+    assert pull(noise_ratio(sigma_p, sigma_l)) == pytest.approx(
+        target.quantities(np.column_stack([a, [[-2.0, 0.0]]]))["pull"][0]
+    )
 
 
 @pytest.mark.parametrize(
@@ -131,7 +152,10 @@ def test_without_relaxation_it_is_one_kalman_filter_through_all_stimuli():
 )
 def test_with_nothing_left_it_is_the_static_model(name, off):
     one = session(isi=True)
-    target, static = posterior_of(one, DEFAULT, model=name), posterior_of(one, DEFAULT, model=name.rsplit(" + ", 1)[0])
+    target, static = (
+        posterior_of(one, DEFAULT, model=name),
+        posterior_of(one, DEFAULT, model=name.rsplit(" + ", 1)[0]),
+    )
     x = target.sample_prior(np.random.default_rng(4), 20)
     x[:, -1] = off
     assert target.log_likelihood(x) == pytest.approx(static.log_likelihood(x[:, :-1]), rel=1e-9)
@@ -151,7 +175,11 @@ def test_without_a_pull_no_history_has_an_effect():
     [
         ("none + carry-over", WHICH_STRONGER, "without a pull the expectation"),
         ("constant error + running average", WHICH_STRONGER, "without a pull the expectation"),
-        ("update + carry-over + beta-binomial", SAME_DIFFERENT, "counts that scatter are of pairs, a history is of trials"),
+        (
+            "update + carry-over + beta-binomial",
+            SAME_DIFFERENT,
+            "counts that scatter are of pairs, a history is of trials",
+        ),
         ("update + previous answer", SAME_DIFFERENT, "'previous answer' is of the task"),
     ],
 )
@@ -161,7 +189,9 @@ def test_compositions_without_meaning_are_refused(text, task, said):
 
 
 @pytest.mark.parametrize("isi", [False, True])
-@pytest.mark.parametrize(("name", "a"), [("free weighting + carry-over", 0.0), ("contraction + carry-over", -800.0)])
+@pytest.mark.parametrize(
+    ("name", "a"), [("free weighting + carry-over", 0.0), ("contraction + carry-over", -800.0)]
+)
 def test_gradients_are_finite_where_the_pull_is_0(name, a, isi):
     target = posterior_of(session(isi=isi), DEFAULT, model=name)
     x = target.sample_prior(np.random.default_rng(6), 3)
@@ -176,8 +206,14 @@ def changed(one, **columns):
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (lambda one: replace(one, answers=None), "subject 'A': a model with a history needs the order of trials, found none"),
-        (lambda one: changed(one, keys=np.sort(one.answers.keys, axis=0), place=np.arange(40)), "trials are sorted by their stimuli"),
+        (
+            lambda one: replace(one, answers=None),
+            "subject 'A': a model with a history needs the order of trials, found none",
+        ),
+        (
+            lambda one: changed(one, keys=np.sort(one.answers.keys, axis=0), place=np.arange(40)),
+            "trials are sorted by their stimuli",
+        ),
         (lambda one: changed(one, iti=None), "needs a column iti"),
     ],
 )
@@ -187,31 +223,59 @@ def test_without_an_order_it_is_refused(change, said):
 
 
 def test_a_pair_that_was_not_presented_is_predicted_from_rest():
-    target, static = (posterior_of(session(), DEFAULT, model=name) for name in ("update + carry-over", "update"))
-    x, asked = target.sample_prior(np.random.default_rng(9), 3), Subject("A", [0.1], [0.3], [0], [1], task=WHICH_STRONGER)
-    assert target.for_subject(asked).log_answers(x)[0] == pytest.approx(static.for_subject(asked).log_answers(x[:, :-1])[0])
+    target, static = (
+        posterior_of(session(), DEFAULT, model=name) for name in ("update + carry-over", "update")
+    )
+    x, asked = (
+        target.sample_prior(np.random.default_rng(9), 3),
+        Subject("A", [0.1], [0.3], [0], [1], task=WHICH_STRONGER),
+    )
+    assert target.for_subject(asked).log_answers(x)[0] == pytest.approx(
+        static.for_subject(asked).log_answers(x[:, :-1])[0]
+    )
 
 
 def test_blocks_of_one_pair_in_both_orders_are_not_sorted():
     low, rng, ones = np.repeat([0.0, 0.3, 0.1, 0.5], 12), np.random.default_rng(1), np.ones(48, int)
-    keys = np.where(rng.random((48, 1)) < 0.5, np.column_stack([low, low + 0.2]), np.column_stack([low + 0.2, low]))
+    keys = np.where(
+        rng.random((48, 1)) < 0.5,
+        np.column_stack([low, low + 0.2]),
+        np.column_stack([low + 0.2, low]),
+    )
     answers = Answers(keys, ones, ones, None, (), True, np.arange(48))
     assert not looks_sorted(answers)
     assert looks_sorted(replace(answers, keys=keys[np.lexsort(keys.T[::-1])]))
     assert looks_sorted(replace(answers, keys=keys[np.lexsort(keys.T[::-1])[::-1]]))
-    in_sessions = np.argsort(np.r_[np.lexsort(keys[:24].T[::-1]), 24 + np.lexsort(keys[24:].T[::-1])])
-    assert looks_sorted(replace(answers, keys=keys[np.argsort(in_sessions)], place=np.r_[0:24, 25:49]))
+    in_sessions = np.argsort(
+        np.r_[np.lexsort(keys[:24].T[::-1]), 24 + np.lexsort(keys[24:].T[::-1])]
+    )
+    assert looks_sorted(
+        replace(answers, keys=keys[np.argsort(in_sessions)], place=np.r_[0:24, 25:49])
+    )
 
 
 def test_trials_know_what_came_before_them():
     keys, yes = np.array([[0.0, 0.2], [0.2, 0.0], [0.0, 0.2], [0.4, 0.4]]), np.array([1, 0, 0, 1])
-    answers = Answers(keys, yes, np.array([1, 0, 1, 1]), None, (), True, np.array([0, 1, 2, 4]), np.array([np.nan, 3.0, 2.0, np.nan]))
+    answers = Answers(
+        keys,
+        yes,
+        np.array([1, 0, 1, 1]),
+        None,
+        (),
+        True,
+        np.array([0, 1, 2, 4]),
+        np.array([np.nan, 3.0, 2.0, np.nan]),
+    )
     trials = Trials.of(Subject.from_answers("A", answers, WHICH_STRONGER))
     assert (trials.s1.tolist(), trials.starts.tolist()) == ([0.0, 0.0, 0.4], [0, 2])
     assert (trials.before.tolist(), trials.at.tolist()) == ([0.0, 0.0, 0.0], [0, 4, 1])
     np.testing.assert_array_equal(trials.previous, [np.nan, 0.1, np.nan])
-    np.testing.assert_array_equal(trials.iti[..., 0], [[3.0, np.inf], [2.0, np.inf], [np.inf, np.inf]])
-    assert expit(trials.by_pair(np.log([[0.2, 0.4, 0.5]]))) == pytest.approx(expit(np.log([[0.3, 0.5]])))
+    np.testing.assert_array_equal(
+        trials.iti[..., 0], [[3.0, np.inf], [2.0, np.inf], [np.inf, np.inf]]
+    )
+    assert expit(trials.by_pair(np.log([[0.2, 0.4, 0.5]]))) == pytest.approx(
+        expit(np.log([[0.3, 0.5]]))
+    )
 
 
 @pytest.mark.parametrize("isi", [False, True])
@@ -219,7 +283,9 @@ def test_trials_know_what_came_before_them():
 def test_a_crowd_has_each_subjects_likelihood_gradient_and_answers(task, name, isi):
     people = [session(seed, 30 + 7 * seed, isi, task, name=str(seed)) for seed in range(1, 4)]
     model = model_named(name, task)
-    crowd = crowd_posterior(model, DEFAULT, people, 0.1, 1.5, [-0.1, 0.0, 0.0])  # the first one's own centre is elsewhere
+    crowd = crowd_posterior(
+        model, DEFAULT, people, 0.1, 1.5, [-0.1, 0.0, 0.0]
+    )  # the first one's own centre is elsewhere
     x = np.random.default_rng(2).normal(0.0, 0.4, (3, len(model.coordinates)))
     value, gradient = crowd.likelihood_gradient(x)
     shares = crowd.log_answers(x)[0]

@@ -36,8 +36,12 @@ def test_filter_equations_give_the_closed_form(isi):
     prior = settled_prior(OBSERVER, isi)
     for s1, s2 in [(0.0, 0.0), (0.4, 0.1), (-0.2, 0.5)]:
         evolved = evolve(update(prior, s1, OBSERVER.sigma_l), OBSERVER.sigma_p, isi)
-        literal = OBSERVER.q0 * 2.0 ** -np.square(comparison_distance(evolved, s2, OBSERVER.sigma_l))
-        assert equal_probability(s1, s2, *at_interval(OBSERVER, isi)) == pytest.approx(float(literal), rel=1e-12)
+        literal = OBSERVER.q0 * 2.0 ** -np.square(
+            comparison_distance(evolved, s2, OBSERVER.sigma_l)
+        )
+        assert equal_probability(s1, s2, *at_interval(OBSERVER, isi)) == pytest.approx(
+            float(literal), rel=1e-12
+        )
     weight = prior.variance / (prior.variance + OBSERVER.sigma_l**2)
     assert gain(at_interval(OBSERVER, isi).gamma) == pytest.approx(float(weight), rel=1e-12)
 
@@ -67,7 +71,9 @@ def test_random_walk_is_the_closed_form_of_its_interval(a, t):
     theta = Natural(np.array(0.0), np.array(1.0), np.array(np.sqrt(p) / (1 - p)), np.array(0.9))
     there = at_interval(theta, t)
     expected = pull(there.gamma) / p, width(there.sigma_p, there.gamma) / width(1.0, theta.gamma)
-    assert one(random_walk_scales, a, t) == pytest.approx([float(value) for value in expected], rel=1e-12)
+    assert one(random_walk_scales, a, t) == pytest.approx(
+        [float(value) for value in expected], rel=1e-12
+    )
 
 
 SIGMA1, SIGMA_L, RHO = 0.7, 0.4, 0.55
@@ -88,11 +94,21 @@ def test_mean_reversion_solves_the_equations_of_its_moments(t):
     # dm/dt = -(m - mu1)/tau and dV/dt = 2 (sigma1^2 - V)/tau, with tau = -1/ln rho, from the belief right after a stimulus at mu1 + 1.
     tau = -1 / np.log(RHO)
     start = [GAIN, GAIN * SIGMA_L**2]
-    found = solve_ivp(lambda _, y: [-y[0] / tau, 2 * (SIGMA1**2 - y[1]) / tau], (0, t), start, rtol=1e-11, atol=1e-13).y[:, -1]
+    found = solve_ivp(
+        lambda _, y: [-y[0] / tau, 2 * (SIGMA1**2 - y[1]) / tau],
+        (0, t),
+        start,
+        rtol=1e-11,
+        atol=1e-13,
+    ).y[:, -1]
     sd = np.sqrt(found[1])
     assert of_memory(t) == pytest.approx((found[0], sd + SIGMA_L**2 / sd), rel=1e-8)
 
 
 def test_mean_reversion_begins_with_the_gain_and_ends_with_the_prior():
-    assert of_memory(1e-12) == pytest.approx((GAIN, (v := np.sqrt(GAIN) * SIGMA_L) + SIGMA_L**2 / v), rel=1e-9)
-    assert of_memory(1e6) == pytest.approx((0.0, SIGMA1 + SIGMA_L**2 / SIGMA1), rel=1e-12, abs=1e-12)
+    assert of_memory(1e-12) == pytest.approx(
+        (GAIN, (v := np.sqrt(GAIN) * SIGMA_L) + SIGMA_L**2 / v), rel=1e-9
+    )
+    assert of_memory(1e6) == pytest.approx(
+        (0.0, SIGMA1 + SIGMA_L**2 / SIGMA1), rel=1e-12, abs=1e-12
+    )

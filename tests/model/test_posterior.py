@@ -25,7 +25,9 @@ def test_points_in_blocks_are_points_one_by_one():
     x = np.random.default_rng(0).normal(size=(500, 4))
     one_by_one = np.array([posterior.log_density(point)[0] for point in x])
     assert posterior.log_density(x) == pytest.approx(one_by_one, rel=1e-13)
-    assert posterior.pair_log_likelihood(x).sum(axis=1) == pytest.approx(posterior.log_likelihood(x), rel=1e-13)
+    assert posterior.pair_log_likelihood(x).sum(axis=1) == pytest.approx(
+        posterior.log_likelihood(x), rel=1e-13
+    )
 
 
 def test_nan_raises_and_impossible_is_minus_infinity():
@@ -53,10 +55,19 @@ OTHERS = {"offset_sd": 1.0, "noise_slope_sd": 1.0, "peak_slope_sd": 0.7, "refere
 PRIOR = Prior(mu1_mean=0.4, mu1_sd=2.0, sigma_p_scale=0.7, **OTHERS)
 OF_WIDTH = Prior(mu1_mean=0.4, mu1_sd=2.0, width_median=0.3, width_sd=0.8, q0_a=4.0, **OTHERS)
 FLAT = Prior(0.4, 1e30, 0.7, **OTHERS)
-AT_INTERVALS = ["predictive update", "mean-reverting memory", "update + sloped + both ways", COMPOSED[-1]]
+AT_INTERVALS = [
+    "predictive update",
+    "mean-reverting memory",
+    "update + sloped + both ways",
+    COMPOSED[-1],
+]
 #: Every model at one interval, and at several some of those to whom these say something: the others pool the answers.
 OF_ALL = pytest.mark.parametrize(
-    ("name", "isi"), [*((name, None) for name in RUNGS + COMPOSED), *((name, [0.25, 1.0, 2.0, 0.5, 8.0]) for name in AT_INTERVALS)]
+    ("name", "isi"),
+    [
+        *((name, None) for name in RUNGS + COMPOSED),
+        *((name, [0.25, 1.0, 2.0, 0.5, 8.0]) for name in AT_INTERVALS),
+    ],
 )
 
 
@@ -65,7 +76,14 @@ def subject(name, isi, scale=1.0, shift=0.0):
     s1, s2 = np.array([0.0, 0.0, 0.5, 0.25, 0.125]), np.array([0.0, 0.5, 0.0, 0.375, 0.75])
     scale = 0.2 if "beta-binomial" in name else scale
     return Subject(
-        "S", s1 + shift, s2 + shift, *((scale * np.array(part)).astype(int) for part in ([45, 20, 15, 30, 2], [50, 50, 50, 40, 50])), isi
+        "S",
+        s1 + shift,
+        s2 + shift,
+        *(
+            (scale * np.array(part)).astype(int)
+            for part in ([45, 20, 15, 30, 2], [50, 50, 50, 40, 50])
+        ),
+        isi,
     )
 
 
@@ -73,18 +91,36 @@ def subject(name, isi, scale=1.0, shift=0.0):
 @settings(max_examples=6, deadline=None, phases=[Phase.explicit, Phase.generate])
 @given(data=st.data())
 def test_every_rung(name, isi, data):
-    target = posterior_of(subject(name, isi), data.draw(st.sampled_from([PRIOR, OF_WIDTH])), model=name)
+    target = posterior_of(
+        subject(name, isi), data.draw(st.sampled_from([PRIOR, OF_WIDTH])), model=name
+    )
     ranges = {"offset": (-0.6, 0.6), "log_width": (-2.0, 1.5), "log_exponent": (-1.6, 3.0)}
-    ranges |= {"logit_pull": (-6, 6), "logit_split": (-6, 6), "logit_q0": (-6, 12), "logit_lapse_rate": (-12, 6), "logit_icc": (-20, 6)}
+    ranges |= {
+        "logit_pull": (-6, 6),
+        "logit_split": (-6, 6),
+        "logit_q0": (-6, 12),
+        "logit_lapse_rate": (-12, 6),
+        "logit_icc": (-20, 6),
+    }
     # Subnormal ones left out: a displacement that underflows lies beyond the kink that an exponent of 1 has at z = 0.
-    x = [data.draw(st.floats(*ranges.get(key, (-4.0, 4.0)), allow_subnormal=False), label=key) for key in target.coordinates]
+    x = [
+        data.draw(st.floats(*ranges.get(key, (-4.0, 4.0)), allow_subnormal=False), label=key)
+        for key in target.coordinates
+    ]
     z = target.distance(np.array([x]))[0]
     # Rounding a displacement costs what its cancellation costs: only pairs off the axis are held to 1e-12.
-    assume((np.abs(z) > 1e-2).all() if "exponent" in name else ((z == 0.0) | (np.abs(z) > 1e-2)).all())
+    assume(
+        (np.abs(z) > 1e-2).all() if "exponent" in name else ((z == 0.0) | (np.abs(z) > 1e-2)).all()
+    )
     assert_agrees(target, x)
 
 
-FAR = {"logit_pull": [-80.0, -20.0, 25.0], "logit_split": [-30.0, 30.0], "logit_q0": [-25.0, 60.0, 100.0], "logit_gain": [-30.0, 30.0]}
+FAR = {
+    "logit_pull": [-80.0, -20.0, 25.0],
+    "logit_split": [-30.0, 30.0],
+    "logit_q0": [-25.0, 60.0, 100.0],
+    "logit_gain": [-30.0, 30.0],
+}
 FAR |= {
     "noise_slope": [-40.0, 40.0],
     "peak_slope": [-40.0, 40.0],
@@ -92,8 +128,21 @@ FAR |= {
     "log_exponent": [-1.6, 3.0],
     "logit_icc": [-60.0, 30.0],
 }
-MIDDLE = {"peak_slope": 0.6, "offset": 0.31, "log_width": -0.4, "logit_q0": 2.0, "logit_pull": 0.3, "logit_split": -0.2}
-MIDDLE |= {"logit_gain": 0.4, "noise_slope": -0.3, "logit_lapse_rate": -1.7, "log_exponent": 0.4, "logit_icc": -3.0}
+MIDDLE = {
+    "peak_slope": 0.6,
+    "offset": 0.31,
+    "log_width": -0.4,
+    "logit_q0": 2.0,
+    "logit_pull": 0.3,
+    "logit_split": -0.2,
+}
+MIDDLE |= {
+    "logit_gain": 0.4,
+    "noise_slope": -0.3,
+    "logit_lapse_rate": -1.7,
+    "log_exponent": 0.4,
+    "logit_icc": -3.0,
+}
 
 
 @OF_ALL
@@ -107,7 +156,14 @@ def test_far_out(name, isi):
             assert_agrees(target, x, digits=150)
 
 
-@pytest.mark.parametrize("name", ["predictive update", "constant error + sloped + both ways + exponent", "update + sloped + both ways"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "predictive update",
+        "constant error + sloped + both ways + exponent",
+        "update + sloped + both ways",
+    ],
+)
 def test_a_hessian_by_differences(name):
     target = posterior_of(subject(name, None), PRIOR, model=name)
     x = np.array([[MIDDLE[key] for key in target.coordinates]])
@@ -115,7 +171,12 @@ def test_a_hessian_by_differences(name):
         h, unit, k = mpmath.mpf(10) ** -20, np.eye(x.shape[1], dtype=int), range(x.shape[1])
 
         def value(steps):
-            return mpmath.fsum(terms(target, [mpmath.mpf(float(v)) + int(s) * h for v, s in zip(x[0], steps, strict=True)]))
+            return mpmath.fsum(
+                terms(
+                    target,
+                    [mpmath.mpf(float(v)) + int(s) * h for v, s in zip(x[0], steps, strict=True)],
+                )
+            )
 
         def bend(e, f):
             return (value(e + f) - value(e - f) - value(f - e) + value(-e - f)) / (4 * h**2)
@@ -140,7 +201,11 @@ counts = st.integers(0, 10**9)
     gamma=powers,
     sigma_p=st.floats(-150, 150).map(lambda e: 10.0**e),
     lapse=st.one_of(powers, st.floats(0.01, 0.99)),
-    z=st.one_of(st.just(0.0), st.floats(-160, 2).map(lambda e: 10.0**e), st.floats(2, 149).map(lambda e: 10.0**e)),
+    z=st.one_of(
+        st.just(0.0),
+        st.floats(-160, 2).map(lambda e: 10.0**e),
+        st.floats(2, 149).map(lambda e: 10.0**e),
+    ),
     mu1=st.floats(-20, 20),
     answers=st.tuples(counts, counts),
 )
@@ -148,15 +213,24 @@ def test_one_pair_over_the_whole_range_of_floats(gamma, sigma_p, lapse, z, mu1, 
     equal, different = answers
     if equal + different == 0:
         equal = 1
-    assume(different < 1e300 * lapse)  # beyond, the odds of these answers at z = 0 are no floats, though the derivatives may be
+    assume(
+        different < 1e300 * lapse
+    )  # beyond, the odds of these answers at z = 0 are no floats, though the derivatives may be
     width, p = sigma_p * float(variance_ratio(gamma)) ** 1.5, float(pull(gamma))
     # sbar is the pair's own first stimulus, so the displacement is s2 - s1 - c: the second stimulus is placed z widths away.
     step = z * width + p * mu1
-    assume(abs(step) < 1e150)  # beyond, the standard deviation of the stimuli, a prior's scale, is no float
+    assume(
+        abs(step) < 1e150
+    )  # beyond, the standard deviation of the stimuli, a prior's scale, is no float
     subject = Subject("S", [0.0], [step], [equal], [equal + different])
     posterior = posterior_of(subject, Prior())
     # 1 - q0 may be far below machine precision.
-    x = [p * mu1, float(logit(p / MAX_PULL)), float(np.log(width)), float(np.log1p(-lapse) - np.log(lapse))]
+    x = [
+        p * mu1,
+        float(logit(p / MAX_PULL)),
+        float(np.log(width)),
+        float(np.log1p(-lapse) - np.log(lapse)),
+    ]
     # Rounding the displacement itself costs what its cancellation costs: only well-conditioned displacements are held to 1e-12.
     if z == 0.0 or abs(x[0]) < 4 * abs(step - x[0]):
         x[0] = x[0] if z else step

@@ -16,7 +16,13 @@ from bayes_toe.model.coordinates import quantities
 from bayes_toe.model.distributions import Beta, HalfNormal, LogNormal, Normal, Uniform
 from bayes_toe.model.parameters import Logit
 from bayes_toe.model.parts import composition
-from bayes_toe.model.prior import Prior, example_file, log_density_of_noise_ratio, prior_quantile, read_prior
+from bayes_toe.model.prior import (
+    Prior,
+    example_file,
+    log_density_of_noise_ratio,
+    prior_quantile,
+    read_prior,
+)
 from bayes_toe.model.target import contraction
 
 SBAR = 0.2
@@ -33,28 +39,49 @@ def of(prior):
 
 def test_what_other_models_have():
     found = Prior(noise_slope_sd=0.5, lapse_rate_b=4.0, exponent_sd=0.2, peak_slope_sd=2.0)
-    words = {name: found.distribution(name).describe() for name in ("noise_slope", "peak_slope", "lapse_rate", "exponent", "icc")}
+    words = {
+        name: found.distribution(name).describe()
+        for name in ("noise_slope", "peak_slope", "lapse_rate", "exponent", "icc")
+    }
     assert words == {
-        **{"noise_slope": "Normal(0, 0.5)", "peak_slope": "Normal(0, 2)", "lapse_rate": "Beta(1, 4)"},
+        **{
+            "noise_slope": "Normal(0, 0.5)",
+            "peak_slope": "Normal(0, 2)",
+            "lapse_rate": "Beta(1, 4)",
+        },
         **{"exponent": "LogNormal(2, 0.2)", "icc": "Beta(1, 9)"},
     }
     assert Prior().distribution("q0") == Prior().distribution("gamma") == Uniform()
     assert [one.name for one in Prior.varied(("offset", "icc"))] == ["offset_sd", "icc_a", "icc_b"]
-    assert (Prior(0.4, 2.5).penalty, Prior(0.4, 2.5).describe_penalty()) == (Normal(0.4, 2.5), "mu1 ~ Normal(0.4, 2.5)")
+    assert (Prior(0.4, 2.5).penalty, Prior(0.4, 2.5).describe_penalty()) == (
+        Normal(0.4, 2.5),
+        "mu1 ~ Normal(0.4, 2.5)",
+    )
     assert [one.name for one in Prior.declared()] == [one.name for one in fields(Prior)]
     assert all(one.name in prior_help() for one in Prior.declared())
 
 
-@pytest.mark.parametrize("prior", [Prior(0.4, 2.5, 0.3), OF_WIDTH], ids=["of sigma_p", "of the width"])
-@pytest.mark.parametrize("parameter", ["mu1", "sigma_p", "gamma", "q0", "sigma_l", "sigma1", "width", "gain"])
+@pytest.mark.parametrize(
+    "prior", [Prior(0.4, 2.5, 0.3), OF_WIDTH], ids=["of sigma_p", "of the width"]
+)
+@pytest.mark.parametrize(
+    "parameter", ["mu1", "sigma_p", "gamma", "q0", "sigma_l", "sigma1", "width", "gain"]
+)
 def test_quantiles_and_contraction_are_those_of_draws(parameter, prior):
     n, p = 200_000, np.array([0.05, 0.5, 0.95])
     drawn = quantities(prior.sample(np.random.default_rng(8), n), SBAR)[parameter]
     limits = [prior_quantile(prior, parameter, one) for one in p]
     # 4.5 standard errors of a share: 48 comparisons, a false alarm in about 3,000 such tests
-    assert np.all(np.abs([(drawn < limit).mean() for limit in limits] - p) < 4.5 * np.sqrt(p * (1 - p) / n))
-    middle, target = 0.5 * (limits[0] + limits[2]), bt.model.posterior_of(bt.Subject("S", [0.0], [0.3], [4], [10]), prior)
-    assert contraction(target, parameter, 0.5 * (limits[0] + middle), 0.5 * (limits[2] + middle)) == pytest.approx(0.75, rel=1e-9)
+    assert np.all(
+        np.abs([(drawn < limit).mean() for limit in limits] - p) < 4.5 * np.sqrt(p * (1 - p) / n)
+    )
+    middle, target = (
+        0.5 * (limits[0] + limits[2]),
+        bt.model.posterior_of(bt.Subject("S", [0.0], [0.3], [4], [10]), prior),
+    )
+    assert contraction(
+        target, parameter, 0.5 * (limits[0] + middle), 0.5 * (limits[2] + middle)
+    ) == pytest.approx(0.75, rel=1e-9)
     assert contraction(target, parameter, middle, middle) == 1.0
     assert contraction(target, parameter, limits[0] - 0.1, limits[2] + 0.1) < 0.0
 
@@ -67,14 +94,29 @@ class Flat(Prior):
     ("call", "said"),
     [
         *(
-            (lambda bad=bad: Prior(sigma_p_scale=bad), "prior: sigma_p_scale=.*, allowed: a positive finite number")
+            (
+                lambda bad=bad: Prior(sigma_p_scale=bad),
+                "prior: sigma_p_scale=.*, allowed: a positive finite number",
+            )
             for bad in (0.0, -1.0, np.inf)
         ),
-        (lambda: Prior(mu1_mean=np.nan), "prior: mu1_mean=nan, allowed: a finite number or 'stimuli'"),
+        (
+            lambda: Prior(mu1_mean=np.nan),
+            "prior: mu1_mean=nan, allowed: a finite number or 'stimuli'",
+        ),
         (lambda: Prior(gamma_a="stimuli"), "gamma_a=stimuli, allowed: a positive finite number$"),
-        (lambda: Prior().distribution("sigma_l"), "no distribution of 'sigma_l', allowed: mu1, sigma_p, width, gamma, q0, "),
-        (lambda: Prior.declared_as("mu1_scale"), "no value 'mu1_scale', allowed: mu1_mean, mu1_sd, sigma_p_scale"),
-        (lambda: fit_counts(bt.example_study()["S01"], Flat()), r"found mu1 ~ Uniform\(0, 1\), allowed as a penalty: a normal"),
+        (
+            lambda: Prior().distribution("sigma_l"),
+            "no distribution of 'sigma_l', allowed: mu1, sigma_p, width, gamma, q0, ",
+        ),
+        (
+            lambda: Prior.declared_as("mu1_scale"),
+            "no value 'mu1_scale', allowed: mu1_mean, mu1_sd, sigma_p_scale",
+        ),
+        (
+            lambda: fit_counts(bt.example_study()["S01"], Flat()),
+            r"found mu1 ~ Uniform\(0, 1\), allowed as a penalty: a normal",
+        ),
     ],
 )
 def test_what_it_may_not_be(call, said):
@@ -96,7 +138,10 @@ def written(tmp_path, text):
     [
         ("", bt.Prior()),
         (example_file(), bt.Prior()),
-        ('mu1_mean = "stimuli"\nsigma_p_scale = 0.5', bt.Prior(mu1_mean="stimuli", sigma_p_scale=0.5)),
+        (
+            'mu1_mean = "stimuli"\nsigma_p_scale = 0.5',
+            bt.Prior(mu1_mean="stimuli", sigma_p_scale=0.5),
+        ),
         ("offset_sd = 2\ngamma_a = 3", bt.Prior(offset_sd=2.0, gamma_a=3.0)),
         ("mu1_mean = -0.5\r\nmu1_sd = 1e1\r\nsigma_p_scale = 0.3\r\n", bt.Prior(-0.5, 10.0, 0.3)),
         (b"\xef\xbb\xbfmu1_sd = 3.0", bt.Prior(mu1_sd=3.0)),
@@ -146,9 +191,19 @@ def test_what_is_refused(tmp_path, text, said):
 def test_all_problems_at_once(tmp_path):
     with pytest.raises(bt.InputError) as caught:
         read_prior(written(tmp_path, "mu1_sd = 'stimulus'\nx = 2\ngamma_a = 'stimuli'"))
-    allowed = ["a number from 1e-100 to 1e+100 or 'stimuli'", "mu1_mean, mu1_sd, sigma_p_scale", "a number from 0.05 to 1000"]
-    assert [line.split("allowed: ")[1][: len(known)] for line, known in zip(caught.value.problems, allowed, strict=True)] == allowed
-    with pytest.raises(bt.InputError, match="no such file; allowed: a TOML file with NAME = NUMBER, as in mu1_mean = 0"):
+    allowed = [
+        "a number from 1e-100 to 1e+100 or 'stimuli'",
+        "mu1_mean, mu1_sd, sigma_p_scale",
+        "a number from 0.05 to 1000",
+    ]
+    assert [
+        line.split("allowed: ")[1][: len(known)]
+        for line, known in zip(caught.value.problems, allowed, strict=True)
+    ] == allowed
+    with pytest.raises(
+        bt.InputError,
+        match="no such file; allowed: a TOML file with NAME = NUMBER, as in mu1_mean = 0",
+    ):
         read_prior(tmp_path / "none.toml")
     with pytest.raises(bt.InputError, match="cannot be read"):
         read_prior(tmp_path)
@@ -159,7 +214,10 @@ def test_all_problems_at_once(tmp_path):
 
 @pytest.mark.parametrize(("a", "b"), [(1.0, 2.0), (2.0, 3.0), (0.6, 1.0), (0.3, 0.4), (30.0, 7.0)])
 def test_a_beta_of_gamma_is_exact_wherever_the_pull_is(a, b):
-    prior, logits = Prior(gamma_a=a, gamma_b=b), [-700.0, -80.0, -9.0, -0.6, -1e-3, 0.0, 0.4, 3.0, 36.0, 80.0, 700.0]
+    prior, logits = (
+        Prior(gamma_a=a, gamma_b=b),
+        [-700.0, -80.0, -9.0, -0.6, -1e-3, 0.0, 0.4, 3.0, 36.0, 80.0, 700.0],
+    )
     x = np.array([[0.0, logit, -1.0, 0.5] for logit in logits])
     value = log_density_of_noise_ratio(prior.distribution("gamma"), x[:, 1])
     more = of(prior)[0](x) - of(Prior())[0](x)
@@ -168,12 +226,19 @@ def test_a_beta_of_gamma_is_exact_wherever_the_pull_is(a, b):
     def by_hand(logit):
         p = (3 - mpmath.sqrt(5)) / 2 / (1 + mpmath.exp(-logit))
         gamma = p / (1 - p) ** 2
-        return (a - 1) * mpmath.log(gamma) + (b - 1) * mpmath.log(1 - gamma) - mpmath.log(mpmath.beta(a, b))
+        return (
+            (a - 1) * mpmath.log(gamma)
+            + (b - 1) * mpmath.log(1 - gamma)
+            - mpmath.log(mpmath.beta(a, b))
+        )
 
     for row, logit in enumerate(logits):
         with mpmath.workdps(700):
             h = mpmath.mpf(10) ** -300
-            truth, rise = float(by_hand(mpmath.mpf(logit))), float((by_hand(logit + h) - by_hand(logit - h)) / (2 * h))
+            truth, rise = (
+                float(by_hand(mpmath.mpf(logit))),
+                float((by_hand(logit + h) - by_hand(logit - h)) / (2 * h)),
+            )
         assert value[row] == pytest.approx(truth, rel=1e-12, abs=1e-300), logit
         assert (more[row], slope[row]) == pytest.approx((truth, rise), rel=1e-9, abs=1e-9), logit
 
@@ -183,7 +248,9 @@ def test_a_share_keeps_its_digits_at_both_ends(distribution):
     a, b, logits = distribution.a, distribution.b, np.array([-700.0, -2.0, 0.3, 40.0, 700.0])
     expected = -a * np.logaddexp(0, -logits) - b * np.logaddexp(0, logits) - betaln(a, b)
     assert Logit().log_density(distribution, logits) == pytest.approx(expected, rel=1e-13)
-    plain = stats.beta.logpdf(expit(logits[1:3]), a, b) + np.log(expit(logits[1:3]) * expit(-logits[1:3]))
+    plain = stats.beta.logpdf(expit(logits[1:3]), a, b) + np.log(
+        expit(logits[1:3]) * expit(-logits[1:3])
+    )
     assert expected[1:3] == pytest.approx(plain, rel=1e-12)
     slope = Logit().slope(distribution, logits)
     values = [Logit().log_density(distribution, logits[1:3] + step) for step in (-1e-5, 1e-5)]
@@ -204,7 +271,9 @@ FAMILIES = [
 ]
 
 
-@pytest.mark.parametrize(("ours", "theirs"), FAMILIES, ids=lambda one: getattr(one, "describe", str)())
+@pytest.mark.parametrize(
+    ("ours", "theirs"), FAMILIES, ids=lambda one: getattr(one, "describe", str)()
+)
 def test_families_are_scipys(ours, theirs):
     p = np.array([1e-12, 0.01, 0.2, 0.5, 0.9, 1 - 1e-6])
     x = theirs.ppf(p)
@@ -214,27 +283,52 @@ def test_families_are_scipys(ours, theirs):
     assert ours.spread == pytest.approx(theirs.std(), rel=1e-9)
     step = 1e-5 * ours.spread
     near = [ours.log_density(x[1:-1] + k * step) for k in (-1, 1)]
-    assert ours.slope(x[1:-1]) == pytest.approx((near[1] - near[0]) / (2 * step), rel=1e-6, abs=1e-6)
+    assert ours.slope(x[1:-1]) == pytest.approx(
+        (near[1] - near[0]) / (2 * step), rel=1e-6, abs=1e-6
+    )
 
 
-@pytest.mark.parametrize(("ours", "theirs"), FAMILIES, ids=lambda one: getattr(one, "describe", str)())
-@pytest.mark.parametrize("rng", [np.random.default_rng(11), np.random.RandomState(11)], ids=["Generator", "RandomState"])
+@pytest.mark.parametrize(
+    ("ours", "theirs"), FAMILIES, ids=lambda one: getattr(one, "describe", str)()
+)
+@pytest.mark.parametrize(
+    "rng", [np.random.default_rng(11), np.random.RandomState(11)], ids=["Generator", "RandomState"]
+)
 def test_draws_follow_the_distribution_function(ours, theirs, rng):
     # 10 such tests at 1e-4 each: a false alarm in a thousand
     assert stats.kstest(ours.sample(rng, 20_000), theirs.cdf).pvalue > 1e-4
 
 
 def test_edges_and_what_lies_beyond():
-    assert HalfNormal(1.0).log_density([-1.0, 0.0]).tolist() == [-np.inf, pytest.approx(0.5 * np.log(2 / np.pi))]
-    assert Uniform(2.0).log_density([-0.1, 0.0, 2.0, 2.1]).tolist() == [-np.inf, -np.log(2.0), -np.log(2.0), -np.inf]
-    assert [one.log_density(1e300).item() for one in (Normal(0.0, 1.0), HalfNormal(1.0))] == [-np.inf, -np.inf]
-    assert all(np.isnan(one.log_density(np.nan)) for one in (Normal(0.0, 1.0), HalfNormal(1.0), Uniform()))
+    assert HalfNormal(1.0).log_density([-1.0, 0.0]).tolist() == [
+        -np.inf,
+        pytest.approx(0.5 * np.log(2 / np.pi)),
+    ]
+    assert Uniform(2.0).log_density([-0.1, 0.0, 2.0, 2.1]).tolist() == [
+        -np.inf,
+        -np.log(2.0),
+        -np.log(2.0),
+        -np.inf,
+    ]
+    assert [one.log_density(1e300).item() for one in (Normal(0.0, 1.0), HalfNormal(1.0))] == [
+        -np.inf,
+        -np.inf,
+    ]
+    assert all(
+        np.isnan(one.log_density(np.nan)) for one in (Normal(0.0, 1.0), HalfNormal(1.0), Uniform())
+    )
     for one in (HalfNormal(1.0), Uniform(), Beta(2.0, 0.5), LogNormal(1.0, 2.0)):
         assert (one.cdf(-1.0), one.log_density(-1.0)) == (0.0, -np.inf)
-    assert (Uniform().cdf(2.0), Beta(2.0, 0.5).cdf(2.0), Beta(2.0, 3.0).log_density(1.0)) == (1.0, 1.0, -np.inf)
+    assert (Uniform().cdf(2.0), Beta(2.0, 0.5).cdf(2.0), Beta(2.0, 3.0).log_density(1.0)) == (
+        1.0,
+        1.0,
+        -np.inf,
+    )
     assert Beta(1.0, 2.0).log_density([0.0, 1.5]).tolist() == [np.log(2.0), -np.inf]
     assert LogNormal(1.0, 2.0).log_density([0.0, np.inf]).tolist() == [-np.inf, -np.inf]
-    assert Normal(0.0, 1e300).log_density(1e10) == pytest.approx(-0.5 * np.log(2 * np.pi) - 300 * np.log(10))
+    assert Normal(0.0, 1e300).log_density(1e10) == pytest.approx(
+        -0.5 * np.log(2 * np.pi) - 300 * np.log(10)
+    )
 
 
 @pytest.mark.parametrize("name", ["gamma", "lapse_rate", "icc"])
@@ -250,14 +344,18 @@ def test_draws_of_a_share_with_poles_have_finite_coordinates_of_its_distribution
     values = np.sort(posterior.quantities(x)[name])
     inside = np.abs(values - 0.5) < 0.5 - 1e-12  # nearer to an edge a float rounds them
     expected = (np.arange(len(values)) + 0.5) / len(values)
-    assert np.abs(prior.distribution(name).cdf(values) - expected)[inside].max() < 0.035  # Kolmogorov: passes by chance in all but 1e-4
+    assert (
+        np.abs(prior.distribution(name).cdf(values) - expected)[inside].max() < 0.035
+    )  # Kolmogorov: passes by chance in all but 1e-4
 
 
 def test_the_summary_says_what_the_prior_rules(small_study):
     # one trial a pair tells nearly nothing of gamma; fifty thousand tell everything
     s1, s2 = small_study["A"].s1, small_study["A"].s2
     few = bt.Subject("few", s1, s2, np.ones(len(s1), int), np.ones(len(s1), int))
-    many = bt.Subject("many", s1, s2, 1000 * small_study["A"].n_yes, 1000 * small_study["A"].n_trials)
+    many = bt.Subject(
+        "many", s1, s2, 1000 * small_study["A"].n_yes, 1000 * small_study["A"].n_trials
+    )
     summary = bt.sample(bt.Study([few, many]), draws=500, seed=1, workers=1).summary()
     assert "contraction" in summary.columns
     of = summary.set_index(["subject", "parameter"])["contraction"]

@@ -21,19 +21,27 @@ def own(icc):
 
 
 def ways(subject):
-    return gammaln(subject.n_trials + 1) - gammaln(subject.n_yes + 1) - gammaln(subject.n_trials - subject.n_yes + 1)
+    return (
+        gammaln(subject.n_trials + 1)
+        - gammaln(subject.n_yes + 1)
+        - gammaln(subject.n_trials - subject.n_yes + 1)
+    )
 
 
 @pytest.mark.parametrize("icc", [0.001, 0.1, 0.5, 0.97])
 def test_likelihood_is_scipys(icc):
     total = 1 / icc - 1
     expected = betabinom.logpmf(COUNTS, TRIALS, total * P[0], total * (1 - P[0])) - ways(SUBJECT)
-    assert BETA_BINOMIAL.log_likelihood(SUBJECT, ANSWERS, own(icc))[0] == pytest.approx(expected, rel=1e-10, abs=1e-10)
+    assert BETA_BINOMIAL.log_likelihood(SUBJECT, ANSWERS, own(icc))[0] == pytest.approx(
+        expected, rel=1e-10, abs=1e-10
+    )
 
 
 def test_without_correlation_it_is_the_binomial_and_with_all_of_it_one_answer():
     independent = BINOMIAL.log_likelihood(SUBJECT, ANSWERS)
-    assert BETA_BINOMIAL.log_likelihood(SUBJECT, ANSWERS, np.array([[-700.0]])) == pytest.approx(independent, rel=1e-14)
+    assert BETA_BINOMIAL.log_likelihood(SUBJECT, ANSWERS, np.array([[-700.0]])) == pytest.approx(
+        independent, rel=1e-14
+    )
     whole = Subject("S", np.arange(3.0), np.arange(3.0), np.array([0, 50, 7]), np.full(3, 50))
     p = np.full((1, 3), 0.3)
     found = BETA_BINOMIAL.log_likelihood(whole, (np.log(p), np.log1p(-p)), np.array([[600.0]]))[0]
@@ -50,7 +58,9 @@ def test_an_answer_given_the_rest_is_a_ratio_of_likelihoods(icc):
         for fewer, found, given in ((k - 1, one, k > 0), (k, other, k < n)):
             if given and n > 1:
                 less = Subject("S", SUBJECT.s1[[i]], SUBJECT.s2[[i]], [fewer], [n - 1])
-                rest = BETA_BINOMIAL.log_likelihood(less, tuple(part[:, [i]] for part in ANSWERS), own(icc))[0, 0]
+                rest = BETA_BINOMIAL.log_likelihood(
+                    less, tuple(part[:, [i]] for part in ANSWERS), own(icc)
+                )[0, 0]
                 assert found[0, i] == pytest.approx(full[i] - rest, rel=1e-9, abs=1e-11)
             elif given:  # of a single trial nothing else is known
                 assert found[0, i] == pytest.approx(full[i], rel=1e-12)
@@ -60,7 +70,9 @@ def test_an_answer_given_the_rest_is_a_ratio_of_likelihoods(icc):
 def test_realised_answers_have_the_betas_moments_and_shape(icc):
     size, total = 30_000, 1 / icc - 1
     answers = tuple(np.repeat(part, size, axis=0) for part in ANSWERS)
-    one, other = BETA_BINOMIAL.realised(np.random.default_rng(5), answers, np.full((size, 1), own(icc)[0, 0]))
+    one, other = BETA_BINOMIAL.realised(
+        np.random.default_rng(5), answers, np.full((size, 1), own(icc)[0, 0])
+    )
     p = np.exp(one)
     np.testing.assert_allclose(p + np.exp(other), 1.0, atol=1e-12)
     # 42 looks at 4.8 standard errors: a false alarm in 15,000 such tests. Seen to fail with total + 1 in the place of total.
@@ -70,7 +82,9 @@ def test_realised_answers_have_the_betas_moments_and_shape(icc):
         share = (p[:, i] < made.median()).mean() if 0.0 < made.median() < 1.0 else 0.5
         assert share == pytest.approx(0.5, abs=4.8 * 0.5 / np.sqrt(size))
         square = np.square(p[:, i] - P[0, i])
-        assert square.mean() == pytest.approx(P[0, i] * (1 - P[0, i]) * icc, abs=4.8 * square.std() / np.sqrt(size))
+        assert square.mean() == pytest.approx(
+            P[0, i] * (1 - P[0, i]) * icc, abs=4.8 * square.std() / np.sqrt(size)
+        )
 
 
 def test_realised_answers_where_sessions_are_all_or_nothing():
@@ -102,12 +116,18 @@ def test_every_digit_of_likely_and_unlikely_answers(v, swapped):
             if swapped:
                 with mpmath.workdps(500):
                     p, eps = -mpmath.expm1(log_p), mpmath.exp(v)
-                    drawn = float(mpmath.fsum(mpmath.log((p + j * eps) / (1 + (before + j) * eps)) for j in range(n)))
+                    drawn = float(
+                        mpmath.fsum(
+                            mpmath.log((p + j * eps) / (1 + (before + j) * eps)) for j in range(n)
+                        )
+                    )
             sides = [np.array([[one]]) for one in ((log_q, log_p) if swapped else (log_p, log_q))]
             found = log_drawn(tuple(sides), np.array([[v]]), np.array([n]), np.array([before]))
             assert found[0, 0] == pytest.approx(drawn, rel=1e-13, abs=0.0)
             if not swapped:
-                assert [one[0, 0] for one in rising(sides[0], np.array([[v]]), np.array([n]))] == pytest.approx(sums, rel=1e-12, abs=1e-290)
+                assert [
+                    one[0, 0] for one in rising(sides[0], np.array([[v]]), np.array([n]))
+                ] == pytest.approx(sums, rel=1e-12, abs=1e-290)
 
 
 def test_many_answers_do_not_underflow():
@@ -120,7 +140,11 @@ def test_many_answers_do_not_underflow():
 
 def test_a_crowd_has_the_sums_of_its_points():
     rng = np.random.default_rng(3)
-    n, before, log_p = rng.integers(0, 9, (4, 3)), rng.integers(0, 9, (4, 3)), np.log(rng.uniform(size=(4, 3)))
+    n, before, log_p = (
+        rng.integers(0, 9, (4, 3)),
+        rng.integers(0, 9, (4, 3)),
+        np.log(rng.uniform(size=(4, 3))),
+    )
     answers, v = (log_p, np.log(-np.expm1(log_p))), rng.normal(size=(4, 1))
     crowd, slopes = log_drawn(answers, v, n, before), rising(log_p, v, n)
     for i in range(4):

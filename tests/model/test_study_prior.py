@@ -18,7 +18,14 @@ from bayes_toe.model.study_prior import preset_or_file, prior_for
 
 def subject(name="S", factor=1.0, shift=0.0, isi=None):
     s1, s2 = np.array([0.0, 0.0, 0.5, 0.25, 0.1]), np.array([0.0, 0.5, 0.0, 0.4, 0.75])
-    return bt.Subject(name, factor * s1 + shift, factor * s2 + shift, [45, 20, 15, 30, 2], [50, 50, 50, 40, 50], isi)
+    return bt.Subject(
+        name,
+        factor * s1 + shift,
+        factor * s2 + shift,
+        [45, 20, 15, 30, 2],
+        [50, 50, 50, 40, 50],
+        isi,
+    )
 
 
 def study(**how):
@@ -29,29 +36,64 @@ def test_the_stimuli_by_hand():
     one = bt.Subject("S", [0.0, 1.0, 1.0], [3.0, 0.0, 1.0], [1, 1, 5], [5, 15, 20])
     values, n = np.array([0.0, 3.0, 1.0, 0.0, 1.0, 1.0]), np.array([5, 5, 15, 15, 20, 20])
     mean = values @ n / 80
-    assert Stimuli.of(one)[:3] == pytest.approx((mean, np.sqrt((values - mean) ** 2 @ n / 80), np.sqrt((5 * 9 + 15) / 20)))
+    assert Stimuli.of(one)[:3] == pytest.approx(
+        (mean, np.sqrt((values - mean) ** 2 @ n / 80), np.sqrt((5 * 9 + 15) / 20))
+    )
     assert Stimuli.of(one, one) == pytest.approx(Stimuli.of(one))
-    assert [Stimuli(2.0, 4.0, 1.0, 0.0).number(key) for key in OF_STIMULI] == [2.0, 10.0, 1.0, 0.5, 0.125, 0.3, 0.0]
+    assert [Stimuli(2.0, 4.0, 1.0, 0.0).number(key) for key in OF_STIMULI] == [
+        2.0,
+        10.0,
+        1.0,
+        0.5,
+        0.125,
+        0.3,
+        0.0,
+    ]
     lone = bt.Study([subject(), bt.Subject("L", [0.4], [0.4], [1], [2])])
     with pytest.raises(
-        bt.InputError, match=r"^subject 'L': the prior takes its scale from pairs of different stimuli, found none; .*--prior p"
+        bt.InputError,
+        match=r"^subject 'L': the prior takes its scale from pairs of different stimuli, found none; .*--prior p",
     ):
         prior_for(lone)
-    assert np.isfinite(bt.model.posterior_of(lone["L"], prior_for(lone, "paper")).log_density([[0.1, 0.0, 0.0, 0.0]])).all()
-    with pytest.raises(bt.InputError, match="prior: offset_sd is to come from pairs of different stimuli, and there are none"):
-        bt.model.posterior_of(lone["L"], bt.Prior(), model="constant error").log_density([[0.1, 0.0, 0.0]])
+    assert np.isfinite(
+        bt.model.posterior_of(lone["L"], prior_for(lone, "paper")).log_density(
+            [[0.1, 0.0, 0.0, 0.0]]
+        )
+    ).all()
+    with pytest.raises(
+        bt.InputError,
+        match="prior: offset_sd is to come from pairs of different stimuli, and there are none",
+    ):
+        bt.model.posterior_of(lone["L"], bt.Prior(), model="constant error").log_density(
+            [[0.1, 0.0, 0.0]]
+        )
 
 
 @pytest.mark.parametrize(("factor", "shift"), [(3.0, 2.0), (1.0, 6.0), (0.25, -3.0)])
-@pytest.mark.parametrize("model", [*SPACE[::5], model_named("mean-reverting"), model_named("free weighting")], ids=lambda one: one.name)
+@pytest.mark.parametrize(
+    "model",
+    [*SPACE[::5], model_named("mean-reverting"), model_named("free weighting")],
+    ids=lambda one: one.name,
+)
 def test_the_unit_of_intensity_changes_nothing(model, factor, shift):
-    first, second = (model.posterior(one) for one in (subject(), subject(factor=factor, shift=shift)))
+    first, second = (
+        model.posterior(one) for one in (subject(), subject(factor=factor, shift=shift))
+    )
     x = np.random.default_rng(5).normal(size=(30, len(first.coordinates))) * 0.5
-    unit = {"log_width": 0.0, "offset": np.log(factor), "noise_slope": -np.log(factor), "peak_slope": -np.log(factor)}
+    unit = {
+        "log_width": 0.0,
+        "offset": np.log(factor),
+        "noise_slope": -np.log(factor),
+        "peak_slope": -np.log(factor),
+    }
     volume = np.array([unit.get(name, 0.0) for name in first.coordinates])
-    moved = x * np.exp(volume) + np.array([np.log(factor) if name == "log_width" else 0.0 for name in first.coordinates])
+    moved = x * np.exp(volume) + np.array(
+        [np.log(factor) if name == "log_width" else 0.0 for name in first.coordinates]
+    )
     assert second.log_likelihood(moved) == pytest.approx(first.log_likelihood(x), rel=1e-9)
-    assert second.log_density(moved) + volume.sum() == pytest.approx(first.log_density(x), rel=1e-9)  # of an evidence every point counts
+    assert second.log_density(moved) + volume.sum() == pytest.approx(
+        first.log_density(x), rel=1e-9
+    )  # of an evidence every point counts
 
 
 def test_subjects_with_different_stimuli_in_one_study_have_each_their_own():
@@ -60,17 +102,28 @@ def test_subjects_with_different_stimuli_in_one_study_have_each_their_own():
     for one in (here, there):
         alone = bt.model.posterior_of(one, prior_for(bt.Study([one])))
         assert bt.model.posterior_of(one, prior_for(both)).log_density(x) == alone.log_density(x)
-    assert bt.model.posterior_of(there).prior.mu1_sd == pytest.approx(3.0 * bt.model.posterior_of(here).prior.mu1_sd)
+    assert bt.model.posterior_of(there).prior.mu1_sd == pytest.approx(
+        3.0 * bt.model.posterior_of(here).prior.mu1_sd
+    )
 
 
 def test_presets_words_and_what_is_refused(tmp_path):
-    assert prior_for(study()) == prior_for(study(), "default") == preset_or_file(None) == preset_or_file("default") == DEFAULT
+    assert (
+        prior_for(study())
+        == prior_for(study(), "default")
+        == preset_or_file(None)
+        == preset_or_file("default")
+        == DEFAULT
+    )
     assert prior_for(study(), "paper") == prior_for(study(), bt.Prior()) == bt.Prior()
     found = prior_for(study(), bt.Prior(mu1_mean="stimuli", mu1_sd=3.0))
     assert found.describe() == (
         "mu1 ~ Normal(M, 3), sigma_p ~ HalfNormal(1), gamma ~ Uniform(0, 1), q0 ~ Uniform(0, 1); M mean and R sd of the stimuli, D rms step"
     )
-    with pytest.raises(bt.InputError, match="prior 'flat': no such preset or file, allowed: 'default', 'paper', a TOML file"):
+    with pytest.raises(
+        bt.InputError,
+        match="prior 'flat': no such preset or file, allowed: 'default', 'paper', a TOML file",
+    ):
         prior_for(study(), "flat")
     file = tmp_path / "default"
     file.write_text("sigma_p_scale = 0.5", encoding="utf-8")
@@ -90,19 +143,34 @@ def test_every_verb_stores_it_as_it_was_said(tmp_path, three_models):
 
 
 def test_draws_from_before_these_numbers_keep_their_prior():
-    draws = bt.sample(study(isi=[0.5, 0.5, 2.0, 1.0, 1.0]), draws=300, seed=1, prior="paper", workers=1)
-    assert draws.prior.reference_interval == pytest.approx(np.exp(np.average(np.log([0.5, 0.5, 2, 1, 1]), weights=[50, 50, 50, 40, 50])))
+    draws = bt.sample(
+        study(isi=[0.5, 0.5, 2.0, 1.0, 1.0]), draws=300, seed=1, prior="paper", workers=1
+    )
+    assert draws.prior.reference_interval == pytest.approx(
+        np.exp(np.average(np.log([0.5, 0.5, 2, 1, 1]), weights=[50, 50, 50, 40, 50]))
+    )
     settings = json.loads(draws.tree.attrs["settings"])
     old = {"mu1_mean": 0.0, "mu1_sd": 10.0, "sigma_p_scale": 1.0}
     for said, expected in (
         ({}, bt.Prior(offset_sd=1.0, noise_slope_sd=1.0, lapse_rate_b=1.0, reference_interval=1.0)),
         # the constant error's was implied by mu1 and gamma: nothing says it any more
-        ({"offset_sd": None, "noise_slope_sd": 1.0, "lapse_rate_b": 1.0, "reference_interval": None, "origin": ""}, None),
+        (
+            {
+                "offset_sd": None,
+                "noise_slope_sd": 1.0,
+                "lapse_rate_b": 1.0,
+                "reference_interval": None,
+                "origin": "",
+            },
+            None,
+        ),
     ):
         settings["prior"] = {**old, **said}
         draws.tree.attrs["settings"] = json.dumps(settings)
         assert draws.prior == (expected or bt.Prior(noise_slope_sd=1.0, lapse_rate_b=1.0))
-    require_belonging(draws, "posterior.nc", prior=bt.Prior())  # what other models have is nothing to these draws
+    require_belonging(
+        draws, "posterior.nc", prior=bt.Prior()
+    )  # what other models have is nothing to these draws
     with pytest.raises(bt.InputError, match="found draws under mu1"):
         require_belonging(draws, "posterior.nc", prior=bt.Prior(q0_a=2.0))
 
@@ -114,17 +182,24 @@ def test_draws_from_before_these_numbers_keep_their_prior():
 @pytest.mark.parametrize("name", [model.name for model in MODELS if isinstance(model, Model)])
 def test_one_interval_is_none(name, seconds):
     timed, plain = bt.Study([subject(isi=np.full(5, seconds))]), bt.Study([subject()])
-    first, second = (bt.model.posterior_of(one["S"], prior_for(one), model=name) for one in (timed, plain))
+    first, second = (
+        bt.model.posterior_of(one["S"], prior_for(one), model=name) for one in (timed, plain)
+    )
     x = np.random.default_rng(6).normal(size=(20, len(first.coordinates)))
     assert first.log_density(x).tolist() == second.log_density(x).tolist()
     for a, b in zip(first.gradient(x), second.gradient(x), strict=True):
-        assert a == pytest.approx(b, rel=1e-12, abs=1e-12 * np.abs(b).max())  # sums in another order
+        assert a == pytest.approx(
+            b, rel=1e-12, abs=1e-12 * np.abs(b).max()
+        )  # sums in another order
     assert first.reference == seconds
 
 
 def test_the_unit_of_time_changes_nothing():
     isi = np.array([0.5, 0.5, 2.0, 1.0, 4.0])
-    seconds, minutes = (bt.model.posterior_of(one["S"], prior_for(one)) for one in (bt.Study([subject(isi=isi / k)]) for k in (1, 60)))
+    seconds, minutes = (
+        bt.model.posterior_of(one["S"], prior_for(one))
+        for one in (bt.Study([subject(isi=isi / k)]) for k in (1, 60))
+    )
     x = np.random.default_rng(6).normal(size=(20, 4))
     assert seconds.log_density(x) == pytest.approx(minutes.log_density(x), rel=1e-12)
     assert seconds.gain(x, isi) == pytest.approx(minutes.gain(x, isi / 60), rel=1e-12)
@@ -134,11 +209,15 @@ def test_the_reference_can_be_said_and_is_kept():
     isi = np.array([0.5, 0.5, 2.0, 1.0, 4.0])
     timed = bt.Study([subject("A", isi=isi), subject("B", isi=2 * isi)])
     common = prior_for(timed).reference_interval
-    assert common == pytest.approx(np.exp(np.average(np.log(np.r_[isi, 2 * isi]), weights=np.tile([50, 50, 50, 40, 50], 2))))
+    assert common == pytest.approx(
+        np.exp(np.average(np.log(np.r_[isi, 2 * isi]), weights=np.tile([50, 50, 50, 40, 50], 2)))
+    )
     said = prior_for(timed, bt.Prior(reference_interval=1.0))
     posterior = bt.model.posterior_of(timed["B"], said)
     assert posterior.reference == posterior.for_subject(timed["A"]).reference == 1.0
-    assert bt.model.posterior_of(timed["B"]).for_subject(timed["A"]).reference == pytest.approx(common * np.sqrt(2))
+    assert bt.model.posterior_of(timed["B"]).for_subject(timed["A"]).reference == pytest.approx(
+        common * np.sqrt(2)
+    )
     assert said.describe().endswith("; over 1 s")
     assert model_named("mean-reverting memory").describe(said).endswith("; over 1 s")
     assert prior_for(study(), said).reference_interval is None

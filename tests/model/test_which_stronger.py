@@ -23,7 +23,10 @@ from bayes_toe.model.prior import DEFAULT, Prior
 S1 = np.array([0.0, 0.2, 0.4, 0.6, 0.2, 0.4, 0.6, 0.8])
 S2 = np.array([0.2, 0.4, 0.6, 0.8, 0.0, 0.2, 0.4, 0.6])
 MODELS = [*models_of(WHICH_STRONGER).named[1:], *models_of(WHICH_STRONGER).space]
-RICH = [model_named(name, WHICH_STRONGER) for name in ("contraction + sloped", "update + biased guesses + logit + beta-binomial")]
+RICH = [
+    model_named(name, WHICH_STRONGER)
+    for name in ("contraction + sloped", "update + biased guesses + logit + beta-binomial")
+]
 
 
 def subject(k=(40, 38, 35, 33, 20, 15, 12, 8), isi=None, s1=S1, s2=S2):
@@ -32,7 +35,9 @@ def subject(k=(40, 38, 35, 33, 20, 15, 12, 8), isi=None, s1=S1, s2=S2):
 
 def observer(model, x, seed=1, s1=S1, s2=S2, trials=65):
     """A subject who answers by a model at coordinates."""
-    asked = Subject("A", s1, s2, np.zeros(len(s1), int), np.full(len(s1), trials), task=WHICH_STRONGER)
+    asked = Subject(
+        "A", s1, s2, np.zeros(len(s1), int), np.full(len(s1), trials), task=WHICH_STRONGER
+    )
     p = np.exp(model.posterior(asked, Prior()).log_answers(np.atleast_2d(x))[0][0])
     return replace(asked, n_yes=np.random.default_rng(seed).binomial(trials, p))
 
@@ -46,7 +51,9 @@ def test_answers_are_those_of_a_simulated_belief():
     gamma = (sigma_l / sigma_p) ** 2
     ratio = 0.5 * (1.0 + np.sqrt(1.0 + 4.0 * gamma))
     target = posterior_of(subject(), Prior(), model="update + no lapses")
-    x = target.points({"mu1": np.array([mu1]), "sigma_p": np.array([sigma_p]), "sigma_l": np.array([sigma_l])})
+    x = target.points(
+        {"mu1": np.array([mu1]), "sigma_p": np.array([sigma_p]), "sigma_l": np.array([sigma_l])}
+    )
     p = np.exp(target.log_answers(x)[0][0])
     rng, s1, s2 = np.random.default_rng(1), target.subject.s1, target.subject.s2
     memory = s1 + pull(gamma) * (mu1 - s1) + sigma_p * np.sqrt(ratio) * rng.standard_normal((n, 1))
@@ -62,16 +69,23 @@ def test_probabilities_keep_their_digits(z, rate):
         exact = [mp.log(lapse / 2 + (1 - lapse) * mp.ncdf(sign * mp.mpf(z))) for sign in (1, -1)]
     link, own = (PROBIT, ()) if rate is None else (Lapsing(PROBIT), (np.array([[rate]]),))
     found = link.log_answers(np.array([[z]]), *own)
-    assert [float(part[0, 0]) for part in found] == pytest.approx([float(one) for one in exact], rel=1e-12, abs=1e-300)
+    assert [float(part[0, 0]) for part in found] == pytest.approx(
+        [float(one) for one in exact], rel=1e-12, abs=1e-300
+    )
 
 
 @pytest.mark.parametrize("model", [*MODELS, *RICH], ids=lambda model: model.name)
 def test_gradients_are_differences_of_values_and_coordinates_come_back(model):
-    target, rng = model.posterior(subject(isi=[1, 2, 4, 1, 2, 4, 1, 2]), Prior()), np.random.default_rng(2)
+    target, rng = (
+        model.posterior(subject(isi=[1, 2, 4, 1, 2, 4, 1, 2]), Prior()),
+        np.random.default_rng(2),
+    )
     x = target.sample_prior(rng, 30)
     x = x[np.abs(x).max(axis=1) < 20.0]
     steps = 1e-5 * np.eye(x.shape[1])
-    differences = np.stack([(target.log_density(x + h) - target.log_density(x - h)) / 2e-5 for h in steps], axis=1)
+    differences = np.stack(
+        [(target.log_density(x + h) - target.log_density(x - h)) / 2e-5 for h in steps], axis=1
+    )
     assert target.gradient(x)[1] == pytest.approx(differences, rel=1e-5, abs=1e-4)
     assert target.points(target.quantities(x)) == pytest.approx(x, rel=1e-9, abs=1e-9)
 
@@ -82,11 +96,16 @@ def test_both_tasks_have_one_observer():
     ratio = 0.5 * (1.0 + np.sqrt(1.0 + 4.0 * (0.15 / 0.2) ** 2))
     found = []
     for task in (SAME_DIFFERENT, WHICH_STRONGER):
-        target = posterior_of(Subject("A", S1, S2, [5] * 8, [9] * 8, task=task), Prior(), model="update + no lapses")
+        target = posterior_of(
+            Subject("A", S1, S2, [5] * 8, [9] * 8, task=task), Prior(), model="update + no lapses"
+        )
         found.append(target.quantities(target.points(theta)))
     equal, second = found
     assert equal["width"] == pytest.approx(second["width"] * np.sqrt(ratio), rel=1e-12)
-    assert (equal["pull"], equal["offset"]) == (pytest.approx(second["pull"]), pytest.approx(second["offset"]))
+    assert (equal["pull"], equal["offset"]) == (
+        pytest.approx(second["pull"]),
+        pytest.approx(second["offset"]),
+    )
     assert second["jnd"] == pytest.approx(norm.ppf(0.75) * second["width"])
     assert second["pse_shift"] == pytest.approx(second["offset"])
 
@@ -102,10 +121,19 @@ def test_without_lapses_it_is_a_probit_regression():
         z = beta[0] + beta[1] * one.s1 + beta[2] * one.s2
         return -(one.n_yes * norm.logcdf(z) + (one.n_trials - one.n_yes) * norm.logcdf(-z)).sum()
 
-    fit = minimize(loss, [0.0, -1.0, 1.0], method="Nelder-Mead", options={"xatol": 1e-10, "fatol": 1e-12, "maxiter": 5000})
+    fit = minimize(
+        loss,
+        [0.0, -1.0, 1.0],
+        method="Nelder-Mead",
+        options={"xatol": 1e-10, "fatol": 1e-12, "maxiter": 5000},
+    )
     target = posterior_of(one, Prior(), model="free weighting + no lapses")
     b0, b1, b2 = fit.x
-    given = {"gain": np.array([-b1 / b2]), "width": np.array([1.0 / b2]), "offset": np.array([-(b0 + (b1 + b2) * target.sbar) / b2])}
+    given = {
+        "gain": np.array([-b1 / b2]),
+        "width": np.array([1.0 / b2]),
+        "offset": np.array([-(b0 + (b1 + b2) * target.sbar) / b2]),
+    }
     x = target.points(given)
     assert target.log_likelihood(x)[0] == pytest.approx(-fit.fun, rel=1e-12)
     assert np.abs(target.likelihood_gradient(x)[1]).max() < 1e-3
@@ -115,18 +143,25 @@ def _evidence_by_quadrature(one, name):
     """Of a model of one or two coordinates, by sums over a fine grid far beyond what matters."""
     target = posterior_of(one, DEFAULT, model=name)
     ranges = {"offset": (-2.0, 2.0), "log_width": (-5.0, 3.0), "logit_lapse_rate": (-60.0, 15.0)}
-    axes = [np.linspace(*ranges[key], 1501 if key == "logit_lapse_rate" else 401) for key in target.coordinates]
+    axes = [
+        np.linspace(*ranges[key], 1501 if key == "logit_lapse_rate" else 401)
+        for key in target.coordinates
+    ]
     points = np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")], axis=-1)
     return logsumexp(target.log_density(points)) + sum(np.log(axis[1] - axis[0]) for axis in axes)
 
 
-@pytest.mark.parametrize("counts", [(40, 38, 35, 33, 20, 15, 12, 8), (33, 35, 34, 36, 14, 15, 16, 17)])
+@pytest.mark.parametrize(
+    "counts", [(40, 38, 35, 33, 20, 15, 12, 8), (33, 35, 34, 36, 14, 15, 16, 17)]
+)
 def test_evidences_are_those_of_quadrature(counts):
     space = models_of(WHICH_STRONGER).space
     found = space_evidence(subject(counts), DEFAULT, space, 1, window=np.inf)
     for name in ("none + no lapses", "none", "constant error + no lapses"):
         evidence = found.sampled[space.index(model_named(name, WHICH_STRONGER))].evidence
-        assert evidence.value == pytest.approx(_evidence_by_quadrature(subject(counts), name), abs=4.0 * evidence.se + 1e-4)
+        assert evidence.value == pytest.approx(
+            _evidence_by_quadrature(subject(counts), name), abs=4.0 * evidence.se + 1e-4
+        )
 
 
 # --- What is concluded ----------------------------------------------------------------------------
@@ -136,7 +171,12 @@ def test_evidences_are_those_of_quadrature(counts):
     ("name", "x", "effects", "kinds"),
     [
         ("none", [np.log(0.25), -3.0], {"none", "probably none", "negligible", "undecided"}, {""}),
-        ("constant error", [0.15, np.log(0.25), -3.0], {"has"}, {"constant error", "probably constant error", "open"}),
+        (
+            "constant error",
+            [0.15, np.log(0.25), -3.0],
+            {"has"},
+            {"constant error", "probably constant error", "open"},
+        ),
         ("contraction", [0.0, -0.4, np.log(0.25), -3.0], {"has"}, {"pull", "probably pull"}),
     ],
 )
@@ -150,22 +190,31 @@ def test_verdicts_name_what_observers_do(name, x, effects, kinds):
 
 def test_units_of_intensity_change_no_verdict():
     one = observer(model_named("update", WHICH_STRONGER), [0.05, 1.0, np.log(0.3), -3.0])
-    moved = Subject("A", 3.0 * one.s1 + 2.0, 3.0 * one.s2 + 2.0, one.n_yes, one.n_trials, task=WHICH_STRONGER)
+    moved = Subject(
+        "A", 3.0 * one.s1 + 2.0, 3.0 * one.s2 + 2.0, one.n_yes, one.n_trials, task=WHICH_STRONGER
+    )
     here, there = (verdict(each, DEFAULT, 1)[0].p_orders for each in (one, moved))
     assert here == pytest.approx(there, abs=1e-9)
 
 
 def test_models_of_another_task_are_refused():
-    with pytest.raises(InputError, match="'both ways' is of the task 'same/different', and asked was 'which is stronger'"):
+    with pytest.raises(
+        InputError,
+        match="'both ways' is of the task 'same/different', and asked was 'which is stronger'",
+    ):
         posterior_of(subject(), model="update + both ways")
     with pytest.raises(InputError, match="'predictive update' is of the task 'same/different'"):
         model_named("update").posterior(subject())
 
 
 def test_real_listeners_are_pulled_to_the_middle_of_what_they_hear(real_data):
-    study = bt.read_study(real_data / "auditory_pwm" / "trials.csv", bt.ReadOptions(ignore=("isi",)))
+    study = bt.read_study(
+        real_data / "auditory_pwm" / "trials.csv", bt.ReadOptions(ignore=("isi",))
+    )
     said = [verdict(one, DEFAULT, 1)[0] for one in study.subjects[::8]]
-    assert sum(int(np.argmax(one.p_orders)) == 2 for one in said) >= 5  # of 6; of all 46 subjects 42
+    assert (
+        sum(int(np.argmax(one.p_orders)) == 2 for one in said) >= 5
+    )  # of 6; of all 46 subjects 42
     assert sum(one.fit == "described" for one in said) >= 5  # of all 46 subjects 43
 
 

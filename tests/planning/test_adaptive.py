@@ -57,7 +57,10 @@ def test_the_posterior_is_that_of_sample(done):
             error = np.sqrt(level * (1 - level) * (1 / 1000 + 1 / 4000))
             assert abs((exact < found).mean() - level) < 4.5 * error, (name, level)
     assert min(done.effective().values()) > 1000
-    assert (done.verdict.effect, done.verdict.kind) == ("has", "pull")  # over the verdict's own models
+    assert (done.verdict.effect, done.verdict.kind) == (
+        "has",
+        "pull",
+    )  # over the verdict's own models
 
 
 def test_probabilities_are_those_of_the_evidences(updates):
@@ -67,7 +70,9 @@ def test_probabilities_are_those_of_the_evidences(updates):
         posterior = Posterior(made.subject, model_named(name), made.prior)
         logs.append(fitted_result(posterior, 1, Wanted(evidence_draws=4000))[0].evidence.value)
     # A constant error counts from the mean first stimulus shown, the session's from that of the candidates.
-    assert np.log(list(made.probabilities.values())) == pytest.approx(logs - logsumexp(logs), abs=0.15)
+    assert np.log(list(made.probabilities.values())) == pytest.approx(
+        logs - logsumexp(logs), abs=0.15
+    )
     assert sum(made.probabilities.values()) == pytest.approx(1.0)
 
 
@@ -78,7 +83,10 @@ def test_chosen_pairs_tell_more_than_random_ones():
         for _ in range(80):
             pair = PAIRS[int(rng.integers(len(PAIRS)))]
             random.answer(pair, bool(rng.uniform() < says_equal(observer, pair)))
-        sizes = [[np.ptp(one.quantiles(name)) for name in ("gain", "mu1", "width", "q0")] for one in (session(80, observer), random)]
+        sizes = [
+            [np.ptp(one.quantiles(name)) for name in ("gain", "mu1", "width", "q0")]
+            for one in (session(80, observer), random)
+        ]
         gained += float(np.diff(np.log(sizes).sum(axis=1))[0])
     assert gained > 1.0  # of other streams 2 to 5 nats
 
@@ -91,7 +99,9 @@ def entropy(q):
 def of_prior():
     """40,000 draws of the prior, and their P(equal) of every pair."""
     centre = float(np.mean(LEVELS))
-    cloud = Particles.of_prior(Posterior(EACH, PREDICTIVE_UPDATE, PRIOR, centre, 1.0), 40_000, np.random.default_rng(1))
+    cloud = Particles.of_prior(
+        Posterior(EACH, PREDICTIVE_UPDATE, PRIOR, centre, 1.0), 40_000, np.random.default_rng(1)
+    )
     target = cloud.target(EACH)
     return target.quantities(cloud.x), np.exp(target.log_answers(cloud.x)[0])
 
@@ -102,17 +112,32 @@ def test_information_is_the_expected_fall_of_entropy_and_not_the_scatter_of_a_fe
     for about, off in (("gain", 0.002), ("width", 0.002), ("parameters", 0.003)):
         left = entropy(equal).mean(axis=0)  # where all parameters are known
         if about != "parameters":
-            left = np.mean([entropy(equal[one].mean(axis=0)) for one in np.array_split(np.argsort(quantities[about]), 40)], axis=0)
+            left = np.mean(
+                [
+                    entropy(equal[one].mean(axis=0))
+                    for one in np.array_split(np.argsort(quantities[about]), 40)
+                ],
+                axis=0,
+            )
         expected = entropy(equal.mean(axis=0)) - left
-        found = np.mean([Adaptive(PAIRS, seed=seed, about=about).information() for seed in range(5)], axis=0)
+        found = np.mean(
+            [Adaptive(PAIRS, seed=seed, about=about).information() for seed in range(5)], axis=0
+        )
         assert np.abs(found - expected).mean() < off, about  # 0.002 to 0.004 by 512
         assert found == pytest.approx(expected, abs=4 * off), about
 
 
 def test_information_about_the_model_is_what_its_answer_tells_of_two(of_prior):
     made = Adaptive(PAIRS, ("symmetric", "predictive update"), seed=1, draws=8000)
-    symmetric = Particles.of_prior(Posterior(EACH, SYMMETRIC, PRIOR, float(np.mean(LEVELS)), 1.0), 40_000, np.random.default_rng(2))
-    q = np.exp(symmetric.target(EACH).log_answers(symmetric.x)[0]).mean(axis=0), of_prior[1].mean(axis=0)
+    symmetric = Particles.of_prior(
+        Posterior(EACH, SYMMETRIC, PRIOR, float(np.mean(LEVELS)), 1.0),
+        40_000,
+        np.random.default_rng(2),
+    )
+    q = (
+        np.exp(symmetric.target(EACH).log_answers(symmetric.x)[0]).mean(axis=0),
+        of_prior[1].mean(axis=0),
+    )
     expected = entropy(np.mean(q, axis=0)) - np.mean([entropy(one) for one in q], axis=0)
     assert made.information() == pytest.approx(expected, abs=0.003)
     assert expected.max() > 0.015
@@ -120,9 +145,18 @@ def test_information_about_the_model_is_what_its_answer_tells_of_two(of_prior):
 
 def test_information_is_finite_where_an_answer_is_certain():
     """Without lapses identical stimuli are equal: weights times ones add up to 1 only within rounding, in half of all sessions above it."""
-    for models in (["none + sloped + no lapses"], ["none + sloped + no lapses", "none + no lapses + exponent"]):
+    for models in (
+        ["none + sloped + no lapses"],
+        ["none + sloped + no lapses", "none + no lapses + exponent"],
+    ):
         made = Adaptive(PAIRS, models, seed=1)
-        for pair, equal in [(PAIRS[3], False), (PAIRS[10], True), (PAIRS[11], True), (PAIRS[40], True), (PAIRS[2], False)]:
+        for pair, equal in [
+            (PAIRS[3], False),
+            (PAIRS[10], True),
+            (PAIRS[11], True),
+            (PAIRS[40], True),
+            (PAIRS[2], False),
+        ]:
             made.answer(pair, equal)
             told = made.information()
             assert np.isfinite(told).all()
@@ -132,7 +166,11 @@ def test_information_is_finite_where_an_answer_is_certain():
 def test_a_model_under_which_an_answer_is_impossible_is_out_and_one_that_none_allows_is_refused():
     made = Adaptive(PAIRS, ["none + sloped + no lapses", "symmetric", "constant bias"], seed=1)
     made.answer((0.25, 0.25), False)
-    assert made.probabilities["none + sloped + no lapses"] == made.effective()["none + sloped + no lapses"] == 0.0
+    assert (
+        made.probabilities["none + sloped + no lapses"]
+        == made.effective()["none + sloped + no lapses"]
+        == 0.0
+    )
     assert sum(made.probabilities.values()) == pytest.approx(1.0)
     others = Adaptive(PAIRS, ["symmetric", "constant bias"], seed=1)
     others.answer((0.25, 0.25), False)
@@ -142,7 +180,10 @@ def test_a_model_under_which_an_answer_is_impossible_is_out_and_one_that_none_al
         for one in (made, others):
             one.answer(pair, False)
     assert made.probabilities["symmetric"] == others.probabilities["symmetric"]
-    with pytest.raises(InputError, match="no lapses': allowed, of this session and its answers: symmetric, constant bias"):
+    with pytest.raises(
+        InputError,
+        match="no lapses': allowed, of this session and its answers: symmetric, constant bias",
+    ):
         made.quantiles("width")
     alone = Adaptive(PAIRS, "none + sloped + no lapses", seed=1)
     with pytest.raises(InputError, match="'different' is impossible under none"):
@@ -152,10 +193,19 @@ def test_a_model_under_which_an_answer_is_impossible_is_out_and_one_that_none_al
 
 
 def test_a_file_brings_a_session_back_and_a_copy_goes_on_by_itself(tmp_path):
-    session = Adaptive([(0.0, level) for level in (0.0, 0.2, 0.4)], ["symmetric", "predictive update"], seed=5, draws=512)
+    session = Adaptive(
+        [(0.0, level) for level in (0.0, 0.2, 0.4)],
+        ["symmetric", "predictive update"],
+        seed=5,
+        draws=512,
+    )
     for at in range(1, 12):
         session.answer((0.0, 0.2), session.trials % 2 == 0)
-        ways = (deepcopy, lambda one: pickle.loads(pickle.dumps(one)), lambda one: Adaptive.resume(one.save(tmp_path / "session.json")))
+        ways = (
+            deepcopy,
+            lambda one: pickle.loads(pickle.dumps(one)),
+            lambda one: Adaptive.resume(one.save(tmp_path / "session.json")),
+        )
         copied = ways[at % 3](session)
         assert (copied.next(), copied.probabilities) == (session.next(), session.probabilities)
         assert copied.quantiles("width") == session.quantiles("width")
@@ -163,7 +213,9 @@ def test_a_file_brings_a_session_back_and_a_copy_goes_on_by_itself(tmp_path):
         assert (copied.trials, session.trials) == (at + 1, at)
 
 
-def test_draws_made_anew_weigh_what_all_answers_say_and_those_outside_of_the_support_count_for_nothing(done):
+def test_draws_made_anew_weigh_what_all_answers_say_and_those_outside_of_the_support_count_for_nothing(
+    done,
+):
     rule, rng = Posterior(EACH, PREDICTIVE_UPDATE, PRIOR, 0.25, 1.0), np.random.default_rng(2)
     cloud = Particles.of_prior(rule, 2000, np.random.default_rng(1))
     more = bt.Subject.from_trials("one", [0.0], [0.1], [True])
@@ -172,9 +224,16 @@ def test_draws_made_anew_weigh_what_all_answers_say_and_those_outside_of_the_sup
     cloud.renew(done.subject, rng)
     cloud.add(cloud.gain(more))
     target = cloud.target(pooled((done.subject, more)))
-    assert cloud.log_posterior == pytest.approx(target.log_prior(cloud.x) + target.log_likelihood(cloud.x), rel=1e-12, abs=1e-9)
+    assert cloud.log_posterior == pytest.approx(
+        target.log_prior(cloud.x) + target.log_likelihood(cloud.x), rel=1e-12, abs=1e-9
+    )
     assert not np.isnan(cloud.log_weight).any()
-    assert (len(cloud.x), cloud.generation, np.isfinite(cloud.log_evidence), cloud.left > 0.5) == (2000, 1, True, True)
+    assert (len(cloud.x), cloud.generation, np.isfinite(cloud.log_evidence), cloud.left > 0.5) == (
+        2000,
+        1,
+        True,
+        True,
+    )
 
 
 def test_intervals_are_part_of_a_pair():
@@ -192,19 +251,40 @@ def started(**options):
 
 
 REFUSED = [
-    (lambda: started(model="free frequencies"), "model 'free frequencies': allowed are models with parameters"),
+    (
+        lambda: started(model="free frequencies"),
+        "model 'free frequencies': allowed are models with parameters",
+    ),
     (lambda: started(model="update + beta-binomial"), "by which answers are independent"),
     (lambda: started(model=[]), "model: found none, allowed: one or several"),
-    (lambda: started(about="luck"), "about='luck': allowed: parameters, model with at least two models, or of one model: mu1"),
-    (lambda: started(about="model"), "about='model': allowed: parameters, model with at least two models"),
+    (
+        lambda: started(about="luck"),
+        "about='luck': allowed: parameters, model with at least two models, or of one model: mu1",
+    ),
+    (
+        lambda: started(about="model"),
+        "about='model': allowed: parameters, model with at least two models",
+    ),
     (lambda: started(draws=10), "draws=10: allowed is at least 512"),
     (lambda: Adaptive([1.0, 2.0]), "found shape (2,)"),
     (lambda: started().answer(PAIRS[0], "yes"), "yes='yes'"),
     (lambda: started().answer((0.0, np.nan), True), "must be finite"),
     (lambda: started().subject, "no answers yet"),
-    (lambda: started().quantiles("width", model="symmetric"), "allowed, of this session and its answers: predictive update"),
-    *((lambda wrong=wrong: started().quantiles("width", [wrong]), "allowed are numbers from 0 to 1") for wrong in (1.5, -0.1, np.nan)),
-    *((lambda name=name: Adaptive.resume(name), f"{name}: not a session that can be read") for name in ("other.json", "absent.json")),
+    (
+        lambda: started().quantiles("width", model="symmetric"),
+        "allowed, of this session and its answers: predictive update",
+    ),
+    *(
+        (
+            lambda wrong=wrong: started().quantiles("width", [wrong]),
+            "allowed are numbers from 0 to 1",
+        )
+        for wrong in (1.5, -0.1, np.nan)
+    ),
+    *(
+        (lambda name=name: Adaptive.resume(name), f"{name}: not a session that can be read")
+        for name in ("other.json", "absent.json")
+    ),
 ]
 
 
@@ -212,7 +292,9 @@ REFUSED = [
 def test_what_is_refused(tmp_path, monkeypatch, wish, said):
     monkeypatch.chdir(tmp_path)
     saved = started().save("session.json").read_text(encoding="utf-8")
-    (tmp_path / "other.json").write_text(saved.replace("adaptive 1", "adaptive 2"), encoding="utf-8")
+    (tmp_path / "other.json").write_text(
+        saved.replace("adaptive 1", "adaptive 2"), encoding="utf-8"
+    )
     with pytest.raises(InputError) as caught:
         wish()
     assert said in str(caught.value)

@@ -16,8 +16,25 @@ from bayes_toe.model.ladder import ORDERS, SPACE, models_of
 from bayes_toe.planning.judging import Judgement, Weighed, judged
 from bayes_toe.planning.more_trials import ENOUGH, REPETITIONS, MoreTrials, Tried, likeliest
 from bayes_toe.planning.observers import observers_from, prior_of
-from bayes_toe.planning.power import FOUND, NAMED, WRONG, DataSet, Outcome, PowerTable, power, share_of
-from bayes_toe.planning.power_of_studies import DENYING, ERROR, PULL, PopulationPower, planned_studies, power_of_studies, said_on_average
+from bayes_toe.planning.power import (
+    FOUND,
+    NAMED,
+    WRONG,
+    DataSet,
+    Outcome,
+    PowerTable,
+    power,
+    share_of,
+)
+from bayes_toe.planning.power_of_studies import (
+    DENYING,
+    ERROR,
+    PULL,
+    PopulationPower,
+    planned_studies,
+    power_of_studies,
+    said_on_average,
+)
 from bayes_toe.planning.stopping import StoppingRule, StoppingTable, session
 from bayes_toe.planning.study_design import each_once, narrow_study_design, paper_study_design
 from bayes_toe.seeds import generator
@@ -25,7 +42,10 @@ from bayes_toe.seeds import generator
 
 @pytest.fixture(scope="module")
 def designs():
-    return {"paper": paper_study_design(), "narrow": narrow_study_design(np.linspace(-0.75, 1.25, 5), np.linspace(-0.3, 0.3, 5), 650)}
+    return {
+        "paper": paper_study_design(),
+        "narrow": narrow_study_design(np.linspace(-0.75, 1.25, 5), np.linspace(-0.3, 0.3, 5), 650),
+    }
 
 
 @pytest.fixture(scope="module")
@@ -38,30 +58,60 @@ def test_the_judgement_is_the_verdict(table, designs, three_models):
     observer = observers_from(None, 1, seed=1)[-1]
     subject = observer.answers(designs["paper"], generator(1, observer.name, "answers", 650))
     expected = verdict(subject, prior_of([designs["paper"]], None), 1)[0]
-    [found] = [one.judgement for one in table if (one.design, one.observer) == ("paper", observer.name)]
+    [found] = [
+        one.judgement for one in table if (one.design, one.observer) == ("paper", observer.name)
+    ]
     assert found.probability == pytest.approx(expected.p_orders, abs=0.1)  # 0.009 in the middle
     assert found.p_larger == pytest.approx(expected.p_larger, abs=0.05)
     assert (found.verdict.effect, found.verdict.kind) == (expected.effect, expected.kind)
 
 
-def test_wide_first_stimuli_tell_an_update_that_the_papers_pairs_do_not_whoever_else_is_simulated(table, designs, three_models):
+def test_wide_first_stimuli_tell_an_update_that_the_papers_pairs_do_not_whoever_else_is_simulated(
+    table, designs, three_models
+):
     assert table["narrow", 650, "update", NAMED].value == 1.0
-    assert table["paper", 650, "update", "90 % width of gain"].value > 3.0 * table["narrow", 650, "update", "90 % width of gain"].value
+    assert (
+        table["paper", 650, "update", "90 % width of gain"].value
+        > 3.0 * table["narrow", 650, "update", "90 % width of gain"].value
+    )
     assert table["narrow", 650, "none", FOUND].value == 0.0
-    again = power({"narrow": designs["narrow"]}, [650], observers_from(None, 2, seed=1)[-1:], seed=1, workers=1)
-    assert again.rows[0] == next(one for one in table if (one.design, one.observer) == ("narrow", "update 2"))
+    again = power(
+        {"narrow": designs["narrow"]},
+        [650],
+        observers_from(None, 2, seed=1)[-1:],
+        seed=1,
+        workers=1,
+    )
+    assert again.rows[0] == next(
+        one for one in table if (one.design, one.observer) == ("narrow", "update 2")
+    )
 
 
 def made_up(kind, *probabilities):
-    return [DataSet("d", 100, f"{kind} {i}", kind, Judgement(None if p is None else tuple(np.log(p)))) for i, p in enumerate(probabilities)]
+    return [
+        DataSet("d", 100, f"{kind} {i}", kind, Judgement(None if p is None else tuple(np.log(p))))
+        for i, p in enumerate(probabilities)
+    ]
 
 
 def test_counts_of_data_sets_one_of_which_is_withheld():
-    rows = made_up("update", (0.01, 0.01, 0.98), (0.97, 0.02, 0.01), (0.3, 0.3, 0.4), (0.01, 0.39, 0.6), None)
+    rows = made_up(
+        "update", (0.01, 0.01, 0.98), (0.97, 0.02, 0.01), (0.3, 0.3, 0.4), (0.01, 0.39, 0.6), None
+    )
     table = PowerTable(tuple(rows + made_up("none", (0.01, 0.03, 0.96), (0.8, 0.1, 0.1))), 0)
     names = (FOUND, NAMED, WRONG, "evidence withheld", "said: has", "said: none", "said: undecided")
-    assert [table["d", 100, "update", name].value for name in names] == [0.4, 0.2, 0.2, 0.2, 0.4, 0.2, 0.2]
-    assert [table["d", 100, "none", name].value for name in (FOUND, NAMED, WRONG, "said: probably none")] == [0.5] * 4
+    assert [table["d", 100, "update", name].value for name in names] == [
+        0.4,
+        0.2,
+        0.2,
+        0.2,
+        0.4,
+        0.2,
+        0.2,
+    ]
+    assert [
+        table["d", 100, "none", name].value for name in (FOUND, NAMED, WRONG, "said: probably none")
+    ] == [0.5] * 4
     assert table["d", 100, "update", "P(update)"].value == pytest.approx(0.4975)
     assert table.sentences() == [
         "with d 100 trials find an order effect in 40 % of observers with a pull (9 to 79 %), and name a pull in 20 %; and wrongly one in "
@@ -90,33 +140,58 @@ def test_intervals_of_shares_cover():
 
 def test_whole_studies_name_what_single_subjects_cannot():
     rows = made_up("update", *[(0.02, 0.08, 0.9)] * 16) + made_up("none", *[(0.4, 0.3, 0.3)] * 5)
-    found = power_of_studies(PowerTable(tuple(rows), 0), (4, 8, 16)).frame().set_index(["observers", "subjects"])
+    found = (
+        power_of_studies(PowerTable(tuple(rows), 0), (4, 8, 16))
+        .frame()
+        .set_index(["observers", "subjects"])
+    )
     assert list(found.index) == [("update", 4), ("update", 8), ("update", 16), ("none", 4)]
     assert found.studies.tolist() == [4, 2, 1, 1]
-    assert (found.named["update", 16], found.named["none", 4], found.another_named["update", 16]) == (1.0, 0.0, 0.0)
+    assert (
+        found.named["update", 16],
+        found.named["none", 4],
+        found.another_named["update", 16],
+    ) == (1.0, 0.0, 0.0)
     protected = random_effects([row.judgement.log_evidence for row in rows[:8]]).protected
     assert found.named["update", 8] == float(protected[2] > 0.95)
 
 
 def test_a_mixed_population_names_its_most_frequent_kind():
-    table = PowerTable(tuple(made_up("none", *[(0.98, 0.01, 0.01)] * 20) + made_up("update", *[(0.01, 0.01, 0.98)] * 80)), 0)
+    table = PowerTable(
+        tuple(
+            made_up("none", *[(0.98, 0.01, 0.01)] * 20)
+            + made_up("update", *[(0.01, 0.01, 0.98)] * 80)
+        ),
+        0,
+    )
     found = power_of_studies(table, (10, 20), {"none": 0.1, "update": 0.9})
     ten, twenty = (row for row in found.frame().itertuples() if row.observers == "mixed")
     assert 6 < ten.studies <= 10  # until one kind has no subject left
     assert (twenty.subjects, twenty.another_named) == (20, 0.0)
     assert twenty.named > 0.7
-    assert found.sentences()[-1].startswith("with d and 100 trials each, the most frequent kind of the mixed population is named in")
+    assert found.sentences()[-1].startswith(
+        "with d and 100 trials each, the most frequent kind of the mixed population is named in"
+    )
 
 
 def test_counts_of_studies_analysed_as_groups():
     def analysed(kind, *found):  # probability of none, and what is named
-        return [Outcome("d", 100, kind, 8, said_on_average(p, named, (0.1,) * 4, warned=p > 0.9)) for p, *named in found]
+        return [
+            Outcome("d", 100, kind, 8, said_on_average(p, named, (0.1,) * 4, warned=p > 0.9))
+            for p, *named in found
+        ]
 
     said = (0.01, "pull"), (0.2, "pull", "constant error"), (0.3,), (0.8,)
-    table = PopulationPower(tuple(analysed("none", (0.97,), (0.04, "pull")) + analysed("update", *said)), 1)
+    table = PopulationPower(
+        tuple(analysed("none", (0.97,), (0.04, "pull")) + analysed("update", *said)), 1
+    )
     expected = {FOUND: 0.5, PULL: 0.5, ERROR: 0.25, DENYING: 0.25, "analysed with warnings": 0.0}
     assert {name: table.counted["d", 100, "update", 8, name].value for name in expected} == expected
-    assert table.counted["d", 100, "none", 8, DENYING].value == table.counted["d", 100, "none", 8, "analysed with warnings"].value == 0.5
+    assert (
+        table.counted["d", 100, "none", 8, DENYING].value
+        == table.counted["d", 100, "none", 8, "analysed with warnings"].value
+        == 0.5
+    )
     assert table.sentences() == [
         "with d and 100 trials each, population finds an order effect of subjects with a pull in 50 % of studies with 8 subjects (of 4), "
         "and wrongly of others in 1 of 2"
@@ -124,15 +199,23 @@ def test_counts_of_studies_analysed_as_groups():
 
 
 def test_smaller_studies_are_parts_of_larger_ones_and_no_subject_is_in_two_of_a_size():
-    people, shares = observers_from(None, 600, seed=1), {"none": 0.2, "constant error": 0.2, "update": 0.6}
+    people, shares = (
+        observers_from(None, 600, seed=1),
+        {"none": 0.2, "constant error": 0.2, "update": 0.6},
+    )
     planned = list(planned_studies(people, [3, 12], shares, 1))
     assert len({one.name for one in planned}) == len(planned)
     for kind in ("none", "mixed"):
-        small, large = ([one.people for one in planned if one.kind == kind and len(one.people) == size] for size in (3, 12))
+        small, large = (
+            [one.people for one in planned if one.kind == kind and len(one.people) == size]
+            for size in (3, 12)
+        )
         assert (len(large), small) == (50, [study[:3] for study in large])
         assert len({one.name for study in large for one in study}) == 600
     kinds = [one.kind for study in large for one in study]
-    assert kinds.count("update") / 600 == pytest.approx(0.6, abs=3.3 * np.sqrt(0.24 / 600))  # false alarm 1 in 1,000
+    assert kinds.count("update") / 600 == pytest.approx(
+        0.6, abs=3.3 * np.sqrt(0.24 / 600)
+    )  # false alarm 1 in 1,000
 
 
 # --- The command ----------------------------------------------------------------------------------
@@ -143,13 +226,41 @@ ALONE = ("--data-sets", "1", "--seed", "1", "--workers", "1", "-o", "out")
 
 def test_the_command(tmp_path, designs, three_models):
     designs["paper"].save(tmp_path / "design.csv")
-    said = good("power", "design.csv", "--trials", "130,65", "--stop", "has,none", "--look", "65", *ALONE, cwd=tmp_path)
+    said = good(
+        "power",
+        "design.csv",
+        "--trials",
+        "130,65",
+        "--stop",
+        "has,none",
+        "--look",
+        "65",
+        *ALONE,
+        cwd=tmp_path,
+    )
     assert "with these pairs 65 trials find an order effect in" in said
-    assert "with these pairs, stopping at 'has' or 'none', or 130 trials finds an order effect in" in said
-    names = ["power.csv", "power.pdf", "power.png", "power_data_sets.csv", "power_stopping.csv", "power_subjects.csv"]
+    assert (
+        "with these pairs, stopping at 'has' or 'none', or 130 trials finds an order effect in"
+        in said
+    )
+    names = [
+        "power.csv",
+        "power.pdf",
+        "power.png",
+        "power_data_sets.csv",
+        "power_stopping.csv",
+        "power_subjects.csv",
+    ]
     assert sorted(path.name for path in (tmp_path / "out").glob("power*")) == names
-    table, sets, sessions = (pd.read_csv(tmp_path / "out" / f"power{name}.csv") for name in ("", "_data_sets", "_stopping"))
-    assert (set(table.trials), len(sets), list(sets.columns[:4])) == ({65, 130}, 6, ["design", "trials", "observer", "kind"])
+    table, sets, sessions = (
+        pd.read_csv(tmp_path / "out" / f"power{name}.csv")
+        for name in ("", "_data_sets", "_stopping")
+    )
+    assert (set(table.trials), len(sets), list(sets.columns[:4])) == (
+        {65, 130},
+        6,
+        ["design", "trials", "observer", "kind"],
+    )
     assert set(sessions.trials) <= {65, 130}
     assert not (tmp_path / "out.partial").exists()
 
@@ -160,7 +271,11 @@ def test_the_command_with_groups(tmp_path, monkeypatch, three_models, blank_figu
     said = " ".join(good("power", *asked, *ALONE, cwd=tmp_path).split())
     assert "and 65 trials each, population finds an order effect of subjects with a pull in" in said
     table = pd.read_csv(tmp_path / "out" / "power_population.csv")
-    assert (set(table.subjects), set(table.studies), set(table.observers)) == ({2}, {1}, {"none", "constant error", "update"})
+    assert (set(table.subjects), set(table.studies), set(table.observers)) == (
+        {2},
+        {1},
+        {"none", "constant error", "update"},
+    )
     assert (table.set_index("quantity").value["90 % width of mean of pull"] > 0.0).all()
     assert not (tmp_path / "out.partial").exists()
 
@@ -178,18 +293,28 @@ def test_bad_input_is_one_line(tmp_path, more, said):
     assert refused("power", *more, "-o", "out", cwd=tmp_path).startswith(said)
 
 
-NARROW = narrow_study_design(np.linspace(-0.75, 1.25, 5), np.array([-0.3, -0.15, 0.0, 0.15, 0.3]), 200)
+NARROW = narrow_study_design(
+    np.linspace(-0.75, 1.25, 5), np.array([-0.3, -0.15, 0.0, 0.15, 0.3]), 200
+)
 
 
 @pytest.mark.parametrize(("words", "most"), [(("has",), 200), (("none",), 60)])
-def test_a_session_ends_at_the_first_look_at_which_a_word_is_said_or_at_its_end(three_models, words, most):
-    observer, rule, prior = observers_from(None, 1, seed=1)[-1], StoppingRule(words, most, 40), prior_of([NARROW], None)
+def test_a_session_ends_at_the_first_look_at_which_a_word_is_said_or_at_its_end(
+    three_models, words, most
+):
+    observer, rule, prior = (
+        observers_from(None, 1, seed=1)[-1],
+        StoppingRule(words, most, 40),
+        prior_of([NARROW], None),
+    )
     found = session("d", NARROW, observer, rule, 1, prior)
     rng = generator(1, observer.name, "session")
     order = rng.permutation(np.repeat(np.arange(NARROW.n_pairs), NARROW.n_trials))
     equal = rng.uniform(size=200) < observer.p_yes(NARROW)[order]
     for trials in range(40, found.trials + 1, 40):
-        subject = bt.Subject.from_trials(observer.name, NARROW.s1[order[:trials]], NARROW.s2[order[:trials]], equal[:trials])
+        subject = bt.Subject.from_trials(
+            observer.name, NARROW.s1[order[:trials]], NARROW.s2[order[:trials]], equal[:trials]
+        )
         judgement = judged(subject, 1, prior, models_of(SAME_DIFFERENT).space)
         assert rule.ends(judgement.verdict) == (trials == found.trials and most == 200)
     assert found.trials in ((60,) if most == 60 else range(40, 200, 40))
@@ -197,7 +322,10 @@ def test_a_session_ends_at_the_first_look_at_which_a_word_is_said_or_at_its_end(
 
 
 def test_errors_are_counted():
-    said = [Judgement(tuple(np.log(p))) for p in ((0.01, 0.01, 0.98), (0.9, 0.05, 0.05), (0.5, 0.25, 0.25), (0.02, 0.49, 0.49))]
+    said = [
+        Judgement(tuple(np.log(p)))
+        for p in ((0.01, 0.01, 0.98), (0.9, 0.05, 0.05), (0.5, 0.25, 0.25), (0.02, 0.49, 0.49))
+    ]
     rows = tuple(DataSet("d", 100 * i, f"u{i}", "update", one) for i, one in enumerate(said, 1))
     table = StoppingTable(rows, 1, {}, StoppingRule(("has", "none")))
     assert table.sentences() == [
@@ -231,7 +359,9 @@ def few():
     return observers_from(None, 1, seed=1)[0].answers(design, generator(1, "few"))
 
 
-def test_an_undecided_subject_is_told_how_many_trials_of_which_pairs(few, tmp_path, monkeypatch, three_models):
+def test_an_undecided_subject_is_told_how_many_trials_of_which_pairs(
+    few, tmp_path, monkeypatch, three_models
+):
     study = bt.Study((few,))
     [found] = bt.planning.more_trials(study, seed=1, workers=1)
     assert found.subject == few.name
@@ -244,14 +374,20 @@ def test_an_undecided_subject_is_told_how_many_trials_of_which_pairs(few, tmp_pa
     assert shown.issuperset({level for pair in found.telling.design.pairs for level in pair})
     study.frame().to_csv(tmp_path / "few.csv", index=False)
     asked = []
-    monkeypatch.setattr("bayes_toe.planning.more_trials", lambda _, names, **__: asked.append(names) or (found,))  # not once more
-    said = good("evidence", "few.csv", "--more-trials", "--seed", "1", "--workers", "1", cwd=tmp_path)
+    monkeypatch.setattr(
+        "bayes_toe.planning.more_trials", lambda _, names, **__: asked.append(names) or (found,)
+    )  # not once more
+    said = good(
+        "evidence", "few.csv", "--more-trials", "--seed", "1", "--workers", "1", cwd=tmp_path
+    )
     assert asked == [[few.name]]
     assert found.sentence() in " ".join(said.split())
 
 
 def test_who_is_decided_is_left_out(few):
-    clear = observers_from(None, 1, seed=1)[-1].answers(paper_study_design(20_000), generator(1, "many"))
+    clear = observers_from(None, 1, seed=1)[-1].answers(
+        paper_study_design(20_000), generator(1, "many")
+    )
     assert bt.planning.more_trials(bt.Study((clear,)), seed=1, workers=1) == ()
     with pytest.raises(bt.InputError):
         bt.planning.more_trials(bt.Study((few,)), ["nobody"], seed=1)
@@ -266,7 +402,14 @@ def test_the_sentence():
 
 
 def test_repetitions_are_judged_by_every_order_of_the_likeliest_shape_of_each_curve():
-    values = np.array([3.0 if "sloped +" in f"{model.name} +" and "both ways" in model.name else 0.0 for model in SPACE])
+    values = np.array(
+        [
+            3.0 if "sloped +" in f"{model.name} +" and "both ways" in model.name else 0.0
+            for model in SPACE
+        ]
+    )
     chosen = [dict(model.levels) for model in likeliest(Weighed(SPACE, values, {}))]
-    assert sorted((one["order"], one["curve"]) for one in chosen) == sorted((a, b) for a in ORDERS for b in ("bell", "differencing"))
+    assert sorted((one["order"], one["curve"]) for one in chosen) == sorted(
+        (a, b) for a in ORDERS for b in ("bell", "differencing")
+    )
     assert {(one["noise"], one["lapses"]) for one in chosen} == {("sloped", "both ways")}

@@ -11,7 +11,14 @@ from commands import good, refused
 import bayes_toe as bt
 from bayes_toe.errors import InputError
 from bayes_toe.planning.observers import observers_from
-from bayes_toe.planning.study_design import StudyDesign, apportioned, narrow_study_design, paper_study_design, save_trials, trial_list
+from bayes_toe.planning.study_design import (
+    StudyDesign,
+    apportioned,
+    narrow_study_design,
+    paper_study_design,
+    save_trials,
+    trial_list,
+)
 
 
 def test_a_design_comes_back_from_its_file(tmp_path):
@@ -24,18 +31,30 @@ def test_a_design_comes_back_from_its_file(tmp_path):
 
 @pytest.mark.parametrize("trials", [25, 26, 70, 649, 651])
 def test_every_pair_keeps_its_share_and_at_least_one_trial(trials):
-    design = narrow_study_design(np.linspace(0.0, 1.0, 5), np.array([-0.2, -0.1, 0.0, 0.1, 0.2]), 650).with_total(trials)
+    design = narrow_study_design(
+        np.linspace(0.0, 1.0, 5), np.array([-0.2, -0.1, 0.0, 0.1, 0.2]), 650
+    ).with_total(trials)
     assert (design.total, design.n_trials.min() >= 1) == (trials, True)
     assert np.ptp(design.n_trials) <= 1
-    assert apportioned(np.array([0.001, 0.3, 0.699]), 100).tolist() == [1, 30, 69]  # as far as whole numbers can
+    assert apportioned(np.array([0.001, 0.3, 0.699]), 100).tolist() == [
+        1,
+        30,
+        69,
+    ]  # as far as whole numbers can
 
 
 @pytest.mark.parametrize(
     ("text", "said"),
     [
         ("s1,s2\n0,0\n", "design.csv: row 1, column n_trials: missing"),
-        ("s1,s2,n_trials\n0,0,2.5\n", "row 2, column n_trials: found '2.5', allowed: a whole number of at least 1"),
-        ("s1,s2,n_trials\n0,0,0\n", "row 2, column n_trials: found '0', allowed: a whole number of at least 1"),
+        (
+            "s1,s2,n_trials\n0,0,2.5\n",
+            "row 2, column n_trials: found '2.5', allowed: a whole number of at least 1",
+        ),
+        (
+            "s1,s2,n_trials\n0,0,0\n",
+            "row 2, column n_trials: found '0', allowed: a whole number of at least 1",
+        ),
         ("s1,s2,n_trials\n0,x,1\n", "row 2, column s2: found 'x', allowed: a finite number"),
         ("s1,s2,n_trials\n0,0,1\n0,0,2\n", "a pair of stimuli is repeated"),
         ("s1,s2,n_trials,isi\n0,0,1,-1\n", "isi must be positive"),
@@ -54,14 +73,20 @@ def test_what_is_wrong_is_said_with_its_place(tmp_path, text, said):
 
 DESIGNS = {
     "paper": paper_study_design(),
-    "narrow": narrow_study_design(np.linspace(-0.75, 1.25, 5), np.array([-0.3, -0.15, 0.0, 0.15, 0.3]), 654),
+    "narrow": narrow_study_design(
+        np.linspace(-0.75, 1.25, 5), np.array([-0.3, -0.15, 0.0, 0.15, 0.3]), 654
+    ),
     "many equal": StudyDesign([0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [130, 24, 24]),
-    "odd": StudyDesign([0.0, 0.0, 0.3, 0.3], [0.0, 0.3, 0.0, 0.3], [7, 33, 21, 9], isi=[1, 1, 1, 2]),
+    "odd": StudyDesign(
+        [0.0, 0.0, 0.3, 0.3], [0.0, 0.3, 0.0, 0.3], [7, 33, 21, 9], isi=[1, 1, 1, 2]
+    ),
 }
 
 
 def longest_run_of_equals(trials):
-    return max((len(list(group)) for same, group in groupby(trials.s1 == trials.s2) if same), default=0)
+    return max(
+        (len(list(group)) for same, group in groupby(trials.s1 == trials.s2) if same), default=0
+    )
 
 
 @pytest.mark.parametrize("name", DESIGNS)
@@ -76,17 +101,28 @@ def test_every_trial_once_and_blocks_alike(name, blocks):
     sizes = np.bincount(trials.block)[1:]
     assert (len(sizes), np.ptp(sizes) <= 2) == (blocks, True)
     for s1, s2, n in zip(design.s1, design.s2, design.n_trials, strict=True):
-        assert np.ptp(np.bincount(trials.block[(trials.s1 == s1) & (trials.s2 == s2)], minlength=blocks + 1)[1:]) <= (1 if n else 0) + 1
+        assert (
+            np.ptp(
+                np.bincount(
+                    trials.block[(trials.s1 == s1) & (trials.s2 == s2)], minlength=blocks + 1
+                )[1:]
+            )
+            <= (1 if n else 0) + 1
+        )
 
 
 def test_blocks_differ_by_one_trial_where_there_are_single_ones_enough():
     design = StudyDesign([0.0, 0.0, 0.3, 0.3], [0.0, 0.3, 0.0, 0.3], [7, 5, 9, 4])
-    assert {np.ptp(np.bincount(trial_list(design, blocks=6, seed=seed).block)[1:]) for seed in range(20)} == {1}
+    assert {
+        np.ptp(np.bincount(trial_list(design, blocks=6, seed=seed).block)[1:]) for seed in range(20)
+    } == {1}
 
 
 def test_both_orders_equally_often_in_every_block():
     design = paper_study_design()
-    design = StudyDesign(design.s1, design.s2, np.where(design.s1 == design.s2, 51, 47))  # no multiples of the blocks
+    design = StudyDesign(
+        design.s1, design.s2, np.where(design.s1 == design.s2, 51, 47)
+    )  # no multiples of the blocks
     trials = trial_list(design, blocks=10, seed=3)
     for block in range(1, 11):
         at = trials.block == block
@@ -97,10 +133,15 @@ def test_both_orders_equally_often_in_every_block():
 def test_all_orders_are_equally_probable_over_the_end_of_a_block_too():
     design = StudyDesign([0.0, 0.0], [0.0, 0.3], [6, 2])
     found = Counter(
-        tuple((one.s1 == one.s2).tolist()) for one in (trial_list(design, blocks=2, subject=str(i), seed=1) for i in range(400))
+        tuple((one.s1 == one.s2).tolist())
+        for one in (trial_list(design, blocks=2, subject=str(i), seed=1) for i in range(400))
     )
-    assert len(found) == 10  # a different pair at any of 4 places of each block: 16, but for 6 with more than three equal ones in a row
-    assert sum((n - 40) ** 2 / 40 for n in found.values()) < 33.0  # chi-square, 9 d.f.: false alarm 1 in 10,000
+    assert (
+        len(found) == 10
+    )  # a different pair at any of 4 places of each block: 16, but for 6 with more than three equal ones in a row
+    assert (
+        sum((n - 40) ** 2 / 40 for n in found.values()) < 33.0
+    )  # chi-square, 9 d.f.: false alarm 1 in 10,000
 
 
 def test_orders_are_of_the_subject_and_the_seed():
@@ -114,7 +155,20 @@ def test_orders_are_of_the_subject_and_the_seed():
 def test_a_filled_in_list_is_a_study_that_run_reads(tmp_path):
     design = paper_study_design(130)
     design.save(tmp_path / "design.csv")
-    listed = ("design", "design.csv", "--list", "trials.csv", "--blocks", "5", "--subjects", "2", "--intensity", "0.087", "--seed", "4")
+    listed = (
+        "design",
+        "design.csv",
+        "--list",
+        "trials.csv",
+        "--blocks",
+        "5",
+        "--subjects",
+        "2",
+        "--intensity",
+        "0.087",
+        "--seed",
+        "4",
+    )
     good(*listed, cwd=tmp_path)
     assert "found no response in any of 260 rows" in refused("check", "trials.csv", cwd=tmp_path)
     frame = pd.read_csv(tmp_path / "trials.csv")
@@ -122,7 +176,9 @@ def test_a_filled_in_list_is_a_study_that_run_reads(tmp_path):
     observer, rng = observers_from(None, 1, seed=1)[-1], np.random.default_rng(2)
     q = {(a, b): p for a, b, p in zip(design.s1, design.s2, observer.p_yes(design), strict=True)}
     said = [rng.uniform() < q[a, b] for a, b in zip(frame.s1, frame.s2, strict=True)]
-    frame.assign(response=np.where(said, "equal", "different")).to_csv(tmp_path / "answers.csv", index=False)
+    frame.assign(response=np.where(said, "equal", "different")).to_csv(
+        tmp_path / "answers.csv", index=False
+    )
     study = bt.read_study(tmp_path / "answers.csv")
     assert study.names == ("S01", "S02")
     for subject in study:
@@ -143,7 +199,10 @@ def test_intervals_come_back(tmp_path):
 def test_what_cannot_be_is_said():
     with pytest.raises(InputError, match="12 trials for 13 pairs"):
         paper_study_design(12)
-    with pytest.raises(InputError, match="block 1, of 10 trials, has 9 equal pairs: more than 3 would follow each other"):
+    with pytest.raises(
+        InputError,
+        match="block 1, of 10 trials, has 9 equal pairs: more than 3 would follow each other",
+    ):
         trial_list(StudyDesign([0, 0], [0, 1], [90, 10]), blocks=10, seed=1)
     with pytest.raises(InputError, match="--blocks 3: allowed is 1 to 2"):
         trial_list(StudyDesign([0, 0], [0, 1], [1, 1]), blocks=3, seed=1)

@@ -21,7 +21,17 @@ def made(evidence, models=NAMES, probability=None):
     evidence = np.asarray(evidence, float)
     subjects = tuple(f"P{i + 1}" for i in range(len(evidence)))
     rows = [
-        ModelRow(subject, model, 2, None if np.isnan(value) else float(value), 0.0, None, Checks(), (), model_probability=probability)
+        ModelRow(
+            subject,
+            model,
+            2,
+            None if np.isnan(value) else float(value),
+            0.0,
+            None,
+            Checks(),
+            (),
+            model_probability=probability,
+        )
         for subject, values in zip(subjects, evidence, strict=True)
         for model, value in zip(models, values, strict=True)
     ]
@@ -38,24 +48,45 @@ def cells(ax):
     """Rectangles of a panel as (row, column) -> patch; and the numbers likewise."""
     patches = [one for one in ax.patches if isinstance(one, Rectangle)]
     found = {(round(one.get_y() + 0.5, 6), round(one.get_x() + 0.5, 6)): one for one in patches}
-    return found, {(round(text.get_position()[1], 6), text.get_position()[0]): text.get_text() for text in ax.texts}
+    return found, {
+        (round(text.get_position()[1], 6), text.get_position()[0]): text.get_text()
+        for text in ax.texts
+    }
 
 
-EVIDENCE = np.array([[-100.0, -103.04, -100.4, -120.0], [-50.0, np.nan, -41.0, -42.0], [-60.0, -62.0, -61.0, -260.0]])
+EVIDENCE = np.array(
+    [
+        [-100.0, -103.04, -100.4, -120.0],
+        [-50.0, np.nan, -41.0, -42.0],
+        [-60.0, -62.0, -61.0, -260.0],
+    ]
+)
 
 
 def test_every_cell_has_its_number_and_its_class_and_what_is_withheld_is_hatched_and_its_subject_grey():
     ax = panels(made(EVIDENCE, NAMES[:4]))[1]
     patches, numbers = cells(ax)
     last = ax.get_yticks()[-1]
-    below = [["best", "3.0", "0.4", "20.0"], ["9.0", None, "best", "1.0"], ["best", "2.0", "1.0", "200"], ["best", "5.0", "1.4", "220"]]
+    below = [
+        ["best", "3.0", "0.4", "20.0"],
+        ["9.0", None, "best", "1.0"],
+        ["best", "2.0", "1.0", "200"],
+        ["best", "5.0", "1.4", "220"],
+    ]
     shades = [[0, 2, 1, 4], [3, None, 0, 1], [0, 2, 1, 4]]
-    assert [[numbers.get((i, j)) for j in range(4)] for i in (0, 1, 2, last)] == below  # the sum is of P1 and P3 only
+    assert [
+        [numbers.get((i, j)) for j in range(4)] for i in (0, 1, 2, last)
+    ] == below  # the sum is of P1 and P3 only
     drawn = [[to_hex(patches[i, j].get_facecolor()) for j in range(4)] for i in range(3)]
-    expected = [[drawn[i][j] if one is None else CLASSES[one][2].lower() for j, one in enumerate(row)] for i, row in enumerate(shades)]
+    expected = [
+        [drawn[i][j] if one is None else CLASSES[one][2].lower() for j, one in enumerate(row)]
+        for i, row in enumerate(shades)
+    ]
     assert drawn == expected
     assert [place for place, one in patches.items() if one.get_hatch()] == [(1, 1)]
-    assert "withheld: subject not counted" in [text.get_text() for text in ax.get_legend().get_texts()]
+    assert "withheld: subject not counted" in [
+        text.get_text() for text in ax.get_legend().get_texts()
+    ]
     names = ax.get_yticklabels()
     assert [label.get_text() for label in names] == ["P1", "P2", "P3", "sum of 2"]
     assert names[0].get_color() == names[2].get_color() == "black" != names[1].get_color()
@@ -118,7 +149,9 @@ def test_without_frequencies_the_panel_says_why(evidence, models, words):
 
 #: Free frequencies, and of the default space the models with a bell of one peak.
 SPACE = tuple(
-    model.name for model in models_of(SAME_DIFFERENT).compared if not {("curve", "differencing"), ("peak", "sloped peak")} & {*model.levels}
+    model.name
+    for model in models_of(SAME_DIFFERENT).compared
+    if not {("curve", "differencing"), ("peak", "sloped peak")} & {*model.levels}
 )
 
 
@@ -128,7 +161,10 @@ def test_bars_and_words_are_those_of_the_table():
     table = made(evidence, SPACE)
     (ax, *_, best), _, _ = panels(table)
     assert [label.get_text() for label in ax.get_yticklabels()] == ["P1", "P2", "P3", "*"]
-    bars = {at: [one.get_width() for one in ax.patches if round(one.get_y() + 0.41, 6) == at] for at in (0, 1, 2, 3.45)}
+    bars = {
+        at: [one.get_width() for one in ax.patches if round(one.get_y() + 0.41, 6) == at]
+        for at in (0, 1, 2, 3.45)
+    }
     order = table.parts[0]
     assert bars[0] == pytest.approx(order.probability[0].tolist())
     assert bars[3.45] == pytest.approx(order.study.tolist())
@@ -144,7 +180,9 @@ def test_bars_and_words_are_those_of_the_table():
 
 def test_a_misfit_is_bold_and_says_so():
     table = made([[0.0, 2.0, *[-9.0] * 11]], SPACE)
-    table = replace(table, rows=tuple(replace(row, checks=Checks(p_predictive=0.002)) for row in table.rows))
+    table = replace(
+        table, rows=tuple(replace(row, checks=Checks(p_predictive=0.002)) for row in table.rows)
+    )
     bold = [text.get_text() for text in panels(table)[0][-1].texts if text.get_weight() == "bold"]
     assert bold == ["misfit 0.002"]
 
@@ -153,7 +191,9 @@ def test_a_misfit_is_bold_and_says_so():
 def test_words_can_be_read_and_numbers_stay_in_their_cells(shape):
     evidence = np.random.default_rng(4).normal(size=shape) * 20
     evidence[1:2, 1] = np.nan
-    figure = comparison_figure(made(evidence, SPACE if shape[1] == 13 else NAMES[: shape[1]], 1 / shape[1]), synthetic=True)
+    figure = comparison_figure(
+        made(evidence, SPACE if shape[1] == 13 else NAMES[: shape[1]], 1 / shape[1]), synthetic=True
+    )
     require_legible(figure, 6.5)
     assert "synthetic data" in figure.get_suptitle()
     *parts, upper, lower = figure.axes

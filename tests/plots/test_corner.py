@@ -31,7 +31,9 @@ def marked(ax):
     """Where true values stand in a panel: abscissae of vertical, ordinates of horizontal lines."""
     lines = [line for line in ax.lines if line.get_color() == TRUTH and len(line.get_xdata()) == 2]
     across = [line.get_xdata()[0] for line in lines if line.get_xdata()[0] == line.get_xdata()[1]]
-    return across, [line.get_ydata()[0] for line in lines if line.get_ydata()[0] == line.get_ydata()[1]]
+    return across, [
+        line.get_ydata()[0] for line in lines if line.get_ydata()[0] == line.get_ydata()[1]
+    ]
 
 
 def test_corner_shows_the_natural_parameters_with_prior_and_truth(analysis):
@@ -41,7 +43,10 @@ def test_corner_shows_the_natural_parameters_with_prior_and_truth(analysis):
     for ax, (name, value) in zip(axes.diagonal(), TRUE.items(), strict=True):
         assert ax.get_xlim()[0] < value < ax.get_xlim()[1]
         drawn = [line.get_xdata()[0] for line in ax.lines]
-        assert all(np.isclose(drawn, one).any() for one in (*np.quantile(analysis.draws.values("A", name), [0.05, 0.5, 0.95]), value))
+        assert all(
+            np.isclose(drawn, one).any()
+            for one in (*np.quantile(analysis.draws.values("A", name), [0.05, 0.5, 0.95]), value)
+        )
     assert axes[3, 3].get_xlim()[1] <= 1.0
     assert "grey: prior" in words(figure)
 
@@ -49,7 +54,10 @@ def test_corner_shows_the_natural_parameters_with_prior_and_truth(analysis):
 def held(areas, points):
     """Share of points within each area: a ring in a ring is a hole."""
     rings = [area.to_polygons() for area in areas]
-    return [np.mean(np.sum([Path(ring).contains_points(points) for ring in within], axis=0) % 2) for within in rings]
+    return [
+        np.mean(np.sum([Path(ring).contains_points(points) for ring in within], axis=0) % 2)
+        for within in rings
+    ]
 
 
 def test_areas_hold_their_shares_of_the_draws(analysis):
@@ -65,7 +73,9 @@ def test_levels_are_those_of_a_narrow_peak_with_long_tails():
     rng = np.random.default_rng(1)
     x = rng.standard_t(1.5, 20_000)
     y = np.exp(-0.5 * np.abs(x)) + rng.normal(0.0, 0.02, x.size)
-    found = Density.of(x, y, *(tuple(np.quantile(values, [0.005, 0.995]).tolist()) for values in (x, y)))
+    found = Density.of(
+        x, y, *(tuple(np.quantile(values, [0.005, 0.995]).tolist()) for values in (x, y))
+    )
     lines = Figure().subplots().contour(found.x, found.y, found.values, sorted(found.levels))
     assert held(lines.get_paths(), np.column_stack([x, y])) == pytest.approx([0.9, 0.5], abs=0.01)
 
@@ -102,7 +112,9 @@ def test_words_and_ticks_are_clear_of_the_panels_and_of_each_other(analysis, nam
     require_legible(figure)
     axes = np.array(figure.axes).reshape(len(names), len(names))
     panels = [axes[i, j].get_window_extent() for i in range(len(names)) for j in range(i + 1)]
-    assert not any(text.get_window_extent().overlaps(panel) for text in figure.texts for panel in panels)
+    assert not any(
+        text.get_window_extent().overlaps(panel) for text in figure.texts for panel in panels
+    )
     labelled = [label for ax in axes[-1] for label in ax.get_xticklabels()]
     at = [label.get_transform().transform(label.get_position())[0] for label in labelled]
     # Labels at 45 degrees touch where their ticks are nearer than a line's height times the root of 2.
@@ -113,34 +125,52 @@ def test_words_and_ticks_are_clear_of_the_panels_and_of_each_other(analysis, nam
 def test_drawn_into_a_part_of_a_figure(analysis):
     parts = Figure(figsize=(12, 6)).subfigures(1, 2)
     for part, names in zip(parts, (["gain"], "identified"), strict=True):
-        assert bt.plots.corner(analysis.draws, "A", coordinates=names, truths=TRUE, fig=part) is part
+        assert (
+            bt.plots.corner(analysis.draws, "A", coordinates=names, truths=TRUE, fig=part) is part
+        )
     assert len(parts[1].axes) == 16
     assert "red: true value" in words(parts[0])
 
 
-@pytest.mark.parametrize("names", [["offset", "pull", "width", "q0"], ["sigma1", "gamma", "gain"]], ids=len)
+@pytest.mark.parametrize(
+    "names", [["offset", "pull", "width", "q0"], ["sigma1", "gamma", "gain"]], ids=len
+)
 def test_true_values_of_natural_parameters_are_drawn_in_any_coordinates(analysis, names):
-    true = KNOWN | {"offset": (1 - KNOWN["gain"]) * (TRUE["mu1"] - posterior_of(analysis.study["A"]).sbar)}
-    axes = np.array(bt.plots.corner(analysis.draws, "A", coordinates=names, truths=TRUE).axes).reshape(len(names), len(names))
+    true = KNOWN | {
+        "offset": (1 - KNOWN["gain"]) * (TRUE["mu1"] - posterior_of(analysis.study["A"]).sbar)
+    }
+    axes = np.array(
+        bt.plots.corner(analysis.draws, "A", coordinates=names, truths=TRUE).axes
+    ).reshape(len(names), len(names))
     for i, name in enumerate(names):
         assert marked(axes[i, i])[0] == pytest.approx([float(true[name])])
         for j in range(i):
-            assert marked(axes[i, j]) == (pytest.approx([float(true[names[j]])]), pytest.approx([float(true[name])]))
+            assert marked(axes[i, j]) == (
+                pytest.approx([float(true[names[j]])]),
+                pytest.approx([float(true[name])]),
+            )
 
 
 def test_the_key_names_true_values_only_where_they_are_shown(analysis):
     figure = bt.plots.corner(analysis.draws, "A", coordinates=["mu1", "gain"], truths={"mu1": -0.7})
     assert marked(figure.axes[0]) == ([-0.7], [])
-    assert marked(figure.axes[3]) == ([], [])  # the gain follows from sigma_p and sigma_l, not from mu1
+    assert marked(figure.axes[3]) == (
+        [],
+        [],
+    )  # the gain follows from sigma_p and sigma_l, not from mu1
     assert "red: true value" in words(figure)
-    assert "true value" not in words(bt.plots.corner(analysis.draws, "A", coordinates=["gain", "q0"], truths={"mu1": -0.7}))
+    assert "true value" not in words(
+        bt.plots.corner(analysis.draws, "A", coordinates=["gain", "q0"], truths={"mu1": -0.7})
+    )
     figure = bt.plots.corner(analysis.draws, "A", coordinates=["q0"], truths={"q0": 0.001})
     assert "red: true value" not in words(figure)
     assert "true value outside: $q_0$ = 0.001" in words(figure)
 
 
 def test_quantities_of_every_part_have_a_label_and_a_support(small_study):
-    target = posterior_of(small_study["A"], model="constant error + sloped + both ways + exponent + beta-binomial")
+    target = posterior_of(
+        small_study["A"], model="constant error + sloped + both ways + exponent + beta-binomial"
+    )
     assert set(target.names.natural) <= set(LABELS)
     for name in ("carry-over", "carry-over by time", "running average", "previous answer"):
         blocks = model_named(f"contraction + {name}", WHICH_STRONGER).free
@@ -153,18 +183,37 @@ def test_quantities_of_every_part_have_a_label_and_a_support(small_study):
 
 
 def test_several_subjects_share_their_panels(analysis):
-    figure = bt.plots.corner(analysis.draws, ["A", "C"], coordinates=["gain", "offset"], prior=bt.Prior(), truths={"C": TRUE})
+    figure = bt.plots.corner(
+        analysis.draws,
+        ["A", "C"],
+        coordinates=["gain", "offset"],
+        prior=bt.Prior(),
+        truths={"C": TRUE},
+    )
     axes = np.array(figure.axes).reshape(2, 2)
     for i, name in enumerate(["gain", "offset"]):
         values = [analysis.draws.values(one, name).ravel() for one in ("A", "C")]
         low, high = axes[i, i].get_xlim()
         assert all(low < np.quantile(one, 0.01) and np.quantile(one, 0.99) < high for one in values)
-        upright = {line.get_color(): line.get_xdata()[0] for line in axes[i, i].lines if len(line.get_xdata()) == 2}
-        assert [upright[colour] for colour, _ in OVERLAID[:2]] == pytest.approx([np.median(one) for one in values])
+        upright = {
+            line.get_color(): line.get_xdata()[0]
+            for line in axes[i, i].lines
+            if len(line.get_xdata()) == 2
+        }
+        assert [upright[colour] for colour, _ in OVERLAID[:2]] == pytest.approx(
+            [np.median(one) for one in values]
+        )
         tallest = max(np.histogram(one, np.linspace(low, high, 41))[0].max() for one in values)
         assert axes[i, i].get_ylim()[1] >= 1.09 * tallest
-    [square] = [line for line in axes[1, 0].lines if line.get_marker() == "s" and np.isfinite(line.get_xdata()).all()]
-    assert (square.get_color(), square.get_xdata()[0]) == (OVERLAID[1][0], pytest.approx(float(KNOWN["gain"])))
+    [square] = [
+        line
+        for line in axes[1, 0].lines
+        if line.get_marker() == "s" and np.isfinite(line.get_xdata()).all()
+    ]
+    assert (square.get_color(), square.get_xdata()[0]) == (
+        OVERLAID[1][0],
+        pytest.approx(float(KNOWN["gain"])),
+    )
     assert "A (solid)" in words(figure)
     assert "squares, triangles: true values" in words(figure)
 
@@ -185,5 +234,7 @@ print(corner_package().__name__, len(lost) in (0, 2))  # ArviZ 1.x notes nothing
 
 def test_two_processes_may_import_arviz_for_the_first_time_of_a_day(tmp_path):
     fresh = os.environ | {"XDG_CACHE_HOME": str(tmp_path), "HOME": str(tmp_path)}
-    done = subprocess.run([sys.executable, "-c", _AT_ONCE], env=fresh, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", _AT_ONCE], env=fresh, capture_output=True, text=True, check=False
+    )
     assert (done.stdout.split(), done.stderr) == (["corner", "True"], "")

@@ -54,7 +54,11 @@ def one_panel():
 def points_of(ax):
     """Marks drawn by errorbar: (x, y, colour of the edge, colour of the face)."""
     lines = [container.lines[0] for container in ax.containers if hasattr(container, "lines")]
-    return [(float(x), float(y), line.get_mec(), line.get_mfc()) for line in lines for x, y in zip(*line.get_data(), strict=True)]
+    return [
+        (float(x), float(y), line.get_mec(), line.get_mfc())
+        for line in lines
+        for x, y in zip(*line.get_data(), strict=True)
+    ]
 
 
 def test_asymmetries_are_where_the_table_has_them(table):
@@ -62,11 +66,18 @@ def test_asymmetries_are_where_the_table_has_them(table):
     drawn = sorted(points_of(ax), key=lambda point: point[1])
     expected = [one for row in table for one in row.comparisons]
     assert [x for x, *_ in drawn] == pytest.approx([one.asymmetry for one in expected])
-    assert [round(y) for _, y, *_ in drawn] == [i for i, row in enumerate(table) for _ in row.comparisons]
+    assert [round(y) for _, y, *_ in drawn] == [
+        i for i, row in enumerate(table) for _ in row.comparisons
+    ]
     segments = [bars.get_segments() for container in ax.containers for bars in container.lines[2]]
     ends = sorted(np.concatenate(segments)[:, :, 0].tolist())
     assert np.array(ends) == pytest.approx(
-        np.array(sorted([one.asymmetry - one.asymmetry_se, one.asymmetry + one.asymmetry_se] for one in expected))
+        np.array(
+            sorted(
+                [one.asymmetry - one.asymmetry_se, one.asymmetry + one.asymmetry_se]
+                for one in expected
+            )
+        )
     )
     for one, (_, _, edge, face) in zip(expected, drawn, strict=True):
         assert edge == {1.0: STRONGER_FIRST, -1.0: WEAKER_FIRST, 0.0: EQUAL}[np.sign(one.asymmetry)]
@@ -84,9 +95,15 @@ def test_one_comparison_is_red_for_weaker_first_and_blue_for_stronger_first(tabl
     assert ax.get_title().startswith("P-01\n$r$ = −0.5")  # a hyphen in a name stays one
 
 
-@pytest.mark.parametrize("names", [["A"], ["a participant with a name", "another participant's name", "yet another participant"]], ids=len)
+@pytest.mark.parametrize(
+    "names",
+    [["A"], ["a participant with a name", "another participant's name", "yet another participant"]],
+    ids=len,
+)
 def test_the_key_of_asymmetries_is_on_the_page_beside_any_names(small_study, names):
-    study = bt.Study([replace(one, name=name) for one, name in zip(small_study, names, strict=False)])
+    study = bt.Study(
+        [replace(one, name=name) for one, name in zip(small_study, names, strict=False)]
+    )
     require_legible(bt.plots.asymmetry_axes(bt.asymmetry(study)).figure)
 
 
@@ -95,18 +112,28 @@ def test_the_filter_view_shows_the_four_beliefs(pair):
     theta = (-0.7, 0.25, 0.17)
     view = trial_view(*pair, *theta)
     ax = filter_axes(*pair, *theta, 0.9)
-    vertical = [line.get_xdata()[0] for line in ax.lines if len(line.get_xdata()) == 2 and np.ptp(line.get_xdata()) == 0]
-    assert vertical == pytest.approx([float(b.mean) for b in (view.prior, view.after_first, view.evolved, view.after_second)])
+    vertical = [
+        line.get_xdata()[0]
+        for line in ax.lines
+        if len(line.get_xdata()) == 2 and np.ptp(line.get_xdata()) == 0
+    ]
+    assert vertical == pytest.approx(
+        [float(b.mean) for b in (view.prior, view.after_first, view.evolved, view.after_second)]
+    )
     assert f"{abs(float(view.distance)):.2f}" in ax.get_title()
     assert f"{float(bt.model.equal_probability(*pair, *theta, 0.9)):.2f}" in ax.get_title()
     [arrow] = [text for text in ax.texts if getattr(text, "arrow_patch", None) is not None]
-    assert (arrow.xyann[0], arrow.xy[0]) == pytest.approx((float(view.evolved.mean), float(view.after_second.mean)))
+    assert (arrow.xyann[0], arrow.xy[0]) == pytest.approx(
+        (float(view.evolved.mean), float(view.after_second.mean))
+    )
 
 
 def test_stars_stand_where_the_orders_differ(analysis, table):
     ax = answers_axes(analysis.study["A"], fitted_curve(analysis.draws, "A"), one_panel())
     stars = sorted(text.get_position()[0] for text in ax.texts if text.get_text() == "*")
-    assert stars == pytest.approx([one.s_strong for one in table["A"].comparisons if one.p_adjusted < 0.05])
+    assert stars == pytest.approx(
+        [one.s_strong for one in table["A"].comparisons if one.p_adjusted < 0.05]
+    )
     assert stars
 
 
@@ -130,13 +157,19 @@ def test_both_orders_collapse_on_one_curve(analysis):
     x = unconstrained(Natural(*map(np.ravel, analysis.draws.natural("A"))), posterior.sbar)
     found = collapse(posterior, x, mass=0.6)
     drawn = sorted((x, y) for x, y, *_ in points_of(ax))
-    assert np.array(drawn) == pytest.approx(np.array(sorted(zip(found.z.tolist(), found.ratio.tolist(), strict=True))))
+    assert np.array(drawn) == pytest.approx(
+        np.array(sorted(zip(found.z.tolist(), found.ratio.tolist(), strict=True)))
+    )
     for z, ratio in drawn:  # the counts are rounded expectations: they lie on the curve
         assert ratio == pytest.approx(np.interp(z, *curve.get_data()), abs=0.08)
 
 
-def test_ellipses_of_the_map_hold_a_fifth_of_the_draws_or_of_replicates_some_of_which_are_unknown(analysis):
-    replicates = {name: tuple(np.random.default_rng(1).normal(0.3, 0.1, (2, 400))) for name in "ABC"}
+def test_ellipses_of_the_map_hold_a_fifth_of_the_draws_or_of_replicates_some_of_which_are_unknown(
+    analysis,
+):
+    replicates = {
+        name: tuple(np.random.default_rng(1).normal(0.3, 0.1, (2, 400))) for name in "ABC"
+    }
     for values in replicates.values():
         values[0][:40] = np.nan
     for clouds in (posterior_clouds(analysis.draws), replicates):
@@ -154,10 +187,14 @@ def test_the_map_says_what_its_ellipses_hold_and_names_everybody_by_a_letter(ana
     assert ax.get_title(loc="left") == "ellipses: 50 % of the draws each"
     assert "holding 50 % of the posterior draws" in captions(material)
     order = sorted("ABC", key=lambda name: central(analysis.draws, name)["mu1"])
-    assert {text.get_text() for text in ax.texts} - {""} == {f"{letter}: {name}" for letter, name in zip("ABC", order, strict=True)}
+    assert {text.get_text() for text in ax.texts} - {""} == {
+        f"{letter}: {name}" for letter, name in zip("ABC", order, strict=True)
+    }
     known = material_of(analysis, truth={"A": {"mu1": -9.0, "sigma_p": 0.25}, "B": {"mu1": 1.0}})
     ax = max(FIGURES["figure_4_map"](known).axes, key=lambda one: len(one.patches))
-    assert [line.get_xydata().tolist() for line in ax.lines if line.get_marker() == "s"] == [[[-9.0, 0.25]]]
+    assert [line.get_xydata().tolist() for line in ax.lines if line.get_marker() == "s"] == [
+        [[-9.0, 0.25]]
+    ]
     assert ax.get_title(loc="left").endswith("; squares: true")
     assert "Squares: true values." in captions(known)
     with pytest.raises(InputError, match="mass=1"):
@@ -166,7 +203,10 @@ def test_the_map_says_what_its_ellipses_hold_and_names_everybody_by_a_letter(ana
 
 def test_a_subject_without_an_ellipse_is_a_cross_and_one_far_away_is_named_at_the_edge():
     rng = np.random.default_rng(1)
-    clouds = {"near": tuple(rng.normal(0.3, 0.02, (2, 500))), "line": (np.arange(9.0), np.full(9, 0.3))}
+    clouds = {
+        "near": tuple(rng.normal(0.3, 0.02, (2, 500))),
+        "line": (np.arange(9.0), np.full(9, 0.3)),
+    }
     clouds["far"] = (rng.normal(300.0, 0.02, 500), rng.normal(0.3, 0.02, 500))
     ax = bt.plots.map_axes(clouds, stimuli=[0.0, 0.5])
     assert [line.get_marker() for line in ax.lines].count("x") == 1
@@ -178,7 +218,10 @@ def test_a_subject_without_an_ellipse_is_a_cross_and_one_far_away_is_named_at_th
 
 def test_names_on_the_map_are_not_written_over_each_other():
     places = {"west": -2.0, "east": 2.0} | {f"subject {i:02d}": 0.0 for i in range(20)}
-    ax = bt.plots.map_axes({name: (np.full(9, at), np.full(9, 0.3)) for name, at in places.items()}, new_figure(2.4, 2.2).subplots())
+    ax = bt.plots.map_axes(
+        {name: (np.full(9, at), np.full(9, 0.3)) for name, at in places.items()},
+        new_figure(2.4, 2.2).subplots(),
+    )
     require_legible(ax.figure)
     named = {text.get_text() for text in ax.texts} - {""}
     assert f"no room for {len(places) - len(named)} names" in ax.get_title(loc="left")
@@ -190,30 +233,47 @@ def test_the_plane_shows_axis_and_tested_pairs(analysis):
     ax = plane_axes(analysis.draws, "A", one_panel())
     axis = next(line for line in ax.lines if line.get_label() == "symmetry axis")
     x, y = axis.get_data()
-    assert (y[-1] - y[0]) / (x[-1] - x[0]) == pytest.approx(float(np.median(gain(theta.gamma))), abs=0.05)
+    assert (y[-1] - y[0]) / (x[-1] - x[0]) == pytest.approx(
+        float(np.median(gain(theta.gamma))), abs=0.05
+    )
     marks = {line.get_label(): line for line in ax.lines if line.get_marker() != "None"}
     assert set(marks) == {"weaker first", "stronger first", "equal stimuli"}
     for label, sign in (("weaker first", -1), ("stronger first", 1), ("equal stimuli", 0)):
         at = np.sign(counts.s1 - counts.s2) == sign
-        assert np.column_stack(marks[label].get_data()).tolist() == np.column_stack([counts.s1[at], counts.s2[at]]).tolist()
+        assert (
+            np.column_stack(marks[label].get_data()).tolist()
+            == np.column_stack([counts.s1[at], counts.s2[at]]).tolist()
+        )
     assert to_hex(marks["weaker first"].get_mec()) == WEAKER_FIRST.lower()
 
 
 def test_functions_of_gamma_end_at_the_golden_ratio():
     golden = (1.0 + 5.0**0.5) / 2.0
     ends = [(ax.lines[0].get_ydata()[0], ax.lines[0].get_ydata()[-1]) for ax in gamma_figure().axes]
-    assert np.array(ends) == pytest.approx(np.array([(1.0, golden), (1.0, 1.0 / golden), (0.0, 1.0 - 1.0 / golden)]))
+    assert np.array(ends) == pytest.approx(
+        np.array([(1.0, golden), (1.0, 1.0 / golden), (0.0, 1.0 - 1.0 / golden)])
+    )
 
 
 def test_many_subjects_are_sorted_by_their_largest_asymmetry_in_a_figure_of_one_height(table):
     rows = [replace(table.rows[i % len(table)], subject=f"S{i}") for i in range(200)]
     many = AsymmetryTable((*rows, replace(rows[0], subject="none", comparisons=())))
     ax = bt.plots.asymmetry_axes(many)
-    assert asymmetry_height(many) == asymmetry_height(AsymmetryTable(tuple(rows[:61]))) < asymmetry_height(AsymmetryTable(tuple(rows[:60])))
-    drawn = sorted(point for line in ax.lines[1:] for point in zip(*reversed(line.get_data()), strict=True))
+    assert (
+        asymmetry_height(many)
+        == asymmetry_height(AsymmetryTable(tuple(rows[:61])))
+        < asymmetry_height(AsymmetryTable(tuple(rows[:60])))
+    )
+    drawn = sorted(
+        point for line in ax.lines[1:] for point in zip(*reversed(line.get_data()), strict=True)
+    )
     assert [x for _, x in drawn] == sorted((row.maximal.asymmetry for row in rows), reverse=True)
-    assert sum(int(text.get_text().rsplit(" ", 1)[1]) for text in ax.get_legend().get_texts()) == 200
-    wild = AsymmetryTable((bt.asymmetry(bt.Study([hard_cases()["400 pairs with 3 trials"]])).rows[0],))
+    assert (
+        sum(int(text.get_text().rsplit(" ", 1)[1]) for text in ax.get_legend().get_texts()) == 200
+    )
+    wild = AsymmetryTable(
+        (bt.asymmetry(bt.Study([hard_cases()["400 pairs with 3 trials"]])).rows[0],)
+    )
     assert asymmetry_height(wild) > asymmetry_height(AsymmetryTable(table.rows[:1]))
     assert [text.get_text() for text in ax.texts] == ["no pair in both orders: 1"]
 
@@ -224,7 +284,9 @@ def test_of_very_many_subjects_the_map_names_a_few_and_thins_their_draws(analysi
     words = {text.get_text() for text in bt.plots.map_axes(clouds).texts} - {""}
     assert words == {f"S{i}" for i in (*range(4), *range(66, 70))}
     tree = analysis.draws.tree["posterior"].to_dataset().isel(subject=np.arange(61) % 3)
-    draws = SimpleNamespace(names=range(61), group=lambda _: tree, values=lambda i, key: tree[key].values[..., i])
+    draws = SimpleNamespace(
+        names=range(61), group=lambda _: tree, values=lambda i, key: tree[key].values[..., i]
+    )
     x, _ = posterior_clouds(draws)[0]
     assert 2000 <= len(x) < 4000
     assert np.isin(x, analysis.draws.values("A", "mu1")).all()
@@ -232,7 +294,10 @@ def test_of_very_many_subjects_the_map_names_a_few_and_thins_their_draws(analysi
 
 def test_subjects_are_chosen_in_the_roles_of_the_paper(table):
     """Likeliest 'equal' with the weaker first, with the stronger first, and alike; the farthest on the map."""
-    rows = [replace(row, subject=f"{row.subject}{i}") for i, row in enumerate((table["C"], table["B"], table["A"], table["C"]))]
+    rows = [
+        replace(row, subject=f"{row.subject}{i}")
+        for i, row in enumerate((table["C"], table["B"], table["A"], table["C"]))
+    ]
     assert representative(AsymmetryTable(tuple(rows)))[:2] == ("A2", "B1")
     assert farthest([3.0, 1.0, 2.0], 5) == [1, 2, 0]
 
@@ -255,7 +320,9 @@ def odd(case):
 @pytest.fixture(scope="module")
 def material():
     """Of some bundled subjects, and the representative ones of these."""
-    return material_of(sampled(bt.example_study().select(["S01", "S02", "S05", "S09", "S12", "S16"])))
+    return material_of(
+        sampled(bt.example_study().select(["S01", "S02", "S05", "S09", "S12", "S16"]))
+    )
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -268,9 +335,14 @@ def test_figures_of_the_bundled_study_are_legible(material, name):
 
 def test_any_subjects_can_be_chosen(material):
     names = ("S16", "S02", "S09", "S01")
-    examples, plane = (FIGURES[name](replace(material, subjects=names)) for name in ("figure_3_examples", "figure_5_plane"))
+    examples, plane = (
+        FIGURES[name](replace(material, subjects=names))
+        for name in ("figure_3_examples", "figure_5_plane")
+    )
     titles = [ax.get_title() for ax in examples.axes]
-    assert [title for title in titles if title.startswith("S")] == [f"{name} (synthetic)" for name in names]
+    assert [title for title in titles if title.startswith("S")] == [
+        f"{name} (synthetic)" for name in names
+    ]
     require_legible(examples)
     require_legible(plane)
     for wrong in (["S99"], [], ["S01", "S01"]):
@@ -287,17 +359,23 @@ def test_figures_of_small_and_odd_studies_are_legible(case):
 
 
 def test_figures_of_a_real_study_are_legible(real_data):
-    study = bt.read_study(real_data / "vibrotactile_rate" / "trials.csv", bt.ReadOptions(equal_code="1"))
+    study = bt.read_study(
+        real_data / "vibrotactile_rate" / "trials.csv", bt.ReadOptions(equal_code="1")
+    )
     for figure in bt.plots.figures(sampled(study.select(study.names[:3]))).values():
         require_legible(figure)
 
 
 def test_names_of_any_kind_are_drawn(small_study):
     names = ["a$b_{c}", "n" * 80, "主体 ①"]
-    study = bt.Study([replace(one, name=name) for name, one in zip(names, small_study, strict=True)])
+    study = bt.Study(
+        [replace(one, name=name) for name, one in zip(names, small_study, strict=True)]
+    )
     assert picture(asymmetry_figure(bt.asymmetry(study)), "pdf").startswith(b"%PDF")
     rng = np.random.default_rng(1)
-    assert picture(bt.plots.map_axes({name: rng.normal(0.3, 0.1, (2, 99)) for name in names}).figure, "pdf").startswith(b"%PDF")
+    assert picture(
+        bt.plots.map_axes({name: rng.normal(0.3, 0.1, (2, 99)) for name in names}).figure, "pdf"
+    ).startswith(b"%PDF")
 
 
 def test_captions_say_what_is_left_out_and_what_did_not_converge(analysis):
@@ -312,11 +390,18 @@ def test_captions_say_what_is_left_out_and_what_did_not_converge(analysis):
 # --- files ------------------------------------------------------------------------------------------------------------------------
 
 
-def test_files_are_all_there_the_same_each_time_and_do_not_depend_on_workers(analysis, tmp_path, monkeypatch):
-    monkeypatch.setattr("bayes_toe.plots.paper_figures.FIGURES", {name: FIGURES[name] for name in ("figure_4_map", "figure_6_gamma")})
+def test_files_are_all_there_the_same_each_time_and_do_not_depend_on_workers(
+    analysis, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(
+        "bayes_toe.plots.paper_figures.FIGURES",
+        {name: FIGURES[name] for name in ("figure_4_map", "figure_6_gamma")},
+    )
     files = {}
     for workers in (1, 2):
-        folder = bt.plots.write_figures(analysis, tmp_path / str(workers), formats=["svg"], workers=workers)
+        folder = bt.plots.write_figures(
+            analysis, tmp_path / str(workers), formats=["svg"], workers=workers
+        )
         files[workers] = {path.name: path.read_bytes() for path in folder.glob("[!.]*")}
     assert set(files[1]) == {"figure_4_map.svg", "figure_6_gamma.svg", CAPTIONS}
     assert "maximal asymmetry of 3 subjects" in files[1][CAPTIONS].decode().lower()

@@ -18,7 +18,15 @@ def made_up(designs, trials):
             for kind in ("none", "constant error", "update"):
                 for i in range(5):
                     p = rng.dirichlet([1.0, 1.0, 1.0])
-                    rows.append(DataSet(name, n, f"{kind} {i}", kind, Judgement(tuple(np.log(p)), None, (0.1, 1.0, 0.05))))
+                    rows.append(
+                        DataSet(
+                            name,
+                            n,
+                            f"{kind} {i}",
+                            kind,
+                            Judgement(tuple(np.log(p)), None, (0.1, 1.0, 0.05)),
+                        )
+                    )
     return PowerTable(tuple(rows), 1)
 
 
@@ -29,10 +37,18 @@ def table():
 
 def test_a_panel_a_kind_and_a_quantity_with_the_shares_as_lines(table):
     figure = bt.plots.power_figure(table)
-    assert [ax.get_title() for ax in figure.axes[:3]] == ["observers without order effect", "with a constant error", "with a pull"]
-    assert [ax.get_ylabel() for ax in figure.axes[3:]] == [f"90 % interval of {name}" for name in ("gain", "mu1", "width")]
+    assert [ax.get_title() for ax in figure.axes[:3]] == [
+        "observers without order effect",
+        "with a constant error",
+        "with a pull",
+    ]
+    assert [ax.get_ylabel() for ax in figure.axes[3:]] == [
+        f"90 % interval of {name}" for name in ("gain", "mu1", "width")
+    ]
     lines = [bars.lines[0] for bars in figure.axes[2].containers]
-    assert lines[0].get_ydata().tolist() == [table["a$b", n, "update", FOUND].value for n in (100, 400)]
+    assert lines[0].get_ydata().tolist() == [
+        table["a$b", n, "update", FOUND].value for n in (100, 400)
+    ]
     assert len(lines) == 4
 
 
@@ -48,7 +64,13 @@ def test_many_designs_are_told_apart_and_stand_at_their_numbers():
 
 def test_whole_studies_by_the_number_of_their_subjects(table):
     rows = [
-        Outcome(name, 400, kind, size, said_on_average(p, ("pull",) * (p < 0.1 and size > 4), (0.1,) * 4, warned=False))
+        Outcome(
+            name,
+            400,
+            kind,
+            size,
+            said_on_average(p, ("pull",) * (p < 0.1 and size > 4), (0.1,) * 4, warned=False),
+        )
         for name in table.different("design")
         for kind in ("none", "update")
         for size in (4, 8)
@@ -66,9 +88,24 @@ def test_a_design_on_the_plane():
     s1, s2 = (values.ravel() for values in np.meshgrid(grid, grid, indexing="ij"))
     worth = np.arange(16.0)
     candidates = {OPTIMISED: Candidate(paper, 1.0, 0.1), PAPER: Candidate(paper, 1.0, 0.1)}
-    found = OptimalDesign(paper, DesignGoal(), candidates, made_up((OPTIMISED, PAPER), (650,)), each_once(s1, s2), worth, (), 1)
+    found = OptimalDesign(
+        paper,
+        DesignGoal(),
+        candidates,
+        made_up((OPTIMISED, PAPER), (650,)),
+        each_once(s1, s2),
+        worth,
+        (),
+        1,
+    )
     figure = bt.plots.design_figure(found)
     plane = figure.axes[0]
-    assert plane.collections[0].get_array().ravel().tolist() == (1000.0 * worth.reshape(4, 4).T).ravel().tolist()
+    assert (
+        plane.collections[0].get_array().ravel().tolist()
+        == (1000.0 * worth.reshape(4, 4).T).ravel().tolist()
+    )
     assert len(plane.collections[1].get_offsets()) == 13
-    assert [label.get_text() for label in figure.axes[1].get_yticklabels()] == ["this design", "the paper's pairs"]
+    assert [label.get_text() for label in figure.axes[1].get_yticklabels()] == [
+        "this design",
+        "the paper's pairs",
+    ]

@@ -28,15 +28,24 @@ def test_synthetic_data_are_labelled_wherever_they_are_shown(analysis):
     assert "synthetic" in figure.axes[0].get_title(loc="right")
 
 
-@pytest.mark.parametrize("colours", [[one[2:] for one in CLASSES], ORDER_COLOURS, OTHER_COLOURS], ids=["classes", "orders", "others"])
+@pytest.mark.parametrize(
+    "colours",
+    [[one[2:] for one in CLASSES], ORDER_COLOURS, OTHER_COLOURS],
+    ids=["classes", "orders", "others"],
+)
 def test_areas_are_told_apart_in_grey_and_letters_on_them_can_be_read(colours):
-    area, letters = (np.array([to_rgb(one) for one in some]) @ [0.299, 0.587, 0.114] for some in zip(*colours, strict=True))
+    area, letters = (
+        np.array([to_rgb(one) for one in some]) @ [0.299, 0.587, 0.114]
+        for some in zip(*colours, strict=True)
+    )
     assert np.diff(np.sort(area)).min() > 0.1
     assert np.abs(area - letters).min() > 0.4
 
 
 def test_kinds_are_told_apart_in_grey():
-    lightness = np.sort(np.array([to_rgb(colour) for colour in KIND_COLOURS.values()]) @ [0.299, 0.587, 0.114])
+    lightness = np.sort(
+        np.array([to_rgb(colour) for colour in KIND_COLOURS.values()]) @ [0.299, 0.587, 0.114]
+    )
     assert (np.diff(lightness) > 0.2).all()
 
 

@@ -14,22 +14,32 @@ def test_psychometric_curves_cross_one_half_at_the_point_of_subjective_equality(
     figure = bt.plots.curves(stronger.draws, "pulled")
     [ax] = figure.axes
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("$s_2 - s_1$ (ln intensity)", "P('second')")
-    counts, [offset, pull] = stronger.study["pulled"], [stronger.draws.values("pulled", name).mean() for name in ("offset", "pull")]
-    sbar, curves = stronger.draws.posterior("pulled").sbar, [line for line in ax.lines if len(line.get_xdata()) == 120]
+    counts, [offset, pull] = (
+        stronger.study["pulled"],
+        [stronger.draws.values("pulled", name).mean() for name in ("offset", "pull")],
+    )
+    sbar, curves = (
+        stronger.draws.posterior("pulled").sbar,
+        [line for line in ax.lines if len(line.get_xdata()) == 120],
+    )
     firsts = np.unique(counts.s1)
     assert len(curves) == len(firsts) == 6
     for s1, line in zip(firsts, curves, strict=True):
         x, q = line.get_data()
         shift = offset - pull * (s1 - sbar)
         assert np.interp(shift, x, q) == pytest.approx(0.5, abs=0.04)
-    assert {"one half: PSE", "$s_1$ = 0.25"} <= {text.get_text() for text in figure.legends[0].get_texts()}
+    assert {"one half: PSE", "$s_1$ = 0.25"} <= {
+        text.get_text() for text in figure.legends[0].get_texts()
+    }
     require_legible(figure)
 
 
 def test_many_first_stimuli_are_taken_together(stronger):
     rng = np.random.default_rng(1)
     s1 = rng.normal(size=40)
-    many = bt.Subject("many", s1, s1 + 0.1, np.ones(40, int), np.full(40, 2), task=stronger.study.task)
+    many = bt.Subject(
+        "many", s1, s1 + 0.1, np.ones(40, int), np.full(40, 2), task=stronger.study.task
+    )
     lines = lines_along(many, 0.0, 9)
     assert len(lines) == 6
     assert (np.sum([line.at for line in lines], axis=0) == 1).all()
@@ -38,7 +48,12 @@ def test_many_first_stimuli_are_taken_together(stronger):
 
 def test_a_corner_plot_has_the_four_parameters_under_their_symbols(stronger):
     axes = bt.plots.corner(stronger.draws, "pulled", prior=stronger.draws.prior).axes
-    assert [ax.get_xlabel() for ax in axes[-4:]] == [r"$\mu_1$", r"$\sigma_p$", r"$\sigma_\ell$", r"lapse rate $\lambda$"]
+    assert [ax.get_xlabel() for ax in axes[-4:]] == [
+        r"$\mu_1$",
+        r"$\sigma_p$",
+        r"$\sigma_\ell$",
+        r"lapse rate $\lambda$",
+    ]
 
 
 def test_no_figure_speaks_of_another_task(stronger):
@@ -49,7 +64,12 @@ def test_no_figure_speaks_of_another_task(stronger):
         "evidence": bt.plots.evidence_figure(stronger.evidence),
         "asymmetry": bt.plots.asymmetry_axes(table).figure,
     }
-    said = [text.get_text() for figure in drawn.values() for text in figure.findobj(Text) if text.get_visible()]
+    said = [
+        text.get_text()
+        for figure in drawn.values()
+        for text in figure.findobj(Text)
+        if text.get_visible()
+    ]
     assert [text for text in said if "'equal'" in text or "q_0" in text] == []
     assert len(drawn) == 10
 

@@ -36,7 +36,13 @@ STUDIES, FEWER = 8, 5  # the fewer are enough for errors as large as these
 def ranks_under(prior, studies=STUDIES):
     """Verdicts where observers come from the default prior and are analysed under this one."""
     settings = calibration_settings(7, prior)
-    ranks, evidence = zip(*(work(Job("sparse", True, f"test-{i}", True, False, settings, bt.Prior())) for i in range(studies)), strict=True)
+    ranks, evidence = zip(
+        *(
+            work(Job("sparse", True, f"test-{i}", True, False, settings, bt.Prior()))
+            for i in range(studies)
+        ),
+        strict=True,
+    )
     assert not any(evidence)
     assert not any(row["shortfall"] for row in ranks)
     return judged(Plan(studies, 0, 7), ranks, []).rank_verdicts.set_index("quantity")
@@ -46,8 +52,14 @@ def ranks_under(prior, studies=STUDIES):
 def test_a_right_density_passes_and_wrong_ones_are_caught(monkeypatch):
     assert (ranks_under(bt.Prior()).verdict == "inside").all()
     right = Posterior.log_prior
-    with monkeypatch.context() as wrong:  # the Jacobian of (sigma_p^2, sigma_l^2), 2 sigma_p^3, where that of (sigma_p, gamma) belongs
-        wrong.setattr(Posterior, "log_prior", lambda self, x: right(self, x) + 3.0 * np.log(self.natural(x).sigma_p))
+    with (
+        monkeypatch.context() as wrong
+    ):  # the Jacobian of (sigma_p^2, sigma_l^2), 2 sigma_p^3, where that of (sigma_p, gamma) belongs
+        wrong.setattr(
+            Posterior,
+            "log_prior",
+            lambda self, x: right(self, x) + 3.0 * np.log(self.natural(x).sigma_p),
+        )
         jacobian = ranks_under(bt.Prior(), FEWER)
     assert jacobian.verdict["sigma_p"] == "outside"
     assert jacobian.largest_difference["sigma_p"] > 0  # draws too large: the truth ranks low
@@ -67,10 +79,18 @@ def test_everything_planned_is_there(table):
     assert list(table.ranks.subject) == [job.name for job in jobs if job.with_draws]
     assert list(table.data_sets.data_set) == [job.name for job in jobs if job.with_evidence]
     ranks, evidence = table.rank_verdicts, table.evidence_verdicts
-    assert [*zip(ranks.design, ranks.quantity, ranks.studies, strict=True)] == [(d, q, 1) for d in DESIGNS for q in RANKED]
-    assert [*zip(evidence.design, evidence.estimator, evidence.data_sets, strict=True)] == [(d, e, 2) for d in DESIGNS for e in ESTIMATORS]
-    assert list(table.data_sets["from"]) == ["H1" if "-h1-" in job.name else "H0" for job in jobs if job.with_evidence]
-    assert 0 <= Plan(1, 100, 5).from_h1("paper") - Plan(1, 90, 5).from_h1("paper") <= 10  # a smaller plan is a part of a larger one
+    assert [*zip(ranks.design, ranks.quantity, ranks.studies, strict=True)] == [
+        (d, q, 1) for d in DESIGNS for q in RANKED
+    ]
+    assert [*zip(evidence.design, evidence.estimator, evidence.data_sets, strict=True)] == [
+        (d, e, 2) for d in DESIGNS for e in ESTIMATORS
+    ]
+    assert list(table.data_sets["from"]) == [
+        "H1" if "-h1-" in job.name else "H0" for job in jobs if job.with_evidence
+    ]
+    assert (
+        0 <= Plan(1, 100, 5).from_h1("paper") - Plan(1, 90, 5).from_h1("paper") <= 10
+    )  # a smaller plan is a part of a larger one
     with pytest.raises(InputError):
         Plan(0, 0, 1)
 
@@ -83,9 +103,13 @@ def test_what_is_judged_is_what_the_commands_say(three_models, monkeypatch):
     monkeypatch.setattr("bayes_toe.analysis.subject_fit", subject_fit)  # with all replicates
     both = bt.run(bt.Study((subject,)), draws=DRAWS, seed=3, workers=1)
     row = both.evidence.rows[0]
-    assert {key: known[key] for key in ESTIMATORS} == pytest.approx(log_bayes_factors(row), abs=1e-6, nan_ok=True)
+    assert {key: known[key] for key in ESTIMATORS} == pytest.approx(
+        log_bayes_factors(row), abs=1e-6, nan_ok=True
+    )
     assert known[DEFAULT] == pytest.approx(row.log_bayes_factor, abs=1e-6)
-    assert known["H0 by Laplace"] == pytest.approx(row.log_evidence_h1 - row.log_evidence_h0_laplace, abs=1e-6)
+    assert known["H0 by Laplace"] == pytest.approx(
+        row.log_evidence_h1 - row.log_evidence_h0_laplace, abs=1e-6
+    )
     assert ranks == {"design": "sparse", **calibration.ranks_of(both.draws, subject, theta, 3)}
 
 
@@ -104,14 +128,22 @@ def test_the_script_writes_says_and_returns_what_was_found(table, tmp_path, monk
     monkeypatch.setattr(sys, "argv", ["calibration.py", "-o", str(tmp_path), "--seed", "3"])
     assert calibration_script.main() == 0
     assert {path.name for path in tmp_path.iterdir()} - {".bayes_toe_files.json"} == set(PRODUCTS)
-    assert all((tmp_path / name).read_bytes().startswith(b"\x89PNG") for name in PRODUCTS if name.endswith(".png"))
+    assert all(
+        (tmp_path / name).read_bytes().startswith(b"\x89PNG")
+        for name in PRODUCTS
+        if name.endswith(".png")
+    )
     assert set(pd.read_csv(tmp_path / "calibration.csv").verdict) == {"inside"}
     sets = pd.read_csv(tmp_path / "evidence_data_sets.csv")
     assert (len(sets), sets[DEFAULT].notna().all()) == (4, True)
-    assert "--studies 1 --data-sets 2 --seed 3" in (tmp_path / "calibration.md").read_text(encoding="utf-8")
+    assert "--studies 1 --data-sets 2 --seed 3" in (tmp_path / "calibration.md").read_text(
+        encoding="utf-8"
+    )
     assert calibration_script.main() == 2  # the folder is taken
     monkeypatch.setattr(type(table), "failures", ["made to fail"])
-    monkeypatch.setattr(calibration_script, "write_calibration", lambda *_, overwrite: None)  # nor need all be drawn again
+    monkeypatch.setattr(
+        calibration_script, "write_calibration", lambda *_, overwrite: None
+    )  # nor need all be drawn again
     monkeypatch.setattr(sys, "argv", [*sys.argv, "--overwrite"])
     assert calibration_script.main() == 3
     said = capsys.readouterr().out
@@ -123,24 +155,53 @@ def test_the_script_writes_says_and_returns_what_was_found(table, tmp_path, monk
 def test_failures_and_what_did_not_converge_are_named():
     """Ranks piled up at one end, and one study that missed its criteria."""
     row = {"design": "paper", **dict.fromkeys(RANKED, 0.01)}
-    failed = judged(Plan(50, 0, 1), [{**row, "subject": f"p{i}", "shortfall": "too few draws" if i == 3 else ""} for i in range(50)], [])
+    failed = judged(
+        Plan(50, 0, 1),
+        [
+            {**row, "subject": f"p{i}", "shortfall": "too few draws" if i == 3 else ""}
+            for i in range(50)
+        ],
+        [],
+    )
     lines = verdict_lines(failed)
-    assert sum(line.startswith("NOT calibrated: paper design: ranks of") for line in lines) == len(failed.failures) == len(RANKED)
+    assert (
+        sum(line.startswith("NOT calibrated: paper design: ranks of") for line in lines)
+        == len(failed.failures)
+        == len(RANKED)
+    )
     assert lines[-1] == "not converged, ranked with the others: 1 of 50 studies: p3"
     assert (failed.rank_verdicts.not_converged == 1).all()
 
 
 def test_wrong_evidences_fail_and_withheld_ones_are_named():
     """From one data set of a design, or from all; the others say H1 of data sets from H0."""
-    rows = [{"design": "paper", "data_set": f"s{i}", "from": "H0", **dict.fromkeys(ESTIMATORS, 3.0), "Appendix C": 1.0} for i in range(40)]
+    rows = [
+        {
+            "design": "paper",
+            "data_set": f"s{i}",
+            "from": "H0",
+            **dict.fromkeys(ESTIMATORS, 3.0),
+            "Appendix C": 1.0,
+        }
+        for i in range(40)
+    ]
     rows[7] |= {DEFAULT: np.nan}
-    rows += [{"design": "sparse", "data_set": "x", "from": "H1", **dict.fromkeys(ESTIMATORS, np.nan)}]
+    rows += [
+        {"design": "sparse", "data_set": "x", "from": "H1", **dict.fromkeys(ESTIMATORS, np.nan)}
+    ]
     found = judged(Plan(0, 40, 1), [], rows)
-    assert found.failures == [f"{design} design: probabilities of H1 by {DEFAULT} are not calibrated" for design in DESIGNS]
+    assert found.failures == [
+        f"{design} design: probabilities of H1 by {DEFAULT} are not calibrated"
+        for design in DESIGNS
+    ]
     assert verdict_lines(found)[-2:] == [
         "evidence, sparse design: the default estimator gives no number",
         "evidence withheld by the default estimator: s7, x",
     ]
-    assert list(found.evidence_verdicts.median_shift[:6]) == list(found.evidence_verdicts.largest_shift[:6]) == [0, 0, 0, 0, 0, -2]
+    assert (
+        list(found.evidence_verdicts.median_shift[:6])
+        == list(found.evidence_verdicts.largest_shift[:6])
+        == [0, 0, 0, 0, 0, -2]
+    )
     assert list(found.evidence_verdicts.missing_h1) == [0] * 6 + [1] * 6
     assert list(found.evidence_verdicts.missing_h0) == [1] + [0] * 11

@@ -28,14 +28,20 @@ def inside(limits, u):
 def test_a_band_holds_as_often_as_it_says(size, level):
     """Independent route: uniform numbers. 4 standard errors: a false alarm in 16,000 runs."""
     rng, limits, trials = np.random.default_rng(11), band(size, level), 8000
-    held = sum(inside(limits, rng.uniform(size=(500, size))).sum() for _ in range(trials // 500)) / trials
+    held = (
+        sum(inside(limits, rng.uniform(size=(500, size))).sum() for _ in range(trials // 500))
+        / trials
+    )
     assert level <= limits.probability < level + 0.02
     assert abs(held - limits.probability) < 4.0 * np.sqrt(level * (1.0 - level) / trials)
 
 
 def test_a_band_that_binds_at_one_point_has_its_binomial_probability():
     lower, upper = np.zeros(len(POINTS), int), np.full(len(POINTS), 30)
-    lower[49], upper[49] = 12, 17  # and so the counts before are at most 17, those after at least 12
+    lower[49], upper[49] = (
+        12,
+        17,
+    )  # and so the counts before are at most 17, those after at least 12
     upper[:49], lower[50:] = 17, 12
     expected = binom.cdf(17, 30, 0.5) - binom.cdf(11, 30, 0.5)
     assert Band(30, lower, upper).probability == pytest.approx(expected, rel=1e-12)
@@ -45,7 +51,9 @@ def test_p_values_are_uniform_and_agree_with_the_band():
     sets = np.random.default_rng(5).uniform(size=(1000, 60))
     p = np.array([uniformity(u) for u in sets])
     for level in (0.05, 0.2, 0.5):
-        assert abs((p <= level).mean() - level) < 4.0 * np.sqrt(level * (1.0 - level) / len(p)) + 0.02  # counts are whole: p has steps
+        assert (
+            abs((p <= level).mean() - level) < 4.0 * np.sqrt(level * (1.0 - level) / len(p)) + 0.02
+        )  # counts are whole: p has steps
     limits = band(60, 0.95)
     assert (inside(limits, sets) == (p > 1.0 - limits.probability - 1e-9)).all()
 
@@ -99,7 +107,9 @@ def test_scores_by_hand():
     assert found.brier == pytest.approx((0.04 + 0.5625) / 2)
     assert found.log_score == pytest.approx(-(np.log(0.8) + np.log(0.25)) / 2)
     assert found.error == pytest.approx((0.2 + 0.75) / 2)
-    assert log_score([800.0], [False]) == pytest.approx(800.0)  # beyond where the probability itself is 1
+    assert log_score([800.0], [False]) == pytest.approx(
+        800.0
+    )  # beyond where the probability itself is 1
 
 
 def test_bins_hold_frequencies_with_exact_intervals():
@@ -107,12 +117,16 @@ def test_bins_hold_frequencies_with_exact_intervals():
     bins, p = reliability_bins(odds, answers), expit(odds)
     assert bins.count.sum() == 300
     assert bins.stated[0] == pytest.approx(p[p < 0.1].mean())
-    for n, observed, lower, upper in zip(bins.count, bins.observed, bins.lower, bins.upper, strict=True):
+    for n, observed, lower, upper in zip(
+        bins.count, bins.observed, bins.lower, bins.upper, strict=True
+    ):
         interval = binomtest(round(n * observed), int(n)).proportion_ci(0.95, "exact")
         assert (lower, upper) == pytest.approx((interval.low, interval.high), abs=1e-9)
 
 
-@pytest.mark.parametrize(("odds", "answers"), [([], []), ([0.0], [True, False]), ([np.nan], [True])])
+@pytest.mark.parametrize(
+    ("odds", "answers"), [([], []), ([0.0], [True, False]), ([np.nan], [True])]
+)
 def test_nothing_to_judge_is_refused(odds, answers):
     with pytest.raises(InputError):
         reliability(odds, answers, np.random.default_rng(0))

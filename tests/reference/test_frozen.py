@@ -32,7 +32,10 @@ def held(folder, table, study, subjects, commands):
     name = {"example_study.csv": "bundled", "dots.csv": "dots"}[study.name]
     head = next(i for i, line in enumerate(lines) if line.startswith("subject,"))
     chosen = folder / study.name
-    chosen.write_text("".join([lines[head], *(line for line in lines[head:] if line.split(",")[0] in subjects)]), encoding="utf-8")
+    chosen.write_text(
+        "".join([lines[head], *(line for line in lines[head:] if line.split(",")[0] in subjects)]),
+        encoding="utf-8",
+    )
     frozen.run(folder / "made" / f"{name}-7", chosen, 7, commands, ())
     numbers, outside = frozen.check(folder / "made", table)
     assert numbers >= 60 * len(subjects)
@@ -44,7 +47,13 @@ def test_bundled_subjects(tmp_path, table):
 
 
 def test_listeners_to_morse_signals(tmp_path, table, real_data):
-    held(tmp_path, table, real_data / "morse_rothkopf_1957" / "dots.csv", ("dots",), ("run", "fit", "asymmetry"))
+    held(
+        tmp_path,
+        table,
+        real_data / "morse_rothkopf_1957" / "dots.csv",
+        ("dots",),
+        ("run", "fit", "asymmetry"),
+    )
 
 
 def test_the_check_can_fail(table):

@@ -20,7 +20,9 @@ from bayes_toe.model.closed_form import MAX_PULL
 from bayes_toe.model.ladder import posterior_of
 from bayes_toe.model.prior import Prior
 
-STORED = json.loads((Path(__file__).with_name("reference.json")).read_text(encoding="utf-8"))["cases"]
+STORED = json.loads((Path(__file__).with_name("reference.json")).read_text(encoding="utf-8"))[
+    "cases"
+]
 
 
 def log_normal(x, mean, sd):
@@ -32,11 +34,18 @@ class Normal:
 
     sbar = -0.4
     mean = np.array([0.2, -0.5, -1.2, 1.5])
-    factor = np.array([[0.05, 0, 0, 0], [0.6, 0.5, 0, 0], [-0.1, 0.15, 0.1, 0], [0.3, -0.4, 0.2, 0.5]])
+    factor = np.array(
+        [[0.05, 0, 0, 0], [0.6, 0.5, 0, 0], [-0.1, 0.15, 0.1, 0], [0.3, -0.4, 0.2, 0.5]]
+    )
 
     def log_density(self, x):
         whitened = np.linalg.solve(self.factor, (x - self.mean).T)
-        return 5.0 - 0.5 * (whitened**2).sum(axis=0) - np.log(np.diag(self.factor)).sum() - 2.0 * np.log(2.0 * np.pi)
+        return (
+            5.0
+            - 0.5 * (whitened**2).sum(axis=0)
+            - np.log(np.diag(self.factor)).sum()
+            - 2.0 * np.log(2.0 * np.pi)
+        )
 
     def natural(self, x):
         return natural(x, self.sbar)
@@ -52,7 +61,9 @@ class Funnel(Normal):
         c, a, b, top = x.T
         p = MAX_PULL * expit(a)
         mu1 = np.logaddexp.reduce([np.log(w) + log_normal(c / p, m, s) for w, m, s in self.humps])
-        tails = log_expit(a) + log_expit(-a) + log_expit(2 * top) + log_expit(-2 * top) + np.log(2.0)
+        tails = (
+            log_expit(a) + log_expit(-a) + log_expit(2 * top) + log_expit(-2 * top) + np.log(2.0)
+        )
         return mu1 - np.log(p) + tails + log_normal(b, -1.0, 0.4)
 
 
@@ -89,7 +100,10 @@ def test_evidence_of_a_normal_density_and_quantiles_of_functions_of_two_coordina
         slope = covariance[i, 1] / covariance[1, 1]
         rest = np.sqrt(covariance[i, i] - slope * covariance[i, 1])
         return scipy_integrate.quad(
-            lambda a: stats.norm.cdf((threshold(a) - Normal.mean[i] - slope * (a - mean_a)) / rest) * stats.norm.pdf(a, mean_a, sd_a),
+            lambda a: (
+                stats.norm.cdf((threshold(a) - Normal.mean[i] - slope * (a - mean_a)) / rest)
+                * stats.norm.pdf(a, mean_a, sd_a)
+            ),
             mean_a - 9 * sd_a,
             mean_a + 9 * sd_a,
             limit=400,
@@ -113,12 +127,22 @@ def test_a_funnel_with_two_humps_and_exponential_tails(funnel):
     assert funnel.log_evidence == pytest.approx(0.0, abs=funnel.log_evidence_error)
     weights, means, sds = np.array(Funnel.humps).T
     levels, mean = np.array(LEVELS), weights @ means
-    of_mu1 = [optimize.brentq(lambda t, level=level: weights @ stats.norm.cdf(t, means, sds) - level, -9, 9) for level in LEVELS]
+    of_mu1 = [
+        optimize.brentq(
+            lambda t, level=level: weights @ stats.norm.cdf(t, means, sds) - level, -9, 9
+        )
+        for level in LEVELS
+    ]
     of_q0 = expit(0.5 * logit(levels))
     for name, exact_mean, exact_sd, exact in (
         ("mu1", mean, np.sqrt(weights @ (sds**2 + means**2) - mean**2), of_mu1),
         ("gain", 1.0 - MAX_PULL / 2, MAX_PULL / np.sqrt(12.0), 1.0 - MAX_PULL * (1.0 - levels)),
-        ("q0", 0.5, scipy_integrate.quad(lambda u: (expit(0.5 * logit(u)) - 0.5) ** 2, 0, 1)[0] ** 0.5, of_q0),
+        (
+            "q0",
+            0.5,
+            scipy_integrate.quad(lambda u: (expit(0.5 * logit(u)) - 0.5) ** 2, 0, 1)[0] ** 0.5,
+            of_q0,
+        ),
     ):
         i = QUANTITIES.index(name)
         assert funnel.means[i] == pytest.approx(exact_mean, abs=1e-3 * exact_sd)
@@ -132,6 +156,14 @@ def test_a_density_that_is_zero_is_refused():
 
 
 def test_a_stored_case_is_reproduced():
-    found, stored = integrate(posterior_of(hard_cases()["stimuli offset by 100"], Prior()), tolerance=1e-3), STORED["stimuli offset by 100"]
-    assert abs(found.log_evidence - stored["log_evidence"]) <= found.log_evidence_error + stored["log_evidence_error"]
-    assert np.all(np.abs(found.means - stored["means"]) <= found.means_error + np.array(stored["means_error"]))
+    found, stored = (
+        integrate(posterior_of(hard_cases()["stimuli offset by 100"], Prior()), tolerance=1e-3),
+        STORED["stimuli offset by 100"],
+    )
+    assert (
+        abs(found.log_evidence - stored["log_evidence"])
+        <= found.log_evidence_error + stored["log_evidence_error"]
+    )
+    assert np.all(
+        np.abs(found.means - stored["means"]) <= found.means_error + np.array(stored["means_error"])
+    )

@@ -22,13 +22,17 @@ STORED = json.loads((Path(__file__).with_name("reference.json")).read_text(encod
 SUBJECTS = {**hard_cases(), **{subject.name: subject for subject in bt.example_study()}}
 
 
-CASES = json.loads((Path(__file__).with_name("compositions.json")).read_text(encoding="utf-8"))["cases"]
+CASES = json.loads((Path(__file__).with_name("compositions.json")).read_text(encoding="utf-8"))[
+    "cases"
+]
 
 
 def counts(name):
     """By which a stored case knows its subject."""
     s = SUBJECTS[name]
-    return hashlib.sha256(np.column_stack((s.s1, s.s2, s.n_yes.astype(float), s.n_trials.astype(float))).tobytes()).hexdigest()
+    return hashlib.sha256(
+        np.column_stack((s.s1, s.s2, s.n_yes.astype(float), s.n_trials.astype(float))).tobytes()
+    ).hexdigest()
 
 
 def test_stored_cases_belong_to_todays_counts_prior_and_method():
@@ -44,7 +48,9 @@ def test_stored_cases_belong_to_todays_counts_prior_and_method():
 def parts(fitted, count):
     """The judging draws in equal parts, each with an evidence and an error bar of its own."""
     for at in np.array_split(np.arange(len(fitted.draws.x)), count):
-        draws = WeightedDraws(*(getattr(fitted.draws, field.name)[at] for field in fields(WeightedDraws)))
+        draws = WeightedDraws(
+            *(getattr(fitted.draws, field.name)[at] for field in fields(WeightedDraws))
+        )
         yield replace(fitted, draws=draws, efficiency=efficiency(draws.log_weights))
 
 
@@ -53,16 +59,23 @@ def test_error_bars_of_the_evidence_are_honest_over_a_hundred_estimates(name, fi
     # Parts of the draws are as independent as fits are, and error bars of fewer draws are harder to get right.
     posterior, case = bt.model.posterior_of(SUBJECTS[name], bt.Prior()), STORED["cases"][name]
     maxima = find_maxima(posterior)
-    fitted = (fit_proposal(posterior, np.random.default_rng([seed, 7]), start=maxima) for seed in range(fits))
+    fitted = (
+        fit_proposal(posterior, np.random.default_rng([seed, 7]), start=maxima)
+        for seed in range(fits)
+    )
     estimates = [importance_evidence(part) for one in fitted for part in parts(one, 100 // fits)]
-    z = np.array([(one.value - case["log_evidence"]) / one.se for one in estimates if one.value is not None])
+    z = np.array(
+        [(one.value - case["log_evidence"]) / one.se for one in estimates if one.value is not None]
+    )
     assert len(z) >= 95
     assert 0.8 < z.std(ddof=1) < 1.25
     assert abs(z.mean()) < 0.4
 
 
 #: Ordinary subjects are alike: every fourth of them.
-@pytest.mark.parametrize("name", sorted({*hard_cases(), "S01", "S05", "S09", "S13"} & {*STORED["cases"]}))
+@pytest.mark.parametrize(
+    "name", sorted({*hard_cases(), "S01", "S05", "S09", "S13"} & {*STORED["cases"]})
+)
 def test_evidence_and_draws_agree(name):
     posterior, case = bt.model.posterior_of(SUBJECTS[name], bt.Prior()), STORED["cases"][name]
     fitted = fit_proposal(posterior, np.random.default_rng(1))
@@ -70,7 +83,9 @@ def test_evidence_and_draws_agree(name):
     if estimate.value is None:  # said, not hidden
         assert "withheld" in estimate.why_not
     else:
-        assert estimate.value == pytest.approx(case["log_evidence"], abs=4 * estimate.se + case["log_evidence_error"])
+        assert estimate.value == pytest.approx(
+            case["log_evidence"], abs=4 * estimate.se + case["log_evidence_error"]
+        )
     chains = sample_chains(fitted, SamplerSettings(draws=4000), 1)
     theta = posterior.natural(chains.x)
     if not chains.converged:
@@ -79,10 +94,14 @@ def test_evidence_and_draws_agree(name):
     for i, key in enumerate(("mu1", "sigma_p", "sigma_l", "q0")):
         values = getattr(theta, key)
         # 21 cases, 4 parameters, 4 looks: |z| < 5 for 4,000 effective draws.
-        assert values.mean() == pytest.approx(case["means"][i], abs=5 * case["sds"][i] / np.sqrt(4000) * 1.5)
+        assert values.mean() == pytest.approx(
+            case["means"][i], abs=5 * case["sds"][i] / np.sqrt(4000) * 1.5
+        )
         for level, quantile in zip(STORED["levels"], case["quantiles"][i], strict=True):
             below = (values < quantile).mean()
-            assert below == pytest.approx(level, abs=5 * np.sqrt(level * (1 - level) / 4000) + 0.003)
+            assert below == pytest.approx(
+                level, abs=5 * np.sqrt(level * (1 - level) / 4000) + 0.003
+            )
 
 
 #: Every model with one of the four subjects.
@@ -93,6 +112,10 @@ KEYS = [key for i, key in enumerate(sorted(CASES)) if (i + i // 18) % 4 == 1]
 def test_evidence_agrees_within_four_standard_errors(key):
     # Errors of the references are from eight runs (7 degrees of freedom): a false alarm in one of eight such sets; the seeds are fixed.
     (name, model), case = key.split(": "), CASES[key]
-    estimate = importance_evidence(fit_proposal(posterior_of(SUBJECTS[name], PRIOR, model=model), np.random.default_rng(2611)))
+    estimate = importance_evidence(
+        fit_proposal(posterior_of(SUBJECTS[name], PRIOR, model=model), np.random.default_rng(2611))
+    )
     assert estimate.value is not None, estimate.why_not
-    assert estimate.value == pytest.approx(case["log_evidence"], abs=4 * np.hypot(estimate.se, case["log_evidence_error"]))
+    assert estimate.value == pytest.approx(
+        case["log_evidence"], abs=4 * np.hypot(estimate.se, case["log_evidence_error"])
+    )

@@ -23,7 +23,10 @@ from bayes_toe.planning.power_of_histories import HistoryPower
 from bayes_toe.planning.power_of_studies import PopulationPower, power_of_studies
 
 DOCUMENT = data_dictionary.OUTPUT.read_text(encoding="utf-8")
-KNOWN = {section.partition("\n")[0]: data_dictionary.words(section) for section in DOCUMENT.split(data_dictionary.SECTION)[1:]}
+KNOWN = {
+    section.partition("\n")[0]: data_dictionary.words(section)
+    for section in DOCUMENT.split(data_dictionary.SECTION)[1:]
+}
 #: Columns that not every file of the kind has.
 AT_TIMES = {"isi", "condition", "n_intervals", "worst_pair_isi"}
 
@@ -34,8 +37,25 @@ def written(analysis, small_study, tmp_path_factory):
     folder = tmp_path_factory.mktemp("dictionary")
     pairs = folder / "pairs.csv"
     pairs.write_text("s1,s2\n0,0.3\n", encoding="utf-8")
-    compared = bt.compare(few_pairs("AB"), ["free frequencies", "symmetric", "constant bias"], draws=200, seed=1, workers=1)
-    good("simulate", "-o", "study.csv", "--truth", "truth.csv", "--subjects", "1", "--seed", "1", cwd=folder)
+    compared = bt.compare(
+        few_pairs("AB"),
+        ["free frequencies", "symmetric", "constant bias"],
+        draws=200,
+        seed=1,
+        workers=1,
+    )
+    good(
+        "simulate",
+        "-o",
+        "study.csv",
+        "--truth",
+        "truth.csv",
+        "--subjects",
+        "1",
+        "--seed",
+        "1",
+        cwd=folder,
+    )
     judged = calibrate(studies=1, data_sets=1, seed=3, workers=1)
     group, asymmetry = made_up(small_study), bt.asymmetry(small_study)
     return {
@@ -43,7 +63,9 @@ def written(analysis, small_study, tmp_path_factory):
         "evidence.csv": analysis.evidence.frame(),
         "fit.csv": analysis.fits.frame(),
         "asymmetry.csv": asymmetry.frame(),
-        "asymmetry_covariates.csv": covariate_tests(Covariates({"age": {"A": 1.0, "B": 2.0, "C": 4.0}}), asymmetry.outcomes()).frame(),
+        "asymmetry_covariates.csv": covariate_tests(
+            Covariates({"age": {"A": 1.0, "B": 2.0, "C": 4.0}}), asymmetry.outcomes()
+        ).frame(),
         "compare.csv": compared.frame(),
         "compare_parts.csv": compared.parts_frame(),
         "compare_models.csv": compared.study_frame(),
@@ -69,7 +91,9 @@ def planned(folder):
     """Those of commands that plan a study."""
     with plain_models_alone():
         table = bt.planning.power(trials=[26], data_sets=1, seed=1, workers=1)
-        sessions = bt.planning.stopping(rule=bt.planning.StoppingRule(most=26, every=13), data_sets=1, seed=1, workers=1)
+        sessions = bt.planning.stopping(
+            rule=bt.planning.StoppingRule(most=26, every=13), data_sets=1, seed=1, workers=1
+        )
     (folder / "design.csv").write_text("s1,s2,n_trials\n0,0.3,2\n0.3,0,2\n", encoding="utf-8")
     good("design", "design.csv", "--list", "trials.csv", "--blocks", "1", "--seed", "1", cwd=folder)
     one = Outcome("d", 26, "update", 2, {"effect found": True})
@@ -93,7 +117,13 @@ def test_the_document_is_as_declared():
 
 def test_a_column_without_words_is_named():
     with pytest.raises(SystemExit, match=r"fit\.csv: nothing says what these mean: penalty"):
-        data_dictionary.updated("".join(line for line in DOCUMENT.splitlines(keepends=True) if not line.startswith("| `penalty` |")))
+        data_dictionary.updated(
+            "".join(
+                line
+                for line in DOCUMENT.splitlines(keepends=True)
+                if not line.startswith("| `penalty` |")
+            )
+        )
 
 
 @pytest.mark.parametrize(
@@ -103,7 +133,11 @@ def test_a_column_without_words_is_named():
         ("methods_order_effect.csv", "effect", [word for word in EFFECTS if word]),
         ("evidence.csv", "p_none", [f"over {len(SPACE)} models"]),
         ("contrast.csv", "word", WORDS),
-        ("evidence_calibration.csv", "estimator", [f"{name}: {words}" for name, words in ABOUT.items()]),
+        (
+            "evidence_calibration.csv",
+            "estimator",
+            [f"{name}: {words}" for name, words in ABOUT.items()],
+        ),
     ],
 )
 def test_words_that_a_column_holds_are_listed(file, column, said):
@@ -112,7 +146,11 @@ def test_words_that_a_column_holds_are_listed(file, column, said):
 
 def test_every_column_that_is_written_is_in_it(written):
     assert data_dictionary.FILES.keys() <= KNOWN.keys()
-    assert KNOWN.keys() - written.keys() == {"sensitivity.csv", "contrast.csv", "compare_history.csv"}  # whose frames have declared columns
+    assert KNOWN.keys() - written.keys() == {
+        "sensitivity.csv",
+        "contrast.csv",
+        "compare_history.csv",
+    }  # whose frames have declared columns
     for name, columns in written.items():
         assert {*columns} - KNOWN[name].keys() == set(), name
         assert KNOWN[name].keys() - {*columns} - AT_TIMES == set(), name

@@ -60,9 +60,15 @@ def test_runs_from_any_folder_and_draws(path, run, tmp_path):
             cell.source = re.sub(stored, fewer, cell.source)
     fresh = nbformat.v4.new_code_cell(f"%reset -f\nimport os\nos.chdir({str(tmp_path)!r})")
     outputs = [output for cell in run(fresh, *notebook.cells) for output in cell.get("outputs", [])]
-    pictures = [base64.b64decode(one["data"]["image/png"]) for one in outputs if "image/png" in one.get("data", {})]
+    pictures = [
+        base64.b64decode(one["data"]["image/png"])
+        for one in outputs
+        if "image/png" in one.get("data", {})
+    ]
     assert len(pictures) == IMAGES[path.stem]
-    assert all(len(picture) > 10_000 for picture in pictures)  # a blank figure of this size has about 3,000 bytes
+    assert all(
+        len(picture) > 10_000 for picture in pictures
+    )  # a blank figure of this size has about 3,000 bytes
     assert not [output for output in outputs if output.get("name") == "stderr"]
     assert not list(tmp_path.iterdir())
 

@@ -22,7 +22,12 @@ SCRIPTS = Path(__file__).resolve().parents[2] / "scripts"
 def inside(name, *args, cwd):
     """The same program in this process."""
     arguments, code = [str(SCRIPTS / name), *map(str, args)], 0
-    with chdir(cwd), patch.object(sys, "argv", arguments), redirect_stdout(io.StringIO()) as out, redirect_stderr(io.StringIO()) as errors:
+    with (
+        chdir(cwd),
+        patch.object(sys, "argv", arguments),
+        redirect_stdout(io.StringIO()) as out,
+        redirect_stderr(io.StringIO()) as errors,
+    ):
         try:
             runpy.run_path(arguments[0], run_name="__main__")
         except SystemExit as left:
@@ -41,8 +46,21 @@ def folder(tmp_path_factory, small_study):
     """Two subjects, one with a name that no file may have, and their draws."""
     folder = tmp_path_factory.mktemp("scripts")
     a, b, _ = small_study
-    grouped_csv(folder / "study.csv", bt.Study([a, bt.Subject("b/2", b.s1, b.s2, b.n_yes, b.n_trials)]))
-    words = [SCRIPTS / "sample_posteriors.py", "study.csv", "-o", "p.nc", "--draws", "500", "--seed", "1", "--workers", "1"]
+    grouped_csv(
+        folder / "study.csv", bt.Study([a, bt.Subject("b/2", b.s1, b.s2, b.n_yes, b.n_trials)])
+    )
+    words = [
+        SCRIPTS / "sample_posteriors.py",
+        "study.csv",
+        "-o",
+        "p.nc",
+        "--draws",
+        "500",
+        "--seed",
+        "1",
+        "--workers",
+        "1",
+    ]
     done = subprocess.run([sys.executable, *words], capture_output=True, text=True, cwd=folder)
     assert done.returncode == 0, done.stderr
     assert "sigma_p" in done.stdout
@@ -57,20 +75,37 @@ def test_the_draws_are_those_of_the_study(folder):
 
 
 def test_evidence_table_and_figure(folder, tmp_path, three_models):
-    done = inside("evidence_table.py", folder / "study.csv", "--figure", "e.png", "--workers", 1, cwd=tmp_path)
+    done = inside(
+        "evidence_table.py", folder / "study.csv", "--figure", "e.png", "--workers", 1, cwd=tmp_path
+    )
     assert done.returncode == 0, done.stderr
     assert is_drawn(tmp_path / "e.png")
     table = pd.read_csv(tmp_path / "evidence.csv")
     assert list(table.subject) == ["A", "b/2"]
-    seed = done.stdout.split("seed ")[1].split(";")[0]  # fresh, and printed: the table can be made again
-    again = inside("evidence_table.py", folder / "study.csv", "--seed", seed, "-o", "again.csv", "--workers", 1, cwd=tmp_path)
+    seed = done.stdout.split("seed ")[1].split(";")[
+        0
+    ]  # fresh, and printed: the table can be made again
+    again = inside(
+        "evidence_table.py",
+        folder / "study.csv",
+        "--seed",
+        seed,
+        "-o",
+        "again.csv",
+        "--workers",
+        1,
+        cwd=tmp_path,
+    )
     assert again.returncode == 0, again.stderr
     pd.testing.assert_frame_equal(pd.read_csv(tmp_path / "again.csv"), table, check_exact=True)
 
 
 @pytest.mark.parametrize(
     ("words", "pictures"),
-    [(["--coordinates", "gain,mu1"], ["A.png", "b_2.png"]), (["--subject", "A", "--prior"], ["A.png"])],
+    [
+        (["--coordinates", "gain,mu1"], ["A.png", "b_2.png"]),
+        (["--subject", "A", "--prior"], ["A.png"]),
+    ],
 )
 def test_corner_plots_of_all_subjects_or_one(folder, tmp_path, words, pictures):
     done = inside("corner_plots.py", folder / "p.nc", *words, cwd=tmp_path)
@@ -82,7 +117,10 @@ def test_corner_plots_of_all_subjects_or_one(folder, tmp_path, words, pictures):
 @pytest.mark.parametrize(
     ("arguments", "named"),
     [
-        (("sample_posteriors.py", "none.csv", "-o", "p.nc"), "p.nc: exists"),  # refused before the study is read
+        (
+            ("sample_posteriors.py", "none.csv", "-o", "p.nc"),
+            "p.nc: exists",
+        ),  # refused before the study is read
         (("evidence_table.py", "none.csv", "-o", "p.nc"), "p.nc: exists"),
         (("evidence_table.py", "none.csv", "--figure", "p.nc"), "p.nc: exists"),
         (("calibration.py", "-o", "z", "--studies", "0", "--data-sets", "0"), "studies=0"),
@@ -98,23 +136,42 @@ def test_problems_are_told_before_the_work_and_end_with_exit_code_2(folder, argu
     assert not (folder / "z").exists()
 
 
-@pytest.mark.parametrize(("options", "case"), [((), "one batch"), (("--verdict",), "S01: symmetric")])
+@pytest.mark.parametrize(
+    ("options", "case"), [((), "one batch"), (("--verdict",), "S01: symmetric")]
+)
 def test_the_error_bars_of_a_case_are_judged_and_an_unknown_case_is_refused(folder, options, case):
     name = "_".join(["error_bars", *(option.strip("-") for option in options)])
-    done = inside("error_bars.py", "-o", "bars", *options, "--seeds", "12", "--cases", case, "--workers", "1", cwd=folder)
+    done = inside(
+        "error_bars.py",
+        "-o",
+        "bars",
+        *options,
+        "--seeds",
+        "12",
+        "--cases",
+        case,
+        "--workers",
+        "1",
+        cwd=folder,
+    )
     assert done.returncode in (0, 3), done.stdout + done.stderr
     row = pd.read_csv(folder / "bars" / f"{name}.csv").iloc[0]
     assert (row["case"], row["seeds"], row["withheld"]) == (case, 12, 0)
     assert 0.4 < row["sd_z"] < 1.8
     assert bool(row["honest"]) == (0.8 < row["sd_z"] < 1.25) == (done.returncode == 0)
     assert f"| {case} |" in (folder / "bars" / f"{name}.md").read_text(encoding="utf-8")
-    assert inside("error_bars.py", "-o", "bars2", *options, "--cases", "nobody", cwd=folder).returncode == 2
+    assert (
+        inside("error_bars.py", "-o", "bars2", *options, "--cases", "nobody", cwd=folder).returncode
+        == 2
+    )
 
 
 def test_before_and_after_of_the_same_commit(folder):
     if subprocess.run(["git", "-C", SCRIPTS, "rev-parse", "HEAD"], capture_output=True).returncode:
         pytest.skip("not a checkout")
-    done = inside("before_after.py", "HEAD", "-o", "ba.csv", "--only", "help", "--repeats", "1", cwd=folder)
+    done = inside(
+        "before_after.py", "HEAD", "-o", "ba.csv", "--only", "help", "--repeats", "1", cwd=folder
+    )
     assert done.returncode == 0, done.stderr
     table = pd.read_csv(folder / "ba.csv")
     assert list(table.what) == ["help"]
@@ -128,7 +185,19 @@ def test_before_and_after_of_the_same_commit(folder):
 
 def test_a_session_is_saved_goes_on_and_leaves_a_study(tmp_path, monkeypatch, capsys):
     for trials in (3, 6):
-        monkeypatch.setattr(sys, "argv", ["x", str(tmp_path / "a.json"), "--trials", str(trials), "--simulate", "--subject", "P7"])
+        monkeypatch.setattr(
+            sys,
+            "argv",
+            [
+                "x",
+                str(tmp_path / "a.json"),
+                "--trials",
+                str(trials),
+                "--simulate",
+                "--subject",
+                "P7",
+            ],
+        )
         adaptive_session.main()
         assert "P(predictive update) = " in capsys.readouterr().out
         study = bt.read_study(tmp_path / "a.csv")
