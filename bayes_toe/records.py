@@ -121,9 +121,8 @@ def _named(value: object) -> object:
     if not callable(value) or "<" in getattr(value, "__qualname__", "<"):
         _refuse(value)
     own = getattr(value, "__self__", None)  # a method counts with the object it belongs to
-    return f"{value.__module__}:{value.__qualname__}", None if isinstance(
-        own, type | ModuleType
-    ) else own  # type: ignore[attr-defined]
+    name = f"{value.__module__}:{value.__qualname__}"  # type: ignore[attr-defined]
+    return name, None if isinstance(own, type | ModuleType) else own
 
 
 def _made(plain: Any, members: Mapping[str, npt.NDArray[Any]]) -> Any:
