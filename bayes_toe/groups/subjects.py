@@ -19,8 +19,8 @@ from bayes_toe.groups.hyperprior import HyperpriorNumbers
 from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.diagnostics import smoothed_weights
 from bayes_toe.inference.draws import Draws
+from bayes_toe.model.blocks import GroupPull
 from bayes_toe.model.crowd import crowd_posterior
-from bayes_toe.model.parameters import GroupPull
 from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.record import Model

@@ -10,6 +10,16 @@ import numpy as np
 from scipy.special import expit, exprel, log_expit, ndtr, ndtri_exp
 
 from bayes_toe.arrays import FloatArray
+from bayes_toe.model.blocks import (
+    WIDTH,
+    GroupPull,
+    Log,
+    Logit,
+    Mapped,
+    Single,
+    starting_offsets,
+    with_offset,
+)
 from bayes_toe.model.closed_form import MAX_PULL, noise_ratio, pull, variance_ratio
 from bayes_toe.model.coordinates import (
     Natural,
@@ -25,16 +35,6 @@ from bayes_toe.model.coordinates import (
 )
 from bayes_toe.model.distributions import Random
 from bayes_toe.model.intervals import OF_EQUAL, CurveScale, log_lost, log_lost_slope
-from bayes_toe.model.parameters import (
-    WIDTH,
-    GroupPull,
-    Log,
-    Logit,
-    Mapped,
-    Single,
-    starting_offsets,
-    with_offset,
-)
 from bayes_toe.model.prior import (
     Prior,
     log_density_of_noise_ratio,

@@ -1,290 +1,275 @@
-"""Free parameters of the models: blocks of unconstrained coordinates with a proper, normalised prior.
+"""The parameters of the observer: one row each, with symbol, unit, words, prior and coordinate.
 
-A quantity that several models share has the same prior in all of them. What the user's :class:`bayes_toe.model.prior.Prior` says of a
-parameter, it says for every model: that of the width for every width, or that of sigma_p for every width-like standard deviation; that of
-mu1 for every prior mean.
+The observer of one subject works on stimuli about sbar in units of D, so that no unit of intensity
+matters. Every parameter has one unconstrained coordinate u, in units of its prior:
+
+    noise            u = (log(sigma_d / D) - log median) / sd     standard normal
+    peak             u = logit q0                                 Beta(a, b) of q0
+    lapse_rate       u = normal score of lambda                   standard normal
+    noise_slope      u = b R / scale                              Student t, 3 df
+    criterion_slope  u = g R / scale                              Student t, 3 df
+    constant_error   u = (c / D) / scale                          Student t, 3 df
+    contraction      u = p / scale                                standard normal, cut at abs(p) = 1
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Protocol
 
 import numpy as np
-from scipy.special import expit, log_expit, logit
+from scipy.special import betaln, expit, log_expit, log_ndtr, ndtr, ndtri, ndtri_exp, stdtrit
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.model.coordinates import log_slope, logit_of_probit, probit_of_logit
-from bayes_toe.model.distributions import Beta, Distribution, LogNormal, Random
-from bayes_toe.model.prior import Prior
-from bayes_toe.model.target import Names
+from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task
+from bayes_toe.errors import InputError
+from bayes_toe.model.distributions import LOG_2PI
 
-#: Coordinates, and their derivatives in what they come from.
-Mapped = tuple[FloatArray, FloatArray]
+_STUDENT_LOG_NORM = float(np.log(2.0 / (np.pi * np.sqrt(3.0))))
 
 
 @dataclass(frozen=True)
-class Scale:
-    """A bijection between a quantity and its coordinate, of any shape; on this one the quantity is its own coordinate."""
+class ObserverPrior:
+    """The numbers of the observer's prior. Its scales count in D and R of the stimuli.
 
-    prefix: ClassVar[str] = ""
+    Attributes
+    ----------
+    noise_median, noise_sd : float
+        Median of sigma_d in D, and standard deviation of its logarithm.
+    peak_a, peak_b : float
+        The beta distribution of q0, the largest P(equal).
+    lapse_rate_b : float
+        The lapse rate has the distribution Beta(1, b).
+    noise_slope_scale, criterion_slope_scale : float
+        Scales of Student's t with 3 degrees of freedom, over R.
+    constant_error_scale : float
+        Scale of Student's t with 3 degrees of freedom, in D.
+    contraction_sd : float
+        Standard deviation of the normal distribution of p on (-1, 1). Where first stimuli spread
+        beyond 4 D, D over their standard deviation takes its place, in proportion.
+    """
 
-    def quantity(self, x: FloatArray) -> FloatArray:
-        """The quantity at coordinates."""
-        return x
+    noise_median: float = 1.0
+    noise_sd: float = 0.7
+    peak_a: float = 4.0
+    peak_b: float = 1.0
+    lapse_rate_b: float = 9.0
+    noise_slope_scale: float = 0.15
+    criterion_slope_scale: float = 0.15
+    constant_error_scale: float = 0.5
+    contraction_sd: float = 0.25
 
-    def coordinate(self, t: FloatArray) -> FloatArray:
-        """The coordinate of quantities."""
-        return np.asarray(t)
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if not isinstance(value, int | float) or not 1e-3 <= value <= 1e3:
+                allowed = "allowed is a number from 0.001 to 1000"
+                raise InputError(f"prior: {field.name} is {value!r}; {allowed}")
 
-    def sample(self, distribution: Distribution, rng: Random, size: int) -> FloatArray:
-        """Coordinates of independent draws of the quantity, shape (size,)."""
-        return self.coordinate(distribution.sample(rng, size))
 
-    def log_density(self, distribution: Distribution, x: FloatArray) -> FloatArray:
-        """Log density with respect to the coordinate."""
-        return distribution.log_density(x)
+class PriorDensity(Protocol):
+    """The prior of a coordinate u, for arrays of any shape."""
 
-    def slope(self, distribution: Distribution, x: FloatArray) -> FloatArray:
+    def log_density(self, u: FloatArray) -> FloatArray:
+        """Normalised log density."""
+
+    def slope(self, u: FloatArray) -> FloatArray:
         """Its derivative."""
-        return distribution.slope(x)
 
-    def to_group(self, x: FloatArray) -> FloatArray:
-        """Coordinates on the scale on which a group's members scatter about their mean: as they are, or probits of a share."""
-        return x
+    def curvature(self, u: FloatArray) -> FloatArray:
+        """A positive stand-in for the negative second derivative, for Fisher scoring."""
 
-    def from_group(self, eta: FloatArray) -> Mapped:
-        """The inverse: coordinates, and their derivative."""
-        return eta, np.ones_like(eta)
-
-
-class Log(Scale):
-    """By the logarithm."""
-
-    prefix: ClassVar[str] = "log_"
-
-    def quantity(self, x: FloatArray) -> FloatArray:
-        """Its exponential."""
-        return np.exp(x)
-
-    def coordinate(self, t: FloatArray) -> FloatArray:
-        """Its logarithm."""
-        return np.log(t)
-
-    def log_density(self, distribution: Distribution, x: FloatArray) -> FloatArray:
-        """With log dt/dx = x; of a lognormal by the logarithm itself."""
-        if isinstance(distribution, LogNormal):
-            return distribution.of_log.log_density(x)
-        with np.errstate(over="ignore"):  # beyond the largest float: the density is 0
-            return np.asarray(distribution.log_density(np.exp(x)) + x)
-
-    def slope(self, distribution: Distribution, x: FloatArray) -> FloatArray:
-        """T f' + 1."""
-        if isinstance(distribution, LogNormal):
-            return distribution.of_log.slope(x)
-        with np.errstate(over="ignore"):
-            t = np.exp(x)
-            return np.asarray(t * distribution.slope(t) + 1.0)
+    def quantile(self, probability: FloatArray) -> FloatArray:
+        """Inverse of the distribution function."""
 
 
 @dataclass(frozen=True)
-class Logit(Scale):
-    """By the logit of the share of the top."""
+class StandardNormal:
+    """Normal(0, 1)."""
 
-    top: float = 1.0
-    prefix: ClassVar[str] = "logit_"
+    def log_density(self, u: FloatArray) -> FloatArray:
+        """-u^2/2 - ln(2 pi)/2."""
+        return np.asarray(-0.5 * (np.square(u) + LOG_2PI))
 
-    def quantity(self, x: FloatArray) -> FloatArray:
-        """The share of the top."""
-        return np.asarray(self.top * expit(x))
+    def slope(self, u: FloatArray) -> FloatArray:
+        """-u."""
+        return -u
 
-    def coordinate(self, t: FloatArray) -> FloatArray:
-        """The logit."""
-        return np.asarray(logit(t / self.top))
+    def curvature(self, u: FloatArray) -> FloatArray:
+        """1."""
+        return np.ones_like(u)
 
-    def sample(self, distribution: Distribution, rng: Random, size: int) -> FloatArray:
-        """Logits of draws, of a beta with a pole also of those that no float tells from an edge."""
-        if isinstance(distribution, Beta) and min(distribution.a, distribution.b) < 1.0:
-            return distribution.sample_logit(rng, size)
-        return self.coordinate(distribution.sample(rng, size))
-
-    def log_density(self, distribution: Distribution, x: FloatArray) -> FloatArray:
-        """With dt/dx = top expit(x) expit(-x); of a beta by the logs of the share and of what it leaves."""
-        up, down = log_expit(x), log_expit(-x)
-        if isinstance(distribution, Beta) and self.top == 1.0:
-            return np.asarray(distribution.log_density_of_logs(up, down) + up + down)
-        return np.asarray(
-            distribution.log_density(self.top * expit(x)) + np.log(self.top) + up + down
-        )
-
-    def slope(self, distribution: Distribution, x: FloatArray) -> FloatArray:
-        """With d(log dt/dx)/dx = -tanh(x/2)."""
-        up, down = expit(x), expit(-x)
-        if isinstance(distribution, Beta) and self.top == 1.0:
-            return np.asarray(distribution.a * down - distribution.b * up)
-        return np.asarray(
-            distribution.slope(self.top * up) * self.top * up * down - np.tanh(0.5 * x)
-        )
-
-    def to_group(self, x: FloatArray) -> FloatArray:
-        """The probit of the share: uniform is standard normal, so that its edges are far away."""
-        return probit_of_logit(x)
-
-    def from_group(self, eta: FloatArray) -> Mapped:
-        """The logit of the share."""
-        return logit_of_probit(eta), np.exp(-log_slope(eta))
-
-
-class GroupPull(NamedTuple):
-    """What the group's quantity says of the pull: its coordinate, the pull itself, and how both rise with it; shape (points,) each."""
-
-    logit: FloatArray
-    slope: FloatArray
-    pull: FloatArray
-    rise: FloatArray
+    def quantile(self, probability: FloatArray) -> FloatArray:
+        """Inverse of the distribution function."""
+        return np.asarray(ndtri(probability))
 
 
 @dataclass(frozen=True)
-class Single:
-    """One quantity, by a coordinate on its scale.
+class StandardStudent:
+    """Student's t with 3 degrees of freedom and scale 1."""
 
-    Maxima are looked for from the starts, values of the coordinate, or what makes them of the distance of stimuli; none: what the data
-    suggest.
+    def log_density(self, u: FloatArray) -> FloatArray:
+        """ln(2 / (pi sqrt 3)) - 2 ln(1 + u^2 / 3)."""
+        return np.asarray(_STUDENT_LOG_NORM - 2.0 * np.log1p(np.square(u) / 3.0))
+
+    def slope(self, u: FloatArray) -> FloatArray:
+        """-4 u / (3 + u^2)."""
+        return np.asarray(-4.0 * u / (3.0 + np.square(u)))
+
+    def curvature(self, u: FloatArray) -> FloatArray:
+        """4 / (3 + u^2), the weight of a normal that touches the density from below."""
+        return np.asarray(4.0 / (3.0 + np.square(u)))
+
+    def quantile(self, probability: FloatArray) -> FloatArray:
+        """Inverse of the distribution function."""
+        return np.asarray(stdtrit(3.0, probability))
+
+
+@dataclass(frozen=True)
+class CutNormal:
+    """Normal(0, 1) on (-limit, limit); `limit` may be an array that broadcasts with u."""
+
+    limit: FloatArray | float
+
+    def log_density(self, u: FloatArray) -> FloatArray:
+        """That of the normal over its mass inside; -inf outside."""
+        log_mass = np.log1p(-2.0 * ndtr(-np.asarray(self.limit)))
+        inside = -0.5 * (np.square(u) + LOG_2PI) - log_mass
+        return np.where(np.abs(u) < self.limit, inside, -np.inf)
+
+    def slope(self, u: FloatArray) -> FloatArray:
+        """-u."""
+        return -u
+
+    def curvature(self, u: FloatArray) -> FloatArray:
+        """1."""
+        return np.ones_like(u)
+
+    def quantile(self, probability: FloatArray) -> FloatArray:
+        """Inverse of the distribution function."""
+        outside = ndtr(-np.asarray(self.limit))
+        return np.asarray(ndtri(outside + probability * (1.0 - 2.0 * outside)))
+
+
+@dataclass(frozen=True)
+class LogitOfBeta:
+    """The logit of a share with the distribution Beta(a, b)."""
+
+    a: float
+    b: float
+
+    def log_density(self, u: FloatArray) -> FloatArray:
+        """A ln q + b ln(1 - q) - ln B(a, b), with respect to the logit."""
+        log_norm = betaln(self.a, self.b)
+        return np.asarray(self.a * log_expit(u) + self.b * log_expit(-u) - log_norm)
+
+    def slope(self, u: FloatArray) -> FloatArray:
+        """A (1 - q) - b q."""
+        return np.asarray(self.a * expit(-u) - self.b * expit(u))
+
+    def curvature(self, u: FloatArray) -> FloatArray:
+        """(a + b) q (1 - q)."""
+        return np.asarray((self.a + self.b) * expit(u) * expit(-u))
+
+    def quantile(self, probability: FloatArray) -> FloatArray:
+        """Inverse of the distribution function."""
+        from scipy.special import betaincinv, logit
+
+        return np.asarray(logit(betaincinv(self.a, self.b, probability)))
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter of the observer.
+
+    Attributes
+    ----------
+    name : str
+        In files and in the interface.
+    symbol : str
+        In formulas.
+    unit : str
+        Empty for a pure number.
+    words : str
+        What it is, in a sentence.
+    tasks : tuple of Task
+        Those whose observer has it.
     """
 
     name: str
-    scale: Scale
-    parameter: str = ""  # whose distribution the prior has for it; by default its own name
-    fixed: Distribution | None = None  # its distribution, where the prior has none to choose
-    starts: tuple[float, ...] | Callable[[float], tuple[float, ...]] = ()
-
-    @property
-    def coordinates(self) -> tuple[str, ...]:
-        """Its coordinate."""
-        return (self.scale.prefix + self.name,)
-
-    @property
-    def names(self) -> Names:
-        """The quantity's."""
-        return Names((self.name,), (self.name,))
-
-    def distribution(self, prior: Prior) -> Distribution:
-        """Its distribution."""
-        return prior.distribution(self.parameter or self.name) if self.fixed is None else self.fixed
-
-    def parameters(self, prior: Prior) -> tuple[str, ...]:
-        """Whose distributions the prior is made of."""
-        return (self.parameter or self.name,) if self.fixed is None else ()
-
-    def describe(self, prior: Prior) -> str:
-        """The prior in words."""
-        said = (
-            prior.said(self.parameter or self.name) if self.fixed is None else self.fixed.describe()
-        )
-        return f"{self.name} ~ {said}"
-
-    def log_prior(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
-        """Log density with respect to the coordinate."""
-        return self.scale.log_density(self.distribution(prior), x[:, 0])
-
-    def gradient(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
-        """Gradient of :meth:`log_prior`."""
-        return self.scale.slope(self.distribution(prior), x[:, 0])[:, None]
-
-    def sample(self, rng: Random, size: int, prior: Prior, sbar: float) -> FloatArray:
-        """Independent draws, shape (size, 1)."""
-        return self.scale.sample(self.distribution(prior), rng, size)[:, None]
-
-    def named(self, x: FloatArray, prior: Prior, sbar: float) -> dict[str, FloatArray]:
-        """The quantity."""
-        return {self.name: self.scale.quantity(x[..., 0])}
-
-    def coordinates_from(
-        self, quantities: Mapping[str, FloatArray], prior: Prior, sbar: float
-    ) -> FloatArray:
-        """Its coordinate; infinite where rounding has it at an end of its range."""
-        return self.scale.coordinate(quantities[self.name])[..., None]
-
-    def prior_quantile(
-        self, name: str, probability: float, prior: Prior, sbar: float
-    ) -> float | None:
-        """Of its distribution."""
-        return float(self.distribution(prior).quantile(probability))
-
-    def grid(self, scale: float, peak: float) -> Sequence[Sequence[float]]:
-        """The starts given; else a width about the scale of the stimuli, or the largest frequency of 'equal'."""
-        if callable(self.starts):
-            return (self.starts(scale),)
-        about = (
-            tuple((np.log(scale) + np.array([-1.0, 0.0, 1.0])).tolist())
-            if isinstance(self.scale, Log)
-            else (peak,)
-        )
-        return (self.starts if self.starts else about,)
-
-    @property
-    def group(self) -> tuple[str, ...]:
-        """The quantity."""
-        return (self.name,)
-
-    def to_group(self, x: FloatArray, prior: Prior, sbar: float) -> FloatArray:
-        """That of its scale."""
-        return self.scale.to_group(x)
-
-    def from_group(self, eta: FloatArray, prior: Prior, sbar: float) -> Mapped:
-        """That of its scale."""
-        x, slope = self.scale.from_group(eta)
-        return x, slope[:, :, None]
-
-    group_pull = None
+    symbol: str
+    unit: str
+    words: str
+    tasks: tuple[Task, ...] = (SAME_DIFFERENT, WHICH_STRONGER)
 
 
-class Width(Single):
-    """Width w, natural-log intensity: at K = 1 it is sigma_p, and has the prior of that one where it has none of its own."""
-
-    def distribution(self, prior: Prior) -> Distribution:
-        """The width's, or sigma_p's."""
-        return prior.distribution(prior.spread)
-
-    def parameters(self, prior: Prior) -> tuple[str, ...]:
-        """One of these two."""
-        return (prior.spread,)
-
-    def describe(self, prior: Prior) -> str:
-        """The prior in words."""
-        return f"{self.name} ~ {prior.said(prior.spread)}"
-
-
-def starting_offsets(scale: float) -> tuple[float, ...]:
-    """Offsets from which to look for maxima, for stimuli `scale` apart, off the round numbers at which a distance may be exactly 0."""
-    return (-0.93 * scale, 0.07 * scale, 1.01 * scale)
-
-
-def starting_slopes(scale: float) -> tuple[float, ...]:
-    """A fall, hardly any slope, a rise, over a step between stimuli."""
-    return (-0.5 / scale, 0.03 / scale, 0.5 / scale)
-
-
-def starting_bias(scale: float) -> tuple[float, ...]:
-    """None to speak of: it is small, and its likelihood has one maximum."""
-    return (0.01 * scale,)
-
-
-#: Constant error c, natural-log intensity: the offset at the mean first stimulus.
-OFFSET = Single("offset", Scale(), starts=starting_offsets)
-WIDTH = Width("width", Log())
-#: Slopes of the log of the width and of logit q0 over intensity, per natural-log intensity.
-NOISE_SLOPE, PEAK_SLOPE = (
-    Single(name, Scale(), starts=starting_slopes) for name in ("noise_slope", "peak_slope")
+NOISE = Parameter(
+    "noise", "sigma_d", "natural-log intensity", "standard deviation of the perceived difference"
 )
-#: Shift of the distance by the answer before, natural-log intensity.
-ANSWER_BIAS = Single("answer_bias", Scale(), starts=starting_bias)
+PEAK = Parameter("q0", "q0", "", "largest probability of the answer 'equal'", (SAME_DIFFERENT,))
+LAPSE_RATE = Parameter("lapse_rate", "lambda", "", "share of answers that ignore the stimuli")
+NOISE_SLOPE = Parameter(
+    "noise_slope", "b", "per natural-log intensity", "change of log noise with intensity"
+)
+CRITERION_SLOPE = Parameter(
+    "criterion_slope",
+    "g",
+    "per natural-log intensity",
+    "change of the log criterion for 'equal' with intensity",
+    (SAME_DIFFERENT,),
+)
+CONSTANT_ERROR = Parameter(
+    "constant_error", "c", "natural-log intensity", "mean shift of the point of subjective equality"
+)
+CONTRACTION = Parameter(
+    "contraction", "p", "", "share by which the first stimulus is drawn to the mean"
+)
+#: Every parameter, in the order of the coordinates.
+PARAMETERS = (
+    NOISE,
+    PEAK,
+    LAPSE_RATE,
+    NOISE_SLOPE,
+    CRITERION_SLOPE,
+    CONSTANT_ERROR,
+    CONTRACTION,
+)
+#: The models of the observer by name, each with the effects of order that are free in it.
+ORDER_MODELS: Mapping[str, tuple[Parameter, ...]] = {
+    "none": (),
+    "constant error": (CONSTANT_ERROR,),
+    "contraction": (CONTRACTION,),
+    "both": (CONSTANT_ERROR, CONTRACTION),
+}
+#: Prior probability of each model.
+MODEL_PRIOR = {"none": 1 / 2, "constant error": 1 / 6, "contraction": 1 / 6, "both": 1 / 6}
 
 
-def with_offset(eta: FloatArray, sbar: float, pulled: GroupPull) -> Mapped:
-    """(c, a, log w) of (mu1, probit, log w), shape (points, 3)."""
-    far, jacobian = eta[:, 0] - sbar, np.zeros((len(eta), 3, 3))
-    jacobian[:, 0, 0], jacobian[:, 0, 1] = pulled.pull, far * pulled.rise
-    jacobian[:, 1, 1], jacobian[:, 2, 2] = pulled.slope, 1.0
-    return np.stack([pulled.pull * far, pulled.logit, eta[:, 2]], axis=-1), jacobian
+def task_parameters(task: Task) -> tuple[Parameter, ...]:
+    """The parameters of a task's observer, in the order of the coordinates.
+
+    Examples
+    --------
+    >>> [parameter.symbol for parameter in task_parameters(WHICH_STRONGER)]
+    ['sigma_d', 'lambda', 'b', 'c', 'p']
+    """
+    return tuple(parameter for parameter in PARAMETERS if task in parameter.tasks)
+
+
+def lapse_logs(u: FloatArray, b: float) -> tuple[FloatArray, FloatArray]:
+    """Log of the lapse rate and of its complement, from the normal score u of Beta(1, b).
+
+    1 - lambda = (1 - Phi(u))^(1/b).
+    """
+    log_complement = np.asarray(log_ndtr(-u) / b)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        log_rate = np.log(-np.expm1(log_complement))
+        # Far out 1 - Phi(u) is 1 to all digits, and lambda is Phi(u) / b.
+        log_rate = np.where(u < -8.0, log_ndtr(u) - np.log(b), log_rate)
+    return log_rate, log_complement
+
+
+def lapse_score(rate: FloatArray, b: float) -> FloatArray:
+    """The normal score of a lapse rate under Beta(1, b), the inverse of :func:`lapse_logs`."""
+    return np.asarray(-ndtri_exp(b * np.log1p(-np.asarray(rate, np.float64))))

@@ -18,6 +18,16 @@ import numpy as np
 
 from bayes_toe.data.tasks import SAME_DIFFERENT, TASKS, WHICH_STRONGER, Task
 from bayes_toe.errors import InputError
+from bayes_toe.model.blocks import (
+    ANSWER_BIAS,
+    NOISE_SLOPE,
+    OFFSET,
+    PEAK_SLOPE,
+    WIDTH,
+    Log,
+    Logit,
+    Single,
+)
 from bayes_toe.model.closed_form import MAX_PULL
 from bayes_toe.model.distributions import LogNormal, Uniform
 from bayes_toe.model.history import History
@@ -31,16 +41,6 @@ from bayes_toe.model.intervals import (
 )
 from bayes_toe.model.links import BELL, DIFFERENCING, EXPONENT, LOGISTIC, PROBIT, Lapsing, Link
 from bayes_toe.model.memory import Block, Memory, Update
-from bayes_toe.model.parameters import (
-    ANSWER_BIAS,
-    NOISE_SLOPE,
-    OFFSET,
-    PEAK_SLOPE,
-    WIDTH,
-    Log,
-    Logit,
-    Single,
-)
 from bayes_toe.model.record import Model, Pull
 from bayes_toe.model.spread import BETA_BINOMIAL, BINOMIAL, Spread
 

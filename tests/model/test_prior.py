@@ -12,9 +12,9 @@ from scipy.special import betaln, expit
 import bayes_toe as bt
 from bayes_toe.classical.maximum_likelihood import fit_counts
 from bayes_toe.cli.options import prior_help
+from bayes_toe.model.blocks import Logit
 from bayes_toe.model.coordinates import quantities
 from bayes_toe.model.distributions import Beta, HalfNormal, LogNormal, Normal, Uniform
-from bayes_toe.model.parameters import Logit
 from bayes_toe.model.parts import composition
 from bayes_toe.model.prior import (
     Prior,

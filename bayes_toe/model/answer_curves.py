@@ -1,0 +1,159 @@
+"""From the distance of two stimuli to the log probability of each answer, with its slopes.
+
+The distance z counts in standard deviations of the noise. An observer who is asked which stimulus
+is stronger answers 'second' with P = Phi(z). An observer who is asked 'same or different' answers
+'equal' where the noisy distance lies within a criterion k: P = Phi(k - z) - Phi(-k - z).
+
+Both answers have a log probability of their own, formed from positive terms, so that each is
+accurate where the other one is near 1.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import erfcx, erfinv, expit, log_expit, log_ndtr, ndtri_exp
+
+from bayes_toe.arrays import BoolArray, FloatArray
+from bayes_toe.model.closed_form import LN2
+from bayes_toe.model.distributions import LOG_2PI
+
+#: Nodes and weights of Gauss and Legendre on (0, 1), for windows in which the density is level.
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
+_NODES, _WEIGHTS = 0.5 * (_NODES + 1.0), 0.5 * _WEIGHTS
+
+
+class LogAnswers(NamedTuple):
+    """Log probabilities of the answer that the task counts, and of the other one."""
+
+    yes: FloatArray
+    no: FloatArray
+
+
+class Slopes(NamedTuple):
+    """Derivatives of both log probabilities in one quantity."""
+
+    yes: FloatArray
+    no: FloatArray
+
+
+# --- Which is stronger ---------------------------------------------------------------------------
+
+
+def second_answers(z: FloatArray) -> LogAnswers:
+    """Log of Phi(z), 'second', and of Phi(-z), 'first'."""
+    return LogAnswers(np.asarray(log_ndtr(z)), np.asarray(log_ndtr(-z)))
+
+
+def second_slopes(z: FloatArray) -> Slopes:
+    """Slopes of :func:`second_answers` in z: Mills' ratios, by which nothing cancels far out."""
+    root = np.sqrt(2.0 / np.pi)
+    rise = root / erfcx(-z * np.sqrt(0.5))
+    fall = root / erfcx(z * np.sqrt(0.5))
+    return Slopes(np.asarray(rise), np.asarray(-fall))
+
+
+# --- Same or different ---------------------------------------------------------------------------
+
+
+def criterion(logit_peak: npt.ArrayLike) -> FloatArray:
+    """Criterion k with 2 Phi(k) - 1 = expit(logit_peak), accurate in both tails.
+
+    Examples
+    --------
+    >>> criterion(np.array([0.0, 50.0])).round(4).tolist()
+    [0.6745, 9.7455]
+    """
+    logits = np.asarray(logit_peak, np.float64)
+    small = np.sqrt(2.0) * erfinv(expit(np.minimum(logits, 0.0)))
+    large = -ndtri_exp(log_expit(-np.maximum(logits, 0.0)) - LN2)
+    return np.asarray(np.where(logits < 0.0, small, large))
+
+
+def criterion_slope(logit_peak: FloatArray, k: FloatArray) -> FloatArray:
+    """Derivative of :func:`criterion`: 2 phi(k) dk/dl = expit(l) expit(-l)."""
+    log_density = -0.5 * (np.square(k) + LOG_2PI)
+    return np.asarray(np.exp(log_expit(logit_peak) + log_expit(-logit_peak) - log_density - LN2))
+
+
+def equal_answers(z: FloatArray, k: FloatArray) -> LogAnswers:
+    """Log of Phi(k - z) - Phi(-k - z), 'equal', and of its complement, 'different'.
+
+    Parameters
+    ----------
+    z, k : array_like
+        Distance and criterion, k >= 0; they broadcast. Both may be infinite.
+    """
+    distance, k = np.broadcast_arrays(np.abs(z), k)
+    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+        near = _near_edge(distance, k)
+        inside = _log_inside(distance, k, near)
+        outside = np.logaddexp(log_ndtr(-near), log_ndtr(-distance - k))
+        # The log of the larger probability is near 0: it comes from the smaller one.
+        inside_is_small = inside < -LN2
+        outside_is_small = outside < -LN2
+        from_outside = np.log1p(-np.exp(np.minimum(outside, -LN2)))
+        from_inside = np.log1p(-np.exp(np.minimum(inside, -LN2)))
+    yes = np.where(outside_is_small & ~inside_is_small, from_outside, inside)
+    no = np.where(inside_is_small, from_inside, outside)
+    return LogAnswers(yes, no)
+
+
+def equal_slopes(z: FloatArray, k: FloatArray, answers: LogAnswers) -> tuple[Slopes, Slopes]:
+    """Slopes of :func:`equal_answers` in z and in k.
+
+    With d = abs(z) - k, P has the slope phi(d) (exp(-2 abs(z) k) - 1) in abs(z) and
+    phi(d) (1 + exp(-2 abs(z) k)) in k.
+    """
+    distance, k = np.broadcast_arrays(np.abs(z), k)
+    with np.errstate(over="ignore", invalid="ignore"):
+        near = _near_edge(distance, k)
+        far_share = np.exp(-2.0 * distance * k)
+        fall = np.sign(z) * np.expm1(-2.0 * distance * k)
+        log_edge = -0.5 * (np.square(near) + LOG_2PI)
+        inside = np.asarray(np.exp(log_edge - answers.yes))
+        outside = np.exp(log_edge - answers.no)
+        # Far out both P and phi(d) are too small for their ratio.
+        is_narrow = _is_narrow(distance, k)
+        is_far = (near < -2.0) & ~is_narrow
+        edges = erfcx(-near * np.sqrt(0.5)) - far_share * erfcx((distance + k) * np.sqrt(0.5))
+        inside[is_far] = 1.0 / (np.sqrt(0.5 * np.pi) * edges[is_far])
+        d, half = distance[is_narrow], k[is_narrow]
+        inside[is_narrow] = np.exp(half * (d - 0.5 * half) - _log_window(d, half))
+    in_z = Slopes(inside * fall, -outside * fall)
+    in_k = Slopes(inside * (1.0 + far_share), -outside * (1.0 + far_share))
+    return in_z, in_k
+
+
+def _near_edge(distance: FloatArray, k: FloatArray) -> FloatArray:
+    """From the distance to the near edge, k - d; beyond the largest float both are alike: 0."""
+    edge = np.asarray(k - distance)
+    edge[np.isnan(edge)] = 0.0
+    return edge
+
+
+def _log_inside(distance: FloatArray, k: FloatArray, near: FloatArray) -> FloatArray:
+    """Log of Phi(k - d) - Phi(-k - d) for d, k >= 0."""
+    upper, lower = log_ndtr(near), log_ndtr(-k - distance)
+    is_finite = np.isfinite(upper)
+    ratio = np.where(is_finite, lower - np.where(is_finite, upper, 0.0), -np.inf)
+    result = np.asarray(upper + np.log1p(-np.exp(ratio)))
+    is_narrow = _is_narrow(distance, k)
+    if is_narrow.any():
+        d = distance[is_narrow]
+        result[is_narrow] = _log_window(d, k[is_narrow]) - 0.5 * (np.square(d) + LOG_2PI)
+    return result
+
+
+def _is_narrow(distance: FloatArray, k: FloatArray) -> BoolArray:
+    """Where the window is narrow and the density in it nearly level: there both terms cancel."""
+    return np.asarray((k < 0.5) & (np.minimum(k, 0.5) * distance < 0.5))
+
+
+def _log_window(distance: FloatArray, k: FloatArray) -> FloatArray:
+    """Log of the integral of exp(-t^2/2 - d t) over -k < t < k, shape (n,), of positive terms."""
+    t = k[:, None] * _NODES
+    heights = np.exp(-0.5 * np.square(t)) * np.cosh(distance[:, None] * t)
+    return np.asarray(np.log(2.0 * k * (heights @ _WEIGHTS)))

@@ -1,0 +1,585 @@
+"""The observer: one likelihood for both tasks, four models of what the order of stimuli does.
+
+    z = ((s2 - s1) - c + p (s1 - sbar)) / (sigma_d exp(b m)),   m = (s1 + s2)/2 - sbar
+    which is stronger   P(second) = lambda/2 + (1 - lambda) Phi(z)
+    same or different   P(equal) = lambda (2 Phi(k_m) - 1) + (1 - lambda) (Phi(k_m - z) - Phi(-k_m - z))
+                        k_m = k exp(g m),  q0 = 2 Phi(k) - 1
+
+c is the constant error, p the contraction; the models are 'none', 'constant error', 'contraction'
+and 'both'. All other parameters are free in all four. The coordinates are those of
+:mod:`bayes_toe.model.parameters`; an effect that a model does not have is held at 0.
+
+:class:`ObserverBatch` computes many rows at once, a subject and a model each.
+:class:`ObserverPosterior` is the posterior of one subject under one model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import expit, log_ndtr, logit, ndtr, xlogy
+
+from bayes_toe.arrays import BoolArray, FloatArray
+from bayes_toe.data.study import Subject
+from bayes_toe.data.tasks import SAME_DIFFERENT, Task
+from bayes_toe.errors import InputError
+from bayes_toe.model.answer_curves import (
+    LogAnswers,
+    criterion,
+    criterion_slope,
+    equal_answers,
+    equal_slopes,
+    second_answers,
+    second_slopes,
+)
+from bayes_toe.model.closed_form import LN2
+from bayes_toe.model.distributions import LOG_2PI, Random
+from bayes_toe.model.parameters import (
+    CONSTANT_ERROR,
+    CONTRACTION,
+    ORDER_MODELS,
+    CutNormal,
+    LogitOfBeta,
+    ObserverPrior,
+    PriorDensity,
+    StandardNormal,
+    StandardStudent,
+    lapse_logs,
+    lapse_score,
+    task_parameters,
+)
+from bayes_toe.model.target import Names, log_likelihoods, require_points, times_counts
+
+DEFAULT_PRIOR = ObserverPrior()
+#: JND over sigma_d: the z at which 75 % of the answers are 'second'.
+JND_OVER_NOISE = 0.6744897501960817
+
+
+@dataclass(frozen=True)
+class StimulusScales:
+    """Location and scales of a subject's stimuli, in natural-log intensity, weighted by trials.
+
+    Attributes
+    ----------
+    sbar : float
+        Mean first stimulus.
+    step : float
+        D, the root mean square of s2 - s1 over unequal pairs.
+    spread : float
+        R, the standard deviation of all stimuli about their common mean.
+    first_spread : float
+        Standard deviation of the first stimuli.
+    """
+
+    sbar: float
+    step: float
+    spread: float
+    first_spread: float
+
+    @classmethod
+    def from_counts(cls, s1: FloatArray, s2: FloatArray, n_trials: FloatArray) -> StimulusScales:
+        """From pairs, shape (pairs,) each.
+
+        Raises
+        ------
+        InputError
+            If no pair has two different stimuli.
+        """
+        is_unequal = s1 != s2
+        if not is_unequal.any():
+            raise InputError("no pair has two different stimuli, so no order effect can be seen")
+        share = n_trials / n_trials.sum()
+        sbar = float(share @ s1)
+        mean = 0.5 * (sbar + float(share @ s2))
+        unequal_share = n_trials[is_unequal] / n_trials[is_unequal].sum()
+        step = _root_mean_square((s2 - s1)[is_unequal], unequal_share)
+        both = np.concatenate([s1 - mean, s2 - mean])
+        spread = _root_mean_square(both, 0.5 * np.concatenate([share, share]))
+        first_spread = 0.0
+        if (s1 != s1[0]).any():
+            first_spread = _root_mean_square(s1 - sbar, share)
+        return cls(sbar, step, spread, first_spread)
+
+    @classmethod
+    def from_subject(cls, subject: Subject) -> StimulusScales:
+        """Those of a subject's answered trials."""
+        try:
+            return cls.from_counts(subject.s1, subject.s2, subject.n_trials.astype(np.float64))
+        except InputError as error:
+            raise InputError(f"subject {subject.name!r}: {error}") from None
+
+    def contraction_sd(self, prior: ObserverPrior) -> float:
+        """Standard deviation of p: that of the prior, or less where first stimuli are roved."""
+        roving = 4.0 * self.step
+        if self.first_spread <= roving:
+            return prior.contraction_sd
+        return prior.contraction_sd * roving / self.first_spread
+
+
+def _root_mean_square(values: FloatArray, share: FloatArray) -> float:
+    """Root of the weighted mean square, where the squares may leave the range of floats."""
+    largest = float(np.abs(values).max())
+    return largest * float(np.sqrt(share @ np.square(values / largest)))
+
+
+@dataclass(frozen=True, eq=False)
+class ObserverBatch:
+    """Counts of one or several subjects of a task, and their posteriors as rows of one array.
+
+    Points have the shape (rows, points, k), with all k coordinates of the task. Pairs of subjects
+    who have fewer than others are filled up with pairs that nobody answered.
+
+    Attributes
+    ----------
+    first, difference, middle : ndarray, shape (rows, 1, pairs)
+        s1 - sbar, s2 - s1 and (s1 + s2)/2 - sbar, in units of D.
+    n_yes, n_no : ndarray, shape (rows, 1, pairs)
+    slope_unit : ndarray, shape (rows, 1)
+        D / R.
+    contraction_sd : ndarray, shape (rows, 1)
+    """
+
+    is_same_different: bool
+    prior: ObserverPrior
+    first: FloatArray
+    difference: FloatArray
+    middle: FloatArray
+    n_yes: FloatArray
+    n_no: FloatArray
+    slope_unit: FloatArray
+    contraction_sd: FloatArray
+
+    @classmethod
+    def from_subjects(
+        cls,
+        subjects: Sequence[Subject],
+        prior: ObserverPrior = DEFAULT_PRIOR,
+        scales: Sequence[StimulusScales] | None = None,
+    ) -> ObserverBatch:
+        """A row for each subject; all of one task. `scales` default to the subjects' own."""
+        if scales is None:
+            scales = [StimulusScales.from_subject(subject) for subject in subjects]
+        n_pairs = max(subject.n_pairs for subject in subjects)
+        arrays = np.zeros((5, len(subjects), 1, n_pairs))
+        for i, (subject, scale) in enumerate(zip(subjects, scales, strict=True)):
+            first = (subject.s1 - scale.sbar) / scale.step
+            second = (subject.s2 - scale.sbar) / scale.step
+            difference = (subject.s2 - subject.s1) / scale.step
+            middle = 0.5 * (first + second)
+            other_answers = subject.n_trials - subject.n_yes
+            columns = (first, difference, middle, subject.n_yes, other_answers)
+            arrays[:, i, 0, : subject.n_pairs] = columns
+        slope_unit = np.array([[scale.step / scale.spread] for scale in scales])
+        contraction_sd = np.array([[scale.contraction_sd(prior)] for scale in scales])
+        is_same_different = subjects[0].task == SAME_DIFFERENT
+        first, difference, middle, n_yes, n_no = arrays
+        return cls(
+            is_same_different,
+            prior,
+            first,
+            difference,
+            middle,
+            n_yes,
+            n_no,
+            slope_unit,
+            contraction_sd,
+        )
+
+    def rows(self, index: npt.NDArray[np.intp]) -> ObserverBatch:
+        """Some rows, in this order; a row may come more than once."""
+        return ObserverBatch(
+            self.is_same_different,
+            self.prior,
+            self.first[index],
+            self.difference[index],
+            self.middle[index],
+            self.n_yes[index],
+            self.n_no[index],
+            self.slope_unit[index],
+            self.contraction_sd[index],
+        )
+
+    @property
+    def n_coordinates(self) -> int:
+        """k: 7 of same or different, 5 of which is stronger."""
+        return 7 if self.is_same_different else 5
+
+    # --- Quantities in units of D ----------------------------------------------------------------
+
+    def quantities(self, u: FloatArray) -> dict[str, FloatArray]:
+        """The parameters at points, stimuli in units of D, shape (rows, points) each."""
+        prior = self.prior
+        columns = iter(np.moveaxis(u, -1, 0))
+        values = {"log_noise": np.log(prior.noise_median) + prior.noise_sd * next(columns)}
+        if self.is_same_different:
+            values["logit_q0"] = next(columns)
+        values["lapse_score"] = next(columns)
+        values["noise_slope"] = prior.noise_slope_scale * self.slope_unit * next(columns)
+        if self.is_same_different:
+            unit = prior.criterion_slope_scale * self.slope_unit
+            values["criterion_slope"] = unit * next(columns)
+        values["constant_error"] = prior.constant_error_scale * next(columns)
+        values["contraction"] = self.contraction_sd * next(columns)
+        return values
+
+    def _distance(self, values: Mapping[str, FloatArray]) -> FloatArray:
+        """The distance z of every pair, (rows, points, pairs)."""
+        shift = values["contraction"][..., None] * self.first - values["constant_error"][..., None]
+        numerator = self.difference + shift
+        log_scale = values["log_noise"][..., None] + values["noise_slope"][..., None] * self.middle
+        with np.errstate(divide="ignore", over="ignore"):
+            # In logs, because 0 over a scale beyond the smallest float is 0.
+            return np.sign(numerator) * np.exp(np.log(np.abs(numerator)) - log_scale)
+
+    def _criterion(self, values: Mapping[str, FloatArray]) -> FloatArray:
+        """The criterion k_m of every pair, (rows, points, pairs)."""
+        log_k = np.log(criterion(values["logit_q0"]))[..., None]
+        with np.errstate(over="ignore"):
+            return np.exp(log_k + values["criterion_slope"][..., None] * self.middle)
+
+    # --- Likelihood ------------------------------------------------------------------------------
+
+    def log_answers(self, u: FloatArray) -> LogAnswers:
+        """Log probability of both answers to every pair, (rows, points, pairs) each."""
+        values = self.quantities(u)
+        log_lapse, log_attend = self._lapse_logs(values)
+        z = self._distance(values)
+        if not self.is_same_different:
+            yes, no = second_answers(z)
+            blind = log_lapse - LN2
+            return LogAnswers(
+                np.logaddexp(blind, log_attend + yes), np.logaddexp(blind, log_attend + no)
+            )
+        k = self._criterion(values)
+        attending, blind_answers = equal_answers(z, k), equal_answers(np.zeros(1), k)
+        return LogAnswers(
+            np.logaddexp(log_lapse + blind_answers.yes, log_attend + attending.yes),
+            np.logaddexp(log_lapse + blind_answers.no, log_attend + attending.no),
+        )
+
+    def _lapse_logs(self, values: Mapping[str, FloatArray]) -> tuple[FloatArray, FloatArray]:
+        """Log of the lapse rate and of its complement, (rows, points, 1) each."""
+        log_lapse, log_attend = lapse_logs(values["lapse_score"], self.prior.lapse_rate_b)
+        return log_lapse[..., None], log_attend[..., None]
+
+    def log_likelihood(self, u: FloatArray) -> FloatArray:
+        """Log likelihood without binomial coefficients, (rows, points, k) -> (rows, points)."""
+        answers = self.log_answers(u)
+        terms = times_counts(self.n_yes, answers.yes) + times_counts(self.n_no, answers.no)
+        return np.asarray(terms.sum(axis=-1))
+
+    def plain_log_likelihood(self, u: FloatArray) -> FloatArray:
+        """:meth:`log_likelihood` by plain probabilities, at a third of its cost.
+
+        Each answer has a sum of positive terms of its own. Both forms agree to 1e-12 within 200
+        nats of the best point; far from there this one may be -inf.
+        """
+        values = self.quantities(u)
+        lapse, attend = map(np.exp, self._lapse_logs(values))
+        z = self._distance(values)
+        if self.is_same_different:
+            k, distance = self._criterion(values), np.abs(z)
+            with np.errstate(invalid="ignore"):
+                near = k - distance
+            near[np.isnan(near)] = 0.0
+            far = -k - distance
+            yes = lapse * (1.0 - 2.0 * ndtr(-k)) + attend * (ndtr(near) - ndtr(far))
+            no = lapse * 2.0 * ndtr(-k) + attend * (ndtr(-near) + ndtr(far))
+        else:
+            yes = 0.5 * lapse + attend * ndtr(z)
+            no = 0.5 * lapse + attend * ndtr(-z)
+        return np.asarray((xlogy(self.n_yes, yes) + xlogy(self.n_no, no)).sum(axis=-1))
+
+    def answer_slopes(self, u: FloatArray) -> tuple[LogAnswers, FloatArray, FloatArray]:
+        """Log answers, and the slopes of both in every coordinate, (rows, points, k, pairs)."""
+        values, prior = self.quantities(u), self.prior
+        log_lapse, log_attend = self._lapse_logs(values)
+        z = self._distance(values)
+        in_k = None
+        if self.is_same_different:
+            k = self._criterion(values)
+            attending, blind = equal_answers(z, k), equal_answers(np.zeros(1), k)
+            in_z, in_k = equal_slopes(z, k, attending)
+            _, blind_in_k = equal_slopes(np.zeros(1), k, blind)
+        else:
+            attending = second_answers(z)
+            blind = LogAnswers(np.full(z.shape, -LN2), np.full(z.shape, -LN2))
+            in_z = second_slopes(z)
+        answers = LogAnswers(
+            np.logaddexp(log_lapse + blind.yes, log_attend + attending.yes),
+            np.logaddexp(log_lapse + blind.no, log_attend + attending.no),
+        )
+        # Derivatives of z, of log k and of the lapse rate in the coordinates.
+        log_scale = values["log_noise"][..., None] + values["noise_slope"][..., None] * self.middle
+        inverse_scale = np.exp(-log_scale)
+        score = values["lapse_score"]
+        log_normal = -0.5 * (np.square(score) + LOG_2PI)
+        # d lambda/du = phi(u) (1 - lambda) / (b (1 - Phi(u)))
+        log_rise = log_normal - log_ndtr(-score) - np.log(prior.lapse_rate_b)
+        slope_unit = self.slope_unit[..., None]
+        yes_slopes: list[FloatArray] = []
+        no_slopes: list[FloatArray] = []
+        sides = (
+            (answers.yes, attending.yes, blind.yes, in_z.yes, yes_slopes, 0),
+            (answers.no, attending.no, blind.no, in_z.no, no_slopes, 1),
+        )
+        for log_p, log_attending, log_blind, z_slope, slopes, side in sides:
+            attended = np.exp(log_attend + log_attending - log_p)
+            lapsed = np.exp(log_lapse + log_blind - log_p)
+            along_z = attended * z_slope
+            noise = -along_z * z
+            slopes.append(prior.noise_sd * noise)
+            if in_k is not None:
+                along_k = attended * in_k[side] + lapsed * blind_in_k[side]
+                peak = values["logit_q0"]
+                bare_k = criterion(peak)
+                relative = (criterion_slope(peak, bare_k) / bare_k)[..., None]
+                slopes.append(along_k * k * relative)
+            rate = log_rise[..., None] + log_attend - log_p
+            slopes.append(np.exp(rate + log_blind) - np.exp(rate + log_attending))
+            slopes.append(prior.noise_slope_scale * slope_unit * self.middle * noise)
+            if in_k is not None:
+                scale = prior.criterion_slope_scale * slope_unit
+                slopes.append(along_k * k * scale * self.middle)
+            slopes.append(-along_z * inverse_scale * prior.constant_error_scale)
+            slopes.append(along_z * inverse_scale * self.first * self.contraction_sd[..., None])
+        return answers, _stacked(yes_slopes), _stacked(no_slopes)
+
+    def gradient(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Log likelihood (rows, points), and its gradient (rows, points, k)."""
+        answers, yes_slopes, no_slopes = self.answer_slopes(u)
+        terms = times_counts(self.n_yes, answers.yes) + times_counts(self.n_no, answers.no)
+        in_yes = times_counts(self.n_yes[:, :, None], yes_slopes)
+        in_no = times_counts(self.n_no[:, :, None], no_slopes)
+        return np.asarray(terms.sum(axis=-1)), np.asarray((in_yes + in_no).sum(axis=-1))
+
+    def scoring(self, u: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Log likelihood, gradient and Fisher information, (rows, points[, k[, k]])."""
+        answers, yes_slopes, no_slopes = self.answer_slopes(u)
+        terms = times_counts(self.n_yes, answers.yes) + times_counts(self.n_no, answers.no)
+        in_yes = times_counts(self.n_yes[:, :, None], yes_slopes)
+        in_no = times_counts(self.n_no[:, :, None], no_slopes)
+        n_trials = self.n_yes + self.n_no
+        yes_weight = (n_trials * np.exp(answers.yes))[..., None, :]
+        no_weight = (n_trials * np.exp(answers.no))[..., None, :]
+        information = (yes_weight * yes_slopes) @ np.swapaxes(yes_slopes, -1, -2)
+        information += (no_weight * no_slopes) @ np.swapaxes(no_slopes, -1, -2)
+        return terms.sum(axis=-1), (in_yes + in_no).sum(axis=-1), information
+
+    # --- Prior -----------------------------------------------------------------------------------
+
+    @cached_property
+    def priors(self) -> tuple[PriorDensity, ...]:
+        """The prior of every coordinate."""
+        normal, student = StandardNormal(), StandardStudent()
+        contraction = CutNormal(1.0 / self.contraction_sd)
+        if not self.is_same_different:
+            return normal, normal, student, student, contraction
+        peak = LogitOfBeta(self.prior.peak_a, self.prior.peak_b)
+        return normal, peak, normal, student, student, student, contraction
+
+    def log_prior(self, u: FloatArray, is_free: BoolArray | None = None) -> FloatArray:
+        """Log prior density of the free coordinates, (rows, points).
+
+        `is_free`, shape (rows, k), says which ones a row's model has; by default all.
+        """
+        total = np.zeros(u.shape[:-1])
+        for j, density in enumerate(self.priors):
+            values = density.log_density(u[..., j])
+            if is_free is not None:
+                values = np.where(is_free[:, j, None], values, 0.0)
+            total += values
+        return total
+
+    def prior_slopes(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Gradient and positive curvature of the log prior, (rows, points, k) each."""
+        slopes, curvatures = np.empty_like(u), np.empty_like(u)
+        for j, density in enumerate(self.priors):
+            slopes[..., j] = density.slope(u[..., j])
+            curvatures[..., j] = density.curvature(u[..., j])
+        return slopes, curvatures
+
+
+def _stacked(slopes: Sequence[FloatArray]) -> FloatArray:
+    """Slopes in one coordinate after the other, (..., pairs) each -> (..., k, pairs)."""
+    return np.stack(np.broadcast_arrays(*slopes), axis=-2)
+
+
+@dataclass(frozen=True)
+class OrderModel:
+    """One of the four models of the observer, by its name in :data:`ORDER_MODELS`."""
+
+    name: str
+
+    def posterior(
+        self, subject: Subject, prior: ObserverPrior = DEFAULT_PRIOR
+    ) -> ObserverPosterior:
+        """The posterior of a subject under this model."""
+        return ObserverPosterior(subject, self, prior)
+
+
+@dataclass(frozen=True, eq=False)
+class ObserverPosterior:
+    """The posterior of one subject under one of the four models.
+
+    Points have the shape (points, k), with the coordinates that are free in the model, in the
+    order of :func:`bayes_toe.model.parameters.task_parameters`.
+
+    Examples
+    --------
+    >>> subject = Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [49, 20, 15], [50, 50, 50])
+    >>> posterior = OrderModel("both").posterior(subject)
+    >>> posterior.coordinates[-2:]
+    ('constant_error', 'contraction')
+    >>> posterior.log_density(np.zeros((3, 7))).shape
+    (3,)
+    """
+
+    subject: Subject
+    model: OrderModel
+    prior: ObserverPrior = DEFAULT_PRIOR
+
+    @cached_property
+    def scales(self) -> StimulusScales:
+        """Location and scales of the subject's stimuli."""
+        return StimulusScales.from_subject(self.subject)
+
+    @cached_property
+    def batch(self) -> ObserverBatch:
+        """The same posterior as one row of an array, with all coordinates of the task."""
+        return ObserverBatch.from_subjects([self.subject], self.prior, [self.scales])
+
+    @cached_property
+    def is_free(self) -> BoolArray:
+        """Which coordinates of the task are free in the model, shape (all,)."""
+        return free_coordinates(self.subject.task, self.model.name)
+
+    @cached_property
+    def coordinates(self) -> tuple[str, ...]:
+        """Names of the free coordinates."""
+        names = [parameter.name for parameter in task_parameters(self.subject.task)]
+        return tuple(name for name, free in zip(names, self.is_free, strict=True) if free)
+
+    @property
+    def sbar(self) -> float:
+        """Mean first stimulus, natural-log intensity."""
+        return self.scales.sbar
+
+    def full_points(self, x: npt.ArrayLike) -> FloatArray:
+        """Points with all coordinates of the task, (points, k) -> (1, points, all)."""
+        points = require_points(x, len(self.coordinates))
+        full = np.zeros((1, len(points), self.batch.n_coordinates))
+        full[0][:, self.is_free] = points
+        return full
+
+    def log_answers(self, x: npt.ArrayLike) -> LogAnswers:
+        """Log probability of both answers to every pair, (points, pairs) each."""
+        yes, no = self.batch.log_answers(self.full_points(x))
+        return LogAnswers(yes[0], no[0])
+
+    def pair_log_likelihood(
+        self, x: npt.ArrayLike, answers: tuple[FloatArray, FloatArray] | None = None
+    ) -> FloatArray:
+        """Log likelihood of each pair, (points, pairs)."""
+        return log_likelihoods(self.subject, self.log_answers(x) if answers is None else answers)
+
+    def log_likelihood(self, x: npt.ArrayLike) -> FloatArray:
+        """Log likelihood without binomial coefficients, (points, k) -> (points,)."""
+        return np.asarray(self.batch.log_likelihood(self.full_points(x))[0])
+
+    def log_prior(self, x: npt.ArrayLike) -> FloatArray:
+        """Log prior density of the coordinates, (points, k) -> (points,)."""
+        return np.asarray(self.batch.log_prior(self.full_points(x), self.is_free[None])[0])
+
+    def log_density(self, x: npt.ArrayLike) -> FloatArray:
+        """Log posterior density, (points, k) -> (points,); its integral is the evidence."""
+        full = self.full_points(x)
+        log_prior = self.batch.log_prior(full, self.is_free[None])[0]
+        return np.asarray(self.batch.log_likelihood(full)[0] + log_prior)
+
+    def gradient(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Log posterior density, (points,), and its gradient, (points, k)."""
+        full = self.full_points(x)
+        value, slope = self.batch.gradient(full)
+        log_prior = self.batch.log_prior(full, self.is_free[None])
+        slope = slope + self.batch.prior_slopes(full)[0]
+        return (value + log_prior)[0], slope[0][:, self.is_free]
+
+    def sample_prior(self, rng: Random, size: int) -> FloatArray:
+        """Independent draws from the prior, shape (size, k)."""
+        uniform = rng.uniform(size=(size, self.batch.n_coordinates))
+        columns = [
+            np.ravel(density.quantile(uniform[None, :, j]))
+            for j, density in enumerate(self.batch.priors)
+        ]
+        return np.stack(columns, axis=-1)[:, self.is_free]
+
+    def quantities(self, x: FloatArray) -> dict[str, FloatArray]:
+        """Every named quantity, each with the shape of x without its last axis.
+
+        The scales are those of the subject's stimuli: natural-log intensity where these are.
+        """
+        full = np.zeros((*x.shape[:-1], self.batch.n_coordinates))
+        full[..., self.is_free] = x
+        values = self.batch.quantities(full.reshape(1, -1, full.shape[-1]))
+        step = self.scales.step
+        log_lapse, _ = lapse_logs(values["lapse_score"], self.prior.lapse_rate_b)
+        noise = step * np.exp(values["log_noise"])
+        found = {
+            "noise": noise,
+            "lapse_rate": np.exp(log_lapse),
+            "noise_slope": values["noise_slope"] / step,
+            "constant_error": values["constant_error"] * step,
+            "contraction": values["contraction"],
+            "jnd": JND_OVER_NOISE * noise,
+        }
+        if "logit_q0" in values:
+            found["q0"] = expit(values["logit_q0"])
+            found["criterion_slope"] = values["criterion_slope"] / step
+            found["zone"] = criterion(values["logit_q0"]) * noise
+        names = self.names.all
+        return {name: found[name].reshape(x.shape[:-1]) for name in names}
+
+    @cached_property
+    def names(self) -> Names:
+        """What the quantities are called."""
+        derived = ("jnd", "zone") if "q0" in self.coordinates else ("jnd",)
+        return Names(self.coordinates, self.coordinates, derived, ("jnd",))
+
+    def judged(self, x: FloatArray) -> dict[str, FloatArray]:
+        """The quantities by which draws are judged: those that follow from no single other one."""
+        found = self.quantities(x)
+        return {name: found[name] for name in found if name not in self.names.monotone}
+
+    def points(self, quantities: Mapping[str, FloatArray]) -> FloatArray:
+        """Points, shape (..., k), from quantities of shape (...); the inverse of :meth:`quantities`."""
+        step, prior = self.scales.step, self.prior
+        slope_unit = float(self.batch.slope_unit[0, 0])
+        units = {
+            "noise_slope": prior.noise_slope_scale * slope_unit / step,
+            "criterion_slope": prior.criterion_slope_scale * slope_unit / step,
+            "constant_error": prior.constant_error_scale * step,
+            "contraction": float(self.batch.contraction_sd[0, 0]),
+        }
+        columns = []
+        for name in self.coordinates:
+            values = np.asarray(quantities[name], np.float64)
+            if name == "noise":
+                columns.append(np.log(values / (step * prior.noise_median)) / prior.noise_sd)
+            elif name == "q0":
+                columns.append(logit(values))
+            elif name == "lapse_rate":
+                columns.append(lapse_score(values, prior.lapse_rate_b))
+            else:
+                columns.append(values / units[name])
+        return np.stack(np.broadcast_arrays(*columns), axis=-1)
+
+
+def free_coordinates(task: Task, model: str) -> BoolArray:
+    """Which coordinates of a task are free in a model, shape (k,)."""
+    held = {CONSTANT_ERROR, CONTRACTION}.difference(ORDER_MODELS[model])
+    return np.array([parameter not in held for parameter in task_parameters(task)])
