@@ -9,8 +9,6 @@ from .classical.fit import fit as fit
 from .comparison.average import average_models as average_models
 from .comparison.contrast import contrast as contrast
 from .comparison.history import compare_history as compare_history
-from .comparison.model_comparison import compare as compare
-from .comparison.prior_sensitivity import sensitivity as sensitivity
 from .comparison.verdict import Verdict as Verdict
 from .data.covariates import read_covariates as read_covariates
 from .data.options import ReadOptions as ReadOptions

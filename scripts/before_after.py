@@ -30,7 +30,6 @@ BARS = {
     "asymmetry, 10,000 subjects": ("asymmetry many.csv -o asymmetry.csv --overwrite", 10.0, "s"),
     "fit": (f"fit study.csv -o fit.csv {_SEEDED}", 1.15, "x"),
     "evidence": (f"evidence study.csv -o evidence.csv {_SEEDED}", 1.15, "x"),
-    "compare": (f"compare study.csv -o compare.csv {_SEEDED}", 1.15, "x"),
     "population": (f"population study.csv -o population.nc {_SEEDED}", 1.15, "x"),
     "sample": (f"sample study.csv -o posterior.nc --draws 10000 {_SEEDED}", 1.5, "x"),
     "run": (f"run study.csv -o results {_SEEDED}", 1.8, "x"),

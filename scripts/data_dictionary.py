@@ -18,8 +18,6 @@ from bayes_toe.cli.supplement import FIT_TABLE_COLUMNS, ORDER_EFFECT_COLUMNS
 from bayes_toe.comparison.contrast import CONTRAST_COLUMNS, Difference
 from bayes_toe.comparison.evidence_table import EVIDENCE_COLUMNS, SubjectEvidence
 from bayes_toe.comparison.history import HISTORY_COLUMNS, SubjectHistory
-from bayes_toe.comparison.model_comparison import COMPARE_COLUMNS, PARTS_COLUMNS
-from bayes_toe.comparison.prior_sensitivity import SensitivityRow, sensitivity_columns
 from bayes_toe.data.tasks import SAME_DIFFERENT
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.groups.population_table import SUBJECT_COLUMNS, PopulationRow
@@ -61,11 +59,8 @@ class File:
 FILES = {
     "summary.csv": File(SUMMARY_COLUMNS),
     "evidence.csv": File(EVIDENCE_COLUMNS, [SubjectEvidence], ["fit", "log_bayes_factor_laplace"]),
-    "compare.csv": File(COMPARE_COLUMNS),
-    "compare_parts.csv": File(PARTS_COLUMNS),
-    "compare_history.csv": File(HISTORY_COLUMNS, [SubjectHistory], ["depends", "parameter"]),
+    "history.csv": File(HISTORY_COLUMNS, [SubjectHistory], ["depends", "parameter"]),
     "contrast.csv": File(CONTRAST_COLUMNS, [Difference], ["p_direction", "word", "robust"]),
-    "sensitivity.csv": File(sensitivity_columns(), [SensitivityRow], ["method"]),
     "population.csv": File(
         PopulationRow._fields, [PopulationRow, Ratio], ["bf_zero", "bf_no_difference"]
     ),

@@ -25,30 +25,11 @@ import pandas as pd
 
 #: Under which all was made: H1's is the paper's, nothing depends on the unit of intensity.
 PRIOR = "offset_sd = 1.0\nnoise_slope_sd = 1.0\nlapse_rate_b = 1.0\n"
-_COMPARED = (
-    "free frequencies",
-    *(
-        f"{order}{noise}{lapses}"
-        for order in ("none", "update")
-        for noise in ("", " + sloped")
-        for lapses in ("", " + both ways")
-    ),
-)
 #: By command: its words, and of every table it writes what names a row.
 COMMANDS: dict[str, tuple[tuple[str, ...], dict[str, tuple[str, ...]]]] = {
     "run": (
         ("-o", "results", "--pictures", "none", "--prior", "prior.toml"),
         {"results/evidence.csv": ("subject",), "results/summary.csv": ("subject", "parameter")},
-    ),
-    "compare": (
-        (
-            "-o",
-            "compare.csv",
-            "--prior",
-            "prior.toml",
-            *(word for name in _COMPARED for word in ("--model", name)),
-        ),
-        {"compare.csv": ("subject", "model")},
     ),
     "fit": (("-o", "fit.csv", "--prior", "prior.toml"), {"fit.csv": ("subject",)}),
     "asymmetry": (("-o", "asymmetry.csv"), {"asymmetry.csv": ("subject", "s_weak", "s_strong")}),
@@ -137,11 +118,7 @@ def _numbers(folder: Path) -> Iterator[pd.DataFrame]:
                 if not name.startswith("mcse_") and not (
                     name.endswith("_se") and table != "asymmetry.csv"
                 ):
-                    mc = (
-                        0.0
-                        if table == "asymmetry.csv" or name.startswith("elpd")
-                        else errors[name].fillna(0.0)
-                    )
+                    mc = 0.0 if table == "asymmetry.csv" else errors[name].fillna(0.0)
                     yield pd.DataFrame(
                         {
                             "study": study,

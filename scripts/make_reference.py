@@ -25,7 +25,7 @@ import bayes_toe as bt
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.model.ladder import SPACE, model_named
 
-#: Order, noise and lapses of the default space of `compare`, and every other level in some composition.
+#: Order, noise and lapses of the space over which verdicts average, and every other level in some composition.
 COMPOSITIONS = (
     *(
         model.name

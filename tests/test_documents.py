@@ -140,15 +140,8 @@ def test_programs_of_the_readme_run(tmp_path, three_models):
             README.read_text(encoding="utf-8"),
             flags=re.MULTILINE | re.DOTALL,
         ):
-            # 12 models and the explorer cost too much here, and have tests of their own.
-            exec(
-                "\n".join(
-                    line
-                    for line in block.splitlines()
-                    if "compare" not in line and "explore" not in line
-                ),
-                known,
-            )
+            # The explorer costs too much here, and has tests of its own.
+            exec("\n".join(line for line in block.splitlines() if "explore" not in line), known)
     assert (tmp_path / "S01.png").read_bytes().startswith(b"\x89PNG")
     assert known["draws"].names == ("S01",)
 
@@ -156,16 +149,12 @@ def test_programs_of_the_readme_run(tmp_path, three_models):
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "tutorial.md"
 CHEAP = {
     "run": ["--draws", "500", "--pictures", "none", "--workers", "1"],
-    "compare": ["--model", "symmetric", "--model", "predictive update", "--workers", "1"],
     "corner": ["--workers", "1"],
 }
 MADE = {
     "study.csv",
     "asymmetry.csv",
     "results",
-    "compare.csv",
-    "compare_parts.csv",
-    "compare_models.csv",
     "corner",
     "methods.md",
     "methods.bib",

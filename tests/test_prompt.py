@@ -82,8 +82,6 @@ def test_every_verb_says_what_a_study_is(given, said):
         bt.run,
         bt.sample,
         bt.evidence,
-        bt.compare,
-        bt.sensitivity,
         bt.fit,
         bt.asymmetry,
         bt.population,
@@ -121,20 +119,12 @@ def test_every_verb_says_what_a_study_is(given, said):
             "model: found 3, allowed: a name or a composition",
         ),
         (
-            lambda study, _: bt.compare(study, models=3),
-            "models: found 3, allowed: names of models, or of a space: ",
-        ),
-        (
             lambda study, _: bt.fit(study, level="x"),
             "level: found 'x', allowed: a number between 0 and 1",
         ),
         (
             lambda study, _: bt.fit(study, replicates=1.5),
             "replicates: found 1.5, allowed: a whole number from 1",
-        ),
-        (
-            lambda study, _: bt.sensitivity(study, reach="x"),
-            "reach: found 'x', allowed: a number above 1",
         ),
         (
             lambda study, _: bt.population(study, hyperprior=3),

@@ -53,7 +53,7 @@ def say_verdicts(
     follow = [one.subject for one in verdicts if one.follows]
     if follow and followed:
         how = f"answers of {counted(len(follow), 'subject')} seem to depend on the trial before ({named_few(follow)})"
-        out.note(f"trials before: {how}; compare --history tells")
+        out.note(f"trials before: {how}; bayes-toe history tells")
     out.notes(once((one.subject, note) for one in verdicts for note in one.notes))
 
 

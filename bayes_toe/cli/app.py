@@ -7,30 +7,38 @@ Exit codes: 0 done, 1 unexpected failure, 2 bad input or output,
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 import bayes_toe as bt
-from bayes_toe.cli import compare, describe, infer, look, planning, population, synthetic
+from bayes_toe.cli import (
+    describe,
+    group_commands,
+    infer,
+    look,
+    planning,
+    population,
+    synthetic,
+)
 from bayes_toe.cli.stopping import main as main
-from bayes_toe.cli.task import as_command
+from bayes_toe.cli.task import BAD_INPUT, as_command
 
 #: In the order in which help lists them: the way from answers to a paper, then all others.
 COMMANDS = {
     "From answers to a paper": (
         describe.check,
         infer.run,
-        compare.compare,
         look.explore,
         look.methods,
     ),
     "More": (
         infer.sample,
         infer.evidence,
-        compare.contrast,
-        compare.sensitivity,
         population.population,
+        group_commands.contrast,
+        group_commands.history,
         describe.asymmetry,
         describe.fit,
         look.corner,
@@ -42,7 +50,28 @@ COMMANDS = {
     ),
 }
 
+#: Names of commands that are gone, with what to type instead.
+RETIRED_COMMANDS = {
+    "compare": "`bayes-toe evidence` compares the models of the order effect, "
+    "`bayes-toe history` asks about the trial before",
+    "sensitivity": "`bayes-toe evidence --prior prior.toml` gives the answers under another prior",
+}
+
+
+class Commands(TyperGroup):
+    """The commands; a retired name gets one line that says what to type instead."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """The command that the first argument names."""
+        instead = RETIRED_COMMANDS.get(args[0])
+        if instead is None:
+            return super().resolve_command(ctx, args)
+        typer.echo(f"error: `{args[0]}` is retired: {instead}", err=True)
+        raise typer.Exit(BAD_INPUT)
+
+
 app = typer.Typer(
+    cls=Commands,
     no_args_is_help=True,
     rich_markup_mode="rich",
     pretty_exceptions_enable=False,

@@ -59,7 +59,7 @@ def run(
     [bold]Example[/bold]: bayes-toe run study.csv -o results --seed 1
     """
     from bayes_toe.cli.answers import say_histories, say_verdicts
-    from bayes_toe.cli.compare import say_contrast
+    from bayes_toe.cli.group_commands import say_contrast
     from bayes_toe.cli.results_folder import PICTURE_BYTES, PRODUCTS, Drawn, write_results
     from bayes_toe.explorer.page import EXPLORER_BYTES, require_bokeh, require_few
     from bayes_toe.inference.draws_file import require_zarr

@@ -331,20 +331,12 @@ def methods(
         Path,
         typer.Argument(
             metavar="RESULTS",
-            help="Folder that run wrote, or draws; population.nc and compare.csv in it are told of.",
+            help="Folder that run wrote, or draws; population.nc in it is told of.",
         ),
     ],
     output: Annotated[
         Path, writes("methods.md|.tex", "Text; NAME.bib and NAME_*.csv, NAME_*.tex beside it.")
     ] = Path("methods.md"),
-    compare: Annotated[
-        Path | None,
-        rare(
-            "--compare",
-            metavar="compare.csv",
-            help="Table that compare wrote, or its folder; if elsewhere.",
-        ),
-    ] = None,
     task: Annotated[Task, Takes("spreadsheet_safe", "overwrite")],
 ) -> None:
     """What was done and what came out, for a paper: models, priors, words, sampling, versions, citations, tables for a supplement.
@@ -359,7 +351,7 @@ def methods(
         raise bt.InputError(
             f"{shown(output)}: found the ending {quoted(output.suffix)}, allowed: .md, .tex"
         )
-    told = read_methods(results, compare)
+    told = read_methods(results)
     tables = [
         output.with_name(f"{output.stem}_{name}{suffix}")
         for name in told.names

@@ -1,7 +1,7 @@
 """What was done in an analysis and what came out, as text for a paper, with the tables and citations that go with it.
 
 `run` writes it from what it has at hand, the command `methods` from a results folder: posterior and evidence.csv, and beside them
-population.nc and compare.csv where they are there.
+population.nc where it is there.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import json
 import os
 import re
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.resources import files
@@ -31,30 +31,28 @@ from bayes_toe.cli.supplement import (
     templates,
 )
 from bayes_toe.comparison import words as rules
-from bayes_toe.comparison.contrast import PROBABLY, SURELY, sentences
-from bayes_toe.comparison.saved_tables import (
-    SavedComparison,
-    aligned,
-    read_comparison,
-    read_contrast,
-    read_evidence,
-)
+from bayes_toe.comparison.contrast import CONTRAST_COLUMNS, PROBABLY, SURELY, sentences
+from bayes_toe.comparison.evidence_table import EVIDENCE_COLUMNS
 from bayes_toe.comparison.study_answer import SavedVerdict, of_new_subject, study_sentence
-from bayes_toe.comparison.words import compared
 from bayes_toe.data.conditions import Stimuli
-from bayes_toe.data.messages import counted, listed, shown
+from bayes_toe.data.messages import bare, counted, listed, quoted, shown
+from bayes_toe.data.validation import read_rows
 from bayes_toe.data.whole_files import is_store
 from bayes_toe.errors import InputError
 from bayes_toe.groups.population import Population
 from bayes_toe.groups.population_file import load_population
-from bayes_toe.inference.belonging import same_answers
+from bayes_toe.inference.belonging import (
+    require_said_prior,
+    require_subjects,
+    require_update,
+    same_answers,
+)
 from bayes_toe.inference.draws import Draws, load_draws
 from bayes_toe.inference.predictive_checks import MISFIT
 from bayes_toe.inference.space import WINDOW
-from bayes_toe.model.ladder import model_named, models_of
+from bayes_toe.model.free_frequencies import frequency_evidence
+from bayes_toe.model.ladder import models_of
 from bayes_toe.model.posterior import Posterior
-from bayes_toe.model.prior import Prior
-from bayes_toe.model.record import Model
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -62,6 +60,10 @@ if TYPE_CHECKING:
     from bayes_toe.analysis import Analysis
 
 _MOST_NAMED = 10
+#: Columns of text in evidence.csv and contrast.csv; the others hold numbers.
+_EVIDENCE_TEXTS = ("subject", "effect", "kind", "fit", "data", "robust", "best_model", "prior")
+_CONTRAST_TEXTS = ("subject", "quantity", "comparison", "word", "robust", "model", "prior")
+_EVIDENCE_TOLERANCE = 1e-6  # of an exact evidence, nats: files have all digits
 #: What notes of reading a study say where it did something to the data.
 _DONE = ("dropped", "left out", "merged", "turned", "only rows", "only pairs")
 #: What parameters of the prior are: in words, and as the equations have them.
@@ -87,7 +89,6 @@ class Methods:
         None  # the rows of evidence.csv in the order of the draws, where these are of the paper's model
     )
     group: Population | None = None
-    compared: SavedComparison | None = None
     figures: bool = False  # whether there are corner plots
     notes: tuple[str, ...] = ()  # what is there and is not told of, and why
     summary: pd.DataFrame | None = None  # of the draws, where it is known
@@ -118,15 +119,15 @@ class Methods:
 
 def of_analysis(analysis: Analysis, group: Population | None, *, figures: bool) -> Methods:
     """What :func:`read_methods` would find in the results folder of an analysis."""
-    evidence = aligned(analysis.evidence.frame(), analysis.draws)
+    evidence = _in_order_of_draws(analysis.evidence.frame(), analysis.draws)
     apart = None if analysis.contrast is None else analysis.contrast.frame()
     return Methods(
         analysis.draws, evidence, group, figures=figures, summary=analysis.summary(), contrast=apart
     )
 
 
-def read_methods(results: Path, compared: Path | None = None) -> Methods:
-    """What lies in a results folder, or beside a file of draws; files of different analyses are refused. `compared` may lie elsewhere."""
+def read_methods(results: Path) -> Methods:
+    """What lies in a results folder, or beside a file of draws; files of different analyses are refused."""
     posterior = _posterior(results)
     draws, beside = load_draws(posterior), posterior.parent
     if not isinstance(draws.posterior(draws.names[0]), Posterior):
@@ -144,21 +145,13 @@ def read_methods(results: Path, compared: Path | None = None) -> Methods:
         notes.append(
             f"{shown(evidence)} goes with draws of the paper's model, these are of {draws.model!r}: left out"
         )
-    models = (
-        beside / "compare.csv"
-        if compared is None
-        else compared / "compare.csv"
-        if os.path.isdir(compared)
-        else compared
-    )
     return Methods(
         draws,
-        read_evidence(evidence, draws) if known else None,
+        _read_evidence(evidence, draws) if known else None,
         group,
-        read_comparison(models, draws) if compared is not None or models.exists() else None,
         (beside / "corner").is_dir(),
         tuple(notes),
-        contrast=read_contrast(beside / "contrast.csv", draws)
+        contrast=_read_contrast(beside / "contrast.csv", draws)
         if (beside / "contrast.csv").exists()
         else None,
     )
@@ -198,6 +191,64 @@ def _group(path: Path, draws: Draws) -> Population | None:
             f"{shown(path)}: found other answers than the draws have of {listed(others, 3)}, allowed: one study"
         )
     return found
+
+
+# --- Tables that lie beside the draws ---------------------------------------------------------------
+
+
+def _read_evidence(path: Path, draws: Draws) -> pd.DataFrame:
+    """An evidence.csv, a row for each subject of the draws, in their order.
+
+    Refused where it is of other subjects, answers or another prior than the draws.
+    """
+    import pandas as pd
+
+    source = bare(path.name)
+    require_update(draws, source)
+    number_columns = [name for name in EVIDENCE_COLUMNS if name not in _EVIDENCE_TEXTS]
+    texts, numbers = read_rows(path, _EVIDENCE_TEXTS, number_columns)
+    require_subjects(source, texts["subject"], draws)
+    require_said_prior(source, texts["prior"][0], draws.prior.describe_orders(draws.task))
+    evidence = pd.DataFrame({**texts, **numbers}, columns=list(EVIDENCE_COLUMNS))
+    _require_same_answers(source, evidence, draws)
+    return _in_order_of_draws(evidence, draws)
+
+
+def _in_order_of_draws(evidence: pd.DataFrame, draws: Draws) -> pd.DataFrame:
+    """Rows of an evidence.csv: numbers may be NaN, texts may be empty."""
+    rows = evidence.set_index("subject", drop=False).loc[list(draws.names)]
+    texts = rows[list(_EVIDENCE_TEXTS)].fillna("")
+    numbers = rows.drop(columns=list(_EVIDENCE_TEXTS)).astype(float)
+    counts = numbers.astype({"n_pairs": int, "n_trials": int})
+    return texts.join(counts)[list(EVIDENCE_COLUMNS)]
+
+
+def _require_same_answers(source: str, evidence: pd.DataFrame, draws: Draws) -> None:
+    """Compare the evidence of free frequencies, which is exact, with that of the answers."""
+    for subject, saved in zip(evidence["subject"], evidence["log_evidence_h0"], strict=True):
+        if subject in draws.failed:
+            continue
+        exact = frequency_evidence(draws.subject(subject))
+        if not abs(saved - exact) < _EVIDENCE_TOLERANCE * (1.0 + abs(exact)):
+            raise InputError(
+                f"{source}: found other answers than the draws have of {quoted(subject)}, "
+                "allowed: one study"
+            )
+
+
+def _read_contrast(path: Path, draws: Draws) -> pd.DataFrame:
+    """The rows of a contrast.csv, refused where it has subjects that the draws do not have."""
+    import pandas as pd
+
+    number_columns = [name for name in CONTRAST_COLUMNS if name not in _CONTRAST_TEXTS]
+    texts, numbers = read_rows(path, _CONTRAST_TEXTS, number_columns)
+    others = set(texts["subject"]).difference(subject.person for subject in draws.study)
+    if others:
+        raise InputError(
+            f"{bare(path.name)}: found other subjects than the draws have, "
+            f"{listed(sorted(others), 3)}, allowed: one study"
+        )
+    return pd.DataFrame({**texts, **numbers})
 
 
 # --- In words ---------------------------------------------------------------------------------------
@@ -275,9 +326,6 @@ def _facts(told: Methods) -> dict[str, Any]:
         "ruled": _ruled(told),
         "reference": f"{draws.prior.reference_interval or 1.0:g} s",
         **_of_model(draws),
-        "compared": None
-        if told.compared is None
-        else _compared(told.compared, draws, told.evidence is not None),
         "group": None if told.group is None else _group_facts(told.group),
         "differing": () if told.contrast is None else sentences(told.contrast),
         "limits": (f"{PROBABLY:g}", f"{SURELY:g}"),
@@ -369,50 +417,6 @@ def _of_model(draws: Draws) -> dict[str, Any]:
             _MOST_NAMED,
         ),
     }
-
-
-def _compared(found: SavedComparison, draws: Draws, answered: bool) -> dict[str, Any]:
-    """Which models, which are the best, and what each part is; the order is the answer's where there is one."""
-    composed = [record.name for record in found.models if record.levels]
-    free = " and free frequencies (H0)" if len(composed) < len(found.models) else ""
-    said = (
-        f"{counted(len(composed), 'model')} ({listed(composed, _MOST_NAMED)})"
-        if len(composed) <= _MOST_NAMED
-        else f"{len(composed)} models"
-    )
-    shown = {
-        part: [*levels.items()][0 if len(levels) > 2 else 1 :]
-        for part, levels in found.parts.items()
-        if not (answered and part == "order")
-    }
-    return {
-        "models": said + free,
-        "priors": _other_priors(
-            found.models,
-            draws.prior,
-            models_of(draws.task).space if answered else (model_named(draws.model, draws.task),),
-        ),
-        "best": ", ".join(f"{name} for {count}" for name, count in found.best.items()),
-        "withheld": listed(found.withheld, _MOST_NAMED),
-        "parts": [
-            f"{part}, {', '.join(f'P({level}) {compared(p)}' for level, p in levels)}"
-            for part, levels in shown.items()
-        ],
-    }
-
-
-def _other_priors(records: Iterable[object], prior: Prior, stated: Iterable[object]) -> str:
-    """Priors of what some models have and those before have not: they decide on evidence as much as the others."""
-    own, all_of_them = (
-        dict.fromkeys(
-            block.describe(prior)
-            for record in some
-            if isinstance(record, Model)
-            for block in record.free
-        )
-        for some in (stated, records)
-    )
-    return ", ".join(said for said in all_of_them if said not in own)
 
 
 def _group_facts(found: Population) -> dict[str, Any]:

@@ -8,7 +8,6 @@ import re
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from math import exp, nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,7 +17,6 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from bayes_toe.analysis import Analysis
 from bayes_toe.classical.asymmetry import AsymmetryTable
 from bayes_toe.cli import headline
-from bayes_toe.cli.glossary import anchor, glossary, linked
 from bayes_toe.cli.population import answer, tables
 from bayes_toe.cli.terminal import allowed, allowed_in_order, allowed_quantiles, said_subjects
 from bayes_toe.comparison.contrast import LEGEND, ContrastTable, Difference
@@ -154,14 +152,12 @@ def _environment(task: Task) -> Environment:
         ),  # markup is the template's own
     )
     made.filters.update(
-        anchor=anchor,
         conclusion=conclusion,
         data_uri=lambda picture: (
             f"data:image/png;base64,{base64.b64encode(picture.read_bytes()).decode('ascii')}"
         ),
         deviance=headline.deviance,
         head=_head,
-        linked=partial(linked, task=task),
         misfit=headline.misfit,
         number=lambda value, digits=2, error=nan: (
             "–" if value is None or value != value else _typeset(allowed(value, error, digits))
@@ -200,7 +196,6 @@ def _context(analysis: Analysis, facts: Facts) -> dict[str, Any]:
         ),
         "reference": f"{prior.reference_interval or 1.0:g} s",
         "intervals": said_intervals(study.intervals) if study.intervals else "",
-        "terms": glossary(study.task).terms,
         "models": len(models_of(study.task).space),
         "settings": {
             "model": settings["model"],

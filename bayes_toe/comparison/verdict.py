@@ -285,7 +285,7 @@ class Verdict:
             said.append("whether the models describe the answers cannot be told")
         if self.follows:
             said.append(
-                f"answers seem to depend on the trial before (p {compared(self.history_p or 0.0)}; compare --history)"
+                f"answers seem to depend on the trial before (p {compared(self.history_p or 0.0)}; bayes-toe history)"
             )
         said += (
             [f"but its data are in doubt: {', '.join(map(str, self.data))}"] if self.data else []

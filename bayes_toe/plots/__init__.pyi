@@ -1,5 +1,4 @@
 from .asymmetry import asymmetry_axes as asymmetry_axes
-from .comparison import comparison_figure as comparison_figure
 from .contrast import contrast_curves as contrast_curves
 from .contrast import contrast_figure as contrast_figure
 from .corner import corner as corner
@@ -15,4 +14,3 @@ from .planning import design_figure as design_figure
 from .planning import power_figure as power_figure
 from .population import population_figure as population_figure
 from .prior_predictive import prior_predictive_figure as prior_predictive_figure
-from .sensitivity import sensitivity_figure as sensitivity_figure

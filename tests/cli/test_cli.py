@@ -105,7 +105,7 @@ def test_the_report_stands_alone(results):
     assert all((results[0] / name).exists() for name in beside)
     assert text.count("data:image/png;base64,") == 5 + 2 * 2
     assert "bayes-toe explore posterior.nc -o explorer.html" in text
-    assert text.count("</a>, worst pair</th>") == 2
+    assert text.count("predictive p, worst pair</th>") == 2
     assert re.search(r"effective draws asked for</th><td>1000<", text)
     assert all(f'id="{anchor}"' in text for anchor in re.findall(r'href="#([^"]+)"', text))
     for absent in ("synthetic data", "The data before pooling"):
@@ -207,7 +207,7 @@ def test_subjects_may_be_any_text_and_are_never_paths_or_html(
     assert sorted(path.name for path in tmp_path.iterdir()) == ["out", "s.csv"]
 
 
-# --- evidence, sample, compare, fit, sensitivity -----------------------------------------------------------------------------------
+# --- evidence, sample, fit ----------------------------------------------------------------------------------------------------------
 
 
 def test_evidence_leads_with_the_answer_and_has_the_table_of_run(folder, results, three_models):
@@ -233,14 +233,6 @@ def test_a_design_that_cannot_tell_everything_is_said_before_sampling(folder):
     assert "note X: The pairs can tell 3 of 4 combinations" in done.stdout
     assert "the smaller model 'constant bias' carries all the information" in done.stdout
     assert "smaller model 'constant bias'" in good("check", "first.csv", cwd=folder)
-
-
-def test_one_subject_has_no_random_effects(folder):
-    models = ("--model", "symmetric", "--model", "constant bias", "--draws", 200)
-    said = good("compare", "one.csv", "-o", "alone_compare.csv", *models, *ONE, cwd=folder)
-    assert "LOO by trial" in said
-    for word in ("random effects", "exceedance", "frequency", "equally frequent"):
-        assert word not in said
 
 
 def test_fit_writes_its_columns_and_states_its_level(folder):
@@ -279,33 +271,6 @@ def test_fit_of_degenerate_answers_is_empty_and_said(tmp_path):
         "0.95",
         "20",
     )
-
-
-def test_sensitivity_writes_table_and_figure_and_says_where_conclusions_turn(folder):
-    said = good(
-        "sensitivity",
-        "study.csv",
-        "-o",
-        "sensitivity.csv",
-        "--steps",
-        3,
-        "--reach",
-        2,
-        *ONE,
-        cwd=folder,
-    )
-    table = pd.read_csv(folder / "sensitivity.csv", dtype={"subject": str})
-    assert len(table) == 2 * 8 * 3
-    assert sorted(set(table[table.varied == "mu1_sd"].factor)) == [0.5, 1.0, 2.0]
-    assert (folder / "sensitivity.png").read_bytes().startswith(b"\x89PNG")
-    assert "0 of 2 conclusions turn within this range" in said
-    for words in (
-        ("sensitivity.csv",),
-        ("x.csv", "--steps", 4),
-        ("x.csv", "--reach", 1),
-        ("x.png",),
-    ):
-        refused("sensitivity", "study.csv", "-o", *words, cwd=folder)
 
 
 # --- saved draws -------------------------------------------------------------------------------------------------------------------
@@ -386,10 +351,10 @@ def test_corner_of_one_subject_and_of_two_with_prior_and_truth_in_any_quantities
             "found draws of seed 1, allowed: that seed, or none, given 2",
         ),
         (
-            "sensitivity --posterior POSTERIOR --prior wide.toml",
+            "figures --posterior POSTERIOR --prior wide.toml",
             "found draws under mu1 ~ Normal(M, 2.5 R)",
         ),
-        ("sensitivity", "STUDY.csv: missing"),
+        ("population -o none.nc", "STUDY.csv: missing"),
         ("run study.csv --pictures some", "allowed are all, flagged, none"),
         ("run study.csv -o out", "overwrite"),
         ("run study.csv -o study.csv/new", "study.csv"),
@@ -436,24 +401,13 @@ def test_figures_of_chosen_subjects_in_one_format(folder, three_models, two_figu
     assert "overwrite" in refused(*args, cwd=folder)
 
 
-def test_figures_and_sensitivity_of_saved_draws_sample_nothing(
-    results, folder, monkeypatch, two_figures
-):
+def test_figures_of_saved_draws_sample_nothing(results, folder, monkeypatch, two_figures):
     monkeypatch.setattr("bayes_toe.inference.subject.sample_chains", None)  # calling it would raise
     posterior = ("--posterior", results[0] / "posterior.nc", "--workers", 1)
     drawn = ("-o", "saved", "--subject", "B", "--format", "png")
     assert "seed 1; figures and captions" in good(
         "figures", "study.csv", *posterior, *drawn, cwd=folder
     )
-    good("sensitivity", *posterior, "-o", "saved.csv", "--steps", 3, "--reach", 1.5, cwd=folder)
-    table = (
-        pd.read_csv(folder / "saved.csv")
-        .query("varied == 'mu1_sd' and factor == 1.0")
-        .log_bayes_factor
-    )
-    np.testing.assert_allclose(
-        table, pd.read_csv(results[0] / "evidence.csv").log_bayes_factor, atol=0.01
-    )  # as `evidence` has it
 
 
 # --- simulate, check, priors -------------------------------------------------------------------------------------------------------
@@ -604,7 +558,7 @@ def test_a_preset_is_a_word_and_a_file_of_that_name_has_a_path(folder):
 
 
 @pytest.mark.parametrize(
-    "command", ["run", "sample", "evidence", "fit", "figures", "sensitivity", "check", "simulate"]
+    "command", ["run", "sample", "evidence", "fit", "figures", "check", "simulate"]
 )
 def test_a_bad_prior_file_is_one_line_for_every_command(folder, command):
     (folder / "bad.toml").write_text("mu1_sd = -1\n", encoding="utf-8")

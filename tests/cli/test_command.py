@@ -8,7 +8,7 @@ from typing import Annotated
 
 import pytest
 import typer.main
-from commands import inside
+from commands import inside, refused
 from rich.text import Text
 from typer.testing import CliRunner
 
@@ -121,7 +121,7 @@ def test_help_begins_with_the_way_from_answers_to_a_paper_and_has_rare_options_a
         re.findall(r"^│ (\w+)  ", part, re.MULTILINE)
         for part in said.partition("From answers to a paper")[2].split("More")
     )
-    assert first == ["check", "run", "compare", "explore", "methods"]
+    assert first == ["check", "run", "explore", "methods"]
     assert sorted(first + more) == sorted(
         one.__name__ for commands in COMMANDS.values() for one in commands
     )
@@ -138,3 +138,17 @@ def test_help_begins_with_the_way_from_answers_to_a_paper_and_has_rare_options_a
 def test_the_sections_of_a_hyperprior_are_named_by_help():
     said = " ".join(inside("population", "--help").stdout.replace("│", " ").split())
     assert all(f"[{name}]" in said for name in ("mu1", "gamma", "q0", "correlations"))
+
+
+@pytest.mark.parametrize(
+    ("words", "instead"),
+    [
+        (("compare", "study.csv", "--history"), "bayes-toe history"),
+        (("compare", "--help"), "bayes-toe evidence"),
+        (("sensitivity", "--reach", "2"), "bayes-toe evidence --prior prior.toml"),
+    ],
+)
+def test_a_retired_command_says_what_to_type_instead(tmp_path, words, instead):
+    line = refused(*words, cwd=tmp_path)
+    assert line.startswith(f"error: `{words[0]}` is retired: ")
+    assert f"`{instead}`" in line

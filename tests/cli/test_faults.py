@@ -69,28 +69,6 @@ def test_a_subject_whose_workers_die_is_marked_and_the_study_goes_on(
     assert f"A ({FATAL})" in report
 
 
-def test_a_comparison_has_an_empty_row_with_a_note(folder, without_the_first):
-    models = ("--model", "symmetric", "--model", "free frequencies")
-    done = inside(
-        "compare",
-        "study.csv",
-        "-o",
-        "compare.csv",
-        *models,
-        "--draws",
-        100,
-        "--seed",
-        1,
-        cwd=folder,
-    )
-    assert (done.returncode, done.stderr) == (3, "")
-    assert f"left out A (free frequencies): {FATAL}" in done.stdout
-    rows = pd.read_csv(folder / "compare.csv").set_index(["subject", "model"])
-    assert rows.log_evidence.isna().tolist() == [True] + [False] * 3
-    assert rows.note["A", "free frequencies"].startswith("failed: 2 workers died")
-    assert rows.model_probability.isna().tolist() == [True, True, False, False]
-
-
 def listening(running):
     """Whether a command would hear SIGTERM."""
     caught = next(

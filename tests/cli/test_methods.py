@@ -2,7 +2,6 @@
 
 import json
 import re
-from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -16,7 +15,6 @@ from bayes_toe.cli.methods import of_analysis, write_text
 from bayes_toe.cli.supplement import templates
 from bayes_toe.comparison.study_answer import of_new_subject, study_sentence
 from bayes_toe.comparison.verdict import Doubt
-from bayes_toe.comparison.words import compared
 from bayes_toe.inference.draws import Draws
 
 FILES = {
@@ -27,8 +25,6 @@ FILES = {
     "m_order_effect.csv",
     "m_order_effect.tex",
 }
-
-MODELS = ("free frequencies", "symmetric", "constant bias", "free weighting")
 
 
 @pytest.fixture(scope="module")
@@ -252,43 +248,6 @@ def test_a_group_is_told_of_where_its_draws_are(results, small_study, tmp_path):
     )
 
 
-@pytest.fixture(scope="module")
-def comparison(small_study, tmp_path_factory):
-    """A folder with the tables of a comparison of few models, and the comparison."""
-    folder = tmp_path_factory.mktemp("tables")
-    found = bt.compare(small_study, MODELS, draws=200, seed=1, prior="paper", workers=1)
-    found.save(folder / "compare.csv")
-    return folder, found
-
-
-def test_a_comparison_is_told_of(results, comparison, tmp_path):
-    folder, found = comparison
-    assert "Comparison of models" not in document(results)[0]
-    text, _ = document(results, "--compare", folder)
-    (order,), best = (
-        found.parts,
-        Counter(row.model for row, _ in found.best_compositions().values()),
-    )
-    said = [
-        "3 models (symmetric, constant bias, free weighting) and free frequencies (H0) were compared",
-        "with further priors `gain ~ Uniform(0, 2)`",
-        f"The model with the highest evidence: {', '.join(f'{name} for {count}' for name, count in best.most_common())}.",
-    ]
-    assert [one for one in said if one not in text] == []
-    assert "withheld" not in text
-    copied(results, tmp_path, *folder.iterdir())
-    (tmp_path / "evidence.csv").unlink()
-    frame = pd.read_csv(tmp_path / "compare.csv")
-    frame.loc[(frame.subject == "A") & (frame.model == "symmetric"), "log_evidence"] = np.nan
-    frame.to_csv(tmp_path / "compare.csv", index=False)
-    text, _ = document(tmp_path)  # beside the draws it is found
-    assert "Some evidence was withheld for A." in text
-    shares = ", ".join(
-        f"P({level}) {compared(p)}" for level, p in zip(order.levels, order.study, strict=True)
-    )
-    assert f"[@penny2010]: order, {shares}." in text
-
-
 @pytest.mark.parametrize(
     ("name", "old", "new", "said"),
     [
@@ -300,26 +259,10 @@ def test_a_comparison_is_told_of(results, comparison, tmp_path):
             "evidence.csv: found other answers than the draws have of 'A'",
         ),
         ("evidence.csv", "p_none", "none", "evidence.csv: row 1, column p_none: missing, found"),
-        ("compare.csv", "D/2", "D/3", "compare.csv, column prior: found"),
-        (
-            "compare.csv",
-            "A,free frequencies,13,-",
-            "A,free frequencies,13,-1",
-            "found other answers than the draws have of 'A'",
-        ),
-        (
-            "compare.csv",
-            "C,",
-            "D,",
-            "compare.csv: found other subjects than the draws have, 'C', 'D'",
-        ),
-        ("compare.csv", "C,symmetric", "C,other", "other"),
     ],
 )
-def test_a_table_of_another_analysis_is_one_line(
-    results, comparison, tmp_path, name, old, new, said
-):
-    copied(results, tmp_path, *comparison[0].iterdir())
+def test_a_table_of_another_analysis_is_one_line(results, tmp_path, name, old, new, said):
+    copied(results, tmp_path)
     text = (tmp_path / name).read_text(encoding="utf-8")
     assert re.search(old, text)
     (tmp_path / name).write_text(re.sub(old, new, text), encoding="utf-8")

@@ -186,20 +186,12 @@ def test_a_plain_environment_without_a_home_and_a_temporary_folder(place, tmp_pa
     }
     nowhere = str(place / "study.csv" / "home")
     grouped_csv(tmp_path / "study.csv", few_pairs(["\xe9"]))
-    words = (
-        "sensitivity",
-        "study.csv",
-        "-o",
-        "a.csv",
-        "--steps",
-        3,
-        "--workers",
-        1,
-    )  # which draws a figure
+    options = ("--pictures", "none", "--draws", 100, "--seed", 1, "--workers", 1)
+    words = ("run", "study.csv", "-o", "out", *options)  # which draws figures
     done = call(*words, cwd=tmp_path, **plain, HOME=nowhere, TMPDIR=nowhere)
     assert (done.returncode, done.stderr) == (0, "")
     assert r"\xe9" in done.stdout  # a letter that ASCII lacks
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.csv", "a.png", "study.csv"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["out", "study.csv"]
 
 
 def test_pipes_and_devices_are_refused(place, tmp_path):

@@ -112,13 +112,6 @@ def test_the_answer_is_in_sight_first_and_the_table_below_it(browser, path):
     assert made.problems == []
 
 
-def test_a_term_leads_to_its_entry(opened):
-    page = opened.page
-    page.locator("#read ~ ul a.term", has_text="predictive update").click()
-    page.wait_for_selector("#glossary[open] #term-predictive-update:target")
-    assert "with a pull" in page.locator("#term-predictive-update").inner_text()
-
-
 def test_without_javascript_it_is_whole(browser, path):
     made = Opened(browser, path, 400, java_script_enabled=False)
     assert names(made.page) == ["A", "B", "C"]

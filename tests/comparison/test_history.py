@@ -151,11 +151,10 @@ def test_what_has_no_order_is_refused_in_one_line(study, tmp_path):
         )
     study.frame().to_csv(tmp_path / "counts.csv", index=False)
     line = refused(
-        "compare",
+        "history",
         "counts.csv",
-        "--history",
         "-o",
-        "compare.csv",
+        "history.csv",
         "--seed",
         1,
         cwd=tmp_path,
@@ -165,15 +164,6 @@ def test_what_has_no_order_is_refused_in_one_line(study, tmp_path):
         "needs the order of trials, found none; allowed: rows that are trials, with a column trial"
         in line
     )
-
-
-def test_what_takes_pairs_as_independent_says_so(short):
-    static, carried = bt.compare(
-        short, ["contraction", "contraction + carry-over"], draws=200, seed=1, workers=1
-    ).rows
-    assert carried.checks.elpd_loo_trial is None
-    assert static.checks.elpd_loo_trial is not None
-    assert "leave-one-out withheld: answers depend on the trials before" in carried.notes
 
 
 def test_a_group_is_of_trials_and_comes_back_with_them(study, tmp_path):
@@ -205,14 +195,16 @@ def test_commands_say_and_draw_it(study, tmp_path, three_models):
         "response": said,
     }
     pd.DataFrame(trials).to_csv(tmp_path / "trials.csv", index=False)
-    common = ("--seed", 1, "--draws", 100, "--workers", 1)
-    asked = ("compare", "trials.csv", "--model", "contraction", "--history", "-o", "compare.csv")
+    common = ("--seed", 1, "--workers", 1)
+    asked = ("history", "trials.csv", "-o", "history.csv", *common)
     assert "trials before: answers follow them, of 1 subject: yes 1" in " ".join(
-        good(*asked, *common, cwd=tmp_path).split()
+        good(*asked, cwd=tmp_path).split()
     )
-    assert pd.read_csv(tmp_path / "compare_history.csv").depends.tolist() == ["yes"]
-    assert (tmp_path / "compare_history.png").stat().st_size > 10_000
-    good("run", "trials.csv", "-o", "out", "--pictures", "none", *common, cwd=tmp_path)
+    assert pd.read_csv(tmp_path / "history.csv").depends.tolist() == ["yes"]
+    assert (tmp_path / "history.png").stat().st_size > 10_000
+    assert "history.csv: exists" in refused(*asked, cwd=tmp_path)
+    sampled = ("--pictures", "none", "--draws", 100, *common)
+    good("run", "trials.csv", "-o", "out", *sampled, cwd=tmp_path)
     assert pd.read_csv(tmp_path / "out" / "history.csv").subject.tolist() == ["carries"]
     assert (pd.read_csv(tmp_path / "out" / "evidence.csv").history_p < MISFIT).all()
     report = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")

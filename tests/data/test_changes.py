@@ -150,11 +150,11 @@ def test_every_command_that_reads_answers_has_the_options():
         "run",
         "sample",
         "evidence",
-        "compare",
         "fit",
         "asymmetry",
         "population",
-        "sensitivity",
+        "contrast",
+        "history",
         "figures",
     ):
         shown = inside(command, "--help").stdout

@@ -3,9 +3,7 @@
 from functools import cache
 
 import numpy as np
-import pandas as pd
 import pytest
-from commands import good
 from reference.hard_cases import hard_cases
 from scipy.special import logsumexp
 from scipy.stats import norm
@@ -20,8 +18,7 @@ from bayes_toe.inference.maxima import find_maxima
 from bayes_toe.inference.sampling import SamplerSettings, sample_chains
 from bayes_toe.inference.subject import Wanted, infer
 from bayes_toe.model.beliefs import Gaussian, comparison_distance
-from bayes_toe.model.free_frequencies import frequency_evidence
-from bayes_toe.model.ladder import MODELS, NAMES, model_named, posterior_of, require_models
+from bayes_toe.model.ladder import MODELS, model_named, posterior_of, require_models
 from bayes_toe.model.prior import DEFAULT, Prior
 from bayes_toe.model.record import Model
 
@@ -213,50 +210,6 @@ def test_starts_find_the_maxima_of_intervals_far_from_one_second():
     target = posterior_of(subject, Prior(reference_interval=1.0), model="no lapses")
     assert find_maxima(target).value[:2] == pytest.approx([-1079.183, -1079.688], abs=0.01)
     assert infer(target, 1, Wanted(SamplerSettings(draws=300))).chains.converged
-
-
-def test_command(tmp_path):
-    made = ("--subjects", "1", "--isi", "0.5,1,2", "--batches", "20", "--seed", "3")
-    good("simulate", "-o", "study.csv", *made, cwd=tmp_path)
-    said = good(
-        "compare",
-        "study.csv",
-        "-o",
-        "out.csv",
-        "--seed",
-        "1",
-        "--workers",
-        "1",
-        "--space",
-        "ladder",
-        cwd=tmp_path,
-    )
-    assert "3 intervals in column isi: 0.5, 1, 2 s" in said
-    assert (
-        f"note S01 (symmetric, constant bias, differencing, free weighting): {IGNORES_INTERVALS}"
-        in said
-    )
-    assert "note S01 (free frequencies): one frequency for each pair at each interval" in said
-    frame, study = (
-        pd.read_csv(tmp_path / "out.csv").set_index("model"),
-        bt.read_study(tmp_path / "study.csv"),
-    )
-    assert frame.index.tolist() == list(NAMES)
-    assert frame[["log_evidence", "elpd_loo_trial"]].notna().all().all()
-    assert set(frame.index[frame["note"].fillna("").str.startswith(IGNORES_INTERVALS)]) == {
-        model.name for model in IGNORING
-    }
-    assert frame.loc["free frequencies", "parameters"] == 39
-    assert frame.loc["free frequencies", "log_evidence"] == pytest.approx(
-        frequency_evidence(study["S01"]), rel=1e-12
-    )
-    assert frame["log_evidence"].idxmax() == "predictive update"
-    assert not any(
-        row.notes
-        for row in bt.compare(
-            study.at_isi(1.0), ["symmetric", "predictive update"], seed=4, workers=1
-        )
-    )
 
 
 # --- Refusals ---------------------------------------------------------------------------------------

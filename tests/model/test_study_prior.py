@@ -138,7 +138,6 @@ def test_every_verb_stores_it_as_it_was_said(tmp_path, three_models):
     assert "mu1 ~ Normal(M, 2.5 R), width ~ LogNormal(D, 1)" in again.attrs["prior"]
     assert again.posterior("S").prior.mu1_mean == Stimuli.of(one["S"]).mean
     assert bt.evidence(one, seed=1, workers=1).prior == DEFAULT
-    assert bt.compare(one, ["symmetric"], seed=1, workers=1).prior == DEFAULT
     assert bt.fit(one, replicates=2, seed=1, workers=1).prior == DEFAULT
 
 

@@ -9,7 +9,6 @@ from matplotlib.image import imread
 
 import bayes_toe as bt
 from bayes_toe.errors import InputError, OutputError
-from bayes_toe.plots.comparison import CLASSES, ORDER_COLOURS, OTHER_COLOURS
 from bayes_toe.plots.evidence import KIND_COLOURS
 from bayes_toe.plots.figure_files import picture, require_figure
 from bayes_toe.plots.geometry import plane_figure
@@ -26,20 +25,6 @@ def test_synthetic_data_are_labelled_wherever_they_are_shown(analysis):
         assert "synthetic" in words
     figure = bt.plots.evidence_figure(analysis.evidence, synthetic=True)
     assert "synthetic" in figure.axes[0].get_title(loc="right")
-
-
-@pytest.mark.parametrize(
-    "colours",
-    [[one[2:] for one in CLASSES], ORDER_COLOURS, OTHER_COLOURS],
-    ids=["classes", "orders", "others"],
-)
-def test_areas_are_told_apart_in_grey_and_letters_on_them_can_be_read(colours):
-    area, letters = (
-        np.array([to_rgb(one) for one in some]) @ [0.299, 0.587, 0.114]
-        for some in zip(*colours, strict=True)
-    )
-    assert np.diff(np.sort(area)).min() > 0.1
-    assert np.abs(area - letters).min() > 0.4
 
 
 def test_kinds_are_told_apart_in_grey():

@@ -43,7 +43,7 @@ def held(folder, table, study, subjects, commands):
 
 
 def test_bundled_subjects(tmp_path, table):
-    held(tmp_path, table, BUNDLED, ("S06",), ("run", "compare", "fit", "asymmetry"))
+    held(tmp_path, table, BUNDLED, ("S06",), ("run", "fit", "asymmetry"))
 
 
 def test_listeners_to_morse_signals(tmp_path, table, real_data):

@@ -4,7 +4,7 @@ import data_dictionary
 import pandas as pd
 import pytest
 from commands import good
-from conftest import few_pairs, plain_models_alone
+from conftest import plain_models_alone
 from populations import made_up
 from reference.calibration import ABOUT, calibrate
 
@@ -37,13 +37,6 @@ def written(analysis, small_study, tmp_path_factory):
     folder = tmp_path_factory.mktemp("dictionary")
     pairs = folder / "pairs.csv"
     pairs.write_text("s1,s2\n0,0.3\n", encoding="utf-8")
-    compared = bt.compare(
-        few_pairs("AB"),
-        ["free frequencies", "symmetric", "constant bias"],
-        draws=200,
-        seed=1,
-        workers=1,
-    )
     good(
         "simulate",
         "-o",
@@ -66,9 +59,6 @@ def written(analysis, small_study, tmp_path_factory):
         "asymmetry_covariates.csv": covariate_tests(
             Covariates({"age": {"A": 1.0, "B": 2.0, "C": 4.0}}), asymmetry.outcomes()
         ).frame(),
-        "compare.csv": compared.frame(),
-        "compare_parts.csv": compared.parts_frame(),
-        "compare_models.csv": compared.study_frame(),
         "population.csv": group.summary(),
         "population_subjects.csv": group.subjects(),
         "predictions.csv": predict_pairs(analysis.draws, pairs, ["A"]),
@@ -146,11 +136,8 @@ def test_words_that_a_column_holds_are_listed(file, column, said):
 
 def test_every_column_that_is_written_is_in_it(written):
     assert data_dictionary.FILES.keys() <= KNOWN.keys()
-    assert KNOWN.keys() - written.keys() == {
-        "sensitivity.csv",
-        "contrast.csv",
-        "compare_history.csv",
-    }  # whose frames have declared columns
+    undeclared = KNOWN.keys() - written.keys()
+    assert undeclared == {"contrast.csv", "history.csv"}  # whose frames have declared columns
     for name, columns in written.items():
         assert {*columns} - KNOWN[name].keys() == set(), name
         assert KNOWN[name].keys() - {*columns} - AT_TIMES == set(), name

@@ -1,0 +1,120 @@
+"""Commands that compare what subjects do under several circumstances: contrast (conditions), history (the trial before)."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+import bayes_toe as bt
+from bayes_toe.cli.options import StudyFile, writes
+from bayes_toe.cli.task import MODEL, Takes, Task
+from bayes_toe.cli.terminal import Terminal, chosen, safe
+
+if TYPE_CHECKING:
+    from bayes_toe.comparison.contrast import ContrastTable
+
+
+def contrast(
+    *,
+    study: StudyFile,
+    output: Annotated[
+        Path, writes("contrast.csv", "Table to write; the figure goes to NAME.png.")
+    ] = Path("contrast.csv"),
+    model: Annotated[
+        str | None,
+        typer.Option("--model", help="Of every condition; default: a constant error and a pull."),
+    ] = None,
+    task: Annotated[Task, Takes(*MODEL, "spreadsheet_safe", "resume")],
+) -> None:
+    """What differs between conditions within every subject: constant error, pull, width; by how much, with Bayes factors.
+
+    [bold]Example[/bold]: bayes-toe contrast study.csv --condition hand -o contrast.csv --seed 1
+    """
+    from bayes_toe.plots.figure_files import picture_beside
+
+    files = [output, picture_beside(output)]
+    task.require_files(*files)
+    keep = task.partial(output)
+    read, prior = task.opened(study)
+    people = len({one.person for one in read})
+    table = task.work("contrasting", people, bt.contrast, read, model=model, prior=prior, keep=keep)
+    figure = bt.plots.contrast_figure(table, synthetic=read.synthetic)
+    task.write(
+        {
+            output: partial(table.save, **task.saving),
+            picture_beside(output): partial(bt.plots.save_figure, figure),
+        }
+    )
+    task.finish(keep, table.failed)
+    say_contrast(task.out, table)
+    task.done("written:", *files, seed=table.seed, failed=table.failed)
+
+
+def say_contrast(out: Terminal, table: ContrastTable) -> None:
+    """Of how many subjects each quantity differs, and every subject in a row for each comparison."""
+    from bayes_toe.comparison.contrast import LEGEND
+
+    out.answer([f"between conditions: {table.conditions.about}"])
+    for line in table.sentences():
+        out.line(f"  {safe(line)}")
+    decided = {row.subject for row in table if row.word.startswith("differs")}
+    rows, comparisons = [], {row.comparison for row in table}
+    for name in chosen([one.subject for one in table.subjects], decided):
+        for comparison in dict.fromkeys(row.comparison for row in table if row.subject == name):
+            own = {
+                row.quantity: row
+                for row in table
+                if (row.subject, row.comparison) == (name, comparison)
+            }
+            shown = {key: f"{row.size} {row.factor}" for key, row in own.items()}
+            rows.append(
+                {"subject": name}
+                | ({"comparison": comparison} if len(comparisons) > 1 else {})
+                | shown
+            )
+    what = f"differences, {comparisons.pop()}" if len(comparisons) == 1 else "differences"
+    out.table(
+        f"{what}: medians (5 %, 95 %) if they differ, and the Bayes factor", rows, total=len(rows)
+    )
+    out.footnote(f"{LEGEND}.")
+    out.notes(
+        (f"{name}: {why}" for name, why in table.left_out.items() if name not in table.failed),
+        "left out",
+    )
+    out.notes(f"{one.subject}: {note}" for one in table.subjects for note in one.notes)
+
+
+def history(
+    *,
+    study: StudyFile,
+    output: Annotated[
+        Path, writes("history.csv", "Table to write; the figure goes to NAME.png.")
+    ] = Path("history.csv"),
+    task: Annotated[Task, Takes(*MODEL, "spreadsheet_safe")],
+) -> None:
+    """Whether answers depend on the trial before, subject by subject: what a trial leaves to the next, and by how much.
+
+    [bold]Example[/bold]: bayes-toe history trials.csv -o history.csv --seed 1
+    """
+    from bayes_toe.cli.answers import say_histories
+    from bayes_toe.model.history import require_order
+    from bayes_toe.plots.figure_files import picture_beside
+
+    picture = picture_beside(output)
+    task.require_files(output, picture)
+    read, prior = task.opened(study)
+    for subject in read:
+        require_order(subject)
+    table = task.work("histories", len(read), bt.compare_history, read, prior=prior)
+    figure = bt.plots.history(table)
+    task.write(
+        {
+            output: partial(table.save, **task.saving_of(read)),
+            picture: partial(bt.plots.save_figure, figure),
+        }
+    )
+    say_histories(task.out, table, output.name)
+    task.done("written:", output, picture, seed=table.seed)
