@@ -21,7 +21,6 @@ from .errors import BayesToeError as BayesToeError
 from .errors import ConvergenceWarning as ConvergenceWarning
 from .errors import InputError as InputError
 from .experiments.answers_check import check as check
-from .experiments.prior_predictive import prior_predictive as prior_predictive
 from .experiments.simulate import simulate as simulate
 from .explorer.page import explore as explore
 from .groups.hyperprior import Hyperprior as Hyperprior

@@ -65,5 +65,12 @@ def require_kind(name: str, given: object, kinds: type | tuple[type, ...], allow
         raise InputError(f"{name}: found {found}, allowed: {allowed}")
 
 
+def require_share(name: str, given: float) -> None:
+    """Refuse a number that does not lie between 0 and 1."""
+    require_kind(name, given, Real, "a number between 0 and 1")
+    if not 0.0 < given < 1.0:
+        raise InputError(f"{name}={given:g} must lie between 0 and 1")
+
+
 class ConvergenceWarning(UserWarning):
     """A subject's draws did not meet the stated convergence criteria."""

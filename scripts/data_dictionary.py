@@ -25,7 +25,6 @@ from bayes_toe.groups.savage_dickey import Ratio
 from bayes_toe.inference.subject import SUMMARY_COLUMNS
 from bayes_toe.planning.power import DATA_SET_COLUMNS, POWER_COLUMNS
 from bayes_toe.planning.power_of_studies import POPULATION_COLUMNS, STUDY_COLUMNS
-from bayes_toe.planning.stopping import STOPPING_COLUMNS
 from bayes_toe.planning.study_design import DESIGN_COLUMNS
 
 OUTPUT = Path(__file__).resolve().parents[1] / "docs" / "data_dictionary.md"
@@ -71,12 +70,10 @@ FILES = {
     "methods_order_effect.csv": File(ORDER_EFFECT_COLUMNS, [SubjectEvidence], ["fit"]),
     "methods_fit.csv": File(FIT_TABLE_COLUMNS),
     "power.csv": File(POWER_COLUMNS),
-    "power_history.csv": File(POWER_COLUMNS),
     "power_data_sets.csv": File(DATA_SET_COLUMNS, [SubjectEvidence]),
     "power_subjects.csv": File(STUDY_COLUMNS),
     "power_population.csv": File(POPULATION_COLUMNS),
     "power_conditions.csv": File(POPULATION_COLUMNS),
-    "power_stopping.csv": File(STOPPING_COLUMNS, [SubjectEvidence]),
     "design.csv": File(DESIGN_COLUMNS),
 }
 

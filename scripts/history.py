@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -22,10 +23,11 @@ from bayes_toe.data.answers import Answers
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.inference.space import space_evidence
+from bayes_toe.model.history import require_order
 from bayes_toe.model.ladder import models_of
 from bayes_toe.model.parts import composition
+from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import DEFAULT
-from bayes_toe.planning.power_of_histories import answered
 from bayes_toe.seeds import generator
 from bayes_toe.workers import run_in_order
 
@@ -48,6 +50,18 @@ def presented(trials: int, rng: np.random.Generator) -> Answers:
     place = np.arange(trials) + (np.arange(trials) >= trials // 2)
     return Answers(
         keys, np.zeros(trials, np.int64), np.ones(trials, np.int64), None, (), True, place
+    )
+
+
+def answered(target: Posterior, x: np.ndarray, rng: np.random.Generator) -> Subject:
+    """The subject of a posterior with simulated answers to its trials, in their order, at a point, shape (1, k)."""
+    answers = require_order(target.subject)
+    p = np.empty(len(answers.n_yes))
+    # The model has the trials in the order of their pairs.
+    p[np.lexsort(answers.keys.T[::-1])] = np.exp(target.trial_answers(x)[0])
+    n_yes = (rng.random(len(p)) < p).astype(np.int64)
+    return Subject.from_answers(
+        target.subject.name, replace(answers, n_yes=n_yes), target.subject.task
     )
 
 

@@ -17,12 +17,11 @@ import numpy.typing as npt
 import pandas as pd
 
 from bayes_toe.arrays import FloatArray, IntArray
-from bayes_toe.classical.ellipse import require_share
 from bayes_toe.classical.maximum_likelihood import Fits, fit_counts
 from bayes_toe.data.study import Study, Subject, refuse_intervals, require_study
 from bayes_toe.data.tables import SubjectTable
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
-from bayes_toe.errors import InputError, require_kind
+from bayes_toe.errors import InputError, require_kind, require_share
 from bayes_toe.model.coordinates import Natural, natural_names
 from bayes_toe.model.distributions import LOG_2PI
 from bayes_toe.model.prior import Prior

@@ -7,7 +7,7 @@ Exit codes: 0 done, 1 unexpected failure, 2 bad input or output,
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated, Any, NoReturn
 
 import typer
 from typer.core import TyperGroup
@@ -56,18 +56,40 @@ RETIRED_COMMANDS = {
     "`bayes-toe history` asks about the trial before",
     "sensitivity": "`bayes-toe evidence --prior prior.toml` gives the answers under another prior",
 }
+#: Options that are gone, by their command, with what to type instead.
+RETIRED_OPTIONS = {
+    "evidence": {
+        "--more-trials": "`bayes-toe power design.csv --trials 650,1300` says what more trials tell",
+    },
+    "figures": {"--mass": "the map shows the central 60 % of the draws"},
+    "power": {
+        "--carry-over": "leave it out, `bayes-toe power` plans for the order effect alone",
+        "--look": "leave it out, `bayes-toe power` simulates fixed numbers of trials",
+        "--stop": "leave it out, `bayes-toe power` simulates fixed numbers of trials",
+    },
+}
 
 
 class Commands(TyperGroup):
-    """The commands; a retired name gets one line that says what to type instead."""
+    """The commands; a retired name or option gets one line that says what to type instead."""
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """The command that the first argument names."""
-        instead = RETIRED_COMMANDS.get(args[0])
-        if instead is None:
-            return super().resolve_command(ctx, args)
-        typer.echo(f"error: `{args[0]}` is retired: {instead}", err=True)
-        raise typer.Exit(BAD_INPUT)
+        command, *words = args
+        if command in RETIRED_COMMANDS:
+            refuse_retired(command, RETIRED_COMMANDS[command])
+        retired = RETIRED_OPTIONS.get(command, {})
+        for word in words:
+            option = word.partition("=")[0]
+            if option in retired:
+                refuse_retired(option, retired[option])
+        return super().resolve_command(ctx, args)
+
+
+def refuse_retired(name: str, instead: str) -> NoReturn:
+    """Say that a name is gone and what to type instead, and end with the exit code of bad input."""
+    typer.echo(f"error: `{name}` is retired: {instead}", err=True)
+    raise typer.Exit(BAD_INPUT)
 
 
 app = typer.Typer(

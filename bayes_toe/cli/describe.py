@@ -103,7 +103,7 @@ def fit(
 
     [bold]Example[/bold]: bayes-toe fit study.csv -o fit.csv --seed 1
     """
-    from bayes_toe.classical.ellipse import require_share
+    from bayes_toe.errors import require_share
 
     require_share("level", level)
     task.require_files(output)

@@ -216,13 +216,6 @@ def evidence(
     *,
     study: StudyFile,
     output: Annotated[Path, writes("evidence.csv", "Table to write.")] = Path("evidence.csv"),
-    more: Annotated[
-        bool,
-        typer.Option(
-            "--more-trials",
-            help="Of undecided subjects also: how many more trials of which pairs would decide; 10 s each.",
-        ),
-    ] = False,
     task: Annotated[Task, Takes(*MODEL, "spreadsheet_safe", "resume")],
 ) -> None:
     """Which order effect every subject has, whether the models describe the answers, and the paper's model (H1) against H0.
@@ -239,13 +232,6 @@ def evidence(
     task.finish(keep, table.failed)
     say_verdicts(task.out, table.verdicts, table.seed or 0, read)
     say_appendix_c(task.out, table)
-    undecided = [one.subject for one in table.verdicts if one.effect == "undecided"]
-    if more and undecided:
-        total, simulate = len(undecided), bt.planning.more_trials
-        found = task.work(
-            "simulating more trials", total, simulate, read, undecided, seed=table.seed, prior=prior
-        )
-        task.out.notes((f"{one.subject}: {one.sentence()}" for one in found), "more trials")
     task.done("table in", output, seed=table.seed, failed=table.failed)
 
 

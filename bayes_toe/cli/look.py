@@ -236,29 +236,23 @@ def figures(
         list[str] | None,
         typer.Option(
             "--subject",
-            help="In Figs. 3 and 5, the first also in Fig. 2; repeat for more. Default: three kinds.",
+            help="In Figs. 3 and 5; repeat for more. Default: three kinds.",
         ),
     ] = None,
     formats: Annotated[
         list[str] | None,
         typer.Option("--format", help="pdf, png or svg; repeat for more. Default: pdf and png."),
     ] = None,
-    mass: Annotated[
-        float,
-        rare("--mass", help="Share of the draws in each ellipse of the map, between 0 and 1."),
-    ] = 0.2,
     truth: TrueValues = None,
     posterior: InTheirPlace = None,
     task: Annotated[Task, Takes(*MODEL, "draws")],
 ) -> None:
-    """The paper's figures of a study, with captions: 1C, 2 to 6 and Appendix C's.
+    """The paper's figures of a study, with captions: 1C, 3, 4, 5 and Appendix C's.
 
     [bold]Example[/bold]: bayes-toe figures --posterior results/posterior.nc -o figures --subject S06 --subject S04
     """
-    from bayes_toe.classical.ellipse import require_share
     from bayes_toe.plots.paper_figures import FIGURES, products
 
-    require_share("mass", mass)
     endings = ["pdf", "png"] if formats is None else formats
     task.require_folder(output, products(endings))
     found: Analysis | bt.Draws
@@ -272,7 +266,7 @@ def figures(
     say_draws(task.out, draws)
     with task.out.progress("drawing", len(FIGURES)) as tick:
         bt.plots.write_figures(
-            found, output, subjects=subject, formats=endings, mass=mass, truth=known, overwrite=task.overwrite, workers=task.processes,
+            found, output, subjects=subject, formats=endings, truth=known, overwrite=task.overwrite, workers=task.processes,
             progress=tick,
         )  # fmt: skip
     missed = {**draws.not_converged, **draws.imprecise}

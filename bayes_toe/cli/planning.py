@@ -21,13 +21,8 @@ if TYPE_CHECKING:
     from bayes_toe.arrays import FloatArray
 
 Number = TypeVar("Number", int, float)
-_POWER, _STUDIES, _STOPPING, _POPULATION = (
-    "power.csv",
-    "power_subjects.csv",
-    "power_stopping.csv",
-    "power_population.csv",
-)
-_CONDITIONS, _HISTORY = "power_conditions.csv", "power_history.csv"
+_POWER, _STUDIES = "power.csv", "power_subjects.csv"
+_POPULATION, _CONDITIONS = "power_population.csv", "power_conditions.csv"
 _BESIDE = ("power_data_sets.csv", "power.png", "power.pdf")
 Observers = Annotated[
     str | None,
@@ -146,22 +141,6 @@ class SimulationOptions:
     subjects: Annotated[
         str, typer.Option("--subjects", help="Also whole studies of so many simulated subjects.")
     ] = "4,8,16"
-    stop: Annotated[
-        str | None,
-        typer.Option(
-            "--stop",
-            metavar="WORDS",
-            help="Also sessions that stop at words of the verdict, e.g. has,negligible,none.",
-        ),
-    ] = None
-    look: Annotated[
-        int,
-        rare(
-            "--look",
-            min=1,
-            help="With --stop: after every so many trials, at most the largest of --trials.",
-        ),
-    ] = 50
     population: Annotated[
         bool,
         typer.Option(
@@ -186,14 +165,6 @@ class SimulationOptions:
             "(probit), width (log); after a colon the sd between subjects. With --population of studies too.",
         ),
     ] = None
-    carry_over: Annotated[
-        float | None,
-        typer.Option(
-            "--carry-over",
-            metavar="SHARE",
-            help="Also whether it is found that so much is carried over from trial to trial.",
-        ),
-    ] = None
     observers: Observers = None
 
     def tables(
@@ -203,7 +174,6 @@ class SimulationOptions:
         from bayes_toe.experiments.conditions import differing_from
         from bayes_toe.model.study_prior import preset_or_file
         from bayes_toe.planning.observers import observers_from, shares_from
-        from bayes_toe.planning.power_of_histories import require_carrying
         from bayes_toe.planning.power_of_studies import power_of_studies
 
         whole, prior = "whole numbers of at least 1", preset_or_file(task.prior)
@@ -211,8 +181,6 @@ class SimulationOptions:
             _numbers("--trials", self.trials, int, whole),
             _numbers("--subjects", self.subjects, int, whole),
         )
-        words = () if self.stop is None else tuple(one.strip() for one in self.stop.split(","))
-        rule = None if self.stop is None else planning.StoppingRule(words, numbers[-1], self.look)
         asked, apart = (
             next(iter(designs.values())).task,
             None if self.differ is None else differing_from("a,b", self.differ),
@@ -220,8 +188,6 @@ class SimulationOptions:
         people = observers_from(
             self.observers, 1, 0, task=asked
         )  # refuses a bad file before any work
-        if self.carry_over is not None:
-            require_carrying(self.carry_over, people)
         kinds = len({one.kind for one in people})
         shares, seed = shares_from(self.observers, asked), task.seed
 
@@ -250,15 +216,6 @@ class SimulationOptions:
             data_sets=self.data_sets,
         )
         found, seed = {_POWER: table, _STUDIES: power_of_studies(table, sizes, shares)}, table.seed
-        if rule is not None:
-            found[_STOPPING] = simulated(
-                "simulating sessions",
-                total,
-                planning.stopping,
-                designs,
-                rule,
-                data_sets=self.data_sets,
-            )
         if self.population:
             longest = {name: one.with_total(numbers[-1]) for name, one in designs.items()}
             total = (kinds + bool(shares)) * sum(size > 1 for size in sizes) * self.studies
@@ -280,14 +237,6 @@ class SimulationOptions:
             )
             found[_CONDITIONS] = simulated(
                 "simulating conditions", total, work, designs, numbers, studies=many
-            )
-        if self.carry_over is not None:
-            total, carried = (
-                2 * len(numbers) * self.data_sets,
-                partial(planning.power_of_histories, self.carry_over),
-            )
-            found[_HISTORY] = simulated(
-                "simulating histories", total, carried, designs, numbers, data_sets=self.data_sets
             )
         return found
 
@@ -313,7 +262,7 @@ def power(
     from bayes_toe.data.tables import write_table
     from bayes_toe.data.whole_files import whole_folder
 
-    products = (_POWER, _STUDIES, _STOPPING, _POPULATION, _CONDITIONS, _HISTORY, *_BESIDE)
+    products = (_POWER, _STUDIES, _POPULATION, _CONDITIONS, *_BESIDE)
     task.require_folder(output, products)
     keep = task.partial(output)
     tables = asked.tables(_designs(design, question), task, keep)

@@ -72,7 +72,7 @@ class Facts:
     asymmetry: AsymmetryTable
     flagged: Mapping[str, tuple[str, ...]]  # who must be looked at, and why
     group: Group | None
-    place: Path  # of order_effect.png, evidence.png, asymmetry.png (may be missing), map.png and prior.png, read one at a time
+    place: Path  # of order_effect.png, evidence.png, asymmetry.png (may be missing) and map.png
     curves: Mapping[str, Path]  # pictures of the subjects that were drawn
     corner: Mapping[str, Path]
     which: str  # whose these are: "all", "flagged" or "none"

@@ -24,7 +24,6 @@ from bayes_toe.explorer.page import explore
 from bayes_toe.groups.population_table import pooled_subjects
 from bayes_toe.inference.draws import Draws, load_draws
 from bayes_toe.inference.prediction import Predictor
-from bayes_toe.inference.subject import Settings
 from bayes_toe.model.prior import Prior
 from bayes_toe.plots.asymmetry import asymmetry_axes, asymmetry_height
 from bayes_toe.plots.contrast import contrast_figure
@@ -35,7 +34,6 @@ from bayes_toe.plots.figure_files import png
 from bayes_toe.plots.history import history
 from bayes_toe.plots.map import study_map_axes
 from bayes_toe.plots.population import population_figure
-from bayes_toe.plots.prior_predictive import prior_predictive_figure
 from bayes_toe.plots.style import LETTERS, legend_below, new_figure
 from bayes_toe.workers import Progress, Workers, of_this_machine, run_in_order
 
@@ -153,11 +151,11 @@ def write_results(
         )
         for made in (place / "curves", *([target / "corner"] if drawn else [])):
             made.mkdir()
-        overviews = ["order_effect", "evidence", "map", "prior"]
+        overviews = ["order_effect", "evidence", "map"]
         overviews += ["asymmetry"] * any(
             row.comparisons for row in asymmetry
         )  # else no pair was presented in both orders
-        given = (analysis.evidence, asymmetry, analysis.study, analysis.settings, saved)
+        given = (analysis.evidence, asymmetry, analysis.study, saved)
         jobs = [partial(_draw_overview, place / f"{name}.png", *given) for name in overviews]
         names: list[tuple[str, ...]] = [*((),) * len(jobs), *((name,) for name in drawn)]
         prior, truth = analysis.settings.prior, pictures.truth
@@ -234,15 +232,9 @@ def _draw_overview(
     evidence: EvidenceTable,
     asymmetry: AsymmetryTable,
     study: Study,
-    settings: Settings,
     saved: Callable[[], Draws],
 ) -> None:
     """The picture of the study that the report looks for under the file's name."""
-    if file.stem == "prior":
-        figure = prior_predictive_figure(study, settings.prior, seed=settings.seed)
-        figure.suptitle(_said(study), fontsize=LETTERS)
-        file.write_bytes(png(figure, dpi=_DOTS))
-        return
     heights = {"asymmetry": asymmetry_height(asymmetry), "map": 4.0}
     figure = new_figure(_WIDE, heights.get(file.stem, evidence_height(evidence)))
     ax = figure.subplots()

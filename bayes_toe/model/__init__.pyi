@@ -1,8 +1,3 @@
-from .beliefs import comparison_distance as comparison_distance
-from .beliefs import evolve as evolve
-from .beliefs import steady_prior as steady_prior
-from .beliefs import trial_view as trial_view
-from .beliefs import update as update
 from .closed_form import equal_probability as equal_probability
 from .closed_form import evolved_mean as evolved_mean
 from .closed_form import gain as gain

@@ -106,7 +106,7 @@ def normalised_distance(
 ) -> FloatArray:
     """Distance of the second stimulus from the evolved mean in units of the width, z = (s2 - mu_2) / w; no unit.
 
-    Source: Eq. mod:q.
+    Source: Eqs. mod:qdphi and mod:q.
     """
     gamma = noise_ratio(sigma_p, sigma_l)
     first = np.asarray(s1, np.float64)

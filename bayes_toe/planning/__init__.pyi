@@ -1,13 +1,9 @@
 from .adaptive import Adaptive as Adaptive
-from .more_trials import more_trials as more_trials
 from .optimal import DesignGoal as DesignGoal
 from .optimal import optimal_design as optimal_design
 from .power import power as power
 from .power_of_conditions import power_of_conditions as power_of_conditions
-from .power_of_histories import power_of_histories as power_of_histories
 from .power_of_studies import power_of_populations as power_of_populations
-from .stopping import StoppingRule as StoppingRule
-from .stopping import stopping as stopping
 from .study_design import StudyDesign as StudyDesign
 from .study_design import read_study_design as read_study_design
 from .study_design import trial_list as trial_list

@@ -38,7 +38,7 @@ _KINDS = {word: kind for kind, name in KINDS.items() for word in (name, f"probab
 
 @dataclass(frozen=True)
 class Judgement:
-    """What the program says of one subject's answers; all that power, designs and rules of stopping know of them.
+    """What the program says of one subject's answers; all that power and designs know of them.
 
     Log evidence of no order effect, a constant error, the update, each over its models (nats), None where one is withheld; the
     probability of an effect above a fifth of the JND; and, where they were asked for and can be told, the widths of the

@@ -198,9 +198,7 @@ class DataSet:
         }
 
 
-def data_sets_frame(
-    rows: Iterable[DataSet], columns: Sequence[str] = DATA_SET_COLUMNS
-) -> pd.DataFrame:
+def data_sets_frame(rows: Iterable[DataSet]) -> pd.DataFrame:
     """A row a data set; what is withheld is missing."""
     import pandas as pd
 
@@ -223,7 +221,7 @@ def data_sets_frame(
                 *numbers,
             )
         )
-    return pd.DataFrame(cells, columns=list(DATA_SET_COLUMNS))[list(columns)]
+    return pd.DataFrame(cells, columns=list(DATA_SET_COLUMNS))
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,4 +13,3 @@ from .paper_figures import write_figures as write_figures
 from .planning import design_figure as design_figure
 from .planning import power_figure as power_figure
 from .population import population_figure as population_figure
-from .prior_predictive import prior_predictive_figure as prior_predictive_figure

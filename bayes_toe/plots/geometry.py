@@ -1,4 +1,4 @@
-"""Figures of the plane of stimulus pairs: q with symmetry axis and tested pairs (Fig. 5), and the axis as a function of gamma (Fig. 6)."""
+"""Figure of the plane of stimulus pairs: q with its symmetry axis and the pairs presented (Fig. 5)."""
 
 from __future__ import annotations
 
@@ -16,14 +16,12 @@ from bayes_toe.classical.frequencies import presentation_order
 from bayes_toe.data.study import refuse_intervals
 from bayes_toe.inference.draws import Draws
 from bayes_toe.model.closed_form import evolved_mean
-from bayes_toe.model.geometry import axis_properties
 from bayes_toe.plots.curves import fitted_curve, over_panel
 from bayes_toe.plots.style import (
     LETTERS,
     ORDERS,
     PAGE,
     SMALL,
-    STRONGER_FIRST,
     chance,
     dress,
     dress_bar,
@@ -40,12 +38,6 @@ _WIDTHS, _HEIGHTS = (
     {1: 3.2, 2: 2.5, 3: 2.15},
 )  # inches of figures and rows with so many columns
 AXIS = "#111111"
-#: What Fig. 6 shows of the axis, and what it is called.
-_QUANTITIES = {
-    "prior_uncertainty": r"prior uncertainty $\sigma_1^2/\sigma_p^2$",
-    "slope": r"slope of the axis $K$",
-    "prefactor": r"prefactor of the intercept $p$",
-}
 
 
 def plane_axes(draws: Draws, subject: str, ax: Axes) -> Axes:
@@ -133,33 +125,6 @@ def plane_figure(draws: Draws, subjects: Sequence[str]) -> Figure:
     )
     dress_bar(bar, chance(draws.task))
     legend_below(figure, size=SMALL, columns=5 if across > 2 else 3)
-    return figure
-
-
-def gamma_figure(draws: Draws | None = None) -> Figure:
-    """Prior uncertainty, slope and intercept prefactor of the symmetry axis over gamma; with draws, at the medians of its subjects.
-
-    Source: Fig. 6, Eqs. axis1 and axis2.
-    """
-    figure, x = new_figure(PAGE, 2.4), np.linspace(0.0, 1.0, 300)
-    medians = (
-        None
-        if draws is None
-        else np.array([np.median(draws.values(name, "gamma")) for name in draws.names])
-    )
-    for ax, (quantity, label) in zip(figure.subplots(1, 3), _QUANTITIES.items(), strict=True):
-        ax.plot(x, getattr(axis_properties(x), quantity), color=AXIS, lw=1.4)
-        if medians is not None:
-            at, style = (
-                getattr(axis_properties(medians), quantity),
-                {"ms": 4.0, "mfc": "white", "mec": STRONGER_FIRST, "mew": 1.0},
-            )
-            ax.plot(medians, at, "o", label="subjects: median of $\\gamma$", **style)
-        ax.set(xlabel=r"$\gamma = \sigma_\ell^2/\sigma_p^2$", ylabel=label, xlim=(-0.03, 1.03))
-        dress(ax)
-    if draws is not None:
-        legend_below(figure, size=SMALL)
-        figure.suptitle("synthetic data" if draws.synthetic else "", fontsize=SMALL)
     return figure
 
 

@@ -1,4 +1,4 @@
-"""Map of the subjects of a study: prior mean and memory diffusion with ellipses, likelihood noise in colour, curves beside it (Fig. 4)."""
+"""Map of the subjects of a study: prior mean, memory diffusion, likelihood noise in colour, curves beside it (Fig. 4)."""
 
 from __future__ import annotations
 
@@ -16,7 +16,6 @@ from matplotlib.patheffects import withStroke
 from matplotlib.transforms import Bbox
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.classical.ellipse import MASS, Ellipse, mass_ellipse
 from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws
 from bayes_toe.plots.curves import fitted_curve, main_weaker, which_weaker
@@ -44,7 +43,7 @@ Clouds = Mapping[str, tuple[npt.ArrayLike, npt.ArrayLike]]
 COLOURS = "viridis"
 MOST_INSETS = 8
 _ACROSS = 2
-_ENOUGH = 2000  # draws for an ellipse
+_CENTRAL = (0.2, 0.8)  # quantiles at the ends of a subject's bars
 #: How many times the range of the stimuli the map reaches beyond them at most; what lies farther out is named at its edge.
 _FARTHEST = 4.0
 #: Points from its subject beyond which a name is joined to it by a line.
@@ -58,16 +57,15 @@ def map_axes(
     sigma_l: Mapping[str, float] | None = None,
     stimuli: npt.ArrayLike | None = None,
     names: Mapping[str, str] | None = None,
-    mass: float = MASS,
     truth: Mapping[str, tuple[float, float]] | None = None,
 ) -> Axes:
-    """Ellipses of (mu_1, sigma_p), one a subject, each holding `mass` of its points around where they are densest. Source: Fig. 4.
+    """Medians of (mu_1, sigma_p), one a subject, with bars over the central 60 % of each. Source: Fig. 4, which has ellipses.
 
     Parameters
     ----------
     clouds : mapping of str to pair of array_like, shape (R,)
-        Posterior draws or bootstrap replicates of mu_1 and sigma_p, natural-log intensity. A subject whose points fix no ellipse gets a
-        cross at their medians; one whose ellipse is centred too far from the stimuli is named at the edge.
+        Posterior draws or bootstrap replicates of mu_1 and sigma_p, natural-log intensity. A subject whose median is too far
+        from the stimuli is named at the edge.
     ax : matplotlib Axes, optional
         Drawn into, where given.
     sigma_l : mapping of str to float, optional
@@ -77,26 +75,19 @@ def map_axes(
     names : mapping of str to str, optional
         What to write at each subject; by default its name, and of more than :data:`~bayes_toe.plots.style.MOST_NAMED` subjects those
         of the eight farthest out. Names that find no place are left out and counted above the panel, those in the middle first.
-    mass : float
-        Share of the points in each ellipse.
     truth : mapping of str to (float, float), optional
         True mu_1 and sigma_p of synthetic subjects, shown as squares.
 
     Raises
     ------
     InputError
-        If there is no subject, or `mass` is not between 0 and 1.
+        If there is no subject.
     """
     if not clouds:
         raise InputError("a map needs at least one subject")
     ax = panel(ax, wide=COLUMN + 0.6, high=COLUMN)
-    found = {name: mass_ellipse(*cloud, mass=mass) for name, cloud in clouds.items()}
-    centres = {
-        name: np.array([np.nanmedian(np.asarray(values, np.float64)) for values in clouds[name]])
-        if ellipse is None
-        else ellipse.centre
-        for name, ellipse in found.items()
-    }
+    quantiles = {name: _quantiles(cloud) for name, cloud in clouds.items()}
+    centres = {name: values[1] for name, values in quantiles.items()}
     known = (
         {}
         if truth is None
@@ -104,15 +95,12 @@ def map_axes(
     )
     _set_limits(
         ax,
-        [*centres.values(), *known.values()],
-        found,
+        [*(place for values in quantiles.values() for place in values), *known.values()],
         None if stimuli is None else np.asarray(stimuli, np.float64),
     )
     colours = _colours(ax, clouds, sigma_l)
     for name in clouds:
-        _draw_subject(
-            ax, found[name], centres[name], colours[name], min(1.0, MOST_NAMED / len(clouds))
-        )
+        _draw_subject(ax, quantiles[name], colours[name], min(1.0, MOST_NAMED / len(clouds)))
     ax.set(
         xlabel=r"prior mean $\mu_1$ (ln intensity)",
         ylabel=r"memory diffusion $\sigma_p$ (ln intensity)",
@@ -123,12 +111,9 @@ def map_axes(
             *zip(centres[name], place, strict=True), ":", color="black", lw=0.6, zorder=3
         )  # whose square it is
         ax.plot(*place, "s", ms=3.5, color=colours[name], mec="black", mew=0.7, zorder=4)
-    said = (
-        [f"ellipses: {100.0 * mass:.3g} % of the draws each"]
-        if any(one is not None for one in found.values())
-        else []
-    )
-    said += ["squares: true"] if known else []
+    said = ["bars: 60 %"]
+    if known:
+        said.append("squares: true")
     ax.set_title(
         "; ".join(said), fontsize=SMALL, loc="left"
     )  # decides where the panel is, and so the names
@@ -149,7 +134,6 @@ def map_axes(
 def map_figure(
     draws: Draws,
     *,
-    mass: float = MASS,
     clouds: Clouds | None = None,
     truth: Mapping[str, Mapping[str, float]] | None = None,
 ) -> Figure:
@@ -168,9 +152,7 @@ def map_figure(
     figure = new_figure(PAGE, 4.4)
     grid = figure.add_gridspec(1, 2, width_ratios=(1.3, 1.0))
     _draw_insets(figure, grid[1], draws, {draws.names[i]: letters[draws.names[i]] for i in chosen})
-    study_map_axes(
-        draws, figure.add_subplot(grid[0]), names=names, mass=mass, clouds=clouds, truth=truth
-    )
+    study_map_axes(draws, figure.add_subplot(grid[0]), names=names, clouds=clouds, truth=truth)
     return figure
 
 
@@ -184,7 +166,6 @@ def study_map_axes(
     ax: Axes,
     *,
     names: Mapping[str, str] | None = None,
-    mass: float = MASS,
     clouds: Clouds | None = None,
     truth: Mapping[str, Mapping[str, float]] | None = None,
 ) -> Axes:
@@ -200,7 +181,6 @@ def study_map_axes(
             [values for counts in subjects for values in (counts.s1, counts.s2)]
         ),
         names=names,
-        mass=mass,
         truth=None
         if truth is None
         else {
@@ -212,13 +192,11 @@ def study_map_axes(
 
 
 def posterior_clouds(draws: Draws) -> dict[str, tuple[FloatArray, FloatArray]]:
-    """Posterior draws of (mu_1, sigma_p) by subject, as :func:`map_axes` takes them: some 2,000 to 4,000 draws each, evenly spaced."""
-
-    def some(name: str, quantity: str) -> FloatArray:
-        values = draws.values(name, quantity).ravel()
-        return values[:: max(1, values.size // _ENOUGH)].copy()  # no view of all
-
-    return {name: (some(name, "mu1"), some(name, "sigma_p")) for name in draws.names}
+    """Posterior draws of (mu_1, sigma_p) by subject, as :func:`map_axes` takes them."""
+    return {
+        name: (draws.values(name, "mu1").ravel(), draws.values(name, "sigma_p").ravel())
+        for name in draws.names
+    }
 
 
 def farthest(values: Sequence[float], count: int) -> list[int]:
@@ -262,13 +240,10 @@ def _draw_insets(
 def _set_limits(
     ax: Axes,
     places: Sequence[FloatArray],
-    found: Mapping[str, Ellipse | None],
     stimuli: FloatArray | None,
 ) -> None:
-    """Room for all ellipses and places, but not too far from the stimuli, which are drawn behind them."""
-    points = np.concatenate(
-        [*(e.outline() for e in found.values() if e is not None), np.array(places)]
-    )
+    """Room for all places, but not too far from the stimuli, which are drawn behind them."""
+    points = np.array(places)
     points = points[np.isfinite(points).all(axis=1)]
     low, high = (
         (float(points[:, 0].min()), float(points[:, 0].max())) if len(points) else (-1.0, 1.0)
@@ -303,17 +278,23 @@ def _colours(ax: Axes, clouds: Clouds, sigma_l: Mapping[str, float] | None) -> d
     }
 
 
-def _draw_subject(
-    ax: Axes, ellipse: Ellipse | None, centre: FloatArray, colour: Any, weight: float
-) -> None:
-    """An ellipse around its centre; fainter where `weight`, at most 1, is less."""
-    if ellipse is None:
-        ax.plot(*centre, "x", ms=4.0, mew=1.0, color=colour)
-        return
-    outline = ellipse.outline()
-    ax.fill(*outline.T, color=colour, alpha=0.35 * weight, lw=0)
-    ax.plot(*outline.T, color=colour, lw=0.9 * weight, alpha=weight**0.5)
-    ax.plot(*centre, "o", ms=1.2 + weight, color=colour)
+def _quantiles(cloud: tuple[npt.ArrayLike, npt.ArrayLike]) -> FloatArray:
+    """Lower end, median and upper end of both coordinates, shape (3, 2); missing points are left out."""
+    low, high = _CENTRAL
+    points = np.stack([np.ravel(np.asarray(values, np.float64)) for values in cloud], axis=-1)
+    # Infinite points keep their order only where no two quantiles are averaged.
+    return np.asarray(
+        np.nanquantile(points, [low, 0.5, high], axis=0, method="closest_observation")
+    )
+
+
+def _draw_subject(ax: Axes, quantiles: FloatArray, colour: Any, weight: float) -> None:
+    """A dot at the medians with a bar along each axis; fainter where `weight`, at most 1, is less."""
+    (left, bottom), (x, y), (right, top) = quantiles
+    style: dict[str, Any] = {"color": colour, "lw": 1.1 * weight, "alpha": 0.75 * weight**0.5}
+    ax.plot([left, right], [y, y], **style)
+    ax.plot([x, x], [bottom, top], **style)
+    ax.plot(x, y, "o", ms=2.5 + weight, color=colour)
 
 
 # --- names at their subjects ------------------------------------------------------------------------------------------------------
@@ -354,7 +335,7 @@ def _write_names(ax: Axes, centres: Mapping[str, FloatArray], labels: Mapping[st
         )
         text.set_path_effects(
             [withStroke(linewidth=1.6, foreground="white")]
-        )  # legible over ellipses too
+        )  # legible over bars too
         if beyond:
             ax.plot(
                 *shown[name],

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-import numpy as np
 from matplotlib.figure import Figure
 
 from bayes_toe.analysis import Analysis, smooth_curve_evidence
@@ -15,24 +14,19 @@ from bayes_toe.classical.asymmetry import (
     LEVEL,
     AsymmetryTable,
     subject_asymmetries,
-    subject_asymmetry,
 )
-from bayes_toe.classical.ellipse import MASS, require_share
 from bayes_toe.comparison.evidence_table import EvidenceTable
 from bayes_toe.data.read_study import Truth
-from bayes_toe.data.study import Subject, refuse_intervals
+from bayes_toe.data.study import refuse_intervals
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.data.whole_files import whole_folder
 from bayes_toe.errors import InputError
 from bayes_toe.inference.belonging import require_update
 from bayes_toe.inference.draws import Draws
-from bayes_toe.model.posterior import Posterior
 from bayes_toe.plots.asymmetry import asymmetry_axes, asymmetry_height, order_axes
-from bayes_toe.plots.beliefs import filter_axes, filter_span
-from bayes_toe.plots.curves import over_panel
 from bayes_toe.plots.evidence import evidence_axes, evidence_plane_axes
 from bayes_toe.plots.figure_files import picture, require_formats
-from bayes_toe.plots.geometry import gamma_figure, plane_figure
+from bayes_toe.plots.geometry import plane_figure
 from bayes_toe.plots.map import map_figure
 from bayes_toe.plots.style import (
     COLUMN,
@@ -44,7 +38,7 @@ from bayes_toe.plots.style import (
     legend_above,
     new_figure,
 )
-from bayes_toe.plots.subject import central, examples_figure
+from bayes_toe.plots.subject import examples_figure
 from bayes_toe.workers import Progress, Workers, run_in_order
 
 CAPTIONS = "captions.md"
@@ -62,7 +56,6 @@ class Material:
     evidence: EvidenceTable
     asymmetry: AsymmetryTable
     subjects: tuple[str, ...]
-    mass: float = MASS
     truth: Truth | None = None
 
 
@@ -70,7 +63,6 @@ def material_of(
     analysis: Analysis | Draws,
     subjects: Sequence[str] | None = None,
     *,
-    mass: float = MASS,
     truth: Truth | None = None,
     workers: Workers = None,
 ) -> Material:
@@ -81,7 +73,6 @@ def material_of(
     draws, study = analysis if isinstance(analysis, Draws) else analysis.draws, analysis.study
     require_update(draws, "the paper's figures")
     refuse_intervals(study, "the paper's figures")
-    require_share("mass", mass)
     table = AsymmetryTable(subject_asymmetries(study.subjects), study.task)
     chosen = representative(table) if subjects is None else require_subjects(subjects, study.names)
     evidence = (
@@ -95,7 +86,7 @@ def material_of(
             lambda group: group.name not in ("log_likelihood", "posterior_predictive")
         )
     )
-    return Material(slim, evidence, table, chosen, mass, truth)
+    return Material(slim, evidence, table, chosen, truth)
 
 
 def require_subjects(subjects: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
@@ -139,42 +130,6 @@ def asymmetry_figure(table: AsymmetryTable, *, synthetic: bool = False) -> Figur
     return figure
 
 
-def filter_figure(draws: Draws, subject: str) -> Figure:
-    """Fig. 2 for one subject's central parameters: one pair in both of its orders, side by side.
-
-    The pair is the one with the largest asymmetry, or the widest where none was presented in both orders.
-    """
-    counts, middle = draws.subject(subject), central(draws, subject)
-    mu1, sigma_p, sigma_l = (middle[name] for name in ("mu1", "sigma_p", "sigma_l"))
-    posterior, points = draws.posterior(subject), np.concatenate(list(draws.points(subject)))
-    assert isinstance(posterior, Posterior)
-    x = np.median(points, axis=0, keepdims=True)
-    largest, widest = (
-        subject_asymmetry(counts).maximal,
-        int(np.argmax(np.abs(counts.s1 - counts.s2))),
-    )
-    pair = (
-        (float(counts.s1[widest]), float(counts.s2[widest]))
-        if largest is None
-        else (largest.s_weak, largest.s_strong)
-    )
-    weak, strong = sorted(pair)
-    orders = ((weak, strong), (strong, weak)) if weak < strong else ((weak, strong),)
-    figure = new_figure(PAGE if len(orders) == 2 else COLUMN, 3.3)
-    lows, highs = zip(
-        *(filter_span(s1, s2, mu1, sigma_p, sigma_l) for s1, s2 in orders), strict=True
-    )
-    for ax, (s1, s2) in zip(figure.subplots(1, len(orders), squeeze=False)[0], orders, strict=True):
-        shown = posterior.for_subject(
-            Subject.from_counts(subject, [s1], [s2], [0], [1], task=counts.task)
-        )
-        z, p = shown.distance(x).item(), float(np.exp(shown.log_answers(x)[0].item()))
-        said = f"$z$ = {z:.2f}, {chance(counts.task)} = {p:.2f}".replace("-", "−")
-        filter_axes(s1, s2, mu1, sigma_p, sigma_l, span=(min(lows), max(highs)), said=said, ax=ax)
-    figure.suptitle(over_panel(draws, subject), fontsize=SMALL)
-    return figure
-
-
 def evidence_pair_figure(table: EvidenceTable, *, synthetic: bool = False) -> Figure:
     """Appendix C's figure, evidence of H1 against H0, beside the log Bayes factor of every subject."""
     figure = new_figure(PAGE, min(_HIGHEST, max(3.0, 1.1 + 0.17 * len(table.rows))))
@@ -192,11 +147,9 @@ def evidence_pair_figure(table: EvidenceTable, *, synthetic: bool = False) -> Fi
 #: Figures by file name, without suffix, in the paper's order.
 FIGURES: Mapping[str, Callable[[Material], Figure]] = {
     "figure_1c_asymmetry": lambda of: asymmetry_figure(of.asymmetry, synthetic=of.draws.synthetic),
-    "figure_2_filter": lambda of: filter_figure(of.draws, of.subjects[0]),
     "figure_3_examples": lambda of: examples_figure(of.draws, of.subjects),
-    "figure_4_map": lambda of: map_figure(of.draws, mass=of.mass, truth=of.truth),
+    "figure_4_map": lambda of: map_figure(of.draws, truth=of.truth),
     "figure_5_plane": lambda of: plane_figure(of.draws, of.subjects),
-    "figure_6_gamma": lambda of: gamma_figure(of.draws),
     "appendix_c_evidence": lambda of: evidence_pair_figure(
         of.evidence, synthetic=of.draws.synthetic
     ),
@@ -216,7 +169,6 @@ def figures(
     analysis: Analysis | Draws,
     subjects: Sequence[str] | None = None,
     *,
-    mass: float = MASS,
     truth: Truth | None = None,
 ) -> dict[str, Figure]:
     """The paper's figures of an analysed study, by file name.
@@ -226,18 +178,16 @@ def figures(
     analysis : Analysis or Draws
         From :func:`bayes_toe.run`, or draws that it saved, from :func:`bayes_toe.load`: nothing is sampled again.
     subjects : sequence of str, optional
-        Shown in Figs. 3 and 5, the first one in Fig. 2; by default three in the paper's roles, see :func:`representative`.
-    mass : float
-        Share of the draws in each ellipse of Fig. 4; the paper's is 20 %.
+        Shown in Figs. 3 and 5; by default three in the paper's roles, see :func:`representative`.
     truth : mapping, optional
         True natural parameters by subject, such as :func:`~bayes_toe.example_truth` has them: squares in Fig. 4.
 
     Raises
     ------
     InputError
-        For an unknown or repeated subject, or a share outside (0, 1).
+        For an unknown or repeated subject.
     """
-    material = material_of(analysis, subjects, mass=mass, truth=truth)
+    material = material_of(analysis, subjects, truth=truth)
     return {
         name: draw(material) for name, draw in FIGURES.items() if name not in left_out(material)
     }
@@ -257,7 +207,6 @@ def write_figures(
     *,
     subjects: Sequence[str] | None = None,
     formats: Sequence[str] = ("pdf", "png"),
-    mass: float = MASS,
     truth: Truth | None = None,
     overwrite: bool = False,
     workers: int | None = None,
@@ -271,7 +220,7 @@ def write_figures(
         As in :func:`figures`.
     folder : path
         Made where it is missing; other files in it are left alone.
-    subjects, mass, truth
+    subjects, truth
         As in :func:`figures`.
     formats : sequence of str
         Of pdf, png (300 dots an inch) and svg.
@@ -291,7 +240,7 @@ def write_figures(
     """
     names, material = (
         products(formats),
-        material_of(analysis, subjects, mass=mass, truth=truth, workers=workers),
+        material_of(analysis, subjects, truth=truth, workers=workers),
     )
     shown = [name for name in FIGURES if name not in left_out(material)]
     jobs = [partial(_draw, name, material, tuple(dict.fromkeys(formats))) for name in shown]
@@ -334,8 +283,6 @@ def captions(material: Material) -> str:
         )
     words = {
         "subjects": ", ".join(material.subjects),
-        "first": material.subjects[0],
-        "mass": f"{100.0 * material.mass:.3g} %",
         "truth": " Squares: true values." if material.truth else "",
         "chance": chance(draws.task),
         "share_of": material.asymmetry.share_of,
@@ -366,20 +313,15 @@ _CAPTIONS = {
     "standard deviation (Eq. e:2b), plain p-value of the exact test. Right: q(c, r) - q(r, c) of every comparison with its standard "
     f"deviation; within a subject from the weakest pair above to the strongest below. Filled: p < {LEVEL:g}, Holm's correction over the "
     "subject's comparisons; large: the largest of the subject.",
-    "figure_2_filter": "Beliefs of {first} (medians of the identified coordinates) in the pair with its largest asymmetry, in both orders. "
-    "Violet: the belief; dotted: the belief of the row above; dashed: likelihood of the stimulus (triangle); arrow: shift of the mean from "
-    "mu_2 to mu_f, which decides; both columns have one range. Heights go with the root of the precision. z is the normalised distance.",
     "figure_3_examples": "Subjects {subjects}. Top: Laplace estimators with standard deviations; lines: posterior mean; {curves}. "
     "Middle: prior at the medians of the identified coordinates (thick) and at some draws (thin); triangles: stimuli; bar: two sigma_l "
     "wide; an arrow points to a prior beyond the panel. Bottom: the same answers{divided} over the normalised distance (posterior median, "
     "horizontal bars 60 % of the draws). Colours follow the text and Fig. 1C; those of the paper's caption are swapped.",
-    "figure_4_map": "Ellipses: around the densest part, holding {mass} of the posterior draws of (mu_1, sigma_p); dots: their centres; "
+    "figure_4_map": "Dots: posterior medians of (mu_1, sigma_p); bars: their central 60 %; "
     "colour: sigma_l at the medians of the identified coordinates. Grey range and lines: the stimuli. Insets as in Fig. 3, top, for the "
     "subjects whose prior means lie farthest out.{truth}",
     "figure_5_plane": "Subjects {subjects}. Grey: posterior mean of {chance}, with its levels 0.25, 0.5 and 0.75; solid: median of the "
     "symmetry axis s2 = mu_2(s1), dotted: its central 60 %; marks: pairs presented.",
-    "figure_6_gamma": "Prior uncertainty, slope and intercept prefactor of the symmetry axis as functions of gamma; circles: the posterior "
-    "medians of gamma of all subjects.",
     "appendix_c_evidence": "Left: log evidence per trial of the paper's model (H1) against free frequencies (H0). Right: log Bayes "
     "factors by importance sampling with twice their standard error, and by Laplace's approximation.",
 }

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -15,7 +16,7 @@ from bayes_toe.classical.frequencies import collapse
 from bayes_toe.data.study import Subject, refuse_intervals
 from bayes_toe.data.tasks import SAME_DIFFERENT
 from bayes_toe.inference.draws import Draws
-from bayes_toe.model.beliefs import Gaussian, steady_prior
+from bayes_toe.model.closed_form import noise_ratio, variance_ratio
 from bayes_toe.model.posterior import Posterior
 from bayes_toe.plots.curves import (
     Curve,
@@ -89,15 +90,19 @@ def prior_axes(draws: Draws, subject: str, ax: Axes) -> Axes:
     counts, middle = draws.subject(subject), central(draws, subject)
     refuse_intervals([counts], "panel of the prior")
     stimuli = np.unique(np.concatenate([counts.s1, counts.s2]))
-    prior = steady_prior(*(middle[name] for name in _OF_PRIOR))
-    low, high = _reach(stimuli, prior)
-    x, peak = np.linspace(low, high, 400), float(prior.density(prior.mean))
+    mean, sd = middle["mu1"], float(_prior_sd(middle["sigma_p"], middle["sigma_l"]))
+    low, high = _reach(stimuli, mean, sd)
+    x = np.linspace(low, high, 400)
     drawn = [np.ravel(draws.values(subject, name)) for name in _OF_PRIOR]
     every = max(1, drawn[0].size // _SHADOWS)
-    some = steady_prior(*(values[every // 2 :: every, None] for values in drawn))
-    ax.plot(x, np.minimum(some.density(x) / peak, 1.6).T, color=BELIEF, lw=0.4, alpha=0.25)
-    ax.fill_between(x, 0.0, prior.density(x) / peak, color=BELIEF, alpha=0.18, lw=0)
-    ax.plot(x, prior.density(x) / peak, color=BELIEF, lw=1.4)
+    means, sigma_p, sigma_l = (values[every // 2 :: every, None] for values in drawn)
+    sds = _prior_sd(sigma_p, sigma_l)
+    # Densities are in units of the peak of the central prior.
+    shadows = sd / sds * np.exp(-0.5 * ((x - means) / sds) ** 2)
+    density = np.exp(-0.5 * ((x - mean) / sd) ** 2)
+    ax.plot(x, np.minimum(shadows, 1.6).T, color=BELIEF, lw=0.4, alpha=0.25)
+    ax.fill_between(x, 0.0, density, color=BELIEF, alpha=0.18, lw=0)
+    ax.plot(x, density, color=BELIEF, lw=1.4)
     ax.plot(
         stimuli,
         np.full_like(stimuli, -0.09),
@@ -131,14 +136,12 @@ def prior_axes(draws: Draws, subject: str, ax: Axes) -> Axes:
         xlabel="stimulus (ln intensity)",
         ylabel="prior density",
     )
-    ax.set_title(
-        rf"$\mu_1$ = {middle['mu1']:.2f}, $\sigma_1$ = {float(prior.sd):.2f}".replace("-", "−")
-    )
+    ax.set_title(rf"$\mu_1$ = {middle['mu1']:.2f}, $\sigma_1$ = {sd:.2f}".replace("-", "−"))
     dress(ax)
     ax.title.set_fontsize(SMALL)
     ax.spines["left"].set_visible(False)
-    if not low <= prior.mean <= high:  # an arrow to where it is
-        side, way = (0.02, 1.0) if prior.mean < low else (0.98, -1.0)
+    if not low <= mean <= high:  # an arrow to where it is
+        side, way = (0.02, 1.0) if mean < low else (0.98, -1.0)
         style: dict[str, Any] = {"arrowstyle": "->", "color": BELIEF, "lw": 1.2}
         ax.annotate(
             "",
@@ -151,11 +154,17 @@ def prior_axes(draws: Draws, subject: str, ax: Axes) -> Axes:
     return ax
 
 
-def _reach(stimuli: FloatArray, prior: Gaussian) -> tuple[float, float]:
+def _prior_sd(sigma_p: npt.ArrayLike, sigma_l: npt.ArrayLike) -> FloatArray:
+    """Standard deviation of the self-consistent prior, sigma_p sqrt(G). Source: Eq. axis1."""
+    ratio = variance_ratio(noise_ratio(sigma_p, sigma_l))
+    return np.asarray(np.asarray(sigma_p, np.float64) * np.sqrt(ratio))
+
+
+def _reach(stimuli: FloatArray, mean: float, sd: float) -> tuple[float, float]:
     """Stimuli and prior, but no farther from the stimuli than keeps them apart on paper."""
     first, last = float(stimuli.min()), float(stimuli.max())
-    span = max(last - first, 1.5 * float(prior.sd))
-    low, high = float(prior.mean - 2.5 * prior.sd), float(prior.mean + 2.5 * prior.sd)
+    span = max(last - first, 1.5 * sd)
+    low, high = mean - 2.5 * sd, mean + 2.5 * sd
     return max(min(first - 0.15 * span, low), first - 4.0 * span), min(
         max(last + 0.15 * span, high), last + 4.0 * span
     )

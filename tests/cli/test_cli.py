@@ -373,8 +373,6 @@ def two_figures(monkeypatch):
     for name in (
         "figure_1c_asymmetry",
         "figure_3_examples",
-        "figure_4_map",
-        "figure_5_plane",
         "appendix_c_evidence",
     ):
         monkeypatch.delitem(FIGURES, name)
@@ -396,7 +394,7 @@ def test_figures_of_chosen_subjects_in_one_format(folder, three_models, two_figu
     )
     good(*args, cwd=folder)
     made = {path.name for path in (folder / "pictures").glob("[!.]*")}
-    assert made == {"figure_2_filter.svg", "figure_6_gamma.svg", "captions.md"}
+    assert made == {"figure_4_map.svg", "figure_5_plane.svg", "captions.md"}
     assert "Subjects B." in (folder / "pictures" / "captions.md").read_text(encoding="utf-8")
     assert "overwrite" in refused(*args, cwd=folder)
 
@@ -500,7 +498,7 @@ def test_a_block_with_swapped_buttons_is_told_by_check_and_report(
         cwd=tmp_path,
     )
     report = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
-    section = report[report.index('<h2 id="pooling">') : report.index('<h2 id="prior">')]
+    section = report[report.index('<h2 id="pooling">') : report.index('<h2 id="method">')]
     assert "<strong>[i]x</strong>: Block &lt;2&gt; looks answered the wrong way round" in section
 
 

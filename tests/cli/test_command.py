@@ -152,3 +152,19 @@ def test_a_retired_command_says_what_to_type_instead(tmp_path, words, instead):
     line = refused(*words, cwd=tmp_path)
     assert line.startswith(f"error: `{words[0]}` is retired: ")
     assert f"`{instead}`" in line
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("evidence", "study.csv", "--more-trials"),
+        ("figures", "study.csv", "--mass=0.5"),
+        ("power", "--stop", "has"),
+        ("power", "--carry-over", "0.5"),
+    ],
+    ids=lambda words: words[0],
+)
+def test_a_retired_option_is_answered_with_one_line(tmp_path, words):
+    said = refused(*words, cwd=tmp_path)
+    option = next(word for word in words if word.startswith("--")).partition("=")[0]
+    assert said.startswith(f"error: `{option}` is retired: ")

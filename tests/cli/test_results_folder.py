@@ -49,7 +49,7 @@ def test_pictures_are_of_the_flagged_or_of_none_and_the_report_says_of_whom(
     assert corners.exists() == bool(drawn)
     assert told == list(drawn)
     text = page(tmp_path / "out")
-    assert text.count("data:image/png") == 5 + 2 * len(drawn)
+    assert text.count("data:image/png") == 4 + 2 * len(drawn)
     assert text.count("Not drawn (--pictures") == 3 - len(drawn)
     assert said in text
     assert {path.name for path in (tmp_path / "out").iterdir()} <= {

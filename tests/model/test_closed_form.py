@@ -1,10 +1,11 @@
-"""The closed form to its last digits; against the filter in test_beliefs."""
+"""The closed form to its last digits; against a Kalman filter."""
 
 import mpmath
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
+from kalman import evolve, settled, shift, update
 
 from bayes_toe.errors import NumericalError
 from bayes_toe.model.closed_form import (
@@ -13,6 +14,8 @@ from bayes_toe.model.closed_form import (
     gain,
     log_different,
     log_equal,
+    noise_ratio,
+    normalised_distance,
     pull,
     width,
 )
@@ -44,6 +47,26 @@ def test_logs_of_both_answers_agree_with_fifty_digits(z, logit_q0):
     )
     log_q0 = -np.logaddexp(0.0, -logit_q0)
     assert float(log_equal(z, log_q0)) == pytest.approx(float(truth_equal), rel=1e-12)
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    s1=st.floats(-2, 2), s2=st.floats(-2, 2), mu1=st.floats(-5, 5),
+    sigma_p=st.floats(-2, 2).map(lambda e: 10.0**e), gamma=st.floats(-6, 0).map(lambda e: 10.0**e),
+)  # fmt: skip
+def test_two_stimuli_are_two_steps_of_the_filter(s1, s2, mu1, sigma_p, gamma):
+    sigma_l = sigma_p * np.sqrt(gamma)
+    prior = settled(mu1, sigma_p, sigma_l)
+    evolved = evolve(update(prior, s1, sigma_l), sigma_p)
+    ratio = noise_ratio(sigma_p, sigma_l)
+    assert evolved.variance == pytest.approx(prior.variance, rel=1e-14)
+    assert float(evolved_mean(s1, mu1, ratio)) == pytest.approx(evolved.mean, rel=1e-14, abs=1e-14)
+    sd = np.sqrt(evolved.variance)
+    assert float(width(sigma_p, ratio)) == pytest.approx(sd + sigma_l**2 / sd, rel=1e-14)
+    distance = float(normalised_distance(s1, s2, mu1, sigma_p, sigma_l))
+    assert distance == pytest.approx(
+        shift(evolved, s2, sigma_l), rel=1e-9, abs=1e-13 + 1e-13 / sigma_p
+    )
 
 
 def test_certainty_is_minus_infinity_without_a_warning():

@@ -5,6 +5,7 @@ from dataclasses import replace
 import mpmath as mp
 import numpy as np
 import pytest
+from kalman import evolve, settled, update
 from scipy.signal import lfilter
 from scipy.special import expit, logit
 
@@ -12,7 +13,6 @@ from bayes_toe.data.answers import Answers
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.errors import InputError
-from bayes_toe.model.beliefs import evolve, steady_prior, update
 from bayes_toe.model.closed_form import noise_ratio, pull
 from bayes_toe.model.crowd import crowd_posterior
 from bayes_toe.model.history import Trials, looks_sorted
@@ -132,7 +132,7 @@ def test_without_relaxation_it_is_one_kalman_filter_through_all_stimuli():
     mu0, belief = one.answers.keys.mean(), None
     for t, (s1, s2) in enumerate(one.answers.keys):
         if one.answers.begins[t]:
-            belief = steady_prior(mu0, sigma_p, sigma_l)
+            belief = settled(mu0, sigma_p, sigma_l)
         assert found[t] == pytest.approx(belief.mean - mu0, rel=1e-12, abs=1e-14)
         for s in (s1, s2):  # the variance that is iterated stays where the prior's is
             belief = evolve(update(belief, s, sigma_l), sigma_p)

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from kalman import evolve, settled, shift, update
 from scipy.integrate import solve_ivp
 
 from bayes_toe.errors import InputError
-from bayes_toe.model.beliefs import Gaussian, comparison_distance, evolve, update
 from bayes_toe.model.closed_form import MAX_PULL, equal_probability, gain, pull, width
 from bayes_toe.model.coordinates import Natural
 from bayes_toe.model.intervals import (
@@ -22,23 +22,12 @@ from bayes_toe.model.intervals import (
 OBSERVER = Natural(*map(np.asarray, (-0.6, 0.21, 0.14, 0.93)))
 
 
-def settled_prior(theta, isi, rounds=400):
-    """The prior that one stimulus and one interval leave as it is, found by living through many trials."""
-    belief = Gaussian(theta.mu1, np.asarray(1.0))
-    for _ in range(rounds):
-        variance = evolve(update(belief, theta.mu1, theta.sigma_l), theta.sigma_p, isi).variance
-        belief = Gaussian(theta.mu1, variance)
-    return belief
-
-
 @pytest.mark.parametrize("isi", [0.05, 0.3, 1.0, 4.0, 60.0])
 def test_filter_equations_give_the_closed_form(isi):
-    prior = settled_prior(OBSERVER, isi)
+    prior = settled(OBSERVER.mu1, OBSERVER.sigma_p, OBSERVER.sigma_l, isi)
     for s1, s2 in [(0.0, 0.0), (0.4, 0.1), (-0.2, 0.5)]:
         evolved = evolve(update(prior, s1, OBSERVER.sigma_l), OBSERVER.sigma_p, isi)
-        literal = OBSERVER.q0 * 2.0 ** -np.square(
-            comparison_distance(evolved, s2, OBSERVER.sigma_l)
-        )
+        literal = OBSERVER.q0 * 2.0 ** -np.square(shift(evolved, s2, OBSERVER.sigma_l))
         assert equal_probability(s1, s2, *at_interval(OBSERVER, isi)) == pytest.approx(
             float(literal), rel=1e-12
         )

@@ -4,6 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from kalman import Belief, shift
 from reference.hard_cases import hard_cases
 from scipy.special import logsumexp
 from scipy.stats import norm
@@ -17,7 +18,6 @@ from bayes_toe.inference.evidence import importance_evidence
 from bayes_toe.inference.maxima import find_maxima
 from bayes_toe.inference.sampling import SamplerSettings, sample_chains
 from bayes_toe.inference.subject import Wanted, infer
-from bayes_toe.model.beliefs import Gaussian, comparison_distance
 from bayes_toe.model.ladder import MODELS, model_named, posterior_of, require_models
 from bayes_toe.model.prior import DEFAULT, Prior
 from bayes_toe.model.record import Model
@@ -188,7 +188,7 @@ def test_evidence_of_the_mean_reverting_memory_is_the_prior_average_of_its_filte
     ):
         variance = sigma1**2 * (1 - rho ** (2 * isi) * gain)
         q = q0 * 2.0 ** -np.square(
-            comparison_distance(Gaussian(mu1 + rho**isi * gain * (s1 - mu1), variance), s2, noise)
+            shift(Belief(mu1 + rho**isi * gain * (s1 - mu1), variance), s2, noise)
         )
         with np.errstate(divide="ignore"):
             logs += k * np.log(q) + (n - k) * np.log1p(-q)

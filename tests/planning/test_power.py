@@ -1,4 +1,4 @@
-"""Power by simulation, sessions that stop, more trials: judged as the program judges, what is counted is counted, commands say it."""
+"""Power by simulation: judged as the program judges, what is counted is counted, commands say it."""
 
 import numpy as np
 import pandas as pd
@@ -10,11 +10,8 @@ from populations import drawn
 import bayes_toe as bt
 from bayes_toe.comparison.random_effects import random_effects
 from bayes_toe.comparison.verdict import verdict
-from bayes_toe.data.tasks import SAME_DIFFERENT
 from bayes_toe.errors import InputError
-from bayes_toe.model.ladder import ORDERS, SPACE, models_of
-from bayes_toe.planning.judging import Judgement, Weighed, judged
-from bayes_toe.planning.more_trials import ENOUGH, REPETITIONS, MoreTrials, Tried, likeliest
+from bayes_toe.planning.judging import Judgement
 from bayes_toe.planning.observers import observers_from, prior_of
 from bayes_toe.planning.power import (
     FOUND,
@@ -35,8 +32,7 @@ from bayes_toe.planning.power_of_studies import (
     power_of_studies,
     said_on_average,
 )
-from bayes_toe.planning.stopping import StoppingRule, StoppingTable, session
-from bayes_toe.planning.study_design import each_once, narrow_study_design, paper_study_design
+from bayes_toe.planning.study_design import narrow_study_design, paper_study_design
 from bayes_toe.seeds import generator
 
 
@@ -231,37 +227,26 @@ def test_the_command(tmp_path, designs, three_models):
         "design.csv",
         "--trials",
         "130,65",
-        "--stop",
-        "has,none",
-        "--look",
-        "65",
         *ALONE,
         cwd=tmp_path,
     )
     assert "with these pairs 65 trials find an order effect in" in said
-    assert (
-        "with these pairs, stopping at 'has' or 'none', or 130 trials finds an order effect in"
-        in said
-    )
     names = [
         "power.csv",
         "power.pdf",
         "power.png",
         "power_data_sets.csv",
-        "power_stopping.csv",
         "power_subjects.csv",
     ]
     assert sorted(path.name for path in (tmp_path / "out").glob("power*")) == names
-    table, sets, sessions = (
-        pd.read_csv(tmp_path / "out" / f"power{name}.csv")
-        for name in ("", "_data_sets", "_stopping")
+    table, sets = (
+        pd.read_csv(tmp_path / "out" / f"power{name}.csv") for name in ("", "_data_sets")
     )
     assert (set(table.trials), len(sets), list(sets.columns[:4])) == (
         {65, 130},
         6,
         ["design", "trials", "observer", "kind"],
     )
-    assert set(sessions.trials) <= {65, 130}
     assert not (tmp_path / "out.partial").exists()
 
 
@@ -293,123 +278,7 @@ def test_bad_input_is_one_line(tmp_path, more, said):
     assert refused("power", *more, "-o", "out", cwd=tmp_path).startswith(said)
 
 
-NARROW = narrow_study_design(
-    np.linspace(-0.75, 1.25, 5), np.array([-0.3, -0.15, 0.0, 0.15, 0.3]), 200
-)
-
-
-@pytest.mark.parametrize(("words", "most"), [(("has",), 200), (("none",), 60)])
-def test_a_session_ends_at_the_first_look_at_which_a_word_is_said_or_at_its_end(
-    three_models, words, most
-):
-    observer, rule, prior = (
-        observers_from(None, 1, seed=1)[-1],
-        StoppingRule(words, most, 40),
-        prior_of([NARROW], None),
-    )
-    found = session("d", NARROW, observer, rule, 1, prior)
-    rng = generator(1, observer.name, "session")
-    order = rng.permutation(np.repeat(np.arange(NARROW.n_pairs), NARROW.n_trials))
-    equal = rng.uniform(size=200) < observer.p_yes(NARROW)[order]
-    for trials in range(40, found.trials + 1, 40):
-        subject = bt.Subject.from_trials(
-            observer.name, NARROW.s1[order[:trials]], NARROW.s2[order[:trials]], equal[:trials]
-        )
-        judgement = judged(subject, 1, prior, models_of(SAME_DIFFERENT).space)
-        assert rule.ends(judgement.verdict) == (trials == found.trials and most == 200)
-    assert found.trials in ((60,) if most == 60 else range(40, 200, 40))
-    assert found.judgement.found == (most == 200) or most == 60
-
-
-def test_errors_are_counted():
-    said = [
-        Judgement(tuple(np.log(p)))
-        for p in ((0.01, 0.01, 0.98), (0.9, 0.05, 0.05), (0.5, 0.25, 0.25), (0.02, 0.49, 0.49))
-    ]
-    rows = tuple(DataSet("d", 100 * i, f"u{i}", "update", one) for i, one in enumerate(said, 1))
-    table = StoppingTable(rows, 1, {}, StoppingRule(("has", "none")))
-    assert table.sentences() == [
-        "with d, stopping at 'has' or 'none', or 1000 trials finds an order effect in 50 % of observers with a pull (12 to 88 %), and "
-        "none, or a negligible one, in 1 of 4; median 250 trials"
-    ]
-    assert table.frame().effect.tolist() == ["has", "probably none", "undecided", "has"]
-    assert table.frame().kind_named.tolist() == ["pull", "", "", "open"]
-
-
-@pytest.mark.parametrize(
-    ("wish", "said"),
-    [
-        (lambda: StoppingRule(("0.95",)), r"--stop: found .*, allowed: some of has, probably has"),
-        (lambda: StoppingRule(every=2000), "--look 2000: allowed is 1 to 1000"),
-        (
-            lambda: bt.planning.power_of_populations(subjects=[1], studies=1),
-            r"subjects=\[1\]: allowed is at least 1 study of at least 2 sub",
-        ),
-    ],
-)
-def test_what_is_refused(wish, said):
+def test_a_study_of_one_subject_is_refused():
+    said = r"subjects=\[1\]: allowed is at least 1 study of at least 2 sub"
     with pytest.raises(InputError, match=said):
-        wish()
-
-
-@pytest.fixture(scope="module")
-def few():
-    """A subject of 65 trials, of whom nothing is known yet."""
-    design = paper_study_design(65)
-    return observers_from(None, 1, seed=1)[0].answers(design, generator(1, "few"))
-
-
-def test_an_undecided_subject_is_told_how_many_trials_of_which_pairs(
-    few, tmp_path, monkeypatch, three_models
-):
-    study = bt.Study((few,))
-    [found] = bt.planning.more_trials(study, seed=1, workers=1)
-    assert found.subject == few.name
-    for one in (found.same, found.telling):
-        assert one.design.total == one.trials >= few.total_trials // 2
-        assert 0 <= one.decided <= REPETITIONS
-    assert found.same.design.pairs == list(zip(few.s1, few.s2, strict=True))
-    shown = {*few.s1, *few.s2}
-    assert found.telling.design.n_pairs == 6
-    assert shown.issuperset({level for pair in found.telling.design.pairs for level in pair})
-    study.frame().to_csv(tmp_path / "few.csv", index=False)
-    asked = []
-    monkeypatch.setattr(
-        "bayes_toe.planning.more_trials", lambda _, names, **__: asked.append(names) or (found,)
-    )  # not once more
-    said = good(
-        "evidence", "few.csv", "--more-trials", "--seed", "1", "--workers", "1", cwd=tmp_path
-    )
-    assert asked == [[few.name]]
-    assert found.sentence() in " ".join(said.split())
-
-
-def test_who_is_decided_is_left_out(few):
-    clear = observers_from(None, 1, seed=1)[-1].answers(
-        paper_study_design(20_000), generator(1, "many")
-    )
-    assert bt.planning.more_trials(bt.Study((clear,)), seed=1, workers=1) == ()
-    with pytest.raises(bt.InputError):
-        bt.planning.more_trials(bt.Study((few,)), ["nobody"], seed=1)
-
-
-def test_the_sentence():
-    one = each_once([0.0, 0.5], [0.5, 0.0])
-    assert MoreTrials("S", Tried(one, 1040, ENOUGH - 1), Tried(one, 325, ENOUGH)).sentence() == (
-        "even 1,000 more trials of the same pairs would decide in 7 of 10 simulated repetitions only; about 320 more trials of the pairs "
-        "0 then 0.5, 0.5 then 0 would decide (in 8 of 10 simulated repetitions)"
-    )
-
-
-def test_repetitions_are_judged_by_every_order_of_the_likeliest_shape_of_each_curve():
-    values = np.array(
-        [
-            3.0 if "sloped +" in f"{model.name} +" and "both ways" in model.name else 0.0
-            for model in SPACE
-        ]
-    )
-    chosen = [dict(model.levels) for model in likeliest(Weighed(SPACE, values, {}))]
-    assert sorted((one["order"], one["curve"]) for one in chosen) == sorted(
-        (a, b) for a in ORDERS for b in ("bell", "differencing")
-    )
-    assert {(one["noise"], one["lapses"]) for one in chosen} == {("sloped", "both ways")}
+        bt.planning.power_of_populations(subjects=[1], studies=1)

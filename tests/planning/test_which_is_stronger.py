@@ -1,13 +1,10 @@
 """Planning of 'which is stronger?': observers answer by the closed form, kinds are recovered, designs have both orders, sessions go on."""
 
-from importlib import import_module
-
 import numpy as np
 import pytest
 from commands import good, refused
 from scipy.stats import norm
 
-import bayes_toe as bt
 from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.errors import InputError
 from bayes_toe.planning.adaptive import Adaptive
@@ -91,18 +88,6 @@ def test_a_session_takes_true_for_second_and_goes_on_from_its_file(people, tmp_p
     )
     with pytest.raises(InputError, match="'both ways' is of the task 'same/different'"):
         Adaptive([(0.0, 0.1)], "update + both ways", task="2afc", seed=1)
-
-
-def test_more_trials_of_an_undecided_subject(three_models, monkeypatch):
-    module = import_module("bayes_toe.planning.more_trials")  # whose name is that of its function
-    monkeypatch.setattr(module, "REPETITIONS", 1)
-    monkeypatch.setattr(module, "ENOUGH", 1)
-    subject = observers_from(None, 1, seed=1, task=WHICH_STRONGER)[0].answers(
-        NEIGHBOURS.with_total(40), np.random.default_rng(2)
-    )
-    [found] = bt.planning.more_trials(bt.Study((subject,)), [subject.name], seed=1, workers=1)
-    assert found.same.design.task == found.telling.design.task == WHICH_STRONGER
-    assert found.telling.design.n_pairs == 6
 
 
 @pytest.mark.parametrize(

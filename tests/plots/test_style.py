@@ -12,7 +12,6 @@ from bayes_toe.errors import InputError, OutputError
 from bayes_toe.plots.evidence import KIND_COLOURS
 from bayes_toe.plots.figure_files import picture, require_figure
 from bayes_toe.plots.geometry import plane_figure
-from bayes_toe.plots.paper_figures import filter_figure
 from bayes_toe.plots.style import POSTERIOR, new_figure, plain
 from bayes_toe.plots.subject import examples_figure
 
@@ -53,7 +52,6 @@ def test_figures_of_a_subject_say_that_its_draws_did_not_converge(analysis):
     for figure in (examples_figure(doubtful, ["A", "B"]), plane_figure(doubtful, ["A", "B"])):
         first, second = (ax.get_title() for ax in figure.axes[:2])
         assert ("NOT CONVERGED" in first, "NOT CONVERGED" in second) == (True, False)
-    assert "NOT CONVERGED" in filter_figure(doubtful, "A").get_suptitle()
 
 
 def test_a_figure_is_refused_before_it_is_drawn(tmp_path):

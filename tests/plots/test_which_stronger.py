@@ -60,7 +60,6 @@ def test_no_figure_speaks_of_another_task(stronger):
     table = bt.asymmetry(stronger.study)
     drawn = {
         **bt.plots.figures(stronger),
-        "prior": bt.plots.prior_predictive_figure(stronger.study, stronger.settings.prior),
         "evidence": bt.plots.evidence_figure(stronger.evidence),
         "asymmetry": bt.plots.asymmetry_axes(table).figure,
     }
@@ -71,7 +70,7 @@ def test_no_figure_speaks_of_another_task(stronger):
         if text.get_visible()
     ]
     assert [text for text in said if "'equal'" in text or "q_0" in text] == []
-    assert len(drawn) == 10
+    assert len(drawn) == 7
 
 
 def test_captions_speak_of_it_too(stronger):

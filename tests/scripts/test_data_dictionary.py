@@ -19,7 +19,6 @@ from bayes_toe.inference.prediction import predict_pairs
 from bayes_toe.model.ladder import SPACE
 from bayes_toe.planning.power import Outcome
 from bayes_toe.planning.power_of_conditions import ConditionsPower
-from bayes_toe.planning.power_of_histories import HistoryPower
 from bayes_toe.planning.power_of_studies import PopulationPower, power_of_studies
 
 DOCUMENT = data_dictionary.OUTPUT.read_text(encoding="utf-8")
@@ -81,9 +80,6 @@ def planned(folder):
     """Those of commands that plan a study."""
     with plain_models_alone():
         table = bt.planning.power(trials=[26], data_sets=1, seed=1, workers=1)
-        sessions = bt.planning.stopping(
-            rule=bt.planning.StoppingRule(most=26, every=13), data_sets=1, seed=1, workers=1
-        )
     (folder / "design.csv").write_text("s1,s2,n_trials\n0,0.3,2\n0.3,0,2\n", encoding="utf-8")
     good("design", "design.csv", "--list", "trials.csv", "--blocks", "1", "--seed", "1", cwd=folder)
     one = Outcome("d", 26, "update", 2, {"effect found": True})
@@ -93,8 +89,6 @@ def planned(folder):
         "power_subjects.csv": power_of_studies(table).frame(),
         "power_population.csv": PopulationPower((one,), 1).frame(),
         "power_conditions.csv": ConditionsPower((one,), 1).frame(),
-        "power_history.csv": HistoryPower((one,), 1).frame(),
-        "power_stopping.csv": sessions.frame(),
         "design.csv": pd.read_csv(folder / "design.csv"),
         "trials.csv": pd.read_csv(folder / "trials.csv"),
     }
