@@ -80,7 +80,6 @@ def test_the_report_stands_alone(results):
         "subject-2",
         "order",
         "appendix-c",
-        "prior",
         "method",
         "files",
     )
@@ -103,7 +102,7 @@ def test_the_report_stands_alone(results):
         "methods.md",
     }
     assert all((results[0] / name).exists() for name in beside)
-    assert text.count("data:image/png;base64,") == 5 + 2 * 2
+    assert text.count("data:image/png;base64,") == 4 + 2 * 2
     assert "bayes-toe explore posterior.nc -o explorer.html" in text
     assert text.count("predictive p, worst pair</th>") == 2
     assert re.search(r"effective draws asked for</th><td>1000<", text)

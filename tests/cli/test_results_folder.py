@@ -75,7 +75,7 @@ def test_of_very_many_subjects_the_report_is_an_index_with_a_page_for_each(
         "subjects/C.html",
         "subjects/B.html",
     ]  # flagged ones first
-    assert index.count("data:image/png") == 5
+    assert index.count("data:image/png") == 4
     assert '<details class="subject' not in index
     assert "2 of 3 must be looked at" in index
     pages = {name: page(out / "subjects", f"{name}.html") for name in "ABC"}
@@ -217,7 +217,6 @@ def test_a_report_on_which_is_stronger_speaks_of_it_alone(stronger, tmp_path):
         "over 12 models",
         "point of subjective equality",
         "just noticeable difference",
-        "P('second')",
         "lapse_rate",
         "% answered second",
         "</a> at an edge",
