@@ -1,6 +1,6 @@
 """The house: every file stands in a room, imports point one way, and a library has one owner.
 
-version errors arrays seeds cluster workers records < data < kept < model < inference < groups < classical < comparison
+version errors arrays seeds cluster workers records < data < kept < model < checks < inference < groups < classical < comparison
 < analysis < experiments < planning < plots < explorer < cli
 """
 
@@ -25,6 +25,7 @@ ORDER = (
     "data",
     "kept",
     "model",
+    "checks",
     "inference",
     "groups",
     "classical",

@@ -1,0 +1,173 @@
+"""Which of the three questions the pairs and the order of trials of a subject can answer."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayes_toe.arrays import BoolArray, FloatArray, IntArray, run_starts
+from bayes_toe.data.answers import Answers
+from bayes_toe.data.study import Subject
+from bayes_toe.data.tasks import WHICH_STRONGER
+from bayes_toe.model.observer import ObserverPosterior, OrderModel
+
+QUESTIONS = ("order_effect", "constant_error", "contraction")
+#: Share of the largest difference, or of the extent of all pairs, below which stimuli are equal.
+ROUNDING = 1e-6
+_FEWEST_IN_STRETCH = 8  # trials in blocks of one order: shorter stretches average block shifts out
+#: Trials of a typical observer in which pairs must say more about p than its prior says.
+TYPICAL_TRIALS = 300
+_TYPICAL_OBSERVER = {
+    "noise": 0.5,  # in D
+    "q0": 0.9,
+    "lapse_rate": 0.05,
+    "noise_slope": 0.0,
+    "criterion_slope": 0.0,
+    "constant_error": 0.0,
+    "contraction": 0.0,
+}
+
+NO_DIFFERENCE = "no pair has two different stimuli"
+ONE_ORDER = "unequal stimuli were shown in one order only"
+ORDER_IN_BLOCKS = "each order fills its own blocks, so a change between blocks acts as an effect"
+ONE_FIRST_STIMULUS = "the first stimulus is always the same, so a contraction adds to c alone"
+ONE_LINE = "s1 and s2 lie on one line, so a contraction only changes the noise and adds to c"
+CRITERION_NOTE = "constant error or preference for an answer: 'which is stronger' has both in one"
+DELAYS_NOTE = "the answer ignores the delays (isi): compare them as a condition"
+IMITATION_NOTE = "these pairs cannot show a contraction: the noise and its slopes imitate it"
+
+
+@dataclass(frozen=True)
+class Identification:
+    """Which questions the design of a subject can answer; the answers are not looked at.
+
+    Attributes
+    ----------
+    order_effect, constant_error, contraction : bool
+        Whether each can be told. Where the contraction alone cannot, the order effect takes the
+        word of the constant error.
+    reasons : mapping
+        A reason for each question that cannot be told, by its name in :data:`QUESTIONS`.
+    notes : tuple of str
+        What a reader of the words must know.
+    """
+
+    order_effect: bool
+    constant_error: bool
+    contraction: bool
+    reasons: Mapping[str, str]
+    notes: tuple[str, ...] = ()
+
+
+def identify(subject: Subject) -> Identification:
+    """Which questions the pairs of a subject, and the order of its trials, can answer.
+
+    Examples
+    --------
+    >>> subject = Subject("S01", [0, 0, 0], [-0.2, 0.2, 0.4], [2, 5, 8], [9, 9, 9])
+    >>> identified = identify(subject)
+    >>> identified.constant_error, identified.contraction
+    (True, False)
+    >>> identified.reasons
+    {'contraction': 'the first stimulus is always the same, so a contraction adds to c alone'}
+    """
+    notes = []
+    if subject.task == WHICH_STRONGER:
+        notes.append(CRITERION_NOTE)
+    if len(subject.intervals) > 1:
+        notes.append(DELAYS_NOTE)
+    order = _order_sign(subject.s1, subject.s2)
+    reason = _no_question(subject, order)
+    if reason:
+        return Identification(False, False, False, dict.fromkeys(QUESTIONS, reason), tuple(notes))
+    reason = _no_contraction(subject)
+    if reason:
+        return Identification(True, True, False, {"contraction": reason}, tuple(notes))
+    if contraction_information(subject) < 1.0:
+        notes.append(IMITATION_NOTE)
+    return Identification(True, True, True, {}, tuple(notes))
+
+
+def _order_sign(s1: FloatArray, s2: FloatArray) -> FloatArray:
+    """1 where the second stimulus is larger, -1 where the first is, 0 where both are equal."""
+    difference = s2 - s1
+    is_equal = np.abs(difference) <= ROUNDING * np.abs(difference).max()
+    return np.where(is_equal, 0.0, np.sign(difference))
+
+
+def _no_question(subject: Subject, order: FloatArray) -> str:
+    """Why nothing can be told; empty where something can."""
+    if not order.any():
+        return NO_DIFFERENCE
+    if order.min() >= 0 or order.max() <= 0:
+        return ONE_ORDER
+    if subject.answers is not None and _order_fills_blocks(subject.answers.given):
+        return ORDER_IN_BLOCKS
+    return ""
+
+
+def _no_contraction(subject: Subject) -> str:
+    """Why a contraction cannot be told where a constant error can; empty where it can."""
+    pairs = np.column_stack([subject.s1, subject.s2])
+    offsets = pairs - pairs.mean(axis=0)
+    extent = np.abs(offsets).max()
+    if np.ptp(subject.s1) <= ROUNDING * extent:
+        return ONE_FIRST_STIMULUS
+    singular_values = np.linalg.svd(offsets, compute_uv=False)
+    if len(singular_values) < 2 or singular_values[1] <= ROUNDING * singular_values[0]:
+        return ONE_LINE
+    return ""
+
+
+# --- Order of trials -----------------------------------------------------------------------------
+
+
+def _order_fills_blocks(answers: Answers) -> bool:
+    """Whether each block, each session or each long stretch of trials holds only one order."""
+    order = _order_sign(answers.keys[:, 0], answers.keys[:, 1])
+    is_unequal = order != 0
+    order, n_trials = order[is_unequal], answers.n_trials[is_unequal]
+    if answers.block is not None and _holds_one_order(answers.block[is_unequal], order, n_trials):
+        return True
+    if answers.place is None:
+        return False
+    session = np.cumsum(answers.begins)[is_unequal]
+    if _holds_one_order(session, order, n_trials):
+        return True
+    n_stretches = len(run_starts(order))
+    return bool(n_trials.sum() >= _FEWEST_IN_STRETCH * n_stretches)
+
+
+def _holds_one_order(run: IntArray, order: FloatArray, n_trials: IntArray) -> bool:
+    """Whether every block or session has one order, and enough trials to be more than a pair."""
+    runs, index = np.unique(run, return_inverse=True)
+    is_second_larger: BoolArray = order > 0
+    has_rising = np.bincount(index, is_second_larger) > 0
+    has_falling = np.bincount(index, ~is_second_larger) > 0
+    is_long = n_trials.sum() >= _FEWEST_IN_STRETCH * len(runs)
+    return bool(is_long and not (has_rising & has_falling).any())
+
+
+# --- What the pairs say about p ------------------------------------------------------------------
+
+
+def contraction_information(subject: Subject) -> float:
+    """Fisher information about p of :data:`TYPICAL_TRIALS` trials, in units of the prior's.
+
+    It is what remains once the other parameters are estimated with their priors; below 1 the
+    prior says more than the answers. The observer has no order effect, noise D/2 and few lapses.
+    """
+    posterior: ObserverPosterior = OrderModel("both").posterior(subject)
+    scale = {"noise": posterior.scales.step}
+    quantities = {
+        name: np.asarray(value * scale.get(name, 1.0)) for name, value in _TYPICAL_OBSERVER.items()
+    }
+    point = posterior.full_points(posterior.points(quantities)[None])
+    information = posterior.batch.scoring(point)[2][0, 0] * TYPICAL_TRIALS / subject.total_trials
+    curvature = posterior.batch.prior_slopes(point)[1][0, 0]
+    others = information[:-1, :-1] + np.diag(curvature[:-1])
+    shared = information[-1, :-1]
+    own = information[-1, -1] - shared @ np.linalg.solve(others, shared)
+    return float(own)

@@ -1,0 +1,151 @@
+"""Identification: each row of the table where it holds, and where it does not."""
+
+import itertools
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.special import ndtr
+
+import bayes_toe as bt
+from bayes_toe.checks.identification import contraction_information, identify
+from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
+
+LEVELS = (0.0, 0.14, 0.31, 0.44, 0.51)
+GRID = list(itertools.product(LEVELS, repeat=2))
+NEIGHBOURS = [(a, b) for a, b in itertools.product(np.arange(6) / 4, repeat=2) if abs(a - b) < 0.3]
+#: The paper's design: identical pairs, and the first level with every other one in both orders.
+PAPER = [(a, a) for a in LEVELS] + [pair for b in LEVELS[1:] for pair in ((0.0, b), (b, 0.0))]
+CRITERION = "constant error or preference for an answer"
+
+
+def make_subject(pairs, task=SAME_DIFFERENT, n_trials=20):
+    s1, s2 = np.transpose(pairs)
+    return bt.Subject("S", s1, s2, [n_trials // 2] * len(s1), [n_trials] * len(s1), task=task)
+
+
+def make_roved(task, both_signs):
+    rng = np.random.default_rng(1)
+    s1, step = rng.normal(0.0, 2.0, 200), np.abs(rng.normal(0.0, 0.3, 200))
+    if both_signs:
+        step[::2] *= -1.0
+    return make_subject(list(zip(s1, s1 + step, strict=True)), task, 1)
+
+
+@pytest.mark.parametrize("task", [SAME_DIFFERENT, WHICH_STRONGER], ids=["equal", "second"])
+@pytest.mark.parametrize(
+    ("pairs", "can_be_told", "reason"),
+    [
+        (GRID, (True, True, True), ""),
+        ([pair for pair in GRID if pair[0] <= pair[1]], (False, False, False), "one order only"),
+        ([pair for pair in GRID if pair[0] >= pair[1]], (False, False, False), "one order only"),
+        ([(s, s) for s in LEVELS], (False, False, False), "two different stimuli"),
+        ([(0.3, s) for s in LEVELS], (True, True, False), "first stimulus is always the same"),
+        ([(s, 0.3) for s in LEVELS], (True, True, False), "on one line"),
+        ([(s, 0.4 - s) for s in LEVELS], (True, True, False), "on one line"),
+        ([(0.0, 0.3), (0.3, 0.0)], (True, True, False), "on one line"),
+        ([(0.0, 0.3), (0.1, 0.3), (0.1 + 0.2, 0.3)], (False, False, False), "one order only"),
+    ],
+)
+def test_the_pairs_decide_which_questions_can_be_told(pairs, can_be_told, reason, task):
+    for scale, shift in ((1.0, 0.0), (1e-9, 0.0), (1e9, 3e9)):
+        moved = [(scale * a + shift, scale * b + shift) for a, b in pairs]
+        identified = identify(make_subject(moved, task))
+        found = (identified.order_effect, identified.constant_error, identified.contraction)
+        assert found == can_be_told
+        assert len(identified.reasons) == can_be_told.count(False)
+        assert all(reason in text for text in identified.reasons.values())
+        assert any(CRITERION in note for note in identified.notes) == (task == WHICH_STRONGER)
+
+
+@pytest.mark.parametrize("task", [SAME_DIFFERENT, WHICH_STRONGER], ids=["equal", "second"])
+def test_roved_stimuli_need_both_signs_but_no_repeated_pairs(task):
+    assert identify(make_roved(task, both_signs=True)).contraction
+    assert not identify(make_roved(task, both_signs=False)).order_effect
+
+
+def read_trials(**columns):
+    """A study of 80 trials that alternate between two answers."""
+    equal = ["equal", "different"] * 40
+    return bt.read_study(pd.DataFrame({"subject": "a", "response": equal, **columns}))["a"]
+
+
+def orders(is_rising):
+    """Pairs of three distances, in the order that each trial asks for."""
+    weak, strong = np.zeros(80), np.tile([0.1, 0.2, 0.3, 0.4], 20)
+    return {"s1": np.where(is_rising, weak, strong), "s2": np.where(is_rising, strong, weak)}
+
+
+@pytest.mark.parametrize(
+    ("stretch", "column", "is_told"),
+    [
+        (20, "block", False),
+        (20, "session", False),
+        (40, "trial", False),
+        (10, "trial", False),
+        (2, "trial", True),
+        (1, "block", True),
+    ],
+)
+def test_an_order_that_fills_its_own_blocks_cannot_be_told(stretch, column, is_told):
+    trial = np.arange(80)
+    is_rising = trial // stretch % 2 == 0
+    columns = {"trial": trial, "block": trial // 20, "session": trial // 20}
+    known = {"trial": trial} if column != "block" else {}
+    known[column] = columns[column]
+    assert identify(read_trials(**orders(is_rising), **known)).order_effect == is_told
+    assert identify(read_trials(**orders(is_rising))).order_effect, "sorted rows are no order"
+
+
+def test_one_trial_of_the_other_order_in_each_block_is_enough_to_pass():
+    trial = np.arange(80)
+    is_rising = (trial // 20 % 2 == 0) ^ (trial % 20 == 7)
+    identified = identify(read_trials(**orders(is_rising), block=trial // 20))
+    assert identified.order_effect
+
+
+def imitation_noted(pairs, task, n_trials=20):
+    notes = identify(make_subject(pairs, task, n_trials)).notes
+    return any("cannot show a contraction" in note for note in notes)
+
+
+def test_the_papers_pairs_cannot_show_a_contraction_whatever_the_trials():
+    for n_trials in (2, 20, 10**9):
+        assert imitation_noted(PAPER, SAME_DIFFERENT, n_trials)
+        assert not imitation_noted(PAPER, WHICH_STRONGER, n_trials)
+        assert not imitation_noted(GRID, SAME_DIFFERENT, n_trials)
+        assert not imitation_noted(NEIGHBOURS, SAME_DIFFERENT, n_trials)
+
+
+def second_probability(pairs, noise, lapse_rate, slope, constant_error, contraction):
+    """P(second) as the observer is defined, in natural-log intensity."""
+    s1, s2 = np.transpose(pairs)
+    middle = 0.5 * (s1 + s2) - s1.mean()
+    shift = contraction * (s1 - s1.mean()) - constant_error
+    z = (s2 - s1 + shift) / (noise * np.exp(slope * middle))
+    return lapse_rate / 2 + (1 - lapse_rate) * ndtr(z)
+
+
+def test_the_information_is_that_of_finite_differences_without_the_priors():
+    # So many trials make the priors of the other parameters negligible.
+    pairs = [pair for pair in NEIGHBOURS if pair[0] != pair[1]]
+    point = np.array([0.125, 0.05, 0.0, 0.0, 0.0])
+    slopes = []
+    for step in 1e-6 * np.eye(5):
+        above, below = (second_probability(pairs, *(point + sign * step)) for sign in (1, -1))
+        slopes.append((above - below) / 2e-6)
+    probability = second_probability(pairs, *point)
+    weight = 300 / len(pairs) / (probability * (1 - probability))
+    information = (np.array(slopes) * weight) @ np.transpose(slopes)
+    alone = 1.0 / np.linalg.inv(information)[-1, -1]
+    with_priors = contraction_information(make_subject(pairs, WHICH_STRONGER)) / 0.25**2
+    assert alone < with_priors < 1.5 * alone
+
+
+def test_delays_are_named():
+    s1, s2 = np.transpose(GRID)
+    twice = [np.tile(values, 2) for values in (s1, s2, [5] * 25, [10] * 25)]
+    delays = np.repeat([0.5, 2.0], 25)
+    assert "compare them as a condition" in identify(bt.Subject("S", *twice, delays)).notes[-1]
+    one_delay = bt.Subject("S", s1, s2, [5] * 25, [10] * 25, np.full(25, 0.5))
+    assert identify(one_delay).notes == ()
