@@ -100,7 +100,7 @@ def history(
     [bold]Example[/bold]: bayes-toe history trials.csv -o history.csv --seed 1
     """
     from bayes_toe.cli.answers import say_histories
-    from bayes_toe.model.history import require_order
+    from bayes_toe.model.trial_history import require_order
     from bayes_toe.plots.figure_files import picture_beside
 
     picture = picture_beside(output)

@@ -28,13 +28,13 @@ from bayes_toe.inference.prediction import Predictor
 from bayes_toe.inference.predictive_checks import HISTORY_DRAWS, history_p
 from bayes_toe.inference.space import SpaceEvidence, space_evidence
 from bayes_toe.kept import keeping
-from bayes_toe.model.history import require_order
 from bayes_toe.model.ladder import models_of, posterior_of
 from bayes_toe.model.parts import compose
 from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.record import Model
 from bayes_toe.model.study_prior import prior_for
+from bayes_toe.model.trial_history import require_order
 from bayes_toe.seeds import generator
 from bayes_toe.workers import Progress, Workers
 

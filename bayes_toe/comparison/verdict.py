@@ -38,12 +38,12 @@ from bayes_toe.inference.predictive_checks import HISTORY_DRAWS, MISFIT, FitSumm
 from bayes_toe.inference.proposal import FittedProposal
 from bayes_toe.inference.space import SpaceEvidence, space_evidence
 from bayes_toe.inference.subject import weighted_fit
-from bayes_toe.model.history import knows_order
 from bayes_toe.model.ladder import ORDERS, models_of
 from bayes_toe.model.parts import compose
 from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.record import Model
+from bayes_toe.model.trial_history import knows_order
 from bayes_toe.seeds import generator
 
 #: Which scales of the prior belong to the order, and by what they are multiplied for `robust`.

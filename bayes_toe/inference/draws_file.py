@@ -30,8 +30,8 @@ from bayes_toe.data.tasks import SAME_DIFFERENT, task_counted
 from bayes_toe.data.whole_files import named_store
 from bayes_toe.errors import InputError
 from bayes_toe.inference.subject import Settings, SubjectDraws
-from bayes_toe.model.history import require_order
 from bayes_toe.model.ladder import model_named
+from bayes_toe.model.trial_history import require_order
 from bayes_toe.version import library_versions
 
 ALLOWED = "allowed: a posterior.nc or posterior.zarr written by bayes-toe"

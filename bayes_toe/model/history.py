@@ -20,15 +20,11 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
-from scipy.special import bdtr, expit
+from scipy.special import expit
 
 from bayes_toe.arrays import FloatArray, IndexArray, IntArray, run_starts
-from bayes_toe.data.answers import Answers
 from bayes_toe.data.study import Subject
-from bayes_toe.errors import InputError
-
-#: Chance below which trials are said to be sorted by their stimuli.
-SORTED = 1e-6
+from bayes_toe.model.trial_history import require_order
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,57 +114,6 @@ class Trials:
             return np.asarray(
                 np.log(np.add.reduceat(shares, self.starts, axis=1) / counts) + highest
             )
-
-
-def require_order(subject: Subject) -> Answers:
-    """The answers of a subject, trial by trial in the order in which they were given, which must be known."""
-    answers = subject.answers
-    if answers is None or answers.place is None:
-        raise InputError(
-            f"subject {subject.name!r}: a model with a history needs the order of trials, found none; allowed: rows that are trials, with "
-            "a column trial (numbers, once each, or once in each session or block)"
-        )
-    if looks_sorted(answers):
-        raise InputError(
-            f"subject {subject.name!r}: trials are sorted by their stimuli, which is not the order in which they were presented; allowed: "
-            "a column trial that tells it"
-        )
-    return answers
-
-
-def knows_order(subject: Subject) -> bool:
-    """Whether :func:`require_order` has nothing against a subject."""
-    return (
-        subject.answers is not None
-        and subject.answers.place is not None
-        and not looks_sorted(subject.answers)
-    )
-
-
-def looks_sorted(answers: Answers) -> bool:
-    """Whether stimuli only rise or only fall from trial to trial: more than chance has it, or in one run of each pair.
-
-    Blocks of a pair in both orders are no such thing.
-
-    Examples
-    --------
-    >>> keys, ones = np.array([[0.0, 0.0], [0.0, 0.3], [0.3, 0.0]]), np.ones(60, int)
-    >>> looks_sorted(Answers(np.repeat(keys, 20, axis=0), ones, ones, None, (), True, np.arange(60)))
-    True
-    >>> looks_sorted(Answers(np.tile(keys, (20, 1)), ones, ones, None, (), True, np.arange(60)))
-    False
-    """
-    pair = np.unique(answers.keys, axis=0, return_inverse=True)[1].ravel()
-    step = np.diff(pair)[~answers.begins[1:]]
-    moved, rarer = (
-        np.count_nonzero(step),
-        min(np.count_nonzero(step > 0), np.count_nonzero(step < 0)),
-    )
-    in_sessions = np.unique(np.column_stack([np.cumsum(answers.begins), pair]), axis=0)
-    runs_of_one = (
-        moved == len(in_sessions) - np.count_nonzero(answers.begins) and len(step) > 2 * moved > 2
-    )
-    return bool(bdtr(rarer, moved, 0.5) < SORTED or (rarer == 0 and runs_of_one))
 
 
 class _Filter(NamedTuple):

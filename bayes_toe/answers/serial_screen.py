@@ -1,0 +1,160 @@
+"""A quick look whether answers depend on the trials before: score tests.
+
+The null hypothesis has a free frequency for each pair, so that no curve is assumed. Given how often
+each pair got each answer, every order of a pair's answers is equally probable. With the residual
+e = y - k/n of a trial and its regressors h, from which each pair's mean is subtracted,
+
+    U = sum e h,   V = sum k (n - k) / (n (n - 1)) h h',   U' V^-1 U ~ chi-square
+
+h holds the answer of the trial before (1, -1; 0 after a missing one), and its two stimuli times g,
+the slope of logit P in s2 - s1 of the present pair: what a shift of the criterion by a share of
+those stimuli does. A fourth regressor is the sum of the answers 2 to 5 trials before, by which a
+criterion that moves slowly shows.
+
+An answer is not independent of the other ones to its pair: where both trials are of one pair, the
+mean of e times the earlier answer is -2 k (n - k) / (n^2 (n - 1)), which U is corrected for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import chdtrc
+
+from bayes_toe.arrays import FloatArray
+from bayes_toe.data.study import Subject
+from bayes_toe.model.observer import ObserverPosterior
+from bayes_toe.model.parameters import CONSTANT_ERROR, task_parameters
+from bayes_toe.model.trial_history import TrialSequence, knows_order
+
+#: Columns of the regressors.
+_ANSWER, _FIRST, _SECOND, _MOVING = range(4)
+_LAGS = (2, 3, 4, 5)
+#: Share of a regressor's variance, given the others, below which it says nothing of its own.
+_COLLINEAR = 1e-9
+
+
+@dataclass(frozen=True)
+class SerialScreen:
+    """p-values of the score tests; None where a test has nothing to say, or the order is not known.
+
+    Attributes
+    ----------
+    joint_p : float or None
+        Previous answer and stimuli together, 3 degrees of freedom; `history_p` of tables.
+    answer_p : float or None
+        The previous answer, given the stimuli.
+    stimuli_p : float or None
+        The previous stimuli, given the answer.
+    moving_criterion_p : float or None
+        The answers 2 to 5 trials before, given all of the trial before.
+    """
+
+    joint_p: float | None = None
+    answer_p: float | None = None
+    stimuli_p: float | None = None
+    moving_criterion_p: float | None = None
+
+
+def serial_screen(subject: Subject, posterior: ObserverPosterior, mode: FloatArray) -> SerialScreen:
+    """Score tests of the answers in their order.
+
+    Parameters
+    ----------
+    subject : Subject
+    posterior : ObserverPosterior
+        That of the model 'both'.
+    mode : array, shape (k,)
+        Its maximum.
+    """
+    if not knows_order(subject):
+        return SerialScreen()
+    scores, variance = _scores(subject, logit_slopes(posterior, mode))
+    last_trial = (_ANSWER, _FIRST, _SECOND)
+    return SerialScreen(
+        joint_p=_p_value(scores, variance, last_trial, given=()),
+        answer_p=_p_value(scores, variance, (_ANSWER,), given=(_FIRST, _SECOND)),
+        stimuli_p=_p_value(scores, variance, (_FIRST, _SECOND), given=(_ANSWER,)),
+        moving_criterion_p=_p_value(scores, variance, (_MOVING,), given=last_trial),
+    )
+
+
+def logit_slopes(posterior: ObserverPosterior, point: FloatArray) -> FloatArray:
+    """Slope of logit P in s2 - s1, in units of 1/D, for each pair at a point of shape (k,).
+
+    A constant error shifts s2 - s1 the other way, so that its slope is this one turned round.
+    """
+    batch = posterior.batch
+    _, yes_slopes, no_slopes = batch.answer_slopes(posterior.full_points(point))
+    coordinate = task_parameters(posterior.subject.task).index(CONSTANT_ERROR)
+    in_constant_error = (yes_slopes - no_slopes)[0, 0, coordinate]
+    return np.asarray(-in_constant_error / batch.prior.constant_error_scale)
+
+
+def _scores(subject: Subject, slopes: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """U and V of all four regressors."""
+    trials = TrialSequence.from_subject(subject)
+    before = trials.earlier(1)
+    rows = np.flatnonzero(trials.is_answered & (before >= 0))
+    before, pair = before[rows], trials.pair[rows]
+    is_yes = 0.5 * (trials.answer[rows] + 1.0)
+
+    n_pairs = subject.n_pairs
+    n = np.bincount(pair, minlength=n_pairs).astype(np.float64)
+    k = np.bincount(pair, is_yes, n_pairs)
+    n_safe = np.maximum(n, 1.0)
+    pair_variance = k * (n - k) / (n_safe * np.maximum(n - 1.0, 1.0))
+    correction = 2.0 * pair_variance / n_safe
+
+    mean_stimulus = 0.5 * (trials.first.mean() + trials.second.mean())
+    regressors = np.zeros((4, len(rows)))
+    regressors[_ANSWER] = trials.answer[before]
+    regressors[_FIRST] = slopes[pair] * (trials.first[before] - mean_stimulus)
+    regressors[_SECOND] = slopes[pair] * (trials.second[before] - mean_stimulus)
+    corrections = np.zeros(4)
+    corrections[_ANSWER] = correction[pair[trials.pair[before] == pair]].sum()
+    for lag in _LAGS:
+        earlier = trials.earlier(lag)[rows]
+        is_known = earlier >= 0
+        regressors[_MOVING, is_known] += trials.answer[earlier[is_known]]
+        is_same_pair = is_known & (trials.pair[earlier] == pair)
+        corrections[_MOVING] += correction[pair[is_same_pair]].sum()
+
+    residual = is_yes - (k / n_safe)[pair]
+    for i in range(4):
+        pair_mean = np.bincount(pair, regressors[i], n_pairs) / n_safe
+        regressors[i] -= pair_mean[pair]
+    variance = (regressors * pair_variance[pair]) @ regressors.T
+    return regressors @ residual + corrections, variance
+
+
+def _p_value(
+    scores: FloatArray, variance: FloatArray, tested: Sequence[int], given: Sequence[int]
+) -> float | None:
+    """P of the regressors that are tested, given others; None where they say nothing more."""
+    statistic, n_free = _chi_square(scores, variance, [*given, *tested])
+    statistic_given, n_given = _chi_square(scores, variance, list(given))
+    if n_free == n_given:
+        return None
+    return float(chdtrc(n_free - n_given, max(statistic - statistic_given, 0.0)))
+
+
+def _chi_square(
+    scores: FloatArray, variance: FloatArray, columns: Sequence[int]
+) -> tuple[float, int]:
+    """U' V^-1 U of some regressors, and its degrees of freedom: the rank of V."""
+    statistic, n_free = 0.0, 0
+    scores, variance = scores.copy(), variance.copy()
+    total = np.diagonal(variance).copy()
+    for i in columns:
+        own = variance[i, i]
+        if own <= _COLLINEAR * total[i]:
+            continue
+        statistic += scores[i] ** 2 / own
+        n_free += 1
+        share = variance[:, i] / own
+        scores -= share * scores[i]
+        variance -= np.outer(share, variance[i])
+    return float(statistic), n_free

@@ -1,0 +1,212 @@
+"""Score tests of the trial before: calibration, power, what is not known."""
+
+from dataclasses import astuple, replace
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+from scipy.special import logit
+from scipy.stats import kstest, norm
+
+import bayes_toe as bt
+from bayes_toe.answers.serial_screen import SerialScreen, logit_slopes, serial_screen
+from bayes_toe.data.answers import Answers
+from bayes_toe.data.study import Subject
+from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
+from bayes_toe.model.observer import OrderModel
+
+STEP, NOISE, LAPSE_RATE, Q0 = 0.25, 0.2, 0.05, 0.9
+
+
+def neighbours(task, repeats):
+    """Six levels, each beside the next in both orders; of same or different the equal pairs too."""
+    low = STEP * np.arange(5.0)
+    first, second = np.concatenate([low, low + STEP]), np.concatenate([low + STEP, low])
+    if task == SAME_DIFFERENT:
+        levels = STEP * np.arange(6.0)
+        first, second = np.concatenate([first, levels]), np.concatenate([second, levels])
+    return np.tile(np.column_stack([first, second]), (repeats, 1))
+
+
+def answered(
+    seed,
+    task=WHICH_STRONGER,
+    repeats=40,
+    p=0.0,
+    carry_over=0.0,
+    share_repeated=0.0,
+    drift=0.0,
+    sessions=2,
+    noise=NOISE,
+):
+    """An observer by the formulas of the documents, trial by trial, in random order."""
+    rng = np.random.default_rng(seed)
+    keys = rng.permutation(neighbours(task, repeats))
+    n_trials = len(keys)
+    session = np.arange(n_trials) * sessions // n_trials
+    centre = keys[:, 0].mean()
+    walk = drift * np.sin(2.0 * np.pi * np.arange(n_trials) / 80.0)
+    criterion = norm.ppf(0.5 + 0.5 * Q0)
+    n_yes = np.zeros(n_trials, int)
+    expectation = 0.0
+    for t, (s1, s2) in enumerate(keys):
+        is_first = t == 0 or session[t] != session[t - 1]
+        if is_first:
+            expectation = 0.0
+        z = (s2 - s1 + p * (s1 - centre - expectation) + walk[t]) / noise
+        if task == SAME_DIFFERENT:
+            attending = norm.cdf(criterion - z) - norm.cdf(-criterion - z)
+            probability = LAPSE_RATE * Q0 + (1.0 - LAPSE_RATE) * attending
+        else:
+            probability = LAPSE_RATE / 2.0 + (1.0 - LAPSE_RATE) * norm.cdf(z)
+        n_yes[t] = rng.random() < probability
+        if not is_first and rng.random() < share_repeated:
+            n_yes[t] = n_yes[t - 1]
+        weight = (1.0 - p) * (s2 - centre) + p * (1.0 - p) * (s1 - centre)
+        expectation = carry_over * (weight + p**2 * expectation)
+    answers = Answers(
+        keys,
+        n_yes,
+        np.ones(n_trials, int),
+        trials=True,
+        place=np.arange(n_trials) + session,
+    )
+    return Subject.from_answers(f"observer {seed}", answers, task)
+
+
+def screen(subject, p=0.0):
+    """The screen at the observer's own point: any slopes are valid weights."""
+    posterior = OrderModel("both").posterior(subject)
+    known = {
+        "noise": NOISE,
+        "q0": Q0,
+        "lapse_rate": LAPSE_RATE,
+        "noise_slope": 0.0,
+        "criterion_slope": 0.0,
+        "constant_error": 0.0,
+        "contraction": p,
+    }
+    point = posterior.points({name: np.array(known[name]) for name in posterior.coordinates})
+    return serial_screen(subject, posterior, point)
+
+
+def p_values(screens, name):
+    return np.array([getattr(row, name) for row in screens])
+
+
+def test_observers_without_memory_seldom_fail_the_screen():
+    screens = []
+    for i in range(120):
+        screens.append(screen(answered(i, WHICH_STRONGER, repeats=20, p=0.2), p=0.2))
+        screens.append(screen(answered(i, SAME_DIFFERENT, repeats=12, p=0.2), p=0.2))
+    found = np.array([astuple(row) for row in screens])
+    assert found.shape == (240, 4)
+    assert np.count_nonzero(found < 0.01) <= 20
+    for column in found.T:
+        assert kstest(column, "uniform").pvalue > 1e-3
+
+
+def test_answers_of_few_trials_to_a_pair_are_screened_without_bias():
+    """Six trials to a pair: there an answer says much of the other ones to its pair."""
+    screens = [screen(answered(1000 + i, repeats=6, sessions=1, noise=0.6)) for i in range(400)]
+    assert kstest(p_values(screens, "answer_p"), "uniform").pvalue > 1e-3
+    assert kstest(p_values(screens, "moving_criterion_p"), "uniform").pvalue > 1e-3
+
+
+def test_repeated_answers_are_seen():
+    screens = [screen(answered(2000 + i, repeats=64, share_repeated=0.2)) for i in range(60)]
+    assert np.count_nonzero(p_values(screens, "answer_p") < 0.01) >= 55
+
+
+def test_carry_over_is_seen_and_not_taken_for_the_previous_answer():
+    screens = [
+        screen(answered(3000 + i, repeats=64, p=0.35, carry_over=0.9), p=0.35) for i in range(60)
+    ]
+    assert np.count_nonzero(p_values(screens, "joint_p") < 0.01) >= 57
+    assert np.count_nonzero(p_values(screens, "stimuli_p") < 0.01) >= 57
+    assert np.count_nonzero(p_values(screens, "answer_p") < 0.01) <= 3
+
+
+def test_a_moving_criterion_is_seen():
+    screens = [screen(answered(4000 + i, repeats=64, drift=0.3)) for i in range(30)]
+    assert np.count_nonzero(p_values(screens, "moving_criterion_p") < 0.01) >= 25
+
+
+def test_nothing_is_said_without_the_order_of_trials():
+    subject = answered(1)
+    assert screen(replace(subject, answers=None)) == SerialScreen()
+    by_stimuli = np.lexsort(subject.answers.keys.T[::-1])
+    in_order = replace(
+        subject.answers,
+        keys=subject.answers.keys[by_stimuli],
+        n_yes=subject.answers.n_yes[by_stimuli],
+    )
+    assert screen(replace(subject, answers=in_order)) == SerialScreen()
+
+
+def test_pairs_answered_once_say_nothing():
+    assert screen(answered(5, repeats=1)) == SerialScreen()
+
+
+def test_the_first_trial_of_a_session_has_no_trial_before():
+    """Sessions in another sequence are the same trials."""
+    subject = answered(6, sessions=2, share_repeated=0.2)
+    rows = np.roll(np.arange(400), 200)
+    answers = subject.answers
+    swapped = replace(answers, keys=answers.keys[rows], n_yes=answers.n_yes[rows])
+    other = Subject.from_answers("swapped", swapped, subject.task)
+    assert astuple(screen(other)) == pytest.approx(astuple(screen(subject)), rel=1e-9)
+
+
+def test_a_constant_first_stimulus_leaves_the_second():
+    rng = np.random.default_rng(7)
+    keys = np.column_stack([np.zeros(300), rng.choice([-0.3, 0.3, 0.6], 300)])
+    n_yes = (rng.random(300) < norm.cdf(keys[:, 1] / NOISE)).astype(int)
+    answers = Answers(keys, n_yes, np.ones(300, int), trials=True, place=np.arange(300))
+    found = screen(Subject.from_answers("standard first", answers, WHICH_STRONGER))
+    assert all(0.0 < p <= 1.0 for p in astuple(found))
+
+
+@pytest.mark.parametrize("task", [WHICH_STRONGER, SAME_DIFFERENT], ids=["2afc", "same"])
+def test_slopes_are_those_of_the_logit_in_a_shift(task):
+    posterior = OrderModel("both").posterior(answered(8, task))
+    x = np.random.default_rng(9).normal(0.0, 0.5, len(posterior.coordinates))
+    shift = np.zeros_like(x)
+    shift[posterior.coordinates.index("constant_error")] = 1e-5
+    ahead, behind = (
+        logit(np.exp(posterior.log_answers((x + sign * shift)[None]).yes[0])) for sign in (-1, 1)
+    )
+    expected = (ahead - behind) / (2e-5 * posterior.prior.constant_error_scale)
+    np.testing.assert_allclose(logit_slopes(posterior, x), expected, rtol=1e-6, atol=1e-8)
+
+
+def test_public_studies(real_data):
+    """Listeners follow the stimuli before, those who count dots the answer before."""
+    options = bt.ReadOptions(ignore=("isi",))
+    listeners = bt.read_study(real_data / "auditory_pwm" / "trials.csv", options)
+    counters = bt.read_study(real_data / "numerosity" / "trials.csv")
+    found = {}
+    for study in (listeners, counters):
+        screens = [serial_screen(subject, *highest(subject)) for subject in study]
+        names = ("joint_p", "answer_p", "stimuli_p", "moving_criterion_p")
+        found[len(study)] = [np.count_nonzero(p_values(screens, name) < 0.01) for name in names]
+    np.testing.assert_allclose(found[46], [33, 1, 34, 1], atol=2)
+    np.testing.assert_allclose(found[109], [14, 18, 2, 8], atol=2)
+
+
+def highest(subject):
+    """The posterior of 'both' and its maximum, sought from several starts."""
+    posterior = OrderModel("both").posterior(subject)
+
+    def negative(x):
+        value, slope = posterior.gradient(x[None])
+        return -value[0], -slope[0]
+
+    searches = []
+    for error in (-2.0, 0.0, 2.0):
+        for lapses in (-1.5, 0.5):
+            start = {"constant_error": error, "lapse_rate": lapses}
+            x = np.array([start.get(name, 0.0) for name in posterior.coordinates])
+            searches.append(minimize(negative, x, jac=True, method="BFGS"))
+    best = min(searches, key=lambda search: search.fun)
+    return posterior, best.x
