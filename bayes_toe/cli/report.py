@@ -105,7 +105,6 @@ def write_report(analysis: Analysis, facts: Facts, folder: Path) -> None:
         "index": sorted(
             analysis.verdicts, key=lambda one: paged and one.subject not in facts.flagged
         ),
-        "home": "../report.html" if paged else "",  # from where a subject's section is
         "beside": "../" if paged else "",
         "folder": folder,
         "histories": analysis.histories,

@@ -30,8 +30,6 @@ class ModelFrequencies:
 
     Attributes
     ----------
-    models, subjects : tuple of str
-        Names, where they are known; subjects only those that count.
     expected, expected_se : array, shape (models,)
         Expected frequencies, and their standard errors.
     exceedance, exceedance_se : array, shape (models,)
@@ -40,12 +38,8 @@ class ModelFrequencies:
         Log evidence of the answers of all subjects, frequencies free. Nats.
     log_evidence_equal : float
         The same, exactly, where all frequencies are 1/K.
-    draws : array, shape (draws, models)
-        Frequencies drawn from their posterior, in no order.
     """
 
-    models: tuple[str, ...] = ()
-    subjects: tuple[str, ...] = ()
     expected: FloatArray
     expected_se: FloatArray
     exceedance: FloatArray
@@ -53,7 +47,6 @@ class ModelFrequencies:
     log_evidence: float
     log_evidence_se: float
     log_evidence_equal: float
-    draws: FloatArray
 
     @property
     def omnibus_risk(self) -> float:
@@ -61,18 +54,9 @@ class ModelFrequencies:
         return float(expit(self.log_evidence_equal - self.log_evidence))
 
     @property
-    def omnibus_risk_se(self) -> float:
-        """Standard error of :attr:`omnibus_risk`."""
-        return self.omnibus_risk * (1.0 - self.omnibus_risk) * self.log_evidence_se
-
-    @property
     def protected(self) -> FloatArray:
         """Exceedance probability averaged over both: (1 - omnibus_risk) exceedance + omnibus_risk / K, shape (models,)."""
         return (1.0 - self.omnibus_risk) * self.exceedance + self.omnibus_risk / len(self.expected)
-
-    def interval(self, level: float = 0.95) -> FloatArray:
-        """Central interval of every frequency, shape (models, 2), by quantiles of the draws."""
-        return np.asarray(np.quantile(self.draws, [0.5 - 0.5 * level, 0.5 + 0.5 * level], axis=0).T)
 
 
 def random_effects(log_evidence: npt.ArrayLike, *, seed: int = 0) -> ModelFrequencies:
@@ -97,12 +81,10 @@ def random_effects(log_evidence: npt.ArrayLike, *, seed: int = 0) -> ModelFreque
     values, rng = np.asarray(log_evidence, np.float64), generator(seed, "model frequencies")
     logs, alpha = _assigned(values, rng)
     shares, scaled = softmax(logs), np.exp(logs - logs.max())
-    gammas, largest = alpha, np.zeros((_REPEATS, len(alpha)))
+    largest = np.zeros((_REPEATS, len(alpha)))
     for _ in range(_DRAWS):
         gammas = rng.standard_gamma(alpha)
         largest += np.eye(len(alpha))[gammas.argmax(axis=0)].mean(axis=1) / _DRAWS
-    whose = rng.choice(_REPEATS, size=_REPEATS * _PARTICLES, p=shares)
-    drawn = gammas[:, whose, rng.integers(_PARTICLES, size=len(whose))].T
     expected, expected_se = _pooled(shares, alpha.mean(axis=2).T / alpha[:, 0, 0].sum())
     exceedance, exceedance_se = _pooled(shares, largest)
     return ModelFrequencies(
@@ -113,7 +95,6 @@ def random_effects(log_evidence: npt.ArrayLike, *, seed: int = 0) -> ModelFreque
         log_evidence=float(logs.max() + np.log(scaled.mean())),
         log_evidence_se=float(scaled.std(ddof=1) / scaled.mean() / np.sqrt(_REPEATS)),
         log_evidence_equal=float((logsumexp(values, axis=1) - np.log(len(alpha))).sum()),
-        draws=drawn / drawn.sum(axis=1, keepdims=True),
     )
 
 

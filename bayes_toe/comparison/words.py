@@ -21,7 +21,6 @@ EFFECTS = {
 }
 #: Nats of a log Bayes factor from which its evidence has this name. Source: Kass and Raftery 1995, who state twice as much, 2 log B.
 SCALE = ((5.0, "very strong"), (3.0, "strong"), (1.0, "positive"), (0.0, "weak"))
-STRONG = 3.0
 #: The scale as it is stated where it is used.
 STATED = (
     "Evidence is called weak below 1 nat (P = 0.73 at equal prior odds), positive below 3 (0.95), strong below 5 (0.993), very strong "

@@ -173,11 +173,3 @@ def smoothed_weights(log_weights: npt.ArrayLike) -> SmoothedWeights:
         except ValueError:  # a tail of fewer than five weights, or of equal ones
             pass
         return SmoothedWeights(np.asarray(raw - logsumexp(raw)), float("inf"))
-
-
-def smoothed_unnormalised(log_weights: npt.ArrayLike) -> SmoothedWeights:
-    """Pareto-smoothed weights on the scale of the raw ones, for sums that matter as such; -inf where a draw has no weight."""
-    raw, (smoothed, k) = np.asarray(log_weights, np.float64), smoothed_weights(log_weights)
-    some = np.isfinite(raw)
-    # All but the largest weights, at most a fifth of them, are the raw ones over one number.
-    return SmoothedWeights(smoothed + np.median(raw[some] - smoothed[some]), k)

@@ -92,12 +92,6 @@ def weighed(values: Iterable[float | None], bounds: Iterable[float]) -> FloatArr
     return found
 
 
-def said_of_bound(bound: float, known: FloatArray) -> str:
-    """What is said of a model without weight: its bound, and its probability by that against rivals of these log evidences."""
-    digits = np.ceil((bound - logsumexp(known)) / np.log(10.0))
-    return f"its log evidence is at most {bound:.1f}, the highest log likelihood, and so its probability 0 (at most 1e{digits:.0f})"
-
-
 # --- Laplace ---------------------------------------------------------------------------------------
 
 _FAR = 60.0  # logits and log width beyond which a point counts as at an edge

@@ -11,7 +11,7 @@ import matplotlib as mpl
 from matplotlib.backend_bases import FigureCanvasBase
 from matplotlib.figure import Figure
 
-from bayes_toe.data.whole_files import require_writable, whole_file
+from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError
 from bayes_toe.plots.style import any_characters
 
@@ -81,12 +81,6 @@ def require_formats(formats: Sequence[str]) -> tuple[str, ...]:
             else f"formats: allowed: {', '.join(FORMATS)}"
         )
     return tuple(dict.fromkeys(formats))
-
-
-def require_figure(path: str | Path, *, overwrite: bool = False) -> None:
-    """Refuse now what :func:`save_figure` would refuse after long work, with its errors; leaves nothing behind."""
-    _require_suffix(path)
-    require_writable(path, overwrite=overwrite)
 
 
 def _write(figure: Figure, where: Any, suffix: str, dpi: int) -> None:

@@ -86,10 +86,7 @@ def test_of_very_many_subjects_the_report_is_an_index_with_a_page_for_each(
     }
     assert "No model describes the answers" in pages["A"]
     assert "next: run again with --turn A:2" in pages["A"]
-    assert all(
-        'href="../report.html#read"' in text and 'href="../report.html#term-sigma_p"' in text
-        for text in pages.values()
-    )
+    assert all('href="../report.html#read"' in text for text in pages.values())
     assert 'href="../corner/A.png"' in pages["A"]
 
 
@@ -119,7 +116,7 @@ def test_a_group_and_an_explorer_stand_beside_the_report_where_asked_for_and_go_
         "chains did not converge: few draws.",
         "the spread of the accuracy between subjects is larger than a normal population has it (0.3, 0.1 to 0.2 expected, p = 0.004); try",
         'class="lead">',
-        "Order effect</a> of the population, direction: ",
+        "Order effect of the population, direction: ",
         "Group &lt;b&gt; - a: ",
         "data:image/png;base64,",
         "<th>BF no difference",
@@ -219,7 +216,7 @@ def test_a_report_on_which_is_stronger_speaks_of_it_alone(stronger, tmp_path):
         "just noticeable difference",
         "lapse_rate",
         "% answered second",
-        "</a> at an edge",
+        "maximum likelihood at an edge",
         "the Weber fraction",
     ):
         assert own in text, own
@@ -229,7 +226,7 @@ def test_a_report_on_which_is_stronger_speaks_of_it_alone(stronger, tmp_path):
         "jnd",
     ):  # in natural log and, below it, in per cent of the intensity
         row = re.search(
-            rf">{published}</a></td><td>(−?[\d.]+)<br><span class=\"soft\">(−?[\d.]+) %", text
+            rf">{published}</td><td>(−?[\d.]+)<br><span class=\"soft\">(−?[\d.]+) %", text
         )
         shown, percent = (float(part.replace("−", "-")) for part in row.groups())
         assert shown == pytest.approx(medians[published], abs=6e-3)

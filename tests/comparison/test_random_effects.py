@@ -55,7 +55,8 @@ def agree(found, total, expected, exceedance):
     assert (np.abs(found.expected - expected) < SURE * found.expected_se + 1e-12).all()
     assert (np.abs(found.exceedance - exceedance) < SURE * found.exceedance_se + 1e-5).all()
     odds = np.exp(found.log_evidence_equal - total)
-    assert abs(found.omnibus_risk - odds / (1 + odds)) < SURE * found.omnibus_risk_se + 1e-12
+    risk_se = found.omnibus_risk * (1.0 - found.omnibus_risk) * found.log_evidence_se
+    assert abs(found.omnibus_risk - odds / (1 + odds)) < SURE * risk_se + 1e-12
 
 
 @pytest.mark.parametrize("shape", [(5, 3), (5, 2), (1, 2), (3, 6), (5, 4)])
@@ -95,10 +96,6 @@ def test_two_models_by_quadrature_over_their_frequency(size, spread):
         [weights @ r, weights @ (1 - r)],
         [weights[r > 0.5].sum(), weights[r < 0.5].sum()],
     )
-    within = [weights[r < limit].sum() for limit in found.interval(0.8)[0]]
-    assert within == pytest.approx(
-        [0.1, 0.9], abs=0.03
-    )  # 20,000 draws of particles as good as a few thousand independent ones
 
 
 def test_where_assignments_are_sure_or_say_nothing_there_is_no_error_of_the_evidence():

@@ -3,14 +3,12 @@
 import io
 
 import numpy as np
-import pytest
 from matplotlib.colors import to_hex, to_rgb
 from matplotlib.image import imread
 
 import bayes_toe as bt
-from bayes_toe.errors import InputError, OutputError
 from bayes_toe.plots.evidence import KIND_COLOURS
-from bayes_toe.plots.figure_files import picture, require_figure
+from bayes_toe.plots.figure_files import picture
 from bayes_toe.plots.geometry import plane_figure
 from bayes_toe.plots.style import POSTERIOR, new_figure, plain
 from bayes_toe.plots.subject import examples_figure
@@ -52,17 +50,6 @@ def test_figures_of_a_subject_say_that_its_draws_did_not_converge(analysis):
     for figure in (examples_figure(doubtful, ["A", "B"]), plane_figure(doubtful, ["A", "B"])):
         first, second = (ax.get_title() for ax in figure.axes[:2])
         assert ("NOT CONVERGED" in first, "NOT CONVERGED" in second) == (True, False)
-
-
-def test_a_figure_is_refused_before_it_is_drawn(tmp_path):
-    (tmp_path / "old.png").write_text("precious")
-    with pytest.raises(InputError, match="suffix 'xyz'"):
-        require_figure(tmp_path / "new.xyz")
-    with pytest.raises(OutputError, match="exists"):
-        require_figure(tmp_path / "old.png")
-    require_figure(tmp_path / "old.png", overwrite=True)
-    require_figure(tmp_path / "new.pdf")
-    assert [path.name for path in tmp_path.iterdir()] == ["old.png"]
 
 
 def test_a_picture_is_what_the_figure_is_and_the_same_each_time():
