@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bayes_toe.classical.asymmetry import ASYMMETRY_COLUMNS, Comparison, SubjectAsymmetry
-from bayes_toe.classical.covariates import COVARIATE_COLUMNS, CovariateTest
 from bayes_toe.classical.fit import SubjectFit, fit_columns
 from bayes_toe.cli.supplement import FIT_TABLE_COLUMNS, ORDER_EFFECT_COLUMNS
 from bayes_toe.comparison.contrast import CONTRAST_COLUMNS, Difference
@@ -66,7 +65,6 @@ FILES = {
     "population_subjects.csv": File(SUBJECT_COLUMNS),
     "fit.csv": File(fit_columns(SAME_DIFFERENT), [SubjectFit], ["at_edge"]),
     "asymmetry.csv": File(ASYMMETRY_COLUMNS, [Comparison, SubjectAsymmetry]),
-    "asymmetry_covariates.csv": File(COVARIATE_COLUMNS, [CovariateTest]),
     "methods_order_effect.csv": File(ORDER_EFFECT_COLUMNS, [SubjectEvidence], ["fit"]),
     "methods_fit.csv": File(FIT_TABLE_COLUMNS),
     "power.csv": File(POWER_COLUMNS),

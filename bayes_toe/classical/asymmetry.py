@@ -21,7 +21,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import lru_cache
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -30,9 +29,7 @@ import pandas as pd
 from scipy.stats import boschloo_exact, hypergeom
 
 from bayes_toe.arrays import FloatArray, IndexArray, IntArray
-from bayes_toe.classical.covariates import CovariateTable, covariate_tests
 from bayes_toe.classical.frequencies import accuracy, laplace_error, laplace_estimate
-from bayes_toe.data.covariates import Covariates, read_covariates
 from bayes_toe.data.messages import counted
 from bayes_toe.data.study import Study, Subject, refuse_intervals, require_study
 from bayes_toe.data.tables import SubjectTable
@@ -247,16 +244,6 @@ class AsymmetryTable(SubjectTable[SubjectAsymmetry]):
             for side in sides
         ]
         return Population(level, len(found), *counts[0], *counts[1])
-
-    def outcomes(self) -> dict[str, dict[str, float]]:
-        """What covariates are held against, by outcome and subject: mean and mean absolute asymmetry, accuracy."""
-        some = [row for row in self.rows if row.comparisons]
-        keys = ("mean_asymmetry", "mean_absolute_asymmetry", "accuracy")
-        return {key: {row.subject: getattr(row, key) for row in some} for key in keys}
-
-    def covariate_tests(self, covariates: Covariates | str | Path) -> CovariateTable:
-        """Welch's t or Pearson's r of every outcome and covariate, see :func:`bayes_toe.classical.covariates.covariate_tests`."""
-        return covariate_tests(read_covariates(covariates), self.outcomes())
 
 
 def asymmetry(study: Study) -> AsymmetryTable:

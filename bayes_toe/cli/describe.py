@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
 
 import bayes_toe as bt
 from bayes_toe.cli.options import StudyFile, rare, writes
@@ -17,7 +14,6 @@ from bayes_toe.cli.terminal import Terminal, number, safe
 
 if TYPE_CHECKING:
     from bayes_toe.classical.asymmetry import AsymmetryTable
-    from bayes_toe.classical.covariates import CovariateTable
     from bayes_toe.classical.fit import FitTable
 
 
@@ -51,40 +47,19 @@ def asymmetry(
     *,
     study: StudyFile,
     output: Annotated[Path, writes("asymmetry.csv", "Table to write.")] = Path("asymmetry.csv"),
-    covariates: Annotated[
-        Path | None,
-        typer.Option(
-            "--covariates",
-            metavar="FILE.csv",
-            help="Columns subject and one per covariate; tests go to NAME_covariates.csv.",
-        ),
-    ] = None,
     task: Annotated[Task, Takes("spreadsheet_safe", "overwrite")],
 ) -> None:
     """Time-order asymmetry of every comparison without a model: size, exact test, direction.
 
-    [bold]Example[/bold]: bayes-toe asymmetry study.csv -o asymmetry.csv --covariates people.csv
+    [bold]Example[/bold]: bayes-toe asymmetry study.csv -o asymmetry.csv
     """
-    from bayes_toe.data.text_table import is_parquet
-
-    beside = output.with_name(
-        f"{output.stem}_covariates{output.suffix if is_parquet(output) else '.csv'}"
-    )
-    files = [output] if covariates is None else [output, beside]
-    task.require_files(*files)
-    people = None if covariates is None else bt.read_covariates(covariates)
+    task.require_files(output)
     read = study.read()
     task.out.introduce(read)
     table = bt.asymmetry(read)
-    tests = None if people is None else table.covariate_tests(people)
-    made: dict[Path, Callable[[Path], object]] = {
-        output: partial(table.save, **task.saving_of(read))
-    }
-    task.write(made if tests is None else {**made, beside: partial(tests.save, **task.saving)})
+    task.write({output: partial(table.save, **task.saving_of(read))})
     say_asymmetry(task.out, table)
-    if tests is not None:
-        say_covariates(task.out, tests)
-    task.done("written:", *files)
+    task.done("written:", output)
 
 
 def fit(
@@ -140,31 +115,6 @@ def say_asymmetry(out: Terminal, table: AsymmetryTable) -> None:
     out.table("asymmetry: q(c, r) - q(r, c), largest of each subject", filled)
     out.line(safe(table.population().describe()))
     for note in table.notes:
-        out.note(note)
-
-
-def say_covariates(out: Terminal, tests: CovariateTable) -> None:
-    """Tests of covariates."""
-    rows: list[dict[Any, Any]] = [
-        {
-            "covariate": row.covariate,
-            "outcome": row.outcome,
-            "test": f"{row.test}: {row.groups}" if row.groups else row.test,
-            "n": row.n,
-            "difference or r": number(row.difference_or_r, 3),
-            "statistic": number(row.statistic),
-            "df": number(row.df, 1),
-            "p": number(row.p_value, 3),
-        }
-        for row in tests
-    ]
-    out.table("covariates: Welch's t or Pearson's r, not corrected for their number", rows)
-    for note in dict.fromkeys(
-        [
-            *tests.notes,
-            *(f"{row.covariate}, {row.outcome}: {row.note}" for row in tests if row.note),
-        ]
-    ):
         out.note(note)
 
 

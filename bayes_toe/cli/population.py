@@ -7,7 +7,6 @@ import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import compress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -30,7 +29,6 @@ _HYPERPRIOR = (
     f"A file with sections [{'], ['.join(GROUP_PARAMETERS)}] of any of {', '.join(name for name, _, _ in NUMBERS)}, "
     f"and [{CORRELATIONS}] of {LKJ.name}; see docs/population.md."
 ).replace("[", r"\[")  # no markup
-_DECIDED = 0.95  # a probability of direction: the interval from 5 to 95 % is on one side of 0
 BAYES_FACTOR = "BF: by how much the answers change the odds of no difference against a difference; below 1 they speak for a difference"
 _SIDES = ("a difference", "no difference")
 _PULLING = ("pull", "gain", "offset")
@@ -181,7 +179,7 @@ def answer(found: Population) -> list[str]:
     """Whether the population has an order effect, where a subject at its mean is, what covariates and conditions do: a line each."""
     from bayes_toe.comparison.population_answer import on_average
 
-    pairs, average, names = found.asymmetries, on_average(found), list(found.not_described)
+    average, names = on_average(found), list(found.not_described)
     described = (
         f"the model does not describe {len(names)} of them ({listed(names, 5)})"
         if names
@@ -190,25 +188,13 @@ def answer(found: Population) -> list[str]:
     if average is None:
         means = {row.parameter: _interval(row, "q50") for row in found.table.some("mean")}
         said = ", ".join(f"{name} {means[name]}" for name in _PULLING if name in means)
-        lines = [
-            f"order effect of the population, direction: {_direction(found)}",
-            f"a subject at the mean{_reference(found)}: {said}; {described}",
-        ]
+        lines = [f"a subject at the mean{_reference(found)}: {said}; {described}"]
     else:
         who = counted(len(found.study), "subject")
         lines = [
             f"order effect of the population{_reference(found)}: {_on_average(found, average)}; {who}, {described}"
         ]
-        lines += [f"direction: {_direction(found)}"] if average.has else []
-    lines += _by_condition(found)
-    contrasts = (
-        ()
-        if pairs is None
-        else compress(found.table.some("asymmetry", pairs.comparisons[0]), pairs.differences)
-    )
-    return lines + [
-        f"{row.level}: asymmetry {_interval(row)}, P(sign) {_sign(row)}" for row in contrasts
-    ]
+    return lines + _by_condition(found)
 
 
 def _on_average(found: Population, said: OnAverage) -> str:
@@ -222,30 +208,6 @@ def _on_average(found: Population, said: OnAverage) -> str:
             f"{row.parameter} {_interval(row)}, Bayes factor of none {row.of_none}, sd between subjects {_shown(sd.mean, sd)}"
         )
     return f"{said.words} ({'; '.join(parts)})"
-
-
-def _direction(found: Population) -> str:
-    """In which order the wrong answer is the likelier one."""
-    every = found.asymmetries
-    if every is None:
-        return "no pair of different stimuli was presented in both orders; see pull and gain"
-    overall, *pairs = every.comparisons
-    row, (further,) = (
-        found.table.some("asymmetry", overall)[0],
-        found.table.some("new_subject", overall),
-    )
-    who = "wrong answers are" if every.answer == "wrong" else f"{every.answer!r} is"
-    p, likelier = (
-        row.p_direction or 0.0,
-        f"{who} likelier with the {'stronger' if row.mean > 0.0 else 'weaker'} stimulus first",
-    )
-    decided = (
-        f"undecided ({likelier}: P {compared(p)})"
-        if p < _DECIDED
-        else f"{likelier} (P {compared(p)})"
-    )
-    size = f"asymmetry, {overall}, {_interval(row)} on average over {counted(len(pairs), 'comparison')} and all subjects"
-    return f"{decided}; {size}; of a further subject {_ends(further)}"
 
 
 #: Quantities as readers know them, by the group parameters that Bayes factors are of.

@@ -19,7 +19,6 @@ from bayes_toe.data.messages import as_html, shown
 from bayes_toe.data.study import Study, pooled, require_study
 from bayes_toe.data.tasks import Task
 from bayes_toe.errors import ConvergenceWarning, InputError, WorkerError, require_kind
-from bayes_toe.groups.asymmetries import Asymmetries, asymmetries
 from bayes_toe.groups.chains import GroupChains, chain_count, sample_group
 from bayes_toe.groups.differences import ConditionLikelihood, Differences
 from bayes_toe.groups.hyperprior import Hyperprior, hyperprior_of
@@ -224,11 +223,6 @@ class Population:
         )
 
     @cached_property
-    def asymmetries(self) -> Asymmetries | None:
-        """How much likelier a wrong answer is with the stronger stimulus first; None where no pair was presented in both orders."""
-        return asymmetries(self)
-
-    @cached_property
     def table(self) -> PopulationTable:
         """What is said of the population: the rows of population.csv."""
         return population_table(self)
@@ -242,7 +236,7 @@ class Population:
         return as_html(repr(self)[1:-1], self.summary())
 
     def summary(self) -> pd.DataFrame:
-        """The same as a frame: means, sds between subjects, effects of covariates, asymmetries, a further subject."""
+        """The same as a frame: means, sds between subjects, effects of covariates, a further subject."""
         return self.table.frame()
 
     def subjects(self) -> pd.DataFrame:

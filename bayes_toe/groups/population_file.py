@@ -1,7 +1,8 @@
 """population.nc: the posterior of a group as ArviZ opens it, and everything that makes it a :class:`Population` again, to the bit.
 
 Groups: posterior (means, scatters, effects, correlations, subjects' parameters on the group scales; quantities of subjects, of one at the
-mean and of a further one); sample_stats (diagnostics of every subject's parameters); posterior_predictive (asymmetries, of fewer draws);
+mean and of a further one); sample_stats (diagnostics of every subject's parameters); posterior_predictive (in very large groups
+the quantities of subjects, of fewer draws);
 constant_data (regressors, draws of each subject alone, and as JSON the study, the settings and what was not reached). Numbers have HDF5's
 checksums.
 """
@@ -21,13 +22,13 @@ import h5py
 import numpy as np
 import xarray as xr
 
+from bayes_toe.arrays import IndexArray
 from bayes_toe.data.conditions import Conditions, by_person, felt_together
 from bayes_toe.data.messages import shown
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task, task_of
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError, require_kind
-from bayes_toe.groups.asymmetries import MOST_DRAWS, spaced
 from bayes_toe.groups.chains import GroupChains, with_convergence
 from bayes_toe.groups.differences import Differences
 from bayes_toe.groups.hyperprior import GROUP_PARAMETERS, Hyperprior
@@ -42,6 +43,7 @@ if TYPE_CHECKING:
     from bayes_toe.groups.population import Population
 
 _ALLOWED = "allowed: a population.nc written by bayes-toe"
+MOST_DRAWS = 1000  # of subjects' quantities where all would be too many
 AFFORDABLE = 1 << 24  # values of subjects' quantities of all draws: an eighth of a gigabyte
 _MOST_SAID = 1 << 14  # characters of one attribute; HDF5 has room for four times as many
 
@@ -100,33 +102,23 @@ def load_population(path: str | Path) -> Population:
 
 
 def _tree(found: Population) -> xr.DataTree:
-    """All groups; quantities that follow from subjects' parameters stand where their draws do: all draws, or those of asymmetries."""
+    """All groups; quantities that follow from subjects' parameters are of all draws, or of some where all are too many."""
     chains, draws, subjects, _ = found.chains.eta.shape
-    reported, every = found.posterior(found.study.names[0]).names.reported, found.asymmetries
-    few = spaced(chains, draws, MOST_DRAWS) if every is None else every.kept
+    reported = found.posterior(found.study.names[0]).names.reported
     whole = chains * draws * subjects * len(reported) <= AFFORDABLE
-    posterior, predicted = (
-        _posterior(found),
-        xr.Dataset(coords={"chain": np.arange(chains), "draw": few}),
-    )
-    if every is not None:
-        dims = ("chain", "draw", "level", "comparison")
-        predicted = predicted.assign_coords(
-            level=list(every.levels), comparison=list(every.comparisons)
-        )
-        predicted = predicted.assign(
-            asymmetry=(dims, every.draws), new_asymmetry=(dims[:2], every.new_subject)
-        )
-    some = np.arange(draws) if whole else few
+    posterior = _posterior(found)
+    some = np.arange(draws) if whole else spaced(chains, draws, MOST_DRAWS)
     of_subjects = [found.quantities(found.chains.eta[:, some, i]) for i in range(subjects)]
     values = {
         name: (("chain", "draw", "subject"), np.stack([one[name] for one in of_subjects], axis=-1))
         for name in reported
     }
+    thinned: dict[str, xr.Dataset] = {}
     if whole:
         posterior = posterior.assign(values)
     else:
-        predicted = predicted.assign_coords(subject=list(found.study.names)).assign(values)
+        coords = {"chain": np.arange(chains), "draw": some, "subject": list(found.study.names)}
+        thinned["/posterior_predictive"] = xr.Dataset(values, coords)
     coords = {
         "subject": list(found.study.names),
         "parameter": list(found.names),
@@ -138,11 +130,20 @@ def _tree(found: Population) -> xr.DataTree:
     )
     groups = {"/posterior": posterior, "/sample_stats": judged, "/constant_data": _constant(found)}
     groups |= {"/trials": felt_trials(found.study)} if found.model.by_trial else {}
-    tree = xr.DataTree.from_dict(
-        groups | ({"/posterior_predictive": predicted} if predicted.data_vars else {})
-    )
+    tree = xr.DataTree.from_dict(groups | thinned)
     tree.attrs.update(_attributes(found, whole))
     return tree
+
+
+def spaced(chains: int, draws: int, most: int) -> IndexArray:
+    """Draws of each chain, evenly spaced, at most so many in all chains, and at least four of each.
+
+    Examples
+    --------
+    >>> spaced(16, 600, 1000)[:3].tolist(), len(spaced(16, 600, 1000))
+    ([0, 10, 20], 60)
+    """
+    return np.arange(0, draws, -(-draws // max(4, most // chains)))
 
 
 def _posterior(found: Population) -> xr.Dataset:

@@ -48,12 +48,12 @@ class PopulationRow(NamedTuple):
         A group parameter on its scale ('probit gamma'), two of them ('mu1, probit gamma'), a quantity of a subject, a comparison, or
         'order effect', of which the mean is the size at the mean of the population, the sd that of one sd of pull and constant error
         from there, in just noticeable differences.
-    quantity : {"mean", "sd", "correlation", "effect", "condition_effect", "condition_sd", "asymmetry", "new_subject"}
+    quantity : {"mean", "sd", "correlation", "effect", "condition_effect", "condition_sd", "new_subject"}
     level : str
-        The regressor of an effect, the part of the population of an asymmetry, the comparison of conditions; empty for what has none.
+        The regressor of an effect, the comparison of conditions; empty for what has none.
     mean, sd, q05, q25, q50, q75, q95, ess_bulk, ess_tail, r_hat : float
     p_direction : float or None
-        Probability that it has the sign that it probably has; of correlations, effects and asymmetries.
+        Probability that it has the sign that it probably has; of correlations and effects.
     bf_zero : float or None
         Of means that may be none, of pull and constant error each and of both together: Bayes factor of none against any. The order
         effect has none where the model's pull cannot be none.
@@ -124,20 +124,11 @@ class PopulationTable(Table[PopulationRow]):
 
 def population_table(found: Population) -> PopulationTable:
     """All rows of a population."""
-    rows, every = [*_hyperparameters(found)], found.asymmetries
-    if every is not None:
-        for j, comparison in enumerate(every.comparisons):
-            values = zip(every.levels, np.moveaxis(every.draws[..., j], -1, 0), strict=True)
-            rows += [
-                _row(comparison, "asymmetry", of_level, level=level, directed=True)
-                for level, of_level in values
-            ]
+    rows = [*_hyperparameters(found)]
     rows += [
         _row(name, "new_subject", values)
         for name, values in found.quantities(found.new_subject()).items()
     ]
-    if every is not None:
-        rows.append(_row(every.comparisons[0], "new_subject", every.new_subject))
     return PopulationTable(tuple(rows))
 
 

@@ -55,8 +55,6 @@ from bayes_toe.seeds import generator
 
 #: Subjects beyond which they have no names, and no interval of their own beside that in the group.
 MOST_NAMED_IN_GROUP = 40
-#: What effects on the difference of both orders are called.
-ASYMMETRY = "asymmetry"
 _DRAWS = 1000  # of each subject, for quantiles
 _ALONE, _MEAN = "#8C8C8C", "#BDB3DD"
 _ACROSS = 4
@@ -67,7 +65,7 @@ def population_figure(found: Population, check: PredictiveCheck | None = None) -
 
     Above: 5, 50 and 95 % of every subject, alone (thin) and in the group (bold), before the population's mean and a new subject. In the
     middle: what a new subject answers, mean and central 50 and 90 %, among all answers; how subjects differ in what they did beside new
-    groups. Below: what covariates do to the mean of every parameter, and to the asymmetry.
+    groups. Below: what covariates do to the mean of every parameter.
 
     Parameters
     ----------
@@ -110,12 +108,7 @@ def population_figure(found: Population, check: PredictiveCheck | None = None) -
         parts[2].suptitle(said, fontsize=SMALL)
         panels = first_panels(parts[2].add_gridspec(effects_down, effects_across), len(effects))
         for i, ((name, draws), ax) in enumerate(zip(effects.items(), panels, strict=True)):
-            effects_panel(
-                ax,
-                draws,
-                "asymmetry" if name == ASYMMETRY else GROUP_PARAMETERS[name].label,
-                labels,
-            )
+            effects_panel(ax, draws, GROUP_PARAMETERS[name].label, labels)
             ax.tick_params(labelleft=i % effects_across == 0)
     return figure
 
@@ -123,11 +116,6 @@ def population_figure(found: Population, check: PredictiveCheck | None = None) -
 def _heading(found: Population) -> str:
     """How many subjects under which model, whether to believe it, what is said of them on average, and where a typical subject is."""
     answer, said = on_average(found), list[str]()
-    if answer is None and found.asymmetries is not None:
-        draws = found.asymmetries.draws[:, :, 0, 0]
-        said.append(
-            f"asymmetry {said_interval(np.quantile(draws, MARKED))}, {_direction(float((draws > 0.0).mean()))}"
-        )
     if answer is None:
         mean = found.quantities(found.chains.mean.reshape(-1, len(found.names)))
         said += [
@@ -398,7 +386,7 @@ def effect_labels(found: Population) -> list[str]:
 
 
 def effects_of(found: Population) -> dict[str, FloatArray]:
-    """Draws of the effects on everything, shape (draws, columns): parameters, and the asymmetry where it can be seen; or of conditions."""
+    """Draws of the effects on the parameters, or of conditions, shape (draws, columns)."""
     columns = found.regressors.columns
     if found.differences is not None:
         return {
@@ -407,13 +395,7 @@ def effects_of(found: Population) -> dict[str, FloatArray]:
         }
     if not columns:
         return {}
-    of_parameters = {
+    return {
         name: found.chains.effects[..., i].reshape(-1, len(columns))
         for i, name in enumerate(found.names)
     }
-    if found.asymmetries is None:
-        return of_parameters
-    of_answers = found.asymmetries.draws[
-        :, :, np.flatnonzero(found.asymmetries.differences), 0
-    ]  # in the order of the columns
-    return of_parameters | {ASYMMETRY: of_answers.reshape(-1, len(columns))}

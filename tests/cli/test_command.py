@@ -157,6 +157,7 @@ def test_a_retired_command_says_what_to_type_instead(tmp_path, words, instead):
 @pytest.mark.parametrize(
     "words",
     [
+        ("asymmetry", "study.csv", "--covariates", "people.csv"),
         ("evidence", "study.csv", "--more-trials"),
         ("figures", "study.csv", "--mass=0.5"),
         ("power", "--stop", "has"),

@@ -162,7 +162,7 @@ def test_the_bundled_truth_is_read_to_the_last_bit():
     [
         ("design", ("simulate", "-o", "out.csv", "--design", "file.csv")),
         ("population", ("simulate", "-o", "out.csv", "--population", "file.csv")),
-        ("covariates", ("asymmetry", "study.csv", "-o", "out.csv", "--covariates", "file.csv")),
+        ("covariates", ("population", "study.csv", "-o", "out.nc", "--covariates", "file.csv")),
     ],
 )
 def test_commands_refuse_with_exit_code_2_and_write_nothing(tmp_path, written, kind, command):

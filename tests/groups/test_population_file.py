@@ -2,7 +2,6 @@
 
 import json
 import warnings
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -55,9 +54,6 @@ def test_arviz_opens_it(found, file):
         drawn["new_subject"].sel(quantity="gain").values,
         found.quantities(found.new_subject())["gain"],
     )
-    assert tree["posterior_predictive"]["asymmetry"].sel(level="group y - x").shape[1] == len(
-        found.asymmetries.kept
-    )
     assert json.loads(tree.attrs["settings"])["hyperprior"]["gamma"]["sd_scale"] == 1.0
     assert (tree.attrs["seed"], tree.attrs["model"], tree.attrs["converged"]) == (
         0,
@@ -69,20 +65,13 @@ def test_arviz_opens_it(found, file):
 
 
 def test_of_a_large_group_quantities_of_subjects_are_thinned(found, tmp_path, monkeypatch):
-    monkeypatch.setattr("bayes_toe.groups.asymmetries.MOST_DRAWS", 200)
-    found = replace(found)  # without the asymmetries that it knows
+    monkeypatch.setattr(population_file, "MOST_DRAWS", 200)
     monkeypatch.setattr(population_file, "AFFORDABLE", 100)
-    monkeypatch.setattr(
-        population_file, "spaced", lambda *_: pytest.fail("asymmetries say which draws")
-    )
     again = bt.load(found.save(tmp_path / "large.nc"))
     assert packed(again) == packed(found)
     with xr.open_datatree(tmp_path / "large.nc") as tree:
         assert "gain" not in tree["posterior"]
-        assert tree["posterior_predictive"]["gain"].shape == (
-            *found.asymmetries.new_subject.shape,
-            3,
-        )
+        assert tree["posterior_predictive"]["gain"].dims == ("chain", "draw", "subject")
         assert tree["posterior_predictive"]["gain"].shape[1] < found.chains.mean.shape[1]
         assert tree.attrs["thinned"]
 

@@ -138,18 +138,13 @@ def test_effects_say_their_direction():
     found = made_population(ordinary(6), columns=COLUMNS, x=x)
     found.chains.effects[:, :, 0, 3] = -0.7
     figure = bt.plots.population_figure(found)
-    assert len(figure.axes) == 4 + 2 + 5
-    of_q0, of_asymmetry = figure.axes[-2:]
+    assert len(figure.axes) == 4 + 2 + 4
+    of_q0 = figure.axes[-1]
     above = np.mean(found.chains.effects[:, :, 1, 3] > 0)
     assert [text.get_text() for text in of_q0.texts] == ["P(< 0) > 0.99", f"P(> 0) = {above:.2f}"]
     assert [label.get_text().replace("\n", " ") for label in figure.axes[6].get_yticklabels()] == [
         column.about for column in COLUMNS
     ]
-    every = found.asymmetries
-    asked = [every.levels.index(level) for level in ("group patient - control", "age +1 sd - mean")]
-    assert np.asarray(of_asymmetry.lines[-1].get_xdata()) == pytest.approx(
-        np.median(every.draws[:, :, asked, 0], axis=(0, 1))
-    )
     assert "with covariates of the study" in figure.axes[4].get_legend().get_title().get_text()
 
 
@@ -173,7 +168,7 @@ def test_the_predictive_check_shows_what_is_wrong_and_where_it_lies(few):
 
 def test_the_title_says_who_and_whether_to_believe_it(drawn):
     title = drawn["check"].get_figure(root=True).get_suptitle()
-    assert title.startswith("Population of 3 subjects: predictive update\nasymmetry ")
+    assert title.startswith("Population of 3 subjects: predictive update\n")
     assert "pull 0." in title
     weighted = made_population(
         np.array([0.0, 0.0, -1.2, 1.4]) + 0.01 * np.arange(3)[:, None], model="free weighting"

@@ -9,11 +9,9 @@ from populations import made_up
 from reference.calibration import ABOUT, calibrate
 
 import bayes_toe as bt
-from bayes_toe.classical.covariates import covariate_tests
 from bayes_toe.cli.supplement import fit_table, order_effect_table, parameter_table
 from bayes_toe.comparison.contrast import WORDS
 from bayes_toe.comparison.words import EFFECTS
-from bayes_toe.data.covariates import Covariates
 from bayes_toe.experiments.checks import described
 from bayes_toe.inference.prediction import predict_pairs
 from bayes_toe.model.ladder import SPACE
@@ -55,9 +53,6 @@ def written(analysis, small_study, tmp_path_factory):
         "evidence.csv": analysis.evidence.frame(),
         "fit.csv": analysis.fits.frame(),
         "asymmetry.csv": asymmetry.frame(),
-        "asymmetry_covariates.csv": covariate_tests(
-            Covariates({"age": {"A": 1.0, "B": 2.0, "C": 4.0}}), asymmetry.outcomes()
-        ).frame(),
         "population.csv": group.summary(),
         "population_subjects.csv": group.subjects(),
         "predictions.csv": predict_pairs(analysis.draws, pairs, ["A"]),
