@@ -116,8 +116,7 @@ def test_a_group_and_an_explorer_stand_beside_the_report_where_asked_for_and_go_
         "chains did not converge: few draws.",
         "the spread of the accuracy between subjects is larger than a normal population has it (0.3, 0.1 to 0.2 expected, p = 0.004); try",
         'class="lead">',
-        "Order effect of the population, direction: ",
-        "Group &lt;b&gt; - a: ",
+        "A subject at the mean",
         "data:image/png;base64,",
         "<th>BF no difference",
         "<th>sd between subjects",
@@ -164,7 +163,7 @@ def test_run_computes_the_group_from_its_own_draws_and_leaves_with_3_where_it_di
     done = inside("run", "study.csv", "-o", "out", *options, cwd=tmp_path)
     assert (done.returncode, asked["names"]) == (3, analysis.study.names)
     assert asked["posterior"] is analysis.draws  # whose prior and seed are the group's
-    assert "order effect of the population, direction: " in done.stdout
+    assert "a subject at the mean" in done.stdout
     assert "attention the group's chains did not converge: few draws" in done.stdout
     assert "population.csv, population_subjects.csv, population.png, population.nc" in " ".join(
         done.stdout.split()
