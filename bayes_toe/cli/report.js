@@ -22,7 +22,6 @@
       button.setAttribute("aria-label", `sort by ${head.textContent.trim()}`);
       head.append(button);
       head.addEventListener("click", event => {
-        event.preventDefault();
         const down = head.getAttribute("aria-sort") === "ascending";
         for (const other of heads) {
           other.removeAttribute("aria-sort");

@@ -41,7 +41,7 @@ from bayes_toe.workers import Progress, Workers
 if TYPE_CHECKING:
     import pandas as pd
 
-#: Columns of compare_history.csv.
+#: Columns of history.csv.
 HISTORY_COLUMNS = (
     *(
         "subject",
@@ -76,7 +76,7 @@ _STATIC, _BIAS = "static", {"answer bias": "previous answer"}
 
 @dataclass(frozen=True, eq=False)
 class SubjectHistory:
-    """What is concluded of one subject; columns of compare_history.csv are attributes.
+    """What is concluded of one subject; columns of history.csv are attributes.
 
     Attributes
     ----------
@@ -200,7 +200,7 @@ class HistoryTable(SubjectTable[SubjectHistory]):
         return f"answers follow them, of {counted(len(self.rows), 'subject')}: {found}"
 
     def frame(self) -> pd.DataFrame:
-        """The table with the columns of compare_history.csv; natural logs, empty where a value does not exist."""
+        """The table with the columns of history.csv; natural logs, empty where a value does not exist."""
         return frame_of(self.rows, HISTORY_COLUMNS)
 
 
