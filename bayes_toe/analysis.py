@@ -41,12 +41,13 @@ from bayes_toe.inference.subject import (
     SummaryRow,
     Wanted,
     fitted_result,
-    infer,
     subject_draws,
     weighted_fit,
 )
 from bayes_toe.kept import Done, Kept, keeping
-from bayes_toe.model.ladder import PREDICTIVE_UPDATE, Target, model_named, models_of
+from bayes_toe.model.ladder import PREDICTIVE_UPDATE, models_of
+from bayes_toe.model.models import model_posterior, require_model, stored_model
+from bayes_toe.model.posterior_protocol import SampledPosterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.study_prior import prior_for
 from bayes_toe.seeds import generator
@@ -193,7 +194,7 @@ def run(
 def sample(
     study: Study,
     *,
-    model: str = PREDICTIVE_UPDATE.name,
+    model: str = "paper",
     draws: int = 4000,
     seed: int | None = None,
     prior: Prior | str | None = None,
@@ -207,7 +208,7 @@ def sample(
     ----------
     study : Study
     model : str
-        A name of :data:`bayes_toe.model.ladder.NAMES`; the predictive update (H1) by default.
+        "none", "constant-error", "contraction", "both", or "paper", the paper's (H1).
     draws : int
         Bulk and tail effective draws to reach for every judged quantity of every subject.
     seed, prior, workers, progress, keep
@@ -227,9 +228,9 @@ def sample(
     --------
     >>> from bayes_toe.data.study import Subject
     >>> one = Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [49, 20, 15], [50, 50, 50])
-    >>> found = sample(Study([one]), model="constant bias", draws=500, seed=1, workers=1)
+    >>> found = sample(Study([one]), model="constant-error", draws=500, seed=1, workers=1)
     >>> found.model, found.parameters
-    ('constant bias', ('q0', 'width', 'offset', 'pse_shift', 'jnd'))
+    ('constant error', ('noise', 'q0', 'noise_slope', 'criterion_slope', 'lapse_rate', 'constant_error', 'jnd', 'zone'))
     """
     made = draw(
         study,
@@ -254,7 +255,7 @@ def sample(
 def draw(
     study: Study,
     *,
-    model: str = PREDICTIVE_UPDATE.name,
+    model: str = "paper",
     draws: int = 4000,
     seed: int | None = None,
     prior: Prior | str | None = None,
@@ -264,9 +265,9 @@ def draw(
 ) -> Draws:
     """:func:`sample` without its warning, for callers that say themselves who did not converge."""
     require_study(study)
-    model_named(model, study.task)  # refuses a wrong word before any work
+    name = require_model(model, study.task).name
     with keeping(keep) as kept:
-        settings = _settings(study, draws, kept.seed(seed), prior, model)
+        settings = _settings(study, draws, kept.seed(seed), prior, name)
         wanted = Wanted(settings.sampler)
         jobs = [partial(_drawn, subject, settings, wanted) for subject in study]
         study, done, failed = _survivors(study, jobs, workers, progress, kept)
@@ -341,7 +342,7 @@ def smooth_curve_evidence(draws: Draws, *, workers: Workers = None) -> EvidenceT
     return EvidenceTable(tuple(rows), seed, prior, task=study.task)
 
 
-def _against_frequencies(target: Target, seed: int, wanted: Wanted) -> SubjectEvidence:
+def _against_frequencies(target: SampledPosterior, seed: int, wanted: Wanted) -> SubjectEvidence:
     return subject_evidence(*fitted_result(target, seed, wanted), None)
 
 
@@ -360,13 +361,10 @@ class _Analysed:
 
 
 def _drawn(subject: Subject, settings: Settings, wanted: Wanted) -> SubjectDraws:
-    return subject_draws(
-        infer(
-            model_named(settings.model, subject.task).posterior(subject, settings.prior),
-            settings.seed,
-            wanted,
-        )
-    )
+    model = stored_model(settings.model, subject.task)
+    target = model_posterior(model, subject, settings.prior)
+    result, _ = fitted_result(target, settings.seed, wanted)
+    return subject_draws(result)
 
 
 def _analysed(

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 _SHOWN_QUANTILES = [0.05, 0.5, 0.95]
 #: What order effects show in: these come first, and have their range beside the median.
-_WITH_RANGE = ("mu1", "offset", "gain")
+_WITH_RANGE = ("mu1", "gain", "constant_error", "contraction", "jnd")
 _MOST_SHOWN = 7  # of a model with a parameter for each pair
 
 
@@ -153,7 +153,7 @@ def sample(
     output: Annotated[
         Path, writes("posterior.nc", "NetCDF file to write; NAME.zarr: a Zarr store, a folder.")
     ] = Path("posterior.nc"),
-    model: ModelName = "predictive update",
+    model: ModelName = "paper",
     task: Annotated[Task, Takes(*MODEL, "draws", "resume")],
 ) -> None:
     """Posterior draws of every subject under a model, as NetCDF that ArviZ opens.
@@ -161,13 +161,14 @@ def sample(
     [bold]Example[/bold]: bayes-toe sample study.csv -o posterior.nc --draws 10000 --seed 1
     """
     from bayes_toe.analysis import draw
-    from bayes_toe.model.ladder import model_named
+    from bayes_toe.model.models import describe_prior, require_model
 
     task.require_files(output)
     keep = task.partial(output)
     read, prior = task.read(study)
+    record = require_model(model, read.task)
     _require_room(task, output, keep, read, prior, model)
-    task.out.introduce(read, prior, f"prior: {model_named(model, read.task).describe(prior)}")
+    task.out.introduce(read, prior, f"prior: {describe_prior(record, prior, read.task)}")
     task.out.smaller_models(read)
     draws = task.work(
         "sampling", len(read), draw, read, model=model, draws=task.draws, prior=prior, keep=keep
@@ -190,7 +191,7 @@ def _require_room(
     keep: Path,
     study: bt.Study,
     prior: bt.Prior,
-    model: str = "predictive update",
+    model: str = "paper",
     *,
     others: int = 0,
 ) -> None:
@@ -203,8 +204,10 @@ def _require_room(
     from bayes_toe.inference.draws import stored_bytes
     from bayes_toe.inference.draws_file import require_fitting
     from bayes_toe.inference.sampling import SamplerSettings
+    from bayes_toe.model.models import require_model
 
-    draws = stored_bytes(study, prior, SamplerSettings(task.draws), model)
+    record = require_model(model, study.task)
+    draws = stored_bytes(study, prior, SamplerSettings(task.draws), record)
     if not named_store(file):
         require_fitting(draws)
     require_room(

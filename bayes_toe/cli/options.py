@@ -108,7 +108,11 @@ Question = Annotated[
 ]
 ModelName = Annotated[
     str,
-    typer.Option("--model", help="A model by name or composition: 'update + sloped + both ways'."),
+    typer.Option(
+        "--model",
+        metavar="none|constant-error|contraction|both|paper",
+        help="One of the four models of the observer, or the paper's (H1).",
+    ),
 ]
 
 

@@ -24,6 +24,7 @@ from bayes_toe.groups.population import Population
 from bayes_toe.inference.draws import Draws
 from bayes_toe.inference.prediction import Predictor
 from bayes_toe.model.free_frequencies import FrequencyPosterior
+from bayes_toe.model.observer import ObserverPosterior
 from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.target import DOMINATED, contraction
 from bayes_toe.plots.corner import AROUND, BINS, Density, Span, known_from, prior_values, spans_of
@@ -46,7 +47,7 @@ class Entry:
     """One choice of the page: a subject's posterior, called by its model or what else tells it from others of the subject."""
 
     label: str
-    target: Posterior | FrequencyPosterior
+    target: ObserverPosterior | Posterior | FrequencyPosterior
     x: FloatArray  # draws in unconstrained coordinates, shape (chains, draws, k)
     badges: tuple[tuple[str, str], ...] = ()  # kind - unconverged, misfit, untold, fine - and words
     truth: Mapping[str, float] | None = (
@@ -150,7 +151,11 @@ class Entry:
                 for one in shown
             ],
             "undrawn": len(_trials(counts)) - len(shown),
-            "reference": None if fitted is None or counts.isi is None else fitted.target.reference,
+            "reference": fitted.target.reference
+            if fitted is not None
+            and isinstance(fitted.target, Posterior)
+            and counts.isi is not None
+            else None,
             "ends": ends,
             "axis": text_of(axis(quantities, self.target.sbar, ends))
             if isinstance(self.target, Posterior)

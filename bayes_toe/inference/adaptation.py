@@ -26,7 +26,7 @@ from bayes_toe.inference.proposal import (
     efficiency,
     importance_draws,
 )
-from bayes_toe.model.ladder import Target
+from bayes_toe.model.posterior_protocol import SampledPosterior
 
 #: With what a fit may begin.
 Start: TypeAlias = Maxima | FittedProposal | None
@@ -74,7 +74,11 @@ _CALM = 0.5  # Pareto k-hat above which other draws may well have one that is no
 
 
 def fit_proposal(
-    posterior: Target, rng: np.random.Generator, *, start: Start = None, draws: int = 20_000
+    posterior: SampledPosterior,
+    rng: np.random.Generator,
+    *,
+    start: Start = None,
+    draws: int = 20_000,
 ) -> FittedProposal:
     """Adapt a proposal to a posterior and judge it by so many draws that are independent of it, twice as many where refits were needed.
 
@@ -85,7 +89,7 @@ def fit_proposal(
 
 
 def quick_proposal(
-    posterior: Target, modes: FloatArray, cloud: FloatArray, rng: np.random.Generator
+    posterior: SampledPosterior, modes: FloatArray, cloud: FloatArray, rng: np.random.Generator
 ) -> FittedProposal:
     """A proposal from a cloud of draws about a maximum, shapes (draws, k) and (1, k), judged by 2,500 draws.
 
@@ -114,7 +118,11 @@ def quick_proposal(
 
 
 def adapt_proposal(
-    posterior: Target, rng: np.random.Generator, *, start: Start = None, draws: int = 20_000
+    posterior: SampledPosterior,
+    rng: np.random.Generator,
+    *,
+    start: Start = None,
+    draws: int = 20_000,
 ) -> FittedProposal:
     """:func:`fit_proposal` without its last step: judged on fresh draws, refitted on those where they reveal a gap, a few times.
 
@@ -169,7 +177,10 @@ def with_trusted_draws(fitted: FittedProposal, rng: np.random.Generator) -> Fitt
 
 
 def refreshed(
-    fitted: FittedProposal, posterior: Target, log_posterior: FloatArray, rng: np.random.Generator
+    fitted: FittedProposal,
+    posterior: SampledPosterior,
+    log_posterior: FloatArray,
+    rng: np.random.Generator,
 ) -> FittedProposal:
     """A proposal for a posterior like the one that it was fitted to, by one round of EM on the draws that it has, and new draws from it.
 
@@ -214,7 +225,7 @@ def _adapt(proposal: Proposal, stage: Stage, rng: np.random.Generator) -> list[_
     return history
 
 
-def _first(posterior: Target, maxima: Maxima, rng: np.random.Generator) -> Proposal:
+def _first(posterior: SampledPosterior, maxima: Maxima, rng: np.random.Generator) -> Proposal:
     """Prior draws, tempered until two hundred count, and Laplace approximations at proper maxima."""
     levelling = posterior.levelling(maxima.x[maxima.value > maxima.value[0] - 3.0])
     x = posterior.sample_prior(rng, 2 * STAGES[0].draws)

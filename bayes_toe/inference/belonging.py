@@ -10,7 +10,8 @@ from bayes_toe.data.messages import listed, quoted
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws
-from bayes_toe.model.ladder import PREDICTIVE_UPDATE, model_named
+from bayes_toe.model.ladder import PREDICTIVE_UPDATE
+from bayes_toe.model.models import stored_model
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.record import Model
 
@@ -75,12 +76,10 @@ def require_said_prior(source: str, said: str, wanted: str) -> None:
 
 def _same_prior(draws: Draws, prior: Prior) -> bool:
     """Whether the model's parameters have the same prior; what only other models have does not count."""
-    record, own = model_named(draws.model, draws.task), draws.prior
-    used = (
-        {"interval"}.union(*(record.parameters(one) for one in (prior, own)))
-        if isinstance(record, Model)
-        else {"interval"}
-    )
+    record, own = stored_model(draws.model, draws.task), draws.prior
+    if not isinstance(record, Model):
+        return own.observer == prior.observer
+    used = {"interval"}.union(*(record.parameters(one) for one in (prior, own)))
     same = (
         getattr(own, one.name) == getattr(prior, one.name)
         for one in own.declared()

@@ -41,8 +41,8 @@ from bayes_toe.inference.subject import (
     unit,
 )
 from bayes_toe.model.coordinates import NATURAL, Natural
-from bayes_toe.model.free_frequencies import FrequencyPosterior
-from bayes_toe.model.ladder import model_named, posterior_of
+from bayes_toe.model.models import SampledModel, describe_prior, model_posterior, stored_model
+from bayes_toe.model.observer import ObserverPosterior
 from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import Prior, stored_prior
 from bayes_toe.seeds import generator
@@ -122,7 +122,7 @@ class Draws:
 
     def described_prior(self) -> str:
         """The prior of every parameter of the model, in words."""
-        return model_named(self.model, self.task).describe(self.prior)
+        return describe_prior(stored_model(self.model, self.task), self.prior, self.task)
 
     @property
     def intervals(self) -> tuple[float, ...]:
@@ -184,8 +184,6 @@ class Draws:
             f"/{key}": self.group(key).isel(obs=self._places[name])
             for key in ("observed_data", "constant_data")
         }
-        if "trials" in self.tree.children:
-            groups["/trials"] = draws_file.trials_of(self.group("trials"), name)
         tree = xr.DataTree.from_dict(groups)
         tree.attrs.update(self.tree.attrs)
         return Draws(tree)
@@ -225,18 +223,12 @@ class Draws:
         columns = {**self.group("constant_data").variables, **self.group("observed_data").variables}
         keys = ("s1", "s2", self.task.count, "n_trials", *(["isi"] if "isi" in columns else []))
         given = (columns[key].values[self._places[name]] for key in keys)
-        answers = (
-            draws_file.answers_of(self.group("trials"), name)
-            if "trials" in self.tree.children
-            else None
-        )
-        return Subject(
-            name, *given, task=self.task, answers=answers, **self._conditions[1].get(name, {})
-        )
+        return Subject(name, *given, task=self.task, **self._conditions[1].get(name, {}))
 
-    def posterior(self, name: str | int) -> Posterior | FrequencyPosterior:
+    def posterior(self, name: str | int) -> ObserverPosterior | Posterior:
         """The posterior that one subject's draws are of."""
-        return posterior_of(self.subject(name), self.prior, model=self.model)
+        model = stored_model(self.model, self.task)
+        return model_posterior(model, self.subject(name), self.prior)
 
     def points(self, name: str | int) -> FloatArray:
         """Draws of one subject in unconstrained coordinates, shape (chains, draws, k)."""
@@ -463,11 +455,7 @@ def load_draws(path: str | Path) -> Draws:
     """Read draws that :meth:`Draws.save` wrote, from a file or a store; also those of earlier versions, which hold more."""
     made, name = Draws(draws_file.read_tree(path), Path(path)), shown(Path(path))
     try:
-        needed = {
-            key
-            for subject in made.study
-            for key in posterior_of(subject, made.prior, model=made.model).names.natural
-        }
+        needed = {key for name in made.names for key in made.posterior(name).names.natural}
     except InputError as error:
         raise InputError(f"{name}: draws of {error}") from error
     except (TypeError, ArithmeticError, LookupError, ValueError, RecursionError) as error:
@@ -490,19 +478,15 @@ def assembled(
     failed: Mapping[str, str],
 ) -> Draws:
     """The draws of every subject of a study, and who failed; where there is a path and much to store, in a Zarr store there."""
-    much = (
-        stored_bytes(study, settings.prior, settings.sampler, settings.model) > draws_file.AT_ONCE
-        and find_spec("zarr") is not None
-    )
+    model = stored_model(settings.model, study.task)
+    size = stored_bytes(study, settings.prior, settings.sampler, model)
+    much = size > draws_file.AT_ONCE and find_spec("zarr") is not None
     store = path if much else None
     return Draws(draws_file.assembled_tree(study, found, settings, failed, store), store)
 
 
-def stored_bytes(study: Study, prior: Prior, sampler: SamplerSettings, model: str) -> int:
+def stored_bytes(study: Study, prior: Prior, sampler: SamplerSettings, model: SampledModel) -> int:
     """About how many bytes the file of draws will have, before they are made."""
-    record, stored = (
-        model_named(model, study.task),
-        sampler.ensembles * sampler.walkers * sampler.kept_steps,
-    )
-    names = {name for subject in study for name in record.posterior(subject, prior).names.natural}
+    stored = sampler.ensembles * sampler.walkers * sampler.kept_steps
+    names = model_posterior(model, study.subjects[0], prior).names.natural
     return 8 * stored * len(study) * (len(names) + 1) + 50_000

@@ -1,7 +1,7 @@
 """A study's draws as one tree of xarray, its NetCDF file and its Zarr store.
 
 What is kept: the draws of natural parameters and their log density (chain, draw, subject), what is known of each subject, and the counts,
-in long form over `obs` (one entry per subject and pair); of a model with a history also the trials in their order. Everything else follows
+in long form over `obs` (one entry per subject and pair). Everything else follows
 from these; see :class:`bayes_toe.inference.draws.Draws`.
 Draws of one subject are one chunk of each variable, with a checksum of the format's own: Fletcher-32 in HDF5, CRC-32C in Zarr.
 """
@@ -30,7 +30,8 @@ from bayes_toe.data.tasks import SAME_DIFFERENT, task_counted
 from bayes_toe.data.whole_files import named_store
 from bayes_toe.errors import InputError
 from bayes_toe.inference.subject import Settings, SubjectDraws
-from bayes_toe.model.ladder import model_named
+from bayes_toe.model.models import describe_prior, stored_model
+from bayes_toe.model.record import Model
 from bayes_toe.model.trial_history import require_order
 from bayes_toe.version import library_versions
 
@@ -91,8 +92,6 @@ def assembled_tree(
             "/constant_data": _long(study, "n_trials"),
         }
     )
-    if model_named(settings.model, study.task).by_trial:
-        tree["trials"] = xr.DataTree(felt_trials(study))
     tree.attrs.update(
         _attributes(study, settings) | ({"failed": json.dumps(dict(failed))} if failed else {})
     )
@@ -200,7 +199,10 @@ def answers_of(trials: xr.Dataset, name: str) -> Answers:
 
 
 def _attributes(study: Study, settings: Settings) -> dict[str, Any]:
-    record = model_named(settings.model, study.task)
+    record = stored_model(settings.model, study.task)
+    about = record.about
+    if study.intervals and isinstance(record, Model):
+        about += f"; intervals isi in seconds: {record.of_intervals}"
     versions = library_versions("xarray") | {"python": platform.python_version()}
     return {
         "source": study.source,
@@ -209,10 +211,9 @@ def _attributes(study: Study, settings: Settings) -> dict[str, Any]:
         "changes": "\n".join(study.changes),
         **({} if study.conditions is None else {"conditions": json.dumps(kept(study))}),
         "model": settings.model,
-        "about_model": record.about
-        + (f"; intervals isi in seconds: {record.of_intervals}" if study.intervals else ""),
+        "about_model": about,
         "seed": settings.seed,
-        "prior": record.describe(settings.prior),
+        "prior": describe_prior(record, settings.prior, study.task),
         "settings": json.dumps(settings.as_dict()),
         "versions": json.dumps(versions),
         "inference_library": "emcee",

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bayes_toe.arrays import BoolArray, FloatArray, IndexArray
-from bayes_toe.model.ladder import Target
+from bayes_toe.model.posterior_protocol import SampledPosterior
 from bayes_toe.model.target import Gradient, hessian, one_sided
 
 _DECREMENT = 1e-12  # twice the predicted gain, in nats, at which a point counts as arrived
@@ -235,7 +235,7 @@ class Maxima:
         return np.concatenate([self.x, self.hopeless])
 
 
-def find_maxima(target: Target, starts: FloatArray | None = None) -> Maxima:
+def find_maxima(target: SampledPosterior, starts: FloatArray | None = None) -> Maxima:
     """Maxima of the log density from several starts, shape (starts, k), of finite density; by default those that the data suggest."""
     x = target.starts() if starts is None else starts
     density = Differenced(

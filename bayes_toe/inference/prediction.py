@@ -16,8 +16,8 @@ from bayes_toe.data.validation import read_numbers
 from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws, require_draws
 from bayes_toe.inference.subject import QUANTILES
-from bayes_toe.model.free_frequencies import FrequencyPosterior
 from bayes_toe.model.intervals import require_intervals
+from bayes_toe.model.observer import ObserverPosterior
 from bayes_toe.model.posterior import Posterior
 
 _BLOCK = 1 << 20  # values of one temporary array
@@ -27,7 +27,7 @@ _BLOCK = 1 << 20  # values of one temporary array
 class Predictor:
     """What posterior draws x of one subject predict, unconstrained coordinates of shape (draws, k), under whichever model they are of."""
 
-    target: Posterior
+    target: ObserverPosterior | Posterior
     x: FloatArray
 
     @classmethod
@@ -35,10 +35,6 @@ class Predictor:
         """Of a subject's draws, all of them or about `most`, evenly spaced."""
         require_draws(draws)
         target = draws.posterior(subject)
-        if isinstance(target, FrequencyPosterior):
-            raise InputError(
-                f"model {draws.model!r} says nothing of pairs and intervals that were not tested"
-            )
         x = np.concatenate(list(draws.points(subject)))
         return cls(target, x if most is None else x[:: max(1, len(x) // most)])
 

@@ -11,8 +11,8 @@ from scipy.special import betainc, chdtrc, gammaln, xlogy
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.tasks import SAME_DIFFERENT
 from bayes_toe.model.history import Trials
-from bayes_toe.model.ladder import Answering
 from bayes_toe.model.posterior import Posterior
+from bayes_toe.model.posterior_protocol import AnswerPosterior
 from bayes_toe.model.target import require_points, times_counts
 from bayes_toe.seeds import generator
 
@@ -60,7 +60,7 @@ class Fit:
     p_value: float  # P(deviance >= this one), see :func:`deviance_p_value`; NaN without degrees of freedom
 
 
-def fit_at(posterior: Answering, x: npt.ArrayLike) -> Fit:
+def fit_at(posterior: AnswerPosterior, x: npt.ArrayLike) -> Fit:
     """Deviance and residuals at one unconstrained point x, shape (k,); meant for the maximum of the likelihood."""
     (log_q,), (log_rest,) = posterior.log_answers(np.asarray(x, np.float64).reshape(1, -1))
     subject, q = posterior.subject, np.exp(log_q)
@@ -149,7 +149,7 @@ class PredictiveCheck:
         return np.asarray(np.minimum(1.0, 2.0 * np.minimum(self.p_fewer, self.p_more)))
 
 
-def predictive_check(posterior: Answering, x: npt.ArrayLike, seed: int) -> PredictiveCheck:
+def predictive_check(posterior: AnswerPosterior, x: npt.ArrayLike, seed: int) -> PredictiveCheck:
     """Posterior predictive p-values of one subject from draws x, shape (draws, k), unconstrained.
 
     The seed is that of the replicated counts, which enter `p_overall` only; the stream is keyed by subject and model.
@@ -224,7 +224,7 @@ class FitSummary:
 
 
 def summarise_fit(
-    posterior: Answering,
+    posterior: AnswerPosterior,
     x: npt.ArrayLike,
     seed: int,
     *,
@@ -281,12 +281,13 @@ _FEWEST, _MOST = (
 )  # draws that are taken in any case; draws times trials beyond which others are left out
 
 
-def history_p(posterior: Posterior, x: FloatArray, seed: int) -> float:
+def history_p(posterior: AnswerPosterior, x: FloatArray, seed: int) -> float:
     """Posterior predictive p-value of the answers by pair and third of the mean stimulus of the trial before; NaN where no trial has one.
 
     It sees what deviances of pairs cannot, since every pair is preceded by all others: Pearson's X^2 over these cells, against answers
     replicated from the same independent draws x, shape (draws, k). The order of the subject's trials is known.
     """
+    assert isinstance(posterior, Posterior)
     trials, rng = (
         Trials.of(posterior.subject),
         generator(seed, posterior.subject.name, posterior.model.name, "history"),

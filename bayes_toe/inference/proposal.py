@@ -20,7 +20,7 @@ from scipy.special import gammaln
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.model.distributions import Random
-from bayes_toe.model.ladder import Target
+from bayes_toe.model.posterior_protocol import SampledPosterior
 from bayes_toe.model.target import Levels, require_defined
 
 _LEAST_SHARE = 1e-4  # of a component
@@ -193,7 +193,7 @@ class Proposal:
     Mixture and cover live in levelled coordinates, in which the posterior has no funnel.
     """
 
-    posterior: Target
+    posterior: SampledPosterior
     levelling: Levels
     mixture: StudentMixture
     cover: StudentMixture

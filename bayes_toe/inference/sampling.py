@@ -14,7 +14,7 @@ from bayes_toe.errors import InputError, require_kind
 from bayes_toe.inference.diagnostics import Convergence, convergence_of, shortfall, tail_error
 from bayes_toe.inference.proposal import FittedProposal, Proposal, WeightedDraws, importance_draws
 from bayes_toe.model.free_frequencies import FrequencyPosterior
-from bayes_toe.model.ladder import Target
+from bayes_toe.model.posterior_protocol import SampledPosterior
 from bayes_toe.model.target import require_defined
 from bayes_toe.seeds import generator, stream
 
@@ -290,7 +290,7 @@ def _dispersed(fitted: FittedProposal, random: np.random.RandomState, walkers: i
 
 
 def _uncertain_quantile(
-    posterior: Target, x: FloatArray, diagnostics: dict[str, Convergence], limit: float
+    posterior: SampledPosterior, x: FloatArray, diagnostics: dict[str, Convergence], limit: float
 ) -> tuple[str, bool]:
     """What is said of the natural quantity with the most uncertain 5 or 95 % quantile, empty where it is certain enough.
 

@@ -77,7 +77,9 @@ class SpaceEvidence:
         fitted = next(
             self.sampled[i].fitted for i, one in enumerate(self.models) if one.name == model
         )
-        return Predictor(fitted.proposal.posterior, fitted.draws.resampled(rng, size))
+        target = fitted.proposal.posterior
+        assert isinstance(target, Posterior)
+        return Predictor(target, fitted.draws.resampled(rng, size))
 
 
 def space_evidence(

@@ -28,7 +28,8 @@ from bayes_toe.inference.proposal import FittedProposal
 from bayes_toe.inference.sampling import Chains, SamplerSettings, independent_chains, sample_chains
 from bayes_toe.model.free_frequencies import FrequencyPosterior
 from bayes_toe.model.intervals import reference_interval
-from bayes_toe.model.ladder import Answering, Target
+from bayes_toe.model.posterior import Posterior
+from bayes_toe.model.posterior_protocol import AnswerPosterior, SampledPosterior
 from bayes_toe.model.prior import DEFAULT, Prior
 from bayes_toe.model.target import contraction
 from bayes_toe.seeds import generator
@@ -72,11 +73,13 @@ _UNITS = {
             "exponent",
             "icc",
             "carry_over",
+            "contraction",
         ),
         "1",
     ),
     **{
         "noise_slope": "1 / ln intensity",
+        "criterion_slope": "1 / ln intensity",
         "peak_slope": "1 / ln intensity",
         "carry_over_tau": "s",
         "half_life": "trials",
@@ -120,7 +123,7 @@ class Wanted:
 class SubjectResult:
     """What was asked for of one subject under one model, None for the rest; small enough to send to another process."""
 
-    target: Answering
+    target: AnswerPosterior
     efficiency: float  # and k-hat: how good the fitted proposal is; 1 and NaN where draws come from the posterior itself
     pareto_k: float
     evidence: Evidence | None
@@ -140,7 +143,9 @@ class Fitted(NamedTuple):
     proposal: FittedProposal
 
 
-def infer(target: Target | FrequencyPosterior, seed: int, wanted: Wanted) -> SubjectResult:
+def infer(
+    target: SampledPosterior | FrequencyPosterior, seed: int, wanted: Wanted
+) -> SubjectResult:
     """The pipeline of one subject under one model; random streams are keyed by seed, subject, model and purpose."""
     return (
         exact_result(target, seed, wanted)
@@ -158,7 +163,9 @@ def exact_result(target: FrequencyPosterior, seed: int, wanted: Wanted) -> Subje
     )
 
 
-def fitted_result(target: Target, seed: int, wanted: Wanted) -> tuple[SubjectResult, Fitted]:
+def fitted_result(
+    target: SampledPosterior, seed: int, wanted: Wanted
+) -> tuple[SubjectResult, Fitted]:
     """The pipeline where a proposal has to be fitted, with what it found on its way."""
     maxima, rng = (
         find_maxima(target),
@@ -174,7 +181,7 @@ def fitted_result(target: Target, seed: int, wanted: Wanted) -> tuple[SubjectRes
     ), Fitted(maxima, fitted)
 
 
-def _chains_fit(target: Answering, chains: Chains | None, seed: int) -> FitSummary | None:
+def _chains_fit(target: AnswerPosterior, chains: Chains | None, seed: int) -> FitSummary | None:
     """Goodness of fit by the draws of chains."""
     if chains is None:
         return None
@@ -264,7 +271,7 @@ def subject_draws(result: SubjectResult, *, summarised: bool = False) -> Subject
 
 
 def summary_rows(
-    target: Answering,
+    target: AnswerPosterior,
     values: Mapping[str, FloatArray],
     known: Mapping[str, Convergence] | None = None,
 ) -> tuple[SummaryRow, ...]:
@@ -290,12 +297,10 @@ def location(values: FloatArray) -> tuple[float, ...]:
     )
 
 
-def unit(name: str, target: Answering) -> str:
+def unit(name: str, target: AnswerPosterior) -> str:
     """The unit of a quantity; at the reference interval where an interval acts on it."""
     plain = _UNITS.get(name, "1" if name.startswith("q") else "ln intensity")
+    if target.subject.isi is None or not isinstance(target, Posterior):
+        return plain
     reference = reference_interval(target.prior.reference_interval, target.subject)
-    return (
-        plain
-        if target.subject.isi is None
-        else target.model.units_at_intervals(reference).get(name, plain)
-    )
+    return target.model.units_at_intervals(reference).get(name, plain)

@@ -16,7 +16,7 @@ and 'both'. All other parameters are free in all four. The coordinates are those
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -45,6 +45,7 @@ from bayes_toe.model.parameters import (
     CutNormal,
     LogitOfBeta,
     ObserverPrior,
+    Parameter,
     PriorDensity,
     StandardNormal,
     StandardStudent,
@@ -52,7 +53,14 @@ from bayes_toe.model.parameters import (
     lapse_score,
     task_parameters,
 )
-from bayes_toe.model.target import Names, log_likelihoods, require_points, times_counts
+from bayes_toe.model.target import (
+    Levels,
+    Names,
+    SameCoordinates,
+    log_likelihoods,
+    require_points,
+    times_counts,
+)
 
 DEFAULT_PRIOR = ObserverPrior()
 #: JND over sigma_d: the z at which 75 % of the answers are 'second'.
@@ -226,6 +234,10 @@ class ObserverBatch:
         values["contraction"] = self.contraction_sd * next(columns)
         return values
 
+    def distance(self, u: FloatArray) -> FloatArray:
+        """The distance z of every pair, (rows, points, pairs)."""
+        return self._distance(self.quantities(u))
+
     def _distance(self, values: Mapping[str, FloatArray]) -> FloatArray:
         """The distance z of every pair, (rows, points, pairs)."""
         shift = values["contraction"][..., None] * self.first - values["constant_error"][..., None]
@@ -246,15 +258,30 @@ class ObserverBatch:
     def log_answers(self, u: FloatArray) -> LogAnswers:
         """Log probability of both answers to every pair, (rows, points, pairs) each."""
         values = self.quantities(u)
+        k = self._criterion(values) if self.is_same_different else None
+        return self._answers_at(values, self._distance(values), k)
+
+    def answers_at_distance(self, u: FloatArray, z: FloatArray) -> LogAnswers:
+        """Log probability of both answers at distances z, (n,) -> (rows, points, n) each.
+
+        The criterion is that of the mean intensity.
+        """
+        values = self.quantities(u)
+        z = np.broadcast_to(z, (*u.shape[:2], len(z)))
+        k = criterion(values["logit_q0"])[..., None] if self.is_same_different else None
+        return self._answers_at(values, z, k)
+
+    def _answers_at(
+        self, values: Mapping[str, FloatArray], z: FloatArray, k: FloatArray | None
+    ) -> LogAnswers:
+        """Log probability of both answers at distances and criteria, with lapses."""
         log_lapse, log_attend = self._lapse_logs(values)
-        z = self._distance(values)
-        if not self.is_same_different:
+        if k is None:
             yes, no = second_answers(z)
             blind = log_lapse - LN2
             return LogAnswers(
                 np.logaddexp(blind, log_attend + yes), np.logaddexp(blind, log_attend + no)
             )
-        k = self._criterion(values)
         attending, blind_answers = equal_answers(z, k), equal_answers(np.zeros(1), k)
         return LogAnswers(
             np.logaddexp(log_lapse + blind_answers.yes, log_attend + attending.yes),
@@ -379,7 +406,7 @@ class ObserverBatch:
         contraction = CutNormal(1.0 / self.contraction_sd)
         if not self.is_same_different:
             return normal, normal, student, student, contraction
-        peak = LogitOfBeta(self.prior.peak_a, self.prior.peak_b)
+        peak = LogitOfBeta(self.prior.q0_a, self.prior.q0_b)
         return normal, peak, normal, student, student, student, contraction
 
     def log_prior(self, u: FloatArray, is_free: BoolArray | None = None) -> FloatArray:
@@ -409,11 +436,34 @@ def _stacked(slopes: Sequence[FloatArray]) -> FloatArray:
     return np.stack(np.broadcast_arrays(*slopes), axis=-2)
 
 
+#: What the models say of the order of the stimuli.
+_ABOUT = {
+    "none": "no order effect",
+    "constant error": "a constant error",
+    "contraction": "a contraction of the first stimulus to the mean",
+    "both": "a constant error and a contraction",
+}
+
+
 @dataclass(frozen=True)
 class OrderModel:
     """One of the four models of the observer, by its name in :data:`ORDER_MODELS`."""
 
     name: str
+
+    @property
+    def about(self) -> str:
+        """What it says of the order of the stimuli, in words."""
+        return _ABOUT[self.name]
+
+    @property
+    def held(self) -> frozenset[Parameter]:
+        """The effects of order that it does not have: they are held at 0."""
+        return frozenset((CONSTANT_ERROR, CONTRACTION)).difference(ORDER_MODELS[self.name])
+
+    def describe(self, prior: ObserverPrior, task: Task) -> str:
+        """The prior of its parameters, in words."""
+        return prior.describe(task, self.held)
 
     def posterior(
         self, subject: Subject, prior: ObserverPrior = DEFAULT_PRIOR
@@ -442,10 +492,13 @@ class ObserverPosterior:
     subject: Subject
     model: OrderModel
     prior: ObserverPrior = DEFAULT_PRIOR
+    given_scales: StimulusScales | None = None
 
     @cached_property
     def scales(self) -> StimulusScales:
-        """Location and scales of the subject's stimuli."""
+        """Location and scales of the stimuli: those given, or those of the subject's stimuli."""
+        if self.given_scales is not None:
+            return self.given_scales
         return StimulusScales.from_subject(self.subject)
 
     @cached_property
@@ -464,6 +517,10 @@ class ObserverPosterior:
         names = [parameter.name for parameter in task_parameters(self.subject.task)]
         return tuple(name for name, free in zip(names, self.is_free, strict=True) if free)
 
+    def for_subject(self, subject: Subject) -> ObserverPosterior:
+        """The same model with the same prior and scales for other answers or other pairs."""
+        return replace(self, subject=subject, given_scales=self.scales)
+
     @property
     def sbar(self) -> float:
         """Mean first stimulus, natural-log intensity."""
@@ -480,6 +537,20 @@ class ObserverPosterior:
         """Log probability of both answers to every pair, (points, pairs) each."""
         yes, no = self.batch.log_answers(self.full_points(x))
         return LogAnswers(yes[0], no[0])
+
+    def realised_answers(
+        self, rng: Random, x: npt.ArrayLike, answers: tuple[FloatArray, FloatArray]
+    ) -> tuple[FloatArray, FloatArray]:
+        """The same answers: counts are binomial."""
+        return answers
+
+    def distance(self, x: npt.ArrayLike) -> FloatArray:
+        """The distance z of every pair in standard deviations of the noise, (points, pairs)."""
+        return np.asarray(self.batch.distance(self.full_points(x))[0])
+
+    def yes_at_distance(self, x: npt.ArrayLike, z: FloatArray) -> FloatArray:
+        """P of the answer that the task counts at distances z, (n,) -> (points, n)."""
+        return np.asarray(np.exp(self.batch.answers_at_distance(self.full_points(x), z).yes[0]))
 
     def pair_log_likelihood(
         self, x: npt.ArrayLike, answers: tuple[FloatArray, FloatArray] | None = None
@@ -508,6 +579,31 @@ class ObserverPosterior:
         log_prior = self.batch.log_prior(full, self.is_free[None])
         slope = slope + self.batch.prior_slopes(full)[0]
         return (value + log_prior)[0], slope[0][:, self.is_free]
+
+    # --- What engines ask for --------------------------------------------------------------------
+
+    def starts(self) -> FloatArray:
+        """A grid over noise, lapse rate, constant error and contraction, shape (starts, k)."""
+        subject = self.subject
+        largest_share = float(((subject.n_yes + 1.0) / (subject.n_trials + 2.0)).max())
+        sd = float(self.batch.contraction_sd[0, 0])
+        starts: dict[str, Sequence[float]] = {
+            "noise": (-1.4, 0.0, 1.4),
+            "q0": (float(logit(largest_share)),),
+            "lapse_rate": (-1.5, 1.0),
+            "noise_slope": (0.0,),
+            "criterion_slope": (0.0,),
+            "constant_error": tuple(
+                c / self.prior.constant_error_scale for c in (-0.93, 0.07, 1.01)
+            ),
+            "contraction": (-min(1.6, 0.4 / sd), min(3.2, 0.8 / sd)),
+        }
+        axes = np.meshgrid(*(starts[name] for name in self.coordinates))
+        return np.stack([axis.ravel() for axis in axes], axis=-1)
+
+    def levelling(self, modes: FloatArray) -> Levels:
+        """The coordinates as they are: no parameter's posterior narrows as another one vanishes."""
+        return SameCoordinates()
 
     def sample_prior(self, rng: Random, size: int) -> FloatArray:
         """Independent draws from the prior, shape (size, k)."""
@@ -544,6 +640,33 @@ class ObserverPosterior:
         names = self.names.all
         return {name: found[name].reshape(x.shape[:-1]) for name in names}
 
+    @property
+    def _units(self) -> dict[str, float]:
+        """The quantities that are a multiple of their coordinate, each at the coordinate 1."""
+        step, prior = self.scales.step, self.prior
+        slope_unit = float(self.batch.slope_unit[0, 0]) / step
+        return {
+            "noise_slope": prior.noise_slope_scale * slope_unit,
+            "criterion_slope": prior.criterion_slope_scale * slope_unit,
+            "constant_error": prior.constant_error_scale * step,
+            "contraction": float(self.batch.contraction_sd[0, 0]),
+        }
+
+    def prior_quantile(self, name: str, probability: float) -> float:
+        """Prior quantile of a quantity; that of the zone by draws."""
+        if name == "zone":
+            draws = self.sample_prior(np.random.default_rng(0), 100_000)
+            return float(np.quantile(self.quantities(draws)["zone"], probability))
+        parameter = "noise" if name == "jnd" else name
+        names = [one.name for one in task_parameters(self.subject.task)]
+        if parameter not in self.coordinates:
+            raise InputError(f"unknown quantity {name!r}; there are: {', '.join(self.names.all)}")
+        density = self.batch.priors[names.index(parameter)]
+        u = float(np.ravel(density.quantile(np.full((1, 1), probability)))[0])
+        point = np.zeros((1, len(self.coordinates)))
+        point[0, self.coordinates.index(parameter)] = u
+        return float(self.quantities(point)[name][0])
+
     @cached_property
     def names(self) -> Names:
         """What the quantities are called."""
@@ -557,14 +680,7 @@ class ObserverPosterior:
 
     def points(self, quantities: Mapping[str, FloatArray]) -> FloatArray:
         """Points, shape (..., k), from quantities of shape (...); the inverse of :meth:`quantities`."""
-        step, prior = self.scales.step, self.prior
-        slope_unit = float(self.batch.slope_unit[0, 0])
-        units = {
-            "noise_slope": prior.noise_slope_scale * slope_unit / step,
-            "criterion_slope": prior.criterion_slope_scale * slope_unit / step,
-            "constant_error": prior.constant_error_scale * step,
-            "contraction": float(self.batch.contraction_sd[0, 0]),
-        }
+        step, prior, units = self.scales.step, self.prior, self._units
         columns = []
         for name in self.coordinates:
             values = np.asarray(quantities[name], np.float64)

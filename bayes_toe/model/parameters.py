@@ -4,7 +4,7 @@ The observer of one subject works on stimuli about sbar in units of D, so that n
 matters. Every parameter has one unconstrained coordinate u, in units of its prior:
 
     noise            u = (log(sigma_d / D) - log median) / sd     standard normal
-    peak             u = logit q0                                 Beta(a, b) of q0
+    q0               u = logit q0                                 Beta(a, b) of q0
     lapse_rate       u = normal score of lambda                   standard normal
     noise_slope      u = b R / scale                              Student t, 3 df
     criterion_slope  u = g R / scale                              Student t, 3 df
@@ -14,7 +14,7 @@ matters. Every parameter has one unconstrained coordinate u, in units of its pri
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, fields
 from typing import Protocol
 
@@ -37,7 +37,7 @@ class ObserverPrior:
     ----------
     noise_median, noise_sd : float
         Median of sigma_d in D, and standard deviation of its logarithm.
-    peak_a, peak_b : float
+    q0_a, q0_b : float
         The beta distribution of q0, the largest P(equal).
     lapse_rate_b : float
         The lapse rate has the distribution Beta(1, b).
@@ -52,13 +52,34 @@ class ObserverPrior:
 
     noise_median: float = 1.0
     noise_sd: float = 0.7
-    peak_a: float = 4.0
-    peak_b: float = 1.0
+    q0_a: float = 4.0
+    q0_b: float = 1.0
     lapse_rate_b: float = 9.0
     noise_slope_scale: float = 0.15
     criterion_slope_scale: float = 0.15
     constant_error_scale: float = 0.5
     contraction_sd: float = 0.25
+
+    def describe(self, task: Task, held: Collection[Parameter] = ()) -> str:
+        """The prior of a task's parameters in words, without those that are held at 0.
+
+        Examples
+        --------
+        >>> ObserverPrior().describe(WHICH_STRONGER, (CONSTANT_ERROR, CONTRACTION))[:56]
+        'noise ~ LogNormal(1 D, 0.7), lapse_rate ~ Beta(1, 9), no'
+        """
+        distributions = {
+            NOISE: f"LogNormal({self.noise_median:g} D, {self.noise_sd:g})",
+            PEAK: f"Beta({self.q0_a:g}, {self.q0_b:g})",
+            LAPSE_RATE: f"Beta(1, {self.lapse_rate_b:g})",
+            NOISE_SLOPE: f"Student(3, {self.noise_slope_scale:g}/R)",
+            CRITERION_SLOPE: f"Student(3, {self.criterion_slope_scale:g}/R)",
+            CONSTANT_ERROR: f"Student(3, {self.constant_error_scale:g} D)",
+            CONTRACTION: f"Normal(0, {self.contraction_sd:g}) on (-1, 1)",
+        }
+        free = [one for one in task_parameters(task) if one not in held]
+        words = ", ".join(f"{one.name} ~ {distributions[one]}" for one in free)
+        return f"{words}; D rms step and R sd of the stimuli"
 
     def __post_init__(self) -> None:
         for field in fields(self):

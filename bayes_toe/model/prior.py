@@ -15,7 +15,7 @@ prior is a subclass that declares its number, or its family, in one place.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache, cached_property, partial
 from pathlib import Path
 from typing import Any, ClassVar, Self
@@ -40,6 +40,7 @@ from bayes_toe.model.distributions import (
     Random,
     share,
 )
+from bayes_toe.model.parameters import ObserverPrior
 from bayes_toe.model.prior_fields import STIMULI, PriorFields, number_problems, real, toml_table
 
 _NODES = 200  # of an integral over gamma
@@ -83,6 +84,9 @@ class Prior(PriorFields):
     >>> Prior().describe()
     'mu1 ~ Normal(0, 10), sigma_p ~ HalfNormal(1), gamma ~ Uniform(0, 1), q0 ~ Uniform(0, 1)'
     """
+
+    #: The prior of the four models of the observer.
+    observer: ObserverPrior = field(default_factory=ObserverPrior)
 
     #: Family of every parameter, independent of the others; it takes the parameter's numbers in the order of their declaration.
     families: ClassVar[Mapping[str, Callable[..., Distribution]]] = {
@@ -397,7 +401,9 @@ def read_prior(path: str | Path) -> Prior:
 
 def stored_prior(values: Mapping[str, Any]) -> Prior:
     """The prior that a file of results holds; before the width could have one it was the paper's with what the file says."""
-    unknown = sorted(values.keys() - {one.name for one in Prior.declared()} - {"origin"})
+    unknown = sorted(
+        values.keys() - {one.name for one in Prior.declared()} - {"origin", "observer"}
+    )
     if unknown:
         raise InputError(
             f"draws made under a prior of your own, with {', '.join(unknown)}: only {Prior.__name__} itself can be told back"
@@ -407,12 +413,14 @@ def stored_prior(values: Mapping[str, Any]) -> Prior:
         if "width_median" in values
         else {"offset_sd": 1.0, "noise_slope_sd": 1.0, "lapse_rate_b": 1.0}
     )
+    observer = ObserverPrior(**values.get("observer", {}))
     return Prior(
+        observer=observer,
         **{
             name: value
             for name, value in {**before, **values}.items()
-            if value is not None and name != "origin"
-        }
+            if value is not None and name not in ("origin", "observer")
+        },
     )
 
 

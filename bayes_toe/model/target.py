@@ -15,7 +15,7 @@ from bayes_toe.errors import NumericalError
 from bayes_toe.model.history import Trials
 
 if TYPE_CHECKING:
-    from bayes_toe.model.ladder import Answering, Target
+    from bayes_toe.model.posterior_protocol import AnswerPosterior
 
 #: Steps of differences of gradients, in units of 1/sqrt abs H_ii: one-sided ones during a search, central ones where they are kept.
 _SHORT, _LONG = 1e-6, 1e-4
@@ -33,20 +33,23 @@ DOMINATED = 0.5
 #: The order in which tables and figures name quantities.
 ORDER = (
     *(
+        "noise",
         "mu1",
         "sigma_p",
         "sigma_l",
         "rho",
         "q0",
-        "noise_slope",
-        "peak_slope",
         "lapse_rate",
+        "noise_slope",
+        "criterion_slope",
+        "peak_slope",
         "guess_second",
         "exponent",
         "icc",
     ),
     *("carry_over", "carry_over_tau", "half_life", "answer_bias"),
-    *("gamma", "sigma1", "gain", "width", "offset", "pull", "pse_shift", "jnd"),
+    *("gamma", "sigma1", "gain", "width", "offset", "pull", "pse_shift"),
+    *("constant_error", "contraction", "jnd", "zone"),
 )
 
 
@@ -99,7 +102,7 @@ def require_points(x: npt.ArrayLike, k: int) -> FloatArray:
     return points
 
 
-def require_defined(log_posterior: FloatArray, target: Target) -> None:
+def require_defined(log_posterior: FloatArray, target: AnswerPosterior) -> None:
     """Refuse log densities among which there is a NaN."""
     if np.isnan(log_posterior).any():
         raise NumericalError(f"subject {target.subject.name!r}: log posterior is NaN")
@@ -180,7 +183,19 @@ class Levels(Protocol):
         """Unconstrained coordinates of y, shape (points, k), and log |dy/dx| there; points beyond all floats go where the density is 0."""
 
 
-def contraction(target: Answering, parameter: str, low: float, high: float) -> float:
+class SameCoordinates:
+    """The levelling that changes nothing."""
+
+    def level(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """A copy of x, and 0."""
+        return x.copy(), np.zeros(len(x))
+
+    def unlevel(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """A copy of y, and 0."""
+        return y.copy(), np.zeros(len(y))
+
+
+def contraction(target: AnswerPosterior, parameter: str, low: float, high: float) -> float:
     """How much the answers narrowed a parameter whose posterior quantiles at 5 and 95 % are `low` and `high`.
 
     contraction = 1 - (posterior width / prior width)^2, widths from the 5 % to the 95 % quantile. For normal densities that is one minus

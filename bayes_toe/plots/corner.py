@@ -25,8 +25,10 @@ from bayes_toe.data.messages import listed
 from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws, require_draws
 from bayes_toe.model.coordinates import NATURAL, Natural, quantities
-from bayes_toe.model.ladder import Answering, posterior_of
+from bayes_toe.model.models import model_posterior, stored_model
+from bayes_toe.model.observer import ObserverPosterior
 from bayes_toe.model.posterior import PRIOR_DRAWS, Posterior
+from bayes_toe.model.posterior_protocol import AnswerPosterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.plots.style import LABELS, MARKED, POSTERIOR, WEAKER_FIRST, new_figure, plain
 
@@ -34,6 +36,8 @@ Values = Mapping[str, float]
 Span = tuple[float, float]
 
 COORDINATES = ("natural", "identified")
+#: What a corner plot of the four models of the observer shows.
+_ORDER_QUANTITIES = ("constant_error", "contraction", "jnd")
 BINS = 40
 #: Bins beyond either end of a panel, where contours close.
 AROUND = 2
@@ -78,7 +82,8 @@ def corner(
     subject : str or sequence of str
         One, or two to four in the same panels, told apart by colours and lines; upright lines are then their medians.
     coordinates : {"natural", "identified"} or sequence of str
-        Which quantities; a sequence names quantities of the model, such as `gain`, `offset` or `pull`.
+        Which quantities: of the paper's model (H1) its parameters, or what the answers depend on; of the four models of the observer
+        constant error, contraction and JND, or every parameter. A sequence names quantities of the model, such as `gain` or `zone`.
     truths : mapping of str to float, optional
         Known values of a synthetic subject; of several subjects, such a mapping by name. What follows from them is drawn too: natural
         parameters are enough for any quantity.
@@ -162,7 +167,7 @@ class _Shown:
     """Quantities of one subject: their draws, shape (draws, quantities), and true values."""
 
     subject: str
-    target: Answering
+    target: AnswerPosterior
     model: str
     names: tuple[str, ...]
     samples: FloatArray
@@ -182,8 +187,7 @@ class _Shown:
             raise InputError(
                 f"coordinates {coordinates!r} must be one of: {', '.join(COORDINATES)}"
             )
-        kinds = {"natural": target.names.natural, "identified": target.names.identified}
-        names = kinds[coordinates] if isinstance(coordinates, str) else tuple(coordinates)
+        names = _shown_names(target, coordinates)
         samples = np.column_stack([draws.values(subject, name).ravel() for name in names])
         return cls(
             subject,
@@ -196,7 +200,9 @@ class _Shown:
 
     def believed(self, prior: Prior, spans: Sequence[Span]) -> list[FloatArray]:
         """Draws from a prior, counted in the bins of the panels as if there were as many as of the posterior."""
-        drawn = prior_values(posterior_of(self.target.subject, prior, model=self.model))
+        subject = self.target.subject
+        model = stored_model(self.model, subject.task)
+        drawn = prior_values(model_posterior(model, subject, prior))
         counted = [
             np.histogram(drawn[name], BINS, span)[0]
             for name, span in zip(self.names, spans, strict=True)
@@ -204,12 +210,23 @@ class _Shown:
         return [len(self.samples) / PRIOR_DRAWS * of.astype(np.float64) for of in counted]
 
 
-def prior_values(target: Answering) -> Mapping[str, FloatArray]:
+def _shown_names(target: AnswerPosterior, coordinates: str | Sequence[str]) -> tuple[str, ...]:
+    """The quantities of a choice; 'natural' leaves out what all four models of the observer have."""
+    if not isinstance(coordinates, str):
+        return tuple(coordinates)
+    if coordinates == "identified":
+        return target.names.identified
+    if isinstance(target, ObserverPosterior):
+        return tuple(name for name in _ORDER_QUANTITIES if name in target.names.all)
+    return target.names.natural
+
+
+def prior_values(target: AnswerPosterior) -> Mapping[str, FloatArray]:
     """Draws from the prior of a posterior by quantity, shape (PRIOR_DRAWS,) each."""
     return target.quantities(target.sample_prior(np.random.default_rng(0), PRIOR_DRAWS))
 
 
-def spans_of(samples: FloatArray, names: Sequence[str], target: Answering) -> list[Span]:
+def spans_of(samples: FloatArray, names: Sequence[str], target: AnswerPosterior) -> list[Span]:
     """Axis limits of quantities, within their support: a few draws far out in a funnel do not squeeze the rest into one bin."""
     ends = np.quantile(samples, SPANNED, axis=0).T.tolist()
     pads = [0.08 * (high - low) if high > low else 0.5 * abs(low) + 1e-12 for low, high in ends]
@@ -220,20 +237,20 @@ def spans_of(samples: FloatArray, names: Sequence[str], target: Answering) -> li
     ]
 
 
-def support(target: Answering, name: str) -> Span:
+def support(target: AnswerPosterior, name: str) -> Span:
     """Where a quantity can lie."""
     if name in ("mu1", "offset", "pse_shift"):
         return -np.inf, np.inf
     if name in ("gamma", "rho") or name.startswith("q"):
         return 0.0, 1.0
-    if name.startswith("sigma") or name in ("width", "jnd"):
+    if name.startswith("sigma") or name in ("width", "jnd", "zone"):
         return 0.0, np.inf
     return target.prior_quantile(name, 0.0), target.prior_quantile(
         name, 1.0
     )  # as far as the model's prior reaches
 
 
-def known_from(truths: Values, target: Answering) -> dict[str, float]:
+def known_from(truths: Values, target: AnswerPosterior) -> dict[str, float]:
     """The true values given and all that follow from them."""
     allowed = target.names.all
     for name, value in truths.items():

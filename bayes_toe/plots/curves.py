@@ -27,7 +27,7 @@ from bayes_toe.data.study import Subject, refuse_intervals
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.inference.draws import Draws
 from bayes_toe.inference.prediction import Predictor
-from bayes_toe.model.free_frequencies import FrequencyPosterior
+from bayes_toe.model.posterior import Posterior
 from bayes_toe.plots.style import (
     BANDS,
     EQUAL,
@@ -72,9 +72,10 @@ def curves(
 
     The posterior mean of another model may be laid `beside`, dashed, such as one of :attr:`bayes_toe.analysis.Analysis.best`.
 
-    One panel per weaker stimulus; designs with more than six of those are shown against the normalised distance. A model that
-    connects no pairs has no curve: its answers stand alone. With intervals, one panel for each of up to six of them, and below these the
-    gain and P of the answer that the task counts, of one pair, over the interval. The title is, by default, subject and model.
+    One panel per weaker stimulus; designs with more than six of those are shown against the
+    normalised distance. With intervals, one panel for each of up to six of them, and below these,
+    over the interval, P of the answer that the task counts for one pair; with the paper's model (H1)
+    also the gain. The title is, by default, subject and model.
 
     Raises
     ------
@@ -94,12 +95,10 @@ def curves(
         return _interval_figure(
             counts, Predictor.of(draws, subject, most=CURVE_DRAWS), title, beside
         )
-    free = isinstance(draws.posterior(subject), FrequencyPosterior)
-    fitted = None if free else Predictor.of(draws, subject, most=CURVE_DRAWS)
-    equal = None if fitted is None else fitted.yes
+    fitted = Predictor.of(draws, subject, most=CURVE_DRAWS)
     other = None if beside is None else beside.yes
     return _answers_figure(
-        counts, equal, lambda ax: _distance_panel(ax, counts, fitted, beside), title, other
+        counts, fitted.yes, lambda ax: _distance_panel(ax, counts, fitted, beside), title, other
     )
 
 
@@ -449,8 +448,11 @@ def _interval_figure(
         dress(ax)
     if rows:
         legend_below(figure, size=8.0)
-    _gain_panel(figure.add_subplot(grid[rows, :3]), tested, fitted)
-    _pair_panel(figure.add_subplot(grid[rows, 3:]), counts, fitted)
+    if isinstance(fitted.target, Posterior):
+        _gain_panel(figure.add_subplot(grid[rows, :3]), tested, fitted.target, fitted.x)
+        _pair_panel(figure.add_subplot(grid[rows, 3:]), counts, fitted)
+    else:
+        _pair_panel(figure.add_subplot(grid[rows, :]), counts, fitted)
     figure.suptitle(title, fontsize=11)
     return figure
 
@@ -460,10 +462,10 @@ def _at(fitted: Predictor, isi: float) -> Curve:
     return lambda s1, s2: fitted.yes(s1, s2, np.full(len(s1), isi))
 
 
-def _gain_panel(ax: Axes, tested: tuple[float, ...], fitted: Predictor) -> None:
+def _gain_panel(ax: Axes, tested: tuple[float, ...], target: Posterior, draws: FloatArray) -> None:
     """Kalman gain over the interval: the weight of the first stimulus; 1 means no order effect. Short bars: tested intervals."""
     x = _dress_intervals(ax, tested)
-    draw_band(ax, x, fitted.target.gain(fitted.x, x), POSTERIOR, 1.3)
+    draw_band(ax, x, target.gain(draws, x), POSTERIOR, 1.3)
     ax.axhline(1.0, color=EQUAL, lw=0.8, ls=":")
     ax.set(ylabel="gain K", ylim=(min(0.5, ax.get_ylim()[0]), 1.03))
     dress(ax)

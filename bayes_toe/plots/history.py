@@ -11,6 +11,7 @@ from bayes_toe.comparison.words import compared
 from bayes_toe.errors import InputError
 from bayes_toe.inference.prediction import Predictor
 from bayes_toe.model.history import Trials
+from bayes_toe.model.posterior import Posterior
 from bayes_toe.plots.style import (
     BELIEF,
     EQUAL,
@@ -82,7 +83,10 @@ def _by_trial_before(ax: Axes, row: SubjectHistory, static: Predictor, best: Pre
     group = np.searchsorted(edges, trials.previous[preceded], side="right")
     members = [preceded[group == one] for one in range(len(edges) + 1) if (group == one).any()]
     at = np.array([trials.previous[some].mean() for some in members])
-    before, after = (np.exp(one.target.trial_answers(one.x)) for one in (static, best))
+    assert isinstance(static.target, Posterior)
+    assert isinstance(best.target, Posterior)
+    before = np.exp(static.target.trial_answers(static.x))
+    after = np.exp(best.target.trial_answers(best.x))
     expected = before.mean(axis=0)
     found = np.array([(trials.n_yes - expected)[some].mean() for some in members])
     error = np.array(
@@ -115,6 +119,7 @@ def _by_trial_before(ax: Axes, row: SubjectHistory, static: Predictor, best: Pre
 
 
 def _over_trials(ax: Axes, row: SubjectHistory, best: Predictor) -> None:
+    assert isinstance(best.target, Posterior)
     felt = best.target.expectation(best.x)
     assert felt is not None  # a model with a history, of trials in their order
     answers = best.target.subject.answers
