@@ -116,7 +116,7 @@ def test_every_verb_says_what_a_study_is(given, said):
         (lambda study, _: bt.run(study, keep=3), "keep: found 3, allowed: the path of a folder"),
         (
             lambda study, _: bt.sample(study, model=3),
-            "model: found 3, allowed: a name or a composition",
+            "model: found 3, allowed: one of: none, constant-error",
         ),
         (
             lambda study, _: bt.fit(study, level="x"),

@@ -185,7 +185,7 @@ def test_many_draws_are_put_together_in_a_store(few, tmp_path, monkeypatch):
 
 
 def test_each_verb_takes_what_is_kept_and_nothing_else(few, tmp_path, computed, three_models):
-    for verb in (partial(bt.sample, model="symmetric"), bt.evidence):
+    for verb in (partial(bt.sample, model="none"), bt.evidence):
         first, again = (verb(few, seed=3, keep=tmp_path, **QUICK) for _ in range(2))
         if isinstance(first, bt.Draws):
             xr.testing.assert_identical(first.tree, again.tree)
@@ -193,13 +193,13 @@ def test_each_verb_takes_what_is_kept_and_nothing_else(few, tmp_path, computed, 
             assert first.frame().equals(again.frame())
     assert computed == [2, 0, 2, 0]
     changed = [
-        partial(bt.sample, few, model="symmetric", seed=4),
-        partial(bt.sample, few, model="constant bias", seed=3),
-        partial(bt.sample, few, model="symmetric", seed=3, prior="paper"),
+        partial(bt.sample, few, model="none", seed=4),
+        partial(bt.sample, few, model="constant-error", seed=3),
+        partial(bt.sample, few, model="none", seed=3, prior="paper"),
         partial(
             bt.sample,
             replace(few, subjects=(few["A"], replace(few["B"], n_yes=few["B"].n_yes // 2))),
-            model="symmetric",
+            model="none",
             seed=3,
         ),
     ]
@@ -212,7 +212,7 @@ def test_each_verb_takes_what_is_kept_and_nothing_else(few, tmp_path, computed, 
 def test_other_versions_are_computed_again(few, tmp_path, monkeypatch, computed):
     for versions in (("1",), ("1",), ("2",)):
         monkeypatch.setattr(store, "versions", lambda versions=versions: versions)
-        bt.sample(few, model="symmetric", seed=3, keep=tmp_path, **QUICK)
+        bt.sample(few, model="none", seed=3, keep=tmp_path, **QUICK)
     assert computed == [2, 0, 2]
 
 
@@ -232,7 +232,7 @@ ODD = [
 
 def test_a_damaged_or_foreign_result_is_computed_again(few, tmp_path, computed):
     """Also a whole file: a program that was changed meanwhile, or somebody, has written it."""
-    words = {"model": "symmetric", "seed": 3, "keep": tmp_path, **QUICK}
+    words = {"model": "none", "seed": 3, "keep": tmp_path, **QUICK}
     bt.sample(few, **words)
     file = next(tmp_path.glob("*.kept"))
     content = file.read_bytes()

@@ -132,7 +132,7 @@ def read_methods(results: Path) -> Methods:
     draws, beside = load_draws(posterior), posterior.parent
     if not isinstance(draws.posterior(draws.names[0]), Posterior):
         raise InputError(
-            f"{shown(posterior)}: found draws of the model {draws.model!r}, allowed: one with parameters"
+            f"{shown(posterior)}: found draws of the model {draws.model!r}, allowed: the paper's"
         )
     notes, evidence = list[str](), beside / "evidence.csv"
     group = _group(beside / "population.nc", draws)

@@ -22,16 +22,16 @@ MODEL_NAMES = (*(name.replace(" ", "-") for name in ORDER_MODELS), "paper")
 #: Words of retired models, and the name to type instead; the first word that a name has decides.
 _RETIRED = {
     "update": "paper",
-    "no lapses": "paper",
     "mean-reverting": "paper",
     "free weighting": "both",
     "free frequencies": "both",
-    "contraction": "contraction",
+    "contraction": "both",
     "constant": "constant-error",
     "differencing": "constant-error",
     "offset": "constant-error",
     "symmetric": "none",
     "none": "none",
+    "no lapses": "paper",
 }
 
 

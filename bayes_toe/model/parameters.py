@@ -144,7 +144,8 @@ class StandardStudent:
 
     def quantile(self, probability: FloatArray) -> FloatArray:
         """Inverse of the distribution function."""
-        return np.asarray(stdtrit(3.0, probability))
+        values = stdtrit(3.0, probability)
+        return np.where(np.asarray(probability) == 0.0, -np.inf, values)
 
 
 @dataclass(frozen=True)

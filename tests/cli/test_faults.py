@@ -147,7 +147,7 @@ def test_a_signal_ends_a_command_with_one_line_and_leaves_what_is_finished(
 
 
 def test_what_a_killed_command_leaves_is_swept(tmp_path):
-    bt.sample(known_observers("ABCD"), model="symmetric", draws=20, seed=1, workers=1).save(
+    bt.sample(known_observers("ABCD"), model="none", draws=20, seed=1, workers=1).save(
         tmp_path / "posterior.nc"
     )
     drawing = start("corner", "posterior.nc", "-o", "out", "--workers", "1", cwd=tmp_path)
@@ -176,7 +176,7 @@ def killed(folder, *words, kept):
 
 
 def test_a_command_that_is_killed_and_resumed_is_as_one_that_was_not(four):
-    options = ("--seed", "1", "--draws", "100", "--model", "symmetric", "--workers", "1")
+    options = ("--seed", "1", "--draws", "100", "--model", "none", "--workers", "1")
     words = ("sample", "study.csv", "-o", "posterior.nc", *options)
     killed(four, *words, kept=2)
     said = refused(*words, cwd=four)

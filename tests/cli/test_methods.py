@@ -200,19 +200,11 @@ def test_what_did_not_converge_or_fit_is_said(results, analysis, tmp_path):
     ]
 
 
-def test_draws_alone_of_another_model(small_study, tmp_path):
-    drawn = bt.sample(small_study, model="free weighting", draws=300, seed=1, workers=1)
-    with_stats(drawn, degrees_of_freedom=0, deviance_p=np.nan).save(tmp_path / "posterior.nc")
-    (tmp_path / "evidence.csv").write_text("subject\n", encoding="utf-8")
-    text, printed = document(tmp_path)
-    assert "under the model free weighting (" in text
-    assert "Order effect" not in text
-    assert "evidence.csv goes with draws of the paper's model" in printed
-    assert "is below 0.01: those of 2 of 2" in text
-    assert "Whether it describes those of A cannot be told" in text
-    fits = pd.read_csv(tmp_path / "text" / "m_fit.csv")
-    assert list(fits) == ["subject", "n_pairs", "n_trials", "predictive_p", "p_deviance", "fits"]
-    assert fits["fits"].fillna("").tolist() == ["", "yes", "yes"]
+def test_draws_of_another_model_are_refused(small_study, tmp_path):
+    drawn = bt.sample(small_study.select(["A"]), model="both", draws=100, seed=1, workers=1)
+    drawn.save(tmp_path / "posterior.nc")
+    said = refused("methods", ".", "-o", "m.md", cwd=tmp_path)
+    assert "found draws of the model 'both', allowed: the paper's" in said
 
 
 def test_a_group_is_told_of_where_its_draws_are(results, small_study, tmp_path):

@@ -117,25 +117,6 @@ def test_the_check_is_even_where_the_model_is_true():
     assert sum(p < 0.05 for p in found) <= 7
 
 
-def test_a_history_is_known_within_its_interval_and_comes_back_from_a_file_with_its_trials(
-    short, tmp_path
-):
-    """Five intervals of 99.8 %: a false alarm in 100 such studies."""
-    draws = bt.sample(short, model="contraction + carry-over", draws=200, seed=1, workers=1)
-    for name, true in CARRIED.items():
-        low, high = np.quantile(draws.values("short", name), [0.001, 0.999])
-        assert low < true < high, name
-    draws.save(tmp_path / "posterior.nc")
-    x = draws.points("short")[0]
-    for back in (bt.load(tmp_path / "posterior.nc"), bt.load(tmp_path / "posterior.nc")["short"]):
-        assert (
-            back.posterior("short").log_likelihood(x).tolist()
-            == draws.posterior("short").log_likelihood(x).tolist()
-        )
-    at_rest = bt.predict(draws, "short", 0.3, 0.6)
-    assert 0.5 < at_rest["mean"].item() < 1.0
-
-
 def test_what_has_no_order_is_refused_in_one_line(study, tmp_path):
     unordered, said = (
         [replace(one, answers=None) for one in study],

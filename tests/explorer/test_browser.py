@@ -71,7 +71,7 @@ def opened(page):
     """The page as it opens: subject A under both models, natural quantities, nothing brushed."""
     yield page
     page.page.click("#reset")
-    for letter, label in (("a", "predictive update"), ("b", "symmetric")):
+    for letter, label in (("a", "predictive update"), ("b", "none")):
         page.choose(f"#subject-{letter}", "A")
         page.choose(f"#label-{letter}", label)
     page.page.click("#natural")
@@ -177,7 +177,7 @@ def test_subjects_coordinates_and_models_can_be_switched(opened, analysis, symme
     ]
     assert sorted(shown) == ["offset", "pull", "q0", "width"]
     opened.choose("#subject-b", "B")
-    opened.choose("#label-b", "symmetric")
+    opened.choose("#label-b", "none")
     width = symmetric.values("B", "width").ravel()
     place = {name: shown.index(name) for name in ("width", "q0", "pull")}
     down, across = max(place["width"], place["q0"]), min(place["width"], place["q0"])
@@ -263,7 +263,7 @@ def test_axes_are_called_what_they_show_whatever_stood_in_the_panel(opened):
     data = "{ xs: [[-9, 9, 9]], ys: [[-9, -9, 9]] }"  # in sight whatever the panel shows next
     opened.page.evaluate(f"Bokeh.documents[0].get_model_by_name('contour-group-1-0').data = {data}")
     opened.settle()
-    opened.choose("#label-a", "symmetric")
+    opened.choose("#label-a", "none")
     label = "Bokeh.documents[0].get_model_by_name('panel-1-0').left[0].axis_label"
     assert opened.page.evaluate("window.explorer.state.names") == ["q0", "width"]
     assert opened.page.evaluate(label) == "width w"

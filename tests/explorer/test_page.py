@@ -39,9 +39,15 @@ def held(explorer):
 
 def shown(subject, draws=3000, copies=1):
     """The page of made draws of a subject under the symmetric model."""
-    target = bt.model.posterior_of(subject, model="symmetric")
+    target = bt.model.posterior_of(subject, model="none")
     return page(
-        [Entry("symmetric", target, np.zeros((1, draws, 2)) + np.linspace(-1, 0, draws)[:, None])]
+        [
+            Entry(
+                "none",
+                target,
+                np.zeros((1, draws, len(target.coordinates))) + np.linspace(-1, 0, draws)[:, None],
+            )
+        ]
         * copies
     ).html
 
@@ -85,7 +91,7 @@ def test_entries_hold_draws_quantiles_and_what_is_known(held, analysis):
         1.0 / bt.model.variance_ratio((0.17 / 0.25) ** 2)
     )
     assert held["entry-1"]["truth"] == {}
-    assert (held["entry-3"]["label"], held["entry-3"]["truth"]) == ("symmetric", {"q0": 0.92}), (
+    assert (held["entry-3"]["label"], held["entry-3"]["truth"]) == ("none", {"q0": 0.92}), (
         "of a model that has no more"
     )
 
@@ -132,15 +138,6 @@ def test_curves_are_of_the_weaker_stimuli_with_most_trials_at_each_interval():
         (0, 0.2, 1),
         (0.2, 0.2, 1),
     ]
-
-
-def test_free_frequencies_have_no_curve_and_no_axis(small_study):
-    target = bt.model.posterior_of(small_study["A"], model="free frequencies")
-    x = target.sample(np.random.default_rng(1), 40)[None]
-    made = islands(page([Entry("free", target, x)]).html)["entry-0"]
-    assert made["axis"] is None
-    assert {one["equal"] for one in made["slices"]} == {None}
-    assert made["rows"] == 40
 
 
 def test_badges_say_what_is_wrong_before_what_is_right():
@@ -213,7 +210,7 @@ MANY = {"H1": SimpleNamespace(names=[f"S{i}" for i in range(MOST_ENTRIES + 1)])}
         ),
         (
             lambda draws, other, group: bt.explore(other, population=group),
-            "of model 'predictive update', the draws are of 'symmetric'",
+            "of model 'predictive update', the draws are of 'none'",
         ),
         (
             lambda draws, *_: bt.explore(draws, population=made_population(ordinary(2), draws=5)),
@@ -251,7 +248,7 @@ def test_a_lone_subject_has_all_its_curves_and_many_posteriors_have_fewer_draws(
 
 def test_the_command_writes_the_page_and_refuses_to_replace_it(analysis, symmetric, tmp_path):
     symmetric.save(tmp_path / "posterior.nc")
-    (tmp_path / "truth.csv").write_text("subject,q0,width\nA,0.9,0.3\n", encoding="utf-8")
+    (tmp_path / "truth.csv").write_text("subject,q0,noise\nA,0.9,0.3\n", encoding="utf-8")
     assert "explorer in a.html" in good(
         "explore",
         "posterior.nc",
@@ -265,8 +262,9 @@ def test_the_command_writes_the_page_and_refuses_to_replace_it(analysis, symmetr
     )
     assert islands((tmp_path / "a.html").read_text(encoding="utf-8"))["entry-0"]["truth"] == {
         "q0": 0.9,
-        "width": 0.3,
-        "jnd": 0.3,
+        "noise": 0.3,
+        "jnd": pytest.approx(0.3 * 0.6744897501960817),
+        "zone": pytest.approx(0.3 * 1.6448536269514722),
     }
     assert "a.html: exists" in refused("explore", "posterior.nc", "-o", "a.html", cwd=tmp_path)
 

@@ -1,6 +1,7 @@
-"""Draws of every model of the ladder: the same container, its summary, what ArviZ finds in it, and whose draws they are."""
+"""Draws of every model that is sampled: the same container, its summary, what ArviZ finds in it, and whose draws they are."""
 
 import json
+import re
 from dataclasses import replace
 
 import arviz as az
@@ -14,11 +15,9 @@ import bayes_toe as bt
 from bayes_toe.analysis import smooth_curve_evidence
 from bayes_toe.errors import InputError
 from bayes_toe.inference.belonging import require_belonging
-from bayes_toe.inference.diagnostics import convergence
 from bayes_toe.inference.predictive_checks import binomial_deviance
 from bayes_toe.inference.subject import SUMMARY_COLUMNS
-from bayes_toe.model.free_frequencies import FrequencyPosterior
-from bayes_toe.model.ladder import MODELS, NAMES
+from bayes_toe.model.models import MODEL_NAMES
 from bayes_toe.model.prior import DEFAULT
 
 PARAMETERS = (
@@ -46,7 +45,7 @@ def two(small_study):
     return bt.Study([small_study["A"], fewer], source="two")
 
 
-@pytest.fixture(scope="module", params=NAMES)
+@pytest.fixture(scope="module", params=MODEL_NAMES)
 def draws(two, request):
     return bt.sample(two, model=request.param, draws=500, seed=3, workers=1)
 
@@ -54,12 +53,11 @@ def draws(two, request):
 @pytest.mark.parametrize("file", ["posterior.nc", "posterior.zarr"])
 def test_a_file_says_which_model_and_which_prior_and_comes_back(draws, tmp_path, file):
     again = bt.load(draws.save(tmp_path / file))
-    record = next(model for model in MODELS if model.name == draws.model)
     assert (again.model, again.seed, again.prior) == (draws.model, 3, DEFAULT)
-    assert again.attrs["prior"] == record.describe(DEFAULT) == again.described_prior()
+    assert again.attrs["prior"] == again.described_prior() == draws.described_prior()
     for name in again.parameters:
         assert np.array_equal(again.values("A", name), draws.values("A", name), equal_nan=True)
-    assert repr(again.fit("A")) == repr(draws.fit("A"))  # under free frequencies a p-value is NaN
+    assert again.fit("A") == draws.fit("A")
 
 
 def test_points_and_quantities_are_inverse_and_have_the_stored_density(draws):
@@ -100,56 +98,48 @@ def test_summary_fit_and_predictions_are_those_of_the_draws(draws):
         13 - len(target.coordinates),
         True,
     )
-    if draws.model == "free frequencies":
-        with pytest.raises(
-            InputError, match="says nothing of pairs and intervals that were not tested"
-        ):
-            bt.predict(draws, "A", subject.s1, subject.s2)
-        return
     found, q = bt.predict(draws, "A", subject.s1, subject.s2), np.exp(target.log_answers(x)[0])
     assert found["mean"].to_numpy() == pytest.approx(q.mean(axis=0), rel=1e-9)
     assert found["q95"].to_numpy() == pytest.approx(np.quantile(q, 0.95, axis=0), rel=1e-9)
 
 
-def test_draws_of_free_frequencies_are_their_beta_posteriors(two):
-    draws = bt.sample(two, model="free frequencies", draws=4000, seed=3, workers=1)
-    a, fewer = two["A"], two["fewer"]
-    assert isinstance(draws.posterior("A"), FrequencyPosterior)
-    for i in range(13):
-        values, k, n = draws.values("A", f"q_{i + 1}"), a.n_yes[i] + 1, a.n_trials[i] + 2
-        sd = np.sqrt(k * (n - k) / n**2 / (n + 1))
-        # 13 means at 4.5 standard errors: a false alarm in ten thousand such tests.
-        assert values.mean() == pytest.approx(k / n, abs=4.5 * sd / np.sqrt(values.size))
-        assert convergence(values).r_hat < 1.01
-    assert np.isnan(draws.values("fewer", "q_12")).all()  # that subject met eleven pairs
-    assert draws.posterior("fewer").names.natural == tuple(
-        f"q_{i + 1}" for i in range(fewer.n_pairs)
-    )
-
-
 def test_the_command_samples_any_model(tmp_path, small_study):
     grouped_csv(tmp_path / "study.csv", small_study.select(["A"]))
-    asked = ("--model", "constant bias", "--draws", "100", "--seed", "1", "--workers", "1")
-    assert "constant bias: medians" in good(
+    asked = ("--model", "constant-error", "--draws", "100", "--seed", "1", "--workers", "1")
+    assert "constant error: medians" in good(
         "sample", "study.csv", "-o", "bias.nc", *asked, cwd=tmp_path
     )
     draws = bt.load(tmp_path / "bias.nc")
-    assert draws.model == "constant bias"
+    assert draws.model == "constant error"
     with pytest.raises(
-        InputError, match=r"^the paper's figures: found draws of the model 'constant bias'"
+        InputError, match=r"^the paper's figures: found draws of the model 'constant error'"
     ):
         bt.plots.figures(draws)
     with pytest.raises(
         InputError,
-        match="model 'constant bias' has no mu1, sigma_p, sigma_l; it has: q0, width, offset",
+        match="model 'constant error' has no mu1, sigma_p, sigma_l; it has: noise, q0, lapse_rate",
     ):
         draws.natural("A")
     said = refused("sample", "study.csv", "-o", "none.nc", "--model", "biased", cwd=tmp_path)
-    assert (
-        "error: model 'biased': 'biased'; allowed, joined by +: order: update, none, constant error"
-        in said
-    )
-    assert "or: free frequencies, symmetric" in said
+    assert "model 'biased': no such model; allowed: none, constant-error, contraction" in said
+
+
+@pytest.mark.parametrize(
+    ("retired", "model"),
+    [
+        ("update", "paper"),
+        ("predictive update", "paper"),
+        ("update + sloped + both ways", "paper"),
+        ("symmetric", "none"),
+        ("constant bias", "constant-error"),
+        ("contraction + no lapses", "both"),
+        ("free weighting", "both"),
+    ],
+)
+def test_a_retired_model_is_refused_with_the_one_to_type(two, retired, model):
+    said = rf"^model '{re.escape(retired)}' is retired; type: --model {model} \(in Python"
+    with pytest.raises(InputError, match=said):
+        bt.sample(two, model=retired)
 
 
 # --- of the paper's: contents, summary, ArviZ ---------------------------------------------------------

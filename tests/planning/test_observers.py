@@ -144,12 +144,14 @@ def test_draws_of_an_earlier_study_are_observers_and_their_likes_without_an_orde
     subject = bt.Subject(
         "S1", [0.0, 0.0, 0.3, 0.3], [0.0, 0.3, 0.0, 0.3], [45, 30, 12, 47], [50, 50, 50, 50]
     )
-    bt.sample(bt.Study((subject,)), model="update + both ways", draws=100, seed=1, workers=1).save(
+    bt.sample(bt.Study((subject,)), model="paper", draws=100, seed=1, workers=1).save(
         tmp_path / "posterior.nc"
     )
     observers = observers_from(tmp_path / "posterior.nc", 2, seed=1)
     assert [one.model for one in observers[::2]] == [
-        f"{kind} + both ways" for kind in ("none", "constant error", "update")
+        "symmetric",
+        "constant bias",
+        "predictive update",
     ]
     both_orders = each_once([0.0, 0.3], [0.3, 0.0])
     first, second = of_kind(observers, "none")[0].p_yes(both_orders)

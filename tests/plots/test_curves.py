@@ -55,13 +55,13 @@ def test_designs_without_a_reference_get_panels_and_wild_ones_the_common_curve()
 def test_the_curve_of_another_model_is_dashed_beside_and_named(small_study, analysis):
     other = Predictor.of(
         bt.sample(
-            bt.Study([small_study["A"]]), model="constant bias", draws=200, seed=1, workers=1
+            bt.Study([small_study["A"]]), model="constant-error", draws=200, seed=1, workers=1
         ),
         "A",
     )
     figure = bt.plots.curves(analysis.draws, "A", title="", beside=other)
     require_legible(figure)
-    assert figure.get_suptitle() == "dashed: constant bias"
+    assert figure.get_suptitle() == "dashed: constant error"
     dashed = {
         line.get_color(): line.get_data()
         for line in figure.axes[0].lines
