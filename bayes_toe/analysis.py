@@ -230,7 +230,7 @@ def sample(
     >>> one = Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [49, 20, 15], [50, 50, 50])
     >>> found = sample(Study([one]), model="constant-error", draws=500, seed=1, workers=1)
     >>> found.model, found.parameters
-    ('constant error', ('noise', 'q0', 'noise_slope', 'criterion_slope', 'lapse_rate', 'constant_error', 'jnd', 'zone'))
+    ('constant error', ('noise', 'q0', 'lapse_rate', 'noise_slope', 'criterion_slope', 'constant_error', 'jnd', 'zone'))
     """
     made = draw(
         study,
