@@ -12,7 +12,11 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar, cast
 
+from bayes_toe.answers.evidence_table import EvidenceTable, SubjectEvidence, subject_evidence
+from bayes_toe.answers.model_average import averaged_draws
+from bayes_toe.answers.order_effect import OrderEffect, answer_subject
 from bayes_toe.arrays import FloatArray
+from bayes_toe.checks.answer_checks import Flag, answer_flags
 from bayes_toe.classical.fit import (
     REPLICATES,
     FitTable,
@@ -22,9 +26,6 @@ from bayes_toe.classical.fit import (
     subject_fit,
 )
 from bayes_toe.comparison.contrast import ContrastTable, contrast
-from bayes_toe.comparison.evidence_table import EvidenceTable, SubjectEvidence, subject_evidence
-from bayes_toe.comparison.history import HistoryTable, SubjectHistory, subject_history
-from bayes_toe.comparison.verdict import Doubt, Verdict, data_doubts, verdict
 from bayes_toe.data.messages import as_html
 from bayes_toe.data.study import Study, Subject, require_study
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
@@ -47,6 +48,7 @@ from bayes_toe.inference.subject import (
 from bayes_toe.kept import Done, Kept, keeping
 from bayes_toe.model.ladder import PREDICTIVE_UPDATE, models_of
 from bayes_toe.model.models import model_posterior, require_model, stored_model
+from bayes_toe.model.observer import OrderModel
 from bayes_toe.model.posterior_protocol import SampledPosterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.study_prior import prior_for
@@ -57,24 +59,22 @@ if TYPE_CHECKING:
     import pandas as pd
 
 Result = TypeVar("Result")
-_SHOWN = 400  # draws of the best model, for its curve
+_SHOWN = 400  # draws averaged over the four models, for curves
 _LEVEL = 0.9  # of the bootstrap intervals beside the posterior's 5 and 95 %
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Analysis:
-    """Draws of the paper's model, verdicts and evidence of one study, with the settings that made them, and the paper's fits.
+    """Answers, evidence, draws of the paper's model and its fits, of one study, with their settings.
 
     The study is without subjects that failed, see :attr:`bayes_toe.inference.draws.Draws.failed`.
 
     Attributes
     ----------
-    best : tuple of Predictor
-        Some draws of the model that describes a subject best, for those for whom that is not the paper's.
+    curves : tuple of Predictor
+        Some draws of every subject, averaged over the four models, in the coordinates of 'both'.
     contrast : ContrastTable or None
         What differs between conditions within subjects, where the study has conditions.
-    histories : HistoryTable or None
-        Of the subjects whose answers depend on the trial before, where there are any.
     """
 
     study: Study
@@ -82,21 +82,20 @@ class Analysis:
     evidence: EvidenceTable
     settings: Settings
     fits: FitTable
-    best: tuple[Predictor, ...] = ()
+    curves: tuple[Predictor, ...] = ()
     summary_rows: tuple[SummaryRow, ...] = ()
     contrast: ContrastTable | None = None
-    histories: HistoryTable | None = None
 
     def __repr__(self) -> str:
-        return f"<Analysis of {self.study!r}: verdicts, draws, evidence, fits, summary()>"
+        return f"<Analysis of {self.study!r}: answers, draws, evidence, fits, summary()>"
 
     def _repr_html_(self) -> str:
         return as_html(repr(self)[1:-1], self.evidence.frame())
 
     @property
-    def verdicts(self) -> tuple[Verdict, ...]:
+    def answers(self) -> tuple[OrderEffect, ...]:
         """What is concluded of every subject."""
-        return self.evidence.verdicts
+        return self.evidence.answers
 
     def summary(self) -> pd.DataFrame:
         """The same as :meth:`bayes_toe.inference.draws.Draws.summary`, made already where the draws were."""
@@ -115,7 +114,7 @@ def run(
     progress: Progress | None = None,
     keep: str | Path | None = None,
 ) -> Analysis:
-    """Verdicts of every subject, draws under the predictive update (H1), and every evidence, in one pass.
+    """Answers of every subject, draws under the paper's model (H1), and every evidence, in one pass.
 
     Parameters
     ----------
@@ -140,8 +139,8 @@ def run(
         settings = _settings(study, draws, kept.seed(seed), prior)
         wanted = Wanted(settings.sampler, EVIDENCE_DRAWS)
         jobs = [
-            partial(_analysed, subject, settings, wanted, data)
-            for subject, data in zip(study, data_doubts(study), strict=True)
+            partial(_analysed, subject, settings, wanted, flags)
+            for subject, flags in zip(study, answer_flags(study), strict=True)
         ]
         study, done, failed = _survivors(study, jobs, workers, progress, kept)
         drawn = Done(
@@ -160,34 +159,27 @@ def run(
         settings.prior,
         study.task,
     )
-    by_name = {model.name: model for model in models_of(study.task).space}
-    best = tuple(
-        Predictor(
-            by_name[one.evidence.verdict.best_model].posterior(
-                study[one.evidence.subject], settings.prior
-            ),
-            one.best,
-        )
-        for one in small
-        if one.best is not None and one.evidence.verdict is not None
-    )
+    curves = []
+    for one in small:
+        if one.shown is not None:
+            posterior = OrderModel("both").posterior(
+                study[one.evidence.subject], settings.prior.observer
+            )
+            curves.append(Predictor(posterior, one.shown))
     apart = (
         None
         if study.conditions is None
         else contrast(study, seed=settings.seed, prior=settings.prior, workers=workers, keep=keep)
     )
-    followed = tuple(one.history for one in small if one.history is not None)
-    histories = HistoryTable(followed, study, settings.seed, settings.prior) if followed else None
     return Analysis(
         study,
         made,
         _table(small, settings, failed, study.task),
         settings,
         fits,
-        best,
+        tuple(curves),
         tuple(summary),
         apart,
-        histories,
     )
 
 
@@ -284,7 +276,7 @@ def evidence(
     progress: Progress | None = None,
     keep: str | Path | None = None,
 ) -> EvidenceTable:
-    """Verdict of every subject, and the log evidence of the paper's model (H1) against free frequencies (H0).
+    """Answer of every subject, evidences of the four models, and the paper's H1 against H0.
 
     Parameters
     ----------
@@ -307,8 +299,8 @@ def evidence(
             Wanted(evidence_draws=draws),
         )
         jobs = [
-            partial(_analysed, subject, settings, wanted, data)
-            for subject, data in zip(study, data_doubts(study), strict=True)
+            partial(_analysed, subject, settings, wanted, flags)
+            for subject, flags in zip(study, answer_flags(study), strict=True)
         ]
         _, done, failed = _survivors(study, jobs, workers, progress, kept)
         return _table(done, settings, failed, study.task)
@@ -350,14 +342,13 @@ def _against_frequencies(target: SampledPosterior, seed: int, wanted: Wanted) ->
 class _Analysed:
     """One subject: the row of the evidence table; draws and, but for intervals, which it does not know, the fit, where asked for.
 
-    `best`, shape (draws, k), are some of the best model's, where that is not the paper's.
+    `shown`, shape (draws, k), are draws averaged over the four models, where chains were asked for.
     """
 
     drawn: SubjectDraws | None
     evidence: SubjectEvidence
     fit: SubjectFit | None
-    best: FloatArray | None
-    history: SubjectHistory | None
+    shown: FloatArray | None
 
 
 def _drawn(subject: Subject, settings: Settings, wanted: Wanted) -> SubjectDraws:
@@ -368,46 +359,32 @@ def _drawn(subject: Subject, settings: Settings, wanted: Wanted) -> SubjectDraws
 
 
 def _analysed(
-    subject: Subject, settings: Settings, wanted: Wanted, data: tuple[Doubt, ...]
+    subject: Subject, settings: Settings, wanted: Wanted, flags: tuple[Flag, ...]
 ) -> _Analysed:
-    """The verdict, and the paper's model with all that is wanted."""
-    prior, seed, models = settings.prior.at(subject), settings.seed, models_of(subject.task)
-    said, space = verdict(subject, prior, seed, data=data)
-    result, fitted = fitted_result(models.update.posterior(subject, prior), seed, wanted)
+    """The answer, and the paper's model with all that is wanted."""
+    prior, seed = settings.prior.at(subject), settings.seed
+    answer, order = answer_subject(subject, seed, settings.prior.observer, flags)
+    update = models_of(subject.task).update
+    result, fitted = fitted_result(update.posterior(subject, prior), seed, wanted)
     fit, by_bootstrap = None, None
-    if (
-        subject.isi is None and wanted.chains is not None
-    ):  # the maximum-likelihood fit knows no intervals
+    if subject.isi is None and wanted.chains is not None:
+        # The maximum-likelihood fit knows no intervals.
         fit = subject_fit(subject, prior, seed=seed)
-    if subject.isi is None and subject.task == SAME_DIFFERENT:  # of the paper's task
-        made = (
-            bootstrap_subject(subject, seed=seed, prior=prior, replicates=REPLICATES)
-            if fit is None
-            else fit.bootstrap
-        )
-        by_bootstrap = bootstrap_evidence(made, prior)
+    if subject.isi is None and subject.task == SAME_DIFFERENT:
+        # The bootstrap's evidence is of the paper's task.
+        if fit is None:
+            replicates = bootstrap_subject(subject, seed=seed, prior=prior, replicates=REPLICATES)
+        else:
+            replicates = fit.bootstrap
+        by_bootstrap = bootstrap_evidence(replicates, prior)
     described = weighted_fit(fitted.proposal, seed) if result.fit is None else result.fit
-    row = subject_evidence(
-        result,
-        fitted,
-        by_bootstrap,
-        orders=(space.value(models.symmetric), space.value(models.constant_bias)),
-        verdict=said,
-        fit=described,
-    )
-    best = None
-    if wanted.chains is not None and said.best_model not in ("", models.update.name):
-        best = space.predictor(
-            said.best_model, _SHOWN, generator(seed, subject.name, said.best_model, "shown")
-        ).x
-    history = subject_history(space, seed) if wanted.chains is not None and said.follows else None
-    return _Analysed(
-        None if result.chains is None else subject_draws(result, summarised=True),
-        row,
-        fit,
-        best,
-        history,
-    )
+    row = subject_evidence(result, fitted, by_bootstrap, answer=answer, fit=described)
+    shown, drawn = None, None
+    if wanted.chains is not None:
+        shown = averaged_draws(order).resampled(generator(seed, subject.name, "shown"), _SHOWN)
+    if result.chains is not None:
+        drawn = subject_draws(result, summarised=True)
+    return _Analysed(drawn, row, fit, shown)
 
 
 def _settings(

@@ -1,261 +1,296 @@
-"""How often the words of a verdict are right: simulated observers of every kind of order effect, and what is said of them.
+"""How often the words of the answer are right: simulated observers that no prior drew.
 
-    python scripts/order_effect.py -o docs --observers 200 --seed 1 --workers 2
+    python scripts/order_effect.py words -o docs --seed 301
+    python scripts/order_effect.py repulsion -o docs --seed 311
+    python scripts/order_effect.py accuracy --seed 1
 
-writes order_effect.csv, a row an observer, and order_effect_words.csv, and prints the latter. Two designs of observers meet the paper's 13
-pairs 50 times each: *moderate* ones differ little from the paper's; *harsh* ones lapse, depart from Weber's law, difference, and have a
-peak that depends on the intensity. Three further designs ask which was stronger, of neighbours among six levels, of a grid of five, and of
-a reference with four others, in both orders. None is drawn from the prior of the analysis.
-
-With `--studies 30` it simulates studies instead, so many of each kind, and writes order_effect_studies.csv: what `population` says of each
-beside the sentence of its subjects' verdicts.
+`words` simulates six designs: the constant error is 0.3, 1 or 2.5 D with random sign, the
+contraction .1, .2 or .35; lapses and slopes are there half of the time; half of the observers of
+'same or different' follow a bell and not the curve of the model. It writes order_effect.csv, an
+observer a row, and prints how often each word is right, log scores and coverage.
+`repulsion` does the same with p = -.1, -.2, -.3. `accuracy` compares probabilities and evidences
+with long runs of fresh draws.
 """
 
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
-from functools import partial
-from itertools import pairwise, product
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from scipy.special import expit, log_ndtr, logit, ndtr, ndtri
 
-import bayes_toe as bt
-from bayes_toe.comparison.population_answer import on_average
-from bayes_toe.comparison.study_answer import study_sentence
-from bayes_toe.comparison.verdict import verdict
-from bayes_toe.comparison.words import EFFECTS, SMALL
+from bayes_toe.answers.model_average import PRIOR_PROBABILITIES
+from bayes_toe.answers.order_effect import QUESTIONS, order_effect
+from bayes_toe.answers.verdict_words import Word
+from bayes_toe.checks.identification import Identification
 from bayes_toe.data.study import Subject
-from bayes_toe.data.tasks import WHICH_STRONGER
-from bayes_toe.groups.population import population
-from bayes_toe.inference.prediction import effect_size
-from bayes_toe.model.ladder import ORDERS, posterior_of
-from bayes_toe.model.prior import DEFAULT
-from bayes_toe.seeds import generator
-from bayes_toe.workers import run_in_order
+from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task
+from bayes_toe.inference.order_evidence import Precision, order_evidence
+from bayes_toe.model.observer import JND_OVER_NOISE, StimulusScales
 
-TRIALS, SUBJECTS = 50, 8
-_SIX, _FIVE, _FOUR = 0.2 * np.arange(6), 0.25 * np.arange(5), 0.2 * np.array([-2, -1, 1, 2])
-#: Of the designs that ask which was stronger: pairs, natural-log intensities, and trials of each.
-COMPARED = {
-    "neighbours": ([pair for a, b in pairwise(_SIX) for pair in ((a, b), (b, a))], 65),
-    "grid": ([(a, b) for a in _FIVE for b in _FIVE], 26),
-    "reference": ([pair for a in _FOUR for pair in ((0.0, a), (a, 0.0))], 81),
-}
-STUDIES = ("none", "constant error", "opposite errors", "pull")
-KINDS = {"none": "none", "constant error": "constant error", "update": "pull"}
-
-
-def observer(design: str, order: str, name: str, seed: int) -> tuple[Subject, float]:
-    """Answers of one simulated observer, and the true size of the order effect in just noticeable differences."""
-    rng, pairs = generator(seed, design, order, name), bt.example_study().subjects[0]
-    harsh = design == "harsh"
-    values = {
-        "width": float(np.exp(rng.normal(np.log(0.32 if harsh else 0.3), 0.35 if harsh else 0.3))),
-        "q0": float(rng.beta(*((14, 2) if harsh else (20, 2)))),
-    }
-    parts = [order]
-    if rng.uniform() < (2 / 3 if harsh else 0.5):
-        parts.append("both ways")
-        values["lapse_rate"] = float(rng.beta(2, 10 if harsh else 14))
-    if rng.uniform() < (0.6 if harsh else 0.5):
-        parts.append("sloped")
-        values["noise_slope"] = float(rng.normal(-0.4 if harsh else -0.3, 0.5))
-    if harsh and rng.uniform() < 0.5:
-        parts.append("differencing")
-    if harsh and rng.uniform() < 0.5:
-        parts.append("sloped peak")
-        values["peak_slope"] = float(rng.normal(1.0, 1.5))
-    values["offset"] = float(
-        rng.choice([-1, 1]) * np.exp(rng.normal(np.log(0.15), 0.8))
-        if harsh
-        else rng.normal(0.0, 0.2)
-    )
-    middle = float(np.mean([pairs.s1, pairs.s2]))
-    mu1 = float(middle + rng.uniform(-2.5, 2.5) if harsh else rng.normal(0.25, 0.45))
-    pull = float(rng.uniform(0.1, 0.35) if harsh else rng.uniform(0.08, 0.38))
-    gamma = pull / (1.0 - pull) ** 2
-    sigma_p = values["width"] * (1.0 - pull) ** 1.5
-    values |= {"mu1": mu1, "sigma_p": sigma_p, "sigma_l": sigma_p * np.sqrt(gamma)}
-    asked = Subject(name, pairs.s1, pairs.s2, 0 * pairs.n_yes, np.full(pairs.n_pairs, TRIALS))
-    return answered(asked, " + ".join(parts), values, rng)
+_LEVELS = 0.25 * np.arange(6)
+_NEIGHBOURS = [pair for low, high in pairwise(_LEVELS) for pair in ((low, high), (high, low))]
+_IDENTICAL = [(level, level) for level in _LEVELS]
+_PAPER_LEVELS = np.log([1.0, 1.15, 1.36, 1.55, 1.66])
+_PAPER_PAIRS = [
+    *((level, level) for level in _PAPER_LEVELS),
+    *((_PAPER_LEVELS[0], level) for level in _PAPER_LEVELS[1:]),
+    *((level, _PAPER_LEVELS[0]) for level in _PAPER_LEVELS[1:]),
+]
+CONSTANT_ERRORS = (0.3, 1.0, 2.5)  # D
+CONTRACTIONS = (0.1, 0.2, 0.35)
+REPULSIONS = (-0.1, -0.2, -0.3)
+COMBINATIONS = ("none", "constant error", "contraction", "both")
 
 
-def comparing_observer(design: str, order: str, name: str, seed: int) -> tuple[Subject, float]:
-    """The same of one who says which was stronger; the true size is in just noticeable differences."""
-    rng, (pairs, trials) = generator(seed, design, order, name), COMPARED[design]
-    s1, s2 = np.array(pairs).T
-    step = float(np.sqrt(np.mean(np.square(s2 - s1)[s1 != s2])))
-    values = {"width": step * np.exp(rng.normal(0.0, 0.3)), "lapse_rate": rng.beta(1, 19)}
-    parts = [order]
-    if rng.uniform() < 0.5:
-        parts.append("sloped")
-        values["noise_slope"] = rng.normal(-0.3, 0.5)
-    values["offset"] = rng.choice([-1, 1]) * step * np.exp(rng.normal(np.log(0.3), 0.6))
-    pull = rng.uniform(0.08, 0.38)
-    sigma_p = values["width"] * (1.0 - pull)
-    values |= {
-        "mu1": rng.normal(s1.mean(), 1.2 * s1.std()),
-        "sigma_p": sigma_p,
-        "sigma_l": sigma_p * np.sqrt(pull) / (1.0 - pull),
-    }
-    asked = Subject(
-        name, s1, s2, np.zeros(len(s1), int), np.full(len(s1), trials), task=WHICH_STRONGER
-    )
-    return answered(asked, " + ".join(parts), values, rng)
+@dataclass(frozen=True)
+class Design:
+    """Pairs of a task, each answered so often."""
+
+    name: str
+    task: Task
+    pairs: list[tuple[float, float]]
+    trials: int
+    observers: int  # of each combination of effects
 
 
-def answered(
-    asked: Subject, model: str, values: dict[str, float], rng: np.random.Generator
-) -> tuple[Subject, float]:
-    """What an observer with these quantities under a model answers to the pairs of a subject, and the true size of the order effect."""
-    posterior = posterior_of(asked, model=model)
-    x = posterior.points({key: np.asarray(value) for key, value in values.items()})[None]
-    given = rng.binomial(asked.n_trials, np.exp(posterior.log_answers(x)[0][0]))
-    return replace(asked, n_yes=given), float(effect_size(posterior, x)[0])
+DESIGNS = (
+    Design("2AFC 650", WHICH_STRONGER, _NEIGHBOURS, 65, 72),
+    Design("2AFC 200", WHICH_STRONGER, _NEIGHBOURS, 20, 72),
+    Design("13 pairs 650", SAME_DIFFERENT, _PAPER_PAIRS, 50, 48),
+    Design("13 pairs 195", SAME_DIFFERENT, _PAPER_PAIRS, 15, 48),
+    Design("neighbours 640", SAME_DIFFERENT, _NEIGHBOURS + _IDENTICAL, 40, 48),
+    Design("neighbours 192", SAME_DIFFERENT, _NEIGHBOURS + _IDENTICAL, 12, 48),
+)
 
 
-def row(design: str, order: str, i: int, seed: int) -> dict[str, object]:
-    """One observer with its verdict."""
-    subject, size = (comparing_observer if design in COMPARED else observer)(
-        design, order, f"{order} {i}", seed
-    )
-    said, _ = verdict(subject, DEFAULT, seed)
-    assert said.p_orders is not None
-    found = dict(zip(("p_none", "p_constant_error", "p_update"), said.p_orders, strict=True))
-    named = {"effect": said.effect, "kind": said.kind, "fit": said.fit, "robust": said.robust}
-    return {
-        "design": design,
-        "observer": i,
-        "true": KINDS[order],
-        "true_size": size,
-        **named,
-        **found,
-        "p_larger": said.p_larger,
-    }
+@dataclass(frozen=True)
+class Truth:
+    """What a simulated observer is: c in D, p, and the JND in D where it has one."""
+
+    constant_error: float
+    contraction: float
+    jnd: float
+    curve: str
 
 
-def members(kind: str, i: int, seed: int) -> bt.Study:
-    """The subjects of a simulated study: no effect, constant errors of one sign or of both, pulls toward about the middle."""
-    rng, pairs = generator(seed, "study", kind, str(i)), bt.example_study().subjects[0]
-    made = []
-    for j in range(SUBJECTS):
-        pull = rng.normal(0.18, 0.06) if kind == "pull" else 0.0
-        error = {
-            "constant error": rng.normal(0.12, 0.05),
-            "opposite errors": (-1) ** j * rng.normal(0.2, 0.05),
-        }.get(kind, 0.0)
-        values = {
-            "offset": error,
-            "gain": 1.0 - pull,
-            "width": np.exp(rng.normal(-1.2, 0.2)),
-            "q0": rng.beta(20, 2),
+def simulate(
+    design: Design, name: str, constant_error: float, contraction: float, seed: list[int]
+) -> tuple[Subject, Truth]:
+    """Answers of one observer; the constant error in D gets a random sign."""
+    rng = np.random.default_rng(seed)
+    s1, s2 = np.array(design.pairs).T
+    n_trials = np.full(len(s1), design.trials)
+    asked = Subject(name, s1, s2, np.zeros(len(s1), int), n_trials, task=design.task)
+    scales = StimulusScales.from_subject(asked)
+    s1, s2 = asked.s1, asked.s2
+    step, spread = scales.step, scales.spread
+    width = 0.8 * step * np.exp(rng.normal(0.0, 0.35))
+    q0 = rng.beta(14.0, 2.0)
+    lapse = rng.beta(2.0, 14.0) * (rng.uniform() < 0.5)
+    noise_slope = rng.normal(-0.1, 0.25) / spread * (rng.uniform() < 0.5)
+    peak_slope = rng.normal(0.2, 0.4) / spread * (rng.uniform() < 0.5)
+    c = constant_error * step * rng.choice([-1.0, 1.0])
+    middle = 0.5 * (s1 + s2) - scales.sbar
+    distance = (s2 - s1 - c + contraction * (s1 - scales.sbar)) / np.exp(noise_slope * middle)
+    is_bell = rng.uniform() < 0.5
+    if design.task == WHICH_STRONGER:
+        noise, curve = width, "probit"
+        probability = 0.5 * lapse + (1.0 - lapse) * ndtr(distance / noise)
+    else:
+        peak = expit(logit(q0) + peak_slope * middle)
+        if is_bell:
+            curve, noise = "bell", np.nan
+            attending = peak * np.exp2(-np.square(distance / width))
+        else:
+            curve, noise = "differencing", width / 1.6
+            z, k = distance / noise, ndtri(0.5 * (1.0 + peak))
+            attending = np.exp(log_ndtr(k - z)) - np.exp(log_ndtr(-k - z))
+        probability = lapse * q0 + (1.0 - lapse) * attending
+    n_yes = rng.binomial(asked.n_trials, probability)
+    truth = Truth(c / step, contraction, JND_OVER_NOISE * noise / step, curve)
+    return replace(asked, n_yes=n_yes), truth
+
+
+def observers(design: Design, seed: int) -> Iterator[tuple[Subject, Truth]]:
+    """Observers of every combination of effects; sizes take turns."""
+    place = [other.name for other in DESIGNS].index(design.name)
+    for number, combination in enumerate(COMBINATIONS):
+        for i in range(design.observers):
+            c = CONSTANT_ERRORS[i % 3] if combination in ("constant error", "both") else 0.0
+            # Sizes of p turn more slowly, so that every size of c meets every size of p.
+            p = CONTRACTIONS[i // 3 % 3] if combination in ("contraction", "both") else 0.0
+            name = f"{combination} {i}"
+            yield simulate(design, name, c, p, [seed, place, number, i])
+
+
+def repelled(design: Design, seed: int) -> Iterator[tuple[Subject, Truth]]:
+    """Observers with a repulsion, every other one with a constant error of 1 D."""
+    place = [other.name for other in DESIGNS].index(design.name)
+    for number, p in enumerate(REPULSIONS):
+        for i in range(design.observers // 2):
+            c = 1.0 if i % 2 else 0.0
+            yield simulate(design, f"repulsion {p:g} {i}", c, p, [seed, place, 10 + number, i])
+
+
+def judged(design: Design, made: list[tuple[Subject, Truth]], seed: int) -> pd.DataFrame:
+    """A row for every observer: truth, probabilities, words, intervals."""
+    everything = Identification(True, True, True, {})
+    evidences = order_evidence([subject for subject, _ in made], seed)
+    rows = []
+    for (subject, truth), evidence in zip(made, evidences, strict=True):
+        answer = order_effect(evidence, everything)
+        row: dict[str, object] = {
+            "design": design.name,
+            "observer": subject.name,
+            "curve": truth.curve,
+            "c": truth.constant_error,
+            "p": truth.contraction,
         }
-        asked = Subject(
-            f"P{j + 1:02d}", pairs.s1, pairs.s2, 0 * pairs.n_yes, np.full(pairs.n_pairs, TRIALS)
+        for question in QUESTIONS:
+            row[f"word_{question}"] = answer.words[question].value
+            row[f"p_{question}"] = answer.probabilities[question]
+        row["direction"] = answer.direction
+        row["depends_on_prior"] = any(flag.startswith("depends") for flag in answer.flags)
+        shift = answer.sizes["pse_shift_percent"]
+        true_shift = 100.0 * np.expm1(truth.constant_error * evidence.scales.step)
+        row["c_covered"] = bool(shift.q025 <= true_shift <= shift.q975)
+        size = answer.sizes["contraction_p"]
+        row["p_covered"] = bool(size.q025 <= truth.contraction <= size.q975)
+        jnd = answer.sizes["jnd_percent"]
+        true_jnd = 100.0 * np.expm1(truth.jnd * evidence.scales.step)
+        covered = bool(jnd.q025 <= true_jnd <= jnd.q975)
+        row["jnd_covered"] = covered if np.isfinite(true_jnd) else None
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def has_effect(table: pd.DataFrame, question: str) -> pd.Series:
+    """Which observers have the effect that a question asks for."""
+    has_error, has_contraction = table["c"] != 0.0, table["p"] != 0.0
+    if question == "constant_error":
+        return has_error
+    return has_contraction if question == "contraction" else has_error | has_contraction
+
+
+def words_table(table: pd.DataFrame) -> pd.DataFrame:
+    """How often each word was given, and how often it was right."""
+    rows = []
+    for word in (Word.YES, Word.PROBABLY, Word.NO, Word.PROBABLY_NOT, Word.UNDECIDED):
+        row: dict[str, object] = {"word": word.value}
+        for question in QUESTIONS:
+            given = table[table[f"word_{question}"] == word.value]
+            is_right = has_effect(given, question)
+            if not word.is_positive:
+                is_right = ~is_right
+            row[question] = f"{len(given)}"
+            if word is not Word.UNDECIDED:
+                row[question] = f"{int(is_right.sum())}/{len(given)}"
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def design_table(table: pd.DataFrame) -> pd.DataFrame:
+    """Log scores in bits, and how often each size got the word 'yes'."""
+    rows = []
+    for design, group in table.groupby("design", sort=False):
+        row: dict[str, object] = {"design": design}
+        for question in QUESTIONS:
+            probability = group[f"p_{question}"].astype(float).to_numpy()
+            is_there = has_effect(group, question).to_numpy()
+            assigned = np.where(is_there, probability, 1.0 - probability)
+            row[f"log score {question}"] = f"{float(-np.log2(assigned).mean()):.2f}"
+        for column, question, sizes in (
+            ("c", "constant_error", CONSTANT_ERRORS),
+            ("p", "contraction", CONTRACTIONS),
+        ):
+            counts = []
+            for size in sizes:
+                chosen = group[np.isclose(group[column].abs(), size)]
+                counts.append(f"{int((chosen[f'word_{question}'] == 'yes').sum())}/{len(chosen)}")
+            row[f"yes {column}"] = " ".join(counts)
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def coverage_lines(table: pd.DataFrame) -> list[str]:
+    """Coverage of the 95 % intervals, of observers who have the effect."""
+    with_error, with_contraction = table[table["c"] != 0.0], table[table["p"] != 0.0]
+    small = with_error[with_error["c"].abs() < 2.0]
+    large = with_error[with_error["c"].abs() > 2.0]
+    known = table[table["jnd_covered"].notna()]
+    lines = []
+    for name, column, rows in (
+        ("p", "p_covered", with_contraction),
+        ("c up to 1 D", "c_covered", small),
+        ("c of 2.5 D", "c_covered", large),
+        ("JND", "jnd_covered", known),
+    ):
+        n_covered = int(rows[column].astype(bool).sum())
+        lines.append(f"95 % intervals of {name}: {n_covered} of {len(rows)}")
+    return lines
+
+
+def accuracy(seed: int, number: int) -> None:
+    """Probabilities and evidences of ordinary runs against long runs of fresh draws."""
+    long_run = Precision(standard_error=0.003, effective_draws=20_000.0, most_draws=120_000)
+    for design in (DESIGNS[4], DESIGNS[2], DESIGNS[0]):
+        made = [subject for subject, _ in observers(design, seed)]
+        subjects = made[:: len(made) // number][:number]
+        exact = order_evidence(subjects, seed + 1000, precision=long_run)
+        errors, p_errors, least = [], [], np.inf
+        for own_seed in (seed, seed + 1):
+            for evidence, reference in zip(order_evidence(subjects, own_seed), exact, strict=True):
+                is_near = reference.log_evidence > reference.log_evidence.max() - 6.0
+                errors += (evidence.log_evidence - reference.log_evidence)[is_near].tolist()
+                least = min(least, float(evidence.effective_draws[is_near].min()))
+                own = evidence.probabilities(PRIOR_PROBABILITIES)
+                known = reference.probabilities(PRIOR_PROBABILITIES)
+                p_errors += [abs(own[has].sum() - known[has].sum()) for has in QUESTIONS.values()]
+        quantiles = np.quantile(p_errors, [0.9, 0.99, 1.0]).round(3).tolist()
+        worst = min(errors, key=lambda error: -abs(error))
+        print(
+            f"{design.name}: ln Z mean error {np.mean(errors):+.3f}, worst {worst:+.3f}; error of "
+            f"P at 90, 99, 100 % {quantiles}; least effective draws {least:.0f}"
         )
-        made.append(answered(asked, "free weighting", values, rng)[0])
-    return bt.Study(made)
-
-
-def study_row(kind: str, i: int, seed: int) -> dict[str, object]:
-    """One study: what is said of its population, and of how many of its subjects an effect, none, or neither."""
-    study = members(kind, i, seed)
-    answer = on_average(population(study, draws=300, seed=seed, workers=1))
-    said = [verdict(one, DEFAULT, seed)[0] for one in study]
-    assert answer is not None
-    factors = {f"bf_{row.parameter.replace(' ', '_')}": row.of_none for row in answer.means}
-    counts = {
-        f"n_{word.replace(' ', '_')}": sum(one.effect == word for one in said)
-        for word in EFFECTS
-        if word
-    }
-    said_of_all = {"kind": kind, "study": i, "population": answer.words, "p_none": answer.p_none}
-    return {**said_of_all, **factors, **counts, "subjects": study_sentence(said)}
-
-
-def agreement(table: pd.DataFrame) -> pd.DataFrame:
-    """What was said of studies of each kind, how often, and how many of their eight subjects have, or probably have, an effect."""
-    clause = table["population"].str.partition(":")[0].str.replace(", and subjects differ", "")
-    some = table["n_has"] + table["n_probably_has"]
-    rows = table.assign(population=clause, subjects=some).groupby(
-        ["kind", "population"], sort=False
-    )["subjects"]
-    return rows.agg(studies="size", fewest="min", median="median", most="max").reset_index()
-
-
-def words(table: pd.DataFrame) -> pd.DataFrame:
-    """How often each word was said and right, by design."""
-    effect, large = table["true"] != "none", table["true_size"] > SMALL
-    truths = {
-        "has": effect,
-        "probably has": effect,
-        "negligible": ~large,
-        "probably none": ~effect,
-        "none": ~effect,
-    }
-    found = []
-    for design, of in table.groupby("design", sort=False):
-        for word in filter(None, EFFECTS):
-            some = of.index[of["effect"] == word]
-            found.append(
-                (design, word, len(some), int(truths[word][some].sum()) if word in truths else None)
-            )
-        for kind in ("constant error", "pull"):
-            for word in (kind, f"probably {kind}"):
-                some = of[of["kind"] == word]
-                found.append((design, word, len(some), int((some["true"] == kind).sum())))
-        p = of[["p_none", "p_constant_error", "p_update"]].to_numpy()
-        own = p[np.arange(len(of)), [list(KINDS.values()).index(true) for true in of["true"]]]
-        sure = p.max(axis=1) > 0.95
-        found.append((design, "P > 0.95", int(sure.sum()), int((own[sure] >= 0.5).sum())))
-        found.append((design, f"log score {-np.log(own).mean():.3f}", len(of), None))
-    return pd.DataFrame(found, columns=["design", "word", "said", "right"]).astype(
-        {"right": "Int64"}
-    )
 
 
 def main() -> None:
-    """Simulate, judge, write."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("-o", "--output", type=Path, default=Path())
-    parser.add_argument("--observers", type=int, default=200, help="of each kind and design")
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument(
-        "--studies", type=int, default=0, help="of each kind, in the place of observers"
-    )
+    """Run one of the commands."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("command", choices=("words", "repulsion", "accuracy"))
+    parser.add_argument("-o", "--output", type=Path)
+    parser.add_argument("--seed", type=int, default=301)
+    parser.add_argument("--observers", type=int, help="of each combination, fewer than by default")
     given = parser.parse_args()
-    given.output.mkdir(parents=True, exist_ok=True)
-    if given.studies:
-        name, of, jobs = (
-            "order_effect_studies.csv",
-            study_row,
-            [(kind, i) for kind in STUDIES for i in range(given.studies)],
-        )
+    if given.command == "accuracy":
+        accuracy(given.seed, 24 if given.observers is None else given.observers)
+        return
+    tables = []
+    make = observers if given.command == "words" else repelled
+    for number, design in enumerate(DESIGNS):
+        chosen = design
+        if given.observers is not None:
+            chosen = replace(design, observers=given.observers)
+        tables.append(judged(chosen, list(make(chosen, given.seed + number)), given.seed))
+    table = pd.concat(tables, ignore_index=True)
+    if given.command == "words":
+        print(words_table(table).to_string(index=False))
+        print(design_table(table).to_string(index=False))
     else:
-        designs = ("moderate", "harsh", *COMPARED)
-        name, of, jobs = (
-            "order_effect.csv",
-            row,
-            [*product(designs, ORDERS, range(given.observers))],
-        )
-    rows = run_in_order(
-        [partial(of, *job, given.seed) for job in jobs],
-        given.workers,
-        None,
-        [(str(job),) for job in jobs],
-    )
-    table = pd.DataFrame(rows)
-    table.to_csv(given.output / name, index=False, float_format="%.3g" if given.studies else "%.4g")
-    found = agreement(table) if given.studies else words(table)
-    if not given.studies:
-        found.to_csv(given.output / "order_effect_words.csv", index=False)
-    print(found.to_string(index=False))
+        is_yes = (table["word_contraction"] == "yes") & (table["direction"] == "repulsion")
+        print(is_yes.groupby([table["design"], table["p"]], sort=False).sum().to_string())
+        wrong = (table["word_contraction"] == "yes") & (table["direction"] == "contraction")
+        print(f"sign wrong: {int(wrong.sum())}")
+    print("\n".join(coverage_lines(table)))
+    if given.output is not None:
+        name = "order_effect.csv" if given.command == "words" else "order_effect_repulsion.csv"
+        table.round(4).to_csv(given.output / name, index=False)
 
 
 if __name__ == "__main__":

@@ -131,7 +131,7 @@ def test_readme_is_short():
     assert [line for line in lines if len(line) > 140] == []
 
 
-def test_programs_of_the_readme_run(tmp_path, three_models):
+def test_programs_of_the_readme_run(tmp_path):
     grouped_csv(tmp_path / "study.csv", few_pairs(["S01"]))
     known = {}
     with chdir(tmp_path):
@@ -161,7 +161,7 @@ MADE = {
 }
 
 
-def test_the_tutorial_runs(tmp_path, three_models):
+def test_the_tutorial_runs(tmp_path):
     first, *commands = map(
         shlex.split,
         re.findall(

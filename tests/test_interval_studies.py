@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from commands import good, refused
-from conftest import plain_models_alone
+from conftest import few_replicates
 from scipy.special import betaln
 
 import bayes_toe as bt
@@ -52,7 +52,7 @@ def study():
 
 @pytest.fixture(scope="module")
 def analysis(study):
-    with plain_models_alone():
+    with few_replicates():
         return bt.run(study, draws=300, seed=2, workers=1)
 
 

@@ -153,7 +153,7 @@ QUICK = {"draws": 100, "workers": 1}
 
 
 def test_an_interrupted_call_goes_on_to_the_same_bits(
-    few, tmp_path, monkeypatch, computed, three_models
+    few, tmp_path, monkeypatch, computed
 ):
     calm = bt.run(few, seed=3, **QUICK)
     monkeypatch.undo()
@@ -184,7 +184,7 @@ def test_many_draws_are_put_together_in_a_store(few, tmp_path, monkeypatch):
     xr.testing.assert_identical(plain.tree, kept.tree.load())
 
 
-def test_each_verb_takes_what_is_kept_and_nothing_else(few, tmp_path, computed, three_models):
+def test_each_verb_takes_what_is_kept_and_nothing_else(few, tmp_path, computed):
     for verb in (partial(bt.sample, model="none"), bt.evidence):
         first, again = (verb(few, seed=3, keep=tmp_path, **QUICK) for _ in range(2))
         if isinstance(first, bt.Draws):

@@ -22,7 +22,7 @@ def folder(tmp_path_factory):
     ],
     ids=lambda value: value[0] if value and "." not in value[0] else "",
 )
-def test_the_column(folder, three_models, words, outputs):
+def test_the_column(folder, words, outputs):
     good(*words, cwd=folder)
     for name in outputs:
         assert len((folder / name).read_text(encoding="utf-8").splitlines()) >= 3

@@ -1,1 +1,1 @@
-"""Answers to the questions of a study."""
+"""What the program concludes: of a subject, of a study, of conditions, of the trial before."""

@@ -1,60 +1,89 @@
-"""What the terminal says of order effects: the answer first, then one table, then what to do about subjects whom no model describes."""
+"""The answer on the terminal: a table, what needs action, then the study in a few sentences."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from bayes_toe.cli.headline import legend, p_value
-from bayes_toe.cli.terminal import OUTPUT, Terminal, chosen, number, once, safe
+from bayes_toe.answers.order_effect import OrderEffect, Size
+from bayes_toe.answers.study_summary import (
+    FEWEST_FOR_GROUP,
+    describe_pair,
+    frequency_line,
+    study_lines,
+)
+from bayes_toe.answers.verdict_words import Word
+from bayes_toe.cli.headline import needs_action, p_value
+from bayes_toe.cli.terminal import OUTPUT, Terminal, chosen, number, once
 from bayes_toe.comparison.history import QUANTITIES
-from bayes_toe.comparison.study_answer import doubts_of, of_new_subject, study_sentence, way_on
-from bayes_toe.comparison.verdict import Verdict
-from bayes_toe.data.messages import counted, named_few
 
 if TYPE_CHECKING:
     from bayes_toe.comparison.history import HistoryTable
     from bayes_toe.data.study import Study
 
+#: Words whose size is not shown: there is probably nothing to measure.
+_WITHOUT_SIZE = (Word.NO, Word.PROBABLY_NOT, Word.CANNOT_BE_TOLD)
 
-def say_verdicts(
-    out: Terminal,
-    verdicts: Sequence[Verdict],
-    seed: int,
-    study: Study,
-    file: str = OUTPUT,
-    *,
-    followed: bool = True,
+
+def say_answers(
+    out: Terminal, answers: Sequence[OrderEffect], study: Study, file: str = OUTPUT
 ) -> None:
-    """The study in a sentence, a new subject of its population, every subject in a row, and a way on where no model describes one.
-
-    `followed`: also whose answers seem to depend on the trial before, where histories are not told.
-    """
-    if not verdicts:
+    """A row for every subject, what needs action, and the answer of the study."""
+    if not answers:
         return
+    by_name = {answer.subject: answer for answer in answers}
+    acting = {answer.subject for answer in answers if needs_action(answer)}
+    rows = [_cells(by_name[name]) for name in chosen(by_name, acting)]
+    out.table("order effect of every subject", rows, total=len(answers), file=file)
+    out.footnote("Estimates are medians with 95 % intervals. !: not interpreted or a poor fit.")
+    out.notes(_actions(answers), "action", "red", file=file)
+    out.notes(
+        once((answer.subject, note) for answer in answers for note in answer.notes), file=file
+    )
     units = study.conditions is not None
-    out.answer([f"answer: {study_sentence(verdicts, synthetic=study.synthetic, units=units)}"])
-    if new := of_new_subject(verdicts, seed, units=units):
-        out.line(safe(new))
-    looked_at = {one.subject for one in verdicts if one.fit == "not described" or one.data}
-    of_subject = {one.subject: one for one in verdicts}
-    rows = [_cells(of_subject[name]) for name in chosen(of_subject, looked_at)]
-    out.table("order effect of every subject", rows, total=len(verdicts), file=file)
-    out.footnote(f"{legend(study.task)}.")
-    out.notes(
-        (f"{one.subject}: {doubts_of(one)}" for one in verdicts if one.data), "data", file=file
-    )
-    out.notes(
-        (f"{one.subject}: {way}" for one in verdicts if (way := way_on(one))),
-        "look",
-        "red",
-        file=file,
-    )
-    follow = [one.subject for one in verdicts if one.follows]
-    if follow and followed:
-        how = f"answers of {counted(len(follow), 'subject')} seem to depend on the trial before ({named_few(follow)})"
-        out.note(f"trials before: {how}; bayes-toe history tells")
-    out.notes(once((one.subject, note) for one in verdicts for note in one.notes))
+    lines = study_lines(answers, synthetic=study.synthetic, units=units)
+    if len(answers) < FEWEST_FOR_GROUP and not units:
+        lines.append(frequency_line(answers))
+    out.answer([f"answer: {lines[0]}", *filter(None, lines[1:])])
+
+
+def _cells(answer: OrderEffect) -> dict[Any, Any]:
+    """An answer as a row of a table."""
+    mark = " !" if needs_action(answer) else ""
+    dependent = " ?" if answer.depends_on_prior else ""
+    return {
+        "subject": f"{answer.subject}{mark}{dependent}",
+        "order effect": answer.words["order_effect"].value,
+        "constant error": answer.words["constant_error"].value,
+        "contraction": answer.word("contraction"),
+        "PSE shift, %": _estimate(answer, "constant_error", "pse_shift_percent", "+.2g"),
+        "contraction p": _estimate(answer, "contraction", "contraction_p", ".2f"),
+    }
+
+
+def _estimate(answer: OrderEffect, question: str, size: str, form: str) -> str:
+    """A size with its interval; '-' where there is probably nothing to measure."""
+    word = answer.words[question]
+    if word in _WITHOUT_SIZE or word is Word.NOT_INTERPRETABLE:
+        return "-"
+    estimate: Size = answer.sizes[size]
+    ends = f"{estimate.q025:{form}}, {estimate.q975:{form}}"
+    return f"{estimate.q50:{form}} [{ends}]".replace("0.", ".")
+
+
+def _actions(answers: Sequence[OrderEffect]) -> list[str]:
+    """What stands against answers, and what to do about it."""
+    lines = []
+    for answer in answers:
+        if not needs_action(answer):
+            continue
+        text = f"{answer.subject}: {'; '.join(answer.flags)}"
+        if answer.worst_pairs:
+            text += f" ({', '.join(map(describe_pair, answer.worst_pairs))})"
+        if answer.options:
+            text += f"; run again with {' '.join(answer.options)}"
+        lines.append(text)
+    return lines
 
 
 def say_histories(out: Terminal, table: HistoryTable, file: str) -> None:
@@ -82,21 +111,3 @@ def say_histories(out: Terminal, table: HistoryTable, file: str) -> None:
         "P(static): nothing is left of the trials before, among models with a pull. log BF: of any history, and of a bias by the answer "
         "before, natural logs. p: of the answers by the trial before, without and with a history.",
     )
-
-
-def _cells(one: Verdict) -> dict[Any, Any]:
-    """A verdict as a row for people."""
-    kind = "kind open" if one.kind == "open" else one.kind
-    return {
-        "subject": one.subject,
-        "order effect": ", ".join(word for word in (one.effect or "-", kind) if word),
-        "P(none)": number(one.p_none),
-        "constant": number(one.p_constant_error),
-        "pull": number(one.p_update),
-        "size": number(one.size_q50),
-        "fit": one.fit,
-        "data": ", ".join(doubt.kind for doubt in one.data) or "-",
-        "robust": "no, P(none) {:.2f}-{:.2f}".format(*one.p_none_range)
-        if one.robust == "no"
-        else one.robust or "-",
-    }

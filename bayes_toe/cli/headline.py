@@ -1,84 +1,76 @@
-"""What terminal and report say of a subject in a word or two, and who must be looked at."""
+"""What terminal and report say of a subject in a word or two, and which subjects need action."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 
-from bayes_toe.comparison.evidence_table import EvidenceTable
-from bayes_toe.comparison.study_answer import said_pair
-from bayes_toe.comparison.words import (
-    HAS,
-    NAMED,
-    NONE,
-    PROBABLY_HAS,
-    PROBABLY_NAMED,
-    PROBABLY_NONE,
-    SMALL,
-    SURELY,
+from bayes_toe.answers.evidence_table import EvidenceTable
+from bayes_toe.answers.order_effect import OrderEffect
+from bayes_toe.answers.study_summary import describe_pair
+from bayes_toe.answers.verdict_words import (
+    NO_UP_TO,
+    PROBABLY_FROM,
+    PROBABLY_NOT_LOG_BAYES_FACTOR,
+    PROBABLY_NOT_UP_TO,
+    YES_FROM,
 )
-from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task
+from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.inference.predictive_checks import MISFIT, FitSummary
-from bayes_toe.model.ladder import models_of
 
-#: From where on a word is said.
+#: The limits of the words.
 LIMITS = (
-    f"An order effect is said up to P(none) = {HAS}, and probably up to {PROBABLY_HAS}; probably none from {PROBABLY_NONE} on, none from "
-    f"{NONE}; negligible where it is open and P(size > {SMALL}) is at most {SURELY}; otherwise it is undecided. The kind is named where it "
-    f"has {NAMED:.0%} of the probability of any effect, probably from {PROBABLY_NAMED:.0%} on".replace(
-        "%", " %"
-    )
+    f"An effect is 'yes' from a posterior probability of {YES_FROM} on, 'probably' from "
+    f"{PROBABLY_FROM} on, 'no' up to {NO_UP_TO}, 'probably not' up to {PROBABLY_NOT_UP_TO} where "
+    f"the log Bayes factor is at most {PROBABLY_NOT_LOG_BAYES_FACTOR:g}; otherwise 'undecided'"
 )
-#: What the figure of a subject's answers shows, of either task, before its bands.
+#: What the figure of a subject's responses shows, in either task.
 CURVES = {
-    SAME_DIFFERENT: "P('equal') by the paper's model, central 60 % (dark) and 95 % (light) bands",
-    WHICH_STRONGER: "P('second') over s2 − s1 by the paper's model, after each first stimulus s1, central 60 % bands; where a curve "
-    "crosses one half (dotted) is the point of subjective equality (PSE), and without an order effect all cross it at 0",
+    SAME_DIFFERENT: "P('equal') averaged over the four models, central 50 % (dark) and 95 % "
+    "(light) bands",
+    WHICH_STRONGER: "P('second') over s2 − s1 averaged over the four models, after each first "
+    "stimulus s1; where a curve crosses one half (dotted) is the point of subjective equality (PSE)",
 }
-#: What is said of those who must be looked at.
-FLAGGED = "not described, data in doubt, draws not converged, or no verdict"
+#: Why a subject needs action.
+FLAGGED = "poor fit, not interpreted, draws not converged, or no answer"
 
 
-def legend(task: Task) -> str:
-    """What the columns of a verdict mean."""
-    space = models_of(task).space
-    varied = [
-        part
-        for part in dict(space[0].levels)
-        if len({dict(model.levels)[part] for model in space}) > 1
-    ]
-    return (
-        f"P: averaged over {len(space)} models ({', '.join(varied)}), equally probable beforehand. Size: in just noticeable differences "
-        f"(JND). Fit: of the best of them; not described: predictive p or p of the deviance below {MISFIT:g}. Robust: the same with the "
-        "prior's scales of the order halved and doubled"
-    )
+def needs_action(answer: OrderEffect) -> bool:
+    """Whether somebody must look at a subject before its answer is used."""
+    return answer.fits is False or not answer.is_interpretable or bool(answer.options)
 
 
 def flagged(
     table: EvidenceTable, not_converged: Collection[str] = ()
 ) -> dict[str, tuple[str, ...]]:
-    """Subjects that someone must look at, in the order of the table, with the reasons in a word or two.
+    """Subjects that need action, in the order of the table, with the reasons in a word or two.
 
     Examples
     --------
     >>> flagged(EvidenceTable(()))
     {}
     """
-    found = {}
+    reasons = {}
     for row in table:
-        said = {
-            "not described": row.verdict is not None and row.verdict.fit == "not described",
-            "data in doubt": row.verdict is not None and bool(row.verdict.data),
-            "not converged": row.subject in not_converged,
-            "no verdict": row.verdict is None or row.verdict.p_orders is None,
-        }
-        if why := tuple(word for word, true in said.items() if true):
-            found[row.subject] = why
-    return found
+        own = []
+        if row.answer is None:
+            own.append("no answer")
+        else:
+            if row.answer.fits is False:
+                own.append("poor fit")
+            if not row.answer.is_interpretable:
+                own.append("not interpreted")
+            elif row.answer.options:
+                own.append("action possible")
+        if row.subject in not_converged:
+            own.append("not converged")
+        if own:
+            reasons[row.subject] = tuple(own)
+    return reasons
 
 
 def told(
     value: float,
-    limits: Sequence[float] = (HAS, PROBABLY_HAS, PROBABLY_NONE, NONE),
+    limits: Sequence[float] = (NO_UP_TO, PROBABLY_NOT_UP_TO, PROBABLY_FROM, YES_FROM),
     digits: int = 2,
 ) -> str:
     """A number with so many decimals, or as many as tell on which side of the limits it is.
@@ -128,4 +120,4 @@ def deviance(fit: FitSummary) -> str:
 def misfit(fit: FitSummary) -> str:
     """A misfit in one line: how bad, and the worst pairs."""
     size = f"predictive {said_p(fit.p_overall)}, deviance {fit.deviance:.1f} on {fit.degrees_of_freedom} d.f."
-    return "; ".join([size, *map(said_pair, fit.worst)])
+    return "; ".join([size, *map(describe_pair, fit.worst)])

@@ -23,8 +23,8 @@ from bayes_toe.cli.terminal import (
 
 if TYPE_CHECKING:
     from bayes_toe.analysis import Analysis
+    from bayes_toe.answers.evidence_table import EvidenceTable
     from bayes_toe.cli.report import Group
-    from bayes_toe.comparison.evidence_table import EvidenceTable
 
 _SHOWN_QUANTILES = [0.05, 0.5, 0.95]
 #: What order effects show in: these come first, and have their range beside the median.
@@ -58,7 +58,7 @@ def run(
 
     [bold]Example[/bold]: bayes-toe run study.csv -o results --seed 1
     """
-    from bayes_toe.cli.answers import say_histories, say_verdicts
+    from bayes_toe.cli.answers import say_answers
     from bayes_toe.cli.group_commands import say_contrast
     from bayes_toe.cli.results_folder import PICTURE_BYTES, PRODUCTS, Drawn, write_results
     from bayes_toe.explorer.page import EXPLORER_BYTES, require_bokeh, require_few
@@ -88,16 +88,7 @@ def run(
     analysis = task.work(
         "sampling", len(read), bt.run, read, draws=task.draws, prior=prior, keep=keep
     )
-    say_verdicts(
-        task.out,
-        analysis.verdicts,
-        analysis.settings.seed,
-        read,
-        "evidence.csv",
-        followed=analysis.histories is None,
-    )
-    if analysis.histories is not None:
-        say_histories(task.out, analysis.histories, "history.csv")
+    say_answers(task.out, analysis.answers, read, "evidence.csv")
     say_failed(task.out, analysis.draws)
     if analysis.contrast is not None:
         say_contrast(task.out, analysis.contrast)
@@ -221,11 +212,11 @@ def evidence(
     output: Annotated[Path, writes("evidence.csv", "Table to write.")] = Path("evidence.csv"),
     task: Annotated[Task, Takes(*MODEL, "spreadsheet_safe", "resume")],
 ) -> None:
-    """Which order effect every subject has, whether the models describe the answers, and the paper's model (H1) against H0.
+    """Log model evidence of the four models and of the paper's H1 against H0, then the answer.
 
     [bold]Example[/bold]: bayes-toe evidence study.csv -o evidence.csv --seed 1
     """
-    from bayes_toe.cli.answers import say_verdicts
+    from bayes_toe.cli.answers import say_answers
 
     task.require_files(output)
     keep = task.partial(output)
@@ -233,8 +224,8 @@ def evidence(
     table = task.work("evidence", len(read), bt.evidence, read, prior=prior, keep=keep)
     table.save(output, **task.saving_of(read))
     task.finish(keep, table.failed)
-    say_verdicts(task.out, table.verdicts, table.seed or 0, read)
-    say_appendix_c(task.out, table)
+    say_model_evidence(task.out, table)
+    say_answers(task.out, table.answers, read, output.name)
     task.done("table in", output, seed=table.seed, failed=table.failed)
 
 
@@ -276,36 +267,23 @@ def say_failed(out: Terminal, draws: bt.Draws, file: str = OUTPUT) -> None:
         out.notes((f"{name}: {why}" for name, why in of.items()), word, "red", file=file)
 
 
-def say_appendix_c(out: Terminal, table: EvidenceTable) -> None:
-    """The paper's model (H1) against free frequencies (H0)."""
-    from bayes_toe.comparison.study_answer import APPENDIX_C
-    from bayes_toe.comparison.words import conclusion
+def say_model_evidence(out: Terminal, table: EvidenceTable) -> None:
+    """Log evidences of the four models, and of the paper's model (H1) against H0."""
+    from bayes_toe.answers.study_summary import APPENDIX_C
 
-    rows: list[dict[Any, Any]] = [
-        {
-            "subject": row.subject,
-            "log evidence H1": number(row.log_evidence_h1),
-            "s.e.": number(row.log_evidence_h1_se, 4),
-            "log evidence H0": number(row.log_evidence_h0),
-            "log Bayes factor": number(row.log_bayes_factor),
-            "evidence": conclusion(row.log_bayes_factor),
-            "k-hat": number(row.pareto_k),
-            "Laplace": number(row.log_bayes_factor_laplace),
-        }
-        for row in table
-    ]
-    out.table(
-        "Appendix C: the paper's model (H1) against a free frequency per pair (H0), natural logs",
-        rows,
-    )
-    out.footnote(f"{APPENDIX_C}.")
-    out.notes(
-        once(
-            (row.subject, note)
-            for row in table
-            for note in row.notes
-            if not row.verdict or note not in row.verdict.notes
-        )
-    )
+    rows = list[dict[Any, Any]]()
+    for row in table:
+        cells: dict[Any, Any] = {"subject": row.subject}
+        if row.answer is not None:
+            for model, value in row.answer.log_evidence.items():
+                star = "*" if model == row.answer.best_model else ""
+                cells[model.removesuffix(" error")] = f"{value:.2f}{star}"
+        cells["H0"] = number(row.log_evidence_h0)
+        cells["H1"] = number(row.log_evidence_h1)
+        cells["ln BF H1:H0"] = number(row.log_bayes_factor, 1)
+        rows.append(cells)
+    out.table("log model evidence, natural logs", rows)
+    out.footnote(f"* the largest of the four models of order. {APPENDIX_C}.")
+    out.notes(once((row.subject, note) for row in table for note in row.notes))
     for line in once((row.subject, note) for row in table for note in row.footnotes)[:MOST_NAMES]:
         out.footnote(line)

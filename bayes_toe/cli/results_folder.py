@@ -10,11 +10,11 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from bayes_toe.analysis import Analysis
+from bayes_toe.answers.evidence_table import EvidenceTable
 from bayes_toe.classical.asymmetry import AsymmetryTable, subject_asymmetries
 from bayes_toe.cli.headline import flagged
 from bayes_toe.cli.methods import of_analysis, write_text
 from bayes_toe.cli.report import Facts, Group, write_report
-from bayes_toe.comparison.evidence_table import EvidenceTable
 from bayes_toe.data.read_study import Truth
 from bayes_toe.data.study import Study
 from bayes_toe.data.tables import file_stems, write_table
@@ -31,7 +31,6 @@ from bayes_toe.plots.corner import corner
 from bayes_toe.plots.curves import curves
 from bayes_toe.plots.evidence import evidence_axes, evidence_height, order_effect_axes
 from bayes_toe.plots.figure_files import png
-from bayes_toe.plots.history import history
 from bayes_toe.plots.map import study_map_axes
 from bayes_toe.plots.population import population_figure
 from bayes_toe.plots.style import LETTERS, legend_below, new_figure
@@ -43,10 +42,7 @@ if TYPE_CHECKING:
 Figure = Any  # of matplotlib, which is of another room
 #: What a results folder has of a group, of conditions, and of histories, where answers depend on the trial before.
 GROUP_PRODUCTS = ("population.csv", "population_subjects.csv", "population.png", "population.nc")
-CONTRAST_PRODUCTS, HISTORY_PRODUCTS = (
-    ("contrast.csv", "contrast.png"),
-    ("history.csv", "history.png"),
-)
+CONTRAST_PRODUCTS = ("contrast.csv", "contrast.png")
 ALWAYS = ("summary.csv", "evidence.csv", "report.html", "methods.md", "methods.bib")
 #: What a results folder may hold: draws in one of two ways, the group, corner plots, an explorer, pages of very many subjects.
 PRODUCTS = (
@@ -56,7 +52,6 @@ PRODUCTS = (
         *ALWAYS[:2],
         *CONTRAST_PRODUCTS,
         *GROUP_PRODUCTS,
-        *HISTORY_PRODUCTS,
     ),
     *("corner", "explorer.html", *ALWAYS[2:], "subjects"),
 )
@@ -107,7 +102,6 @@ def write_results(
     parts = {
         CONTRAST_PRODUCTS: analysis.contrast,
         GROUP_PRODUCTS: group,
-        HISTORY_PRODUCTS: analysis.histories,
     }
     required = [
         posterior,
@@ -159,7 +153,7 @@ def write_results(
         jobs = [partial(_draw_overview, place / f"{name}.png", *given) for name in overviews]
         names: list[tuple[str, ...]] = [*((),) * len(jobs), *((name,) for name in drawn)]
         prior, truth = analysis.settings.prior, pictures.truth
-        best = {one.target.subject.name: one for one in analysis.best}
+        curves = {curve.target.subject.name: curve for curve in analysis.curves}
         jobs += [
             partial(
                 _draw_subject,
@@ -167,7 +161,7 @@ def write_results(
                 name,
                 prior,
                 truth.get(name),
-                best.get(name),
+                curves.get(name),
                 corner_plots[name],
                 curve_files[name],
             )
@@ -214,9 +208,6 @@ def _write_tables(
         (folder / "contrast.png").write_bytes(
             png(contrast_figure(analysis.contrast, means, synthetic=study.synthetic))
         )
-    if analysis.histories is not None:
-        analysis.histories.save(folder / "history.csv", **of_units)
-        (folder / "history.png").write_bytes(png(history(analysis.histories), dpi=_DOTS))
     if group is not None:
         group.found.table.save(folder / "population.csv", spreadsheet_safe=spreadsheet_safe)
         pooled_subjects(group.found).save(folder / "population_subjects.csv", **of_units)

@@ -59,13 +59,33 @@ _EM_STEPS = 2
 _NEIGHBOURS = 120
 
 # --- Evidence ---
-_ENOUGH_ERROR, _ENOUGH_DRAWS = 0.03, 250.0
 _FAR = 8.0  # nats below the best at which a model needs no further draws
-_MOST_DRAWS = 6000
 _JUDGED_FROM = 1000
 _HEAVY = 0.03  # share of the weight of one draw that sends a row back
 _POOR = 0.25  # efficiency that sends a row back, twice at most
 _MOST_RETURNS, _MOST_POOR_RETURNS = 8, 2
+
+
+@dataclass(frozen=True)
+class Precision:
+    """When a row has enough fresh draws.
+
+    Attributes
+    ----------
+    standard_error : float
+        Of the log evidence, to reach.
+    effective_draws : float
+        To reach.
+    most_draws : int
+        At which a row ends in any case.
+    """
+
+    standard_error: float = 0.03
+    effective_draws: float = 250.0
+    most_draws: int = 6000
+
+
+USUAL = Precision()
 
 
 class ModelDraws(NamedTuple):
@@ -108,7 +128,10 @@ class OrderEvidence:
 
 
 def order_evidence(
-    subjects: Sequence[Subject], seed: int, prior: ObserverPrior = DEFAULT_PRIOR
+    subjects: Sequence[Subject],
+    seed: int,
+    prior: ObserverPrior = DEFAULT_PRIOR,
+    precision: Precision = USUAL,
 ) -> list[OrderEvidence]:
     """The evidences of the four models for subjects of one task.
 
@@ -129,7 +152,7 @@ def order_evidence(
     """
     results = []
     for start in range(0, len(subjects), BATCH):
-        results += _Sampler(subjects[start : start + BATCH], seed, prior).run()
+        results += _Sampler(subjects[start : start + BATCH], seed, prior, precision).run()
     return results
 
 
@@ -466,8 +489,10 @@ def _estimate(log_weights: FloatArray) -> _Estimate:
 class _Sampler:
     """The rows of some subjects, from maxima to evidences."""
 
-    def __init__(self, subjects: Sequence[Subject], seed: int, prior: ObserverPrior) -> None:
-        self.subjects, self.prior = subjects, prior
+    def __init__(
+        self, subjects: Sequence[Subject], seed: int, prior: ObserverPrior, precision: Precision
+    ) -> None:
+        self.subjects, self.prior, self.precision = subjects, prior, precision
         self.scales = [StimulusScales.from_subject(subject) for subject in subjects]
         single = ObserverBatch.from_subjects(subjects, prior, self.scales)
         self.batch = single.rows(np.repeat(np.arange(len(subjects)), _N_MODELS))
@@ -670,14 +695,15 @@ class _Sampler:
             siblings = [other for other in known[first : first + _N_MODELS] if other is not None]
             best = max(other.log_evidence for other in siblings)
             is_far = estimate.log_evidence + 3.0 * estimate.standard_error < best - _FAR
-            if is_far or estimate.n_draws >= _MOST_DRAWS:
+            if is_far or estimate.n_draws >= self.precision.most_draws:
                 continue
             if self._must_return(fresh[row], estimate):
                 mixtures[row] = _refitted(mixtures[row], pools[row], fresh[row])
                 going.append(row)
                 continue
             n_effective = estimate.efficiency * estimate.n_draws
-            if estimate.standard_error > _ENOUGH_ERROR or n_effective < _ENOUGH_DRAWS:
+            is_precise = estimate.standard_error <= self.precision.standard_error
+            if not is_precise or n_effective < self.precision.effective_draws:
                 going.append(row)
         return going
 

@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from bayes_toe.answers.evidence_table import EvidenceTable
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray
-from bayes_toe.comparison.evidence_table import EvidenceTable
 from bayes_toe.plots.style import (
     BAD,
     COLUMN,

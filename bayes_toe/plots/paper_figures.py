@@ -10,12 +10,12 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from bayes_toe.analysis import Analysis, smooth_curve_evidence
+from bayes_toe.answers.evidence_table import EvidenceTable
 from bayes_toe.classical.asymmetry import (
     LEVEL,
     AsymmetryTable,
     subject_asymmetries,
 )
-from bayes_toe.comparison.evidence_table import EvidenceTable
 from bayes_toe.data.read_study import Truth
 from bayes_toe.data.study import refuse_intervals
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER

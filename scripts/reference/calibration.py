@@ -17,9 +17,9 @@ import numpy as np
 import pandas as pd
 from scipy.special import logit
 
+from bayes_toe.answers.evidence_table import SubjectEvidence, subject_evidence
 from bayes_toe.arrays import BoolArray, FloatArray
 from bayes_toe.classical.fit import bootstrap_evidence, bootstrap_subject
-from bayes_toe.comparison.evidence_table import SubjectEvidence, subject_evidence
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.errors import InputError
 from bayes_toe.experiments.simulate import PAPER_BATCHES, reference_design, simulate_trials

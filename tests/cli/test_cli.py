@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from commands import call, good, inside, refused
-from conftest import grouped_csv, plain_models_alone
+from conftest import few_replicates, grouped_csv
 
 import bayes_toe as bt
 from bayes_toe.inference.sampling import SamplerSettings
@@ -33,7 +33,7 @@ def folder(tmp_path_factory, small_study):
 
 @pytest.fixture(scope="module")
 def results(folder):
-    with plain_models_alone():
+    with few_replicates():
         return folder / "out", good(
             "run", "study.csv", "-o", "out", "--draws", 1000, *ONE, cwd=folder
         )
@@ -111,7 +111,7 @@ def test_the_report_stands_alone(results):
         assert absent not in text
 
 
-def test_a_misfit_is_loud_in_terminal_and_report(folder, small_study, three_models, blank_pictures):
+def test_a_misfit_is_loud_in_terminal_and_report(folder, small_study, blank_pictures):
     """Answers that no smooth curve describes: those to two pairs of one observer are turned round."""
     subject = small_study["A"]
     equal = subject.n_yes.copy()
@@ -141,9 +141,7 @@ def test_a_misfit_is_loud_in_terminal_and_report(folder, small_study, three_mode
         assert text.count(words) == 1
 
 
-def test_not_converged_is_exit_code_3_and_marked_everywhere(
-    monkeypatch, tmp_path, three_models, blank_pictures
-):
+def test_not_converged_is_exit_code_3_and_marked_everywhere(monkeypatch, tmp_path, blank_pictures):
     # One pass and an R-hat that chance alone exceeds.
     defaults = SamplerSettings.__init__.__defaults__
     monkeypatch.setattr(
@@ -160,9 +158,7 @@ def test_not_converged_is_exit_code_3_and_marked_everywhere(
     assert list(bt.load(tmp_path / "out" / "posterior.nc").not_converged) == ["x"]
 
 
-def test_subjects_may_be_any_text_and_are_never_paths_or_html(
-    tmp_path, three_models, blank_pictures
-):
+def test_subjects_may_be_any_text_and_are_never_paths_or_html(tmp_path, blank_pictures):
     names = [
         "../../<script>alert(1)</script> a$b_{c}",
         "na",
@@ -209,7 +205,7 @@ def test_subjects_may_be_any_text_and_are_never_paths_or_html(
 # --- evidence, sample, fit ----------------------------------------------------------------------------------------------------------
 
 
-def test_evidence_leads_with_the_answer_and_has_the_table_of_run(folder, results, three_models):
+def test_evidence_leads_with_the_answer_and_has_the_table_of_run(folder, results):
     said = good("evidence", "one.csv", "-o", "evidence.csv", *ONE, cwd=folder)
     (head, _, of_b), found = (
         (place / "evidence.csv").read_text().splitlines() for place in (results[0], folder)
@@ -377,7 +373,7 @@ def two_figures(monkeypatch):
         monkeypatch.delitem(FIGURES, name)
 
 
-def test_figures_of_chosen_subjects_in_one_format(folder, three_models, two_figures):
+def test_figures_of_chosen_subjects_in_one_format(folder, two_figures):
     args = (
         "figures",
         "study.csv",
@@ -410,7 +406,7 @@ def test_figures_of_saved_draws_sample_nothing(results, folder, monkeypatch, two
 # --- simulate, check, priors -------------------------------------------------------------------------------------------------------
 
 
-def test_simulate_then_check_then_quiet(tmp_path, three_models):
+def test_simulate_then_check_then_quiet(tmp_path):
     good(
         "simulate",
         "-o",
@@ -437,7 +433,7 @@ def test_simulate_then_check_then_quiet(tmp_path, three_models):
     assert good("evidence", "s.csv", "-o", "e.csv", "--quiet", "--workers", 1, cwd=tmp_path) == ""
 
 
-def test_trials_that_are_there_twice_are_said_by_every_command(tmp_path, three_models):
+def test_trials_that_are_there_twice_are_said_by_every_command(tmp_path):
     rows = [
         "subject,block,trial,s1,s2,response",
         *(f"[i]x,1,{i},{i % 2},{i % 3},{('same', 'different')[i % 2]}" for i in range(12)),
@@ -453,9 +449,7 @@ def test_trials_that_are_there_twice_are_said_by_every_command(tmp_path, three_m
         assert good(command[0], "s.csv", *command[1:], cwd=tmp_path).count(said) == 1
 
 
-def test_a_block_with_swapped_buttons_is_told_by_check_and_report(
-    tmp_path, three_models, blank_pictures
-):
+def test_a_block_with_swapped_buttons_is_told_by_check_and_report(tmp_path, blank_pictures):
     """A study of trials, in which one block was answered the wrong way round; its columns have names of their own."""
     rng, rows = np.random.default_rng(3), ["subject,s1,s2,response,[b]Run,ISI,rt"]
     for block in range(1, 6):
@@ -512,7 +506,7 @@ def test_bad_input_is_one_line_a_problem_and_exit_code_2(tmp_path):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["bad.csv"]
 
 
-def test_a_prior_file_is_used_shown_and_stored(folder, three_models, blank_pictures):
+def test_a_prior_file_is_used_shown_and_stored(folder, blank_pictures):
     (folder / "narrow.toml").write_text(
         "mu1_sd = 2.0  # informative\nsigma_p_scale = 0.5\n", encoding="utf-8"
     )

@@ -41,7 +41,7 @@ def without_the_first(monkeypatch):
 
 
 def test_a_subject_whose_workers_die_is_marked_and_the_study_goes_on(
-    folder, without_the_first, three_models, blank_pictures
+    folder, without_the_first, blank_pictures
 ):
     done = inside(
         "run",
@@ -204,7 +204,7 @@ def test_a_group_goes_on_with_the_subjects_that_were_done_before_it_was_killed(f
         assert (four / f"group{ending}").read_bytes() == (four / f"calm{ending}").read_bytes()
 
 
-def test_what_was_kept_is_thrown_away_where_that_is_asked_for(four, three_models):
+def test_what_was_kept_is_thrown_away_where_that_is_asked_for(four):
     grouped_csv(four / "study.csv", known_observers("A"))
     (four / "evidence.csv.partial").mkdir()
     (four / "evidence.csv.partial" / "0.kept").write_text("of another time")

@@ -102,7 +102,7 @@ def test_run_writes_what_the_command_does(results, analysis, tmp_path):
 
 
 def test_one_subject_under_the_default_prior_after_something_was_done_to_the_data(
-    three_models, small_study, tmp_path
+    small_study, tmp_path
 ):
     study = replace(
         small_study.select(["A"]), notes=("trial rows", "3 trials without a response dropped: A 3")

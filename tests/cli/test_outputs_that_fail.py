@@ -98,7 +98,7 @@ def test_what_will_not_fit_is_known_before_the_work(place, tmp_path, monkeypatch
 
 
 def test_an_output_folder_that_is_deleted_meanwhile_is_no_success(
-    place, tmp_path, monkeypatch, three_models, blank_pictures
+    place, tmp_path, monkeypatch, blank_pictures
 ):
     from bayes_toe.cli import results_folder
 

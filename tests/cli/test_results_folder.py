@@ -233,7 +233,7 @@ def test_a_report_on_which_is_stronger_speaks_of_it_alone(stronger, tmp_path):
     assert sorted(path.name for path in (out / "corner").iterdir()) == ["plain.png", "pulled.png"]
 
 
-def test_a_run_has_the_contrast_in_its_folder_report_and_methods(tmp_path, three_models):
+def test_a_run_has_the_contrast_in_its_folder_report_and_methods(tmp_path):
     rng, s = (
         np.random.default_rng(1),
         np.array([(a, a + step) for a in (0.0, 0.3, 0.6) for step in (-0.3, 0.3)]),

@@ -274,9 +274,7 @@ def test_more_draws_than_a_file_is_written_from_are_refused_with_the_way_out(
     assert said in refused("sample", study_csv, "-o", "posterior.nc", cwd=tmp_path)
 
 
-def test_commands_write_and_take_stores(
-    small_study, tmp_path, monkeypatch, three_models, blank_pictures
-):
+def test_commands_write_and_take_stores(small_study, tmp_path, monkeypatch, blank_pictures):
     grouped_csv(tmp_path / "study.csv", small_study.select(["B"]))
     options = ("--draws", "100", "--seed", "1", "--workers", "1")
     good("run", "study.csv", "-o", "out", "--pictures", "none", *options, cwd=tmp_path)

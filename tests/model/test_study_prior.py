@@ -130,7 +130,7 @@ def test_presets_words_and_what_is_refused(tmp_path):
     assert preset_or_file(str(file)) == bt.Prior(sigma_p_scale=0.5)
 
 
-def test_every_verb_stores_it_as_it_was_said(tmp_path, three_models):
+def test_every_verb_stores_it_as_it_was_said(tmp_path):
     one = bt.Study([subject()])
     draws = bt.sample(one, draws=300, seed=1, workers=1)
     again = bt.load(draws.save(tmp_path / "posterior.nc"))

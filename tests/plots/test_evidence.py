@@ -8,7 +8,7 @@ import pytest
 from legible import require_legible, texts_of
 
 import bayes_toe as bt
-from bayes_toe.comparison.evidence_table import EvidenceTable
+from bayes_toe.answers.evidence_table import EvidenceTable
 from bayes_toe.plots.evidence import (
     evidence_plane_axes,
     order_effect_axes,

@@ -95,7 +95,7 @@ def test_everything_planned_is_there(table):
         Plan(0, 0, 1)
 
 
-def test_what_is_judged_is_what_the_commands_say(three_models, monkeypatch):
+def test_what_is_judged_is_what_the_commands_say(monkeypatch):
     """The same seed and subjects through the public verbs, which compute more: the numbers that the verdicts use are the same."""
     job = Job("sparse", True, "sparse-h1-0001", True, True, calibration_settings(3))
     subject, theta = calibration.observed(job)

@@ -20,7 +20,7 @@ def table():
 
 
 @pytest.fixture(autouse=True)
-def in_this_process(monkeypatch, three_models):
+def in_this_process(monkeypatch):
     """Numbers do not depend on the process that makes them; those of verdicts over all models are not among them."""
     monkeypatch.setattr("bayes_toe.analysis.subject_fit", subject_fit)  # with all replicates
     monkeypatch.setattr(frozen, "call", inside)

@@ -4,7 +4,7 @@ import data_dictionary
 import pandas as pd
 import pytest
 from commands import good
-from conftest import plain_models_alone
+from conftest import few_replicates
 from populations import made_up
 from reference.calibration import ABOUT, calibrate
 
@@ -73,7 +73,7 @@ def written(analysis, small_study, tmp_path_factory):
 
 def planned(folder):
     """Those of commands that plan a study."""
-    with plain_models_alone():
+    with few_replicates():
         table = bt.planning.power(trials=[26], data_sets=1, seed=1, workers=1)
     (folder / "design.csv").write_text("s1,s2,n_trials\n0,0.3,2\n0.3,0,2\n", encoding="utf-8")
     good("design", "design.csv", "--list", "trials.csv", "--blocks", "1", "--seed", "1", cwd=folder)

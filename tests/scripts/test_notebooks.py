@@ -10,7 +10,7 @@ from nbclient import NotebookClient
 
 NOTEBOOKS = sorted((Path(__file__).resolve().parents[2] / "notebooks").glob("*.ipynb"))
 EACH = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-#: As in the fixture three_models, with seven bundled subjects, and pictures drawn once; building the site runs the notebooks as they are.
+#: As in the fixture with seven bundled subjects, and pictures drawn once; building the site runs the notebooks as they are.
 QUICKER = """
 from functools import partial
 import bayes_toe.analysis

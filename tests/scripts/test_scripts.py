@@ -74,7 +74,7 @@ def test_the_draws_are_those_of_the_study(folder):
     assert draws.attrs["seed"] == 1
 
 
-def test_evidence_table_and_figure(folder, tmp_path, three_models):
+def test_evidence_table_and_figure(folder, tmp_path):
     done = inside(
         "evidence_table.py", folder / "study.csv", "--figure", "e.png", "--workers", 1, cwd=tmp_path
     )

@@ -1,4 +1,4 @@
-"""The row of evidence.csv: the verdict of a subject, and the paper's comparison of its model (H1) with free frequencies (H0).
+"""The row of evidence.csv: the answer of a subject, and the paper's comparison of its model (H1) with free frequencies (H0).
 
 All log evidences are natural logs and leave binomial coefficients out, so their differences are log Bayes factors.
 Source of H1 against H0: Appendix C, with the likelihood (not its log) inside the integral.
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bayes_toe.comparison.verdict import VERDICT_COLUMNS, Verdict
+from bayes_toe.answers.order_effect import ANSWER_COLUMNS, OrderEffect
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tables import SubjectTable
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
@@ -28,43 +28,39 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-#: Columns of evidence.csv: the verdict, then the paper's comparison. New ones are appended only.
+#: Columns of evidence.csv: the answer, then the paper's comparison.
 EVIDENCE_COLUMNS = (
-    *VERDICT_COLUMNS,
-    *(
-        "n_pairs",
-        "n_trials",
-        "log_evidence_h1",
-        "log_evidence_h1_se",
-        "log_evidence_h0",
-        "log_bayes_factor",
-    ),
-    *("log_evidence_h1_laplace", "log_evidence_h0_laplace", "log_bayes_factor_laplace", "pareto_k"),
-    *("log_evidence_h1_laplace_natural", "log_evidence_h1_bootstrap", "prior"),
-    *("log_evidence_symmetric", "log_evidence_constant_error"),
+    *ANSWER_COLUMNS,
+    "n_pairs",
+    "n_trials",
+    "log_evidence_h1",
+    "log_evidence_h1_se",
+    "log_evidence_h0",
+    "log_bayes_factor",
+    "log_evidence_h1_laplace",
+    "log_evidence_h0_laplace",
+    "log_bayes_factor_laplace",
+    "pareto_k",
+    "log_evidence_h1_laplace_natural",
+    "log_evidence_h1_bootstrap",
+    "prior",
 )
 _COUNTS = ("n_pairs", "n_trials")
-_INTERVALS = (
-    "the paper's model knows what an inter-stimulus interval does, a constant error ignores it: probabilities of kinds also ask whether "
-    "intervals matter"
-)
 _NO_REPLICATES = "evidence from the bootstrap's covariance left out: the maximum-likelihood fit knows one interval only (column isi)"
 
 
 @dataclass(frozen=True)
 class SubjectEvidence:
-    """Verdict and log evidences (nats) of one subject; None where a value does not exist, with the reason in `notes` or `footnotes`.
+    """The answer and log evidences (nats) of one subject; None where a value does not exist, with the reason in `notes` or `footnotes`.
 
     Attributes
     ----------
-    verdict : Verdict or None
+    answer : OrderEffect or None
         None where only H1 against H0 was asked for.
     fit : FitSummary or None
         Goodness of fit of the paper's model (H1).
-    log_evidence_symmetric, log_evidence_constant_error : float or None
-        Of the paper's model without an order effect, and with a constant error in its place.
     notes : tuple of str
-        What is withheld, and why; with intervals, what else the probabilities ask.
+        What is not reported, and why.
     footnotes : tuple of str
         The same of the approximations: Laplace's, and Appendix C's recipe.
     """
@@ -81,17 +77,15 @@ class SubjectEvidence:
     log_evidence_h1_bootstrap: float | None
     efficiency: float
     pareto_k: float
-    log_evidence_symmetric: float | None
-    log_evidence_constant_error: float | None
     fit: FitSummary | None
-    verdict: Verdict | None = None
+    answer: OrderEffect | None = None
     notes: tuple[str, ...] = ()
     footnotes: tuple[str, ...] = ()
 
     def cell(self, column: str) -> object:
         """The entry of a column of evidence.csv but the prior's."""
-        if column in VERDICT_COLUMNS[1:]:
-            return None if self.verdict is None else self.verdict.cell(column)
+        if column in ANSWER_COLUMNS[1:]:
+            return None if self.answer is None else self.answer.cell(column)
         return getattr(self, column)
 
     @property
@@ -143,9 +137,9 @@ class EvidenceTable(SubjectTable[SubjectEvidence]):
         return frame.astype(dict.fromkeys(_COUNTS, "Int64")) if self.failed else frame
 
     @property
-    def verdicts(self) -> tuple[Verdict, ...]:
+    def answers(self) -> tuple[OrderEffect, ...]:
         """Those of its subjects."""
-        return tuple(row.verdict for row in self.rows if row.verdict is not None)
+        return tuple(row.answer for row in self.rows if row.answer is not None)
 
 
 def subject_evidence(
@@ -153,15 +147,13 @@ def subject_evidence(
     fitted: Fitted,
     by_bootstrap: tuple[float | None, str] | None,
     *,
-    orders: tuple[float | None, float | None] = (None, None),
-    verdict: Verdict | None = None,
+    answer: OrderEffect | None = None,
     fit: FitSummary | None = None,
 ) -> SubjectEvidence:
     """Everything the evidence table says of one subject, of the pipeline's result under H1 and of what it found on its way.
 
     `by_bootstrap` is the evidence by Appendix C's recipe with what is said of it (:mod:`bayes_toe.classical.fit`), None with intervals;
-    `orders` are log evidences of H1 without an order effect, and with a constant error in its place; `fit` is None where draws of H1
-    cannot be trusted.
+    `fit` is None where draws of H1 cannot be trusted.
     """
     posterior, found = fitted.proposal.proposal.posterior, result.evidence
     if (
@@ -194,15 +186,9 @@ def subject_evidence(
         log_evidence_h1_bootstrap=bootstrap,
         efficiency=found.efficiency,
         pareto_k=found.pareto_k,
-        log_evidence_symmetric=orders[0],
-        log_evidence_constant_error=orders[1],
         fit=fit,
-        verdict=verdict,
-        notes=(
-            *((f"H1: {found.why_not}",) if found.why_not else ()),
-            *(() if verdict is None else verdict.notes),
-            *(() if subject.isi is None or verdict is None else (_INTERVALS,)),
-        ),
+        answer=answer,
+        notes=(f"H1: {found.why_not}",) if found.why_not else (),
         footnotes=tuple(note for note in (why_no_laplace, why_no_natural, about_bootstrap) if note),
     )
 

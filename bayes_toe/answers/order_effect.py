@@ -1,0 +1,575 @@
+"""The answer of one subject: whether there is an order effect, a constant error, a contraction.
+
+The four models of the observer give the probabilities and Bayes factors. The sizes are averaged
+over the models that have the effect. What stands against the answer comes before its words:
+what the design cannot show, responses that cannot be interpreted, a poor fit, a prior that
+decides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from scipy.special import logsumexp
+
+from bayes_toe.answers.model_average import (
+    HAS_CONTRACTION,
+    HAS_EFFECT,
+    HAS_ERROR,
+    PRIOR_PROBABILITIES,
+    AveragedDraws,
+    averaged_draws,
+    weighted_quantiles,
+)
+from bayes_toe.answers.serial_screen import SerialScreen, serial_screen
+from bayes_toe.answers.verdict_words import Word, side_of, word_for
+from bayes_toe.arrays import BoolArray, FloatArray
+from bayes_toe.checks.identification import Identification, identify
+from bayes_toe.data.study import Subject
+from bayes_toe.inference.order_evidence import MODEL_NAMES, OrderEvidence, order_evidence
+from bayes_toe.inference.predictive_checks import MISFIT, FitSummary, PairFit, summarise_fit
+from bayes_toe.model.observer import DEFAULT_PRIOR, OrderModel
+from bayes_toe.model.parameters import CutNormal, ObserverPrior, StandardStudent
+from bayes_toe.seeds import generator
+
+#: The questions in the order of all tables, with the models that say yes to each.
+QUESTIONS: Mapping[str, BoolArray] = {
+    "order_effect": HAS_EFFECT,
+    "constant_error": HAS_ERROR,
+    "contraction": HAS_CONTRACTION,
+}
+#: Sizes, each with the quantiles of :data:`QUANTILES`.
+SIZES = ("pse_shift_percent", "pse_shift_jnd", "contraction_p", "jnd_percent", "zone_percent")
+QUANTILES = {"q025": 0.025, "q50": 0.5, "q975": 0.975}
+#: Columns with which evidence.csv begins.
+ANSWER_COLUMNS = (
+    "subject",
+    *QUESTIONS,
+    "interpretable",
+    "flags",
+    *(f"p_{question}" for question in QUESTIONS),
+    *(f"ln_bf_{question}" for question in QUESTIONS),
+    *(f"{size}_{quantile}" for size in SIZES for quantile in QUANTILES),
+    "best_model",
+    "predictive_p",
+    "deviance_p",
+    "history_p",
+    *(
+        f"log_evidence_{name.replace(' ', '_')}{ending}"
+        for name in MODEL_NAMES
+        for ending in ("", "_se", "_laplace")
+    ),
+)
+#: By what a prior scale is multiplied to see whether it decides a word.
+SCALE_FACTORS = (0.5, 2.0)
+_FAR_ROVING = 3.0  # D; a larger median of abs(p) sd(s1) rests on the prior
+#: Nats below the best within which a model's error matters, and the largest error left unsaid.
+_COUNTS_WITHIN, _LARGEST_ERROR = 5.0, 0.1
+_STUDENT = StandardStudent()
+
+
+@dataclass(frozen=True)
+class Size:
+    """An estimate: the median and the ends of the central 95 % interval."""
+
+    q025: float
+    q50: float
+    q975: float
+
+
+@dataclass(frozen=True)
+class OrderEffect:
+    """What is concluded of one subject; its fields are columns of evidence.csv.
+
+    Attributes
+    ----------
+    subject : str
+    words : mapping of str to Word
+        The word for each of :data:`QUESTIONS`.
+    direction : str
+        'contraction' or 'repulsion', the sign of p; empty where that question has no yes.
+    is_interpretable : bool
+        Whether the responses may be interpreted at all.
+    flags : tuple of str
+        What stands against the answer or belongs to it, each in a few words.
+    probabilities, log_bayes_factors : mapping of str to float
+        Of each question; the Bayes factors do not depend on the models' prior probabilities.
+    sizes : mapping of str to Size
+        Of each of :data:`SIZES` that the task has.
+    upper_bounds : mapping of str to float
+        The 95 % quantile of each question's size in JND, 0 where the effect is absent.
+    best_model : str
+        The model with the highest evidence.
+    predictive_p, deviance_p, history_p : float or None
+    log_evidence, standard_error, laplace : mapping of str to float
+        Of each model.
+    notes : tuple of str
+        What the design leaves open for this subject.
+    options : tuple of str
+        Options of a command that act on the flags.
+    worst_pairs : tuple of PairFit
+        Where the fit is poor: the pairs with the largest residuals.
+    """
+
+    subject: str
+    words: Mapping[str, Word]
+    direction: str
+    is_interpretable: bool
+    flags: tuple[str, ...]
+    probabilities: Mapping[str, float]
+    log_bayes_factors: Mapping[str, float]
+    sizes: Mapping[str, Size]
+    upper_bounds: Mapping[str, float]
+    best_model: str
+    predictive_p: float | None
+    deviance_p: float | None
+    history_p: float | None
+    log_evidence: Mapping[str, float]
+    standard_error: Mapping[str, float]
+    laplace: Mapping[str, float]
+    notes: tuple[str, ...] = ()
+    options: tuple[str, ...] = ()
+    worst_pairs: tuple[PairFit, ...] = ()
+
+    @property
+    def fits(self) -> bool | None:
+        """Whether the best model describes the responses; None where that is not testable."""
+        if self.predictive_p is None or self.deviance_p is None:
+            return None
+        return self.predictive_p >= MISFIT and self.deviance_p >= MISFIT
+
+    @property
+    def depends_on_prior(self) -> bool:
+        """Whether a prior scale, halved or doubled, changes the side of a word."""
+        return any(flag.startswith(PRIOR_FLAG) for flag in self.flags)
+
+    @property
+    def depends_on_previous_trial(self) -> bool:
+        """Whether the score test of the trial before is below its limit."""
+        return self.history_p is not None and self.history_p < MISFIT
+
+    @property
+    def first_is_overestimated(self) -> bool | None:
+        """The direction of a constant error; None where its interval holds 0."""
+        size = self.sizes["pse_shift_percent"]
+        if size.q025 <= 0.0 <= size.q975:
+            return None
+        return size.q50 > 0.0
+
+    def word(self, question: str) -> str:
+        """The word for a question as tables have it, with the direction of a contraction."""
+        word = self.words[question]
+        if question == "contraction" and word.is_positive:
+            return f"{word.value} ({self.direction})"
+        return word.value
+
+    def cell(self, column: str) -> object:
+        """The entry of one of :data:`ANSWER_COLUMNS`; None where it is empty."""
+        if column in QUESTIONS:
+            return self.word(column)
+        if column == "interpretable":
+            return "yes" if self.is_interpretable else "no"
+        if column == "flags":
+            return "; ".join(self.flags)
+        for prefix, values in (("p_", self.probabilities), ("ln_bf_", self.log_bayes_factors)):
+            if column.startswith(prefix) and column.removeprefix(prefix) in QUESTIONS:
+                return values[column.removeprefix(prefix)]
+        size, _, quantile = column.rpartition("_")
+        if size in SIZES:
+            return getattr(self.sizes[size], quantile) if size in self.sizes else None
+        if column.startswith("log_evidence_"):
+            return self._evidence_cell(column.removeprefix("log_evidence_"))
+        return getattr(self, column)
+
+    def _evidence_cell(self, name: str) -> float:
+        """The log evidence of a model, its standard error or Laplace's value."""
+        for ending, values in (("_se", self.standard_error), ("_laplace", self.laplace)):
+            if name.endswith(ending):
+                return values[name.removesuffix(ending).replace("_", " ")]
+        return self.log_evidence[name.replace("_", " ")]
+
+    def describe(self) -> str:
+        """The answer in words, without the subject's name."""
+        if not self.is_interpretable:
+            return f"not interpreted: {', '.join(self.flags)}"
+        parts = [f"order effect: {self._describe_question('order_effect')}"]
+        for question in ("constant_error", "contraction"):
+            parts.append(f"{question.replace('_', ' ')}: {self._describe_question(question)}")
+        text = "; ".join(parts)
+        if self.fits is False:
+            text += "; but the model does not fit"
+        others = [flag for flag in self.flags if flag != MISFIT_FLAG]
+        return "; ".join([text, *others])
+
+    def _describe_question(self, question: str) -> str:
+        """Word, probability and size of one question."""
+        word = self.words[question]
+        if word is Word.CANNOT_BE_TOLD:
+            return word.value
+        details = [f"P {format_probability(self.probabilities[question])}"]
+        if question == "constant_error" and word.is_positive:
+            details.append(f"PSE shift {format_percent(self.sizes['pse_shift_percent'])}")
+        if question == "contraction" and word.is_positive:
+            details.append(f"p {format_share(self.sizes['contraction_p'])}")
+        bound = self.upper_bounds.get(question, 0.0)
+        if not word.is_positive and bound > 0.0:
+            details.append(f"at most {bound:.2g} JND")
+        return f"{self.word(question)} ({', '.join(details)})"
+
+    @classmethod
+    def from_row(cls, row: Mapping[Any, Any]) -> OrderEffect:
+        """The answer that a row of evidence.csv holds; empty cells are empty texts or NaN."""
+        words, direction = {}, ""
+        for question in QUESTIONS:
+            value, _, bracket = str(row[question]).partition(" (")
+            words[question] = Word(value)
+            direction = direction or bracket.removesuffix(")")
+        sizes = {}
+        for size in SIZES:
+            values = [_number(row[f"{size}_{quantile}"]) for quantile in QUANTILES]
+            if None not in values:
+                sizes[size] = Size(*values)  # type: ignore[arg-type]
+
+        def numbers(form: str, names: Sequence[str]) -> dict[str, float]:
+            columns = {name: form.format(name.replace(" ", "_")) for name in names}
+            return {name: float(row[column]) for name, column in columns.items()}
+
+        return cls(
+            subject=str(row["subject"]),
+            words=words,
+            direction=direction,
+            is_interpretable=row["interpretable"] == "yes",
+            flags=tuple(flag for flag in str(row["flags"]).split("; ") if flag),
+            probabilities=numbers("p_{}", tuple(QUESTIONS)),
+            log_bayes_factors=numbers("ln_bf_{}", tuple(QUESTIONS)),
+            sizes=sizes,
+            upper_bounds={},
+            best_model=str(row["best_model"]),
+            predictive_p=_number(row["predictive_p"]),
+            deviance_p=_number(row["deviance_p"]),
+            history_p=_number(row["history_p"]),
+            log_evidence=numbers("log_evidence_{}", MODEL_NAMES),
+            standard_error=numbers("log_evidence_{}_se", MODEL_NAMES),
+            laplace=numbers("log_evidence_{}_laplace", MODEL_NAMES),
+        )
+
+
+MISFIT_FLAG = "the model does not fit"
+PRIOR_FLAG = "depends on the prior"
+
+
+def _number(cell: object) -> float | None:
+    """A cell as a number; None where it is empty."""
+    if cell is None or cell == "":
+        return None
+    number = float(str(cell))
+    return None if np.isnan(number) else number
+
+
+def format_probability(probability: float) -> str:
+    """A probability with its sign, two digits.
+
+    Examples
+    --------
+    >>> format_probability(0.914), format_probability(0.9999), format_probability(0.0)
+    ('= .91', '> .99', '< .01')
+    """
+    if probability > 0.995:
+        return "> .99"
+    if probability < 0.005:
+        return "< .01"
+    return f"= {probability:.2f}".replace("0.", ".")
+
+
+def format_percent(size: Size) -> str:
+    """A signed size in per cent with its 95 % interval.
+
+    Examples
+    --------
+    >>> format_percent(Size(2.5, 5.61, 8.3))
+    '+5.6 % [+2.5, +8.3]'
+    """
+    return f"{size.q50:+.2g} % [{size.q025:+.2g}, {size.q975:+.2g}]"
+
+
+def format_share(size: Size) -> str:
+    """A contraction with its 95 % interval.
+
+    Examples
+    --------
+    >>> format_share(Size(0.1, 0.16, 0.22))
+    '.16 [.10, .22]'
+    """
+    numbers = [f"{value:.2f}".replace("0.", ".") for value in (size.q50, size.q025, size.q975)]
+    return f"{numbers[0]} [{numbers[1]}, {numbers[2]}]"
+
+
+# --- From evidences to the answer ----------------------------------------------------------------
+
+
+class FlagLike(Protocol):
+    """A finding about the responses of a subject."""
+
+    @property
+    def words(self) -> str:
+        """What it is, in a few words."""
+
+    @property
+    def option(self) -> str:
+        """The option of a command that acts on it; empty where there is none."""
+
+    @property
+    def is_interpretable(self) -> bool:
+        """Whether the responses may be interpreted all the same."""
+
+
+def order_effect(
+    evidence: OrderEvidence,
+    identification: Identification,
+    flags: Sequence[FlagLike] = (),
+    fit: FitSummary | None = None,
+    screen: SerialScreen | None = None,
+) -> OrderEffect:
+    """The answer of one subject.
+
+    Parameters
+    ----------
+    evidence : OrderEvidence
+    identification : Identification
+        Which questions the design can answer.
+    flags : sequence
+        Findings about the responses.
+    fit : FitSummary, optional
+        Goodness of fit of the best model.
+    screen : SerialScreen, optional
+        Score tests of the trial before.
+    """
+    probabilities, log_bayes_factors = _questions(evidence.log_evidence)
+    if identification.order_effect and not identification.contraction:
+        # Without a contraction to look for, the order effect is the constant error.
+        for values in (probabilities, log_bayes_factors):
+            values["order_effect"] = values["constant_error"]
+    sizes, upper_bounds, size_flags = _sizes(evidence)
+    is_interpretable = all(flag.is_interpretable for flag in flags)
+    words = {}
+    for question in QUESTIONS:
+        if not is_interpretable:
+            words[question] = Word.NOT_INTERPRETABLE
+        elif not getattr(identification, question):
+            words[question] = Word.CANNOT_BE_TOLD
+        else:
+            words[question] = word_for(probabilities[question], log_bayes_factors[question])
+    joined = [flag.words for flag in flags]
+    if fit is not None and fit.misfit:
+        joined.append(MISFIT_FLAG)
+    joined += _screen_flags(screen)
+    told = [question for question in QUESTIONS if getattr(identification, question)]
+    joined += _prior_flags(evidence, told) + size_flags + _error_flags(evidence)
+    best = int(np.argmax(evidence.log_evidence))
+    is_testable = fit is not None and fit.describes is not None
+    return OrderEffect(
+        subject=evidence.subject.name,
+        words=words,
+        direction="contraction" if sizes["contraction_p"].q50 >= 0.0 else "repulsion",
+        is_interpretable=is_interpretable,
+        flags=tuple(dict.fromkeys(joined)),
+        probabilities=probabilities,
+        log_bayes_factors=log_bayes_factors,
+        sizes=sizes,
+        upper_bounds=upper_bounds,
+        best_model=MODEL_NAMES[best],
+        predictive_p=fit.p_overall if fit is not None and is_testable else None,
+        deviance_p=fit.p_deviance if fit is not None and is_testable else None,
+        history_p=None if screen is None else screen.joint_p,
+        log_evidence=_by_model(evidence.log_evidence),
+        standard_error=_by_model(evidence.standard_error),
+        laplace=_by_model(evidence.laplace),
+        notes=(*identification.notes, *dict.fromkeys(identification.reasons.values())),
+        options=tuple(flag.option for flag in flags if flag.option),
+        worst_pairs=fit.worst if fit is not None and fit.misfit else (),
+    )
+
+
+def _by_model(values: FloatArray) -> dict[str, float]:
+    return dict(zip(MODEL_NAMES, values.tolist(), strict=True))
+
+
+def _questions(log_evidence: FloatArray) -> tuple[dict[str, float], dict[str, float]]:
+    """Posterior probability and log Bayes factor of each question, from four log evidences.
+
+    The Bayes factors average evidences, not joint probabilities, within each side, so they do not
+    depend on the prior probabilities of the models.
+    """
+    log_joint = log_evidence + np.log(PRIOR_PROBABILITIES)
+    log_total = logsumexp(log_joint)
+    probabilities, log_bayes_factors = {}, {}
+    for question, has in QUESTIONS.items():
+        probabilities[question] = float(np.exp(logsumexp(log_joint[has]) - log_total))
+        log_mean_with = logsumexp(log_evidence[has]) - np.log(has.sum())
+        log_mean_without = logsumexp(log_evidence[~has]) - np.log((~has).sum())
+        log_bayes_factors[question] = float(log_mean_with - log_mean_without)
+    return probabilities, log_bayes_factors
+
+
+def _sizes(evidence: OrderEvidence) -> tuple[dict[str, Size], dict[str, float], list[str]]:
+    """Sizes, upper bounds in JND, and what must be said of them."""
+    all_models = averaged_draws(evidence)
+    with_error = averaged_draws(evidence, HAS_ERROR)
+    with_contraction = averaged_draws(evidence, HAS_CONTRACTION)
+    shift = with_error.quantities["constant_error"]
+    jnd = all_models.quantities["jnd"]
+    sizes = {
+        "pse_shift_percent": _size(with_error, percent(shift)),
+        "pse_shift_jnd": _size(with_error, shift / with_error.quantities["jnd"]),
+        "contraction_p": _size(with_contraction, with_contraction.quantities["contraction"]),
+        "jnd_percent": _size(all_models, percent(jnd)),
+    }
+    if "zone" in all_models.quantities:
+        sizes["zone_percent"] = _size(all_models, percent(all_models.quantities["zone"]))
+    first_spread = evidence.scales.first_spread
+    constant_error = np.abs(all_models.quantities["constant_error"])
+    contraction = np.abs(all_models.quantities["contraction"]) * first_spread
+    in_jnd = {
+        "order_effect": np.hypot(constant_error, contraction) / jnd,
+        "constant_error": constant_error / jnd,
+        "contraction": contraction / jnd,
+    }
+    upper_bounds = {
+        question: weighted_quantiles(values, all_models.weights, [0.95])[0]
+        for question, values in in_jnd.items()
+    }
+    flags = []
+    subject = evidence.subject
+    largest = float(np.abs(subject.s2 - subject.s1).max())
+    (typical_shift,) = weighted_quantiles(np.abs(shift), with_error.weights, [0.5])
+    if typical_shift > largest:
+        flags.append("the PSE lies outside the pairs shown; its size rests on the prior")
+    lever = np.abs(with_contraction.quantities["contraction"]) * first_spread
+    (typical_lever,) = weighted_quantiles(lever, with_contraction.weights, [0.5])
+    if typical_lever > _FAR_ROVING * evidence.scales.step:
+        flags.append("the size of the contraction rests on the prior")
+    return sizes, upper_bounds, flags
+
+
+def percent(difference: FloatArray) -> FloatArray:
+    """Per cent of intensity that a difference of natural-log intensities is."""
+    with np.errstate(over="ignore"):
+        return np.asarray(100.0 * np.expm1(difference))
+
+
+def _size(draws: AveragedDraws, values: FloatArray) -> Size:
+    return Size(*weighted_quantiles(values, draws.weights, tuple(QUANTILES.values())))
+
+
+def _screen_flags(screen: SerialScreen | None) -> list[str]:
+    """What the score tests of the trial before say."""
+    flags = []
+    if screen is None:
+        return flags
+    if screen.joint_p is not None and screen.joint_p < MISFIT:
+        flags.append("responses depend on the trial before")
+    if screen.moving_criterion_p is not None and screen.moving_criterion_p < MISFIT:
+        flags.append("responses drift")
+    return flags
+
+
+def _error_flags(evidence: OrderEvidence) -> list[str]:
+    """Where the evidence of a model that counts is not known well enough."""
+    is_near = evidence.log_evidence > evidence.log_evidence.max() - _COUNTS_WITHIN
+    largest = float(evidence.standard_error[is_near].max())
+    if largest <= _LARGEST_ERROR:
+        return []
+    return [f"log evidences have a standard error of {largest:.2g}"]
+
+
+# --- Prior sensitivity ---------------------------------------------------------------------------
+
+
+def _prior_flags(evidence: OrderEvidence, questions: Sequence[str]) -> list[str]:
+    """Which questions a prior scale of c or p, halved or doubled, moves to another side."""
+    own, _ = _questions(evidence.log_evidence)
+    varied = [_questions(values)[0] for values in rescaled_evidences(evidence)]
+    dependent = []
+    for question in questions:
+        side = side_of(own[question])
+        if any(side_of(probabilities[question]) != side for probabilities in varied):
+            dependent.append(question.replace("_", " "))
+    if not dependent:
+        return []
+    return [f"{PRIOR_FLAG}: {', '.join(dependent)}"]
+
+
+def rescaled_evidences(evidence: OrderEvidence) -> list[FloatArray]:
+    """Log evidences, (4,) each, with one prior scale of c or p halved or doubled, by re-weighting."""
+    varied = []
+    for has, log_ratio in ((HAS_ERROR, _error_ratio), (HAS_CONTRACTION, _contraction_ratio)):
+        for factor in SCALE_FACTORS:
+            values = evidence.log_evidence.copy()
+            for i in np.flatnonzero(has):
+                draws = evidence.draws[i]
+                log_weights = draws.log_weights
+                changed = log_weights + log_ratio(evidence, draws.points, factor)
+                values[i] += logsumexp(changed) - logsumexp(log_weights)
+            varied.append(values)
+    return varied
+
+
+def _error_ratio(evidence: OrderEvidence, points: FloatArray, factor: float) -> FloatArray:
+    """Log ratio of the prior of c with another scale to the prior, (draws,)."""
+    u = points[:, -2]
+    wider = _STUDENT.log_density(u / factor) - np.log(factor)
+    return np.asarray(wider - _STUDENT.log_density(u))
+
+
+def _contraction_ratio(evidence: OrderEvidence, points: FloatArray, factor: float) -> FloatArray:
+    """Log ratio of the prior of p with another scale to the prior, (draws,)."""
+    sd = evidence.scales.contraction_sd(evidence.prior)
+    own = CutNormal(1.0 / sd)
+    wider = CutNormal(1.0 / (factor * sd))
+    u = points[:, -1]
+    # Draws beyond abs(p) = 1 have no weight under either.
+    is_inside = np.abs(u) * sd < 1.0
+    inside = np.where(is_inside, u, 0.0)
+    ratio = wider.log_density(inside / factor) - np.log(factor) - own.log_density(inside)
+    return np.where(is_inside, ratio, 0.0)
+
+
+# --- The whole way of one subject ----------------------------------------------------------------
+
+#: Posterior draws of the best model behind its goodness of fit.
+_FIT_DRAWS = 1000
+
+
+def answer_subject(
+    subject: Subject,
+    seed: int,
+    prior: ObserverPrior = DEFAULT_PRIOR,
+    flags: Sequence[FlagLike] = (),
+) -> tuple[OrderEffect, OrderEvidence]:
+    """The answer of one subject, and the evidences and draws that it rests on.
+
+    Examples
+    --------
+    >>> subject = Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [49, 20, 15], [50, 50, 50])
+    >>> answer, _ = answer_subject(subject, seed=1)
+    >>> answer.word("contraction")
+    'cannot be told'
+    """
+    (evidence,) = order_evidence([subject], seed, prior)
+    fit = best_model_fit(evidence, seed)
+    both = OrderModel("both").posterior(subject, prior)
+    screen = serial_screen(subject, both, evidence.modes[MODEL_NAMES.index("both")])
+    return order_effect(evidence, identify(subject), flags, fit, screen), evidence
+
+
+def best_model_fit(evidence: OrderEvidence, seed: int) -> FitSummary:
+    """Goodness of fit of the model with the highest evidence."""
+    best = int(np.argmax(evidence.log_evidence))
+    posterior = OrderModel(MODEL_NAMES[best]).posterior(evidence.subject, evidence.prior)
+    is_best = np.arange(len(MODEL_NAMES)) == best
+    rng = generator(seed, evidence.subject.name, MODEL_NAMES[best], "goodness of fit")
+    points = averaged_draws(evidence, is_best).resampled(rng, _FIT_DRAWS)
+    return summarise_fit(posterior, points[:, posterior.is_free], seed)

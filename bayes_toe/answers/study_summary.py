@@ -1,0 +1,192 @@
+"""What the answers of its subjects say of a study: counts that add up, directions, the group."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import logsumexp
+
+from bayes_toe.answers.order_effect import QUESTIONS, OrderEffect
+from bayes_toe.answers.verdict_words import Word
+from bayes_toe.arrays import FloatArray
+from bayes_toe.data.messages import counted, listed
+from bayes_toe.data.validation import AT
+from bayes_toe.inference.predictive_checks import PairFit
+from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION, ORDER_MODELS
+
+#: Interpretable subjects from which on `run` fits the population.
+FEWEST_FOR_GROUP = 6
+_MOST_NAMES = 5  # of subjects in a line
+_SHARES = np.linspace(0.0, 1.0, 401)  # frequencies over which random effects are summed
+#: One sentence on the table of Appendix C.
+APPENDIX_C = (
+    "H0 has one free probability per pair. H1 against H0 asks whether responses follow one "
+    "smooth curve, not whether there is an order effect"
+)
+
+
+def study_lines(
+    answers: Sequence[OrderEffect], *, synthetic: bool = False, units: bool = False
+) -> list[str]:
+    """The answer of a study, a sentence for each question.
+
+    Parameters
+    ----------
+    answers : sequence of OrderEffect
+    synthetic : bool
+        Whether the subjects are simulated.
+    units : bool
+        Whether each is a subject in one condition.
+    """
+    if len(answers) == 1:
+        return [f"{answers[0].subject}: {answers[0].describe()}."]
+    lines = []
+    for number, question in enumerate(QUESTIONS):
+        counts = Counter(answer.words[question] for answer in answers)
+        parts = []
+        for word in Word:
+            if not counts[word]:
+                continue
+            of_all = ""
+            if number == 0 and not parts:
+                of_all = f" of {_whole(answers, synthetic, units)}"
+            parts.append(
+                f"{counts[word]}{of_all} {word.value}{_directions(answers, question, word)}"
+            )
+        lines.append(f"{_heading(question)}: {', '.join(parts)}.")
+    misfits = [answer.subject for answer in answers if answer.fits is False]
+    if misfits:
+        lines.append(f"The model does not fit {len(misfits)}: {listed(misfits, _MOST_NAMES)}.")
+    excluded = [answer.subject for answer in answers if not answer.is_interpretable]
+    if excluded:
+        lines.append(f"Not interpreted: {listed(excluded, _MOST_NAMES)}.")
+    return lines
+
+
+def _heading(question: str) -> str:
+    return question.replace("_", " ").capitalize()
+
+
+def _whole(answers: Sequence[OrderEffect], synthetic: bool, units: bool) -> str:
+    """All that were asked, as in '12 subjects' or '24 conditions of 12 subjects'."""
+    noun = "synthetic subject" if synthetic else "subject"
+    if not units:
+        return counted(len(answers), noun)
+    n_subjects = len({answer.subject.rpartition(AT)[0] for answer in answers})
+    return f"{counted(len(answers), 'condition')} of {counted(n_subjects, noun)}"
+
+
+def _directions(answers: Sequence[OrderEffect], question: str, word: Word) -> str:
+    """In which direction the effects that a word names go, in brackets; empty for other words."""
+    if not word.is_positive or question == "order_effect":
+        return ""
+    chosen = [answer for answer in answers if answer.words[question] is word]
+    if question == "contraction":
+        counts = Counter(answer.direction for answer in chosen)
+        names = [f"{counts[name]} {name}" for name in ("contraction", "repulsion") if counts[name]]
+        return f" ({', '.join(names)})"
+    over = sum(answer.first_is_overestimated is True for answer in chosen)
+    under = sum(answer.first_is_overestimated is False for answer in chosen)
+    names = []
+    if over:
+        names.append(
+            f"{over} {'overestimates' if over == 1 else 'overestimate'} the first stimulus"
+        )
+    if under:
+        verb = "underestimates" if under == 1 else "underestimate"
+        names.append(f"{under} {verb} {'it' if names else 'the first stimulus'}")
+    return f" ({', '.join(names)})" if names else ""
+
+
+# --- Few subjects: how frequent an effect is ------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class EffectFrequency:
+    """How frequent an effect is in the population, by random effects over subjects.
+
+    Attributes
+    ----------
+    question : str
+    n_subjects : int
+    share : float
+        Expected frequency of the effect; it says nothing of the effect's mean.
+    """
+
+    question: str
+    n_subjects: int
+    share: float
+
+
+def effect_frequencies(answers: Sequence[OrderEffect]) -> list[EffectFrequency]:
+    """The frequency of a constant error and of a contraction among the subjects' population.
+
+    A subject has the effect with an unknown frequency, uniform beforehand, which is summed over.
+    Source: Penny et al. 2010 (PLoS Comput. Biol. 6:e1000709), with two families. Empty with fewer
+    than two interpretable subjects.
+    """
+    chosen = [answer for answer in answers if answer.is_interpretable]
+    if len(chosen) < 2:
+        return []
+    frequencies = []
+    for parameter in (CONSTANT_ERROR, CONTRACTION):
+        log_likelihood = np.zeros(len(_SHARES))
+        for answer in chosen:
+            log_with, log_without = _families(answer, parameter.name)
+            highest = max(log_with, log_without)
+            mean = _SHARES * np.exp(log_with - highest)
+            mean += (1.0 - _SHARES) * np.exp(log_without - highest)
+            with np.errstate(divide="ignore"):
+                log_likelihood += np.log(mean)
+        weights = np.exp(log_likelihood - log_likelihood.max())
+        share = float(_SHARES @ weights / weights.sum())
+        frequencies.append(EffectFrequency(parameter.name, len(chosen), share))
+    return frequencies
+
+
+def _families(answer: OrderEffect, parameter: str) -> tuple[float, float]:
+    """Log mean evidence of the models with and without an effect."""
+    values: tuple[list[float], list[float]] = ([], [])
+    for name, effects in ORDER_MODELS.items():
+        has_effect = any(effect.name == parameter for effect in effects)
+        values[0 if has_effect else 1].append(answer.log_evidence[name])
+    with_effect, without_effect = (_log_mean(np.array(family)) for family in values)
+    return with_effect, without_effect
+
+
+def _log_mean(log_values: FloatArray) -> float:
+    return float(logsumexp(log_values) - np.log(len(log_values)))
+
+
+def frequency_line(answers: Sequence[OrderEffect]) -> str:
+    """The sentence about few subjects; empty where there is none."""
+    frequencies = effect_frequencies(answers)
+    if not frequencies:
+        return ""
+    parts = [
+        f"{frequency.question.replace('_', ' ')} {frequency.share:.0%}" for frequency in frequencies
+    ]
+    return (
+        f"Expected share of subjects with an effect, from {frequencies[0].n_subjects} subjects: "
+        f"{', '.join(parts)}. This is about frequency, not about the mean effect."
+    )
+
+
+# --- Poor fits -----------------------------------------------------------------------------------
+
+
+def describe_pair(pair: PairFit) -> str:
+    """A pair with both shares of the response that the task counts.
+
+    Examples
+    --------
+    >>> describe_pair(PairFit(3.688879, 3.296837, 0.95, 0.7))
+    "(3.69, 3.3): 'equal' 95 %, expected 70 %"
+    """
+    interval = "" if pair.isi is None else f" at {pair.isi:g} s"
+    observed, expected = 100.0 * pair.observed, 100.0 * pair.expected
+    response = f"{pair.answer!r} {observed:.0f} %, expected {expected:.0f} %"
+    return f"({pair.s1:.3g}, {pair.s2:.3g}){interval}: {response}"

@@ -1,0 +1,246 @@
+"""The answer of one subject: words, sizes, prior sensitivity, what stands against it, files."""
+
+import io
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import bayes_toe as bt
+from bayes_toe.answers.model_average import weighted_quantiles
+from bayes_toe.answers.order_effect import (
+    ANSWER_COLUMNS,
+    QUESTIONS,
+    OrderEffect,
+    answer_subject,
+    order_effect,
+    rescaled_evidences,
+)
+from bayes_toe.answers.verdict_words import Word, word_for
+from bayes_toe.checks.answer_checks import Flag
+from bayes_toe.checks.identification import Identification
+from bayes_toe.data.options import changed
+from bayes_toe.data.study import Subject
+from bayes_toe.data.tasks import WHICH_STRONGER
+from bayes_toe.inference.order_evidence import MODEL_NAMES, order_evidence
+from bayes_toe.model.parameters import ObserverPrior
+
+LEVELS = np.linspace(0.0, 1.25, 6)
+S1 = np.concatenate([LEVELS[:-1], LEVELS[1:]])
+S2 = np.concatenate([LEVELS[1:], LEVELS[:-1]])
+EVERYTHING = Identification(True, True, True, {})
+
+
+def compared(c=0.0, p=0.0, n=100, noise=0.2, name="S"):
+    """Rounded expected responses to neighbours."""
+    from scipy.stats import norm
+
+    z = (S2 - S1 - c + p * (S1 - S1.mean())) / noise
+    n_yes = np.rint(n * (0.01 + 0.98 * norm.cdf(z))).astype(int)
+    return Subject(name, S1, S2, n_yes, np.full(10, n), task=WHICH_STRONGER)
+
+
+@pytest.fixture(scope="module")
+def answers():
+    cases = {
+        "none": compared(),
+        "positive error": compared(c=0.15),
+        "negative error": compared(c=-0.15),
+        "contraction": compared(p=0.4),
+        "repulsion": compared(p=-0.4),
+    }
+    return {name: answer_subject(subject, seed=1)[0] for name, subject in cases.items()}
+
+
+def test_words_and_directions(answers):
+    words = {
+        name: [answer.word(question) for question in QUESTIONS] for name, answer in answers.items()
+    }
+    assert words["positive error"][:2] == words["negative error"][:2] == ["yes", "yes"]
+    assert words["contraction"][2] == "yes (contraction)"
+    assert words["repulsion"][2] == "yes (repulsion)"
+    assert words["contraction"][0] == words["repulsion"][0] == "yes"
+    assert answers["none"].words["constant_error"] in (Word.NO, Word.PROBABLY_NOT)
+    assert answers["positive error"].first_is_overestimated is True
+    assert answers["negative error"].first_is_overestimated is False
+    assert answers["none"].first_is_overestimated is None
+
+
+def test_sizes_hold_the_truth(answers):
+    shift = answers["positive error"].sizes["pse_shift_percent"]
+    assert shift.q025 < 100.0 * np.expm1(0.15) < shift.q975
+    p = answers["repulsion"].sizes["contraction_p"]
+    assert p.q025 < -0.4 < p.q975 < 0.0
+    jnd = answers["none"].sizes["jnd_percent"]
+    assert jnd.q025 < 100.0 * np.expm1(0.6745 * 0.2) < jnd.q975
+    assert "zone_percent" not in answers["none"].sizes
+
+
+def test_probabilities_follow_from_the_evidences(answers):
+    answer = answers["none"]
+    z = {
+        name: np.exp(value - answer.log_evidence["none"])
+        for name, value in answer.log_evidence.items()
+    }
+    total = 3.0 * z["none"] + z["constant error"] + z["contraction"] + z["both"]
+    assert answer.probabilities["order_effect"] == pytest.approx(1.0 - 3.0 * z["none"] / total)
+    assert answer.probabilities["contraction"] == pytest.approx(
+        (z["contraction"] + z["both"]) / total
+    )
+    effects = (z["constant error"] + z["contraction"] + z["both"]) / 3.0
+    assert answer.log_bayes_factors["order_effect"] == pytest.approx(np.log(effects))
+    ratio = (z["constant error"] + z["both"]) / (z["none"] + z["contraction"])
+    assert answer.log_bayes_factors["constant_error"] == pytest.approx(np.log(ratio))
+
+
+@pytest.mark.parametrize(
+    ("probability", "log_bayes_factor", "word"),
+    [
+        (0.95, 3.0, Word.YES),
+        (0.94, 3.0, Word.PROBABLY),
+        (0.75, 1.0, Word.PROBABLY),
+        (0.74, 1.0, Word.UNDECIDED),
+        (0.25, -1.0, Word.PROBABLY_NOT),
+        (0.25, -0.9, Word.UNDECIDED),
+        (0.26, -2.0, Word.UNDECIDED),
+        (0.05, -2.0, Word.NO),
+    ],
+)
+def test_limits_of_the_words(probability, log_bayes_factor, word):
+    assert word_for(probability, log_bayes_factor) is word
+
+
+def test_reweighting_is_a_fresh_run_with_another_scale():
+    (evidence,) = order_evidence([compared(c=0.05, p=0.1, n=20)], seed=1)
+    priors = [ObserverPrior(constant_error_scale=scale) for scale in (0.25, 1.0)]
+    priors += [ObserverPrior(contraction_sd=sd) for sd in (0.125, 0.5)]
+    for prior, values in zip(priors, rescaled_evidences(evidence), strict=True):
+        (fresh,) = order_evidence([evidence.subject], seed=2, prior=prior)
+        assert np.abs(fresh.log_evidence - values).max() < 0.15
+
+
+def test_what_the_design_cannot_tell_has_no_word():
+    (evidence,) = order_evidence([compared(c=0.15)], seed=1)
+    nothing = Identification(False, False, False, dict.fromkeys(QUESTIONS, "one order only"))
+    answer = order_effect(evidence, nothing)
+    assert {answer.word(question) for question in QUESTIONS} == {"cannot be told"}
+    assert answer.notes == ("one order only",)
+    no_contraction = Identification(True, True, False, {"contraction": "one first stimulus"})
+    answer = order_effect(evidence, no_contraction)
+    assert answer.word("contraction") == "cannot be told"
+    assert answer.probabilities["order_effect"] == answer.probabilities["constant_error"]
+    assert answer.words["order_effect"] is answer.words["constant_error"]
+
+
+def test_a_flag_that_forbids_interpretation_comes_before_every_word():
+    (evidence,) = order_evidence([compared(c=0.15)], seed=1)
+    flag = Flag("swapped_blocks", "swapped blocks", "--turn S:2", False)
+    answer = order_effect(evidence, EVERYTHING, [flag])
+    assert {answer.word(question) for question in QUESTIONS} == {"not interpretable"}
+    assert answer.cell("interpretable") == "no"
+    assert answer.describe() == "not interpreted: swapped blocks"
+    assert answer.options == ("--turn S:2",)
+
+
+def test_a_shift_beyond_all_pairs_is_named():
+    n_yes = np.array([2, 3, 2, 3, 2, 0, 0, 0, 0, 0])
+    subject = Subject("S", S1, S2, n_yes, np.full(10, 40), task=WHICH_STRONGER)
+    answer, _ = answer_subject(subject, seed=1)
+    assert any(flag.startswith("the PSE lies outside the pairs") for flag in answer.flags)
+
+
+def test_a_misfit_stands_beside_the_words():
+    probability = np.array([0.9, 0.2, 0.9, 0.2, 0.9, 0.1, 0.8, 0.1, 0.8, 0.1])
+    n_yes = np.rint(200 * probability).astype(int)
+    subject = Subject("S", S1, S2, n_yes, np.full(10, 200), task=WHICH_STRONGER)
+    answer, _ = answer_subject(subject, seed=1)
+    assert answer.fits is False
+    assert "the model does not fit" in answer.flags
+    assert "; but the model does not fit" in answer.describe()
+    assert answer.worst_pairs
+
+
+def test_the_file_gives_the_answer_back(answers):
+    frame = pd.DataFrame(
+        [{column: answer.cell(column) for column in ANSWER_COLUMNS} for answer in answers.values()]
+    )
+    text = io.StringIO(frame.to_csv(index=False))
+    rows = pd.read_csv(text, keep_default_na=False).to_dict("records")
+    for row, answer in zip(rows, answers.values(), strict=True):
+        again = OrderEffect.from_row(row)
+        assert again == replace(
+            answer,
+            upper_bounds={},
+            notes=(),
+            options=(),
+            worst_pairs=(),
+            sizes=again.sizes,
+            laplace=again.laplace,
+            direction=again.direction,
+        )
+        for name, size in answer.sizes.items():
+            assert again.sizes[name].q50 == pytest.approx(size.q50)
+
+
+def test_columns_begin_as_promised():
+    beginning = (
+        "subject,order_effect,constant_error,contraction,interpretable,flags,p_order_effect,"
+        "p_constant_error,p_contraction,ln_bf_order_effect,ln_bf_constant_error,ln_bf_contraction,"
+        "pse_shift_percent_q025"
+    )
+    assert ",".join(ANSWER_COLUMNS).startswith(beginning)
+
+
+def test_weighted_quantiles_are_those_of_repeated_values():
+    rng = np.random.default_rng(1)
+    values, repeats = rng.normal(size=500), rng.integers(1, 40, 500)
+    weighted = weighted_quantiles(values, repeats / repeats.sum(), [0.025, 0.5, 0.975])
+    assert np.allclose(
+        weighted, np.quantile(np.repeat(values, repeats), [0.025, 0.5, 0.975]), atol=0.03
+    )
+
+
+# --- Public studies: what they must show ----------------------------------------------------------
+
+
+def vibrotactile(real_data):
+    options = bt.ReadOptions(equal_code="1")
+    study = bt.read_study(real_data / "vibrotactile_rate" / "trials.csv", options)
+    return changed(study, ("946:2,4,6", "865:2"))
+
+
+@pytest.mark.parametrize(
+    ("name", "probabilities"),
+    [
+        ("1008", (0.0, 0.0, 0.02, 0.97)),
+        ("976", (0.0, 0.35, 0.0, 0.65)),
+        ("888", (0.30, 0.50, 0.07, 0.13)),
+        ("1009", (0.61, 0.14, 0.13, 0.11)),
+        ("1032", (0.80, 0.07, 0.07, 0.06)),
+        ("865", (0.78, 0.04, 0.15, 0.03)),
+        ("946", (0.85, 0.03, 0.11, 0.01)),
+        ("979", (0.90, 0.03, 0.06, 0.01)),
+    ],
+)
+def test_vibrotactile_subjects_are_as_measured(real_data, name, probabilities):
+    """By two prototypes; the tolerance is that of their Monte Carlo errors."""
+    answer, _ = answer_subject(vibrotactile(real_data)[name], seed=1)
+    log_joint = np.array([answer.log_evidence[model] for model in MODEL_NAMES])
+    log_joint += np.log([1 / 2, 1 / 6, 1 / 6, 1 / 6])
+    p = np.exp(log_joint - np.logaddexp.reduce(log_joint))
+    assert np.abs(p - probabilities).max() < 0.04
+
+
+def test_vibrotactile_sizes_are_as_measured(real_data):
+    answer, _ = answer_subject(vibrotactile(real_data)["1008"], seed=1)
+    shift, p = answer.sizes["pse_shift_percent"], answer.sizes["contraction_p"]
+    assert (shift.q025, shift.q50, shift.q975) == pytest.approx((2.5, 5.6, 8.3), abs=0.4)
+    assert (p.q025, p.q50, p.q975) == pytest.approx((0.10, 0.16, 0.22), abs=0.02)
+
+
+def test_dots_have_a_constant_error_and_a_misfit(real_data):
+    (dots,) = bt.read_study(real_data / "morse_rothkopf_1957" / "dots.csv")
+    answer, _ = answer_subject(dots, seed=1)
+    assert [answer.word(question) for question in QUESTIONS] == ["yes", "yes", "probably not"]
+    assert answer.fits is False

@@ -1,0 +1,87 @@
+"""The answer of a study: counts that add up, directions, how frequent an effect is."""
+
+import re
+from dataclasses import replace
+
+import pytest
+
+from bayes_toe.answers.order_effect import QUESTIONS, OrderEffect, Size
+from bayes_toe.answers.study_summary import effect_frequencies, frequency_line, study_lines
+from bayes_toe.answers.verdict_words import Word
+from bayes_toe.inference.order_evidence import MODEL_NAMES
+
+
+def answer(name, words, shift=5.0, direction="contraction", flags=(), fits=True, log_evidence=0.0):
+    """An answer with these words; the log evidences of models with an effect are as given."""
+    interval = Size(shift - 1.0, shift, shift + 1.0)
+    evidences = dict.fromkeys(MODEL_NAMES, log_evidence) | {"none": 0.0}
+    return OrderEffect(
+        subject=name,
+        words=dict(zip(QUESTIONS, words, strict=True)),
+        direction=direction,
+        is_interpretable=Word.NOT_INTERPRETABLE not in words,
+        flags=flags,
+        probabilities=dict.fromkeys(QUESTIONS, 0.5),
+        log_bayes_factors=dict.fromkeys(QUESTIONS, 0.0),
+        sizes={"pse_shift_percent": interval, "contraction_p": Size(0.1, 0.2, 0.3)},
+        upper_bounds=dict.fromkeys(QUESTIONS, 0.2),
+        best_model="both",
+        predictive_p=0.5 if fits else 0.001,
+        deviance_p=0.5,
+        history_p=None,
+        log_evidence=evidences,
+        standard_error=dict.fromkeys(MODEL_NAMES, 0.02),
+        laplace=dict.fromkeys(MODEL_NAMES, 0.0),
+    )
+
+
+STUDY = [
+    answer("A", (Word.YES, Word.YES, Word.YES)),
+    answer("B", (Word.YES, Word.YES, Word.PROBABLY), shift=-5.0, direction="repulsion"),
+    answer("C", (Word.PROBABLY, Word.UNDECIDED, Word.NO), fits=False),
+    answer("D", (Word.NOT_INTERPRETABLE,) * 3, flags=("swapped blocks",)),
+]
+
+
+def test_counts_of_every_question_add_up():
+    for line in study_lines(STUDY)[:3]:
+        without_brackets = re.sub(r"\(.*?\)", "", line).replace("of 4 subjects", "")
+        assert sum(map(int, re.findall(r"\d+", without_brackets))) == len(STUDY), line
+
+
+def test_directions_and_exceptions_are_named():
+    effect, error, contraction, misfit, excluded = study_lines(STUDY)
+    assert effect.startswith("Order effect: 2 of 4 subjects yes, 1 probably")
+    assert "2 yes (1 overestimates the first stimulus, 1 underestimates it)" in error
+    assert "1 yes (1 contraction), 1 probably (1 repulsion)" in contraction
+    assert misfit == "The model does not fit 1: C."
+    assert excluded == "Not interpreted: D."
+
+
+def test_one_subject_is_described_in_full():
+    (line,) = study_lines(STUDY[:1])
+    assert line.startswith("A: order effect: yes")
+
+
+def test_synthetic_subjects_are_called_so():
+    assert "of 4 synthetic subjects" in study_lines(STUDY, synthetic=True)[0]
+
+
+def test_frequency_is_that_of_the_beta_binomial_where_every_answer_is_certain():
+    def certain(name, has_error):
+        own = answer(name, (Word.YES,) * 3)
+        values = {"none": 0.0, "contraction": 0.0, "constant error": 300.0, "both": 300.0}
+        if not has_error:
+            values = {model: -value for model, value in values.items()}
+        return replace(own, log_evidence=values)
+
+    answers = [certain(str(i), i < 3) for i in range(4)]
+    error, contraction = effect_frequencies(answers)
+    assert error.share == pytest.approx((3 + 1) / (4 + 2), abs=1e-3)
+    assert contraction.share == pytest.approx(0.5, abs=1e-3)
+
+
+def test_frequency_needs_two_interpretable_subjects():
+    assert frequency_line(STUDY[:1]) == ""
+    assert frequency_line([STUDY[0], STUDY[3]]) == ""
+    assert "not about the mean" in frequency_line(STUDY[:3])
