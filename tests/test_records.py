@@ -152,9 +152,7 @@ def few():
 QUICK = {"draws": 100, "workers": 1}
 
 
-def test_an_interrupted_call_goes_on_to_the_same_bits(
-    few, tmp_path, monkeypatch, computed
-):
+def test_an_interrupted_call_goes_on_to_the_same_bits(few, tmp_path, monkeypatch, computed):
     calm = bt.run(few, seed=3, **QUICK)
     monkeypatch.undo()
     interrupted(monkeypatch, 1)

@@ -164,7 +164,7 @@ class OrderEffect:
         word = self.words[question]
         if question == "contraction" and word.is_positive:
             return f"{word.value} ({self.direction})"
-        return word.value
+        return str(word.value)
 
     def cell(self, column: str) -> object:
         """The entry of one of :data:`ANSWER_COLUMNS`; None where it is empty."""
@@ -208,7 +208,7 @@ class OrderEffect:
         """Word, probability and size of one question."""
         word = self.words[question]
         if word is Word.CANNOT_BE_TOLD:
-            return word.value
+            return str(word.value)
         details = [f"P {format_probability(self.probabilities[question])}"]
         if question == "constant_error" and word.is_positive:
             details.append(f"PSE shift {format_percent(self.sizes['pse_shift_percent'])}")
@@ -441,7 +441,7 @@ def _sizes(evidence: OrderEvidence) -> tuple[dict[str, Size], dict[str, float], 
         question: weighted_quantiles(values, all_models.weights, [0.95])[0]
         for question, values in in_jnd.items()
     }
-    flags = []
+    flags = list[str]()
     subject = evidence.subject
     largest = float(np.abs(subject.s2 - subject.s1).max())
     (typical_shift,) = weighted_quantiles(np.abs(shift), with_error.weights, [0.5])
@@ -466,7 +466,7 @@ def _size(draws: AveragedDraws, values: FloatArray) -> Size:
 
 def _screen_flags(screen: SerialScreen | None) -> list[str]:
     """What the score tests of the trial before say."""
-    flags = []
+    flags = list[str]()
     if screen is None:
         return flags
     if screen.joint_p is not None and screen.joint_p < MISFIT:

@@ -46,7 +46,7 @@ def study_lines(
     lines = []
     for number, question in enumerate(QUESTIONS):
         counts = Counter(answer.words[question] for answer in answers)
-        parts = []
+        parts = list[str]()
         for word in Word:
             if not counts[word]:
                 continue

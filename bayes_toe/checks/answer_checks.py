@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import isotonic_regression
-from scipy.special import chdtrc, chdtri, chndtr, expit, logit, ndtri, xlog1py, xlogy
+from scipy.special import chdtrc, chdtri, chndtr, logit, ndtri, xlog1py, xlogy
 
 from bayes_toe.arrays import BLOCK, BoolArray, FloatArray, IntArray, run_starts
 from bayes_toe.data.answers import Answers
@@ -451,9 +451,7 @@ def _unlike_blocks(subject: Subject, answers: Answers, level: float) -> Finding 
         agreement_p = table.p_value(lambda k: -table.agreement(k).min(-1), half_level, name)
         if agreement_p > half_level:
             swapped = []
-    ratio = (
-        f"X^2 / d.f. of pair x block = {informative.ratio:.2f} with {informative.freedom} d.f."
-    )
+    ratio = f"X^2 / d.f. of pair x block = {informative.ratio:.2f} with {informative.freedom} d.f."
     if swapped:
         return _swapped_finding(subject, answers, table, swapped, ratio)
     if p > half_level:
