@@ -10,6 +10,7 @@ import io
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass
+from enum import Enum
 from functools import partial
 from importlib import import_module
 from types import ModuleType
@@ -82,7 +83,9 @@ def _plain(
 ) -> object:
     """A value as JSON has it, its arrays aside."""
     inner = partial(_plain, arrays=arrays, other=other)
-    if value is None or isinstance(value, bool | int | float | str):
+    if value is None or (
+        isinstance(value, bool | int | float | str) and not isinstance(value, Enum)
+    ):
         return value
     if isinstance(value, np.ndarray | np.generic):
         arrays.append(np.asarray(value))
@@ -91,9 +94,11 @@ def _plain(
         return [inner(one) for one in value]
     if isinstance(value, Mapping):
         return {"dict": [[inner(key), inner(one)] for key, one in value.items()]}
+    kind = type(value)
+    if isinstance(value, Enum):
+        return {"enum": f"{kind.__module__}:{kind.__qualname__}", "value": value.value}
     names = _fields(value)
     if names is not None:
-        kind = type(value)
         return {
             "record": f"{kind.__module__}:{kind.__qualname__}",
             "fields": {name: inner(getattr(value, name)) for name in names},
@@ -139,6 +144,8 @@ def _made(plain: Any, members: Mapping[str, npt.NDArray[Any]]) -> Any:
             return tuple(map(inner, values))
         case {"dict": pairs}:
             return {inner(key): inner(one) for key, one in pairs}
+        case {"enum": name, "value": member}:
+            return _class(name)(member)
         case {"record": name, "fields": values}:
             return _class(name)(**{key: inner(one) for key, one in values.items()})
     return plain
@@ -148,6 +155,7 @@ def _class(name: str) -> Any:
     """A record of this package; anything else is refused."""
     module, _, qualified = name.partition(":")
     found = getattr(import_module(module), qualified, None) if module.startswith(_OURS) else None
-    if not isinstance(found, type) or not (is_dataclass(found) or hasattr(found, "_fields")):
+    is_record = is_dataclass(found) or hasattr(found, "_fields")
+    if not isinstance(found, type) or not (is_record or issubclass(found, Enum)):
         raise InputError(f"{name} is not a record of this package")
     return found
