@@ -7,7 +7,6 @@ from .analysis import sample as sample
 from .answers.order_effect import OrderEffect as OrderEffect
 from .classical.asymmetry import asymmetry as asymmetry
 from .classical.fit import fit as fit
-from .comparison.average import average_models as average_models
 from .comparison.contrast import contrast as contrast
 from .comparison.history import compare_history as compare_history
 from .data.covariates import read_covariates as read_covariates

@@ -97,6 +97,16 @@ class Analysis:
         """What is concluded of every subject."""
         return self.evidence.answers
 
+    def curve(self, subject: str) -> Predictor:
+        """What the draws of one subject that are averaged over the four models predict.
+
+        Raises
+        ------
+        InputError
+            For an unknown subject.
+        """
+        return self.curves[self.study.names.index(self.study[subject].name)]
+
     def summary(self) -> pd.DataFrame:
         """The same as :meth:`bayes_toe.inference.draws.Draws.summary`, made already where the draws were."""
         import pandas as pd

@@ -166,6 +166,16 @@ class OrderEffect:
             return f"{word.value} ({self.direction})"
         return str(word.value)
 
+    def marked_word(self, question: str) -> str:
+        """The word with what stands against it: `!` for a poor fit, `?` where the prior decides."""
+        word = self.word(question)
+        if self.fits is False:
+            word += " !"
+        for flag in self.flags:
+            if flag.startswith(PRIOR_FLAG) and question.replace("_", " ") in flag:
+                word += " ?"
+        return word
+
     def cell(self, column: str) -> object:
         """The entry of one of :data:`ANSWER_COLUMNS`; None where it is empty."""
         if column in QUESTIONS:

@@ -20,9 +20,13 @@ from typing import TYPE_CHECKING, Any
 
 from markupsafe import Markup
 
+from bayes_toe.answers import verdict_words
 from bayes_toe.answers.evidence_table import EVIDENCE_COLUMNS
+from bayes_toe.answers.order_effect import QUESTIONS, OrderEffect
+from bayes_toe.answers.study_summary import FEWEST_FOR_GROUP, frequency_line, study_lines
+from bayes_toe.checks.identification import identify
 from bayes_toe.cli.headline import said_p
-from bayes_toe.cli.population import answer
+from bayes_toe.cli.population import answer as group_answer
 from bayes_toe.cli.supplement import (
     SupplementTable,
     fit_table,
@@ -31,10 +35,7 @@ from bayes_toe.cli.supplement import (
     parameter_table,
     templates,
 )
-from bayes_toe.comparison import words as rules
 from bayes_toe.comparison.contrast import CONTRAST_COLUMNS, PROBABLY, SURELY, sentences
-from bayes_toe.comparison.study_answer import SavedVerdict, of_new_subject, study_sentence
-from bayes_toe.data.conditions import Stimuli
 from bayes_toe.data.messages import bare, counted, listed, quoted, shown
 from bayes_toe.data.validation import read_rows
 from bayes_toe.data.whole_files import is_store
@@ -49,7 +50,6 @@ from bayes_toe.inference.belonging import (
 )
 from bayes_toe.inference.draws import Draws, load_draws
 from bayes_toe.inference.predictive_checks import MISFIT
-from bayes_toe.inference.space import WINDOW
 from bayes_toe.model.free_frequencies import frequency_evidence
 from bayes_toe.model.ladder import models_of
 from bayes_toe.model.posterior import Posterior
@@ -61,23 +61,11 @@ if TYPE_CHECKING:
 
 _MOST_NAMED = 10
 #: Columns of text in evidence.csv and contrast.csv; the others hold numbers.
-_EVIDENCE_TEXTS = ("subject", "effect", "kind", "fit", "data", "robust", "best_model", "prior")
+_EVIDENCE_TEXTS = ("subject", *QUESTIONS, "interpretable", "flags", "best_model", "prior")
 _CONTRAST_TEXTS = ("subject", "quantity", "comparison", "word", "robust", "model", "prior")
 _EVIDENCE_TOLERANCE = 1e-6  # of an exact evidence, nats: files have all digits
 #: What notes of reading a study say where it did something to the data.
 _DONE = ("dropped", "left out", "merged", "turned", "only rows", "only pairs")
-#: What parameters of the prior are: in words, and as the equations have them.
-_SYMBOLS = {
-    "mu1": ("prior mean", r"\mu_1"),
-    "sigma_p": ("diffusion of the memory, and width where there is no pull", r"\sigma_p"),
-    "width": ("width", "w"),
-    "gamma": ("noise ratio", r"\gamma"),
-    "q0": ("peak", "q_0"),
-    "offset": ("constant error", "c"),
-    "noise_slope": ("slope of the noise", "b"),
-    "peak_slope": ("slope of the peak", "g"),
-    "lapse_rate": ("answers that do not depend on the stimuli", r"\lambda"),
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -290,16 +278,13 @@ def _facts(told: Methods) -> dict[str, Any]:
     trials = [subject.total_trials for subject in study.without_conditions()]
     sizes, r_hats = stats["min_ess"].values, stats["max_r_hat"].values
     least, most = int(sizes.argmin()), int(r_hats.argmax())
-    stimuli = [found for subject in study if (found := Stimuli.of(subject)) is not None]
-    space = models_of(draws.task).space
-    asked = dict.fromkeys(name for model in space for name in model.parameters(draws.prior))
     return {
         "told": told,
         "draws": draws,
         "attrs": draws.attrs,
         "versions": json.loads(draws.attrs["versions"]),
-        "rules": {**vars(rules), "WINDOW": f"{WINDOW:g}", "MISFIT": MISFIT},
-        "space": len(space),
+        "words": vars(verdict_words),
+        "misfit": MISFIT,
         "subjects": counted(len(trials), "subject"),
         "trials": f"{sum(trials):,}",
         "each": ""
@@ -309,12 +294,7 @@ def _facts(told: Methods) -> dict[str, Any]:
         "failed": _each(draws.failed),
         "h1": draws.model == models_of(draws.task).update.name,
         "asked": draws.task,
-        "priors": [
-            (words, Markup(tex), draws.prior.said(name))
-            for name, (words, tex) in _SYMBOLS.items()
-            if name in asked
-        ],
-        "stimuli": _ranges(stimuli) if any(map(draws.prior.of_stimuli, asked)) else "",
+        "observer_prior": draws.prior.observer.describe(draws.task),
         "answer": None if told.evidence is None else _answer(told.evidence, draws),
         "sampler": draws.sampler,
         "kept": f"{draws.group('posterior').sizes['chain'] * draws.group('posterior').sizes['draw']:,}",
@@ -336,21 +316,6 @@ def _each(reasons: Mapping[Any, object]) -> str:
     return listed([f"{name} ({reason})" for name, reason in reasons.items()], _MOST_NAMED)
 
 
-def _ranges(stimuli: list[Stimuli]) -> str:
-    """Location and scales of the stimuli over subjects."""
-    said = {
-        "M": [one.mean for one in stimuli],
-        "R": [one.sd for one in stimuli],
-        "D": [one.step for one in stimuli],
-    }
-    ends = {
-        symbol: dict.fromkeys(f"{round(end, 3) + 0.0:g}" for end in (min(found), max(found)))
-        for symbol, found in said.items()
-        if found
-    }
-    return ", ".join(f"{symbol} = {' to '.join(both)}" for symbol, both in ends.items())
-
-
 def _ruled(told: Methods) -> str:
     """Parameters that the prior dominates, and in how many subjects."""
     counts = Counter(
@@ -363,57 +328,58 @@ def _ruled(told: Methods) -> str:
 
 
 def _answer(evidence: pd.DataFrame, draws: Draws) -> dict[str, Any]:
-    """The study's sentence and a new subject; whom no model describes; and the paper's model against free frequencies."""
-    verdicts = [SavedVerdict.of(row) for row in evidence.to_dict("records")]
-    factors = evidence["log_bayes_factor"].dropna()
-    ps = {
-        row["subject"]: min(row["predictive_p"], row["deviance_p"])
-        for row in evidence.to_dict("records")
-    }
+    """The answer of the study and its limits, and the paper's model (H1) against H0."""
+    answers = [OrderEffect.from_row(row) for row in evidence.to_dict("records")]
     units = draws.study.conditions is not None
-    found = {
-        "sentence": study_sentence(verdicts, synthetic=draws.synthetic, units=units),
-        "new": of_new_subject(verdicts, draws.seed, units=units)
-        .removeprefix("of ")
-        .partition(", "),
-        "wrong": _each(
-            {one.subject: said_p(ps[one.subject]) for one in verdicts if one.fit == "not described"}
-        ),
-        "untold": listed(
-            [one.subject for one in verdicts if one.fit == "cannot be told"], _MOST_NAMED
-        ),
-        "unweighed": listed(
-            evidence["subject"][evidence["log_bayes_factor"].isna()].tolist(), _MOST_NAMED
-        ),
+    has_frequencies = len(answers) < FEWEST_FOR_GROUP and not units
+    factors = evidence["log_bayes_factor"].dropna()
+    is_absent = evidence["log_bayes_factor"].isna()
+    dependent = [answer.subject for answer in answers if answer.depends_on_prior]
+    serial = [answer.subject for answer in answers if answer.depends_on_previous_trial]
+    untestable = [answer.subject for answer in answers if answer.fits is None]
+    return {
+        "lines": study_lines(answers, synthetic=draws.synthetic, units=units),
+        "frequencies": frequency_line(answers) if has_frequencies else "",
+        "limits": _design_limits(draws),
+        "dependent": listed(dependent, _MOST_NAMED),
+        "serial": listed(serial, _MOST_NAMED),
+        "untestable": listed(untestable, _MOST_NAMED),
+        "unreported": listed(evidence["subject"][is_absent].tolist(), _MOST_NAMED),
         "factors": len(factors),
-    }
-    return found | {
         "favoured": int((factors > 0.0).sum()),
-        **{
-            name: f"{value:.1f}"
-            for name, value in (
-                ("median", factors.median()),
-                ("lowest", factors.min()),
-                ("highest", factors.max()),
-            )
-        },
+        "median": f"{factors.median():.1f}",
+        "lowest": f"{factors.min():.1f}",
+        "highest": f"{factors.max():.1f}",
         "error": f"{evidence['log_evidence_h1_se'].max():.2g} nat",
         "pareto_k": f"{evidence['pareto_k'].max():.2f}",
     }
+
+
+def _design_limits(draws: Draws) -> list[str]:
+    """What the designs of the subjects cannot show."""
+    limits = Counter[str]()
+    for subject in draws.study:
+        identification = identify(subject)
+        limits.update({*identification.notes, *identification.reasons.values()})
+    n_subjects = len(draws.study)
+    return [
+        note if count == n_subjects else f"{note} ({counted(count, 'subject')})"
+        for note, count in limits.items()
+    ]
 
 
 def _of_model(draws: Draws) -> dict[str, Any]:
     """Of how many subjects the model of the draws describes the answers, by the rule that all models are judged by."""
     fits = fit_table(draws).frame
     wrong = (
-        fits[fits["fits"] == "no"].set_index("subject")[["predictive_p", "p_deviance"]].min(axis=1)
+        fits[fits["fit"] == "poor"].set_index("subject")[["predictive_p", "p_deviance"]].min(axis=1)
     )
     return {
-        "judged": int((fits["fits"] != "").sum()),
-        "fitting": int((fits["fits"] == "yes").sum()),
+        "judged": int((fits["fit"] != "").sum()),
+        "fitting": int((fits["fit"] == "good").sum()),
         "wrong": _each(wrong.map(said_p).to_dict()),
         "untold": listed(
-            fits["subject"][(fits["fits"] == "") & fits["predictive_p"].notna()].tolist(),
+            fits["subject"][(fits["fit"] == "") & fits["predictive_p"].notna()].tolist(),
             _MOST_NAMED,
         ),
     }
@@ -431,5 +397,5 @@ def _group_facts(found: Population) -> dict[str, Any]:
         "ess": f"{min(min(row.ess_bulk, row.ess_tail) for row in rows):,.0f}",
         "r_hat": f"{max(row.r_hat for row in rows):.4f}",
         "problems": found.problems,
-        "answer": answer(found),
+        "answer": group_answer(found),
     }

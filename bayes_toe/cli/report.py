@@ -12,25 +12,43 @@ from math import exp, nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
+from scipy.special import softmax
 
 from bayes_toe.analysis import Analysis
+from bayes_toe.answers.model_average import PRIOR_PROBABILITIES
+from bayes_toe.answers.order_effect import (
+    MISFIT_FLAG,
+    PRIOR_FLAG,
+    QUESTIONS,
+    OrderEffect,
+    format_percent,
+    format_probability,
+    format_share,
+)
+from bayes_toe.answers.study_summary import (
+    APPENDIX_C,
+    FEWEST_FOR_GROUP,
+    describe_pair,
+    frequency_line,
+    study_lines,
+)
+from bayes_toe.answers.verdict_words import Word
 from bayes_toe.classical.asymmetry import AsymmetryTable
 from bayes_toe.cli import headline
-from bayes_toe.cli.population import answer, tables
+from bayes_toe.cli.population import answer as group_answer
+from bayes_toe.cli.population import tables
 from bayes_toe.cli.terminal import allowed, allowed_in_order, allowed_quantiles, said_subjects
 from bayes_toe.comparison.contrast import LEGEND, ContrastTable, Difference
-from bayes_toe.comparison.study_answer import APPENDIX_C, of_new_subject, study_sentence, way_on
-from bayes_toe.comparison.words import STATED, conclusion
 from bayes_toe.data.findings import Finding
-from bayes_toe.data.messages import said_intervals, visible
+from bayes_toe.data.messages import counted, listed, said_intervals, visible
 from bayes_toe.data.tables import file_stems
 from bayes_toe.data.tasks import Task
 from bayes_toe.experiments.answers_check import NOTES, check_answers
 from bayes_toe.experiments.checks import check_study
 from bayes_toe.groups.population import Population
 from bayes_toe.groups.predictive_check import PredictiveCheck
-from bayes_toe.model.ladder import models_of
 from bayes_toe.model.target import DOMINATED
 from bayes_toe.plots.style import MOST_NAMED
 
@@ -42,6 +60,15 @@ MOST_IN_ONE = 200
 #: Differences of natural logs that are published in per cent too.
 _PUBLISHED = ("pse_shift", "jnd")
 _MOST_LISTED = 10  # names or findings that a list of an index shows
+_FITS = {True: "good", False: "poor", None: "not testable"}
+#: Sizes of a subject, in words.
+_SIZES = {
+    "pse_shift_percent": "PSE shift",
+    "pse_shift_jnd": "PSE shift, JND",
+    "contraction_p": "contraction p",
+    "jnd_percent": "JND",
+    "zone_percent": "zone of 'equal'",
+}
 #: What the settings of the sampler are.
 _SAMPLER = {
     "draws": "effective draws asked for",
@@ -52,7 +79,7 @@ _SAMPLER = {
     "max_quantile_error": "largest error of 5 and 95 % quantiles, of the range between them",
 }
 _MINUS = re.compile(
-    r"(?<![\w.])-(?=\d)"
+    r"(?<![\w.])-(?=\.?\d)"
 )  # of a number; not the hyphen of a word, a range or an exponent
 
 
@@ -103,11 +130,11 @@ def write_report(analysis: Analysis, facts: Facts, folder: Path) -> None:
         "most": _MOST_LISTED if paged else None,
         # Of very many those come first who must be looked at.
         "index": sorted(
-            analysis.verdicts, key=lambda one: paged and one.subject not in facts.flagged
+            (_overview_row(answer) for answer in analysis.answers),
+            key=lambda row: paged and row["subject"] not in facts.flagged,
         ),
         "beside": "../" if paged else "",
         "folder": folder,
-        "histories": analysis.histories,
         "there": there,
         "posterior": next(
             (name for name in sorted(there) if name.startswith("posterior.")), "posterior.nc"
@@ -151,7 +178,6 @@ def _environment(task: Task) -> Environment:
         ),  # markup is the template's own
     )
     made.filters.update(
-        conclusion=conclusion,
         data_uri=lambda picture: (
             f"data:image/png;base64,{base64.b64encode(picture.read_bytes()).decode('ascii')}"
         ),
@@ -162,9 +188,7 @@ def _environment(task: Task) -> Environment:
             "–" if value is None or value != value else _typeset(allowed(value, error, digits))
         ),
         p_value=lambda value: "–" if value is None or value != value else headline.p_value(value),
-        told=lambda value: "–" if value is None else headline.told(value),
         typeset=_typeset,
-        way_on=way_on,
     )
     return made
 
@@ -187,15 +211,10 @@ def _context(analysis: Analysis, facts: Facts) -> dict[str, Any]:
         "seed": attrs["seed"],
         "sampler": analysis.settings.sampler,
         "who": said_subjects(study),
-        "answer": study_sentence(
-            analysis.verdicts, synthetic=study.synthetic, units=study.conditions is not None
-        ),
-        "new_subject": of_new_subject(
-            analysis.verdicts, analysis.settings.seed, units=study.conditions is not None
-        ),
+        "answer": _answer(analysis),
+        "trust": _trust(analysis.answers),
         "reference": f"{prior.reference_interval or 1.0:g} s",
         "intervals": said_intervals(study.intervals) if study.intervals else "",
-        "models": len(models_of(study.task).space),
         "settings": {
             "model": settings["model"],
             "prior": prior.describe_orders(study.task),
@@ -204,8 +223,6 @@ def _context(analysis: Analysis, facts: Facts) -> dict[str, Any]:
             "versions": ", ".join(f"{name} {version}" for name, version in versions.items()),
         },
         "said": {
-            "scale": STATED,
-            "legend": headline.legend(study.task),
             "curves": headline.CURVES[study.task],
             "limits": headline.LIMITS,
             "flagged": headline.FLAGGED,
@@ -217,6 +234,168 @@ def _context(analysis: Analysis, facts: Facts) -> dict[str, Any]:
         "group": None if facts.group is None else _group(facts.group),
         "contrast": None if analysis.contrast is None else _by_condition(analysis.contrast),
     }
+
+
+def _answer(analysis: Analysis) -> list[str]:
+    """The answer of the study, sentence by sentence."""
+    units = analysis.study.conditions is not None
+    answers = analysis.answers
+    lines = study_lines(answers, synthetic=analysis.study.synthetic, units=units)
+    if len(answers) < FEWEST_FOR_GROUP and not units:
+        lines.append(frequency_line(answers))
+    return [_typeset(line) for line in lines if line]
+
+
+def _trust(answers: Sequence[OrderEffect]) -> list[tuple[str, str]]:
+    """A line each on design, fit, prior and serial dependence."""
+    limits = defaultdict[str, list[str]](list)
+    for answer in answers:
+        for note in answer.notes:
+            limits[note].append(answer.subject)
+    design = [_with_names(note, names, len(answers)) for note, names in limits.items()]
+    poor = [answer.subject for answer in answers if answer.fits is False]
+    untestable = [answer.subject for answer in answers if answer.fits is None]
+    fit = [_with_names("poor", poor, len(answers))] if poor else []
+    if untestable:
+        fit.append(_with_names("not testable", untestable, len(answers)))
+    dependent = [answer.subject for answer in answers if answer.depends_on_prior]
+    prior = "no word changes its side where the prior scale of an effect is halved or doubled"
+    if dependent:
+        words = "a word changes its side where the prior scale of an effect is halved or doubled"
+        prior = _with_names(words, dependent, len(answers))
+    return [
+        ("Design", "; ".join(design) or "it can show a constant error and a contraction"),
+        ("Fit", "; ".join(fit) or "good for every subject"),
+        ("Prior", prior),
+        ("Serial dependence", _serial_dependence(answers)),
+    ]
+
+
+def _serial_dependence(answers: Sequence[OrderEffect]) -> str:
+    """What the score test of the trial before says."""
+    if all(answer.history_p is None for answer in answers):
+        return "not testable: the order of the trials is not known"
+    dependent = [answer.subject for answer in answers if answer.depends_on_previous_trial]
+    if not dependent:
+        return "no subject's responses depend on the trial before"
+    words = "responses depend on the trial before; bayes-toe history compares models of it"
+    return _with_names(words, dependent, len(answers))
+
+
+def _with_names(words: str, names: Sequence[str], subjects: int) -> str:
+    """Words with the subjects whom they concern, unless these are all."""
+    if len(names) == subjects:
+        return words
+    return f"{words} ({counted(len(names), 'subject')}: {listed(names, _MOST_LISTED)})"
+
+
+def _overview_row(answer: OrderEffect) -> dict[str, Any]:
+    """A subject in the table of all subjects; its marks stand for two of the flags."""
+    marked = [flag for flag in answer.flags if flag.startswith((MISFIT_FLAG, PRIOR_FLAG))]
+    sizes = []
+    for question, size in (
+        ("constant_error", "pse_shift_percent"),
+        ("contraction", "contraction_p"),
+    ):
+        word = answer.words[question]
+        is_hidden = word in (Word.NO, Word.PROBABLY_NOT, Word.NOT_INTERPRETABLE)
+        is_hidden |= word is Word.CANNOT_BE_TOLD and question == "contraction"
+        sizes.append((None, "–") if is_hidden else _size(answer, size))
+    sizes.append(_size(answer, "jnd_percent") if answer.is_interpretable else (None, "–"))
+    return {
+        "subject": answer.subject,
+        "is_interpretable": answer.is_interpretable,
+        "words": [
+            (_probability(answer, question), *_word(answer, question)) for question in QUESTIONS
+        ],
+        "sizes": sizes,
+        "fit": _FITS[answer.fits],
+        "flags": "; ".join(flag for flag in answer.flags if flag not in marked),
+    }
+
+
+def _word(answer: OrderEffect, question: str) -> tuple[str, str]:
+    """The word with its marks, and its probability with the upper bound of the size."""
+    if not answer.is_interpretable:
+        return "not interpreted", ""
+    word = answer.words[question]
+    if word is Word.CANNOT_BE_TOLD:
+        return word.value, ""
+    detail = f"P {format_probability(answer.probabilities[question])}"
+    if not word.is_positive:
+        detail += f", ≤ {answer.upper_bounds[question]:.2g} JND"
+    return answer.marked_word(question), detail
+
+
+def _probability(answer: OrderEffect, question: str) -> float | None:
+    """The probability by which a column of words is sorted."""
+    has_none = answer.words[question] in (Word.CANNOT_BE_TOLD, Word.NOT_INTERPRETABLE)
+    return None if has_none else answer.probabilities[question]
+
+
+def _size(answer: OrderEffect, name: str) -> tuple[float, str]:
+    """The median of a size, and the size in words."""
+    size = answer.sizes[name]
+    if name == "contraction_p":
+        return size.q50, format_share(size)
+    if name == "pse_shift_jnd":
+        return size.q50, f"{size.q50:+.2g} [{size.q025:+.2g}, {size.q975:+.2g}]"
+    if name == "pse_shift_percent":
+        return size.q50, format_percent(size)
+    return size.q50, f"{size.q50:.2g} % [{size.q025:.2g}, {size.q975:.2g}]"
+
+
+def _subject_answer(answer: OrderEffect) -> dict[str, Any]:
+    """What the section of a subject says of its answer."""
+    words = [f"{_title(question)}: {_word(answer, question)[0]}" for question in QUESTIONS]
+    sizes = [
+        (label, _size(answer, name)[1]) for name, label in _SIZES.items() if name in answer.sizes
+    ]
+    return {
+        "sentence": answer.describe(),
+        "short": ", ".join(words) if answer.is_interpretable else "not interpreted",
+        "is_interpretable": answer.is_interpretable,
+        "fits": answer.fits,
+        "flags": answer.flags,
+        "options": answer.options,
+        "worst_pairs": [describe_pair(pair) for pair in answer.worst_pairs],
+        "notes": answer.notes,
+        "sizes": sizes,
+        "models": _models(answer),
+        "factors": _factors(answer),
+    }
+
+
+def _models(answer: OrderEffect) -> list[tuple[str, str]]:
+    """The four models with their posterior probabilities and log evidences."""
+    log_evidence = np.array(list(answer.log_evidence.values()))
+    probabilities = softmax(log_evidence + np.log(PRIOR_PROBABILITIES)).tolist()
+    rows = []
+    for (name, value), p in zip(answer.log_evidence.items(), probabilities, strict=True):
+        error = answer.standard_error[name]
+        label = "no order effect" if name == "none" else name
+        rows.append((label, f"P {format_probability(p)}, ln evidence {value:.2f} ± {error:.2f}"))
+    return rows
+
+
+def _factors(answer: OrderEffect) -> list[tuple[str, str]]:
+    """Log Bayes factors of the questions, and p-values of the best model."""
+    rows = [
+        (f"ln BF, {_title(question)}", f"{value:+.1f}")
+        for question, value in answer.log_bayes_factors.items()
+    ]
+    p_values = {
+        "predictive p": answer.predictive_p,
+        "p of the deviance": answer.deviance_p,
+        "p of the trial before": answer.history_p,
+    }
+    for label, p in p_values.items():
+        rows.append((label, "–" if p is None else headline.p_value(p)))
+    return rows
+
+
+def _title(question: str) -> str:
+    return question.replace("_", " ")
 
 
 def _by_condition(table: ContrastTable) -> dict[str, Any]:
@@ -244,7 +423,7 @@ def _group(group: Group) -> dict[str, Any]:
     return {
         "problems": [*found.problems, *group.check.warnings],
         "converged": found.converged,
-        "answer": [_typeset(line) for line in answer(found)],
+        "answer": [_typeset(line) for line in group_answer(found)],
         "tables": tables(found),
         "hyperprior": found.settings.hyperprior.describe(
             found.names, correlations=found.settings.correlations
@@ -282,7 +461,7 @@ def _subjects(
             "anchor": f"subject-{i + 1}",
             "counts": counts,
             "row": row,
-            "verdict": row.verdict,
+            "answer": None if row.answer is None else _subject_answer(row.answer),
             "asymmetry": asymmetry,
             "stats": stats.isel(subject=i),
             "fit": fit,

@@ -28,10 +28,10 @@ from bayes_toe.model.prior import Prior
 from bayes_toe.plots.asymmetry import asymmetry_axes, asymmetry_height
 from bayes_toe.plots.contrast import contrast_figure
 from bayes_toe.plots.corner import corner
-from bayes_toe.plots.curves import curves
-from bayes_toe.plots.evidence import evidence_axes, evidence_height, order_effect_axes
+from bayes_toe.plots.curves import fitted_figure
 from bayes_toe.plots.figure_files import png
 from bayes_toe.plots.map import study_map_axes
+from bayes_toe.plots.order_effect import answers_figure, answers_height, evidence_axes
 from bayes_toe.plots.population import population_figure
 from bayes_toe.plots.style import LETTERS, legend_below, new_figure
 from bayes_toe.workers import Progress, Workers, of_this_machine, run_in_order
@@ -161,7 +161,7 @@ def write_results(
                 name,
                 prior,
                 truth.get(name),
-                curves.get(name),
+                curves[name],
                 corner_plots[name],
                 curve_files[name],
             )
@@ -226,8 +226,12 @@ def _draw_overview(
     saved: Callable[[], Draws],
 ) -> None:
     """The picture of the study that the report looks for under the file's name."""
+    if file.stem == "order_effect":
+        figure = answers_figure(evidence, synthetic=study.synthetic)
+        file.write_bytes(png(figure, dpi=_DOTS))
+        return
     heights = {"asymmetry": asymmetry_height(asymmetry), "map": 4.0}
-    figure = new_figure(_WIDE, heights.get(file.stem, evidence_height(evidence)))
+    figure = new_figure(_WIDE, heights.get(file.stem, answers_height(len(evidence))))
     ax = figure.subplots()
     if file.stem == "asymmetry":
         asymmetry_axes(asymmetry, ax)
@@ -235,9 +239,7 @@ def _draw_overview(
         study_map_axes(saved(), ax)
         figure.set_layout_engine("none")  # found already, for the names
     else:
-        order_effect_axes(evidence, ax) if file.stem == "order_effect" else evidence_axes(
-            ax, evidence
-        )
+        evidence_axes(ax, evidence)
         ax.set_title(_said(study), fontsize=LETTERS, loc="right")
         legend_below(figure, size=LETTERS, columns=2)
     file.write_bytes(png(figure, dpi=_DOTS))
@@ -248,13 +250,13 @@ def _draw_subject(
     name: str,
     prior: Prior,
     truth: Mapping[str, float] | None,
-    best: Predictor | None,
+    fitted: Predictor,
     corner_file: Path,
     curve_file: Path,
 ) -> None:
     draws = saved()
     corner_file.write_bytes(png(corner(draws, name, truths=truth, prior=prior), dpi=110))
-    curve_file.write_bytes(png(curves(draws, name, title=_said(draws), beside=best), dpi=120))
+    curve_file.write_bytes(png(fitted_figure(fitted, _said(draws)), dpi=120))
 
 
 def _said(of: Study | Draws) -> str:

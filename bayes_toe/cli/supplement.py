@@ -6,17 +6,22 @@ And the two languages in which these and the text of :mod:`bayes_toe.cli.methods
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from bayes_toe.cli.headline import p_value, told
+from bayes_toe.answers.order_effect import (
+    ANSWER_COLUMNS,
+    QUESTIONS,
+    OrderEffect,
+    format_probability,
+)
+from bayes_toe.answers.verdict_words import Word
+from bayes_toe.cli.headline import p_value
 from bayes_toe.cli.terminal import allowed_quantiles
-from bayes_toe.comparison.verdict import VERDICT_COLUMNS
-from bayes_toe.comparison.words import compared
 from bayes_toe.data.messages import visible
 from bayes_toe.inference.draws import Draws
 from bayes_toe.inference.predictive_checks import MISFIT
@@ -31,14 +36,14 @@ if TYPE_CHECKING:
 
 #: Columns of methods_order_effect.csv, and of methods_fit.csv.
 ORDER_EFFECT_COLUMNS = (
-    *VERDICT_COLUMNS,
+    *ANSWER_COLUMNS,
     "n_pairs",
     "n_trials",
     "log_bayes_factor",
     "log_evidence_h1_se",
     "pareto_k",
 )
-FIT_TABLE_COLUMNS = ("subject", "n_pairs", "n_trials", "predictive_p", "p_deviance", "fits")
+FIT_TABLE_COLUMNS = ("subject", "n_pairs", "n_trials", "predictive_p", "p_deviance", "fit")
 _RANGE = {"median": "q50", "q05": "q05", "q95": "q95"}
 _NOTHING = "--"
 #: What letters of a text from outside become.
@@ -152,52 +157,57 @@ def parameter_table(draws: Draws, summary: pd.DataFrame) -> SupplementTable:
         else f"the model {draws.model}"
     )
     caption = (
-        f"Posterior medians (5 %, 95 %) of each subject under {whose}. *: dominated by the prior (contraction below "
+        f"Posterior medians (5 %, 95 %) of each subject under {whose}. *: dominated by the prior (posterior contraction below "
         f"{DOMINATED:g}). ESS: smallest bulk or tail effective sample size; R-hat: largest."
     )
     return SupplementTable("parameters", caption, pd.DataFrame(frames), pd.DataFrame(shown))
 
 
-def _probability(value: float) -> str:
-    return compared(value).removeprefix("= ")
-
-
-#: What people read of the columns of evidence.csv: the head of each, and its values in words.
-_COLUMNS: dict[str, tuple[str, Callable[[Any], str]]] = {
-    "subject": ("subject", str),
-    "n_trials": ("trials", "{:.0f}".format),
-    "effect": ("order effect", str),
-    "kind": ("kind", str),
-    "p_none": ("P(none)", lambda p: told(p) if 0.005 <= p <= 0.995 else _probability(p)),
-    "p_constant_error": ("P(constant error)", _probability),
-    "p_update": ("P(pull)", _probability),
-    "size_q50": ("size", "{:.2f}".format),
-    "log_bayes_factor_effect": ("ln BF effect:none", "{:.1f}".format),
-    "fit": ("fit", str),
-    "data": (
-        "data",
-        lambda value: re.sub(r" \(--[^)]*\)", "", value),
-    ),  # options that act on it are no part of a paper
-    "robust": ("robust", str),
-    "log_bayes_factor": ("ln BF H1:H0", "{:.2f}".format),
-}
-
-
 def order_effect_table(evidence: pd.DataFrame) -> SupplementTable:
-    """The verdict of every subject, and the evidence of the paper's model against free frequencies, of the rows of evidence.csv."""
+    """The answer of every subject, and the paper's model against H0, of the rows of evidence.csv."""
     import pandas as pd
 
     caption = (
-        "Order effect by subject. P: posterior probabilities over all models, none, constant error and pull equally probable beforehand. "
-        "ln BF effect:none: natural log Bayes factor of an effect of either kind. Size: posterior median, in just noticeable differences. "
-        "Fit: of the model with the highest evidence. Robust: the same with the prior scales of the order halved and doubled. ln BF H1:H0: "
-        "natural log Bayes factor of the paper's model against free frequencies."
+        "Order effect by subject, with posterior probabilities in brackets. Estimates: medians [95 % intervals], averaged over the "
+        "models that have the effect. PSE shift: positive where the first stimulus is overestimated. p: positive for a contraction, "
+        "negative for a repulsion. !: the model does not fit. ?: the word depends on the prior. ln BF H1:H0: natural log Bayes factor "
+        "of the paper's model against one free probability per pair."
     )
-    cells = {head: _in_words(evidence[name], words) for name, (head, words) in _COLUMNS.items()}
-    shown = pd.DataFrame(
-        {head: column for head, column in cells.items() if {*column} != {_NOTHING}}
-    )
+    rows = evidence.to_dict("records")
+    shown = pd.DataFrame([_answer_cells(row) for row in rows])
     return SupplementTable("order_effect", caption, evidence[[*ORDER_EFFECT_COLUMNS]], shown)
+
+
+def _answer_cells(row: Mapping[Any, Any]) -> dict[str, str]:
+    """A row of evidence.csv as people read it."""
+    answer = OrderEffect.from_row(row)
+    factor = row["log_bayes_factor"]
+    return {
+        "subject": answer.subject,
+        "trials": f"{row['n_trials']:.0f}",
+        **{question.replace("_", " "): _word(answer, question) for question in QUESTIONS},
+        "PSE shift (%)": _estimate(answer, "pse_shift_percent", "+.2g"),
+        "p": _estimate(answer, "contraction_p", ".2f"),
+        "JND (%)": _estimate(answer, "jnd_percent", ".2g"),
+        "ln BF H1:H0": _NOTHING if factor != factor else f"{factor:.1f}",
+    }
+
+
+def _word(answer: OrderEffect, question: str) -> str:
+    if not answer.is_interpretable:
+        return "not interpreted"
+    if answer.words[question] is Word.CANNOT_BE_TOLD:
+        return Word.CANNOT_BE_TOLD.value
+    probability = format_probability(answer.probabilities[question]).removeprefix("= ")
+    return f"{answer.marked_word(question)} ({probability})"
+
+
+def _estimate(answer: OrderEffect, name: str, form: str) -> str:
+    """A size with its interval; nothing where the subject is not interpreted."""
+    if not answer.is_interpretable or name not in answer.sizes:
+        return _NOTHING
+    size = answer.sizes[name]
+    return f"{size.q50:{form}} [{size.q025:{form}}, {size.q975:{form}}]"
 
 
 def _in_words(column: Iterable[Any], words: Callable[[Any], str]) -> list[str]:
@@ -208,7 +218,7 @@ def _in_words(column: Iterable[Any], words: Callable[[Any], str]) -> list[str]:
 
 
 def fit_table(draws: Draws) -> SupplementTable:
-    """Whether the model of the draws describes the answers of every subject; empty where it was not judged or cannot be told."""
+    """The fit of the model of the draws by subject; empty where it is not testable."""
     import pandas as pd
 
     stats, nothing = draws.group("sample_stats"), np.full(len(draws.names), np.nan)
@@ -225,7 +235,7 @@ def fit_table(draws: Draws) -> SupplementTable:
         *zip(*counts, strict=True),
         p,
         deviance_p,
-        np.where(known, np.where(wrong, "no", "yes"), ""),
+        np.where(known, np.where(wrong, "poor", "good"), ""),
         strict=True,
     )
     frame = pd.DataFrame(cells, columns=list(FIT_TABLE_COLUMNS))
@@ -234,10 +244,10 @@ def fit_table(draws: Draws) -> SupplementTable:
         "n_trials": str,
         "predictive_p": p_value,
         "p_deviance": p_value,
-        "fits": str,
+        "fit": str,
     }
     shown = pd.DataFrame({name: _in_words(frame[name], words) for name, words in columns.items()})
-    caption = f"Fit of the model by subject: no where a predictive p or a p-value of the deviance is below {MISFIT:g}."
+    caption = f"Fit of the model by subject: poor where a predictive p or a p-value of the deviance is below {MISFIT:g}."
     heads = {"n_trials": "trials", "predictive_p": "predictive p", "p_deviance": "p of deviance"}
     return SupplementTable("fit", caption, frame, shown.rename(columns=heads))
 
@@ -252,7 +262,9 @@ def group_table(found: Population) -> SupplementTable:
             "parameter": row.parameter,
             "of": row.level,
             "median (5 %, 95 %)": f"{row.q50:.3f} ({row.q05:.3f}, {row.q95:.3f})",
-            "P(sign)": _NOTHING if row.p_direction is None else _probability(row.p_direction),
+            "P(sign)": _NOTHING
+            if row.p_direction is None
+            else format_probability(row.p_direction).removeprefix("= "),
             "BF of none": _NOTHING if row.of_none == "-" else row.of_none,
             "bulk ESS": f"{row.ess_bulk:.0f}",
             "R-hat": f"{row.r_hat:.3f}",

@@ -3,11 +3,10 @@ from .contrast import contrast_curves as contrast_curves
 from .contrast import contrast_figure as contrast_figure
 from .corner import corner as corner
 from .curves import curves as curves
-from .curves import plot_average as plot_average
-from .evidence import evidence_figure as evidence_figure
 from .figure_files import save_figure as save_figure
 from .history import history as history
 from .map import map_axes as map_axes
+from .order_effect import order_effect as order_effect
 from .paper_figures import figures as figures
 from .paper_figures import write_figures as write_figures
 from .planning import design_figure as design_figure

@@ -3,7 +3,7 @@
 Of 'same or different' over the stronger stimulus in both orders; of 'which is stronger' psychometric curves, over s2 - s1 by the first
 stimulus, of which one half is the point of subjective equality (PSE).
 
-Bands are central 60 % and 95 % of the posterior; between and beyond tested intervals they are predictions of the random walk.
+Bands are central 50 % and 95 % of the posterior; between and beyond tested intervals they are predictions of the random walk.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from matplotlib.transforms import ScaledTranslation
 from scipy.stats import mode
 
+from bayes_toe.analysis import Analysis
 from bayes_toe.arrays import BoolArray, FloatArray
 from bayes_toe.classical.frequencies import laplace_error, laplace_estimate, presentation_order
-from bayes_toe.comparison.average import Averages
 from bayes_toe.data.study import Subject, refuse_intervals
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.inference.draws import Draws
@@ -31,10 +31,8 @@ from bayes_toe.model.posterior import Posterior
 from bayes_toe.plots.style import (
     BANDS,
     EQUAL,
-    MARKED,
     ORDERS,
     POSTERIOR,
-    SMALL,
     Mark,
     chance,
     draw_band,
@@ -62,90 +60,48 @@ _BEYOND = 2.0  # the default range goes so many times below the shortest and abo
 # --- one subject, over the stimuli --------------------------------------------------------------------------------------------------
 
 
-def curves(
-    draws: Draws, subject: str, *, title: str | None = None, beside: Predictor | None = None
-) -> Figure:
-    """Answers of one subject in both orders with the fitted P('equal'): posterior mean, central 60 % and 95 % bands.
+def curves(source: Analysis | Draws, subject: str, *, title: str | None = None) -> Figure:
+    """Responses of one subject in both orders, with the fitted probabilities.
 
-    Of 'which is stronger' P('second') over s2 - s1 with 60 % bands, a curve for each of up to six first stimuli, or groups of these: where
-    it crosses one half is the point of subjective equality (PSE) after that stimulus.
+    The lines are posterior means with central 50 % and 95 % bands: P('equal'), or P('second') over
+    s2 - s1 with 50 % bands, a curve for each of up to six first stimuli or groups of them. Where a
+    curve of P('second') crosses one half is the point of subjective equality (PSE).
 
-    The posterior mean of another model may be laid `beside`, dashed, such as one of :attr:`bayes_toe.analysis.Analysis.best`.
+    One panel per weaker stimulus; designs with more than six of those are shown over the distance
+    z. With intervals, one panel for each of up to six of them, and below these, over the interval,
+    the probability of one pair; with the paper's model (H1) also the gain.
 
-    One panel per weaker stimulus; designs with more than six of those are shown against the
-    normalised distance. With intervals, one panel for each of up to six of them, and below these,
-    over the interval, P of the answer that the task counts for one pair; with the paper's model (H1)
-    also the gain. The title is, by default, subject and model.
+    Parameters
+    ----------
+    source : Analysis or Draws
+        The curves of an analysis are averaged over the four models; those of draws belong to the
+        model of the draws.
+    subject : str
+    title : str, optional
+        By default the subject and the model.
 
     Raises
     ------
     InputError
-        For an unknown subject; with intervals, for a model that says nothing of those that were not tested.
+        For an unknown subject.
     """
-    counts = draws.subject(subject)
+    if isinstance(source, Draws):
+        fitted = Predictor.of(source, subject, most=CURVE_DRAWS)
+        model, draws = source.model, source
+    else:
+        fitted, model, draws = source.curve(subject), "average of the four models", source.draws
     if title is None:
-        title = (
-            f"{plain(subject)}: {draws.model}"
-            + (" (synthetic data)" if draws.synthetic else "")
-            + _unconverged(draws, subject)
-        )
-    if beside is not None:
-        title = "\n".join(filter(None, [title, f"dashed: {beside.target.model.name}"]))
+        synthetic = " (synthetic data)" if draws.synthetic else ""
+        unconverged = _unconverged(draws, subject) if isinstance(source, Draws) else ""
+        title = f"{plain(subject)}: {model}{synthetic}{unconverged}"
+    return fitted_figure(fitted, title)
+
+
+def fitted_figure(fitted: Predictor, title: str) -> Figure:
+    """The responses and curves of the subject whose posterior draws these are."""
+    counts = fitted.target.subject
     if counts.intervals:
-        return _interval_figure(
-            counts, Predictor.of(draws, subject, most=CURVE_DRAWS), title, beside
-        )
-    fitted = Predictor.of(draws, subject, most=CURVE_DRAWS)
-    other = None if beside is None else beside.yes
-    return _answers_figure(
-        counts, fitted.yes, lambda ax: _distance_panel(ax, counts, fitted, beside), title, other
-    )
-
-
-def plot_average(averages: Averages, subject: str) -> Figure:
-    """Answers of one subject in both orders with their probability averaged over models: mean, central 60 % and 95 % bands.
-
-    Panels as in :func:`bayes_toe.plots.curves.curves`; with more than six weaker stimuli a single one over the difference of the stimuli,
-    where a line is the average for each pair. Below the title: medians (5 and 95 %), and how probable the models without the part are.
-
-    Raises
-    ------
-    InputError
-        For a subject without an average, or with several intervals.
-    """
-    one = averages[subject]
-    refuse_intervals([one.counts], "panel of both orders")
-    said = [
-        f"{plain(subject)}: average over {len(one.models)} models"
-        + (" (synthetic data)" if averages.synthetic else "")
-    ]
-    for name, words in {"pull": "pull", "offset": "constant error"}.items():
-        low, middle, high = (
-            0.0 + round(value, 2) for value in np.quantile(one.values(name), MARKED).tolist()
-        )
-        said.append(
-            f"{words} {middle:.2f} ({low:.2f}, {high:.2f}), none: {one.without(name):.2f}".replace(
-                "-", "−"
-            )
-        )
-
-    def over_difference(ax: Axes) -> None:
-        _distance_panel(ax, one.counts, None)
-        _draw_means(
-            ax, one.counts, one.counts.s2 - one.counts.s1, one.yes(one.counts.s1, one.counts.s2)
-        )
-
-    return _answers_figure(one.counts, one.yes, over_difference, "\n".join(said))
-
-
-def _answers_figure(
-    counts: Subject,
-    equal: Curve | None,
-    single: Callable[[Axes], object],
-    title: str,
-    beside: Curve | None = None,
-) -> Figure:
-    """One panel per weaker stimulus with curves, or a single one, which `single` draws, where a design has too many of those."""
+        return _interval_figure(counts, fitted, title)
     weaker = _panels(counts)
     several = 1 <= len(weaker) <= MOST_PANELS
     count = len(weaker) if several else 1
@@ -155,12 +111,12 @@ def _answers_figure(
     panels = first_panels(figure.add_gridspec(down, across), count, sharey=True)
     for i, ax in enumerate(panels):
         if several:
-            order_panel(ax, counts, equal, weaker[i], beside=beside)
+            order_panel(ax, counts, fitted.yes, weaker[i])
             ax.set_title(_said_weaker(weaker[i]) if count > 1 else "", fontsize=10)
         else:
-            single(ax)
+            _distance_panel(ax, counts, fitted)
         ax.set_ylabel("" if i % across else chance(counts.task))
-    figure.suptitle(title, fontsize=12 if beside is None else 9)
+    figure.suptitle(title, fontsize=12)
     legend_below(figure)
     return figure
 
@@ -258,13 +214,11 @@ def order_panel(
     weaker: float,
     *,
     size: float = 5.5,
-    beside: Curve | None = None,
 ) -> Axes:
     """Both orders of all pairs with one weaker stimulus (ln) over the stronger one, marks of so many points; as in Fig. 3, upper row.
 
     Of 'which is stronger' the psychometric curves after every first stimulus, whatever the weaker one is. `equal` goes from the stimuli of
-    pairs, shape (pairs,) each, to P of the answer that is counted, shape (draws, pairs); None draws no curve. `beside` is another such
-    curve, of which the mean is drawn, dashed.
+    pairs, shape (pairs,) each, to P of the answer that is counted, shape (draws, pairs); None draws no curve.
     """
     refuse_intervals([counts], "panel of both orders")
     bands = (
@@ -273,14 +227,6 @@ def order_panel(
     for line in lines_along(counts, weaker, 120):
         if equal is not None:
             draw_band(ax, line.x, equal(line.s1, line.s2), line.mark.colour, 0.3 * size, bands)
-        if beside is not None:
-            ax.plot(
-                line.x,
-                beside(line.s1, line.s2).mean(axis=0),
-                color=line.mark.colour,
-                lw=0.25 * size,
-                ls=(0, (3, 2)),
-            )
         _draw_points(
             ax,
             line.place[line.at],
@@ -297,43 +243,18 @@ def order_panel(
     return ax
 
 
-def _distance_panel(
-    ax: Axes, counts: Subject, fitted: Predictor | None, beside: Predictor | None = None
-) -> None:
-    """All pairs over their normalised distance z (posterior median) on the common curve; as in Fig. 3, lower row.
-
-    Where nothing is fitted that connects them, over the difference of their stimuli. Of `beside` there is a bar at every pair.
-    """
-    z = (
-        counts.s2 - counts.s1
-        if fitted is None
-        else np.median(fitted.target.distance(fitted.x), axis=0)
-    )
-    if fitted is not None:
-        reach = 1.05 * max(float(np.abs(z).max()), 1.43)
-        x = np.linspace(-reach, reach, 200)
-        draw_band(ax, x, fitted.target.yes_at_distance(fitted.x, x), "#333333")
-    for order, mark in ORDERS.items():
-        at = presentation_order(counts) == order
+def _distance_panel(ax: Axes, counts: Subject, fitted: Predictor) -> None:
+    """All pairs over their distance z (posterior median) on the common curve; as in Fig. 3, lower row."""
+    z = np.median(fitted.target.distance(fitted.x), axis=0)
+    reach = 1.05 * max(float(np.abs(z).max()), 1.43)
+    x = np.linspace(-reach, reach, 200)
+    draw_band(ax, x, fitted.target.yes_at_distance(fitted.x, x), "#333333")
+    order = presentation_order(counts)
+    for side, mark in ORDERS.items():
+        at = order == side
         if at.any():
             _draw_points(ax, z[at], counts, at, mark)
-    if beside is not None:
-        _draw_means(ax, counts, z, beside.yes(counts.s1, counts.s2))
-    label = (
-        r"difference $s_2 - s_1$ (ln intensity)"
-        if fitted is None
-        else r"normalised distance $(s_2 - \mu_2)/w$"
-    )
-    ax.set(xlabel=label, ylim=(-0.03, 1.03))
-
-
-def _draw_means(ax: Axes, counts: Subject, x: FloatArray, equal: FloatArray) -> None:
-    """The mean P of every pair as a bar at its place, from draws, shape (draws, pairs)."""
-    order = presentation_order(counts)
-    for sign, mark in ORDERS.items():
-        ax.plot(
-            x[order == sign], equal.mean(axis=0)[order == sign], "_", color=mark.colour, ms=SMALL
-        )
+    ax.set(xlabel="normalised distance $z$", ylim=(-0.03, 1.03))
 
 
 def _panels(counts: Subject) -> Sequence[float]:
@@ -411,9 +332,7 @@ def _draw_points(
 # --- over the interval --------------------------------------------------------------------------------------------------------------
 
 
-def _interval_figure(
-    counts: Subject, fitted: Predictor, title: str, beside: Predictor | None
-) -> Figure:
+def _interval_figure(counts: Subject, fitted: Predictor, title: str) -> Figure:
     """Answers and curves at each of up to six intervals, and below, gain and P of one pair over the interval."""
     tested, weaker = counts.intervals, main_weaker(counts)
     shown = tested if weaker is not None and len(tested) <= MOST_PANELS else ()
@@ -430,14 +349,7 @@ def _interval_figure(
         here = counts.at_isi(isi)
         own = weaker if weaker in np.minimum(here.s1, here.s2) else main_weaker(here)
         low = float(here.s1.min()) if own is None else own
-        order_panel(
-            ax,
-            here,
-            _at(fitted, isi),
-            low,
-            size=4.5,
-            beside=None if beside is None else _at(beside, isi),
-        )
+        order_panel(ax, here, _at(fitted, isi), low, size=4.5)
         about = which_weaker(counts, low)
         ax.set(
             title=f"{isi:g} s" + (about and f", {about}"),

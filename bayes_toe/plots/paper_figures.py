@@ -299,11 +299,11 @@ def captions(material: Material) -> str:
 #: What captions say of either task.
 _OF_TASK = {
     SAME_DIFFERENT: {
-        "curves": f"bands: central 60 % and 95 % of the posterior; stars: the orders differ at p < {LEVEL:g} (exact test, Holm)",
+        "curves": f"bands: central 50 % and 95 % of the posterior; stars: the orders differ at p < {LEVEL:g} (exact test, Holm)",
         "divided": ", divided by the median q0, and the curve 2^(-z^2),",
     },
     WHICH_STRONGER: {
-        "curves": "bands: central 60 % of the posterior; a curve for each first stimulus, which crosses one half (dotted) at its point of "
+        "curves": "bands: central 50 % of the posterior; a curve for each first stimulus, which crosses one half (dotted) at its point of "
         "subjective equality (PSE)",
         "divided": " and the curve at the medians",
     },

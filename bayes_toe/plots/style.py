@@ -35,7 +35,7 @@ MOST_NAMED, HIGH = 60, 5.6
 MARKED = (0.05, 0.5, 0.95)
 Band = tuple[float, float, float]
 #: Of fitted curves: lower and upper quantile, opacity.
-BANDS: tuple[Band, ...] = ((0.025, 0.975, 0.15), (0.2, 0.8, 0.35))
+BANDS: tuple[Band, ...] = ((0.025, 0.975, 0.15), (0.25, 0.75, 0.35))
 LABELS = {
     "mu1": r"$\mu_1$",
     "sigma_p": r"$\sigma_p$",
@@ -197,7 +197,7 @@ def draw_band(
     bands: Sequence[Band] = BANDS,
     label: str | None = None,
 ) -> None:
-    """Mean over draws, the first axis of `values`, and bands between quantiles, by default central 60 % and 95 % ones."""
+    """Mean over draws, the first axis of `values`, and bands between quantiles, by default central 50 % and 95 % ones."""
     for low, high, opacity in bands:
         ax.fill_between(
             x, *np.quantile(values, [low, high], axis=0), color=colour, alpha=opacity, lw=0

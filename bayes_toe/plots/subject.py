@@ -59,7 +59,7 @@ def central(draws: Draws, subject: str) -> Mapping[str, float]:
 
 
 def answers_axes(counts: Subject, curve: Curve, ax: Axes, *, size: float = 4.0) -> Axes:
-    """Answers in both orders over the stronger stimulus, with fitted curves: posterior mean, central 60 % and 95 % bands.
+    """Answers in both orders over the stronger stimulus, with fitted curves: posterior mean, central 50 % and 95 % bands.
 
     Points, of so many points: Laplace estimator and its standard deviation (Eq. e:2b). Stars: the orders differ (exact test, Holm over the
     subject's comparisons). Source: Fig. 3, upper row; colours as in the text and Fig. 1C, those of the caption's circles are swapped.
