@@ -174,7 +174,11 @@ def _draw_bayes_factors(ax: Axes, answers: Sequence[OrderEffect]) -> None:
         factors = np.exp(np.clip(_log_bayes_factors(answers, question), -700.0, 700.0))
         y = rows + step * (number - 1)
         is_beyond = factors > _LARGEST
-        style = {"color": question.colour, "ms": _marker_size(len(answers)), "clip_on": False}
+        style: dict[str, Any] = {
+            "color": question.colour,
+            "ms": _marker_size(len(answers)),
+            "clip_on": False,
+        }
         ax.plot(
             np.where(is_beyond, np.nan, factors),
             y,

@@ -24,10 +24,10 @@ from bayes_toe.errors import InputError
 from bayes_toe.inference.belonging import require_update
 from bayes_toe.inference.draws import Draws
 from bayes_toe.plots.asymmetry import asymmetry_axes, asymmetry_height, order_axes
-from bayes_toe.plots.evidence import evidence_axes, evidence_plane_axes
 from bayes_toe.plots.figure_files import picture, require_formats
 from bayes_toe.plots.geometry import plane_figure
 from bayes_toe.plots.map import map_figure
+from bayes_toe.plots.order_effect import evidence_axes, evidence_plane_axes
 from bayes_toe.plots.style import (
     COLUMN,
     PAGE,
