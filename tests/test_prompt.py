@@ -145,7 +145,7 @@ def test_every_verb_says_what_a_study_is(given, said):
         ),
         (
             lambda *_: bt.load(5),
-            "file: found 5, allowed: the path of a posterior.nc, posterior.zarr or population.nc",
+            "file: found 5, allowed: the path of a posterior.nc or population.nc",
         ),
         (
             lambda *_: bt.read_study(5),

@@ -77,12 +77,8 @@ Resume = Annotated[
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace outputs that exist.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print problems only.")]
 
-Store = Annotated[
-    Literal["nc", "zarr"],
-    rare("--store", metavar="nc|zarr", help="Draws as a NetCDF file, or a Zarr store: a folder."),
-]
 SavedDraws = Annotated[
-    Path, typer.Argument(metavar="posterior.nc|.zarr", help="Draws written by run or sample.")
+    Path, typer.Argument(metavar="posterior.nc", help="Draws written by run or sample.")
 ]
 TrueValues = Annotated[
     Path | None,

@@ -269,7 +269,7 @@ def test_other_refusals_are_one_line(results, tmp_path):
     (tmp_path / "m.bib").write_text("mine")
     assert "m.bib: exists" in refused("methods", ".", "-o", "m.md", cwd=tmp_path)
     (tmp_path / "posterior.nc").unlink()
-    said = "found no posterior.nc and no posterior.zarr, allowed: a folder that"
+    said = "found no posterior.nc, allowed: a folder that"
     assert said in refused("methods", ".", "-o", "n.md", cwd=tmp_path)
 
 
