@@ -168,7 +168,7 @@ def test_what_is_of_a_wrong_kind_is_refused_in_a_line_that_says_what_is_allowed(
 
 def test_the_file_of_a_prior_is_taken_where_a_prior_is(small_study, tmp_path):
     file = tmp_path / "prior.toml"
-    file.write_text("mu1_sd = 2.5", encoding="utf-8")
+    file.write_text("[paper]\nmu1_sd = 2.5", encoding="utf-8")
     assert bt.sample(
         small_study.select(["A"]), draws=100, prior=str(file), seed=1, workers=1
     ).prior == bt.Prior(mu1_sd=2.5)
