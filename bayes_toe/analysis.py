@@ -31,7 +31,8 @@ from bayes_toe.data.study import Study, Subject, require_study
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.errors import ConvergenceWarning, WorkerError
 from bayes_toe.inference.belonging import require_update
-from bayes_toe.inference.draws import Draws, assembled
+from bayes_toe.inference.draws import Draws
+from bayes_toe.inference.draws_file import assembled_tree
 from bayes_toe.inference.prediction import Predictor
 from bayes_toe.inference.sampling import SamplerSettings
 from bayes_toe.inference.subject import (
@@ -142,8 +143,8 @@ def run(
         Called with a subject's name when that subject is done.
     keep : path, optional
         A folder in which every finished subject is kept, and from which it is taken where all that decides its numbers is the same: an
-        interrupted call goes on where it was, to the same bits. Draws of 256 MB and more are then read from a file there when they are
-        asked for, and do not grow in memory with the subjects. Without a seed, that of what is kept is used.
+        interrupted call goes on where it was, to the same bits. Without a seed, that of what is kept is
+        used.
     """
     with keeping(keep) as kept:
         settings = _settings(study, draws, kept.seed(seed), prior)
@@ -156,7 +157,7 @@ def run(
         drawn = Done(
             done.size, done.failed, lambda index: cast(SubjectDraws, done.read(index).drawn)
         )
-        made = assembled(kept.draws, study, drawn, settings, failed)
+        made = Draws(assembled_tree(study, drawn, settings, failed))
         small, summary = list[_Analysed](), list[SummaryRow]()
         for one in done:  # draws do not stay in memory
             summary += () if one.drawn is None else one.drawn.summary
@@ -273,7 +274,7 @@ def draw(
         wanted = Wanted(settings.sampler)
         jobs = [partial(_drawn, subject, settings, wanted) for subject in study]
         study, done, failed = _survivors(study, jobs, workers, progress, kept)
-        return assembled(kept.draws, study, done, settings, failed)
+        return Draws(assembled_tree(study, done, settings, failed))
 
 
 def evidence(

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 import platform
-import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass, replace
@@ -36,7 +35,7 @@ from bayes_toe.version import library_versions
 from bayes_toe.workers import Failed, Progress, Workers, run_jobs, run_or_fail, tell
 
 Result = TypeVar("Result")
-_SUFFIX, _SEED, _LOCK, _DRAWS = ".kept", "seed", "lock", "posterior.zarr"
+_SUFFIX, _SEED, _LOCK = ".kept", "seed", "lock"
 
 
 @dataclass(frozen=True)
@@ -62,11 +61,6 @@ class Kept:
 
     def __init__(self, folder: Path | None = None, what: str = "subjects") -> None:
         self.folder, self.what = folder, what
-
-    @property
-    def draws(self) -> Path | None:
-        """Where draws are put together."""
-        return None if self.folder is None else self.folder / _DRAWS
 
     def seed(self, seed: int | None) -> int:
         """The root seed: the one given, or else the one that the results here were made with, or a fresh one."""
@@ -147,7 +141,6 @@ def discard(folder: Path) -> None:
     with reporting(folder):
         for file in [*folder.glob(f"*{_SUFFIX}"), *(folder / name for name in (_SEED, _LOCK))]:
             file.unlink(missing_ok=True)
-        shutil.rmtree(folder / _DRAWS, ignore_errors=True)
     remove_empty(folder)
 
 

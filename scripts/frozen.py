@@ -24,7 +24,7 @@ import numpy as np
 import pandas as pd
 
 #: Under which all was made: H1's is the paper's, nothing depends on the unit of intensity.
-PRIOR = "offset_sd = 1.0\nnoise_slope_sd = 1.0\nlapse_rate_b = 1.0\n"
+PRIOR = "[paper]\nlapse_rate_b = 1.0\n"
 #: By command: its words, and of every table it writes what names a row.
 COMMANDS: dict[str, tuple[tuple[str, ...], dict[str, tuple[str, ...]]]] = {
     "run": (

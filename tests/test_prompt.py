@@ -144,7 +144,7 @@ def test_every_verb_says_what_a_study_is(given, said):
         ),
         (
             lambda *_: bt.load(5),
-            "file: found 5, allowed: the path of a posterior.nc, posterior.zarr or population.nc",
+            "file: found 5, allowed: the path of a posterior.nc or population.nc",
         ),
         (
             lambda *_: bt.read_study(5),
@@ -167,7 +167,7 @@ def test_what_is_of_a_wrong_kind_is_refused_in_a_line_that_says_what_is_allowed(
 
 def test_the_file_of_a_prior_is_taken_where_a_prior_is(small_study, tmp_path):
     file = tmp_path / "prior.toml"
-    file.write_text("mu1_sd = 2.5", encoding="utf-8")
+    file.write_text("[paper]\nmu1_sd = 2.5", encoding="utf-8")
     assert bt.sample(
         small_study.select(["A"]), draws=100, prior=str(file), seed=1, workers=1
     ).prior == bt.Prior(mu1_sd=2.5)

@@ -174,14 +174,6 @@ def test_an_interrupted_call_goes_on_to_the_same_bits(few, tmp_path, monkeypatch
     assert resumed.fits.frame().equals(calm.fits.frame())
 
 
-def test_many_draws_are_put_together_in_a_store(few, tmp_path, monkeypatch):
-    plain = bt.sample(few, seed=3, **QUICK)
-    monkeypatch.setattr("bayes_toe.inference.draws_file.AT_ONCE", 0)
-    kept = bt.sample(few, seed=3, keep=tmp_path / "kept", **QUICK)
-    assert (plain.file, kept.file) == (None, tmp_path / "kept" / "posterior.zarr")
-    xr.testing.assert_identical(plain.tree, kept.tree.load())
-
-
 def test_each_verb_takes_what_is_kept_and_nothing_else(few, tmp_path, computed):
     for verb in (partial(bt.sample, model="none"), bt.evidence):
         first, again = (verb(few, seed=3, keep=tmp_path, **QUICK) for _ in range(2))

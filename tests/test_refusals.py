@@ -24,7 +24,7 @@ TEXTS = {
     "counts": "subject;s1;s2;n_equal;n_trials\nA;0;0,3;4;5\nB;0,3;0;2;5\n",
     "pairs": "s1,s2,isi\n0,0.25,0.5\n0.5,-0.125,2\n",
     "covariates": "subject,age,gender\nA,20.5,f\nB,30.25,m\n",
-    "prior": "mu1_mean = -0.5\nmu1_sd = 2\ngamma_a = 1.5\n",
+    "prior": "[noise]\nsd = 0.5\n[paper]\nmu1_mean = -0.5\ngamma_a = 1.5\n",
     "hyperprior": "[gamma]\nsd_scale = 0.5\n[mu1]\nmean = -0.5\n",
 }
 READERS = {

@@ -44,7 +44,6 @@ OWNERS = {
     "arviz": {"inference.draws"},
     "xarray": {"inference.draws", "inference.draws_file", "groups.population_file"},
     "pyarrow": {"data.text_table"},
-    "zarr": {"inference.draws_file"},
     "matplotlib": {"plots"},
     "corner": {"plots.corner"},
     "bokeh": {"explorer"},

@@ -68,6 +68,7 @@ RETIRED_OPTIONS = {
         "--look": "leave it out, `bayes-toe power` simulates fixed numbers of trials",
         "--stop": "leave it out, `bayes-toe power` simulates fixed numbers of trials",
     },
+    "run": {"--store": "leave it out, draws are written to posterior.nc"},
 }
 
 

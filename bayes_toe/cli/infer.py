@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 import bayes_toe as bt
-from bayes_toe.cli.options import ModelName, Store, StudyFile, StudyFileOrExample, rare, writes
+from bayes_toe.cli.options import ModelName, StudyFile, StudyFileOrExample, rare, writes
 from bayes_toe.cli.task import MODEL, Takes, Task
 from bayes_toe.cli.terminal import (
     MOST_NAMES,
@@ -51,7 +51,6 @@ def run(
             "--explore", help="explorer.html, too: posteriors to drag over, in a browser."
         ),
     ] = False,
-    store: Store = "nc",
     task: Annotated[Task, Takes(*MODEL, "draws", "spreadsheet_safe", "resume")],
 ) -> None:
     """The answer for every subject and the study, with posterior, summary, evidence, corner plots and report in one folder.
@@ -62,13 +61,10 @@ def run(
     from bayes_toe.cli.group_commands import say_contrast
     from bayes_toe.cli.results_folder import PICTURE_BYTES, PRODUCTS, Drawn, write_results
     from bayes_toe.explorer.page import EXPLORER_BYTES, require_bokeh, require_few
-    from bayes_toe.inference.draws_file import require_zarr
 
     if explore:
         require_bokeh()
     drawn = Drawn(pictures, study.truth(), explorer=explore)
-    if store == "zarr":
-        require_zarr()
     task.require_folder(output, PRODUCTS)
     keep = task.partial(output)
     read, prior = task.opened(study)
@@ -78,7 +74,7 @@ def run(
         require_few(len(read), "subjects")
     _require_room(
         task,
-        output / f"posterior.{store}",
+        output / "posterior.nc",
         keep,
         read,
         prior,
@@ -97,7 +93,6 @@ def run(
         write_results(
             analysis,
             output,
-            store=store,
             pictures=drawn,
             workers=task.workers,
             progress=tick,
@@ -141,9 +136,7 @@ def _group(analysis: Analysis, task: Task) -> Group:
 def sample(
     *,
     study: StudyFile,
-    output: Annotated[
-        Path, writes("posterior.nc", "NetCDF file to write; NAME.zarr: a Zarr store, a folder.")
-    ] = Path("posterior.nc"),
+    output: Annotated[Path, writes("posterior.nc", "NetCDF file to write.")] = Path("posterior.nc"),
     model: ModelName = "paper",
     task: Annotated[Task, Takes(*MODEL, "draws", "resume")],
 ) -> None:
@@ -152,8 +145,10 @@ def sample(
     [bold]Example[/bold]: bayes-toe sample study.csv -o posterior.nc --draws 10000 --seed 1
     """
     from bayes_toe.analysis import draw
+    from bayes_toe.inference.draws_file import refuse_store
     from bayes_toe.model.models import describe_prior, require_model
 
+    refuse_store(output)
     task.require_files(output)
     keep = task.partial(output)
     read, prior = task.read(study)
@@ -188,10 +183,9 @@ def _require_room(
 ) -> None:
     """Refuse before the work draws that will not fit on the disk, with `others`: bytes a subject of what goes beside them.
 
-    Two copies, since the draws of each subject are kept until all are in one file, of which some are there already; three for a store,
-    which is written from that file.
+    Two copies, since the draws of each subject are kept until all are in one file, of which some are there already.
     """
-    from bayes_toe.data.whole_files import named_store, require_room
+    from bayes_toe.data.whole_files import require_room
     from bayes_toe.inference.draws import stored_bytes
     from bayes_toe.inference.draws_file import require_fitting
     from bayes_toe.inference.sampling import SamplerSettings
@@ -199,11 +193,8 @@ def _require_room(
 
     record = require_model(model, study.task)
     draws = stored_bytes(study, prior, SamplerSettings(task.draws), record)
-    if not named_store(file):
-        require_fitting(draws)
-    require_room(
-        file, (3 if named_store(file) else 2) * draws + others * (len(study) + 1), used=keep
-    )
+    require_fitting(draws)
+    require_room(file, 2 * draws + others * (len(study) + 1), used=keep)
 
 
 def evidence(

@@ -38,7 +38,6 @@ from bayes_toe.cli.supplement import (
 from bayes_toe.comparison.contrast import CONTRAST_COLUMNS, PROBABLY, SURELY, sentences
 from bayes_toe.data.messages import bare, counted, listed, quoted, shown
 from bayes_toe.data.validation import read_rows
-from bayes_toe.data.whole_files import is_store
 from bayes_toe.errors import InputError
 from bayes_toe.groups.population import Population
 from bayes_toe.groups.population_file import load_population
@@ -147,21 +146,15 @@ def read_methods(results: Path) -> Methods:
 
 def _posterior(results: Path) -> Path:
     """The draws themselves, or those of a folder."""
-    if not os.path.isdir(results) or is_store(
-        results
-    ):  # a Path refuses names that are too long with an error of its own
+    # A Path refuses names that are too long with an error of its own.
+    if not os.path.isdir(results) or results.suffix == ".zarr":
         return results
-    there = [
-        path for path in (results / "posterior.nc", results / "posterior.zarr") if path.exists()
-    ]
-    if len(there) != 1:
-        found = (
-            "posterior.nc and posterior.zarr" if there else "no posterior.nc and no posterior.zarr"
-        )
+    draws = results / "posterior.nc"
+    if not draws.exists():
         raise InputError(
-            f"{shown(results)}: found {found}, allowed: a folder that bayes-toe run wrote, or a file of draws"
+            f"{shown(results)}: found no posterior.nc, allowed: a folder that bayes-toe run wrote, or a file of draws"
         )
-    return there[0]
+    return draws
 
 
 def _group(path: Path, draws: Draws) -> Population | None:

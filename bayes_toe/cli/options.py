@@ -12,23 +12,17 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from bayes_toe.errors import InputError
-from bayes_toe.model.prior_fields import PriorFields
 
 if TYPE_CHECKING:
     from bayes_toe.data.read_study import Truth
     from bayes_toe.data.study import Study
 
 
-def prior_help() -> str:
-    """What may be given as a prior, for the help text of --prior.
-
-    Examples
-    --------
-    >>> prior_help()[:82]
-    'default (scales are those of the stimuli), paper, or a file of any of mu1_mean, mu'
-    """
-    names = ", ".join(one.name for one in PriorFields.declared())
-    return f"default (scales are those of the stimuli), paper, or a file of any of {names}; see check --prior."
+#: What may be given as a prior.
+PRIOR_HELP = (
+    "default (scales are those of the stimuli), paper (H1's as in the paper), "
+    "or a file with sections [noise], [contraction], [paper] ...: docs/model.md."
+)
 
 
 #: An option that few need: help has it in a panel of its own.
@@ -58,7 +52,7 @@ Scheduler = Annotated[
     str | None, rare("--scheduler", metavar="tcp://HOST:PORT", help="That of the Dask cluster.")
 ]
 PriorFile = Annotated[
-    str | None, typer.Option("--prior", metavar="default|paper|prior.toml", help=prior_help())
+    str | None, typer.Option("--prior", metavar="default|paper|prior.toml", help=PRIOR_HELP)
 ]
 SpreadsheetSafe = Annotated[
     bool,
@@ -77,12 +71,8 @@ Resume = Annotated[
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace outputs that exist.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print problems only.")]
 
-Store = Annotated[
-    Literal["nc", "zarr"],
-    rare("--store", metavar="nc|zarr", help="Draws as a NetCDF file, or a Zarr store: a folder."),
-]
 SavedDraws = Annotated[
-    Path, typer.Argument(metavar="posterior.nc|.zarr", help="Draws written by run or sample.")
+    Path, typer.Argument(metavar="posterior.nc", help="Draws written by run or sample.")
 ]
 TrueValues = Annotated[
     Path | None,

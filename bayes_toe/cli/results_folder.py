@@ -44,11 +44,10 @@ Figure = Any  # of matplotlib, which is of another room
 GROUP_PRODUCTS = ("population.csv", "population_subjects.csv", "population.png", "population.nc")
 CONTRAST_PRODUCTS = ("contrast.csv", "contrast.png")
 ALWAYS = ("summary.csv", "evidence.csv", "report.html", "methods.md", "methods.bib")
-#: What a results folder may hold: draws in one of two ways, the group, corner plots, an explorer, pages of very many subjects.
+#: What a results folder may hold: draws, the group, corner plots, an explorer, pages of very many subjects.
 PRODUCTS = (
     *(
         "posterior.nc",
-        "posterior.zarr",
         *ALWAYS[:2],
         *CONTRAST_PRODUCTS,
         *GROUP_PRODUCTS,
@@ -84,21 +83,20 @@ def write_results(
     folder: str | Path,
     *,
     overwrite: bool = False,
-    store: str = "nc",
     pictures: Drawn = ALL,
     workers: Workers = None,
     progress: Progress | None = None,
     spreadsheet_safe: bool = False,
     group: Group | None = None,
 ) -> Path:
-    """Write posterior.nc (.zarr), summary.csv, evidence.csv, methods.md, corner/*.png, report.html, of very many also subjects/*.html.
+    """Write posterior.nc, summary.csv, evidence.csv, methods.md, corner/*.png, report.html, of very many also subjects/*.html.
 
     With a group its tables, figure and draws, and a section of the report. Other files of the folder are left alone; if it holds products
     already that may not be replaced, or cannot be written, nothing is changed. Progress is told of the subjects that are drawn.
     """
     draws, marked = analysis.draws, flagged(analysis.evidence, analysis.draws.not_converged)
     drawn = {"all": draws.names, "flagged": tuple(marked), "none": ()}[pictures.which]
-    stems, posterior = file_stems(draws.names), f"posterior.{store}"
+    stems, posterior = file_stems(draws.names), "posterior.nc"
     parts = {
         CONTRAST_PRODUCTS: analysis.contrast,
         GROUP_PRODUCTS: group,

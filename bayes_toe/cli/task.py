@@ -170,17 +170,11 @@ class Task:
     def require_files(self, *files: Path) -> None:
         """Refuse before the work what could not be written after it, and what would take the place of a file that is read."""
         from bayes_toe.data.text_table import require_parquet
-        from bayes_toe.data.whole_files import named_store, require_writable
+        from bayes_toe.data.whole_files import require_writable
 
         self._require_unread(*files)
         for file in files:
             require_parquet(file)
-            if named_store(file):
-                from bayes_toe.inference.draws_file import (
-                    require_zarr,
-                )  # as slow to load as a fit of some subjects
-
-                require_zarr()
             require_writable(file, overwrite=self.overwrite)
 
     def require_folder(self, folder: Path, products: Sequence[str]) -> None:

@@ -24,11 +24,8 @@ from bayes_toe.errors import OutputError
 HIDDEN = ".bayes_toe-"
 #: In a folder of results, the list of those that are ours.
 MANIFEST = ".bayes_toe_files.json"
-#: How the name of a store ends: a folder in Zarr's format that holds draws, one thing as a file is.
-STORE = ".zarr"
 #: Files and folders that this process has finished, for whoever has to say so when it is stopped.
 finished: list[Path] = []
-_PIECES = re.compile(r"([^/]+/){0,2}zarr\.json|[^/]+/[^/]+/c(/[0-9]+)+")  # what stands in a store
 
 
 @contextmanager
@@ -111,28 +108,25 @@ def require_folder(path: str | Path, names: Sequence[str], *, overwrite: bool) -
 
 
 def _refuse_impossible(target: Path) -> None:
-    """Refuse names that no file can have here, such as a name that is too long, and stores that hold something else."""
+    """Refuse names that no file can have here, such as a name that is too long."""
     if "\0" in str(target):
         raise OutputError(
             f"{shown(target)}: cannot be written (it has a NUL character), choose another name"
         )
     with reporting(target), suppress(FileNotFoundError):
         os.lstat(target)
-    if named_store(target) and target.is_dir() and not is_store(target):
-        raise OutputError(f"{shown(target)}: holds something else than draws, choose another name")
 
 
 def _refuse_taken(target: Path, overwrite: bool) -> None:
     _refuse_impossible(target)
-    if target.is_dir() and not is_store(target):
+    if target.is_dir():
         raise OutputError(f"{shown(target)}: is a folder, choose the name of a file")
     if not overwrite and os.path.lexists(target):
         raise OutputError(f"{shown(target)}: exists, choose another name or allow to overwrite it")
 
 
 def _refuse_taken_folder(target: Path, names: Sequence[str], overwrite: bool) -> None:
-    for path in (target, *(target / name for name in names if named_store(target / name))):
-        _refuse_impossible(path)
+    _refuse_impossible(target)
     if os.path.lexists(target) and not target.is_dir():
         raise OutputError(f"{shown(target)}: is a file, choose the name of a folder")
     there = [] if overwrite else [name for name in names if os.path.lexists(target / name)]
@@ -162,10 +156,8 @@ def _publish(new: Path, target: Path, files: Sequence[str], overwrite: bool) -> 
 
 
 def _put_in_place(new: Path, final: Path) -> None:
-    """Give a finished file, or a store, its name."""
+    """Give a finished file its name."""
     with reporting(final):
-        if is_store(final):  # a folder cannot be replaced, but goes with the unfinished ones
-            os.replace(final, new.with_name(f"{new.name}.old"))
         os.replace(new, final)
 
 
@@ -176,9 +168,9 @@ def _finish(*targets: Path) -> None:
 
 
 def _pieces(folder: Path) -> Iterator[Path]:
-    """All files below a folder; a store is one."""
+    """All files below a folder."""
     for found in sorted(folder.iterdir()):
-        if found.is_dir() and not is_store(found):
+        if found.is_dir():
             yield from _pieces(found)
         else:
             yield found
@@ -191,7 +183,7 @@ def _manifest(folder: Path) -> list[str]:
             str(file)
             for file in json.loads((folder / MANIFEST).read_text(encoding="utf-8"))["files"]
         ]
-        there = [file for file in files if (folder / file).is_file() or is_store(folder / file)]
+        there = [file for file in files if (folder / file).is_file()]
         return [
             file
             for file in there
@@ -205,32 +197,12 @@ def _remove(folder: Path, file: str) -> None:
     """Remove what an earlier run produced, and subfolders where nothing else is in them."""
     path = folder / file
     with reporting(path):
-        shutil.rmtree(path) if is_store(path) else path.unlink()
+        path.unlink()
     for part in path.relative_to(folder).parents[:-1]:
         remove_empty(folder / part)
 
 
 # --- Places: what they are, whether they can be written to, and what stands there unfinished ---------------
-
-
-def named_store(path: Path) -> bool:
-    """Whether a path has the name of a store."""
-    return path.suffix == STORE
-
-
-def is_store(path: Path) -> bool:
-    """Whether a folder is a store of draws with nothing else in it: then it may be replaced, and no file of a user is lost."""
-    try:
-        head = (
-            json.loads((path / "zarr.json").read_text(encoding="utf-8"))
-            if named_store(path)
-            else {}
-        )
-        ours = {"model", "settings", "seed"} <= head["attributes"].keys()
-    except (OSError, ValueError, LookupError, TypeError, AttributeError):
-        return False
-    files = (file.relative_to(path).as_posix() for file in path.rglob("*") if not file.is_dir())
-    return ours and all(_PIECES.fullmatch(file) for file in files)
 
 
 @contextmanager

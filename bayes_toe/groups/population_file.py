@@ -60,7 +60,7 @@ def save_population(found: Population, path: str | Path, *, overwrite: bool = Fa
 
 
 def load(path: str | Path) -> Draws | Population:
-    """Read what was saved: draws of subjects, posterior.nc or .zarr, or the joint posterior of a population, population.nc.
+    """Read what was saved: draws of subjects, posterior.nc, or the joint posterior of a population, population.nc.
 
     Raises
     ------
@@ -71,7 +71,7 @@ def load(path: str | Path) -> Draws | Population:
         "file",
         path,
         (str, os.PathLike),
-        "the path of a posterior.nc, posterior.zarr or population.nc",
+        "the path of a posterior.nc or population.nc",
     )
     of_population = False
     with suppress(OSError), h5py.File(path) as file:

@@ -11,7 +11,7 @@ from bayes_toe.data.study import Study, Subject
 from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws
 from bayes_toe.model.ladder import PREDICTIVE_UPDATE
-from bayes_toe.model.models import stored_model
+from bayes_toe.model.models import describe_prior, stored_model
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.record import Model
 
@@ -42,8 +42,8 @@ def require_belonging(
         raise InputError(f"{where}: {wrong}{made}; allowed: the posterior of {study.source}")
     if prior is not None and not _same_prior(draws, prior):
         raise InputError(
-            f"{where}: found draws under {draws.prior.describe_orders(draws.task)}; allowed: that prior, or none, "
-            f"given {prior.describe_orders(draws.task)}"
+            f"{where}: found draws under {draws.described_prior()}; allowed: that prior, or none, "
+            f"given {describe_prior(stored_model(draws.model, draws.task), prior, draws.task)}"
         )
     if seed is not None and draws.seed != seed:
         raise InputError(

@@ -7,12 +7,10 @@ likelihoods and predicted answers follow from these. A chain is an independent e
 from __future__ import annotations
 
 import json
-import shutil
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, fields
 from functools import cached_property
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +24,7 @@ from bayes_toe.data.conditions import Conditions, from_kept
 from bayes_toe.data.messages import MOST_ROWS, as_html, as_name, listed, named_few, shown
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.tasks import Task, task_counted
-from bayes_toe.data.whole_files import named_store, reporting, whole_file, whole_together
+from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError, require_kind
 from bayes_toe.inference import draws_file
 from bayes_toe.inference.predictive_checks import FitSummary
@@ -34,8 +32,6 @@ from bayes_toe.inference.sampling import SamplerSettings
 from bayes_toe.inference.subject import (
     FIT_COLUMNS,
     SUMMARY_COLUMNS,
-    Settings,
-    SubjectDraws,
     SummaryRow,
     summary_rows,
     unit,
@@ -57,10 +53,10 @@ class Draws:
     Attributes
     ----------
     tree : xarray.DataTree
-        What is stored, in ArviZ's groups; :meth:`to_arviz` has all of them. Of a store and of a large file, draws are read when they
+        What is stored, in ArviZ's groups; :meth:`to_arviz` has all of them. Of a large file, draws are read when they
         are asked for.
     file : Path or None
-        The file or store that they are read from.
+        The file that they are read from.
     """
 
     tree: xr.DataTree
@@ -173,7 +169,7 @@ class Draws:
         }
 
     def __getitem__(self, name: str | int) -> Draws:
-        """Draws of one subject alone; of a store or a large file, no others are read."""
+        """Draws of one subject alone; of a large file, no others are read."""
         name = self._known(name)
         with self._reading():
             groups = {
@@ -353,52 +349,33 @@ class Draws:
         return log_likelihood, predicted.astype(np.int64)
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
-        """Write a NetCDF file or, where the name ends with .zarr, a Zarr store, which is a folder; whole or not at all.
+        """Write a NetCDF file, whole or not at all.
 
         Raises
         ------
         InputError
-            For a store, if Zarr is not installed.
+            If the name ends with .zarr.
         OutputError
-            If the file exists and may not be replaced, or cannot be written; of folders only a store of draws may be.
+            If the file exists and may not be replaced, is a folder, or cannot be written.
         """
-        final = Path(path)
-        if not named_store(final):
-            with whole_file(path, overwrite=overwrite) as target:
-                with self._reading():
-                    content = draws_file.as_netcdf(self.tree)
-                with content, target.open("wb") as file:
-                    file.write(content)
-            return final
-        draws_file.require_zarr()
-        with whole_together(final, overwrite=overwrite) as folder, reporting(final):
-            if self.file is not None and self.file.is_dir():
-                shutil.copytree(self.file, folder / final.name)
-            else:
-                with self._reading():
-                    tree = self.tree.copy().load()
-                draws_file.write_store(folder / final.name, tree)
-        return final
+        draws_file.refuse_store(Path(path))
+        with whole_file(path, overwrite=overwrite) as target:
+            with self._reading():
+                content = draws_file.as_netcdf(self.tree)
+            with content, target.open("wb") as file:
+                file.write(content)
+        return Path(path)
 
     def _stored(self, name: str | int, parameter: str) -> FloatArray:
         with self._reading():
             # Of one layout, so that sums have one order.
-            values = np.ascontiguousarray(
+            return np.ascontiguousarray(
                 self.group("posterior")[parameter].sel(subject=as_name(name)).values, np.float64
             )
-            if (
-                self.file is not None
-                and np.isnan(values).any()
-                and parameter in self.posterior(name).names.natural
-            ):
-                raise OSError(
-                    "checksum of a chunk that was lost"
-                )  # Zarr takes it for one that has nothing in it
-        return values
 
     @contextmanager
     def _reading(self) -> Iterator[None]:
-        """What a damaged part of a file or a store says when it is asked for."""
+        """What a damaged part of a file says when it is asked for."""
         try:
             yield
         except (OSError, ValueError) as error:
@@ -452,7 +429,7 @@ def require_draws(given: object) -> None:
 
 
 def load_draws(path: str | Path) -> Draws:
-    """Read draws that :meth:`Draws.save` wrote, from a file or a store; also those of earlier versions, which hold more."""
+    """Read draws that :meth:`Draws.save` wrote; also those of earlier versions, which hold more."""
     made, name = Draws(draws_file.read_tree(path), Path(path)), shown(Path(path))
     try:
         needed = {key for name in made.names for key in made.posterior(name).names.natural}
@@ -468,21 +445,6 @@ def load_draws(path: str | Path) -> Draws:
             f"{name}: no {', '.join(absent)} among the draws of model {made.model!r}; {draws_file.ALLOWED}"
         )
     return made
-
-
-def assembled(
-    path: Path | None,
-    study: Study,
-    found: Iterable[SubjectDraws],
-    settings: Settings,
-    failed: Mapping[str, str],
-) -> Draws:
-    """The draws of every subject of a study, and who failed; where there is a path and much to store, in a Zarr store there."""
-    model = stored_model(settings.model, study.task)
-    size = stored_bytes(study, settings.prior, settings.sampler, model)
-    much = size > draws_file.AT_ONCE and find_spec("zarr") is not None
-    store = path if much else None
-    return Draws(draws_file.assembled_tree(study, found, settings, failed, store), store)
 
 
 def stored_bytes(study: Study, prior: Prior, sampler: SamplerSettings, model: SampledModel) -> int:

@@ -1,9 +1,9 @@
-"""A study's draws as one tree of xarray, its NetCDF file and its Zarr store.
+"""A study's draws as one tree of xarray, and its NetCDF file.
 
 What is kept: the draws of natural parameters and their log density (chain, draw, subject), what is known of each subject, and the counts,
 in long form over `obs` (one entry per subject and pair). Everything else follows
 from these; see :class:`bayes_toe.inference.draws.Draws`.
-Draws of one subject are one chunk of each variable, with a checksum of the format's own: Fletcher-32 in HDF5, CRC-32C in Zarr.
+Draws of one subject are one chunk of each variable, with a checksum of HDF5, Fletcher-32.
 """
 
 from __future__ import annotations
@@ -11,8 +11,6 @@ from __future__ import annotations
 import json
 import os
 import platform
-import shutil
-import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import closing
 from pathlib import Path
@@ -27,7 +25,6 @@ from bayes_toe.data.conditions import kept
 from bayes_toe.data.messages import quoted, shown
 from bayes_toe.data.study import Study
 from bayes_toe.data.tasks import SAME_DIFFERENT, task_counted
-from bayes_toe.data.whole_files import named_store
 from bayes_toe.errors import InputError
 from bayes_toe.inference.subject import Settings, SubjectDraws
 from bayes_toe.model.models import describe_prior, stored_model
@@ -35,7 +32,7 @@ from bayes_toe.model.record import Model
 from bayes_toe.model.trial_history import require_order
 from bayes_toe.version import library_versions
 
-ALLOWED = "allowed: a posterior.nc or posterior.zarr written by bayes-toe"
+ALLOWED = "allowed: a posterior.nc written by bayes-toe"
 AT_ONCE = (
     2**28
 )  # bytes of draws that are put together, or read, in memory; of more each subject's when they are asked for
@@ -70,14 +67,12 @@ def assembled_tree(
     found: Iterable[SubjectDraws],
     settings: Settings,
     failed: Mapping[str, str],
-    store: Path | None = None,
 ) -> xr.DataTree:
-    """The tree of all subjects' draws; into a store, where one is given, subject by subject, so that they are never in memory together."""
+    """The tree of all subjects' draws."""
     heads = [_Head(one) for one in found]
     names = dict.fromkeys(name for head in heads for name in head.units)
     size = (*heads[0].size, len(study))
-    blank = np.broadcast_to(np.nan, size) if store is not None else None  # takes no memory
-    values = {name: np.full(size, np.nan) if blank is None else blank for name in (*names, "lp")}
+    values = {name: np.full(size, np.nan) for name in (*names, "lp")}
     units = {name: unit for head in reversed(heads) for name, unit in head.units.items()}
     density = f"log density of the unconstrained coordinates ({', '.join(heads[0].coordinates[:6])}), unnormalised"
     tree = xr.DataTree.from_dict(
@@ -95,19 +90,8 @@ def assembled_tree(
     tree.attrs.update(
         _attributes(study, settings) | ({"failed": json.dumps(dict(failed))} if failed else {})
     )
-    if store is None:
-        _fill(values, found)
-        return tree
-    shutil.rmtree(store, ignore_errors=True)  # what a run that was killed has left
-    write_store(store, tree)
-    import zarr
-
-    root: Any = zarr.open_group(store, mode="r+")
-    _fill(
-        {name: root["sample_stats" if name == "lp" else "posterior"][name] for name in values},
-        found,
-    )
-    return read_tree(store)
+    _fill(values, found)
+    return tree
 
 
 def _fill(values: Mapping[str, Any], found: Iterable[SubjectDraws]) -> None:
@@ -241,66 +225,39 @@ def as_netcdf(tree: xr.DataTree) -> memoryview:
         return tree.to_netcdf(engine="h5netcdf", encoding=encoding)
 
 
-def write_store(path: Path, tree: xr.DataTree) -> None:
-    """The same as a Zarr store; chunks of nothing but NaN are left out."""
-    require_zarr()
-    from zarr.codecs import Crc32cCodec
-
-    encoding = {
-        f"/{group}": {
-            str(name): {"compressors": [Crc32cCodec()]}
-            | ({"chunks": (*one.shape[:2], 1)} if one.dims == BY_SUBJECT else {})
-            for name, one in node.to_dataset().variables.items()
-        }
-        for group, node in tree.children.items()
-    }
-    with warnings.catch_warnings():
-        warnings.filterwarnings(
-            "ignore", "Consolidated metadata", UserWarning
-        )  # may change in the future; xarray has it as its default
-        tree.to_zarr(path, mode="w-", encoding=encoding, zarr_format=3)
-
-
 def require_fitting(draws: int) -> None:
     """Refuse before the work more draws, in bytes, than one NetCDF file is written from."""
     if draws > LARGEST:
         found, most = (f"{size / 1e9:.3g} GB" for size in (draws, LARGEST))
         raise InputError(
-            f"about {found} of draws, allowed in a NetCDF file: {most}; a Zarr store takes them: -o NAME.zarr, run --store zarr"
+            f"about {found} of draws, allowed in a NetCDF file: {most}; fewer --draws, or files of some subjects each"
         )
 
 
-def require_zarr() -> None:
-    """Refuse a store now that could not be written or read, because Zarr is not installed or too old."""
-    try:
-        from zarr.codecs import Crc32cCodec  # noqa: F401
-    except ImportError:
-        raise InputError("Zarr 3 is not installed: pip install 'bayes_toe[zarr]'") from None
+def refuse_store(path: Path) -> None:
+    """Refuse a folder in Zarr's format, which earlier versions wrote and read."""
+    if path.suffix == ".zarr":
+        raise InputError(f"{shown(path)}: Zarr stores are retired, allowed: a NetCDF file, NAME.nc")
 
 
 # --- Reading --------------------------------------------------------------------------------------
 
 
 def read_tree(path: str | Path) -> xr.DataTree:
-    """All groups of a file or store of draws; draws of a store, and of a large file, are read when they are asked for.
+    """All groups of a file of draws; draws of a large file are read when they are asked for.
 
     What is missing or damaged, or has another layout than draws have, is refused.
     """
     path, name = Path(path), shown(Path(path))
-    store = named_store(path) or os.path.isdir(
-        path
-    )  # a Path refuses names that are too long with an error of its own
-    if not (os.path.isdir(path) if store else os.path.isfile(path)):
-        what = "not a file" if os.path.exists(path) else f"no such {'folder' if store else 'file'}"
+    refuse_store(path)
+    # A Path refuses names that are too long with an error of its own.
+    if not os.path.isfile(path):
+        what = "not a file" if os.path.exists(path) else "no such file"
         raise InputError(f"{name}: {what}; {ALLOWED}")
-    if store:
-        require_zarr()
     try:
-        how: dict[str, Any] = (
-            {"engine": "zarr", "chunks": None} if store else {"engine": "h5netcdf"}
-        )
-        tree = xr.open_datatree(path, decode_times=False, **how)  # no units are times
-        at_once = not store and path.stat().st_size <= AT_ONCE
+        # No units are times.
+        tree = xr.open_datatree(path, decode_times=False, engine="h5netcdf")
+        at_once = path.stat().st_size <= AT_ONCE
         if at_once:
             with closing(tree):  # an open tree keeps the file locked
                 tree = tree.load()
@@ -317,7 +274,7 @@ def read_tree(path: str | Path) -> xr.DataTree:
 
 
 def _with_small(group: xr.Dataset) -> xr.Dataset:
-    """A group with all but its draws in memory, and texts of one type, whichever format they come from."""
+    """A group with all but its draws in memory, and texts of one type."""
     small = {name: one.load() for name, one in group.variables.items() if one.dims != BY_SUBJECT}
     return group.assign(
         {name: one.astype(object) for name, one in small.items() if one.dtype.kind in "TU"}
@@ -325,15 +282,12 @@ def _with_small(group: xr.Dataset) -> xr.Dataset:
 
 
 def unreadable(path: Path, error: Exception) -> InputError:
-    """What is raised where the libraries cannot read a file or a store, or a part of it."""
-    kind = "store of draws" if named_store(path) else "NetCDF file"
-    damaged = any(
-        word in str(error) for word in ("filter", "checksum")
-    )  # as HDF5 and as Zarr say it
+    """What is raised where the libraries cannot read a file, or a part of it."""
+    damaged = any(word in str(error) for word in ("filter", "checksum"))  # as HDF5 says it
     reason = (
         "damaged: its numbers do not fit their checksums"
         if damaged
-        else f"not a {kind} that can be read"
+        else "not a NetCDF file that can be read"
     )
     return InputError(f"{shown(path)}: {reason}; {ALLOWED}")
 

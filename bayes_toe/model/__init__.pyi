@@ -13,5 +13,5 @@ from .geometry import axis_properties as axis_properties
 from .geometry import displacement as displacement
 from .intervals import at_interval as at_interval
 from .models import posterior_of as posterior_of
-from .prior import read_prior as read_prior
+from .prior_file import read_prior as read_prior
 from .study_prior import prior_for as prior_for

@@ -1,15 +1,16 @@
-"""The prior over one observer's parameters: proper, stated, replaceable. The evidence depends on it.
+"""The prior: H1's numbers, and the prior of the four models of the observer.
 
-The default takes location and scales from the stimuli that the subject felt, so that adding a constant to all stimuli, or multiplying them,
-changes no probability: with M the mean of all stimuli, R their standard deviation and D the root mean square of s2 - s1 over unequal pairs,
-mu1 ~ Normal(M, 2.5 R), log w ~ Normal(log D, 1), gamma ~ Uniform(0, 1), q0 ~ Beta(4, 1), a constant error c ~ Normal(0, D/2), slopes of the
-noise and of logit q0 ~ Normal(0, 0.5/R), a lapse rate ~ Beta(1, 9). Source of these numbers: measured, see docs/order_effect.md.
+The default takes location and scales from the stimuli of each subject, so that adding a constant to
+all stimuli, or multiplying them, changes no probability. With M the mean of all stimuli, R their
+standard deviation and D the root mean square of s2 - s1 over unequal pairs, H1 has
+mu1 ~ Normal(M, 2.5 R), log w ~ Normal(log D, 1), gamma ~ Uniform(0, 1) and q0 ~ Beta(4, 1).
 
-`Prior()` is the paper's in H1's four parameters, whatever the stimuli are: mu1 ~ Normal(0, 10), sigma_p ~ HalfNormal(1), gamma and q0
-uniform (V_1 = 10^2, 0 < sigma_l < sigma_p); the rest is as in the default.
+`Prior()` is the paper's in H1's four parameters, whatever the stimuli are: mu1 ~ Normal(0, 10),
+sigma_p ~ HalfNormal(1), gamma and q0 uniform (V_1 = 10^2, 0 < sigma_l < sigma_p).
 
-The numbers are declared in :mod:`bayes_toe.model.prior_fields`, the families in :attr:`Prior.families`; nothing else names them. Another
-prior is a subclass that declares its number, or its family, in one place.
+The numbers of H1 are declared in :mod:`bayes_toe.model.prior_fields`, those of the observer in
+:class:`bayes_toe.model.parameters.ObserverPrior`; files are read by
+:mod:`bayes_toe.model.prior_file`.
 """
 
 from __future__ import annotations
@@ -17,7 +18,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property, partial
-from pathlib import Path
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -41,7 +41,7 @@ from bayes_toe.model.distributions import (
     share,
 )
 from bayes_toe.model.parameters import ObserverPrior
-from bayes_toe.model.prior_fields import STIMULI, PriorFields, number_problems, real, toml_table
+from bayes_toe.model.prior_fields import STIMULI, PriorFields
 
 _NODES = 200  # of an integral over gamma
 
@@ -187,11 +187,8 @@ class Prior(PriorFields):
     def said(self, parameter: str) -> str:
         """The distribution of a parameter in words, as in 'Normal(M, 2.5 R)' where its numbers are those of the stimuli."""
         numbers = self._numbers(parameter)
-        symbols = {
-            name: self.declared_as(name).stimuli
-            for name, value in numbers.items()
-            if value == STIMULI
-        }
+        stimuli = {one.name: one.stimuli for one in self.declared()}
+        symbols = {name: stimuli[name] for name, value in numbers.items() if value == STIMULI}
         if not symbols:
             return self.distribution(parameter).describe()
         stand_in = self.families[parameter](
@@ -226,11 +223,8 @@ class Prior(PriorFields):
         return ", ".join(f"{name} ~ {self.said(name)}" for name in self.of_h1(task)) + self.remark
 
     def describe_orders(self, task: Task = SAME_DIFFERENT) -> str:
-        """The same with that of a constant error, against which H1 is weighed: its evidence depends on it."""
-        return (
-            ", ".join(f"{name} ~ {self.said(name)}" for name in (*self.of_h1(task), "offset"))
-            + self.remark
-        )
+        """That of the four models of the observer, and H1's, in one line."""
+        return f"{self.observer.describe(task)}. The paper's model (H1): {self.describe(task)}"
 
     @property
     def remark(self) -> str:
@@ -361,44 +355,6 @@ def _product_quantile(
     return unit * float(brentq(excess, 0.999 * shape.min(), 1.001 * shape.max(), xtol=1e-12))
 
 
-def read_prior(path: str | Path) -> Prior:
-    """The prior in a TOML file with some of the numbers that it declares, by name; :func:`example_file` has all, with their units.
-
-    Parameters
-    ----------
-    path : str or Path
-        UTF-8; a key that is absent keeps its default.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, is not TOML, or holds an unknown key, something that is not a number or a number out of range: one
-        line per problem.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     file = Path(folder, "prior.toml")
-    ...     _ = file.write_text("mu1_sd = 2.5  # prior sd of mu1", encoding="utf-8")
-    ...     read_prior(file) == Prior(mu1_sd=2.5)
-    True
-    """
-    keys = {one.name: one for one in Prior.declared()}
-    found = toml_table(path, f"NAME = NUMBER, as in {next(iter(keys))} = 0")
-    problems = [
-        f"{path}: {line}"
-        for key, value in found.items()
-        for line in number_problems(keys, key, value)
-    ]
-    if problems:
-        raise InputError(problems)
-    numbers: dict[str, Any] = {
-        key: value if value == STIMULI else real(value) for key, value in found.items()
-    }
-    return Prior(**numbers)
-
-
 def stored_prior(values: Mapping[str, Any]) -> Prior:
     """The prior that a file of results holds; before the width could have one it was the paper's with what the file says."""
     unknown = sorted(
@@ -422,16 +378,6 @@ def stored_prior(values: Mapping[str, Any]) -> Prior:
             if value is not None and name not in ("origin", "observer")
         },
     )
-
-
-def example_file() -> str:
-    """A complete prior file with the defaults and what they mean; what has none is a comment."""
-    lines = {
-        f"# {one.name} = 1.0" if one.default is None else f"{one.name} = {one.default!r}": one.about
-        for one in Prior.declared()
-    }
-    width = max(map(len, lines))
-    return "".join(f"{line:<{width}}  # {about}\n" for line, about in lines.items())
 
 
 #: What is used where nothing is said: every scale is that of the stimuli that a subject felt.

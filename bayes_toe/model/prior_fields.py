@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from functools import cache
 from pathlib import Path
@@ -36,6 +36,8 @@ OF_STIMULI = {
     "0.3 D": "0.3 times the root mean square step between different ones",
     "log D": "the logarithm of the root mean square step between different ones",
 }
+#: Whose numbers are those of the paper's model (H1).
+PAPER_PARAMETERS = ("mu1", "sigma_p", "width", "gamma", "q0", "lapse_rate", "interval")
 _LARGEST_FILE = 2**16  # bytes; a complete prior file has some 2,000
 
 
@@ -61,11 +63,6 @@ class PriorField:
     def positive(self) -> bool:
         """Whether it is a scale or a shape, which factors vary; a location is shifted."""
         return self.kind != "location"
-
-    @property
-    def label(self) -> str:
-        """Short words for a figure's key: 'sd of mu1'."""
-        return f"{self.name.removeprefix(f'{self.parameter}_')} of {self.parameter}"
 
     @property
     def about(self) -> str:
@@ -214,7 +211,7 @@ class PriorFields:
         None,
         parameter="interval",
         kind="scale",
-        words="interval that the priors of sigma_p, gamma and rho refer to; left out: the geometric mean of the study's",
+        words="interval that the priors of sigma_p and gamma refer to; left out: the geometric mean of the study's",
         unit="s",
     )
 
@@ -238,26 +235,9 @@ class PriorFields:
         return tuple(PriorField(one.name, **one.metadata) for one in fields(cls) if one.metadata)
 
     @classmethod
-    def declared_as(cls, name: str) -> PriorField:
-        """One of its numbers.
-
-        Raises
-        ------
-        InputError
-            If there is none of that name.
-        """
-        for one in cls.declared():
-            if one.name == name:
-                return one
-        raise InputError(
-            f"prior: no value {name!r}, allowed: {', '.join(one.name for one in cls.declared())}"
-        )
-
-    @classmethod
-    def varied(cls, parameters: Collection[str]) -> tuple[PriorField, ...]:
-        """The numbers of some parameters in the order of a sensitivity scan: scales and shapes first, then locations."""
-        found = (one for one in cls.declared() if one.parameter in parameters)
-        return tuple(sorted(found, key=lambda one: not one.positive))
+    def of_paper(cls) -> tuple[PriorField, ...]:
+        """The numbers of the paper's model (H1)."""
+        return tuple(one for one in cls.declared() if one.parameter in PAPER_PARAMETERS)
 
 
 def toml_table(path: str | Path, lines: str) -> Mapping[str, Any]:

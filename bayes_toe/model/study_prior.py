@@ -14,7 +14,8 @@ from pathlib import Path
 from bayes_toe.data.study import Study, require_study
 from bayes_toe.errors import InputError, require_kind
 from bayes_toe.model.intervals import reference_interval
-from bayes_toe.model.prior import DEFAULT, Prior, read_prior
+from bayes_toe.model.prior import DEFAULT, Prior
+from bayes_toe.model.prior_file import read_prior
 
 PRESETS = {"default": DEFAULT, "paper": Prior()}
 
@@ -39,7 +40,7 @@ def prior_for(study: Study, prior: Prior | str | None = None) -> Prior:
     ----------
     study : Study
     prior : Prior or str, optional
-        A prior, the name of a preset, "default" or "paper", or the path of a TOML file, see :func:`bayes_toe.model.prior.read_prior`.
+        A prior, the name of a preset, "default" or "paper", or the path of a TOML file, see :func:`bayes_toe.model.prior_file.read_prior`.
 
     Raises
     ------

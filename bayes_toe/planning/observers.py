@@ -19,7 +19,6 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.data.messages import quoted
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task
-from bayes_toe.data.whole_files import named_store
 from bayes_toe.errors import InputError
 from bayes_toe.experiments.conditions import of_update
 from bayes_toe.model.closed_form import MAX_PULL
@@ -146,12 +145,12 @@ def observers_from(
         )
     if str(source) == PRIOR:
         return tuple(_of_prior(numbers, middle, interval, size, seed, task))
-    if named_store(Path(source)) or Path(source).suffix == ".nc":
+    if Path(source).suffix in (".nc", ".zarr"):  # the latter is refused where it is read
         return tuple(_of_draws(Path(source), size, seed, task))
     if Path(source).suffix == ".toml":
         return tuple(_in_ranges(*read_ranges(source, middle, task), interval, size, seed, task))
     raise InputError(
-        f"--observers: found {str(source)!r}, allowed: prior, a .toml file of ranges, or draws (posterior.nc, .zarr)"
+        f"--observers: found {str(source)!r}, allowed: prior, a .toml file of ranges, or draws (posterior.nc)"
     )
 
 

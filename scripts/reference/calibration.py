@@ -23,7 +23,8 @@ from bayes_toe.classical.fit import bootstrap_evidence, bootstrap_subject
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.errors import InputError
 from bayes_toe.experiments.simulate import PAPER_BATCHES, reference_design, simulate_trials
-from bayes_toe.inference.draws import Draws, assembled
+from bayes_toe.inference.draws import Draws
+from bayes_toe.inference.draws_file import assembled_tree
 from bayes_toe.inference.sampling import SamplerSettings
 from bayes_toe.inference.subject import (
     EVIDENCE_DRAWS,
@@ -216,13 +217,8 @@ def work(job: Job) -> tuple[Row, Row]:
     ranks: Row = {}
     known: Row = {}
     if job.with_draws and theta is not None:
-        draws = assembled(
-            None,
-            Study((subject,), "calibration", synthetic=True),
-            [subject_draws(result)],
-            settings,
-            {},
-        )
+        study = Study((subject,), "calibration", synthetic=True)
+        draws = Draws(assembled_tree(study, [subject_draws(result)], settings, {}))
         ranks = {"design": job.design, **ranks_of(draws, subject, theta, settings.seed)}
     if job.with_evidence:
         replicates = bootstrap_subject(subject, seed=settings.seed, prior=settings.prior)

@@ -18,6 +18,7 @@ from conftest import few_replicates, grouped_csv
 
 import bayes_toe as bt
 from bayes_toe.inference.sampling import SamplerSettings
+from bayes_toe.model.parameters import ObserverPrior
 from bayes_toe.plots.paper_figures import FIGURES
 
 ONE = ("--seed", 1, "--workers", 1)
@@ -358,7 +359,7 @@ def test_corner_of_one_subject_and_of_two_with_prior_and_truth_in_any_quantities
 )
 def test_what_is_refused_before_the_work_in_one_line(folder, results, small_study, words, said):
     grouped_csv(folder / "three.csv", small_study)
-    (folder / "wide.toml").write_text("mu1_sd = 20.0\n", encoding="utf-8")
+    (folder / "wide.toml").write_text("[paper]\nmu1_sd = 20.0\n", encoding="utf-8")
     given = words.replace("POSTERIOR", str(results[0] / "posterior.nc")).split()
     assert said in refused(*given, *(() if "-o" in given else ("-o", "none")), cwd=folder)
 
@@ -508,7 +509,8 @@ def test_bad_input_is_one_line_a_problem_and_exit_code_2(tmp_path):
 
 def test_a_prior_file_is_used_shown_and_stored(folder, blank_pictures):
     (folder / "narrow.toml").write_text(
-        "mu1_sd = 2.0  # informative\nsigma_p_scale = 0.5\n", encoding="utf-8"
+        "[paper]\nmu1_sd = 2.0  # informative\nsigma_p_scale = 0.5\n[contraction]\nsd = 0.5\n",
+        encoding="utf-8",
     )
     said, under = "mu1 ~ Normal(0, 2), sigma_p ~ HalfNormal(0.5)", ("--prior", "narrow.toml")
     printed = good(
@@ -524,13 +526,15 @@ def test_a_prior_file_is_used_shown_and_stored(folder, blank_pictures):
         *ONE,
         cwd=folder,
     )
-    assert f"prior: {said}" in printed
+    assert said in " ".join(printed.split())
+    assert "contraction ~ Normal(0, 0.5)" in " ".join(printed.split())
     assert said in (folder / "narrow" / "report.html").read_text(encoding="utf-8")
-    assert bt.load(folder / "narrow" / "posterior.nc").prior == bt.Prior(
-        mu1_sd=2.0, sigma_p_scale=0.5
+    expected = bt.Prior(mu1_sd=2.0, sigma_p_scale=0.5, observer=ObserverPrior(contraction_sd=0.5))
+    assert bt.load(folder / "narrow" / "posterior.nc").prior == expected
+    assert (
+        pd.read_csv(folder / "narrow" / "evidence.csv").prior.str.contains(said, regex=False).all()
     )
-    assert pd.read_csv(folder / "narrow" / "evidence.csv").prior.str.startswith(said).all()
-    assert said in good("check", "one.csv", *under, cwd=folder)
+    assert said in " ".join(good("check", "one.csv", *under, cwd=folder).split())
     assert "penalty: mu1 ~ Normal(0, 2)" in good(
         "fit", "one.csv", "-o", "narrow_fit.csv", "--replicates", 20, *under, *ONE, cwd=folder
     )
@@ -538,13 +542,14 @@ def test_a_prior_file_is_used_shown_and_stored(folder, blank_pictures):
 
 
 def test_a_preset_is_a_word_and_a_file_of_that_name_has_a_path(folder):
-    (folder / "default").write_text("mu1_sd = 7.0\n", encoding="utf-8")
+    (folder / "default").write_text("[paper]\nmu1_sd = 7.0\n", encoding="utf-8")
     said = [
         good("check", "study.csv", "--prior", given, cwd=folder)
         for given in ("paper", "default", "./default")
     ]
+    said = [" ".join(one.split()) for one in said]
     assert "mu1 ~ Normal(0, 10)" in said[0]
-    assert "mu1 ~ Normal(M, 2.5 R), width ~ LogNormal(D, 1)" in " ".join(said[1].split())
+    assert "mu1 ~ Normal(M, 2.5 R), width ~ LogNormal(D, 1)" in said[1]
     assert "mu1 ~ Normal(0, 7)" in said[2]
 
 
@@ -552,17 +557,17 @@ def test_a_preset_is_a_word_and_a_file_of_that_name_has_a_path(folder):
     "command", ["run", "sample", "evidence", "fit", "figures", "check", "simulate"]
 )
 def test_a_bad_prior_file_is_one_line_for_every_command(folder, command):
-    (folder / "bad.toml").write_text("mu1_sd = -1\n", encoding="utf-8")
+    (folder / "bad.toml").write_text("[paper]\nmu1_sd = -1\n", encoding="utf-8")
     words = (
         *(() if command == "simulate" else ("study.csv",)),
         *(() if command == "check" else ("-o", "bad.csv")),
     )
-    said = "error: bad.toml: key mu1_sd: found -1, allowed: a number from 1e-100 to 1e+100 or 'stimuli'\n"
+    said = "error: bad.toml: [paper] key mu1_sd: found -1, allowed: a number from 1e-100 to 1e+100 or 'stimuli'\n"
     assert refused(command, *words, "--prior", "bad.toml", cwd=folder) == said
 
 
 def test_simulate_draws_its_population_from_a_prior_file(folder):
-    (folder / "near.toml").write_text("mu1_mean = 5.0\nmu1_sd = 0.1\n", encoding="utf-8")
+    (folder / "near.toml").write_text("[paper]\nmu1_mean = 5.0\nmu1_sd = 0.1\n", encoding="utf-8")
     args = ("--subjects", 20, "--batches", 1, "--seed", 1, "--prior", "near.toml")
     good(
         "simulate",

@@ -243,7 +243,7 @@ def test_a_group_is_told_of_where_its_draws_are(results, small_study, tmp_path):
 @pytest.mark.parametrize(
     ("name", "old", "new", "said"),
     [
-        ("evidence.csv", "D/2", "D/3", "evidence.csv, column prior: found 'mu1 ~ Normal(0, 10)"),
+        ("evidence.csv", "0.5 D", "0.4 D", "evidence.csv, column prior: found 'noise ~ LogNormal"),
         (
             "evidence.csv",
             "(A,.*,13,650,[^,]*,[^,]*),-",
@@ -269,7 +269,7 @@ def test_other_refusals_are_one_line(results, tmp_path):
     (tmp_path / "m.bib").write_text("mine")
     assert "m.bib: exists" in refused("methods", ".", "-o", "m.md", cwd=tmp_path)
     (tmp_path / "posterior.nc").unlink()
-    said = "found no posterior.nc and no posterior.zarr, allowed: a folder that"
+    said = "found no posterior.nc, allowed: a folder that"
     assert said in refused("methods", ".", "-o", "n.md", cwd=tmp_path)
 
 

@@ -18,6 +18,7 @@ from bayes_toe.cli.results_folder import GROUP_PRODUCTS, Drawn, opened, write_re
 from bayes_toe.explorer.page import Explorer
 from bayes_toe.groups.predictive_check import PredictiveCheck, Statistic
 from bayes_toe.groups.regressors import Regressor
+from bayes_toe.model.parameters import ObserverPrior
 
 pytestmark = pytest.mark.usefixtures("blank_pictures")
 WRONG = Statistic("spread", "accuracy", 0.3, 0.1, 0.15, 0.2, 0.004, above=True)
@@ -129,7 +130,8 @@ def test_a_group_and_an_explorer_stand_beside_the_report_where_asked_for_and_go_
     assert "−" in numbers
     assert not re.search(r"[ (>]-\d", numbers)
     assert all((out / name).stat().st_size > 500 for name in GROUP_PRODUCTS)
-    settings = replace(marked.settings, prior=replace(marked.settings.prior, offset_sd=0.5))
+    prior = replace(marked.settings.prior, observer=ObserverPrior(constant_error_scale=0.4))
+    settings = replace(marked.settings, prior=prior)
     write_results(
         replace(marked, settings=settings),
         out,
@@ -143,8 +145,7 @@ def test_a_group_and_an_explorer_stand_beside_the_report_where_asked_for_and_go_
     assert explored == [((marked.draws,), {"truths": None, "population": None})]
     assert page(out).count('href="explorer.html"') == 2
     assert "bayes-toe explore" not in page(out)
-    # The probabilities of the order effect depend on the constant error's own prior, so the report has it.
-    assert "offset ~ Normal(0, 0.5)" in page(out)
+    assert "constant_error ~ Student(3, 0.4 D)" in page(out)
 
 
 def test_run_computes_the_group_from_its_own_draws_and_leaves_with_3_where_it_did_not_converge(

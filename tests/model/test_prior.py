@@ -11,18 +11,13 @@ from scipy.special import betaln, expit
 
 import bayes_toe as bt
 from bayes_toe.classical.maximum_likelihood import fit_counts
-from bayes_toe.cli.options import prior_help
 from bayes_toe.model.blocks import Logit
 from bayes_toe.model.coordinates import quantities
 from bayes_toe.model.distributions import Beta, HalfNormal, LogNormal, Normal, Uniform
+from bayes_toe.model.parameters import ObserverPrior
 from bayes_toe.model.parts import composition
-from bayes_toe.model.prior import (
-    Prior,
-    example_file,
-    log_density_of_noise_ratio,
-    prior_quantile,
-    read_prior,
-)
+from bayes_toe.model.prior import DEFAULT, Prior, log_density_of_noise_ratio, prior_quantile
+from bayes_toe.model.prior_file import example_file, read_prior, sections
 from bayes_toe.model.target import contraction
 
 SBAR = 0.2
@@ -52,13 +47,12 @@ def test_what_other_models_have():
         **{"exponent": "LogNormal(2, 0.2)", "icc": "Beta(1, 9)"},
     }
     assert Prior().distribution("q0") == Prior().distribution("gamma") == Uniform()
-    assert [one.name for one in Prior.varied(("offset", "icc"))] == ["offset_sd", "icc_a", "icc_b"]
     assert (Prior(0.4, 2.5).penalty, Prior(0.4, 2.5).describe_penalty()) == (
         Normal(0.4, 2.5),
         "mu1 ~ Normal(0.4, 2.5)",
     )
-    assert [one.name for one in Prior.declared()] == [one.name for one in fields(Prior)]
-    assert all(one.name in prior_help() for one in Prior.declared())
+    names = [one.name for one in Prior.declared()]
+    assert [*names, "observer"] == [one.name for one in fields(Prior)]
 
 
 @pytest.mark.parametrize(
@@ -109,10 +103,7 @@ class Flat(Prior):
             lambda: Prior().distribution("sigma_l"),
             "no distribution of 'sigma_l', allowed: mu1, sigma_p, width, gamma, q0, ",
         ),
-        (
-            lambda: Prior.declared_as("mu1_scale"),
-            "no value 'mu1_scale', allowed: mu1_mean, mu1_sd, sigma_p_scale",
-        ),
+        (lambda: ObserverPrior(contraction_sd=0.0), "contraction_sd is 0.0; allowed is a number"),
         (
             lambda: fit_counts(bt.example_study()["S01"], Flat()),
             r"found mu1 ~ Uniform\(0, 1\), allowed as a penalty: a normal",
@@ -133,47 +124,70 @@ def written(tmp_path, text):
     return path
 
 
+def with_observer(prior=DEFAULT, **numbers):
+    return replace(prior, observer=ObserverPrior(**numbers))
+
+
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ("", bt.Prior()),
+        ("", DEFAULT),
+        ("[paper]", bt.Prior()),
         (example_file(), bt.Prior()),
         (
-            'mu1_mean = "stimuli"\nsigma_p_scale = 0.5',
+            '[paper]\nmu1_mean = "stimuli"\nsigma_p_scale = 0.5',
             bt.Prior(mu1_mean="stimuli", sigma_p_scale=0.5),
         ),
-        ("offset_sd = 2\ngamma_a = 3", bt.Prior(offset_sd=2.0, gamma_a=3.0)),
-        ("mu1_mean = -0.5\r\nmu1_sd = 1e1\r\nsigma_p_scale = 0.3\r\n", bt.Prior(-0.5, 10.0, 0.3)),
-        (b"\xef\xbb\xbfmu1_sd = 3.0", bt.Prior(mu1_sd=3.0)),
+        ("[contraction]\nsd = 1\n[q0]\nb = 2", with_observer(contraction_sd=1.0, q0_b=2.0)),
+        ("[paper]\r\nmu1_mean = -0.5\r\nmu1_sd = 1e1\r\n", bt.Prior(-0.5, 10.0)),
+        (b"\xef\xbb\xbf[paper]\nmu1_sd = 3", bt.Prior(mu1_sd=3.0)),
     ],
 )
 def test_what_is_read(tmp_path, text, expected):
     found = read_prior(written(tmp_path, text))
     assert found == expected
-    assert {type(value) for value in asdict(found).values() if value} == {float, str}
+    values = [value for name, value in asdict(found).items() if value and name != "observer"]
+    assert {type(value) for value in values} == {float, str}
+    assert {type(value) for value in asdict(found.observer).values()} == {float}
+
+
+def test_every_number_of_the_observer_has_a_key():
+    keys = {f"{section}_{key}" for section, values in sections().items() for key in values}
+    assert {one.name for one in fields(ObserverPrior)} <= keys
 
 
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("mu_sd = 2", "key 'mu_sd': unknown, allowed: mu1_mean, mu1_sd, sigma_p_scale"),
-        ("[prior]\nmu1_sd = 2", "key 'prior': unknown"),
-        ("mu1_sd = '2'", "key mu1_sd: found '2', allowed: a number from 1e-100 to 1e+100"),
-        ("offset_sd = 0", "key offset_sd: found 0, allowed"),
-        ("icc_b = 0.01", "key icc_b: found 0.01, allowed: a number from 0.05 to 1000"),
-        ("mu1_sd = true", "key mu1_sd: found true"),
-        ("mu1_sd = [1, 2]", "key mu1_sd: found a list"),
-        ("mu1_sd = -1.5", "key mu1_sd: found -1.5, allowed"),
-        ("sigma_p_scale = inf", "key sigma_p_scale: found inf"),
-        ("mu1_mean = nan", "key mu1_mean: found nan, allowed: a number from -1e+100 to 1e+100"),
-        ("mu1_mean = 1" + "0" * 400, "key mu1_mean: found an integer too large for a number"),
-        ("mu1_mean = 0x1" + "0" * 5000, "key mu1_mean: found an integer too large for a number"),
+        ("mu_sd = 2", "key 'mu_sd': unknown, allowed: sections [noise], [q0], [lapse_rate]"),
+        ("mu1_sd = 2", "key mu1_sd: found outside of the sections, allowed: in the section [paper"),
+        ("[prior]\nmu1_sd = 2", "key 'prior': unknown, allowed: sections [noise]"),
+        ("noise = 2", "noise: found no section, allowed: [noise] and below it median, sd"),
+        ("[[paper]]", "paper: found no section, allowed: [paper] and below it mu1_mean, mu1_sd"),
+        ("offset_sd = 2", "key offset_sd: retired, allowed in its place: [constant_error] scale"),
+        ("[paper]\nnoise_slope_sd = 1", "retired, allowed in its place: [noise_slope] scale"),
+        ("icc_b = 2", "key icc_b: retired with its model, allowed: sections [noise]"),
+        ("[noise]\nscale = 1", "[noise] key 'scale': unknown, allowed: median, sd"),
+        ("[contraction]\nsd = 0", "[contraction] key sd: found 0, allowed: a number from 0.001 to"),
+        (
+            "[q0]\na = 'stimuli'",
+            "[q0] key a: found 'stimuli', allowed: a number from 0.001 to 1000",
+        ),
+        ("[paper]\nmu1_sd = '2'", "key mu1_sd: found '2', allowed: a number from 1e-100 to 1e+100"),
+        ("[paper]\nq0_b = 0.01", "key q0_b: found 0.01, allowed: a number from 0.05 to 1000"),
+        ("[paper]\nmu1_sd = true", "key mu1_sd: found true"),
+        ("[paper]\nmu1_sd = [1, 2]", "key mu1_sd: found a list"),
+        ("[paper]\nmu1_sd = -1.5", "key mu1_sd: found -1.5, allowed"),
+        ("[paper]\nsigma_p_scale = inf", "key sigma_p_scale: found inf"),
+        ("[paper]\nmu1_mean = nan", "found nan, allowed: a number from -1e+100 to 1e+100"),
+        ("[noise]\nsd = 1" + "0" * 400, "key sd: found an integer too large for a number"),
+        ("[noise]\nsd = 0x1" + "0" * 5000, "key sd: found an integer too large for a number"),
         ("mu1_mean = 1" + "0" * 5000, "found text that is not TOML"),
         ("mu1_mean = " + "[" * 20_000, "found text that is not TOML"),
         ("#" * 70_000, "cannot be read (70000 bytes, more than 65536)"),
-        ("mu1_mean = 1979-05-27", "key mu1_mean: found 1979-05-27"),
+        ("[noise]\nsd = 1979-05-27", "key sd: found 1979-05-27"),
         ("mu1_sd 2", "found text that is not TOML"),
-        ("mu1_sd = 2\nmu1_sd = 3", "found text that is not TOML"),
+        ("[noise]\nsd = 2\nsd = 3", "found text that is not TOML"),
         (b"\xff\xfe\x00", "found bytes that are not UTF-8"),
     ],
 )
@@ -189,21 +203,20 @@ def test_what_is_refused(tmp_path, text, said):
 
 
 def test_all_problems_at_once(tmp_path):
+    text = "x = 2\n[paper]\nmu1_sd = 'stimulus'\ngamma_a = 'stimuli'"
     with pytest.raises(bt.InputError) as caught:
-        read_prior(written(tmp_path, "mu1_sd = 'stimulus'\nx = 2\ngamma_a = 'stimuli'"))
+        read_prior(written(tmp_path, text))
     allowed = [
+        "sections [noise], [q0]",
         "a number from 1e-100 to 1e+100 or 'stimuli'",
-        "mu1_mean, mu1_sd, sigma_p_scale",
         "a number from 0.05 to 1000",
     ]
     assert [
         line.split("allowed: ")[1][: len(known)]
         for line, known in zip(caught.value.problems, allowed, strict=True)
     ] == allowed
-    with pytest.raises(
-        bt.InputError,
-        match="no such file; allowed: a TOML file with NAME = NUMBER, as in mu1_mean = 0",
-    ):
+    said = r"no such file; allowed: a TOML file with \[SECTION\] and NAME = NUMBER, as in"
+    with pytest.raises(bt.InputError, match=said):
         read_prior(tmp_path / "none.toml")
     with pytest.raises(bt.InputError, match="cannot be read"):
         read_prior(tmp_path)
