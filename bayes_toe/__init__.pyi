@@ -4,10 +4,10 @@ from . import plots as plots
 from .analysis import evidence as evidence
 from .analysis import run as run
 from .analysis import sample as sample
+from .answers.contrast import contrast as contrast
 from .classical.asymmetry import asymmetry as asymmetry
 from .classical.fit import fit as fit
 from .comparison.average import average_models as average_models
-from .comparison.contrast import contrast as contrast
 from .comparison.history import compare_history as compare_history
 from .comparison.verdict import Verdict as Verdict
 from .data.covariates import read_covariates as read_covariates

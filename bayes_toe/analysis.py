@@ -12,6 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar, cast
 
+from bayes_toe.answers.contrast import ContrastTable, contrast
 from bayes_toe.arrays import FloatArray
 from bayes_toe.classical.fit import (
     REPLICATES,
@@ -21,7 +22,6 @@ from bayes_toe.classical.fit import (
     bootstrap_subject,
     subject_fit,
 )
-from bayes_toe.comparison.contrast import ContrastTable, contrast
 from bayes_toe.comparison.evidence_table import EvidenceTable, SubjectEvidence, subject_evidence
 from bayes_toe.comparison.history import HistoryTable, SubjectHistory, subject_history
 from bayes_toe.comparison.verdict import Doubt, Verdict, data_doubts, verdict

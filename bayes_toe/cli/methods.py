@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 from markupsafe import Markup
 
+from bayes_toe.answers.contrast import CONTRAST_COLUMNS, PROBABLY, SURELY, sentences
 from bayes_toe.cli.headline import said_p
 from bayes_toe.cli.population import answer
 from bayes_toe.cli.supplement import (
@@ -31,7 +32,6 @@ from bayes_toe.cli.supplement import (
     templates,
 )
 from bayes_toe.comparison import words as rules
-from bayes_toe.comparison.contrast import CONTRAST_COLUMNS, PROBABLY, SURELY, sentences
 from bayes_toe.comparison.evidence_table import EVIDENCE_COLUMNS
 from bayes_toe.comparison.study_answer import SavedVerdict, of_new_subject, study_sentence
 from bayes_toe.data.conditions import Stimuli

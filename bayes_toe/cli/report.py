@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING, Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from bayes_toe.analysis import Analysis
+from bayes_toe.answers.contrast import LEGEND, ContrastTable, Difference
 from bayes_toe.classical.asymmetry import AsymmetryTable
 from bayes_toe.cli import headline
 from bayes_toe.cli.population import answer, tables
 from bayes_toe.cli.terminal import allowed, allowed_in_order, allowed_quantiles, said_subjects
-from bayes_toe.comparison.contrast import LEGEND, ContrastTable, Difference
 from bayes_toe.comparison.study_answer import APPENDIX_C, of_new_subject, study_sentence, way_on
 from bayes_toe.comparison.words import STATED, conclusion
 from bayes_toe.data.findings import Finding
@@ -228,7 +228,6 @@ def _by_condition(table: ContrastTable) -> dict[str, Any]:
         **{
             "about": table.conditions.about,
             "sentences": table.sentences(),
-            "model": table.model,
             "legend": LEGEND,
         },
         "several": len(table.conditions.comparisons) > 1,
