@@ -4,10 +4,10 @@ from . import plots as plots
 from .analysis import evidence as evidence
 from .analysis import run as run
 from .analysis import sample as sample
+from .answers.contrast import contrast as contrast
 from .answers.order_effect import OrderEffect as OrderEffect
 from .classical.asymmetry import asymmetry as asymmetry
 from .classical.fit import fit as fit
-from .comparison.contrast import contrast as contrast
 from .comparison.history import compare_history as compare_history
 from .data.covariates import read_covariates as read_covariates
 from .data.options import ReadOptions as ReadOptions

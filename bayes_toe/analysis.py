@@ -12,6 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar, cast
 
+from bayes_toe.answers.contrast import ContrastTable, contrast
 from bayes_toe.answers.evidence_table import EvidenceTable, SubjectEvidence, subject_evidence
 from bayes_toe.answers.model_average import averaged_draws
 from bayes_toe.answers.order_effect import OrderEffect, answer_subject
@@ -25,7 +26,6 @@ from bayes_toe.classical.fit import (
     bootstrap_subject,
     subject_fit,
 )
-from bayes_toe.comparison.contrast import ContrastTable, contrast
 from bayes_toe.data.messages import as_html
 from bayes_toe.data.study import Study, Subject, require_study
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task

@@ -1,16 +1,16 @@
-"""Conditions within subjects: what docs/conditions.md says of real studies, of nulls and of simulated groups.
+"""Conditions within subjects: the numbers of docs/conditions.md.
 
-    python scripts/conditions.py subjects [--data FOLDER]       # real studies: differences by delay; odd and even trials; early and late
-    python scripts/conditions.py group [--data FOLDER]          # the group by delay
-    python scripts/conditions.py studies --number 10            # groups of 16, with and without a difference, beside unpaired analyses
+    python scripts/conditions.py subjects [--data FOLDER]     # real studies: delays, and splits in which nothing differs
+    python scripts/conditions.py simulated --number 30        # simulated subjects: nothing or one quantity differs
+    python scripts/conditions.py group [--data FOLDER]        # the group by delay
 
-FOLDER has auditory_pwm/trials.csv and vibrotactile_rate/trials.csv. Everything is printed, a line as soon as it is known.
+FOLDER has auditory_pwm/trials.csv and vibrotactile_rate/trials.csv. A line is printed as soon as it
+is known.
 """
 
 from __future__ import annotations
 
 import argparse
-import math
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,17 +18,23 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from scipy.special import ndtr
-from scipy.stats import ttest_1samp
 
 import bayes_toe as bt
-from bayes_toe.comparison.contrast import ContrastTable
+from bayes_toe.answers.contrast import ContrastTable
 
-PAIRS = np.array([(a, a + step) for a in np.linspace(0.0, 1.5, 6) for step in (-0.3, 0.3)])
-STEP = 0.3  # D
-#: Constant error, probit of the pull, log width, guesses: of a typical subject, and how far subjects scatter.
-TYPICAL, SCATTER, GUESSES = np.array([0.0, -0.7, np.log(0.3)]), np.array([0.06, 0.4, 0.2]), 0.04
-#: What differs on average in the simulated studies, and how far subjects scatter in that.
-AVERAGE, TAU = np.array([0.3 * STEP / 2, 0.3, 0.15]), np.array([0.1 * STEP / 2, 0.15, 0.1])
+#: The pairs of simulated subjects; D is STEP.
+STEP = 0.3
+PAIRS = np.array([(a, a + step) for a in np.linspace(0.0, 1.5, 6) for step in (-STEP, STEP)])
+#: Constant error, contraction and log noise of a simulated subject, and how far subjects scatter.
+TYPICAL, SCATTER = np.array([0.0, 0.24, np.log(0.3)]), np.array([0.06, 0.1, 0.2])
+LAPSE_RATE = 0.04
+#: What differs between the two conditions of simulated subjects.
+DIFFERENCES = {
+    "nothing": (0.0, 0.0, 0.0),
+    "constant error, by D/4": (STEP / 4, 0.0, 0.0),
+    "contraction, by 0.17": (0.0, 0.17, 0.0),
+    "JND, by 0.3 of its log": (0.0, 0.0, 0.3),
+}
 
 
 def real(folder: Path) -> Iterator[tuple[str, bt.Study]]:
@@ -43,11 +49,9 @@ def real(folder: Path) -> Iterator[tuple[str, bt.Study]]:
     )
     pulses = pd.read_csv(folder / "vibrotactile_rate" / "trials.csv", dtype={"subject": str})
     pulses["response"] = np.where(pulses["response"] == 1, "equal", "different")
-    for who, blocks in (
-        ("946", (2, 4, 6)),
-        ("865", (2,)),
-    ):  # who most likely missed a swap of the buttons
-        turned = (pulses["subject"] == who) & pulses["block"].isin(blocks)
+    # These two most likely missed a swap of the buttons.
+    for subject, blocks in (("946", (2, 4, 6)), ("865", (2,))):
+        turned = (pulses["subject"] == subject) & pulses["block"].isin(blocks)
         pulses.loc[turned, "response"] = pulses.loc[turned, "response"].map(
             {"equal": "different", "different": "equal"}
         )
@@ -63,106 +67,70 @@ def real(folder: Path) -> Iterator[tuple[str, bt.Study]]:
     )
 
 
-def said(what: str, table: ContrastTable) -> None:
+def simulated(number: int, trials: int, seed: int) -> Iterator[tuple[str, bt.Study]]:
+    """Studies of single subjects in two conditions, with so many trials in each."""
+    for label, difference in DIFFERENCES.items():
+        rng = np.random.default_rng([seed, trials])
+        rows: list[pd.DataFrame] = []
+        for i in range(number):
+            middle = TYPICAL + SCATTER * rng.standard_normal(3)
+            for level, side in (("a", -0.5), ("b", 0.5)):
+                truth = middle + side * np.array(difference)
+                answers = simulated_answers(*truth, trials, rng)
+                rows.append(answers.assign(subject=f"O{i:02d}", condition=level))
+        yield f"{label}, {trials} trials a condition", bt.read_study(pd.concat(rows))
+
+
+def simulated_answers(
+    constant_error: float,
+    contraction: float,
+    log_noise: float,
+    trials: int,
+    rng: np.random.Generator,
+) -> pd.DataFrame:
+    """Counts of 'which is stronger' of every pair."""
+    s1, s2 = PAIRS.T
+    shift = contraction * (s1 - s1.mean()) - constant_error
+    p_second = ndtr((s2 - s1 + shift) / np.exp(log_noise))
+    p_second = LAPSE_RATE / 2 + (1 - LAPSE_RATE) * p_second
+    n_trials = trials // len(s1)
+    n_second = rng.binomial(n_trials, p_second)
+    return pd.DataFrame({"s1": s1, "s2": s2, "n_second": n_second, "n_trials": n_trials})
+
+
+def print_counts(label: str, table: ContrastTable) -> None:
     """How many subjects have which Bayes factor."""
     for quantity in table.quantities:
-        rows = table.some(quantity)
+        rows = table.select(quantity)
         log_bf = np.array([row.log_bf_differs for row in rows], np.float64)
-        counts = ", ".join(f"{label} {int(found.sum())}" for label, found in (
-            ("BF > 3", log_bf > np.log(3)), ("> 20", log_bf > np.log(20)), ("< 1/3", log_bf < -np.log(3))))  # fmt: skip
-        changed = sum(row.robust == "no" for row in rows)
+        counts = {
+            "BF > 3": log_bf > np.log(3.0),
+            "> 20": log_bf > np.log(20.0),
+            "< 1/3": log_bf < -np.log(3.0),
+        }
+        words = ", ".join(f"{limit} {int(reached.sum())}" for limit, reached in counts.items())
+        not_robust = sum(row.robust == "no" for row in rows)
+        mean, sd = np.mean([row.mean for row in rows]), np.mean([row.sd for row in rows])
         print(
-            f"{what} | {quantity} | of {len(rows)}: {counts}; not robust {changed}; mean {np.mean([row.mean for row in rows]):+.3f}",
+            f"{label} | {quantity} | of {len(rows)}: {words}; not robust {not_robust}; "
+            f"mean {mean:+.3f}, sd {sd:.3f}",
             flush=True,
         )
 
 
-def answers(
-    name: str, truth: np.ndarray, trials: int, rng: np.random.Generator
-) -> Iterator[pd.DataFrame]:
-    """A subject in two conditions, of truth (2, 3)."""
-    s1, s2 = PAIRS.T
-    for level, (offset, probit, log_width) in zip(("a", "b"), truth, strict=True):
-        z = (s2 - s1 - offset + ndtr(probit) * (s1 - s1.mean())) / np.exp(log_width)
-        p, n = GUESSES / 2 + (1 - GUESSES) * ndtr(z), trials // len(s1)
-        yield pd.DataFrame(
-            {
-                "subject": name,
-                "condition": level,
-                "s1": s1,
-                "s2": s2,
-                "n_second": rng.binomial(n, p),
-                "n_trials": n,
-            }
-        )
-
-
-def by_delay(study: bt.Study, model: str, draws: int, seed: int) -> None:
+def print_group(study: bt.Study, draws: int, seed: int) -> None:
     """The rows of a group that are of conditions."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", bt.ConvergenceWarning)
-        found = bt.population(study, model=model, draws=draws, seed=seed)
+        found = bt.population(study, draws=draws, seed=seed)
     for row in found.table:
         if row.quantity.startswith("condition"):
             print(
-                f"{row.parameter} | {row.quantity} | {row.level} | {row.mean:+.3f} +- {row.sd:.3f} | BF of none {row.of_none}",
+                f"{row.parameter} | {row.quantity} | {row.level} | {row.mean:+.3f} +- {row.sd:.3f} "
+                f"| BF of none {row.of_none}",
                 flush=True,
             )
     print(f"converged: {found.converged} {found.chains.reason}", flush=True)
-
-
-def studies(number: int, seed: int, size: int = 16, trials: int = 200) -> None:
-    """Groups in whom nothing differs on average, or all three; a group for each condition by itself, and a t test of single subjects."""
-    for index in range(2 * number):
-        differs, rng, rows = (
-            bool(index % 2),
-            np.random.default_rng([seed, index]),
-            list[pd.DataFrame](),
-        )
-        for i in range(size):
-            own = TYPICAL + SCATTER * rng.standard_normal(3)
-            apart = AVERAGE * differs + TAU * rng.standard_normal(3)
-            rows += answers(f"O{i:02d}", own + np.array([[-0.5], [0.5]]) * apart, trials, rng)
-        table = pd.concat(rows)
-        study, *halves = map(
-            bt.read_study,
-            (table, *(some.drop(columns="condition") for _, some in table.groupby("condition"))),
-        )
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", bt.ConvergenceWarning)
-            found, *apart = (
-                bt.population(some, model="contraction", draws=100, seed=seed)
-                for some in (study, *halves)
-            )
-        subjects = bt.contrast(study, model="contraction", seed=seed)
-        factors = {
-            row.parameter: row
-            for row in found.table.some("condition_effect")
-            if row.parameter != "order effect"
-        }
-        for label, truth, quantity in zip(
-            ("constant error", "probit pull", "log width"),
-            AVERAGE,
-            ("constant error", "pull", "width"),
-            strict=True,
-        ):
-            row = factors[label]
-            none = row.bf_no_difference if row.bf_no_difference is not None else row.bf_below
-            covered = row.q05 < truth * differs < row.q95
-            t = ttest_1samp([one.mean for one in subjects.some(quantity)], 0.0).pvalue
-            unpaired = math.hypot(
-                *(
-                    one.sd
-                    for half in apart
-                    for one in half.table.some("mean")
-                    if one.parameter == label
-                )
-            )
-            numbers = f"mean {row.mean:+.4f} sd {row.sd:.4f}, unpaired {unpaired:.4f} | BF of none {none:.3g} | covered {covered} | t p {t:.3f}"
-            print(
-                f"study {index} | {'differs' if differs else 'none'} | {label} | {numbers}",
-                flush=True,
-            )
 
 
 def main() -> None:
@@ -170,20 +138,20 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("what", choices=["subjects", "group", "studies"])
+    parser.add_argument("what", choices=["subjects", "simulated", "group"])
     parser.add_argument("--data", type=Path, default=Path("data"))
-    parser.add_argument("--number", type=int, default=10)
+    parser.add_argument("--number", type=int, default=30, help="simulated subjects a line")
+    parser.add_argument("--trials", type=int, default=600, help="of a simulated condition")
     parser.add_argument("--seed", type=int, default=1)
     asked = parser.parse_args()
-    if asked.what == "subjects":
-        for name, study in real(asked.data):
-            said(name, bt.contrast(study, seed=asked.seed))
-    elif asked.what == "group":
-        by_delay(
-            next(study for _, study in real(asked.data)), "contraction + sloped", 300, asked.seed
-        )
-    else:
-        studies(asked.number, asked.seed)
+    if asked.what == "group":
+        print_group(next(study for _, study in real(asked.data)), 300, asked.seed)
+        return
+    studies = real(asked.data)
+    if asked.what == "simulated":
+        studies = simulated(asked.number, asked.trials, asked.seed)
+    for label, study in studies:
+        print_counts(label, bt.contrast(study, seed=asked.seed, workers=1))
 
 
 if __name__ == "__main__":

@@ -11,11 +11,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from bayes_toe.answers.contrast import CONTRAST_COLUMNS, Difference
 from bayes_toe.answers.evidence_table import EVIDENCE_COLUMNS, SubjectEvidence
 from bayes_toe.classical.asymmetry import ASYMMETRY_COLUMNS, Comparison, SubjectAsymmetry
 from bayes_toe.classical.fit import SubjectFit, fit_columns
 from bayes_toe.cli.supplement import FIT_TABLE_COLUMNS, ORDER_EFFECT_COLUMNS
-from bayes_toe.comparison.contrast import CONTRAST_COLUMNS, Difference
 from bayes_toe.comparison.history import HISTORY_COLUMNS, SubjectHistory
 from bayes_toe.data.tasks import SAME_DIFFERENT
 from bayes_toe.data.whole_files import whole_file

@@ -73,7 +73,10 @@ def test_trials_and_counts_keep_intervals_apart(tmp_path):
     assert trials["a"].isi.tolist() == [0.5, 1.0, 2.0]
     assert trials["a"].n_trials.tolist() == [2, 1, 1]
     assert trials.intervals == (0.5, 1.0, 2.0)
-    assert "3 intervals in column isi: 0.5, 1, 2 s" in trials.notes
+    assert (
+        "3 intervals in column isi: 0.5, 1, 2 s; contrast --condition isi compares them"
+        in trials.notes
+    )
     counts = read(
         tmp_path,
         "subject;s1;s2;n_equal;n_trials;gap\na;0;0,3;3;5;0,5\na;0;0,3;1;5;0,5\na;0;0,3;2;5;1\n",
@@ -81,7 +84,10 @@ def test_trials_and_counts_keep_intervals_apart(tmp_path):
     )
     assert counts["a"].n_yes.tolist() == [4, 2]
     assert counts["a"].isi.tolist() == [0.5, 1.0]
-    assert {"column gap read as isi", "2 intervals in column gap: 0.5, 1 s"} <= set(counts.notes)
+    assert {
+        "column gap read as isi",
+        "2 intervals in column gap: 0.5, 1 s; contrast --condition gap compares them",
+    } <= set(counts.notes)
     assert read(
         tmp_path, "subject,s1,s2,isi,response\na,0,0.3,1,equal\n,,,,\na,,,,\n"
     ).intervals == (1.0,)  # rows without an answer

@@ -167,7 +167,8 @@ def frequency_line(answers: Sequence[OrderEffect]) -> str:
     if not frequencies:
         return ""
     parts = [
-        f"{frequency.question.replace('_', ' ')} {frequency.share:.0%}" for frequency in frequencies
+        f"{frequency.question.replace('_', ' ')} {100.0 * frequency.share:.0f} %"
+        for frequency in frequencies
     ]
     return (
         f"Expected share of subjects with an effect, from {frequencies[0].n_subjects} subjects: "

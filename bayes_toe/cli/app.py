@@ -59,6 +59,7 @@ RETIRED_COMMANDS = {
 #: Options that are gone, by their command, with what to type instead.
 RETIRED_OPTIONS = {
     "asymmetry": {"--covariates": "`bayes-toe population --covariates FILE.csv` tests covariates"},
+    "contrast": {"--model": "leave it out, every condition has a constant error and a contraction"},
     "evidence": {
         "--more-trials": "`bayes-toe power design.csv --trials 650,1300` says what more trials tell",
     },

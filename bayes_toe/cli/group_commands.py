@@ -6,15 +6,13 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
 import bayes_toe as bt
 from bayes_toe.cli.options import StudyFile, writes
 from bayes_toe.cli.task import MODEL, Takes, Task
 from bayes_toe.cli.terminal import Terminal, chosen, safe
 
 if TYPE_CHECKING:
-    from bayes_toe.comparison.contrast import ContrastTable
+    from bayes_toe.answers.contrast import ContrastTable
 
 
 def contrast(
@@ -23,13 +21,9 @@ def contrast(
     output: Annotated[
         Path, writes("contrast.csv", "Table to write; the figure goes to NAME.png.")
     ] = Path("contrast.csv"),
-    model: Annotated[
-        str | None,
-        typer.Option("--model", help="Of every condition; default: a constant error and a pull."),
-    ] = None,
     task: Annotated[Task, Takes(*MODEL, "spreadsheet_safe", "resume")],
 ) -> None:
-    """What differs between conditions within every subject: constant error, pull, width; by how much, with Bayes factors.
+    """What differs between the conditions of each subject: constant error, contraction, JND.
 
     [bold]Example[/bold]: bayes-toe contrast study.csv --condition hand -o contrast.csv --seed 1
     """
@@ -40,7 +34,7 @@ def contrast(
     keep = task.partial(output)
     read, prior = task.opened(study)
     people = len({one.person for one in read})
-    table = task.work("contrasting", people, bt.contrast, read, model=model, prior=prior, keep=keep)
+    table = task.work("contrasting", people, bt.contrast, read, prior=prior, keep=keep)
     figure = bt.plots.contrast_figure(table, synthetic=read.synthetic)
     task.write(
         {
@@ -55,29 +49,26 @@ def contrast(
 
 def say_contrast(out: Terminal, table: ContrastTable) -> None:
     """Of how many subjects each quantity differs, and every subject in a row for each comparison."""
-    from bayes_toe.comparison.contrast import LEGEND
+    from bayes_toe.answers.contrast import LEGEND
 
     out.answer([f"between conditions: {table.conditions.about}"])
     for line in table.sentences():
         out.line(f"  {safe(line)}")
     decided = {row.subject for row in table if row.word.startswith("differs")}
-    rows, comparisons = [], {row.comparison for row in table}
-    for name in chosen([one.subject for one in table.subjects], decided):
-        for comparison in dict.fromkeys(row.comparison for row in table if row.subject == name):
-            own = {
-                row.quantity: row
-                for row in table
-                if (row.subject, row.comparison) == (name, comparison)
-            }
-            shown = {key: f"{row.size} {row.factor}" for key, row in own.items()}
-            rows.append(
-                {"subject": name}
-                | ({"comparison": comparison} if len(comparisons) > 1 else {})
-                | shown
-            )
+    comparisons = {row.comparison for row in table}
+    cells: dict[tuple[str, str], dict[str, str]] = {}
+    for row in table:
+        cell = cells.setdefault((row.subject, row.comparison), {"subject": row.subject})
+        if len(comparisons) > 1:
+            cell["comparison"] = row.comparison
+        cell[row.quantity] = f"{row.size} {row.factor}"
+    names = chosen([subject.subject for subject in table.subjects], decided)
+    rows = [cell for (name, _), cell in cells.items() if name in names]
     what = f"differences, {comparisons.pop()}" if len(comparisons) == 1 else "differences"
     out.table(
-        f"{what}: medians (5 %, 95 %) if they differ, and the Bayes factor", rows, total=len(rows)
+        f"{what}: medians (95 % interval) if they differ, and the Bayes factor",
+        rows,
+        total=len(rows),
     )
     out.footnote(f"{LEGEND}.")
     out.notes(

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 from markupsafe import Markup
 
 from bayes_toe.answers import verdict_words
+from bayes_toe.answers.contrast import CONTRAST_COLUMNS, PROBABLY, SURELY, sentences
 from bayes_toe.answers.evidence_table import EVIDENCE_COLUMNS
 from bayes_toe.answers.order_effect import QUESTIONS, OrderEffect
 from bayes_toe.answers.study_summary import FEWEST_FOR_GROUP, frequency_line, study_lines
@@ -35,7 +36,6 @@ from bayes_toe.cli.supplement import (
     parameter_table,
     templates,
 )
-from bayes_toe.comparison.contrast import CONTRAST_COLUMNS, PROBABLY, SURELY, sentences
 from bayes_toe.data.messages import bare, counted, listed, quoted, shown
 from bayes_toe.data.validation import read_rows
 from bayes_toe.errors import InputError

@@ -154,12 +154,12 @@ def population(
 
 def say_population(out: Terminal, found: Population, contradicted: Sequence[str] = ()) -> None:
     """The answer, tables, what each prior was, and what to know before any of it is believed."""
-    from bayes_toe.comparison.contrast import SAID
+    from bayes_toe.answers.contrast import WORDS_LEGEND
 
     out.answer(answer(found))
     for title, rows in tables(found):
         out.table(safe(title), rows)
-        scale = STATED if "evidence" in rows[0] else SAID if "word" in rows[0] else ""
+        scale = STATED if "evidence" in rows[0] else WORDS_LEGEND if "word" in rows[0] else ""
         if scale:
             out.footnote(f"{BAYES_FACTOR}. {scale}.")
     for line in found.settings.hyperprior.describe(
@@ -219,7 +219,7 @@ _KNOWN_AS |= {GROUP_PARAMETERS[name].label: name for name in ("pull", "width")}
 
 def _by_condition(found: Population) -> list[str]:
     """What differs between conditions on average, a line a comparison."""
-    from bayes_toe.comparison.contrast import word_of
+    from bayes_toe.answers.contrast import word_of
 
     rows, lines = found.table.some("condition_effect"), list[str]()
     for level in dict.fromkeys(row.level for row in rows):
@@ -279,7 +279,7 @@ def tables(found: Population) -> list[tuple[str, list[dict[Any, Any]]]]:
 
 def _effect(row: PopulationRow, of: str) -> dict[Any, Any]:
     """One effect of a covariate, or of a condition, as a table shows it, each in the words of what else is said of such effects."""
-    from bayes_toe.comparison.contrast import word_of
+    from bayes_toe.answers.contrast import word_of
 
     said = {
         of: row.level,

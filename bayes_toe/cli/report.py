@@ -17,6 +17,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from scipy.special import softmax
 
 from bayes_toe.analysis import Analysis
+from bayes_toe.answers.contrast import LEGEND, ContrastTable, Difference
 from bayes_toe.answers.model_average import PRIOR_PROBABILITIES
 from bayes_toe.answers.order_effect import (
     MISFIT_FLAG,
@@ -40,7 +41,6 @@ from bayes_toe.cli import headline
 from bayes_toe.cli.population import answer as group_answer
 from bayes_toe.cli.population import tables
 from bayes_toe.cli.terminal import allowed, allowed_in_order, allowed_quantiles, said_subjects
-from bayes_toe.comparison.contrast import LEGEND, ContrastTable, Difference
 from bayes_toe.data.findings import Finding
 from bayes_toe.data.messages import counted, listed, said_intervals, visible
 from bayes_toe.data.tables import file_stems
@@ -407,7 +407,6 @@ def _by_condition(table: ContrastTable) -> dict[str, Any]:
         **{
             "about": table.conditions.about,
             "sentences": table.sentences(),
-            "model": table.model,
             "legend": LEGEND,
         },
         "several": len(table.conditions.comparisons) > 1,

@@ -362,9 +362,11 @@ def _study(rows: _Rows, notes: list[str], k: IntArray, n: IntArray, task: Task) 
         notes.append(f"{counted(sum(merged.values()), 'repeated row')} merged: {each}")
     if "isi" in rows.columns:
         isi = tuple(np.unique(rows.keys[2][owned]).tolist())
-        notes.append(
-            f"{counted(len(isi), 'interval')} in column {bare(rows.columns['isi'].name)}: {said_intervals(isi)}"
-        )
+        column = bare(rows.columns["isi"].name)
+        note = f"{counted(len(isi), 'interval')} in column {column}: {said_intervals(isi)}"
+        if len(isi) > 1:
+            note += f"; contrast --condition {column} compares them"
+        notes.append(note)
     notes += missing
     marks = (
         [text.lower() in _TRUE_WORDS for text in rows.columns["synthetic"].texts]

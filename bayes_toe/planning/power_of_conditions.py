@@ -1,7 +1,7 @@
 """How many subjects and trials find a difference between two conditions: simulated ones, by the words of `contrast` and of `population`.
 
 Observers with a difference of the size that is asked for, and the same without, answer the design under both conditions, with half of the
-trials under each. Single subjects are judged by :func:`bayes_toe.comparison.contrast.contrast`, studies of several by
+trials under each. Single subjects are judged by :func:`bayes_toe.answers.contrast.contrast`, studies of several by
 :func:`bayes_toe.groups.population.population`, each with its default model and the words of a Bayes factor of 3 and 20.
 """
 
@@ -13,7 +13,7 @@ from itertools import cycle
 from pathlib import Path
 from warnings import catch_warnings, simplefilter
 
-from bayes_toe.comparison.contrast import ORDER_EFFECT, WORDS, contrast, word_of
+from bayes_toe.answers.contrast import ORDER_EFFECT, WORDS, contrast, word_of
 from bayes_toe.data.conditions import felt_together
 from bayes_toe.data.study import Study
 from bayes_toe.data.validation import AT
@@ -50,6 +50,8 @@ _LABELS = {
     if name in GROUP_PARAMETERS
 }
 _LABELS[ORDER_EFFECT] = ORDER_EFFECT
+#: Quantities of `contrast`, by the names that observers have.
+_OF_CONTRAST = {"contraction": "pull", "JND": "width"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,7 +218,7 @@ def differences(
     )
     if len(units) == len(LEVELS):
         return {
-            row.quantity: row.log_bf_differs
+            _OF_CONTRAST.get(row.quantity, row.quantity): row.log_bf_differs
             for row in contrast(study, seed=own, prior=prior, workers=1)
         }
     with catch_warnings():

@@ -1,4 +1,4 @@
-"""Differences between conditions: of every subject, one below the other; and the curves of one subject condition by condition."""
+"""Differences between conditions: of every subject, and the curves of one subject by condition."""
 
 from __future__ import annotations
 
@@ -8,12 +8,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bayes_toe.comparison.contrast import ORDER_EFFECT, WORDS, ContrastTable, Difference
-from bayes_toe.data.study import Study
+from bayes_toe.answers.contrast import ORDER_EFFECT, WORDS, ContrastTable, Difference
+from bayes_toe.data.study import Study, pooled
 from bayes_toe.errors import InputError
 from bayes_toe.inference.prediction import Predictor
-from bayes_toe.model.ladder import model_named
-from bayes_toe.model.record import Model
+from bayes_toe.model.observer import OrderModel
 from bayes_toe.plots.curves import main_weaker, order_panel, which_weaker
 from bayes_toe.plots.style import (
     BELIEF,
@@ -34,14 +33,14 @@ from bayes_toe.plots.style import (
 
 #: Low, middle and high of the group's mean difference, by quantity and comparison.
 Group = Mapping[tuple[str, str], tuple[float, float, float]]
-_UNITS = {"constant error": "ln intensity", "pull": "no unit", "width": "ln intensity"}
+_NONE = "no difference, or probably none"
 #: How a difference is drawn by its word: face of the mark, colour, words of the legend.
 _MARKS = {
     WORDS[0]: (POSTERIOR, POSTERIOR, WORDS[0]),
     WORDS[1]: ("#9CC4E4", POSTERIOR, WORDS[1]),
     WORDS[2]: ("white", EQUAL, WORDS[2]),
-    WORDS[3]: ("#C9C9C9", EQUAL, "no difference, or probably none"),
-    WORDS[4]: ("#C9C9C9", EQUAL, "no difference, or probably none"),
+    WORDS[3]: ("#C9C9C9", EQUAL, _NONE),
+    WORDS[4]: ("#C9C9C9", EQUAL, _NONE),
     "": ("white", "#C9C9C9", "no evidence"),
 }
 _MOST_PANELS = 6
@@ -50,7 +49,9 @@ _MOST_PANELS = 6
 def contrast_figure(
     table: ContrastTable, group: Group | None = None, *, synthetic: bool = False
 ) -> Figure:
-    """Every subject's difference in every quantity, 5, 50 and 95 % if it differs, marked by its word; a row of panels a comparison.
+    """The difference of every subject in every quantity, marked by its word.
+
+    A row of panels for each comparison; median and 95 % interval if the quantity differs.
 
     Parameters
     ----------
@@ -62,101 +63,98 @@ def contrast_figure(
     """
     quantities = [name for name in table.quantities if name != ORDER_EFFECT]
     comparisons = [f"{level} - {reference}" for level, reference in table.conditions.comparisons]
-    subjects = [one.subject for one in table.subjects]
-    height = 0.9 + (0.6 * HIGH if len(subjects) > MOST_NAMED else max(0.7, 0.16 * len(subjects)))
-    figure = new_figure(PAGE, 0.7 + height * len(comparisons))
-    panels = first_panels(
-        figure.add_gridspec(len(comparisons), len(quantities)), len(comparisons) * len(quantities)
-    )
+    subjects = [row.subject for row in table.subjects]
+    row_height = 0.6 * HIGH if len(subjects) > MOST_NAMED else max(0.7, 0.16 * len(subjects))
+    figure = new_figure(PAGE, 0.7 + (0.9 + row_height) * len(comparisons))
+    grid = figure.add_gridspec(len(comparisons), len(quantities))
+    panels = first_panels(grid, len(comparisons) * len(quantities))
     for i, ax in enumerate(panels):
-        comparison, quantity = comparisons[i // len(quantities)], quantities[i % len(quantities)]
-        _forest(
-            ax,
-            table.some(quantity, comparison),
-            subjects,
-            None if group is None else group.get((quantity, comparison)),
-        )
-        ax.set_xlabel(
-            f"{quantity}, {plain(comparison)} ({_UNITS[quantity]})".replace(" - ", " − "),
-            fontsize=LETTERS,
-        )
-        ax.tick_params(labelleft=i % len(quantities) == 0)
-    made = " (synthetic data)" if synthetic else ""
-    marks = (
-        "\nmarks: whether it differs between any of the conditions" if len(comparisons) > 1 else ""
-    )
-    figure.suptitle(
-        f"What differs by {plain(table.conditions.name)}{made}: 5, 50 and 95 % if it differs{marks}",
-        fontsize=LETTERS + 1.0,
-    )
+        row, column = divmod(i, len(quantities))
+        quantity, comparison = quantities[column], comparisons[row]
+        _draw_subjects(ax, table.select(quantity, comparison), subjects)
+        unit = "no unit" if quantity == "contraction" else "%"
+        if group is not None and (quantity, comparison) in group:
+            _draw_group(ax, group[quantity, comparison], unit)
+        label = f"{quantity}, {plain(comparison)} ({unit})"
+        ax.set_xlabel(label.replace(" - ", " − "), fontsize=LETTERS)
+        ax.tick_params(labelleft=column == 0)
+    title = f"What differs by {plain(table.conditions.name)}"
+    if synthetic:
+        title += " (synthetic data)"
+    title += ": median and 95 % interval if it differs"
+    if len(comparisons) > 1:
+        title += "\nmarks: whether it differs between any of the conditions"
+    figure.suptitle(title, fontsize=LETTERS + 1.0)
     words = {row.word for row in table}
-    for face, colour, label in (mark for word, mark in _MARKS.items() if word in words):
+    for face, colour, label in dict.fromkeys(_MARKS[word] for word in _MARKS if word in words):
         panels[0].plot([], [], "o", ms=3.4, mfc=face, mec=colour, mew=0.7, label=label)
     legend_below(figure, size=SMALL, columns=len(_MARKS))
     return figure
 
 
-def _forest(
-    ax: Axes,
-    rows: Sequence[Difference],
-    subjects: Sequence[str],
-    group: tuple[float, float, float] | None,
-) -> None:
-    """One quantity of every subject, sorted where they are too many for their names."""
-    named = len(subjects) <= MOST_NAMED
-    shown = list(rows) if named else sorted(rows, key=lambda row: row.q50)
-    y = np.array([subjects.index(row.subject) for row in shown]) if named else np.arange(len(shown))
-    if group is not None:
-        ax.axvspan(group[0], group[2], color="#BDB3DD", lw=0, label="group's mean (5-50-95 %)")
-        ax.axvline(group[1], color=BELIEF, lw=0.9)
+def _draw_subjects(ax: Axes, rows: Sequence[Difference], subjects: Sequence[str]) -> None:
+    """One quantity of every subject; sorted by size where there are too many names to show."""
+    is_named = len(subjects) <= MOST_NAMED
+    if is_named:
+        y = np.array([subjects.index(row.subject) for row in rows])
+        names = [plain(row.subject, 16) for row in rows]
+        ax.set_yticks(y, names, fontsize=SMALL)
+    else:
+        rows = sorted(rows, key=lambda row: row.q50)
+        y = np.arange(len(rows))
+        ax.set_yticks([])
+    low, middle, high = np.array([row.shown for row in rows]).reshape(-1, 3).T
+    faces = [_MARKS[row.word][0] for row in rows]
+    colours = [_MARKS[row.word][1] for row in rows]
     ax.axvline(0.0, color=EQUAL, lw=0.8, ls=":")
-    low, middle, high = np.array([(row.q05, row.q50, row.q95) for row in shown]).reshape(-1, 3).T
-    faces, colours = ([_MARKS[row.word][place] for row in shown] for place in (0, 1))
     ax.hlines(y, low, high, colors=colours, lw=1.0)
     ax.scatter(middle, y, 3.4**2, faces, edgecolors=colours, linewidths=0.7, zorder=2)
-    ax.set_yticks(
-        y if named else [],
-        [plain(row.subject, 16) for row in shown] if named else [],
-        fontsize=SMALL,
-    )
     ax.set_ylim(len(subjects) - 0.4, -0.6)
     ax.locator_params(axis="x", nbins=4)
     dress(ax).tick_params(axis="y", length=0)
 
 
+def _draw_group(ax: Axes, quantiles: tuple[float, float, float], unit: str) -> None:
+    """The mean difference of the group as a band."""
+    values = np.array(quantiles)
+    if unit == "%":
+        values = 100.0 * np.expm1(values)
+    low, middle, high = values.tolist()
+    ax.axvspan(low, high, color="#BDB3DD", lw=0, zorder=0, label="group's mean (5-50-95 %)")
+    ax.axvline(middle, color=BELIEF, lw=0.9, zorder=0)
+
+
 def contrast_curves(study: Study, table: ContrastTable, subject: str) -> Figure:
-    """The answers of one subject in every condition beside each other, with the curves of the joint fit, averaged over what differs.
+    """The answers of one subject in every condition, with the curves of the joint fit.
+
+    The curves are averaged over what differs.
 
     Raises
     ------
     InputError
         If the subject has no contrast.
     """
-    found = next((one for one in table.subjects if one.subject == subject), None)
-    record = model_named(table.model, table.task)
-    if found is None or not isinstance(record, Model):
-        raise InputError(
-            f"no contrast of subject {subject!r}; there are: {', '.join(one.subject for one in table.subjects)}"
-        )
-    units = [one for one in study if one.person == subject and one.condition in found.levels][
-        :_MOST_PANELS
-    ]
+    by_name = {row.subject: row for row in table.subjects}
+    if subject not in by_name:
+        raise InputError(f"no contrast of subject {subject!r}; there are: {', '.join(by_name)}")
+    levels, x = by_name[subject].levels, by_name[subject].x
+    units = [unit for unit in study if unit.person == subject and unit.condition in levels]
+    posterior = OrderModel("both").posterior(pooled(units), table.prior)
+    n_panels = min(len(units), _MOST_PANELS)
     figure = new_figure(PAGE, 3.2)
-    panels = first_panels(figure.add_gridspec(1, len(units)), len(units), sharey=True)
-    for unit, ax in zip(units, panels, strict=True):
-        x, weaker = found.x[:, found.levels.index(unit.condition)], main_weaker(unit)
-        fitted = Predictor(record.posterior(unit, table.prior), x)
+    panels = first_panels(figure.add_gridspec(1, n_panels), n_panels, sharey=True)
+    for unit, ax in zip(units, panels, strict=False):
+        weaker = main_weaker(unit)
+        fitted = Predictor(posterior, x[levels.index(unit.condition)])
         order_panel(ax, unit, fitted.yes, 0.0 if weaker is None else weaker, size=4.0)
-        said = which_weaker(unit, weaker)
-        ax.set_title(
-            f"{plain(table.conditions.name)} {plain(unit.condition)}"
-            + (f"\n{said}" if said else ""),
-            fontsize=LETTERS,
-        )
+        title = f"{plain(table.conditions.name)} {plain(unit.condition)}"
+        about = which_weaker(unit, weaker)
+        ax.set_title(f"{title}\n{about}" if about else title, fontsize=LETTERS)
         dress(ax)
     panels[0].set_ylabel(chance(table.task))
-    figure.suptitle(
-        plain(subject) + (" (synthetic data)" if study.synthetic else ""), fontsize=LETTERS + 1.0
-    )
+    title = plain(subject)
+    if study.synthetic:
+        title += " (synthetic data)"
+    figure.suptitle(title, fontsize=LETTERS + 1.0)
     legend_below(figure, size=LETTERS)
     return figure

@@ -267,7 +267,7 @@ def test_a_run_has_the_contrast_in_its_folder_report_and_methods(tmp_path):
     )
     assert "constant error, of 1 subject: differs 1" in report
     assert "Differences (right − left) are medians" in report
-    assert re.search(r">−0\.\d\d \(.*<span class=\"soft\">differs \(BF ", report)
+    assert re.search(r">−\d+\.\d % \(.*<span class=\"soft\">differs \(BF ", report)
     assert "**Conditions.**" in methods
     assert "1 subject gave 720 judgements" in methods
     write_text(read_methods(folder), again := tmp_path / "methods.md")

@@ -203,7 +203,10 @@ def test_what_is_read(data, options, expected):
             {"where": {"task": "x"}},
             [
                 "trial rows, semicolon-separated, UTF-8, decimal comma, responses 'same' as equal (2) / 'different' (0)",
-                *("only rows with x in column task", "2 intervals in column isi: 0.5, 2 s"),
+                *(
+                    "only rows with x in column task",
+                    "2 intervals in column isi: 0.5, 2 s; contrast --condition isi compares them",
+                ),
             ],
         ),
     ],

@@ -1,18 +1,14 @@
-"""The joint posterior of a subject's conditions: gradients, what nothing that differs means, the evidence by quadrature."""
+"""The joint posterior of a subject's conditions: gradients, and what nothing that differs means."""
 
 import numpy as np
 import pytest
-from scipy import stats
-from scipy.special import logsumexp
 
 import bayes_toe as bt
-from bayes_toe.comparison.contrast import joint_evidences
 from bayes_toe.data.conditions import Conditions, felt_together
 from bayes_toe.data.study import pooled
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.model.contrasted import contrasted
 from bayes_toe.model.parts import composition
-from bayes_toe.model.prior import DEFAULT
 
 S1, S2 = np.array([0.0, 0.3, 0.3, 0.9, 1.2]), np.array([0.3, 0.0, 0.7, 0.5, 1.2])
 
@@ -79,41 +75,3 @@ def test_any_two_levels_differ_by_half_a_unit():
         apart = x[:, i] - x[:, j]
         assert apart[:, 0].std() == pytest.approx(0.5 * step, rel=0.03)
         assert apart[:, 2].std() == pytest.approx(0.5, rel=0.03)
-
-
-def log_likelihood(of, offsets, widths):
-    """Of 'which is stronger' without lapses and pull, by the normal distribution; (points, 2) each."""
-    found = 0.0
-    for i, one in enumerate(of):
-        z = ((one.s2 - one.s1) - offsets[:, i, None]) / widths[:, i, None]
-        k, n = one.n_yes, one.n_trials
-        found = found + (k * stats.norm.logcdf(z) + (n - k) * stats.norm.logcdf(-z)).sum(axis=1)
-    return found
-
-
-@pytest.mark.parametrize(
-    ("model", "differing"),
-    [("none + no lapses", {"width"}), ("constant error + no lapses", {"constant error"})],
-)
-def test_the_evidence_by_quadrature(model, differing):
-    of = units(counts=((5, 2, 9, 1, 4), (9, 4, 10, 2, 7)))
-    known, _ = joint_evidences(of, np.array([[-0.5], [0.5]]), model, DEFAULT, 1)
-    step = DEFAULT.at(of[0]).distribution("offset").spread * 2
-    z = np.linspace(-5.5, 5.5, 45)
-    log_weight = stats.norm.logpdf(z) + np.log(z[1] - z[0])
-    axes = [
-        axis.ravel() for axis in np.meshgrid(z, z, z if "error" in model else [0.0], indexing="ij")
-    ]
-    of_axes = [log_weight, log_weight, log_weight if "error" in model else [0.0]]
-    weight = sum(part.ravel() for part in np.meshgrid(*of_axes, indexing="ij"))
-    half = 0.25 * np.array([-1.0, 1.0])  # h X
-    log_width, offset = np.log(step) + axes[0][:, None], 0.5 * step * axes[2][:, None]
-    moved = axes[1][:, None] * half
-    if differing == {"width"}:
-        value = log_likelihood(of, np.zeros((len(moved), 2)), np.exp(log_width + moved))
-    else:
-        value = log_likelihood(
-            of, offset + 0.5 * step * moved, np.exp(np.broadcast_to(log_width, moved.shape))
-        )
-    found = known[frozenset(differing)]
-    assert found.log_evidence == pytest.approx(logsumexp(value + weight), abs=5.0 * found.se + 1e-4)

@@ -7,7 +7,7 @@ from commands import good, refused
 from scipy.special import ndtri
 
 import bayes_toe as bt
-from bayes_toe.comparison.contrast import contrast
+from bayes_toe.answers.contrast import contrast
 from bayes_toe.experiments.conditions import Differing
 from bayes_toe.planning.observers import observers_from
 from bayes_toe.planning.power import Outcome
@@ -102,7 +102,7 @@ def test_the_command_has_the_words_of_contrast_of_the_same_answers_and_those_of_
         for level, one in zip("ab", counts, strict=True)
     ]
     by_hand = {
-        row.quantity: row.log_bf_differs
+        {"contraction": "pull", "JND": "width"}.get(row.quantity, row.quantity): row.log_bf_differs
         for row in contrast(bt.read_study(pd.concat(rows)), seed=2, workers=1)
     }
     assert by_hand["constant error"] > 1.5, "far from a Bayes factor of 3"

@@ -9,8 +9,8 @@ from populations import made_up
 from reference.calibration import ABOUT, calibrate
 
 import bayes_toe as bt
+from bayes_toe.answers.contrast import WORDS
 from bayes_toe.cli.supplement import fit_table, order_effect_table, parameter_table
-from bayes_toe.comparison.contrast import WORDS
 from bayes_toe.comparison.words import EFFECTS
 from bayes_toe.experiments.checks import described
 from bayes_toe.inference.prediction import predict_pairs

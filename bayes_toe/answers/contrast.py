@@ -1,0 +1,500 @@
+"""What differs between the conditions of a subject: constant error, contraction, JND.
+
+All conditions are fitted together (:mod:`bayes_toe.model.condition_model`), once for each of the
+2^3 sets of quantities that may differ. The Bayes factor of a quantity is that of inclusion: the
+mean evidence of the sets in which it differs over that of the others. 'Order effect' asks whether
+constant error, contraction or both differ, a third each, against neither. The size of a difference
+is averaged over the sets in which the quantity differs, by their evidence.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from itertools import combinations
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
+
+import numpy as np
+from scipy.special import logsumexp, softmax
+
+from bayes_toe.arrays import FloatArray
+from bayes_toe.data.conditions import Conditions, by_person
+from bayes_toe.data.messages import bare, counted, listed
+from bayes_toe.data.study import Study, Subject, require_study
+from bayes_toe.data.tables import Table, frame_of
+from bayes_toe.data.tasks import SAME_DIFFERENT, Task
+from bayes_toe.errors import InputError, WorkerError
+from bayes_toe.inference.adaptation import quick_proposal, with_trusted_draws
+from bayes_toe.inference.evidence import importance_evidence
+from bayes_toe.inference.maxima import Maxima, find_maxima
+from bayes_toe.inference.proposal import WeightedDraws
+from bayes_toe.kept import keeping
+from bayes_toe.model.condition_model import ConditionPosterior
+from bayes_toe.model.observer import OrderModel
+from bayes_toe.model.parameters import (
+    CONSTANT_ERROR,
+    CONTRACTION,
+    LAPSE_RATE,
+    NOISE,
+    PEAK,
+    ObserverPrior,
+    Parameter,
+)
+from bayes_toe.model.prior import Prior
+from bayes_toe.model.study_prior import prior_for
+from bayes_toe.seeds import generator
+from bayes_toe.workers import Progress, Workers
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from bayes_toe.model.posterior_protocol import SampledPosterior
+
+#: The quantities by name, each with the parameter that differs, and the quantity of the observer.
+QUANTITIES: Mapping[str, tuple[Parameter, str]] = {
+    "constant error": (CONSTANT_ERROR, "constant_error"),
+    "contraction": (CONTRACTION, "contraction"),
+    "JND": (NOISE, "jnd"),
+}
+ORDER_EFFECT = "order effect"
+_ASKED: Mapping[str, frozenset[Parameter]] = {
+    **{name: frozenset([parameter]) for name, (parameter, _) in QUANTITIES.items()},
+    ORDER_EFFECT: frozenset([CONSTANT_ERROR, CONTRACTION]),
+}
+#: Bayes factors from which a difference, or none, is probable, and from which it is stated.
+PROBABLY, SURELY = 3.0, 20.0
+WORDS = ("differs", "probably differs", "undecided", "probably no difference", "no difference")
+CONTRAST_COLUMNS = (
+    *("subject", "quantity", "comparison", "mean", "sd", "q025", "q05", "q50", "q95", "q975"),
+    *("p_direction", "log_bf_differs", "log_bf_differs_se", "word", "robust", "model", "prior"),
+)
+#: What the words mean.
+WORDS_LEGEND = (
+    f"Words: a difference is stated from a Bayes factor of {SURELY:g} on and is probable from "
+    f"{PROBABLY:g}, none likewise"
+)
+LEGEND = (
+    f"{WORDS_LEGEND}; 'order effect': constant error, contraction or both; of more than two levels "
+    "that are no numbers any two may differ. Not robust: lapses that differ too change the word"
+)
+_PROBABILITIES = (0.025, 0.05, 0.5, 0.95, 0.975)
+_FAR = 10.0  # nats below the best maximum from which on others are left out
+_CLOUD = 400  # draws about the maxima with which a proposal begins
+_LEAST_CURVATURE = 0.2  # of these draws, in units of the prior
+_DRAWS, _CURVES = 4000, 400  # of a difference, and for curves
+
+
+class Difference(NamedTuple):
+    """A quantity at one level less that at another. Names are columns.
+
+    Attributes
+    ----------
+    subject, quantity, comparison : str
+        As in 'S01', 'contraction', 'right - left'.
+    mean, sd, q025, q05, q50, q95, q975 : float
+        If the quantity differs: natural-log intensity, of the contraction no unit. Of the order
+        effect the size of the change: root mean square of the change of the shift over the first
+        stimuli shown, natural-log intensity.
+    p_direction : float or None
+        Probability of the more probable sign; None for a size.
+    log_bf_differs, log_bf_differs_se : float or None
+        Natural log of the Bayes factor of a difference, between any levels, against none.
+    robust : str
+        'yes' where lapses that differ too leave the word as it is; empty where that is not known.
+    """
+
+    subject: str
+    quantity: str
+    comparison: str
+    mean: float
+    sd: float
+    q025: float
+    q05: float
+    q50: float
+    q95: float
+    q975: float
+    p_direction: float | None
+    log_bf_differs: float | None
+    log_bf_differs_se: float | None
+    robust: str
+
+    @property
+    def word(self) -> str:
+        """One of :data:`WORDS`; empty where there is no Bayes factor."""
+        return word_of(self.log_bf_differs)
+
+    @property
+    def unit(self) -> str:
+        """The unit in which figures and reports show it."""
+        return "no unit" if self.quantity == "contraction" else "%"
+
+    @property
+    def shown(self) -> tuple[float, float, float]:
+        """Quantiles at 2.5, 50 and 97.5 %; those of an intensity in per cent, 100 (e^x - 1)."""
+        quantiles = np.array([self.q025, self.q50, self.q975])
+        if self.unit == "%":
+            quantiles = 100.0 * np.expm1(quantiles)
+        low, middle, high = quantiles.tolist()
+        return low, middle, high
+
+    @property
+    def factor(self) -> str:
+        """The Bayes factor of a difference against none, in words."""
+        if self.log_bf_differs is None:
+            return "-"
+        if self.log_bf_differs > np.log(1000.0):
+            return "> 1000"
+        if self.log_bf_differs < -np.log(1000.0):
+            return "< 0.001"
+        return f"{np.exp(self.log_bf_differs):.2g}"
+
+    @property
+    def size(self) -> str:
+        """Median (2.5 %, 97.5 %), with two digits of the distance between these.
+
+        Examples
+        --------
+        >>> ends = (-0.0012, 0.001, 0.0104, 0.018, 0.019)
+        >>> Difference("S", "JND", "b - a", 0.01, 0.01, *ends, 0.98, 2.5, 0.01, "yes").size
+        '+1.0 % (-0.1, +1.9)'
+        """
+        low, middle, high = self.shown
+        digits = 1
+        if high > low:
+            digits = max(digits, 1 - int(np.floor(np.log10(high - low))))
+        number = f"{'' if self.p_direction is None else '+'}.{digits}f"
+        unit = " %" if self.unit == "%" else ""
+        return f"{middle:{number}}{unit} ({low:{number}}, {high:{number}})"
+
+    @property
+    def conclusion(self) -> str:
+        """Its word and the Bayes factor of a difference."""
+        text = f"{self.word} (BF {self.factor})" if self.word else "no evidence"
+        return f"{text}, not robust" if self.robust == "no" else text
+
+
+def word_of(log_bf: float | None) -> str:
+    """The word for a log Bayes factor of a difference.
+
+    Examples
+    --------
+    >>> [word_of(value) for value in (3.1, 1.2, 0.0, -1.2, -3.1, None)]
+    ['differs', 'probably differs', 'undecided', 'probably no difference', 'no difference', '']
+    """
+    if log_bf is None:
+        return ""
+    limits = np.log([SURELY, PROBABLY, 1.0 / PROBABLY, 1.0 / SURELY])
+    return WORDS[int((log_bf < limits).sum())]
+
+
+@dataclass(frozen=True, eq=False)
+class SubjectContrast:
+    """The differences of one subject, its conditions, and equally weighted draws.
+
+    `x` has the coordinates of the observer 'both' in each condition, (conditions, draws, k), over
+    all sets of what differs.
+    """
+
+    subject: str
+    rows: tuple[Difference, ...]
+    levels: tuple[str, ...]
+    x: FloatArray
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class ContrastTable(Table[Difference]):
+    """The differences of every subject.
+
+    Attributes
+    ----------
+    subjects : tuple of SubjectContrast
+    conditions : Conditions
+    prior : ObserverPrior
+    seed : int
+    left_out : dict of str to str
+        Subjects who met no two levels that are compared, and which ones they met.
+    failed : dict of str to str
+        Subjects whose work was lost, and why.
+    """
+
+    subjects: tuple[SubjectContrast, ...]
+    conditions: Conditions
+    prior: ObserverPrior
+    seed: int
+    task: Task = SAME_DIFFERENT
+    left_out: dict[str, str] = field(default_factory=dict)
+    failed: dict[str, str] = field(default_factory=dict)
+    model: str = "both"
+
+    def frame(self) -> pd.DataFrame:
+        """With the columns of contrast.csv."""
+        frame = frame_of(self.rows, CONTRAST_COLUMNS[:-2])
+        prior = OrderModel(self.model).describe(self.prior, self.task)
+        return frame.assign(model=self.model, prior=prior)
+
+    @property
+    def quantities(self) -> tuple[str, ...]:
+        """The quantities, in order."""
+        return tuple(_ASKED)
+
+    def sentences(self) -> tuple[str, ...]:
+        """In how many subjects each quantity differs, a sentence each."""
+        return sentences(self.frame())
+
+    def select(self, quantity: str, comparison: str | None = None) -> tuple[Difference, ...]:
+        """The rows of a quantity, and of a comparison."""
+        rows = [row for row in self.rows if row.quantity == quantity]
+        return tuple(row for row in rows if comparison in (None, row.comparison))
+
+
+def sentences(frame: pd.DataFrame) -> tuple[str, ...]:
+    """In how many subjects each quantity differs, from the rows of a contrast.csv.
+
+    Each subject counts once, whatever the comparisons are: the Bayes factor is that of a difference
+    between any levels.
+    """
+    once = frame.drop_duplicates(["subject", "quantity"])
+    lines = []
+    for quantity, rows in once.groupby("quantity", sort=False):
+        counts = Counter(rows["word"])
+        parts = [f"{word} {counts[word]}" for word in WORDS if counts[word]]
+        if counts[""]:
+            parts.append(f"no Bayes factor {counts['']}")
+        line = f"{quantity}, of {counted(len(rows), 'subject')}: {', '.join(parts)}"
+        n_not_robust = int((rows["robust"] == "no").sum())
+        if n_not_robust:
+            line += f"; in {n_not_robust} it depends on the lapses"
+        lines.append(line)
+    return tuple(lines)
+
+
+def contrast(
+    study: Study,
+    *,
+    seed: int | None = None,
+    prior: Prior | str | None = None,
+    workers: Workers = None,
+    progress: Progress | None = None,
+    keep: str | Path | None = None,
+) -> ContrastTable:
+    """What differs between the conditions of each subject, and by how much.
+
+    Parameters
+    ----------
+    study : Study
+        Read with a condition, see :class:`bayes_toe.ReadOptions`.
+    seed, prior, workers, progress, keep
+        As in :func:`bayes_toe.run`. Differences follow the scales of the prior.
+
+    Raises
+    ------
+    InputError
+        If the study has no conditions, or no subject met two levels that are compared.
+    """
+    require_study(study)
+    conditions = _require_conditions(study)
+    compared = _compared_subjects(study, conditions)
+    left_out = {}
+    for name, units in by_person(study).items():
+        if name not in compared:
+            left_out[name] = f"at {listed([bare(unit.condition) for unit in units])} only"
+    with keeping(keep) as store:
+        root, numbers = store.seed(seed), prior_for(study, prior).observer
+        jobs = [
+            partial(subject_contrast, units, conditions, numbers, root)
+            for units in compared.values()
+        ]
+        done = store.work(jobs, workers, progress, [(name,) for name in compared])
+        subjects = tuple(done)
+    names = list(compared)
+    failed = {names[i]: failure.reason for i, failure in sorted(done.failed.items())}
+    if not subjects:
+        raise WorkerError("\n".join(f"{name}: {reason}" for name, reason in failed.items()))
+    rows = tuple(row for subject in subjects for row in subject.rows)
+    return ContrastTable(rows, subjects, conditions, numbers, root, study.task, left_out, failed)
+
+
+def _require_conditions(study: Study) -> Conditions:
+    """The conditions of a study; an InputError where it has none."""
+    if study.conditions is not None:
+        return study.conditions
+    allowed = "a column condition, or --condition COLUMN"
+    if len(study.intervals) > 1:
+        allowed += "; --condition isi compares the intervals"
+    raise InputError(f"{study.source}: found no condition within subjects, allowed: {allowed}")
+
+
+def _compared_subjects(study: Study, conditions: Conditions) -> dict[str, tuple[Subject, ...]]:
+    """The units of each subject who met two levels that are compared."""
+    compared = {}
+    for name, units in by_person(study).items():
+        levels = {unit.condition for unit in units}
+        if any(levels.issuperset(pair) for pair in conditions.comparisons):
+            compared[name] = units
+    if not compared:
+        pairs = [f"{bare(level)} and {bare(other)}" for level, other in conditions.comparisons]
+        raise InputError(
+            f"contrast: found no subject at both {' or '.join(pairs)}, "
+            "allowed: one and more; another --reference"
+        )
+    return compared
+
+
+# --- One subject ---------------------------------------------------------------------------------
+
+
+class ConditionEvidence(NamedTuple):
+    """One set of what differs: log evidence, NaN where it is withheld, its error, and draws."""
+
+    differing: frozenset[Parameter]
+    posterior: ConditionPosterior
+    log_evidence: float
+    se: float
+    draws: WeightedDraws
+
+
+def subject_contrast(
+    units: Sequence[Subject], conditions: Conditions, prior: ObserverPrior, seed: int
+) -> SubjectContrast:
+    """The differences of one subject between its conditions.
+
+    Random streams are keyed by seed, subject and what differs.
+    """
+    name = units[0].person
+    levels = tuple(unit.condition for unit in units)
+    pooled = ConditionPosterior(tuple(units), conditions.design(levels), (), prior)
+    evidences, with_lapses = condition_evidences(pooled, seed)
+    rng = generator(seed, name, "differences")
+
+    rows = []
+    for quantity, parameters in _ASKED.items():
+        log_bf, se = log_bayes_factor(evidences, parameters)
+        answer = log_bf, se, _robust(log_bf, log_bayes_factor(with_lapses, parameters)[0])
+        differing = [evidence for evidence in evidences if evidence.differing & parameters]
+        values = pooled.shared.quantities(_draws(differing, rng, _DRAWS))
+        for level, reference in conditions.comparisons:
+            if level in levels and reference in levels:
+                pair = levels.index(level), levels.index(reference)
+                summary = _difference(quantity, values, pair, pooled)
+                comparison = f"{level} - {reference}"
+                rows.append(Difference._make((name, quantity, comparison, *summary, *answer)))
+
+    withheld = []
+    for evidence in evidences:
+        if np.isnan(evidence.log_evidence):
+            names = sorted(parameter.name for parameter in evidence.differing)
+            withheld.append(f"no evidence where these differ: {listed(names) or 'none'}")
+    x = _draws(evidences, rng, _CURVES)
+    return SubjectContrast(name, tuple(rows), levels, x, tuple(withheld))
+
+
+def _difference(
+    quantity: str,
+    values: Mapping[str, FloatArray],
+    pair: tuple[int, int],
+    pooled: ConditionPosterior,
+) -> tuple[Any, ...]:
+    """Mean, standard deviation, quantiles and direction of a difference between two conditions."""
+    level, reference = pair
+    change = {key: draws[level] - draws[reference] for key, draws in values.items()}
+    p_direction = None
+    if quantity == ORDER_EFFECT:
+        # The shift is c - p (s1 - sbar).
+        of_contraction = change["contraction"] * pooled.shared.scales.first_spread
+        difference = np.hypot(change["constant_error"], of_contraction)
+    else:
+        difference = change[QUANTITIES[quantity][1]]
+        p_direction = float(max(np.mean(difference > 0.0), np.mean(difference < 0.0)))
+    quantiles = np.quantile(difference, _PROBABILITIES).tolist()
+    return float(difference.mean()), float(difference.std(ddof=1)), *quantiles, p_direction
+
+
+def _robust(log_bf: float | None, log_bf_with_lapses: float | None) -> str:
+    """Whether lapses that differ too leave the word as it is."""
+    if log_bf is None or log_bf_with_lapses is None:
+        return ""
+    return "yes" if word_of(log_bf) == word_of(log_bf_with_lapses) else "no"
+
+
+def condition_evidences(
+    pooled: ConditionPosterior, seed: int
+) -> tuple[list[ConditionEvidence], list[ConditionEvidence]]:
+    """Evidence and draws of each set of quantities that may differ, from the pooled posterior.
+
+    And the same where the lapse rate and, of same or different, the peak differ too.
+    """
+    maxima = find_maxima(cast("SampledPosterior", pooled))
+    starts = maxima.x[maxima.value > maxima.value[0] - _FAR]
+    lapses = [parameter for parameter in pooled.parameters if parameter in (LAPSE_RATE, PEAK)]
+    asked = [parameter for parameter, _ in QUANTITIES.values()]
+    evidences, with_lapses = [], []
+    for size in range(len(asked) + 1):
+        for differing in combinations(asked, size):
+            key = frozenset(differing)
+            posterior = replace(pooled, differing=differing)
+            evidences.append(_evidence(key, posterior, starts, seed))
+            posterior = replace(pooled, differing=(*differing, *lapses))
+            with_lapses.append(_evidence(key, posterior, starts, seed))
+    return evidences, with_lapses
+
+
+def _evidence(
+    differing: frozenset[Parameter], posterior: ConditionPosterior, starts: FloatArray, seed: int
+) -> ConditionEvidence:
+    """Evidence and draws of a posterior; the search starts where nothing differs."""
+    target = cast("SampledPosterior", posterior)
+    names = [parameter.name for parameter in posterior.differing]
+    rng = generator(seed, posterior.subject.name, "contrast", *names)
+    maxima = find_maxima(target, posterior.without_differences(starts))
+    proposal = quick_proposal(target, maxima.x[:1], _laplace_draws(maxima, rng), rng)
+    fitted = with_trusted_draws(proposal, rng)
+    evidence = importance_evidence(fitted)
+    value, se = np.array([evidence.value, evidence.se], np.float64).tolist()  # None becomes NaN
+    return ConditionEvidence(differing, posterior, value, se, fitted.draws)
+
+
+def _laplace_draws(maxima: Maxima, rng: np.random.Generator) -> FloatArray:
+    """Draws of the normals at the maxima, by their evidence, (draws, coordinates)."""
+    curvatures, axes = np.linalg.eigh(maxima.curvature)
+    curvatures = np.maximum(curvatures, _LEAST_CURVATURE)
+    log_evidence = maxima.value - 0.5 * np.log(curvatures).sum(axis=1)
+    index = rng.choice(len(log_evidence), _CLOUD, p=softmax(log_evidence))
+    scaled = rng.standard_normal((_CLOUD, maxima.x.shape[1])) / np.sqrt(curvatures[index])
+    return np.asarray(maxima.x[index] + np.einsum("nij,nj->ni", axes[index], scaled))
+
+
+def log_bayes_factor(
+    evidences: Sequence[ConditionEvidence], parameters: frozenset[Parameter]
+) -> tuple[float | None, float | None]:
+    """Log Bayes factor of a difference in any of some parameters against none, and its error."""
+    values = np.array([evidence.log_evidence for evidence in evidences])
+    errors = np.array([evidence.se for evidence in evidences])
+    differs = np.array([not evidence.differing.isdisjoint(parameters) for evidence in evidences])
+    if np.isnan(values).any():
+        return None, None
+    log_odds = logsumexp(values[differs]) - logsumexp(values[~differs])
+    log_prior_odds = np.log(differs.sum() / (~differs).sum())
+    variance = 0.0
+    for side in (differs, ~differs):
+        variance += float(np.square(softmax(values[side]) * errors[side]).sum())
+    return float(log_odds - log_prior_odds), variance**0.5
+
+
+def _draws(
+    evidences: Sequence[ConditionEvidence], rng: np.random.Generator, size: int
+) -> FloatArray:
+    """Draws in each condition, (conditions, draws, k), over some sets by their evidence.
+
+    A set without evidence counts as the least probable one.
+    """
+    values = np.array([evidence.log_evidence for evidence in evidences])
+    values = np.nan_to_num(values, nan=-1e300)
+    draws = []
+    for evidence, count in zip(evidences, rng.multinomial(size, softmax(values)), strict=True):
+        points = evidence.draws.resampled(rng, int(count))
+        draws.append(evidence.posterior.in_conditions(points))
+    return np.concatenate(draws, axis=1)

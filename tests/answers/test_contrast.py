@@ -1,0 +1,199 @@
+"""What differs between conditions: Bayes factors, words, signs, units, and the command."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from commands import good, refused
+from scipy.special import ndtr
+
+import bayes_toe as bt
+from bayes_toe.answers.contrast import (
+    CONTRAST_COLUMNS,
+    ORDER_EFFECT,
+    WORDS,
+    condition_evidences,
+    log_bayes_factor,
+)
+from bayes_toe.model.condition_model import ConditionPosterior
+from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION, NOISE
+
+PAIRS = [(a, b) for a in (0.0, 0.3, 0.6, 0.9) for b in (a - 0.3, a + 0.3)]
+
+
+def answers(
+    levels=("left", "right"),
+    offsets=(0.08, -0.08),
+    contractions=(0.3, 0.3, 0.3),
+    subjects="AB",
+    trials=50,
+    scale=1.0,
+    shift=0.0,
+):
+    """Subjects whose constant error, or contraction, depends on the condition."""
+    rng, s = np.random.default_rng(3), np.array(PAIRS)
+    rows = []
+    for who in subjects:
+        for level, offset, contraction in zip(levels, offsets, contractions, strict=False):
+            distance = (s[:, 1] - s[:, 0]) - offset + contraction * (s[:, 0] - 0.45)
+            p = ndtr(distance / 0.25)
+            k = rng.binomial(trials, p)
+            told = {
+                "subject": who,
+                "condition": level,
+                "s1": scale * s[:, 0] + shift,
+                "s2": scale * s[:, 1] + shift,
+            }
+            rows.append(pd.DataFrame({**told, "n_second": k, "n_trials": trials}))
+    return pd.concat(rows)
+
+
+@pytest.fixture(scope="module")
+def table():
+    return bt.contrast(bt.read_study(answers()), seed=1, workers=1)
+
+
+def test_what_differs_has_its_sign_and_size(table):
+    assert list(table.frame().columns) == list(CONTRAST_COLUMNS)
+    quantities = ["constant error", "contraction", "JND", ORDER_EFFECT]
+    assert [row.quantity for row in table] == 2 * quantities
+    for row in table.select("constant error"):
+        assert (row.word, row.robust) == (WORDS[0], "yes")
+        assert row.q025 < row.q05 < -0.16 < row.q95 < row.q975
+        assert row.p_direction > 0.99
+        assert row.shown == pytest.approx(100.0 * np.expm1([row.q025, row.q50, row.q975]))
+    for row in table.select(ORDER_EFFECT):
+        assert row.log_bf_differs > 3.0
+        assert row.p_direction is None
+        assert row.q05 < 0.16 < row.q95
+    assert {row.word for row in table.select("contraction")} <= {*WORDS[2:]}
+    assert table.sentences()[0] == "constant error, of 2 subjects: differs 2"
+    (described,) = set(table.frame()["prior"])
+    assert "contraction ~ Normal(0, 0.25) on (-1, 1)" in described
+
+
+def test_another_reference_turns_signs_and_another_unit_scales(table):
+    study = bt.read_study(answers(scale=3.0, shift=2.0), bt.ReadOptions(reference="right"))
+    turned_table = bt.contrast(study.select(["A@right", "A@left"]), seed=2, workers=1)
+    for row, turned in zip(table.rows, turned_table, strict=False):
+        assert turned.comparison == "left - right"
+        factor = 1.0 if row.quantity == ORDER_EFFECT else -1.0
+        if row.quantity != "contraction":
+            factor *= 3.0
+        assert turned.mean / factor == pytest.approx(row.mean, abs=0.35 * row.sd)
+        error = np.hypot(row.log_bf_differs_se, turned.log_bf_differs_se)
+        assert turned.log_bf_differs == pytest.approx(row.log_bf_differs, abs=5.0 * error)
+
+
+def test_a_contraction_that_differs_moves_the_shift_by_the_spread_of_first_stimuli():
+    study = bt.read_study(
+        answers(offsets=(0.0, 0.0), contractions=(0.0, 0.5), subjects="A", trials=200)
+    )
+    table = bt.contrast(study, seed=1, workers=1)
+    (contraction,), (order,) = table.select("contraction"), table.select(ORDER_EFFECT)
+    assert contraction.word == WORDS[0]
+    assert contraction.q025 < 0.5 < contraction.q975
+    spread = np.std(np.array(PAIRS)[:, 0])
+    assert order.q50 == pytest.approx(abs(contraction.q50) * spread, rel=0.1)
+
+
+def test_bayes_factors_by_hand():
+    study = bt.read_study(answers(subjects="A", trials=8))
+    pooled = ConditionPosterior(study.subjects, study.conditions.design())
+    evidences, with_lapses = condition_evidences(pooled, seed=1)
+    symbols = {CONSTANT_ERROR: "c", CONTRACTION: "p", NOISE: "s"}
+    z = {}
+    for evidence in evidences:
+        key = "".join(sorted(symbols[parameter] for parameter in evidence.differing))
+        z[key] = np.exp(evidence.log_evidence + 60.0)
+    assert z.keys() == {"", "c", "p", "s", "cp", "cs", "ps", "cps"}
+    value, _ = log_bayes_factor(evidences, frozenset([CONTRACTION]))
+    without = z[""] + z["c"] + z["s"] + z["cs"]
+    assert np.exp(value) == pytest.approx((z["p"] + z["cp"] + z["ps"] + z["cps"]) / without)
+    value, _ = log_bayes_factor(evidences, frozenset([CONSTANT_ERROR, CONTRACTION]))
+    differs = sum(z[key] for key in ("c", "p", "cp", "cs", "ps", "cps"))
+    assert np.exp(value) == pytest.approx(differs / 3.0 / (z[""] + z["s"]))
+    for evidence in with_lapses:
+        assert "lapse_rate 1" in evidence.posterior.coordinates
+    withheld = [evidences[0]._replace(log_evidence=np.nan), *evidences[1:]]
+    assert log_bayes_factor(withheld, frozenset([NOISE])) == (None, None)
+
+
+def test_three_levels_numbers_and_a_missing_one():
+    three = answers(("1", "2", "4"), (0.1, 0.0, -0.1), trials=20)
+    three = three[~((three.subject == "B") & (three.condition == "1"))]
+    slope = bt.contrast(bt.read_study(three), seed=1, workers=1)
+    assert [(row.subject, row.comparison) for row in slope.select("JND")] == [("A", "4 - 1")]
+    options = bt.ReadOptions(categorical=True)
+    named = bt.contrast(bt.read_study(three, options), seed=1, workers=1)
+    assert [row.comparison for row in named.select("constant error")] == ["2 - 1", "4 - 1"]
+    assert slope.select("constant error")[0].mean < -0.05
+    assert slope.left_out == named.left_out == {"B": "at 2, 4 only"}
+    # The Bayes factor is that of a difference between any levels, whatever the comparison.
+    first, second = (row.conclusion for row in named.select("JND"))
+    assert first == second
+    with pytest.raises(
+        bt.InputError, match="found no subject at both 4 and 1, allowed: one and more"
+    ):
+        bt.contrast(bt.read_study(three).select(["B@2", "B@4"]), seed=1, workers=1)
+
+
+def test_a_study_without_conditions_is_refused_with_the_way_on():
+    plain = answers().drop(columns="condition").assign(subject=lambda frame: range(len(frame)))
+    with pytest.raises(bt.InputError, match="no condition within subjects"):
+        bt.contrast(bt.read_study(plain))
+    delays = answers(("1", "3")).rename(columns={"condition": "isi"})
+    with pytest.raises(bt.InputError, match="--condition isi compares the intervals"):
+        bt.contrast(bt.read_study(delays))
+
+
+def test_intervals_are_compared_as_a_condition_and_ignored_within_one():
+    delays = answers(("1", "3"), subjects="A").rename(columns={"condition": "isi"})
+    by_delay = bt.contrast(
+        bt.read_study(delays, bt.ReadOptions(condition="isi")), seed=1, workers=1
+    )
+    (row,) = by_delay.select("constant error")
+    assert row.comparison == "3 - 1"
+    assert row.word == WORDS[0]
+    hands = pd.concat([delays.assign(condition="left"), delays.assign(condition="right")])
+    by_hand = bt.contrast(bt.read_study(hands), seed=1, workers=1)
+    assert by_hand.select("constant error")[0].log_bf_differs < 0.0
+
+
+def test_the_figures_show_every_subject(table):
+    study = bt.read_study(answers())
+    forest, curves = bt.plots.contrast_figure(table), bt.plots.contrast_curves(study, table, "A")
+    assert [tick.get_text() for tick in forest.axes[0].get_yticklabels()] == ["A", "B"]
+    assert [ax.get_title() for ax in curves.axes] == ["condition left", "condition right"]
+    with pytest.raises(bt.InputError, match="no contrast of subject 'C'"):
+        bt.plots.contrast_curves(study, table, "C")
+    words = [text.get_text() for text in forest.legends[0].get_texts()]
+    assert words[0] == "differs"  # in their order, whichever panel has them first
+    missing = [row for row in table if row.quantity != "contraction"]  # no subject has it
+    panels = bt.plots.contrast_figure(replace(table, rows=tuple(missing))).axes
+    assert [len(ax.collections[0].get_segments()) for ax in panels] == [2, 0, 2]
+    low, high = forest.axes[0].collections[0].get_segments()[0][:, 0]
+    row = table.select("constant error")[0]
+    assert (low, high) == pytest.approx((row.shown[0], row.shown[2]))
+
+
+def test_the_command(tmp_path):
+    answers(subjects="A", trials=10).rename(columns={"condition": "hand"}).to_csv(
+        tmp_path / "study.csv", index=False
+    )
+    hand = ("study.csv", "--condition", "hand")
+    assert "left - right" in good(
+        "contrast", *hand, "--reference", "right", "--seed", 1, cwd=tmp_path
+    )
+    assert set(pd.read_csv(tmp_path / "contrast.csv").comparison) == {"left - right"}
+    assert (tmp_path / "contrast.png").exists()
+    good("asymmetry", *hand, "-o", "asymmetry.csv", cwd=tmp_path)
+    assert set(
+        pd.read_csv(tmp_path / "asymmetry.csv")[["subject", "condition"]].itertuples(index=False)
+    ) == {("A", "left"), ("A", "right")}
+    line = refused("contrast", "study.csv", "--overwrite", cwd=tmp_path, silent=False)
+    assert (
+        "found no condition within subjects, allowed: a column condition, or --condition COLUMN"
+        in line
+    )
