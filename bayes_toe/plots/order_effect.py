@@ -77,7 +77,6 @@ _MARKS = {
 _LARGEST = 80.0
 _FILLS = {Word.YES: "full", Word.PROBABLY: "left"}
 _LINEAR = 50.0  # nats, beyond which a sorted axis is logarithmic
-_LINES = 200  # of error bars that can be told apart
 
 
 def order_effect(table: EvidenceTable, *, synthetic: bool = False) -> Figure:
@@ -96,24 +95,27 @@ def order_effect(table: EvidenceTable, *, synthetic: bool = False) -> Figure:
     """
     figure = new_figure(11.6, answers_height(len(table)))
     *panels, last = figure.subplots(1, 4, width_ratios=(1.0, 1.0, 1.0, 0.8))
-    draw_answers(table, panels)
     evidence_axes(last, table)
     last.tick_params(labelleft=False)
-    last.set_title("H1 against H0 (Appendix C)", fontsize=LETTERS, loc="left")
+    last.set_title("H1 against H0 (Appendix C)", loc="left", fontsize=LETTERS)
     dress(last)
-    if synthetic:
-        figure.suptitle("synthetic data", fontsize=LETTERS)
-    legend_below(figure, size=LETTERS, columns=4)
-    return figure
+    return _finish(figure, panels, table, synthetic)
 
 
 def answers_figure(table: EvidenceTable, *, synthetic: bool = False) -> Figure:
     """The answers alone."""
     figure = new_figure(8.4, answers_height(len(table)))
-    draw_answers(table, figure.subplots(1, 3).tolist())
+    return _finish(figure, figure.subplots(1, 3).tolist(), table, synthetic)
+
+
+def _finish(
+    figure: Figure, panels: Sequence[Axes], table: EvidenceTable, synthetic: bool
+) -> Figure:
+    """Draw the answers into three panels, and what belongs to the whole figure."""
+    draw_answers(table, panels)
     if synthetic:
         figure.suptitle("synthetic data", fontsize=LETTERS)
-    legend_below(figure, size=LETTERS)
+    legend_below(figure, size=LETTERS, columns=4)
     return figure
 
 
@@ -144,26 +146,13 @@ def draw_answers(table: EvidenceTable, panels: Sequence[Axes]) -> None:
     for ax, question in zip(panels[1:], QUESTIONS[1:], strict=True):
         _draw_forest(ax, answers, question)
     for ax, question in zip(panels, QUESTIONS, strict=True):
-        title = question.title
-        if is_crowded:
-            title = f"{title}\n{_count_words(answers, question)}"
-        else:
-            _write_words(ax, answers, question)
-        ax.set_title(title, fontsize=LETTERS, loc="left")
+        ax.set_title(question.title, loc="left", fontsize=LETTERS)
         ax.set(ylim=(len(answers) - 0.5, -0.5), yticks=[])
         dress(ax)
     if is_crowded:
-        label = f"{len(answers):,} subjects, sorted by the Bayes factor of an order effect"
-        panels[0].set_ylabel(label, fontsize=LETTERS)
-        return
-    panels[-1].plot([], [], " ", label="full marker: yes; half: probably")
-    panels[-1].plot([], [], " ", label="!: the model does not fit; ?: depends on the prior")
-    names = [plain(answer.subject, 24) for answer in answers]
-    panels[0].set_yticks(range(len(answers)), names)
-    for row, answer in enumerate(answers):
-        if not answer.is_interpretable:
-            reason = f"not interpreted: {', '.join(answer.flags)}"
-            panels[0].text(1 / _LARGEST, row, plain(reason, 70), va="center", fontsize=SMALL)
+        _count_words(panels, answers)
+    else:
+        _write_words(panels, answers)
 
 
 def _draw_bayes_factors(ax: Axes, answers: Sequence[OrderEffect]) -> None:
@@ -171,22 +160,13 @@ def _draw_bayes_factors(ax: Axes, answers: Sequence[OrderEffect]) -> None:
     rows = np.arange(len(answers))
     step = 0.24 if len(answers) <= MOST_NAMED else 0.0
     for number, question in enumerate(QUESTIONS):
-        factors = np.exp(np.clip(_log_bayes_factors(answers, question), -700.0, 700.0))
+        log_factors = _log_bayes_factors(answers, question)
         y = rows + step * (number - 1)
-        is_beyond = factors > _LARGEST
-        style: dict[str, Any] = {
-            "color": question.colour,
-            "ms": _marker_size(len(answers)),
-            "clip_on": False,
-        }
-        ax.plot(
-            np.where(is_beyond, np.nan, factors),
-            y,
-            question.marker,
-            label=question.title,
-            **style,
-        )
-        ax.plot(np.where(is_beyond, _LARGEST, np.nan), y, ">", **style)
+        is_beyond = log_factors > np.log(_LARGEST)
+        style: dict[str, Any] = {"color": question.colour, "ms": _marker_size(len(answers))}
+        within = np.exp(np.where(is_beyond, np.nan, log_factors))
+        ax.plot(within, y, question.marker, label=question.title, **style)
+        ax.plot(np.where(is_beyond, _LARGEST, np.nan), y, ">", clip_on=False, **style)
     for mark in _MARKS:
         ax.axvline(mark, color="black" if mark == 1.0 else "#D0D0D0", lw=0.7, zorder=0)
     ax.set_xscale("log")
@@ -207,21 +187,19 @@ def _log_bayes_factors(answers: Sequence[OrderEffect], question: Question) -> Fl
 def _draw_forest(ax: Axes, answers: Sequence[OrderEffect], question: Question) -> None:
     """Medians and 95 % intervals of a size."""
     ends = []
+    marker_size = _marker_size(len(answers))
     for row, answer in enumerate(answers):
         if not answer.is_interpretable:
             continue
         size, word = answer.sizes[question.size], answer.words[question.name]
-        width = 1.4 if word.is_positive else 0.7
-        if len(answers) > MOST_NAMED:
-            width *= 0.5
+        width = 0.3 * marker_size if word.is_positive else 0.15 * marker_size
         ax.hlines(row, size.q025, size.q975, color=question.colour, lw=width)
         ax.plot(
             size.q50,
             row,
             question.marker,
             color=question.colour,
-            ms=_marker_size(len(answers)),
-            mew=0.8,
+            ms=marker_size,
             fillstyle=_FILLS.get(word, "none"),
             markerfacecoloralt="white",
         )
@@ -245,98 +223,72 @@ def _marker_size(subjects: int) -> float:
     return 4.5 if subjects <= MOST_NAMED else 2.5
 
 
-def _write_words(ax: Axes, answers: Sequence[OrderEffect], question: Question) -> None:
-    """The word of every subject, right of its row."""
+def _write_words(panels: Sequence[Axes], answers: Sequence[OrderEffect]) -> None:
+    """The name of every subject, and its words right of its row."""
+    panels[0].set_yticks(range(len(answers)), [plain(answer.subject, 24) for answer in answers])
+    panels[-1].plot([], [], " ", label="full marker: yes; half: probably")
+    panels[-1].plot([], [], " ", label="!: the model does not fit; ?: depends on the prior")
+    style: dict[str, Any] = {"va": "center", "fontsize": SMALL}
     for row, answer in enumerate(answers):
-        if answer.is_interpretable:
-            ax.text(
-                1.05,
-                row,
-                answer.marked_word(question.name),
-                transform=ax.get_yaxis_transform(),
-                va="center",
-                fontsize=SMALL,
-            )
+        if not answer.is_interpretable:
+            reason = plain(f"not interpreted: {', '.join(answer.flags)}", 70)
+            panels[0].text(1 / _LARGEST, row, reason, **style)
+            continue
+        for ax, question in zip(panels, QUESTIONS, strict=True):
+            word = answer.marked_word(question.name)
+            ax.text(1.05, row, word, transform=ax.get_yaxis_transform(), **style)
 
 
-def _count_words(answers: Sequence[OrderEffect], question: Question) -> str:
-    """How many subjects have an effect."""
-    counts = Counter(answer.words[question.name] for answer in answers)
-    words = [f"{counts[word]} {word.value}" for word in (Word.YES, Word.PROBABLY)]
-    return ", ".join(words)
+def _count_words(panels: Sequence[Axes], answers: Sequence[OrderEffect]) -> None:
+    """How many subjects have an effect, in the titles."""
+    label = f"{len(answers):,} subjects, sorted by the Bayes factor of an order effect"
+    panels[0].set_ylabel(label, fontsize=LETTERS)
+    for ax, question in zip(panels, QUESTIONS, strict=True):
+        counts = Counter(answer.words[question.name] for answer in answers)
+        yes, probably = counts[Word.YES], counts[Word.PROBABLY]
+        title = f"{question.title}\n{yes} yes, {probably} probably"
+        ax.set_title(title, loc="left", fontsize=LETTERS)
 
 
 # --- H1 against H0 -------------------------------------------------------------------------------
 
 
 def evidence_axes(ax: Axes, table: EvidenceTable) -> Axes:
-    """Log Bayes factor of H1 against H0 of every subject: the default estimate with twice its standard error, and Laplace's.
+    """Log Bayes factor of H1 against H0 of every subject, with twice its standard error, and Laplace's.
 
-    More than :data:`~bayes_toe.plots.style.MOST_NAMED` subjects are sorted by it, without names and without Laplace's.
+    More than :data:`~bayes_toe.plots.style.MOST_NAMED` subjects are sorted by it, without names and
+    without Laplace's.
     """
-    rows = table.rows
-    y = range(len(rows))
-    keys = ("log_bayes_factor", "log_evidence_h1_se", "log_bayes_factor_laplace")
-    value, error, laplace = (
-        np.array([getattr(row, key) for row in rows], np.float64) for key in keys
-    )  # None becomes NaN
+    columns = ("log_bayes_factor", "log_evidence_h1_se", "log_bayes_factor_laplace")
+    values = [[getattr(row, column) for column in columns] for row in table]
+    value, error, laplace = np.array(values, np.float64).reshape(-1, 3).T  # None becomes NaN
+    y = np.arange(len(table))
     ax.axvline(0.0, color="black", lw=1.0)
     ax.set_xlabel(
         "ln Bayes factor H1:H0\nbelow 0: saturated model (H0)\nabove 0: paper's model (H1)"
     )
-    if len(rows) > MOST_NAMED:
-        _draw_ranked(ax, value, error)
+    ax.set(ylim=(len(table) - 0.5, -0.5), yticks=[])
+    ax.margins(x=0.08)
+    if len(table) > MOST_NAMED:
+        n_known, n_above = int((~np.isnan(value)).sum()), int((value > 0.0).sum())
+        label = f"importance sampling, above 0 for {n_above:,} of {n_known:,}"
+        ax.plot(-np.sort(-value), y, "o", ms=2.0, color=POSTERIOR, label=label)
+        ax.set_ylabel("subjects, sorted by their log Bayes factor")
+        if np.nanmax(np.abs(value), initial=0.0) > _LINEAR:
+            ax.set_xscale("symlog", linthresh=_LINEAR)
         return ax
-    for i in y:
-        ax.axhline(i, color="#EEEEEE", lw=0.8, zorder=0)
-    ax.errorbar(
-        value,
-        y,
-        xerr=2.0 * error,
-        fmt="o",
-        ms=6,
-        color=POSTERIOR,
-        label="importance sampling, 2 s.e.",
-    )
+    ax.hlines(y, 0.0, 1.0, transform=ax.get_yaxis_transform(), color="#EEEEEE", lw=0.8, zorder=0)
+    style: dict[str, Any] = {"fmt": "o", "ms": 6, "label": "importance sampling, 2 s.e."}
+    ax.errorbar(value, y, xerr=2.0 * error, color=POSTERIOR, **style)
     ax.plot(laplace, y, "D", ms=5, mfc="none", color=WEAKER_FIRST, label="Laplace (both models)")
-    ax.set_yticks(y, [plain(row.subject, 24) for row in rows])
-    ax.set_ylim(len(rows) - 0.5, -0.5)
-    ax.margins(x=0.08)
-    for i in np.flatnonzero(np.isnan(value)).tolist():  # words in its row, not an empty line
-        words = (
-            "no reliable estimate" if np.isnan(laplace[i]) else "no reliable estimate, Laplace only"
-        )
-        ax.text(
-            0.99,
-            i,
-            words,
-            transform=ax.get_yaxis_transform(),
-            ha="right",
-            va="center",
-            fontsize=8,
-            color=EQUAL,
-        )
+    ax.set_yticks(y, [plain(row.subject, 24) for row in table])
+    for i in np.flatnonzero(np.isnan(value)).tolist():
+        words = "no reliable estimate"
+        if not np.isnan(laplace[i]):
+            words += ", Laplace only"
+        place: dict[str, Any] = {"transform": ax.get_yaxis_transform(), "ha": "right"}
+        ax.text(0.99, i, words, va="center", fontsize=LETTERS, color=EQUAL, **place)
     return ax
-
-
-def _draw_ranked(ax: Axes, value: FloatArray, error: FloatArray) -> None:
-    """Values of many subjects from the largest to the smallest, NaN last; what lies far out is drawn nearer."""
-    known = np.abs(value[~np.isnan(value)])
-    order, few, y = np.argsort(-value, kind="stable"), len(value) <= _LINES, np.arange(len(value))
-    if few:
-        ax.hlines(
-            y, (value - 2.0 * error)[order], (value + 2.0 * error)[order], color=POSTERIOR, lw=0.6
-        )
-    label = f"importance sampling, above 0 for {int((value > 0).sum()):,} of {len(known):,}"
-    ax.plot(value[order], y, "o", ms=3.0 if few else 1.8, color=POSTERIOR, label=label)
-    ax.set(
-        ylim=(len(value) - 0.5, -0.5),
-        yticks=[],
-        ylabel="subjects, sorted by their log Bayes factor",
-    )
-    if len(known) and known.max() > _LINEAR:
-        ax.set_xscale("symlog", linthresh=_LINEAR)
-    ax.margins(x=0.08)
 
 
 def evidence_plane_axes(table: EvidenceTable, ax: Axes) -> Axes:

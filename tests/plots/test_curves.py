@@ -6,7 +6,6 @@ from legible import require_legible
 from reference.hard_cases import hard_cases
 
 import bayes_toe as bt
-from bayes_toe.inference.prediction import Predictor
 from bayes_toe.plots.curves import MOST_PANELS, main_weaker, order_panel
 from bayes_toe.plots.style import STRONGER_FIRST, WEAKER_FIRST, new_figure
 
@@ -52,25 +51,22 @@ def test_designs_without_a_reference_get_panels_and_wild_ones_the_common_curve()
     assert MOST_PANELS < 19
 
 
-def test_the_curve_of_another_model_is_dashed_beside_and_named(small_study, analysis):
-    other = Predictor.of(
-        bt.sample(
-            bt.Study([small_study["A"]]), model="constant-error", draws=200, seed=1, workers=1
-        ),
-        "A",
-    )
-    figure = bt.plots.curves(analysis.draws, "A", title="", beside=other)
+def test_curves_of_an_analysis_are_averaged_over_the_four_models(analysis):
+    figure = bt.plots.curves(analysis, "A")
     require_legible(figure)
-    assert figure.get_suptitle() == "dashed: constant error"
-    dashed = {
-        line.get_color(): line.get_data()
-        for line in figure.axes[0].lines
-        if line.get_linestyle() == "--"
+    assert figure.get_suptitle() == "A: average of the four models"
+    lines = {
+        line.get_color(): line for line in figure.axes[0].lines if len(line.get_xdata()) == 120
     }
-    for colour, forward in ((WEAKER_FIRST, True), (STRONGER_FIRST, False)):
-        x, q = dashed[colour]
-        pair = (np.zeros(1), x[-1:]) if forward else (x[-1:], np.zeros(1))
-        assert q[-1] == pytest.approx(other.yes(*pair).mean())
+    x, q = lines[WEAKER_FIRST].get_data()
+    draws = analysis.curve("A").x
+    assert len(draws) == 400
+    log_p = analysis.curve("A").target.log_answers(draws).yes
+    subject = analysis.study["A"]
+    at = np.flatnonzero((subject.s1 == 0.0) & (subject.s2 == x[-1]))[0]
+    assert q[-1] == pytest.approx(np.exp(log_p[:, at]).mean())
+    with pytest.raises(bt.InputError, match="Z"):
+        bt.plots.curves(analysis, "Z")
 
 
 def test_equal_pairs_weaker_than_all_others_are_shown_too():

@@ -7,9 +7,9 @@ from matplotlib.colors import to_hex, to_rgb
 from matplotlib.image import imread
 
 import bayes_toe as bt
-from bayes_toe.plots.evidence import KIND_COLOURS
 from bayes_toe.plots.figure_files import picture
 from bayes_toe.plots.geometry import plane_figure
+from bayes_toe.plots.order_effect import QUESTIONS
 from bayes_toe.plots.style import POSTERIOR, new_figure, plain
 from bayes_toe.plots.subject import examples_figure
 
@@ -20,14 +20,13 @@ def test_synthetic_data_are_labelled_wherever_they_are_shown(analysis):
     for figure in (bt.plots.corner(marked, "A"), bt.plots.curves(marked, "A")):
         words = " ".join(text.get_text() for text in figure.texts) + (figure.get_suptitle() or "")
         assert "synthetic" in words
-    figure = bt.plots.evidence_figure(analysis.evidence, synthetic=True)
-    assert "synthetic" in figure.axes[0].get_title(loc="right")
+    figure = bt.plots.order_effect(analysis.evidence, synthetic=True)
+    assert "synthetic" in figure.get_suptitle()
 
 
-def test_kinds_are_told_apart_in_grey():
-    lightness = np.sort(
-        np.array([to_rgb(colour) for colour in KIND_COLOURS.values()]) @ [0.299, 0.587, 0.114]
-    )
+def test_questions_differ_in_grey():
+    colours = np.array([to_rgb(question.colour) for question in QUESTIONS])
+    lightness = np.sort(colours @ [0.299, 0.587, 0.114])
     assert (np.diff(lightness) > 0.2).all()
 
 

@@ -60,7 +60,7 @@ def test_no_figure_speaks_of_another_task(stronger):
     table = bt.asymmetry(stronger.study)
     drawn = {
         **bt.plots.figures(stronger),
-        "evidence": bt.plots.evidence_figure(stronger.evidence),
+        "order effect": bt.plots.order_effect(stronger.evidence),
         "asymmetry": bt.plots.asymmetry_axes(table).figure,
     }
     said = [
