@@ -153,7 +153,7 @@ def test_a_p_value_below_the_limit_of_a_misfit_looks_so(value):
 
 def test_who_must_be_looked_at_and_why(marked):
     assert flagged(marked.evidence) == {
-        "A": ("not described", "data in doubt"),
-        "C": ("no verdict",),
+        "A": ("poor fit",),
+        "C": ("not interpreted",),
     }
     assert flagged(marked.evidence, {"B": "few draws"})["B"] == ("not converged",)

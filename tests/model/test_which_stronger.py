@@ -9,8 +9,6 @@ from scipy.optimize import minimize
 from scipy.special import logsumexp
 from scipy.stats import norm
 
-import bayes_toe as bt
-from bayes_toe.comparison.verdict import verdict
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.errors import InputError
@@ -167,36 +165,6 @@ def test_evidences_are_those_of_quadrature(counts):
 # --- What is concluded ----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("name", "x", "effects", "kinds"),
-    [
-        ("none", [np.log(0.25), -3.0], {"none", "probably none", "negligible", "undecided"}, {""}),
-        (
-            "constant error",
-            [0.15, np.log(0.25), -3.0],
-            {"has"},
-            {"constant error", "probably constant error", "open"},
-        ),
-        ("contraction", [0.0, -0.4, np.log(0.25), -3.0], {"has"}, {"pull", "probably pull"}),
-    ],
-)
-def test_verdicts_name_what_observers_do(name, x, effects, kinds):
-    one = observer(model_named(name, WHICH_STRONGER), x, trials=200)
-    said = verdict(one, DEFAULT, 1)[0]
-    assert said.effect in effects
-    assert said.kind in kinds
-    assert said.fit == "described"
-
-
-def test_units_of_intensity_change_no_verdict():
-    one = observer(model_named("update", WHICH_STRONGER), [0.05, 1.0, np.log(0.3), -3.0])
-    moved = Subject(
-        "A", 3.0 * one.s1 + 2.0, 3.0 * one.s2 + 2.0, one.n_yes, one.n_trials, task=WHICH_STRONGER
-    )
-    here, there = (verdict(each, DEFAULT, 1)[0].p_orders for each in (one, moved))
-    assert here == pytest.approx(there, abs=1e-9)
-
-
 def test_models_of_another_task_are_refused():
     with pytest.raises(
         InputError,
@@ -205,21 +173,3 @@ def test_models_of_another_task_are_refused():
         posterior_of(subject(), model="update + both ways")
     with pytest.raises(InputError, match="'predictive update' is of the task 'same/different'"):
         model_named("update").posterior(subject())
-
-
-def test_real_listeners_are_pulled_to_the_middle_of_what_they_hear(real_data):
-    study = bt.read_study(
-        real_data / "auditory_pwm" / "trials.csv", bt.ReadOptions(ignore=("isi",))
-    )
-    said = [verdict(one, DEFAULT, 1)[0] for one in study.subjects[::8]]
-    assert (
-        sum(int(np.argmax(one.p_orders)) == 2 for one in said) >= 5
-    )  # of 6; of all 46 subjects 42
-    assert sum(one.fit == "described" for one in said) >= 5  # of all 46 subjects 43
-
-
-def test_a_constant_error_in_lifted_weights_cannot_be_told_from_a_pull(real_data):
-    (one,) = bt.read_study(real_data / "weights" / "counts.csv")
-    said, found = verdict(one, DEFAULT, 1)
-    assert (said.effect, said.kind, said.fit) == ("has", "open", "described")
-    assert found.value(models_of(WHICH_STRONGER).constant_bias) == pytest.approx(-440.5, abs=0.1)
