@@ -17,20 +17,18 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import isotonic_regression
-from scipy.special import chdtrc, chdtri, chndtr, logit, ndtri, xlog1py, xlogy
+from scipy.special import logit, logsumexp, xlog1py, xlogy
 
 from bayes_toe.arrays import BLOCK, BoolArray, FloatArray, IntArray, run_starts
 from bayes_toe.data.answers import Answers
-from bayes_toe.data.messages import TWICE, as_option, bare, counted
+from bayes_toe.data.messages import TWICE, as_option, bare, counted, listed
 from bayes_toe.data.study import Study, Subject, require_study
-from bayes_toe.data.tasks import SAME_DIFFERENT
+from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.seeds import generator
 
 #: Chance that a test flags anyone in a study of clean observers.
 STUDY_LEVEL = 0.01
-#: Answers are called independent of the stimuli only where dependence is excluded with this error.
-EXCLUSION = 0.05
-#: Standard deviation of an answer's share between pairs that such a test must nearly always see.
+#: Standard deviation of an answer's share between pairs that a test of them must see.
 NOTICEABLE = 0.15
 #: Log odds, in nats, by which answers must be more probable with the buttons swapped.
 SWAPPED = 5.0
@@ -59,6 +57,9 @@ FLAG_KINDS = {
     "few_trials": FlagKind(f"fewer than {FEW_TRIALS} trials", True),
 }
 
+_CRITICAL_Z = 1.96  # of answers that change with the stimuli, at 5 %
+_SELDOM = 0.15  # share of an answer that a large constant error leaves, whatever the pair
+_POWER_Z = 1.64  # by which a noticeable change exceeds that in 95 %
 _STRETCHES = 10  # of the trials, among which drift is looked for
 _FEWEST_DRAWS = 99  # drawing ends with so many tables at the earliest
 _MOST_LARGER = 10  # or with so many that deviate more than the observed one
@@ -68,10 +69,12 @@ _ENOUGH_TRIALS = 1000.0  # that tell the shape of answers; more count as so many
 _NEAR_POINTS = (-0.5, -0.25, 0.0, 0.25, 0.5)
 _ALL_POINTS = (-1.0, *_NEAR_POINTS, 1.0)
 _WINDOW = 16  # rows in sequence by which repeated trials are looked for
-#: Logits by which a block's answers may differ from those of the others, swapped or not.
-_MOVES = np.linspace(-6.0, 6.0, 25).tolist()
-_REPEAT_NATS = 15.0  # of equal answers that cannot be a coincidence
-_HALF_REPEAT_NATS = 7.0  # where the second half of all rows repeats the first
+#: Logits by which a block's answers may differ from those of the others, with Laplace's prior.
+_MOVES = np.linspace(-6.0, 6.0, 25)
+_LIKELY_SWAPPED = 2.0  # nats, of a block where another one is surely swapped
+_TILT_SCALE = 0.75  # of such moves at the largest s2 - s1
+_TILTS = _TILT_SCALE * _MOVES
+_REPEAT_NATS = 12.0  # of equal answers that cannot be a coincidence
 
 
 @dataclass(frozen=True)
@@ -127,7 +130,7 @@ def answer_flags(study: Study) -> list[tuple[Flag, ...]]:
     --------
     >>> subject = Subject("S01", [0, 0, 1, 1], [0, 1, 0, 1], [9, 9, 9, 9], [9] * 4)
     >>> [[str(flag) for flag in flags] for flags in answer_flags(Study([subject]))]
-    [['one answer only (--leave-out S01)', 'fewer than 60 trials']]
+    [['fewer than 60 trials', 'one answer only (--leave-out S01)']]
     """
     flags: dict[str, list[Flag]] = {name: [] for name in study.names}
     for finding in check_answers(study):
@@ -154,29 +157,22 @@ def _subject_findings(subject: Subject, level: float) -> Iterator[Finding]:
     answers = None if subject.answers is None else subject.answers.given
     if answers is not None and answers.trials:
         yield from _repeated_trials(subject, answers)
-    if subject.n_yes.sum() in (0, subject.total_trials):
-        yield _one_answer(subject)
-    else:
-        yield from _unrelated_answers(subject)
-        yield from _reversed_answers(subject)
-    if answers is not None and subject.total_trials <= _MOST_DRAWN:
-        yield from _order_of_answers(subject, answers, level)
     if subject.total_trials < FEW_TRIALS:
         message = f"Only {counted(subject.total_trials, 'trial')}: expect the prior back."
         yield Finding(subject.name, "few_trials", message)
-
-
-def _order_of_answers(subject: Subject, answers: Answers, level: float) -> Iterator[Finding]:
-    """Findings about blocks, then about drift, which swapped blocks would explain."""
-    finding = None
-    if answers.block is not None:
-        finding = _unlike_blocks(subject, answers, level)
-    if finding is not None:
-        yield finding
-        if finding.code == "swapped_blocks":
-            return
-    if answers.trials:
-        yield from _drift(subject, answers, level)
+    if subject.n_yes.sum() in (0, subject.total_trials):
+        yield _one_answer(subject)
+        return
+    if answers is not None and subject.total_trials <= _MOST_DRAWN:
+        unlike_blocks = _unlike_blocks(subject, answers, level)
+        if unlike_blocks is not None:
+            yield unlike_blocks
+            if unlike_blocks.code == "swapped_blocks":
+                return  # which explains what else may be found
+        if answers.trials:
+            yield from _drift(subject, answers, level)
+    yield from _unrelated_answers(subject)
+    yield from _reversed_answers(subject)
 
 
 # --- Trials that are there twice -----------------------------------------------------------------
@@ -191,11 +187,6 @@ def _repeated_trials(subject: Subject, answers: Answers) -> Iterator[Finding]:
     codes = _row_codes(answers)
     coincidence = _coincidence_nats(subject, answers)
     n_rows = len(codes)
-    if n_rows % 2 == 0 and np.array_equal(codes[::2], codes[1::2]):
-        if coincidence[::2].sum() > _HALF_REPEAT_NATS:
-            message = f"Every trial stands twice in a row: {TWICE}, leave one of each out."
-            yield Finding(subject.name, "repeated_trials", message)
-        return
     if n_rows < 2 * _WINDOW:
         return
     windows = np.lib.stride_tricks.sliding_window_view(codes, _WINDOW)
@@ -206,9 +197,7 @@ def _repeated_trials(subject: Subject, answers: Answers) -> Iterator[Finding]:
     starts = run_starts(lag)
     ends = np.append(starts[1:], len(lag)) + _WINDOW - 1
     nats = total[ends] - total[starts]
-    is_half = (2 * lag[starts] == n_rows) & (ends - starts == n_rows // 2)
-    needed = np.where(is_half, _HALF_REPEAT_NATS, _REPEAT_NATS)
-    is_repeat = (lag[starts] >= _WINDOW) & (nats > needed)
+    is_repeat = (lag[starts] >= _WINDOW) & (nats > _REPEAT_NATS)
     if is_repeat.any():
         n_repeated = int((ends - starts)[is_repeat].sum())
         from_row = int(starts[is_repeat][0])
@@ -258,25 +247,17 @@ def _one_answer(subject: Subject) -> Finding:
 
 
 def _unrelated_answers(subject: Subject) -> Iterator[Finding]:
-    """Answers that do not differ between pairs, where a noticeable difference would be seen."""
-    n, k = subject.n_trials, subject.n_yes
-    if len(n) < 2:
+    """Answers that do not change with s2 - s1, where a noticeable change would be seen."""
+    share, difference = subject.fraction_yes, subject.s2 - subject.s1
+    if not _SELDOM < share < 1.0 - _SELDOM:
         return
-    share = k.sum() / n.sum()
-    variance = share * (1.0 - share)
-    freedom = len(n) - 1
-    critical = chdtri(freedom, EXCLUSION)
-    p_missed = chndtr(critical, freedom, n.sum() * NOTICEABLE**2 / variance)
-    chi_square = float((np.square(k - n * share) / (n * variance)).sum())
-    difference = subject.s2 - subject.s1
-    z = [_trend(x, subject) for x in (difference, np.abs(difference))]
-    is_related = chi_square > critical or max(map(abs, z)) > -ndtri(EXCLUSION / 2)
-    if p_missed < EXCLUSION and not is_related:
-        p = chdtrc(freedom, chi_square)
+    z = max(abs(_trend(x, subject)) for x in (difference, np.abs(difference)))
+    z_noticeable = NOTICEABLE * math.sqrt(subject.total_trials / (share * (1.0 - share)))
+    if z < _CRITICAL_Z and z_noticeable > _CRITICAL_Z + _POWER_Z:
         option = f"--leave-out {as_option(subject.name)}"
         message = (
-            f"Answers look independent of the stimuli (X^2 / d.f. = {chi_square / freedom:.2f}, "
-            f"p = {p:.2g}): {option} leaves the subject out."
+            f"Answers look independent of the stimuli (z = {z:.2g} of a change with s2 - s1): "
+            f"{option} leaves the subject out."
         )
         yield Finding(subject.name, "independent_answers", message, option)
 
@@ -317,7 +298,9 @@ def _other_task(study: Study) -> str:
         n_equal += subject.n_trials[is_equal].sum()
     shape = ""
     is_half_at_equality = distance_from_half <= 0.25 * n_equal
-    if study.task == SAME_DIFFERENT and monotone_gain > SWAPPED and is_half_at_equality:
+    # A large constant error has that shape, too, but not in a whole study.
+    is_study = len(study) >= 3 and is_half_at_equality
+    if study.task == SAME_DIFFERENT and monotone_gain > SWAPPED and is_study:
         shape = "rises or falls with s2 - s1 and is about one half near s2 = s1, as in answers to "
         shape += "'which is stronger?'"
     elif study.task != SAME_DIFFERENT and -monotone_gain > SWAPPED:
@@ -382,20 +365,16 @@ class AnswerTable:
         """X^2 of such tables, shape (...)."""
         return np.asarray(self.block_chi_square(k).sum(-1))
 
-    def other_logits(self, k: IntArray) -> FloatArray:
+    def other_logits(self) -> FloatArray:
         """Logit of the counted answer in the other blocks, for each pair and block."""
-        n_yes = k.sum(-1, keepdims=True) - k
+        n_yes = self.k.sum(1, keepdims=True) - self.k
         n_all = self.n.sum(1, keepdims=True) - self.n
         return np.asarray(logit((n_yes + 0.5) / (n_all + 1.0)))
-
-    def agreement(self, k: IntArray) -> FloatArray:
-        """Log odds that a block is answered as the others and not swapped, shape (..., blocks)."""
-        return np.asarray(((2 * k - self.n) * self.other_logits(k)).sum(-2))
 
     @property
     def ratio(self) -> float:
         """X^2 / d.f."""
-        return float(self.chi_square(self.k)) / self.freedom
+        return float(self.chi_square(self.k)) / max(1, self.freedom)
 
     def p_value(
         self, statistic: Callable[[IntArray], FloatArray], level: float, name: str
@@ -432,56 +411,43 @@ def _tabulate(answers: Answers, column: IntArray) -> tuple[FloatArray, AnswerTab
 
 def _unlike_blocks(subject: Subject, answers: Answers, level: float) -> Finding | None:
     """Blocks with swapped buttons, or blocks that differ otherwise."""
-    assert answers.block is not None
+    if answers.block is None:
+        return None
     pairs, table = _tabulate(answers, answers.block)
     informative = table.informative()
     if informative.freedom == 0:
         return None
-    name = subject.name
-    # Half the level each: dispersion shows any difference, agreement one swapped block among many.
-    half_level, p = 0.5 * level, 1.0
-    if informative.ratio > 1.0:  # below its mean X^2 needs no table
-        p = informative.p_value(informative.chi_square, half_level, name)
-    difference = pairs[:, 1] - pairs[:, 0]
-    toward, tilt = difference, np.zeros_like(difference)
-    if subject.task == SAME_DIFFERENT:
-        toward, tilt = -np.abs(difference), difference / (np.abs(difference).max() or 1.0)
-    swapped = _swapped_blocks(table, toward, tilt)
-    if swapped and p > half_level:
-        agreement_p = table.p_value(lambda k: -table.agreement(k).min(-1), half_level, name)
-        if agreement_p > half_level:
-            swapped = []
-    ratio = f"X^2 / d.f. of pair x block = {informative.ratio:.2f} with {informative.freedom} d.f."
-    if swapped:
-        return _swapped_finding(subject, answers, table, swapped, ratio)
-    if p > half_level:
+    swapped = _swapped_blocks(table, subject.task, pairs[:, 1] - pairs[:, 0])
+    after = _turned(table, swapped).informative()
+    # Turning swapped blocks removes most of what blocks differ by.
+    if swapped.any() and after.ratio - 1.0 < 0.5 * max(0.0, informative.ratio - 1.0):
+        names = [answers.blocks[index] for index in np.flatnonzero(swapped).tolist()]
+        return _swapped_finding(subject.name, names, informative.ratio, after.ratio)
+    if informative.ratio <= 1.0:  # below its mean X^2 needs no table
         return None
-    message = f"Blocks differ in their answers to the same pairs, {ratio}, p = {p:.1g}"
-    if len(answers.blocks) > 2:
-        by_block = informative.block_chi_square(informative.k)
-        message += f", most in block {bare(answers.blocks[int(np.argmax(by_block))])}"
-    message += ": pooled counts look surer than they are."
-    return Finding(name, "block_dispersion", message)
-
-
-def _swapped_finding(
-    subject: Subject, answers: Answers, table: AnswerTable, swapped: list[int], ratio: str
-) -> Finding:
-    names = [answers.blocks[index] for index in swapped]
-    shown = [bare(block) for block in names]
-    blocks = f"Block {shown[0]} looks"
-    if len(shown) > 1:
-        blocks = f"Blocks {', '.join(shown[:-1])} and {shown[-1]} look"
-    straight = _turned(table, np.isin(np.arange(table.n.shape[1]), swapped)).informative()
-    if straight.freedom:
-        ratio += f", {straight.ratio:.2f} once turned"
-    option = f"--turn {as_option(subject.name, names)}"
-    leave_out = f"--leave-out {as_option(subject.name, names)}"
+    p = informative.p_value(informative.chi_square, level, subject.name)
+    if p > level:
+        return None
+    most_unlike = int(np.argmax(informative.block_chi_square(informative.k)))
     message = (
-        f"{blocks} answered the wrong way round (swapped buttons; {ratio}): {option} turns these "
-        f"answers, {leave_out} leaves them out."
+        f"Blocks differ in their answers to the same pairs, X^2 / d.f. = {informative.ratio:.2f}, "
+        f"p = {p:.1g}, most in block {bare(answers.blocks[most_unlike])}: pooled counts look "
+        "surer than they are."
     )
-    return Finding(subject.name, "swapped_blocks", message, option)
+    return Finding(subject.name, "block_dispersion", message)
+
+
+def _swapped_finding(name: str, blocks: list[str], ratio: float, ratio_after: float) -> Finding:
+    """Blocks with swapped buttons, with X^2 / d.f. before and after they are turned."""
+    noun, verb = ("Block", "looks") if len(blocks) == 1 else ("Blocks", "look")
+    turn = f"--turn {as_option(name, blocks)}"
+    leave_out = f"--leave-out {as_option(name, blocks)}"
+    message = (
+        f"{noun} {listed([bare(block) for block in blocks])} {verb} answered the wrong way round "
+        f"(swapped buttons; X^2 / d.f. of blocks {ratio:.2f}, once turned {ratio_after:.2f}): "
+        f"{turn} turns these answers, {leave_out} leaves them out."
+    )
+    return Finding(name, "swapped_blocks", message, turn)
 
 
 def _turned(table: AnswerTable, is_turned: BoolArray) -> AnswerTable:
@@ -489,43 +455,53 @@ def _turned(table: AnswerTable, is_turned: BoolArray) -> AnswerTable:
     return AnswerTable(table.n, np.where(is_turned, table.n - table.k, table.k))
 
 
-def _swapped_blocks(table: AnswerTable, toward: FloatArray, tilt: FloatArray) -> list[int]:
+def _swapped_blocks(table: AnswerTable, task: Task, difference: FloatArray) -> BoolArray:
     """Blocks whose answers agree with those of the others only if they are turned.
 
-    Blocks start as they relate to what speaks `toward` the counted answer, which in the end also
+    Blocks start as they relate to what speaks for the counted answer, which in the end also
     decides which of two camps is right. Between, each is turned to where the others have it, until
     nothing changes.
     """
+    toward = -np.abs(difference) if task == SAME_DIFFERENT else difference
     lean = toward - toward.mean()
-    is_turned = lean @ (2 * table.k - table.n) < 0
+    is_turned: BoolArray = lean @ (2 * table.k - table.n) < 0
     for _ in range(20):
         turned = _turned(table, is_turned)
-        disagrees = turned.agreement(turned.k) < 0
+        disagrees = ((2 * turned.k - turned.n) * turned.other_logits()).sum(axis=0) < 0
         if not disagrees.any():
             break
-        is_turned ^= disagrees
+        is_turned = is_turned ^ disagrees
     turned = _turned(table, is_turned)
     if np.sum(lean @ (2 * turned.k - table.n)) < 0:
         is_turned = ~is_turned
-    is_swapped = is_turned & (_swap_gain(turned, tilt) > SWAPPED)
-    return np.flatnonzero(is_swapped).tolist()
+    # Another point of subjective equality tilts the answers 'equal'.
+    tilt = difference if task == SAME_DIFFERENT else np.zeros(len(difference))
+    while is_turned.any():
+        gain = _swap_gain(_turned(table, is_turned), tilt)
+        is_likely: BoolArray = is_turned & (gain > _LIKELY_SWAPPED)
+        if (is_likely == is_turned).all():
+            break
+        is_turned = is_likely
+    is_sure = is_turned.any() and gain[is_turned].max() > SWAPPED
+    return is_turned if is_sure else np.zeros_like(is_turned)
 
 
 def _swap_gain(table: AnswerTable, tilt: FloatArray) -> FloatArray:
-    """Log likelihood of each block as the others answer, less that of its best swapped form.
+    """Log evidence that each block is answered as the others, less that of its swapped form.
 
-    The swapped form may prefer an answer more or less than the others, and it may have another
-    point of subjective equality, which tilts the answers 'equal': such a block is not swapped.
+    In both a block may prefer an answer more or less than the others, and tilt its answers: a
+    block whose criterion moved is not swapped.
     """
-    logits = table.other_logits(table.k)
-    as_others = _log_likelihood(table.n, table.k, logits)
-    best_swapped = np.full(len(as_others), -np.inf)
-    tilts = _MOVES if tilt.any() else [0.0]
-    for preference, slope in product(_MOVES, tilts):
-        moved = logits + preference + slope * tilt[:, None]
-        swapped = _log_likelihood(table.n, table.n - table.k, moved)
-        best_swapped = np.maximum(best_swapped, swapped)
-    return np.asarray(as_others - best_swapped)
+    logits = table.other_logits()
+    relative_tilt = tilt[:, None] / (np.abs(tilt).max() or 1.0)
+    slopes = _TILTS if tilt.any() else np.zeros(1)
+    as_others, as_swapped = [], []
+    for preference, slope in product(_MOVES.tolist(), slopes.tolist()):
+        moved = logits + preference + slope * relative_tilt
+        log_prior = -abs(preference) - abs(slope) / _TILT_SCALE
+        as_others.append(log_prior + _log_likelihood(table.n, table.k, moved))
+        as_swapped.append(log_prior + _log_likelihood(table.n, table.n - table.k, moved))
+    return np.asarray(logsumexp(as_others, axis=0) - logsumexp(as_swapped, axis=0))
 
 
 def _log_likelihood(n: IntArray, k: IntArray, logits: FloatArray) -> FloatArray:
