@@ -5,10 +5,10 @@ from .analysis import evidence as evidence
 from .analysis import run as run
 from .analysis import sample as sample
 from .answers.contrast import contrast as contrast
+from .answers.serial_dependence import serial_dependence as serial_dependence
 from .classical.asymmetry import asymmetry as asymmetry
 from .classical.fit import fit as fit
 from .comparison.average import average_models as average_models
-from .comparison.history import compare_history as compare_history
 from .comparison.verdict import Verdict as Verdict
 from .data.covariates import read_covariates as read_covariates
 from .data.options import ReadOptions as ReadOptions

@@ -23,7 +23,6 @@ from bayes_toe.classical.fit import (
     subject_fit,
 )
 from bayes_toe.comparison.evidence_table import EvidenceTable, SubjectEvidence, subject_evidence
-from bayes_toe.comparison.history import HistoryTable, SubjectHistory, subject_history
 from bayes_toe.comparison.verdict import Doubt, Verdict, data_doubts, verdict
 from bayes_toe.data.messages import as_html
 from bayes_toe.data.study import Study, Subject, require_study
@@ -74,8 +73,6 @@ class Analysis:
         Some draws of the model that describes a subject best, for those for whom that is not the paper's.
     contrast : ContrastTable or None
         What differs between conditions within subjects, where the study has conditions.
-    histories : HistoryTable or None
-        Of the subjects whose answers depend on the trial before, where there are any.
     """
 
     study: Study
@@ -86,7 +83,6 @@ class Analysis:
     best: tuple[Predictor, ...] = ()
     summary_rows: tuple[SummaryRow, ...] = ()
     contrast: ContrastTable | None = None
-    histories: HistoryTable | None = None
 
     def __repr__(self) -> str:
         return f"<Analysis of {self.study!r}: verdicts, draws, evidence, fits, summary()>"
@@ -177,8 +173,6 @@ def run(
         if study.conditions is None
         else contrast(study, seed=settings.seed, prior=settings.prior, workers=workers, keep=keep)
     )
-    followed = tuple(one.history for one in small if one.history is not None)
-    histories = HistoryTable(followed, study, settings.seed, settings.prior) if followed else None
     return Analysis(
         study,
         made,
@@ -188,7 +182,6 @@ def run(
         best,
         tuple(summary),
         apart,
-        histories,
     )
 
 
@@ -358,7 +351,6 @@ class _Analysed:
     evidence: SubjectEvidence
     fit: SubjectFit | None
     best: FloatArray | None
-    history: SubjectHistory | None
 
 
 def _drawn(subject: Subject, settings: Settings, wanted: Wanted) -> SubjectDraws:
@@ -401,13 +393,11 @@ def _analysed(
         best = space.predictor(
             said.best_model, _SHOWN, generator(seed, subject.name, said.best_model, "shown")
         ).x
-    history = subject_history(space, seed) if wanted.chains is not None and said.follows else None
     return _Analysed(
         None if result.chains is None else subject_draws(result, summarised=True),
         row,
         fit,
         best,
-        history,
     )
 
 

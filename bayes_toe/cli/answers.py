@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from bayes_toe.cli.headline import legend, p_value
+from bayes_toe.cli.headline import legend
 from bayes_toe.cli.terminal import OUTPUT, Terminal, chosen, number, once, safe
-from bayes_toe.comparison.history import QUANTITIES
 from bayes_toe.comparison.study_answer import doubts_of, of_new_subject, study_sentence, way_on
 from bayes_toe.comparison.verdict import Verdict
 from bayes_toe.data.messages import counted, named_few
 
 if TYPE_CHECKING:
-    from bayes_toe.comparison.history import HistoryTable
+    from bayes_toe.answers.serial_dependence import SerialDependence
     from bayes_toe.data.study import Study
 
 
@@ -23,13 +22,8 @@ def say_verdicts(
     seed: int,
     study: Study,
     file: str = OUTPUT,
-    *,
-    followed: bool = True,
 ) -> None:
-    """The study in a sentence, a new subject of its population, every subject in a row, and a way on where no model describes one.
-
-    `followed`: also whose answers seem to depend on the trial before, where histories are not told.
-    """
+    """The study in a sentence, a new subject of its population, every subject in a row, and a way on where no model describes one."""
     if not verdicts:
         return
     units = study.conditions is not None
@@ -51,37 +45,41 @@ def say_verdicts(
         file=file,
     )
     follow = [one.subject for one in verdicts if one.follows]
-    if follow and followed:
+    if follow:
         how = f"answers of {counted(len(follow), 'subject')} seem to depend on the trial before ({named_few(follow)})"
         out.note(f"trials before: {how}; bayes-toe history tells")
     out.notes(once((one.subject, note) for one in verdicts for note in one.notes))
 
 
-def say_histories(out: Terminal, table: HistoryTable, file: str) -> None:
-    """In one line how many subjects' answers follow the trials before, then each subject in a row."""
-    out.answer([f"trials before: {table.sentence()}"])
-    rows: list[dict[Any, Any]] = [
-        {
-            "subject": one.subject,
-            "follows": one.depends or "-",
-            "P(static)": number(one.p_static),
-            "log BF": number(one.log_bayes_factor_history, 1),
-            "answer before": number(one.log_bayes_factor_previous_answer, 1),
-            "median (5 %, 95 %)": f"{QUANTITIES[one.parameter]} {one.q50:.2g} ({one.q05:.2g}, {one.q95:.2g})"
-            if one.parameter
-            else one.note,
-            **{
-                head: "-" if p != p else p_value(p)
-                for head, p in (("p static", one.history_p_static), ("p with", one.history_p))
-            },
+def say_histories(out: Terminal, table: SerialDependence, file: str) -> None:
+    """Both answers over the study in a line each, then every subject in a row."""
+    for line in table.sentence().split("; "):
+        out.answer([line])
+    rows: list[dict[Any, Any]] = []
+    for row in table:
+        rho, kappa = (_interval(size) for size in (row.rho, row.kappa))
+        cells = {
+            "subject": row.subject,
+            "carry-over": row.word("carry_over") or "-",
+            "rho [95 %]": rho,
+            "previous response": row.word("previous_response") or "-",
+            "kappa [95 %]": kappa,
         }
-        for one in table
-    ]
-    out.table("what a trial leaves to the next", rows, file=file)
+        rows.append(cells)
+    out.table("serial dependence", rows, file=file)
     out.footnote(
-        "P(static): nothing is left of the trials before, among models with a pull. log BF: of any history, and of a bias by the answer "
-        "before, natural logs. p: of the answers by the trial before, without and with a history.",
+        "rho: share of the stimuli of a trial that is carried over to the next. kappa: effect of "
+        "the previous response; above 0 it is repeated, below 0 alternated.",
     )
+    out.notes((f"{row.subject}: {row.note}" for row in table if not row.is_known), file=file)
+
+
+def _interval(size: tuple[float, ...]) -> str:
+    """A median with its interval, two digits."""
+    if not size:
+        return "-"
+    low, median, high = size
+    return f"{median:.2f} [{low:.2f}, {high:.2f}]"
 
 
 def _cells(one: Verdict) -> dict[Any, Any]:

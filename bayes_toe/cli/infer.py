@@ -57,7 +57,7 @@ def run(
 
     [bold]Example[/bold]: bayes-toe run study.csv -o results --seed 1
     """
-    from bayes_toe.cli.answers import say_histories, say_verdicts
+    from bayes_toe.cli.answers import say_verdicts
     from bayes_toe.cli.group_commands import say_contrast
     from bayes_toe.cli.results_folder import PICTURE_BYTES, PRODUCTS, Drawn, write_results
     from bayes_toe.explorer.page import EXPLORER_BYTES, require_bokeh, require_few
@@ -90,10 +90,7 @@ def run(
         analysis.settings.seed,
         read,
         "evidence.csv",
-        followed=analysis.histories is None,
     )
-    if analysis.histories is not None:
-        say_histories(task.out, analysis.histories, "history.csv")
     say_failed(task.out, analysis.draws)
     if analysis.contrast is not None:
         say_contrast(task.out, analysis.contrast)

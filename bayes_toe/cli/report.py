@@ -107,7 +107,6 @@ def write_report(analysis: Analysis, facts: Facts, folder: Path) -> None:
         ),
         "beside": "../" if paged else "",
         "folder": folder,
-        "histories": analysis.histories,
         "there": there,
         "posterior": next(
             (name for name in sorted(there) if name.startswith("posterior.")), "posterior.nc"

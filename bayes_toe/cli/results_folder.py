@@ -31,7 +31,6 @@ from bayes_toe.plots.corner import corner
 from bayes_toe.plots.curves import curves
 from bayes_toe.plots.evidence import evidence_axes, evidence_height, order_effect_axes
 from bayes_toe.plots.figure_files import png
-from bayes_toe.plots.history import history
 from bayes_toe.plots.map import study_map_axes
 from bayes_toe.plots.population import population_figure
 from bayes_toe.plots.style import LETTERS, legend_below, new_figure
@@ -41,12 +40,9 @@ if TYPE_CHECKING:
     import pandas as pd
 
 Figure = Any  # of matplotlib, which is of another room
-#: What a results folder has of a group, of conditions, and of histories, where answers depend on the trial before.
+#: What a results folder has of a group and of conditions.
 GROUP_PRODUCTS = ("population.csv", "population_subjects.csv", "population.png", "population.nc")
-CONTRAST_PRODUCTS, HISTORY_PRODUCTS = (
-    ("contrast.csv", "contrast.png"),
-    ("history.csv", "history.png"),
-)
+CONTRAST_PRODUCTS = ("contrast.csv", "contrast.png")
 ALWAYS = ("summary.csv", "evidence.csv", "report.html", "methods.md", "methods.bib")
 #: What a results folder may hold: draws, the group, corner plots, an explorer, pages of very many subjects.
 PRODUCTS = (
@@ -55,7 +51,6 @@ PRODUCTS = (
         *ALWAYS[:2],
         *CONTRAST_PRODUCTS,
         *GROUP_PRODUCTS,
-        *HISTORY_PRODUCTS,
     ),
     *("corner", "explorer.html", *ALWAYS[2:], "subjects"),
 )
@@ -105,7 +100,6 @@ def write_results(
     parts = {
         CONTRAST_PRODUCTS: analysis.contrast,
         GROUP_PRODUCTS: group,
-        HISTORY_PRODUCTS: analysis.histories,
     }
     required = [
         posterior,
@@ -197,7 +191,7 @@ def _write_tables(
     *,
     spreadsheet_safe: bool,
 ) -> None:
-    """All tables, with the figures and draws that go with those of conditions, of histories and of the group."""
+    """All tables, with the figures and draws that go with those of conditions and of the group."""
     study = analysis.study
     of_units: dict[str, Any] = {
         "spreadsheet_safe": spreadsheet_safe,
@@ -212,9 +206,6 @@ def _write_tables(
         (folder / "contrast.png").write_bytes(
             png(contrast_figure(analysis.contrast, means, synthetic=study.synthetic))
         )
-    if analysis.histories is not None:
-        analysis.histories.save(folder / "history.csv", **of_units)
-        (folder / "history.png").write_bytes(png(history(analysis.histories), dpi=_DOTS))
     if group is not None:
         group.found.table.save(folder / "population.csv", spreadsheet_safe=spreadsheet_safe)
         pooled_subjects(group.found).save(folder / "population_subjects.csv", **of_units)

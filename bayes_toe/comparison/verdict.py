@@ -32,6 +32,7 @@ from bayes_toe.comparison.words import (
 from bayes_toe.data.findings import data_findings
 from bayes_toe.data.messages import as_option
 from bayes_toe.data.study import Study, Subject
+from bayes_toe.data.trial_sequence import knows_order
 from bayes_toe.inference.evidence import weighed
 from bayes_toe.inference.prediction import effect_size
 from bayes_toe.inference.predictive_checks import HISTORY_DRAWS, MISFIT, FitSummary, history_p
@@ -43,7 +44,6 @@ from bayes_toe.model.parts import compose
 from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.record import Model
-from bayes_toe.model.trial_history import knows_order
 from bayes_toe.seeds import generator
 
 #: Which scales of the prior belong to the order, and by what they are multiplied for `robust`.

@@ -6,10 +6,10 @@ from .curves import curves as curves
 from .curves import plot_average as plot_average
 from .evidence import evidence_figure as evidence_figure
 from .figure_files import save_figure as save_figure
-from .history import history as history
 from .map import map_axes as map_axes
 from .paper_figures import figures as figures
 from .paper_figures import write_figures as write_figures
 from .planning import design_figure as design_figure
 from .planning import power_figure as power_figure
 from .population import population_figure as population_figure
+from .serial import serial as serial

@@ -1,0 +1,64 @@
+"""The words of every answer, with their limits, in one place."""
+
+from __future__ import annotations
+
+from enum import Enum
+
+
+class Word(Enum):
+    """What a probability and a Bayes factor say of a question; the value is the word in files."""
+
+    YES = "yes"
+    PROBABLY = "probably"
+    UNDECIDED = "undecided"
+    PROBABLY_NOT = "probably not"
+    NO = "no"
+    CANNOT_BE_TOLD = "cannot be told"
+    NOT_INTERPRETABLE = "not interpretable"
+
+    @property
+    def is_positive(self) -> bool:
+        """Whether the word says that there is an effect, for sure or probably."""
+        return self in (Word.YES, Word.PROBABLY)
+
+
+#: Probabilities from which, and up to which, a word holds; log Bayes factor that 'probably not'
+#: needs beside its probability.
+YES_FROM, PROBABLY_FROM = 0.95, 0.75
+PROBABLY_NOT_UP_TO, NO_UP_TO = 0.25, 0.05
+PROBABLY_NOT_LOG_BAYES_FACTOR = -1.0
+
+
+def word_for(probability: float, log_bayes_factor: float) -> Word:
+    """The word for an effect of this posterior probability and log Bayes factor, nats.
+
+    Examples
+    --------
+    >>> word_for(0.97, 4.0).value, word_for(0.2, -0.5).value, word_for(0.2, -1.5).value
+    ('yes', 'undecided', 'probably not')
+    """
+    if probability >= YES_FROM:
+        return Word.YES
+    if probability >= PROBABLY_FROM:
+        return Word.PROBABLY
+    if probability <= NO_UP_TO:
+        return Word.NO
+    is_against = log_bayes_factor <= PROBABLY_NOT_LOG_BAYES_FACTOR
+    if probability <= PROBABLY_NOT_UP_TO and is_against:
+        return Word.PROBABLY_NOT
+    return Word.UNDECIDED
+
+
+def side_of(probability: float) -> int:
+    """1 where an effect is at least probable, -1 where its absence is, 0 between.
+
+    Examples
+    --------
+    >>> side_of(0.8), side_of(0.5), side_of(0.1)
+    (1, 0, -1)
+    """
+    if probability >= PROBABLY_FROM:
+        return 1
+    if probability <= PROBABLY_NOT_UP_TO:
+        return -1
+    return 0
