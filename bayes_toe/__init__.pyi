@@ -6,6 +6,7 @@ from .analysis import run as run
 from .analysis import sample as sample
 from .answers.contrast import contrast as contrast
 from .answers.serial_dependence import serial_dependence as serial_dependence
+from .checks.design_checks import check as check
 from .classical.asymmetry import asymmetry as asymmetry
 from .classical.fit import fit as fit
 from .comparison.average import average_models as average_models
@@ -20,7 +21,6 @@ from .data.study import Subject as Subject
 from .errors import BayesToeError as BayesToeError
 from .errors import ConvergenceWarning as ConvergenceWarning
 from .errors import InputError as InputError
-from .experiments.answers_check import check as check
 from .experiments.simulate import simulate as simulate
 from .explorer.page import explore as explore
 from .groups.hyperprior import Hyperprior as Hyperprior

@@ -1,0 +1,567 @@
+"""What speaks against the answers of a subject: flags, known before any sampling.
+
+Pooled counts assume that the answers to a pair have one probability from the first trial to the
+last. The tests of blocks and of drift are exact, given how often each answer was given to each
+pair: tables are drawn as if these answers had fallen on the blocks by chance, so small cells need
+no chi-square. In a study of clean observers a test flags any subject with probability
+:data:`STUDY_LEVEL` at most, however many there are (Bonferroni). The draws have a fixed seed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import isotonic_regression
+from scipy.special import logit, logsumexp, xlog1py, xlogy
+
+from bayes_toe.arrays import BLOCK, BoolArray, FloatArray, IntArray, run_starts
+from bayes_toe.data.answers import Answers
+from bayes_toe.data.messages import TWICE, as_option, bare, counted, listed
+from bayes_toe.data.study import Study, Subject, require_study
+from bayes_toe.data.tasks import SAME_DIFFERENT, Task
+from bayes_toe.seeds import generator
+
+#: Chance that a test flags anyone in a study of clean observers.
+STUDY_LEVEL = 0.01
+#: Standard deviation of an answer's share between pairs that a test of them must see.
+NOTICEABLE = 0.15
+#: Log odds, in nats, by which answers must be more probable with the buttons swapped.
+SWAPPED = 5.0
+#: A change of an answer's share from the first trial to the last that matters for pooled counts.
+SMALL_DRIFT = 0.2
+#: Trials below which a subject is flagged.
+FEW_TRIALS = 60
+
+
+class FlagKind(NamedTuple):
+    """The words of a flag in tables, and whether the subject's answer still stands beside it."""
+
+    words: str
+    is_interpretable: bool
+
+
+FLAG_KINDS = {
+    "repeated_trials": FlagKind("trials are there twice", False),
+    "one_answer": FlagKind("one answer only", False),
+    "other_task": FlagKind("like another task", False),
+    "swapped_blocks": FlagKind("swapped blocks", False),
+    "reversed_answers": FlagKind("reversed answers", False),
+    "independent_answers": FlagKind("independent of the stimuli", False),
+    "block_dispersion": FlagKind("unlike blocks", True),
+    "drift": FlagKind("answers drift", True),
+    "few_trials": FlagKind(f"fewer than {FEW_TRIALS} trials", True),
+}
+
+_CRITICAL_Z = 1.96  # of answers that change with the stimuli, at 5 %
+_SELDOM = 0.15  # share of an answer that a large constant error leaves, whatever the pair
+_POWER_Z = 1.64  # by which a noticeable change exceeds that in 95 %
+_STRETCHES = 10  # of the trials, among which drift is looked for
+_FEWEST_DRAWS = 99  # drawing ends with so many tables at the earliest
+_MOST_LARGER = 10  # or with so many that deviate more than the observed one
+_MOST_DRAWN = 10**8  # answers of a subject beyond which tables cannot be drawn
+_ENOUGH_TRIALS = 1000.0  # that tell the shape of answers; more count as so many
+#: Differences at which a peak of 'equal' may lie: near equality, or wherever stimuli are.
+_NEAR_POINTS = (-0.5, -0.25, 0.0, 0.25, 0.5)
+_ALL_POINTS = (-1.0, *_NEAR_POINTS, 1.0)
+_WINDOW = 16  # rows in sequence by which repeated trials are looked for
+#: Logits by which a block's answers may differ from those of the others, with Laplace's prior.
+_MOVES = np.linspace(-6.0, 6.0, 25)
+_LIKELY_SWAPPED = 2.0  # nats, of a block where another one is surely swapped
+_TILT_SCALE = 0.75  # of such moves at the largest s2 - s1
+_TILTS = _TILT_SCALE * _MOVES
+_REPEAT_NATS = 12.0  # of equal answers that cannot be a coincidence
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something that the data of a subject or a study leave open, or that speaks against them.
+
+    Parameters
+    ----------
+    subject : str
+        Empty for the whole study.
+    code : str
+        A key of :data:`FLAG_KINDS`, or a code of :mod:`bayes_toe.checks.design_checks`.
+    message : str
+        One sentence that says what to conclude.
+    option : str
+        What to type behind a command to act on it, such as "--turn 946:2,4,6"; often empty.
+    """
+
+    subject: str
+    code: str
+    message: str
+    option: str = ""
+
+
+@dataclass(frozen=True)
+class Flag:
+    """A finding about a subject's answers in the words of tables.
+
+    Attributes
+    ----------
+    code : str
+        A key of :data:`FLAG_KINDS`.
+    words : str
+    option : str
+        What to type behind a command to act on it; empty where nothing does.
+    is_interpretable : bool
+        Whether the subject's answer still stands beside it.
+    """
+
+    code: str
+    words: str
+    option: str
+    is_interpretable: bool
+
+    def __str__(self) -> str:
+        return f"{self.words} ({self.option})" if self.option else self.words
+
+
+def answer_flags(study: Study) -> list[tuple[Flag, ...]]:
+    """The flags of every subject, in the order of the study; the same for the same study.
+
+    Examples
+    --------
+    >>> subject = Subject("S01", [0, 0, 1, 1], [0, 1, 0, 1], [9, 9, 9, 9], [9] * 4)
+    >>> [[str(flag) for flag in flags] for flags in answer_flags(Study([subject]))]
+    [['fewer than 60 trials', 'one answer only (--leave-out S01)']]
+    """
+    flags: dict[str, list[Flag]] = {name: [] for name in study.names}
+    for finding in check_answers(study):
+        kind = FLAG_KINDS[finding.code]
+        flag = Flag(finding.code, kind.words, finding.option, kind.is_interpretable)
+        flags[finding.subject].append(flag)
+    return [tuple(flags[name]) for name in study.names]
+
+
+def check_answers(study: Study) -> tuple[Finding, ...]:
+    """Findings about the answers of every subject, with codes of :data:`FLAG_KINDS`."""
+    require_study(study)
+    level = STUDY_LEVEL / len(study)
+    of_study = _other_task(study)
+    findings: list[Finding] = []
+    for subject in study:
+        if of_study:
+            findings.append(Finding(subject.name, "other_task", of_study))
+        findings.extend(_subject_findings(subject, level))
+    return tuple(findings)
+
+
+def _subject_findings(subject: Subject, level: float) -> Iterator[Finding]:
+    answers = None if subject.answers is None else subject.answers.given
+    if answers is not None and answers.trials:
+        yield from _repeated_trials(subject, answers)
+    if subject.total_trials < FEW_TRIALS:
+        message = f"Only {counted(subject.total_trials, 'trial')}: expect the prior back."
+        yield Finding(subject.name, "few_trials", message)
+    if subject.n_yes.sum() in (0, subject.total_trials):
+        yield _one_answer(subject)
+        return
+    if answers is not None and subject.total_trials <= _MOST_DRAWN:
+        unlike_blocks = _unlike_blocks(subject, answers, level)
+        if unlike_blocks is not None:
+            yield unlike_blocks
+            if unlike_blocks.code == "swapped_blocks":
+                return  # which explains what else may be found
+        if answers.trials:
+            yield from _drift(subject, answers, level)
+    yield from _unrelated_answers(subject)
+    yield from _reversed_answers(subject)
+
+
+# --- Trials that are there twice -----------------------------------------------------------------
+
+
+def _repeated_trials(subject: Subject, answers: Answers) -> Iterator[Finding]:
+    """Long sequences of trials that repeat earlier ones, stimuli and answers.
+
+    A list of stimuli may be used again on purpose, so only equal answers count, by the chance
+    that two answers to a pair agree.
+    """
+    codes = _row_codes(answers)
+    coincidence = _coincidence_nats(subject, answers)
+    n_rows = len(codes)
+    if n_rows < 2 * _WINDOW:
+        return
+    windows = np.lib.stride_tricks.sliding_window_view(codes, _WINDOW)
+    weights = generator(0, "repeated trials").integers(2**62, size=_WINDOW)
+    _, first, inverse = np.unique(windows @ weights, return_index=True, return_inverse=True)
+    lag = np.arange(len(windows)) - first[inverse]
+    total = np.concatenate([[0.0], np.cumsum(coincidence)])
+    starts = run_starts(lag)
+    ends = np.append(starts[1:], len(lag)) + _WINDOW - 1
+    nats = total[ends] - total[starts]
+    is_repeat = (lag[starts] >= _WINDOW) & (nats > _REPEAT_NATS)
+    if is_repeat.any():
+        n_repeated = int((ends - starts)[is_repeat].sum())
+        from_row = int(starts[is_repeat][0])
+        message = (
+            f"{n_repeated} of {n_rows} trials, from trial {from_row + 1} on, repeat the stimuli "
+            f"and answers of trials before them in the same order: {TWICE}, leave them out."
+        )
+        yield Finding(subject.name, "repeated_trials", message)
+
+
+def _row_codes(answers: Answers) -> IntArray:
+    """A number for each row, the same for the same pair and answer."""
+    rows = np.column_stack([answers.keys, answers.n_yes])
+    return np.unique(rows, axis=0, return_inverse=True)[1].ravel().astype(np.int64)
+
+
+def _coincidence_nats(subject: Subject, answers: Answers) -> FloatArray:
+    """How improbable it is that the same answer comes again, in nats, for each row.
+
+    The probability of an answer is that of its pair, or that of a right answer if this says less.
+    """
+    pairs, table = _tabulate(answers, np.zeros(len(answers.n_trials), np.int64))
+    n, k = table.n.sum(1), table.k.sum(1)
+    _, index = np.unique(answers.keys, axis=0, return_inverse=True)
+    by_pair = (k + 0.5) / (n + 1.0)
+    right = subject.task.right(pairs[:, 1] - pairs[:, 0])
+    n_right = k[right > 0].sum() + (n - k)[right < 0].sum()
+    accuracy = (n_right + 0.5) / (n[right != 0].sum() + 1.0)
+    agreement = np.maximum(_agreement(by_pair), _agreement(accuracy))
+    return np.asarray(-np.log(agreement)[index.ravel()])
+
+
+def _agreement(p: FloatArray) -> FloatArray:
+    """Probability that two answers are the same."""
+    return np.asarray(np.square(p) + np.square(1.0 - p))
+
+
+# --- The counts of a subject ---------------------------------------------------------------------
+
+
+def _one_answer(subject: Subject) -> Finding:
+    task = subject.task
+    only = task.yes if subject.n_yes.any() else task.no
+    option = f"--leave-out {as_option(subject.name)}"
+    message = f"Every trial was answered {only!r}: {option} leaves the subject out."
+    return Finding(subject.name, "one_answer", message, option)
+
+
+def _unrelated_answers(subject: Subject) -> Iterator[Finding]:
+    """Answers that do not change with s2 - s1, where a noticeable change would be seen."""
+    share, difference = subject.fraction_yes, subject.s2 - subject.s1
+    if not _SELDOM < share < 1.0 - _SELDOM:
+        return
+    z = max(abs(_trend(x, subject)) for x in (difference, np.abs(difference)))
+    z_noticeable = NOTICEABLE * math.sqrt(subject.total_trials / (share * (1.0 - share)))
+    if z < _CRITICAL_Z and z_noticeable > _CRITICAL_Z + _POWER_Z:
+        option = f"--leave-out {as_option(subject.name)}"
+        message = (
+            f"Answers look independent of the stimuli (z = {z:.2g} of a change with s2 - s1): "
+            f"{option} leaves the subject out."
+        )
+        yield Finding(subject.name, "independent_answers", message, option)
+
+
+def _trend(x: FloatArray, subject: Subject) -> float:
+    """Score of a linear change of the counted answer with x, in standard errors."""
+    centred = x - np.average(x, weights=subject.n_trials)
+    largest = np.abs(centred).max()
+    if largest == 0.0:
+        return 0.0
+    centred = centred / largest
+    share = subject.fraction_yes
+    variance = share * (1.0 - share) * (np.square(centred) @ subject.n_trials)
+    return float(centred @ subject.n_yes / np.sqrt(variance))
+
+
+def _reversed_answers(subject: Subject) -> Iterator[Finding]:
+    """Answers of the right shape with the opposite sign: all buttons swapped."""
+    points = _ALL_POINTS if subject.task == SAME_DIFFERENT else ()
+    straight, reversed_ = _shapes(subject, points)
+    if reversed_ - straight > SWAPPED:
+        option = f"--turn {as_option(subject.name)}"
+        message = (
+            f"Answers look reversed: does --{subject.task.yes}-code name the other answer? "
+            f"Or {option} turns them."
+        )
+        yield Finding(subject.name, "reversed_answers", message, option)
+
+
+def _other_task(study: Study) -> str:
+    """What is said where the answers of a study have the shape of the other task; else empty."""
+    monotone_gain = distance_from_half = n_equal = 0.0
+    for subject in study.subjects[:100]:  # enough to tell
+        difference = subject.s2 - subject.s1
+        monotone_gain += max(_shapes(subject)) - max(_shapes(subject, _NEAR_POINTS))
+        is_equal = difference == 0
+        distance_from_half += np.abs(subject.n_yes - 0.5 * subject.n_trials)[is_equal].sum()
+        n_equal += subject.n_trials[is_equal].sum()
+    shape = ""
+    is_half_at_equality = distance_from_half <= 0.25 * n_equal
+    # A large constant error has that shape, too, but not in a whole study.
+    is_study = len(study) >= 3 and is_half_at_equality
+    if study.task == SAME_DIFFERENT and monotone_gain > SWAPPED and is_study:
+        shape = "rises or falls with s2 - s1 and is about one half near s2 = s1, as in answers to "
+        shape += "'which is stronger?'"
+    elif study.task != SAME_DIFFERENT and -monotone_gain > SWAPPED:
+        shape = "is highest or lowest near s2 = s1, as in answers to 'same or different?'"
+    return f"Was the other question asked? P({study.task.yes}) {shape}." if shape else ""
+
+
+def _shapes(subject: Subject, peaks: tuple[float, ...] = ()) -> tuple[float, float]:
+    """Largest log likelihoods of shares that rise, and that fall, with what speaks for the answer.
+
+    That is s2 - s1. With peaks it is nearness to one of these differences, in units of the
+    largest, to which a constant error may have moved the peak.
+    """
+    difference = subject.s2 - subject.s1
+    largest = float(np.abs(difference).max())
+    candidates = [-np.abs(difference - largest * peak) for peak in peaks] or [difference]
+    rising = max(_isotonic(x, subject, True) for x in candidates)
+    falling = max(_isotonic(x, subject, False) for x in candidates)
+    return rising, falling
+
+
+def _isotonic(x: FloatArray, subject: Subject, is_rising: bool) -> float:
+    """Log likelihood of shares of the counted answer that only rise, or only fall, with x."""
+    scale = float(np.abs(x).max()) or 1.0
+    _, index = np.unique(np.round(x / scale, 9), return_inverse=True)
+    weight = min(1.0, _ENOUGH_TRIALS / subject.total_trials)
+    k = weight * np.bincount(index.ravel(), subject.n_yes)
+    n = weight * np.bincount(index.ravel(), subject.n_trials)
+    p = isotonic_regression(k / n, weights=n, increasing=is_rising).x
+    return float((xlogy(k, p) + xlog1py(n - k, -p)).sum())
+
+
+# --- The answers in their blocks, and in their order ---------------------------------------------
+
+
+@dataclass(frozen=True)
+class AnswerTable:
+    """Answers n, and those k that the task counts, shape (pairs, blocks)."""
+
+    n: IntArray
+    k: IntArray
+
+    def informative(self) -> AnswerTable:
+        """The pairs that were answered in both ways: the others cannot deviate."""
+        n_yes, n_all = self.k.sum(1), self.n.sum(1)
+        is_mixed: BoolArray = (n_yes > 0) & (n_yes < n_all)
+        return AnswerTable(self.n[is_mixed], self.k[is_mixed])
+
+    @property
+    def freedom(self) -> int:
+        """Degrees of freedom."""
+        return int(np.maximum((self.n > 0).sum(1) - 1, 0).sum())
+
+    def block_chi_square(self, k: IntArray) -> FloatArray:
+        """What each block adds to X^2 of tables with these margins, (..., pairs, blocks) to (..., blocks)."""
+        share = self.k.sum(1, keepdims=True) / self.n.sum(1, keepdims=True)
+        expected = self.n * share
+        variance = np.where(self.n > 0, expected * (1 - share), 1.0)
+        return np.asarray((np.square(k - expected) / variance).sum(-2))
+
+    def chi_square(self, k: IntArray) -> FloatArray:
+        """X^2 of such tables, shape (...)."""
+        return np.asarray(self.block_chi_square(k).sum(-1))
+
+    def other_logits(self) -> FloatArray:
+        """Logit of the counted answer in the other blocks, for each pair and block."""
+        n_yes = self.k.sum(1, keepdims=True) - self.k
+        n_all = self.n.sum(1, keepdims=True) - self.n
+        return np.asarray(logit((n_yes + 0.5) / (n_all + 1.0)))
+
+    @property
+    def ratio(self) -> float:
+        """X^2 / d.f."""
+        return float(self.chi_square(self.k)) / max(1, self.freedom)
+
+    def p_value(
+        self, statistic: Callable[[IntArray], FloatArray], level: float, name: str
+    ) -> float:
+        """Chance of a statistic at least as large where answers fall on trials at random.
+
+        Tables are drawn until ten deviate as much (Besag and Clifford 1991), or until the level
+        is reached.
+        """
+        rng = generator(0, name, "answers")
+        observed = float(statistic(self.k)) * (1 - 1e-12)
+        most_draws = max(_FEWEST_DRAWS, math.ceil(5 / level))
+        largest_batch = max(1, BLOCK // self.n.size)
+        n_larger = n_drawn = 0
+        while n_drawn < most_draws and n_larger < _MOST_LARGER:
+            # Most tables do not deviate, which a few draws show.
+            size = min(largest_batch, most_draws - n_drawn, 32 + 3 * n_drawn)
+            rows = []
+            for n, k in zip(self.n, self.k.sum(1), strict=True):
+                rows.append(rng.multivariate_hypergeometric(n, k, size))
+            n_larger += int((statistic(np.stack(rows, axis=1)) >= observed).sum())
+            n_drawn += size
+        return (1 + n_larger) / (1 + n_drawn)
+
+
+def _tabulate(answers: Answers, column: IntArray) -> tuple[FloatArray, AnswerTable]:
+    """Distinct pairs, and their answers by column."""
+    pairs, row = np.unique(answers.keys, axis=0, return_inverse=True)
+    n, k = np.zeros((2, len(pairs), column.max() + 1), np.int64)
+    np.add.at(n, (row.ravel(), column), answers.n_trials)
+    np.add.at(k, (row.ravel(), column), answers.n_yes)
+    return pairs, AnswerTable(n, k)
+
+
+def _unlike_blocks(subject: Subject, answers: Answers, level: float) -> Finding | None:
+    """Blocks with swapped buttons, or blocks that differ otherwise."""
+    if answers.block is None:
+        return None
+    pairs, table = _tabulate(answers, answers.block)
+    informative = table.informative()
+    if informative.freedom == 0:
+        return None
+    swapped = _swapped_blocks(table, subject.task, pairs[:, 1] - pairs[:, 0])
+    after = _turned(table, swapped).informative()
+    # Turning swapped blocks removes most of what blocks differ by.
+    if swapped.any() and after.ratio - 1.0 < 0.5 * max(0.0, informative.ratio - 1.0):
+        names = [answers.blocks[index] for index in np.flatnonzero(swapped).tolist()]
+        return _swapped_finding(subject.name, names, informative.ratio, after.ratio)
+    if informative.ratio <= 1.0:  # below its mean X^2 needs no table
+        return None
+    p = informative.p_value(informative.chi_square, level, subject.name)
+    if p > level:
+        return None
+    most_unlike = int(np.argmax(informative.block_chi_square(informative.k)))
+    message = (
+        f"Blocks differ in their answers to the same pairs, X^2 / d.f. = {informative.ratio:.2f}, "
+        f"p = {p:.1g}, most in block {bare(answers.blocks[most_unlike])}: pooled counts look "
+        "surer than they are."
+    )
+    return Finding(subject.name, "block_dispersion", message)
+
+
+def _swapped_finding(name: str, blocks: list[str], ratio: float, ratio_after: float) -> Finding:
+    """Blocks with swapped buttons, with X^2 / d.f. before and after they are turned."""
+    noun, verb = ("Block", "looks") if len(blocks) == 1 else ("Blocks", "look")
+    turn = f"--turn {as_option(name, blocks)}"
+    leave_out = f"--leave-out {as_option(name, blocks)}"
+    message = (
+        f"{noun} {listed([bare(block) for block in blocks])} {verb} answered the wrong way round "
+        f"(swapped buttons; X^2 / d.f. of blocks {ratio:.2f}, once turned {ratio_after:.2f}): "
+        f"{turn} turns these answers, {leave_out} leaves them out."
+    )
+    return Finding(name, "swapped_blocks", message, turn)
+
+
+def _turned(table: AnswerTable, is_turned: BoolArray) -> AnswerTable:
+    """The table with the answers of some blocks turned."""
+    return AnswerTable(table.n, np.where(is_turned, table.n - table.k, table.k))
+
+
+def _swapped_blocks(table: AnswerTable, task: Task, difference: FloatArray) -> BoolArray:
+    """Blocks whose answers agree with those of the others only if they are turned.
+
+    Blocks start as they relate to what speaks for the counted answer, which in the end also
+    decides which of two camps is right. Between, each is turned to where the others have it, until
+    nothing changes.
+    """
+    toward = -np.abs(difference) if task == SAME_DIFFERENT else difference
+    lean = toward - toward.mean()
+    is_turned: BoolArray = lean @ (2 * table.k - table.n) < 0
+    for _ in range(20):
+        turned = _turned(table, is_turned)
+        disagrees = ((2 * turned.k - turned.n) * turned.other_logits()).sum(axis=0) < 0
+        if not disagrees.any():
+            break
+        is_turned = is_turned ^ disagrees
+    turned = _turned(table, is_turned)
+    if np.sum(lean @ (2 * turned.k - table.n)) < 0:
+        is_turned = ~is_turned
+    # Another point of subjective equality tilts the answers 'equal'.
+    tilt = difference if task == SAME_DIFFERENT else np.zeros(len(difference))
+    while is_turned.any():
+        gain = _swap_gain(_turned(table, is_turned), tilt)
+        is_likely: BoolArray = is_turned & (gain > _LIKELY_SWAPPED)
+        if (is_likely == is_turned).all():
+            break
+        is_turned = is_likely
+    is_sure = is_turned.any() and gain[is_turned].max() > SWAPPED
+    return is_turned if is_sure else np.zeros_like(is_turned)
+
+
+def _swap_gain(table: AnswerTable, tilt: FloatArray) -> FloatArray:
+    """Log evidence that each block is answered as the others, less that of its swapped form.
+
+    In both a block may prefer an answer more or less than the others, and tilt its answers: a
+    block whose criterion moved is not swapped.
+    """
+    logits = table.other_logits()
+    relative_tilt = tilt[:, None] / (np.abs(tilt).max() or 1.0)
+    slopes = _TILTS if tilt.any() else np.zeros(1)
+    as_others, as_swapped = [], []
+    for preference, slope in product(_MOVES.tolist(), slopes.tolist()):
+        moved = logits + preference + slope * relative_tilt
+        log_prior = -abs(preference) - abs(slope) / _TILT_SCALE
+        as_others.append(log_prior + _log_likelihood(table.n, table.k, moved))
+        as_swapped.append(log_prior + _log_likelihood(table.n, table.n - table.k, moved))
+    return np.asarray(logsumexp(as_others, axis=0) - logsumexp(as_swapped, axis=0))
+
+
+def _log_likelihood(n: IntArray, k: IntArray, logits: FloatArray) -> FloatArray:
+    """Log likelihood of each block, (pairs, blocks) -> (blocks,)."""
+    terms = k * logits - n * np.logaddexp(0.0, logits)
+    return np.asarray(terms.sum(axis=0))
+
+
+def _drift(subject: Subject, answers: Answers, level: float) -> Iterator[Finding]:
+    """Answers that change slowly over the trials: trends, and waves as of a moving criterion."""
+    n_rows = len(answers.n_trials)
+    n_stretches = min(_STRETCHES, n_rows)
+    pairs, table = _tabulate(answers, np.arange(n_rows) * n_stretches // n_rows)
+    is_mixed = (table.k.sum(1) > 0) & (table.k.sum(1) < table.n.sum(1))
+    difference, table = (pairs[:, 1] - pairs[:, 0])[is_mixed], table.informative()
+    if table.freedom == 0:
+        return
+    kinds = _kinds_of_drift(subject, difference)
+    time = (np.arange(n_stretches) + 0.5) / n_stretches
+    waves = np.cos(np.pi * np.outer([1, 2, 3], time))
+    weights = _wave_weights(table.n, waves, np.array([*kinds.values()]))
+
+    def amplitudes(k: IntArray) -> FloatArray:
+        return np.asarray(np.tensordot(k, weights, ((-2, -1), (2, 3))))
+
+    def largest_power(k: IntArray) -> FloatArray:
+        return np.asarray(np.square(amplitudes(k)).sum(-1).max(-1))
+
+    course = amplitudes(table.k) @ waves
+    largest = int(np.argmax(np.square(amplitudes(table.k)).sum(-1)))
+    change = float(np.ptp(course[largest]))
+    if change < SMALL_DRIFT:
+        return
+    p = table.p_value(largest_power, level, subject.name)
+    if p <= level:
+        message = (
+            f"Answers drift: the {[*kinds][largest]} for the same pairs changes by {change:.2f} "
+            f"over the trials (p = {p:.1g}), and pooled counts are an average over that."
+        )
+        yield Finding(subject.name, "drift", message)
+
+
+def _kinds_of_drift(subject: Subject, difference: FloatArray) -> dict[str, FloatArray]:
+    """What may drift, and how much of it is in a counted answer to each pair."""
+    kinds = {
+        f"P({subject.task.yes})": np.ones(len(difference)),
+        "share of right answers": subject.task.right(difference),
+    }
+    if subject.task == SAME_DIFFERENT:
+        kinds["effect of the order"] = np.sign(difference)
+    return kinds
+
+
+def _wave_weights(n: IntArray, waves: FloatArray, kinds: FloatArray) -> FloatArray:
+    """Least-squares weights of counts for the amplitude of each kind's waves.
+
+    n has the shape (pairs, stretches); the weights have (kinds, waves, pairs, stretches).
+    """
+    pair_means = (waves @ n.T) / n.sum(1)
+    centred = waves[:, None, :] - pair_means[:, :, None]
+    weights = kinds[:, None, :, None] * centred
+    squares = (n * np.square(weights)).sum((2, 3), keepdims=True)
+    return np.asarray(weights / np.where(squares > 0.0, squares, 1.0))

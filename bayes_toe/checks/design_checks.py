@@ -1,0 +1,398 @@
+"""What a study leaves open, known from its file, its pairs and its blocks before any sampling."""
+
+from __future__ import annotations
+
+import math
+import unicodedata
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from bayes_toe.checks.answer_checks import Finding, check_answers
+from bayes_toe.checks.identification import (
+    CRITERION_NOTE,
+    DELAYS_NOTE,
+    IMITATION_NOTE,
+    QUESTIONS,
+    Identification,
+    identify,
+)
+from bayes_toe.data.answers import Reading
+from bayes_toe.data.conditions import Stimuli, by_person, follows_from_pairs
+from bayes_toe.data.messages import bare, counted, listed, quoted
+from bayes_toe.data.options import LOOKED_AT, looks_like
+from bayes_toe.data.study import Study, Subject, require_study
+from bayes_toe.data.validation import number, runs
+from bayes_toe.model.prior import Prior
+from bayes_toe.model.study_prior import preset_or_file
+
+#: Natural-log intensities beyond which stimuli look raw.
+LARGEST_LOG = 5.0
+#: Codes of findings that are no warnings.
+NOTES = frozenset({"columns_ignored", "criterion"})
+
+_NOTE_CODES = {
+    CRITERION_NOTE: "criterion",
+    DELAYS_NOTE: "delays",
+    IMITATION_NOTE: "contraction_imitated",
+}
+_MOST_PAIRS_SHOWN = 3
+_SELECTORS = (*range(0xFE00, 0xFE10), *range(0xE0100, 0xE01F0))
+#: Joiners, fillers and selectors, which are letters or marks to Unicode, and the braille blank.
+_INVISIBLE = frozenset("\u034f\u115f\u1160\u17b4\u17b5\u2800\u3164\uffa0") | frozenset(
+    map(chr, _SELECTORS)
+)
+_NEAR = 10.0  # factor within which sigma_p of a prior in the stimuli's unit lies of their step
+_SELDOM = 0.1  # probability of that below which the prior has another unit
+_ROUNDED = 1e-6  # of the range of the stimuli: nobody perceives such a difference
+_APART = 0.25  # of the sd of the stimuli: how far their means may differ between conditions
+_LONG = 100.0  # seconds; nobody compares two stimuli over that time, but 100 ms are common
+_TWO_SCALES = math.log(100.0)  # a gap between stimuli that is wider than all others together
+
+
+def check(study: Study, prior: Prior | str | None = None) -> tuple[Finding, ...]:
+    """What a study leaves open, and what speaks against its answers, before any sampling.
+
+    Parameters
+    ----------
+    study : Study
+    prior : Prior or str, optional
+        A prior of the paper's model, the name of a preset or the path of a TOML file.
+
+    Returns
+    -------
+    tuple of Finding
+        Those about the whole study first, then those about subjects.
+
+    Examples
+    --------
+    >>> study = Study([Subject("S01", [20, 80], [80, 20], [90, 20], [99, 99])])
+    >>> [finding.code for finding in check(study)]
+    ['raw_stimuli', 'not_identified', 'two_scales']
+    """
+    require_study(study)
+    paper_prior = prior if prior is None or isinstance(prior, Prior) else preset_or_file(prior)
+    findings = [*check_design(study, paper_prior), *check_answers(study)]
+    return tuple(sorted(findings, key=lambda finding: finding.subject != ""))
+
+
+def check_design(study: Study, prior: Prior | None = None) -> tuple[Finding, ...]:
+    """The findings of :func:`check` that do not look at the answers."""
+    findings = [
+        *urgent_findings(study, prior),
+        *_similar_names(study.names),
+        *_formula_names(study.names),
+    ]
+    findings += [*_times(study), *_two_scales(study), *_conditions(study), *_columns(study.reading)]
+    for subject in study:
+        findings += [*_notes(subject, identify(subject)), *_one_order(subject)]
+    return tuple(findings)
+
+
+def urgent_findings(study: Study, prior: Prior | None = None) -> tuple[Finding, ...]:
+    """What every command prints: probable mistakes, and questions that cannot be told."""
+    findings = [Finding("", "repeated_rows", f"{doubt}.") for doubt in study.reading.doubts]
+    findings += _raw_stimuli(study)
+    if prior is not None:
+        findings += _prior_scale(study, prior)
+    for subject in study:
+        findings += [*_rounding(subject), *_not_identified(subject, identify(subject))]
+    return tuple(findings)
+
+
+def describe_design(subject: Subject) -> dict[str, str | int | float]:
+    """How much a subject was asked, and how balanced: columns of the table that check prints.
+
+    Pairs are distinct ordered ones, at an interval where there are some. n_both_orders and
+    n_one_order count those of different stimuli, order aside. fraction_equal or fraction_second
+    is the share of trials with that answer.
+    """
+    n_one_order = len(_lone_pairs(subject))
+    n_equal = int(np.count_nonzero(subject.s1 == subject.s2))
+    row: dict[str, str | int | float] = {"subject": subject.name, "n_pairs": subject.n_pairs}
+    if subject.isi is not None:
+        row["n_intervals"] = len(subject.intervals)
+    row["n_trials"] = subject.total_trials
+    row["n_both_orders"] = (subject.n_pairs - n_equal - n_one_order) // 2
+    row["n_one_order"] = n_one_order
+    row["n_equal_pairs"] = n_equal
+    row[f"fraction_{subject.task.yes}"] = subject.fraction_yes
+    return row
+
+
+# --- The file ------------------------------------------------------------------------------------
+
+
+def _raw_stimuli(study: Study) -> Iterator[Finding]:
+    """Stimuli that are too large, or too far apart, to be natural logs."""
+    stimuli = np.concatenate([np.concatenate([subject.s1, subject.s2]) for subject in study])
+    low, high = float(stimuli.min()), float(stimuli.max())
+    if "i1" in study.reading.read or max(high - low, low) <= LARGEST_LOG:
+        return
+    message = (
+        f"Stimuli from {low:.4g} to {high:.4g} are read as natural logs, e^{low:.4g} to "
+        f"e^{high:.4g} in intensity: if they are raw, did you mean --intensity REF, with "
+        "--columns i1=NAME,i2=NAME?"
+    )
+    yield Finding("", "raw_stimuli", message)
+
+
+def _two_scales(study: Study) -> Iterator[Finding]:
+    """Stimuli in two groups that are far apart, as where some decimal points are missing."""
+    for subject in study:
+        levels = np.unique(np.concatenate([subject.s1, subject.s2]))
+        gaps = np.diff(levels)
+        largest = float(gaps.max(initial=0.0))
+        if largest > _TWO_SCALES and largest > 2.0 * (gaps.sum() - largest):
+            message = (
+                f"Stimuli lie in two groups, a factor of {math.exp(min(largest, 700.0)):.2g} "
+                "apart: do decimal points, or points for thousands, mean the same in all rows?"
+            )
+            yield Finding(subject.name, "two_scales", message)
+
+
+def _columns(reading: Reading) -> Iterator[Finding]:
+    for ours in ("isi", *LOOKED_AT):
+        alike = [name for name in reading.ignored if looks_like(name, ours)]
+        if alike and ours not in reading.read:
+            unit = " (seconds)" if ours == "isi" else ""
+            message = (
+                f"Column {bare(alike[0])} looks like {ours}{unit}: use "
+                f"--columns {ours}={bare(alike[0])}, or it is ignored."
+            )
+            yield Finding("", "column_alike", message)
+    if reading.ignored:
+        names = listed([bare(name) for name in reading.ignored])
+        yield Finding("", "columns_ignored", f"Columns ignored: {names}.")
+
+
+def _times(study: Study) -> Iterator[Finding]:
+    """Times that were probably meant in milliseconds.
+
+    Those are the longest interval, and the median pause, since days may lie between sessions.
+    """
+    pauses = [np.zeros(1)]  # where no pause is known
+    for subject in study:
+        if subject.answers is not None and subject.answers.iti is not None:
+            pauses.append(subject.answers.iti)
+    pause = float(np.nanmedian(np.concatenate(pauses))) if len(pauses) > 1 else 0.0
+    longest = max(study.intervals, default=0.0)
+    message = "Column {} s: it is read in seconds, so divide by 1000 if these are milliseconds."
+    if longest >= _LONG:
+        text = message.format(f"isi has intervals up to {longest:g}")
+        yield Finding("", "long_intervals", text)
+    if pause >= _LONG:
+        yield Finding("", "long_pauses", message.format(f"iti has pauses of {pause:g} (median)"))
+
+
+# --- Names ---------------------------------------------------------------------------------------
+
+
+def _similar_names(names: Iterable[str]) -> Iterator[Finding]:
+    """Names that are probably one subject's.
+
+    They look the same but for case, invisible characters and spaces, or are the same number.
+    """
+    groups: dict[str, list[str]] = {}
+    for name in names:
+        groups.setdefault(_look(name), []).append(name)
+    join = "if they are one person, join them under one name."
+    for look, alike in groups.items():
+        if len(alike) == 1:
+            continue
+        shown = ", ".join(map(ascii, alike))
+        if len({name.casefold() for name in alike}) == 1:
+            message = f"Subjects {', '.join(map(repr, alike))} differ in case only: {join}"
+            yield Finding("", "names_differ_in_case", message)
+        elif math.isnan(number(look, False)):
+            yield Finding("", "names_look_alike", f"Subjects {shown} look alike: {join}")
+        else:
+            message = f"Subjects {shown} are the same number: {join}"
+            yield Finding("", "names_are_one_number", message)
+
+
+def _look(name: str) -> str:
+    """A text that is the same for names that look alike."""
+    visible = []
+    for character in unicodedata.normalize("NFKC", name):
+        is_control = unicodedata.category(character) in ("Cf", "Cc")
+        if not is_control and character not in _INVISIBLE:
+            visible.append(character)
+    folded = " ".join("".join(visible).split()).casefold()
+    look = unicodedata.normalize("NFKC", folded)
+    value = number(look, False)
+    return look if math.isnan(value) else repr(value)
+
+
+def _formula_names(names: Iterable[str]) -> Iterator[Finding]:
+    formulas = [quoted(name) for name in names if runs(name)]
+    if formulas:
+        message = (
+            f"A spreadsheet would run names of subjects as formulas: {listed(formulas)}; "
+            "write tables with --spreadsheet-safe."
+        )
+        yield Finding("", "names_are_formulas", message)
+
+
+# --- The prior of the paper's model --------------------------------------------------------------
+
+
+def _prior_scale(study: Study, prior: Prior) -> Iterator[Finding]:
+    """Stimuli in another unit than a prior of numbers.
+
+    Hardly a sigma_p of such a prior is of the size of the stimuli's steps, so evidence and
+    posterior tell about the prior.
+    """
+    stimuli = Stimuli.of(*study)
+    if stimuli is None or prior.of_stimuli(prior.spread):
+        return
+    step, spread = stimuli.step, prior.distribution(prior.spread)
+    p_near = float(spread.cdf(_NEAR * step) - spread.cdf(step / _NEAR))
+    if p_near >= _SELDOM:
+        return
+    how = "wide" if spread.cdf(step) < 0.5 else "narrow"
+    message = (
+        f"The prior is far too {how} for these stimuli, {prior.spread} ~ {spread.describe()} with "
+        f"steps of {step:.2g} (root mean square of s2 - s1): are they natural logs of intensity? "
+        "If they are, the default prior takes its scales from them."
+    )
+    yield Finding("", "prior_scale", message)
+
+
+# --- Pairs ---------------------------------------------------------------------------------------
+
+
+def _not_identified(subject: Subject, identification: Identification) -> Iterator[Finding]:
+    """Questions that cannot be told, with the reason."""
+    for reason in dict.fromkeys(identification.reasons.values()):
+        questions = []
+        for question in QUESTIONS:
+            if identification.reasons.get(question) == reason:
+                questions.append(question.replace("_", " "))
+        text = ", ".join(questions).capitalize()
+        yield Finding(subject.name, "not_identified", f"{text} cannot be told: {reason}.")
+
+
+def _notes(subject: Subject, identification: Identification) -> Iterator[Finding]:
+    """What a reader of the words must know."""
+    for note in identification.notes:
+        yield Finding(subject.name, _NOTE_CODES[note], f"{note[0].upper()}{note[1:]}.")
+
+
+def _lone_pairs(subject: Subject) -> list[tuple[float, float]]:
+    """Pairs of different stimuli that were shown in this order only, at one interval."""
+    isi = np.zeros(subject.n_pairs) if subject.isi is None else subject.isi
+    pairs = list(zip(subject.s1.tolist(), subject.s2.tolist(), isi.tolist(), strict=True))
+    shown = set(pairs)
+    lone = []
+    for first, second, interval in pairs:
+        if first != second and (second, first, interval) not in shown:
+            lone.append((first, second))
+    return lone
+
+
+def _one_order(subject: Subject) -> Iterator[Finding]:
+    """A few pairs in one order among others that were shown in both, at whatever interval."""
+    shown = set(zip(subject.s1.tolist(), subject.s2.tolist(), strict=True))
+    lone = [pair for pair in _lone_pairs(subject) if pair[::-1] not in shown]
+    if not 0 < len(lone) < 0.5 * np.count_nonzero(subject.s1 != subject.s2):
+        return
+    pairs = ", ".join(f"({first:.4g}, {second:.4g})" for first, second in lone[:_MOST_PAIRS_SHOWN])
+    if len(lone) > _MOST_PAIRS_SHOWN:
+        pairs += f" and {len(lone) - _MOST_PAIRS_SHOWN} more"
+    verb = "was" if len(lone) == 1 else "were"
+    message = f"{counted(len(lone), 'pair')} {verb} shown in one order only: {pairs}."
+    yield Finding(subject.name, "one_order", message)
+
+
+def _rounding(subject: Subject) -> Iterator[Finding]:
+    """Stimuli so near each other that they were meant to be the same."""
+    both = np.concatenate([subject.s1, subject.s2])
+    gaps = np.diff(np.sort(both))
+    limit = _ROUNDED * gaps.sum()
+    if not ((gaps > 0) & (gaps <= limit)).any():
+        return
+    stimuli, index = np.unique(both, return_inverse=True)
+    n_shown = np.bincount(index.ravel(), np.tile(subject.n_trials, 2))
+    # Where every trial has a stimulus of its own, two may be near by chance.
+    is_near = (np.diff(stimuli) <= limit) & (np.maximum(n_shown[1:], n_shown[:-1]) > 2)
+    if not is_near.any():
+        return
+    n_near, first = int(np.count_nonzero(is_near)), int(np.argmax(is_near))
+    more = f" and {n_near - 1} more" if n_near > 1 else ""
+    message = (
+        f"Stimuli {float(stimuli[first])!r} and {float(stimuli[first + 1])!r}{more} differ by "
+        f"rounding only (by less than {_ROUNDED:g} of their range), and pairs with them are kept "
+        "apart: give one stimulus one number."
+    )
+    yield Finding(subject.name, "rounding", message)
+
+
+# --- Conditions ----------------------------------------------------------------------------------
+
+
+def _conditions(study: Study) -> Iterator[Finding]:
+    """What makes a difference between conditions a difference of something else."""
+    if study.conditions is None:
+        return
+    orders = Counter[str]()
+    subjects = by_person(study)
+    for name, units in subjects.items():
+        shown = {unit.condition for unit in units}
+        missing = [level for level in study.conditions.levels if level not in shown]
+        if missing:
+            message = (
+                f"Never in condition {listed(missing)}: that says nothing there of this subject, "
+                "who stays in the population."
+            )
+            yield Finding(name, "missing_condition", message)
+        yield from _stimuli_by_condition(name, units)
+        order = _order_of_conditions(units)
+        if order:
+            orders[order] += 1
+    if len(orders) == 1 and orders.total() > 0.5 * len(subjects):
+        message = (
+            f"Conditions came one after the other, {listed([*orders])}, in "
+            f"{counted(orders.total(), 'subject')} and in no other order: a difference between "
+            "them may be one of time, such as practice or tiredness."
+        )
+        yield Finding("", "conditions_in_order", message)
+
+
+def _stimuli_by_condition(name: str, units: Sequence[Subject]) -> Iterator[Finding]:
+    means = []
+    for unit in units:
+        means.append(0.5 * float(np.average(unit.s1 + unit.s2, weights=unit.n_trials)))
+    scales = units[0].felt
+    apart = 0.0 if scales is None else (max(means) - min(means)) / scales.sd
+    if apart > _APART:
+        message = (
+            f"Stimuli differ between conditions, by {apart:.2g} of their standard deviation in "
+            "the mean: a difference in answers may be due to them, where the model does not hold "
+            "over all stimuli."
+        )
+        yield Finding(name, "stimuli_by_condition", message)
+    elif follows_from_pairs([units]):
+        message = (
+            "No pair was presented under two conditions: a difference in answers may be due to "
+            "the pairs, or their order."
+        )
+        yield Finding(name, "stimuli_by_condition", message)
+
+
+def _order_of_conditions(units: Sequence[Subject]) -> str:
+    """Conditions in the order in which they were given, where none overlaps another; else empty."""
+    spans = []
+    for unit in units:
+        if unit.answers is None or unit.answers.span is None:
+            return ""
+        spans.append((unit.answers.span, unit.condition))
+    spans.sort()
+    if len(spans) < 2:
+        return ""
+    for (before, _), (after, _) in pairwise(spans):
+        if before[1] >= after[0]:
+            return ""
+    return ", ".join(condition for _, condition in spans)
