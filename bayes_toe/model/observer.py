@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -65,6 +65,7 @@ from bayes_toe.model.target import (
 DEFAULT_PRIOR = ObserverPrior()
 #: JND over sigma_d: the z at which 75 % of the answers are 'second'.
 JND_OVER_NOISE = 0.6744897501960817
+_PRIOR_DRAWS = 100_000
 
 
 @dataclass(frozen=True)
@@ -668,9 +669,8 @@ class ObserverPosterior:
 
     def prior_quantile(self, name: str, probability: float) -> float:
         """Prior quantile of a quantity; that of the zone by draws."""
-        if name == "zone":
-            draws = self.sample_prior(np.random.default_rng(0), 100_000)
-            return float(np.quantile(self.quantities(draws)["zone"], probability))
+        if name == "zone" and name in self.names.all:
+            return self.scales.step * float(np.quantile(_prior_zones(self.prior), probability))
         parameter = "noise" if name == "jnd" else name
         names = [one.name for one in task_parameters(self.subject.task)]
         if parameter not in self.coordinates:
@@ -707,6 +707,15 @@ class ObserverPosterior:
             else:
                 columns.append(values / units[name])
         return np.stack(np.broadcast_arrays(*columns), axis=-1)
+
+
+@lru_cache(maxsize=4)
+def _prior_zones(prior: ObserverPrior) -> FloatArray:
+    """Draws of the zone from the prior, in D; the same for all subjects."""
+    rng = np.random.default_rng(0)
+    noise = prior.noise_median * np.exp(prior.noise_sd * rng.standard_normal(_PRIOR_DRAWS))
+    peak = LogitOfBeta(prior.q0_a, prior.q0_b).quantile(rng.uniform(size=_PRIOR_DRAWS))
+    return criterion(peak) * noise
 
 
 def free_coordinates(task: Task, model: str) -> BoolArray:
