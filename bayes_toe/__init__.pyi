@@ -6,9 +6,10 @@ from .analysis import run as run
 from .analysis import sample as sample
 from .answers.contrast import contrast as contrast
 from .answers.order_effect import OrderEffect as OrderEffect
+from .answers.serial_dependence import serial_dependence as serial_dependence
+from .checks.design_checks import check as check
 from .classical.asymmetry import asymmetry as asymmetry
 from .classical.fit import fit as fit
-from .comparison.history import compare_history as compare_history
 from .data.covariates import read_covariates as read_covariates
 from .data.options import ReadOptions as ReadOptions
 from .data.read_study import example_study as example_study
@@ -19,7 +20,6 @@ from .data.study import Subject as Subject
 from .errors import BayesToeError as BayesToeError
 from .errors import ConvergenceWarning as ConvergenceWarning
 from .errors import InputError as InputError
-from .experiments.answers_check import check as check
 from .experiments.simulate import simulate as simulate
 from .explorer.page import explore as explore
 from .groups.hyperprior import Hyperprior as Hyperprior

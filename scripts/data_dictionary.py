@@ -13,10 +13,10 @@ from pathlib import Path
 
 from bayes_toe.answers.contrast import CONTRAST_COLUMNS, Difference
 from bayes_toe.answers.evidence_table import EVIDENCE_COLUMNS, SubjectEvidence
+from bayes_toe.answers.serial_dependence import HISTORY_COLUMNS
 from bayes_toe.classical.asymmetry import ASYMMETRY_COLUMNS, Comparison, SubjectAsymmetry
 from bayes_toe.classical.fit import SubjectFit, fit_columns
 from bayes_toe.cli.supplement import FIT_TABLE_COLUMNS, ORDER_EFFECT_COLUMNS
-from bayes_toe.comparison.history import HISTORY_COLUMNS, SubjectHistory
 from bayes_toe.data.tasks import SAME_DIFFERENT
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.groups.population_table import SUBJECT_COLUMNS, PopulationRow
@@ -57,7 +57,7 @@ class File:
 FILES = {
     "summary.csv": File(SUMMARY_COLUMNS),
     "evidence.csv": File(EVIDENCE_COLUMNS, [SubjectEvidence], ["fit", "log_bayes_factor_laplace"]),
-    "history.csv": File(HISTORY_COLUMNS, [SubjectHistory], ["depends", "parameter"]),
+    "history.csv": File(HISTORY_COLUMNS),
     "contrast.csv": File(CONTRAST_COLUMNS, [Difference], ["p_direction", "word", "robust"]),
     "population.csv": File(
         PopulationRow._fields, [PopulationRow, Ratio], ["bf_zero", "bf_no_difference"]

@@ -217,3 +217,121 @@ def assert_agrees(target, x, tolerance=1e-12, digits=120, slope_tolerance=1e-11)
             truth,
             size,
         )
+
+
+# --- The observer of the four models --------------------------------------------------------------
+
+
+def observer_scales(s1, s2, n):
+    """Sbar, D, R and the sd of the first stimuli, weighted by trials, from exact sums."""
+    s1, s2, n = ([mpf(float(value)) for value in column] for column in (s1, s2, n))
+    total = mpmath.fsum(n)
+
+    def mean(values, weights=n):
+        return mpmath.fdot(values, weights) / mpmath.fsum(weights)
+
+    sbar = mean(s1)
+    middle = (sbar + mean(s2)) / 2
+    unequal = [(b - a, w) for a, b, w in zip(s1, s2, n, strict=True) if a != b]
+    step = sqrt(mean([d * d for d, _ in unequal], [w for _, w in unequal]))
+    squares = [(a - middle) ** 2 + (b - middle) ** 2 for a, b in zip(s1, s2, strict=True)]
+    spread = sqrt(mpmath.fdot(squares, n) / (2 * total))
+    return sbar, step, spread, sqrt(mean([(a - sbar) ** 2 for a in s1]))
+
+
+def observer_contraction_sd(scales, prior):
+    """Standard deviation of p."""
+    _, step, _, first_spread = scales
+    sd = mpf(prior.contraction_sd)
+    return sd * min(mpf(1), 4 * step / first_spread) if first_spread else sd
+
+
+def observer_quantities(at, scales, prior):
+    """Parameters of the observer, on the scale of the stimuli, from coordinates by name."""
+    _, step, spread, _ = scales
+    found = {
+        "noise": step * mpf(prior.noise_median) * exp(mpf(prior.noise_sd) * at["noise"]),
+        "lapse_rate": 1 - ncdf(-at["lapse_rate"]) ** (1 / mpf(prior.lapse_rate_b)),
+        "noise_slope": mpf(prior.noise_slope_scale) / spread * at["noise_slope"],
+        "constant_error": mpf(prior.constant_error_scale) * step * at.get("constant_error", 0),
+        "contraction": observer_contraction_sd(scales, prior) * at.get("contraction", 0),
+    }
+    if "q0" in at:
+        found["q0"] = expit(at["q0"])
+        found["criterion_slope"] = mpf(prior.criterion_slope_scale) / spread * at["criterion_slope"]
+    return found
+
+
+def ncdf(x):
+    """Phi(x); beyond 1e100 by phi(x)/abs(x), which has 200 digits there and which mpmath lacks."""
+    if abs(x) < mpf(10) ** 100:
+        return mpmath.ncdf(x)
+    tail = exp(-x * x / 2) / (abs(x) * sqrt(2 * mpmath.pi))
+    return tail if x < 0 else 1 - tail
+
+
+def areas(z, k):
+    """Areas of the normal about z: between -k and k, and outside."""
+    return ncdf(k - z) - ncdf(-k - z), ncdf(z - k) + ncdf(-k - z)
+
+
+def criterion(peak):
+    """The k with 2 Phi(k) - 1 = peak."""
+    return sqrt(2) * mpmath.erfinv(peak)
+
+
+def observer_answers(found, bare_k, sbar, s1, s2):
+    """P of the counted answer to a pair and of the other one; the criterion at the mean intensity."""
+    middle = (s1 + s2) / 2 - sbar
+    shifted = s2 - s1 - found["constant_error"] + found["contraction"] * (s1 - sbar)
+    z = shifted / (found["noise"] * exp(found["noise_slope"] * middle))
+    rate = found["lapse_rate"]
+    if "q0" not in found:
+        return rate / 2 + (1 - rate) * ncdf(z), rate / 2 + (1 - rate) * ncdf(-z)
+    k = bare_k * exp(found["criterion_slope"] * middle)
+    blind, attending = areas(mpf(0), k), areas(z, k)
+    return tuple(rate * b + (1 - rate) * a for b, a in zip(blind, attending, strict=True))
+
+
+def student(u):
+    """Log density of Student's t with 3 degrees of freedom."""
+    return log(mpmath.gamma(2) / (mpmath.gamma(mpf(3) / 2) * sqrt(3 * mpmath.pi))) - 2 * log(
+        1 + u * u / 3
+    )
+
+
+def observer_log_prior(at, scales, prior):
+    """Log density of the coordinates."""
+    total = mpf(0)
+    for name, u in at.items():
+        if name in ("noise", "lapse_rate"):
+            total += normal(u, 0, 1)
+        elif name == "q0":
+            total += beta(u, mpf(prior.q0_a), mpf(prior.q0_b))
+        elif name == "contraction":
+            limit = 1 / observer_contraction_sd(scales, prior)
+            total += normal(u, 0, 1) - log(ncdf(limit) - ncdf(-limit))
+        else:
+            total += student(u)
+    return total
+
+
+def observer_log_likelihood(at, subject, scales, prior):
+    """Log likelihood of a subject without binomial coefficients."""
+    found, total = observer_quantities(at, scales, prior), mpf(0)
+    bare_k = criterion(found["q0"]) if "q0" in found else None
+    columns = (subject.s1, subject.s2, subject.n_yes, subject.n_trials)
+    for s1, s2, k, n in zip(*(column.tolist() for column in columns), strict=True):
+        yes, no = observer_answers(found, bare_k, scales[0], mpf(s1), mpf(s2))
+        total += log_likelihood("binomial", yes, no, k, n, at)
+    return total
+
+
+def observer_log_density(posterior, x):
+    """Log posterior density of one of the four models at one point, shape (k,)."""
+    at = dict(zip(posterior.coordinates, map(mpf, np.asarray(x).tolist()), strict=True))
+    subject, prior = posterior.subject, posterior.prior
+    scales = observer_scales(subject.s1, subject.s2, subject.n_trials)
+    return observer_log_likelihood(at, subject, scales, prior) + observer_log_prior(
+        at, scales, prior
+    )

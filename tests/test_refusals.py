@@ -14,7 +14,6 @@ import bayes_toe as bt
 from bayes_toe.data.covariates import read_covariates
 from bayes_toe.data.validation import read_numbers
 from bayes_toe.errors import InputError
-from bayes_toe.experiments.checks import check_study
 from bayes_toe.groups.hyperprior import read_hyperprior
 
 FUZZ = settings(settings.get_profile(os.environ.get("HYPOTHESIS_PROFILE", "day")))
@@ -28,8 +27,8 @@ TEXTS = {
     "hyperprior": "[gamma]\nsd_scale = 0.5\n[mu1]\nmean = -0.5\n",
 }
 READERS = {
-    "trials": lambda path: check_study(bt.read_study(path)),
-    "counts": lambda path: check_study(bt.read_study(path)),
+    "trials": lambda path: bt.check(bt.read_study(path)),
+    "counts": lambda path: bt.check(bt.read_study(path)),
     "pairs": lambda path: read_numbers(path, ("s1", "s2"), optional=("isi",)),
     "covariates": read_covariates,
     "prior": lambda path: bt.model.read_prior(path).describe(),

@@ -13,12 +13,11 @@ from bayes_toe.answers.study_summary import (
     study_lines,
 )
 from bayes_toe.answers.verdict_words import Word
-from bayes_toe.cli.headline import needs_action, p_value
-from bayes_toe.cli.terminal import OUTPUT, Terminal, chosen, number, once
-from bayes_toe.comparison.history import QUANTITIES
+from bayes_toe.cli.headline import needs_action
+from bayes_toe.cli.terminal import OUTPUT, Terminal, chosen, once
 
 if TYPE_CHECKING:
-    from bayes_toe.comparison.history import HistoryTable
+    from bayes_toe.answers.serial_dependence import SerialDependence
     from bayes_toe.data.study import Study
 
 #: Words whose size is not shown: there is probably nothing to measure.
@@ -86,28 +85,32 @@ def _actions(answers: Sequence[OrderEffect]) -> list[str]:
     return lines
 
 
-def say_histories(out: Terminal, table: HistoryTable, file: str) -> None:
-    """In one line how many subjects' answers follow the trials before, then each subject in a row."""
-    out.answer([f"trials before: {table.sentence()}"])
-    rows: list[dict[Any, Any]] = [
-        {
-            "subject": one.subject,
-            "follows": one.depends or "-",
-            "P(static)": number(one.p_static),
-            "log BF": number(one.log_bayes_factor_history, 1),
-            "answer before": number(one.log_bayes_factor_previous_answer, 1),
-            "median (5 %, 95 %)": f"{QUANTITIES[one.parameter]} {one.q50:.2g} ({one.q05:.2g}, {one.q95:.2g})"
-            if one.parameter
-            else one.note,
-            **{
-                head: "-" if p != p else p_value(p)
-                for head, p in (("p static", one.history_p_static), ("p with", one.history_p))
-            },
+def say_histories(out: Terminal, table: SerialDependence, file: str) -> None:
+    """Both answers over the study in a line each, then every subject in a row."""
+    for line in table.sentence().split("; "):
+        out.answer([line])
+    rows: list[dict[Any, Any]] = []
+    for row in table:
+        rho, kappa = (_interval(size) for size in (row.rho, row.kappa))
+        cells = {
+            "subject": row.subject,
+            "carry-over": row.word("carry_over") or "-",
+            "rho [95 %]": rho,
+            "previous response": row.word("previous_response") or "-",
+            "kappa [95 %]": kappa,
         }
-        for one in table
-    ]
-    out.table("what a trial leaves to the next", rows, file=file)
+        rows.append(cells)
+    out.table("serial dependence", rows, file=file)
     out.footnote(
-        "P(static): nothing is left of the trials before, among models with a pull. log BF: of any history, and of a bias by the answer "
-        "before, natural logs. p: of the answers by the trial before, without and with a history.",
+        "rho: share of the stimuli of a trial that is carried over to the next. kappa: effect of "
+        "the previous response; above 0 it is repeated, below 0 alternated.",
     )
+    out.notes((f"{row.subject}: {row.note}" for row in table if not row.is_known), file=file)
+
+
+def _interval(size: tuple[float, ...]) -> str:
+    """A median with its interval, two digits."""
+    if not size:
+        return "-"
+    low, median, high = size
+    return f"{median:.2f} [{low:.2f}, {high:.2f}]"

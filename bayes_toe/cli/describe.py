@@ -22,8 +22,7 @@ def check(*, study: StudyFile, task: Annotated[Task, Takes("prior")]) -> None:
 
     [bold]Example[/bold]: bayes-toe check study.csv --prior prior.toml
     """
-    from bayes_toe.experiments.answers_check import NOTES
-    from bayes_toe.experiments.checks import described
+    from bayes_toe.checks.design_checks import NOTES, describe_design
     from bayes_toe.model.study_prior import preset_or_file
 
     prior, read = (
@@ -33,7 +32,7 @@ def check(*, study: StudyFile, task: Annotated[Task, Takes("prior")]) -> None:
     task.out.study(read)
     task.out.line(f"  prior: {safe(prior.describe_orders(read.task))}")
     share = f"fraction_{read.task.yes}"
-    rows = [{**row, share: f"{row[share]:.3f}"} for row in map(described, read)]
+    rows = [{**row, share: f"{row[share]:.3f}"} for row in map(describe_design, read)]
     task.out.table("subjects", rows)
     findings = bt.check(read, prior)
     warnings = [finding for finding in findings if finding.code not in NOTES]

@@ -86,12 +86,12 @@ def history(
     ] = Path("history.csv"),
     task: Annotated[Task, Takes(*MODEL, "spreadsheet_safe")],
 ) -> None:
-    """Whether answers depend on the trial before, subject by subject: what a trial leaves to the next, and by how much.
+    """Serial dependence: whether responses depend on the stimuli or the response of the trial before, and by how much.
 
     [bold]Example[/bold]: bayes-toe history trials.csv -o history.csv --seed 1
     """
     from bayes_toe.cli.answers import say_histories
-    from bayes_toe.model.trial_history import require_order
+    from bayes_toe.data.trial_sequence import require_order
     from bayes_toe.plots.figure_files import picture_beside
 
     picture = picture_beside(output)
@@ -99,8 +99,8 @@ def history(
     read, prior = task.opened(study)
     for subject in read:
         require_order(subject)
-    table = task.work("histories", len(read), bt.compare_history, read, prior=prior)
-    figure = bt.plots.history(table)
+    table = task.work("histories", len(read), bt.serial_dependence, read, prior=prior)
+    figure = bt.plots.serial(table)
     task.write(
         {
             output: partial(table.save, **task.saving_of(read)),

@@ -80,7 +80,6 @@ def run(
         prior,
         others=PICTURE_BYTES[pictures] + EXPLORER_BYTES * explore,
     )
-    task.out.smaller_models(read)
     analysis = task.work(
         "sampling", len(read), bt.run, read, draws=task.draws, prior=prior, keep=keep
     )
@@ -155,7 +154,6 @@ def sample(
     record = require_model(model, read.task)
     _require_room(task, output, keep, read, prior, model)
     task.out.introduce(read, prior, f"prior: {describe_prior(record, prior, read.task)}")
-    task.out.smaller_models(read)
     draws = task.work(
         "sampling", len(read), draw, read, model=model, draws=task.draws, prior=prior, keep=keep
     )

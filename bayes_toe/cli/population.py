@@ -121,7 +121,6 @@ def population(
     stored = None if posterior is None else task.saved(posterior, study, None)
     read, prior = task.read(study) if stored is None else (stored.study, stored.prior)
     task.out.introduce(read)
-    task.out.smaller_models(read)
     what = "subjects alone, then the group" if stored is None else "the group"
     given = vars(asked) | {
         "categorical": tuple(asked.categorical or ()),

@@ -36,17 +36,16 @@ from bayes_toe.answers.study_summary import (
     study_lines,
 )
 from bayes_toe.answers.verdict_words import Word
+from bayes_toe.checks.answer_checks import FLAG_KINDS, Finding
+from bayes_toe.checks.design_checks import NOTES, check
 from bayes_toe.classical.asymmetry import AsymmetryTable
 from bayes_toe.cli import headline
 from bayes_toe.cli.population import answer as group_answer
 from bayes_toe.cli.population import tables
 from bayes_toe.cli.terminal import allowed, allowed_in_order, allowed_quantiles, said_subjects
-from bayes_toe.data.findings import Finding
 from bayes_toe.data.messages import counted, listed, said_intervals, visible
 from bayes_toe.data.tables import file_stems
 from bayes_toe.data.tasks import Task
-from bayes_toe.experiments.answers_check import NOTES, check_answers
-from bayes_toe.experiments.checks import check_study
 from bayes_toe.groups.population import Population
 from bayes_toe.groups.predictive_check import PredictiveCheck
 from bayes_toe.model.target import DOMINATED
@@ -117,10 +116,9 @@ def write_report(analysis: Analysis, facts: Facts, folder: Path) -> None:
         {path.name for path in folder.iterdir()},
     )
     stems = file_stems(names) if paged else {}
-    findings, about_answers = (
-        check_study(analysis.study, analysis.settings.prior),
-        check_answers(analysis.study, analysis.settings.prior),
-    )
+    findings = check(analysis.study, analysis.settings.prior)
+    warnings = [finding for finding in findings if finding.code not in NOTES]
+    notes = [finding.message.rstrip(".") for finding in findings if finding.code in NOTES]
     context = _context(analysis, facts) | {
         "links": {
             name: f"subjects/{stems[name]}.html" if paged else f"#subject-{i + 1}"
@@ -139,15 +137,12 @@ def write_report(analysis: Analysis, facts: Facts, folder: Path) -> None:
         "posterior": next(
             (name for name in sorted(there) if name.startswith("posterior.")), "posterior.nc"
         ),
-        "findings": [one.message for one in findings if one.subject == ""],
-        "before_pooling": [one for one in about_answers if one.code not in NOTES],
-        "read": [
-            *analysis.study.notes,
-            *(one.message.rstrip(".") for one in about_answers if one.code in NOTES),
-        ],
+        "findings": [finding.message for finding in warnings if finding.subject == ""],
+        "before_pooling": [finding for finding in warnings if finding.code in FLAG_KINDS],
+        "read": [*analysis.study.notes, *dict.fromkeys(notes)],
     }
     subjects, templates = (
-        _subjects(analysis, facts, [*findings, *about_answers]),
+        _subjects(analysis, facts, warnings),
         _environment(analysis.study.task),
     )
     if paged:

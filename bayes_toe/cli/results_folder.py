@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 Figure = Any  # of matplotlib, which is of another room
-#: What a results folder has of a group, of conditions, and of histories, where answers depend on the trial before.
+#: What a results folder has of a group and of conditions.
 GROUP_PRODUCTS = ("population.csv", "population_subjects.csv", "population.png", "population.nc")
 CONTRAST_PRODUCTS = ("contrast.csv", "contrast.png")
 ALWAYS = ("summary.csv", "evidence.csv", "report.html", "methods.md", "methods.bib")
@@ -191,7 +191,7 @@ def _write_tables(
     *,
     spreadsheet_safe: bool,
 ) -> None:
-    """All tables, with the figures and draws that go with those of conditions, of histories and of the group."""
+    """All tables, with the figures and draws that go with those of conditions and of the group."""
     study = analysis.study
     of_units: dict[str, Any] = {
         "spreadsheet_safe": spreadsheet_safe,

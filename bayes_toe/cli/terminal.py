@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from bayes_toe.data.messages import counted, listed, visible
 
 if TYPE_CHECKING:
-    from bayes_toe.data.findings import Finding
+    from bayes_toe.checks.answer_checks import Finding
     from bayes_toe.data.study import Study
     from bayes_toe.model.prior import Prior
 
@@ -110,14 +110,14 @@ class Terminal:
 
     def introduce(self, study: Study, prior: Prior | None = None, said: str = "") -> None:
         """What everything below is about, a line `said`, by default the prior, and what is probably a mistake and stands behind it all."""
-        from bayes_toe.experiments.checks import doubts
+        from bayes_toe.checks.design_checks import urgent_findings
 
         self.study(study)
         if prior is not None and not said:
             said = f"prior: {prior.describe_orders(study.task)}"
         if said:
             self.line(f"  {safe(said)}")
-        self.findings(doubts(study, prior))
+        self.findings(urgent_findings(study, prior))
 
     def study(self, study: Study) -> None:
         """What was read, and what there is to say of it."""
@@ -132,14 +132,6 @@ class Terminal:
     def findings(self, findings: Iterable[Finding], word: str = "warning") -> None:
         """Each message once, with the subjects that it is about."""
         self.notes(once((finding.subject, finding.message) for finding in findings), word)
-
-    def smaller_models(self, study: Study) -> None:
-        """Before sampling: designs that cannot tell all parameters, and the model that would be enough."""
-        from bayes_toe.experiments.checks import check_study
-
-        self.findings(
-            (finding for finding in check_study(study) if finding.code == "design_rank"), "note"
-        )
 
 
 # --- words ---------------------------------------------------------------------------------------------

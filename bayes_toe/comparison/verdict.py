@@ -16,6 +16,7 @@ import numpy as np
 from scipy.special import logsumexp, softmax
 
 from bayes_toe.arrays import FloatArray
+from bayes_toe.checks.answer_checks import answer_flags
 from bayes_toe.comparison.words import (
     EFFECTS,
     HAS,
@@ -29,9 +30,8 @@ from bayes_toe.comparison.words import (
     compared,
     side,
 )
-from bayes_toe.data.findings import data_findings
-from bayes_toe.data.messages import as_option
 from bayes_toe.data.study import Study, Subject
+from bayes_toe.data.trial_sequence import knows_order
 from bayes_toe.inference.evidence import weighed
 from bayes_toe.inference.prediction import effect_size
 from bayes_toe.inference.predictive_checks import HISTORY_DRAWS, MISFIT, FitSummary, history_p
@@ -43,7 +43,6 @@ from bayes_toe.model.parts import compose
 from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.record import Model
-from bayes_toe.model.trial_history import knows_order
 from bayes_toe.seeds import generator
 
 #: Which scales of the prior belong to the order, and by what they are multiplied for `robust`.
@@ -77,22 +76,10 @@ class Doubt(NamedTuple):
 
 
 def data_doubts(study: Study) -> list[tuple[Doubt, ...]]:
-    """Of every subject; swapped blocks explain why blocks are unlike."""
-    found: dict[str, dict[str, Doubt]] = {}
-    for one in data_findings(study):
-        found.setdefault(one.subject, {})[one.code] = Doubt(one.kind, one.option)
-    for said in found.values():
-        if "swapped_blocks" in said:
-            said.pop("block_dispersion", None)
-    for subject in study:
-        if subject.n_yes.sum() in (
-            0,
-            subject.total_trials,
-        ):  # a shift then explains what no width can
-            found.setdefault(subject.name, {})["one_answer"] = Doubt(
-                "one answer only", f"--leave-out {as_option(subject.name)}"
-            )
-    return [tuple(found.get(name, {}).values()) for name in study.names]
+    """The flags of every subject."""
+    return [
+        tuple(Doubt(flag.words, flag.option) for flag in flags) for flags in answer_flags(study)
+    ]
 
 
 @dataclass(frozen=True)
@@ -117,7 +104,7 @@ class Verdict:
     p_none_scattered : float or None
         Where it does not fit: P(none) with beta-binomial scatter of the counts as one more part.
     data : tuple of Doubt
-        What the data have against them; see :mod:`bayes_toe.data.findings`.
+        What the data have against them; see :mod:`bayes_toe.checks.answer_checks`.
     notes : tuple of str
         What is withheld, and why.
     p_first_stronger : float or None

@@ -19,10 +19,9 @@ import numpy as np
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray, run_starts
 from bayes_toe.data.answers import Reading
 from bayes_toe.data.conditions import by_person, follows_from_pairs, with_conditions, with_units
-from bayes_toe.data.findings import refuse_reversed
 from bayes_toe.data.messages import bare, counted, listed, quoted, said_intervals
 from bayes_toe.data.options import COLUMNS, ReadOptions, columns_to_read, looks_like, subject_in
-from bayes_toe.data.responses import require_task, responses
+from bayes_toe.data.responses import refuse_reversed, require_task, responses
 from bayes_toe.data.several_files import read_together
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.tasks import (

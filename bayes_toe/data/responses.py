@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -15,6 +15,9 @@ from bayes_toe.data.tasks import SAME_DIFFERENT, TASKS, WHICH_STRONGER, Task, ta
 from bayes_toe.data.text_table import Column, TextTable
 from bayes_toe.data.validation import MISSING_WORDS
 from bayes_toe.errors import InputError
+
+if TYPE_CHECKING:
+    from bayes_toe.data.study import Study
 
 _YES, _NO, _MISSING, _UNKNOWN = 1, 0, -1, -2
 #: The words of each task's two answers, in any case; and those of columns that say right or wrong.
@@ -164,3 +167,37 @@ def _as_answered(column: Column, chosen: BoolArray, word: str) -> str:
     texts = [column.texts[code] for code in np.unique(column.codes[chosen]).tolist()]
     meaning = "" if all(text.lower() == word for text in texts) else f" as {word}"
     return f"{listed([quoted(text) for text in texts]) if texts else repr(word)}{meaning} ({np.count_nonzero(chosen)})"
+
+
+_REVERSED, _STRAIGHT = -5.0, 3.0  # z scores that nobody has by chance
+
+
+def refuse_reversed(study: Study, remedy: str) -> None:
+    """Refuse answers 'second' that are rarer the larger s2 - s1 is, in all of a study.
+
+    They mean the opposite of what they say. Where that holds of some subjects while it does not
+    of others, it is a finding of :mod:`bayes_toe.checks.answer_checks`.
+    """
+    if study.task != WHICH_STRONGER:
+        return
+    covariance = variance = squares = answer_variance = 0.0
+    largest_z = -np.inf
+    for subject in study:
+        difference = subject.s2 - subject.s1
+        x = difference - np.average(difference, weights=subject.n_trials)
+        share = subject.fraction_yes
+        own_squares = float(np.square(x) @ subject.n_trials)
+        own_variance = own_squares * share * (1.0 - share)
+        if own_variance == 0.0:  # one answer only, or one difference
+            continue
+        own_covariance = float(x @ subject.n_yes)
+        covariance += own_covariance
+        variance += own_variance
+        squares += own_squares
+        answer_variance += share * (1.0 - share) * subject.total_trials
+        largest_z = max(largest_z, own_covariance / np.sqrt(own_variance))
+    if covariance < _REVERSED * np.sqrt(variance) and largest_z < _STRAIGHT:
+        correlation = covariance / np.sqrt(squares * answer_variance)
+        found = f"found 'second' less often the larger s2 - s1 is (correlation {correlation:.2f})"
+        allowed = "allowed: 'second' where the second stimulus was called the stronger"
+        raise InputError(f"{study.source}: {found}, {allowed}; {remedy}")

@@ -25,11 +25,11 @@ from bayes_toe.data.conditions import kept
 from bayes_toe.data.messages import quoted, shown
 from bayes_toe.data.study import Study
 from bayes_toe.data.tasks import SAME_DIFFERENT, task_counted
+from bayes_toe.data.trial_sequence import require_order
 from bayes_toe.errors import InputError
 from bayes_toe.inference.subject import Settings, SubjectDraws
 from bayes_toe.model.models import describe_prior, stored_model
 from bayes_toe.model.record import Model
-from bayes_toe.model.trial_history import require_order
 from bayes_toe.version import library_versions
 
 ALLOWED = "allowed: a posterior.nc written by bayes-toe"

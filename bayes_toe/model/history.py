@@ -24,7 +24,7 @@ from scipy.special import expit
 
 from bayes_toe.arrays import FloatArray, IndexArray, IntArray, run_starts
 from bayes_toe.data.study import Subject
-from bayes_toe.model.trial_history import require_order
+from bayes_toe.data.trial_sequence import require_order
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -65,6 +65,7 @@ from bayes_toe.model.target import (
 DEFAULT_PRIOR = ObserverPrior()
 #: JND over sigma_d: the z at which 75 % of the answers are 'second'.
 JND_OVER_NOISE = 0.6744897501960817
+_PRIOR_DRAWS = 100_000
 
 
 @dataclass(frozen=True)
@@ -236,18 +237,24 @@ class ObserverBatch:
 
     def distance(self, u: FloatArray) -> FloatArray:
         """The distance z of every pair, (rows, points, pairs)."""
-        return self._distance(self.quantities(u))
+        return self.distance_at(self.quantities(u))
 
-    def _distance(self, values: Mapping[str, FloatArray]) -> FloatArray:
-        """The distance z of every pair, (rows, points, pairs)."""
-        shift = values["contraction"][..., None] * self.first - values["constant_error"][..., None]
+    def distance_at(
+        self, values: Mapping[str, FloatArray], expectation: FloatArray | float = 0.0
+    ) -> FloatArray:
+        """The distance z of every pair, (rows, points, pairs).
+
+        Where an expectation other than sbar draws the first stimulus, it is given in D from sbar.
+        """
+        lever = self.first - expectation
+        shift = values["contraction"][..., None] * lever - values["constant_error"][..., None]
         numerator = self.difference + shift
         log_scale = values["log_noise"][..., None] + values["noise_slope"][..., None] * self.middle
         with np.errstate(divide="ignore", over="ignore"):
             # In logs, because 0 over a scale beyond the smallest float is 0.
             return np.sign(numerator) * np.exp(np.log(np.abs(numerator)) - log_scale)
 
-    def _criterion(self, values: Mapping[str, FloatArray]) -> FloatArray:
+    def criterion_at(self, values: Mapping[str, FloatArray]) -> FloatArray:
         """The criterion k_m of every pair, (rows, points, pairs)."""
         log_k = np.log(criterion(values["logit_q0"]))[..., None]
         with np.errstate(over="ignore"):
@@ -258,8 +265,8 @@ class ObserverBatch:
     def log_answers(self, u: FloatArray) -> LogAnswers:
         """Log probability of both answers to every pair, (rows, points, pairs) each."""
         values = self.quantities(u)
-        k = self._criterion(values) if self.is_same_different else None
-        return self._answers_at(values, self._distance(values), k)
+        k = self.criterion_at(values) if self.is_same_different else None
+        return self._answers_at(values, self.distance_at(values), k)
 
     def answers_at_distance(self, u: FloatArray, z: FloatArray) -> LogAnswers:
         """Log probability of both answers at distances z, (n,) -> (rows, points, n) each.
@@ -306,29 +313,37 @@ class ObserverBatch:
         nats of the best point; far from there this one may be -inf.
         """
         values = self.quantities(u)
+        z = self.distance_at(values)
+        k = self.criterion_at(values) if self.is_same_different else None
+        yes, no = self.plain_answers_at(values, z, k)
+        return np.asarray((xlogy(self.n_yes, yes) + xlogy(self.n_no, no)).sum(axis=-1))
+
+    def plain_answers_at(
+        self, values: Mapping[str, FloatArray], z: FloatArray, k: FloatArray | None
+    ) -> tuple[FloatArray, FloatArray]:
+        """Probability of both answers at distances and criteria, (rows, points, pairs) each."""
         lapse, attend = map(np.exp, self._lapse_logs(values))
-        z = self._distance(values)
-        if self.is_same_different:
-            k, distance = self._criterion(values), np.abs(z)
-            with np.errstate(invalid="ignore"):
-                near = k - distance
-            near[np.isnan(near)] = 0.0
-            far = -k - distance
-            yes = lapse * (1.0 - 2.0 * ndtr(-k)) + attend * (ndtr(near) - ndtr(far))
-            no = lapse * 2.0 * ndtr(-k) + attend * (ndtr(-near) + ndtr(far))
-        else:
+        if k is None:
             yes = 0.5 * lapse + attend * ndtr(z)
             no = 0.5 * lapse + attend * ndtr(-z)
-        return np.asarray((xlogy(self.n_yes, yes) + xlogy(self.n_no, no)).sum(axis=-1))
+            return yes, no
+        distance = np.abs(z)
+        with np.errstate(invalid="ignore"):
+            near = k - distance
+        near[np.isnan(near)] = 0.0
+        far = -k - distance
+        yes = lapse * (1.0 - 2.0 * ndtr(-k)) + attend * (ndtr(near) - ndtr(far))
+        no = lapse * 2.0 * ndtr(-k) + attend * (ndtr(-near) + ndtr(far))
+        return yes, no
 
     def answer_slopes(self, u: FloatArray) -> tuple[LogAnswers, FloatArray, FloatArray]:
         """Log answers, and the slopes of both in every coordinate, (rows, points, k, pairs)."""
         values, prior = self.quantities(u), self.prior
         log_lapse, log_attend = self._lapse_logs(values)
-        z = self._distance(values)
+        z = self.distance_at(values)
         in_k = None
         if self.is_same_different:
-            k = self._criterion(values)
+            k = self.criterion_at(values)
             attending, blind = equal_answers(z, k), equal_answers(np.zeros(1), k)
             in_z, in_k = equal_slopes(z, k, attending)
             _, blind_in_k = equal_slopes(np.zeros(1), k, blind)
@@ -654,9 +669,8 @@ class ObserverPosterior:
 
     def prior_quantile(self, name: str, probability: float) -> float:
         """Prior quantile of a quantity; that of the zone by draws."""
-        if name == "zone":
-            draws = self.sample_prior(np.random.default_rng(0), 100_000)
-            return float(np.quantile(self.quantities(draws)["zone"], probability))
+        if name == "zone" and name in self.names.all:
+            return self.scales.step * float(np.quantile(_prior_zones(self.prior), probability))
         parameter = "noise" if name == "jnd" else name
         names = [one.name for one in task_parameters(self.subject.task)]
         if parameter not in self.coordinates:
@@ -693,6 +707,15 @@ class ObserverPosterior:
             else:
                 columns.append(values / units[name])
         return np.stack(np.broadcast_arrays(*columns), axis=-1)
+
+
+@lru_cache(maxsize=4)
+def _prior_zones(prior: ObserverPrior) -> FloatArray:
+    """Draws of the zone from the prior, in D; the same for all subjects."""
+    rng = np.random.default_rng(0)
+    noise = prior.noise_median * np.exp(prior.noise_sd * rng.standard_normal(_PRIOR_DRAWS))
+    peak = LogitOfBeta(prior.q0_a, prior.q0_b).quantile(rng.uniform(size=_PRIOR_DRAWS))
+    return criterion(peak) * noise
 
 
 def free_coordinates(task: Task, model: str) -> BoolArray:

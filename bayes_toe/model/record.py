@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
+from bayes_toe.data.trial_sequence import require_order
 from bayes_toe.errors import InputError
 from bayes_toe.model.history import History
 from bayes_toe.model.intervals import Propagator
@@ -15,7 +16,6 @@ from bayes_toe.model.memory import Block
 from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import DEFAULT, Prior
 from bayes_toe.model.spread import BINOMIAL, Spread
-from bayes_toe.model.trial_history import require_order
 
 
 @dataclass(frozen=True)

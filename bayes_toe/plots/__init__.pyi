@@ -4,7 +4,6 @@ from .contrast import contrast_figure as contrast_figure
 from .corner import corner as corner
 from .curves import curves as curves
 from .figure_files import save_figure as save_figure
-from .history import history as history
 from .map import map_axes as map_axes
 from .order_effect import order_effect as order_effect
 from .paper_figures import figures as figures
@@ -12,3 +11,4 @@ from .paper_figures import write_figures as write_figures
 from .planning import design_figure as design_figure
 from .planning import power_figure as power_figure
 from .population import population_figure as population_figure
+from .serial import serial as serial

@@ -220,9 +220,9 @@ def test_a_design_that_cannot_tell_everything_is_said_before_sampling(folder):
     (folder / "first.csv").write_text("subject,s1,s2,n_equal,n_trials\n" + rows, encoding="utf-8")
     done = inside("sample", "first.csv", "-o", "first.nc", "--draws", 200, *ONE, cwd=folder)
     assert done.returncode in (0, 3), done.stderr
-    assert "note X: The pairs can tell 3 of 4 combinations" in done.stdout
-    assert "the smaller model 'constant bias' carries all the information" in done.stdout
-    assert "smaller model 'constant bias'" in good("check", "first.csv", cwd=folder)
+    warning = "warning X: Contraction cannot be told: the first stimulus is always the same, so a"
+    assert warning in done.stdout
+    assert warning in good("check", "first.csv", cwd=folder)
 
 
 def test_fit_writes_its_columns_and_states_its_level(folder):
@@ -453,13 +453,10 @@ def test_a_block_with_swapped_buttons_is_told_by_check_and_report(tmp_path, blan
             rows.append(f"[i]x,{s1},{s2},{'equal' if equal else 'different'},<{block}>,1,0.5")
     (tmp_path / "s.csv").write_text("\n".join(rows) + "\n")
     lines = good("check", "s.csv", "--columns", "block=[b]Run", cwd=tmp_path).splitlines()
-    beginning = "warning [i]x: Blocks differ in their answers to the same pairs, X^2 / d.f. of pair x block = "
-    assert sum(beginning in line for line in lines) == 1
+    beginning = "warning [i]x: Block <2> looks answered the wrong way round (swapped buttons;"
+    [line] = [line for line in lines if line.startswith(beginning)]
     ways = "--turn '[i]x:<2>' turns these answers, --leave-out '[i]x:<2>' leaves them out."
-    assert (
-        f"warning [i]x: Block <2> looks answered the wrong way round (swapped buttons): {ways}"
-        in lines
-    )
+    assert line.endswith(ways)
     turned = good("check", "s.csv", "--columns", "block=[b]Run", "--turn", "[i]x:<2>", cwd=tmp_path)
     assert "  subject [i]x, block <2>: answers turned" in turned.splitlines()
     assert "swapped" not in turned
@@ -469,7 +466,7 @@ def test_a_block_with_swapped_buttons_is_told_by_check_and_report(tmp_path, blan
     )
     assert "note Columns ignored: ISI, rt." in lines
     unread = good("check", "s.csv", cwd=tmp_path)
-    assert "Blocks differ" not in unread
+    assert "Block" not in unread
     assert "note Columns ignored: [b]Run, ISI, rt." in unread
     good(
         "run",

@@ -1,7 +1,5 @@
 """'Which was stronger?' beside 'same or different?': words tell the task, numbers never do; what is read, refused, doubted."""
 
-from dataclasses import replace
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -10,10 +8,8 @@ from scipy.io import savemat
 from scipy.special import ndtr
 
 import bayes_toe as bt
-from bayes_toe.data.findings import data_findings
-from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
-from bayes_toe.experiments.answers_check import check_answers
-from bayes_toe.experiments.checks import described
+from bayes_toe.checks.answer_checks import check_answers
+from bayes_toe.data.tasks import WHICH_STRONGER
 
 TRIALS, RIGHT, TASK = "subject,s1,s2,response", "subject,s1,s2,acc", "subject,s1,s2,response,task"
 COUNTS = "subject,s1,s2,n_second,n_trials"
@@ -291,23 +287,20 @@ def rising(difference):
     return 0.05 + 0.9 * ndtr((difference + 0.03) / 0.2)
 
 
-def peaked(difference):
-    return 0.9 * np.exp(-((difference / 0.25) ** 2))
-
-
-def kinds(*subjects):
-    return {(one.subject, one.kind): one.option for one in data_findings(bt.Study(subjects))}
+def reversed_answers(*subjects):
+    findings = check_answers(bt.Study(subjects))
+    return {(finding.subject, finding.code): finding.option for finding in findings}
 
 
 def test_some_reversed_subjects_are_found_and_all_are_refused_where_they_are_read():
     straight, back = answering("a", rising), answering("b", lambda d: rising(-d))
-    assert kinds(straight, back) == {("b", "reversed answers"): "--turn b"}
+    assert reversed_answers(straight, back) == {("b", "reversed_answers"): "--turn b"}
     mixed = bt.read_study(bt.Study((straight, back)).frame())
-    assert kinds(*mixed.turn("b")) == {}
+    assert reversed_answers(*mixed.turn("b")) == {}
     with pytest.raises(bt.InputError, match=r"correlation -0\.[67].*n_second counts those"):
         bt.read_study(bt.Study((back, answering("c", lambda d: rising(-d)))).frame())
     parts = [bt.Study((one,)).frame() for one in (straight, back)]
-    assert kinds(*bt.read_study(parts)) == {("b", "reversed answers"): "--turn b"}, (
+    assert reversed_answers(*bt.read_study(parts)) == {("b", "reversed_answers"): "--turn b"}, (
         "a file of one reversed subject is not a study"
     )
     trials = pd.DataFrame(
@@ -323,86 +316,7 @@ def test_some_reversed_subjects_are_found_and_all_are_refused_where_they_are_rea
         bt.read_study(bt.Study((answering("a", lambda d: 0 * d + 0.5, seed=guessing),)).frame())
 
 
-def test_answers_to_the_other_question_are_doubted_in_every_verdict():
-    for p, task in ((rising, WHICH_STRONGER), (peaked, SAME_DIFFERENT)):
-        right = [answering(name, p, task=task, seed=seed) for seed, name in enumerate("abc")]
-        other = WHICH_STRONGER if task == SAME_DIFFERENT else SAME_DIFFERENT
-        assert kinds(*right) == {}
-        assert {
-            one
-            for one, kind in kinds(*(replace(one, task=other) for one in right))
-            if kind == "like another task"
-        } == {*"abc"}
-
-
-@pytest.mark.parametrize(
-    ("pairs", "said"),
-    [
-        (
-            [(0.0, b) for b in (-0.4, -0.2, 0.2, 0.4)],
-            "All pairs have the first stimulus 0: a pull cannot be told from a constant error,",
-        ),
-        (
-            [(a, 0.3 - a) for a in (-0.4, 0.0, 0.2, 0.4)],
-            "s1 and s2 are one linear function of each other: a pull cannot be told from a",
-        ),
-        (GRID, ""),
-    ],
-)
-def test_designs_that_cannot_tell_a_pull_are_doubted(pairs, said):
-    found = [
-        one
-        for one in data_findings(bt.Study([answering("a", rising, 40, pairs)]))
-        if one.kind == "pull cannot be told"
-    ]
-    assert [one.message.startswith(said) for one in found] == ([True] if said else [])
-
-
-@pytest.mark.parametrize(
-    ("pairs", "p", "expected"),
-    [
-        (GRID, rising, set()),
-        (GRID, lambda d: 0 * d + 1.0, {"all_alike"}),
-        (GRID, lambda d: 0 * d, {"all_alike"}),
-        (
-            [(a, a) for a in (-0.4, -0.2, 0.2, 0.4)],
-            lambda d: 0 * d + 0.5,
-            {"only_equal_pairs", "pull_not_told"},
-        ),
-        ([pair for pair in GRID if abs(pair[0] - pair[1]) < 0.3], rising, {"no_easy_pairs"}),
-        (
-            [pair for pair in GRID if abs(pair[0] - pair[1]) > 0.5],
-            lambda d: ndtr(d / 0.1),
-            {"only_easy_pairs"},
-        ),
-        ([(0.0, b) for b in (-0.4, -0.2, 0.2, 0.4)], rising, {"one_order", "pull_not_told"}),
-        ([(s + 30, t + 30) for s, t in GRID], rising, {"raw_stimuli"}),
-    ],
-    ids=["fine", "second", "first", "equal pairs", "hard", "easy", "standard", "raw"],
-)
-def test_what_a_study_of_which_is_stronger_cannot_tell(pairs, p, expected):
-    study = bt.Study([answering("a", p, 40, pairs)])
-    found = {one.code: one.message for one in bt.check(study)}
-    assert {*found} - {"independent_answers"} == expected
-    assert all(message.endswith((".", "?")) and "\n" not in message for message in found.values())
-    assert described(study["a"])["fraction_second"] == study["a"].fraction_yes
-
-
-def test_swapped_blocks_and_drift_are_found_in_either_task(tmp_path):
-    rng, rows = np.random.default_rng(3), []
-    for block in range(1, 6):
-        for s1, s2 in GRID * 4:
-            second = (rng.random() < rising(s2 - s1)) ^ (block == 2)
-            rows.append(f"a,{s1},{s2},{'second' if second else 'first'},{block}")
-    (unlike, swapped) = check_answers(bt.read_study(written(tmp_path, TRIALS + ",block", *rows)))
-    assert (unlike.kind, swapped.kind, swapped.option) == (
-        "unlike blocks",
-        "swapped blocks",
-        "--turn a:2",
-    )
-
-
-def test_real_studies_are_read_as_they_were_asked_and_not_doubted(real_data):
+def test_real_studies_are_read_as_they_were_asked(real_data):
     for name, file, options, trials in (
         ("auditory_pwm", "trials.csv", {"ignore": ("isi",)}, 17934),
         ("numerosity", "trials.csv", {}, 34553),
@@ -410,21 +324,3 @@ def test_real_studies_are_read_as_they_were_asked_and_not_doubted(real_data):
     ):
         study = bt.read_study(real_data / name / file, bt.ReadOptions(**options))
         assert (study.task, sum(one.total_trials for one in study)) == (WHICH_STRONGER, trials)
-        assert not {one.code for one in data_findings(study)} & {
-            "other_task",
-            "reversed_answers",
-            "pull_not_told",
-        }
-        wrong = bt.Study([replace(one, task=SAME_DIFFERENT) for one in study])
-        assert any(one.code == "other_task" for one in data_findings(wrong)) == (
-            name != "auditory_pwm"
-        )  # one distance, no equal pair
-    for folder, options in (
-        ("vibrotactile_rate/trials.csv", {"equal_code": "1"}),
-        ("morse_rothkopf_1957/dots.csv", {}),
-    ):
-        study = bt.read_study(real_data / folder, bt.ReadOptions(**options))
-        wrong = bt.Study([replace(one, task=WHICH_STRONGER) for one in study])
-        assert [
-            any(one.code == "other_task" for one in data_findings(of)) for of in (study, wrong)
-        ] == [False, True]

@@ -12,6 +12,7 @@ from scipy.special import expit, logit
 from bayes_toe.data.answers import Answers
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
+from bayes_toe.data.trial_sequence import looks_sorted
 from bayes_toe.errors import InputError
 from bayes_toe.model.closed_form import noise_ratio, pull
 from bayes_toe.model.crowd import crowd_posterior
@@ -19,7 +20,6 @@ from bayes_toe.model.history import Trials
 from bayes_toe.model.ladder import model_named, posterior_of
 from bayes_toe.model.parts import composition
 from bayes_toe.model.prior import DEFAULT
-from bayes_toe.model.trial_history import looks_sorted
 
 LEVELS = {
     WHICH_STRONGER: (

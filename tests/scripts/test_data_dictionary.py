@@ -10,9 +10,9 @@ from reference.calibration import ABOUT, calibrate
 
 import bayes_toe as bt
 from bayes_toe.answers.contrast import WORDS
+from bayes_toe.checks.design_checks import describe_design
 from bayes_toe.cli.supplement import fit_table, order_effect_table, parameter_table
 from bayes_toe.comparison.words import EFFECTS
-from bayes_toe.experiments.checks import described
 from bayes_toe.inference.prediction import predict_pairs
 from bayes_toe.model.ladder import SPACE
 from bayes_toe.planning.power import Outcome
@@ -65,7 +65,7 @@ def written(analysis, small_study, tmp_path_factory):
         "methods_parameters.csv": parameter_table(analysis.draws, analysis.summary()).frame,
         "methods_order_effect.csv": order_effect_table(analysis.evidence.frame()).frame,
         "methods_fit.csv": fit_table(analysis.draws).frame,
-        "what check prints": [*described(small_study["A"])],
+        "what check prints": [*describe_design(small_study["A"])],
         "posterior.nc, group sample_stats": [*analysis.draws.group("sample_stats").data_vars],
         **planned(folder),
     }

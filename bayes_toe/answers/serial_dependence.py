@@ -1,0 +1,356 @@
+"""Serial dependence: whether responses depend on the response, or on the stimuli, of the trial before.
+
+Four models of a subject are equally probable beforehand: previous response {no, yes} times stimuli
+{static, carry-over}. The models without carry-over have the likeliest of the four models of order,
+those with it the likelier one of 'contraction' and 'both', since without a contraction nothing is
+carried over.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+from scipy.special import logsumexp
+
+from bayes_toe.answers.model_average import weighted_quantiles
+from bayes_toe.answers.serial_screen import SerialScreen, serial_screen
+from bayes_toe.answers.verdict_words import Word, word_for
+from bayes_toe.arrays import BoolArray, FloatArray
+from bayes_toe.data.messages import listed
+from bayes_toe.data.study import Study, Subject, require_study
+from bayes_toe.data.tables import SubjectTable
+from bayes_toe.data.trial_sequence import require_order
+from bayes_toe.errors import NumericalError
+from bayes_toe.inference.adaptation import quick_proposal, redrawn
+from bayes_toe.inference.evidence import importance_evidence
+from bayes_toe.inference.order_evidence import MODEL_NAMES, OrderEvidence, order_evidence
+from bayes_toe.inference.proposal import WeightedDraws
+from bayes_toe.kept import keeping
+from bayes_toe.model.observer import OrderModel
+from bayes_toe.model.parameters import ObserverPrior
+from bayes_toe.model.posterior_protocol import SampledPosterior
+from bayes_toe.model.prior import Prior
+from bayes_toe.model.study_prior import prior_for
+from bayes_toe.model.trial_history import TrialHistory, TrialHistoryPosterior
+from bayes_toe.seeds import generator
+from bayes_toe.workers import Progress, Workers
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+#: The four models, in the order of their evidences, and which have each effect.
+HISTORIES = ("static", "previous_response", "carry_over", "carry_over_and_previous_response")
+HAS: Mapping[str, BoolArray] = {
+    "carry_over": np.array([False, False, True, True]),
+    "previous_response": np.array([False, True, False, True]),
+}
+_QUANTILES = {"q025": 0.025, "q50": 0.5, "q975": 0.975}
+#: Columns of history.csv.
+HISTORY_COLUMNS = (
+    "subject",
+    *HAS,
+    *(f"p_{effect}" for effect in HAS),
+    *(f"ln_bf_{effect}" for effect in HAS),
+    *(f"{size}_{quantile}" for size in ("rho", "kappa") for quantile in _QUANTILES),
+    "order_model",
+    "carry_over_order_model",
+    "best_history",
+    *(f"log_evidence_{name}{ending}" for name in HISTORIES for ending in ("", "_se")),
+    "history_p",
+    "answer_p",
+    "stimuli_p",
+    "moving_criterion_p",
+    "note",
+)
+#: Draws of a proposal: from the posterior without history, fresh ones, and those that figures get.
+_CLOUD, _FRESH, _SHOWN = 500, 2500, 300
+#: Spread of the coordinates of rho and kappa at the start, in prior standard deviations.
+_START_SPREAD = 0.7
+
+
+@dataclass(frozen=True, eq=False)
+class SubjectDependence:
+    """What is concluded of one subject.
+
+    Attributes
+    ----------
+    subject : str
+    order_models : tuple of str
+        The model of order without carry-over, and the one with it.
+    log_evidence, standard_error : ndarray, shape (4,)
+        Of :data:`HISTORIES`, nats; NaN where there is none.
+    rho, kappa : tuple of float
+        Median within the central 95 % interval of the carried-over share and of the effect of the
+        previous response, over the models that have it: quantiles .025, .5, .975.
+    screen : SerialScreen
+        The score tests.
+    note : str
+        Why there is no result.
+    draws : tuple of ndarray
+        Some draws of the model without history and of the best of the four, shape (draws, k).
+    """
+
+    subject: str
+    order_models: tuple[str, str] = ("", "")
+    log_evidence: FloatArray = field(default_factory=lambda: np.full(4, np.nan))
+    standard_error: FloatArray = field(default_factory=lambda: np.full(4, np.nan))
+    rho: tuple[float, ...] = ()
+    kappa: tuple[float, ...] = ()
+    screen: SerialScreen = field(default_factory=SerialScreen)
+    note: str = ""
+    draws: tuple[FloatArray, ...] = ()
+
+    @property
+    def is_known(self) -> bool:
+        """Whether there is a result."""
+        return not self.note
+
+    @property
+    def best_history(self) -> str:
+        """The one of the four models that has the highest evidence."""
+        return HISTORIES[int(np.argmax(self.log_evidence))] if self.is_known else ""
+
+    def probability(self, effect: str) -> float:
+        """Posterior probability of one of the two effects."""
+        log_share = logsumexp(self.log_evidence[HAS[effect]]) - logsumexp(self.log_evidence)
+        return float(np.exp(log_share))
+
+    def log_bayes_factor(self, effect: str) -> float:
+        """Log of the evidence with an effect over that without, nats."""
+        has = HAS[effect]
+        return float(logsumexp(self.log_evidence[has]) - logsumexp(self.log_evidence[~has]))
+
+    def word(self, effect: str) -> str:
+        """The word for an effect; of the previous response with its direction."""
+        if not self.is_known:
+            return ""
+        word = word_for(self.probability(effect), self.log_bayes_factor(effect))
+        if effect == "previous_response" and word in (Word.YES, Word.PROBABLY):
+            direction = "repetition" if self.kappa[1] > 0.0 else "alternation"
+            return f"{word.value} ({direction})"
+        return str(word.value)
+
+    def history(self, name: str) -> TrialHistory:
+        """The model behind one of :data:`HISTORIES`."""
+        i = HISTORIES.index(name)
+        has_carry_over = bool(HAS["carry_over"][i])
+        order = OrderModel(self.order_models[int(has_carry_over)])
+        return TrialHistory(order, bool(HAS["previous_response"][i]), has_carry_over)
+
+    def cell(self, column: str) -> object:
+        """The entry of one of :data:`HISTORY_COLUMNS`; None where it is empty."""
+        if column in ("subject", "note", "best_history"):
+            return getattr(self, column)
+        if column in HAS:
+            return self.word(column)
+        screen = {"history_p": "joint_p"}.get(column, column)
+        if hasattr(self.screen, screen):
+            return getattr(self.screen, screen)
+        if not self.is_known:
+            return None
+        return self._result_cell(column)
+
+    def _result_cell(self, column: str) -> object:
+        if column.startswith("log_evidence_"):
+            name = column.removeprefix("log_evidence_")
+            values = self.standard_error if name.endswith("_se") else self.log_evidence
+            return float(values[HISTORIES.index(name.removesuffix("_se"))])
+        if column.startswith("ln_bf_"):
+            return self.log_bayes_factor(column.removeprefix("ln_bf_"))
+        if column.startswith("p_"):
+            return self.probability(column.removeprefix("p_"))
+        if column.endswith("order_model"):
+            return self.order_models[int(column.startswith("carry_over"))]
+        size, _, quantile = column.partition("_")
+        return getattr(self, size)[list(_QUANTILES).index(quantile)]
+
+    def describe(self) -> str:
+        """Both answers in words, without the subject's name."""
+        if not self.is_known:
+            return f"no result: {self.note}"
+        sizes = {"carry_over": ("rho", self.rho), "previous_response": ("kappa", self.kappa)}
+        parts = []
+        for effect, (symbol, (low, median, high)) in sizes.items():
+            size = f"{symbol} {median:.2f} [{low:.2f}, {high:.2f}]"
+            details = f"P {self.probability(effect):.2f}, {size}"
+            parts.append(f"{effect.replace('_', ' ')}: {self.word(effect)} ({details})")
+        return "; ".join(parts)
+
+
+@dataclass(frozen=True, eq=False)
+class SerialDependence(SubjectTable[SubjectDependence]):
+    """Every subject's row, with the study, seed and prior."""
+
+    study: Study
+    seed: int
+    prior: Prior
+
+    def posterior(self, row: SubjectDependence, history: str) -> TrialHistoryPosterior:
+        """The posterior of a subject under one of :data:`HISTORIES`."""
+        subject = self.study[row.subject]
+        return TrialHistoryPosterior(subject, row.history(history), self.prior.observer)
+
+    def sentence(self) -> str:
+        """How many subjects have each word, and the log Bayes factors in sum."""
+        parts = []
+        for effect in HAS:
+            words = Counter(row.word(effect) or "no result" for row in self.rows)
+            total = sum(row.log_bayes_factor(effect) for row in self.rows if row.is_known)
+            counts = listed([f"{word} {count}" for word, count in words.most_common()])
+            name = effect.replace("_", " ")
+            parts.append(f"{name}: {counts} (ln Bayes factor {total:+.1f} in sum)")
+        return "; ".join(parts)
+
+    def frame(self) -> pd.DataFrame:
+        """The table with the columns of history.csv; natural logs, empty where there is none."""
+        import pandas as pd
+
+        cells = [[row.cell(column) for column in HISTORY_COLUMNS] for row in self.rows]
+        return pd.DataFrame(cells, columns=list(HISTORY_COLUMNS))
+
+
+def serial_dependence(
+    study: Study,
+    *,
+    seed: int | None = None,
+    prior: Prior | str | None = None,
+    workers: Workers = None,
+    progress: Progress | None = None,
+    keep: str | Path | None = None,
+) -> SerialDependence:
+    """Whether responses depend on the trial before, for every subject.
+
+    Parameters
+    ----------
+    study : Study
+        Of trials whose order is known.
+    seed, prior, workers, progress, keep
+        As in :func:`bayes_toe.analysis.evidence`.
+
+    Raises
+    ------
+    InputError
+        If the order of a subject's trials is not known.
+    """
+    require_study(study)
+    for subject in study:
+        require_order(subject)
+    with keeping(keep, "histories of subjects") as store:
+        chosen, root = prior_for(study, prior), store.seed(seed)
+        jobs: list[Callable[[], SubjectDependence]] = [
+            partial(_analyse, subject, root, chosen.observer) for subject in study
+        ]
+        done = store.work(jobs, workers, progress, [(name,) for name in study.names])
+        rows = []
+        for i, name in enumerate(study.names):
+            if i in done.failed:
+                rows.append(SubjectDependence(name, note=done.failed[i].reason))
+            else:
+                rows.append(done.read(i))
+    return SerialDependence(tuple(rows), study, root, chosen)
+
+
+def _analyse(subject: Subject, seed: int, prior: ObserverPrior) -> SubjectDependence:
+    (evidence,) = order_evidence([subject], seed, prior)
+    return subject_dependence(evidence, seed)
+
+
+def subject_dependence(evidence: OrderEvidence, seed: int) -> SubjectDependence:
+    """The serial dependence of one subject from the evidences of the four models of order."""
+    subject, prior = evidence.subject, evidence.prior
+    both = MODEL_NAMES.index("both")
+    posterior = OrderModel("both").posterior(subject, prior)
+    row = SubjectDependence(
+        subject.name,
+        _order_models(evidence),
+        screen=serial_screen(subject, posterior, evidence.modes[both]),
+    )
+    order_index = MODEL_NAMES.index(row.order_models[0])
+    log_evidence = np.array([evidence.log_evidence[order_index], np.nan, np.nan, np.nan])
+    standard_error = np.array([evidence.standard_error[order_index], np.nan, np.nan, np.nan])
+    samples: list[tuple[TrialHistoryPosterior, WeightedDraws]] = []
+    for i, name in enumerate(HISTORIES[1:], start=1):
+        history = TrialHistoryPosterior(subject, row.history(name), prior)
+        try:
+            draws, log_evidence[i], standard_error[i] = _sample(history, evidence, seed)
+        except NumericalError as error:
+            return SubjectDependence(subject.name, screen=row.screen, note=str(error))
+        samples.append((history, draws))
+
+    rng = generator(seed, subject.name, "history draws")
+    static = TrialHistoryPosterior(subject, row.history("static"), prior)
+    static_draws = _without_history(static, evidence, rng, _SHOWN)
+    best = int(np.argmax(log_evidence))
+    shown = (static_draws, samples[best - 1][1].resampled(rng, _SHOWN) if best else static_draws)
+    return SubjectDependence(
+        subject.name,
+        row.order_models,
+        log_evidence,
+        standard_error,
+        rho=_quantiles("carry_over", log_evidence, samples),
+        kappa=_quantiles("previous_response", log_evidence, samples),
+        screen=row.screen,
+        draws=shown,
+    )
+
+
+def _order_models(evidence: OrderEvidence) -> tuple[str, str]:
+    """The likeliest model of order, and the likelier one of those that have a contraction."""
+    log_evidence = dict(zip(MODEL_NAMES, evidence.log_evidence.tolist(), strict=True))
+    likeliest = max(MODEL_NAMES, key=log_evidence.__getitem__)
+    return likeliest, max(("contraction", "both"), key=log_evidence.__getitem__)
+
+
+def _without_history(
+    posterior: TrialHistoryPosterior, evidence: OrderEvidence, rng: np.random.Generator, size: int
+) -> FloatArray:
+    """Draws of the posterior's order model, (size, k), by their importance weights."""
+    draws = evidence.draws[MODEL_NAMES.index(posterior.model.order.name)]
+    weights = np.exp(draws.log_weights - draws.log_weights.max())
+    chosen = rng.choice(len(weights), size, p=weights / weights.sum())
+    return np.asarray(draws.points[chosen][:, posterior.observer.is_free])
+
+
+def _sample(
+    posterior: TrialHistoryPosterior, evidence: OrderEvidence, seed: int
+) -> tuple[WeightedDraws, float, float]:
+    """Fresh draws of a fixed proposal, the log evidence and its standard error.
+
+    The proposal begins with draws of the model without history, and rho and kappa about the middle
+    of their prior.
+    """
+    rng = generator(seed, posterior.subject.name, posterior.model.name, "history")
+    of_order = _without_history(posterior, evidence, rng, _CLOUD)
+    n_own = len(posterior.coordinates) - of_order.shape[1]
+    own = _START_SPREAD * rng.standard_normal((_CLOUD, n_own))
+    cloud = np.concatenate([of_order, own], axis=1)
+    # A quick proposal looks for no maxima, so that it asks for no gradient.
+    target = cast(SampledPosterior, posterior)
+    fitted = redrawn(quick_proposal(target, cloud.mean(axis=0)[None], cloud, rng), rng, _FRESH)
+    result = importance_evidence(fitted)
+    if result.value is None or result.se is None:
+        raise NumericalError(f"model {posterior.model.name!r}: {result.why_not}")
+    return fitted.draws, result.value, result.se
+
+
+def _quantiles(
+    effect: str,
+    log_evidence: FloatArray,
+    samples: list[tuple[TrialHistoryPosterior, WeightedDraws]],
+) -> tuple[float, ...]:
+    """Quantiles of rho or kappa over the models that have it, weighted by their evidence."""
+    with_effect = [i for i in range(1, 4) if HAS[effect][i]]
+    total = logsumexp(log_evidence[with_effect])
+    values, weights = [], []
+    for i in with_effect:
+        posterior, draws = samples[i - 1]
+        values.append(posterior.quantities(draws.x)[effect])
+        weights.append(draws.shares * np.exp(log_evidence[i] - total))
+    joined = np.concatenate(values), np.concatenate(weights)
+    return tuple(weighted_quantiles(*joined, tuple(_QUANTILES.values())))

@@ -1,0 +1,154 @@
+"""Serial dependence: responses by the stimuli and by the response of the trial before."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from bayes_toe.answers.serial_dependence import SerialDependence, SubjectDependence
+from bayes_toe.arrays import FloatArray, IndexArray
+from bayes_toe.data.trial_sequence import TrialSequence
+from bayes_toe.errors import InputError
+from bayes_toe.plots.style import (
+    EQUAL,
+    PAGE,
+    POSTERIOR,
+    SMALL,
+    draw_band,
+    dress,
+    legend_below,
+    new_figure,
+    plain,
+)
+
+#: Groups of the mean stimulus of the trial before.
+_GROUPS = 5
+#: Subjects that one figure shows.
+MOST_ROWS = 6
+_HIGH = 2.1  # inches of a row
+_BAND = ((0.025, 0.975, 0.25),)
+
+
+def serial(table: SerialDependence, *subjects: str) -> Figure:
+    """One row a subject: those that are named, or at most six, those with the strongest evidence.
+
+    Points show by how much P of the counted response differs from the model without history, with
+    one binomial standard error: at the left by the mean stimulus of the trial before, at the right
+    by its response. The line and its 95 % band show the best of the four models.
+
+    Raises
+    ------
+    InputError
+        If there is no result to show.
+    """
+    given = [table[name] for name in subjects] or list(table.rows)
+    known = [row for row in given if row.is_known]
+    if not known:
+        raise InputError("serial: no subject has a result; allowed: rows of bt.serial_dependence")
+    shown = known
+    if not subjects:
+        shown = sorted(known, key=_gain, reverse=True)[:MOST_ROWS]
+    figure = new_figure(PAGE, _HIGH * len(shown) + 0.5)
+    axes = figure.subplots(len(shown), 2, squeeze=False, width_ratios=(1.6, 1.0))
+    for row, (left, right) in zip(shown, axes, strict=True):
+        _draw_row(left, right, table, row)
+    for ax in axes[:-1].ravel():
+        ax.set_xlabel("")
+    notes = []
+    if len(shown) < len(given):
+        notes.append(f"{len(shown)} of {len(given)} subjects, strongest evidence first")
+    if table.study.synthetic:
+        notes.append("synthetic data")
+    if notes:
+        figure.suptitle("; ".join(notes), fontsize=SMALL)
+    legend_below(figure, size=SMALL, columns=3)
+    return figure
+
+
+def _gain(row: SubjectDependence) -> float:
+    """By how much the best history exceeds none, nats."""
+    return float(row.log_evidence.max() - row.log_evidence[0])
+
+
+def _draw_row(left: Axes, right: Axes, table: SerialDependence, row: SubjectDependence) -> None:
+    """Both panels of a subject."""
+    static = table.posterior(row, "static")
+    best = table.posterior(row, row.best_history)
+    expected = static.trial_probabilities(row.draws[0]).mean(axis=0)
+    change = best.trial_probabilities(row.draws[1]) - expected
+    trials = static.trials
+    rows = np.flatnonzero(trials.is_answered)
+    residual = 0.5 * (trials.answer[rows] + 1.0) - expected
+    variance = expected * (1.0 - expected)
+    before = trials.earlier(1)[rows]
+    has_before = np.flatnonzero(before >= 0)
+    before = before[has_before]
+
+    groups, places = _stimulus_groups(trials, before)
+    _draw_groups(left, [has_before[group] for group in groups], places, residual, variance, change)
+    yes, no = static.subject.task.yes, static.subject.task.no
+    response = trials.answer[before]
+    groups = [np.flatnonzero(response < 0.0), np.flatnonzero(response > 0.0)]
+    groups = [group for group in groups if len(group)]
+    places = np.array([response[group[0]] for group in groups])
+    _draw_groups(right, [has_before[group] for group in groups], places, residual, variance, change)
+
+    low, median, high = row.rho
+    left.set(
+        xlabel="mean stimulus of the trial before (ln intensity)",
+        ylabel=f"P({yes}), difference\nfrom no history",
+    )
+    left.set_title(
+        f"{plain(row.subject, 24)}: carry-over {row.word('carry_over')}\n"
+        f"rho {median:.2f} [{low:.2f}, {high:.2f}]",
+        fontsize=SMALL,
+    )
+    low, median, high = row.kappa
+    right.set_xticks([-1.0, 1.0], [no, yes])
+    right.set(xlabel="response in the trial before", xlim=(-1.6, 1.6))
+    right.set_title(
+        f"previous response {row.word('previous_response')}\n"
+        f"kappa {median:.2f} [{low:.2f}, {high:.2f}]",
+        fontsize=SMALL,
+    )
+    dress(left)
+    dress(right)
+
+
+def _stimulus_groups(
+    trials: TrialSequence, before: IndexArray
+) -> tuple[list[IndexArray], FloatArray]:
+    """Trials by the mean stimulus of the trial before, and the mean of each group."""
+    mean = 0.5 * (trials.first[before] + trials.second[before])
+    edges = np.unique(np.quantile(mean, np.linspace(0.0, 1.0, _GROUPS + 1)[1:-1]))
+    number = np.searchsorted(edges, mean, side="right")
+    groups = [np.flatnonzero(number == i) for i in range(len(edges) + 1)]
+    groups = [group for group in groups if len(group)]
+    return groups, np.array([mean[group].mean() for group in groups])
+
+
+def _draw_groups(
+    ax: Axes,
+    groups: list[IndexArray],
+    places: FloatArray,
+    residual: FloatArray,
+    variance: FloatArray,
+    change: FloatArray,
+) -> None:
+    """Mean residual of each group with its standard error, and what the model says of it."""
+    means = np.array([residual[group].mean() for group in groups])
+    errors = np.array([np.sqrt(variance[group].sum()) / len(group) for group in groups])
+    lines = np.stack([change[:, group].mean(axis=1) for group in groups], axis=1)
+    ax.axhline(0.0, color=EQUAL, linestyle="--", linewidth=0.8, label="no history")
+    draw_band(ax, places, lines, POSTERIOR, 1.2, _BAND, "best of the four models")
+    ax.errorbar(
+        places,
+        means,
+        errors,
+        fmt="o",
+        color="black",
+        markersize=3.5,
+        linewidth=0.8,
+        label="responses, 1 s.e.",
+    )

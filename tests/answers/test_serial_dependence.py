@@ -1,0 +1,186 @@
+"""Serial dependence: recovered where there is one, not stated where there is none."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from commands import good, refused
+from scipy.stats import norm
+from serial_observers import answered
+
+import bayes_toe as bt
+from bayes_toe.answers.serial_dependence import HISTORY_COLUMNS
+from bayes_toe.data.tasks import SAME_DIFFERENT
+
+KINDS = {
+    "none": {},
+    "carries": {"carry_over": 0.9},
+    "repeats": {"share_repeated": 0.2},
+    "alternates": {"share_repeated": 0.0, "share_alternated": 0.2},
+}
+
+
+def observer(kind, seed, **options):
+    subject = answered(seed, repeats=64, p=0.35, **KINDS[kind], **options)
+    return replace(subject, name=kind)
+
+
+@pytest.fixture(scope="module")
+def study():
+    return bt.Study([observer(kind, 20 + i) for i, kind in enumerate(KINDS)], synthetic=True)
+
+
+@pytest.fixture(scope="module")
+def table(study):
+    return bt.serial_dependence(study, seed=1, workers=1)
+
+
+def test_words_are_those_of_the_truth(table):
+    words = {row.subject: (row.word("carry_over"), row.word("previous_response")) for row in table}
+    assert words["carries"][0] == "yes"
+    assert words["repeats"][1] == "yes (repetition)"
+    assert words["alternates"][1] == "yes (alternation)"
+    for kind in ("none", "repeats", "alternates"):
+        assert not words[kind][0].startswith(("yes", "probably ("))
+    for kind in ("none", "carries"):
+        assert not words[kind][1].startswith(("yes", "probably ("))
+    low, median, high = table["carries"].rho
+    assert low < 0.9 < high
+    assert median > 0.5
+    assert table["repeats"].kappa[0] > 0.0 > table["alternates"].kappa[2]
+
+
+def test_probabilities_and_bayes_factors_follow_from_four_evidences(table):
+    for row in table:
+        z = np.exp(row.log_evidence - row.log_evidence.max())
+        assert row.probability("carry_over") == pytest.approx((z[2] + z[3]) / z.sum())
+        assert row.probability("previous_response") == pytest.approx((z[1] + z[3]) / z.sum())
+        assert row.log_bayes_factor("carry_over") == pytest.approx(
+            np.log((z[2] + z[3]) / (z[0] + z[1]))
+        )
+        assert (row.standard_error < 0.06).all()
+
+
+@pytest.mark.parametrize("kind", ["none", "repeats"])
+def test_the_evidence_of_a_previous_response_is_an_integral_over_kappa(table, study, kind):
+    """Of the mean likelihood ratio over draws without the effect, which the table has."""
+    row = table[kind]
+    posterior = table.posterior(row, "previous_response")
+    without = row.draws[0]
+    static = posterior.observer.log_likelihood(without)
+    scores = np.linspace(-1.5, 1.5, 301)
+    ratio = np.zeros(len(scores))
+    for i, score in enumerate(scores):
+        moved = np.column_stack([without, np.full(len(without), score)])
+        ratio[i] = np.exp(posterior.log_likelihood(moved) - static).mean()
+    expected = np.log(np.trapezoid(ratio * norm.pdf(scores), scores))
+    assert row.log_evidence[1] - row.log_evidence[0] == pytest.approx(expected, abs=0.25)
+
+
+def test_same_or_different_has_both_effects_too():
+    carries = answered(31, SAME_DIFFERENT, repeats=40, p=0.35, carry_over=0.9)
+    repeats = answered(32, SAME_DIFFERENT, repeats=20, share_repeated=0.3)
+    study = bt.Study([replace(carries, name="carries"), replace(repeats, name="repeats")])
+    table = bt.serial_dependence(study, seed=1, workers=1)
+    assert table["carries"].word("carry_over") in ("yes", "probably")
+    assert table["repeats"].word("previous_response") == "yes (repetition)"
+
+
+def test_the_table_is_a_file(table, tmp_path):
+    frame = table.frame()
+    assert tuple(frame.columns) == HISTORY_COLUMNS
+    table.save(tmp_path / "history.csv")
+    back = pd.read_csv(tmp_path / "history.csv").set_index("subject")
+    for row in table:
+        cells = back.loc[row.subject]
+        assert cells.carry_over == row.word("carry_over")
+        assert cells.ln_bf_carry_over == pytest.approx(row.log_bayes_factor("carry_over"))
+        assert cells.rho_q50 == pytest.approx(row.rho[1])
+        assert cells.kappa_q975 == pytest.approx(row.kappa[2])
+        assert cells.history_p == pytest.approx(row.screen.joint_p)
+        assert cells.log_evidence_static == pytest.approx(row.log_evidence[0])
+        assert cells.log_evidence_carry_over_se == pytest.approx(row.standard_error[2])
+
+
+def test_sentences_count_every_subject(table):
+    assert "carry-over" not in table.sentence().split(":")[0]
+    assert table.sentence().startswith("carry over: ")
+    assert "alternation" in table["alternates"].describe()
+
+
+def test_a_seed_gives_the_same_numbers_whatever_else_is_in_the_study(table, study):
+    alone = bt.serial_dependence(bt.Study([study["carries"]]), seed=1, workers=1)["carries"]
+    assert alone.log_evidence.tolist() == table["carries"].log_evidence.tolist()
+    assert alone.rho == table["carries"].rho
+
+
+def test_finished_subjects_are_read_again(study, table, tmp_path):
+    first = bt.Study([study["none"]])
+    options = {"seed": 1, "workers": 1, "keep": tmp_path / "store"}
+    once = bt.serial_dependence(first, **options)
+    again = bt.serial_dependence(first, **options)
+    assert again.frame().equals(once.frame())
+    assert once["none"].log_evidence.tolist() == table["none"].log_evidence.tolist()
+
+
+def test_an_unknown_order_is_refused_in_a_line(study, tmp_path):
+    unordered = bt.Study([replace(study["none"], answers=None)])
+    with pytest.raises(bt.InputError, match="needs the order of trials"):
+        bt.serial_dependence(unordered, seed=1)
+    counts = tmp_path / "counts.csv"
+    counts.write_text("subject,s1,s2,n_second,n_trials\nA,0,0.3,9,10\nA,0.3,0,2,10\n")
+    error = refused("history", "counts.csv", cwd=tmp_path, silent=False)
+    assert "needs the order of trials" in error
+
+
+def test_the_command_writes_the_table_and_the_figure(tmp_path):
+    subject = answered(40, repeats=12, share_repeated=0.5)
+    answers = subject.answers
+    frame = pd.DataFrame(answers.keys, columns=["s1", "s2"])
+    frame = frame.assign(subject="A", response=np.where(answers.n_yes, "second", "first"))
+    frame = frame.assign(session=np.cumsum(answers.begins), trial=np.arange(len(frame)))
+    frame.to_csv(tmp_path / "trials.csv", index=False)
+    screen = good("history", "trials.csv", "-o", "serial.csv", "--seed", "1", cwd=tmp_path)
+    assert "previous response: yes (repetition) 1 (ln Bayes factor +" in " ".join(screen.split())
+    (row,) = pd.read_csv(tmp_path / "serial.csv").itertuples()
+    assert row.previous_response == "yes (repetition)"
+    assert 0.0 < row.kappa_q025 < row.kappa_q50 < row.kappa_q975
+    assert row.ln_bf_previous_response > 3.0
+    assert (tmp_path / "serial.png").stat().st_size > 10_000
+
+
+def test_the_figure_shows_every_subject(table, tmp_path):
+    figure = bt.plots.serial(table)
+    titles = [ax.get_title() for ax in figure.axes]
+    assert len(titles) == 8
+    assert any(title.startswith("carries: carry-over yes\nrho") for title in titles)
+    assert sum("previous response yes (alternation)" in title for title in titles) == 1
+    one = bt.plots.serial(table, "none")
+    assert len(one.axes) == 2
+    bt.plots.save_figure(figure, tmp_path / "history.png")
+
+
+def test_points_of_the_figure_are_the_shares_of_the_responses(table):
+    _, right = bt.plots.serial(table, "repeats").axes
+    row = table["repeats"]
+    posterior = table.posterior(row, "static")
+    trials = posterior.trials
+    expected = posterior.trial_probabilities(row.draws[0]).mean(axis=0)
+    after_second = np.r_[False, trials.answer[:-1] > 0] & ~trials.begins
+    residual = ((trials.answer > 0) - expected)[after_second].mean()
+    (points,) = [line for line in right.lines if line.get_marker() == "o"]
+    assert points.get_ydata()[1] == pytest.approx(residual)
+    assert residual > 0.03
+
+
+def test_listeners_carry_over(real_data):
+    study = bt.read_study(
+        real_data / "auditory_pwm" / "trials.csv", bt.ReadOptions(ignore=("isi",))
+    )
+    chosen = bt.Study([study["Sub01_Bimodal_l2"], study["SubA_Bimodal_l2"]])
+    table = bt.serial_dependence(chosen, seed=1, workers=1)
+    assert table["Sub01_Bimodal_l2"].log_bayes_factor("carry_over") == pytest.approx(17.8, abs=1.0)
+    assert table["SubA_Bimodal_l2"].log_evidence[2] - table["SubA_Bimodal_l2"].log_evidence[
+        0
+    ] == pytest.approx(3.2, abs=0.3)

@@ -1,0 +1,226 @@
+"""What a study leaves open: each finding where it holds, and only there."""
+
+import itertools
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import bayes_toe as bt
+from bayes_toe.checks.answer_checks import Finding
+from bayes_toe.checks.design_checks import NOTES, check_design, describe_design, urgent_findings
+from bayes_toe.data.answers import Reading
+from bayes_toe.data.study import Study, Subject
+from bayes_toe.data.tasks import WHICH_STRONGER
+from bayes_toe.model.prior import Prior
+from bayes_toe.model.study_prior import prior_for
+
+FUZZ = settings(max_examples=200, deadline=None, derandomize=True, database=None)
+GRID = list(itertools.product([-0.3, 0.0, 0.4], repeat=2))
+
+
+def make_subject(pairs, n_equal=4, name="S01", **keywords):
+    counts = [n_equal] * len(pairs) if isinstance(n_equal, int) else n_equal
+    s1, s2 = zip(*pairs, strict=True)
+    return Subject(name, s1, s2, counts, [10] * len(pairs), **keywords)
+
+
+def messages(*subjects, **keywords):
+    findings = check_design(Study(subjects, **keywords))
+    return {finding.code: finding.message for finding in findings}
+
+
+@pytest.mark.parametrize(
+    ("pairs", "expected"),
+    [
+        (GRID, {}),
+        (
+            [(-0.3, -0.3), (0.0, 0.0)],
+            {"not_identified": "Order effect, constant error, contraction cannot be told: no pair"},
+        ),
+        (
+            [(0.0, 0.0), (0.0, 0.3)],
+            {"not_identified": "Order effect, constant error, contraction cannot be told: unequal"},
+        ),
+        (
+            [(0.25, value) for value in (-0.3, 0.0, 0.25, 0.4)],
+            {"not_identified": "Contraction cannot be told: the first stimulus is always the same"},
+        ),
+        (
+            [(0.0, 0.0), (0.0, 0.3), (0.3, 0.0), (0.3, 0.3)],
+            {"contraction_imitated": "These pairs cannot show a contraction: the noise and its"},
+        ),
+    ],
+)
+def test_what_pairs_cannot_tell_is_said(pairs, expected):
+    found = messages(make_subject(pairs))
+    assert list(found) == list(expected)
+    assert all(found[code].startswith(start) for code, start in expected.items())
+
+
+def test_of_two_answers_a_preference_may_be_the_constant_error():
+    found = messages(make_subject(GRID, task=WHICH_STRONGER))
+    assert list(found) == ["criterion"]
+    assert found["criterion"].startswith("Constant error or preference for an answer")
+    assert "criterion" in NOTES
+
+
+def test_one_order_among_pairs_of_both_orders():
+    assert "one_order" not in messages(make_subject(GRID))
+    assert (
+        messages(make_subject([*GRID, (0.0, 0.5)]))["one_order"]
+        == "1 pair was shown in one order only: (0, 0.5)."
+    )
+    more = [*GRID, (0.0, 0.5), (0.0, 0.6), (0.7, 0.0), (0.8, 0.0)]
+    expected = "4 pairs were shown in one order only: (0, 0.5), (0, 0.6), (0.7, 0) and 1 more."
+    assert messages(make_subject(more))["one_order"] == expected
+
+
+def test_messages_are_one_sentence():
+    studies = [
+        Study([make_subject([(0.0, 0.3)], 10)]),
+        Study([make_subject([(20.0, 80.0), (80.0, 20.0)], 3, task=WHICH_STRONGER)]),
+        Study([make_subject(GRID, 4, "a"), make_subject(GRID, 4, "A")]),
+    ]
+    for finding in itertools.chain.from_iterable(bt.check(study) for study in studies):
+        assert finding.message.endswith((".", "?"))
+        assert "\n" not in finding.message
+        assert ". " not in finding.message
+
+
+def test_a_prior_in_another_unit_than_the_stimuli():
+    def message(step, prior="paper"):
+        study = Study((make_subject([(0.0, 0.0), (0.0, step), (step, 0.0), (7.0, 7.0)]),))
+        findings = urgent_findings(study, prior_for(study, prior))
+        return "".join(found.message for found in findings if found.code == "prior_scale")
+
+    # P(0.1 step < sigma_p < 10 step) is 0.1 at 0.0127 and 16.4 for a half-normal of scale 1.
+    assert [message(step) for step in (0.013, 0.3, 1.0, 16.0)] == ["", "", "", ""]
+    start = "The prior is far too {} for these stimuli, sigma_p ~ HalfNormal(1) with steps of {} ("
+    assert message(0.012).startswith(start.format("wide", 0.012))
+    assert message(17.0).startswith(start.format("narrow", 17))
+    assert message(0.3, Prior(sigma_p_scale=0.01)).startswith("The prior is far too narrow")
+    assert [message(step, "default") for step in (1e-4, 0.3, 1e6)] == ["", "", ""]
+    only_equal = Study((make_subject([(0.0, 0.0), (2.0, 2.0)]),))
+    assert [found.code for found in urgent_findings(only_equal, Prior())] == ["not_identified"]
+
+
+def test_stimuli_that_differ_by_rounding_only():
+    noisy = [(0.0, 0.0), (0.0, 0.3), (1e-16, 0.3), (0.3, 1e-16), (0.1 + 0.2, 0.0), (0.5, 0.5)]
+    (finding,) = urgent_findings(Study((make_subject(noisy),)))
+    assert finding.code == "rounding"
+    assert finding.message.startswith(
+        "Stimuli 0.0 and 1e-16 and 1 more differ by rounding only (by less than 1e-06 of their"
+    )
+    scaled = [(7e-9 * first, 7e-9 * second) for first, second in GRID]
+    assert urgent_findings(Study((make_subject(scaled),))) == (), "the range is the measure"
+    # Each was met once: two that are near are so by chance.
+    values = np.random.default_rng(1).random(20_000)
+    roved = Subject("S", values[::2], values[1::2], [1] * 10_000, [1] * 10_000)
+    assert urgent_findings(Study((roved,))) == ()
+
+
+@pytest.mark.parametrize(
+    ("shift", "scale", "is_raw"), [(0, 1, False), (4.4, 1, False), (5.5, 1, True), (0, 10, True)]
+)
+def test_stimuli_that_look_raw(shift, scale, is_raw):
+    subject = make_subject([(shift + scale * a, shift + scale * b) for a, b in GRID])
+    assert ("raw_stimuli" in messages(subject)) == is_raw
+    read = messages(subject, reading=Reading(read=("i1", "i2")))
+    assert "raw_stimuli" not in read, "what --intensity made is not raw"
+
+
+def test_stimuli_on_two_scales():
+    logs = np.log([740, 905, 1.105, 1.350]).tolist()
+    found = messages(make_subject(list(itertools.product(logs, repeat=2))))
+    assert found["two_scales"].startswith("Stimuli lie in two groups, a factor of 5.5e+02 apart")
+    even = np.log([1, 10, 100, 1000]).tolist()
+    assert "two_scales" not in messages(make_subject(list(itertools.product(even, repeat=2))))
+
+
+@pytest.mark.parametrize(
+    ("names", "code", "message"),
+    [
+        (
+            ("vp1", "Vp1", "VP1", "vp3"),
+            "names_differ_in_case",
+            "Subjects 'vp1', 'Vp1', 'VP1' differ in case only: if they are one person,",
+        ),
+        (
+            ("\u00e4", "a\u0308"),
+            "names_look_alike",
+            "Subjects '\\xe4', 'a\\u0308' look alike: if they are one person,",
+        ),
+        (("S01", "S\u200b01", "s01\ufe0f"), "names_look_alike", "Subjects 'S01', 'S\\u200b01', 's"),
+        (("007", "7", "17"), "names_are_one_number", "Subjects '007', '7' are the same number: if"),
+        (("1e5", "100000"), "names_are_one_number", "Subjects '1e5', '100000' are the same number"),
+        (("=1+1", "-1"), "names_are_formulas", "A spreadsheet would run names of subjects as"),
+        (("7", "17", "a", "b"), "", ""),
+    ],
+)
+def test_names_that_are_one_persons_or_formulas(names, code, message):
+    found = messages(*(make_subject(GRID, name=name) for name in names))
+    assert list(found) == ([code] if code else [])
+    assert found.get(code, "").startswith(message)
+
+
+@pytest.mark.parametrize(("pause", "expected"), [("1.5", set()), ("1500", {"long_pauses"})])
+def test_pauses_that_look_like_milliseconds(tmp_path, pause, expected):
+    # A night lies between two of the trials.
+    rows = [f"a,{i},{i % 2 * 0.3},0.0,equal,{pause if i != 3 else 90000}" for i in range(8)]
+    path = tmp_path / "study.csv"
+    path.write_text("\n".join(["subject,trial,s1,s2,response,iti", *rows]), encoding="utf-8")
+    found = {finding.code for finding in bt.check(bt.read_study(path))}
+    assert found & {"long_pauses"} == expected
+
+
+def test_findings_of_subjects_follow_those_of_the_study():
+    subjects = [make_subject(GRID, 10, "b"), make_subject([(0.0, 0.3)], 4, "B")]
+    findings = bt.check(Study(subjects))
+    assert findings[0] == Finding(
+        "",
+        "names_differ_in_case",
+        "Subjects 'b', 'B' differ in case only: if they are one person, join them under one name.",
+    )
+    assert [(finding.subject, finding.code) for finding in findings[1:]] == [
+        ("B", "not_identified"),
+        ("b", "one_answer"),
+        ("B", "few_trials"),
+    ]
+
+
+def test_the_table_of_check():
+    pairs = [(0.0, 0.0), (0.0, 0.3), (0.3, 0.0), (0.5, 0.0), (0.1, 0.6)]
+    first = make_subject(pairs, [1, 2, 3, 4, 5], "01")
+    second = Subject("NA", [0.0], [0.0], [1], [4])
+    table = pd.DataFrame([describe_design(first), describe_design(second)])
+    expected = pd.DataFrame(
+        {
+            "subject": ["01", "NA"],
+            "n_pairs": [5, 1],
+            "n_trials": [50, 4],
+            "n_both_orders": [1, 0],
+            "n_one_order": [2, 0],
+            "n_equal_pairs": [1, 1],
+            "fraction_equal": [0.3, 0.25],
+        }
+    )
+    pd.testing.assert_frame_equal(table, expected)
+
+
+_STIMULUS = st.sampled_from([-1.0, 0.0, 0.5, 2.0])
+
+
+@FUZZ
+@given(st.lists(st.tuples(_STIMULUS, _STIMULUS), min_size=1))
+def test_pairs_are_counted_once_each_whatever_their_order(presented):
+    stimuli = np.array(presented).T
+    answers = np.zeros(len(presented))
+    row = describe_design(Subject.from_trials("S01", *stimuli, answers))
+    swapped = describe_design(Subject.from_trials("S01", *stimuli[::-1], answers))
+    assert row == swapped
+    n_unordered = row["n_both_orders"] + row["n_one_order"] + row["n_equal_pairs"]
+    assert row["n_pairs"] == n_unordered + row["n_both_orders"]
+    assert n_unordered == len({frozenset(pair) for pair in presented})

@@ -1,0 +1,215 @@
+"""The trial before against other routes: a loop in many digits, a filter, the observer without."""
+
+from dataclasses import replace
+
+import mpmath as mp
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.signal import lfilter
+
+from bayes_toe.data.answers import Answers
+from bayes_toe.data.study import Subject
+from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
+from bayes_toe.data.trial_sequence import TrialSequence
+from bayes_toe.errors import InputError
+from bayes_toe.model.observer import OrderModel
+from bayes_toe.model.trial_history import TrialHistory, TrialHistoryPosterior
+
+TASKS = pytest.mark.parametrize("task", [WHICH_STRONGER, SAME_DIFFERENT], ids=["2afc", "same"])
+HISTORIES = pytest.mark.parametrize(
+    ("has_response", "has_carry_over"), [(False, False), (True, False), (False, True), (True, True)]
+)
+
+
+def two_sessions(task=WHICH_STRONGER, seed=1, n_trials=60, missed=5):
+    """Two sessions of random pairs and answers, some trials without one."""
+    rng = np.random.default_rng(seed)
+    keys = rng.choice(np.linspace(-0.4, 0.6, 5), (n_trials, 2))
+    answered = np.ones(n_trials, int)
+    answered[rng.choice(n_trials, missed, replace=False)] = 0
+    n_yes = rng.integers(0, 2, n_trials) * answered
+    place = np.arange(n_trials) + (np.arange(n_trials) >= n_trials // 3)
+    answers = Answers(keys, n_yes, answered, trials=True, place=place)
+    return Subject.from_answers("A", answers, task)
+
+
+def make_posterior(subject, has_response=True, has_carry_over=True, order="both"):
+    history = TrialHistory(OrderModel(order), has_response, has_carry_over)
+    return TrialHistoryPosterior(subject, history)
+
+
+def draw_points(posterior, n_points=20, seed=2):
+    return posterior.sample_prior(np.random.default_rng(seed), n_points)
+
+
+def loop_log_likelihood(subject, value, kappa, rho):
+    """By the formulas of the module, trial by trial in 40 digits."""
+    answers, sbar = subject.answers, float(np.average(subject.s1, weights=subject.n_trials))
+    total, expectation, response = mp.mpf(0), mp.mpf(0), 0
+    with mp.workdps(40):
+        c, p, sigma, b, lapse = (
+            mp.mpf(float(value[name]))
+            for name in ("constant_error", "contraction", "noise", "noise_slope", "lapse_rate")
+        )
+        for t, (first, second) in enumerate(answers.keys):
+            s1, s2 = mp.mpf(float(first)), mp.mpf(float(second))
+            if answers.begins[t]:
+                expectation, response = mp.mpf(0), 0
+            middle = (s1 + s2) / 2 - sbar
+            z = (s2 - s1 - c + p * (s1 - sbar - expectation)) / (sigma * mp.exp(b * middle))
+            if subject.task == SAME_DIFFERENT:
+                k = mp.erfinv(mp.mpf(float(value["q0"]))) * mp.sqrt(2)
+                k *= mp.exp(float(value["criterion_slope"]) * middle + kappa * response)
+                equal = mp.ncdf(k - z) - mp.ncdf(-k - z)
+                yes = lapse * (2 * mp.ncdf(k) - 1) + (1 - lapse) * equal
+            else:
+                yes = lapse / 2 + (1 - lapse) * mp.ncdf(z + kappa * response)
+            is_answered, is_yes = answers.n_trials[t], answers.n_yes[t]
+            if is_answered:
+                total += mp.log(yes if is_yes else 1 - yes)
+            moved = (1 - p) * (s2 - sbar) + p * (1 - p) * (s1 - sbar) + p**2 * expectation
+            expectation = rho * moved
+            response = (1 if is_yes else -1) if is_answered else 0
+    return float(total)
+
+
+@TASKS
+@HISTORIES
+def test_the_likelihood_is_that_of_a_loop_over_trials(task, has_response, has_carry_over):
+    subject = two_sessions(task)
+    posterior = make_posterior(subject, has_response, has_carry_over)
+    x = draw_points(posterior, 3)
+    values = posterior.quantities(x)
+    zero = np.zeros(len(x))
+    for i, found in enumerate(posterior.log_likelihood(x)):
+        value = {name: column[i] for name, column in values.items()}
+        kappa = values.get("previous_response", zero)[i]
+        rho = values.get("carry_over", zero)[i]
+        assert found == pytest.approx(loop_log_likelihood(subject, value, kappa, rho), rel=1e-9)
+
+
+@TASKS
+def test_without_an_effect_it_is_the_observer(task):
+    """Rho 0 and kappa 0; of no contraction any rho."""
+    subject = two_sessions(task)
+    posterior = make_posterior(subject)
+    x = draw_points(posterior)
+    x[:, -2], x[:, -1] = 0.0, -40.0
+    expected = posterior.observer.log_likelihood(x[:, :-2])
+    np.testing.assert_allclose(posterior.log_likelihood(x), expected, rtol=1e-9)
+    x[:, posterior.coordinates.index("contraction")] = 0.0
+    x[:, -1] = np.linspace(-2.0, 2.0, len(x))
+    expected = posterior.observer.log_likelihood(x[:, :-2])
+    np.testing.assert_allclose(posterior.log_likelihood(x), expected, rtol=1e-9)
+
+
+@TASKS
+@HISTORIES
+def test_trial_probabilities_make_the_likelihood(task, has_response, has_carry_over):
+    posterior = make_posterior(two_sessions(task), has_response, has_carry_over)
+    x = draw_points(posterior, 5)
+    answer = posterior.trials.answer[posterior.trials.is_answered]
+    yes = posterior.trial_probabilities(x)
+    expected = np.log(np.where(answer > 0.0, yes, 1.0 - yes)).sum(axis=1)
+    np.testing.assert_allclose(posterior.log_likelihood(x), expected, rtol=1e-9)
+
+
+def test_large_batches_of_points_are_done_in_parts():
+    posterior = make_posterior(two_sessions(n_trials=300))
+    x = draw_points(posterior, 900)
+    assert len(x) * 300 > 1 << 17
+    one_by_one = np.concatenate([posterior.log_likelihood(x[i : i + 1]) for i in range(0, 900, 90)])
+    np.testing.assert_allclose(posterior.log_likelihood(x)[::90], one_by_one, rtol=1e-12)
+
+
+def test_a_session_starts_anew():
+    """The sessions of a subject one after the other, or in another sequence: the same likelihood."""
+    subject = two_sessions(missed=0)
+    answers = subject.answers
+    rows = np.r_[20:60, 0:20]
+    place = np.arange(60) + (np.arange(60) >= 40)
+    swapped = replace(answers, keys=answers.keys[rows], n_yes=answers.n_yes[rows], place=place)
+    other = Subject.from_answers("A", swapped, subject.task)
+    x = draw_points(make_posterior(subject))
+    np.testing.assert_allclose(
+        make_posterior(other).log_likelihood(x), make_posterior(subject).log_likelihood(x)
+    )
+
+
+def test_the_expectation_is_a_linear_filter():
+    posterior = make_posterior(two_sessions(missed=0), has_response=False)
+    x = draw_points(posterior, 4)
+    values, expectation = posterior.quantities(x), posterior.expectation(x)
+    scales, trials = posterior.observer.scales, posterior.trials
+    first, second = (
+        (stimulus - scales.sbar) / scales.step for stimulus in (trials.first, trials.second)
+    )
+    for run in (slice(0, 20), slice(20, 60)):
+        for i in range(len(x)):
+            p, rho = values["contraction"][i], values["carry_over"][i]
+            moved = rho * (1.0 - p) * (second[run] + p * first[run])
+            expected = lfilter([0.0, 1.0], [1.0, -rho * p**2], moved)
+            np.testing.assert_allclose(expectation[run, i], expected, rtol=1e-12, atol=1e-15)
+
+
+def test_everything_carried_over_is_a_kalman_filter_through_all_stimuli():
+    """Rho 1: gains of both measurements are 1 - p, where the variance has settled."""
+    posterior = make_posterior(two_sessions(missed=0), has_response=False)
+    x = draw_points(posterior, 30)
+    x = x[x[:, posterior.coordinates.index("contraction")] > 0.0][:3]
+    x[:, -1] = 40.0
+    scales, trials = posterior.observer.scales, posterior.trials
+    p = posterior.quantities(x)["contraction"]
+    expectation = posterior.expectation(x)
+    for i in range(len(x)):
+        mean = 0.0
+        for t in range(20):
+            assert expectation[t, i] == pytest.approx(mean, rel=1e-9, abs=1e-12)
+            for stimulus in (trials.first[t], trials.second[t]):
+                mean += (1.0 - p[i]) * ((stimulus - scales.sbar) / scales.step - mean)
+
+
+@TASKS
+def test_the_prior_is_that_of_the_documents(task):
+    posterior = make_posterior(two_sessions(task))
+    x = draw_points(posterior, 4000)
+    values = posterior.quantities(x)
+    sd = 0.25 if task == SAME_DIFFERENT else 0.5
+    assert values["previous_response"].std() == pytest.approx(sd, rel=0.05)
+    assert np.quantile(values["carry_over"], [0.25, 0.5, 0.75]) == pytest.approx(
+        [0.25, 0.5, 0.75], abs=0.03
+    )
+    point = x[0]
+
+    def density(u, coordinate):
+        moved = point.copy()
+        moved[coordinate] = u
+        log_prior = posterior.log_prior(moved[None]) - posterior.observer.log_prior(
+            moved[None, :-2]
+        )
+        return float(np.exp(log_prior[0]))
+
+    for coordinate in (len(point) - 2, len(point) - 1):
+        other = len(point) - 1 if coordinate == len(point) - 2 else len(point) - 2
+        mass, _ = quad(density, -12.0, 12.0, args=(coordinate,))
+        assert mass == pytest.approx(np.exp(-0.5 * point[other] ** 2) / np.sqrt(2.0 * np.pi))
+
+
+def test_trials_know_the_ones_before():
+    trials = TrialSequence.from_subject(two_sessions())
+    assert trials.earlier(1)[:3].tolist() == [-1, 0, 1]
+    assert trials.earlier(1)[19:22].tolist() == [18, -1, 20]
+    assert trials.earlier(3)[18:25].tolist() == [15, 16, -1, -1, -1, 20, 21]
+    unanswered = ~trials.is_answered
+    assert np.count_nonzero(unanswered) == 5
+    answered_pairs = trials.pair[trials.is_answered]
+    subject = two_sessions()
+    assert subject.s1[answered_pairs].tolist() == trials.first[trials.is_answered].tolist()
+    assert subject.s2[answered_pairs].tolist() == trials.second[trials.is_answered].tolist()
+
+
+def test_an_unknown_order_is_refused():
+    subject = replace(two_sessions(), answers=None)
+    with pytest.raises(InputError, match="needs the order of trials"):
+        make_posterior(subject).log_likelihood(np.zeros((1, 7)))

@@ -1,0 +1,69 @@
+"""Observers whose responses depend on the trial before, by the formulas of the documents."""
+
+import numpy as np
+from scipy.stats import norm
+
+from bayes_toe.data.answers import Answers
+from bayes_toe.data.study import Subject
+from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
+
+STEP, NOISE, LAPSE_RATE, Q0 = 0.25, 0.2, 0.05, 0.9
+
+
+def neighbours(task, repeats):
+    """Six levels, each beside the next in both orders; of same or different the equal pairs too."""
+    low = STEP * np.arange(5.0)
+    first, second = np.concatenate([low, low + STEP]), np.concatenate([low + STEP, low])
+    if task == SAME_DIFFERENT:
+        levels = STEP * np.arange(6.0)
+        first, second = np.concatenate([first, levels]), np.concatenate([second, levels])
+    return np.tile(np.column_stack([first, second]), (repeats, 1))
+
+
+def answered(
+    seed,
+    task=WHICH_STRONGER,
+    repeats=40,
+    p=0.0,
+    carry_over=0.0,
+    share_repeated=0.0,
+    share_alternated=0.0,
+    drift=0.0,
+    sessions=2,
+    noise=NOISE,
+):
+    """An observer by the formulas of the documents, trial by trial, in random order."""
+    rng = np.random.default_rng(seed)
+    keys = rng.permutation(neighbours(task, repeats))
+    n_trials = len(keys)
+    session = np.arange(n_trials) * sessions // n_trials
+    centre = keys[:, 0].mean()
+    walk = drift * np.sin(2.0 * np.pi * np.arange(n_trials) / 80.0)
+    criterion = norm.ppf(0.5 + 0.5 * Q0)
+    n_yes = np.zeros(n_trials, int)
+    expectation = 0.0
+    for t, (s1, s2) in enumerate(keys):
+        is_first = t == 0 or session[t] != session[t - 1]
+        if is_first:
+            expectation = 0.0
+        z = (s2 - s1 + p * (s1 - centre - expectation) + walk[t]) / noise
+        if task == SAME_DIFFERENT:
+            attending = norm.cdf(criterion - z) - norm.cdf(-criterion - z)
+            probability = LAPSE_RATE * Q0 + (1.0 - LAPSE_RATE) * attending
+        else:
+            probability = LAPSE_RATE / 2.0 + (1.0 - LAPSE_RATE) * norm.cdf(z)
+        n_yes[t] = rng.random() < probability
+        if not is_first and rng.random() < share_repeated:
+            n_yes[t] = n_yes[t - 1]
+        if share_alternated and not is_first and rng.random() < share_alternated:
+            n_yes[t] = 1 - n_yes[t - 1]
+        weight = (1.0 - p) * (s2 - centre) + p * (1.0 - p) * (s1 - centre)
+        expectation = carry_over * (weight + p**2 * expectation)
+    answers = Answers(
+        keys,
+        n_yes,
+        np.ones(n_trials, int),
+        trials=True,
+        place=np.arange(n_trials) + session,
+    )
+    return Subject.from_answers(f"observer {seed}", answers, task)
