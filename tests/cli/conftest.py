@@ -1,24 +1,32 @@
-"""An analysis in which something must be looked at, for results folders and reports."""
+"""An analysis in which something needs action, for results folders and reports."""
 
 from dataclasses import replace
 
 import pytest
 
-from bayes_toe.comparison.verdict import Doubt
+from bayes_toe.answers.order_effect import MISFIT_FLAG, QUESTIONS
+from bayes_toe.answers.verdict_words import Word
+from bayes_toe.inference.predictive_checks import PairFit
 
-SWAPPED = Doubt("swapped blocks", "--turn A:2")
+SWAPPED = "swapped blocks"
 
 
 @pytest.fixture(scope="session")
 def marked(analysis):
-    """The analysis of three subjects: no model describes the first, whose data are in doubt, and the last lacks an evidence."""
+    """The analysis of three subjects: the first does not fit, the last is not interpreted."""
     first, second, third = analysis.evidence
-    wrong = replace(
-        first.verdict,
-        best_fit=replace(first.verdict.best_fit, p_overall=0.001),
-        p_none_scattered=0.5,
-        data=(SWAPPED,),
+    bent = replace(
+        first.answer,
+        predictive_p=0.001,
+        flags=(MISFIT_FLAG,),
+        worst_pairs=(PairFit(0.0, 0.3, 0.9, 0.4),),
     )
-    unknown = replace(third.verdict, p_orders=None, varied=(), size_q50=None, p_larger=None)
-    rows = (replace(first, verdict=wrong), second, replace(third, verdict=unknown))
+    swapped = replace(
+        third.answer,
+        words=dict.fromkeys(QUESTIONS, Word.NOT_INTERPRETABLE),
+        is_interpretable=False,
+        flags=(SWAPPED,),
+        options=("--turn C:2",),
+    )
+    rows = (replace(first, answer=bent), second, replace(third, answer=swapped))
     return replace(analysis, evidence=replace(analysis.evidence, rows=rows))
