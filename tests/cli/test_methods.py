@@ -11,10 +11,10 @@ from commands import good, refused
 from populations import made_up
 
 import bayes_toe as bt
+from bayes_toe.answers.study_summary import frequency_line, study_lines
+from bayes_toe.answers.verdict_words import Word
 from bayes_toe.cli.methods import of_analysis, write_text
 from bayes_toe.cli.supplement import templates
-from bayes_toe.comparison.study_answer import of_new_subject, study_sentence
-from bayes_toe.comparison.verdict import Doubt
 from bayes_toe.inference.draws import Draws
 
 FILES = {
@@ -72,21 +72,21 @@ def test_the_text_says_what_was_done_and_what_came_out(results, analysis):
     stats, factors = draws.group("sample_stats"), analysis.evidence.frame()["log_bayes_factor"]
     said = [
         "3 subjects gave 1,950 judgements (650 each)",
-        "free): 48 models.",
-        r"prior mean $\mu_1 \sim$ Normal(0, 10); diffusion of the memory, and width where there is no pull $\sigma_p \sim$ HalfNormal(1)",
-        r"constant error $c \sim$ Normal(0, D/2)",
-        "within 5 nats of a subject's best",
-        f"{study_sentence(analysis.verdicts)}.",
-        of_new_subject(analysis.verdicts, draws.seed).partition(": ")[2],
+        "no order effect, constant error, contraction, both.",
+        "`noise ~ LogNormal(1 D, 0.7), q0 ~ Beta(4, 1)",
+        "yes from a posterior probability of 0.95 on, probably from 0.75",
+        *study_lines(analysis.answers),
+        frequency_line(analysis.answers),
+        "Limits of the design: these pairs cannot show a contraction",
         f"(median {factors.median():.1f}, from {factors.min():.1f} to {factors.max():.1f})",
-        "not whether there is an order effect",
+        "does not test for an order effect",
         f"emcee {versions['emcee']} [@emcee]",
         f"root seed {draws.seed}",
         f"at least {draws.sampler.required:,}",
         f"effective sample sizes of {float(stats['min_ess'].min()):,.0f} and more",
         f"R-hat up to {float(stats['max_r_hat'].max()):.4f}",
         "All draws met these criteria.",
-        "the paper's model by itself describes the answers of 3 of 3.",
+        "The paper's model fits 3 of 3 subjects.",
         f"NumPy {versions['numpy']}",
     ]
     assert [one for one in said if one not in text] == []
@@ -110,15 +110,11 @@ def test_one_subject_under_the_default_prior_after_something_was_done_to_the_dat
     one = bt.run(study, draws=200, seed=1, workers=1)
     write_text(of_analysis(one, None, figures=False), tmp_path / "m.md")
     text = joined(tmp_path / "m.md")
-    assert r"prior mean $\mu_1 \sim$ Normal(M, 2.5 R); width $w \sim$ LogNormal(D, 1)" in text
-    assert (
-        "D the root mean square of the difference over pairs of different stimuli (here M = "
-        in text
-    )
+    assert "Prior: `mu1 ~ Normal(M, 2.5 R), width ~ LogNormal(D, 1)" in text
     assert "1 subject gave 650 judgements of pairs" in text
     assert "Before the analysis: 3 trials without a response dropped: A 3." in text
-    assert "**Order effect.** A " in text
-    assert "For a new subject" not in text
+    assert "**Results.** A: order effect: " in text
+    assert "Expected share" not in text
     assert (
         f"log Bayes factor of H1 against H0 is {one.evidence.rows[0].log_bayes_factor:.1f} by"
         in text
@@ -169,14 +165,11 @@ def test_what_did_not_converge_or_fit_is_said(results, analysis, tmp_path):
     wrong.tree.attrs["failed"] = '{"D": "its process was killed"}'
     wrong.save(tmp_path / "posterior.nc")
     first, *others = analysis.evidence.rows
-    misfit = replace(first.verdict.best_fit, p_overall=0.0)
-    first = replace(
-        first,
-        log_evidence_h1=None,
-        verdict=replace(
-            first.verdict, best_fit=misfit, data=(Doubt("swapped blocks", "--turn A:2"),)
-        ),
-    )
+    words = dict.fromkeys(first.answer.words, Word.NOT_INTERPRETABLE)
+    swapped = replace(first.answer, words=words, is_interpretable=False, flags=("swapped blocks",))
+    poor = replace(others[0].answer, predictive_p=0.0)
+    first = replace(first, log_evidence_h1=None, answer=swapped)
+    others[0] = replace(others[0], answer=poor)
     replace(analysis.evidence, rows=(first, *others), failed={"D": "killed"}).save(
         tmp_path / "evidence.csv"
     )
@@ -185,14 +178,15 @@ def test_what_did_not_converge_or_fit_is_said(results, analysis, tmp_path):
         "effective sample sizes of 12 and more (smallest: A)",
         "did not converge for A (12 effective draws of mu1); numbers of these subjects are not to be relied on",
         "There are no results of D (its process was killed)",
-        "describes the answers of 2 of 3; elsewhere its parameters mean little: A (p = 0.001",
-        "Where no model describes the answers (A (p < 0.001))".replace("<", r"\<"),
-        "the data of 1 are in doubt (A)",
-        "It was withheld for A.",
+        "The paper's model fits 2 of 3 subjects; elsewhere its parameters mean little: A (p = 0.001",
+        "The model does not fit 1: B.",
+        "Not interpreted: A.",
+        "It is not reported for A.",
     ]
     assert [one for one in said if one not in text] == []
     assert "met these criteria" not in text
-    assert re.search(r"\| A \| 650 \|.*\| not described \| swapped blocks \|", text)
+    assert re.search(r"\| A \| 650 \|( not interpreted \|){3} -- \| -- \| -- \| -- \|", text)
+    assert re.search(r"\| B \| 650 \| \w+ ! ", text)
     assert pd.read_csv(tmp_path / "text" / "m_parameters.csv").converged.tolist() == [
         "no",
         "yes",
@@ -243,14 +237,19 @@ def test_a_group_is_told_of_where_its_draws_are(results, small_study, tmp_path):
 @pytest.mark.parametrize(
     ("name", "old", "new", "said"),
     [
-        ("evidence.csv", "0.5 D", "0.4 D", "evidence.csv, column prior: found 'noise ~ LogNormal"),
+        ("evidence.csv", "0.5 D", "0.4 D", 'evidence.csv, column prior: found "noise ~ LogNormal'),
         (
             "evidence.csv",
             "(A,.*,13,650,[^,]*,[^,]*),-",
             r"\1,-1",
             "evidence.csv: found other answers than the draws have of 'A'",
         ),
-        ("evidence.csv", "p_none", "none", "evidence.csv: row 1, column p_none: missing, found"),
+        (
+            "evidence.csv",
+            "p_order_effect",
+            "none",
+            "evidence.csv: row 1, column p_order_effect: missing, found",
+        ),
     ],
 )
 def test_a_table_of_another_analysis_is_one_line(results, tmp_path, name, old, new, said):
@@ -304,6 +303,6 @@ def test_latex_has_its_tables_in_files(results):
     named = re.findall(r"\\input\{([^}]+)\}", text)
     assert named == ["m_parameters.tex", "m_order_effect.tex"]
     assert all((results / "text" / name).exists() for name in named)
-    assert r"prior mean $\mu_1 \sim$ Normal(0, 10); " in text
+    assert r"Prior: $\mu_1$ $\sim$ Normal(0, 10), $\sigma_p$ $\sim$ " in text
     assert text.count("{") == text.count("}")
     assert not re.search(r"(?<!\\)%(?! Needs)", text)
