@@ -9,12 +9,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import bayes_toe as bt
-from bayes_toe.cli.answers import say_verdicts
+from bayes_toe.answers.order_effect import MISFIT_FLAG
+from bayes_toe.cli.answers import say_answers
 from bayes_toe.cli.describe import say_fits
 from bayes_toe.cli.headline import flagged, p_value, told
 from bayes_toe.cli.infer import say_draws
 from bayes_toe.cli.terminal import MOST_ROWS, Terminal, allowed, allowed_in_order, once
-from bayes_toe.comparison.verdict import Doubt
 from bayes_toe.inference.predictive_checks import MISFIT
 
 
@@ -26,36 +26,37 @@ def rows_of(text, names):
 
 @pytest.fixture
 def many(analysis):
-    """Verdicts of a hundred subjects: no model describes the last, and the one before has doubtful data."""
-    said = [
-        replace(analysis.verdicts[i % 3], subject=f"S{i}", notes=("the same note",))
+    """Answers of a hundred subjects: the last does not fit, and one before has unlike blocks."""
+    answers = [
+        replace(analysis.answers[i % 3], subject=f"S{i}", notes=("the same note",))
         for i in range(100)
     ]
-    said[98] = replace(said[98], data=(Doubt("near chance", "--leave-out S98"),))
-    said[99] = replace(said[99], best_fit=replace(said[99].best_fit, p_overall=0.001))
-    return said
+    answers[98] = replace(answers[98], flags=("unlike blocks",), options=("--leave-out S98",))
+    answers[99] = replace(answers[99], predictive_p=0.001, flags=(MISFIT_FLAG,))
+    return answers
 
 
-def test_tables_of_very_many_subjects_end_with_a_count_and_begin_with_those_that_need_attention(
+def test_tables_of_very_many_subjects_end_with_a_count_and_begin_with_those_that_need_action(
     analysis, many, capsys
 ):
-    say_verdicts(Terminal(), many, 1, analysis.study, "evidence.csv")
-    said = capsys.readouterr().out
-    shown = rows_of(said, {one.subject for one in many})
+    say_answers(Terminal(), many, analysis.study, "evidence.csv")
+    text = capsys.readouterr().out
+    # A name is cut at the first space, before its mark.
+    shown = rows_of(text, {answer.subject for answer in many})
     assert shown == ["S98", "S99", *(f"S{i}" for i in range(MOST_ROWS - 2))]
-    assert said.startswith("answer: ")
-    assert said.count("... and 50 more in evidence.csv") == 1
-    assert "data S98: near chance, which --leave-out S98 acts on" in said
-    assert "look S99: no model describes the answers: " in said
-    assert "S0, S1, S2, S3, S4, ... and 95 more: the same note" in said
+    assert text.count("... and 50 more in evidence.csv") == 1
+    assert "action S98: unlike blocks; run again with --leave-out S98" in text
+    assert "action S99: the model does not fit" in text
+    assert "S0, S1, S2, S3, S4, ... and 95 more: the same note" in text
+    assert text.index("action S98") < text.index("answer: Order effect: ")
 
 
 def test_up_to_so_many_rows_all_are_there_in_their_order(analysis, many, capsys):
     few = [many[99], *many[: MOST_ROWS - 1]]
-    say_verdicts(Terminal(), few, 1, analysis.study)
-    said = capsys.readouterr().out
-    assert rows_of(said, {one.subject for one in few}) == [one.subject for one in few]
-    assert "more in" not in said
+    say_answers(Terminal(), few, analysis.study)
+    text = capsys.readouterr().out
+    assert rows_of(text, {answer.subject for answer in few}) == [answer.subject for answer in few]
+    assert "more in" not in text
 
 
 def test_medians_of_many_are_of_those_first_that_did_not_converge(analysis, capsys, monkeypatch):
