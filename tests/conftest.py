@@ -97,6 +97,13 @@ def few_replicates():
         yield
 
 
+@pytest.fixture(autouse=True)
+def quick_bootstrap():
+    """Analyses in this process have few bootstrap replicates."""
+    with few_replicates():
+        yield
+
+
 @pytest.fixture(scope="session")
 def analysis(small_study) -> Analysis:
     """Draws and evidence of the small study under the paper's prior, in this process."""

@@ -168,7 +168,7 @@ def bootstrap_evidence(replicates: Bootstrap, prior: Prior) -> tuple[float | Non
 
 
 #: Bootstrap replicates of a subject, as many as in the paper.
-REPLICATES = 1000
+REPLICATES = 400
 UNCERTAINTY_COLUMNS = (
     *("subject", "parameter", "posterior_median", "posterior_lower", "posterior_upper"),
     *("fit", "bootstrap_lower", "bootstrap_upper", "at_edge"),

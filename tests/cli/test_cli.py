@@ -483,7 +483,7 @@ def test_a_block_with_swapped_buttons_is_told_by_check_and_report(tmp_path, blan
         cwd=tmp_path,
     )
     report = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
-    section = report[report.index('<h2 id="pooling">') : report.index('<h2 id="method">')]
+    section = report[report.index('<h2 id="pooling">') : report.index('<h2 id="read">')]
     assert "<strong>[i]x</strong>: Block &lt;2&gt; looks answered the wrong way round" in section
 
 
