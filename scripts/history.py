@@ -90,9 +90,13 @@ def recovery(n_observers: int, trials: list[int], seed: int) -> pd.DataFrame:
     for truth, (_, carry_over, _) in TRUTHS.items():
         for n_trials in trials:
             rows = [analyse(truth, n_trials, i, seed) for i in range(n_observers)]
-            holds = sum(row.rho[0] <= carry_over <= row.rho[2] for row in rows)
-            own = {"truth": truth, "trials": n_trials, "observers": n_observers}
-            table.append(own | count_words(rows) | {"rho in its interval": holds})
+            counts = {"truth": truth, "trials": n_trials, "observers": n_observers}
+            counts |= count_words(rows)
+            if carry_over > 0.0:
+                # Without carry-over rho is 0, which no interval of a share holds.
+                holds = [row.rho[0] <= carry_over <= row.rho[2] for row in rows]
+                counts["rho in its interval"] = sum(holds)
+            table.append(counts)
     return pd.DataFrame(table)
 
 

@@ -50,6 +50,8 @@ HAS: Mapping[str, BoolArray] = {
     "carry_over": np.array([False, False, True, True]),
     "previous_response": np.array([False, True, False, True]),
 }
+#: What sentences call both effects.
+EFFECT_NAMES = {"carry_over": "carry-over", "previous_response": "previous response"}
 _QUANTILES = {"q025": 0.025, "q50": 0.5, "q975": 0.975}
 #: Columns of history.csv.
 HISTORY_COLUMNS = (
@@ -179,7 +181,7 @@ class SubjectDependence:
         for effect, (symbol, (low, median, high)) in sizes.items():
             size = f"{symbol} {median:.2f} [{low:.2f}, {high:.2f}]"
             details = f"P {self.probability(effect):.2f}, {size}"
-            parts.append(f"{effect.replace('_', ' ')}: {self.word(effect)} ({details})")
+            parts.append(f"{EFFECT_NAMES[effect]}: {self.word(effect)} ({details})")
         return "; ".join(parts)
 
 
@@ -203,8 +205,7 @@ class SerialDependence(SubjectTable[SubjectDependence]):
             words = Counter(row.word(effect) or "no result" for row in self.rows)
             total = sum(row.log_bayes_factor(effect) for row in self.rows if row.is_known)
             counts = listed([f"{word} {count}" for word, count in words.most_common()])
-            name = effect.replace("_", " ")
-            parts.append(f"{name}: {counts} (ln Bayes factor {total:+.1f} in sum)")
+            parts.append(f"{EFFECT_NAMES[effect]}: {counts} (ln Bayes factor {total:+.1f} in sum)")
         return "; ".join(parts)
 
     def frame(self) -> pd.DataFrame:

@@ -16,7 +16,6 @@ from bayes_toe.checks.identification import (
     DELAYS_NOTE,
     IMITATION_NOTE,
     QUESTIONS,
-    Identification,
     identify,
 )
 from bayes_toe.data.answers import Reading
@@ -86,8 +85,9 @@ def check_design(study: Study, prior: Prior | None = None) -> tuple[Finding, ...
         *_formula_names(study.names),
     ]
     findings += [*_times(study), *_two_scales(study), *_conditions(study), *_columns(study.reading)]
+    findings += _notes(study)
     for subject in study:
-        findings += [*_notes(subject, identify(subject)), *_one_order(subject)]
+        findings += _one_order(subject)
     return tuple(findings)
 
 
@@ -98,7 +98,7 @@ def urgent_findings(study: Study, prior: Prior | None = None) -> tuple[Finding, 
     if prior is not None:
         findings += _prior_scale(study, prior)
     for subject in study:
-        findings += [*_rounding(subject), *_not_identified(subject, identify(subject))]
+        findings += [*_rounding(subject), *_not_identified(subject)]
     return tuple(findings)
 
 
@@ -109,7 +109,11 @@ def describe_design(subject: Subject) -> dict[str, str | int | float]:
     n_one_order count those of different stimuli, order aside. fraction_equal or fraction_second
     is the share of trials with that answer.
     """
-    n_one_order = len(_lone_pairs(subject))
+    isi = np.zeros(subject.n_pairs) if subject.isi is None else subject.isi
+    shown = set(zip(subject.s1.tolist(), subject.s2.tolist(), isi.tolist(), strict=True))
+    n_one_order = 0
+    for s1, s2, interval in shown:
+        n_one_order += s1 != s2 and (s2, s1, interval) not in shown
     n_equal = int(np.count_nonzero(subject.s1 == subject.s2))
     row: dict[str, str | int | float] = {"subject": subject.name, "n_pairs": subject.n_pairs}
     if subject.isi is not None:
@@ -264,8 +268,9 @@ def _prior_scale(study: Study, prior: Prior) -> Iterator[Finding]:
 # --- Pairs ---------------------------------------------------------------------------------------
 
 
-def _not_identified(subject: Subject, identification: Identification) -> Iterator[Finding]:
+def _not_identified(subject: Subject) -> Iterator[Finding]:
     """Questions that cannot be told, with the reason."""
+    identification = identify(subject)
     for reason in dict.fromkeys(identification.reasons.values()):
         questions = []
         for question in QUESTIONS:
@@ -275,29 +280,23 @@ def _not_identified(subject: Subject, identification: Identification) -> Iterato
         yield Finding(subject.name, "not_identified", f"{text} cannot be told: {reason}.")
 
 
-def _notes(subject: Subject, identification: Identification) -> Iterator[Finding]:
-    """What a reader of the words must know."""
-    for note in identification.notes:
-        yield Finding(subject.name, _NOTE_CODES[note], f"{note[0].upper()}{note[1:]}.")
-
-
-def _lone_pairs(subject: Subject) -> list[tuple[float, float]]:
-    """Pairs of different stimuli that were shown in this order only, at one interval."""
-    isi = np.zeros(subject.n_pairs) if subject.isi is None else subject.isi
-    pairs = list(zip(subject.s1.tolist(), subject.s2.tolist(), isi.tolist(), strict=True))
-    shown = set(pairs)
-    lone = []
-    for first, second, interval in pairs:
-        if first != second and (second, first, interval) not in shown:
-            lone.append((first, second))
-    return lone
+def _notes(study: Study) -> Iterator[Finding]:
+    """What a reader of the words must know, once where it holds for all subjects."""
+    names_by_note: dict[str, list[str]] = {}
+    for subject in study:
+        for note in identify(subject).notes:
+            names_by_note.setdefault(note, []).append(subject.name)
+    for note, names in names_by_note.items():
+        message = f"{note[0].upper()}{note[1:]}."
+        for name in [""] if len(names) == len(study) else names:
+            yield Finding(name, _NOTE_CODES[note], message)
 
 
 def _one_order(subject: Subject) -> Iterator[Finding]:
     """A few pairs in one order among others that were shown in both, at whatever interval."""
     shown = set(zip(subject.s1.tolist(), subject.s2.tolist(), strict=True))
-    lone = [pair for pair in _lone_pairs(subject) if pair[::-1] not in shown]
-    if not 0 < len(lone) < 0.5 * np.count_nonzero(subject.s1 != subject.s2):
+    lone = [pair for pair in sorted(shown) if pair[0] != pair[1] and pair[::-1] not in shown]
+    if not 0 < len(lone) < 0.5 * len(shown):
         return
     pairs = ", ".join(f"({first:.4g}, {second:.4g})" for first, second in lone[:_MOST_PAIRS_SHOWN])
     if len(lone) > _MOST_PAIRS_SHOWN:

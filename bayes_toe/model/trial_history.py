@@ -173,13 +173,24 @@ class TrialHistoryPosterior:
         return np.asarray(expectation)
 
     def log_likelihood(self, x: FloatArray) -> FloatArray:
-        """Log likelihood, (points, k) -> (points,)."""
-        n_yes, n_no = self._cells.n_yes, self._cells.n_no
-        values = []
-        for part in self._parts(x):
-            yes, no = self._batch.plain_answers_at(*self._at(part))
-            values.append((xlogy(n_yes, yes) + xlogy(n_no, no))[0].sum(axis=1))
-        return np.concatenate(values)
+        """Log likelihood, (points, k) -> (points,); -inf where abs(p) is 1 or more.
+
+        There is no such contraction, and an expectation would grow from trial to trial.
+        """
+        full = self.observer.full_points(self._of_order(x))
+        contraction = self.observer.batch.quantities(full)["contraction"][0]
+        is_possible = np.abs(contraction) < 1.0
+        values = np.full(len(x), -np.inf)
+        if is_possible.any():
+            parts = [self._part_likelihood(part) for part in self._parts(x[is_possible])]
+            values[is_possible] = np.concatenate(parts)
+        return values
+
+    def _part_likelihood(self, x: FloatArray) -> FloatArray:
+        """The log likelihood of a few points, (points,)."""
+        yes, no = self._batch.plain_answers_at(*self._at(x))
+        terms = xlogy(self._cells.n_yes, yes) + xlogy(self._cells.n_no, no)
+        return np.asarray(terms[0].sum(axis=1))
 
     def trial_probabilities(self, x: FloatArray) -> FloatArray:
         """P of the answer that the task counts in every answered trial, (points, trials)."""

@@ -22,8 +22,8 @@ from bayes_toe.plots.style import (
     plain,
 )
 
-#: Groups of the mean stimulus of the trial before.
-_GROUPS = 5
+#: Mean stimuli of the trial before up to which each is a group of its own; groups of more.
+_MOST_DISTINCT, _GROUPS = 8, 5
 #: Subjects that one figure shows.
 MOST_ROWS = 6
 _HIGH = 2.1  # inches of a row
@@ -100,7 +100,7 @@ def _draw_row(left: Axes, right: Axes, table: SerialDependence, row: SubjectDepe
         ylabel=f"P({yes}), difference\nfrom no history",
     )
     left.set_title(
-        f"{plain(row.subject, 24)}: carry-over {row.word('carry_over')}\n"
+        f"{plain(row.subject, 24)}, carry-over: {row.word('carry_over')}\n"
         f"rho {median:.2f} [{low:.2f}, {high:.2f}]",
         fontsize=SMALL,
     )
@@ -108,7 +108,7 @@ def _draw_row(left: Axes, right: Axes, table: SerialDependence, row: SubjectDepe
     right.set_xticks([-1.0, 1.0], [no, yes])
     right.set(xlabel="response in the trial before", xlim=(-1.6, 1.6))
     right.set_title(
-        f"previous response {row.word('previous_response')}\n"
+        f"previous response: {row.word('previous_response')}\n"
         f"kappa {median:.2f} [{low:.2f}, {high:.2f}]",
         fontsize=SMALL,
     )
@@ -121,7 +121,9 @@ def _stimulus_groups(
 ) -> tuple[list[IndexArray], FloatArray]:
     """Trials by the mean stimulus of the trial before, and the mean of each group."""
     mean = 0.5 * (trials.first[before] + trials.second[before])
-    edges = np.unique(np.quantile(mean, np.linspace(0.0, 1.0, _GROUPS + 1)[1:-1]))
+    edges = np.unique(mean)[1:]
+    if len(edges) >= _MOST_DISTINCT:
+        edges = np.unique(np.quantile(mean, np.linspace(0.0, 1.0, _GROUPS + 1)[1:-1]))
     number = np.searchsorted(edges, mean, side="right")
     groups = [np.flatnonzero(number == i) for i in range(len(edges) + 1)]
     groups = [group for group in groups if len(group)]

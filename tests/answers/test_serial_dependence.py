@@ -104,8 +104,7 @@ def test_the_table_is_a_file(table, tmp_path):
 
 
 def test_sentences_count_every_subject(table):
-    assert "carry-over" not in table.sentence().split(":")[0]
-    assert table.sentence().startswith("carry over: ")
+    assert table.sentence().startswith("carry-over: ")
     assert "alternation" in table["alternates"].describe()
 
 
@@ -154,8 +153,8 @@ def test_the_figure_shows_every_subject(table, tmp_path):
     figure = bt.plots.serial(table)
     titles = [ax.get_title() for ax in figure.axes]
     assert len(titles) == 8
-    assert any(title.startswith("carries: carry-over yes\nrho") for title in titles)
-    assert sum("previous response yes (alternation)" in title for title in titles) == 1
+    assert any(title.startswith("carries, carry-over: yes\nrho") for title in titles)
+    assert sum("previous response: yes (alternation)" in title for title in titles) == 1
     one = bt.plots.serial(table, "none")
     assert len(one.axes) == 2
     bt.plots.save_figure(figure, tmp_path / "history.png")

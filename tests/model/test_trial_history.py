@@ -213,3 +213,11 @@ def test_an_unknown_order_is_refused():
     subject = replace(two_sessions(), answers=None)
     with pytest.raises(InputError, match="needs the order of trials"):
         make_posterior(subject).log_likelihood(np.zeros((1, 7)))
+
+
+def test_a_contraction_beyond_1_is_impossible():
+    posterior = make_posterior(two_sessions(n_trials=2000))
+    x = draw_points(posterior, 3)
+    x[1, posterior.coordinates.index("contraction")] = 8.0
+    assert np.isfinite(posterior.log_likelihood(x)).tolist() == [True, False, True]
+    assert posterior.log_likelihood(x)[1] == -np.inf
