@@ -74,7 +74,7 @@ def opened(page):
     for letter, label in (("a", "predictive update"), ("b", "none")):
         page.choose(f"#subject-{letter}", "A")
         page.choose(f"#label-{letter}", label)
-    page.page.click("#natural")
+    page.page.click("#main")
     page.settle()
     assert page.problems == []
 

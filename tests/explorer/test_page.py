@@ -156,14 +156,14 @@ def test_badges_say_what_is_wrong_before_what_is_right():
 
     assert told({"A": "R-hat of q0 1.2"}, 0.4, 0.3) == (
         ("unconverged", "R-hat of q0 1.2"),
-        ("fine", "no misfit seen, predictive p 0.4"),
+        ("fine", "fit: good, predictive p 0.4"),
     )
     assert told({}, 0.0, 0.02) == (
         ("fine", "converged"),
         ("misfit", "predictive p below 0.001, p of the deviance 0.02"),
     )
     assert told({}, np.nan, np.nan) == (("fine", "converged"),)
-    untold = ("untold", "whether the model describes the answers cannot be told, predictive p 0.4")
+    untold = ("untold", "fit: not testable, predictive p 0.4")
     assert told({}, 0.4, np.nan, parameters_as_pairs=True) == (("fine", "converged"), untold)
 
 
