@@ -13,6 +13,7 @@ from pathlib import Path
 
 from bayes_toe.answers.contrast import CONTRAST_COLUMNS, Difference
 from bayes_toe.answers.evidence_table import EVIDENCE_COLUMNS, SubjectEvidence
+from bayes_toe.answers.order_effect import ANSWER_COLUMNS
 from bayes_toe.answers.serial_dependence import HISTORY_COLUMNS
 from bayes_toe.classical.asymmetry import ASYMMETRY_COLUMNS, Comparison, SubjectAsymmetry
 from bayes_toe.classical.fit import SubjectFit, fit_columns
@@ -56,7 +57,9 @@ class File:
 
 FILES = {
     "summary.csv": File(SUMMARY_COLUMNS),
-    "evidence.csv": File(EVIDENCE_COLUMNS, [SubjectEvidence], ["fit", "log_bayes_factor_laplace"]),
+    "evidence.csv": File(
+        EVIDENCE_COLUMNS, [SubjectEvidence], [*ANSWER_COLUMNS, "log_bayes_factor_laplace"]
+    ),
     "history.csv": File(HISTORY_COLUMNS),
     "contrast.csv": File(CONTRAST_COLUMNS, [Difference], ["p_direction", "word", "robust"]),
     "population.csv": File(
@@ -65,7 +68,7 @@ FILES = {
     "population_subjects.csv": File(SUBJECT_COLUMNS),
     "fit.csv": File(fit_columns(SAME_DIFFERENT), [SubjectFit], ["at_edge"]),
     "asymmetry.csv": File(ASYMMETRY_COLUMNS, [Comparison, SubjectAsymmetry]),
-    "methods_order_effect.csv": File(ORDER_EFFECT_COLUMNS, [SubjectEvidence], ["fit"]),
+    "methods_order_effect.csv": File(ORDER_EFFECT_COLUMNS, [SubjectEvidence], ANSWER_COLUMNS),
     "methods_fit.csv": File(FIT_TABLE_COLUMNS),
     "power.csv": File(POWER_COLUMNS),
     "power_data_sets.csv": File(DATA_SET_COLUMNS, [SubjectEvidence]),

@@ -90,7 +90,7 @@ class SubjectEvidence:
 
     @property
     def log_bayes_factor(self) -> float | None:
-        """H1 minus H0; positive where one smooth curve describes the answers better than a free frequency of each pair."""
+        """H1 minus H0; positive where one smooth curve predicts the responses better than one free probability per pair."""
         return None if self.log_evidence_h1 is None else self.log_evidence_h1 - self.log_evidence_h0
 
     @property

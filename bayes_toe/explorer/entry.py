@@ -23,7 +23,6 @@ from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task
 from bayes_toe.groups.population import Population
 from bayes_toe.inference.draws import Draws
 from bayes_toe.inference.prediction import Predictor
-from bayes_toe.model.free_frequencies import FrequencyPosterior
 from bayes_toe.model.observer import ObserverPosterior
 from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.target import DOMINATED, contraction
@@ -32,8 +31,8 @@ from bayes_toe.plots.style import MARKED
 
 #: What is the same in all pairs of a slice.
 FIXED = {SAME_DIFFERENT: "weaker", WHICH_STRONGER: "first"}
-#: Quantities of one entry; only free frequencies of a large design are more.
-MOST_QUANTITIES = 16
+#: Quantities of the four models that the page opens with: PSE shift, contraction and JND.
+EFFECTS = ("constant_error", "contraction", "jnd")
 #: Of every curve; with straight lines between them a bell is a bell.
 POINTS = 21
 #: Numbers of a contour's coordinate from one end of its frame to the other; one more parts two lines.
@@ -47,7 +46,7 @@ class Entry:
     """One choice of the page: a subject's posterior, called by its model or what else tells it from others of the subject."""
 
     label: str
-    target: ObserverPosterior | Posterior | FrequencyPosterior
+    target: ObserverPosterior | Posterior
     x: FloatArray  # draws in unconstrained coordinates, shape (chains, draws, k)
     badges: tuple[tuple[str, str], ...] = ()  # kind - unconverged, misfit, untold, fine - and words
     truth: Mapping[str, float] | None = (
@@ -60,15 +59,20 @@ class Entry:
     @property
     def names(self) -> tuple[str, ...]:
         """The quantities that are shown."""
-        return self.target.names.all[:MOST_QUANTITIES]
+        every = self.target.names.all
+        return (*self.main, *(name for name in every if name not in self.main))
+
+    @property
+    def main(self) -> tuple[str, ...]:
+        """The quantities that are shown first."""
+        if isinstance(self.target, ObserverPosterior):
+            return tuple(name for name in EFFECTS if name in self.target.names.all)
+        return self.target.names.natural
 
     def values_a_draw(self, most_slices: int) -> int:
         """Numbers that :meth:`packed` keeps of every draw."""
-        free = isinstance(self.target, FrequencyPosterior)
-        curves = (
-            0 if free else sum(len(one.orders) for one in slices(self.target.subject, most_slices))
-        )
-        return len(self.names) + 2 + POINTS * curves
+        shown = slices(self.target.subject, most_slices)
+        return len(self.names) + 2 + POINTS * sum(len(one.orders) for one in shown)
 
     def packed(self, rows: int, most_slices: int) -> dict[str, Any]:
         """What the page holds of it: about so many draws, and so many slices of curves at most."""
@@ -96,8 +100,7 @@ class Entry:
             "of": len(x),
             "perChain": self.x.shape[1],
             "names": self.names,
-            "more": len(self.target.names.all) - len(self.names),
-            "natural": [name for name in self.names if name in self.target.names.natural],
+            "main": self.main,
             "identified": [name for name in self.names if name in self.target.names.identified],
             "values": text_of(samples[kept].T),
             "marked": marked.T.tolist(),
@@ -118,12 +121,13 @@ class Entry:
     def _answers(
         self, x: FloatArray, quantities: Mapping[str, FloatArray], most_slices: int
     ) -> dict[str, Any]:
-        """Counts, and curves over them where the model has any."""
+        """Counts, and curves over them."""
         counts = self.target.subject
         low, high = (float(edge([counts.s1, counts.s2])) for edge in (np.min, np.max))
         pad = 0.08 * (high - low) if high > low else 0.5
         ends = [low - pad, high + pad]
-        fitted = None if isinstance(self.target, FrequencyPosterior) else Predictor(self.target, x)
+        fitted = Predictor(self.target, x)
+        knows_intervals = isinstance(self.target, Posterior) and counts.isi is not None
         shown = slices(counts, most_slices)
         return {
             "pairs": {
@@ -146,20 +150,14 @@ class Entry:
                     "pairs": one.pairs.tolist(),
                     "x": one.x.tolist(),
                     "orders": one.orders,
-                    "equal": None if fitted is None else text_of(one.yes(fitted)),
+                    "equal": text_of(one.yes(fitted)),
                 }
                 for one in shown
             ],
             "undrawn": len(_trials(counts)) - len(shown),
-            "reference": fitted.target.reference
-            if fitted is not None
-            and isinstance(fitted.target, Posterior)
-            and counts.isi is not None
-            else None,
+            "reference": self.target.reference if knows_intervals else None,
             "ends": ends,
-            "axis": text_of(axis(quantities, self.target.sbar, ends))
-            if isinstance(self.target, Posterior)
-            else None,
+            "axis": text_of(axis(quantities, self.target.sbar, ends)),
         }
 
 
@@ -244,14 +242,14 @@ def badges(draws: Draws, name: str, missed: Mapping[str, str]) -> tuple[tuple[st
     if fit.describes is None:
         return sampled, (
             "untold",
-            f"whether the model describes the answers cannot be told, predictive p {_said(fit.p_overall)}",
+            f"fit: not testable, predictive p {_said(fit.p_overall)}",
         )
     if fit.misfit:
         return sampled, (
             "misfit",
             f"predictive p {_said(fit.p_overall)}, p of the deviance {_said(fit.p_deviance)}",
         )
-    return sampled, ("fine", f"no misfit seen, predictive p {_said(fit.p_overall)}")
+    return sampled, ("fine", f"fit: good, predictive p {_said(fit.p_overall)}")
 
 
 def _said(p: float) -> str:
@@ -261,7 +259,7 @@ def _said(p: float) -> str:
 def in_group(
     found: Population, subjects: tuple[str, ...], truths: Mapping[str, Mapping[str, float]]
 ) -> list[Entry]:
-    """The same subjects in the light of the others."""
+    """The same subjects in the joint fit."""
     label, names, made = f"{found.model.name}, in the group", list(found.study.names), []
     told = (("fine", "converged"),) if found.converged else (("unconverged", found.chains.reason),)
     about = f"{label}: {len(names)} subjects, seed {found.settings.seed}."
@@ -378,13 +376,13 @@ def _slice(counts: Subject, weaker: float, isi: float | None) -> Slice:
 def axis(quantities: Mapping[str, FloatArray], sbar: float, ends: Sequence[float]) -> FloatArray:
     """Second stimulus that seems equal to the first, at both ends of a line: s2 = s1 - p (s1 - sbar) + c, (draws,) -> (2, draws).
 
-    At the reference interval, where there are several. Source: the distance z of :mod:`bayes_toe.model.posterior` is 0 there.
+    At the reference interval, where there are several.
     """
     first = np.asarray(ends)[:, None]
     none = np.zeros(len(next(iter(quantities.values()))))
-    return np.asarray(
-        first - quantities.get("pull", none) * (first - sbar) + quantities.get("offset", none)
-    )
+    share = quantities.get("contraction", quantities.get("pull", none))
+    shift = quantities.get("constant_error", quantities.get("offset", none))
+    return np.asarray(first - share * (first - sbar) + shift)
 
 
 # --- numbers as text ----------------------------------------------------------------------------------------------------------------

@@ -41,8 +41,8 @@ window.explorer = (() => {
     if (!decoded.has(place)) {
       const found = island(`entry-${place}`), values = floats(found.values);
       found.samples = new Map(found.names.map((name, i) => [name, values.subarray(i * found.rows, (i + 1) * found.rows)]));
-      for (const slice of found.slices) slice.values = slice.equal && floats(slice.equal);
-      found.ends2 = found.axis && floats(found.axis);
+      for (const slice of found.slices) slice.values = floats(slice.equal);
+      found.ends2 = floats(found.axis);
       decoded.set(place, found);
     }
     return decoded.get(place);
@@ -227,7 +227,7 @@ window.explorer = (() => {
   }
 
   function drawAxis(letter, found, kept) {
-    if (found === null || found.ends2 === null) { fill(`axis-${letter}`, EMPTY); return; }
+    if (found === null) { fill(`axis-${letter}`, EMPTY); return; }
     const points = 21, [low, high] = found.ends, values = new Float64Array(points * found.rows), x = [];
     for (const k of range(points)) {
       const along = k / (points - 1);
@@ -269,7 +269,6 @@ window.explorer = (() => {
       first.scope = "row";
       first.title = index.meanings[name];
       if (found.badges.some(([kind, what]) => kind === "dominated" && what === name)) first.append(" ", element("span", "prior", "badge dominated"));
-      if (found.ends2 === null) first.append(element("small", " " + ["s1", "s2"].map(key => written(found.pairs[key][Number(name.slice(2)) - 1])).join(", ")));
       if (name in found.truth) first.append(element("small", ` true ${written(found.truth[name])}`));
       line.append(first, ...cells(found, name, kept));
       return line;
@@ -281,12 +280,11 @@ window.explorer = (() => {
   }
 
   function drawBadges(letter, found) {
-    const words = { unconverged: "not converged: ", misfit: "the model does not describe these answers: ", untold: "", fine: "" };
+    const words = { unconverged: "not converged: ", misfit: "the model does not fit: ", untold: "", fine: "" };
     const told = found === null ? [] : found.badges.filter(([kind]) => kind !== "dominated").map(([kind, what]) => element("span", words[kind] + what, `badge ${kind}`));
     const ruled = found === null ? [] : found.badges.filter(([kind]) => kind === "dominated").map(([, name]) => index.symbols[name]);
     if (ruled.length > 0) told.push(element("span", `dominated by the prior: ${ruled.join(", ")}`, "badge dominated"));
     if (found?.synthetic) told.push(element("span", "synthetic data" + (Object.keys(found.truth).length > 0 ? ", truth marked" : ""), "badge"));
-    if (found?.more > 0) told.push(element("span", `${found.more} more quantities are not on this page`, "badge"));
     at(`badges-${letter}`).replaceChildren(...told);
   }
 
@@ -357,7 +355,7 @@ window.explorer = (() => {
       drawAnswers(letter, found);
       if (found === null) continue;
       at(`name-${letter}`).textContent = titled(letter, found);
-      const words = found.ends2 === null ? ["This model connects no pairs: it has no curve and no axis."] : [];
+      const words = [];
       if (found.reference !== null) words.push(`Quantities and axis are those at ${written(found.reference)} s.`);
       if (found.undrawn > 0) words.push(`Curves: the ${found.slices.length} of ${found.slices.length + found.undrawn} ${index.fixed} stimuli with the most trials.`);
       at(`words-${letter}`).textContent = words.join(" ");
@@ -465,7 +463,7 @@ window.explorer = (() => {
   function offer() {  // quantities, ranges and slices of what is chosen now
     const known = [...new Set(shown().flatMap(letter => entry(letter).names))];
     state.names = state.names.filter(name => known.includes(name));
-    if (state.names.length === 0) state.names = first("natural");
+    if (state.names.length === 0) state.names = first("main");
     if (state.brush !== null && !Object.keys(state.brush.limits).every(name => known.includes(name))) state.brush = null;
     at("boxes").replaceChildren(...known.map(name => {
       const label = element("label"), box = Object.assign(element("input"), { type: "checkbox", value: name, checked: state.names.includes(name) });
@@ -513,7 +511,7 @@ window.explorer = (() => {
       at(`subject-${letter}`).value = index.entries[state[letter]].subject;
       at(`label-${letter}`).value = index.entries[state[letter]].label;
     }
-    for (const kind of ["natural", "identified"]) at(kind).addEventListener("click", () => { state.names = first(kind); offer(); redraw(); });
+    for (const kind of ["main", "identified"]) at(kind).addEventListener("click", () => { state.names = first(kind); offer(); redraw(); });
     at("slice").addEventListener("change", () => { state.slice = Number(at("slice").value); redraw(); });
     at("reset").addEventListener("click", reset);
     at("save").addEventListener("click", save);

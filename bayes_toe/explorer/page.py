@@ -60,25 +60,22 @@ _QUANTITIES = {
     "width": ("width w", ""),
     "offset": ("offset c", "constant part of the order effect"),
     "pull": ("pull p", "share by which the first stimulus is pulled; 0: none"),
-    "rho": ("ρ", "what is kept of a memory"),
-    "noise_slope": ("slope b", "how noise departs from Weber's law"),
+    "noise_slope": ("slope b", "change of log noise with intensity"),
     "peak_slope": ("slope g", "how the peak depends on intensity"),
-    "lapse_rate": ("lapse λ", "share of answers that are guesses"),
-    "guess_second": ("guess g", "share of 'second' among guesses"),
-    "exponent": ("exponent ν", "shape of the curve; 2: the bell"),
+    "lapse_rate": ("lapse λ", "share of responses that ignore the stimuli"),
+    "noise": ("noise σ", "standard deviation of the perceived difference"),
+    "criterion_slope": ("slope g", "change of the log criterion for 'equal' with intensity"),
+    "constant_error": (
+        "PSE shift c",
+        "constant error: above 0 the first stimulus is overestimated",
+    ),
+    "contraction": ("contraction p", "above 0: contraction to the mean; below 0: repulsion"),
+    "zone": ("zone", "half-width of the differences that are called 'equal'"),
     "pse_shift": (
         "PSE shift",
         "where the second stimulus seems as strong as the mean first one, from that one",
     ),
     "jnd": ("JND", "just noticeable difference"),
-    "icc": ("ICC", "correlation of answers to one pair"),
-    "carry_over": (
-        "carried over",
-        "share of what a trial leaves of an expectation that is there at the next",
-    ),
-    "carry_over_tau": ("carried over, τ", "seconds in which that share falls to 0.37"),
-    "half_life": ("half-life", "trials over which half of an expectation is forgotten"),
-    "answer_bias": ("answer before", "shift towards 'second' after an answer 'second'"),
 }
 #: What the width is of a task's curve.
 _WIDTHS = {
@@ -330,16 +327,14 @@ def symbol(name: str) -> str:
 
     Examples
     --------
-    >>> symbol("mu1"), symbol("q_13")
-    ('μ₁', 'q_13')
+    >>> symbol("mu1"), symbol("contraction")
+    ('μ₁', 'contraction p')
     """
     return _QUANTITIES.get(name, (name, ""))[0]
 
 
 def meaning(name: str, task: Task = SAME_DIFFERENT) -> str:
-    """In words; of a free frequency, which it is."""
-    if name.startswith("q_"):
-        return f"P({task.yes}) of pair {name[2:]}"
+    """In words."""
     return _WIDTHS[task] if name == "width" else _QUANTITIES.get(name, (name, ""))[1]
 
 

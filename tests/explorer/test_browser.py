@@ -74,7 +74,7 @@ def opened(page):
     for letter, label in (("a", "predictive update"), ("b", "none")):
         page.choose(f"#subject-{letter}", "A")
         page.choose(f"#label-{letter}", label)
-    page.page.click("#natural")
+    page.page.click("#main")
     page.settle()
     assert page.problems == []
 
@@ -175,16 +175,16 @@ def test_subjects_coordinates_and_models_can_be_switched(opened, analysis, symme
     shown = [
         one.get_attribute("value") for one in opened.page.locator("#boxes input:checked").all()
     ]
-    assert sorted(shown) == ["offset", "pull", "q0", "width"]
+    assert sorted(shown) == ["lapse_rate", "noise", "offset", "pull", "q0", "width"]
     opened.choose("#subject-b", "B")
     opened.choose("#label-b", "none")
-    width = symmetric.values("B", "width").ravel()
-    place = {name: shown.index(name) for name in ("width", "q0", "pull")}
-    down, across = max(place["width"], place["q0"]), min(place["width"], place["q0"])
+    noise = symmetric.values("B", "noise").ravel()
+    place = {name: shown.index(name) for name in ("noise", "q0", "pull")}
+    down, across = max(place["noise"], place["q0"]), min(place["noise"], place["q0"])
     kept = opened.data(f"kept-b-{down}-{across}")
-    axis = "y" if down == place["width"] else "x"
+    axis = "y" if down == place["noise"] else "x"
     np.testing.assert_allclose(
-        kept[axis], width[np.arange(len(kept["row"])) * width.size // len(kept["row"])], rtol=1e-6
+        kept[axis], noise[np.arange(len(kept["row"])) * noise.size // len(kept["row"])], rtol=1e-6
     )
     opened.drag(f"{place['pull']}-{place['pull']}", (0.2, 0.5), (0.5, 0.6))
     assert "lacks the quantity" in opened.page.inner_text("#share .b")
@@ -265,5 +265,5 @@ def test_axes_are_called_what_they_show_whatever_stood_in_the_panel(opened):
     opened.settle()
     opened.choose("#label-a", "none")
     label = "Bokeh.documents[0].get_model_by_name('panel-1-0').left[0].axis_label"
-    assert opened.page.evaluate("window.explorer.state.names") == ["q0", "width"]
-    assert opened.page.evaluate(label) == "width w"
+    assert opened.page.evaluate("window.explorer.state.names") == ["q0", "jnd"]
+    assert opened.page.evaluate(label) == "JND"

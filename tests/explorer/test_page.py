@@ -16,7 +16,7 @@ from populations import made_population, ordinary
 import bayes_toe as bt
 from bayes_toe.explorer import page as page_module
 from bayes_toe.explorer.entry import FRAME, Entry, badges, outlined, slices
-from bayes_toe.explorer.page import MOST_ENTRIES, entries, page
+from bayes_toe.explorer.page import MOST_ENTRIES, entries, page, symbol
 from bayes_toe.inference.prediction import Predictor
 from bayes_toe.inference.predictive_checks import FitSummary
 
@@ -103,6 +103,27 @@ def test_the_axis_agrees_with_the_beliefs_of_the_closed_form(held, analysis):
         np.testing.assert_allclose(bt.model.equal_probability(s1, s2, *theta, q0), q0, atol=1e-6)
 
 
+def test_draws_of_the_four_models_open_with_shift_contraction_and_jnd(small_study):
+    draws = bt.sample(small_study.select(["A"]), model="both", draws=300, seed=3, workers=1)
+    [entry] = entries(draws)
+    packed = entry.packed(100, 1)
+    assert (
+        list(packed["main"])
+        == list(packed["names"][:3])
+        == ["constant_error", "contraction", "jnd"]
+    )
+    assert symbol("constant_error") == "PSE shift c"
+    # A pair on the axis seems equal: its distance is 0 at the draw to which the axis belongs.
+    points = draws.points("A").reshape(-1, 7)
+    x = points[np.arange(packed["rows"]) * packed["of"] // packed["rows"]]
+    low = numbers(packed["axis"]).reshape(2, -1)[0].astype(float)
+    x, low = x[np.argsort(low)], np.sort(low)  # as a subject has its pairs
+    once = np.ones(len(low), int)
+    pairs = bt.Subject("pairs", np.full(len(low), packed["ends"][0]), low, 0 * once, once)
+    distance = draws.posterior("A").for_subject(pairs).distance(x)
+    np.testing.assert_allclose(np.diagonal(distance), 0.0, atol=1e-5)
+
+
 def test_contours_hold_their_shares():
     samples = np.random.default_rng(1).normal(size=(40_000, 2)) * [1.0, 0.2]
     spans = [(-4.0, 4.0), (-0.8, 0.8)]
@@ -156,14 +177,14 @@ def test_badges_say_what_is_wrong_before_what_is_right():
 
     assert told({"A": "R-hat of q0 1.2"}, 0.4, 0.3) == (
         ("unconverged", "R-hat of q0 1.2"),
-        ("fine", "no misfit seen, predictive p 0.4"),
+        ("fine", "fit: good, predictive p 0.4"),
     )
     assert told({}, 0.0, 0.02) == (
         ("fine", "converged"),
         ("misfit", "predictive p below 0.001, p of the deviance 0.02"),
     )
     assert told({}, np.nan, np.nan) == (("fine", "converged"),)
-    untold = ("untold", "whether the model describes the answers cannot be told, predictive p 0.4")
+    untold = ("untold", "fit: not testable, predictive p 0.4")
     assert told({}, 0.4, np.nan, parameters_as_pairs=True) == (("fine", "converged"), untold)
 
 

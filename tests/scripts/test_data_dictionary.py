@@ -10,11 +10,11 @@ from reference.calibration import ABOUT, calibrate
 
 import bayes_toe as bt
 from bayes_toe.answers.contrast import WORDS
+from bayes_toe.answers.verdict_words import Word
 from bayes_toe.checks.design_checks import describe_design
 from bayes_toe.cli.supplement import fit_table, order_effect_table, parameter_table
-from bayes_toe.comparison.words import EFFECTS
 from bayes_toe.inference.prediction import predict_pairs
-from bayes_toe.model.ladder import SPACE
+from bayes_toe.model.parameters import ORDER_MODELS
 from bayes_toe.planning.power import Outcome
 from bayes_toe.planning.power_of_conditions import ConditionsPower
 from bayes_toe.planning.power_of_studies import PopulationPower, power_of_studies
@@ -108,9 +108,9 @@ def test_a_column_without_words_is_named():
 @pytest.mark.parametrize(
     ("file", "column", "said"),
     [
-        ("evidence.csv", "effect", [word for word in EFFECTS if word]),
-        ("methods_order_effect.csv", "effect", [word for word in EFFECTS if word]),
-        ("evidence.csv", "p_none", [f"over {len(SPACE)} models"]),
+        ("evidence.csv", "order_effect", [word.value for word in Word]),
+        ("methods_order_effect.csv", "order_effect", [word.value for word in Word]),
+        ("evidence.csv", "best_model", ORDER_MODELS),
         ("contrast.csv", "word", WORDS),
         (
             "evidence_calibration.csv",
