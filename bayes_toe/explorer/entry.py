@@ -155,7 +155,7 @@ class Entry:
                 for one in shown
             ],
             "undrawn": len(_trials(counts)) - len(shown),
-            "reference": self.target.reference if knows_intervals else None,
+            "reference": getattr(self.target, "reference", None) if knows_intervals else None,
             "ends": ends,
             "axis": text_of(axis(quantities, self.target.sbar, ends)),
         }
