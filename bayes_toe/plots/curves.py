@@ -27,6 +27,7 @@ from bayes_toe.data.study import Subject, refuse_intervals
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.inference.draws import Draws
 from bayes_toe.inference.prediction import Predictor
+from bayes_toe.model.models import model_title
 from bayes_toe.model.posterior import Posterior
 from bayes_toe.plots.style import (
     BANDS,
@@ -85,12 +86,12 @@ def curves(
     counts = draws.subject(subject)
     if title is None:
         title = (
-            f"{plain(subject)}: {draws.model}"
+            f"{plain(subject)}: {model_title(draws.model)}"
             + (" (synthetic data)" if draws.synthetic else "")
             + _unconverged(draws, subject)
         )
     if beside is not None:
-        title = "\n".join(filter(None, [title, f"dashed: {beside.target.model.name}"]))
+        title = "\n".join(filter(None, [title, f"dashed: {model_title(beside.target.model.name)}"]))
     if counts.intervals:
         return _interval_figure(
             counts, Predictor.of(draws, subject, most=CURVE_DRAWS), title, beside
