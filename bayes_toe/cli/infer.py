@@ -27,9 +27,11 @@ if TYPE_CHECKING:
     from bayes_toe.cli.report import Group
 
 _SHOWN_QUANTILES = [0.05, 0.5, 0.95]
-#: What order effects show in: these come first, and have their range beside the median.
-_WITH_RANGE = ("mu1", "gain", "constant_error", "contraction", "jnd")
-_MOST_SHOWN = 7  # of a model with a parameter for each pair
+#: Columns of the paper's model, and of the four models of the observer.
+_PAPER_SHOWN = ("mu1", "gain", "sigma_p", "sigma_l", "q0", "lapse_rate")
+_ORDER_SHOWN = ("constant_error", "contraction", "jnd")
+#: Quantities with their range beside the median.
+_WITH_RANGE = ("mu1", "gain", *_ORDER_SHOWN)
 
 
 def run(
@@ -223,14 +225,15 @@ def say_draws(out: Terminal, draws: bt.Draws, file: str = OUTPUT) -> None:
     import numpy as np
 
     from bayes_toe.inference.diagnostics import quantile_errors
+    from bayes_toe.model.models import model_title
 
     stats, missed = draws.group("sample_stats"), draws.not_converged
-    shown = [key for key in _WITH_RANGE if key in draws.parameters]
-    shown += [key for key in draws.posterior(draws.names[0]).names.natural if key not in shown]
+    columns = _PAPER_SHOWN if "mu1" in draws.parameters else _ORDER_SHOWN
+    shown = [key for key in columns if key in draws.parameters]
     rows, places = [], {name: i for i, name in enumerate(draws.names)}
     for name in chosen(places, {**missed, **draws.imprecise}):
         row, i = dict[Any, Any](subject=name), places[name]
-        for key in shown[:_MOST_SHOWN]:
+        for key in shown:
             values = draws.values(name, key)
             # The smallest of all effective sizes: errors that are rather too large, and cost next to nothing.
             errors = quantile_errors(values, _SHOWN_QUANTILES, float(stats["min_ess"][i]))
@@ -243,7 +246,9 @@ def say_draws(out: Terminal, draws: bt.Draws, file: str = OUTPUT) -> None:
             "max R-hat": f"{float(stats['max_r_hat'][i]):.3f}",
         }
         rows.append({**row, "converged": "NO" if name in missed else "yes"})
-    out.table(f"{draws.model}: medians (5 %, 95 %)", rows, total=len(places), file=file)
+    out.table(
+        f"{model_title(draws.model)}: medians (5 %, 95 %)", rows, total=len(places), file=file
+    )
     say_failed(out, draws, file)
 
 

@@ -83,6 +83,17 @@ def stored_model(name: str, task: Task) -> SampledModel:
     raise InputError(f"model {name!r}{_instead(name)}")
 
 
+def model_title(name: str) -> str:
+    """How figures and tables call the model that has this name in files.
+
+    Examples
+    --------
+    >>> model_title("both"), model_title("predictive update")
+    ("model 'both'", "paper's model")
+    """
+    return "paper's model" if name == PREDICTIVE_UPDATE.name else f"model {name!r}"
+
+
 def posterior_of(
     subject: Subject, prior: Prior = DEFAULT, *, model: str = "paper"
 ) -> ObserverPosterior | Posterior:

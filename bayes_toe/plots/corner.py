@@ -25,7 +25,7 @@ from bayes_toe.data.messages import listed
 from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws, require_draws
 from bayes_toe.model.coordinates import NATURAL, Natural, quantities
-from bayes_toe.model.models import model_posterior, stored_model
+from bayes_toe.model.models import model_posterior, model_title, stored_model
 from bayes_toe.model.observer import ObserverPosterior
 from bayes_toe.model.posterior import PRIOR_DRAWS, Posterior
 from bayes_toe.model.posterior_protocol import AnswerPosterior
@@ -405,7 +405,7 @@ def _words_of_one(draws: Draws, one: _Shown, spans: Sequence[Span]) -> list[_Wor
     """Who it is, what is drawn, and true values that lie outside their panels."""
     found = [
         _Words(plain(one.subject, 24), 14.0, "bold", "black"),
-        _Words(draws.model, 11.0, colour="black"),
+        _Words(model_title(draws.model), 11.0, colour="black"),
     ]
     found += [_Words("synthetic data", 11.0, colour="black")] if draws.synthetic else []
     found += (
@@ -439,7 +439,7 @@ def _words_of_several(draws: Draws, shown: Sequence[_Shown]) -> list[_Words]:
         found.append(_Words(f"{plain(one.subject, 20)} ({line}{missed})", 12.0, "bold", colour))
     found.append(
         _Words(
-            f"{draws.model}, synthetic data" if draws.synthetic else draws.model,
+            model_title(draws.model) + (", synthetic data" if draws.synthetic else ""),
             11.0,
             colour="black",
         )

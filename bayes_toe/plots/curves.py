@@ -27,6 +27,7 @@ from bayes_toe.data.study import Subject, refuse_intervals
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.inference.draws import Draws
 from bayes_toe.inference.prediction import Predictor
+from bayes_toe.model.models import model_title
 from bayes_toe.model.posterior import Posterior
 from bayes_toe.plots.style import (
     BANDS,
@@ -87,7 +88,7 @@ def curves(source: Analysis | Draws, subject: str, *, title: str | None = None) 
     """
     if isinstance(source, Draws):
         fitted = Predictor.of(source, subject, most=CURVE_DRAWS)
-        model, draws = source.model, source
+        model, draws = model_title(source.model), source
     else:
         fitted, model, draws = source.curve(subject), "average of the four models", source.draws
     if title is None:

@@ -49,7 +49,7 @@ LABELS = {
     "pull": r"pull $p$",
     "noise": r"noise $\sigma_d$",
     "criterion_slope": r"criterion slope $g$",
-    "constant_error": "constant\nerror $c$",
+    "constant_error": r"constant error $c$",
     "contraction": r"contraction $p$",
     "zone": "zone",
     "pse_shift": "PSE shift",

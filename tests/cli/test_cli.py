@@ -220,7 +220,7 @@ def test_a_design_that_cannot_tell_everything_is_said_before_sampling(folder):
     (folder / "first.csv").write_text("subject,s1,s2,n_equal,n_trials\n" + rows, encoding="utf-8")
     done = inside("sample", "first.csv", "-o", "first.nc", "--draws", 200, *ONE, cwd=folder)
     assert done.returncode in (0, 3), done.stderr
-    warning = "warning X: Contraction cannot be told: the first stimulus is always the same, so a"
+    warning = "warning X: Order effect, constant error, contraction cannot be told: unequal stimuli"
     assert warning in done.stdout
     assert warning in good("check", "first.csv", cwd=folder)
 

@@ -238,3 +238,24 @@ def test_two_processes_may_import_arviz_for_the_first_time_of_a_day(tmp_path):
         [sys.executable, "-c", _AT_ONCE], env=fresh, capture_output=True, text=True, check=False
     )
     assert (done.stdout.split(), done.stderr) == (["corner", "True"], "")
+
+
+# --- the four models of the observer ------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def both(small_study):
+    return bt.sample(small_study.select(["A", "B"]), model="both", draws=200, seed=1, workers=1)
+
+
+def test_the_four_models_show_constant_error_contraction_and_jnd(both):
+    figure = bt.plots.corner(both, "A", prior=bt.Prior(), truths={"contraction": 0.1})
+    require_legible(figure)
+    labels = [ax.get_xlabel() for ax in figure.axes[-3:]]
+    assert labels == [LABELS[name] for name in ("constant_error", "contraction", "jnd")]
+    assert "model 'both'" in words(figure)
+    assert marked(figure.axes[4]) == ([0.1], [])
+    every = bt.plots.corner(both, ["A", "B"], coordinates="identified")
+    assert len(every.axes) == 49
+    assert support(both.posterior("A"), "contraction") == pytest.approx((-1.0, 1.0))
+    assert support(both.posterior("A"), "zone") == (0.0, np.inf)
