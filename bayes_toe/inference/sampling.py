@@ -13,10 +13,9 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.errors import InputError, require_kind
 from bayes_toe.inference.diagnostics import Convergence, convergence_of, shortfall, tail_error
 from bayes_toe.inference.proposal import FittedProposal, Proposal, WeightedDraws, importance_draws
-from bayes_toe.model.free_frequencies import FrequencyPosterior
 from bayes_toe.model.posterior_protocol import SampledPosterior
 from bayes_toe.model.target import require_defined
-from bayes_toe.seeds import generator, stream
+from bayes_toe.seeds import stream
 
 #: Draws kept at least where quantiles are judged: with fewer, even independent ones leave long tails too uncertain.
 _QUANTILE_DRAWS = 10_000
@@ -120,17 +119,6 @@ class Chains:
     converged: bool
     reason: str  # what was not reached; empty where converged
     imprecise: str = ""  # the quantile that is not precise enough, and how many draws would do; empty where there is none
-
-
-def independent_chains(target: FrequencyPosterior, settings: SamplerSettings, seed: int) -> Chains:
-    """Draws of a posterior in closed form, in the shape of an ensemble's: independent, so that there is no convergence to judge."""
-    random = generator(seed, target.subject.name, target.model.name, "draws")
-    size = settings.walkers * settings.kept_steps
-    x = target.sample(random, settings.ensembles * size).reshape(settings.ensembles, size, -1)
-    log_posterior = np.stack([target.log_density(points) for points in x])
-    return Chains(
-        x, log_posterior, np.ones(settings.ensembles), {}, 1, settings.kept_steps, True, ""
-    )
 
 
 def sample_chains(fitted: FittedProposal, settings: SamplerSettings, seed: int) -> Chains:

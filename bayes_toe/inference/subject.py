@@ -25,8 +25,7 @@ from bayes_toe.inference.evidence import Evidence, importance_evidence
 from bayes_toe.inference.maxima import Maxima, find_maxima
 from bayes_toe.inference.predictive_checks import FitSummary, summarise_fit
 from bayes_toe.inference.proposal import FittedProposal
-from bayes_toe.inference.sampling import Chains, SamplerSettings, independent_chains, sample_chains
-from bayes_toe.model.free_frequencies import FrequencyPosterior
+from bayes_toe.inference.sampling import Chains, SamplerSettings, sample_chains
 from bayes_toe.model.intervals import reference_interval
 from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.posterior_protocol import AnswerPosterior, SampledPosterior
@@ -141,26 +140,6 @@ class Fitted(NamedTuple):
 
     maxima: Maxima
     proposal: FittedProposal
-
-
-def infer(
-    target: SampledPosterior | FrequencyPosterior, seed: int, wanted: Wanted
-) -> SubjectResult:
-    """The pipeline of one subject under one model; random streams are keyed by seed, subject, model and purpose."""
-    return (
-        exact_result(target, seed, wanted)
-        if isinstance(target, FrequencyPosterior)
-        else fitted_result(target, seed, wanted)[0]
-    )
-
-
-def exact_result(target: FrequencyPosterior, seed: int, wanted: Wanted) -> SubjectResult:
-    """The pipeline where the posterior is known in closed form."""
-    chains = None if wanted.chains is None else independent_chains(target, wanted.chains, seed)
-    evidence = Evidence(target.log_evidence, 0.0, None, None) if wanted.evidence_draws else None
-    return SubjectResult(
-        target, 1.0, float("nan"), evidence, chains, _chains_fit(target, chains, seed)
-    )
 
 
 def fitted_result(

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
-from typing import NamedTuple, overload
+from typing import NamedTuple
 
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task
 from bayes_toe.errors import InputError, require_kind
-from bayes_toe.model.free_frequencies import FREE_FREQUENCIES, FreeFrequencies, FrequencyPosterior
+from bayes_toe.model.free_frequencies import FREE_FREQUENCIES, FreeFrequencies
 from bayes_toe.model.parts import NAMED, allowed_words, compose, composition, compositions, parts_of
 from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import Prior
@@ -22,7 +22,6 @@ from bayes_toe.model.record import Model
 Record = Model | FreeFrequencies
 #: What engines work on: a log density over unconstrained x with gradient, starts and levelling; and what gives probabilities of answers.
 Target = Posterior
-Answering = Posterior | FrequencyPosterior
 
 
 class TaskModels(NamedTuple):
@@ -132,15 +131,9 @@ def model_named(name: str | Record, task: Task = SAME_DIFFERENT) -> Record:
         raise InputError(f"{error}; or: {', '.join(named)}") from error
 
 
-@overload
-def posterior_of(subject: Subject, prior: Prior | None = None) -> Posterior: ...
-@overload
-def posterior_of(
-    subject: Subject, prior: Prior | None = None, *, model: str | Record
-) -> Posterior | FrequencyPosterior: ...
 def posterior_of(
     subject: Subject, prior: Prior | None = None, *, model: str | Record = PREDICTIVE_UPDATE.name
-) -> Posterior | FrequencyPosterior:
+) -> Posterior:
     """Posterior of one subject under a model of the task, by default the predictive update (H1).
 
     Examples
@@ -149,4 +142,7 @@ def posterior_of(
     >>> posterior_of(subject, model="constant bias").coordinates
     ('offset', 'log_width', 'logit_q0')
     """
-    return model_named(model, subject.task).posterior(subject, prior)
+    record = model_named(model, subject.task)
+    if not isinstance(record, Model):
+        raise InputError(f"model {record.name!r}: allowed are models with parameters")
+    return record.posterior(subject, prior)

@@ -24,7 +24,7 @@ from bayes_toe.inference.evidence import (
     laplace_evidence_natural,
 )
 from bayes_toe.inference.maxima import Maxima, find_maxima
-from bayes_toe.inference.subject import Wanted, fitted_result, infer
+from bayes_toe.inference.subject import Wanted, fitted_result
 from bayes_toe.model.free_frequencies import frequency_evidence
 from bayes_toe.model.ladder import posterior_of
 
@@ -153,7 +153,7 @@ def test_the_draws_asked_for_are_behind_the_evidence_of_h1(small_study):
     row = bt.evidence(bt.Study([subject]), draws=2000, seed=5, workers=1)["A"]
     assert (
         row.log_evidence_h1
-        == infer(posterior_of(subject), 5, Wanted(evidence_draws=2000)).evidence.value
+        == fitted_result(posterior_of(subject), 5, Wanted(evidence_draws=2000))[0].evidence.value
     )
 
 
@@ -164,7 +164,7 @@ def test_real_vibrotactile_subjects_go_both_ways(real_data):
     )
     assert sum(subject.total_trials for subject in study) == 11904
     found = [
-        infer(posterior_of(one, bt.Prior()), 1, Wanted(evidence_draws=10_000)).evidence.value
+        fitted_result(posterior_of(one, bt.Prior()), 1, Wanted(evidence_draws=10_000))[0].evidence.value
         - frequency_evidence(one)
         for one in study
     ]

@@ -17,7 +17,7 @@ from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.evidence import importance_evidence
 from bayes_toe.inference.maxima import find_maxima
 from bayes_toe.inference.sampling import SamplerSettings, sample_chains
-from bayes_toe.inference.subject import Wanted, infer
+from bayes_toe.inference.subject import Wanted, fitted_result
 from bayes_toe.model.ladder import MODELS, model_named, posterior_of, require_models
 from bayes_toe.model.prior import DEFAULT, Prior
 from bayes_toe.model.record import Model
@@ -209,7 +209,7 @@ def test_starts_find_the_maxima_of_intervals_far_from_one_second():
     subject = Subject("far", case.s1, case.s2, case.n_yes, case.n_trials, seconds)
     target = posterior_of(subject, Prior(reference_interval=1.0), model="no lapses")
     assert find_maxima(target).value[:2] == pytest.approx([-1079.183, -1079.688], abs=0.01)
-    assert infer(target, 1, Wanted(SamplerSettings(draws=300))).chains.converged
+    assert fitted_result(target, 1, Wanted(SamplerSettings(draws=300)))[0].chains.converged
 
 
 # --- Refusals ---------------------------------------------------------------------------------------
