@@ -164,7 +164,9 @@ def test_real_vibrotactile_subjects_go_both_ways(real_data):
     )
     assert sum(subject.total_trials for subject in study) == 11904
     found = [
-        fitted_result(posterior_of(one, bt.Prior()), 1, Wanted(evidence_draws=10_000))[0].evidence.value
+        fitted_result(posterior_of(one, bt.Prior()), 1, Wanted(evidence_draws=10_000))[
+            0
+        ].evidence.value
         - frequency_evidence(one)
         for one in study
     ]
