@@ -31,10 +31,9 @@ from bayes_toe.comparison.words import (
     side,
 )
 from bayes_toe.data.study import Study, Subject
-from bayes_toe.data.trial_sequence import knows_order
 from bayes_toe.inference.evidence import weighed
 from bayes_toe.inference.prediction import effect_size
-from bayes_toe.inference.predictive_checks import HISTORY_DRAWS, MISFIT, FitSummary, history_p
+from bayes_toe.inference.predictive_checks import MISFIT, FitSummary
 from bayes_toe.inference.proposal import FittedProposal
 from bayes_toe.inference.space import SpaceEvidence, space_evidence
 from bayes_toe.inference.subject import weighted_fit
@@ -43,7 +42,6 @@ from bayes_toe.model.parts import compose
 from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.record import Model
-from bayes_toe.seeds import generator
 
 #: Which scales of the prior belong to the order, and by what they are multiplied for `robust`.
 ORDER_SCALES, FACTORS = ("mu1_sd", "offset_sd"), (0.5, 2.0)
@@ -110,8 +108,7 @@ class Verdict:
     p_first_stronger : float or None
         Under a constant error, the probability that it makes the first stimulus seem stronger.
     history_p : float or None
-        Posterior predictive p-value of the answers by the trial before, see :func:`~bayes_toe.inference.predictive_checks.history_p`; None
-        where the order of trials is not known.
+        p-value of the answers by the trial before; None where it is not known.
     """
 
     subject: str
@@ -325,14 +322,7 @@ def verdict(
     of_orders = by_order(values, space)
     best = max(found.sampled, key=lambda i: float(values[i]))
     fitted = found.sampled[best].fitted
-    fit, of_history = weighted_fit(fitted, seed), None
-    if knows_order(subject):
-        drawn = found.predictor(
-            space[best].name,
-            HISTORY_DRAWS,
-            generator(seed, subject.name, space[best].name, "history"),
-        )
-        of_history = history_p(drawn.target, drawn.x, seed)
+    fit = weighted_fit(fitted, seed)
     sizes, weights = _sizes(found, values)
     order = np.argsort(sizes)
     middle = int(np.searchsorted(np.cumsum(weights[order]), 0.5))
@@ -348,7 +338,6 @@ def verdict(
         data=tuple(data),
         notes=found.notes,
         p_first_stronger=_first_stronger(found, values),
-        history_p=of_history,
     )
     if made.fit == "not described":
         scattering = [

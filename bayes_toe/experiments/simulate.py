@@ -174,7 +174,7 @@ def simulate_trials(
     """Answers of every observer, in every condition where there are some; each stream is keyed by the name, of units such as S01@left.
 
     Parameters of observers have the shape (observers,); to 'which is stronger?' the lapse rate is in the place of q0. `carried` is the
-    share of what is expected after a trial that is carried over to the next (:mod:`bayes_toe.model.history`; 0: all has relaxed), `missed`
+    share of what is expected after a trial that is carried over to the next (0: all has relaxed), `missed`
     that of trials that nobody answers in time.
     """
     subjects = list(names)

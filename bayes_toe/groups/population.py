@@ -313,7 +313,7 @@ def population(  # noqa: PLR0913  # each is a choice of its own, and has a defau
     (('offset', 'gain', 'width', 'q0'), True)
     """
     require_study(study)
-    record = _model_of(study, model)
+    record = _model(model, study.task)
     if posterior is not None:
         where, given = (
             "posterior" if posterior.file is None else shown(posterior.file),
@@ -453,18 +453,6 @@ def _sampled(
         rough,
         apart,
     )
-
-
-def _model_of(study: Study, name: str) -> Model:
-    """The model, which a study can be asked of: one with a history wants an order of trials, and no condition."""
-    model = _model(name, study.task)
-    if model.by_trial and study.conditions is not None:
-        raise InputError(
-            f"population: found a condition, allowed with a model without history, not {model.name!r}; --ignore condition"
-        )
-    for one in study if model.by_trial else ():
-        model.posterior(one)
-    return model
 
 
 def _model(name: str, task: Task) -> Model:

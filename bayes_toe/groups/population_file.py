@@ -35,7 +35,7 @@ from bayes_toe.groups.hyperprior import GROUP_PARAMETERS, Hyperprior
 from bayes_toe.groups.regressors import Regressor, Regressors
 from bayes_toe.inference.diagnostics import Convergence
 from bayes_toe.inference.draws import Draws, load_draws
-from bayes_toe.inference.draws_file import answers_of, as_netcdf, felt_trials
+from bayes_toe.inference.draws_file import as_netcdf
 from bayes_toe.model.prior import stored_prior
 from bayes_toe.version import library_versions
 
@@ -129,7 +129,6 @@ def _tree(found: Population) -> xr.DataTree:
         coords,
     )
     groups = {"/posterior": posterior, "/sample_stats": judged, "/constant_data": _constant(found)}
-    groups |= {"/trials": felt_trials(found.study)} if found.model.by_trial else {}
     tree = xr.DataTree.from_dict(groups | thinned)
     tree.attrs.update(_attributes(found, whole))
     return tree
@@ -300,13 +299,7 @@ def _population(tree: xr.DataTree) -> Population:
         {"n_yes" if key == SAME_DIFFERENT.count else key: values for key, values in one.items()}
         for one in study["subjects"]
     )
-    trials = tree["trials"].to_dataset() if "trials" in tree.children else None
-    answers = (
-        None if trials is None else answers_of(trials, one["name"]) for one in study["subjects"]
-    )
-    subjects = tuple(
-        Subject(**one, task=task, answers=own) for one, own in zip(counts, answers, strict=True)
-    )
+    subjects = tuple(Subject(**one, task=task) for one in counts)
     eta = drawn["eta"].values
     lead, size = eta.shape[:2], (len(subjects), len(names))
     if eta.shape != (*lead, *size) or constant["alone"].shape[1:] != size:

@@ -70,7 +70,7 @@ class GroupLikelihood:
         )  # stimuli less a centre are all that counts
         size = max(
             1,
-            _BLOCK // max(one.total_trials if model.by_trial else one.n_pairs for one in subjects),
+            _BLOCK // max(one.n_pairs for one in subjects),
         )
         interval = 1.0 if prior.reference_interval is None else prior.reference_interval
         blocks = [slice(i, i + size) for i in range(0, len(rows), size)]

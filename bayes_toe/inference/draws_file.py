@@ -20,12 +20,10 @@ import numpy as np
 import xarray as xr
 
 from bayes_toe.cluster import aside
-from bayes_toe.data.answers import Answers
 from bayes_toe.data.conditions import kept
 from bayes_toe.data.messages import quoted, shown
 from bayes_toe.data.study import Study
 from bayes_toe.data.tasks import SAME_DIFFERENT, task_counted
-from bayes_toe.data.trial_sequence import require_order
 from bayes_toe.errors import InputError
 from bayes_toe.inference.subject import Settings, SubjectDraws
 from bayes_toe.model.models import describe_prior, stored_model
@@ -149,37 +147,6 @@ def _long(study: Study, key: str) -> xr.Dataset:
     return xr.Dataset(
         {name: ("obs", values) for name, values in columns.items()}, coords
     ).set_coords([*columns][:-1])
-
-
-def felt_trials(study: Study) -> xr.Dataset:
-    """Every trial that was felt, in order: what a model with a history is of."""
-    known = [(one.name, require_order(one)) for one in study]
-    keys = np.concatenate([answers.keys for _, answers in known])
-    timed = all(answers.iti is not None for _, answers in known)
-    columns = {name: keys[:, i] for i, name in enumerate(("s1", "s2", "isi")[: keys.shape[1]])}
-    columns |= {
-        name: np.concatenate([getattr(one, name) for _, one in known])
-        for name in ("n_yes", "n_trials", "place", *["iti"] * timed)
-    }
-    owner = np.repeat(np.array(study.names, object), [len(answers.keys) for _, answers in known])
-    return xr.Dataset(
-        {name: ("trial", values) for name, values in columns.items()}, {"subject": ("trial", owner)}
-    )
-
-
-def trials_of(trials: xr.Dataset, name: str) -> xr.Dataset:
-    """Those of one subject."""
-    return trials.isel(trial=np.flatnonzero(trials["subject"].values == name))
-
-
-def answers_of(trials: xr.Dataset, name: str) -> Answers:
-    """Those of one subject as they were given."""
-    some = trials_of(trials, name)
-    keys = np.column_stack([some[key].values for key in ("s1", "s2", "isi") if key in some])
-    counts, place = (some["n_yes"].values, some["n_trials"].values), some["place"].values
-    return Answers(
-        keys, *counts, None, (), True, place, some["iti"].values if "iti" in some else None
-    )
 
 
 def _attributes(study: Study, settings: Settings) -> dict[str, Any]:

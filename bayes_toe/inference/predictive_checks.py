@@ -10,8 +10,6 @@ from scipy.special import betainc, chdtrc, gammaln, xlogy
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.tasks import SAME_DIFFERENT
-from bayes_toe.model.history import Trials
-from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.posterior_protocol import AnswerPosterior
 from bayes_toe.model.target import require_points, times_counts
 from bayes_toe.seeds import generator
@@ -269,58 +267,3 @@ def summarise_fit(
             PairFit(s1[i], s2[i], observed[i], expected[i], isi[i], subject.task.yes) for i in named
         ),
     )
-
-
-# --- Answers by the trial before --------------------------------------------------------------------
-
-#: Draws of a check: its standard error is then 0.016 at most, 0.003 at 0.01.
-HISTORY_DRAWS = 1000
-_FEWEST, _MOST = (
-    200,
-    1 << 26,
-)  # draws that are taken in any case; draws times trials beyond which others are left out
-
-
-def history_p(posterior: AnswerPosterior, x: FloatArray, seed: int) -> float:
-    """Posterior predictive p-value of the answers by pair and third of the mean stimulus of the trial before; NaN where no trial has one.
-
-    It sees what deviances of pairs cannot, since every pair is preceded by all others: Pearson's X^2 over these cells, against answers
-    replicated from the same independent draws x, shape (draws, k). The order of the subject's trials is known.
-    """
-    assert isinstance(posterior, Posterior)
-    trials, rng = (
-        Trials.of(posterior.subject),
-        generator(seed, posterior.subject.name, posterior.model.name, "history"),
-    )
-    known = ~np.isnan(trials.previous)
-    if not known.any():
-        return float("nan")
-    third = np.searchsorted(
-        np.nanquantile(trials.previous, [1 / 3, 2 / 3]), trials.previous[known], side="right"
-    )
-    cell = (
-        third
-        + 3
-        * np.repeat(np.arange(len(trials.starts)), np.diff(np.r_[trials.starts, len(known)]))[known]
-    )
-    cells = np.unique(cell, return_inverse=True)[1]
-    order = np.argsort(cells, kind="stable")
-    starts = np.flatnonzero(np.diff(cells[order], prepend=-1))
-    yes, more = trials.n_yes[known][order].astype(np.float64), 0
-    x = x[: max(_FEWEST, _MOST // len(yes))]
-    for points in np.array_split(x, max(1, x.shape[0] * len(yes) >> 18)):
-        p = np.exp(posterior.trial_answers(points))[:, known][:, order]
-        expected, variance = (
-            np.add.reduceat(values, starts, axis=1) for values in (p, p * (1.0 - p))
-        )
-        found, again = (
-            np.square(np.add.reduceat(answers, starts, axis=1) - expected)
-            for answers in (yes[None] + 0.0 * p, (rng.random(p.shape) < p).astype(np.float64))
-        )
-        told = variance > 0.0  # answers that are certain add nothing
-        observed, replicated = (
-            np.divide(one, variance, out=np.zeros_like(one), where=told).sum(axis=1)
-            for one in (found, again)
-        )
-        more += int(np.count_nonzero(replicated >= observed))
-    return more / len(x)

@@ -123,8 +123,6 @@ def laplace_evidences(
             model.coordinates[0],
             model.link_without_lapses,
             model.spread,
-            model.history,
-            model.by_trial,
         )
         larger = (
             of

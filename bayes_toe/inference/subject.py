@@ -71,7 +71,6 @@ _UNITS = {
             "guess_second",
             "exponent",
             "icc",
-            "carry_over",
             "contraction",
         ),
         "1",
@@ -80,8 +79,6 @@ _UNITS = {
         "noise_slope": "1 / ln intensity",
         "criterion_slope": "1 / ln intensity",
         "peak_slope": "1 / ln intensity",
-        "carry_over_tau": "s",
-        "half_life": "trials",
     },
 }
 

@@ -266,11 +266,6 @@ def starting_slopes(scale: float) -> tuple[float, ...]:
     return (-0.5 / scale, 0.03 / scale, 0.5 / scale)
 
 
-def starting_bias(scale: float) -> tuple[float, ...]:
-    """None to speak of: it is small, and its likelihood has one maximum."""
-    return (0.01 * scale,)
-
-
 #: Constant error c, natural-log intensity: the offset at the mean first stimulus.
 OFFSET = Single("offset", Scale(), starts=starting_offsets)
 WIDTH = Width("width", Log())
@@ -278,8 +273,6 @@ WIDTH = Width("width", Log())
 NOISE_SLOPE, PEAK_SLOPE = (
     Single(name, Scale(), starts=starting_slopes) for name in ("noise_slope", "peak_slope")
 )
-#: Shift of the distance by the answer before, natural-log intensity.
-ANSWER_BIAS = Single("answer_bias", Scale(), starts=starting_bias)
 
 
 def with_offset(eta: FloatArray, sbar: float, pulled: GroupPull) -> Mapped:

@@ -19,7 +19,6 @@ class FreeFrequencies:
     name: str = "free frequencies"
     about: str = "H0: one frequency per pair, and nothing that connects them"
     knows_intervals: bool = False
-    by_trial: bool = False
     of_intervals: str = "one frequency for each pair at each interval"
     levels: tuple[tuple[str, str], ...] = ()
 

@@ -1,10 +1,10 @@
 """The likelihood of one subject's answers, one core for every record of what an observer does.
 
-    z = ((s2 - s1) + r [p (s1 - sbar - E) - c] + k a) / (w e^(b m) v)
+    z = ((s2 - s1) + r [p (s1 - sbar) - c]) / (w e^(b m) v)
 
-with offset c, pull p and width w, expectation E that follows the trials (:mod:`bayes_toe.model.history`), bias k by the answer a = 1, -1
-before, noise slope b over the pair's mean m = (s1 + s2)/2 - sbar, a link from z to both answers (that of P(equal) ends at z = 0 in a peak
-of logit q0 + g m), a spread of the counts about it, and a propagator's scales r and v of the pair's interval, 1 where there is one
+with offset c, pull p and width w, noise slope b over the pair's mean m = (s1 + s2)/2 - sbar, a link from z to both
+answers (that of P(equal) ends at z = 0 in a peak of logit q0 + g m), a spread of the counts about it,
+and a propagator's scales r and v of the pair's interval, 1 where there is one
 interval. What a record leaves out is fixed: no offset means c = 0, no pull K = 1 - p = 1, no slopes b = 0 and g = 0, no peak q0 = 1, no
 propagator that the interval does not matter.
 """
@@ -24,7 +24,6 @@ from bayes_toe.arrays import BLOCK, FloatArray, IndexArray
 from bayes_toe.data.conditions import mean_first
 from bayes_toe.data.study import Subject
 from bayes_toe.model.distributions import Random
-from bayes_toe.model.history import Trials
 from bayes_toe.model.intervals import UNSCALED, Propagator, Scales, reference_interval
 from bayes_toe.model.links import Answers, Lapsing, Link
 from bayes_toe.model.prior import DEFAULT, Prior
@@ -34,22 +33,15 @@ from bayes_toe.model.target import require_points
 if TYPE_CHECKING:
     from bayes_toe.model.record import Model
 
-_OFFSET, _PEAK, _SLOPE, _PEAK_SLOPE, _ANSWER_BIAS = (
-    "offset",
-    "logit_q0",
-    "noise_slope",
-    "peak_slope",
-    "answer_bias",
-)
+_OFFSET, _PEAK, _SLOPE, _PEAK_SLOPE = ("offset", "logit_q0", "noise_slope", "peak_slope")
 _NONE = np.zeros((1, 1))
 
 
 @dataclass(frozen=True, eq=False)
 class Likelihood:
-    """The likelihood, without binomial coefficients, over unconstrained coordinates x: a product over rows.
+    """The likelihood, without binomial coefficients, over unconstrained coordinates x: a product over pairs.
 
-    A row is a pair, or a trial where an answer depends on those before it. The fields are those of
-    :class:`~bayes_toe.model.posterior.Posterior`.
+    The fields are those of :class:`~bayes_toe.model.posterior.Posterior`.
     """
 
     subject: Subject
@@ -89,28 +81,9 @@ class Likelihood:
         return self._places.get(_OFFSET)
 
     @cached_property
-    def _rows(self) -> Subject | Trials:
-        """What the likelihood is a product over: pairs, or trials where an answer depends on those before it, and these are known."""
-        known = (
-            self.model.by_trial
-            and self.subject.answers is not None
-            and self.subject.answers.place is not None
-        )
-        return Trials.of(self.subject) if known else self.subject
-
-    @cached_property
     def _intervals(self) -> tuple[FloatArray, IndexArray] | None:
         """Distinct intervals over the reference, and the place of each row's among them; None where the interval does not matter."""
-        return None if self._rows.isi is None else self._placed(self._rows.isi)
-
-    @cached_property
-    def _felt_intervals(self) -> tuple[FloatArray, IndexArray] | None:
-        """The same of every trial that was felt, shape (steps, sessions, 1), or of a crowd with a subject for each point."""
-        return (
-            None
-            if not isinstance(self._rows, Trials) or self._rows.seconds is None
-            else self._placed(self._rows.seconds)
-        )
+        return None if self.subject.isi is None else self._placed(self.subject.isi)
 
     def _placed(self, seconds: FloatArray) -> tuple[FloatArray, IndexArray] | None:
         if self.model.propagator is None:
@@ -123,7 +96,7 @@ class Likelihood:
     def log_likelihood(self, x: npt.ArrayLike) -> FloatArray:
         """Log likelihood at x, shape (points, k) -> (points,)."""
         points = require_points(x, len(self.coordinates))
-        rows = max(1, BLOCK // self._rows.n_pairs)
+        rows = max(1, BLOCK // self.subject.n_pairs)
         return np.concatenate(
             [
                 self.pair_log_likelihood(points[i : i + rows]).sum(axis=1)
@@ -133,34 +106,15 @@ class Likelihood:
 
     def pair_log_likelihood(self, x: npt.ArrayLike, answers: Answers | None = None) -> FloatArray:
         """Log likelihood of each pair, shape (points, k) -> (points, pairs); `answers` are :meth:`log_answers` at x where known."""
-        points, rows = require_points(x, len(self.coordinates)), self._rows
-        known = (
-            self._row_answers(points) if answers is None or isinstance(rows, Trials) else answers
-        )
-        found = self.model.spread.log_likelihood(rows, known, *self._own(points, self.model.spread))
-        return np.add.reduceat(found, rows.starts, axis=1) if isinstance(rows, Trials) else found
+        points = require_points(x, len(self.coordinates))
+        known = self.log_answers(points) if answers is None else answers
+        own = self._own(points, self.model.spread)
+        return self.model.spread.log_likelihood(self.subject, known, *own)
 
     def log_answers(self, x: npt.ArrayLike) -> Answers:
-        """Log P of the counted answer and of the other one, of every pair, (points, k) -> (points, pairs) each. Source: Eq. mod:q.
-
-        Where answers depend on the trials before, of the mean probability over a pair's trials.
-        """
-        found, rows = self._row_answers(require_points(x, len(self.coordinates))), self._rows
-        return (
-            (rows.by_pair(found[0]), rows.by_pair(found[1])) if isinstance(rows, Trials) else found
-        )
-
-    def trial_answers(self, x: npt.ArrayLike) -> FloatArray:
-        """Log P of the counted answer of every answered trial, in the order of the pairs, (points, k) -> (points, trials)."""
-        found = self._row_answers(require_points(x, len(self.coordinates)))[0]
-        return (
-            found
-            if isinstance(self._rows, Trials)
-            else np.repeat(found, self.subject.n_trials, axis=1)
-        )
-
-    def _row_answers(self, x: FloatArray) -> Answers:
-        return self.model.link.log_answers(self.distance(x), *self._of_link(x))
+        """Log P of the counted answer and of the other one, of every pair, (points, k) -> (points, pairs) each. Source: Eq. mod:q."""
+        points = require_points(x, len(self.coordinates))
+        return self.model.link.log_answers(self.distance(points), *self._of_link(points))
 
     def answers_given_the_rest(self, x: npt.ArrayLike) -> Answers:
         """The same of one answer given all others to its pair: what leave-one-out by trial asks for."""
@@ -176,10 +130,8 @@ class Likelihood:
         )
 
     def distance(self, x: FloatArray) -> FloatArray:
-        """Normalised distance z of every pair, or trial, (points, k) -> (points, pairs)."""
-        return self._distance(
-            self._pull(x), self._scales(x), self._at_trials(self.expectation(x)), x
-        )
+        """Normalised distance z of every pair, (points, k) -> (points, pairs)."""
+        return self._distance(self._pull(x), self._scales(x), x)
 
     def likelihood_gradient(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Log likelihood, (points,), and its gradient, (points, k); of the points of a crowd too.
@@ -187,10 +139,10 @@ class Likelihood:
         The normalised distance is z = N e^(-L) with the numerator N = step + r (p lever - c) and the log of the width L, so a coordinate i
         that moves both adds A_z (N_i e^(-L) - z L_i) for the slope A_z of the log likelihood of a pair in z.
         """
-        link, spread, rows = self.model.link, self.model.spread, self._rows
+        link, spread, rows = self.model.link, self.model.spread, self.subject
         own, of_spread = self._of_link(x), self._own(x, spread)
-        scales, felt = self._scales(x), self.expectation(x)
-        z = self._distance(self._pull(x), scales, self._at_trials(felt), x)
+        scales = self._scales(x)
+        z = self._distance(self._pull(x), scales, x)
         answers = link.log_answers(z, *own)
         with np.errstate(
             over="ignore"
@@ -204,7 +156,7 @@ class Likelihood:
             if name in self._places:
                 gradient[:, self._places[name]] += np.broadcast_to(values, z.shape).sum(axis=1)
 
-        for name, rise in self._numerator_slopes(x, scales, felt, growths):
+        for name, rise in self._numerator_slopes(x, scales, growths):
             add(name, _finished(slopes.z, per * rise))
         add("log_width", steep)
         add(_SLOPE, _finished(steep, np.atleast_2d(self._middle)))
@@ -223,11 +175,10 @@ class Likelihood:
         self,
         x: FloatArray,
         scales: Scales,
-        felt: FloatArray | None,
         growths: Sequence[tuple[str, Scales]],
     ) -> Iterator[tuple[str, FloatArray]]:
         """Coordinates on which the numerator N depends, and its derivatives there, (points, rows)."""
-        pull, lever = self._pull(x), self._rows.s1 - self.sbar - self._at_trials(felt)
+        pull, lever = self._pull(x), self.subject.s1 - self.sbar
         yield _OFFSET, -scales.pull
         if self.model.pull is not None:
             a = x[:, self._places[self.model.pull.coordinate], None]
@@ -237,10 +188,6 @@ class Likelihood:
             )
         for name, growth in growths:
             yield name, scales.pull * (pull * lever - self._offset(x)) * growth.pull
-        for name, rise in self._expectation_slopes(x, felt):
-            yield name, -scales.pull * pull * rise
-        if isinstance(self._rows, Trials):
-            yield _ANSWER_BIAS, np.atleast_2d(self._rows.before)
 
     # --- What it is made of ---------------------------------------------------------------------------
 
@@ -260,74 +207,15 @@ class Likelihood:
     @property
     def _middle(self) -> FloatArray:
         """Mean stimulus of every pair from the mean first stimulus, shape (pairs,)."""
-        return np.asarray(0.5 * (self._rows.s1 + self._rows.s2) - self.sbar)
+        return np.asarray(0.5 * (self.subject.s1 + self.subject.s2) - self.sbar)
 
-    def expectation(self, x: FloatArray) -> FloatArray | None:
-        """E of every trial that was felt, shape (steps, sessions, points), natural-log intensity; None where the expectation stays."""
-        history, rows = self.model.history, self._rows
-        if history is None or not isinstance(rows, Trials):
-            return None
-        return history.expectation(
-            rows, x[:, self._places[history.coordinate]], self._pull(x)[:, 0] * self._felt_scale(x)
-        )
-
-    def _expectation_slopes(
-        self, x: FloatArray, felt: FloatArray | None
-    ) -> list[tuple[str, FloatArray]]:
-        """Coordinates on which the expectation depends, and its derivatives at answered trials, shape (points, trials)."""
-        history, rows, part = self.model.history, self._rows, self.model.pull
-        if felt is None or history is None or part is None or not isinstance(rows, Trials):
-            return []
-        scale, a = self._felt_scale(x), x[:, self._places[part.coordinate]]
-        pull, by = (
-            self._pull(x)[:, 0] * scale,
-            [(part.coordinate, part.span * expit(a) * expit(-a) * scale)],
-        )
-        if self._felt_intervals is not None:
-            intervals, which = self._felt_intervals
-            of_points = np.broadcast_to(
-                which.reshape(-1, which.shape[2]).T, (len(x), which.shape[0] * which.shape[1])
-            )
-            for name, growth in self._growths(x, (intervals, of_points)):
-                by.append((name, pull * growth.pull.T.reshape(pull.shape)))
-        found = history.slopes(
-            rows, x[:, self._places[history.coordinate]], pull, felt, [rise for _, rise in by]
-        )
-        return [
-            (name, self._at_trials(rise))
-            for name, rise in zip(
-                (history.coordinate, *(name for name, _ in by)), found, strict=True
-            )
-        ]
-
-    def _felt_scale(self, x: FloatArray) -> FloatArray:
-        """Pull over that at the reference of every trial that was felt, (steps, sessions, points), or one 1 where there is one interval."""
-        if self._felt_intervals is None:
-            return np.ones((1, 1, 1))
-        intervals, which = self._felt_intervals
-        return np.asarray(self._scales_at(x, intervals).pull[np.arange(len(x)), which])
-
-    def _at_trials(self, felt: FloatArray | None) -> FloatArray:
-        """What is known of all trials that were felt, at those that were answered, shape (points, trials)."""
-        return (
-            _NONE
-            if felt is None or not isinstance(self._rows, Trials)
-            else self._rows.answered(felt)
-        )
-
-    def _distance(
-        self, pull: FloatArray, scales: Scales, expected: FloatArray, x: FloatArray
-    ) -> FloatArray:
+    def _distance(self, pull: FloatArray, scales: Scales, x: FloatArray) -> FloatArray:
         """As :meth:`distance`; in memory points lie next to each other, and so in all that follows from it: of pairs there are a few."""
         s1, s2 = (
-            np.atleast_2d(self._rows.s1).T,
-            np.atleast_2d(self._rows.s2).T,
+            np.atleast_2d(self.subject.s1).T,
+            np.atleast_2d(self.subject.s2).T,
         )  # a column, or of a crowd a column a point
-        shift = (s2 - s1) + scales.pull.T * (
-            pull.T * (s1 - self.sbar - expected.T) - self._offset(x).T
-        )
-        if _ANSWER_BIAS in self._places and isinstance(self._rows, Trials):
-            shift = shift + x[:, self._places[_ANSWER_BIAS]] * np.atleast_2d(self._rows.before).T
+        shift = (s2 - s1) + scales.pull.T * (pull.T * (s1 - self.sbar) - self._offset(x).T)
         with np.errstate(
             over="ignore", invalid="ignore"
         ):  # a width below the smallest float leaves only exact equality at distance 0
@@ -370,11 +258,9 @@ class Likelihood:
             else propagator.scales(*self._columns(x, propagator), intervals)
         )
 
-    def _growths(
-        self, x: FloatArray, at: tuple[FloatArray, IndexArray] | None = None
-    ) -> list[tuple[str, Scales]]:
-        """Coordinates on which the scales of rows depend, or of intervals elsewhere, and their logarithmic derivatives, (points, ...)."""
-        placed, propagator = self._intervals if at is None else at, self.model.propagator
+    def _growths(self, x: FloatArray) -> list[tuple[str, Scales]]:
+        """Coordinates on which the scales of pairs depend, and their logarithmic derivatives, (points, ...)."""
+        placed, propagator = self._intervals, self.model.propagator
         if placed is None or propagator is None:
             return []
         intervals, which = placed

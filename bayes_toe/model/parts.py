@@ -1,9 +1,9 @@
-"""A model is a composition of parts, each at one of its levels: order, noise, lapses, curve, peak, spread, history, answer bias.
+"""A model is a composition of parts, each at one of its levels: order, noise, lapses, curve, peak, spread.
 
 P(equal) = f + (q0 - f) psi(z), f = lambda q0, or P(second) = lambda g + (1 - lambda) F(z), with z = ((s2 - s1) - c + p (s1 - sbar)) /
 w(s1, s2). The order part says what the first stimulus becomes (c, p), the noise part how the width depends on the stimuli, the lapses which
 answers do not depend on them (q0, lambda, g), the curve is psi or F, the peak how q0 depends on the stimuli, the spread says how counts
-scatter, the history and the answer bias what a trial leaves to the next. Each level is a declaration; every combination of levels of one
+scatter. Each level is a declaration; every combination of levels of one
 task is a model, and nothing else knows parts by name.
 """
 
@@ -19,7 +19,6 @@ import numpy as np
 from bayes_toe.data.tasks import SAME_DIFFERENT, TASKS, WHICH_STRONGER, Task
 from bayes_toe.errors import InputError
 from bayes_toe.model.blocks import (
-    ANSWER_BIAS,
     NOISE_SLOPE,
     OFFSET,
     PEAK_SLOPE,
@@ -29,8 +28,7 @@ from bayes_toe.model.blocks import (
     Single,
 )
 from bayes_toe.model.closed_form import MAX_PULL
-from bayes_toe.model.distributions import LogNormal, Uniform
-from bayes_toe.model.history import History
+from bayes_toe.model.distributions import Uniform
 from bayes_toe.model.intervals import (
     OF_EQUAL,
     OF_SECOND,
@@ -61,7 +59,7 @@ class Level:
     """What one level of a part adds to a model.
 
     It has a name, unique among the levels of all parts of a task, and other words that are understood (`also`), brings free parameters and
-    sets pull, propagator, link, spread and history of the :class:`bayes_toe.model.record.Model`; `lapsing` is what lapses make of the
+    sets pull, propagator, link and spread of the :class:`bayes_toe.model.record.Model`; `lapsing` is what lapses make of the
     curve's link, and `task` the only one that has it.
     """
 
@@ -74,7 +72,6 @@ class Level:
     link: Link = BELL
     lapsing: Callable[[Link], Link | Lapsing] = lambda link: link
     spread: Spread = BINOMIAL
-    history: History | None = None
     task: Task | None = None
 
     @property
@@ -201,39 +198,9 @@ PARTS: Mapping[str, tuple[Level, ...]] = {
             spread=BETA_BINOMIAL,
         ),
     ),
-    "history": (
-        Level("static", "expectations have relaxed before every trial"),
-        Level(
-            "carry-over",
-            "what was felt in a trial is carried over to the next",
-            (Single("carry_over", Logit(), fixed=Uniform(1.0), starts=(-0.8, 0.9)),),
-            history=History("carry-over", "logit_carry_over"),
-        ),
-        Level(
-            "carry-over by time",
-            "what was felt in a trial is carried over to the next, and fades with the time between",
-            (Single("carry_over_tau", Log(), fixed=LogNormal(5.0, 1.0), starts=(0.8, 2.3)),),
-            history=History("carry-over by time", "log_carry_over_tau"),
-        ),
-        Level(
-            "running average",
-            "a running average of the stimuli is expected",
-            (Single("half_life", Log(), fixed=LogNormal(1.5, 1.2), starts=(-0.5, 1.5)),),
-            history=History("running average", "log_half_life"),
-        ),
-    ),
-    "answer bias": (
-        Level("no answer bias", "answers do not depend on the one before", task=WHICH_STRONGER),
-        Level(
-            "previous answer",
-            "the answer before is repeated, or avoided",
-            (ANSWER_BIAS,),
-            task=WHICH_STRONGER,
-        ),
-    ),
 }
 #: The parts in the order in which their parameters are a model's.
-_WRITTEN = ("order", "lapses", "noise", "curve", "peak", "spread", "history", "answer bias")
+_WRITTEN = ("order", "lapses", "noise", "curve", "peak", "spread")
 #: Combinations that have a name of their own, and what they say.
 NAMED: Mapping[str, tuple[str, str]] = {
     "none": ("symmetric", "no order effect"),
@@ -299,17 +266,6 @@ def compose(task: Task = SAME_DIFFERENT, **levels: str) -> Model:
         raise InputError(
             f"model '{chosen['peak'].name} + {lapses.name}': where every equal pair is called equal no peak has a slope"
         )
-    if chosen["history"].history is not None and order.pull is None:
-        raise InputError(
-            f"model '{order.name} + {chosen['history'].name}': without a pull the expectation, and so its history, has no effect"
-        )
-    by_trial = [
-        one.name for one in chosen.values() if one.history is not None or ANSWER_BIAS in one.free
-    ]
-    if by_trial and chosen["spread"].spread is BETA_BINOMIAL:
-        raise InputError(
-            f"model '{chosen['spread'].name} + {by_trial[0]}': counts that scatter are of pairs, a history is of trials"
-        )
     departures = [
         level for part, level in chosen.items() if part == "order" or level is not parts[part][0]
     ]
@@ -325,7 +281,6 @@ def compose(task: Task = SAME_DIFFERENT, **levels: str) -> Model:
         order.propagator,
         tuple((part, level.name) for part, level in chosen.items()),
         task,
-        chosen["history"].history,
     )
 
 

@@ -96,7 +96,7 @@ class Posterior(Likelihood):
     def gradient(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Log posterior density at x, (points,), and its gradient, (points, k)."""
         points = require_points(x, len(self.coordinates))
-        rows = max(1, BLOCK // self._rows.n_pairs)
+        rows = max(1, BLOCK // self.subject.n_pairs)
         parts = [
             self.likelihood_gradient(points[i : i + rows])
             for i in range(0, max(1, len(points)), rows)

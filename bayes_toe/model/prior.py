@@ -69,8 +69,6 @@ class Prior(PriorFields):
         Of the beta distributions of the share of answers given without regard to the stimuli and of the intra-class correlation.
     exponent_median, exponent_sd : float
         Of the lognormal of the curve's exponent; the standard deviation is that of its logarithm.
-    answer_bias_sd : float or "stimuli"
-        Standard deviation of the normal of the bias by the answer before, natural-log intensity.
     reference_interval : float, optional
         Seconds over which sigma_p, gamma and rho have their prior, in a study with intervals.
 
@@ -101,7 +99,6 @@ class Prior(PriorFields):
         "lapse_rate": share,
         "exponent": LogNormal,
         "icc": share,
-        "answer_bias": partial(Normal, 0.0),
     }
 
     def of_h1(self, task: Task = SAME_DIFFERENT) -> tuple[str, ...]:

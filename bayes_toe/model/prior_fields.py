@@ -198,15 +198,6 @@ class PriorFields:
     icc_a: float = _of_beta(1.0, "icc", "a of the beta prior of the intra-class correlation")
     icc_b: float = _of_beta(9.0, "icc", "its b")
 
-    answer_bias_sd: float | Literal["stimuli"] = prior_field(
-        STIMULI,
-        parameter="answer_bias",
-        kind="scale",
-        words="sd of the normal prior of the bias by the answer before, about 0",
-        unit=LOG_INTENSITY,
-        stimuli="0.3 D",
-    )
-
     reference_interval: float | None = prior_field(
         None,
         parameter="interval",

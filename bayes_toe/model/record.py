@@ -7,9 +7,7 @@ from dataclasses import dataclass
 
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
-from bayes_toe.data.trial_sequence import require_order
 from bayes_toe.errors import InputError
-from bayes_toe.model.history import History
 from bayes_toe.model.intervals import Propagator
 from bayes_toe.model.links import BELL, Lapsing, Link
 from bayes_toe.model.memory import Block
@@ -51,9 +49,6 @@ class Model:
         tuple[str, str], ...
     ] = ()  # the (part, level) of which it is composed; see :mod:`bayes_toe.model.parts`
     task: Task = SAME_DIFFERENT
-    history: History | None = (
-        None  # how the expectation follows the stimuli; None: it has relaxed before every trial
-    )
 
     @property
     def coordinates(self) -> tuple[str, ...]:
@@ -69,11 +64,6 @@ class Model:
     def group(self) -> tuple[str, ...]:
         """Quantities that scatter between the members of a group, one for each coordinate; see :data:`bayes_toe.model.memory.Block`."""
         return tuple(name for block in self.free for name in block.group)
-
-    @property
-    def by_trial(self) -> bool:
-        """Whether an answer depends on the trials before it."""
-        return self.history is not None or "answer_bias" in self.coordinates
 
     @property
     def knows_intervals(self) -> bool:
@@ -106,18 +96,8 @@ class Model:
         return ", ".join(block.describe(prior) for block in self.free) + prior.remark
 
     def posterior(self, subject: Subject, prior: Prior | None = None) -> Posterior:
-        """The posterior of a subject under this model, which must be of what the subject was asked, in an order that is known if needed."""
+        """The posterior of a subject under this model, which must be of what the subject was asked."""
         if subject.task != self.task:
             asked = f"subject {subject.name!r} was asked '{subject.task.name}'"
             raise InputError(f"model {self.name!r} is of the task '{self.task.name}', {asked}")
-        if self.by_trial:
-            answers = require_order(subject)
-            if (
-                self.history is not None
-                and self.history.kind == "carry-over by time"
-                and answers.iti is None
-            ):
-                raise InputError(
-                    f"subject {subject.name!r}: model {self.name!r} needs a column iti, seconds since the trial before, found none"
-                )
         return Posterior(subject, self, DEFAULT if prior is None else prior)

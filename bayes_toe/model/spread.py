@@ -21,9 +21,10 @@ import numpy.typing as npt
 from scipy.special import expit, log_expit
 
 from bayes_toe.arrays import FloatArray, IntArray
+from bayes_toe.data.study import Subject
 from bayes_toe.model.distributions import Random
 from bayes_toe.model.links import Answers, Slopes
-from bayes_toe.model.target import Counts, answer_counts, log_likelihoods, times_counts
+from bayes_toe.model.target import answer_counts, log_likelihoods, times_counts
 
 _LEAST = -20.0  # log of factors below which the larger of their two parts is set apart
 _TOGETHER = 16  # factors whose product is a float, with the former and up to a million answers
@@ -144,15 +145,15 @@ class Spread:
 
     coordinates: ClassVar[tuple[str, ...]] = ()
 
-    def log_likelihood(self, subject: Counts, answers: Answers, *own: FloatArray) -> FloatArray:
+    def log_likelihood(self, subject: Subject, answers: Answers, *own: FloatArray) -> FloatArray:
         """Log likelihood of each pair without binomial coefficients: counts times log probabilities."""
         return log_likelihoods(subject, answers)
 
-    def slopes(self, subject: Counts, answers: Answers, of: OfAnswers, *own: FloatArray) -> Slopes:
+    def slopes(self, subject: Subject, answers: Answers, of: OfAnswers, *own: FloatArray) -> Slopes:
         """Slopes of the log likelihood from those of both answers; its own coordinates come after the link's. Here counts times slopes."""
         return _total(answer_counts(subject), of)
 
-    def given_the_rest(self, subject: Counts, answers: Answers, *own: FloatArray) -> Answers:
+    def given_the_rest(self, subject: Subject, answers: Answers, *own: FloatArray) -> Answers:
         """Log probabilities of one answer given all others to its pair; here the same."""
         return answers
 
@@ -167,21 +168,21 @@ class BetaBinomial(Spread):
 
     coordinates: ClassVar[tuple[str, ...]] = ("logit_icc",)
 
-    def log_likelihood(self, subject: Counts, answers: Answers, *own: FloatArray) -> FloatArray:
+    def log_likelihood(self, subject: Subject, answers: Answers, *own: FloatArray) -> FloatArray:
         """All 'equal', then all 'different', each given those before it; their order does not matter."""
         k, rest = _counts(subject)
         return log_drawn(answers, own[0], k, np.zeros_like(k)) + log_drawn(
             answers[::-1], own[0], rest, k
         )
 
-    def slopes(self, subject: Counts, answers: Answers, of: OfAnswers, *own: FloatArray) -> Slopes:
+    def slopes(self, subject: Subject, answers: Answers, of: OfAnswers, *own: FloatArray) -> Slopes:
         """With t = P/(P + j eps), sum t in the place of the counts, and in log eps the sums of 1 - t less that of the trials."""
         sums = [rising(u, own[0], n) for u, n in zip(answers, _counts(subject), strict=True)]
         total = _total([one.first for one in sums], of)
         of_trials = rising(np.zeros((len(own[0]), subject.n_pairs)), own[0], subject.n_trials).rest
         return Slopes(total.z, (*total.own, sums[0].rest + sums[1].rest - of_trials))
 
-    def given_the_rest(self, subject: Counts, answers: Answers, *own: FloatArray) -> Answers:
+    def given_the_rest(self, subject: Subject, answers: Answers, *own: FloatArray) -> Answers:
         """(P + (n_Eq - 1) eps)/(1 + (n - 1) eps), and its like; of no meaning for answers that were never given."""
         log_others = np.log(np.maximum(subject.n_trials - 1, 1)) + own[0]
         whole = np.where(subject.n_trials > 1, np.logaddexp(0.0, log_others), 0.0)
@@ -202,7 +203,7 @@ class BetaBinomial(Spread):
             return np.log(share), np.log1p(-share)
 
 
-def _counts(subject: Counts) -> tuple[IntArray, IntArray]:
+def _counts(subject: Subject) -> tuple[IntArray, IntArray]:
     return subject.n_yes, subject.n_trials - subject.n_yes
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -12,7 +12,6 @@ import numpy.typing as npt
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import NumericalError
-from bayes_toe.model.history import Trials
 
 if TYPE_CHECKING:
     from bayes_toe.model.posterior_protocol import AnswerPosterior
@@ -24,8 +23,6 @@ _FLAT, _FINEST = (
     1e-12,
 )  # a curvature that is taken to be no smaller; the smallest step over the coordinate
 Gradient = Callable[[FloatArray], FloatArray]
-#: How often rows got either answer: pairs, or trials.
-Counts: TypeAlias = Subject | Trials
 #: The range that is compared.
 RANGE = (0.05, 0.95)
 #: Contraction below which a parameter is said to be dominated by its prior: a range narrowed by less than three tenths.
@@ -47,7 +44,6 @@ ORDER = (
         "exponent",
         "icc",
     ),
-    *("carry_over", "carry_over_tau", "half_life", "answer_bias"),
     *("gamma", "sigma1", "gain", "width", "offset", "pull", "pse_shift"),
     *("constant_error", "contraction", "jnd", "zone"),
 )
@@ -108,7 +104,7 @@ def require_defined(log_posterior: FloatArray, target: AnswerPosterior) -> None:
         raise NumericalError(f"subject {target.subject.name!r}: log posterior is NaN")
 
 
-def log_likelihoods(subject: Counts, log_answers: tuple[FloatArray, FloatArray]) -> FloatArray:
+def log_likelihoods(subject: Subject, log_answers: tuple[FloatArray, FloatArray]) -> FloatArray:
     """Log likelihood of each pair from the log probabilities of both answers, (points, pairs) each, without binomial coefficients."""
     of_equal, of_different = (
         times_counts(count, values)
@@ -117,7 +113,7 @@ def log_likelihoods(subject: Counts, log_answers: tuple[FloatArray, FloatArray])
     return of_equal + of_different
 
 
-def answer_counts(subject: Counts) -> tuple[FloatArray, FloatArray]:
+def answer_counts(subject: Subject) -> tuple[FloatArray, FloatArray]:
     """How often each pair got either answer, that which the task counts first, shape (pairs,) each."""
     return subject.n_yes.astype(np.float64), (subject.n_trials - subject.n_yes).astype(np.float64)
 

@@ -61,10 +61,6 @@ LABELS = {
     "guess_second": "guessed\n'second'",
     "exponent": r"exponent $\nu$",
     "icc": "intra-class\ncorrelation",
-    "carry_over": "carried over",
-    "carry_over_tau": r"carried over, $\tau$ (s)",
-    "half_life": "half-life\n(trials)",
-    "answer_bias": "bias by the\nanswer before",
 }
 
 

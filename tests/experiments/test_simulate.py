@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy.special import ndtr
+from scipy.special import ndtr, ndtri
 
 import bayes_toe as bt
 from bayes_toe.data.tasks import WHICH_STRONGER
@@ -17,7 +17,8 @@ from bayes_toe.experiments.simulate import (
     trial_frame,
 )
 from bayes_toe.model.coordinates import Natural
-from bayes_toe.model.ladder import posterior_of
+from bayes_toe.model.observer import OrderModel
+from bayes_toe.model.trial_history import TrialHistory, TrialHistoryPosterior
 from bayes_toe.seeds import generator
 
 ONE = {"mu1": -0.7, "sigma_p": 0.2, "sigma_l": 0.1, "q0": 0.95}
@@ -230,42 +231,40 @@ def test_what_cannot_be_simulated_is_refused(make, named):
         make()
 
 
-def test_what_is_carried_over_is_what_the_model_with_a_history_says():
+def test_expectations_of_simulated_trials_are_those_of_the_model():
+    """The paper's observer has the contraction p and the constant error p (mu1 - sbar)."""
     truth = {"A": {"mu1": 0.3, "sigma_p": 0.2, "sigma_l": 0.15, "lapse_rate": 0.02}}
-    made = [
-        bt.simulate(truth, task="2afc", batches=40, seed=seed, carry_over=0.8, missed=0.1)
-        for seed in range(30)
-    ]
-    found = []
-    for study, known in made:
-        one = study["A"]
-        assert known["A"]["carry_over"] == 0.8
-        assert 0.06 < np.mean(one.answers.n_trials == 0) < 0.14
-        target = posterior_of(one, bt.Prior(), model="update + carry-over")
-        x = np.stack([target.points({**known["A"], "carry_over": rho}) for rho in (0.8, 0.01)])
-        found.append(target.log_likelihood(x))
-    apart = np.diff(found, axis=1)
-    assert apart.sum() < -5.0, "the truth is likelier than none"
-    again, known = bt.simulate(truth, task="2afc", batches=40, seed=0)
-    assert "carry_over" not in known["A"]
-    assert (again["A"].answers.n_trials == 1).all()
+    study, known = bt.simulate(
+        truth, task="2afc", design="full", batches=20, seed=1, carry_over=0.7
+    )
+    assert known["A"]["carry_over"] == 0.7
+    subject = study["A"]
+    history = TrialHistory(OrderModel("both"), False, True)
+    posterior = TrialHistoryPosterior(subject, history)
+    gamma = bt.model.noise_ratio(0.2, 0.15)
+    p = float(bt.model.pull(gamma))
+    values = {
+        "noise": 0.2 * float(bt.model.variance_ratio(gamma)),
+        "lapse_rate": 0.02,
+        "noise_slope": 0.0,
+        "constant_error": p * (0.3 - posterior.observer.sbar),
+        "contraction": p,
+    }
+    order = posterior.observer.points({name: np.array([own]) for name, own in values.items()})
+    x = np.column_stack([order, ndtri([0.7])])
+    probability = posterior.trial_probabilities(x)[0]
+    rng = generator(1, "A", "trials")
+    rng.uniform(size=(20, subject.n_pairs))
+    drawn = rng.uniform(size=len(probability)) < probability
+    assert drawn.tolist() == (subject.answers.n_yes == 1).tolist()
+
+
+def test_trials_without_an_answer_stay_in_their_order():
+    study, known = bt.simulate(1, task="2afc", batches=40, seed=0, missed=0.1)
+    (subject,) = study
+    assert 0.06 < np.mean(subject.answers.n_trials == 0) < 0.14
+    assert "carry_over" not in known[subject.name]
     with pytest.raises(
         bt.InputError, match="--carry-over: found 1, allowed: a number from 0 to below 1"
     ):
         bt.simulate(1, carry_over=1.0)
-
-
-def test_expectations_of_simulated_trials_are_those_of_the_model():
-    values = {"mu1": 0.3, "sigma_p": 0.2, "sigma_l": 0.15, "q0": 0.9}
-    observer = Natural(*(np.array([value]) for value in values.values()))
-    (trials,) = simulate_trials(["A"], observer, reference_design(batches=20), 1, carried=0.7)
-    one = trials.answered
-    target = posterior_of(one, bt.Prior(), model="update + carry-over")
-    x = target.points(
-        {key: np.array([value]) for key, value in {**values, "carry_over": 0.7}.items()}
-    )
-    p = np.empty(len(trials.yes))
-    p[np.lexsort(one.answers.keys.T[::-1])] = np.exp(target.trial_answers(x)[0])
-    rng = generator(1, "A", "trials")
-    rng.uniform(size=(20, 13))
-    assert np.array_equal(rng.uniform(size=len(p)) < p, trials.yes)

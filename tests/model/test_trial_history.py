@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 from bayes_toe.data.answers import Answers
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
-from bayes_toe.data.trial_sequence import TrialSequence
+from bayes_toe.data.trial_sequence import TrialSequence, looks_sorted
 from bayes_toe.errors import InputError
 from bayes_toe.model.observer import OrderModel
 from bayes_toe.model.trial_history import TrialHistory, TrialHistoryPosterior
@@ -221,3 +221,22 @@ def test_a_contraction_beyond_1_is_impossible():
     x[1, posterior.coordinates.index("contraction")] = 8.0
     assert np.isfinite(posterior.log_likelihood(x)).tolist() == [True, False, True]
     assert posterior.log_likelihood(x)[1] == -np.inf
+
+
+def test_blocks_of_one_pair_in_both_orders_are_not_sorted():
+    low, rng, ones = np.repeat([0.0, 0.3, 0.1, 0.5], 12), np.random.default_rng(1), np.ones(48, int)
+    keys = np.where(
+        rng.random((48, 1)) < 0.5,
+        np.column_stack([low, low + 0.2]),
+        np.column_stack([low + 0.2, low]),
+    )
+    answers = Answers(keys, ones, ones, None, (), True, np.arange(48))
+    assert not looks_sorted(answers)
+    assert looks_sorted(replace(answers, keys=keys[np.lexsort(keys.T[::-1])]))
+    assert looks_sorted(replace(answers, keys=keys[np.lexsort(keys.T[::-1])[::-1]]))
+    in_sessions = np.argsort(
+        np.r_[np.lexsort(keys[:24].T[::-1]), 24 + np.lexsort(keys[24:].T[::-1])]
+    )
+    assert looks_sorted(
+        replace(answers, keys=keys[np.argsort(in_sessions)], place=np.r_[0:24, 25:49])
+    )

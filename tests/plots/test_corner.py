@@ -12,10 +12,9 @@ from matplotlib.figure import Figure
 from matplotlib.path import Path
 
 import bayes_toe as bt
-from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.errors import InputError
 from bayes_toe.model.coordinates import QUANTITIES, Natural, quantities
-from bayes_toe.model.ladder import model_named, posterior_of
+from bayes_toe.model.ladder import posterior_of
 from bayes_toe.plots.corner import BINS, OVERLAID, TRUTH, Density, support
 from bayes_toe.plots.style import LABELS
 
@@ -172,9 +171,6 @@ def test_quantities_of_every_part_have_a_label_and_a_support(small_study):
         small_study["A"], model="constant error + sloped + both ways + exponent + beta-binomial"
     )
     assert set(target.names.natural) <= set(LABELS)
-    for name in ("carry-over", "carry-over by time", "running average", "previous answer"):
-        blocks = model_named(f"contraction + {name}", WHICH_STRONGER).free
-        assert {one for block in blocks for one in block.names.natural} <= set(LABELS)
     assert support(target, "noise_slope") == (-np.inf, np.inf)
     assert support(target, "lapse_rate") == (0.0, 1.0)
 
