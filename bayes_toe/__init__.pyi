@@ -23,8 +23,8 @@ from .errors import InputError as InputError
 from .experiments.simulate import simulate as simulate
 from .explorer.page import explore as explore
 from .groups.hyperprior import Hyperprior as Hyperprior
+from .groups.population import load as load
 from .groups.population import population as population
-from .groups.population_file import load as load
 from .inference.draws import Draws as Draws
 from .inference.prediction import predict as predict
 from .model.prior import Prior as Prior

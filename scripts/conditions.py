@@ -118,19 +118,16 @@ def print_counts(label: str, table: ContrastTable) -> None:
         )
 
 
-def print_group(study: bt.Study, draws: int, seed: int) -> None:
+def print_group(study: bt.Study, seed: int) -> None:
     """The rows of a group that are of conditions."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", bt.ConvergenceWarning)
-        found = bt.population(study, draws=draws, seed=seed)
-    for row in found.table:
-        if row.quantity.startswith("condition"):
-            print(
-                f"{row.parameter} | {row.quantity} | {row.level} | {row.mean:+.3f} +- {row.sd:.3f} "
-                f"| BF of none {row.of_none}",
-                flush=True,
-            )
-    print(f"converged: {found.converged} {found.chains.reason}", flush=True)
+        result = bt.population(study, seed=seed)
+    for row in result.table:
+        if row.quantity.startswith("difference"):
+            interval = f"{row.q50:+.3f} [{row.q025:+.3f}, {row.q975:+.3f}]"
+            print(f"{row.parameter} | {row.quantity} | {row.level} | {interval} | {row.zero_words}")
+    print(f"reliable: {result.is_reliable} {result.draws.shortfall}", flush=True)
 
 
 def main() -> None:
@@ -145,7 +142,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     asked = parser.parse_args()
     if asked.what == "group":
-        print_group(next(study for _, study in real(asked.data)), 300, asked.seed)
+        print_group(next(study for _, study in real(asked.data)), asked.seed)
         return
     studies = real(asked.data)
     if asked.what == "simulated":

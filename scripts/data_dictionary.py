@@ -20,11 +20,10 @@ from bayes_toe.classical.fit import SubjectFit, fit_columns
 from bayes_toe.cli.supplement import FIT_TABLE_COLUMNS, ORDER_EFFECT_COLUMNS
 from bayes_toe.data.tasks import SAME_DIFFERENT
 from bayes_toe.data.whole_files import whole_file
-from bayes_toe.groups.population_table import SUBJECT_COLUMNS, PopulationRow
-from bayes_toe.groups.savage_dickey import Ratio
+from bayes_toe.groups.population_table import GroupSubjectRow, PopulationRow
 from bayes_toe.inference.subject import SUMMARY_COLUMNS
 from bayes_toe.planning.power import DATA_SET_COLUMNS, POWER_COLUMNS
-from bayes_toe.planning.power_of_studies import POPULATION_COLUMNS, STUDY_COLUMNS
+from bayes_toe.planning.power_of_studies import STUDY_COLUMNS
 from bayes_toe.planning.study_design import DESIGN_COLUMNS
 
 OUTPUT = Path(__file__).resolve().parents[1] / "docs" / "data_dictionary.md"
@@ -62,10 +61,8 @@ FILES = {
     ),
     "history.csv": File(HISTORY_COLUMNS),
     "contrast.csv": File(CONTRAST_COLUMNS, [Difference], ["p_direction", "word", "robust"]),
-    "population.csv": File(
-        PopulationRow._fields, [PopulationRow, Ratio], ["bf_zero", "bf_no_difference"]
-    ),
-    "population_subjects.csv": File(SUBJECT_COLUMNS),
+    "population.csv": File(PopulationRow._fields, [PopulationRow], ["quantity"]),
+    "population_subjects.csv": File(GroupSubjectRow._fields),
     "fit.csv": File(fit_columns(SAME_DIFFERENT), [SubjectFit], ["at_edge"]),
     "asymmetry.csv": File(ASYMMETRY_COLUMNS, [Comparison, SubjectAsymmetry]),
     "methods_order_effect.csv": File(ORDER_EFFECT_COLUMNS, [SubjectEvidence], ANSWER_COLUMNS),
@@ -73,8 +70,6 @@ FILES = {
     "power.csv": File(POWER_COLUMNS),
     "power_data_sets.csv": File(DATA_SET_COLUMNS, [SubjectEvidence]),
     "power_subjects.csv": File(STUDY_COLUMNS),
-    "power_population.csv": File(POPULATION_COLUMNS),
-    "power_conditions.csv": File(POPULATION_COLUMNS),
     "design.csv": File(DESIGN_COLUMNS),
 }
 

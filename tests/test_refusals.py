@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 import bayes_toe as bt
 from bayes_toe.data.covariates import read_covariates
+from bayes_toe.data.tasks import SAME_DIFFERENT
 from bayes_toe.data.validation import read_numbers
 from bayes_toe.errors import InputError
 from bayes_toe.groups.hyperprior import read_hyperprior
@@ -24,7 +25,7 @@ TEXTS = {
     "pairs": "s1,s2,isi\n0,0.25,0.5\n0.5,-0.125,2\n",
     "covariates": "subject,age,gender\nA,20.5,f\nB,30.25,m\n",
     "prior": "[noise]\nsd = 0.5\n[paper]\nmu1_mean = -0.5\ngamma_a = 1.5\n",
-    "hyperprior": "[gamma]\nsd_scale = 0.5\n[mu1]\nmean = -0.5\n",
+    "hyperprior": "[noise]\nsd_scale = 0.5\n[q0]\nmean = -0.5\n",
 }
 READERS = {
     "trials": lambda path: bt.check(bt.read_study(path)),
@@ -32,7 +33,7 @@ READERS = {
     "pairs": lambda path: read_numbers(path, ("s1", "s2"), optional=("isi",)),
     "covariates": read_covariates,
     "prior": lambda path: bt.model.read_prior(path).describe(),
-    "hyperprior": lambda path: read_hyperprior(path).describe(["mu1"]),
+    "hyperprior": lambda path: read_hyperprior(path).describe(SAME_DIFFERENT),
 }
 #: What breaks readers: quotes, delimiters, line ends, marks, escapes, numbers that are none, brackets without an end.
 _WORDS = b"nan inf 1e999 -1e-999 =1+1 '=1 [ # 1_0 subject s1 response n_trials synthetic trial mu1_sd stimuli True 1979-05-27"

@@ -63,8 +63,23 @@ RETIRED_OPTIONS = {
     "evidence": {
         "--more-trials": "`bayes-toe power design.csv --trials 650,1300` says what more trials tell",
     },
+    "explore": {
+        "--population": "`bayes-toe population` draws the subjects of a group in population.png",
+    },
     "figures": {"--mass": "the map shows the central 60 % of the draws"},
+    "population": {
+        "--correlations": "leave it out, parameters are independent between subjects",
+        "--no-correlations": "leave it out, parameters are independent between subjects",
+        "--model": "leave it out, a group is analysed by the observer with both effects",
+        "--population": "leave it out, subjects are normally distributed",
+        "--posterior": "leave it out, the group does not need draws of its subjects",
+        "--prior": "`--hyperprior FILE.toml` changes the prior of a group",
+        "--resume": "leave it out, a group takes less than a minute",
+    },
     "power": {
+        "--differ": "leave it out, `bayes-toe simulate --conditions` makes studies to analyse",
+        "--population": "leave it out, `bayes-toe simulate` makes studies to analyse",
+        "--studies": "leave it out, `bayes-toe simulate` makes studies to analyse",
         "--carry-over": "leave it out, `bayes-toe power` plans for the order effect alone",
         "--look": "leave it out, `bayes-toe power` simulates fixed numbers of trials",
         "--stop": "leave it out, `bayes-toe power` simulates fixed numbers of trials",

@@ -103,8 +103,8 @@ def run(
     task.finish(keep, analysis.draws.failed)
     written = (name for name in PRODUCTS if (output / name).exists())
     missed = {**analysis.draws.not_converged, **analysis.draws.imprecise}
-    if group is not None and not group.found.converged:
-        missed["group"] = group.found.chains.reason
+    if group is not None and not group.found.is_reliable:
+        missed["group"] = group.found.draws.shortfall
     ending = f": {', '.join(written)}"
     task.done(
         "results in",
@@ -117,20 +117,18 @@ def run(
 
 
 def _group(analysis: Analysis, task: Task) -> Group:
-    """What the subjects have in common, computed and said."""
-    from bayes_toe.cli.population import answer, say_attention
+    """What the subjects have in common, computed and printed."""
+    from bayes_toe.cli.population import group_answer, print_problems
     from bayes_toe.cli.report import Group
     from bayes_toe.groups.predictive_check import predictive_check
 
-    given: dict[str, Any] = {"posterior": analysis.draws, "seed": None}
-    if analysis.study.conditions is not None:  # draws are of units, the group is of subjects
-        given = {"seed": analysis.settings.seed, "prior": analysis.settings.prior}
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", bt.ConvergenceWarning)  # said below
-        found = task.work("the group", len(analysis.study), bt.population, analysis.study, **given)
-    group = Group(found, predictive_check(found))
-    task.out.answer(answer(found))
-    say_attention(task.out, found, group.check.warnings)
+        # They are printed below.
+        warnings.simplefilter("ignore", bt.ConvergenceWarning)
+        result = bt.population(analysis.study, seed=analysis.settings.seed)
+    group = Group(result, predictive_check(result))
+    task.out.answer(group_answer(result))
+    print_problems(task.out, result, group.check.warnings)
     return group
 
 

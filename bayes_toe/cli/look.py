@@ -41,14 +41,6 @@ def explore(
         list[str] | None, typer.Option("--subject", help="Only this subject; repeat for more.")
     ] = None,
     truth: TrueValues = None,
-    population: Annotated[
-        Path | None,
-        typer.Option(
-            "--population",
-            metavar="population.nc",
-            help="The group's posterior, to stand behind its subjects.",
-        ),
-    ] = None,
     task: Annotated[Task, Takes("overwrite")],
 ) -> None:
     """One page to explore posteriors in a browser: drag over points, and draws, curves and quantiles follow.
@@ -58,7 +50,6 @@ def explore(
     [bold]Example[/bold]: bayes-toe explore posterior.nc -o explorer.html
     """
     from bayes_toe.explorer.page import entries, page, require_bokeh
-    from bayes_toe.groups.population_file import load_population
     from bayes_toe.inference.draws import load_draws
 
     require_bokeh()
@@ -69,10 +60,9 @@ def explore(
         if truth is None
         else read_truth(truth, loaded, subject or [name for one in loaded for name in one.names])
     )
-    group = None if population is None else load_population(population)
-    found = entries(loaded, subject, known, group)
+    found = entries(loaded, subject, known)
     with task.out.progress("packing", len(found)) as tick:
-        made = page(found, group, tick)
+        made = page(found, tick)
     made.save(output, overwrite=task.overwrite)
     task.done(
         "explorer in",

@@ -27,7 +27,7 @@ from bayes_toe.answers.order_effect import QUESTIONS, OrderEffect
 from bayes_toe.answers.study_summary import FEWEST_FOR_GROUP, frequency_line, study_lines
 from bayes_toe.checks.identification import identify
 from bayes_toe.cli.headline import said_p
-from bayes_toe.cli.population import answer as group_answer
+from bayes_toe.cli.population import group_answer
 from bayes_toe.cli.supplement import (
     SupplementTable,
     fit_table,
@@ -39,8 +39,7 @@ from bayes_toe.cli.supplement import (
 from bayes_toe.data.messages import bare, counted, listed, quoted, shown
 from bayes_toe.data.validation import read_rows
 from bayes_toe.errors import InputError
-from bayes_toe.groups.population import Population
-from bayes_toe.groups.population_file import load_population
+from bayes_toe.groups.population import PopulationResult, load_population
 from bayes_toe.inference.belonging import (
     require_said_prior,
     require_subjects,
@@ -75,7 +74,7 @@ class Methods:
     evidence: pd.DataFrame | None = (
         None  # the rows of evidence.csv in the order of the draws, where these are of the paper's model
     )
-    group: Population | None = None
+    group: PopulationResult | None = None
     figures: bool = False  # whether there are corner plots
     notes: tuple[str, ...] = ()  # what is there and is not told of, and why
     summary: pd.DataFrame | None = None  # of the draws, where it is known
@@ -104,7 +103,7 @@ class Methods:
         )
 
 
-def of_analysis(analysis: Analysis, group: Population | None, *, figures: bool) -> Methods:
+def of_analysis(analysis: Analysis, group: PopulationResult | None, *, figures: bool) -> Methods:
     """What :func:`read_methods` would find in the results folder of an analysis."""
     evidence = _in_order_of_draws(analysis.evidence.frame(), analysis.draws)
     apart = None if analysis.contrast is None else analysis.contrast.frame()
@@ -157,7 +156,7 @@ def _posterior(results: Path) -> Path:
     return draws
 
 
-def _group(path: Path, draws: Draws) -> Population | None:
+def _group(path: Path, draws: Draws) -> PopulationResult | None:
     if not path.exists():
         return None
     found = load_population(path)
@@ -378,14 +377,15 @@ def _of_model(draws: Draws) -> dict[str, Any]:
     }
 
 
-def _group_facts(found: Population) -> dict[str, Any]:
+def _group_facts(found: PopulationResult) -> dict[str, Any]:
     rows = found.table.rows
     return {
         "settings": found.settings,
-        "subjects": counted(len(found.study), "subject"),
-        "hyperprior": found.settings.hyperprior.describe(
-            found.names, correlations=found.settings.correlations
-        ),
+        "subjects": counted(len(found.subjects), "subject"),
+        "n_draws": f"{found.draws.mean[..., 0].size:,}",
+        "has_q0": "q0" in found.names,
+        "n_chains": len(found.draws.mean),
+        "hyperprior": found.settings.hyperprior.describe(found.study.task),
         "covariates": [column.about for column in found.regressors.columns],
         "ess": f"{min(min(row.ess_bulk, row.ess_tail) for row in rows):,.0f}",
         "r_hat": f"{max(row.r_hat for row in rows):.4f}",

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
 Number = TypeVar("Number", int, float)
 _POWER, _STUDIES = "power.csv", "power_subjects.csv"
-_POPULATION, _CONDITIONS = "power_population.csv", "power_conditions.csv"
 _BESIDE = ("power_data_sets.csv", "power.png", "power.pdf")
 Observers = Annotated[
     str | None,
@@ -141,50 +140,20 @@ class SimulationOptions:
     subjects: Annotated[
         str, typer.Option("--subjects", help="Also whole studies of so many simulated subjects.")
     ] = "4,8,16"
-    population: Annotated[
-        bool,
-        typer.Option(
-            "--population",
-            help="Also whole studies by the analysis of groups, population: about 1 s a subject of each.",
-        ),
-    ] = False
-    studies: Annotated[
-        int,
-        rare(
-            "--studies",
-            min=1,
-            help="With --population: of each kind and number of --subjects, at the most --trials.",
-        ),
-    ] = 20
-    differ: Annotated[
-        str | None,
-        typer.Option(
-            "--differ",
-            metavar="pull=0.5:0.15,...",
-            help="Also two conditions, half of the trials each, that differ by so much: constant error (natural-log intensity), pull "
-            "(probit), width (log); after a colon the sd between subjects. With --population of studies too.",
-        ),
-    ] = None
     observers: Observers = None
 
     def tables(
         self, designs: Mapping[str, planning.StudyDesign], task: Task, keep: Path
     ) -> dict[str, Any]:
         """What was simulated, by the file of it."""
-        from bayes_toe.experiments.conditions import differing_from
         from bayes_toe.model.study_prior import preset_or_file
         from bayes_toe.planning.observers import observers_from, shares_from
         from bayes_toe.planning.power_of_studies import power_of_studies
 
         whole, prior = "whole numbers of at least 1", preset_or_file(task.prior)
-        numbers, sizes = (
-            _numbers("--trials", self.trials, int, whole),
-            _numbers("--subjects", self.subjects, int, whole),
-        )
-        asked, apart = (
-            next(iter(designs.values())).task,
-            None if self.differ is None else differing_from("a,b", self.differ),
-        )
+        numbers = _numbers("--trials", self.trials, int, whole)
+        sizes = _numbers("--subjects", self.subjects, int, whole)
+        asked = next(iter(designs.values())).task
         people = observers_from(
             self.observers, 1, 0, task=asked
         )  # refuses a bad file before any work
@@ -216,28 +185,6 @@ class SimulationOptions:
             data_sets=self.data_sets,
         )
         found, seed = {_POWER: table, _STUDIES: power_of_studies(table, sizes, shares)}, table.seed
-        if self.population:
-            longest = {name: one.with_total(numbers[-1]) for name, one in designs.items()}
-            total = (kinds + bool(shares)) * sum(size > 1 for size in sizes) * self.studies
-            found[_POPULATION] = simulated(
-                "simulating studies",
-                total,
-                planning.power_of_populations,
-                longest,
-                sizes,
-                studies=self.studies,
-            )
-        if apart is not None:
-            many = {1: self.data_sets} | {
-                size: self.studies for size in sizes if self.population and size > 1
-            }
-            total, work = (
-                2 * len(numbers) * sum(many.values()),
-                partial(planning.power_of_conditions, apart.sizes),
-            )
-            found[_CONDITIONS] = simulated(
-                "simulating conditions", total, work, designs, numbers, studies=many
-            )
         return found
 
 
@@ -262,7 +209,7 @@ def power(
     from bayes_toe.data.tables import write_table
     from bayes_toe.data.whole_files import whole_folder
 
-    products = (_POWER, _STUDIES, _POPULATION, _CONDITIONS, *_BESIDE)
+    products = (_POWER, _STUDIES, *_BESIDE)
     task.require_folder(output, products)
     keep = task.partial(output)
     tables = asked.tables(_designs(design, question), task, keep)
@@ -276,9 +223,7 @@ def power(
         for name, one in tables.items():
             one.save(target / name, spreadsheet_safe=task.spreadsheet_safe)
         for name in _BESIDE[1:]:
-            bt.plots.save_figure(
-                bt.plots.power_figure(table, tables.get(_POPULATION)), target / name
-            )
+            bt.plots.save_figure(bt.plots.power_figure(table), target / name)
     failed = {name: reason for one in tables.values() for name, reason in one.failed.items()}
     task.finish(keep, failed)
     for line in (line for one in tables.values() for line in one.sentences()):

@@ -1,49 +1,48 @@
-"""The command that infers a group, population, and what is said of it: first whether it has an order effect, then what covariates do."""
+"""The command `population`: what a group has in common, and what is printed of it."""
 
 from __future__ import annotations
 
-import math
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 import bayes_toe as bt
-from bayes_toe.cli.options import InTheirPlace, StudyFileOrSaved, rare, writes
-from bayes_toe.cli.task import MODEL, Takes, Task
-from bayes_toe.cli.terminal import Terminal, allowed, safe
-from bayes_toe.comparison.words import STATED, compared, conclusion
-from bayes_toe.data.messages import counted, listed
-from bayes_toe.groups.hyperprior import CORRELATIONS, GROUP_PARAMETERS, LKJ, NUMBERS
+from bayes_toe.cli.options import StudyFileOrExample, rare, writes
+from bayes_toe.cli.task import Takes, Task
+from bayes_toe.cli.terminal import Terminal, safe
+from bayes_toe.data.messages import counted
+from bayes_toe.groups.hyperprior import NUMBERS, Hyperprior
 
 if TYPE_CHECKING:
-    from bayes_toe.comparison.population_answer import OnAverage
-    from bayes_toe.groups.population import Population
+    from bayes_toe.groups.population import GroupEffect, Interval, PopulationResult
     from bayes_toe.groups.population_table import PopulationRow
 
 _HYPERPRIOR = (
-    f"A file with sections [{'], ['.join(GROUP_PARAMETERS)}] of any of {', '.join(name for name, _, _ in NUMBERS)}, "
-    f"and [{CORRELATIONS}] of {LKJ.name}; see docs/population.md."
-).replace("[", r"\[")  # no markup
-BAYES_FACTOR = "BF: by how much the answers change the odds of no difference against a difference; below 1 they speak for a difference"
-_SIDES = ("a difference", "no difference")
-_PULLING = ("pull", "gain", "offset")
+    r"A file with sections \[" + r"], \[".join(Hyperprior.__dataclass_fields__) + "] "
+    f"of any of {', '.join(NUMBERS)}; see docs/population.md."
+)
+#: Why a Bayes factor needs the width of its prior beside it.
+PRIOR_NOTE = (
+    "ln Bayes factor of 0 against any other value; positive speaks for 0. It depends on how wide "
+    "the prior is"
+)
 
 
 @dataclass(frozen=True, kw_only=True)
 class GroupOptions:
-    """What may move the subjects of a population, and of which form it is."""
+    """What may move the means of a group, and its prior."""
 
     covariates: Annotated[
         Path | None,
         typer.Option(
             "--covariates",
             metavar="FILE.csv",
-            help="Columns subject and one per covariate: what may move subjects.",
+            help="Columns subject and one per covariate: what may move the means.",
         ),
     ] = None
     categorical: Annotated[
@@ -54,25 +53,6 @@ class GroupOptions:
             help="A covariate whose numbers name levels; repeat for more.",
         ),
     ] = None
-    model: Annotated[
-        str,
-        rare("--model", help="A name or a composition; the paper's model is 'predictive update'."),
-    ] = "free weighting"
-    scatter: Annotated[
-        str,
-        rare(
-            "--population",
-            metavar="normal|t",
-            help="How subjects scatter; t (4 d.f.) lets single ones be far away.",
-        ),
-    ] = "normal"
-    correlations: Annotated[
-        bool | None,
-        rare(
-            "--correlations/--no-correlations",
-            help="May parameters be correlated between subjects? By default of 30 with 500 trials each.",
-        ),
-    ] = None
     hyperprior: Annotated[
         Path | None, rare("--hyperprior", metavar="FILE.toml", help=_HYPERPRIOR)
     ] = None
@@ -80,7 +60,7 @@ class GroupOptions:
 
 def population(
     *,
-    study: StudyFileOrSaved,
+    study: StudyFileOrExample,
     output: Annotated[
         Path,
         writes(
@@ -89,229 +69,179 @@ def population(
         ),
     ] = Path("population.nc"),
     asked: GroupOptions,
-    posterior: InTheirPlace = None,
-    task: Annotated[Task, Takes(*MODEL, "spreadsheet_safe", "resume", draws=2000)],
+    task: Annotated[Task, Takes("seed", "overwrite", "spreadsheet_safe", draws=2000)],
 ) -> None:
-    """What the subjects of a study have in common, how far they differ, what covariates do, and each subject in the light of the others.
+    """Mean and spread of the order effects of a group: constant error and contraction.
 
-    [bold]Example[/bold]: bayes-toe population study.csv -o population.nc --covariates people.csv --seed 1
+    [bold]Example[/bold]: bayes-toe population study.csv -o population.nc --seed 1
     """
-    from bayes_toe.groups.population_table import pooled_subjects
     from bayes_toe.groups.predictive_check import predictive_check
 
     if output.suffix != ".nc":
         raise bt.InputError(
-            f"{output}: found the ending {output.suffix!r}, allowed: .nc, for draws; tables and figure go beside it"
+            f"{output}: the ending is {output.suffix!r}, allowed is .nc, for draws; "
+            "tables and figure go beside it"
         )
-    table, figure, subjects = (
-        output.with_suffix(".csv"),
-        output.with_suffix(".png"),
-        output.with_name(f"{output.stem}_subjects.csv"),
-    )
-    task.require_files(output, table, subjects, figure)
     if asked.categorical and asked.covariates is None:
-        raise bt.InputError(
-            f"--categorical {asked.categorical[0]}: allowed with --covariates FILE.csv"
-        )
-    if task.resume and posterior is not None:
-        raise bt.InputError(
-            "--resume: allowed without --posterior, where subjects are sampled alone"
-        )
-    keep = task.partial(output) if posterior is None else None
-    stored = None if posterior is None else task.saved(posterior, study, None)
-    read, prior = task.read(study) if stored is None else (stored.study, stored.prior)
+        name = asked.categorical[0]
+        raise bt.InputError(f"--categorical {name}: allowed with --covariates FILE.csv")
+    table, figure = output.with_suffix(".csv"), output.with_suffix(".png")
+    subjects = output.with_name(f"{output.stem}_subjects.csv")
+    task.require_files(output, table, subjects, figure)
+    read, _ = task.read(study)
     task.out.introduce(read)
-    what = "subjects alone, then the group" if stored is None else "the group"
-    given = vars(asked) | {
-        "categorical": tuple(asked.categorical or ()),
-        "draws": task.draws,
-        "prior": prior,
-        "posterior": stored,
-    }
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", bt.ConvergenceWarning)  # said below
-        found = task.work(what, len(read), bt.population, read, **given, keep=keep)
-    check = predictive_check(found)
-    made: dict[Path, Callable[[Path], object]] = {
-        output: found.save,
-        table: partial(found.table.save, **task.saving),
-        subjects: partial(pooled_subjects(found).save, **task.saving_of(found.study)),
-        figure: partial(bt.plots.save_figure, bt.plots.population_figure(found, check)),
-    }
-    task.write(made)
-    failed = {
-        name: reason
-        for name, reason in found.left_out.items()
-        if name not in found.regressors.left_out
-    }
-    if keep is not None:
-        task.finish(keep, failed)
-    say_population(task.out, found, check.warnings)
-    missed = {} if found.converged else {"group": found.chains.reason}
-    task.done("written:", *made, seed=found.settings.seed, failed=failed, missed=missed)
-
-
-def say_population(out: Terminal, found: Population, contradicted: Sequence[str] = ()) -> None:
-    """The answer, tables, what each prior was, and what to know before any of it is believed."""
-    from bayes_toe.answers.contrast import WORDS_LEGEND
-
-    out.answer(answer(found))
-    for title, rows in tables(found):
-        out.table(safe(title), rows)
-        scale = STATED if "evidence" in rows[0] else WORDS_LEGEND if "word" in rows[0] else ""
-        if scale:
-            out.footnote(f"{BAYES_FACTOR}. {scale}.")
-    for line in found.settings.hyperprior.describe(
-        found.names, correlations=found.settings.correlations
-    ):
-        out.footnote(f"hyperprior: {line}")
-    out.notes(found.regressors.notes)
-    say_attention(out, found, contradicted)
-
-
-def say_attention(out: Terminal, found: Population, contradicted: Sequence[str]) -> None:
-    """What to know before any of it is believed: what was not reached, and what contradicts a population of this form."""
-    out.notes((*found.shortfalls, *contradicted), "attention", "red")
-
-
-def answer(found: Population) -> list[str]:
-    """Whether the population has an order effect, where a subject at its mean is, what covariates and conditions do: a line each."""
-    from bayes_toe.comparison.population_answer import on_average
-
-    average, names = on_average(found), list(found.not_described)
-    described = (
-        f"the model does not describe {len(names)} of them ({listed(names, 5)})"
-        if names
-        else "the model describes all of them"
-    )
-    if average is None:
-        means = {row.parameter: _interval(row, "q50") for row in found.table.some("mean")}
-        said = ", ".join(f"{name} {means[name]}" for name in _PULLING if name in means)
-        lines = [f"a subject at the mean{_reference(found)}: {said}; {described}"]
-    else:
-        who = counted(len(found.study), "subject")
-        lines = [
-            f"order effect of the population{_reference(found)}: {_on_average(found, average)}; {who}, {described}"
-        ]
-    return lines + _by_condition(found)
-
-
-def _on_average(found: Population, said: OnAverage) -> str:
-    """Whether there is an order effect on average; then both means and both sds."""
-    parts = [f"P of none {compared(said.p_none)}"] + [
-        f"Bayes factor of none {said.both.of_none}"
-    ] * (len(said.means) > 1)
-    for row in said.means:
-        (sd,) = found.table.some("sd", row.parameter)
-        parts.append(
-            f"{row.parameter} {_interval(row)}, Bayes factor of none {row.of_none}, sd between subjects {_shown(sd.mean, sd)}"
+        # They are printed below.
+        warnings.simplefilter("ignore", bt.ConvergenceWarning)
+        result = bt.population(
+            read,
+            covariates=asked.covariates,
+            categorical=tuple(asked.categorical or ()),
+            draws=task.draws,
+            seed=task.seed,
+            hyperprior=asked.hyperprior,
         )
-    return f"{said.words} ({'; '.join(parts)})"
+    check = predictive_check(result)
+    files: dict[Path, Callable[[Path], object]] = {
+        output: result.save,
+        table: partial(result.table.save, **task.saving),
+        subjects: partial(result.subject_table.save, **task.saving),
+        figure: partial(bt.plots.save_figure, bt.plots.population_figure(result, check)),
+    }
+    task.write(files)
+    print_group(task.out, result, check.warnings)
+    missed = {} if result.is_reliable else {"group": result.draws.shortfall}
+    task.done("written:", *files, seed=result.settings.seed, missed=missed)
 
 
-#: Quantities as readers know them, by the group parameters that Bayes factors are of.
-_KNOWN_AS = {
-    GROUP_PARAMETERS[name].label: known for name, known in (("gain", "pull"), ("gamma", "pull"))
-}
-_KNOWN_AS |= {GROUP_PARAMETERS[name].label: name for name in ("pull", "width")}
+def print_group(
+    out: Terminal, result: PopulationResult, contradictions: Sequence[str] = ()
+) -> None:
+    """The answer, the tables, the prior, and what to know before any of it is believed."""
+    out.answer(group_answer(result))
+    for title, rows in group_tables(result):
+        out.table(safe(title), rows)
+    out.footnote(f"{PRIOR_NOTE}:")
+    for line in result.settings.hyperprior.describe(result.study.task):
+        out.footnote(line)
+    out.notes(result.regressors.notes)
+    print_problems(out, result, contradictions)
 
 
-def _by_condition(found: Population) -> list[str]:
-    """What differs between conditions on average, a line a comparison."""
-    from bayes_toe.answers.contrast import word_of
+def print_problems(out: Terminal, result: PopulationResult, contradictions: Sequence[str]) -> None:
+    """What to know before any of it is believed."""
+    out.notes((*result.problems, *contradictions), "attention", "red")
 
-    rows, lines = found.table.some("condition_effect"), list[str]()
-    for level in dict.fromkeys(row.level for row in rows):
-        own, said = {row.parameter: row for row in rows if row.level == level}, list[str]()
-        for label, row in own.items():
-            name = _KNOWN_AS.get(label, label)
-            if row.p_direction is not None and row.log_bf_differs is not None:
-                word = word_of(row.log_bf_differs)
-                said.append(
-                    f"{name} {_interval(own.get(name, row))}, {word} (Bayes factor of no difference {row.of_none})"
-                )
-        lines.append(f"on average, {level}: {'; '.join(said)}")
+
+def group_answer(result: PopulationResult) -> list[str]:
+    """Mean, SD between subjects and Bayes factor of both effects; differences of conditions."""
+    badge = "" if result.is_reliable else "NOT RELIABLE: "
+    n_subjects = counted(len(result.subjects), "subject")
+    constant_error = result.effect("constant_error")
+    shift = constant_error.percent
+    assert shift is not None  # the constant error has one
+    mean = f"mean PSE shift {_interval(shift, 1)} % (c = {_interval(constant_error.mean)} D)"
+    lines = [
+        f"{badge}group of {n_subjects}{_reference(result)}, constant error: {mean}, "
+        f"{_spread(constant_error, ' D')}"
+    ]
+    contraction = result.effect("contraction")
+    mean = f"mean p = {_interval(contraction.mean)}"
+    lines.append(f"{badge}contraction: {mean}, {_spread(contraction, '')}")
+    for levels in result.comparisons:
+        parts = []
+        for row in result.table.select("difference"):
+            if row.level == " - ".join(levels):
+                label = result.labels[row.parameter]
+                parts.append(f"{label} {_row(row)} (ln BF of no difference {row.zero_words})")
+        lines.append(f"{badge}{' - '.join(levels)}, on average: {'; '.join(parts)}")
     return lines
 
 
-def tables(found: Population) -> list[tuple[str, list[dict[Any, Any]]]]:
-    """Differences between conditions, effects of covariates, parameters, correlations, quantities: each with a title, none empty."""
-    some, about = found.table.some, "; ".join(column.about for column in found.regressors.columns)
-    means, sds = {row.parameter: row for row in some("mean")}, some("sd")
-    what = (
-        "sd between subjects"
-        if found.settings.scatter == "normal"
-        else "scale between subjects (t)"
-    )
-    every: dict[str, list[dict[Any, Any]]] = {
-        "differences between conditions on average": [
-            _effect(row, "comparison") for row in some("condition_effect")
-        ],
-        f"effects of covariates ({about})": [_effect(row, "covariate") for row in some("effect")],
-        f"{found.settings.model}, {len(found.study)} subjects": [
+def group_tables(result: PopulationResult) -> list[tuple[str, list[dict[str, str]]]]:
+    """Titles and rows: parameters, what follows from them, covariates, conditions; none empty."""
+    table, labels = result.table, result.labels
+    parameters = []
+    for name in result.names:
+        [mean] = table.select("mean", name)
+        [sd] = table.select("sd", name)
+        [new_subject] = table.select("new_subject", name)
+        n_effective = min(mean.ess_bulk, mean.ess_tail, sd.ess_bulk, sd.ess_tail)
+        parameters.append(
             {
-                "scale": sd.parameter,
-                "mean": _interval(mean),
-                what: _interval(sd),
-                "min ESS": f"{min(mean.ess_bulk, mean.ess_tail, sd.ess_bulk, sd.ess_tail):.0f}",
-                "max R-hat": f"{max(sd.r_hat, mean.r_hat):.3f}",
+                "parameter": labels[name],
+                "group mean": _row(mean),
+                "SD between subjects": _row(sd),
+                "new subject": _row(new_subject),
+                "ln BF of 0": mean.zero_words,
+                "draws": f"{n_effective:.0f}",
+                "R-hat": f"{max(mean.r_hat, sd.r_hat):.3f}",
             }
-            for sd, mean in ((sd, means[sd.parameter]) for sd in sds)
-        ],
-        "correlations between subjects": [  # those first of which the sign is most certain
-            {"scales": row.parameter, "correlation": _interval(row), "P(sign)": _sign(row)}
-            for row in sorted(some("correlation"), key=lambda row: -(row.p_direction or 0.0))
-        ],
-    }
-    naturals = [
+        )
+    effects = [
         {
-            "quantity": row.parameter,
-            "subject at the mean": _interval(means[row.parameter], "q50"),
-            "further subject": _interval(row, "q50"),
+            "covariate": row.level,
+            "parameter": labels[row.parameter],
+            "effect": _row(row),
+            "ln BF of 0": row.zero_words,
         }
-        for row in some("new_subject")
-        if row.parameter in means
+        for row in table.select("effect")
     ]
-    named = [(f"{title}, mean (5 %, 95 %)", rows) for title, rows in every.items() if rows]
-    return [*named, (f"medians (5 %, 95 %){_reference(found)}", naturals)]
+    spreads = {(row.level, row.parameter): row for row in table.select("difference_sd")}
+    differences = [
+        {
+            "conditions": row.level,
+            "parameter": labels[row.parameter],
+            "mean difference": _row(row),
+            "SD between subjects": _row(spreads[row.level, row.parameter]),
+            "ln BF of 0": row.zero_words,
+        }
+        for row in table.select("difference")
+    ]
+    about = "; ".join(column.about for column in result.regressors.columns)
+    named = [
+        ("differences between conditions", differences),
+        (f"effects of covariates ({about})", effects),
+        (f"{counted(len(result.subjects), 'subject')}, median [95 % interval]", parameters),
+    ]
+    return [(title, rows) for title, rows in named if rows]
 
 
-def _effect(row: PopulationRow, of: str) -> dict[Any, Any]:
-    """One effect of a covariate, or of a condition, as a table shows it, each in the words of what else is said of such effects."""
-    from bayes_toe.answers.contrast import word_of
-
-    said = {
-        of: row.level,
-        "on": row.parameter,
-        "effect": _interval(row),
-        "P(sign)": "-" if row.p_direction is None else _sign(row),
-    }
-    said["BF no difference"], nats = row.of_none, row.log_bf_differs
-    if row.quantity == "condition_effect":
-        return said | {"word": word_of(nats) or "-"}
-    words = "-" if nats is None else conclusion(None)
-    if nats is not None and row.of_none != "-":
-        words = f"{'at least ' * (row.bf_no_difference is None)}{conclusion(nats, _SIDES)}"
-    return said | {"evidence": words}
+def _reference(result: PopulationResult) -> str:
+    """The covariates for which the means hold."""
+    columns = result.regressors.columns
+    levels = {column.covariate: column.reference or "mean" for column in columns}
+    if not levels:
+        return ""
+    return f" ({', '.join(f'{name} {level}' for name, level in levels.items())})"
 
 
-def _reference(found: Population) -> str:
-    """Who is meant where there are covariates."""
-    of = {column.covariate: column.reference or "mean" for column in found.regressors.columns}
-    return f" ({', '.join(f'{name} {level}' for name, level in of.items())})" if of else ""
+def _spread(effect: GroupEffect, unit: str) -> str:
+    """The SD between subjects and the Bayes factor of a zero mean."""
+    spread = f"SD between subjects {_interval(effect.sd)}{unit}"
+    if effect.sd_at_most is not None:
+        spread = f"SD between subjects at most {_plain(effect.sd_at_most)}{unit}"
+    return f"{spread}, ln Bayes factor of a zero mean {effect.zero_mean.words}"
 
 
-def _sign(row: PopulationRow) -> str:
-    return compared(row.p_direction or 0.0)
+def _interval(interval: Interval, digits: int = 3) -> str:
+    """Median and 95 % interval."""
+    low, median, high = (_plain(value, digits) for value in interval)
+    return f"{median} [{low}, {high}]"
 
 
-def _interval(row: PopulationRow, middle: str = "mean") -> str:
-    return f"{_shown(getattr(row, middle), row)} ({_ends(row, ', ')})"
+def _row(row: PopulationRow) -> str:
+    """Median and 95 % interval of a row."""
+    return f"{_plain(row.q50)} [{_plain(row.q025)}, {_plain(row.q975)}]"
 
 
-def _ends(row: PopulationRow, between: str = " to ") -> str:
-    return between.join(_shown(value, row) for value in (row.q05, row.q95))
+def _plain(value: float, digits: int = 3) -> str:
+    """A number without the zero before its point, and never -0.
 
-
-def _shown(value: float, row: PopulationRow) -> str:
-    return allowed(value, row.sd / math.sqrt(min(row.ess_bulk, row.ess_tail)), 3)
+    Examples
+    --------
+    >>> _plain(-0.0471), _plain(-0.0001), _plain(2.94, 1)
+    ('-.047', '.000', '2.9')
+    """
+    text = f"{round(value, digits) + 0.0:.{digits}f}"
+    return text.replace("0.", ".", 1) if text.lstrip("-").startswith("0.") else text

@@ -40,13 +40,12 @@ from bayes_toe.checks.answer_checks import FLAG_KINDS, Finding
 from bayes_toe.checks.design_checks import NOTES, check
 from bayes_toe.classical.asymmetry import AsymmetryTable
 from bayes_toe.cli import headline
-from bayes_toe.cli.population import answer as group_answer
-from bayes_toe.cli.population import tables
+from bayes_toe.cli.population import group_answer, group_tables
 from bayes_toe.cli.terminal import allowed, allowed_in_order, allowed_quantiles, said_subjects
 from bayes_toe.data.messages import counted, listed, said_intervals, visible
 from bayes_toe.data.tables import file_stems
 from bayes_toe.data.tasks import Task
-from bayes_toe.groups.population import Population
+from bayes_toe.groups.population import PopulationResult
 from bayes_toe.groups.predictive_check import PredictiveCheck
 from bayes_toe.model.target import DOMINATED
 from bayes_toe.plots.style import MOST_NAMED
@@ -86,7 +85,7 @@ _MINUS = re.compile(
 class Group:
     """What the subjects have in common, and whether a population of this form can be believed."""
 
-    found: Population
+    found: PopulationResult
     check: PredictiveCheck
 
 
@@ -416,14 +415,11 @@ def _group(group: Group) -> dict[str, Any]:
     found = group.found
     return {
         "problems": [*found.problems, *group.check.warnings],
-        "converged": found.converged,
+        "is_reliable": found.is_reliable,
         "answer": [_typeset(line) for line in group_answer(found)],
-        "tables": tables(found),
-        "hyperprior": found.settings.hyperprior.describe(
-            found.names, correlations=found.settings.correlations
-        ),
-        "scatter": found.settings.scatter,
-        "subjects": len(found.study),
+        "tables": group_tables(found),
+        "hyperprior": found.settings.hyperprior.describe(found.study.task),
+        "subjects": len(found.subjects),
     }
 
 

@@ -21,7 +21,6 @@ from bayes_toe.data.tables import file_stems, write_table
 from bayes_toe.data.whole_files import whole_folder
 from bayes_toe.errors import InputError
 from bayes_toe.explorer.page import explore
-from bayes_toe.groups.population_table import pooled_subjects
 from bayes_toe.inference.draws import Draws, load_draws
 from bayes_toe.inference.prediction import Predictor
 from bayes_toe.model.prior import Prior
@@ -125,14 +124,7 @@ def write_results(
             target / "methods.md",
         )
         if pictures.explorer:
-            found = (
-                group.found
-                if group is not None and group.found.settings.model == draws.model
-                else None
-            )
-            explore(draws, truths=pictures.truth or None, population=found).save(
-                target / "explorer.html"
-            )
+            explore(draws, truths=pictures.truth or None).save(target / "explorer.html")
         asymmetry = AsymmetryTable(
             subject_asymmetries(analysis.study.subjects), analysis.study.task
         )
@@ -201,14 +193,14 @@ def _write_tables(
     analysis.evidence.save(folder / "evidence.csv", **of_units)
     if analysis.contrast is not None:
         analysis.contrast.save(folder / "contrast.csv", spreadsheet_safe=spreadsheet_safe)
-        rows = () if group is None else group.found.table.some("condition_effect")
-        means = {(row.parameter, row.level): (row.q05, row.q50, row.q95) for row in rows}
         (folder / "contrast.png").write_bytes(
-            png(contrast_figure(analysis.contrast, means, synthetic=study.synthetic))
+            png(contrast_figure(analysis.contrast, {}, synthetic=study.synthetic))
         )
     if group is not None:
         group.found.table.save(folder / "population.csv", spreadsheet_safe=spreadsheet_safe)
-        pooled_subjects(group.found).save(folder / "population_subjects.csv", **of_units)
+        group.found.subject_table.save(
+            folder / "population_subjects.csv", spreadsheet_safe=spreadsheet_safe
+        )
         (folder / "population.png").write_bytes(png(population_figure(group.found, group.check)))
         group.found.save(folder / "population.nc")
 

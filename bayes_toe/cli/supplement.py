@@ -32,7 +32,7 @@ from bayes_toe.plots.style import LABELS
 if TYPE_CHECKING:
     import pandas as pd
 
-    from bayes_toe.groups.population import Population
+    from bayes_toe.groups.population import PopulationResult
 
 #: Columns of methods_order_effect.csv, and of methods_fit.csv.
 ORDER_EFFECT_COLUMNS = (
@@ -252,8 +252,8 @@ def fit_table(draws: Draws) -> SupplementTable:
     return SupplementTable("fit", caption, frame, shown.rename(columns=heads))
 
 
-def group_table(found: Population) -> SupplementTable:
-    """Everything that is said of a population: the rows of population.csv."""
+def group_table(found: PopulationResult) -> SupplementTable:
+    """Everything that is known of a group: the rows of population.csv."""
     import pandas as pd
 
     shown = [
@@ -261,15 +261,15 @@ def group_table(found: Population) -> SupplementTable:
             "quantity": row.quantity.replace("_", " "),
             "parameter": row.parameter,
             "of": row.level,
-            "median (5 %, 95 %)": f"{row.q50:.3f} ({row.q05:.3f}, {row.q95:.3f})",
+            "median [95 % interval]": f"{row.q50:.3f} [{row.q025:.3f}, {row.q975:.3f}]",
             "P(sign)": _NOTHING
             if row.p_direction is None
             else format_probability(row.p_direction).removeprefix("= "),
-            "BF of none": _NOTHING if row.of_none == "-" else row.of_none,
+            "ln BF of 0": _NOTHING if row.zero_words == "-" else row.zero_words,
             "bulk ESS": f"{row.ess_bulk:.0f}",
             "R-hat": f"{row.r_hat:.3f}",
         }
         for row in found.table
     ]
-    caption = f"The population under the model {found.settings.model}. BF of none: Bayes factor of a mean of 0, or of no difference."
+    caption = "The group. ln BF of 0: natural log of the Bayes factor of a mean, effect or difference of 0."
     return SupplementTable("population", caption, found.table.frame(), pd.DataFrame(shown))

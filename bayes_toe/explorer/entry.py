@@ -20,7 +20,6 @@ from bayes_toe.arrays import FloatArray, IndexArray
 from bayes_toe.classical.frequencies import laplace_error, laplace_estimate, presentation_order
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task
-from bayes_toe.groups.population import Population
 from bayes_toe.inference.draws import Draws
 from bayes_toe.inference.prediction import Predictor
 from bayes_toe.model.observer import ObserverPosterior
@@ -52,7 +51,6 @@ class Entry:
     truth: Mapping[str, float] | None = (
         None  # known values, as given; those that the model does not have are those of another model
     )
-    prior: bool = True  # whether the target's prior is that of these draws; not so in a group
     synthetic: bool = False
     about: str = ""
 
@@ -115,7 +113,7 @@ class Entry:
         return [
             ("dominated", name)
             for name, low, high in ends
-            if self.prior and contraction(self.target, name, low, high) < DOMINATED
+            if contraction(self.target, name, low, high) < DOMINATED
         ]
 
     def _answers(
@@ -197,8 +195,6 @@ def _contours(samples: FloatArray, spans: list[Span], frames: list[Span]) -> lis
 
 def prior_of(entry: Entry) -> dict[str, Any] | None:
     """Quantiles of the prior of every quantity, evenly spaced in probability, and their names."""
-    if not entry.prior:
-        return None
     drawn = prior_values(entry.target)
     return quantiles({name: drawn[name] for name in entry.names})
 
@@ -254,31 +250,6 @@ def badges(draws: Draws, name: str, missed: Mapping[str, str]) -> tuple[tuple[st
 
 def _said(p: float) -> str:
     return f"{p:.2g}" if p >= 0.001 else "below 0.001"
-
-
-def in_group(
-    found: Population, subjects: tuple[str, ...], truths: Mapping[str, Mapping[str, float]]
-) -> list[Entry]:
-    """The same subjects in the joint fit."""
-    label, names, made = f"{found.model.name}, in the group", list(found.study.names), []
-    told = (("fine", "converged"),) if found.converged else (("unconverged", found.chains.reason),)
-    about = f"{label}: {len(names)} subjects, seed {found.settings.seed}."
-    for name in (one for one in subjects if one in names):
-        eta, target = found.chains.eta[:, :, names.index(name)], found.posterior(name)
-        x, _ = target.from_group(eta.reshape(-1, eta.shape[-1]))
-        made.append(
-            Entry(
-                label,
-                target,
-                x.reshape(eta.shape),
-                told,
-                truths.get(name),
-                False,
-                found.study.synthetic,
-                about,
-            )
-        )
-    return made
 
 
 # --- curves -------------------------------------------------------------------------------------------------------------------------

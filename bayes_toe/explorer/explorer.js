@@ -50,7 +50,6 @@ window.explorer = (() => {
 
   const shown = () => LETTERS.filter(letter => state[letter] !== null);
   const prior = letter => state[letter] === null ? null : index.priors[index.entries[state[letter]].prior] ?? null;
-  const grouped = () => shown().some(letter => index.entries[state[letter]].grouped) ? index.group : null;
 
   // Rows of an entry that lie in the brush; null: nothing is brushed, or the entry lacks a quantity of the brush.
   function rows(found) {
@@ -127,8 +126,6 @@ window.explorer = (() => {
   function drawContours() {
     for (const [row, y] of state.names.entries()) for (const [column, x] of state.names.slice(0, row).entries()) {
       for (const letter of LETTERS) fill(`contour-${letter}-${row}-${column}`, contours(entry(letter), x, y));
-      const { xs, ys } = contours(grouped(), x, y);
-      fill(`contour-group-${row}-${column}`, { xs, ys });
     }
   }
 
@@ -156,7 +153,7 @@ window.explorer = (() => {
   const edges = slot => { const [low, high] = limits(slot); return range(2 * BINS).map(k => low + Math.ceil(k / 2) * (high - low) / BINS); };
   const none = new Float64Array(2 * BINS).fill(NaN);
 
-  function drawBelieved() {  // prior and group on the diagonals
+  function drawBelieved() {  // the prior on the diagonals
     const density = (holder, name, slot) => {
       const place = holder === null || name === undefined ? -1 : holder.names.indexOf(name);
       if (place < 0) return none;
@@ -164,7 +161,7 @@ window.explorer = (() => {
       return steps(believed(all.subarray(place * length, (place + 1) * length), ...limits(slot)));
     };
     const same = prior("b") !== null && prior("a") === prior("b");
-    for (const [name, holder] of [["prior-a", prior("a")], ["prior-b", same ? null : prior("b")], ["density-group", grouped()]]) {
+    for (const [name, holder] of [["prior-a", prior("a")], ["prior-b", same ? null : prior("b")]]) {
       fill(name, slots((quantity, slot) => ({ [`x${slot}`]: edges(slot), [`y${slot}`]: density(holder, quantity, slot) })));
     }
   }
@@ -296,7 +293,6 @@ window.explorer = (() => {
       return line;
     });
     lines.push(element("div", "contours: 50 and 90 % of all draws"), element("div", "grey line: prior"));
-    if (grouped() !== null) lines.push(element("div", "ochre: a further subject of the group"));
     const marks = { a: "×", b: "+" }, known = shown().filter(letter => Object.keys(entry(letter).truth).length > 0);
     if (known.length > 0) lines.push(element("div", `${known.map(letter => marks[letter]).join(" ")} and dash-dotted: truth`));
     at("key").replaceChildren(...lines);

@@ -10,8 +10,6 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-import numpy as np
-
 from bayes_toe.data.messages import listed
 from bayes_toe.data.read_study import Truth, example_truth
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task
@@ -21,18 +19,14 @@ from bayes_toe.explorer.entry import (
     FIXED,
     Entry,
     entries_of,
-    in_group,
     island,
-    outlined,
     prior_of,
-    quantiles,
 )
 from bayes_toe.inference.draws import Draws, require_draws
-from bayes_toe.plots.corner import spans_of
 from bayes_toe.version import __version__
 
 if TYPE_CHECKING:
-    from bayes_toe.groups.population import Population
+    pass
 
 #: Subjects of one page; posteriors of a subject count each.
 MOST_ENTRIES = 200
@@ -121,7 +115,6 @@ def explore(
     *,
     subjects: Sequence[str] | None = None,
     truths: Truth | None = None,
-    population: Population | None = None,
 ) -> Explorer:
     """A corner plot that answers back: drag over points, and draws, curves, quantiles and shares follow, of two posteriors at once.
 
@@ -133,9 +126,6 @@ def explore(
         Only these.
     truths : mapping of str to (mapping of str to float), optional
         Known values of synthetic subjects, by subject; natural parameters are enough. Those of the bundled study are known.
-    population : Population, optional
-        The posterior of the group of these subjects, under the model of some of the draws: a further subject stands behind the draws, and
-        every subject can also be shown as it is in the group.
 
     Returns
     -------
@@ -144,18 +134,17 @@ def explore(
     Raises
     ------
     InputError
-        If Bokeh is not installed, there are no draws, an unknown subject is asked for, the population is of another model, or there are
-        more than 200 posteriors of subjects, or two tasks.
+        If Bokeh is not installed, there are no draws, an unknown subject is asked for, there are draws of two
+        tasks, or more than 200 posteriors of subjects.
     """
     require_bokeh()
-    return page(entries(draws, subjects, truths, population), population)
+    return page(entries(draws, subjects, truths))
 
 
 def entries(
     draws: _Given,
     subjects: Sequence[str] | None = None,
     truths: Truth | None = None,
-    population: Population | None = None,
 ) -> list[Entry]:
     """What the page will hold, with the arguments and errors of :func:`explore`."""
     named = _named(draws)
@@ -193,31 +182,7 @@ def entries(
             raise InputError(
                 f"truths of {subject!r}: unknown quantity {name!r}; there are: {', '.join(allowed)}"
             )
-    return (
-        made
-        if population is None
-        else made + _grouped(population, made, {one.model: one for one in named.values()})
-    )
-
-
-def _grouped(
-    population: Population, made: Sequence[Entry], models: Mapping[str, Draws]
-) -> list[Entry]:
-    """The same subjects in a group; one of another model or of others is refused."""
-    everyone = tuple(dict.fromkeys(entry.target.subject.name for entry in made))
-    if population.settings.model not in models:
-        raise InputError(
-            f"the population is of model {population.settings.model!r}, the draws are of {', '.join(map(repr, models))}"
-        )
-    if not set(everyone) & set(population.study.names):
-        raise InputError(
-            f"the population has none of these subjects; it has: {listed([*map(repr, population.study.names)], 20)}"
-        )
-    return in_group(
-        population,
-        everyone,
-        {entry.target.subject.name: entry.truth for entry in made if entry.truth},
-    )
+    return made
 
 
 def _named(draws: _Given) -> dict[str, Draws]:
@@ -243,7 +208,6 @@ def _named(draws: _Given) -> dict[str, Draws]:
 
 def page(
     found: Sequence[Entry],
-    population: Population | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Explorer:
     """The page of these entries; progress is told the name of every subject that is done."""
@@ -255,13 +219,8 @@ def page(
     for place, entry in enumerate(found):
         name, prior = entry.target.subject.name, prior_of(entry)
         islands.append((f"entry-{place}", island(entry.packed(rows, most_slices))))
-        same = (
-            population is not None
-            and entry.target.model.name == population.settings.model
-            and name in population.study.names
-        )
         where = None if prior is None else priors.setdefault(island(prior), (len(priors), prior))[0]
-        told.append({"subject": name, "label": entry.label, "prior": where, "grouped": same})
+        told.append({"subject": name, "label": entry.label, "prior": where})
         if progress is not None:
             progress(name)
     names = list(dict.fromkeys(name for entry in found for name in entry.names))
@@ -279,7 +238,6 @@ def page(
             others[0] if others else None,
         ),  # the first subject, and itself in another posterior, or the next subject
         "priors": [prior for _, prior in priors.values()],
-        "group": None if population is None else _group(population),
         "symbols": {name: symbol(name) for name in names},
         "meanings": {name: meaning(name, task) for name in names},
         "slots": SLOTS,
@@ -336,16 +294,6 @@ def symbol(name: str) -> str:
 def meaning(name: str, task: Task = SAME_DIFFERENT) -> str:
     """In words."""
     return _WIDTHS[task] if name == "width" else _QUANTITIES.get(name, (name, ""))[1]
-
-
-def _group(group: Population) -> dict[str, Any]:
-    """A further subject of the group: draws as contours and quantiles."""
-    target = group.posterior(group.study.names[0])
-    names = target.names.all
-    drawn = group.quantities(group.new_subject())
-    found = {name: drawn[name].ravel() for name in names}
-    samples = np.column_stack(list(found.values()))
-    return {**quantiles(found), **outlined(samples, spans_of(samples, names, target))}
 
 
 @cache

@@ -20,7 +20,6 @@ from bokeh.models import (
     HoverTool,
     Line,
     MultiLine,
-    Patches,
     Range1d,
     Scatter,
     Segment,
@@ -41,7 +40,7 @@ LETTERS = {"a": ("#4B3B8F", "circle", "solid"), "b": ("#00795C", "triangle", "da
 KINDS = {-1: ("weaker", "circle"), 1: ("stronger", "square"), 0: ("equal", "diamond")}
 #: How the truth of either is marked.
 CROSSES = {"a": "x", "b": "cross"}
-GROUP, PRIOR = "#C9A227", "#8A8A8A"
+PRIOR = "#8A8A8A"
 #: Pixels around panels; more where explorer.js puts numbers beside them.
 AROUND = 3
 _BRUSH = "window.explorer.brushed(cb_obj.origin.name, cb_obj.geometry)"
@@ -135,13 +134,9 @@ def _panel(name: str, x: Range1d, y: Range1d, dimensions: Any, tools: list[Any])
 
 
 def _distribution(sources: _Sources, ranges: list[Range1d], i: int) -> Any:
-    """The diagonal: histogram of all draws and of the brushed ones, prior and group; a drag takes an interval."""
+    """The diagonal: histogram of all draws and of the brushed ones, and the prior; a drag takes an interval."""
     made = _panel(f"panel-{i}-{i}", ranges[i], Range1d(0, 1, name=f"height-{i}"), "width", [])
     x, y = f"x{i}", f"y{i}"
-    made.add_glyph(
-        sources.named("density-group", x, y),
-        VArea(x=x, y1=0, y2=y, fill_color=GROUP, fill_alpha=0.3),
-    )
     for letter, (colour, _, dash) in LETTERS.items():
         made.add_glyph(
             sources.named(f"prior-{letter}", x, y),
@@ -163,10 +158,6 @@ def _cloud(sources: _Sources, ranges: list[Range1d], i: int, j: int) -> Any:
     """Below the diagonal: draws, contours, truth."""
     name, x, y = f"panel-{i}-{j}", f"{j}", f"{i}"
     made = _panel(name, ranges[j], ranges[i], "both", [])
-    group = sources.named(f"contour-group-{i}-{j}", "xs", "ys")
-    made.add_glyph(
-        group, Patches(xs="xs", ys="ys", fill_color=GROUP, fill_alpha=0.18, line_color=None)
-    )
     for letter, (colour, marker, _) in LETTERS.items():
         faint = Scatter(
             x="x", y="y", marker=marker, size=3, fill_color=colour, fill_alpha=0.12, line_color=None

@@ -1,464 +1,575 @@
-"""The verb: what a group of subjects has in common, how far they scatter, and each subject in the light of the others."""
+"""The verb: what a group of subjects has in common, and how far its subjects differ."""
 
 from __future__ import annotations
 
+import os
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from numbers import Integral
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
+from scipy.special import expit
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.data.conditions import by_person, mean_first
+from bayes_toe.data.conditions import by_person
 from bayes_toe.data.covariates import Covariates, read_covariates
-from bayes_toe.data.messages import as_html, shown
-from bayes_toe.data.study import Study, pooled, require_study
-from bayes_toe.data.tasks import Task
-from bayes_toe.errors import ConvergenceWarning, InputError, WorkerError, require_kind
-from bayes_toe.groups.chains import GroupChains, chain_count, sample_group
-from bayes_toe.groups.differences import ConditionLikelihood, Differences
-from bayes_toe.groups.hyperprior import Hyperprior, hyperprior_of
-from bayes_toe.groups.joint import Joint, Likelihood, scatter_named
-from bayes_toe.groups.population_file import save_population
-from bayes_toe.groups.population_table import PopulationTable, pooled_subjects, population_table
-from bayes_toe.groups.regressors import Regressors, regressors
-from bayes_toe.groups.subjects import (
-    GroupLikelihood,
-    NormalApproximation,
-    Unpooled,
-    centre_of,
-    funnel_of,
-    unpooled,
-    unpooled_from_draws,
-    unpooled_posterior,
+from bayes_toe.data.messages import as_html, listed
+from bayes_toe.data.study import Study, Subject, require_study
+from bayes_toe.errors import ConvergenceWarning, InputError, require_kind
+from bayes_toe.groups.group_posterior import (
+    PLAIN_UNITS,
+    GroupPosterior,
+    SubjectRows,
+    separate_fits,
 )
-from bayes_toe.inference.belonging import require_belonging
-from bayes_toe.inference.draws import Draws
-from bayes_toe.inference.predictive_checks import summarise_fit
-from bayes_toe.kept import Kept, keeping
-from bayes_toe.model.ladder import model_named
-from bayes_toe.model.posterior import Posterior
-from bayes_toe.model.prior import Prior
-from bayes_toe.model.record import Model
-from bayes_toe.model.study_prior import prior_for
-from bayes_toe.seeds import generator
-from bayes_toe.workers import Progress, Workers
+from bayes_toe.groups.group_sampler import GroupDraws, sample_group
+from bayes_toe.groups.hyperprior import (
+    Hyperprior,
+    HyperpriorNumbers,
+    ParameterHyperprior,
+    group_parameters,
+    hyperprior_from,
+)
+from bayes_toe.groups.population_file import is_group_file, load_group, save_group
+from bayes_toe.groups.population_table import (
+    GroupSubjects,
+    PopulationRow,
+    PopulationTable,
+    subject_row,
+    summary_row,
+)
+from bayes_toe.groups.regressors import Regressors, regressors
+from bayes_toe.groups.zero_mean import ZeroBayesFactor, zero_difference, zero_effect, zero_mean
+from bayes_toe.inference.draws import Draws, load_draws
+from bayes_toe.model.observer import JND_OVER_NOISE, StimulusScales
+from bayes_toe.model.parameters import (
+    CONSTANT_ERROR,
+    CONTRACTION,
+    CRITERION_SLOPE,
+    LAPSE_RATE,
+    NOISE,
+    NOISE_SLOPE,
+    PEAK,
+    lapse_logs,
+    task_parameters,
+)
+from bayes_toe.seeds import generator, root_seed
 
-#: Subjects, and trials of each, from which on correlations between parameters are asked for.
-MANY, LONG = 30, 500
-_FEWEST, _MOST_DRAWS = 2, 100_000
-_JUDGING, _JUDGED_BY = (
-    20_000,
-    1000,
-)  # draws: of a subject alone, and of a predictive check of its fit
-_MOST_DIVERGENT = 1e-3  # of all trajectories, that say nothing
+#: Draws of all chains together; enough for 95 % intervals, and 10 to 15 s of CPU for 10 subjects.
+DRAWS = 2000
+_FEWEST_SUBJECTS, _FEWEST_DRAWS, _MOST_DRAWS = 2, 100, 100_000
+_INTERVAL = (0.025, 0.5, 0.975)
+#: An sd whose 2.5 % quantile is below this is given as 'at most' its 95 % quantile.
+_SMALL_SD = {CONSTANT_ERROR.name: 0.03, CONTRACTION.name: 0.015}
+#: What may differ between conditions.
+DIFFERING = (CONSTANT_ERROR.name, CONTRACTION.name, NOISE.name)
 
 
 @dataclass(frozen=True)
 class GroupSettings:
-    """Everything that decides the numbers, stored with the results.
+    """What decides the numbers; stored with the results.
 
-    The prior is that of single subjects: from their own posteriors chains start, and their reference interval holds for the group. It does
-    not enter the joint posterior.
+    Attributes
+    ----------
+    seed : int
+    hyperprior : Hyperprior
+    draws : int
+        Of all chains together; twice as many where these are not reliable.
     """
 
     seed: int
-    model: str
-    prior: Prior
     hyperprior: Hyperprior
-    scatter: str = "normal"  # or "t"
-    draws: int = 2000  # bulk and tail effective ones of all hyperparameters and of every subject's parameters
-    correlations: bool = False  # whether parameters may be correlated between subjects
+    draws: int
 
     def __post_init__(self) -> None:
-        scatter_named(self.scatter)
-        require_kind("draws", self.draws, Integral, f"a whole number from 1 to {_MOST_DRAWS}")
-        if not 1 <= self.draws <= _MOST_DRAWS:
-            raise InputError(f"population: draws={self.draws} must be in 1..{_MOST_DRAWS}")
+        allowed = f"a whole number from {_FEWEST_DRAWS} to {_MOST_DRAWS}"
+        require_kind("draws", self.draws, Integral, allowed)
+        if not _FEWEST_DRAWS <= self.draws <= _MOST_DRAWS:
+            raise InputError(f"population: draws={self.draws}; allowed is {allowed}")
+
+
+class Interval(NamedTuple):
+    """Median and 95 % interval."""
+
+    low: float
+    median: float
+    high: float
+
+    @classmethod
+    def from_draws(cls, draws: FloatArray) -> Interval:
+        """Of draws of any shape."""
+        return cls(*np.quantile(draws, _INTERVAL).tolist())
+
+
+class GroupEffect(NamedTuple):
+    """What is known of the constant error or the contraction of a group.
+
+    Attributes
+    ----------
+    mean : Interval
+        Of the mean: c in D, or p.
+    percent : Interval or None
+        The mean shift of the point of subjective equality, 100 (e^c - 1) %, of the constant error.
+    sd : Interval
+        Of the standard deviation between subjects, in the same unit.
+    sd_at_most : float or None
+        Its 95 % quantile, where the data do not show that subjects differ.
+    zero_mean : ZeroBayesFactor
+    """
+
+    mean: Interval
+    percent: Interval | None
+    sd: Interval
+    sd_at_most: float | None
+    zero_mean: ZeroBayesFactor
+
+
+class StudyScales(NamedTuple):
+    """D and R of all trials of a study, and by how much roved first stimuli narrow the prior of p."""
+
+    step: float
+    spread: float
+    contraction_share: float
+
+    @classmethod
+    def from_study(cls, study: Study) -> StudyScales:
+        """Those of all subjects together."""
+        s1 = np.concatenate([subject.s1 for subject in study])
+        s2 = np.concatenate([subject.s2 for subject in study])
+        n_trials = np.concatenate([subject.n_trials for subject in study]).astype(np.float64)
+        pooled = StimulusScales.from_counts(s1, s2, n_trials)
+        away = np.concatenate([subject.s1 - _mean_first([subject]) for subject in study])
+        first_spread = float(np.sqrt(np.average(np.square(away), weights=n_trials)))
+        roving = 4.0 * pooled.step
+        share = min(1.0, roving / first_spread) if first_spread > 0.0 else 1.0
+        return cls(pooled.step, pooled.spread, share)
+
+
+def _mean_first(units: Sequence[Subject]) -> float:
+    """Mean first stimulus of all trials of a subject."""
+    s1 = np.concatenate([unit.s1 for unit in units])
+    n_trials = np.concatenate([unit.n_trials for unit in units])
+    return float(np.average(s1, weights=n_trials))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Population:
-    """The posterior of a group: draws, with everything that is needed to read them.
+class PopulationResult:
+    """The posterior of a group, with everything that is needed to read it.
+
+    Coefficients are those of `names`; with conditions there follow, for each parameter of
+    :data:`DIFFERING`, the columns of the design of the conditions.
 
     Attributes
     ----------
     study : Study
-        The subjects in it, in order.
+        The subjects, or units of subject and condition, that were analysed.
     settings : GroupSettings
-    names : tuple of str
-        The k group parameters, see :data:`bayes_toe.groups.hyperprior.GROUP_PARAMETERS`.
-    centre : float
-        Mean first stimulus of the study, natural-log intensity. An offset counts from it where the prior mean mu1 is in the model, which
-        all subjects share, and else from each subject's own mean: a constant error of 0 then means none, whatever its stimuli were.
+    scales : StudyScales
     regressors : Regressors
-    chains : GroupChains
-        Draws on the group scales.
-    unpooled : array, shape (draws, N, k)
-        Draws of each subject's own posterior, without the group, on the same scales; independent between subjects.
-    left_out : mapping of str to str
-        Subjects of the study that are not in the group, and why.
-    rough : tuple of str
-        Subjects of which too few of the draws behind `unpooled` count. What is said of the group does not rest on these.
-    differences : Differences, optional
-        What differs between conditions within subjects; everything else is then of a subject at the middle of the conditions.
+    draws : GroupDraws
     """
 
     study: Study
     settings: GroupSettings
-    names: tuple[str, ...]
-    centre: float
+    scales: StudyScales
     regressors: Regressors
-    chains: GroupChains
-    unpooled: FloatArray
-    left_out: Mapping[str, str]
-    rough: tuple[str, ...] = ()
-    differences: Differences | None = None
+    draws: GroupDraws
+
+    # --- What was analysed -----------------------------------------------------------------------
 
     @property
-    def model(self) -> Model:
-        """Record of the model of every subject."""
-        return _model(self.settings.model, self.study.task)
+    def names(self) -> tuple[str, ...]:
+        """The parameters that the group has a distribution of."""
+        return tuple(row.name for row in group_parameters(self.study.task))
 
     @property
-    def converged(self) -> bool:
-        """Whether everything has the effective draws asked for and chains agree."""
-        return self.chains.converged
+    def labels(self) -> dict[str, str]:
+        """What they are called, with the unit of their scale."""
+        return {row.name: row.label for row in group_parameters(self.study.task)}
+
+    @cached_property
+    def subjects(self) -> tuple[str, ...]:
+        """Names of the subjects."""
+        return tuple(by_person(self.study))
+
+    @property
+    def left_out(self) -> Mapping[str, str]:
+        """Subjects without a covariate, and why."""
+        return self.regressors.left_out
+
+    @cached_property
+    def numbers(self) -> HyperpriorNumbers:
+        """The hyperprior of the coefficients."""
+        return _numbers(self.settings.hyperprior, self.study, self.scales)
+
+    # --- Whether to believe it -------------------------------------------------------------------
+
+    @property
+    def is_reliable(self) -> bool:
+        """Whether no trajectory diverged, chains agree and draws are enough."""
+        return not self.draws.shortfall
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """What to know before any number is believed, in words: who is left out, then :attr:`shortfalls`."""
-        return (
-            *(f"subject {name!r} is left out: {reason}" for name, reason in self.left_out.items()),
-            *self.shortfalls,
-        )
+        """What to know before any number is believed, a line each."""
+        lines = [f"subject {name!r} is left out: {why}" for name, why in self.left_out.items()]
+        if not self.is_reliable:
+            lines.append(f"the group's result is not reliable: {self.draws.shortfall}")
+        return tuple(lines)
+
+    # --- What was found --------------------------------------------------------------------------
+
+    def index(self, name: str) -> int:
+        """The coefficient of a parameter."""
+        return self.names.index(name)
+
+    def effect(self, name: str) -> GroupEffect:
+        """Mean, standard deviation and Bayes factor of `constant_error` or `contraction`."""
+        j = self.index(name)
+        mean, sd = self.draws.mean[..., j], self.draws.sd[..., j]
+        sd_interval = Interval.from_draws(sd)
+        at_most = None
+        if sd_interval.low < _SMALL_SD[name]:
+            at_most = float(np.quantile(sd, 0.95))
+        percent = None
+        if name == CONSTANT_ERROR.name:
+            percent = Interval.from_draws(self.shift_percent(mean))
+        zero = zero_mean(self.draws, self.numbers, self.regressors.x, j)
+        return GroupEffect(Interval.from_draws(mean), percent, sd_interval, at_most, zero)
+
+    def shift_percent(self, constant_error: FloatArray) -> FloatArray:
+        """Shift of the point of subjective equality in per cent, of constant errors in D."""
+        return np.asarray(100.0 * np.expm1(constant_error * self.scales.step))
+
+    def covariate_effect(self, i: int, name: str) -> tuple[FloatArray, ZeroBayesFactor]:
+        """Draws of what a covariate does to a mean, and the Bayes factor of nothing."""
+        j = self.index(name)
+        zero = zero_effect(self.draws, self.numbers, self.regressors.x, i, j)
+        return self.draws.effects[..., i, j], zero
+
+    def difference_columns(self, name: str) -> list[int]:
+        """The coefficients by which a parameter differs between conditions."""
+        if self.study.conditions is None:
+            return []
+        n_columns = self.study.conditions.design().shape[1]
+        first = len(self.names) + DIFFERING.index(name) * n_columns
+        return list(range(first, first + n_columns))
+
+    def difference(
+        self, name: str, levels: tuple[str, str]
+    ) -> tuple[FloatArray, FloatArray, ZeroBayesFactor]:
+        """Draws of the mean difference of two conditions and of its standard deviation."""
+        conditions = self.study.conditions
+        if conditions is None:
+            raise InputError("population: the study has no condition, so nothing differs by it")
+        design = conditions.design()
+        first, second = (design[conditions.levels.index(level)] for level in levels)
+        weights = first - second
+        columns = self.difference_columns(name)
+        mean = self.draws.mean[..., columns] @ weights
+        sd = np.sqrt(np.square(self.draws.sd[..., columns]) @ np.square(weights))
+        return mean, sd, zero_difference(self.draws, self.numbers, columns, weights)
 
     @cached_property
-    def not_described(self) -> tuple[str, ...]:
-        """Subjects, or units, whose answers the model does not describe, with their parameters in the group: the rule of all fits."""
-        names, k = list[str](), len(self.names)
-        for i, name in enumerate(self.study.names):
-            middle = self.chains.eta[:, :, i].reshape(-1, k)
-            parts = [(name, self.posterior(name), middle)]
-            if self.differences is not None:
-                away = self.differences.drawn.eta[:, :, i].reshape(len(middle), -1)
-                units = (
-                    (one, replace(parts[0][1], subject=one)) for one in self.differences.units[name]
-                )
-                parts = [
-                    (one.name, of, middle + away @ self.differences.at(one.condition, self.names))
-                    for one, of in units
-                ]
-            for said, posterior, eta in parts:
-                fit = summarise_fit(
-                    posterior, posterior.from_group(eta)[0], self.settings.seed, most=_JUDGED_BY
-                )
-                names += [said] if fit.misfit else []
-        return tuple(names)
+    def new_subject(self) -> FloatArray:
+        """A draw of a further subject for every draw, (chains, draws, coefficients).
 
-    @property
-    def shortfalls(self) -> tuple[str, ...]:
-        """What was not reached, what diverged, and which subjects are known badly alone, in words."""
-        found = [
-            f"subject {name!r} alone: few of the draws count, so that its columns alone_ are rough"
-            for name in self.rough
-        ]
-        if self.chains.reason:
-            found.append(f"the group's chains did not converge: {self.chains.reason}")
-        if self.chains.divergent > _MOST_DIVERGENT * self.chains.mean[..., 0].size:
-            found.append(
-                f"{self.chains.divergent} of {self.chains.mean[..., 0].size} trajectories diverged: the tails may be too thin"
-            )
-        return tuple(found)
-
-    def posterior(self, subject: str) -> Posterior:
-        """A subject's posterior with its centre in the group: what turns group parameters into quantities and answers."""
-        own = self.study[subject]
-        return Posterior(
-            own, self.model, self.settings.prior, centre=centre_of(self.model, own, self.centre)
-        )
-
-    @cached_property
-    def typical(self) -> Posterior:
-        """That of a subject at the mean or a further one, who meets everybody's stimuli, as far from the centre as they are for each."""
-        away = [centre_of(self.model, one, self.centre) - self.centre for one in self.study]
-        met = [
-            replace(one, s1=one.s1 - far, s2=one.s2 - far, answers=None)
-            for one, far in zip(self.study, away, strict=True)
-        ]
-        return Posterior(pooled(met), self.model, self.settings.prior, centre=self.centre)
-
-    def quantities(self, eta: FloatArray) -> dict[str, FloatArray]:
-        """Every named quantity of parameters on their group scales, (..., k) -> (...) each; a gain's pull, 1 - gain, too."""
-        x, _ = self.typical.from_group(eta.reshape(-1, eta.shape[-1]))
-        found = {
-            name: values.reshape(eta.shape[:-1])
-            for name, values in self.typical.quantities(x).items()
-        }
-        return (
-            found
-            if "pull" in found or "gain" not in found
-            else {**found, "pull": 1.0 - found["gain"]}
-        )
-
-    def new_subject(self, x: FloatArray | None = None) -> FloatArray:
-        """A draw of a further subject for every draw of the hyperparameters, shape (chains, draws, k).
-
-        Parameters
-        ----------
-        x : array, shape (r,) or (chains, draws, r), optional
-            Its regressors, one for all draws or one for each; 0 by default: of categories the reference, of numbers the mean.
+        Its covariates are at their reference.
         """
         rng = generator(self.settings.seed, "population", "new subject")
-        score = scatter_named(self.settings.scatter).sample(rng, self.chains.mean.shape)
-        made = (
-            self.chains.mean + self.chains.scatter * (self.chains.root @ score[..., None])[..., 0]
-        )
-        return np.asarray(
-            made if x is None else made + np.einsum("...r,...rk->...k", x, self.chains.effects)
-        )
+        score = rng.standard_normal(self.draws.mean.shape)
+        return np.asarray(self.draws.mean + self.draws.sd * score)
 
-    @cached_property
-    def table(self) -> PopulationTable:
-        """What is said of the population: the rows of population.csv."""
-        return population_table(self)
+    def quantities(self, coefficients: FloatArray) -> dict[str, FloatArray]:
+        """What follows from coefficients, (..., coefficients) -> (...) each.
+
+        The shift of the point of subjective equality and the JND in per cent, and the largest
+        probability of 'equal' where that is a response.
+        """
+        shift = coefficients[..., self.index(CONSTANT_ERROR.name)]
+        noise = self.scales.step * np.exp(coefficients[..., self.index(NOISE.name)])
+        values = {
+            "pse_shift_percent": self.shift_percent(shift),
+            "jnd_percent": 100.0 * np.expm1(JND_OVER_NOISE * noise),
+        }
+        if PEAK.name in self.names:
+            values["peak_probability"] = expit(coefficients[..., self.index(PEAK.name)])
+        return values
+
+    @property
+    def own_names(self) -> tuple[str, ...]:
+        """All parameters of a subject."""
+        return tuple(parameter.name for parameter in task_parameters(self.study.task))
+
+    def _own_quantity(self, name: str, u: FloatArray) -> FloatArray:
+        """A parameter that the group does not share, from its coordinate."""
+        if name == LAPSE_RATE.name:
+            log_rate, _ = lapse_logs(u, PLAIN_UNITS.lapse_rate_b)
+            return np.exp(log_rate)
+        scales = {
+            NOISE_SLOPE.name: PLAIN_UNITS.noise_slope_scale,
+            CRITERION_SLOPE.name: PLAIN_UNITS.criterion_slope_scale,
+        }
+        return scales[name] / self.scales.spread * u
+
+    @property
+    def comparisons(self) -> tuple[tuple[str, str], ...]:
+        """Pairs of conditions that are compared."""
+        if self.study.conditions is None:
+            return ()
+        return self.study.conditions.comparisons
 
     def __repr__(self) -> str:
-        missed = "" if self.converged else "; NOT CONVERGED"
-        whose = f"{self.study.source!r} under {self.model.name!r}"
-        return f"<Population of {whose}: {len(self.study):,} subjects, seed {self.settings.seed}{missed}>"
+        badge = "" if self.is_reliable else "; NOT RELIABLE"
+        n_subjects = f"{len(self.subjects):,} subjects"
+        return f"<Population of {self.study.source!r}: {n_subjects}{badge}>"
 
     def _repr_html_(self) -> str:
         return as_html(repr(self)[1:-1], self.summary())
 
+    # --- Tables and file -------------------------------------------------------------------------
+
+    @cached_property
+    def table(self) -> PopulationTable:
+        """The rows of population.csv."""
+        rows = []
+        for name in self.names:
+            j = self.index(name)
+            zero = None
+            if name in _SMALL_SD:
+                zero = zero_mean(self.draws, self.numbers, self.regressors.x, j)
+            rows.append(summary_row(name, "mean", self.draws.mean[..., j], zero=zero))
+        for name, values in self.quantities(self.draws.mean).items():
+            rows.append(summary_row(name, "mean", values))
+        for name in self.names:
+            rows.append(summary_row(name, "sd", self.draws.sd[..., self.index(name)]))
+        for name in self.names:
+            rows.append(summary_row(name, "new_subject", self.new_subject[..., self.index(name)]))
+        for name, values in self.quantities(self.new_subject).items():
+            rows.append(summary_row(name, "new_subject", values))
+        rows += self._covariate_rows()
+        rows += self._condition_rows()
+        return PopulationTable(tuple(rows))
+
+    def _covariate_rows(self) -> list[PopulationRow]:
+        rows = []
+        for i, column in enumerate(self.regressors.columns):
+            for name in self.names:
+                values, zero = self.covariate_effect(i, name)
+                rows.append(summary_row(name, "effect", values, column.label, zero))
+        return rows
+
+    def _condition_rows(self) -> list[PopulationRow]:
+        rows = []
+        for levels in self.comparisons:
+            for name in DIFFERING:
+                mean, sd, zero = self.difference(name, levels)
+                level = " - ".join(levels)
+                rows.append(summary_row(name, "difference", mean, level, zero))
+                rows.append(summary_row(name, "difference_sd", sd, level))
+        return rows
+
+    @cached_property
+    def subject_table(self) -> GroupSubjects:
+        """The rows of population_subjects.csv: every subject in the group."""
+        own = [name for name in self.own_names if name not in self.names]
+        n_coefficients = self.draws.mean.shape[-1]
+        rows = []
+        for i, subject in enumerate(self.subjects):
+            draws = self.draws.subjects[:, :, i]
+            values = {name: draws[..., j] for j, name in enumerate(self.names)}
+            values |= self.quantities(draws)
+            for j, name in enumerate(own):
+                values[name] = self._own_quantity(name, draws[..., n_coefficients + j])
+            rows += [subject_row(subject, name, column) for name, column in values.items()]
+        return GroupSubjects(tuple(rows))
+
     def summary(self) -> pd.DataFrame:
-        """The same as a frame: means, sds between subjects, effects of covariates, a further subject."""
+        """The table of the group as a frame."""
         return self.table.frame()
 
-    def subjects(self) -> pd.DataFrame:
-        """The rows of population_subjects.csv: quantities of every subject in the group, and of the same subject alone."""
-        return pooled_subjects(self).frame()
-
     def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
-        """Write population.nc, which ArviZ opens and :func:`bayes_toe.load` reads; whole or not at all, else an OutputError."""
-        return save_population(self, path, overwrite=overwrite)
+        """Write population.nc, which ArviZ opens and :func:`bayes_toe.load` reads."""
+        record = {
+            "seed": self.settings.seed,
+            "n_draws": self.settings.draws,
+            "hyperprior": asdict(self.settings.hyperprior),
+            "scales": self.scales._asdict(),
+        }
+        coefficients = list(self.names)
+        for name in DIFFERING:
+            columns = self.difference_columns(name)
+            coefficients += [f"difference {i + 1} of {name}" for i in range(len(columns))]
+        return save_group(
+            path,
+            self.study,
+            self.regressors,
+            self.draws,
+            record,
+            coefficients=coefficients,
+            own=[name for name in self.own_names if name not in self.names],
+            overwrite=overwrite,
+        )
 
 
-def population(  # noqa: PLR0913  # each is a choice of its own, and has a default
+def population(
     study: Study,
     *,
     covariates: Covariates | str | Path | None = None,
     categorical: tuple[str, ...] = (),
-    model: str = "free weighting",
-    draws: int = 2000,
+    draws: int = DRAWS,
     seed: int | None = None,
-    prior: Prior | str | None = None,
-    posterior: Draws | None = None,
     hyperprior: Hyperprior | str | Path | None = None,
-    scatter: str = "normal",
-    correlations: bool | None = None,
-    workers: Workers = None,
-    progress: Progress | None = None,
-    keep: str | Path | None = None,
-) -> Population:
-    """The exact joint posterior of all subjects and of the population that they are drawn from.
+) -> PopulationResult:
+    """The joint posterior of all subjects and of the group that they are drawn from.
+
+    Every subject is the observer with constant error and contraction ('both').
 
     Parameters
     ----------
     study : Study
         At least two subjects.
     covariates : Covariates or path, optional
-        Or a CSV file of them. What may move subjects; those that lack one are left out and named.
+        Or a CSV file of them: what may move the means. Subjects that lack one are left out.
     categorical : tuple of str
         Covariates whose numbers are names of levels.
-    model : str
-        A model by its name or composition. By default free weighting: a pull and a constant error, either of which may be none, or of
-        opposite signs in different subjects. The paper's model (H1) is "predictive update".
     draws : int
-        Bulk and tail effective draws to reach for everything.
-    seed, prior, workers, progress, keep
-        As in :func:`bayes_toe.analysis.sample`; the prior is that of subjects alone and does not enter the joint posterior. `keep` keeps
-        these, and progress is told the name of every subject whose own posterior is done.
-    posterior : Draws, optional
-        Draws of the subjects' own posteriors (:func:`bayes_toe.analysis.sample`), whose prior and, by default, seed are taken. Where they
-        are under that model, subjects are not sampled again: the columns `alone_` are of these, and the group's chains take from them
-        where they start and on which scales. The joint posterior is the same.
+        Of all chains together.
+    seed : int, optional
     hyperprior : Hyperprior or path, optional
         Or a TOML file of one.
-    scatter : {"normal", "t"}
-        How subjects scatter about their mean; t has 4 degrees of freedom, so that single subjects may be far away.
-    correlations : bool, optional
-        Whether parameters may be correlated between subjects; by default where 30 subjects or more have 500 trials or more each.
 
     Raises
     ------
     InputError
-        If there are fewer than two subjects, a word or number is not allowed, covariates do not fit, or the posterior is of another study
-        or prior.
+        If there are fewer than two subjects, or covariates or numbers cannot be used.
 
     Warns
     -----
     ConvergenceWarning
-        If effective draws or R-hat were not reached, for trajectories that diverged, and for subjects that are left out.
+        If the result is not reliable, and for subjects that are left out.
 
     Examples
     --------
     >>> from bayes_toe.data.read_study import example_study
-    >>> found = population(example_study().select(["S01", "S02", "S03", "S04", "S05"]), draws=200, seed=1, workers=1)
-    >>> found.names, found.converged
-    (('offset', 'gain', 'width', 'q0'), True)
+    >>> study = example_study("2afc").select(["S01", "S02", "S03", "S04", "S05", "S06"])
+    >>> result = population(study, seed=1)
+    >>> result.names
+    ('constant_error', 'contraction', 'noise')
+    >>> result.effect("contraction").mean.median > 0.0
+    True
     """
     require_study(study)
-    record = _model(model, study.task)
-    if posterior is not None:
-        where, given = (
-            "posterior" if posterior.file is None else shown(posterior.file),
-            None if prior is None else prior_for(study, prior),
-        )
-        require_belonging(posterior, where, study=study, prior=given)
-        seed, prior = posterior.seed if seed is None else seed, posterior.prior
-        posterior = posterior if posterior.model == record.name else None
-    people = None if covariates is None else read_covariates(covariates)
-    apart = None
-    if study.conditions is not None:
-        if people is not None or posterior is not None or correlations:
-            raise InputError(
-                "population: found a condition, allowed without covariates, posterior and correlations; --ignore condition"
-            )
-        apart = Differences.of(study.conditions, by_person(study), record)
-        study, correlations = study.without_conditions(), False
-    with keeping(keep) as kept:
-        numbers = prior_for(study, prior), hyperprior_of(hyperprior).for_study(study)
-        who = (
-            Regressors.none(study.names)
-            if people is None
-            else regressors(people, study.names, categorical=categorical)
-        )
-        if (
-            correlations is None
-        ):  # of fewer subjects, or trials, answers tell less of them, and sampling them costs many times as much
-            correlations = (
-                sum(one.total_trials >= LONG for one in study.select(who.subjects)) >= MANY
-            )
-        settings = GroupSettings(kept.seed(seed), model, *numbers, scatter, draws, correlations)
-        if len(who.subjects) < _FEWEST:
-            raise InputError(
-                f"population: found {len(who.subjects)} subject, allowed: {_FEWEST} and more"
-            )
-        alone, failed = _unpooled(
-            study, settings, who, posterior, apart, workers=workers, progress=progress, kept=kept
-        )
-        if len(alone) < _FEWEST:
-            raise WorkerError("\n".join(f"{name}: {reason}" for name, reason in failed.items()))
-        made = _sampled(study, settings, who.without(failed), alone, failed, apart)
-    for problem in made.problems:
-        warnings.warn(problem, ConvergenceWarning, stacklevel=2)
-    return made
-
-
-def _unpooled(
-    study: Study,
-    settings: GroupSettings,
-    who: Regressors,
-    posterior: Draws | None,
-    apart: Differences | None,
-    *,
-    workers: Workers,
-    progress: Progress | None,
-    kept: Kept,
-) -> tuple[list[Unpooled], dict[str, str]]:
-    """Every subject without the group, sampled or from draws that are there already, and whose work was lost."""
-    model, centre, seed = _model(settings.model, study.task), mean_first(*study), settings.seed
-    if posterior is None:
-        jobs = [
-            partial(unpooled, study[name], model, settings.prior, centre, _JUDGING, seed)
-            for name in who.subjects
-        ]
-        if apart is not None:
-            targets = [
-                apart.posterior(name, study[name], model, settings.prior, centre)
-                for name in who.subjects
-            ]
-            jobs = [partial(unpooled_posterior, target, _JUDGING, seed) for target in targets]
-        done = kept.work(jobs, workers, progress, [(name,) for name in who.subjects])
-        return list(done), {
-            who.subjects[index]: one.reason for index, one in sorted(done.failed.items())
-        }
-    found = []
-    for name in who.subjects:
-        if name not in posterior.failed:
-            found.append(unpooled_from_draws(posterior, name, model, centre, seed))
-            if progress is not None:
-                progress(name)
-    return found, dict(posterior.failed)
-
-
-def _sampled(
-    study: Study,
-    settings: GroupSettings,
-    who: Regressors,
-    alone: Sequence[Unpooled],
-    failed: Mapping[str, str],
-    apart: Differences | None,
-) -> Population:
-    """The group, with the coordinates and starts that its subjects' own posteriors suggest."""
-    model, centre, group = (
-        _model(settings.model, study.task),
-        mean_first(*study),
-        study.select(who.subjects),
-    )
-    precision, location = (
-        np.stack([one.log_precision for one in alone]),
-        np.stack([one.location for one in alone]),
-    )
-    about = NormalApproximation(precision, location, funnel_of(model, centre))
-    scatter, numbers, chains = (
-        scatter_named(settings.scatter),
-        settings.hyperprior.numbers(model.group),
-        chain_count(len(group)),
-    )
-    likelihood: Likelihood = GroupLikelihood(model, settings.prior, group.subjects, centre, chains)
-    names = model.group
-    if apart is not None:
-        likelihood = ConditionLikelihood(
-            model, settings.prior, group.subjects, apart, centre, chains
-        )
-        numbers = apart.numbers(numbers, settings.prior.at(*group))
-        names += tuple(f"difference in {name}" for name in apart.names)
-    joint = Joint(likelihood, numbers, who.x, about, scatter, settings.correlations)
-    found = sample_group(
-        joint,
-        names,
-        group.names,
-        settings.draws,
-        generator(settings.seed, model.name, "population"),
-    )
-    if apart is not None:
-        found, apart = apart.split(found)
-    own = np.stack([one.eta[:, : len(model.group)] for one in alone], axis=1)
-    rough = tuple(one.name for one in alone if not one.trusted)
-    return Population(
-        group,
-        settings,
-        model.group,
-        centre,
-        who,
-        found,
-        own,
-        {**who.left_out, **failed},
-        rough,
-        apart,
-    )
-
-
-def _model(name: str, task: Task) -> Model:
-    found = model_named(name, task)
-    if not isinstance(found, Model):
+    study = _without_intervals(study)
+    settings = GroupSettings(root_seed(seed), hyperprior_from(hyperprior), draws)
+    if study.conditions is not None and covariates is not None:
         raise InputError(
-            f"population: model {name!r} has no parameters that subjects share; allowed: a composition of parts"
+            "population: a condition and covariates are not analysed together; "
+            "allowed: --ignore condition, or no covariates"
         )
-    return found
+    persons = tuple(by_person(study))
+    columns = Regressors.none(persons)
+    if covariates is not None:
+        columns = regressors(read_covariates(covariates), persons, categorical=categorical)
+        study = study.select(columns.subjects)
+    if len(columns.subjects) < _FEWEST_SUBJECTS:
+        raise InputError(
+            f"population: {listed(columns.subjects)} is one subject; allowed: 2 and more"
+        )
+    scales = StudyScales.from_study(study)
+    posterior = group_posterior(study, scales, settings.hyperprior, columns.x)
+    drawn = sample_group(posterior, draws, generator(settings.seed, "population"))
+    result = PopulationResult(study, settings, scales, columns, drawn)
+    for problem in result.problems:
+        warnings.warn(problem, ConvergenceWarning, stacklevel=2)
+    return result
+
+
+def _without_intervals(study: Study) -> Study:
+    """The study with the trials of all delays together: the observer does not depend on them."""
+    if not study.intervals:
+        return study
+    subjects = []
+    for subject in study:
+        columns = (subject.s1, subject.s2, subject.n_yes, subject.n_trials)
+        whole = Subject.from_counts(subject.name, *columns, task=subject.task)
+        subjects.append(replace(whole, condition=subject.condition, felt=subject.felt))
+    return replace(study, subjects=tuple(subjects))
+
+
+def group_posterior(
+    study: Study, scales: StudyScales, hyperprior: Hyperprior, x: FloatArray
+) -> GroupPosterior:
+    """The joint posterior of a study's subjects with covariates x, (subjects, covariates)."""
+    rows = subject_rows(study, scales)
+    numbers = _numbers(hyperprior, study, scales)
+    return GroupPosterior(rows, numbers, x, separate_fits(rows, numbers))
+
+
+def subject_rows(study: Study, scales: StudyScales) -> SubjectRows:
+    """The likelihood of a study's subjects, a row for each unit of subject and condition."""
+    units: list[Subject] = []
+    unit_scales: list[StimulusScales] = []
+    first_row = []
+    for own in by_person(study).values():
+        first_row.append(len(units))
+        units += own
+        sbar = _mean_first(own)
+        unit_scales += [StimulusScales(sbar, scales.step, scales.spread, 0.0)] * len(own)
+    if study.conditions is None:
+        return SubjectRows.from_subjects(
+            units, unit_scales, np.array(first_row), np.zeros((len(units), 0)), ()
+        )
+    levels = [study.conditions.levels.index(unit.condition) for unit in units]
+    design = study.conditions.design()[levels]
+    return SubjectRows.from_subjects(units, unit_scales, np.array(first_row), design, DIFFERING)
+
+
+def _numbers(hyperprior: Hyperprior, study: Study, scales: StudyScales) -> HyperpriorNumbers:
+    """The hyperprior of all coefficients; roved first stimuli narrow that of p."""
+    rows: dict[str, ParameterHyperprior] = {}
+    for parameter in group_parameters(study.task):
+        row: ParameterHyperprior = getattr(hyperprior, parameter.name)
+        if parameter.name == CONTRACTION.name:
+            row = row.narrowed(scales.contraction_share)
+        rows[parameter.name] = row
+    coefficients = list(rows.values())
+    if study.conditions is not None:
+        n_columns = study.conditions.design().shape[1]
+        for name in DIFFERING:
+            coefficients += [rows[name].difference] * n_columns
+    return HyperpriorNumbers.from_rows(coefficients)
+
+
+# --- Reading -------------------------------------------------------------------------------------
+
+
+def load(path: str | Path) -> Draws | PopulationResult:
+    """Read what was saved: draws of subjects (posterior.nc), or a group (population.nc).
+
+    Raises
+    ------
+    InputError
+        If it is missing, is damaged, or is neither.
+    """
+    require_kind("file", path, (str, os.PathLike), "the path of a posterior.nc or population.nc")
+    return load_population(path) if is_group_file(path) else load_draws(path)
+
+
+def load_population(path: str | Path) -> PopulationResult:
+    """Read what :meth:`PopulationResult.save` wrote.
+
+    Raises
+    ------
+    InputError
+        If it is anything else, or damaged.
+    """
+    study, columns, drawn, record = load_group(path)
+    rows = {name: ParameterHyperprior(**row) for name, row in record["hyperprior"].items()}
+    settings = GroupSettings(record["seed"], Hyperprior(**rows), record["n_draws"])
+    return PopulationResult(study, settings, StudyScales(**record["scales"]), columns, drawn)

@@ -1,7 +1,9 @@
-"""Does the population have the right form? How subjects differ in what they did, beside how those of new groups would.
+"""Whether a normal group fits: how subjects differ in their responses, beside new groups.
 
-A new group has as many subjects, with the same trials and covariates, each drawn from the population of one posterior draw; its answers are
-simulated. The subjects themselves are not used again, so that their own parameters cannot hide that no such population has them.
+A new group has as many subjects with the same trials and covariates. Each is drawn from the group
+of one posterior draw, and its responses are simulated. A subject's own parameters are not used
+again where the group has a distribution of them, so that they cannot hide that no such group has
+them.
 """
 
 from __future__ import annotations
@@ -14,173 +16,182 @@ import numpy as np
 
 from bayes_toe.arrays import FloatArray, IntArray
 from bayes_toe.data.study import Subject
-from bayes_toe.groups.differences import ConditionLikelihood
-from bayes_toe.groups.joint import scatter_named
-from bayes_toe.groups.population import Population
-from bayes_toe.groups.subjects import GroupLikelihood
-from bayes_toe.model.crowd import Crowd
+from bayes_toe.groups.group_posterior import SubjectRows
+from bayes_toe.groups.population import PopulationResult, subject_rows
 from bayes_toe.seeds import generator
 
-#: Below this two-sided tail probability a population of this form is said to be contradicted.
+#: Below this two-sided tail probability a normal group is contradicted.
 CONTRADICTED = 0.01
-_GROUPS, _TOGETHER = 500, 20  # new groups, and how many of them are simulated at once
-_FEWEST = 3  # subjects of which a skewness or a farthest one says anything: of two, both are always the same
+_N_GROUPS = 500
+#: Of two subjects a skewness and a farthest subject are always the same.
+_FEWEST_FOR_FORM = 3
 
 
 class Statistic(NamedTuple):
-    """How subjects differ in something that they did, beside quantiles of new groups.
+    """How subjects differ in something, beside quantiles of new groups.
 
-    The kind is the "spread", standard deviation between subjects, the "skewness", third standardised moment, or how far the "farthest" is
-    from the mean, in standard deviations.
+    Attributes
+    ----------
+    kind : {"spread", "skewness", "farthest"}
+        Standard deviation between subjects, third standardised moment, or the largest distance
+        from the mean, in standard deviations.
+    quantity : str
+        What subjects differ in.
+    observed, q05, q50, q95 : float
+    p_value : float
+        Two-sided share of new groups that are as far out.
+    is_above : bool
+        Whether the observed value is above the median of new groups.
     """
 
     kind: str
-    of: str
+    quantity: str
     observed: float
     q05: float
     q50: float
     q95: float
-    p_value: float  # two-sided share of new groups that are as far out
-    above: bool  # the median of new groups
+    p_value: float
+    is_above: bool
 
     @property
     def label(self) -> str:
         """What it is, in words."""
         return {
-            "spread": "sd of {}",
+            "spread": "SD of {}",
             "skewness": "skewness of {}",
-            "farthest": "farthest {}, in sd",
-        }[self.kind].format(self.of)
+            "farthest": "farthest {}, in SD",
+        }[self.kind].format(self.quantity)
+
+    @property
+    def warning(self) -> str:
+        """How it contradicts a normal group, in words."""
+        if self.kind == "spread":
+            size = "larger" if self.is_above else "smaller"
+            text = f"the spread of the {self.quantity} between subjects is {size} than"
+        elif self.kind == "skewness":
+            text = f"the {self.quantity} of the subjects is more skewed than"
+        else:
+            place = "farther out" if self.is_above else "nearer"
+            text = f"the subject farthest in its {self.quantity} is {place} than"
+        expected = f"{self.q05:.2g} to {self.q95:.2g} expected"
+        numbers = f"{self.observed:.2g}, {expected}, p = {self.p_value:.2g}"
+        return f"{text} in a normal group ({numbers})"
 
 
 @dataclass(frozen=True)
 class PredictiveCheck:
-    """What :func:`predictive_check` found; asymmetries are missing where fewer than two subjects met a pair in both orders."""
+    """What :func:`predictive_check` computes.
+
+    Attributes
+    ----------
+    statistics : tuple of Statistic
+        Asymmetries are missing where fewer than two subjects met a pair in both orders.
+    n_groups : int
+    """
 
     statistics: tuple[Statistic, ...]
-    scatter: str
-    groups: int
+    n_groups: int
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What contradicts the population, in words."""
-        return tuple(self._said(one) for one in self.statistics if one.p_value < CONTRADICTED)
-
-    def _said(self, one: Statistic) -> str:
-        above, outlying = one.above, one.above or one.kind == "skewness"
-        what = {
-            "spread": f"the spread of the {one.of} between subjects is {'larger' if above else 'smaller'} than",
-            "skewness": f"the {one.of} of the subjects is skewed otherwise than",
-            "farthest": f"the subject farthest in its {one.of} is {'farther out' if above else 'nearer'} than",
-        }[one.kind]
-        numbers = (
-            f"{one.observed:.2g}, {one.q05:.2g} to {one.q95:.2g} expected, p = {one.p_value:.2g}"
-        )
-        further = "; try --population t" if outlying and self.scatter == "normal" else ""
-        clumps = (
-            "; do the subjects fall into kinds? A covariate may tell them apart"
-            if not outlying and one.kind == "farthest"
-            else ""
-        )
-        return f"{what} a {self.scatter} population has it ({numbers}){further}{clumps}"
+        """What contradicts a normal group, a line each."""
+        return tuple(row.warning for row in self.statistics if row.p_value < CONTRADICTED)
 
 
-def predictive_check(found: Population, *, groups: int = _GROUPS) -> PredictiveCheck:
-    """Hold how subjects differ against so many new groups drawn from the posterior.
-
-    Examples
-    --------
-    >>> from bayes_toe.data.read_study import example_study
-    >>> from bayes_toe.groups.population import population
-    >>> made = population(example_study().select(["S01", "S02", "S03"]), draws=200, seed=1, workers=1)
-    >>> [one.label for one in predictive_check(made, groups=100).statistics[:2]]
-    ['sd of mean asymmetry', 'farthest mean asymmetry, in sd']
-    """
-    rng, chains = generator(found.settings.seed, "population", "predictive check"), found.chains
-    k, draws, parts = len(found.names), chains.mean[..., 0].size, -(-groups // _TOGETHER)
-    some = np.linspace(0, draws - 1, parts * _TOGETHER).astype(int)
-    mean, tau, effects, root = (
-        values.reshape(draws, -1, k)[some]
-        for values in (chains.mean, chains.scatter, chains.effects, chains.root)
-    )
-    expected = mean + found.regressors.x @ effects
-    eta = expected + tau * (
-        scatter_named(found.settings.scatter).sample(rng, expected.shape) @ root.swapaxes(1, 2)
-    )
-    own = (found.model, found.settings.prior, found.study.subjects)
-    likelihood: GroupLikelihood | ConditionLikelihood = GroupLikelihood(
-        *own, found.centre, _TOGETHER
-    )
-    if found.differences is not None:
-        apart = found.differences.drawn
-        mean, tau = (values.reshape(draws, 1, -1)[some] for values in (apart.mean, apart.scatter))
-        score = scatter_named(found.settings.scatter).sample(rng, (*eta.shape[:2], mean.shape[-1]))
-        eta = np.concatenate([eta, mean + tau * score], axis=-1)
-        likelihood = ConditionLikelihood(*own, found.differences, found.centre, _TOGETHER)
-    crowd = Crowd.of(found.study.subjects, 0.0, 1.0)
-    everyone = np.concatenate(
-        [crowd.n_yes[None], *(likelihood.repeated(part, rng) for part in np.split(eta, parts))]
-    )[: groups + 1]
-    statistics = [
-        one for deed in _deeds(found.study.subjects, crowd, everyone) for one in _statistics(*deed)
-    ]
-    return PredictiveCheck(tuple(statistics), found.settings.scatter, groups)
+def predictive_check(result: PopulationResult, *, n_groups: int = _N_GROUPS) -> PredictiveCheck:
+    """How subjects differ, beside so many new groups drawn from the posterior."""
+    rng = generator(result.settings.seed, "population", "predictive check")
+    rows = subject_rows(result.study, result.scales)
+    batch = rows.batch
+    observed = batch.n_yes[:, 0].astype(np.int64)
+    n_trials = (batch.n_yes + batch.n_no)[:, 0].astype(np.int64)
+    points = rows.row_points(_new_subjects(result, rng, n_groups))
+    p_yes = np.exp(np.minimum(batch.log_answers(points).yes, 0.0))
+    simulated = rng.binomial(n_trials[:, None], p_yes)
+    counts = np.concatenate([observed[:, None], simulated], axis=1)
+    statistics: list[Statistic] = []
+    for quantity, values, kinds in _measures(result.study.subjects, rows, counts, n_trials):
+        statistics += _statistics(quantity, values, kinds)
+    return PredictiveCheck(tuple(statistics), n_groups)
 
 
-def _deeds(
-    subjects: Sequence[Subject], crowd: Crowd, n_yes: IntArray
+def _new_subjects(result: PopulationResult, rng: np.random.Generator, n_groups: int) -> FloatArray:
+    """Points of new subjects, (subjects, groups, q + own)."""
+    draws = result.draws
+    n_draws, q = draws.mean.shape[0] * draws.mean.shape[1], draws.mean.shape[2]
+    chosen = np.linspace(0, n_draws - 1, n_groups).astype(int)
+    mean = draws.mean.reshape(n_draws, q)[chosen]
+    sd = draws.sd.reshape(n_draws, q)[chosen]
+    effects = draws.effects.reshape(n_draws, -1, q)[chosen]
+    subjects = draws.subjects.reshape(n_draws, *draws.subjects.shape[2:])[chosen]
+    expected = mean[:, None] + result.regressors.x @ effects
+    coefficients = expected + sd[:, None] * rng.standard_normal(expected.shape)
+    return np.concatenate([coefficients, subjects[..., q:]], axis=-1).swapaxes(0, 1)
+
+
+def _measures(
+    units: Sequence[Subject], rows: SubjectRows, n_yes: IntArray, n_trials: IntArray
 ) -> Iterator[tuple[str, FloatArray, tuple[str, ...]]]:
-    """What each subject of each group did, shape (groups, N), from counts, shape (groups, N, pairs), and what is asked of it."""
-    task, difference, n = subjects[0].task, crowd.s2 - crowd.s1, crowd.n_trials
-    wrong, weights = (
-        task.wrong(difference, n_yes, n),
-        np.zeros(crowd.s1.shape),
-    )  # of pairs in a subject's mean of q(c, r) - q(r, c)
-    for row, one in zip(weights, subjects, strict=True):
-        seconds = np.zeros(one.n_pairs) if one.isi is None else one.isi
-        at = {
-            key: i
-            for i, key in enumerate(
-                zip(one.s1.tolist(), one.s2.tolist(), seconds.tolist(), strict=True)
-            )
-        }
-        both = [(i, at[b, a, isi]) for (a, b, isi), i in at.items() if a > b and (b, a, isi) in at]
-        for strong_first, weak_first in both:
-            row[strong_first], row[weak_first] = 1.0 / len(both), -1.0 / len(both)
-    met = weights.any(axis=1)
-    if met.sum() > 1:
-        shares = (wrong[:, met] + 1.0) / (n[met] + 2.0)  # Laplace's estimator, Eq. e:2b
-        yield "mean asymmetry", (weights[met] * shares).sum(axis=2), ("spread", "farthest")
-    judged = np.where(task.right(difference) == 0, 0, n)
-    some = judged.any(axis=1)
-    if some.sum() > 1:
-        yield "accuracy", 1.0 - wrong[:, some].sum(axis=2) / judged[some].sum(axis=1), ("spread",)
-    yield f"share of {task.yes!r}", n_yes.sum(axis=2) / n.sum(axis=1), ("skewness", "farthest")
+    """What subjects did, (subjects, groups), and what to compare of it.
+
+    `n_yes` has the shape (rows, groups, pairs), the observed group first.
+    """
+    task = units[0].task
+    difference = rows.batch.difference[:, 0]
+    n_wrong = task.wrong(difference[:, None], n_yes, n_trials[:, None])
+
+    def by_subject(values: FloatArray) -> FloatArray:
+        return np.asarray(np.add.reduceat(values, rows.first_row, axis=0))
+
+    weights = np.zeros(difference.shape)
+    for i, unit in enumerate(units):
+        for strong_first, weak_first in _pairs_in_both_orders(unit):
+            weights[i, strong_first], weights[i, weak_first] = 1.0, -1.0
+    n_compared = by_subject((weights > 0.0).sum(axis=1))
+    has_both = n_compared > 0
+    if has_both.sum() > 1:
+        # Laplace's estimator of the frequency of a wrong response.
+        shares = (n_wrong + 1.0) / (n_trials[:, None] + 2.0)
+        total = by_subject((weights[:, None] * shares).sum(axis=2))
+        yield "mean asymmetry", total[has_both] / n_compared[has_both, None], ("spread", "farthest")
+    n_judged = np.where(task.right(difference) == 0, 0, n_trials)
+    judged = by_subject(n_judged.sum(axis=1))
+    has_judged = judged > 0
+    if has_judged.sum() > 1:
+        wrong = by_subject(n_wrong.sum(axis=2))
+        yield "accuracy", 1.0 - wrong[has_judged] / judged[has_judged, None], ("spread",)
+    share = by_subject(n_yes.sum(axis=2)) / by_subject(n_trials.sum(axis=1))[:, None]
+    yield f"share of {task.yes!r}", share, ("skewness", "farthest")
 
 
-def _statistics(of: str, values: FloatArray, kinds: Sequence[str]) -> Iterator[Statistic]:
-    """Of the group in the first row beside those in the others: its spread, and, where that says something, its form."""
-    spread = values.std(axis=1, ddof=1, keepdims=True)
-    from_mean = values - values.mean(axis=1, keepdims=True)
-    scores = np.divide(from_mean, spread, out=np.zeros_like(from_mean), where=spread > 0.0)
+def _pairs_in_both_orders(unit: Subject) -> list[tuple[int, int]]:
+    """Places of pairs with the stronger stimulus first and with the weaker one first."""
+    places = {
+        pair: i for i, pair in enumerate(zip(unit.s1.tolist(), unit.s2.tolist(), strict=True))
+    }
+    return [
+        (place, places[second, first])
+        for (first, second), place in places.items()
+        if first > second and (second, first) in places
+    ]
+
+
+def _statistics(quantity: str, values: FloatArray, kinds: Sequence[str]) -> Iterator[Statistic]:
+    """The observed group, the first column of (subjects, groups), beside the others."""
+    n_subjects = len(values)
+    spread = values.std(axis=0, ddof=1)
+    away = values - values.mean(axis=0)
+    scores = np.divide(away, spread, out=np.zeros_like(away), where=spread > 0.0)
     measures = {
-        "spread": spread[:, 0],
-        "skewness": (scores**3).mean(axis=1),
-        "farthest": np.abs(scores).max(axis=1),
+        "spread": spread,
+        "skewness": (scores**3).mean(axis=0),
+        "farthest": np.abs(scores).max(axis=0),
     }
     for kind in kinds:
-        if kind != "spread" and values.shape[1] < _FEWEST:
+        if kind != "spread" and n_subjects < _FEWEST_FOR_FORM:
             continue
-        observed, *others = measures[kind].tolist()
-        tail = min(sum(one >= observed for one in others), sum(one <= observed for one in others))
+        observed, others = float(measures[kind][0]), measures[kind][1:]
+        tail = min(int((others >= observed).sum()), int((others <= observed).sum()))
+        p_value = min(1.0, 2.0 * (tail + 1) / (len(others) + 1))
         q05, q50, q95 = np.quantile(others, (0.05, 0.5, 0.95)).tolist()
-        yield Statistic(
-            kind,
-            of,
-            observed,
-            q05,
-            q50,
-            q95,
-            min(1.0, 2.0 * (tail + 1) / (len(others) + 1)),
-            observed > q50,
-        )
+        yield Statistic(kind, quantity, observed, q05, q50, q95, p_value, observed > q50)

@@ -17,7 +17,6 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.data.covariates import Covariates, level_words, levels
 from bayes_toe.data.messages import bare, counted, listed, quoted
 from bayes_toe.errors import InputError
-from bayes_toe.groups.joint import with_ones
 
 #: A column of which the others leave no more than this share is theirs but for rounding.
 _ALL_BUT_ROUNDING = 1e-8
@@ -175,7 +174,7 @@ def _require_subjects(kept: Sequence[str], columns: int, left_out: str) -> None:
 
 def _require_independent(columns: Sequence[Regressor], x: FloatArray) -> None:
     """R of the QR decomposition has on its diagonal what the columns before leave of each."""
-    left = np.abs(np.diagonal(np.linalg.qr(with_ones(x), mode="r")))[1:]
+    left = np.abs(np.diagonal(np.linalg.qr(np.column_stack([np.ones(len(x)), x]), mode="r")))[1:]
     for i, size in enumerate(np.linalg.norm(x - x.mean(axis=0), axis=0)):
         if left[i] < _ALL_BUT_ROUNDING * size:
             found = f"covariates: {columns[i].label} follows from {listed([one.label for one in columns[:i]])}"

@@ -2,8 +2,6 @@ from .adaptive import Adaptive as Adaptive
 from .optimal import DesignGoal as DesignGoal
 from .optimal import optimal_design as optimal_design
 from .power import power as power
-from .power_of_conditions import power_of_conditions as power_of_conditions
-from .power_of_studies import power_of_populations as power_of_populations
 from .study_design import StudyDesign as StudyDesign
 from .study_design import read_study_design as read_study_design
 from .study_design import trial_list as trial_list

@@ -13,7 +13,6 @@ from matplotlib.ticker import FormatStrFormatter, LogLocator, NullLocator
 
 from bayes_toe.planning.optimal import MOVED, OPTIMISED, PAPER, OptimalDesign, paper_amid
 from bayes_toe.planning.power import FOUND, NAMED, WIDTHS, WRONG, Counted, PowerTable
-from bayes_toe.planning.power_of_studies import PULL, PopulationPower
 from bayes_toe.plots.style import (
     EQUAL,
     LETTERS,
@@ -49,7 +48,7 @@ _Line = tuple[str, str, Sequence[Counted]]
 _MARGIN = 1.25  # factor from the outermost numbers to the ends of a panel
 
 
-def power_figure(table: PowerTable, populations: PopulationPower | None = None) -> Figure:
+def power_figure(table: PowerTable) -> Figure:
     """How often each kind of observers is named, the expected 90 % intervals of the update's quantities, and what whole studies find.
 
     Above: share of one kind of observers of whom the verdict says an order effect, and whose kind it names (of those without: none). In
@@ -65,24 +64,9 @@ def power_figure(table: PowerTable, populations: PopulationPower | None = None) 
         name.startswith("90 % width") for name in table.different("quantity")
     ):
         rows.append(partial(_draw_widths, table))
-    if populations is not None:
-        [trials], effects = (
-            populations.different("trials"),
-            {FOUND: "effect found on average", PULL: "pull named"},
-        )
-        rows.append(
-            partial(
-                _draw_shares,
-                populations,
-                "subjects",
-                effects,
-                ("share of studies", f"subjects of {trials:,} trials"),
-            )
-        )
     figure = new_figure(
         PAGE,
-        2.25 * len(rows)
-        + 0.17 * len(table.different("design")) * (1 if populations is None else 2),
+        2.25 * len(rows) + 0.17 * len(table.different("design")),
     )  # of the legend
     for part, draw in zip(
         figure.subfigures(len(rows), 1, squeeze=False).ravel(), rows, strict=True
@@ -93,7 +77,7 @@ def power_figure(table: PowerTable, populations: PopulationPower | None = None) 
 
 
 def _draw_shares(
-    table: PowerTable | PopulationPower,
+    table: PowerTable,
     by: str,
     what: Mapping[str, str],
     words: tuple[str, str],

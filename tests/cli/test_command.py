@@ -135,7 +135,7 @@ def test_help_begins_with_the_way_from_answers_to_a_paper_and_has_rare_options_a
 
 def test_the_sections_of_a_hyperprior_are_named_by_help():
     said = " ".join(inside("population", "--help").stdout.replace("│", " ").split())
-    assert all(f"[{name}]" in said for name in ("mu1", "gamma", "q0", "correlations"))
+    assert all(f"[{name}]" in said for name in ("constant_error", "contraction", "noise", "q0"))
 
 
 @pytest.mark.parametrize(

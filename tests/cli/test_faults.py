@@ -11,7 +11,6 @@ import pandas as pd
 import pytest
 from commands import good, inside, refused
 from conftest import few_pairs, grouped_csv, known_observers
-from populations import drawn
 from processes import members, needs_proc, start, until, until_gone, workers
 
 import bayes_toe as bt
@@ -186,22 +185,6 @@ def test_a_command_that_is_killed_and_resumed_is_as_one_that_was_not(four):
     assert sorted(path.name for path in four.iterdir()) == ["posterior.nc", "study.csv"]
     good("sample", "study.csv", "-o", "calm.nc", *options, cwd=four)
     assert (four / "posterior.nc").read_bytes() == (four / "calm.nc").read_bytes()
-
-
-def test_a_group_goes_on_with_the_subjects_that_were_done_before_it_was_killed(four, monkeypatch):
-    monkeypatch.setattr(
-        "bayes_toe.groups.population.sample_group", drawn
-    )  # the one that is killed comes never as far
-    grouped_csv(four / "study.csv", known_observers("ABC"))
-    options = ("--model", "symmetric", "--seed", "1", "--draws", "10", "--workers", "1")
-    killed(four, "population", "study.csv", "-o", "group.nc", "--resume", *options, kept=2)
-    assert not (four / "group.nc").exists()
-    resumed = good("population", "study.csv", "-o", "group.nc", "--resume", *options, cwd=four)
-    assert "of 3 subjects taken from group.nc.partial" in resumed
-    good("population", "study.csv", "-o", "calm.nc", *options, cwd=four)
-    assert not (four / "group.nc.partial").exists()
-    for ending in (".nc", ".csv", "_subjects.csv", ".png"):
-        assert (four / f"group{ending}").read_bytes() == (four / f"calm{ending}").read_bytes()
 
 
 def test_what_was_kept_is_thrown_away_where_that_is_asked_for(four):

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from commands import good, refused
-from populations import made_up
+from populations import made_result
 
 import bayes_toe as bt
 from bayes_toe.answers.study_summary import frequency_line, study_lines
@@ -205,30 +205,24 @@ def test_a_group_is_told_of_where_its_draws_are(results, small_study, tmp_path):
     copied(results, tmp_path)
     (tmp_path / "population.csv").write_text("parameter\n", encoding="utf-8")
     text, printed = document(tmp_path)
-    assert "Population" not in text
+    assert "analysed together" not in text
     assert "population.csv: left out" in printed
-    found = made_up(small_study, model="free weighting")
+    found = made_result(small_study)
     found.save(tmp_path / "population.nc")
     text, printed = document(tmp_path)
     assert "left out" not in printed
-    assert "3 subjects were also analysed together (model: free weighting; root seed 0)" in text
-    assert "without correlations between parameters" in text
+    assert "3 subjects were also analysed together (root seed 1)" in text
+    assert "1,600 draws of 8 chains" in text
     rows = pd.read_csv(tmp_path / "text" / "m_population.csv")
     assert np.array_equal(rows["q50"], found.summary()["q50"])
     table = (tmp_path / "text" / "m_population.tex").read_text(encoding="utf-8")
-    said = [
-        row.of_none
-        for row in found.table.some("mean")
-        if row.parameter in ("pull", "constant error")
-    ]
-    assert "BF of none" in table
-    assert [
-        one for one in said if f"& {one.replace('<', chr(92) + 'textless{}')} &" not in table
-    ] == []
+    assert "ln BF of 0" in table
+    for name in ("constant_error", "contraction"):
+        assert f"& {found.effect(name).zero_mean.words} &" in table
     other = bt.Study(
         [*small_study.subjects[:2], replace(small_study["C"], n_yes=small_study["C"].n_yes - 1)]
     )
-    made_up(other).save(tmp_path / "population.nc", overwrite=True)
+    made_result(other).save(tmp_path / "population.nc", overwrite=True)
     assert "population.nc: found other answers than the draws have of C" in refused(
         "methods", ".", "-o", "n.md", cwd=tmp_path
     )

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 from commands import good, inside, refused
 from conftest import few_pairs, grouped_csv
-from populations import made_population, ordinary
+from populations import made_result, simulated_group
 
 import bayes_toe as bt
 from bayes_toe.cli import report, results_folder
@@ -17,11 +17,11 @@ from bayes_toe.cli.report import Group
 from bayes_toe.cli.results_folder import GROUP_PRODUCTS, Drawn, opened, write_results
 from bayes_toe.explorer.page import Explorer
 from bayes_toe.groups.predictive_check import PredictiveCheck, Statistic
-from bayes_toe.groups.regressors import Regressor
+from bayes_toe.groups.regressors import Regressor, Regressors
 from bayes_toe.model.parameters import ObserverPrior
 
 pytestmark = pytest.mark.usefixtures("blank_pictures")
-WRONG = Statistic("spread", "accuracy", 0.3, 0.1, 0.15, 0.2, 0.004, above=True)
+WRONG = Statistic("spread", "accuracy", 0.3, 0.1, 0.15, 0.2, 0.004, is_above=True)
 
 
 def page(folder, name="report.html"):
@@ -104,28 +104,27 @@ def test_a_group_and_an_explorer_stand_beside_the_report_where_asked_for_and_go_
         "explore",
         lambda *draws, **more: explored.append((draws, more)) or Explorer("explored"),
     )
-    out, columns = (
-        tmp_path / "out",
-        [Regressor("group", "<b>", "group <b> against a", reference="a")],
-    )
-    found = made_population(
-        ordinary(3), columns=columns, x=[[0.0], [1.0], [0.0]], reason="few draws"
-    )
-    group = Group(found, PredictiveCheck((WRONG,), "normal", 500))
+    out = tmp_path / "out"
+    study = simulated_group(1, n_subjects=4)
+    column = Regressor("group", "<b>", "group <b> against a", reference="a")
+    who = Regressors(study.names, np.array([[0.0], [1.0], [0.0], [1.0]]), (column,))
+    made = made_result(study, who, n_divergent=2)
+    group = Group(made, PredictiveCheck((WRONG,), 500))
     write_results(marked, out, pictures=Drawn("none"), workers=1, group=group)
     assert "bayes-toe explore" in page(out)
     said = section(out)
     order = [
-        "not converged</span>",
-        "chains did not converge: few draws.",
-        "the spread of the accuracy between subjects is larger than a normal population has it (0.3, 0.1 to 0.2 expected, p = 0.004); try",
+        "not reliable</span>",
+        "the group&#39;s result is not reliable: 2 of 1600 trajectories diverged",
+        "the spread of the accuracy between subjects is larger than in a normal group",
         'class="lead">',
-        "A subject at the mean",
+        "constant error: mean PSE shift",
         "data:image/png;base64,",
-        "<th>BF no difference",
-        "<th>sd between subjects",
-        "<th>further subject",
-        "Hyperprior: mu1: ",
+        "<th>covariate",
+        "<th>group mean",
+        "<th>SD between subjects",
+        "<th>new subject",
+        "Hyperprior: constant error, D: mean ~ Student t",
     ]
     places = [said.index(words) for words in order]
     assert places == sorted(places)
@@ -145,20 +144,20 @@ def test_a_group_and_an_explorer_stand_beside_the_report_where_asked_for_and_go_
     assert 'id="group"' not in page(out)
     assert not any((out / name).exists() for name in GROUP_PRODUCTS)
     assert (out / "explorer.html").read_text(encoding="utf-8") == "explored"
-    assert explored == [((marked.draws,), {"truths": None, "population": None})]
+    assert explored == [((marked.draws,), {"truths": None})]
     assert page(out).count('href="explorer.html"') == 2
     assert "bayes-toe explore" not in page(out)
     assert "constant_error ~ Student(3, 0.4 D)" in page(out)
 
 
-def test_run_computes_the_group_from_its_own_draws_and_leaves_with_3_where_it_did_not_converge(
+def test_run_computes_the_group_and_leaves_with_3_where_it_did_not_converge(
     analysis, tmp_path, monkeypatch
 ):
     asked = {}
 
     def population(study, **options):
         asked.update(options, names=study.names)
-        return made_population(ordinary(3), reason="few draws")
+        return made_result(simulated_group(1, n_subjects=4), n_divergent=2)
 
     monkeypatch.setattr("bayes_toe.population", population)
     monkeypatch.setattr("bayes_toe.run", lambda *_, **__: analysis)
@@ -166,13 +165,14 @@ def test_run_computes_the_group_from_its_own_draws_and_leaves_with_3_where_it_di
     options = ("--population", "--pictures", "none", "--seed", 5, "--workers", 1)
     done = inside("run", "study.csv", "-o", "out", *options, cwd=tmp_path)
     assert (done.returncode, asked["names"]) == (3, analysis.study.names)
-    assert asked["posterior"] is analysis.draws  # whose prior and seed are the group's
-    assert "a subject at the mean" in done.stdout
-    assert "attention the group's chains did not converge: few draws" in done.stdout
+    assert asked["seed"] == analysis.settings.seed
+    printed = " ".join(done.stdout.split())
+    assert "NOT RELIABLE: contraction: mean p = " in printed
+    assert "attention the group's result is not reliable: 2 of 1600 trajectories" in printed
     assert "population.csv, population_subjects.csv, population.png, population.nc" in " ".join(
         done.stdout.split()
     )
-    assert "few draws" in section(tmp_path / "out")
+    assert "trajectories diverged" in section(tmp_path / "out")
 
 
 def test_a_group_of_one_and_an_explorer_that_cannot_be_are_refused_before_the_work(

@@ -260,8 +260,8 @@ def test_a_narrow_screen_has_fewer_panels_that_can_be_read(browser, path):
 
 def test_axes_are_called_what_they_show_whatever_stood_in_the_panel(opened):
     """Layout and content of a panel change at once: it is not painted with old places in new data."""
-    data = "{ xs: [[-9, 9, 9]], ys: [[-9, -9, 9]] }"  # in sight whatever the panel shows next
-    opened.page.evaluate(f"Bokeh.documents[0].get_model_by_name('contour-group-1-0').data = {data}")
+    data = "{ xs: [[-9, 9, 9]], ys: [[-9, -9, 9]], width: [1] }"  # in sight whatever the panel shows next
+    opened.page.evaluate(f"Bokeh.documents[0].get_model_by_name('contour-b-1-0').data = {data}")
     opened.settle()
     opened.choose("#label-a", "none")
     label = "Bokeh.documents[0].get_model_by_name('panel-1-0').left[0].axis_label"

@@ -11,7 +11,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from commands import good, refused
-from populations import made_population, ordinary
 
 import bayes_toe as bt
 from bayes_toe.explorer import page as page_module
@@ -194,29 +193,6 @@ def test_a_name_cannot_end_the_page(small_study):
     assert "</script><b>" not in html
 
 
-def test_the_group_stands_behind_its_subjects(group, analysis):
-    made = islands(bt.explore(analysis.draws, subjects=["A"], population=group).html)
-    assert [one["label"] for one in made["index"]["entries"]] == [
-        "predictive update",
-        "predictive update, in the group",
-    ]
-    assert [one["grouped"] for one in made["index"]["entries"]] == [True, True]
-    assert made["index"]["entries"][1]["prior"] is None
-    place = made["index"]["group"]["names"].index("gain")
-    quantiles = numbers(made["index"]["group"]["quantiles"]).reshape(
-        len(made["index"]["group"]["names"]), -1
-    )[place]
-    drawn = group.quantities(group.new_subject())["gain"]
-    assert quantiles[100] == pytest.approx(np.median(drawn), rel=1e-6)
-    inner = made["entry-1"]
-    eta = group.chains.eta[:, :, 0]
-    np.testing.assert_allclose(
-        inner["marked"][inner["names"].index("gain")][1],
-        np.median(group.quantities(eta)["gain"]),
-        rtol=1e-6,
-    )
-
-
 MANY = {"H1": SimpleNamespace(names=[f"S{i}" for i in range(MOST_ENTRIES + 1)])}
 
 
@@ -229,14 +205,6 @@ MANY = {"H1": SimpleNamespace(names=[f"S{i}" for i in range(MOST_ENTRIES + 1)])}
             lambda draws, *_: bt.explore(draws, truths={"A": {"mu": 1.0}}),
             "truths of 'A': unknown quantity 'mu'",
         ),
-        (
-            lambda draws, other, group: bt.explore(other, population=group),
-            "of model 'predictive update', the draws are of 'none'",
-        ),
-        (
-            lambda draws, *_: bt.explore(draws, population=made_population(ordinary(2), draws=5)),
-            "population has none of these subjects; it has: 'P000', 'P001'",
-        ),
         (lambda *_: bt.explore([]), "found no draws"),
         (
             lambda *_: entries(MANY),
@@ -244,9 +212,9 @@ MANY = {"H1": SimpleNamespace(names=[f"S{i}" for i in range(MOST_ENTRIES + 1)])}
         ),
     ],
 )
-def test_what_cannot_be_shown_is_refused(analysis, symmetric, group, explored, said):
+def test_what_cannot_be_shown_is_refused(analysis, symmetric, explored, said):
     with pytest.raises(bt.InputError, match=said):
-        explored(analysis.draws, symmetric, group)
+        explored(analysis.draws, symmetric)
 
 
 def test_without_bokeh_the_extra_is_named(analysis, monkeypatch):

@@ -1,214 +1,243 @@
-"""The verb: what it promises of seeds, workers and the order of subjects."""
-
-from dataclasses import replace
+"""Groups whose truth is known, invariance, the public studies, what is refused."""
 
 import numpy as np
+import pandas as pd
 import pytest
-from conftest import few_pairs
-from populations import made_population
+from populations import made_result, simulated_group, two_conditions
 
 import bayes_toe as bt
-from bayes_toe.classical.frequencies import accuracy
-from bayes_toe.data.tasks import WHICH_STRONGER
+from bayes_toe.data.covariates import Covariates
 from bayes_toe.errors import InputError
-from bayes_toe.groups import chains
-from bayes_toe.groups.chains import Hamiltonian
-from bayes_toe.groups.hyperprior import Hyperprior
-from bayes_toe.groups.population import population
-from bayes_toe.groups.predictive_check import predictive_check
-from bayes_toe.groups.subjects import unpooled_from_draws
-from bayes_toe.inference.diagnostics import errors, worst
-from bayes_toe.records import packed
-
-pytestmark = pytest.mark.filterwarnings("ignore::bayes_toe.errors.ConvergenceWarning")
-
-STUDY = few_pairs(["A", "B", "C"])
-#: Close to what such a study tells, so that few draws do.
-HYPERPRIOR = (
-    Hyperprior()
-    .for_study(STUDY)
-    .changed(
-        {
-            "mu1": {"mean_sd": 0.5, "sd_scale": 0.3},
-            "gamma": {"sd_scale": 0.3},
-            "width": {"sd_scale": 0.3},
-            "q0": {"sd_scale": 0.3},
-        }
-    )
-)
+from bayes_toe.groups import population as module
+from bayes_toe.groups.predictive_check import CONTRADICTED, predictive_check
 
 
 @pytest.fixture(scope="module")
-def run():
-    """A run that is short however the chains mix: what is asked here does not need more."""
-
-    def short(study=STUDY, **more):
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(chains, "LIMIT", 1)
-            patch.setattr(chains, "MOST", 8)
-            patch.setattr(Hamiltonian.warm_up, "__defaults__", ((20, 30),))
-            common = {
-                "model": "predictive update",
-                "draws": 40,
-                "seed": 1,
-                "hyperprior": HYPERPRIOR,
-                "workers": 1,
-            }
-            return population(study, **common | more)
-
-    return short
+def result():
+    study = simulated_group(7, n_subjects=10, n_each=60, mean_c=0.6, sd_c=0.2, mean_p=0.25)
+    return bt.population(study, seed=1)
 
 
-@pytest.fixture(scope="module")
-def found(run):
-    return run()
+def test_a_group_of_known_observers(result):
+    assert result.is_reliable
+    assert result.problems == ()
+    constant_error, contraction = result.effect("constant_error"), result.effect("contraction")
+    assert constant_error.mean.low < 0.6 < constant_error.mean.high
+    assert contraction.mean.low < 0.25 < contraction.mean.high
+    assert constant_error.mean.high - constant_error.mean.low < 0.5
+    assert constant_error.sd.low < 0.2 < constant_error.sd.high
+    assert constant_error.zero_mean.log_bf < -1.0
+    assert contraction.zero_mean.log_bf < -1.0
+    # Nobody differs in p.
+    assert contraction.sd_at_most is not None
+    assert contraction.sd.median < contraction.sd_at_most < contraction.sd.high
+    assert constant_error.percent is not None
+    shift = 100.0 * np.expm1(0.25 * constant_error.mean.median)
+    assert constant_error.percent.median == pytest.approx(shift)
 
 
-@pytest.fixture(scope="module")
-def stored():
-    """Under another prior, which does not enter the joint posterior."""
-    return bt.sample(STUDY, draws=1000, seed=1, prior="paper", workers=1)
+def test_tables_have_what_the_draws_say(result):
+    table = result.summary().set_index(["parameter", "quantity"])
+    expected = np.quantile(result.draws.mean[..., 1], (0.025, 0.5, 0.975))
+    row = table.loc[("contraction", "mean")]
+    assert row[["q025", "q50", "q975"]].tolist() == pytest.approx(expected.tolist())
+    assert row["ln_bf_zero"] == result.effect("contraction").zero_mean.log_bf
+    noise = 0.25 * np.exp(result.draws.mean[..., 2])
+    jnd = np.median(100.0 * np.expm1(0.6744897501960817 * noise))
+    assert table.loc[("jnd_percent", "mean"), "q50"] == pytest.approx(jnd)
+    subjects = result.subject_table.frame()
+    assert subjects["subject"].unique().tolist() == list(result.subjects)
+    assert set(subjects["parameter"]) == {
+        "constant_error",
+        "contraction",
+        "noise",
+        "pse_shift_percent",
+        "jnd_percent",
+        "lapse_rate",
+        "noise_slope",
+    }
+    new = table.loc[("constant_error", "new_subject")]
+    mean = table.loc[("constant_error", "mean")]
+    assert new["q975"] - new["q025"] > mean["q975"] - mean["q025"]
 
 
-def require_alike(one, other, same):
-    """Means, scatters and subjects (place in one, place in the other): 24 z scores, false alarms once in 1500 runs."""
-    values = [
-        (getattr(one.chains, name), getattr(other.chains, name)) for name in ("mean", "scatter")
+def test_a_normal_group_is_not_contradicted(result):
+    check = predictive_check(result)
+    assert check.warnings == ()
+    assert all(CONTRADICTED < row.p_value <= 1.0 for row in check.statistics)
+    assert [row.kind for row in check.statistics] == [
+        "spread",
+        "farthest",
+        "spread",
+        "skewness",
+        "farthest",
     ]
-    values += [(one.chains.eta[:, :, i], other.chains.eta[:, :, j]) for i, j in same]
-    for a, b in ((a[..., k], b[..., k]) for a, b in values for k in range(4)):
-        assert abs(a.mean() - b.mean()) < 4.2 * np.hypot(errors(a).mean, errors(b).mean)
 
 
-def test_the_number_of_workers_changes_no_bit(found, run):
-    other = run(workers=2)
-    for name in ("mean", "scatter", "eta"):
-        assert (getattr(found.chains, name) == getattr(other.chains, name)).all()
-    assert (found.unpooled == other.unpooled).all()
-
-
-def test_the_order_of_subjects_changes_what_chance_may_change(found, run):
-    require_alike(found, run(STUDY.select(["C", "A", "B"])), [(0, 1), (2, 0)])
-
-
-def test_the_stated_diagnostics_are_those_of_the_draws(found):
-    own = found.chains
-    (_, lowest), (_, highest) = worst(own.named(found.names, found.study.names))
-    assert found.converged == (lowest >= 40 and highest < 1.01)
-    assert set(own.convergence) == {
-        (quantity, -1, j) for quantity in ("mean", "sd") for j in range(4)
-    }
-    assert own.mean.shape[0] == 16
-    assert (own.scatter > 0.0).all()
-
-
-def test_parameters_may_be_correlated_in_large_groups(found, run, stored, monkeypatch):
-    assert not found.settings.correlations
-    monkeypatch.setattr("bayes_toe.groups.population.MANY", 3)
-    fewest = min(one.total_trials for one in STUDY)
-    monkeypatch.setattr("bayes_toe.groups.population.LONG", fewest)
-    own = run(posterior=stored)
-    assert own.settings.correlations
-    assert {key for key in own.chains.convergence if key[0] == "correlation"} == {
-        ("correlation", j, i) for i in range(4) for j in range(i)
-    }
-    assert np.linalg.eigvalsh(own.chains.correlation).min() > 0.0
-    assert own.chains.z.std() > 0.1
-    monkeypatch.setattr("bayes_toe.groups.population.LONG", fewest + 1)
-    monkeypatch.setattr(
-        "bayes_toe.groups.population.sample_group",
-        lambda joint, *_: found.chains if not joint.correlated else None,
-    )
-    assert not run(posterior=stored).settings.correlations
-
-
-@pytest.mark.parametrize(
-    ("model", "names"), [("free weighting", ("offset", "gain")), ("update", ("mu1", "gamma"))]
-)
-def test_which_is_stronger(run, model, names, tmp_path):
-    """Four subjects with a pull of a quarter, whose means are known by their own answers, not by the hyperprior."""
-    eta = np.array([0.1, -0.32, -1.2, -1.8]) + 0.05 * np.random.default_rng(3).standard_normal(
-        (4, 4)
-    )
-    study = made_population(eta, model="free weighting", task=WHICH_STRONGER).study
-    found = run(study, model=model, hyperprior=None, draws=60)
-    assert found.names == (*names, "width", "lapse_rate")
-    low, high = np.quantile(found.quantities(found.chains.mean)["pull"], (0.005, 0.995))
-    assert low < 0.25 < high < 0.5
-    weighed = {
-        row.parameter: row.bf_zero for row in found.table.some("mean") if row.bf_zero is not None
-    }
-    assert set(weighed) == (
-        {"order effect", "pull", "constant error"} if model == "free weighting" else set()
-    )
-    assert min(weighed.values(), default=0.0) < 0.3
-    again = bt.load(found.save(tmp_path / "population.nc"))
-    assert (packed(again), again.study.task) == (packed(found), WHICH_STRONGER)
-    check = predictive_check(found, groups=100)
-    assert [one.of for one in check.statistics[-2:]] == ["share of 'second'"] * 2
-    assert check.statistics[2].observed == pytest.approx(
-        np.std([accuracy(one) for one in study], ddof=1)
+def test_a_subject_of_another_kind_contradicts_a_normal_group():
+    study = simulated_group(7, n_subjects=24, n_each=60)
+    odd = study.subjects[0]
+    odd = bt.Subject(odd.name, odd.s1, odd.s2, odd.n_trials, odd.n_trials, task=odd.task)
+    made = made_result(bt.Study([odd, *study.subjects[1:]]))
+    same = made_result(study)
+    # The made-up sds are those of the ordinary subjects.
+    draws = same.draws
+    made = module.PopulationResult(made.study, made.settings, made.scales, made.regressors, draws)
+    assert any(
+        "farthest in its share of 'second'" in line for line in predictive_check(made).warnings
     )
 
 
-def test_a_subject_that_is_known_badly_alone_is_named(run, stored, monkeypatch):
-    def doubted(subject, model, prior, centre, draws, seed):
-        return replace(
-            unpooled_from_draws(stored, subject.name, model, centre, seed),
-            trusted=subject.name != "B",
-        )
+def test_units_of_intensity_do_not_matter():
+    study = simulated_group(5, n_subjects=6, n_each=20, mean_c=0.4, mean_p=0.1)
+    moved = bt.Study(
+        [
+            bt.Subject(
+                one.name, 3 * one.s1 + 2, 3 * one.s2 + 2, one.n_yes, one.n_trials, task=one.task
+            )
+            for one in study
+        ]
+    )
+    here, there = (bt.population(each, seed=3) for each in (study, moved))
+    assert there.scales.step == pytest.approx(3.0 * here.scales.step)
+    for name in ("constant_error", "contraction"):
+        first, second = here.effect(name), there.effect(name)
+        width = first.mean.high - first.mean.low
+        assert second.mean == pytest.approx(first.mean, abs=0.08 * width)
+        assert second.zero_mean.log_bf == pytest.approx(first.zero_mean.log_bf, abs=0.2)
 
-    monkeypatch.setattr("bayes_toe.groups.population.unpooled", doubted)
-    found = run()
-    assert found.rough == ("B",)
+
+def test_covariates_move_the_means():
+    rng = np.random.default_rng(4)
+    low, high = (simulated_group(i, 8, 60, mean_c=c).subjects for i, c in ((1, 0.0), (2, 0.8)))
+    renamed = [
+        bt.Subject(f"Q{i}", one.s1, one.s2, one.n_yes, one.n_trials, task=one.task)
+        for i, one in enumerate(high)
+    ]
+    study = bt.Study([*low, *renamed])
+    groups = dict(zip(study.names, ["a"] * 8 + ["b"] * 7, strict=False))
+    ages = dict(zip(study.names, rng.normal(30.0, 5.0, 15).tolist(), strict=False))
+    with pytest.warns(bt.ConvergenceWarning, match="subject 'Q7' is left out: no covariates"):
+        result = bt.population(study, covariates=Covariates({"group": groups, "age": ages}), seed=1)
+    rows = {(row.level, row.parameter): row for row in result.table.select("effect")}
+    effect = rows["group b", "constant_error"]
+    assert effect.q025 < 0.8 < effect.q975
+    assert effect.ln_bf_zero is not None
+    assert effect.ln_bf_zero < -2.0
+    assert effect.p_direction == pytest.approx(1.0, abs=0.01)
+    age = rows["age", "contraction"]
+    assert age.q025 < 0.0 < age.q975
     assert (
-        found.shortfalls[0]
-        == "subject 'B' alone: few of the draws count, so that its columns alone_ are rough"
+        result.effect("constant_error").mean.low < 0.0 < result.effect("constant_error").mean.high
     )
 
 
-# --- draws that are there already ---------------------------------------------------------------------------------------------------
-
-
-def test_stored_draws_stand_in_the_place_of_subjects_alone(found, run, stored, monkeypatch):
-    monkeypatch.setattr(
-        "bayes_toe.groups.population.unpooled",
-        lambda *_: pytest.fail("a subject was sampled alone"),
-    )
-    other = run(posterior=stored, seed=None)
-    assert (other.settings.seed, other.settings.prior, other.rough) == (1, stored.prior, ())
-    require_alike(found, other, [(0, 0), (1, 1)])
-    mine = stored.values("B", "mu1")
-    assert other.unpooled.shape == found.unpooled.shape
-    assert abs(np.median(other.unpooled[:, 1, 0]) - np.median(mine)) < 0.1 * mine.std()
-    assert set(other.unpooled[:, 1, 3]) <= set(
-        other.posterior("B").to_group(stored.points("B").reshape(-1, 4))[:, 3]
+def test_conditions_differ_by_what_they_differ():
+    result = bt.population(two_conditions(3, n_each=40), seed=1)
+    [row] = result.table.select("difference", "constant_error")
+    assert row.level == "right - left"
+    assert row.q025 < 0.5 < row.q975
+    assert row.q975 - row.q025 < 0.6
+    [contraction] = result.table.select("difference", "contraction")
+    assert contraction.q025 < 0.0 < contraction.q975
+    assert row.ln_bf_zero is not None
+    assert contraction.ln_bf_zero is not None
+    assert row.ln_bf_zero < contraction.ln_bf_zero
+    assert (
+        result.effect("constant_error").mean.low < 0.2 < result.effect("constant_error").mean.high
     )
 
 
-def test_of_draws_of_another_model_seed_and_prior_are_taken(run, stored):
-    """That of `run` is the paper's, which has no place for none."""
-    other = run(posterior=stored, seed=None, model="free weighting")
-    assert (other.names, other.settings.seed, other.settings.prior) == (
-        ("offset", "gain", "width", "q0"),
-        1,
-        stored.prior,
+def test_delays_are_taken_together():
+    [one, two] = simulated_group(2, n_subjects=2, n_each=20)
+    half = one.n_trials // 2
+    parts = (one.n_yes // 2, one.n_yes - one.n_yes // 2)
+    split = bt.Subject(
+        one.name,
+        np.tile(one.s1, 2),
+        np.tile(one.s2, 2),
+        np.concatenate(parts),
+        np.concatenate([np.maximum(half, parts[0]), one.n_trials - np.maximum(half, parts[0])]),
+        isi=np.repeat([0.5, 2.0], len(one.s1)),
+        task=one.task,
     )
+    other = bt.Subject(
+        two.name, two.s1, two.s2, two.n_yes, two.n_trials, isi=0 * two.s1 + 1.0, task=two.task
+    )
+    pooled = module._without_intervals(bt.Study([split, other]))
+    assert pooled.intervals == ()
+    assert pooled[one.name].n_yes.tolist() == one.n_yes.tolist()
+    assert pooled[one.name].n_trials.tolist() == one.n_trials.tolist()
 
 
 @pytest.mark.parametrize(
-    ("what", "said"),
+    ("arguments", "words"),
     [
-        (
-            {"study": few_pairs(["A", "B"])},
-            "posterior: found draws of subject 'C', whom .* does not have",
-        ),
-        (
-            {"prior": bt.Prior(mu1_sd=1.0)},
-            "posterior: found draws under .*; allowed: that prior, or none, given",
-        ),
+        ({"draws": 3}, "population: draws=3; allowed is a whole number from 100 to 100000"),
+        ({"draws": 2.5}, "draws"),
+        ({"hyperprior": "none.toml"}, "none.toml: no such file"),
+        ({"hyperprior": 3}, "a Hyperprior, or the path of a TOML file"),
     ],
 )
-def test_stored_draws_of_something_else_are_refused(run, stored, what, said):
-    with pytest.raises(InputError, match=said):
-        run(posterior=stored, **what)
+def test_what_is_refused(arguments, words):
+    with pytest.raises(InputError, match=words):
+        bt.population(simulated_group(1, n_subjects=3), **arguments)
+
+
+def test_one_subject_is_no_group():
+    with pytest.raises(InputError, match=r"'?P000'? is one subject; allowed: 2 and more"):
+        bt.population(simulated_group(1, n_subjects=1))
+
+
+def test_conditions_and_covariates_are_not_analysed_together():
+    people = Covariates({"age": {"P000": 20.0, "P001": 30.0}})
+    with pytest.raises(InputError, match="a condition and covariates are not analysed together"):
+        bt.population(two_conditions(1, n_subjects=2), covariates=people)
+
+
+#: Public studies: mean, interval and sd of c/D and of p, and ln Bayes factors of a zero mean.
+VIBROTACTILE = {
+    "constant_error": ((0.000, 0.047, 0.094), (0.035, 0.062, 0.117), 0.9),
+    "contraction": ((-0.047, 0.019, 0.076), (0.032, 0.073, 0.141), 1.6),
+}
+AUDITORY = {
+    "constant_error": ((-0.192, -0.111, -0.021), (0.222, 0.281, 0.357), -0.65),
+    "contraction": ((0.243, 0.279, 0.316), (0.089, 0.113, 0.145), None),
+}
+TOLERANCE = {"constant_error": 0.015, "contraction": 0.01}
+
+
+def require_public(result, expected):
+    assert result.is_reliable
+    for name, (mean, sd, log_bf) in expected.items():
+        found = result.effect(name)
+        assert found.mean == pytest.approx(mean, abs=TOLERANCE[name])
+        assert found.sd == pytest.approx(sd, abs=TOLERANCE[name])
+        if log_bf is None:
+            assert found.zero_mean.words == "below -10"
+        else:
+            assert found.zero_mean.log_bf == pytest.approx(log_bf, abs=0.2)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2])
+def test_vibrotactile_study(real_data, seed):
+    path = real_data / "vibrotactile_rate" / "trials.csv"
+    study = bt.read_study(path, bt.ReadOptions(equal_code="1"))
+    study = study.turn("946", (2, 4, 6)).turn("865", (2,))
+    require_public(bt.population(study, seed=seed), VIBROTACTILE)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2])
+def test_auditory_study(real_data, seed):
+    path = real_data / "auditory_pwm" / "trials.csv"
+    study = bt.read_study(path, bt.ReadOptions(ignore=("isi",)))
+    require_public(bt.population(study, seed=seed), AUDITORY)
+
+
+def test_a_frame_has_the_columns_of_the_file(tmp_path, result):
+    path = result.table.save(tmp_path / "population.csv")
+    table = pd.read_csv(path)
+    assert list(table.columns) == list(result.summary().columns)
+    assert np.array_equal(table["q50"], result.summary()["q50"])

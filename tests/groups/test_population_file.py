@@ -1,89 +1,92 @@
-"""population.nc: the same population again, to the bit; ArviZ opens it; what is damaged or something else is refused in one line."""
+"""population.nc: what is read is what was written, and what is refused."""
 
-import json
-import warnings
-
+import h5py
 import numpy as np
 import pytest
 import xarray as xr
-from populations import SIZE, made_up
+from populations import made_result, simulated_group, two_conditions
 
 import bayes_toe as bt
 from bayes_toe.data.covariates import Covariates
-from bayes_toe.groups import population_file
-from bayes_toe.groups.population_file import load_population
+from bayes_toe.errors import InputError
+from bayes_toe.groups.population import load_population
 from bayes_toe.groups.regressors import regressors
-from bayes_toe.records import packed
 
 
-@pytest.fixture(scope="module")
-def found(small_study):
-    who = regressors(Covariates({"group": {"A": "x", "B": "x", "C": "y"}}), small_study.names)
-    return made_up(small_study, who, z=0.1 * np.random.default_rng(3).standard_normal((*SIZE, 6)))
+def with_covariates():
+    study = simulated_group(1, n_subjects=6)
+    ages = dict(zip(study.names, (20.0, 30.0, 25.0, 33.0, 28.0, 41.0), strict=True))
+    columns = regressors(Covariates({"age": ages}), study.names)
+    return made_result(study, columns, n_divergent=1)
 
 
-@pytest.fixture(scope="module")
-def file(found, tmp_path_factory):
-    return found.save(tmp_path_factory.mktemp("nc") / "population.nc")
+MADE = {
+    "which is stronger": lambda: made_result(simulated_group(1, n_subjects=4)),
+    "same or different": lambda: made_result(bt.example_study().select(["S01", "S02", "S03"])),
+    "covariates": with_covariates,
+    "conditions": lambda: made_result(two_conditions(2, n_subjects=3)),
+}
 
 
-def test_it_comes_back_to_the_bit(found, file):
-    again = bt.load(file)
-    assert packed(again) == packed(found)
-    assert packed(again.table.rows) == packed(found.table.rows)
+@pytest.mark.parametrize("kind", MADE)
+def test_there_and_back(kind, tmp_path):
+    made = MADE[kind]()
+    path = made.save(tmp_path / "population.nc")
+    again = bt.load(path)
+    for name in ("mean", "sd", "effects", "subjects"):
+        assert np.array_equal(getattr(again.draws, name), getattr(made.draws, name))
+    assert (again.settings, again.scales) == (made.settings, made.scales)
+    assert (again.study.names, again.study.task) == (made.study.names, made.study.task)
+    assert (again.study.conditions, again.subjects) == (made.study.conditions, made.subjects)
+    assert again.problems == made.problems
+    assert again.regressors.columns == made.regressors.columns
+    assert again.summary().equals(made.summary())
+    for first, second in zip(again.study, made.study, strict=True):
+        assert np.array_equal(first.n_yes, second.n_yes)
+        assert first.condition == second.condition
 
 
-def test_arviz_opens_it(found, file):
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # ArviZ announces its own changes
-        import arviz as az
-
-        tree = az.from_netcdf(file)
-    drawn = tree["posterior"]
-    assert drawn["effect"].dims == ("chain", "draw", "regressor", "parameter")
-    assert drawn["regressor"].values.tolist() == ["group y"]
-    assert np.array_equal(
-        drawn["eta"].sel(subject="B", parameter="width").values, found.chains.eta[:, :, 1, 2]
-    )
-    assert np.allclose(np.log(drawn["width"].sel(subject="B").values), found.chains.eta[:, :, 1, 2])
-    assert np.array_equal(
-        drawn["correlation"].sel(parameter="mu1", other="gamma").values,
-        found.chains.correlation[..., 0, 1],
-    )
-    assert np.array_equal(
-        drawn["new_subject"].sel(quantity="gain").values,
-        found.quantities(found.new_subject())["gain"],
-    )
-    assert json.loads(tree.attrs["settings"])["hyperprior"]["gamma"]["sd_scale"] == 1.0
-    assert (tree.attrs["seed"], tree.attrs["model"], tree.attrs["converged"]) == (
-        0,
-        "predictive update",
-        1,
-    )
-    assert tree.attrs["regressors"] == "group y against x"
-    tree.close()
+def test_the_draws_are_named_for_arviz(tmp_path):
+    made = MADE["conditions"]()
+    made.save(tmp_path / "population.nc")
+    with xr.open_datatree(tmp_path / "population.nc", engine="h5netcdf") as tree:
+        drawn = tree["posterior"]
+        assert drawn["mean"].dims == ("chain", "draw", "coefficient")
+        assert drawn["coefficient"].values.tolist() == [
+            "constant_error",
+            "contraction",
+            "noise",
+            "difference 1 of constant_error",
+            "difference 1 of contraction",
+            "difference 1 of noise",
+        ]
+        assert drawn["parameter"].values.tolist()[-2:] == ["lapse_rate", "noise_slope"]
 
 
-def test_of_a_large_group_quantities_of_subjects_are_thinned(found, tmp_path, monkeypatch):
-    monkeypatch.setattr(population_file, "MOST_DRAWS", 200)
-    monkeypatch.setattr(population_file, "AFFORDABLE", 100)
-    again = bt.load(found.save(tmp_path / "large.nc"))
-    assert packed(again) == packed(found)
-    with xr.open_datatree(tmp_path / "large.nc") as tree:
-        assert "gain" not in tree["posterior"]
-        assert tree["posterior_predictive"]["gain"].dims == ("chain", "draw", "subject")
-        assert tree["posterior_predictive"]["gain"].shape[1] < found.chains.mean.shape[1]
-        assert tree.attrs["thinned"]
+def test_what_is_not_a_population_is_refused(tmp_path):
+    for name, content in (("text.nc", b"subject"), ("empty.nc", b"")):
+        (tmp_path / name).write_bytes(content)
+        with pytest.raises(InputError, match=f"{name}: not a population that can be read"):
+            load_population(tmp_path / name)
+    with pytest.raises(InputError, match=r"none\.nc: no such file; allowed: a population\.nc"):
+        load_population(tmp_path / "none.nc")
+    with h5py.File(tmp_path / "old.nc", "w") as file:
+        file.attrs["hyperprior"] = "probit gamma"
+    with pytest.raises(InputError, match=r"old\.nc: made before version 0\.1; make it again by"):
+        load_population(tmp_path / "old.nc")
 
 
-def test_what_is_no_population_is_refused(found, file, analysis, tmp_path):
-    damaged = tmp_path / "damaged.nc"
-    content = bytearray(file.read_bytes())
-    content[content.index(found.chains.eta[0, 0, 0, 0].tobytes())] ^= 1
-    damaged.write_bytes(content)
-    (tmp_path / "text.nc").write_text("population")
-    other = analysis.draws.save(tmp_path / "posterior.nc")
-    for path in (damaged, tmp_path / "text.nc", other, tmp_path / "none.nc", tmp_path):
-        with pytest.raises(bt.InputError, match=r"allowed: a population\.nc") as refused:
-            load_population(path)
-        assert str(refused.value).count("\n") == 0
+def test_damage_is_refused(tmp_path):
+    path = MADE["which is stronger"]().save(tmp_path / "population.nc")
+    with h5py.File(path, "a") as file:
+        del file["posterior/subjects"]
+    with pytest.raises(InputError, match=r"population\.nc: not a population that can be read"):
+        load_population(path)
+
+
+def test_a_file_is_not_replaced_unasked(tmp_path):
+    made = MADE["which is stronger"]()
+    made.save(tmp_path / "population.nc")
+    with pytest.raises(bt.BayesToeError, match="overwrite"):
+        made.save(tmp_path / "population.nc")
+    assert made.save(tmp_path / "population.nc", overwrite=True).exists()

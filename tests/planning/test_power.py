@@ -5,9 +5,7 @@ import pandas as pd
 import pytest
 from commands import good, refused
 from conftest import plain_models_alone
-from populations import drawn
 
-import bayes_toe as bt
 from bayes_toe.comparison.random_effects import random_effects
 from bayes_toe.comparison.verdict import verdict
 from bayes_toe.errors import InputError
@@ -18,20 +16,11 @@ from bayes_toe.planning.power import (
     NAMED,
     WRONG,
     DataSet,
-    Outcome,
     PowerTable,
     power,
     share_of,
 )
-from bayes_toe.planning.power_of_studies import (
-    DENYING,
-    ERROR,
-    PULL,
-    PopulationPower,
-    planned_studies,
-    power_of_studies,
-    said_on_average,
-)
+from bayes_toe.planning.power_of_studies import power_of_studies
 from bayes_toe.planning.study_design import narrow_study_design, paper_study_design
 from bayes_toe.seeds import generator
 
@@ -170,50 +159,6 @@ def test_a_mixed_population_names_its_most_frequent_kind():
     )
 
 
-def test_counts_of_studies_analysed_as_groups():
-    def analysed(kind, *found):  # probability of none, and what is named
-        return [
-            Outcome("d", 100, kind, 8, said_on_average(p, named, (0.1,) * 4, warned=p > 0.9))
-            for p, *named in found
-        ]
-
-    said = (0.01, "pull"), (0.2, "pull", "constant error"), (0.3,), (0.8,)
-    table = PopulationPower(
-        tuple(analysed("none", (0.97,), (0.04, "pull")) + analysed("update", *said)), 1
-    )
-    expected = {FOUND: 0.5, PULL: 0.5, ERROR: 0.25, DENYING: 0.25, "analysed with warnings": 0.0}
-    assert {name: table.counted["d", 100, "update", 8, name].value for name in expected} == expected
-    assert (
-        table.counted["d", 100, "none", 8, DENYING].value
-        == table.counted["d", 100, "none", 8, "analysed with warnings"].value
-        == 0.5
-    )
-    assert table.sentences() == [
-        "with d and 100 trials each, population finds an order effect of subjects with a pull in 50 % of studies with 8 subjects (of 4), "
-        "and wrongly of others in 1 of 2"
-    ]
-
-
-def test_smaller_studies_are_parts_of_larger_ones_and_no_subject_is_in_two_of_a_size():
-    people, shares = (
-        observers_from(None, 600, seed=1),
-        {"none": 0.2, "constant error": 0.2, "update": 0.6},
-    )
-    planned = list(planned_studies(people, [3, 12], shares, 1))
-    assert len({one.name for one in planned}) == len(planned)
-    for kind in ("none", "mixed"):
-        small, large = (
-            [one.people for one in planned if one.kind == kind and len(one.people) == size]
-            for size in (3, 12)
-        )
-        assert (len(large), small) == (50, [study[:3] for study in large])
-        assert len({one.name for study in large for one in study}) == 600
-    kinds = [one.kind for study in large for one in study]
-    assert kinds.count("update") / 600 == pytest.approx(
-        0.6, abs=3.3 * np.sqrt(0.24 / 600)
-    )  # false alarm 1 in 1,000
-
-
 # --- The command ----------------------------------------------------------------------------------
 
 
@@ -250,21 +195,6 @@ def test_the_command(tmp_path, designs, three_models):
     assert not (tmp_path / "out.partial").exists()
 
 
-def test_the_command_with_groups(tmp_path, monkeypatch, three_models, blank_figure):
-    monkeypatch.setattr("bayes_toe.groups.population.sample_group", drawn)
-    asked = ("--trials", "65", "--subjects", "1,2", "--population", "--studies", "1")
-    said = " ".join(good("power", *asked, *ALONE, cwd=tmp_path).split())
-    assert "and 65 trials each, population finds an order effect of subjects with a pull in" in said
-    table = pd.read_csv(tmp_path / "out" / "power_population.csv")
-    assert (set(table.subjects), set(table.studies), set(table.observers)) == (
-        {2},
-        {1},
-        {"none", "constant error", "update"},
-    )
-    assert (table.set_index("quantity").value["90 % width of mean of pull"] > 0.0).all()
-    assert not (tmp_path / "out.partial").exists()
-
-
 @pytest.mark.parametrize(
     ("more", "said"),
     [
@@ -276,9 +206,3 @@ def test_the_command_with_groups(tmp_path, monkeypatch, three_models, blank_figu
 )
 def test_bad_input_is_one_line(tmp_path, more, said):
     assert refused("power", *more, "-o", "out", cwd=tmp_path).startswith(said)
-
-
-def test_a_study_of_one_subject_is_refused():
-    said = r"subjects=\[1\]: allowed is at least 1 study of at least 2 sub"
-    with pytest.raises(InputError, match=said):
-        bt.planning.power_of_populations(subjects=[1], studies=1)

@@ -6,8 +6,7 @@ import pytest
 import bayes_toe as bt
 from bayes_toe.planning.judging import Judgement
 from bayes_toe.planning.optimal import OPTIMISED, PAPER, Candidate, DesignGoal, OptimalDesign
-from bayes_toe.planning.power import FOUND, DataSet, Outcome, PowerTable
-from bayes_toe.planning.power_of_studies import PopulationPower, said_on_average
+from bayes_toe.planning.power import FOUND, DataSet, PowerTable
 from bayes_toe.planning.study_design import each_once, paper_study_design
 
 
@@ -60,27 +59,6 @@ def test_many_designs_are_told_apart_and_stand_at_their_numbers():
     assert (np.abs(np.log(at[:, :, None] / [300, 325, 350])).argmin(axis=2) == [0, 1, 2]).all()
     assert ax.get_xlim()[0] < at.min() < at.max() < ax.get_xlim()[1]
     assert (np.diff(at, axis=0) > 0.0).all()
-
-
-def test_whole_studies_by_the_number_of_their_subjects(table):
-    rows = [
-        Outcome(
-            name,
-            400,
-            kind,
-            size,
-            said_on_average(p, ("pull",) * (p < 0.1 and size > 4), (0.1,) * 4, warned=False),
-        )
-        for name in table.different("design")
-        for kind in ("none", "update")
-        for size in (4, 8)
-        for p in (0.01, 0.2, 0.5)
-    ]
-    figure = bt.plots.power_figure(table, PopulationPower(tuple(rows), 1, {}))
-    assert len(figure.axes) == 8
-    found, named = (figure.axes[-1].containers[i].lines[0].get_ydata().tolist() for i in (0, 1))
-    assert (found, named) == ([2 / 3, 2 / 3], [0.0, 1 / 3])
-    assert figure.axes[-1].get_xlabel() == "subjects of 400 trials"
 
 
 def test_a_design_on_the_plane():

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 from commands import good
 from conftest import few_replicates
-from populations import made_up
+from populations import made_result
 from reference.calibration import ABOUT, calibrate
 
 import bayes_toe as bt
@@ -15,9 +15,7 @@ from bayes_toe.checks.design_checks import describe_design
 from bayes_toe.cli.supplement import fit_table, order_effect_table, parameter_table
 from bayes_toe.inference.prediction import predict_pairs
 from bayes_toe.model.parameters import ORDER_MODELS
-from bayes_toe.planning.power import Outcome
-from bayes_toe.planning.power_of_conditions import ConditionsPower
-from bayes_toe.planning.power_of_studies import PopulationPower, power_of_studies
+from bayes_toe.planning.power_of_studies import power_of_studies
 
 DOCUMENT = data_dictionary.OUTPUT.read_text(encoding="utf-8")
 KNOWN = {
@@ -47,14 +45,14 @@ def written(analysis, small_study, tmp_path_factory):
         cwd=folder,
     )
     judged = calibrate(studies=1, data_sets=1, seed=3, workers=1)
-    group, asymmetry = made_up(small_study), bt.asymmetry(small_study)
+    group, asymmetry = made_result(small_study), bt.asymmetry(small_study)
     return {
         "summary.csv": analysis.summary(),
         "evidence.csv": analysis.evidence.frame(),
         "fit.csv": analysis.fits.frame(),
         "asymmetry.csv": asymmetry.frame(),
         "population.csv": group.summary(),
-        "population_subjects.csv": group.subjects(),
+        "population_subjects.csv": group.subject_table.frame(),
         "predictions.csv": predict_pairs(analysis.draws, pairs, ["A"]),
         "study.csv": pd.read_csv(folder / "study.csv"),
         "truth.csv": pd.read_csv(folder / "truth.csv"),
@@ -77,13 +75,10 @@ def planned(folder):
         table = bt.planning.power(trials=[26], data_sets=1, seed=1, workers=1)
     (folder / "design.csv").write_text("s1,s2,n_trials\n0,0.3,2\n0.3,0,2\n", encoding="utf-8")
     good("design", "design.csv", "--list", "trials.csv", "--blocks", "1", "--seed", "1", cwd=folder)
-    one = Outcome("d", 26, "update", 2, {"effect found": True})
     return {
         "power.csv": table.frame(),
         "power_data_sets.csv": table.data_sets_frame(),
         "power_subjects.csv": power_of_studies(table).frame(),
-        "power_population.csv": PopulationPower((one,), 1).frame(),
-        "power_conditions.csv": ConditionsPower((one,), 1).frame(),
         "design.csv": pd.read_csv(folder / "design.csv"),
         "trials.csv": pd.read_csv(folder / "trials.csv"),
     }

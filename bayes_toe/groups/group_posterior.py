@@ -1,0 +1,326 @@
+"""The joint posterior of a group: means and standard deviations, and every subject's parameters.
+
+Coefficients of subject i: those of :mod:`bayes_toe.groups.hyperprior` and, with conditions, their
+differences. For each coefficient
+
+    a_i = mu_i + tau u_i,    mu_i = m + x_i' beta,    u_i ~ Normal(0, 1),
+
+with the covariates x. Where the responses say nothing of a_i the best coordinate is its score u_i
+(non-centred); where they fix a_i it is a_i itself (centred). With the centre e and the precision h
+that the responses alone give to a_i, about, and s = 1/(1 + h tau^2),
+
+    a = s mu + (1 - s) e + tau s^(1/2) xi
+
+lies in between, and given mu and tau xi is nearly standard normal. Rough e and h cost speed, not
+exactness; with h = 0 the coordinates are non-centred.
+
+The lapse rate and the slopes of noise and criterion have the prior of a single subject.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from bayes_toe.arrays import FloatArray, IntArray
+from bayes_toe.data.study import Subject
+from bayes_toe.groups.hyperprior import HyperpriorNumbers, group_parameters
+from bayes_toe.model.observer import ObserverBatch, StimulusScales
+from bayes_toe.model.parameters import ObserverPrior, task_parameters
+
+#: With these units a coordinate of the likelihood is c/D, p, log(sigma_d/D) or logit q0 itself.
+PLAIN_UNITS = ObserverPrior(noise_sd=1.0, constant_error_scale=1.0, contraction_sd=1.0)
+_SCORING_STEPS = 40
+
+
+@dataclass(frozen=True, eq=False)
+class SubjectRows:
+    """The counts of all subjects as one likelihood; a subject has a row for each condition.
+
+    A subject's point w has its q coefficients, then the parameters that the group does not share;
+    a row's coordinates are `loading @ w`.
+
+    Attributes
+    ----------
+    batch : ObserverBatch
+    first_row : ndarray of int, shape (subjects,)
+        Rows of a subject stand together.
+    loading : ndarray, shape (rows, k, q + own)
+    n_coefficients : int
+        q.
+    """
+
+    batch: ObserverBatch
+    first_row: IntArray
+    loading: FloatArray
+    n_coefficients: int
+
+    @classmethod
+    def from_subjects(
+        cls,
+        rows: Sequence[Subject],
+        scales: Sequence[StimulusScales],
+        first_row: IntArray,
+        differences: FloatArray,
+        differing: Sequence[str],
+    ) -> SubjectRows:
+        """From the counts and scales of every row.
+
+        Parameters
+        ----------
+        rows, scales
+            Counts and scales of every row.
+        first_row : ndarray of int
+            The first row of every subject.
+        differences : ndarray, shape (rows, columns)
+            The design of the conditions, no column without.
+        differing : sequence of str
+            Names of the parameters that may differ between conditions.
+        """
+        batch = ObserverBatch.from_subjects(rows, PLAIN_UNITS, scales)
+        names = [parameter.name for parameter in task_parameters(rows[0].task)]
+        shared = [parameter.name for parameter in group_parameters(rows[0].task)]
+        own = [name for name in names if name not in shared]
+        n_columns = differences.shape[1]
+        n_coefficients = len(shared) + len(differing) * n_columns
+        loading = np.zeros((len(rows), len(names), n_coefficients + len(own)))
+        for j, name in enumerate(shared):
+            loading[:, names.index(name), j] = 1.0
+        for j, name in enumerate(differing):
+            first = len(shared) + j * n_columns
+            loading[:, names.index(name), first : first + n_columns] = differences
+        for j, name in enumerate(own):
+            loading[:, names.index(name), n_coefficients + j] = 1.0
+        return cls(batch, first_row, loading, n_coefficients)
+
+    @property
+    def n_subjects(self) -> int:
+        """Number of subjects."""
+        return len(self.first_row)
+
+    @property
+    def n_coordinates(self) -> int:
+        """Length of a subject's point, q + own."""
+        return int(self.loading.shape[2])
+
+    @cached_property
+    def subject_of_row(self) -> IntArray:
+        """The subject of every row."""
+        n_rows = len(self.loading)
+        sizes = np.diff(np.append(self.first_row, n_rows))
+        return np.repeat(np.arange(self.n_subjects), sizes)
+
+    @cached_property
+    def own_priors(self) -> list[int]:
+        """Which coordinates of the batch the group does not share."""
+        is_own = self.loading[0, :, self.n_coefficients :].any(axis=1)
+        return np.flatnonzero(is_own).tolist()
+
+    def row_points(self, w: FloatArray) -> FloatArray:
+        """Coordinates of the rows, (subjects, points, q + own) -> (rows, points, k)."""
+        return np.asarray(w[self.subject_of_row] @ self.loading.swapaxes(1, 2))
+
+    def gradient(self, w: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Log likelihood of subjects, (subjects, points), and its gradient in w."""
+        value, slope = self.batch.gradient(self.row_points(w))
+        value = np.add.reduceat(value, self.first_row, axis=0)
+        return value, np.add.reduceat(slope @ self.loading, self.first_row, axis=0)
+
+    def scoring(self, w: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """The same with the Fisher information."""
+        value, slope, information = self.batch.scoring(self.row_points(w))
+        loading = self.loading[:, None]
+        information = loading.swapaxes(2, 3) @ information @ loading
+        parts = (value, slope @ self.loading, information)
+        first, second, third = (np.add.reduceat(part, self.first_row, axis=0) for part in parts)
+        return first, second, third
+
+    def log_own_prior(self, own: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Log prior of the parameters that are not shared, (..., own) -> (...), and its slopes."""
+        total, slopes = np.zeros(own.shape[:-1]), np.empty_like(own)
+        for j, place in enumerate(self.own_priors):
+            density = self.batch.priors[place]
+            total += density.log_density(own[..., j])
+            slopes[..., j] = density.slope(own[..., j])
+        return total, slopes
+
+
+class SeparateFits(NamedTuple):
+    """What the responses of each subject say without the others, about.
+
+    Attributes
+    ----------
+    mode : ndarray, shape (subjects, q + own)
+        The maximum under a normal prior as wide as the hyperprior.
+    sd : ndarray, shape (subjects, q + own)
+    information, precision : ndarray, shape (subjects, q)
+        h e and h of the coefficients by the responses alone.
+    """
+
+    mode: FloatArray
+    sd: FloatArray
+    information: FloatArray
+    precision: FloatArray
+
+
+def separate_fits(rows: SubjectRows, numbers: HyperpriorNumbers) -> SeparateFits:
+    """Maxima by Fisher scoring, all subjects at once."""
+    n, k, q = rows.n_subjects, rows.n_coordinates, rows.n_coefficients
+    centre, precision = np.zeros(k), np.ones(k)
+    centre[:q] = numbers.mean
+    precision[:q] = 1.0 / (np.square(numbers.mean_scale) + np.square(numbers.sd_scale))
+
+    def scored(w: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        value, slope, information = rows.scoring(w[:, None])
+        away = w - centre
+        value = value[:, 0] - 0.5 * (precision * np.square(away)).sum(axis=1)
+        return value, slope[:, 0] - precision * away, information[:, 0] + np.diag(precision)
+
+    w = np.tile(centre, (n, 1))
+    value, slope, information = scored(w)
+    share = np.ones((n, 1))
+    for _ in range(_SCORING_STEPS):
+        step = np.linalg.solve(information, slope[..., None])[..., 0]
+        trial = w + share * step
+        new_value, new_slope, new_information = scored(trial)
+        is_better = new_value > value
+        w[is_better] = trial[is_better]
+        value = np.where(is_better, new_value, value)
+        slope[is_better] = new_slope[is_better]
+        information[is_better] = new_information[is_better]
+        share = np.where(is_better[:, None], np.minimum(1.0, 2.0 * share), 0.25 * share)
+    variance = np.diagonal(np.linalg.inv(information), axis1=1, axis2=2)
+    by_responses = np.maximum(1.0 / variance[:, :q] - precision[:q], 0.0)
+    told = w[:, :q] / variance[:, :q] - precision[:q] * centre[:q]
+    told = np.where(by_responses > 0.0, told, 0.0)
+    return SeparateFits(w, np.sqrt(variance), told, by_responses)
+
+
+class GroupPoint(NamedTuple):
+    """Points of a group: means, log standard deviations, effects, and the subjects' points w.
+
+    Attributes
+    ----------
+    mean, log_sd : ndarray, shape (points, q)
+    effects : ndarray, shape (points, covariates, q)
+    w : ndarray, shape (subjects, points, q + own)
+    """
+
+    mean: FloatArray
+    log_sd: FloatArray
+    effects: FloatArray
+    w: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class GroupPosterior:
+    """Log density of the joint posterior, with its gradient.
+
+    A point theta has the means, log standard deviations and effects, then a block for each
+    subject: xi of its coefficients, and the parameters that are not shared.
+
+    Attributes
+    ----------
+    rows : SubjectRows
+    numbers : HyperpriorNumbers
+    x : ndarray, shape (subjects, covariates)
+    fits : SeparateFits
+    """
+
+    rows: SubjectRows
+    numbers: HyperpriorNumbers
+    x: FloatArray
+    fits: SeparateFits
+
+    @property
+    def n_shared(self) -> int:
+        """Number of coordinates of the group; they come first."""
+        return int(self.rows.n_coefficients * (2 + self.x.shape[1]))
+
+    @property
+    def n_coordinates(self) -> int:
+        """Number of all coordinates."""
+        return self.n_shared + self.rows.n_subjects * self.rows.n_coordinates
+
+    def __call__(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Log density, (points,), and gradient, (points, n_coordinates)."""
+        numbers, q = self.numbers, self.rows.n_coefficients
+        mean, log_sd, effects, block = self._split(theta)
+        tau = np.exp(log_sd)
+        expected = self._expected(mean, effects)
+        xi, own = block[..., :q], block[..., q:]
+        ratio = self.fits.precision[:, None] * np.square(tau)
+        share = 1.0 / (1.0 + ratio)
+        rest = ratio * share
+        root = np.sqrt(share)
+        unit = tau * root
+        pulled = self.fits.information[:, None] - self.fits.precision[:, None] * expected
+        away = np.square(unit) * pulled
+        score = tau * share * pulled + root * xi
+        w = np.concatenate([expected + away + unit * xi, own], axis=-1)
+        log_likelihood, slope = self.rows.gradient(w)
+        log_own, own_slope = self.rows.log_own_prior(own)
+        by_coefficient = slope[..., :q]
+
+        by_xi = by_coefficient * unit - score * root
+        precision_unit = self.fits.precision[:, None] * tau * share
+        by_expected = by_coefficient * share + score * precision_unit
+        coefficient_rise = share * (2.0 * away + unit * xi)
+        score_rise = tau * share * pulled * (2.0 * share - 1.0) - root * rest * xi
+        by_log_sd = by_coefficient * coefficient_rise - score * score_rise - rest
+
+        log_prior = numbers.log_mean(mean) + numbers.log_sd(tau) + log_sd
+        log_prior = log_prior.sum(axis=-1) + numbers.log_effect(effects).sum(axis=(1, 2))
+        log_scores = (0.5 * np.log(share) - 0.5 * np.square(score)).sum(axis=-1)
+        value = log_prior + (log_likelihood + log_own + log_scores).sum(axis=0)
+        mean_slope = numbers.mean_slope(mean) + by_expected.sum(axis=0)
+        log_sd_slope = numbers.sd_slope(tau) * tau + 1.0 + by_log_sd.sum(axis=0)
+        effect_slope = numbers.effect_slope(effects)
+        effect_slope = effect_slope + np.einsum("nr,npq->prq", self.x, by_expected)
+        subject_slope = np.concatenate([by_xi, slope[..., q:] + own_slope], axis=-1)
+        parts = (mean_slope, log_sd_slope, effect_slope, subject_slope.swapaxes(0, 1))
+        return value, np.concatenate([part.reshape(len(theta), -1) for part in parts], axis=1)
+
+    def points(self, theta: FloatArray) -> GroupPoint:
+        """What coordinates stand for, theta of shape (points, n_coordinates)."""
+        q = self.rows.n_coefficients
+        mean, log_sd, effects, block = self._split(theta)
+        tau = np.exp(log_sd)
+        expected = self._expected(mean, effects)
+        precision = self.fits.precision[:, None]
+        unit = tau / np.sqrt(1.0 + precision * np.square(tau))
+        pulled = self.fits.information[:, None] - precision * expected
+        coefficients = expected + np.square(unit) * pulled + unit * block[..., :q]
+        w = np.concatenate([coefficients, block[..., q:]], axis=-1)
+        return GroupPoint(mean, log_sd, effects, w)
+
+    def start(self, n_points: int, rng: np.random.Generator) -> FloatArray:
+        """Points about what the separate fits suggest, farther apart than the posterior."""
+        q, fits = self.rows.n_coefficients, self.fits
+        mode = fits.mode[:, :q]
+        spread = np.maximum(mode.std(axis=0), 0.3 * self.numbers.sd_scale)
+        unit = spread / np.sqrt(self.rows.n_subjects)
+        theta = np.zeros((n_points, self.n_coordinates))
+        theta[:, :q] = mode.mean(axis=0) + 2.0 * unit * rng.standard_normal((n_points, q))
+        theta[:, q : 2 * q] = np.log(spread) + 0.7 * rng.standard_normal((n_points, q))
+        effects = np.tile(unit, self.x.shape[1])
+        theta[:, 2 * q : self.n_shared] = effects * rng.standard_normal((n_points, len(effects)))
+        block = rng.standard_normal((n_points, self.rows.n_subjects, self.rows.n_coordinates))
+        block[..., q:] = fits.mode[:, q:] + fits.sd[:, q:] * block[..., q:]
+        theta[:, self.n_shared :] = block.reshape(n_points, -1)
+        return theta
+
+    def _split(self, theta: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Means, log sds, effects, and the blocks of the subjects, (subjects, points, ...)."""
+        q, n_points = self.rows.n_coefficients, len(theta)
+        mean, log_sd, effects, block = np.split(theta, (q, 2 * q, self.n_shared), axis=1)
+        block = block.reshape(n_points, self.rows.n_subjects, self.rows.n_coordinates)
+        return mean, log_sd, effects.reshape(n_points, -1, q), block.swapaxes(0, 1)
+
+    def _expected(self, mean: FloatArray, effects: FloatArray) -> FloatArray:
+        """The mean of subjects with their covariates, (subjects, points, q)."""
+        return np.asarray(mean + np.einsum("nr,prq->npq", self.x, effects))

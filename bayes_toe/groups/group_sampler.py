@@ -1,0 +1,320 @@
+"""Draws of the joint posterior of a group by Hamiltonian Monte Carlo, with a rule for stopping.
+
+All chains go in step: every leapfrog is one call of the log density for all of them, because a
+gradient in NumPy costs much the same for one point as for a dozen. In coordinates in which the
+posterior is nearly standard normal, a trajectory of a quarter period makes the next draw nearly
+independent, and all trajectories may have one length. The length is drawn anew for each, so that
+no frequency is ever in step with it.
+
+The step size, and the covariance of the coordinates of the group and of every subject, are learnt
+during warm-up from all chains together; then both are fixed. A trajectory on which the energy
+grows by more than 1000 nats is divergent: it is refused and counted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from bayes_toe.arrays import BoolArray, FloatArray
+from bayes_toe.groups.group_posterior import GroupPosterior
+from bayes_toe.inference.diagnostics import Convergence, convergence_of, worst
+
+Density = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
+
+_TARGET_ACCEPTANCE = 0.85
+#: Mean length of a trajectory, and the autocorrelation of draws from which on it is doubled.
+_LENGTH, _MOST_ALIKE = 0.75 * np.pi, 0.6
+#: Gain of energy, and momentum, at which a trajectory is given up.
+_LARGEST_GAIN, _LARGEST_MOMENTUM = 1000.0, 1000.0
+_MOST_STEPS = 256
+#: Draws while chains settle, and the most steps of each.
+_SETTLING, _FEW_STEPS = 40, 8
+_ROUNDS = (40, 40, 60, 80)
+#: Share of trajectories with shorter steps, and how much shorter they are.
+_CAREFUL_SHARE, _CAREFUL_STEP = 0.125, 0.2
+#: Draws by which the first guess of a covariance counts.
+_GUESS_WEIGHT = 5.0
+
+
+class Trace(NamedTuple):
+    """Draws of chains.
+
+    Attributes
+    ----------
+    x : ndarray, shape (draws, chains, coordinates)
+    is_divergent : ndarray of bool, shape (draws, chains)
+    """
+
+    x: FloatArray
+    is_divergent: BoolArray
+
+
+class _Trajectory(NamedTuple):
+    """Where chains are after a trajectory, the chance to get there, and whether they diverged."""
+
+    x: FloatArray
+    acceptance: FloatArray
+    is_divergent: BoolArray
+
+
+class Metric:
+    """Covariances of the shared coordinates and of each block of coordinates, as factors.
+
+    Parameters
+    ----------
+    n_shared : int
+        Coordinates that come first.
+    n_blocks, block_size : int
+        Blocks behind them.
+    """
+
+    def __init__(self, n_shared: int, n_blocks: int, block_size: int) -> None:
+        self._shared = np.eye(n_shared)
+        self._blocks = np.tile(np.eye(block_size), (n_blocks, 1, 1))
+
+    def to_position(self, momentum: FloatArray) -> FloatArray:
+        """How far a momentum carries, (chains, coordinates)."""
+        return self._transform(momentum, self._shared.T, self._blocks.swapaxes(1, 2))
+
+    def to_momentum(self, gradient: FloatArray) -> FloatArray:
+        """What a slope does to the momentum, (chains, coordinates)."""
+        return self._transform(gradient, self._shared, self._blocks)
+
+    def learn(self, draws: FloatArray) -> None:
+        """Covariances from draws, (draws, coordinates), with those of before as a few more."""
+        n_shared, (n_blocks, size, _) = len(self._shared), self._blocks.shape
+        draws = draws - draws.mean(axis=0)
+        blocks = draws[:, n_shared:].reshape(-1, n_blocks, size).swapaxes(0, 1)
+        self._shared = _shrunk_root(draws[None, :, :n_shared], self._shared[None])[0]
+        self._blocks = _shrunk_root(blocks, self._blocks)
+
+    def _transform(self, values: FloatArray, shared: FloatArray, blocks: FloatArray) -> FloatArray:
+        """Shared coordinates times one factor, and each block times its own."""
+        n_shared, (n_blocks, size, _) = len(self._shared), self._blocks.shape
+        by_block = values[:, n_shared:].reshape(-1, n_blocks, size).swapaxes(0, 1) @ blocks
+        by_block = by_block.swapaxes(0, 1).reshape(len(values), -1)
+        return np.concatenate([values[:, :n_shared] @ shared, by_block], axis=1)
+
+
+def _shrunk_root(draws: FloatArray, root: FloatArray) -> FloatArray:
+    """Cholesky factors of covariances of draws, (blocks, draws, size)."""
+    n_draws = draws.shape[1]
+    weight = n_draws / (n_draws + _GUESS_WEIGHT)
+    covariance = draws.swapaxes(1, 2) @ draws / n_draws
+    guess = root @ root.swapaxes(1, 2)
+    return np.linalg.cholesky(weight * covariance + (1.0 - weight) * guess)
+
+
+class Hamiltonian:
+    """Chains that go through a density together.
+
+    Parameters
+    ----------
+    density : callable
+        Points, (chains, coordinates) -> log density, (chains,), and its gradient.
+    start : ndarray, shape (chains, coordinates)
+    metric : Metric
+    rng : Generator
+
+    Attributes
+    ----------
+    step : float
+        Size of a leapfrog step, in units of the metric.
+    n_gradients : int
+        Gradients of single chains so far.
+    """
+
+    def __init__(
+        self, density: Density, start: FloatArray, metric: Metric, rng: np.random.Generator
+    ) -> None:
+        self._density, self._metric, self._rng = density, metric, rng
+        self._x = start.copy()
+        self._value, self._gradient = density(start)
+        self._length = _LENGTH
+        self.step = 0.5 * start.shape[1] ** -0.25
+        self.n_gradients = len(start)
+
+    def warm_up(self, rounds: tuple[int, ...] = _ROUNDS) -> None:
+        """Let the chains settle, then learn step and metric over rounds of so many draws."""
+        self._adapt_step(_SETTLING, np.min, _FEW_STEPS)
+        for i, size in enumerate(rounds):
+            draws = self._adapt_step(size)[size // 4 :]
+            self._metric.learn(draws.reshape(-1, draws.shape[-1]))
+            is_last_but_one = i == len(rounds) - 2
+            if is_last_but_one and _largest_autocorrelation(draws) > _MOST_ALIKE:
+                self._length *= 2.0
+        self._adapt_step(rounds[0])
+
+    def advance(self, n_draws: int) -> Trace:
+        """More draws of every chain.
+
+        Some trajectories have shorter steps, so that a chain that came to where the common step
+        is too long does not stay there.
+        """
+        is_careful = self._rng.uniform(size=n_draws) < _CAREFUL_SHARE
+        x, is_divergent = [], []
+        for careful in is_careful:
+            trajectory = self._trajectory(_CAREFUL_STEP if careful else 1.0)
+            x.append(trajectory.x)
+            is_divergent.append(trajectory.is_divergent)
+        return Trace(np.stack(x), np.stack(is_divergent))
+
+    def _adapt_step(
+        self,
+        size: int,
+        summary: Callable[[FloatArray], float] = np.mean,
+        most_steps: int = _MOST_STEPS,
+    ) -> FloatArray:
+        """Draws during which the step follows the acceptance, by dual averaging.
+
+        Source: Hoffman and Gelman 2014, section 3.2.
+        """
+        anchor, error = np.log(2.0 * self.step), 0.0
+        averaged = np.log(self.step)
+        draws = []
+        for t in range(1, size + 1):
+            trajectory = self._trajectory(most_steps=most_steps)
+            draws.append(trajectory.x)
+            shortfall = _TARGET_ACCEPTANCE - float(summary(trajectory.acceptance))
+            error += (shortfall - error) / (t + 10.0)
+            log_step = anchor - error * np.sqrt(t) / 0.1
+            averaged += t**-0.75 * (log_step - averaged)
+            self.step = float(np.exp(log_step))
+        self.step = float(np.exp(averaged))
+        return np.stack(draws)
+
+    def _trajectory(self, factor: float = 1.0, most_steps: int = _MOST_STEPS) -> _Trajectory:
+        """One trajectory of every chain."""
+        length = self._length * self._rng.uniform(1.0 / 3.0, 5.0 / 3.0)
+        n_steps = min(most_steps, max(1, round(length / self.step)))
+        step = factor * min(length / n_steps, self.step)
+        metric = self._metric
+        momentum = self._rng.standard_normal(self._x.shape)
+        x, value, gradient = self._x, self._value, self._gradient
+        first_energy = _kinetic(momentum) - value
+        is_divergent = np.zeros(len(x), bool)
+        for _ in range(n_steps):
+            momentum = momentum + 0.5 * step * metric.to_momentum(gradient)
+            is_divergent |= ~(np.abs(momentum).max(axis=1) < _LARGEST_MOMENTUM)
+            momentum[is_divergent] = 0.0
+            x = x + step * metric.to_position(momentum)
+            value, gradient = self._density(x)
+            momentum = momentum + 0.5 * step * metric.to_momentum(gradient)
+            gain = _kinetic(momentum) - value - first_energy
+            is_divergent |= ~(gain < _LARGEST_GAIN)
+        self.n_gradients += n_steps * len(x)
+        log_acceptance = np.where(is_divergent, -np.inf, value - _kinetic(momentum) + first_energy)
+        acceptance = np.exp(np.minimum(log_acceptance, 0.0))
+        is_accepted = self._rng.uniform(size=len(x)) < acceptance
+        self._x = np.where(is_accepted[:, None], x, self._x)
+        self._value = np.where(is_accepted, value, self._value)
+        self._gradient = np.where(is_accepted[:, None], gradient, self._gradient)
+        return _Trajectory(self._x, acceptance, is_divergent)
+
+
+def _largest_autocorrelation(draws: FloatArray) -> float:
+    """The largest autocorrelation of a draw and the next, draws of shape (draws, chains, D)."""
+    away = draws - draws.mean(axis=(0, 1))
+    products = (away[1:] * away[:-1]).mean(axis=(0, 1))
+    return float((products / np.square(away).mean(axis=(0, 1))).max())
+
+
+def _kinetic(momentum: FloatArray) -> FloatArray:
+    """Kinetic energy, (chains,)."""
+    # Where the density is 0 its slope may be anything; such a trajectory is divergent.
+    with np.errstate(over="ignore"):
+        return np.asarray(0.5 * np.square(momentum).sum(axis=1))
+
+
+# --- A group -------------------------------------------------------------------------------------
+
+MAX_R_HAT = 1.01
+MIN_EFFECTIVE_DRAWS = 300
+N_CHAINS = 8
+
+
+@dataclass(frozen=True, eq=False)
+class GroupDraws:
+    """Draws of a group; q coefficients, N subjects.
+
+    Attributes
+    ----------
+    mean, sd : ndarray, shape (chains, draws, q)
+    effects : ndarray, shape (chains, draws, covariates, q)
+    subjects : ndarray, shape (chains, draws, N, q + own)
+        Coefficients of the subjects, then the parameters that the group does not share.
+    n_divergent : int
+        Trajectories that were given up.
+    """
+
+    mean: FloatArray
+    sd: FloatArray
+    effects: FloatArray
+    subjects: FloatArray
+    n_divergent: int = 0
+
+    @cached_property
+    def convergence(self) -> Mapping[str, Convergence]:
+        """Diagnostics of every mean, standard deviation and effect, as `mean 0`, `effect 1 0`."""
+        columns = {}
+        for j in range(self.mean.shape[2]):
+            columns[f"mean {j}"] = self.mean[..., j]
+            columns[f"sd {j}"] = self.sd[..., j]
+            for i in range(self.effects.shape[2]):
+                columns[f"effect {i} {j}"] = self.effects[..., i, j]
+        return convergence_of(columns)
+
+    @property
+    def shortfall(self) -> str:
+        """Why the draws are not reliable, in words; empty where they are."""
+        (_, n_effective), (_, r_hat) = worst(self.convergence)
+        problems = []
+        if self.n_divergent:
+            n_trajectories = self.mean.shape[0] * self.mean.shape[1]
+            problems.append(f"{self.n_divergent} of {n_trajectories} trajectories diverged")
+        if n_effective < MIN_EFFECTIVE_DRAWS:
+            problems.append(f"{n_effective:.0f} effective draws, {MIN_EFFECTIVE_DRAWS} required")
+        if r_hat > MAX_R_HAT:
+            problems.append(f"R-hat {r_hat:.3f}, at most {MAX_R_HAT:g} required")
+        return "; ".join(problems)
+
+
+def sample_group(
+    posterior: GroupPosterior, n_draws: int, rng: np.random.Generator, n_chains: int = N_CHAINS
+) -> GroupDraws:
+    """So many draws of all chains together; twice as many where these are not reliable."""
+    start = posterior.start(n_chains, rng)
+    rows = posterior.rows
+    metric = Metric(posterior.n_shared, rows.n_subjects, rows.n_coordinates)
+    sampler = Hamiltonian(posterior, start, metric, rng)
+    sampler.warm_up()
+    n_each = -(-n_draws // n_chains)
+    trace = sampler.advance(n_each)
+    draws = _group_draws(posterior, trace)
+    if not draws.shortfall:
+        return draws
+    more = sampler.advance(n_each)
+    x = np.concatenate([trace.x, more.x])
+    is_divergent = np.concatenate([trace.is_divergent, more.is_divergent])
+    return _group_draws(posterior, Trace(x, is_divergent))
+
+
+def _group_draws(posterior: GroupPosterior, trace: Trace) -> GroupDraws:
+    """What the coordinates of the draws stand for."""
+    n_draws, n_chains, n_coordinates = trace.x.shape
+    theta = trace.x.swapaxes(0, 1).reshape(-1, n_coordinates)
+    point = posterior.points(theta)
+    lead = n_chains, n_draws
+    subjects = point.w.swapaxes(0, 1)
+    return GroupDraws(
+        point.mean.reshape(*lead, -1),
+        np.exp(point.log_sd).reshape(*lead, -1),
+        point.effects.reshape(*lead, *point.effects.shape[1:]),
+        subjects.reshape(*lead, *subjects.shape[1:]),
+        int(trace.is_divergent.sum()),
+    )

@@ -1,0 +1,106 @@
+"""Bayes factors of a mean, an effect or a difference of 0, by the Savage-Dickey ratio.
+
+The Bayes factor of 0 against any other value is the posterior density at 0 over the prior density
+at 0. Given the coefficients a of n subjects and their standard deviation tau, the likelihood of a
+mean m is Normal(e; m, v^2) with e the mean of a and v = tau / sqrt(n). So
+
+    BF = mean over draws of  Normal(e; 0, v^2) / integral of Normal(e; m, v^2) prior(m) dm,
+
+which holds far from where any draw is.
+
+Sources: Dickey 1971, Annals of Mathematical Statistics 42, 204-223; Gelfand and Smith 1990, JASA
+85, 398-409 (the average of densities).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import logsumexp
+
+from bayes_toe.arrays import FloatArray
+from bayes_toe.groups.group_sampler import GroupDraws
+from bayes_toe.groups.hyperprior import HyperpriorNumbers
+from bayes_toe.inference.diagnostics import errors
+
+#: A log Bayes factor below this one is known as a bound only.
+LOWEST = -10.0
+_NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(40)
+_LOG_WEIGHTS = np.log(_WEIGHTS / _WEIGHTS.sum())
+
+
+class ZeroBayesFactor(NamedTuple):
+    """Natural log of the Bayes factor of 0 against any other value.
+
+    Attributes
+    ----------
+    log_bf : float
+    error : float
+        Its Monte Carlo standard error.
+    """
+
+    log_bf: float
+    error: float
+
+    @property
+    def words(self) -> str:
+        """The log Bayes factor, or the bound below which it is."""
+        if self.log_bf < LOWEST:
+            return f"below {LOWEST:.0f}"
+        return f"{self.log_bf:.1f}"
+
+
+def zero_mean(
+    draws: GroupDraws, numbers: HyperpriorNumbers, x: FloatArray, j: int
+) -> ZeroBayesFactor:
+    """That of the mean of coefficient j; with covariates, of subjects at their reference."""
+    residual = draws.subjects[..., j] - draws.effects[..., j] @ x.T
+    centre = residual.mean(axis=-1)
+    width = draws.sd[..., j] / np.sqrt(residual.shape[-1])
+    means = centre[..., None] + width[..., None] * _NODES
+    every = np.zeros((*means.shape, len(numbers.mean)))
+    every[..., j] = means
+    log_prior = numbers.log_mean(every)[..., j]
+    log_average = logsumexp(log_prior + _LOG_WEIGHTS, axis=-1)
+    return _average(_log_normal(centre, np.square(width)) - log_average)
+
+
+def zero_effect(
+    draws: GroupDraws, numbers: HyperpriorNumbers, x: FloatArray, i: int, j: int
+) -> ZeroBayesFactor:
+    """That of the effect of covariate i on coefficient j."""
+    others = np.delete(np.arange(x.shape[1]), i)
+    residual = draws.subjects[..., j] - draws.mean[..., j, None]
+    residual = residual - draws.effects[..., others, j] @ x[:, others].T
+    squares = np.square(x[:, i]).sum()
+    centre = residual @ x[:, i] / squares
+    variance = np.square(draws.sd[..., j]) / squares
+    prior_variance = np.square(numbers.sd_scale[j])
+    return _average(_log_normal(centre, variance) - _log_normal(centre, variance + prior_variance))
+
+
+def zero_difference(
+    draws: GroupDraws, numbers: HyperpriorNumbers, columns: list[int], weights: FloatArray
+) -> ZeroBayesFactor:
+    """That of a weighted sum of the means of some coefficients, which have normal priors."""
+    n_subjects = draws.subjects.shape[2]
+    centre = draws.subjects[..., columns].mean(axis=2)
+    variance = np.square(draws.sd[..., columns]) / n_subjects
+    prior_variance = np.square(numbers.mean_scale[columns])
+    share = prior_variance / (prior_variance + variance)
+    squares = np.square(weights)
+    at_zero = _log_normal((share * centre) @ weights, (share * variance) @ squares)
+    return _average(at_zero - _log_normal(np.zeros(1), squares @ prior_variance))
+
+
+def _log_normal(distance: FloatArray, variance: FloatArray) -> FloatArray:
+    """Log of a normal density."""
+    return np.asarray(-0.5 * (np.square(distance) / variance + np.log(2.0 * np.pi * variance)))
+
+
+def _average(log_ratios: FloatArray) -> ZeroBayesFactor:
+    """The average of ratios given each draw, (chains, draws)."""
+    log_mean = float(logsumexp(log_ratios) - np.log(log_ratios.size))
+    error = float(errors(np.exp(log_ratios - log_mean)).mean)
+    return ZeroBayesFactor(log_mean, error)

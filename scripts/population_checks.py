@@ -1,0 +1,281 @@
+"""Checks of the group's analysis: public studies, simulated studies, units, another sampler.
+
+    python scripts/population_checks.py public --data FOLDER      # two studies, two seeds each
+    python scripts/population_checks.py null --studies 40         # a true mean of 0 is excluded
+    python scripts/population_checks.py coverage --studies 40     # 95 % intervals hold the truth
+    python scripts/population_checks.py calibration --studies 80  # of the Bayes factor
+    python scripts/population_checks.py units                     # s -> 3 s + 2
+    python scripts/population_checks.py nuts                      # NumPyro; pip install numpyro
+
+FOLDER has vibrotactile_rate/trials.csv and auditory_pwm/trials.csv. A simulated study has ten
+subjects who answer which of two stimuli is stronger: ten ordered pairs of neighbours of six levels
+0.25 apart, 40 or 200 trials a subject. sigma_d is 0.8 D exp(Normal(0, 0.35)); with probability 1/2
+each, the lapse rate is Beta(2, 14) and the noise slope Normal(-0.1, 0.25)/R, otherwise 0. A study
+takes 5 to 10 s of CPU; --first continues where another run has ended.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+import warnings
+from collections import Counter
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import ndtr
+
+import bayes_toe as bt
+from bayes_toe.data.tasks import WHICH_STRONGER
+from bayes_toe.groups.population import PopulationResult, StudyScales
+
+STEP = 0.25
+_LEVELS = STEP * np.arange(6)
+S1 = np.concatenate([_LEVELS[:-1], _LEVELS[1:]])
+S2 = np.concatenate([_LEVELS[1:], _LEVELS[:-1]])
+SPREAD = float(np.sqrt(np.mean(np.square(np.concatenate([S1, S2]) - S1.mean()))))
+N_SUBJECTS = 10
+
+
+class Truth(NamedTuple):
+    """Means and standard deviations between subjects; c in D."""
+
+    mean_c: float
+    sd_c: float
+    mean_p: float
+    sd_p: float
+
+
+def simulated_study(truth: Truth, n_trials: int, rng: np.random.Generator) -> bt.Study:
+    """Ten subjects of a group."""
+    subjects = []
+    for i in range(N_SUBJECTS):
+        c = STEP * rng.normal(truth.mean_c, truth.sd_c)
+        p = rng.normal(truth.mean_p, truth.sd_p)
+        noise = 0.8 * STEP * np.exp(rng.normal(0.0, 0.35))
+        lapse_rate = rng.beta(2, 14) if rng.uniform() < 0.5 else 0.0
+        slope = rng.normal(-0.1, 0.25) / SPREAD if rng.uniform() < 0.5 else 0.0
+        middle = 0.5 * (S1 + S2) - S1.mean()
+        z = (S2 - S1 - c + p * (S1 - S1.mean())) / (noise * np.exp(slope * middle))
+        p_second = 0.5 * lapse_rate + (1.0 - lapse_rate) * ndtr(z)
+        n_each = np.full(len(S1), n_trials // len(S1))
+        n_second = rng.binomial(n_each, p_second)
+        subjects.append(bt.Subject(f"S{i}", S1, S2, n_second, n_each, task=WHICH_STRONGER))
+    return bt.Study(subjects, synthetic=True)
+
+
+def analysed(study: bt.Study, seed: int) -> PopulationResult:
+    """The group; a result that is not reliable is printed and counts."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", bt.ConvergenceWarning)
+        result = bt.population(study, seed=seed)
+    for problem in result.problems:
+        print(f"  {problem}", flush=True)
+    return result
+
+
+def print_effects(result: PopulationResult) -> None:
+    """Mean, interval, sd and Bayes factor of both effects."""
+    for name in ("constant_error", "contraction"):
+        effect = result.effect(name)
+        mean = f"mean {effect.mean.median:.3f} [{effect.mean.low:.3f}, {effect.mean.high:.3f}]"
+        sd = f"sd {effect.sd.median:.3f} [{effect.sd.low:.3f}, {effect.sd.high:.3f}]"
+        zero = f"ln BF of 0 {effect.zero_mean.log_bf:.2f} +- {effect.zero_mean.error:.2f}"
+        percent = ""
+        if effect.percent is not None:
+            low, median, high = effect.percent
+            percent = f" = {median:.1f} % [{low:.1f}, {high:.1f}]"
+        print(f"  {name}: {mean}{percent}, {sd}, {zero}", flush=True)
+
+
+def public(folder: Path) -> None:
+    """The public studies."""
+    options = bt.ReadOptions(equal_code="1")
+    vibrotactile = bt.read_study(folder / "vibrotactile_rate" / "trials.csv", options)
+    vibrotactile = vibrotactile.turn("946", (2, 4, 6)).turn("865", (2,))
+    options = bt.ReadOptions(ignore=("isi",))
+    auditory = bt.read_study(folder / "auditory_pwm" / "trials.csv", options)
+    for name, study in (("vibrotactile", vibrotactile), ("auditory", auditory)):
+        for seed in (1, 2):
+            start = time.process_time()
+            result = analysed(study, seed)
+            cpu = time.process_time() - start
+            print(f"{name}, seed {seed}: D {result.scales.step:.3f}, {cpu:.1f} s of CPU")
+            print_effects(result)
+
+
+def null(studies: range) -> None:
+    """How often the interval of a mean excludes 0, where nobody differs, 40 trials a subject."""
+    rows = {
+        "c = .5 D, p = 0": Truth(0.5, 0.0, 0.0, 0.0),
+        "c = 0, p = .2": Truth(0.0, 0.0, 0.2, 0.0),
+        "no effect": Truth(0.0, 0.0, 0.0, 0.0),
+    }
+    for number, (label, truth) in enumerate(rows.items()):
+        excluded = Counter[str]()
+        n_unreliable = 0
+        for i in studies:
+            study = simulated_study(truth, 40, np.random.default_rng([1, number, i]))
+            result = analysed(study, i)
+            n_unreliable += not result.is_reliable
+            for name in ("constant_error", "contraction"):
+                low, _, high = result.effect(name).mean
+                excluded[name] += not low <= 0.0 <= high
+        counts = f"c {excluded['constant_error']}, p {excluded['contraction']}"
+        print(f"{label}: 0 excluded in {counts} of {len(studies)}; not reliable {n_unreliable}")
+
+
+def coverage(studies: range, n_trials: int, scatter: str) -> None:
+    """How often 95 % intervals hold the truth."""
+    sd_c, sd_p = {"small": (0.1, 0.05), "large": (0.5, 0.15)}[scatter]
+    covered = Counter[str]()
+    n_unreliable = 0
+    for i in studies:
+        rng = np.random.default_rng([2, n_trials, i])
+        truth = Truth(rng.uniform(-1.0, 1.0), sd_c, rng.uniform(-0.3, 0.3), sd_p)
+        result = analysed(simulated_study(truth, n_trials, rng), i)
+        n_unreliable += not result.is_reliable
+        effects = result.effect("constant_error"), result.effect("contraction")
+        values = ((truth.mean_c, truth.sd_c), (truth.mean_p, truth.sd_p))
+        for name, effect, (mean, sd) in zip("cp", effects, values, strict=True):
+            covered[name] += effect.mean.low <= mean <= effect.mean.high
+            covered[f"sd of {name}"] += effect.sd.low <= sd <= effect.sd.high
+    counts = ", ".join(f"{name} {covered[name]}" for name in ("c", "p", "sd of c", "sd of p"))
+    label = f"{N_SUBJECTS} subjects, {n_trials} trials, {scatter} sd"
+    print(f"{label}: covered {counts} of {len(studies)}; not reliable {n_unreliable}")
+
+
+def calibration(studies: range) -> None:
+    """How often a mean is 0 where the Bayes factor says so, half of the means being 0."""
+    limits = (0.0, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0)
+    said: dict[int, list[tuple[float, bool]]] = {place: [] for place in range(len(limits) - 1)}
+    for i in studies:
+        rng = np.random.default_rng([3, i])
+        is_small = i % 2 == 0
+        sd_c, sd_p = (0.1, 0.05) if is_small else (0.5, 0.15)
+        is_zero = rng.uniform(size=2) < 0.5
+        mean_c = 0.0 if is_zero[0] else 0.5 * rng.standard_t(3)
+        mean_p = 0.0 if is_zero[1] else rng.normal(0.0, 0.2)
+        truth = Truth(mean_c, sd_c, mean_p, sd_p)
+        result = analysed(simulated_study(truth, 40 if is_small else 200, rng), i)
+        for name, zero in zip(("constant_error", "contraction"), is_zero.tolist(), strict=True):
+            probability = float(1.0 / (1.0 + np.exp(-result.effect(name).zero_mean.log_bf)))
+            place = int(np.searchsorted(limits[1:-1], probability))
+            said[place].append((probability, zero))
+    for place, pairs in said.items():
+        if pairs:
+            mean = np.mean([probability for probability, _ in pairs])
+            zeros = sum(zero for _, zero in pairs)
+            bounds = f"{limits[place]:.2f} to {limits[place + 1]:.2f}"
+            print(f"P(zero mean) {bounds}: said {mean:.2f}, was zero {zeros} of {len(pairs)}")
+
+
+def units() -> None:
+    """The same study, and its stimuli as 3 s + 2."""
+    study = simulated_study(Truth(0.4, 0.2, 0.15, 0.1), 200, np.random.default_rng(4))
+    moved = []
+    for subject in study:
+        stimuli = 3.0 * subject.s1 + 2.0, 3.0 * subject.s2 + 2.0
+        counts = subject.n_yes, subject.n_trials
+        moved.append(bt.Subject(subject.name, *stimuli, *counts, task=subject.task))
+    for label, each in (("s", study), ("3 s + 2", bt.Study(moved))):
+        print(label)
+        print_effects(analysed(each, 1))
+
+
+def nuts() -> None:
+    """Means and sds of one simulated group beside NumPyro's NUTS, which shares no code."""
+    import jax
+    import jax.numpy as jnp
+    import numpyro
+    import numpyro.distributions as dist
+    from jax.scipy.special import ndtr as normal_cdf
+    from numpyro.infer import MCMC, NUTS
+
+    numpyro.enable_x64()
+    study = simulated_study(Truth(0.4, 0.3, 0.15, 0.1), 200, np.random.default_rng(5))
+    scales = StudyScales.from_study(study)
+    first = (S1 - S1.mean()) / scales.step
+    difference = (S2 - S1) / scales.step
+    middle = (0.5 * (S1 + S2) - S1.mean()) / scales.step
+    order = np.lexsort((study.subjects[0].s2, study.subjects[0].s1))
+    assert (order == np.arange(len(order))).all()
+    place = np.lexsort((S2, S1))
+    first, difference, middle = first[place], difference[place], middle[place]
+    n_second = np.stack([subject.n_yes for subject in study])
+    n_trials = np.stack([subject.n_trials for subject in study])
+
+    def group() -> None:
+        means = jnp.stack(
+            [
+                numpyro.sample("mean_c", dist.StudentT(3.0, 0.0, 0.5)),
+                numpyro.sample("mean_p", dist.Normal(0.0, 0.2)),
+                numpyro.sample("mean_noise", dist.Normal(0.0, 0.6)),
+            ]
+        )
+        sds = jnp.stack(
+            [
+                jnp.abs(numpyro.sample("signed_sd_c", dist.StudentT(3.0, 0.0, 0.3))),
+                numpyro.sample("sd_p", dist.HalfNormal(0.15)),
+                numpyro.sample("sd_noise", dist.HalfNormal(0.4)),
+            ]
+        )
+        numpyro.deterministic("sd_c", sds[0])
+        with numpyro.plate("subjects", len(study)):
+            score = numpyro.sample("score", dist.Normal(0.0, 1.0).expand([3]).to_event(1))
+            lapse_rate = numpyro.sample("lapse_rate", dist.Beta(1.0, 9.0))
+            slope = numpyro.sample("slope", dist.StudentT(3.0, 0.0, 0.15))
+        c, p, log_noise = (means + sds * score).T
+        scale = jnp.exp(log_noise[:, None] + slope[:, None] * scales.step / scales.spread * middle)
+        z = (difference - c[:, None] + p[:, None] * first) / scale
+        p_second = 0.5 * lapse_rate[:, None] + (1.0 - lapse_rate[:, None]) * normal_cdf(z)
+        numpyro.sample("n", dist.Binomial(n_trials, p_second).to_event(2), obs=n_second)
+
+    sampler = MCMC(
+        NUTS(group, target_accept_prob=0.95), num_warmup=1000, num_samples=4000, num_chains=2
+    )
+    sampler.run(jax.random.PRNGKey(1))
+    samples = sampler.get_samples()
+    result = analysed(study, 1)
+    for j, name in enumerate(("c", "p", "noise")):
+        for what, draws in (("mean", result.draws.mean), ("sd", result.draws.sd)):
+            other = np.asarray(samples[f"{what}_{name}"])
+            own = draws[..., j].ravel()
+            away = (own.mean() - other.mean()) / other.std()
+            print(
+                f"{what} of {name}: {own.mean():.4f} +- {own.std():.4f}, "
+                f"NUTS {other.mean():.4f} +- {other.std():.4f}, {away:+.2f} sd apart"
+            )
+
+
+def main() -> None:
+    """The check that was asked for."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    checks = ["public", "null", "coverage", "calibration", "units", "nuts"]
+    parser.add_argument("check", choices=checks)
+    parser.add_argument("--data", type=Path, default=Path("data"))
+    parser.add_argument("--studies", type=int, default=40)
+    parser.add_argument("--first", type=int, default=0, help="number of the first study")
+    parser.add_argument("--trials", type=int, default=200, help="of a subject, for coverage")
+    parser.add_argument("--scatter", choices=["small", "large"], default="large")
+    asked = parser.parse_args()
+    studies = range(asked.first, asked.first + asked.studies)
+    if asked.check == "public":
+        public(asked.data)
+    elif asked.check == "null":
+        null(studies)
+    elif asked.check == "coverage":
+        coverage(studies, asked.trials, asked.scatter)
+    elif asked.check == "calibration":
+        calibration(studies)
+    elif asked.check == "units":
+        units()
+    else:
+        nuts()
+
+
+if __name__ == "__main__":
+    main()

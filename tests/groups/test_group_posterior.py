@@ -1,0 +1,131 @@
+"""The joint posterior of a group against its definition, written down without its coordinates."""
+
+import numpy as np
+import pytest
+from populations import simulated_group, two_conditions
+from scipy import stats
+from scipy.special import ndtr
+
+import bayes_toe as bt
+from bayes_toe.groups.group_posterior import GroupPosterior
+from bayes_toe.groups.hyperprior import Hyperprior
+from bayes_toe.groups.population import StudyScales, group_posterior, subject_rows
+
+X = np.array([[1.0, -0.5], [0.0, 1.2], [1.0, 0.3]])
+
+
+def posterior_of(study, x):
+    return group_posterior(study, StudyScales.from_study(study), Hyperprior(), x)
+
+
+def log_likelihood(subject, scales, c, p, log_noise, lapse_score, slope):
+    """2AFC by the formula of the observer; c and noise in D, the slope in its prior's unit."""
+    step = scales.step
+    sbar = np.average(subject.s1, weights=subject.n_trials)
+    middle = 0.5 * (subject.s1 + subject.s2) - sbar
+    sigma = step * np.exp(log_noise) * np.exp(0.15 / scales.spread * slope * middle)
+    z = (subject.s2 - subject.s1 - c * step + p * (subject.s1 - sbar)) / sigma
+    lapse = stats.beta(1, 9).ppf(ndtr(lapse_score))
+    p_second = 0.5 * lapse + (1.0 - lapse) * ndtr(z)
+    n_second, n_first = subject.n_yes, subject.n_trials - subject.n_yes
+    return float(n_second @ np.log(p_second) + n_first @ np.log1p(-p_second))
+
+
+def log_joint(study, scales, point, i):
+    """Log density of means, log sds, effects and the subjects' own parameters, at one point."""
+    mean, sd, effects = point.mean[i], np.exp(point.log_sd[i]), point.effects[i]
+    t3, scale = stats.t(3), np.array([0.5, 0.2, 0.6])
+    total = t3.logpdf(mean[0] / 0.5) - np.log(0.5)
+    total += stats.norm.logpdf(mean[1:], 0.0, scale[1:]).sum()
+    total += np.log(2.0 / 0.3) + t3.logpdf(sd[0] / 0.3)
+    total += stats.halfnorm.logpdf(sd[1:], scale=[0.15, 0.4]).sum() + np.log(sd).sum()
+    total += stats.norm.logpdf(effects, 0.0, [0.3, 0.15, 0.4]).sum()
+    for subject, x, w in zip(study, X, point.w[:, i], strict=True):
+        total += stats.norm.logpdf(w[:3], mean + x @ effects, sd).sum()
+        total += stats.norm.logpdf(w[3]) + t3.logpdf(w[4])
+        total += log_likelihood(subject, scales, *w)
+    return total
+
+
+def log_volume(posterior, theta):
+    """Log determinant of what subjects' coordinates are by theirs, by differences."""
+    n, q, size = posterior.rows.n_subjects, posterior.rows.n_coefficients, 1e-6
+    total = np.zeros(len(theta))
+    for i in range(n):
+        for j in range(q):
+            place = posterior.n_shared + i * posterior.rows.n_coordinates + j
+            step = np.zeros(theta.shape[1])
+            step[place] = size
+            up, down = posterior.points(theta + step).w, posterior.points(theta - step).w
+            total += np.log((up[i, :, j] - down[i, :, j]) / (2.0 * size))
+    return total
+
+
+@pytest.fixture(scope="module")
+def study():
+    return simulated_group(3, n_subjects=3, n_each=12, mean_c=0.4, mean_p=0.1)
+
+
+def test_density_is_that_of_the_definition(study):
+    scales, posterior = StudyScales.from_study(study), posterior_of(study, X)
+    theta = posterior.start(4, np.random.default_rng(2))
+    theta[:, 6 : posterior.n_shared] = np.random.default_rng(3).normal(0.0, 0.2, (4, 6))
+    point = posterior.points(theta)
+    expected = np.array([log_joint(study, scales, point, i) for i in range(4)])
+    found = posterior(theta)[0] - log_volume(posterior, theta)
+    # Constants of the coordinates' scores are left out: differences between points count.
+    assert found - found[0] == pytest.approx(expected - expected[0], abs=1e-5)
+
+
+@pytest.mark.parametrize("kind", ["covariates", "conditions", "same or different"])
+def test_gradient_is_the_derivative(kind, study):
+    if kind == "covariates":
+        posterior = posterior_of(study, X)
+    elif kind == "conditions":
+        posterior = posterior_of(two_conditions(1, n_subjects=3), np.zeros((3, 0)))
+    else:
+        example = bt.example_study().select(["S01", "S02", "S03"])
+        posterior = posterior_of(example, np.zeros((3, 0)))
+    theta = posterior.start(3, np.random.default_rng(1))
+    gradient = posterior(theta)[1]
+    for j in range(posterior.n_coordinates):
+        step = np.zeros(posterior.n_coordinates)
+        step[j] = 1e-5
+        rise = posterior(theta + step)[0] - posterior(theta - step)[0]
+        assert gradient[:, j] == pytest.approx(rise / 2e-5, rel=1e-4, abs=1e-3)
+
+
+def test_without_precision_coordinates_are_non_centred(study):
+    posterior = posterior_of(study, X)
+    fits = posterior.fits
+    plain = fits._replace(information=0.0 * fits.information, precision=0.0 * fits.precision)
+    posterior = GroupPosterior(posterior.rows, posterior.numbers, X, plain)
+    theta = posterior.start(3, np.random.default_rng(1))
+    point = posterior.points(theta)
+    xi = theta[:, posterior.n_shared :].reshape(3, 3, -1)[..., :3].swapaxes(0, 1)
+    expected = point.mean + np.einsum("nr,prq->npq", X, point.effects) + np.exp(point.log_sd) * xi
+    assert point.w[..., :3] == pytest.approx(expected, rel=1e-12)
+
+
+def test_a_condition_moves_a_subject_by_half_of_the_difference_to_either_side():
+    study = two_conditions(1, n_subjects=2)
+    rows = subject_rows(study, StudyScales.from_study(study))
+    assert (rows.n_subjects, rows.n_coefficients, rows.n_coordinates) == (2, 6, 8)
+    w = np.zeros((2, 1, 8))
+    w[:, :, 0], w[:, :, 3] = 0.2, 1.0
+    constant_error = rows.row_points(w)[:, 0, 3]
+    assert constant_error.tolist() == pytest.approx([-0.3, 0.7, -0.3, 0.7])
+
+
+def test_stimuli_count_from_the_subjects_own_mean_in_steps_of_the_whole_study():
+    here, there = simulated_group(1, n_subjects=2)
+    there = bt.Subject(
+        "far", there.s1 + 3.0, there.s2 + 3.0, there.n_yes, there.n_trials, task=there.task
+    )
+    study = bt.Study([here, there])
+    scales = StudyScales.from_study(study)
+    rows = subject_rows(study, scales)
+    assert scales.step == pytest.approx(0.25)
+    assert rows.batch.first[0] == pytest.approx(rows.batch.first[1])
+    assert rows.batch.slope_unit.ravel().tolist() == pytest.approx([0.25 / scales.spread] * 2)
+    assert scales.contraction_share == 1.0

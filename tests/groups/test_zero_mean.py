@@ -1,0 +1,79 @@
+"""Bayes factors of 0 against integrals of a model in which everything is normal."""
+
+import numpy as np
+import pytest
+from scipy import integrate, stats
+
+from bayes_toe.groups.group_sampler import GroupDraws
+from bayes_toe.groups.hyperprior import HyperpriorNumbers, ParameterHyperprior
+from bayes_toe.groups.zero_mean import ZeroBayesFactor, zero_difference, zero_effect, zero_mean
+
+TAU = np.array([0.3, 0.5])
+
+
+def known_draws(y, effects=None, mean=None):
+    """Two chains in which the subjects' coefficients y, (N, 2), and the sds are known."""
+    shape = 2, 50
+    tile = np.broadcast_to(y, (*shape, *y.shape)).copy()
+    sd = np.broadcast_to(TAU, (*shape, 2)).copy()
+    no_effects = np.zeros((*shape, 0, 2))
+    means = np.zeros((*shape, 2)) if mean is None else np.broadcast_to(mean, (*shape, 2)).copy()
+    return GroupDraws(means, sd, no_effects if effects is None else effects, tile)
+
+
+@pytest.mark.parametrize("centre", [0.0, 0.2, 1.0])
+def test_of_a_mean_with_either_prior(centre):
+    y = centre + np.random.default_rng(1).normal(0.0, 0.3, (9, 2))
+    rows = [
+        ParameterHyperprior(0.0, 0.5, 1.0, has_heavy_tails=True),
+        ParameterHyperprior(0, 0.2, 1),
+    ]
+    numbers = HyperpriorNumbers.from_rows(rows)
+    priors = stats.t(3, scale=0.5), stats.norm(0.0, 0.2)
+    for j, prior in enumerate(priors):
+        likelihood = stats.norm(y[:, j].mean(), TAU[j] / 3.0)
+        evidence, _ = integrate.quad(
+            lambda m, f=likelihood, g=prior: f.pdf(m) * g.pdf(m),
+            *likelihood.interval(1 - 1e-12),
+            limit=200,
+        )
+        expected = likelihood.logpdf(0.0) - np.log(evidence)
+        found = zero_mean(known_draws(y), numbers, np.zeros((9, 0)), j)
+        assert found.log_bf == pytest.approx(expected, abs=1e-4)
+
+
+def test_of_an_effect_given_all_else():
+    rng = np.random.default_rng(2)
+    x = rng.standard_normal((8, 2))
+    y = 0.3 + 0.4 * x[:, [0]] + rng.normal(0.0, 0.3, (8, 2))
+    numbers = HyperpriorNumbers.from_rows([ParameterHyperprior(0.0, 1.0, 0.25)] * 2)
+    effects = np.zeros((2, 50, 2, 2))
+    effects[..., 1, :] = 0.1
+    draws = known_draws(y, effects, mean=np.array([0.3, 0.3]))
+    residual = y[:, 0] - 0.3 - 0.1 * x[:, 1]
+    none = stats.norm.logpdf(residual, 0.0, TAU[0]).sum()
+    covariance = np.square(0.25) * np.outer(x[:, 0], x[:, 0]) + np.square(TAU[0]) * np.eye(8)
+    some = stats.multivariate_normal(np.zeros(8), covariance).logpdf(residual)
+    assert zero_effect(draws, numbers, x, 0, 0).log_bf == pytest.approx(none - some, abs=1e-9)
+
+
+def test_of_a_difference_of_several_columns():
+    y = np.random.default_rng(3).normal(0.2, 0.3, (7, 2))
+    numbers = HyperpriorNumbers.from_rows([ParameterHyperprior(0.0, 0.4, 1.0)] * 2)
+    weights = np.array([0.7, -0.5])
+    variance = np.square(TAU) / 7
+    posterior_variance = 1.0 / (1.0 / variance + 1.0 / 0.16)
+    posterior_mean = posterior_variance * y.mean(axis=0) / variance
+    posterior = stats.norm(
+        weights @ posterior_mean, np.sqrt(np.square(weights) @ posterior_variance)
+    )
+    prior = stats.norm(0.0, 0.4 * np.sqrt(np.square(weights).sum()))
+    expected = posterior.logpdf(0.0) - prior.logpdf(0.0)
+    found = zero_difference(known_draws(y), numbers, [0, 1], weights)
+    assert found.log_bf == pytest.approx(expected, abs=1e-9)
+
+
+def test_far_out_only_the_bound_is_printed():
+    assert ZeroBayesFactor(-57.0, 1.0).words == "below -10"
+    assert ZeroBayesFactor(-9.96, 0.1).words == "-10.0"
+    assert ZeroBayesFactor(1.64, 0.1).words == "1.6"
