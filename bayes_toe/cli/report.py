@@ -317,7 +317,7 @@ def _word(answer: OrderEffect, question: str) -> tuple[str, str]:
         return word.value, ""
     detail = f"P {format_probability(answer.probabilities[question])}"
     if not word.is_positive:
-        detail += f", ≤ {answer.upper_bounds[question]:.2g} JND"
+        detail += f", ≤ {answer.upper_bounds[question]:.2g}"
     return answer.marked_word(question), detail
 
 
