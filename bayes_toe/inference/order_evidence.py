@@ -55,7 +55,7 @@ _PRIOR_SHARE = 0.1
 _LEAST_WEIGHT = 0.05  # of a component, beside the root of its Laplace evidence
 _POOL = 500  # draws of a round
 _TEMPERED = 60.0  # effective draws that weights are flattened to
-_EM_STEPS = 2
+_FLOOR = 0.4  # weight that all components keep, beside the 1 that the draws distribute
 _NEIGHBOURS = 120
 
 # --- Evidence ---
@@ -309,36 +309,33 @@ class RowMixtures:
         return np.asarray(np.logaddexp(student, log_prior + np.log(_PRIOR_SHARE)))
 
     def updated(self, points: FloatArray, weights: FloatArray) -> RowMixtures:
-        """EM toward weighted points, (rows, n, k) and normalised (rows, n).
+        """A step of EM toward weighted points, (rows, n, k) and normalised (rows, n).
 
         A component that holds few of the effective points keeps most of its old shape.
         """
-        mixture = self
         k = points.shape[2]
         effective = 1.0 / np.square(weights).sum(axis=1)
-        for _ in range(_EM_STEPS):
-            kernel, closeness = mixture.kernels(points)
-            log_tops = mixture.log_tops()
-            tops = np.exp(log_tops - log_tops.max(axis=1, keepdims=True))
-            shares = tops[:, :, None] * kernel
-            shares *= weights[:, None, :] / shares.sum(axis=1, keepdims=True)
-            held = shares.sum(axis=2)
-            ratio = 2.0 * mixture.half_power / mixture.freedom
-            pulls = shares * closeness * ratio[:, None, None]
-            pulled = pulls.sum(axis=2)
-            trust = _trust(held * effective[:, None], k)
-            safe = np.maximum(pulled, 1e-300)
-            mean = (pulls @ points) / safe[..., None]
-            means = mixture.means + trust[..., None] * (mean - mixture.means)
-            apart = points[:, None] - means[:, :, None]
-            scatter = np.swapaxes(apart * pulls[..., None], 2, 3) @ apart
-            scatter /= np.maximum(held, 1e-300)[..., None, None]
-            old = mixture.factors @ np.swapaxes(mixture.factors, 2, 3)
-            scales = old + trust[..., None, None] * (scatter - old)
-            new_weights = np.where(self.weights > 0.0, held + 0.02 / held.shape[1], 0.0)
-            new_weights = new_weights / new_weights.sum(axis=1, keepdims=True)
-            mixture = RowMixtures(self.is_free, new_weights, means, _factors(scales, self.is_free))
-        return mixture
+        kernel, closeness = self.kernels(points)
+        log_tops = self.log_tops()
+        tops = np.exp(log_tops - log_tops.max(axis=1, keepdims=True))
+        shares = tops[:, :, None] * kernel
+        shares *= weights[:, None, :] / shares.sum(axis=1, keepdims=True)
+        held = shares.sum(axis=2)
+        ratio = 2.0 * self.half_power / self.freedom
+        pulls = shares * closeness * ratio[:, None, None]
+        trust = _trust(held * effective[:, None], k)
+        mean = (pulls @ points) / np.maximum(pulls.sum(axis=2), 1e-300)[..., None]
+        means = self.means + trust[..., None] * (mean - self.means)
+        apart = points[:, None] - means[:, :, None]
+        scatter = np.swapaxes(apart * pulls[..., None], 2, 3) @ apart
+        scatter /= np.maximum(held, 1e-300)[..., None, None]
+        old = self.factors @ np.swapaxes(self.factors, 2, 3)
+        scales = old + trust[..., None, None] * (scatter - old)
+        is_used = self.weights > 0.0
+        floor = _FLOOR / is_used.sum(axis=1, keepdims=True)
+        new_weights = np.where(is_used, held + floor, 0.0)
+        new_weights /= new_weights.sum(axis=1, keepdims=True)
+        return RowMixtures(self.is_free, new_weights, means, _factors(scales, self.is_free))
 
     def sample(self, rng: np.random.Generator, row: int, prior: FloatArray) -> FloatArray:
         """Draws of one row, shape (n, k); some of `prior`, shape (n, k), take the prior's share."""

@@ -21,7 +21,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import expit, log_ndtr, logit, ndtr, xlogy
+from scipy.special import erf, expit, log_ndtr, logit, ndtr, xlogy
 
 from bayes_toe.arrays import BoolArray, FloatArray
 from bayes_toe.data.study import Subject
@@ -62,6 +62,8 @@ from bayes_toe.model.target import (
     times_counts,
 )
 
+#: Criterion below which the density is level over the window of 'equal', to 12 digits.
+_NARROW = 1e-6
 DEFAULT_PRIOR = ObserverPrior()
 #: JND over sigma_d: the z at which 75 % of the answers are 'second'.
 JND_OVER_NOISE = 0.6744897501960817
@@ -332,7 +334,13 @@ class ObserverBatch:
             near = k - distance
         near[np.isnan(near)] = 0.0
         far = -k - distance
-        yes = lapse * (1.0 - 2.0 * ndtr(-k)) + attend * (ndtr(near) - ndtr(far))
+        inside = ndtr(near) - ndtr(far)
+        # Rounding could turn the difference of a window this narrow negative.
+        is_narrow = k < _NARROW
+        if is_narrow.any():
+            density = np.exp(-0.5 * (np.square(distance) + LOG_2PI))
+            inside = np.where(is_narrow, 2.0 * k * density, inside)
+        yes = lapse * erf(k * np.sqrt(0.5)) + attend * inside
         no = lapse * 2.0 * ndtr(-k) + attend * (ndtr(-near) + ndtr(far))
         return yes, no
 

@@ -11,6 +11,7 @@ from bayes_toe.answers.model_average import PRIOR_PROBABILITIES
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.inference.order_evidence import MODEL_NAMES, order_evidence
+from bayes_toe.model.observer import ObserverBatch
 
 STEPS = np.array([-0.5, -0.25, 0.25, 0.5])
 S1 = np.concatenate([np.zeros(4), STEPS])
@@ -133,3 +134,16 @@ def test_reversed_intensities_turn_the_constant_error(shifted, known):
     )
     values = order_evidence([reversed_subject], seed=4)[0].log_evidence
     assert np.abs(values - known.log_evidence).max() < 0.2
+
+
+def test_a_criterion_near_zero_is_no_numerical_failure(shifted):
+    """Long runs draw logits of q0 far below 0 from the prior, where a plain difference rounds."""
+    counts = Subject("S", S1, S2, [3, 9, 9, 3, 3, 9, 9, 3], np.full(8, 10))
+    batch = ObserverBatch.from_subjects([counts])
+    rng = np.random.default_rng(1)
+    u = np.zeros((1, 20_000, 7))
+    u[..., 1] = rng.uniform(-60.0, -25.0, 20_000)
+    u[..., [0, 2, 3, 4, 5, 6]] = rng.normal(size=(20_000, 6))
+    plain = batch.plain_log_likelihood(u)
+    assert not np.isnan(plain).any()
+    assert np.allclose(plain, batch.log_likelihood(u), rtol=1e-9)
