@@ -117,11 +117,18 @@ class StimulusScales:
 
     @classmethod
     def from_subject(cls, subject: Subject) -> StimulusScales:
-        """Those of a subject's answered trials."""
+        """Those of a subject's answered trials.
+
+        A subject in one condition has sbar, D and R of all of its conditions, so that a shift
+        means the same in each.
+        """
         try:
-            return cls.from_counts(subject.s1, subject.s2, subject.n_trials.astype(np.float64))
+            own = cls.from_counts(subject.s1, subject.s2, subject.n_trials.astype(np.float64))
         except InputError as error:
             raise InputError(f"subject {subject.name!r}: {error}") from None
+        if subject.felt is None:
+            return own
+        return cls(subject.felt.first, subject.felt.step, subject.felt.sd, own.first_spread)
 
     def contraction_sd(self, prior: ObserverPrior) -> float:
         """Standard deviation of p: that of the prior, or less where first stimuli are roved."""

@@ -404,3 +404,19 @@ def test_emcee_and_importance_sampling_agree(subject):
             share = weights[found[name] <= np.quantile(values, p)].sum()
             error = np.sqrt(p * (1.0 - p) * (1.0 / effective + 1.0 / 2000.0))
             assert abs(share - p) < 4.5 * error, (name, p)
+
+
+def test_a_subject_in_one_condition_has_the_scales_of_all_conditions(tmp_path):
+    rows = "subject,condition,s1,s2,n_second,n_trials\n"
+    for condition, start in (("left", 0.0), ("right", 0.5)):
+        for first, second in ((0.0, 0.3), (0.3, 0.0), (0.0, 0.6)):
+            rows += f"S,{condition},{start + first},{start + second},6,10\n"
+    (tmp_path / "s.csv").write_text(rows)
+    study = bt.read_study(tmp_path / "s.csv")
+    scales = [StimulusScales.from_subject(unit) for unit in study]
+    assert len(scales) == 2
+    assert scales[0].sbar == scales[1].sbar == pytest.approx(0.25 + 0.1)
+    assert scales[0].step == scales[1].step
+    assert scales[0].spread == scales[1].spread
+    alone = replace(study.subjects[0], felt=None)
+    assert StimulusScales.from_subject(alone).sbar == pytest.approx(0.1)
