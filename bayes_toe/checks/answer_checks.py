@@ -53,7 +53,7 @@ FLAG_KINDS = {
     "reversed_answers": FlagKind("reversed answers", False),
     "independent_answers": FlagKind("independent of the stimuli", False),
     "block_dispersion": FlagKind("unlike blocks", True),
-    "drift": FlagKind("answers drift", True),
+    "drift": FlagKind("responses drift", True),
     "few_trials": FlagKind(f"fewer than {FEW_TRIALS} trials", True),
 }
 

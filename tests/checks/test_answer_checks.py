@@ -82,7 +82,7 @@ def test_one_table_says_which_flags_leave_no_answer():
         "independent_answers",
     }
     assert {kind.words for kind in FLAG_KINDS.values()} >= {
-        "answers drift",
+        "responses drift",
         "unlike blocks",
         "fewer than 60 trials",
     }
