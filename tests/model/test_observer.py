@@ -412,7 +412,7 @@ def test_a_subject_in_one_condition_has_the_scales_of_all_conditions(tmp_path):
         for first, second in ((0.0, 0.3), (0.3, 0.0), (0.0, 0.6)):
             rows += f"S,{condition},{start + first},{start + second},6,10\n"
     (tmp_path / "s.csv").write_text(rows)
-    study = bt.read_study(tmp_path / "s.csv")
+    study = bt.read_study(tmp_path / "s.csv", bt.ReadOptions(condition="condition"))
     scales = [StimulusScales.from_subject(unit) for unit in study]
     assert len(scales) == 2
     assert scales[0].sbar == scales[1].sbar == pytest.approx(0.25 + 0.1)
