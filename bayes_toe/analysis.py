@@ -16,6 +16,7 @@ from bayes_toe.answers.contrast import ContrastTable, contrast
 from bayes_toe.answers.evidence_table import EvidenceTable, SubjectEvidence, subject_evidence
 from bayes_toe.answers.model_average import averaged_draws
 from bayes_toe.answers.order_effect import OrderEffect, answer_subject
+from bayes_toe.answers.study_summary import FEWEST_FOR_GROUP
 from bayes_toe.arrays import FloatArray
 from bayes_toe.checks.answer_checks import Flag, answer_flags
 from bayes_toe.classical.fit import (
@@ -30,6 +31,7 @@ from bayes_toe.data.messages import as_html
 from bayes_toe.data.study import Study, Subject, require_study
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.errors import ConvergenceWarning, WorkerError
+from bayes_toe.groups.population import PopulationResult, population
 from bayes_toe.inference.belonging import require_update
 from bayes_toe.inference.draws import Draws
 from bayes_toe.inference.draws_file import assembled_tree
@@ -76,6 +78,8 @@ class Analysis:
         Some draws of every subject, averaged over the four models, in the coordinates of 'both'.
     contrast : ContrastTable or None
         What differs between conditions within subjects, where the study has conditions.
+    group : PopulationResult or None
+        The group of the interpretable subjects, where there are at least six.
     """
 
     study: Study
@@ -86,6 +90,7 @@ class Analysis:
     curves: tuple[Predictor, ...] = ()
     summary_rows: tuple[SummaryRow, ...] = ()
     contrast: ContrastTable | None = None
+    group: PopulationResult | None = None
 
     def __repr__(self) -> str:
         return f"<Analysis of {self.study!r}: answers, draws, evidence, fits, summary()>"
@@ -191,7 +196,28 @@ def run(
         tuple(curves),
         tuple(summary),
         apart,
+        _interpretable_group(study, small, settings.seed),
     )
+
+
+def _interpretable_group(
+    study: Study, results: Sequence[_Analysed], seed: int
+) -> PopulationResult | None:
+    """The group of the subjects all of whose answers can be interpreted; None where they are few.
+
+    The result says itself whether it is reliable, so no warning is raised.
+    """
+    excluded = set[str]()
+    for result in results:
+        answer = result.evidence.answer
+        if answer is not None and not answer.is_interpretable:
+            excluded.add(study[answer.subject].person)
+    names = [subject.name for subject in study if subject.person not in excluded]
+    if len({study[name].person for name in names}) < FEWEST_FOR_GROUP:
+        return None
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        return population(study.select(names), seed=seed)
 
 
 def sample(

@@ -84,7 +84,10 @@ RETIRED_OPTIONS = {
         "--look": "leave it out, `bayes-toe power` simulates fixed numbers of trials",
         "--stop": "leave it out, `bayes-toe power` simulates fixed numbers of trials",
     },
-    "run": {"--store": "leave it out, draws are written to posterior.nc"},
+    "run": {
+        "--population": "leave it out, run fits the group from six interpretable subjects on",
+        "--store": "leave it out, draws are written to posterior.nc",
+    },
 }
 
 

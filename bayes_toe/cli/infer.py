@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -41,12 +40,6 @@ def run(
     pictures: Annotated[
         str, rare("--pictures", help="Of subjects: all, flagged (who must be looked at) or none.")
     ] = "all",
-    population: Annotated[
-        bool,
-        typer.Option(
-            "--population", help="What the subjects have in common, too: the joint posterior."
-        ),
-    ] = False,
     explore: Annotated[
         bool,
         typer.Option(
@@ -70,8 +63,6 @@ def run(
     task.require_folder(output, PRODUCTS)
     keep = task.partial(output)
     read, prior = task.opened(study)
-    if population and len(read) < 2:
-        raise bt.InputError(f"--population: found {len(read)} subject, allowed: 2 and more")
     if explore:
         require_few(len(read), "subjects")
     _require_room(
@@ -89,7 +80,7 @@ def run(
     say_failed(task.out, analysis.draws)
     if analysis.contrast is not None:
         say_contrast(task.out, analysis.contrast)
-    group = _group(analysis, task) if population else None
+    group = _group(analysis, task)
     with task.out.progress("drawing", len(read)) as tick:
         write_results(
             analysis,
@@ -116,16 +107,15 @@ def run(
     )
 
 
-def _group(analysis: Analysis, task: Task) -> Group:
-    """What the subjects have in common, computed and printed."""
+def _group(analysis: Analysis, task: Task) -> Group | None:
+    """The group of the interpretable subjects, printed; None where they are few."""
     from bayes_toe.cli.population import group_answer, print_problems
     from bayes_toe.cli.report import Group
     from bayes_toe.groups.predictive_check import predictive_check
 
-    with warnings.catch_warnings():
-        # They are printed below.
-        warnings.simplefilter("ignore", bt.ConvergenceWarning)
-        result = bt.population(analysis.study, seed=analysis.settings.seed)
+    result = analysis.group
+    if result is None:
+        return None
     group = Group(result, predictive_check(result))
     task.out.answer(group_answer(result))
     print_problems(task.out, result, group.check.warnings)

@@ -2,9 +2,12 @@
 
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 
+import bayes_toe as bt
+from bayes_toe.analysis import _interpretable_group
 from bayes_toe.answers.order_effect import QUESTIONS, OrderEffect, Size
 from bayes_toe.answers.study_summary import effect_frequencies, frequency_line, study_lines
 from bayes_toe.answers.verdict_words import Word
@@ -85,3 +88,22 @@ def test_frequency_needs_two_interpretable_subjects():
     assert frequency_line(STUDY[:1]) == ""
     assert frequency_line([STUDY[0], STUDY[3]]) == ""
     assert "not about the mean" in frequency_line(STUDY[:3])
+
+
+def test_run_fits_the_group_of_six_interpretable_subjects_and_no_fewer(monkeypatch):
+    asked = []
+    monkeypatch.setattr(
+        "bayes_toe.analysis.population",
+        lambda study, **options: asked.append((study.names, options)),
+    )
+    study = bt.example_study().select([f"S{i:02d}" for i in range(1, 8)])
+    rows = [
+        SimpleNamespace(evidence=SimpleNamespace(answer=answer(name, (Word.NO,) * 3)))
+        for name in study.names
+    ]
+    rows[0].evidence.answer = answer("S01", (Word.NOT_INTERPRETABLE,) * 3)
+    _interpretable_group(study, rows, seed=4)
+    assert asked == [(study.names[1:], {"seed": 4})]
+    rows[1].evidence.answer = answer("S02", (Word.NOT_INTERPRETABLE,) * 3)
+    assert _interpretable_group(study, rows, seed=4) is None
+    assert len(asked) == 1

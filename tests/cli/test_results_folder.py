@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from commands import good, inside, refused
-from conftest import few_pairs, grouped_csv
+from conftest import grouped_csv
 from populations import made_result, simulated_group
 
 import bayes_toe as bt
@@ -153,19 +153,12 @@ def test_a_group_and_an_explorer_stand_beside_the_report_where_asked_for_and_go_
 def test_run_computes_the_group_and_leaves_with_3_where_it_did_not_converge(
     analysis, tmp_path, monkeypatch
 ):
-    asked = {}
-
-    def population(study, **options):
-        asked.update(options, names=study.names)
-        return made_result(simulated_group(1, n_subjects=4), n_divergent=2)
-
-    monkeypatch.setattr("bayes_toe.population", population)
-    monkeypatch.setattr("bayes_toe.run", lambda *_, **__: analysis)
+    group = made_result(simulated_group(1, n_subjects=4), n_divergent=2)
+    monkeypatch.setattr("bayes_toe.run", lambda *_, **__: replace(analysis, group=group))
     grouped_csv(tmp_path / "study.csv", analysis.study)
-    options = ("--population", "--pictures", "none", "--seed", 5, "--workers", 1)
+    options = ("--pictures", "none", "--seed", 5, "--workers", 1)
     done = inside("run", "study.csv", "-o", "out", *options, cwd=tmp_path)
-    assert (done.returncode, asked["names"]) == (3, analysis.study.names)
-    assert asked["seed"] == analysis.settings.seed
+    assert done.returncode == 3
     printed = " ".join(done.stdout.split())
     assert "NOT RELIABLE: contraction: mean p = " in printed
     assert "attention the group's result is not reliable: 2 of 1600 trajectories" in printed
@@ -175,13 +168,9 @@ def test_run_computes_the_group_and_leaves_with_3_where_it_did_not_converge(
     assert "trajectories diverged" in section(tmp_path / "out")
 
 
-def test_a_group_of_one_and_an_explorer_that_cannot_be_are_refused_before_the_work(
-    study_csv, tmp_path, monkeypatch
-):
+def test_an_explorer_that_cannot_be_is_refused_before_the_work(study_csv, tmp_path, monkeypatch):
     monkeypatch.setattr("bayes_toe.explorer.page.MOST_ENTRIES", 2)
-    one = grouped_csv(tmp_path / "one.csv", few_pairs("A"))
     for file, option, said in (
-        (one, "--population", "--population: found 1 subject, allowed: 2 and more"),
         (study_csv, "--explore", "explore: found 3 subjects, allowed: at most 2 in a page"),
         (study_csv, "--explore", "pip install 'bayes_toe[explore]'"),
     ):
