@@ -1,10 +1,12 @@
-"""Are the stated error bars of the log evidence honest? Many seeds for every case whose evidence is known by another route.
+"""Are the standard errors of log evidences right? Many seeds for every case known by another route.
 
-For each case of tests/reference the evidence is estimated anew with every seed, fitting included; z = (estimate - reference) / stated
-standard error must have standard deviation 1. Writes error_bars.csv and error_bars.md; exit code 3 where an error bar is not honest.
+For each case of tests/reference the evidence is estimated anew with every seed, fitting included;
+z = (estimate - reference) / stated standard error must have standard deviation 1. Writes
+error_bars.csv and error_bars.md; exit code 3 where a standard error is not right.
 
-The cases are the paper's model of many subjects, known by deterministic integration. With --verdict they are models that a verdict averages
-over, of four subjects, estimated as a verdict does it and known by tempering, where that is precise.
+The cases are the paper's model of many subjects, known by deterministic integration. With --order
+they are the four models of the observer, known by tempering; models far below a subject's best
+one are left out, because they get few draws on purpose.
 
 Example: python scripts/error_bars.py -o docs --seeds 100 --overwrite
 """
@@ -13,49 +15,61 @@ import argparse
 import json
 import platform
 import sys
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 from reference.hard_cases import hard_cases
-from reference.tempering import PRIOR
+from reference.order_cases import order_cases
 
 import bayes_toe as bt
 from bayes_toe.data.tables import write_table
 from bayes_toe.data.whole_files import require_writable, whole_file
 from bayes_toe.inference.adaptation import fit_proposal
-from bayes_toe.inference.evidence import Evidence, importance_evidence
+from bayes_toe.inference.evidence import importance_evidence
 from bayes_toe.inference.maxima import find_maxima
-from bayes_toe.inference.proposal import FittedProposal
-from bayes_toe.inference.space import space_evidence
-from bayes_toe.model.ladder import SPACE, model_named
+from bayes_toe.inference.order_evidence import MODEL_NAMES, order_evidence
 from bayes_toe.workers import run_in_order
 
 REFERENCES = Path(__file__).parents[1] / "tests" / "reference"
-BAND, PRECISE = (0.8, 1.25), 0.01
-PAGE = """# Are the error bars of {whose} honest?
+BAND, PRECISE = (0.8, 1.25), 0.012
+#: Nats below the best model of a subject from which on a model is left out.
+FAR = 6.0
+PAGE = """# Are the standard errors of {evidences} right?
 
 {seeds} seeds a case, the fit of the proposal included; z = (estimate - reference) / stated standard error. Its standard
 deviation should be 1 and must lie in {band[0]} to {band[1]} ({seeds} seeds determine it to about {precision:.0f} %):
-{verdict}
+{conclusion}
 {far}
-`python scripts/error_bars.py -o docs {option}--overwrite` makes this page again. The references are in `tests/reference`.
+`python scripts/error_bars.py -o docs --seeds {seeds} {option}--overwrite` makes this page again. The references are in `tests/reference`.
 In full: [{table}]({table}).
 bayes_toe {version}, Python {python}, numpy {numpy}.
 
-| case | withheld | mean z | sd of z | largest z | median s.e. (nat) | largest s.e. | largest k-hat |
+| case | not reported | mean z | sd of z | largest z | median s.e. (nat) | largest s.e. | {quality} |
 |---|--:|--:|--:|--:|--:|--:|--:|
 """
 ROW = (
     "| {0.case} | {0.withheld} | {0.mean_z:.2f} | {0.sd_z:.2f} | {0.largest_z:.1f} "
-    "| {0.median_se:.4f} | {0.largest_se:.4f} | {0.largest_pareto_k:.2f} |\n"
+    "| {0.median_se:.4f} | {0.largest_se:.4f} | {1} |\n"
 )
+
+
+@dataclass(frozen=True)
+class Estimates:
+    """Log evidences of one case with every seed; NaN where none is reported.
+
+    `quality` is the largest k-hat, or of the four models the least number of effective draws.
+    """
+
+    values: np.ndarray
+    errors: np.ndarray
+    quality: float
 
 
 def main() -> int:
     """Estimate, compare, write."""
-    subjects = {**{subject.name: subject for subject in bt.example_study()}, **hard_cases()}
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -67,77 +81,109 @@ def main() -> int:
         help="folder to write to; the committed run is in docs",
     )
     parser.add_argument("--seeds", type=int, default=100)
+    parser.add_argument("--subjects", nargs="+", metavar="NAME", help="by default all")
     parser.add_argument(
-        "--cases",
-        type=lambda names: names.split(","),
-        help="names, separated by commas; by default all",
-    )
-    parser.add_argument(
-        "--verdict",
+        "--order",
         action="store_true",
-        help="the models of verdicts; writes error_bars_verdict.csv and .md",
+        help="the four models of the observer; writes error_bars_order.csv and .md",
     )
     parser.add_argument("--workers", type=int, help="processes; by default one per processor")
     parser.add_argument("--overwrite", action="store_true")
-    asked = parser.parse_args()
-    known = json.loads(
-        (REFERENCES / ("compositions.json" if asked.verdict else "reference.json")).read_text(
-            encoding="utf-8"
-        )
-    )["cases"]
-    cases, models = {}, {"", *(model.name for model in SPACE)}
-    for name, one in known.items():
-        subject, _, model = name.partition(": ")
-        if model in models and one["log_evidence_error"] < PRECISE:
-            cases[name] = subjects[subject], model, one["log_evidence"]
-    names = list(cases) if asked.cases is None else asked.cases
+    options = parser.parse_args()
+    stem = "error_bars_order" if options.order else "error_bars"
+    written = [options.output / f"{stem}.csv", options.output / f"{stem}.md"]
+    jobs = order_jobs(options.seeds) if options.order else paper_jobs(options.seeds)
+    names = list(jobs) if options.subjects is None else options.subjects
     for name in names:
-        if name not in cases:
-            parser.error(f"--cases: no case named {name!r}; there are {', '.join(cases)}")
-    stem = "error_bars_verdict" if asked.verdict else "error_bars"
-    written = [asked.output / f"{stem}.csv", asked.output / f"{stem}.md"]
+        if name not in jobs:
+            parser.error(f"--subjects: no subject named {name!r}; there are {'; '.join(jobs)}")
     try:
         for path in written:
-            require_writable(path, overwrite=asked.overwrite)
-        jobs = [partial(z_scores, name, *cases[name], asked.seeds) for name in names]
-        table = pd.DataFrame(run_in_order(jobs, asked.workers, print, [(name,) for name in names]))
-        write_table(table, written[0], overwrite=asked.overwrite)
-        with whole_file(written[1], overwrite=asked.overwrite) as temporary:
-            temporary.write_text(page(table, written[0].name, asked.verdict), encoding="utf-8")
+            require_writable(path, overwrite=options.overwrite)
+        tables = run_in_order(
+            [jobs[name] for name in names], options.workers, print, [(name,) for name in names]
+        )
+        table = pd.DataFrame([row for rows in tables for row in rows])
+        write_table(table, written[0], overwrite=options.overwrite)
+        with whole_file(written[1], overwrite=options.overwrite) as temporary:
+            temporary.write_text(page(table, written[0].name, options.order), encoding="utf-8")
     except bt.BayesToeError as error:
         print(error, file=sys.stderr)
         return 2
     return 0 if table["honest"].all() else 3
 
 
-def estimates(subject: bt.Subject, model: str, seeds: int) -> list[tuple[FittedProposal, Evidence]]:
-    """The evidence with every seed, and the proposal behind it: of a model as a verdict has it, without a name of the paper's."""
-    if model:
-        found = (
-            space_evidence(subject, PRIOR, [model_named(model)], seed).sampled
-            for seed in range(seeds)
-        )
-        return [(some[0].fitted, some[0].evidence) for some in found if some]
+def _references(file: str) -> dict[str, dict[str, float]]:
+    """The stored cases by name."""
+    return json.loads((REFERENCES / file).read_text(encoding="utf-8"))["cases"]
+
+
+def paper_jobs(seeds: int) -> dict[str, partial]:
+    """By subject, the rows of the paper's model."""
+    subjects = {**{subject.name: subject for subject in bt.example_study()}, **hard_cases()}
+    return {
+        name: partial(paper_rows, subjects[name], case["log_evidence"], seeds)
+        for name, case in _references("reference.json").items()
+    }
+
+
+def order_jobs(seeds: int) -> dict[str, partial]:
+    """By subject, the rows of the four models."""
+    known = _references("order_models.json")
+    jobs = {}
+    for name, subject in order_cases().items():
+        cases = {model: known[f"{name}: {model}"] for model in MODEL_NAMES}
+        best = max(case["log_evidence"] for case in cases.values())
+        references = {
+            model: case["log_evidence"]
+            for model, case in cases.items()
+            if case["log_evidence"] > best - FAR and case["log_evidence_error"] < PRECISE
+        }
+        jobs[name] = partial(order_rows, subject, references, seeds)
+    return jobs
+
+
+def paper_rows(subject: bt.Subject, reference: float, seeds: int) -> list[dict[str, object]]:
+    """The row of the paper's model."""
     posterior = bt.model.posterior_of(subject, bt.Prior())
     maxima = find_maxima(posterior)
-    fitted = [
-        fit_proposal(posterior, np.random.default_rng([seed, 7]), start=maxima)
-        for seed in range(seeds)
-    ]
-    return [(one, importance_evidence(one)) for one in fitted]
+    values, errors, pareto_k = [], [], []
+    for seed in range(seeds):
+        fitted = fit_proposal(posterior, np.random.default_rng([seed, 7]), start=maxima)
+        evidence = importance_evidence(fitted)
+        values.append(np.nan if evidence.value is None else evidence.value)
+        errors.append(np.nan if evidence.se is None else evidence.se)
+        pareto_k.append(fitted.pareto_k)
+    estimates = Estimates(np.array(values), np.array(errors), max(pareto_k))
+    return [row(subject.name, estimates, reference, "largest_pareto_k")]
 
 
-def z_scores(
-    name: str, subject: bt.Subject, model: str, reference: float, seeds: int
-) -> dict[str, object]:
+def order_rows(
+    subject: bt.Subject, references: dict[str, float], seeds: int
+) -> list[dict[str, object]]:
+    """The rows of a subject's models, by the names of their references."""
+    evidences = [order_evidence([subject], seed)[0] for seed in range(seeds)]
+    values = np.array([evidence.log_evidence for evidence in evidences])
+    errors = np.array([evidence.standard_error for evidence in evidences])
+    effective = np.array([evidence.effective_draws for evidence in evidences])
+    rows = []
+    for model, reference in references.items():
+        i = MODEL_NAMES.index(model)
+        estimates = Estimates(values[:, i], errors[:, i], float(effective[:, i].min()))
+        name = f"{subject.name}: {model}"
+        rows.append(row(name, estimates, reference, "least_effective_draws"))
+    return rows
+
+
+def row(name: str, estimates: Estimates, reference: float, quality: str) -> dict[str, object]:
     """The row of one case."""
-    found = estimates(subject, model, seeds)
-    given = [(one.value, one.se) for _, one in found if one.value is not None]
-    values, errors = np.array(given).reshape(-1, 2).T
-    z = pd.Series((values - reference) / errors)
-    row = {"case": name, "seeds": seeds, "withheld": seeds - len(z)}
+    seeds = len(estimates.values)
+    reported = ~np.isnan(estimates.values)
+    errors = estimates.errors[reported]
+    z = pd.Series((estimates.values[reported] - reference) / errors)
+    entries: dict[str, object] = {"case": name, "seeds": seeds, "withheld": seeds - len(z)}
     if len(z) > 1:
-        row |= {
+        entries |= {
             "mean_z": z.mean(),
             "sd_z": z.std(),
             "largest_z": z.abs().max(),
@@ -145,38 +191,48 @@ def z_scores(
             "largest_se": errors.max(),
         }
     else:
-        row |= dict.fromkeys(("mean_z", "sd_z", "largest_z", "median_se", "largest_se"), np.nan)
-    honest = BAND[0] < row["sd_z"] < BAND[1] or len(z) == 0
-    return {
-        **row,
-        "largest_pareto_k": max((fit.pareto_k for fit, _ in found), default=np.nan),
-        "honest": bool(honest),
-    }
+        entries |= dict.fromkeys(("mean_z", "sd_z", "largest_z", "median_se", "largest_se"), np.nan)
+    honest = len(z) == 0 or bool(BAND[0] < z.std() < BAND[1])
+    return {**entries, quality: estimates.quality, "honest": honest}
 
 
-def page(table: pd.DataFrame, file: str, verdict: bool) -> str:
-    """The table as Markdown, with what it says, and single estimates further off than chance explains, of which nothing warned."""
+def page(table: pd.DataFrame, file: str, is_order: bool) -> str:
+    """The table as Markdown, what it shows, and single estimates that are far off."""
     bad, seeds = table.loc[~table["honest"], "case"], int(table["seeds"].iloc[0])
     far = ", ".join(
         f"{row.case} ({row.largest_z:.1f} standard errors, about {row.largest_z * row.median_se:.2f} nat)"
         for row in table[table["largest_z"] > 5.0].itertuples()
     )
+    far_line = ""
+    if far:
+        far_line = (
+            f"Single estimates further than 5 standard errors off, without a warning: {far}.\n"
+        )
+    conclusion = "every case lies in that range."
+    if not bad.empty:
+        conclusion = f"outside it: {', '.join(bad)}."
     head = PAGE.format(
         table=file,
-        whose="a verdict's evidences" if verdict else "the evidence",
-        option="--verdict " if verdict else "",
+        evidences="the four models' evidences" if is_order else "the evidence",
+        option="--order " if is_order else "",
         seeds=seeds,
         band=BAND,
         precision=100 / np.sqrt(2 * (seeds - 1)),
-        verdict="every one lies in that range." if bad.empty else f"outside it: {', '.join(bad)}.",
-        far=f"Single estimates further than 5 standard errors off, without a warning: {far}.\n"
-        if far
-        else "",
+        conclusion=conclusion,
+        far=far_line,
+        quality="least effective draws" if is_order else "largest k-hat",
         version=bt.__version__,
         python=platform.python_version(),
         numpy=np.__version__,
     )
-    return head + "".join(map(ROW.format, table.itertuples()))
+    rows = []
+    for entries in table.itertuples():
+        if is_order:
+            quality = f"{entries.least_effective_draws:.0f}"
+        else:
+            quality = f"{entries.largest_pareto_k:.2f}"
+        rows.append(ROW.format(entries, quality))
+    return head + "".join(rows)
 
 
 if __name__ == "__main__":

@@ -1,9 +1,11 @@
-"""Evidence and moments of the bundled study and the hard cases by deterministic integration, for the tests to compare with.
+"""Evidences and moments by routes of their own, for the tests to compare with.
 
-With --compositions: evidences of :data:`COMPOSITIONS` of a few subjects by tempering instead.
-A case that is stored already, for the same counts, prior and method, is kept.
+By default: H1 for the bundled study and the hard cases by deterministic integration, into
+reference.json. With --order: the four models of the observer for the cases of
+scripts/reference/order_cases.py by tempering, into order_models.json. A case that is stored
+already, for the same counts, prior and method, stays.
 
-Example: python scripts/make_reference.py -o tests/reference
+Example: python scripts/make_reference.py -o tests/reference --order
 """
 
 import argparse
@@ -17,85 +19,59 @@ import numpy as np
 import scipy
 from reference.hard_cases import hard_cases
 from reference.lattice_quantiles import LEVELS
+from reference.order_cases import order_cases
 from reference.quadrature import METHOD, QUANTITIES, integrate
 from reference.tempering import METHOD as TEMPERING
-from reference.tempering import PRIOR, composed_evidence
+from reference.tempering import MODELS, describe_prior, tempered_evidence
 
 import bayes_toe as bt
 from bayes_toe.data.whole_files import whole_file
-from bayes_toe.model.ladder import SPACE, model_named
-
-#: Order, noise and lapses of the space over which verdicts average, and every other level in some composition.
-COMPOSITIONS = (
-    *(
-        model.name
-        for model in SPACE
-        if {("curve", "bell"), ("peak", "one peak")} <= {*model.levels}
-    ),
-    "constant error + sloped peak",
-    "update + sloped + both ways + differencing + sloped peak",
-    "none + exponent",
-    "constant error + differencing + both ways",
-    "free weighting + sloped + beta-binomial",
-    "update + sloped + both ways + exponent + beta-binomial",
-)
-#: Subjects of these: two of the bundled study and two hard cases.
-COMPOSED_SUBJECTS = ("S01", "S09", "one order missing", "guessing at 0.5")
 
 
 def belongs(subject: bt.Subject, model: str | None) -> dict[str, str]:
-    """What tells that a stored case is of these counts, this prior and the method as it is."""
+    """Counts, prior and method of a stored case; by these a stale case is noticed."""
     counts = np.column_stack(
         (subject.s1, subject.s2, subject.n_yes.astype(float), subject.n_trials.astype(float))
     )
-    prior = bt.Prior().describe() if model is None else model_named(model).describe(PRIOR)
     return {
         "counts": hashlib.sha256(counts.tobytes()).hexdigest(),
-        "prior": prior,
+        "prior": bt.Prior().describe() if model is None else describe_prior(),
         "method": METHOD if model is None else TEMPERING,
     }
 
 
 def case(subject: bt.Subject, model: str | None) -> dict[str, object]:
-    """One subject's reference as plain numbers; the evidence alone of a composition."""
+    """One reference as plain numbers; of the four models it is the evidence alone."""
     if model is not None:
-        return dict(
-            zip(
-                ("log_evidence", "log_evidence_error"),
-                composed_evidence(subject, model),
-                strict=True,
-            )
-        )
-    found = vars(integrate(bt.model.posterior_of(subject, bt.Prior())))
+        value, error = tempered_evidence(subject, model)
+        return {"log_evidence": value, "log_evidence_error": error}
+    numbers = vars(integrate(bt.model.posterior_of(subject, bt.Prior())))
     return {
         key: value.tolist() if isinstance(value, np.ndarray) else value
-        for key, value in found.items()
+        for key, value in numbers.items()
     }
 
 
 def main() -> None:
-    """Integrate what is missing, one case at a time; the file is whole after each."""
+    """Compute what is missing, one case at a time; the file is whole after each."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("-o", "--output", type=Path, default=Path("tests/reference"))
-    parser.add_argument(
-        "--compositions",
-        action="store_true",
-        help="compositions of parts, by tempering, into compositions.json",
-    )
+    parser.add_argument("--order", action="store_true", help="the four models of the observer")
     parser.add_argument("--only", help="one case by name")
-    asked = parser.parse_args()
-    subjects = {**hard_cases(), **{subject.name: subject for subject in bt.example_study()}}
-    if asked.compositions:
-        path, head = asked.output / "compositions.json", {}
+    options = parser.parse_args()
+    cases: dict[str, tuple[bt.Subject, str | None]]
+    if options.order:
+        path, head = options.output / "order_models.json", {}
         cases = {
-            f"{name}: {model}": (subjects[name], model)
-            for name in COMPOSED_SUBJECTS
-            for model in COMPOSITIONS
+            f"{name}: {model}": (subject, model)
+            for name, subject in order_cases().items()
+            for model in MODELS
         }
     else:
-        path, head = asked.output / "reference.json", {"quantities": QUANTITIES, "levels": LEVELS}
+        subjects = {**hard_cases(), **{subject.name: subject for subject in bt.example_study()}}
+        path, head = options.output / "reference.json", {"quantities": QUANTITIES, "levels": LEVELS}
         cases = {name: (subject, None) for name, subject in subjects.items()}
     head["versions"] = {
         "numpy": np.__version__,
@@ -103,11 +79,12 @@ def main() -> None:
         "python": platform.python_version(),
     }
     stored = json.loads(path.read_text(encoding="utf-8"))["cases"] if path.exists() else {}
-    for name, of in cases.items():
-        if asked.only not in (None, name) or belongs(*of).items() <= stored.get(name, {}).items():
+    for name, (subject, model) in cases.items():
+        key = belongs(subject, model)
+        if options.only not in (None, name) or key.items() <= stored.get(name, {}).items():
             continue
         began = time.perf_counter()
-        made = stored[name] = {**belongs(*of), **case(*of)}
+        made = stored[name] = {**key, **case(subject, model)}
         with whole_file(path, overwrite=True) as target:
             target.write_text(
                 json.dumps({**head, "cases": stored}, indent=1, sort_keys=True) + "\n",
@@ -115,7 +92,8 @@ def main() -> None:
             )
         took = time.perf_counter() - began
         print(
-            f"{name}: {made['log_evidence']:.6f} +- {made['log_evidence_error']:.1e}, {took:.0f} s"
+            f"{name}: {made['log_evidence']:.6f} +- {made['log_evidence_error']:.1e}, {took:.0f} s",
+            flush=True,
         )
 
 

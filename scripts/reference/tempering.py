@@ -1,153 +1,197 @@
-"""Evidence of any composition by tempering: particles from the prior that walk while the likelihood is turned on.
+"""Evidences of the four models of the observer by tempering: particles that walk from the prior.
 
-Shares nothing with the package's inference: natural parameters with normal scores as coordinates, answers and counts written as on paper,
-no modes, no fitted proposal. Between two powers of the likelihood, chosen so that two thirds of the particles count, they are weighted,
-resampled and moved by differences of two others (ter Braak's differential evolution) and in one direction; the mean weights multiply
-to the evidence (Del Moral, Doucet and Jasra 2006). Importance sampling about these particles then makes it precise.
+The method shares nothing with the package's inference: every parameter is a function of a standard
+normal score, the formulas stand as on paper, there is no search for a maximum and no fitted
+mixture. The likelihood is turned on in steps after which two thirds of the particles count. At
+every step the particles are weighted, resampled and moved by differences of two others (ter
+Braak's differential evolution) and along one score; the mean weights multiply to the evidence (Del
+Moral, Doucet and Jasra 2006). Importance sampling about the last particles then makes it precise.
 
-The prior is stated here, in numbers: H1's is the paper's.
+    z = ((s2 - s1) - c + p (s1 - sbar)) / (sigma_d exp(b m)),   m = (s1 + s2)/2 - sbar
+    which is stronger   P(second) = lambda/2 + (1 - lambda) Phi(z)
+    same or different   P(equal) = lambda q0_m + (1 - lambda) (Phi(k_m - z) - Phi(-k_m - z))
+                        k_m = k exp(g m),   q0_m = 2 Phi(k_m) - 1,   q0 = 2 Phi(k) - 1
+
+The numbers of the prior are stated here; they are those that the package has by default.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-from scipy.special import expit, gammaln, log_ndtr, logit, logsumexp, ndtr, ndtri
+from scipy.special import erf, erfinv, gammaln, log_ndtr, logsumexp, ndtr, ndtri, stdtrit, xlogy
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Subject
-from bayes_toe.model.parts import composition
-from bayes_toe.model.prior import Prior
 
-#: The prior of the references; :data:`_NATURAL` says the same.
-PRIOR = Prior(offset_sd=0.3, noise_slope_sd=1.0, peak_slope_sd=1.0, lapse_rate_b=1.0)
+#: Median of sigma_d in D, and standard deviation of its logarithm.
+NOISE_MEDIAN, NOISE_SD = 1.0, 0.7
+#: q0 has the distribution Beta(4, 1), whose distribution function is q0^4.
+Q0_A = 4.0
+#: lambda has the distribution Beta(1, 9): P(lambda > x) = (1 - x)^9.
+LAPSE_RATE_B = 9.0
+#: Scale of Student's t with 3 degrees of freedom: of b and g over R, of c in D.
+SLOPE_SCALE, CONSTANT_ERROR_SCALE = 0.15, 0.5
+#: Standard deviation of p on (-1, 1); D over sd(s1) where that is smaller.
+CONTRACTION_SD = 0.25
+#: The four models: which of c and p they have.
+MODELS: Mapping[str, tuple[str, ...]] = {
+    "none": (),
+    "constant error": ("c",),
+    "contraction": ("p",),
+    "both": ("c", "p"),
+}
 #: Changes whenever a change of the method can change a number; stored references carry it.
-METHOD = "tempering 1"
-_KEPT = 0.66  # share of the particles that count after a change of the power
-_STEPS = 8  # moves of each particle between two powers
-_KERNELS, _NARROW = (
-    200,
-    0.4,
-)  # kernels of the refinement, and their width over that of the whole cloud
+METHOD = "tempering of the observer 1"
+_COUNTING = 0.66  # share of the particles that count after a step of the power
+_MOVES = 8  # moves of each particle between two powers
+#: Kernels of the refinement, and their width over that of the whole cloud.
+_KERNELS, _NARROW = 200, 0.4
 LogLikelihood = Callable[[FloatArray], FloatArray]
+Parameters = Mapping[str, FloatArray | float]
 
 
 @dataclass(frozen=True, eq=False)
-class Scored:
-    """Log likelihood of a composition at normal scores of its natural parameters under :data:`PRIOR`."""
+class Observer:
+    """One of the four models for the counts of one subject, at normal scores of its parameters."""
 
     subject: Subject
-    name: str
+    model: str
 
-    @property
-    def levels(self) -> dict[str, str]:
-        """Level of each part."""
-        return dict(composition(self.name).levels)
+    @cached_property
+    def trials(self) -> tuple[FloatArray, FloatArray]:
+        """First and second stimulus of every trial, (trials,) each."""
+        n_trials = self.subject.n_trials
+        return np.repeat(self.subject.s1, n_trials), np.repeat(self.subject.s2, n_trials)
+
+    @cached_property
+    def sbar(self) -> float:
+        """Mean first stimulus."""
+        return float(self.trials[0].mean())
+
+    @cached_property
+    def step(self) -> float:
+        """D: root mean square of s2 - s1 over the trials with two different stimuli."""
+        first, second = self.trials
+        difference = (second - first)[second != first]
+        return float(np.sqrt(np.mean(difference**2)))
+
+    @cached_property
+    def spread(self) -> float:
+        """R: standard deviation of all stimuli."""
+        return float(np.concatenate(self.trials).std())
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Natural parameters, one score each."""
-        levels = self.levels
-        of_order = {
-            "none": (),
-            "constant error": ("c",),
-            "update": ("mu1", "gamma"),
-            "free weighting": ("c", "gain"),
-        }
-        wanted = {
-            "b": levels["noise"] == "sloped",
-            "q0": levels["lapses"] != "no lapses",
-            "rate": levels["lapses"] == "both ways",
-            "g": levels["peak"] == "sloped peak",
-            "nu": levels["curve"] == "exponent",
-            "icc": levels["spread"] == "beta-binomial",
-        }
-        return (
-            "spread",
-            *of_order[levels["order"]],
-            *(name for name, is_free in wanted.items() if is_free),
-        )
+        """Names of the free parameters, one score each."""
+        if self.subject.task.yes == "equal":
+            return ("sigma_d", "q0", "lambda", "b", "g", *MODELS[self.model])
+        return ("sigma_d", "lambda", "b", *MODELS[self.model])
+
+    def natural(self, scores: FloatArray) -> dict[str, FloatArray]:
+        """The parameters at scores, (particles, parameters) -> (particles, 1) each.
+
+        In place of q0 there is k.
+        """
+        values = {}
+        for name, x in zip(self.parameters, scores.T[:, :, None], strict=True):
+            if name == "sigma_d":
+                values[name] = NOISE_MEDIAN * self.step * np.exp(NOISE_SD * x)
+            elif name == "q0":
+                log_q0 = log_ndtr(x) / Q0_A
+                from_below = np.sqrt(2.0) * erfinv(np.exp(log_q0))
+                from_above = -ndtri(-0.5 * np.expm1(log_q0))
+                values["k"] = np.where(x < 0.0, from_below, from_above)
+            elif name == "lambda":
+                values[name] = -np.expm1(log_ndtr(-x) / LAPSE_RATE_B)
+            elif name == "c":
+                values[name] = CONSTANT_ERROR_SCALE * self.step * _student(x)
+            elif name == "p":
+                values[name] = self._contraction(x)
+            else:
+                values[name] = SLOPE_SCALE / self.spread * _student(x)
+        return values
+
+    def _contraction(self, x: FloatArray) -> FloatArray:
+        """The normal quantile of p on (-1, 1)."""
+        sd, first_spread = CONTRACTION_SD, float(self.trials[0].std())
+        if first_spread > 0.0:
+            sd = min(sd, self.step / first_spread)
+        outside = ndtr(-1.0 / sd)
+        lower_half = outside + ndtr(-np.abs(x)) * (1.0 - 2.0 * outside)
+        return np.asarray(-np.sign(x) * sd * ndtri(lower_half))
 
     def __call__(self, scores: FloatArray) -> FloatArray:
-        """(particles, parameters) -> (particles,)."""
-        theta = {
-            name: _NATURAL[name](score)[:, None]
-            for name, score in zip(self.parameters, scores.T, strict=True)
-        }
-        with np.errstate(
-            all="ignore"
-        ):  # where a probability is 0 an answer that was given makes the likelihood 0
-            value = np.asarray(self._counts(theta, self._equal(theta)).sum(axis=1))
-        return np.where(np.isnan(value), -np.inf, value)
-
-    def _equal(self, theta: Mapping[str, FloatArray]) -> FloatArray:
-        """P(equal)."""
-        s, order, curve = self.subject, self.levels["order"], self.levels["curve"]
-        sbar = np.average(s.s1, weights=s.n_trials)
-        shift, width = s.s2 - s.s1, theta["spread"]
-        if order == "update":
-            big = (1.0 + np.sqrt(1.0 + 4.0 * theta["gamma"])) / 2.0  # sigma_1^2 / sigma_p^2
-            shift, width = (
-                s.s2 - s.s1 / big - (1.0 - 1.0 / big) * theta["mu1"],
-                theta["spread"] * big**1.5,
-            )
-        elif order != "none":
-            shift = shift - theta["c"] + (1.0 - theta.get("gain", 1.0)) * (s.s1 - sbar)
-        middle = 0.5 * (s.s1 + s.s2) - sbar
-        z = shift / (width * np.exp(theta.get("b", 0.0) * middle))
-        q0, rate = theta.get("q0", np.ones((1, 1))), theta.get("rate", 0.0)
-        if "g" in theta:
-            q0 = expit(logit(q0) + theta["g"] * middle)
-        if curve == "differencing":
-            k = ndtri(0.5 + 0.5 * q0)
-            attended = ndtr(k - z) - ndtr(-k - z)
-        else:
-            attended = q0 * 2.0 ** -(np.abs(z) ** theta.get("nu", 2.0))
-        return np.asarray(rate * q0 + (1.0 - rate) * attended)
-
-    def _counts(self, theta: Mapping[str, FloatArray], p: FloatArray) -> FloatArray:
-        """Log probability of the counts, without binomial coefficients."""
-        k, n = self.subject.n_yes, self.subject.n_trials
-        binomial = np.where(k > 0, k * np.log(p), 0.0) + np.where(
-            n > k, (n - k) * np.log1p(-p), 0.0
-        )
-        if "icc" not in theta:
-            return binomial
-        total = 1.0 / theta["icc"] - 1.0
-        ends = ((total * p, k), (total * (1.0 - p), n - k), (total, n))
-        rising = [np.where(m > 0, gammaln(of + m) - gammaln(of), 0.0) for of, m in ends]
-        # Beyond it the binomial is off by n^2/1e8, and gammaln would lose its digits.
-        return np.asarray(np.where(total > 1e8, binomial, rising[0] + rising[1] - rising[2]))
+        """Log likelihood without binomial coefficients, (particles, parameters) -> (particles,)."""
+        # Beyond 20 standard deviations there is less than 1e-88 of the prior.
+        is_near = (np.abs(scores) < 20.0).all(axis=1)
+        yes, no = answer_probabilities(self.subject, self.sbar, self.natural(scores[is_near]))
+        n_yes = self.subject.n_yes
+        terms = xlogy(n_yes, yes) + xlogy(self.subject.n_trials - n_yes, no)
+        value = np.full(len(scores), -np.inf)
+        value[is_near] = terms.sum(axis=1)
+        return value
 
 
-#: From a normal score to a natural parameter of the prior.
-_NATURAL: Mapping[str, Callable[[FloatArray], FloatArray]] = {
-    "mu1": lambda x: 10.0 * x,
-    "spread": lambda x: np.asarray(-ndtri(0.5 * ndtr(-x))),  # HalfNormal(1): sigma_p, or the width
-    "gamma": ndtr,
-    "gain": lambda x: np.asarray(2.0 * ndtr(x)),
-    "q0": ndtr,
-    "rate": ndtr,
-    "b": lambda x: x,
-    "g": lambda x: x,
-    "c": lambda x: 0.3 * x,
-    "nu": lambda x: np.asarray(2.0 * np.exp(0.5 * x)),
-    "icc": lambda x: np.asarray(-np.expm1(log_ndtr(-x) / 9.0)),  # Beta(1, 9)
-}
+def _student(x: FloatArray) -> FloatArray:
+    """Quantile of Student's t with 3 degrees of freedom at normal scores."""
+    return np.asarray(-np.sign(x) * stdtrit(3.0, ndtr(-np.abs(x))))
+
+
+def answer_probabilities(
+    subject: Subject, sbar: float, values: Parameters
+) -> tuple[FloatArray, FloatArray]:
+    """Probability of the answer that the task counts and of the other one, (..., pairs) each."""
+    first, middle = subject.s1 - sbar, 0.5 * (subject.s1 + subject.s2) - sbar
+    shift = values.get("p", 0.0) * first - values.get("c", 0.0)
+    numerator = subject.s2 - subject.s1 + shift
+    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+        # In logs, because far out the noise, the distance and the criterion leave the floats.
+        log_noise = np.log(values["sigma_d"]) + values["b"] * middle
+        log_distance = np.log(np.abs(numerator)) - log_noise
+        distance = np.exp(log_distance)
+        lapse = values["lambda"]
+        attend = 1.0 - lapse
+        if subject.task.yes == "second":
+            z = np.sign(numerator) * distance
+            return 0.5 * lapse + attend * ndtr(z), 0.5 * lapse + attend * ndtr(-z)
+        log_k = np.log(values["k"]) + values["g"] * middle
+        k = np.exp(log_k)
+        to_edge = _difference(log_k, log_distance)
+        window = ndtr(to_edge) - ndtr(-k - distance)
+        # Both terms cancel in a window that is narrow; the density is level in it.
+        narrow_window = 2.0 * k * np.exp(-0.5 * distance**2) / np.sqrt(2.0 * np.pi)
+        inside = np.where(k < 1e-4, narrow_window, window)
+        outside = ndtr(-to_edge) + ndtr(-k - distance)
+        equal = lapse * erf(k / np.sqrt(2.0)) + attend * inside
+        different = lapse * 2.0 * ndtr(-k) + attend * outside
+    return equal, different
+
+
+def _difference(log_a: FloatArray, log_b: FloatArray) -> FloatArray:
+    """a - b from their logs, also where both leave the floats."""
+    ratio = log_a - log_b
+    larger = np.exp(np.maximum(log_a, log_b))
+    return np.asarray(-np.sign(ratio) * larger * np.expm1(-np.abs(ratio)))
 
 
 def tempered(
     log_likelihood: LogLikelihood, k: int, rng: np.random.Generator, particles: int
 ) -> tuple[FloatArray, float]:
-    """Particles of the posterior, shape (particles, k), and the log of the mean likelihood under k standard normal scores; one run.
+    """One run: particles of the posterior, (particles, k), and the log of the mean likelihood.
+
+    The mean is over k standard normal scores.
 
     Examples
     --------
-    >>> hill = lambda x: -50.0 * ((x - 1.0) ** 2).sum(axis=1)  # the mean is (101)^(-1/2) exp(-50/101) in each direction
-    >>> found = tempered(hill, 2, np.random.default_rng(1), 4000)[1]
-    >>> bool(abs(found + np.log(101) + 100 / 101) < 0.1)
+    The mean of this hill is (101)^(-1/2) exp(-50/101) in each direction:
+
+    >>> hill = lambda x: -50.0 * ((x - 1.0) ** 2).sum(axis=1)
+    >>> log_mean = tempered(hill, 2, np.random.default_rng(1), 4000)[1]
+    >>> bool(abs(log_mean + np.log(101) + 100 / 101) < 0.1)
     True
     """
     x = rng.standard_normal((particles, k))
@@ -158,9 +202,9 @@ def tempered(
         total += float(logsumexp(weights)) - np.log(particles)
         power += step
         shares = np.exp(weights - logsumexp(weights))
-        chosen = np.searchsorted(
-            np.cumsum(shares)[:-1], (rng.uniform() + np.arange(particles)) / particles
-        )  # systematic resampling
+        # Systematic resampling.
+        places = (rng.uniform() + np.arange(particles)) / particles
+        chosen = np.searchsorted(np.cumsum(shares)[:-1], places)
         chosen = rng.permutation(chosen)
         x, value = _moved(log_likelihood, x[chosen], value[chosen], power, rng)
     return x, total
@@ -169,37 +213,36 @@ def tempered(
 def refined(
     log_likelihood: LogLikelihood, x: FloatArray, rng: np.random.Generator, size: int
 ) -> tuple[float, float]:
-    """The same mean by importance sampling about particles of the posterior, and its standard error.
+    """The same mean by importance sampling about particles of the posterior, and its error.
 
-    Half of the points have a Student-t kernel (4 degrees of freedom) about one of some particles, a quarter one of the whole cloud,
-    a quarter are from the prior.
+    Half of the points have a Student-t kernel (4 degrees of freedom) about one of some particles,
+    a quarter have one about the mean of all, a quarter are from the prior.
     """
     k, centres = x.shape[1], x[rng.choice(len(x), _KERNELS, replace=False)]
     factor = np.linalg.cholesky(np.cov(x.T).reshape(k, k) + 1e-9 * np.eye(k))
-    whole: FloatArray = np.asarray(factor, np.float64)
-    few = rng.multinomial(size, [0.5, 0.25, 0.25])
-    tails = [
-        rng.standard_normal((n, k)) / np.sqrt(rng.chisquare(4, size=(n, 1)) / 4.0) @ whole.T
-        for n in few
-    ]
-    near = centres[rng.integers(_KERNELS, size=few[0])] + _NARROW * tails[0]
-    points = np.concatenate(
-        [near, x.mean(axis=0) + 1.5 * tails[1], rng.standard_normal((few[2], k))]
-    )
+    whole: FloatArray = np.asarray(1.5 * factor, np.float64)
+    narrow: FloatArray = np.asarray(_NARROW * factor, np.float64)
+    n_near, n_whole, n_prior = rng.multinomial(size, [0.5, 0.25, 0.25])
+    near = centres[rng.integers(_KERNELS, size=n_near)] + _draw_t(rng, n_near, narrow)
+    around = x.mean(axis=0) + _draw_t(rng, n_whole, whole)
+    points = np.concatenate([near, around, rng.standard_normal((n_prior, k))])
     log_prior = -0.5 * (np.square(points).sum(axis=1) + k * np.log(2.0 * np.pi))
-    narrow: FloatArray = np.asarray(_NARROW * whole, np.float64)
-    of_kernels = np.concatenate(
+    log_near = np.concatenate(
         [logsumexp(_log_t(part, centres, narrow), axis=1) for part in np.array_split(points, 20)]
     )
-    of_whole = _log_t(points, x.mean(axis=0)[None], np.asarray(1.5 * whole, np.float64))[:, 0]
-    parts = np.stack(
-        [np.log(0.5 / _KERNELS) + of_kernels, np.log(0.25) + of_whole, np.log(0.25) + log_prior]
-    )
-    weights = log_likelihood(points) + log_prior - logsumexp(parts, axis=0)
-    total = float(logsumexp(weights))
-    return total - float(np.log(size)), float(
-        np.sqrt(np.exp(logsumexp(2.0 * weights) - 2.0 * total) - 1.0 / size)
-    )
+    log_around = _log_t(points, x.mean(axis=0)[None], whole)[:, 0]
+    log_proposal = np.logaddexp(np.log(0.5 / _KERNELS) + log_near, np.log(0.25) + log_around)
+    log_proposal = np.logaddexp(log_proposal, np.log(0.25) + log_prior)
+    log_weights = log_likelihood(points) + log_prior - log_proposal
+    log_total = float(logsumexp(log_weights))
+    error = np.sqrt(np.exp(logsumexp(2.0 * log_weights) - 2.0 * log_total) - 1.0 / size)
+    return log_total - float(np.log(size)), float(error)
+
+
+def _draw_t(rng: np.random.Generator, n: int, factor: FloatArray) -> FloatArray:
+    """Draws of a Student-t kernel about 0, 4 degrees of freedom, (n, k)."""
+    stretch = np.sqrt(rng.chisquare(4, size=(n, 1)) / 4.0)
+    return np.asarray(rng.standard_normal((n, len(factor))) / stretch @ factor.T)
 
 
 def _log_t(points: FloatArray, centres: FloatArray, factor: FloatArray) -> FloatArray:
@@ -216,21 +259,20 @@ def _log_t(points: FloatArray, centres: FloatArray, factor: FloatArray) -> Float
     return np.asarray(norm - 0.5 * (4 + k) * np.log1p(np.maximum(far, 0.0) / 4.0))
 
 
-def _step(value: FloatArray, most: float) -> float:
+def _step(value: FloatArray, largest: float) -> float:
     """Growth of the power after which the wanted share of the particles counts."""
 
     def share(step: float) -> float:
-        return float(np.exp(2.0 * logsumexp(step * value) - logsumexp(2.0 * step * value))) / len(
-            value
-        )
+        log_effective = 2.0 * logsumexp(step * value) - logsumexp(2.0 * step * value)
+        return float(np.exp(log_effective)) / len(value)
 
-    if share(most) >= _KEPT:
-        return most
-    low, high = 0.0, most
+    if share(largest) >= _COUNTING:
+        return largest
+    low, high = 0.0, largest
     alive = np.isfinite(value).mean()
     for _ in range(60):
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if share(middle) >= _KEPT * alive else (low, middle)
+        low, high = (middle, high) if share(middle) >= _COUNTING * alive else (low, middle)
     return low if low > 0.0 else high
 
 
@@ -241,39 +283,50 @@ def _moved(
     power: float,
     rng: np.random.Generator,
 ) -> tuple[FloatArray, FloatArray]:
-    """Particles after some Metropolis moves; each half moves by differences within the other, so that detailed balance holds."""
+    """Particles after some Metropolis moves.
+
+    Each half moves by differences within the other, so that detailed balance holds.
+    """
     half, k = len(x) // 2, x.shape[1]
-    for step in range(_STEPS):
+    for step in range(_MOVES):
         for mine, others in ((slice(None, half), x[half:]), (slice(half, None), x[:half])):
             here = x[mine]
-            one, two = (others[rng.integers(len(others), size=len(here))] for _ in range(2))
+            pairs = others[rng.integers(len(others), size=(2, len(here)))]
             size = 2.38 / np.sqrt(2.0 * k) * np.exp(rng.normal(-0.3, 0.7, size=(len(here), 1)))
-            jump = size * (one - two) + 1e-6 * rng.standard_normal(here.shape)
+            jump = size * (pairs[0] - pairs[1]) + 1e-6 * rng.standard_normal(here.shape)
             if step % 2:  # in one coordinate
                 jump *= np.sqrt(k) * (np.arange(k) == rng.integers(k, size=(len(here), 1)))
             trial = here + jump
-            found = log_likelihood(trial)
+            new_value = log_likelihood(trial)
+            prior_rise = 0.5 * (np.square(here) - np.square(trial)).sum(axis=1)
             with np.errstate(invalid="ignore"):
-                rise = power * (found - value[mine]) + 0.5 * (
-                    np.square(here) - np.square(trial)
-                ).sum(axis=1)
+                rise = power * (new_value - value[mine]) + prior_rise
             taken = np.log(rng.uniform(size=len(here))) < rise
             x[mine] = np.where(taken[:, None], trial, here)
-            value[mine] = np.where(taken, found, value[mine])
+            value[mine] = np.where(taken, new_value, value[mine])
     return x, value
 
 
-def composed_evidence(
-    subject: Subject, name: str, *, runs: int = 8, particles: int = 2000, size: int = 30_000
+def describe_prior() -> str:
+    """The numbers of the prior; a stored reference carries them."""
+    return (
+        f"sigma_d ~ LogNormal({NOISE_MEDIAN:g} D, {NOISE_SD:g}), q0 ~ Beta({Q0_A:g}, 1), "
+        f"lambda ~ Beta(1, {LAPSE_RATE_B:g}), b, g ~ Student(3, {SLOPE_SCALE:g}/R), "
+        f"c ~ Student(3, {CONSTANT_ERROR_SCALE:g} D), p ~ Normal(0, {CONTRACTION_SD:g}) on (-1, 1)"
+    )
+
+
+def tempered_evidence(
+    subject: Subject, model: str, *, runs: int = 6, particles: int = 1000, size: int = 10_000
 ) -> tuple[float, float]:
-    """Log evidence of a composition under :data:`PRIOR` and its standard error, the larger of what weights and runs say of it."""
-    scored = Scored(subject, name)
-    found = []
+    """Log evidence of a model and its standard error, the larger one of weights and of runs."""
+    observer = Observer(subject, model)
+    results = []
     for run in range(runs):
         rng = np.random.default_rng([run, 2611])
-        x, _ = tempered(scored, len(scored.parameters), rng, particles)
-        found.append(refined(scored, x, rng, size))
-    values, errors = np.array(found).T
+        points, _ = tempered(observer, len(observer.parameters), rng, particles)
+        results.append(refined(observer, points, rng, size))
+    values, errors = np.array(results).T
     relative = np.exp(values - values.max())
     between = relative.std(ddof=1) / relative.mean() / np.sqrt(runs)
     within = float(np.sqrt(np.square(relative * errors).sum()) / relative.sum())

@@ -137,9 +137,15 @@ def test_problems_are_told_before_the_work_and_end_with_exit_code_2(folder, argu
 
 
 @pytest.mark.parametrize(
-    ("options", "case"), [((), "one batch"), (("--verdict",), "S01: symmetric")]
+    ("options", "subject", "case"),
+    [
+        ((), "one batch", "one batch"),
+        (("--order",), "2AFC, bundled S01", "2AFC, bundled S01: constant error"),
+    ],
 )
-def test_the_error_bars_of_a_case_are_judged_and_an_unknown_case_is_refused(folder, options, case):
+def test_error_bars_of_a_case_are_judged_and_an_unknown_subject_is_refused(
+    folder, options, subject, case
+):
     name = "_".join(["error_bars", *(option.strip("-") for option in options)])
     done = inside(
         "error_bars.py",
@@ -148,8 +154,8 @@ def test_the_error_bars_of_a_case_are_judged_and_an_unknown_case_is_refused(fold
         *options,
         "--seeds",
         "12",
-        "--cases",
-        case,
+        "--subjects",
+        subject,
         "--workers",
         "1",
         cwd=folder,
@@ -161,9 +167,23 @@ def test_the_error_bars_of_a_case_are_judged_and_an_unknown_case_is_refused(fold
     assert bool(row["honest"]) == (0.8 < row["sd_z"] < 1.25) == (done.returncode == 0)
     assert f"| {case} |" in (folder / "bars" / f"{name}.md").read_text(encoding="utf-8")
     assert (
-        inside("error_bars.py", "-o", "bars2", *options, "--cases", "nobody", cwd=folder).returncode
+        inside(
+            "error_bars.py", "-o", "bars2", *options, "--subjects", "nobody", cwd=folder
+        ).returncode
         == 2
     )
+
+
+def test_a_small_calibration_of_the_four_models_is_written(folder):
+    done = inside(
+        *("order_calibration.py", "-o", "cal", "--observers", "3", "--workers", "1"), cwd=folder
+    )
+    assert done.returncode in (0, 3), done.stderr
+    table = pd.read_csv(folder / "cal" / "calibration_order.csv")
+    assert set(table["part"]) == {"probability", "rank"}
+    every = table[(table["design"] == "all") & (table["part"] == "probability")]
+    assert every["observers"].tolist() == [18, 18, 18]
+    assert "| all | order effect | 18 |" in (folder / "cal" / "calibration_order.md").read_text()
 
 
 def test_before_and_after_of_the_same_commit(folder):

@@ -1,0 +1,270 @@
+"""Are the probabilities and intervals of the four models calibrated? Observers from the prior.
+
+A model is drawn with its prior probability, the parameters from their prior, responses by the
+formulas of `reference.tempering`. Where everything is right, of the observers with posterior
+probability near P of an effect a share P has it, and the true constant error, contraction and JND
+have uniform ranks among the draws that the answer's sizes are made of. Writes
+calibration_order.csv and calibration_order.md; exit code 3 where something is not calibrated.
+
+Example: python scripts/order_calibration.py -o docs --observers 500 --seed 1 --overwrite
+"""
+
+import argparse
+import platform
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from order_effect import DESIGNS, Design
+from reference.calibration_statistics import ecdf_difference, place, reliability, uniformity
+from reference.tempering import MODELS, Observer, answer_probabilities
+
+import bayes_toe as bt
+from bayes_toe.answers.model_average import HAS_CONTRACTION, HAS_ERROR, averaged_draws
+from bayes_toe.answers.order_effect import QUESTIONS
+from bayes_toe.data.tables import write_table
+from bayes_toe.data.whole_files import require_writable, whole_file
+from bayes_toe.inference.order_evidence import OrderEvidence, order_evidence
+from bayes_toe.model.observer import JND_OVER_NOISE
+from bayes_toe.workers import run_in_order
+
+#: Prior probabilities of the models, as the page of the model states them.
+PROBABILITIES = {"none": 1 / 2, "constant error": 1 / 6, "contraction": 1 / 6, "both": 1 / 6}
+#: A p-value below this is not chance; there are 21 of probabilities and 21 of ranks.
+LEAST_P = 0.001
+RANKED = ("constant_error", "contraction", "jnd")
+_DRAWS = 100  # among which a true value is ranked
+_CHUNK = 40  # observers of a job
+PAGE = """# Calibration of the four models
+
+{observers} observers of each of six designs are drawn from the prior: one of the four models with its prior probability, then
+its parameters. Their responses come from the formulas as on paper (`scripts/reference/tempering.py`) and are answered as `bayes-toe run`
+does.
+
+{conclusion}
+
+## Probabilities
+
+Of the observers with a probability near P of an effect, a share P has it. ECE is the expected calibration error over ten bins; its
+floor is the mean that right probabilities would show, and p the share of simulations with an error as large. They are calibrated
+where p is at least {least_p:g}. The log score is in bits.
+
+| design | question | observers | with the effect | ECE | floor | p | log score | calibrated |
+|---|---|--:|--:|--:|--:|--:|--:|---|
+{probabilities}
+## Ranks
+
+The true value is ranked among {draws} posterior draws: the constant error and the contraction of the observers who have one, among the
+draws of the models that have it; the JND of all observers among the draws of all models. The p-value is that of the largest deviation
+of their distribution function from the uniform one. Ranks are uniform where it is at least {least_p:g}.
+
+| design | quantity | observers | largest difference | at | p | ranks |
+|---|---|--:|--:|--:|--:|---|
+{ranks}
+`python scripts/order_calibration.py -o docs --observers {observers} --seed {seed} --overwrite` makes this page again, with
+[{table}]({table}). bayes_toe {version}, Python {python}, numpy {numpy}.
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class Simulated:
+    """An observer: responses, model, and the true value of each quantity."""
+
+    subject: bt.Subject
+    model: str
+    truth: dict[str, float]
+
+
+def simulate(design: Design, name: str, seed: list[int]) -> Simulated:
+    """An observer from the prior."""
+    rng = np.random.default_rng(seed)
+    s1, s2 = np.array(design.pairs).T
+    n_trials = np.full(len(s1), design.trials)
+    asked = bt.Subject(name, s1, s2, np.zeros_like(n_trials), n_trials, task=design.task)
+    model = str(rng.choice(list(PROBABILITIES), p=list(PROBABILITIES.values())))
+    observer = Observer(asked, model)
+    values = observer.natural(rng.standard_normal((1, len(observer.parameters))))
+    yes, _ = answer_probabilities(asked, observer.sbar, values)
+    truth = {"jnd": JND_OVER_NOISE * values["sigma_d"].item()}
+    if "c" in values:
+        truth["constant_error"] = values["c"].item()
+    if "p" in values:
+        truth["contraction"] = values["p"].item()
+    counts = rng.binomial(asked.n_trials, yes[0])
+    return Simulated(replace(asked, n_yes=counts), model, truth)
+
+
+def answered(design: Design, numbers: range, seed: int) -> list[dict[str, object]]:
+    """A row for each of some observers: model, log odds of the questions, ranks."""
+    at = DESIGNS.index(design)
+    made = [simulate(design, f"{design.name} {i}", [seed, at, i]) for i in numbers]
+    evidences = order_evidence([observer.subject for observer in made], seed)
+    return [
+        row(design, observer, evidence, np.random.default_rng([seed, at, i, 1]))
+        for i, observer, evidence in zip(numbers, made, evidences, strict=True)
+    ]
+
+
+def row(
+    design: Design, observer: Simulated, evidence: OrderEvidence, rng: np.random.Generator
+) -> dict[str, object]:
+    """Log odds of the three questions, and the rank of every true value."""
+    entries: dict[str, object] = {"design": design.name, "model": observer.model}
+    log_joint = evidence.log_evidence + np.log(list(PROBABILITIES.values()))
+    for question, has in QUESTIONS.items():
+        log_with = np.logaddexp.reduce(log_joint[has])
+        entries[f"log_odds_{question}"] = log_with - np.logaddexp.reduce(log_joint[~has])
+    models = {"constant_error": HAS_ERROR, "contraction": HAS_CONTRACTION, "jnd": None}
+    for quantity, has in models.items():
+        entries[f"rank_{quantity}"] = np.nan
+        if quantity in observer.truth:
+            draws = averaged_draws(evidence, has)
+            points = draws.resampled(rng, _DRAWS)
+            values = draws.posterior.quantities(points)[quantity]
+            entries[f"rank_{quantity}"] = place(observer.truth[quantity], values, rng)
+    return entries
+
+
+def has_effect(table: pd.DataFrame, question: str) -> np.ndarray:
+    """Which observers have the effect that a question asks for."""
+    wanted = {"constant_error": ("c",), "contraction": ("p",), "order_effect": ("c", "p")}
+    return np.array(
+        [bool({*wanted[question]}.intersection(MODELS[model])) for model in table["model"]]
+    )
+
+
+def judged_probabilities(table: pd.DataFrame, seed: int) -> Iterator[dict[str, object]]:
+    """Whether the probabilities of a question are calibrated, by design and of all together."""
+    groups = [*table.groupby("design", sort=False), ("all", table)]
+    for design, group in groups:
+        for question in QUESTIONS:
+            log_odds = group[f"log_odds_{question}"].to_numpy(np.float64)
+            is_there = has_effect(group, question)
+            result = reliability(log_odds, is_there, np.random.default_rng(seed))
+            yield {
+                "design": design,
+                "what": question,
+                "observers": len(group),
+                "with_effect": int(is_there.sum()),
+                "ece": result.error,
+                "floor": result.floor,
+                "p_value": result.p_value,
+                "log_score_bits": result.log_score / np.log(2.0),
+                "calibrated": result.p_value >= LEAST_P,
+            }
+
+
+def judged_ranks(table: pd.DataFrame) -> Iterator[dict[str, object]]:
+    """Whether the ranks of a quantity are uniform, by design and of all together."""
+    groups = [*table.groupby("design", sort=False), ("all", table)]
+    for design, group in groups:
+        for quantity in RANKED:
+            ranks = group[f"rank_{quantity}"].dropna()
+            if ranks.empty:  # few observers, and none has the effect
+                continue
+            difference, p_value = ecdf_difference(ranks), uniformity(ranks)
+            farthest = int(np.abs(difference).argmax())
+            yield {
+                "design": design,
+                "what": quantity,
+                "observers": len(ranks),
+                "largest_difference": float(difference[farthest]),
+                "at": (farthest + 1) / 100,
+                "p_value": p_value,
+                "calibrated": p_value >= LEAST_P,
+            }
+
+
+def page(table: pd.DataFrame, observers: int, seed: int, file: str) -> str:
+    """The judgements as Markdown."""
+    probabilities, ranks = [], []
+    for entry in table.itertuples():
+        words = entry.what.replace("_", " ").replace("jnd", "JND")
+        if entry.part == "probability":
+            probabilities.append(
+                f"| {entry.design} | {words} | {entry.observers} | {entry.with_effect:.0f} "
+                f"| {entry.ece:.4f} | {entry.floor:.4f} | {entry.p_value:.2g} "
+                f"| {entry.log_score_bits:.2f} | {'yes' if entry.calibrated else '**no**'} |\n"
+            )
+        else:
+            ranks.append(
+                f"| {entry.design} | {words} | {entry.observers} | {entry.largest_difference:+.3f} "
+                f"| {entry.at:.2f} | {entry.p_value:.2g} "
+                f"| {'uniform' if entry.calibrated else '**not uniform**'} |\n"
+            )
+    return PAGE.format(
+        observers=observers,
+        seed=seed,
+        table=file,
+        conclusion="\n".join(f"* {line}" for line in conclusion(table)),
+        draws=_DRAWS,
+        least_p=LEAST_P,
+        probabilities="".join(probabilities),
+        ranks="".join(ranks),
+        version=bt.__version__,
+        python=platform.python_version(),
+        numpy=np.__version__,
+    )
+
+
+def conclusion(table: pd.DataFrame) -> list[str]:
+    """How many rows are as they should be, and which are not."""
+    lines = []
+    for part in ("probability", "rank"):
+        rows = table[table["part"] == part]
+        bad = rows[~rows["calibrated"].astype(bool)]
+        line = f"{part}: {len(rows) - len(bad)} of {len(rows)} rows are calibrated"
+        if len(bad):
+            names = (bad["design"] + " " + bad["what"].str.replace("_", " ")).tolist()
+            line += f"; not calibrated: {', '.join(names)}"
+        lines.append(line)
+    return lines
+
+
+def main() -> int:
+    """Simulate, answer, judge, write."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("-o", "--output", type=Path, required=True, help="folder")
+    parser.add_argument("--observers", type=int, default=500, help="of each design")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--workers", type=int, help="processes; by default one per processor")
+    parser.add_argument("--overwrite", action="store_true")
+    options = parser.parse_args()
+    stem = options.output / "calibration_order"
+    written = [stem.with_suffix(".csv"), stem.with_suffix(".md")]
+    try:
+        for path in written:
+            require_writable(path, overwrite=options.overwrite)
+        jobs, names = [], []
+        for design in DESIGNS:
+            for start in range(0, options.observers, _CHUNK):
+                numbers = range(start, min(start + _CHUNK, options.observers))
+                jobs.append(partial(answered, design, numbers, options.seed))
+                names.append((f"{design.name} {start}",))
+        parts = run_in_order(jobs, options.workers, None, names)
+        observers = pd.DataFrame([entries for rows in parts for entries in rows])
+        probabilities = pd.DataFrame(judged_probabilities(observers, options.seed))
+        ranks = pd.DataFrame(judged_ranks(observers))
+        table = pd.concat(
+            [probabilities.assign(part="probability"), ranks.assign(part="rank")],
+            ignore_index=True,
+        )
+        write_table(table, written[0], overwrite=options.overwrite)
+        text = page(table, options.observers, options.seed, written[0].name)
+        with whole_file(written[1], overwrite=options.overwrite) as temporary:
+            temporary.write_text(text, encoding="utf-8")
+    except bt.BayesToeError as error:
+        print(error, file=sys.stderr)
+        return 2
+    print("\n".join(conclusion(table)))
+    return 0 if table["calibrated"].astype(bool).all() else 3
+
+
+if __name__ == "__main__":
+    sys.exit(main())

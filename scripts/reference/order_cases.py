@@ -1,0 +1,79 @@
+"""Subjects of both tasks whose evidences of the four models are known by tempering.
+
+They are synthetic. Counts of an observer are its rounded expected counts, so a case has no seed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import permutations
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import ndtri
+
+import bayes_toe as bt
+from bayes_toe.arrays import FloatArray
+from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task
+from reference.hard_cases import hard_cases
+from reference.tempering import answer_probabilities
+
+_LEVELS = 0.25 * np.arange(6)
+#: Every level before and after the next one, and the same with identical pairs.
+_NEIGHBOURS = [(a, b) for a, b in permutations(_LEVELS, 2) if abs(a - b) < 0.3]
+_WITH_IDENTICAL = [*_NEIGHBOURS, *zip(_LEVELS, _LEVELS, strict=True)]
+#: First stimuli that spread ten times as far as the two of a pair are apart.
+_ROVED = [(base, base + shift) for base in np.linspace(-3.0, 3.0, 12) for shift in (-0.2, 0.2)]
+
+
+def order_cases() -> dict[str, bt.Subject]:
+    """The collection, by name."""
+    example, stronger = bt.example_study(), bt.example_study("2afc")
+    hard = hard_cases()
+    cases = {
+        "same/different, bundled S01": example["S01"],
+        "same/different, bundled S09": example["S09"],
+        "same/different, perfect": hard["perfect observer"],
+        "same/different, always equal": hard["all equal"],
+        "same/different, guesses": hard["guessing at 0.5"],
+        "same/different, one trial a pair": hard["one batch"],
+        "same/different, lapses": _observer(SAME_DIFFERENT, _WITH_IDENTICAL, 40, lapse=0.3, c=0.2),
+        "same/different, repulsion": _observer(SAME_DIFFERENT, _WITH_IDENTICAL, 40, p=-0.5),
+        "2AFC, bundled S01": stronger["S01"],
+        "2AFC, bundled S07": stronger["S07"],
+        "2AFC, perfect": _observer(WHICH_STRONGER, _NEIGHBOURS, 40, sigma_d=1e-3),
+        "2AFC, always second": _observer(WHICH_STRONGER, _NEIGHBOURS, 40, c=-50.0),
+        "2AFC, two trials a pair": _observer(WHICH_STRONGER, _NEIGHBOURS, 2, c=0.2),
+        "2AFC, lapses": _observer(WHICH_STRONGER, _NEIGHBOURS, 65, lapse=0.3, c=0.25),
+        "2AFC, repulsion": _observer(WHICH_STRONGER, _NEIGHBOURS, 65, p=-0.5, c=0.25),
+        "2AFC, roved stimuli": _observer(WHICH_STRONGER, _ROVED, 30, p=0.03),
+    }
+    return {name: replace(case, name=name) for name, case in cases.items()}
+
+
+def _observer(
+    task: Task,
+    pairs: list[tuple[float, float]],
+    n: int,
+    *,
+    sigma_d: float = 0.2,
+    lapse: float = 0.02,
+    c: float = 0.0,
+    p: float = 0.0,
+) -> bt.Subject:
+    """Expected counts of an observer with slopes of 0 and q0 = .95, n trials a pair."""
+    s1, s2 = np.array(pairs).T
+    n_trials = np.full(len(s1), n)
+    asked = bt.Subject("asked", s1, s2, np.zeros_like(n_trials), n_trials, task=task)
+    values: dict[str, FloatArray | float] = {
+        "sigma_d": sigma_d,
+        "k": float(ndtri(0.975)),
+        "lambda": lapse,
+        "b": 0.0,
+        "g": 0.0,
+        "c": c,
+        "p": p,
+    }
+    yes, _ = answer_probabilities(asked, float(asked.s1.mean()), values)
+    counts: npt.NDArray[np.int64] = np.rint(n * yes).astype(np.int64)
+    return replace(asked, n_yes=counts)
