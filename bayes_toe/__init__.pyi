@@ -1,5 +1,5 @@
+from . import design as design
 from . import model as model
-from . import planning as planning
 from . import plots as plots
 from .analysis import evidence as evidence
 from .analysis import run as run
@@ -17,10 +17,10 @@ from .data.read_study import example_truth as example_truth
 from .data.read_study import read_study as read_study
 from .data.study import Study as Study
 from .data.study import Subject as Subject
+from .design.simulate import simulate as simulate
 from .errors import BayesToeError as BayesToeError
 from .errors import ConvergenceWarning as ConvergenceWarning
 from .errors import InputError as InputError
-from .experiments.simulate import simulate as simulate
 from .explorer.page import explore as explore
 from .groups.hyperprior import Hyperprior as Hyperprior
 from .groups.population import load as load

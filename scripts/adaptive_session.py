@@ -14,11 +14,11 @@ import numpy as np
 import pandas as pd
 
 import bayes_toe as bt
-from bayes_toe.planning.observers import observers_from
-from bayes_toe.planning.study_design import StudyDesign
+from bayes_toe.data.tasks import SAME_DIFFERENT
+from bayes_toe.design.observers import make_observer
 
 LEVELS = np.round(np.arange(-0.75, 1.26, 0.1), 10)
-MODELS = ("symmetric", "constant bias", "predictive update")
+OBSERVER = {"noise": 0.2, "q0": 0.93, "lapse_rate": 0.03, "contraction": 0.3}
 
 
 def show(pair: tuple[float, ...]) -> None:
@@ -32,9 +32,9 @@ def ask() -> bool:
 
 
 def simulated(pair: tuple[float, ...], rng: np.random.Generator) -> bool:
-    """The answer of an observer who updates."""
-    observer = observers_from(None, 1, seed=1)[-1]
-    return bool(rng.uniform() < observer.p_yes(StudyDesign([pair[0]], [pair[1]], [1]))[0])
+    """The answer of an observer who draws the first stimulus to the mean."""
+    observer = make_observer("O1", "contraction", OBSERVER, SAME_DIFFERENT)
+    return bool(rng.uniform() < observer.p_yes(*pair, sbar=float(LEVELS.mean())))
 
 
 def main() -> None:
@@ -47,9 +47,9 @@ def main() -> None:
     asked = parser.parse_args()
     pairs = [(a, b) for a in LEVELS for b in LEVELS]
     session = (
-        bt.planning.Adaptive.resume(asked.file)
+        bt.design.Adaptive.resume(asked.file)
         if asked.file.exists()
-        else bt.planning.Adaptive(pairs, MODELS, seed=1)
+        else bt.design.Adaptive(pairs, seed=1)
     )
     rng = np.random.default_rng(session.trials)
     while session.trials < asked.trials:
@@ -65,6 +65,7 @@ def main() -> None:
     )
     frame.to_csv(asked.file.with_suffix(".csv"), index=False)
     print(", ".join(f"P({name}) = {p:.3f}" for name, p in session.probabilities.items()))
+    print(session.order_effect.describe())
 
 
 if __name__ == "__main__":

@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from bayes_toe.experiments.simulate import reference_design
+from bayes_toe.design.study_design import reference_design
 
 HERE = Path(__file__).resolve().parents[1]
 COLUMNS = ["what", "before_s", "now_s", "ratio", "bar", "met"]

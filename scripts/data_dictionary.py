@@ -20,11 +20,10 @@ from bayes_toe.classical.fit import SubjectFit, fit_columns
 from bayes_toe.cli.supplement import FIT_TABLE_COLUMNS, ORDER_EFFECT_COLUMNS
 from bayes_toe.data.tasks import SAME_DIFFERENT
 from bayes_toe.data.whole_files import whole_file
+from bayes_toe.design.power import DATA_SET_COLUMNS, POWER_COLUMNS
+from bayes_toe.design.study_design import DESIGN_COLUMNS
 from bayes_toe.groups.population_table import GroupSubjectRow, PopulationRow
 from bayes_toe.inference.subject import SUMMARY_COLUMNS
-from bayes_toe.planning.power import DATA_SET_COLUMNS, POWER_COLUMNS
-from bayes_toe.planning.power_of_studies import STUDY_COLUMNS
-from bayes_toe.planning.study_design import DESIGN_COLUMNS
 
 OUTPUT = Path(__file__).resolve().parents[1] / "docs" / "data_dictionary.md"
 SECTION = "\n## "
@@ -68,8 +67,7 @@ FILES = {
     "methods_order_effect.csv": File(ORDER_EFFECT_COLUMNS, [SubjectEvidence], ANSWER_COLUMNS),
     "methods_fit.csv": File(FIT_TABLE_COLUMNS),
     "power.csv": File(POWER_COLUMNS),
-    "power_data_sets.csv": File(DATA_SET_COLUMNS, [SubjectEvidence]),
-    "power_subjects.csv": File(STUDY_COLUMNS),
+    "power_data_sets.csv": File(DATA_SET_COLUMNS),
     "design.csv": File(DESIGN_COLUMNS),
 }
 

@@ -11,7 +11,7 @@ import typer.main
 
 from bayes_toe.cli.app import COMMANDS, app
 
-FACES = ("bayes_toe", "bayes_toe.plots", "bayes_toe.planning", "bayes_toe.model")
+FACES = ("bayes_toe", "bayes_toe.plots", "bayes_toe.design", "bayes_toe.model")
 HELP = "--help"
 
 

@@ -19,7 +19,7 @@ import bayes_toe as bt
 from bayes_toe.analysis import Analysis
 from bayes_toe.classical.fit import subject_fit
 from bayes_toe.data.tasks import WHICH_STRONGER
-from bayes_toe.experiments.simulate import reference_design
+from bayes_toe.design.study_design import reference_design
 from bayes_toe.model.ladder import CROSSED, models_of
 
 REAL = Path(__file__).resolve().parents[2] / "shared" / "data"

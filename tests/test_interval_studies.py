@@ -14,15 +14,14 @@ from bayes_toe.checks.design_checks import describe_design
 from bayes_toe.cli.look import read_truth
 from bayes_toe.cli.results_folder import write_results
 from bayes_toe.data.options import ReadOptions
-from bayes_toe.errors import InputError
-from bayes_toe.experiments.simulate import (
-    Design,
-    at_intervals,
-    design_from,
-    reference_design,
+from bayes_toe.design.simulate import (
+    PaperObserver,
+    make_batch_design,
     simulate_trials,
     trial_frame,
 )
+from bayes_toe.design.study_design import BatchDesign, at_intervals, reference_design
+from bayes_toe.errors import InputError
 from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.evidence import importance_evidence
 from bayes_toe.inference.prediction import Predictor
@@ -40,9 +39,11 @@ FIRST, THREE = Natural(*(values[0] for values in OBSERVERS)), (0.25, 1.0, 4.0)
 
 @pytest.fixture(scope="module")
 def study():
-    trials = simulate_trials(
-        ["S01", "S02"], OBSERVERS, at_intervals(reference_design(batches=20), THREE), seed=8
-    )
+    observers = [
+        PaperObserver(name, Natural(*(values[i] for values in OBSERVERS)))
+        for i, name in enumerate(("S01", "S02"))
+    ]
+    trials = simulate_trials(observers, at_intervals(reference_design(batches=20), THREE), seed=8)
     return bt.Study(
         [bt.Subject.from_trials(t.subject, t.s1, t.s2, t.yes, t.isi) for t in trials],
         "three intervals",
@@ -155,11 +156,14 @@ def test_one_interval_of_a_study_is_open_to_everything(study):
             "positive finite",
         ),
         (
-            lambda study, analysis: at_intervals(Design([0.0], [0.3], 1, [1.0]), [1.0]),
-            "without intervals of its own",
+            lambda study, analysis: at_intervals(BatchDesign([0.0], [0.3], 1, [1.0]), [1.0]),
+            "for a design without intervals",
         ),
-        (lambda study, analysis: Design([0.0], [0.3], 1, [1.0, 2.0]), "length"),
-        (lambda study, analysis: design_from("reference", "1,1.2", 5, "x"), "--isi: found 'x'"),
+        (lambda study, analysis: BatchDesign([0.0], [0.3], 1, [1.0, 2.0]), "length"),
+        (
+            lambda study, analysis: make_batch_design("reference", "1,1.2", 5, "x"),
+            "--isi: found 'x'",
+        ),
     ],
 )
 def test_what_is_refused(study, analysis, call, said):
@@ -186,10 +190,10 @@ def test_check_says_what_intervals_change():
 
 def test_simulated_trials_have_their_intervals_and_read_back(tmp_path):
     (tmp_path / "design.csv").write_text("s1,s2,isi\n0,0.3,0.5\n0.3,0,2\n", encoding="utf-8")
-    design = design_from(str(tmp_path / "design.csv"), "", 5)
+    design = make_batch_design(str(tmp_path / "design.csv"), "", 5)
     assert design.isi.tolist() == [0.5, 2.0]
-    assert len(design_from("reference", "1,1.2", 5, "0.5,2").s1) == 2 * 4
-    trials = simulate_trials(["a"], Natural(*(v[:1] for v in OBSERVERS)), design, seed=1)
+    assert len(make_batch_design("reference", "1,1.2", 5, "0.5,2").s1) == 2 * 4
+    trials = simulate_trials([PaperObserver("a", FIRST)], design, seed=1)
     frame = trial_frame(trials)
     assert list(frame.columns[3:7]) == ["s1", "s2", "isi", "response"]
     frame.to_csv(tmp_path / "study.csv", index=False)

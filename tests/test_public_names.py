@@ -13,7 +13,7 @@ import pytest
 
 import bayes_toe as bt
 
-FACES = ("bayes_toe", "bayes_toe.plots", "bayes_toe.planning", "bayes_toe.model")
+FACES = ("bayes_toe", "bayes_toe.plots", "bayes_toe.design", "bayes_toe.model")
 
 
 def _listed(face):
@@ -34,7 +34,7 @@ def test_every_name_is_there_and_comes_from_the_place_that_the_stub_names(face):
     assert package.__all__ == dir(package) == sorted(_listed(face))
     for name in package.__all__:
         value = getattr(package, name)
-        assert inspect.ismodule(value) == (name in {"model", "planning", "plots"}), name
+        assert inspect.ismodule(value) == (name in {"design", "model", "plots"}), name
         if inspect.isfunction(value) or inspect.isclass(value):
             assert value.__name__ == name
 

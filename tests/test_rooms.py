@@ -1,7 +1,7 @@
 """The house: every file stands in a room, imports point one way, and a library has one owner.
 
 version errors arrays seeds cluster workers records < data < kept < model < checks < inference < groups < classical < comparison
-< answers < analysis < experiments < planning < plots < explorer < cli
+< answers < analysis < design < plots < explorer < cli
 """
 
 import ast
@@ -32,8 +32,7 @@ ORDER = (
     "comparison",
     "answers",
     "analysis",
-    "experiments",
-    "planning",
+    "design",
     "plots",
     "explorer",
     "cli",

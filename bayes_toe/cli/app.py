@@ -15,12 +15,11 @@ from typer.core import TyperGroup
 import bayes_toe as bt
 from bayes_toe.cli import (
     describe,
+    design_commands,
     group_commands,
     infer,
     look,
-    planning,
     population,
-    synthetic,
 )
 from bayes_toe.cli.stopping import main as main
 from bayes_toe.cli.task import BAD_INPUT, as_command
@@ -44,9 +43,9 @@ COMMANDS = {
         look.corner,
         look.figures,
         look.predict,
-        planning.power,
-        planning.design,
-        synthetic.simulate,
+        design_commands.power,
+        design_commands.design,
+        design_commands.simulate,
     ),
 }
 
@@ -67,6 +66,9 @@ RETIRED_OPTIONS = {
         "--population": "`bayes-toe population` draws the subjects of a group in population.png",
     },
     "figures": {"--mass": "the map shows the central 60 % of the draws"},
+    "design": {
+        "--isi": "leave it out, a design is for one interval between the stimuli",
+    },
     "population": {
         "--correlations": "leave it out, parameters are independent between subjects",
         "--no-correlations": "leave it out, parameters are independent between subjects",
@@ -77,12 +79,18 @@ RETIRED_OPTIONS = {
         "--resume": "leave it out, a group takes less than a minute",
     },
     "power": {
-        "--differ": "leave it out, `bayes-toe simulate --conditions` makes studies to analyse",
-        "--population": "leave it out, `bayes-toe simulate` makes studies to analyse",
-        "--studies": "leave it out, `bayes-toe simulate` makes studies to analyse",
         "--carry-over": "leave it out, `bayes-toe power` plans for the order effect alone",
+        "--differ": "`bayes-toe simulate --conditions a,b --differ contraction=0.2`, then "
+        "`bayes-toe contrast`",
         "--look": "leave it out, `bayes-toe power` simulates fixed numbers of trials",
+        "--population": "`bayes-toe simulate --population both`, then `bayes-toe population`",
+        "--resume": "leave it out, `bayes-toe power` takes minutes",
         "--stop": "leave it out, `bayes-toe power` simulates fixed numbers of trials",
+        "--studies": "`bayes-toe simulate --population both`, then `bayes-toe population`",
+        "--subjects": "leave it out, `bayes-toe power` is about single subjects",
+    },
+    "simulate": {
+        "--prior": "leave it out, `--population prior` is the default prior of the four models",
     },
     "run": {
         "--population": "leave it out, run fits the group from six interpretable subjects on",

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 #: What may be given as a prior.
 PRIOR_HELP = (
     "default (scales are those of the stimuli), paper (H1's as in the paper), "
-    "or a file with sections [noise], [contraction], [paper] ...: docs/model.md."
+    "or a file with sections such as noise, contraction and paper: docs/model.md."
 )
 
 

@@ -8,7 +8,7 @@ from .map import map_axes as map_axes
 from .order_effect import order_effect as order_effect
 from .paper_figures import figures as figures
 from .paper_figures import write_figures as write_figures
-from .planning import design_figure as design_figure
-from .planning import power_figure as power_figure
 from .population import population_figure as population_figure
+from .power import design_figure as design_figure
+from .power import power_figure as power_figure
 from .serial import serial as serial

@@ -21,8 +21,9 @@ from bayes_toe.answers.evidence_table import SubjectEvidence, subject_evidence
 from bayes_toe.arrays import BoolArray, FloatArray
 from bayes_toe.classical.fit import bootstrap_evidence, bootstrap_subject
 from bayes_toe.data.study import Study, Subject
+from bayes_toe.design.simulate import PaperObserver, simulate_trials
+from bayes_toe.design.study_design import PAPER_BATCHES, reference_design
 from bayes_toe.errors import InputError
-from bayes_toe.experiments.simulate import PAPER_BATCHES, reference_design, simulate_trials
 from bayes_toe.inference.draws import Draws
 from bayes_toe.inference.draws_file import assembled_tree
 from bayes_toe.inference.sampling import SamplerSettings
@@ -238,7 +239,8 @@ def observed(job: Job) -> tuple[Subject, Natural | None]:
     rng = generator(seed, name, "observer")
     if job.from_h1:
         theta = (job.settings.prior if job.truth is None else job.truth).sample(rng, 1)
-        trials = simulate_trials([name], theta, design, seed)[0]
+        observer = PaperObserver(name, Natural(*(value[0] for value in theta)))
+        (trials,) = simulate_trials([observer], design, seed)
         return Subject.from_trials(name, trials.s1, trials.s2, trials.yes), theta
     counts = rng.binomial(design.batches, rng.uniform(size=len(design.s1)))
     return Subject(name, design.s1, design.s2, counts, np.full(len(counts), design.batches)), None

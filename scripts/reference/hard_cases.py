@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Subject
-from bayes_toe.experiments.simulate import PAPER_AMPLITUDES, reference_design
+from bayes_toe.design.study_design import PAPER_AMPLITUDES, reference_design
 from bayes_toe.model.closed_form import equal_probability
 
 

@@ -16,7 +16,7 @@ from bayes_toe.answers.evidence_table import (
     subject_evidence,
 )
 from bayes_toe.classical.fit import bootstrap_evidence, bootstrap_subject
-from bayes_toe.experiments.simulate import reference_design
+from bayes_toe.design.study_design import reference_design
 from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.evidence import (
     importance_evidence,

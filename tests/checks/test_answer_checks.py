@@ -14,7 +14,7 @@ from bayes_toe.checks.answer_checks import FLAG_KINDS, Flag, answer_flags, check
 from bayes_toe.data.answers import Answers
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
-from bayes_toe.experiments.simulate import reference_design
+from bayes_toe.design.study_design import reference_design
 
 # mu1, sigma_p, sigma_l, q0: an order effect, no symmetric answers
 OBSERVER = (-0.7, 0.25, 0.17, 0.92)

@@ -545,36 +545,16 @@ def test_a_preset_is_a_word_and_a_file_of_that_name_has_a_path(folder):
 
 
 @pytest.mark.parametrize(
-    "command", ["run", "sample", "evidence", "fit", "figures", "check", "simulate"]
+    "command", ["run", "sample", "evidence", "fit", "figures", "check"]
 )
 def test_a_bad_prior_file_is_one_line_for_every_command(folder, command):
     (folder / "bad.toml").write_text("[paper]\nmu1_sd = -1\n", encoding="utf-8")
     words = (
-        *(() if command == "simulate" else ("study.csv",)),
+        "study.csv",
         *(() if command == "check" else ("-o", "bad.csv")),
     )
     said = "error: bad.toml: [paper] key mu1_sd: found -1, allowed: a number from 1e-100 to 1e+100 or 'stimuli'\n"
     assert refused(command, *words, "--prior", "bad.toml", cwd=folder) == said
-
-
-def test_simulate_draws_its_population_from_a_prior_file(folder):
-    (folder / "near.toml").write_text("[paper]\nmu1_mean = 5.0\nmu1_sd = 0.1\n", encoding="utf-8")
-    args = ("--subjects", 20, "--batches", 1, "--seed", 1, "--prior", "near.toml")
-    good(
-        "simulate",
-        "-o",
-        "made.csv",
-        "--truth",
-        "made_truth.csv",
-        "--population",
-        "prior",
-        *args,
-        cwd=folder,
-    )
-    assert abs(pd.read_csv(folder / "made_truth.csv").mu1 - 5.0).max() < 0.5
-    assert "allowed: with --population prior" in refused(
-        "simulate", "-o", "other.csv", *args, cwd=folder
-    )
 
 
 # --- the program itself ------------------------------------------------------------------------------------------------------------

@@ -8,10 +8,10 @@ from commands import inside
 
 import bayes_toe as bt
 from bayes_toe.data.covariates import Covariates, read_covariates
+from bayes_toe.data.tasks import SAME_DIFFERENT
 from bayes_toe.data.validation import read_numbers
+from bayes_toe.design.simulate import make_batch_design, read_observers
 from bayes_toe.errors import InputError
-from bayes_toe.experiments.populations import population_from
-from bayes_toe.experiments.simulate import design_from, reference_design
 from bayes_toe.inference.prediction import predict_pairs
 
 TEXTS = {
@@ -30,13 +30,14 @@ def _pairs(path):
 
 
 def _design(path):
-    found = design_from(str(path), "", 1)
+    found = make_batch_design(str(path), "", 1)
     return {"s1": found.s1.tolist(), "s2": found.s2.tolist(), "isi": found.isi.tolist()}
 
 
 def _population(path):
-    names, observers = population_from(str(path), 1, 1, reference_design())
-    return names, [values.tolist() for values in observers]
+    observers = read_observers(str(path), SAME_DIFFERENT)
+    names = [observer.name for observer in observers]
+    return names, [list(observer.parameters.values()) for observer in observers]
 
 
 READERS = {
@@ -75,7 +76,7 @@ def test_what_the_plain_files_hold(written):
     assert _design(written(TEXTS["design"])) == _pairs(written(TEXTS["pairs"]))
     assert _population(written(TEXTS["population"])) == (
         ["01", "NA"],
-        [[-0.5, 0.5], [0.25, 1.25], [0.125, 0.5], [0.75, 0.875]],
+        [[-0.5, 0.25, 0.125, 0.75], [0.5, 1.25, 0.5, 0.875]],
     )
     assert read_covariates(written(TEXTS["covariates"])).values == {
         "age": {"01": 20.5, "NA": 30.25, "x": 41.125},

@@ -9,7 +9,7 @@ from scipy.integrate import quad
 from scipy.special import logsumexp
 
 from bayes_toe.data.study import Subject
-from bayes_toe.experiments.simulate import reference_design
+from bayes_toe.design.study_design import reference_design
 from bayes_toe.inference import adaptation
 from bayes_toe.inference.adaptation import adapt_proposal, fit_proposal, with_fresh_draws
 from bayes_toe.inference.evidence import importance_evidence

@@ -11,8 +11,8 @@ from scipy.stats import norm
 
 import bayes_toe as bt
 from bayes_toe.data.study import Subject
+from bayes_toe.design.study_design import at_intervals, reference_design
 from bayes_toe.errors import InputError
-from bayes_toe.experiments.simulate import at_intervals, reference_design
 from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.evidence import importance_evidence
 from bayes_toe.inference.maxima import find_maxima

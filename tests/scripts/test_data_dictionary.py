@@ -4,7 +4,6 @@ import data_dictionary
 import pandas as pd
 import pytest
 from commands import good
-from conftest import few_replicates
 from populations import made_result
 from reference.calibration import ABOUT, calibrate
 
@@ -15,7 +14,6 @@ from bayes_toe.checks.design_checks import describe_design
 from bayes_toe.cli.supplement import fit_table, order_effect_table, parameter_table
 from bayes_toe.inference.prediction import predict_pairs
 from bayes_toe.model.parameters import ORDER_MODELS
-from bayes_toe.planning.power_of_studies import power_of_studies
 
 DOCUMENT = data_dictionary.OUTPUT.read_text(encoding="utf-8")
 KNOWN = {
@@ -71,14 +69,12 @@ def written(analysis, small_study, tmp_path_factory):
 
 def planned(folder):
     """Those of commands that plan a study."""
-    with few_replicates():
-        table = bt.planning.power(trials=[26], data_sets=1, seed=1, workers=1)
+    table = bt.design.power(trials=[26], data_sets=1, seed=1, workers=1)
     (folder / "design.csv").write_text("s1,s2,n_trials\n0,0.3,2\n0.3,0,2\n", encoding="utf-8")
     good("design", "design.csv", "--list", "trials.csv", "--blocks", "1", "--seed", "1", cwd=folder)
     return {
         "power.csv": table.frame(),
         "power_data_sets.csv": table.data_sets_frame(),
-        "power_subjects.csv": power_of_studies(table).frame(),
         "design.csv": pd.read_csv(folder / "design.csv"),
         "trials.csv": pd.read_csv(folder / "trials.csv"),
     }

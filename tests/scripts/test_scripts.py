@@ -219,7 +219,7 @@ def test_a_session_is_saved_goes_on_and_leaves_a_study(tmp_path, monkeypatch, ca
             ],
         )
         adaptive_session.main()
-        assert "P(predictive update) = " in capsys.readouterr().out
+        assert "P(contraction) = " in capsys.readouterr().out
         study = bt.read_study(tmp_path / "a.csv")
         assert (study.names, study["P7"].total_trials) == (("P7",), trials)
-    assert bt.planning.Adaptive.resume(tmp_path / "a.json").trials == 6
+    assert bt.design.Adaptive.resume(tmp_path / "a.json").trials == 6

@@ -1,4 +1,4 @@
-"""Studies that are still to be made: what a design can tell, which pairs to show, in which order, and what next.
+"""Studies that are still to be made: pairs, power, lists of trials, the next pair; simulated ones.
 
 The stub beside this file lists its public names, which load on first use.
 """

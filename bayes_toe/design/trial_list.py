@@ -1,240 +1,28 @@
-"""A design as an experimenter has it: ordered pairs, how often each is shown, and in which order.
+"""The order in which a design's trials are shown, and the file that an experiment reads.
 
-Orders of trials have blocks alike, both orders of two stimuli equally often in each, and few equal pairs in a row.
+Blocks are alike, both orders of two stimuli are equally frequent in each, and few equal pairs follow
+each other.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from scipy.special import logsumexp
 
-from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, IntArray
-from bayes_toe.data.study import Subject
+from bayes_toe.arrays import BoolArray, FloatArray, IntArray
 from bayes_toe.data.tables import write_table
-from bayes_toe.data.tasks import SAME_DIFFERENT, Task, task_of
-from bayes_toe.data.validation import read_numbers
+from bayes_toe.design.study_design import StudyDesign
 from bayes_toe.errors import InputError
-from bayes_toe.experiments.simulate import reference_design
 from bayes_toe.seeds import generator
 
-if TYPE_CHECKING:
-    import pandas as pd
-
-#: Columns of a design's file; isi where there are intervals.
-DESIGN_COLUMNS = ("s1", "s2", "n_trials", "isi")
 #: Equal pairs that may follow each other.
 MOST_EQUAL = 3
-
-
-@dataclass(frozen=True, eq=False)
-class StudyDesign:
-    """Ordered pairs, each with its number of trials, sorted by (s1, s2).
-
-    Parameters
-    ----------
-    s1, s2 : array_like, shape (pairs,)
-        Natural-log intensities.
-    n_trials : array_like of int, shape (pairs,)
-        At least 1.
-    isi : array_like, shape (pairs,), optional
-        Inter-stimulus intervals, seconds: the same stimuli at another interval are another pair.
-    task : Task
-        What is asked, by default whether both are the same; "2afc": which is stronger.
-
-    Raises
-    ------
-    InputError
-        If shapes differ, a value is not allowed, or a pair is repeated.
-
-    Examples
-    --------
-    >>> design = StudyDesign([0.0, 0.0], [0.0, 0.3], [30, 10])
-    >>> design.total, design.with_total(10).n_trials.tolist()
-    (40, [8, 2])
-    """
-
-    s1: FloatArray
-    s2: FloatArray
-    n_trials: IntArray
-    isi: FloatArray | None = None
-    task: Task = field(default=SAME_DIFFERENT, kw_only=True)
-
-    def __post_init__(self) -> None:
-        try:
-            pairs = Subject(
-                "design",
-                self.s1,
-                self.s2,
-                np.zeros(np.shape(self.s1), np.int64),
-                self.n_trials,
-                self.isi,
-            )
-        except InputError as error:
-            raise InputError(str(error).replace("subject 'design'", "design")) from error
-        for key in DESIGN_COLUMNS:
-            object.__setattr__(self, key, getattr(pairs, key))
-        object.__setattr__(self, "task", task_of(self.task))
-
-    @property
-    def columns(self) -> tuple[FloatArray, ...]:
-        """s1, s2 and, where there are intervals, isi, shape (pairs,) each."""
-        return (self.s1, self.s2) if self.isi is None else (self.s1, self.s2, self.isi)
-
-    @property
-    def pairs(self) -> list[tuple[float, ...]]:
-        """The same as a tuple for each pair."""
-        return list(zip(*(column.tolist() for column in self.columns), strict=True))
-
-    @property
-    def n_pairs(self) -> int:
-        """Distinct ordered pairs; with intervals, pairs and intervals."""
-        return len(self.s1)
-
-    @property
-    def total(self) -> int:
-        """Trials of all pairs."""
-        return int(self.n_trials.sum())
-
-    def answered(self, n_yes: npt.ArrayLike, name: str = "design") -> Subject:
-        """The counts of a subject who has answered every trial."""
-        return Subject(
-            name, self.s1, self.s2, np.asarray(n_yes), self.n_trials, self.isi, task=self.task
-        )
-
-    @property
-    def unanswered(self) -> Subject:
-        """The pairs as a subject that never gave the answer that is counted: for what depends on the pairs alone."""
-        return self.answered(np.zeros_like(self.n_trials))
-
-    def with_total(self, trials: int) -> StudyDesign:
-        """The same pairs with so many trials in all, each pair its share and at least one.
-
-        Raises
-        ------
-        InputError
-            If there are fewer trials than pairs.
-        """
-        if trials < self.n_pairs:
-            raise InputError(
-                f"{trials} trials for {self.n_pairs} pairs: allowed is at least one trial a pair"
-            )
-        return (
-            self
-            if trials == self.total
-            else replace(self, n_trials=apportioned(self.n_trials / self.total, trials))
-        )
-
-    def some(self, places: IndexArray, n_trials: IntArray | None = None) -> StudyDesign:
-        """Some of the pairs, with as many trials as before or with others."""
-        columns: dict[str, Any] = {
-            key: None if (one := getattr(self, key)) is None else one[places]
-            for key in DESIGN_COLUMNS
-        }
-        return replace(self, **(columns if n_trials is None else {**columns, "n_trials": n_trials}))
-
-    def moved(self, by: float) -> StudyDesign:
-        """The same pairs with a constant added to every stimulus."""
-        return replace(self, s1=self.s1 + by, s2=self.s2 + by)
-
-    def frame(self) -> pd.DataFrame:
-        """A row a pair, with the columns s1, s2, n_trials (and isi)."""
-        import pandas as pd
-
-        names = DESIGN_COLUMNS if self.isi is not None else DESIGN_COLUMNS[:3]
-        return pd.DataFrame({name: getattr(self, name) for name in names})
-
-    def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
-        """Write them as a CSV file, whole or not at all."""
-        return write_table(self.frame(), path, overwrite=overwrite)
-
-
-def each_once(
-    s1: npt.ArrayLike,
-    s2: npt.ArrayLike,
-    isi: npt.ArrayLike | None = None,
-    *,
-    task: Task = SAME_DIFFERENT,
-) -> StudyDesign:
-    """A design that has each of these pairs once."""
-    return StudyDesign(s1, s2, np.ones(np.shape(s1), np.int64), isi, task=task)  # type: ignore[arg-type]  # which makes arrays of them
-
-
-def all_pairs(
-    levels: FloatArray, isi: Sequence[float] = (), task: Task = SAME_DIFFERENT
-) -> StudyDesign:
-    """Every ordered pair of levels once, at every interval (seconds) where there are any."""
-    return each_once(
-        *np.array([*product(levels, levels, *([isi] if len(isi) else []))]).T, task=task
-    )
-
-
-def nobody(task: Task) -> Subject:
-    """A subject who met one pair, for what depends on the task alone."""
-    return each_once([0.0], [0.0], task=task).unanswered
-
-
-def apportioned(share: FloatArray, trials: int) -> IntArray:
-    """Whole numbers of at least 1 that add up to `trials`, as near to shares of it as they can be.
-
-    Examples
-    --------
-    >>> apportioned(np.array([0.5, 0.49, 0.01]), 11).tolist()
-    [5, 5, 1]
-    """
-    ideal = share / share.sum() * trials
-    counts: IntArray = np.maximum(1, np.floor(ideal)).astype(np.int64)
-    while (left := trials - int(counts.sum())) != 0:
-        off = np.where(counts > 1, ideal - counts, np.inf) if left < 0 else ideal - counts
-        counts[off.argmin() if left < 0 else off.argmax()] += 1 if left > 0 else -1
-    return counts
-
-
-def read_study_design(path: str | Path, task: Task | str = SAME_DIFFERENT) -> StudyDesign:
-    """A design for a task from a CSV file with columns s1,s2,n_trials, and isi where there are intervals.
-
-    Raises
-    ------
-    InputError
-        One line per problem of the file, with row and column.
-    """
-    columns = read_numbers(
-        path, DESIGN_COLUMNS[:3], optional=DESIGN_COLUMNS[3:], counts=("n_trials",)
-    )[1]
-    try:
-        return StudyDesign(
-            columns["s1"],
-            columns["s2"],
-            columns["n_trials"].astype(np.int64),
-            columns.get("isi"),
-            task=task_of(task),
-        )
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from error
-
-
-def paper_study_design(trials: int | None = None, task: Task | str = SAME_DIFFERENT) -> StudyDesign:
-    """The paper's 13 pairs, 50 trials each, or so many in all."""
-    paper = reference_design()
-    made = StudyDesign(
-        paper.s1, paper.s2, np.full(len(paper.s1), paper.batches), paper.isi, task=task_of(task)
-    )
-    return made if trials is None else made.with_total(trials)
-
-
-def narrow_study_design(first: FloatArray, steps: FloatArray, trials: int) -> StudyDesign:
-    """First stimuli, and second ones so many steps from each (natural-log intensities)."""
-    s1 = np.repeat(first, len(steps))
-    return StudyDesign(s1, s1 + np.tile(steps, len(first)), apportioned(np.ones(len(s1)), trials))
-
-
-# --- The order of trials --------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)

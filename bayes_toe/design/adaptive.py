@@ -1,0 +1,333 @@
+"""The next pair, chosen by what its answer is expected to tell, trial after trial."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import entr, logsumexp
+
+from bayes_toe.answers.model_average import weighted_quantiles
+from bayes_toe.answers.order_effect import OrderEffect, answer_subject
+from bayes_toe.arrays import FloatArray
+from bayes_toe.data.messages import shown
+from bayes_toe.data.study import Subject
+from bayes_toe.data.tasks import SAME_DIFFERENT, Task, task_of
+from bayes_toe.data.whole_files import whole_file
+from bayes_toe.design.particles import ENOUGH, Particles
+from bayes_toe.design.power import observer_prior
+from bayes_toe.design.study_design import StudyDesign, each_once
+from bayes_toe.errors import InputError
+from bayes_toe.model.observer import OrderModel
+from bayes_toe.model.parameters import MODEL_PRIOR, ORDER_MODELS, ObserverPrior
+from bayes_toe.model.prior import Prior
+from bayes_toe.seeds import generator, root_seed
+
+#: A pair: s1 and s2, natural-log intensities.
+Pair = tuple[float, float]
+#: What answers may be asked about: which of the four models, or all of their parameters too.
+MODEL, PARAMETERS = "model", "parameters"
+DRAWS = 4000
+#: Draws of a model by which pairs are compared, at least, and their answers to all pairs, about.
+_FEWEST_JUDGES, _JUDGED = 512, 512_000
+_FORMAT = "bayes-toe adaptive 2"
+
+
+class Adaptive:
+    """Chooses pairs one by one and keeps the posterior of the four models up to date.
+
+    Parameters
+    ----------
+    pairs : StudyDesign or array_like, shape (pairs, 2)
+        What can be shown: s1 and s2. Numbers of trials play no role. A design knows its task.
+    prior : Prior or str, optional
+        As in :func:`bayes_toe.analysis.evidence`; its scales are those of all pairs, each as often.
+    seed : int, optional
+    about : str
+        "model": which of the four models; "parameters": their parameters as well.
+    draws : int
+        Particles of each model.
+    task : Task or str
+        Of pairs that are no design; "2afc": which is stronger.
+
+    Raises
+    ------
+    InputError
+        If something is not allowed.
+
+    Examples
+    --------
+    >>> levels = np.linspace(-0.5, 1.0, 7)
+    >>> session = Adaptive([(a, b) for a in levels for b in levels], seed=1)
+    >>> pair = session.next()
+    >>> session.answer(pair, True)
+    >>> session.trials, len(session.information())
+    (1, 49)
+    """
+
+    def __init__(
+        self,
+        pairs: StudyDesign | npt.ArrayLike,
+        prior: Prior | str | None = None,
+        *,
+        seed: int | None = None,
+        about: str = MODEL,
+        draws: int = DRAWS,
+        task: Task | str = SAME_DIFFERENT,
+    ) -> None:
+        own_prior = observer_prior(prior)
+        self._begin(pairs, own_prior, root_seed(seed), about, draws, task_of(task))
+
+    def _begin(
+        self,
+        pairs: StudyDesign | npt.ArrayLike,
+        prior: ObserverPrior,
+        seed: int,
+        about: str,
+        draws: int,
+        task: Task,
+    ) -> None:
+        """Set up a session before its first answer."""
+        if about not in (MODEL, PARAMETERS):
+            raise InputError(f"about={about!r}: allowed: {MODEL}, {PARAMETERS}")
+        if draws < _FEWEST_JUDGES:
+            raise InputError(f"draws={draws}: allowed is at least {_FEWEST_JUDGES}")
+        self.pairs = pairs if isinstance(pairs, StudyDesign) else _make_design(pairs, task)
+        if self.pairs.isi is not None:
+            raise InputError("pairs: found intervals, allowed: s1 and s2 alone")
+        self.prior, self.seed, self.about, self.draws = prior, seed, about, draws
+        self._n_judges = min(draws, max(_FEWEST_JUDGES, _JUDGED // self.pairs.n_pairs))
+        self._answers: list[tuple[Pair, bool]] = []
+        self._predicted: dict[str, tuple[int, FloatArray]] = {}
+        self._particles = {}
+        for name in ORDER_MODELS:
+            rule = OrderModel(name).posterior(self.pairs.unanswered, prior)
+            rng = generator(seed, "adaptive", name, "prior")
+            self._particles[name] = Particles.from_prior(rule, draws, rng)
+
+    # --- A session --------------------------------------------------------------------------------
+
+    def next(self) -> Pair:
+        """The pair whose answer is expected to tell most; of equals any, by chance."""
+        worth = self.information()
+        best = np.flatnonzero(worth >= worth.max() - 1e-12)
+        rng = generator(self.seed, "adaptive", "next", self.trials)
+        s1, s2 = self.pairs.pairs[int(rng.choice(best))]
+        return s1, s2
+
+    def answer(self, pair: Sequence[float], yes: bool) -> None:
+        """Take in the answer to a pair, also to one that was not proposed.
+
+        Parameters
+        ----------
+        pair : sequence of float
+            s1 and s2.
+        yes : bool
+            True for 'equal', or for 'second', as the task counts.
+
+        Raises
+        ------
+        InputError
+            If something is not allowed; the session is then as it was.
+        """
+        if not isinstance(yes, bool | np.bool_):
+            raise InputError(f"yes={yes!r}: allowed is True or False")
+        if len(pair) != 2:
+            raise InputError(f"pair {tuple(pair)}: allowed are s1 and s2")
+        own_pair = float(pair[0]), float(pair[1])
+        single = self._make_subject([(own_pair, bool(yes))])  # refuses what is not finite
+        self._answers.append((own_pair, bool(yes)))
+        for particles in self._particles.values():
+            particles.add(single)
+        self._renew_worst()
+
+    def _renew_worst(self) -> None:
+        """Make the draws of one model anew, where too few count: the one that matters most."""
+        share = self.probabilities
+        error = {
+            name: share[name] / np.sqrt(particles.effective)
+            for name, particles in self._particles.items()
+            if particles.left < ENOUGH
+        }
+        if error:
+            worst = max(error, key=lambda name: error[name])
+            rng = generator(self.seed, "adaptive", worst, "particles", self.trials)
+            self._particles[worst].renew(self.subject, rng)
+
+    def information(self) -> FloatArray:
+        """Expected information of one answer to each pair about what is asked, nats, (pairs,)."""
+        log_share = self._log_probabilities()
+        mean_yes = np.zeros(self.pairs.n_pairs)
+        left = np.zeros(self.pairs.n_pairs)  # entropy where what is asked about is known
+        for name, log_p in log_share.items():
+            p_yes, weights = self._predictions(name)
+            of_model = weights @ p_yes
+            mean_yes += np.exp(log_p) * of_model
+            if self.about == MODEL:
+                left += np.exp(log_p) * _entropy(of_model)
+            else:
+                left += np.exp(log_p) * (weights @ _entropy(p_yes))
+        return np.asarray(_entropy(mean_yes) - left)
+
+    def _predictions(self, name: str) -> tuple[FloatArray, FloatArray]:
+        """P(yes) of some draws of a model for every pair, (draws, pairs), and their weights."""
+        particles = self._particles[name]
+        if name not in self._predicted or self._predicted[name][0] != particles.generation:
+            p_yes = np.exp(particles.rule.log_answers(particles.x[: self._n_judges]).yes)
+            self._predicted[name] = particles.generation, p_yes
+        log_weight = particles.log_weight[: self._n_judges]
+        return self._predicted[name][1], np.exp(log_weight - logsumexp(log_weight))
+
+    # --- What is known ----------------------------------------------------------------------------
+
+    @property
+    def trials(self) -> int:
+        """Answers so far."""
+        return len(self._answers)
+
+    @property
+    def answers(self) -> list[tuple[float, float, bool]]:
+        """s1, s2 and the answer of every trial in order."""
+        return [(s1, s2, yes) for (s1, s2), yes in self._answers]
+
+    @property
+    def subject(self) -> Subject:
+        """The answers, as every verb of the package takes them.
+
+        Raises
+        ------
+        InputError
+            Before the first answer.
+        """
+        if not self._answers:
+            raise InputError("session: no answers yet, allowed after the first one")
+        return self._make_subject(self._answers)
+
+    def _log_probabilities(self) -> dict[str, float]:
+        """Log posterior probability of each model."""
+        values = np.array(
+            [
+                particles.log_evidence + np.log(MODEL_PRIOR[name])
+                for name, particles in self._particles.items()
+            ]
+        )
+        return dict(zip(self._particles, (values - logsumexp(values)).tolist(), strict=True))
+
+    @property
+    def probabilities(self) -> dict[str, float]:
+        """Posterior probability of each of the four models, by the session's own draws."""
+        return {name: float(np.exp(log_p)) for name, log_p in self._log_probabilities().items()}
+
+    @property
+    def order_effect(self) -> OrderEffect:
+        """The answer about the order effect, as `evidence` gives it of these trials.
+
+        Its scales are those of the pairs that were shown; those of the session are of all pairs.
+
+        Raises
+        ------
+        InputError
+            Before the first answer to different stimuli.
+        """
+        return answer_subject(self.subject, self.seed, self.prior)[0]
+
+    def quantiles(
+        self, quantity: str, levels: Sequence[float] = (0.025, 0.5, 0.975)
+    ) -> list[float]:
+        """Posterior quantiles of a quantity, averaged over the models that have it.
+
+        Raises
+        ------
+        InputError
+            If no model has the quantity, or a level is not between 0 and 1.
+        """
+        if not all(0.0 <= level <= 1.0 for level in levels):
+            raise InputError(f"levels {list(levels)}: allowed are numbers from 0 to 1")
+        log_share, values, weights = self._log_probabilities(), [], []
+        known = self._particles["both"].rule.names.all
+        if quantity not in known:
+            raise InputError(f"quantity {quantity!r}: allowed: {', '.join(known)}")
+        for name, particles in self._particles.items():
+            quantities = particles.rule.quantities(particles.x)
+            if quantity in quantities:
+                values.append(quantities[quantity])
+                weights.append(particles.shares * np.exp(log_share[name]))
+        joined = np.concatenate(weights)
+        return weighted_quantiles(np.concatenate(values), joined / joined.sum(), levels)
+
+    def effective(self) -> dict[str, float]:
+        """How many particles of each model count.
+
+        The error of a log evidence is about one over the square root of it.
+        """
+        return {name: particles.effective for name, particles in self._particles.items()}
+
+    # --- Files ------------------------------------------------------------------------------------
+
+    def save(self, path: str | Path, *, overwrite: bool = True) -> Path:
+        """Write all that :meth:`resume` needs, whole or not at all; after every trial, if one likes."""
+        content = {
+            "format": _FORMAT,
+            "task": self.pairs.task.name,
+            "pairs": self.pairs.pairs,
+            "prior": asdict(self.prior),
+            "seed": self.seed,
+            "about": self.about,
+            "draws": self.draws,
+            "answers": self.answers,
+        }
+        with whole_file(path, overwrite=overwrite) as target:
+            target.write_text(json.dumps(content), encoding="utf-8")
+        return Path(path)
+
+    @classmethod
+    def resume(cls, path: str | Path) -> Adaptive:
+        """The session of a file, as it was: every answer is taken in again.
+
+        Raises
+        ------
+        InputError
+            If the file cannot be read or was not written by :meth:`save`.
+        """
+        session = cls.__new__(cls)
+        try:
+            content: dict[str, Any] = json.loads(Path(path).read_text(encoding="utf-8"))
+            if content["format"] != _FORMAT:
+                raise ValueError(f"format {content['format']!r}, begin a new session")
+            prior, task = ObserverPrior(**content["prior"]), task_of(content["task"])
+            session._begin(
+                content["pairs"], prior, content["seed"], content["about"], content["draws"], task
+            )
+            for *pair, yes in content["answers"]:
+                session.answer(pair, yes)
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise InputError(
+                f"{shown(Path(path))}: not a session that can be read ({error}); allowed: a file of "
+                "Adaptive.save"
+            ) from error
+        return session
+
+    def _make_subject(self, answers: Sequence[tuple[Pair, bool]]) -> Subject:
+        s1, s2 = np.array([pair for pair, _ in answers]).T
+        yes = [yes for _, yes in answers]
+        return Subject.from_trials("adaptive", s1, s2, yes, task=self.pairs.task)
+
+
+def _entropy(p_yes: FloatArray) -> FloatArray:
+    """Entropy of an answer, nats."""
+    return np.asarray(entr(p_yes) + entr(1.0 - p_yes))
+
+
+def _make_design(pairs: npt.ArrayLike, task: Task) -> StudyDesign:
+    try:
+        columns = np.asarray(pairs, np.float64).T
+    except (TypeError, ValueError) as error:
+        raise InputError(f"pairs: allowed are rows of s1 and s2 ({error})") from error
+    if columns.ndim != 2 or len(columns) != 2:
+        raise InputError(f"pairs: found shape {columns.T.shape}, allowed: (pairs, 2)")
+    return each_once(*columns, task=task)

@@ -1,0 +1,215 @@
+"""What one trial tells about the effects of order: Fisher information about assumed observers.
+
+An answer to a pair with P(yes) = q has the information g g' q/(1 - q), g the gradient of log q in the
+coordinates of 'both'. With the curvature of the prior and the information of all trials it makes a
+normal approximation of the posterior at each observer's true values. A design's utility is half the
+log determinant of the precision of what is asked about, once all other parameters are estimated.
+
+Trials are moved, a portion at a time, to the pair where they tell most, until no move is worth it
+(Fedorov 1972).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, IntArray
+from bayes_toe.design.observers import Observer
+from bayes_toe.design.study_design import StudyDesign
+from bayes_toe.model.observer import ObserverPosterior, OrderModel, StimulusScales
+from bayes_toe.model.parameters import ObserverPrior
+
+#: What a design may be made for, with the coordinates that are asked about.
+AIMS = {
+    "order-effect": ("constant_error", "contraction"),
+    "constant-error": ("constant_error",),
+    "contraction": ("contraction",),
+}
+#: The lapse rate of observers who have none: at 0 its information is not defined.
+_SMALL_LAPSE_RATE = 1e-3
+#: Portions in which trials move, for each pair of a design; by how much a move has to raise the utility.
+_PORTIONS, _GAIN = 2, 1e-7
+
+
+@dataclass(frozen=True, eq=False)
+class Information:
+    """Information of one trial of each pair about each observer.
+
+    Attributes
+    ----------
+    rows : ndarray, shape (observers, pairs, k)
+        The information of a trial is the outer product of its row with itself.
+    prior : ndarray, shape (observers, k, k)
+        Curvature of the prior.
+    is_wanted : ndarray of bool, shape (k,)
+        The coordinates that are asked about.
+    units : ndarray, shape (k,)
+        The quantity at coordinate 1, of the wanted ones.
+    """
+
+    rows: FloatArray
+    prior: FloatArray
+    is_wanted: BoolArray
+    units: FloatArray
+
+    def total(self, n_trials: IntArray) -> FloatArray:
+        """Information of so many trials of each pair, (pairs,), and the prior: (observers, k, k)."""
+        shown = np.flatnonzero(n_trials)
+        rows = self.rows[:, shown]
+        weighted = rows * n_trials[shown][:, None]
+        return np.asarray(self.prior + np.swapaxes(rows, 1, 2) @ weighted)
+
+    def utility(self, total: FloatArray) -> float:
+        """Half the log determinant of the precision of what is asked about, mean over observers."""
+        rest = self._without_wanted(total)
+        precision = np.linalg.slogdet(total)[1] - np.linalg.slogdet(rest)[1]
+        return float(0.5 * precision.mean())
+
+    def utilities(self, total: FloatArray, n_more: float) -> FloatArray:
+        """The same with so many trials more of each pair, one pair after the other: (pairs,)."""
+        rest = self._without_wanted(total)
+        growth = _growth(total, self.rows, n_more)
+        rest_growth = _growth(rest, self.rows[..., ~self.is_wanted], n_more)
+        gain = 0.5 * (np.log(growth) - np.log(rest_growth)).mean(axis=0)
+        return np.asarray(self.utility(total) + gain)
+
+    def standard_deviations(self, total: FloatArray) -> FloatArray:
+        """Posterior sd of each quantity asked about, root mean square over observers: (wanted,)."""
+        variance = np.diagonal(np.linalg.inv(total), axis1=1, axis2=2)
+        sd = np.sqrt(variance.mean(axis=0)) * self.units
+        return np.asarray(sd[self.is_wanted])
+
+    def _without_wanted(self, total: FloatArray) -> FloatArray:
+        """The block of all other coordinates."""
+        return total[:, ~self.is_wanted][:, :, ~self.is_wanted]
+
+
+def _growth(total: FloatArray, rows: FloatArray, n_more: float) -> FloatArray:
+    """Factor by which the determinant grows with n more trials of each row: (observers, pairs)."""
+    spread = rows @ np.linalg.inv(total)
+    return np.asarray(1.0 + n_more * (spread * rows).sum(axis=-1))
+
+
+def information(
+    pairs: StudyDesign,
+    observers: Sequence[Observer],
+    aim: str,
+    prior: ObserverPrior,
+    scales: StimulusScales,
+) -> Information:
+    """Information of every pair about the observers, for one of :data:`AIMS`.
+
+    The prior is that of stimuli with these scales, the constant error that at the mean first
+    stimulus of the pairs. The utility for 'order-effect' hardly depends on that mean: another one
+    adds a multiple of the contraction to the constant error.
+    """
+    sbar = float(np.average(pairs.s1, weights=pairs.n_trials))
+    own_scales = replace(scales, sbar=sbar)
+    posterior = ObserverPosterior(pairs.unanswered, OrderModel("both"), prior, own_scales)
+    quantities = []
+    for observer in observers:
+        lapse_rate = max(observer.parameters["lapse_rate"], _SMALL_LAPSE_RATE)
+        quantities.append({**observer.parameters, "lapse_rate": lapse_rate})
+    arrays = {
+        name: np.array([values[name] for values in quantities]) for name in posterior.coordinates
+    }
+    points = posterior.full_points(posterior.points(arrays))
+    answers, yes_slopes, _ = posterior.batch.answer_slopes(points)
+    odds_root = np.exp(0.5 * (answers.yes - answers.no))[0]
+    rows = np.swapaxes(yes_slopes[0], 1, 2) * odds_root[..., None]
+    curvature = posterior.batch.prior_slopes(points)[1][0]
+    k = curvature.shape[1]
+    is_wanted = np.array([name in AIMS[aim] for name in posterior.coordinates])
+    unit_point = posterior.quantities(np.eye(k))
+    units = np.array(
+        [
+            unit_point[name][i] if is_wanted[i] else 1.0
+            for i, name in enumerate(posterior.coordinates)
+        ]
+    )
+    return Information(rows, curvature[:, :, None] * np.eye(k), is_wanted, units)
+
+
+# --- Exchange -------------------------------------------------------------------------------------
+
+
+@dataclass(eq=False)
+class _Exchange:
+    """Trials that are put on pairs, beside some that are fixed; a pair and its turn share theirs."""
+
+    information: Information
+    fixed: IntArray
+    turned: IndexArray
+    most_pairs: int
+    put: IntArray
+
+    def n_trials(self) -> IntArray:
+        """Trials of every pair: half of what is put is that of the pair in the other order."""
+        return self.fixed + (self.put + self.put[self.turned]) // 2
+
+    def utility(self) -> float:
+        """Of the trials as they are."""
+        return self.information.utility(self.information.total(self.n_trials()))
+
+    def best(self, size: int) -> int:
+        """The pair where so many trials more tell most, among those that are still allowed."""
+        n_trials = self.n_trials()
+        utilities = self.information.utilities(self.information.total(n_trials), size)
+        n_new = np.where(self.turned == np.arange(len(n_trials)), 1, 2)
+        is_allowed = (n_trials > 0) | (np.count_nonzero(n_trials) + n_new <= self.most_pairs)
+        both_orders = utilities + utilities[self.turned]
+        return int(np.where(is_allowed, both_orders, -np.inf).argmax())
+
+    def move(self, pair: int, portion: int, utility: float) -> float:
+        """Move portions of a pair elsewhere as long as that is worth it; the utility afterwards."""
+        while self.put[pair]:
+            self.put[pair] -= portion
+            target = self.best(portion)
+            self.put[target] += portion
+            moved = self.utility()
+            if moved < utility + _GAIN:
+                self.put[target] -= portion
+                self.put[pair] += portion
+                return utility
+            utility = moved
+        return utility
+
+
+def exchange_trials(
+    information: Information,
+    trials: int,
+    most_pairs: int,
+    fixed: IntArray,
+    turned: IndexArray,
+) -> IntArray:
+    """Trials of every pair, (pairs,): so many beside those that are fixed, over few enough pairs.
+
+    Parameters
+    ----------
+    information : Information
+    trials : int
+    most_pairs : int
+        Different pairs.
+    fixed : ndarray of int, shape (pairs,)
+    turned : ndarray of int, shape (pairs,)
+        The place of each pair in the other order; both are shown equally often.
+    """
+    exchange = _Exchange(information, fixed, turned, most_pairs, np.zeros_like(fixed))
+    portion = 2 * max(1, trials // (2 * _PORTIONS * most_pairs))
+    for _ in range(trials // portion):
+        exchange.put[exchange.best(portion)] += portion
+    utility, before = exchange.utility(), -np.inf
+    while utility > before + _GAIN:
+        before = utility
+        for pair in np.flatnonzero(exchange.put).tolist():
+            utility = exchange.move(pair, portion, utility)
+    exchange.most_pairs = 0  # what is left goes to pairs that there are
+    for _ in range(trials % portion // 2):
+        exchange.put[exchange.best(2)] += 2
+    n_trials = exchange.n_trials()
+    if (n_trials - fixed).sum() < trials:
+        n_trials[exchange.best(1)] += 1
+    return n_trials

@@ -1,0 +1,389 @@
+"""Assumed observers: for whom a study is planned, and who answer in simulated studies.
+
+An observer has the parameters of :mod:`bayes_toe.model.parameters`, in the unit of the stimuli
+(natural-log intensity). Its contraction is to the mean first stimulus of the design that is shown.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import ndtr, ndtri
+
+from bayes_toe.arrays import FloatArray
+from bayes_toe.data.messages import quoted
+from bayes_toe.data.study import Subject
+from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task
+from bayes_toe.design.study_design import StudyDesign
+from bayes_toe.errors import InputError
+from bayes_toe.model.observer import DEFAULT_PRIOR, ObserverPosterior, OrderModel
+from bayes_toe.model.parameters import ORDER_MODELS, ObserverPrior, task_parameters
+from bayes_toe.model.prior_fields import real, shown, toml_table
+from bayes_toe.seeds import generator
+
+Range = tuple[float, float]
+#: Ranges of what is not an effect of order; observers are uniform in them.
+COMMON: Mapping[str, Range] = {
+    "noise": (0.15, 0.25),
+    "q0": (0.85, 0.98),
+    "lapse_rate": (0.0, 0.08),
+}
+#: The kinds of observers that are assumed where nothing else is asked for, with their effects.
+KINDS: Mapping[str, Mapping[str, Range]] = {
+    "none": {},
+    "small constant error": {"constant_error": (0.05, 0.1)},
+    "large constant error": {"constant_error": (0.2, 0.4)},
+    "contraction": {"contraction": (0.2, 0.35)},
+    "repulsion": {"contraction": (-0.35, -0.2)},
+    "both": {"constant_error": (0.1, 0.3), "contraction": (0.2, 0.35)},
+}
+#: The source of observers that are drawn from the prior of the four models.
+PRIOR = "prior"
+_LIMITS: Mapping[str, tuple[float, float, str]] = {
+    "noise": (0.0, np.inf, "above 0"),
+    "q0": (0.0, 1.0, "above 0 and below 1"),
+    "lapse_rate": (-1e-300, 1.0, "from 0 to below 1"),  # limits are not allowed themselves
+    "noise_slope": (-np.inf, np.inf, "finite"),
+    "criterion_slope": (-np.inf, np.inf, "finite"),
+    "constant_error": (-np.inf, np.inf, "finite"),
+    "contraction": (-1.0, 1.0, "above -1 and below 1"),
+}
+#: Keys of older files, with what takes their place.
+_RETIRED = {
+    "pull": "contraction, the share by which the first stimulus is drawn to the mean",
+    "gain": "contraction = 1 - gain",
+    "offset": "constant_error",
+    "width": "noise, the standard deviation of the perceived difference",
+    "mu1": "contraction, which is to the mean first stimulus of the design",
+    "sigma_p": "noise",
+    "sigma_l": "contraction",
+    "share": "leave it out, kinds are simulated one by one",
+    "at": "leave it out, contraction is to the mean first stimulus of the design",
+}
+_FORM = "sections such as [contraction] of NAME = NUMBER or NAME = [LOWEST, HIGHEST]"
+_NEVER = 0.01  # probability of an answer below which the other one is practically certain
+
+
+@dataclass(frozen=True)
+class Observer:
+    """One assumed observer.
+
+    Attributes
+    ----------
+    name : str
+        Unique; random streams are keyed by it.
+    kind : str
+    parameters : mapping of str to float
+        All parameters of the task, in the unit of the stimuli.
+    task : Task
+    """
+
+    name: str
+    kind: str
+    parameters: Mapping[str, float]
+    task: Task = SAME_DIFFERENT
+
+    @property
+    def has_effect(self) -> dict[str, bool]:
+        """The true answer to each of the three questions."""
+        has_error = self.parameters["constant_error"] != 0.0
+        has_contraction = self.parameters["contraction"] != 0.0
+        return {
+            "order_effect": has_error or has_contraction,
+            "constant_error": has_error,
+            "contraction": has_contraction,
+        }
+
+    def p_yes(
+        self,
+        s1: npt.ArrayLike,
+        s2: npt.ArrayLike,
+        sbar: float,
+        expected: FloatArray | float = 0.0,
+    ) -> FloatArray:
+        """Probability of the answer that the task counts, for every pair.
+
+        Parameters
+        ----------
+        s1, s2 : array_like
+        sbar : float
+            Mean first stimulus.
+        expected : ndarray or float
+            By how much the first stimulus is expected above sbar, after the trial before.
+        """
+        s1, s2 = np.asarray(s1, np.float64), np.asarray(s2, np.float64)
+        value = self.parameters
+        middle = 0.5 * (s1 + s2) - sbar
+        shift = value["contraction"] * (s1 - sbar - expected) - value["constant_error"]
+        z = (s2 - s1 + shift) / (value["noise"] * np.exp(value["noise_slope"] * middle))
+        lapse_rate = value["lapse_rate"]
+        if self.task == WHICH_STRONGER:
+            return np.asarray(0.5 * lapse_rate + (1.0 - lapse_rate) * ndtr(z))
+        k = ndtri(0.5 * (1.0 + value["q0"])) * np.exp(value["criterion_slope"] * middle)
+        blind = ndtr(k) - ndtr(-k)
+        attending = ndtr(k - z) - ndtr(-k - z)
+        return np.asarray(lapse_rate * blind + (1.0 - lapse_rate) * attending)
+
+    def p_design(self, design: StudyDesign) -> FloatArray:
+        """The same for the pairs of a design, shape (pairs,)."""
+        sbar = float(np.average(design.s1, weights=design.n_trials))
+        return self.p_yes(design.s1, design.s2, sbar)
+
+    def answers(self, design: StudyDesign, seed: int) -> Subject:
+        """Simulated counts; the random stream is keyed by the name and the number of trials."""
+        rng = generator(seed, self.name, "answers", design.total)
+        return design.answered(rng.binomial(design.n_trials, self.p_design(design)), self.name)
+
+
+def make_observer(name: str, kind: str, given: Mapping[str, float], task: Task) -> Observer:
+    """An observer of these parameters; what is not given is 0.
+
+    Raises
+    ------
+    InputError
+        If a parameter is missing, unknown or out of its range.
+    """
+    problems = list(_parameter_problems(given, task))
+    if problems:
+        raise InputError([f"observer {name!r}: {problem}" for problem in problems])
+    names = [parameter.name for parameter in task_parameters(task)]
+    return Observer(name, kind, {key: float(given.get(key, 0.0)) for key in names}, task)
+
+
+def _parameter_problems(given: Mapping[str, float], task: Task) -> Iterator[str]:
+    """What is wrong with the parameters of an observer, a line each."""
+    names = [parameter.name for parameter in task_parameters(task)]
+    for name in ("noise", "q0"):
+        if name in names and name not in given:
+            yield f"{name} is missing"
+    for name, value in given.items():
+        if name not in names:
+            yield _unknown(name, names)
+            continue
+        low, high, allowed = _LIMITS[name]
+        if not low < real(value) < high:
+            yield f"{name}: found {shown(value)}, allowed: a number {allowed}"
+
+
+def _unknown(name: str, names: Sequence[str]) -> str:
+    """The line about a key that is no parameter."""
+    if name in _RETIRED:
+        return f"key {name!r} is retired: {_RETIRED[name]}"
+    return f"key {quoted(name)}: unknown, allowed: {', '.join(names)}"
+
+
+# --- Sources of observers -------------------------------------------------------------------------
+
+
+def assume_observers(
+    source: str | Path | Sequence[Observer] | None,
+    size: int,
+    seed: int,
+    designs: Sequence[StudyDesign],
+    prior: ObserverPrior = DEFAULT_PRIOR,
+) -> Sequence[Observer]:
+    """Assumed observers, `size` of each kind that the source has.
+
+    Parameters
+    ----------
+    source : str, path or sequence of Observer, optional
+        Observers themselves; the name of a kind in :data:`KINDS`, a TOML file of ranges, draws
+        written by `run` or `sample`, or 'prior'; by default all of :data:`KINDS`.
+    size : int
+    seed : int
+    designs : sequence of StudyDesign
+        What will be shown, of one task.
+    prior : ObserverPrior
+        The one that observers 'prior' are drawn from.
+
+    Raises
+    ------
+    InputError
+        For something else, or where all observers of a kind always answer alike.
+
+    Examples
+    --------
+    >>> from bayes_toe.design.study_design import paper_study_design
+    >>> some = assume_observers("both", 2, seed=1, designs=[paper_study_design()])
+    >>> [observer.name for observer in some]
+    ['both 1', 'both 2']
+    """
+    if size < 1:
+        raise InputError(f"data_sets={size}: allowed is at least 1")
+    task = designs[0].task
+    if source is None:
+        observers: Sequence[Observer] = _in_ranges(_kinds(task), size, seed, task)
+    elif not isinstance(source, str | Path):
+        observers = source
+    elif source == PRIOR:
+        return _from_prior(prior, _all_pairs_of(designs), size, seed)
+    elif source in KINDS:
+        kinds = {str(source): _kinds(task)[str(source)]}
+        observers = _in_ranges(kinds, size, seed, task)
+    elif Path(source).suffix == ".toml":
+        observers = _in_ranges(read_ranges(source, task), size, seed, task)
+    elif Path(source).suffix == ".nc":
+        observers = _from_draws(Path(source), size, seed, task)
+    else:
+        raise InputError(
+            f"--observers: found {str(source)!r}, allowed: {', '.join(KINDS)}, prior, a .toml file "
+            "of ranges, or draws (posterior.nc)"
+        )
+    for design in designs:
+        _require_answers(observers, design)
+    return observers
+
+
+def _kinds(task: Task) -> dict[str, Mapping[str, Range]]:
+    """The default kinds with all ranges of a task."""
+    names = [parameter.name for parameter in task_parameters(task)]
+    common = {name: limits for name, limits in COMMON.items() if name in names}
+    return {kind: {**common, **effects} for kind, effects in KINDS.items()}
+
+
+def _in_ranges(
+    kinds: Mapping[str, Mapping[str, Range]], size: int, seed: int, task: Task
+) -> list[Observer]:
+    """Observers that are uniform in ranges."""
+    observers = []
+    for kind, ranges in kinds.items():
+        for number in range(1, size + 1):
+            name = f"{kind} {number}"
+            rng = generator(seed, name, "observer")
+            values = {key: float(rng.uniform(low, high)) for key, (low, high) in ranges.items()}
+            observers.append(make_observer(name, kind, values, task))
+    return observers
+
+
+def read_ranges(path: str | Path, task: Task = SAME_DIFFERENT) -> dict[str, dict[str, Range]]:
+    """Ranges of each kind of observers from a TOML file; a number is a range of one value.
+
+    A section is a kind, under any name. Noise, q0 and lapse rate that it does not give are those
+    of :data:`COMMON`; all else that it does not give is 0.
+
+    Raises
+    ------
+    InputError
+        One line per problem of the file.
+    """
+    table = toml_table(path, _FORM)
+    names = [parameter.name for parameter in task_parameters(task)]
+    problems = [] if table else [f"found no kind of observers, allowed: {_FORM}"]
+    kinds = {}
+    for kind, section in table.items():
+        if not isinstance(section, Mapping):
+            retired = f"key {kind!r} is retired: {_RETIRED[kind]}" if kind in _RETIRED else ""
+            problems.append(retired or f"key {quoted(kind)}: allowed: {_FORM}")
+            continue
+        problems += [f"[{kind}]: {line}" for line in _range_problems(section, names)]
+        common = {name: limits for name, limits in COMMON.items() if name in names}
+        kinds[kind] = {**common, **{name: _range(value) for name, value in section.items()}}
+    if problems:
+        raise InputError([f"{path}: {problem}" for problem in problems])
+    return kinds
+
+
+def _range_problems(section: Mapping[str, object], names: Sequence[str]) -> Iterator[str]:
+    """What is wrong with the ranges of a kind, a line each."""
+    for name, value in section.items():
+        if name not in names:
+            yield _unknown(name, names)
+            continue
+        (low, high), (least, most, allowed) = _range(value), _LIMITS[name]
+        if not least < low <= high < most:
+            yield (
+                f"{name}: found {shown(value)}, allowed: a number {allowed}, "
+                "or [LOWEST, HIGHEST] of such"
+            )
+
+
+def _range(value: object) -> Range:
+    """Lowest and highest value; NaN where a value is neither a number nor two."""
+    if not isinstance(value, list):
+        return real(value), real(value)
+    if len(value) != 2:
+        return np.nan, np.nan
+    return real(value[0]), real(value[1])
+
+
+def _all_pairs_of(designs: Sequence[StudyDesign]) -> Subject:
+    """All pairs of all designs, as a subject whose scales are those of the prior."""
+    s1 = np.concatenate([design.s1 for design in designs])
+    s2 = np.concatenate([design.s2 for design in designs])
+    n_trials = np.concatenate([design.n_trials for design in designs])
+    n_yes = np.zeros_like(n_trials)
+    return Subject.from_counts("design", s1, s2, n_yes, n_trials, task=designs[0].task)
+
+
+def _from_prior(prior: ObserverPrior, pairs: Subject, size: int, seed: int) -> list[Observer]:
+    """Observers drawn from the prior of each of the four models."""
+    observers = []
+    for model in ORDER_MODELS:
+        posterior = OrderModel(model).posterior(pairs, prior)
+        for number in range(1, size + 1):
+            name = f"{model} {number}"
+            x = posterior.sample_prior(generator(seed, name, "observer"), 1)
+            observers.append(_from_point(name, model, posterior, x))
+    return observers
+
+
+def _from_point(name: str, kind: str, posterior: ObserverPosterior, x: FloatArray) -> Observer:
+    """The observer at a point, shape (1, k), of a posterior."""
+    quantities = posterior.quantities(x)
+    values = {key: float(quantities[key][0]) for key in posterior.coordinates}
+    names = [parameter.name for parameter in task_parameters(posterior.subject.task)]
+    parameters = {key: values.get(key, 0.0) for key in names}
+    return Observer(name, kind, parameters, posterior.subject.task)
+
+
+def _from_draws(path: Path, size: int, seed: int, task: Task) -> list[Observer]:
+    """Random draws of random subjects, and the same observers without an order effect."""
+    from bayes_toe.inference.draws import load_draws
+
+    draws = load_draws(path)
+    if draws.task != task:
+        raise InputError(
+            f"{path}: draws of the task {draws.task.name!r}, allowed: those of {task.name!r}"
+        )
+    if draws.model not in ORDER_MODELS:
+        raise InputError(
+            f"{path}: draws of the model {draws.model!r}, allowed: those of "
+            f"{', '.join(ORDER_MODELS)} (bayes-toe sample --model both)"
+        )
+    observers = []
+    for kind in ("earlier study", "none"):
+        for number in range(1, size + 1):
+            rng = generator(seed, "earlier study", number, "observer")
+            subject = draws.names[int(rng.integers(len(draws.names)))]
+            posterior = draws.posterior(subject)
+            assert isinstance(posterior, ObserverPosterior)
+            points = draws.points(subject).reshape(-1, len(posterior.coordinates))
+            x = points[[int(rng.integers(len(points)))]]
+            observer = _from_point(f"{kind} {number}", kind, posterior, x)
+            if kind == "none":
+                without = {**observer.parameters, "constant_error": 0.0, "contraction": 0.0}
+                observer = Observer(observer.name, kind, without, task)
+            observers.append(observer)
+    return observers
+
+
+def _require_answers(observers: Sequence[Observer], design: StudyDesign) -> None:
+    """Refuse a design to all pairs of which all observers of a kind practically answer alike."""
+    for kind in dict.fromkeys(observer.kind for observer in observers):
+        p_yes = []
+        for observer in observers:
+            if observer.kind == kind:
+                attentive = {**observer.parameters, "lapse_rate": 0.0}
+                p_yes.append(Observer("", kind, attentive, observer.task).p_design(design))
+        task = design.task
+        for answer, highest in ((task.yes, np.max(p_yes)), (task.no, 1.0 - np.min(p_yes))):
+            if highest <= _NEVER:
+                raise InputError(
+                    f"observers: of the kind {kind!r} all practically never answer {answer!r} to "
+                    "these pairs, and nothing can be told; allowed: --observers people.toml with "
+                    "noise and effects in the unit of the stimuli"
+                )

@@ -1,0 +1,308 @@
+"""The pairs that tell most about the effects of order, beside other designs of as many trials."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from bayes_toe.arrays import FloatArray, IndexArray
+from bayes_toe.checks.identification import TYPICAL_TRIALS, contraction_information
+from bayes_toe.data.tasks import SAME_DIFFERENT, Task, task_of
+from bayes_toe.data.validation import read_numbers
+from bayes_toe.design.information import AIMS, exchange_trials, information
+from bayes_toe.design.observers import Observer, assume_observers
+from bayes_toe.design.power import PowerTable, observer_prior, simulate_power
+from bayes_toe.design.study_design import (
+    StudyDesign,
+    all_pairs,
+    each_once,
+    paper_study_design,
+)
+from bayes_toe.errors import InputError
+from bayes_toe.model.observer import DEFAULT_PRIOR, StimulusScales
+from bayes_toe.model.parameters import ObserverPrior
+from bayes_toe.model.prior import Prior
+from bayes_toe.seeds import generator, root_seed
+from bayes_toe.workers import Progress, Workers
+
+#: Names of the designs that are compared.
+OPTIMISED, PAPER = "optimised", "the paper's pairs"
+FULL, RANDOM = "full factorial", "random pairs"
+#: Observers of each kind for whom a design is made, and data sets of each by which it is judged.
+ASSUMED, JUDGED = 5, 16
+_MOST_PAIRS = 20_000  # that can be shown
+_FEWEST = 4  # trials, and pairs
+_LEVELS = 5  # of the full factorial
+_WORDS = {"constant_error": "constant error", "contraction": "contraction"}
+
+
+@dataclass(frozen=True, eq=False)
+class DesignGoal:
+    """What a design is for.
+
+    Parameters
+    ----------
+    aim : str
+        "order-effect": to know constant error and contraction; "constant-error" or "contraction":
+        one of them.
+    max_pairs : int
+        Different pairs.
+    keep : StudyDesign, optional
+        Pairs that stay, with at least their trials.
+    task : Task
+        What is asked; "2afc": which is stronger.
+    """
+
+    aim: str = "order-effect"
+    max_pairs: int = 26
+    keep: StudyDesign | None = None
+    task: Task = SAME_DIFFERENT
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "task", task_of(self.task))
+        if self.aim not in AIMS:
+            raise InputError(f"--for: found {self.aim!r}, allowed: {', '.join(AIMS)}")
+        if self.max_pairs < _FEWEST:
+            raise InputError(f"--max-pairs {self.max_pairs}: allowed is at least {_FEWEST}")
+        if self.keep is not None and self.keep.isi is not None:
+            raise InputError("--keep: found a column isi, allowed: a design without intervals")
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A design with what the closed form says of it.
+
+    Attributes
+    ----------
+    design : StudyDesign
+    utility : float
+        Half the log determinant of the precision of what is asked about; larger is better.
+    sd : mapping of str to float
+        Expected posterior sd of each effect asked about, in the unit of the stimuli.
+    """
+
+    design: StudyDesign
+    utility: float
+    sd: Mapping[str, float]
+
+    def describe(self) -> str:
+        """The sizes of its errors in words."""
+        parts = [f"{_WORDS[name]} {value:.2g}" for name, value in self.sd.items()]
+        return ", ".join(parts)
+
+
+@dataclass(frozen=True, eq=False)
+class OptimalDesign:
+    """An optimised design beside others.
+
+    Attributes
+    ----------
+    design : StudyDesign
+    goal : DesignGoal
+    candidates : mapping of str to Candidate
+        The optimised design first, then those it is compared with.
+    power : PowerTable
+        That of all of them, by simulation.
+    plane : StudyDesign
+        Every pair that can be shown, once.
+    worth : ndarray, shape (pairs of the plane,)
+        What one more trial of each adds to the utility.
+    seed : int
+    """
+
+    design: StudyDesign
+    goal: DesignGoal
+    candidates: Mapping[str, Candidate]
+    power: PowerTable
+    plane: StudyDesign
+    worth: FloatArray
+    seed: int
+
+    def sentences(self) -> list[str]:
+        """Why these pairs, and what they and others tell, a line each."""
+        share = self.design.n_trials / self.design.total
+        first, index = np.unique(self.design.s1, return_inverse=True)
+        of_first = np.bincount(index, share)
+        frequent = np.sort(np.argsort(-of_first)[:4])
+        firsts = ", ".join(f"{first[i]:g} ({100 * of_first[i]:.0f} %)" for i in frequent)
+        lines = [
+            f"first stimuli of most trials: {firsts}; only first stimuli far apart tell a "
+            "contraction from a constant error"
+        ]
+        for name, candidate in self.candidates.items():
+            lines.append(f"{name}: expected sd of {candidate.describe()}")
+        if contraction_information(self.design.unanswered) < 1.0:
+            lines.append(
+                f"these pairs cannot show a contraction: {TYPICAL_TRIALS} trials say less of it "
+                "than its prior; a wider range of first stimuli can"
+            )
+        return [*lines, *self.power.sentences(OPTIMISED)]
+
+    def text(self) -> str:
+        """The design, why it is so, and what it and others tell, as a file of Markdown."""
+        frame = self.design.frame()
+        table = [" | ".join(frame.columns), " | ".join("---" for _ in frame.columns)]
+        for row in frame.itertuples(index=False):
+            table.append(" | ".join(f"{value:g}" for value in row))
+        lines = [f"# A design of {self.design.total} trials, for: {self.goal.aim}", ""]
+        lines += [f"* {sentence}" for sentence in self.sentences()]
+        lines += ["", *(f"| {row} |" for row in table), "", f"Seed {self.seed}.", ""]
+        return "\n".join(lines)
+
+
+def grid(lowest: float, highest: float, step: float) -> FloatArray:
+    """Levels from lowest to highest, natural-log intensity."""
+    if not (np.isfinite([lowest, highest]).all() and lowest < highest):
+        raise InputError(
+            f"--lowest {lowest:g} --highest {highest:g}: allowed are finite numbers, the first the "
+            "smaller one"
+        )
+    if not 0.0 < step <= highest - lowest:
+        raise InputError(
+            f"--step {step:g}: allowed is above 0 and at most the range, {highest - lowest:g}"
+        )
+    n_steps = np.floor((highest - lowest) / step + 1e-9)
+    return np.asarray(np.round(lowest + step * np.arange(n_steps + 1), 12) + 0.0)
+
+
+def read_levels(path: str | Path, reference: float | None = None) -> FloatArray:
+    """Levels in the column s of a CSV file; or amplitudes in the column i, with their reference."""
+    name = "s" if reference is None else "i"
+    levels = read_numbers(path, (name,))[1][name]
+    if reference is not None:
+        if (levels <= 0).any():
+            raise InputError(f"{path}: column i: allowed are positive numbers")
+        levels = np.log(levels / reference)
+    levels = np.unique(levels)
+    if len(levels) < 2:
+        raise InputError(
+            f"{path}: column {name}: found {len(levels)} level, allowed: at least two different ones"
+        )
+    return np.asarray(levels)
+
+
+def optimal_design(
+    levels: FloatArray,
+    trials: int = 650,
+    goal: DesignGoal | None = None,
+    observers: str | Path | Sequence[Observer] | None = None,
+    *,
+    data_sets: int = JUDGED,
+    seed: int | None = None,
+    prior: Prior | str | None = None,
+    workers: Workers = None,
+    progress: Progress | None = None,
+) -> OptimalDesign:
+    """The design of so many trials that tells most of what is asked about assumed observers.
+
+    Both orders of two stimuli are equally frequent in it.
+
+    Parameters
+    ----------
+    levels : array, shape (levels,)
+        Intensities that can be shown, natural log; see :func:`grid` and :func:`read_levels`.
+    trials : int
+    goal : DesignGoal, optional
+    observers
+        As :func:`bayes_toe.design.power.power` takes them.
+    data_sets : int
+        Simulated observers of each kind who judge it and its rivals.
+    seed, prior, workers, progress
+        As there.
+
+    Raises
+    ------
+    InputError
+        If something is not allowed.
+    """
+    goal, root = DesignGoal() if goal is None else goal, root_seed(seed)
+    own_prior = observer_prior(prior)
+    levels = np.unique(np.asarray(levels, np.float64))
+    plane = _pairs_to_show(levels, goal)
+    assumed = assume_observers(observers, ASSUMED, root, [plane], own_prior)
+    judges = assume_observers(observers, data_sets, root, [plane], own_prior)
+    candidates, worth = compare_designs(levels, trials, goal, assumed, root, own_prior)
+    designs = [(name, candidate.design) for name, candidate in candidates.items()]
+    table = simulate_power(designs, judges, root, own_prior, workers, progress)
+    design = candidates[OPTIMISED].design
+    return OptimalDesign(design, goal, candidates, table, plane, worth, root)
+
+
+def compare_designs(
+    levels: FloatArray,
+    trials: int,
+    goal: DesignGoal,
+    observers: Sequence[Observer],
+    seed: int = 0,
+    prior: ObserverPrior = DEFAULT_PRIOR,
+) -> tuple[dict[str, Candidate], FloatArray]:
+    """The best design and its rivals, by the closed form; and what one more trial of each pair adds."""
+    plane = _pairs_to_show(levels, goal)
+    fixed = np.zeros(plane.n_pairs, np.int64)
+    if goal.keep is not None:
+        fixed[[plane.pairs.index(pair) for pair in goal.keep.pairs]] = goal.keep.n_trials
+    n_left, n_kept = trials - int(fixed.sum()), int((fixed > 0).sum())
+    if n_left < _FEWEST:
+        taken = f", {trials - n_left} of which --keep has taken" if n_kept else ""
+        raise InputError(f"--trials {trials}{taken}: allowed is at least {_FEWEST} to distribute")
+    if n_kept >= goal.max_pairs:
+        raise InputError(
+            f"--max-pairs {goal.max_pairs}: --keep has {n_kept} already; allowed is more"
+        )
+    scales = StimulusScales.from_subject(plane.unanswered)
+    of_plane = information(plane, observers, goal.aim, prior, scales)
+    most_pairs = min(goal.max_pairs, n_left + n_kept)
+    n_trials = exchange_trials(of_plane, n_left, most_pairs, fixed, _turned(plane))
+
+    def candidate(design: StudyDesign) -> Candidate:
+        own = information(design, observers, goal.aim, prior, scales)
+        total = own.total(design.n_trials)
+        sd = dict(zip(AIMS[goal.aim], own.standard_deviations(total).tolist(), strict=True))
+        return Candidate(design, own.utility(total), sd)
+
+    chosen = np.flatnonzero(n_trials)
+    candidates = {OPTIMISED: candidate(plane.select(chosen, n_trials[chosen]))}
+    for name, design in _rivals(levels, plane, goal, seed).items():
+        if design.n_pairs <= trials:
+            candidates[name] = candidate(design.with_total(trials))
+    total = of_plane.total(n_trials)
+    return candidates, of_plane.utilities(total, 1.0) - of_plane.utility(total)
+
+
+def _pairs_to_show(levels: FloatArray, goal: DesignGoal) -> StudyDesign:
+    """Ordered pairs of levels, and those that are kept."""
+    number = len(levels) ** 2
+    if number > _MOST_PAIRS:
+        raise InputError(
+            f"{len(levels)} levels make {number:,} pairs: allowed are {_MOST_PAIRS:,}; a larger --step"
+        )
+    plane = all_pairs(levels, goal.task)
+    if goal.keep is None:
+        return plane
+    columns = np.hstack([plane.columns, goal.keep.columns])
+    return each_once(*np.unique(columns, axis=1), task=goal.task)
+
+
+def _turned(plane: StudyDesign) -> IndexArray:
+    """The place of each pair in the other order; its own where that cannot be shown."""
+    places = {pair: place for place, pair in enumerate(plane.pairs)}
+    return np.array([places.get((s2, s1), place) for (s1, s2), place in places.items()])
+
+
+def _rivals(
+    levels: FloatArray, plane: StudyDesign, goal: DesignGoal, seed: int
+) -> dict[str, StudyDesign]:
+    """The paper's pairs where they lie in the range, a full factorial, and random pairs."""
+    rivals = {}
+    paper = paper_study_design(task=goal.task)
+    if levels[0] <= paper.s1.min() and paper.s1.max() <= levels[-1]:
+        rivals[PAPER] = paper
+    places = np.linspace(0, len(levels) - 1, min(_LEVELS, len(levels))).round().astype(int)
+    rivals[FULL] = all_pairs(levels[places], goal.task)
+    n_pairs = min(goal.max_pairs, plane.n_pairs)
+    rng = generator(seed, "random pairs")
+    rivals[RANDOM] = plane.select(rng.choice(plane.n_pairs, n_pairs, replace=False))
+    return rivals

@@ -1,0 +1,383 @@
+"""How often a design answers the three questions: simulate assumed observers, count the words.
+
+Every simulated data set goes the way of a subject: the evidences of the four models, then the words.
+Counted are the words about the order effect, the constant error and the contraction; beside them
+stand the mean widths of the 95 % intervals of the sizes.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.special import betaincinv, ndtri
+
+from bayes_toe.answers.order_effect import QUESTIONS, OrderEffect, order_effect
+from bayes_toe.answers.verdict_words import Word
+from bayes_toe.checks.identification import identify
+from bayes_toe.data.messages import listed
+from bayes_toe.data.tables import Table, frame_of
+from bayes_toe.data.tasks import SAME_DIFFERENT, Task
+from bayes_toe.design.observers import Observer, assume_observers
+from bayes_toe.design.study_design import StudyDesign, paper_study_design
+from bayes_toe.errors import InputError
+from bayes_toe.inference.order_evidence import BATCH, order_evidence
+from bayes_toe.model.parameters import ObserverPrior
+from bayes_toe.model.prior import Prior
+from bayes_toe.model.study_prior import preset_or_file
+from bayes_toe.seeds import root_seed
+from bayes_toe.workers import Progress, Workers, run_in_order
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+#: Columns of power.csv and of power_data_sets.csv.
+POWER_COLUMNS = (
+    "design",
+    "trials",
+    "observers",
+    "quantity",
+    "answer",
+    "value",
+    "low",
+    "high",
+    "data_sets",
+)
+#: Sizes whose 95 % intervals are measured.
+WIDTHS = ("pse_shift_jnd", "contraction_p")
+DATA_SET_COLUMNS = (
+    *("design", "trials", "observers", "observer", "true_constant_error", "true_contraction"),
+    *QUESTIONS,
+    *(f"p_{question}" for question in QUESTIONS),
+    *(f"{size}_width" for size in WIDTHS),
+)
+#: The answer 'yes' or 'probably', and the entry of the mean width of an interval.
+FOUND, WIDTH = "yes or probably", "95 % width"
+TRIALS, DATA_SETS = (325, 650, 1300), 50
+_WORDS = tuple(word for word in Word if word is not Word.NOT_INTERPRETABLE)
+_TAIL = 0.025  # of the intervals of Monte Carlo error, on each side
+
+
+@dataclass(frozen=True)
+class DataSet:
+    """One simulated observer's answers to a design, and what is concluded of them."""
+
+    design: str
+    trials: int
+    observer: Observer
+    answer: OrderEffect
+
+    def width(self, size: str) -> float:
+        """The width of the 95 % interval of a size."""
+        interval = self.answer.sizes[size]
+        return interval.q975 - interval.q025
+
+    @property
+    def cells(self) -> tuple[object, ...]:
+        """The entries of :data:`DATA_SET_COLUMNS`."""
+        truth = self.observer.parameters
+        return (
+            self.design,
+            self.trials,
+            self.observer.kind,
+            self.observer.name,
+            truth["constant_error"],
+            truth["contraction"],
+            *(self.answer.word(question) for question in QUESTIONS),
+            *(self.answer.probabilities[question] for question in QUESTIONS),
+            *(self.width(size) for size in WIDTHS),
+        )
+
+
+@dataclass(frozen=True)
+class PowerEstimate:
+    """A share or a mean over simulated data sets, with the 95 % interval of its Monte Carlo error.
+
+    Attributes
+    ----------
+    design : str
+    trials : int
+    observers : str
+        The kind.
+    quantity : str
+        One of the three questions, or one of :data:`WIDTHS`.
+    answer : str
+        The word that is counted, :data:`FOUND`, or :data:`WIDTH`.
+    value, low, high : float
+    data_sets : int
+    """
+
+    design: str
+    trials: int
+    observers: str
+    quantity: str
+    answer: str
+    value: float
+    low: float
+    high: float
+    data_sets: int
+
+    @property
+    def hits(self) -> str:
+        """Of how many data sets it is so."""
+        return f"{self.value * self.data_sets:.0f} of {self.data_sets}"
+
+    @property
+    def percent(self) -> str:
+        """A share in words."""
+        return f"{100 * self.value:.0f} % ({100 * self.low:.0f} to {100 * self.high:.0f})"
+
+
+@dataclass(frozen=True, eq=False)
+class PowerTable(Table[PowerEstimate]):
+    """What is counted of simulated data sets, a share or a mean a row.
+
+    Attributes
+    ----------
+    rows : tuple of PowerEstimate
+    data_sets : tuple of DataSet
+    seed : int
+    """
+
+    data_sets: tuple[DataSet, ...]
+    seed: int
+
+    @classmethod
+    def from_data_sets(cls, data_sets: Iterable[DataSet], seed: int) -> PowerTable:
+        """Count the words and average the widths."""
+        data_sets = tuple(data_sets)
+        groups = defaultdict(list)
+        for data_set in data_sets:
+            groups[data_set.design, data_set.trials, data_set.observer.kind].append(data_set)
+        rows: list[PowerEstimate] = []
+        for key, members in groups.items():
+            rows += _count_words(key, members)
+            for size in WIDTHS:
+                estimate = mean([member.width(size) for member in members])
+                rows.append(PowerEstimate(*key, size, WIDTH, *estimate, len(members)))
+        return cls(tuple(rows), data_sets, seed)
+
+    @cached_property
+    def _by_key(self) -> dict[tuple[str, int, str, str, str], PowerEstimate]:
+        return {
+            (row.design, row.trials, row.observers, row.quantity, row.answer): row
+            for row in self.rows
+        }
+
+    def __getitem__(self, key: tuple[str, int, str, str, str]) -> PowerEstimate:
+        """A row, by (design, trials, kind of observers, quantity, answer)."""
+        if key not in self._by_key:
+            answers = listed(self.different("answer"))
+            raise InputError(f"nothing counted for {key!r}; answers: {answers}")
+        return self._by_key[key]
+
+    def different(self, name: str) -> tuple[str, ...]:
+        """The different values of a column, in their order."""
+        return tuple(dict.fromkeys(getattr(row, name) for row in self.rows))
+
+    @property
+    def designs(self) -> tuple[tuple[str, int], ...]:
+        """Designs with their numbers of trials."""
+        return tuple(dict.fromkeys((row.design, row.trials) for row in self.rows))
+
+    def has_effect(self, kind: str, question: str) -> bool:
+        """Whether observers of a kind have the effect that is asked about."""
+        return any(
+            data_set.observer.has_effect[question]
+            for data_set in self.data_sets
+            if data_set.observer.kind == kind
+        )
+
+    def found(
+        self, design: str, trials: int, question: str, *, has_effect: bool
+    ) -> tuple[float, float, float] | None:
+        """The share with 'yes' or 'probably' of all observers with an effect, or of all without.
+
+        With the ends of its 95 % interval; None where there are no such observers.
+        """
+        words = [
+            data_set.answer.words[question]
+            for data_set in self.data_sets
+            if (data_set.design, data_set.trials) == (design, trials)
+            and data_set.observer.has_effect[question] == has_effect
+        ]
+        if not words:
+            return None
+        return share(sum(word.is_positive for word in words), len(words))
+
+    def frame(self) -> pd.DataFrame:
+        """The table with the columns of power.csv."""
+        return frame_of(self.rows, POWER_COLUMNS)
+
+    def data_sets_frame(self) -> pd.DataFrame:
+        """Every simulated data set, with the columns of power_data_sets.csv."""
+        import pandas as pd
+
+        cells = [data_set.cells for data_set in self.data_sets]
+        return pd.DataFrame(cells, columns=list(DATA_SET_COLUMNS))
+
+    def sentences(self, only: str = "") -> list[str]:
+        """How often each effect is seen, and how often wrongly, a line a design and question.
+
+        With `only`, the lines of one design.
+        """
+        lines = []
+        for design, trials in self.designs:
+            if only not in ("", design):
+                continue
+            for question in QUESTIONS:
+                seen, wrong = [], []
+                for kind in self.different("observers"):
+                    estimate = self[design, trials, kind, question, FOUND]
+                    if self.has_effect(kind, question):
+                        seen.append(f"{kind} {estimate.percent}")
+                    else:
+                        wrong.append(f"{kind} {estimate.hits}")
+                parts = [f"seen in {', '.join(seen)}"] if seen else []
+                parts += [f"wrongly in {', '.join(wrong)}"] if wrong else []
+                lines.append(
+                    f"{design}, {trials} trials, {question.replace('_', ' ')}: {'; '.join(parts)}"
+                )
+        return lines
+
+
+def _count_words(key: tuple[str, int, str], members: Sequence[DataSet]) -> list[PowerEstimate]:
+    """The share of each word about each question."""
+    rows = []
+    for question in QUESTIONS:
+        words = [member.answer.words[question] for member in members]
+        n_found = sum(word.is_positive for word in words)
+        counts = {word.value: words.count(word) for word in _WORDS} | {FOUND: n_found}
+        for answer, count in counts.items():
+            estimate = share(count, len(words))
+            rows.append(PowerEstimate(*key, question, answer, *estimate, len(words)))
+    return rows
+
+
+def share(hits: int, size: int) -> tuple[float, float, float]:
+    """A share and its 95 % interval, by Jeffreys' prior; an end is 0 or 1 where no or every try hits.
+
+    Examples
+    --------
+    >>> [round(value, 3) for value in share(7, 20)]
+    [0.35, 0.172, 0.568]
+    """
+    a, b = hits + 0.5, size - hits + 0.5
+    low = 0.0 if hits == 0 else float(betaincinv(a, b, _TAIL))
+    high = 1.0 if hits == size else float(betaincinv(a, b, 1.0 - _TAIL))
+    return hits / size, low, high
+
+
+def mean(values: Sequence[float]) -> tuple[float, float, float]:
+    """A mean and its 95 % interval, whose ends are NaN where there is one value only."""
+    middle, error = float(np.mean(values)), float("nan")
+    if len(values) > 1:
+        standard_error = np.std(values, ddof=1) / np.sqrt(len(values))
+        error = float(standard_error * ndtri(1.0 - _TAIL))
+    return middle, middle - error, middle + error
+
+
+# --- Simulation -----------------------------------------------------------------------------------
+
+
+def power(
+    design: StudyDesign | Mapping[str, StudyDesign] | None = None,
+    trials: Sequence[int] = TRIALS,
+    observers: str | Path | Sequence[Observer] | None = None,
+    *,
+    data_sets: int = DATA_SETS,
+    seed: int | None = None,
+    prior: Prior | str | None = None,
+    workers: Workers = None,
+    progress: Progress | None = None,
+) -> PowerTable:
+    """How often a design shows the effects of assumed observers, how often wrongly, how precisely.
+
+    Parameters
+    ----------
+    design : StudyDesign or mapping of str to StudyDesign, optional
+        Or several by name; by default the paper's 13 pairs.
+    trials : sequence of int
+        Numbers of trials of one subject, shared among the pairs as the design shares its own.
+    observers : str, path or sequence of Observer, optional
+        As :func:`bayes_toe.design.observers.assume_observers` takes them.
+    data_sets : int
+        Observers of each kind, each with one data set a design and number of trials.
+    seed, prior, workers, progress
+        As in :func:`bayes_toe.analysis.evidence`.
+
+    Raises
+    ------
+    InputError
+        If there are fewer trials than pairs, something is not allowed, or observers would always
+        answer alike.
+
+    Examples
+    --------
+    >>> table = power(trials=[130], observers="both", data_sets=2, seed=1, workers=1)
+    >>> table["the paper's pairs", 130, "both", "order_effect", "yes"].data_sets
+    2
+    """
+    designs = name_designs(design)
+    root, own_prior = root_seed(seed), observer_prior(prior)
+    assumed = assume_observers(observers, data_sets, root, list(designs.values()), own_prior)
+    totals = dict.fromkeys(trials)
+    planned = [(name, one.with_total(n)) for name, one in designs.items() for n in totals]
+    return simulate_power(planned, assumed, root, own_prior, workers, progress)
+
+
+def observer_prior(prior: Prior | str | None) -> ObserverPrior:
+    """The prior of the four models that a prior, a preset or a file has."""
+    return (prior if isinstance(prior, Prior) else preset_or_file(prior)).observer
+
+
+def name_designs(
+    design: StudyDesign | Mapping[str, StudyDesign] | None, task: Task | str = SAME_DIFFERENT
+) -> Mapping[str, StudyDesign]:
+    """Designs by name; the paper's for a task where there is none."""
+    if design is None:
+        return {"the paper's pairs": paper_study_design(task=task)}
+    if isinstance(design, StudyDesign):
+        return {"these pairs": design}
+    return design
+
+
+def simulate_power(
+    designs: Sequence[tuple[str, StudyDesign]],
+    observers: Sequence[Observer],
+    seed: int,
+    prior: ObserverPrior,
+    workers: Workers = None,
+    progress: Progress | None = None,
+) -> PowerTable:
+    """All observers answer all designs; a job is a batch of observers with one design."""
+    jobs, names = [], []
+    for name, design in designs:
+        for start in range(0, len(observers), BATCH):
+            batch = observers[start : start + BATCH]
+            jobs.append(partial(simulate_batch, name, design, batch, seed, prior))
+            names.append(tuple(observer.name for observer in batch))
+    results = run_in_order(jobs, workers, progress, names)
+    return PowerTable.from_data_sets((row for batch in results for row in batch), seed)
+
+
+def simulate_batch(
+    name: str,
+    design: StudyDesign,
+    observers: Sequence[Observer],
+    seed: int,
+    prior: ObserverPrior,
+) -> list[DataSet]:
+    """The answers of some observers to a design, and what is concluded of each."""
+    subjects = [observer.answers(design, seed) for observer in observers]
+    identification = identify(design.unanswered)
+    data_sets = []
+    for observer, evidence in zip(observers, order_evidence(subjects, seed, prior), strict=True):
+        answer = order_effect(evidence, identification)
+        data_sets.append(DataSet(name, design.total, observer, answer))
+    return data_sets

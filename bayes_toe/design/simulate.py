@@ -1,0 +1,663 @@
+"""Synthetic studies: a design, observers, a seed.
+
+Observers have the parameters of the four models, or those of the paper's model (H1), by which the
+bundled examples were made.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import ndtr
+
+from bayes_toe.arrays import BoolArray, FloatArray, IntArray
+from bayes_toe.data.answers import Answers
+from bayes_toe.data.conditions import Conditions, felt_together
+from bayes_toe.data.covariates import level_words
+from bayes_toe.data.messages import quoted
+from bayes_toe.data.read_study import Truth
+from bayes_toe.data.study import Study, Subject
+from bayes_toe.data.tasks import SAME_DIFFERENT, Task, task_of
+from bayes_toe.data.validation import AT, number, read_numbers
+from bayes_toe.design.observers import KINDS, PRIOR, Observer, assume_observers, make_observer
+from bayes_toe.design.study_design import (
+    PAPER_AMPLITUDES,
+    PAPER_BATCHES,
+    BatchDesign,
+    StudyDesign,
+    at_intervals,
+    full_design,
+    reference_design,
+)
+from bayes_toe.errors import InputError
+from bayes_toe.model.closed_form import (
+    equal_probability,
+    evolved_mean,
+    pull,
+    require_natural,
+    variance_ratio,
+)
+from bayes_toe.model.coordinates import Natural, natural_names
+from bayes_toe.model.intervals import at_interval
+from bayes_toe.model.parameters import task_parameters
+from bayes_toe.seeds import generator, root_seed
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+#: The population of observers of the paper's kinds.
+PAPER = "paper"
+POPULATIONS = (PAPER, *KINDS, PRIOR)
+#: What may differ between conditions: sizes are differences, of the noise those of its logarithm.
+DIFFERING = ("constant_error", "contraction", "noise")
+_ALLOWED_DIFFERENCE = (
+    f"QUANTITY=SIZE, or QUANTITY=SIZE:SD with the sd between subjects, of {', '.join(DIFFERING)}, "
+    "separated by commas"
+)
+_RETIRED_DIFFERENCES = {
+    "pull": "contraction",
+    "gain": "contraction",
+    "constant error": "constant_error",
+    "width": "noise",
+}
+_DESIGNS = {"reference": reference_design, "full": full_design}
+Sizes: TypeAlias = Mapping[str, float | tuple[float, float]]
+
+
+# --- Observers of the paper's model ---------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class PaperObserver:
+    """An observer of the paper's model (H1); the lapse rate takes the place of q0 in 2AFC.
+
+    Attributes
+    ----------
+    name : str
+    natural : Natural
+        Its parameters, scalars; with intervals sigma_p is per square root of a second.
+    task : Task
+    """
+
+    name: str
+    natural: Natural
+    task: Task = SAME_DIFFERENT
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """The natural parameters by name."""
+        names = natural_names(self.task)
+        return dict(zip(names, map(float, self.natural), strict=True))
+
+    def p_trials(
+        self, s1: FloatArray, s2: FloatArray, isi: FloatArray | None, share: float
+    ) -> FloatArray:
+        """Probability of the answer that the task counts, in the order of trials."""
+        natural = self.natural if isi is None else at_interval(self.natural, isi)
+        if share:
+            contraction = np.broadcast_to(pull(natural.gamma), s1.shape)
+            middle = 0.5 * (s1.mean() + s2.mean())
+            expected = carried_expectation(s1 - middle, s2 - middle, contraction, share)
+            natural = natural._replace(mu1=natural.mu1 + expected)
+        if self.task == SAME_DIFFERENT:
+            return np.asarray(equal_probability(s1, s2, *natural))
+        distance = s2 - evolved_mean(s1, natural.mu1, natural.gamma)
+        z = distance / (variance_ratio(natural.gamma) * natural.sigma_p)
+        return np.asarray(0.5 * natural.q0 + (1.0 - natural.q0) * ndtr(z))
+
+
+def paper_population(
+    size: int, rng: np.random.Generator, task: Task = SAME_DIFFERENT
+) -> list[PaperObserver]:
+    """Observers of the paper's kinds in turn: A, B, C, B, A, and every sixteenth the inset C.
+
+    A: prior mean below the stimuli, mu1 ~ Normal(-0.5, 0.15); more accurate with the weaker stimulus
+    first. B: above the stimuli, mu1 ~ Normal(0.95, 0.2); more accurate with the stronger first.
+    C: among the stimuli, mu1 ~ Normal(0.25, 0.08); nearly symmetric. Inset C of Fig. 4: mu1 = -0.6
+    but sigma_l = 0.02, so symmetric all the same. For all: sigma_p = 0.22 exp(0.15 Normal(0, 1)),
+    gamma ~ Uniform(0.1, 0.5), q0 ~ Beta(40, 4), or the lapse rate ~ Beta(2, 30).
+    """
+    kinds = np.array([(-0.5, 0.15), (0.95, 0.2), (0.25, 0.08), (0.95, 0.2), (-0.5, 0.15)])
+    of_subject = kinds[np.arange(size) % 5]
+    mu1 = rng.normal(of_subject[:, 0], of_subject[:, 1])
+    sigma_p = 0.22 * np.exp(0.15 * rng.standard_normal(size))
+    sigma_l = sigma_p * np.sqrt(rng.uniform(0.1, 0.5, size))
+    shape = (40.0, 4.0) if task == SAME_DIFFERENT else (2.0, 30.0)
+    lapses = rng.beta(*shape, size)
+    is_inset = np.arange(size) % 16 == 15
+    mu1, sigma_l = np.where(is_inset, -0.6, mu1), np.where(is_inset, 0.02, sigma_l)
+    rows = zip(subject_names(size), mu1, sigma_p, sigma_l, lapses, strict=True)
+    return [PaperObserver(name, Natural(*values), task) for name, *values in rows]
+
+
+def subject_names(size: int) -> list[str]:
+    """S01, S02 and so on, all of one length.
+
+    Examples
+    --------
+    >>> subject_names(2), subject_names(100)[0]
+    (['S01', 'S02'], 'S001')
+    """
+    width = max(2, len(str(size)))
+    return [f"S{i + 1:0{width}d}" for i in range(size)]
+
+
+# --- Conditions -----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class ConditionDifferences:
+    """Conditions within subjects, and what differs between the first and the last of them.
+
+    Steps go evenly from -1/2 at the first level to 1/2 at the last; of numbers they are
+    (x - mean)/range. An observer has its own parameters in the middle.
+
+    Attributes
+    ----------
+    conditions : Conditions
+    sizes : mapping
+        By one of :data:`DIFFERING` the mean difference, and its sd between subjects.
+
+    Examples
+    --------
+    >>> differences = ConditionDifferences.of(["2", "6", "4"], {"contraction": 0.2})
+    >>> differences.steps.tolist(), differences.sizes
+    ([-0.5, 0.5, 0.0], {'contraction': (0.2, 0.0)})
+    """
+
+    conditions: Conditions
+    sizes: Mapping[str, tuple[float, float]]
+
+    @classmethod
+    def of(cls, levels: Sequence[str], differ: Sizes | None = None) -> ConditionDifferences:
+        """Of these levels, by these sizes, each with the sd between subjects or without."""
+        values = [number(level, decimal_comma=False) for level in levels]
+        is_numeric = bool(np.isfinite(values).all())
+        names = tuple(level_words(values) if is_numeric else levels)
+        is_named = all(name and AT not in name for name in names)
+        if len(names) < 2 or len(set(names)) < len(names) or not is_named:
+            raise InputError(
+                f"--conditions: found {quoted(','.join(levels))}, allowed: two levels and more, "
+                f"each once, without {AT}"
+            )
+        sizes = {}
+        for name, value in (differ or {}).items():
+            size, sd = (value, 0.0) if isinstance(value, int | float) else value
+            if name in _RETIRED_DIFFERENCES:
+                raise InputError(
+                    f"--differ: {name!r} is retired: {_RETIRED_DIFFERENCES[name]}, of observers "
+                    "such as --population both"
+                )
+            if name not in DIFFERING or not (np.isfinite([size, sd]).all() and sd >= 0.0):
+                raise InputError(
+                    f"--differ: found {quoted(f'{name}={size:g}:{sd:g}')}, "
+                    f"allowed: {_ALLOWED_DIFFERENCE}"
+                )
+            sizes[name] = (float(size), float(sd))
+        return cls(Conditions("condition", names, is_numeric), sizes)
+
+    @property
+    def steps(self) -> FloatArray:
+        """Where each level is between the first and the last one, shape (levels,)."""
+        if self.conditions.numeric:
+            return self.conditions.design()[:, 0]
+        return np.linspace(-0.5, 0.5, len(self.conditions.levels))
+
+    def observers(self, observer: SimulatedObserver, seed: int) -> list[SimulatedObserver]:
+        """An observer in every condition, named such as S01@left."""
+        names = [f"{observer.name}{AT}{level}" for level in self.conditions.levels]
+        if isinstance(observer, PaperObserver):
+            if self.sizes:
+                raise InputError(
+                    "--differ: allowed with observers of the four models, such as --population both"
+                )
+            return [replace(observer, name=name) for name in names]
+        rng = generator(seed, observer.name, "differences between conditions")
+        drawn = {
+            name: size + sd * float(rng.standard_normal())
+            for name, (size, sd) in self.sizes.items()
+        }
+        moved: list[SimulatedObserver] = []
+        for name, step in zip(names, self.steps.tolist(), strict=True):
+            parameters = dict(observer.parameters)
+            for key, size in drawn.items():
+                if key == "noise":
+                    parameters[key] *= float(np.exp(step * size))
+                else:
+                    parameters[key] += step * size
+            moved.append(make_observer(name, observer.kind, parameters, observer.task))
+        return moved
+
+
+def read_differences(conditions: str | None, differ: str | None) -> ConditionDifferences | None:
+    """What `--conditions` and `--differ` say; None without conditions.
+
+    Examples
+    --------
+    >>> read_differences("left,right", "contraction=0.2:0.1,noise=0.3").sizes
+    {'contraction': (0.2, 0.1), 'noise': (0.3, 0.0)}
+    """
+    if conditions is None:
+        if differ is not None:
+            raise InputError("--differ: allowed with --conditions, between which observers differ")
+        return None
+    sizes = {}
+    for part in differ.split(",") if differ else ():
+        name, _, value = part.partition("=")
+        size, _, sd = value.partition(":")
+        try:
+            sizes[name.strip()] = float(size), float(sd or 0.0)
+        except ValueError:
+            raise InputError(
+                f"--differ: found {quoted(part)}, allowed: {_ALLOWED_DIFFERENCE}"
+            ) from None
+    levels = [level.strip() for level in conditions.split(",")]
+    return ConditionDifferences.of(levels, sizes)
+
+
+# --- Trials ---------------------------------------------------------------------------------------
+
+SimulatedObserver: TypeAlias = "Observer | PaperObserver"
+
+
+@dataclass(frozen=True, eq=False)
+class SimulatedTrials:
+    """Single trials of one synthetic subject in the order of presentation.
+
+    Attributes
+    ----------
+    observer : Observer or PaperObserver
+        In a condition it is named such as S01@left.
+    batch : ndarray, shape (trials,)
+    s1, s2 : ndarray, shape (trials,)
+    yes : ndarray of bool, shape (trials,)
+        Whether the answer is the one that the task counts.
+    is_missed : ndarray of bool, shape (trials,)
+        Where nobody answered in time.
+    isi : ndarray, shape (trials,), optional
+    condition : str
+    """
+
+    observer: SimulatedObserver
+    batch: IntArray
+    s1: FloatArray
+    s2: FloatArray
+    yes: BoolArray
+    is_missed: BoolArray
+    isi: FloatArray | None = None
+    condition: str = ""
+
+    @property
+    def subject(self) -> str:
+        """Name of the subject, or of the subject in a condition."""
+        return self.observer.name
+
+    @property
+    def task(self) -> Task:
+        """What was asked."""
+        return self.observer.task
+
+    @property
+    def truth(self) -> dict[str, float]:
+        """The observer's parameters by name."""
+        return dict(self.observer.parameters)
+
+    @property
+    def answered(self) -> Subject:
+        """The subject with these answers, in their order."""
+        columns = [self.s1, self.s2] if self.isi is None else [self.s1, self.s2, self.isi]
+        n_yes = np.where(self.yes & ~self.is_missed, 1, 0)
+        n_trials = np.where(self.is_missed, 0, 1)
+        place = np.arange(len(self.yes))
+        answers = Answers(np.column_stack(columns), n_yes, n_trials, None, (), True, place)
+        subject = Subject.from_answers(self.subject, answers, self.task)
+        return replace(subject, condition=self.condition)
+
+
+def simulate_trials(
+    observers: Iterable[SimulatedObserver],
+    design: BatchDesign,
+    seed: int,
+    *,
+    carry_over: float = 0.0,
+    missed: float = 0.0,
+    differences: ConditionDifferences | None = None,
+) -> list[SimulatedTrials]:
+    """Answers of every observer, in every condition where there are some.
+
+    Each random stream is keyed by the observer's name.
+
+    Parameters
+    ----------
+    observers : iterable
+    design : BatchDesign
+    seed : int
+    carry_over : float
+        Share of what is expected after a trial that is carried over to the next one.
+    missed : float
+        Share of trials that nobody answers in time.
+    differences : ConditionDifferences, optional
+    """
+    for option, value in (("--carry-over", carry_over), ("--missed", missed)):
+        if not 0.0 <= value < 1.0:
+            raise InputError(f"{option}: found {value:g}, allowed: a number from 0 to below 1")
+    trials = []
+    for observer in observers:
+        if differences is None:
+            trials.append(_observer_trials(observer, design, seed, carry_over, missed))
+            continue
+        in_conditions = differences.observers(observer, seed)
+        levels = differences.conditions.levels
+        for level, moved in zip(levels, in_conditions, strict=True):
+            answered = _observer_trials(moved, design, seed, carry_over, missed)
+            trials.append(replace(answered, condition=level))
+    return trials
+
+
+def _observer_trials(
+    observer: SimulatedObserver, design: BatchDesign, seed: int, carry_over: float, missed: float
+) -> SimulatedTrials:
+    """Those of one observer."""
+    rng = generator(seed, observer.name, "trials")
+    n_pairs = len(design.s1)
+    order = np.argsort(rng.uniform(size=(design.batches, n_pairs)), axis=1).ravel()
+    s1, s2 = design.s1[order], design.s2[order]
+    isi = None if design.isi is None else design.isi[order]
+    if isinstance(observer, PaperObserver):
+        p_yes = observer.p_trials(s1, s2, isi, carry_over)
+    else:
+        sbar = float(s1.mean())
+        contraction = np.full(len(s1), observer.parameters["contraction"])
+        expected = carried_expectation(s1 - sbar, s2 - sbar, contraction, carry_over)
+        p_yes = observer.p_yes(s1, s2, sbar, expected)
+    batch = np.repeat(np.arange(1, design.batches + 1), n_pairs)
+    yes = rng.uniform(size=len(p_yes)) < p_yes
+    is_missed = rng.uniform(size=len(p_yes)) < missed
+    return SimulatedTrials(observer, batch, s1, s2, yes, is_missed, isi)
+
+
+def carried_expectation(
+    first: FloatArray, second: FloatArray, contraction: FloatArray, share: float
+) -> FloatArray:
+    """What is expected of every first stimulus: a share of the belief after the trial before.
+
+    Parameters
+    ----------
+    first, second, contraction : ndarray, shape (trials,)
+        Stimuli from their mean, and the share by which the first one is drawn to what is expected.
+    share : float
+    """
+    expected = np.zeros(len(first))
+    if share == 0.0:
+        return expected
+    for t in range(len(first) - 1):
+        p = contraction[t]
+        memory = (1.0 - p) * first[t] + p * expected[t]
+        expected[t + 1] = share * ((1.0 - p) * second[t] + p * memory)
+    return expected
+
+
+# --- A study --------------------------------------------------------------------------------------
+
+
+class Simulated(NamedTuple):
+    """A synthetic study, and the parameters by subject that made it."""
+
+    study: Study
+    truth: Truth
+
+
+def simulate(  # noqa: PLR0913  # each is a choice of its own, and has a default
+    observers: int | Truth = 16,
+    *,
+    population: str = PAPER,
+    design: str | BatchDesign = "reference",
+    amplitudes: Sequence[float] = PAPER_AMPLITUDES,
+    batches: int = PAPER_BATCHES,
+    isi: Sequence[float] | None = None,
+    seed: int | None = None,
+    task: Task | str = SAME_DIFFERENT,
+    carry_over: float = 0.0,
+    missed: float = 0.0,
+    conditions: Sequence[str] = (),
+    differ: Sizes | None = None,
+) -> Simulated:
+    """Answers of synthetic observers: what `bayes-toe simulate` writes, as a study.
+
+    Parameters
+    ----------
+    observers : int or mapping
+        How many, drawn from the population; or by name the parameters of each: noise, q0,
+        lapse_rate, noise_slope, criterion_slope, constant_error and contraction, or those of the
+        paper's model, mu1, sigma_p, sigma_l and q0 (lapse_rate of 'which is stronger').
+    population : str
+        "paper", of the paper's model; "none", "small constant error", "large constant error",
+        "contraction", "repulsion", "both", or "prior", of the four models.
+    design : {"reference", "full"} or BatchDesign
+        The paper's pairs, all ordered pairs of the amplitudes, or pairs of your own.
+    amplitudes : sequence of float
+        Stimuli in units of the reference, weakest first.
+    batches : int
+        Repetitions of the whole set of pairs.
+    isi : sequence of float, optional
+        Inter-stimulus intervals, seconds: every pair at each. Only observers of the paper's model
+        depend on them; their sigma_p is per square root of a second.
+    seed : int, optional
+        Root seed; without one, fresh entropy.
+    task : Task or str
+        "same/different", or "2afc": which of the two is stronger.
+    carry_over, missed : float
+        Share of what is expected after a trial that is carried over to the next; share of trials
+        without an answer.
+    conditions : sequence of str
+        Levels of a condition within subjects, each of whom meets all pairs under each; the truth
+        is then that of units such as 'S01@left'.
+    differ : mapping, optional
+        Of constant_error, contraction and noise (its logarithm) the difference between the first
+        and the last condition, or with it the sd between subjects: {"contraction": (0.2, 0.05)}.
+
+    Raises
+    ------
+    InputError
+        For an unknown word, or a number that is not allowed.
+
+    Examples
+    --------
+    >>> study, truth = simulate(2, batches=10, seed=1)
+    >>> study
+    <Study 'simulated, seed 1', synthetic: 2 subjects ('S01', 'S02'), 260 trials>
+    >>> simulate({"A": {"noise": 0.2, "q0": 0.95, "contraction": 0.3}}, batches=5).study.names
+    ('A',)
+    """
+    task, root = task_of(task), root_seed(seed)
+    batch_design = make_batch_design(design, amplitudes, batches, isi)
+    if differ is not None and not conditions:
+        raise InputError("differ: allowed with conditions, between which observers differ")
+    differences = ConditionDifferences.of(conditions, differ) if conditions else None
+    if isinstance(observers, Mapping):
+        simulated: Sequence[SimulatedObserver] = stated_observers(observers, task)
+    elif isinstance(observers, bool) or not isinstance(observers, int) or observers < 1:
+        raise InputError(
+            f"observers: found {observers!r}, allowed: a whole number from 1, or parameters by name"
+        )
+    elif population not in POPULATIONS:
+        raise InputError(
+            f"population: found {population!r}, allowed: {', '.join(POPULATIONS)}; parameters of "
+            "your own go to `observers`"
+        )
+    else:
+        simulated = draw_population(population, observers, root, batch_design, task)
+    trials = simulate_trials(
+        simulated,
+        batch_design,
+        root,
+        carry_over=carry_over,
+        missed=missed,
+        differences=differences,
+    )
+    truth = {}
+    for answered in trials:
+        truth[answered.subject] = answered.truth
+        if carry_over:
+            truth[answered.subject]["carry_over"] = carry_over
+    subjects = tuple(answered.answered for answered in trials)
+    study = Study(subjects, f"simulated, seed {root}", synthetic=True)
+    if differences is not None:
+        study = replace(study, subjects=felt_together(study), conditions=differences.conditions)
+    return Simulated(study, truth)
+
+
+def draw_population(
+    population: str, size: int, seed: int, design: BatchDesign, task: Task = SAME_DIFFERENT
+) -> Sequence[SimulatedObserver]:
+    """Observers that `--population` names; anything but a known word is a CSV of parameters."""
+    if population == PAPER:
+        return paper_population(size, generator(seed, "population"), task)
+    if population not in POPULATIONS:
+        return read_observers(population, task)
+    counts = np.full(len(design.s1), design.batches)
+    pairs = np.column_stack([design.s1, design.s2])
+    unique, index = np.unique(pairs, axis=0, return_inverse=True)
+    n_trials = np.bincount(index.ravel(), counts).astype(np.int64)
+    shown = StudyDesign(unique[:, 0], unique[:, 1], n_trials, task=task)
+    if population == PRIOR:
+        # All four models in turn.
+        drawn = assume_observers(PRIOR, -(-size // 4), seed, [shown])
+        n_each = len(drawn) // 4
+        drawn = [drawn[model * n_each + i] for i in range(n_each) for model in range(4)]
+    else:
+        drawn = assume_observers(population, size, seed, [shown])
+    return [
+        replace(observer, name=name)
+        for name, observer in zip(subject_names(size), drawn, strict=False)
+    ]
+
+
+def stated_observers(observers: Truth, task: Task) -> list[SimulatedObserver]:
+    """Observers of parameters by name, those of the four models or of the paper's."""
+    if not observers:
+        raise InputError("observers: found none, allowed: at least one")
+    stated: list[SimulatedObserver] = []
+    for name, values in observers.items():
+        if "mu1" in values:
+            stated.append(_paper_observer(name, values, task, "observers"))
+        else:
+            stated.append(make_observer(name, "stated", values, task))
+    return stated
+
+
+def read_observers(path: str, task: Task) -> list[SimulatedObserver]:
+    """Observers of a CSV file with subject and parameters, of the four models or of the paper's."""
+    require_file(path, "--population", POPULATIONS)
+    with open(path, encoding="utf-8-sig", errors="replace") as file:
+        is_paper = "mu1" in file.readline(10_000)
+    if is_paper:
+        names, columns = read_numbers(path, natural_names(task), key="subject")
+    else:
+        all_names = tuple(parameter.name for parameter in task_parameters(task))
+        needed = tuple(name for name in all_names if name in ("noise", "q0"))
+        optional = tuple(name for name in all_names if name not in needed)
+        names, columns = read_numbers(path, needed, optional=optional, key="subject")
+    observers: list[SimulatedObserver] = []
+    for i, name in enumerate(names):
+        values = {key: float(column[i]) for key, column in columns.items()}
+        if is_paper:
+            observers.append(_paper_observer(name, values, task, path))
+        else:
+            observers.append(make_observer(name, "stated", values, task))
+    return observers
+
+
+def _paper_observer(
+    name: str, values: Mapping[str, float], task: Task, source: str
+) -> PaperObserver:
+    """An observer of the paper's model; the error of a parameter names the source."""
+    names = natural_names(task)
+    if set(values) != set(names):
+        raise InputError(
+            f"observer {name!r}: found {', '.join(values)}, allowed: {', '.join(names)}, all four"
+        )
+    natural = Natural(*(np.asarray(values[key], np.float64) for key in names))
+    try:
+        require_natural(*natural)
+    except ArithmeticError as error:
+        raise InputError(f"{source}: {str(error).replace('q0', task.lapses)}") from error
+    return PaperObserver(name, natural, task)
+
+
+def require_file(text: str, option: str, words: Iterable[str]) -> None:
+    """Refuse what is neither one of the words nor a file."""
+    if not os.path.isfile(text):  # a Path refuses names that are too long with an error of its own
+        raise InputError(
+            f"{option}: found {text!r}, allowed: {', '.join(words)}, or a CSV file that exists"
+        )
+
+
+# --- What the command is told in words and files --------------------------------------------------
+
+
+def make_batch_design(
+    design: str | BatchDesign,
+    amplitudes: str | Sequence[float],
+    batches: int,
+    isi: str | Sequence[float] | None = None,
+) -> BatchDesign:
+    """The design of `--design`, `--amplitudes`, `--isi`; no known word is a CSV of s1,s2 (isi)."""
+    if isinstance(design, BatchDesign):
+        made = design
+    elif design in _DESIGNS:
+        made = _DESIGNS[design](_numbers("--amplitudes", amplitudes), batches)
+    else:
+        require_file(design, "--design", _DESIGNS)
+        _, columns = read_numbers(design, ("s1", "s2"), optional=("isi",))
+        made = BatchDesign(columns["s1"], columns["s2"], batches, columns.get("isi"))
+    return made if isi is None else at_intervals(made, _numbers("--isi", isi))
+
+
+def trial_frame(trials: Sequence[SimulatedTrials]) -> pd.DataFrame:
+    """Trials as a table that `bayes-toe` reads, conditions in turn batch by batch.
+
+    The column `synthetic` marks them for good.
+    """
+    import pandas as pd
+
+    parts = []
+    for answered in trials:
+        ending = f"{AT}{answered.condition}" if answered.condition else ""
+        columns: dict[str, npt.ArrayLike] = {"subject": answered.subject.removesuffix(ending)}
+        if answered.condition:
+            columns["condition"] = answered.condition
+        columns |= {"batch": answered.batch, "trial": 0, "s1": answered.s1, "s2": answered.s2}
+        if answered.isi is not None:
+            columns["isi"] = answered.isi
+        response = np.where(answered.yes, answered.task.yes, answered.task.no)
+        columns |= {"response": np.where(answered.is_missed, "", response), "synthetic": 1}
+        parts.append(pd.DataFrame(columns))
+    frame = pd.concat(parts, ignore_index=True)
+    if trials[0].condition:
+        subject = pd.factorize(frame["subject"])[0]
+        order = np.lexsort([frame["batch"].to_numpy(), subject])
+        frame = frame.iloc[order].reset_index(drop=True)
+    return frame.assign(trial=frame.groupby("subject", sort=False).cumcount() + 1)
+
+
+def truth_frame(trials: Sequence[SimulatedTrials]) -> pd.DataFrame:
+    """True parameters, one row a subject, or a subject in a condition."""
+    import pandas as pd
+
+    return pd.DataFrame([{"subject": one.subject} | one.truth for one in trials])
+
+
+def _numbers(option: str, given: str | Sequence[float]) -> list[float]:
+    parts = given.split(",") if isinstance(given, str) else given
+    try:
+        return [float(part) for part in parts]
+    except ValueError:
+        raise InputError(
+            f"{option}: found {given!r}, allowed: positive numbers separated by commas"
+        ) from None

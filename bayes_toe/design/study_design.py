@@ -1,0 +1,295 @@
+"""A design: ordered pairs of stimuli, and how often each is shown."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from bayes_toe.arrays import FloatArray, IndexArray, IntArray
+from bayes_toe.data.study import Subject
+from bayes_toe.data.tables import write_table
+from bayes_toe.data.tasks import SAME_DIFFERENT, Task, task_of
+from bayes_toe.data.validation import read_numbers
+from bayes_toe.errors import InputError
+from bayes_toe.model.intervals import require_intervals
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+#: Columns of a design's file; isi where there are intervals.
+DESIGN_COLUMNS = ("s1", "s2", "n_trials", "isi")
+#: Amplitudes of the paper's five stimuli in units of the reference (0.087 g). Source: Methods.
+PAPER_AMPLITUDES = (1.0, 1.15, 1.36, 1.55, 1.66)
+#: Answered repetitions of the whole set of pairs by each of the paper's subjects.
+PAPER_BATCHES = 50
+
+
+@dataclass(frozen=True, eq=False)
+class StudyDesign:
+    """Ordered pairs, each with its number of trials, sorted by (s1, s2).
+
+    Parameters
+    ----------
+    s1, s2 : array_like, shape (pairs,)
+        Natural-log intensities.
+    n_trials : array_like of int, shape (pairs,)
+        At least 1.
+    isi : array_like, shape (pairs,), optional
+        Inter-stimulus intervals, seconds: the same stimuli at another interval are another pair.
+    task : Task
+        What is asked, by default whether both are the same; "2afc": which is stronger.
+
+    Raises
+    ------
+    InputError
+        If shapes differ, a value is not allowed, or a pair is repeated.
+
+    Examples
+    --------
+    >>> design = StudyDesign([0.0, 0.0], [0.0, 0.3], [30, 10])
+    >>> design.total, design.with_total(10).n_trials.tolist()
+    (40, [8, 2])
+    """
+
+    s1: FloatArray
+    s2: FloatArray
+    n_trials: IntArray
+    isi: FloatArray | None = None
+    task: Task = field(default=SAME_DIFFERENT, kw_only=True)
+
+    def __post_init__(self) -> None:
+        no_answers = np.zeros(np.shape(self.s1), np.int64)
+        try:
+            pairs = Subject("design", self.s1, self.s2, no_answers, self.n_trials, self.isi)
+        except InputError as error:
+            raise InputError(str(error).replace("subject 'design'", "design")) from error
+        for name in DESIGN_COLUMNS:
+            object.__setattr__(self, name, getattr(pairs, name))
+        object.__setattr__(self, "task", task_of(self.task))
+
+    @property
+    def columns(self) -> tuple[FloatArray, ...]:
+        """s1, s2 and, where there are intervals, isi, shape (pairs,) each."""
+        if self.isi is None:
+            return self.s1, self.s2
+        return self.s1, self.s2, self.isi
+
+    @property
+    def pairs(self) -> list[tuple[float, ...]]:
+        """The same as a tuple for each pair."""
+        return list(zip(*(column.tolist() for column in self.columns), strict=True))
+
+    @property
+    def n_pairs(self) -> int:
+        """Distinct ordered pairs; with intervals, pairs and intervals."""
+        return len(self.s1)
+
+    @property
+    def total(self) -> int:
+        """Trials of all pairs."""
+        return int(self.n_trials.sum())
+
+    def answered(self, n_yes: npt.ArrayLike, name: str = "design") -> Subject:
+        """The counts of a subject who has answered every trial."""
+        counts = np.asarray(n_yes), self.n_trials
+        return Subject(name, self.s1, self.s2, *counts, self.isi, task=self.task)
+
+    @property
+    def unanswered(self) -> Subject:
+        """The pairs as a subject who never gave the answer that is counted."""
+        return self.answered(np.zeros_like(self.n_trials))
+
+    def with_total(self, trials: int) -> StudyDesign:
+        """The same pairs with so many trials in all, each pair its share and at least one.
+
+        Raises
+        ------
+        InputError
+            If there are fewer trials than pairs.
+        """
+        if trials < self.n_pairs:
+            raise InputError(
+                f"{trials} trials for {self.n_pairs} pairs: allowed is at least one trial a pair"
+            )
+        if trials == self.total:
+            return self
+        return replace(self, n_trials=apportioned(self.n_trials / self.total, trials))
+
+    def select(self, index: IndexArray, n_trials: IntArray | None = None) -> StudyDesign:
+        """Some of the pairs, with as many trials as before or with others."""
+        if n_trials is None:
+            n_trials = self.n_trials[index]
+        isi = None if self.isi is None else self.isi[index]
+        return replace(self, s1=self.s1[index], s2=self.s2[index], n_trials=n_trials, isi=isi)
+
+    def frame(self) -> pd.DataFrame:
+        """A row a pair, with the columns s1, s2, n_trials (and isi)."""
+        import pandas as pd
+
+        names = DESIGN_COLUMNS if self.isi is not None else DESIGN_COLUMNS[:3]
+        return pd.DataFrame({name: getattr(self, name) for name in names})
+
+    def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
+        """Write them as a CSV file, whole or not at all."""
+        return write_table(self.frame(), path, overwrite=overwrite)
+
+
+def each_once(
+    s1: npt.ArrayLike,
+    s2: npt.ArrayLike,
+    isi: npt.ArrayLike | None = None,
+    *,
+    task: Task = SAME_DIFFERENT,
+) -> StudyDesign:
+    """A design that has each of these pairs once."""
+    n_trials = np.ones(np.shape(s1), np.int64)
+    return StudyDesign(s1, s2, n_trials, isi, task=task)  # type: ignore[arg-type]
+
+
+def all_pairs(levels: FloatArray, task: Task = SAME_DIFFERENT) -> StudyDesign:
+    """Every ordered pair of levels once."""
+    s1, s2 = np.meshgrid(levels, levels, indexing="ij")
+    return each_once(s1.ravel(), s2.ravel(), task=task)
+
+
+def apportioned(share: FloatArray, trials: int) -> IntArray:
+    """Whole numbers of at least 1 that add up to `trials`, as near to shares of it as they can be.
+
+    Examples
+    --------
+    >>> apportioned(np.array([0.5, 0.49, 0.01]), 11).tolist()
+    [5, 5, 1]
+    """
+    ideal = share / share.sum() * trials
+    counts: IntArray = np.maximum(1, np.floor(ideal)).astype(np.int64)
+    while counts.sum() > trials:
+        excess = np.where(counts > 1, counts - ideal, -np.inf)
+        counts[excess.argmax()] -= 1
+    while counts.sum() < trials:
+        counts[(ideal - counts).argmax()] += 1
+    return counts
+
+
+def read_study_design(path: str | Path, task: Task | str = SAME_DIFFERENT) -> StudyDesign:
+    """A design from a CSV file with columns s1,s2,n_trials, and isi where there are intervals.
+
+    Raises
+    ------
+    InputError
+        One line per problem of the file, with row and column.
+    """
+    needed, optional = DESIGN_COLUMNS[:3], DESIGN_COLUMNS[3:]
+    _, columns = read_numbers(path, needed, optional=optional, counts=("n_trials",))
+    n_trials = columns["n_trials"].astype(np.int64)
+    try:
+        return StudyDesign(
+            columns["s1"], columns["s2"], n_trials, columns.get("isi"), task=task_of(task)
+        )
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+
+
+def paper_study_design(trials: int | None = None, task: Task | str = SAME_DIFFERENT) -> StudyDesign:
+    """The paper's 13 pairs, 50 trials each, or so many in all."""
+    paper = reference_design()
+    n_trials = np.full(len(paper.s1), paper.batches)
+    design = StudyDesign(paper.s1, paper.s2, n_trials, task=task_of(task))
+    return design if trials is None else design.with_total(trials)
+
+
+def narrow_study_design(
+    first: FloatArray, steps: FloatArray, trials: int, task: Task | str = SAME_DIFFERENT
+) -> StudyDesign:
+    """First stimuli, and second ones so many steps from each (natural-log intensities)."""
+    s1 = np.repeat(first, len(steps))
+    s2 = s1 + np.tile(steps, len(first))
+    return StudyDesign(s1, s2, apportioned(np.ones(len(s1)), trials), task=task_of(task))
+
+
+# --- Batches: all pairs in a random order, again and again ----------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class BatchDesign:
+    """Ordered pairs of one batch and the number of batches; the order in a batch is random.
+
+    Parameters
+    ----------
+    s1, s2 : array_like, shape (pairs,)
+        Natural-log intensities.
+    batches : int
+    isi : array_like, shape (pairs,), optional
+        Inter-stimulus intervals, seconds.
+    """
+
+    s1: FloatArray
+    s2: FloatArray
+    batches: int
+    isi: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("s1", "s2"):
+            object.__setattr__(self, name, np.array(getattr(self, name), np.float64, ndmin=1))
+        is_pairs = self.s1.shape == self.s2.shape and len(self.s1) > 0
+        if not is_pairs or not np.isfinite([self.s1, self.s2]).all():
+            raise InputError(
+                "design: s1 and s2 must be finite and have one common length of at least 1"
+            )
+        if self.batches < 1:
+            raise InputError(f"design: batches={self.batches} must be at least 1")
+        if self.isi is not None:
+            object.__setattr__(self, "isi", np.atleast_1d(require_intervals(self.isi)))
+            if self.isi.shape != self.s1.shape:
+                raise InputError("design: isi must have the length of s1 and s2")
+
+    def pairs(self, task: Task) -> Subject:
+        """The pairs as a subject who never gave the answer that the task counts."""
+        counts = np.zeros(len(self.s1), np.int64), np.full(len(self.s1), self.batches)
+        return Subject.from_counts("design", self.s1, self.s2, *counts, self.isi, task=task)
+
+
+def reference_design(
+    amplitudes: Iterable[float] = PAPER_AMPLITUDES, batches: int = PAPER_BATCHES
+) -> BatchDesign:
+    """The paper's design: every stimulus with itself; the first with the others in both orders.
+
+    Amplitudes are in units of the reference, s = ln(amplitude).
+    """
+    s = _log_amplitudes(amplitudes)
+    first = np.full(len(s) - 1, s[0])
+    s1 = np.concatenate([s, first, s[1:]])
+    s2 = np.concatenate([s, s[1:], first])
+    return BatchDesign(s1, s2, batches)
+
+
+def full_design(
+    amplitudes: Iterable[float] = PAPER_AMPLITUDES, batches: int = PAPER_BATCHES
+) -> BatchDesign:
+    """Every ordered pair of the stimuli, equal pairs included."""
+    s = _log_amplitudes(amplitudes)
+    s1, s2 = np.meshgrid(s, s, indexing="ij")
+    return BatchDesign(s1.ravel(), s2.ravel(), batches)
+
+
+def at_intervals(design: BatchDesign, isi: Iterable[float]) -> BatchDesign:
+    """Every pair of a design at every one of these intervals (seconds), each once."""
+    seconds = np.array(list(isi), np.float64)
+    n = len(seconds)
+    if design.isi is not None or n == 0 or len(np.unique(seconds)) < n:
+        raise InputError(
+            "intervals: allowed is at least one, each once, for a design without intervals"
+        )
+    s1, s2 = np.tile(design.s1, n), np.tile(design.s2, n)
+    return BatchDesign(s1, s2, design.batches, np.repeat(seconds, len(design.s1)))
+
+
+def _log_amplitudes(amplitudes: Iterable[float]) -> FloatArray:
+    values = np.array(list(amplitudes), np.float64)
+    if not len(values) or not np.isfinite(values).all() or np.any(values <= 0):
+        raise InputError(f"amplitudes must be positive finite numbers, found {values.tolist()}")
+    return np.log(values)

@@ -1,1 +1,0 @@
-"""Studies that are planned or simulated."""

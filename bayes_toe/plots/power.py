@@ -1,0 +1,177 @@
+"""How often a design shows the effects of assumed observers; the optimised design."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import NullLocator
+
+from bayes_toe.answers.order_effect import QUESTIONS
+from bayes_toe.design.optimal_pairs import OPTIMISED, PAPER, OptimalDesign
+from bayes_toe.design.power import FOUND, PowerTable
+from bayes_toe.plots.style import (
+    EQUAL,
+    LETTERS,
+    PAGE,
+    SMALL,
+    STRONGER_FIRST,
+    WEAKER_FIRST,
+    dress,
+    dress_bar,
+    legend_below,
+    new_figure,
+    plain,
+)
+
+_COLOURS = (EQUAL, "#E69F00", WEAKER_FIRST, STRONGER_FIRST, "#009E73", "#CC79A7")
+_MARKERS = "Dos^vP"
+_LARGEST = 160.0  # area of the most frequent pair, square points
+_MARGIN = 1.25  # factor from the outermost numbers of trials to the ends of a panel
+_APART = 0.02  # between the lines of two kinds, in natural logs of trials
+
+
+def power_figure(table: PowerTable) -> Figure:
+    """Share of each kind of observers with the answer 'yes' or 'probably', by trials.
+
+    A row for each design, a panel for each question. Hollow markers: kinds that do not have the
+    effect asked about. Bars: 95 % of Monte Carlo error.
+    """
+    designs = table.different("design")
+    figure = new_figure(PAGE, 2.1 * len(designs) + 0.6)
+    axes = figure.subplots(len(designs), len(QUESTIONS), sharey=True, squeeze=False)
+    for design, row in zip(designs, axes, strict=True):
+        for question, ax in zip(QUESTIONS, row, strict=True):
+            _draw_question(ax, table, design, question)
+        row[0].set_ylabel(f"share, {plain(design)}")
+    for question, ax in zip(QUESTIONS, axes[0], strict=True):
+        ax.set_title(f"{question.replace('_', ' ')}: yes or probably", fontsize=LETTERS)
+    for ax in axes[-1]:
+        ax.set_xlabel("trials of a subject")
+    legend_below(figure, size=LETTERS, columns=3)
+    return figure
+
+
+def _draw_question(ax: Axes, table: PowerTable, design: str, question: str) -> None:
+    """The lines of all kinds of observers in one panel."""
+    trials = [number for name, number in table.designs if name == design]
+    kinds = table.different("observers")
+    for index, kind in enumerate(kinds):
+        rows = [table[design, number, kind, question, FOUND] for number in trials]
+        x = np.array(trials) * np.exp(_APART * (index - 0.5 * (len(kinds) - 1)))
+        y = np.array([row.value for row in rows])
+        errors = np.array([(row.value - row.low, row.high - row.value) for row in rows]).T
+        colour = _COLOURS[index % len(_COLOURS)]
+        has_effect = table.has_effect(kind, question)
+        style: dict[str, Any] = {
+            "fmt": _MARKERS[index % len(_MARKERS)],
+            "ls": "-" if has_effect else ":",
+            "color": colour,
+            "mfc": colour if has_effect else "white",
+            "ms": 4.0,
+        }
+        ax.errorbar(x, y, errors, lw=1.1, elinewidth=0.8, label=plain(kind), **style)
+    ax.set(xscale="log", ylim=(-0.04, 1.04))
+    ax.set_xlim(min(trials) / _MARGIN, max(trials) * _MARGIN)
+    ax.set_xticks(trials, [f"{number:,}" for number in trials])
+    ax.xaxis.set_minor_locator(NullLocator())
+    dress(ax)
+
+
+# --- An optimised design --------------------------------------------------------------------------
+
+
+def design_figure(found: OptimalDesign) -> Figure:
+    """The design on the stimulus plane, and beside it how often it and others show effects.
+
+    Left: its pairs, as large as they are frequent, over what one more trial of every pair would
+    add; the paper's as crosses. Right: share of observers with 'yes' or 'probably' about each
+    question, of those who have the effect; hollow, of those who have not.
+    """
+    figure = new_figure(PAGE, 3.5)
+    left, right = figure.subplots(1, 2, width_ratios=(1.15, 1.0))
+    _draw_pairs(left, found)
+    _draw_compared(right, found)
+    return figure
+
+
+def _draw_pairs(ax: Axes, found: OptimalDesign) -> None:
+    design, plane = found.design, found.plane
+    first, second = np.unique(plane.s1), np.unique(plane.s2)
+    values = np.full((len(second), len(first)), np.nan)
+    values[np.searchsorted(second, plane.s2), np.searchsorted(first, plane.s1)] = found.worth
+    mesh = ax.pcolormesh(
+        first, second, 1000.0 * values, cmap="Greys", shading="nearest", vmin=0.0, rasterized=True
+    )
+    bar = ax.figure.colorbar(mesh, ax=ax, shrink=0.9, pad=0.02)
+    dress_bar(bar, "what one more trial adds, thousandths of a nat")
+    ax.axline((float(first[0]),) * 2, slope=1.0, color=EQUAL, linewidth=0.6, linestyle=":")
+    if PAPER in found.candidates:
+        paper = found.candidates[PAPER].design
+        cross: dict[str, Any] = {"color": WEAKER_FIRST, "markersize": 4.0, "markeredgewidth": 1.0}
+        ax.plot(paper.s1, paper.s2, "x", label=PAPER, **cross)
+    ax.scatter(
+        design.s1,
+        design.s2,
+        _LARGEST * design.n_trials / design.n_trials.max(),
+        facecolor=STRONGER_FIRST,
+        edgecolor="white",
+        linewidth=0.7,
+        alpha=0.85,
+        zorder=3,
+        clip_on=False,
+    )
+    label = f"this design (largest: {design.n_trials.max()} trials)"
+    ax.scatter([], [], _LARGEST / 3, facecolor=STRONGER_FIRST, label=label)
+    ax.set(xlabel="first stimulus (natural log)", ylabel="second stimulus (natural log)")
+    ax.set_aspect("equal")
+    ax.legend(
+        loc="lower left",
+        bbox_to_anchor=(0.0, 1.0),
+        frameon=False,
+        fontsize=SMALL,
+        handletextpad=0.3,
+        borderaxespad=0.1,
+    )
+    dress(ax)
+
+
+def _draw_compared(ax: Axes, found: OptimalDesign) -> None:
+    names, trials = list(found.candidates), found.design.total
+    colours = (EQUAL, WEAKER_FIRST, STRONGER_FIRST)
+    for index, (question, colour) in enumerate(zip(QUESTIONS, colours, strict=True)):
+        for has_effect in (True, False):
+            shares = [
+                found.power.found(name, trials, question, has_effect=has_effect) for name in names
+            ]
+            places = [place for place, estimate in enumerate(shares) if estimate is not None]
+            x, low, high = np.array([shares[place] for place in places]).reshape(-1, 3).T
+            y = np.array(places) + 0.24 * (index - 1) + (0.0 if has_effect else 0.09)
+            ax.errorbar(
+                x,
+                y,
+                xerr=np.array([x - low, high - x]) if has_effect else None,
+                fmt=_MARKERS[index],
+                color=colour,
+                mfc=colour if has_effect else "white",
+                ms=4.5 if has_effect else 3.0,
+                elinewidth=0.8,
+                label=question.replace("_", " ") if has_effect else None,
+            )
+    labels = [plain("this design" if name == OPTIMISED else name) for name in names]
+    ax.set_yticks(np.arange(len(names)), labels)
+    ax.set(xlim=(-0.03, 1.03), ylim=(len(names) - 0.5, -0.5))
+    ax.set_xlabel("share with yes or probably (hollow: without effect)")
+    ax.set_title(f"{trials:,} trials", fontsize=LETTERS)
+    ax.legend(
+        loc="lower center",
+        bbox_to_anchor=(0.5, 1.08),
+        ncols=3,
+        frameon=False,
+        fontsize=SMALL,
+        handletextpad=0.2,
+        columnspacing=1.0,
+    )
+    dress(ax)

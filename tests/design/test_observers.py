@@ -1,0 +1,130 @@
+"""Assumed observers: their answers, their sources, and what is refused."""
+
+import numpy as np
+import pytest
+
+import bayes_toe as bt
+from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
+from bayes_toe.design.observers import KINDS, assume_observers, make_observer, read_ranges
+from bayes_toe.design.study_design import StudyDesign, paper_study_design
+from bayes_toe.errors import InputError
+from bayes_toe.model.observer import OrderModel
+from bayes_toe.model.parameters import ObserverPrior
+
+PARAMETERS = {
+    "noise": 0.22,
+    "q0": 0.9,
+    "lapse_rate": 0.07,
+    "noise_slope": -0.3,
+    "criterion_slope": 0.4,
+    "constant_error": -0.12,
+    "contraction": 0.27,
+}
+
+
+@pytest.mark.parametrize("task", [SAME_DIFFERENT, WHICH_STRONGER])
+def test_observers_answer_as_the_model_both_predicts(task):
+    pairs = [0.0, 0.0, 0.4, 0.4, 0.7], [0.0, 0.4, 0.0, 0.7, 0.4]
+    design = StudyDesign(*pairs, [9, 3, 4, 5, 7], task=task)
+    posterior = OrderModel("both").posterior(design.unanswered)
+    parameters = {name: PARAMETERS[name] for name in posterior.coordinates}
+    observer = make_observer("O", "k", parameters, task)
+    x = posterior.points({name: np.array([value]) for name, value in parameters.items()})
+    expected = np.exp(posterior.log_answers(x).yes[0])
+    assert observer.p_design(design) == pytest.approx(expected, rel=1e-12)
+
+
+def test_an_observer_is_the_same_whoever_else_there_is():
+    designs = [paper_study_design()]
+    few, many = (assume_observers(None, size, 5, designs) for size in (1, 3))
+    assert [observer.kind for observer in few] == list(KINDS)
+    assert all(observer in many for observer in few)
+    for observer in many:
+        assert 0.15 <= observer.parameters["noise"] <= 0.25
+        for name, (low, high) in KINDS[observer.kind].items():
+            assert low <= observer.parameters[name] <= high
+    has_effect = {observer.kind: list(observer.has_effect.values()) for observer in few}
+    assert has_effect["none"] == [False, False, False]
+    assert has_effect["large constant error"] == [True, True, False]
+    assert has_effect["repulsion"] == [True, False, True]
+    assert has_effect["both"] == [True, True, True]
+
+
+def test_ranges_of_a_file(tmp_path):
+    path = tmp_path / "people.toml"
+    path.write_text('[weak]\ncontraction = 0.1\nnoise = [0.3, 0.4]\n["no effect"]\nq0 = 0.9\n')
+    kinds = read_ranges(path)
+    assert kinds["weak"]["contraction"] == (0.1, 0.1)
+    assert kinds["weak"]["q0"] == (0.85, 0.98)
+    observers = assume_observers(path, 2, 1, [paper_study_design()])
+    assert [observer.name for observer in observers] == [
+        "weak 1",
+        "weak 2",
+        "no effect 1",
+        "no effect 2",
+    ]
+    assert observers[0].parameters["contraction"] == 0.1
+    assert observers[2].parameters["q0"] == 0.9
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "found no kind of observers"),
+        ("[a]\npull = 0.3\n", "[a]: key 'pull' is retired: contraction"),
+        ("[a]\nwidth = 0.3\n", "[a]: key 'width' is retired: noise"),
+        ("[a]\nmu1 = 0.3\n", "[a]: key 'mu1' is retired: contraction"),
+        ("at = 0.3\n[a]\nnoise = 0.2\n", "key 'at' is retired: leave it out"),
+        ("[a]\nshare = 1\n", "[a]: key 'share' is retired"),
+        ("[a]\nluck = 1\n", "[a]: key 'luck': unknown, allowed: noise, q0, lapse_rate"),
+        ("[a]\nnoise = 0\n", "[a]: noise: found 0, allowed: a number above 0"),
+        ("[a]\ncontraction = [0.3, 0.1]\n", "[a]: contraction: found a list, allowed: a number"),
+        ("noise = 0.2\n", "key 'noise': allowed: sections such as [contraction]"),
+    ],
+)
+def test_a_wrong_file_is_refused_in_one_line(tmp_path, text, message):
+    path = tmp_path / "people.toml"
+    path.write_text(text)
+    with pytest.raises(InputError) as caught:
+        read_ranges(path)
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_observers_of_the_prior():
+    observers = assume_observers("prior", 300, 1, [paper_study_design()], ObserverPrior())
+    by_kind = {kind: [] for kind in ("none", "constant error", "contraction", "both")}
+    for observer in observers:
+        by_kind[observer.kind].append(observer.parameters)
+    assert all(one["contraction"] == one["constant_error"] == 0 for one in by_kind["none"])
+    p = np.array([one["contraction"] for one in by_kind["contraction"]])
+    assert p.std() == pytest.approx(0.25, rel=0.15)
+    # Median noise is D, the root mean square of the paper's four different steps.
+    step = np.sqrt(np.mean(np.square(np.log([1.15, 1.36, 1.55, 1.66]))))
+    assert np.median([one["noise"] for one in by_kind["both"]]) == pytest.approx(step, rel=0.15)
+
+
+def test_draws_of_an_earlier_study_are_observers(tmp_path):
+    subject = bt.example_study().select(["S01"])
+    draws = bt.sample(subject, model="both", draws=300, seed=1, workers=1)
+    path = draws.save(tmp_path / "posterior.nc")
+    observers = assume_observers(path, 3, 1, [paper_study_design()])
+    assert [one.kind for one in observers] == ["earlier study"] * 3 + ["none"] * 3
+    values = draws.values("S01", "contraction").ravel()
+    for one, without in zip(observers[:3], observers[3:], strict=True):
+        assert np.isclose(values, one.parameters["contraction"], rtol=1e-9).any()
+        assert without.parameters["contraction"] == without.parameters["constant_error"] == 0.0
+        assert without.parameters["noise"] == one.parameters["noise"]
+    with pytest.raises(InputError, match="draws of the task 'same/different'"):
+        assume_observers(path, 1, 1, [paper_study_design(task="2afc")])
+
+
+def test_what_is_refused():
+    paper = paper_study_design()
+    with pytest.raises(InputError, match="found 'nobody', allowed: none, small constant error"):
+        assume_observers("nobody", 1, 1, [paper])
+    with pytest.raises(InputError, match="data_sets=0"):
+        assume_observers(None, 0, 1, [paper])
+    far = StudyDesign([0.0, 500.0], [500.0, 0.0], [10, 10])
+    with pytest.raises(InputError, match="kind 'none' all practically never answer 'equal'"):
+        assume_observers(None, 1, 1, [far])

@@ -1,0 +1,214 @@
+"""Optimised designs and the information they are chosen by: against finite differences and brute force."""
+
+from itertools import combinations_with_replacement
+
+import numpy as np
+import pandas as pd
+import pytest
+from commands import good, refused
+
+import bayes_toe as bt
+from bayes_toe.design.information import AIMS, exchange_trials, information
+from bayes_toe.design.observers import assume_observers, make_observer
+from bayes_toe.design.optimal_pairs import (
+    FULL,
+    OPTIMISED,
+    PAPER,
+    RANDOM,
+    DesignGoal,
+    compare_designs,
+    grid,
+    optimal_design,
+    read_levels,
+)
+from bayes_toe.design.study_design import StudyDesign, each_once
+from bayes_toe.errors import InputError
+from bayes_toe.model.observer import DEFAULT_PRIOR, StimulusScales
+
+WIDE = grid(-0.75, 1.25, 0.25)
+KEPT = StudyDesign([0.0, 0.33], [0.0, 0.33], [25, 30])
+PAIRS = each_once([-0.75, -0.75, 0.25, 1.25, 1.25], [-0.6, -0.3, 0.5, 0.9, 1.25])
+SCALES = StimulusScales.from_subject(PAIRS.unanswered)
+#: Designs do not depend on it much: two observers are quick.
+OBSERVERS = assume_observers("both", 2, 1, [PAIRS])
+
+
+def information_about(aim, observers=OBSERVERS, pairs=PAIRS):
+    return information(pairs, observers, aim, DEFAULT_PRIOR, SCALES)
+
+
+@pytest.fixture(scope="module")
+def found():
+    return optimal_design(WIDE, 650, observers="contraction", data_sets=2, seed=1, workers=1)
+
+
+def test_information_is_the_expected_square_of_the_slopes():
+    """Slopes of q by differences, over q (1 - q); coordinates of c and p count in D/2 and in 1/4."""
+    base = {"noise": 0.2, "q0": 0.9, "lapse_rate": 0.04, "constant_error": 0.1, "contraction": 0.2}
+    task = PAIRS.task
+    sbar = float(PAIRS.s1.mean())
+
+    def p_yes(name, change):
+        moved = make_observer("O", "k", {**base, name: base[name] + change}, task)
+        return moved.p_yes(PAIRS.s1, PAIRS.s2, sbar)
+
+    observer = make_observer("O", "k", base, task)
+    rows = information_about("order-effect", [observer]).rows[0]
+    q = observer.p_yes(PAIRS.s1, PAIRS.s2, sbar)
+    for name, unit, column in (("constant_error", SCALES.step / 2, -2), ("contraction", 0.25, -1)):
+        slope = (p_yes(name, 1e-6) - p_yes(name, -1e-6)) / 2e-6 * unit
+        assert rows[:, column] == pytest.approx(slope / np.sqrt(q * (1 - q)), rel=1e-5)
+
+
+@pytest.mark.parametrize("aim", AIMS)
+def test_one_more_trial_is_worth_what_the_changed_design_is(aim):
+    known = information_about(aim)
+    n = np.array([30, 40, 20, 10, 5])
+    more = known.utilities(known.total(n), 7)
+    changed = [known.utility(known.total(n + 7 * np.eye(5, dtype=int)[j])) for j in range(5)]
+    assert more == pytest.approx(changed, rel=1e-9)
+
+
+@pytest.mark.parametrize("aim", AIMS)
+def test_brute_force_finds_nothing_better_than_exchange(aim):
+    """Five pairs, ten portions: every way to distribute them."""
+    known = information_about(aim)
+    found = exchange_trials(known, 40, 5, np.zeros(5, np.int64), np.arange(5))
+    assert found.sum() == 40
+    ways = [
+        np.bincount(way, minlength=5) * 4 for way in combinations_with_replacement(range(5), 10)
+    ]
+    best = max(known.utility(known.total(counts)) for counts in ways)
+    assert known.utility(known.total(found)) == pytest.approx(best, abs=0.02)
+
+
+def test_utilities_of_single_effects_are_their_standard_deviations():
+    for aim in ("constant-error", "contraction"):
+        known = information_about(aim, OBSERVERS[:1])
+        total = known.total(np.full(5, 40))
+        (sd,) = known.standard_deviations(total)
+        own_unit = SCALES.step / 2 if aim == "constant-error" else 0.25
+        assert known.utility(total) == pytest.approx(-np.log(sd / own_unit))
+
+
+def test_the_expected_sd_is_that_of_the_posterior():
+    """For one subject with expected counts, against draws of 'both'."""
+    observer = make_observer(
+        "O", "k", {"noise": 0.2, "q0": 0.9, "lapse_rate": 0.04, "contraction": 0.25}, PAIRS.task
+    )
+    s1 = np.repeat(np.linspace(-0.6, 0.9, 4), 5)
+    s2 = s1 + np.tile([-0.3, -0.15, 0.0, 0.15, 0.3], 4)
+    design = StudyDesign(s1, s2, np.full(20, 50))
+    scales = StimulusScales.from_subject(design.unanswered)
+    known = information(design, [observer], "order-effect", DEFAULT_PRIOR, scales)
+    sd_error, sd_contraction = known.standard_deviations(known.total(design.n_trials))
+    subject = design.answered(np.rint(50 * observer.p_design(design)), "S")
+    draws = bt.sample(bt.Study((subject,)), model="both", draws=500, seed=1, workers=1)
+    assert draws.values("S", "constant_error").std() == pytest.approx(sd_error, rel=0.2)
+    assert draws.values("S", "contraction").std() == pytest.approx(sd_contraction, rel=0.2)
+
+
+def test_an_optimised_design_shows_a_contraction_and_beats_its_rivals(found):
+    assert found.design.total == 650
+    assert found.design.n_pairs <= 26
+    assert list(found.candidates) == [OPTIMISED, PAPER, FULL, RANDOM]
+    utilities = [candidate.utility for candidate in found.candidates.values()]
+    assert utilities[0] == max(utilities)
+    assert (
+        found.candidates[PAPER].sd["contraction"]
+        > 3 * found.candidates[OPTIMISED].sd["contraction"]
+    )
+    assert found.power.found(OPTIMISED, 650, "contraction", has_effect=True)[0] == 1.0
+    counts = dict(zip(found.design.pairs, found.design.n_trials.tolist(), strict=True))
+    assert all(counts[s2, s1] == n for (s1, s2), n in counts.items())
+    assert (found.worth > 0).all()
+    assert found.sentences()[0].startswith("first stimuli of most trials: -0.75 (")
+
+
+def test_pairs_that_cannot_show_a_contraction_are_named():
+    short = optimal_design(
+        grid(0, 0.1, 0.05), 100, observers="none", data_sets=1, seed=1, workers=1
+    )
+    assert any("cannot show a contraction" in line for line in short.sentences())
+    assert PAPER not in short.candidates
+
+
+def test_pairs_that_are_kept_stay_and_there_are_no_more_than_asked():
+    goal = DesignGoal("contraction", max_pairs=6, keep=KEPT)
+    candidates, _ = compare_designs(WIDE, 200, goal, OBSERVERS)
+    design = candidates[OPTIMISED].design
+    counts = dict(zip(design.pairs, design.n_trials.tolist(), strict=True))
+    assert counts[0.0, 0.0] >= 25
+    assert counts[0.33, 0.33] >= 30
+    assert design.total == 200
+    assert design.n_pairs <= 6
+
+
+def test_designs_of_which_is_stronger():
+    goal = DesignGoal(task="2afc")
+    observers = assume_observers("both", 2, 1, [each_once([0, 0.3], [0.3, 0], task=goal.task)])
+    candidates, _ = compare_designs(WIDE, 201, goal, observers)
+    design = candidates[OPTIMISED].design
+    assert design.total == 201
+    assert design.task.yes == "second"
+
+
+def test_levels_of_hardware(tmp_path):
+    (tmp_path / "levels.csv").write_text("i\n2\n1\n4\n2\n", encoding="utf-8")
+    assert read_levels(tmp_path / "levels.csv", 2.0) == pytest.approx(np.log([0.5, 1.0, 2.0]))
+    with pytest.raises(InputError, match="column s: missing"):
+        read_levels(tmp_path / "levels.csv")
+    assert grid(-0.75, 1.25, 0.05)[[0, 15, -1]].tolist() == [-0.75, 0.0, 1.25]
+
+
+def test_the_command(tmp_path):
+    KEPT.save(tmp_path / "kept.csv")
+    words = ("--lowest", "-0.75", "--highest", "1.25", "--step", "0.5", "--trials", 200)
+    goal = ("--max-pairs", 9, "--for", "contraction", "--keep", "kept.csv")
+    more = ("--observers", "contraction", "--data-sets", 1, "--seed", 1, "--workers", 1)
+    text = good("design", "-o", "d.csv", *words, *goal, *more, "--list", "t.csv", cwd=tmp_path)
+    assert sorted(path.name for path in tmp_path.glob("[dt]*")) == [
+        "d.csv",
+        "d.md",
+        "d.png",
+        "d_compared.csv",
+        "t.csv",
+    ]
+    assert len(pd.read_csv(tmp_path / "t.csv")) == 200
+    assert bt.design.read_study_design(tmp_path / "d.csv").total == 200
+    assert set(pd.read_csv(tmp_path / "d_compared.csv").design) == {OPTIMISED, PAPER, FULL, RANDOM}
+    markdown = (tmp_path / "d.md").read_text(encoding="utf-8")
+    assert markdown.startswith("# A design of 200 trials, for: contraction\n\n* first stimuli")
+    assert "optimised: expected sd of contraction" in " ".join(text.split())
+
+
+FROM_0 = ("--lowest", "0", "--highest")
+REFUSED = [
+    (("--lowest", "-1", "--highest", "1", "--trials", "3"), "--trials 3: allowed is at least 4"),
+    (("--lowest", "1", "--highest", "1"), "--lowest 1 --highest 1: allowed are finite numbers"),
+    ((*FROM_0, "1", "--step", "2"), "--step 2: allowed is above 0 and at most the range, 1"),
+    ((*FROM_0, "1", "--step", "0.001"), "1001 levels make 1,002,001 pairs: allowed are 20,000"),
+    (("--lowest", "0"), "allowed: --lowest and --highest, natural-log intensity, or --levels"),
+    ((*FROM_0, "1", "--max-pairs", "3"), "--max-pairs 3: allowed is at least 4"),
+    ((*FROM_0, "1", "--for", "gain"), "--for: found 'gain', allowed: order-effect, constant-error"),
+    ((*FROM_0, "1", "--intensity", "2"), "--intensity: allowed with --levels levels.csv, or with"),
+    (("--levels", "l.csv", "--intensity", "-1"), "--intensity: found -1.0, allowed: a positive"),
+    (("given.csv",), "given.csv: allowed with --list trials.csv, and without --lowest"),
+    ((*FROM_0, "1", "--isi", "1"), "`--isi` is retired"),
+]
+
+
+@pytest.mark.parametrize(("more", "message"), REFUSED)
+def test_what_cannot_be_designed_is_refused_in_one_line(tmp_path, more, message):
+    words = ("--data-sets", "1", "--seed", "1")
+    assert message in refused("design", "-o", "d.csv", *more, *words, cwd=tmp_path)
+
+
+def test_the_figure_has_the_design_on_the_plane(found):
+    figure = bt.plots.design_figure(found)
+    plane, compared = figure.axes[:2]
+    shown = np.asarray(plane.collections[0].get_array()).ravel()
+    assert shown == pytest.approx(1000.0 * found.worth.reshape(9, 9).T.ravel())
+    assert len(plane.collections[1].get_offsets()) == found.design.n_pairs
+    labels = [label.get_text() for label in compared.get_yticklabels()]
+    assert labels == ["this design", PAPER, FULL, RANDOM]

@@ -1,0 +1,155 @@
+"""Power: simulated answers go the way of a subject, and what is counted is counted."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from commands import good, refused
+
+import bayes_toe as bt
+from bayes_toe.answers.order_effect import QUESTIONS, answer_subject
+from bayes_toe.answers.verdict_words import Word
+from bayes_toe.design.observers import assume_observers
+from bayes_toe.design.power import (
+    DATA_SET_COLUMNS,
+    FOUND,
+    POWER_COLUMNS,
+    WIDTH,
+    PowerTable,
+    power,
+    share,
+)
+from bayes_toe.design.study_design import narrow_study_design, paper_study_design
+from bayes_toe.errors import InputError
+
+
+@pytest.fixture(scope="module")
+def designs():
+    steps = np.linspace(-0.3, 0.3, 5)
+    wide = narrow_study_design(np.linspace(-0.75, 1.25, 5), steps, 650)
+    return {"paper": paper_study_design(), "wide": wide}
+
+
+@pytest.fixture(scope="module")
+def table(designs):
+    observers = [
+        observer
+        for kind in ("none", "large constant error", "contraction")
+        for observer in assume_observers(kind, 3, 1, list(designs.values()))
+    ]
+    return power(designs, [650], observers, seed=1, workers=1)
+
+
+def test_a_data_set_is_answered_as_a_subject_is(table, designs):
+    data_set = table.data_sets[1]
+    subject = data_set.observer.answers(designs["paper"], seed=1)
+    expected, _ = answer_subject(subject, seed=4)
+    for question in QUESTIONS:
+        assert data_set.answer.probabilities[question] == pytest.approx(
+            expected.probabilities[question], abs=0.06
+        )
+    assert data_set.answer.sizes["contraction_p"].q50 == pytest.approx(
+        expected.sizes["contraction_p"].q50, abs=0.05
+    )
+
+
+def test_first_stimuli_far_apart_show_a_contraction_that_the_papers_pairs_do_not(table):
+    assert table["wide", 650, "contraction", "contraction", FOUND].value == 1.0
+    assert table["wide", 650, "contraction", "constant_error", FOUND].value == 0.0
+    assert table["wide", 650, "large constant error", "constant_error", "yes"].value == 1.0
+    assert table["wide", 650, "none", "order_effect", "yes"].value == 0.0
+    widths = [
+        table[design, 650, "contraction", "contraction_p", WIDTH].value
+        for design in ("paper", "wide")
+    ]
+    assert widths[0] > 2.0 * widths[1]
+
+
+def test_an_observers_answers_do_not_depend_on_the_other_designs(table, designs):
+    observers = [table.data_sets[1].observer]
+    again = power(designs["paper"], [650], observers, seed=1, workers=1)
+    probabilities = table.data_sets[1].answer.probabilities
+    assert again.data_sets[0].answer.probabilities == pytest.approx(probabilities, abs=0.06)
+
+
+def test_words_are_counted(table):
+    base = table.data_sets[0]
+    words = [Word.YES, Word.PROBABLY, Word.PROBABLY, Word.UNDECIDED, Word.CANNOT_BE_TOLD]
+    rows = [
+        replace(base, answer=replace(base.answer, words=dict.fromkeys(QUESTIONS, word)))
+        for word in words
+    ]
+    counted = PowerTable.from_data_sets(rows, 0)
+    shares = {
+        answer: counted["paper", 650, "none", "contraction", answer].value
+        for answer in ("yes", "probably", FOUND, "undecided", "no", "cannot be told")
+    }
+    assert list(shares.values()) == pytest.approx([0.2, 0.4, 0.6, 0.2, 0.0, 0.2])
+    assert counted.found("paper", 650, "contraction", has_effect=False) == share(3, 5)
+    assert counted.found("paper", 650, "contraction", has_effect=True) is None
+    assert counted.sentences()[0] == ("paper, 650 trials, order effect: wrongly in none 3 of 5")
+    with pytest.raises(InputError, match="nothing counted for"):
+        counted["paper", 650, "none", "contraction", "maybe"]
+
+
+def test_intervals_of_shares_hold_the_truth():
+    """Of Jeffreys' intervals 95 % do, on average over shares."""
+    rng = np.random.default_rng(0)
+    inside = []
+    for p in rng.uniform(0.05, 0.95, 400):
+        _, low, high = share(int(rng.binomial(50, p)), 50)
+        inside.append(low <= p <= high)
+    assert 0.92 < np.mean(inside) < 0.98
+
+
+def test_the_command(tmp_path):
+    paper_study_design(130).save(tmp_path / "short.csv")
+    words = ("--trials", "130", "--data-sets", 1, "--observers", "both", "--seed", 1)
+    text = good("power", "short.csv", *words, "--workers", 1, "-o", "out", cwd=tmp_path)
+    assert "these pairs, 130 trials, order effect: seen in both" in " ".join(text.split())
+    assert sorted(path.name for path in (tmp_path / "out").glob("power*")) == [
+        "power.csv",
+        "power.pdf",
+        "power.png",
+        "power_data_sets.csv",
+    ]
+    assert list(pd.read_csv(tmp_path / "out" / "power.csv")) == list(POWER_COLUMNS)
+    frame = pd.read_csv(tmp_path / "out" / "power_data_sets.csv")
+    assert list(frame) == list(DATA_SET_COLUMNS)
+    assert len(frame) == 1
+
+
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        (("--trials", "0"), "--trials: found '0', allowed: whole numbers of at least 1"),
+        (("--trials", "12"), "12 trials for 13 pairs"),
+        (("--observers", "nobody"), "--observers: found 'nobody'"),
+        (("--subjects", "4"), "`--subjects` is retired"),
+        (("--population",), "`--population` is retired"),
+        (("--differ", "pull=0.5"), "`--differ` is retired"),
+        (("--resume",), "`--resume` is retired"),
+    ],
+)
+def test_what_is_refused_in_one_line(tmp_path, more, message):
+    assert message in refused("power", *more, "--data-sets", "1", "--seed", "1", cwd=tmp_path)
+
+
+def test_two_files_of_one_name_are_refused(tmp_path):
+    (tmp_path / "other").mkdir()
+    for folder in (tmp_path, tmp_path / "other"):
+        paper_study_design(13).save(folder / "d.csv")
+    assert "found 'd' twice" in refused("power", "d.csv", "other/d.csv", cwd=tmp_path)
+
+
+def test_the_figure_has_a_panel_for_each_design_and_question(table):
+    figure = bt.plots.power_figure(table)
+    assert len(figure.axes) == 6
+    assert figure.axes[2].get_title() == "contraction: yes or probably"
+    bars = figure.axes[5].containers
+    values = [bar.lines[0].get_ydata().tolist() for bar in bars]
+    assert values == [
+        [table["wide", 650, kind, "contraction", FOUND].value]
+        for kind in ("none", "large constant error", "contraction")
+    ]

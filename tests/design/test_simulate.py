@@ -1,0 +1,282 @@
+"""Simulated studies: populations, seeds, conditions; the bundled examples; observers of one's own."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from commands import good, refused
+from scipy.special import ndtr, ndtri
+
+import bayes_toe as bt
+from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
+from bayes_toe.design.simulate import (
+    PaperObserver,
+    carried_expectation,
+    draw_population,
+    make_batch_design,
+    paper_population,
+    read_observers,
+    simulate_trials,
+    trial_frame,
+)
+from bayes_toe.design.study_design import reference_design
+from bayes_toe.errors import InputError
+from bayes_toe.model.coordinates import Natural
+from bayes_toe.model.observer import OrderModel
+from bayes_toe.model.trial_history import TrialHistory, TrialHistoryPosterior
+from bayes_toe.seeds import generator
+
+PAPER = {"mu1": -0.7, "sigma_p": 0.2, "sigma_l": 0.1, "q0": 0.95}
+PAPER_2AFC = {"mu1": -0.7, "sigma_p": 0.2, "sigma_l": 0.1, "lapse_rate": 0.1}
+OBSERVER = {"noise": 0.25, "q0": 0.9, "lapse_rate": 0.05, "constant_error": 0.1, "contraction": 0.3}
+OBSERVER_2AFC = {"noise": 0.25, "lapse_rate": 0.05, "constant_error": 0.1, "contraction": 0.3}
+
+
+def within(counts, n, p):
+    """Within 5 standard errors: of 13 pairs a false alarm in 100,000."""
+    return np.all(np.abs(counts / n - p) < 5.0 * np.sqrt(p * (1.0 - p) / n) + 1e-9)
+
+
+def test_every_batch_holds_every_pair_once_in_random_order():
+    observer = PaperObserver("S", Natural(0.0, 0.3, 0.1, 0.9))
+    (trials,) = simulate_trials([observer], reference_design(batches=20), seed=1)
+    orders = set()
+    for batch in range(1, 21):
+        rows = trials.batch == batch
+        orders.add(tuple(zip(trials.s1[rows], trials.s2[rows], strict=True)))
+    assert len(orders) == 20
+    assert all(len(set(order)) == 13 for order in orders)
+
+
+def test_a_subjects_answers_do_not_depend_on_the_others():
+    population = paper_population(4, np.random.default_rng(0))
+    design = reference_design(batches=3)
+    together = simulate_trials(population, design, seed=5)
+    (alone,) = simulate_trials(population[2:3], design, seed=5)
+    assert np.array_equal(together[2].yes, alone.yes)
+
+
+def test_the_paper_population_shows_its_three_kinds():
+    theta = [observer.natural for observer in paper_population(400, np.random.default_rng(1))]
+    low, high = 0.0, np.log(1.55)
+    asymmetry = np.array(
+        [
+            bt.model.equal_probability(high, low, *one)
+            - bt.model.equal_probability(low, high, *one)
+            for one in theta
+        ]
+    )
+    kinds, usual = np.arange(400) % 5, np.arange(400) % 16 != 15
+    assert (asymmetry[(kinds == 0) & usual] > 0).all()
+    assert (asymmetry[(kinds == 1) & usual] < 0).all()
+    symmetric = np.abs(asymmetry[(kinds == 2) & usual]).mean()
+    assert symmetric < 0.5 * np.abs(asymmetry[(kinds == 1) & usual]).mean()
+
+
+@pytest.mark.parametrize(
+    ("task", "subjects", "batches"), [("same/different", 16, 50), ("2afc", 12, 40)]
+)
+def test_the_bundled_study_is_what_simulate_makes(task, subjects, batches):
+    # `bayes_toe.data.read_study.COMMANDS` has the seeds: the same numbers, to the last answer.
+    study, truth = bt.simulate(subjects, batches=batches, seed=2604, task=task)
+    bundled = bt.example_study(task)
+    for name in bundled.names:
+        assert np.array_equal(study[name].n_yes, bundled[name].n_yes)
+        assert truth[name] == pytest.approx(dict(bt.example_truth(task)[name]))
+    assert study.synthetic
+    assert bundled.synthetic
+
+
+def test_answers_of_the_papers_observers_follow_its_model():
+    study, truth = bt.simulate({"A": PAPER, "B": {**PAPER, "mu1": 0.9}}, batches=4000, seed=1)
+    assert truth["B"]["mu1"] == 0.9
+    for one in study:
+        q = bt.model.equal_probability(one.s1, one.s2, **truth[one.name])
+        assert within(one.n_yes, 4000, q)
+    assert bt.simulate({"A": PAPER}, isi=(0.5, 2.0), batches=2).study.intervals == (0.5, 2.0)
+
+
+@pytest.mark.parametrize("isi", [None, (0.5, 2.0)])
+def test_answers_of_the_papers_observers_to_which_is_stronger(isi):
+    """Memory decays toward mu1, both stimuli are measured anew and the stored value diffuses."""
+    study, truth = bt.simulate({"A": PAPER_2AFC}, batches=4000, isi=isi, seed=1, task="2afc")
+    assert (study.task.yes, truth["A"]) == ("second", PAPER_2AFC)
+    one, t = study["A"], 1.0 if isi is None else study["A"].isi
+    gamma = (0.1 / 0.2) ** 2 / t
+    ratio = (1 + np.sqrt(1 + 4 * gamma)) / 2
+    memory = one.s1 / ratio + (1 - 1 / ratio) * -0.7
+    p = 0.05 + 0.9 * ndtr((one.s2 - memory) / (ratio * 0.2 * np.sqrt(t)))
+    assert within(one.n_yes, 4000, p)
+
+
+@pytest.mark.parametrize(
+    ("task", "parameters"), [("same/different", OBSERVER), ("2afc", OBSERVER_2AFC)]
+)
+def test_answers_of_observers_follow_the_four_models(task, parameters):
+    study, truth = bt.simulate({"A": parameters}, batches=4000, seed=1, task=task)
+    one = study["A"]
+    assert truth["A"]["noise_slope"] == 0.0
+    z = (one.s2 - one.s1 - 0.1 + 0.3 * (one.s1 - np.average(one.s1))) / 0.25
+    if task == "2afc":
+        p = 0.025 + 0.95 * ndtr(z)
+    else:
+        k = 1.6448536269514722  # 2 Phi(k) - 1 = 0.9
+        p = 0.05 * 0.9 + 0.95 * (ndtr(k - z) - ndtr(-k - z))
+    assert within(one.n_yes, 4000, p)
+
+
+def test_what_is_expected_after_a_trial_is_carried_over():
+    first, second, p = np.array([0.4, -0.2, 0.1]), np.array([0.5, 0.3, 0.0]), 0.25
+    expected = carried_expectation(first, second, np.full(3, p), 0.8)
+    one = 0.8 * (0.75 * 0.5 + p * (0.75 * 0.4))
+    two = 0.8 * (0.75 * 0.3 + p * (0.75 * -0.2 + p * one))
+    assert expected == pytest.approx([0.0, one, two])
+    study, truth = bt.simulate({"A": PAPER}, batches=30, seed=1, carry_over=0.8, missed=0.1)
+    assert truth["A"]["carry_over"] == 0.8
+    assert 0.06 < np.mean(study["A"].answers.n_trials == 0) < 0.14
+    carried, _ = bt.simulate({"A": OBSERVER}, batches=200, seed=1, carry_over=0.9)
+    plain, truth = bt.simulate({"A": OBSERVER}, batches=200, seed=1)
+    assert "carry_over" not in truth["A"]
+    assert not np.array_equal(carried["A"].n_yes, plain["A"].n_yes)
+
+
+@pytest.mark.parametrize("kind", ["paper", "four models"])
+def test_expectations_of_trials_are_those_of_serial_dependence(kind):
+    """The paper's observer has the contraction p and the constant error p (mu1 - sbar)."""
+    paper = {"mu1": 0.3, "sigma_p": 0.2, "sigma_l": 0.15, "lapse_rate": 0.02}
+    truth = {"A": paper if kind == "paper" else OBSERVER_2AFC}
+    options = {"task": "2afc", "design": "full", "batches": 20, "seed": 1}
+    study, known = bt.simulate(truth, carry_over=0.7, **options)
+    assert known["A"]["carry_over"] == 0.7
+    subject = study["A"]
+    history = TrialHistory(OrderModel("both"), False, True)
+    posterior = TrialHistoryPosterior(subject, history)
+    values = {**OBSERVER_2AFC, "noise_slope": 0.0}
+    if kind == "paper":
+        gamma = bt.model.noise_ratio(0.2, 0.15)
+        p = float(bt.model.pull(gamma))
+        values |= {
+            "noise": 0.2 * float(bt.model.variance_ratio(gamma)),
+            "lapse_rate": 0.02,
+            "constant_error": p * (0.3 - posterior.observer.sbar),
+            "contraction": p,
+        }
+    order = posterior.observer.points({name: np.array([own]) for name, own in values.items()})
+    probability = posterior.trial_probabilities(np.column_stack([order, ndtri([0.7])]))[0]
+    rng = generator(1, "A", "trials")
+    rng.uniform(size=(20, subject.n_pairs))
+    drawn = rng.uniform(size=len(probability)) < probability
+    assert drawn.tolist() == (subject.answers.n_yes == 1).tolist()
+
+
+def test_conditions_differ_by_what_is_asked():
+    sizes = {"contraction": 0.2, "noise": (np.log(2.0), 0.0), "constant_error": (0.0, 0.1)}
+    study, truth = bt.simulate(
+        {"A": OBSERVER}, conditions=("left", "right"), differ=sizes, batches=2, seed=1
+    )
+    assert study.conditions.levels == ("left", "right")
+    left, right = truth["A@left"], truth["A@right"]
+    assert (left["contraction"], right["contraction"]) == pytest.approx((0.2, 0.4))
+    assert right["noise"] / left["noise"] == pytest.approx(2.0)
+    assert left["constant_error"] + right["constant_error"] == pytest.approx(0.2)
+    assert left["constant_error"] != 0.1
+    same = bt.simulate(2, conditions=("left", "right"), batches=2, seed=1).truth
+    assert same["S01@left"] == same["S01@right"]
+
+
+def test_named_populations():
+    _, truth = bt.simulate(3, population="repulsion", batches=2, seed=1)
+    assert all(-0.35 <= values["contraction"] <= -0.2 for values in truth.values())
+    assert len({values["noise"] for values in truth.values()}) == 3
+    _, truth = bt.simulate(8, population="prior", batches=2, seed=1, task="2afc")
+    effects = [
+        (values["constant_error"] != 0, values["contraction"] != 0) for values in truth.values()
+    ]
+    assert effects == [(False, False), (True, False), (False, True), (True, True)] * 2
+
+
+def test_populations_of_files(tmp_path):
+    paper, own = tmp_path / "paper.csv", tmp_path / "own.csv"
+    paper.write_text("subject,mu1,sigma_p,sigma_l,q0\nx,0,0.3,0.1,0.9\n")
+    own.write_text("subject,noise,q0,contraction\ny,0.2,0.9,0.25\n")
+    (observer,) = draw_population(str(paper), 99, 1, reference_design())
+    assert (observer.name, observer.parameters["q0"]) == ("x", 0.9)
+    (observer,) = draw_population(str(own), 99, 1, reference_design())
+    assert observer.parameters["contraction"] == 0.25
+    assert observer.parameters["lapse_rate"] == 0.0
+    trials = simulate_trials([observer], reference_design(batches=2), 1)
+    assert trial_frame(trials)["synthetic"].eq(1).all()
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("subject,mu1,sigma_p,sigma_l\nx,0,0.3,0.1\n", "column q0: missing"),
+        ("subject,mu1,sigma_p,sigma_l,q0\nx,0,abc,0.1,0.9\n", "row 2, column sigma_p: found 'abc'"),
+        ("subject,mu1,sigma_p,sigma_l,q0\nx,0,-1,0.1,0.9\n", "sigma_p must be finite and positive"),
+        ("subject,noise,q0\nx,0.2,1.5\n", "observer 'x': q0: found 1.5, allowed: a number above 0"),
+        (
+            "subject,mu1,sigma_p,sigma_l,q0\nx,0,1,0.1,0.9\nx,0,1,0.1,0.9\n",
+            "found .x., allowed: each name once, and row 2 has it",
+        ),
+        ("subject,mu1,sigma_p,sigma_l,q0\n", "row 1: found a header only"),
+    ],
+)
+def test_bad_populations_are_refused(tmp_path, text, message):
+    path = tmp_path / "population.csv"
+    path.write_text(text)
+    with pytest.raises(InputError, match=message):
+        read_observers(str(path), SAME_DIFFERENT)
+
+
+REFUSED = [
+    (lambda: make_batch_design("full", "1,two", 1), "--amplitudes"),
+    (lambda: make_batch_design("full", "1,-2", 1), "positive"),
+    (lambda: make_batch_design("nowhere.csv", "1,2", 1), "--design"),
+    (lambda: bt.simulate({"A": {"mu1": 0.0}}), "found mu1, allowed: mu1, sigma_p, sigma_l, q0"),
+    (lambda: bt.simulate({"A": {**PAPER, "q0": 1.5}}), "observers: q0 must lie in 0..1"),
+    (lambda: bt.simulate({"A": PAPER}, task="2afc"), "mu1, sigma_p, sigma_l, lapse_rate, all four"),
+    (
+        lambda: bt.simulate({"A": {**PAPER_2AFC, "lapse_rate": 2}}, task="2afc"),
+        "observers: lapse_rate must lie in 0..1",
+    ),
+    (lambda: bt.simulate({"A": {"q0": 0.9}}), "observer 'A': noise is missing"),
+    (lambda: bt.simulate({"A": {**OBSERVER, "pull": 0.3}}), "'pull' is retired: contraction"),
+    (lambda: bt.simulate({"A": {**OBSERVER, "contraction": 1.0}}), "above -1 and below 1"),
+    (lambda: bt.simulate({}), "found none"),
+    (lambda: bt.simulate(task="3afc"), "--task: found '3afc', allowed: same/different, or 2afc"),
+    (lambda: bt.simulate(0), "allowed: a whole number from 1"),
+    (lambda: bt.simulate(population="mine"), "allowed: paper, none, small constant error"),
+    (lambda: bt.simulate(design="mine"), "--design"),
+    (lambda: bt.simulate(batches=0), "batches=0 must be at least 1"),
+    (lambda: bt.simulate(1, carry_over=1.0), "--carry-over: found 1, allowed: a number from 0"),
+    (
+        lambda: bt.simulate(1, conditions=("a", "a")),
+        "--conditions: found 'a,a', allowed: two levels",
+    ),
+    (lambda: bt.simulate(1, differ={"noise": 1.0}), "differ: allowed with conditions"),
+    (
+        lambda: bt.simulate(1, conditions=("a", "b"), differ={"noise": 1.0}),
+        "--differ: allowed with observers of the four models",
+    ),
+    (
+        lambda: bt.simulate(1, conditions=("a", "b"), differ={"pull": 1.0}),
+        "--differ: 'pull' is retired: contraction",
+    ),
+]
+
+
+@pytest.mark.parametrize(("call", "message"), REFUSED)
+def test_what_cannot_be_simulated_is_refused(call, message):
+    with pytest.raises(InputError, match=message):
+        call()
+
+
+def test_the_command_writes_conditions_and_the_truth(tmp_path):
+    words = ("--population", "both", "--subjects", 2, "--task", "2afc", "--batches", 3)
+    apart = ("--conditions", "2,6", "--differ", "contraction=0.2:0.05", "--seed", 1)
+    good("simulate", "-o", "s.csv", "--truth", "t.csv", *words, *apart, cwd=tmp_path)
+    truth = pd.read_csv(tmp_path / "t.csv")
+    assert truth["subject"].tolist() == ["S01@2", "S01@6", "S02@2", "S02@6"]
+    study = bt.read_study(tmp_path / "s.csv")
+    assert (study.task, study.conditions.levels) == (WHICH_STRONGER, ("2", "6"))
+    assert "retired" in refused("simulate", "-o", "x.csv", "--prior", "paper", cwd=tmp_path)

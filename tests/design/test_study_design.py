@@ -1,0 +1,81 @@
+"""Designs as files, and numbers of trials that are shared among pairs."""
+
+import numpy as np
+import pytest
+
+import bayes_toe as bt
+from bayes_toe.design.study_design import (
+    BatchDesign,
+    apportioned,
+    full_design,
+    narrow_study_design,
+    paper_study_design,
+    reference_design,
+)
+from bayes_toe.errors import InputError
+
+
+def test_a_design_comes_back_from_its_file(tmp_path):
+    design = bt.design.StudyDesign([0.3, 0.0], [0.0, 0.1 + 0.2], [4, 7], isi=[1.0, 0.5])
+    found = bt.design.read_study_design(design.save(tmp_path / "design.csv"))
+    for key in ("s1", "s2", "n_trials", "isi"):
+        assert np.array_equal(getattr(found, key), getattr(design, key))
+    assert found.s1.tolist() == [0.0, 0.3]
+
+
+@pytest.mark.parametrize("trials", [25, 26, 70, 649, 651])
+def test_every_pair_keeps_its_share_and_at_least_one_trial(trials):
+    design = narrow_study_design(
+        np.linspace(0.0, 1.0, 5), np.array([-0.2, -0.1, 0.0, 0.1, 0.2]), 650
+    ).with_total(trials)
+    assert (design.total, design.n_trials.min() >= 1) == (trials, True)
+    assert np.ptp(design.n_trials) <= 1
+    assert apportioned(np.array([0.001, 0.3, 0.699]), 100).tolist() == [
+        1,
+        30,
+        69,
+    ]  # as far as whole numbers can
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("s1,s2\n0,0\n", "design.csv: row 1, column n_trials: missing"),
+        (
+            "s1,s2,n_trials\n0,0,2.5\n",
+            "row 2, column n_trials: found '2.5', allowed: a whole number of at least 1",
+        ),
+        (
+            "s1,s2,n_trials\n0,0,0\n",
+            "row 2, column n_trials: found '0', allowed: a whole number of at least 1",
+        ),
+        ("s1,s2,n_trials\n0,x,1\n", "row 2, column s2: found 'x', allowed: a finite number"),
+        ("s1,s2,n_trials\n0,0,1\n0,0,2\n", "a pair of stimuli is repeated"),
+        ("s1,s2,n_trials,isi\n0,0,1,-1\n", "isi must be positive"),
+    ],
+)
+def test_what_is_wrong_is_said_with_its_place(tmp_path, text, said):
+    (tmp_path / "design.csv").write_text(text, encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        bt.design.read_study_design(tmp_path / "design.csv")
+    assert said in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_fewer_trials_than_pairs_are_refused():
+    with pytest.raises(InputError, match="12 trials for 13 pairs"):
+        paper_study_design(12)
+
+
+def test_batches_of_the_paper_and_of_all_pairs():
+    design = reference_design()
+    pairs = set(zip(design.s1, design.s2, strict=True))
+    assert len(pairs) == len(design.s1) == 13
+    assert (design.s1 == design.s2).sum() == 5
+    assert all((b, a) in pairs for a, b in pairs)
+    assert np.exp(np.unique(design.s1)) == pytest.approx([1.0, 1.15, 1.36, 1.55, 1.66])
+    assert design.batches == 50
+    full = full_design([1, 2, 3])
+    assert len(set(zip(full.s1, full.s2, strict=True))) == 9
+    with pytest.raises(InputError, match="batches=0"):
+        BatchDesign(np.zeros(1), np.zeros(1), 0)
