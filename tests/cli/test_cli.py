@@ -544,9 +544,7 @@ def test_a_preset_is_a_word_and_a_file_of_that_name_has_a_path(folder):
     assert "mu1 ~ Normal(0, 7)" in said[2]
 
 
-@pytest.mark.parametrize(
-    "command", ["run", "sample", "evidence", "fit", "figures", "check"]
-)
+@pytest.mark.parametrize("command", ["run", "sample", "evidence", "fit", "figures", "check"])
 def test_a_bad_prior_file_is_one_line_for_every_command(folder, command):
     (folder / "bad.toml").write_text("[paper]\nmu1_sd = -1\n", encoding="utf-8")
     words = (
