@@ -302,7 +302,23 @@ def format_percent(size: Size) -> str:
     >>> format_percent(Size(2.5, 5.61, 8.3))
     '+5.6 % [+2.5, +8.3]'
     """
-    return f"{size.q50:+.2g} % [{size.q025:+.2g}, {size.q975:+.2g}]"
+    numbers = [format_number(value, "+") for value in (size.q50, size.q025, size.q975)]
+    return f"{numbers[0]} % [{numbers[1]}, {numbers[2]}]"
+
+
+def format_number(value: float, sign: str = "") -> str:
+    """A number with two significant digits and no exponent; `sign` '+' shows the sign always.
+
+    Examples
+    --------
+    >>> format_number(112.4), format_number(8.0, "+"), format_number(-0.0312), format_number(0.0)
+    ('110', '+8.0', '-0.031', '0')
+    """
+    if value == 0.0 or not np.isfinite(value):
+        return f"{value:{sign}g}"
+    rounded = float(f"{value:.2g}")
+    digits = max(1 - int(np.floor(np.log10(abs(rounded)))), 0)
+    return f"{rounded:{sign}.{digits}f}"
 
 
 def format_share(size: Size) -> str:
@@ -566,7 +582,7 @@ def answer_subject(
     >>> subject = Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [49, 20, 15], [50, 50, 50])
     >>> answer, _ = answer_subject(subject, seed=1)
     >>> answer.word("contraction")
-    'cannot be told'
+    'undecided'
     """
     (evidence,) = order_evidence([subject], seed, prior)
     fit = best_model_fit(evidence, seed)

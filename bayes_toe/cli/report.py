@@ -24,6 +24,7 @@ from bayes_toe.answers.order_effect import (
     PRIOR_FLAG,
     QUESTIONS,
     OrderEffect,
+    format_number,
     format_percent,
     format_probability,
     format_share,
@@ -316,8 +317,9 @@ def _word(answer: OrderEffect, question: str) -> tuple[str, str]:
     if word is Word.CANNOT_BE_TOLD:
         return word.value, ""
     detail = f"P {format_probability(answer.probabilities[question])}"
-    if not word.is_positive:
-        detail += f", ≤ {answer.upper_bounds[question]:.2g}"
+    bound = answer.upper_bounds[question]
+    if not word.is_positive and bound > 0.0:
+        detail += f", ≤ {bound:.2f}"
     return answer.marked_word(question), detail
 
 
@@ -333,10 +335,11 @@ def _size(answer: OrderEffect, name: str) -> tuple[float, str]:
     if name == "contraction_p":
         return size.q50, format_share(size)
     if name == "pse_shift_jnd":
-        return size.q50, f"{size.q50:+.2g} [{size.q025:+.2g}, {size.q975:+.2g}]"
+        return size.q50, format_percent(size).replace(" %", "", 1)
     if name == "pse_shift_percent":
         return size.q50, format_percent(size)
-    return size.q50, f"{size.q50:.2g} % [{size.q025:.2g}, {size.q975:.2g}]"
+    numbers = [format_number(value) for value in (size.q50, size.q025, size.q975)]
+    return size.q50, f"{numbers[0]} % [{numbers[1]}, {numbers[2]}]"
 
 
 def _subject_answer(answer: OrderEffect) -> dict[str, Any]:
