@@ -30,7 +30,7 @@ from bayes_toe.classical.fit import (
 from bayes_toe.data.messages import as_html
 from bayes_toe.data.study import Study, Subject, require_study
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
-from bayes_toe.errors import ConvergenceWarning, WorkerError
+from bayes_toe.errors import ConvergenceWarning, NumericalError, WorkerError
 from bayes_toe.groups.population import PopulationResult, population
 from bayes_toe.inference.belonging import require_update
 from bayes_toe.inference.draws import Draws
@@ -56,7 +56,7 @@ from bayes_toe.model.posterior_protocol import SampledPosterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.study_prior import prior_for
 from bayes_toe.seeds import generator
-from bayes_toe.workers import Progress, Workers, run_in_order
+from bayes_toe.workers import Failed, Progress, Workers, run_in_order
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -155,7 +155,7 @@ def run(
         settings = _settings(study, draws, kept.seed(seed), prior)
         wanted = Wanted(settings.sampler, EVIDENCE_DRAWS)
         jobs = [
-            partial(_analysed, subject, settings, wanted, flags)
+            partial(_refusing, _analysed, subject, settings, wanted, flags)
             for subject, flags in zip(study, answer_flags(study), strict=True)
         ]
         study, done, failed = _survivors(study, jobs, workers, progress, kept)
@@ -298,7 +298,7 @@ def draw(
     with keeping(keep) as kept:
         settings = _settings(study, draws, kept.seed(seed), prior, name)
         wanted = Wanted(settings.sampler)
-        jobs = [partial(_drawn, subject, settings, wanted) for subject in study]
+        jobs = [partial(_refusing, _drawn, subject, settings, wanted) for subject in study]
         study, done, failed = _survivors(study, jobs, workers, progress, kept)
         return Draws(assembled_tree(study, done, settings, failed))
 
@@ -336,7 +336,7 @@ def evidence(
             Wanted(evidence_draws=draws),
         )
         jobs = [
-            partial(_analysed, subject, settings, wanted, flags)
+            partial(_refusing, _analysed, subject, settings, wanted, flags)
             for subject, flags in zip(study, answer_flags(study), strict=True)
         ]
         _, done, failed = _survivors(study, jobs, workers, progress, kept)
@@ -386,6 +386,15 @@ class _Analysed:
     evidence: SubjectEvidence
     fit: SubjectFit | None
     shown: FloatArray | None
+
+
+def _refusing(work: Callable[..., Result], *arguments: object) -> Result:
+    """The work of a subject; a numerical failure is the refusal of that subject alone."""
+    try:
+        return work(*arguments)
+    except NumericalError as error:
+        # Whoever runs the jobs tells failures from results.
+        return cast(Result, Failed(str(error)))
 
 
 def _drawn(subject: Subject, settings: Settings, wanted: Wanted) -> SubjectDraws:
