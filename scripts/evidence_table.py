@@ -10,12 +10,12 @@ import bayes_toe as bt
 
 COLUMNS = [
     "subject",
-    "effect",
-    "kind",
-    "fit",
-    "p_none",
+    "order_effect",
+    "constant_error",
+    "contraction",
+    "p_order_effect",
     "p_constant_error",
-    "p_update",
+    "p_contraction",
     "log_bayes_factor",
 ]
 

@@ -149,12 +149,14 @@ def test_programs_of_the_readme_run(tmp_path):
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "tutorial.md"
 CHEAP = {
     "run": ["--draws", "500", "--pictures", "none", "--workers", "1"],
+    "sample": ["--draws", "500", "--workers", "1"],
     "corner": ["--workers", "1"],
 }
 MADE = {
     "study.csv",
     "asymmetry.csv",
     "results",
+    "both.nc",
     "corner",
     "methods.md",
     "methods.bib",
