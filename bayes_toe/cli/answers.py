@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
-from bayes_toe.answers.order_effect import OrderEffect, Size
+from bayes_toe.answers.order_effect import OrderEffect, Size, format_percent, format_share
 from bayes_toe.answers.study_summary import (
     FEWEST_FOR_GROUP,
     describe_pair,
@@ -55,19 +55,22 @@ def _cells(answer: OrderEffect) -> dict[Any, Any]:
         "order effect": answer.words["order_effect"].value,
         "constant error": answer.words["constant_error"].value,
         "contraction": answer.word("contraction"),
-        "PSE shift, %": _estimate(answer, "constant_error", "pse_shift_percent", "+.2g"),
-        "contraction p": _estimate(answer, "contraction", "contraction_p", ".2f"),
+        "PSE shift, %": _estimate(answer, "constant_error", "pse_shift_percent", _bare_percent),
+        "contraction p": _estimate(answer, "contraction", "contraction_p", format_share),
     }
 
 
-def _estimate(answer: OrderEffect, question: str, size: str, form: str) -> str:
+def _estimate(answer: OrderEffect, question: str, size: str, form: Callable[[Size], str]) -> str:
     """A size with its interval; '-' where there is probably nothing to measure."""
     word = answer.words[question]
     if word in _WITHOUT_SIZE or word is Word.NOT_INTERPRETABLE:
         return "-"
-    estimate: Size = answer.sizes[size]
-    ends = f"{estimate.q025:{form}}, {estimate.q975:{form}}"
-    return f"{estimate.q50:{form}} [{ends}]".replace("0.", ".")
+    return form(answer.sizes[size])
+
+
+def _bare_percent(size: Size) -> str:
+    """A size in per cent for a column that names the unit."""
+    return format_percent(size).replace(" %", "")
 
 
 def _actions(answers: Sequence[OrderEffect]) -> list[str]:
