@@ -69,7 +69,7 @@ def population(
         ),
     ] = Path("population.nc"),
     asked: GroupOptions,
-    task: Annotated[Task, Takes("seed", "overwrite", "spreadsheet_safe", draws=2000)],
+    task: Annotated[Task, Takes("seed", "overwrite", "spreadsheet_safe", draws=3200)],
 ) -> None:
     """Mean and spread of the order effects of a group: constant error and contraction.
 

@@ -159,12 +159,15 @@ class SeparateFits(NamedTuple):
     sd : ndarray, shape (subjects, q + own)
     information, precision : ndarray, shape (subjects, q)
         h e and h of the coefficients by the responses alone.
+    ridge : ndarray, shape (subjects, own, q)
+        How the mode of the parameters that are not shared moves with the coefficients.
     """
 
     mode: FloatArray
     sd: FloatArray
     information: FloatArray
     precision: FloatArray
+    ridge: FloatArray
 
 
 def separate_fits(rows: SubjectRows, numbers: HyperpriorNumbers) -> SeparateFits:
@@ -197,7 +200,8 @@ def separate_fits(rows: SubjectRows, numbers: HyperpriorNumbers) -> SeparateFits
     by_responses = np.maximum(1.0 / variance[:, :q] - precision[:q], 0.0)
     told = w[:, :q] / variance[:, :q] - precision[:q] * centre[:q]
     told = np.where(by_responses > 0.0, told, 0.0)
-    return SeparateFits(w, np.sqrt(variance), told, by_responses)
+    ridge = -np.linalg.solve(information[:, q:, q:], information[:, q:, :q])
+    return SeparateFits(w, np.sqrt(variance), told, by_responses, ridge)
 
 
 class GroupPoint(NamedTuple):
@@ -221,7 +225,8 @@ class GroupPosterior:
     """Log density of the joint posterior, with its gradient.
 
     A point theta has the means, log standard deviations and effects, then a block for each
-    subject: xi of its coefficients, and the parameters that are not shared.
+    subject: xi of its coefficients, and the parameters that are not shared, counted from their
+    mode given the coefficients. So a slope that trades off against p moves along with p.
 
     Attributes
     ----------
@@ -261,10 +266,12 @@ class GroupPosterior:
         pulled = self.fits.information[:, None] - self.fits.precision[:, None] * expected
         away = np.square(unit) * pulled
         score = tau * share * pulled + root * xi
-        w = np.concatenate([expected + away + unit * xi, own], axis=-1)
+        coefficients = expected + away + unit * xi
+        w = self._with_own(coefficients, own)
         log_likelihood, slope = self.rows.gradient(w)
-        log_own, own_slope = self.rows.log_own_prior(own)
-        by_coefficient = slope[..., :q]
+        log_own, own_slope = self.rows.log_own_prior(w[..., q:])
+        by_own = slope[..., q:] + own_slope
+        by_coefficient = slope[..., :q] + by_own @ self.fits.ridge
 
         by_xi = by_coefficient * unit - score * root
         precision_unit = self.fits.precision[:, None] * tau * share
@@ -281,7 +288,7 @@ class GroupPosterior:
         log_sd_slope = numbers.sd_slope(tau) * tau + 1.0 + by_log_sd.sum(axis=0)
         effect_slope = numbers.effect_slope(effects)
         effect_slope = effect_slope + np.einsum("nr,npq->prq", self.x, by_expected)
-        subject_slope = np.concatenate([by_xi, slope[..., q:] + own_slope], axis=-1)
+        subject_slope = np.concatenate([by_xi, by_own], axis=-1)
         parts = (mean_slope, log_sd_slope, effect_slope, subject_slope.swapaxes(0, 1))
         return value, np.concatenate([part.reshape(len(theta), -1) for part in parts], axis=1)
 
@@ -295,7 +302,7 @@ class GroupPosterior:
         unit = tau / np.sqrt(1.0 + precision * np.square(tau))
         pulled = self.fits.information[:, None] - precision * expected
         coefficients = expected + np.square(unit) * pulled + unit * block[..., :q]
-        w = np.concatenate([coefficients, block[..., q:]], axis=-1)
+        w = self._with_own(coefficients, block[..., q:])
         return GroupPoint(mean, log_sd, effects, w)
 
     def start(self, n_points: int, rng: np.random.Generator) -> FloatArray:
@@ -310,9 +317,17 @@ class GroupPosterior:
         effects = np.tile(unit, self.x.shape[1])
         theta[:, 2 * q : self.n_shared] = effects * rng.standard_normal((n_points, len(effects)))
         block = rng.standard_normal((n_points, self.rows.n_subjects, self.rows.n_coordinates))
-        block[..., q:] = fits.mode[:, q:] + fits.sd[:, q:] * block[..., q:]
+        block[..., q:] *= fits.sd[:, q:]
         theta[:, self.n_shared :] = block.reshape(n_points, -1)
         return theta
+
+    def _with_own(self, coefficients: FloatArray, own: FloatArray) -> FloatArray:
+        """Points w; coordinates `own` count from the mode given the coefficients."""
+        mode = self.fits.mode[:, None]
+        q = self.rows.n_coefficients
+        away = coefficients - mode[..., :q]
+        values = mode[..., q:] + away @ self.fits.ridge.swapaxes(1, 2) + own
+        return np.concatenate([coefficients, values], axis=-1)
 
     def _split(self, theta: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Means, log sds, effects, and the blocks of the subjects, (subjects, points, ...)."""
