@@ -200,7 +200,7 @@ def separate_fits(rows: SubjectRows, numbers: HyperpriorNumbers) -> SeparateFits
     by_responses = np.maximum(1.0 / variance[:, :q] - precision[:q], 0.0)
     told = w[:, :q] / variance[:, :q] - precision[:q] * centre[:q]
     told = np.where(by_responses > 0.0, told, 0.0)
-    ridge = -np.linalg.solve(information[:, q:, q:], information[:, q:, :q])
+    ridge = np.asarray(-np.linalg.solve(information[:, q:, q:], information[:, q:, :q]))
     return SeparateFits(w, np.sqrt(variance), told, by_responses, ridge)
 
 
