@@ -20,7 +20,7 @@ from bayes_toe.analysis import Analysis
 from bayes_toe.classical.fit import subject_fit
 from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.design.study_design import reference_design
-from bayes_toe.model.ladder import CROSSED, models_of
+from bayes_toe.model.ladder import models_of
 
 REAL = Path(__file__).resolve().parents[2] / "shared" / "data"
 
@@ -132,25 +132,6 @@ def stronger() -> Analysis:
     )
     with few_replicates():
         return bt.run(study, draws=500, seed=2, workers=1)
-
-
-@contextmanager
-def plain_models_alone():
-    """Verdicts over the plain model of each order, not over all 48, and few bootstrap replicates: for what goes on around them."""
-    try:
-        with pytest.MonkeyPatch.context() as patch, few_replicates():
-            for task in CROSSED:
-                patch.setitem(CROSSED, task, {})
-            models_of.cache_clear()
-            yield
-    finally:
-        models_of.cache_clear()
-
-
-@pytest.fixture
-def three_models():
-    with plain_models_alone():
-        yield
 
 
 @pytest.fixture

@@ -1,6 +1,6 @@
 """The house: every file stands in a room, imports point one way, and a library has one owner.
 
-version errors arrays seeds cluster workers records < data < kept < model < checks < inference < groups < classical < comparison
+version errors arrays seeds cluster workers records < data < kept < model < checks < inference < groups < classical
 < answers < analysis < design < plots < explorer < cli
 """
 
@@ -29,7 +29,6 @@ ORDER = (
     "inference",
     "groups",
     "classical",
-    "comparison",
     "answers",
     "analysis",
     "design",

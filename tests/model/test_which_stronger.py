@@ -6,17 +6,15 @@ import mpmath as mp
 import numpy as np
 import pytest
 from scipy.optimize import minimize
-from scipy.special import logsumexp
 from scipy.stats import norm
 
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.errors import InputError
-from bayes_toe.inference.space import space_evidence
 from bayes_toe.model.closed_form import pull
 from bayes_toe.model.ladder import model_named, models_of, posterior_of
 from bayes_toe.model.links import PROBIT, Lapsing
-from bayes_toe.model.prior import DEFAULT, Prior
+from bayes_toe.model.prior import Prior
 
 S1 = np.array([0.0, 0.2, 0.4, 0.6, 0.2, 0.4, 0.6, 0.8])
 S2 = np.array([0.2, 0.4, 0.6, 0.8, 0.0, 0.2, 0.4, 0.6])
@@ -108,7 +106,7 @@ def test_both_tasks_have_one_observer():
     assert second["pse_shift"] == pytest.approx(second["offset"])
 
 
-# --- Estimates and evidences ----------------------------------------------------------------------
+# --- Estimates -----------------------------------------------------------------------------------
 
 
 def test_without_lapses_it_is_a_probit_regression():
@@ -135,31 +133,6 @@ def test_without_lapses_it_is_a_probit_regression():
     x = target.points(given)
     assert target.log_likelihood(x)[0] == pytest.approx(-fit.fun, rel=1e-12)
     assert np.abs(target.likelihood_gradient(x)[1]).max() < 1e-3
-
-
-def _evidence_by_quadrature(one, name):
-    """Of a model of one or two coordinates, by sums over a fine grid far beyond what matters."""
-    target = posterior_of(one, DEFAULT, model=name)
-    ranges = {"offset": (-2.0, 2.0), "log_width": (-5.0, 3.0), "logit_lapse_rate": (-60.0, 15.0)}
-    axes = [
-        np.linspace(*ranges[key], 1501 if key == "logit_lapse_rate" else 401)
-        for key in target.coordinates
-    ]
-    points = np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")], axis=-1)
-    return logsumexp(target.log_density(points)) + sum(np.log(axis[1] - axis[0]) for axis in axes)
-
-
-@pytest.mark.parametrize(
-    "counts", [(40, 38, 35, 33, 20, 15, 12, 8), (33, 35, 34, 36, 14, 15, 16, 17)]
-)
-def test_evidences_are_those_of_quadrature(counts):
-    space = models_of(WHICH_STRONGER).space
-    found = space_evidence(subject(counts), DEFAULT, space, 1, window=np.inf)
-    for name in ("none + no lapses", "none", "constant error + no lapses"):
-        evidence = found.sampled[space.index(model_named(name, WHICH_STRONGER))].evidence
-        assert evidence.value == pytest.approx(
-            _evidence_by_quadrature(subject(counts), name), abs=4.0 * evidence.se + 1e-4
-        )
 
 
 # --- What is concluded ----------------------------------------------------------------------------
