@@ -6,10 +6,10 @@ each other.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +21,9 @@ from bayes_toe.design.study_design import StudyDesign
 from bayes_toe.errors import InputError
 from bayes_toe.seeds import generator
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 #: Equal pairs that may follow each other.
 MOST_EQUAL = 3
 
@@ -29,7 +32,16 @@ MOST_EQUAL = 3
 class TrialList:
     """Trials of one subject in the order in which they are shown; the answers are still to come.
 
-    Blocks count from 1; s1 and s2 are natural-log intensities, isi is in seconds, conditions are names; shape (trials,) each.
+    Attributes
+    ----------
+    subject : str
+    block : ndarray of int, shape (trials,)
+        From 1.
+    s1, s2 : ndarray, shape (trials,)
+        Natural-log intensities.
+    isi : ndarray, shape (trials,), optional
+        Seconds.
+    condition : ndarray of str, shape (trials,), optional
     """
 
     subject: str
@@ -38,6 +50,22 @@ class TrialList:
     s2: FloatArray
     isi: FloatArray | None = None
     condition: npt.NDArray[np.str_] | None = field(default=None, kw_only=True)
+
+    def frame(self, reference: float | None = None) -> pd.DataFrame:
+        """A row a trial; raw amplitudes stand beside the intensities where their reference is given."""
+        import pandas as pd
+
+        columns: dict[str, npt.ArrayLike] = {"subject": self.subject}
+        if self.condition is not None:
+            columns["condition"] = self.condition
+        trial = np.arange(1, len(self.s1) + 1)
+        columns |= {"block": self.block, "trial": trial, "s1": self.s1, "s2": self.s2}
+        if self.isi is not None:
+            columns["isi"] = self.isi
+        if reference is not None:
+            columns["i1"] = reference * np.exp(self.s1)
+            columns["i2"] = reference * np.exp(self.s2)
+        return pd.DataFrame({**columns, "response": ""})
 
 
 def trial_list(
@@ -48,10 +76,11 @@ def trial_list(
     seed: int,
     conditions: Sequence[str] = (),
 ) -> TrialList:
-    """A random order of all trials of a design, under each of the conditions, mixed within blocks, where there are some.
+    """A random order of all trials of a design.
 
-    Every block has its share of every pair, and two stimuli in both orders equally often where the design has them so; no more than three
-    equal pairs follow each other, also over the end of a block. Of all orders that are so, each is equally probable.
+    Every block has its share of every pair, and two stimuli in both orders equally often where the
+    design has them so; no more than three equal pairs follow each other, also over the end of a
+    block. Of all such orders each is equally probable.
 
     Parameters
     ----------
@@ -61,7 +90,8 @@ def trial_list(
         Whose trials; the random stream is keyed by it.
     seed : int
     conditions : sequence of str
-        Levels of a condition within subjects, each of which has all trials of the design.
+        Levels of a condition within subjects, each of which has all trials of the design; they are
+        mixed within blocks.
 
     Raises
     ------
@@ -77,140 +107,125 @@ def trial_list(
     if not 1 <= blocks <= design.total:
         raise InputError(f"--blocks {blocks}: allowed is 1 to {design.total}, the number of trials")
     rng = generator(seed, subject, "order of trials")
-    levels = max(1, len(conditions))
-    counts, same = (
-        np.hstack([_blocks(design, blocks, rng) for _ in range(levels)]),
-        np.tile(design.s1 == design.s2, levels),
-    )
-    order = [rng.permutation(np.repeat(np.arange(len(same)), of_block)) for of_block in counts]
-    for trials, equal in zip(
-        order,
-        _places_of_equals(counts[:, same].sum(axis=1), counts[:, ~same].sum(axis=1), rng),
-        strict=True,
-    ):
-        trials[equal], trials[~equal] = trials[same[trials]], trials[~same[trials]]
+    n_levels = max(1, len(conditions))
+    counts = np.hstack([_block_counts(design, blocks, rng) for _ in range(n_levels)])
+    is_equal = np.tile(design.s1 == design.s2, n_levels)
+    n_equal, n_different = counts[:, is_equal].sum(axis=1), counts[:, ~is_equal].sum(axis=1)
+    order = [rng.permutation(np.repeat(np.arange(len(is_equal)), row)) for row in counts]
+    places = _places_of_equals(n_equal, n_different, rng)
+    for trials, place in zip(order, places, strict=True):
+        equal, different = trials[is_equal[trials]], trials[~is_equal[trials]]
+        trials[place], trials[~place] = equal, different
     block = np.repeat(np.arange(1, blocks + 1), counts.sum(axis=1))
     level, pair = np.divmod(np.concatenate(order), design.n_pairs)
-    found = TrialList(subject, block, *(column[pair] for column in design.columns))
-    return replace(found, condition=np.array(conditions)[level]) if conditions else found
+    condition = np.array(conditions)[level] if conditions else None
+    columns = [column[pair] for column in design.columns]
+    return TrialList(subject, block, *columns, condition=condition)
 
 
 def save_trials(
-    lists: list[TrialList],
+    lists: Sequence[TrialList],
     path: str | Path,
     *,
     reference: float | None = None,
     overwrite: bool = False,
 ) -> Path:
-    """Write trial lists as one CSV file that :func:`bayes_toe.data.read_study.read_study` reads once the column response is filled in.
-
-    Columns: subject, condition where there are some, block, trial (over all blocks), s1, s2, isi where there are intervals, i1 and i2 =
-    reference e^s where the reference amplitude is given, and response, which is empty.
-    """
+    """Write trial lists as one CSV file, which `run` reads once the column response is filled in."""
     import pandas as pd
 
-    parts = []
-    for one in lists:
-        columns: dict[str, Any] = {"subject": one.subject} | (
-            {} if one.condition is None else {"condition": one.condition}
-        )
-        columns |= {
-            "block": one.block,
-            "trial": np.arange(1, len(one.s1) + 1),
-            "s1": one.s1,
-            "s2": one.s2,
-        }
-        columns |= {} if one.isi is None else {"isi": one.isi}
-        columns |= (
-            {}
-            if reference is None
-            else {"i1": reference * np.exp(one.s1), "i2": reference * np.exp(one.s2)}
-        )
-        parts.append(pd.DataFrame({**columns, "response": ""}))
-    return write_table(pd.concat(parts), path, overwrite=overwrite)
+    frame = pd.concat([trials.frame(reference) for trials in lists])
+    return write_table(frame, path, overwrite=overwrite)
 
 
-# --- Which pairs in which block, and where the equal ones ---------------------------------------------
+# --- Which pairs in which block -------------------------------------------------------------------
 
 
-def _blocks(design: StudyDesign, blocks: int, rng: np.random.Generator) -> IntArray:
-    """Trials of each pair in each block, shape (blocks, pairs); blocks differ by as little as they can.
+def _block_counts(design: StudyDesign, blocks: int, rng: np.random.Generator) -> IntArray:
+    """Trials of each pair in each block, shape (blocks, pairs).
 
-    Both orders of two stimuli come before what is single, which then evens out the blocks, where it can also those of its pair.
+    Blocks differ by as little as they can. Both orders of two stimuli come first; single pairs then
+    even out the blocks.
     """
     counts = np.zeros((blocks, design.n_pairs), np.int64)
-    units = [(pairs, times) for pairs, times in _units(design) if times]
-    for index in sorted(
-        rng.permutation(len(units)).tolist(), key=lambda index: -len(units[index][0])
-    ):
-        pairs, times = units[index]
+    units = _units(design)
+    shuffled = [units[i] for i in rng.permutation(len(units)).tolist()]
+    for pairs, times in sorted(shuffled, key=lambda unit: -len(unit[0])):
         counts[:, pairs] += times // blocks
-        fewest = np.lexsort(
-            (rng.uniform(size=blocks), counts[:, pairs].sum(axis=1), counts.sum(axis=1))
-        )[: times % blocks]
+        keys = rng.uniform(size=blocks), counts[:, pairs].sum(axis=1), counts.sum(axis=1)
+        fewest = np.lexsort(keys)[: times % blocks]
         counts[np.ix_(fewest, pairs)] += 1
     return counts
 
 
-def _units(design: StudyDesign) -> Iterator[tuple[list[int], int]]:
-    """What is kept together in a block: both orders of two stimuli as often as both occur, and what is left of either; with how often."""
-    places = {pair: i for i, pair in enumerate(design.pairs)}
+def _units(design: StudyDesign) -> list[tuple[list[int], int]]:
+    """What stays together in a block, and how often: both orders of two stimuli, and what is left."""
+    places = {pair: place for place, pair in enumerate(design.pairs)}
     left = design.n_trials.copy()
-    for (s1, s2, *isi), i in places.items():
-        other = places.get((s2, s1, *isi), i)
-        if other > i:
-            both = int(min(left[i], left[other]))
-            left[[i, other]] -= both
-            yield [i, other], both
-    yield from (([i], int(count)) for i, count in enumerate(left))
+    units = []
+    for (s1, s2, *isi), place in places.items():
+        other = places.get((s2, s1, *isi), place)
+        if other > place:
+            both = int(min(left[place], left[other]))
+            left[[place, other]] -= both
+            units.append(([place, other], both))
+    units += [([place], count) for place, count in enumerate(left.tolist())]
+    return [(pairs, times) for pairs, times in units if times]
+
+
+# --- Where the equal pairs stand ------------------------------------------------------------------
 
 
 def _places_of_equals(
-    equal: IntArray, different: IntArray, rng: np.random.Generator
+    n_equal: IntArray, n_different: IntArray, rng: np.random.Generator
 ) -> list[BoolArray]:
-    """Of every block with so many pairs, which of its trials are equal ones: all ways with no more than three in a row equally probable.
-
-    Ways are counted from the end: of each block by how many different and equal pairs are to come where a different one was last, and of
-    all blocks from one on by the run of equal ones before it.
-    """
-    tables, from_here = [], np.zeros(MOST_EQUAL + 1)
-    for e, d in zip(equal[::-1], different[::-1], strict=True):
-        log_ways = np.full((d + 1, e + 1), -np.inf)
-        log_ways[0, : MOST_EQUAL + 1] = from_here[: e + 1]
-        for left in range(1, d + 1):
-            for size in range(min(MOST_EQUAL, e) + 1):
-                log_ways[left, size:] = np.logaddexp(
-                    log_ways[left, size:], log_ways[left - 1, : e + 1 - size]
-                )
-        tables.append(log_ways)
-        runs = range(MOST_EQUAL + 1)
-        if d:
-            from_here = np.array(
-                [logsumexp(log_ways[d - 1, max(0, e - MOST_EQUAL + run) :]) for run in runs]
-            )
-        else:
-            from_here = np.array(
-                [from_here[run + e] if run + e <= MOST_EQUAL else -np.inf for run in runs]
-            )
-    if np.isneginf(from_here[0]):
-        worst = int((equal - MOST_EQUAL * different).argmax())
-        raise InputError(
-            f"block {worst + 1}, of {equal[worst] + different[worst]} trials, has {equal[worst]} equal pairs: more than {MOST_EQUAL} would "
-            "follow each other; allowed: a design with fewer equal pairs, or fewer blocks"
-        )
-    found, run = [], 0
-    for log_ways in reversed(tables):
+    """Which trials of every block are equal pairs, (trials,) each; all ways are equally probable."""
+    tables = _count_ways(n_equal, n_different)
+    places, run = [], 0
+    for log_ways in tables:
         d, e = (size - 1 for size in log_ways.shape)
-        sizes = []  # of runs of equal ones before each different one
+        is_equal = np.ones(e, np.bool_)
+        sizes = []  # of runs of equal pairs before each different one
         for left in range(d - 1, -1, -1):
             fewest = max(0, e - MOST_EQUAL + run)
-            p = np.exp(log_ways[left, fewest : e + 1] - logsumexp(log_ways[left, fewest : e + 1]))
+            log_p = log_ways[left, fewest : e + 1]
+            p = np.exp(log_p - logsumexp(log_p))
             sizes.append(e - fewest - int(rng.choice(len(p), p=p)))
             e, run = e - sizes[-1], 0
-        found.append(
-            np.insert(
-                np.ones(log_ways.shape[1] - 1, np.bool_), np.cumsum(sizes, dtype=np.int64), False
-            )
-        )
+        places.append(np.insert(is_equal, np.cumsum(sizes, dtype=np.int64), False))
         run += e
-    return found
+    return places
+
+
+def _count_ways(n_equal: IntArray, n_different: IntArray) -> list[FloatArray]:
+    """Log numbers of ways with no more than three equal pairs in a row, a table for each block.
+
+    An entry, (different, equal) pairs that are still to come in the block, counts the ways from
+    there to the end of the last block, where a different pair came last.
+    """
+    tables = []
+    from_next = np.zeros(MOST_EQUAL + 1)  # ways from the next block on, by the run before it
+    for e, d in zip(n_equal[::-1].tolist(), n_different[::-1].tolist(), strict=True):
+        log_ways = np.full((d + 1, e + 1), -np.inf)
+        log_ways[0, : MOST_EQUAL + 1] = from_next[: e + 1]
+        for left in range(1, d + 1):
+            for size in range(min(MOST_EQUAL, e) + 1):
+                with_run = log_ways[left - 1, : e + 1 - size]
+                log_ways[left, size:] = np.logaddexp(log_ways[left, size:], with_run)
+        tables.append(log_ways)
+        from_here = np.full(MOST_EQUAL + 1, -np.inf)
+        for run in range(MOST_EQUAL + 1):
+            if d:
+                fewest = max(0, e - MOST_EQUAL + run)
+                from_here[run] = logsumexp(log_ways[d - 1, fewest:])
+            elif run + e <= MOST_EQUAL:
+                from_here[run] = from_next[run + e]
+        from_next = from_here
+    if np.isneginf(from_next[0]):
+        worst = int((n_equal - MOST_EQUAL * n_different).argmax())
+        n_trials = n_equal[worst] + n_different[worst]
+        raise InputError(
+            f"block {worst + 1}, of {n_trials} trials, has {n_equal[worst]} equal pairs: more than "
+            f"{MOST_EQUAL} would follow each other; allowed: a design with fewer equal pairs, or "
+            "fewer blocks"
+        )
+    return tables[::-1]
