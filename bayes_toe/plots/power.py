@@ -72,7 +72,7 @@ def _draw_question(ax: Axes, table: PowerTable, design: str, question: str) -> N
             "mfc": colour if has_effect else "white",
             "ms": 4.0,
         }
-        label = plain(kind) if question == QUESTIONS[0] else None  # there most have the effect
+        label = plain(kind) if question == "order_effect" else None  # there most have the effect
         ax.errorbar(x, y, errors, lw=1.1, elinewidth=0.8, label=label, **style)
     ax.set(xscale="log", ylim=(-0.04, 1.04))
     ax.set_xlim(min(trials) / _MARGIN, max(trials) * _MARGIN)
