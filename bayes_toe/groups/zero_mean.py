@@ -48,7 +48,8 @@ class ZeroBayesFactor(NamedTuple):
         """The log Bayes factor, or the bound below which it is."""
         if self.log_bf < LOWEST:
             return f"below {LOWEST:.0f}"
-        return f"{self.log_bf:.1f}"
+        # Adding 0 turns -0.0 into 0.0.
+        return f"{round(self.log_bf, 1) + 0.0:.1f}"
 
 
 def zero_mean(

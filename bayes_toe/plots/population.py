@@ -106,7 +106,7 @@ def _heading(result: PopulationResult) -> str:
             effect.mean.low, effect.mean.high, effect.mean.low, effect.mean.median, effect.mean.high
         )
         words.append(f"{label} {middle} [{low}, {high}]{unit}, ln BF of 0 {effect.zero_mean.words}")
-    return "\n".join([*lines, "; ".join(words)])
+    return "\n".join([*lines, *words])
 
 
 def forest(ax: Axes, result: PopulationResult, name: str) -> None:

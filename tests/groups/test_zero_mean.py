@@ -77,3 +77,4 @@ def test_far_out_only_the_bound_is_printed():
     assert ZeroBayesFactor(-57.0, 1.0).words == "below -10"
     assert ZeroBayesFactor(-9.96, 0.1).words == "-10.0"
     assert ZeroBayesFactor(1.64, 0.1).words == "1.6"
+    assert ZeroBayesFactor(-0.03, 0.1).words == "0.0"
