@@ -47,6 +47,11 @@ _NEW_ANSWER = (
     "for subject in study: answer_subject(subject, 1)",
 )
 _RUN = ("", "bt.run(study, seed=1, workers=1)")
+#: Fewer than six subjects at a time, so that no group is fitted.
+_RUN_SUBJECTS = (
+    "",
+    "for i in range(0, 16, 4): bt.run(bt.Study(study.subjects[i : i + 4]), seed=1, workers=1)",
+)
 
 
 @dataclass(frozen=True)
@@ -87,6 +92,9 @@ BARS = {
         "same/different", 0.06, _OLD_VERDICT, _NEW_ANSWER
     ),
     "answer of 12 subjects, 2AFC": _call("2afc", 0.3, _OLD_VERDICT, _NEW_ANSWER),
+    "bt.run of 16 subjects, four at a time": _call(
+        "same/different", 0.35, _RUN_SUBJECTS, _RUN_SUBJECTS
+    ),
     "bt.run of 16 subjects": _call("same/different", 0.35, _RUN, _RUN),
     "fit": _command(f"fit study.csv -o fit.csv {_SEEDED}", 1.15),
     "evidence": _command(f"evidence study.csv -o evidence.csv {_SEEDED}", 0.35),
