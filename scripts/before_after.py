@@ -98,7 +98,12 @@ BARS = {
     "bt.run of 16 subjects": _call("same/different", 0.35, _RUN, _RUN),
     "fit": _command(f"fit study.csv -o fit.csv {_SEEDED}", 1.15),
     "evidence": _command(f"evidence study.csv -o evidence.csv {_SEEDED}", 0.35),
-    "population": _command(f"population study.csv -o population.nc {_SEEDED}", 1.15),
+    "population": Bar(
+        1.15,
+        "x",
+        f"population study.csv -o population.nc {_SEEDED}",
+        "population study.csv -o population.nc --seed 1 --overwrite",
+    ),
     "sample": _command(f"sample study.csv -o posterior.nc --draws 10000 {_SEEDED}", 1.1),
 }
 
