@@ -26,7 +26,7 @@ from bayes_toe.inference.diagnostics import Convergence, convergence_of, worst
 
 Density = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 
-_TARGET_ACCEPTANCE = 0.85
+_TARGET_ACCEPTANCE = 0.9
 #: Mean length of a trajectory, and the autocorrelation of draws from which on it is doubled.
 _LENGTH, _MOST_ALIKE = 0.75 * np.pi, 0.6
 #: Gain of energy, and momentum, at which a trajectory is given up.
@@ -37,6 +37,8 @@ _SETTLING, _FEW_STEPS = 40, 8
 _ROUNDS = (40, 40, 60, 80)
 #: Share of trajectories with shorter steps, and how much shorter they are.
 _CAREFUL_SHARE, _CAREFUL_STEP = 0.125, 0.2
+#: Steps of the second attempt over those of the first.
+_SECOND_STEP = 0.4
 #: Draws by which the first guess of a covariance counts.
 _GUESS_WEIGHT = 5.0
 
@@ -287,7 +289,10 @@ class GroupDraws:
 def sample_group(
     posterior: GroupPosterior, n_draws: int, rng: np.random.Generator, n_chains: int = N_CHAINS
 ) -> GroupDraws:
-    """So many draws of all chains together; twice as many where these are not reliable."""
+    """So many draws of all chains together.
+
+    Where these are not reliable, twice as many by shorter steps take their place.
+    """
     start = posterior.start(n_chains, rng)
     rows = posterior.rows
     metric = Metric(posterior.n_shared, rows.n_subjects, rows.n_coordinates)
@@ -298,10 +303,9 @@ def sample_group(
     draws = _group_draws(posterior, trace)
     if not draws.shortfall:
         return draws
-    more = sampler.advance(n_each)
-    x = np.concatenate([trace.x, more.x])
-    is_divergent = np.concatenate([trace.is_divergent, more.is_divergent])
-    return _group_draws(posterior, Trace(x, is_divergent))
+    # Divergent trajectories say that steps were too long somewhere: their draws are not kept.
+    sampler.step *= _SECOND_STEP
+    return _group_draws(posterior, sampler.advance(2 * n_each))
 
 
 def _group_draws(posterior: GroupPosterior, trace: Trace) -> GroupDraws:
