@@ -49,10 +49,10 @@ from bayes_toe.inference.subject import (
     weighted_fit,
 )
 from bayes_toe.kept import Done, Kept, keeping
-from bayes_toe.model.ladder import PREDICTIVE_UPDATE, models_of
 from bayes_toe.model.models import model_posterior, require_model, stored_model
 from bayes_toe.model.observer import OrderModel
-from bayes_toe.model.posterior_protocol import SampledPosterior
+from bayes_toe.model.paper_model import PAPER_MODEL, paper_posterior
+from bayes_toe.model.posterior import SampledPosterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.study_prior import prior_for
 from bayes_toe.seeds import generator
@@ -361,7 +361,7 @@ def smooth_curve_evidence(draws: Draws, *, workers: Workers = None) -> EvidenceT
     jobs = [
         partial(
             _against_frequencies,
-            models_of(study.task).update.posterior(subject, prior),
+            paper_posterior(subject, prior),
             seed,
             wanted,
         )
@@ -410,8 +410,7 @@ def _analysed(
     """The answer, and the paper's model with all that is wanted."""
     prior, seed = settings.prior.at(subject), settings.seed
     answer, order = answer_subject(subject, seed, settings.prior.observer, flags)
-    update = models_of(subject.task).update
-    result, fitted = fitted_result(update.posterior(subject, prior), seed, wanted)
+    result, fitted = fitted_result(paper_posterior(subject, prior), seed, wanted)
     fit, by_bootstrap = None, None
     if subject.isi is None and wanted.chains is not None:
         # The maximum-likelihood fit knows no intervals.
@@ -438,7 +437,7 @@ def _settings(
     draws: int,
     seed: int,
     prior: Prior | str | None,
-    model: str = PREDICTIVE_UPDATE.name,
+    model: str = PAPER_MODEL,
 ) -> Settings:
     return Settings(seed, prior_for(study, prior), SamplerSettings(draws=draws), model)
 

@@ -145,7 +145,7 @@ def order_jobs(seeds: int) -> dict[str, partial]:
 
 def paper_rows(subject: bt.Subject, reference: float, seeds: int) -> list[dict[str, object]]:
     """The row of the paper's model."""
-    posterior = bt.model.posterior_of(subject, bt.Prior())
+    posterior = bt.model.paper_posterior(subject, bt.Prior())
     maxima = find_maxima(posterior)
     values, errors, pareto_k = [], [], []
     for seed in range(seeds):

@@ -45,7 +45,7 @@ def case(subject: bt.Subject, model: str | None) -> dict[str, object]:
     if model is not None:
         value, error = tempered_evidence(subject, model)
         return {"log_evidence": value, "log_evidence_error": error}
-    numbers = vars(integrate(bt.model.posterior_of(subject, bt.Prior())))
+    numbers = vars(integrate(bt.model.paper_posterior(subject, bt.Prior())))
     return {
         key: value.tolist() if isinstance(value, np.ndarray) else value
         for key, value in numbers.items()

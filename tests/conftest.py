@@ -20,7 +20,6 @@ from bayes_toe.analysis import Analysis
 from bayes_toe.classical.fit import subject_fit
 from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.design.study_design import reference_design
-from bayes_toe.model.ladder import models_of
 
 REAL = Path(__file__).resolve().parents[2] / "shared" / "data"
 
@@ -116,7 +115,7 @@ def stronger_counts(name, pull, mu1, n=60):
     low, high = np.linspace(0.0, 1.25, 6)[:-1], np.linspace(0.0, 1.25, 6)[1:]
     s1, s2 = np.concatenate([low, high]), np.concatenate([high, low])
     asked = bt.Subject(name, s1, s2, np.zeros(10, int), np.full(10, n), task=WHICH_STRONGER)
-    target = models_of(WHICH_STRONGER).update.posterior(asked)
+    target = bt.model.paper_posterior(asked)
     gamma = pull / (1.0 - pull) ** 2
     x = target.points({"mu1": mu1, "sigma_p": 0.2, "sigma_l": 0.2 * gamma**0.5, "lapse_rate": 0.04})
     n_yes = np.rint(n * np.exp(target.log_answers(x[None])[0][0])).astype(int)

@@ -1,4 +1,4 @@
-"""The log posterior of any model, term by term with as many digits as asked for, from the definitions and with no stable form.
+"""Log posteriors term by term with as many digits as asked for, from the definitions and with no stable form.
 
 Parameters from coordinates, probabilities by subtraction, scales of an interval from the filter's own quantities, slopes by differences
 whose steps are so small that half of the digits are left. An independent route to values and gradients over the whole range of floats.
@@ -8,8 +8,8 @@ import mpmath
 import numpy as np
 from mpmath import exp, log, mpf, sqrt
 
-from bayes_toe.model.closed_form import MAX_PULL
-from bayes_toe.model.coordinates import Natural
+from bayes_toe.data.tasks import SAME_DIFFERENT
+from bayes_toe.model.paper_equations import MAX_PULL, Natural
 
 
 def natural(x, sbar):
@@ -38,56 +38,33 @@ def variance_ratio(gamma):
     return (1 + sqrt(1 + 4 * gamma)) / 2
 
 
-def scales(order, at, t):
+def width_power(target):
+    """Of G, in the width sigma_p G^power."""
+    return mpf(1.5) if target.subject.task == SAME_DIFFERENT else mpf(1)
+
+
+def scales(p, t, power):
     """Pull and width at t over those at the reference."""
-    if order == "update":
-        p = mpf(MAX_PULL) * expit(at["logit_pull"])
-        gamma = p / (1 - p) ** 2
-        ratio = variance_ratio(gamma / t) / variance_ratio(gamma)
-        return 1 / (ratio**2 * t), sqrt(t) * ratio ** mpf(1.5)
-    if order == "mean-reverting":
-        kept, split = 1 - expit(at["logit_pull"]), expit(at["logit_split"])
-        rho, gain = kept**split, kept ** (1 - split)
-
-        def width(seconds):
-            weight = rho**seconds * gain
-            return (1 - weight * weight) / sqrt(1 - weight * rho**seconds)
-
-        return (1 - rho**t * gain) / (1 - kept), width(t) / width(mpf(1))
-    return mpf(1), mpf(1)
+    gamma = p / (1 - p) ** 2
+    ratio = variance_ratio(gamma / t) / variance_ratio(gamma)
+    return 1 / (ratio**2 * t), sqrt(t) * ratio**power
 
 
-def pull_of(at):
-    if "logit_pull" in at:
-        return (1 if "logit_split" in at else mpf(MAX_PULL)) * expit(at["logit_pull"])
-    return 1 - 2 * expit(at["logit_gain"]) if "logit_gain" in at else mpf(0)
+def answers(task, z, share):
+    """P of the answer that the task counts, and of the other one."""
+    if task == SAME_DIFFERENT:
+        yes = share * exp(-log(2) * z**2)
+        return yes, 1 - yes
+    return tuple(share / 2 + (1 - share) * mpmath.ncdf(sign * z) for sign in (1, -1))
 
 
-def answers(curve, z, peak, criterion, at):
-    """P(equal) and P(different)."""
-    if curve == "differencing":
-        equal = mpmath.ncdf(criterion - abs(z)) - mpmath.ncdf(-criterion - abs(z))
-    else:
-        exponent = exp(at["log_exponent"]) if curve == "exponent" else 2
-        equal = peak * exp(-log(2) * abs(z) ** exponent)
-    if "logit_lapse_rate" in at:
-        rate = expit(at["logit_lapse_rate"])
-        equal = rate * peak + (1 - rate) * equal
-    return equal, 1 - equal
-
-
-def log_likelihood(spread, equal, different, k, n, at):
-    if spread == "binomial":
-        return (k * log(equal) if k else 0) + ((n - k) * log(different) if n > k else 0)
-    eps = exp(at["logit_icc"])
-    drawn = [log(equal + j * eps) for j in range(k)] + [
-        log(different + j * eps) for j in range(n - k)
-    ]
-    return mpmath.fsum(drawn) - mpmath.fsum(log(1 + j * eps) for j in range(n))
+def of_counts(yes, no, k, n):
+    """Log probability of counts, without binomial coefficient."""
+    return (k * log(yes) if k else 0) + ((n - k) * log(no) if n > k else 0)
 
 
 def of_spread(own, width, prior):
-    """Log density of the log of what has the prior: the model's own spread, or the width."""
+    """Log density of the log of what has the prior: sigma_p, or the width."""
     if prior.width_median is None:
         return half_normal(own, prior.sigma_p_scale) + log(own)
     return normal(log(width), log(mpf(prior.width_median)), prior.width_sd)
@@ -102,71 +79,23 @@ def numbers(prior, name):
     return mpf(getattr(prior, f"{name}_a")), mpf(getattr(prior, f"{name}_b"))
 
 
-def prior_terms(order, at, prior, sbar):
-    if order == "update":
-        p = mpf(MAX_PULL) * expit(at["logit_pull"])
-        gain, width = 1 - p, exp(at["log_width"])
-        yield normal(at["offset"] / p + sbar, prior.mu1_mean, prior.mu1_sd)
-        yield of_spread(width * gain ** mpf(1.5), width, prior)
-        yield log((1 + p) / gain**3 * (1 - p / mpf(MAX_PULL)))  # d(mu1, gamma)/d(c, a)
-    elif order == "mean-reverting":
-        p, split = expit(at["logit_pull"]), expit(at["logit_split"])
-        lost = -log(1 - p)
-        rho, gain = exp(-split * lost), exp((split - 1) * lost)
-        weight = rho * gain
-        sigma1 = exp(at["log_width"]) * gain * sqrt(1 - weight * rho) / (1 - weight * weight)
-        yield normal(at["offset"] / p + sbar, prior.mu1_mean, prior.mu1_sd)
-        yield of_spread(sigma1, exp(at["log_width"]), prior)
-        yield log(
-            weight * lost * split * (1 - split)
-        )  # d(mu1, rho, K)/dx: 1/p and rho K l p split (1 - split)
-    else:
-        yield of_spread(exp(at["log_width"]), exp(at["log_width"]), prior)
-        if "offset" in at:
-            yield normal(at["offset"], 0, prior.offset_sd)
-    if "logit_gain" in at:
-        yield log(expit(at["logit_gain"]) * (1 - expit(at["logit_gain"])))
-    yield from (
-        beta(at[f"logit_{key}"], *numbers(prior, key))
-        for key in ("q0", "lapse_rate", "icc")
-        if f"logit_{key}" in at
-    )
-    yield from (
-        normal(at[key], 0, getattr(prior, f"{key}_sd"))
-        for key in ("noise_slope", "peak_slope")
-        if key in at
-    )
-    if "log_exponent" in at:
-        yield normal(at["log_exponent"], log(mpf(prior.exponent_median)), prior.exponent_sd)
-
-
 def terms(target, x):
-    """Every term of the log posterior: one for each pair, and those of the prior."""
-    levels, s, sbar = dict(target.model.levels), target.subject, mpf(target.sbar)
-    at = dict(zip(target.coordinates, x, strict=True))
-    offset = at.get("offset", mpf(0))
+    """Every term of the log posterior of H1: one for each pair, and those of the prior."""
+    s, sbar, prior = target.subject, mpf(target.sbar), target.prior
+    offset, a, log_width, logit_share = x
+    p, width, power = mpf(MAX_PULL) * expit(a), exp(log_width), width_power(target)
     seconds = np.full(s.n_pairs, target.reference) if s.isi is None else s.isi
     found = []
     for s1, s2, k, n, t in zip(s.s1, s.s2, s.n_yes, s.n_trials, seconds, strict=True):
         first, second = mpf(float(s1)), mpf(float(s2))
-        r, v = scales(levels["order"], at, mpf(float(t)) / mpf(target.reference))
-        middle = (first + second) / 2 - sbar
-        log_width = at["log_width"] + at.get("noise_slope", 0) * middle
-        peak = (
-            expit(at["logit_q0"] + at.get("peak_slope", 0) * middle) if "logit_q0" in at else mpf(1)
-        )
-        criterion = sqrt(2) * mpmath.erfinv(peak) if levels["curve"] == "differencing" else None
-        z = ((second - first) + r * (pull_of(at) * (first - sbar) - offset)) * exp(-log_width) / v
-        found.append(
-            log_likelihood(
-                levels["spread"],
-                *answers(levels["curve"], z, peak, criterion, at),
-                int(k),
-                int(n),
-                at,
-            )
-        )
-    return [*found, *prior_terms(levels["order"], at, target.prior, sbar)]
+        r, v = scales(p, mpf(float(t)) / mpf(target.reference), power)
+        z = ((second - first) + r * (p * (first - sbar) - offset)) / (width * v)
+        found.append(of_counts(*answers(s.task, z, expit(logit_share)), int(k), int(n)))
+    found.append(normal(offset / p + sbar, prior.mu1_mean, prior.mu1_sd))
+    found.append(of_spread(width * (1 - p) ** power, width, prior))
+    found.append(log((1 + p) / (1 - p) ** 3 * (1 - p / mpf(MAX_PULL))))  # d(mu1, gamma)/d(c, a)
+    found.append(beta(logit_share, *numbers(prior, s.task.lapses)))
+    return found
 
 
 def value_and_gradient(target, x, digits):
@@ -323,7 +252,7 @@ def observer_log_likelihood(at, subject, scales, prior):
     columns = (subject.s1, subject.s2, subject.n_yes, subject.n_trials)
     for s1, s2, k, n in zip(*(column.tolist() for column in columns), strict=True):
         yes, no = observer_answers(found, bare_k, scales[0], mpf(s1), mpf(s2))
-        total += log_likelihood("binomial", yes, no, k, n, at)
+        total += of_counts(yes, no, k, n)
     return total
 
 

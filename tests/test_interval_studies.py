@@ -25,8 +25,8 @@ from bayes_toe.errors import InputError
 from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.evidence import importance_evidence
 from bayes_toe.inference.prediction import Predictor
-from bayes_toe.model.coordinates import Natural
 from bayes_toe.model.intervals import at_interval
+from bayes_toe.model.paper_equations import Natural
 
 OBSERVERS = Natural(
     *(
@@ -213,7 +213,7 @@ def answering(s1, s2, isi, trials):
 
 def fitted(subject):
     """Weighted draws under the paper's prior: natural parameters, (4, draws), and the share of each."""
-    found = fit_proposal(bt.model.posterior_of(subject, bt.Prior()), np.random.default_rng(5))
+    found = fit_proposal(bt.model.paper_posterior(subject, bt.Prior()), np.random.default_rng(5))
     return found, found.proposal.posterior.natural(found.draws.x), found.draws.shares
 
 

@@ -85,7 +85,6 @@ def test_every_verb_says_what_a_study_is(given, said):
         bt.fit,
         bt.asymmetry,
         bt.population,
-        bt.model.prior_for,
     )
     for verb in (*verbs, bt.check):
         with pytest.raises(bt.InputError, match=said):

@@ -20,7 +20,7 @@ from bayes_toe import kept as store
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import InputError
 from bayes_toe.kept import discard, keeping, kept_in
-from bayes_toe.model.ladder import require_models
+from bayes_toe.model.models import MODEL_NAMES
 from bayes_toe.records import fingerprint, packed, unpacked
 from bayes_toe.seeds import LARGEST_SEED, generator, root_seed
 from bayes_toe.workers import Failed, run_jobs
@@ -77,7 +77,7 @@ def test_only_records_of_this_package_are_made(name):
 
 def test_a_fingerprint_tells_every_argument_apart():
     other = Subject("S01", [0.0, 0.3], [0.3, 0.0], [20, 16], [50, 50])
-    models = require_models("parts")
+    models = MODEL_NAMES
     calls = [
         partial(max, one, seed=seed, model=model)
         for one in (SUBJECT, other)

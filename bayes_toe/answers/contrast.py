@@ -51,7 +51,7 @@ from bayes_toe.workers import Progress, Workers
 if TYPE_CHECKING:
     import pandas as pd
 
-    from bayes_toe.model.posterior_protocol import SampledPosterior
+    from bayes_toe.model.posterior import SampledPosterior
 
 #: The quantities by name, each with the parameter that differs, and the quantity of the observer.
 QUANTITIES: Mapping[str, tuple[Parameter, str]] = {

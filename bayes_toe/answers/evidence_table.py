@@ -21,7 +21,7 @@ from bayes_toe.inference.predictive_checks import FitSummary
 from bayes_toe.inference.subject import Fitted, SubjectResult
 from bayes_toe.model.distributions import LOG_2PI
 from bayes_toe.model.free_frequencies import frequency_evidence
-from bayes_toe.model.posterior import Posterior
+from bayes_toe.model.paper_model import PaperPosterior
 from bayes_toe.model.prior import Prior
 
 if TYPE_CHECKING:
@@ -157,7 +157,7 @@ def subject_evidence(
     """
     posterior, found = fitted.proposal.proposal.posterior, result.evidence
     if (
-        not isinstance(posterior, Posterior)
+        not isinstance(posterior, PaperPosterior)
         or found is None
         or found.pareto_k is None
         or found.efficiency is None

@@ -34,7 +34,7 @@ from bayes_toe.inference.proposal import WeightedDraws
 from bayes_toe.kept import keeping
 from bayes_toe.model.observer import OrderModel
 from bayes_toe.model.parameters import ObserverPrior
-from bayes_toe.model.posterior_protocol import SampledPosterior
+from bayes_toe.model.posterior import SampledPosterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.study_prior import prior_for
 from bayes_toe.model.trial_history import TrialHistory, TrialHistoryPosterior

@@ -22,8 +22,8 @@ from bayes_toe.data.study import Study, Subject, refuse_intervals, require_study
 from bayes_toe.data.tables import SubjectTable
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.errors import InputError, require_kind, require_share
-from bayes_toe.model.coordinates import Natural, natural_names
 from bayes_toe.model.distributions import LOG_2PI
+from bayes_toe.model.paper_equations import Natural, natural_names
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.study_prior import prior_for
 from bayes_toe.seeds import generator, root_seed

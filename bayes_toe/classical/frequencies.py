@@ -14,8 +14,8 @@ from scipy.special import log_expit
 
 from bayes_toe.arrays import FloatArray, IntArray
 from bayes_toe.data.study import Subject
-from bayes_toe.model.posterior import Posterior
-from bayes_toe.model.target import require_points
+from bayes_toe.model.paper_model import PaperPosterior
+from bayes_toe.model.posterior import require_points
 
 
 def laplace_estimate(n_yes: npt.ArrayLike, n_trials: npt.ArrayLike) -> FloatArray:
@@ -88,7 +88,7 @@ class Collapse:
     top: float  # the median q0; 1 of a model without it, as of 'which is stronger'
 
 
-def collapse(posterior: Posterior, x: npt.ArrayLike, *, mass: float = 0.9) -> Collapse:
+def collapse(posterior: PaperPosterior, x: npt.ArrayLike, *, mass: float = 0.9) -> Collapse:
     """Data of Fig. 3's lower row at unconstrained points x, shape (draws, k) or (k,); bands hold `mass` of the draws."""
     points = require_points(x, len(posterior.coordinates))
     low, middle, high = np.quantile(

@@ -18,21 +18,19 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple, cast
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from bayes_toe.arrays import BoolArray, FloatArray, IndexArray
+from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, IntArray
 from bayes_toe.data.study import Subject, refuse_intervals
 from bayes_toe.data.tasks import TASKS, Task
 from bayes_toe.inference.maxima import Ascent, Differenced, ascend
 from bayes_toe.inference.prediction import Predictor
-from bayes_toe.model.closed_form import MAX_PULL
-from bayes_toe.model.coordinates import natural_names
-from bayes_toe.model.crowd import Crowd
-from bayes_toe.model.ladder import models_of
-from bayes_toe.model.posterior import Posterior
+from bayes_toe.model.answer_curves import log_likelihoods
+from bayes_toe.model.paper_equations import MAX_PULL, natural_names
+from bayes_toe.model.paper_model import PaperPosterior, paper_posterior
 from bayes_toe.model.prior import DEFAULT, Prior
 
 #: Where a maximum may lie beyond the open domain, in the order in which `at_edge` names them.
@@ -81,7 +79,7 @@ class PenalisedLikelihood:
     V_1 = 10^2.
     """
 
-    posterior: Posterior
+    posterior: PaperPosterior
     n_yes: npt.NDArray[np.int64]
 
     @classmethod
@@ -90,9 +88,7 @@ class PenalisedLikelihood:
     ) -> PenalisedLikelihood:
         """Of counts, (rows, pairs), over a subject's pairs, by default its own; at one interval, with a normal prior of mu1."""
         refuse_intervals([subject], "maximum-likelihood fit")
-        posterior = models_of(subject.task).update.posterior(
-            subject, DEFAULT if prior is None else prior
-        )
+        posterior = paper_posterior(subject, DEFAULT if prior is None else prior)
         return cls(
             replace(posterior, centre=posterior.sbar),
             np.atleast_2d(np.asarray(subject.n_yes if n_yes is None else n_yes)),
@@ -109,7 +105,7 @@ class PenalisedLikelihood:
     @cached_property
     def sign(self) -> float:
         """Of the logit of q0 the share's is the logit, of that of a lapse rate minus it."""
-        return -1.0 if self.posterior.coordinates[3] == "logit_lapse_rate" else 1.0
+        return -1.0 if self.posterior.share == "lapse_rate" else 1.0
 
     def coordinates(self, u: FloatArray) -> FloatArray:
         """Those of the posterior, (points, 4)."""
@@ -120,13 +116,15 @@ class PenalisedLikelihood:
         """What is maximised, (points,)."""
         x, blocks = self.coordinates(u), self._blocks(len(u))
         return np.concatenate(
-            [self._of(row[at]).pair_log_likelihood(x[at]).sum(axis=1) for at in blocks]
+            [self._log_likelihood(x[at], self.n_yes[row[at]]) for at in blocks]
         ) - self.penalty(u)
 
     def gradient(self, u: FloatArray, row: IndexArray) -> FloatArray:
         """Its gradient, (points, 4); that of the penalty follows from mu1 = sbar + c/p and d(1/p)/du_1 = 1/p."""
         x, blocks, one = self.coordinates(u), self._blocks(len(u)), np.ones(len(u))
-        slopes = np.concatenate([self._of(row[at]).likelihood_gradient(x[at])[1] for at in blocks])
+        slopes = np.concatenate(
+            [self.posterior.likelihood_gradient(x[at], self.n_yes[row[at]])[1] for at in blocks]
+        )
         of_logits = 1.0 / np.expm1(-np.maximum(u, _WHOLE))
         slopes *= np.stack([one, of_logits[:, 1], -one, self.sign * of_logits[:, 3]], axis=-1)
         slopes[:, :2] -= (self._far(u) * np.exp(u[:, 1]) / MAX_PULL)[:, None] * np.stack(
@@ -160,11 +158,11 @@ class PenalisedLikelihood:
         size = max(1, _BLOCK // self.n_yes.shape[1])
         return [slice(i, i + size) for i in range(0, max(1, points), size)]
 
-    def _of(self, row: IndexArray) -> Posterior:
-        """A posterior whose points are each of one row's counts."""
-        subject = self.posterior.subject
-        crowd = Crowd(subject.s1[None], subject.s2[None], self.n_yes[row], subject.n_trials, None)
-        return replace(self.posterior, subject=cast(Subject, crowd))
+    def _log_likelihood(self, x: FloatArray, n_yes: IntArray) -> FloatArray:
+        """Log likelihood of points of which each has counts of its own, (points, pairs)."""
+        answers = self.posterior.log_answers(x)
+        pairs = log_likelihoods(n_yes, self.posterior.subject.n_trials, answers)
+        return np.asarray(pairs.sum(axis=1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,7 +197,7 @@ class Fits:
     @property
     def curves(self) -> Predictor:
         """What every row predicts."""
-        return Predictor(models_of(self.subject.task).update.posterior(self.subject), self.points)
+        return Predictor(paper_posterior(self.subject), self.points)
 
     @property
     def at_edge(self) -> tuple[str, ...]:

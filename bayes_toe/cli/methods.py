@@ -49,8 +49,7 @@ from bayes_toe.inference.belonging import (
 from bayes_toe.inference.draws import Draws, load_draws
 from bayes_toe.inference.predictive_checks import MISFIT
 from bayes_toe.model.free_frequencies import frequency_evidence
-from bayes_toe.model.ladder import models_of
-from bayes_toe.model.posterior import Posterior
+from bayes_toe.model.paper_model import PAPER_MODEL, PaperPosterior
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -116,7 +115,7 @@ def read_methods(results: Path) -> Methods:
     """What lies in a results folder, or beside a file of draws; files of different analyses are refused."""
     posterior = _posterior(results)
     draws, beside = load_draws(posterior), posterior.parent
-    if not isinstance(draws.posterior(draws.names[0]), Posterior):
+    if not isinstance(draws.posterior(draws.names[0]), PaperPosterior):
         raise InputError(
             f"{shown(posterior)}: found draws of the model {draws.model!r}, allowed: the paper's"
         )
@@ -126,7 +125,7 @@ def read_methods(results: Path) -> Methods:
         notes.append(
             f"{shown(table)}: left out, since what it was made with is in population.nc, which bayes-toe population writes"
         )
-    known = evidence.exists() and draws.model == models_of(draws.task).update.name
+    known = evidence.exists() and draws.model == PAPER_MODEL
     if evidence.exists() and not known:
         notes.append(
             f"{shown(evidence)} goes with draws of the paper's model, these are of {draws.model!r}: left out"
@@ -284,7 +283,7 @@ def _facts(told: Methods) -> dict[str, Any]:
         else f" ({' to '.join(dict.fromkeys(f'{n:,}' for n in (min(trials), max(trials))))} each)",
         "done": [note for note in study.notes if any(word in note for word in _DONE)],
         "failed": _each(draws.failed),
-        "h1": draws.model == models_of(draws.task).update.name,
+        "h1": draws.model == PAPER_MODEL,
         "asked": draws.task,
         "observer_prior": draws.prior.observer.describe(draws.task),
         "answer": None if told.evidence is None else _answer(told.evidence, draws),

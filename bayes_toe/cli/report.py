@@ -48,7 +48,7 @@ from bayes_toe.data.tables import file_stems
 from bayes_toe.data.tasks import Task
 from bayes_toe.groups.population import PopulationResult
 from bayes_toe.groups.predictive_check import PredictiveCheck
-from bayes_toe.model.target import DOMINATED
+from bayes_toe.model.posterior import DOMINATED
 from bayes_toe.plots.style import MOST_NAMED
 
 if TYPE_CHECKING:

@@ -25,8 +25,8 @@ from bayes_toe.cli.terminal import allowed_quantiles
 from bayes_toe.data.messages import visible
 from bayes_toe.inference.draws import Draws
 from bayes_toe.inference.predictive_checks import MISFIT
-from bayes_toe.model.ladder import models_of
-from bayes_toe.model.target import DOMINATED
+from bayes_toe.model.paper_model import PAPER_MODEL
+from bayes_toe.model.posterior import DOMINATED
 from bayes_toe.plots.style import LABELS
 
 if TYPE_CHECKING:
@@ -151,11 +151,7 @@ def parameter_table(draws: Draws, summary: pd.DataFrame) -> SupplementTable:
         }
         numbers = {"ESS": f"{reached['min_ess']:.0f}", "R-hat": f"{reached['max_r_hat']:.3f}"}
         shown.append({"subject": str(name), **ranges, **numbers, "converged": converged})
-    whose = (
-        "the paper's model"
-        if draws.model == models_of(draws.task).update.name
-        else f"the model {draws.model}"
-    )
+    whose = "the paper's model" if draws.model == PAPER_MODEL else f"the model {draws.model}"
     caption = (
         f"Posterior medians (5 %, 95 %) of each subject under {whose}. *: dominated by the prior (posterior contraction below "
         f"{DOMINATED:g}). ESS: smallest bulk or tail effective sample size; R-hat: largest."

@@ -79,14 +79,7 @@ class Stimuli(NamedTuple):
 
     def number(self, symbol: str) -> float:
         """What a key of :data:`bayes_toe.model.prior_fields.OF_STIMULI` stands for."""
-        scales = {
-            "2.5 R": 2.5 * self.sd,
-            "0.5/R": 0.5 / self.sd,
-            "0.3 D": 0.3 * self.step,
-            "D": self.step,
-            "D/2": 0.5 * self.step,
-        }
-        return {"M": self.mean, "log D": float(np.log(self.step)), **scales}[symbol]
+        return {"M": self.mean, "2.5 R": 2.5 * self.sd, "D": self.step}[symbol]
 
 
 def mean_first(*subjects: Subject) -> float:

@@ -35,15 +35,16 @@ from bayes_toe.design.study_design import (
     reference_design,
 )
 from bayes_toe.errors import InputError
-from bayes_toe.model.closed_form import (
+from bayes_toe.model.intervals import at_interval
+from bayes_toe.model.paper_equations import (
+    Natural,
     equal_probability,
     evolved_mean,
+    natural_names,
     pull,
     require_natural,
     variance_ratio,
 )
-from bayes_toe.model.coordinates import Natural, natural_names
-from bayes_toe.model.intervals import at_interval
 from bayes_toe.model.parameters import task_parameters
 from bayes_toe.seeds import generator, root_seed
 

@@ -23,8 +23,8 @@ from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task
 from bayes_toe.inference.draws import Draws
 from bayes_toe.inference.prediction import Predictor
 from bayes_toe.model.observer import ObserverPosterior
-from bayes_toe.model.posterior import Posterior
-from bayes_toe.model.target import DOMINATED, contraction
+from bayes_toe.model.paper_model import PaperPosterior
+from bayes_toe.model.posterior import DOMINATED, contraction
 from bayes_toe.plots.corner import AROUND, BINS, Density, Span, known_from, prior_values, spans_of
 from bayes_toe.plots.style import MARKED
 
@@ -45,7 +45,7 @@ class Entry:
     """One choice of the page: a subject's posterior, called by its model or what else tells it from others of the subject."""
 
     label: str
-    target: ObserverPosterior | Posterior
+    target: ObserverPosterior | PaperPosterior
     x: FloatArray  # draws in unconstrained coordinates, shape (chains, draws, k)
     badges: tuple[tuple[str, str], ...] = ()  # kind - unconverged, misfit, untold, fine - and words
     truth: Mapping[str, float] | None = (
@@ -125,7 +125,7 @@ class Entry:
         pad = 0.08 * (high - low) if high > low else 0.5
         ends = [low - pad, high + pad]
         fitted = Predictor(self.target, x)
-        knows_intervals = isinstance(self.target, Posterior) and counts.isi is not None
+        knows_intervals = isinstance(self.target, PaperPosterior) and counts.isi is not None
         shown = slices(counts, most_slices)
         return {
             "pairs": {

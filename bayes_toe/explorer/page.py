@@ -55,7 +55,6 @@ _QUANTITIES = {
     "offset": ("offset c", "constant part of the order effect"),
     "pull": ("pull p", "share by which the first stimulus is pulled; 0: none"),
     "noise_slope": ("slope b", "change of log noise with intensity"),
-    "peak_slope": ("slope g", "how the peak depends on intensity"),
     "lapse_rate": ("lapse λ", "share of responses that ignore the stimuli"),
     "noise": ("noise σ", "standard deviation of the perceived difference"),
     "criterion_slope": ("slope g", "change of the log criterion for 'equal' with intensity"),

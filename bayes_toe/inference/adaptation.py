@@ -26,7 +26,7 @@ from bayes_toe.inference.proposal import (
     efficiency,
     importance_draws,
 )
-from bayes_toe.model.posterior_protocol import SampledPosterior
+from bayes_toe.model.posterior import SampledPosterior
 
 #: With what a fit may begin.
 Start: TypeAlias = Maxima | FittedProposal | None
@@ -95,8 +95,8 @@ def quick_proposal(
 
     Where these show what it misses it is refitted to them and judged by as many others, three times at most.
     """
-    levelling = posterior.levelling(modes)
-    y = levelling.level(cloud)[0]
+    transform = posterior.transform(modes)
+    y = transform.forward(cloud)[0]
     spread = _covariance(y)
     means = np.concatenate([y.mean(axis=0)[None], y[: _QUICK.components - 1]])
     scales = np.concatenate(
@@ -107,7 +107,7 @@ def quick_proposal(
     )
     cover = StudentMixture(np.ones(1), means[:1], 4.0 * spread[None], _even(_COVER_DF, y.shape[1]))
     history = _adapt(
-        Proposal(posterior, levelling, mixture, cover, _QUICK.cover_share), _QUICK, rng
+        Proposal(posterior, transform, mixture, cover, _QUICK.cover_share), _QUICK, rng
     )
     found = _judged(_refitted(history[-_HISTORY:], _QUICK), rng, _QUICK_DRAWS)
     for _ in range(_QUICK_REFITS):
@@ -227,11 +227,11 @@ def _adapt(proposal: Proposal, stage: Stage, rng: np.random.Generator) -> list[_
 
 def _first(posterior: SampledPosterior, maxima: Maxima, rng: np.random.Generator) -> Proposal:
     """Prior draws, tempered until two hundred count, and Laplace approximations at proper maxima."""
-    levelling = posterior.levelling(maxima.x[maxima.value > maxima.value[0] - 3.0])
+    transform = posterior.transform(maxima.x[maxima.value > maxima.value[0] - 3.0])
     x = posterior.sample_prior(rng, 2 * STAGES[0].draws)
     x = x[np.isfinite(x).all(axis=1)]
     weights = _tempered(posterior.log_likelihood(x), least=200.0)
-    y = levelling.level(x)[0]
+    y = transform.forward(x)[0]
     spread = _covariance(y, weights)
     few = STAGES[0].components // 2
     centres, scales = (
@@ -246,18 +246,18 @@ def _first(posterior: SampledPosterior, maxima: Maxima, rng: np.random.Generator
             cloud = mode + rng.standard_normal((500, len(mode))) @ np.linalg.inv(
                 np.linalg.cholesky(curvature)
             )
-            levelled = levelling.level(cloud)[0]
+            transformed = transform.forward(cloud)[0]
             centres.append(
-                levelled.mean(axis=0) + 0.7 * (levelled[:around] - levelled.mean(axis=0))
+                transformed.mean(axis=0) + 0.7 * (transformed[:around] - transformed.mean(axis=0))
             )
-            scales.append(np.repeat(1.5 * _covariance(levelled)[None], around, axis=0))
+            scales.append(np.repeat(1.5 * _covariance(transformed)[None], around, axis=0))
     means = np.concatenate(centres)
     mixture = StudentMixture(
         np.full(len(means), 1 / len(means)), means, np.concatenate(scales), _even(_DF, y.shape[1])
     )
     wide = y[rng.choice(len(y), _COVERS, p=weights)], np.repeat(4.0 * spread[None], _COVERS, axis=0)
     cover = StudentMixture(np.full(_COVERS, 1 / _COVERS), *wide, _even(_COVER_DF, y.shape[1]))
-    return Proposal(posterior, levelling, mixture, cover, STAGES[0].cover_share)
+    return Proposal(posterior, transform, mixture, cover, STAGES[0].cover_share)
 
 
 def _covariance(y: FloatArray, weights: FloatArray | None = None) -> FloatArray:
@@ -283,9 +283,9 @@ def _refitted(
         for key in ("x", "log_prior", "log_posterior")
     )
     last = rounds[-1].proposal
-    y, log_volume = last.levelling.level(x)  # one for all rounds of a fit
+    y, log_volume = last.transform.forward(x)  # one for all rounds of a fit
     made = np.logaddexp.reduce(
-        [entry.proposal.levelled_log_density(y, log_volume, log_prior) for entry in rounds]
+        [entry.proposal.transformed_log_density(y, log_volume, log_prior) for entry in rounds]
     ) - np.log(len(rounds))
     flattened = _FLAT * (log_posterior - log_volume) - (made - log_volume)
     weights, flat = (
@@ -295,7 +295,7 @@ def _refitted(
     mixture, cover = last.mixture, last.cover
     for _ in range(3):
         mixture, cover = mixture.updated(y, weights), cover.updated(y, flat)
-    proposal = Proposal(last.posterior, last.levelling, mixture, cover, stage.cover_share)
+    proposal = Proposal(last.posterior, last.transform, mixture, cover, stage.cover_share)
     draws = WeightedDraws(x, log_prior, log_posterior, made)
     return _patched(
         proposal, draws, y, log_volume, max(patches, stage.components - len(mixture.weights))
@@ -307,7 +307,7 @@ def _patched(
 ) -> Proposal:
     """The proposal with some components more, one after the other where it falls shortest of the posterior (Raftery and Bao 2010).
 
-    y and log_volume are the draws in levelled coordinates.
+    y and log_volume are the draws in nearly normal coordinates.
     """
     of_mixture, of_cover = proposal.mixture.log_density(y), proposal.cover.log_density(y)
     white = y @ np.linalg.inv(np.linalg.cholesky(proposal.cover.covariance)).T

@@ -10,10 +10,9 @@ from bayes_toe.data.messages import listed, quoted
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws
-from bayes_toe.model.ladder import PREDICTIVE_UPDATE
 from bayes_toe.model.models import describe_prior, stored_model
+from bayes_toe.model.paper_model import PAPER_MODEL
 from bayes_toe.model.prior import Prior
-from bayes_toe.model.record import Model
 
 _COLUMNS = ("s1", "s2", "isi", "n_yes", "n_trials")
 
@@ -53,7 +52,7 @@ def require_belonging(
 
 def require_update(draws: Draws, what: str) -> None:
     """Refuse draws of another model than the predictive update, for what knows no other."""
-    require_belonging(draws, what, model=PREDICTIVE_UPDATE.name)
+    require_belonging(draws, what, model=PAPER_MODEL)
 
 
 def require_subjects(source: str, names: Iterable[str], draws: Draws) -> None:
@@ -76,10 +75,10 @@ def require_said_prior(source: str, said: str, wanted: str) -> None:
 
 def _same_prior(draws: Draws, prior: Prior) -> bool:
     """Whether the model's parameters have the same prior; what only other models have does not count."""
-    record, own = stored_model(draws.model, draws.task), draws.prior
-    if not isinstance(record, Model):
+    own = draws.prior
+    if draws.model != PAPER_MODEL:
         return own.observer == prior.observer
-    used = {"interval"}.union(*(record.parameters(one) for one in (prior, own)))
+    used = {"interval", *prior.of_h1(draws.task), *own.of_h1(draws.task)}
     same = (
         getattr(own, one.name) == getattr(prior, one.name)
         for one in own.declared()

@@ -36,10 +36,10 @@ from bayes_toe.inference.subject import (
     summary_rows,
     unit,
 )
-from bayes_toe.model.coordinates import NATURAL, Natural
 from bayes_toe.model.models import SampledModel, describe_prior, model_posterior, stored_model
 from bayes_toe.model.observer import ObserverPosterior
-from bayes_toe.model.posterior import Posterior
+from bayes_toe.model.paper_equations import NATURAL, Natural
+from bayes_toe.model.paper_model import PaperPosterior
 from bayes_toe.model.prior import Prior, stored_prior
 from bayes_toe.seeds import generator
 
@@ -221,7 +221,7 @@ class Draws:
         given = (columns[key].values[self._places[name]] for key in keys)
         return Subject(name, *given, task=self.task, **self._conditions[1].get(name, {}))
 
-    def posterior(self, name: str | int) -> ObserverPosterior | Posterior:
+    def posterior(self, name: str | int) -> ObserverPosterior | PaperPosterior:
         """The posterior that one subject's draws are of."""
         model = stored_model(self.model, self.task)
         return model_posterior(model, self.subject(name), self.prior)
@@ -343,9 +343,7 @@ class Draws:
         ):  # one at a time: temporaries of a large design stay small
             answers = target.log_answers(points)
             log_likelihood[chain] = target.pair_log_likelihood(points, answers)
-            predicted[chain] = rng.binomial(
-                target.subject.n_trials, np.exp(target.realised_answers(rng, points, answers)[0])
-            )
+            predicted[chain] = rng.binomial(target.subject.n_trials, np.exp(answers[0]))
         return log_likelihood, predicted.astype(np.int64)
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> Path:

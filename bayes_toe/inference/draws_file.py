@@ -27,7 +27,7 @@ from bayes_toe.data.tasks import SAME_DIFFERENT, task_counted
 from bayes_toe.errors import InputError
 from bayes_toe.inference.subject import Settings, SubjectDraws
 from bayes_toe.model.models import describe_prior, stored_model
-from bayes_toe.model.record import Model
+from bayes_toe.model.paper_model import PaperModel
 from bayes_toe.version import library_versions
 
 ALLOWED = "allowed: a posterior.nc written by bayes-toe"
@@ -152,8 +152,8 @@ def _long(study: Study, key: str) -> xr.Dataset:
 def _attributes(study: Study, settings: Settings) -> dict[str, Any]:
     record = stored_model(settings.model, study.task)
     about = record.about
-    if study.intervals and isinstance(record, Model):
-        about += f"; intervals isi in seconds: {record.of_intervals}"
+    if study.intervals and isinstance(record, PaperModel):
+        about += f"; intervals isi in seconds: {record.about_intervals}"
     versions = library_versions("xarray") | {"python": platform.python_version()}
     return {
         "source": study.source,

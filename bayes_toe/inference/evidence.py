@@ -7,31 +7,23 @@ the paper's (mu1, sigma_p^2, sigma_l^2, q0) the maximum often lies on an edge, s
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import minimize
 from scipy.special import expit, logsumexp
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.inference.maxima import Differenced, Maxima, ascend
 from bayes_toe.inference.proposal import FittedProposal
-from bayes_toe.model.closed_form import MAX_PULL
-from bayes_toe.model.coordinates import log_jacobian, log_jacobian_slope_of_pull
 from bayes_toe.model.distributions import LOG_2PI
-from bayes_toe.model.posterior import Posterior
-
-#: Probability that a model without evidence may have at most, by the bound of it, where it is left out as having none.
-NO_WEIGHT = 1e-4
+from bayes_toe.model.paper_equations import MAX_PULL
+from bayes_toe.model.paper_model import PaperPosterior, log_jacobian, log_jacobian_slope_of_pull
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """Log evidence in nats, without binomial coefficients; value and standard error are None where it is withheld.
-
-    It is then known to be at most `bound`: the highest log likelihood, since the evidence is the mean of the likelihood over the prior.
-    """
+    """Log evidence in nats, without binomial coefficients; value and standard error are None where it is withheld."""
 
     value: float | None
     se: float | None
@@ -40,7 +32,6 @@ class Evidence:
     )  # of the importance weights, as k-hat; None where the evidence is exact
     pareto_k: float | None
     why_not: str = ""  # the reason where it is withheld
-    bound: float = np.inf
 
 
 def importance_evidence(fitted: FittedProposal) -> Evidence:
@@ -53,43 +44,13 @@ def importance_evidence(fitted: FittedProposal) -> Evidence:
         raise ValueError(
             "these draws helped to choose the proposal: use bayes_toe.inference.adaptation.with_fresh_draws first"
         )
-    quality, draws = (fitted.efficiency, fitted.pareto_k), fitted.draws
+    quality, log_weights = (fitted.efficiency, fitted.pareto_k), fitted.draws.log_weights
     if not fitted.trusted:
         reason = f"importance weights are unreliable (Pareto k-hat {fitted.pareto_k:.2f}, efficiency {fitted.efficiency:.3f})"
-        target, best = (
-            fitted.proposal.posterior,
-            draws.x[np.argmax(draws.log_posterior - draws.log_prior)],
-        )
-        highest = -float(
-            minimize(
-                lambda x: -float(target.log_likelihood(x[None])[0]), best, method="Nelder-Mead"
-            ).fun
-        )
-        return Evidence(None, None, *quality, f"evidence withheld: {reason}", highest)
-    n = len(draws.log_weights)
-    value = float(logsumexp(draws.log_weights) - np.log(n))
+        return Evidence(None, None, *quality, f"evidence withheld: {reason}")
+    n = len(log_weights)
+    value = float(logsumexp(log_weights) - np.log(n))
     return Evidence(value, float(np.sqrt((1.0 / fitted.efficiency - 1.0) / n)), *quality)
-
-
-def weighed(values: Iterable[float | None], bounds: Iterable[float]) -> FloatArray:
-    """Log evidences of rival models of one subject, shape (models,): -inf where a withheld one has no weight even by its bound, else NaN.
-
-    No weight: all of them together have a probability below :data:`NO_WEIGHT`, at equal prior probabilities.
-
-    Examples
-    --------
-    >>> weighed([-300.0, None], [np.inf, -500.0]).tolist(), weighed([-300.0, None], [np.inf, -299.0]).tolist()
-    ([-300.0, -inf], [-300.0, nan])
-    """
-    found, most = (
-        np.array([*values], np.float64),
-        np.array([*bounds], np.float64),
-    )  # None becomes NaN
-    missing = np.isnan(found)
-    if missing.any() and not missing.all():
-        share = logsumexp(most[missing]) - logsumexp(found[~missing])
-        found[missing] = -np.inf if share < np.log(NO_WEIGHT) else np.nan
-    return found
 
 
 # --- Laplace ---------------------------------------------------------------------------------------
@@ -115,7 +76,7 @@ def laplace_evidence(maxima: Maxima) -> tuple[float | None, str]:
 
 
 def laplace_evidence_natural(
-    posterior: Posterior, maxima: Maxima, starts: FloatArray | None = None
+    posterior: PaperPosterior, maxima: Maxima, starts: FloatArray | None = None
 ) -> tuple[float | None, str]:
     """Log evidence at the highest maximum in (mu1, sigma_p^2, sigma_l^2, q0), nats; None, with the reason, where that is on an edge.
 

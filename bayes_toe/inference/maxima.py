@@ -13,8 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from bayes_toe.arrays import BoolArray, FloatArray, IndexArray
-from bayes_toe.model.posterior_protocol import SampledPosterior
-from bayes_toe.model.target import Gradient, hessian, one_sided
+from bayes_toe.model.derivatives import Gradient, hessian, one_sided
+from bayes_toe.model.posterior import SampledPosterior
 
 _DECREMENT = 1e-12  # twice the predicted gain, in nats, at which a point counts as arrived
 _NEAR, _CLOSE = (

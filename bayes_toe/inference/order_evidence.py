@@ -20,6 +20,7 @@ from scipy.special import gammaln, logsumexp
 from bayes_toe.arrays import BoolArray, FloatArray, IndexArray
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import NumericalError
+from bayes_toe.model.derivatives import hessian
 from bayes_toe.model.distributions import LOG_2PI
 from bayes_toe.model.observer import (
     DEFAULT_PRIOR,
@@ -28,7 +29,6 @@ from bayes_toe.model.observer import (
     free_coordinates,
 )
 from bayes_toe.model.parameters import ORDER_MODELS, ObserverPrior
-from bayes_toe.model.target import hessian
 from bayes_toe.seeds import generator
 
 #: Names of the four models, in the order of all arrays.

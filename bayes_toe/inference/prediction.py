@@ -18,7 +18,7 @@ from bayes_toe.inference.draws import Draws, require_draws
 from bayes_toe.inference.subject import QUANTILES
 from bayes_toe.model.intervals import require_intervals
 from bayes_toe.model.observer import ObserverPosterior
-from bayes_toe.model.posterior import Posterior
+from bayes_toe.model.paper_model import PaperPosterior
 
 _BLOCK = 1 << 20  # values of one temporary array
 
@@ -27,7 +27,7 @@ _BLOCK = 1 << 20  # values of one temporary array
 class Predictor:
     """What posterior draws x of one subject predict, unconstrained coordinates of shape (draws, k), under whichever model they are of."""
 
-    target: ObserverPosterior | Posterior
+    target: ObserverPosterior | PaperPosterior
     x: FloatArray
 
     @classmethod
@@ -142,18 +142,3 @@ def _table(
         [np.quantile(part, list(QUANTILES.values()), axis=0) for part in values], axis=1
     )
     return pd.DataFrame({**columns, "mean": mean, **dict(zip(QUANTILES, quantiles, strict=True))})
-
-
-def effect_size(posterior: Posterior, x: FloatArray) -> FloatArray:
-    """Root mean square over the first stimuli shown of c - p (s1 - sbar), in just noticeable differences, (points, k) -> (points,)."""
-    subject, known = posterior.subject, posterior.quantities(x)
-    offset = known.get("offset", np.zeros(len(x)))
-    pull = known["pull"] if "pull" in known else 1.0 - known.get("gain", np.ones(len(x)))
-    lever = subject.s1 - posterior.sbar
-    share = subject.n_trials / subject.n_trials.sum()
-    spread = np.average(
-        np.square(lever), weights=share
-    )  # the mean of the lever is 0, or that of the centre
-    mean = np.average(lever, weights=share)
-    square = np.square(offset) - 2.0 * offset * pull * mean + np.square(pull) * spread
-    return np.asarray(np.sqrt(np.maximum(square, 0.0)) / (known["width"] * posterior.noticeable(x)))

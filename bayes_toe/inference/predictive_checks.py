@@ -10,8 +10,8 @@ from scipy.special import betainc, chdtrc, gammaln, xlogy
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.tasks import SAME_DIFFERENT
-from bayes_toe.model.posterior_protocol import AnswerPosterior
-from bayes_toe.model.target import require_points, times_counts
+from bayes_toe.model.answer_curves import times_counts
+from bayes_toe.model.posterior import AnswerPosterior, require_points
 from bayes_toe.seeds import generator
 
 #: Below this posterior predictive p-value, or p-value of the deviance, the model is said not to describe the answers.
@@ -129,8 +129,7 @@ def _moments(
 class PredictiveCheck:
     """Observed answers against what the posterior predicts for a repetition of the experiment, of each pair and overall.
 
-    P(n_rep <= n_yes) and P(n_rep >= n_yes) for replicated counts are binomial tails averaged over draws, not simulated; where counts
-    scatter more than that, over one session simulated for each draw.
+    P(n_rep <= n_yes) and P(n_rep >= n_yes) for replicated counts are binomial tails averaged over draws, not simulated.
     """
 
     expected: (
@@ -160,7 +159,7 @@ def predictive_check(posterior: AnswerPosterior, x: npt.ArrayLike, seed: int) ->
     for start in range(0, len(points), rows):
         some = points[start : start + rows]
         logs = posterior.log_answers(some)
-        q, rest = (np.exp(values) for values in posterior.realised_answers(rng, some, logs))
+        q, rest = (np.exp(values) for values in logs)
         tails = (
             np.where(x < n, betainc(np.maximum(n - x, 1), x + 1, share), 1.0)
             for x, share in ((k, rest), (n - k, q))

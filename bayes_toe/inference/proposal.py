@@ -20,8 +20,7 @@ from scipy.special import gammaln
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.model.distributions import Random
-from bayes_toe.model.posterior_protocol import SampledPosterior
-from bayes_toe.model.target import Levels, require_defined
+from bayes_toe.model.posterior import SampledPosterior, Transform, require_defined
 
 _LEAST_SHARE = 1e-4  # of a component
 _BLOCK = 1024  # points done together: with some tens of components the temporary arrays stay in the processor's cache
@@ -190,23 +189,23 @@ _PRIOR_SHARE = 0.01
 class Proposal:
     """Density over unconstrained coordinates: shares of the prior, of a cover with wide tails, and the rest of a fitted mixture.
 
-    Mixture and cover live in levelled coordinates, in which the posterior has no funnel.
+    Mixture and cover live in the coordinates of the transform, in which the posterior has no funnel.
     """
 
     posterior: SampledPosterior
-    levelling: Levels
+    transform: Transform
     mixture: StudentMixture
     cover: StudentMixture
     cover_share: float
 
     def log_density(self, x: FloatArray, log_prior: FloatArray) -> FloatArray:
         """Log density at x, shape (points, k) -> (points,); log_prior is the prior's log density there."""
-        return self.levelled_log_density(*self.levelling.level(x), log_prior)
+        return self.transformed_log_density(*self.transform.forward(x), log_prior)
 
-    def levelled_log_density(
+    def transformed_log_density(
         self, y: FloatArray, log_volume: FloatArray, log_prior: FloatArray
     ) -> FloatArray:
-        """The same where the levelled coordinates y and log |dy/dx| are known already."""
+        """The same where the coordinates y and log |dy/dx| are known already."""
         return self.combined(
             self.mixture.log_density(y), self.cover.log_density(y), log_volume, log_prior
         )
@@ -218,7 +217,7 @@ class Proposal:
         log_volume: FloatArray,
         log_prior: FloatArray,
     ) -> FloatArray:
-        """Log density where mixture, cover (both in levelled coordinates) and prior have these log densities."""
+        """Log density where mixture, cover (both in the coordinates y) and prior have these log densities."""
         fitted = np.logaddexp(
             np.log1p(-_PRIOR_SHARE - self.cover_share) + of_mixture,
             np.log(self.cover_share) + of_cover,
@@ -276,11 +275,11 @@ def importance_draws(proposal: Proposal, rng: Random, size: int) -> WeightedDraw
     target, mark, y = proposal.posterior, rng.uniform(size=size), proposal.mixture.sample(rng, size)
     from_prior, from_cover = mark < _PRIOR_SHARE, mark > 1.0 - proposal.cover_share
     y[from_cover] = proposal.cover.sample(rng, int(from_cover.sum()))
-    x, log_volume = proposal.levelling.unlevel(y)
+    x, log_volume = proposal.transform.inverse(y)
     x[from_prior] = target.sample_prior(rng, int(from_prior.sum()))
-    y[from_prior], log_volume[from_prior] = proposal.levelling.level(x[from_prior])
+    y[from_prior], log_volume[from_prior] = proposal.transform.forward(x[from_prior])
     log_prior = target.log_prior(x)
-    log_proposal = proposal.levelled_log_density(
+    log_proposal = proposal.transformed_log_density(
         y, log_volume, log_prior
     )  # cheaper than to begin with x
     log_posterior = target.log_likelihood(x) + log_prior

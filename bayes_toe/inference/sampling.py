@@ -13,8 +13,7 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.errors import InputError, require_kind
 from bayes_toe.inference.diagnostics import Convergence, convergence_of, shortfall, tail_error
 from bayes_toe.inference.proposal import FittedProposal, Proposal, WeightedDraws, importance_draws
-from bayes_toe.model.posterior_protocol import SampledPosterior
-from bayes_toe.model.target import require_defined
+from bayes_toe.model.posterior import SampledPosterior, require_defined
 from bayes_toe.seeds import stream
 
 #: Draws kept at least where quantiles are judged: with fewer, even independent ones leave long tails too uncertain.

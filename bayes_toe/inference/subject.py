@@ -26,11 +26,10 @@ from bayes_toe.inference.maxima import Maxima, find_maxima
 from bayes_toe.inference.predictive_checks import FitSummary, summarise_fit
 from bayes_toe.inference.proposal import FittedProposal
 from bayes_toe.inference.sampling import Chains, SamplerSettings, sample_chains
-from bayes_toe.model.intervals import reference_interval
-from bayes_toe.model.posterior import Posterior
-from bayes_toe.model.posterior_protocol import AnswerPosterior, SampledPosterior
+from bayes_toe.model.intervals import interval_units, reference_interval
+from bayes_toe.model.paper_model import PaperPosterior
+from bayes_toe.model.posterior import AnswerPosterior, SampledPosterior, contraction
 from bayes_toe.model.prior import DEFAULT, Prior
-from bayes_toe.model.target import contraction
 from bayes_toe.seeds import generator
 
 QUANTILES = {"q05": 0.05, "q25": 0.25, "q50": 0.5, "q75": 0.75, "q95": 0.95}
@@ -61,25 +60,8 @@ FIT_COLUMNS = {
 }
 #: Units of quantities that are no ln intensity; frequencies of pairs, q_1 and so on, have none either.
 _UNITS = {
-    **dict.fromkeys(
-        (
-            "gamma",
-            "gain",
-            "pull",
-            "rho",
-            "lapse_rate",
-            "guess_second",
-            "exponent",
-            "icc",
-            "contraction",
-        ),
-        "1",
-    ),
-    **{
-        "noise_slope": "1 / ln intensity",
-        "criterion_slope": "1 / ln intensity",
-        "peak_slope": "1 / ln intensity",
-    },
+    **dict.fromkeys(("gamma", "gain", "pull", "lapse_rate", "contraction"), "1"),
+    **dict.fromkeys(("noise_slope", "criterion_slope"), "1 / ln intensity"),
 }
 
 SummaryRow: TypeAlias = tuple[str | float, ...]
@@ -276,7 +258,7 @@ def location(values: FloatArray) -> tuple[float, ...]:
 def unit(name: str, target: AnswerPosterior) -> str:
     """The unit of a quantity; at the reference interval where an interval acts on it."""
     plain = _UNITS.get(name, "1" if name.startswith("q") else "ln intensity")
-    if target.subject.isi is None or not isinstance(target, Posterior):
+    if target.subject.isi is None or not isinstance(target, PaperPosterior):
         return plain
     reference = reference_interval(target.prior.reference_interval, target.subject)
-    return target.model.units_at_intervals(reference).get(name, plain)
+    return interval_units(reference).get(name, plain)

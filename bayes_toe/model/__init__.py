@@ -1,10 +1,10 @@
 """What is assumed of the observer. The stub beside this file lists its public names, which load on first use.
 
-`EQUATIONS` is the index: from the label of an equation of the paper to the function that computes it.
-
+Examples
+--------
 >>> import bayes_toe as bt
->>> bt.model.EQUATIONS["mod:q"] is bt.model.equal_probability
-True
+>>> float(bt.model.gain(2.0))
+0.5
 """
 
 from lazy_loader import attach_stub

@@ -16,9 +16,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import erfcx, erfinv, expit, log_expit, log_ndtr, ndtri_exp
 
-from bayes_toe.arrays import BoolArray, FloatArray
-from bayes_toe.model.closed_form import LN2
+from bayes_toe.arrays import BoolArray, FloatArray, IntArray
 from bayes_toe.model.distributions import LOG_2PI
+from bayes_toe.model.paper_equations import LN2
 
 #: Nodes and weights of Gauss and Legendre on (0, 1), for windows in which the density is level.
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
@@ -37,6 +37,38 @@ class Slopes(NamedTuple):
 
     yes: FloatArray
     no: FloatArray
+
+
+# --- Counts --------------------------------------------------------------------------------------
+
+
+def log_likelihoods(
+    n_yes: IntArray, n_trials: IntArray, answers: tuple[FloatArray, FloatArray]
+) -> FloatArray:
+    """Log likelihood of each pair, (points, pairs), without binomial coefficients.
+
+    Parameters
+    ----------
+    n_yes, n_trials : ndarray
+        How often a pair was answered as the task counts, and at all, shape (pairs,), or
+        (points, pairs) where every point has counts of its own.
+    answers : tuple of ndarray
+        Log probability of that answer and of the other one, (points, pairs) each.
+    """
+    yes, no = answers
+    n_no = n_trials - n_yes
+    return times_counts(n_yes.astype(np.float64), yes) + times_counts(n_no.astype(np.float64), no)
+
+
+def times_counts(counts: FloatArray, values: FloatArray) -> FloatArray:
+    """Counts times what each answer adds; an answer never given adds 0, also at probability 0."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        # A product beyond the largest float is infinite to all digits; 0 times infinity is 0 here.
+        product = np.asarray(counts * values)
+    is_absent = ~(counts > 0.0)
+    if is_absent.any():
+        np.copyto(product, 0.0, where=is_absent)
+    return product
 
 
 # --- Which is stronger ---------------------------------------------------------------------------

@@ -42,7 +42,7 @@ from bayes_toe.model.parameters import (
     Parameter,
     task_parameters,
 )
-from bayes_toe.model.target import Levels, require_points
+from bayes_toe.model.posterior import Transform, require_points
 
 #: Prior standard deviation h of the difference between two levels, in the unit of the parameter.
 DIFFERENCE_SD = 0.5
@@ -183,6 +183,6 @@ class ConditionPosterior:
         differences = rng.standard_normal((size, self.steps.shape[1]))
         return np.concatenate([shared, differences], axis=1)
 
-    def levelling(self, modes: FloatArray) -> Levels:
+    def transform(self, modes: FloatArray) -> Transform:
         """The coordinates as they are."""
-        return self.shared.levelling(modes)
+        return self.shared.transform(modes)

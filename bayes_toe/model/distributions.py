@@ -12,7 +12,20 @@ from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import betainc, betaincinv, betaln, erf, erfinv, ndtr, ndtri, xlog1py, xlogy
+from scipy.special import (
+    betainc,
+    betaincinv,
+    betaln,
+    erf,
+    erfinv,
+    expit,
+    log_expit,
+    logit,
+    ndtr,
+    ndtri,
+    xlog1py,
+    xlogy,
+)
 
 from bayes_toe.arrays import FloatArray
 
@@ -278,3 +291,48 @@ class LogNormal:
     def describe(self) -> str:
         """Family, median and standard deviation of the logarithm."""
         return f"LogNormal({self.median:g}, {self.sd:g})"
+
+
+# --- The same distributions on the scale of a coordinate ----------------------------------------
+
+
+def log_density_of_log(distribution: Distribution, x: FloatArray) -> FloatArray:
+    """Log density of the logarithm x of a quantity, with respect to x."""
+    if isinstance(distribution, LogNormal):
+        return distribution.of_log.log_density(x)
+    with np.errstate(over="ignore"):  # beyond the largest float the density is 0
+        return np.asarray(distribution.log_density(np.exp(x)) + x)
+
+
+def slope_of_log(distribution: Distribution, x: FloatArray) -> FloatArray:
+    """Derivative of :func:`log_density_of_log` in x."""
+    if isinstance(distribution, LogNormal):
+        return distribution.of_log.slope(x)
+    with np.errstate(over="ignore"):
+        value = np.exp(x)
+        return np.asarray(value * distribution.slope(value) + 1.0)
+
+
+def log_density_of_logit(distribution: Distribution, x: FloatArray) -> FloatArray:
+    """Log density of the logit x of a share, with respect to x."""
+    log_share, log_rest = log_expit(x), log_expit(-x)
+    if isinstance(distribution, Beta):
+        density = distribution.log_density_of_logs(log_share, log_rest)
+    else:
+        density = distribution.log_density(expit(x))
+    return np.asarray(density + log_share + log_rest)
+
+
+def slope_of_logit(distribution: Distribution, x: FloatArray) -> FloatArray:
+    """Derivative of :func:`log_density_of_logit` in x."""
+    share, rest = expit(x), expit(-x)
+    if isinstance(distribution, Beta):
+        return np.asarray(distribution.a * rest - distribution.b * share)
+    return np.asarray(distribution.slope(share) * share * rest - np.tanh(0.5 * x))
+
+
+def sample_logits(distribution: Distribution, rng: Random, size: int) -> FloatArray:
+    """Logits of independent draws of a share, shape (size,)."""
+    if isinstance(distribution, Beta) and min(distribution.a, distribution.b) < 1.0:
+        return distribution.sample_logit(rng, size)
+    return np.asarray(logit(distribution.sample(rng, size)))

@@ -9,14 +9,12 @@ from __future__ import annotations
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import Task
 from bayes_toe.errors import InputError, require_kind
-from bayes_toe.model.ladder import PREDICTIVE_UPDATE, models_of
 from bayes_toe.model.observer import ObserverPosterior, OrderModel
+from bayes_toe.model.paper_model import PAPER_MODEL, PaperModel, PaperPosterior
 from bayes_toe.model.parameters import ORDER_MODELS
-from bayes_toe.model.posterior import Posterior
 from bayes_toe.model.prior import DEFAULT, Prior
-from bayes_toe.model.record import Model
 
-SampledModel = OrderModel | Model
+SampledModel = OrderModel | PaperModel
 #: The names to type.
 MODEL_NAMES = (*(name.replace(" ", "-") for name in ORDER_MODELS), "paper")
 #: Words of retired models, and the name to type instead; the first word that a name has decides.
@@ -53,7 +51,7 @@ def require_model(name: str, task: Task) -> SampledModel:
     """
     require_kind("model", name, str, f"one of: {', '.join(MODEL_NAMES)}")
     if name == "paper":
-        return models_of(task).update
+        return PaperModel(task)
     spaced = name.replace("-", " ")
     if spaced in ORDER_MODELS:
         return OrderModel(spaced)
@@ -78,8 +76,8 @@ def stored_model(name: str, task: Task) -> SampledModel:
     """
     if name in ORDER_MODELS:
         return OrderModel(name)
-    if name == PREDICTIVE_UPDATE.name:
-        return models_of(task).update
+    if name == PAPER_MODEL:
+        return PaperModel(task)
     raise InputError(f"model {name!r}{_instead(name)}")
 
 
@@ -91,26 +89,29 @@ def model_title(name: str) -> str:
     >>> model_title("both"), model_title("predictive update")
     ("model 'both'", "paper's model")
     """
-    return "paper's model" if name == PREDICTIVE_UPDATE.name else f"model {name!r}"
+    return "paper's model" if name == PAPER_MODEL else f"model {name!r}"
 
 
-def posterior_of(
-    subject: Subject, prior: Prior = DEFAULT, *, model: str = "paper"
-) -> ObserverPosterior | Posterior:
-    """The posterior of one subject under a model, by default the paper's (H1).
+def observer_posterior(
+    subject: Subject, prior: Prior = DEFAULT, *, model: str = "both"
+) -> ObserverPosterior:
+    """The posterior of one subject under one of the four models of the observer.
 
     Examples
     --------
     >>> subject = Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [49, 20, 15], [50, 50, 50])
-    >>> posterior_of(subject, model="both").coordinates[-2:]
+    >>> observer_posterior(subject).coordinates[-2:]
     ('constant_error', 'contraction')
     """
-    return model_posterior(require_model(model, subject.task), subject, prior)
+    order_model = require_model(model, subject.task)
+    if isinstance(order_model, PaperModel):
+        raise InputError("model 'paper': its posterior is bt.model.paper_posterior(subject, prior)")
+    return order_model.posterior(subject, prior.observer)
 
 
 def model_posterior(
     model: SampledModel, subject: Subject, prior: Prior = DEFAULT
-) -> ObserverPosterior | Posterior:
+) -> ObserverPosterior | PaperPosterior:
     """The posterior of one subject under a model."""
     if isinstance(model, OrderModel):
         return model.posterior(subject, prior.observer)
@@ -121,4 +122,4 @@ def describe_prior(model: SampledModel, prior: Prior, task: Task) -> str:
     """The prior of every parameter of a model, in words."""
     if isinstance(model, OrderModel):
         return model.describe(prior.observer, task)
-    return model.describe(prior)
+    return prior.describe(task)

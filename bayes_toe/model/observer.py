@@ -33,11 +33,13 @@ from bayes_toe.model.answer_curves import (
     criterion_slope,
     equal_answers,
     equal_slopes,
+    log_likelihoods,
     second_answers,
     second_slopes,
+    times_counts,
 )
-from bayes_toe.model.closed_form import LN2
 from bayes_toe.model.distributions import LOG_2PI, Random
+from bayes_toe.model.paper_equations import LN2
 from bayes_toe.model.parameters import (
     CONSTANT_ERROR,
     CONTRACTION,
@@ -53,14 +55,7 @@ from bayes_toe.model.parameters import (
     lapse_score,
     task_parameters,
 )
-from bayes_toe.model.target import (
-    Levels,
-    Names,
-    SameCoordinates,
-    log_likelihoods,
-    require_points,
-    times_counts,
-)
+from bayes_toe.model.posterior import Names, SameCoordinates, Transform, require_points
 
 #: Criterion below which the density is level over the window of 'equal', to 12 digits.
 _NARROW = 1e-6
@@ -568,12 +563,6 @@ class ObserverPosterior:
         yes, no = self.batch.log_answers(self.full_points(x))
         return LogAnswers(yes[0], no[0])
 
-    def realised_answers(
-        self, rng: Random, x: npt.ArrayLike, answers: tuple[FloatArray, FloatArray]
-    ) -> tuple[FloatArray, FloatArray]:
-        """The same answers: counts are binomial."""
-        return answers
-
     def distance(self, x: npt.ArrayLike) -> FloatArray:
         """The distance z of every pair in standard deviations of the noise, (points, pairs)."""
         return np.asarray(self.batch.distance(self.full_points(x))[0])
@@ -586,7 +575,8 @@ class ObserverPosterior:
         self, x: npt.ArrayLike, answers: tuple[FloatArray, FloatArray] | None = None
     ) -> FloatArray:
         """Log likelihood of each pair, (points, pairs)."""
-        return log_likelihoods(self.subject, self.log_answers(x) if answers is None else answers)
+        answers = self.log_answers(x) if answers is None else answers
+        return log_likelihoods(self.subject.n_yes, self.subject.n_trials, answers)
 
     def log_likelihood(self, x: npt.ArrayLike) -> FloatArray:
         """Log likelihood without binomial coefficients, (points, k) -> (points,)."""
@@ -631,7 +621,7 @@ class ObserverPosterior:
         axes = np.meshgrid(*(starts[name] for name in self.coordinates))
         return np.stack([axis.ravel() for axis in axes], axis=-1)
 
-    def levelling(self, modes: FloatArray) -> Levels:
+    def transform(self, modes: FloatArray) -> Transform:
         """The coordinates as they are: no parameter's posterior narrows as another one vanishes."""
         return SameCoordinates()
 

@@ -1,320 +1,189 @@
-"""The one posterior: a subject, a record of what the observer does, a prior.
-
-log posterior = log likelihood (no binomial coefficients, :mod:`bayes_toe.model.likelihood`) + log prior, a density with respect to
-unconstrained coordinates x, so that its integral over x is the evidence of the model.
-"""
+"""What engines ask of a posterior, whichever model it is of, and what posteriors share."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
-from itertools import pairwise
-from typing import TYPE_CHECKING, Never
+from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import logit
 
-from bayes_toe.arrays import BLOCK, FloatArray
+from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Subject
-from bayes_toe.errors import InputError
-from bayes_toe.model.coordinates import NATURAL, Natural
+from bayes_toe.errors import NumericalError
 from bayes_toe.model.distributions import Random
-from bayes_toe.model.intervals import typical_interval
-from bayes_toe.model.levelling import Funnel, Levelling
-from bayes_toe.model.likelihood import Likelihood
-from bayes_toe.model.memory import Block
-from bayes_toe.model.prior import Prior
-from bayes_toe.model.target import Levels, Names, require_points
 
-if TYPE_CHECKING:
-    from bayes_toe.model.record import Model
+#: The range of quantiles that :func:`contraction` compares.
+RANGE = (0.05, 0.95)
+#: Contraction below which a parameter is said to be dominated by its prior: a range narrowed by less than three tenths.
+DOMINATED = 0.5
+#: The order in which tables and figures name quantities.
+ORDER = (
+    *("noise", "mu1", "sigma_p", "sigma_l", "q0", "lapse_rate", "noise_slope", "criterion_slope"),
+    *("gamma", "sigma1", "gain", "width", "offset", "pull", "pse_shift"),
+    *("constant_error", "contraction", "jnd", "zone"),
+)
 
-PRIOR_DRAWS = 100_000
 
+@dataclass(frozen=True)
+class Names:
+    """Names of quantities: as many natural and as many identified ones as there are coordinates."""
 
-@dataclass(frozen=True, eq=False)
-class Posterior(Likelihood):
-    """Log posterior of one subject under one record; pairs at several intervals are told apart in any case.
-
-    Parameters
-    ----------
-    subject : Subject
-        The counts.
-    model : Model
-    prior : Prior
-        In the place of "stimuli" it gets the numbers of this subject's.
-    centre : float, optional
-        Intensity from which the offset counts, natural-log units; the mean first stimulus by default.
-    interval : float, optional
-        The reference, to which coordinates, quantities and their prior refer, seconds: the prior's, or else the subject's geometric mean.
-
-    Examples
-    --------
-    >>> from bayes_toe.model.ladder import SYMMETRIC
-    >>> subject = Subject("S01", [0.0, 0.0], [0.0, 0.3], [49, 20], [50, 50])
-    >>> Posterior(subject, SYMMETRIC).log_density([[-1.0, 2.0]]).shape
-    (1,)
-    """
-
-    @cached_property
-    def _parts(self) -> tuple[tuple[Block, slice], ...]:
-        ends = np.cumsum([0, *(len(block.coordinates) for block in self.model.free)]).tolist()
-        return tuple(
-            (block, slice(*part))
-            for block, part in zip(self.model.free, pairwise(ends), strict=True)
-        )
-
-    def log_density(self, x: npt.ArrayLike) -> FloatArray:
-        """Log posterior density at x, shape (points, k) -> (points,)."""
-        points = require_points(x, len(self.coordinates))
-        return self.log_likelihood(points) + self.log_prior(points)
-
-    def log_prior(self, x: npt.ArrayLike) -> FloatArray:
-        """Log prior density at x, shape (points, k) -> (points,)."""
-        return np.asarray(
-            self.block_log_prior(require_points(x, len(self.coordinates))).sum(axis=1)
-        )
-
-    def block_log_prior(self, x: FloatArray) -> FloatArray:
-        """Log prior density of every block of coordinates, (points, k) -> (points, blocks)."""
-        return np.stack(
-            [block.log_prior(x[:, part], self.prior, self.sbar) for block, part in self._parts],
-            axis=1,
-        )
+    natural: tuple[str, ...]  # what the model is written in
+    identified: tuple[str, ...]  # what the answers depend on
+    derived: tuple[str, ...] = ()  # further ones that tables report
+    monotone: tuple[
+        str, ...
+    ] = ()  # those that are a monotone function of a single other one, so that their ranks say nothing new
 
     @property
-    def block_starts(self) -> list[int]:
-        """The first coordinate of every block."""
-        return [part.start for _, part in self._parts]
+    def reported(self) -> tuple[str, ...]:
+        """What tables and files hold: natural and derived, in order."""
+        return _ordered((*self.natural, *self.derived))
 
-    def log_prior_under(self, x: npt.ArrayLike, prior: Prior) -> FloatArray:
-        """Log density that another prior gives to the quantities at x, with respect to x, shape (points, k) -> (points,)."""
-        return replace(self, prior=prior).log_prior(x)
+    @property
+    def all(self) -> tuple[str, ...]:
+        """Every name, in order."""
+        return _ordered((*self.natural, *self.derived, *self.identified))
 
-    def gradient(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
-        """Log posterior density at x, (points,), and its gradient, (points, k)."""
-        points = require_points(x, len(self.coordinates))
-        rows = max(1, BLOCK // self.subject.n_pairs)
-        parts = [
-            self.likelihood_gradient(points[i : i + rows])
-            for i in range(0, max(1, len(points)), rows)
-        ]
-        value, gradient = (np.concatenate(of) for of in zip(*parts, strict=True))
-        return value + self.log_prior(points), gradient + self.prior_gradient(points)
 
-    def prior_gradient(self, x: FloatArray) -> FloatArray:
-        """Gradient of the log prior density, (points, k)."""
-        return np.concatenate(
-            [block.gradient(x[:, part], self.prior, self.sbar) for block, part in self._parts],
-            axis=1,
+def _ordered(names: tuple[str, ...]) -> tuple[str, ...]:
+    return tuple(
+        sorted(
+            dict.fromkeys(names),
+            key=lambda name: ORDER.index(name) if name in ORDER else len(ORDER),
         )
+    )
 
-    # --- What engines ask for -------------------------------------------------------------------------
 
-    def starts(self) -> FloatArray:
-        """A grid on the scale of the stimuli, at the typical interval, shape (starts, k); points of density 0 are left out.
+def require_points(x: npt.ArrayLike, k: int) -> FloatArray:
+    """Points as an array of shape (points, k) without NaN."""
+    points = np.atleast_2d(np.asarray(x, np.float64))
+    if points.ndim != 2 or points.shape[1] != k:
+        raise NumericalError(f"points must have shape (points, {k}), found {points.shape}")
+    if np.isnan(points).any():
+        raise NumericalError("a coordinate is NaN")
+    return points
 
-        Where no point is left, an answer that was given is impossible under the model, which is refused.
-        """
-        subject = self.subject
-        steps = np.abs(subject.s2 - subject.s1)
-        scale = float(np.sqrt(np.mean(steps[steps > 0] ** 2))) if np.any(steps > 0) else 0.3
-        peak = float(logit(((subject.n_yes + 1.0) / (subject.n_trials + 2.0)).max()))
-        axes = np.meshgrid(
-            *(values for block in self.model.free for values in block.grid(scale, peak))
-        )
-        points: FloatArray = np.stack([axis.ravel() for axis in axes], axis=-1)
-        if (
-            self._offset_place is not None
-            and "logit_q0" in self.model.link.coordinates
-            and "logit_q0" not in self._places
-        ):
-            points = np.concatenate([points, *map(self._between_pairs, np.unique(points, axis=0))])
-        if (
-            self._intervals is not None
-        ):  # offset and width are those at the typical interval: what they are at the reference
-            at = self._scales_at(
-                points, typical_interval(np.asarray(subject.isi) / self.reference, subject.n_trials)
-            )
-            points[:, self._places["offset"]] /= at.pull[:, 0]
-            points[:, self._places["log_width"]] -= np.log(at.width[:, 0])
-        some = np.isfinite(self.log_density(points))
-        return points[some] if some.any() else self._refuse(points)
 
-    def _between_pairs(self, point: FloatArray) -> FloatArray:
-        """Copies of a point with offsets between those that put a pair on the axis, shape (offsets, k).
+def require_defined(log_posterior: FloatArray, target: AnswerPosterior) -> None:
+    """Refuse log densities among which there is a NaN."""
+    if np.isnan(log_posterior).any():
+        raise NumericalError(f"subject {target.subject.name!r}: log posterior is NaN")
 
-        Where identical stimuli are never called 'different' such an offset is impossible if the pair ever was: a wall, with a maximum of
-        its own on each side.
-        """
-        walls = np.unique(
-            (self.subject.s2 - self.subject.s1)
-            + self._pull(point[None])[0] * (self.subject.s1 - self.sbar)
-        )
-        moved, offsets = (
-            np.repeat(point[None], len(walls) - 1, axis=0),
-            0.5 * (walls[1:] + walls[:-1]),
-        )
-        moved[:, self._offset_place] = offsets
-        return moved
 
-    def _refuse(self, points: FloatArray) -> Never:
-        """Name the pair whose answers have probability 0 at most of these points, (points, k)."""
-        subject, pairs = self.subject, np.isneginf(self.pair_log_likelihood(points)).sum(axis=0)
-        i = int(pairs.argmax())
-        answers = f"{subject.n_yes[i]} of {subject.n_trials[i]} {subject.task.yes!r}"
-        raise InputError(
-            f"subject {subject.name!r}, pair s1={subject.s1[i]:g}, s2={subject.s2[i]:g}: {answers}, which model {self.model.name!r} says "
-            "is impossible; allowed is a model with lapses or a constant error"
-        )
+class Transform(Protocol):
+    """A bijection between the coordinates x and others, y, in which mixtures of Student-t densities fit the posterior."""
 
-    def sample_prior(self, rng: Random, size: int) -> FloatArray:
-        """Independent draws from the prior, shape (size, k)."""
-        return np.concatenate(
-            [block.sample(rng, size, self.prior, self.sbar) for block, _ in self._parts], axis=1
-        )
+    def forward(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Coordinates y of x, shape (points, k), and log |dy/dx|, shape (points,)."""
 
-    def levelling(self, modes: FloatArray) -> Levels:
-        """Coordinates in which mixtures fit: the funnel of a free prior mean straightened, probits in the place of logits."""
-        pull, logits = (
-            self.model.pull,
-            tuple(i for name, i in self._places.items() if name.startswith("logit_")),
-        )
-        if pull is None or pull.centre is None:
-            return Levelling(logits, self._places["log_width"])
-        mu1 = self.prior.distribution(pull.centre)
-        funnel = Funnel.at(
-            modes, lambda x: self.likelihood_gradient(x)[1], mu1, self.sbar, pull.span
-        )
-        return Levelling(logits, self._places["log_width"], funnel)
+    def inverse(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Coordinates x of y, shape (points, k), and log |dy/dx| there; points beyond all floats go where the density is 0."""
 
-    def for_subject(self, subject: Subject) -> Posterior:
-        """The same model with the same prior for other answers or other pairs, with the same centre and reference interval."""
-        return replace(self, subject=subject, centre=self.sbar, interval=self.reference)
 
-    def to_group(self, x: FloatArray) -> FloatArray:
-        """The quantities of :attr:`Model.group` on their group scales, shape (points, k) -> (points, k)."""
-        return np.concatenate(
-            [block.to_group(x[:, part], self.prior, self.sbar) for block, part in self._parts],
-            axis=1,
-        )
+class SameCoordinates:
+    """The transform that changes nothing."""
 
-    def from_group(self, eta: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The inverse: x, shape (points, k), and dx/d(eta), shape (points, k, k)."""
-        x, jacobian = np.empty(eta.shape), np.zeros((*eta.shape, eta.shape[1]))
-        for block, part in self._parts:
-            x[:, part], jacobian[:, part, part] = block.from_group(
-                eta[:, part], self.prior, self.sbar
-            )
-        return x, jacobian
+    def forward(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """A copy of x, and 0."""
+        return x.copy(), np.zeros(len(x))
 
-    # --- What readers ask for -------------------------------------------------------------------------
+    def inverse(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """A copy of y, and 0."""
+        return y.copy(), np.zeros(len(y))
 
-    def gain(self, x: FloatArray, seconds: FloatArray) -> FloatArray:
-        """Weight of the first stimulus at intervals, (points, k) and (intervals,) -> (points, intervals); no unit."""
-        scale = self._scales_at(x, seconds / self.reference).pull
-        return np.asarray(1.0 - np.broadcast_to(self._pull(x) * scale, (len(x), len(seconds))))
 
-    def yes_at_distance(self, x: FloatArray, z: FloatArray) -> FloatArray:
-        """P of the answer that the task counts at normalised distances, (points, k) and (n,) -> (points, n)."""
-        return np.asarray(
-            np.exp(
-                self.model.link.log_answers(
-                    np.broadcast_to(z, (len(x), len(z))), *self._own(x, self.model.link)
-                )[0]
-            )
-        )
+class NamedModel(Protocol):
+    """A model, by whose name random streams are keyed."""
 
-    def noticeable(self, x: FloatArray) -> FloatArray:
-        """Just noticeable normalised distance, (points, k) -> (points,); of the answers that depend on the stimuli.
+    @property
+    def name(self) -> str:
+        """Its name."""
 
-        'Equal' is there half as often as at its peak, or 'second' has 75 %.
-        """
-        link = self.model.link_without_lapses
-        if isinstance(link.noticeable, float):
-            return np.full(len(x), link.noticeable)
-        return link.noticeable(*(part[:, 0] for part in self._own(x, link)))
+
+class AnswerPosterior(Protocol):
+    """The posterior of one subject that gives the answers their probabilities.
+
+    Points x have the shape (points, k), with unconstrained coordinates.
+    """
+
+    @property
+    def subject(self) -> Subject:
+        """The counts."""
+
+    @property
+    def model(self) -> NamedModel:
+        """The model."""
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Names of the coordinates."""
 
     @property
     def names(self) -> Names:
-        """What the quantities are called."""
-        published = ("pse_shift", "jnd") if self._offset_place is not None else ("jnd",)
-        return sum(
-            (block.names for block in self.model.free), start=Names((), (), published, published)
-        )
+        """Names of the quantities."""
 
-    def quantities(self, x: FloatArray) -> dict[str, FloatArray]:
-        """Every named quantity, each with the shape of x without its last axis.
+    def log_answers(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Log probability of both answers to every pair, (points, pairs) each."""
 
-        The shift of the point of subjective equality, at the mean first stimulus, is the offset; the just noticeable difference is the
-        distance of the stimuli at which 'equal' is half as frequent as at its peak, or P(second) 75 %, leaving lapses aside.
-        """
-        found = {
-            name: values
-            for block, part in self._parts
-            for name, values in block.named(x[..., part], self.prior, self.sbar).items()
-        }
-        found["jnd"] = found["width"] * self.noticeable(x.reshape(-1, x.shape[-1])).reshape(
-            x.shape[:-1]
-        )
-        return found | ({"pse_shift": found["offset"]} if "offset" in found else {})
+    def pair_log_likelihood(
+        self, x: npt.ArrayLike, answers: tuple[FloatArray, FloatArray] | None = None
+    ) -> FloatArray:
+        """Log likelihood of each pair, (points, pairs)."""
 
-    def judged(self, x: FloatArray) -> dict[str, FloatArray]:
-        """The quantities by which draws are judged: those that are no monotone function of a single other one."""
-        repeated = self.names.monotone
-        return {name: values for name, values in self.quantities(x).items() if name not in repeated}
+    def log_likelihood(self, x: npt.ArrayLike) -> FloatArray:
+        """Log likelihood without binomial coefficients, (points,)."""
 
-    def points(self, quantities: Mapping[str, FloatArray]) -> FloatArray:
-        """Unconstrained coordinates, shape (..., k), from named quantities, each of shape (...); they must name all that is free."""
-        return np.concatenate(
-            [
-                block.coordinates_from(quantities, self.prior, self.sbar)
-                for block in self.model.free
-            ],
-            axis=-1,
-        )
+    def log_prior(self, x: npt.ArrayLike) -> FloatArray:
+        """Log prior density, (points,)."""
+
+    def log_density(self, x: npt.ArrayLike) -> FloatArray:
+        """Sum of both, (points,); its integral is the evidence."""
+
+    def sample_prior(self, rng: Random, size: int) -> FloatArray:
+        """Independent draws from the prior, (size, k)."""
 
     def prior_quantile(self, name: str, probability: float) -> float:
-        """Prior quantile of a named quantity; from draws, to about half a percent of the prior's range, where it has no short form."""
-        if name == "pse_shift":
-            return self.prior_quantile("offset", probability)
-        if name == "jnd":
-            of_width = self.model.link_without_lapses.noticeable
-            if isinstance(of_width, float):
-                return of_width * self.prior_quantile("width", probability)
-            return float(
-                np.quantile(
-                    self.quantities(self.sample_prior(np.random.default_rng(0), PRIOR_DRAWS))[name],
-                    probability,
-                )
-            )
-        for block in self.model.free:
-            if name in block.names.all:
-                known = block.prior_quantile(name, probability, self.prior, self.sbar)
-                return (
-                    float(
-                        np.quantile(
-                            prior_draws(self.model, self.prior, self.sbar)[name], probability
-                        )
-                    )
-                    if known is None
-                    else known
-                )
-        raise InputError(f"unknown quantity {name!r}; there are: {', '.join(self.names.all)}")
+        """Prior quantile of a quantity."""
 
-    def natural(self, x: npt.ArrayLike) -> Natural:
-        """The paper's parameters, of a model that has them all, at unconstrained points, shape (..., k)."""
-        found = self.quantities(np.asarray(x, np.float64))
-        return Natural(*(found[name] for name in NATURAL))
+    def quantities(self, x: FloatArray) -> dict[str, FloatArray]:
+        """Every quantity, each with the shape of x without its last axis."""
+
+    def judged(self, x: FloatArray) -> dict[str, FloatArray]:
+        """The quantities by which the convergence of draws is judged."""
+
+    def points(self, quantities: Mapping[str, FloatArray]) -> FloatArray:
+        """Points from quantities, the inverse of :meth:`quantities`."""
 
 
-@lru_cache(maxsize=4)
-def prior_draws(model: Model, prior: Prior, sbar: float) -> dict[str, FloatArray]:
-    """Draws of every named quantity from the prior; the same for all subjects of a design."""
-    rng = np.random.default_rng(0)
-    found: dict[str, FloatArray] = {}
-    for block in model.free:
-        found |= block.named(block.sample(rng, PRIOR_DRAWS, prior, sbar), prior, sbar)
-    return found
+class SampledPosterior(AnswerPosterior, Protocol):
+    """A posterior that has to be explored: for maxima, importance sampling and emcee."""
+
+    def gradient(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Log density, (points,), and its gradient, (points, k)."""
+
+    def starts(self) -> FloatArray:
+        """Points of finite density from which maxima are looked for, (starts, k)."""
+
+    def transform(self, modes: FloatArray) -> Transform:
+        """Coordinates in which mixtures of Student-t densities fit the posterior."""
+
+
+def contraction(target: AnswerPosterior, parameter: str, low: float, high: float) -> float:
+    """How much the answers narrowed a parameter whose posterior quantiles at 5 and 95 % are `low` and `high`.
+
+    contraction = 1 - (posterior width / prior width)^2, widths from the 5 % to the 95 % quantile. For normal densities that is one minus
+    the ratio of variances; where mu1 has a funnel its variance is ruled by rare far draws, its quantiles are not. 1: all from the data;
+    0: as wide as the prior; negative: wider.
+
+    Examples
+    --------
+    >>> from bayes_toe.model.paper_model import paper_posterior
+    >>> subject = Subject("S01", [0.0], [0.3], [20], [50])
+    >>> round(contraction(paper_posterior(subject), "q0", 0.5, 0.59), 2)
+    0.97
+    """
+    before = target.prior_quantile(parameter, RANGE[1]) - target.prior_quantile(parameter, RANGE[0])
+    return 1.0 - ((high - low) / before) ** 2

@@ -17,22 +17,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cache, cached_property, partial
+from functools import cached_property
 from typing import Any, ClassVar, Self
 
 import numpy as np
-from scipy.optimize import brentq
-from scipy.special import expit
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.conditions import Stimuli
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.errors import InputError
-from bayes_toe.model.closed_form import MAX_PULL, variance_ratio
-from bayes_toe.model.coordinates import Natural, log_noise_ratio
 from bayes_toe.model.distributions import (
-    Beta,
     Distribution,
     HalfNormal,
     LogNormal,
@@ -40,15 +35,14 @@ from bayes_toe.model.distributions import (
     Random,
     share,
 )
+from bayes_toe.model.paper_equations import Natural, variance_ratio
 from bayes_toe.model.parameters import ObserverPrior
-from bayes_toe.model.prior_fields import STIMULI, PriorFields
-
-_NODES = 200  # of an integral over gamma
+from bayes_toe.model.prior_fields import RETIRED, STIMULI, PriorFields
 
 
 @dataclass(frozen=True)
 class Prior(PriorFields):
-    """Prior density of (mu1, sigma_p, gamma, q0), and the priors of what other models have; all log densities are normalised.
+    """Prior density of H1's (mu1, sigma_p, gamma, q0 or lapse rate), and of the observer's parameters; log densities are normalised.
 
     Parameters
     ----------
@@ -59,18 +53,10 @@ class Prior(PriorFields):
         Scale of the half-normal of sigma_p, natural-log intensity, where the width has no prior of its own.
     width_median, width_sd : float or "stimuli"
         Median of a lognormal prior of the width w, natural-log intensity, in the place of sigma_p's; standard deviation of its logarithm.
-    gamma_a, gamma_b, q0_a, q0_b : float
-        Of the beta distributions of gamma and q0.
-    offset_sd : float or "stimuli"
-        Standard deviation of the normal of a constant error, natural-log intensity.
-    noise_slope_sd, peak_slope_sd : float or "stimuli"
-        Of the normals about 0 of the slopes of the noise (Weber's law) and of logit q0, per natural-log intensity.
-    lapse_rate_a, lapse_rate_b, icc_a, icc_b : float
-        Of the beta distributions of the share of answers given without regard to the stimuli and of the intra-class correlation.
-    exponent_median, exponent_sd : float
-        Of the lognormal of the curve's exponent; the standard deviation is that of its logarithm.
+    gamma_a, gamma_b, q0_a, q0_b, lapse_rate_a, lapse_rate_b : float
+        Of the beta distributions of gamma, q0 and the lapse rate, the share of answers given without regard to the stimuli.
     reference_interval : float, optional
-        Seconds over which sigma_p, gamma and rho have their prior, in a study with intervals.
+        Seconds over which sigma_p and gamma have their prior, in a study with intervals.
 
     Raises
     ------
@@ -93,12 +79,7 @@ class Prior(PriorFields):
         "width": LogNormal,
         "gamma": share,
         "q0": share,
-        "offset": partial(Normal, 0.0),
-        "noise_slope": partial(Normal, 0.0),
-        "peak_slope": partial(Normal, 0.0),
         "lapse_rate": share,
-        "exponent": LogNormal,
-        "icc": share,
     }
 
     def of_h1(self, task: Task = SAME_DIFFERENT) -> tuple[str, ...]:
@@ -127,9 +108,8 @@ class Prior(PriorFields):
         if not named:
             return self
         found = Stimuli.of(*subjects)
-        if (
-            found is None
-        ):  # what only rivals of H1 need may stay open: whoever asks for it is refused
+        if found is None:
+            # A number that H1 does not use may stay open.
             if any(one.parameter in self.of_h1() for one in named.values()):
                 raise InputError(
                     f"subject {subjects[0].name!r}: the prior takes its scale from pairs of different stimuli, found none; allowed: the "
@@ -191,12 +171,8 @@ class Prior(PriorFields):
         stand_in = self.families[parameter](
             *(1.0 if name in symbols else value for name, value in numbers.items())
         ).describe()
-        family, own = stand_in.split("(")[0], stand_in[stand_in.index("(") + 1 : -1].split(", ")
-        first = len(own) - len(numbers)  # a family may begin with a number that is fixed
-        said = [
-            *own[:first],
-            *(symbols.get(name, word) for name, word in zip(numbers, own[first:], strict=True)),
-        ]
+        family, words = stand_in.split("(")[0], stand_in[stand_in.index("(") + 1 : -1].split(", ")
+        said = [symbols.get(name, word) for name, word in zip(numbers, words, strict=True)]
         return f"{family}({', '.join(said)})"
 
     @property
@@ -266,115 +242,23 @@ class Prior(PriorFields):
         return Natural(mu1, sigma_p, sigma_p * np.sqrt(gamma), q0)
 
 
-def log_density_of_noise_ratio(distribution: Distribution, a: FloatArray) -> FloatArray:
-    """Log density of gamma, with respect to gamma, at a = logit(p/p_max), shape (...)."""
-    if isinstance(distribution, Beta):
-        return distribution.log_density_of_logs(*log_noise_ratio(a))
-    return distribution.log_density(_noise_ratio(a))
-
-
-def slope_of_noise_ratio(distribution: Distribution, a: FloatArray) -> FloatArray:
-    """Derivative of :func:`log_density_of_noise_ratio` in a.
-
-    log gamma has the slope expit(-a) (1 + p)/(1 - p), log(1 - gamma) the slope -expit(a) (1 + p)/((1 - p) (1/p_max - p)).
-    """
-    p, down = MAX_PULL * expit(a), expit(-a)
-    rise = (1.0 + p) / (1.0 - p)
-    if isinstance(
-        distribution, Beta
-    ):  # near an edge the slope of the density in gamma is huge, those of the logs are not
-        return np.asarray(
-            rise
-            * (
-                (distribution.a - 1.0) * down
-                - (distribution.b - 1.0) * expit(a) / (1.0 / MAX_PULL - p)
-            )
-        )
-    return np.asarray(distribution.slope(_noise_ratio(a)) * rise * p * down / np.square(1.0 - p))
-
-
-def _noise_ratio(a: FloatArray) -> FloatArray:
-    """Noise ratio gamma = p/(1 - p)^2 at a = logit(p/p_max); a rounding may not carry it beyond its limit, 1."""
-    p = MAX_PULL * expit(a)
-    return np.asarray(np.minimum(p / (1.0 - p) ** 2, 1.0))
-
-
-def prior_quantile(prior: Prior, parameter: str, probability: float, power: float = 1.5) -> float:
-    """Prior quantile of mu1, sigma_p, sigma_l, q0, gamma, sigma1, gain or width, where the width is sigma_p G^power.
-
-    sigma_p, sigma_l, sigma1 and width are each other's multiples by powers of gamma and G, and one of them has a distribution of its own:
-    another one's distribution function is the average over gamma of that one's at x / h(gamma), one smooth integral over the quantiles of
-    gamma. The gain falls with gamma and takes its quantiles.
-
-    Examples
-    --------
-    >>> [round(prior_quantile(Prior(), name, 0.95), 4) for name in ("mu1", "sigma_p", "gamma", "gain")]
-    [16.4485, 1.96, 0.95, 0.9545]
-    """
-    if parameter in prior.of_h1():
-        return float(prior.distribution(parameter).quantile(probability))
-    of_gamma = prior.distribution("gamma")
-    if parameter == "gain":
-        return float(1.0 / variance_ratio(of_gamma.quantile(1.0 - probability)))
-    return _product_quantile(
-        prior.distribution(prior.spread), of_gamma, prior.spread, parameter, probability, power
-    )
-
-
-@cache
-def _product_quantile(
-    of_spread: Distribution,
-    of_gamma: Distribution,
-    spread: str,
-    parameter: str,
-    probability: float,
-    power: float,
-) -> float:
-    """Quantile of the spread times h(gamma): between the smallest and the largest h times its own, so it is looked for in that unit."""
-    nodes, weights = np.polynomial.legendre.leggauss(_NODES)
-    root = 0.5 * (
-        nodes + 1.0
-    )  # of gamma's distribution function u: sigma_l is smooth in it, du = 2 root d root
-    gamma = of_gamma.quantile(np.square(root))
-    ratio = variance_ratio(gamma)
-    over_sigma_p = {
-        "sigma_p": np.ones_like(gamma),
-        "sigma_l": np.sqrt(gamma),
-        "sigma1": np.sqrt(ratio),
-        "width": ratio**power,
-    }
-    shape = over_sigma_p[parameter] / over_sigma_p[spread]
-    unit = float(of_spread.quantile(probability))
-
-    def excess(x: float) -> float:
-        return float(weights @ (root * of_spread.cdf(x * unit / shape))) - probability
-
-    return unit * float(brentq(excess, 0.999 * shape.min(), 1.001 * shape.max(), xtol=1e-12))
-
-
 def stored_prior(values: Mapping[str, Any]) -> Prior:
-    """The prior that a file of results holds; before the width could have one it was the paper's with what the file says."""
-    unknown = sorted(
-        values.keys() - {one.name for one in Prior.declared()} - {"origin", "observer"}
-    )
+    """The prior that a file of results holds; numbers of models that are retired are left out.
+
+    Before the width could have a distribution it was the paper's with what the file says.
+    """
+    numbers = {name: value for name, value in values.items() if name not in RETIRED}
+    numbers.pop("origin", None)
+    observer = ObserverPrior(**numbers.pop("observer", {}))
+    unknown = sorted(numbers.keys() - {one.name for one in Prior.declared()})
     if unknown:
         raise InputError(
             f"draws made under a prior of your own, with {', '.join(unknown)}: only {Prior.__name__} itself can be told back"
         )
-    before = (
-        {}
-        if "width_median" in values
-        else {"offset_sd": 1.0, "noise_slope_sd": 1.0, "lapse_rate_b": 1.0}
-    )
-    observer = ObserverPrior(**values.get("observer", {}))
-    return Prior(
-        observer=observer,
-        **{
-            name: value
-            for name, value in {**before, **values}.items()
-            if value is not None and name not in ("origin", "observer")
-        },
-    )
+    if "width_median" not in numbers:
+        numbers = {"lapse_rate_b": 1.0, **numbers}
+    given = {name: value for name, value in numbers.items() if value is not None}
+    return Prior(observer=observer, **given)
 
 
 #: What is used where nothing is said: every scale is that of the stimuli that a subject felt.

@@ -31,13 +31,18 @@ OF_STIMULI = {
     "M": "their mean",
     "2.5 R": "2.5 times their standard deviation",
     "D": "the root mean square step between different ones",
-    "D/2": "half the root mean square step between different ones",
-    "0.5/R": "0.5 over their standard deviation",
-    "0.3 D": "0.3 times the root mean square step between different ones",
-    "log D": "the logarithm of the root mean square step between different ones",
 }
-#: Whose numbers are those of the paper's model (H1).
-PAPER_PARAMETERS = ("mu1", "sigma_p", "width", "gamma", "q0", "lapse_rate", "interval")
+#: Numbers of retired models, and where a number stands now; empty where nothing has it.
+RETIRED = {
+    "offset_sd": "[constant_error] scale",
+    "noise_slope_sd": "[noise_slope] scale",
+    "peak_slope_sd": "[criterion_slope] scale",
+    "exponent_median": "",
+    "exponent_sd": "",
+    "icc_a": "",
+    "icc_b": "",
+    "answer_bias_sd": "",
+}
 _LARGEST_FILE = 2**16  # bytes; a complete prior file has some 2,000
 
 
@@ -162,42 +167,8 @@ class PriorFields:
     gamma_b: float = _of_beta(1.0, "gamma", "its b")
     q0_a: float = _of_beta(1.0, "q0", "a of the beta prior of q0")
     q0_b: float = _of_beta(1.0, "q0", "its b")
-    offset_sd: float | Literal["stimuli"] = prior_field(
-        STIMULI,
-        parameter="offset",
-        kind="scale",
-        words="sd of the normal prior of a constant error",
-        unit=LOG_INTENSITY,
-        stimuli="D/2",
-    )
-    noise_slope_sd: float | Literal["stimuli"] = prior_field(
-        STIMULI,
-        parameter="noise_slope",
-        kind="scale",
-        words="sd of the normal prior of the noise's slope about 0, Weber's law",
-        stimuli="0.5/R",
-    )
-    peak_slope_sd: float | Literal["stimuli"] = prior_field(
-        STIMULI,
-        parameter="peak_slope",
-        kind="scale",
-        words="sd of the normal prior of the slope of logit q0 about 0",
-        stimuli="0.5/R",
-    )
     lapse_rate_a: float = _of_beta(1.0, "lapse_rate", "a of the beta prior of the lapse rate")
     lapse_rate_b: float = _of_beta(9.0, "lapse_rate", "its b")
-    exponent_median: float = prior_field(
-        2.0,
-        parameter="exponent",
-        kind="scale",
-        words="median of the lognormal prior of the exponent",
-    )
-    exponent_sd: float = prior_field(
-        0.5, parameter="exponent", kind="scale", words="sd of its logarithm"
-    )
-    icc_a: float = _of_beta(1.0, "icc", "a of the beta prior of the intra-class correlation")
-    icc_b: float = _of_beta(9.0, "icc", "its b")
-
     reference_interval: float | None = prior_field(
         None,
         parameter="interval",
@@ -224,11 +195,6 @@ class PriorFields:
     def declared(cls) -> tuple[PriorField, ...]:
         """Its numbers in the order of their declaration."""
         return tuple(PriorField(one.name, **one.metadata) for one in fields(cls) if one.metadata)
-
-    @classmethod
-    def of_paper(cls) -> tuple[PriorField, ...]:
-        """The numbers of the paper's model (H1)."""
-        return tuple(one for one in cls.declared() if one.parameter in PAPER_PARAMETERS)
 
 
 def toml_table(path: str | Path, lines: str) -> Mapping[str, Any]:

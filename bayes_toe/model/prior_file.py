@@ -11,7 +11,14 @@ from bayes_toe.data.messages import quoted
 from bayes_toe.errors import InputError
 from bayes_toe.model.parameters import ObserverPrior
 from bayes_toe.model.prior import DEFAULT, Prior
-from bayes_toe.model.prior_fields import STIMULI, PriorField, number_problems, real, toml_table
+from bayes_toe.model.prior_fields import (
+    RETIRED,
+    STIMULI,
+    PriorField,
+    number_problems,
+    real,
+    toml_table,
+)
 
 #: The section of the paper's model (H1).
 PAPER = "paper"
@@ -27,17 +34,6 @@ _OBSERVER_WORDS: Mapping[str, Mapping[str, str]] = {
     "criterion_slope": {"scale": "scale of Student's t with 3 degrees of freedom, over R"},
     "constant_error": {"scale": "scale of Student's t with 3 degrees of freedom, in D"},
     "contraction": {"sd": "sd of the normal prior of p on (-1, 1)"},
-}
-#: Keys of retired models, and where the number stands now; empty where nothing has it.
-_RETIRED = {
-    "offset_sd": "[constant_error] scale",
-    "noise_slope_sd": "[noise_slope] scale",
-    "peak_slope_sd": "[criterion_slope] scale",
-    "exponent_median": "",
-    "exponent_sd": "",
-    "icc_a": "",
-    "icc_b": "",
-    "answer_bias_sd": "",
 }
 
 
@@ -58,7 +54,7 @@ def sections() -> dict[str, dict[str, PriorField]]:
             )
             for key, text in words.items()
         }
-    found[PAPER] = {one.name: one for one in Prior.of_paper()}
+    found[PAPER] = {one.name: one for one in Prior.declared()}
     return found
 
 
@@ -118,7 +114,7 @@ def _key_problems(
     """What is wrong with the keys of a section, one line each."""
     problems = []
     for key, value in values.items():
-        if key in _RETIRED:
+        if key in RETIRED:
             problems.append(_misplaced(known, key))
         else:
             problems += number_problems(known[section], key, value)
@@ -132,9 +128,9 @@ def _misplaced(known: Mapping[str, Mapping[str, PriorField]], key: str) -> str:
         return f"{key}: found no section, allowed: [{key}] and below it {', '.join(known[key])}"
     if key in known[PAPER]:
         return f"key {key}: found outside of the sections, allowed: in the section [{PAPER}]"
-    if _RETIRED.get(key):
-        return f"key {key}: retired, allowed in its place: {_RETIRED[key]}"
-    if key in _RETIRED:
+    if RETIRED.get(key):
+        return f"key {key}: retired, allowed in its place: {RETIRED[key]}"
+    if key in RETIRED:
         return f"key {key}: retired with its model, {allowed}"
     return f"key {quoted(key)}: unknown, {allowed}"
 

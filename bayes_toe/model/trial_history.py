@@ -38,7 +38,7 @@ from bayes_toe.model.observer import (
     OrderModel,
 )
 from bayes_toe.model.parameters import ObserverPrior
-from bayes_toe.model.target import SameCoordinates
+from bayes_toe.model.posterior import SameCoordinates
 
 #: Values of a temporary array of points times trials.
 _BLOCK = 1 << 17
@@ -231,7 +231,7 @@ class TrialHistoryPosterior:
         n_own = len(self.coordinates) - of_order.shape[1]
         return np.concatenate([of_order, rng.standard_normal((size, n_own))], axis=1)
 
-    def levelling(self, modes: FloatArray) -> SameCoordinates:
+    def transform(self, modes: FloatArray) -> SameCoordinates:
         """Coordinates in which a mixture fits: these ones."""
         return SameCoordinates()
 

@@ -24,11 +24,11 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.data.messages import listed
 from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws, require_draws
-from bayes_toe.model.coordinates import NATURAL, Natural, quantities
 from bayes_toe.model.models import model_posterior, model_title, stored_model
 from bayes_toe.model.observer import ObserverPosterior
-from bayes_toe.model.posterior import PRIOR_DRAWS, Posterior
-from bayes_toe.model.posterior_protocol import AnswerPosterior
+from bayes_toe.model.paper_equations import NATURAL, Natural, quantities
+from bayes_toe.model.paper_model import PRIOR_DRAWS, PaperPosterior
+from bayes_toe.model.posterior import AnswerPosterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.plots.style import LABELS, MARKED, POSTERIOR, WEAKER_FIRST, new_figure, plain
 
@@ -264,7 +264,7 @@ def known_from(truths: Values, target: AnswerPosterior) -> dict[str, float]:
     given = {
         name: np.asarray(truths.get(name, np.nan), np.float64) for name in target.names.natural
     }
-    if isinstance(target, Posterior) and set(NATURAL) <= set(
+    if isinstance(target, PaperPosterior) and set(NATURAL) <= set(
         given
     ):  # the paper's parameters may also lie outside the prior's support
         found = quantities(Natural(*(given[name] for name in NATURAL)), target.sbar)

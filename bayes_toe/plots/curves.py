@@ -28,7 +28,7 @@ from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.inference.draws import Draws
 from bayes_toe.inference.prediction import Predictor
 from bayes_toe.model.models import model_title
-from bayes_toe.model.posterior import Posterior
+from bayes_toe.model.paper_model import PaperPosterior
 from bayes_toe.plots.style import (
     BANDS,
     EQUAL,
@@ -361,7 +361,7 @@ def _interval_figure(counts: Subject, fitted: Predictor, title: str) -> Figure:
         dress(ax)
     if rows:
         legend_below(figure, size=8.0)
-    if isinstance(fitted.target, Posterior):
+    if isinstance(fitted.target, PaperPosterior):
         _gain_panel(figure.add_subplot(grid[rows, :3]), tested, fitted.target, fitted.x)
         _pair_panel(figure.add_subplot(grid[rows, 3:]), counts, fitted)
     else:
@@ -375,7 +375,9 @@ def _at(fitted: Predictor, isi: float) -> Curve:
     return lambda s1, s2: fitted.yes(s1, s2, np.full(len(s1), isi))
 
 
-def _gain_panel(ax: Axes, tested: tuple[float, ...], target: Posterior, draws: FloatArray) -> None:
+def _gain_panel(
+    ax: Axes, tested: tuple[float, ...], target: PaperPosterior, draws: FloatArray
+) -> None:
     """Kalman gain over the interval: the weight of the first stimulus; 1 means no order effect. Short bars: tested intervals."""
     x = _dress_intervals(ax, tested)
     draw_band(ax, x, target.gain(draws, x), POSTERIOR, 1.3)

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from bayes_toe.classical.frequencies import presentation_order
 from bayes_toe.data.study import refuse_intervals
 from bayes_toe.inference.draws import Draws
-from bayes_toe.model.closed_form import evolved_mean
+from bayes_toe.model.paper_equations import evolved_mean
 from bayes_toe.plots.curves import fitted_curve, over_panel
 from bayes_toe.plots.style import (
     LETTERS,

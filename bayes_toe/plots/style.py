@@ -54,13 +54,8 @@ LABELS = {
     "zone": "zone",
     "pse_shift": "PSE shift",
     "jnd": "JND",
-    "rho": r"$\rho$",
     "noise_slope": r"noise slope $b$",
-    "peak_slope": r"peak slope $g$",
     "lapse_rate": r"lapse rate $\lambda$",
-    "guess_second": "guessed\n'second'",
-    "exponent": r"exponent $\nu$",
-    "icc": "intra-class\ncorrelation",
 }
 
 

@@ -16,8 +16,8 @@ from bayes_toe.classical.frequencies import collapse
 from bayes_toe.data.study import Subject, refuse_intervals
 from bayes_toe.data.tasks import SAME_DIFFERENT
 from bayes_toe.inference.draws import Draws
-from bayes_toe.model.closed_form import noise_ratio, variance_ratio
-from bayes_toe.model.posterior import Posterior
+from bayes_toe.model.paper_equations import noise_ratio, variance_ratio
+from bayes_toe.model.paper_model import PaperPosterior
 from bayes_toe.plots.curves import (
     Curve,
     fitted_curve,
@@ -177,7 +177,7 @@ def collapse_axes(draws: Draws, subject: str, ax: Axes) -> Axes:
     the medians; of 'which is stronger' nothing is divided.
     """
     posterior, points = draws.posterior(subject), np.concatenate(list(draws.points(subject)))
-    assert isinstance(posterior, Posterior)
+    assert isinstance(posterior, PaperPosterior)
     counts = posterior.subject
     refuse_intervals([counts], "collapse of both orders")
     found = collapse(posterior, points, mass=0.6)

@@ -34,9 +34,14 @@ from bayes_toe.inference.subject import (
     fitted_result,
     subject_draws,
 )
-from bayes_toe.model.closed_form import log_different, log_equal, normalised_distance
-from bayes_toe.model.coordinates import NATURAL, Natural
-from bayes_toe.model.ladder import PREDICTIVE_UPDATE
+from bayes_toe.model.paper_equations import (
+    NATURAL,
+    Natural,
+    log_different,
+    log_equal,
+    normalised_distance,
+)
+from bayes_toe.model.paper_model import PAPER_MODEL, paper_posterior
 from bayes_toe.model.prior import DEFAULT as DEFAULT_PRIOR
 from bayes_toe.model.prior import Prior
 from bayes_toe.seeds import generator, root_seed
@@ -193,7 +198,7 @@ def calibration_settings(seed: int, prior: Prior | None = None) -> Settings:
     numbers = (DEFAULT_PRIOR if prior is None else prior).at(
         shown
     )  # which observers are drawn from as well
-    return Settings(root_seed(seed), numbers, SamplerSettings(draws=DRAWS), PREDICTIVE_UPDATE.name)
+    return Settings(root_seed(seed), numbers, SamplerSettings(draws=DRAWS), PAPER_MODEL)
 
 
 def jobs_of(plan: Plan, settings: Settings) -> Iterator[Job]:
@@ -212,9 +217,7 @@ def work(job: Job) -> tuple[Row, Row]:
     wanted = Wanted(
         settings.sampler if job.with_draws else None, EVIDENCE_DRAWS if job.with_evidence else 0
     )
-    result, fitted = fitted_result(
-        PREDICTIVE_UPDATE.posterior(subject, settings.prior), settings.seed, wanted
-    )
+    result, fitted = fitted_result(paper_posterior(subject, settings.prior), settings.seed, wanted)
     ranks: Row = {}
     known: Row = {}
     if job.with_draws and theta is not None:

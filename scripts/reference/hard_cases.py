@@ -13,7 +13,7 @@ import numpy.typing as npt
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Subject
 from bayes_toe.design.study_design import PAPER_AMPLITUDES, reference_design
-from bayes_toe.model.closed_form import equal_probability
+from bayes_toe.model.paper_equations import equal_probability
 
 
 def hard_cases() -> dict[str, Subject]:

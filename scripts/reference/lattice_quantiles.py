@@ -11,8 +11,8 @@ from scipy.optimize import brentq
 from scipy.special import expit, sici
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.model.closed_form import MAX_PULL
-from bayes_toe.model.coordinates import reach
+from bayes_toe.model.paper_equations import MAX_PULL
+from bayes_toe.model.paper_model import reach
 from reference.lattice import keys
 from reference.lattice_sums import CHARACTERS, Audit
 from reference.panels import COEFFICIENTS, WEIGHTS, joined

@@ -11,8 +11,7 @@ from scipy.special import expit
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray
 from bayes_toe.errors import NumericalError
-from bayes_toe.model.closed_form import MAX_PULL
-from bayes_toe.model.coordinates import Natural
+from bayes_toe.model.paper_equations import MAX_PULL, Natural
 
 _DROP = 18.0  # nats below its own maximum at which an inner integral ends
 _SHARP = 3.0  # nats by which the points fall about a local maximum, above which they may miss its top by 1 nat
@@ -39,7 +38,7 @@ class Density(Protocol):
     """What is integrated: a log density of x = (c, a, b, l) and the natural parameters at x.
 
     log sigma_p and log sigma_l must be linear in b with slope 1, and mu1 = sbar + c/p: so they are in
-    :mod:`bayes_toe.model.coordinates`. A `subject` is optional; its stimuli say where the likelihood has features in c.
+    :mod:`bayes_toe.model.paper_model`. A `subject` is optional; its stimuli say where the likelihood has features in c.
     """
 
     @property

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.model.coordinates import NATURAL
+from bayes_toe.model.paper_equations import NATURAL
 from reference.lattice import MAX_NODES, start
 from reference.lattice_quantiles import Quantiles, find_quantiles
 from reference.lattice_sums import Audit

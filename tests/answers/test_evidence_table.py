@@ -26,7 +26,7 @@ from bayes_toe.inference.evidence import (
 from bayes_toe.inference.maxima import Maxima, find_maxima
 from bayes_toe.inference.subject import Wanted, fitted_result
 from bayes_toe.model.free_frequencies import frequency_evidence
-from bayes_toe.model.ladder import posterior_of
+from bayes_toe.model.paper_model import paper_posterior
 
 CASES = hard_cases()
 
@@ -70,7 +70,7 @@ def test_laplace_is_exact_for_a_normal_density_and_there_is_none_at_a_saddle():
 def test_laplace_that_does_not_exist_is_empty_and_says_why():
     subject = CASES["perfect observer"]
     result, found = fitted_result(
-        posterior_of(subject, bt.Prior()), 1, Wanted(evidence_draws=20_000)
+        paper_posterior(subject, bt.Prior()), 1, Wanted(evidence_draws=20_000)
     )
     by_bootstrap = bootstrap_evidence(
         bootstrap_subject(subject, seed=1, replicates=50, prior=bt.Prior()), bt.Prior()
@@ -83,7 +83,7 @@ def test_laplace_that_does_not_exist_is_empty_and_says_why():
 
 
 def test_laplace_in_either_coordinates_stands_in_its_own_column():
-    posterior = posterior_of(bt.example_study()["S01"], bt.Prior())
+    posterior = paper_posterior(bt.example_study()["S01"], bt.Prior())
     row, maxima = (
         subject_evidence(*fitted_result(posterior, 1, Wanted(evidence_draws=20_000)), None),
         find_maxima(posterior),
@@ -96,7 +96,7 @@ def test_laplace_in_either_coordinates_stands_in_its_own_column():
 
 
 def test_untrusted_weights_give_no_number():
-    fitted = fit_proposal(posterior_of(CASES["one batch"]), np.random.default_rng(1))
+    fitted = fit_proposal(paper_posterior(CASES["one batch"]), np.random.default_rng(1))
     estimate = importance_evidence(replace(fitted, pareto_k=0.9))
     assert (estimate.value, estimate.se) == (None, None)
     assert "0.90" in estimate.why_not
@@ -153,7 +153,7 @@ def test_the_draws_asked_for_are_behind_the_evidence_of_h1(small_study):
     row = bt.evidence(bt.Study([subject]), draws=2000, seed=5, workers=1)["A"]
     assert (
         row.log_evidence_h1
-        == fitted_result(posterior_of(subject), 5, Wanted(evidence_draws=2000))[0].evidence.value
+        == fitted_result(paper_posterior(subject), 5, Wanted(evidence_draws=2000))[0].evidence.value
     )
 
 
@@ -164,7 +164,7 @@ def test_real_vibrotactile_subjects_go_both_ways(real_data):
     )
     assert sum(subject.total_trials for subject in study) == 11904
     found = [
-        fitted_result(posterior_of(one, bt.Prior()), 1, Wanted(evidence_draws=10_000))[
+        fitted_result(paper_posterior(one, bt.Prior()), 1, Wanted(evidence_draws=10_000))[
             0
         ].evidence.value
         - frequency_evidence(one)

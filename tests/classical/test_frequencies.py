@@ -16,7 +16,8 @@ from bayes_toe.classical.frequencies import (
     presentation_order,
 )
 from bayes_toe.inference.maxima import find_maxima
-from bayes_toe.model.coordinates import Natural, unconstrained
+from bayes_toe.model.paper_equations import Natural
+from bayes_toe.model.paper_model import unconstrained
 
 counts = st.integers(0, 10**9).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n)))
 
@@ -46,7 +47,7 @@ def test_one_subject():
 def test_both_orders_collapse_on_one_curve(small_study):
     truth = Natural(*map(np.asarray, (-0.7, 0.25, 0.17, 0.92)))
     subject = small_study["A"]  # rounded expected counts of this observer
-    posterior = bt.model.posterior_of(subject)
+    posterior = bt.model.paper_posterior(subject)
     found = collapse(posterior, unconstrained(truth, posterior.sbar))
     big = float((1 + np.sqrt(1 + 4 * truth.gamma)) / 2)
     expected = (subject.s2 - (subject.s1 + (1 - 1 / big) * (-0.7 - subject.s1))) / (0.25 * big**1.5)
@@ -58,7 +59,7 @@ def test_both_orders_collapse_on_one_curve(small_study):
 
 
 def test_bands_of_the_collapse_hold_their_mass(small_study):
-    posterior = bt.model.posterior_of(small_study["C"])
+    posterior = bt.model.paper_posterior(small_study["C"])
     x = find_maxima(posterior).x[0] + 0.15 * np.random.default_rng(2).standard_normal((4000, 4)) * [
         0.2,
         1,

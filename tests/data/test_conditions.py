@@ -54,7 +54,7 @@ def test_units_have_the_scales_of_their_subject(read):
     assert found.conditions == Conditions("condition", ("left", "right"))
     for one in found:
         assert one.felt == Stimuli.of(one) == pytest.approx(Stimuli.of(whole[one.person]))
-        own, of_whole = bt.model.posterior_of(one), bt.model.posterior_of(whole[one.person])
+        own, of_whole = bt.model.paper_posterior(one), bt.model.paper_posterior(whole[one.person])
         assert (
             own.sbar
             == pytest.approx(of_whole.sbar)

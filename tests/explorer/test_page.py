@@ -38,7 +38,7 @@ def held(explorer):
 
 def shown(subject, draws=3000, copies=1):
     """The page of made draws of a subject under the symmetric model."""
-    target = bt.model.posterior_of(subject, model="none")
+    target = bt.model.observer_posterior(subject, model="none")
     return page(
         [
             Entry(

@@ -23,7 +23,7 @@ EVIDENCE = {
 
 def natural(name):
     """Value and reason of a case."""
-    posterior = bt.model.posterior_of(CASES[name], bt.Prior())  # the paper's
+    posterior = bt.model.paper_posterior(CASES[name], bt.Prior())  # the paper's
     return laplace_evidence_natural(posterior, find_maxima(posterior))
 
 
@@ -113,7 +113,7 @@ def test_no_value_where_the_maximum_lies_on_an_edge():
     "name", ["S03", "S07", "S16", "one batch", "very blunt observer", "one order missing"]
 )
 def test_the_few_starts_lead_as_high_as_a_grid_over_all_that_a_study_can_look_like(name):
-    posterior = bt.model.posterior_of(CASES[name], bt.Prior())  # the paper's
+    posterior = bt.model.paper_posterior(CASES[name], bt.Prior())  # the paper's
     few, many = (
         laplace_evidence_natural(posterior, find_maxima(posterior), starts)[0]
         for starts in (None, posterior.starts())

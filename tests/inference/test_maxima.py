@@ -6,7 +6,7 @@ from reference.hard_cases import hard_cases
 from scipy.optimize import minimize
 
 from bayes_toe.inference.maxima import ascend, find_maxima
-from bayes_toe.model.ladder import posterior_of
+from bayes_toe.model.paper_model import paper_posterior
 from bayes_toe.model.prior import Prior
 
 CASES = hard_cases()
@@ -117,7 +117,7 @@ def test_what_does_not_arrive_says_so():
 
 @pytest.mark.parametrize("name", ["funnel", "maximum on gamma = 1", "400 pairs with 3 trials"])
 def test_newton_is_never_beaten_by_a_general_optimiser(name):
-    posterior = posterior_of(CASES[name])
+    posterior = paper_posterior(CASES[name])
     found = find_maxima(posterior)
     assert found.arrived
     simplex = {"maxiter": 4000, "xatol": 1e-8, "fatol": 1e-9}
@@ -135,7 +135,7 @@ def test_newton_is_never_beaten_by_a_general_optimiser(name):
 
 
 def test_two_maxima_are_both_found():
-    found = find_maxima(posterior_of(CASES["all different"]))
+    found = find_maxima(paper_posterior(CASES["all different"]))
     assert len(found.x) >= 2
     assert found.x[:, 0].min() < 0 < found.x[:, 0].max()
     assert list(found.value) == sorted(found.value, reverse=True)
@@ -143,4 +143,4 @@ def test_two_maxima_are_both_found():
 
 def test_a_maximum_that_does_not_exist_is_not_claimed():
     # Under the paper's prior a perfect observer's density rises without end toward gamma = 0.
-    assert not find_maxima(posterior_of(CASES["perfect observer"], Prior())).arrived
+    assert not find_maxima(paper_posterior(CASES["perfect observer"], Prior())).arrived

@@ -10,7 +10,7 @@ from scipy.stats import multivariate_t
 
 from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.proposal import StudentMixture, efficiency, importance_draws
-from bayes_toe.model.ladder import posterior_of
+from bayes_toe.model.paper_model import paper_posterior
 
 
 @pytest.fixture
@@ -113,7 +113,7 @@ CASES = hard_cases()
 
 def test_log_proposal_density_integrates_to_one():
     # Importance weights of the proposal's own density against its draws: prior / proposal averages to the prior's mass, 1.
-    posterior = posterior_of(CASES["one batch"])
+    posterior = paper_posterior(CASES["one batch"])
     proposal = fit_proposal(posterior, np.random.default_rng(9)).proposal
     draws = importance_draws(proposal, np.random.default_rng(10), 200_000)
     ratio = np.exp(draws.log_prior - draws.log_proposal)

@@ -8,7 +8,7 @@ from reference.hard_cases import hard_cases
 
 from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.sampling import GlobalMove, moves
-from bayes_toe.model.ladder import posterior_of
+from bayes_toe.model.paper_model import paper_posterior
 from bayes_toe.seeds import generator, stream
 
 
@@ -58,12 +58,12 @@ def _fitted_for(target):
         def sample_prior(self, rng, size):
             return 0.5 + 3 * rng.standard_normal((size, 4))
 
-    class Level:
-        level = staticmethod(lambda x: (x, np.zeros(len(x))))
-        unlevel = staticmethod(lambda y: (y.copy(), np.zeros(len(y))))
+    class Same:
+        forward = staticmethod(lambda x: (x, np.zeros(len(x))))
+        inverse = staticmethod(lambda y: (y.copy(), np.zeros(len(y))))
 
     one = StudentMixture(np.ones(1), np.full((1, 4), 0.4), 1.7 * np.eye(4)[None], 4)
-    made = module.Proposal(Known(), Level(), one, one, 0.05)
+    made = module.Proposal(Known(), Same(), one, one, 0.05)
     return module.FittedProposal(
         made, module.importance_draws(made, np.random.default_rng(3), 4000), 0.5, 0.1
     )
@@ -116,7 +116,7 @@ def global_move(fitted):
 
 @pytest.fixture(scope="module")
 def fitted():
-    return fit_proposal(posterior_of(hard_cases()["funnel"]), generator(1, "move", "proposal"))
+    return fit_proposal(paper_posterior(hard_cases()["funnel"]), generator(1, "move", "proposal"))
 
 
 def test_the_moves_are_weighted_to_one_and_local_where_the_proposal_is_poor(fitted):

@@ -14,7 +14,8 @@ import bayes_toe as bt
 from bayes_toe.errors import NumericalError
 from bayes_toe.inference import predictive_checks as gof
 from bayes_toe.inference.maxima import find_maxima
-from bayes_toe.model.coordinates import Natural, unconstrained
+from bayes_toe.model.paper_equations import Natural
+from bayes_toe.model.paper_model import unconstrained
 
 counts = st.integers(1, 10**9).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n)))
 
@@ -62,7 +63,7 @@ def test_deviance_of_answers_that_are_impossible_or_all_but():
 
 def test_the_fit_at_a_maximum(small_study):
     subject = small_study["A"]
-    posterior = bt.model.posterior_of(subject)
+    posterior = bt.model.paper_posterior(subject)
     fit = gof.fit_at(posterior, find_maxima(posterior).x[0])
     assert fit.degrees_of_freedom == 9
     assert (np.sign(fit.residual) == np.sign(subject.n_yes / subject.n_trials - fit.q)).all()
@@ -70,13 +71,13 @@ def test_the_fit_at_a_maximum(small_study):
     assert fit.deviance < 1.0  # the counts are the model's own, rounded
     assert fit.p_value > 0.999
     assert np.isnan(
-        gof.fit_at(bt.model.posterior_of(hard_cases()["single pair"]), np.zeros(4)).p_value
+        gof.fit_at(bt.model.paper_posterior(hard_cases()["single pair"]), np.zeros(4)).p_value
     )
 
 
 def posterior_and_draws(subject, size=4000):
     """Draws about the maximum, wide enough to matter: any draws serve to test the predictive arithmetic."""
-    posterior = bt.model.posterior_of(subject)
+    posterior = bt.model.paper_posterior(subject)
     rng = np.random.default_rng(2)
     return posterior, find_maxima(posterior).x[0] + 0.15 * rng.standard_normal((size, 4)) * [
         0.2,
@@ -126,7 +127,7 @@ def test_a_misfit_names_its_worst_pairs(small_study):
     odd[[2, 5]] = subject.n_trials[[2, 5]] - odd[[2, 5]]
     bent = bt.Subject("bent", subject.s1, subject.s2, odd, subject.n_trials)
     for one, misfit in ((subject, False), (bent, True)):
-        posterior = bt.model.posterior_of(one)
+        posterior = bt.model.paper_posterior(one)
         best = find_maxima(posterior).x[:1]
         found = gof.summarise_fit(posterior, np.repeat(best, 500, axis=0), seed=1)
         assert (found.misfit, found.p_overall < 0.01) == (misfit, misfit)
@@ -145,7 +146,7 @@ def test_a_misfit_names_its_worst_pairs(small_study):
 def test_the_summary_is_the_predictive_check_and_the_deviance_near_the_maximum(
     analysis, small_study
 ):
-    posterior = bt.model.posterior_of(small_study["B"])
+    posterior = bt.model.paper_posterior(small_study["B"])
     x = unconstrained(Natural(*map(np.ravel, analysis.draws.natural("B"))), posterior.sbar)
     found = gof.summarise_fit(posterior, x, seed=3, most=len(x))
     check = gof.predictive_check(posterior, x, seed=3)

@@ -15,7 +15,7 @@ from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.diagnostics import TAIL, convergence, errors
 from bayes_toe.inference.proposal import importance_draws
 from bayes_toe.inference.sampling import SamplerSettings, burn_in, sample_chains
-from bayes_toe.model.ladder import posterior_of
+from bayes_toe.model.paper_model import paper_posterior
 from bayes_toe.seeds import generator
 
 CASES = hard_cases()
@@ -23,7 +23,7 @@ QUICK = SamplerSettings(draws=1000)
 
 
 def test_burn_in_is_as_long_as_the_proposal_needs():
-    fitted = fit_proposal(posterior_of(CASES["funnel"]), generator(1, "x"))
+    fitted = fit_proposal(paper_posterior(CASES["funnel"]), generator(1, "x"))
     steps = [
         burn_in(replace(fitted, efficiency=efficiency)) for efficiency in (0.9, 0.75, 0.6, 0.3)
     ]
@@ -40,7 +40,7 @@ def test_burn_in_is_as_long_as_the_proposal_needs():
 @pytest.mark.parametrize("name", ["S01", "S14"])
 def test_far_tails_do_not_come_in_lumps(name):
     # An independence sampler sticks where the proposal is thin: each chain of a small sample must have about the tail that it should.
-    posterior = posterior_of(bt.example_study()[name])
+    posterior = paper_posterior(bt.example_study()[name])
     fitted = fit_proposal(posterior, generator(1, name, "proposal"))
     draws = importance_draws(fitted.proposal, np.random.default_rng(0), 400_000)
     weights = np.exp(draws.log_weights - logsumexp(draws.log_weights))
@@ -63,7 +63,7 @@ def test_chains_meet_what_was_asked_and_are_walker_major(analysis):
         "subject": 3,
     }
     for name in analysis.draws.names:
-        posterior = posterior_of(analysis.draws.subject(name))
+        posterior = paper_posterior(analysis.draws.subject(name))
         for parameter in ("mu1", "sigma_p", "sigma_l", "q0", "gamma", "gain", "width"):
             found = convergence(analysis.draws.values(name, parameter))
             assert min(found.ess_bulk, found.ess_tail) >= 2000
@@ -77,7 +77,7 @@ def test_chains_meet_what_was_asked_and_are_walker_major(analysis):
 @pytest.fixture(scope="module")
 def replications():
     """Forty independent runs of one subject, with its posterior; judging draws are part of a run."""
-    posterior = posterior_of(CASES["one order missing"])
+    posterior = paper_posterior(CASES["one order missing"])
     fitted = fit_proposal(posterior, generator(3, "claims"))
     judged = (
         importance_draws(fitted.proposal, generator(seed, "judged"), QUICK.proposals)
@@ -113,7 +113,7 @@ def test_a_limit_too_low_is_said_and_not_hidden(monkeypatch):
 
 
 def test_sampling_goes_on_until_quantiles_of_natural_quantities_are_certain():
-    posterior = posterior_of(CASES["funnel"])
+    posterior = paper_posterior(CASES["funnel"])
     fitted = fit_proposal(posterior, generator(1, "funnel"))
     natural = posterior.names.natural
 

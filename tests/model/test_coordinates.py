@@ -8,9 +8,8 @@ from hypothesis import strategies as st
 from reference.hard_cases import hard_cases
 
 from bayes_toe.inference.maxima import find_maxima
-from bayes_toe.model.closed_form import MAX_PULL, equal_probability
-from bayes_toe.model.coordinates import quantities, unconstrained
-from bayes_toe.model.ladder import posterior_of
+from bayes_toe.model.paper_equations import MAX_PULL, equal_probability, quantities
+from bayes_toe.model.paper_model import paper_posterior, unconstrained
 
 points = st.tuples(st.floats(-2, 2), st.floats(-6, 6), st.floats(-4, 2), st.floats(-6, 6))
 
@@ -61,35 +60,35 @@ CASES = hard_cases()
 
 
 @pytest.fixture(scope="module", params=["funnel", "all different"])
-def levelling(request):
-    posterior = posterior_of(CASES[request.param])
-    return posterior.levelling(find_maxima(posterior).x)
+def transform(request):
+    posterior = paper_posterior(CASES[request.param])
+    return posterior.transform(find_maxima(posterior).x)
 
 
 @given(st.tuples(st.floats(-3, 3), st.floats(-30, 30), st.floats(-5, 3), st.floats(-30, 30)))
-def test_levelled_and_back(levelling, y):
-    x, log_volume = levelling.unlevel(np.array([[y[0], y[1] / 4, y[2], y[3] / 4]]))
-    back, same_volume = levelling.level(x)
+def test_levelled_and_back(transform, y):
+    x, log_volume = transform.inverse(np.array([[y[0], y[1] / 4, y[2], y[3] / 4]]))
+    back, same_volume = transform.forward(x)
     assert back[0] == pytest.approx([y[0], y[1] / 4, y[2], y[3] / 4], rel=1e-9, abs=1e-9)
     assert log_volume == pytest.approx(same_volume, rel=1e-9, abs=1e-9)
 
 
 @given(st.tuples(st.floats(-1, 1), st.floats(-12, 12), st.floats(-3, 1), st.floats(-12, 12)))
-def test_volume_is_the_determinant_of_differences(levelling, x):
+def test_volume_is_the_determinant_of_differences(transform, x):
     point, h = np.array([x]), 1e-5
     columns = [
-        (levelling.level(point + h * e)[0] - levelling.level(point - h * e)[0])[0] / (2 * h)
+        (transform.forward(point + h * e)[0] - transform.forward(point - h * e)[0])[0] / (2 * h)
         for e in np.eye(4)
     ]
-    assert levelling.level(point)[1][0] == pytest.approx(
+    assert transform.forward(point)[1][0] == pytest.approx(
         np.linalg.slogdet(np.array(columns))[1], abs=1e-4
     )
 
 
 def test_beyond_the_smallest_float_is_nowhere():
-    posterior = posterior_of(CASES["funnel"])
-    levelling = posterior.levelling(find_maxima(posterior).x)
-    x, _ = levelling.unlevel(
+    posterior = paper_posterior(CASES["funnel"])
+    transform = posterior.transform(find_maxima(posterior).x)
+    x, _ = transform.inverse(
         np.array([[0.3, -60.0, 0.0, 0.0], [0.3, 0.0, 0.0, 50.0], [0.3, 0.0, 0.0, 0.0]])
     )
     assert x[0, 2] == x[1, 2] == 400.0

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import bayes_toe as bt
-from bayes_toe.model import geometry as geo
+from bayes_toe.model.paper_equations import axis
 
 powers = st.one_of(st.floats(-300, 0).map(lambda e: 10.0**e), st.floats(1e-3, 1))
 stimuli = st.floats(-3, 3)
@@ -29,15 +29,15 @@ def test_slope_and_prefactor_against_many_digits(gamma):
             (1 - 1 / ratio) * ratio / g
         )  # Eq. axis0 with its factor put right: (1 - sigma_p^2/sigma^2) sigma^2/sigma_l^2
         expected = [float(v) for v in (ratio, slope, corrected, prefactor)]
-    found = geo.axis_properties(gamma)
-    assert float(found.prior_uncertainty) == pytest.approx(expected[0], rel=4e-16)
+    found = axis(1.0, gamma)
+    assert float(bt.model.variance_ratio(gamma)) == pytest.approx(expected[0], rel=4e-16)
     assert float(found.slope) == pytest.approx(expected[1], rel=4e-16)
     assert float(found.slope) == pytest.approx(expected[2], rel=4e-16)
-    assert float(found.prefactor) == pytest.approx(expected[3], rel=8e-16)
+    assert float(found.intercept) == pytest.approx(expected[3], rel=8e-16)
 
 
 def test_on_the_axis_the_probability_is_the_peak():
-    line = geo.axis(mu1=1.3, gamma=0.4)
+    line = axis(mu1=1.3, gamma=0.4)
     for s1 in (-2.0, 0.0, 5.0):
         assert q((s1, line.slope * s1 + line.intercept), 1.3, 0.4) == pytest.approx(Q0, rel=1e-14)
     assert float(line.slope * 1.3 + line.intercept) == pytest.approx(
@@ -48,8 +48,7 @@ def test_on_the_axis_the_probability_is_the_peak():
 @settings(max_examples=100, deadline=None)
 @given(s1=stimuli, s2=stimuli, mu1=stimuli, gamma=powers, step=stimuli)
 def test_the_probability_depends_on_the_size_of_the_displacement_alone(s1, s2, mu1, gamma, step):
-    here, d = q((s1, s2), mu1, gamma), float(geo.displacement(s1, s2, mu1, gamma))
+    here, d = q((s1, s2), mu1, gamma), s2 - float(bt.model.evolved_mean(s1, mu1, gamma))
     for label in (d, -d):
         other = step, float(bt.model.evolved_mean(step, mu1, gamma)) + label
-        assert float(geo.displacement(*other, mu1, gamma)) == pytest.approx(label, abs=1e-13)
         assert q(other, mu1, gamma) == pytest.approx(here, rel=1e-9, abs=1e-12)

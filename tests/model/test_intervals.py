@@ -5,19 +5,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from kalman import evolve, settled, shift, update
-from scipy.integrate import solve_ivp
 
 from bayes_toe.errors import InputError
-from bayes_toe.model.closed_form import MAX_PULL, equal_probability, gain, pull, width
-from bayes_toe.model.coordinates import Natural
 from bayes_toe.model.intervals import (
-    OF_EQUAL,
     at_interval,
-    mean_reversion,
-    mean_reverting_scales,
-    random_walk,
     random_walk_scales,
 )
+from bayes_toe.model.paper_equations import MAX_PULL, Natural, equal_probability, gain, pull, width
 
 OBSERVER = Natural(*map(np.asarray, (-0.6, 0.21, 0.14, 0.93)))
 
@@ -41,17 +35,13 @@ def test_an_interval_is_positive(bad):
         at_interval(OBSERVER, [1.0, bad])
 
 
-FAR = st.floats(-700.0, 700.0)
-
-
 def one(scales, *coordinates):
     return [float(part[0, 0]) for part in scales(*(np.array([value]) for value in coordinates))]
 
 
-@given(a=FAR, split=FAR)
-def test_one_second_is_exactly_one(a, split):
-    assert one(random_walk(OF_EQUAL).scales, a, 1.0) == [1.0, 1.0]
-    assert one(mean_reversion(OF_EQUAL).scales, a, split, 1.0) == [1.0, 1.0]
+@given(a=st.floats(-700.0, 700.0))
+def test_one_second_is_exactly_one(a):
+    assert one(random_walk_scales, a, 1.0) == [1.0, 1.0]
 
 
 @given(a=st.floats(-600, 30), t=st.floats(1e-3, 1e3))
@@ -62,42 +52,4 @@ def test_random_walk_is_the_closed_form_of_its_interval(a, t):
     expected = pull(there.gamma) / p, width(there.sigma_p, there.gamma) / width(1.0, theta.gamma)
     assert one(random_walk_scales, a, t) == pytest.approx(
         [float(value) for value in expected], rel=1e-12
-    )
-
-
-SIGMA1, SIGMA_L, RHO = 0.7, 0.4, 0.55
-GAIN = SIGMA1**2 / (SIGMA1**2 + SIGMA_L**2)
-
-
-def of_memory(t):
-    """Weight and width of the memory with these parameters after t seconds, by the scales from those at one second."""
-    weight = GAIN * RHO
-    sd = np.sqrt(SIGMA1**2 * (1 - RHO**2 * GAIN))
-    a, split = np.log(1 / weight - 1), np.log(np.log(RHO) / np.log(GAIN))
-    r, v = one(mean_reverting_scales, a, split, t)
-    return 1 - r * (1 - weight), v * (sd + SIGMA_L**2 / sd)
-
-
-@pytest.mark.parametrize("t", [0.05, 0.3, 1.0, 2.5, 9.0])
-def test_mean_reversion_solves_the_equations_of_its_moments(t):
-    # dm/dt = -(m - mu1)/tau and dV/dt = 2 (sigma1^2 - V)/tau, with tau = -1/ln rho, from the belief right after a stimulus at mu1 + 1.
-    tau = -1 / np.log(RHO)
-    start = [GAIN, GAIN * SIGMA_L**2]
-    found = solve_ivp(
-        lambda _, y: [-y[0] / tau, 2 * (SIGMA1**2 - y[1]) / tau],
-        (0, t),
-        start,
-        rtol=1e-11,
-        atol=1e-13,
-    ).y[:, -1]
-    sd = np.sqrt(found[1])
-    assert of_memory(t) == pytest.approx((found[0], sd + SIGMA_L**2 / sd), rel=1e-8)
-
-
-def test_mean_reversion_begins_with_the_gain_and_ends_with_the_prior():
-    assert of_memory(1e-12) == pytest.approx(
-        (GAIN, (v := np.sqrt(GAIN) * SIGMA_L) + SIGMA_L**2 / v), rel=1e-9
-    )
-    assert of_memory(1e6) == pytest.approx(
-        (0.0, SIGMA1 + SIGMA_L**2 / SIGMA1), rel=1e-12, abs=1e-12
     )

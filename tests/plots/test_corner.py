@@ -13,8 +13,9 @@ from matplotlib.path import Path
 
 import bayes_toe as bt
 from bayes_toe.errors import InputError
-from bayes_toe.model.coordinates import QUANTITIES, Natural, quantities
-from bayes_toe.model.ladder import posterior_of
+from bayes_toe.model.models import MODEL_NAMES, model_posterior, require_model
+from bayes_toe.model.paper_equations import QUANTITIES, Natural, quantities
+from bayes_toe.model.paper_model import paper_posterior
 from bayes_toe.plots.corner import BINS, OVERLAID, TRUTH, Density, support
 from bayes_toe.plots.style import LABELS
 
@@ -136,7 +137,7 @@ def test_drawn_into_a_part_of_a_figure(analysis):
 )
 def test_true_values_of_natural_parameters_are_drawn_in_any_coordinates(analysis, names):
     true = KNOWN | {
-        "offset": (1 - KNOWN["gain"]) * (TRUE["mu1"] - posterior_of(analysis.study["A"]).sbar)
+        "offset": (1 - KNOWN["gain"]) * (TRUE["mu1"] - paper_posterior(analysis.study["A"]).sbar)
     }
     axes = np.array(
         bt.plots.corner(analysis.draws, "A", coordinates=names, truths=TRUE).axes
@@ -166,13 +167,11 @@ def test_the_key_names_true_values_only_where_they_are_shown(analysis):
     assert "true value outside: $q_0$ = 0.001" in words(figure)
 
 
-def test_quantities_of_every_part_have_a_label_and_a_support(small_study):
-    target = posterior_of(
-        small_study["A"], model="constant error + sloped + both ways + exponent + beta-binomial"
-    )
-    assert set(target.names.natural) <= set(LABELS)
-    assert support(target, "noise_slope") == (-np.inf, np.inf)
-    assert support(target, "lapse_rate") == (0.0, 1.0)
+@pytest.mark.parametrize("name", MODEL_NAMES)
+def test_quantities_of_every_model_have_a_label_and_a_support(small_study, name):
+    target = model_posterior(require_model(name, small_study.task), small_study["A"])
+    assert set(target.names.reported) <= set(LABELS)
+    assert support(target, "q0") == (0.0, 1.0)
 
 
 # --- several subjects in the same panels -------------------------------------------------------------------------------------------

@@ -14,9 +14,8 @@ import bayes_toe as bt
 from bayes_toe.classical.asymmetry import AsymmetryTable
 from bayes_toe.classical.frequencies import collapse
 from bayes_toe.errors import ConvergenceWarning, InputError
-from bayes_toe.model.closed_form import gain
-from bayes_toe.model.coordinates import Natural, unconstrained
-from bayes_toe.model.ladder import posterior_of
+from bayes_toe.model.paper_equations import Natural, gain
+from bayes_toe.model.paper_model import paper_posterior, unconstrained
 from bayes_toe.plots.asymmetry import asymmetry_height, order_axes
 from bayes_toe.plots.curves import fitted_curve
 from bayes_toe.plots.figure_files import picture
@@ -129,7 +128,7 @@ def test_the_prior_is_drawn_at_its_mean_with_the_stimuli(analysis):
 def test_both_orders_collapse_on_one_curve(analysis):
     ax = collapse_axes(analysis.draws, "A", one_panel())
     curve = next(line for line in ax.lines if len(line.get_xdata()) == 300)
-    posterior = posterior_of(analysis.study["A"])
+    posterior = paper_posterior(analysis.study["A"])
     x = unconstrained(Natural(*map(np.ravel, analysis.draws.natural("A"))), posterior.sbar)
     found = collapse(posterior, x, mass=0.6)
     drawn = sorted((x, y) for x, y, *_ in points_of(ax))

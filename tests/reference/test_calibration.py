@@ -28,7 +28,7 @@ from reference.calibration import (
 import bayes_toe as bt
 from bayes_toe.classical.fit import subject_fit
 from bayes_toe.errors import InputError
-from bayes_toe.model.posterior import Posterior
+from bayes_toe.model.paper_model import PaperPosterior
 
 STUDIES, FEWER = 8, 5  # the fewer are enough for errors as large as these
 
@@ -51,12 +51,12 @@ def ranks_under(prior, studies=STUDIES):
 @pytest.mark.slow
 def test_a_right_density_passes_and_wrong_ones_are_caught(monkeypatch):
     assert (ranks_under(bt.Prior()).verdict == "inside").all()
-    right = Posterior.log_prior
+    right = PaperPosterior.log_prior
     with (
         monkeypatch.context() as wrong
     ):  # the Jacobian of (sigma_p^2, sigma_l^2), 2 sigma_p^3, where that of (sigma_p, gamma) belongs
         wrong.setattr(
-            Posterior,
+            PaperPosterior,
             "log_prior",
             lambda self, x: right(self, x) + 3.0 * np.log(self.natural(x).sigma_p),
         )
@@ -115,7 +115,7 @@ def test_what_is_judged_is_what_the_commands_say(monkeypatch):
 
 def test_the_ranked_likelihood_is_the_posteriors():
     subject = bt.Subject("A", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [10, 0, 4], [10, 10, 9])
-    posterior = bt.model.posterior_of(subject)
+    posterior = bt.model.paper_posterior(subject)
     x = np.random.default_rng(1).normal(size=(20, 4))
     found = ranked_quantities(subject, posterior.natural(x))
     np.testing.assert_allclose(found["log_likelihood"], posterior.log_likelihood(x), rtol=1e-9)

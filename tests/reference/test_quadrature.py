@@ -16,8 +16,8 @@ from scipy import optimize, stats
 from scipy.special import expit, log_expit, logit
 
 from bayes_toe.errors import NumericalError
-from bayes_toe.model.closed_form import MAX_PULL
-from bayes_toe.model.ladder import posterior_of
+from bayes_toe.model.paper_equations import MAX_PULL
+from bayes_toe.model.paper_model import paper_posterior
 from bayes_toe.model.prior import Prior
 
 STORED = json.loads((Path(__file__).with_name("reference.json")).read_text(encoding="utf-8"))[
@@ -157,7 +157,7 @@ def test_a_density_that_is_zero_is_refused():
 
 def test_a_stored_case_is_reproduced():
     found, stored = (
-        integrate(posterior_of(hard_cases()["stimuli offset by 100"], Prior()), tolerance=1e-3),
+        integrate(paper_posterior(hard_cases()["stimuli offset by 100"], Prior()), tolerance=1e-3),
         STORED["stimuli offset by 100"],
     )
     assert (

@@ -78,7 +78,7 @@ def parts(fitted, count):
 @pytest.mark.parametrize(("name", "fits"), [("S01", 5), ("one order missing", 5)])
 def test_error_bars_of_the_evidence_are_honest_over_a_hundred_estimates(name, fits):
     # Parts of the draws are as independent as fits are, and error bars of fewer draws are harder to get right.
-    posterior, case = bt.model.posterior_of(SUBJECTS[name], bt.Prior()), STORED["cases"][name]
+    posterior, case = bt.model.paper_posterior(SUBJECTS[name], bt.Prior()), STORED["cases"][name]
     maxima = find_maxima(posterior)
     fitted = (
         fit_proposal(posterior, np.random.default_rng([seed, 7]), start=maxima)
@@ -98,7 +98,7 @@ def test_error_bars_of_the_evidence_are_honest_over_a_hundred_estimates(name, fi
     "name", sorted({*hard_cases(), "S01", "S05", "S09", "S13"} & {*STORED["cases"]})
 )
 def test_evidence_and_draws_agree(name):
-    posterior, case = bt.model.posterior_of(SUBJECTS[name], bt.Prior()), STORED["cases"][name]
+    posterior, case = bt.model.paper_posterior(SUBJECTS[name], bt.Prior()), STORED["cases"][name]
     fitted = fit_proposal(posterior, np.random.default_rng(1))
     estimate = importance_evidence(fitted)
     if estimate.value is None:  # said, not hidden

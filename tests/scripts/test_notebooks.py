@@ -14,9 +14,6 @@ EACH = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 QUICKER = """
 from functools import partial
 import bayes_toe.analysis
-from bayes_toe.model.ladder import CROSSED, models_of
-CROSSED.update({task: {} for task in CROSSED})
-models_of.cache_clear()
 bayes_toe.analysis.subject_fit = partial(bayes_toe.analysis.subject_fit, replicates=100)
 bayes_toe.example_study = partial(bayes_toe.example_study().select, ["S01", "S02", "S05", "S06", "S09", "S13", "S16"])
 get_ipython().run_line_magic("config", "InlineBackend.print_figure_kwargs = {'bbox_inches': None}")

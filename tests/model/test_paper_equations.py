@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from kalman import evolve, settled, shift, update
 
 from bayes_toe.errors import NumericalError
-from bayes_toe.model.closed_form import (
+from bayes_toe.model.paper_equations import (
     equal_probability,
     evolved_mean,
     gain,

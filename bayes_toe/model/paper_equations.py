@@ -1,4 +1,4 @@
-"""The closed form of the predictive-update model: arrays in, arrays out.
+"""The equations of the paper's model: arrays in, arrays out.
 
 An observer holds a Gaussian prior over log-intensity, measures the first stimulus with noise sigma_l, and keeps the result in a
 memory that diffuses with standard deviation sigma_p until the second stimulus arrives. With gamma = sigma_l^2 / sigma_p^2 and
@@ -12,15 +12,21 @@ of mu_2 lacks a factor sigma_x^2; the code follows the corrected forms.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import numpy.typing as npt
 
 from bayes_toe.arrays import FloatArray
+from bayes_toe.data.tasks import Task
 from bayes_toe.errors import NumericalError
 
 LN2 = float(np.log(2.0))
 #: Largest pull toward the prior mean that gamma < 1 allows: 1 - 1/phi, phi the golden ratio.
 MAX_PULL = (3.0 - 5.0**0.5) / 2.0
+#: The four natural parameters, and every quantity that follows from them.
+NATURAL = ("mu1", "sigma_p", "sigma_l", "q0")
+QUANTITIES = (*NATURAL, "gamma", "sigma1", "gain", "width", "offset", "pull")
 
 
 def variance_ratio(gamma: npt.ArrayLike) -> FloatArray:
@@ -83,6 +89,39 @@ def noise_ratio(sigma_p: npt.ArrayLike, sigma_l: npt.ArrayLike) -> FloatArray:
     return np.asarray((np.asarray(sigma_l, np.float64) / np.asarray(sigma_p, np.float64)) ** 2)
 
 
+class Natural(NamedTuple):
+    """Prior mean mu1, memory diffusion sigma_p, measurement noise sigma_l (natural-log units) and q0."""
+
+    mu1: FloatArray
+    sigma_p: FloatArray
+    sigma_l: FloatArray
+    q0: FloatArray
+
+    @property
+    def gamma(self) -> FloatArray:
+        """Noise ratio sigma_l^2 / sigma_p^2."""
+        return noise_ratio(self.sigma_p, self.sigma_l)
+
+
+def natural_names(task: Task) -> tuple[str, ...]:
+    """What a task calls the paper's four parameters."""
+    return (*NATURAL[:3], task.lapses)
+
+
+def quantities(theta: Natural, sbar: float) -> dict[str, FloatArray]:
+    """Every named quantity that follows from natural coordinates: they themselves, gamma, sigma1, gain and width, offset and pull."""
+    gamma = theta.gamma
+    ratio, p = variance_ratio(gamma), pull(gamma)
+    spreads = np.sqrt(ratio) * theta.sigma_p, 1.0 / ratio, width(theta.sigma_p, gamma)
+    return dict(
+        zip(
+            QUANTITIES,
+            map(np.asarray, (*theta, gamma, *spreads, p * (theta.mu1 - sbar), p)),
+            strict=True,
+        )
+    )
+
+
 def evolved_mean(s1: npt.ArrayLike, mu1: npt.ArrayLike, gamma: npt.ArrayLike) -> FloatArray:
     """Mean of the memory when the second stimulus arrives, mu_2 = s1 + p (mu_1 - s1).
 
@@ -95,6 +134,28 @@ def evolved_mean(s1: npt.ArrayLike, mu1: npt.ArrayLike, gamma: npt.ArrayLike) ->
     """
     first = np.asarray(s1, np.float64)
     return np.asarray(first + pull(gamma) * (np.asarray(mu1, np.float64) - first))
+
+
+class Axis(NamedTuple):
+    """The symmetry axis s2 = slope s1 + intercept; slope without unit, intercept in natural-log intensity."""
+
+    slope: FloatArray
+    intercept: FloatArray
+
+
+def axis(mu1: npt.ArrayLike, gamma: npt.ArrayLike) -> Axis:
+    """Symmetry axis s2 = K s1 + p mu_1 of the plane of pairs, on which s2 is the evolved mean of s1.
+
+    P(equal) depends on a pair through its distance from this line, s2 - mu_2(s1), and on its size only. Slope
+    K = (G - 1)/gamma = 1/G and p = (G - 1)/G = gamma/G^2 are in the form in which nothing cancels. Source: Eq. axis2.
+
+    Examples
+    --------
+    >>> [float(v) for v in axis(mu1=3.0, gamma=2.0)]
+    [0.5, 1.5]
+    """
+    slope, intercept = np.broadcast_arrays(gain(gamma), pull(gamma) * np.asarray(mu1, np.float64))
+    return Axis(np.asarray(slope), np.asarray(intercept))
 
 
 def normalised_distance(

@@ -1,0 +1,775 @@
+"""The paper's model (H1): the posterior of one subject, and the coordinates in which it is computed.
+
+    natural        (mu1, sigma_p, sigma_l, q0)              what the paper reports
+    identified     (offset c, pull p, width w, q0)          what the answers depend on
+    unconstrained  (c, logit(p / p_max), log w, logit q0)   where samplers and optimisers work
+
+    z = ((s2 - s1) + r [p (s1 - sbar) - c]) / (w v),   c = p (mu1 - sbar)
+    same or different   P(equal) = q0 2^(-z^2),                       w = sigma_p G^(3/2)
+    which is stronger   P(second) = lambda/2 + (1 - lambda) Phi(z),   w = sigma_p G
+
+sbar is the mean first stimulus of the subject; p, gamma and G are those of
+:mod:`bayes_toe.model.paper_equations`. Which is stronger has the lapse rate lambda in the place of
+q0. Where there are several inter-stimulus intervals, c, p and w are those at the reference interval,
+and r and v scale them (:mod:`bayes_toe.model.intervals`); else r = v = 1.
+
+The map between coordinates is a bijection for 0 < gamma < 1. In natural coordinates only p (mu1 - s1)
+enters the likelihood, so gamma and mu1 form a funnel as gamma -> 0.
+
+The log posterior is the log likelihood, without binomial coefficients, plus the log prior density
+with respect to the unconstrained coordinates: its integral over them is the evidence.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cache, cached_property, lru_cache
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import brentq
+from scipy.special import expit, log_expit, logit, ndtri
+
+from bayes_toe.arrays import BLOCK, FloatArray, IndexArray, IntArray
+from bayes_toe.data.conditions import mean_first
+from bayes_toe.data.study import Subject
+from bayes_toe.data.tasks import SAME_DIFFERENT, Task
+from bayes_toe.errors import InputError, NumericalError
+from bayes_toe.model.answer_curves import (
+    LogAnswers,
+    Slopes,
+    log_likelihoods,
+    second_answers,
+    second_slopes,
+    times_counts,
+)
+from bayes_toe.model.distributions import (
+    Beta,
+    Distribution,
+    Random,
+    log_density_of_log,
+    log_density_of_logit,
+    sample_logits,
+    slope_of_log,
+    slope_of_logit,
+)
+from bayes_toe.model.intervals import (
+    UNSCALED,
+    Scales,
+    random_walk_scales,
+    random_walk_slopes,
+    reference_interval,
+    typical_interval,
+)
+from bayes_toe.model.normal_scores import Funnel, NormalScores
+from bayes_toe.model.paper_equations import (
+    LN2,
+    MAX_PULL,
+    NATURAL,
+    Natural,
+    log_different,
+    log_equal,
+    natural_names,
+    noise_ratio,
+    pull,
+    variance_ratio,
+    width,
+)
+from bayes_toe.model.posterior import Names, require_points
+from bayes_toe.model.prior import DEFAULT, Prior
+
+#: Its name in files and in the keys of its random streams.
+PAPER_MODEL = "predictive update"
+PRIOR_DRAWS = 100_000
+#: The just noticeable difference over the width: where P(equal) is half its peak, or P(second) 75 %.
+_JND_OVER_WIDTH = {"q0": 1.0, "lapse_rate": float(ndtri(0.75))}
+#: Of G, in the width sigma_p G^power.
+_POWERS = {"q0": 1.5, "lapse_rate": 1.0}
+#: By so much, relatively, sigma_l may come out above sigma_p though gamma is below 1.
+_ROUNDING = 1e-15
+#: Nodes of an integral over gamma.
+_NODES = 200
+
+
+# --- Answers -------------------------------------------------------------------------------------
+
+
+def bell_answers(z: FloatArray, logit_q0: FloatArray) -> LogAnswers:
+    """Log of P(equal) = q0 2^(-z^2) and of its complement. Source: Eq. mod:q."""
+    with np.errstate(over="ignore"):  # z^2 beyond the largest float: log P(equal) is -inf
+        return LogAnswers(log_equal(z, log_expit(logit_q0)), log_different(z, logit_q0))
+
+
+def bell_slopes(z: FloatArray, logit_q0: FloatArray, answers: LogAnswers) -> tuple[Slopes, Slopes]:
+    """Slopes of :func:`bell_answers` in z and in the logit of q0.
+
+    With the odds r = q/(1 - q), those of log(1 - q) are 2 ln2 r z and -r (1 - q0).
+    """
+    lapse = expit(-logit_q0)
+    with np.errstate(over="ignore", invalid="ignore"):
+        odds = np.exp(answers.yes - answers.no)
+        return Slopes(-2.0 * LN2 * z, 2.0 * LN2 * odds * z), Slopes(lapse, -odds * lapse)
+
+
+def guessing_answers(z: FloatArray, logit_rate: FloatArray) -> LogAnswers:
+    """Log of P(second) = lambda/2 + (1 - lambda) Phi(z) and of its complement.
+
+    Examples
+    --------
+    >>> far = guessing_answers(np.array([[-1e9]]), np.array([[np.log(0.2 / 0.8)]]))
+    >>> round(float(np.exp(far.yes)[0, 0]), 12)
+    0.1
+    """
+    guessed, attended = _guessing_parts(second_answers(z), logit_rate)
+    yes, no = np.logaddexp(guessed, attended.yes), np.logaddexp(guessed, attended.no)
+    # The larger probability is the complement of the smaller one.
+    is_rare = yes < no
+    other = np.log1p(-np.exp(np.where(is_rare, yes, no)))
+    return LogAnswers(np.where(is_rare, yes, other), np.where(is_rare, other, no))
+
+
+def guessing_slopes(
+    z: FloatArray, logit_rate: FloatArray, answers: LogAnswers
+) -> tuple[Slopes, Slopes]:
+    """Slopes of :func:`guessing_answers` in z and in the logit of lambda."""
+    curve = second_answers(z)
+    log_guessed, log_attended = _guessing_parts(curve, logit_rate)
+    in_z, in_rate = [], []
+    sides = zip(log_attended, answers, second_slopes(z), strict=True)
+    for log_part, log_p, slope in sides:
+        with np.errstate(over="ignore", invalid="ignore"):
+            guessed, attended = np.exp(log_guessed - log_p), np.exp(log_part - log_p)
+            # Far out nothing of the curve is left, and its slope may be infinite.
+            in_z.append(np.where(attended > 0.0, attended * slope, 0.0))
+            in_rate.append(guessed * expit(-logit_rate) - attended * expit(logit_rate))
+    return Slopes(*in_z), Slopes(*in_rate)
+
+
+def _guessing_parts(curve: LogAnswers, logit_rate: FloatArray) -> tuple[FloatArray, LogAnswers]:
+    """Log probability of either answer by a guess, and of both by the curve."""
+    log_attend = log_expit(-logit_rate)
+    attended = LogAnswers(log_attend + curve.yes, log_attend + curve.no)
+    return log_expit(logit_rate) - LN2, attended
+
+
+# --- The model and its posterior -----------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class PaperModel:
+    """The paper's model (H1) of a task."""
+
+    task: Task = SAME_DIFFERENT
+
+    name = PAPER_MODEL
+    about = "H1: memory is updated by a prior and diffuses"
+    #: What it says of inter-stimulus intervals.
+    about_intervals = (
+        "memory's variance grows by sigma_p^2 over the reference interval, "
+        "with a self-consistent prior for each interval"
+    )
+
+    def posterior(self, subject: Subject, prior: Prior = DEFAULT) -> PaperPosterior:
+        """The posterior of a subject."""
+        return PaperPosterior(subject, prior)
+
+
+def paper_posterior(subject: Subject, prior: Prior = DEFAULT) -> PaperPosterior:
+    """The posterior of one subject under the paper's model (H1).
+
+    Examples
+    --------
+    >>> subject = Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [49, 20, 15], [50, 50, 50])
+    >>> paper_posterior(subject).coordinates
+    ('offset', 'logit_pull', 'log_width', 'logit_q0')
+    """
+    return PaperPosterior(subject, prior)
+
+
+@dataclass(frozen=True, eq=False)
+class PaperPosterior:
+    """Log posterior of one subject under the paper's model.
+
+    Points x have the shape (points, 4), with unconstrained coordinates.
+
+    Parameters
+    ----------
+    subject : Subject
+        The counts.
+    prior : Prior
+        "stimuli" in it become numbers of this subject's stimuli.
+    centre : float, optional
+        Intensity from which the offset counts, natural-log units; by default the mean first stimulus.
+    interval : float, optional
+        The reference, to which coordinates, quantities and their prior refer, seconds: the prior's,
+        or else the subject's geometric mean.
+    """
+
+    subject: Subject
+    prior: Prior = DEFAULT
+    centre: float | None = None
+    interval: float | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "prior", self.prior.at(self.subject))
+
+    @property
+    def model(self) -> PaperModel:
+        """The model of the subject's task."""
+        return PaperModel(self.subject.task)
+
+    @property
+    def share(self) -> str:
+        """The name of the fourth parameter: q0 or lapse_rate."""
+        return self.subject.task.lapses
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Names of the unconstrained coordinates."""
+        return ("offset", "logit_pull", "log_width", f"logit_{self.share}")
+
+    @property
+    def power(self) -> float:
+        """Of G, in the width sigma_p G^power."""
+        return _POWERS[self.share]
+
+    @cached_property
+    def sbar(self) -> float:
+        """Intensity from which the offset counts, natural-log units."""
+        return mean_first(self.subject) if self.centre is None else self.centre
+
+    @cached_property
+    def reference(self) -> float:
+        """Reference interval, seconds."""
+        if self.interval is not None:
+            return self.interval
+        return reference_interval(self.prior.reference_interval, self.subject)
+
+    @cached_property
+    def _intervals(self) -> tuple[FloatArray, IndexArray] | None:
+        """Distinct intervals over the reference, and which one each pair has."""
+        if self.subject.isi is None:
+            return None
+        return np.unique(self.subject.isi / self.reference, return_inverse=True)
+
+    def for_subject(self, subject: Subject) -> PaperPosterior:
+        """The same prior, centre and reference interval for other answers or other pairs."""
+        return replace(self, subject=subject, centre=self.sbar, interval=self.reference)
+
+    # --- Likelihood ------------------------------------------------------------------------------
+
+    def log_likelihood(self, x: npt.ArrayLike) -> FloatArray:
+        """Log likelihood without binomial coefficients, (points, 4) -> (points,)."""
+        points = require_points(x, 4)
+        size = max(1, BLOCK // self.subject.n_pairs)
+        blocks = [points[i : i + size] for i in range(0, len(points), size)]
+        return np.concatenate([self.pair_log_likelihood(block).sum(axis=1) for block in blocks])
+
+    def pair_log_likelihood(
+        self, x: npt.ArrayLike, answers: tuple[FloatArray, FloatArray] | None = None
+    ) -> FloatArray:
+        """Log likelihood of each pair, (points, 4) -> (points, pairs).
+
+        `answers` are :meth:`log_answers` at x, where these are known.
+        """
+        subject = self.subject
+        if answers is None:
+            answers = self.log_answers(x)
+        return log_likelihoods(subject.n_yes, subject.n_trials, answers)
+
+    def log_answers(self, x: npt.ArrayLike) -> LogAnswers:
+        """Log probability of both answers to every pair, (points, pairs) each. Source: Eq. mod:q."""
+        points = require_points(x, 4)
+        return self._answers_at(self.distance(points), points[:, 3:])
+
+    def _answers_at(self, z: FloatArray, logit_share: FloatArray) -> LogAnswers:
+        """Log probability of both answers at distances z."""
+        if self.share == "q0":
+            return bell_answers(z, logit_share)
+        return guessing_answers(z, logit_share)
+
+    def _slopes_at(
+        self, z: FloatArray, logit_share: FloatArray, answers: LogAnswers
+    ) -> tuple[Slopes, Slopes]:
+        """Slopes of :meth:`_answers_at` in z and in the logit of the share."""
+        if self.share == "q0":
+            return bell_slopes(z, logit_share, answers)
+        return guessing_slopes(z, logit_share, answers)
+
+    def distance(self, x: FloatArray) -> FloatArray:
+        """Normalised distance z of every pair, (points, 4) -> (points, pairs)."""
+        return self._distance(x, self._scales(x))
+
+    def _distance(self, x: FloatArray, scales: Scales) -> FloatArray:
+        """As :meth:`distance`; points lie next to each other in memory, for there are few pairs."""
+        s1, s2 = self.subject.s1[:, None], self.subject.s2[:, None]
+        lever = pull_at(x).T * (s1 - self.sbar)
+        shift = (s2 - s1) + scales.pull.T * (lever - x[:, :1].T)
+        with np.errstate(over="ignore", invalid="ignore"):
+            inverse_width = self._inverse_width(x, scales).T
+            z = shift * inverse_width
+            if not np.isfinite(inverse_width).all():
+                # A width below the smallest float leaves only exact equality at distance 0.
+                z = np.where(shift == 0.0, 0.0, z)
+            return z.T
+
+    def likelihood_gradient(
+        self, x: FloatArray, n_yes: IntArray | None = None
+    ) -> tuple[FloatArray, FloatArray]:
+        """Log likelihood, (points,), and its gradient, (points, 4).
+
+        `n_yes`, shape (points, pairs), has other counts of the same pairs, a row for each point.
+
+        The distance is z = N e^(-L), with the numerator N and the log of the width L. A coordinate i
+        that moves both adds A_z (N_i e^(-L) - z L_i), for the slope A_z of the log likelihood in z.
+        """
+        subject = self.subject
+        counts = subject.n_yes if n_yes is None else n_yes
+        scales = self._scales(x)
+        z, logit_share = self._distance(x, scales), x[:, 3:]
+        answers = self._answers_at(z, logit_share)
+        with np.errstate(over="ignore"):  # far out, where the density is almost 0
+            in_z, in_share = self._slopes_at(z, logit_share, answers)
+            n_no = (subject.n_trials - counts).astype(np.float64)
+            yes, no = counts.astype(np.float64), n_no
+            along_z = times_counts(yes, in_z.yes) + times_counts(no, in_z.no)
+            along_share = times_counts(yes, in_share.yes) + times_counts(no, in_share.no)
+            along_log_width = -_finite_product(along_z, z)
+        inverse_width = self._inverse_width(x, scales)
+        p, a, lever = pull_at(x), x[:, 1:2], subject.s1 - self.sbar
+        pull_slope = MAX_PULL * expit(a) * expit(-a)
+
+        gradient = np.zeros(x.shape)
+        gradient[:, 0] = _finite_product(along_z, -inverse_width * scales.pull).sum(axis=1)
+        by_pull = inverse_width * (scales.pull * (pull_slope * lever))
+        gradient[:, 1] = _finite_product(along_z, by_pull).sum(axis=1)
+        gradient[:, 2] = along_log_width.sum(axis=1)
+        gradient[:, 3] = along_share.sum(axis=1)
+        if self._intervals is not None:
+            intervals, which = self._intervals
+            growth = random_walk_slopes(x[:, 1], intervals, self.power).of_pairs(which)
+            by_scale = inverse_width * (scales.pull * (p * lever - x[:, :1]) * growth.pull)
+            gradient[:, 1] += _finite_product(along_z, by_scale).sum(axis=1)
+            gradient[:, 1] += _finite_product(along_log_width, growth.width).sum(axis=1)
+        value = log_likelihoods(counts, subject.n_trials, answers).sum(axis=1)
+        return value, gradient
+
+    def _inverse_width(self, x: FloatArray, scales: Scales) -> FloatArray:
+        """One over the width of every pair, (points, pairs) or (points, 1)."""
+        return np.asarray(np.exp(-x[:, 2:3]) / scales.width)
+
+    def _scales(self, x: FloatArray) -> Scales:
+        """Pull and width of every pair over those at the reference; 1 at one interval."""
+        if self._intervals is None:
+            return UNSCALED
+        intervals, which = self._intervals
+        return random_walk_scales(x[:, 1], intervals, self.power).of_pairs(which)
+
+    # --- Prior -----------------------------------------------------------------------------------
+
+    @cached_property
+    def _distributions(self) -> tuple[Distribution, ...]:
+        """Of mu1, of sigma_p or the width, of gamma, and of q0 or the lapse rate."""
+        names = self.prior.of_h1(self.subject.task)
+        return tuple(self.prior.distribution(name) for name in names)
+
+    @property
+    def _spread_power(self) -> float:
+        """Of K, in the spread that has the distribution: sigma_p is w K^power."""
+        return 0.0 if self.prior.spread == "width" else self.power
+
+    def log_prior(self, x: npt.ArrayLike) -> FloatArray:
+        """Log prior density, (points, 4) -> (points,).
+
+        Where the width has a distribution, not sigma_p, |d(mu1, gamma)/d(c, a)| is the Jacobian.
+        """
+        points = require_points(x, 4)
+        of_mu1, of_spread, of_gamma, of_share = self._distributions
+        a, log_width = points[:, 1], points[:, 2]
+        log_gain = np.log1p(-MAX_PULL * expit(a))
+        log_spread = log_width
+        if self._spread_power:
+            log_spread = log_width + self._spread_power * log_gain
+        with np.errstate(over="ignore"):  # mu1 beyond the largest float: the density is 0
+            of_mu1_and_spread = of_mu1.log_density(self.sbar + reach(points)) + log_density_of_log(
+                of_spread, log_spread
+            )
+        of_update = (
+            of_mu1_and_spread
+            + log_density_of_noise_ratio(of_gamma, a)
+            + log_jacobian_of_pull(a)
+            - 1.5 * log_gain
+        )
+        return np.asarray(of_update + log_density_of_logit(of_share, points[:, 3]))
+
+    def prior_gradient(self, x: FloatArray) -> FloatArray:
+        """Gradient of the log prior density, (points, 4)."""
+        of_mu1, of_spread, of_gamma, of_share = self._distributions
+        a, log_width = x[:, 1], x[:, 2]
+        p, down = MAX_PULL * expit(a), expit(-a)
+        narrowing = -p * down / (1.0 - p)  # d log K / da
+        with np.errstate(over="ignore"):  # 1/p beyond the largest float: infinite is right there
+            far = reach(x)
+            score = of_mu1.slope(self.sbar + far)
+            log_spread = log_width
+            if self._spread_power:
+                log_spread = log_width + self._spread_power * np.log1p(-p)
+            of_log_spread = slope_of_log(of_spread, log_spread)
+            of_pull = log_jacobian_slope_of_pull(a) - score * far * down - 1.5 * narrowing
+            if self._spread_power:
+                of_pull += self._spread_power * narrowing * of_log_spread
+            columns = (
+                score * inverse_pull(a),
+                of_pull + slope_of_noise_ratio(of_gamma, a),
+                of_log_spread,
+                slope_of_logit(of_share, x[:, 3]),
+            )
+            return np.stack(columns, axis=-1)
+
+    def log_density(self, x: npt.ArrayLike) -> FloatArray:
+        """Log posterior density, (points, 4) -> (points,)."""
+        points = require_points(x, 4)
+        return self.log_likelihood(points) + self.log_prior(points)
+
+    def gradient(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+        """Log posterior density, (points,), and its gradient, (points, 4)."""
+        points = require_points(x, 4)
+        size = max(1, BLOCK // self.subject.n_pairs)
+        starts = range(0, max(1, len(points)), size)
+        blocks = [self.likelihood_gradient(points[i : i + size]) for i in starts]
+        value, gradient = (np.concatenate(parts) for parts in zip(*blocks, strict=True))
+        return value + self.log_prior(points), gradient + self.prior_gradient(points)
+
+    def sample_prior(self, rng: Random, size: int) -> FloatArray:
+        """Independent draws from the prior, shape (size, 4)."""
+        update = _sample_update(rng, size, self.prior, self.sbar, self.power)
+        return np.column_stack([update, sample_logits(self._distributions[3], rng, size)])
+
+    # --- What engines ask for --------------------------------------------------------------------
+
+    def starts(self) -> FloatArray:
+        """A grid on the scale of the stimuli, at the typical interval, shape (starts, 4)."""
+        subject = self.subject
+        steps = np.abs(subject.s2 - subject.s1)
+        scale = float(np.sqrt(np.mean(steps[steps > 0] ** 2))) if np.any(steps > 0) else 0.3
+        # Offsets off the round numbers at which a distance may be exactly 0.
+        offsets = (-0.93 * scale, 0.07 * scale, 1.01 * scale)
+        widths = np.log(scale) + np.array([-1.0, 0.0, 1.0])
+        shares: tuple[float, ...] = (-3.0, -0.5)
+        if self.share == "q0":
+            largest_share = ((subject.n_yes + 1.0) / (subject.n_trials + 2.0)).max()
+            shares = (float(logit(largest_share)),)
+        axes = np.meshgrid(offsets, (-2.0, 2.0), widths, shares)
+        points = np.stack([axis.ravel() for axis in axes], axis=-1)
+        if subject.isi is not None:
+            # Offset and width are those at the typical interval: what they are at the reference.
+            interval = typical_interval(subject.isi / self.reference, subject.n_trials)
+            scales = random_walk_scales(points[:, 1], interval, self.power)
+            points[:, 0] /= scales.pull[:, 0]
+            points[:, 2] -= np.log(scales.width[:, 0])
+        has_density = np.isfinite(self.log_density(points))
+        if not has_density.any():
+            raise NumericalError(
+                f"subject {subject.name!r}: no point on the scale of the stimuli has a density "
+                "above 0 under this prior"
+            )
+        return np.asarray(points[has_density])
+
+    def transform(self, modes: FloatArray) -> NormalScores:
+        """Nearly normal coordinates about modes of the posterior, (modes, 4), best first."""
+        return NormalScores(
+            Funnel.at(modes, self._likelihood_slope, self._distributions[0], self.sbar)
+        )
+
+    def _likelihood_slope(self, x: FloatArray) -> FloatArray:
+        """Gradient of the log likelihood, (points, 4)."""
+        return self.likelihood_gradient(x)[1]
+
+    # --- What readers ask for --------------------------------------------------------------------
+
+    def gain(self, x: FloatArray, seconds: FloatArray) -> FloatArray:
+        """Weight of the first stimulus at intervals, (points, 4) and (n,) -> (points, n)."""
+        scales = random_walk_scales(x[:, 1], seconds / self.reference, self.power)
+        return np.asarray(1.0 - pull_at(x) * scales.pull)
+
+    def yes_at_distance(self, x: FloatArray, z: FloatArray) -> FloatArray:
+        """P of the answer that the task counts at distances z, (points, 4) and (n,) -> (points, n)."""
+        distances = np.broadcast_to(z, (len(x), len(z)))
+        return np.asarray(np.exp(self._answers_at(distances, x[:, 3:]).yes))
+
+    @property
+    def names(self) -> Names:
+        """What the quantities are called."""
+        return Names(
+            natural=natural_names(self.subject.task),
+            identified=("offset", "pull", "width", self.share),
+            derived=("pse_shift", "jnd", "gamma", "sigma1", "gain", "width"),
+            monotone=("pse_shift", "jnd", "gain", "pull"),
+        )
+
+    def quantities(self, x: FloatArray) -> dict[str, FloatArray]:
+        """Every named quantity, each with the shape of x without its last axis.
+
+        The shift of the point of subjective equality, at the mean first stimulus, is the offset. The
+        just noticeable difference is the distance at which 'equal' is half as frequent as at its
+        peak, or P(second) 75 % without lapses.
+        """
+        p, w = MAX_PULL * expit(x[..., 1]), np.exp(x[..., 2])
+        gain = 1.0 - p
+        sigma_p = w * gain**self.power
+        return {
+            "mu1": self.sbar + reach(x),
+            "sigma_p": sigma_p,
+            "sigma_l": sigma_p * np.sqrt(p) / gain,
+            "gamma": p / np.square(gain),
+            "sigma1": sigma_p / np.sqrt(gain),
+            "gain": gain,
+            "width": w,
+            "offset": x[..., 0],
+            "pull": p,
+            self.share: expit(x[..., 3]),
+            "jnd": w * _JND_OVER_WIDTH[self.share],
+            "pse_shift": x[..., 0],
+        }
+
+    def judged(self, x: FloatArray) -> dict[str, FloatArray]:
+        """The quantities by which draws are judged: those that follow from no single other one."""
+        repeated = self.names.monotone
+        return {name: values for name, values in self.quantities(x).items() if name not in repeated}
+
+    def points(self, quantities: Mapping[str, FloatArray]) -> FloatArray:
+        """Unconstrained coordinates, shape (..., 4), from the natural quantities of shape (...)."""
+        mu1, sigma_p, sigma_l, share = (
+            np.asarray(quantities[name], np.float64) for name in self.names.natural
+        )
+        x = unconstrained(Natural(mu1, sigma_p, sigma_l, share), self.sbar)
+        ratio = variance_ratio(noise_ratio(sigma_p, sigma_l))
+        x[..., 2] = np.log(sigma_p) + self.power * np.log(ratio)
+        return x
+
+    def prior_quantile(self, name: str, probability: float) -> float:
+        """Prior quantile of a quantity; that of the offset by draws, to half a percent of its range."""
+        if name not in self.names.all:
+            raise InputError(f"unknown quantity {name!r}; there are: {', '.join(self.names.all)}")
+        if name in ("offset", "pse_shift"):
+            offsets = _prior_offsets(self.prior, self.sbar, self.power)
+            return float(np.quantile(offsets, probability))
+        if name == self.share:
+            return float(self._distributions[3].quantile(probability))
+        if name == "pull":
+            return 1.0 - self.prior_quantile("gain", 1.0 - probability)
+        if name == "jnd":
+            return _JND_OVER_WIDTH[self.share] * self.prior_quantile("width", probability)
+        return prior_quantile(self.prior, name, probability, self.power)
+
+    def natural(self, x: npt.ArrayLike) -> Natural:
+        """The paper's parameters of same or different at unconstrained points, shape (..., 4)."""
+        quantities = self.quantities(np.asarray(x, np.float64))
+        return Natural(*(quantities[name] for name in NATURAL))
+
+
+def _finite_product(slope: FloatArray, factor: FloatArray) -> FloatArray:
+    """Their product, 0 where the slope is: it falls faster than any factor may grow far out."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        product = np.asarray(slope * factor)
+    if np.isfinite(product).all():
+        return product
+    return np.where(slope == 0.0, 0.0, product)
+
+
+def _sample_update(rng: Random, size: int, prior: Prior, sbar: float, power: float) -> FloatArray:
+    """Draws of (c, logit pull, log width) from the prior, shape (size, 3).
+
+    With gamma = p/(1 - p)^2, p/(p_max - p) is gamma/(1 - gamma) times (1/p_max - p): finite where
+    gamma itself rounds to an edge.
+    """
+    mu1 = prior.distribution("mu1").sample(rng, size)
+    spread = prior.distribution(prior.spread).sample(rng, size)
+    logit_gamma = sample_logits(prior.distribution("gamma"), rng, size)
+    gamma = expit(logit_gamma)
+    p = pull(gamma)
+    w = spread if prior.spread == "width" else spread * variance_ratio(gamma) ** power
+    columns = (p * (mu1 - sbar), logit_gamma + np.log(1.0 / MAX_PULL - p), np.log(w))
+    return np.stack(columns, axis=-1)
+
+
+@lru_cache(maxsize=4)
+def _prior_offsets(prior: Prior, sbar: float, power: float) -> FloatArray:
+    """Draws of the offset from the prior; the same for all subjects of a design."""
+    return _sample_update(np.random.default_rng(0), PRIOR_DRAWS, prior, sbar, power)[:, 0]
+
+
+# --- Coordinates ---------------------------------------------------------------------------------
+
+
+def pull_at(x: FloatArray) -> FloatArray:
+    """Pull p at unconstrained points, (points, 4) -> (points, 1)."""
+    return np.asarray(MAX_PULL * expit(x[:, 1:2]))
+
+
+def reach(x: npt.ArrayLike) -> FloatArray:
+    """Distance of the prior mean from the mean first stimulus, mu1 - sbar = c / p, natural-log units; infinite past the largest float."""
+    points = np.asarray(x, np.float64)
+    c, a = points[..., 0], points[..., 1]
+    with np.errstate(over="ignore", invalid="ignore"):
+        return np.where(c == 0.0, 0.0, c * inverse_pull(a))
+
+
+def inverse_pull(a: npt.ArrayLike) -> FloatArray:
+    """1/p at a = logit(p / p_max); infinite past the largest float."""
+    with np.errstate(over="ignore"):
+        return np.asarray((1.0 + np.exp(-np.asarray(a, np.float64))) / MAX_PULL)
+
+
+def unconstrained(theta: Natural, sbar: float) -> FloatArray:
+    """Natural coordinates, each of shape (...), to unconstrained ones of shape (..., 4); needs 0 < gamma < 1, 0 < q0 < 1.
+
+    Notes
+    -----
+    Where sigma_l and sigma_p differ by rounding only, gamma = 1 and the logit is infinite: such a point is on the edge, outside the open
+    support. Draws come there: from logit(p / p_max) = 36 on no pair of floats tells it.
+    """
+    gamma = theta.gamma
+    p = pull(gamma)
+    with np.errstate(divide="ignore"):
+        columns = (
+            p * (theta.mu1 - sbar),
+            _logit_pull(theta, p),
+            np.log(width(theta.sigma_p, gamma)),
+            logit(theta.q0),
+        )
+    return np.stack(np.broadcast_arrays(*columns), axis=-1)
+
+
+def _logit_pull(theta: Natural, p: FloatArray) -> FloatArray:
+    """logit(p / p_max), with p_max - p by 1 - gamma (see :func:`log_noise_ratio`), and that by the difference of sigma_p and sigma_l."""
+    apart = (theta.sigma_p - theta.sigma_l) / theta.sigma_p
+    rest = np.where(
+        (apart < 0.0) & (apart >= -_ROUNDING), 0.0, apart * (1.0 + theta.sigma_l / theta.sigma_p)
+    )
+    return np.asarray(np.log(p) + np.log(1.0 / MAX_PULL - p) - 2.0 * np.log1p(-p) - np.log(rest))
+
+
+def log_jacobian(x: npt.ArrayLike) -> FloatArray:
+    """Log |d(mu1, sigma_p, gamma, q0) / dx| at unconstrained x, shape (..., 4) -> (...).
+
+    |d(mu1, sigma_p, gamma) / d(c, w, p)| = (1 + p) / (p (1 - p)^(3/2)); with dp/da = p expit(-a) the factor p cancels, so the
+    result stays finite however small the pull.
+    """
+    _, a, b, top = np.moveaxis(np.asarray(x, np.float64), -1, 0)
+    return np.asarray(log_jacobian_of_pull(a) + b + log_expit(top) + log_expit(-top))
+
+
+def log_jacobian_of_pull(a: FloatArray) -> FloatArray:
+    """The part of :func:`log_jacobian` that depends on a = logit(p / p_max), shape (...)."""
+    p = MAX_PULL * expit(a)
+    return np.asarray(np.log1p(p) - 1.5 * np.log1p(-p) + log_expit(-a))
+
+
+def log_jacobian_slope_of_pull(a: FloatArray) -> FloatArray:
+    """Derivative of :func:`log_jacobian_of_pull`, shape (...)."""
+    p, fall = MAX_PULL * expit(a), expit(-a)
+    return np.asarray(p * fall / (1.0 + p) + 1.5 * p * fall / (1.0 - p) - expit(a))
+
+
+def log_noise_ratio(a: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Log gamma and log(1 - gamma) at a = logit(p / p_max), gamma = p/(1 - p)^2; neither cancels.
+
+    p_max and 1/p_max are the roots of (1 - p)^2 = p, so 1 - gamma = (p_max - p) (1/p_max - p) / (1 - p)^2 with p_max - p = p_max expit(-a).
+    """
+    p = MAX_PULL * expit(a)
+    log_gamma = np.log(MAX_PULL) + log_expit(a) - 2.0 * np.log1p(-p)
+    near = np.log(MAX_PULL) + log_expit(-a) + np.log(1.0 / MAX_PULL - p) - 2.0 * np.log1p(-p)
+    return np.asarray(log_gamma), np.where(
+        a < 0.0, np.log1p(-np.exp(np.minimum(log_gamma, -0.1))), near
+    )
+
+
+# --- The prior of H1 in other quantities ---------------------------------------------------------
+
+
+def log_density_of_noise_ratio(distribution: Distribution, a: FloatArray) -> FloatArray:
+    """Log density of gamma, with respect to gamma, at a = logit(p/p_max), shape (...)."""
+    if isinstance(distribution, Beta):
+        return distribution.log_density_of_logs(*log_noise_ratio(a))
+    return distribution.log_density(_noise_ratio(a))
+
+
+def slope_of_noise_ratio(distribution: Distribution, a: FloatArray) -> FloatArray:
+    """Derivative of :func:`log_density_of_noise_ratio` in a.
+
+    log gamma has the slope expit(-a) (1 + p)/(1 - p), log(1 - gamma) the slope -expit(a) (1 + p)/((1 - p) (1/p_max - p)).
+    """
+    p, down = MAX_PULL * expit(a), expit(-a)
+    rise = (1.0 + p) / (1.0 - p)
+    if isinstance(
+        distribution, Beta
+    ):  # near an edge the slope of the density in gamma is huge, those of the logs are not
+        return np.asarray(
+            rise
+            * (
+                (distribution.a - 1.0) * down
+                - (distribution.b - 1.0) * expit(a) / (1.0 / MAX_PULL - p)
+            )
+        )
+    return np.asarray(distribution.slope(_noise_ratio(a)) * rise * p * down / np.square(1.0 - p))
+
+
+def _noise_ratio(a: FloatArray) -> FloatArray:
+    """Noise ratio gamma = p/(1 - p)^2 at a = logit(p/p_max); a rounding may not carry it beyond its limit, 1."""
+    p = MAX_PULL * expit(a)
+    return np.asarray(np.minimum(p / (1.0 - p) ** 2, 1.0))
+
+
+def prior_quantile(prior: Prior, parameter: str, probability: float, power: float = 1.5) -> float:
+    """Prior quantile of mu1, sigma_p, sigma_l, gamma, sigma1, gain or width, where the width is sigma_p G^power.
+
+    sigma_p, sigma_l, sigma1 and width are each other's multiples by powers of gamma and G, and one of them has a distribution of its own:
+    another one's distribution function is the average over gamma of that one's at x / h(gamma), one smooth integral over the quantiles of
+    gamma. The gain falls with gamma and takes its quantiles.
+
+    Examples
+    --------
+    >>> [round(prior_quantile(Prior(), name, 0.95), 4) for name in ("mu1", "sigma_p", "gamma", "gain")]
+    [16.4485, 1.96, 0.95, 0.9545]
+    """
+    if parameter in prior.of_h1():
+        return float(prior.distribution(parameter).quantile(probability))
+    of_gamma = prior.distribution("gamma")
+    if parameter == "gain":
+        return float(1.0 / variance_ratio(of_gamma.quantile(1.0 - probability)))
+    return _product_quantile(
+        prior.distribution(prior.spread), of_gamma, prior.spread, parameter, probability, power
+    )
+
+
+@cache
+def _product_quantile(
+    of_spread: Distribution,
+    of_gamma: Distribution,
+    spread: str,
+    parameter: str,
+    probability: float,
+    power: float,
+) -> float:
+    """Quantile of the spread times h(gamma): between the smallest and the largest h times its own, so it is looked for in that unit."""
+    nodes, weights = np.polynomial.legendre.leggauss(_NODES)
+    root = 0.5 * (
+        nodes + 1.0
+    )  # of gamma's distribution function u: sigma_l is smooth in it, du = 2 root d root
+    gamma = of_gamma.quantile(np.square(root))
+    ratio = variance_ratio(gamma)
+    over_sigma_p = {
+        "sigma_p": np.ones_like(gamma),
+        "sigma_l": np.sqrt(gamma),
+        "sigma1": np.sqrt(ratio),
+        "width": ratio**power,
+    }
+    shape = over_sigma_p[parameter] / over_sigma_p[spread]
+    unit = float(of_spread.quantile(probability))
+
+    def excess(x: float) -> float:
+        return float(weights @ (root * of_spread.cdf(x * unit / shape))) - probability
+
+    return unit * float(brentq(excess, 0.999 * shape.min(), 1.001 * shape.max(), xtol=1e-12))
