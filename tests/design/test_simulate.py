@@ -152,7 +152,7 @@ def test_expectations_of_trials_are_those_of_serial_dependence(kind):
     posterior = TrialHistoryPosterior(subject, history)
     values = {**OBSERVER_2AFC, "noise_slope": 0.0}
     if kind == "paper":
-        gamma = bt.model.noise_ratio(0.2, 0.15)
+        gamma = (0.15 / 0.2) ** 2
         p = float(bt.model.pull(gamma))
         values |= {
             "noise": 0.2 * float(bt.model.variance_ratio(gamma)),
