@@ -261,7 +261,6 @@ def test_h0_has_one_frequency_for_each_pair_and_interval(study, analysis):
     assert row.log_evidence_h1_laplace_natural == pytest.approx(row.log_evidence_h1, abs=0.5)
     assert row.log_evidence_h1_bootstrap is None
     assert any("knows one interval only" in note for note in row.footnotes)
-    assert any("also ask whether intervals matter" in note for note in row.notes)
     assert len(analysis.fits) == 0
 
 
