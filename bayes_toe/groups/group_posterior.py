@@ -160,7 +160,7 @@ class SeparateFits(NamedTuple):
     information, precision : ndarray, shape (subjects, q)
         h e and h of the coefficients by the responses alone.
     ridge : ndarray, shape (subjects, own, q)
-        How the mode of the parameters that are not shared moves with the coefficients.
+        How the mode of the slopes moves with the coefficients; 0 of the lapse rate.
     """
 
     mode: FloatArray
@@ -201,6 +201,8 @@ def separate_fits(rows: SubjectRows, numbers: HyperpriorNumbers) -> SeparateFits
     told = w[:, :q] / variance[:, :q] - precision[:q] * centre[:q]
     told = np.where(by_responses > 0.0, told, 0.0)
     ridge = np.asarray(-np.linalg.solve(information[:, q:, q:], information[:, q:, :q]))
+    # The lapse rate comes first. It trades off against the noise along a curve, not a line.
+    ridge[:, 0] = 0.0
     return SeparateFits(w, np.sqrt(variance), told, by_responses, ridge)
 
 
@@ -226,7 +228,7 @@ class GroupPosterior:
 
     A point theta has the means, log standard deviations and effects, then a block for each
     subject: xi of its coefficients, and the parameters that are not shared, counted from their
-    mode given the coefficients. So a slope that trades off against p moves along with p.
+    mode; that of a slope moves with the coefficients, because slopes trade off against p.
 
     Attributes
     ----------

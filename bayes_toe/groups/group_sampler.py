@@ -32,8 +32,8 @@ _LENGTH, _MOST_ALIKE = 0.75 * np.pi, 0.6
 #: Gain of energy, and momentum, at which a trajectory is given up.
 _LARGEST_GAIN, _LARGEST_MOMENTUM = 1000.0, 1000.0
 _MOST_STEPS = 256
-#: Draws while chains settle, and the most steps of each.
-_SETTLING, _FEW_STEPS = 40, 8
+#: Draws while chains settle, and the most steps of each; and of the first round.
+_SETTLING, _FEW_STEPS, _FIRST_STEPS = 40, 8, 32
 _ROUNDS = (40, 40, 60, 80)
 #: Share of trajectories with shorter steps, and how much shorter they are.
 _CAREFUL_SHARE, _CAREFUL_STEP = 0.125, 0.2
@@ -145,7 +145,8 @@ class Hamiltonian:
         """Let the chains settle, then learn step and metric over rounds of so many draws."""
         self._adapt_step(_SETTLING, np.min, _FEW_STEPS)
         for i, size in enumerate(rounds):
-            draws = self._adapt_step(size)[size // 4 :]
+            most_steps = _MOST_STEPS if i else _FIRST_STEPS
+            draws = self._adapt_step(size, most_steps=most_steps)[size // 4 :]
             self._metric.learn(draws.reshape(-1, draws.shape[-1]))
             is_last_but_one = i == len(rounds) - 2
             if is_last_but_one and _largest_autocorrelation(draws) > _MOST_ALIKE:
