@@ -65,7 +65,10 @@ def main() -> None:
     )
     frame.to_csv(asked.file.with_suffix(".csv"), index=False)
     print(", ".join(f"P({name}) = {p:.3f}" for name, p in session.probabilities.items()))
-    print(session.order_effect.describe())
+    if any(first != second for first, second, _ in session.answers):
+        print(session.order_effect.describe())
+    else:
+        print("no answer yet: every pair so far had two equal stimuli")
 
 
 if __name__ == "__main__":
