@@ -78,7 +78,7 @@ def weighted_quantiles(
 
     Examples
     --------
-    >>> weighted_quantiles(np.arange(5.0), np.full(5, 0.2), [0.5])
+    >>> np.round(weighted_quantiles(np.arange(5.0), np.full(5, 0.2), [0.5]), 9).tolist()
     [2.0]
     """
     order = np.argsort(values, kind="stable")

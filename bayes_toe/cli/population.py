@@ -12,20 +12,16 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 import bayes_toe as bt
-from bayes_toe.cli.options import StudyFileOrExample, rare, writes
+from bayes_toe.cli.options import StudyFile, rare, writes
 from bayes_toe.cli.task import Takes, Task
 from bayes_toe.cli.terminal import Terminal, safe
 from bayes_toe.data.messages import counted
-from bayes_toe.groups.hyperprior import NUMBERS, Hyperprior
 
 if TYPE_CHECKING:
     from bayes_toe.groups.population import GroupEffect, Interval, PopulationResult
     from bayes_toe.groups.population_table import PopulationRow
 
-_HYPERPRIOR = (
-    r"A file with sections \[" + r"], \[".join(Hyperprior.__dataclass_fields__) + "] "
-    f"of any of {', '.join(NUMBERS)}; see docs/population.md."
-)
+_HYPERPRIOR = "A file with a section for each parameter of the group; see docs/population.md."
 #: Why a Bayes factor needs the width of its prior beside it.
 PRIOR_NOTE = (
     "ln Bayes factor of 0 against any other value; positive speaks for 0. It depends on how wide "
@@ -60,7 +56,7 @@ class GroupOptions:
 
 def population(
     *,
-    study: StudyFileOrExample,
+    study: StudyFile,
     output: Annotated[
         Path,
         writes(

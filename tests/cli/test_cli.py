@@ -344,7 +344,6 @@ def test_corner_of_one_subject_and_of_two_with_prior_and_truth_in_any_quantities
             "figures --posterior POSTERIOR --prior wide.toml",
             "found draws under mu1 ~ Normal(M, 2.5 R)",
         ),
-        ("population -o none.nc", "STUDY.csv: missing"),
         ("run study.csv --pictures some", "allowed are all, flagged, none"),
         ("run study.csv -o out", "overwrite"),
         ("run study.csv -o study.csv/new", "study.csv"),

@@ -191,7 +191,10 @@ def test_results_remember_what_was_changed_and_belong_to_that_study_alone(tmp_pa
 
 
 def test_what_is_kept_of_other_answers_is_not_taken(tmp_path):
-    study, how = few_pairs("ABC"), {"model": "constant bias", "draws": 100, "seed": 1, "workers": 1}
+    study, how = (
+        few_pairs("ABC"),
+        {"model": "constant-error", "draws": 100, "seed": 1, "workers": 1},
+    )
     bt.sample(study, keep=tmp_path / "kept", **how)
     turned = bt.sample(study.turn("B"), keep=tmp_path / "kept", **how)
     standing = under_way[tmp_path / "kept"]
