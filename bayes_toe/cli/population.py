@@ -21,7 +21,11 @@ if TYPE_CHECKING:
     from bayes_toe.groups.population import GroupEffect, Interval, PopulationResult
     from bayes_toe.groups.population_table import PopulationRow
 
-_HYPERPRIOR = "A file with a section for each parameter of the group; see docs/population.md."
+#: In words, because the module of the hyperprior loads SciPy.
+_HYPERPRIOR = (
+    r"A file with sections \[constant_error], \[contraction], \[noise], \[q0] of any of mean, "
+    "mean_scale, sd_scale; see docs/population.md."
+)
 #: Why a Bayes factor needs the width of its prior beside it.
 PRIOR_NOTE = (
     "ln Bayes factor of 0 against any other value; positive speaks for 0. It depends on how wide "
