@@ -373,6 +373,10 @@ class ObserverBatch:
         # d lambda/du = phi(u) (1 - lambda) / (b (1 - Phi(u)))
         log_rise = log_normal - log_ndtr(-score) - np.log(prior.lapse_rate_b)
         slope_unit = self.slope_unit[..., None]
+        if in_k is not None:
+            peak = values["logit_q0"]
+            bare_k = criterion(peak)
+            relative = (criterion_slope(peak, bare_k) / bare_k)[..., None]
         yes_slopes: list[FloatArray] = []
         no_slopes: list[FloatArray] = []
         sides = (
@@ -387,9 +391,6 @@ class ObserverBatch:
             slopes.append(prior.noise_sd * noise)
             if in_k is not None:
                 along_k = attended * in_k[side] + lapsed * blind_in_k[side]
-                peak = values["logit_q0"]
-                bare_k = criterion(peak)
-                relative = (criterion_slope(peak, bare_k) / bare_k)[..., None]
                 slopes.append(along_k * k * relative)
             rate = log_rise[..., None] + log_attend - log_p
             slopes.append(np.exp(rate + log_blind) - np.exp(rate + log_attending))
@@ -403,7 +404,12 @@ class ObserverBatch:
 
     def gradient(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Log likelihood (rows, points), and its gradient (rows, points, k)."""
-        answers, yes_slopes, no_slopes = self.answer_slopes(u)
+        return self._summed(*self.answer_slopes(u))
+
+    def _summed(
+        self, answers: LogAnswers, yes_slopes: FloatArray, no_slopes: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Log likelihood and its gradient, from what an answer to each pair adds."""
         terms = times_counts(self.n_yes, answers.yes) + times_counts(self.n_no, answers.no)
         in_yes = times_counts(self.n_yes[:, :, None], yes_slopes)
         in_no = times_counts(self.n_no[:, :, None], no_slopes)
@@ -412,15 +418,13 @@ class ObserverBatch:
     def scoring(self, u: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Log likelihood, gradient and Fisher information, (rows, points[, k[, k]])."""
         answers, yes_slopes, no_slopes = self.answer_slopes(u)
-        terms = times_counts(self.n_yes, answers.yes) + times_counts(self.n_no, answers.no)
-        in_yes = times_counts(self.n_yes[:, :, None], yes_slopes)
-        in_no = times_counts(self.n_no[:, :, None], no_slopes)
+        value, gradient = self._summed(answers, yes_slopes, no_slopes)
         n_trials = self.n_yes + self.n_no
         yes_weight = (n_trials * np.exp(answers.yes))[..., None, :]
         no_weight = (n_trials * np.exp(answers.no))[..., None, :]
         information = (yes_weight * yes_slopes) @ np.swapaxes(yes_slopes, -1, -2)
         information += (no_weight * no_slopes) @ np.swapaxes(no_slopes, -1, -2)
-        return terms.sum(axis=-1), (in_yes + in_no).sum(axis=-1), information
+        return value, gradient, information
 
     # --- Prior -----------------------------------------------------------------------------------
 
