@@ -26,7 +26,7 @@ from scipy.special import expit, log_ndtr, logit, ndtr, ndtri
 
 from bayes_toe.answers.model_average import PRIOR_PROBABILITIES
 from bayes_toe.answers.order_effect import QUESTIONS, order_effect
-from bayes_toe.answers.verdict_words import Word
+from bayes_toe.answers.words import Word
 from bayes_toe.checks.identification import Identification
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task

@@ -25,7 +25,7 @@ from bayes_toe.answers.model_average import (
     weighted_quantiles,
 )
 from bayes_toe.answers.serial_screen import SerialScreen, serial_screen
-from bayes_toe.answers.verdict_words import Word, side_of, word_for
+from bayes_toe.answers.words import Word, side_of, word_for
 from bayes_toe.arrays import BoolArray, FloatArray
 from bayes_toe.checks.identification import Identification, identify
 from bayes_toe.data.study import Subject

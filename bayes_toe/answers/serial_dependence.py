@@ -20,7 +20,7 @@ from scipy.special import logsumexp
 
 from bayes_toe.answers.model_average import weighted_quantiles
 from bayes_toe.answers.serial_screen import SerialScreen, serial_screen
-from bayes_toe.answers.verdict_words import Word, word_for
+from bayes_toe.answers.words import Word, word_for
 from bayes_toe.arrays import BoolArray, FloatArray
 from bayes_toe.data.messages import listed
 from bayes_toe.data.study import Study, Subject, require_study

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from bayes_toe.answers.order_effect import QUESTIONS, OrderEffect
-from bayes_toe.answers.verdict_words import Word
+from bayes_toe.answers.words import Word
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.messages import counted, listed
 from bayes_toe.data.validation import AT

@@ -12,7 +12,7 @@ from bayes_toe.answers.study_summary import (
     frequency_line,
     study_lines,
 )
-from bayes_toe.answers.verdict_words import Word
+from bayes_toe.answers.words import Word
 from bayes_toe.cli.headline import needs_action
 from bayes_toe.cli.terminal import OUTPUT, Terminal, chosen, once
 

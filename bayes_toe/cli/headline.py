@@ -7,7 +7,7 @@ from collections.abc import Collection, Sequence
 from bayes_toe.answers.evidence_table import EvidenceTable
 from bayes_toe.answers.order_effect import OrderEffect
 from bayes_toe.answers.study_summary import describe_pair
-from bayes_toe.answers.verdict_words import (
+from bayes_toe.answers.words import (
     NO_UP_TO,
     PROBABLY_FROM,
     PROBABLY_NOT_LOG_BAYES_FACTOR,

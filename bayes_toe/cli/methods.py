@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 from markupsafe import Markup
 
-from bayes_toe.answers import verdict_words
+from bayes_toe.answers import words as answer_words
 from bayes_toe.answers.contrast import CONTRAST_COLUMNS, PROBABLY, SURELY, sentences
 from bayes_toe.answers.evidence_table import EVIDENCE_COLUMNS
 from bayes_toe.answers.order_effect import QUESTIONS, OrderEffect
@@ -274,7 +274,7 @@ def _facts(told: Methods) -> dict[str, Any]:
         "draws": draws,
         "attrs": draws.attrs,
         "versions": json.loads(draws.attrs["versions"]),
-        "words": vars(verdict_words),
+        "words": vars(answer_words),
         "misfit": MISFIT,
         "subjects": counted(len(trials), "subject"),
         "trials": f"{sum(trials):,}",

@@ -36,7 +36,7 @@ from bayes_toe.answers.study_summary import (
     frequency_line,
     study_lines,
 )
-from bayes_toe.answers.verdict_words import Word
+from bayes_toe.answers.words import Word
 from bayes_toe.checks.answer_checks import FLAG_KINDS, Finding
 from bayes_toe.checks.design_checks import NOTES, check
 from bayes_toe.classical.asymmetry import AsymmetryTable

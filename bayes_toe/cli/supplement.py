@@ -19,7 +19,7 @@ from bayes_toe.answers.order_effect import (
     OrderEffect,
     format_probability,
 )
-from bayes_toe.answers.verdict_words import Word
+from bayes_toe.answers.words import Word
 from bayes_toe.cli.headline import p_value
 from bayes_toe.cli.terminal import allowed_quantiles
 from bayes_toe.data.messages import visible

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.special import betaincinv, ndtri
 
 from bayes_toe.answers.order_effect import QUESTIONS, OrderEffect, order_effect
-from bayes_toe.answers.verdict_words import Word
+from bayes_toe.answers.words import Word
 from bayes_toe.checks.identification import identify
 from bayes_toe.data.messages import listed
 from bayes_toe.data.tables import Table, frame_of

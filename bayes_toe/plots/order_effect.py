@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from bayes_toe.answers.evidence_table import EvidenceTable
 from bayes_toe.answers.order_effect import OrderEffect
-from bayes_toe.answers.verdict_words import Word
+from bayes_toe.answers.words import Word
 from bayes_toe.arrays import FloatArray
 from bayes_toe.errors import InputError
 from bayes_toe.plots.style import (

@@ -17,7 +17,7 @@ from bayes_toe.answers.order_effect import (
     order_effect,
     rescaled_evidences,
 )
-from bayes_toe.answers.verdict_words import Word, word_for
+from bayes_toe.answers.words import Word, word_for
 from bayes_toe.checks.answer_checks import Flag
 from bayes_toe.checks.identification import Identification
 from bayes_toe.data.options import changed

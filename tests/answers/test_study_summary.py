@@ -10,7 +10,7 @@ import bayes_toe as bt
 from bayes_toe.analysis import _interpretable_group
 from bayes_toe.answers.order_effect import QUESTIONS, OrderEffect, Size
 from bayes_toe.answers.study_summary import effect_frequencies, frequency_line, study_lines
-from bayes_toe.answers.verdict_words import Word
+from bayes_toe.answers.words import Word
 from bayes_toe.inference.order_evidence import MODEL_NAMES
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from bayes_toe.answers.order_effect import MISFIT_FLAG, QUESTIONS
-from bayes_toe.answers.verdict_words import Word
+from bayes_toe.answers.words import Word
 from bayes_toe.inference.predictive_checks import PairFit
 
 SWAPPED = "swapped blocks"

@@ -12,7 +12,7 @@ from populations import made_result
 
 import bayes_toe as bt
 from bayes_toe.answers.study_summary import frequency_line, study_lines
-from bayes_toe.answers.verdict_words import Word
+from bayes_toe.answers.words import Word
 from bayes_toe.cli.methods import of_analysis, write_text
 from bayes_toe.cli.supplement import templates
 from bayes_toe.inference.draws import Draws

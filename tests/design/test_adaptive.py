@@ -8,7 +8,7 @@ import pytest
 from scipy.special import entr
 
 import bayes_toe as bt
-from bayes_toe.answers.verdict_words import Word
+from bayes_toe.answers.words import Word
 from bayes_toe.data.study import pooled
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.design.adaptive import Adaptive

@@ -9,7 +9,7 @@ from commands import good, refused
 
 import bayes_toe as bt
 from bayes_toe.answers.order_effect import QUESTIONS, answer_subject
-from bayes_toe.answers.verdict_words import Word
+from bayes_toe.answers.words import Word
 from bayes_toe.design.observers import assume_observers
 from bayes_toe.design.power import (
     DATA_SET_COLUMNS,

@@ -9,7 +9,7 @@ from legible import require_legible, texts_of
 
 import bayes_toe as bt
 from bayes_toe.answers.evidence_table import EvidenceTable
-from bayes_toe.answers.verdict_words import Word
+from bayes_toe.answers.words import Word
 from bayes_toe.plots.order_effect import QUESTIONS, answers_figure, evidence_plane_axes
 from bayes_toe.plots.style import panel
 

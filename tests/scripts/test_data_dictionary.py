@@ -9,7 +9,7 @@ from reference.calibration import ABOUT, calibrate
 
 import bayes_toe as bt
 from bayes_toe.answers.contrast import WORDS
-from bayes_toe.answers.verdict_words import Word
+from bayes_toe.answers.words import Word
 from bayes_toe.checks.design_checks import describe_design
 from bayes_toe.cli.supplement import fit_table, order_effect_table, parameter_table
 from bayes_toe.inference.prediction import predict_pairs
