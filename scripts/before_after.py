@@ -33,7 +33,7 @@ _TIMED = """\
 import time
 import bayes_toe as bt
 {imports}
-study = bt.example_study({task!r})
+study = bt.read_study({file!r})
 began = time.process_time()
 {call}
 print(time.process_time() - began)
@@ -74,10 +74,10 @@ def _command(words: str, limit: float, unit: str = "x") -> Bar:
     return Bar(limit, unit, words, words)
 
 
-def _call(task: str, limit: float, before: tuple[str, str], now: tuple[str, str]) -> Bar:
-    """The bar of a call on a bundled study."""
+def _call(file: str, limit: float, before: tuple[str, str], now: tuple[str, str]) -> Bar:
+    """The bar of a call on one of the studies of :func:`write_studies`."""
     codes = [
-        _TIMED.format(task=task, imports=imports, call=call) for imports, call in (before, now)
+        _TIMED.format(file=file, imports=imports, call=call) for imports, call in (before, now)
     ]
     return Bar(limit, "x", *codes, is_code=True)
 
@@ -88,14 +88,10 @@ BARS = {
     "asymmetry, 10,000 subjects": _command(
         "asymmetry many.csv -o asymmetry.csv --overwrite", 10.0, "s"
     ),
-    "answer of 16 subjects, same/different": _call(
-        "same/different", 0.06, _OLD_VERDICT, _NEW_ANSWER
-    ),
-    "answer of 12 subjects, 2AFC": _call("2afc", 0.3, _OLD_VERDICT, _NEW_ANSWER),
-    "bt.run of 16 subjects, four at a time": _call(
-        "same/different", 0.35, _RUN_SUBJECTS, _RUN_SUBJECTS
-    ),
-    "bt.run of 16 subjects": _call("same/different", 0.35, _RUN, _RUN),
+    "answer of 16 subjects, same/different": _call("study.csv", 0.06, _OLD_VERDICT, _NEW_ANSWER),
+    "answer of 12 subjects, 2AFC": _call("stronger.csv", 0.3, _OLD_VERDICT, _NEW_ANSWER),
+    "bt.run of 16 subjects, four at a time": _call("study.csv", 0.35, _RUN_SUBJECTS, _RUN_SUBJECTS),
+    "bt.run of 16 subjects": _call("study.csv", 0.35, _RUN, _RUN),
     "fit": _command(f"fit study.csv -o fit.csv {_SEEDED}", 1.15),
     "evidence": _command(f"evidence study.csv -o evidence.csv {_SEEDED}", 0.35),
     "population": Bar(
@@ -169,10 +165,10 @@ def measured(name: str, bar: Bar, tree: Path, place: Path, repeats: int) -> tupl
 
 
 def write_studies(folder: Path) -> None:
-    """The bundled study, and 10,000 subjects who answer the paper's pairs 50 times each."""
-    (folder / "study.csv").write_bytes(
-        (HERE / "bayes_toe" / "data" / "example_study.csv").read_bytes()
-    )
+    """The bundled studies, and 10,000 subjects with 50 responses to each of the paper's pairs."""
+    data = HERE / "bayes_toe" / "data"
+    (folder / "study.csv").write_bytes((data / "example_same_different_study.csv").read_bytes())
+    (folder / "stronger.csv").write_bytes((data / "example_study.csv").read_bytes())
     design, rng, subjects = reference_design(), np.random.default_rng(1), 10_000
     pairs = len(design.s1)
     frame = {

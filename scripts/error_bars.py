@@ -120,7 +120,10 @@ def _references(file: str) -> dict[str, dict[str, float]]:
 
 def paper_jobs(seeds: int) -> dict[str, partial]:
     """By subject, the rows of the paper's model."""
-    subjects = {**{subject.name: subject for subject in bt.example_study()}, **hard_cases()}
+    subjects = {
+        **{subject.name: subject for subject in bt.example_study("same/different")},
+        **hard_cases(),
+    }
     return {
         name: partial(paper_rows, subjects[name], case["log_evidence"], seeds)
         for name, case in _references("reference.json").items()

@@ -3,7 +3,7 @@
 Three words: `run` makes the tables, a folder a study and seed; `freeze` takes centre and tolerance of every number; `check` says what lies
 outside, exit code 3 where that is more than chance.
 
-    python scripts/frozen.py run made --study bundled=bayes_toe/data/example_study.csv --seeds 1 2 3
+    python scripts/frozen.py run made --study bundled=bayes_toe/data/example_same_different_study.csv --seeds 1 2 3
     python scripts/frozen.py freeze made tests/reference/frozen.csv.gz
     python scripts/frozen.py check made tests/reference/frozen.csv.gz
 

@@ -70,7 +70,10 @@ def main() -> None:
             for model in MODELS
         }
     else:
-        subjects = {**hard_cases(), **{subject.name: subject for subject in bt.example_study()}}
+        subjects = {
+            **hard_cases(),
+            **{subject.name: subject for subject in bt.example_study("same/different")},
+        }
         path, head = options.output / "reference.json", {"quantities": QUANTITIES, "levels": LEVELS}
         cases = {name: (subject, None) for name, subject in subjects.items()}
     head["versions"] = {

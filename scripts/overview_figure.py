@@ -21,7 +21,7 @@ def main() -> None:
     )
     parser.add_argument("-o", "--output", default="docs/overview.png")
     output = parser.parse_args().output
-    analysis = bt.run(bt.example_study(), seed=1)
+    analysis = bt.run(bt.example_study("same/different"), seed=1)
     figure = Figure(figsize=(11.0, 6.0), layout="constrained")
     grid = figure.add_gridspec(3, 4)
     shifts = {answer.subject: answer.sizes["pse_shift_percent"].q50 for answer in analysis.answers}

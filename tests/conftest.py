@@ -82,7 +82,10 @@ def few_pairs(names):
 def known_observers(names):
     """Bundled subjects under other names: who has answered so much that a group of them is quickly sampled."""
     return bt.Study(
-        [replace(one, name=name) for name, one in zip(names, bt.example_study(), strict=False)],
+        [
+            replace(one, name=name)
+            for name, one in zip(names, bt.example_study("same/different"), strict=False)
+        ],
         synthetic=True,
     )
 

@@ -168,7 +168,7 @@ class StudyFileOrExample:
         typer.Option(
             "--task",
             metavar="same/different|2afc",
-            help="The example's task without a file; else what the file must be.",
+            help="Which example, without a file; else what the file must be.",
         ),
     ] = None
     where: Annotated[
@@ -226,10 +226,12 @@ class StudyFileOrExample:
     ] = None
 
     def truth(self) -> Truth:
-        """True parameters by subject, which the example has and a file has not."""
+        """True parameters of the paper's model, by subject; only one of the examples has them."""
         from bayes_toe.data.read_study import example_truth
+        from bayes_toe.data.tasks import SAME_DIFFERENT, task_of
 
-        return {} if self.files else example_truth(self.question or "same/different")
+        is_paper = self.question is not None and task_of(self.question) == SAME_DIFFERENT
+        return example_truth(SAME_DIFFERENT) if is_paper and not self.files else {}
 
     def read(self) -> Study:
         """The study; errors name file, row, column, what was found and what is allowed."""
@@ -239,9 +241,8 @@ class StudyFileOrExample:
 
         asked = None if self.question is None else task_of(self.question)
         if not self.files:
-            return changed(
-                example_study(asked or "same/different"), self.turn or (), self.leave_out or ()
-            )
+            example = example_study() if asked is None else example_study(asked)
+            return changed(example, self.turn or (), self.leave_out or ())
         given: dict[str, Any] = {
             one.name: getattr(self, one.name, None) for one in fields(ReadOptions)
         }

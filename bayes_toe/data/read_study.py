@@ -52,13 +52,19 @@ from bayes_toe.data.validation import (
 )
 from bayes_toe.errors import InputError, require_kind
 
-#: What made the bundled files.
+#: What made the bundled files: the default example, and the study in the paper's design.
 COMMANDS = (
-    "bayes-toe simulate -o example_study.csv --truth example_truth.csv --subjects 16 --batches 50 --seed 2604",
-    "bayes-toe simulate -o example_2afc_study.csv --truth example_2afc_truth.csv --subjects 12 --batches 40 --seed 2604 --task 2afc",
+    "bayes-toe simulate -o example_study.csv --task 2afc --design example_pairs.csv "
+    "--population example_truth.csv --batches 40 --seed 2602",
+    "bayes-toe simulate -o example_same_different_study.csv "
+    "--truth example_same_different_truth.csv --subjects 16 --batches 50 --seed 2604",
 )
-_EXAMPLES = {SAME_DIFFERENT: "example", WHICH_STRONGER: "example_2afc"}
-#: True natural parameters by subject.
+_EXAMPLES = {WHICH_STRONGER: "example", SAME_DIFFERENT: "example_same_different"}
+_TRUE_PARAMETERS = {
+    WHICH_STRONGER: ("noise", "noise_slope", "lapse_rate", "constant_error", "contraction"),
+    SAME_DIFFERENT: ("mu1", "sigma_p", "sigma_l", "q0"),
+}
+#: True parameters by subject.
 Truth: TypeAlias = Mapping[str, Mapping[str, float]]
 
 _TRUE_WORDS = frozenset({"1", "1.0", "true", "yes"})
@@ -158,37 +164,59 @@ def _way_back(study: Study, options: ReadOptions, python: bool) -> str:
     return f"if they mean the opposite, {codes}"
 
 
-def example_study(task: Task | str = SAME_DIFFERENT) -> Study:
-    """The bundled synthetic study of a task: subjects in the paper's design, made by :data:`COMMANDS`. The paper's own data are not public.
+def example_study(task: Task | str = WHICH_STRONGER) -> Study:
+    """Return a bundled study. It is synthetic: :data:`COMMANDS` made it.
 
-    "same/different", the default, has 16 subjects; "2afc", which of the two is stronger, has 12.
+    "2afc", the default: 12 subjects were asked which stimulus was stronger, 40 times for each of
+    ten ordered pairs of neighbouring levels. They have constant errors and contractions of both
+    signs; one subject has neither. "same/different": 16 subjects in the paper's design, simulated
+    by the paper's model (H1). The paper's own data are not public.
+
+    Parameters
+    ----------
+    task : Task or str
+
+    Returns
+    -------
+    Study
 
     Examples
     --------
     >>> study = example_study()
     >>> len(study), study.synthetic, study.subjects[0].total_trials
-    (16, True, 650)
-    >>> example_study("2afc")["S01"].task.yes
-    'second'
+    (12, True, 400)
+    >>> example_study("same/different")["S01"].task.yes
+    'equal'
     """
     with as_file(files("bayes_toe.data") / f"{_EXAMPLES[task_of(task)]}_study.csv") as path:
         study = read_study(path)
     return Study(study.subjects, "bundled example (synthetic)", synthetic=True, notes=study.notes)
 
 
-def example_truth(task: Task | str = SAME_DIFFERENT) -> Truth:
-    """True natural parameters of the bundled study of a task, by subject.
+def example_truth(task: Task | str = WHICH_STRONGER) -> Truth:
+    """Return the true parameters of each subject of a bundled study.
+
+    "2afc": the parameters of the observer. "same/different": those of the paper's model (H1).
+
+    Parameters
+    ----------
+    task : Task or str
+
+    Returns
+    -------
+    mapping of str to (mapping of str to float)
 
     Examples
     --------
-    >>> sorted(example_truth()["S01"])
+    >>> truth = example_truth()["S01"]
+    >>> truth["constant_error"], truth["contraction"]
+    (0.13, 0.28)
+    >>> sorted(example_truth("same/different")["S01"])
     ['mu1', 'q0', 'sigma_l', 'sigma_p']
     """
     asked = task_of(task)
     with as_file(files("bayes_toe.data") / f"{_EXAMPLES[asked]}_truth.csv") as path:
-        names, columns = read_numbers(
-            path, ("mu1", "sigma_p", "sigma_l", asked.lapses), key="subject"
-        )
+        names, columns = read_numbers(path, _TRUE_PARAMETERS[asked], key="subject")
     return {
         name: {key: float(values[row]) for key, values in columns.items()}
         for row, name in enumerate(names)

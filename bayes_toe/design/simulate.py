@@ -1,7 +1,6 @@
 """Synthetic studies: a design, observers, a seed.
 
-Observers have the parameters of the four models, or those of the paper's model (H1), by which the
-bundled examples were made.
+Observers have the parameters of the four models, or those of the paper's model (H1).
 """
 
 from __future__ import annotations

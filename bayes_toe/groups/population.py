@@ -457,7 +457,7 @@ def population(
     Examples
     --------
     >>> from bayes_toe.data.read_study import example_study
-    >>> study = example_study("2afc").select(["S01", "S02", "S03", "S04", "S05", "S06"])
+    >>> study = example_study().select(["S01", "S02", "S03", "S04", "S05", "S06"])
     >>> result = population(study, seed=1)
     >>> result.names
     ('constant_error', 'contraction', 'noise')

@@ -180,7 +180,7 @@ def figures(
     subjects : sequence of str, optional
         Shown in Figs. 3 and 5; by default three in the paper's roles, see :func:`representative`.
     truth : mapping, optional
-        True natural parameters by subject, such as :func:`~bayes_toe.example_truth` has them: squares in Fig. 4.
+        True natural parameters by subject, such as ``bt.example_truth("same/different")`` has them: squares in Fig. 4.
 
     Raises
     ------

@@ -28,7 +28,8 @@ _ROVED = [(base, base + shift) for base in np.linspace(-3.0, 3.0, 12) for shift 
 
 def order_cases() -> dict[str, bt.Subject]:
     """The collection, by name."""
-    example, stronger = bt.example_study(), bt.example_study("2afc")
+    example = bt.example_study("same/different")
+    stronger = bt.simulate(12, batches=40, seed=2604, task="2afc").study
     hard = hard_cases()
     cases = {
         "same/different, bundled S01": example["S01"],
@@ -39,8 +40,8 @@ def order_cases() -> dict[str, bt.Subject]:
         "same/different, one trial a pair": hard["one batch"],
         "same/different, lapses": _observer(SAME_DIFFERENT, _WITH_IDENTICAL, 40, lapse=0.3, c=0.2),
         "same/different, repulsion": _observer(SAME_DIFFERENT, _WITH_IDENTICAL, 40, p=-0.5),
-        "2AFC, bundled S01": stronger["S01"],
-        "2AFC, bundled S07": stronger["S07"],
+        "2AFC, simulated S01": stronger["S01"],
+        "2AFC, simulated S07": stronger["S07"],
         "2AFC, perfect": _observer(WHICH_STRONGER, _NEIGHBOURS, 40, sigma_d=1e-3),
         "2AFC, always second": _observer(WHICH_STRONGER, _NEIGHBOURS, 40, c=-50.0),
         "2AFC, two trials a pair": _observer(WHICH_STRONGER, _NEIGHBOURS, 2, c=0.2),

@@ -83,7 +83,7 @@ def test_laplace_that_does_not_exist_is_empty_and_says_why():
 
 
 def test_laplace_in_either_coordinates_stands_in_its_own_column():
-    posterior = paper_posterior(bt.example_study()["S01"], bt.Prior())
+    posterior = paper_posterior(bt.example_study("same/different")["S01"], bt.Prior())
     row, maxima = (
         subject_evidence(*fitted_result(posterior, 1, Wanted(evidence_draws=20_000)), None),
         find_maxima(posterior),

@@ -96,7 +96,7 @@ def test_run_fits_the_group_of_six_interpretable_subjects_and_no_fewer(monkeypat
         "bayes_toe.analysis.population",
         lambda study, **options: asked.append((study.names, options)),
     )
-    study = bt.example_study().select([f"S{i:02d}" for i in range(1, 8)])
+    study = bt.example_study("same/different").select([f"S{i:02d}" for i in range(1, 8)])
     rows = [
         SimpleNamespace(evidence=SimpleNamespace(answer=answer(name, (Word.NO,) * 3)))
         for name in study.names

@@ -15,7 +15,7 @@ from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.model.prior import Prior
 
 CASES = hard_cases()
-SUBJECTS = {**CASES, **{subject.name: subject for subject in bt.example_study()}}
+SUBJECTS = {**CASES, **{subject.name: subject for subject in bt.example_study("same/different")}}
 STRONGER = {subject.name: subject for subject in bt.example_study(WHICH_STRONGER)}
 GRID = [side.ravel() for side in np.meshgrid(np.linspace(-0.5, 0.5, 5), np.linspace(-0.5, 0.5, 5))]
 #: Random starts of the general optimiser in a routine run, one of each of its methods; 50 were run once for every subject of both studies.

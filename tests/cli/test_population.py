@@ -107,7 +107,7 @@ def test_retired_options_say_what_to_type(folder, option):
 
 
 def test_same_or_different_and_what_is_not_reliable(tmp_path, monkeypatch):
-    study = bt.example_study().select(["S01", "S02", "S03"])
+    study = bt.example_study("same/different").select(["S01", "S02", "S03"])
     study.frame().to_csv(tmp_path / "study.csv", index=False)
     monkeypatch.setattr("bayes_toe.groups.population.sample_group", unreliable)
     run = inside("population", "study.csv", *OPTIONS, cwd=tmp_path)

@@ -150,12 +150,14 @@ def test_a_subject_without_a_name_or_named_twice_is_refused(written, kind):
 
 
 def test_the_bundled_truth_is_read_to_the_last_bit():
-    with (files("bayes_toe.data") / "example_truth.csv").open(encoding="utf-8", newline="") as file:
+    with (files("bayes_toe.data") / "example_same_different_truth.csv").open(
+        encoding="utf-8", newline=""
+    ) as file:
         rows = {
             row.pop("subject"): {name: float(cell) for name, cell in row.items()}
             for row in csv.DictReader(file)
         }
-    assert bt.example_truth() == rows
+    assert bt.example_truth("same/different") == rows
 
 
 @pytest.mark.parametrize(

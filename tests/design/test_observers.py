@@ -105,7 +105,7 @@ def test_observers_of_the_prior():
 
 
 def test_draws_of_an_earlier_study_are_observers(tmp_path):
-    subject = bt.example_study().select(["S01"])
+    subject = bt.example_study("same/different").select(["S01"])
     draws = bt.sample(subject, model="both", draws=300, seed=1, workers=1)
     path = draws.save(tmp_path / "posterior.nc")
     observers = assume_observers(path, 3, 1, [paper_study_design()])

@@ -1,5 +1,8 @@
 """Simulated studies: populations, seeds, conditions; the bundled examples; observers of one's own."""
 
+import shutil
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -7,6 +10,7 @@ from commands import good, refused
 from scipy.special import ndtr, ndtri
 
 import bayes_toe as bt
+from bayes_toe.data import read_study
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.design.simulate import (
     PaperObserver,
@@ -72,18 +76,23 @@ def test_the_paper_population_shows_its_three_kinds():
     assert symmetric < 0.5 * np.abs(asymmetry[(kinds == 1) & usual]).mean()
 
 
-@pytest.mark.parametrize(
-    ("task", "subjects", "batches"), [("same/different", 16, 50), ("2afc", 12, 40)]
-)
-def test_the_bundled_study_is_what_simulate_makes(task, subjects, batches):
-    # `bayes_toe.data.read_study.COMMANDS` has the seeds: the same numbers, to the last answer.
-    study, truth = bt.simulate(subjects, batches=batches, seed=2604, task=task)
-    bundled = bt.example_study(task)
-    for name in bundled.names:
-        assert np.array_equal(study[name].n_yes, bundled[name].n_yes)
-        assert truth[name] == pytest.approx(dict(bt.example_truth(task)[name]))
-    assert study.synthetic
-    assert bundled.synthetic
+@pytest.mark.parametrize("command", read_study.COMMANDS)
+def test_the_bundled_studies_are_what_their_commands_write(tmp_path, command):
+    data = Path(read_study.__file__).parent
+    words = command.split()[1:]
+    for given in {"example_pairs.csv", "example_truth.csv"}.intersection(words):
+        shutil.copy(data / given, tmp_path)
+    good(*words, cwd=tmp_path)
+    for written in tmp_path.iterdir():
+        assert written.read_text() == (data / written.name).read_text()
+
+
+def test_the_examples_show_effects_of_both_signs_and_one_subject_without():
+    truth = pd.DataFrame(bt.example_truth()).T
+    assert truth.index.tolist() == list(bt.example_study().names)
+    for effect in ("constant_error", "contraction"):
+        assert truth[effect].min() < 0.0 < truth[effect].max()
+    assert (truth[["constant_error", "contraction"]] == 0.0).all(axis=1).sum() == 1
 
 
 def test_answers_of_the_papers_observers_follow_its_model():

@@ -84,7 +84,7 @@ def test_gradient_is_the_derivative(kind, study):
     elif kind == "conditions":
         posterior = posterior_of(two_conditions(1, n_subjects=3), np.zeros((3, 0)))
     else:
-        example = bt.example_study().select(["S01", "S02", "S03"])
+        example = bt.example_study("same/different").select(["S01", "S02", "S03"])
         posterior = posterior_of(example, np.zeros((3, 0)))
     theta = posterior.start(3, np.random.default_rng(1))
     gradient = posterior(theta)[1]

@@ -22,7 +22,9 @@ def with_covariates():
 
 MADE = {
     "which is stronger": lambda: made_result(simulated_group(1, n_subjects=4)),
-    "same or different": lambda: made_result(bt.example_study().select(["S01", "S02", "S03"])),
+    "same or different": lambda: made_result(
+        bt.example_study("same/different").select(["S01", "S02", "S03"])
+    ),
     "covariates": with_covariates,
     "conditions": lambda: made_result(two_conditions(2, n_subjects=3)),
 }

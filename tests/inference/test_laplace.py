@@ -12,7 +12,10 @@ import bayes_toe as bt
 from bayes_toe.inference.evidence import laplace_evidence_natural
 from bayes_toe.inference.maxima import find_maxima
 
-CASES = {**hard_cases(), **{subject.name: subject for subject in bt.example_study()}}
+CASES = {
+    **hard_cases(),
+    **{subject.name: subject for subject in bt.example_study("same/different")},
+}
 EVIDENCE = {
     name: case["log_evidence"]
     for name, case in json.loads(

@@ -40,7 +40,7 @@ def test_burn_in_is_as_long_as_the_proposal_needs():
 @pytest.mark.parametrize("name", ["S01", "S14"])
 def test_far_tails_do_not_come_in_lumps(name):
     # An independence sampler sticks where the proposal is thin: each chain of a small sample must have about the tail that it should.
-    posterior = paper_posterior(bt.example_study()[name])
+    posterior = paper_posterior(bt.example_study("same/different")[name])
     fitted = fit_proposal(posterior, generator(1, name, "proposal"))
     draws = importance_draws(fitted.proposal, np.random.default_rng(0), 400_000)
     weights = np.exp(draws.log_weights - logsumexp(draws.log_weights))

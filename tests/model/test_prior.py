@@ -100,7 +100,7 @@ class Flat(Prior):
         ),
         (lambda: ObserverPrior(contraction_sd=0.0), "contraction_sd is 0.0; allowed is a number"),
         (
-            lambda: fit_counts(bt.example_study()["S01"], Flat()),
+            lambda: fit_counts(bt.example_study("same/different")["S01"], Flat()),
             r"found mu1 ~ Uniform\(0, 1\), allowed as a penalty: a normal",
         ),
     ],

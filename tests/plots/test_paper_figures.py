@@ -282,7 +282,9 @@ def odd(case):
 def material():
     """Of some bundled subjects, and the representative ones of these."""
     return material_of(
-        sampled(bt.example_study().select(["S01", "S02", "S05", "S09", "S12", "S16"]))
+        sampled(
+            bt.example_study("same/different").select(["S01", "S02", "S05", "S09", "S12", "S16"])
+        )
     )
 
 

@@ -11,7 +11,7 @@ import bayes_toe
 from bayes_toe.classical.fit import subject_fit
 
 TABLE = Path(__file__).with_name("frozen.csv.gz")
-BUNDLED = Path(bayes_toe.__file__).parent / "data" / "example_study.csv"
+BUNDLED = Path(bayes_toe.__file__).parent / "data" / "example_same_different_study.csv"
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +29,7 @@ def in_this_process(monkeypatch):
 def held(folder, table, study, subjects, commands):
     """The commands on some subjects of a study, against the table."""
     lines = study.read_text(encoding="utf-8").splitlines(keepends=True)
-    name = {"example_study.csv": "bundled", "dots.csv": "dots"}[study.name]
+    name = {"example_same_different_study.csv": "bundled", "dots.csv": "dots"}[study.name]
     head = next(i for i, line in enumerate(lines) if line.startswith("subject,"))
     chosen = folder / study.name
     chosen.write_text(

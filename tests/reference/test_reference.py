@@ -40,7 +40,10 @@ from bayes_toe.inference.sampling import SamplerSettings, sample_chains
 from bayes_toe.model.parameters import ObserverPrior
 
 STORED = json.loads((Path(__file__).with_name("reference.json")).read_text(encoding="utf-8"))
-SUBJECTS = {**hard_cases(), **{subject.name: subject for subject in bt.example_study()}}
+SUBJECTS = {
+    **hard_cases(),
+    **{subject.name: subject for subject in bt.example_study("same/different")},
+}
 
 ORDER = json.loads((Path(__file__).with_name("order_models.json")).read_text(encoding="utf-8"))
 ORDER_CASES = order_cases()

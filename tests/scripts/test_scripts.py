@@ -140,7 +140,7 @@ def test_problems_are_told_before_the_work_and_end_with_exit_code_2(folder, argu
     ("options", "subject", "case"),
     [
         ((), "one batch", "one batch"),
-        (("--order",), "2AFC, bundled S01", "2AFC, bundled S01: constant error"),
+        (("--order",), "2AFC, simulated S01", "2AFC, simulated S01: constant error"),
     ],
 )
 def test_error_bars_of_a_case_are_judged_and_an_unknown_subject_is_refused(
