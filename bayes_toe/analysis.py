@@ -48,13 +48,13 @@ from bayes_toe.inference.subject import (
     subject_draws,
     weighted_fit,
 )
-from bayes_toe.kept import Done, Kept, keeping
 from bayes_toe.model.models import model_posterior, require_model, stored_model
 from bayes_toe.model.observer import OrderModel
 from bayes_toe.model.paper_model import PAPER_MODEL, paper_posterior
 from bayes_toe.model.posterior import SampledPosterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.study_prior import prior_for
+from bayes_toe.result_store import ResultStore, StoredResults, open_store
 from bayes_toe.seeds import generator
 from bayes_toe.workers import Failed, Progress, Workers, run_in_order
 
@@ -147,19 +147,19 @@ def run(
     progress : callable, optional
         Called with a subject's name when that subject is done.
     keep : path, optional
-        A folder in which every finished subject is kept, and from which it is taken where all that decides its numbers is the same: an
-        interrupted call goes on where it was, to the same bits. Without a seed, that of what is kept is
-        used.
+        A folder in which finished subjects are stored. A stopped call that is repeated with the
+        same folder continues there, to the same bits, if all that decides the numbers is the same.
+        Without a seed, that of the stored subjects is used.
     """
-    with keeping(keep) as kept:
-        settings = _settings(study, draws, kept.seed(seed), prior)
+    with open_store(keep) as store:
+        settings = _settings(study, draws, store.seed(seed), prior)
         wanted = Wanted(settings.sampler, EVIDENCE_DRAWS)
         jobs = [
             partial(_refusing, _analysed, subject, settings, wanted, flags)
             for subject, flags in zip(study, answer_flags(study), strict=True)
         ]
-        study, done, failed = _survivors(study, jobs, workers, progress, kept)
-        drawn = Done(
+        study, done, failed = _survivors(study, jobs, workers, progress, store)
+        drawn = StoredResults(
             done.size, done.failed, lambda index: cast(SubjectDraws, done.read(index).drawn)
         )
         made = Draws(assembled_tree(study, drawn, settings, failed))
@@ -295,11 +295,11 @@ def draw(
     """:func:`sample` without its warning, for callers that say themselves who did not converge."""
     require_study(study)
     name = require_model(model, study.task).name
-    with keeping(keep) as kept:
-        settings = _settings(study, draws, kept.seed(seed), prior, name)
+    with open_store(keep) as store:
+        settings = _settings(study, draws, store.seed(seed), prior, name)
         wanted = Wanted(settings.sampler)
         jobs = [partial(_refusing, _drawn, subject, settings, wanted) for subject in study]
-        study, done, failed = _survivors(study, jobs, workers, progress, kept)
+        study, done, failed = _survivors(study, jobs, workers, progress, store)
         return Draws(assembled_tree(study, done, settings, failed))
 
 
@@ -330,16 +330,16 @@ def evidence(
     >>> evidence(Study([one]), seed=1, workers=1)["S01"].log_evidence_h1_se < 0.02
     True
     """
-    with keeping(keep) as kept:
+    with open_store(keep) as store:
         settings, wanted = (
-            _settings(study, draws, kept.seed(seed), prior),
+            _settings(study, draws, store.seed(seed), prior),
             Wanted(evidence_draws=draws),
         )
         jobs = [
             partial(_refusing, _analysed, subject, settings, wanted, flags)
             for subject, flags in zip(study, answer_flags(study), strict=True)
         ]
-        _, done, failed = _survivors(study, jobs, workers, progress, kept)
+        _, done, failed = _survivors(study, jobs, workers, progress, store)
         return _table(done, settings, failed, study.task)
 
 
@@ -455,10 +455,10 @@ def _survivors(
     jobs: Sequence[Callable[[], Result]],
     workers: Workers,
     progress: Progress | None,
-    kept: Kept,
-) -> tuple[Study, Done[Result], dict[str, str]]:
+    store: ResultStore,
+) -> tuple[Study, StoredResults[Result], dict[str, str]]:
     """Do a job for each subject: the subjects that did not fail, their results, and by name why others did."""
-    done = kept.work(jobs, workers, progress, [(name,) for name in study.names])
+    done = store.work(jobs, workers, progress, [(name,) for name in study.names])
     failed = {study.names[index]: one.reason for index, one in sorted(done.failed.items())}
     if len(failed) == len(study):
         raise WorkerError("\n".join(f"{name}: {reason}" for name, reason in failed.items()))

@@ -9,10 +9,12 @@ import warnings
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import closing, contextmanager
+from contextlib import chdir, closing, contextmanager
 from dataclasses import dataclass
+from importlib import import_module
 from multiprocessing import resource_tracker
 from numbers import Integral
+from pathlib import Path
 from threading import Thread
 from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
@@ -30,6 +32,8 @@ Workers: TypeAlias = "int | Client | None"
 Progress = Callable[[str], None]
 Result = TypeVar("Result")
 _FROM_TERMINALS = [getattr(signal, name) for name in ("SIGINT", "SIGHUP") if hasattr(signal, name)]
+#: Keeps Python from putting the working folder on the search path.
+_SAFE_PATH = "PYTHONSAFEPATH"
 #: Processes: a copy made by fork has the mark of its parent, but none of its workers, and may not begin others.
 _have_begun_workers: set[int] = set()
 
@@ -167,10 +171,11 @@ def _by_processes(
     _have_begun_workers.add(os.getpid())
     results: Generator[tuple[int, Result]] | None = None
     try:
-        with _signals_held_back():
-            results = parallel(delayed(_numbered)(index, job) for index, job in jobs)
-        for found in results:  # noqa: UP028  `yield from` would close it before joblib's warning is silenced
-            yield found
+        with _safe_path():
+            with _signals_held_back():
+                results = parallel(delayed(_numbered)(index, job) for index, job in jobs)
+            for found in results:  # noqa: UP028  `yield from` would close it before joblib's warning is silenced
+                yield found
     finally:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # joblib's, where nobody wants what is left
@@ -180,6 +185,20 @@ def _by_processes(
 
 def _numbered(index: int, job: Callable[[], Result]) -> tuple[int, Result]:
     return index, job()
+
+
+@contextmanager
+def _safe_path() -> Iterator[None]:
+    """Workers that start meanwhile import nothing from the working folder, a json.py for instance."""
+    before = os.environ.get(_SAFE_PATH)
+    os.environ[_SAFE_PATH] = "1"
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ[_SAFE_PATH]
+        else:
+            os.environ[_SAFE_PATH] = before
 
 
 @contextmanager
@@ -196,8 +215,21 @@ def _signals_held_back() -> Iterator[None]:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
+def ignore_settings_of_folder() -> None:
+    """Import matplotlib and ArviZ so that they read no settings from the working folder.
+
+    Both read files such as matplotlibrc there when they are imported, and a data folder may hold
+    one. Nothing is imported where there is no such file.
+    """
+    if any(map(os.path.lexists, ("matplotlibrc", "arvizrc"))):
+        with chdir(Path(__file__).parent):
+            import_module("arviz")
+            import_module("matplotlib")
+
+
 def _begin(parent: int) -> None:
     """In a worker, first: no worker answers a terminal or outlives its parent."""
+    ignore_settings_of_folder()
     for one in _FROM_TERMINALS:
         signal.signal(one, signal.SIG_IGN)
     if hasattr(signal, "pthread_sigmask"):

@@ -1,6 +1,6 @@
 """The house: every file stands in a room, imports point one way, and a library has one owner.
 
-version errors arrays seeds cluster workers records < data < kept < model < checks < inference < groups < classical
+version errors arrays seeds cluster workers < data < result_store < model < checks < inference < groups < classical
 < answers < analysis < design < plots < explorer < cli
 """
 
@@ -21,9 +21,8 @@ ORDER = (
     "seeds",
     "cluster",
     "workers",
-    "records",
     "data",
-    "kept",
+    "result_store",
     "model",
     "checks",
     "inference",

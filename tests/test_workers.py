@@ -105,6 +105,61 @@ def test_workers_of_a_command_run_no_file_of_the_working_directory(tmp_path):
     assert "failed" not in done.stdout
 
 
+CALLED_FROM_A_DATA_FOLDER = """
+import bayes_toe as bt
+from functools import partial
+from bayes_toe.workers import run_in_order
+if __name__ == "__main__":
+    print(run_in_order([partial(pow, 2, k) for k in range(3)], 2, None, [()] * 3))
+"""
+
+
+def test_workers_of_a_script_run_no_file_of_the_working_directory(tmp_path):
+    code, data = tmp_path / "code", tmp_path / "data"
+    code.mkdir()
+    data.mkdir()
+    (code / "script.py").write_text(CALLED_FROM_A_DATA_FOLDER)
+    for name in ("random", "json", "queue", "select"):
+        (data / f"{name}.py").write_text("raise SystemExit('a file of the data folder was run')")
+    environment = {key: value for key, value in os.environ.items() if key != "PYTHONSAFEPATH"}
+    words = [sys.executable, str(code / "script.py")]
+    done = subprocess.run(words, cwd=data, capture_output=True, text=True, env=environment)
+    assert (done.stdout, done.stderr, done.returncode) == ("[1, 2, 4]\n", "", 0)
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("matplotlibrc", b"text.usetex: True\n"),
+        ("matplotlibrc", b"\xff\xfe"),
+        ("arvizrc", b"plot.backend : evil\n"),
+    ],
+    ids=["TeX", "no text", "ArviZ"],
+)
+def test_a_command_takes_no_settings_from_the_data_folder(tmp_path, name, content):
+    (tmp_path / name).write_bytes(content)
+    grouped_csv(tmp_path / "study.csv", few_pairs("AB"))
+    program = Path(sys.executable).parent / "bayes-toe"
+    words = [
+        "sample",
+        "study.csv",
+        "-o",
+        "draws.nc",
+        "--seed",
+        "1",
+        "--draws",
+        "100",
+        "--workers",
+        "2",
+        "-q",
+    ]
+    sampled = subprocess.run([program, *words], cwd=tmp_path, capture_output=True, text=True)
+    assert (sampled.returncode in (0, 3), sampled.stderr) == (True, "")
+    words = ["corner", "draws.nc", "-o", "corner", "--workers", "1", "-q"]
+    drawn = subprocess.run([program, *words], cwd=tmp_path, capture_output=True, text=True)
+    assert (drawn.returncode, drawn.stderr) == (0, "")
+
+
 FORKED = """
 import os, signal
 from functools import partial

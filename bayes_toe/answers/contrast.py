@@ -31,7 +31,6 @@ from bayes_toe.inference.adaptation import quick_proposal, with_trusted_draws
 from bayes_toe.inference.evidence import importance_evidence
 from bayes_toe.inference.maxima import Maxima, find_maxima
 from bayes_toe.inference.proposal import WeightedDraws
-from bayes_toe.kept import keeping
 from bayes_toe.model.condition_model import ConditionPosterior
 from bayes_toe.model.observer import OrderModel
 from bayes_toe.model.parameters import (
@@ -45,6 +44,7 @@ from bayes_toe.model.parameters import (
 )
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.study_prior import prior_for
+from bayes_toe.result_store import open_store
 from bayes_toe.seeds import generator
 from bayes_toe.workers import Progress, Workers
 
@@ -302,7 +302,7 @@ def contrast(
     for name, units in by_person(study).items():
         if name not in compared:
             left_out[name] = f"at {listed([bare(unit.condition) for unit in units])} only"
-    with keeping(keep) as store:
+    with open_store(keep) as store:
         root, numbers = store.seed(seed), prior_for(study, prior).observer
         jobs = [
             partial(subject_contrast, units, conditions, numbers, root)

@@ -31,13 +31,13 @@ from bayes_toe.inference.adaptation import quick_proposal, redrawn
 from bayes_toe.inference.evidence import importance_evidence
 from bayes_toe.inference.order_evidence import MODEL_NAMES, OrderEvidence, order_evidence
 from bayes_toe.inference.proposal import WeightedDraws
-from bayes_toe.kept import keeping
 from bayes_toe.model.observer import OrderModel
 from bayes_toe.model.parameters import ObserverPrior
 from bayes_toe.model.posterior import SampledPosterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.study_prior import prior_for
 from bayes_toe.model.trial_history import TrialHistory, TrialHistoryPosterior
+from bayes_toe.result_store import open_store
 from bayes_toe.seeds import generator
 from bayes_toe.workers import Progress, Workers
 
@@ -242,7 +242,7 @@ def serial_dependence(
     require_study(study)
     for subject in study:
         require_order(subject)
-    with keeping(keep, "histories of subjects") as store:
+    with open_store(keep, "histories of subjects") as store:
         chosen, root = prior_for(study, prior), store.seed(seed)
         jobs: list[Callable[[], SubjectDependence]] = [
             partial(_analyse, subject, root, chosen.observer) for subject in study

@@ -65,7 +65,7 @@ Resume = Annotated[
     bool,
     typer.Option(
         "--resume",
-        help="Go on with the subjects that a stopped command has kept in OUTPUT.partial.",
+        help="Continue a stopped command from OUTPUT.partial.",
     ),
 ]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace outputs that exist.")]

@@ -19,13 +19,15 @@ from types import FrameType
 from typing import Any
 
 from bayes_toe.data.messages import shown
-from bayes_toe.data.whole_files import finished, said_kept
+from bayes_toe.data.whole_files import describe_stored, finished
+from bayes_toe.workers import ignore_settings_of_folder
 
 _SIGNALS = tuple(
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
 )
 PATIENCE = 10.0  # seconds for tidying up after a signal
 _LOST = 2  # exit code where standard output is not complete
+_BAD_INPUT = 2
 
 
 class Stopped(BaseException):
@@ -39,13 +41,12 @@ class Stopped(BaseException):
 def main() -> None:
     """Entry point of the `bayes-toe` command."""
     output = open_streams()
+    require_usable_process()
     require_cache()
-    os.environ["PYTHONSAFEPATH"] = (
-        "1"  # workers take no file of a data folder, a random.py or json.py, for a module
-    )
     code: Any = 0
     try:
         heard = listen()
+        ignore_settings_of_folder()
         from bayes_toe.cli.app import (
             app,
         )  # what it loads takes a while, in which a signal is answered already
@@ -66,6 +67,20 @@ def main() -> None:
         sys.stderr.write(f"error: standard output: cannot be written ({output.failed.strerror})\n")
         code = code or _LOST
     sys.exit(code)
+
+
+def require_usable_process() -> None:
+    """End with one line where Python itself cannot work: no working folder, no docstrings."""
+    problem = ""
+    try:
+        os.getcwd()
+    except OSError as error:
+        problem = f"the working folder cannot be used ({error.strerror}); change to another one"
+    if sys.flags.optimize > 1:
+        problem = "PYTHONOPTIMIZE=2 removes docstrings that libraries need; unset the variable"
+    if problem:
+        print(f"error: {problem}", file=sys.stderr, flush=True)
+        raise SystemExit(_BAD_INPUT)
 
 
 class Log(io.FileIO):
@@ -144,7 +159,7 @@ def listen() -> list[signal.Signals]:
 def say_stopped(number: int) -> None:
     """What a signal has left of the command's work, on standard error."""
     there = ", ".join(shown(path) for path in finished if os.path.lexists(path))
-    said = said_kept() or (f"written: {there}" if there else "nothing written")
+    said = describe_stored() or (f"written: {there}" if there else "nothing written")
     print(f"stopped by {signal.Signals(number).name}: {said}", file=sys.stderr, flush=True)
 
 

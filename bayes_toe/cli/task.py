@@ -26,7 +26,7 @@ from bayes_toe.cli.options import (
 )
 from bayes_toe.cli.terminal import Terminal, safe
 from bayes_toe.data.messages import visible
-from bayes_toe.data.whole_files import said_kept, under_way
+from bayes_toe.data.whole_files import describe_stored, under_way
 from bayes_toe.errors import BayesToeError, InputError
 
 if TYPE_CHECKING:
@@ -138,14 +138,18 @@ class Task:
         return client
 
     def partial(self, output: Path) -> Path:
-        """The folder beside the output in which finished subjects are kept; what a stopped command has left there is not lost unasked."""
+        """The folder beside the output for finished subjects.
+
+        What a stopped command has left there is removed only with --overwrite.
+        """
         from bayes_toe.data.messages import shown
         from bayes_toe.errors import OutputError
-        from bayes_toe.kept import discard, kept_in
+        from bayes_toe.result_store import count_stored, discard, require_ours
 
         named = output if output.name not in ("", "..") else output.resolve()
         folder = named.with_name(f"{named.name}.partial")
-        found = 0 if self.resume else kept_in(folder)
+        require_ours(folder)
+        found = 0 if self.resume else count_stored(folder)
         if found and not self.overwrite:
             raise OutputError(
                 f"{shown(folder)}: found {found} results of a stopped command, go on with --resume or begin anew with --overwrite"
@@ -155,8 +159,8 @@ class Task:
         return folder
 
     def finish(self, folder: Path, failed: Mapping[str, str]) -> None:
-        """Say what was not computed again, and remove what was kept; not where work was lost, which may be tried again."""
-        from bayes_toe.kept import discard
+        """Report what was not computed again, and remove the stored results unless a subject failed."""
+        from bayes_toe.result_store import discard
 
         standing = under_way.get(folder)
         if self.resume and standing is not None:
@@ -254,12 +258,13 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
         for name, (kind, _) in records.items():
             told = {"inputs": inputs} if kind is Task else {}
             given[name] = kind(**{one.name: given.pop(one.name) for one in options[name]}, **told)
-        under_way.clear()  # what an earlier call in this process has kept is not this command's
+        under_way.clear()  # An earlier call in this process may have stored results.
         try:
             function(**given)
         except BayesToeError as error:
-            kept = said_kept()
-            for line in f"{error}; {kept}".split("\n") if kept else str(error).split("\n"):
+            stored = describe_stored()
+            text = f"{error}; {stored}" if stored else str(error)
+            for line in text.split("\n"):
                 typer.echo(f"error: {visible(line)}", err=True)
             raise typer.Exit(BAD_INPUT) from error
 

@@ -34,6 +34,7 @@ import numpy.typing as npt
 
 from bayes_toe.arrays import BoolArray, IntArray
 from bayes_toe.data.messages import MOST_SHOWN, bare, counted, listed, quoted, visible
+from bayes_toe.data.whole_files import require_settled
 from bayes_toe.errors import InputError
 
 #: A pandas or polars DataFrame, neither of which is imported to know one.
@@ -199,6 +200,7 @@ def read_table(
         )
     path = Path(source)
     require_parquet(path)
+    require_settled(path)
     try:
         data = input_bytes(path, largest)
     except (OSError, ValueError) as error:  # a value where there is a NUL character in the path

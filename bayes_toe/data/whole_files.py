@@ -1,7 +1,10 @@
-"""Results as they go out: every file appears whole, by a rename, or not at all; the files of a new folder appear together.
+"""Results as they go out: each file appears whole or not at all, and so do the files of a set.
 
-They are written in a hidden folder beside their places. An existing file is replaced only where the caller says so, and files of others
-are never touched. What a failed or interrupted run leaves behind is what was there before it.
+Files are written in a hidden folder beside their places and then take their names. An existing
+file is replaced only if the caller allows it, and no other file is touched. A set of files is
+complete in its hidden folder before the first file moves; that folder is then marked as ready. If
+the process is killed while files move, the rest stays there: reading a file of the set is refused
+(:func:`require_settled`), and the next command that writes to the folder finishes the moves.
 """
 
 from __future__ import annotations
@@ -12,28 +15,34 @@ import platform
 import re
 import secrets
 import shutil
+import stat
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 from bayes_toe.data.messages import shown
-from bayes_toe.errors import OutputError
+from bayes_toe.errors import InputError, OutputError
 
-#: How the name of a folder begins whose files are not finished; the machine and the process that writes them follow.
-HIDDEN = ".bayes_toe-"
-#: In a folder of results, the list of those that are ours.
+#: Beginning of the name of a folder whose files are not finished, and of one whose files are
+#: complete and about to move; the machine and the process follow.
+HIDDEN, READY = ".bayes_toe-", ".bayes_toe_ready-"
+#: In a folder of results, the list of the files that are ours.
 MANIFEST = ".bayes_toe_files.json"
-#: Files and folders that this process has finished, for whoever has to say so when it is stopped.
+#: Files and folders that this process has finished; a signal handler reports them.
 finished: list[Path] = []
 
 
 @contextmanager
 def whole_file(path: str | Path, *, overwrite: bool = False) -> Iterator[Path]:
-    """A temporary path to write to, of the same name, which becomes `path` when the block ends well and is removed when it does not.
+    """A temporary path, which becomes `path` if the block ends well and is removed otherwise.
 
-    Missing folders are made, and removed again on failure. An OutputError where the file exists and may not be replaced, is a folder, or it
-    or its folder cannot be made or written to.
+    Missing folders are made, and removed again on failure.
+
+    Raises
+    ------
+    OutputError
+        If the file exists and may not be replaced, is no regular file, or cannot be written.
     """
     with whole_together(Path(path), overwrite=overwrite) as folder:
         yield folder / Path(path).name
@@ -41,9 +50,12 @@ def whole_file(path: str | Path, *, overwrite: bool = False) -> Iterator[Path]:
 
 @contextmanager
 def whole_together(*files: Path, overwrite: bool = False) -> Iterator[Path]:
-    """A temporary folder in which to write files of one folder under their names; they take their places when all are there.
+    """A temporary folder for files of one folder, which take their places when all are there.
 
-    Errors as of :func:`whole_file`, and where one of the files was not written.
+    Raises
+    ------
+    OutputError
+        As :func:`whole_file`, and if one of the files was not written.
     """
     home, names = files[0].parent, [file.name for file in files]
     for file in files:
@@ -55,8 +67,14 @@ def whole_together(*files: Path, overwrite: bool = False) -> Iterator[Path]:
     _finish(*files)
 
 
+def write_whole(path: Path, content: bytes) -> None:
+    """Write a file whole, in the place of one that exists."""
+    with whole_file(path, overwrite=True) as temporary:
+        temporary.write_bytes(content)
+
+
 def require_writable(path: str | Path, *, overwrite: bool) -> None:
-    """Refuse now what :func:`whole_file` would refuse after long work, with its arguments and errors; leaves nothing behind."""
+    """Refuse now what :func:`whole_file` would refuse after long work; leave nothing behind."""
     _refuse_taken(Path(path), overwrite)
     with unfinished(Path(path).parent):
         pass
@@ -66,12 +84,27 @@ def require_writable(path: str | Path, *, overwrite: bool) -> None:
 def whole_folder(
     path: str | Path, names: Sequence[str], *, required: Sequence[str] = (), overwrite: bool = False
 ) -> Iterator[Path]:
-    """A temporary folder to write to, whose files move into `path` when the block ends well, and vanish when not.
+    """A temporary folder, whose files move into `path` if the block ends well and vanish otherwise.
 
-    A folder that does not exist yet takes its name in one rename; into one that exists, files go one by one. Files of the user in `path`
-    are never touched. What is produced there is listed in a manifest, so that a later run that may overwrite can also remove what it no
-    longer produces. `names` are all files and subfolders that may be produced at the top of the folder (a ValueError for others),
-    `required` the files that must be, also below subfolders. Errors as of :func:`whole_file`, and where something required is missing.
+    A folder that does not exist yet takes its name in one rename; into one that exists, files move
+    one by one, the manifest last. Files of the user in `path` are never touched. The manifest lists
+    what was produced, so that a later run that may overwrite can remove what it no longer produces.
+
+    Parameters
+    ----------
+    path : str or Path
+    names : sequence of str
+        Files and subfolders that may be produced at the top of the folder.
+    required : sequence of str
+        Files that must be produced, also below subfolders.
+    overwrite : bool
+
+    Raises
+    ------
+    OutputError
+        As :func:`whole_file`, and if a required file is missing.
+    ValueError
+        If a file was produced that `names` does not hold.
     """
     target = Path(path)
     _refuse_taken_folder(target, names, overwrite)
@@ -92,15 +125,14 @@ def whole_folder(
         if not os.path.lexists(target):
             _put_in_place(new, target)
         else:
-            _publish(new, target, produced, overwrite)
-            _put_in_place(new / MANIFEST, target / MANIFEST)
+            _publish(new, target, produced, overwrite, last=MANIFEST)
             for file in set(earlier) - ours if overwrite else ():
                 _remove(target, file)
     _finish(target)
 
 
 def require_folder(path: str | Path, names: Sequence[str], *, overwrite: bool) -> None:
-    """Refuse now what :func:`whole_folder` would refuse after long work, with its arguments and errors; leaves nothing behind."""
+    """Refuse now what :func:`whole_folder` would refuse after long work; leave nothing behind."""
     target = Path(path)
     _refuse_taken_folder(target, names, overwrite)
     with unfinished(target if target.is_dir() else target.parent):
@@ -121,8 +153,12 @@ def _refuse_taken(target: Path, overwrite: bool) -> None:
     _refuse_impossible(target)
     if target.is_dir():
         raise OutputError(f"{shown(target)}: is a folder, choose the name of a file")
-    if not overwrite and os.path.lexists(target):
+    if not os.path.lexists(target):
+        return
+    if not overwrite:
         raise OutputError(f"{shown(target)}: exists, choose another name or allow to overwrite it")
+    if not stat.S_ISREG(os.lstat(target).st_mode):
+        raise OutputError(f"{shown(target)}: is a link, pipe or device, choose another name")
 
 
 def _refuse_taken_folder(target: Path, names: Sequence[str], overwrite: bool) -> None:
@@ -144,21 +180,75 @@ def _require_there(new: Path, target: Path, files: Sequence[str]) -> None:
             )
 
 
-def _publish(new: Path, target: Path, files: Sequence[str], overwrite: bool) -> None:
-    """Move files into a folder that exists; what cannot be placed is refused before the first one moves."""
+def _publish(
+    new: Path, target: Path, files: Sequence[str], overwrite: bool, last: str | None = None
+) -> None:
+    """Move files into a folder that exists, `last` after all others.
+
+    What cannot be placed is refused before the first file moves.
+    """
     _require_there(new, target / files[0] if len(files) == 1 else target, files)
     for file in files:
         _refuse_taken(target / file, overwrite)
-    for file in files:
-        with reporting(target / file):
-            (target / file).parent.mkdir(parents=True, exist_ok=True)
-        _put_in_place(new / file, target / file)
+    if last is not None:
+        files = [*files, last]
+    if len(files) == 1:
+        _put_in_place(new / files[0], target / files[0])
+        return
+    ready = new.with_name(new.name.replace(HIDDEN, READY))
+    with reporting(target):
+        (new / _ORDER).write_text(json.dumps(list(files)), encoding="utf-8")
+        os.rename(new, ready)
+    try:
+        _move_all(ready, target)
+    except OutputError:
+        raise
+    except BaseException:
+        # A signal that arrives while files move must not leave a set half replaced.
+        _move_all(ready, target)
+        raise
+    finally:
+        shutil.rmtree(ready, ignore_errors=True)
+
+
+#: In a ready folder, the list of its files in the order in which they move.
+_ORDER = ".order.json"
+
+
+def _move_all(ready: Path, target: Path) -> None:
+    """Give the files of a ready folder their names, as far as they have not moved yet."""
+    for file in json.loads((ready / _ORDER).read_text(encoding="utf-8")):
+        if os.path.lexists(ready / file):
+            with reporting(target / file):
+                (target / file).parent.mkdir(parents=True, exist_ok=True)
+            _put_in_place(ready / file, target / file)
 
 
 def _put_in_place(new: Path, final: Path) -> None:
-    """Give a finished file its name."""
+    """Give a finished file its name, with the permissions of the file that it replaces."""
     with reporting(final):
+        if final.is_file():
+            os.chmod(new, stat.S_IMODE(final.stat().st_mode))
         os.replace(new, final)
+
+
+def require_settled(path: str | Path) -> None:
+    """Refuse a file of a set that a killed command has replaced only in part.
+
+    Raises
+    ------
+    InputError
+        If a command that wrote to the folder of the file was killed while its files moved.
+    """
+    file = Path(path)
+    with suppress(OSError):
+        for folder in file.parent.glob(f"{READY}*"):
+            names = json.loads((folder / _ORDER).read_text(encoding="utf-8"))
+            if file.name in names and not _is_of_living_process(folder.name, READY):
+                raise InputError(
+                    f"{shown(file)}: a command was stopped while it replaced the files of this "
+                    "folder, and they may be of two runs; run that command again"
+                )
 
 
 def _finish(*targets: Path) -> None:
@@ -253,9 +343,10 @@ def require_room(place: Path, needed: int, *, used: Path | None = None) -> None:
 
 @contextmanager
 def unfinished(home: Path) -> Iterator[Path]:
-    """A new folder in another one, which is made where it is missing; both vanish in the end, the latter where nothing is in it.
+    """A new hidden folder in another one, which is made where it is missing.
 
-    Entering it tells whether anything can be written there, and sweeps what processes that were killed have left.
+    Both vanish in the end, the outer one only if nothing is in it. Entering the block shows whether
+    anything can be written there, and cleans up after processes that were killed.
     """
     with ExitStack() as cleanup:  # left in reverse order
         make_folders(home, cleanup)
@@ -269,13 +360,26 @@ def unfinished(home: Path) -> Iterator[Path]:
 
 
 def sweep(home: Path) -> None:
-    """Remove what processes of this machine that were killed have left unfinished in a folder, if it is one."""
-    ours = re.compile(rf"{re.escape(HIDDEN + _here())}-([0-9]{{1,9}})-[0-9a-f]{{16}}")
+    """Clean up after killed processes of this machine: finish what is ready, remove the rest."""
     with suppress(OSError):
         for path in list(home.iterdir()):
-            match = ours.fullmatch(path.name)
-            if match is not None and not path.is_symlink() and not _alive(int(match[1])):
+            if path.is_symlink() or not path.is_dir():
+                continue
+            if path.name.startswith(READY) and not _is_of_living_process(path.name, READY):
+                _move_all(path, home)
                 shutil.rmtree(path, ignore_errors=True)
+            elif path.name.startswith(HIDDEN) and not _is_of_living_process(path.name, HIDDEN):
+                shutil.rmtree(path, ignore_errors=True)
+
+
+def _is_of_living_process(name: str, beginning: str) -> bool:
+    """Whether a hidden folder belongs to a process that may still run.
+
+    Folders of other machines, and folders whose names are not ours, count as such.
+    """
+    pattern = rf"{re.escape(beginning + _here())}-([0-9]{{1,9}})-[0-9a-f]{{16}}"
+    match = re.fullmatch(pattern, name)
+    return match is None or _alive(int(match[1]))
 
 
 def _here() -> str:
@@ -292,12 +396,12 @@ def _alive(pid: int) -> bool:
     return True
 
 
-# --- How far the work is whose results a folder keeps -------------------------------------------------------
+# --- How far the work of a command is -----------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Standing:
-    """How many results of `what` were there before (`taken`), are there (`done`), and will be (`jobs`)."""
+    """How many results of `what` were stored before (`taken`), are stored, and will be (`jobs`)."""
 
     taken: int
     done: int
@@ -305,15 +409,17 @@ class Standing:
     what: str
 
 
-#: By folder, as far as this process knows: for whoever has to say so when it is stopped.
+#: By folder of results; a signal handler reports it.
 under_way: dict[Path, Standing] = {}
 
 
-def said_kept() -> str:
-    """What another call need not compute again; empty where that is nothing."""
-    said = [
-        f"{one.done} of {one.jobs} {one.what} kept in {folder}"
-        for folder, one in under_way.items()
-        if one.done
+def describe_stored() -> str:
+    """What another call need not compute again; empty if that is nothing."""
+    parts = [
+        f"{standing.done} of {standing.jobs} {standing.what} are saved in {folder}"
+        for folder, standing in under_way.items()
+        if standing.done
     ]
-    return f"{', '.join(said)}, go on with --resume" if said else ""
+    if not parts:
+        return ""
+    return f"{', '.join(parts)}; type --resume to continue"

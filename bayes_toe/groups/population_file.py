@@ -17,7 +17,7 @@ from bayes_toe.data.conditions import Conditions, felt_together
 from bayes_toe.data.messages import shown
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.tasks import task_of
-from bayes_toe.data.whole_files import whole_file
+from bayes_toe.data.whole_files import require_settled, whole_file
 from bayes_toe.errors import InputError
 from bayes_toe.groups.group_sampler import GroupDraws
 from bayes_toe.groups.regressors import Regressor, Regressors
@@ -128,6 +128,7 @@ def load_group(path: str | Path) -> tuple[Study, Regressors, GroupDraws, dict[st
     if not Path(path).is_file():
         problem = "not a file" if Path(path).exists() else "no such file"
         raise InputError(f"{name}: {problem}; {_ALLOWED}")
+    require_settled(path)
     try:
         with closing(xr.open_datatree(path, engine="h5netcdf", decode_times=False)) as tree:
             return _read(tree.load())

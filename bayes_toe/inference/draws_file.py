@@ -24,6 +24,7 @@ from bayes_toe.data.conditions import kept
 from bayes_toe.data.messages import quoted, shown
 from bayes_toe.data.study import Study
 from bayes_toe.data.tasks import SAME_DIFFERENT, task_counted
+from bayes_toe.data.whole_files import require_settled
 from bayes_toe.errors import InputError
 from bayes_toe.inference.subject import Settings, SubjectDraws
 from bayes_toe.model.models import describe_prior, stored_model
@@ -217,6 +218,7 @@ def read_tree(path: str | Path) -> xr.DataTree:
     """
     path, name = Path(path), shown(Path(path))
     refuse_store(path)
+    require_settled(path)
     # A Path refuses names that are too long with an error of its own.
     if not os.path.isfile(path):
         what = "not a file" if os.path.exists(path) else "no such file"

@@ -36,7 +36,7 @@ def without_the_first(monkeypatch):
         yield 0, Failed(FATAL)
         yield from ((index, job()) for index, job in enumerate(jobs) if index > 0)
 
-    monkeypatch.setattr("bayes_toe.kept.run_jobs", some)
+    monkeypatch.setattr("bayes_toe.result_store.run_jobs", some)
 
 
 def test_a_subject_whose_workers_die_is_marked_and_the_study_goes_on(
@@ -131,7 +131,7 @@ def test_a_signal_ends_a_command_with_one_line_and_leaves_what_is_finished(
     finally:
         for pid in members(running.pid):
             os.kill(pid, signal.SIGKILL)
-    kept = len(list(folder.glob("out.partial/*.kept")))
+    kept = len(list(folder.glob("out.partial/*.result")))
     assert kept < 2, errors
     left = (
         f"{kept} of 2 subjects kept in out.partial, go on with --resume"
@@ -168,7 +168,7 @@ def four(tmp_path):
 def killed(folder, *words, kept):
     """A command that is killed without warning when so many subjects are there."""
     running = start(*words, cwd=folder)
-    until(lambda: len(list(folder.glob("*.partial/*.kept"))) >= kept, running)
+    until(lambda: len(list(folder.glob("*.partial/*.result"))) >= kept, running)
     running.kill()
     running.communicate()
     until_gone(running.pid)
@@ -190,7 +190,8 @@ def test_a_command_that_is_killed_and_resumed_is_as_one_that_was_not(four):
 def test_what_was_kept_is_thrown_away_where_that_is_asked_for(four):
     grouped_csv(four / "study.csv", known_observers("A"))
     (four / "evidence.csv.partial").mkdir()
-    (four / "evidence.csv.partial" / "0.kept").write_text("of another time")
+    (four / "evidence.csv.partial" / ".bayes_toe_store").touch()
+    (four / "evidence.csv.partial" / "0.result").write_text("of another time")
     options = ("evidence", "study.csv", "-o", "evidence.csv", "--seed", "1", "--workers", "1")
     assert "evidence.csv.partial: found 1 results of a stopped command" in refused(
         *options, cwd=four

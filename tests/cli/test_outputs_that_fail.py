@@ -150,8 +150,9 @@ def test_what_is_kept_already_needs_no_more_room(place, tmp_path, monkeypatch):
         lambda *_: (_ for _ in ()).throw(OutputError("the work began")),
     )
     assert "MB are needed, " in one_line(inside(*words))
-    kept = tmp_path / "out.nc.partial" / "0.kept"
+    kept = tmp_path / "out.nc.partial" / "0.result"
     kept.parent.mkdir()
+    (kept.parent / ".bayes_toe_store").touch()
     with kept.open("wb") as file:
         file.truncate(10**9)
     assert "the work began" in one_line(inside(*words))
@@ -199,3 +200,33 @@ def test_pipes_and_devices_are_refused(place, tmp_path):
     for path in (tmp_path / "pipe", "/dev/zero"):
         for words in (["check", path], ["check", place / "study.csv", "--prior", path]):
             assert "a pipe or device, not a file" in one_line(inside(*words))
+
+
+@pytest.mark.parametrize("command", ["sample", "run", "evidence"])
+def test_a_name_that_leaves_no_room_for_its_partial_folder_is_refused(place, tmp_path, command):
+    done = inside(command, place / "study.csv", "-o", tmp_path / ("y" * 250), "-q")
+    assert "File name too long" in one_line(done)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["", ".", ".."])
+def test_a_folder_where_a_file_should_be_is_refused(place, tmp_path, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    for command in ("evidence", "sample", "fit"):
+        assert "is a folder" in one_line(inside(command, place / "study.csv", "-o", name, "-q"))
+
+
+def test_a_working_folder_that_is_gone_is_refused_in_one_line(tmp_path):
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    script = f'cd "{gone}" && rmdir "{gone}" && "$@"'
+    words = ["sh", "-c", script, "sh", *PROGRAM, "check", "study.csv"]
+    done = subprocess.run(words, capture_output=True, text=True)
+    assert "the working folder cannot be used" in one_line(done)
+
+
+def test_python_without_docstrings_is_refused_in_one_line(place):
+    environment = {**os.environ, "PYTHONOPTIMIZE": "2", "PYTHONDONTWRITEBYTECODE": "1"}
+    words = [*PROGRAM, "check", str(place / "study.csv")]
+    done = subprocess.run(words, capture_output=True, text=True, env=environment)
+    assert "unset the variable" in one_line(done)

@@ -14,13 +14,14 @@ from bayes_toe.data.whole_files import (
     HIDDEN,
     MANIFEST,
     require_folder,
+    require_settled,
     require_writable,
     unfinished,
     whole_file,
     whole_folder,
     whole_together,
 )
-from bayes_toe.errors import OutputError
+from bayes_toe.errors import InputError, OutputError
 
 
 def tree(folder):
@@ -224,6 +225,65 @@ def test_what_a_killed_process_has_left_goes_and_all_else_stays(tmp_path):
     with unfinished(tmp_path) as ours:
         require_writable(tmp_path / "a.csv", overwrite=False)
         assert sorted(tmp_path.iterdir()) == sorted([ours, elsewhere, tmp_path / f"{HIDDEN}mine"])
+
+
+@POSIX
+def test_only_regular_files_are_replaced_and_their_permissions_stay(tmp_path):
+    pipe, link, private = tmp_path / "pipe", tmp_path / "link", tmp_path / "private.csv"
+    os.mkfifo(pipe)
+    link.symlink_to(private)
+    private.write_text("old")
+    private.chmod(0o600)
+    for path in (pipe, link, Path("/dev/null")):
+        with pytest.raises(OutputError, match="is a link, pipe or device"):
+            write(path, "new", overwrite=True, meanwhile=BEFORE_WORK)
+    write(private, "new", overwrite=True)
+    assert (private.read_text(), private.stat().st_mode & 0o777) == ("new", 0o600)
+
+
+KILLED_WHILE_FILES_MOVE = """
+import os, signal, sys
+from pathlib import Path
+from bayes_toe.data import whole_files
+place = whole_files._put_in_place
+def killed(new, final):
+    if final.name == sys.argv[3]:
+        whole_files._put_in_place = place
+        os.kill(os.getpid(), getattr(signal, sys.argv[4]))
+    place(new, final)
+whole_files._put_in_place = killed
+files = [Path(sys.argv[1]), Path(sys.argv[2])]
+with whole_files.whole_together(*files, overwrite=True) as folder:
+    for file in files:
+        (folder / file.name).write_text("new")
+"""
+
+
+@POSIX
+def test_a_set_that_a_killed_process_replaced_in_part_is_refused_and_then_finished(tmp_path):
+    first, second = tmp_path / "a.csv", tmp_path / "b.csv"
+    for file in (first, second):
+        file.write_text("old")
+    words = [sys.executable, "-c", KILLED_WHILE_FILES_MOVE, str(first), str(second), "b.csv"]
+    subprocess.run([*words, "SIGKILL"], check=False)
+    assert (first.read_text(), second.read_text()) == ("new", "old")
+    for file in (first, second):
+        with pytest.raises(InputError, match="may be of two runs"):
+            require_settled(file)
+    require_settled(tmp_path / "c.csv")
+    require_writable(tmp_path / "c.csv", overwrite=False)
+    assert tree(tmp_path) == {"a.csv": "new", "b.csv": "new"}
+    require_settled(first)
+
+
+@POSIX
+def test_a_signal_while_files_move_leaves_the_whole_set(tmp_path):
+    first, second = tmp_path / "a.csv", tmp_path / "b.csv"
+    for file in (first, second):
+        file.write_text("old")
+    words = [sys.executable, "-c", KILLED_WHILE_FILES_MOVE, str(first), str(second), "b.csv"]
+    subprocess.run([*words, "SIGINT"], check=False, capture_output=True)
+    assert tree(tmp_path) == {"a.csv": "new", "b.csv": "new"}
 
 
 # --- A folder -----------------------------------------------------------------------------------------------

@@ -16,12 +16,18 @@ import xarray as xr
 from conftest import known_observers
 
 import bayes_toe as bt
-from bayes_toe import kept as store
+from bayes_toe import result_store
 from bayes_toe.data.study import Subject
-from bayes_toe.errors import InputError
-from bayes_toe.kept import discard, keeping, kept_in
+from bayes_toe.errors import InputError, OutputError
 from bayes_toe.model.models import MODEL_NAMES
-from bayes_toe.records import fingerprint, packed, unpacked
+from bayes_toe.result_store import (
+    count_stored,
+    discard,
+    fingerprint,
+    open_store,
+    packed,
+    unpacked,
+)
 from bayes_toe.seeds import LARGEST_SEED, generator, root_seed
 from bayes_toe.workers import Failed, run_jobs
 
@@ -127,7 +133,9 @@ def computed(monkeypatch):
     """How many jobs are computed, call by call."""
     counts = []
     monkeypatch.setattr(
-        store, "run_jobs", lambda jobs, workers: counts.append(len(jobs)) or run_jobs(jobs, workers)
+        result_store,
+        "run_jobs",
+        lambda jobs, workers: counts.append(len(jobs)) or run_jobs(jobs, workers),
     )
     return counts
 
@@ -141,7 +149,7 @@ def interrupted(monkeypatch, after):
                 raise KeyboardInterrupt
             yield found
 
-    monkeypatch.setattr(store, "run_jobs", some)
+    monkeypatch.setattr(result_store, "run_jobs", some)
 
 
 @pytest.fixture(scope="module")
@@ -159,7 +167,7 @@ def test_an_interrupted_call_goes_on_to_the_same_bits(few, tmp_path, monkeypatch
     with pytest.raises(KeyboardInterrupt):
         bt.run(few, seed=3, keep=tmp_path / "kept", **QUICK)
     monkeypatch.undo()
-    assert kept_in(tmp_path / "kept") == 1
+    assert count_stored(tmp_path / "kept") == 1
     said = []
     resumed = bt.run(
         few, keep=tmp_path / "kept", progress=said.append, **QUICK
@@ -201,7 +209,7 @@ def test_each_verb_takes_what_is_kept_and_nothing_else(few, tmp_path, computed):
 
 def test_other_versions_are_computed_again(few, tmp_path, monkeypatch, computed):
     for versions in (("1",), ("1",), ("2",)):
-        monkeypatch.setattr(store, "versions", lambda versions=versions: versions)
+        monkeypatch.setattr(result_store, "versions", lambda versions=versions: versions)
         bt.sample(few, model="none", seed=3, keep=tmp_path, **QUICK)
     assert computed == [2, 0, 2]
 
@@ -224,7 +232,7 @@ def test_a_damaged_or_foreign_result_is_computed_again(few, tmp_path, computed):
     """Also a whole file: a program that was changed meanwhile, or somebody, has written it."""
     words = {"model": "none", "seed": 3, "keep": tmp_path, **QUICK}
     bt.sample(few, **words)
-    file = next(tmp_path.glob("*.kept"))
+    file = next(tmp_path.glob("*.result"))
     content = file.read_bytes()
     for other in (content[: len(content) // 2], b"", *map(packed_text, ODD)):
         file.write_bytes(other)
@@ -236,27 +244,27 @@ def test_a_damaged_or_foreign_result_is_computed_again(few, tmp_path, computed):
 
 def test_a_failed_job_is_not_kept(tmp_path, monkeypatch):
     monkeypatch.setattr(
-        store, "run_jobs", lambda jobs, workers: (one for one in [(0, Failed("died")), (1, 8)])
+        result_store,
+        "run_jobs",
+        lambda jobs, workers: (one for one in [(0, Failed("died")), (1, 8)]),
     )
-    with keeping(tmp_path) as kept:
+    with open_store(tmp_path) as kept:
         done = kept.work([partial(pow, 2, 2), partial(pow, 2, 3)], 1, None, [("a",), ("b",)])
         assert (list(done), dict(done.failed)) == ([8], {0: Failed("died")})
-    assert kept_in(tmp_path) == 1
+    assert count_stored(tmp_path) == 1
 
 
 def test_a_folder_in_use_is_refused_and_one_of_a_dead_process_is_not(tmp_path):
-    with keeping(tmp_path):
-        there = "import sys; from bayes_toe.kept import keeping\nwith keeping(sys.argv[1]): pass"
+    with open_store(tmp_path):
+        there = "import sys; from bayes_toe.result_store import open_store\nwith open_store(sys.argv[1]): pass"
         ended = subprocess.run(
             [sys.executable, "-c", there, str(tmp_path)], capture_output=True, text=True
         )
         assert f"in use by process {os.getpid()} on " in ended.stderr.splitlines()[-1]
         assert (tmp_path / "lock").exists()  # though nothing is kept here yet
-    dies = (
-        "import os, sys; from bayes_toe.kept import keeping\nwith keeping(sys.argv[1]): os._exit(1)"
-    )
+    dies = "import os, sys; from bayes_toe.result_store import open_store\nwith open_store(sys.argv[1]): os._exit(1)"
     subprocess.run([sys.executable, "-c", dies, str(tmp_path)], check=False)
-    with keeping(tmp_path):
+    with open_store(tmp_path):
         pass
 
 
@@ -269,9 +277,45 @@ def test_what_cannot_be_done_is_refused_before_anything_is_left(few, tmp_path):
 
 
 def test_discarding_leaves_what_is_not_ours(tmp_path):
+    with open_store(tmp_path) as store:
+        store.work([partial(pow, 2, 2)], 1, None, [("a",)])
     (tmp_path / "note.txt").write_text("mine")
-    with keeping(tmp_path) as kept:
-        kept.work([partial(pow, 2, 2)], 1, None, [("a",)])
-    assert kept_in(tmp_path) == 1
+    assert count_stored(tmp_path) == 1
     discard(tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["note.txt"]
+
+
+def test_a_folder_without_our_mark_is_refused_and_stays(tmp_path):
+    for name in ("seed", "a.result", "note.txt"):
+        (tmp_path / name).write_text("mine")
+    for action in (lambda: open_store(tmp_path).__enter__(), lambda: discard(tmp_path)):
+        with pytest.raises(OutputError, match="holds files that this program did not write"):
+            action()
+    assert {path.read_text() for path in tmp_path.iterdir()} == {"mine"}
+
+
+def test_a_linked_folder_and_a_linked_lock_are_refused(tmp_path):
+    precious, store = tmp_path / "precious", tmp_path / "store"
+    precious.mkdir()
+    (precious / "seed").write_text("mine")
+    store.symlink_to(precious)
+    for action in (lambda: open_store(store).__enter__(), lambda: discard(store)):
+        with pytest.raises(OutputError, match="is a link"):
+            action()
+    store.unlink()
+    store.mkdir()
+    (store / "lock").symlink_to(precious / "seed")
+    with pytest.raises(OutputError, match="is a link"), open_store(store):
+        pass
+    assert (precious / "seed").read_text() == "mine"
+
+
+def test_results_that_change_places_are_computed_again(few, tmp_path, computed):
+    words = {"model": "none", "seed": 3, "keep": tmp_path, **QUICK}
+    before = bt.sample(few, **words)
+    first, second = sorted(tmp_path.glob("*.result"))
+    contents = first.read_bytes(), second.read_bytes()
+    second.write_bytes(contents[0])
+    first.write_bytes(contents[1])
+    xr.testing.assert_identical(bt.sample(few, **words).tree, before.tree)
+    assert computed == [2, 2]
