@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 import bayes_toe as bt
-from bayes_toe.cli.options import ModelName, StudyFile, StudyFileOrExample, rare, writes
+from bayes_toe.cli.options import ModelName, StudyFile, rare, writes
 from bayes_toe.cli.task import MODEL, Takes, Task
 from bayes_toe.cli.terminal import (
     MOST_NAMES,
@@ -35,7 +35,7 @@ _WITH_RANGE = ("mu1", "gain", *_ORDER_SHOWN)
 
 def run(
     *,
-    study: StudyFileOrExample,
+    study: StudyFile,
     output: Annotated[Path, writes("DIR", "Results folder.")] = Path("bayes_toe_results"),
     pictures: Annotated[
         str, rare("--pictures", help="Of subjects: all, flagged (who must be looked at) or none.")
@@ -59,6 +59,7 @@ def run(
 
     if explore:
         require_bokeh()
+    study, task = task.ask(study)
     drawn = Drawn(pictures, study.truth(), explorer=explore)
     task.require_folder(output, PRODUCTS)
     keep = task.partial(output)

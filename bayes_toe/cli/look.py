@@ -14,7 +14,7 @@ from bayes_toe.cli.infer import say_draws
 from bayes_toe.cli.options import (
     InTheirPlace,
     SavedDraws,
-    StudyFileOrExample,
+    StudyFile,
     TrueValues,
     rare,
     writes,
@@ -220,7 +220,7 @@ def _draw_corner(
 
 def figures(
     *,
-    study: StudyFileOrExample,
+    study: StudyFile,
     output: Annotated[Path, writes("DIR", "Folder for the figures.")] = Path("figures"),
     subject: Annotated[
         list[str] | None,
@@ -265,7 +265,7 @@ def figures(
     )
 
 
-def _analysed(study: StudyFileOrExample, subjects: list[str] | None, task: Task) -> Analysis:
+def _analysed(study: StudyFile, subjects: list[str] | None, task: Task) -> Analysis:
     """The study, analysed; refused before the sampling where the figures could not be drawn."""
     from bayes_toe.data.study import refuse_intervals
     from bayes_toe.plots.paper_figures import require_subjects

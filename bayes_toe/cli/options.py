@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, field, fields
+import sys
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from glob import glob
 from pathlib import Path
@@ -118,19 +119,32 @@ def _how_to_read(name: str, help_text: str, metavar: str | None = None) -> Any:
 
 
 _WHOSE = "SUBJECT[:BLOCK,...]"
+#: The error of a command without a file; :func:`~bayes_toe.cli.task.as_command` adds what to type.
+NO_FILE = "No file is named."
+#: What `run` asks in a terminal.
+WHICH_FILE = (
+    "Which file? Type a name, or press Enter for the bundled example (12 synthetic\n"
+    "subjects, half a minute): "
+)
 
 
 @dataclass(frozen=True, kw_only=True)
-class StudyFileOrExample:
-    """The study that a command was given, with the options of reading it; without a file the bundled example."""
+class StudyFile:
+    """The study of a command: files and how to read them, or a bundled example."""
 
     files: Annotated[
         list[Path] | None,
         typer.Argument(
-            metavar="[STUDY.csv]...",
-            help="Trials or counts, CSV, .parquet or .mat, one file or several; none: the example.",
+            metavar="STUDY.csv...",
+            help="Trials (subject,s1,s2,response) or counts "
+            "(subject,s1,s2,n_equal|n_second,n_trials), CSV, .parquet or .mat, one or more.",
+            show_default=False,
         ),
     ] = None
+    example: Annotated[
+        bool,
+        typer.Option("--example", help="Analyse the bundled example, synthetic, and no file."),
+    ] = False
     intensity: Annotated[
         float | None,
         _how_to_read("--intensity", "Columns i1,i2 hold raw amplitudes; s = ln(i / REF).", "REF"),
@@ -168,7 +182,7 @@ class StudyFileOrExample:
         typer.Option(
             "--task",
             metavar="same/different|2afc",
-            help="Which example, without a file; else what the file must be.",
+            help="With --example: which one; else what the file must be.",
         ),
     ] = None
     where: Annotated[
@@ -231,18 +245,32 @@ class StudyFileOrExample:
         from bayes_toe.data.tasks import SAME_DIFFERENT, task_of
 
         is_paper = self.question is not None and task_of(self.question) == SAME_DIFFERENT
-        return example_truth(SAME_DIFFERENT) if is_paper and not self.files else {}
+        return example_truth(SAME_DIFFERENT) if is_paper and self.example else {}
+
+    def ask(self) -> StudyFile:
+        """Ask in a terminal which file to read, if neither a file nor the example is named."""
+        if self.files or self.example or not (sys.stdin.isatty() and sys.stdout.isatty()):
+            return self
+        given = typer.prompt(WHICH_FILE, default="", show_default=False, prompt_suffix="")
+        name = given.strip().strip("'\"")  # terminals quote a file that is dragged into them
+        if not name:
+            return replace(self, example=True)
+        return replace(self, files=[Path(name).expanduser()])
 
     def read(self) -> Study:
         """The study; errors name file, row, column, what was found and what is allowed."""
         from bayes_toe.data.options import ReadOptions, changed, parse_columns, parse_where
         from bayes_toe.data.read_study import example_study, read_study
-        from bayes_toe.data.tasks import task_of
+        from bayes_toe.data.tasks import WHICH_STRONGER, task_of
 
         asked = None if self.question is None else task_of(self.question)
+        if self.example and self.files:
+            raise InputError("--example: found with STUDY.csv, allowed: one of the two")
+        if self.example:
+            study = example_study(asked or WHICH_STRONGER)
+            return changed(study, self.turn or (), self.leave_out or ())
         if not self.files:
-            example = example_study() if asked is None else example_study(asked)
-            return changed(example, self.turn or (), self.leave_out or ())
+            raise InputError(NO_FILE)
         given: dict[str, Any] = {
             one.name: getattr(self, one.name, None) for one in fields(ReadOptions)
         }
@@ -264,37 +292,3 @@ class StudyFileOrExample:
                 f"--task: found {self.question!r}, allowed: {study.task.name!r}, which the answers in {study.source} are of"
             )
         return changed(study, self.turn or (), self.leave_out or ())
-
-
-@dataclass(frozen=True, kw_only=True)
-class StudyFileOrSaved(StudyFileOrExample):
-    """The same where saved draws may stand in the place of the file."""
-
-    files: Annotated[
-        list[Path] | None,
-        typer.Argument(
-            metavar="[STUDY.csv]...",
-            help="Trials or counts, CSV, .parquet or .mat; not needed with --posterior.",
-        ),
-    ] = None
-
-    def read(self) -> Study:
-        """The study of the files, which there must be where it is asked for."""
-        if not self.files:
-            raise InputError(
-                "STUDY.csv: missing, allowed: a file, or --posterior RESULTS/posterior.nc"
-            )
-        return super().read()
-
-
-@dataclass(frozen=True, kw_only=True)
-class StudyFile(StudyFileOrExample):
-    """The same where a file must be named."""
-
-    files: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="STUDY.csv...",
-            help="Trials (subject,s1,s2,response) or counts (subject,s1,s2,n_equal|n_second,n_trials), CSV, .parquet or .mat, one or more.",
-        ),
-    ] = field()  # without the default that it would inherit

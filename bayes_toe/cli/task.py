@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import MISSING, dataclass, fields, is_dataclass
+from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
 from functools import cached_property, wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_args, get_origin,
 import typer
 
 from bayes_toe.cli.options import (
+    NO_FILE,
     DrawCount,
     Engine,
     Overwrite,
@@ -22,7 +23,7 @@ from bayes_toe.cli.options import (
     Scheduler,
     Seed,
     SpreadsheetSafe,
-    StudyFileOrExample,
+    StudyFile,
 )
 from bayes_toe.cli.terminal import Terminal, safe
 from bayes_toe.data.messages import visible
@@ -68,14 +69,14 @@ class Task:
 
     # --- what is read -------------------------------------------------------------------------------
 
-    def read(self, study: StudyFileOrExample) -> tuple[Study, Prior]:
+    def read(self, study: StudyFile) -> tuple[Study, Prior]:
         """The study and the prior; the prior is read first, because it is the shorter file."""
         from bayes_toe.model.study_prior import preset_or_file, prior_for
 
         prior, read = preset_or_file(self.prior), study.read()
         return read, prior_for(read, prior)
 
-    def opened(self, study: StudyFileOrExample) -> tuple[Study, Prior]:
+    def opened(self, study: StudyFile) -> tuple[Study, Prior]:
         """The study and the prior, read and said."""
         read, prior = self.read(study)
         self.out.introduce(read, prior)
@@ -84,7 +85,7 @@ class Task:
     def saved(
         self,
         posterior: Path,
-        study: StudyFileOrExample,
+        study: StudyFile,
         model: str | None = "predictive update",
         seed: int | None = None,
     ) -> Draws:
@@ -103,6 +104,11 @@ class Task:
         prior = None if given is None else prior_for(draws.study, given)
         require_belonging(draws, shown(posterior), study=read, prior=prior, seed=seed, model=model)
         return draws
+
+    def ask(self, study: StudyFile) -> tuple[StudyFile, Task]:
+        """The study that is asked for in a terminal, and the command that reads its files."""
+        asked = study.ask()
+        return asked, replace(self, inputs=(*self.inputs, *(asked.files or ())))
 
     # --- the work -----------------------------------------------------------------------------------
 
@@ -266,6 +272,9 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
             text = f"{error}; {stored}" if stored else str(error)
             for line in text.split("\n"):
                 typer.echo(f"error: {visible(line)}", err=True)
+            if str(error) == NO_FILE:
+                typer.echo(f"type:  bayes-toe {function.__name__} STUDY.csv", err=True)
+                typer.echo(f"       bayes-toe {function.__name__} --example", err=True)
             raise typer.Exit(BAD_INPUT) from error
 
     parameters = [one for some in options.values() for one in some]

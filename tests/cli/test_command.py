@@ -4,6 +4,7 @@ import inspect
 import re
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Annotated
 
 import pytest
@@ -12,6 +13,7 @@ from commands import inside, refused
 from rich.text import Text
 from typer.testing import CliRunner
 
+import bayes_toe as bt
 from bayes_toe.cli.app import COMMANDS, app
 from bayes_toe.cli.options import StudyFile
 from bayes_toe.cli.task import Takes, Task, as_command
@@ -78,9 +80,52 @@ def test_the_files_that_are_read_are_told():
 
     assert program(read)("a.csv", "b.csv", "-o", "c.csv").exit_code == 0
     assert received == [(Path("a.csv"), Path("b.csv"))]
-    assert (
-        "Missing argument" in program(read)("-o", "c.csv").output
-    )  # a field without a default is required
+
+
+@pytest.mark.parametrize("command", ["run", "check", "sample", "evidence", "population", "fit"])
+def test_without_a_file_a_command_says_what_to_type(command, tmp_path):
+    done = inside(command, cwd=tmp_path)
+    assert (done.returncode, done.stdout, [*tmp_path.iterdir()]) == (2, "", [])
+    assert done.stderr.splitlines() == [
+        "error: No file is named.",
+        f"type:  bayes-toe {command} STUDY.csv",
+        f"       bayes-toe {command} --example",
+    ]
+
+
+def test_the_example_takes_the_place_of_a_file(tmp_path):
+    study = StudyFile(example=True)
+    assert study.read().names == bt.example_study().names
+    paper = StudyFile(example=True, question="same/different")
+    assert paper.read().task.yes == "equal"
+    assert (study.truth(), len(paper.truth())) == ({}, 16)
+    said = refused("check", "a.csv", "--example", cwd=tmp_path)
+    assert said == "error: --example: found with STUDY.csv, allowed: one of the two\n"
+
+
+@pytest.mark.parametrize(
+    ("typed", "asked"),
+    [
+        ("", StudyFile(example=True)),
+        ("  ", StudyFile(example=True)),
+        ("'my study.csv' ", StudyFile(files=[Path("my study.csv")])),
+    ],
+)
+def test_run_asks_in_a_terminal_which_file(monkeypatch, typed, asked):
+    monkeypatch.setattr("sys.stdin", SimpleNamespace(isatty=lambda: True))
+    monkeypatch.setattr("sys.stdout", SimpleNamespace(isatty=lambda: True))
+    questions = []
+
+    def answer(question, **_):
+        questions.append(question)
+        return typed
+
+    monkeypatch.setattr("typer.prompt", answer)
+    study, task = Task(inputs=(Path("prior.toml"),)).ask(StudyFile())
+    assert study == asked
+    assert task.inputs == (Path("prior.toml"), *(asked.files or ()))
+    assert Task().ask(asked)[0] is asked
+    assert len(questions) == 1
 
 
 @pytest.mark.parametrize(
