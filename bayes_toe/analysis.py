@@ -32,8 +32,7 @@ from bayes_toe.data.study import Study, Subject, require_study
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.errors import ConvergenceWarning, NumericalError, WorkerError
 from bayes_toe.groups.population import PopulationResult, population
-from bayes_toe.inference.belonging import require_update
-from bayes_toe.inference.draws import Draws
+from bayes_toe.inference.draws import Draws, require_paper_model
 from bayes_toe.inference.draws_file import assembled_tree
 from bayes_toe.inference.prediction import Predictor
 from bayes_toe.inference.sampling import SamplerSettings
@@ -353,7 +352,7 @@ def smooth_curve_evidence(draws: Draws, *, workers: Workers = None) -> EvidenceT
     InputError
         For draws of another model than the predictive update.
     """
-    require_update(draws, "evidence of saved draws")
+    require_paper_model(draws, "evidence of saved draws")
     study, prior, seed = draws.study, draws.prior, draws.seed
     wanted = Wanted(
         evidence_draws=max(EVIDENCE_DRAWS, draws.sampler.proposals)

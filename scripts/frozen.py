@@ -28,7 +28,7 @@ PRIOR = "[paper]\nlapse_rate_b = 1.0\n"
 #: By command: its words, and of every table it writes what names a row.
 COMMANDS: dict[str, tuple[tuple[str, ...], dict[str, tuple[str, ...]]]] = {
     "run": (
-        ("-o", "results", "--pictures", "none", "--prior", "prior.toml"),
+        ("-o", "results", "--figures", "none", "--prior", "prior.toml"),
         {"results/evidence.csv": ("subject",), "results/summary.csv": ("subject", "parameter")},
     ),
     "fit": (("-o", "fit.csv", "--prior", "prior.toml"), {"fit.csv": ("subject",)}),

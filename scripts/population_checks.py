@@ -93,7 +93,7 @@ def public(folder: Path) -> None:
     """The public studies."""
     options = bt.ReadOptions(equal_code="1")
     vibrotactile = bt.read_study(folder / "vibrotactile_rate" / "trials.csv", options)
-    vibrotactile = vibrotactile.turn("946", (2, 4, 6)).turn("865", (2,))
+    vibrotactile = vibrotactile.swap("946", (2, 4, 6)).swap("865", (2,))
     options = bt.ReadOptions(ignore=("isi",))
     auditory = bt.read_study(folder / "auditory_pwm" / "trials.csv", options)
     for name, study in (("vibrotactile", vibrotactile), ("auditory", auditory)):

@@ -148,7 +148,7 @@ def test_programs_of_the_readme_run(tmp_path):
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "tutorial.md"
 CHEAP = {
-    "run": ["--draws", "500", "--pictures", "none", "--workers", "1"],
+    "run": ["--draws", "500", "--figures", "none", "--workers", "1"],
     "sample": ["--draws", "500", "--workers", "1"],
     "corner": ["--workers", "1"],
 }

@@ -90,7 +90,7 @@ class Finding:
     message : str
         One sentence that says what to conclude.
     option : str
-        What to type behind a command to act on it, such as "--turn 946:2,4,6"; often empty.
+        What to type behind a command to act on it, such as "--swap 946:2,4,6"; often empty.
     """
 
     subject: str
@@ -130,7 +130,7 @@ def answer_flags(study: Study) -> list[tuple[Flag, ...]]:
     --------
     >>> subject = Subject("S01", [0, 0, 1, 1], [0, 1, 0, 1], [9, 9, 9, 9], [9] * 4)
     >>> [[str(flag) for flag in flags] for flags in answer_flags(Study([subject]))]
-    [['fewer than 60 trials', 'one answer only (--leave-out S01)']]
+    [['fewer than 60 trials', 'one answer only (--exclude S01)']]
     """
     flags: dict[str, list[Flag]] = {name: [] for name in study.names}
     for finding in check_answers(study):
@@ -241,7 +241,7 @@ def _agreement(p: FloatArray) -> FloatArray:
 def _one_answer(subject: Subject) -> Finding:
     task = subject.task
     only = task.yes if subject.n_yes.any() else task.no
-    option = f"--leave-out {as_option(subject.name)}"
+    option = f"--exclude {as_option(subject.name)}"
     message = f"Every trial was answered {only!r}: {option} leaves the subject out."
     return Finding(subject.name, "one_answer", message, option)
 
@@ -254,7 +254,7 @@ def _unrelated_answers(subject: Subject) -> Iterator[Finding]:
     z = max(abs(_trend(x, subject)) for x in (difference, np.abs(difference)))
     z_noticeable = NOTICEABLE * math.sqrt(subject.total_trials / (share * (1.0 - share)))
     if z < _CRITICAL_Z and z_noticeable > _CRITICAL_Z + _POWER_Z:
-        option = f"--leave-out {as_option(subject.name)}"
+        option = f"--exclude {as_option(subject.name)}"
         message = (
             f"Answers look independent of the stimuli (z = {z:.2g} of a change with s2 - s1): "
             f"{option} leaves the subject out."
@@ -279,7 +279,7 @@ def _reversed_answers(subject: Subject) -> Iterator[Finding]:
     points = _ALL_POINTS if subject.task == SAME_DIFFERENT else ()
     straight, reversed_ = _shapes(subject, points)
     if reversed_ - straight > SWAPPED:
-        option = f"--turn {as_option(subject.name)}"
+        option = f"--swap {as_option(subject.name)}"
         message = (
             f"Answers look reversed: does --{subject.task.yes}-code name the other answer? "
             f"Or {option} turns them."
@@ -438,16 +438,16 @@ def _unlike_blocks(subject: Subject, answers: Answers, level: float) -> Finding 
 
 
 def _swapped_finding(name: str, blocks: list[str], ratio: float, ratio_after: float) -> Finding:
-    """Blocks with swapped buttons, with X^2 / d.f. before and after they are turned."""
-    noun, verb = ("Block", "looks") if len(blocks) == 1 else ("Blocks", "look")
-    turn = f"--turn {as_option(name, blocks)}"
-    leave_out = f"--leave-out {as_option(name, blocks)}"
+    """Blocks with swapped response keys, with X^2 / d.f. before and after the swap."""
+    noun = "block" if len(blocks) == 1 else "blocks"
+    swap = f"--swap {as_option(name, blocks)}"
+    exclude = f"--exclude {as_option(name, blocks)}"
     message = (
-        f"{noun} {listed([bare(block) for block in blocks])} {verb} answered the wrong way round "
-        f"(swapped buttons; X^2 / d.f. of blocks {ratio:.2f}, once turned {ratio_after:.2f}): "
-        f"{turn} turns these answers, {leave_out} leaves them out."
+        f"Responses look swapped in {noun} {listed([bare(block) for block in blocks])} "
+        f"(X^2 / d.f. of the blocks {ratio:.2f}, after a swap {ratio_after:.2f}). "
+        f"Type {swap} or {exclude}."
     )
-    return Finding(name, "swapped_blocks", message, turn)
+    return Finding(name, "swapped_blocks", message, swap)
 
 
 def _turned(table: AnswerTable, is_turned: BoolArray) -> AnswerTable:

@@ -24,40 +24,41 @@ from bayes_toe.cli import (
 from bayes_toe.cli.stopping import main as main
 from bayes_toe.cli.task import BAD_INPUT, as_command
 
-#: In the order in which help lists them: the way from answers to a paper, then all others.
+#: In the order in which help lists them.
 COMMANDS = {
-    "From answers to a paper": (
+    "One study": (
         describe.check,
         infer.run,
-        look.explore,
-        look.methods,
-    ),
-    "More": (
         infer.sample,
         infer.evidence,
+        look.corner,
+        look.explore,
+        describe.fit,
+    ),
+    "Groups, conditions, trial order": (
         population.population,
         group_commands.contrast,
         group_commands.history,
-        describe.asymmetry,
-        describe.fit,
-        look.corner,
-        look.figures,
-        look.predict,
-        design_commands.power,
+    ),
+    "Before a study": (
         design_commands.design,
+        design_commands.power,
         design_commands.simulate,
     ),
 }
 
 #: Names of commands that are gone, with what to type instead.
 RETIRED_COMMANDS = {
+    "asymmetry": "`bayes-toe fit STUDY.csv --asymmetry asymmetry.csv`",
     "compare": "`bayes-toe evidence` compares the models of the order effect, "
-    "`bayes-toe history` asks about the trial before",
+    "`bayes-toe history` those of serial dependence",
+    "figures": "`bayes-toe run STUDY.csv --paper-figures` writes the paper's figures",
+    "methods": "`bayes-toe run` writes methods.md",
+    "predict": "`bt.predict` in Python",
     "sensitivity": "`bayes-toe evidence --prior prior.toml` gives the answers under another prior",
 }
 #: Options that are gone, by their command, with what to type instead.
 RETIRED_OPTIONS = {
-    "asymmetry": {"--covariates": "`bayes-toe population --covariates FILE.csv` tests covariates"},
     "contrast": {"--model": "leave it out, every condition has a constant error and a contraction"},
     "evidence": {
         "--more-trials": "`bayes-toe power design.csv --trials 650,1300` says what more trials tell",
@@ -65,7 +66,6 @@ RETIRED_OPTIONS = {
     "explore": {
         "--population": "`bayes-toe population` draws the subjects of a group in population.png",
     },
-    "figures": {"--mass": "the map shows the central 60 % of the draws"},
     "design": {
         "--isi": "leave it out, a design is for one interval between the stimuli",
     },
@@ -97,6 +97,8 @@ RETIRED_OPTIONS = {
         "--store": "leave it out, draws are written to posterior.nc",
     },
 }
+#: Former names of options, which still work, with their names today.
+FORMER_OPTIONS = {"--turn": "--swap", "--leave-out": "--exclude", "--pictures": "--figures"}
 
 
 class Commands(TyperGroup):
@@ -104,7 +106,8 @@ class Commands(TyperGroup):
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """The command that the first argument names."""
-        command, *words = args
+        command, *given = args
+        words = [_present_name(word) for word in given]
         if command in RETIRED_COMMANDS:
             refuse_retired(command, RETIRED_COMMANDS[command])
         retired = RETIRED_OPTIONS.get(command, {})
@@ -112,7 +115,13 @@ class Commands(TyperGroup):
             option = word.partition("=")[0]
             if option in retired:
                 refuse_retired(option, retired[option])
-        return super().resolve_command(ctx, args)
+        return super().resolve_command(ctx, [command, *words])
+
+
+def _present_name(word: str) -> str:
+    """A word of the command line, with the present name of an option in place of a former one."""
+    option, equals, value = word.partition("=")
+    return f"{FORMER_OPTIONS.get(option, option)}{equals}{value}"
 
 
 def refuse_retired(name: str, instead: str) -> NoReturn:

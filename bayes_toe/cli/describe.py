@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from functools import partial
 from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
 
 import bayes_toe as bt
 from bayes_toe.cli.options import StudyFile, rare, writes
@@ -42,25 +43,6 @@ def check(*, study: StudyFile, task: Annotated[Task, Takes("prior")]) -> None:
         task.out.line("no warnings")
 
 
-def asymmetry(
-    *,
-    study: StudyFile,
-    output: Annotated[Path, writes("asymmetry.csv", "Table to write.")] = Path("asymmetry.csv"),
-    task: Annotated[Task, Takes("spreadsheet_safe", "overwrite")],
-) -> None:
-    """Time-order asymmetry of every comparison without a model: size, exact test, direction.
-
-    [bold]Example[/bold]: bayes-toe asymmetry study.csv -o asymmetry.csv
-    """
-    task.require_files(output)
-    read = study.read()
-    task.out.introduce(read)
-    table = bt.asymmetry(read)
-    task.write({output: partial(table.save, **task.saving_of(read))})
-    say_asymmetry(task.out, table)
-    task.done("written:", output)
-
-
 def fit(
     *,
     study: StudyFile,
@@ -71,24 +53,40 @@ def fit(
     level: Annotated[
         float, rare("--level", help="Level of the bootstrap intervals, between 0 and 1.")
     ] = 0.95,
+    asymmetry_output: Annotated[
+        Path | None,
+        typer.Option("--asymmetry", metavar="asymmetry.csv", help="Table of asymmetries to write."),
+    ] = None,
     task: Annotated[Task, Takes(*MODEL, "spreadsheet_safe")],
 ) -> None:
-    """Maximum-likelihood fit of every subject (as in the paper with --prior paper), with percentile bootstrap intervals.
+    """Fit the paper's model by maximum likelihood, and test each pair for an asymmetry of order.
+
+    With --prior paper the fit is as in the paper. Intervals are bootstrap percentiles. The tests of
+    asymmetry use no model.
 
     [bold]Example[/bold]: bayes-toe fit study.csv -o fit.csv --seed 1
     """
+    from bayes_toe.data.study import refuse_intervals
     from bayes_toe.errors import require_share
 
     require_share("level", level)
-    task.require_files(output)
+    outputs = [output] if asymmetry_output is None else [output, asymmetry_output]
+    task.require_files(*outputs)
     read, prior = task.read(study)
+    if asymmetry_output is not None:
+        refuse_intervals(read, "--asymmetry")
     task.out.introduce(read, said=f"penalty: {prior.describe_penalty()}")
     table = task.work(
         "fitting", len(read), bt.fit, read, replicates=replicates, level=level, prior=prior
     )
     table.save(output, **task.saving_of(read))
     say_fits(task.out, table)
-    task.done("table in", output, seed=table.seed)
+    if not read.intervals:
+        asymmetries = bt.asymmetry(read)
+        say_asymmetry(task.out, asymmetries)
+        if asymmetry_output is not None:
+            asymmetries.save(asymmetry_output, **task.saving_of(read))
+    task.done("table in", *outputs, seed=table.seed)
 
 
 def say_asymmetry(out: Terminal, table: AsymmetryTable) -> None:

@@ -37,14 +37,15 @@ def run(
     *,
     study: StudyFile,
     output: Annotated[Path, writes("DIR", "Results folder.")] = Path("bayes_toe_results"),
-    pictures: Annotated[
-        str, rare("--pictures", help="Of subjects: all, flagged (who must be looked at) or none.")
+    figures: Annotated[
+        str,
+        rare("--figures", metavar="all|flagged|none", help="Subjects with corner plot and curves."),
     ] = "all",
     explore: Annotated[
-        bool,
-        typer.Option(
-            "--explore", help="explorer.html, too: posteriors to drag over, in a browser."
-        ),
+        bool, typer.Option("--explore", help="Write explorer.html, posteriors to explore.")
+    ] = False,
+    paper_figures: Annotated[
+        bool, typer.Option("--paper-figures", help="Write the figures of the paper for this study.")
     ] = False,
     task: Annotated[Task, Takes(*MODEL, "draws", "spreadsheet_safe", "resume")],
 ) -> None:
@@ -54,16 +55,19 @@ def run(
     """
     from bayes_toe.cli.answers import say_answers
     from bayes_toe.cli.group_commands import say_contrast
-    from bayes_toe.cli.results_folder import PICTURE_BYTES, PRODUCTS, Drawn, write_results
+    from bayes_toe.cli.results_folder import FIGURE_BYTES, PRODUCTS, FigureChoice, write_results
+    from bayes_toe.data.study import refuse_intervals
     from bayes_toe.explorer.page import EXPLORER_BYTES, require_bokeh, require_few
 
     if explore:
         require_bokeh()
     study, task = task.ask(study)
-    drawn = Drawn(pictures, study.truth(), explorer=explore)
+    choice = FigureChoice(figures, study.truth(), explore, paper_figures)
     task.require_folder(output, PRODUCTS)
     keep = task.partial(output)
     read, prior = task.opened(study)
+    if paper_figures:
+        refuse_intervals(read, "--paper-figures")
     if explore:
         require_few(len(read), "subjects")
     _require_room(
@@ -72,7 +76,7 @@ def run(
         keep,
         read,
         prior,
-        others=PICTURE_BYTES[pictures] + EXPLORER_BYTES * explore,
+        others=FIGURE_BYTES[figures] + EXPLORER_BYTES * explore,
     )
     analysis = task.work(
         "sampling", len(read), bt.run, read, draws=task.draws, prior=prior, keep=keep
@@ -86,7 +90,7 @@ def run(
         write_results(
             analysis,
             output,
-            pictures=drawn,
+            figures=choice,
             workers=task.workers,
             progress=tick,
             group=group,

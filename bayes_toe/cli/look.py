@@ -1,8 +1,8 @@
-"""Commands that look at saved draws, and publish them: explore, corner, figures, predict, methods."""
+"""Commands that show saved draws: explore and corner."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,20 +10,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 import bayes_toe as bt
-from bayes_toe.cli.infer import say_draws
 from bayes_toe.cli.options import (
-    InTheirPlace,
     SavedDraws,
-    StudyFile,
     TrueValues,
     rare,
     writes,
 )
-from bayes_toe.cli.task import MODEL, WORKERS, Takes, Task
-from bayes_toe.data.messages import bare, counted, listed, quoted, shown
+from bayes_toe.cli.task import WORKERS, Takes, Task
+from bayes_toe.data.messages import bare, counted, listed, quoted
 
 if TYPE_CHECKING:
-    from bayes_toe.analysis import Analysis
     from bayes_toe.data.read_study import Truth
 
 
@@ -216,140 +212,3 @@ def _draw_corner(
         stem.with_name(f"{stem.name}.{ending}").write_bytes(
             png(figure, dpi=110) if ending == "png" else picture(figure, ending)
         )
-
-
-def figures(
-    *,
-    study: StudyFile,
-    output: Annotated[Path, writes("DIR", "Folder for the figures.")] = Path("figures"),
-    subject: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--subject",
-            help="In Figs. 3 and 5; repeat for more. Default: three kinds.",
-        ),
-    ] = None,
-    formats: Annotated[
-        list[str] | None,
-        typer.Option("--format", help="pdf, png or svg; repeat for more. Default: pdf and png."),
-    ] = None,
-    truth: TrueValues = None,
-    posterior: InTheirPlace = None,
-    task: Annotated[Task, Takes(*MODEL, "draws")],
-) -> None:
-    """The paper's figures of a study, with captions: 1C, 3, 4, 5 and Appendix C's.
-
-    [bold]Example[/bold]: bayes-toe figures --posterior results/posterior.nc -o figures --subject S06 --subject S04
-    """
-    from bayes_toe.plots.paper_figures import FIGURES, products
-
-    endings = ["pdf", "png"] if formats is None else formats
-    task.require_folder(output, products(endings))
-    found: Analysis | bt.Draws
-    if posterior is None:
-        found = _analysed(study, subject, task)
-        draws = found.draws
-    else:
-        found = draws = task.saved(posterior, study, seed=task.seed)
-        task.out.introduce(draws.study, draws.prior)
-    known = None if truth is None else read_truth(truth, [draws], draws.names)
-    say_draws(task.out, draws)
-    with task.out.progress("drawing", len(FIGURES)) as tick:
-        bt.plots.write_figures(
-            found, output, subjects=subject, formats=endings, truth=known, overwrite=task.overwrite, workers=task.processes,
-            progress=tick,
-        )  # fmt: skip
-    missed = {**draws.not_converged, **draws.imprecise}
-    task.done(
-        "figures and captions in", output, seed=draws.seed, failed=draws.failed, missed=missed
-    )
-
-
-def _analysed(study: StudyFile, subjects: list[str] | None, task: Task) -> Analysis:
-    """The study, analysed; refused before the sampling where the figures could not be drawn."""
-    from bayes_toe.data.study import refuse_intervals
-    from bayes_toe.plots.paper_figures import require_subjects
-
-    read, prior = task.read(study)
-    refuse_intervals(read, "the paper's figures")
-    if subjects is not None:
-        require_subjects(subjects, read.names)
-    task.out.introduce(read, prior)
-    return task.work("sampling", len(read), bt.run, read, draws=task.draws, prior=prior)
-
-
-def predict(
-    *,
-    posterior: SavedDraws,
-    pairs: Annotated[
-        Path,
-        typer.Argument(
-            metavar="PAIRS.csv",
-            help="Columns s1,s2, and isi (seconds) where the study has intervals.",
-        ),
-    ],
-    output: Annotated[Path, writes("predictions.csv", "Table to write.")] = Path("predictions.csv"),
-    subject: Annotated[str | None, typer.Option("--subject", help="Only this subject.")] = None,
-    task: Annotated[Task, Takes("spreadsheet_safe", "overwrite")],
-) -> None:
-    """Posterior of P(equal), or P(second), mean and quantiles, for pairs and intervals that need not have been tested.
-
-    Under a model with a history of an observer at rest, whom no trial before has moved.
-
-    [bold]Example[/bold]: bayes-toe predict posterior.nc pairs.csv -o predictions.csv
-    """
-    from bayes_toe.data.tables import write_table
-    from bayes_toe.inference.draws import load_draws
-    from bayes_toe.inference.prediction import predict_pairs
-
-    task.require_files(output)
-    draws = load_draws(posterior)
-    table = predict_pairs(draws, pairs, draws.names if subject is None else (subject,))
-    write_table(table, output, **task.saving_of(draws.study))
-    task.done(f"{len(table)} predictions in", output)
-
-
-def methods(
-    *,
-    results: Annotated[
-        Path,
-        typer.Argument(
-            metavar="RESULTS",
-            help="Folder that run wrote, or draws; population.nc in it is told of.",
-        ),
-    ],
-    output: Annotated[
-        Path, writes("methods.md|.tex", "Text; NAME.bib and NAME_*.csv, NAME_*.tex beside it.")
-    ] = Path("methods.md"),
-    task: Annotated[Task, Takes("spreadsheet_safe", "overwrite")],
-) -> None:
-    """What was done and what came out, for a paper: models, priors, words, sampling, versions, citations, tables for a supplement.
-
-    [bold]Example[/bold]: bayes-toe methods results -o methods.md
-    """
-    from bayes_toe.cli.methods import read_methods, write_text
-    from bayes_toe.cli.supplement import templates
-    from bayes_toe.data.tables import write_table
-
-    if output.suffix not in (".md", ".tex"):
-        raise bt.InputError(
-            f"{shown(output)}: found the ending {quoted(output.suffix)}, allowed: .md, .tex"
-        )
-    told = read_methods(results)
-    tables = [
-        output.with_name(f"{output.stem}_{name}{suffix}")
-        for name in told.names
-        for suffix in (".csv", ".tex")
-    ]
-    files = [output, output.with_suffix(".bib"), *tables]
-    task.require_files(*files)
-    latex = templates("tex").globals["m"]
-    made: dict[Path, Callable[[Path], object]] = {output: partial(write_text, told)}
-    for table, file in zip(told.tables, tables[::2], strict=True):
-        made[file] = partial(write_table, table.frame, spreadsheet_safe=task.spreadsheet_safe)
-        made[file.with_suffix(".tex")] = partial(
-            Path.write_text, data=table.written(latex, output.stem) + "\n", encoding="utf-8"
-        )
-    task.write(made, output.with_suffix(".bib"))
-    task.out.notes(told.notes)
-    task.done("written:", *files)

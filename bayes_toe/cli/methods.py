@@ -1,393 +1,304 @@
-"""What was done in an analysis and what came out, as text for a paper, with the tables and citations that go with it.
-
-`run` writes it from what it has at hand, the command `methods` from a results folder: posterior and evidence.csv, and beside them
-population.nc where it is there.
-"""
+"""methods.md: the paragraph that a journal prints, a table, and the citations."""
 
 from __future__ import annotations
 
 import json
-import os
-import re
 from collections import Counter
-from collections.abc import Mapping
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Sequence
 from importlib.resources import files
+from math import exp
 from pathlib import Path
 from textwrap import fill
-from typing import TYPE_CHECKING, Any
 
-from markupsafe import Markup
-
-from bayes_toe.answers import words as answer_words
-from bayes_toe.answers.contrast import CONTRAST_COLUMNS, PROBABLY, SURELY, sentences
-from bayes_toe.answers.evidence_table import EVIDENCE_COLUMNS
-from bayes_toe.answers.order_effect import QUESTIONS, OrderEffect
-from bayes_toe.answers.study_summary import FEWEST_FOR_GROUP, frequency_line, study_lines
+from bayes_toe.analysis import Analysis
+from bayes_toe.answers.order_effect import (
+    QUESTIONS,
+    OrderEffect,
+    format_number,
+    format_percent,
+    format_share,
+)
+from bayes_toe.answers.study_summary import FEWEST_FOR_GROUP, frequency_line
+from bayes_toe.answers.words import (
+    NO_UP_TO,
+    PROBABLY_FROM,
+    PROBABLY_NOT_LOG_BAYES_FACTOR,
+    PROBABLY_NOT_UP_TO,
+    YES_FROM,
+    Word,
+)
 from bayes_toe.checks.identification import identify
-from bayes_toe.cli.headline import said_p
-from bayes_toe.cli.population import group_answer
-from bayes_toe.cli.supplement import (
-    SupplementTable,
-    fit_table,
-    group_table,
-    order_effect_table,
-    parameter_table,
-    templates,
-)
-from bayes_toe.data.messages import bare, counted, listed, quoted, shown
-from bayes_toe.data.validation import read_rows
-from bayes_toe.errors import InputError
-from bayes_toe.groups.population import PopulationResult, load_population
-from bayes_toe.inference.belonging import (
-    require_said_prior,
-    require_subjects,
-    require_update,
-    same_answers,
-)
-from bayes_toe.inference.draws import Draws, load_draws
-from bayes_toe.inference.predictive_checks import MISFIT
-from bayes_toe.model.free_frequencies import frequency_evidence
-from bayes_toe.model.paper_model import PAPER_MODEL, PaperPosterior
-
-if TYPE_CHECKING:
-    import pandas as pd
-
-    from bayes_toe.analysis import Analysis
+from bayes_toe.data.messages import counted, listed, visible
+from bayes_toe.data.tasks import WHICH_STRONGER, Task
+from bayes_toe.groups.population import PopulationResult
 
 _MOST_NAMED = 10
-#: Columns of text in evidence.csv and contrast.csv; the others hold numbers.
-_EVIDENCE_TEXTS = ("subject", *QUESTIONS, "interpretable", "flags", "best_model", "prior")
-_CONTRAST_TEXTS = ("subject", "quantity", "comparison", "word", "robust", "model", "prior")
-_EVIDENCE_TOLERANCE = 1e-6  # of an exact evidence, nats: files have all digits
-#: What notes of reading a study say where it did something to the data.
-_DONE = ("dropped", "left out", "merged", "turned", "only rows", "only pairs")
+_WIDTH = 95
+#: What notes of reading a study say if something was done to the data.
+_DONE = ("dropped", "excluded", "merged", "swapped", "only rows", "only pairs")
+#: Letters that mean something in Markdown.
+_ESCAPED = str.maketrans({letter: f"\\{letter}" for letter in "\\`*_[]<>|#~$"})
+#: Parameters that are free in every model, by task.
+_NUISANCE = {
+    True: "Noise, its slope over intensity, and the lapse rate",
+    False: "Noise, the indecision zone, their slopes over intensity, and the lapse rate",
+}
 
 
-@dataclass(frozen=True, eq=False)
-class Methods:
-    """An analysis as the text tells it."""
-
-    draws: Draws
-    evidence: pd.DataFrame | None = (
-        None  # the rows of evidence.csv in the order of the draws, where these are of the paper's model
-    )
-    group: PopulationResult | None = None
-    figures: bool = False  # whether there are corner plots
-    notes: tuple[str, ...] = ()  # what is there and is not told of, and why
-    summary: pd.DataFrame | None = None  # of the draws, where it is known
-    contrast: pd.DataFrame | None = None  # the rows of contrast.csv
-
-    @cached_property
-    def tables(self) -> tuple[SupplementTable, ...]:
-        """Those of the supplement."""
-        second = (
-            fit_table(self.draws) if self.evidence is None else order_effect_table(self.evidence)
-        )
-        summary = self.draws.summary() if self.summary is None else self.summary
-        return (
-            parameter_table(self.draws, summary),
-            second,
-            *(() if self.group is None else (group_table(self.group),)),
-        )
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """What the tables are called, known before they are made."""
-        return (
-            "parameters",
-            "fit" if self.evidence is None else "order_effect",
-            *(() if self.group is None else ("population",)),
-        )
-
-
-def of_analysis(analysis: Analysis, group: PopulationResult | None, *, figures: bool) -> Methods:
-    """What :func:`read_methods` would find in the results folder of an analysis."""
-    evidence = _in_order_of_draws(analysis.evidence.frame(), analysis.draws)
-    apart = None if analysis.contrast is None else analysis.contrast.frame()
-    return Methods(
-        analysis.draws, evidence, group, figures=figures, summary=analysis.summary(), contrast=apart
-    )
-
-
-def read_methods(results: Path) -> Methods:
-    """What lies in a results folder, or beside a file of draws; files of different analyses are refused."""
-    posterior = _posterior(results)
-    draws, beside = load_draws(posterior), posterior.parent
-    if not isinstance(draws.posterior(draws.names[0]), PaperPosterior):
-        raise InputError(
-            f"{shown(posterior)}: found draws of the model {draws.model!r}, allowed: the paper's"
-        )
-    notes, evidence = list[str](), beside / "evidence.csv"
-    group = _group(beside / "population.nc", draws)
-    if group is None and (table := beside / "population.csv").exists():
-        notes.append(
-            f"{shown(table)}: left out, since what it was made with is in population.nc, which bayes-toe population writes"
-        )
-    known = evidence.exists() and draws.model == PAPER_MODEL
-    if evidence.exists() and not known:
-        notes.append(
-            f"{shown(evidence)} goes with draws of the paper's model, these are of {draws.model!r}: left out"
-        )
-    return Methods(
-        draws,
-        _read_evidence(evidence, draws) if known else None,
-        group,
-        (beside / "corner").is_dir(),
-        tuple(notes),
-        contrast=_read_contrast(beside / "contrast.csv", draws)
-        if (beside / "contrast.csv").exists()
-        else None,
-    )
-
-
-def _posterior(results: Path) -> Path:
-    """The draws themselves, or those of a folder."""
-    # A Path refuses names that are too long with an error of its own.
-    if not os.path.isdir(results) or results.suffix == ".zarr":
-        return results
-    draws = results / "posterior.nc"
-    if not draws.exists():
-        raise InputError(
-            f"{shown(results)}: found no posterior.nc, allowed: a folder that bayes-toe run wrote, or a file of draws"
-        )
-    return draws
-
-
-def _group(path: Path, draws: Draws) -> PopulationResult | None:
-    if not path.exists():
-        return None
-    found = load_population(path)
-    known = draws.study.without_conditions()
-    others = [
-        one.name
-        for one in found.study
-        if one.name not in known.names or not same_answers(one, known[one.name])
+def write_methods(analysis: Analysis, group: PopulationResult | None, path: Path) -> None:
+    """Write the document in Markdown, and its citations as NAME.bib."""
+    paragraphs = [
+        f"**Methods.** {' '.join(_methods(analysis, group))}",
+        f"**Results.** {' '.join(_results(analysis, group))}",
     ]
-    if others:
-        raise InputError(
-            f"{shown(path)}: found other answers than the draws have of {listed(others, 3)}, allowed: one study"
-        )
-    return found
-
-
-# --- Tables that lie beside the draws ---------------------------------------------------------------
-
-
-def _read_evidence(path: Path, draws: Draws) -> pd.DataFrame:
-    """An evidence.csv, a row for each subject of the draws, in their order.
-
-    Refused where it is of other subjects, answers or another prior than the draws.
-    """
-    import pandas as pd
-
-    source = bare(path.name)
-    require_update(draws, source)
-    number_columns = [name for name in EVIDENCE_COLUMNS if name not in _EVIDENCE_TEXTS]
-    texts, numbers = read_rows(path, _EVIDENCE_TEXTS, number_columns)
-    require_subjects(source, texts["subject"], draws)
-    require_said_prior(source, texts["prior"][0], draws.prior.describe_orders(draws.task))
-    evidence = pd.DataFrame({**texts, **numbers}, columns=list(EVIDENCE_COLUMNS))
-    _require_same_answers(source, evidence, draws)
-    return _in_order_of_draws(evidence, draws)
-
-
-def _in_order_of_draws(evidence: pd.DataFrame, draws: Draws) -> pd.DataFrame:
-    """Rows of an evidence.csv: numbers may be NaN, texts may be empty."""
-    rows = evidence.set_index("subject", drop=False).loc[list(draws.names)]
-    texts = rows[list(_EVIDENCE_TEXTS)].fillna("")
-    numbers = rows.drop(columns=list(_EVIDENCE_TEXTS)).astype(float)
-    counts = numbers.astype({"n_pairs": int, "n_trials": int})
-    return texts.join(counts)[list(EVIDENCE_COLUMNS)]
-
-
-def _require_same_answers(source: str, evidence: pd.DataFrame, draws: Draws) -> None:
-    """Compare the evidence of free frequencies, which is exact, with that of the answers."""
-    for subject, saved in zip(evidence["subject"], evidence["log_evidence_h0"], strict=True):
-        if subject in draws.failed:
-            continue
-        exact = frequency_evidence(draws.subject(subject))
-        if not abs(saved - exact) < _EVIDENCE_TOLERANCE * (1.0 + abs(exact)):
-            raise InputError(
-                f"{source}: found other answers than the draws have of {quoted(subject)}, "
-                "allowed: one study"
-            )
-
-
-def _read_contrast(path: Path, draws: Draws) -> pd.DataFrame:
-    """The rows of a contrast.csv, refused where it has subjects that the draws do not have."""
-    import pandas as pd
-
-    number_columns = [name for name in CONTRAST_COLUMNS if name not in _CONTRAST_TEXTS]
-    texts, numbers = read_rows(path, _CONTRAST_TEXTS, number_columns)
-    others = set(texts["subject"]).difference(subject.person for subject in draws.study)
-    if others:
-        raise InputError(
-            f"{bare(path.name)}: found other subjects than the draws have, "
-            f"{listed(sorted(others), 3)}, allowed: one study"
-        )
-    return pd.DataFrame({**texts, **numbers})
-
-
-# --- In words ---------------------------------------------------------------------------------------
-
-
-def write_text(told: Methods, path: Path) -> None:
-    """Write the document, in Markdown or LaTeX by its ending, and its citations, NAME.bib."""
-    facts = _facts(told) | {"stem": Markup(path.stem), "latex": path.suffix == ".tex"}
-    parts = templates(path.suffix[1:]).get_template("methods.txt").render(facts).split("\n\n")
-    wrapped = [_filled(part) if part.startswith(("**", r"\paragraph")) else part for part in parts]
-    text = "\n\n".join(part.strip("\n") for part in wrapped if part.strip()) + "\n"
-    every = (
-        (files("bayes_toe") / "cli" / "references.bib").read_text(encoding="utf-8").split("\n\n")
-    )
-    entries = {entry.partition("{")[2].partition(",")[0]: entry.strip() for entry in every}
-    cited = [
-        entry
-        for key, entry in entries.items()
-        if f"[@{key}]" in text or rf"\citep{{{key}}}" in text
+    wrapped = [
+        fill(text, _WIDTH, break_long_words=False, break_on_hyphens=False) for text in paragraphs
     ]
+    table = "\n".join(_table(analysis.answers))
+    text = "\n\n".join(["# Methods and results", *wrapped, table]) + "\n"
     path.write_text(text, encoding="utf-8")
-    path.with_suffix(".bib").write_text(
-        "\n\n".join(cited).replace("VERSION", facts["versions"]["bayes_toe"]) + "\n",
-        encoding="utf-8",
+    path.with_suffix(".bib").write_text(_citations(text, analysis), encoding="utf-8")
+
+
+def _citations(text: str, analysis: Analysis) -> str:
+    """Entries of the references that the text cites."""
+    bibliography = (files("bayes_toe") / "cli" / "references.bib").read_text(encoding="utf-8")
+    cited = []
+    for entry in bibliography.split("\n\n"):
+        key = entry.partition("{")[2].partition(",")[0]
+        if f"@{key}" in text:
+            cited.append(entry.strip())
+    version = json.loads(analysis.draws.attrs["versions"])["bayes_toe"]
+    return "\n\n".join(cited).replace("VERSION", version) + "\n"
+
+
+# --- What was done ------------------------------------------------------------------------------
+
+
+def _methods(analysis: Analysis, group: PopulationResult | None) -> list[str]:
+    """Sentences about data, models, priors and computation."""
+    study, draws = analysis.study, analysis.draws
+    versions = json.loads(draws.attrs["versions"])
+    sentences = [*_data(analysis), _task(study.task)]
+    sentences.append(
+        "For each participant we estimated whether the response depended on presentation order "
+        "through a constant error, a contraction bias, or both. A constant error shifts the point "
+        "of subjective equality (PSE) by the same amount at every intensity. Contraction moves the "
+        "remembered first stimulus by a share p toward the mean first stimulus. Four models of "
+        "one observer were compared: no order effect, constant error, contraction, both. "
+        f"{_NUISANCE[study.task == WHICH_STRONGER]} were free in every model."
     )
-
-
-def _filled(paragraph: str) -> str:
-    """In lines of 110 letters, which end within no formula: one that begins with a minus would be an item of a list in Markdown."""
-    whole = re.sub(
-        r"\$[^$]*\$", lambda formula: formula[0].replace(" ", "\xa0"), " ".join(paragraph.split())
+    prior = draws.prior.observer.describe(study.task)
+    sentences.append(
+        f"Priors were `{prior}`; the prior probability was 1/2 for no order effect and 1/6 for "
+        "each other model. Marginal likelihoods were computed by adaptive importance sampling "
+        f"[@cornuet2012] with bayes_toe {versions['bayes_toe']} [@bayes_toe], seed {draws.seed}."
     )
-    return fill(whole, 110, break_long_words=False, break_on_hyphens=False).replace("\xa0", " ")
+    sentences.append(
+        f"We call an effect present ('yes') from a posterior probability of {_share(YES_FROM)} "
+        f"on, probable from {_share(PROBABLY_FROM)}, absent ('no') up to {_share(NO_UP_TO)}, and "
+        f"probably absent up to {_share(PROBABLY_NOT_UP_TO)} if the Bayes factor is at most "
+        f"{_share(exp(PROBABLY_NOT_LOG_BAYES_FACTOR))}. Estimates are posterior medians with "
+        "95 % intervals, averaged over the models that have the effect."
+    )
+    if group is not None:
+        sentences.append(
+            "Group means come from a hierarchical model with both effects, sampled by "
+            "Hamiltonian Monte Carlo."
+        )
+    if analysis.contrast is not None:
+        sentences.append(
+            "Conditions were compared within participants by joint fits in which constant error, "
+            "contraction and JND may differ."
+        )
+    return sentences
 
 
-def _facts(told: Methods) -> dict[str, Any]:
-    """Everything that the text says."""
-    draws, stats, study = told.draws, told.draws.group("sample_stats"), told.draws.study
+def _data(analysis: Analysis) -> list[str]:
+    """How much there is, and what was done to it."""
+    study = analysis.study
     trials = [subject.total_trials for subject in study.without_conditions()]
-    sizes, r_hats = stats["min_ess"].values, stats["max_r_hat"].values
-    least, most = int(sizes.argmin()), int(r_hats.argmax())
-    return {
-        "told": told,
-        "draws": draws,
-        "attrs": draws.attrs,
-        "versions": json.loads(draws.attrs["versions"]),
-        "words": vars(answer_words),
-        "misfit": MISFIT,
-        "subjects": counted(len(trials), "subject"),
-        "trials": f"{sum(trials):,}",
-        "each": ""
-        if len(trials) == 1
-        else f" ({' to '.join(dict.fromkeys(f'{n:,}' for n in (min(trials), max(trials))))} each)",
-        "done": [note for note in study.notes if any(word in note for word in _DONE)],
-        "failed": _each(draws.failed),
-        "h1": draws.model == PAPER_MODEL,
-        "asked": draws.task,
-        "observer_prior": draws.prior.observer.describe(draws.task),
-        "answer": None if told.evidence is None else _answer(told.evidence, draws),
-        "sampler": draws.sampler,
-        "kept": f"{draws.group('posterior').sizes['chain'] * draws.group('posterior').sizes['draw']:,}",
-        "ess": f"{sizes[least]:,.0f}",
-        "ess_of": draws.names[least],
-        "r_hat": f"{r_hats[most]:.4f}",
-        "r_hat_of": draws.names[most],
-        "missed": _each(draws.not_converged),
-        "ruled": _ruled(told),
-        "reference": f"{draws.prior.reference_interval or 1.0:g} s",
-        **_of_model(draws),
-        "group": None if told.group is None else _group_facts(told.group),
-        "differing": () if told.contrast is None else sentences(told.contrast),
-        "limits": (f"{PROBABLY:g}", f"{SURELY:g}"),
+    each = f"{min(trials):,} to {max(trials):,} each"
+    if len(set(trials)) == 1:
+        each = f"{trials[0]:,} each"
+    whole = f"{counted(len(trials), 'participant')} gave {sum(trials):,} responses ({each})."
+    sentences = [whole]
+    if study.synthetic:
+        sentences.append("These data are synthetic.")
+    done = [note for note in study.notes if any(word in note for word in _DONE)]
+    if done:
+        sentences.append(f"Before the analysis: {_text('; '.join(done))}.")
+    return sentences
+
+
+def _task(task: Task) -> str:
+    """The question that participants answered."""
+    if task == WHICH_STRONGER:
+        return "They said which of two successive stimuli was the stronger one."
+    return "They said whether two successive stimuli were equal or different."
+
+
+# --- What came out ------------------------------------------------------------------------------
+
+
+def _results(analysis: Analysis, group: PopulationResult | None) -> list[str]:
+    """Sentences about the conclusions, the group, and their limits."""
+    answers = analysis.answers
+    is_by_unit = analysis.study.conditions is not None
+    sentences = [_counts(answers, question, is_by_unit) for question in QUESTIONS]
+    if group is not None:
+        sentences += _group(group)
+    elif len(answers) < FEWEST_FOR_GROUP and not is_by_unit:
+        frequencies = frequency_line(answers)
+        if frequencies:
+            sentences.append(f"{frequencies} [@penny2010]")
+    if analysis.contrast is not None:
+        differing = "; ".join(analysis.contrast.sentences())
+        sentences.append(f"Differences between conditions: {_text(differing)}.")
+    sentences += _limits(analysis)
+    sentences += _paper_model(analysis)
+    return sentences
+
+
+def _counts(answers: Sequence[OrderEffect], question: str, is_by_unit: bool) -> str:
+    """In how many participants an effect is present, probable and absent."""
+    counts = Counter(answer.words[question] for answer in answers)
+    of_all = f"{counts[Word.YES]} of {len(answers)}"
+    noun = "participant" if len(answers) == 1 else "participants"
+    if is_by_unit:
+        noun = f"{noun[:-1] if len(answers) > 1 else noun} x condition"
+    name = question.replace("_", " ")
+    article = "An" if name.startswith("order") else "A"
+    others = {
+        Word.PROBABLY: "probable",
+        Word.UNDECIDED: "undecided",
+        Word.PROBABLY_NOT: "probably absent",
+        Word.NO: "absent",
+        Word.CANNOT_BE_TOLD: "not identified",
+        Word.NOT_INTERPRETABLE: "not interpreted",
     }
+    parts = [f"{text} in {counts[word]}" for word, text in others.items() if counts[word]]
+    text = f"{article} {name} was present in {of_all} {noun}"
+    if counts[Word.YES]:
+        text += f" (posterior probability > {_share(YES_FROM)})"
+    return ", ".join([text, *parts]) + "."
 
 
-def _each(reasons: Mapping[Any, object]) -> str:
-    return listed([f"{name} ({reason})" for name, reason in reasons.items()], _MOST_NAMED)
-
-
-def _ruled(told: Methods) -> str:
-    """Parameters that the prior dominates, and in how many subjects."""
-    counts = Counter(
-        key
-        for cell in told.tables[0].frame["prior_dominated"]
-        for key in str(cell).split(", ")
-        if key
+def _group(group: PopulationResult) -> list[str]:
+    """Means of the group with intervals and Bayes factors."""
+    error, contraction = group.effect("constant_error"), group.effect("contraction")
+    percent = error.percent
+    assert percent is not None  # The constant error has one.
+    low, median, high = percent
+    shift = (
+        f"The group's mean PSE shift was {format_number(median, '+')} % (95 % interval "
+        f"{format_number(low, '+')} to {format_number(high, '+')}), BF "
+        f"{bayes_factor(error.zero_mean.log_bf)}."
     )
-    return ", ".join(f"{key} in {count}" for key, count in counts.items())
+    low, median, high = contraction.mean
+    share = (
+        f"Its mean contraction was p = {_share(median)} ({_share(low)} to {_share(high)}), BF "
+        f"{bayes_factor(contraction.zero_mean.log_bf)}."
+    )
+    sentences = [shift, share]
+    if not group.is_reliable:
+        sentences.append(f"The draws of the group are NOT RELIABLE: {group.draws.shortfall}.")
+    return sentences
 
 
-def _answer(evidence: pd.DataFrame, draws: Draws) -> dict[str, Any]:
-    """The answer of the study and its limits, and the paper's model (H1) against H0."""
-    answers = [OrderEffect.from_row(row) for row in evidence.to_dict("records")]
-    units = draws.study.conditions is not None
-    has_frequencies = len(answers) < FEWEST_FOR_GROUP and not units
-    factors = evidence["log_bayes_factor"].dropna()
-    is_absent = evidence["log_bayes_factor"].isna()
-    dependent = [answer.subject for answer in answers if answer.depends_on_prior]
-    serial = [answer.subject for answer in answers if answer.depends_on_previous_trial]
-    untestable = [answer.subject for answer in answers if answer.fits is None]
-    return {
-        "lines": study_lines(answers, synthetic=draws.synthetic, units=units),
-        "frequencies": frequency_line(answers) if has_frequencies else "",
-        "limits": _design_limits(draws),
-        "dependent": listed(dependent, _MOST_NAMED),
-        "serial": listed(serial, _MOST_NAMED),
-        "untestable": listed(untestable, _MOST_NAMED),
-        "unreported": listed(evidence["subject"][is_absent].tolist(), _MOST_NAMED),
-        "factors": len(factors),
-        "favoured": int((factors > 0.0).sum()),
-        "median": f"{factors.median():.1f}",
-        "lowest": f"{factors.min():.1f}",
-        "highest": f"{factors.max():.1f}",
-        "error": f"{evidence['log_evidence_h1_se'].max():.2g} nat",
-        "pareto_k": f"{evidence['pareto_k'].max():.2f}",
-    }
+def bayes_factor(log_bf_of_zero: float) -> str:
+    """The Bayes factor of a mean that is not 0, from the log Bayes factor of 0.
+
+    Examples
+    --------
+    >>> bayes_factor(-2.9), bayes_factor(0.9), bayes_factor(-20.0), bayes_factor(9.0)
+    ('18', '0.41', '> 100', '< 1/100')
+    """
+    if log_bf_of_zero < -4.605:
+        return "> 100"
+    if log_bf_of_zero > 4.605:
+        return "< 1/100"
+    return format_number(exp(-log_bf_of_zero))
 
 
-def _design_limits(draws: Draws) -> list[str]:
-    """What the designs of the subjects cannot show."""
+def _limits(analysis: Analysis) -> list[str]:
+    """What the design cannot identify, and which conclusions must not be used as they stand."""
+    answers = analysis.answers
+    sentences = []
     limits = Counter[str]()
-    for subject in draws.study:
+    for subject in analysis.study:
         identification = identify(subject)
         limits.update({*identification.notes, *identification.reasons.values()})
-    n_subjects = len(draws.study)
-    return [
-        note if count == n_subjects else f"{note} ({counted(count, 'subject')})"
-        for note, count in limits.items()
+    for note, count in limits.items():
+        whose = ""
+        if count < len(analysis.study):
+            whose = f" ({count} of {len(analysis.study)})"
+        sentences.append(f"Limit of the design{whose}: {note}.")
+    groups = {
+        "The model does not fit {}.": [a.subject for a in answers if a.fits is False],
+        "The fit is not testable for {}.": [a.subject for a in answers if a.fits is None],
+        "Not interpreted: {}.": [a.subject for a in answers if not a.is_interpretable],
+        "A conclusion depends on the scale of the prior for {}.": [
+            a.subject for a in answers if a.depends_on_prior
+        ],
+        "Responses depend on the previous trial for {}.": [
+            a.subject for a in answers if a.depends_on_previous_trial
+        ],
+        "There are no results for {}.": list(analysis.draws.failed),
+    }
+    for sentence, names in groups.items():
+        if len(names) == len(answers) > 1:
+            sentences.append(sentence.format("any participant"))
+        elif names:
+            sentences.append(sentence.format(_text(listed(names, _MOST_NAMED))))
+    return sentences
+
+
+def _paper_model(analysis: Analysis) -> list[str]:
+    """The paper's model: its draws, and its evidence against one free probability per pair."""
+    draws = analysis.draws
+    stats = draws.group("sample_stats")
+    sentences = [
+        "The model of [@avetta2026] (H1), which always includes contraction, was sampled with "
+        f"emcee [@emcee]: effective sample sizes of at least {float(stats['min_ess'].min()):,.0f}, "
+        f"R-hat [@vehtari2021] up to {float(stats['max_r_hat'].max()):.3f}."
     ]
+    if draws.not_converged:
+        names = _text(listed(list(draws.not_converged), _MOST_NAMED))
+        sentences.append(f"Draws did NOT CONVERGE for {names}.")
+    factors = analysis.evidence.frame()["log_bayes_factor"].dropna()
+    if len(factors):
+        n_favoured = int((factors > 0.0).sum())
+        sentences.append(
+            "It predicted better than one free probability per pair (H0) for "
+            f"{n_favoured} of {len(factors)} (median ln BF {factors.median():.1f}); this does not "
+            "test for an order effect."
+        )
+    return sentences
 
 
-def _of_model(draws: Draws) -> dict[str, Any]:
-    """Of how many subjects the model of the draws describes the answers, by the rule that all models are judged by."""
-    fits = fit_table(draws).frame
-    wrong = (
-        fits[fits["fit"] == "poor"].set_index("subject")[["predictive_p", "p_deviance"]].min(axis=1)
-    )
-    return {
-        "judged": int((fits["fit"] != "").sum()),
-        "fitting": int((fits["fit"] == "good").sum()),
-        "wrong": _each(wrong.map(said_p).to_dict()),
-        "untold": listed(
-            fits["subject"][(fits["fit"] == "") & fits["predictive_p"].notna()].tolist(),
-            _MOST_NAMED,
-        ),
-    }
+def _table(answers: Sequence[OrderEffect]) -> list[str]:
+    """The conclusions and sizes of every participant, in Markdown."""
+    heads = ["participant", "order effect", "constant error", "contraction"]
+    heads += ["PSE shift [95 %]", "contraction p [95 %]"]
+    lines = [f"| {' | '.join(heads)} |", f"|{'---|' * len(heads)}"]
+    for answer in answers:
+        cells = [_text(answer.subject)]
+        if answer.is_interpretable:
+            cells += [answer.marked_word(question) for question in QUESTIONS]
+            cells.append(format_percent(answer.sizes["pse_shift_percent"]))
+            cells.append(format_share(answer.sizes["contraction_p"]))
+        else:
+            cells += ["not interpreted", *[""] * (len(heads) - 2)]
+        lines.append(f"| {' | '.join(cells)} |")
+    return lines
 
 
-def _group_facts(found: PopulationResult) -> dict[str, Any]:
-    rows = found.table.rows
-    return {
-        "settings": found.settings,
-        "subjects": counted(len(found.subjects), "subject"),
-        "n_draws": f"{found.draws.mean[..., 0].size:,}",
-        "has_q0": "q0" in found.names,
-        "n_chains": len(found.draws.mean),
-        "hyperprior": found.settings.hyperprior.describe(found.study.task),
-        "covariates": [column.about for column in found.regressors.columns],
-        "ess": f"{min(min(row.ess_bulk, row.ess_tail) for row in rows):,.0f}",
-        "r_hat": f"{max(row.r_hat for row in rows):.4f}",
-        "problems": found.problems,
-        "answer": group_answer(found),
-    }
+def _share(value: float) -> str:
+    """A number with two decimals and no zero before its point."""
+    return f"{value + 0.0:.2f}".replace("0.", ".", 1)
+
+
+def _text(text: str) -> str:
+    """A text from outside, so that it is no markup."""
+    return visible(text).translate(_ESCAPED)

@@ -83,14 +83,6 @@ TrueValues = Annotated[
         help="Known values to mark, as simulate writes them: columns subject, mu1, gain, ...",
     ),
 ]
-InTheirPlace = Annotated[
-    Path | None,
-    typer.Option(
-        "--posterior",
-        metavar="RESULTS/posterior.nc",
-        help="Draws that run or sample wrote: their study, prior and seed; subjects are not sampled again. STUDY.csv may be left out.",
-    ),
-]
 Question = Annotated[
     str,
     typer.Option(
@@ -224,19 +216,15 @@ class StudyFile:
             help="Numbers of the condition are names of levels: no slope.",
         ),
     ] = False
-    turn: Annotated[
+    swap: Annotated[
         list[str] | None,
         typer.Option(
-            "--turn",
-            metavar=_WHOSE,
-            help="Swap the two answers in these blocks, or in all; repeatable.",
+            "--swap", metavar=_WHOSE, help="Exchange the two responses, in these blocks or all."
         ),
     ] = None
-    leave_out: Annotated[
+    exclude: Annotated[
         list[str] | None,
-        typer.Option(
-            "--leave-out", metavar=_WHOSE, help="Without a subject, or these blocks; repeatable."
-        ),
+        typer.Option("--exclude", metavar=_WHOSE, help="Exclude a subject, or these blocks."),
     ] = None
 
     def truth(self) -> Truth:
@@ -268,7 +256,7 @@ class StudyFile:
             raise InputError("--example: found with STUDY.csv, allowed: one of the two")
         if self.example:
             study = example_study(asked or WHICH_STRONGER)
-            return changed(study, self.turn or (), self.leave_out or ())
+            return changed(study, self.swap or (), self.exclude or ())
         if not self.files:
             raise InputError(NO_FILE)
         given: dict[str, Any] = {
@@ -291,4 +279,4 @@ class StudyFile:
             raise InputError(
                 f"--task: found {self.question!r}, allowed: {study.task.name!r}, which the answers in {study.source} are of"
             )
-        return changed(study, self.turn or (), self.leave_out or ())
+        return changed(study, self.swap or (), self.exclude or ())

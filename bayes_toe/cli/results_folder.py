@@ -13,7 +13,7 @@ from bayes_toe.analysis import Analysis
 from bayes_toe.answers.evidence_table import EvidenceTable
 from bayes_toe.classical.asymmetry import AsymmetryTable, subject_asymmetries
 from bayes_toe.cli.headline import flagged
-from bayes_toe.cli.methods import of_analysis, write_text
+from bayes_toe.cli.methods import write_methods
 from bayes_toe.cli.report import Facts, Group, write_report
 from bayes_toe.data.read_study import Truth
 from bayes_toe.data.study import Study
@@ -31,6 +31,7 @@ from bayes_toe.plots.curves import fitted_figure
 from bayes_toe.plots.figure_files import png
 from bayes_toe.plots.map import study_map_axes
 from bayes_toe.plots.order_effect import answers_figure, answers_height, evidence_axes
+from bayes_toe.plots.paper_figures import write_figures
 from bayes_toe.plots.population import population_figure
 from bayes_toe.plots.style import LETTERS, legend_below, new_figure
 from bayes_toe.workers import Progress, Workers, of_this_machine, run_in_order
@@ -51,30 +52,40 @@ PRODUCTS = (
         *CONTRAST_PRODUCTS,
         *GROUP_PRODUCTS,
     ),
-    *("corner", "explorer.html", *ALWAYS[2:], "subjects"),
+    *("corner", "explorer.html", *ALWAYS[2:], "subjects", "paper_figures"),
 )
-#: Whose pictures may be drawn, and about how many bytes a subject that takes: two of them, and both again in the report.
-PICTURE_BYTES = {"all": 400_000, "flagged": 60_000, "none": 20_000}
+#: Subjects whose figures may be drawn, and about how many bytes a subject takes in all.
+FIGURE_BYTES = {"all": 400_000, "flagged": 60_000, "none": 20_000}
 _WIDE, _DOTS = 4.8, 160  # inches of a picture, legible on a telephone, and dots in an inch
 
 
 @dataclass(frozen=True)
-class Drawn:
-    """Whose corner plot and curves are drawn, "all", "flagged" (:func:`bayes_toe.cli.headline.flagged`) or "none"; with which true values.
+class FigureChoice:
+    """Which figures a results folder has.
 
-    `explorer` says whether there is explorer.html too, of all of them.
+    Attributes
+    ----------
+    which : str
+        Subjects with corner plot and curves: "all", "none", or "flagged", those that need action.
+    truth : dict
+        True values by subject, marked in corner plots.
+    explorer : bool
+        Whether there is explorer.html.
+    paper_figures : bool
+        Whether there is a folder with the figures of the paper.
     """
 
     which: str = "all"
     truth: Truth = field(default_factory=dict)
     explorer: bool = False
+    paper_figures: bool = False
 
     def __post_init__(self) -> None:
-        if self.which not in PICTURE_BYTES:
-            raise InputError(f"pictures={self.which!r}: allowed are {', '.join(PICTURE_BYTES)}")
+        if self.which not in FIGURE_BYTES:
+            raise InputError(f"--figures {self.which}: allowed are {', '.join(FIGURE_BYTES)}")
 
 
-ALL = Drawn()
+ALL = FigureChoice()
 
 
 def write_results(
@@ -82,7 +93,7 @@ def write_results(
     folder: str | Path,
     *,
     overwrite: bool = False,
-    pictures: Drawn = ALL,
+    figures: FigureChoice = ALL,
     workers: Workers = None,
     progress: Progress | None = None,
     spreadsheet_safe: bool = False,
@@ -94,7 +105,7 @@ def write_results(
     already that may not be replaced, or cannot be written, nothing is changed. Progress is told of the subjects that are drawn.
     """
     draws, marked = analysis.draws, flagged(analysis.evidence, analysis.draws.not_converged)
-    drawn = {"all": draws.names, "flagged": tuple(marked), "none": ()}[pictures.which]
+    drawn = {"all": draws.names, "flagged": tuple(marked), "none": ()}[figures.which]
     stems, posterior = file_stems(draws.names), "posterior.nc"
     parts = {
         CONTRAST_PRODUCTS: analysis.contrast,
@@ -107,7 +118,7 @@ def write_results(
     ]
     required += [f"corner/{stems[name]}.png" for name in drawn] + [
         "explorer.html"
-    ] * pictures.explorer
+    ] * figures.explorer
     with (
         whole_folder(folder, PRODUCTS, required=required, overwrite=overwrite) as new,
         TemporaryDirectory(dir=new.absolute()) as home,
@@ -119,12 +130,13 @@ def write_results(
         draws.save(target / posterior)
         summary = analysis.summary()
         _write_tables(analysis, summary, group, target, spreadsheet_safe=spreadsheet_safe)
-        write_text(
-            of_analysis(analysis, None if group is None else group.found, figures=bool(drawn)),
-            target / "methods.md",
-        )
-        if pictures.explorer:
-            explore(draws, truths=pictures.truth or None).save(target / "explorer.html")
+        write_methods(analysis, None if group is None else group.found, target / "methods.md")
+        if figures.paper_figures:
+            write_figures(
+                analysis, target / "paper_figures", truth=figures.truth or None, workers=1
+            )
+        if figures.explorer:
+            explore(draws, truths=figures.truth or None).save(target / "explorer.html")
         asymmetry = AsymmetryTable(
             subject_asymmetries(analysis.study.subjects), analysis.study.task
         )
@@ -142,7 +154,7 @@ def write_results(
         given = (analysis.evidence, asymmetry, analysis.study, saved)
         jobs = [partial(_draw_overview, place / f"{name}.png", *given) for name in overviews]
         names: list[tuple[str, ...]] = [*((),) * len(jobs), *((name,) for name in drawn)]
-        prior, truth = analysis.settings.prior, pictures.truth
+        prior, truth = analysis.settings.prior, figures.truth
         curves = {curve.target.subject.name: curve for curve in analysis.curves}
         jobs += [
             partial(
@@ -162,7 +174,7 @@ def write_results(
         write_report(
             analysis,
             Facts(
-                summary, asymmetry, marked, group, place, curve_files, corner_plots, pictures.which
+                summary, asymmetry, marked, group, place, curve_files, corner_plots, figures.which
             ),
             target,
         )

@@ -32,7 +32,6 @@ from bayes_toe.errors import BayesToeError, InputError
 
 if TYPE_CHECKING:
     from bayes_toe.data.study import Study
-    from bayes_toe.inference.draws import Draws
     from bayes_toe.model.prior import Prior
     from bayes_toe.workers import Workers
 
@@ -81,29 +80,6 @@ class Task:
         read, prior = self.read(study)
         self.out.introduce(read, prior)
         return read, prior
-
-    def saved(
-        self,
-        posterior: Path,
-        study: StudyFile,
-        model: str | None = "predictive update",
-        seed: int | None = None,
-    ) -> Draws:
-        """Saved draws of a model in the place of sampling, refused where they are of another study, prior or seed than is given."""
-        from bayes_toe.data.messages import shown
-        from bayes_toe.inference.belonging import require_belonging
-        from bayes_toe.inference.draws import load_draws
-        from bayes_toe.model.study_prior import preset_or_file, prior_for
-
-        if not study.files and (study.turn or study.leave_out):
-            raise InputError(
-                "--turn, --leave-out: found no STUDY.csv to change, allowed: where the draws are made, or with the file"
-            )
-        given = None if self.prior is None else preset_or_file(self.prior)
-        draws, read = load_draws(posterior), study.read() if study.files else None
-        prior = None if given is None else prior_for(draws.study, given)
-        require_belonging(draws, shown(posterior), study=read, prior=prior, seed=seed, model=model)
-        return draws
 
     def ask(self, study: StudyFile) -> tuple[StudyFile, Task]:
         """The study that is asked for in a terminal, and the command that reads its files."""

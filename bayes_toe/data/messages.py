@@ -77,7 +77,7 @@ def as_name(name: object) -> str:
 
 
 def as_option(name: str, blocks: Sequence[str] = ()) -> str:
-    """Somebody, or some blocks of somebody's, as they are typed behind --turn and --leave-out."""
+    """Somebody, or some blocks of somebody's, as they are typed behind --swap and --exclude."""
     return shlex.quote(f"{name}:{','.join(blocks)}" if blocks else name)
 
 

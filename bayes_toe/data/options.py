@@ -264,38 +264,44 @@ def parse_where(texts: Iterable[str]) -> dict[str, str]:
     return {name: value for _, name, value in pairs}
 
 
-def changed(study: Study, turn: Iterable[str] = (), leave_out: Iterable[str] = ()) -> Study:
-    """The study with answers turned, then left out, as the command line has it: each SUBJECT, or SUBJECT:BLOCK,BLOCK.
+def changed(study: Study, swap: Iterable[str] = (), exclude: Iterable[str] = ()) -> Study:
+    """The study with responses swapped, then subjects or blocks excluded.
 
-    Errors as of :meth:`~bayes_toe.data.study.Study.turn`, and where somebody or a block is named again.
+    Each text is SUBJECT or SUBJECT:BLOCK,BLOCK as on the command line.
+
+    Raises
+    ------
+    InputError
+        As :meth:`~bayes_toe.data.study.Study.swap`, and if a subject or block is named twice.
     """
     for option, texts, change in (
-        ("--turn", turn, Study.turn),
-        ("--leave-out", leave_out, Study.leave_out),
+        ("--swap", swap, Study.swap),
+        ("--exclude", exclude, Study.exclude),
     ):
-        asked: dict[str, list[str]] = {}
+        blocks_of: dict[str, list[str]] = {}
         for text in texts:
-            # Names may have colons.
-            named = [name for name in study.names if text == name or text.startswith(f"{name}:")]
-            name = max(named, key=len, default=text.partition(":")[0])
-            blocks = (
-                [block.strip() for block in text[len(name) + 1 :].split(",")]
-                if text != name
-                else []
-            )
-            if name not in study.names:
-                raise InputError(
-                    f"{option} {text}: no subject {quoted(name)}, allowed: {listed([bare(one) for one in study.names])}"
-                )
-            again = [*asked.get(name, ()), *blocks]
-            if (name in asked and not (blocks and asked[name])) or len({*again}) < len(again):
-                raise InputError(
-                    f"{option} {text}: found twice, allowed: each subject or block once"
-                )
-            asked[name] = again
-        for name, blocks in asked.items():
+            name, blocks = _subject_and_blocks(text, study, option)
+            before = blocks_of.get(name)
+            together = [*(before or ()), *blocks]
+            is_again = before is not None and not (blocks and before)
+            if is_again or len({*together}) < len(together):
+                raise InputError(f"{option} {text}: named twice; name each subject or block once")
+            blocks_of[name] = together
+        for name, blocks in blocks_of.items():
             study = change(study, name, blocks)
     return study
+
+
+def _subject_and_blocks(text: str, study: Study, option: str) -> tuple[str, list[str]]:
+    """The subject and the blocks that SUBJECT:BLOCK,BLOCK names; names may have colons."""
+    names = [name for name in study.names if text == name or text.startswith(f"{name}:")]
+    name = max(names, key=len, default=text.partition(":")[0])
+    if name not in study.names:
+        known = listed([bare(other) for other in study.names])
+        raise InputError(f"{option} {text}: no subject {quoted(name)}; the subjects are {known}")
+    if text == name:
+        return name, []
+    return name, [block.strip() for block in text[len(name) + 1 :].split(",")]
 
 
 def subject_in(path: Path, pattern: str) -> str | None:

@@ -25,6 +25,7 @@ from bayes_toe.data.messages import (
     as_name,
     as_option,
     bare,
+    counted,
     listed,
     named_few,
     said_intervals,
@@ -256,7 +257,7 @@ class Study:
     reading : Reading
         What the file told besides the counts, for a look before pooling; no inference uses it.
     changes : sequence of str
-        What was turned and left out since it was read (:meth:`turn`, :meth:`leave_out`), as commands do it: "--turn 946:2,4".
+        Responses that were swapped and subjects that were excluded (:meth:`swap`, :meth:`exclude`), as options: "--swap 946:2,4".
     conditions : Conditions, optional
         Levels of a condition within subjects, where subjects are units such as S01@left.
 
@@ -363,10 +364,11 @@ class Study:
         asked = [names] if isinstance(names, str | int) else names
         return replace(self, subjects=tuple(self[name] for name in asked))
 
-    def turn(self, name: str | int, blocks: Sequence[str | int] | str | int = ()) -> Study:
-        """The study with a subject's answers turned, each for the other one of the task: in these blocks, or in all.
+    def swap(self, name: str | int, blocks: Sequence[str | int] | str | int = ()) -> Study:
+        """Exchange the two responses of a subject, in these blocks or in all.
 
-        For somebody who had the buttons swapped, as :func:`~bayes_toe.check` tells. Commands do it by ``--turn``.
+        For a subject with swapped response keys, which :func:`~bayes_toe.check` finds. The option
+        of commands is ``--swap``.
 
         Raises
         ------
@@ -375,65 +377,66 @@ class Study:
 
         Examples
         --------
-        >>> Study([Subject("S01", [0.0], [0.3], [2], [5])]).turn("S01")["S01"].n_yes.tolist()
+        >>> Study([Subject("S01", [0.0], [0.3], [2], [5])]).swap("S01")["S01"].n_yes.tolist()
         [3]
         """
-        return self._changed("--turn", name, blocks, Answers.turned)
+        return self._changed("--swap", "responses swapped", name, blocks, Answers.turned)
 
-    def leave_out(self, name: str | int, blocks: Sequence[str | int] | str | int = ()) -> Study:
-        """The study without a subject, or without these blocks of the subject's. Commands do it by ``--leave-out``.
+    def exclude(self, name: str | int, blocks: Sequence[str | int] | str | int = ()) -> Study:
+        """Exclude a subject, or these blocks of the subject.
+
+        The option of commands is ``--exclude``.
 
         Raises
         ------
         InputError
-            If there is no such subject or block, no block was read, or nobody is left.
+            If there is no such subject or block, no block was read, or no subject is left.
 
         Examples
         --------
-        >>> study = Study([Subject(name, [0.0], [0.3], [2], [5]) for name in ("S01", "S02")]).leave_out("S02")
-        >>> study.names, study.changes
-        (('S01',), ('--leave-out S02',))
+        >>> study = Study([Subject(name, [0.0], [0.3], [2], [5]) for name in ("S01", "S02")])
+        >>> study.exclude("S02").names, study.exclude("S02").changes
+        (('S01',), ('--exclude S02',))
         """
-        return self._changed("--leave-out", name, blocks, Answers.without)
+        return self._changed("--exclude", "excluded", name, blocks, Answers.without)
 
     def _changed(
         self,
         option: str,
+        what: str,
         name: str | int,
         blocks: Sequence[str | int] | str | int,
         change: Callable[[Answers, BoolArray], Answers],
     ) -> Study:
-        """The study with other answers of a subject, or without one who has none left; what was done stays with it."""
-        subject, asked = (
-            self[name],
-            [as_name(one) for one in ([blocks] if isinstance(blocks, str | int) else blocks)],
-        )
-        given = subject.answers or counted_rows(
-            subject.name, (subject.s1, subject.s2, subject.isi), subject.n_yes, subject.n_trials
-        )
+        """The study with the responses of a subject changed; notes and `changes` report it."""
+        subject = self[name]
+        given_blocks = [blocks] if isinstance(blocks, str | int) else blocks
+        asked = [as_name(block) for block in given_blocks]
         done = f"{option} {as_option(subject.name, asked)}"
+        before = subject.answers
+        if before is None:
+            pairs = (subject.s1, subject.s2, subject.isi)
+            before = counted_rows(subject.name, pairs, subject.n_yes, subject.n_trials)
         try:
-            after = change(given, given.rows_of(asked))
+            after = change(before, before.rows_of(asked))
         except InputError as error:
             raise InputError(f"{done}: {error}") from None
-        made = (
-            [Subject.from_answers(subject.name, after, subject.task)]
-            if after.n_trials.any()
-            else []
-        )
-        left = [
-            replace(one, condition=subject.condition, answers=subject.answers and after)
-            for one in made
-        ]
-        subjects = tuple(one for old in self for one in (left if old is subject else [old]))
-        subjects = subjects if self.conditions is None else felt_together(subjects)
+        subjects = [other for other in self if other is not subject]
+        if after.n_trials.any():
+            new = Subject.from_answers(subject.name, after, subject.task)
+            answers = None if subject.answers is None else after
+            new = replace(new, condition=subject.condition, answers=answers)
+            subjects.insert(self.subjects.index(subject), new)
         if not subjects:
-            raise InputError(f"{done}: found nobody else, allowed: what leaves some answers")
-        what = f"subject {bare(subject.name)}{f', blocks {listed(asked)}' if len(asked) > 1 else f', block {asked[0]}' if asked else ''}"
-        said = f"{what}: {'answers turned' if option == '--turn' else 'left out'}"
-        return replace(
-            self, subjects=subjects, notes=(*self.notes, said), changes=(*self.changes, done)
-        )
+            raise InputError(f"{done}: no subject is left; exclude fewer")
+        remaining = tuple(subjects)
+        if self.conditions is not None:
+            remaining = felt_together(remaining)
+        where = f"subject {bare(subject.name)}"
+        if asked:
+            where += f", {counted(len(asked), 'block').partition(' ')[2]} {listed(asked)}"
+        notes = (*self.notes, f"{where}: {what}")
+        return replace(self, subjects=remaining, notes=notes, changes=(*self.changes, done))
 
     def frame(self) -> pd.DataFrame:
         """The counts, one row a subject and pair: a table that :func:`~bayes_toe.read_study` reads to the same study.

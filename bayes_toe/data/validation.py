@@ -139,25 +139,6 @@ def read_numbers(
     return [text for name in keys for text in _texts(table, name)], columns
 
 
-def read_rows(
-    path: str | Path, texts: Sequence[str], names: Sequence[str]
-) -> tuple[dict[str, list[str]], dict[str, FloatArray]]:
-    r"""A table that this program has written: columns of texts, and of numbers, NaN where a cell is empty; all of them must be there.
-
-    Where there is a column condition subjects are units.
-
-    Errors as of :func:`read_numbers`.
-    """
-    table = _read(path, (*texts, *names), ("condition",))
-    values = {name: _numbers(table, name, gaps=True) for name in names}
-    table.problems.refuse()
-    found = {name: _texts(table, name) for name in texts}
-    if "condition" in table.columns:
-        pairs = zip(found["subject"], _texts(table, "condition"), strict=True)
-        found["subject"] = [f"{who}{AT}{level}" if level else who for who, level in pairs]
-    return found, values
-
-
 def _read(path: str | Path, needed: Sequence[str], optional: Sequence[str] = ()) -> TextTable:
     """The table with columns of these names, each of them once."""
     table = read_table(path, {*needed, *optional})

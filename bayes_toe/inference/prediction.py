@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -12,7 +11,6 @@ import pandas as pd
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Subject
-from bayes_toe.data.validation import read_numbers
 from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws, require_draws
 from bayes_toe.inference.subject import QUANTILES
@@ -118,17 +116,6 @@ def predict(
         len(fitted.x),
         lambda rows: fitted.yes(*(one[rows] for one in columns)),
     )
-
-
-def predict_pairs(draws: Draws, path: str | Path, subjects: Sequence[str]) -> pd.DataFrame:
-    """:func:`predict` for the pairs of a CSV file with columns s1, s2 and isi (where the study has intervals), subject by subject."""
-    pairs = read_numbers(path, ("s1", "s2"), optional=("isi",))[1]
-    tables = [
-        predict(draws, subject, pairs["s1"], pairs["s2"], pairs.get("isi")) for subject in subjects
-    ]
-    frame = pd.concat(tables, ignore_index=True)
-    frame.insert(0, "subject", np.repeat(np.array(subjects, object), len(pairs["s1"])))
-    return frame
 
 
 def _table(

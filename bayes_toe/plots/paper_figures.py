@@ -21,8 +21,7 @@ from bayes_toe.data.study import refuse_intervals
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.data.whole_files import whole_folder
 from bayes_toe.errors import InputError
-from bayes_toe.inference.belonging import require_update
-from bayes_toe.inference.draws import Draws
+from bayes_toe.inference.draws import Draws, require_paper_model
 from bayes_toe.plots.asymmetry import asymmetry_axes, asymmetry_height, order_axes
 from bayes_toe.plots.figure_files import picture, require_formats
 from bayes_toe.plots.geometry import plane_figure
@@ -71,7 +70,7 @@ def material_of(
     Of saved draws Appendix C's evidence is then computed, and nothing sampled.
     """
     draws, study = analysis if isinstance(analysis, Draws) else analysis.draws, analysis.study
-    require_update(draws, "the paper's figures")
+    require_paper_model(draws, "the paper's figures")
     refuse_intervals(study, "the paper's figures")
     table = AsymmetryTable(subject_asymmetries(study.subjects), study.task)
     chosen = representative(table) if subjects is None else require_subjects(subjects, study.names)

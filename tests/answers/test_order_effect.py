@@ -135,12 +135,12 @@ def test_what_the_design_cannot_tell_has_no_word():
 
 def test_a_flag_that_forbids_interpretation_comes_before_every_word():
     (evidence,) = order_evidence([compared(c=0.15)], seed=1)
-    flag = Flag("swapped_blocks", "swapped blocks", "--turn S:2", False)
+    flag = Flag("swapped_blocks", "swapped blocks", "--swap S:2", False)
     answer = order_effect(evidence, EVERYTHING, [flag])
     assert {answer.word(question) for question in QUESTIONS} == {"not interpretable"}
     assert answer.cell("interpretable") == "no"
     assert answer.describe() == "not interpreted: swapped blocks"
-    assert answer.options == ("--turn S:2",)
+    assert answer.options == ("--swap S:2",)
 
 
 def test_a_shift_beyond_all_pairs_is_named():

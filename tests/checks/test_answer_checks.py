@@ -94,9 +94,9 @@ def test_flags_are_those_of_each_subject_in_the_order_of_the_study():
     flags = answer_flags(Study((straight, swapped)))
     assert flags == [
         (),
-        (Flag("swapped_blocks", "swapped blocks", "--turn 'S 1:4'", False),),
+        (Flag("swapped_blocks", "swapped blocks", "--swap 'S 1:4'", False),),
     ]
-    assert str(flags[1][0]) == "swapped blocks (--turn 'S 1:4')"
+    assert str(flags[1][0]) == "swapped blocks (--swap 'S 1:4')"
 
 
 # --- False alarms --------------------------------------------------------------------------------
@@ -182,7 +182,7 @@ def test_one_answer_only(task):
     for count, words in ((40, task.yes), (0, task.no)):
         subject = Subject("A", *pairs, [count] * len(pairs[0]), [40] * len(pairs[0]), task=task)
         (finding,) = check_answers(Study((subject,)))
-        assert (finding.code, finding.option) == ("one_answer", "--leave-out A")
+        assert (finding.code, finding.option) == ("one_answer", "--exclude A")
         assert f"answered {words!r}" in finding.message
 
 
@@ -199,12 +199,12 @@ def test_guesses_and_reversed_answers_are_distinguished(task):
     rng = np.random.default_rng(2)
     keys, yes = signal_trials(rng, task, np.zeros(400), reversed_=True)
     (finding,) = check_answers(Study((from_trials("S", keys, yes, task=task),)))
-    assert (finding.code, finding.option) == ("reversed_answers", "--turn S")
-    straight = Study((from_trials("S", keys, yes, task=task),)).turn("S")
+    assert (finding.code, finding.option) == ("reversed_answers", "--swap S")
+    straight = Study((from_trials("S", keys, yes, task=task),)).swap("S")
     assert check_answers(straight) == ()
     guesses = (rng.random(400) < 0.6).astype(int)
     (finding,) = check_answers(Study((from_trials("S", keys, guesses, task=task),)))
-    assert (finding.code, finding.option) == ("independent_answers", "--leave-out S")
+    assert (finding.code, finding.option) == ("independent_answers", "--exclude S")
     few = from_trials("S", keys[:100], guesses[:100], task=task)
     assert codes(Study((few,))) == set(), "so few trials do not exclude a dependence"
 
@@ -262,10 +262,10 @@ def test_swapped_blocks_are_named_and_can_be_turned_back(swapped, said, typed):
     for seed in range(20):
         study, straight = make_study(seed, swapped=swapped), make_study(seed)
         findings = check_answers(study)
-        turned = study.turn("S0", [1 + block for block in swapped])
+        turned = study.swap("S0", [1 + block for block in swapped])
         assert turned["S0"].n_yes.tolist() == straight["S0"].n_yes.tolist()
         assert check_answers(turned) == check_answers(straight) == ()
-        assert {finding.option for finding in findings} <= {f"--turn S0:{typed}", ""}
+        assert {finding.option for finding in findings} <= {f"--swap S0:{typed}", ""}
         if findings[0].code == "swapped_blocks":
             n_found += 1
             start = f"{said} answered the wrong way round (swapped buttons"
@@ -296,7 +296,7 @@ def test_a_moving_criterion_is_flagged_and_never_called_swapped_blocks(task, kin
         rng = np.random.default_rng(seed)
         keys, yes = signal_trials(rng, task, moving_criterion(rng, kind, 650, sd))
         study = Study((from_trials("S", keys, yes, np.arange(650) // 65, task),))
-        assert not any("--turn" in finding.option for finding in check_answers(study))
+        assert not any("--swap" in finding.option for finding in check_answers(study))
         n_flagged += bool(codes(study) & {"drift", "block_dispersion"})
     assert n_flagged >= 20
 
@@ -342,8 +342,8 @@ def test_vibrotactile_blocks_to_be_turned(real_data):
     path = real_data / "vibrotactile_rate" / "trials.csv"
     study = bt.read_study(path, bt.ReadOptions(equal_code="1"))
     options = {finding.option for finding in check_answers(study)} - {""}
-    assert options == {"--turn 865:2", "--turn 946:2,4,6"}
-    turned = study.turn(946, [2, 4, 6]).turn(865, 2)
+    assert options == {"--swap 865:2", "--swap 946:2,4,6"}
+    turned = study.swap(946, [2, 4, 6]).swap(865, 2)
     assert {finding.option for finding in check_answers(turned)} == {""}
     assert all(flag.is_interpretable for flags in answer_flags(turned) for flag in flags)
 

@@ -26,7 +26,7 @@ def marked(analysis):
         words=dict.fromkeys(QUESTIONS, Word.NOT_INTERPRETABLE),
         is_interpretable=False,
         flags=(SWAPPED,),
-        options=("--turn C:2",),
+        options=("--swap C:2",),
     )
     rows = (replace(first, answer=bent), second, replace(third, answer=swapped))
     return replace(analysis, evidence=replace(analysis.evidence, rows=rows))

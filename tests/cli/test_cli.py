@@ -123,7 +123,7 @@ def test_a_misfit_is_loud_in_terminal_and_report(folder, small_study, blank_pict
         bt.Study([replace(subject, name="bent", n_yes=equal), small_study["B"]]),
     )
     said = good(
-        "run", "bent.csv", "-o", "bent", "--draws", 300, "--pictures", "none", *ONE, cwd=folder
+        "run", "bent.csv", "-o", "bent", "--draws", 300, "--figures", "none", *ONE, cwd=folder
     )
     assert "The model does not fit 1: bent." in said
     assert re.search(r"^action bent: the model does not fit", said, re.MULTILINE)
@@ -344,7 +344,7 @@ def test_corner_of_one_subject_and_of_two_with_prior_and_truth_in_any_quantities
             "figures --posterior POSTERIOR --prior wide.toml",
             "found draws under mu1 ~ Normal(M, 2.5 R)",
         ),
-        ("run study.csv --pictures some", "allowed are all, flagged, none"),
+        ("run study.csv --figures some", "allowed are all, flagged, none"),
         ("run study.csv -o out", "overwrite"),
         ("run study.csv -o study.csv/new", "study.csv"),
         ("run study.csv -o study.csv", "study.csv"),
@@ -454,9 +454,9 @@ def test_a_block_with_swapped_buttons_is_told_by_check_and_report(tmp_path, blan
     lines = good("check", "s.csv", "--columns", "block=[b]Run", cwd=tmp_path).splitlines()
     beginning = "warning [i]x: Block <2> looks answered the wrong way round (swapped buttons;"
     [line] = [line for line in lines if line.startswith(beginning)]
-    ways = "--turn '[i]x:<2>' turns these answers, --leave-out '[i]x:<2>' leaves them out."
+    ways = "--swap '[i]x:<2>' turns these answers, --exclude '[i]x:<2>' leaves them out."
     assert line.endswith(ways)
-    turned = good("check", "s.csv", "--columns", "block=[b]Run", "--turn", "[i]x:<2>", cwd=tmp_path)
+    turned = good("check", "s.csv", "--columns", "block=[b]Run", "--swap", "[i]x:<2>", cwd=tmp_path)
     assert "  subject [i]x, block <2>: answers turned" in turned.splitlines()
     assert "swapped" not in turned
     assert (
@@ -476,7 +476,7 @@ def test_a_block_with_swapped_buttons_is_told_by_check_and_report(tmp_path, blan
         500,
         "--columns",
         "block=[b]Run",
-        "--pictures",
+        "--figures",
         "none",
         *ONE,
         cwd=tmp_path,
@@ -510,7 +510,7 @@ def test_a_prior_file_is_used_shown_and_stored(folder, blank_pictures):
         "narrow",
         "--draws",
         500,
-        "--pictures",
+        "--figures",
         "none",
         *under,
         *ONE,

@@ -173,7 +173,7 @@ def test_help_begins_with_the_way_from_answers_to_a_paper_and_has_rare_options_a
     usual, rare = inside("run", "--help").stdout.split("Advanced")
     assert all(
         f"{name} " in usual
-        for name in ("--output", "--turn", "--leave-out", "--prior", "--seed", "--workers")
+        for name in ("--output", "--swap", "--exclude", "--prior", "--seed", "--workers")
     )
     assert all(f"{name} " in rare for name in ("--engine", "--scheduler", "--spreadsheet-safe"))
 

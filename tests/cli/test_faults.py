@@ -49,7 +49,7 @@ def test_a_subject_whose_workers_die_is_marked_and_the_study_goes_on(
         "out",
         "--draws",
         100,
-        "--pictures",
+        "--figures",
         "none",
         "--seed",
         1,

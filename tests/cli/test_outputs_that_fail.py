@@ -120,7 +120,7 @@ def test_an_output_folder_that_is_deleted_meanwhile_is_no_success(
         1,
         "--workers",
         1,
-        "--pictures",
+        "--figures",
         "none",
     )
     monkeypatch.setattr(results_folder, "write_report", deleted)
@@ -137,7 +137,7 @@ def test_an_output_folder_that_is_deleted_meanwhile_is_no_success(
         given[-2].unlink()
 
     monkeypatch.setattr(results_folder, "_draw_subject", lost)
-    assert "cannot be written" in one_line(inside(*words, "--pictures", "all", "--resume"))
+    assert "cannot be written" in one_line(inside(*words, "--figures", "all", "--resume"))
 
 
 def test_what_is_kept_already_needs_no_more_room(place, tmp_path, monkeypatch):
@@ -187,7 +187,7 @@ def test_a_plain_environment_without_a_home_and_a_temporary_folder(place, tmp_pa
     }
     nowhere = str(place / "study.csv" / "home")
     grouped_csv(tmp_path / "study.csv", few_pairs(["\xe9"]))
-    options = ("--pictures", "none", "--draws", 100, "--seed", 1, "--workers", 1)
+    options = ("--figures", "none", "--draws", 100, "--seed", 1, "--workers", 1)
     words = ("run", "study.csv", "-o", "out", *options)  # which draws figures
     done = call(*words, cwd=tmp_path, **plain, HOME=nowhere, TMPDIR=nowhere)
     assert (done.returncode, done.stderr) == (0, "")

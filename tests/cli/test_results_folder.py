@@ -36,7 +36,7 @@ def section(folder):
 @pytest.mark.parametrize(
     ("which", "drawn", "said"),
     [
-        ("flagged", "AC", "There are figures for 2 subjects (--pictures flagged: "),
+        ("flagged", "AC", "There are figures for 2 subjects (--figures flagged: "),
         ("none", "", "There are figures for no subjects"),
     ],
 )
@@ -51,7 +51,7 @@ def test_pictures_are_of_the_flagged_or_of_none_and_the_report_says_of_whom(
     assert told == list(drawn)
     text = page(tmp_path / "out")
     assert text.count("data:image/png") == 4 + 2 * len(drawn)
-    assert text.count("No figure (--pictures") == 3 - len(drawn)
+    assert text.count("No figure (--figures") == 3 - len(drawn)
     assert said in text
     assert {path.name for path in (tmp_path / "out").iterdir()} <= {
         *results_folder.PRODUCTS,
@@ -89,7 +89,7 @@ def test_of_very_many_subjects_the_report_is_an_index_with_a_page_for_each(
         "&#39;", "'"
     )
     assert "Not interpreted: swapped blocks" in pages["C"]
-    assert "<code>--turn C:2</code>" in pages["C"]
+    assert "<code>--swap C:2</code>" in pages["C"]
     assert all('href="../report.html#read"' in text for text in pages.values())
     assert 'href="../corner/A.png"' in pages["A"]
 
@@ -156,7 +156,7 @@ def test_run_computes_the_group_and_leaves_with_3_where_it_did_not_converge(
     group = made_result(simulated_group(1, n_subjects=4), n_divergent=2)
     monkeypatch.setattr("bayes_toe.run", lambda *_, **__: replace(analysis, group=group))
     grouped_csv(tmp_path / "study.csv", analysis.study)
-    options = ("--pictures", "none", "--seed", 5, "--workers", 1)
+    options = ("--figures", "none", "--seed", 5, "--workers", 1)
     done = inside("run", "study.csv", "-o", "out", *options, cwd=tmp_path)
     assert done.returncode == 3
     printed = " ".join(done.stdout.split())

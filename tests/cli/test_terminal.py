@@ -31,7 +31,7 @@ def many(analysis):
         replace(analysis.answers[i % 3], subject=f"S{i}", notes=("the same note",))
         for i in range(100)
     ]
-    answers[98] = replace(answers[98], flags=("unlike blocks",), options=("--leave-out S98",))
+    answers[98] = replace(answers[98], flags=("unlike blocks",), options=("--exclude S98",))
     answers[99] = replace(answers[99], predictive_p=0.001, flags=(MISFIT_FLAG,))
     return answers
 
@@ -45,7 +45,7 @@ def test_tables_of_very_many_subjects_end_with_a_count_and_begin_with_those_that
     shown = rows_of(text, {answer.subject for answer in many})
     assert shown == ["S98", "S99", *(f"S{i}" for i in range(MOST_ROWS - 2))]
     assert text.count("... and 50 more in evidence.csv") == 1
-    assert "action S98: unlike blocks; run again with --leave-out S98" in text
+    assert "action S98: unlike blocks; run again with --exclude S98" in text
     assert "action S99: the model does not fit" in text
     assert "S0, S1, S2, S3, S4, ... and 95 more: the same note" in text
     assert text.index("action S98") < text.index("answer: Order effect: ")

@@ -3,13 +3,13 @@
 import pandas as pd
 import pytest
 import xarray as xr
+from bayes_toe.inference.belonging import require_belonging
 from commands import good, inside, refused
 from conftest import few_pairs, grouped_csv
 
 import bayes_toe as bt
 from bayes_toe.data.options import changed
 from bayes_toe.data.whole_files import under_way
-from bayes_toe.inference.belonging import require_belonging
 
 
 def words(*equal):
@@ -50,48 +50,48 @@ def same(one, other):
 
 
 def test_turning_blocks_is_as_if_the_file_had_them_the_other_way_round(study):
-    turned = study.turn("a", [2, "3"])
+    turned = study.swap("a", [2, "3"])
     assert same(turned, bt.read_study(FRAME.assign(response=words(1, 0, 0, 0, 0, 0, 1, 0))))
     assert turned["a"].answers.n_yes.tolist() == [1, 0, 0, 0, 0, 0]
     assert turned["b:1"] is study["b:1"]
-    assert turned.changes == ("--turn a:2,3",)
+    assert turned.changes == ("--swap a:2,3",)
     assert turned.notes == (*study.notes, "subject a, blocks 2, 3: answers turned")
-    assert same(turned.turn("a", (2, 3)), study)
-    assert same(study.turn("a"), study.turn("a", [1, 2, 3]))
+    assert same(turned.swap("a", (2, 3)), study)
+    assert same(study.swap("a"), study.swap("a", [1, 2, 3]))
 
 
 def test_leaving_out_is_as_if_the_file_had_no_such_rows(study):
-    left = study.leave_out("a", 2)
+    left = study.exclude("a", 2)
     assert same(left, bt.read_study(FRAME[(FRAME.subject != "a") | (FRAME.block != 2)]))
     assert (left["a"].answers.blocks, left["a"].answers.block.tolist()) == (
         ("1", "3"),
         [0, 0, 1, 1],
     )
-    assert left.turn("a", 3).changes == ("--leave-out a:2", "--turn a:3")
-    for gone in (study.leave_out("a"), study.leave_out("a", [1, 2, 3])):
+    assert left.swap("a", 3).changes == ("--exclude a:2", "--swap a:3")
+    for gone in (study.exclude("a"), study.exclude("a", [1, 2, 3])):
         assert (gone.names, [one.name for one in gone if one.answers]) == (("b:1",), ["b:1"])
-    assert study.leave_out("a").notes[-1] == "subject a: left out"
-    assert study.leave_out("a").select("b:1").changes == ("--leave-out a",)
+    assert study.exclude("a").notes[-1] == "subject a: left out"
+    assert study.exclude("a").select("b:1").changes == ("--exclude a",)
 
 
 def test_counts_without_blocks_can_be_turned_and_left_out_whole():
     timed = bt.Study(
         [bt.Subject(name, [0.0, 0.0], [0.3, 0.3], [4, 2], [5, 5], isi=[0.5, 2.0]) for name in "ab"]
     )
-    turned = timed.turn("b")
+    turned = timed.swap("b")
     assert (turned["b"].n_yes.tolist(), turned["b"].isi.tolist(), turned["a"]) == (
         [1, 3],
         [0.5, 2.0],
         timed["a"],
     )
-    assert turned.at_isi(2.0).changes == ("--turn b",)
-    assert timed.leave_out("a").names == ("b",)
+    assert turned.at_isi(2.0).changes == ("--swap b",)
+    assert timed.exclude("a").names == ("b",)
 
 
 def test_options_name_subjects_and_blocks_and_are_done_in_one_order(study):
     made = changed(study, turn=["a:2", "a: 3", "b:1"], leave_out=["b:1:2"])
-    assert made.changes == ("--turn a:2,3", "--turn b:1", "--leave-out b:1:2")
-    assert same(made, study.turn("a", [2, 3]).turn("b:1").leave_out("b:1", 2))
+    assert made.changes == ("--swap a:2,3", "--swap b:1", "--exclude b:1:2")
+    assert same(made, study.swap("a", [2, 3]).swap("b:1").exclude("b:1", 2))
     assert changed(study) is study
 
 
@@ -102,23 +102,23 @@ def test_blocks_of_several_files_are_named_after_these(tmp_path):
     study = bt.read_study(files)
     turned = changed(study, turn=["a:session 1.csv: 2, session 2.csv: 3"])
     assert turned["a"].answers.n_yes.tolist() == [1, 0, 0, 0, 1, 1, 1, 0, 1, 1, 0, 0]
-    assert turned.changes == ("--turn 'a:session 1.csv: 2,session 2.csv: 3'",)
+    assert turned.changes == ("--swap 'a:session 1.csv: 2,session 2.csv: 3'",)
 
 
 REFUSED = [
-    (["--turn", "x:2"], "--turn x:2: no subject 'x', allowed: a, b:1"),
-    (["--leave-out", "a:9"], "--leave-out a:9: found no block '9', allowed: 1, 2, 3"),
+    (["--swap", "x:2"], "--swap x:2: no subject 'x', allowed: a, b:1"),
+    (["--exclude", "a:9"], "--exclude a:9: found no block '9', allowed: 1, 2, 3"),
     (
-        ["--turn", "a:2", "--turn", "a:2,3"],
-        "--turn a:2,3: found twice, allowed: each subject or block once",
+        ["--swap", "a:2", "--swap", "a:2,3"],
+        "--swap a:2,3: found twice, allowed: each subject or block once",
     ),
     (
-        ["--leave-out", "a", "--leave-out", "a:1"],
-        "--leave-out a:1: found twice, allowed: each subject or block once",
+        ["--exclude", "a", "--exclude", "a:1"],
+        "--exclude a:1: found twice, allowed: each subject or block once",
     ),
     (
-        ["--leave-out", "a", "--leave-out", "b:1"],
-        "--leave-out b:1: found nobody else, allowed: what leaves some answers",
+        ["--exclude", "a", "--exclude", "b:1"],
+        "--exclude b:1: found nobody else, allowed: what leaves some answers",
     ),
 ]
 
@@ -137,11 +137,11 @@ def test_blocks_of_a_file_without_blocks_and_files_that_are_not_there_are_refuse
     grouped_csv(tmp_path / "study.csv", few_pairs("AB"))
     said = "found no column block, allowed: all answers of the subject, or a column with --columns block=NAME"
     assert (
-        refused("check", "study.csv", "--turn", "A:2", cwd=tmp_path)
-        == f"error: --turn A:2: {said}\n"
+        refused("check", "study.csv", "--swap", "A:2", cwd=tmp_path)
+        == f"error: --swap A:2: {said}\n"
     )
     with pytest.raises(bt.InputError, match="no subject 'C'"):
-        few_pairs("AB").turn("C")
+        few_pairs("AB").swap("C")
 
 
 def test_every_command_that_reads_answers_has_the_options():
@@ -158,8 +158,8 @@ def test_every_command_that_reads_answers_has_the_options():
         "figures",
     ):
         shown = inside(command, "--help").stdout
-        assert "--turn" in shown, command
-        assert "--leave-out" in shown, command
+        assert "--swap" in shown, command
+        assert "--exclude" in shown, command
 
 
 def test_results_remember_what_was_changed_and_belong_to_that_study_alone(tmp_path):
@@ -170,23 +170,23 @@ def test_results_remember_what_was_changed_and_belong_to_that_study_alone(tmp_pa
         "study.csv",
         "-o",
         "draws.nc",
-        "--turn",
+        "--swap",
         "A",
-        "--leave-out",
+        "--exclude",
         "C",
         *options,
         cwd=tmp_path,
     )
     assert "subject A: answers turned" in made
     draws = bt.load(tmp_path / "draws.nc")
-    assert draws.study.changes == ("--turn A", "--leave-out C")
+    assert draws.study.changes == ("--swap A", "--exclude C")
     assert draws.study["A"].n_yes.tolist() == [5, 30, 35, 4]
-    require_belonging(draws, "draws", study=few_pairs("ABC").turn("A").leave_out("C"))
+    require_belonging(draws, "draws", study=few_pairs("ABC").swap("A").exclude("C"))
     figures = ("figures", "-o", "figures", "--posterior", "draws.nc")
-    other = refused(*figures, "study.csv", "--leave-out", "C", cwd=tmp_path)
-    assert "of subject 'A' from other answers, read with --turn A --leave-out C;" in other
-    assert "--turn, --leave-out: found no STUDY.csv to change" in refused(
-        *figures, "--turn", "A", cwd=tmp_path
+    other = refused(*figures, "study.csv", "--exclude", "C", cwd=tmp_path)
+    assert "of subject 'A' from other answers, read with --swap A --exclude C;" in other
+    assert "--swap, --exclude: found no STUDY.csv to change" in refused(
+        *figures, "--swap", "A", cwd=tmp_path
     )
 
 
@@ -196,9 +196,9 @@ def test_what_is_kept_of_other_answers_is_not_taken(tmp_path):
         {"model": "constant-error", "draws": 100, "seed": 1, "workers": 1},
     )
     bt.sample(study, keep=tmp_path / "kept", **how)
-    turned = bt.sample(study.turn("B"), keep=tmp_path / "kept", **how)
+    turned = bt.sample(study.swap("B"), keep=tmp_path / "kept", **how)
     standing = under_way[tmp_path / "kept"]
     assert (standing.taken, standing.jobs) == (2, 3)
     xr.testing.assert_identical(
-        turned.group("posterior"), bt.sample(study.turn("B"), **how).group("posterior")
+        turned.group("posterior"), bt.sample(study.swap("B"), **how).group("posterior")
     )

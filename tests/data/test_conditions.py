@@ -61,7 +61,7 @@ def test_units_have_the_scales_of_their_subject(read):
             != pytest.approx(np.average(one.s1, weights=one.n_trials))
         )
         assert own.prior.mu1_mean == pytest.approx(of_whole.prior.mu1_mean)
-    assert found.turn("a@left")["a@left"].felt == found["a@left"].felt
+    assert found.swap("a@left")["a@left"].felt == found["a@left"].felt
     again = bt.read_study(found.frame())
     assert (again.names, again.conditions) == (found.names, found.conditions)
     assert read(reference="right").conditions.comparisons == (("left", "right"),)

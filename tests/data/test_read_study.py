@@ -321,7 +321,7 @@ def test_sessions_tell_the_order_and_where_memory_begins_anew():
         "numbers of trials are missing (a 1): trials that were left out were felt all the same, keep them",
         "no time since the trial before for 1 trial in column iti",
     )
-    assert study.leave_out("a", "2")["a"].answers.begins.tolist() == [True, True]
+    assert study.exclude("a", "2")["a"].answers.begins.tolist() == [True, True]
     assert replace(study["a"], n_yes=[0, 0, 0]).answers is None, (
         "other counts are not those of the answers"
     )

@@ -294,13 +294,13 @@ def reversed_answers(*subjects):
 
 def test_some_reversed_subjects_are_found_and_all_are_refused_where_they_are_read():
     straight, back = answering("a", rising), answering("b", lambda d: rising(-d))
-    assert reversed_answers(straight, back) == {("b", "reversed_answers"): "--turn b"}
+    assert reversed_answers(straight, back) == {("b", "reversed_answers"): "--swap b"}
     mixed = bt.read_study(bt.Study((straight, back)).frame())
-    assert reversed_answers(*mixed.turn("b")) == {}
+    assert reversed_answers(*mixed.swap("b")) == {}
     with pytest.raises(bt.InputError, match=r"correlation -0\.[67].*n_second counts those"):
         bt.read_study(bt.Study((back, answering("c", lambda d: rising(-d)))).frame())
     parts = [bt.Study((one,)).frame() for one in (straight, back)]
-    assert reversed_answers(*bt.read_study(parts)) == {("b", "reversed_answers"): "--turn b"}, (
+    assert reversed_answers(*bt.read_study(parts)) == {("b", "reversed_answers"): "--swap b"}, (
         "a file of one reversed subject is not a study"
     )
     trials = pd.DataFrame(

@@ -225,7 +225,7 @@ def require_public(result, expected):
 def test_vibrotactile_study(real_data, seed):
     path = real_data / "vibrotactile_rate" / "trials.csv"
     study = bt.read_study(path, bt.ReadOptions(equal_code="1"))
-    study = study.turn("946", (2, 4, 6)).turn("865", (2,))
+    study = study.swap("946", (2, 4, 6)).swap("865", (2,))
     require_public(bt.population(study, seed=seed), VIBROTACTILE)
 
 

@@ -206,7 +206,7 @@ def test_a_store_of_an_earlier_version_is_refused_in_one_line(study_csv, tmp_pat
 def test_commands_take_the_file(small_study, tmp_path, blank_pictures):
     grouped_csv(tmp_path / "study.csv", small_study.select(["B"]))
     options = ("--draws", "100", "--seed", "1", "--workers", "1")
-    good("run", "study.csv", "-o", "out", "--pictures", "none", *options, cwd=tmp_path)
+    good("run", "study.csv", "-o", "out", "--figures", "none", *options, cwd=tmp_path)
     good("sample", "study.csv", "-o", "p.nc", *options, cwd=tmp_path)
     of_run, of_sample = (
         bt.load(tmp_path / name).group("posterior").load() for name in ("out/posterior.nc", "p.nc")

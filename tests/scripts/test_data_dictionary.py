@@ -3,6 +3,7 @@
 import data_dictionary
 import pandas as pd
 import pytest
+from bayes_toe.cli.supplement import fit_table, order_effect_table, parameter_table
 from commands import good
 from populations import made_result
 from reference.calibration import ABOUT, calibrate
@@ -11,7 +12,6 @@ import bayes_toe as bt
 from bayes_toe.answers.contrast import WORDS
 from bayes_toe.answers.words import Word
 from bayes_toe.checks.design_checks import describe_design
-from bayes_toe.cli.supplement import fit_table, order_effect_table, parameter_table
 from bayes_toe.inference.prediction import predict_pairs
 from bayes_toe.model.parameters import ORDER_MODELS
 
