@@ -9,12 +9,10 @@ import warnings
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import chdir, closing, contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
-from importlib import import_module
 from multiprocessing import resource_tracker
 from numbers import Integral
-from pathlib import Path
 from threading import Thread
 from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
@@ -22,6 +20,7 @@ from joblib import Parallel, cpu_count, delayed, parallel_config
 from threadpoolctl import threadpool_limits
 
 from bayes_toe.errors import InputError, WorkerError
+from bayes_toe.library_settings import ignore_settings_of_folder
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -213,18 +212,6 @@ def _signals_held_back() -> Iterator[None]:
     finally:
         if before is not None:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-def ignore_settings_of_folder() -> None:
-    """Import matplotlib and ArviZ so that they read no settings from the working folder.
-
-    Both read files such as matplotlibrc there when they are imported, and a data folder may hold
-    one. Nothing is imported where there is no such file.
-    """
-    if any(map(os.path.lexists, ("matplotlibrc", "arvizrc"))):
-        with chdir(Path(__file__).parent):
-            import_module("arviz")
-            import_module("matplotlib")
 
 
 def _begin(parent: int) -> None:

@@ -17,7 +17,6 @@ from bayes_toe.answers.order_effect import ANSWER_COLUMNS
 from bayes_toe.answers.serial_dependence import HISTORY_COLUMNS
 from bayes_toe.classical.asymmetry import ASYMMETRY_COLUMNS, Comparison, SubjectAsymmetry
 from bayes_toe.classical.fit import SubjectFit, fit_columns
-from bayes_toe.cli.supplement import FIT_TABLE_COLUMNS, ORDER_EFFECT_COLUMNS
 from bayes_toe.data.tasks import SAME_DIFFERENT
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.design.power import DATA_SET_COLUMNS, POWER_COLUMNS
@@ -64,8 +63,6 @@ FILES = {
     "population_subjects.csv": File(GroupSubjectRow._fields),
     "fit.csv": File(fit_columns(SAME_DIFFERENT), [SubjectFit], ["at_edge"]),
     "asymmetry.csv": File(ASYMMETRY_COLUMNS, [Comparison, SubjectAsymmetry]),
-    "methods_order_effect.csv": File(ORDER_EFFECT_COLUMNS, [SubjectEvidence], ANSWER_COLUMNS),
-    "methods_fit.csv": File(FIT_TABLE_COLUMNS),
     "power.csv": File(POWER_COLUMNS),
     "power_data_sets.csv": File(DATA_SET_COLUMNS),
     "design.csv": File(DESIGN_COLUMNS),

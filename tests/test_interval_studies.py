@@ -3,9 +3,7 @@
 from types import SimpleNamespace
 
 import numpy as np
-import pandas as pd
 import pytest
-from commands import good, refused
 from conftest import few_replicates
 from scipy.special import betaln
 
@@ -307,23 +305,6 @@ def test_without_intervals_none_may_be_asked_for(study):
     assert bt.predict(plain, "S01", [0.0, 0.3], 0.3).columns.tolist()[:3] == ["s1", "s2", "mean"]
     with pytest.raises(InputError, match="made without intervals"):
         bt.predict(plain, "S01", 0.0, 0.3, 1.0)
-
-
-def test_the_command_predicts_pairs_of_a_file(analysis, tmp_path):
-    analysis.draws.save(tmp_path / "posterior.nc")
-    (tmp_path / "pairs.csv").write_text("s1,s2,isi\n0,0.3,0.5\n0.3,0,8\n", encoding="utf-8")
-    good("predict", "posterior.nc", "pairs.csv", "-o", "p.csv", cwd=tmp_path)
-    table = pd.read_csv(tmp_path / "p.csv")
-    assert table["subject"].tolist() == ["S01", "S01", "S02", "S02"]
-    each = [
-        bt.predict(analysis.draws, "S02", *pair).to_numpy()[0]
-        for pair in ((0.0, 0.3, 0.5), (0.3, 0.0, 8.0))
-    ]
-    assert table.iloc[2:, 1:].to_numpy() == pytest.approx(np.array(each), rel=1e-12)
-    (tmp_path / "bad.csv").write_text("s1,s2,isi\n0,0.3,0\n", encoding="utf-8")
-    assert "positive finite numbers of seconds" in refused(
-        "predict", "posterior.nc", "bad.csv", "-o", "q.csv", cwd=tmp_path
-    )
 
 
 # --- figures, report, and what refuses ----------------------------------------------------------------------------------------------

@@ -1,6 +1,6 @@
 """The house: every file stands in a room, imports point one way, and a library has one owner.
 
-version errors arrays seeds cluster workers < data < result_store < model < checks < inference < groups < classical
+version errors arrays seeds library_settings cluster workers < data < result_store < model < checks < inference < groups < classical
 < answers < analysis < design < plots < explorer < cli
 """
 
@@ -19,6 +19,7 @@ ORDER = (
     "errors",
     "arrays",
     "seeds",
+    "library_settings",
     "cluster",
     "workers",
     "data",

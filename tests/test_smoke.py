@@ -17,7 +17,6 @@ def folder(tmp_path_factory):
     [
         (["check", "study.csv"], []),
         (["evidence", "study.csv", "-o", "evidence.csv", "--seed", 1], ["evidence.csv"]),
-        (["asymmetry", "study.csv", "-o", "asymmetry.csv"], ["asymmetry.csv"]),
         (["fit", "study.csv", "-o", "fit.csv", "--replicates", 200, "--seed", 1], ["fit.csv"]),
     ],
     ids=lambda value: value[0] if value and "." not in value[0] else "",

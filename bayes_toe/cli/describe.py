@@ -66,23 +66,28 @@ def fit(
 
     [bold]Example[/bold]: bayes-toe fit study.csv -o fit.csv --seed 1
     """
-    from bayes_toe.data.study import refuse_intervals
     from bayes_toe.errors import require_share
 
     require_share("level", level)
     outputs = [output] if asymmetry_output is None else [output, asymmetry_output]
     task.require_files(*outputs)
     read, prior = task.read(study)
-    if asymmetry_output is not None:
-        refuse_intervals(read, "--asymmetry")
+    asymmetries, why_none = None, ""
+    try:
+        asymmetries = bt.asymmetry(read)
+    except bt.InputError as error:
+        if asymmetry_output is not None:
+            raise
+        why_none = str(error)
     task.out.introduce(read, said=f"penalty: {prior.describe_penalty()}")
     table = task.work(
         "fitting", len(read), bt.fit, read, replicates=replicates, level=level, prior=prior
     )
     table.save(output, **task.saving_of(read))
     say_fits(task.out, table)
-    if not read.intervals:
-        asymmetries = bt.asymmetry(read)
+    if asymmetries is None:
+        task.out.note(f"No test of asymmetry: {why_none}")
+    else:
         say_asymmetry(task.out, asymmetries)
         if asymmetry_output is not None:
             asymmetries.save(asymmetry_output, **task.saving_of(read))

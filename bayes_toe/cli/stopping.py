@@ -20,7 +20,7 @@ from typing import Any
 
 from bayes_toe.data.messages import shown
 from bayes_toe.data.whole_files import describe_stored, finished
-from bayes_toe.workers import ignore_settings_of_folder
+from bayes_toe.library_settings import ignore_settings_of_folder
 
 _SIGNALS = tuple(
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)

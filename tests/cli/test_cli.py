@@ -330,20 +330,6 @@ def test_corner_of_one_subject_and_of_two_with_prior_and_truth_in_any_quantities
             "corner POSTERIOR --truth study.csv",
             "found 'subject', 's1', 's2', 'n_equal', 'n_trials', allowed: subject and some of mu1",
         ),
-        ("figures study.csv --subject Z", "no subject 'Z'"),
-        ("figures study.csv --format gif", "allowed: pdf, png, svg"),
-        (
-            "figures three.csv --posterior POSTERIOR",
-            "found no draws of subject 'C'; allowed: the posterior of three.csv",
-        ),
-        (
-            "figures --posterior POSTERIOR --seed 2",
-            "found draws of seed 1, allowed: that seed, or none, given 2",
-        ),
-        (
-            "figures --posterior POSTERIOR --prior wide.toml",
-            "found draws under mu1 ~ Normal(M, 2.5 R)",
-        ),
         ("run study.csv --figures some", "allowed are all, flagged, none"),
         ("run study.csv -o out", "overwrite"),
         ("run study.csv -o study.csv/new", "study.csv"),
@@ -357,44 +343,14 @@ def test_what_is_refused_before_the_work_in_one_line(folder, results, small_stud
     assert said in refused(*given, *(() if "-o" in given else ("-o", "none")), cwd=folder)
 
 
-@pytest.fixture
-def two_figures(monkeypatch):
-    for name in (
-        "figure_1c_asymmetry",
-        "figure_3_examples",
-        "appendix_c_evidence",
-    ):
+def test_run_writes_the_figures_of_the_paper(folder, monkeypatch, blank_pictures):
+    for name in ("figure_1c_asymmetry", "figure_3_examples", "appendix_c_evidence"):
         monkeypatch.delitem(FIGURES, name)
-
-
-def test_figures_of_chosen_subjects_in_one_format(folder, two_figures):
-    args = (
-        "figures",
-        "study.csv",
-        "-o",
-        "pictures",
-        "--draws",
-        300,
-        "--subject",
-        "B",
-        "--format",
-        "svg",
-        *ONE,
-    )
-    good(*args, cwd=folder)
-    made = {path.name for path in (folder / "pictures").glob("[!.]*")}
-    assert made == {"figure_4_map.svg", "figure_5_plane.svg", "captions.md"}
-    assert "Subjects B." in (folder / "pictures" / "captions.md").read_text(encoding="utf-8")
-    assert "overwrite" in refused(*args, cwd=folder)
-
-
-def test_figures_of_saved_draws_sample_nothing(results, folder, monkeypatch, two_figures):
-    monkeypatch.setattr("bayes_toe.inference.subject.sample_chains", None)  # calling it would raise
-    posterior = ("--posterior", results[0] / "posterior.nc", "--workers", 1)
-    drawn = ("-o", "saved", "--subject", "B", "--format", "png")
-    assert "seed 1; figures and captions" in good(
-        "figures", "study.csv", *posterior, *drawn, cwd=folder
-    )
+    words = ("run", "study.csv", "-o", "with_figures", "--draws", 300, "--figures", "none", *ONE)
+    good(*words, "--paper-figures", cwd=folder)
+    names = {path.name for path in (folder / "with_figures" / "paper_figures").glob("[!.]*")}
+    figures = {f"{name}.{ending}" for name in FIGURES for ending in ("pdf", "png")}
+    assert names == {*figures, "captions.md"}
 
 
 # --- simulate, check, priors -------------------------------------------------------------------------------------------------------
@@ -436,7 +392,6 @@ def test_trials_that_are_there_twice_are_said_by_every_command(tmp_path):
     said = "warning s.csv: 12 rows repeat block and trial of another row with the same stimuli and answer, first row 14,"
     for command in (
         ["check"],
-        ["asymmetry"],
         ["fit", "--replicates", 2],
         ["evidence", "--workers", 1],
     ):
@@ -452,13 +407,12 @@ def test_a_block_with_swapped_buttons_is_told_by_check_and_report(tmp_path, blan
             rows.append(f"[i]x,{s1},{s2},{'equal' if equal else 'different'},<{block}>,1,0.5")
     (tmp_path / "s.csv").write_text("\n".join(rows) + "\n")
     lines = good("check", "s.csv", "--columns", "block=[b]Run", cwd=tmp_path).splitlines()
-    beginning = "warning [i]x: Block <2> looks answered the wrong way round (swapped buttons;"
+    beginning = "warning [i]x: Responses look swapped in block <2> (X^2 / d.f. of the blocks"
     [line] = [line for line in lines if line.startswith(beginning)]
-    ways = "--swap '[i]x:<2>' turns these answers, --exclude '[i]x:<2>' leaves them out."
-    assert line.endswith(ways)
+    assert line.endswith("Type --swap '[i]x:<2>' or --exclude '[i]x:<2>'.")
     turned = good("check", "s.csv", "--columns", "block=[b]Run", "--swap", "[i]x:<2>", cwd=tmp_path)
-    assert "  subject [i]x, block <2>: answers turned" in turned.splitlines()
-    assert "swapped" not in turned
+    assert "  subject [i]x, block <2>: responses swapped" in turned.splitlines()
+    assert "look swapped" not in turned
     assert (
         "warning Column ISI looks like isi (seconds): use --columns isi=ISI, or it is ignored."
         in lines
@@ -483,7 +437,7 @@ def test_a_block_with_swapped_buttons_is_told_by_check_and_report(tmp_path, blan
     )
     report = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     section = report[report.index('<h2 id="pooling">') : report.index('<h2 id="read">')]
-    assert "<strong>[i]x</strong>: Block &lt;2&gt; looks answered the wrong way round" in section
+    assert "<strong>[i]x</strong>: Responses look swapped in block &lt;2&gt;" in section
 
 
 def test_bad_input_is_one_line_a_problem_and_exit_code_2(tmp_path):
@@ -543,7 +497,7 @@ def test_a_preset_is_a_word_and_a_file_of_that_name_has_a_path(folder):
     assert "mu1 ~ Normal(0, 7)" in said[2]
 
 
-@pytest.mark.parametrize("command", ["run", "sample", "evidence", "fit", "figures", "check"])
+@pytest.mark.parametrize("command", ["run", "sample", "evidence", "fit", "check"])
 def test_a_bad_prior_file_is_one_line_for_every_command(folder, command):
     (folder / "bad.toml").write_text("[paper]\nmu1_sd = -1\n", encoding="utf-8")
     words = (

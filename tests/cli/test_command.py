@@ -10,6 +10,7 @@ from typing import Annotated
 import pytest
 import typer.main
 from commands import inside, refused
+from conftest import few_pairs, grouped_csv
 from rich.text import Text
 from typer.testing import CliRunner
 
@@ -160,22 +161,39 @@ def test_every_command_lists_shared_options_last_in_one_order_and_its_help_has_e
         assert not Text.from_markup(one.help).spans, one.name  # a bracket is a bracket
 
 
-def test_help_begins_with_the_way_from_answers_to_a_paper_and_has_rare_options_apart():
-    said = inside("--help").stdout
-    first, more = (
-        re.findall(r"^│ (\w+)  ", part, re.MULTILINE)
-        for part in said.partition("From answers to a paper")[2].split("More")
-    )
-    assert first == ["check", "run", "explore", "methods"]
-    assert sorted(first + more) == sorted(
-        one.__name__ for commands in COMMANDS.values() for one in commands
-    )
+def test_there_are_thirteen_commands_and_rare_options_stand_apart():
+    text = inside("--help").stdout
+    listed = re.findall(r"^│ (\w+)  ", text.partition("One study")[2], re.MULTILINE)
+    assert listed == [
+        "check",
+        "run",
+        "sample",
+        "evidence",
+        "corner",
+        "explore",
+        "fit",
+        "population",
+        "contrast",
+        "history",
+        "design",
+        "power",
+        "simulate",
+    ]
     usual, rare = inside("run", "--help").stdout.split("Advanced")
-    assert all(
-        f"{name} " in usual
-        for name in ("--output", "--swap", "--exclude", "--prior", "--seed", "--workers")
-    )
-    assert all(f"{name} " in rare for name in ("--engine", "--scheduler", "--spreadsheet-safe"))
+    for name in ("--output", "--swap", "--exclude", "--prior", "--seed", "--workers"):
+        assert f"{name} " in usual
+    for name in ("--engine", "--scheduler", "--spreadsheet-safe"):
+        assert f"{name} " in rare
+
+
+@pytest.mark.parametrize(
+    ("former", "present"), [("--turn", "--swap"), ("--leave-out", "--exclude")]
+)
+def test_a_former_name_of_an_option_still_works(tmp_path, former, present):
+    grouped_csv(tmp_path / "study.csv", few_pairs("AB"))
+    texts = [inside("check", "study.csv", f"{name}=A", cwd=tmp_path) for name in (former, present)]
+    assert texts[0].stdout == texts[1].stdout
+    assert [done.returncode for done in texts] == [0, 0]
 
 
 def test_the_sections_of_a_hyperprior_are_named_by_help():
@@ -189,6 +207,10 @@ def test_the_sections_of_a_hyperprior_are_named_by_help():
         (("compare", "study.csv", "--history"), "bayes-toe history"),
         (("compare", "--help"), "bayes-toe evidence"),
         (("sensitivity", "--reach", "2"), "bayes-toe evidence --prior prior.toml"),
+        (("asymmetry", "study.csv"), "bayes-toe fit STUDY.csv --asymmetry asymmetry.csv"),
+        (("methods", "results"), "bayes-toe run"),
+        (("figures", "study.csv"), "bayes-toe run STUDY.csv --paper-figures"),
+        (("predict", "posterior.nc"), "bt.predict"),
     ],
 )
 def test_a_retired_command_says_what_to_type_instead(tmp_path, words, instead):
@@ -200,9 +222,7 @@ def test_a_retired_command_says_what_to_type_instead(tmp_path, words, instead):
 @pytest.mark.parametrize(
     "words",
     [
-        ("asymmetry", "study.csv", "--covariates", "people.csv"),
         ("evidence", "study.csv", "--more-trials"),
-        ("figures", "study.csv", "--mass=0.5"),
         ("power", "--stop", "has"),
         ("run", "study.csv", "--store", "zarr"),
         ("power", "--carry-over", "0.5"),

@@ -5,14 +5,17 @@ import math
 import pytest
 from browsers import Opened
 
-from bayes_toe.cli.results_folder import Drawn, write_results
+from bayes_toe.cli.results_folder import FigureChoice, write_results
 
 
 @pytest.fixture(scope="module")
 def path(marked, tmp_path_factory):
     return (
         write_results(
-            marked, tmp_path_factory.mktemp("report") / "out", pictures=Drawn("flagged"), workers=1
+            marked,
+            tmp_path_factory.mktemp("report") / "out",
+            figures=FigureChoice("flagged"),
+            workers=1,
         )
         / "report.html"
     )

@@ -12,9 +12,8 @@ from populations import made_result, simulated_group
 
 import bayes_toe as bt
 from bayes_toe.cli import report, results_folder
-from bayes_toe.cli.methods import read_methods, write_text
 from bayes_toe.cli.report import Group
-from bayes_toe.cli.results_folder import GROUP_PRODUCTS, Drawn, opened, write_results
+from bayes_toe.cli.results_folder import GROUP_PRODUCTS, FigureChoice, opened, write_results
 from bayes_toe.explorer.page import Explorer
 from bayes_toe.groups.predictive_check import PredictiveCheck, Statistic
 from bayes_toe.groups.regressors import Regressor, Regressors
@@ -44,7 +43,9 @@ def test_pictures_are_of_the_flagged_or_of_none_and_the_report_says_of_whom(
     marked, tmp_path, which, drawn, said
 ):
     told = []
-    write_results(marked, tmp_path / "out", pictures=Drawn(which), workers=1, progress=told.append)
+    write_results(
+        marked, tmp_path / "out", figures=FigureChoice(which), workers=1, progress=told.append
+    )
     corners = tmp_path / "out" / "corner"
     assert sorted(file.stem for file in corners.glob("*")) == list(drawn)
     assert corners.exists() == bool(drawn)
@@ -68,7 +69,7 @@ def test_of_very_many_subjects_the_report_is_an_index_with_a_page_for_each(
 ):
     monkeypatch.setattr(report, "MOST_IN_ONE", 2)
     out = tmp_path / "out"
-    write_results(marked, out, pictures=Drawn("flagged"), workers=1)
+    write_results(marked, out, figures=FigureChoice("flagged"), workers=1)
     index = page(out)
     found = re.findall(r'href="(subjects/[^"]+)"', index)
     assert found[:3] == [
@@ -110,7 +111,7 @@ def test_a_group_and_an_explorer_stand_beside_the_report_where_asked_for_and_go_
     who = Regressors(study.names, np.array([[0.0], [1.0], [0.0], [1.0]]), (column,))
     made = made_result(study, who, n_divergent=2)
     group = Group(made, PredictiveCheck((WRONG,), 500))
-    write_results(marked, out, pictures=Drawn("none"), workers=1, group=group)
+    write_results(marked, out, figures=FigureChoice("none"), workers=1, group=group)
     assert "bayes-toe explore" in page(out)
     said = section(out)
     order = [
@@ -137,7 +138,7 @@ def test_a_group_and_an_explorer_stand_beside_the_report_where_asked_for_and_go_
     write_results(
         replace(marked, settings=settings),
         out,
-        pictures=Drawn("none", explorer=True),
+        figures=FigureChoice("none", explorer=True),
         workers=1,
         overwrite=True,
     )
@@ -237,7 +238,7 @@ def test_a_run_has_the_contrast_in_its_folder_report_and_methods(tmp_path):
         told = {"subject": "A", "condition": level, "s1": s[:, 0], "s2": s[:, 1], "n_trials": 60}
         rows.append(pd.DataFrame({**told, "n_second": rng.binomial(60, p)}))
     analysis = bt.run(bt.read_study(pd.concat(rows)), draws=100, seed=1, workers=1)
-    folder = write_results(analysis, tmp_path / "results", pictures=Drawn("none"), workers=1)
+    folder = write_results(analysis, tmp_path / "results", figures=FigureChoice("none"), workers=1)
     assert (
         pd.read_csv(folder / "contrast.csv").groupby("quantity")["word"].first()["constant error"]
         == "differs"
@@ -252,14 +253,14 @@ def test_a_run_has_the_contrast_in_its_folder_report_and_methods(tmp_path):
     assert 'id="conditions"' in report
     assert "1 subject in 2 conditions · does the response" in report
     assert "Order effect: 2 of 2 conditions of 1 subject yes." in report
-    assert "Order effect: 2 of 2 conditions of 1 subject yes." in " ".join(methods.split())
+    assert "An order effect was present in 2 of 2 participant x condition" in " ".join(
+        methods.split()
+    )
     assert "constant error, of 1 subject: differs 1" in report
     assert "Differences (right − left) are medians" in report
     assert re.search(r">−\d+\.\d % \(.*<span class=\"soft\">differs \(BF ", report)
-    assert "**Conditions.**" in methods
-    assert "1 subject gave 720 judgements" in methods
-    write_text(read_methods(folder), again := tmp_path / "methods.md")
-    assert again.read_text(encoding="utf-8") == methods
+    assert "Conditions were compared within" in methods
+    assert "1 participant gave 720 responses" in methods
     draws = bt.load(folder / "posterior.nc")
     assert draws.study.conditions == analysis.study.conditions
     assert draws.subject("A@left").felt == analysis.study["A@left"].felt

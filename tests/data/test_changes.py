@@ -2,14 +2,11 @@
 
 import pandas as pd
 import pytest
-import xarray as xr
-from bayes_toe.inference.belonging import require_belonging
 from commands import good, inside, refused
 from conftest import few_pairs, grouped_csv
 
 import bayes_toe as bt
 from bayes_toe.data.options import changed
-from bayes_toe.data.whole_files import under_way
 
 
 def words(*equal):
@@ -55,7 +52,7 @@ def test_turning_blocks_is_as_if_the_file_had_them_the_other_way_round(study):
     assert turned["a"].answers.n_yes.tolist() == [1, 0, 0, 0, 0, 0]
     assert turned["b:1"] is study["b:1"]
     assert turned.changes == ("--swap a:2,3",)
-    assert turned.notes == (*study.notes, "subject a, blocks 2, 3: answers turned")
+    assert turned.notes == (*study.notes, "subject a, blocks 2, 3: responses swapped")
     assert same(turned.swap("a", (2, 3)), study)
     assert same(study.swap("a"), study.swap("a", [1, 2, 3]))
 
@@ -70,7 +67,7 @@ def test_leaving_out_is_as_if_the_file_had_no_such_rows(study):
     assert left.swap("a", 3).changes == ("--exclude a:2", "--swap a:3")
     for gone in (study.exclude("a"), study.exclude("a", [1, 2, 3])):
         assert (gone.names, [one.name for one in gone if one.answers]) == (("b:1",), ["b:1"])
-    assert study.exclude("a").notes[-1] == "subject a: left out"
+    assert study.exclude("a").notes[-1] == "subject a: excluded"
     assert study.exclude("a").select("b:1").changes == ("--exclude a",)
 
 
@@ -89,7 +86,7 @@ def test_counts_without_blocks_can_be_turned_and_left_out_whole():
 
 
 def test_options_name_subjects_and_blocks_and_are_done_in_one_order(study):
-    made = changed(study, turn=["a:2", "a: 3", "b:1"], leave_out=["b:1:2"])
+    made = changed(study, swap=["a:2", "a: 3", "b:1"], exclude=["b:1:2"])
     assert made.changes == ("--swap a:2,3", "--swap b:1", "--exclude b:1:2")
     assert same(made, study.swap("a", [2, 3]).swap("b:1").exclude("b:1", 2))
     assert changed(study) is study
@@ -100,25 +97,25 @@ def test_blocks_of_several_files_are_named_after_these(tmp_path):
     for file in files:
         FRAME.to_csv(file, index=False)
     study = bt.read_study(files)
-    turned = changed(study, turn=["a:session 1.csv: 2, session 2.csv: 3"])
+    turned = changed(study, swap=["a:session 1.csv: 2, session 2.csv: 3"])
     assert turned["a"].answers.n_yes.tolist() == [1, 0, 0, 0, 1, 1, 1, 0, 1, 1, 0, 0]
     assert turned.changes == ("--swap 'a:session 1.csv: 2,session 2.csv: 3'",)
 
 
 REFUSED = [
-    (["--swap", "x:2"], "--swap x:2: no subject 'x', allowed: a, b:1"),
+    (["--swap", "x:2"], "--swap x:2: no subject 'x'; the subjects are a, b:1"),
     (["--exclude", "a:9"], "--exclude a:9: found no block '9', allowed: 1, 2, 3"),
     (
         ["--swap", "a:2", "--swap", "a:2,3"],
-        "--swap a:2,3: found twice, allowed: each subject or block once",
+        "--swap a:2,3: named twice; name each subject or block once",
     ),
     (
         ["--exclude", "a", "--exclude", "a:1"],
-        "--exclude a:1: found twice, allowed: each subject or block once",
+        "--exclude a:1: named twice; name each subject or block once",
     ),
     (
         ["--exclude", "a", "--exclude", "b:1"],
-        "--exclude b:1: found nobody else, allowed: what leaves some answers",
+        "--exclude b:1: no subject is left; exclude fewer",
     ),
 ]
 
@@ -126,7 +123,7 @@ REFUSED = [
 @pytest.mark.parametrize(("options", "said"), REFUSED)
 def test_what_cannot_be_changed_is_refused_in_one_line(tmp_path, options, said):
     FRAME.to_csv(tmp_path / "study.csv", index=False)
-    for command in (["check"], ["asymmetry", "-o", "out.csv"], ["run", "-o", "out"]):
+    for command in (["check"], ["fit", "-o", "out.csv"], ["run", "-o", "out"]):
         assert (
             refused(command[0], "study.csv", *command[1:], *options, cwd=tmp_path)
             == f"error: {said}\n"
@@ -151,18 +148,16 @@ def test_every_command_that_reads_answers_has_the_options():
         "sample",
         "evidence",
         "fit",
-        "asymmetry",
         "population",
         "contrast",
         "history",
-        "figures",
     ):
         shown = inside(command, "--help").stdout
         assert "--swap" in shown, command
         assert "--exclude" in shown, command
 
 
-def test_results_remember_what_was_changed_and_belong_to_that_study_alone(tmp_path):
+def test_results_remember_what_was_changed(tmp_path):
     grouped_csv(tmp_path / "study.csv", few_pairs("ABC"))
     options = ("--seed", 1, "--draws", 100, "--workers", 1)
     made = good(
@@ -177,28 +172,7 @@ def test_results_remember_what_was_changed_and_belong_to_that_study_alone(tmp_pa
         *options,
         cwd=tmp_path,
     )
-    assert "subject A: answers turned" in made
+    assert "subject A: responses swapped" in made
     draws = bt.load(tmp_path / "draws.nc")
     assert draws.study.changes == ("--swap A", "--exclude C")
     assert draws.study["A"].n_yes.tolist() == [5, 30, 35, 4]
-    require_belonging(draws, "draws", study=few_pairs("ABC").swap("A").exclude("C"))
-    figures = ("figures", "-o", "figures", "--posterior", "draws.nc")
-    other = refused(*figures, "study.csv", "--exclude", "C", cwd=tmp_path)
-    assert "of subject 'A' from other answers, read with --swap A --exclude C;" in other
-    assert "--swap, --exclude: found no STUDY.csv to change" in refused(
-        *figures, "--swap", "A", cwd=tmp_path
-    )
-
-
-def test_what_is_kept_of_other_answers_is_not_taken(tmp_path):
-    study, how = (
-        few_pairs("ABC"),
-        {"model": "constant-error", "draws": 100, "seed": 1, "workers": 1},
-    )
-    bt.sample(study, keep=tmp_path / "kept", **how)
-    turned = bt.sample(study.swap("B"), keep=tmp_path / "kept", **how)
-    standing = under_way[tmp_path / "kept"]
-    assert (standing.taken, standing.jobs) == (2, 3)
-    xr.testing.assert_identical(
-        turned.group("posterior"), bt.sample(study.swap("B"), **how).group("posterior")
-    )

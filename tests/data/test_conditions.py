@@ -7,7 +7,6 @@ import pytest
 import bayes_toe as bt
 from bayes_toe.data.conditions import Conditions, Stimuli
 from bayes_toe.data.tables import write_table
-from bayes_toe.data.validation import read_rows
 
 ROWS = "subject,s1,s2,response,condition,isi\n" + "".join(
     f"{who},{s1},{s2},{answer},{level},{isi}\n"
@@ -150,7 +149,6 @@ def test_tables_have_subject_and_condition_and_are_read_back_as_units(tmp_path):
         "condition",
         "value",
     ]
-    assert read_rows(path, ("subject",), ("value",))[0]["subject"] == ["a@left", "*"]
 
 
 def test_check_warns_of_time_stimuli_and_missing_levels(read):

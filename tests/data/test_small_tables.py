@@ -12,7 +12,6 @@ from bayes_toe.data.tasks import SAME_DIFFERENT
 from bayes_toe.data.validation import read_numbers
 from bayes_toe.design.simulate import make_batch_design, read_observers
 from bayes_toe.errors import InputError
-from bayes_toe.inference.prediction import predict_pairs
 
 TEXTS = {
     "pairs": "s1,s2,isi\n0,0.25,0.5\n0.5,-0.125,2\n0.75,0.5,8.5\n",
@@ -46,8 +45,6 @@ READERS = {
     "population": _population,
     "covariates": lambda path: read_covariates(path).values,
 }
-#: Files that end in a refusal are refused before the draws are looked at.
-REFUSING = READERS | {"pairs": lambda path: predict_pairs(None, path, ["S01"])}
 KINDS = pytest.mark.parametrize("kind", TEXTS)
 
 
@@ -100,7 +97,7 @@ def test_rows_of_another_width_are_refused(written, kind):
         f"row {4 + i}: found {width + (1 if i else -1)} cells, allowed: {width} cells as in the header"
         for i in range(10)
     ]
-    assert problems(REFUSING[kind], written(text)) == [*said, "... and 2 more problems"]
+    assert problems(READERS[kind], written(text)) == [*said, "... and 2 more problems"]
 
 
 @pytest.mark.parametrize(
@@ -122,16 +119,16 @@ def test_cells_and_columns_of_numbers(written, kind, column):
                 [header, rows[0], ",".join([*cells[:place], f'"{cell}"', *cells[place + 1 :]])]
             )
         )
-        assert problems(REFUSING[kind], file) == [
+        assert problems(READERS[kind], file) == [
             f"row 3, column {column}: found '{cell}', allowed: a finite number{way}"
         ]
     twice = written("\n".join([f"{header},{column}", *(f"{row},1" for row in rows)]))
-    assert problems(REFUSING[kind], twice) == [
+    assert problems(READERS[kind], twice) == [
         f"row 1, column {column}: found 2 columns of this name, allowed: one"
     ]
     if column != "isi":
         found = ", ".join(repr(name) for name in header.replace(column, "other").split(","))
-        (problem,) = problems(REFUSING[kind], written(TEXTS[kind].replace(column, "other")))
+        (problem,) = problems(READERS[kind], written(TEXTS[kind].replace(column, "other")))
         assert (
             problem
             == f"row 1, column {column}: missing, found {found}, allowed: a column of this name"

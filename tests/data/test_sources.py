@@ -272,9 +272,7 @@ def test_without_pyarrow_one_line_says_what_to_install(tmp_path, monkeypatch):
     assert problems(path) == [f"study.parquet: {said}"]
     with pytest.raises(bt.InputError, match="no pyarrow"):
         write_table(COUNTS, tmp_path / "t.parquet")
-    before_the_work = refused(
-        "asymmetry", "there is no such study.csv", "-o", "t.parquet", cwd=tmp_path
-    )
+    before_the_work = refused("fit", "there is no such study.csv", "-o", "t.parquet", cwd=tmp_path)
     assert before_the_work == f"error: t.parquet: {said}\n"
 
 
@@ -315,8 +313,7 @@ def test_files_without_an_end_and_files_that_are_too_large(tmp_path):
         ("check", "example.csv", "LONG.csv"),
         ("simulate", "-o", "out.csv", "--design", "LONG"),
         ("simulate", "-o", "out.csv", "--population", "LONG.csv"),
-        ("methods", "LONG"),
-        ("predict", "LONG", "pairs.csv"),
+        ("corner", "LONG"),
     ],
 )
 def test_a_name_that_is_too_long_for_a_file_is_one_line(tmp_path, command):
@@ -340,5 +337,6 @@ def test_commands_read_and_write_parquet(tmp_path):
         1,
         cwd=tmp_path,
     )
-    good("asymmetry", "study.parquet", "-o", "a.parquet", cwd=tmp_path)
+    words = ("--asymmetry", "a.parquet", "--replicates", 2, "--seed", 1, "--workers", 1)
+    good("fit", "study.parquet", "-o", "f.parquet", *words, cwd=tmp_path)
     assert set(pd.read_parquet(tmp_path / "a.parquet")["subject"]) >= {"S01", "S02"}

@@ -2,7 +2,6 @@
 
 import json
 import re
-from dataclasses import replace
 
 import arviz as az
 import matplotlib.pyplot as plt
@@ -14,7 +13,6 @@ from conftest import grouped_csv
 import bayes_toe as bt
 from bayes_toe.analysis import smooth_curve_evidence
 from bayes_toe.errors import InputError
-from bayes_toe.inference.belonging import require_belonging
 from bayes_toe.inference.predictive_checks import binomial_deviance
 from bayes_toe.inference.subject import SUMMARY_COLUMNS
 from bayes_toe.model.models import MODEL_NAMES
@@ -256,48 +254,7 @@ def test_log_likelihoods_and_predicted_answers_follow_from_the_draws(analysis, d
     )
 
 
-# --- whose they are, and what is not there ------------------------------------------------------------
-
-
-def test_draws_tell_their_study(analysis, small_study):
-    require_belonging(
-        analysis.draws,
-        "draws",
-        study=small_study,
-        prior=bt.Prior(),
-        seed=5,
-        model="predictive update",
-    )
-    again = analysis.draws.study
-    assert (again.names, again.source, again.synthetic) == (
-        small_study.names,
-        small_study.source,
-        small_study.synthetic,
-    )
-    require_belonging(analysis.draws, "draws", study=again.select(["C", "A", "B"]))
-
-
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        (
-            lambda a, b, c: [a, replace(b, n_yes=np.minimum(b.n_yes + 1, b.n_trials)), c],
-            "found draws of subject 'B' from other answers",
-        ),
-        (lambda a, b, c: [a, replace(b, name="X"), c], "found no draws of subject 'X'"),
-        (lambda a, b, c: [a, c], "found draws of subject 'B', whom three kinds does not have"),
-        (
-            lambda *all: [replace(one, isi=np.ones(13)) for one in all],
-            "found draws of subject 'A', 'B', 'C' from other answers",
-        ),
-    ],
-    ids=["counts", "name", "absent", "intervals"],
-)
-def test_another_study_is_refused(analysis, small_study, change, said):
-    with pytest.raises(InputError, match=rf"^file: .*{said}"):
-        require_belonging(
-            analysis.draws, "file", study=bt.Study(change(*small_study), source="three kinds")
-        )
+# --- Evidence of saved draws ---------------------------------------------------------------------
 
 
 def test_evidence_of_saved_draws_is_that_of_the_run(analysis):

@@ -9,7 +9,6 @@ import pytest
 import bayes_toe as bt
 from bayes_toe.data.conditions import Stimuli
 from bayes_toe.data.tasks import TASKS
-from bayes_toe.inference.belonging import require_belonging
 from bayes_toe.model.intervals import interval_units
 from bayes_toe.model.models import MODEL_NAMES, model_posterior, require_model
 from bayes_toe.model.prior import DEFAULT
@@ -145,11 +144,6 @@ def test_draws_from_before_these_numbers_keep_their_prior():
         settings["prior"] = {**old, **said}
         draws.tree.attrs["settings"] = json.dumps(settings)
         assert draws.prior == expected
-    require_belonging(
-        draws, "posterior.nc", prior=bt.Prior()
-    )  # what other models have is nothing to these draws
-    with pytest.raises(bt.InputError, match="found draws under mu1"):
-        require_belonging(draws, "posterior.nc", prior=bt.Prior(q0_a=2.0))
 
 
 # --- the unit of time -----------------------------------------------------------------------------------------------------------------

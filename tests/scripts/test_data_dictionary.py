@@ -3,7 +3,6 @@
 import data_dictionary
 import pandas as pd
 import pytest
-from bayes_toe.cli.supplement import fit_table, order_effect_table, parameter_table
 from commands import good
 from populations import made_result
 from reference.calibration import ABOUT, calibrate
@@ -12,7 +11,6 @@ import bayes_toe as bt
 from bayes_toe.answers.contrast import WORDS
 from bayes_toe.answers.words import Word
 from bayes_toe.checks.design_checks import describe_design
-from bayes_toe.inference.prediction import predict_pairs
 from bayes_toe.model.parameters import ORDER_MODELS
 
 DOCUMENT = data_dictionary.OUTPUT.read_text(encoding="utf-8")
@@ -51,16 +49,12 @@ def written(analysis, small_study, tmp_path_factory):
         "asymmetry.csv": asymmetry.frame(),
         "population.csv": group.summary(),
         "population_subjects.csv": group.subject_table.frame(),
-        "predictions.csv": predict_pairs(analysis.draws, pairs, ["A"]),
         "study.csv": pd.read_csv(folder / "study.csv"),
         "truth.csv": pd.read_csv(folder / "truth.csv"),
         "calibration.csv": judged.rank_verdicts,
         "calibration_ranks.csv": judged.ranks,
         "evidence_calibration.csv": judged.evidence_verdicts,
         "evidence_data_sets.csv": judged.data_sets,
-        "methods_parameters.csv": parameter_table(analysis.draws, analysis.summary()).frame,
-        "methods_order_effect.csv": order_effect_table(analysis.evidence.frame()).frame,
-        "methods_fit.csv": fit_table(analysis.draws).frame,
         "what check prints": [*describe_design(small_study["A"])],
         "posterior.nc, group sample_stats": [*analysis.draws.group("sample_stats").data_vars],
         **planned(folder),
@@ -100,7 +94,6 @@ def test_a_column_without_words_is_named():
     ("file", "column", "said"),
     [
         ("evidence.csv", "order_effect", [word.value for word in Word]),
-        ("methods_order_effect.csv", "order_effect", [word.value for word in Word]),
         ("evidence.csv", "best_model", ORDER_MODELS),
         ("contrast.csv", "word", WORDS),
         (

@@ -1,0 +1,20 @@
+"""Settings files of plotting libraries, which a data folder must not decide."""
+
+from __future__ import annotations
+
+import os
+from contextlib import chdir
+from importlib import import_module
+from pathlib import Path
+
+
+def ignore_settings_of_folder() -> None:
+    """Import matplotlib and ArviZ so that they read no settings from the working folder.
+
+    Both read files such as matplotlibrc there when they are imported, and a data folder may hold
+    one. Nothing is imported where there is no such file.
+    """
+    if any(map(os.path.lexists, ("matplotlibrc", "arvizrc"))):
+        with chdir(Path(__file__).parent):
+            import_module("arviz")
+            import_module("matplotlib")

@@ -1,0 +1,90 @@
+"""methods.md: the paragraph of a paper, with what must be said, and citations of what it names."""
+
+import re
+from dataclasses import replace
+
+import pytest
+from populations import made_result
+
+import bayes_toe as bt
+from bayes_toe.answers.evidence_table import EvidenceTable
+from bayes_toe.answers.words import Word
+from bayes_toe.cli.methods import write_methods
+
+
+def text_of(analysis, folder, group=None):
+    write_methods(analysis, group, folder / "methods.md")
+    return " ".join((folder / "methods.md").read_text(encoding="utf-8").split())
+
+
+def with_answers(analysis, *changes):
+    """The analysis with other answers of its first subjects."""
+    rows = list(analysis.evidence.rows)
+    for i, change in enumerate(changes):
+        rows[i] = replace(rows[i], answer=replace(rows[i].answer, **change))
+    return replace(analysis, evidence=EvidenceTable(tuple(rows), analysis.evidence.seed))
+
+
+def test_the_paragraph_has_data_models_criteria_results_and_limits(analysis, tmp_path):
+    text = text_of(analysis, tmp_path)
+    needed = [
+        "3 participants gave 1,950 responses (650 each).",
+        "no order effect, constant error, contraction, both",
+        "Priors were `noise ~ LogNormal(1 D, 0.7)",
+        f"seed {analysis.draws.seed}.",
+        "('yes') from a posterior probability of .95 on, probable from .75",
+        "An order effect was present in",
+        "A contraction was present in",
+        "Limit of the design: these pairs cannot show a contraction",
+        "does not test for an order effect",
+    ]
+    assert [sentence for sentence in needed if sentence not in text] == []
+    paragraphs = text.partition("| participant")[0]
+    assert len(paragraphs.split()) <= 400
+    for row in analysis.evidence:
+        assert f"| {row.subject} |" in text
+
+
+def test_citations_are_those_of_the_text(analysis, tmp_path):
+    text = text_of(analysis, tmp_path)
+    entries = (tmp_path / "methods.bib").read_text(encoding="utf-8")
+    keys = re.findall(r"^@\w+\{(\w+),", entries, flags=re.MULTILINE)
+    cited = set(re.findall(r"\[@(\w+)\]", text))
+    assert set(keys) == cited >= {"avetta2026", "bayes_toe", "emcee", "cornuet2012"}
+    assert f"Version {bt.__version__}" in entries
+
+
+def test_what_must_not_be_used_as_it_stands_is_named(analysis, tmp_path):
+    words = dict.fromkeys(analysis.answers[0].words, Word.NOT_INTERPRETABLE)
+    poor = {"predictive_p": 0.001, "deviance_p": 0.001}
+    excluded = {"words": words, "is_interpretable": False}
+    text = text_of(with_answers(analysis, poor, excluded), tmp_path)
+    first, second = analysis.draws.names[:2]
+    assert f"The model does not fit {first}." in text
+    assert f"Not interpreted: {second}." in text
+    assert "not interpreted in 1." in text
+
+
+@pytest.mark.parametrize("log_bf", [-20.0, -2.9, 9.0])
+def test_the_group_has_its_means_with_intervals_and_bayes_factors(
+    analysis, small_study, tmp_path, monkeypatch, log_bf
+):
+    group = made_result(small_study)
+    effect = group.effect("contraction")
+    zero = effect.zero_mean._replace(log_bf=log_bf)
+    monkeypatch.setattr(
+        type(group),
+        "effect",
+        lambda self, name: effect._replace(percent=effect.mean, zero_mean=zero),
+    )
+    text = text_of(analysis, tmp_path, group)
+    factor = {-20.0: "> 100", -2.9: "18", 9.0: "< 1/100"}[log_bf]
+    assert re.search(
+        rf"mean PSE shift was [+-]\S+ % \(95 % interval \S+ to \S+\), BF {factor}", text
+    )
+    assert f"BF {factor}." in text
+
+
+def test_names_are_no_markup(analysis, tmp_path):
+    changed = with_answers(analysis, {"subject": "*[x](y)\u202e"})
+    assert r"| \*\[x\](y)\\u202e |" in text_of(changed, tmp_path)
