@@ -1,4 +1,4 @@
-"""Make the picture that opens the README, from the bundled (synthetic) study.
+"""Draw the figure of README and tutorial, from the bundled (synthetic) example.
 
 Example: python scripts/overview_figure.py -o docs/overview.png
 """
@@ -21,21 +21,25 @@ def main() -> None:
     )
     parser.add_argument("-o", "--output", default="docs/overview.png")
     output = parser.parse_args().output
-    analysis = bt.run(bt.example_study("same/different"), seed=1)
+    analysis = bt.run(bt.example_study(), seed=1)
     figure = Figure(figsize=(11.0, 6.0), layout="constrained")
     grid = figure.add_gridspec(3, 4)
-    shifts = {answer.subject: answer.sizes["pse_shift_percent"].q50 for answer in analysis.answers}
-    by_shift = sorted(shifts, key=shifts.__getitem__)
-    smallest = min(shifts, key=lambda name: abs(shifts[name]))
-    for i, name in enumerate((by_shift[-1], smallest, by_shift[0])):
+    shown = {
+        "S02": "constant error, {pse_shift_percent.q50:+.0f} %",
+        "S03": "contraction, p = {contraction_p.q50:.2f}",
+        "S09": "repulsion, p = {contraction_p.q50:.2f}",
+    }
+    answers = {answer.subject: answer for answer in analysis.answers}
+    for i, (name, effect) in enumerate(shown.items()):
         ax = figure.add_subplot(grid[i, 0])
         order_panel(ax, analysis.study[name], analysis.curve(name).yes, weaker=0.0, size=4.0)
-        ax.set_title(f"{name}: PSE shift {shifts[name]:+.0f} %", loc="left", fontsize=LETTERS)
-        ax.set(ylabel="P('equal')", xlabel="stronger stimulus (ln intensity)" if i == 2 else "")
+        title = f"{name}: {effect.format(**answers[name].sizes)}"
+        ax.set_title(title, loc="left", fontsize=LETTERS)
+        ax.set(ylabel="P('second')", xlabel="$s_2 - s_1$ (ln intensity)" if i == 2 else "")
         dress(ax)
     draw_answers(analysis.evidence, [figure.add_subplot(grid[:, i]) for i in (1, 2, 3)])
     legend_below(figure, size=LETTERS, columns=4)
-    figure.suptitle("Same/different judgements, synthetic example study", fontsize=10)
+    figure.suptitle("Which was stronger? Synthetic example study", fontsize=10)
     with whole_file(output, overwrite=True) as path:
         figure.savefig(path, dpi=130)
 

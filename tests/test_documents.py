@@ -1,9 +1,8 @@
-"""README, docs and their site: what they name is there, the programs of README and the tutorial run, every page and name has its place."""
+"""README, docs and their site: what they name is there, every page and name has its place."""
 
 import json
 import re
 import shlex
-from contextlib import chdir
 from functools import cache
 from importlib import import_module
 from pathlib import Path
@@ -11,10 +10,7 @@ from pathlib import Path
 import pytest
 import reference_pages
 import typer.main
-from commands import good
-from conftest import few_pairs, grouped_csv
 
-import bayes_toe
 import bayes_toe as bt
 from bayes_toe.cli.app import app
 
@@ -125,62 +121,13 @@ def test_tables_and_pictures_of_the_docs_are_used():
     assert [name for name in sorted(kept) if name not in text] == []
 
 
-def test_readme_is_short():
-    lines = README.read_text(encoding="utf-8").splitlines()
-    assert len(lines) <= 120
-    assert [line for line in lines if len(line) > 140] == []
-
-
-def test_programs_of_the_readme_run(tmp_path):
-    grouped_csv(tmp_path / "study.csv", few_pairs(["S01"]))
-    known = {}
-    with chdir(tmp_path):
-        for block in re.findall(
-            r"^```python\n(.*?)^```",
-            README.read_text(encoding="utf-8"),
-            flags=re.MULTILINE | re.DOTALL,
-        ):
-            # The explorer costs too much here, and has tests of its own.
-            exec("\n".join(line for line in block.splitlines() if "explore" not in line), known)
-    assert (tmp_path / "S01.png").read_bytes().startswith(b"\x89PNG")
-    assert known["draws"].names == ("S01",)
-
-
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "tutorial.md"
-CHEAP = {
-    "run": ["--draws", "500", "--figures", "none", "--workers", "1"],
-    "sample": ["--draws", "500", "--workers", "1"],
-    "corner": ["--workers", "1"],
-}
-MADE = {
-    "study.csv",
-    "asymmetry.csv",
-    "results",
-    "both.nc",
-    "corner",
-}
-
-
-def test_the_tutorial_runs(tmp_path):
-    first, *commands = map(
-        shlex.split,
-        re.findall(
-            r"^```sh\n(.*?)\n```", PAGE.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL
-        ),
-    )
-    example = Path(bayes_toe.__file__).parent.parent / first[1]
-    head, *rows = example.read_text(encoding="utf-8").splitlines()
-    (tmp_path / first[2]).write_text(
-        "\n".join([head, *(row for row in rows if row[:4] in ("S06,", "S13,"))]) + "\n",
-        encoding="utf-8",
-    )
-    for program, command, *words in commands:
-        assert program == "bayes-toe"
-        good(command, *words, *CHEAP.get(command, ()), cwd=tmp_path)
-    assert {path.name for path in tmp_path.iterdir()} >= MADE
-    assert "These data are synthetic" in (tmp_path / "results" / "methods.md").read_text(
-        encoding="utf-8"
-    ).replace("\n", " ")
+@pytest.mark.parametrize(("path", "most"), [(README, 600), (ROOT / "docs" / "tutorial.md", 2000)])
+def test_readme_and_tutorial_are_short(path, most):
+    """Words of prose and code; printed text does not count."""
+    text = path.read_text(encoding="utf-8")
+    assert len(re.sub(r"^```text\n.*?^```", "", text, flags=re.M | re.S).split()) <= most
+    blocks = re.findall(r"^```.*?^```", text, flags=re.M | re.S)
+    assert [line for block in blocks for line in block.splitlines() if len(line) > 88] == []
 
 
 DOCS = ROOT / "docs"
