@@ -1,4 +1,4 @@
-"""Commands that need no posterior: check, asymmetry, fit; and what they say."""
+"""Commands that need no posterior, check and fit, and what they print."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 import bayes_toe as bt
-from bayes_toe.cli.options import StudyFile, rare, writes
+from bayes_toe.cli.options import NUMBER, StudyFile, rare, writes
 from bayes_toe.cli.task import MODEL, Takes, Task
 from bayes_toe.cli.terminal import Terminal, number, safe
 
@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 
 
 def check(*, study: StudyFile, task: Annotated[Task, Takes("prior")]) -> None:
-    """What was read, what cannot be learnt from it, and what speaks against pooling its answers, before any sampling.
+    """Check a study: what was read, its design, and its responses.
 
-    [bold]Example[/bold]: bayes-toe check study.csv --prior prior.toml
+    [bold]Example[/bold]: bayes-toe check study.csv
     """
     from bayes_toe.checks.design_checks import NOTES, describe_design
     from bayes_toe.model.study_prior import preset_or_file
@@ -46,23 +46,27 @@ def check(*, study: StudyFile, task: Annotated[Task, Takes("prior")]) -> None:
 def fit(
     *,
     study: StudyFile,
-    output: Annotated[Path, writes("fit.csv", "Table to write.")] = Path("fit.csv"),
+    output: Annotated[Path, writes("FILE.csv", "Table.")] = Path("fit.csv"),
     replicates: Annotated[
-        int, rare("--replicates", min=1, max=10**6, help="Bootstrap replicates a subject.")
+        int,
+        rare(
+            "--replicates",
+            min=1,
+            max=10**6,
+            metavar=NUMBER,
+            help="Bootstrap replicates of each subject.",
+        ),
     ] = 1000,
     level: Annotated[
-        float, rare("--level", help="Level of the bootstrap intervals, between 0 and 1.")
+        float, rare("--level", metavar=NUMBER, help="Coverage of the intervals.")
     ] = 0.95,
     asymmetry_output: Annotated[
         Path | None,
-        typer.Option("--asymmetry", metavar="asymmetry.csv", help="Table of asymmetries to write."),
+        typer.Option("--asymmetry", metavar="FILE.csv", help="Write the asymmetries, too."),
     ] = None,
     task: Annotated[Task, Takes(*MODEL, "spreadsheet_safe")],
 ) -> None:
-    """Fit the paper's model by maximum likelihood, and test each pair for an asymmetry of order.
-
-    With --prior paper the fit is as in the paper. Intervals are bootstrap percentiles. The tests of
-    asymmetry use no model.
+    """Fit the paper's model by maximum likelihood; test asymmetries.
 
     [bold]Example[/bold]: bayes-toe fit study.csv -o fit.csv --seed 1
     """

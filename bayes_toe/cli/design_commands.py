@@ -1,4 +1,4 @@
-"""Commands for a study that is still to be made: power, design and simulate."""
+"""Commands that plan a study: design, power and simulate."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 import bayes_toe as bt
-from bayes_toe.cli.options import Question, rare, writes
+from bayes_toe.cli.options import NUMBER, Question, rare, writes
 from bayes_toe.cli.task import MODEL, Takes, Task
 from bayes_toe.cli.terminal import safe
 from bayes_toe.data.messages import counted, listed, quoted
@@ -24,10 +24,10 @@ if TYPE_CHECKING:
 _POWER_FILES = ("power.csv", "power_data_sets.csv", "power.png", "power.pdf")
 Observers = Annotated[
     str | None,
-    typer.Option(
+    rare(
         "--observers",
-        metavar="KIND|people.toml|posterior.nc|prior",
-        help="Whom to plan for; default: the kinds of docs/planning.md.",
+        metavar="NAME",
+        help="Observers: none, contraction, both, a file.",
     ),
 ]
 
@@ -41,24 +41,22 @@ def power(
         list[Path] | None,
         typer.Argument(
             metavar="[DESIGN.csv]...",
-            help="Columns s1,s2,n_trials (and isi); none means the paper's pairs.",
+            help="Columns s1,s2,n_trials.",
         ),
     ] = None,
-    output: Annotated[Path, writes("DIR", "Folder for tables and figure.")] = Path("power"),
+    output: Annotated[Path, writes("DIR", "Folder.")] = Path("power"),
     question: Question = "same/different",
     trials: Annotated[
         str,
-        typer.Option(
-            "--trials", help="Trials of a subject, shared among the pairs as in the design."
-        ),
+        typer.Option("--trials", metavar="N,N", help="Trials of a subject."),
     ] = "325,650,1300",
     data_sets: Annotated[
-        int, typer.Option("--data-sets", min=1, help="Simulated observers of each kind.")
+        int, rare("--data-sets", min=1, metavar=NUMBER, help="Simulated observers of each effect.")
     ] = 50,
     observers: Observers = None,
     task: Annotated[Task, Takes(*MODEL, "spreadsheet_safe")],
 ) -> None:
-    """How often a design shows the order effect of assumed observers, and how often wrongly.
+    """Estimate how often a design detects an order effect.
 
     [bold]Example[/bold]: bayes-toe power design.csv --trials 325,650,1300 -o power --seed 1
     """
@@ -137,18 +135,22 @@ class GoalOptions:
     """What a design is for, and which pairs can be shown."""
 
     lowest: Annotated[
-        float | None, typer.Option("--lowest", help="Weakest stimulus, natural-log intensity.")
+        float | None,
+        typer.Option("--lowest", metavar=NUMBER, help="Weakest stimulus, ln intensity."),
     ] = None
-    highest: Annotated[float | None, typer.Option("--highest", help="Strongest stimulus.")] = None
+    highest: Annotated[
+        float | None,
+        typer.Option("--highest", metavar=NUMBER, help="Strongest stimulus, ln intensity."),
+    ] = None
     step: Annotated[
-        float, typer.Option("--step", help="Between levels, natural-log intensity.")
+        float, rare("--step", metavar=NUMBER, help="Step between levels, ln intensity.")
     ] = 0.05
     levels: Annotated[
         Path | None,
         rare(
             "--levels",
             metavar="levels.csv",
-            help="What hardware can show, column s, or i with --intensity.",
+            help="Levels that can be presented.",
         ),
     ] = None
     intensity: Annotated[
@@ -156,21 +158,23 @@ class GoalOptions:
         rare(
             "--intensity",
             metavar="REF",
-            help="Amplitudes, s = ln(i / REF): those of --levels, and i1,i2 in --list.",
+            help="Use intensities: s = ln(i / REF).",
         ),
     ] = None
-    max_pairs: Annotated[int, typer.Option("--max-pairs", help="Different pairs.")] = 26
+    max_pairs: Annotated[
+        int, rare("--max-pairs", metavar=NUMBER, help="Most pairs of a design.")
+    ] = 26
     aim: Annotated[
         str,
-        typer.Option(
+        rare(
             "--for",
-            metavar="order-effect|constant-error|contraction",
-            help="What is to be known as well as can be.",
+            metavar="NAME",
+            help="order-effect, constant-error or contraction.",
         ),
     ] = "order-effect"
     keep: Annotated[
         Path | None,
-        rare("--keep", metavar="DESIGN.csv", help="Pairs that stay, with their trials."),
+        rare("--keep", metavar="DESIGN.csv", help="Pairs that must stay, with their trials."),
     ] = None
 
     def require(self, given: Path | None, has_list: bool) -> None:
@@ -225,18 +229,17 @@ class ListOptions:
         typer.Option(
             "--list",
             metavar="trials.csv",
-            help="Trials to show, for PsychoPy or jsPsych; the column response is empty.",
+            help="List of trials for the experiment.",
         ),
     ] = None
-    blocks: Annotated[
-        int, rare("--blocks", min=1, help="Of --list: blocks of as many trials as can be.")
-    ] = 10
+    blocks: Annotated[int, rare("--blocks", min=1, metavar=NUMBER, help="Blocks of --list.")] = 10
     subjects: Annotated[
         int,
         typer.Option(
             "--subjects",
             min=1,
-            help="Of --list: how many, each with an order of trials of its own.",
+            metavar=NUMBER,
+            help="Subjects of --list.",
         ),
     ] = 1
     conditions: Annotated[
@@ -244,7 +247,7 @@ class ListOptions:
         typer.Option(
             "--conditions",
             metavar="left,right",
-            help="Of --list: a condition, each level with its share of --trials.",
+            help="Conditions of --list.",
         ),
     ] = None
 
@@ -293,13 +296,13 @@ def design(
         Path | None,
         typer.Argument(
             metavar="[DESIGN.csv]",
-            help="For --list: a design that exists; none is looked for then.",
+            help="Design for --list.",
         ),
     ] = None,
-    output: Annotated[
-        Path, writes("design.csv", "Design to write; NAME_compared.csv, .md and .png beside it.")
-    ] = Path("design.csv"),
-    trials: Annotated[int, typer.Option("--trials", min=1, help="Trials of a subject.")] = 650,
+    output: Annotated[Path, writes("FILE.csv", "Design.")] = Path("design.csv"),
+    trials: Annotated[
+        int, typer.Option("--trials", min=1, metavar=NUMBER, help="Trials of a subject.")
+    ] = 650,
     question: Question = "same/different",
     wanted: GoalOptions,
     data_sets: Annotated[
@@ -307,16 +310,17 @@ def design(
         rare(
             "--data-sets",
             min=1,
-            help="Simulated observers of each kind who judge it and its rivals.",
+            metavar=NUMBER,
+            help="Simulated observers of each effect.",
         ),
     ] = 16,
     observers: Observers = None,
     lists: ListOptions,
     task: Annotated[Task, Takes(*MODEL, "spreadsheet_safe")],
 ) -> None:
-    """The pairs that tell most of an order effect, beside other designs; a list of trials.
+    """Find the pairs that show an order effect best.
 
-    [bold]Example[/bold]: bayes-toe design -o design.csv --trials 650 --lowest -0.75 --highest 1.25 --list trials.csv --seed 1
+    [bold]Example[/bold]: bayes-toe design -o design.csv --lowest -0.75 --highest 1.25
     """
     from bayes_toe.seeds import root_seed
 
@@ -365,45 +369,44 @@ def design(
 
 @dataclass(frozen=True, kw_only=True)
 class PopulationOptions:
-    """Who answers what."""
+    """The observers of a simulated study."""
 
     subjects: Annotated[
-        int, typer.Option("--subjects", min=1, help="How many, unless --population names a file.")
+        int, typer.Option("--subjects", min=1, metavar=NUMBER, help="Number of observers.")
     ] = 16
     population: Annotated[
         str,
         typer.Option(
             "--population",
-            metavar="paper|KIND|prior|FILE.csv",
-            help="paper: the paper's model; none, small or large constant error, contraction, "
-            "repulsion, both; or a CSV of subject and parameters.",
+            metavar="NAME",
+            help="Observers: paper, both, a file.",
         ),
     ] = "paper"
     carry_over: Annotated[
         float,
         rare(
             "--carry-over",
-            help="Share of what is expected after a trial that is left at the next, 0 to below 1.",
+            metavar=NUMBER,
+            help="Carry-over from trial to trial, 0 to 1.",
         ),
     ] = 0.0
     missed: Annotated[
-        float, rare("--missed", help="Share of trials that nobody answers in time.")
+        float, rare("--missed", metavar=NUMBER, help="Share of trials without a response.")
     ] = 0.0
     conditions: Annotated[
         str | None,
         typer.Option(
             "--conditions",
             metavar="left,right",
-            help="Levels of a condition: all pairs are shown at each.",
+            help="Conditions, each with all pairs.",
         ),
     ] = None
     differ: Annotated[
         str | None,
         typer.Option(
             "--differ",
-            metavar="contraction=0.2:0.05,...",
-            help="By how much the last condition differs from the first: constant_error, "
-            "contraction, noise (log); after a colon the sd between subjects.",
+            metavar="NAME=MEAN",
+            help="Difference between the conditions.",
         ),
     ] = None
     question: Question = "same/different"
@@ -411,36 +414,35 @@ class PopulationOptions:
 
 def simulate(
     *,
-    output: Annotated[Path, writes("STUDY.csv", "Trials to write.")],
+    output: Annotated[Path, writes("FILE.csv", "Trials.")],
     truth_output: Annotated[
         Path | None,
-        typer.Option("--truth", metavar="truth.csv", help="Where to write the true parameters."),
+        typer.Option("--truth", metavar="FILE.csv", help="Write the true parameters, too."),
     ] = None,
     batches: Annotated[
-        int, typer.Option("--batches", min=1, help="Repetitions of the whole set of pairs.")
+        int, typer.Option("--batches", min=1, metavar=NUMBER, help="Repetitions of all pairs.")
     ] = 50,
     amplitudes: Annotated[
-        str, rare("--amplitudes", help="Stimuli in units of the reference, weakest first.")
+        str, rare("--amplitudes", metavar="N,N", help="Intensities relative to the reference.")
     ] = "1,1.15,1.36,1.55,1.66",
     design: Annotated[
         str,
         typer.Option(
             "--design",
-            help="reference (the paper's), full (all ordered pairs), or a CSV with s1,s2 (and isi).",
+            metavar="NAME",
+            help="Pairs: reference, full, or a CSV.",
         ),
     ] = "reference",
     isi: Annotated[
         str | None,
-        rare(
-            "--isi", help="Inter-stimulus intervals in seconds, e.g. 0.5,1,2: every pair at each."
-        ),
+        rare("--isi", metavar="N,N", help="Inter-stimulus intervals, s."),
     ] = None,
     observers: PopulationOptions,
     task: Annotated[Task, Takes("seed", "spreadsheet_safe", "overwrite")],
 ) -> None:
-    """A synthetic study for any design, population and seed.
+    """Simulate a study with known order effects.
 
-    [bold]Example[/bold]: bayes-toe simulate -o study.csv --truth truth.csv --subjects 8 --seed 1
+    [bold]Example[/bold]: bayes-toe simulate -o study.csv --truth truth.csv --seed 1
     """
     from bayes_toe.data.tables import write_table
     from bayes_toe.data.tasks import task_of

@@ -1,4 +1,4 @@
-"""Commands that compare what subjects do under several circumstances: contrast (conditions), history (the trial before)."""
+"""Commands that compare conditions (contrast) and consecutive trials (history)."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ if TYPE_CHECKING:
 def contrast(
     *,
     study: StudyFile,
-    output: Annotated[
-        Path, writes("contrast.csv", "Table to write; the figure goes to NAME.png.")
-    ] = Path("contrast.csv"),
+    output: Annotated[Path, writes("FILE.csv", "Table; the figure is FILE.png.")] = Path(
+        "contrast.csv"
+    ),
     task: Annotated[Task, Takes(*MODEL, "spreadsheet_safe", "resume")],
 ) -> None:
-    """What differs between the conditions of each subject: constant error, contraction, JND.
+    """Estimate differences between the conditions of each subject.
 
     [bold]Example[/bold]: bayes-toe contrast study.csv --condition hand -o contrast.csv --seed 1
     """
@@ -81,12 +81,12 @@ def say_contrast(out: Terminal, table: ContrastTable) -> None:
 def history(
     *,
     study: StudyFile,
-    output: Annotated[
-        Path, writes("history.csv", "Table to write; the figure goes to NAME.png.")
-    ] = Path("history.csv"),
+    output: Annotated[Path, writes("FILE.csv", "Table; the figure is FILE.png.")] = Path(
+        "history.csv"
+    ),
     task: Annotated[Task, Takes(*MODEL, "spreadsheet_safe")],
 ) -> None:
-    """Serial dependence: whether responses depend on the stimuli or the response of the trial before, and by how much.
+    """Estimate serial dependence: the effect of the previous trial.
 
     [bold]Example[/bold]: bayes-toe history trials.csv -o history.csv --seed 1
     """

@@ -1,14 +1,12 @@
-"""Commands that infer, subject by subject: run, sample, evidence; and what they say of draws and of evidence."""
+"""Commands that analyse each subject: run, sample, evidence; and what they print."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
 import bayes_toe as bt
-from bayes_toe.cli.options import ModelName, StudyFile, rare, writes
+from bayes_toe.cli.options import ModelName, StudyFile, flag, rare, writes
 from bayes_toe.cli.task import MODEL, Takes, Task
 from bayes_toe.cli.terminal import (
     MOST_NAMES,
@@ -36,20 +34,18 @@ _WITH_RANGE = ("mu1", "gain", *_ORDER_SHOWN)
 def run(
     *,
     study: StudyFile,
-    output: Annotated[Path, writes("DIR", "Results folder.")] = Path("bayes_toe_results"),
+    output: Annotated[Path, writes("DIR", "Folder.")] = Path("bayes_toe_results"),
     figures: Annotated[
         str,
-        rare("--figures", metavar="all|flagged|none", help="Subjects with corner plot and curves."),
+        rare("--figures", metavar="all|flagged|none", help="Subjects with figures."),
     ] = "all",
-    explore: Annotated[
-        bool, typer.Option("--explore", help="Write explorer.html, posteriors to explore.")
-    ] = False,
+    explore: Annotated[bool, flag("--explore", help="Write explorer.html, too.")] = False,
     paper_figures: Annotated[
-        bool, typer.Option("--paper-figures", help="Write the figures of the paper for this study.")
+        bool, flag("--paper-figures", help="Write the paper's figures, too.")
     ] = False,
     task: Annotated[Task, Takes(*MODEL, "draws", "spreadsheet_safe", "resume")],
 ) -> None:
-    """The answer for every subject and the study, with posterior, summary, evidence, corner plots and report in one folder.
+    """Estimate the order effects of every subject and of the group.
 
     [bold]Example[/bold]: bayes-toe run study.csv -o results --seed 1
     """
@@ -130,13 +126,13 @@ def _group(analysis: Analysis, task: Task) -> Group | None:
 def sample(
     *,
     study: StudyFile,
-    output: Annotated[Path, writes("posterior.nc", "NetCDF file to write.")] = Path("posterior.nc"),
+    output: Annotated[Path, writes("FILE.nc", "Draws.")] = Path("posterior.nc"),
     model: ModelName = "paper",
     task: Annotated[Task, Takes(*MODEL, "draws", "resume")],
 ) -> None:
-    """Posterior draws of every subject under a model, as NetCDF that ArviZ opens.
+    """Sample the posterior of one model for every subject.
 
-    [bold]Example[/bold]: bayes-toe sample study.csv -o posterior.nc --draws 10000 --seed 1
+    [bold]Example[/bold]: bayes-toe sample study.csv -o posterior.nc --model both --seed 1
     """
     from bayes_toe.analysis import draw
     from bayes_toe.inference.draws_file import refuse_store
@@ -193,10 +189,10 @@ def _require_room(
 def evidence(
     *,
     study: StudyFile,
-    output: Annotated[Path, writes("evidence.csv", "Table to write.")] = Path("evidence.csv"),
+    output: Annotated[Path, writes("FILE.csv", "Table.")] = Path("evidence.csv"),
     task: Annotated[Task, Takes(*MODEL, "spreadsheet_safe", "resume")],
 ) -> None:
-    """Log model evidence of the four models and of the paper's H1 against H0, then the answer.
+    """Compute the model evidences of every subject, and the answer.
 
     [bold]Example[/bold]: bayes-toe evidence study.csv -o evidence.csv --seed 1
     """

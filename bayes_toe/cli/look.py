@@ -13,6 +13,7 @@ import bayes_toe as bt
 from bayes_toe.cli.options import (
     SavedDraws,
     TrueValues,
+    flag,
     rare,
     writes,
 )
@@ -29,19 +30,18 @@ def explore(
         list[Path],
         typer.Argument(
             metavar="posterior.nc...",
-            help="Draws written by run or sample; of several models, several files.",
+            help="Draws saved by run or sample.",
         ),
     ],
-    output: Annotated[Path, writes("FILE", "The page.")] = Path("explorer.html"),
+    output: Annotated[Path, writes("FILE.html", "Page.")] = Path("explorer.html"),
     subject: Annotated[
-        list[str] | None, typer.Option("--subject", help="Only this subject; repeat for more.")
+        list[str] | None,
+        typer.Option("--subject", metavar="NAME", help="Only this subject; repeatable."),
     ] = None,
     truth: TrueValues = None,
     task: Annotated[Task, Takes("overwrite")],
 ) -> None:
-    """One page to explore posteriors in a browser: drag over points, and draws, curves and quantiles follow.
-
-    A file for itself: no server, no network. Two subjects, or two models of one, stand against each other.
+    """Write a page that shows saved draws in a browser.
 
     [bold]Example[/bold]: bayes-toe explore posterior.nc -o explorer.html
     """
@@ -97,39 +97,33 @@ def read_truth(path: Path, draws: Sequence[bt.Draws], subjects: Sequence[str]) -
 def corner(
     *,
     posterior: SavedDraws,
-    output: Annotated[Path, writes("DIR", "Folder for the pictures, one a subject.")] = Path(
-        "corner"
-    ),
+    output: Annotated[Path, writes("DIR", "Folder.")] = Path("corner"),
     subject: Annotated[
         list[str] | None,
-        typer.Option(
-            "--subject", help="Only this subject; repeated, two to four subjects in one picture."
-        ),
+        typer.Option("--subject", metavar="NAME", help="Only this subject; 2 to 4 in one figure."),
     ] = None,
     parameters: Annotated[
         str | None,
         typer.Option(
             "--parameters",
             metavar="gain,mu1",
-            help="Any quantities of the model, natural or identified.",
+            help="Parameters to show.",
         ),
     ] = None,
     coordinates: Annotated[
-        str | None, rare("--coordinates", help="natural (default) or identified.")
+        str | None, rare("--coordinates", metavar="NAME", help="natural (default) or identified.")
     ] = None,
-    show_prior: Annotated[
-        bool, typer.Option("--show-prior", help="The prior of the draws, in grey on the diagonal.")
-    ] = False,
+    show_prior: Annotated[bool, flag("--show-prior", help="Show the prior in grey.")] = False,
     truth: TrueValues = None,
     formats: Annotated[
         list[str] | None,
-        typer.Option("--format", help="pdf, png or svg; repeat for more. Default: png."),
+        typer.Option("--format", metavar="NAME", help="png (default), pdf or svg; repeatable."),
     ] = None,
     task: Annotated[Task, Takes(*WORKERS)],
 ) -> None:
-    """Corner plots of saved draws, one a subject, or several subjects in one.
+    """Draw corner plots of saved draws.
 
-    [bold]Example[/bold]: bayes-toe corner posterior.nc -o corner --subject S01 --subject S04 --parameters gain,mu1 --show-prior
+    [bold]Example[/bold]: bayes-toe corner posterior.nc -o corner --subject S01
     """
     from bayes_toe.cli.results_folder import opened
     from bayes_toe.data.tables import file_stems

@@ -19,82 +19,67 @@ if TYPE_CHECKING:
     from bayes_toe.data.study import Study
 
 
-#: What may be given as a prior.
-PRIOR_HELP = (
-    "default (scales are those of the stimuli), paper (H1's as in the paper), "
-    "or a file with sections such as noise, contraction and paper: docs/model.md."
-)
-
-
-#: An option that few need: help has it in a panel of its own.
+#: A whole number as help shows it.
+NUMBER = "N"
+#: An option without a value; an option that few need, which help has in a panel of its own.
+flag: Any = partial(typer.Option, metavar="")
 rare: Any = partial(typer.Option, rich_help_panel="Advanced")
 
 
 Seed = Annotated[
     int | None,
-    typer.Option("--seed", min=0, help="Root seed; without it fresh entropy, printed and stored."),
+    typer.Option("--seed", min=0, metavar=NUMBER, help="Random seed, printed and stored."),
 ]
 DrawCount = Annotated[
-    int, rare("--draws", min=1, max=10**6, help="Effective draws to reach for every parameter.")
+    int,
+    rare("--draws", min=1, max=10**6, metavar=NUMBER, help="Effective draws of every parameter."),
 ]
 Processes = Annotated[
     int | None,
-    typer.Option(
-        "--workers",
-        min=1,
-        help="Processes; default one per processor. The numbers do not depend on it.",
-    ),
+    rare("--workers", min=1, metavar=NUMBER, help="Processes; default: one per processor."),
 ]
 Engine = Annotated[
     Literal["local", "dask"],
-    rare("--engine", help="Processes of this machine, or the workers of a Dask cluster."),
+    rare("--engine", metavar="local|dask", help="Where processes run: here, or on a Dask cluster."),
 ]
 Scheduler = Annotated[
-    str | None, rare("--scheduler", metavar="tcp://HOST:PORT", help="That of the Dask cluster.")
+    str | None,
+    rare("--scheduler", metavar="tcp://HOST:PORT", help="Address of the Dask cluster."),
 ]
 PriorFile = Annotated[
-    str | None, typer.Option("--prior", metavar="default|paper|prior.toml", help=PRIOR_HELP)
+    str | None,
+    typer.Option("--prior", metavar="PRIOR", help="Prior: default, paper, or a TOML file."),
 ]
 SpreadsheetSafe = Annotated[
     bool,
-    rare(
-        "--spreadsheet-safe",
-        help="An apostrophe before texts in tables that a spreadsheet would run (=, +, -, @).",
-    ),
+    rare("--spreadsheet-safe", metavar="", help="Put an apostrophe before texts like formulas."),
 ]
-Resume = Annotated[
-    bool,
-    typer.Option(
-        "--resume",
-        help="Continue a stopped command from OUTPUT.partial.",
-    ),
-]
-Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace outputs that exist.")]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print problems only.")]
+Resume = Annotated[bool, flag("--resume", help="Continue a stopped command.")]
+Overwrite = Annotated[bool, flag("--overwrite", help="Replace existing output.")]
+Quiet = Annotated[bool, flag("--quiet", "-q", help="Print problems only.")]
 
 SavedDraws = Annotated[
-    Path, typer.Argument(metavar="posterior.nc", help="Draws written by run or sample.")
+    Path, typer.Argument(metavar="posterior.nc", help="Draws saved by run or sample.")
 ]
 TrueValues = Annotated[
     Path | None,
-    rare(
-        "--truth",
-        metavar="truth.csv",
-        help="Known values to mark, as simulate writes them: columns subject, mu1, gain, ...",
-    ),
+    rare("--truth", metavar="truth.csv", help="True values to mark, as simulate writes them."),
 ]
 Question = Annotated[
     str,
     typer.Option(
-        "--task", metavar="same/different|2afc", help="What is asked; 2afc: which is stronger."
+        "--task",
+        metavar="TASK",
+        help="same/different (default) or 2afc.",
+        show_default=False,
     ),
 ]
 ModelName = Annotated[
     str,
     typer.Option(
         "--model",
-        metavar="none|constant-error|contraction|both|paper",
-        help="One of the four models of the observer, or the paper's (H1).",
+        metavar="MODEL",
+        help="none, constant-error, contraction, both or paper.",
     ),
 ]
 
@@ -110,7 +95,6 @@ def _how_to_read(name: str, help_text: str, metavar: str | None = None) -> Any:
     )
 
 
-_WHOSE = "SUBJECT[:BLOCK,...]"
 #: The error of a command without a file; :func:`~bayes_toe.cli.task.as_command` adds what to type.
 NO_FILE = "No file is named."
 #: What `run` asks in a terminal.
@@ -128,104 +112,71 @@ class StudyFile:
         list[Path] | None,
         typer.Argument(
             metavar="STUDY.csv...",
-            help="Trials (subject,s1,s2,response) or counts "
-            "(subject,s1,s2,n_equal|n_second,n_trials), CSV, .parquet or .mat, one or more.",
+            help="Columns subject,s1,s2,response.",
             show_default=False,
         ),
     ] = None
-    example: Annotated[
-        bool,
-        typer.Option("--example", help="Analyse the bundled example, synthetic, and no file."),
-    ] = False
-    intensity: Annotated[
-        float | None,
-        _how_to_read("--intensity", "Columns i1,i2 hold raw amplitudes; s = ln(i / REF).", "REF"),
-    ] = None
-    equal_code: Annotated[
-        str | None, _how_to_read("--equal-code", "The response that means 'equal'.")
-    ] = None
-    different_code: Annotated[
-        str | None, _how_to_read("--different-code", "The response that means 'different'.")
-    ] = None
-    second_code: Annotated[
-        str | None, _how_to_read("--second-code", "The response that means 'second'.")
-    ] = None
-    first_code: Annotated[
-        str | None, _how_to_read("--first-code", "The response that means 'first'.")
-    ] = None
-    correct: Annotated[
-        str | None,
-        _how_to_read(
-            "--correct",
-            "A column that says right or wrong: second or first by the sign of s2 - s1.",
-            "COLUMN",
-        ),
-    ] = None
-    ignore: Annotated[
-        list[str] | None,
-        _how_to_read(
-            "--ignore",
-            "A column that is not read: isi pools pairs over it; repeatable.",
-            "isi|block|trial|condition",
-        ),
-    ] = None
-    question: Annotated[
-        str | None,
-        typer.Option(
-            "--task",
-            metavar="same/different|2afc",
-            help="With --example: which one; else what the file must be.",
-        ),
-    ] = None
-    where: Annotated[
-        list[str] | None,
-        _how_to_read("--where", "Only rows with TEXT in this column; repeatable.", "COLUMN=TEXT"),
-    ] = None
-    subject_from: Annotated[
-        str | None,
-        _how_to_read(
-            "--subject-from",
-            "The subject stands in the file's name, at {}, e.g. 'sub-{}_*.tsv'.",
-            "NAME",
-        ),
-    ] = None
-    columns: Annotated[
-        str | None,
-        _how_to_read(
-            "--columns", "Other column names, e.g. subject=participant,s1=first.", "OURS=THEIRS,..."
-        ),
-    ] = None
-    condition: Annotated[
-        str | None,
-        typer.Option(
-            "--condition",
-            metavar="COLUMN",
-            help="A condition that differs within subjects; default: a column condition.",
-        ),
-    ] = None
-    reference: Annotated[
-        str | None,
-        typer.Option(
-            "--reference", metavar="LEVEL", help="The level with which others are compared."
-        ),
-    ] = None
-    named_levels: Annotated[
-        bool,
-        rare(
-            "--categorical-condition",
-            help="Numbers of the condition are names of levels: no slope.",
-        ),
-    ] = False
+    example: Annotated[bool, flag("--example", help="Analyse the synthetic example.")] = False
     swap: Annotated[
         list[str] | None,
-        typer.Option(
-            "--swap", metavar=_WHOSE, help="Exchange the two responses, in these blocks or all."
-        ),
+        typer.Option("--swap", metavar="A08:2,4", help="Swap responses: subject, or its blocks."),
     ] = None
     exclude: Annotated[
         list[str] | None,
-        typer.Option("--exclude", metavar=_WHOSE, help="Exclude a subject, or these blocks."),
+        typer.Option("--exclude", metavar="A08:2,4", help="Exclude a subject, or its blocks."),
     ] = None
+    intensity: Annotated[
+        float | None,
+        _how_to_read("--intensity", "Read intensities i1,i2: s = ln(i / REF).", "REF"),
+    ] = None
+    equal_code: Annotated[
+        str | None, _how_to_read("--equal-code", "The code that means 'equal'.", "CODE")
+    ] = None
+    different_code: Annotated[
+        str | None, _how_to_read("--different-code", "The code that means 'different'.", "CODE")
+    ] = None
+    second_code: Annotated[
+        str | None, _how_to_read("--second-code", "The code that means 'second'.", "CODE")
+    ] = None
+    first_code: Annotated[
+        str | None, _how_to_read("--first-code", "The code that means 'first'.", "CODE")
+    ] = None
+    correct: Annotated[
+        str | None,
+        _how_to_read("--correct", "Column of correct and wrong responses.", "COLUMN"),
+    ] = None
+    ignore: Annotated[
+        list[str] | None,
+        _how_to_read("--ignore", "Column to ignore, such as isi or block.", "COLUMN"),
+    ] = None
+    question: Annotated[
+        str | None,
+        _how_to_read("--task", "same/different or 2afc.", "TASK"),
+    ] = None
+    where: Annotated[
+        list[str] | None,
+        _how_to_read("--where", "Read only rows with this text.", "COLUMN=TEXT"),
+    ] = None
+    subject_from: Annotated[
+        str | None,
+        _how_to_read("--subject-from", "File name with the subject: 'sub-{}_*'.", "NAME"),
+    ] = None
+    columns: Annotated[
+        str | None,
+        _how_to_read("--columns", "Names of your columns: s1=first,...", "OURS=THEIRS"),
+    ] = None
+    condition: Annotated[
+        str | None,
+        _how_to_read("--condition", "Column of a condition within subjects.", "COLUMN"),
+    ] = None
+    reference: Annotated[
+        str | None,
+        _how_to_read("--reference", "Level that others are compared with.", "LEVEL"),
+    ] = None
+    named_levels: Annotated[
+        bool,
+        rare("--categorical-condition", metavar="", help="Take numeric levels as names."),
+    ] = False
 
     def truth(self) -> Truth:
         """True parameters of the paper's model, by subject; only one of the examples has them."""

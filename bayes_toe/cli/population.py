@@ -22,10 +22,7 @@ if TYPE_CHECKING:
     from bayes_toe.groups.population_table import PopulationRow
 
 #: In words, because the module of the hyperprior loads SciPy.
-_HYPERPRIOR = (
-    r"A file with sections \[constant_error], \[contraction], \[noise], \[q0] of any of mean, "
-    "mean_scale, sd_scale; see docs/population.md."
-)
+_HYPERPRIOR = r"Prior of the group: \[constant_error], \[contraction], \[noise], \[q0]."
 #: Why a Bayes factor needs the width of its prior beside it.
 PRIOR_NOTE = (
     "ln Bayes factor of 0 against any other value; positive speaks for 0. It depends on how wide "
@@ -42,7 +39,7 @@ class GroupOptions:
         typer.Option(
             "--covariates",
             metavar="FILE.csv",
-            help="Columns subject and one per covariate: what may move the means.",
+            help="Table of subject and covariates.",
         ),
     ] = None
     categorical: Annotated[
@@ -50,7 +47,7 @@ class GroupOptions:
         rare(
             "--categorical",
             metavar="NAME",
-            help="A covariate whose numbers name levels; repeat for more.",
+            help="Covariate whose numbers are names.",
         ),
     ] = None
     hyperprior: Annotated[
@@ -64,14 +61,14 @@ def population(
     output: Annotated[
         Path,
         writes(
-            "population.nc",
-            "NetCDF file to write; NAME.csv, NAME_subjects.csv, NAME.png beside it.",
+            "FILE.nc",
+            "Draws; tables and figure beside them.",
         ),
     ] = Path("population.nc"),
     asked: GroupOptions,
     task: Annotated[Task, Takes("seed", "overwrite", "spreadsheet_safe", draws=3200)],
 ) -> None:
-    """Mean and spread of the order effects of a group: constant error and contraction.
+    """Estimate the group mean and the SD between subjects.
 
     [bold]Example[/bold]: bayes-toe population study.csv -o population.nc --seed 1
     """

@@ -180,10 +180,29 @@ def test_there_are_thirteen_commands_and_rare_options_stand_apart():
         "simulate",
     ]
     usual, rare = inside("run", "--help").stdout.split("Advanced")
-    for name in ("--output", "--swap", "--exclude", "--prior", "--seed", "--workers"):
+    for name in ("--output", "--swap", "--exclude", "--prior", "--seed"):
         assert f"{name} " in usual
-    for name in ("--engine", "--scheduler", "--spreadsheet-safe"):
+    for name in ("--workers", "--engine", "--scheduler", "--spreadsheet-safe"):
         assert f"{name} " in rare
+
+
+@pytest.mark.parametrize(
+    "function",
+    [one for commands in COMMANDS.values() for one in commands],
+    ids=lambda function: function.__name__,
+)
+def test_the_help_of_a_command_fits_on_a_screen_in_short_phrases(function, monkeypatch):
+    monkeypatch.setattr("typer.rich_utils.MAX_WIDTH", 80)
+    lines = inside(function.__name__, "--help").stdout.splitlines()
+    assert not lines[0].strip()
+    ends = [number for number, line in enumerate(lines) if line.startswith("╰")]
+    options = next(number for number, line in enumerate(lines) if line.startswith("╭─ Options"))
+    assert next(end for end in ends if end > options) <= 24, "\n".join(lines)
+    assert max(map(len, lines)) <= 80
+    for one in typer.main.get_command(app).commands[function.__name__].params:
+        assert len(one.help.split()) <= 12, one.name
+    title = inspect.getdoc(function).partition("\n")[0]
+    assert len(title) <= 64  # one line in the list of commands
 
 
 @pytest.mark.parametrize(
