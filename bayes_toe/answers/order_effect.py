@@ -9,7 +9,7 @@ decides.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
@@ -28,6 +28,7 @@ from bayes_toe.answers.serial_screen import SerialScreen, serial_screen
 from bayes_toe.answers.words import Word, side_of, word_for
 from bayes_toe.arrays import BoolArray, FloatArray
 from bayes_toe.checks.identification import Identification, identify
+from bayes_toe.data.messages import as_option, join_words
 from bayes_toe.data.study import Subject
 from bayes_toe.inference.order_evidence import MODEL_NAMES, OrderEvidence, order_evidence
 from bayes_toe.inference.predictive_checks import MISFIT, FitSummary, PairFit, summarise_fit
@@ -66,6 +67,7 @@ ANSWER_COLUMNS = (
 #: By what a prior scale is multiplied to see whether it decides a word.
 SCALE_FACTORS = (0.5, 2.0)
 _FAR_ROVING = 3.0  # D; a larger median of abs(p) sd(s1) rests on the prior
+_Numbers = Mapping[str, float]
 #: Nats below the best within which a model's error matters, and the largest error left unsaid.
 _COUNTS_WITHIN, _LARGEST_ERROR = 5.0, 0.1
 _STUDENT = StandardStudent()
@@ -81,8 +83,23 @@ class Size:
 
 
 @dataclass(frozen=True)
+class Problem:
+    """A sentence on the responses of a subject, with the option to type if there is one.
+
+    Attributes
+    ----------
+    message : str
+    option : str
+        Option of a command that acts on the problem; empty if there is none.
+    """
+
+    message: str
+    option: str = ""
+
+
+@dataclass(frozen=True)
 class OrderEffect:
-    """What is concluded of one subject; its fields are columns of evidence.csv.
+    """The conclusion of one subject; its fields are columns of evidence.csv.
 
     Attributes
     ----------
@@ -108,10 +125,12 @@ class OrderEffect:
         Of each model.
     notes : tuple of str
         What the design leaves open for this subject.
-    options : tuple of str
-        Options of a command that act on the flags.
+    reasons : mapping of str to str
+        Why a question cannot be told, by the name of the question.
+    problems : tuple of Problem
+        The flags as sentences, with the options that act on them.
     worst_pairs : tuple of PairFit
-        Where the fit is poor: the pairs with the largest residuals.
+        The pairs with the largest residuals, if the fit is poor.
     """
 
     subject: str
@@ -131,8 +150,14 @@ class OrderEffect:
     standard_error: Mapping[str, float]
     laplace: Mapping[str, float]
     notes: tuple[str, ...] = ()
-    options: tuple[str, ...] = ()
+    reasons: Mapping[str, str] = field(default_factory=dict)
+    problems: tuple[Problem, ...] = ()
     worst_pairs: tuple[PairFit, ...] = ()
+
+    @property
+    def options(self) -> tuple[str, ...]:
+        """Options of a command that act on the problems."""
+        return tuple(problem.option for problem in self.problems if problem.option)
 
     @property
     def fits(self) -> bool | None:
@@ -167,7 +192,7 @@ class OrderEffect:
         return str(word.value)
 
     def marked_word(self, question: str) -> str:
-        """The word with what stands against it: `!` for a poor fit, `?` where the prior decides."""
+        """The word with its marks: `!` for a poor fit, `?` if it depends on the prior."""
         word = self.word(question)
         if self.fits is False:
             word += " !"
@@ -202,32 +227,32 @@ class OrderEffect:
         return self.log_evidence[name.replace("_", " ")]
 
     def describe(self) -> str:
-        """The answer in words, without the subject's name."""
+        """The conclusion in sentences, without the name of the subject."""
         if not self.is_interpretable:
-            return f"not interpreted: {', '.join(self.flags)}"
-        parts = [f"order effect: {self._describe_question('order_effect')}"]
-        for question in ("constant_error", "contraction"):
-            parts.append(f"{question.replace('_', ' ')}: {self._describe_question(question)}")
-        text = "; ".join(parts)
-        if self.fits is False:
-            text += "; but the model does not fit"
-        others = [flag for flag in self.flags if flag != MISFIT_FLAG]
-        return "; ".join([text, *others])
+            return f"Not interpreted: {', '.join(self.flags)}."
+        sentences = [self._describe_question(question) for question in QUESTIONS]
+        return " ".join([*sentences, *self._flag_sentences()])
+
+    def _flag_sentences(self) -> list[str]:
+        """Each flag as a sentence."""
+        return [f"{flag[0].upper()}{flag[1:]}." for flag in self.flags]
 
     def _describe_question(self, question: str) -> str:
         """Word, probability and size of one question."""
         word = self.words[question]
+        heading = question.replace("_", " ").capitalize()
         if word is Word.CANNOT_BE_TOLD:
-            return str(word.value)
-        details = [f"P {format_probability(self.probabilities[question])}"]
-        if question == "constant_error" and word.is_positive:
+            reason = self.reasons.get(question)
+            return f"{heading}: {word.value}{f', because {reason}' if reason else ''}."
+        details = [f"{self.word(question)} (P {format_probability(self.probabilities[question])})"]
+        if word.is_positive and question == "constant_error":
             details.append(f"PSE shift {format_percent(self.sizes['pse_shift_percent'])}")
-        if question == "contraction" and word.is_positive:
-            details.append(f"p {format_share(self.sizes['contraction_p'])}")
+        if word.is_positive and question == "contraction":
+            details.append(f"p = {format_share(self.sizes['contraction_p'])}")
         bound = self.upper_bounds.get(question, 0.0)
         if not word.is_positive and bound > 0.0:
-            details.append(f"at most {bound:.2g} JND")
-        return f"{self.word(question)} ({', '.join(details)})"
+            details.append(f"at most {format_number(bound)} JND (95 %)")
+        return f"{heading}: {', '.join(details)}."
 
     @classmethod
     def from_row(cls, row: Mapping[Any, Any]) -> OrderEffect:
@@ -267,8 +292,13 @@ class OrderEffect:
         )
 
 
+#: Flags that are not about the responses alone.
 MISFIT_FLAG = "the model does not fit"
 PRIOR_FLAG = "depends on the prior"
+PREVIOUS_TRIAL_FLAG = "responses depend on the previous trial"
+DRIFT_FLAG = "responses drift"
+OUTSIDE_FLAG = "the PSE lies outside the pairs shown, so its size rests on the prior"
+ROVING_FLAG = "the size of the contraction rests on the prior"
 
 
 def _number(cell: object) -> float | None:
@@ -294,16 +324,25 @@ def format_probability(probability: float) -> str:
     return f"= {probability:.2f}".replace("0.", ".")
 
 
-def format_percent(size: Size) -> str:
-    """A signed size in per cent with its 95 % interval.
+def format_percent(size: Size, unit: str = " %") -> str:
+    """A signed size in per cent with its 95 % interval, two digits of the largest number.
 
     Examples
     --------
-    >>> format_percent(Size(2.5, 5.61, 8.3))
-    '+5.6 % [+2.5, +8.3]'
+    >>> format_percent(Size(2.5, 5.61, 8.3)), format_percent(Size(-0.4, 11.7, 22.1), "")
+    ('+5.6 % [+2.5, +8.3]', '+12 [-0, +22]')
     """
-    numbers = [format_number(value, "+") for value in (size.q50, size.q025, size.q975)]
-    return f"{numbers[0]} % [{numbers[1]}, {numbers[2]}]"
+    largest = max(abs(size.q025), abs(size.q50), abs(size.q975))
+    digits = _digits(largest)
+    low, median, high = (f"{value:+.{digits}f}" for value in (size.q025, size.q50, size.q975))
+    return f"{median}{unit} [{low}, {high}]"
+
+
+def _digits(value: float, most: int = 2) -> int:
+    """Decimals that show two significant digits of a number, at most some."""
+    if not np.isfinite(value) or value <= 0.0:
+        return 0
+    return int(min(max(1 - np.floor(np.log10(float(f"{value:.2g}"))), 0), most))
 
 
 def format_number(value: float, sign: str = "") -> str:
@@ -326,11 +365,50 @@ def format_share(size: Size) -> str:
 
     Examples
     --------
-    >>> format_share(Size(0.1, 0.16, 0.22))
-    '.16 [.10, .22]'
+    >>> format_share(Size(-0.001, 0.16, 0.22))
+    '.16 [.00, .22]'
     """
-    numbers = [f"{value:.2f}".replace("0.", ".") for value in (size.q50, size.q025, size.q975)]
-    return f"{numbers[0]} [{numbers[1]}, {numbers[2]}]"
+    low, median, high = (format_decimals(value) for value in (size.q025, size.q50, size.q975))
+    return f"{median} [{low}, {high}]"
+
+
+def format_decimals(value: float, digits: int = 2) -> str:
+    """A number between -1 and 1 without the zero before its point, and never -0.
+
+    Examples
+    --------
+    >>> format_decimals(-0.047), format_decimals(-0.001), format_decimals(1.0)
+    ('-.05', '.00', '1.00')
+    """
+    text = f"{round(value, digits) + 0.0:.{digits}f}"
+    return text.replace("0.", ".", 1) if text.lstrip("-").startswith("0.") else text
+
+
+def format_bayes_factor(log_bayes_factor: float) -> str:
+    """A Bayes factor, not its log: two digits between 1/100 and 100, a bound beyond.
+
+    Examples
+    --------
+    >>> [format_bayes_factor(value) for value in (2.9, -0.92, 5.0, -9.0)]
+    ['18', '0.4', '> 100', '< 1/100']
+    """
+    if log_bayes_factor > np.log(100.0):
+        return "> 100"
+    if log_bayes_factor < -np.log(100.0):
+        return "< 1/100"
+    return f"{np.exp(log_bayes_factor):.2g}"
+
+
+def word_of_bayes_factor(log_bayes_factor: float) -> Word:
+    """The word for an effect that is as probable as its absence before the data.
+
+    Examples
+    --------
+    >>> word_of_bayes_factor(2.9).value, word_of_bayes_factor(-0.9).value
+    ('probably', 'undecided')
+    """
+    probability = 1.0 / (1.0 + np.exp(-log_bayes_factor))
+    return word_for(float(probability), log_bayes_factor)
 
 
 # --- From evidences to the answer ----------------------------------------------------------------
@@ -342,6 +420,10 @@ class FlagLike(Protocol):
     @property
     def words(self) -> str:
         """What it is, in a few words."""
+
+    @property
+    def message(self) -> str:
+        """What it is, in a sentence."""
 
     @property
     def option(self) -> str:
@@ -374,7 +456,7 @@ def order_effect(
         Score tests of the trial before.
     """
     probabilities, log_bayes_factors = _questions(evidence.log_evidence)
-    if identification.order_effect and not identification.contraction:
+    if identification.contraction_adds_to_error:
         # Without a contraction to look for, the order effect is the constant error.
         for values in (probabilities, log_bayes_factors):
             values["order_effect"] = values["constant_error"]
@@ -388,12 +470,17 @@ def order_effect(
             words[question] = Word.CANNOT_BE_TOLD
         else:
             words[question] = word_for(probabilities[question], log_bayes_factors[question])
-    joined = [flag.words for flag in flags]
+    worst_first = sorted(flags, key=lambda flag: flag.is_interpretable)
+    problems = {flag.words: Problem(flag.message, flag.option) for flag in worst_first}
     if fit is not None and fit.misfit:
-        joined.append(MISFIT_FLAG)
-    joined += _screen_flags(screen)
-    told = [question for question in QUESTIONS if getattr(identification, question)]
-    joined += _prior_flags(evidence, told) + size_flags + _error_flags(evidence)
+        message = "The model does not fit. Report no conclusion for this subject."
+        option = f"--exclude {as_option(evidence.subject.name)}"
+        problems[MISFIT_FLAG] = Problem(message, option)
+    problems |= _screen_problems(screen)
+    questions = [question for question in QUESTIONS if getattr(identification, question)]
+    problems |= _prior_problems(evidence, questions)
+    for flag_words in (*size_flags, *_error_flags(evidence)):
+        problems[flag_words] = Problem(f"{flag_words[0].upper()}{flag_words[1:]}.")
     best = int(np.argmax(evidence.log_evidence))
     is_testable = fit is not None and fit.describes is not None
     return OrderEffect(
@@ -401,7 +488,7 @@ def order_effect(
         words=words,
         direction="contraction" if sizes["contraction_p"].q50 >= 0.0 else "repulsion",
         is_interpretable=is_interpretable,
-        flags=tuple(dict.fromkeys(joined)),
+        flags=tuple(problems),
         probabilities=probabilities,
         log_bayes_factors=log_bayes_factors,
         sizes=sizes,
@@ -414,7 +501,8 @@ def order_effect(
         standard_error=_by_model(evidence.standard_error),
         laplace=_by_model(evidence.laplace),
         notes=(*identification.notes, *dict.fromkeys(identification.reasons.values())),
-        options=tuple(flag.option for flag in flags if flag.option),
+        reasons=identification.reasons,
+        problems=tuple(problems.values()),
         worst_pairs=fit.worst if fit is not None and fit.misfit else (),
     )
 
@@ -472,11 +560,11 @@ def _sizes(evidence: OrderEvidence) -> tuple[dict[str, Size], dict[str, float], 
     largest = float(np.abs(subject.s2 - subject.s1).max())
     (typical_shift,) = weighted_quantiles(np.abs(shift), with_error.weights, [0.5])
     if typical_shift > largest:
-        flags.append("the PSE lies outside the pairs shown; its size rests on the prior")
+        flags.append(OUTSIDE_FLAG)
     lever = np.abs(with_contraction.quantities["contraction"]) * first_spread
     (typical_lever,) = weighted_quantiles(lever, with_contraction.weights, [0.5])
     if typical_lever > _FAR_ROVING * evidence.scales.step:
-        flags.append("the size of the contraction rests on the prior")
+        flags.append(ROVING_FLAG)
     return sizes, upper_bounds, flags
 
 
@@ -490,42 +578,61 @@ def _size(draws: AveragedDraws, values: FloatArray) -> Size:
     return Size(*weighted_quantiles(values, draws.weights, tuple(QUANTILES.values())))
 
 
-def _screen_flags(screen: SerialScreen | None) -> list[str]:
-    """What the score tests of the trial before say."""
-    flags = list[str]()
+def _screen_problems(screen: SerialScreen | None) -> dict[str, Problem]:
+    """Flags of the score tests of serial dependence, with their sentences."""
+    problems = dict[str, Problem]()
     if screen is None:
-        return flags
+        return problems
     if screen.joint_p is not None and screen.joint_p < MISFIT:
-        flags.append("responses depend on the trial before")
+        message = (
+            "Responses depend on the previous trial. The command `history` estimates by how much."
+        )
+        problems[PREVIOUS_TRIAL_FLAG] = Problem(message)
     if screen.moving_criterion_p is not None and screen.moving_criterion_p < MISFIT:
-        flags.append("responses drift")
-    return flags
+        problems[DRIFT_FLAG] = Problem("The preference for a response drifts over the trials.")
+    return problems
 
 
 def _error_flags(evidence: OrderEvidence) -> list[str]:
-    """Where the evidence of a model that counts is not known well enough."""
+    """A flag if the evidence of a model that counts is imprecise."""
     is_near = evidence.log_evidence > evidence.log_evidence.max() - _COUNTS_WITHIN
     largest = float(evidence.standard_error[is_near].max())
     if largest <= _LARGEST_ERROR:
         return []
-    return [f"log evidences have a standard error of {largest:.2g}"]
+    return [f"the log evidences have a standard error of {largest:.2g}"]
 
 
 # --- Prior sensitivity ---------------------------------------------------------------------------
 
 
-def _prior_flags(evidence: OrderEvidence, questions: Sequence[str]) -> list[str]:
-    """Which questions a prior scale of c or p, halved or doubled, moves to another side."""
-    own, _ = _questions(evidence.log_evidence)
-    varied = [_questions(values)[0] for values in rescaled_evidences(evidence)]
-    dependent = []
+def _prior_problems(evidence: OrderEvidence, questions: Sequence[str]) -> dict[str, Problem]:
+    """The flag of questions that a prior scale, halved or doubled, moves to another side."""
+    own = _questions(evidence.log_evidence)
+    varied = [_questions(values) for values in rescaled_evidences(evidence)]
+    changes: dict[str, list[str]] = {}
     for question in questions:
-        side = side_of(own[question])
-        if any(side_of(probabilities[question]) != side for probabilities in varied):
-            dependent.append(question.replace("_", " "))
-    if not dependent:
-        return []
-    return [f"{PRIOR_FLAG}: {', '.join(dependent)}"]
+        for factor, other in zip(SCALE_FACTORS * 2, varied, strict=True):  # of c, then of p
+            if side_of(other[0][question]) != side_of(own[0][question]):
+                change = _describe_change(question, factor, own, other)
+                changes.setdefault(change, []).append(question.replace("_", " "))
+                break
+    if not changes:
+        return {}
+    sentences = [change.format(join_words(names)) for change, names in changes.items()]
+    dependent = [name for names in changes.values() for name in names]
+    return {f"{PRIOR_FLAG}: {', '.join(dependent)}": Problem(" ".join(sentences))}
+
+
+def _describe_change(
+    question: str, factor: float, own: tuple[_Numbers, _Numbers], other: tuple[_Numbers, _Numbers]
+) -> str:
+    """How another prior scale changes the word of a question, or else its probability."""
+    subject = f"A prior {'twice' if factor > 1.0 else 'half'} as wide changes"
+    before, after = (word_for(p[question], bf[question]).value for p, bf in (own, other))
+    if before != after:
+        return f"{subject} {{}} from '{before}' to '{after}'."
+    before, after = (format_decimals(p[question]) for p, _ in (own, other))
+    return f"{subject} the probability of {{}} from {before} to {after}."
 
 
 def rescaled_evidences(evidence: OrderEvidence) -> list[FloatArray]:
@@ -581,8 +688,8 @@ def answer_subject(
     --------
     >>> subject = Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [49, 20, 15], [50, 50, 50])
     >>> answer, _ = answer_subject(subject, seed=1)
-    >>> answer.word("contraction")
-    'undecided'
+    >>> answer.word("constant_error")
+    'probably not'
     """
     (evidence,) = order_evidence([subject], seed, prior)
     fit = best_model_fit(evidence, seed)

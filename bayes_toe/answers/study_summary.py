@@ -1,4 +1,4 @@
-"""What the answers of its subjects say of a study: counts that add up, directions, the group."""
+"""The answer of a study: counts that add up, directions, and how frequent effects are."""
 
 from __future__ import annotations
 
@@ -23,15 +23,17 @@ _MOST_NAMES = 5  # of subjects in a line
 _SHARES = np.linspace(0.0, 1.0, 401)  # frequencies over which random effects are summed
 #: One sentence on the table of Appendix C.
 APPENDIX_C = (
-    "H0 has one free probability per pair. H1 against H0 asks whether responses follow one "
-    "smooth curve, not whether there is an order effect"
+    "This compares a smooth function with one free probability per pair. It does not test for an "
+    "order effect"
 )
 
 
 def study_lines(
     answers: Sequence[OrderEffect], *, synthetic: bool = False, units: bool = False
 ) -> list[str]:
-    """The answer of a study, a sentence for each question.
+    """The answer of a study: for each question how many subjects have which word.
+
+    Subjects that are not interpreted do not count.
 
     Parameters
     ----------
@@ -42,28 +44,35 @@ def study_lines(
         Whether each is a subject in one condition.
     """
     if len(answers) == 1:
-        return [f"{answers[0].subject}: {answers[0].describe()}."]
+        return [f"{answers[0].subject}: {answers[0].describe()}"]
+    counted_answers = [answer for answer in answers if answer.is_interpretable]
+    if not counted_answers:
+        return ["No subject can be interpreted."]
+    whole = f" of {_whole(counted_answers, synthetic, units)}"
     lines = []
-    for number, question in enumerate(QUESTIONS):
-        counts = Counter(answer.words[question] for answer in answers)
-        parts = list[str]()
-        for word in Word:
-            if not counts[word]:
-                continue
-            of_all = ""
-            if number == 0 and not parts:
-                of_all = f" of {_whole(answers, synthetic, units)}"
-            parts.append(
-                f"{counts[word]}{of_all} {word.value}{_directions(answers, question, word)}"
-            )
-        lines.append(f"{_heading(question)}: {', '.join(parts)}.")
-    misfits = [answer.subject for answer in answers if answer.fits is False]
+    for question in QUESTIONS:
+        text = _count_words(counted_answers, question, whole)
+        lines.append(f"{_heading(question)}: {text}.")
+        whole = ""
+    misfits = [answer.subject for answer in counted_answers if answer.fits is False]
     if misfits:
-        lines.append(f"The model does not fit {len(misfits)}: {listed(misfits, _MOST_NAMES)}.")
-    excluded = [answer.subject for answer in answers if not answer.is_interpretable]
-    if excluded:
-        lines.append(f"Not interpreted: {listed(excluded, _MOST_NAMES)}.")
+        n_misfits = counted(len(misfits), "subject")
+        lines.append(f"The model does not fit {n_misfits}: {listed(misfits, _MOST_NAMES)}.")
     return lines
+
+
+def _count_words(answers: Sequence[OrderEffect], question: str, whole: str) -> str:
+    """How many subjects have each word, as in '4 of 7 subjects yes, 1 probably'."""
+    counts = Counter(answer.words[question] for answer in answers)
+    if counts[Word.CANNOT_BE_TOLD] == len(answers):
+        return f"{Word.CANNOT_BE_TOLD.value} in any subject"
+    parts = list[str]()
+    for word in Word:
+        if counts[word]:
+            of_all = "" if parts else whole
+            directions = _directions(answers, question, word)
+            parts.append(f"{counts[word]}{of_all} {word.value}{directions}")
+    return ", ".join(parts)
 
 
 def _heading(question: str) -> str:
@@ -71,7 +80,7 @@ def _heading(question: str) -> str:
 
 
 def _whole(answers: Sequence[OrderEffect], synthetic: bool, units: bool) -> str:
-    """All that were asked, as in '12 subjects' or '24 conditions of 12 subjects'."""
+    """All that count, as in '12 subjects' or '24 conditions of 12 subjects'."""
     noun = "synthetic subject" if synthetic else "subject"
     if not units:
         return counted(len(answers), noun)
@@ -80,21 +89,22 @@ def _whole(answers: Sequence[OrderEffect], synthetic: bool, units: bool) -> str:
 
 
 def _directions(answers: Sequence[OrderEffect], question: str, word: Word) -> str:
-    """In which direction the effects that a word names go, in brackets; empty for other words."""
+    """The directions of the effects of a word, in brackets; empty if they need no saying."""
+    chosen = [answer for answer in answers if answer.words[question] is word]
     if not word.is_positive or question == "order_effect":
         return ""
-    chosen = [answer for answer in answers if answer.words[question] is word]
     if question == "contraction":
-        counts = Counter(answer.direction for answer in chosen)
-        names = [f"{counts[name]} {name}" for name in ("contraction", "repulsion") if counts[name]]
-        return f" ({', '.join(names)})"
+        n_repulsion = sum(answer.direction == "repulsion" for answer in chosen)
+        n_contraction = len(chosen) - n_repulsion
+        if not n_repulsion:
+            return ""
+        return f" ({n_contraction} contraction, {n_repulsion} repulsion)"
     over = sum(answer.first_is_overestimated is True for answer in chosen)
     under = sum(answer.first_is_overestimated is False for answer in chosen)
     names = []
     if over:
-        names.append(
-            f"{over} {'overestimates' if over == 1 else 'overestimate'} the first stimulus"
-        )
+        verb = "overestimates" if over == 1 else "overestimate"
+        names.append(f"{over} {verb} the first stimulus")
     if under:
         verb = "underestimates" if under == 1 else "underestimate"
         names.append(f"{under} {verb} {'it' if names else 'the first stimulus'}")
@@ -166,28 +176,32 @@ def frequency_line(answers: Sequence[OrderEffect]) -> str:
     frequencies = effect_frequencies(answers)
     if not frequencies:
         return ""
-    parts = [
-        f"{frequency.question.replace('_', ' ')} {100.0 * frequency.share:.0f} %"
-        for frequency in frequencies
-    ]
+    error, contraction = (f"{100.0 * frequency.share:.0f} %" for frequency in frequencies)
     return (
-        f"Expected share of subjects with an effect, from {frequencies[0].n_subjects} subjects: "
-        f"{', '.join(parts)}. This is about frequency, not about the mean effect."
+        f"Expected share of subjects with an effect ({frequencies[0].n_subjects} subjects): "
+        f"constant error {error}, contraction {contraction}. A share is not a mean effect."
     )
+
+
+def few_subjects_lines(answers: Sequence[OrderEffect]) -> list[str]:
+    """The sentence about few subjects as a list; empty if there are enough for a group."""
+    n_subjects = sum(answer.is_interpretable for answer in answers)
+    line = frequency_line(answers) if n_subjects < FEWEST_FOR_GROUP else ""
+    return [line] if line else []
 
 
 # --- Poor fits -----------------------------------------------------------------------------------
 
 
 def describe_pair(pair: PairFit) -> str:
-    """A pair with both shares of the response that the task counts.
+    """A pair with the observed and the expected share of the response that the task counts.
 
     Examples
     --------
     >>> describe_pair(PairFit(3.688879, 3.296837, 0.95, 0.7))
-    "(3.69, 3.3): 'equal' 95 %, expected 70 %"
+    "(3.69, 3.3): 'equal' in 95 %, expected 70 %"
     """
     interval = "" if pair.isi is None else f" at {pair.isi:g} s"
     observed, expected = 100.0 * pair.observed, 100.0 * pair.expected
-    response = f"{pair.answer!r} {observed:.0f} %, expected {expected:.0f} %"
+    response = f"{pair.answer!r} in {observed:.0f} %, expected {expected:.0f} %"
     return f"({pair.s1:.3g}, {pair.s2:.3g}){interval}: {response}"

@@ -1,1 +1,1 @@
-"""What a study can show, and what speaks against its answers; known before any sampling."""
+"""What a design can identify, and problems in the responses; known before any sampling."""

@@ -1,9 +1,9 @@
-"""What speaks against the answers of a subject: flags, known before any sampling.
+"""Problems in the responses of a subject, known before any sampling.
 
-Pooled counts assume that the answers to a pair have one probability from the first trial to the
-last. The tests of blocks and of drift are exact, given how often each answer was given to each
-pair: tables are drawn as if these answers had fallen on the blocks by chance, so small cells need
-no chi-square. In a study of clean observers a test flags any subject with probability
+Pooled counts assume that the responses to a pair have one probability from the first trial to the
+last. The tests of blocks and of drift are exact, given how often each response was given to each
+pair: tables are drawn as if these responses had fallen on the blocks by chance, so small cells
+need no chi-square. In a study of clean observers a test flags any subject with probability
 :data:`STUDY_LEVEL` at most, however many there are (Bonferroni). The draws have a fixed seed.
 """
 
@@ -21,7 +21,7 @@ from scipy.special import logit, logsumexp, xlog1py, xlogy
 
 from bayes_toe.arrays import BLOCK, BoolArray, FloatArray, IntArray, run_starts
 from bayes_toe.data.answers import Answers
-from bayes_toe.data.messages import TWICE, as_option, bare, counted, listed
+from bayes_toe.data.messages import as_option, bare, counted, describe_p, join_words
 from bayes_toe.data.study import Study, Subject, require_study
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.seeds import generator
@@ -39,20 +39,20 @@ FEW_TRIALS = 60
 
 
 class FlagKind(NamedTuple):
-    """The words of a flag in tables, and whether the subject's answer still stands beside it."""
+    """The words of a flag in tables, and whether the subject is interpreted all the same."""
 
     words: str
     is_interpretable: bool
 
 
 FLAG_KINDS = {
-    "repeated_trials": FlagKind("trials are there twice", False),
-    "one_answer": FlagKind("one answer only", False),
-    "other_task": FlagKind("like another task", False),
-    "swapped_blocks": FlagKind("swapped blocks", False),
-    "reversed_answers": FlagKind("reversed answers", False),
-    "independent_answers": FlagKind("independent of the stimuli", False),
-    "block_dispersion": FlagKind("unlike blocks", True),
+    "repeated_trials": FlagKind("trials are repeated", False),
+    "one_answer": FlagKind("all responses are the same", False),
+    "other_task": FlagKind("responses look like another task", False),
+    "swapped_blocks": FlagKind("responses look swapped", False),
+    "reversed_answers": FlagKind("responses look reversed", False),
+    "independent_answers": FlagKind("responses do not depend on the stimuli", False),
+    "block_dispersion": FlagKind("blocks differ", True),
     "drift": FlagKind("responses drift", True),
     "few_trials": FlagKind(f"fewer than {FEW_TRIALS} trials", True),
 }
@@ -79,7 +79,7 @@ _REPEAT_NATS = 12.0  # of equal answers that cannot be a coincidence
 
 @dataclass(frozen=True)
 class Finding:
-    """Something that the data of a subject or a study leave open, or that speaks against them.
+    """A problem of a subject or a study, or something that its design cannot show.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ class Finding:
     message : str
         One sentence that says what to conclude.
     option : str
-        What to type behind a command to act on it, such as "--swap 946:2,4,6"; often empty.
+        What to type after a command to act on it, such as "--swap 946:2,4,6"; often empty.
     """
 
     subject: str
@@ -101,21 +101,24 @@ class Finding:
 
 @dataclass(frozen=True)
 class Flag:
-    """A finding about a subject's answers in the words of tables.
+    """A finding about the responses of a subject, in the words of tables.
 
     Attributes
     ----------
     code : str
         A key of :data:`FLAG_KINDS`.
     words : str
+    message : str
+        One sentence that says what to conclude.
     option : str
-        What to type behind a command to act on it; empty where nothing does.
+        What to type after a command to act on it; empty if there is nothing to type.
     is_interpretable : bool
-        Whether the subject's answer still stands beside it.
+        Whether the subject is interpreted all the same.
     """
 
     code: str
     words: str
+    message: str
     option: str
     is_interpretable: bool
 
@@ -130,18 +133,25 @@ def answer_flags(study: Study) -> list[tuple[Flag, ...]]:
     --------
     >>> subject = Subject("S01", [0, 0, 1, 1], [0, 1, 0, 1], [9, 9, 9, 9], [9] * 4)
     >>> [[str(flag) for flag in flags] for flags in answer_flags(Study([subject]))]
-    [['fewer than 60 trials', 'one answer only (--exclude S01)']]
+    [['fewer than 60 trials', 'all responses are the same (--exclude S01)']]
     """
     flags: dict[str, list[Flag]] = {name: [] for name in study.names}
     for finding in check_answers(study):
         kind = FLAG_KINDS[finding.code]
-        flag = Flag(finding.code, kind.words, finding.option, kind.is_interpretable)
-        flags[finding.subject].append(flag)
+        flags[finding.subject].append(
+            Flag(
+                code=finding.code,
+                words=kind.words,
+                message=finding.message,
+                option=finding.option,
+                is_interpretable=kind.is_interpretable,
+            )
+        )
     return [tuple(flags[name]) for name in study.names]
 
 
 def check_answers(study: Study) -> tuple[Finding, ...]:
-    """Findings about the answers of every subject, with codes of :data:`FLAG_KINDS`."""
+    """Findings about the responses of every subject, with codes of :data:`FLAG_KINDS`."""
     require_study(study)
     level = STUDY_LEVEL / len(study)
     of_study = _other_task(study)
@@ -158,7 +168,8 @@ def _subject_findings(subject: Subject, level: float) -> Iterator[Finding]:
     if answers is not None and answers.trials:
         yield from _repeated_trials(subject, answers)
     if subject.total_trials < FEW_TRIALS:
-        message = f"Only {counted(subject.total_trials, 'trial')}: expect the prior back."
+        n_trials = counted(subject.total_trials, "trial")
+        message = f"Only {n_trials}, so the prior has much influence."
         yield Finding(subject.name, "few_trials", message)
     if subject.n_yes.sum() in (0, subject.total_trials):
         yield _one_answer(subject)
@@ -202,10 +213,11 @@ def _repeated_trials(subject: Subject, answers: Answers) -> Iterator[Finding]:
         n_repeated = int((ends - starts)[is_repeat].sum())
         from_row = int(starts[is_repeat][0])
         message = (
-            f"{n_repeated} of {n_rows} trials, from trial {from_row + 1} on, repeat the stimuli "
-            f"and answers of trials before them in the same order: {TWICE}, leave them out."
+            f"{n_repeated} of {n_rows} trials repeat earlier ones, from trial {from_row + 1} on. "
+            "Remove the copies from the file."
         )
-        yield Finding(subject.name, "repeated_trials", message)
+        option = f"--exclude {as_option(subject.name)}"
+        yield Finding(subject.name, "repeated_trials", message, option)
 
 
 def _row_codes(answers: Answers) -> IntArray:
@@ -242,7 +254,7 @@ def _one_answer(subject: Subject) -> Finding:
     task = subject.task
     only = task.yes if subject.n_yes.any() else task.no
     option = f"--exclude {as_option(subject.name)}"
-    message = f"Every trial was answered {only!r}: {option} leaves the subject out."
+    message = f"Every response is {only!r}."
     return Finding(subject.name, "one_answer", message, option)
 
 
@@ -255,10 +267,7 @@ def _unrelated_answers(subject: Subject) -> Iterator[Finding]:
     z_noticeable = NOTICEABLE * math.sqrt(subject.total_trials / (share * (1.0 - share)))
     if z < _CRITICAL_Z and z_noticeable > _CRITICAL_Z + _POWER_Z:
         option = f"--exclude {as_option(subject.name)}"
-        message = (
-            f"Answers look independent of the stimuli (z = {z:.2g} of a change with s2 - s1): "
-            f"{option} leaves the subject out."
-        )
+        message = "Responses do not depend on the stimuli."
         yield Finding(subject.name, "independent_answers", message, option)
 
 
@@ -280,15 +289,12 @@ def _reversed_answers(subject: Subject) -> Iterator[Finding]:
     straight, reversed_ = _shapes(subject, points)
     if reversed_ - straight > SWAPPED:
         option = f"--swap {as_option(subject.name)}"
-        message = (
-            f"Answers look reversed: does --{subject.task.yes}-code name the other answer? "
-            f"Or {option} turns them."
-        )
+        message = f"Responses look reversed. Check which code means {subject.task.yes!r}."
         yield Finding(subject.name, "reversed_answers", message, option)
 
 
 def _other_task(study: Study) -> str:
-    """What is said where the answers of a study have the shape of the other task; else empty."""
+    """A message if the responses of a study have the shape of the other task; else empty."""
     monotone_gain = distance_from_half = n_equal = 0.0
     for subject in study.subjects[:100]:  # enough to tell
         difference = subject.s2 - subject.s1
@@ -301,11 +307,12 @@ def _other_task(study: Study) -> str:
     # A large constant error has that shape, too, but not in a whole study.
     is_study = len(study) >= 3 and is_half_at_equality
     if study.task == SAME_DIFFERENT and monotone_gain > SWAPPED and is_study:
-        shape = "rises or falls with s2 - s1 and is about one half near s2 = s1, as in answers to "
-        shape += "'which is stronger?'"
+        shape = "rises or falls with s2 - s1 and is about one half at s2 = s1, as in 2AFC"
     elif study.task != SAME_DIFFERENT and -monotone_gain > SWAPPED:
-        shape = "is highest or lowest near s2 = s1, as in answers to 'same or different?'"
-    return f"Was the other question asked? P({study.task.yes}) {shape}." if shape else ""
+        shape = "is highest or lowest near s2 = s1, as in the same-different task"
+    if not shape:
+        return ""
+    return f"Responses look like another task. P({study.task.yes}) {shape}."
 
 
 def _shapes(subject: Subject, peaks: tuple[float, ...] = ()) -> tuple[float, float]:
@@ -422,32 +429,26 @@ def _unlike_blocks(subject: Subject, answers: Answers, level: float) -> Finding 
     # Turning swapped blocks removes most of what blocks differ by.
     if swapped.any() and after.ratio - 1.0 < 0.5 * max(0.0, informative.ratio - 1.0):
         names = [answers.blocks[index] for index in np.flatnonzero(swapped).tolist()]
-        return _swapped_finding(subject.name, names, informative.ratio, after.ratio)
+        return _swapped_finding(subject.name, names)
     if informative.ratio <= 1.0:  # below its mean X^2 needs no table
         return None
     p = informative.p_value(informative.chi_square, level, subject.name)
     if p > level:
         return None
-    most_unlike = int(np.argmax(informative.block_chi_square(informative.k)))
+    block = answers.blocks[int(np.argmax(informative.block_chi_square(informative.k)))]
     message = (
-        f"Blocks differ in their answers to the same pairs, X^2 / d.f. = {informative.ratio:.2f}, "
-        f"p = {p:.1g}, most in block {bare(answers.blocks[most_unlike])}: pooled counts look "
-        "surer than they are."
+        f"Block {bare(block)} differs from the others ({describe_p(p)}). Intervals are too "
+        "narrow if blocks differ."
     )
-    return Finding(subject.name, "block_dispersion", message)
+    option = f"--exclude {as_option(subject.name, [block])}"
+    return Finding(subject.name, "block_dispersion", message, option)
 
 
-def _swapped_finding(name: str, blocks: list[str], ratio: float, ratio_after: float) -> Finding:
-    """Blocks with swapped response keys, with X^2 / d.f. before and after the swap."""
+def _swapped_finding(name: str, blocks: list[str]) -> Finding:
+    """Blocks with swapped response keys."""
     noun = "block" if len(blocks) == 1 else "blocks"
-    swap = f"--swap {as_option(name, blocks)}"
-    exclude = f"--exclude {as_option(name, blocks)}"
-    message = (
-        f"Responses look swapped in {noun} {listed([bare(block) for block in blocks])} "
-        f"(X^2 / d.f. of the blocks {ratio:.2f}, after a swap {ratio_after:.2f}). "
-        f"Type {swap} or {exclude}."
-    )
-    return Finding(name, "swapped_blocks", message, swap)
+    message = f"Responses look swapped in {noun} {join_words([bare(block) for block in blocks])}."
+    return Finding(name, "swapped_blocks", message, f"--swap {as_option(name, blocks)}")
 
 
 def _turned(table: AnswerTable, is_turned: BoolArray) -> AnswerTable:
@@ -538,8 +539,8 @@ def _drift(subject: Subject, answers: Answers, level: float) -> Iterator[Finding
     p = table.p_value(largest_power, level, subject.name)
     if p <= level:
         message = (
-            f"Answers drift: the {[*kinds][largest]} for the same pairs changes by {change:.2f} "
-            f"over the trials (p = {p:.1g}), and pooled counts are an average over that."
+            f"Responses drift ({describe_p(p)}). The {[*kinds][largest]} changes by "
+            f"{change:.2f} over the trials."
         )
         yield Finding(subject.name, "drift", message)
 
@@ -548,10 +549,10 @@ def _kinds_of_drift(subject: Subject, difference: FloatArray) -> dict[str, Float
     """What may drift, and how much of it is in a counted answer to each pair."""
     kinds = {
         f"P({subject.task.yes})": np.ones(len(difference)),
-        "share of right answers": subject.task.right(difference),
+        "share of correct responses": subject.task.right(difference),
     }
     if subject.task == SAME_DIFFERENT:
-        kinds["effect of the order"] = np.sign(difference)
+        kinds["order effect"] = np.sign(difference)
     return kinds
 
 

@@ -1,4 +1,4 @@
-"""What a study leaves open, known from its file, its pairs and its blocks before any sampling."""
+"""What the design of a study cannot show, from its file, its pairs and its blocks."""
 
 from __future__ import annotations
 
@@ -14,13 +14,12 @@ from bayes_toe.checks.answer_checks import Finding, check_answers
 from bayes_toe.checks.identification import (
     CRITERION_NOTE,
     DELAYS_NOTE,
-    IMITATION_NOTE,
     QUESTIONS,
     identify,
 )
 from bayes_toe.data.answers import Reading
 from bayes_toe.data.conditions import Stimuli, by_person, follows_from_pairs
-from bayes_toe.data.messages import bare, counted, listed, quoted
+from bayes_toe.data.messages import bare, counted, join_words, listed, quoted
 from bayes_toe.data.options import LOOKED_AT, looks_like
 from bayes_toe.data.study import Study, Subject, require_study
 from bayes_toe.data.validation import number, runs
@@ -35,7 +34,6 @@ NOTES = frozenset({"columns_ignored", "criterion"})
 _NOTE_CODES = {
     CRITERION_NOTE: "criterion",
     DELAYS_NOTE: "delays",
-    IMITATION_NOTE: "contraction_imitated",
 }
 _MOST_PAIRS_SHOWN = 3
 _SELECTORS = (*range(0xFE00, 0xFE10), *range(0xE0100, 0xE01F0))
@@ -52,7 +50,7 @@ _TWO_SCALES = math.log(100.0)  # a gap between stimuli that is wider than all ot
 
 
 def check(study: Study, prior: Prior | str | None = None) -> tuple[Finding, ...]:
-    """What a study leaves open, and what speaks against its answers, before any sampling.
+    """Check a study: what the design can identify, and problems in file and responses.
 
     Parameters
     ----------
@@ -78,36 +76,36 @@ def check(study: Study, prior: Prior | str | None = None) -> tuple[Finding, ...]
 
 
 def check_design(study: Study, prior: Prior | None = None) -> tuple[Finding, ...]:
-    """The findings of :func:`check` that do not look at the answers."""
+    """The findings of :func:`check` that do not use the responses."""
     findings = [
         *urgent_findings(study, prior),
         *_similar_names(study.names),
         *_formula_names(study.names),
     ]
     findings += [*_times(study), *_two_scales(study), *_conditions(study), *_columns(study.reading)]
-    findings += _notes(study)
+    findings += [*identification_findings(study), *_notes(study)]
     for subject in study:
         findings += _one_order(subject)
     return tuple(findings)
 
 
 def urgent_findings(study: Study, prior: Prior | None = None) -> tuple[Finding, ...]:
-    """What every command prints: probable mistakes, and questions that cannot be told."""
+    """Probable mistakes, which every command prints before its work."""
     findings = [Finding("", "repeated_rows", f"{doubt}.") for doubt in study.reading.doubts]
     findings += _raw_stimuli(study)
     if prior is not None:
         findings += _prior_scale(study, prior)
     for subject in study:
-        findings += [*_rounding(subject), *_not_identified(subject)]
+        findings += _rounding(subject)
     return tuple(findings)
 
 
 def describe_design(subject: Subject) -> dict[str, str | int | float]:
-    """How much a subject was asked, and how balanced: columns of the table that check prints.
+    """How many pairs and trials a subject has, and how balanced they are.
 
-    Pairs are distinct ordered ones, at an interval where there are some. n_both_orders and
+    Pairs are distinct ordered ones, at an interval if there are any. n_both_orders and
     n_one_order count those of different stimuli, order aside. fraction_equal or fraction_second
-    is the share of trials with that answer.
+    is the share of trials with that response.
     """
     isi = np.zeros(subject.n_pairs) if subject.isi is None else subject.isi
     shown = set(zip(subject.s1.tolist(), subject.s2.tolist(), isi.tolist(), strict=True))
@@ -136,11 +134,11 @@ def _raw_stimuli(study: Study) -> Iterator[Finding]:
     if "i1" in study.reading.read or max(high - low, low) <= LARGEST_LOG:
         return
     message = (
-        f"Stimuli from {low:.4g} to {high:.4g} are read as natural logs, e^{low:.4g} to "
-        f"e^{high:.4g} in intensity: if they are raw, did you mean --intensity REF, with "
-        "--columns i1=NAME,i2=NAME?"
+        f"Stimuli from {low:.4g} to {high:.4g} look like raw intensities, but the program reads "
+        "them as natural logs. If they are raw, name their columns and a reference intensity."
     )
-    yield Finding("", "raw_stimuli", message)
+    option = "--intensity REF --columns i1=NAME,i2=NAME"
+    yield Finding("", "raw_stimuli", message, option)
 
 
 def _two_scales(study: Study) -> Iterator[Finding]:
@@ -152,7 +150,7 @@ def _two_scales(study: Study) -> Iterator[Finding]:
         if largest > _TWO_SCALES and largest > 2.0 * (gaps.sum() - largest):
             message = (
                 f"Stimuli lie in two groups, a factor of {math.exp(min(largest, 700.0)):.2g} "
-                "apart: do decimal points, or points for thousands, mean the same in all rows?"
+                "apart. Check whether some rows lack a decimal point."
             )
             yield Finding(subject.name, "two_scales", message)
 
@@ -162,14 +160,12 @@ def _columns(reading: Reading) -> Iterator[Finding]:
         alike = [name for name in reading.ignored if looks_like(name, ours)]
         if alike and ours not in reading.read:
             unit = " (seconds)" if ours == "isi" else ""
-            message = (
-                f"Column {bare(alike[0])} looks like {ours}{unit}: use "
-                f"--columns {ours}={bare(alike[0])}, or it is ignored."
-            )
-            yield Finding("", "column_alike", message)
+            message = f"Column {bare(alike[0])} looks like {ours}{unit}, but it is ignored."
+            option = f"--columns {ours}={bare(alike[0])}"
+            yield Finding("", "column_alike", message, option)
     if reading.ignored:
         names = listed([bare(name) for name in reading.ignored])
-        yield Finding("", "columns_ignored", f"Columns ignored: {names}.")
+        yield Finding("", "columns_ignored", f"Ignored columns: {names}.")
 
 
 def _times(study: Study) -> Iterator[Finding]:
@@ -183,7 +179,7 @@ def _times(study: Study) -> Iterator[Finding]:
             pauses.append(subject.answers.iti)
     pause = float(np.nanmedian(np.concatenate(pauses))) if len(pauses) > 1 else 0.0
     longest = max(study.intervals, default=0.0)
-    message = "Column {} s: it is read in seconds, so divide by 1000 if these are milliseconds."
+    message = "Column {} s. If these are milliseconds, divide the column by 1000."
     if longest >= _LONG:
         text = message.format(f"isi has intervals up to {longest:g}")
         yield Finding("", "long_intervals", text)
@@ -202,18 +198,18 @@ def _similar_names(names: Iterable[str]) -> Iterator[Finding]:
     groups: dict[str, list[str]] = {}
     for name in names:
         groups.setdefault(_look(name), []).append(name)
-    join = "if they are one person, join them under one name."
+    join = "If they are one subject, give them one name."
     for look, alike in groups.items():
         if len(alike) == 1:
             continue
         shown = ", ".join(map(ascii, alike))
         if len({name.casefold() for name in alike}) == 1:
-            message = f"Subjects {', '.join(map(repr, alike))} differ in case only: {join}"
+            message = f"Subjects {', '.join(map(repr, alike))} differ in case only. {join}"
             yield Finding("", "names_differ_in_case", message)
         elif math.isnan(number(look, False)):
-            yield Finding("", "names_look_alike", f"Subjects {shown} look alike: {join}")
+            yield Finding("", "names_look_alike", f"Subjects {shown} look alike. {join}")
         else:
-            message = f"Subjects {shown} are the same number: {join}"
+            message = f"Subjects {shown} are the same number. {join}"
             yield Finding("", "names_are_one_number", message)
 
 
@@ -233,11 +229,8 @@ def _look(name: str) -> str:
 def _formula_names(names: Iterable[str]) -> Iterator[Finding]:
     formulas = [quoted(name) for name in names if runs(name)]
     if formulas:
-        message = (
-            f"A spreadsheet would run names of subjects as formulas: {listed(formulas)}; "
-            "write tables with --spreadsheet-safe."
-        )
-        yield Finding("", "names_are_formulas", message)
+        message = f"A spreadsheet runs these names of subjects as formulas: {listed(formulas)}."
+        yield Finding("", "names_are_formulas", message, "--spreadsheet-safe")
 
 
 # --- The prior of the paper's model --------------------------------------------------------------
@@ -246,8 +239,8 @@ def _formula_names(names: Iterable[str]) -> Iterator[Finding]:
 def _prior_scale(study: Study, prior: Prior) -> Iterator[Finding]:
     """Stimuli in another unit than a prior of numbers.
 
-    Hardly a sigma_p of such a prior is of the size of the stimuli's steps, so evidence and
-    posterior tell about the prior.
+    Hardly any sigma_p of such a prior has the size of the stimuli's steps, so evidence and
+    posterior depend on the prior alone.
     """
     stimuli = Stimuli.of(*study)
     if stimuli is None or prior.of_stimuli(prior.spread):
@@ -258,30 +251,33 @@ def _prior_scale(study: Study, prior: Prior) -> Iterator[Finding]:
         return
     how = "wide" if spread.cdf(step) < 0.5 else "narrow"
     message = (
-        f"The prior is far too {how} for these stimuli, {prior.spread} ~ {spread.describe()} with "
-        f"steps of {step:.2g} (root mean square of s2 - s1): are they natural logs of intensity? "
-        "If they are, the default prior takes its scales from them."
+        f"The prior is far too {how} for these stimuli: {prior.spread} ~ {spread.describe()}, "
+        f"with steps of {step:.2g} (root mean square of s2 - s1). If s1 and s2 are natural logs, "
+        "use the default prior, which takes its scales from the stimuli."
     )
-    yield Finding("", "prior_scale", message)
+    yield Finding("", "prior_scale", message, "--prior default")
 
 
 # --- Pairs ---------------------------------------------------------------------------------------
 
 
-def _not_identified(subject: Subject) -> Iterator[Finding]:
-    """Questions that cannot be told, with the reason."""
-    identification = identify(subject)
-    for reason in dict.fromkeys(identification.reasons.values()):
-        questions = []
-        for question in QUESTIONS:
-            if identification.reasons.get(question) == reason:
-                questions.append(question.replace("_", " "))
-        text = ", ".join(questions).capitalize()
-        yield Finding(subject.name, "not_identified", f"{text} cannot be told: {reason}.")
+def identification_findings(study: Study) -> Iterator[Finding]:
+    """Questions that cannot be told, with the reason, once if it holds for all subjects."""
+    names_by_reason: dict[tuple[tuple[str, ...], str], list[str]] = {}
+    for subject in study:
+        reasons = identify(subject).reasons
+        for reason in dict.fromkeys(reasons.values()):
+            questions = tuple(name for name in QUESTIONS if reasons.get(name) == reason)
+            names_by_reason.setdefault((questions, reason), []).append(subject.name)
+    for (questions, reason), names in names_by_reason.items():
+        text = join_words([question.replace("_", " ") for question in questions])
+        message = f"{text.capitalize()} cannot be told, because {reason}."
+        for name in [""] if len(names) == len(study) else names:
+            yield Finding(name, "not_identified", message)
 
 
 def _notes(study: Study) -> Iterator[Finding]:
-    """What a reader of the words must know, once where it holds for all subjects."""
+    """What a reader of the words must know, once if it holds for all subjects."""
     names_by_note: dict[str, list[str]] = {}
     for subject in study:
         for note in identify(subject).notes:
@@ -302,7 +298,7 @@ def _one_order(subject: Subject) -> Iterator[Finding]:
     if len(lone) > _MOST_PAIRS_SHOWN:
         pairs += f" and {len(lone) - _MOST_PAIRS_SHOWN} more"
     verb = "was" if len(lone) == 1 else "were"
-    message = f"{counted(len(lone), 'pair')} {verb} shown in one order only: {pairs}."
+    message = f"{counted(len(lone), 'pair')} {verb} presented in one order only: {pairs}."
     yield Finding(subject.name, "one_order", message)
 
 
@@ -323,8 +319,7 @@ def _rounding(subject: Subject) -> Iterator[Finding]:
     more = f" and {n_near - 1} more" if n_near > 1 else ""
     message = (
         f"Stimuli {float(stimuli[first])!r} and {float(stimuli[first + 1])!r}{more} differ by "
-        f"rounding only (by less than {_ROUNDED:g} of their range), and pairs with them are kept "
-        "apart: give one stimulus one number."
+        "rounding only. The program counts them as different. Give one stimulus one number."
     )
     yield Finding(subject.name, "rounding", message)
 
@@ -333,7 +328,7 @@ def _rounding(subject: Subject) -> Iterator[Finding]:
 
 
 def _conditions(study: Study) -> Iterator[Finding]:
-    """What makes a difference between conditions a difference of something else."""
+    """What can look like a difference between conditions."""
     if study.conditions is None:
         return
     orders = Counter[str]()
@@ -343,8 +338,8 @@ def _conditions(study: Study) -> Iterator[Finding]:
         missing = [level for level in study.conditions.levels if level not in shown]
         if missing:
             message = (
-                f"Never in condition {listed(missing)}: that says nothing there of this subject, "
-                "who stays in the population."
+                f"No trials in condition {listed(missing)}. The subject does not count in this "
+                "comparison, but does in the group."
             )
             yield Finding(name, "missing_condition", message)
         yield from _stimuli_by_condition(name, units)
@@ -353,9 +348,9 @@ def _conditions(study: Study) -> Iterator[Finding]:
             orders[order] += 1
     if len(orders) == 1 and orders.total() > 0.5 * len(subjects):
         message = (
-            f"Conditions came one after the other, {listed([*orders])}, in "
-            f"{counted(orders.total(), 'subject')} and in no other order: a difference between "
-            "them may be one of time, such as practice or tiredness."
+            f"The conditions came in one order, {listed([*orders])}, for "
+            f"{counted(orders.total(), 'subject')}. A difference between conditions may be an "
+            "effect of time, such as practice."
         )
         yield Finding("", "conditions_in_order", message)
 
@@ -368,15 +363,14 @@ def _stimuli_by_condition(name: str, units: Sequence[Subject]) -> Iterator[Findi
     apart = 0.0 if scales is None else (max(means) - min(means)) / scales.sd
     if apart > _APART:
         message = (
-            f"Stimuli differ between conditions, by {apart:.2g} of their standard deviation in "
-            "the mean: a difference in answers may be due to them, where the model does not hold "
-            "over all stimuli."
+            f"The mean stimulus differs between conditions by {apart:.2g} standard deviations. A "
+            "difference between conditions may be an effect of the stimuli."
         )
         yield Finding(name, "stimuli_by_condition", message)
     elif follows_from_pairs([units]):
         message = (
-            "No pair was presented under two conditions: a difference in answers may be due to "
-            "the pairs, or their order."
+            "No pair was presented in two conditions. A difference between conditions may be an "
+            "effect of the pairs."
         )
         yield Finding(name, "stimuli_by_condition", message)
 

@@ -30,13 +30,15 @@ _TYPICAL_OBSERVER = {
 }
 
 NO_DIFFERENCE = "no pair has two different stimuli"
-ONE_ORDER = "unequal stimuli were shown in one order only"
-ORDER_IN_BLOCKS = "each order fills its own blocks, so a change between blocks acts as an effect"
-ONE_FIRST_STIMULUS = "the first stimulus is always the same, so a contraction adds to c alone"
-ONE_LINE = "s1 and s2 lie on one line, so a contraction only changes the noise and adds to c"
-CRITERION_NOTE = "constant error or preference for an answer: 'which is stronger' has both in one"
-DELAYS_NOTE = "the answer ignores the delays (isi): compare them as a condition"
-IMITATION_NOTE = "these pairs cannot show a contraction: the noise and its slopes imitate it"
+ONE_ORDER = "unequal stimuli were presented in one order only"
+ORDER_IN_BLOCKS = "each block has one order, so a change between blocks looks like an effect"
+ONE_FIRST_STIMULUS = (
+    "the first stimulus is always the same, so a contraction looks like a constant error"
+)
+ONE_LINE = "s2 is a linear function of s1, so a contraction looks like noise and a constant error"
+IMITATION = "these pairs cannot distinguish a contraction from noise that changes with intensity"
+CRITERION_NOTE = "in 2AFC, a constant error and a response bias predict the same responses"
+DELAYS_NOTE = "the four models ignore the delays (isi); analyse the delays as a condition"
 
 
 @dataclass(frozen=True)
@@ -46,8 +48,7 @@ class Identification:
     Attributes
     ----------
     order_effect, constant_error, contraction : bool
-        Whether each can be told. Where the contraction alone cannot, the order effect takes the
-        word of the constant error.
+        Whether the design can answer each question.
     reasons : mapping
         A reason for each question that cannot be told, by its name in :data:`QUESTIONS`.
     notes : tuple of str
@@ -60,6 +61,11 @@ class Identification:
     reasons: Mapping[str, str]
     notes: tuple[str, ...] = ()
 
+    @property
+    def contraction_adds_to_error(self) -> bool:
+        """Whether a contraction is part of the constant error, whose word the effect then takes."""
+        return self.reasons.get("contraction") in (ONE_FIRST_STIMULUS, ONE_LINE)
+
 
 def identify(subject: Subject) -> Identification:
     """Which questions the pairs of a subject, and the order of its trials, can answer.
@@ -71,7 +77,7 @@ def identify(subject: Subject) -> Identification:
     >>> identified.constant_error, identified.contraction
     (True, False)
     >>> identified.reasons
-    {'contraction': 'the first stimulus is always the same, so a contraction adds to c alone'}
+    {'contraction': 'the first stimulus is always the same, so a contraction looks like a constant error'}
     """
     notes = []
     if subject.task == WHICH_STRONGER:
@@ -85,8 +91,6 @@ def identify(subject: Subject) -> Identification:
     reason = _no_contraction(subject)
     if reason:
         return Identification(True, True, False, {"contraction": reason}, tuple(notes))
-    if contraction_information(subject) < 1.0:
-        notes.append(IMITATION_NOTE)
     return Identification(True, True, True, {}, tuple(notes))
 
 
@@ -98,7 +102,7 @@ def _order_sign(s1: FloatArray, s2: FloatArray) -> FloatArray:
 
 
 def _no_question(subject: Subject, order: FloatArray) -> str:
-    """Why nothing can be told; empty where something can."""
+    """Why no question can be told; empty if some can."""
     if not order.any():
         return NO_DIFFERENCE
     if order.min() >= 0 or order.max() <= 0:
@@ -109,7 +113,7 @@ def _no_question(subject: Subject, order: FloatArray) -> str:
 
 
 def _no_contraction(subject: Subject) -> str:
-    """Why a contraction cannot be told where a constant error can; empty where it can."""
+    """Why a contraction cannot be told although a constant error can; empty if it can."""
     pairs = np.column_stack([subject.s1, subject.s2])
     offsets = pairs - pairs.mean(axis=0)
     extent = np.abs(offsets).max()
@@ -118,6 +122,8 @@ def _no_contraction(subject: Subject) -> str:
     singular_values = np.linalg.svd(offsets, compute_uv=False)
     if len(singular_values) < 2 or singular_values[1] <= ROUNDING * singular_values[0]:
         return ONE_LINE
+    if contraction_information(subject) < 1.0:
+        return IMITATION
     return ""
 
 

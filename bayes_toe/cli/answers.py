@@ -1,119 +1,175 @@
-"""The answer on the terminal: a table, what needs action, then the study in a few sentences."""
+"""The answer on the screen: a table of subjects, what needs action, then the study."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING
 
-from bayes_toe.answers.order_effect import OrderEffect, Size, format_percent, format_share
-from bayes_toe.answers.study_summary import (
-    FEWEST_FOR_GROUP,
-    describe_pair,
-    frequency_line,
-    study_lines,
+from bayes_toe.answers.order_effect import (
+    MISFIT_FLAG,
+    PRIOR_FLAG,
+    QUESTIONS,
+    OrderEffect,
+    Problem,
+    Size,
+    format_percent,
+    format_share,
 )
+from bayes_toe.answers.study_summary import describe_pair, study_lines
 from bayes_toe.answers.words import Word
 from bayes_toe.cli.headline import needs_action
-from bayes_toe.cli.terminal import OUTPUT, Terminal, chosen, once
+from bayes_toe.cli.terminal import (
+    OUTPUT,
+    Terminal,
+    chosen,
+    command_lines,
+    is_narrow,
+    typed_command,
+)
+from bayes_toe.data.messages import join_words, listed
 
 if TYPE_CHECKING:
-    from bayes_toe.answers.serial_dependence import SerialDependence
     from bayes_toe.data.study import Study
 
-#: Words whose size is not shown: there is probably nothing to measure.
+_HEADINGS = (
+    "subject",
+    "order\neffect",
+    "constant\nerror",
+    "contraction",
+    "PSE shift, %\n[95 % interval]",
+    "contraction p\n[95 % int.]",
+)
+#: Words without a size in the table.
 _WITHOUT_SIZE = (Word.NO, Word.PROBABLY_NOT, Word.CANNOT_BE_TOLD)
+_MOST_EXCLUDED = 5  # names of subjects that are not counted
 
 
-def say_answers(
-    out: Terminal, answers: Sequence[OrderEffect], study: Study, file: str = OUTPUT
-) -> None:
-    """A row for every subject, what needs action, and the answer of the study."""
-    if not answers:
-        return
+def print_subjects(out: Terminal, answers: Sequence[OrderEffect], file: str = OUTPUT) -> None:
+    """A row for every subject, the reasons of `(a)`, and what needs action."""
     by_name = {answer.subject: answer for answer in answers}
-    acting = {answer.subject for answer in answers if needs_action(answer)}
-    rows = [_cells(by_name[name]) for name in chosen(by_name, acting)]
-    out.table("order effect of every subject", rows, total=len(answers), file=file)
-    out.footnote("Estimates are medians with 95 % intervals. !: not interpreted or a poor fit.")
-    out.notes(_actions(answers), "action", "red", file=file)
-    out.notes(
-        once((answer.subject, note) for answer in answers for note in answer.notes), file=file
+    names = chosen(by_name, {answer.subject for answer in answers if needs_action(answer)})
+    letters = reason_letters([by_name[name] for name in names])
+    rows = [subject_row(by_name[name], letters) for name in names]
+    longest = max((len(row[0]) for row in rows), default=0)
+    for long, short in ((", ", ","), ("probably not", "prob. not")):
+        if not is_narrow(_HEADINGS, rows, max(longest, len(_HEADINGS[0]))):
+            rows = [[row[0], *(cell.replace(long, short) for cell in row[1:])] for row in rows]
+    if rows:
+        out.table(_HEADINGS, rows)
+    for reason, letter in letters.items():
+        out.line(f"{letter} Cannot be told, because {reason}.", indent=4)
+    n_others = len(answers) - len(names)
+    if n_others:
+        others = f"The other {n_others:,} subjects need no" if names else "No subject needs"
+        out.line()
+        out.line(f"{others} action. All {len(answers):,} subjects: {file}")
+    print_problems(out, answers, file)
+
+
+def subject_row(answer: OrderEffect, letters: Mapping[str, str]) -> list[str]:
+    """The conclusion of a subject as a row of the table."""
+    mark = "!" if needs_action(answer) else "?" if answer.depends_on_prior else ""
+    name = f"{answer.subject} {mark}".rstrip()
+    if not answer.is_interpretable:
+        return [name, f"not interpreted: {answer.flags[0]}"]
+    cells = [name]
+    for question in QUESTIONS:
+        word = answer.words[question]
+        letter = letters.get(answer.reasons.get(question, ""), "")
+        cells.append(letter or str(word.value))
+    if len(set(answer.reasons.get(question) for question in QUESTIONS)) == 1 and answer.reasons:
+        return [name, f"cannot be told {cells[1]}"]
+    shift = _estimate(answer, "constant_error", "pse_shift_percent", _bare_percent)
+    contraction = _estimate(answer, "contraction", "contraction_p", format_share)
+    return [*cells, shift, contraction]
+
+
+def reason_letters(answers: Sequence[OrderEffect]) -> dict[str, str]:
+    """A letter for each reason why a question cannot be told: (a), (b)."""
+    reasons = dict.fromkeys(
+        reason
+        for answer in answers
+        if answer.is_interpretable
+        for reason in answer.reasons.values()
     )
-    units = study.conditions is not None
-    lines = study_lines(answers, synthetic=study.synthetic, units=units)
-    if len(answers) < FEWEST_FOR_GROUP and not units:
-        lines.append(frequency_line(answers))
-    out.answer([f"answer: {lines[0]}", *filter(None, lines[1:])])
-
-
-def _cells(answer: OrderEffect) -> dict[Any, Any]:
-    """An answer as a row of a table."""
-    mark = " !" if needs_action(answer) else ""
-    dependent = " ?" if answer.depends_on_prior else ""
-    return {
-        "subject": f"{answer.subject}{mark}{dependent}",
-        "order effect": answer.words["order_effect"].value,
-        "constant error": answer.words["constant_error"].value,
-        "contraction": answer.word("contraction"),
-        "PSE shift, %": _estimate(answer, "constant_error", "pse_shift_percent", _bare_percent),
-        "contraction p": _estimate(answer, "contraction", "contraction_p", format_share),
-    }
+    return {reason: f"({chr(ord('a') + i)})" for i, reason in enumerate(reasons)}
 
 
 def _estimate(answer: OrderEffect, question: str, size: str, form: Callable[[Size], str]) -> str:
-    """A size with its interval; '-' where there is probably nothing to measure."""
-    word = answer.words[question]
-    if word in _WITHOUT_SIZE or word is Word.NOT_INTERPRETABLE:
+    """A size with its interval; '-' if the question has no size."""
+    if answer.words[question] in _WITHOUT_SIZE:
         return "-"
     return form(answer.sizes[size])
 
 
 def _bare_percent(size: Size) -> str:
     """A size in per cent for a column that names the unit."""
-    return format_percent(size).replace(" %", "")
+    return format_percent(size, "")
 
 
-def _actions(answers: Sequence[OrderEffect]) -> list[str]:
-    """What stands against answers, and what to do about it."""
-    lines = []
+def print_problems(out: Terminal, answers: Sequence[OrderEffect], file: str = OUTPUT) -> None:
+    """What needs action, with what to type; then what depends on the prior, and the rest."""
+    by_mark: dict[str, list[tuple[str, str, str]]] = {"!": [], "?": [], "-": []}
+    options = [option for answer in answers for option in _own_options(answer)]
     for answer in answers:
-        if not needs_action(answer):
-            continue
-        text = f"{answer.subject}: {'; '.join(answer.flags)}"
-        if answer.worst_pairs:
-            text += f" ({', '.join(map(describe_pair, answer.worst_pairs))})"
-        if answer.options:
-            text += f"; run again with {' '.join(answer.options)}"
-        lines.append(text)
-    return lines
+        for mark, problem in _marked_problems(answer):
+            option = problem.option
+            if option and len(options) == 1:
+                option = f"{typed_command()} {option}"
+            by_mark[mark].append((answer.subject, problem.message, option))
+    for mark, notes in by_mark.items():
+        out.notes(notes, mark, file=file)
+        if mark == "!" and len(options) > 1:
+            out.line("To apply all of these, type:")
+            out.lines(command_lines(f"{typed_command()} {' '.join(options)}", "  "))
 
 
-def say_histories(out: Terminal, table: SerialDependence, file: str) -> None:
-    """Both answers over the study in a line each, then every subject in a row."""
-    for line in table.sentence().split("; "):
-        out.answer([line])
-    rows: list[dict[Any, Any]] = []
-    for row in table:
-        rho, kappa = (_interval(size) for size in (row.rho, row.kappa))
-        cells = {
-            "subject": row.subject,
-            "carry-over": row.word("carry_over") or "-",
-            "rho [95 %]": rho,
-            "previous response": row.word("previous_response") or "-",
-            "kappa [95 %]": kappa,
-        }
-        rows.append(cells)
-    out.table("serial dependence", rows, file=file)
-    out.footnote(
-        "rho: share of the stimuli of a trial that is carried over to the next. kappa: effect of "
-        "the previous response; above 0 it is repeated, below 0 alternated.",
+def _own_options(answer: OrderEffect) -> list[str]:
+    """The first option of the problems of a subject that are printed, if there is one."""
+    options = [problem.option for _, problem in _marked_problems(answer) if problem.option]
+    return options[:1]
+
+
+def _marked_problems(answer: OrderEffect) -> list[tuple[str, Problem]]:
+    """The problems of a subject with their marks; only the first if it is not interpreted."""
+    if not answer.is_interpretable:
+        return [("!", problem) for problem in answer.problems[:1]]
+    marked = []
+    for flag, problem in zip(answer.flags, answer.problems, strict=True):
+        message = problem.message
+        if flag == MISFIT_FLAG and answer.worst_pairs:
+            message += f" Worst pair: {describe_pair(answer.worst_pairs[0])}."
+        mark = "!" if problem.option else "-"
+        marked.append(
+            ("?" if flag.startswith(PRIOR_FLAG) else mark, Problem(message, problem.option))
+        )
+    return marked
+
+
+def print_answer(
+    out: Terminal,
+    answers: Sequence[OrderEffect],
+    study: Study,
+    group: Sequence[str] = (),
+    closing: Sequence[str] = (),
+) -> None:
+    """The answer of a study: counts, directions, the group, and what is not counted."""
+    units = study.conditions is not None
+    lines = study_lines(answers, synthetic=study.synthetic, units=units)
+    lines += group
+    notes = dict.fromkeys(
+        note for answer in answers for note in answer.notes if note not in answer.reasons.values()
     )
-    out.notes((f"{row.subject}: {row.note}" for row in table if not row.is_known), file=file)
+    lines += [f"{note[0].upper()}{note[1:]}." for note in notes]
+    out.answer([*lines, " ".join([*not_counted(answers), *closing])])
 
 
-def _interval(size: tuple[float, ...]) -> str:
-    """A median with its interval, two digits."""
-    if not size:
-        return "-"
-    low, median, high = size
-    return f"{median:.2f} [{low:.2f}, {high:.2f}]"
+def not_counted(answers: Sequence[OrderEffect]) -> list[str]:
+    """A sentence that names the subjects that are not counted; empty if all are."""
+    names = [answer.subject for answer in answers if not answer.is_interpretable]
+    if not names or len(answers) == 1:
+        return []
+    verb = "is" if len(names) == 1 else "are"
+    if len(names) > _MOST_EXCLUDED:
+        return [f"{listed(names, _MOST_EXCLUDED)} are not counted."]
+    return [f"{join_words(names)} {verb} not counted."]

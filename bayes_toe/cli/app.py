@@ -23,6 +23,7 @@ from bayes_toe.cli import (
 )
 from bayes_toe.cli.stopping import main as main
 from bayes_toe.cli.task import BAD_INPUT, as_command
+from bayes_toe.cli.terminal import TYPED
 
 #: In the order in which help lists them.
 COMMANDS = {
@@ -108,6 +109,7 @@ class Commands(TyperGroup):
         """The command that the first argument names."""
         command, *given = args
         words = [_present_name(word) for word in given]
+        TYPED[:] = [command, *words]
         if command in RETIRED_COMMANDS:
             refuse_retired(command, RETIRED_COMMANDS[command])
         retired = RETIRED_OPTIONS.get(command, {})

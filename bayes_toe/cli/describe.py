@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from math import isnan
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 import bayes_toe as bt
 from bayes_toe.cli.options import NUMBER, StudyFile, rare, writes
 from bayes_toe.cli.task import MODEL, Takes, Task
-from bayes_toe.cli.terminal import Terminal, number, safe
+from bayes_toe.cli.terminal import Terminal, number
+from bayes_toe.data.messages import format_p
 
 if TYPE_CHECKING:
     from bayes_toe.classical.asymmetry import AsymmetryTable
@@ -23,24 +24,12 @@ def check(*, study: StudyFile, task: Annotated[Task, Takes("prior")]) -> None:
 
     [bold]Example[/bold]: bayes-toe check study.csv
     """
-    from bayes_toe.checks.design_checks import NOTES, describe_design
+    from bayes_toe.cli.check_screen import print_check
     from bayes_toe.model.study_prior import preset_or_file
 
-    prior, read = (
-        preset_or_file(task.prior),
-        study.read(),
-    )  # whatever the stimuli are: what cannot be analysed is said here
-    task.out.study(read)
-    task.out.line(f"  prior: {safe(prior.describe_orders(read.task))}")
-    share = f"fraction_{read.task.yes}"
-    rows = [{**row, share: f"{row[share]:.3f}"} for row in map(describe_design, read)]
-    task.out.table("subjects", rows)
-    findings = bt.check(read, prior)
-    warnings = [finding for finding in findings if finding.code not in NOTES]
-    task.out.findings(warnings)
-    task.out.findings((finding for finding in findings if finding.code in NOTES), "note")
-    if not warnings:
-        task.out.line("no warnings")
+    prior = preset_or_file(task.prior)
+    # Whatever the stimuli are: `check` reports what cannot be analysed.
+    print_check(task.out, study.read(), prior, shows_prior=task.prior is not None)
 
 
 def fit(
@@ -83,60 +72,52 @@ def fit(
         if asymmetry_output is not None:
             raise
         why_none = str(error)
-    task.out.introduce(read, said=f"penalty: {prior.describe_penalty()}")
+    task.introduce(read, prior)
     table = task.work(
         "fitting", len(read), bt.fit, read, replicates=replicates, level=level, prior=prior
     )
     table.save(output, **task.saving_of(read))
-    say_fits(task.out, table)
+    print_fits(task.out, table)
     if asymmetries is None:
-        task.out.note(f"No test of asymmetry: {why_none}")
+        task.out.notes([("", f"No test of asymmetry: {why_none}.", "")], "-")
     else:
-        say_asymmetry(task.out, asymmetries)
+        print_asymmetry(task.out, asymmetries)
         if asymmetry_output is not None:
             asymmetries.save(asymmetry_output, **task.saving_of(read))
     task.done("table in", *outputs, seed=table.seed)
 
 
-def say_asymmetry(out: Terminal, table: AsymmetryTable) -> None:
+def print_asymmetry(out: Terminal, table: AsymmetryTable) -> None:
     """The largest asymmetry of each subject, and the counts over subjects."""
-    rows: list[dict[Any, Any]] = []
+    rows = []
     for row in table:
-        shown: dict[Any, Any] = {
-            "subject": row.subject,
-            "comparisons": len(row.comparisons),
-            "accuracy": f"{row.accuracy:.2f}",
-        }
-        one = row.maximal
-        if one is not None:
-            shown["maximal asymmetry"] = f"{one.asymmetry:+.2f} ± {one.asymmetry_se:.2f}"
-            shown["at (r, c)"] = f"({one.s_weak:.3g}, {one.s_strong:.3g})"
-            shown |= {"p": f"{one.p_value:.2g}", "p (Holm)": f"{one.p_adjusted:.2g}"}
-            shown["P(q_cr > q_rc)"] = f"{one.probability_of_direction:.3f}"
-        rows.append(shown)
-    rows.sort(
-        key=len, reverse=True
-    )  # subjects without a comparison come last; the first row names the columns
-    filled = [{**dict.fromkeys(rows[0], "-"), **row} for row in rows]
-    out.table("asymmetry: q(c, r) - q(r, c), largest of each subject", filled)
-    out.line(safe(table.population().describe()))
-    for note in table.notes:
-        out.note(note)
+        cells = [row.subject, str(len(row.comparisons))]
+        largest = row.maximal
+        if largest is None:
+            cells.append("no pair in both orders")
+        else:
+            cells.append(f"{largest.asymmetry:+.2f} ± {largest.asymmetry_se:.2f}")
+            cells.append(f"{largest.s_weak:.3g}, {largest.s_strong:.3g}")
+            cells += [format_p(largest.p_value), format_p(largest.p_adjusted)]
+        rows.append(cells)
+    headings = ["subject", "pairs", "largest q(c, r) - q(r, c)", "r, c", "p", "p (Holm)"]
+    out.table(headings, rows, (1,), title="Asymmetry of the orders, without a model")
+    out.line(f"{table.population().describe()}.")
+    out.notes(("", note, "") for note in table.notes)
 
 
-def say_fits(out: Terminal, table: FitTable) -> None:
+def print_fits(out: Terminal, table: FitTable) -> None:
     """Maximum-likelihood fits with their bootstrap intervals."""
-    rows: list[dict[Any, Any]] = []
-    for one in table:
-        row: dict[Any, Any] = {"subject": one.subject}
-        limits = one.bootstrap.intervals(table.level).tolist()
-        for name, value, (low, high) in zip(
-            one.fitted.names, one.parameters.tolist(), limits, strict=True
-        ):
-            row[name] = number(value) + (
-                "" if isnan(value) or isnan(low) else f" ({low:.2f}, {high:.2f})"
-            )
-        rows.append({**row, "log likelihood": f"{one.log_likelihood:.2f}", "at edge": one.at_edge})
-    title = f"maximum likelihood ({100 * table.level:g} % percentile intervals of {table.replicates} bootstrap replicates)"
-    out.table(title, rows)
-    out.notes(f"{one.subject}: {note}" for one in table for note in one.notes)
+    rows, names = [], list[str]()
+    for row in table:
+        names = list(row.fitted.names)
+        cells = [row.subject]
+        limits = row.bootstrap.intervals(table.level).tolist()
+        for value, (low, high) in zip(row.parameters.tolist(), limits, strict=True):
+            has_interval = not (isnan(value) or isnan(low))
+            cells.append(number(value) + (f" [{low:.2f}, {high:.2f}]" if has_interval else ""))
+        rows.append([*cells, f"{row.log_likelihood:.2f}", row.at_edge])
+    level = f"{100 * table.level:g} %"
+    title = f"Maximum likelihood [{level} interval of {table.replicates} bootstrap replicates]"
+    out.table(["subject", *names, "log likelihood", "at edge"], rows, title=title)
+    out.notes((row.subject, f"{note}.", "") for row in table for note in row.notes)

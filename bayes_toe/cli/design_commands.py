@@ -13,7 +13,6 @@ import typer
 import bayes_toe as bt
 from bayes_toe.cli.options import NUMBER, Question, rare, writes
 from bayes_toe.cli.task import MODEL, Takes, Task
-from bayes_toe.cli.terminal import safe
 from bayes_toe.data.messages import counted, listed, quoted
 
 if TYPE_CHECKING:
@@ -91,7 +90,7 @@ def power(
         for name in _POWER_FILES[2:]:
             bt.plots.save_figure(bt.plots.power_figure(table), target / name)
     for line in table.sentences():
-        task.out.line(safe(line))
+        task.out.line(line)
     task.done("tables and figure in", output, seed=table.seed)
 
 
@@ -359,7 +358,7 @@ def design(
     )
     task.write(dict(zip(files, written, strict=True)))
     for line in found.sentences():
-        task.out.line(safe(line))
+        task.out.line(line)
     lists.write(found.design, found.seed, wanted.intensity, task)
     task.done("written:", *files, seed=found.seed)
 
@@ -482,4 +481,4 @@ def simulate(
         )
     total = sum(len(answered.yes) for answered in trials)
     what = f"{len(simulated)} synthetic subjects, {total} trials in"
-    task.done(what, output, ending=f"; seed {seed}")
+    task.done(what, output, seed=seed)

@@ -4,15 +4,11 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import bayes_toe as bt
 from bayes_toe.cli.options import StudyFile, writes
 from bayes_toe.cli.task import MODEL, Takes, Task
-from bayes_toe.cli.terminal import Terminal, chosen, safe
-
-if TYPE_CHECKING:
-    from bayes_toe.answers.contrast import ContrastTable
 
 
 def contrast(
@@ -27,14 +23,15 @@ def contrast(
 
     [bold]Example[/bold]: bayes-toe contrast study.csv --condition hand -o contrast.csv --seed 1
     """
+    from bayes_toe.cli.within_screens import contrast_lines, print_contrast
     from bayes_toe.plots.figure_files import picture_beside
 
     files = [output, picture_beside(output)]
     task.require_files(*files)
     keep = task.partial(output)
     read, prior = task.opened(study)
-    people = len({one.person for one in read})
-    table = task.work("contrasting", people, bt.contrast, read, prior=prior, keep=keep)
+    n_subjects = len({subject.person for subject in read})
+    table = task.work("comparing conditions", n_subjects, bt.contrast, read, prior=prior, keep=keep)
     figure = bt.plots.contrast_figure(table, synthetic=read.synthetic)
     task.write(
         {
@@ -43,39 +40,11 @@ def contrast(
         }
     )
     task.finish(keep, table.failed)
-    say_contrast(task.out, table)
-    task.done("written:", *files, seed=table.seed, failed=table.failed)
-
-
-def say_contrast(out: Terminal, table: ContrastTable) -> None:
-    """Of how many subjects each quantity differs, and every subject in a row for each comparison."""
-    from bayes_toe.answers.contrast import LEGEND
-
-    out.answer([f"between conditions: {table.conditions.about}"])
-    for line in table.sentences():
-        out.line(f"  {safe(line)}")
-    decided = {row.subject for row in table if row.word.startswith("differs")}
-    comparisons = {row.comparison for row in table}
-    cells: dict[tuple[str, str], dict[str, str]] = {}
-    for row in table:
-        cell = cells.setdefault((row.subject, row.comparison), {"subject": row.subject})
-        if len(comparisons) > 1:
-            cell["comparison"] = row.comparison
-        cell[row.quantity] = f"{row.size} {row.factor}"
-    names = chosen([subject.subject for subject in table.subjects], decided)
-    rows = [cell for (name, _), cell in cells.items() if name in names]
-    what = f"differences, {comparisons.pop()}" if len(comparisons) == 1 else "differences"
-    out.table(
-        f"{what}: medians (95 % interval) if they differ, and the Bayes factor",
-        rows,
-        total=len(rows),
-    )
-    out.footnote(f"{LEGEND}.")
-    out.notes(
-        (f"{name}: {why}" for name, why in table.left_out.items() if name not in table.failed),
-        "left out",
-    )
-    out.notes(f"{one.subject}: {note}" for one in table.subjects for note in one.notes)
+    print_contrast(task.out, table, output.name)
+    task.print_failed(table.failed)
+    written = f"Written: {', '.join(map(str, files))}. Seed {table.seed}."
+    task.out.answer([*contrast_lines(table), written])
+    task.end(table.failed)
 
 
 def history(
@@ -90,22 +59,24 @@ def history(
 
     [bold]Example[/bold]: bayes-toe history trials.csv -o history.csv --seed 1
     """
-    from bayes_toe.cli.answers import say_histories
+    from bayes_toe.cli.within_screens import history_lines, print_histories
     from bayes_toe.data.trial_sequence import require_order
     from bayes_toe.plots.figure_files import picture_beside
 
-    picture = picture_beside(output)
-    task.require_files(output, picture)
+    figure_file = picture_beside(output)
+    task.require_files(output, figure_file)
     read, prior = task.opened(study)
     for subject in read:
         require_order(subject)
-    table = task.work("histories", len(read), bt.serial_dependence, read, prior=prior)
+    table = task.work("serial dependence", len(read), bt.serial_dependence, read, prior=prior)
     figure = bt.plots.serial(table)
     task.write(
         {
             output: partial(table.save, **task.saving_of(read)),
-            picture: partial(bt.plots.save_figure, figure),
+            figure_file: partial(bt.plots.save_figure, figure),
         }
     )
-    say_histories(task.out, table, output.name)
-    task.done("written:", output, picture, seed=table.seed)
+    print_histories(task.out, table, output.name)
+    task.out.answer(
+        [*history_lines(table), f"Written: {output}, {figure_file}. Seed {table.seed}."]
+    )

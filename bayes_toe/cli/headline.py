@@ -1,8 +1,8 @@
-"""What terminal and report say of a subject in a word or two, and which subjects need action."""
+"""Short texts that terminal and report share, and which subjects need action."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 
 from bayes_toe.answers.evidence_table import EvidenceTable
 from bayes_toe.answers.order_effect import OrderEffect
@@ -14,8 +14,9 @@ from bayes_toe.answers.words import (
     PROBABLY_NOT_UP_TO,
     YES_FROM,
 )
+from bayes_toe.data.messages import describe_p
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
-from bayes_toe.inference.predictive_checks import MISFIT, FitSummary
+from bayes_toe.inference.predictive_checks import FitSummary
 
 #: The limits of the words.
 LIMITS = (
@@ -35,7 +36,7 @@ FLAGGED = "poor fit, not interpreted, draws not converged, or no answer"
 
 
 def needs_action(answer: OrderEffect) -> bool:
-    """Whether somebody must look at a subject before its answer is used."""
+    """Whether a subject needs a decision before its conclusion is used."""
     return answer.fits is False or not answer.is_interpretable or bool(answer.options)
 
 
@@ -68,50 +69,6 @@ def flagged(
     return reasons
 
 
-def told(
-    value: float,
-    limits: Sequence[float] = (NO_UP_TO, PROBABLY_NOT_UP_TO, PROBABLY_FROM, YES_FROM),
-    digits: int = 2,
-) -> str:
-    """A number with so many decimals, or as many as tell on which side of the limits it is.
-
-    Examples
-    --------
-    >>> told(0.2531), told(0.2478), told(0.25), told(0.2499997)
-    ('0.253', '0.248', '0.25', '0.2499997')
-    """
-    while digits < 15 and any(
-        _side(value, one) != _side(round(value, digits), one) for one in limits
-    ):
-        digits += 1
-    return f"{value:.{digits}f}"
-
-
-def _side(value: float, limit: float) -> int:
-    return (value > limit) - (value < limit)
-
-
-def p_value(value: float) -> str:
-    """A p-value for a table, two digits that count; one that is below the limit of a misfit looks so.
-
-    Examples
-    --------
-    >>> p_value(0.0), p_value(0.0123), p_value(0.00997), p_value(0.5)
-    ('< 0.001', '0.012', '0.00997', '0.50')
-    """
-    return (
-        "< 0.001"
-        if value < 0.001
-        else told(value, [MISFIT], 2 + (value < 0.095) + (value < 0.0095))
-    )
-
-
-def said_p(value: float) -> str:
-    """A p-value in a sentence."""
-    shown = p_value(value)
-    return f"p {shown if shown.startswith('<') else f'= {shown}'}"
-
-
 def deviance(fit: FitSummary) -> str:
     """A deviance with its degrees of freedom."""
     return f"{fit.deviance:.1f} ({fit.degrees_of_freedom})"
@@ -119,5 +76,5 @@ def deviance(fit: FitSummary) -> str:
 
 def misfit(fit: FitSummary) -> str:
     """A misfit in one line: how bad, and the worst pairs."""
-    size = f"predictive {said_p(fit.p_overall)}, deviance {fit.deviance:.1f} on {fit.degrees_of_freedom} d.f."
+    size = f"predictive {describe_p(fit.p_overall)}, deviance {fit.deviance:.1f} on {fit.degrees_of_freedom} d.f."
     return "; ".join([size, *map(describe_pair, fit.worst)])

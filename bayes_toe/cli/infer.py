@@ -3,31 +3,33 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import bayes_toe as bt
 from bayes_toe.cli.options import ModelName, StudyFile, flag, rare, writes
 from bayes_toe.cli.task import MODEL, Takes, Task
 from bayes_toe.cli.terminal import (
-    MOST_NAMES,
+    MANY_SUBJECTS,
     OUTPUT,
     Terminal,
     allowed_in_order,
     chosen,
+    format_table,
     number,
-    once,
 )
+from bayes_toe.data.messages import counted
 
 if TYPE_CHECKING:
     from bayes_toe.analysis import Analysis
     from bayes_toe.answers.evidence_table import EvidenceTable
     from bayes_toe.cli.report import Group
 
-_SHOWN_QUANTILES = [0.05, 0.5, 0.95]
+_SHOWN_QUANTILES = [0.025, 0.5, 0.975]
 #: Columns of the paper's model, and of the four models of the observer.
 _PAPER_SHOWN = ("mu1", "gain", "sigma_p", "sigma_l", "q0", "lapse_rate")
 _ORDER_SHOWN = ("constant_error", "contraction", "jnd")
-#: Quantities with their range beside the median.
+_HEADINGS = {"constant_error": "constant error", "contraction": "contraction p", "jnd": "JND"}
+#: Quantities with their interval beside the median.
 _WITH_RANGE = ("mu1", "gain", *_ORDER_SHOWN)
 
 
@@ -49,9 +51,9 @@ def run(
 
     [bold]Example[/bold]: bayes-toe run study.csv -o results --seed 1
     """
-    from bayes_toe.cli.answers import say_answers
-    from bayes_toe.cli.group_commands import say_contrast
+    from bayes_toe.cli.answers import print_answer, print_subjects
     from bayes_toe.cli.results_folder import FIGURE_BYTES, PRODUCTS, FigureChoice, write_results
+    from bayes_toe.cli.within_screens import print_contrast
     from bayes_toe.data.study import refuse_intervals
     from bayes_toe.explorer.page import EXPLORER_BYTES, require_bokeh, require_few
 
@@ -77,10 +79,11 @@ def run(
     analysis = task.work(
         "sampling", len(read), bt.run, read, draws=task.draws, prior=prior, keep=keep
     )
-    say_answers(task.out, analysis.answers, read, "evidence.csv")
-    say_failed(task.out, analysis.draws)
+    report = output / "report.html"
+    print_subjects(task.out, analysis.answers, f"{report} and {output / 'evidence.csv'}")
+    print_failed(task.out, analysis.draws)
     if analysis.contrast is not None:
-        say_contrast(task.out, analysis.contrast)
+        print_contrast(task.out, analysis.contrast)
     group = _group(analysis, task)
     with task.out.progress("drawing", len(read)) as tick:
         write_results(
@@ -93,24 +96,18 @@ def run(
             **task.saving,
         )
     task.finish(keep, analysis.draws.failed)
-    written = (name for name in PRODUCTS if (output / name).exists())
     missed = {**analysis.draws.not_converged, **analysis.draws.imprecise}
     if group is not None and not group.found.is_reliable:
         missed["group"] = group.found.draws.shortfall
-    ending = f": {', '.join(written)}"
-    task.done(
-        "results in",
-        output,
-        seed=analysis.settings.seed,
-        ending=ending,
-        failed=analysis.draws.failed,
-        missed=missed,
-    )
+    closing = [f"Start with {report}.", f"Seed {analysis.settings.seed}."]
+    task.print_failed(analysis.draws.failed)
+    print_answer(task.out, analysis.answers, read, _group_lines(analysis), closing)
+    task.end(analysis.draws.failed, missed)
 
 
 def _group(analysis: Analysis, task: Task) -> Group | None:
-    """The group of the interpretable subjects, printed; None where they are few."""
-    from bayes_toe.cli.population import group_answer, print_problems
+    """The group of the interpretable subjects, whose problems are printed; None if they are few."""
+    from bayes_toe.cli.group_screen import print_problems
     from bayes_toe.cli.report import Group
     from bayes_toe.groups.predictive_check import predictive_check
 
@@ -118,9 +115,22 @@ def _group(analysis: Analysis, task: Task) -> Group | None:
     if result is None:
         return None
     group = Group(result, predictive_check(result))
-    task.out.answer(group_answer(result))
     print_problems(task.out, result, group.check.warnings)
     return group
+
+
+def _group_lines(analysis: Analysis) -> list[str]:
+    """What the answer of a study says of the group."""
+    from bayes_toe.answers.study_summary import few_subjects_lines
+    from bayes_toe.cli.group_screen import group_answer
+    from bayes_toe.cli.within_screens import contrast_lines
+
+    lines = [] if analysis.contrast is None else contrast_lines(analysis.contrast)
+    if analysis.group is not None:
+        return [*group_answer(analysis.group), *lines]
+    if analysis.study.conditions is not None:
+        return lines
+    return few_subjects_lines(analysis.answers)
 
 
 def sample(
@@ -135,21 +145,23 @@ def sample(
     [bold]Example[/bold]: bayes-toe sample study.csv -o posterior.nc --model both --seed 1
     """
     from bayes_toe.analysis import draw
+    from bayes_toe.checks.design_checks import identification_findings
     from bayes_toe.inference.draws_file import refuse_store
-    from bayes_toe.model.models import describe_prior, require_model
+    from bayes_toe.model.models import require_model
 
     refuse_store(output)
     task.require_files(output)
     keep = task.partial(output)
     read, prior = task.read(study)
-    record = require_model(model, read.task)
+    require_model(model, read.task)
     _require_room(task, output, keep, read, prior, model)
-    task.out.introduce(read, prior, f"prior: {describe_prior(record, prior, read.task)}")
+    task.introduce(read, prior)
+    task.out.findings(identification_findings(read), "-")
     draws = task.work(
         "sampling", len(read), draw, read, model=model, draws=task.draws, prior=prior, keep=keep
     )
     draws.save(output, overwrite=task.overwrite)
-    say_draws(task.out, draws)
+    print_draws(task.out, draws)
     task.finish(keep, draws.failed)
     task.done(
         "draws in",
@@ -196,7 +208,8 @@ def evidence(
 
     [bold]Example[/bold]: bayes-toe evidence study.csv -o evidence.csv --seed 1
     """
-    from bayes_toe.cli.answers import say_answers
+    from bayes_toe.answers.study_summary import few_subjects_lines
+    from bayes_toe.cli.answers import print_answer, print_subjects
 
     task.require_files(output)
     keep = task.partial(output)
@@ -204,69 +217,98 @@ def evidence(
     table = task.work("evidence", len(read), bt.evidence, read, prior=prior, keep=keep)
     table.save(output, **task.saving_of(read))
     task.finish(keep, table.failed)
-    say_model_evidence(task.out, table)
-    say_answers(task.out, table.answers, read, output.name)
-    task.done("table in", output, seed=table.seed, failed=table.failed)
+    print_model_evidence(task.out, table, output.name)
+    print_subjects(task.out, table.answers, output.name)
+    frequencies = [] if read.conditions is not None else few_subjects_lines(table.answers)
+    closing = [f"Table: {output}.", f"Seed {table.seed}."]
+    task.print_failed(table.failed)
+    print_answer(task.out, table.answers, read, frequencies, closing)
+    task.end(table.failed)
 
 
-def say_draws(out: Terminal, draws: bt.Draws, file: str = OUTPUT) -> None:
-    """Medians and convergence of every subject; of very many, of those first that did not converge."""
+def print_draws(out: Terminal, draws: bt.Draws, file: str = OUTPUT) -> None:
+    """Medians, intervals and convergence of every subject."""
     import numpy as np
 
     from bayes_toe.inference.diagnostics import quantile_errors
     from bayes_toe.model.models import model_title
 
-    stats, missed = draws.group("sample_stats"), draws.not_converged
+    stats, missed = draws.group("sample_stats"), {**draws.not_converged, **draws.imprecise}
     columns = _PAPER_SHOWN if "mu1" in draws.parameters else _ORDER_SHOWN
     shown = [key for key in columns if key in draws.parameters]
     rows, places = [], {name: i for i, name in enumerate(draws.names)}
-    for name in chosen(places, {**missed, **draws.imprecise}):
-        row, i = dict[Any, Any](subject=name), places[name]
+    for name in chosen(places, missed):
+        i = places[name]
+        row = [f"{name} !" if name in missed else name]
         for key in shown:
             values = draws.values(name, key)
-            # The smallest of all effective sizes: errors that are rather too large, and cost next to nothing.
+            # The smallest effective size of all quantities: errors that are rather too large.
             errors = quantile_errors(values, _SHOWN_QUANTILES, float(stats["min_ess"][i]))
-            low, middle, high = allowed_in_order(
-                np.quantile(values, _SHOWN_QUANTILES).tolist(), errors.tolist(), 2
-            )
-            row[key] = middle + (f" ({low}, {high})" if key in _WITH_RANGE else "")
-        row |= {
-            "min ESS": f"{float(stats['min_ess'][i]):.0f}",
-            "max R-hat": f"{float(stats['max_r_hat'][i]):.3f}",
-        }
-        rows.append({**row, "converged": "NO" if name in missed else "yes"})
-    out.table(
-        f"{model_title(draws.model)}: medians (5 %, 95 %)", rows, total=len(places), file=file
-    )
-    say_failed(out, draws, file)
+            quantiles = np.quantile(values, _SHOWN_QUANTILES).tolist()
+            low, middle, high = allowed_in_order(quantiles, errors.tolist(), 2)
+            row.append(middle + (f" [{low}, {high}]" if key in _WITH_RANGE else ""))
+        row.append(f"{float(stats['min_ess'][i]):.0f}")
+        row.append(f"{float(stats['max_r_hat'][i]):.3f}")
+        rows.append(row)
+    headings = ["subject", *(_HEADINGS.get(key, key) for key in shown), "ESS", "R-hat"]
+    title = f"{model_title(draws.model)}: medians [95 % interval]"
+    if rows:
+        n_columns = len(headings)
+        out.table(headings, rows, range(n_columns - 2, n_columns), title=title)
+    if len(rows) < len(places):
+        others = len(places) - len(rows)
+        out.line(f"The draws of {others:,} other subjects converged. Table: {file}")
+    print_failed(out, draws, file)
 
 
-def say_failed(out: Terminal, draws: bt.Draws, file: str = OUTPUT) -> None:
-    """Whose draws did not converge, or are too few."""
-    for word, of in (
-        ("not converged", draws.not_converged),
-        ("not precise enough", draws.imprecise),
+def print_failed(out: Terminal, draws: bt.Draws, file: str = OUTPUT) -> None:
+    """Subjects whose draws did not converge, or are too few."""
+    for label, reasons in (
+        ("The draws did not converge", draws.not_converged),
+        ("The draws are not precise enough", draws.imprecise),
     ):
-        out.notes((f"{name}: {why}" for name, why in of.items()), word, "red", file=file)
+        notes = [(name, f"{label}: {reason}.", "") for name, reason in reasons.items()]
+        out.notes(notes, file=file)
 
 
-def say_model_evidence(out: Terminal, table: EvidenceTable) -> None:
+def print_model_evidence(out: Terminal, table: EvidenceTable, file: str = OUTPUT) -> None:
     """Log evidences of the four models, and of the paper's model (H1) against H0."""
+    headings = ["subject", "none ", "constant ", "contraction ", "both "]
+    headings += ["H0", "paper's\nH1", "ln BF\nH1:H0"]
+    rows = []
+    for row in table:
+        cells = [row.subject]
+        models = {} if row.answer is None else row.answer.log_evidence
+        for model, value in models.items():
+            is_best = row.answer is not None and model == row.answer.best_model
+            cells.append(f"{value:.2f}{'*' if is_best else ' '}")
+        cells += [""] * (5 - len(cells))
+        cells.append(f"{row.log_evidence_h0:.2f}")
+        cells.append(number(row.log_evidence_h1))
+        factor = row.log_bayes_factor
+        cells.append("-" if factor is None else f"{factor:+.1f}")
+        rows.append(cells)
+    out.line()
+    out.line("Log model evidence. * the largest of the four models of order.")
+    if len(rows) < MANY_SUBJECTS:
+        out.lines(format_table(headings, rows, range(1, 8)))
+    else:
+        out.line(f"All {len(rows):,} subjects: {file}")
+    out.line()
+    out.line(describe_h1(table))
+    out.notes(((row.subject, f"{note}.", "") for row in table for note in row.notes), file=file)
+
+
+def describe_h1(table: EvidenceTable) -> str:
+    """For how many subjects the paper's model (H1) predicts better than H0."""
+    from statistics import median
+
     from bayes_toe.answers.study_summary import APPENDIX_C
 
-    rows = list[dict[Any, Any]]()
-    for row in table:
-        cells: dict[Any, Any] = {"subject": row.subject}
-        if row.answer is not None:
-            for model, value in row.answer.log_evidence.items():
-                star = "*" if model == row.answer.best_model else ""
-                cells[model.removesuffix(" error")] = f"{value:.2f}{star}"
-        cells["H0"] = number(row.log_evidence_h0)
-        cells["H1"] = number(row.log_evidence_h1)
-        cells["ln BF H1:H0"] = number(row.log_bayes_factor, 1)
-        rows.append(cells)
-    out.table("log model evidence, natural logs", rows)
-    out.footnote(f"* the largest of the four models of order. {APPENDIX_C}.")
-    out.notes(once((row.subject, note) for row in table for note in row.notes))
-    for line in once((row.subject, note) for row in table for note in row.footnotes)[:MOST_NAMES]:
-        out.footnote(line)
+    factors = [row.log_bayes_factor for row in table if row.log_bayes_factor is not None]
+    if not factors:
+        return f"{APPENDIX_C}."
+    n_better = sum(factor > 0.0 for factor in factors)
+    of_all = f"{n_better} of {counted(len(factors), 'subject')}"
+    middle = f"{median(factors):.1f}"
+    return f"H1 predicts better than H0 for {of_all} (median ln BF {middle}). {APPENDIX_C}."

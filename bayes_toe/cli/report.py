@@ -41,9 +41,9 @@ from bayes_toe.checks.answer_checks import FLAG_KINDS, Finding
 from bayes_toe.checks.design_checks import NOTES, check
 from bayes_toe.classical.asymmetry import AsymmetryTable
 from bayes_toe.cli import headline
-from bayes_toe.cli.population import group_answer, group_tables
-from bayes_toe.cli.terminal import allowed, allowed_in_order, allowed_quantiles, said_subjects
-from bayes_toe.data.messages import counted, listed, said_intervals, visible
+from bayes_toe.cli.group_screen import group_answer, group_tables
+from bayes_toe.cli.terminal import allowed, allowed_in_order, allowed_quantiles, describe_subjects
+from bayes_toe.data.messages import counted, format_p, listed, said_intervals, visible
 from bayes_toe.data.tables import file_stems
 from bayes_toe.data.tasks import Task
 from bayes_toe.groups.population import PopulationResult
@@ -182,7 +182,7 @@ def _environment(task: Task) -> Environment:
         number=lambda value, digits=2, error=nan: (
             "–" if value is None or value != value else _typeset(allowed(value, error, digits))
         ),
-        p_value=lambda value: "–" if value is None or value != value else headline.p_value(value),
+        p_value=lambda value: "–" if value is None or value != value else format_p(value),
         typeset=_typeset,
     )
     return made
@@ -205,7 +205,7 @@ def _context(analysis: Analysis, facts: Facts) -> dict[str, Any]:
         "imprecise": analysis.draws.imprecise,
         "seed": attrs["seed"],
         "sampler": analysis.settings.sampler,
-        "who": said_subjects(study),
+        "who": describe_subjects(study),
         "answer": _answer(analysis),
         "trust": _trust(analysis.answers),
         "reference": f"{prior.reference_interval or 1.0:g} s",
@@ -387,7 +387,7 @@ def _factors(answer: OrderEffect) -> list[tuple[str, str]]:
         "p of the trial before": answer.history_p,
     }
     for label, p in p_values.items():
-        rows.append((label, "–" if p is None else headline.p_value(p)))
+        rows.append((label, "–" if p is None else format_p(p)))
     return rows
 
 

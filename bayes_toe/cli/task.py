@@ -25,7 +25,7 @@ from bayes_toe.cli.options import (
     SpreadsheetSafe,
     StudyFile,
 )
-from bayes_toe.cli.terminal import Terminal, safe
+from bayes_toe.cli.terminal import TYPED, Terminal
 from bayes_toe.data.messages import visible
 from bayes_toe.data.whole_files import describe_stored, under_way
 from bayes_toe.errors import BayesToeError, InputError
@@ -76,14 +76,21 @@ class Task:
         return read, prior_for(read, prior)
 
     def opened(self, study: StudyFile) -> tuple[Study, Prior]:
-        """The study and the prior, read and said."""
+        """The study, which is described on the screen, and the prior."""
         read, prior = self.read(study)
-        self.out.introduce(read, prior)
+        self.introduce(read, prior)
         return read, prior
+
+    def introduce(self, study: Study, prior: Prior) -> None:
+        """Describe a study on the screen, and name a prior that is not the default."""
+        lines = [] if self.prior is None else [f"Prior: {self.prior}"]
+        self.out.introduce(study, *lines, prior=prior)
 
     def ask(self, study: StudyFile) -> tuple[StudyFile, Task]:
         """The study that is asked for in a terminal, and the command that reads its files."""
         asked = study.ask()
+        if asked is not study:
+            TYPED.extend(map(str, asked.files) if asked.files else ["--example"])
         return asked, replace(self, inputs=(*self.inputs, *(asked.files or ())))
 
     # --- the work -----------------------------------------------------------------------------------
@@ -116,7 +123,7 @@ class Task:
         from bayes_toe.cluster import connect
 
         client = connect(self.scheduler)
-        self.out.line(f"  workers: {len(client.nthreads())} at {safe(self.scheduler)}")
+        self.out.line(f"Workers: {len(client.nthreads())} at {self.scheduler}")
         return client
 
     def partial(self, output: Path) -> Path:
@@ -147,7 +154,7 @@ class Task:
         standing = under_way.get(folder)
         if self.resume and standing is not None:
             taken = f"{standing.taken} of {standing.jobs} {standing.what} taken from"
-            self.out.line(f"{taken} [bold]{safe(folder)}[/bold]")
+            self.out.line(f"{taken} {folder}")
         if not failed:
             discard(folder)
 
@@ -204,11 +211,20 @@ class Task:
         failed: Mapping[str, str] = NOBODY,
         missed: Mapping[str, str] = NOBODY,
     ) -> None:
-        """The seed and what was written; exit code 3 where some subject failed, which is said, or its draws did not converge, which was."""
-        beginning = "" if seed is None else f"seed {seed}; "
-        self.out.line(f"{beginning}{what} [bold]{', '.join(map(safe, files))}[/bold]{ending}")
-        self.out.notes((f"{name}: {reason}" for name, reason in failed.items()), "left out", "red")
-        if failed or missed:
+        """Print what was written and the seed, then end the command."""
+        text = f"{what[0].upper()}{what[1:]} {', '.join(map(str, files))}{ending}."
+        self.print_failed(failed)
+        self.out.line()
+        self.out.line(text if seed is None else f"{text} Seed {seed}.")
+        self.end(failed, missed)
+
+    def print_failed(self, failed: Mapping[str, str]) -> None:
+        """Subjects without a result, with the reason."""
+        self.out.notes((name, f"No result: {reason}.", "") for name, reason in failed.items())
+
+    def end(self, *incomplete: Mapping[str, str]) -> None:
+        """End with exit code 3 if subjects failed or draws did not converge."""
+        if any(incomplete):
             raise typer.Exit(INCOMPLETE)
 
 

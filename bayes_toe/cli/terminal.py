@@ -1,42 +1,59 @@
-"""How the command line prints: lines, notes, tables, a progress bar, numbers; what was read. On a terminal and, plainer, in a log."""
+"""How commands print: lines of at most 80 columns, fixed tables, a progress bar; numbers."""
 
 from __future__ import annotations
 
 import itertools
 import math
+import re
+import shlex
 import sys
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
 from bayes_toe.data.messages import counted, listed, visible
+from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 
 if TYPE_CHECKING:
     from bayes_toe.checks.answer_checks import Finding
     from bayes_toe.data.study import Study
     from bayes_toe.model.prior import Prior
 
-#: Rows of a table, and lines of one kind, that are printed; names or notes likewise.
-MOST_ROWS, MOST_NAMES = 50, 20
-#: Where the others are, if nothing better is known.
+#: Columns of every line and table, whatever the width of the terminal.
+WIDTH = 80
+#: Subjects from which on tables show only those that need action; notes of one kind.
+MANY_SUBJECTS, MOST_NOTES = 20, 20
+#: Where the other notes are, if nothing better is known.
 OUTPUT = "the output"
+#: What a task is called on screens.
+TASK_NAMES = {
+    SAME_DIFFERENT: "same-different task",
+    WHICH_STRONGER: "which was stronger (2AFC)",
+}
+#: The words that were typed after `bayes-toe`.
+TYPED: list[str] = []
+#: Between words that stay on one line: an estimate with its unit and interval, or an option with
+#: its value.
+_GLUE = "\ufffe"
+_ESTIMATE = re.compile(r"[-+.\d]+( %)?( \[[^\]]*\])?")
+_OPTION = re.compile(r"(?<=\s)(--?\w[\w-]*) (?!-)")
 
 
-# --- lines and tables ---------------------------------------------------------------------------------
+# --- lines and tables ----------------------------------------------------------------------------
 
 
 class Terminal:
-    """Where a command prints, or does not where it is `quiet`."""
+    """Where a command prints; a `quiet` one prints nothing."""
 
     def __init__(self, quiet: bool = False) -> None:
         from rich.console import Console
 
-        # Not a terminal: a width that keeps a table's row on one line, so that logs can be searched.
-        self.console = Console(quiet=quiet, width=None if sys.stdout.isatty() else 140)
+        self.console = Console(quiet=quiet, width=None if sys.stdout.isatty() else WIDTH)
 
     @contextmanager
     def progress(self, what: str, total: int) -> Iterator[Callable[[str], None]]:
-        """A progress bar on a terminal, nothing elsewhere; call what it gives once for each part that is done."""
+        """A progress bar on a terminal; call what it gives once for each finished part."""
         from rich.progress import Progress
 
         with Progress(
@@ -47,142 +64,291 @@ class Terminal:
             task = bar.add_task(what, total=total)
             yield lambda _: bar.advance(task)
 
-    def line(self, line: str, style: str | None = None) -> None:
-        """One line of any length, with its markup."""
-        self.console.print(line, highlight=False, soft_wrap=True, style=style)
+    def line(self, text: str = "", style: str = "", indent: int = 0) -> None:
+        """A text, wrapped at :data:`WIDTH`; further lines are indented."""
+        self.lines(wrap_line(text, indent), style)
 
-    def answer(self, lines: Iterable[str]) -> None:
-        """Lines of an answer, each with what it is about, up to the first colon, in bold; texts are escaped."""
+    def lines(self, lines: Iterable[str], style: str = "") -> None:
+        """Lines as they stand."""
+        from rich.text import Text
+
         for line in lines:
-            about, colon, rest = safe(line).partition(": ")
-            self.line(f"[bold]{about}[/bold]{colon}{rest}")
-
-    def note(self, text: str, word: str = "note", colour: str = "yellow") -> None:
-        """One line that begins with a coloured word; the text is escaped."""
-        self.line(f"[{colour}]{word}[/{colour}] {safe(text)}")
-
-    def footnote(self, text: str) -> None:
-        """One dim line, for what a reader may pass over; the text is escaped."""
-        self.line(safe(text), "dim")
+            self.console.print(Text(visible(line), style), soft_wrap=True)
 
     def table(
         self,
-        title: str,
-        rows: list[dict[Any, Any]],
-        *,
-        total: int | None = None,
-        file: str = OUTPUT,
+        headings: Sequence[str],
+        rows: Sequence[Sequence[str]],
+        numeric: Collection[int] = (),
+        title: str = "",
     ) -> None:
-        """A table of rows with the same keys, which name its columns; texts are escaped.
-
-        It ends after :data:`MOST_ROWS` with the number of those left out and the file that has them; where `total` is given, the rows are
-        some of so many and are all shown.
-        """
-        from rich.table import Table
-
-        shown = rows[:MOST_ROWS] if total is None else rows
-        table = Table(title=safe(title), title_justify="left", title_style="bold")
-        for index, key in enumerate(rows[0]):
-            table.add_column(safe(key), justify="left" if index == 0 else "right", overflow="fold")
-        for row in shown:
-            table.add_row(*map(safe, row.values()))
-        self.console.print(table)
-        self.more((len(rows) if total is None else total) - len(shown), file)
+        """A table after an empty line, as :func:`format_table` has it."""
+        self.lines(["", title] if title else [""], "bold")
+        lines = format_table(headings, rows, numeric)
+        n_heading_lines = max(heading.count("\n") + 1 for heading in headings)
+        self.lines(lines[:n_heading_lines], "bold")
+        self.lines(lines[n_heading_lines:])
 
     def notes(
-        self,
-        texts: Iterable[str],
-        word: str = "note",
-        colour: str = "yellow",
-        *,
-        file: str = OUTPUT,
+        self, notes: Iterable[tuple[str, str, str]], mark: str = "!", *, file: str = OUTPUT
     ) -> None:
-        """Notes as :meth:`note` has them, at most :data:`MOST_NAMES`."""
-        found = list(texts)
-        for text in found[:MOST_NAMES]:
-            self.note(text, word, colour)
-        self.more(len(found) - MOST_NAMES, file)
+        """Notes after an empty line: of a subject ('' is none), a text, and an option to type.
 
-    def more(self, left: int, file: str = OUTPUT) -> None:
-        """How many are not shown, if any, and where they are."""
-        if left > 0:
-            self.line(f"... and {left:,} more in {safe(file)}")
+        Notes with the same text and no option become one.
+        """
+        shown = merge_notes(notes)
+        if shown:
+            self.line()
+        for subjects, text, option in shown[:MOST_NOTES]:
+            self.lines(note_lines(mark, subjects, text, option))
+        self.more(len(shown) - MOST_NOTES, file)
 
-    def introduce(self, study: Study, prior: Prior | None = None, said: str = "") -> None:
-        """What everything below is about, a line `said`, by default the prior, and what is probably a mistake and stands behind it all."""
+    def more(self, count: int, file: str = OUTPUT) -> None:
+        """How many notes are not shown, if any, and where they are."""
+        if count > 0:
+            self.line(f"... and {count:,} more in {file}")
+
+    def answer(self, lines: Iterable[str]) -> None:
+        """The answer, after an empty line and its heading."""
+        self.lines(["", "Answer"], "bold")
+        for line in lines:
+            self.line(line)
+
+    def introduce(self, study: Study, *lines: str, prior: Prior | None = None) -> None:
+        """What was read, at most two further lines, and probable mistakes."""
         from bayes_toe.checks.design_checks import urgent_findings
 
-        self.study(study)
-        if prior is not None and not said:
-            said = f"prior: {prior.describe_orders(study.task)}"
-        if said:
-            self.line(f"  {safe(said)}")
+        self.line(describe_study(study))
+        if study.changes:
+            self.line(f"With {' '.join(study.changes)}")
+        for line in lines:
+            self.line(line)
         self.findings(urgent_findings(study, prior))
 
-    def study(self, study: Study) -> None:
-        """What was read, and what there is to say of it."""
-        label = " (synthetic)" if study.synthetic and "synthetic" not in study.source else ""
-        trials = sum(subject.total_trials for subject in study)
-        self.line(
-            f"[bold]{safe(study.source)}[/bold]{label}: {said_subjects(study)}, {trials} trials"
-        )
-        for note in study.notes:
-            self.line(f"  {safe(note)}")
-
-    def findings(self, findings: Iterable[Finding], word: str = "warning") -> None:
-        """Each message once, with the subjects that it is about."""
-        self.notes(once((finding.subject, finding.message) for finding in findings), word)
+    def findings(self, findings: Iterable[Finding], mark: str = "!") -> None:
+        """Each message once, with its subjects, and what to type."""
+        self.notes(((item.subject, item.message, item.option) for item in findings), mark)
 
 
-# --- words ---------------------------------------------------------------------------------------------
+def wrap_line(text: str, indent: int = 0) -> list[str]:
+    """A text in lines of at most :data:`WIDTH` columns.
+
+    Examples
+    --------
+    >>> wrap_line("word " * 17, indent=2)[1]
+    '  word'
+    """
+    whole = _ESTIMATE.sub(lambda match: match[0].replace(" ", _GLUE), visible(text))
+    indented = " " * indent
+    lines = wrap(whole, WIDTH, subsequent_indent=indented, break_on_hyphens=False)
+    return [line.replace(_GLUE, " ") for line in lines] or [""]
 
 
-def safe(text: object) -> str:
-    """Text from outside, kept from being read as markup or obeyed by the terminal."""
-    from rich.markup import escape
+def note_lines(mark: str, subjects: Sequence[str], text: str, option: str = "") -> list[str]:
+    """A note with its mark and subjects, and under it what to type.
 
-    return escape(visible(str(text)))
+    Examples
+    --------
+    >>> note_lines("!", ["A08"], "Responses look swapped in block 2.", "--swap A08:2")
+    ['! A08  Responses look swapped in block 2.', '       type: --swap A08:2']
+    """
+    label = (
+        f"{mark} {listed([visible(name) for name in subjects], 5)}  " if subjects else f"{mark} "
+    )
+    indent = len(label) if len(label) <= 12 else 7
+    lines = wrap_line(label + text, indent)
+    if option:
+        lines += command_lines(option, " " * indent + "type: ")
+    return lines
+
+
+def command_lines(command: str, start: str) -> list[str]:
+    r"""What to type, in lines that a shell joins.
+
+    Examples
+    --------
+    >>> command_lines("bayes-toe run study.csv", "  ")
+    ['  bayes-toe run study.csv']
+    """
+    indent = " " * (len(start) + 2)
+    whole = _OPTION.sub(rf"\1{_GLUE}", visible(command))
+    lines = wrap(
+        whole,
+        WIDTH - 2,  # for the backslash
+        initial_indent=start,
+        subsequent_indent=indent,
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
+    lines = [line.replace(_GLUE, " ") for line in lines]
+    return [f"{line} \\" for line in lines[:-1]] + lines[-1:]
+
+
+def typed_command(name: str = "") -> str:
+    """The command line that was typed, or the one of another command with the same file."""
+    words = [name, *TYPED[1:]] if name else TYPED
+    return shlex.join(["bayes-toe", *words])
+
+
+def format_table(
+    headings: Sequence[str], rows: Sequence[Sequence[str]], numeric: Collection[int] = ()
+) -> list[str]:
+    r"""Lines of a table of at most :data:`WIDTH` columns.
+
+    The first column is cut if the table is too wide. If that does not help, the last columns
+    follow below, with the first column again.
+
+    Parameters
+    ----------
+    headings : sequence of str
+        A line break begins another line of the heading.
+    rows : sequence of sequences of str
+        The last cell of a row with fewer cells goes across the other columns.
+    numeric : collection of int
+        Columns that are aligned at their right end.
+
+    Examples
+    --------
+    >>> format_table(["subject", "order\neffect"], [["A01", "yes"], ["A02", "no"]])
+    ['         order', 'subject  effect', 'A01      yes', 'A02      no']
+    """
+    if not is_narrow(headings, rows):
+        return _split_table(headings, rows, numeric)
+    widths, gap = _column_widths(headings, rows)
+    widths[0] -= max(sum(widths) + gap * (len(widths) - 1) - WIDTH, 0)
+    n_lines = max(heading.count("\n") + 1 for heading in headings)
+    parts = [heading.split("\n") for heading in headings]
+    filled = [[""] * (n_lines - len(part)) + part for part in parts]
+    heading_rows = [[part[k] for part in filled] for k in range(n_lines)]
+    return [_table_line(row, widths, gap, numeric) for row in (*heading_rows, *rows)]
+
+
+def is_narrow(headings: Sequence[str], rows: Sequence[Sequence[str]], first_width: int = 8) -> bool:
+    """Whether a table fits into :data:`WIDTH` with at least `first_width` columns of names."""
+    widths, gap = _column_widths(headings, rows)
+    return min(widths[0], first_width) + sum(widths[1:]) + gap * (len(widths) - 1) <= WIDTH
+
+
+def _column_widths(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> tuple[list[int], int]:
+    """The width that each column needs, and the gap between columns."""
+    last = len(headings) - 1
+    widths = [max(map(cell_width, heading.split("\n"))) for heading in headings]
+    for row in rows:
+        for i, cell in enumerate(row):
+            if i == last or i < len(row) - 1:
+                widths[i] = max(widths[i], cell_width(cell))
+    return widths, 2 if sum(widths) + 2 * last <= WIDTH else 1
+
+
+def _split_table(
+    headings: Sequence[str], rows: Sequence[Sequence[str]], numeric: Collection[int]
+) -> list[str]:
+    """A table whose last columns follow below, with the first column again."""
+    n_first = len(headings)
+    while n_first > 2 and not is_narrow(headings[:n_first], [row[:n_first] for row in rows]):
+        n_first -= 1
+    lines = list[str]()
+    for index in (range(n_first), [0, *range(n_first, len(headings))]):
+        part_rows = [[row[i] for i in index if i < len(row)] for row in rows]
+        moved = [place for place, i in enumerate(index) if i in numeric]
+        lines += ["", *format_table([headings[i] for i in index], part_rows, moved)]
+    return lines[1:]
+
+
+def _table_line(
+    row: Sequence[str], widths: Sequence[int], gap: int, numeric: Collection[int]
+) -> str:
+    """A row of a table; the last cell of a short row goes across the other columns."""
+    cells = []
+    for i, cell in enumerate(row):
+        width = widths[i]
+        is_spanning = i == len(row) - 1 < len(widths) - 1
+        if is_spanning:
+            width = WIDTH - sum(widths[:i]) - gap * i
+        shown = shorten(cell, width)
+        padding = " " * (width - cell_width(shown))
+        cells.append(padding + shown if i in numeric and not is_spanning else shown + padding)
+    return (" " * gap).join(cells).rstrip()
+
+
+def shorten(text: str, width: int) -> str:
+    """A text of at most some columns, cut in its middle, since names often differ at their end.
+
+    Examples
+    --------
+    >>> shorten("SubA_Bimodal_l2", 10), shorten("A08 !", 8)
+    ('SubA...l2', 'A08 !')
+    """
+    if cell_width(text) <= width:
+        return text
+    n_last = max(width - 3, 0) // 3
+    n_first = max(width - 3 - n_last, 0)
+    shown = f"{text[:n_first]}...{text[len(text) - n_last :]}"
+    return shown if cell_width(shown) <= width else shorten(text, width - 1)
+
+
+def cell_width(text: str) -> int:
+    """Columns that a text takes on a terminal."""
+    from rich.cells import cell_len
+
+    return cell_len(text)
+
+
+# --- words ---------------------------------------------------------------------------------------
 
 
 def chosen(names: Iterable[str], first: Collection[str]) -> list[str]:
-    """Whom a table shows: all, or of more than :data:`MOST_ROWS` so many, those of `first` before the others, each in their order.
+    """Subjects that a table shows: all, or from :data:`MANY_SUBJECTS` on those of `first` alone.
 
     Examples
     --------
-    >>> chosen(["S2", "S1"], {"S1"}), chosen(map(str, range(2000)), {"7", "1999"})[:4]
-    (['S2', 'S1'], ['7', '1999', '0', '1'])
+    >>> chosen(["S2", "S1"], {"S1"}), chosen(map(str, range(2000)), {"7", "1999"})
+    (['S2', 'S1'], ['7', '1999'])
     """
     found = list(names)
-    return (
-        found
-        if len(found) <= MOST_ROWS
-        else sorted(found, key=lambda name: name not in first)[:MOST_ROWS]
-    )
+    if len(found) < MANY_SUBJECTS:
+        return found
+    return [name for name in found if name in first]
 
 
-def once(notes: Iterable[tuple[str, str]]) -> list[str]:
-    """Notes, each a subject and a text: each text once, with the subjects that it is about, the first of them if many; '' is no subject.
+def merge_notes(notes: Iterable[tuple[str, str, str]]) -> list[tuple[list[str], str, str]]:
+    """Notes, each a subject, a text and an option; those that are alike become one.
 
     Examples
     --------
-    >>> once([("A", "few trials"), ("B", "few trials"), ("", "all raw")])
-    ['A, B: few trials', 'all raw']
-    >>> once((name, "no easy pair") for name in "ABCDEFG")
-    ['A, B, C, D, E, ... and 2 more: no easy pair']
+    >>> merge_notes([("A", "few trials", ""), ("B", "few trials", "")])
+    [(['A', 'B'], 'few trials', '')]
     """
-    about: dict[str, list[str]] = {}
-    for subject, text in notes:
-        about.setdefault(text, []).extend([subject] if subject else [])
-    return [f"{listed(names, 5)}: {text}" if names else text for text, names in about.items()]
+    merged: dict[tuple[str, str], list[str]] = {}
+    for subject, text, option in notes:
+        subjects = merged.setdefault((text, option), [])
+        if subject and subject not in subjects:
+            subjects.append(subject)
+    return [(subjects, text, option) for (text, option), subjects in merged.items()]
 
 
-def said_subjects(study: Study) -> str:
-    """How many there are, and in how many conditions."""
-    among = "" if study.conditions is None else f" in {len(study.conditions.levels)} conditions"
-    return counted(len({subject.person for subject in study}), "subject") + among
+def describe_study(study: Study) -> str:
+    """File, subjects, trials, task and pairs of a study in a line."""
+    label = " (synthetic)" if study.synthetic and "synthetic" not in study.source else ""
+    n_trials = sum(subject.total_trials for subject in study)
+    n_pairs = {subject.n_pairs for subject in study}
+    parts = [describe_subjects(study), f"{n_trials:,} trials", TASK_NAMES[study.task]]
+    if len(n_pairs) == 1:
+        parts.append(counted(min(n_pairs), "pair"))
+    else:
+        parts.append(f"{min(n_pairs):,} to {max(n_pairs):,} pairs")
+    return f"{study.source}{label}: {', '.join(parts)}"
 
 
-# --- numbers, with no more digits than their Monte Carlo errors allow -----------------------------------
+def describe_subjects(study: Study) -> str:
+    """How many subjects there are, and in how many conditions."""
+    text = counted(len({subject.person for subject in study}), "subject")
+    if study.conditions is not None:
+        text += f" in {len(study.conditions.levels)} conditions"
+    return text
+
+
+# --- numbers, with no more digits than their Monte Carlo errors allow ----------------------------
 
 
 def number(value: float | None, digits: int = 2) -> str:

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 MOST_SHOWN = 10
 _LONGEST_SHOWN = 40
+_POOR_FIT = 0.01  # a p-value below it must look so
 _MOST_INTERVALS = 8  # listed one by one
 #: Why repeated trials matter.
 TWICE = "trials that are there twice make everything look surer than it is"
@@ -56,9 +57,42 @@ def listed(items: Sequence[str], most: int = MOST_SHOWN) -> str:
     return ", ".join([*items[:most], *more])
 
 
+def join_words(words: Sequence[str]) -> str:
+    """Words of a list in a sentence.
+
+    Examples
+    --------
+    >>> join_words(["2"]), join_words(["2", "4", "6"])
+    ('2', '2, 4 and 6')
+    """
+    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
+
+
 def counted(count: int, noun: str) -> str:
     """A number and its noun, '1 cell' or '2 cells'."""
     return f"{count} {noun}{'' if count == 1 else 's'}"
+
+
+def format_p(value: float) -> str:
+    """A p-value for a table, two significant digits; a value below .01 looks so.
+
+    Examples
+    --------
+    >>> [format_p(value) for value in (0.0, 0.0123, 0.00997, 0.5)]
+    ['< .001', '.012', '.00997', '.50']
+    """
+    if value < 0.001:
+        return "< .001"
+    digits = 2 + (value < 0.095) + (value < 0.0095)
+    while value < _POOR_FIT <= round(value, digits):
+        digits += 1
+    return f"{value:.{digits}f}".removeprefix("0")
+
+
+def describe_p(value: float) -> str:
+    """A p-value in a sentence, 'p < .001' or 'p = .012'."""
+    shown = format_p(value)
+    return f"p {shown}" if shown.startswith("<") else f"p = {shown}"
 
 
 def named_few(names: Sequence[str], most: int = 4) -> str:
@@ -77,7 +111,7 @@ def as_name(name: object) -> str:
 
 
 def as_option(name: str, blocks: Sequence[str] = ()) -> str:
-    """Somebody, or some blocks of somebody's, as they are typed behind --swap and --exclude."""
+    """A subject, or blocks of a subject, as they are typed after --swap and --exclude."""
     return shlex.quote(f"{name}:{','.join(blocks)}" if blocks else name)
 
 

@@ -104,7 +104,7 @@ def order_effect(table: EvidenceTable, *, synthetic: bool = False) -> Figure:
 
 def answers_figure(table: EvidenceTable, *, synthetic: bool = False) -> Figure:
     """The answers alone."""
-    figure = new_figure(8.4, answers_height(len(table)))
+    figure = new_figure(8.8, answers_height(len(table)))
     return _finish(figure, figure.subplots(1, 3).tolist(), table, synthetic)
 
 

@@ -19,7 +19,7 @@ from bayes_toe.answers.order_effect import (
 )
 from bayes_toe.answers.words import Word, word_for
 from bayes_toe.checks.answer_checks import Flag
-from bayes_toe.checks.identification import Identification
+from bayes_toe.checks.identification import IMITATION, ONE_FIRST_STIMULUS, Identification
 from bayes_toe.data.options import changed
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import WHICH_STRONGER
@@ -126,20 +126,25 @@ def test_what_the_design_cannot_tell_has_no_word():
     answer = order_effect(evidence, nothing)
     assert {answer.word(question) for question in QUESTIONS} == {"cannot be told"}
     assert answer.notes == ("one order only",)
-    no_contraction = Identification(True, True, False, {"contraction": "one first stimulus"})
+    no_contraction = Identification(True, True, False, {"contraction": ONE_FIRST_STIMULUS})
     answer = order_effect(evidence, no_contraction)
     assert answer.word("contraction") == "cannot be told"
     assert answer.probabilities["order_effect"] == answer.probabilities["constant_error"]
     assert answer.words["order_effect"] is answer.words["constant_error"]
+    imitated = Identification(True, True, False, {"contraction": IMITATION})
+    answer = order_effect(evidence, imitated)
+    assert answer.word("contraction") == "cannot be told"
+    assert answer.probabilities == order_effect(evidence, EVERYTHING).probabilities
+    assert f"because {IMITATION}." in answer.describe()
 
 
 def test_a_flag_that_forbids_interpretation_comes_before_every_word():
     (evidence,) = order_evidence([compared(c=0.15)], seed=1)
-    flag = Flag("swapped_blocks", "swapped blocks", "--swap S:2", False)
+    flag = Flag("swapped_blocks", "responses look swapped", "In block 2.", "--swap S:2", False)
     answer = order_effect(evidence, EVERYTHING, [flag])
     assert {answer.word(question) for question in QUESTIONS} == {"not interpretable"}
     assert answer.cell("interpretable") == "no"
-    assert answer.describe() == "not interpreted: swapped blocks"
+    assert answer.describe() == "Not interpreted: responses look swapped."
     assert answer.options == ("--swap S:2",)
 
 
@@ -157,7 +162,7 @@ def test_a_misfit_stands_beside_the_words():
     answer, _ = answer_subject(subject, seed=1)
     assert answer.fits is False
     assert "the model does not fit" in answer.flags
-    assert "; but the model does not fit" in answer.describe()
+    assert " The model does not fit." in answer.describe()
     assert answer.worst_pairs
 
 
@@ -173,7 +178,8 @@ def test_the_file_gives_the_answer_back(answers):
             answer,
             upper_bounds={},
             notes=(),
-            options=(),
+            reasons={},
+            problems=(),
             worst_pairs=(),
             sizes=again.sizes,
             laplace=again.laplace,

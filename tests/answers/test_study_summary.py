@@ -42,32 +42,40 @@ STUDY = [
     answer("A", (Word.YES, Word.YES, Word.YES)),
     answer("B", (Word.YES, Word.YES, Word.PROBABLY), shift=-5.0, direction="repulsion"),
     answer("C", (Word.PROBABLY, Word.UNDECIDED, Word.NO), fits=False),
-    answer("D", (Word.NOT_INTERPRETABLE,) * 3, flags=("swapped blocks",)),
+    answer("D", (Word.NOT_INTERPRETABLE,) * 3, flags=("responses look swapped",)),
 ]
 
 
 def test_counts_of_every_question_add_up():
     for line in study_lines(STUDY)[:3]:
-        without_brackets = re.sub(r"\(.*?\)", "", line).replace("of 4 subjects", "")
-        assert sum(map(int, re.findall(r"\d+", without_brackets))) == len(STUDY), line
+        without_brackets = re.sub(r"\(.*?\)", "", line).replace("of 3 subjects", "")
+        assert sum(map(int, re.findall(r"\d+", without_brackets))) == len(STUDY) - 1, line
 
 
 def test_directions_and_exceptions_are_named():
-    effect, error, contraction, misfit, excluded = study_lines(STUDY)
-    assert effect.startswith("Order effect: 2 of 4 subjects yes, 1 probably")
-    assert "2 yes (1 overestimates the first stimulus, 1 underestimates it)" in error
-    assert "1 yes (1 contraction), 1 probably (1 repulsion)" in contraction
-    assert misfit == "The model does not fit 1: C."
-    assert excluded == "Not interpreted: D."
+    assert study_lines(STUDY) == [
+        "Order effect: 2 of 3 subjects yes, 1 probably.",
+        "Constant error: 2 yes (1 overestimates the first stimulus, 1 underestimates it), "
+        "1 undecided.",
+        "Contraction: 1 yes, 1 probably (0 contraction, 1 repulsion), 1 no.",
+        "The model does not fit 1 subject: C.",
+    ]
+
+
+def test_a_question_that_no_subject_can_answer_has_one_sentence():
+    words = (Word.YES, Word.YES, Word.CANNOT_BE_TOLD)
+    *_, contraction = study_lines([answer("A", words), answer("B", words)])
+    assert contraction == "Contraction: cannot be told in any subject."
+    assert study_lines([STUDY[3]] * 2) == ["No subject can be interpreted."]
 
 
 def test_one_subject_is_described_in_full():
     (line,) = study_lines(STUDY[:1])
-    assert line.startswith("A: order effect: yes")
+    assert line.startswith("A: Order effect: yes (P = .50). Constant error: yes")
 
 
 def test_synthetic_subjects_are_called_so():
-    assert "of 4 synthetic subjects" in study_lines(STUDY, synthetic=True)[0]
+    assert "of 3 synthetic subjects" in study_lines(STUDY, synthetic=True)[0]
 
 
 def test_frequency_is_that_of_the_beta_binomial_where_every_answer_is_certain():
@@ -87,7 +95,7 @@ def test_frequency_is_that_of_the_beta_binomial_where_every_answer_is_certain():
 def test_frequency_needs_two_interpretable_subjects():
     assert frequency_line(STUDY[:1]) == ""
     assert frequency_line([STUDY[0], STUDY[3]]) == ""
-    assert "not about the mean" in frequency_line(STUDY[:3])
+    assert "A share is not a mean effect" in frequency_line(STUDY[:3])
 
 
 def test_run_fits_the_group_of_six_interpretable_subjects_and_no_fewer(monkeypatch):

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import pytest
 
-from bayes_toe.answers.order_effect import MISFIT_FLAG, QUESTIONS
+from bayes_toe.answers.order_effect import MISFIT_FLAG, QUESTIONS, Problem
 from bayes_toe.answers.words import Word
 from bayes_toe.inference.predictive_checks import PairFit
 
-SWAPPED = "swapped blocks"
+SWAPPED = "responses look swapped"
 
 
 @pytest.fixture(scope="session")
@@ -19,6 +19,7 @@ def marked(analysis):
         first.answer,
         predictive_p=0.001,
         flags=(MISFIT_FLAG,),
+        problems=(Problem("The model does not fit."),),
         worst_pairs=(PairFit(0.0, 0.3, 0.9, 0.4),),
     )
     swapped = replace(
@@ -26,7 +27,7 @@ def marked(analysis):
         words=dict.fromkeys(QUESTIONS, Word.NOT_INTERPRETABLE),
         is_interpretable=False,
         flags=(SWAPPED,),
-        options=("--swap C:2",),
+        problems=(Problem("Responses look swapped in block 2.", "--swap C:2"),),
     )
     rows = (replace(first, answer=bent), second, replace(third, answer=swapped))
     return replace(analysis, evidence=replace(analysis.evidence, rows=rows))

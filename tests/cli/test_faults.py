@@ -56,7 +56,7 @@ def test_a_subject_whose_workers_die_is_marked_and_the_study_goes_on(
         cwd=folder,
     )
     assert (done.returncode, done.stderr) == (3, "")
-    assert f"left out A: {FATAL}" in done.stdout
+    assert f"! A  No result: {FATAL}" in done.stdout
     table = pd.read_csv(folder / "out" / "evidence.csv", dtype=str)
     assert table.subject.tolist() == ["B", "A"]
     assert table.n_pairs[0] == "13"

@@ -35,7 +35,7 @@ def test_the_paragraph_has_data_models_criteria_results_and_limits(analysis, tmp
         "('yes') from a posterior probability of .95 on, probable from .75",
         "An order effect was present in",
         "A contraction was present in",
-        "Limit of the design: these pairs cannot show a contraction",
+        "Limit of the design: these pairs cannot distinguish a contraction",
         "does not test for an order effect",
     ]
     assert [sentence for sentence in needed if sentence not in text] == []

@@ -10,7 +10,7 @@ from conftest import grouped_csv
 from populations import independent_draws, made_result, simulated_group, two_conditions
 
 import bayes_toe as bt
-from bayes_toe.cli.population import group_answer, group_tables
+from bayes_toe.cli.group_screen import group_answer, group_tables
 from bayes_toe.groups.group_sampler import GroupDraws
 
 FILES = ("group.csv", "group.nc", "group.png", "group_subjects.csv")
@@ -48,19 +48,18 @@ def done(folder):
 
 def test_files_and_answer(done, folder):
     assert sorted(path.name for path in folder.glob("group*")) == [*FILES]
-    text = " ".join(done.replace("│", " ").split())
-    number = r"-?\d*\.\d+"
+    text = " ".join(done.split())
+    number = r"-?[\d.]+"
     interval = rf"{number} \[{number}, {number}\]"
+    signed = r"[-+][\d.]+ % \[[-+][\d.]+, [-+][\d.]+\]"
     assert re.search(
-        rf"group of 5 subjects \(site 0, age mean\), constant error: mean PSE shift {interval} % "
-        rf"\(c = {interval} D\), SD between subjects .* D, ln Bayes factor of a zero mean",
+        rf"Answer Group of 5 \(site 0, age mean\): PSE shift {signed}, SD .*, BF .* \(\w+\); "
+        rf"contraction p = {interval}, SD .*, BF [^ ]+ \(",
         text,
     )
-    assert re.search(rf"contraction: mean p = {interval}, SD between subjects", text)
-    assert "contraction p: mean ~ Normal(0, 0.2); SD between subjects ~ half-normal, sca" in text
-    assert "effects of covariates" in text
-    assert "note subjects left out: 'P005' (no age)" in text
-    assert "written: group.nc, group.csv, group_subjects.csv, group.png" in text
+    assert "Effects of covariates" in text
+    assert "! subjects left out: 'P005' (no age)" in text
+    assert text.endswith("Written: group.nc, group.csv, group_subjects.csv, group.png. Seed 1.")
 
 
 def test_files_are_those_of_the_group(done, folder):
@@ -113,9 +112,9 @@ def test_same_or_different_and_what_is_not_reliable(tmp_path, monkeypatch):
     run = inside("population", "study.csv", *OPTIONS, cwd=tmp_path)
     assert run.returncode == 3
     text = " ".join(run.stdout.split())
-    assert "NOT RELIABLE: group of 3 subjects" in text
-    assert "attention the group's result is not reliable: 2 of 4000 trajectories diverged" in text
-    assert "logit q0: mean ~ Normal(1.8, 1)" in text
+    assert "NOT RELIABLE: Group of 3: PSE shift" in text
+    assert "! The group's result is not reliable: 2 of 4000 trajectories diverged" in text
+    assert "contraction cannot be told" in text
     result = bt.load(tmp_path / "population.nc")
     assert (result.study.task.yes, result.names) == (
         "equal",
@@ -135,15 +134,15 @@ def test_an_sd_near_zero_is_given_as_a_bound():
         made.regressors,
         GroupDraws(draws.mean, small, draws.effects, draws.subjects),
     )
-    [_, contraction] = group_answer(made)
-    assert "SD between subjects at most .020" in contraction
+    [line] = group_answer(made)
+    assert "], SD at most .02, BF" in line.partition("contraction")[2]
 
 
 def test_conditions_have_a_line_and_a_table():
     made = made_result(two_conditions(1, n_subjects=4))
     lines = group_answer(made)
-    assert lines[2].startswith("right - left, on average: constant error, D ")
-    assert lines[2].count("ln BF of no difference") == 3
+    assert lines[1].startswith("right - left, group: PSE shift ")
+    assert lines[1].count("BF") == 3
     titles = [title for title, _ in group_tables(made)]
     assert titles == ["differences between conditions", "4 subjects, median [95 % interval]"]
 

@@ -77,11 +77,11 @@ def test_contents_stay_in_view_and_a_link_unfolds_its_subject(opened):
 
 
 def test_a_column_sorts_both_ways_and_what_has_no_value_stays_last(opened, marked):
-    known = [answer.probabilities["contraction"] for answer in marked.answers[:2]]
-    head = opened.page.locator("#overview thead tr:last-child th:nth-child(4)")
+    known = [answer.probabilities["constant_error"] for answer in marked.answers[:2]]
+    head = opened.page.locator("#overview thead tr:last-child th:nth-child(3)")
     for order in ("ascending", "descending"):
         head.click()
-        found = [float(one) if one else math.nan for one in values(opened.page, 4)]
+        found = [float(one) if one else math.nan for one in values(opened.page, 3)]
         assert head.get_attribute("aria-sort") == order
         assert found[:2] == sorted(known, reverse=order == "descending")
         assert math.isnan(found[2])

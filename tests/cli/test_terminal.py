@@ -1,82 +1,137 @@
-"""What the terminal says: no digit that is not known; of very many subjects those first that need attention, and a count of the rest."""
+"""The screens: fixed tables, no digit that is not known, of many subjects those that need action."""
 
 import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 import bayes_toe as bt
-from bayes_toe.answers.order_effect import MISFIT_FLAG
-from bayes_toe.cli.answers import say_answers
-from bayes_toe.cli.describe import say_fits
-from bayes_toe.cli.headline import flagged, p_value, told
-from bayes_toe.cli.infer import say_draws
-from bayes_toe.cli.terminal import MOST_ROWS, Terminal, allowed, allowed_in_order, once
+from bayes_toe.answers.order_effect import MISFIT_FLAG, Problem
+from bayes_toe.cli.answers import print_subjects
+from bayes_toe.cli.describe import print_fits
+from bayes_toe.cli.headline import flagged
+from bayes_toe.cli.infer import print_draws
+from bayes_toe.cli.terminal import (
+    MANY_SUBJECTS,
+    WIDTH,
+    Terminal,
+    allowed,
+    allowed_in_order,
+    cell_width,
+    command_lines,
+    format_table,
+    wrap_line,
+)
+from bayes_toe.data.messages import format_p
 from bayes_toe.inference.predictive_checks import MISFIT
 
 
-def rows_of(text, names):
-    """Which of the names begin a row of a table, in their order."""
-    first = [line.strip("│ ").split(" ")[0] for line in text.splitlines() if line.startswith("│")]
-    return [one for one in first if one in names]
+def first_cells(text):
+    """The first word of every line."""
+    return [line.split()[0] for line in text.splitlines() if line]
 
 
 @pytest.fixture
 def many(analysis):
-    """Answers of a hundred subjects: the last does not fit, and one before has unlike blocks."""
+    """Answers of a hundred subjects: the last does not fit, and the blocks of S98 differ."""
     answers = [
-        replace(analysis.answers[i % 3], subject=f"S{i}", notes=("the same note",))
-        for i in range(100)
+        replace(analysis.answers[i % 3], subject=f"S{i}", flags=(), problems=()) for i in range(100)
     ]
-    answers[98] = replace(answers[98], flags=("unlike blocks",), options=("--exclude S98",))
-    answers[99] = replace(answers[99], predictive_p=0.001, flags=(MISFIT_FLAG,))
+    differs = Problem("Block 3 differs from the others (p < .001).", "--exclude S98:3")
+    misfit = Problem("The model does not fit.", "--exclude S99")
+    answers[98] = replace(answers[98], flags=("blocks differ",), problems=(differs,))
+    answers[99] = replace(answers[99], predictive_p=0.001, flags=(MISFIT_FLAG,), problems=(misfit,))
     return answers
 
 
-def test_tables_of_very_many_subjects_end_with_a_count_and_begin_with_those_that_need_action(
-    analysis, many, capsys
-):
-    say_answers(Terminal(), many, analysis.study, "evidence.csv")
+def test_of_many_subjects_the_table_has_those_that_need_action(many, capsys):
+    print_subjects(Terminal(), many, "evidence.csv")
     text = capsys.readouterr().out
-    # A name is cut at the first space, before its mark.
-    shown = rows_of(text, {answer.subject for answer in many})
-    assert shown == ["S98", "S99", *(f"S{i}" for i in range(MOST_ROWS - 2))]
-    assert text.count("... and 50 more in evidence.csv") == 1
-    assert "action S98: unlike blocks; run again with --exclude S98" in text
-    assert "action S99: the model does not fit" in text
-    assert "S0, S1, S2, S3, S4, ... and 95 more: the same note" in text
-    assert text.index("action S98") < text.index("answer: Order effect: ")
+    shown = [cell for cell in first_cells(text) if cell.startswith("S")]
+    assert shown == ["S98", "S99"]
+    assert "The other 98 subjects need no action. All 100 subjects: evidence.csv" in text
+    assert "! S98  Block 3 differs from the others (p < .001).\n" in text
+    assert "       type: --exclude S98:3\n" in text
+    assert "To apply all of these, type:\n  bayes-toe" in text
+    assert text.endswith("--exclude S98:3 --exclude S99\n")
 
 
-def test_up_to_so_many_rows_all_are_there_in_their_order(analysis, many, capsys):
-    few = [many[99], *many[: MOST_ROWS - 1]]
-    say_answers(Terminal(), few, analysis.study)
+def test_of_few_subjects_all_are_in_the_table_in_their_order(many, capsys):
+    few = [many[99], *many[: MANY_SUBJECTS - 2]]
+    print_subjects(Terminal(), few)
     text = capsys.readouterr().out
-    assert rows_of(text, {answer.subject for answer in few}) == [answer.subject for answer in few]
-    assert "more in" not in text
+    shown = [cell for cell in first_cells(text) if cell.startswith("S")]
+    assert shown == [answer.subject for answer in few]
+    assert "other" not in text
 
 
-def test_medians_of_many_are_of_those_first_that_did_not_converge(analysis, capsys, monkeypatch):
-    monkeypatch.setattr("bayes_toe.cli.terminal.MOST_ROWS", 2)
+def test_many_draws_are_shown_if_they_did_not_converge(analysis, capsys, monkeypatch):
+    monkeypatch.setattr("bayes_toe.cli.terminal.MANY_SUBJECTS", 2)
     monkeypatch.setattr(bt.Draws, "not_converged", property(lambda _: {"C": "few draws"}))
-    say_draws(Terminal(), analysis.draws, "summary.csv")
-    said = capsys.readouterr().out
-    assert rows_of(said, set("ABC")) == ["C", "A"]
-    assert "... and 1 more in summary.csv" in said
-    assert "not converged C: few draws" in said
+    print_draws(Terminal(), analysis.draws, "summary.csv")
+    text = capsys.readouterr().out
+    assert [cell for cell in first_cells(text) if cell in "ABC"] == ["C"]
+    assert "The draws of 2 other subjects converged. Table: summary.csv" in text
+    assert "! C  The draws did not converge: few draws." in text
 
 
-def test_a_table_and_notes_that_are_cut_say_so(analysis, capsys):
-    out = Terminal()
-    out.table("title", [{"subject": f"S{i}"} for i in range(1100)])
-    assert "... and 1,050 more in the output" in capsys.readouterr().out
+def test_notes_that_are_cut_say_so(analysis, capsys):
     fit = replace(analysis.fits.rows[0], notes=tuple(f"note {i}" for i in range(25)))
-    say_fits(out, replace(analysis.fits, rows=(fit,)))
+    print_fits(Terminal(), replace(analysis.fits, rows=(fit,)))
     assert "... and 5 more in the output" in capsys.readouterr().out
-    assert once([(f"S{i}", "short") for i in range(5)]) == ["S0, S1, S2, S3, S4: short"]
+
+
+@pytest.mark.parametrize(
+    ("headings", "rows", "expected"),
+    [
+        (
+            ["subject", "trials", "problem"],
+            [["A", "12", "none"], ["B", "not interpreted: a reason that goes across"]],
+            [
+                "subject  trials  problem",
+                "A            12  none",
+                "B        not interpreted: a reason that goes across",
+            ],
+        ),
+        (
+            # A name that is too long is cut in its middle.
+            ["subject", "1", "words"],
+            [["a_very_long_name_of_a_subject_17", "2", "word " * 11 + "word"]],
+            [
+                "subject            1 words",
+                "a_very_lon...ct_17 2 " + "word " * 11 + "word",
+            ],
+        ),
+        (
+            # Columns that do not fit follow below.
+            ["subject", "1", "left", "right"],
+            [["A", "2", "l" * 40, "r" * 40]],
+            [
+                "subject  1  left",
+                "A        2  " + "l" * 40,
+                "",
+                "subject  right",
+                "A        " + "r" * 40,
+            ],
+        ),
+        (["subject", "1"], [["\u88ab\u9a13\u8005", "2"]], ["subject  1", "\u88ab\u9a13\u8005   2"]),
+    ],
+)
+def test_tables_are_fixed_and_fit(headings, rows, expected):
+    lines = format_table(headings, rows, (1,))
+    assert lines == expected
+    assert max(map(cell_width, lines)) <= WIDTH
+
+
+def test_estimates_and_options_stay_on_one_line():
+    text = "word " * 13 + "PSE shift +0.2 % [-6.6, +7.5], contraction p = .19 [.10, .27]."
+    assert wrap_line(text)[1] == "+0.2 % [-6.6, +7.5], contraction p = .19 [.10, .27]."
+    command = "bayes-toe run " + "study.csv " * 5 + "--swap A08:2,4 --exclude A09"
+    assert command_lines(command, "  ") == [
+        "  bayes-toe run " + "study.csv " * 5 + "\\",
+        "    --swap A08:2,4 --exclude A09",
+    ]
 
 
 @pytest.mark.parametrize(
@@ -132,24 +187,9 @@ def test_a_median_is_shown_between_its_limits(values, errors, shown):
     assert [float(text) for text in shown] == sorted(float(text) for text in shown)
 
 
-LIMITS = (0.05, 0.25, 0.75, 0.95)
-
-
-@given(
-    st.one_of(
-        st.floats(0.0, 1.0),
-        st.builds(lambda limit, off: limit + off, st.sampled_from(LIMITS), st.floats(-1e-3, 1e-3)),
-    )
-)
-def test_a_probability_is_printed_on_its_side_of_every_limit(p):
-    shown = told(p)
-    assert abs(float(shown) - p) <= 0.005 + 1e-12
-    assert all((float(shown) > one) == (p > one) for one in LIMITS if abs(p - one) > 1e-14)
-
-
 @pytest.mark.parametrize("value", [0.00951, 0.00999, 0.0099999, MISFIT, 0.01001, 0.0149])
 def test_a_p_value_below_the_limit_of_a_misfit_looks_so(value):
-    assert (float(p_value(value)) < MISFIT) == (value < MISFIT)
+    assert (float(format_p(value)) < MISFIT) == (value < MISFIT)
 
 
 def test_who_must_be_looked_at_and_why(marked):

@@ -1,0 +1,141 @@
+"""The screens of `contrast` and `history`: what differs within subjects."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+from bayes_toe.answers.order_effect import Size, format_percent, format_share
+from bayes_toe.answers.words import Word
+from bayes_toe.cli.terminal import MANY_SUBJECTS, OUTPUT, Terminal
+from bayes_toe.data.messages import counted
+
+if TYPE_CHECKING:
+    from bayes_toe.answers.contrast import ContrastTable, Difference
+    from bayes_toe.answers.serial_dependence import SerialDependence, SubjectDependence
+
+#: The words of files for differences, as screens have them.
+DIFFERENCE_WORDS = {
+    "differs": "yes",
+    "probably differs": "probably",
+    "undecided": "undecided",
+    "probably no difference": "probably not",
+    "no difference": "no",
+}
+
+
+# --- Conditions ----------------------------------------------------------------------------------
+
+
+def print_contrast(out: Terminal, table: ContrastTable, file: str = OUTPUT) -> None:
+    """A row for each subject, comparison and quantity; what is not compared."""
+    several = len({row.comparison for row in table}) > 1
+    rows, before = [], None
+    for row in table:
+        if row.quantity == "order effect" or len(table.subjects) >= MANY_SUBJECTS:
+            continue
+        name = f"{row.subject} {row.comparison}" if several else row.subject
+        word = DIFFERENCE_WORDS.get(row.word, "-")
+        dependent = " ?" if row.robust == "no" else ""
+        label = "" if name == before else name
+        rows.append([label, row.quantity, _difference(row), row.factor, f"{word}{dependent}"])
+        before = name
+    comparison = "difference" if several else table.rows[0].comparison
+    headings = ["subject", "", f"{comparison} [95 % interval]", "BF", "differs"]
+    if rows:
+        out.table(headings, rows)
+    else:
+        out.line()
+        out.line(f"All {len(table.subjects):,} subjects: {file}")
+    if any(row.robust == "no" for row in table):
+        out.line("? Another lapse rate in each condition changes the word.")
+    missing = [
+        (name, f"Not compared: {reason}.", "")
+        for name, reason in table.left_out.items()
+        if name not in table.failed
+    ]
+    notes = [(subject.subject, note, "") for subject in table.subjects for note in subject.notes]
+    out.notes([*missing, *notes], "-", file=file)
+
+
+def _difference(row: Difference) -> str:
+    """A difference with its interval; '-' if there is probably none."""
+    if DIFFERENCE_WORDS.get(row.word) in ("no", "probably not"):
+        return "-"
+    low, median, high = row.shown
+    return (
+        format_percent(Size(low, median, high))
+        if row.unit == "%"
+        else format_share(Size(low, median, high))
+    )
+
+
+def contrast_lines(table: ContrastTable) -> list[str]:
+    """In how many subjects each quantity differs; each subject counts once."""
+    lines = [f"Condition {table.conditions.about}."]
+    for quantity in table.quantities:
+        first = dict[str, str]()
+        for row in table.select(quantity):
+            first.setdefault(row.subject, DIFFERENCE_WORDS.get(row.word, "no Bayes factor"))
+        lines.append(f"{quantity[0].upper()}{quantity[1:]} differs: {_count(first.values())}.")
+    return lines
+
+
+def _count(words: Iterable[str]) -> str:
+    """How often each word is given, in the order of certainty."""
+    counts = Counter(words)
+    order = [*(word.value for word in Word), *counts]
+    parts = [f"{counts[word]} {word}" for word in dict.fromkeys(order) if counts[word]]
+    first, *others = parts
+    number, _, word = first.partition(" ")
+    return ", ".join([f"{number} of {counted(counts.total(), 'subject')} {word}", *others])
+
+
+# --- Serial dependence ---------------------------------------------------------------------------
+
+
+def print_histories(out: Terminal, table: SerialDependence, file: str = OUTPUT) -> None:
+    """Both effects of every subject, and the meaning of their sizes."""
+    known = [row for row in table if row.is_known]
+    rows = [_history_row(row) for row in known] if len(known) < MANY_SUBJECTS else []
+    headings = ["subject", "carry-over", "rho [95 %]", "previous\nresponse", "kappa [95 %]"]
+    if rows:
+        out.table(headings, rows)
+        out.line("rho: share of a stimulus that is carried over to the next trial.")
+        out.line("kappa: above 0 subjects repeat their response, below 0 they alternate.")
+    elif known:
+        out.line()
+        out.line(f"All {len(known):,} subjects: {file}")
+    out.notes(
+        ((row.subject, f"No result: {row.note}.", "") for row in table if not row.is_known),
+        file=file,
+    )
+
+
+def _history_row(row: SubjectDependence) -> list[str]:
+    """Words and sizes of both effects; no size if there is probably no effect."""
+    carry_over, previous = row.word("carry_over"), row.word("previous_response")
+    return [
+        row.subject,
+        carry_over,
+        _size(carry_over, row.rho),
+        previous,
+        _size(previous, row.kappa),
+    ]
+
+
+def _size(word: str, quantiles: tuple[float, ...]) -> str:
+    if word in ("no", "probably not") or not quantiles:
+        return "-"
+    return format_share(Size(*quantiles))
+
+
+def history_lines(table: SerialDependence) -> list[str]:
+    """How many subjects have each word, for both effects."""
+    known = [row for row in table if row.is_known]
+    lines = []
+    for effect, name in (("carry_over", "Carry-over"), ("previous_response", "Previous response")):
+        if known:
+            lines.append(f"{name}: {_count(row.word(effect) for row in known)}.")
+    return lines
