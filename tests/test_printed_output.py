@@ -1,16 +1,78 @@
-"""The answers of the example agree with its truth."""
+"""README and tutorial: what they print is what the program prints, and it agrees with the truth of the example."""
+
+import re
+from contextlib import chdir
 
 import numpy as np
 import pandas as pd
+import printed_output
 import pytest
+from conftest import few_replicates
 
 import bayes_toe as bt
 
+#: What costs time and changes no printed number.
+CHEAP = {
+    "run": ["--draws", "100", "--figures", "none", "--workers", "1"],
+    "evidence": ["--workers", "1"],
+}
+NUMBER = re.compile(r"([-+]?\d*\.?\d+)")
+
 
 @pytest.fixture(scope="module")
-def analysis():
+def example():
     """The bundled example, analysed as the documents do."""
-    return bt.run(bt.example_study(), draws=100, seed=1, workers=1)
+    with few_replicates():
+        return bt.run(bt.example_study(), draws=100, seed=1, workers=1)
+
+
+@pytest.fixture
+def known_analyses(monkeypatch, example):
+    """Studies with the trials of the example are not analysed again."""
+    evidence = bt.evidence
+
+    def run(study, **_):
+        assert study.names == example.study.names
+        return example
+
+    def known_evidence(study, **options):
+        is_example = study.frame().equals(example.study.frame())
+        return example.evidence if is_example else evidence(study, **options)
+
+    monkeypatch.setattr(bt, "run", run)
+    monkeypatch.setattr(bt, "evidence", known_evidence)
+
+
+def cheap_call(words):
+    program, command, *options = words
+    more = CHEAP.get(command, []) if program == "bayes-toe" else []
+    return printed_output.call([program, command, *options, *more])
+
+
+def require_same(stated, printed):
+    """The same words; numbers may differ in their last digits on another processor."""
+    old, new = (NUMBER.split(" ".join(text.split())) for text in (stated, printed))
+    assert old[::2] == new[::2]
+    assert np.array(old[1::2], float) == pytest.approx(
+        np.array(new[1::2], float), rel=0.1, abs=0.03
+    )
+
+
+@pytest.mark.parametrize("document", printed_output.DOCUMENTS, ids=lambda path: path.name)
+def test_documents_print_what_the_program_prints(tmp_path, document, known_analyses):
+    printed_output.copy_studies(tmp_path)
+    text = document.read_text(encoding="utf-8")
+    if document.name == "README.md":
+        text = text.replace("bt.sample(study,", 'bt.sample(study.select(["S01"]),')
+    with chdir(tmp_path):
+        outputs = [*printed_output.outputs(text, cheap_call)]
+    for output in outputs:
+        require_same(output.stated, output.printed)
+    assert outputs
+    # Intervals in the prose are among those that are printed.
+    printed = " ".join(output.stated for output in outputs)
+    stated = set(re.findall(r"\[[-+.\d]+, [-+.\d]+\]", text))
+    assert [interval for interval in stated if interval not in printed] == []
 
 
 # --- The example's truth --------------------------------------------------------------------------
@@ -26,8 +88,8 @@ def truth():
 
 
 @pytest.mark.parametrize("effect", SIZES)
-def test_words_and_sizes_of_the_example_agree_with_its_truth(analysis, truth, effect):
-    answers = analysis.evidence.frame().set_index("subject")
+def test_words_and_sizes_of_the_example_agree_with_its_truth(example, truth, effect):
+    answers = example.evidence.frame().set_index("subject")
     n_covered = 0
     for subject, true in truth[effect].items():
         answer = answers.loc[subject]
@@ -42,16 +104,16 @@ def test_words_and_sizes_of_the_example_agree_with_its_truth(analysis, truth, ef
     assert n_covered >= 11
 
 
-def test_the_order_effects_of_the_example_agree_with_its_truth(analysis, truth):
-    words = analysis.evidence.frame().set_index("subject")["order_effect"]
+def test_the_order_effects_of_the_example_agree_with_its_truth(example, truth):
+    words = example.evidence.frame().set_index("subject")["order_effect"]
     has_effect = (truth != 0.0).any(axis=1)
     assert set(words[has_effect]) <= {"yes", "probably", "undecided"}
     assert set(words[~has_effect]) <= {"undecided", "probably not", "no"}
     assert (words == "yes").sum() >= 8
 
 
-def test_the_group_of_the_example_agrees_with_its_truth(analysis):
-    group = analysis.group
+def test_the_group_of_the_example_agrees_with_its_truth(example):
+    group = example.group
     units = {"constant_error": group.scales.step, "contraction": 1.0}
     for effect, true in pd.DataFrame(bt.example_truth()).T[[*SIZES]].items():
         found = group.effect(effect)
