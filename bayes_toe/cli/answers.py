@@ -164,6 +164,13 @@ def print_answer(
     out.answer([*lines, " ".join([*not_counted(answers), *closing])])
 
 
+def without_decision(answers: Sequence[OrderEffect], problems: Mapping[str, str]) -> list[str]:
+    """A sentence that no subject needs a decision; empty if one does, or has another problem."""
+    if len(answers) == 1 or problems or any(needs_action(answer) for answer in answers):
+        return []
+    return ["No subject needs a decision."]
+
+
 def not_counted(answers: Sequence[OrderEffect]) -> list[str]:
     """A sentence that names the subjects that are not counted; empty if all are."""
     names = [answer.subject for answer in answers if not answer.is_interpretable]

@@ -51,7 +51,7 @@ def run(
 
     [bold]Example[/bold]: bayes-toe run study.csv -o results --seed 1
     """
-    from bayes_toe.cli.answers import print_answer, print_subjects
+    from bayes_toe.cli.answers import print_answer, print_subjects, without_decision
     from bayes_toe.cli.results_folder import FIGURE_BYTES, PRODUCTS, FigureChoice, write_results
     from bayes_toe.cli.within_screens import print_contrast
     from bayes_toe.data.study import refuse_intervals
@@ -99,7 +99,8 @@ def run(
     missed = {**analysis.draws.not_converged, **analysis.draws.imprecise}
     if group is not None and not group.found.is_reliable:
         missed["group"] = group.found.draws.shortfall
-    closing = [f"Start with {report}.", f"Seed {analysis.settings.seed}."]
+    closing = without_decision(analysis.answers, {**analysis.draws.failed, **missed})
+    closing += [f"Start with {report}.", f"Seed {analysis.settings.seed}."]
     task.print_failed(analysis.draws.failed)
     print_answer(task.out, analysis.answers, read, _group_lines(analysis), closing)
     task.end(analysis.draws.failed, missed)
@@ -209,7 +210,7 @@ def evidence(
     [bold]Example[/bold]: bayes-toe evidence study.csv -o evidence.csv --seed 1
     """
     from bayes_toe.answers.study_summary import few_subjects_lines
-    from bayes_toe.cli.answers import print_answer, print_subjects
+    from bayes_toe.cli.answers import print_answer, print_subjects, without_decision
 
     task.require_files(output)
     keep = task.partial(output)
@@ -220,7 +221,8 @@ def evidence(
     print_model_evidence(task.out, table, output.name)
     print_subjects(task.out, table.answers, output.name)
     frequencies = [] if read.conditions is not None else few_subjects_lines(table.answers)
-    closing = [f"Table: {output}.", f"Seed {table.seed}."]
+    closing = without_decision(table.answers, table.failed)
+    closing += [f"Table: {output}.", f"Seed {table.seed}."]
     task.print_failed(table.failed)
     print_answer(task.out, table.answers, read, frequencies, closing)
     task.end(table.failed)

@@ -8,7 +8,7 @@ import pytest
 
 import bayes_toe as bt
 from bayes_toe.answers.order_effect import MISFIT_FLAG, Problem
-from bayes_toe.cli.answers import print_subjects
+from bayes_toe.cli.answers import print_subjects, without_decision
 from bayes_toe.cli.describe import print_fits
 from bayes_toe.cli.headline import flagged
 from bayes_toe.cli.infer import print_draws
@@ -55,6 +55,13 @@ def test_of_many_subjects_the_table_has_those_that_need_action(many, capsys):
     assert "       type: --exclude S98:3\n" in text
     assert "To apply all of these, type:\n  bayes-toe" in text
     assert text.endswith("--exclude S98:3 --exclude S99\n")
+
+
+def test_it_is_said_that_no_subject_needs_a_decision_only_if_none_does(many):
+    assert without_decision(many[:98], {}) == ["No subject needs a decision."]
+    assert without_decision(many[:98], {"S3": "R-hat 1.2"}) == []
+    assert without_decision(many[:99], {}) == []
+    assert without_decision([*many[:2], many[99]], {}) == []
 
 
 def test_of_few_subjects_all_are_in_the_table_in_their_order(many, capsys):
