@@ -1,5 +1,5 @@
 "use strict";
-// Makes a report that is whole without it easier to use: tables sort, subjects are filtered, links open what is folded, print shows all.
+// Makes a report that is whole without it easier to use: tables sort, subjects are filtered, links open what is folded.
 (() => {
   const all = (what, within = document) => [...within.querySelectorAll(what)];
 
@@ -40,7 +40,7 @@
     for (const one of all("[data-subject]")) {
       one.hidden = !one.dataset.subject.toLowerCase().includes(text) || (flagged && !("flagged" in one.dataset));
     }
-    const rows = all("#overview tr[data-subject]");
+    const rows = all("#overview-table tr[data-subject]");
     form.shown.value = `${rows.filter(row => !row.hidden).length} of ${rows.length} shown`;
   };
   if (form) {
@@ -72,13 +72,4 @@
     if (hash && hash === location.hash) setTimeout(reveal);
   });
   if (location.hash) reveal();
-
-  let closed = [];
-  addEventListener("beforeprint", () => {
-    closed = all("details:not([open])");
-    for (const one of closed) one.open = true;
-  });
-  addEventListener("afterprint", () => {
-    for (const one of closed) one.open = false;
-  });
 })();

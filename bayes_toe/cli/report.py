@@ -49,6 +49,14 @@ from bayes_toe.data.tasks import Task
 from bayes_toe.groups.population import PopulationResult
 from bayes_toe.groups.predictive_check import PredictiveCheck
 from bayes_toe.model.posterior import DOMINATED
+from bayes_toe.plots.figure_files import png
+from bayes_toe.plots.report_figure import (
+    has_curves,
+    inline_svg,
+    report_height,
+    responses_figure,
+    sizes_figure,
+)
 from bayes_toe.plots.style import MOST_NAMED
 
 if TYPE_CHECKING:
@@ -59,6 +67,19 @@ MOST_IN_ONE = 200
 #: Differences of natural logs that are published in per cent too.
 _PUBLISHED = ("pse_shift", "jnd")
 _MOST_LISTED = 10  # names or findings that a list of an index shows
+#: Terms of the report, for those who meet them for the first time.
+GLOSSARY = {
+    "PSE shift": "Second minus first stimulus when both seem equal, at the mean first stimulus. "
+    "Above 0, the first stimulus is overestimated.",
+    "constant error": "A PSE shift that is the same at every intensity; also time-order error. "
+    "In 'which was stronger' it cannot be distinguished from a response bias.",
+    "contraction": "The first stimulus is remembered as nearer to the mean by the share p; also "
+    "contraction bias, central tendency. Repulsion is the opposite, p below 0.",
+    "JND": "Just noticeable difference: from 50 to 75 % 'second' without lapses.",
+    "Bayes factor": "How much the data change the odds of the models with the effect against "
+    "those without it.",
+    "serial dependence": "The response depends on earlier trials.",
+}
 _FITS = {True: "good", False: "poor", None: "not testable"}
 #: Sizes of a subject, in words.
 _SIZES = {
@@ -197,9 +218,6 @@ def _context(analysis: Analysis, facts: Facts) -> dict[str, Any]:
         "facts": facts,
         "rows": analysis.evidence.rows,
         "fitted": bool(analysis.fits.rows),
-        "in_natural": any(
-            row.log_evidence_h1_laplace_natural is not None for row in analysis.evidence
-        ),
         "failed": analysis.draws.failed,
         "not_converged": analysis.draws.not_converged,
         "imprecise": analysis.draws.imprecise,
@@ -207,7 +225,8 @@ def _context(analysis: Analysis, facts: Facts) -> dict[str, Any]:
         "sampler": analysis.settings.sampler,
         "who": describe_subjects(study),
         "answer": _answer(analysis),
-        "trust": _trust(analysis.answers),
+        "glossary": GLOSSARY,
+        "trust": _trust(analysis),
         "reference": f"{prior.reference_interval or 1.0:g} s",
         "intervals": said_intervals(study.intervals) if study.intervals else "",
         "settings": {
@@ -217,18 +236,36 @@ def _context(analysis: Analysis, facts: Facts) -> dict[str, Any]:
             **{_SAMPLER.get(key, key): str(value) for key, value in settings["sampler"].items()},
             "versions": ", ".join(f"{name} {version}" for name, version in versions.items()),
         },
-        "said": {
+        "texts": {
             "curves": headline.CURVES[study.task],
             "limits": headline.LIMITS,
             "flagged": headline.FLAGGED,
             "appendix_c": APPENDIX_C,
         },
+        **_figure(analysis, None if facts.group is None else facts.group.found),
         "asymmetry_drawn": (facts.place / "asymmetry.png").exists(),
         "dominated": DOMINATED,
         "crowded": len(study) > MOST_NAMED,
         "group": None if facts.group is None else _group(facts.group),
         "contrast": None if analysis.contrast is None else _by_condition(analysis.contrast),
     }
+
+
+def _figure(analysis: Analysis, group: PopulationResult | None) -> dict[str, Any]:
+    """Figure 1 in two parts, as SVG with the colours of the page; of very many subjects as PNG."""
+    height = report_height(analysis)
+    figures = {"PSE shift and contraction of every subject": sizes_figure(analysis, group, height)}
+    if has_curves(analysis):
+        responses = responses_figure(analysis, height)
+        figures = {"Responses and curves of some subjects": responses, **figures}
+    parts = []
+    for label, figure in figures.items():
+        if len(analysis.study) <= MOST_NAMED:
+            parts.append(inline_svg(figure, label))
+            continue
+        content = base64.b64encode(png(figure)).decode("ascii")
+        parts.append(f'<img alt="{label}" src="data:image/png;base64,{content}">')
+    return {"figure": parts, "has_curves": has_curves(analysis)}
 
 
 def _answer(analysis: Analysis) -> list[str]:
@@ -241,8 +278,9 @@ def _answer(analysis: Analysis) -> list[str]:
     return [_typeset(line) for line in lines if line]
 
 
-def _trust(answers: Sequence[OrderEffect]) -> list[tuple[str, str]]:
-    """A line each on design, fit, prior and serial dependence."""
+def _trust(analysis: Analysis) -> list[tuple[str, str]]:
+    """A line each on design, fit, prior, convergence and serial dependence."""
+    answers = analysis.answers
     limits = defaultdict[str, list[str]](list)
     for answer in answers:
         for note in answer.notes:
@@ -262,8 +300,18 @@ def _trust(answers: Sequence[OrderEffect]) -> list[tuple[str, str]]:
         ("Design", "; ".join(design) or "it can show a constant error and a contraction"),
         ("Fit", "; ".join(fit) or "good for every subject"),
         ("Prior", prior),
+        ("Convergence", _convergence(analysis)),
         ("Serial dependence", _serial_dependence(answers)),
     ]
+
+
+def _convergence(analysis: Analysis) -> str:
+    """Whether the draws of the paper's model have converged; evidences have errors of their own."""
+    missed = analysis.draws.not_converged
+    if not missed:
+        return "the draws of the paper's model have converged for every subject"
+    reasons = [f"{name} ({reason})" for name, reason in missed.items()]
+    return f"do not report the paper's parameters of {listed(reasons, _MOST_LISTED)}"
 
 
 def _serial_dependence(answers: Sequence[OrderEffect]) -> str:
@@ -317,9 +365,6 @@ def _word(answer: OrderEffect, question: str) -> tuple[str, str]:
     if word is Word.CANNOT_BE_TOLD:
         return word.value, ""
     detail = f"P {format_probability(answer.probabilities[question])}"
-    bound = answer.upper_bounds[question]
-    if not word.is_positive and bound > 0.0:
-        detail += f", ≤ {bound:.2f}"
     return answer.marked_word(question), detail
 
 

@@ -29,8 +29,7 @@ from bayes_toe.plots.contrast import contrast_figure
 from bayes_toe.plots.corner import corner
 from bayes_toe.plots.curves import fitted_figure
 from bayes_toe.plots.figure_files import png
-from bayes_toe.plots.map import study_map_axes
-from bayes_toe.plots.order_effect import answers_figure, answers_height, evidence_axes
+from bayes_toe.plots.order_effect import evidence_axes, forest_height
 from bayes_toe.plots.paper_figures import write_figures
 from bayes_toe.plots.population import population_figure
 from bayes_toe.plots.style import LETTERS, legend_below, new_figure
@@ -147,11 +146,11 @@ def write_results(
         )
         for made in (place / "curves", *([target / "corner"] if drawn else [])):
             made.mkdir()
-        overviews = ["order_effect", "evidence", "map"]
+        overviews = ["evidence"]
         overviews += ["asymmetry"] * any(
             row.comparisons for row in asymmetry
         )  # else no pair was presented in both orders
-        given = (analysis.evidence, asymmetry, analysis.study, saved)
+        given = (analysis.evidence, asymmetry, analysis.study)
         jobs = [partial(_draw_overview, place / f"{name}.png", *given) for name in overviews]
         names: list[tuple[str, ...]] = [*((),) * len(jobs), *((name,) for name in drawn)]
         prior, truth = analysis.settings.prior, figures.truth
@@ -221,26 +220,15 @@ def _write_tables(
 
 
 def _draw_overview(
-    file: Path,
-    evidence: EvidenceTable,
-    asymmetry: AsymmetryTable,
-    study: Study,
-    saved: Callable[[], Draws],
+    file: Path, evidence: EvidenceTable, asymmetry: AsymmetryTable, study: Study
 ) -> None:
-    """The picture of the study that the report looks for under the file's name."""
-    if file.stem == "order_effect":
-        figure = answers_figure(evidence, synthetic=study.synthetic)
-        file.write_bytes(png(figure, dpi=_DOTS))
-        return
-    heights = {"asymmetry": asymmetry_height(asymmetry), "map": 4.0}
-    figure = new_figure(_WIDE, heights.get(file.stem, answers_height(len(evidence))))
-    ax = figure.subplots()
+    """Draw the figure of the study that the report looks for under the name of the file."""
     if file.stem == "asymmetry":
-        asymmetry_axes(asymmetry, ax)
-    elif file.stem == "map":
-        study_map_axes(saved(), ax)
-        figure.set_layout_engine("none")  # found already, for the names
+        figure = new_figure(_WIDE, asymmetry_height(asymmetry))
+        asymmetry_axes(asymmetry, figure.subplots())
     else:
+        figure = new_figure(_WIDE, forest_height(len(evidence)))
+        ax = figure.subplots()
         evidence_axes(ax, evidence)
         ax.set_title(_said(study), fontsize=LETTERS, loc="right")
         legend_below(figure, size=LETTERS, columns=2)

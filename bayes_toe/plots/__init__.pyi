@@ -5,6 +5,7 @@ from .corner import corner as corner
 from .curves import curves as curves
 from .figure_files import save_figure as save_figure
 from .map import map_axes as map_axes
+from .order_effect import bayes_factors as bayes_factors
 from .order_effect import order_effect as order_effect
 from .paper_figures import figures as figures
 from .paper_figures import write_figures as write_figures

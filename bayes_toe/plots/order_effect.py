@@ -1,4 +1,4 @@
-"""Figures of the answer: three questions of every subject with sizes, and H1 against H0 as in Appendix C."""
+"""Figures of the answer: sizes of every subject with the group, Bayes factors, H1 against H0."""
 
 from __future__ import annotations
 
@@ -14,12 +14,15 @@ from bayes_toe.answers.evidence_table import EvidenceTable
 from bayes_toe.answers.order_effect import OrderEffect
 from bayes_toe.answers.words import Word
 from bayes_toe.arrays import FloatArray
+from bayes_toe.data.messages import counted
 from bayes_toe.errors import InputError
+from bayes_toe.groups.population import PopulationResult
 from bayes_toe.plots.style import (
     EQUAL,
     HIGH,
     LETTERS,
     MOST_NAMED,
+    PAGE,
     POSTERIOR,
     SMALL,
     WEAKER_FIRST,
@@ -38,11 +41,12 @@ class Question(NamedTuple):
     colour: str
     marker: str
     size: str = ""
+    title: str = ""
     axis: str = ""
 
     @property
-    def title(self) -> str:
-        """The name in words."""
+    def words(self) -> str:
+        """The name of the question."""
         return self.name.replace("_", " ")
 
 
@@ -54,144 +58,123 @@ QUESTIONS = (
         "#00805D",
         "s",
         "pse_shift_percent",
-        "PSE shift (%), 95 % interval\nabove 0: first stimulus overestimated",
+        "Constant error: PSE shift",
+        "PSE shift (%)\nabove 0: first stimulus overestimated",
     ),
     Question(
         "contraction",
         "#C06A9B",
         "D",
         "contraction_p",
-        "p, 95 % interval\nabove 0: contraction, below: repulsion",
+        "Contraction p",
+        "p (above 0: contraction,\nbelow: repulsion)",
     ),
 )
 #: Bayes factors with a line, and that at which the axis ends.
-_MARKS = {
-    1 / 30: "1/30",
-    1 / 10: "1/10",
-    1 / 3: "1/3",
-    1.0: "1",
-    3.0: "3",
-    10.0: "10",
-    30.0: "30",
-}
+_MARKS = {1 / 30: "1/30", 1 / 10: "1/10", 1 / 3: "1/3", 1.0: "1", 3.0: "3", 10.0: "10", 30.0: "30"}
 _LARGEST = 80.0
 _FILLS = {Word.YES: "full", Word.PROBABLY: "left"}
+_WITHOUT_SIZE = (Word.CANNOT_BE_TOLD, Word.NOT_INTERPRETABLE)
 _LINEAR = 50.0  # nats, beyond which a sorted axis is logarithmic
 
 
-def order_effect(table: EvidenceTable, *, synthetic: bool = False) -> Figure:
-    """Answers of every subject; beside them the log Bayes factor of the paper's model (H1) against H0.
+# --- Sizes ---------------------------------------------------------------------------------------
+
+
+def order_effect(
+    table: EvidenceTable, group: PopulationResult | None = None, *, synthetic: bool = False
+) -> Figure:
+    """Draw the PSE shift and the contraction p of every subject, and of the group below them.
+
+    Points are posterior medians with 95 % intervals, averaged over the models that have the effect.
+    A marker is full for the word 'yes', half for 'probably', and empty otherwise. The words stand
+    right of the rows. More than 60 subjects have neither names nor words, and are sorted by the
+    Bayes factor of an order effect.
 
     Parameters
     ----------
     table : EvidenceTable
+    group : PopulationResult, optional
+        Its means with 95 % intervals stand in the last row.
     synthetic : bool
-        Whether the subjects are simulated, which the title then says.
+        Whether the subjects are simulated, which the figure then states.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
 
     Raises
     ------
     InputError
         If the table has no answers.
+
+    Examples
+    --------
+    >>> table = bt.evidence(study, seed=1)                        # doctest: +SKIP
+    >>> bt.plots.order_effect(table, bt.population(study, seed=1))  # doctest: +SKIP
     """
-    figure = new_figure(11.6, answers_height(len(table)))
-    *panels, last = figure.subplots(1, 4, width_ratios=(1.0, 1.0, 1.0, 0.8))
-    evidence_axes(last, table)
-    last.tick_params(labelleft=False)
-    last.set_title("H1 against H0 (Appendix C)", loc="left", fontsize=LETTERS)
-    dress(last)
-    return _finish(figure, panels, table, synthetic)
-
-
-def answers_figure(table: EvidenceTable, *, synthetic: bool = False) -> Figure:
-    """The answers alone."""
-    figure = new_figure(8.8, answers_height(len(table)))
-    return _finish(figure, figure.subplots(1, 3).tolist(), table, synthetic)
-
-
-def _finish(
-    figure: Figure, panels: Sequence[Axes], table: EvidenceTable, synthetic: bool
-) -> Figure:
-    """Draw the answers into three panels, and what belongs to the whole figure."""
-    draw_answers(table, panels)
+    figure = new_figure(PAGE, forest_height(len(table)))
+    forests(figure.subplots(1, 2), table, group)
     if synthetic:
         figure.suptitle("synthetic data", fontsize=LETTERS)
-    legend_below(figure, size=LETTERS, columns=4)
     return figure
 
 
-def answers_height(subjects: int) -> float:
-    """Inches that a figure of so many subjects needs, with its legend below."""
+def forest_height(subjects: int) -> float:
+    """Inches that a figure of so many subjects needs."""
     if subjects > MOST_NAMED:
-        return 1.6 + HIGH
-    return 1.6 + 0.21 * subjects
+        return 1.2 + HIGH
+    return 1.2 + 0.17 * (subjects + 2)
 
 
-# --- The three questions -------------------------------------------------------------------------
+def forests(
+    panels: Sequence[Axes], table: EvidenceTable, group: PopulationResult | None = None
+) -> None:
+    """Draw PSE shifts and contractions, a row a subject, into two panels."""
+    answers = _sorted_answers(table)
+    is_crowded = len(answers) > MOST_NAMED
+    last_row = len(answers) - 0.5 if group is None else len(answers) + 1.0
+    for ax, question in zip(panels, QUESTIONS[1:], strict=True):
+        ends = _draw_sizes(ax, answers, question)
+        if group is not None:
+            ends.append(_draw_group(ax, group, question, len(answers) + 0.25))
+            ax.axhline(len(answers) - 0.4, color=EQUAL, lw=0.5)
+        ax.axvline(0.0, color="black", lw=0.7, zorder=0)
+        limits = _limits(np.array(ends).reshape(-1, 3))
+        _mark_cut_intervals(ax, np.array(ends).reshape(-1, 3), limits)
+        title = question.title
+        if is_crowded:
+            counts = Counter(answer.words[question.name] for answer in answers)
+            title += f"\n{counts[Word.YES]} yes, {counts[Word.PROBABLY]} probably"
+        ax.set_title(title, loc="left", fontsize=LETTERS)
+        ax.set(xlabel=question.axis, xlim=limits, ylim=(last_row, -0.6), yticks=[])
+        dress(ax)
+        if not is_crowded:
+            _write_words(ax, answers, question)
+    _write_names(panels[0], answers, group, is_crowded=is_crowded)
 
 
-def draw_answers(table: EvidenceTable, panels: Sequence[Axes]) -> None:
-    """Bayes factors of the questions, PSE shifts and contractions, a row a subject, in three panels.
-
-    Words stand beside the rows. A marker is full where the word is 'yes', half where it is
-    'probably'. More than :data:`~bayes_toe.plots.style.MOST_NAMED` subjects have neither names nor
-    words and are sorted by the Bayes factor of an order effect.
-    """
+def _sorted_answers(table: EvidenceTable) -> list[OrderEffect]:
+    """The answers of a table; those of very many subjects by the Bayes factor of an order effect."""
     answers = list(table.answers)
     if len(answers) < len(table):
         raise InputError("this table has no answers of order effects; bt.evidence computes them")
-    is_crowded = len(answers) > MOST_NAMED
-    if is_crowded:
+    if len(answers) > MOST_NAMED:
         answers.sort(key=lambda answer: -answer.log_bayes_factors["order_effect"])
-    _draw_bayes_factors(panels[0], answers)
-    for ax, question in zip(panels[1:], QUESTIONS[1:], strict=True):
-        _draw_forest(ax, answers, question)
-    for ax, question in zip(panels, QUESTIONS, strict=True):
-        ax.set_title(question.title, loc="left", fontsize=LETTERS)
-        ax.set(ylim=(len(answers) - 0.5, -0.5), yticks=[])
-        dress(ax)
-    if is_crowded:
-        _count_words(panels, answers)
-    else:
-        _write_words(panels, answers)
+    return answers
 
 
-def _draw_bayes_factors(ax: Axes, answers: Sequence[OrderEffect]) -> None:
-    """The Bayes factor of each question on one axis; beyond its end a triangle."""
-    rows = np.arange(len(answers))
-    step = 0.24 if len(answers) <= MOST_NAMED else 0.0
-    for number, question in enumerate(QUESTIONS):
-        log_factors = _log_bayes_factors(answers, question)
-        y = rows + step * (number - 1)
-        is_beyond = log_factors > np.log(_LARGEST)
-        style: dict[str, Any] = {"color": question.colour, "ms": _marker_size(len(answers))}
-        within = np.exp(np.where(is_beyond, np.nan, log_factors))
-        ax.plot(within, y, question.marker, label=question.title, **style)
-        ax.plot(np.where(is_beyond, _LARGEST, np.nan), y, ">", clip_on=False, **style)
-    for mark in _MARKS:
-        ax.axvline(mark, color="black" if mark == 1.0 else "#D0D0D0", lw=0.7, zorder=0)
-    ax.set_xscale("log")
-    ax.minorticks_off()
-    ax.set_xticks(list(_MARKS), list(_MARKS.values()))
-    ax.set(xlim=(1 / _LARGEST, _LARGEST), xlabel="Bayes factor\nabove 1: for the effect")
-
-
-def _log_bayes_factors(answers: Sequence[OrderEffect], question: Question) -> FloatArray:
-    """Log Bayes factors of a question, NaN where there is no word for it."""
-    values = []
-    for answer in answers:
-        has_word = answer.words[question.name] not in (Word.CANNOT_BE_TOLD, Word.NOT_INTERPRETABLE)
-        values.append(answer.log_bayes_factors[question.name] if has_word else np.nan)
-    return np.array(values)
-
-
-def _draw_forest(ax: Axes, answers: Sequence[OrderEffect], question: Question) -> None:
-    """Medians and 95 % intervals of a size."""
+def _draw_sizes(
+    ax: Axes, answers: Sequence[OrderEffect], question: Question
+) -> list[tuple[float, float, float]]:
+    """Draw medians and 95 % intervals; return them from the first to the last row that has one."""
     ends = []
     marker_size = _marker_size(len(answers))
     for row, answer in enumerate(answers):
-        if not answer.is_interpretable:
+        word = answer.words[question.name]
+        if word in _WITHOUT_SIZE:
             continue
-        size, word = answer.sizes[question.size], answer.words[question.name]
+        size = answer.sizes[question.size]
         width = 0.3 * marker_size if word.is_positive else 0.15 * marker_size
         ax.hlines(row, size.q025, size.q975, color=question.colour, lw=width)
         ax.plot(
@@ -204,8 +187,19 @@ def _draw_forest(ax: Axes, answers: Sequence[OrderEffect], question: Question) -
             markerfacecoloralt="white",
         )
         ends.append((size.q025, size.q50, size.q975))
-    ax.axvline(0.0, color="black", lw=0.7, zorder=0)
-    ax.set(xlabel=question.axis, xlim=_limits(np.array(ends).reshape(-1, 3)))
+    return ends
+
+
+def _draw_group(
+    ax: Axes, group: PopulationResult, question: Question, row: float
+) -> tuple[float, float, float]:
+    """Draw the group's mean with its 95 % interval; return low, median and high."""
+    effect = group.effect(question.name)
+    interval = effect.mean if effect.percent is None else effect.percent
+    low, median, high = interval
+    ax.hlines(row, low, high, color=question.colour, lw=2.2)
+    ax.plot(median, row, "d", color=question.colour, ms=8.0, mec="black", mew=0.6)
+    return low, median, high
 
 
 def _limits(sizes: FloatArray) -> tuple[float, float]:
@@ -219,35 +213,110 @@ def _limits(sizes: FloatArray) -> tuple[float, float]:
     return min(low, 0.0) - pad, max(high, 0.0) + pad
 
 
+def _mark_cut_intervals(ax: Axes, sizes: FloatArray, limits: tuple[float, float]) -> None:
+    """Say below a panel that intervals continue beyond it."""
+    n_cut = int(np.sum((sizes[:, 0] < limits[0]) | (sizes[:, 2] > limits[1])))
+    if n_cut:
+        text = f"{counted(n_cut, 'interval')} beyond the panel"
+        style: dict[str, Any] = {"ha": "right", "va": "bottom", "fontsize": SMALL, "color": EQUAL}
+        ax.text(0.99, 0.005, text, transform=ax.transAxes, **style)
+
+
 def _marker_size(subjects: int) -> float:
     return 4.5 if subjects <= MOST_NAMED else 2.5
 
 
-def _write_words(panels: Sequence[Axes], answers: Sequence[OrderEffect]) -> None:
-    """The name of every subject, and its words right of its row."""
-    panels[0].set_yticks(range(len(answers)), [plain(answer.subject, 24) for answer in answers])
-    panels[-1].plot([], [], " ", label="full marker: yes; half: probably")
-    panels[-1].plot([], [], " ", label="!: the model does not fit; ?: depends on the prior")
+def _write_words(ax: Axes, answers: Sequence[OrderEffect], question: Question) -> None:
+    """The word of every subject, right of its row."""
     style: dict[str, Any] = {"va": "center", "fontsize": SMALL}
     for row, answer in enumerate(answers):
-        if not answer.is_interpretable:
-            reason = plain(f"not interpreted: {', '.join(answer.flags)}", 70)
-            panels[0].text(1 / _LARGEST, row, reason, **style)
-            continue
-        for ax, question in zip(panels, QUESTIONS, strict=True):
+        word = "not interpreted"
+        if answer.is_interpretable:
             word = answer.marked_word(question.name)
-            ax.text(1.05, row, word, transform=ax.get_yaxis_transform(), **style)
+        ax.text(1.02, row, word, transform=ax.get_yaxis_transform(), **style)
 
 
-def _count_words(panels: Sequence[Axes], answers: Sequence[OrderEffect]) -> None:
-    """How many subjects have an effect, in the titles."""
-    label = f"{len(answers):,} subjects, sorted by the Bayes factor of an order effect"
-    panels[0].set_ylabel(label, fontsize=LETTERS)
-    for ax, question in zip(panels, QUESTIONS, strict=True):
-        counts = Counter(answer.words[question.name] for answer in answers)
-        yes, probably = counts[Word.YES], counts[Word.PROBABLY]
-        title = f"{question.title}\n{yes} yes, {probably} probably"
-        ax.set_title(title, loc="left", fontsize=LETTERS)
+def _write_names(
+    ax: Axes, answers: Sequence[OrderEffect], group: PopulationResult | None, *, is_crowded: bool
+) -> None:
+    """Names of subjects and of the group, or how many subjects there are."""
+    rows: list[float] = []
+    names: list[str] = []
+    if is_crowded:
+        label = f"{len(answers):,} subjects, sorted by the Bayes factor of an order effect"
+        ax.set_ylabel(label, fontsize=LETTERS)
+    else:
+        rows += [float(row) for row in range(len(answers))]
+        names += [plain(answer.subject, 24) for answer in answers]
+    if group is not None:
+        rows.append(len(answers) + 0.25)
+        reliable = "" if group.is_reliable else "\nNOT RELIABLE"
+        names.append(f"group of {len(group.subjects)}{reliable}")
+    ax.set_yticks(rows, names)
+
+
+# --- Bayes factors -------------------------------------------------------------------------------
+
+
+def bayes_factors(table: EvidenceTable, *, synthetic: bool = False) -> Figure:
+    """Draw the Bayes factor of each question for every subject, with marks at 3, 10 and 30.
+
+    Beyond 80, and below 1/80, a triangle stands at the end of the axis.
+
+    Parameters
+    ----------
+    table : EvidenceTable
+    synthetic : bool
+        Whether the subjects are simulated, which the figure then states.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    InputError
+        If the table has no answers.
+    """
+    answers = _sorted_answers(table)
+    figure = new_figure(0.75 * PAGE, forest_height(len(answers)))
+    ax = figure.subplots()
+    rows = np.arange(len(answers))
+    is_crowded = len(answers) > MOST_NAMED
+    step = 0.0 if is_crowded else 0.24
+    for number, question in enumerate(QUESTIONS):
+        log_factors = _log_bayes_factors(answers, question)
+        y = rows + step * (number - 1)
+        style: dict[str, Any] = {"color": question.colour, "ms": _marker_size(len(answers))}
+        is_within = np.abs(log_factors) <= np.log(_LARGEST)
+        within = np.exp(np.where(is_within, log_factors, np.nan))
+        ax.plot(within, y, question.marker, label=question.words, **style)
+        for marker, end, is_beyond in (
+            (">", _LARGEST, log_factors > np.log(_LARGEST)),
+            ("<", 1.0 / _LARGEST, log_factors < -np.log(_LARGEST)),
+        ):
+            ax.plot(np.where(is_beyond, end, np.nan), y, marker, clip_on=False, **style)
+    for mark in _MARKS:
+        ax.axvline(mark, color="black" if mark == 1.0 else "#D0D0D0", lw=0.7, zorder=0)
+    ax.set_xscale("log")
+    ax.minorticks_off()
+    ax.set_xticks(list(_MARKS), list(_MARKS.values()))
+    ax.set(xlim=(1 / _LARGEST, _LARGEST), xlabel="Bayes factor (above 1: for the effect)")
+    ax.set(ylim=(len(answers) - 0.4, -0.6), yticks=[])
+    _write_names(dress(ax), answers, None, is_crowded=is_crowded)
+    if synthetic:
+        figure.suptitle("synthetic data", fontsize=LETTERS)
+    legend_below(figure, size=LETTERS, columns=3)
+    return figure
+
+
+def _log_bayes_factors(answers: Sequence[OrderEffect], question: Question) -> FloatArray:
+    """Log Bayes factors of a question, NaN where there is no word for it."""
+    values = []
+    for answer in answers:
+        has_word = answer.words[question.name] not in _WITHOUT_SIZE
+        values.append(answer.log_bayes_factors[question.name] if has_word else np.nan)
+    return np.array(values)
 
 
 # --- H1 against H0 -------------------------------------------------------------------------------

@@ -1,0 +1,191 @@
+"""Figure 1 of the report: responses and curves of a few subjects; sizes of all and of the group."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from bayes_toe.analysis import Analysis
+from bayes_toe.answers.order_effect import OrderEffect
+from bayes_toe.classical.frequencies import laplace_error, laplace_estimate, presentation_order
+from bayes_toe.data.study import Subject
+from bayes_toe.data.tasks import WHICH_STRONGER
+from bayes_toe.groups.population import PopulationResult
+from bayes_toe.plots.curves import Curve, main_weaker, order_panel
+from bayes_toe.plots.figure_files import picture
+from bayes_toe.plots.order_effect import forest_height, forests
+from bayes_toe.plots.style import (
+    EQUAL,
+    LETTERS,
+    ORDERS,
+    SMALL,
+    draw_band,
+    dress,
+    first_panels,
+    legend_below,
+    new_figure,
+    plain,
+)
+
+#: Subjects whose responses are shown.
+MOST_SHOWN = 6
+_POINTS = 40  # along a curve
+_RESPONSES_WIDE, _SIZES_WIDE = 4.4, 5.6  # inches
+_BAND = ((0.025, 0.975, 0.2),)
+#: Colours of a page in the place of those of a printed figure.
+_PAGE_COLOURS = {"#000000": "var(--ink)", "#1c1c1c": "var(--ink)", "#ffffff": "var(--page)"}
+
+
+def responses_figure(analysis: Analysis, height: float) -> Figure:
+    """Draw responses and model-averaged curves of up to six subjects.
+
+    Parameters
+    ----------
+    analysis : Analysis
+    height : float
+        Inches.
+    """
+    chosen = shown_subjects(analysis.answers)
+    n_columns = 2 if len(chosen) > 1 else 1
+    n_rows = -(-len(chosen) // n_columns)
+    figure = new_figure(_RESPONSES_WIDE, height)
+    panels = first_panels(figure.add_gridspec(n_rows, n_columns), len(chosen), sharey=True)
+    for i, (ax, name) in enumerate(zip(panels, chosen, strict=True)):
+        responses_panel(ax, analysis.study[name], analysis.curve(name).yes)
+        ax.set_title(plain(name, 24), loc="left", fontsize=LETTERS)
+        if i % n_columns:
+            ax.set_ylabel("")
+        if i + n_columns < len(chosen):
+            ax.set_xlabel("")
+        dress(ax)
+    legend_below(figure, size=SMALL, columns=3)
+    return figure
+
+
+def sizes_figure(analysis: Analysis, group: PopulationResult | None, height: float) -> Figure:
+    """Draw the sizes of all subjects, and of the group."""
+    figure = new_figure(_SIZES_WIDE, height)
+    forests(figure.subplots(1, 2), analysis.evidence, group)
+    return figure
+
+
+def report_height(analysis: Analysis) -> float:
+    """Inches of both figures."""
+    return max(4.6, forest_height(len(analysis.answers)))
+
+
+def has_curves(analysis: Analysis) -> bool:
+    """Whether the figure shows responses: one interval only, and a subject that is interpreted."""
+    is_interpreted = any(answer.is_interpretable for answer in analysis.answers)
+    return is_interpreted and not analysis.study.intervals
+
+
+def shown_subjects(answers: Sequence[OrderEffect]) -> list[str]:
+    """Names of up to six subjects: large shifts of both signs, and one without an order effect."""
+    interpretable = [answer for answer in answers if answer.is_interpretable]
+    if len(interpretable) <= MOST_SHOWN:
+        return [answer.subject for answer in interpretable]
+    by_evidence = sorted(interpretable, key=lambda a: a.log_bayes_factors["order_effect"])
+    without, others = by_evidence[0], by_evidence[1:]
+    others.sort(key=lambda answer: answer.sizes["pse_shift_percent"].q50)
+    n_low = MOST_SHOWN // 2 - 1
+    n_high = MOST_SHOWN - 1 - n_low
+    chosen = {answer.subject for answer in (without, *others[:n_low], *others[-n_high:])}
+    return [answer.subject for answer in answers if answer.subject in chosen]
+
+
+# --- Responses of a subject ----------------------------------------------------------------------
+
+
+def responses_panel(ax: Axes, counts: Subject, curve: Curve) -> None:
+    """Draw responses and curves by order, with the axis in per cent of the mean first stimulus.
+
+    In 'which was stronger', designs whose pairs have one or two sizes of step show the share of
+    correct responses over the middle of the pair; other designs show P('second').
+    """
+    middle = float(np.average(counts.s1, weights=counts.n_trials))
+    if counts.task == WHICH_STRONGER and len(_steps(counts)) <= 2:
+        _correct_panel(ax, counts, curve)
+        _percent_axis(ax, "middle of the pair, % of the mean", middle)
+    elif counts.task == WHICH_STRONGER:
+        order_panel(ax, counts, curve, 0.0, size=3.5)
+        _percent_axis(ax, "second stimulus, % of the first", 0.0)
+        ax.set_ylabel("share 'second'")
+    else:
+        weaker = main_weaker(counts)
+        order_panel(ax, counts, curve, 0.0 if weaker is None else weaker, size=3.5)
+        _percent_axis(ax, "stronger stimulus, % of the mean", middle)
+        ax.set_ylabel("share 'equal'")
+
+
+def _steps(counts: Subject) -> list[float]:
+    """The different distances between the stimuli of a pair."""
+    steps = np.abs(counts.s2 - counts.s1)
+    largest = float(steps.max())
+    return sorted(set(np.round(steps[steps > 0.0] / largest, 6) * largest))
+
+
+def _correct_panel(ax: Axes, counts: Subject, curve: Curve) -> None:
+    """The share of correct responses over the middle of the pair, a curve for each order."""
+    middle = 0.5 * (counts.s1 + counts.s2)
+    order = presentation_order(counts)
+    for sign, mark in ORDERS.items():
+        is_shown = order == sign
+        if sign == 0 or not is_shown.any():
+            continue
+        is_weaker_first = sign < 0
+        n = counts.n_trials[is_shown]
+        n_second = counts.n_yes[is_shown]
+        n_correct = n_second if is_weaker_first else n - n_second
+        style: dict[str, Any] = {"fmt": mark.marker, "ms": 3.5, "mec": "white", "mew": 0.4}
+        ax.errorbar(
+            middle[is_shown],
+            laplace_estimate(n_correct, n),
+            laplace_error(n_correct, n),
+            color=mark.colour,
+            label=mark.label,
+            elinewidth=0.8,
+            **style,
+        )
+        x = np.linspace(middle[is_shown].min(), middle[is_shown].max(), _POINTS)
+        for step in _steps(counts):
+            half = -0.5 * sign * step
+            p_second = curve(x - half, x + half)
+            p_correct = p_second if is_weaker_first else 1.0 - p_second
+            draw_band(ax, x, p_correct, mark.colour, 1.2, _BAND)
+    ax.axhline(0.5, color=EQUAL, lw=0.6, ls=":", zorder=0)
+    ax.set(ylim=(-0.03, 1.03), yticks=[0.0, 0.5, 1.0], ylabel="share correct")
+
+
+def _percent_axis(ax: Axes, label: str, reference: float) -> None:
+    """Label an axis of natural logs in per cent of a reference, at round numbers."""
+    low, high = ax.get_xlim()
+    ends = 100.0 * np.exp(np.array([low, high]) - reference)
+    percent = MaxNLocator(4, steps=[1, 2, 2.5, 5, 10]).tick_values(*ends)
+    shown = percent[(percent >= ends[0]) & (percent <= ends[1])]
+    ax.set_xticks(reference + np.log(shown / 100.0), [f"{value:g}" for value in shown])
+    ax.set(xlim=(low, high), xlabel=label)
+
+
+# --- As part of a page ---------------------------------------------------------------------------
+
+
+def inline_svg(figure: Figure, label: str) -> str:
+    """A figure as SVG for a page, whose ink and background follow the page's colours."""
+    figure.patch.set_alpha(0.0)
+    for ax in figure.axes:
+        ax.patch.set_alpha(0.0)
+    text = picture(figure, "svg").decode("utf-8")
+    text = text[text.index("<svg") :]
+    for printed, variable in _PAGE_COLOURS.items():
+        text = text.replace(printed, variable)
+    # Letters without a colour of their own are black.
+    text = text.replace("<svg ", f'<svg role="img" aria-label="{label}" fill="currentColor" ', 1)
+    # Coordinates need two decimals at most: the file is a third of the size.
+    return re.sub(r"(\d+\.\d{2})\d+", r"\1", text)
