@@ -311,7 +311,10 @@ def _convergence(analysis: Analysis) -> str:
     if not missed:
         return "the draws of the paper's model have converged for every subject"
     reasons = [f"{name} ({reason})" for name, reason in missed.items()]
-    return f"do not report the paper's parameters of {listed(reasons, _MOST_LISTED)}"
+    return (
+        f"the draws of {counted(len(reasons), 'subject')} did not converge; do not report their "
+        f"parameters of the paper's model: {listed(reasons, _MOST_LISTED)}"
+    )
 
 
 def _serial_dependence(answers: Sequence[OrderEffect]) -> str:

@@ -14,6 +14,7 @@ from matplotlib.ticker import MaxNLocator
 from bayes_toe.analysis import Analysis
 from bayes_toe.answers.order_effect import OrderEffect
 from bayes_toe.classical.frequencies import laplace_error, laplace_estimate, presentation_order
+from bayes_toe.data.messages import visible
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.groups.population import PopulationResult
@@ -182,7 +183,8 @@ def inline_svg(figure: Figure, label: str) -> str:
     for ax in figure.axes:
         ax.patch.set_alpha(0.0)
     text = picture(figure, "svg").decode("utf-8")
-    text = text[text.index("<svg") :]
+    # Names of subjects may hold characters that a browser would obey.
+    text = "\n".join(map(visible, text[text.index("<svg") :].split("\n")))
     for printed, variable in _PAGE_COLOURS.items():
         text = text.replace(printed, variable)
     # Letters without a colour of their own are black.

@@ -79,13 +79,13 @@ def test_the_report_stands_alone(results):
         "answer",
         "overview",
         "trust",
+        "files",
         "subject-1",
         "subject-2",
         "order",
         "evidence",
-        "paper",
         "read",
-        "files",
+        "paper",
     )
     order = [text.index(f'id="{place}"') for place in sections]
     assert order == sorted(order)
@@ -104,14 +104,15 @@ def test_the_report_stands_alone(results):
         "corner/B.png",
         "posterior.nc",
         "methods.md",
+        "methods.bib",
     }
     assert all((results[0] / name).exists() for name in beside)
-    assert text.count("data:image/png;base64,") == 4 + 2 * 2
+    assert text.count("data:image/png;base64,") == 2 + 2 * 2
     assert "bayes-toe explore posterior.nc -o explorer.html" in text
     assert text.count("predictive p, worst pair</th>") == 2
     assert re.search(r"effective draws asked for</th><td>1000<", text)
     assert all(f'id="{anchor}"' in text for anchor in re.findall(r'href="#([^"]+)"', text))
-    for absent in ("synthetic data", "The data before pooling"):
+    for absent in ("synthetic data", "Problems in the responses"):
         assert absent not in text
 
 
@@ -442,7 +443,7 @@ def test_a_block_with_swapped_buttons_is_told_by_check_and_report(tmp_path, blan
         cwd=tmp_path,
     )
     report = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
-    section = report[report.index('<h2 id="pooling">') : report.index('<h2 id="read">')]
+    section = report[report.index('<summary id="pooling">') : report.index('<summary id="order">')]
     assert "<strong>[i]x</strong>: Responses look swapped in block &lt;2&gt;." in section
 
 
