@@ -43,6 +43,7 @@ from bayes_toe.classical.asymmetry import AsymmetryTable
 from bayes_toe.cli import headline
 from bayes_toe.cli.group_screen import group_answer, group_tables
 from bayes_toe.cli.terminal import allowed, allowed_in_order, allowed_quantiles, describe_subjects
+from bayes_toe.cli.within_screens import contrast_lines
 from bayes_toe.data.messages import counted, format_p, listed, said_intervals, visible
 from bayes_toe.data.tables import file_stems
 from bayes_toe.data.tasks import Task
@@ -226,7 +227,7 @@ def _context(analysis: Analysis, facts: Facts) -> dict[str, Any]:
         "who": describe_subjects(study),
         "answer": _answer(analysis),
         "glossary": GLOSSARY,
-        "trust": _trust(analysis),
+        "trust": _trust(analysis, facts.group),
         "reference": f"{prior.reference_interval or 1.0:g} s",
         "intervals": said_intervals(study.intervals) if study.intervals else "",
         "settings": {
@@ -278,61 +279,87 @@ def _answer(analysis: Analysis) -> list[str]:
     return [_typeset(line) for line in lines if line]
 
 
-def _trust(analysis: Analysis) -> list[tuple[str, str]]:
-    """A line each on design, fit, prior, convergence and serial dependence."""
-    answers = analysis.answers
-    limits = defaultdict[str, list[str]](list)
-    for answer in answers:
-        for note in answer.notes:
-            limits[note].append(answer.subject)
-    design = [_with_names(note, names, len(answers)) for note, names in limits.items()]
-    poor = [answer.subject for answer in answers if answer.fits is False]
-    untestable = [answer.subject for answer in answers if answer.fits is None]
-    fit = [_with_names("poor", poor, len(answers))] if poor else []
-    if untestable:
-        fit.append(_with_names("not testable", untestable, len(answers)))
-    dependent = [answer.subject for answer in answers if answer.depends_on_prior]
-    prior = "no word changes its side where the prior scale of an effect is halved or doubled"
-    if dependent:
-        words = "a word changes its side where the prior scale of an effect is halved or doubled"
-        prior = _with_names(words, dependent, len(answers))
+def _trust(analysis: Analysis, group: Group | None) -> list[tuple[str, str]]:
+    """A sentence or two each on design, fit, prior, convergence and serial dependence."""
     return [
-        ("Design", "; ".join(design) or "it can show a constant error and a contraction"),
-        ("Fit", "; ".join(fit) or "good for every subject"),
-        ("Prior", prior),
-        ("Convergence", _convergence(analysis)),
-        ("Serial dependence", _serial_dependence(answers)),
+        ("Design", _design(analysis.answers)),
+        ("Fit", _fit(analysis.answers)),
+        ("Prior", _prior(analysis.answers)),
+        ("Convergence", _convergence(analysis, group)),
+        ("Serial dependence", _serial_dependence(analysis.answers)),
     ]
 
 
-def _convergence(analysis: Analysis) -> str:
-    """Whether the draws of the paper's model have converged; evidences have errors of their own."""
+def _design(answers: Sequence[OrderEffect]) -> str:
+    """What the design cannot show."""
+    subjects = defaultdict[str, list[str]](list)
+    for answer in answers:
+        for note in answer.notes:
+            subjects[note].append(answer.subject)
+    if not subjects:
+        return "The design can show a constant error and a contraction."
+    sentences = []
+    for note, names in subjects.items():
+        whom = "" if len(names) == len(answers) else f" This concerns {_name_subjects(names)}."
+        sentences.append(f"{note[0].upper()}{note[1:].rstrip('.')}.{whom}")
+    return " ".join(sentences)
+
+
+def _fit(answers: Sequence[OrderEffect]) -> str:
+    """Subjects whom the best of the four models does not fit, and subjects without a check."""
+    poor = [answer.subject for answer in answers if answer.fits is False]
+    untestable = [answer.subject for answer in answers if answer.fits is None]
+    sentences = []
+    if poor:
+        sentences.append(f"The model does not fit {_name_subjects(poor)}.")
+    if untestable:
+        sentences.append(f"The fit is not testable for {_name_subjects(untestable)}.")
+    return " ".join(sentences) or "The fit is good for every subject."
+
+
+def _prior(answers: Sequence[OrderEffect]) -> str:
+    """Subjects whose conclusion another prior scale changes."""
+    dependent = [answer.subject for answer in answers if answer.depends_on_prior]
+    change = "A prior half or twice as wide changes"
+    if not dependent:
+        return f"{change} no conclusion."
+    return f"{change} the conclusion of {_name_subjects(dependent)}."
+
+
+def _convergence(analysis: Analysis, group: Group | None) -> str:
+    """Whether the draws of the paper's model and of the group can be used."""
     missed = analysis.draws.not_converged
-    if not missed:
-        return "the draws of the paper's model have converged for every subject"
-    reasons = [f"{name} ({reason})" for name, reason in missed.items()]
-    return (
-        f"the draws of {counted(len(reasons), 'subject')} did not converge; do not report their "
-        f"parameters of the paper's model: {listed(reasons, _MOST_LISTED)}"
-    )
+    if missed:
+        reasons = [f"{name} ({reason})" for name, reason in missed.items()]
+        sentence = (
+            f"The draws of {counted(len(reasons), 'subject')} did not converge. Do not report "
+            f"their parameters of the paper's model: {listed(reasons, _MOST_LISTED)}."
+        )
+    else:
+        sentence = "The draws of the paper's model converged for every subject."
+    if group is None:
+        return sentence
+    if group.found.is_reliable:
+        return f"{sentence} The draws of the group converged."
+    return f"{sentence} Do not report the group: {group.found.draws.shortfall}."
 
 
 def _serial_dependence(answers: Sequence[OrderEffect]) -> str:
-    """What the score test of the trial before says."""
+    """Subjects whose responses depend on the previous trial."""
     if all(answer.history_p is None for answer in answers):
-        return "not testable: the order of the trials is not known"
+        return "Not testable: the order of the trials is not known."
     dependent = [answer.subject for answer in answers if answer.depends_on_previous_trial]
     if not dependent:
-        return "no subject's responses depend on the trial before"
-    words = "responses depend on the trial before; bayes-toe history compares models of it"
-    return _with_names(words, dependent, len(answers))
+        return "No subject's responses depend on the previous trial."
+    return (
+        f"The responses of {_name_subjects(dependent)} depend on the previous trial. "
+        "The command bayes-toe history estimates by how much."
+    )
 
 
-def _with_names(words: str, names: Sequence[str], subjects: int) -> str:
-    """Words with the subjects whom they concern, unless these are all."""
-    if len(names) == subjects:
-        return words
-    return f"{words} ({counted(len(names), 'subject')}: {listed(names, _MOST_LISTED)})"
+def _name_subjects(names: Sequence[str]) -> str:
+    """How many subjects, and which."""
+    return f"{counted(len(names), 'subject')} ({listed(names, _MOST_LISTED)})"
 
 
 def _overview_row(answer: OrderEffect) -> dict[str, Any]:
@@ -449,11 +476,8 @@ def _by_condition(table: ContrastTable) -> dict[str, Any]:
     for row in table:
         rows[row.subject, row.comparison].append(row)
     return {
-        **{
-            "about": table.conditions.about,
-            "sentences": table.sentences(),
-            "legend": LEGEND,
-        },
+        "answer": contrast_lines(table),
+        "legend": LEGEND,
         "several": len(table.conditions.comparisons) > 1,
         "quantities": table.quantities,
         "rows": [(*who, cells) for who, cells in rows.items()],

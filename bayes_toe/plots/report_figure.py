@@ -88,16 +88,24 @@ def has_curves(analysis: Analysis) -> bool:
 
 
 def shown_subjects(answers: Sequence[OrderEffect]) -> list[str]:
-    """Names of up to six subjects: large shifts of both signs, and one without an order effect."""
+    """Names of up to six subjects: one without an order effect, and the surest effects.
+
+    If six or more subjects have an effect, the largest shifts below and above 0 are chosen. No
+    subject without an effect takes the place of a subject that has one.
+    """
     interpretable = [answer for answer in answers if answer.is_interpretable]
     if len(interpretable) <= MOST_SHOWN:
         return [answer.subject for answer in interpretable]
-    by_evidence = sorted(interpretable, key=lambda a: a.log_bayes_factors["order_effect"])
-    without, others = by_evidence[0], by_evidence[1:]
-    others.sort(key=lambda answer: answer.sizes["pse_shift_percent"].q50)
-    n_low = MOST_SHOWN // 2 - 1
-    n_high = MOST_SHOWN - 1 - n_low
-    chosen = {answer.subject for answer in (without, *others[:n_low], *others[-n_high:])}
+    interpretable.sort(key=lambda answer: answer.log_bayes_factors["order_effect"])
+    without, others = interpretable[0], interpretable[1:]
+    has_effect = [answer for answer in others if answer.words["order_effect"].is_positive]
+    if len(has_effect) < MOST_SHOWN:
+        shown = others[1 - MOST_SHOWN :]
+    else:
+        has_effect.sort(key=lambda answer: answer.sizes["pse_shift_percent"].q50)
+        n_low = MOST_SHOWN // 2 - 1
+        shown = [*has_effect[:n_low], *has_effect[n_low + 1 - MOST_SHOWN :]]
+    chosen = {answer.subject for answer in (without, *shown)}
     return [answer.subject for answer in answers if answer.subject in chosen]
 
 

@@ -249,7 +249,7 @@ def test_a_run_has_the_contrast_in_its_folder_report_and_methods(tmp_path):
     assert "An order effect was present in 2 of 2 participant x condition" in " ".join(
         methods.split()
     )
-    assert "constant error, of 1 subject: differs 1" in report
+    assert "Constant error differs: 1 of 1 subject yes." in report
     assert "Differences (right − left) are medians" in report
     assert re.search(r">−\d+\.\d % \(.*<span class=\"soft\">differs \(BF ", report)
     assert "Conditions were compared within" in methods
