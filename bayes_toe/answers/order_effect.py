@@ -360,19 +360,20 @@ def format_number(value: float, sign: str = "") -> str:
     return f"{rounded:{sign}.{digits}f}"
 
 
-def format_share(size: Size) -> str:
-    """A contraction with its 95 % interval.
+def format_share(size: Size, sign: str = "") -> str:
+    """A contraction with its 95 % interval; `sign` '+' shows the sign always.
 
     Examples
     --------
-    >>> format_share(Size(-0.001, 0.16, 0.22))
-    '.16 [.00, .22]'
+    >>> format_share(Size(-0.001, 0.16, 0.22)), format_share(Size(0.03, 0.17, 0.31), "+")
+    ('.16 [.00, .22]', '+.17 [+.03, +.31]')
     """
-    low, median, high = (format_decimals(value) for value in (size.q025, size.q50, size.q975))
+    values = (size.q025, size.q50, size.q975)
+    low, median, high = (format_decimals(value, sign=sign) for value in values)
     return f"{median} [{low}, {high}]"
 
 
-def format_decimals(value: float, digits: int = 2) -> str:
+def format_decimals(value: float, digits: int = 2, sign: str = "") -> str:
     """A number between -1 and 1 without the zero before its point, and never -0.
 
     Examples
@@ -380,8 +381,8 @@ def format_decimals(value: float, digits: int = 2) -> str:
     >>> format_decimals(-0.047), format_decimals(-0.001), format_decimals(1.0)
     ('-.05', '.00', '1.00')
     """
-    text = f"{round(value, digits) + 0.0:.{digits}f}"
-    return text.replace("0.", ".", 1) if text.lstrip("-").startswith("0.") else text
+    text = f"{round(value, digits) + 0.0:{sign}.{digits}f}"
+    return text.replace("0.", ".", 1) if text.lstrip("+-").startswith("0.") else text
 
 
 def format_bayes_factor(log_bayes_factor: float) -> str:

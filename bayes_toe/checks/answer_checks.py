@@ -163,6 +163,12 @@ def check_answers(study: Study) -> tuple[Finding, ...]:
     return tuple(findings)
 
 
+def uninterpretable_findings(study: Study) -> list[Finding]:
+    """Findings that forbid the interpretation of a subject."""
+    findings = check_answers(study)
+    return [item for item in findings if not FLAG_KINDS[item.code].is_interpretable]
+
+
 def _subject_findings(subject: Subject, level: float) -> Iterator[Finding]:
     answers = None if subject.answers is None else subject.answers.given
     if answers is not None and answers.trials:

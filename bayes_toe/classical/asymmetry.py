@@ -168,8 +168,12 @@ class Population:
         """One line for terminals and reports."""
         positive = (self.positive, "positive", self.positive_significant, self.positive_uncorrected)
         negative = (self.negative, "negative", self.negative_significant, self.negative_uncorrected)
-        words = f"{{}} {{}} ({{}} significant at p < {self.level:g}, {{}} before correction)"
-        return f"maximal asymmetry of {counted(self.n_subjects, 'subject')}: {words.format(*positive)}, {words.format(*negative)}"
+        level = f"{self.level:g}".removeprefix("0")
+        words = f"{{}} {{}} ({{}} significant at p < {level}, {{}} before correction)"
+        return (
+            f"Largest asymmetry of {counted(self.n_subjects, 'subject')}: "
+            f"{words.format(*positive)}, {words.format(*negative)}"
+        )
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ import typer
 import bayes_toe as bt
 from bayes_toe.cli.options import NUMBER, StudyFile, rare, writes
 from bayes_toe.cli.task import MODEL, Takes, Task
-from bayes_toe.cli.terminal import Terminal, number
+from bayes_toe.cli.terminal import Terminal, number, without_zeros
 from bayes_toe.data.messages import format_p
 
 if TYPE_CHECKING:
@@ -96,14 +96,16 @@ def print_asymmetry(out: Terminal, table: AsymmetryTable) -> None:
         if largest is None:
             cells.append("no pair in both orders")
         else:
-            cells.append(f"{largest.asymmetry:+.2f} ± {largest.asymmetry_se:.2f}")
+            size = f"{largest.asymmetry:+.2f} ± {largest.asymmetry_se:.2f}"
+            cells.append(without_zeros(size))
             cells.append(f"{largest.s_weak:.3g}, {largest.s_strong:.3g}")
             cells += [format_p(largest.p_value), format_p(largest.p_adjusted)]
         rows.append(cells)
     headings = ["subject", "pairs", "largest q(c, r) - q(r, c)", "r, c", "p", "p (Holm)"]
     out.table(headings, rows, (1,), title="Asymmetry of the orders, without a model")
     out.line(f"{table.population().describe()}.")
-    out.notes(("", note, "") for note in table.notes)
+    out.line(f"q: share of {table.share_of} responses; r: weaker, c: stronger stimulus.")
+    out.notes((("", f"{note}.", "") for note in table.notes), "-")
 
 
 def print_fits(out: Terminal, table: FitTable) -> None:
@@ -115,9 +117,10 @@ def print_fits(out: Terminal, table: FitTable) -> None:
         limits = row.bootstrap.intervals(table.level).tolist()
         for value, (low, high) in zip(row.parameters.tolist(), limits, strict=True):
             has_interval = not (isnan(value) or isnan(low))
-            cells.append(number(value) + (f" [{low:.2f}, {high:.2f}]" if has_interval else ""))
+            interval = f" [{low:.2f}, {high:.2f}]" if has_interval else ""
+            cells.append(without_zeros(f"{number(value)}{interval}"))
         rows.append([*cells, f"{row.log_likelihood:.2f}", row.at_edge])
     level = f"{100 * table.level:g} %"
     title = f"Maximum likelihood [{level} interval of {table.replicates} bootstrap replicates]"
     out.table(["subject", *names, "log likelihood", "at edge"], rows, title=title)
-    out.notes((row.subject, f"{note}.", "") for row in table for note in row.notes)
+    out.notes(((row.subject, f"{note}.", "") for row in table for note in row.notes), "-")

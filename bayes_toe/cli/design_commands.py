@@ -59,6 +59,7 @@ def power(
 
     [bold]Example[/bold]: bayes-toe power design.csv --trials 325,650,1300 -o power --seed 1
     """
+    from bayes_toe.cli.design_screens import power_lines, print_power
     from bayes_toe.data.tables import write_table
     from bayes_toe.data.whole_files import whole_folder
     from bayes_toe.design.observers import assume_observers
@@ -89,9 +90,9 @@ def power(
         )
         for name in _POWER_FILES[2:]:
             bt.plots.save_figure(bt.plots.power_figure(table), target / name)
-    for line in table.sentences():
-        task.out.line(line)
-    task.done("tables and figure in", output, seed=table.seed)
+    print_power(task.out, table)
+    written = f"Tables and figure in {output}. Seed {table.seed}."
+    task.out.answer([*power_lines(table), written])
 
 
 def _read_designs(files: list[Path] | None, question: str) -> Mapping[str, StudyDesign]:
@@ -281,12 +282,12 @@ class ListOptions:
         if levels:
             split = f" ({design.total} in each of {listed([*levels])}, mixed within blocks)"
         n_trials = design.total * max(1, len(levels))
+        task.out.line()
         task.out.line(
-            f"{counted(self.subjects, 'subject')}, {n_trials} trials each in {self.blocks} blocks"
-            f"{split}: both orders of two stimuli equally often in a block where the design has "
-            f"them so, at most {MOST_EQUAL} equal pairs in a row"
+            f"{self.list_output}: {counted(self.subjects, 'subject')}, {n_trials} trials each in "
+            f"{self.blocks} blocks{split}. Blocks balance the order of the stimuli as the design "
+            f"does, with at most {MOST_EQUAL} equal pairs in a row. Seed {seed}."
         )
-        task.done("trials in", self.list_output, seed=seed)
 
 
 def design(
@@ -321,6 +322,8 @@ def design(
 
     [bold]Example[/bold]: bayes-toe design -o design.csv --lowest -0.75 --highest 1.25
     """
+    from bayes_toe.cli.design_screens import power_lines, print_design
+    from bayes_toe.design.optimal_pairs import OPTIMISED
     from bayes_toe.seeds import root_seed
 
     list_files = [] if lists.list_output is None else [lists.list_output]
@@ -350,17 +353,17 @@ def design(
         data_sets=data_sets,
         prior=task.prior,
     )
-    written = (
+    writers = (
         found.design.save,
         partial(found.power.save, spreadsheet_safe=task.spreadsheet_safe),
         lambda file: file.write_text(found.text(), encoding="utf-8"),
         partial(bt.plots.save_figure, bt.plots.design_figure(found)),
     )
-    task.write(dict(zip(files, written, strict=True)))
-    for line in found.sentences():
-        task.out.line(line)
+    task.write(dict(zip(files, writers, strict=True)))
+    print_design(task.out, found)
     lists.write(found.design, found.seed, wanted.intensity, task)
-    task.done("written:", *files, seed=found.seed)
+    written = f"Written: {', '.join(map(str, [*files, *list_files]))}. Seed {found.seed}."
+    task.out.answer([*found.reasons(), *power_lines(found.power, OPTIMISED), written])
 
 
 # --- simulate -------------------------------------------------------------------------------------
@@ -480,5 +483,5 @@ def simulate(
             }
         )
     total = sum(len(answered.yes) for answered in trials)
-    what = f"{len(simulated)} synthetic subjects, {total} trials in"
+    what = f"{len(simulated)} synthetic subjects, {total:,} trials in"
     task.done(what, output, seed=seed)

@@ -41,6 +41,7 @@ def contrast(
     )
     task.finish(keep, table.failed)
     print_contrast(task.out, table, output.name)
+    task.print_uninterpretable(read)
     task.print_failed(table.failed)
     written = f"Written: {', '.join(map(str, files))}. Seed {table.seed}."
     task.out.answer([*contrast_lines(table), written])
@@ -77,6 +78,7 @@ def history(
         }
     )
     print_histories(task.out, table, output.name)
+    task.print_uninterpretable(read)
     task.out.answer(
         [*history_lines(table), f"Written: {output}, {figure_file}. Seed {table.seed}."]
     )

@@ -20,7 +20,6 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.checks.identification import identify
 from bayes_toe.cli.terminal import Terminal
 from bayes_toe.data.messages import counted
-from bayes_toe.model.observer import JND_OVER_NOISE
 from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION, NOISE, PEAK
 
 if TYPE_CHECKING:
@@ -119,7 +118,8 @@ def _parameter_cells(result: PopulationResult, name: str) -> tuple[str, str]:
     if name != CONTRACTION.name:
         # Half the difference of subjects one SD above and one SD below the mean, in per cent.
         above, below = _percent(result, name, mean + sd), _percent(result, name, mean - sd)
-        mean, sd = _percent(result, name, mean), 0.5 * (above - below)
+        with np.errstate(invalid="ignore"):
+            mean, sd = _percent(result, name, mean), 0.5 * (above - below)
     at_most = None if name == NOISE.name else result.effect(name).sd_at_most
     if at_most is not None:
         bound = float(np.quantile(sd, 0.95))
@@ -130,10 +130,8 @@ def _parameter_cells(result: PopulationResult, name: str) -> tuple[str, str]:
 
 def _percent(result: PopulationResult, name: str, values: FloatArray) -> FloatArray:
     """The PSE shift of constant errors, or the JND of log noises, in per cent."""
-    if name == CONSTANT_ERROR.name:
-        return result.shift_percent(values)
-    jnd = JND_OVER_NOISE * result.scales.step * np.exp(values)
-    return np.asarray(100.0 * np.expm1(jnd))
+    is_error = name == CONSTANT_ERROR.name
+    return result.shift_percent(values) if is_error else result.jnd_percent(values)
 
 
 def _new_subject(result: PopulationResult) -> dict[str, FloatArray]:

@@ -16,6 +16,7 @@ from bayes_toe.cli.terminal import (
     chosen,
     format_table,
     number,
+    without_zeros,
 )
 from bayes_toe.data.messages import counted
 
@@ -28,7 +29,12 @@ _SHOWN_QUANTILES = [0.025, 0.5, 0.975]
 #: Columns of the paper's model, and of the four models of the observer.
 _PAPER_SHOWN = ("mu1", "gain", "sigma_p", "sigma_l", "q0", "lapse_rate")
 _ORDER_SHOWN = ("constant_error", "contraction", "jnd")
-_HEADINGS = {"constant_error": "constant error", "contraction": "contraction p", "jnd": "JND"}
+_HEADINGS = {
+    "constant_error": "constant\nerror, ln",
+    "contraction": "contraction p",
+    "jnd": "JND, ln",
+    "lapse_rate": "lapse\nrate",
+}
 #: Quantities with their interval beside the median.
 _WITH_RANGE = ("mu1", "gain", *_ORDER_SHOWN)
 
@@ -248,12 +254,14 @@ def print_draws(out: Terminal, draws: bt.Draws, file: str = OUTPUT) -> None:
             errors = quantile_errors(values, _SHOWN_QUANTILES, float(stats["min_ess"][i]))
             quantiles = np.quantile(values, _SHOWN_QUANTILES).tolist()
             low, middle, high = allowed_in_order(quantiles, errors.tolist(), 2)
-            row.append(middle + (f" [{low}, {high}]" if key in _WITH_RANGE else ""))
+            text = middle + (f" [{low}, {high}]" if key in _WITH_RANGE else "")
+            row.append(without_zeros(text))
         row.append(f"{float(stats['min_ess'][i]):.0f}")
         row.append(f"{float(stats['max_r_hat'][i]):.3f}")
         rows.append(row)
     headings = ["subject", *(_HEADINGS.get(key, key) for key in shown), "ESS", "R-hat"]
-    title = f"{model_title(draws.model)}: medians [95 % interval]"
+    model = model_title(draws.model)
+    title = f"{model[0].upper()}{model[1:]}: medians [95 % interval]"
     if rows:
         n_columns = len(headings)
         out.table(headings, rows, range(n_columns - 2, n_columns), title=title)

@@ -97,6 +97,7 @@ def population(
     }
     task.write(files)
     print_group(task.out, result, check)
+    task.print_uninterpretable(read)
     missed = {} if result.is_reliable else {"group": result.draws.shortfall}
     written = f"Written: {', '.join(map(str, files))}. Seed {result.settings.seed}."
     task.out.answer([*group_answer(result), written])

@@ -86,6 +86,12 @@ class Task:
         lines = [] if self.prior is None else [f"Prior: {self.prior}"]
         self.out.introduce(study, *lines, prior=prior)
 
+    def print_uninterpretable(self, study: Study) -> None:
+        """Subjects that this command uses although their responses cannot be interpreted."""
+        from bayes_toe.checks.answer_checks import uninterpretable_findings
+
+        self.out.findings(uninterpretable_findings(study))
+
     def ask(self, study: StudyFile) -> tuple[StudyFile, Task]:
         """The study that is asked for in a terminal, and the command that reads its files."""
         asked = study.ask()

@@ -36,7 +36,7 @@ TYPED: list[str] = []
 #: Between words that stay on one line: an estimate with its unit and interval, or an option with
 #: its value.
 _GLUE = "\ufffe"
-_ESTIMATE = re.compile(r"[-+.\d]+( %)?( \[[^\]]*\])?")
+_ESTIMATE = re.compile(r"(p = )?[-+.\d]+( %)?( \[[^\]]*\])?")
 _OPTION = re.compile(r"(?<=\s)(--?\w[\w-]*) (?!-)")
 
 
@@ -354,6 +354,18 @@ def describe_subjects(study: Study) -> str:
 def number(value: float | None, digits: int = 2) -> str:
     """A number of a table; a dash where there is none."""
     return "-" if value is None or value != value else f"{value:.{digits}f}"
+
+
+def without_zeros(text: str) -> str:
+    """A text whose numbers between -1 and 1 have no zero before their point, and none is -0.
+
+    Examples
+    --------
+    >>> without_zeros("-0.38 [-0.71, -0.00]"), without_zeros("10.5"), without_zeros("0")
+    ('-.38 [-.71, .00]', '10.5', '0')
+    """
+    without_sign = re.sub(r"-(?=0\.0+\b)", "", text)
+    return re.sub(r"(?<![\d.])0(?=\.\d)", "", without_sign)
 
 
 def allowed(value: float, error: float, most: int) -> str:

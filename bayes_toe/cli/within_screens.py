@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
-from bayes_toe.answers.order_effect import Size, format_percent, format_share
+from bayes_toe.answers.order_effect import Size, format_bayes_factor, format_percent, format_share
 from bayes_toe.answers.words import Word
 from bayes_toe.cli.terminal import MANY_SUBJECTS, OUTPUT, Terminal
 from bayes_toe.data.messages import counted
@@ -39,7 +39,9 @@ def print_contrast(out: Terminal, table: ContrastTable, file: str = OUTPUT) -> N
         word = DIFFERENCE_WORDS.get(row.word, "-")
         dependent = " ?" if row.robust == "no" else ""
         label = "" if name == before else name
-        rows.append([label, row.quantity, _difference(row), row.factor, f"{word}{dependent}"])
+        factor = row.log_bf_differs
+        shown = "-" if factor is None else format_bayes_factor(factor)
+        rows.append([label, row.quantity, _difference(row), shown, f"{word}{dependent}"])
         before = name
     comparison = "difference" if several else table.rows[0].comparison
     headings = ["subject", "", f"{comparison} [95 % interval]", "BF", "differs"]
@@ -63,17 +65,13 @@ def _difference(row: Difference) -> str:
     """A difference with its interval; '-' if there is probably none."""
     if DIFFERENCE_WORDS.get(row.word) in ("no", "probably not"):
         return "-"
-    low, median, high = row.shown
-    return (
-        format_percent(Size(low, median, high))
-        if row.unit == "%"
-        else format_share(Size(low, median, high))
-    )
+    size = Size(*row.shown)
+    return format_percent(size) if row.unit == "%" else format_share(size, "+")
 
 
 def contrast_lines(table: ContrastTable) -> list[str]:
     """In how many subjects each quantity differs; each subject counts once."""
-    lines = [f"Condition {table.conditions.about}."]
+    lines = [f"Compared: {table.conditions.about}."]
     for quantity in table.quantities:
         first = dict[str, str]()
         for row in table.select(quantity):
@@ -83,13 +81,22 @@ def contrast_lines(table: ContrastTable) -> list[str]:
 
 
 def _count(words: Iterable[str]) -> str:
-    """How often each word is given, in the order of certainty."""
-    counts = Counter(words)
-    order = [*(word.value for word in Word), *counts]
-    parts = [f"{counts[word]} {word}" for word in dict.fromkeys(order) if counts[word]]
-    first, *others = parts
-    number, _, word = first.partition(" ")
-    return ", ".join([f"{number} of {counted(counts.total(), 'subject')} {word}", *others])
+    """How often each word is given, in the order of certainty, and its directions."""
+    directions: dict[str, Counter[str]] = {}
+    for text in words:
+        word, _, direction = text.removesuffix(")").partition(" (")
+        directions.setdefault(word, Counter())[direction] += 1
+    whole = counted(sum(counts.total() for counts in directions.values()), "subject")
+    parts = list[str]()
+    for word in dict.fromkeys([*(word.value for word in Word), *directions]):
+        if word not in directions:
+            continue
+        counts = directions[word]
+        of_all = "" if parts else f" of {whole}"
+        named = [f"{count} {direction}" for direction, count in counts.items() if direction]
+        ending = f" ({', '.join(named)})" if named else ""
+        parts.append(f"{counts.total()}{of_all} {word}{ending}")
+    return ", ".join(parts)
 
 
 # --- Serial dependence ---------------------------------------------------------------------------

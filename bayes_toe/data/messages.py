@@ -21,7 +21,7 @@ _LONGEST_SHOWN = 40
 _POOR_FIT = 0.01  # a p-value below it must look so
 _MOST_INTERVALS = 8  # listed one by one
 #: Why repeated trials matter.
-TWICE = "trials that are there twice make everything look surer than it is"
+TWICE = "repeated trials make intervals too narrow"
 #: Rows that a notebook shows; the rest is counted.
 MOST_ROWS = 20
 

@@ -113,7 +113,7 @@ def _copies(name: str, of: Sequence[tuple[str, Answers]]) -> Iterable[str]:
         earlier = found.setdefault((one.keys.tobytes(), one.n_yes.tobytes()), source)
         if earlier != source and one.trials and len(one.n_yes) >= _FEWEST:
             what = f"{source} has the same {len(one.n_yes)} trials of subject {bare(name)} as {earlier}"
-            yield f"{what}: {TWICE}, leave one file out"
+            yield f"{what}: {TWICE}, remove one file"
 
 
 def _joined(of: Sequence[tuple[str, Answers]]) -> Answers:

@@ -80,12 +80,13 @@ def answers_in_order(
         untimed += 0 if timed is None else int(np.isnan(timed[~every.begins]).sum())
     notes = []
     if disordered:
-        what = f"column {bare(columns['trial'].name)} does not tell the order of all trials"
-        notes.append(f"{what}, so that of the file stands: {listed(disordered)}")
+        what = f"column {bare(columns['trial'].name)} does not order all trials"
+        notes.append(f"{what}, so the order of the file is used: {listed(disordered)}")
     if gaps:
         missed = listed([f"{bare(name)} {count}" for name, count in gaps.items()])
         notes.append(
-            f"numbers of trials are missing ({missed}): trials that were left out were felt all the same, keep them"
+            f"trial numbers are missing ({missed}); keep trials without a response in the file, "
+            "with an empty response"
         )
     if untimed:
         notes.append(
@@ -174,7 +175,7 @@ def _repeated(
     row, other = (table.rows[one[0]] for one in (later, earlier))
     where = f"first row {row}, which repeats row {other} (subject {bare(subject.text(later[0]))})"
     if same.all():
-        return [f"{what} with the same stimuli and answer, {where}: {TWICE}, leave them out"]
+        return [f"{what} with the same stimuli and answer, {where}: {TWICE}, remove them"]
     alike = (
         f"{same.sum()} of them with the same stimuli and answer"
         if same.any()

@@ -121,24 +121,29 @@ class OptimalDesign:
     worth: FloatArray
     seed: int
 
-    def sentences(self) -> list[str]:
-        """Why these pairs, and what they and others tell, a line each."""
+    def reasons(self) -> list[str]:
+        """Why the design has these pairs, and what they cannot show, in sentences."""
         share = self.design.n_trials / self.design.total
         first, index = np.unique(self.design.s1, return_inverse=True)
         of_first = np.bincount(index, share)
         frequent = np.sort(np.argsort(-of_first)[:4])
         firsts = ", ".join(f"{first[i]:g} ({100 * of_first[i]:.0f} %)" for i in frequent)
         lines = [
-            f"first stimuli of most trials: {firsts}; only first stimuli far apart tell a "
-            "contraction from a constant error"
+            f"Most trials have these first stimuli: {firsts}. Only first stimuli far apart "
+            "distinguish a contraction from a constant error."
         ]
-        for name, candidate in self.candidates.items():
-            lines.append(f"{name}: expected sd of {candidate.describe()}")
         if contraction_information(self.design.unanswered) < 1.0:
             lines.append(
-                f"these pairs cannot show a contraction: {TYPICAL_TRIALS} trials say less of it "
-                "than its prior; a wider range of first stimuli can"
+                f"These pairs cannot show a contraction: {TYPICAL_TRIALS} trials have less "
+                "information about it than its prior. Use a wider range of first stimuli."
             )
+        return lines
+
+    def sentences(self) -> list[str]:
+        """Why the design has these pairs, and what it and others can show."""
+        lines = self.reasons()
+        for name, candidate in self.candidates.items():
+            lines.append(f"{name}: expected SD of {candidate.describe()}.")
         return [*lines, *self.power.sentences(OPTIMISED)]
 
     def text(self) -> str:

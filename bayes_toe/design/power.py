@@ -130,7 +130,7 @@ class PowerEstimate:
     @property
     def percent(self) -> str:
         """A share in words."""
-        return f"{100 * self.value:.0f} % ({100 * self.low:.0f} to {100 * self.high:.0f})"
+        return f"{100 * self.value:.0f} % [{100 * self.low:.0f}, {100 * self.high:.0f}]"
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,7 +222,7 @@ class PowerTable(Table[PowerEstimate]):
         return pd.DataFrame(cells, columns=list(DATA_SET_COLUMNS))
 
     def sentences(self, only: str = "") -> list[str]:
-        """How often each effect is seen, and how often wrongly, a line a design and question.
+        """How often each effect is detected, and how often wrongly, by design and question.
 
         With `only`, the lines of one design.
         """
@@ -238,10 +238,10 @@ class PowerTable(Table[PowerEstimate]):
                         seen.append(f"{kind} {estimate.percent}")
                     else:
                         wrong.append(f"{kind} {estimate.hits}")
-                parts = [f"seen in {', '.join(seen)}"] if seen else []
-                parts += [f"wrongly in {', '.join(wrong)}"] if wrong else []
+                parts = [f"detected in {', '.join(seen)}"] if seen else []
+                parts += [f"reported wrongly in {', '.join(wrong)}"] if wrong else []
                 lines.append(
-                    f"{design}, {trials} trials, {question.replace('_', ' ')}: {'; '.join(parts)}"
+                    f"{design}, {trials} trials, {question.replace('_', ' ')}: {'; '.join(parts)}."
                 )
         return lines
 

@@ -244,7 +244,14 @@ class PopulationResult:
 
     def shift_percent(self, constant_error: FloatArray) -> FloatArray:
         """Shift of the point of subjective equality in per cent, of constant errors in D."""
-        return np.asarray(100.0 * np.expm1(constant_error * self.scales.step))
+        with np.errstate(over="ignore"):
+            return np.asarray(100.0 * np.expm1(constant_error * self.scales.step))
+
+    def jnd_percent(self, log_noise: FloatArray) -> FloatArray:
+        """Just noticeable difference in per cent, of log noises in D."""
+        with np.errstate(over="ignore"):
+            jnd = JND_OVER_NOISE * self.scales.step * np.exp(log_noise)
+            return np.asarray(100.0 * np.expm1(jnd))
 
     def covariate_effect(self, i: int, name: str) -> tuple[FloatArray, ZeroBayesFactor]:
         """Draws of what a covariate does to a mean, and the Bayes factor of nothing."""
@@ -292,10 +299,9 @@ class PopulationResult:
         probability of 'equal' where that is a response.
         """
         shift = coefficients[..., self.index(CONSTANT_ERROR.name)]
-        noise = self.scales.step * np.exp(coefficients[..., self.index(NOISE.name)])
         values = {
             "pse_shift_percent": self.shift_percent(shift),
-            "jnd_percent": 100.0 * np.expm1(JND_OVER_NOISE * noise),
+            "jnd_percent": self.jnd_percent(coefficients[..., self.index(NOISE.name)]),
         }
         if PEAK.name in self.names:
             values["peak_probability"] = expit(coefficients[..., self.index(PEAK.name)])

@@ -188,7 +188,7 @@ def test_the_command(tmp_path):
     )
     assert set(pd.read_csv(tmp_path / "contrast.csv").comparison) == {"left - right"}
     assert (tmp_path / "contrast.png").exists()
-    good("asymmetry", *hand, "-o", "asymmetry.csv", cwd=tmp_path)
+    good("fit", *hand, "--asymmetry", "asymmetry.csv", "--replicates", 2, cwd=tmp_path)
     assert set(
         pd.read_csv(tmp_path / "asymmetry.csv")[["subject", "condition"]].itertuples(index=False)
     ) == {("A", "left"), ("A", "right")}

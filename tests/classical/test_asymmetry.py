@@ -80,7 +80,7 @@ def test_maxima_correction_and_counts_over_subjects(tmp_path):
         found.positive_uncorrected,
     ) == (6, 4, 2, 3)
     assert (
-        "4 positive (2 significant at p < 0.05, 3 before correction), 1 negative (1 significant"
+        "4 positive (2 significant at p < .05, 3 before correction), 1 negative (1 significant"
         in found.describe()
     )
     assert sum(one.is_maximal for one in table["two alike"].comparisons) == 1
@@ -129,14 +129,11 @@ def test_under_the_null_p_values_are_not_too_small():
 
 
 def test_the_command(tmp_path, study_csv):
-    said = good("asymmetry", "study.csv", "-o", "out/a.csv", cwd=tmp_path)
-    assert "maximal asymmetry of 3 subjects" in said
+    words = ("fit", "study.csv", "-o", "fit.csv", "--replicates", 2, "--asymmetry", "out/a.csv")
+    assert "Largest asymmetry of 3 subjects" in good(*words, cwd=tmp_path)
     assert len(pd.read_csv(tmp_path / "out" / "a.csv")) == 12
-    assert "overwrite" in refused("asymmetry", "study.csv", "-o", "out/a.csv", cwd=tmp_path)
-    assert (
-        good("asymmetry", "study.csv", "-o", "out/a.csv", "--overwrite", "--quiet", cwd=tmp_path)
-        == ""
-    )
+    assert "overwrite" in refused(*words, cwd=tmp_path)
+    assert good(*words, "--overwrite", "--quiet", cwd=tmp_path) == ""
 
 
 def test_real_vibrotactile_subjects(real_data):

@@ -45,7 +45,8 @@ def many(analysis):
     return answers
 
 
-def test_of_many_subjects_the_table_has_those_that_need_action(many, capsys):
+def test_of_many_subjects_the_table_has_those_that_need_action(many, capsys, monkeypatch):
+    monkeypatch.setattr("bayes_toe.cli.terminal.TYPED", ["run", "study.csv"])
     print_subjects(Terminal(), many, "evidence.csv")
     text = capsys.readouterr().out
     shown = [cell for cell in first_cells(text) if cell.startswith("S")]
@@ -53,8 +54,8 @@ def test_of_many_subjects_the_table_has_those_that_need_action(many, capsys):
     assert "The other 98 subjects need no action. All 100 subjects: evidence.csv" in text
     assert "! S98  Block 3 differs from the others (p < .001).\n" in text
     assert "       type: --exclude S98:3\n" in text
-    assert "To apply all of these, type:\n  bayes-toe" in text
-    assert text.endswith("--exclude S98:3 --exclude S99\n")
+    command = "bayes-toe run study.csv --exclude S98:3 --exclude S99"
+    assert text.endswith(f"To apply all of these, type:\n  {command}\n")
 
 
 def test_it_is_said_that_no_subject_needs_a_decision_only_if_none_does(many):

@@ -172,7 +172,7 @@ def test_results_remember_what_was_changed(tmp_path):
         *options,
         cwd=tmp_path,
     )
-    assert "subject A: responses swapped" in made
+    assert "\nWith --swap A --exclude C\n" in made
     draws = bt.load(tmp_path / "draws.nc")
     assert draws.study.changes == ("--swap A", "--exclude C")
     assert draws.study["A"].n_yes.tolist() == [5, 30, 35, 4]

@@ -102,7 +102,7 @@ def test_names_of_pairs_or_of_their_order_are_no_condition_unless_asked_for(read
     assert not any("as --ignore has it" in note for note in found.notes)
     asked = read(text, condition="condition")
     assert len(asked) == len({row.rpartition(",")[2] for row in rows})
-    assert any("numbers of trials are missing (a 1)" in note for note in asked.notes)
+    assert any("trial numbers are missing (a 1)" in note for note in asked.notes)
     assert read(text + "\na,16,0.0,0.3,equal,other").conditions is not None  # a pair at two levels
 
 
@@ -114,7 +114,8 @@ def test_check_warns_where_no_pair_is_in_two_conditions(read):
         read("\n".join(["subject,s1,s2,response,condition", *rows]), condition="condition")
     )
     assert [one.message for one in found if one.code == "stimuli_by_condition"] == [
-        "No pair was presented under two conditions: a difference in answers may be due to the pairs, or their order."
+        "No pair was presented in two conditions. A difference between conditions may be an effect "
+        "of the pairs."
     ]
 
 
@@ -153,14 +154,14 @@ def test_tables_have_subject_and_condition_and_are_read_back_as_units(tmp_path):
 
 def test_check_warns_of_time_stimuli_and_missing_levels(read):
     found = {(one.subject, one.code): one.message for one in bt.check(read())}
-    assert "1.9 of their standard deviation" in found["a", "stimuli_by_condition"]
-    assert "right, left, in 2 subjects" in found["", "conditions_in_order"]
+    assert "by 1.9 standard deviations" in found["a", "stimuli_by_condition"]
+    assert "right, left, for 2 subjects" in found["", "conditions_in_order"]
     assert ("a", "missing_condition") not in found
     lines = ROWS.splitlines()
     mixed = read("\n".join([lines[0], *lines[1:7:2], *lines[2:7:2], *lines[7:10]]))
     codes = {(one.subject, one.code): one.message for one in bt.check(mixed)}
     assert ("", "conditions_in_order") not in codes
-    assert "Never in condition left" in codes["b", "missing_condition"]
+    assert "No trials in condition left" in codes["b", "missing_condition"]
 
 
 def test_files_have_the_condition_all_or_none(tmp_path):

@@ -318,7 +318,7 @@ def test_sessions_tell_the_order_and_where_memory_begins_anew():
     )
     np.testing.assert_array_equal(answers.iti, [np.nan, 2.5, np.nan, np.nan])
     assert study.notes[1:] == (
-        "numbers of trials are missing (a 1): trials that were left out were felt all the same, keep them",
+        "trial numbers are missing (a 1); keep trials without a response in the file, with an empty response",
         "no time since the trial before for 1 trial in column iti",
     )
     assert study.exclude("a", "2")["a"].answers.begins.tolist() == [True, True]
@@ -330,7 +330,7 @@ def test_sessions_tell_the_order_and_where_memory_begins_anew():
 def test_trials_that_tell_no_order_leave_that_of_the_file_and_are_noted():
     study = read(ORDERED + words("a,0,1,1,1,1\na,0,0,0,1,1\nb,0,0,0,1,x\nc,0,0,0,1,1\n"))
     assert study.notes[1:] == (
-        "column trial does not tell the order of all trials, so that of the file stands: a, b",
+        "column trial does not order all trials, so the order of the file is used: a, b",
     )
     assert study["a"].answers.n_yes.tolist() == [1, 0]
 
@@ -405,7 +405,7 @@ def test_a_file_that_is_a_copy_of_another_is_told(tmp_path):
         path.write_text(text, encoding="utf-8")
     (told,) = read_study(paths).reading.doubts
     assert told.startswith(
-        "3.csv has the same 20 trials of subject a as 1.csv: trials that are there twice"
+        "3.csv has the same 20 trials of subject a as 1.csv: repeated trials make"
     )
     assert read_study([paths[0], paths[1], paths[3]]).reading.doubts == ()
 

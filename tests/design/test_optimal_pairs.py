@@ -122,7 +122,7 @@ def test_an_optimised_design_shows_a_contraction_and_beats_its_rivals(found):
     counts = dict(zip(found.design.pairs, found.design.n_trials.tolist(), strict=True))
     assert all(counts[s2, s1] == n for (s1, s2), n in counts.items())
     assert (found.worth > 0).all()
-    assert found.sentences()[0].startswith("first stimuli of most trials: -0.75 (")
+    assert found.sentences()[0].startswith("Most trials have these first stimuli: -0.75 (")
 
 
 def test_pairs_that_cannot_show_a_contraction_are_named():
@@ -178,8 +178,8 @@ def test_the_command(tmp_path):
     assert bt.design.read_study_design(tmp_path / "d.csv").total == 200
     assert set(pd.read_csv(tmp_path / "d_compared.csv").design) == {OPTIMISED, PAPER, FULL, RANDOM}
     markdown = (tmp_path / "d.md").read_text(encoding="utf-8")
-    assert markdown.startswith("# A design of 200 trials, for: contraction\n\n* first stimuli")
-    assert "optimised: expected sd of contraction" in " ".join(text.split())
+    assert markdown.startswith("# A design of 200 trials, for: contraction\n\n* Most trials have")
+    assert "Expected posterior SD" in text
 
 
 FROM_0 = ("--lowest", "0", "--highest")

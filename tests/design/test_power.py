@@ -88,7 +88,9 @@ def test_words_are_counted(table):
     assert list(shares.values()) == pytest.approx([0.2, 0.4, 0.6, 0.2, 0.0, 0.2])
     assert counted.found("paper", 650, "contraction", has_effect=False) == share(3, 5)
     assert counted.found("paper", 650, "contraction", has_effect=True) is None
-    assert counted.sentences()[0] == ("paper, 650 trials, order effect: wrongly in none 3 of 5")
+    assert counted.sentences()[0] == (
+        "paper, 650 trials, order effect: reported wrongly in none 3 of 5."
+    )
     with pytest.raises(InputError, match="nothing counted for"):
         counted["paper", 650, "none", "contraction", "maybe"]
 
@@ -107,7 +109,7 @@ def test_the_command(tmp_path):
     paper_study_design(130).save(tmp_path / "short.csv")
     words = ("--trials", "130", "--data-sets", 1, "--observers", "both", "--seed", 1)
     text = good("power", "short.csv", *words, "--workers", 1, "-o", "out", cwd=tmp_path)
-    assert "these pairs, 130 trials, order effect: seen in both" in " ".join(text.split())
+    assert "These pairs, 130 trials: order effect 100 %, constant error 100 %, contraction" in text
     assert sorted(path.name for path in (tmp_path / "out").glob("power*")) == [
         "power.csv",
         "power.pdf",

@@ -367,5 +367,5 @@ def test_files_are_all_there_the_same_each_time_and_do_not_depend_on_workers(
         )
         files[workers] = {path.name: path.read_bytes() for path in folder.glob("[!.]*")}
     assert set(files[1]) == {"figure_4_map.svg", "figure_5_plane.svg", CAPTIONS}
-    assert "maximal asymmetry of 3 subjects" in files[1][CAPTIONS].decode().lower()
+    assert "largest asymmetry of 3 subjects" in files[1][CAPTIONS].decode().lower()
     assert files[1] == files[2]
