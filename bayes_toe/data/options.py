@@ -99,7 +99,7 @@ class ReadOptions:
     intensity : float, optional
         REF: columns i1, i2 hold raw amplitudes i and are read as s = ln(i / REF). Positive, in the unit of the columns.
     equal_code, different_code, second_code, first_code : str, optional
-        The text that stands for this answer, which also tells the task; other texts for it are then refused.
+        The text that stands for this answer, which also decides the task; other texts for it are then refused.
     correct : str, optional
         A column that says whether the question which stimulus was the stronger was answered rightly: 'second' or 'first' then follows from
         the sign of s2 - s1.

@@ -73,13 +73,13 @@ _TRUE_WORDS = frozenset({"1", "1.0", "true", "yes"})
 def read_study(
     path: str | Path | Frame | Sequence[str | Path | Frame], options: ReadOptions | None = None
 ) -> Study:
-    r"""The study in a CSV file, or a data frame, of trials or of counts; the header tells which.
+    r"""The study in a CSV file, or a data frame, of trials or of counts; the header decides which.
 
     Trials: ``subject,s1,s2,response``, the response 'equal' or 'different' (also same), or 'second' or 'first' (also s2/s1, 2nd/1st), which
-    tells the task; numbers do not. Counts: ``subject,s1,s2,n_equal,n_trials``, or ``n_second``. s1 and s2 are natural-log intensities. A
+    decides the task; numbers do not. Counts: ``subject,s1,s2,n_equal,n_trials``, or ``n_second``. s1 and s2 are natural-log intensities. A
     column ``isi`` is the inter-stimulus interval in seconds, and makes the same stimuli at another interval another pair. Columns ``trial``
     (numbers, over all trials or within each block or session), ``block`` and ``session`` (any text) and ``iti`` (seconds since the trial
-    before) change no count: they tell how answers are looked at before they are pooled, and what a trial may leave to the next, for which
+    before) change no count: they serve checks of the responses before pooling, and what a trial may leave to the next, for which
     trials without an answer stay. A column ``condition`` (or another one that the options name) makes each subject at each of its levels a
     unit, ``S01@left``; see :mod:`bayes_toe.data.conditions`. Other columns are ignored.
 

@@ -255,7 +255,7 @@ class Study:
     notes : sequence of str
         What reading the study detected, merged or dropped.
     reading : Reading
-        What the file told besides the counts, for a look before pooling; no inference uses it.
+        What the file holds besides the counts, for checks before pooling; no inference uses it.
     changes : sequence of str
         Responses that were swapped and subjects that were excluded (:meth:`swap`, :meth:`exclude`), as options: "--swap 946:2,4".
     conditions : Conditions, optional

@@ -201,7 +201,7 @@ def optimal_design(
     workers: Workers = None,
     progress: Progress | None = None,
 ) -> OptimalDesign:
-    """The design of so many trials that tells most of what is asked about assumed observers.
+    """The design of so many trials that is most informative about assumed observers.
 
     Both orders of two stimuli are equally frequent in it.
 

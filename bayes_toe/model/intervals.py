@@ -15,7 +15,7 @@ seconds everything that the paper derives for one interval holds with sigma_p sq
 natural-log intensity per square root of a second; mu1, sigma_l and q0 are common to all intervals. Assumed is that each interval has its
 own self-consistent prior, of variance G_t sigma_p^2 t, as it has when its trials are run in a block. Were intervals mixed at random and
 the prior one for all of them, the first stimulus would be weighted alike at every interval, and only the width would depend on it; data
-from mixed intervals can tell. Forgetting shows in the width alone (erratum 6; see docs/background.md#errata-of-the-paper), which is least, 2 sigma_l, where
+from mixed intervals can tell. Forgetting shows in the width alone (erratum 6; see docs/background.md), which is least, 2 sigma_l, where
 gamma_t = 2: at shorter intervals the memory is so narrow that the second stimulus moves it little.
 """
 

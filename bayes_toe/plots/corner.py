@@ -80,7 +80,7 @@ def corner(
     ----------
     draws : Draws
     subject : str or sequence of str
-        One, or two to four in the same panels, told apart by colours and lines; upright lines are then their medians.
+        One, or two to four in the same panels, distinguished by colours and lines; upright lines are then their medians.
     coordinates : {"natural", "identified"} or sequence of str
         Which quantities: of the paper's model (H1) its parameters, or what the answers depend on; of the four models of the observer
         constant error, contraction and JND, or every parameter. A sequence names quantities of the model, such as `gain` or `zone`.

@@ -89,7 +89,7 @@ def design_figure(found: OptimalDesign) -> Figure:
 
     Left: its pairs, as large as they are frequent, over what one more trial of every pair would
     add; the paper's as crosses. Right: share of observers with 'yes' or 'probably' about each
-    question, of those who have the effect; hollow, of those who have not.
+    question, among observers who have the effect; hollow, among those without it.
     """
     figure = new_figure(PAGE, 3.5)
     left, right = figure.subplots(1, 2, width_ratios=(1.15, 1.0))
