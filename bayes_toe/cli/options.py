@@ -100,7 +100,7 @@ NO_FILE = "No file is named."
 #: What `run` asks in a terminal.
 WHICH_FILE = (
     "Which file? Type a name, or press Enter for the bundled example (12 synthetic\n"
-    "subjects, half a minute): "
+    "subjects, about a minute): "
 )
 
 

@@ -169,7 +169,7 @@ def example_study(task: Task | str = WHICH_STRONGER) -> Study:
 
     "2afc", the default: 12 subjects were asked which stimulus was stronger, 40 times for each of
     ten ordered pairs of neighbouring levels. They have constant errors and contractions of both
-    signs; one subject has neither. "same/different": 16 subjects in the paper's design, simulated
+    signs; one subject has neither. Its seed was chosen among seven for few flags. "same/different": 16 subjects in the paper's design, simulated
     by the paper's model (H1). The paper's own data are not public.
 
     Parameters
