@@ -8,7 +8,6 @@ carried over.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
@@ -22,7 +21,6 @@ from bayes_toe.answers.model_average import weighted_quantiles
 from bayes_toe.answers.serial_screen import SerialScreen, serial_screen
 from bayes_toe.answers.words import Word, word_for
 from bayes_toe.arrays import BoolArray, FloatArray
-from bayes_toe.data.messages import listed
 from bayes_toe.data.study import Study, Subject, require_study
 from bayes_toe.data.tables import SubjectTable
 from bayes_toe.data.trial_sequence import require_order
@@ -197,16 +195,6 @@ class SerialDependence(SubjectTable[SubjectDependence]):
         """The posterior of a subject under one of :data:`HISTORIES`."""
         subject = self.study[row.subject]
         return TrialHistoryPosterior(subject, row.history(history), self.prior.observer)
-
-    def sentence(self) -> str:
-        """How many subjects have each word, and the log Bayes factors in sum."""
-        parts = []
-        for effect in HAS:
-            words = Counter(row.word(effect) or "no result" for row in self.rows)
-            total = sum(row.log_bayes_factor(effect) for row in self.rows if row.is_known)
-            counts = listed([f"{word} {count}" for word, count in words.most_common()])
-            parts.append(f"{EFFECT_NAMES[effect]}: {counts} (ln Bayes factor {total:+.1f} in sum)")
-        return "; ".join(parts)
 
     def frame(self) -> pd.DataFrame:
         """The table with the columns of history.csv; natural logs, empty where there is none."""

@@ -100,30 +100,6 @@ def urgent_findings(study: Study, prior: Prior | None = None) -> tuple[Finding, 
     return tuple(findings)
 
 
-def describe_design(subject: Subject) -> dict[str, str | int | float]:
-    """How many pairs and trials a subject has, and how balanced they are.
-
-    Pairs are distinct ordered ones, at an interval if there are any. n_both_orders and
-    n_one_order count those of different stimuli, order aside. fraction_equal or fraction_second
-    is the share of trials with that response.
-    """
-    isi = np.zeros(subject.n_pairs) if subject.isi is None else subject.isi
-    shown = set(zip(subject.s1.tolist(), subject.s2.tolist(), isi.tolist(), strict=True))
-    n_one_order = 0
-    for s1, s2, interval in shown:
-        n_one_order += s1 != s2 and (s2, s1, interval) not in shown
-    n_equal = int(np.count_nonzero(subject.s1 == subject.s2))
-    row: dict[str, str | int | float] = {"subject": subject.name, "n_pairs": subject.n_pairs}
-    if subject.isi is not None:
-        row["n_intervals"] = len(subject.intervals)
-    row["n_trials"] = subject.total_trials
-    row["n_both_orders"] = (subject.n_pairs - n_equal - n_one_order) // 2
-    row["n_one_order"] = n_one_order
-    row["n_equal_pairs"] = n_equal
-    row[f"fraction_{subject.task.yes}"] = subject.fraction_yes
-    return row
-
-
 # --- The file ------------------------------------------------------------------------------------
 
 

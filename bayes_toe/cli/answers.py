@@ -19,6 +19,7 @@ from bayes_toe.answers.study_summary import describe_pair, study_lines
 from bayes_toe.answers.words import Word
 from bayes_toe.cli.headline import needs_action
 from bayes_toe.cli.terminal import (
+    MANY_SUBJECTS,
     OUTPUT,
     Terminal,
     chosen,
@@ -116,7 +117,10 @@ def print_problems(out: Terminal, answers: Sequence[OrderEffect], file: str = OU
             option = problem.option
             if option and len(options) == 1:
                 option = f"{typed_command()} {option}"
-            by_mark[mark].append((answer.subject, problem.message, option))
+            message = problem.message
+            if mark == "?" and len(answers) >= MANY_SUBJECTS:
+                message = "A prior half or twice as wide changes a conclusion."
+            by_mark[mark].append((answer.subject, message, option))
     for mark, notes in by_mark.items():
         out.notes(notes, mark, file=file)
         if mark == "!" and len(options) > 1:

@@ -103,8 +103,7 @@ def test_the_table_is_a_file(table, tmp_path):
         assert cells.log_evidence_carry_over_se == pytest.approx(row.standard_error[2])
 
 
-def test_sentences_count_every_subject(table):
-    assert table.sentence().startswith("carry-over: ")
+def test_a_subject_is_described_with_its_direction(table):
     assert "alternation" in table["alternates"].describe()
 
 

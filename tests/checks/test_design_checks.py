@@ -3,14 +3,12 @@
 import itertools
 
 import numpy as np
-import pandas as pd
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import settings
 
 import bayes_toe as bt
 from bayes_toe.checks.answer_checks import Finding
-from bayes_toe.checks.design_checks import NOTES, check_design, describe_design, urgent_findings
+from bayes_toe.checks.design_checks import NOTES, check_design, urgent_findings
 from bayes_toe.data.answers import Reading
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.tasks import WHICH_STRONGER
@@ -194,38 +192,3 @@ def test_findings_of_subjects_follow_those_of_the_study():
         ("b", "one_answer"),
         ("B", "few_trials"),
     ]
-
-
-def test_the_table_of_check():
-    pairs = [(0.0, 0.0), (0.0, 0.3), (0.3, 0.0), (0.5, 0.0), (0.1, 0.6)]
-    first = make_subject(pairs, [1, 2, 3, 4, 5], "01")
-    second = Subject("NA", [0.0], [0.0], [1], [4])
-    table = pd.DataFrame([describe_design(first), describe_design(second)])
-    expected = pd.DataFrame(
-        {
-            "subject": ["01", "NA"],
-            "n_pairs": [5, 1],
-            "n_trials": [50, 4],
-            "n_both_orders": [1, 0],
-            "n_one_order": [2, 0],
-            "n_equal_pairs": [1, 1],
-            "fraction_equal": [0.3, 0.25],
-        }
-    )
-    pd.testing.assert_frame_equal(table, expected)
-
-
-_STIMULUS = st.sampled_from([-1.0, 0.0, 0.5, 2.0])
-
-
-@FUZZ
-@given(st.lists(st.tuples(_STIMULUS, _STIMULUS), min_size=1))
-def test_pairs_are_counted_once_each_whatever_their_order(presented):
-    stimuli = np.array(presented).T
-    answers = np.zeros(len(presented))
-    row = describe_design(Subject.from_trials("S01", *stimuli, answers))
-    swapped = describe_design(Subject.from_trials("S01", *stimuli[::-1], answers))
-    assert row == swapped
-    n_unordered = row["n_both_orders"] + row["n_one_order"] + row["n_equal_pairs"]
-    assert row["n_pairs"] == n_unordered + row["n_both_orders"]
-    assert n_unordered == len({frozenset(pair) for pair in presented})

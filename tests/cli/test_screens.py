@@ -20,6 +20,7 @@ from bayes_toe.answers.order_effect import (
 from bayes_toe.answers.words import Word
 from bayes_toe.checks.identification import ONE_FIRST_STIMULUS
 from bayes_toe.cli.answers import print_answer, print_subjects
+from bayes_toe.cli.check_screen import describe_pairs
 from bayes_toe.cli.terminal import WIDTH, Terminal, cell_width
 from bayes_toe.inference.order_evidence import MODEL_NAMES
 
@@ -121,6 +122,24 @@ def test_the_screen_of_run_is_this_text(capsys, monkeypatch):
     )
     print_answer(out, STUDY, study, [group], ["Start with results/report.html.", "Seed 1."])
     assert capsys.readouterr().out == SCREEN
+
+
+@pytest.mark.parametrize(
+    ("pairs", "text"),
+    [
+        ([(0, 0), (0, 1), (1, 0)], "1 equal one, and 1 different one, in both orders"),
+        ([(0, 0), (1, 1), (0, 1)], "2 equal ones, and 1 different one in one order only"),
+        (
+            [(0, 1), (1, 0), (0, 2), (2, 0), (1, 2)],
+            "2 different ones, each in both orders, and 1 different one in one order only",
+        ),
+    ],
+)
+def test_pairs_are_counted_whatever_their_order(pairs, text):
+    for shown in (pairs, pairs[::-1]):
+        s1, s2 = zip(*shown, strict=True)
+        subject = bt.Subject("A", s1, s2, [2] * len(shown), [4] * len(shown))
+        assert describe_pairs(bt.Study([subject])) == f"Pairs: {text}"
 
 
 # --- Every command --------------------------------------------------------------------------------
