@@ -31,8 +31,10 @@ COMMANDS: dict[str, tuple[tuple[str, ...], dict[str, tuple[str, ...]]]] = {
         ("-o", "results", "--figures", "none", "--prior", "prior.toml"),
         {"results/evidence.csv": ("subject",), "results/summary.csv": ("subject", "parameter")},
     ),
-    "fit": (("-o", "fit.csv", "--prior", "prior.toml"), {"fit.csv": ("subject",)}),
-    "asymmetry": (("-o", "asymmetry.csv"), {"asymmetry.csv": ("subject", "s_weak", "s_strong")}),
+    "fit": (
+        ("-o", "fit.csv", "--prior", "prior.toml", "--asymmetry", "asymmetry.csv"),
+        {"fit.csv": ("subject",), "asymmetry.csv": ("subject", "s_weak", "s_strong")},
+    ),
 }
 #: Numbers that say how well others are known, or are not numbers of the study.
 LEFT_OUT = ("ess_bulk", "ess_tail", "r_hat", "pareto_k", "p_worst_pair", "is_maximal")
@@ -80,7 +82,7 @@ def run(
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "prior.toml").write_text(PRIOR, encoding="utf-8")
     for command in commands:
-        seeded = [] if command == "asymmetry" else ["--seed", str(seed), "--workers", "1"]
+        seeded = ["--seed", str(seed), "--workers", "1"]
         words = [command, str(study), *reading, *COMMANDS[command][0], *seeded, "--overwrite"]
         done = call(*words, cwd=folder)
         if done.returncode not in (0, 3):

@@ -175,7 +175,7 @@ def test_a_command_on_a_cluster_writes_what_it_writes_without(dask, folder):
         dask.scheduler_address,
         cwd=folder,
     )
-    assert f"workers: 2 at {dask.scheduler_address}" in said
+    assert f"Workers: 2 at {dask.scheduler_address}" in said
     good(*options, "-o", "here.csv", "--workers", "1", cwd=folder)
     assert (folder / "there.csv").read_bytes() == (folder / "here.csv").read_bytes()
 

@@ -180,7 +180,7 @@ def test_check_says_what_intervals_change():
     assert describe_design(apart)["n_one_order"] == 2
     messages = {finding.code: finding.message for finding in bt.check(bt.Study([apart]))}
     assert "one_order" not in messages, "both orders were shown, and the answer ignores delays"
-    assert messages["delays"].endswith("compare them as a condition.")
+    assert messages["delays"].endswith("analyse the delays as a condition.")
 
 
 # --- simulation ---------------------------------------------------------------------------------------------------------------------

@@ -123,14 +123,12 @@ SECTIONS = {
         [
             "2 subjects, 8 trials",
             "2 trials without a response dropped",
-            "column key_resp.keys read as response",
         ],
     ),
     "jsPsych": (
         jspsych,
         [
             "1 subject, 3 trials",
-            "only rows with comparison in column task",
             "1 trial without a response dropped: 7 1",
         ],
     ),

@@ -238,7 +238,7 @@ def test_a_lone_subject_has_all_its_curves_and_many_posteriors_have_fewer_draws(
 def test_the_command_writes_the_page_and_refuses_to_replace_it(analysis, symmetric, tmp_path):
     symmetric.save(tmp_path / "posterior.nc")
     (tmp_path / "truth.csv").write_text("subject,q0,noise\nA,0.9,0.3\n", encoding="utf-8")
-    assert "explorer in a.html" in good(
+    assert "Explorer in a.html" in good(
         "explore",
         "posterior.nc",
         "-o",

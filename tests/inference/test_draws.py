@@ -103,7 +103,7 @@ def test_summary_fit_and_predictions_are_those_of_the_draws(draws):
 def test_the_command_samples_any_model(tmp_path, small_study):
     grouped_csv(tmp_path / "study.csv", small_study.select(["A"]))
     asked = ("--model", "constant-error", "--draws", "100", "--seed", "1", "--workers", "1")
-    assert "model 'constant error': medians" in good(
+    assert "Draws in bias.nc. Seed 1." in good(
         "sample", "study.csv", "-o", "bias.nc", *asked, cwd=tmp_path
     )
     draws = bt.load(tmp_path / "bias.nc")

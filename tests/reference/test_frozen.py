@@ -44,7 +44,7 @@ def held(folder, table, study, subjects, commands):
 
 
 def test_bundled_subjects(tmp_path, table):
-    held(tmp_path, table, BUNDLED, ("S06",), ("run", "fit", "asymmetry"))
+    held(tmp_path, table, BUNDLED, ("S06",), ("run", "fit"))
 
 
 def test_listeners_to_morse_signals(tmp_path, table, real_data):
@@ -53,7 +53,7 @@ def test_listeners_to_morse_signals(tmp_path, table, real_data):
         table,
         real_data / "morse_rothkopf_1957" / "dots.csv",
         ("dots",),
-        ("run", "fit", "asymmetry"),
+        ("run", "fit"),
     )
 
 
