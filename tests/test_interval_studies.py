@@ -8,7 +8,6 @@ from conftest import few_replicates
 from scipy.special import betaln
 
 import bayes_toe as bt
-from bayes_toe.checks.design_checks import describe_design
 from bayes_toe.cli.look import read_truth
 from bayes_toe.cli.results_folder import write_results
 from bayes_toe.data.options import ReadOptions
@@ -174,10 +173,7 @@ def test_check_says_what_intervals_change():
     codes = [finding.code for finding in bt.check(lone)]
     assert "long_intervals" in codes
     assert "delays" not in codes
-    row = describe_design(lone["a"])
-    assert (row["n_intervals"], row["n_both_orders"]) == (1, 1)
     apart = bt.Subject("a", [0.0, 0.3], [0.3, 0.0], [3, 4], [9, 9], isi=[1.0, 2.0])
-    assert describe_design(apart)["n_one_order"] == 2
     messages = {finding.code: finding.message for finding in bt.check(bt.Study([apart]))}
     assert "one_order" not in messages, "both orders were shown, and the answer ignores delays"
     assert messages["delays"].endswith("analyse the delays as a condition.")
