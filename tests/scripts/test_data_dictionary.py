@@ -10,7 +10,6 @@ from reference.calibration import ABOUT, calibrate
 import bayes_toe as bt
 from bayes_toe.answers.contrast import WORDS
 from bayes_toe.answers.words import Word
-from bayes_toe.checks.design_checks import describe_design
 from bayes_toe.model.parameters import ORDER_MODELS
 
 DOCUMENT = data_dictionary.OUTPUT.read_text(encoding="utf-8")
@@ -55,7 +54,6 @@ def written(analysis, small_study, tmp_path_factory):
         "calibration_ranks.csv": judged.ranks,
         "evidence_calibration.csv": judged.evidence_verdicts,
         "evidence_data_sets.csv": judged.data_sets,
-        "what check prints": [*describe_design(small_study["A"])],
         "posterior.nc, group sample_stats": [*analysis.draws.group("sample_stats").data_vars],
         **planned(folder),
     }
