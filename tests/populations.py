@@ -4,7 +4,8 @@ import numpy as np
 from scipy.special import ndtr
 
 import bayes_toe as bt
-from bayes_toe.data.conditions import Conditions, felt_together
+from bayes_toe.data.conditions import Conditions
+from bayes_toe.data.study import felt_together
 from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.groups.group_sampler import GroupDraws
 from bayes_toe.groups.hyperprior import Hyperprior

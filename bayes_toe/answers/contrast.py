@@ -21,9 +21,9 @@ import numpy as np
 from scipy.special import logsumexp, softmax
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.data.conditions import Conditions, by_person
+from bayes_toe.data.conditions import Conditions
 from bayes_toe.data.messages import bare, counted, listed
-from bayes_toe.data.study import Study, Subject, require_study
+from bayes_toe.data.study import Study, Subject, by_person, require_study
 from bayes_toe.data.tables import Table, frame_of
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.errors import InputError, WorkerError

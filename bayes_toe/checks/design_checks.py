@@ -18,10 +18,10 @@ from bayes_toe.checks.identification import (
     identify,
 )
 from bayes_toe.data.answers import Reading
-from bayes_toe.data.conditions import Stimuli, by_person, follows_from_pairs
 from bayes_toe.data.messages import bare, counted, join_words, listed, quoted
 from bayes_toe.data.options import LOOKED_AT, looks_like
-from bayes_toe.data.study import Study, Subject, require_study
+from bayes_toe.data.study import Study, Subject, by_person, require_study, stimuli_of
+from bayes_toe.data.units import follows_from_pairs
 from bayes_toe.data.validation import number, runs
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.study_prior import preset_or_file
@@ -218,7 +218,7 @@ def _prior_scale(study: Study, prior: Prior) -> Iterator[Finding]:
     Hardly any sigma_p of such a prior has the size of the stimuli's steps, so evidence and
     posterior depend on the prior alone.
     """
-    stimuli = Stimuli.of(*study)
+    stimuli = stimuli_of(*study)
     if stimuli is None or prior.of_stimuli(prior.spread):
         return
     step, spread = stimuli.step, prior.distribution(prior.spread)

@@ -21,7 +21,6 @@ from bayes_toe.cli import (
     look,
     population,
 )
-from bayes_toe.cli.stopping import main as main
 from bayes_toe.cli.task import BAD_INPUT, as_command
 from bayes_toe.cli.terminal import TYPED
 

@@ -18,12 +18,11 @@ import numpy as np
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray, run_starts
 from bayes_toe.data.answers import Reading
-from bayes_toe.data.conditions import by_person, follows_from_pairs, with_conditions, with_units
 from bayes_toe.data.messages import bare, counted, listed, quoted, said_intervals
 from bayes_toe.data.options import COLUMNS, ReadOptions, columns_to_read, looks_like, subject_in
 from bayes_toe.data.responses import refuse_reversed, require_task, responses
 from bayes_toe.data.several_files import read_together
-from bayes_toe.data.study import Study, Subject
+from bayes_toe.data.study import Study, Subject, by_person
 from bayes_toe.data.tasks import (
     SAME_DIFFERENT,
     WHICH_STRONGER,
@@ -41,6 +40,7 @@ from bayes_toe.data.text_table import (
     read_table,
 )
 from bayes_toe.data.trial_order import answers_in_order
+from bayes_toe.data.units import follows_from_pairs, with_conditions, with_units
 from bayes_toe.data.validation import (
     bare_names,
     number,

@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import chain
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,7 +19,7 @@ import numpy.typing as npt
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray, run_starts
 from bayes_toe.data.answers import KEYS, Answers, Reading, counted_rows
-from bayes_toe.data.conditions import Conditions, Stimuli, by_person, felt_together
+from bayes_toe.data.conditions import Conditions, Stimuli
 from bayes_toe.data.messages import (
     MOST_ROWS,
     as_html,
@@ -489,6 +490,37 @@ def pooled(units: Sequence[Subject]) -> Subject:
         *(np.concatenate([getattr(one, key) for one in units]) for key in keys),
         task=units[0].task,
     )
+
+
+def by_person(units: Iterable[Subject]) -> dict[str, tuple[Subject, ...]]:
+    """Units by the subject that they are of."""
+    persons: dict[str, tuple[Subject, ...]] = {}
+    for unit in units:
+        persons[unit.person] = (*persons.get(unit.person, ()), unit)
+    return persons
+
+
+def felt_together(units: Iterable[Subject]) -> tuple[Subject, ...]:
+    """Units with the location and scales of the stimuli of their subjects."""
+    persons = by_person(units)
+    felt = {}
+    for person, of_person in persons.items():
+        felt[person] = stimuli_of(*(replace(unit, felt=None) for unit in of_person))
+    every_unit = chain.from_iterable(persons.values())
+    return tuple(replace(unit, felt=felt[unit.person]) for unit in every_unit)
+
+
+def stimuli_of(*subjects: Subject) -> Stimuli | None:
+    """Location and scales of the stimuli of several subjects together, or of one.
+
+    Those of a unit are of its subject over all conditions. None without a pair of different stimuli.
+    """
+    if len(subjects) == 1 and subjects[0].felt is not None:
+        return subjects[0].felt
+    s1 = np.concatenate([subject.s1 for subject in subjects])
+    s2 = np.concatenate([subject.s2 for subject in subjects])
+    n_trials = np.concatenate([subject.n_trials for subject in subjects])
+    return Stimuli.of_trials(s1, s2, n_trials)
 
 
 def require_study(given: object) -> None:

@@ -16,11 +16,11 @@ from scipy.special import ndtr
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray
 from bayes_toe.data.answers import Answers
-from bayes_toe.data.conditions import Conditions, felt_together
+from bayes_toe.data.conditions import Conditions
 from bayes_toe.data.covariates import level_words
 from bayes_toe.data.messages import quoted
 from bayes_toe.data.read_study import Truth
-from bayes_toe.data.study import Study, Subject
+from bayes_toe.data.study import Study, Subject, felt_together
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task, task_of
 from bayes_toe.data.validation import AT, number, read_numbers
 from bayes_toe.design.observers import KINDS, PRIOR, Observer, assume_observers, make_observer

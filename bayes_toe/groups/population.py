@@ -16,10 +16,9 @@ import pandas as pd
 from scipy.special import expit
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.data.conditions import by_person
 from bayes_toe.data.covariates import Covariates, read_covariates
 from bayes_toe.data.messages import as_html, listed
-from bayes_toe.data.study import Study, Subject, require_study
+from bayes_toe.data.study import Study, Subject, by_person, require_study
 from bayes_toe.errors import ConvergenceWarning, InputError, require_kind
 from bayes_toe.groups.group_posterior import (
     PLAIN_UNITS,

@@ -13,9 +13,9 @@ import h5py
 import numpy as np
 import xarray as xr
 
-from bayes_toe.data.conditions import Conditions, felt_together
+from bayes_toe.data.conditions import Conditions
 from bayes_toe.data.messages import shown
-from bayes_toe.data.study import Study, Subject
+from bayes_toe.data.study import Study, Subject, felt_together
 from bayes_toe.data.tasks import task_of
 from bayes_toe.data.whole_files import require_settled, whole_file
 from bayes_toe.errors import InputError

@@ -20,7 +20,7 @@ import pandas as pd
 import xarray as xr
 
 from bayes_toe.arrays import FloatArray, IndexArray
-from bayes_toe.data.conditions import Conditions, from_kept
+from bayes_toe.data.conditions import Conditions
 from bayes_toe.data.messages import MOST_ROWS, as_html, as_name, listed, named_few, shown
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.tasks import Task, task_counted
@@ -203,8 +203,8 @@ class Draws:
 
     @cached_property
     def _conditions(self) -> tuple[Conditions | None, dict[str, dict[str, Any]]]:
-        """Those of the study, and what is known of its units."""
-        return from_kept(json.loads(self.tree.attrs.get("conditions", "{}")))
+        """The conditions of the study, and for each unit what a Subject has besides its counts."""
+        return draws_file.stored_conditions(self.tree)
 
     @property
     def task(self) -> Task:

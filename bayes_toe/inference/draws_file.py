@@ -13,6 +13,7 @@ import os
 import platform
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import closing
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ import numpy as np
 import xarray as xr
 
 from bayes_toe.cluster import aside
-from bayes_toe.data.conditions import kept
+from bayes_toe.data.conditions import Conditions, Stimuli
 from bayes_toe.data.messages import quoted, shown
 from bayes_toe.data.study import Study
 from bayes_toe.data.tasks import SAME_DIFFERENT, task_counted
@@ -161,7 +162,7 @@ def _attributes(study: Study, settings: Settings) -> dict[str, Any]:
         "synthetic": int(study.synthetic),
         "notes": "\n".join(study.notes),
         "changes": "\n".join(study.changes),
-        **({} if study.conditions is None else {"conditions": json.dumps(kept(study))}),
+        **_condition_attributes(study),
         "model": settings.model,
         "about_model": about,
         "seed": settings.seed,
@@ -171,6 +172,26 @@ def _attributes(study: Study, settings: Settings) -> dict[str, Any]:
         "inference_library": "emcee",
         "inference_library_version": versions["emcee"],
     }
+
+
+def _condition_attributes(study: Study) -> dict[str, str]:
+    """Conditions and units as JSON; nothing for a study without conditions."""
+    if study.conditions is None:
+        return {}
+    units = {unit.name: [unit.condition, unit.felt] for unit in study}
+    return {"conditions": json.dumps({**asdict(study.conditions), "units": units})}
+
+
+def stored_conditions(tree: xr.DataTree) -> tuple[Conditions | None, dict[str, dict[str, Any]]]:
+    """The conditions in a tree, and for each unit what a Subject has besides its counts."""
+    if "conditions" not in tree.attrs:
+        return None, {}
+    record = json.loads(tree.attrs["conditions"])
+    units = {}
+    for name, (level, felt) in record["units"].items():
+        units[name] = {"condition": level, "felt": felt and Stimuli(*felt)}
+    levels = tuple(record["levels"])
+    return Conditions(record["name"], levels, record["numeric"]), units
 
 
 # --- Writing --------------------------------------------------------------------------------------

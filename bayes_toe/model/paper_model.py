@@ -32,7 +32,6 @@ from scipy.optimize import brentq
 from scipy.special import expit, log_expit, logit, ndtri
 
 from bayes_toe.arrays import BLOCK, FloatArray, IndexArray, IntArray
-from bayes_toe.data.conditions import mean_first
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.errors import InputError, NumericalError
@@ -237,7 +236,11 @@ class PaperPosterior:
     @cached_property
     def sbar(self) -> float:
         """Intensity from which the offset counts, natural-log units."""
-        return mean_first(self.subject) if self.centre is None else self.centre
+        if self.centre is not None:
+            return self.centre
+        if self.subject.felt is not None:
+            return self.subject.felt.first
+        return float(np.average(self.subject.s1, weights=self.subject.n_trials))
 
     @cached_property
     def reference(self) -> float:

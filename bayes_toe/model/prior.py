@@ -23,8 +23,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.data.conditions import Stimuli
-from bayes_toe.data.study import Subject
+from bayes_toe.data.study import Subject, stimuli_of
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.errors import InputError
 from bayes_toe.model.distributions import (
@@ -107,7 +106,7 @@ class Prior(PriorFields):
         named = {one.name: one for one in self.declared() if getattr(self, one.name) == STIMULI}
         if not named:
             return self
-        found = Stimuli.of(*subjects)
+        found = stimuli_of(*subjects)
         if found is None:
             # A number that H1 does not use may stay open.
             if any(one.parameter in self.of_h1() for one in named.values()):

@@ -5,7 +5,8 @@ import pandas as pd
 import pytest
 
 import bayes_toe as bt
-from bayes_toe.data.conditions import Conditions, Stimuli
+from bayes_toe.data.conditions import Conditions
+from bayes_toe.data.study import stimuli_of
 from bayes_toe.data.tables import write_table
 
 ROWS = "subject,s1,s2,response,condition,isi\n" + "".join(
@@ -52,7 +53,7 @@ def test_units_have_the_scales_of_their_subject(read):
     assert [(one.person, one.condition) for one in found][:2] == [("a", "left"), ("a", "right")]
     assert found.conditions == Conditions("condition", ("left", "right"))
     for one in found:
-        assert one.felt == Stimuli.of(one) == pytest.approx(Stimuli.of(whole[one.person]))
+        assert one.felt == stimuli_of(one) == pytest.approx(stimuli_of(whole[one.person]))
         own, of_whole = bt.model.paper_posterior(one), bt.model.paper_posterior(whole[one.person])
         assert (
             own.sbar

@@ -8,6 +8,7 @@ import pytest
 
 import bayes_toe as bt
 from bayes_toe.data.conditions import Stimuli
+from bayes_toe.data.study import stimuli_of
 from bayes_toe.data.tasks import TASKS
 from bayes_toe.model.intervals import interval_units
 from bayes_toe.model.models import MODEL_NAMES, model_posterior, require_model
@@ -36,10 +37,10 @@ def test_the_stimuli_by_hand():
     one = bt.Subject("S", [0.0, 1.0, 1.0], [3.0, 0.0, 1.0], [1, 1, 5], [5, 15, 20])
     values, n = np.array([0.0, 3.0, 1.0, 0.0, 1.0, 1.0]), np.array([5, 5, 15, 15, 20, 20])
     mean = values @ n / 80
-    assert Stimuli.of(one)[:3] == pytest.approx(
+    assert stimuli_of(one)[:3] == pytest.approx(
         (mean, np.sqrt((values - mean) ** 2 @ n / 80), np.sqrt((5 * 9 + 15) / 20))
     )
-    assert Stimuli.of(one, one) == pytest.approx(Stimuli.of(one))
+    assert stimuli_of(one, one) == pytest.approx(stimuli_of(one))
     numbers = [Stimuli(2.0, 4.0, 1.0, 0.0).number(key) for key in OF_STIMULI]
     assert numbers == [2.0, 10.0, 1.0]
     lone = bt.Study([subject(), bt.Subject("L", [0.4], [0.4], [1], [2])])
@@ -115,7 +116,7 @@ def test_every_verb_stores_it_as_it_was_said(tmp_path):
     again = bt.load(draws.save(tmp_path / "posterior.nc"))
     assert again.prior == DEFAULT
     assert "mu1 ~ Normal(M, 2.5 R), width ~ LogNormal(D, 1)" in again.attrs["prior"]
-    assert again.posterior("S").prior.mu1_mean == Stimuli.of(one["S"]).mean
+    assert again.posterior("S").prior.mu1_mean == stimuli_of(one["S"]).mean
     assert bt.evidence(one, seed=1, workers=1).prior == DEFAULT
     assert bt.fit(one, replicates=2, seed=1, workers=1).prior == DEFAULT
 
