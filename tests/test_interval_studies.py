@@ -136,7 +136,7 @@ def test_one_interval_of_a_study_is_open_to_everything(study):
             r"not for intervals \(column isi\).*Study.at_isi",
         ),
         (
-            lambda study, analysis: bt.plots.figures(analysis),
+            lambda study, analysis: bt.plots.paper_figures(analysis),
             r"not for intervals \(column isi\).*Study.at_isi",
         ),
         (lambda study, analysis: study.at_isi(3.0), r"no interval of 3 s; there are: 0.25, 1, 4 s"),

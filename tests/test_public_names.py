@@ -5,7 +5,6 @@ import inspect
 import re
 import subprocess
 import sys
-from collections import Counter
 from importlib import import_module
 from pathlib import Path
 
@@ -34,17 +33,16 @@ def test_every_name_is_there_and_comes_from_the_place_that_the_stub_names(face):
     assert package.__all__ == dir(package) == sorted(_listed(face))
     for name in package.__all__:
         value = getattr(package, name)
-        assert inspect.ismodule(value) == (name in {"design", "model", "plots"}), name
+        is_part = face == "bayes_toe" and name in {"design", "model", "plots"}
+        assert inspect.ismodule(value) == is_part, name
         if inspect.isfunction(value) or inspect.isclass(value):
             assert value.__name__ == name
 
 
-def test_no_name_is_listed_twice():
-    assert [
-        name
-        for name, times in Counter(name for face in FACES for name in _listed(face)).items()
-        if times > 1
-    ] == []
+@pytest.mark.parametrize("face", FACES)
+def test_no_name_is_listed_twice(face):
+    names = _listed(face)
+    assert sorted(set(names)) == sorted(names)
 
 
 def test_a_stub_renames_nothing():

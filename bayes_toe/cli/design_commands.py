@@ -89,7 +89,7 @@ def power(
             spreadsheet_safe=task.spreadsheet_safe,
         )
         for name in _POWER_FILES[2:]:
-            bt.plots.save_figure(bt.plots.power_figure(table), target / name)
+            bt.plots.save_figure(bt.plots.power(table), target / name)
     print_power(task.out, table)
     written = f"Tables and figure in {output}. Seed {table.seed}."
     task.out.answer([*power_lines(table), written])
@@ -357,7 +357,7 @@ def design(
         found.design.save,
         partial(found.power.save, spreadsheet_safe=task.spreadsheet_safe),
         lambda file: file.write_text(found.text(), encoding="utf-8"),
-        partial(bt.plots.save_figure, bt.plots.design_figure(found)),
+        partial(bt.plots.save_figure, bt.plots.design(found)),
     )
     task.write(dict(zip(files, writers, strict=True)))
     print_design(task.out, found)

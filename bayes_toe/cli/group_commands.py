@@ -32,7 +32,7 @@ def contrast(
     read, prior = task.opened(study)
     n_subjects = len({subject.person for subject in read})
     table = task.work("comparing conditions", n_subjects, bt.contrast, read, prior=prior, keep=keep)
-    figure = bt.plots.contrast_figure(table, synthetic=read.synthetic)
+    figure = bt.plots.contrast(table, synthetic=read.synthetic)
     task.write(
         {
             output: partial(table.save, **task.saving),

@@ -93,7 +93,7 @@ def population(
         output: result.save,
         table: partial(result.table.save, **task.saving),
         subjects: partial(result.subject_table.save, **task.saving),
-        figure: partial(bt.plots.save_figure, bt.plots.population_figure(result, check)),
+        figure: partial(bt.plots.save_figure, bt.plots.population(result, check)),
     }
     task.write(files)
     print_group(task.out, result, check)

@@ -9,6 +9,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
+from bayes_toe import plots
 from bayes_toe.analysis import Analysis
 from bayes_toe.answers.evidence_table import EvidenceTable
 from bayes_toe.classical.asymmetry import AsymmetryTable, subject_asymmetries
@@ -24,14 +25,12 @@ from bayes_toe.explorer.page import explore
 from bayes_toe.inference.draws import Draws, load_draws
 from bayes_toe.inference.prediction import Predictor
 from bayes_toe.model.prior import Prior
-from bayes_toe.plots.asymmetry import asymmetry_axes, asymmetry_height
-from bayes_toe.plots.contrast import contrast_figure
+from bayes_toe.plots.asymmetry import asymmetry_height
 from bayes_toe.plots.corner import corner
 from bayes_toe.plots.curves import fitted_figure
 from bayes_toe.plots.figure_files import png
 from bayes_toe.plots.order_effect import evidence_axes, forest_height
 from bayes_toe.plots.paper_figures import write_figures
-from bayes_toe.plots.population import population_figure
 from bayes_toe.plots.style import LETTERS, legend_below, new_figure
 from bayes_toe.workers import Progress, Workers, of_this_machine, run_in_order
 
@@ -205,14 +204,14 @@ def _write_tables(
     if analysis.contrast is not None:
         analysis.contrast.save(folder / "contrast.csv", spreadsheet_safe=spreadsheet_safe)
         (folder / "contrast.png").write_bytes(
-            png(contrast_figure(analysis.contrast, {}, synthetic=study.synthetic))
+            png(plots.contrast(analysis.contrast, {}, synthetic=study.synthetic))
         )
     if group is not None:
         group.found.table.save(folder / "population.csv", spreadsheet_safe=spreadsheet_safe)
         group.found.subject_table.save(
             folder / "population_subjects.csv", spreadsheet_safe=spreadsheet_safe
         )
-        (folder / "population.png").write_bytes(png(population_figure(group.found, group.check)))
+        (folder / "population.png").write_bytes(png(plots.population(group.found, group.check)))
         group.found.save(folder / "population.nc")
 
 
@@ -225,7 +224,7 @@ def _draw_overview(
     """Draw the figure of the study that the report looks for under the name of the file."""
     if file.stem == "asymmetry":
         figure = new_figure(_WIDE, asymmetry_height(asymmetry))
-        asymmetry_axes(asymmetry, figure.subplots())
+        plots.asymmetry(asymmetry, figure.subplots())
     else:
         figure = new_figure(_WIDE, forest_height(len(evidence)))
         ax = figure.subplots()

@@ -65,7 +65,7 @@ def order_axes(
     return ax
 
 
-def asymmetry_axes(table: AsymmetryTable, ax: Axes | None = None) -> Axes:
+def asymmetry(table: AsymmetryTable, ax: Axes | None = None) -> Axes:
     """Asymmetry q(c, r) - q(r, c) of every subject (rows) and comparison (points), with its standard deviation.
 
     Blue: 'equal', or a wrong answer, likelier with the stronger stimulus first; red: with the weaker one first. Filled: the orders differ
@@ -143,7 +143,7 @@ def asymmetry_axes(table: AsymmetryTable, ax: Axes | None = None) -> Axes:
 
 
 def asymmetry_height(table: AsymmetryTable) -> float:
-    """Inches that a figure of :func:`asymmetry_axes` needs: rows are higher where most subjects have many comparisons."""
+    """Inches that a figure of :func:`asymmetry` needs: rows are higher where most subjects have many comparisons."""
     if len(table) > MOST_NAMED:
         return _MARGIN + HIGH
     usual = float(np.median([len(row.comparisons) for row in table.rows])) if table.rows else 0.0

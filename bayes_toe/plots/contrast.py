@@ -46,7 +46,7 @@ _MARKS = {
 _MOST_PANELS = 6
 
 
-def contrast_figure(
+def contrast(
     table: ContrastTable, group: Group | None = None, *, synthetic: bool = False
 ) -> Figure:
     """The difference of every subject in every quantity, marked by its word.

@@ -22,7 +22,7 @@ from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.data.whole_files import whole_folder
 from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws, require_paper_model
-from bayes_toe.plots.asymmetry import asymmetry_axes, asymmetry_height, order_axes
+from bayes_toe.plots.asymmetry import asymmetry, asymmetry_height, order_axes
 from bayes_toe.plots.figure_files import picture, require_formats
 from bayes_toe.plots.geometry import plane_figure
 from bayes_toe.plots.map import map_figure
@@ -65,7 +65,7 @@ def material_of(
     truth: Truth | None = None,
     workers: Workers = None,
 ) -> Material:
-    """What the figures need of an analysis, or of saved draws, with the errors of :func:`figures`.
+    """What the figures need of an analysis, or of saved draws, with the errors of :func:`paper_figures`.
 
     Of saved draws Appendix C's evidence is then computed, and nothing sampled.
     """
@@ -124,7 +124,7 @@ def asymmetry_figure(table: AsymmetryTable, *, synthetic: bool = False) -> Figur
         figure.add_subplot(grid[0, 0] if high > 3.2 else grid[:, 0]),
         share_of=table.share_of,
     )
-    asymmetry_axes(table, figure.add_subplot(grid[:, 1]))
+    asymmetry(table, figure.add_subplot(grid[:, 1]))
     figure.suptitle("synthetic data" if synthetic else "", fontsize=SMALL)
     return figure
 
@@ -164,7 +164,7 @@ def left_out(material: Material) -> dict[str, str]:
     }
 
 
-def figures(
+def paper_figures(
     analysis: Analysis | Draws,
     subjects: Sequence[str] | None = None,
     *,
@@ -216,11 +216,11 @@ def write_figures(
     Parameters
     ----------
     analysis : Analysis or Draws
-        As in :func:`figures`.
+        As in :func:`paper_figures`.
     folder : path
         Made where it is missing; other files in it are left alone.
     subjects, truth
-        As in :func:`figures`.
+        As in :func:`paper_figures`.
     formats : sequence of str
         Of pdf, png (300 dots an inch) and svg.
     overwrite : bool

@@ -43,7 +43,7 @@ _LABELS = {
 }
 
 
-def population_figure(result: PopulationResult, check: PredictiveCheck | None = None) -> Figure:
+def population(result: PopulationResult, check: PredictiveCheck | None = None) -> Figure:
     """Every subject in the group, the group's mean and a new subject; effects; predictive check.
 
     Above, for every parameter: median and 95 % interval of every subject (blue), of the group's

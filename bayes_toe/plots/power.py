@@ -33,7 +33,7 @@ _MARGIN = 1.25  # factor from the outermost numbers of trials to the ends of a p
 _APART = 0.02  # between the lines of two kinds, in natural logs of trials
 
 
-def power_figure(table: PowerTable) -> Figure:
+def power(table: PowerTable) -> Figure:
     """Share of each kind of observers with the answer 'yes' or 'probably', by trials.
 
     A row for each design, a panel for each question. Hollow markers: kinds that do not have the
@@ -84,7 +84,7 @@ def _draw_question(ax: Axes, table: PowerTable, design: str, question: str) -> N
 # --- An optimised design --------------------------------------------------------------------------
 
 
-def design_figure(found: OptimalDesign) -> Figure:
+def design(found: OptimalDesign) -> Figure:
     """The design on the stimulus plane, and beside it how often it and others show effects.
 
     Left: its pairs, as large as they are frequent, over what one more trial of every pair would

@@ -163,7 +163,7 @@ def test_intervals_are_compared_as_a_condition_and_ignored_within_one():
 
 def test_the_figures_show_every_subject(table):
     study = bt.read_study(answers())
-    forest, curves = bt.plots.contrast_figure(table), bt.plots.contrast_curves(study, table, "A")
+    forest, curves = bt.plots.contrast(table), bt.plots.contrast_curves(study, table, "A")
     assert [tick.get_text() for tick in forest.axes[0].get_yticklabels()] == ["A", "B"]
     assert [ax.get_title() for ax in curves.axes] == ["condition left", "condition right"]
     with pytest.raises(bt.InputError, match="no contrast of subject 'C'"):
@@ -171,7 +171,7 @@ def test_the_figures_show_every_subject(table):
     words = [text.get_text() for text in forest.legends[0].get_texts()]
     assert words[0] == "differs"  # in their order, whichever panel has them first
     missing = [row for row in table if row.quantity != "contraction"]  # no subject has it
-    panels = bt.plots.contrast_figure(replace(table, rows=tuple(missing))).axes
+    panels = bt.plots.contrast(replace(table, rows=tuple(missing))).axes
     assert [len(ax.collections[0].get_segments()) for ax in panels] == [2, 0, 2]
     low, high = forest.axes[0].collections[0].get_segments()[0][:, 0]
     row = table.select("constant error")[0]

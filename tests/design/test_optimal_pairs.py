@@ -205,7 +205,7 @@ def test_what_cannot_be_designed_is_refused_in_one_line(tmp_path, more, message)
 
 
 def test_the_figure_has_the_design_on_the_plane(found):
-    figure = bt.plots.design_figure(found)
+    figure = bt.plots.design(found)
     plane, compared = figure.axes[:2]
     shown = np.asarray(plane.collections[0].get_array()).ravel()
     assert shown == pytest.approx(1000.0 * found.worth.reshape(9, 9).T.ravel())

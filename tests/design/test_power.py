@@ -146,7 +146,7 @@ def test_two_files_of_one_name_are_refused(tmp_path):
 
 
 def test_the_figure_has_a_panel_for_each_design_and_question(table):
-    figure = bt.plots.power_figure(table)
+    figure = bt.plots.power(table)
     assert len(figure.axes) == 6
     assert figure.axes[2].get_title() == "contraction: yes or probably"
     bars = figure.axes[5].containers

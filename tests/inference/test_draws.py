@@ -111,7 +111,7 @@ def test_the_command_samples_any_model(tmp_path, small_study):
     with pytest.raises(
         InputError, match=r"^the paper's figures: found draws of the model 'constant error'"
     ):
-        bt.plots.figures(draws)
+        bt.plots.paper_figures(draws)
     with pytest.raises(
         InputError,
         match="model 'constant error' has no mu1, sigma_p, sigma_l; it has: noise, q0, lapse_rate",

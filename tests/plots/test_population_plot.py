@@ -30,7 +30,7 @@ def panels(figure):
 
 
 def test_a_forest_has_every_subject_before_the_mean_and_a_new_subject(few):
-    ax = panels(bt.plots.population_figure(few, CHECK))["contraction p"]
+    ax = panels(bt.plots.population(few, CHECK))["contraction p"]
     lines = {line.get_label(): np.asarray(line.get_xdata()) for line in ax.lines}
     medians = np.median(few.draws.subjects[..., 1], axis=(0, 1))
     assert lines["subject, median and 95 % interval"] == pytest.approx(medians)
@@ -42,22 +42,22 @@ def test_a_forest_has_every_subject_before_the_mean_and_a_new_subject(few):
     assert bands["new subject"] == pytest.approx(np.quantile(few.new_subject[..., 1], ends))
     [first] = [
         ax
-        for ax in bt.plots.population_figure(few, CHECK).axes
+        for ax in bt.plots.population(few, CHECK).axes
         if ax.get_xlabel() == "constant error c, D"
     ]
     assert [label.get_text() for label in first.get_yticklabels()] == list(few.subjects)
 
 
 def test_the_title_has_both_effects_and_warns(few):
-    title = bt.plots.population_figure(few, CHECK).get_suptitle()
+    title = bt.plots.population(few, CHECK).get_suptitle()
     assert title.startswith("Group of 4 subjects (synthetic data)\nmean constant error ")
     assert f"ln BF of 0 {few.effect('contraction').zero_mean.words}" in title
     wrong = made_result(few.study, n_divergent=3)
-    assert bt.plots.population_figure(wrong, CHECK).get_suptitle().startswith("NOT RELIABLE")
+    assert bt.plots.population(wrong, CHECK).get_suptitle().startswith("NOT RELIABLE")
 
 
 def test_the_check_marks_what_contradicts_a_normal_group(few):
-    ax = bt.plots.population_figure(few, CHECK).axes[3]
+    ax = bt.plots.population(few, CHECK).axes[3]
     texts = {text.get_text(): text.get_color() for text in ax.texts}
     assert texts["0.30, expected 0.10 to 0.20, p = 0.004"] == BAD
     assert texts["1.50, expected 1.40 to 2.20, p = 0.7"] == "black"
@@ -88,7 +88,7 @@ def test_effects_of_covariates_and_of_conditions():
             np.median(of_conditions.difference("constant_error", ("right", "left"))[0]),
         ),
     ):
-        figure = bt.plots.population_figure(made, CHECK)
+        figure = bt.plots.population(made, CHECK)
         own = [ax for ax in figure.axes if ax.get_xlabel() == "constant error c, D"][1]
         assert [text.get_text().replace("\n", " ") for text in own.get_yticklabels()] == [label]
         [point] = [line for line in own.lines if line.get_marker() == "o"]

@@ -59,9 +59,9 @@ def test_a_corner_plot_has_the_four_parameters_under_their_symbols(stronger):
 def test_no_figure_speaks_of_another_task(stronger):
     table = bt.asymmetry(stronger.study)
     drawn = {
-        **bt.plots.figures(stronger),
+        **bt.plots.paper_figures(stronger),
         "order effect": bt.plots.order_effect(stronger.evidence),
-        "asymmetry": bt.plots.asymmetry_axes(table).figure,
+        "asymmetry": bt.plots.asymmetry(table).figure,
     }
     said = [
         text.get_text()
