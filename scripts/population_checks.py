@@ -11,7 +11,7 @@ FOLDER has vibrotactile_rate/trials.csv and auditory_pwm/trials.csv. A simulated
 subjects who answer which of two stimuli is stronger: ten ordered pairs of neighbours of six levels
 0.25 apart, 40 or 200 trials a subject. sigma_d is 0.8 D exp(Normal(0, 0.35)); with probability 1/2
 each, the lapse rate is Beta(2, 14) and the noise slope Normal(-0.1, 0.25)/R, otherwise 0. A study
-takes 5 to 10 s of CPU; --first continues where another run has ended.
+takes about 4 s of CPU; --first continues where another run has ended.
 """
 
 from __future__ import annotations

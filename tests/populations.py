@@ -81,7 +81,7 @@ def independent_draws(posterior, n_draws=DRAWS, rng=None, n_chains=8):
     subjects = point.w.swapaxes(0, 1)
     return GroupDraws(
         point.mean.reshape(*lead, -1),
-        np.exp(point.log_sd).reshape(*lead, -1),
+        point.sd.reshape(*lead, -1),
         point.effects.reshape(*lead, *point.effects.shape[1:]),
         subjects.reshape(*lead, *subjects.shape[1:]),
     )

@@ -28,7 +28,11 @@ import numpy as np
 
 from bayes_toe.arrays import FloatArray, IntArray
 from bayes_toe.data.study import Subject
-from bayes_toe.groups.hyperprior import HyperpriorNumbers, group_parameters
+from bayes_toe.groups.hyperprior import (
+    HyperpriorNumbers,
+    group_parameters,
+    half_normal_score,
+)
 from bayes_toe.model.observer import ObserverBatch, StimulusScales
 from bayes_toe.model.parameters import ObserverPrior, task_parameters
 
@@ -126,7 +130,7 @@ class SubjectRows:
 
     def gradient(self, w: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Log likelihood of subjects, (subjects, points), and its gradient in w."""
-        value, slope = self.batch.gradient(self.row_points(w))
+        value, slope = self.batch.plain_gradient(self.row_points(w))
         value = np.add.reduceat(value, self.first_row, axis=0)
         return value, np.add.reduceat(slope @ self.loading, self.first_row, axis=0)
 
@@ -207,17 +211,17 @@ def separate_fits(rows: SubjectRows, numbers: HyperpriorNumbers) -> SeparateFits
 
 
 class GroupPoint(NamedTuple):
-    """Points of a group: means, log standard deviations, effects, and the subjects' points w.
+    """Points of a group: means, standard deviations, effects, and the subjects' points w.
 
     Attributes
     ----------
-    mean, log_sd : ndarray, shape (points, q)
+    mean, sd : ndarray, shape (points, q)
     effects : ndarray, shape (points, covariates, q)
     w : ndarray, shape (subjects, points, q + own)
     """
 
     mean: FloatArray
-    log_sd: FloatArray
+    sd: FloatArray
     effects: FloatArray
     w: FloatArray
 
@@ -226,7 +230,7 @@ class GroupPoint(NamedTuple):
 class GroupPosterior:
     """Log density of the joint posterior, with its gradient.
 
-    A point theta has the means, log standard deviations and effects, then a block for each
+    A point theta has the means, scores of the standard deviations and effects, then a block for each
     subject: xi of its coefficients, and the parameters that are not shared, counted from their
     mode; that of a slope moves with the coefficients, because slopes trade off against p.
 
@@ -256,13 +260,13 @@ class GroupPosterior:
     def __call__(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Log density, (points,), and gradient, (points, n_coordinates)."""
         numbers, q = self.numbers, self.rows.n_coefficients
-        mean, log_sd, effects, block = self._split(theta)
-        tau = np.exp(log_sd)
+        mean, sd_score, effects, block = self._split(theta)
+        sds = numbers.sds(sd_score)
+        tau = sds.values
         expected = self._expected(mean, effects)
         xi, own = block[..., :q], block[..., q:]
         ratio = self.fits.precision[:, None] * np.square(tau)
         share = 1.0 / (1.0 + ratio)
-        rest = ratio * share
         root = np.sqrt(share)
         unit = tau * root
         pulled = self.fits.information[:, None] - self.fits.precision[:, None] * expected
@@ -278,34 +282,34 @@ class GroupPosterior:
         by_xi = by_coefficient * unit - score * root
         precision_unit = self.fits.precision[:, None] * tau * share
         by_expected = by_coefficient * share + score * precision_unit
-        coefficient_rise = share * (2.0 * away + unit * xi)
-        score_rise = tau * share * pulled * (2.0 * share - 1.0) - root * rest * xi
-        by_log_sd = by_coefficient * coefficient_rise - score * score_rise - rest
+        coefficient_rise = share * root * (2.0 * unit * pulled + xi)
+        score_rise = share * pulled * (2.0 * share - 1.0) - root * precision_unit * xi
+        by_sd = by_coefficient * coefficient_rise - score * score_rise - precision_unit
 
-        log_prior = numbers.log_mean(mean) + numbers.log_sd(tau) + log_sd
+        log_prior = numbers.log_mean(mean) + sds.log_prior
         log_prior = log_prior.sum(axis=-1) + numbers.log_effect(effects).sum(axis=(1, 2))
         log_scores = (0.5 * np.log(share) - 0.5 * np.square(score)).sum(axis=-1)
         value = log_prior + (log_likelihood + log_own + log_scores).sum(axis=0)
         mean_slope = numbers.mean_slope(mean) + by_expected.sum(axis=0)
-        log_sd_slope = numbers.sd_slope(tau) * tau + 1.0 + by_log_sd.sum(axis=0)
+        sd_slope = sds.prior_slope + by_sd.sum(axis=0) * sds.rise
         effect_slope = numbers.effect_slope(effects)
         effect_slope = effect_slope + np.einsum("nr,npq->prq", self.x, by_expected)
         subject_slope = np.concatenate([by_xi, by_own], axis=-1)
-        parts = (mean_slope, log_sd_slope, effect_slope, subject_slope.swapaxes(0, 1))
+        parts = (mean_slope, sd_slope, effect_slope, subject_slope.swapaxes(0, 1))
         return value, np.concatenate([part.reshape(len(theta), -1) for part in parts], axis=1)
 
     def points(self, theta: FloatArray) -> GroupPoint:
         """What coordinates stand for, theta of shape (points, n_coordinates)."""
         q = self.rows.n_coefficients
-        mean, log_sd, effects, block = self._split(theta)
-        tau = np.exp(log_sd)
+        mean, sd_score, effects, block = self._split(theta)
+        tau = self.numbers.sds(sd_score).values
         expected = self._expected(mean, effects)
         precision = self.fits.precision[:, None]
         unit = tau / np.sqrt(1.0 + precision * np.square(tau))
         pulled = self.fits.information[:, None] - precision * expected
         coefficients = expected + np.square(unit) * pulled + unit * block[..., :q]
         w = self._with_own(coefficients, block[..., q:])
-        return GroupPoint(mean, log_sd, effects, w)
+        return GroupPoint(mean, tau, effects, w)
 
     def start(self, n_points: int, rng: np.random.Generator) -> FloatArray:
         """Points about what the separate fits suggest, farther apart than the posterior."""
@@ -315,7 +319,8 @@ class GroupPosterior:
         unit = spread / np.sqrt(self.rows.n_subjects)
         theta = np.zeros((n_points, self.n_coordinates))
         theta[:, :q] = mode.mean(axis=0) + 2.0 * unit * rng.standard_normal((n_points, q))
-        theta[:, q : 2 * q] = np.log(spread) + 0.7 * rng.standard_normal((n_points, q))
+        sd = spread * np.exp(0.7 * rng.standard_normal((n_points, q)))
+        theta[:, q : 2 * q] = half_normal_score(sd / self.numbers.sd_scale)
         effects = np.tile(unit, self.x.shape[1])
         theta[:, 2 * q : self.n_shared] = effects * rng.standard_normal((n_points, len(effects)))
         block = rng.standard_normal((n_points, self.rows.n_subjects, self.rows.n_coordinates))
@@ -332,7 +337,7 @@ class GroupPosterior:
         return np.concatenate([coefficients, values], axis=-1)
 
     def _split(self, theta: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Means, log sds, effects, and the blocks of the subjects, (subjects, points, ...)."""
+        """Means, scores of sds, effects, and the blocks of the subjects, (subjects, points, ...)."""
         q, n_points = self.rows.n_coefficients, len(theta)
         mean, log_sd, effects, block = np.split(theta, (q, 2 * q, self.n_shared), axis=1)
         block = block.reshape(n_points, self.rows.n_subjects, self.rows.n_coordinates)

@@ -6,8 +6,8 @@ posterior is nearly standard normal, a trajectory of a quarter period makes the 
 independent, and all trajectories may have one length. The length is drawn anew for each, so that
 no frequency is ever in step with it.
 
-The step size, and the covariance of the coordinates of the group and of every subject, are learnt
-during warm-up from all chains together; then both are fixed. A trajectory on which the energy
+The step size and the covariance of the coordinates are learnt during warm-up from all chains
+together; then both are fixed. A trajectory on which the energy
 grows by more than 1000 nats is divergent: it is refused and counted.
 """
 
@@ -27,8 +27,8 @@ from bayes_toe.inference.diagnostics import Convergence, convergence_of, worst
 Density = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 
 _TARGET_ACCEPTANCE = 0.9
-#: Mean length of a trajectory, and the autocorrelation of draws from which on it is doubled.
-_LENGTH, _MOST_ALIKE = 0.75 * np.pi, 0.6
+#: Mean length of a trajectory.
+_LENGTH = 0.75 * np.pi
 #: Gain of energy, and momentum, at which a trajectory is given up.
 _LARGEST_GAIN, _LARGEST_MOMENTUM = 1000.0, 1000.0
 _MOST_STEPS = 256
@@ -55,6 +55,11 @@ class Trace(NamedTuple):
     x: FloatArray
     is_divergent: BoolArray
 
+    def followed_by(self, later: Trace) -> Trace:
+        """These draws of every chain, then later ones."""
+        x = np.concatenate([self.x, later.x])
+        return Trace(x, np.concatenate([self.is_divergent, later.is_divergent]))
+
 
 class _Trajectory(NamedTuple):
     """Where chains are after a trajectory, the chance to get there, and whether they diverged."""
@@ -65,7 +70,13 @@ class _Trajectory(NamedTuple):
 
 
 class Metric:
-    """Covariances of the shared coordinates and of each block of coordinates, as factors.
+    """Linear map from standard normal coordinates z to those of a group, learnt from draws.
+
+    Given the shared coordinates the subjects are independent, so that
+
+        shared = S z_shared,    block_i = B_i shared + L_i z_i
+
+    has room for every covariance of a normal posterior.
 
     Parameters
     ----------
@@ -76,31 +87,42 @@ class Metric:
     """
 
     def __init__(self, n_shared: int, n_blocks: int, block_size: int) -> None:
-        self._shared = np.eye(n_shared)
+        self._shared: FloatArray = np.eye(n_shared)
         self._blocks = np.tile(np.eye(block_size), (n_blocks, 1, 1))
+        self._following = np.zeros((n_shared, n_blocks * block_size))
 
     def to_position(self, momentum: FloatArray) -> FloatArray:
         """How far a momentum carries, (chains, coordinates)."""
-        return self._transform(momentum, self._shared.T, self._blocks.swapaxes(1, 2))
+        n_shared = len(self._shared)
+        shared = momentum[:, :n_shared] @ self._shared.T
+        blocks = self._by_block(momentum[:, n_shared:], self._blocks.swapaxes(1, 2))
+        return np.concatenate([shared, blocks + shared @ self._following], axis=1)
 
     def to_momentum(self, gradient: FloatArray) -> FloatArray:
         """What a slope does to the momentum, (chains, coordinates)."""
-        return self._transform(gradient, self._shared, self._blocks)
+        n_shared = len(self._shared)
+        by_block = gradient[:, n_shared:]
+        shared = (gradient[:, :n_shared] + by_block @ self._following.T) @ self._shared
+        return np.concatenate([shared, self._by_block(by_block, self._blocks)], axis=1)
 
     def learn(self, draws: FloatArray) -> None:
-        """Covariances from draws, (draws, coordinates), with those of before as a few more."""
+        """Learn from draws, (draws, coordinates); the map of before counts as a few more."""
         n_shared, (n_blocks, size, _) = len(self._shared), self._blocks.shape
+        weight = len(draws) / (len(draws) + _GUESS_WEIGHT)
         draws = draws - draws.mean(axis=0)
-        blocks = draws[:, n_shared:].reshape(-1, n_blocks, size).swapaxes(0, 1)
-        self._shared = _shrunk_root(draws[None, :, :n_shared], self._shared[None])[0]
-        self._blocks = _shrunk_root(blocks, self._blocks)
+        shared, blocks = draws[:, :n_shared], draws[:, n_shared:]
+        self._shared = _shrunk_root(shared[None], self._shared[None])[0]
+        variance = self._shared @ self._shared.T
+        together = weight * shared.T @ blocks / len(draws)
+        self._following[:] = np.linalg.solve(variance, together)
+        rest = (blocks - shared @ self._following).reshape(-1, n_blocks, size).swapaxes(0, 1)
+        self._blocks = _shrunk_root(rest, self._blocks)
 
-    def _transform(self, values: FloatArray, shared: FloatArray, blocks: FloatArray) -> FloatArray:
-        """Shared coordinates times one factor, and each block times its own."""
-        n_shared, (n_blocks, size, _) = len(self._shared), self._blocks.shape
-        by_block = values[:, n_shared:].reshape(-1, n_blocks, size).swapaxes(0, 1) @ blocks
-        by_block = by_block.swapaxes(0, 1).reshape(len(values), -1)
-        return np.concatenate([values[:, :n_shared] @ shared, by_block], axis=1)
+    def _by_block(self, values: FloatArray, factors: FloatArray) -> FloatArray:
+        """Each block of values times its factor, (chains, blocks x size)."""
+        n_blocks, size, _ = factors.shape
+        by_block = values.reshape(-1, n_blocks, size).swapaxes(0, 1) @ factors
+        return by_block.swapaxes(0, 1).reshape(values.shape)
 
 
 def _shrunk_root(draws: FloatArray, root: FloatArray) -> FloatArray:
@@ -137,7 +159,6 @@ class Hamiltonian:
         self._density, self._metric, self._rng = density, metric, rng
         self._x = start.copy()
         self._value, self._gradient = density(start)
-        self._length = _LENGTH
         self.step = 0.5 * start.shape[1] ** -0.25
         self.n_gradients = len(start)
 
@@ -148,9 +169,6 @@ class Hamiltonian:
             most_steps = _MOST_STEPS if i else _FIRST_STEPS
             draws = self._adapt_step(size, most_steps=most_steps)[size // 4 :]
             self._metric.learn(draws.reshape(-1, draws.shape[-1]))
-            is_last_but_one = i == len(rounds) - 2
-            if is_last_but_one and _largest_autocorrelation(draws) > _MOST_ALIKE:
-                self._length *= 2.0
         self._adapt_step(rounds[0])
 
     def advance(self, n_draws: int) -> Trace:
@@ -193,7 +211,7 @@ class Hamiltonian:
 
     def _trajectory(self, factor: float = 1.0, most_steps: int = _MOST_STEPS) -> _Trajectory:
         """One trajectory of every chain."""
-        length = self._length * self._rng.uniform(1.0 / 3.0, 5.0 / 3.0)
+        length = _LENGTH * self._rng.uniform(1.0 / 3.0, 5.0 / 3.0)
         n_steps = min(most_steps, max(1, round(length / self.step)))
         step = factor * min(length / n_steps, self.step)
         metric = self._metric
@@ -220,13 +238,6 @@ class Hamiltonian:
         return _Trajectory(self._x, acceptance, is_divergent)
 
 
-def _largest_autocorrelation(draws: FloatArray) -> float:
-    """The largest autocorrelation of a draw and the next, draws of shape (draws, chains, D)."""
-    away = draws - draws.mean(axis=(0, 1))
-    products = (away[1:] * away[:-1]).mean(axis=(0, 1))
-    return float((products / np.square(away).mean(axis=(0, 1))).max())
-
-
 def _kinetic(momentum: FloatArray) -> FloatArray:
     """Kinetic energy, (chains,)."""
     # Where the density is 0 its slope may be anything; such a trajectory is divergent.
@@ -238,7 +249,7 @@ def _kinetic(momentum: FloatArray) -> FloatArray:
 
 MAX_R_HAT = 1.01
 MIN_EFFECTIVE_DRAWS = 300
-N_CHAINS = 8
+N_CHAINS = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -292,7 +303,8 @@ def sample_group(
 ) -> GroupDraws:
     """So many draws of all chains together.
 
-    Where these are not reliable, twice as many by shorter steps take their place.
+    Where these are too few to be reliable, as many again are added to them. Where trajectories
+    diverged, twice as many by shorter steps take their place.
     """
     start = posterior.start(n_chains, rng)
     rows = posterior.rows
@@ -304,9 +316,10 @@ def sample_group(
     draws = _group_draws(posterior, trace)
     if not draws.shortfall:
         return draws
-    # Divergent trajectories say that steps were too long somewhere: their draws are not kept.
-    sampler.step *= _SECOND_STEP
-    return _group_draws(posterior, sampler.advance(2 * n_each))
+    if draws.n_divergent:
+        sampler.step *= _SECOND_STEP
+        return _group_draws(posterior, sampler.advance(2 * n_each))
+    return _group_draws(posterior, trace.followed_by(sampler.advance(n_each)))
 
 
 def _group_draws(posterior: GroupPosterior, trace: Trace) -> GroupDraws:
@@ -318,7 +331,7 @@ def _group_draws(posterior: GroupPosterior, trace: Trace) -> GroupDraws:
     subjects = point.w.swapaxes(0, 1)
     return GroupDraws(
         point.mean.reshape(*lead, -1),
-        np.exp(point.log_sd).reshape(*lead, -1),
+        point.sd.reshape(*lead, -1),
         point.effects.reshape(*lead, *point.effects.shape[1:]),
         subjects.reshape(*lead, *subjects.shape[1:]),
         int(trace.is_divergent.sum()),

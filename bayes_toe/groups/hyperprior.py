@@ -19,11 +19,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.special import erfinv, log_ndtr, ndtr, ndtri_exp
 
 from bayes_toe.arrays import BoolArray, FloatArray
 from bayes_toe.data.messages import shown
 from bayes_toe.data.tasks import Task
 from bayes_toe.errors import InputError, require_kind
+from bayes_toe.model.paper_equations import LN2
 from bayes_toe.model.parameters import (
     CONSTANT_ERROR,
     CONTRACTION,
@@ -212,6 +214,42 @@ def _require(source: str, sections: Mapping[str, Any]) -> None:
 # --- As arrays -----------------------------------------------------------------------------------
 
 
+class StandardDeviations(NamedTuple):
+    """Standard deviations between subjects by their scores, (..., coefficients) each.
+
+    Attributes
+    ----------
+    values : ndarray
+    rise : ndarray
+        Their derivatives in the scores.
+    log_prior, prior_slope : ndarray
+        Log prior density of each score, without a constant, and its derivative.
+    """
+
+    values: FloatArray
+    rise: FloatArray
+    log_prior: FloatArray
+    prior_slope: FloatArray
+
+
+def half_normal_quantile(score: FloatArray) -> FloatArray:
+    """The quantile u >= 0 with 2 Phi(u) - 1 = Phi(score), accurate in both tails.
+
+    Examples
+    --------
+    >>> half_normal_quantile(np.array([-10.0, 0.0, 10.0])).round(4).tolist()
+    [0.0, 0.6745, 10.0684]
+    """
+    lower = np.sqrt(2.0) * erfinv(ndtr(np.minimum(score, 0.0)))
+    upper = -ndtri_exp(log_ndtr(-np.maximum(score, 0.0)) - LN2)
+    return np.asarray(np.where(score < 0.0, lower, upper))
+
+
+def half_normal_score(u: FloatArray) -> FloatArray:
+    """Inverse of :func:`half_normal_quantile`."""
+    return np.asarray(-ndtri_exp(log_ndtr(-u) + LN2))
+
+
 class HyperpriorNumbers(NamedTuple):
     """The numbers of several coefficients, shape (coefficients,) each."""
 
@@ -238,13 +276,19 @@ class HyperpriorNumbers(NamedTuple):
         """Its derivative."""
         return self._slope((mean - self.mean) / self.mean_scale) / self.mean_scale
 
-    def log_sd(self, sd: FloatArray) -> FloatArray:
-        """Log prior density of each standard deviation, (..., coefficients)."""
-        return self._log_density(sd / self.sd_scale) + np.log(2.0 / self.sd_scale)
+    def sds(self, score: FloatArray) -> StandardDeviations:
+        """Standard deviations from their scores, (..., coefficients).
 
-    def sd_slope(self, sd: FloatArray) -> FloatArray:
-        """Its derivative."""
-        return self._slope(sd / self.sd_scale) / self.sd_scale
+        The score is the standard normal quantile of the probability that a half-normal variable
+        is smaller. Where the data do not show that subjects differ, the posterior of a score has
+        a normal tail; that of a log SD has a long one.
+        """
+        normal = StandardNormal()
+        u = half_normal_quantile(score)
+        rise = 0.5 * np.exp(0.5 * (np.square(u) - np.square(score)))
+        log_prior = normal.log_density(score) + self._log_density(u) - normal.log_density(u)
+        slope = (self._slope(u) + u) * rise - score
+        return StandardDeviations(self.sd_scale * u, self.sd_scale * rise, log_prior, slope)
 
     def log_effect(self, effect: FloatArray) -> FloatArray:
         """Log prior density of a covariate's effects: Normal(0, sd_scale)."""

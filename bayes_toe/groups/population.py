@@ -59,7 +59,7 @@ from bayes_toe.model.parameters import (
 )
 from bayes_toe.seeds import generator, root_seed
 
-#: Draws of all chains together; enough for 95 % intervals, and 5 to 20 s of CPU for 10 subjects.
+#: Draws of all chains together; enough for 95 % intervals, and about 5 s of CPU for 10 subjects.
 DRAWS = 3200
 _FEWEST_SUBJECTS, _FEWEST_DRAWS, _MOST_DRAWS = 2, 100, 100_000
 _INTERVAL = (0.025, 0.5, 0.975)

@@ -346,6 +346,62 @@ class ObserverBatch:
         no = lapse * 2.0 * ndtr(-k) + attend * (ndtr(-near) + ndtr(far))
         return yes, no
 
+    def plain_gradient(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """:meth:`gradient` by plain probabilities, as :meth:`plain_log_likelihood`.
+
+        Both answers to a pair depend on z, on ln k and on the lapse rate alone. The slopes in
+        these are summed over the answers first, and follow the coordinates after that. Where an
+        answer that was given has a probability of 0, the slopes are not finite.
+        """
+        with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+            return self._plain_gradient(u)
+
+    def _plain_gradient(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
+        prior = self.prior
+        values = self.quantities(u)
+        z = self.distance_at(values)
+        k = self.criterion_at(values) if self.is_same_different else None
+        yes, no = self.plain_answers_at(values, z, k)
+        value = np.asarray((xlogy(self.n_yes, yes) + xlogy(self.n_no, no)).sum(axis=-1))
+        by_yes = _per_answer(self.n_yes, yes) - _per_answer(self.n_no, no)
+
+        log_lapse, log_attend = self._lapse_logs(values)
+        lapse, attend = np.exp(log_lapse), np.exp(log_attend)
+        if k is None:
+            blind = 0.5
+            in_z = attend * by_yes * _density(z)
+        else:
+            blind = erf(k * np.sqrt(0.5))
+            edge = attend * by_yes * _density(np.abs(z) - k)
+            far_share = np.exp(-2.0 * np.abs(z) * k)
+            in_z = edge * np.sign(z) * np.expm1(-2.0 * np.abs(z) * k)
+            in_k = edge * (1.0 + far_share) + 2.0 * lapse * by_yes * _density(k)
+            in_log_k = in_k * k
+        # P = lambda blind + (1 - lambda) attending, so that (1 - lambda) dP/dlambda = blind - P;
+        # and d lambda/du = phi(u) (1 - lambda) / (b (1 - Phi(u))).
+        in_lapse = (by_yes * (blind - yes)).sum(axis=-1)
+        score = values["lapse_score"]
+        log_rise = -0.5 * (np.square(score) + LOG_2PI) - log_ndtr(-score)
+        lapse_rise = np.exp(log_rise) / prior.lapse_rate_b
+
+        by_noise = -in_z * z
+        log_scale = values["log_noise"][..., None] + values["noise_slope"][..., None] * self.middle
+        by_shift = in_z * np.exp(-log_scale)
+        slopes = [prior.noise_sd * by_noise.sum(axis=-1)]
+        if k is not None:
+            peak = values["logit_q0"]
+            bare_k = criterion(peak)
+            slopes.append(criterion_slope(peak, bare_k) / bare_k * in_log_k.sum(axis=-1))
+        slopes.append(lapse_rise * in_lapse)
+        noise_slope_unit = prior.noise_slope_scale * self.slope_unit
+        slopes.append(noise_slope_unit * (by_noise * self.middle).sum(axis=-1))
+        if k is not None:
+            criterion_slope_unit = prior.criterion_slope_scale * self.slope_unit
+            slopes.append(criterion_slope_unit * (in_log_k * self.middle).sum(axis=-1))
+        slopes.append(-prior.constant_error_scale * by_shift.sum(axis=-1))
+        slopes.append(self.contraction_sd * (by_shift * self.first).sum(axis=-1))
+        return value, np.stack(slopes, axis=-1)
+
     def answer_slopes(self, u: FloatArray) -> tuple[LogAnswers, FloatArray, FloatArray]:
         """Log answers, and the slopes of both in every coordinate, (rows, points, k, pairs)."""
         values, prior = self.quantities(u), self.prior
@@ -458,6 +514,18 @@ class ObserverBatch:
             slopes[..., j] = density.slope(u[..., j])
             curvatures[..., j] = density.curvature(u[..., j])
         return slopes, curvatures
+
+
+def _per_answer(counts: FloatArray, probability: FloatArray) -> FloatArray:
+    """Counts over probabilities; an answer never given has 0."""
+    counts, probability = np.broadcast_arrays(counts, probability)
+    zeros = np.zeros(probability.shape)
+    return np.divide(counts, probability, out=zeros, where=counts > 0.0)
+
+
+def _density(x: FloatArray) -> FloatArray:
+    """Standard normal density."""
+    return np.asarray(np.exp(-0.5 * (np.square(x) + LOG_2PI)))
 
 
 def _stacked(slopes: Sequence[FloatArray]) -> FloatArray:

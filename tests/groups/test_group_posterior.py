@@ -32,13 +32,17 @@ def log_likelihood(subject, scales, c, p, log_noise, lapse_score, slope):
 
 
 def log_joint(study, scales, point, i):
-    """Log density of means, log sds, effects and the subjects' own parameters, at one point."""
-    mean, sd, effects = point.mean[i], np.exp(point.log_sd[i]), point.effects[i]
+    """Log density of means, scores of sds, effects and the subjects' own parameters, at one point."""
+    mean, sd, effects = point.mean[i], point.sd[i], point.effects[i]
     t3, scale = stats.t(3), np.array([0.5, 0.2, 0.6])
     total = t3.logpdf(mean[0] / 0.5) - np.log(0.5)
     total += stats.norm.logpdf(mean[1:], 0.0, scale[1:]).sum()
     total += np.log(2.0 / 0.3) + t3.logpdf(sd[0] / 0.3)
-    total += stats.halfnorm.logpdf(sd[1:], scale=[0.15, 0.4]).sum() + np.log(sd).sum()
+    total += stats.halfnorm.logpdf(sd[1:], scale=[0.15, 0.4]).sum()
+    # The scores: Phi(score) is the probability that a half-normal variable is below sd / scale.
+    u = sd / [0.3, 0.15, 0.4]
+    score = stats.norm.ppf(stats.halfnorm.cdf(u))
+    total += (stats.norm.logpdf(score) - stats.halfnorm.logpdf(u)).sum()
     total += stats.norm.logpdf(effects, 0.0, [0.3, 0.15, 0.4]).sum()
     for subject, x, w in zip(study, X, point.w[:, i], strict=True):
         total += stats.norm.logpdf(w[:3], mean + x @ effects, sd).sum()
@@ -103,7 +107,7 @@ def test_without_precision_coordinates_are_non_centred(study):
     theta = posterior.start(3, np.random.default_rng(1))
     point = posterior.points(theta)
     xi = theta[:, posterior.n_shared :].reshape(3, 3, -1)[..., :3].swapaxes(0, 1)
-    expected = point.mean + np.einsum("nr,prq->npq", X, point.effects) + np.exp(point.log_sd) * xi
+    expected = point.mean + np.einsum("nr,prq->npq", X, point.effects) + point.sd * xi
     assert point.w[..., :3] == pytest.approx(expected, rel=1e-12)
 
 

@@ -69,10 +69,26 @@ def test_twice_the_draws_where_the_first_are_not_reliable(monkeypatch):
     study = simulated_group(1, n_subjects=3, n_each=20)
     scales = StudyScales.from_study(study)
     posterior = group_posterior(study, scales, Hyperprior(), np.zeros((3, 0)))
-    monkeypatch.setattr(group_sampler, "MAX_R_HAT", 0.5)
-    draws = sample_group(posterior, 40, np.random.default_rng(1), n_chains=4)
-    assert draws.mean.shape == (4, 20, 3)
+
+    def drawn():
+        return sample_group(posterior, 40, np.random.default_rng(1))
+
     monkeypatch.setattr(group_sampler, "MAX_R_HAT", 9.0)
     monkeypatch.setattr(group_sampler, "MIN_EFFECTIVE_DRAWS", 0)
-    draws = sample_group(posterior, 40, np.random.default_rng(1), n_chains=4)
-    assert draws.mean.shape == (4, 10, 3)
+    first = drawn()
+    assert first.mean.shape == (4, 10, 3)
+    monkeypatch.setattr(group_sampler, "MAX_R_HAT", 0.5)
+    longer = drawn()
+    assert longer.mean.shape == (4, 20, 3)
+    assert (longer.mean[:, :10] == first.mean).all()
+    # Where the first trajectories diverge their draws are not part of the result.
+    advance = Hamiltonian.advance
+
+    def diverging_at_first(self, n_draws):
+        trace = advance(self, n_draws)
+        return trace._replace(is_divergent=trace.is_divergent | (n_draws == 10))
+
+    monkeypatch.setattr(Hamiltonian, "advance", diverging_at_first)
+    other = drawn()
+    assert (other.mean.shape, other.n_divergent) == ((4, 20, 3), 0)
+    assert (other.mean[:, :10] != first.mean).any()

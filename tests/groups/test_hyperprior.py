@@ -11,6 +11,8 @@ from bayes_toe.groups.hyperprior import (
     Hyperprior,
     HyperpriorNumbers,
     group_parameters,
+    half_normal_quantile,
+    half_normal_score,
     read_hyperprior,
 )
 
@@ -28,15 +30,19 @@ def test_densities_are_those_of_the_table():
         stats.norm.logpdf(1.1, 1.8, 1.0),
     ]
     assert NUMBERS.log_mean(at) == pytest.approx(expected, rel=1e-12)
-    sd = np.abs(at)
-    expected_sd = [
-        np.log(2.0) + student.logpdf(0.4 / 0.3) - np.log(0.3),
-        stats.halfnorm.logpdf(0.1, scale=0.15),
-        stats.halfnorm.logpdf(0.7, scale=0.4),
-        stats.halfnorm.logpdf(1.1, scale=1.0),
-    ]
-    assert NUMBERS.log_sd(sd) == pytest.approx(expected_sd, rel=1e-12)
-    effect_sd = np.array([0.3, 0.15, 0.4, 1.0])
+    sd, effect_sd = np.abs(at), np.array([0.3, 0.15, 0.4, 1.0])
+    expected_sd = np.array(
+        [
+            np.log(2.0) + student.logpdf(0.4 / 0.3) - np.log(0.3),
+            stats.halfnorm.logpdf(0.1, scale=0.15),
+            stats.halfnorm.logpdf(0.7, scale=0.4),
+            stats.halfnorm.logpdf(1.1, scale=1.0),
+        ]
+    )
+    sds = NUMBERS.sds(half_normal_score(sd / effect_sd))
+    assert sds.values == pytest.approx(sd, rel=1e-12)
+    found = sds.log_prior - np.log(sds.rise)
+    assert found - found[1] == pytest.approx(expected_sd - expected_sd[1], abs=1e-12)
     expected_effect = stats.norm.logpdf(at, 0.0, effect_sd)
     assert NUMBERS.log_effect(at) == pytest.approx(expected_effect, rel=1e-12)
     assert scale.shape == at.shape
@@ -49,12 +55,31 @@ def test_prior_density_of_a_zero_mean_is_that_of_the_design():
 
 @pytest.mark.parametrize(
     ("log_density", "slope"),
-    [("log_mean", "mean_slope"), ("log_sd", "sd_slope"), ("log_effect", "effect_slope")],
+    [("log_mean", "mean_slope"), ("log_effect", "effect_slope")],
 )
 def test_slopes_are_derivatives(log_density, slope):
     at, step = np.array([0.4, 0.2, 0.7, 1.1]), 1e-6
     rise = getattr(NUMBERS, log_density)(at + step) - getattr(NUMBERS, log_density)(at - step)
     assert getattr(NUMBERS, slope)(at) == pytest.approx(rise / (2.0 * step), rel=1e-6)
+
+
+def test_slopes_of_scores_are_derivatives():
+    at, step = np.array([-1.4, 0.2, -0.7, 2.1]), 1e-6
+    here, ahead, behind = (NUMBERS.sds(at + size) for size in (0.0, step, -step))
+    rise = (ahead.values - behind.values) / (2.0 * step)
+    assert here.rise == pytest.approx(rise, rel=1e-6)
+    slope = (ahead.log_prior - behind.log_prior) / (2.0 * step)
+    assert here.prior_slope == pytest.approx(slope, rel=1e-6)
+
+
+def test_scores_of_a_half_normal_reach_far_into_both_tails():
+    score = np.array([-30.0, -8.0, -1.0, 0.0, 1e-9, 3.0, 8.0, 30.0])
+    u = half_normal_quantile(score)
+    # Phi(u) - 1/2 = Phi(score) / 2 is u / sqrt(2 pi) near 0.
+    assert u[:2] == pytest.approx(np.sqrt(0.5 * np.pi) * stats.norm.cdf(score[:2]), rel=1e-12)
+    assert u[2:6] == pytest.approx(stats.halfnorm.ppf(stats.norm.cdf(score[2:6])), rel=1e-12)
+    assert stats.norm.logsf(u[6:]) + np.log(2.0) == pytest.approx(stats.norm.logsf(score[6:]))
+    assert half_normal_score(u[2:]) == pytest.approx(score[2:], abs=1e-8)
 
 
 def test_a_task_has_its_parameters():

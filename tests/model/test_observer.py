@@ -187,6 +187,11 @@ def test_the_plain_form_is_the_log_form_within_200_nats(posterior):
     full = posterior.full_points(points)
     plain = posterior.batch.plain_log_likelihood(full)[0]
     assert plain == pytest.approx(posterior.log_likelihood(points), rel=1e-12)
+    value, slope = posterior.batch.gradient(full)
+    plain_value, plain_slope = posterior.batch.plain_gradient(full)
+    assert plain_value == pytest.approx(value, rel=1e-12)
+    scale = 1.0 + np.abs(slope).max(axis=-1, keepdims=True)
+    assert np.abs((plain_slope - slope) / scale).max() < 1e-10
 
 
 # --- Rows and pairs -------------------------------------------------------------------------------
