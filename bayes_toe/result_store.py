@@ -284,9 +284,9 @@ def packed(value: object) -> bytes:
     """
     arrays: list[npt.NDArray[Any]] = []
     text = json.dumps(_plain(value, arrays, _refuse))
-    members = {f"a{i}": array for i, array in enumerate(arrays)}
+    members: dict[str, Any] = {f"a{i}": array for i, array in enumerate(arrays)}
     content = io.BytesIO()
-    np.savez(content, allow_pickle=False, text=np.array(text), **members)
+    np.savez(content, text=np.array(text), **members)
     return content.getvalue()
 
 
@@ -333,7 +333,10 @@ def _plain(
     if is_plain and not isinstance(value, Enum):
         return value
     if isinstance(value, np.ndarray | np.generic):
-        arrays.append(np.asarray(value))
+        array = np.asarray(value)
+        if array.dtype.hasobject:
+            return _refuse(value)
+        arrays.append(array)
         kind = "array" if isinstance(value, np.ndarray) else "scalar"
         return {kind: len(arrays) - 1}
     if isinstance(value, list):
