@@ -169,9 +169,7 @@ def test_a_command_on_a_cluster_writes_what_it_writes_without(dask, folder):
         *options,
         "-o",
         "there.csv",
-        "--engine",
-        "dask",
-        "--scheduler",
+        "--dask",
         dask.scheduler_address,
         cwd=folder,
     )
@@ -183,21 +181,17 @@ def test_a_command_on_a_cluster_writes_what_it_writes_without(dask, folder):
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (("--engine", "dask"), "--engine dask and --scheduler tcp://HOST:PORT go together"),
+        (("--engine", "dask"), "`--engine` is retired: `--dask tcp://HOST:PORT`"),
         (
-            ("--scheduler", "tcp://127.0.0.1:1"),
-            "--engine dask and --scheduler tcp://HOST:PORT go together",
+            ("--dask", "tcp://127.0.0.1:1", "--workers", "2"),
+            "--workers 2: not with --dask, which uses all workers of a cluster",
         ),
         (
-            ("--engine", "dask", "--scheduler", "tcp://127.0.0.1:1", "--workers", "2"),
-            "--workers 2 is of --engine local: the workers of a cluster are those it has",
-        ),
-        (
-            ("--engine", "dask", "--scheduler", "nonsense"),
+            ("--dask", "nonsense"),
             "no Dask scheduler at 'nonsense': missing port number in address 'nonsense'",
         ),
         (
-            ("--engine", "dask", "--scheduler", "tcp://127.0.0.1:1"),
+            ("--dask", "tcp://127.0.0.1:1"),
             "no Dask scheduler at 'tcp://127.0.0.1:1': no answer within 0.5 s",
         ),
     ],

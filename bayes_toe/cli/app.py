@@ -97,6 +97,8 @@ RETIRED_OPTIONS = {
         "--store": "leave it out, draws are written to posterior.nc",
     },
 }
+#: Options of every command that are gone.
+RETIRED_EVERYWHERE = dict.fromkeys(("--engine", "--scheduler"), "`--dask tcp://HOST:PORT`")
 #: Former names of options, which still work, with their names today.
 FORMER_OPTIONS = {"--turn": "--swap", "--leave-out": "--exclude", "--pictures": "--figures"}
 
@@ -111,7 +113,7 @@ class Commands(TyperGroup):
         TYPED[:] = [command, *words]
         if command in RETIRED_COMMANDS:
             refuse_retired(command, RETIRED_COMMANDS[command])
-        retired = RETIRED_OPTIONS.get(command, {})
+        retired = RETIRED_OPTIONS.get(command, {}) | RETIRED_EVERYWHERE
         for word in words:
             option = word.partition("=")[0]
             if option in retired:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields, replace
 from functools import partial
 from glob import glob
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -38,13 +38,9 @@ Processes = Annotated[
     int | None,
     rare("--workers", min=1, metavar=NUMBER, help="Processes; default: one per processor."),
 ]
-Engine = Annotated[
-    Literal["local", "dask"],
-    rare("--engine", metavar="local|dask", help="Where processes run: here, or on a Dask cluster."),
-]
-Scheduler = Annotated[
+DaskAddress = Annotated[
     str | None,
-    rare("--scheduler", metavar="tcp://HOST:PORT", help="Address of the Dask cluster."),
+    rare("--dask", metavar="tcp://HOST:PORT", help="Use the workers of a Dask cluster."),
 ]
 PriorFile = Annotated[
     str | None,

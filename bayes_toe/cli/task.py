@@ -13,14 +13,13 @@ import typer
 
 from bayes_toe.cli.options import (
     NO_FILE,
+    DaskAddress,
     DrawCount,
-    Engine,
     Overwrite,
     PriorFile,
     Processes,
     Quiet,
     Resume,
-    Scheduler,
     Seed,
     SpreadsheetSafe,
     StudyFile,
@@ -39,7 +38,7 @@ Result = TypeVar("Result")
 NOBODY: Mapping[str, str] = {}
 BAD_INPUT, INCOMPLETE = 2, 3
 #: The shared options of commands that share their work among processes and write, and of those that compute with a model besides.
-WORKERS = ("processes", "engine", "scheduler", "overwrite")
+WORKERS = ("processes", "dask", "overwrite")
 MODEL = ("seed", "prior", *WORKERS)
 
 
@@ -57,8 +56,7 @@ class Task:
     seed: Seed = None
     draws: DrawCount = 4000
     processes: Processes = None
-    engine: Engine = "local"
-    scheduler: Scheduler = None
+    dask: DaskAddress = None
     prior: PriorFile = None
     spreadsheet_safe: SpreadsheetSafe = False
     resume: Resume = False
@@ -117,19 +115,17 @@ class Task:
 
     @cached_property
     def workers(self) -> Workers:
-        """Processes of this machine, or those of a cluster, which is connected to here and said."""
-        if (self.engine == "dask") != (self.scheduler is not None):
-            raise InputError("--engine dask and --scheduler tcp://HOST:PORT go together")
-        if self.scheduler is None:
+        """Processes of this machine, or a client of a Dask cluster."""
+        if self.dask is None:
             return self.processes
         if self.processes is not None:
             raise InputError(
-                f"--workers {self.processes} is of --engine local: the workers of a cluster are those it has"
+                f"--workers {self.processes}: not with --dask, which uses all workers of a cluster"
             )
         from bayes_toe.cluster import connect
 
-        client = connect(self.scheduler)
-        self.out.line(f"Workers: {len(client.nthreads())} at {self.scheduler}")
+        client = connect(self.dask)
+        self.out.line(f"Workers: {len(client.nthreads())} at {self.dask}")
         return client
 
     def partial(self, output: Path) -> Path:

@@ -24,8 +24,7 @@ SHARED = [
     "seed",
     "draws",
     "processes",
-    "engine",
-    "scheduler",
+    "dask",
     "prior",
     "spreadsheet_safe",
     "resume",
@@ -182,7 +181,7 @@ def test_there_are_thirteen_commands_and_rare_options_stand_apart():
     usual, rare = inside("run", "--help").stdout.split("Advanced")
     for name in ("--output", "--swap", "--exclude", "--prior", "--seed"):
         assert f"{name} " in usual
-    for name in ("--workers", "--engine", "--scheduler", "--spreadsheet-safe"):
+    for name in ("--workers", "--dask", "--spreadsheet-safe"):
         assert f"{name} " in rare
 
 
