@@ -41,7 +41,7 @@ from bayes_toe.data.whole_files import (
 from bayes_toe.errors import InputError, OutputError, require_kind
 from bayes_toe.seeds import root_seed
 from bayes_toe.version import library_versions
-from bayes_toe.workers import Failed, Progress, Workers, run_jobs, run_or_fail, tell
+from bayes_toe.workers import Failed, Progress, Workers, report_progress, run_jobs, run_or_fail
 
 Result = TypeVar("Result")
 #: In a store: the file that marks it as ours, the seed of its results, and the lock.
@@ -115,7 +115,7 @@ class ResultStore:
         failed = {}
         n_stored = sum(is_stored)
         standing = under_way[self.folder] = Standing(n_stored, n_stored, len(jobs), self.what)
-        tell(progress, chain.from_iterable(compress(names, is_stored)))
+        report_progress(progress, chain.from_iterable(compress(names, is_stored)))
         with closing(run_jobs([jobs[index] for index in missing], workers)) as outcomes:
             for position, result in outcomes:
                 index = missing[position]
@@ -124,7 +124,7 @@ class ResultStore:
                 else:
                     _put(files[index], packed({"job": keys[index], "result": result}))
                     standing = under_way[self.folder] = replace(standing, done=standing.done + 1)
-                tell(progress, names[index])
+                report_progress(progress, names[index])
 
         def read(index: int) -> Result:
             result: Result = unpacked(files[index].read_bytes())["result"]

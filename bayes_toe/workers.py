@@ -1,4 +1,4 @@
-"""The one seam through which subjects run side by side: joblib's workers on this machine, Dask's on a cluster."""
+"""Independent jobs side by side: by processes of this machine (joblib), or on a Dask cluster."""
 
 from __future__ import annotations
 
@@ -25,41 +25,50 @@ from bayes_toe.library_settings import ignore_settings_of_folder
 if TYPE_CHECKING:
     from distributed import Client
 
-#: Processes of this machine, None: one per processor; or a client of a Dask cluster, whose workers do the work.
+#: Processes of this machine, by default one per processor; or a client of a Dask cluster.
 Workers: TypeAlias = "int | Client | None"
-#: Told the name of what is done.
+#: Called with the name of each subject or data set when it is finished.
 Progress = Callable[[str], None]
 Result = TypeVar("Result")
-_FROM_TERMINALS = [getattr(signal, name) for name in ("SIGINT", "SIGHUP") if hasattr(signal, name)]
+_TERMINAL_SIGNALS = [
+    getattr(signal, name) for name in ("SIGINT", "SIGHUP") if hasattr(signal, name)
+]
 #: Keeps Python from putting the working folder on the search path.
 _SAFE_PATH = "PYTHONSAFEPATH"
-#: Processes: a copy made by fork has the mark of its parent, but none of its workers, and may not begin others.
-_have_begun_workers: set[int] = set()
+#: Processes that have started workers. A copy that `fork` makes of one has none of its workers, and
+#: cannot start others.
+_parents: set[int] = set()
 
 
 @dataclass(frozen=True)
 class Failed:
-    """In the place of a job's result: why there is none. Its worker died, and a fresh one as well; other jobs went on."""
+    """Stands for the result of a job that killed its worker, and then a second one."""
 
     reason: str
 
 
-def _died(workers: int) -> Failed:
-    return Failed(f"failed: {workers} workers died of it (killed, or out of memory)")
+def _killed(n_workers: int) -> Failed:
+    return Failed(f"failed: {n_workers} workers died of it (killed, or out of memory)")
 
 
 def of_this_machine(workers: Workers) -> int | None:
-    """Processes here, also where a cluster did other work: for jobs on files, which the cluster may not see."""
+    """A number of processes here: for jobs on files, which the workers of a cluster may not see."""
     return int(workers) if isinstance(workers, Integral) else None
 
 
 def run_jobs(
     jobs: Sequence[Callable[[], Result]], workers: Workers
 ) -> Generator[tuple[int, Result | Failed]]:
-    """Yield (index, what the job returned) as they finish, in any order; one BLAS thread in every process.
+    """Yield the index of each job with its result, in the order in which jobs finish.
 
-    A job is a call that is still to be made, `partial(function, ...)`, of a function that can be imported. Where a worker dies (killed,
-    out of memory), each job that was under way is tried once more, alone: the one that its worker dies of again is :class:`Failed`.
+    Every process uses one BLAS thread. If a worker dies (killed, out of memory), each job that was
+    running is repeated alone. A job that kills its worker again is :class:`Failed`.
+
+    Parameters
+    ----------
+    jobs : sequence of callable
+        ``partial(function, ...)`` of a function that can be imported.
+    workers : int or distributed.Client, optional
 
     Examples
     --------
@@ -67,16 +76,17 @@ def run_jobs(
     >>> list(run_jobs([partial(pow, 2, 3), partial(pow, 3, 2)], workers=1))
     [(0, 8), (1, 9)]
     """
-    if not (workers is None or isinstance(workers, Integral)):  # NumPy's too
+    if workers is not None and not isinstance(workers, Integral):  # NumPy's integers too
         from bayes_toe.cluster import run_on
 
-        return run_on(workers, jobs, _died)
+        return run_on(workers, jobs, _killed)
     if workers is not None and workers < 1:
         raise InputError(f"workers={workers} must be at least 1")
-    count = min(cpu_count() if workers is None else int(workers), len(jobs))
-    return (
-        _here(jobs) if count <= 1 or _have_begun_workers - {os.getpid()} else _shared(jobs, count)
-    )
+    n_processes = min(cpu_count() if workers is None else int(workers), len(jobs))
+    is_copy_of_parent = bool(_parents - {os.getpid()})
+    if n_processes <= 1 or is_copy_of_parent:
+        return _run_here(jobs)
+    return _run_in_processes(jobs, n_processes)
 
 
 def run_in_order(
@@ -85,16 +95,28 @@ def run_in_order(
     progress: Progress | None,
     names: Sequence[tuple[str, ...]],
 ) -> list[Result]:
-    """Results of :func:`run_jobs` in the order of the jobs; progress is told a job's names, none or some, as soon as it is done.
+    """Return the results in the order of the jobs.
 
-    A WorkerError where a job failed, see :func:`run_or_fail` for those that can do without.
+    Parameters
+    ----------
+    jobs, workers
+        As :func:`run_jobs` takes them.
+    progress : callable, optional
+        Called with the names of each job when the job is done.
+    names : sequence of tuple of str
+        The names of each job; a job may have none.
+
+    Raises
+    ------
+    WorkerError
+        If a job failed; :func:`run_or_fail` is for callers that can go on.
     """
-    found: list[Result] = []
-    for name, result in zip(names, run_or_fail(jobs, workers, progress, names), strict=True):
+    results: list[Result] = []
+    for job_names, result in zip(names, run_or_fail(jobs, workers, progress, names), strict=True):
         if isinstance(result, Failed):
-            raise WorkerError(": ".join([*name, result.reason]))
-        found.append(result)
-    return found
+            raise WorkerError(": ".join([*job_names, result.reason]))
+        results.append(result)
+    return results
 
 
 def run_or_fail(
@@ -103,129 +125,138 @@ def run_or_fail(
     progress: Progress | None,
     names: Sequence[tuple[str, ...]],
 ) -> list[Result | Failed]:
-    """The same where others go on without a job that failed."""
+    """As :func:`run_in_order`, with :class:`Failed` for each job that failed."""
     results: dict[int, Result | Failed] = {}
-    with closing(run_jobs(jobs, workers)) as found:
-        for index, result in found:
+    with closing(run_jobs(jobs, workers)) as outcomes:
+        for index, result in outcomes:
             results[index] = result
-            tell(progress, names[index])
+            report_progress(progress, names[index])
     return [results[index] for index in range(len(jobs))]
 
 
-def tell(progress: Progress | None, names: Iterable[str]) -> None:
-    """Say to whoever wants to hear it what is done."""
+def report_progress(progress: Progress | None, names: Iterable[str]) -> None:
+    """Call `progress`, if there is one, with each name."""
     if progress is not None:
         for name in names:
             progress(name)
 
 
-def _here(jobs: Sequence[Callable[[], Result]]) -> Generator[tuple[int, Result | Failed]]:
+def _run_here(
+    jobs: Sequence[Callable[[], Result]],
+) -> Generator[tuple[int, Result | Failed]]:
     with threadpool_limits(1):
         for index, job in enumerate(jobs):
             yield index, job()
 
 
-def _shared(
-    jobs: Sequence[Callable[[], Result]], count: int
+def _run_in_processes(
+    jobs: Sequence[Callable[[], Result]], n_processes: int
 ) -> Generator[tuple[int, Result | Failed]]:
-    waiting, at_work = deque(enumerate(jobs)), set[int]()
+    waiting = deque(enumerate(jobs))
+    running = set[int]()
 
-    def handed_out() -> Iterator[tuple[int, Callable[[], Result]]]:
+    def next_jobs() -> Iterator[tuple[int, Callable[[], Result]]]:
         while waiting:
-            at_work.add(waiting[0][0])
+            running.add(waiting[0][0])
             yield waiting.popleft()
 
     while waiting:
         try:
-            with closing(_by_processes(handed_out(), count)) as results:
+            with closing(_joblib_results(next_jobs(), n_processes)) as results:
                 for index, result in results:
-                    at_work.remove(index)
+                    running.remove(index)
                     yield index, result
         except BrokenProcessPool:
-            for index in sorted(at_work):
-                yield index, _alone(jobs[index])
-            at_work.clear()
+            for index in sorted(running):
+                yield index, _repeat_alone(jobs[index])
+            running.clear()
 
 
-def _alone(job: Callable[[], Result]) -> Result | Failed:
+def _repeat_alone(job: Callable[[], Result]) -> Result | Failed:
     try:
-        ((_, result),) = _by_processes(
-            [(0, job)], 2
-        )  # of a single one joblib would do the work in this process
+        # With one process joblib would run the job in this process.
+        ((_, result),) = _joblib_results([(0, job)], n_processes=2)
     except BrokenProcessPool:
-        return _died(2)
+        return _killed(2)
     return result
 
 
-def _by_processes(
-    jobs: Iterable[tuple[int, Callable[[], Result]]], count: int
+def _joblib_results(
+    jobs: Iterable[tuple[int, Callable[[], Result]]], n_processes: int
 ) -> Generator[tuple[int, Result]]:
-    """Results of numbered jobs by so many processes, which are kept for the next call."""
+    """Results of numbered jobs; joblib keeps the processes for the next call."""
     with parallel_config(
-        "loky", n_jobs=count, inner_max_num_threads=1, initializer=_begin, initargs=(os.getpid(),)
+        "loky",
+        n_jobs=n_processes,
+        inner_max_num_threads=1,
+        initializer=_start_worker,
+        initargs=(os.getpid(),),
     ):
         parallel = Parallel(
             return_as="generator_unordered", batch_size=1, pre_dispatch="n_jobs", max_nbytes=None
         )
-    _have_begun_workers.add(os.getpid())
+    _parents.add(os.getpid())
     results: Generator[tuple[int, Result]] | None = None
     try:
         with _safe_path():
             with _signals_held_back():
-                results = parallel(delayed(_numbered)(index, job) for index, job in jobs)
-            for found in results:  # noqa: UP028  `yield from` would close it before joblib's warning is silenced
-                yield found
+                results = parallel(delayed(_run_numbered)(index, job) for index, job in jobs)
+            # `yield from` would close the results before the warning below is silenced.
+            for numbered_result in results:  # noqa: UP028
+                yield numbered_result
     finally:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # joblib's, where nobody wants what is left
+            warnings.simplefilter("ignore")  # joblib warns of results that nobody takes
             if results is not None:
                 results.close()
 
 
-def _numbered(index: int, job: Callable[[], Result]) -> tuple[int, Result]:
+def _run_numbered(index: int, job: Callable[[], Result]) -> tuple[int, Result]:
     return index, job()
 
 
 @contextmanager
 def _safe_path() -> Iterator[None]:
-    """Workers that start meanwhile import nothing from the working folder, a json.py for instance."""
-    before = os.environ.get(_SAFE_PATH)
+    """Workers that start in the block import nothing, such as a json.py, from the working folder."""
+    earlier_value = os.environ.get(_SAFE_PATH)
     os.environ[_SAFE_PATH] = "1"
     try:
         yield
     finally:
-        if before is None:
+        if earlier_value is None:
             del os.environ[_SAFE_PATH]
         else:
-            os.environ[_SAFE_PATH] = before
+            os.environ[_SAFE_PATH] = earlier_value
 
 
 @contextmanager
 def _signals_held_back() -> Iterator[None]:
-    """A Python that begins meanwhile would die of what a terminal says to all, with many lines, and joblib warn of it."""
-    before = None
-    if hasattr(signal, "pthread_sigmask"):
-        resource_tracker.ensure_running()  # joblib would begin it next, and Python 3.11 and 3.12 hear interrupts again once it has begun
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGTERM, *_FROM_TERMINALS])
+    """Signals of a terminal wait: a Python that is starting would print many lines and end."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    # joblib would start it next, and Python 3.11 and 3.12 let interrupts through after its start.
+    resource_tracker.ensure_running()
+    held_back = [signal.SIGTERM, *_TERMINAL_SIGNALS]
+    earlier_mask = signal.pthread_sigmask(signal.SIG_BLOCK, held_back)
     try:
         yield
     finally:
-        if before is not None:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        signal.pthread_sigmask(signal.SIG_SETMASK, earlier_mask)
 
 
-def _begin(parent: int) -> None:
-    """In a worker, first: no worker answers a terminal or outlives its parent."""
+def _start_worker(parent: int) -> None:
+    """First in a worker: it ignores the terminal and ends with its parent."""
     ignore_settings_of_folder()
-    for one in _FROM_TERMINALS:
-        signal.signal(one, signal.SIG_IGN)
+    for number in _TERMINAL_SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGTERM])
-    Thread(target=_end_with, args=(parent,), daemon=True).start()
+    Thread(target=_end_with_parent, args=(parent,), daemon=True).start()
 
 
-def _end_with(parent: int) -> None:
-    """A parent that is killed cannot say so: look whether it is there."""
+def _end_with_parent(parent: int) -> None:
+    """A parent that is killed cannot end its workers, so that each looks whether it is there."""
     while os.getppid() == parent:
         time.sleep(1.0)
     os._exit(1)
