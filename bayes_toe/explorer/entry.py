@@ -24,8 +24,17 @@ from bayes_toe.inference.draws import Draws
 from bayes_toe.inference.prediction import Predictor
 from bayes_toe.model.observer import ObserverPosterior
 from bayes_toe.model.paper_model import PaperPosterior
-from bayes_toe.model.posterior import DOMINATED, contraction
-from bayes_toe.plots.corner import AROUND, BINS, Density, Span, known_from, prior_values, spans_of
+from bayes_toe.model.posterior import DOMINATED, RANGE, contraction
+from bayes_toe.plots.corner import (
+    AROUND,
+    BINS,
+    Density,
+    Span,
+    axis_values,
+    known_from,
+    prior_values,
+    spans_of,
+)
 from bayes_toe.plots.style import MARKED
 
 #: What is the same in all pairs of a slice.
@@ -79,7 +88,8 @@ class Entry:
             np.arange(min(len(x), rows)) * len(x) // min(len(x), rows)
         )  # by the rule that explorer.js goes back by
         quantities = self.target.quantities(x)
-        samples = np.column_stack([quantities[name] for name in self.names])
+        columns = [axis_values(name, quantities[name]) for name in self.names]
+        samples = np.column_stack(columns)
         marked = np.quantile(samples, MARKED, axis=0)
         some = {name: values[kept] for name, values in quantities.items()}
         given = {
@@ -93,7 +103,7 @@ class Entry:
             "label": self.label,
             "synthetic": self.synthetic,
             "about": self.about,
-            "badges": [*self.badges, *self._dominated(marked)],
+            "badges": [*self.badges, *self._dominated(quantities)],
             "rows": len(kept),
             "of": len(x),
             "perChain": self.x.shape[1],
@@ -103,18 +113,18 @@ class Entry:
             "values": text_of(samples[kept].T),
             "marked": marked.T.tolist(),
             "truth": {name: float(known[name]) for name in self.names if name in known},
-            **outlined(samples, spans_of(samples, self.names, self.target)),
+            **outlined(samples, spans_of(columns, self.names, self.target)),
             **self._answers(x[kept], some, most_slices),
         }
 
-    def _dominated(self, marked: FloatArray) -> list[tuple[str, str]]:
+    def _dominated(self, quantities: Mapping[str, FloatArray]) -> list[tuple[str, str]]:
         """Quantities whose 5 to 95 % range is not much narrower than the prior's."""
-        ends = zip(self.names, marked[0].tolist(), marked[2].tolist(), strict=True)
-        return [
-            ("dominated", name)
-            for name, low, high in ends
-            if contraction(self.target, name, low, high) < DOMINATED
-        ]
+        dominated = []
+        for name in self.names:
+            low, high = np.quantile(quantities[name], RANGE).tolist()
+            if contraction(self.target, name, low, high) < DOMINATED:
+                dominated.append(("dominated", name))
+        return dominated
 
     def _answers(
         self, x: FloatArray, quantities: Mapping[str, FloatArray], most_slices: int
@@ -196,7 +206,7 @@ def _contours(samples: FloatArray, spans: list[Span], frames: list[Span]) -> lis
 def prior_of(entry: Entry) -> dict[str, Any] | None:
     """Quantiles of the prior of every quantity, evenly spaced in probability, and their names."""
     drawn = prior_values(entry.target)
-    return quantiles({name: drawn[name] for name in entry.names})
+    return quantiles({name: axis_values(name, drawn[name]) for name in entry.names})
 
 
 def quantiles(drawn: Mapping[str, FloatArray]) -> dict[str, Any]:

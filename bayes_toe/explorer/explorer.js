@@ -3,7 +3,7 @@
 "use strict";
 window.explorer = (() => {
   const LETTERS = ["a", "b"], KINDS = { "-1": "weaker", "1": "stronger", "0": "equal" };
-  const BINS = 30, BAND = [0.05, 0.95], MARKED = [0.05, 0.5, 0.95], FEW = 20, WORDS_LEFT = 64, WORDS_BELOW = 44, AROUND = 3;
+  const BINS = 30, BAND = [0.025, 0.975], MARKED = [0.025, 0.5, 0.975], FEW = 20, WORDS_LEFT = 64, WORDS_BELOW = 44, AROUND = 3;
   const at = id => document.getElementById(id);
   const island = id => JSON.parse(at(id).textContent);
   const index = island("index");
@@ -270,7 +270,7 @@ window.explorer = (() => {
       line.append(first, ...cells(found, name, kept));
       return line;
     });
-    head.append(...["quantity", "all draws: median, 5 to 95 %", "selected"].map(text => Object.assign(element("th", text), { scope: "col" })));
+    head.append(...["quantity", "all draws: median, 95 % interval", "selected"].map(text => Object.assign(element("th", text), { scope: "col" })));
     const nothing = element("tr");
     nothing.append(Object.assign(element("td", "none of the quantities that are shown"), { colSpan: 3 }));
     table.replaceChildren(element("caption", titled(letter, found)), head, ...(body.length > 0 ? body : [nothing]));
@@ -292,7 +292,7 @@ window.explorer = (() => {
       line.append(sign, titled(letter, entry(letter)));
       return line;
     });
-    lines.push(element("div", "contours: 50 and 90 % of all draws"), element("div", "grey line: prior"));
+    lines.push(element("div", "contours: 50 and 95 % of all draws"), element("div", "grey line: prior"));
     const marks = { a: "×", b: "+" }, known = shown().filter(letter => Object.keys(entry(letter).truth).length > 0);
     if (known.length > 0) lines.push(element("div", `${known.map(letter => marks[letter]).join(" ")} and dash-dotted: truth`));
     at("key").replaceChildren(...lines);

@@ -59,16 +59,16 @@ _QUANTITIES = {
     "noise": ("noise σ", "standard deviation of the perceived difference"),
     "criterion_slope": ("slope g", "change of the log criterion for 'equal' with intensity"),
     "constant_error": (
-        "PSE shift c",
+        "PSE shift c, %",
         "constant error: above 0 the first stimulus is overestimated",
     ),
     "contraction": ("contraction p", "above 0: contraction to the mean; below 0: repulsion"),
-    "zone": ("zone", "half-width of the differences that are called 'equal'"),
+    "zone": ("zone, %", "half-width of the differences that are called 'equal'"),
     "pse_shift": (
-        "PSE shift",
+        "PSE shift, %",
         "where the second stimulus seems as strong as the mean first one, from that one",
     ),
-    "jnd": ("JND", "just noticeable difference"),
+    "jnd": ("JND, %", "just noticeable difference"),
 }
 #: What the width is of a task's curve.
 _WIDTHS = {

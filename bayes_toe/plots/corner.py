@@ -8,18 +8,20 @@ half of what was smoothed held up to 70 % of the draws.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from textwrap import wrap
 from typing import Any, NamedTuple, cast
 
 import numpy as np
+import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from scipy.ndimage import gaussian_filter, map_coordinates
 
+from bayes_toe.answers.order_effect import percent
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.messages import listed
 from bayes_toe.errors import InputError
@@ -42,7 +44,13 @@ BINS = 40
 #: Bins beyond either end of a panel, where contours close.
 AROUND = 2
 #: Shares of the draws inside the contours; quantiles between which a panel shows its quantity.
-LEVELS, SPANNED = (0.5, 0.9), (0.005, 0.995)
+LEVELS, SPANNED = (0.5, 0.95), (0.005, 0.995)
+#: Differences of natural-log intensities that axes show in per cent of intensity.
+IN_PERCENT = ("constant_error", "pse_shift", "jnd", "zone")
+#: Bins by which counts are smoothed, times the sixth root of the number of draws: about the
+#: normal reference rule where a panel is six standard deviations wide.
+_SMOOTHED = 8.0
+_WITHOUT_UNIT = ("contraction", "pull", "gain", "gamma", "q0", "lapse_rate")
 PRIOR, TRUTH = "#999999", WEAKER_FIRST
 #: Of several subjects in the same panels: colour, and the line that tells them apart in grey.
 OVERLAID = (
@@ -74,7 +82,10 @@ def corner(
     prior: Prior | None = None,
     fig: Figure | None = None,
 ) -> Figure:
-    """Corner plot of one subject: contours hold 50 % and 90 % of the posterior, dashed lines mark 5, 50 and 95 %.
+    """Corner plot of one subject: contours hold 50 and 95 % of its draws.
+
+    Dashed lines mark the median and the central 95 % interval. Constant error, PSE shift, JND and
+    zone are in per cent of intensity.
 
     Parameters
     ----------
@@ -82,8 +93,9 @@ def corner(
     subject : str or sequence of str
         One, or two to four in the same panels, distinguished by colours and lines; upright lines are then their medians.
     coordinates : {"natural", "identified"} or sequence of str
-        Which quantities: of the paper's model (H1) its parameters, or what the answers depend on; of the four models of the observer
-        constant error, contraction and JND, or every parameter. A sequence names quantities of the model, such as `gain` or `zone`.
+        Which quantities. "natural": of the paper's model (H1) its parameters, of the four models
+        those of constant error, contraction and JND that the model has. "identified": what the
+        answers depend on. A sequence names quantities, such as `gain` or `zone`.
     truths : mapping of str to float, optional
         Known values of a synthetic subject; of several subjects, such a mapping by name. What follows from them is drawn too: natural
         parameters are enough for any quantity.
@@ -110,14 +122,18 @@ def corner(
     shown = [_Shown.of(draws, name, coordinates, known.get(name)) for name in subjects]
     spans = [
         (min(low for low, _ in of), max(high for _, high in of))
-        for of in zip(*(spans_of(one.samples, one.names, one.target) for one in shown), strict=True)
+        for of in zip(
+            *(spans_of(one.samples.T, one.names, one.target) for one in shown), strict=True
+        )
     ]
-    words = (
-        _words_of_one(draws, shown[0], spans) if alone else _words_of_several(draws, shown)
-    ) + [
-        *([_Words("grey: prior")] if prior is not None else []),
-        _Words("intensities: natural log"),
-    ]
+    if alone:
+        words = _words_of_one(draws, shown[0], spans)
+    else:
+        words = _words_of_several(draws, shown)
+    if prior is not None:
+        words.append(_Words("grey: prior"))
+    if not set(shown[0].names) <= {*IN_PERCENT, *_WITHOUT_UNIT}:
+        words.append(_Words("intensities: natural log"))
     figure = _new_figure(len(spans), words) if fig is None else fig
     for one, (colour, line) in zip(shown, OVERLAID, strict=False):
         _draw_posterior(figure, one, spans, colour, line, alone=alone)
@@ -188,15 +204,9 @@ class _Shown:
                 f"coordinates {coordinates!r} must be one of: {', '.join(COORDINATES)}"
             )
         names = _shown_names(target, coordinates)
-        samples = np.column_stack([draws.values(subject, name).ravel() for name in names])
-        return cls(
-            subject,
-            target,
-            draws.model,
-            names,
-            samples,
-            {} if truths is None else known_from(truths, target),
-        )
+        samples = [axis_values(name, draws.values(subject, name).ravel()) for name in names]
+        known = {} if truths is None else known_from(truths, target)
+        return cls(subject, target, draws.model, names, np.column_stack(samples), known)
 
     def believed(self, prior: Prior, spans: Sequence[Span]) -> list[FloatArray]:
         """Draws from a prior, counted in the bins of the panels as if there were as many as of the posterior."""
@@ -204,7 +214,7 @@ class _Shown:
         model = stored_model(self.model, subject.task)
         drawn = prior_values(model_posterior(model, subject, prior))
         counted = [
-            np.histogram(drawn[name], BINS, span)[0]
+            np.histogram(axis_values(name, drawn[name]), BINS, span)[0]
             for name, span in zip(self.names, spans, strict=True)
         ]
         return [len(self.samples) / PRIOR_DRAWS * of.astype(np.float64) for of in counted]
@@ -226,15 +236,32 @@ def prior_values(target: AnswerPosterior) -> Mapping[str, FloatArray]:
     return target.quantities(target.sample_prior(np.random.default_rng(0), PRIOR_DRAWS))
 
 
-def spans_of(samples: FloatArray, names: Sequence[str], target: AnswerPosterior) -> list[Span]:
-    """Axis limits of quantities, within their support: a few draws far out in a funnel do not squeeze the rest into one bin."""
-    ends = np.quantile(samples, SPANNED, axis=0).T.tolist()
-    pads = [0.08 * (high - low) if high > low else 0.5 * abs(low) + 1e-12 for low, high in ends]
-    supports = [support(target, name) for name in names]
-    return [
-        (max(low - pad, of[0]), min(high + pad, of[1]))
-        for (low, high), pad, of in zip(ends, pads, supports, strict=True)
-    ]
+def axis_values(name: str, values: npt.ArrayLike) -> FloatArray:
+    """Values of a quantity as its axis shows them."""
+    values = np.asarray(values, np.float64)
+    return percent(values) if name in IN_PERCENT else values
+
+
+def axis_label(name: str) -> str:
+    """What the axis of a quantity is called."""
+    label = LABELS.get(name, name)
+    return f"{label}, %" if name in IN_PERCENT else label
+
+
+def spans_of(
+    columns: Iterable[FloatArray], names: Sequence[str], target: AnswerPosterior
+) -> list[Span]:
+    """Axis limits of quantities, within their support.
+
+    A few draws far out in a funnel do not squeeze the rest into one bin.
+    """
+    spans = []
+    for values, name in zip(columns, names, strict=True):
+        low, high = np.quantile(values, SPANNED).tolist()
+        pad = 0.08 * (high - low) if high > low else 0.5 * abs(low) + 1e-12
+        least, most = axis_values(name, support(target, name)).tolist()
+        spans.append((max(low - pad, least), min(high + pad, most)))
+    return spans
 
 
 def support(target: AnswerPosterior, name: str) -> Span:
@@ -251,7 +278,7 @@ def support(target: AnswerPosterior, name: str) -> Span:
 
 
 def known_from(truths: Values, target: AnswerPosterior) -> dict[str, float]:
-    """The true values given and all that follow from them."""
+    """The true values given and all that follow from them, as axes show them."""
     allowed = target.names.all
     for name, value in truths.items():
         if name not in allowed:
@@ -271,7 +298,8 @@ def known_from(truths: Values, target: AnswerPosterior) -> dict[str, float]:
     else:
         found = target.quantities(target.points(given))
     follow = {name: float(value) for name, value in found.items() if np.isfinite(value)}
-    return {**follow, **truths}
+    known = {**follow, **truths}
+    return {name: float(axis_values(name, value)) for name, value in known.items()}
 
 
 # --- panels -------------------------------------------------------------------------------------------------------------------------
@@ -292,7 +320,8 @@ class Density(NamedTuple):
     @classmethod
     def of(cls, x: FloatArray, y: FloatArray, across: Span, up: Span) -> Density:
         """Of draws, shape (draws,) each, in a panel that reaches so far."""
-        smooth = gaussian_filter(np.histogram2d(y, x, BINS, [up, across])[0], 1.0)
+        counts = np.histogram2d(y, x, BINS, [up, across])[0]
+        smooth = gaussian_filter(counts, _SMOOTHED * len(x) ** (-1.0 / 6.0))
         values = np.pad(np.pad(smooth, 1, mode="edge"), 1, constant_values=smooth.min())
         places = [
             (draws - low) / (high - low) * BINS + AROUND - 0.5
@@ -331,8 +360,8 @@ def _draw_posterior(
         fig=figure,
         bins=BINS,
         range=list(spans),
-        labels=[LABELS.get(name, name) for name in one.names],
-        label_kwargs={"fontsize": 13},
+        labels=[axis_label(name) for name in one.names],
+        label_kwargs={"fontsize": 12},
         max_n_ticks=0,
         color=colour,
         hist_kwargs={"color": colour}
@@ -414,8 +443,8 @@ def _words_of_one(draws: Draws, one: _Shown, spans: Sequence[Span]) -> list[_Wor
         else []
     )
     found += [
-        _Words("blue: posterior" + (", contours 50 and 90 %" if len(spans) > 1 else "")),
-        _Words("dashed: 5, 50, 95 %"),
+        _Words("blue: posterior" + (", contours 50 and 95 %" if len(spans) > 1 else "")),
+        _Words("dashed: median, 95 % interval"),
     ]
     known = {
         name: (one.known[name], low <= one.known[name] <= high)
@@ -423,7 +452,7 @@ def _words_of_one(draws: Draws, one: _Shown, spans: Sequence[Span]) -> list[_Wor
         if name in one.known
     }
     outside = [
-        f"{LABELS.get(name, name)} = {value:.5g}".replace("-", "−")
+        f"{axis_label(name)} = {value:.5g}".replace("-", "−")
         for name, (value, inside) in known.items()
         if not inside
     ]
@@ -444,7 +473,7 @@ def _words_of_several(draws: Draws, shown: Sequence[_Shown]) -> list[_Words]:
             colour="black",
         )
     )
-    found += [_Words("contours: 50 and 90 %")] if several else []
+    found += [_Words("contours: 50 and 95 %")] if several else []
     marked = any(name in one.known for one in shown for name in one.names)
     return [
         *found,

@@ -32,7 +32,7 @@ SMALL, LETTERS = 7.0, 8.0
 #: Subjects beyond which figures of a study sort them and name none; inches of such a panel.
 MOST_NAMED, HIGH = 60, 5.6
 #: Quantiles that lines and intervals mark.
-MARKED = (0.05, 0.5, 0.95)
+MARKED = (0.025, 0.5, 0.975)
 Band = tuple[float, float, float]
 #: Of fitted curves: lower and upper quantile, opacity.
 BANDS: tuple[Band, ...] = ((0.025, 0.975, 0.15), (0.25, 0.75, 0.35))

@@ -123,7 +123,7 @@ def test_a_drag_selects_the_draws_and_moves_the_curves(opened, analysis):
             *(theta[name][rows, None] for name in ("mu1", "sigma_p", "sigma_l", "q0")),
         )
         np.testing.assert_allclose(drawn["kept"], q.mean(axis=0), atol=1e-6)
-        np.testing.assert_allclose(drawn["low"], np.quantile(q, 0.05, axis=0), atol=1e-6)
+        np.testing.assert_allclose(drawn["low"], np.quantile(q, 0.025, axis=0), atol=1e-6)
 
 
 def test_a_drag_on_the_diagonal_takes_a_range_and_reset_gives_all_back(opened):
@@ -266,4 +266,4 @@ def test_axes_are_called_what_they_show_whatever_stood_in_the_panel(opened):
     opened.choose("#label-a", "none")
     label = "Bokeh.documents[0].get_model_by_name('panel-1-0').left[0].axis_label"
     assert opened.page.evaluate("window.explorer.state.names") == ["q0", "jnd"]
-    assert opened.page.evaluate(label) == "JND"
+    assert opened.page.evaluate(label) == "JND, %"

@@ -45,7 +45,7 @@ def test_corner_shows_the_natural_parameters_with_prior_and_truth(analysis):
         drawn = [line.get_xdata()[0] for line in ax.lines]
         assert all(
             np.isclose(drawn, one).any()
-            for one in (*np.quantile(analysis.draws.values("A", name), [0.05, 0.5, 0.95]), value)
+            for one in (*np.quantile(analysis.draws.values("A", name), [0.025, 0.5, 0.975]), value)
         )
     assert axes[3, 3].get_xlim()[1] <= 1.0
     assert "grey: prior" in words(figure)
@@ -66,18 +66,46 @@ def test_areas_hold_their_shares_of_the_draws(analysis):
     samples = np.column_stack([analysis.draws.values("A", name).ravel() for name in names])
     for j, i in [(0, 1), (0, 2), (1, 2)]:
         lines = axes[i, j].findobj(lambda one: isinstance(one, ContourSet) and not one.filled)[0]
-        assert held(lines.get_paths(), samples[:, [j, i]]) == pytest.approx([0.9, 0.5], abs=0.015)
+        assert held(lines.get_paths(), samples[:, [j, i]]) == pytest.approx([0.95, 0.5], abs=0.015)
 
 
-def test_levels_are_those_of_a_narrow_peak_with_long_tails():
-    rng = np.random.default_rng(1)
-    x = rng.standard_t(1.5, 20_000)
-    y = np.exp(-0.5 * np.abs(x)) + rng.normal(0.0, 0.02, x.size)
-    found = Density.of(
-        x, y, *(tuple(np.quantile(values, [0.005, 0.995]).tolist()) for values in (x, y))
-    )
+def _gaussian(rng, n):
+    return rng.multivariate_normal([1.0, -2.0], [[1.0, 0.3], [0.3, 0.2]], n).T
+
+
+def _bounded(rng, n):
+    return rng.exponential(0.1, n), rng.beta(1.0, 4.0, n)
+
+
+def _skewed(rng, n):
+    x = rng.lognormal(0.0, 0.8, n)
+    return x, x ** rng.normal(-0.5, 0.2, n)
+
+
+def _narrow_peak_with_long_tails(rng, n):
+    x = rng.standard_t(1.5, n)
+    return x, np.exp(-0.5 * np.abs(x)) + rng.normal(0.0, 0.02, n)
+
+
+@pytest.mark.parametrize("n", [800, 20_000])
+@pytest.mark.parametrize("draw", [_gaussian, _bounded, _skewed, _narrow_peak_with_long_tails])
+def test_contours_hold_their_shares_of_the_draws(draw, n):
+    x, y = draw(np.random.default_rng(1), n)
+    spans = [tuple(np.quantile(values, [0.005, 0.995]).tolist()) for values in (x, y)]
+    found = Density.of(x, y, *spans)
     lines = Figure().subplots().contour(found.x, found.y, found.values, sorted(found.levels))
-    assert held(lines.get_paths(), np.column_stack([x, y])) == pytest.approx([0.9, 0.5], abs=0.01)
+    assert held(lines.get_paths(), np.column_stack([x, y])) == pytest.approx([0.95, 0.5], abs=0.01)
+
+
+def test_contours_of_a_normal_density_are_its_ellipses():
+    x, y = np.random.default_rng(1).normal(size=(2, 20_000))
+    found = Density.of(x, y, (-3.5, 3.5), (-3.5, 3.5))
+    lines = Figure().subplots().contour(found.x, found.y, found.values, sorted(found.levels))
+    for path, share in zip(lines.get_paths(), (0.95, 0.5), strict=True):
+        [ring] = path.to_polygons()
+        radius = np.hypot(*ring.T)
+        assert radius.mean() == pytest.approx(np.sqrt(-2.0 * np.log(1.0 - share)), rel=0.02)
+        assert radius.std() < 0.04  # 0.05 where counts are smoothed by one bin
 
 
 def test_draws_that_are_one_point_have_one_level():
@@ -247,10 +275,14 @@ def test_the_four_models_show_constant_error_contraction_and_jnd(both):
     figure = bt.plots.corner(both, "A", prior=bt.Prior(), truths={"contraction": 0.1})
     require_legible(figure)
     labels = [ax.get_xlabel() for ax in figure.axes[-3:]]
-    assert labels == [LABELS[name] for name in ("constant_error", "contraction", "jnd")]
+    assert labels == ["constant error $c$, %", "contraction $p$", "JND, %"]
     assert "model 'both'" in words(figure)
     assert marked(figure.axes[4]) == ([0.1], [])
+    middle = 100.0 * np.expm1(np.median(both.values("A", "jnd")))
+    assert np.isclose([line.get_xdata()[0] for line in figure.axes[8].lines], middle).any()
+    assert "natural log" not in words(figure)
     every = bt.plots.corner(both, ["A", "B"], coordinates="identified")
+    assert "intensities: natural log" in words(every)
     assert len(every.axes) == 49
     assert support(both.posterior("A"), "contraction") == pytest.approx((-1.0, 1.0))
     assert support(both.posterior("A"), "zone") == (0.0, np.inf)
