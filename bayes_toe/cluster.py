@@ -1,6 +1,7 @@
-"""Jobs on the workers of a Dask cluster: its scheduler places them, and tries those again whose workers died.
+"""Jobs on the workers of a Dask cluster, whose scheduler places and repeats them.
 
-Not through joblib's backend "dask": where the scheduler gives a job up because its workers died, that of joblib 1.6 waits for ever.
+joblib's own backend "dask" is not used: with joblib 1.6 it waits for ever for a job that the
+scheduler gives up because its workers died.
 """
 
 from __future__ import annotations
@@ -27,103 +28,125 @@ if TYPE_CHECKING:
     from distributed import Client
 
 Result = TypeVar("Result")
-Lost = TypeVar("Lost")
-_GONE = "the connection to the Dask scheduler is lost"
-PATIENCE = 8.0  # seconds for a scheduler to answer
+Failure = TypeVar("Failure")
+_NO_CONNECTION = "the connection to the Dask scheduler is lost"
+#: Seconds for a scheduler to answer.
+PATIENCE = 8.0
 _one_at_a_time = Lock()
 
 
 def connect(address: str) -> Client:
-    """A client of the scheduler at an address, tcp://HOST:PORT; an InputError without Dask, a WorkerError where no scheduler answers."""
+    """Return a client of the scheduler at an address, tcp://HOST:PORT.
+
+    Raises
+    ------
+    InputError
+        If Dask is not installed.
+    WorkerError
+        If no scheduler answers.
+    """
     try:
         from distributed import Client
     except ImportError:
         raise InputError("Dask is not installed: pip install 'bayes_toe[dask]'") from None
     try:
-        # A client waits without end for something else than a scheduler, and does not go easily where it could not begin. In a thread of
-        # its own, because a notebook has an event loop already.
-        with ThreadPoolExecutor(1) as asking:
-            kind = asking.submit(lambda: asyncio.run(_identity(address))).result()["type"]
+        # A client waits without end for a program that is no scheduler, so that the program is
+        # asked first; in a thread of its own, because a notebook has an event loop already.
+        with ThreadPoolExecutor(1) as thread:
+            kind = thread.submit(lambda: asyncio.run(_identity(address))).result()["type"]
         if kind != "Scheduler":
             raise ValueError(f"that is a {kind.lower()}")
-        logging.getLogger("distributed.client").setLevel(
-            logging.CRITICAL
-        )  # what ends the work is said by an error
+        # An error says what ends the work, not a log.
+        logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
         return Client(address, timeout=PATIENCE, set_as_default=False)
-    except Exception as error:  # whatever the answer of something else is taken for
-        raise WorkerError(
-            f"no Dask scheduler at {address!r}: {str(error) or f'no answer within {PATIENCE:g} s'}"
-        ) from error
+    except Exception as error:  # Whatever listens there may answer with anything.
+        reason = str(error) or f"no answer within {PATIENCE:g} s"
+        raise WorkerError(f"no Dask scheduler at {address!r}: {reason}") from error
 
 
 async def _identity(address: str) -> dict[str, str]:
     from distributed.core import rpc
     from distributed.security import Security
 
-    async with rpc(address, connection_args=Security().get_connection_args("client")) as there:
-        found: dict[str, str] = await asyncio.wait_for(there.identity(), PATIENCE)
-        return found
+    arguments = Security().get_connection_args("client")
+    async with rpc(address, connection_args=arguments) as remote:
+        identity: dict[str, str] = await asyncio.wait_for(remote.identity(), PATIENCE)
+        return identity
 
 
 def run_on(
-    client: Client, jobs: Sequence[Callable[[], Result]], lost: Callable[[int], Lost]
-) -> Generator[tuple[int, Result | Lost]]:
-    """Yield (index, what the job returned) as they finish; where the scheduler gives a job up, `lost` of the workers that died of it.
+    client: Client, jobs: Sequence[Callable[[], Result]], failure: Callable[[int], Failure]
+) -> Generator[tuple[int, Result | Failure]]:
+    """Yield the index of each job with its result, in the order in which jobs finish.
 
-    No more jobs are on the cluster than it has workers: what dies with a worker is what it was at. Results are fetched one by one and
-    released there at once. What is left when nobody listens any more is cancelled. An InputError where this is no client, or the scheduler
-    or a worker has other versions than this process, or lacks this package; a WorkerError where the client is closed or the scheduler gone.
+    The cluster has no more jobs than workers, so that a worker that dies takes only its own job
+    along. A result is fetched alone and released at once. Jobs that are left when the caller stops
+    are cancelled.
+
+    Parameters
+    ----------
+    client : distributed.Client
+    jobs : sequence of callable
+    failure : callable
+        Makes the result of a job that the scheduler gave up, from the number of workers that died.
+
+    Raises
+    ------
+    InputError
+        If `client` is no client, or scheduler or workers lack this package or have other versions.
+    WorkerError
+        If the client is closed or the scheduler cannot be reached any more.
     """
     _require_fit(client)
     from dask import config
     from distributed import Future, as_completed
     from distributed.scheduler import KilledWorker
 
-    waiting, done = iter(enumerate(jobs)), as_completed(loop=client.loop)
-    there: dict[
-        str, int
-    ] = {}  # every key that may be known there: an interrupt can come between any two lines
+    waiting = iter(enumerate(jobs))
+    futures = as_completed(loop=client.loop)
+    # Every key that the scheduler may know: an interrupt can come between any two lines.
+    index_of_key: dict[str, int] = {}
 
-    def fill(places: int) -> None:
-        for index, job in islice(waiting, max(0, places - len(there))):
-            there[key := f"bayes_toe-{uuid4().hex}"] = index
-            with config.set(
-                {"distributed.admin.large-graph-warning-threshold": "1 TB"}
-            ):  # what a job brings along is used once
-                done.add(client.submit(_job_there, versions(), job, key=key, pure=False))
+    def submit_up_to(n_jobs: int) -> None:
+        for index, job in islice(waiting, max(0, n_jobs - len(index_of_key))):
+            key = f"bayes_toe-{uuid4().hex}"
+            index_of_key[key] = index
+            # What a job brings along is used once; Dask would warn of its size.
+            with config.set({"distributed.admin.large-graph-warning-threshold": "1 TB"}):
+                futures.add(client.submit(_run_there, versions(), job, key=key, pure=False))
 
     try:
-        fill(_places(client))
-        for future in done:
+        submit_up_to(_n_workers(client))
+        for future in futures:
             if future.cancelled():
-                raise WorkerError(_GONE)
-            fill(_places(client) + 1)  # before the result is fetched: nobody there waits for it
+                raise WorkerError(_NO_CONNECTION)
+            # Before the result is fetched, so that no worker waits.
+            submit_up_to(_n_workers(client) + 1)
             try:
-                yield there[future.key], future.result()
+                yield index_of_key[future.key], future.result()
             except KilledWorker as error:
-                yield there[future.key], lost(error.allowed_failures + 1)
+                yield index_of_key[future.key], failure(error.allowed_failures + 1)
             future.release()
-            del there[future.key]
+            del index_of_key[future.key]
     finally:
-        if there and client.status == "running":
-            client.cancel([Future(key, client) for key in there])
+        if index_of_key and client.status == "running":
+            client.cancel([Future(key, client) for key in index_of_key])
 
 
-def _places(client: Client) -> int:
-    """How many jobs belong on the cluster now: one a worker. One also where there is none yet: it waits there for the first that comes."""
+def _n_workers(client: Client) -> int:
+    """The number of workers, at least one: a job waits on the cluster for the first that comes."""
     try:
         return max(1, len(client.nthreads()))
     except OSError as error:
-        raise WorkerError(_GONE) from error
+        raise WorkerError(_NO_CONNECTION) from error
 
 
-def _job_there(expected: Mapping[str, str], job: Callable[[], Result]) -> Result:
-    """In a worker: do a job, with one BLAS thread, and alone, since threads would only wait for each other and drawing minds company."""
-    _require_same(
-        f"the worker on {platform.node()}", versions(), expected
-    )  # which may have come after all were asked
+def _run_there(expected: Mapping[str, str], job: Callable[[], Result]) -> Result:
+    """In a worker: run a job alone, since matplotlib is not made for threads, with one BLAS thread."""
+    # The worker may have joined after all were asked.
+    _require_same(f"the worker on {platform.node()}", versions(), expected)
     with _one_at_a_time:
-        threadpool_limits(1)  # and for good: the libraries of one job are those of the next
+        threadpool_limits(1)  # For good: the libraries of one job are those of the next.
         return job()
 
 
@@ -134,7 +157,7 @@ def versions() -> Mapping[str, str]:
 
 
 def _require_fit(client: Client) -> None:
-    """A client that is open, with our versions at the scheduler, which reads what it hands on, and at the workers that are there."""
+    """Require an open client, and our versions at the scheduler and at its workers."""
     if not hasattr(client, "scheduler_info"):
         raise InputError(
             f"workers={client!r}: allowed is a number of processes from 1, or a distributed.Client"
@@ -142,32 +165,31 @@ def _require_fit(client: Client) -> None:
     if client.status != "running":
         raise WorkerError(f"the Dask client is {client.status}")
     try:
-        found = {
-            "the scheduler": client.run_on_scheduler(versions),
-            **client.run(versions, on_error="return"),
-        }
+        of_scheduler = client.run_on_scheduler(versions)
+        of_workers = client.run(versions, on_error="return")
     except (ImportError, AttributeError) as error:
-        found = {"the scheduler": error}
+        of_scheduler, of_workers = error, {}
     except OSError as error:
-        raise WorkerError(_GONE) from error
-    for where, theirs in found.items():
-        _require_same(where, theirs, versions())
+        raise WorkerError(_NO_CONNECTION) from error
+    for process, its_versions in {"the scheduler": of_scheduler, **of_workers}.items():
+        _require_same(process, its_versions, versions())
 
 
 def _require_same(
-    where: str, found: Mapping[str, str] | Exception, expected: Mapping[str, str]
+    process: str, its_versions: Mapping[str, str] | Exception, expected: Mapping[str, str]
 ) -> None:
-    if isinstance(found, Exception):
-        raise InputError(f"{where} lacks what this process has: {found}")
-    for name, ours in expected.items():
-        if found.get(name) != ours:
+    if isinstance(its_versions, Exception):
+        raise InputError(f"{process} lacks what this process has: {its_versions}")
+    for name, version in expected.items():
+        if its_versions.get(name) != version:
             raise InputError(
-                f"{where} has {name} {found.get(name)}, this process {ours}: they have to be the same"
+                f"{process} has {name} {its_versions.get(name)}, this process {version}: "
+                "they have to be the same"
             )
 
 
-def aside() -> AbstractContextManager[object]:
-    """Do something without the session's cluster: xarray would ask it for a lock by the name of a file, and memory has no name."""
+def without_cluster() -> AbstractContextManager[object]:
+    """Without the session's cluster: xarray would ask it to lock a file that is in memory."""
     if "dask" not in sys.modules:
         return nullcontext()
     from dask import config

@@ -112,11 +112,12 @@ def whole_folder(
         with reporting(target, hidden=new):
             yield new
             _require_there(new, target, required)
-            produced = [file.relative_to(new).as_posix() for file in _pieces(new)]
+            files = [path for path in sorted(new.rglob("*")) if not path.is_dir()]
+            produced = [file.relative_to(new).as_posix() for file in files]
             unknown = sorted({file.split("/")[0] for file in produced}.difference(names))
             if unknown:
                 raise ValueError(f"produced without being named: {', '.join(unknown)}")
-            earlier = _manifest(target)
+            earlier = _listed_files(target)
             # Other commands may share the folder: what they produced stays listed.
             ours = {*produced, *(file for file in earlier if file.split("/")[0] not in names)}
             (new / MANIFEST).write_text(
@@ -165,18 +166,24 @@ def _refuse_taken_folder(target: Path, names: Sequence[str], overwrite: bool) ->
     _refuse_impossible(target)
     if os.path.lexists(target) and not target.is_dir():
         raise OutputError(f"{shown(target)}: is a file, choose the name of a folder")
-    there = [] if overwrite else [name for name in names if os.path.lexists(target / name)]
-    if there:
-        more = f" and {len(there) - 3} more" if len(there) > 3 else ""
-        what = f"already holds {', '.join(there[:3])}{more}"
-        raise OutputError(f"{shown(target)}: {what}, choose another folder or allow to overwrite")
+    if overwrite:
+        return
+    taken = [name for name in names if os.path.lexists(target / name)]
+    if taken:
+        problem = f"already holds {', '.join(taken[:3])}"
+        if len(taken) > 3:
+            problem += f" and {len(taken) - 3} more"
+        raise OutputError(
+            f"{shown(target)}: {problem}, choose another folder or allow to overwrite"
+        )
 
 
 def _require_there(new: Path, target: Path, files: Sequence[str]) -> None:
     for file in files:
         if not os.path.lexists(new / file):
             raise OutputError(
-                f"{shown(target)}: cannot be written ({file} is missing, deleted meanwhile), choose another place"
+                f"{shown(target)}: cannot be written ({file} is missing, deleted meanwhile), "
+                "choose another place"
             )
 
 
@@ -257,30 +264,18 @@ def _finish(*targets: Path) -> None:
     )
 
 
-def _pieces(folder: Path) -> Iterator[Path]:
-    """All files below a folder."""
-    for found in sorted(folder.iterdir()):
-        if found.is_dir():
-            yield from _pieces(found)
-        else:
-            yield found
-
-
-def _manifest(folder: Path) -> list[str]:
-    """What earlier runs produced in a folder and is still there, not elsewhere; nothing where the manifest is missing or damaged."""
+def _listed_files(folder: Path) -> list[str]:
+    """Files in a folder that its manifest lists; none if the manifest is missing or damaged."""
+    inside = []
     try:
-        files = [
-            str(file)
-            for file in json.loads((folder / MANIFEST).read_text(encoding="utf-8"))["files"]
-        ]
-        there = [file for file in files if (folder / file).is_file()]
-        return [
-            file
-            for file in there
-            if (folder / file).parent.resolve().is_relative_to(folder.resolve())
-        ]
+        for name in json.loads((folder / MANIFEST).read_text(encoding="utf-8"))["files"]:
+            file = folder / str(name)
+            # Not through links, nor by `..`, into another folder.
+            if file.is_file() and file.parent.resolve().is_relative_to(folder.resolve()):
+                inside.append(str(name))
     except (OSError, ValueError, LookupError, TypeError):
         return []
+    return inside
 
 
 def _remove(folder: Path, file: str) -> None:
@@ -292,27 +287,31 @@ def _remove(folder: Path, file: str) -> None:
         remove_empty(folder / part)
 
 
-# --- Places: what they are, whether they can be written to, and what stands there unfinished ---------------
+# --- Places to write to ---------------------------------------------------------------------------
 
 
 @contextmanager
 def reporting(target: Path, hidden: Path | None = None) -> Iterator[None]:
-    """Turn what the operating system says into one line with the path and a way out; a hidden path in it becomes that path."""
+    """Turn an error of the operating system into one line with the path and what to do.
+
+    A hidden path in the line becomes the path of the target.
+    """
     try:
         yield
     except OSError as error:
-        plain = (
-            f"{shown(target)}: cannot be written ({error.strerror or error}), choose another place"
-        )
-        said = str(error) if isinstance(error, OutputError) else plain
-        raise OutputError(
-            said if hidden is None else said.replace(shown(hidden), shown(target))
-        ) from error
+        reason = error.strerror or error
+        message = f"{shown(target)}: cannot be written ({reason}), choose another place"
+        if isinstance(error, OutputError):
+            message = str(error)
+        if hidden is not None:
+            message = message.replace(shown(hidden), shown(target))
+        raise OutputError(message) from error
 
 
 def make_folders(folder: Path, made: ExitStack) -> None:
     """Make what is missing of a folder; closing `made` removes it again where it is empty."""
-    for part in reversed([part for part in (folder, *folder.parents) if not os.path.lexists(part)]):
+    missing = [part for part in (folder, *folder.parents) if not os.path.lexists(part)]
+    for part in reversed(missing):
         made.callback(remove_empty, part)
     with reporting(folder):
         folder.mkdir(parents=True, exist_ok=True)
@@ -325,19 +324,27 @@ def remove_empty(folder: Path) -> None:
 
 
 def require_room(place: Path, needed: int, *, used: Path | None = None) -> None:
-    """Refuse now what will not fit on the disk, with a tenth to spare: about `needed` bytes, of which the folder `used` holds some."""
+    """Refuse now what will not fit on the disk.
+
+    Parameters
+    ----------
+    place : Path
+        File or folder that will be written; it need not exist.
+    needed : int
+        Bytes; a tenth more must be free.
+    used : Path, optional
+        A folder that holds some of these bytes already.
+    """
+    more = 1.1 * needed
     with reporting(place):
-        free = shutil.disk_usage(
-            next(part for part in (place.absolute(), *place.absolute().parents) if part.is_dir())
-        ).free
-        there = (
-            sum(file.stat().st_size for file in used.iterdir())
-            if used is not None and used.is_dir()
-            else 0
-        )
-    wanted = 1.1 * needed - there
-    if wanted > free:
-        sizes = f"about {wanted / 1e6:.3g} MB are needed, {free / 1e6:.3g} MB are free"
+        for folder in (place.absolute(), *place.absolute().parents):
+            if folder.is_dir():
+                break
+        free = shutil.disk_usage(folder).free
+        if used is not None and used.is_dir():
+            more -= sum(file.stat().st_size for file in used.iterdir())
+    if more > free:
+        sizes = f"about {more / 1e6:.3g} MB are needed, {free / 1e6:.3g} MB are free"
         raise OutputError(f"{shown(place)}: cannot be written ({sizes}), choose another place")
 
 
@@ -352,7 +359,7 @@ def unfinished(home: Path) -> Iterator[Path]:
         make_folders(home, cleanup)
         require_room(home, 2**16)
         sweep(home)
-        folder = home / f"{HIDDEN}{_here()}-{os.getpid()}-{secrets.token_hex(8)}"
+        folder = home / f"{HIDDEN}{_machine()}-{os.getpid()}-{secrets.token_hex(8)}"
         cleanup.callback(shutil.rmtree, folder, ignore_errors=True)
         with reporting(home):
             folder.mkdir()
@@ -377,12 +384,12 @@ def _is_of_living_process(name: str, beginning: str) -> bool:
 
     Folders of other machines, and folders whose names are not ours, count as such.
     """
-    pattern = rf"{re.escape(beginning + _here())}-([0-9]{{1,9}})-[0-9a-f]{{16}}"
+    pattern = rf"{re.escape(beginning + _machine())}-([0-9]{{1,9}})-[0-9a-f]{{16}}"
     match = re.fullmatch(pattern, name)
     return match is None or _alive(int(match[1]))
 
 
-def _here() -> str:
+def _machine() -> str:
     """The machine, as a part of a name."""
     return re.sub(r"\W", "_", platform.node())
 

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from bayes_toe.cluster import aside
+from bayes_toe.cluster import without_cluster
 from bayes_toe.data.conditions import Conditions, Stimuli
 from bayes_toe.data.messages import quoted, shown
 from bayes_toe.data.study import Study
@@ -208,7 +208,7 @@ def as_netcdf(tree: xr.DataTree) -> memoryview:
             settings[str(name)] = {"fletcher32": True}
             if variable.dims == BY_SUBJECT:
                 settings[str(name)]["chunksizes"] = (*variable.shape[:2], 1)
-    with aside():
+    with without_cluster():
         return tree.to_netcdf(engine="h5netcdf", encoding=encoding)
 
 
