@@ -1,6 +1,7 @@
-"""The `bayes-toe` command from its first moment to its last: no log that is closed or full and no missing home costs a result.
+"""The entry point of the `bayes-toe` command.
 
-A signal ends it with one line and no process left behind.
+A log that is closed or full, or a missing home folder, costs no result. A signal ends the command
+with one line and leaves no process behind.
 """
 
 from __future__ import annotations
@@ -13,8 +14,8 @@ import shutil
 import signal
 import sys
 import tempfile
+import threading
 from contextlib import suppress
-from threading import Timer
 from types import FrameType
 from typing import Any
 
@@ -25,13 +26,13 @@ from bayes_toe.library_settings import ignore_settings_of_folder
 _SIGNALS = tuple(
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
 )
-PATIENCE = 10.0  # seconds for tidying up after a signal
-_LOST = 2  # exit code where standard output is not complete
-_BAD_INPUT = 2
+#: Seconds for cleaning up after a signal.
+PATIENCE = 10.0
+_BAD_INPUT, _INCOMPLETE_OUTPUT = 2, 2
 
 
 class Stopped(BaseException):
-    """Raised wherever the main thread is when a signal arrives; like KeyboardInterrupt nothing to be caught on the way."""
+    """Raised in the main thread when a signal arrives; as KeyboardInterrupt, not to be caught."""
 
     def __init__(self, number: int) -> None:
         self.number = number
@@ -45,27 +46,25 @@ def main() -> None:
     require_cache()
     code: Any = 0
     try:
-        heard = listen()
+        handled = listen()
         ignore_settings_of_folder()
-        from bayes_toe.cli.app import (
-            app,
-        )  # what it loads takes a while, in which a signal is answered already
+        # The import takes a while, in which a signal is answered already.
+        from bayes_toe.cli.app import app
 
         try:
             app()
-        except SystemExit as ended:
-            code = ended.code
+        except SystemExit as end:
+            code = end.code
         finally:
-            _ignore(heard)
+            _ignore(handled)
     except Stopped as stop:
         say_stopped(stop.number)
         raise SystemExit(128 + stop.number) from None
     sys.stdout.flush()
-    if (
-        output.failed is not None and output.failed.errno != errno.EPIPE
-    ):  # a reader may go away, as `head` does
-        sys.stderr.write(f"error: standard output: cannot be written ({output.failed.strerror})\n")
-        code = code or _LOST
+    error = output.failed
+    if error is not None and error.errno != errno.EPIPE:  # A reader may go away, as `head` does.
+        sys.stderr.write(f"error: standard output: cannot be written ({error.strerror})\n")
+        code = code or _INCOMPLETE_OUTPUT
     sys.exit(code)
 
 
@@ -84,7 +83,7 @@ def require_usable_process() -> None:
 
 
 class Log(io.FileIO):
-    """A file of which a failed write is kept in `failed` and not raised: hours of work must not end because a log is full."""
+    """A file that stores a failed write in `failed`: a full log must not end hours of work."""
 
     failed: OSError | None = None
 
@@ -99,34 +98,35 @@ class Log(io.FileIO):
 
 
 def open_streams() -> Log:
-    """Standard streams to which everything can be printed, whatever the characters; returns what is below standard output."""
+    """Make standard streams that take any character; return the file of standard output."""
     for number in range(3):
         try:
             os.fstat(number)
-        except (
-            OSError
-        ):  # closed: its number must not become that of a file of ours, nor of one of a worker's
+        except OSError:
+            # Closed: a file of ours, or of a worker, must not get its number.
             os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)
     if sys.stdin is None:
         sys.stdin = open(0, encoding="utf-8", closefd=False)  # noqa: SIM115
-    logs = [Log(number, "w", closefd=False) for number in (1, 2)]
-    for name, log in zip(("stdout", "stderr"), logs, strict=True):
-        before = getattr(sys, name)
-        encoding, lines = (
-            ("utf-8", False) if before is None else (before.encoding, before.line_buffering)
-        )
-        setattr(
-            sys,
-            name,
-            io.TextIOWrapper(
-                io.BufferedWriter(log), encoding, "backslashreplace", line_buffering=lines
-            ),
-        )
-    return logs[0]
+    output, errors = (Log(number, "w", closefd=False) for number in (1, 2))
+    sys.stdout = _text_stream(output, sys.stdout)
+    sys.stderr = _text_stream(errors, sys.stderr)
+    return output
+
+
+def _text_stream(log: Log, earlier: Any) -> io.TextIOWrapper:
+    """A stream of texts into a log, with the settings of the stream that it replaces."""
+    encoding, is_by_line = "utf-8", False
+    if earlier is not None:
+        encoding, is_by_line = earlier.encoding, earlier.line_buffering
+    buffer = io.BufferedWriter(log)
+    return io.TextIOWrapper(buffer, encoding, "backslashreplace", line_buffering=is_by_line)
 
 
 def require_cache() -> None:
-    """Give libraries a folder for this run where they could not make theirs: some fail without, or make it in the working directory."""
+    """Give libraries a folder for this run if they cannot make their own.
+
+    Some fail without one, or make it in the working folder.
+    """
     cache = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
     with suppress(OSError):
         if os.path.isabs(cache):
@@ -141,34 +141,43 @@ def require_cache() -> None:
 
 
 def listen() -> list[signal.Signals]:
-    """Raise :class:`Stopped` at the first signal; those that are ignored, as under nohup, go on being ignored."""
-    heard = [one for one in _SIGNALS if signal.getsignal(one) is not signal.SIG_IGN]
+    """Raise :class:`Stopped` at the first signal; what is ignored, as under nohup, stays so."""
+    handled = [number for number in _SIGNALS if signal.getsignal(number) is not signal.SIG_IGN]
 
     def stop(number: int, _: FrameType | None) -> None:
-        _ignore(heard)  # a second one must not interrupt the tidying up
-        end = Timer(PATIENCE, _end, (number,))
-        end.daemon = True
-        end.start()
+        _ignore(handled)  # A second signal must not interrupt the cleaning up.
+        # A thread of joblib may fail while its workers are ended; nobody needs its traceback.
+        threading.excepthook = _ignore_error
+        timer = threading.Timer(PATIENCE, _end, (number,))
+        timer.daemon = True
+        timer.start()
         raise Stopped(number)
 
-    for one in heard:
-        signal.signal(one, stop)
-    return heard
+    for number in handled:
+        signal.signal(number, stop)
+    return handled
 
 
 def say_stopped(number: int) -> None:
-    """What a signal has left of the command's work, on standard error."""
-    there = ", ".join(shown(path) for path in finished if os.path.lexists(path))
-    said = describe_stored() or (f"written: {there}" if there else "nothing written")
-    print(f"stopped by {signal.Signals(number).name}: {said}", file=sys.stderr, flush=True)
+    """Print on standard error what a signal has left of the command's work."""
+    written = ", ".join(shown(path) for path in finished if os.path.lexists(path))
+    result = "nothing written"
+    if written:
+        result = f"written: {written}"
+    result = describe_stored() or result
+    print(f"stopped by {signal.Signals(number).name}: {result}", file=sys.stderr, flush=True)
 
 
 def _end(number: int) -> None:
-    """End in any case: a library may swallow the exception, or take long to notice; workers see that and end as well."""
+    """End in any case: a library may catch the exception, or take long. Workers end as well."""
     say_stopped(number)
     os._exit(128 + number)
 
 
-def _ignore(heard: list[signal.Signals]) -> None:
-    for one in heard:
-        signal.signal(one, signal.SIG_IGN)
+def _ignore_error(_: threading.ExceptHookArgs) -> None:
+    pass
+
+
+def _ignore(signals: list[signal.Signals]) -> None:
+    for number in signals:
+        signal.signal(number, signal.SIG_IGN)

@@ -134,7 +134,7 @@ def test_a_signal_ends_a_command_with_one_line_and_leaves_what_is_finished(
     kept = len(list(folder.glob("out.partial/*.result")))
     assert kept < 2, errors
     left = (
-        f"{kept} of 2 subjects kept in out.partial, go on with --resume"
+        f"{kept} of 2 subjects are saved in out.partial; type --resume to continue"
         if kept
         else "nothing written"
     )
@@ -212,6 +212,23 @@ while True:
     except BaseException:
         pass
 """
+FAILING_THREAD = """
+import signal, threading
+from bayes_toe.cli.stopping import Stopped, listen, say_stopped
+is_stopped = threading.Event()
+def fail():
+    is_stopped.wait()
+    raise KeyError(2)
+thread = threading.Thread(target=fail)
+thread.start()
+listen()
+try:
+    signal.raise_signal(signal.SIGTERM)
+except Stopped as stop:
+    is_stopped.set()
+    thread.join()
+    say_stopped(stop.number)
+"""
 UNDER_NOHUP = """
 import signal
 from bayes_toe.cli.stopping import listen
@@ -226,6 +243,12 @@ def test_a_library_that_swallows_the_exception_does_not_keep_the_command():
         assert deaf.stdout.readline() == "ready\n"
         deaf.send_signal(signal.SIGTERM)
         assert deaf.wait(60) == 128 + signal.SIGTERM
+
+
+def test_a_thread_that_fails_after_a_signal_prints_nothing():
+    words = [sys.executable, "-c", FAILING_THREAD]
+    stopped = subprocess.run(words, timeout=60, capture_output=True, text=True)
+    assert stopped.stderr == "stopped by SIGTERM: nothing written\n"
 
 
 def test_a_signal_that_is_ignored_on_purpose_goes_on_being_ignored():
