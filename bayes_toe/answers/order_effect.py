@@ -28,7 +28,7 @@ from bayes_toe.answers.serial_screen import SerialScreen, serial_screen
 from bayes_toe.answers.words import Word, side_of, word_for
 from bayes_toe.arrays import BoolArray, FloatArray
 from bayes_toe.checks.identification import Identification, identify
-from bayes_toe.data.messages import as_option, join_words
+from bayes_toe.data.messages import as_option, capitalized, join_words
 from bayes_toe.data.study import Subject
 from bayes_toe.inference.order_evidence import MODEL_NAMES, OrderEvidence, order_evidence
 from bayes_toe.inference.predictive_checks import MISFIT, FitSummary, PairFit, summarise_fit
@@ -235,12 +235,12 @@ class OrderEffect:
 
     def _flag_sentences(self) -> list[str]:
         """Each flag as a sentence."""
-        return [f"{flag[0].upper()}{flag[1:]}." for flag in self.flags]
+        return [f"{capitalized(flag)}." for flag in self.flags]
 
     def _describe_question(self, question: str) -> str:
         """Word, probability and size of one question."""
         word = self.words[question]
-        heading = question.replace("_", " ").capitalize()
+        heading = capitalized(question.replace("_", " "))
         if word is Word.CANNOT_BE_TOLD:
             reason = self.reasons.get(question)
             return f"{heading}: {word.value}{f', because {reason}' if reason else ''}."
@@ -390,14 +390,14 @@ def format_bayes_factor(log_bayes_factor: float) -> str:
 
     Examples
     --------
-    >>> [format_bayes_factor(value) for value in (2.9, -0.92, 5.0, -9.0)]
-    ['18', '0.4', '> 100', '< 1/100']
+    >>> [format_bayes_factor(value) for value in (2.9, -0.92, 4.601, 5.0, -9.0)]
+    ['18', '0.4', '100', '> 100', '< 1/100']
     """
     if log_bayes_factor > np.log(100.0):
         return "> 100"
     if log_bayes_factor < -np.log(100.0):
         return "< 1/100"
-    return f"{np.exp(log_bayes_factor):.2g}"
+    return f"{float(f'{np.exp(log_bayes_factor):.2g}'):g}"  # no exponent
 
 
 def word_of_bayes_factor(log_bayes_factor: float) -> Word:
@@ -481,7 +481,7 @@ def order_effect(
     questions = [question for question in QUESTIONS if getattr(identification, question)]
     problems |= _prior_problems(evidence, questions)
     for flag_words in (*size_flags, *_error_flags(evidence)):
-        problems[flag_words] = Problem(f"{flag_words[0].upper()}{flag_words[1:]}.")
+        problems[flag_words] = Problem(f"{capitalized(flag_words)}.")
     best = int(np.argmax(evidence.log_evidence))
     is_testable = fit is not None and fit.describes is not None
     return OrderEffect(

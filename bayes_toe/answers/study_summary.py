@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +12,7 @@ from scipy.special import logsumexp
 from bayes_toe.answers.order_effect import QUESTIONS, OrderEffect
 from bayes_toe.answers.words import Word
 from bayes_toe.arrays import FloatArray
-from bayes_toe.data.messages import counted, listed
+from bayes_toe.data.messages import capitalized, counted, listed
 from bayes_toe.data.validation import AT
 from bayes_toe.inference.predictive_checks import PairFit
 from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION, ORDER_MODELS
@@ -51,7 +51,7 @@ def study_lines(
     whole = f" of {_whole(counted_answers, synthetic, units)}"
     lines = []
     for question in QUESTIONS:
-        text = _count_words(counted_answers, question, whole)
+        text = _count_answers(counted_answers, question, whole)
         lines.append(f"{_heading(question)}: {text}.")
         whole = ""
     misfits = [answer.subject for answer in counted_answers if answer.fits is False]
@@ -61,22 +61,48 @@ def study_lines(
     return lines
 
 
-def _count_words(answers: Sequence[OrderEffect], question: str, whole: str) -> str:
-    """How many subjects have each word, as in '4 of 7 subjects yes, 1 probably'."""
-    counts = Counter(answer.words[question] for answer in answers)
-    if counts[Word.CANNOT_BE_TOLD] == len(answers):
-        return f"{Word.CANNOT_BE_TOLD.value} in any subject"
+def count_words(
+    words: Iterable[str], whole: str = "", directions: Mapping[str, str] | None = None
+) -> str:
+    """How often each word is given, in the order of certainty.
+
+    Parameters
+    ----------
+    words : iterable of str
+    whole : str
+        Follows the first count, as in ' of 7 subjects'.
+    directions : mapping of str to str, optional
+        What follows a word in brackets.
+
+    Examples
+    --------
+    >>> count_words(["no", "yes", "yes"], " of 3 subjects", {"yes": "1 contraction, 1 repulsion"})
+    '2 of 3 subjects yes (1 contraction, 1 repulsion), 1 no'
+    """
+    counts = Counter(words)
+    in_order = dict.fromkeys([*(word.value for word in Word), *counts])
     parts = list[str]()
-    for word in Word:
-        if counts[word]:
-            of_all = "" if parts else whole
-            directions = _directions(answers, question, word)
-            parts.append(f"{counts[word]}{of_all} {word.value}{directions}")
+    for word in in_order:
+        if not counts[word]:
+            continue
+        of_all = "" if parts else whole
+        direction = (directions or {}).get(word, "")
+        brackets = f" ({direction})" if direction else ""
+        parts.append(f"{counts[word]}{of_all} {word}{brackets}")
     return ", ".join(parts)
 
 
+def _count_answers(answers: Sequence[OrderEffect], question: str, whole: str) -> str:
+    """How many subjects have each word, as in '4 of 7 subjects yes, 1 probably'."""
+    words = [str(answer.words[question].value) for answer in answers]
+    if set(words) == {Word.CANNOT_BE_TOLD.value}:
+        return f"{Word.CANNOT_BE_TOLD.value} in any subject"
+    directions = {str(word.value): _directions(answers, question, word) for word in Word}
+    return count_words(words, whole, directions)
+
+
 def _heading(question: str) -> str:
-    return question.replace("_", " ").capitalize()
+    return capitalized(question.replace("_", " "))
 
 
 def _whole(answers: Sequence[OrderEffect], synthetic: bool, units: bool) -> str:
@@ -89,7 +115,7 @@ def _whole(answers: Sequence[OrderEffect], synthetic: bool, units: bool) -> str:
 
 
 def _directions(answers: Sequence[OrderEffect], question: str, word: Word) -> str:
-    """The directions of the effects of a word, in brackets; empty if they need no saying."""
+    """The directions of the effects of a word, with their numbers; empty if they need no saying."""
     chosen = [answer for answer in answers if answer.words[question] is word]
     if not word.is_positive or question == "order_effect":
         return ""
@@ -98,7 +124,7 @@ def _directions(answers: Sequence[OrderEffect], question: str, word: Word) -> st
         n_contraction = len(chosen) - n_repulsion
         if not n_repulsion:
             return ""
-        return f" ({n_contraction} contraction, {n_repulsion} repulsion)"
+        return f"{n_contraction} contraction, {n_repulsion} repulsion"
     over = sum(answer.first_is_overestimated is True for answer in chosen)
     under = sum(answer.first_is_overestimated is False for answer in chosen)
     names = []
@@ -108,7 +134,7 @@ def _directions(answers: Sequence[OrderEffect], question: str, word: Word) -> st
     if under:
         verb = "underestimates" if under == 1 else "underestimate"
         names.append(f"{under} {verb} {'it' if names else 'the first stimulus'}")
-    return f" ({', '.join(names)})" if names else ""
+    return ", ".join(names)
 
 
 # --- Few subjects: how frequent an effect is ------------------------------------------------------

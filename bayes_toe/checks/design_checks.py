@@ -18,7 +18,7 @@ from bayes_toe.checks.identification import (
     identify,
 )
 from bayes_toe.data.answers import Reading
-from bayes_toe.data.messages import bare, counted, join_words, listed, quoted
+from bayes_toe.data.messages import bare, capitalized, counted, join_words, listed, quoted
 from bayes_toe.data.options import LOOKED_AT, looks_like
 from bayes_toe.data.study import Study, Subject, by_person, require_study, stimuli_of
 from bayes_toe.data.units import follows_from_pairs
@@ -247,7 +247,7 @@ def identification_findings(study: Study) -> Iterator[Finding]:
             names_by_reason.setdefault((questions, reason), []).append(subject.name)
     for (questions, reason), names in names_by_reason.items():
         text = join_words([question.replace("_", " ") for question in questions])
-        message = f"{text.capitalize()} cannot be told, because {reason}."
+        message = f"{capitalized(text)} cannot be told, because {reason}."
         for name in [""] if len(names) == len(study) else names:
             yield Finding(name, "not_identified", message)
 
@@ -259,7 +259,7 @@ def _notes(study: Study) -> Iterator[Finding]:
         for note in identify(subject).notes:
             names_by_note.setdefault(note, []).append(subject.name)
     for note, names in names_by_note.items():
-        message = f"{note[0].upper()}{note[1:]}."
+        message = f"{capitalized(note)}."
         for name in [""] if len(names) == len(study) else names:
             yield Finding(name, _NOTE_CODES[note], message)
 

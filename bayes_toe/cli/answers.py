@@ -27,7 +27,7 @@ from bayes_toe.cli.terminal import (
     is_narrow,
     typed_command,
 )
-from bayes_toe.data.messages import join_words, listed
+from bayes_toe.data.messages import capitalized, join_words, listed
 
 if TYPE_CHECKING:
     from bayes_toe.data.study import Study
@@ -164,7 +164,7 @@ def print_answer(
     notes = dict.fromkeys(
         note for answer in answers for note in answer.notes if note not in answer.reasons.values()
     )
-    lines += [f"{note[0].upper()}{note[1:]}." for note in notes]
+    lines += [f"{capitalized(note)}." for note in notes]
     out.answer([*lines, " ".join([*not_counted(answers), *closing])])
 
 

@@ -16,7 +16,7 @@ from bayes_toe.cli.terminal import (
     describe_study,
     typed_command,
 )
-from bayes_toe.data.messages import counted
+from bayes_toe.data.messages import capitalized, counted
 
 if TYPE_CHECKING:
     from bayes_toe.data.study import Study, Subject
@@ -39,7 +39,7 @@ def print_check(out: Terminal, study: Study, prior: Prior, *, shows_prior: bool 
     of_study = [finding for finding in findings if not finding.subject]
     out.findings(finding for finding in of_study if finding.code not in (*NOTES, "not_identified"))
     notes = [*study.notes[1:], *(item.message for item in of_study if item.code in NOTES)]
-    out.notes((("", f"{note[0].upper()}{note[1:].rstrip('.')}.", "") for note in notes), "-")
+    out.notes((("", f"{capitalized(note.rstrip('.'))}.", "") for note in notes), "-")
     lines, commands = answer_of_check(study, of_study, by_subject)
     out.answer(lines)
     for command in commands:

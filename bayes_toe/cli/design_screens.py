@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from bayes_toe.answers.order_effect import QUESTIONS
 from bayes_toe.answers.words import Word
 from bayes_toe.cli.terminal import Terminal
+from bayes_toe.data.messages import capitalized
 from bayes_toe.design.optimal_pairs import OPTIMISED
 from bayes_toe.design.power import FOUND
 
@@ -25,7 +26,7 @@ def print_power(out: Terminal, table: PowerTable, only: str = "") -> None:
             if name == design:
                 rows += _power_rows(table, name, trials)
         headings = ["trials", "observers", *(name.replace("_", " ") for name in QUESTIONS)]
-        title = f"{_capital(design)}: observers with 'yes' or 'probably' [95 % interval]"
+        title = f"{capitalized(design)}: observers with 'yes' or 'probably' [95 % interval]"
         out.table(headings, rows, title=title)
     out.line("In brackets: false positives, from observers without the effect.")
 
@@ -64,7 +65,7 @@ def power_lines(table: PowerTable, only: str = "") -> list[str]:
             wrong = table.found(design, trials, question, has_effect=False)
             text = name if detected is None else f"{name} {100.0 * detected[0]:.0f} %"
             parts.append(text if wrong is None else f"{text} ({100.0 * wrong[0]:.0f} %)")
-        lines.append(f"{_capital(design)}, {trials:,} trials: {', '.join(parts)}.")
+        lines.append(f"{capitalized(design)}, {trials:,} trials: {', '.join(parts)}.")
     return ["Effects detected (and reported wrongly):", *lines]
 
 
@@ -87,7 +88,3 @@ def print_design(out: Terminal, found: OptimalDesign) -> None:
         rows.append([name, *(f"{candidate.sd[effect]:.2g}" for effect in effects)])
     out.table(headings, rows, title="Expected posterior SD, smaller is better")
     print_power(out, found.power, OPTIMISED)
-
-
-def _capital(text: str) -> str:
-    return f"{text[0].upper()}{text[1:]}"

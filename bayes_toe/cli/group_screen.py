@@ -19,7 +19,7 @@ from bayes_toe.answers.order_effect import (
 from bayes_toe.arrays import FloatArray
 from bayes_toe.checks.identification import identify
 from bayes_toe.cli.terminal import Terminal
-from bayes_toe.data.messages import counted
+from bayes_toe.data.messages import capitalized, counted
 from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION, NOISE, PEAK
 
 if TYPE_CHECKING:
@@ -57,9 +57,8 @@ def print_group(out: Terminal, result: PopulationResult, check: PredictiveCheck)
 
 def print_problems(out: Terminal, result: PopulationResult, contradictions: Sequence[str]) -> None:
     """What to know before any number of the group is used."""
-    out.notes(
-        ("", f"{text[0].upper()}{text[1:]}", "") for text in (*result.problems, *contradictions)
-    )
+    texts = (*result.problems, *contradictions)
+    out.notes(("", capitalized(text), "") for text in texts)
 
 
 def group_answer(result: PopulationResult) -> list[str]:

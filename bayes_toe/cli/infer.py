@@ -18,7 +18,7 @@ from bayes_toe.cli.terminal import (
     number,
     without_zeros,
 )
-from bayes_toe.data.messages import counted
+from bayes_toe.data.messages import capitalized, counted
 
 if TYPE_CHECKING:
     from bayes_toe.analysis import Analysis
@@ -261,7 +261,7 @@ def print_draws(out: Terminal, draws: bt.Draws, file: str = OUTPUT) -> None:
         rows.append(row)
     headings = ["subject", *(_HEADINGS.get(key, key) for key in shown), "ESS", "R-hat"]
     model = model_title(draws.model)
-    title = f"{model[0].upper()}{model[1:]}: medians [95 % interval]"
+    title = f"{capitalized(model)}: medians [95 % interval]"
     if rows:
         n_columns = len(headings)
         out.table(headings, rows, range(n_columns - 2, n_columns), title=title)

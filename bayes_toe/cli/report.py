@@ -44,7 +44,7 @@ from bayes_toe.cli import headline
 from bayes_toe.cli.group_screen import group_answer, group_tables
 from bayes_toe.cli.terminal import allowed, allowed_in_order, allowed_quantiles, describe_subjects
 from bayes_toe.cli.within_screens import contrast_lines
-from bayes_toe.data.messages import counted, format_p, listed, said_intervals, visible
+from bayes_toe.data.messages import capitalized, counted, format_p, listed, said_intervals, visible
 from bayes_toe.data.tables import file_stems
 from bayes_toe.data.tasks import Task
 from bayes_toe.groups.population import PopulationResult
@@ -198,6 +198,7 @@ def _environment(task: Task) -> Environment:
         data_uri=lambda picture: (
             f"data:image/png;base64,{base64.b64encode(picture.read_bytes()).decode('ascii')}"
         ),
+        capitalized=capitalized,
         deviance=headline.deviance,
         head=_head,
         misfit=headline.misfit,
@@ -301,7 +302,7 @@ def _design(answers: Sequence[OrderEffect]) -> str:
     sentences = []
     for note, names in subjects.items():
         whom = "" if len(names) == len(answers) else f" This concerns {_name_subjects(names)}."
-        sentences.append(f"{note[0].upper()}{note[1:].rstrip('.')}.{whom}")
+        sentences.append(f"{capitalized(note.rstrip('.'))}.{whom}")
     return " ".join(sentences)
 
 

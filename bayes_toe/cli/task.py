@@ -25,7 +25,7 @@ from bayes_toe.cli.options import (
     StudyFile,
 )
 from bayes_toe.cli.terminal import TYPED, Terminal
-from bayes_toe.data.messages import visible
+from bayes_toe.data.messages import capitalized, visible
 from bayes_toe.data.whole_files import describe_stored, under_way
 from bayes_toe.errors import BayesToeError, InputError
 
@@ -214,7 +214,7 @@ class Task:
         missed: Mapping[str, str] = NOBODY,
     ) -> None:
         """Print what was written and the seed, then end the command."""
-        text = f"{what[0].upper()}{what[1:]} {', '.join(map(str, files))}{ending}."
+        text = f"{capitalized(what)} {', '.join(map(str, files))}{ending}."
         self.print_failed(failed)
         self.out.line()
         self.out.line(text if seed is None else f"{text} Seed {seed}.")

@@ -7,9 +7,9 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from bayes_toe.answers.order_effect import Size, format_bayes_factor, format_percent, format_share
-from bayes_toe.answers.words import Word
+from bayes_toe.answers.study_summary import count_words
 from bayes_toe.cli.terminal import MANY_SUBJECTS, OUTPUT, Terminal
-from bayes_toe.data.messages import counted
+from bayes_toe.data.messages import capitalized, counted
 
 if TYPE_CHECKING:
     from bayes_toe.answers.contrast import ContrastTable, Difference
@@ -76,27 +76,24 @@ def contrast_lines(table: ContrastTable) -> list[str]:
         first = dict[str, str]()
         for row in table.select(quantity):
             first.setdefault(row.subject, DIFFERENCE_WORDS.get(row.word, "no Bayes factor"))
-        lines.append(f"{quantity[0].upper()}{quantity[1:]} differs: {_count(first.values())}.")
+        lines.append(f"{capitalized(quantity)} differs: {_count(first.values())}.")
     return lines
 
 
 def _count(words: Iterable[str]) -> str:
-    """How often each word is given, in the order of certainty, and its directions."""
+    """How often each word is given, with its directions: 'yes (repetition)' is a 'yes'."""
+    plain = list[str]()
     directions: dict[str, Counter[str]] = {}
     for text in words:
         word, _, direction = text.removesuffix(")").partition(" (")
-        directions.setdefault(word, Counter())[direction] += 1
-    whole = counted(sum(counts.total() for counts in directions.values()), "subject")
-    parts = list[str]()
-    for word in dict.fromkeys([*(word.value for word in Word), *directions]):
-        if word not in directions:
-            continue
-        counts = directions[word]
-        of_all = "" if parts else f" of {whole}"
-        named = [f"{count} {direction}" for direction, count in counts.items() if direction]
-        ending = f" ({', '.join(named)})" if named else ""
-        parts.append(f"{counts.total()}{of_all} {word}{ending}")
-    return ", ".join(parts)
+        plain.append(word)
+        if direction:
+            directions.setdefault(word, Counter())[direction] += 1
+    named = {
+        word: ", ".join(f"{count} {direction}" for direction, count in counts.items())
+        for word, counts in directions.items()
+    }
+    return count_words(plain, f" of {counted(len(plain), 'subject')}", named)
 
 
 # --- Serial dependence ---------------------------------------------------------------------------

@@ -68,6 +68,17 @@ def join_words(words: Sequence[str]) -> str:
     return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
 
 
+def capitalized(text: str) -> str:
+    """A text with a capital first letter; the other letters stay as they are.
+
+    Examples
+    --------
+    >>> capitalized("in 2AFC"), capitalized("PSE shift")
+    ('In 2AFC', 'PSE shift')
+    """
+    return f"{text[:1].upper()}{text[1:]}"
+
+
 def counted(count: int, noun: str) -> str:
     """A number and its noun, '1 cell' or '2 cells'."""
     return f"{count} {noun}{'' if count == 1 else 's'}"

@@ -16,6 +16,7 @@ from bayes_toe.classical.asymmetry import (
     AsymmetryTable,
     subject_asymmetries,
 )
+from bayes_toe.data.messages import capitalized
 from bayes_toe.data.read_study import Truth
 from bayes_toe.data.study import refuse_intervals
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
@@ -274,7 +275,7 @@ def captions(material: Material) -> str:
         f"{len(draws.names)} subjects, seed {draws.seed}. Prior: {draws.attrs['prior']}. Stimuli and all parameters but "
         f"{draws.task.lapses} and gamma are "
         "in natural-log intensity. Red: weaker stimulus first, (r, c); blue: stronger first, (c, r); grey: equal stimuli.",
-        material.asymmetry.population().describe().capitalize() + ".",
+        capitalized(material.asymmetry.population().describe()) + ".",
     ]
     if draws.not_converged:
         lines.append(
