@@ -19,7 +19,7 @@ from bayes_toe.data.messages import bare, counted, listed
 
 
 class Stimuli(NamedTuple):
-    """Location and scales of the stimuli that somebody felt, natural-log intensity; all are means over trials.
+    """Location and scales of stimuli, natural-log intensity; all are means over trials.
 
     Attributes
     ----------
@@ -85,27 +85,30 @@ class Conditions:
 
     @cached_property
     def comparisons(self) -> tuple[tuple[str, str], ...]:
-        """Levels that are compared, each with that which is taken from it: of numbers the largest and the smallest one."""
+        """Pairs of levels whose difference is reported: of numbers, the largest and smallest."""
         if self.numeric:
             return ((max(self.levels, key=float), min(self.levels, key=float)),)
         return tuple((level, self.levels[0]) for level in self.levels[1:])
 
     def design(self, some: Sequence[str] | None = None) -> FloatArray:
-        """Columns X, (levels, columns), of all levels or some: with independent N(0, h^2) effects any two levels differ by N(0, h^2).
+        """Columns X, shape (levels, columns), of all levels or some.
 
-        Of two levels -1/2 and 1/2; of more orthonormal ones that sum to 0, over 2^(1/2), so that no level is special; of numbers one,
-        (x - mean)/range, so that the effect is that over the whole range.
+        With independent N(0, h^2) effects any two levels differ by N(0, h^2). Two levels are -1/2
+        and 1/2. More have orthonormal columns that sum to 0, over 2^(1/2), so that no level is
+        special. Numbers have one, (x - mean)/range, whose effect is that over the whole range.
         """
-        own = self.levels if some is None else tuple(some)
+        chosen = self.levels if some is None else tuple(some)
         if self.numeric:
-            x, all_of = np.array(own, np.float64), np.array(self.levels, np.float64)
-            return np.asarray(((x - all_of.mean()) / np.ptp(all_of))[:, None])
-        away = np.eye(len(own)) - 1.0 / len(own)
-        turned = np.linalg.qr(away[:, 1:])[0] / np.sqrt(2.0)
-        return np.asarray(turned * np.where(turned[-1] < 0.0, -1.0, 1.0))
+            x = np.array(self.levels, np.float64)
+            centred = np.array(chosen, np.float64) - x.mean()
+            return np.asarray((centred / np.ptp(x))[:, None])
+        contrasts = np.eye(len(chosen)) - 1.0 / len(chosen)
+        columns = np.linalg.qr(contrasts[:, 1:])[0] / np.sqrt(2.0)
+        return np.asarray(columns * np.where(columns[-1] < 0.0, -1.0, 1.0))
 
     @property
     def about(self) -> str:
         """The column and its levels in words."""
-        kind = ", as numbers" if self.numeric else f"; {bare(self.levels[0])} is the reference"
-        return f"{bare(self.name)}: {counted(len(self.levels), 'level')}, {listed([*map(bare, self.levels)])}{kind}"
+        names = [bare(level) for level in self.levels]
+        kind = ", as numbers" if self.numeric else f"; {names[0]} is the reference"
+        return f"{bare(self.name)}: {counted(len(names), 'level')}, {listed(names)}{kind}"

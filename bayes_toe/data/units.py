@@ -24,85 +24,94 @@ _REPEATED = 10
 def with_units(
     table: TextTable, columns: dict[str, Column], categorical: bool
 ) -> dict[str, Column]:
-    """Columns by our names with the unit of every row as its subject, where there is a condition.
+    """Columns by our names; with a condition, the subject of a row is its unit.
 
-    Numbers that are written differently are one level; names with the sign that joins them are noted as problems.
+    Numbers that are written differently are one level. A name with the sign that joins subject and
+    level is a problem of the table.
     """
     if "condition" not in columns:
         return columns
-    subject, level = columns["subject"], columns["condition"]
-    for column in (subject, level):
-        joined = column.map(lambda text: AT in text, np.bool_)
-        table.fault(column, joined, f"a name without {AT}, which joins subject and condition")
+    subject, condition = columns["subject"], columns["condition"]
+    for column in (subject, condition):
+        is_joined = column.map(lambda text: AT in text, np.bool_)
+        table.fault(column, is_joined, f"a name without {AT}, which joins subject and condition")
 
-    def word(text: str) -> str:
+    level_names = []
+    for text in condition.texts:
         value = math.nan if categorical else number(text, table.decimal_comma)
-        return text if math.isnan(value) else level_words([value])[0]
-
-    words = [word(text) for text in level.texts]
-    pairs, codes = np.unique(
-        np.column_stack([subject.codes, level.codes]), axis=0, return_inverse=True
-    )
-    names = [(subject.texts[one], words[other]) for one, other in pairs.tolist()]
-    return {
-        **columns,
-        "subject": Column.of(
-            subject.name, [f"{who}{AT}{what}" if who else "" for who, what in names], codes.ravel()
-        ),
-    }
+        level_names.append(text if math.isnan(value) else level_words([value])[0])
+    row_codes = np.column_stack([subject.codes, condition.codes])
+    pairs, unit_of_row = np.unique(row_codes, axis=0, return_inverse=True)
+    units = []
+    for subject_code, level_code in pairs.tolist():
+        name = subject.texts[subject_code]
+        units.append(f"{name}{AT}{level_names[level_code]}" if name else "")
+    return {**columns, "subject": Column.of(subject.name, units, unit_of_row.ravel())}
 
 
 def with_conditions(study: Study, options: ReadOptions) -> Study:
-    """A study whose subjects are named as units, with what they are units of; subjects again, where none has several levels.
+    """A study of units with their conditions; of subjects, if none has several levels.
 
-    An InputError where a condition was asked for that no subject meets at several levels, or a reference that is no level.
+    Raises
+    ------
+    InputError
+        If a condition was asked for of which no subject has several levels, or a reference that is
+        no level.
     """
     if "condition" not in study.reading.read:
         return study
-    name, of = options.name("condition"), {one.name: one.name.partition(AT)[::2] for one in study}
-    found = [level for _, level in of.values()]
-    if not all(found):
+    column = options.name("condition")
+    parts = {unit.name: unit.name.partition(AT) for unit in study}
+    persons = list(dict.fromkeys(person for person, _, _ in parts.values()))
+    unit_levels = [level for _, _, level in parts.values()]
+    if not all(unit_levels):
         raise InputError(
-            f"{study.source}: found column {bare(name)} in some files only, allowed: in all or in none"
+            f"{study.source}: found column {bare(column)} in some files only, "
+            "allowed: in all or in none"
         )
-    if len({who for who, _ in of.values()}) == len(of):
-        said = f"column {bare(name)}: found every subject at one level of it"
-        if options.condition is not None:
-            raise InputError(
-                f"{study.source}: {said}, allowed: at two and more of some subject; between subjects it is a covariate"
-            )
-        whole = tuple(replace(one, name=of[one.name][0]) for one in study)
-        notes = (*study.notes, f"{said}, so that it is no condition within subjects: not used")
-        return replace(study, subjects=whole, notes=notes)
-    values = [number(level, False) for level in found]
-    numeric = not options.categorical and not any(map(math.isnan, values))
-    order = level_words(levels(values if numeric else found))
+    if len(persons) == len(parts):
+        return _without_units(study, column, is_asked_for=options.condition is not None)
+    values = [number(level, False) for level in unit_levels]
+    is_numeric = not options.categorical and not any(map(math.isnan, values))
+    order = level_words(levels(values if is_numeric else unit_levels))
     if options.reference not in (None, *order):
         raise InputError(
-            f"--reference: found {quoted(str(options.reference))}, allowed: {listed([*map(bare, order)])}"
+            f"--reference: found {quoted(str(options.reference))}, "
+            f"allowed: {listed([*map(bare, order)])}"
         )
     order.sort(key=lambda level: level != options.reference)
-    people = list(dict.fromkeys(who for who, _ in of.values()))
-    subjects = sorted(
-        (replace(one, condition=of[one.name][1]) for one in study),
-        key=lambda one: (people.index(one.person), order.index(one.condition)),
-    )
-    made = Conditions(name, tuple(order), numeric)
-    return replace(
-        study,
-        subjects=felt_together(subjects),
-        conditions=made,
-        notes=(*study.notes, f"condition {made.about}"),
-    )
+    units = [replace(unit, condition=parts[unit.name][2]) for unit in study]
+    units.sort(key=lambda unit: (persons.index(unit.person), order.index(unit.condition)))
+    conditions = Conditions(column, tuple(order), is_numeric)
+    notes = (*study.notes, f"condition {conditions.about}")
+    return replace(study, subjects=felt_together(units), conditions=conditions, notes=notes)
 
 
-def follows_from_pairs(people: Iterable[Sequence[Subject]]) -> bool:
-    """Whether pairs were repeated, and none in two units of its subject: such a condition may be a name of pairs, or of their order."""
-    repeated = 0
-    for units in people:
-        pairs = [set(zip(one.s1.tolist(), one.s2.tolist(), strict=True)) for one in units]
-        distinct = len(set().union(*pairs))
-        if len(units) > 1 and distinct < sum(map(len, pairs)):
+def _without_units(study: Study, column: str, *, is_asked_for: bool) -> Study:
+    """The study of subjects, where every subject has one level of the condition."""
+    problem = f"column {bare(column)}: found every subject at one level of it"
+    if is_asked_for:
+        raise InputError(
+            f"{study.source}: {problem}, allowed: at two and more of some subject; "
+            "between subjects it is a covariate"
+        )
+    subjects = tuple(replace(unit, name=unit.name.partition(AT)[0]) for unit in study)
+    notes = (*study.notes, f"{problem}, so that it is no condition within subjects: not used")
+    return replace(study, subjects=subjects, notes=notes)
+
+
+def follows_from_pairs(persons: Iterable[Sequence[Subject]]) -> bool:
+    """Whether pairs were repeated, and no subject has a pair at two levels.
+
+    Such a condition may be a name of pairs, or of their order.
+    """
+    n_repeated = 0
+    for units in persons:
+        if len(units) == 1:
+            continue
+        pairs = [set(zip(unit.s1.tolist(), unit.s2.tolist(), strict=True)) for unit in units]
+        n_distinct = len(set().union(*pairs))
+        if n_distinct < sum(map(len, pairs)):
             return False
-        repeated += sum(one.total_trials for one in units) - distinct if len(units) > 1 else 0
-    return repeated >= _REPEATED
+        n_repeated += sum(unit.total_trials for unit in units) - n_distinct
+    return n_repeated >= _REPEATED
