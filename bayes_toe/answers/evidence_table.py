@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.special import betaln
 
 from bayes_toe.answers.order_effect import ANSWER_COLUMNS, OrderEffect
 from bayes_toe.data.study import Subject
@@ -20,7 +21,6 @@ from bayes_toe.inference.evidence import laplace_evidence, laplace_evidence_natu
 from bayes_toe.inference.predictive_checks import FitSummary
 from bayes_toe.inference.subject import Fitted, SubjectResult
 from bayes_toe.model.distributions import LOG_2PI
-from bayes_toe.model.free_frequencies import frequency_evidence
 from bayes_toe.model.paper_model import PaperPosterior
 from bayes_toe.model.prior import Prior
 
@@ -191,6 +191,15 @@ def subject_evidence(
         notes=(f"H1: {found.why_not}",) if found.why_not else (),
         footnotes=tuple(note for note in (why_no_laplace, why_no_natural, about_bootstrap) if note),
     )
+
+
+def frequency_evidence(subject: Subject) -> float:
+    """Exact log evidence of H0, nats: one free frequency per pair, with a uniform prior.
+
+    It is the sum of ln B(n_yes + 1, n_no + 1) over the pairs.
+    """
+    n_no = subject.n_trials - subject.n_yes
+    return float(betaln(subject.n_yes + 1.0, n_no + 1.0).sum())
 
 
 def frequency_evidence_laplace(subject: Subject) -> float:

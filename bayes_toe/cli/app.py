@@ -19,7 +19,6 @@ from bayes_toe.cli import (
     group_commands,
     infer,
     look,
-    population,
 )
 from bayes_toe.cli.task import BAD_INPUT, as_command
 from bayes_toe.cli.terminal import TYPED
@@ -36,7 +35,7 @@ COMMANDS = {
         describe.fit,
     ),
     "Groups, conditions, trial order": (
-        population.population,
+        group_commands.population,
         group_commands.contrast,
         group_commands.history,
     ),

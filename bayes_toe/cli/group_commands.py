@@ -1,14 +1,107 @@
-"""Commands that compare conditions (contrast) and consecutive trials (history)."""
+"""Commands about a group, conditions within subjects, and consecutive trials."""
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Annotated
 
+import typer
+
 import bayes_toe as bt
-from bayes_toe.cli.options import StudyFile, writes
+from bayes_toe.cli.options import StudyFile, rare, writes
 from bayes_toe.cli.task import MODEL, Takes, Task
+
+#: In words, because the module of the hyperprior loads SciPy.
+_HYPERPRIOR = r"Prior of the group: \[constant_error], \[contraction], \[noise], \[q0]."
+
+
+@dataclass(frozen=True, kw_only=True)
+class GroupOptions:
+    """What may move the means of a group, and its prior."""
+
+    covariates: Annotated[
+        Path | None,
+        typer.Option(
+            "--covariates",
+            metavar="FILE.csv",
+            help="Table of subject and covariates.",
+        ),
+    ] = None
+    categorical: Annotated[
+        list[str] | None,
+        rare(
+            "--categorical",
+            metavar="NAME",
+            help="Covariate whose numbers are names.",
+        ),
+    ] = None
+    hyperprior: Annotated[
+        Path | None, rare("--hyperprior", metavar="FILE.toml", help=_HYPERPRIOR)
+    ] = None
+
+
+def population(
+    *,
+    study: StudyFile,
+    output: Annotated[
+        Path,
+        writes(
+            "FILE.nc",
+            "Draws; tables and figure beside them.",
+        ),
+    ] = Path("population.nc"),
+    asked: GroupOptions,
+    task: Annotated[Task, Takes("seed", "overwrite", "spreadsheet_safe", draws=3200)],
+) -> None:
+    """Estimate the group mean and the SD between subjects.
+
+    [bold]Example[/bold]: bayes-toe population study.csv -o population.nc --seed 1
+    """
+    from bayes_toe.cli.group_screen import group_answer, print_group
+    from bayes_toe.groups.predictive_check import predictive_check
+
+    if output.suffix != ".nc":
+        raise bt.InputError(
+            f"{output}: the ending is {output.suffix!r}, allowed is .nc, for draws; "
+            "tables and figure go beside it"
+        )
+    if asked.categorical and asked.covariates is None:
+        name = asked.categorical[0]
+        raise bt.InputError(f"--categorical {name}: allowed with --covariates FILE.csv")
+    table, figure = output.with_suffix(".csv"), output.with_suffix(".png")
+    subjects = output.with_name(f"{output.stem}_subjects.csv")
+    task.require_files(output, table, subjects, figure)
+    read, prior = task.read(study)
+    task.introduce(read, prior)
+    with warnings.catch_warnings():
+        # They are printed below.
+        warnings.simplefilter("ignore", bt.ConvergenceWarning)
+        result = bt.population(
+            read,
+            covariates=asked.covariates,
+            categorical=tuple(asked.categorical or ()),
+            draws=task.draws,
+            seed=task.seed,
+            hyperprior=asked.hyperprior,
+        )
+    check = predictive_check(result)
+    files: dict[Path, Callable[[Path], object]] = {
+        output: result.save,
+        table: partial(result.table.save, **task.saving),
+        subjects: partial(result.subject_table.save, **task.saving),
+        figure: partial(bt.plots.save_figure, bt.plots.population(result, check)),
+    }
+    task.write(files)
+    print_group(task.out, result, check)
+    task.print_uninterpretable(read)
+    missed = {} if result.is_reliable else {"group": result.draws.shortfall}
+    written = f"Written: {', '.join(map(str, files))}. Seed {result.settings.seed}."
+    task.out.answer([*group_answer(result), written])
+    task.end(missed)
 
 
 def contrast(

@@ -12,6 +12,7 @@ import bayes_toe as bt
 from bayes_toe.answers.evidence_table import (
     EVIDENCE_COLUMNS,
     EvidenceTable,
+    frequency_evidence,
     frequency_evidence_laplace,
     subject_evidence,
 )
@@ -25,7 +26,6 @@ from bayes_toe.inference.evidence import (
 )
 from bayes_toe.inference.maxima import Maxima, find_maxima
 from bayes_toe.inference.subject import Wanted, fitted_result
-from bayes_toe.model.free_frequencies import frequency_evidence
 from bayes_toe.model.paper_model import paper_posterior
 
 CASES = hard_cases()
