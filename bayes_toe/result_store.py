@@ -333,12 +333,7 @@ def _plain(
     if is_plain and not isinstance(value, Enum):
         return value
     if isinstance(value, np.ndarray | np.generic):
-        array = np.asarray(value)
-        if array.dtype.hasobject:
-            return _refuse(value)
-        arrays.append(array)
-        kind = "array" if isinstance(value, np.ndarray) else "scalar"
-        return {kind: len(arrays) - 1}
+        return _array_by_number(value, arrays)
     if isinstance(value, list):
         return [inner(item) for item in value]
     if isinstance(value, Mapping):
@@ -353,6 +348,18 @@ def _plain(
     if isinstance(value, tuple):
         return {"tuple": [inner(item) for item in value]}
     return inner(other(value))
+
+
+def _array_by_number(
+    value: npt.NDArray[Any] | np.generic[Any], arrays: list[npt.NDArray[Any]]
+) -> object:
+    """The number that an array, or a number of NumPy, gets in `arrays`."""
+    array = np.asarray(value)
+    if array.dtype.hasobject:
+        return _refuse(value)
+    arrays.append(array)
+    kind = "array" if isinstance(value, np.ndarray) else "scalar"
+    return {kind: len(arrays) - 1}
 
 
 def _field_names(value: object) -> tuple[str, ...] | None:

@@ -1,7 +1,8 @@
-"""Covariates as the columns x of eta_ik ~ Normal(m_k + x_i' beta_k, tau_k^2), and who of a study has them.
+"""Covariates as the columns x of eta_ik ~ Normal(m_k + x_i' beta_k, tau_k^2).
 
-A numeric covariate is one column, in sds about its mean; a category has a column for each level but the reference, 1 for its subjects and 0
-for others. So m is the mean of subjects at the reference levels and at the means of numeric covariates.
+A numeric covariate is one column, in sds about its mean. A category has a column for each level but
+the reference, 1 for its subjects and 0 for others. So m is the mean of subjects at the reference
+levels and at the means of numeric covariates.
 """
 
 from __future__ import annotations
@@ -18,19 +19,29 @@ from bayes_toe.data.covariates import Covariates, level_words, levels
 from bayes_toe.data.messages import bare, counted, listed, quoted
 from bayes_toe.errors import InputError
 
-#: A column of which the others leave no more than this share is theirs but for rounding.
-_ALL_BUT_ROUNDING = 1e-8
+#: A column of which others leave no more than this share follows from them, rounding aside.
+_ROUNDING = 1e-8
 
 
 class Regressor(NamedTuple):
-    """One column, x = (covariate - mean)/sd, or 1 at a level of a category and 0 at others."""
+    """One column, x = (covariate - mean)/sd, or 1 at a level of a category and 0 at others.
+
+    Attributes
+    ----------
+    level : str
+        Of a category; empty for a numeric covariate.
+    about : str
+        What its effect means: 'age, per sd of 11.2 about 34.1', 'group B against A'.
+    reference : str
+        The level with which a level is compared.
+    """
 
     covariate: str
-    level: str  # of a category; empty for a numeric covariate
-    about: str  # what its effect is an effect of: 'age, per sd of 11.2 about 34.1', 'group B against A'
+    level: str
+    about: str
     mean: float = 0.0
     sd: float = 1.0
-    reference: str = ""  # of a level: the one that it is held against
+    reference: str = ""
 
     @property
     def label(self) -> str:
@@ -40,15 +51,24 @@ class Regressor(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Regressors:
-    """The subjects that have all covariates, in the order of the study, and their columns."""
+    """The subjects that have all covariates, in the order of the study, and their columns.
+
+    Attributes
+    ----------
+    subjects : tuple of str
+    x : ndarray, shape (subjects, columns)
+    columns : tuple of Regressor
+    left_out : mapping of str to str
+        Other subjects of the study, with the reason.
+    notes : tuple of str
+        Subjects that were left out, and subjects of the table that are not in the study, in words.
+    """
 
     subjects: tuple[str, ...]
-    x: FloatArray  # (subjects, columns)
+    x: FloatArray
     columns: tuple[Regressor, ...] = ()
-    left_out: Mapping[str, str] = field(
-        default_factory=dict
-    )  # subjects of the study that are not among them, with the reason
-    notes: tuple[str, ...] = ()  # who was left out, and whose covariates nobody asked for, in words
+    left_out: Mapping[str, str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         x = np.array(self.x, np.float64)
@@ -62,120 +82,135 @@ class Regressors:
 
     def without(self, subjects: Collection[str]) -> Regressors:
         """The same columns without some subjects."""
-        kept = [name not in subjects for name in self.subjects]
-        return replace(self, subjects=tuple(compress(self.subjects, kept)), x=self.x[kept])
+        selected = [name not in subjects for name in self.subjects]
+        names = tuple(compress(self.subjects, selected))
+        return replace(self, subjects=names, x=self.x[selected])
 
 
 def regressors(
-    people: Covariates, subjects: Sequence[str], *, categorical: Collection[str] = ()
+    covariates: Covariates, subjects: Sequence[str], *, categorical: Collection[str] = ()
 ) -> Regressors:
-    """The columns that covariates make for the subjects of a study that have all of them, at least two more than there are columns.
+    """The columns of the covariates for the subjects of a study that have all of them.
 
-    Covariates that are `categorical` have numbers for names of levels, as in a group that is 0 or 1; others are categories where one of
-    the values is a text. Each must vary, and no column may follow from others.
+    Parameters
+    ----------
+    covariates : Covariates
+    subjects : sequence of str
+    categorical : collection of str
+        Covariates whose numbers are names of levels, such as a group 0 or 1. Others are categories
+        if one of the values is a text.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than two subjects more than columns, a covariate does not vary, or a
+        column follows from others.
 
     Examples
     --------
-    >>> people = Covariates({"age": dict(zip("abcde", [30.0, 20.0, 25.0, 40.0, 35.0])), "group": dict(zip("abcd", "xxyy"))})
-    >>> found = regressors(people, ["e", "d", "c", "b", "a"])
+    >>> age, group = [30.0, 20.0, 25.0, 40.0, 35.0], "xxyy"
+    >>> columns = {"age": dict(zip("abcde", age)), "group": dict(zip("abcd", group))}
+    >>> found = regressors(Covariates(columns), ["e", "d", "c", "b", "a"])
     >>> found.subjects, dict(found.left_out), found.x[:, 1].tolist()
     (('d', 'c', 'b', 'a'), {'e': 'no group'}, [1.0, 1.0, 0.0, 0.0])
     >>> [column.about for column in found.columns]
     ['age, per sd of 8.539 about 28.75', 'group y against x']
     """
-    unknown = [name for name in categorical if name not in people.values]
+    table = covariates.values
+    unknown = [name for name in categorical if name not in table]
     if unknown:
-        raise InputError(
-            f"categorical: found {quoted(unknown[0])}, allowed: {listed([*map(quoted, people.values)])}"
-        )
-    left_out = dict[str, str]()
+        allowed = listed([quoted(name) for name in table])
+        raise InputError(f"categorical: found {quoted(unknown[0])}, allowed: {allowed}")
+    left_out = _incomplete_subjects(covariates, subjects)
+    reasons = listed([f"{quoted(subject)} ({reason})" for subject, reason in left_out.items()])
+    complete = tuple(subject for subject in subjects if subject not in left_out)
+    _require_subjects(complete, len(table), reasons)
+    columns: list[Regressor] = []
+    parts = [np.empty((len(complete), 0))]
+    for name, by_subject in table.items():
+        values = [by_subject[subject] for subject in complete]
+        has_text = any(isinstance(value, str) for value in by_subject.values())
+        if has_text or name in categorical:
+            new_columns, x = _columns_of_category(name, values)
+        else:
+            new_columns, x = _column_of_numbers(name, np.array(values, np.float64))
+        columns += new_columns
+        parts.append(x)
+    x = np.hstack(parts)
+    _require_subjects(complete, len(columns), reasons)
+    _require_independent(columns, x)
+    notes = []
+    outside = set().union(*table.values()).difference(subjects)
+    if outside:
+        names = listed([quoted(subject) for subject in sorted(outside)])
+        notes.append(f"covariates of subjects that are not in the study ignored: {names}")
+    if reasons:
+        notes.append(f"subjects left out: {reasons}")
+    return Regressors(complete, x, tuple(columns), left_out, tuple(notes))
+
+
+def _incomplete_subjects(covariates: Covariates, subjects: Sequence[str]) -> dict[str, str]:
+    """Subjects that lack a covariate, with the reason."""
+    reasons = {}
     for subject in subjects:
-        missing = [
-            f"no {bare(name)}" for name, values in people.values.items() if subject not in values
-        ]
-        if missing:
-            left_out[subject] = (
-                "no covariates" if len(missing) == len(people.values) > 1 else ", ".join(missing)
-            )
-    said = listed([f"{quoted(subject)} ({reason})" for subject, reason in left_out.items()])
-    kept = tuple(subject for subject in subjects if subject not in left_out)
-    _require_subjects(kept, len(people.values), said)
-    columns, x = list[Regressor](), [np.empty((len(kept), 0))]
-    for name, values in people.values.items():
-        own = [values[subject] for subject in kept]
-        of_levels = name in categorical or any(isinstance(value, str) for value in values.values())
-        more, part = (
-            _of_levels(name, own) if of_levels else _of_numbers(name, np.array(own, np.float64))
-        )
-        columns += more
-        x.append(part)
-    _require_subjects(kept, len(columns), said)
-    _require_independent(columns, np.hstack(x))
-    others = sorted(
-        {subject for values in people.values.values() for subject in values}.difference(subjects)
-    )
-    notes = (
-        (
-            "covariates of subjects that are not in the study ignored",
-            listed([*map(quoted, others)]),
-        ),
-        ("subjects left out", said),
-    )
-    return Regressors(
-        kept,
-        np.hstack(x),
-        tuple(columns),
-        left_out,
-        tuple(f"{about}: {names}" for about, names in notes if names),
-    )
+        missing = [name for name, values in covariates.values.items() if subject not in values]
+        if len(missing) == len(covariates.values) > 1:
+            reasons[subject] = "no covariates"
+        elif missing:
+            reasons[subject] = ", ".join(f"no {bare(name)}" for name in missing)
+    return reasons
 
 
-def _of_numbers(name: str, values: FloatArray) -> tuple[list[Regressor], FloatArray]:
+def _column_of_numbers(name: str, values: FloatArray) -> tuple[list[Regressor], FloatArray]:
     _require_several(name, f"{values[0]:g}", bool(values.min() < values.max()))
-    unit = float(
-        np.abs(values).max()
-    )  # squares of numbers beyond 1e154 are beyond the largest float
+    # Squares of numbers beyond 1e154 are beyond the largest float.
+    unit = float(np.abs(values).max())
     mean, sd = float(np.mean(values / unit)), float(np.std(values / unit, ddof=1))
     about = f"{bare(name)}, per sd of {unit * sd:.4g} about {unit * mean:.4g}"
-    return [Regressor(name, "", about, unit * mean, unit * sd)], ((values / unit - mean) / sd)[
-        :, None
-    ]
+    column = Regressor(name, "", about, unit * mean, unit * sd)
+    return [column], ((values / unit - mean) / sd)[:, None]
 
 
-def _of_levels(name: str, values: Sequence[str | float]) -> tuple[list[Regressor], FloatArray]:
-    kinds = levels(values)
-    reference, *others = level_words(kinds)
+def _columns_of_category(
+    name: str, values: Sequence[str | float]
+) -> tuple[list[Regressor], FloatArray]:
+    different = levels(values)
+    reference, *others = level_words(different)
     _require_several(name, quoted(reference), bool(others))
-    columns = [
-        Regressor(
-            name, word, f"{bare(name)} {bare(word)} against {bare(reference)}", reference=reference
-        )
-        for word in others
-    ]
-    return columns, np.array(
-        [[value == kind for kind in kinds[1:]] for value in values], np.float64
-    )
+    columns = []
+    for level in others:
+        about = f"{bare(name)} {bare(level)} against {bare(reference)}"
+        columns.append(Regressor(name, level, about, reference=reference))
+    x = np.empty((len(values), len(others)))
+    for i, value in enumerate(values):
+        x[i] = [value == level for level in different[1:]]
+    return columns, x
 
 
-def _require_several(name: str, found: str, several: bool) -> None:
-    if not several:
+def _require_several(name: str, value: str, has_several: bool) -> None:
+    if not has_several:
         allowed = "allowed: at least two different values; leave the column out"
-        raise InputError(f"covariate {bare(name)}: found {found} for every subject, {allowed}")
+        raise InputError(f"covariate {bare(name)}: found {value} for every subject, {allowed}")
 
 
-def _require_subjects(kept: Sequence[str], columns: int, left_out: str) -> None:
-    if columns and len(kept) < columns + 2:
-        found = f"covariates: found {counted(len(kept), 'subject')} with all of them"
-        rest = f"; left out: {left_out}" if left_out else ""
-        raise InputError(
-            f"{found}, allowed: at least {columns + 2} for {counted(columns, 'column')}{rest}"
-        )
+def _require_subjects(subjects: Sequence[str], n_columns: int, left_out: str) -> None:
+    if n_columns and len(subjects) < n_columns + 2:
+        problem = f"covariates: found {counted(len(subjects), 'subject')} with all of them"
+        allowed = f"allowed: at least {n_columns + 2} for {counted(n_columns, 'column')}"
+        if left_out:
+            allowed += f"; left out: {left_out}"
+        raise InputError(f"{problem}, {allowed}")
 
 
 def _require_independent(columns: Sequence[Regressor], x: FloatArray) -> None:
     """R of the QR decomposition has on its diagonal what the columns before leave of each."""
-    left = np.abs(np.diagonal(np.linalg.qr(np.column_stack([np.ones(len(x)), x]), mode="r")))[1:]
-    for i, size in enumerate(np.linalg.norm(x - x.mean(axis=0), axis=0)):
-        if left[i] < _ALL_BUT_ROUNDING * size:
-            found = f"covariates: {columns[i].label} follows from {listed([one.label for one in columns[:i]])}"
-            raise InputError(f"{found}, allowed: columns that tell different things; leave one out")
+    with_intercept = np.column_stack([np.ones(len(x)), x])
+    remainders = np.abs(np.diagonal(np.linalg.qr(with_intercept, mode="r")))[1:]
+    sizes = np.linalg.norm(x - x.mean(axis=0), axis=0)
+    for i, column in enumerate(columns):
+        if remainders[i] < _ROUNDING * sizes[i]:
+            earlier = listed([other.label for other in columns[:i]])
+            raise InputError(
+                f"covariates: {column.label} follows from {earlier}, "
+                "allowed: columns that tell different things; leave one out"
+            )
