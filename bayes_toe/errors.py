@@ -5,12 +5,54 @@ Every exception is a :class:`BayesToeError`; the command line turns each into on
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import shlex
+from collections.abc import Iterable, Sequence
 from numbers import Real
+from typing import NamedTuple
 
 
 class BayesToeError(Exception):
     """Root of every error that this package raises on purpose."""
+
+
+class Remedy(NamedTuple):
+    """An option that solves a problem.
+
+    Attributes
+    ----------
+    option : str
+        Name of a parameter of :class:`bayes_toe.ReadOptions`.
+    value : str or tuple of (str, str)
+        Its value; for `columns` pairs of our names and those of the file.
+    meaning : str
+        When it is the right one.
+
+    Examples
+    --------
+    >>> remedy = Remedy("equal_code", "1", "if 1 is 'equal'")
+    >>> remedy.typed, remedy.python
+    ('--equal-code 1', "ReadOptions(equal_code='1')")
+    >>> Remedy("columns", (("s1", "first"), ("s2", "second"))).typed
+    '--columns s1=first,s2=second'
+    """
+
+    option: str
+    value: str | tuple[tuple[str, str], ...]
+    meaning: str = ""
+
+    @property
+    def typed(self) -> str:
+        """On the command line."""
+        text = self.value
+        if not isinstance(text, str):
+            text = ",".join(f"{ours}={theirs}" for ours, theirs in text)
+        return f"--{self.option.replace('_', '-')} {shlex.quote(text)}"
+
+    @property
+    def python(self) -> str:
+        """In Python."""
+        value = self.value if isinstance(self.value, str) else dict(self.value)
+        return f"ReadOptions({self.option}={value!r})"
 
 
 class InputError(BayesToeError, ValueError):
@@ -20,6 +62,8 @@ class InputError(BayesToeError, ValueError):
     ----------
     problems : str or iterable of str
         One line per problem.
+    remedies : sequence of Remedy
+        What to type instead, one of them.
 
     Examples
     --------
@@ -27,15 +71,17 @@ class InputError(BayesToeError, ValueError):
     ('row 2: n_trials=-1', 'row 3: n_trials=x')
     """
 
-    def __init__(self, problems: str | Iterable[str]) -> None:
+    def __init__(self, problems: str | Iterable[str], remedies: Sequence[Remedy] = ()) -> None:
         self.problems: tuple[str, ...] = (
             (problems,) if isinstance(problems, str) else tuple(problems)
         )
-        super().__init__("\n".join(self.problems))
+        self.remedies = tuple(remedies)
+        use = [f"use {remedy.python} {remedy.meaning}".rstrip() for remedy in self.remedies]
+        super().__init__("\n".join([*self.problems, *use]))
 
-    def __reduce__(self) -> tuple[type[InputError], tuple[tuple[str, ...]]]:
+    def __reduce__(self) -> tuple[type[InputError], tuple[tuple[str, ...], tuple[Remedy, ...]]]:
         # Errors cross process borders when subjects run in parallel.
-        return type(self), (self.problems,)
+        return type(self), (self.problems, self.remedies)
 
 
 class OutputError(BayesToeError, OSError):

@@ -51,7 +51,11 @@ def refused(*words, cwd, silent=True):
     """The one line of a command that is refused, by default before it says anything, and that leaves the folder as it was."""
     before = content(cwd)
     done = inside(*words, cwd=cwd)
-    assert (done.returncode, done.stderr.count("\n")) == (2, 1), (words, done.stderr)
+    # What to type comes below the problem.
+    problems = [
+        line for line in done.stderr.splitlines() if not line.startswith(("type:", "       --"))
+    ]
+    assert (done.returncode, len(problems)) == (2, 1), (words, done.stderr)
     assert not (silent and done.stdout)
     assert content(cwd) == before
     return done.stderr

@@ -161,6 +161,10 @@ class StudyFile:
         str | None,
         _how_to_read("--columns", "Names of your columns: s1=first,...", "OURS=THEIRS"),
     ] = None
+    decimal: Annotated[
+        str | None,
+        _how_to_read("--decimal", "Decimal sign: . or ,", "SIGN"),
+    ] = None
     condition: Annotated[
         str | None,
         _how_to_read("--condition", "Column of a condition within subjects.", "COLUMN"),

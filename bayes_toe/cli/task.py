@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import inspect
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
 from functools import cached_property, wraps
 from pathlib import Path
+from textwrap import wrap
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
 
 import typer
@@ -24,7 +26,7 @@ from bayes_toe.cli.options import (
     SpreadsheetSafe,
     StudyFile,
 )
-from bayes_toe.cli.terminal import TYPED, Terminal
+from bayes_toe.cli.terminal import TYPED, WIDTH, Terminal
 from bayes_toe.data.messages import capitalized, visible
 from bayes_toe.data.whole_files import describe_stored, under_way
 from bayes_toe.errors import BayesToeError, InputError
@@ -262,19 +264,42 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
         try:
             function(**given)
         except BayesToeError as error:
-            stored = describe_stored()
-            text = f"{error}; {stored}" if stored else str(error)
-            for line in text.split("\n"):
-                typer.echo(f"error: {visible(line)}", err=True)
-            if str(error) == NO_FILE:
-                typer.echo(f"type:  bayes-toe {function.__name__} STUDY.csv", err=True)
-                typer.echo(f"       bayes-toe {function.__name__} --example", err=True)
+            print_error(error, function.__name__)
             raise typer.Exit(BAD_INPUT) from error
 
     parameters = [one for some in options.values() for one in some]
     command.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
     command.__annotations__ = {one.name: one.annotation for one in parameters}
     return command
+
+
+def print_error(error: BayesToeError, command: str) -> None:
+    """Print the problems of an error, then what to type."""
+    problems = str(error)
+    choices: list[tuple[str, str]] = []
+    if isinstance(error, InputError):
+        problems = "\n".join(error.problems)
+        choices = [(remedy.typed, remedy.meaning) for remedy in error.remedies]
+    if problems == NO_FILE:
+        choices = [(f"bayes-toe {command} STUDY.csv", ""), (f"bayes-toe {command} --example", "")]
+    stored = describe_stored()
+    if stored:
+        problems = f"{problems}; {stored}"
+    for problem in problems.split("\n"):
+        print_labelled("error:", visible(problem))
+    width = max((len(typed) for typed, _ in choices), default=0)
+    for i, (typed, meaning) in enumerate(choices):
+        label = "" if i else "type:"
+        print_labelled(label, visible(f"{typed:<{width}}  {meaning}".rstrip()))
+
+
+def print_labelled(label: str, text: str) -> None:
+    """Print a line on standard error; a terminal gets it in lines of at most 80 columns."""
+    lines = [text]
+    if sys.stderr.isatty():
+        lines = wrap(text, WIDTH - 7, break_long_words=False, break_on_hyphens=False)
+    for i, line in enumerate(lines):
+        typer.echo(f"{'' if i else label:<7}{line}", err=True)
 
 
 def _record(annotation: Any) -> tuple[Any, Takes | None] | None:

@@ -80,7 +80,7 @@ def read_covariates(path: Covariates | str | Path) -> Covariates:
     """
     if isinstance(path, Covariates):
         return path
-    table = read_table(path, {"subject"}, every=True)
+    table = read_table(path, set)
     if (
         "subject" not in table.names
         or not len(table.names) == len(table.columns) > 1

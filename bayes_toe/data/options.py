@@ -19,74 +19,9 @@ COLUMNS = (
 )
 #: Columns by which counts are no other: which trial came after which, for a look before answers are pooled and for models of history.
 LOOKED_AT = ("session", "block", "trial", "iti")
-_COUNTS = ("n_equal", "n_second", "n_trials")
 _MAY_BE_IGNORED = ("isi", *LOOKED_AT, "condition")
 _ANSWERS = {
     answer: task for task in (SAME_DIFFERENT, WHICH_STRONGER) for answer in (task.yes, task.no)
-}
-# Other spellings, in small letters and digits alone.
-_SPELLINGS = {
-    "subject": {
-        "subj",
-        "subjectid",
-        "subjid",
-        "participant",
-        "participantid",
-        "observer",
-        "person",
-        "vp",
-    },
-    "response": {"resp", "answer", "judgment", "judgement", "choice"},
-    "correct": {
-        "accuracy",
-        "acc",
-        "hit",
-        "hits",
-        "iscorrect",
-        "responsecorrect",
-        "respcorr",
-        "corr",
-        "keyrespcorr",
-    },
-    "n_equal": {"nsame", "equal", "kequal"},
-    "n_second": {"second", "ksecond"},
-    "n_trials": {"trials", "ntotal", "total"},
-    "isi": {
-        "isis",
-        "isims",
-        "isisec",
-        "interval",
-        "intervals",
-        "intervalms",
-        "interstimulusinterval",
-        "soa",
-        "soams",
-        "gap",
-        "delay",
-    },
-    "block": {
-        "blocks",
-        "blocknr",
-        "blockno",
-        "blocknum",
-        "blocknumber",
-        "blockindex",
-        "blockid",
-        "run",
-        "runnr",
-    },
-    "session": {
-        "sessions",
-        "sess",
-        "sessionnr",
-        "sessionno",
-        "sessionnum",
-        "sessionnumber",
-        "sessionid",
-        "day",
-    },
-    "trial": {"trialnr", "trialno", "trialnum", "trialnumber", "trialindex", "trialid", "trialn"},
-    "iti": {"itis", "itims", "intertrialinterval", "rsi"},
 }
 
 
@@ -120,6 +55,8 @@ class ReadOptions:
         The level with which others are compared; by default the first one, sorted.
     categorical : bool
         Whether levels that are numbers are names all the same, and not numbers of which there is a slope.
+    decimal : {".", ","}, optional
+        The decimal sign of the stimuli, where '1.050' may be 1050; the other sign groups thousands.
 
     Raises
     ------
@@ -146,6 +83,7 @@ class ReadOptions:
     condition: str | None = None
     reference: str | None = None
     categorical: bool = False
+    decimal: str | None = None
 
     def __post_init__(self) -> None:
         for key in (
@@ -154,7 +92,11 @@ class ReadOptions:
             "condition",
             "reference",
         ):
-            text = getattr(self, key)
+            given = getattr(self, key)
+            text = given
+            if isinstance(given, bool | int | float):
+                # As the cells of a data frame are read: True and 1.0 are '1'.
+                text = f"{given:g}"
             object.__setattr__(self, key, None if text is None else text.strip())
         for key in ("columns", "where"):
             object.__setattr__(
@@ -170,6 +112,8 @@ class ReadOptions:
             problems.append(
                 f"--intensity: found {self.intensity!r}, allowed: a positive finite number"
             )
+        if self.decimal not in (None, ".", ","):
+            problems.append(f"--decimal: found {self.decimal!r}, allowed: '.' or ','")
         problems += self._code_problems()
         problems += _name_problems(f"{ours}={theirs}" for ours, theirs in self.columns.items())
         unknown = [quoted(one) for one in self.ignore if one not in _MAY_BE_IGNORED]
@@ -320,12 +264,6 @@ def subject_in(path: Path, pattern: str) -> str | None:
     return None if found is None else found[1]
 
 
-def looks_like(name: str, ours: str) -> bool:
-    """Whether a column of a file looks like one of ours in another spelling."""
-    plain = re.sub("[^a-z0-9]", "", name.lower())
-    return plain == ours.replace("_", "") or plain in _SPELLINGS.get(ours, ())
-
-
 def _name_problems(entries: Iterable[str]) -> list[str]:
     """What is said of entries OURS=NAME that name no column of ours or of the file, or that name one twice."""
     problems, taken = [], set[tuple[str, str]]()
@@ -339,141 +277,3 @@ def _name_problems(entries: Iterable[str]) -> list[str]:
             )
         taken |= {("ours", ours), ("theirs", theirs)}
     return problems
-
-
-# --- Which columns are read ---------------------------------------------------------------------------
-
-
-def columns_to_read(
-    names: Sequence[str], options: ReadOptions, *, python: bool = False
-) -> tuple[list[str], list[str]]:
-    """Our names of the columns that a table with these names is read from, and what is wrong with the names.
-
-    Examples
-    --------
-    >>> columns_to_read(["subject", "s1", "s2", "n_equal", "n_trials", "rt"], ReadOptions())
-    (['subject', 's1', 's2', 'n_equal', 'n_trials'], [])
-    """
-    needed = _needed(names, options)
-    theirs = [options.name(ours) for ours in needed]
-    lines = [*_answer_problems(names, needed, options, python)]
-    for name in dict.fromkeys(name for name in theirs if theirs.count(name) > 1):
-        roles = " and as ".join(ours for ours in needed if options.name(ours) == name)
-        lines.append(f"column {bare(name)}: found as {roles}, allowed: one meaning per column")
-    found = listed([quoted(name) for name in names])
-    missing = [name for name in options.where if names.count(name) != 1]
-    lines += [
-        f"column {bare(name)}: --where needs one column of this name, found {found}, allowed: one of these"
-        for name in missing
-    ]
-    if options.subject_from is not None:
-        needed.remove("subject")
-        if options.name("subject") in names:
-            lines.append(
-                f"column {bare(options.name('subject'))}: found together with --subject-from, allowed: one of them"
-            )
-    for ours in (*COLUMNS, "correct"):
-        count = names.count(options.name(ours))
-        if count == 0 and (ours in needed or ours in options.columns):
-            hint = "; ".join(_ways_out(names, options, ours, python))
-            lines.append(
-                f"column {bare(options.name(ours))}: missing, found {found}, allowed: a column of this name, or {hint}"
-            )
-        elif count > 1 and ours in needed:
-            lines.append(
-                f"column {bare(options.name(ours))}: found {count} columns of this name, allowed: one"
-            )
-    return needed, lines
-
-
-def _answer_problems(
-    names: Sequence[str], needed: Sequence[str], options: ReadOptions, python: bool
-) -> Iterable[str]:
-    """What is said where answers are told twice, are of two tasks, or are none."""
-    counts, response = (
-        [bare(options.name(ours)) for ours in _COUNTS if ours in needed],
-        options.name("response"),
-    )
-    if "response" in needed and counts:
-        both = f"{bare(options.name('n_equal'))} and {bare(options.name('n_trials'))}"
-        allowed = f"{bare(response)} alone (one row per trial) or {both} alone (one row per pair)"
-        yield f"column {bare(response)}: found together with {' and '.join(counts)}, allowed: {allowed}"
-    elif len(counts) > 2:
-        yield f"column {counts[1]}: found together with {counts[0]}, allowed: one of them, since a study has one task"
-    if "response" in needed and response in names and looks_like(response, "correct"):
-        how = f"ReadOptions(correct={response!r})" if python else f"--correct {bare(response)}"
-        found = "found as response, though it seems to say right or wrong"
-        yield f"column {bare(response)}: {found}, allowed: {how} (which is stronger), or a column that has the answers"
-
-
-def _needed(names: Sequence[str], options: ReadOptions) -> list[str]:
-    """Our names of the columns that these names call for, and of those that there may be."""
-    # No inference reads block and trial: twice there, or named as something else, they are left out like any other column.
-    others = [options.name(ours) for ours in COLUMNS if ours not in LOOKED_AT]
-    looked_at = [
-        ours
-        for ours in LOOKED_AT
-        if options.name(ours) not in others and names.count(options.name(ours)) == 1
-    ]
-    counts = [ours for ours in _COUNTS if options.name(ours) in names]
-    if options.correct is not None:
-        answers = ["correct"]
-    elif options.name("response") in names or not counts:
-        answers = ["response", *counts]
-    else:
-        answers = (
-            [*(ours for ours in counts if ours != "n_trials"), "n_trials"]
-            if counts != ["n_trials"]
-            else ["n_equal", "n_trials"]
-        )
-    condition = ["condition"] if options.condition or options.name("condition") in names else []
-    isi = (
-        ["isi"]
-        if options.name("isi") in names
-        and not (condition and options.name("isi") == options.name("condition"))
-        else []
-    )
-    isi += condition
-    return [
-        "subject",
-        *options.stimuli,
-        *answers,
-        *(ours for ours in (*isi, *looked_at) if ours not in options.ignore),
-    ]
-
-
-def _ways_out(names: Sequence[str], options: ReadOptions, ours: str, python: bool) -> Iterable[str]:
-    """What else is allowed in the place of a column that is missing."""
-    taken = [options.name(one) for one in COLUMNS]
-    theirs = next(
-        (bare(name) for name in names if name not in taken and looks_like(name, ours)), "NAME"
-    )
-    if ours == "correct":
-        yield f"ReadOptions(correct={theirs!r})" if python else f"--correct {theirs}"
-    else:
-        yield (
-            f"ReadOptions(columns={{{ours!r}: {theirs!r}}})"
-            if python
-            else f"--columns {ours}={theirs}"
-        )
-    amplitudes, logs = (("i1", "i2"), ("s1", "s2"))
-    if ours in logs and any(options.name(other) in names for other in amplitudes):
-        how = "ReadOptions(intensity=REF)" if python else "--intensity REF"
-        yield f"the amplitudes {bare(options.name('i1'))}, {bare(options.name('i2'))} need {how}"
-    if ours in amplitudes and any(options.name(other) in names for other in logs):
-        how = "intensity" if python else "--intensity"
-        yield f"the log intensities {bare(options.name('s1'))}, {bare(options.name('s2'))} are read without {how}"
-    if ours == "subject" and theirs == "NAME" and not python:
-        yield "or --subject-from '{}.csv', where the name of the file tells it"
-    if ours == "response":
-        yield f"or counts in {bare(options.name('n_equal'))} or {bare(options.name('n_second'))}, and {bare(options.name('n_trials'))}"
-        right = next((bare(name) for name in names if looks_like(name, "correct")), None)
-        yield from (
-            [
-                f"or {f'correct={right!r}' if python else f'--correct {right}'}, where that says right or wrong"
-            ]
-            if right
-            else []
-        )
-    if ours == "n_equal":
-        yield f"or {bare(options.name('n_second'))}, where the question was which is stronger"

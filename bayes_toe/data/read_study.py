@@ -18,9 +18,20 @@ import numpy as np
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray, run_starts
 from bayes_toe.data.answers import Reading
+from bayes_toe.data.column_roles import (
+    columns_to_read,
+    is_response_sign,
+    looks_like,
+    with_likely_columns,
+)
 from bayes_toe.data.messages import bare, counted, listed, quoted, said_intervals
-from bayes_toe.data.options import COLUMNS, ReadOptions, columns_to_read, looks_like, subject_in
-from bayes_toe.data.responses import refuse_reversed, require_task, responses
+from bayes_toe.data.options import COLUMNS, ReadOptions, subject_in
+from bayes_toe.data.responses import (
+    refuse_reversed,
+    require_task,
+    responses,
+    without_missed,
+)
 from bayes_toe.data.several_files import read_together
 from bayes_toe.data.study import Study, Subject, by_person
 from bayes_toe.data.tasks import (
@@ -42,15 +53,17 @@ from bayes_toe.data.text_table import (
 from bayes_toe.data.trial_order import answers_in_order
 from bayes_toe.data.units import follows_from_pairs, with_conditions, with_units
 from bayes_toe.data.validation import (
+    ambiguous_number,
     bare_names,
     number,
+    number_by_sign,
     numbers,
     read_numbers,
     require_numbers,
     require_texts,
     whole_number,
 )
-from bayes_toe.errors import InputError, require_kind
+from bayes_toe.errors import InputError, Remedy, require_kind
 
 #: What made the bundled files: the default example, and the study in the paper's design.
 COMMANDS = (
@@ -67,6 +80,10 @@ _TRUE_PARAMETERS = {
 #: True parameters by subject.
 Truth: TypeAlias = Mapping[str, Mapping[str, float]]
 
+#: By the delimiter the sign that may group thousands: the other one is decimal there.
+_GROUPING_SIGNS = {";": ".", "\t": ","}
+#: No natural log of an intensity is as large.
+_NO_LOG_INTENSITY = 100.0
 _TRUE_WORDS = frozenset({"1", "1.0", "true", "yes"})
 
 
@@ -231,12 +248,14 @@ class _Rows:
     """Rows that are asked for: columns by our names, and the keys of each row's pair, NaN where a cell cannot be read.
 
     The keys are s1 and s2 (natural-log intensities), and isi (seconds) where there is such a column.
+    `signs` are columns of keys and reaction times, where responses are scored right or wrong.
     """
 
     table: TextTable
     columns: dict[str, Column]
     keys: list[FloatArray]
     options: ReadOptions
+    signs: list[Column]
 
     @property
     def shown(self) -> list[Column]:
@@ -304,21 +323,34 @@ class _Rows:
 def _rows(path: str | Path | Frame, options: ReadOptions) -> _Rows:
     """The rows that are asked for; all others are left out before anything is checked."""
     others = ("synthetic", "task")
-    table = read_table(
-        path, {*map(options.name, (*COLUMNS, "correct")), *others, *options.where}, LARGEST_STUDY
-    )
-    needed, problems = columns_to_read(table.names, options, python=table.python)
+
+    def choose(names: Sequence[str]) -> set[str]:
+        likely = with_likely_columns(names, options)
+        chosen = {likely.name(ours) for ours in (*COLUMNS, "correct")}
+        if options.correct is not None:
+            chosen |= {name for name in names if is_response_sign(name)}
+        return {*chosen, *others, *options.where} & set(names)
+
+    table = read_table(path, choose, LARGEST_STUDY)
+    options = with_likely_columns(table.names, options)
+    needed, problems, remedies = columns_to_read(table.names, options, python=table.python)
+    table.problems.remedies += remedies
     table.require(problems)
     named = {ours: options.name(ours) for ours in needed} | {
         ours: ours for ours in others if ours in table.columns
     }
     columns = {ours: table.columns[theirs] for ours, theirs in named.items()}
+    signs: list[Column] = []
+    if options.correct is not None:
+        unnamed = [name for name in table.columns if name not in named.values()]
+        signs = [table.columns[name] for name in unnamed if is_response_sign(name)]
     if "subject" in columns:
         columns["subject"] = bare_names(table, columns["subject"])
     if options.where:
         kept = _asked_for(table, options.where)
         table = replace(table, rows=table.rows[kept])
         columns = {ours: column.only(kept) for ours, column in columns.items()}
+        signs = [column.only(kept) for column in signs]
     if "task" in columns and not any(map(task_named, columns["task"].texts)):
         del columns["task"]  # another kind of task, such as the name of a part of the experiment
     if options.subject_from is not None:
@@ -328,11 +360,14 @@ def _rows(path: str | Path | Frame, options: ReadOptions) -> _Rows:
             raise InputError(f"{table.source}: found no subject in its name, allowed: {allowed}")
         columns["subject"] = Column("subject", [who], np.zeros(len(table.rows), np.int64))
     columns = with_units(table, columns, options.categorical)
-    keys = [_stimulus(table, columns[ours], options.intensity) for ours in options.stimuli]
+    stimuli = [columns[ours] for ours in options.stimuli]
+    if table.delimiter in _GROUPING_SIGNS and options.decimal is None:
+        _require_decimal_sign(table, stimuli, options)
+    keys = [_stimulus(table, column, options) for column in stimuli]
     if "isi" in columns:
         isi = numbers(table, columns["isi"])
         keys.append(np.where(isi > 0, isi, math.nan))
-    return _Rows(table, columns, keys, options)
+    return _Rows(table, columns, keys, options, signs)
 
 
 def _asked_for(table: TextTable, where: Mapping[str, str]) -> BoolArray:
@@ -353,14 +388,40 @@ def _asked_for(table: TextTable, where: Mapping[str, str]) -> BoolArray:
     return kept
 
 
-def _stimulus(table: TextTable, column: Column, reference: float | None) -> FloatArray:
+def _require_decimal_sign(
+    table: TextTable, stimuli: Sequence[Column], options: ReadOptions
+) -> None:
+    """Refuse stimuli such as '1.050' where nothing shows whether the sign is decimal."""
+    sign = _GROUPING_SIGNS[table.delimiter]
+    text = ambiguous_number(stimuli, sign)
+    if not text:
+        return
+    others = [other for column in stimuli for other in column.texts if sign not in other]
+    has_large = any(abs(number(other)) >= _NO_LOG_INTENSITY for other in others)
+    if options.intensity is None and not has_large:
+        # Logarithms of intensities are no thousands.
+        return
+    digits, decimal = text.replace(sign, ""), text.replace(sign, ".")
+    table.problems.add([(0, f"the stimulus '{text}' can be {digits} or {decimal}.")])
+    other_sign = "," if sign == "." else "."
+    table.problems.remedies += [
+        Remedy("decimal", sign, f"if it is {decimal}"),
+        Remedy("decimal", other_sign, f"if it is {digits}"),
+    ]
+    table.problems.refuse()
+
+
+def _stimulus(table: TextTable, column: Column, options: ReadOptions) -> FloatArray:
     """Natural-log intensities, NaN where a cell holds none."""
-    if reference is None:
-        return numbers(table, column)
-    values = (number(text, table.decimal_comma) for text in column.texts)
-    # The difference of logs, because the ratio itself may overflow.
-    logs = [math.log(value) - math.log(reference) if value > 0 else math.nan for value in values]
-    return np.array(logs, np.float64)[column.codes]
+    if options.decimal is None:
+        values = [number(text, table.decimal_comma) for text in column.texts]
+    else:
+        values = [number_by_sign(text, options.decimal) for text in column.texts]
+    if options.intensity is not None:
+        # The difference of logs, because the ratio itself may overflow.
+        log_reference = math.log(options.intensity)
+        values = [math.log(value) - log_reference if value > 0 else math.nan for value in values]
+    return np.array(values, np.float64)[column.codes]
 
 
 def _study(rows: _Rows, notes: list[str], k: IntArray, n: IntArray, task: Task) -> Study:
@@ -407,7 +468,8 @@ def _study(rows: _Rows, notes: list[str], k: IntArray, n: IntArray, task: Task) 
             if all(marks)
             else "column synthetic says so in some rows only: not marked synthetic"
         )
-    known, source = {column.name for column in rows.columns.values()}, rows.table.source
+    known = {column.name for column in (*rows.columns.values(), *rows.signs)}
+    source = rows.table.source
     left = {
         name
         for name in rows.table.names
@@ -427,6 +489,7 @@ def _study(rows: _Rows, notes: list[str], k: IntArray, n: IntArray, task: Task) 
 def _trial_study(rows: _Rows, column: Column) -> Study:
     table = rows.table
     found = responses(table, column, rows.options, rows.keys[1] - rows.keys[0])
+    found, signs = without_missed(found, column, rows.signs)
     rows.require_pairs(
         found.asked | found.no_answer
     )  # rows without an answer, such as instruction screens, may hold anything else
@@ -437,6 +500,8 @@ def _trial_study(rows: _Rows, column: Column) -> Study:
             f"{table.source}: found no response in any of {len(found.asked)} rows, allowed: at least one answered trial"
         )
     notes = rows.layout("trial", found.said)
+    if signs:
+        notes.append(f"no response where column {listed([bare(name) for name in signs])} is empty")
     nothing = ~found.asked & ~found.no_answer
     for rows_of, what in (
         (nothing, "without a response"),

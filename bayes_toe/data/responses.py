@@ -14,7 +14,7 @@ from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.tasks import SAME_DIFFERENT, TASKS, WHICH_STRONGER, Task, task_named
 from bayes_toe.data.text_table import Column, TextTable
 from bayes_toe.data.validation import MISSING_WORDS
-from bayes_toe.errors import InputError
+from bayes_toe.errors import InputError, Remedy
 
 if TYPE_CHECKING:
     from bayes_toe.data.study import Study
@@ -54,14 +54,19 @@ def responses(
 
     Where no word is known, one line says so of the column, and another task than the one of the result may have been meant.
     """
-    judged, untold = options.correct is not None, "" if options.task else _untold(table, column)
+    judged = options.correct is not None
+    untold, remedies = "", list[Remedy]()
+    if options.task is None:
+        untold, remedies = _untold(column, difference)
     task = options.task or next((task for task in TASKS if _words_of(task, column)), SAME_DIFFERENT)
     names, words = (
         (("right", "wrong"), _RIGHT_WRONG) if judged else ((task.yes, task.no), _WORDS[task])
     )
-    answer = column.map(lambda text: _answer(text, options.codes(task), words), np.int64)
+    codes = _both_codes(column, options.codes(task))
+    answer = column.map(lambda text: _answer(text, codes, words), np.int64)
     if untold:
         table.problems.add([(0, f"column {bare(column.name)}: {untold}")])
+        table.problems.remedies += remedies
     else:
         shown = zip(options.codes(task), words, names, strict=True)
         texts = " or ".join(
@@ -112,30 +117,102 @@ def _words_of(task: Task, column: Column) -> list[str]:
     return [text for text in column.texts if text.lower() in {*_WORDS[task][0], *_WORDS[task][1]}]
 
 
-def _untold(table: TextTable, column: Column) -> str:
-    """What is said of a column whose words tell no task, or two; nothing where they tell one, or where there is no answer."""
-    texts, told = (
-        [text for text in column.texts if text.lower() not in MISSING_WORDS],
-        [_words_of(task, column) for task in TASKS],
+def without_missed(
+    found: Responses, column: Column, signs: Sequence[Column]
+) -> tuple[Responses, list[str]]:
+    """Responses without trials that nobody answered, and the columns that say so.
+
+    Experiment programs score a missed trial as wrong. An empty key or reaction time shows it: a
+    column is a sign where some of its cells are empty, and no response in these rows is right.
+    """
+    is_right = column.map(lambda text: _answer(text, (None, None), _RIGHT_WRONG) == _YES, np.bool_)
+    is_missed = np.zeros(len(found.asked), np.bool_)
+    names = []
+    for sign in signs:
+        is_empty = sign.map(lambda text: text.lower() in MISSING_WORDS, np.bool_)
+        some = is_empty.any() and not is_empty.all()
+        if some and not (is_empty & is_right).any():
+            is_missed |= is_empty
+            names.append(sign.name)
+    is_there = ~is_missed
+    answered = found._replace(
+        yes=found.yes & is_there,
+        asked=found.asked & is_there,
+        no_answer=found.no_answer & is_there,
     )
+    return answered, names
+
+
+def _both_codes(
+    column: Column, given: tuple[str | None, str | None]
+) -> tuple[str | None, str | None]:
+    """The codes of both responses; of two codes in a column the one not given is the other."""
+    yes, no = given
+    texts = {_plain(text) for text in column.texts if text.lower() not in MISSING_WORDS}
+    known = _plain(yes or no or "")
+    if (yes is None) == (no is None) or len(texts) != 2 or known not in texts:
+        return given
+    (other,) = texts - {known}
+    if other.lower() == known.lower():
+        return given
+    return (yes, other) if no is None else (other, no)
+
+
+def _untold(column: Column, difference: FloatArray) -> tuple[str, list[Remedy]]:
+    """What is said of a column whose words tell no task, or two, and what to type."""
+    texts = [text for text in column.texts if text.lower() not in MISSING_WORDS]
+    told = [_words_of(task, column) for task in TASKS]
     if all(told):
         both = " and ".join(quoted(words[0]) for words in told)
-        return f"found {both}, words of two tasks, allowed: one task, such as the rows that --where COLUMN=TEXT chooses"
-    if any(told) or not texts:
-        return ""
-    plain = {_plain(text).lower(): _plain(text) for text in texts}
-    likely = next((plain[one] for one in ("1", "true", "yes") if one in plain), "TEXT")
-    name = "ReadOptions({}_code={!r})" if table.python else "--{}-code {}"
-    ways = [
-        f"{name.format(task.yes, code)} ({task.name})"
-        for task, code in zip(TASKS, (likely, plain.get("2", likely)), strict=True)
-    ]
-    if plain.keys() <= {*_RIGHT_WRONG[0], *_RIGHT_WRONG[1]}:
-        ways.append(
-            f"{f'ReadOptions(correct={column.name!r})' if table.python else f'--correct {bare(column.name)}'} (right or wrong)"
+        problem = (
+            f"found {both}, words of two tasks, allowed: one task, such as the rows that "
+            "--where COLUMN=TEXT chooses"
         )
-    words = " or ".join(f"{task.yes}/{task.no}" for task in TASKS)
-    return f"found {listed([*map(quoted, texts)], 4)}, which do not tell the task, allowed: {words}, or {', '.join(ways)}"
+        return problem, []
+    if any(told) or not texts:
+        return "", []
+    plain = dict.fromkeys(_plain(text) for text in texts)
+    by_word = {text.lower(): text for text in plain}
+    likely = next((by_word[word] for word in ("1", "true", "yes") if word in by_word), texts[0])
+    stronger = _commoner_for_stronger_second(column, difference) or likely
+    ending = ""
+    if len(plain) > 2:
+        ending = "; name the other code too"
+    remedies = [
+        Remedy("equal_code", likely, f"if {likely} is 'equal' in a same-different task{ending}"),
+        Remedy(
+            "second_code", stronger, f"if {stronger} is 'the second was stronger' (2AFC){ending}"
+        ),
+    ]
+    if by_word.keys() <= {*_RIGHT_WRONG[0], *_RIGHT_WRONG[1]}:
+        meaning = f"if {likely} is a correct response (2AFC)"
+        remedies.append(Remedy("correct", column.name, meaning))
+    counts = np.bincount(column.codes, minlength=len(column.texts)).tolist()
+    few = listed(
+        [
+            f"{quoted(text)} ({count:,})"
+            for text, count in zip(column.texts, counts, strict=True)
+            if text in texts
+        ],
+        4,
+    )
+    if len(texts) == 1:
+        return f"the only code is {few}. The program does not know what it means.", remedies
+    return f"the codes are {few}. The program does not know what they mean.", remedies
+
+
+def _commoner_for_stronger_second(column: Column, difference: FloatArray) -> str:
+    """The code that is commoner the larger s2 - s1 is; empty where no stimulus can be read."""
+    is_number = np.isfinite(difference)
+    if not is_number.any():
+        return ""
+    away = difference[is_number] - difference[is_number].mean()
+    sums = np.bincount(column.codes[is_number], away, len(column.texts))
+    for code in np.argsort(-sums, kind="stable").tolist():
+        text = column.texts[code]
+        if text.lower() not in MISSING_WORDS:
+            return _plain(text)
+    return ""
 
 
 def _plain(text: str) -> str:

@@ -17,6 +17,9 @@ from bayes_toe.errors import InputError
 
 _FEWEST = 20  # answers to one sequence of pairs that are not the same by chance
 
+#: Files with the same problem that are named.
+_FILES_SHOWN = 2
+
 
 def read_together(paths: Sequence[Any], read: Callable[[Any], Study]) -> Study:
     """The study in several files, or frames, each of which `read` reads; what was noted of every file is noted once.
@@ -24,37 +27,50 @@ def read_together(paths: Sequence[Any], read: Callable[[Any], Study]) -> Study:
     An InputError for no file, a file given twice, files of which only some have intervals; and with the problems of the first files.
     """
     named = [Path(path).absolute() for path in paths if isinstance(path, str | Path)]
-    twice = [path for i, path in enumerate(named) if path in named[:i]]
-    if not paths or twice:
-        raise InputError(
-            f"{bare(twice[0].name)}: found twice, allowed: each file once"
-            if twice
-            else "files: found none, allowed: some"
-        )
-    called = [path.name for path in named]
-    studies, faulty = list[Study](), list[list[str]]()
+    if not paths:
+        raise InputError("files: found none, allowed: some")
+    for i, path in enumerate(named):
+        if path in named[:i]:
+            raise InputError(f"{bare(path.name)}: found twice, allowed: each file once")
+    file_names = [path.name for path in named]
+    studies: list[Study] = []
+    faulty: list[InputError] = []
     for path in paths:
-        home = (
-            f"{Path(path).absolute().parent.name}/"
-            if isinstance(path, str | Path) and called.count(Path(path).name) > 1
-            else ""
-        )
+        folder = ""
+        if isinstance(path, str | Path) and file_names.count(Path(path).name) > 1:
+            folder = f"{Path(path).absolute().parent.name}/"
         try:
             study = read(path)
-            studies.append(replace(study, source=home + study.source))
+            studies.append(replace(study, source=folder + study.source))
         except InputError as error:
-            faulty.append([home + problem for problem in error.problems])
+            problems = [folder + problem for problem in error.problems]
+            faulty.append(InputError(problems, error.remedies))
     if faulty:
-        shown, told = faulty[0], 1  # of which the last may count what is not shown
-        while told < len(faulty) and len(shown) + len(faulty[told]) <= MOST_SHOWN:
-            shown, told = shown + faulty[told], told + 1
-        more = (
-            [f"... and problems in {counted(len(faulty) - told, 'more file')}"]
-            if told < len(faulty)
-            else []
-        )
-        raise InputError([*shown, *more])
+        raise _of_all_files(faulty)
     return studies[0] if len(studies) == 1 else _together(studies)
+
+
+def _of_all_files(faulty: Sequence[InputError]) -> InputError:
+    """The problems of the first files; what many files have alike is said once."""
+    groups: dict[tuple[str, ...], list[InputError]] = {}
+    for error in faulty:
+        without_file = tuple(problem.partition(": ")[2] for problem in error.problems)
+        groups.setdefault(without_file, []).append(error)
+    shown: list[str] = []
+    remaining = len(faulty)
+    for alike in groups.values():
+        is_repeated = len(alike) > _FILES_SHOWN
+        told = alike[:1] if is_repeated else alike
+        problems = [problem for error in told for problem in error.problems]
+        if shown and len(shown) + len(problems) > MOST_SHOWN:
+            break
+        shown += problems
+        remaining -= len(alike)
+        if is_repeated:
+            shown.append(f"... and the same in {counted(len(alike) - 1, 'more file')}")
+    if remaining:
+        shown.append(f"... and problems in {counted(remaining, 'more file')}")
+    return InputError(shown, faulty[0].remedies)
 
 
 def _together(studies: Sequence[Study]) -> Study:

@@ -35,10 +35,12 @@ import numpy.typing as npt
 from bayes_toe.arrays import BoolArray, IntArray
 from bayes_toe.data.messages import MOST_SHOWN, bare, counted, listed, quoted, visible
 from bayes_toe.data.whole_files import require_settled
-from bayes_toe.errors import InputError
+from bayes_toe.errors import InputError, Remedy
 
 #: A pandas or polars DataFrame, neither of which is imported to know one.
 Frame: TypeAlias = Any
+#: Which columns are read, of the names in a header.
+Choice: TypeAlias = Callable[[Sequence[str]], Collection[str]]
 DELIMITERS = {",": "comma", ";": "semicolon", "\t": "tab"}
 #: Bytes. A study of 10^7 trials has some 300 million, pairs and covariates of 10^5 subjects some 5 million.
 LARGEST_STUDY, LARGEST_SMALL_FILE = 2**30, 2**25
@@ -49,6 +51,7 @@ _ENCODINGS = (
     (codecs.BOM_UTF16_BE, "utf-16-be", "UTF-16"),
     (b"", "utf-8", "UTF-8"),
 )
+_DELIMITER_LINE = re.compile(r"\Asep=[,;\t]?(?=\r|\n)")
 _TEXT_ALLOWED = "text in UTF-8, or in UTF-16 that starts with its byte-order mark"
 # What the csv module says, and what we say.
 _SPLIT_ERRORS = {
@@ -99,6 +102,7 @@ class Problems:
 
     def __init__(self, source: str) -> None:
         self.source, self.count, self._shown = source, 0, list[tuple[int, str]]()
+        self.remedies: list[Remedy] = []
 
     def add(self, lines: Iterable[tuple[int, str]], count: int | None = None) -> None:
         """Rows and what is said of them; the first of `count`."""
@@ -116,7 +120,8 @@ class Problems:
             if self.count > len(shown)
             else []
         )
-        raise InputError([*(f"{self.source}: {text}" for _, text in shown), *more])
+        problems = [f"{self.source}: {text}" for _, text in shown]
+        raise InputError([*problems, *more], self.remedies)
 
 
 @dataclass(frozen=True)
@@ -153,7 +158,7 @@ class TextTable:
         """Refuse a head of which something is to be said, together with the rows that cannot be split; and a table without rows."""
         if lines:
             self.problems.add(
-                (0, f"{self.head}{': ' if line.startswith('found') else ', '}{line}")
+                (0, f"{self.head}{', ' if line.startswith('column') else ': '}{line}")
                 for line in lines
             )
             self.problems.refuse()
@@ -177,15 +182,11 @@ class TextTable:
 
 
 def read_table(
-    source: str | Path | Frame,
-    names: Collection[str],
-    largest: int = LARGEST_SMALL_FILE,
-    *,
-    every: bool = False,
+    source: str | Path | Frame, choice: Choice, largest: int = LARGEST_SMALL_FILE
 ) -> TextTable:
-    """The columns of these names, or `every` column, of a CSV file, a file whose name ends in .parquet or .mat, or a data frame.
+    """The columns that are chosen of a CSV file, a file whose name ends in .parquet or .mat, or a data frame.
 
-    The delimiter of a CSV file, comma, semicolon or tab, is the one under which its first record has most of the names. An InputError where
+    The delimiter of a CSV file, comma, semicolon or tab, is the one under which most columns of its first record are chosen. An InputError where
     the source cannot be read, has more than `largest` bytes, is not text in UTF-8 or marked UTF-16, is empty, or its head cannot be split.
     """
     if hasattr(source, "collect") and not hasattr(source, "to_series"):
@@ -193,7 +194,7 @@ def read_table(
             f"{type(source).__name__}: found a lazy frame, allowed: a frame, which its collect() gives"
         )
     if hasattr(source, "columns") and (hasattr(source, "iloc") or hasattr(source, "to_series")):
-        return _of_frame(source, names, every)
+        return _of_frame(source, choice)
     if not isinstance(source, str | os.PathLike):
         raise InputError(
             f"found {quoted(type(source).__name__)}, allowed: the path of a file, or a pandas or polars DataFrame"
@@ -209,12 +210,13 @@ def read_table(
             f"{visible(str(path))}: cannot be read ({reason}), allowed: a CSV file that exists and may be read"
         ) from error
     kinds = {".parquet": _of_parquet, ".mat": _of_matlab}
-    return kinds.get(path.suffix.lower(), _of_csv)(bare(path.name), data, names, every)
+    return kinds.get(path.suffix.lower(), _of_csv)(bare(path.name), data, choice)
 
 
-def _places(found: Sequence[str], names: Collection[str], every: bool) -> dict[str, int]:
-    """Where the first column of each wanted name is."""
-    return {name: found.index(name) for name in dict.fromkeys(found) if every or name in names}
+def _places(found: Sequence[str], choice: Choice) -> dict[str, int]:
+    """Where the first column of each chosen name is."""
+    chosen = choice(found)
+    return {name: found.index(name) for name in dict.fromkeys(found) if name in chosen}
 
 
 def input_bytes(path: str | Path, largest: int = LARGEST_STUDY) -> bytes:
@@ -230,20 +232,26 @@ def input_bytes(path: str | Path, largest: int = LARGEST_STUDY) -> bytes:
 # --- CSV --------------------------------------------------------------------------------------------
 
 
-def _of_csv(source: str, data: bytes, names: Collection[str], every: bool) -> TextTable:
+def _of_csv(source: str, data: bytes, choice: Choice) -> TextTable:
     text, label = _decoded(source, data)
+    # Spreadsheets name the delimiter in a line of its own; an empty line leaves row numbers as they are.
+    text = _DELIMITER_LINE.sub("", text, count=1)
     heads = {one: next(_records(text, one), (0, [])) for one in DELIMITERS}
     cells = {
         one: [] if isinstance(head, csv.Error) else [cell.strip() for cell in head]
         for one, (_, head) in heads.items()
     }
-    delimiter = max(cells, key=lambda one: (len(set(names) & set(cells[one])), len(cells[one])))
+
+    def fit(one: str) -> tuple[int, int]:
+        return len(_places(cells[one], choice)), len(cells[one])
+
+    delimiter = max(cells, key=fit)
     (first, head), found, problems = heads[delimiter], cells[delimiter], Problems(source)
     if isinstance(head, csv.Error):
         raise InputError(f"{source}: {_broken(first, head, 0)}")
     if not first:
         raise InputError(f"{source}: found an empty file, allowed: a header and at least one row")
-    places = _places(found, names, every)
+    places = _places(found, choice)
     # Files of experiments are much wider than what is read of them, and most texts are there many times.
     rows, codes = array("q"), {name: array("q") for name in places}
     texts: dict[str, dict[str, int]] = {
@@ -343,11 +351,11 @@ def _of_values(
     return TextTable(form, "", head, names, columns, np.array(rows, np.int64), problems)
 
 
-def _of_frame(frame: Any, names: Collection[str], every: bool) -> TextTable:
+def _of_frame(frame: Any, choice: Choice) -> TextTable:
     """Rows count from 0, as in `frame.iloc`."""
     source = f"{type(frame).__module__.partition('.')[0]} {type(frame).__name__}"
     found, values = [str(name).strip() for name in frame.columns], {}
-    for name, place in _places(found, names, every).items():
+    for name, place in _places(found, choice).items():
         values[name] = (
             frame.iloc[:, place].tolist()
             if hasattr(frame, "iloc")
@@ -356,13 +364,12 @@ def _of_frame(frame: Any, names: Collection[str], every: bool) -> TextTable:
     return _of_values((source, source, "columns"), found, values, range(len(frame)))
 
 
-def _of_matlab(source: str, data: bytes, names: Collection[str], every: bool) -> TextTable:
+def _of_matlab(source: str, data: bytes, choice: Choice) -> TextTable:
     """Row 1 is the first trial; a single value stands in every row."""
     columns = _matlab_columns(source, _matlab_variables(source, data))
     rows = max(map(len, columns.values()))
     values = {
-        name: columns[name] * (rows // len(columns[name]))
-        for name in _places([*columns], names, every)
+        name: columns[name] * (rows // len(columns[name])) for name in _places([*columns], choice)
     }
     return _of_values((source, "MATLAB", "variables"), [*columns], values, range(1, rows + 1))
 
@@ -420,7 +427,7 @@ def _matlab_columns(source: str, found: dict[str, Any]) -> dict[str, list[Any]]:
     return {name: column.ravel().tolist() for name, column in columns.items()}
 
 
-def _of_parquet(source: str, data: bytes, names: Collection[str], every: bool) -> TextTable:
+def _of_parquet(source: str, data: bytes, choice: Choice) -> TextTable:
     """The schema stands for a header. Row 1 is the first record; a missing value is an empty cell."""
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -428,7 +435,7 @@ def _of_parquet(source: str, data: bytes, names: Collection[str], every: bool) -
     try:
         table = pq.read_table(pa.BufferReader(data), page_checksum_verification=True)
         found, values = [name.strip() for name in table.column_names], {}
-        for name, place in _places(found, names, every).items():
+        for name, place in _places(found, choice).items():
             column = table.column(place)
             # In double precision 0.1 of single precision is another number.
             values[name] = (

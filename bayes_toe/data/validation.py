@@ -18,11 +18,19 @@ LARGEST_COUNT = 2**53
 #: What stands between a subject and a level in the name of a unit.
 AT = "@"
 #: What a cell may say, in any case, where there is nothing to say.
-MISSING_WORDS = frozenset({"", "na", "n/a", "nan", "none", "null"})
+MISSING_WORDS = frozenset(
+    {
+        *("", "na", "n/a", "nan", "none", "null", ".", "-", "-99", "-999", "999"),
+        *("timeout", "time out", "no response", "noresponse", "missing", "missed"),
+    }
+)
 # Alternatives never overlap, so that a cell of 100,000 digits costs linear time.
 _NUMBER = re.compile(r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
 # '5.0' is how pandas writes a 5 beside missing cells; '5.000' may be a German five thousand, so it is not read at all.
 _COUNT = re.compile(r"\+?0*(\d{1,16})(?:\.(?!000$)0*)?", re.ASCII)
+# Spaces, apostrophes and narrow spaces between groups of three digits.
+_SPACES = "['\u2019 \u00a0\u2009\u202f]"
+_GROUPED_BY_SPACE = re.compile(rf"[+-]?\d{{1,3}}(?:{_SPACES}\d{{3}})+(?![\d' ])")
 _RUN = ("=", "+", "-", "@", "\t", "\r")
 
 
@@ -33,10 +41,48 @@ def number(text: str, decimal_comma: bool = False) -> float:
     --------
     >>> number("2.5e-1"), number("-0,5", True), number("1_0"), number("1e999")
     (0.25, -0.5, nan, nan)
+    >>> number("1'360"), number("\u22120.3")
+    (1360.0, -0.3)
     """
-    plain = text.replace(",", ".") if decimal_comma else text
+    plain = text.replace("\u2212", "-")  # the minus sign of word processors
+    if _GROUPED_BY_SPACE.match(plain):
+        plain = re.sub(_SPACES, "", plain)
+    if decimal_comma:
+        plain = plain.replace(",", ".")
     value = float(plain) if _NUMBER.fullmatch(plain) is not None else math.nan
     return value + 0.0 if math.isfinite(value) else math.nan  # + 0.0 turns -0.0 into 0.0
+
+
+def number_by_sign(text: str, decimal: str) -> float:
+    """The number in a cell, of which the decimal sign is known; the other sign groups thousands.
+
+    Examples
+    --------
+    >>> number_by_sign("1.050", ","), number_by_sign("1.050", "."), number_by_sign("1.05", ",")
+    (1050.0, 1.05, nan)
+    """
+    grouping = re.escape("," if decimal == "." else ".")
+    if re.match(rf"[+-]?\d{{1,3}}(?:{grouping}\d{{3}})+(?!\d|{grouping})", text):
+        return number(re.sub(grouping, "", text), decimal_comma=True)
+    return number(text, decimal == ",") if re.search(grouping, text) is None else math.nan
+
+
+def ambiguous_number(columns: Sequence[Column], sign: str) -> str:
+    """A cell whose point or comma may group thousands or be decimal; empty where none may.
+
+    '1.050' is a decimal number where another cell shows it: '1.05' or '0.950'.
+
+    Examples
+    --------
+    >>> some = Column.of("i1", ["740", "1.050"], [0, 1])
+    >>> ambiguous_number([some], "."), ambiguous_number([some, Column.of("i2", ["0.95"], [0])], ".")
+    ('1.050', '')
+    """
+    with_sign = [text for column in columns for text in column.texts if sign in text]
+    grouped = re.compile(rf"[+-]?[1-9]\d{{0,2}}{re.escape(sign)}\d{{3}}")
+    if with_sign and all(map(grouped.fullmatch, with_sign)):
+        return with_sign[0]
+    return ""
 
 
 def whole_number(text: str, decimal_comma: bool = False) -> int:
@@ -141,7 +187,7 @@ def read_numbers(
 
 def _read(path: str | Path, needed: Sequence[str], optional: Sequence[str] = ()) -> TextTable:
     """The table with columns of these names, each of them once."""
-    table = read_table(path, {*needed, *optional})
+    table = read_table(path, lambda _: {*needed, *optional})
     counts = {name: table.names.count(name) for name in (*needed, *optional)}
     found = listed([quoted(name) for name in table.names])
     missing = [

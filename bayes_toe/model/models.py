@@ -17,6 +17,8 @@ from bayes_toe.model.prior import DEFAULT, Prior
 SampledModel = OrderModel | PaperModel
 #: The names to type.
 MODEL_NAMES = (*(name.replace(" ", "-") for name in ORDER_MODELS), "paper")
+#: Former names of the paper's model.
+_PAPER_NAMES = ("paper", "update", "predictive update", "predictive-update")
 #: Words of retired models, and the name to type instead; the first word that a name has decides.
 _RETIRED = {
     "update": "paper",
@@ -50,7 +52,7 @@ def require_model(name: str, task: Task) -> SampledModel:
     'predictive update'
     """
     require_kind("model", name, str, f"one of: {', '.join(MODEL_NAMES)}")
-    if name == "paper":
+    if name in _PAPER_NAMES:
         return PaperModel(task)
     spaced = name.replace("-", " ")
     if spaced in ORDER_MODELS:

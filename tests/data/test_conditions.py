@@ -134,7 +134,7 @@ def test_check_warns_where_no_pair_is_in_two_conditions(read):
             "row 5, column condition: found '', allowed: a text that is not empty",
         ),
         (ROWS, {"reference": "up"}, "--reference: found 'up', allowed: left, right"),
-        (ROWS, {"condition": "hand"}, "column hand: missing"),
+        (ROWS, {"condition": "hand"}, "there is no column hand"),
     ],
 )
 def test_what_is_refused(read, text, options, said):

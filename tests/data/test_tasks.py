@@ -89,7 +89,8 @@ def test_other_sources_tell_their_task_alike(tmp_path):
         study = bt.read_study(source, bt.ReadOptions(correct="hit"))
         assert (study.task, study["M"].n_yes.tolist()) == (WHICH_STRONGER, [1, 1])
     with pytest.raises(
-        bt.InputError, match=r"ReadOptions\(second_code='1'\) .*, ReadOptions\(correct='response'\)"
+        bt.InputError,
+        match=r"(?s)ReadOptions\(second_code='1'\) .*ReadOptions\(correct='response'\)",
     ):
         bt.read_study(pd.DataFrame({"subject": "M", **columns, "response": [True] * 3}))
 
@@ -122,30 +123,34 @@ def test_a_column_that_is_ignored_pools_pairs_and_is_not_asked_for(tmp_path):
     assert not any("looks like" in found.message for found in check_answers(pooled))
 
 
-UNTOLD = "which do not tell the task, allowed: equal/different or second/first, or"
+UNTOLD = "The program does not know what they mean."
 BACK = [f"a,{first},{second},{'first' if second > first else 'second'}" for first, second in GRID]
 REFUSED = [
     (
         TRIALS,
         ["a,0,1,1", "a,1,0,0"],
         "",
-        "column response: found '1', '0', "
-        + UNTOLD
-        + " --equal-code 1 (same/different), --second-code 1",
+        "error: study.csv: column response: the codes are '1' (1), '0' (1). " + UNTOLD,
     ),
     (
         TRIALS,
         ["a,0,1,2", "a,1,0,1"],
         "",
-        "--equal-code 1 (same/different), --second-code 2 (which is stronger)",
+        "       --second-code 2  if 2 is 'the second was stronger' (2AFC)",
     ),
     (
         TRIALS,
         ["a,0,1,True", "a,1,0,False"],
         "",
-        "--equal-code True (same/different), --second-code True (which is stronger), --correct response",
+        "       --correct response  if True is a correct response (2AFC)",
     ),
-    (TRIALS, ["a,0,1,f", "a,1,0,j"], "", "found 'f', 'j', " + UNTOLD),
+    (
+        TRIALS,
+        ["a,0,1,f", "a,1,0,j"],
+        "",
+        "type:  --equal-code f   if f is 'equal' in a same-different task",
+    ),
+    (TRIALS, ["a,0,1,2", "a,1,0,1", "a,1,0,3"], "", "; name the other code too"),
     (
         TRIALS,
         ["a,0,1,equal", "a,1,0,second"],
@@ -182,7 +187,7 @@ REFUSED = [
         "",
         "column n_second: found together with n_equal, allowed: one",
     ),
-    (RIGHT, ["a,0,1,1"], "", "or --correct acc, where that says right or wrong"),
+    (RIGHT, ["a,0,1,1"], "", "--correct acc            if acc says right or wrong (2AFC)"),
     (
         RIGHT,
         ["a,0,1,1"],
@@ -200,7 +205,7 @@ REFUSED = [
         RIGHT,
         ["a,0,1,1"],
         "--correct hit",
-        "column hit: missing, found 'subject', 's1', 's2', 'acc', allowed: a column of this name, or",
+        "row 1: there is no column hit. The columns are subject, s1, s2, acc.",
     ),
     (
         RIGHT,

@@ -124,8 +124,7 @@ def test_the_command_samples_any_model(tmp_path, small_study):
 @pytest.mark.parametrize(
     ("retired", "model"),
     [
-        ("update", "paper"),
-        ("predictive update", "paper"),
+        ("update plus drift", "paper"),
         ("update + sloped + both ways", "paper"),
         ("symmetric", "none"),
         ("constant bias", "constant-error"),

@@ -1,0 +1,261 @@
+"""Which columns of a table are read as what: by our names, by names that are alike, by options.
+
+A subject, a response or a count is read from a column with another name where exactly one name is
+like ours. Stimuli are not: a column such as `stim1` may hold intensities or their logarithms.
+"""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+
+from bayes_toe.data.messages import bare, join_words, listed
+from bayes_toe.data.options import COLUMNS, LOOKED_AT, ReadOptions
+from bayes_toe.errors import Remedy
+
+_COUNTS = ("n_equal", "n_second", "n_trials")
+_STIMULI = ("s1", "s2", "i1", "i2")
+_REQUIRED = ("subject", *_STIMULI, "response", *_COUNTS)
+#: Names that are like ours, in small letters and digits, without accents.
+_SPELLINGS = {
+    "subject": {
+        *("subj", "subjects", "subjectid", "subjid", "subjectnr", "participant", "participantid"),
+        *("participantnumber", "observer", "observerid", "person", "listener", "vp", "vpn"),
+        *("proband", "versuchsperson", "teilnehmer", "sujet", "participante", "sujeto"),
+        *("soggetto", "partecipante"),
+    },
+    "response": {
+        *("resp", "responses", "answer", "judgment", "judgement", "choice", "antwort", "urteil"),
+        *("reponse", "respuesta", "risposta"),
+    },
+    "correct": {
+        *("accuracy", "acc", "hit", "hits", "iscorrect", "responsecorrect", "respcorr", "corr"),
+        *("keyrespcorr",),
+    },
+    "n_equal": {"nsame", "equal", "kequal"},
+    "n_second": {"second", "ksecond"},
+    "n_trials": {"trials", "ntotal", "total"},
+    "isi": {
+        *("isis", "isims", "isisec", "interval", "intervals", "intervalms", "soa", "soams"),
+        *("interstimulusinterval", "gap", "delay"),
+    },
+    "block": {
+        *("blocks", "blocknr", "blockno", "blocknum", "blocknumber", "blockindex", "blockid"),
+        *("run", "runnr"),
+    },
+    "session": {
+        *("sessions", "sess", "sessionnr", "sessionno", "sessionnum", "sessionnumber"),
+        *("sessionid", "day"),
+    },
+    "trial": {
+        *("trialnr", "trialno", "trialnum", "trialnumber", "trialindex", "trialid", "trialn"),
+    },
+    "iti": {"itis", "itims", "intertrialinterval", "rsi"},
+}
+#: Columns of which an empty cell says that nobody responded.
+_RESPONSE_SIGNS = {
+    *("key", "keys", "keyresp", "keyrespkeys", "keypress", "keypressed", "keyresprt", "resp"),
+    *("response", "responsekey", "button", "rt", "rts", "reactiontime", "responsetime", "latency"),
+}
+
+
+def plain_name(name: str) -> str:
+    """A name in small letters and digits, without accents.
+
+    Examples
+    --------
+    >>> plain_name("R\u00e9ponse"), plain_name("key_resp.rt")
+    ('reponse', 'keyresprt')
+    """
+    without_accents = unicodedata.normalize("NFKD", name.lower())
+    return re.sub("[^a-z0-9]", "", without_accents)
+
+
+def looks_like(name: str, ours: str) -> bool:
+    """Whether a column of a file looks like one of ours in another spelling."""
+    plain = plain_name(name)
+    return plain == ours.replace("_", "") or plain in _SPELLINGS.get(ours, ())
+
+
+def is_response_sign(name: str) -> bool:
+    """Whether an empty cell in this column says that nobody responded."""
+    return plain_name(name) in _RESPONSE_SIGNS
+
+
+def with_likely_columns(names: Sequence[str], options: ReadOptions) -> ReadOptions:
+    """Options that name the columns which are there under another name.
+
+    Examples
+    --------
+    >>> with_likely_columns(["Participant", "s1", "s2", "answer"], ReadOptions()).columns
+    {'subject': 'Participant', 'response': 'answer'}
+    """
+    subject = () if options.subject_from is not None else ("subject",)
+    likely = _likely(names, options, (*subject, *_STIMULI))
+    if options.correct is None:
+        answer = _likely(names, options, ("response",))
+        counts = _likely(names, options, _COUNTS)
+        has = {ours for ours in (*_COUNTS, "response") if options.name(ours) in names}
+        counted = has | counts.keys()
+        if "response" not in has and "n_trials" in counted and len(counted) == 2:
+            likely |= counts
+        elif not has:
+            likely |= answer
+    return replace(options, columns={**likely, **options.columns})
+
+
+def _likely(names: Sequence[str], options: ReadOptions, roles: Iterable[str]) -> dict[str, str]:
+    """The columns of these roles, of which each has one candidate."""
+    taken = {options.name(ours) for ours in COLUMNS}
+    likely = {}
+    for ours in roles:
+        if ours in options.columns or ours in names:
+            continue
+        candidates = [name for name in names if name not in taken and looks_like(name, ours)]
+        if len(candidates) == 1:
+            likely[ours] = candidates[0]
+    return likely
+
+
+# --- What is read, and what is wrong with the names ------------------------------------------------
+
+
+def columns_to_read(
+    names: Sequence[str], options: ReadOptions, *, python: bool = False
+) -> tuple[list[str], list[str], list[Remedy]]:
+    """Our names of the columns that are read, what is wrong with the names, and what to type.
+
+    Examples
+    --------
+    >>> columns_to_read(["subject", "s1", "s2", "n_equal", "n_trials", "rt"], ReadOptions())
+    (['subject', 's1', 's2', 'n_equal', 'n_trials'], [], [])
+    """
+    needed = _needed(names, options)
+    theirs = [options.name(ours) for ours in needed]
+    problems = [*_answer_problems(names, needed, options, python)]
+    for name in dict.fromkeys(name for name in theirs if theirs.count(name) > 1):
+        roles = " and as ".join(ours for ours in needed if options.name(ours) == name)
+        problems.append(f"column {bare(name)}: found as {roles}, allowed: one meaning per column")
+    if options.subject_from is not None:
+        needed.remove("subject")
+        if options.name("subject") in names:
+            problems.append(
+                f"column {bare(options.name('subject'))}: found together with --subject-from, "
+                "allowed: one of them"
+            )
+    missing = [name for name in options.where if name not in names]
+    repeated = [name for name in options.where if names.count(name) > 1]
+    for ours in (*COLUMNS, "correct"):
+        count = names.count(options.name(ours))
+        if count == 0 and (ours in needed or ours in options.columns):
+            missing.append(options.name(ours))
+        elif count > 1 and ours in needed:
+            repeated.append(options.name(ours))
+    for name in dict.fromkeys(repeated):
+        problems.append(
+            f"column {bare(name)}: found {names.count(name)} columns of this name, allowed: one"
+        )
+    if not missing:
+        return needed, problems, []
+    absent = join_words([f"no column {bare(name)}" for name in dict.fromkeys(missing)])
+    there = listed([bare(name) for name in names if name])
+    problems.append(f"there is {absent}. The columns are {there}.")
+    return needed, problems, [*_remedies(names, needed, options)]
+
+
+def _needed(names: Sequence[str], options: ReadOptions) -> list[str]:
+    """Our names of the columns that these names call for, and of those that there may be."""
+    # No inference reads block and trial: twice there, or named as something else, they are ignored.
+    others = [options.name(ours) for ours in COLUMNS if ours not in LOOKED_AT]
+    looked_at = []
+    for ours in LOOKED_AT:
+        is_free = options.name(ours) not in others
+        if is_free and names.count(options.name(ours)) == 1:
+            looked_at.append(ours)
+    counts = [ours for ours in _COUNTS if options.name(ours) in names]
+    if options.correct is not None:
+        answers = ["correct"]
+    elif options.name("response") in names or not counts:
+        answers = ["response", *counts]
+    elif counts == ["n_trials"]:
+        answers = ["n_equal", "n_trials"]
+    else:
+        answers = [*(ours for ours in counts if ours != "n_trials"), "n_trials"]
+    condition = []
+    if options.condition or options.name("condition") in names:
+        condition = ["condition"]
+    is_condition = bool(condition) and options.name("isi") == options.name("condition")
+    optional = []
+    if options.name("isi") in names and not is_condition:
+        optional.append("isi")
+    optional += [*condition, *looked_at]
+    read = [ours for ours in optional if ours not in options.ignore]
+    return ["subject", *options.stimuli, *answers, *read]
+
+
+def _answer_problems(
+    names: Sequence[str], needed: Sequence[str], options: ReadOptions, python: bool
+) -> Iterator[str]:
+    """What is said where responses are there twice, are of two tasks, or are none."""
+    counts = [bare(options.name(ours)) for ours in _COUNTS if ours in needed]
+    response = options.name("response")
+    if "response" in needed and counts:
+        both = f"{bare(options.name('n_equal'))} and {bare(options.name('n_trials'))}"
+        allowed = f"{bare(response)} alone (one row per trial) or {both} alone (one row per pair)"
+        found = f"found together with {' and '.join(counts)}"
+        yield f"column {bare(response)}: {found}, allowed: {allowed}"
+    elif len(counts) > 2:
+        found = f"found together with {counts[0]}"
+        yield f"column {counts[1]}: {found}, allowed: one of them, since a study has one task"
+    if "response" in needed and response in names and looks_like(response, "correct"):
+        how = f"--correct {bare(response)}"
+        if python:
+            how = f"ReadOptions(correct={response!r})"
+        found = "found as response, though it seems to say right or wrong"
+        allowed = f"{how} (which is stronger), or a column that has the answers"
+        yield f"column {bare(response)}: {found}, allowed: {allowed}"
+
+
+def _numbered_pair(names: Sequence[str]) -> tuple[str, str]:
+    """The one pair of names that differ by 1 and 2, such as 'stim1' and 'stim2'; else empty."""
+    pairs = []
+    for name in names:
+        other = re.sub("1(?=[^0-9]*$)", "2", name)
+        if other != name and other in names:
+            pairs.append((name, other))
+    return pairs[0] if len(pairs) == 1 else ("", "")
+
+
+def _remedies(
+    names: Sequence[str], needed: Sequence[str], options: ReadOptions
+) -> Iterator[Remedy]:
+    """What to type where columns are missing."""
+    missing = [ours for ours in needed if options.name(ours) not in names]
+    free = [name for name in names if name not in {options.name(ours) for ours in needed}]
+    to_name = [ours for ours in missing if ours in _REQUIRED]
+    if to_name:
+        stimuli = dict(zip(options.stimuli, _numbered_pair(free), strict=True))
+        pairs = []
+        for ours in to_name:
+            alike = [name for name in free if looks_like(name, ours)]
+            pairs.append((ours, stimuli.get(ours) or (alike or ["NAME"])[0]))
+        meaning = "with the names in your file"
+        if stimuli["s1" if "s1" in stimuli else "i1"] and options.intensity is None:
+            meaning = "if they are natural logs; for intensities i1, i2 and --intensity REF"
+        yield Remedy("columns", tuple(pairs), meaning)
+    if {"s1", "s2"} & set(missing):
+        amplitudes = [options.name(ours) for ours in ("i1", "i2")]
+        if set(amplitudes) <= set(names):
+            meaning = f"if {bare(amplitudes[0])} and {bare(amplitudes[1])} are intensities"
+            yield Remedy("intensity", "REF", meaning)
+    if "response" in missing:
+        for name in names:
+            if looks_like(name, "correct"):
+                yield Remedy("correct", name, f"if {bare(name)} says right or wrong (2AFC)")
+    if "correct" in missing:
+        right = next((name for name in names if looks_like(name, "correct")), "NAME")
+        yield Remedy("correct", right, "with the name in your file")
+    if "subject" in missing:
+        yield Remedy("subject_from", "{}.csv", "if the name of the file is the subject")
