@@ -1,4 +1,7 @@
 from .asymmetry import asymmetry as asymmetry
+from .by_order import curves_by_order as curves_by_order
+from .by_order import jnd_by_order as jnd_by_order
+from .by_order import posterior_predictive as posterior_predictive
 from .contrast import contrast as contrast
 from .contrast import contrast_curves as contrast_curves
 from .corner import corner as corner

@@ -73,8 +73,9 @@ QUESTIONS = (
 #: Bayes factors with a line, and that at which the axis ends.
 _MARKS = {1 / 30: "1/30", 1 / 10: "1/10", 1 / 3: "1/3", 1.0: "1", 3.0: "3", 10.0: "10", 30.0: "30"}
 _LARGEST = 80.0
-_FILLS = {Word.YES: "full", Word.PROBABLY: "left"}
-_WITHOUT_SIZE = (Word.CANNOT_BE_TOLD, Word.NOT_INTERPRETABLE)
+#: How much of a marker is filled, by the word; without a size for these words.
+FILLS = {Word.YES: "full", Word.PROBABLY: "left"}
+WITHOUT_SIZE = (Word.CANNOT_BE_TOLD, Word.NOT_INTERPRETABLE)
 _LINEAR = 50.0  # nats, beyond which a sorted axis is logarithmic
 
 
@@ -172,7 +173,7 @@ def _draw_sizes(
     marker_size = _marker_size(len(answers))
     for row, answer in enumerate(answers):
         word = answer.words[question.name]
-        if word in _WITHOUT_SIZE:
+        if word in WITHOUT_SIZE:
             continue
         size = answer.sizes[question.size]
         width = 0.3 * marker_size if word.is_positive else 0.15 * marker_size
@@ -183,7 +184,7 @@ def _draw_sizes(
             question.marker,
             color=question.colour,
             ms=marker_size,
-            fillstyle=_FILLS.get(word, "none"),
+            fillstyle=FILLS.get(word, "none"),
             markerfacecoloralt="white",
         )
         ends.append((size.q025, size.q50, size.q975))
@@ -314,7 +315,7 @@ def _log_bayes_factors(answers: Sequence[OrderEffect], question: Question) -> Fl
     """Log Bayes factors of a question, NaN where there is no word for it."""
     values = []
     for answer in answers:
-        has_word = answer.words[question.name] not in _WITHOUT_SIZE
+        has_word = answer.words[question.name] not in WITHOUT_SIZE
         values.append(answer.log_bayes_factors[question.name] if has_word else np.nan)
     return np.array(values)
 

@@ -116,10 +116,15 @@ def responses_panel(ax: Axes, counts: Subject, curve: Curve) -> None:
     """Draw responses and curves by order, with the axis in per cent of the mean first stimulus.
 
     In 'which was stronger', designs whose pairs have one or two sizes of step show the share of
-    correct responses over the middle of the pair; other designs show P('second').
+    correct responses over the middle of the pair, and designs with one weaker stimulus over the
+    stronger one; other designs show P('second').
     """
     middle = float(np.average(counts.s1, weights=counts.n_trials))
-    if counts.task == WHICH_STRONGER and len(_steps(counts)) <= 2:
+    weaker = _only_weaker(counts)
+    if counts.task == WHICH_STRONGER and weaker is not None:
+        _correct_panel(ax, counts, curve, weaker)
+        _percent_axis(ax, "stronger stimulus, % of the mean", middle)
+    elif counts.task == WHICH_STRONGER and len(_steps(counts)) <= 2:
         _correct_panel(ax, counts, curve)
         _percent_axis(ax, "middle of the pair, % of the mean", middle)
     elif counts.task == WHICH_STRONGER:
@@ -127,8 +132,8 @@ def responses_panel(ax: Axes, counts: Subject, curve: Curve) -> None:
         _percent_axis(ax, "second stimulus, % of the first", 0.0)
         ax.set_ylabel("share 'second'")
     else:
-        weaker = main_weaker(counts)
-        order_panel(ax, counts, curve, 0.0 if weaker is None else weaker, size=3.5)
+        reference = main_weaker(counts)
+        order_panel(ax, counts, curve, 0.0 if reference is None else reference, size=3.5)
         _percent_axis(ax, "stronger stimulus, % of the mean", middle)
         ax.set_ylabel("share 'equal'")
 
@@ -140,9 +145,21 @@ def _steps(counts: Subject) -> list[float]:
     return sorted(set(np.round(steps[steps > 0.0] / largest, 6) * largest))
 
 
-def _correct_panel(ax: Axes, counts: Subject, curve: Curve) -> None:
-    """The share of correct responses over the middle of the pair, a curve for each order."""
-    middle = 0.5 * (counts.s1 + counts.s2)
+def _only_weaker(counts: Subject) -> float | None:
+    """The weaker stimulus of all pairs of different stimuli that were met, if it is one."""
+    is_unequal = counts.s1 != counts.s2
+    weaker = np.unique(np.minimum(counts.s1, counts.s2)[is_unequal])
+    return float(weaker[0]) if len(weaker) == 1 and is_unequal.sum() > 2 else None
+
+
+def _correct_panel(ax: Axes, counts: Subject, curve: Curve, weaker: float | None = None) -> None:
+    """The share of correct responses, a curve for each order.
+
+    Over the stronger stimulus if all pairs have one weaker stimulus, else over the middle.
+    """
+    place = np.maximum(counts.s1, counts.s2)
+    if weaker is None:
+        place = 0.5 * (counts.s1 + counts.s2)
     order = presentation_order(counts)
     for sign, mark in ORDERS.items():
         is_shown = order == sign
@@ -154,7 +171,7 @@ def _correct_panel(ax: Axes, counts: Subject, curve: Curve) -> None:
         n_correct = n_second if is_weaker_first else n - n_second
         style: dict[str, Any] = {"fmt": mark.marker, "ms": 3.5, "mec": "white", "mew": 0.4}
         ax.errorbar(
-            middle[is_shown],
+            place[is_shown],
             laplace_estimate(n_correct, n),
             laplace_error(n_correct, n),
             color=mark.colour,
@@ -162,10 +179,12 @@ def _correct_panel(ax: Axes, counts: Subject, curve: Curve) -> None:
             elinewidth=0.8,
             **style,
         )
-        x = np.linspace(middle[is_shown].min(), middle[is_shown].max(), _POINTS)
-        for step in _steps(counts):
-            half = -0.5 * sign * step
-            p_second = curve(x - half, x + half)
+        x = np.linspace(place[is_shown].min(), place[is_shown].max(), _POINTS)
+        pairs = [(x - 0.5 * step, x + 0.5 * step) for step in _steps(counts)]
+        if weaker is not None:
+            pairs = [(np.full_like(x, weaker), x)]
+        for weak, strong in pairs:
+            p_second = curve(weak, strong) if is_weaker_first else curve(strong, weak)
             p_correct = p_second if is_weaker_first else 1.0 - p_second
             draw_band(ax, x, p_correct, mark.colour, 1.2, _BAND)
     ax.axhline(0.5, color=EQUAL, lw=0.6, ls=":", zorder=0)

@@ -27,7 +27,7 @@ BELIEF = "#4B3B8F"
 #: What is wrong, and bands behind what is drawn.
 BAD, BAND = "#C00000", "#EDEDED"
 #: Inches of one and of two columns of a journal's page; points of small and of ordinary letters on it.
-COLUMN, PAGE = 3.4, 7.0
+COLUMN, PAGE = 85.0 / 25.4, 175.0 / 25.4
 SMALL, LETTERS = 7.0, 8.0
 #: Subjects beyond which figures of a study sort them and name none; inches of such a panel.
 MOST_NAMED, HIGH = 60, 5.6

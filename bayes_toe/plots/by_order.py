@@ -1,0 +1,311 @@
+"""Figures for a paper: responses with curves by order, the posterior predictive check, the JND by order."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from textwrap import fill
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+from bayes_toe.analysis import Analysis
+from bayes_toe.answers.words import Word
+from bayes_toe.arrays import FloatArray, IndexArray
+from bayes_toe.classical.frequencies import presentation_order
+from bayes_toe.data.messages import counted
+from bayes_toe.data.study import Subject, refuse_intervals
+from bayes_toe.errors import InputError
+from bayes_toe.inference.prediction import Predictor
+from bayes_toe.plots.order_effect import FILLS, QUESTIONS, WITHOUT_SIZE
+from bayes_toe.plots.report_figure import responses_panel
+from bayes_toe.plots.style import (
+    COLUMN,
+    EQUAL,
+    LETTERS,
+    MARKED,
+    ORDERS,
+    PAGE,
+    SMALL,
+    dress,
+    first_panels,
+    legend_below,
+    new_figure,
+    plain,
+)
+from bayes_toe.seeds import generator
+
+#: Subjects that a page has room for.
+MOST_SUBJECTS = 40
+_MOST_OF_FOUR_COLUMNS = 12
+_PER_DRAW = 10  # replicated studies for each draw
+_LABEL_WIDE = 0.1  # inches of a pair with its label
+_LABEL_LETTERS = 22  # of a line below a narrow panel
+_INTERVAL = "#BDBDBD"
+_LABELS = {Word.YES: "contraction: yes", Word.PROBABLY: "probably", Word.UNDECIDED: "other"}
+
+
+def curves_by_order(analysis: Analysis, subjects: Sequence[str] | None = None) -> Figure:
+    """Draw responses and model-averaged curves in both orders, a panel for each subject.
+
+    Points are Laplace estimates with their standard deviation. Curves are posterior means with
+    95 % bands, and in 'same or different' with 50 % bands too. Designs of 'which was stronger'
+    with pairs of many kinds have a curve for each first stimulus instead.
+
+    Parameters
+    ----------
+    analysis : Analysis
+    subjects : sequence of str, optional
+        By default all, of whom there may be 40.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    InputError
+        For an unknown subject, more than 40 subjects, or several inter-stimulus intervals.
+    """
+    shown = _chosen(analysis, subjects)
+    refuse_intervals(shown, "curves by order")
+    figure, panels = _small_multiples(analysis, shown)
+    for ax, counts in zip(panels, shown, strict=True):
+        responses_panel(ax, counts, analysis.curve(counts.name).yes)
+    _label_outer(panels)
+    _legend(figure)
+    return figure
+
+
+def posterior_predictive(analysis: Analysis, subjects: Sequence[str] | None = None) -> Figure:
+    """Draw observed shares of every ordered pair before the 95 % posterior predictive interval.
+
+    The interval is that of a replicated study under the average of the four models. A model that
+    describes a subject leaves about one point in twenty outside.
+
+    Parameters
+    ----------
+    analysis : Analysis
+    subjects : sequence of str, optional
+        By default all, of whom there may be 40.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    InputError
+        For an unknown subject, or more than 40 subjects.
+    """
+    shown = _chosen(analysis, subjects)
+    figure, panels = _small_multiples(analysis, shown)
+    for ax, counts in zip(panels, shown, strict=True):
+        fitted = analysis.curve(counts.name)
+        _draw_pairs(ax, counts, predictive_interval(fitted, analysis.settings.seed))
+        ax.set_ylabel(f"share '{counts.task.yes}'")
+    labels = _pair_labels(shown, panels)
+    for ax in _bottom(panels):
+        ax.set_xticks(range(len(labels)), labels, rotation=90)
+        ax.set_xlabel("first, second stimulus (% of mean)" if labels else "pairs by order")
+    _label_outer(panels)
+    _legend(figure)
+    return figure
+
+
+def jnd_by_order(analysis: Analysis) -> Figure:
+    """Draw every subject's JND where the standard came second against where it came first.
+
+    The standard is a stimulus at the mean first intensity. Where it comes first, the JND is that
+    of the noise. Where it comes second, the varied stimulus is remembered and contracted, so that
+    the JND is larger by 1/(1 - p). A contraction lies above the diagonal and a repulsion below it;
+    a constant error does not change the JND. Points are medians with 95 % intervals, averaged over
+    the four models.
+
+    Parameters
+    ----------
+    analysis : Analysis
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    question = QUESTIONS[2]
+    figure = new_figure(COLUMN, COLUMN + 0.3)
+    ax = figure.subplots()
+    for word, label in _LABELS.items():
+        style: dict[str, Any] = {
+            "fillstyle": FILLS.get(word, "none"),
+            "markerfacecoloralt": "white",
+        }
+        ax.plot([], [], question.marker, color=question.colour, label=label, ms=4.5, **style)
+    medians = []
+    for answer in analysis.answers:
+        word = answer.words[question.name]
+        if word in WITHOUT_SIZE or not answer.is_interpretable:
+            continue
+        first, second = jnds_by_order(analysis.curve(answer.subject))
+        (left, x, right), (low, y, high) = np.quantile([first, second], MARKED, axis=1).T
+        line: dict[str, Any] = {"color": question.colour, "lw": 0.7, "alpha": 0.5}
+        ax.plot([left, right], [y, y], **line)
+        ax.plot([x, x], [low, high], **line)
+        style = {"fillstyle": FILLS.get(word, "none"), "markerfacecoloralt": "white"}
+        ax.plot(x, y, question.marker, color=question.colour, ms=4.5, **style)
+        medians.append((x, y))
+    _square_axes(ax, np.array(medians).reshape(-1, 2))
+    ax.set_xlabel("JND, standard first (%)")
+    ax.set_ylabel("JND, standard second (%)")
+    n_left_out = len(analysis.answers) - len(medians)
+    if n_left_out:
+        text = f"{counted(n_left_out, 'subject')} without an estimate of contraction"
+        place: dict[str, Any] = {"transform": ax.transAxes, "ha": "right", "fontsize": SMALL}
+        ax.text(0.99, 0.02, text, color=EQUAL, **place)
+    if analysis.study.synthetic:
+        figure.suptitle("synthetic data", fontsize=LETTERS)
+    dress(ax)
+    legend_below(figure, size=SMALL)
+    return figure
+
+
+def jnds_by_order(fitted: Predictor) -> tuple[FloatArray, FloatArray]:
+    """Draws of the JND in per cent where the standard came first, and where it came second."""
+    quantities = fitted.target.quantities(fitted.x)
+    jnd, contraction = quantities["jnd"], quantities["contraction"]
+    return 100.0 * np.expm1(jnd), 100.0 * np.expm1(jnd / (1.0 - contraction))
+
+
+def predictive_interval(fitted: Predictor, seed: int) -> FloatArray:
+    """Ends of the 95 % posterior predictive interval of every pair's share, shape (2, pairs)."""
+    counts = fitted.target.subject
+    share = np.exp(fitted.target.log_answers(fitted.x).yes)
+    rng = generator(seed, counts.name, "posterior predictive interval")
+    replicated = rng.binomial(counts.n_trials, np.tile(share, (_PER_DRAW, 1)))
+    ends = np.quantile(replicated, [MARKED[0], MARKED[2]], axis=0, method="inverted_cdf")
+    return np.asarray(ends / counts.n_trials)
+
+
+# --- Panels --------------------------------------------------------------------------------------
+
+
+def _chosen(analysis: Analysis, subjects: Sequence[str] | None) -> list[Subject]:
+    """The subjects asked for, at most as many as a page has room for."""
+    names = analysis.study.names if subjects is None else subjects
+    if not 1 <= len(names) <= MOST_SUBJECTS:
+        raise InputError(
+            f"subjects: found {len(names)}, allowed: 1 to {MOST_SUBJECTS}; "
+            "choose some, as in subjects=['S01', 'S02']"
+        )
+    return [analysis.study[name] for name in names]
+
+
+def _small_multiples(analysis: Analysis, shown: Sequence[Subject]) -> tuple[Figure, list[Axes]]:
+    """A figure as wide as a column or a page, and a panel for each subject."""
+    n_subjects = len(shown)
+    across = min(n_subjects, 4) if n_subjects <= _MOST_OF_FOUR_COLUMNS else 5
+    down = -(-n_subjects // across)
+    width = COLUMN if across <= 2 else PAGE
+    height = {1: 2.1, 2: 1.6}.get(across, 1.5 if across == 4 else 1.0)
+    figure = new_figure(width, down * height + 0.8)
+    panels = first_panels(figure.add_gridspec(down, across), n_subjects, sharey=True)
+    answers = {answer.subject: answer for answer in analysis.answers}
+    for ax, counts in zip(panels, shown, strict=True):
+        title = plain(counts.name, 20 if across < 5 else 14)
+        answer = answers.get(counts.name)
+        if answer is not None and not answer.is_interpretable:
+            title += ", not interpreted" if across < 3 else "\nnot interpreted"
+        ax.set_title(title, loc="left", fontsize=LETTERS)
+    if analysis.study.synthetic:
+        figure.suptitle("synthetic data", fontsize=LETTERS)
+    return figure, panels
+
+
+def _bottom(panels: Sequence[Axes]) -> list[Axes]:
+    """The last panel of every column."""
+    place = panels[0].get_subplotspec()
+    assert place is not None
+    return list(panels[-place.get_gridspec().ncols :])
+
+
+def _label_outer(panels: Sequence[Axes]) -> None:
+    """Label the axes left of each row and below the last panels only."""
+    bottom = _bottom(panels)
+    n_columns = len(bottom)
+    for i, ax in enumerate(panels):
+        if i % n_columns:
+            ax.set_ylabel("")
+        label = ax.get_xlabel() if ax in bottom else ""
+        label = label.replace("% ", "%\u00a0")  # a line does not end behind a %
+        ax.set_xlabel(fill(label, _LABEL_LETTERS) if n_columns > 2 else label)
+        dress(ax)
+
+
+def _legend(figure: Figure) -> None:
+    """One legend below the panels, in as many columns as the figure has room for."""
+    legend_below(figure, size=SMALL, columns=4 if figure.get_figwidth() > COLUMN else 2)
+
+
+def _in_order(counts: Subject) -> IndexArray:
+    """Pairs by their order, weaker first to stronger first, and then by their intensity."""
+    return np.lexsort((counts.s1 + counts.s2, presentation_order(counts)))
+
+
+def _draw_pairs(ax: Axes, counts: Subject, ends: FloatArray) -> None:
+    """Observed shares in the colour of their order, before the intervals."""
+    index = _in_order(counts)
+    share = (counts.n_yes / counts.n_trials)[index]
+    order = presentation_order(counts)[index]
+    x = np.arange(len(index))
+    low, high = ends[:, index]
+    ax.bar(x, high - low, 0.7, low, color=_INTERVAL, lw=0, label="95 % predictive interval")
+    # A bar of no height would not be seen.
+    ax.hlines(0.5 * (low + high), x - 0.35, x + 0.35, color=_INTERVAL, lw=1.0)
+    size = 4.0 if len(index) <= 20 else 2.0
+    for sign, mark in ORDERS.items():
+        at = order == sign
+        if at.any():
+            style: dict[str, Any] = {"ms": size, "mec": "white", "mew": 0.3, "clip_on": False}
+            ax.plot(
+                x[at],
+                share[at],
+                mark.marker,
+                color=mark.colour,
+                label=mark.label,
+                zorder=3,
+                **style,
+            )
+    ax.set(ylim=(-0.03, 1.03), yticks=[0.0, 0.5, 1.0], xlim=(-0.7, len(index) - 0.3), xticks=[])
+
+
+def _pair_labels(shown: Sequence[Subject], panels: Sequence[Axes]) -> list[str]:
+    """What the pairs are called, where all subjects met the same ones and there is room."""
+    first = shown[0]
+    index = _in_order(first)
+    place = panels[0].get_subplotspec()
+    figure = panels[0].get_figure(root=True)
+    assert place is not None
+    assert figure is not None
+    width = figure.get_figwidth() / place.get_gridspec().ncols - 0.3
+    is_same = all(
+        np.array_equal(one.s1, first.s1) and np.array_equal(one.s2, first.s2) for one in shown
+    )
+    if not is_same or len(index) * _LABEL_WIDE > width:
+        return []
+    mean = float(np.average(first.s1, weights=first.n_trials))
+    s1, s2 = (100.0 * np.exp(stimuli[index] - mean) for stimuli in (first.s1, first.s2))
+    return [f"{a:.0f}, {b:.0f}" for a, b in zip(s1, s2, strict=True)]
+
+
+def _square_axes(ax: Axes, medians: FloatArray) -> None:
+    """Equal logarithmic axes in plain numbers about the medians, with the diagonal."""
+    low, high = 5.0, 20.0
+    if len(medians):
+        low, high = float(medians.min()) / 1.8, float(medians.max()) * 1.8
+    ax.plot([low, high], [low, high], color=EQUAL, lw=0.8, ls="--", zorder=0)
+    ax.set(xscale="log", yscale="log", xlim=(low, high), ylim=(low, high))
+    ax.set_aspect("equal")
+    for axis in (ax.xaxis, ax.yaxis):
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axis.set_minor_formatter(NullFormatter())

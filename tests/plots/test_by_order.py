@@ -1,0 +1,154 @@
+"""Responses and curves by order, posterior predictive checks and JND by order, by what is drawn."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from legible import require_legible
+from matplotlib.colors import to_hex
+from scipy.stats import binom
+
+import bayes_toe as bt
+from bayes_toe.answers.evidence_table import EvidenceTable
+from bayes_toe.inference.prediction import Predictor
+from bayes_toe.model.observer import OrderModel
+from bayes_toe.plots.by_order import jnds_by_order, predictive_interval
+from bayes_toe.plots.style import STRONGER_FIRST, WEAKER_FIRST
+
+FIGURES = (bt.plots.curves_by_order, bt.plots.posterior_predictive, bt.plots.jnd_by_order)
+
+
+def many(analysis, size):
+    """The analysis with so many subjects under other names."""
+    index = [i % len(analysis.study) for i in range(size)]
+    names = [f"participant number {i}" for i in range(size)]
+    subjects = [
+        replace(analysis.study[analysis.study.names[j]], name=name)
+        for j, name in zip(index, names, strict=True)
+    ]
+    rows = []
+    for j, name in zip(index, names, strict=True):
+        row = analysis.evidence.rows[j]
+        rows.append(replace(row, subject=name, answer=replace(row.answer, subject=name)))
+    return replace(
+        analysis,
+        study=bt.Study(subjects, synthetic=True),
+        evidence=EvidenceTable(tuple(rows)),
+        curves=tuple(analysis.curves[j] for j in index),
+    )
+
+
+def at_point(subject, **values):
+    """A predictor with one draw, without slopes and lapses."""
+    target = OrderModel("both").posterior(subject)
+    point = {
+        "noise": 0.2,
+        "lapse_rate": 1e-9,
+        "noise_slope": 0.0,
+        "constant_error": 0.0,
+        "contraction": 0.0,
+    }
+    return Predictor(target, target.points({**point, **values})[None])
+
+
+@pytest.mark.parametrize("contraction", [-0.3, 0.0, 0.4])
+def test_the_jnd_of_each_order_leads_from_50_to_75_percent(stronger, contraction):
+    fitted = at_point(stronger.study["pulled"], contraction=contraction)
+    first, second = (np.log1p(jnd / 100.0) for jnd in jnds_by_order(fitted))
+    standard = np.full(1, fitted.target.sbar)
+    assert fitted.yes(standard, standard + first)[0, 0] == pytest.approx(0.75)
+    assert fitted.yes(standard + second, standard)[0, 0] == pytest.approx(0.25)
+    assert second[0] / first[0] == pytest.approx(1.0 / (1.0 - contraction))
+
+
+def test_the_predictive_interval_of_one_draw_is_that_of_the_binomial_distribution(stronger):
+    counts = replace(stronger.study["pulled"], n_trials=np.full(10, 400))
+    fitted = at_point(counts, contraction=0.2)
+    # The same draw many times, so that the ends are precise.
+    fitted = replace(fitted, x=np.repeat(fitted.x, 2000, axis=0))
+    share = fitted.yes(counts.s1, counts.s2)[0]
+    ends = predictive_interval(fitted, seed=1)
+    assert 400 * ends == pytest.approx(binom.ppf([[0.025], [0.975]], 400, share), abs=1.0)
+
+
+def test_observed_shares_stand_in_the_colour_of_their_order(analysis):
+    ax = bt.plots.posterior_predictive(analysis, ["B"]).axes[0]
+    counts = analysis.study["B"]
+    lines = {line.get_label(): line for line in ax.lines}
+    for label, colour, sign in (
+        ("weaker first", WEAKER_FIRST, -1),
+        ("stronger first", STRONGER_FIRST, 1),
+    ):
+        at = np.sign(counts.s1 - counts.s2) == sign
+        expected = np.sort(counts.n_yes[at] / counts.n_trials[at])
+        assert np.sort(lines[label].get_ydata()) == pytest.approx(expected)
+        assert to_hex(lines[label].get_color()) == colour.lower()
+    ends = predictive_interval(analysis.curve("B"), analysis.settings.seed)
+    bars = [(bar.get_y(), bar.get_y() + bar.get_height()) for bar in ax.patches]
+    index = np.lexsort((counts.s1 + counts.s2, np.sign(counts.s1 - counts.s2)))
+    assert np.array(bars) == pytest.approx(ends[:, index].T)
+
+
+def test_curves_of_one_weaker_stimulus_are_shares_of_correct_responses(analysis, stronger):
+    same, which = (
+        bt.plots.curves_by_order(one).axes[0].get_ylabel() for one in (analysis, stronger)
+    )
+    assert (same, which) == ("share 'equal'", "share correct")
+    counts = bt.Subject(
+        "one",
+        [0.0, 0.0, 0.2, 0.4],
+        [0.2, 0.4, 0.0, 0.0],
+        [30, 38, 16, 3],
+        [40] * 4,
+        task=stronger.study.task,
+    )
+    fitted = at_point(counts, contraction=0.2)
+    one = replace(many(stronger, 1), study=bt.Study([counts]), curves=(fitted,))
+    [ax] = bt.plots.curves_by_order(one).axes
+    curves = [line for line in ax.lines if len(line.get_xdata()) == 40]
+    [weaker, stronger_first] = curves
+    x, share = weaker.get_data()
+    assert share == pytest.approx(fitted.yes(0.0 * x, x)[0])
+    x, share = stronger_first.get_data()
+    assert share == pytest.approx(1.0 - fitted.yes(x, 0.0 * x)[0])
+
+
+def test_a_subject_without_an_estimate_of_contraction_is_counted(analysis):
+    row = analysis.evidence.rows[0]
+    rejected = replace(row, answer=replace(row.answer, is_interpretable=False))
+    rows = (rejected, *analysis.evidence.rows[1:])
+    doubtful = replace(analysis, evidence=EvidenceTable(rows))
+    titles = [ax.get_title(loc="left") for ax in bt.plots.curves_by_order(doubtful).axes]
+    assert titles == ["A\nnot interpreted", "B", "C"]
+    has_size = [
+        answer
+        for answer in doubtful.answers
+        if answer.is_interpretable and answer.words["contraction"].value != "cannot be told"
+    ]
+    [ax] = bt.plots.jnd_by_order(doubtful).axes
+    markers = [line for line in ax.lines if line.get_marker() == "D" and len(line.get_xdata())]
+    assert len(markers) == len(has_size) < 3
+    assert ax.texts[0].get_text().startswith(f"{3 - len(has_size)} subject")
+
+
+@pytest.mark.parametrize("draw", FIGURES)
+@pytest.mark.parametrize("size", [1, 8, 40])
+def test_figures_are_legible_and_as_wide_as_a_column_or_a_page(analysis, stronger, draw, size):
+    for source in (analysis, stronger):
+        figure = draw(many(source, size))
+        require_legible(figure)
+        width = 25.4 * figure.get_figwidth()
+        assert width == pytest.approx(85.0) or width == pytest.approx(175.0)
+        assert 25.4 * figure.get_figheight() < 240.0
+        assert figure.get_suptitle() == "synthetic data"
+
+
+def test_what_cannot_be_drawn_is_refused(analysis):
+    with pytest.raises(bt.InputError, match="found 41, allowed: 1 to 40"):
+        bt.plots.curves_by_order(many(analysis, 41))
+    with pytest.raises(bt.InputError, match="Z"):
+        bt.plots.posterior_predictive(analysis, ["Z"])
+    one = analysis.study["A"]
+    timed = replace(one, isi=np.where(np.arange(one.n_pairs) % 2, 0.5, 2.0))
+    with pytest.raises(bt.InputError, match="curves by order"):
+        bt.plots.curves_by_order(replace(many(analysis, 1), study=bt.Study([timed])))
