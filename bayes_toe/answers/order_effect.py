@@ -44,6 +44,8 @@ QUESTIONS: Mapping[str, BoolArray] = {
 }
 #: Sizes, each with the quantiles of :data:`QUANTILES`.
 SIZES = ("pse_shift_percent", "pse_shift_jnd", "contraction_p", "jnd_percent", "zone_percent")
+#: The size that stands beside the word for an effect.
+SIZE_OF = {"constant_error": "pse_shift_percent", "contraction": "contraction_p"}
 QUANTILES = {"q025": 0.025, "q50": 0.5, "q975": 0.975}
 #: Columns with which evidence.csv begins.
 ANSWER_COLUMNS = (

@@ -48,7 +48,8 @@ def study_lines(
     counted_answers = [answer for answer in answers if answer.is_interpretable]
     if not counted_answers:
         return ["No subject can be interpreted."]
-    whole = f" of {_whole(counted_answers, synthetic, units)}"
+    noun = "synthetic subject" if synthetic else "subject"
+    whole = f" of {count_all(counted_answers, noun, units)}"
     lines = []
     for question in QUESTIONS:
         text = _count_answers(counted_answers, question, whole)
@@ -97,7 +98,7 @@ def _count_answers(answers: Sequence[OrderEffect], question: str, whole: str) ->
     words = [str(answer.words[question].value) for answer in answers]
     if set(words) == {Word.CANNOT_BE_TOLD.value}:
         return f"{Word.CANNOT_BE_TOLD.value} in any subject"
-    directions = {str(word.value): _directions(answers, question, word) for word in Word}
+    directions = {str(word.value): describe_directions(answers, question, word) for word in Word}
     return count_words(words, whole, directions)
 
 
@@ -105,16 +106,15 @@ def _heading(question: str) -> str:
     return capitalized(question.replace("_", " "))
 
 
-def _whole(answers: Sequence[OrderEffect], synthetic: bool, units: bool) -> str:
+def count_all(answers: Sequence[OrderEffect], noun: str, units: bool) -> str:
     """All that count, as in '12 subjects' or '24 conditions of 12 subjects'."""
-    noun = "synthetic subject" if synthetic else "subject"
     if not units:
         return counted(len(answers), noun)
     n_subjects = len({answer.subject.rpartition(AT)[0] for answer in answers})
     return f"{counted(len(answers), 'condition')} of {counted(n_subjects, noun)}"
 
 
-def _directions(answers: Sequence[OrderEffect], question: str, word: Word) -> str:
+def describe_directions(answers: Sequence[OrderEffect], question: str, word: Word) -> str:
     """The directions of the effects of a word, with their numbers; empty if they need no saying."""
     chosen = [answer for answer in answers if answer.words[question] is word]
     if not word.is_positive or question == "order_effect":
@@ -124,7 +124,8 @@ def _directions(answers: Sequence[OrderEffect], question: str, word: Word) -> st
         n_contraction = len(chosen) - n_repulsion
         if not n_repulsion:
             return ""
-        return f"{n_contraction} contraction, {n_repulsion} repulsion"
+        repulsion = f"{n_repulsion} repulsion"
+        return f"{n_contraction} contraction, {repulsion}" if n_contraction else repulsion
     over = sum(answer.first_is_overestimated is True for answer in chosen)
     under = sum(answer.first_is_overestimated is False for answer in chosen)
     names = []

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.special import expit
 
 from bayes_toe.answers.order_effect import (
     Size,
@@ -17,7 +18,6 @@ from bayes_toe.answers.order_effect import (
     word_of_bayes_factor,
 )
 from bayes_toe.arrays import FloatArray
-from bayes_toe.checks.identification import identify
 from bayes_toe.cli.terminal import Terminal
 from bayes_toe.data.messages import capitalized, counted
 from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION, NOISE, PEAK
@@ -27,10 +27,17 @@ if TYPE_CHECKING:
     from bayes_toe.groups.population_table import PopulationRow
     from bayes_toe.groups.predictive_check import PredictiveCheck
 
-_SHOWN = (CONSTANT_ERROR.name, CONTRACTION.name, NOISE.name)
+_EFFECTS = (CONSTANT_ERROR.name, CONTRACTION.name)
+_SHOWN = (*_EFFECTS, NOISE.name)
+#: Parameters between 0 and 1, or -1 and 1; the others are in per cent of intensity.
+_SHARES = (CONTRACTION.name, PEAK.name)
 #: Names of the parameters of a group in sentences, as rows of its table, and of differences.
 _LABELS = {CONSTANT_ERROR.name: "PSE shift", CONTRACTION.name: "contraction p", NOISE.name: "JND"}
-_ROW_LABELS = {**_LABELS, CONSTANT_ERROR.name: "constant error"}
+_ROW_LABELS = {
+    **_LABELS,
+    CONSTANT_ERROR.name: "constant error",
+    PEAK.name: "P(equal) at equal stimuli",
+}
 _DIFFERENCE_LABELS = {**_LABELS, NOISE.name: "JND (ratio)", PEAK.name: "P(equal), logit"}
 
 
@@ -42,8 +49,9 @@ def print_group(out: Terminal, result: PopulationResult, check: PredictiveCheck)
         out.table(headings, others, title=title)
     out.line()
     new_subject = [
-        f"{_LABELS[name]} {_format_quantity(name, *_quantiles(values))}"
-        for name, values in _new_subject(result).items()
+        f"{_LABELS[name]} {_new_subject(result, name)}"
+        for name in _SHOWN
+        if name in result.identified
     ]
     out.line(f"New subject (prediction): {', '.join(new_subject)}.")
     rows_of_group = [result.table.select(quantity, name) for quantity in ("mean", "sd") for name in result.names]  # fmt: skip
@@ -65,9 +73,9 @@ def group_answer(result: PopulationResult) -> list[str]:
     """Mean, SD between subjects and Bayes factor of both effects; differences of conditions."""
     badge = "" if result.is_reliable else "NOT RELIABLE: "
     parts = []
-    for name in (CONSTANT_ERROR.name, CONTRACTION.name):
-        if name == CONTRACTION.name and not _has_contraction(result):
-            parts.append("contraction cannot be told")
+    for name in _EFFECTS:
+        if name not in result.identified:
+            parts.append(f"{_ROW_LABELS[name].removesuffix(' p')} cannot be told")
             continue
         mean, spread = _parameter_cells(result, name)
         equals = "" if name == CONSTANT_ERROR.name else " ="
@@ -79,17 +87,12 @@ def group_answer(result: PopulationResult) -> list[str]:
         level = " - ".join(levels)
         parts = []
         for row in result.table.select("difference"):
-            if row.level == level and row.parameter in _DIFFERENCE_LABELS:
+            if row.level == level and row.parameter in result.identified:
                 label = _DIFFERENCE_LABELS[row.parameter]
                 difference = _format_difference(result, row.parameter, row)
                 parts.append(f"{label} {difference}, {_describe_factor(row.ln_bf_zero)}")
         lines.append(f"{badge}{level}, group: {'; '.join(parts)}.")
     return lines
-
-
-def _has_contraction(result: PopulationResult) -> bool:
-    """Whether the pairs of any subject can show a contraction."""
-    return any(identify(subject).contraction for subject in result.study)
 
 
 def _describe_factor(log_bf_zero: float | None) -> str:
@@ -100,10 +103,10 @@ def _describe_factor(log_bf_zero: float | None) -> str:
 
 def _parameter_row(result: PopulationResult, name: str) -> list[str]:
     """Mean, SD between subjects, Bayes factor and word of a parameter."""
-    if name == CONTRACTION.name and not _has_contraction(result):
+    if name not in result.identified:
         return [_ROW_LABELS[name], "cannot be told: no subject has pairs that can show it"]
     mean, spread = _parameter_cells(result, name)
-    if name == NOISE.name:
+    if name not in _EFFECTS:
         return [_ROW_LABELS[name], mean, spread, "-", ""]
     log_factor = -result.effect(name).zero_mean.log_bf
     word = word_of_bayes_factor(log_factor).value
@@ -114,32 +117,34 @@ def _parameter_cells(result: PopulationResult, name: str) -> tuple[str, str]:
     """Mean and SD between subjects with their intervals; an SD that may be 0 as a bound."""
     j = result.index(name)
     mean, sd = result.draws.mean[..., j], result.draws.sd[..., j]
-    if name != CONTRACTION.name:
-        # Half the difference of subjects one SD above and one SD below the mean, in per cent.
-        above, below = _percent(result, name, mean + sd), _percent(result, name, mean - sd)
-        with np.errstate(invalid="ignore"):
-            mean, sd = _percent(result, name, mean), 0.5 * (above - below)
-    at_most = None if name == NOISE.name else result.effect(name).sd_at_most
+    # The SD is half the difference of subjects one SD above and one SD below the mean.
+    above, below = _in_unit(result, name, mean + sd), _in_unit(result, name, mean - sd)
+    with np.errstate(invalid="ignore"):
+        spread = 0.5 * (above - below)
+    mean_text = _format_quantity(name, *_quantiles(_in_unit(result, name, mean)))
+    at_most = result.effect(name).sd_at_most if name in _EFFECTS else None
     if at_most is not None:
-        bound = float(np.quantile(sd, 0.95))
-        limit = format_decimals(bound) if name == CONTRACTION.name else f"{format_number(bound)} %"
-        return _format_quantity(name, *_quantiles(mean)), f"at most {limit}"
-    return _format_quantity(name, *_quantiles(mean)), _format_spread(name, *_quantiles(sd))
+        bound = float(np.quantile(spread, 0.95))
+        limit = format_decimals(bound) if name in _SHARES else f"{format_number(bound)} %"
+        return mean_text, f"at most {limit}"
+    return mean_text, _format_spread(name, *_quantiles(spread))
 
 
-def _percent(result: PopulationResult, name: str, values: FloatArray) -> FloatArray:
-    """The PSE shift of constant errors, or the JND of log noises, in per cent."""
-    is_error = name == CONSTANT_ERROR.name
-    return result.shift_percent(values) if is_error else result.jnd_percent(values)
+def _in_unit(result: PopulationResult, name: str, values: FloatArray) -> FloatArray:
+    """Values of a parameter in the unit of the table: per cent, p, or a probability."""
+    if name == CONSTANT_ERROR.name:
+        return result.shift_percent(values)
+    if name == NOISE.name:
+        return result.jnd_percent(values)
+    if name == PEAK.name:
+        return np.asarray(expit(values))
+    return values
 
 
-def _new_subject(result: PopulationResult) -> dict[str, FloatArray]:
-    """Draws of a further subject, in the units of the table."""
-    quantities = result.quantities(result.new_subject)
-    values = {CONSTANT_ERROR.name: quantities["pse_shift_percent"]}
-    if _has_contraction(result):
-        values[CONTRACTION.name] = result.new_subject[..., result.index(CONTRACTION.name)]
-    return {**values, NOISE.name: quantities["jnd_percent"]}
+def _new_subject(result: PopulationResult, name: str) -> str:
+    """Median and 95 % interval of a further subject."""
+    values = result.new_subject[..., result.index(name)]
+    return _format_quantity(name, *_quantiles(_in_unit(result, name, values)))
 
 
 def _quantiles(values: FloatArray) -> tuple[float, float, float]:
@@ -150,7 +155,7 @@ def _quantiles(values: FloatArray) -> tuple[float, float, float]:
 def _format_quantity(name: str, low: float, median: float, high: float) -> str:
     """A mean in its unit: PSE shifts have a sign."""
     size = Size(low, median, high)
-    if name == CONTRACTION.name:
+    if name in _SHARES:
         return format_share(size)
     text = format_percent(size)
     return text if name == CONSTANT_ERROR.name else text.replace("+", "")
@@ -159,7 +164,7 @@ def _format_quantity(name: str, low: float, median: float, high: float) -> str:
 def _format_spread(name: str, low: float, median: float, high: float) -> str:
     """An SD between subjects in the unit of its parameter."""
     size = Size(low, median, high)
-    return format_share(size) if name == CONTRACTION.name else format_percent(size).replace("+", "")
+    return format_share(size) if name in _SHARES else format_percent(size).replace("+", "")
 
 
 def _format_difference(result: PopulationResult, name: str, row: PopulationRow) -> str:
@@ -187,6 +192,8 @@ def _comparison_tables(
     ):
         rows = []
         for row in result.table.select(quantity):
+            if row.parameter not in result.identified:
+                continue
             log_factor = -(row.ln_bf_zero or 0.0)
             effect = _format_difference(result, row.parameter, row)
             factor = format_bayes_factor(log_factor)
@@ -202,53 +209,26 @@ def _covariates(result: PopulationResult) -> str:
     return "; ".join(column.about for column in result.regressors.columns)
 
 
-def group_tables(result: PopulationResult) -> list[tuple[str, list[dict[str, str]]]]:
-    """Titles and rows: parameters, what follows from them, covariates, conditions; none empty."""
-    table, labels = result.table, result.labels
-    parameters = []
+def group_tables(
+    result: PopulationResult,
+) -> list[tuple[str, list[str], list[list[str]]]]:
+    """Title, headings and rows of the tables of the report, in the formats of the screen."""
+    rows = []
     for name in result.names:
-        [mean] = table.select("mean", name)
-        [sd] = table.select("sd", name)
-        [new_subject] = table.select("new_subject", name)
+        cells = _parameter_row(result, name)
+        if name not in result.identified:
+            rows.append(cells)
+            continue
+        [mean] = result.table.select("mean", name)
+        [sd] = result.table.select("sd", name)
         n_effective = min(mean.ess_bulk, mean.ess_tail, sd.ess_bulk, sd.ess_tail)
-        parameters.append(
-            {
-                "parameter": labels[name],
-                "group mean": _row(mean),
-                "SD between subjects": _row(sd),
-                "new subject": _row(new_subject),
-                "ln BF of 0": mean.zero_words,
-                "draws": f"{n_effective:.0f}",
-                "R-hat": f"{max(mean.r_hat, sd.r_hat):.3f}",
-            }
-        )
-    effects = [
-        {
-            "covariate": row.level,
-            "parameter": labels[row.parameter],
-            "effect": _row(row),
-            "ln BF of 0": row.zero_words,
-        }
-        for row in table.select("effect")
-    ]
-    spreads = {(row.level, row.parameter): row for row in table.select("difference_sd")}
-    differences = [
-        {
-            "conditions": row.level,
-            "parameter": labels[row.parameter],
-            "mean difference": _row(row),
-            "SD between subjects": _row(spreads[row.level, row.parameter]),
-            "ln BF of 0": row.zero_words,
-        }
-        for row in table.select("difference")
-    ]
-    about = "; ".join(column.about for column in result.regressors.columns)
-    named = [
-        ("differences between conditions", differences),
-        (f"effects of covariates ({about})", effects),
-        (f"{counted(len(result.subjects), 'subject')}, median [95 % interval]", parameters),
-    ]
-    return [(title, rows) for title, rows in named if rows]
+        r_hat = max(mean.r_hat, sd.r_hat)
+        cells.insert(3, _new_subject(result, name))
+        rows.append([*cells, f"{n_effective:,.0f}", f"{r_hat:.3f}"])
+    headings = ["", "group mean", "SD between subjects", "new subject", "BF of mean not 0", ""]
+    headings += ["effective draws", "R-hat"]
+    title = f"{counted(len(result.subjects), 'subject')}, median [95 % interval]"
+    return [*_comparison_tables(result), (title, headings, rows)]
 
 
 def _reference(result: PopulationResult) -> str:
@@ -258,20 +238,3 @@ def _reference(result: PopulationResult) -> str:
     if not levels:
         return ""
     return f" ({', '.join(f'{name} {level}' for name, level in levels.items())})"
-
-
-def _row(row: PopulationRow) -> str:
-    """Median and 95 % interval of a row."""
-    return f"{_plain(row.q50)} [{_plain(row.q025)}, {_plain(row.q975)}]"
-
-
-def _plain(value: float, digits: int = 3) -> str:
-    """A number without the zero before its point, and never -0.
-
-    Examples
-    --------
-    >>> _plain(-0.0471), _plain(-0.0001), _plain(2.94, 1)
-    ('-.047', '.000', '2.9')
-    """
-    text = f"{round(value, digits) + 0.0:.{digits}f}"
-    return text.replace("0.", ".", 1) if text.lstrip("-").startswith("0.") else text

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from importlib.resources import files
 from math import exp
 from pathlib import Path
@@ -13,12 +13,20 @@ from textwrap import fill
 from bayes_toe.analysis import Analysis
 from bayes_toe.answers.order_effect import (
     QUESTIONS,
+    SIZE_OF,
     OrderEffect,
-    format_number,
+    Size,
+    format_bayes_factor,
     format_percent,
     format_share,
 )
-from bayes_toe.answers.study_summary import FEWEST_FOR_GROUP, frequency_line
+from bayes_toe.answers.study_summary import (
+    FEWEST_FOR_GROUP,
+    count_all,
+    count_words,
+    describe_directions,
+    frequency_line,
+)
 from bayes_toe.answers.words import (
     NO_UP_TO,
     PROBABLY_FROM,
@@ -28,9 +36,10 @@ from bayes_toe.answers.words import (
     Word,
 )
 from bayes_toe.checks.identification import identify
-from bayes_toe.data.messages import counted, listed, visible
-from bayes_toe.data.tasks import WHICH_STRONGER, Task
-from bayes_toe.groups.population import PopulationResult
+from bayes_toe.cli.within_screens import contrast_lines
+from bayes_toe.data.messages import capitalized, counted, listed, visible
+from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
+from bayes_toe.groups.population import GroupEffect, PopulationResult
 
 _MOST_NAMED = 10
 _WIDTH = 95
@@ -38,26 +47,30 @@ _WIDTH = 95
 _DONE = ("dropped", "excluded", "merged", "swapped", "only rows", "only pairs")
 #: Letters that mean something in Markdown.
 _ESCAPED = str.maketrans({letter: f"\\{letter}" for letter in "\\`*_[]<>|#~$"})
+#: What participants report.
+_QUESTION_OF_TASK = {
+    WHICH_STRONGER: "which of two successive stimuli was stronger",
+    SAME_DIFFERENT: "whether two successive stimuli were equal or different",
+}
 #: Parameters that are free in every model, by task.
 _NUISANCE = {
-    True: "Noise, its slope over intensity, and the lapse rate",
-    False: "Noise, the indecision zone, their slopes over intensity, and the lapse rate",
+    True: "noise, noise slope over intensity, and lapse rate",
+    False: "noise, indecision zone, their slopes over intensity, and lapse rate",
 }
 
 
 def write_methods(analysis: Analysis, group: PopulationResult | None, path: Path) -> None:
     """Write the document in Markdown, and its citations as NAME.bib."""
-    paragraphs = [
-        f"**Methods.** {' '.join(_methods(analysis, group))}",
-        f"**Results.** {' '.join(_results(analysis, group))}",
-    ]
-    wrapped = [
-        fill(text, _WIDTH, break_long_words=False, break_on_hyphens=False) for text in paragraphs
-    ]
+    paragraph = " ".join([*_methods(analysis), *_results(analysis, group)])
     table = "\n".join(_table(analysis.answers))
-    text = "\n\n".join(["# Methods and results", *wrapped, table]) + "\n"
+    parts = ["# Methods and results", _wrap(paragraph), table, _wrap(_table_note(analysis))]
+    text = "\n\n".join(parts) + "\n"
     path.write_text(text, encoding="utf-8")
     path.with_suffix(".bib").write_text(_citations(text, analysis), encoding="utf-8")
+
+
+def _wrap(paragraph: str) -> str:
+    return fill(paragraph, _WIDTH, break_long_words=False, break_on_hyphens=False)
 
 
 def _citations(text: str, analysis: Analysis) -> str:
@@ -75,37 +88,32 @@ def _citations(text: str, analysis: Analysis) -> str:
 # --- What was done ------------------------------------------------------------------------------
 
 
-def _methods(analysis: Analysis, group: PopulationResult | None) -> list[str]:
-    """Sentences about data, models, priors and computation."""
-    study, draws = analysis.study, analysis.draws
-    versions = json.loads(draws.attrs["versions"])
-    sentences = [*_data(analysis), _task(study.task)]
+def _methods(analysis: Analysis) -> list[str]:
+    """Sentences about data, models and computation."""
+    draws = analysis.draws
+    is_2afc = analysis.study.task == WHICH_STRONGER
+    version = json.loads(draws.attrs["versions"])["bayes_toe"]
+    sentences = _data(analysis)
     sentences.append(
-        "For each participant we estimated whether the response depended on presentation order "
-        "through a constant error, a contraction bias, or both. A constant error shifts the point "
-        "of subjective equality (PSE) by the same amount at every intensity. Contraction moves the "
-        "remembered first stimulus by a share p toward the mean first stimulus. Four models of "
-        "one observer were compared: no order effect, constant error, contraction, both. "
-        f"{_NUISANCE[study.task == WHICH_STRONGER]} were free in every model."
-    )
-    prior = draws.prior.observer.describe(study.task)
-    sentences.append(
-        f"Priors were `{prior}`; the prior probability was 1/2 for no order effect and 1/6 for "
-        "each other model. Marginal likelihoods were computed by adaptive importance sampling "
-        f"[@cornuet2012] with bayes_toe {versions['bayes_toe']} [@bayes_toe], seed {draws.seed}."
+        "For each participant we estimated whether the point of subjective equality (PSE) "
+        "depended on presentation order through a constant error, a contraction bias, or both. "
+        "A constant error shifts the PSE by the same amount at every intensity; the shift is "
+        "positive if the first stimulus is overestimated. Contraction moves the remembered first "
+        "stimulus by a share p toward the mean first stimulus. We compared four models: no order "
+        "effect (prior probability 1/2), constant error, contraction, and both (1/6 each), all "
+        f"with free {_NUISANCE[is_2afc]}."
     )
     sentences.append(
-        f"We call an effect present ('yes') from a posterior probability of {_share(YES_FROM)} "
-        f"on, probable from {_share(PROBABLY_FROM)}, absent ('no') up to {_share(NO_UP_TO)}, and "
-        f"probably absent up to {_share(PROBABLY_NOT_UP_TO)} if the Bayes factor is at most "
-        f"{_share(exp(PROBABLY_NOT_LOG_BAYES_FACTOR))}. Estimates are posterior medians with "
-        "95 % intervals, averaged over the models that have the effect."
+        "Marginal likelihoods were computed by adaptive importance sampling [@cornuet2012] in "
+        f"bayes_toe {version} [@bayes_toe; @avetta2026], seed {draws.seed}."
     )
-    if group is not None:
-        sentences.append(
-            "Group means come from a hierarchical model with both effects, sampled by "
-            "Hamiltonian Monte Carlo."
-        )
+    sentences.append(
+        "An effect was called present ('yes') if its posterior probability was at least "
+        f"{_share(YES_FROM)}, 'probably' from {_share(PROBABLY_FROM)}, 'no' up to "
+        f"{_share(NO_UP_TO)}, and 'probably not' up to {_share(PROBABLY_NOT_UP_TO)} with a Bayes "
+        f"factor (BF) of at most {_share(exp(PROBABLY_NOT_LOG_BAYES_FACTOR))}; otherwise "
+        "'undecided'. Estimates are posterior medians [95 % intervals]."
+    )
     if analysis.contrast is not None:
         sentences.append(
             "Conditions were compared within participants by joint fits in which constant error, "
@@ -115,14 +123,16 @@ def _methods(analysis: Analysis, group: PopulationResult | None) -> list[str]:
 
 
 def _data(analysis: Analysis) -> list[str]:
-    """How much there is, and what was done to it."""
+    """What participants did, how much there is, and what was done to it."""
     study = analysis.study
     trials = [subject.total_trials for subject in study.without_conditions()]
     each = f"{min(trials):,} to {max(trials):,} each"
     if len(set(trials)) == 1:
         each = f"{trials[0]:,} each"
-    whole = f"{counted(len(trials), 'participant')} gave {sum(trials):,} responses ({each})."
-    sentences = [whole]
+    participants = counted(len(trials), "participant")
+    total = f"{sum(trials):,} trials"
+    amount = total if len(trials) == 1 else f"{total}, {each}"
+    sentences = [f"{participants} reported {_QUESTION_OF_TASK[study.task]} ({amount})."]
     if study.synthetic:
         sentences.append("These data are synthetic.")
     done = [note for note in study.notes if any(word in note for word in _DONE)]
@@ -131,21 +141,21 @@ def _data(analysis: Analysis) -> list[str]:
     return sentences
 
 
-def _task(task: Task) -> str:
-    """The question that participants answered."""
-    if task == WHICH_STRONGER:
-        return "They said which of two successive stimuli was the stronger one."
-    return "They said whether two successive stimuli were equal or different."
-
-
 # --- What came out ------------------------------------------------------------------------------
 
 
 def _results(analysis: Analysis, group: PopulationResult | None) -> list[str]:
     """Sentences about the conclusions, the group, and their limits."""
-    answers = analysis.answers
+    answers = [answer for answer in analysis.answers if answer.is_interpretable]
     is_by_unit = analysis.study.conditions is not None
-    sentences = [_counts(answers, question, is_by_unit) for question in QUESTIONS]
+    sentences = []
+    whole = f" of {count_all(answers, 'participant', is_by_unit)}"
+    if len(answers) == 1:
+        sentences.append(answers[0].describe())
+    for question in QUESTIONS if len(answers) > 1 else ():
+        if any(answer.words[question] is not Word.CANNOT_BE_TOLD for answer in answers):
+            sentences.append(_count_present(answers, question, whole))
+            whole = ""
     if group is not None:
         sentences += _group(group)
     elif len(answers) < FEWEST_FOR_GROUP and not is_by_unit:
@@ -153,94 +163,61 @@ def _results(analysis: Analysis, group: PopulationResult | None) -> list[str]:
         if frequencies:
             sentences.append(f"{frequencies} [@penny2010]")
     if analysis.contrast is not None:
-        differing = "; ".join(analysis.contrast.sentences())
-        sentences.append(f"Differences between conditions: {_text(differing)}.")
+        _, *differences = contrast_lines(analysis.contrast)
+        sentences += [_text(line) for line in differences]
     sentences += _limits(analysis)
-    sentences += _paper_model(analysis)
     return sentences
 
 
-def _counts(answers: Sequence[OrderEffect], question: str, is_by_unit: bool) -> str:
-    """In how many participants an effect is present, probable and absent."""
-    counts = Counter(answer.words[question] for answer in answers)
-    of_all = f"{counts[Word.YES]} of {len(answers)}"
-    noun = "participant" if len(answers) == 1 else "participants"
-    if is_by_unit:
-        noun = f"{noun[:-1] if len(answers) > 1 else noun} x condition"
+def _count_present(answers: Sequence[OrderEffect], question: str, whole: str) -> str:
+    """In how many participants an effect is present, with directions, and the other words."""
+    words = [str(answer.words[question].value) for answer in answers]
     name = question.replace("_", " ")
     article = "An" if name.startswith("order") else "A"
-    others = {
-        Word.PROBABLY: "probable",
-        Word.UNDECIDED: "undecided",
-        Word.PROBABLY_NOT: "probably absent",
-        Word.NO: "absent",
-        Word.CANNOT_BE_TOLD: "not identified",
-        Word.NOT_INTERPRETABLE: "not interpreted",
-    }
-    parts = [f"{text} in {counts[word]}" for word, text in others.items() if counts[word]]
-    text = f"{article} {name} was present in {of_all} {noun}"
-    if counts[Word.YES]:
-        text += f" (posterior probability > {_share(YES_FROM)})"
-    return ", ".join([text, *parts]) + "."
+    text = f"{article} {name} was present in {words.count(Word.YES.value)}{whole}"
+    directions = describe_directions(answers, question, Word.YES)
+    if directions:
+        text += f" ({directions})"
+    others = [word for word in words if word != Word.YES.value]
+    if others:
+        text += f"; the others: {count_words(others)}"
+    return f"{text}."
 
 
 def _group(group: PopulationResult) -> list[str]:
     """Means of the group with intervals and Bayes factors."""
+    means = []
     error, contraction = group.effect("constant_error"), group.effect("contraction")
-    percent = error.percent
-    assert percent is not None  # The constant error has one.
-    low, median, high = percent
-    shift = (
-        f"The group's mean PSE shift was {format_number(median, '+')} % (95 % interval "
-        f"{format_number(low, '+')} to {format_number(high, '+')}), BF "
-        f"{bayes_factor(error.zero_mean.log_bf)}."
-    )
-    low, median, high = contraction.mean
-    share = (
-        f"Its mean contraction was p = {_share(median)} ({_share(low)} to {_share(high)}), BF "
-        f"{bayes_factor(contraction.zero_mean.log_bf)}."
-    )
-    sentences = [shift, share]
+    if "constant_error" in group.identified and error.percent is not None:
+        low, median, high = error.percent
+        means.append(f"PSE shift of {format_percent(Size(low, median, high))} {_factor(error)}")
+    if "contraction" in group.identified:
+        low, median, high = contraction.mean
+        share = format_share(Size(low, median, high))
+        means.append(f"contraction of p = {share} {_factor(contraction)}")
+    sentences = []
+    if means:
+        both = " and a mean ".join(means)
+        sentences.append(f"In a hierarchical model with both effects, the group had a mean {both}.")
     if not group.is_reliable:
         sentences.append(f"The draws of the group are NOT RELIABLE: {group.draws.shortfall}.")
     return sentences
 
 
-def bayes_factor(log_bf_of_zero: float) -> str:
-    """The Bayes factor of a mean that is not 0, from the log Bayes factor of 0.
-
-    Examples
-    --------
-    >>> bayes_factor(-2.9), bayes_factor(0.9), bayes_factor(-20.0), bayes_factor(9.0)
-    ('18', '0.41', '> 100', '< 1/100')
-    """
-    if log_bf_of_zero < -4.605:
-        return "> 100"
-    if log_bf_of_zero > 4.605:
-        return "< 1/100"
-    return format_number(exp(-log_bf_of_zero))
+def _factor(effect: GroupEffect) -> str:
+    """The Bayes factor of a mean that is not 0, in brackets."""
+    return f"(BF {format_bayes_factor(-effect.zero_mean.log_bf)})"
 
 
 def _limits(analysis: Analysis) -> list[str]:
     """What the design cannot identify, and which conclusions must not be used as they stand."""
-    answers = analysis.answers
-    sentences = []
-    limits = Counter[str]()
-    for subject in analysis.study:
-        identification = identify(subject)
-        limits.update({*identification.notes, *identification.reasons.values()})
-    for note, count in limits.items():
-        whose = ""
-        if count < len(analysis.study):
-            whose = f" ({count} of {len(analysis.study)})"
-        sentences.append(f"Limit of the design{whose}: {note}.")
+    answers = [answer for answer in analysis.answers if answer.is_interpretable]
+    not_interpreted = [a.subject for a in analysis.answers if not a.is_interpretable]
+    sentences = _limits_of_design(analysis)
     groups = {
         "The model does not fit {}.": [a.subject for a in answers if a.fits is False],
         "The fit is not testable for {}.": [a.subject for a in answers if a.fits is None],
-        "Not interpreted: {}.": [a.subject for a in answers if not a.is_interpretable],
-        "A conclusion depends on the scale of the prior for {}.": [
-            a.subject for a in answers if a.depends_on_prior
-        ],
+        "Not interpreted: {}.": not_interpreted,
         "Responses depend on the previous trial for {}.": [
             a.subject for a in answers if a.depends_on_previous_trial
         ],
@@ -251,29 +228,29 @@ def _limits(analysis: Analysis) -> list[str]:
             sentences.append(sentence.format("any participant"))
         elif names:
             sentences.append(sentence.format(_text(listed(names, _MOST_NAMED))))
+    n_dependent = sum(answer.depends_on_prior for answer in answers)
+    if n_dependent and len(answers) > 1:
+        share = f"{n_dependent} of {len(answers)}"
+        sentences.append(f"A prior half or twice as wide changes a conclusion for {share}.")
     return sentences
 
 
-def _paper_model(analysis: Analysis) -> list[str]:
-    """The paper's model: its draws, and its evidence against one free probability per pair."""
-    draws = analysis.draws
-    stats = draws.group("sample_stats")
-    sentences = [
-        "The model of [@avetta2026] (H1), which always includes contraction, was sampled with "
-        f"emcee [@emcee]: effective sample sizes of at least {float(stats['min_ess'].min()):,.0f}, "
-        f"R-hat [@vehtari2021] up to {float(stats['max_r_hat'].max()):.3f}."
-    ]
-    if draws.not_converged:
-        names = _text(listed(list(draws.not_converged), _MOST_NAMED))
-        sentences.append(f"Draws did NOT CONVERGE for {names}.")
-    factors = analysis.evidence.frame()["log_bayes_factor"].dropna()
-    if len(factors):
-        n_favoured = int((factors > 0.0).sum())
-        sentences.append(
-            "It predicted better than one free probability per pair (H0) for "
-            f"{n_favoured} of {len(factors)} (median ln BF {factors.median():.1f}); this does not "
-            "test for an order effect."
-        )
+def _limits_of_design(analysis: Analysis) -> list[str]:
+    """What the pairs and the order of trials cannot identify, and for how many participants."""
+    subjects = analysis.study.subjects
+    limits = Counter[str]()
+    for subject in subjects:
+        identification = identify(subject)
+        reasons = dict[str, list[str]]()
+        for question, reason in identification.reasons.items():
+            reasons.setdefault(reason, []).append(question.replace("_", " "))
+        for reason, questions in reasons.items():
+            limits[f"the design cannot identify {' or '.join(questions)}, because {reason}"] += 1
+        limits.update(identification.notes)
+    sentences = []
+    for limit, count in limits.items():
+        whose = "" if count == len(subjects) else f" ({count} of {len(subjects)})"
+        sentences.append(f"{capitalized(limit)}{whose}.")
     return sentences
 
 
@@ -286,12 +263,34 @@ def _table(answers: Sequence[OrderEffect]) -> list[str]:
         cells = [_text(answer.subject)]
         if answer.is_interpretable:
             cells += [answer.marked_word(question) for question in QUESTIONS]
-            cells.append(format_percent(answer.sizes["pse_shift_percent"]))
-            cells.append(format_share(answer.sizes["contraction_p"]))
+            cells.append(_estimate(answer, "constant_error", format_percent))
+            cells.append(_estimate(answer, "contraction", format_share))
         else:
             cells += ["not interpreted", *[""] * (len(heads) - 2)]
         lines.append(f"| {' | '.join(cells)} |")
     return lines
+
+
+def _table_note(analysis: Analysis) -> str:
+    """What the table's signs and marks mean, and the priors."""
+    draws = analysis.draws
+    sentences = [
+        "Note. Estimates are averaged over the models that have the effect. p above 0 is "
+        "contraction, below 0 repulsion."
+    ]
+    if any(answer.fits is False for answer in analysis.answers):
+        sentences.append("!: the model does not fit.")
+    if any(answer.depends_on_prior for answer in analysis.answers):
+        sentences.append("?: a prior half or twice as wide changes the conclusion.")
+    sentences.append(f"Priors: `{draws.prior.observer.describe(analysis.study.task)}`.")
+    return " ".join(sentences)
+
+
+def _estimate(answer: OrderEffect, question: str, form: Callable[[Size], str]) -> str:
+    """The size of an effect; empty if the design cannot show it."""
+    if answer.words[question] is Word.CANNOT_BE_TOLD:
+        return ""
+    return form(answer.sizes[SIZE_OF[question]])
 
 
 def _share(value: float) -> str:

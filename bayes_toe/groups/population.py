@@ -16,6 +16,7 @@ import pandas as pd
 from scipy.special import expit
 
 from bayes_toe.arrays import FloatArray
+from bayes_toe.checks.identification import identify
 from bayes_toe.data.covariates import Covariates, read_covariates
 from bayes_toe.data.messages import as_html, listed
 from bayes_toe.data.study import Study, Subject, by_person, require_study
@@ -222,6 +223,16 @@ class PopulationResult:
         return tuple(lines)
 
     # --- What was found --------------------------------------------------------------------------
+
+    @cached_property
+    def identified(self) -> frozenset[str]:
+        """The parameters that the pairs of a subject can show; other means rest on the prior."""
+        designs = [identify(subject) for subject in self.study]
+        names = set(self.names)
+        for name in (CONSTANT_ERROR.name, CONTRACTION.name):
+            if not any(getattr(design, name) for design in designs):
+                names.remove(name)
+        return frozenset(names)
 
     def index(self, name: str) -> int:
         """The coefficient of a parameter."""

@@ -53,13 +53,6 @@ class PopulationRow(NamedTuple):
     ln_bf_zero: float | None = None
     ln_bf_zero_se: float | None = None
 
-    @property
-    def zero_words(self) -> str:
-        """The log Bayes factor of 0 in words, or a dash."""
-        if self.ln_bf_zero is None:
-            return "-"
-        return ZeroBayesFactor(self.ln_bf_zero, 0.0).words
-
 
 def summary_row(
     parameter: str,

@@ -138,8 +138,9 @@ def forests(
     for ax, question in zip(panels, QUESTIONS[1:], strict=True):
         ends = _draw_sizes(ax, answers, question)
         if group is not None:
-            ends.append(_draw_group(ax, group, question, len(answers) + 0.25))
             ax.axhline(len(answers) - 0.4, color=EQUAL, lw=0.5)
+            if question.name in group.identified:
+                ends.append(_draw_group(ax, group, question, len(answers) + 0.25))
         ax.axvline(0.0, color="black", lw=0.7, zorder=0)
         limits = _limits(np.array(ends).reshape(-1, 3))
         _mark_cut_intervals(ax, np.array(ends).reshape(-1, 3), limits)

@@ -57,7 +57,7 @@ def test_directions_and_exceptions_are_named():
         "Order effect: 2 of 3 subjects yes, 1 probably.",
         "Constant error: 2 yes (1 overestimates the first stimulus, 1 underestimates it), "
         "1 undecided.",
-        "Contraction: 1 yes, 1 probably (0 contraction, 1 repulsion), 1 no.",
+        "Contraction: 1 yes, 1 probably (1 repulsion), 1 no.",
         "The model does not fit 1 subject: C.",
     ]
 

@@ -143,8 +143,13 @@ def test_conditions_have_a_line_and_a_table():
     lines = group_answer(made)
     assert lines[1].startswith("right - left, group: PSE shift ")
     assert lines[1].count("BF") == 3
-    titles = [title for title, _ in group_tables(made)]
-    assert titles == ["differences between conditions", "4 subjects, median [95 % interval]"]
+    (title, _, differences), (group, headings, rows) = group_tables(made)
+    assert title == "Differences between conditions"
+    assert group == "4 subjects, median [95 % interval]"
+    assert differences[0][:2] == ["right - left", "PSE shift"]
+    assert {len(row) for row in rows} == {len(headings)}
+    assert [row[0] for row in rows] == ["constant error", "contraction p", "JND"]
+    assert " %" in rows[0][1]
 
 
 def test_small_tasks_read_as_they_are(tmp_path, monkeypatch):

@@ -59,8 +59,9 @@ def test_forests_have_sizes_and_words_of_every_subject(analysis):
         assert intervals(ax) == [(size.q025, size.q975) for size in sizes]
 
 
-def test_the_group_stands_in_the_last_row(analysis, small_study):
+def test_the_group_stands_in_the_last_row(analysis, small_study, monkeypatch):
     group = made_result(small_study)
+    monkeypatch.setattr(type(group), "identified", {"constant_error", "contraction"})
     errors, contractions = bt.plots.order_effect(analysis.evidence, group).axes
     assert "group of" in errors.get_yticklabels()[-1].get_text()
     for ax, interval in (
@@ -70,6 +71,15 @@ def test_the_group_stands_in_the_last_row(analysis, small_study):
         [mark] = [line for line in ax.lines if line.get_marker() == "d"]
         assert mark.get_xdata()[0] == pytest.approx(interval[1])
         assert intervals(ax)[-1] == pytest.approx((interval[0], interval[2]))
+
+
+def test_a_mean_that_no_pairs_can_show_is_not_drawn(analysis, small_study):
+    group = made_result(small_study)
+    errors, contractions = bt.plots.order_effect(analysis.evidence, group).axes
+    drawn = [
+        [line for line in ax.lines if line.get_marker() == "d"] for ax in (errors, contractions)
+    ]
+    assert list(map(len, drawn)) == [1, 0]
 
 
 def test_large_and_small_bayes_factors_are_triangles_at_the_ends_of_the_axis(analysis):
