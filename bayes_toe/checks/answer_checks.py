@@ -150,6 +150,23 @@ def answer_flags(study: Study) -> list[tuple[Flag, ...]]:
     return [tuple(flags[name]) for name in study.names]
 
 
+def not_interpreted(study: Study) -> dict[str, str]:
+    """Subjects whose responses have a fault that allows no conclusion, with the first fault.
+
+    Examples
+    --------
+    >>> subject = Subject("S01", [0, 0, 1, 1], [0, 1, 0, 1], [9, 9, 9, 9], [9] * 4)
+    >>> not_interpreted(Study([subject]))
+    {'S01': 'all responses are the same'}
+    """
+    faults = dict[str, str]()
+    for finding in check_answers(study):
+        kind = FLAG_KINDS[finding.code]
+        if not kind.is_interpretable:
+            faults.setdefault(finding.subject, kind.words)
+    return faults
+
+
 def check_answers(study: Study) -> tuple[Finding, ...]:
     """Findings about the responses of every subject, with codes of :data:`FLAG_KINDS`."""
     require_study(study)

@@ -1,4 +1,4 @@
-"""What the page keeps of one subject under one model: draws, contours, curves, counts, and what to know before believing them.
+"""What the page keeps of one subject under one model: draws, contours, curves, counts, the answer.
 
 Arrays are text in a page: base64 of little-endian numbers, which a browser turns into typed arrays without parsing them.
 """
@@ -8,26 +8,40 @@ from __future__ import annotations
 import base64
 import json
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import astuple, dataclass, field, replace
 from itertools import combinations
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from bayes_toe.arrays import FloatArray, IndexArray
+from bayes_toe.answers.model_average import (
+    HAS_CONTRACTION,
+    HAS_ERROR,
+    PRIOR_PROBABILITIES,
+    averaged_draws,
+)
+from bayes_toe.answers.order_effect import (
+    MISFIT_FLAG,
+    QUESTIONS,
+    OrderEffect,
+    Size,
+    answer_subject,
+)
+from bayes_toe.arrays import BoolArray, FloatArray, IndexArray
 from bayes_toe.classical.frequencies import laplace_error, laplace_estimate, presentation_order
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task
 from bayes_toe.inference.draws import Draws
+from bayes_toe.inference.order_evidence import Precision, order_evidence
 from bayes_toe.inference.prediction import Predictor
+from bayes_toe.model.models import model_title
 from bayes_toe.model.observer import ObserverPosterior
 from bayes_toe.model.paper_model import PaperPosterior
+from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION
 from bayes_toe.model.posterior import DOMINATED, RANGE, contraction
 from bayes_toe.plots.corner import (
-    AROUND,
-    BINS,
     Density,
     Span,
     axis_values,
@@ -36,99 +50,153 @@ from bayes_toe.plots.corner import (
     spans_of,
 )
 from bayes_toe.plots.style import MARKED
+from bayes_toe.seeds import generator
 
 #: What is the same in all pairs of a slice.
 FIXED = {SAME_DIFFERENT: "weaker", WHICH_STRONGER: "first"}
-#: Quantities of the four models that the page opens with: PSE shift, contraction and JND.
+#: What the two tabs are called, and which quantities the first one opens with.
+EFFECTS_TAB, PAPER_TAB = "effects", "paper's parameters"
 EFFECTS = ("constant_error", "contraction", "jnd")
+#: The label of draws that are averaged over the four models, and how many of them there are.
+AVERAGED, _N_AVERAGED = "four models averaged", 4000
+_PRECISION = Precision(effective_draws=1500.0)
+#: Draws with an effect below which the effect is not shown.
+_FEWEST_WITH = 100
 #: Of every curve; with straight lines between them a bell is a bell.
 POINTS = 21
-#: Numbers of a contour's coordinate from one end of its frame to the other; one more parts two lines.
-FRAME = 65534
+#: A probability of 1 on a curve, as an integer of 16 bits.
+TOP = 65535
+#: Slices of a subject, at most.
+MOST_SLICES = 6
 _BEYOND = 0.04  # of its length, by which a curve goes on after its last pair
 _QUANTILES = np.linspace(0.0, 1.0, 201)
 
 
 @dataclass(frozen=True, eq=False)
 class Entry:
-    """One choice of the page: a subject's posterior, called by its model or what else tells it from others of the subject."""
+    """One posterior of one subject.
+
+    Attributes
+    ----------
+    label : str
+        The model, or what else distinguishes it from other posteriors of the subject.
+    target : ObserverPosterior or PaperPosterior
+    x : ndarray, shape (chains, draws, k)
+        Draws in unconstrained coordinates.
+    badges : tuple
+        Kind (unconverged, misfit, untold, fine) and words of each.
+    words : tuple
+        Questions with the words of the answer.
+    truth : mapping, optional
+        Known values; those that the model does not have are ignored.
+    estimates : mapping
+        By quantity the interval that tables have, where it is not of these draws.
+    is_averaged : bool
+        Whether the draws are averaged over the four models; an effect that a draw lacks is 0.
+    """
 
     label: str
     target: ObserverPosterior | PaperPosterior
-    x: FloatArray  # draws in unconstrained coordinates, shape (chains, draws, k)
-    badges: tuple[tuple[str, str], ...] = ()  # kind - unconverged, misfit, untold, fine - and words
-    truth: Mapping[str, float] | None = (
-        None  # known values, as given; those that the model does not have are those of another model
-    )
+    x: FloatArray
+    badges: tuple[tuple[str, str], ...] = ()
+    words: tuple[tuple[str, str], ...] = ()
+    truth: Mapping[str, float] | None = None
+    estimates: Mapping[str, Size] = field(default_factory=dict)
+    is_averaged: bool = False
     synthetic: bool = False
     about: str = ""
 
     @property
+    def tab(self) -> str:
+        """The tab in which it is shown."""
+        return PAPER_TAB if isinstance(self.target, PaperPosterior) else EFFECTS_TAB
+
+    @property
     def names(self) -> tuple[str, ...]:
-        """The quantities that are shown."""
-        every = self.target.names.all
-        return (*self.main, *(name for name in every if name not in self.main))
+        """All quantities, those that are shown first at the front."""
+        return tuple(dict.fromkeys((*self.main, *self.target.names.all)))
 
     @property
     def main(self) -> tuple[str, ...]:
         """The quantities that are shown first."""
-        if isinstance(self.target, ObserverPosterior):
-            return tuple(name for name in EFFECTS if name in self.target.names.all)
-        return self.target.names.natural
+        if isinstance(self.target, PaperPosterior):
+            return self.target.names.natural
+        return tuple(name for name in EFFECTS if name in self.target.names.all)
 
-    def values_a_draw(self, most_slices: int) -> int:
-        """Numbers that :meth:`packed` keeps of every draw."""
-        shown = slices(self.target.subject, most_slices)
-        return len(self.names) + 2 + POINTS * sum(len(one.orders) for one in shown)
+    @property
+    def bytes_a_draw(self) -> int:
+        """Bytes that :meth:`packed` keeps of every draw."""
+        n_curves = sum(len(one.orders) for one in slices(self.target.subject))
+        return 4 * (len(self.names) + 2) + 2 * POINTS * n_curves
 
-    def packed(self, rows: int, most_slices: int) -> dict[str, Any]:
-        """What the page holds of it: about so many draws, and so many slices of curves at most."""
+    def columns(self, quantities: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+        """What axes show of the draws, (draws,) each; NaN where a draw lacks the effect."""
+        columns = {}
+        for name in self.names:
+            values = quantities[name]
+            if name in (CONSTANT_ERROR.name, CONTRACTION.name):
+                values = np.where(values == 0.0, np.nan, values)
+            if _has_enough(~np.isnan(values)):
+                columns[name] = axis_values(name, values)
+        return columns
+
+    def packed(self, rows: int) -> dict[str, Any]:
+        """What the page holds of it, with about so many draws."""
         x = self.x.reshape(-1, self.x.shape[-1])
-        kept = (
-            np.arange(min(len(x), rows)) * len(x) // min(len(x), rows)
-        )  # by the rule that explorer.js goes back by
+        n_rows = min(len(x), rows)
+        kept = np.arange(n_rows) * len(x) // n_rows  # by the rule that explorer.js goes back by
         quantities = self.target.quantities(x)
-        columns = [axis_values(name, quantities[name]) for name in self.names]
-        samples = np.column_stack(columns)
-        marked = np.quantile(samples, MARKED, axis=0)
+        columns = self.columns(quantities)
+        present = {name: values[~np.isnan(values)] for name, values in columns.items()}
+        marked = {name: np.quantile(of, MARKED).tolist() for name, of in present.items()}
+        marked |= {name: list(astuple(size)) for name, size in self.estimates.items()}
         some = {name: values[kept] for name, values in quantities.items()}
-        given = {
-            name: value
-            for name, value in (self.truth or {}).items()
-            if name in self.target.names.all
-        }
-        known = known_from(given, self.target) if given else {}
+        known = self._known()
+        spans = spans_of(present.values(), list(columns), self.target)
+        prior = prior_values(self.target)
         return {
             "subject": self.target.subject.name,
             "label": self.label,
             "synthetic": self.synthetic,
             "about": self.about,
             "badges": [*self.badges, *self._dominated(quantities)],
-            "rows": len(kept),
+            "words": self.words,
+            "rows": n_rows,
             "of": len(x),
             "perChain": self.x.shape[1],
-            "names": self.names,
-            "main": self.main,
-            "identified": [name for name in self.names if name in self.target.names.identified],
-            "values": text_of(samples[kept].T),
-            "marked": marked.T.tolist(),
-            "truth": {name: float(known[name]) for name in self.names if name in known},
-            **outlined(samples, spans_of(columns, self.names, self.target)),
-            **self._answers(x[kept], some, most_slices),
+            "names": list(columns),
+            "main": [name for name in self.main if name in columns],
+            "values": text_of([values[kept] for values in columns.values()]),
+            "marked": [marked[name] for name in columns],
+            "with": [len(values) for values in present.values()],
+            "truth": {name: known[name] for name in columns if name in known},
+            "spans": spans,
+            "contours": outlined(columns, spans),
+            "prior": text_of(
+                [axis_values(name, np.quantile(prior[name], _QUANTILES)) for name in columns]
+            ),
+            "priorShares": _prior_shares(columns) if self.is_averaged else [1.0] * len(columns),
+            **self._responses(x[kept], some),
         }
+
+    def _known(self) -> dict[str, float]:
+        """True values of the quantities of the model."""
+        given = self.truth or {}
+        own = {name: value for name, value in given.items() if name in self.target.names.all}
+        return known_from(own, self.target) if own else {}
 
     def _dominated(self, quantities: Mapping[str, FloatArray]) -> list[tuple[str, str]]:
         """Quantities whose 5 to 95 % range is not much narrower than the prior's."""
-        dominated = []
+        dominated = list[tuple[str, str]]()
+        if self.is_averaged:
+            return dominated
         for name in self.names:
             low, high = np.quantile(quantities[name], RANGE).tolist()
             if contraction(self.target, name, low, high) < DOMINATED:
                 dominated.append(("dominated", name))
         return dominated
 
-    def _answers(
-        self, x: FloatArray, quantities: Mapping[str, FloatArray], most_slices: int
-    ) -> dict[str, Any]:
+    def _responses(self, x: FloatArray, quantities: Mapping[str, FloatArray]) -> dict[str, Any]:
         """Counts, and curves over them."""
         counts = self.target.subject
         low, high = (float(edge([counts.s1, counts.s2])) for edge in (np.min, np.max))
@@ -136,7 +204,7 @@ class Entry:
         ends = [low - pad, high + pad]
         fitted = Predictor(self.target, x)
         knows_intervals = isinstance(self.target, PaperPosterior) and counts.isi is not None
-        shown = slices(counts, most_slices)
+        shown = slices(counts)
         return {
             "pairs": {
                 **{
@@ -158,7 +226,7 @@ class Entry:
                     "pairs": one.pairs.tolist(),
                     "x": one.x.tolist(),
                     "orders": one.orders,
-                    "equal": text_of(one.yes(fitted)),
+                    "yes": text_of(np.rint(one.yes(fitted) * TOP), "<u2"),
                 }
                 for one in shown
             ],
@@ -169,97 +237,117 @@ class Entry:
         }
 
 
-def outlined(samples: FloatArray, spans: list[Span]) -> dict[str, Any]:
-    """Spans, frames, and of every two quantities the contours that hold shares of the draws, in parts of the frames; the inner one first.
+def _has_enough(is_present: BoolArray) -> bool:
+    """Whether enough draws have an effect to show it."""
+    return bool(is_present.sum() >= min(_FEWEST_WITH, len(is_present)))
 
-    A frame goes from the middle of one of the outermost bins of the density to that of the other.
+
+def outlined(columns: Mapping[str, FloatArray], spans: Sequence[Span]) -> list[list[str]]:
+    """Contours that hold shares of the draws, of every two quantities; the inner one first.
+
+    None where few draws have both quantities.
     """
-    beyond = (AROUND - 0.5) / BINS
-    frames = [(low - beyond * (high - low), high + beyond * (high - low)) for low, high in spans]
-    packed = [
-        _contours(samples[:, [j, i]], [spans[j], spans[i]], [frames[j], frames[i]])
-        for j, i in combinations(range(len(spans)), 2)
-    ]
-    return {"spans": spans, "frames": frames, "contours": packed}
+    packed = []
+    for (x, across), (y, up) in combinations(zip(columns.values(), spans, strict=True), 2):
+        has_both = ~np.isnan(x + y)
+        lines = list[str]()
+        if _has_enough(has_both):
+            lines = _contours(Density.of(x[has_both], y[has_both], across, up))
+        packed.append(lines)
+    return packed
 
 
-def _contours(samples: FloatArray, spans: list[Span], frames: list[Span]) -> list[str]:
-    """Of each level x and y, point after point."""
+def _contours(density: Density) -> list[str]:
+    """Of each level all x, then all y; NaN between two lines."""
     from bokeh.plotting.contour import contour_data
 
-    found = Density.of(*samples.T, *spans)
-    lines = contour_data(
-        found.x, found.y, found.values, sorted(set(found.levels)), want_fill=False, want_line=True
-    ).line_data
+    levels = sorted(set(density.levels))
+    x, y, values, _ = density
+    lines = contour_data(x, y, values, levels, want_fill=False, want_line=True).line_data
     assert lines is not None
-    (left, right), (bottom, top) = frames
-    at = [
-        np.stack([(xs - left) / (right - left), (ys - bottom) / (top - bottom)], axis=1)
-        for xs, ys in zip(lines.xs, lines.ys, strict=True)
-    ]
-    return [
-        text_of(np.where(np.isnan(points), FRAME + 1, np.rint(points * FRAME)), "<u2")
-        for points in at[::-1]
-    ]
+    return [text_of(points) for points in zip(lines.xs[::-1], lines.ys[::-1], strict=True)]
 
 
-def prior_of(entry: Entry) -> dict[str, Any] | None:
-    """Quantiles of the prior of every quantity, evenly spaced in probability, and their names."""
-    drawn = prior_values(entry.target)
-    return quantiles({name: axis_values(name, drawn[name]) for name in entry.names})
-
-
-def quantiles(drawn: Mapping[str, FloatArray]) -> dict[str, Any]:
-    """Evenly spaced quantiles by name."""
-    return {
-        "names": list(drawn),
-        "quantiles": text_of([np.quantile(values, _QUANTILES) for values in drawn.values()]),
-    }
+def _prior_shares(names: Iterable[str]) -> list[float]:
+    """Prior probability of each quantity in the four models."""
+    has = {CONSTANT_ERROR.name: HAS_ERROR, CONTRACTION.name: HAS_CONTRACTION}
+    return [float(PRIOR_PROBABILITIES[has[name]].sum()) if name in has else 1.0 for name in names]
 
 
 def entries_of(
     draws: Draws, label: str, subjects: tuple[str, ...], truths: Mapping[str, Mapping[str, float]]
 ) -> list[Entry]:
-    """Subjects of a posterior file."""
-    missed, made = draws.not_converged, []
-    about = f"{label}: {draws.attrs.get('source', '')}, seed {draws.seed}, prior {draws.described_prior()}."
+    """Subjects of a posterior file; of the paper's model with the average of the four models."""
+    missed, refused = draws.not_converged, draws.not_interpreted
+    source = f"{draws.attrs.get('source', '')}, seed {draws.seed}"
+    average_label = label.replace(model_title(draws.model), AVERAGED)
+    prior = draws.prior.observer
+    made = []
     for name in subjects:
-        told, true = badges(draws, name, missed), truths.get(name)
-        made.append(
-            Entry(
-                label,
-                draws.posterior(name),
-                draws.points(name),
-                told,
-                true,
-                synthetic=draws.synthetic,
-                about=about,
-            )
+        subject = draws.subject(name)
+        answer, _ = answer_subject(subject, draws.seed, prior)
+        words = tuple((key.replace("_", " "), answer.word(key)) for key in QUESTIONS)
+        if name in refused:
+            words = (("not interpreted", refused[name]),)
+        own = Entry(
+            label,
+            draws.posterior(name),
+            draws.points(name),
+            badges(draws, name, missed),
+            words,
+            truths.get(name),
+            synthetic=draws.synthetic,
+            about=f"{label}: {source}, prior {draws.described_prior()}.",
         )
+        made.append(own)
+        if own.tab == EFFECTS_TAB:
+            continue
+        (evidence,) = order_evidence([subject], draws.seed, prior, _PRECISION)
+        average = averaged_draws(evidence)
+        points = average.resampled(generator(draws.seed, name, "explorer"), _N_AVERAGED)
+        averaged = replace(
+            own,
+            label=average_label,
+            target=average.posterior,
+            x=points[None],
+            badges=_badges_of_answer(answer),
+            estimates=_estimates(answer),
+            is_averaged=True,
+            about=f"{average_label} by their posterior probabilities: {source}, prior "
+            f"{prior.describe(subject.task)}. Draws are resampled by their weights.",
+        )
+        made.append(averaged)
     return made
 
 
+def _estimates(answer: OrderEffect) -> dict[str, Size]:
+    """The intervals of the answer by quantity."""
+    sizes = {"constant_error": "pse_shift_percent", "contraction": "contraction_p"}
+    sizes |= {"jnd": "jnd_percent", "zone": "zone_percent"}
+    return {name: answer.sizes[size] for name, size in sizes.items() if size in answer.sizes}
+
+
 def badges(draws: Draws, name: str, missed: Mapping[str, str]) -> tuple[tuple[str, str], ...]:
-    """Whether draws converged and the model describes the answers, as far as that was checked; `missed` is what did not converge."""
+    """Whether draws converged and the model fits; `missed` is what did not converge."""
     fit = draws.fit(name)
     sampled = ("unconverged", missed[name]) if name in missed else ("fine", "converged")
     if np.isnan(fit.p_overall):
         return (sampled,)
-    if fit.describes is None:
-        return sampled, (
-            "untold",
-            f"fit: not testable, predictive p {_said(fit.p_overall)}",
-        )
-    if fit.misfit:
-        return sampled, (
-            "misfit",
-            f"predictive p {_said(fit.p_overall)}, p of the deviance {_said(fit.p_deviance)}",
-        )
-    return sampled, ("fine", f"fit: good, predictive p {_said(fit.p_overall)}")
+    fits = None if fit.describes is None else not fit.misfit
+    return sampled, _fit_badge(fits, fit.p_overall)
 
 
-def _said(p: float) -> str:
-    return f"{p:.2g}" if p >= 0.001 else "below 0.001"
+def _badges_of_answer(answer: OrderEffect) -> tuple[tuple[str, str], ...]:
+    """Whether the best of the four models fits, and what stands against the answer."""
+    flags = [("untold", flag) for flag in answer.flags if flag != MISFIT_FLAG]
+    return (_fit_badge(answer.fits, answer.predictive_p), *flags)
+
+
+def _fit_badge(fits: bool | None, p: float | None) -> tuple[str, str]:
+    if fits is None or p is None:
+        return "untold", "fit: not testable"
+    said = f"predictive p {p:.2g}" if p >= 0.001 else "predictive p < .001"
+    return ("fine", f"fit: good, {said}") if fits else ("misfit", said)
 
 
 # --- curves -------------------------------------------------------------------------------------------------------------------------
@@ -298,9 +386,9 @@ class Slice:
         return np.stack([fitted.yes(*presented[order], seconds).T for order in self.orders])
 
 
-def slices(counts: Subject, most: int) -> list[Slice]:
-    """The slices with the most trials of different stimuli, at most so many, in the order of fixed stimulus and interval."""
-    chosen = [key for key, _ in _trials(counts).most_common(most)]
+def slices(counts: Subject) -> list[Slice]:
+    """The slices with the most trials of different stimuli, in the order of fixed stimulus and interval."""
+    chosen = [key for key, _ in _trials(counts).most_common(MOST_SLICES)]
     return [
         _slice(counts, low, isi)
         for low, isi in sorted(chosen, key=lambda key: (key[0], key[1] or 0.0))

@@ -7,9 +7,12 @@ window.explorer = (() => {
   const at = id => document.getElementById(id);
   const island = id => JSON.parse(at(id).textContent);
   const index = island("index");
-  const state = { a: 0, b: null, names: [], slice: 0, brush: null };
+  const state = { tab: index.tabs[0], a: 0, b: null, names: [], slice: 0, brush: null };
+  // Colours of the figures on a dark page; orange and blue are the same on both.
+  const DARK = { "#222222": "#E4E4E4", "#777777": "#9A9A9A", "#000000": "#FFFFFF", "#FFFFFF": "#17181B", "#4B3B8F": "#B7A6FF", "#00795C": "#3FCBA2", "#6E6E6E": "#A8A8A8" };
+  const dark = matchMedia("(prefers-color-scheme: dark)");
   const decoded = new Map();
-  const models = new Map();
+  const models = new Map(), painted = new Map();
   let doc = null, waiting = false, fainted = null;
 
   // --- Numbers -------------------------------------------------------------------------------------------------------------------
@@ -41,7 +44,7 @@ window.explorer = (() => {
     if (!decoded.has(place)) {
       const found = island(`entry-${place}`), values = floats(found.values);
       found.samples = new Map(found.names.map((name, i) => [name, values.subarray(i * found.rows, (i + 1) * found.rows)]));
-      for (const slice of found.slices) slice.values = floats(slice.equal);
+      for (const slice of found.slices) slice.values = Float32Array.from(new Uint16Array(bytes(slice.yes)), value => value / 65535);
       found.ends2 = floats(found.axis);
       decoded.set(place, found);
     }
@@ -49,7 +52,9 @@ window.explorer = (() => {
   }
 
   const shown = () => LETTERS.filter(letter => state[letter] !== null);
-  const prior = letter => state[letter] === null ? null : index.priors[index.entries[state[letter]].prior] ?? null;
+  const places = () => range(index.entries.length).filter(place => index.entries[place].tab === state.tab);
+  const labels = () => [...new Set(places().map(place => index.entries[place].label))];
+  const prior = letter => entry(letter)?.prior ?? null;
 
   // Rows of an entry that lie in the brush; null: nothing is brushed, or the entry lacks a quantity of the brush.
   function rows(found) {
@@ -59,8 +64,8 @@ window.explorer = (() => {
   }
 
   function summary(values, kept) {
-    const ascending = Float64Array.from(kept === null ? values : kept.map(row => values[row])).sort();
-    return MARKED.map(one => quantile(ascending, one));
+    const ascending = Float64Array.from(kept.map(row => values[row])).filter(value => !isNaN(value)).sort();
+    return ascending.length === 0 ? null : MARKED.map(one => quantile(ascending, one));
   }
 
   // --- What the sources of the figures hold ------------------------------------------------------------------------------------------
@@ -111,11 +116,9 @@ window.explorer = (() => {
   function contours(holder, ...names) {  // lines of the two named quantities, those of a level in one
     const [i, j] = names.map(name => holder === null ? -1 : holder.names.indexOf(name)), lines = { xs: [], ys: [], width: [] };
     if (i < 0 || j < 0) return lines;
-    const [left, right] = [Math.min(i, j), Math.max(i, j)], { contours: packed, frames, names: { length: count } } = holder;
+    const [left, right] = [Math.min(i, j), Math.max(i, j)], { contours: packed, names: { length: count } } = holder;
     for (const [level, text] of packed[left * count - left * (left + 1) / 2 + right - left - 1].entries()) {
-      const numbers = Array.from(new Uint16Array(bytes(text)), value => value === 65535 ? NaN : value / 65534);
-      const along = (offset, [low, high]) => range(numbers.length / 2).map(k => low + numbers[2 * k + offset] * (high - low));
-      const first = along(0, frames[left]), second = along(1, frames[right]);
+      const numbers = Array.from(floats(text)), half = numbers.length / 2, first = numbers.slice(0, half), second = numbers.slice(half);
       lines.xs.push(i < j ? first : second);
       lines.ys.push(i < j ? second : first);
       lines.width.push(level === 0 ? 2.5 : 1.3);
@@ -157,11 +160,11 @@ window.explorer = (() => {
     const density = (holder, name, slot) => {
       const place = holder === null || name === undefined ? -1 : holder.names.indexOf(name);
       if (place < 0) return none;
-      const all = floats(holder.quantiles), length = all.length / holder.names.length;
-      return steps(believed(all.subarray(place * length, (place + 1) * length), ...limits(slot)));
+      const all = floats(holder.prior), length = all.length / holder.names.length, share = holder.priorShares[place];
+      return steps(believed(all.subarray(place * length, (place + 1) * length), ...limits(slot)).map(value => value * share));
     };
     const same = prior("b") !== null && prior("a") === prior("b");
-    for (const [name, holder] of [["prior-a", prior("a")], ["prior-b", same ? null : prior("b")]]) {
+    for (const [name, holder] of [["prior-a", entry("a")], ["prior-b", same ? null : entry("b")]]) {
       fill(name, slots((quantity, slot) => ({ [`x${slot}`]: edges(slot), [`y${slot}`]: density(holder, quantity, slot) })));
     }
   }
@@ -237,23 +240,22 @@ window.explorer = (() => {
   // --- Words ---------------------------------------------------------------------------------------------------------------------------
 
   const element = (tag, text = "", kind = "") => Object.assign(document.createElement(tag), { textContent: text, className: kind });
-  const titled = (letter, found) => `${letter.toUpperCase()} ${found.subject}` + (index.labels.length > 1 ? ` · ${found.label}` : "");
+  const titled = (letter, found) => `${letter.toUpperCase()} ${found.subject}` + (labels().length > 1 ? ` · ${found.label}` : "");
 
   function sayShare(letter, found, kept) {
     const mark = element("div", "", letter), name = element("b", `${letter.toUpperCase()} ${found.subject}`);
-    const words = state.brush === null ? `all ${count(found.rows)} draws` : kept === null ? "lacks the quantity that is brushed: all draws"
-      : kept.length === 0 ? `none of ${count(found.rows)} draws` : `${count(kept.length)} of ${count(found.rows)} draws (${share(kept.length / found.rows)})`;
+    const all = `${count(found.rows)} of ${count(found.of)} draws are shown`;
+    const words = state.brush === null ? all : kept === null ? `lacks the quantity that is brushed: ${all}`
+      : kept.length === 0 ? `none of ${count(found.rows)} shown draws is selected` : `${count(kept.length)} of ${count(found.rows)} shown draws are selected (${share(kept.length / found.rows)})`;
     mark.append(name, `: ${words}` + (kept !== null && kept.length > 0 && kept.length < FEW ? ": too few" : ""));
     return mark;
   }
 
   function cells(found, name, kept) {
-    const text = ([low, middle, high]) => [element("b", written(middle)), element("small", ` ${written(low)} to ${written(high)}`)];
-    const all = element("td"), some = element("td");
-    all.append(...text(found.marked[found.names.indexOf(name)]));
-    if (kept === null) some.textContent = "–";
-    else if (kept.length === 0) some.textContent = "no draws";
-    else some.append(...text(summary(found.samples.get(name), kept)));
+    const fill = (cell, [low, middle, high]) => cell.append(element("b", written(middle)), element("small", ` [${written(low)}, ${written(high)}]`));
+    const all = element("td"), some = element("td"), chosen = kept === null ? null : summary(found.samples.get(name), kept);
+    fill(all, found.marked[found.names.indexOf(name)]);
+    if (chosen === null) some.textContent = kept === null ? "–" : "no draws"; else fill(some, chosen);
     return [all, some];
   }
 
@@ -266,11 +268,13 @@ window.explorer = (() => {
       first.scope = "row";
       first.title = index.meanings[name];
       if (found.badges.some(([kind, what]) => kind === "dominated" && what === name)) first.append(" ", element("span", "prior", "badge dominated"));
+      const having = found.with[found.names.indexOf(name)];
+      if (having < found.of) first.append(element("small", ` in ${count(having)} of ${count(found.of)} draws`));
       if (name in found.truth) first.append(element("small", ` true ${written(found.truth[name])}`));
       line.append(first, ...cells(found, name, kept));
       return line;
     });
-    head.append(...["quantity", "all draws: median, 95 % interval", "selected"].map(text => Object.assign(element("th", text), { scope: "col" })));
+    head.append(...["quantity", "all draws: median [95 % interval]", "selected"].map(text => Object.assign(element("th", text), { scope: "col" })));
     const nothing = element("tr");
     nothing.append(Object.assign(element("td", "none of the quantities that are shown"), { colSpan: 3 }));
     table.replaceChildren(element("caption", titled(letter, found)), head, ...(body.length > 0 ? body : [nothing]));
@@ -283,6 +287,8 @@ window.explorer = (() => {
     if (ruled.length > 0) told.push(element("span", `dominated by the prior: ${ruled.join(", ")}`, "badge dominated"));
     if (found?.synthetic) told.push(element("span", "synthetic data" + (Object.keys(found.truth).length > 0 ? ", truth marked" : ""), "badge"));
     at(`badges-${letter}`).replaceChildren(...told);
+    const answers = found === null ? [] : found.words.map(([question, word]) => { const line = element("span", `${question} `); line.append(element("b", word)); return line; });
+    at(`answer-${letter}`).replaceChildren(...answers);
   }
 
   function drawKey() {
@@ -292,17 +298,16 @@ window.explorer = (() => {
       line.append(sign, titled(letter, entry(letter)));
       return line;
     });
-    lines.push(element("div", "contours: 50 and 95 % of all draws"), element("div", "grey line: prior"));
+    const average = shown().map(entry).some(found => found.of > Math.min(...found.with)) ? " that have both quantities" : "";
+    lines.push(element("div", `contours: 50 and 95 % of all draws${average}`), element("div", "grey line: prior"));
     const marks = { a: "×", b: "+" }, known = shown().filter(letter => Object.keys(entry(letter).truth).length > 0);
     if (known.length > 0) lines.push(element("div", `${known.map(letter => marks[letter]).join(" ")} and dash-dotted: truth`));
     at("key").replaceChildren(...lines);
   }
 
   function drawFooter() {
-    const thin = shown().map(entry).filter(found => found.rows < found.of);
-    const some = thin.map(found => `${count(found.rows)} of ${count(found.of)}`);
     const sources = [...new Set(shown().map(letter => entry(letter).about))].join(" ");
-    at("footer").textContent = `${sources} ${index.footer}` + (some.length > 0 ? ` Shown are evenly spaced draws (${[...new Set(some)].join("; ")}); contours and quantiles of all draws are of all of them.` : "");
+    at("footer").textContent = `${sources} ${index.footer} The page shows evenly spaced draws; contours, and medians and intervals of all draws, are of all of them.`;
   }
 
   // --- The whole page ------------------------------------------------------------------------------------------------------------------
@@ -344,7 +349,7 @@ window.explorer = (() => {
     for (const letter of LETTERS) {
       const found = entry(letter), column = at(`column-${letter}`);
       column.hidden = found === null;
-      document.querySelector(`fieldset.${letter} .posterior`).hidden = found === null || index.labels.length < 2;
+      document.querySelector(`fieldset.${letter} .posterior`).hidden = found === null || labels().length < 2;
       column.classList.toggle("alone", state.b === null);
       drawBadges(letter, found);
       fill(`truth-${letter}`, slots((name, slot) => ({ [slot]: found === null ? [] : [found.truth[name] ?? NaN] })));
@@ -423,13 +428,16 @@ window.explorer = (() => {
 
   const quoted = text => /[",\n\r]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text;
 
+  const heading = name => index.symbols[name].endsWith("%") ? `${name}_percent` : name;
+
   function csv() {  // chain and draw count from 0, as in posterior.nc
-    const names = [...new Set(shown().flatMap(letter => entry(letter).names))], lines = [["which", "subject", "posterior", "chain", "draw", ...names].join(",")];
+    const names = [...new Set(shown().flatMap(letter => entry(letter).names))], lines = [["which", "subject", "posterior", "chain", "draw", ...names.map(heading)].join(",")];
     for (const letter of shown()) {
       const found = entry(letter);
       for (const row of rows(found) ?? range(found.rows)) {
         const place = Math.floor(row * found.of / found.rows);
-        const numbers = names.map(name => found.samples.has(name) ? String(Number(found.samples.get(name)[row].toPrecision(9))) : "");
+        const number = value => value === undefined || isNaN(value) ? "" : String(Number(value.toPrecision(9)));
+        const numbers = names.map(name => number(found.samples.get(name)?.[row]));
         lines.push([letter.toUpperCase(), quoted(found.subject), quoted(found.label), Math.floor(place / found.perChain), place % found.perChain, ...numbers].join(","));
       }
     }
@@ -446,20 +454,51 @@ window.explorer = (() => {
 
   const options = (select, values, texts) => select.replaceChildren(...values.map((value, k) => new Option(texts[k], value)));
 
-  function choose(letter) {  // the entry of the subject and the posterior that are chosen, or another one of the subject
-    const subject = at(`subject-${letter}`).value, label = at(`label-${letter}`).value;
-    const found = index.entries.findIndex(one => one.subject === subject && one.label === label);
-    state[letter] = subject === "" ? null : found >= 0 ? found : index.entries.findIndex(one => one.subject === subject);
-    if (state[letter] !== null) at(`label-${letter}`).value = index.entries[state[letter]].label;
-    state.slice = 0;
+  const find = (subject, label) => {  // the entry of a subject in this tab, if possible with this label
+    const own = places().filter(place => index.entries[place].subject === subject);
+    return own.find(place => index.entries[place].label === label) ?? own[0] ?? null;
+  };
+
+  function choose(letter) {
+    state[letter] = find(at(`subject-${letter}`).value, at(`label-${letter}`).value);
+    refresh();
+  }
+
+  function refresh() {
+    for (const letter of LETTERS) {
+      const one = state[letter] === null ? { subject: "" } : index.entries[state[letter]];
+      at(`subject-${letter}`).value = one.subject;
+      at(`label-${letter}`).value = one.label;
+    }
+    const pairs = entry("a").slices.map(slice => slice.pairs.length), most = range(pairs.length).filter(k => pairs[k] === Math.max(...pairs));
+    state.slice = most[Math.floor(most.length / 2)];  // the middle one of those with the most pairs
     offer();
     redraw();
+  }
+
+  function open(tab) {  // with the subjects that are shown, or else the first one and the next subject or posterior
+    const [a, b] = LETTERS.map(letter => state[letter] === null ? "" : index.entries[state[letter]].subject), first = state.names.length === 0;
+    state.tab = tab;
+    state.brush = null;
+    state.names = [];
+    const own = places(), subjects = [...new Set(own.map(place => index.entries[place].subject))];
+    options(at("subject-a"), subjects, subjects);
+    options(at("subject-b"), ["", ...subjects], ["none", ...subjects]);
+    for (const letter of LETTERS) options(at(`label-${letter}`), labels(), labels());
+    state.a = find(a) ?? own[0];
+    const subject = index.entries[state.a].subject, others = own.filter(place => place !== state.a);
+    const next = others.find(place => index.entries[place].subject === subject) ?? others[0] ?? null;
+    state.b = first || a === b ? next : find(b);
+    document.body.dataset.tab = tab;
+    for (const button of document.querySelectorAll("#tabs button")) button.setAttribute("aria-selected", button.textContent === tab);
+    at("banner").hidden = tab === "effects";
+    refresh();
   }
 
   function offer() {  // quantities, ranges and slices of what is chosen now
     const known = [...new Set(shown().flatMap(letter => entry(letter).names))];
     state.names = state.names.filter(name => known.includes(name));
-    if (state.names.length === 0) state.names = first("main");
+    if (state.names.length === 0) state.names = opening();
     if (state.brush !== null && !Object.keys(state.brush.limits).every(name => known.includes(name))) state.brush = null;
     at("boxes").replaceChildren(...known.map(name => {
       const label = element("label"), box = Object.assign(element("input"), { type: "checkbox", value: name, checked: state.names.includes(name) });
@@ -475,9 +514,9 @@ window.explorer = (() => {
     at("slices").hidden = titles.length < 2;
   }
 
-  function first(kind) {
+  function opening() {
     const most = at("corner").clientWidth < 420 ? 3 : index.slots;
-    return [...new Set(shown().flatMap(letter => entry(letter)[kind]))].slice(0, most);
+    return [...new Set(shown().flatMap(letter => entry(letter).main))].slice(0, most);
   }
 
   function toggle(name, box) {
@@ -492,22 +531,31 @@ window.explorer = (() => {
     redraw();
   }
 
+  function paint() {  // figures in the colours of the page
+    for (const model of doc.all_models) for (const [name, value] of Object.entries(model.attributes)) {
+      if (!name.endsWith("_color")) continue;
+      const colour = value?.value ?? value, key = `${model.id}.${name}`;
+      if (!painted.has(key) && DARK[colour] !== undefined) painted.set(key, colour);
+      if (!painted.has(key)) continue;
+      const light = painted.get(key), now = dark.matches ? DARK[light] : light;
+      model.setv({ [name]: value?.value === undefined ? now : { value: now } });
+    }
+  }
+
   function start(found) {
     doc = found;
-    const subjects = [...new Set(index.entries.map(one => one.subject))];
-    options(at("subject-a"), subjects, subjects);
-    options(at("subject-b"), ["", ...subjects], ["none", ...subjects]);
-    for (const letter of LETTERS) {
-      options(at(`label-${letter}`), index.labels, index.labels);
-      for (const one of ["subject", "label"]) at(`${one}-${letter}`).addEventListener("change", () => choose(letter));
-    }
-    state.a = index.first[0];
-    state.b = index.first[1];
-    for (const letter of shown()) {
-      at(`subject-${letter}`).value = index.entries[state[letter]].subject;
-      at(`label-${letter}`).value = index.entries[state[letter]].label;
-    }
-    for (const kind of ["main", "identified"]) at(kind).addEventListener("click", () => { state.names = first(kind); offer(); redraw(); });
+    paint();
+    document.body.dataset.painted = "yes";  // no figure is drawn in other colours before
+    dark.addEventListener("change", paint);
+    for (const letter of LETTERS) for (const one of ["subject", "label"]) at(`${one}-${letter}`).addEventListener("change", () => choose(letter));
+    at("tabs").hidden = index.tabs.length < 2;
+    at("tabs").replaceChildren(...index.tabs.map(tab => {
+      const button = Object.assign(element("button", tab), { type: "button" });
+      button.setAttribute("role", "tab");
+      button.addEventListener("click", () => open(tab));
+      return button;
+    }));
+    at("main").addEventListener("click", () => { state.names = opening(); offer(); redraw(); });
     at("slice").addEventListener("change", () => { state.slice = Number(at("slice").value); redraw(); });
     at("reset").addEventListener("click", reset);
     at("save").addEventListener("click", save);
@@ -515,8 +563,7 @@ window.explorer = (() => {
     document.addEventListener("keydown", event => { if (event.key === "Escape") reset(); });
     let wide = 0;
     new ResizeObserver(() => { if (wide !== at("corner").clientWidth) { wide = at("corner").clientWidth; layOut(); } }).observe(at("corner"));
-    offer();
-    redraw();
+    open(index.tabs[0]);
     document.body.dataset.ready = "yes";
   }
 

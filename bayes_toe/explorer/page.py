@@ -8,37 +8,32 @@ from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TypeAlias
 
 from bayes_toe.data.messages import listed
 from bayes_toe.data.read_study import Truth, example_truth
-from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task
+from bayes_toe.data.tasks import Task
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError
 from bayes_toe.explorer.entry import (
+    EFFECTS_TAB,
     FIXED,
+    PAPER_TAB,
     Entry,
     entries_of,
     island,
-    prior_of,
 )
 from bayes_toe.inference.draws import Draws, require_draws
+from bayes_toe.model.models import model_title
 from bayes_toe.version import __version__
-
-if TYPE_CHECKING:
-    pass
 
 #: Subjects of one page; posteriors of a subject count each.
 MOST_ENTRIES = 200
 #: About how many bytes a subject takes in a page of its own or of few.
 EXPLORER_BYTES = 700_000
 #: Bytes of draws and curves in all, of all where entries are few, of one where they are not; as text they take a third more.
-_BYTES, _FEW, _OWN = 20e6, 2e6, 200e3
-_ROWS, _FEWEST = (
-    1000,
-    300,
-)  # draws of an entry at most, and before a page shows fewer weaker stimuli
-_SLICES = (6, 4, 3, 2, 1)
+_BYTES, _FEW, _OWN = 20e6, 4e6, 300e3
+_ROWS = 2000  # draws of an entry, at most
 _ISLANDS = "<!-- posteriors -->"
 _HIGH = 1150  # pixels in a notebook
 _Given: TypeAlias = "Draws | Sequence[Draws] | Mapping[str, Draws]"
@@ -51,7 +46,7 @@ _QUANTITIES = {
     "gamma": ("γ", "σℓ²/σₚ²"),
     "sigma1": ("σ₁", "spread of the prior"),
     "gain": ("gain K", "weight of the first stimulus; 1: no pull"),
-    "width": ("width w", ""),
+    "width": ("width w", "width of the curve"),
     "offset": ("offset c", "constant part of the order effect"),
     "pull": ("pull p", "share by which the first stimulus is pulled; 0: none"),
     "noise_slope": ("slope b", "change of log noise with intensity"),
@@ -69,11 +64,6 @@ _QUANTITIES = {
         "where the second stimulus seems as strong as the mean first one, from that one",
     ),
     "jnd": ("JND, %", "just noticeable difference"),
-}
-#: What the width is of a task's curve.
-_WIDTHS = {
-    SAME_DIFFERENT: "distance at which P(equal) has halved: the just noticeable difference",
-    WHICH_STRONGER: "noise of the second stimulus as memory predicts it; 0.674 of it are the just noticeable difference",
 }
 
 
@@ -154,47 +144,36 @@ def entries(
             raise InputError(
                 f"no subject {name!r} among the draws; there are: {listed([*map(repr, known)], 20)}"
             )
-    shown = {
-        label: tuple(name for name in chosen if name in one.names) for label, one in named.items()
-    }
-    require_few(
-        sum(map(len, shown.values())), "subjects" if len(shown) == 1 else "posteriors of subjects"
-    )
-    bundled = [
-        truths is None and one.attrs.get("source") == "bundled example (synthetic)"
-        for one in named.values()
-    ]
-    true = [
-        example_truth(one.study.task) if own else truths or {}
-        for one, own in zip(named.values(), bundled, strict=True)
-    ]
-    made = [
-        entry
-        for (label, one), of in zip(named.items(), true, strict=True)
-        for entry in entries_of(one, label, shown[label], of)
-    ]
+    n_shown = sum(name in one.names for one in named.values() for name in chosen)
+    require_few(n_shown, "subjects" if len(named) == 1 else "posteriors of subjects")
+    made = list[Entry]()
+    for label, one in named.items():
+        is_bundled = one.attrs.get("source") == "bundled example (synthetic)"
+        true = example_truth(one.study.task) if truths is None and is_bundled else truths or {}
+        own = tuple(name for name in chosen if name in one.names)
+        made += entries_of(one, label, own, true)
     allowed = list(dict.fromkeys(name for entry in made for name in entry.target.names.all))
-    for subject, name in (
-        (subject, name) for subject, values in (truths or {}).items() for name in values
-    ):
-        if name not in allowed:
-            raise InputError(
-                f"truths of {subject!r}: unknown quantity {name!r}; there are: {', '.join(allowed)}"
-            )
+    for subject, values in (truths or {}).items():
+        for name in values:
+            if name not in allowed:
+                raise InputError(
+                    f"truths of {subject!r}: unknown quantity {name!r}; "
+                    f"there are: {', '.join(allowed)}"
+                )
     return made
 
 
 def _named(draws: _Given) -> dict[str, Draws]:
     """Draws by what they are called."""
     if isinstance(draws, Draws):
-        return {draws.model: draws}
+        return {model_title(draws.model): draws}
     if isinstance(draws, Mapping):
         found = dict(draws)
     else:
         several = draws if isinstance(draws, Sequence) else [draws]
         for one in several:
             require_draws(one)
-        models = [one.model for one in several]
+        models = [model_title(one.model) for one in several]
         again = [
             f" ({models[: i + 1].count(name)})" if models.count(name) > 1 else ""
             for i, name in enumerate(models)
@@ -212,36 +191,27 @@ def page(
     """The page of these entries; progress is told the name of every subject that is done."""
     from bayes_toe.explorer.panels import SLOTS
 
-    rows, most_slices = _affordable(found)
+    room = min(_BYTES / len(found), max(_FEW / len(found), _OWN))
+    rows = min(_ROWS, int(room / max(entry.bytes_a_draw for entry in found)))
     islands, told = [], []
-    priors: dict[str, tuple[int, dict[str, Any]]] = {}  # each once, by what the page says of it
     for place, entry in enumerate(found):
-        name, prior = entry.target.subject.name, prior_of(entry)
-        islands.append((f"entry-{place}", island(entry.packed(rows, most_slices))))
-        where = None if prior is None else priors.setdefault(island(prior), (len(priors), prior))[0]
-        told.append({"subject": name, "label": entry.label, "prior": where})
+        name = entry.target.subject.name
+        islands.append((f"entry-{place}", island(entry.packed(rows))))
+        told.append({"subject": name, "label": entry.label, "tab": entry.tab})
         if progress is not None:
             progress(name)
     names = list(dict.fromkeys(name for entry in found for name in entry.names))
     task = found[0].target.subject.task
     if any(entry.target.subject.task != task for entry in found):
         raise InputError("explore: found draws of two tasks, allowed: one in a page")
-    others = sorted(
-        range(1, len(told)), key=lambda place: (told[place]["subject"] != told[0]["subject"], place)
-    )
     index = {
         "entries": told,
-        "labels": list(dict.fromkeys(entry.label for entry in found)),
-        "first": (
-            0,
-            others[0] if others else None,
-        ),  # the first subject, and itself in another posterior, or the next subject
-        "priors": [prior for _, prior in priors.values()],
+        "tabs": [tab for tab in (EFFECTS_TAB, PAPER_TAB) if any(e["tab"] == tab for e in told)],
         "symbols": {name: symbol(name) for name in names},
-        "meanings": {name: meaning(name, task) for name in names},
+        "meanings": {name: _QUANTITIES.get(name, ("", ""))[1] for name in names},
         "slots": SLOTS,
         "fixed": FIXED[task],
-        "footer": f"bayes_toe {__version__}. Intensities are natural logarithms.",
+        "footer": f"bayes_toe {__version__}. Intensities without % are natural logarithms.",
     }
     before, after = _frame(task).split(_ISLANDS)
     scripts = (
@@ -269,16 +239,6 @@ def require_few(found: int, what: str) -> None:
         )
 
 
-def _affordable(found: Sequence[Entry]) -> tuple[int, int]:
-    """Draws of every entry and weaker stimuli of its curves, so that the page stays one that a browser opens."""
-    room = min(_BYTES / len(found), max(_FEW / len(found), _OWN))
-    for most_slices in _SLICES:
-        rows = int(room / (4 * max(entry.values_a_draw(most_slices) for entry in found)))
-        if rows >= _FEWEST:
-            break
-    return min(rows, _ROWS), most_slices
-
-
 def symbol(name: str) -> str:
     """What an axis is called.
 
@@ -288,11 +248,6 @@ def symbol(name: str) -> str:
     ('μ₁', 'contraction p')
     """
     return _QUANTITIES.get(name, (name, ""))[0]
-
-
-def meaning(name: str, task: Task = SAME_DIFFERENT) -> str:
-    """In words."""
-    return _WIDTHS[task] if name == "width" else _QUANTITIES.get(name, (name, ""))[1]
 
 
 @cache

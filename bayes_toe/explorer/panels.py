@@ -41,6 +41,8 @@ KINDS = {-1: ("weaker", "circle"), 1: ("stronger", "square"), 0: ("equal", "diam
 #: How the truth of either is marked.
 CROSSES = {"a": "x", "b": "cross"}
 PRIOR = "#8A8A8A"
+#: Of letters and of edges; explorer.js changes them, and LETTERS, on a dark page.
+_INK, _PAGE = "#222222", "#FFFFFF"
 #: Pixels around panels; more where explorer.js puts numbers beside them.
 AROUND = 3
 _BRUSH = "window.explorer.brushed(cb_obj.origin.name, cb_obj.geometry)"
@@ -98,6 +100,8 @@ def _plot(name: str, tools: list[Any], **options: Any) -> Any:
         tools=tools,
         toolbar_location=None,
         outline_line_color="#777777",
+        background_fill_color=_PAGE,
+        border_fill_color=_PAGE,
         **size,
         **options,
     )
@@ -107,9 +111,15 @@ def _plot(name: str, tools: list[Any], **options: Any) -> Any:
             major_label_text_font_size="11px",
             axis_label_text_font_size="14px",
             axis_label_text_font_style="normal",
+            axis_label_text_color=_INK,
+            major_label_text_color=_INK,
         )
         axis.update(
-            minor_tick_line_color=None, axis_line_color=None, major_tick_in=0, major_tick_out=4
+            major_tick_line_color=_INK,
+            minor_tick_line_color=None,
+            axis_line_color=None,
+            major_tick_in=0,
+            major_tick_out=4,
         )
     return made
 
@@ -177,7 +187,7 @@ def _cloud(sources: _Sources, ranges: list[Range1d], i: int, j: int) -> Any:
         )
         lines = sources.named(f"contour-{letter}-{i}-{j}", "xs", "ys", "width")
         made.add_glyph(
-            lines, MultiLine(xs="xs", ys="ys", line_color="white", line_width=4, line_alpha=0.7)
+            lines, MultiLine(xs="xs", ys="ys", line_color=_PAGE, line_width=4, line_alpha=0.7)
         )
         made.add_glyph(
             lines,
@@ -185,7 +195,7 @@ def _cloud(sources: _Sources, ranges: list[Range1d], i: int, j: int) -> Any:
         )
     for letter, (colour, *_) in LETTERS.items():
         truth = sources.named(f"truth-{letter}", x, y)
-        for edge, width in (("white", 6), (colour, 3)):
+        for edge, width in ((_PAGE, 6), (colour, 3)):
             made.add_glyph(
                 truth,
                 Scatter(
@@ -233,7 +243,7 @@ def _curves(sources: _Sources, letter: str, task: Task) -> Any:
             y="estimate",
             marker=marker,
             fill_color=colour,
-            line_color="white",
+            line_color=_PAGE,
             size=10 if kind == "equal" else 8,
         )
         points.append(made.add_glyph(answers, point, name=ORDERS[order].label))
@@ -242,6 +252,7 @@ def _curves(sources: _Sources, letter: str, task: Task) -> Any:
         Title(
             text="",
             name=f"curves-title-{letter}",
+            text_color=_INK,
             text_font_size="12px",
             text_font_style="normal",
             standoff=2,

@@ -168,6 +168,11 @@ class Draws:
             for name, reason in json.loads(self.tree.attrs.get("failed", "{}")).items()
         }
 
+    @property
+    def not_interpreted(self) -> dict[str, str]:
+        """Subjects whose responses have a fault that allows no conclusion, with the fault."""
+        return dict(json.loads(self.tree.attrs.get("not_interpreted", "{}")))
+
     def __getitem__(self, name: str | int) -> Draws:
         """Draws of one subject alone; of a large file, no others are read."""
         name = self._known(name)

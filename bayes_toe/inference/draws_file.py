@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from bayes_toe.checks.answer_checks import not_interpreted
 from bayes_toe.cluster import without_cluster
 from bayes_toe.data.conditions import Conditions, Stimuli
 from bayes_toe.data.messages import quoted, shown
@@ -159,6 +160,7 @@ def _attributes(study: Study, settings: Settings) -> dict[str, Any]:
         "synthetic": int(study.synthetic),
         "notes": "\n".join(study.notes),
         "changes": "\n".join(study.changes),
+        "not_interpreted": json.dumps(not_interpreted(study)),
         **_condition_attributes(study),
         "model": settings.model,
         "about_model": about,

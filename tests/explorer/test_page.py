@@ -9,12 +9,13 @@ from itertools import product
 from types import SimpleNamespace
 
 import numpy as np
+import pandas as pd
 import pytest
 from commands import good, refused
 
 import bayes_toe as bt
 from bayes_toe.explorer import page as page_module
-from bayes_toe.explorer.entry import FRAME, Entry, badges, outlined, slices
+from bayes_toe.explorer.entry import Entry, badges, outlined, slices
 from bayes_toe.explorer.page import MOST_ENTRIES, entries, page, symbol
 from bayes_toe.inference.prediction import Predictor
 from bayes_toe.inference.predictive_checks import FitSummary
@@ -51,11 +52,9 @@ def shown(subject, draws=3000, copies=1):
     ).html
 
 
-def thinned(draws, first):
-    """The natural parameters of the draws of A that an entry holds."""
-    theta = draws.natural("A")
-    at = np.arange(first["rows"]) * theta.mu1.size // first["rows"]
-    return [values.ravel()[at] for values in theta]
+def rows(packed):
+    """Which of all draws an entry holds."""
+    return np.arange(packed["rows"]) * packed["of"] // packed["rows"]
 
 
 def test_the_page_asks_nothing_of_the_network_and_a_notebook_shows_it_as_it_is(explorer):
@@ -68,12 +67,12 @@ def test_the_page_asks_nothing_of_the_network_and_a_notebook_shows_it_as_it_is(e
 
 def test_entries_hold_draws_quantiles_and_what_is_known(held, analysis):
     first = held["entry-0"]
-    assert (first["subject"], first["names"][0], held["index"]["first"]) == ("A", "mu1", [0, 3])
+    assert (first["subject"], first["names"][0], first["of"]) == ("A", "mu1", 10_240)
+    assert held["index"]["tabs"] == ["effects", "paper's parameters"]
     values = numbers(first["values"]).reshape(len(first["names"]), first["rows"])
     theta = analysis.draws.values("A", "gain").ravel()
-    at = np.arange(first["rows"]) * theta.size // first["rows"]
     np.testing.assert_array_equal(
-        values[first["names"].index("gain")], theta[at].astype(np.float32)
+        values[first["names"].index("gain")], theta[rows(first)].astype(np.float32)
     )
     np.testing.assert_allclose(
         first["marked"][first["names"].index("gain")],
@@ -89,15 +88,15 @@ def test_entries_hold_draws_quantiles_and_what_is_known(held, analysis):
     assert first["truth"]["gain"] == pytest.approx(
         1.0 / bt.model.variance_ratio((0.17 / 0.25) ** 2)
     )
-    assert held["entry-1"]["truth"] == {}
-    assert (held["entry-3"]["label"], held["entry-3"]["truth"]) == ("none", {"q0": 0.92}), (
-        "of a model that has no more"
-    )
+    assert held["entry-2"]["truth"] == {}
+    assert held["entry-6"]["label"] == "model 'none'"
+    assert held["entry-6"]["truth"] == {"q0": 0.92}, "of a model that has no more"
 
 
 def test_the_axis_agrees_with_the_beliefs_of_the_closed_form(held, analysis):
     first = held["entry-0"]
-    *theta, q0 = thinned(analysis.draws, first)
+    natural = analysis.draws.natural("A")
+    *theta, q0 = (values.ravel()[rows(first)] for values in natural)
     for s1, s2 in zip(first["ends"], numbers(first["axis"]).reshape(2, first["rows"]), strict=True):
         np.testing.assert_allclose(bt.model.equal_probability(s1, s2, *theta, q0), q0, atol=1e-6)
 
@@ -105,7 +104,7 @@ def test_the_axis_agrees_with_the_beliefs_of_the_closed_form(held, analysis):
 def test_draws_of_the_four_models_open_with_shift_contraction_and_jnd(small_study):
     draws = bt.sample(small_study.select(["A"]), model="both", draws=300, seed=3, workers=1)
     [entry] = entries(draws)
-    packed = entry.packed(100, 1)
+    packed = entry.packed(100)
     assert (
         list(packed["main"])
         == list(packed["names"][:3])
@@ -114,7 +113,7 @@ def test_draws_of_the_four_models_open_with_shift_contraction_and_jnd(small_stud
     assert symbol("constant_error") == "PSE shift c, %"
     # A pair on the axis seems equal: its distance is 0 at the draw to which the axis belongs.
     points = draws.points("A").reshape(-1, 7)
-    x = points[np.arange(packed["rows"]) * packed["of"] // packed["rows"]]
+    x = points[rows(packed)]
     low = numbers(packed["axis"]).reshape(2, -1)[0].astype(float)
     x, low = x[np.argsort(low)], np.sort(low)  # as a subject has its pairs
     once = np.ones(len(low), int)
@@ -123,22 +122,34 @@ def test_draws_of_the_four_models_open_with_shift_contraction_and_jnd(small_stud
     np.testing.assert_allclose(np.diagonal(distance), 0.0, atol=1e-5)
 
 
-def test_contours_hold_their_shares():
-    samples = np.random.default_rng(1).normal(size=(40_000, 2)) * [1.0, 0.2]
-    spans = [(-4.0, 4.0), (-0.8, 0.8)]
-    made = outlined(samples, spans)
-    low, high = np.array(made["frames"]).T
-    inside_of = []
-    for text in made["contours"][0]:
-        points = numbers(text, "<u2").reshape(-1, 2)
-        points = low + points[points[:, 0] <= FRAME] / FRAME * (high - low)
-        radius = np.hypot(points[:, 0], points[:, 1] / 0.2)
-        inside_of.append(1.0 - np.exp(-0.5 * np.mean(radius**2)))
-    # Smoothed over one bin of a fifth of a standard deviation; 0.02 is several times what 40,000 draws scatter.
-    assert inside_of == pytest.approx([0.5, 0.95], abs=0.02)
+def test_contours_are_of_the_draws_that_have_both_quantities():
+    x, y = np.random.default_rng(1).normal(size=(2, 40_000))
+    spans = [(-4.0, 4.0)] * 2
+    half = np.where(np.arange(x.size) % 2, np.nan, y)
+    [lines] = outlined({"x": x, "y": half}, spans)
+    radius = [np.nanmean(np.hypot(*numbers(text).reshape(2, -1))) for text in lines]
+    assert radius == pytest.approx([1.177, 2.448], rel=0.02)  # sqrt(-2 log(1 - share))
+    half[99:] = np.nan
+    assert outlined({"x": x, "y": half}, spans) == [[]]
 
 
-def test_curves_are_of_the_weaker_stimuli_with_most_trials_at_each_interval():
+def test_a_fault_of_the_responses_stands_in_the_place_of_the_words(tmp_path):
+    rng = np.random.default_rng(1)
+    block = np.repeat(np.arange(1, 5), 100)
+    s1 = rng.choice([0.0, 0.2, 0.4], 400)
+    s2 = s1 + rng.choice([-0.4, -0.2, 0.2, 0.4], 400)
+    is_second = (s2 - s1 + rng.normal(0.0, 0.1, 400) > 0.0) != (block == 2)
+    response = np.where(is_second, "second", "first")
+    trials = {"subject": "A", "block": block, "s1": s1, "s2": s2, "response": response}
+    study = bt.read_study(pd.DataFrame(trials))
+    draws = bt.sample(study, model="none", draws=100, seed=1, workers=1)
+    # The counts, which the draws have, do not show it.
+    loaded = bt.load(draws.save(tmp_path / "posterior.nc"))
+    [entry] = entries(loaded)
+    assert entry.words == (("not interpreted", "responses look swapped"),)
+
+
+def test_curves_are_of_the_weaker_stimuli_with_most_trials_at_each_interval(monkeypatch):
     one = bt.Subject(
         "S",
         [0, 0, 0.1, 0.2, 0],
@@ -147,12 +158,14 @@ def test_curves_are_of_the_weaker_stimuli_with_most_trials_at_each_interval():
         [50, 40, 9, 50, 50],
         isi=[1, 2, 1, 1, 1],
     )
-    found = slices(one, 2)
+    monkeypatch.setattr("bayes_toe.explorer.entry.MOST_SLICES", 2)
+    found = slices(one)
     assert [(each.weaker, each.isi, each.orders) for each in found] == [
         (0.0, 1.0, (-1, 0)),
         (0.0, 2.0, (-1,)),
     ]
-    assert len(slices(one, 9)) == 3
+    monkeypatch.undo()
+    assert len(slices(one)) == 3
     assert sorted((one.s1[pair], one.s2[pair], one.isi[pair]) for pair in found[0].pairs) == [
         (0, 0, 1),
         (0, 0.2, 1),
@@ -160,31 +173,24 @@ def test_curves_are_of_the_weaker_stimuli_with_most_trials_at_each_interval():
     ]
 
 
-def test_badges_say_what_is_wrong_before_what_is_right():
-    def told(missed, p_overall, p_deviance, *, parameters_as_pairs=False):
-        fit = FitSummary(
-            9.0,
-            0 if parameters_as_pairs else 3,
-            p_overall,
-            0.0,
-            0.5,
-            0.0,
-            0.0,
-            p_deviance=p_deviance,
-        )
-        return badges(SimpleNamespace(fit=lambda name: fit), "A", missed)
-
-    assert told({"A": "R-hat of q0 1.2"}, 0.4, 0.3) == (
-        ("unconverged", "R-hat of q0 1.2"),
-        ("fine", "fit: good, predictive p 0.4"),
-    )
-    assert told({}, 0.0, 0.02) == (
-        ("fine", "converged"),
-        ("misfit", "predictive p below 0.001, p of the deviance 0.02"),
-    )
-    assert told({}, np.nan, np.nan) == (("fine", "converged"),)
-    untold = ("untold", "fit: not testable, predictive p 0.4")
-    assert told({}, 0.4, np.nan, parameters_as_pairs=True) == (("fine", "converged"), untold)
+@pytest.mark.parametrize(
+    ("missed", "p_overall", "p_deviance", "freedom", "said"),
+    [
+        (
+            {"A": "R-hat"},
+            0.4,
+            0.3,
+            3,
+            [("unconverged", "R-hat"), ("fine", "fit: good, predictive p 0.4")],
+        ),
+        ({}, 0.0, 0.02, 3, [("fine", "converged"), ("misfit", "predictive p < .001")]),
+        ({}, np.nan, np.nan, 3, [("fine", "converged")]),
+        ({}, 0.4, np.nan, 0, [("fine", "converged"), ("untold", "fit: not testable")]),
+    ],
+)
+def test_badges_say_what_is_wrong(missed, p_overall, p_deviance, freedom, said):
+    fit = FitSummary(9.0, freedom, p_overall, 0.0, 0.5, 0.0, 0.0, p_deviance=p_deviance)
+    assert list(badges(SimpleNamespace(fit=lambda name: fit), "A", missed)) == said
 
 
 def test_a_name_cannot_end_the_page(small_study):
@@ -228,11 +234,11 @@ def test_a_lone_subject_has_all_its_curves_and_many_posteriors_have_fewer_draws(
 ):
     s1, s2 = np.transpose(list(product(np.arange(5) / 5, repeat=2)))
     alone = islands(shown(bt.Subject("S", s1, s2, np.full(25, 3), np.full(25, 9))))["entry-0"]
-    assert (len(alone["slices"]), alone["undrawn"], alone["rows"]) == (4, 0, 1000)
+    assert (len(alone["slices"]), alone["undrawn"], alone["rows"]) == (4, 0, 2000)
     monkeypatch.setattr(page_module, "_BYTES", 3 * 100e3)
     made = islands(shown(small_study["A"], copies=3))["entry-0"]
-    assert 300 <= made["rows"] < 1000
-    assert len(made["values"]) + len(made["slices"][0]["equal"]) < 100e3 * 4 / 3
+    assert 300 <= made["rows"] < 2000
+    assert len(made["values"]) + len(made["slices"][0]["yes"]) < 100e3 * 4 / 3
 
 
 def test_the_command_writes_the_page_and_refuses_to_replace_it(analysis, symmetric, tmp_path):
@@ -260,8 +266,8 @@ def test_the_command_writes_the_page_and_refuses_to_replace_it(analysis, symmetr
 
 def test_curves_of_which_is_stronger_are_over_the_difference_by_the_first_stimulus(stronger):
     subject, fitted = stronger.study["pulled"], Predictor.of(stronger.draws, "pulled", most=50)
-    found = slices(subject, 3)
-    assert [one.orders for one in found] == [(0,)] * 3
+    found = slices(subject)
+    assert [one.orders for one in found] == [(0,)] * 6
     middle = found[1]
     assert {subject.s1[pair] for pair in middle.pairs} == {middle.weaker}
     assert middle.title(True) == f"first stimulus {middle.weaker:.3g}"
