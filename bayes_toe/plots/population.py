@@ -1,16 +1,20 @@
-"""Figure of a group: its subjects, its mean, a new subject, covariates or conditions, its form."""
+"""Figure of a group: its subjects, its mean with the prior, covariates or conditions, its form."""
 
 from __future__ import annotations
 
 from textwrap import fill
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from scipy.special import expit
 
+from bayes_toe.answers.order_effect import Size, format_bayes_factor, format_percent, format_share
 from bayes_toe.arrays import FloatArray
 from bayes_toe.groups.population import DIFFERING, PopulationResult
 from bayes_toe.groups.predictive_check import CONTRADICTED, PredictiveCheck, predictive_check
+from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION, NOISE, PEAK
 from bayes_toe.plots.style import (
     BAD,
     BAND,
@@ -36,19 +40,23 @@ _QUANTILES = (0.025, 0.5, 0.975)
 _MEAN_COLOUR = "#BDB3DD"
 _EFFECTS_ACROSS = 4
 _LABELS = {
-    "constant_error": "constant error c, D",
-    "contraction": "contraction p",
-    "noise": "log noise, ln(σ_d / D)",
-    "q0": "logit of the largest P(equal)",
+    CONSTANT_ERROR.name: "PSE shift (%)",
+    CONTRACTION.name: "contraction p",
+    NOISE.name: "JND (%)",
+    PEAK.name: "largest P('equal')",
 }
+#: Labels of effects on the means.
+_EFFECT_LABELS = {**_LABELS, PEAK.name: "logit of largest P('equal')"}
+_POINTS = 200  # along a density
+_BINS = 30
 
 
 def population(result: PopulationResult, check: PredictiveCheck | None = None) -> Figure:
-    """Every subject in the group, the group's mean and a new subject; effects; predictive check.
+    """Every subject in the group, the group's mean with its prior, effects, predictive check.
 
     Above, for every parameter: median and 95 % interval of every subject (blue), of the group's
-    mean (purple), and of a new subject (grey). Below: how subjects differ beside new groups, and
-    what covariates or conditions do to the means.
+    mean (purple), and of a new subject (grey). Then the posterior of the mean over its prior.
+    Below: how subjects differ beside new groups, and what covariates or conditions do to the means.
 
     Parameters
     ----------
@@ -59,8 +67,8 @@ def population(result: PopulationResult, check: PredictiveCheck | None = None) -
     names, effects = result.names, _effects(result)
     n_subjects = len(result.subjects)
     is_crowded = n_subjects > MOST_NAMED_IN_GROUP
-    forest_height = 3.6 if is_crowded else 0.9 + max(0.8, 0.19 * n_subjects)
-    heights = [0.3 + forest_height, 2.4]
+    forest_height = 3.6 if is_crowded else 0.9 + max(0.8, min(0.19 * n_subjects, 4.6))
+    heights = [0.3 + forest_height, 1.4, 2.4]
     across = even_columns(len(effects), _EFFECTS_ACROSS) if effects else 1
     if effects:
         n_labels = len(_effect_labels(result))
@@ -77,14 +85,18 @@ def population(result: PopulationResult, check: PredictiveCheck | None = None) -
         elif is_crowded:
             ax.set_ylabel(f"{n_subjects:,} subjects, sorted in each panel", fontsize=LETTERS)
     legend_below(parts[0], size=SMALL, columns=3, side="upper")
-    check_panel(parts[1].subplots(), predictive_check(result) if check is None else check)
+    panels = parts[1].subplots(1, len(names), squeeze=False)[0]
+    for name, ax in zip(names, panels, strict=True):
+        prior_panel(ax, result, name)
+    legend_below(parts[1], size=SMALL, side="upper")
+    check_panel(parts[2].subplots(), predictive_check(result) if check is None else check)
     if effects:
         what = "differences between conditions" if result.comparisons else "effects of covariates"
-        parts[2].suptitle(f"{what} on the group means, 95 % intervals", fontsize=SMALL)
+        parts[3].suptitle(f"{what} on the group means, 95 % intervals", fontsize=SMALL)
         down = -(-len(effects) // across)
-        grid = first_panels(parts[2].add_gridspec(down, across), len(effects))
+        grid = first_panels(parts[3].add_gridspec(down, across), len(effects))
         for i, ((name, draws), ax) in enumerate(zip(effects.items(), grid, strict=True)):
-            effects_panel(ax, draws, _LABELS[name], _effect_labels(result))
+            effects_panel(ax, draws, _EFFECT_LABELS[name], _effect_labels(result))
             ax.tick_params(labelleft=i % across == 0)
     return figure
 
@@ -96,31 +108,63 @@ def _heading(result: PopulationResult) -> str:
     if not result.is_reliable:
         lines.append("NOT RELIABLE, not to be reported as it stands")
     lines.append(f"Group of {len(result.subjects)} subjects{synthetic}")
-    words = []
-    for name, label, unit in (
-        ("constant_error", "mean constant error", " D"),
-        ("contraction", "mean contraction p", ""),
-    ):
+    for name, label in ((CONSTANT_ERROR.name, "PSE shift"), (CONTRACTION.name, "contraction p")):
         effect = result.effect(name)
-        low, middle, high = rounded(
-            effect.mean.low, effect.mean.high, effect.mean.low, effect.mean.median, effect.mean.high
-        )
-        words.append(f"{label} {middle} [{low}, {high}]{unit}, ln BF of 0 {effect.zero_mean.words}")
-    return "\n".join([*lines, *words])
+        mean = format_share(Size(*effect.mean))
+        if effect.percent is not None:
+            mean = format_percent(Size(*effect.percent))
+        factor = format_bayes_factor(-effect.zero_mean.log_bf)
+        lines.append(f"mean {label} {mean}, BF of a mean that is not 0: {factor}")
+    return "\n".join(lines).replace("-", "−")
+
+
+def _in_units(result: PopulationResult, name: str, coefficients: FloatArray) -> FloatArray:
+    """Coefficients of a parameter in the unit of its panels."""
+    if name == CONSTANT_ERROR.name:
+        return result.shift_percent(coefficients)
+    if name == NOISE.name:
+        return result.jnd_percent(coefficients)
+    return expit(coefficients) if name == PEAK.name else coefficients
+
+
+def prior_panel(ax: Axes, result: PopulationResult, name: str) -> None:
+    """The posterior of a group's mean before its prior density."""
+    j = result.index(name)
+    draws = result.draws.mean[..., j].ravel()
+    low, high = np.quantile(draws, [0.001, 0.999])
+    if name in (CONSTANT_ERROR.name, CONTRACTION.name):
+        low, high = min(low, 0.0), max(high, 0.0)
+    pad = 0.1 * (high - low)
+    x = np.linspace(low - pad, high + pad, _POINTS)
+    means = np.zeros((_POINTS, len(result.numbers.mean)))
+    means[:, j] = x
+    shown = _in_units(result, name, x)
+    # A density in the unit of the panel follows from the slope of the unit.
+    prior = np.exp(result.numbers.log_mean(means)[:, j]) / np.gradient(shown, x)
+    style: dict[str, Any] = {"bins": _BINS, "density": True, "label": "posterior of the group mean"}
+    ax.hist(_in_units(result, name, draws), color=_MEAN_COLOUR, **style)
+    ax.plot(shown, prior, color="black", lw=1.0, ls="--", label="its prior")
+    ax.set(xlim=(shown[0], shown[-1]), xlabel=_LABELS[name], yticks=[])
+    ax.axvline(0.0, color=EQUAL, lw=0.8, ls=":")
+    ax.locator_params(axis="x", nbins=4)
+    dress(ax).spines["left"].set_visible(False)
 
 
 def forest(ax: Axes, result: PopulationResult, name: str) -> None:
     """One parameter of every subject before the group's mean and a new subject."""
     j = result.index(name)
     reference = " at reference" if result.regressors.columns else ""
-    low, _, high = np.quantile(result.new_subject[..., j], _QUANTILES)
+    new_subject = _in_units(result, name, result.new_subject[..., j])
+    mean = _in_units(result, name, result.draws.mean[..., j])
+    subjects = _in_units(result, name, result.draws.subjects[..., j])
+    low, _, high = np.quantile(new_subject, _QUANTILES)
     ax.axvspan(low, high, color=BAND, lw=0, label=f"new subject{reference}")
-    low, middle, high = np.quantile(result.draws.mean[..., j], _QUANTILES)
+    low, middle, high = np.quantile(mean, _QUANTILES)
     ax.axvspan(low, high, color=_MEAN_COLOUR, lw=0, label=f"group mean{reference}")
     ax.axvline(middle, color=BELIEF, lw=0.8)
-    if name in ("constant_error", "contraction"):
+    if name in (CONSTANT_ERROR.name, CONTRACTION.name):
         ax.axvline(0.0, color=EQUAL, lw=0.8, ls=":")
-    low, middle, high = np.quantile(result.draws.subjects[..., j], _QUANTILES, axis=(0, 1))
+    low, middle, high = np.quantile(subjects, _QUANTILES, axis=(0, 1))
     y = np.arange(len(middle))
     if len(middle) > MOST_NAMED_IN_GROUP:
         order = np.argsort(middle, kind="stable")
@@ -189,19 +233,20 @@ def _effect_labels(result: PopulationResult) -> list[str]:
 
 
 def _effects(result: PopulationResult) -> dict[str, FloatArray]:
-    """Draws of effects on the means by parameter, (draws, effects); empty without any."""
+    """Draws of effects on the means by parameter, (draws, effects); empty without any.
+
+    Those on the PSE shift and on the JND are in per cent.
+    """
+    effects = {}
     if result.comparisons:
-        return {
-            name: np.stack(
-                [result.difference(name, levels)[0].ravel() for levels in result.comparisons],
-                axis=1,
-            )
-            for name in DIFFERING
-        }
-    n_columns = len(result.regressors.columns)
-    if not n_columns:
-        return {}
-    return {
-        name: result.draws.effects[..., result.index(name)].reshape(-1, n_columns)
-        for name in result.names
-    }
+        for name in DIFFERING:
+            columns = [result.difference(name, levels)[0].ravel() for levels in result.comparisons]
+            effects[name] = np.stack(columns, axis=1)
+    elif result.regressors.columns:
+        for name in result.names:
+            draws = result.draws.effects[..., result.index(name)]
+            effects[name] = draws.reshape(-1, len(result.regressors.columns))
+    if effects:
+        effects[CONSTANT_ERROR.name] = result.shift_percent(effects[CONSTANT_ERROR.name])
+        effects[NOISE.name] = 100.0 * np.expm1(effects[NOISE.name])
+    return effects

@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
+from legible import require_legible
 from populations import made_result, simulated_group, two_conditions
+from scipy import stats
 
 import bayes_toe as bt
 from bayes_toe.data.covariates import Covariates
@@ -26,7 +28,8 @@ def few():
 
 
 def panels(figure):
-    return {ax.get_xlabel(): ax for ax in figure.axes}
+    """The forests; below them are the means with their priors."""
+    return {ax.get_xlabel(): ax for ax in figure.axes[:3]}
 
 
 def test_a_forest_has_every_subject_before_the_mean_and_a_new_subject(few):
@@ -40,24 +43,57 @@ def test_a_forest_has_every_subject_before_the_mean_and_a_new_subject(few):
     ends = (0.025, 0.975)
     assert bands["group mean"] == pytest.approx(np.quantile(few.draws.mean[..., 1], ends))
     assert bands["new subject"] == pytest.approx(np.quantile(few.new_subject[..., 1], ends))
-    [first] = [
-        ax
-        for ax in bt.plots.population(few, CHECK).axes
-        if ax.get_xlabel() == "constant error c, D"
-    ]
+    first = panels(bt.plots.population(few, CHECK))["PSE shift (%)"]
+    shifts = few.shift_percent(np.median(few.draws.subjects[..., 0], axis=(0, 1)))
+    [points] = [line for line in first.lines if line.get_marker() == "o"]
+    assert points.get_xdata() == pytest.approx(shifts, rel=1e-3)
     assert [label.get_text() for label in first.get_yticklabels()] == list(few.subjects)
 
 
 def test_the_title_has_both_effects_and_warns(few):
     title = bt.plots.population(few, CHECK).get_suptitle()
-    assert title.startswith("Group of 4 subjects (synthetic data)\nmean constant error ")
-    assert f"ln BF of 0 {few.effect('contraction').zero_mean.words}" in title
+    assert title.startswith("Group of 4 subjects (synthetic data)\nmean PSE shift ")
+    lines = title.split("\n")
+    for line, name in zip(lines[1:], ("constant_error", "contraction"), strict=True):
+        factor = np.exp(-few.effect(name).zero_mean.log_bf)
+        assert float(line.rpartition(": ")[2]) == pytest.approx(factor, rel=0.05)
+    low, _, high = few.effect("constant_error").percent
+    assert f"% [{low:+.1f}, {high:+.1f}]".replace("-", "−") in lines[1]
     wrong = made_result(few.study, n_divergent=3)
     assert bt.plots.population(wrong, CHECK).get_suptitle().startswith("NOT RELIABLE")
 
 
+@pytest.mark.parametrize("j", [0, 1, 2])
+def test_the_mean_stands_before_its_prior(few, j):
+    ax = bt.plots.population(few, CHECK).axes[3 + j]
+    [prior] = [line for line in ax.lines if line.get_label() == "its prior"]
+    x, density = prior.get_data()
+    # The share of the prior between the ends of the panel, by its own distribution.
+    ends = x[[0, -1]]
+    units = (few.shift_percent, lambda p: p, few.jnd_percent)
+    row = few.settings.hyperprior
+    family, prior_of = (
+        (stats.t(3), row.constant_error),
+        (stats.norm(), row.contraction),
+        (stats.norm(), row.noise),
+    )[j]
+    grid = np.linspace(-3.0, 3.0, 60_001)
+    own = np.interp(ends, units[j](grid), grid)
+    low, high = family.cdf((own - prior_of.mean) / prior_of.mean_scale)
+    assert np.trapezoid(density, x) == pytest.approx(high - low, rel=0.01)
+    bars = [(bar.get_height(), bar.get_width()) for bar in ax.patches]
+    assert sum(height * width for height, width in bars) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("n_subjects", [4, 40])
+def test_the_figure_is_legible_and_fits_a_page(n_subjects):
+    figure = bt.plots.population(made_result(simulated_group(3, n_subjects, n_each=6)), CHECK)
+    require_legible(figure)
+    assert 25.4 * figure.get_figheight() < 270.0
+
+
 def test_the_check_marks_what_contradicts_a_normal_group(few):
-    ax = bt.plots.population(few, CHECK).axes[3]
+    ax = bt.plots.population(few, CHECK).axes[6]
     texts = {text.get_text(): text.get_color() for text in ax.texts}
     assert texts["0.30, expected 0.10 to 0.20, p = 0.004"] == BAD
     assert texts["1.50, expected 1.40 to 2.20, p = 0.7"] == "black"
@@ -89,7 +125,7 @@ def test_effects_of_covariates_and_of_conditions():
         ),
     ):
         figure = bt.plots.population(made, CHECK)
-        own = [ax for ax in figure.axes if ax.get_xlabel() == "constant error c, D"][1]
+        own = [ax for ax in figure.axes if ax.get_xlabel() == "PSE shift (%)"][2]
         assert [text.get_text().replace("\n", " ") for text in own.get_yticklabels()] == [label]
         [point] = [line for line in own.lines if line.get_marker() == "o"]
-        assert point.get_xdata() == pytest.approx([middle])
+        assert point.get_xdata() == pytest.approx([float(made.shift_percent(middle))], rel=1e-3)
