@@ -203,9 +203,9 @@ def _write_tables(
     analysis.evidence.save(folder / "evidence.csv", **of_units)
     if analysis.contrast is not None:
         analysis.contrast.save(folder / "contrast.csv", spreadsheet_safe=spreadsheet_safe)
-        (folder / "contrast.png").write_bytes(
-            png(plots.contrast(analysis.contrast, {}, synthetic=study.synthetic))
-        )
+        of_group = None if group is None else group.found
+        figure = plots.contrast(analysis.contrast, of_group, synthetic=study.synthetic)
+        (folder / "contrast.png").write_bytes(png(figure))
     if group is not None:
         group.found.table.save(folder / "population.csv", spreadsheet_safe=spreadsheet_safe)
         group.found.subject_table.save(

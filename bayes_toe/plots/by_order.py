@@ -74,7 +74,7 @@ def curves_by_order(analysis: Analysis, subjects: Sequence[str] | None = None) -
     figure, panels = _small_multiples(analysis, shown)
     for ax, counts in zip(panels, shown, strict=True):
         responses_panel(ax, counts, analysis.curve(counts.name).yes)
-    _label_outer(panels)
+    label_outer(panels)
     _legend(figure)
     return figure
 
@@ -110,7 +110,7 @@ def posterior_predictive(analysis: Analysis, subjects: Sequence[str] | None = No
     for ax in _bottom(panels):
         ax.set_xticks(range(len(labels)), labels, rotation=90)
         ax.set_xlabel("first, second stimulus (% of mean)" if labels else "pairs by order")
-    _label_outer(panels)
+    label_outer(panels)
     _legend(figure)
     return figure
 
@@ -228,7 +228,7 @@ def _bottom(panels: Sequence[Axes]) -> list[Axes]:
     return list(panels[-place.get_gridspec().ncols :])
 
 
-def _label_outer(panels: Sequence[Axes]) -> None:
+def label_outer(panels: Sequence[Axes]) -> None:
     """Label the axes left of each row and below the last panels only."""
     bottom = _bottom(panels)
     n_columns = len(bottom)

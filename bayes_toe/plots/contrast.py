@@ -2,28 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bayes_toe.answers.contrast import ORDER_EFFECT, WORDS, ContrastTable, Difference
+from bayes_toe.answers.contrast import ORDER_EFFECT, QUANTITIES, WORDS, ContrastTable, Difference
 from bayes_toe.data.study import Study, pooled
 from bayes_toe.errors import InputError
+from bayes_toe.groups.population import PopulationResult
 from bayes_toe.inference.prediction import Predictor
 from bayes_toe.model.observer import OrderModel
-from bayes_toe.plots.curves import main_weaker, order_panel, which_weaker
+from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION
+from bayes_toe.plots.by_order import label_outer
+from bayes_toe.plots.report_figure import responses_panel
 from bayes_toe.plots.style import (
     BELIEF,
     EQUAL,
     HIGH,
     LETTERS,
+    MARKED,
     MOST_NAMED,
     PAGE,
     POSTERIOR,
     SMALL,
-    chance,
     dress,
     first_panels,
     legend_below,
@@ -31,8 +34,8 @@ from bayes_toe.plots.style import (
     plain,
 )
 
-#: Low, middle and high of the group's mean difference, by quantity and comparison.
-Group = Mapping[tuple[str, str], tuple[float, float, float]]
+#: Quantities whose mean difference in a group has the unit of a subject's difference.
+_OF_GROUPS = (CONSTANT_ERROR, CONTRACTION)
 _NONE = "no difference, or probably none"
 #: How a difference is drawn by its word: face of the mark, colour, words of the legend.
 _MARKS = {
@@ -47,7 +50,7 @@ _MOST_PANELS = 6
 
 
 def contrast(
-    table: ContrastTable, group: Group | None = None, *, synthetic: bool = False
+    table: ContrastTable, group: PopulationResult | None = None, *, synthetic: bool = False
 ) -> Figure:
     """The difference of every subject in every quantity, marked by its word.
 
@@ -56,8 +59,8 @@ def contrast(
     Parameters
     ----------
     table : ContrastTable
-    group : mapping, optional
-        5, 50 and 95 % of the group's mean difference by quantity and comparison: a band.
+    group : PopulationResult, optional
+        Of the same study: 95 % intervals of its mean differences are bands.
     synthetic : bool
         Whether the title says so.
     """
@@ -72,10 +75,11 @@ def contrast(
         row, column = divmod(i, len(quantities))
         quantity, comparison = quantities[column], comparisons[row]
         _draw_subjects(ax, table.select(quantity, comparison), subjects)
-        unit = "no unit" if quantity == "contraction" else "%"
-        if group is not None and (quantity, comparison) in group:
-            _draw_group(ax, group[quantity, comparison], unit)
-        label = f"{quantity}, {plain(comparison)} ({unit})"
+        if group is not None:
+            _draw_group(ax, group, quantity, table.conditions.comparisons[row])
+        label = f"{quantity}, {plain(comparison)} (%)"
+        if quantity == CONTRACTION.name:
+            label = f"contraction p, {plain(comparison)}"
         ax.set_xlabel(label.replace(" - ", " − "), fontsize=LETTERS)
         ax.tick_params(labelleft=column == 0)
     title = f"What differs by {plain(table.conditions.name)}"
@@ -114,18 +118,21 @@ def _draw_subjects(ax: Axes, rows: Sequence[Difference], subjects: Sequence[str]
     dress(ax).tick_params(axis="y", length=0)
 
 
-def _draw_group(ax: Axes, quantiles: tuple[float, float, float], unit: str) -> None:
-    """The mean difference of the group as a band."""
-    values = np.array(quantiles)
-    if unit == "%":
-        values = 100.0 * np.expm1(values)
-    low, middle, high = values.tolist()
-    ax.axvspan(low, high, color="#BDB3DD", lw=0, zorder=0, label="group's mean (5-50-95 %)")
+def _draw_group(ax: Axes, group: PopulationResult, quantity: str, levels: tuple[str, str]) -> None:
+    """The mean difference of the group as a band, in the unit of the panel."""
+    parameter, _ = QUANTITIES[quantity]
+    if parameter not in _OF_GROUPS or levels not in group.comparisons:
+        return
+    draws, _, _ = group.difference(parameter.name, levels)
+    if parameter == CONSTANT_ERROR:
+        draws = group.shift_percent(draws)
+    low, middle, high = np.quantile(draws, MARKED).tolist()
+    ax.axvspan(low, high, color="#BDB3DD", lw=0, zorder=0, label="group mean, 95 % interval")
     ax.axvline(middle, color=BELIEF, lw=0.9, zorder=0)
 
 
 def contrast_curves(study: Study, table: ContrastTable, subject: str) -> Figure:
-    """The answers of one subject in every condition, with the curves of the joint fit.
+    """The responses of one subject in every condition, with the curves of the joint fit.
 
     The curves are averaged over what differs.
 
@@ -141,20 +148,17 @@ def contrast_curves(study: Study, table: ContrastTable, subject: str) -> Figure:
     units = [unit for unit in study if unit.person == subject and unit.condition in levels]
     posterior = OrderModel("both").posterior(pooled(units), table.prior)
     n_panels = min(len(units), _MOST_PANELS)
-    figure = new_figure(PAGE, 3.2)
+    figure = new_figure(PAGE, 2.6)
     panels = first_panels(figure.add_gridspec(1, n_panels), n_panels, sharey=True)
     for unit, ax in zip(units, panels, strict=False):
-        weaker = main_weaker(unit)
         fitted = Predictor(posterior, x[levels.index(unit.condition)])
-        order_panel(ax, unit, fitted.yes, 0.0 if weaker is None else weaker, size=4.0)
+        responses_panel(ax, unit, fitted.yes)
         title = f"{plain(table.conditions.name)} {plain(unit.condition)}"
-        about = which_weaker(unit, weaker)
-        ax.set_title(f"{title}\n{about}" if about else title, fontsize=LETTERS)
-        dress(ax)
-    panels[0].set_ylabel(chance(table.task))
+        ax.set_title(title, fontsize=LETTERS)
+    label_outer(panels)
     title = plain(subject)
     if study.synthetic:
         title += " (synthetic data)"
     figure.suptitle(title, fontsize=LETTERS + 1.0)
-    legend_below(figure, size=LETTERS)
+    legend_below(figure, size=SMALL, columns=4)
     return figure

@@ -91,8 +91,10 @@ def population(result: PopulationResult, check: PredictiveCheck | None = None) -
     legend_below(parts[1], size=SMALL, side="upper")
     check_panel(parts[2].subplots(), predictive_check(result) if check is None else check)
     if effects:
-        what = "differences between conditions" if result.comparisons else "effects of covariates"
-        parts[3].suptitle(f"{what} on the group means, 95 % intervals", fontsize=SMALL)
+        what = "effects of covariates on the group means"
+        if result.comparisons:
+            what = "differences of the group means between conditions"
+        parts[3].suptitle(f"{what}, 95 % intervals", fontsize=SMALL)
         down = -(-len(effects) // across)
         grid = first_panels(parts[3].add_gridspec(down, across), len(effects))
         for i, ((name, draws), ax) in enumerate(zip(effects.items(), grid, strict=True)):

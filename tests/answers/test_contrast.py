@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from commands import good, refused
+from populations import made_result, two_conditions
 from scipy.special import ndtr
 
 import bayes_toe as bt
@@ -166,6 +167,7 @@ def test_the_figures_show_every_subject(table):
     forest, curves = bt.plots.contrast(table), bt.plots.contrast_curves(study, table, "A")
     assert [tick.get_text() for tick in forest.axes[0].get_yticklabels()] == ["A", "B"]
     assert [ax.get_title() for ax in curves.axes] == ["condition left", "condition right"]
+    assert {line.get_label() for line in curves.axes[0].containers} >= {"weaker first"}
     with pytest.raises(bt.InputError, match="no contrast of subject 'C'"):
         bt.plots.contrast_curves(study, table, "C")
     words = [text.get_text() for text in forest.legends[0].get_texts()]
@@ -197,3 +199,19 @@ def test_the_command(tmp_path):
         "found no condition within subjects, allowed: a column condition, or --condition COLUMN"
         in line
     )
+
+
+def test_the_mean_differences_of_the_group_are_bands(table):
+    study = two_conditions(1, n_subjects=3)
+    group = made_result(study)
+    of_group = replace(table, conditions=study.conditions)
+    panels = bt.plots.contrast(of_group, group).axes
+    draws, _, _ = group.difference("constant_error", ("right", "left"))
+    ends = np.quantile(group.shift_percent(draws), [0.025, 0.975])
+    [band] = panels[0].patches
+    assert (band.get_x(), band.get_x() + band.get_width()) == pytest.approx(tuple(ends))
+    draws, _, _ = group.difference("contraction", ("right", "left"))
+    [band] = panels[1].patches
+    assert band.get_x() == pytest.approx(np.quantile(draws, 0.025))
+    # The group has the ratio of JNDs, and subjects their difference.
+    assert not panels[2].patches
