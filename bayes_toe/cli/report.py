@@ -548,7 +548,8 @@ def _subjects(
             "prior_dominated": [
                 one["parameter"]
                 for one in summaries[name]
-                if one["parameter"] in (*natural, "gamma") and one["contraction"] < DOMINATED
+                if one["parameter"] in (*natural, "gamma")
+                and one["posterior_contraction"] < DOMINATED
             ],
         }
 

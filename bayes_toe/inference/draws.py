@@ -287,12 +287,14 @@ class Draws:
         )
 
     def summary(self) -> pd.DataFrame:
-        """One row per subject and parameter: mean, sd, quantiles, bulk and tail ESS, R-hat, contraction, Monte Carlo errors.
+        """Posterior of every subject and parameter, and how well it is sampled.
 
-        The last are standard errors of the mean and of the 5, 50 and 95 % quantiles: how far these would be off in other draws.
-        Contraction is 1 - (posterior width / prior width)^2 of the ranges from 5 to 95 %: 1 where all comes from the data, 0 where the
-        posterior is as wide as the prior. Means and standard deviations of mu1 can be ruled by the prior's tail where gamma may vanish;
-        read its quantiles.
+        The columns are mean, sd, quantiles, bulk and tail ESS, R-hat, posterior contraction, and
+        Monte Carlo standard errors of the mean and of the 5, 50 and 95 % quantiles: how far these
+        would be off in other draws. Posterior contraction is 1 - (posterior width / prior width)^2
+        of the ranges from 5 to 95 %: 1 where all comes from the data, 0 where the posterior is as
+        wide as the prior. Means and standard deviations of mu1 can be ruled by the prior's tail
+        where gamma may vanish; read its quantiles.
         """
         rows: list[SummaryRow] = []
         for name in self.names:

@@ -43,7 +43,7 @@ SUMMARY_COLUMNS = (
     "ess_bulk",
     "ess_tail",
     "r_hat",
-    "contraction",
+    "posterior_contraction",
     *_MCSE,
 )
 #: Where the goodness of fit is kept among the statistics.

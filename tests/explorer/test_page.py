@@ -79,7 +79,7 @@ def test_entries_hold_draws_quantiles_and_what_is_known(held, analysis):
         np.quantile(theta, [0.025, 0.5, 0.975]),
         rtol=1e-9,
     )
-    summary = analysis.draws.summary().set_index(["subject", "parameter"])["contraction"]
+    summary = analysis.draws.summary().set_index(["subject", "parameter"])["posterior_contraction"]
     ruled = {what for kind, what in first["badges"] if kind == "dominated"}
     assert {name for name, value in summary["A"].items() if value < 0.5} == ruled & set(
         summary["A"].index

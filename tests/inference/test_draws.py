@@ -81,7 +81,7 @@ def test_summary_fit_and_predictions_are_those_of_the_draws(draws):
         rows = frame[frame["subject"] == name]
         assert tuple(rows["parameter"]) == draws.posterior(name).names.reported
         assert np.isfinite(rows["mean"]).all()
-        assert (rows["contraction"] < 1.0).all()
+        assert (rows["posterior_contraction"] < 1.0).all()
         # Enough for the ranks of every judged quantity; a quantity that follows from others has about as many.
         assert (rows["ess_bulk"] > 300).all()
     x = draws.points("A").reshape(-1, len(target.coordinates))
@@ -159,7 +159,7 @@ def test_seed_prior_settings_and_versions_come_back_as_they_went_in(
 
 def test_summary_has_the_columns_and_the_numbers(analysis):
     frame = analysis.draws.summary()
-    before = "subject,parameter,mean,sd,q05,q25,q50,q75,q95,ess_bulk,ess_tail,r_hat,contraction"
+    before = "subject,parameter,mean,sd,q05,q25,q50,q75,q95,ess_bulk,ess_tail,r_hat,posterior_contraction"
     assert (
         ",".join(frame.columns)
         == ",".join(SUMMARY_COLUMNS)

@@ -366,8 +366,8 @@ def test_the_summary_says_what_the_prior_rules(small_study):
         "many", s1, s2, 1000 * small_study["A"].n_yes, 1000 * small_study["A"].n_trials
     )
     summary = bt.sample(bt.Study([few, many]), draws=500, seed=1, workers=1).summary()
-    assert "contraction" in summary.columns
-    of = summary.set_index(["subject", "parameter"])["contraction"]
+    assert "posterior_contraction" in summary.columns
+    of = summary.set_index(["subject", "parameter"])["posterior_contraction"]
     assert (of["many"] > 0.99).all()
     assert of["few"]["gamma"] < 0.3
     assert (of["few"] < of["many"]).all()
