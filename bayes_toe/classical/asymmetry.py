@@ -1,19 +1,23 @@
-"""Time-order asymmetry without a model: q(c, r) - q(r, c) of every comparison, its test, its sign, and counts over the population.
+"""Asymmetry between the two orders of a pair, without a model: estimate, exact test, counts.
 
-A comparison is a pair of different stimuli that was presented in both orders: r the weaker, c the stronger. The asymmetry is positive
-where 'equal' is the likelier answer with the stronger stimulus first; the subject is then more accurate with the weaker one first, as the
-model predicts for a prior mean below the stimuli. Of 'which is stronger?' q is the probability of the wrong answer, as 'equal' is one, so
-that the sign means the same.
+A comparison is a pair of different stimuli that was presented in both orders: r the weaker, c the
+stronger. The asymmetry is q(c, r) - q(r, c). It is positive where 'equal' is the likelier answer
+with the stronger stimulus first; the subject is then more accurate with the weaker one first, as
+the model predicts for a prior mean below the stimuli. Of 'which is stronger?' q is the probability
+of the wrong answer, as 'equal' is one, so that the sign means the same.
 
-Erratum: the paper's sentence on its panel A ('more accurate when the weaker stimulus was presented first, in which case the blue curve
-lies below the red one') follows the swapped colours of Fig. 3's caption. With red = weaker first, as in the text and Fig. 1C, the red curve
-lies below the blue one there.
+Erratum: the paper's sentence on its panel A ('more accurate when the weaker stimulus was presented
+first, in which case the blue curve lies below the red one') follows the swapped colours of Fig. 3's
+caption. With red = weaker first, as in the text and Fig. 1C, the red curve lies below the blue one
+there.
 
-The exact test is Boschloo's. The number of trials of each order is set by the experimenter and the number of 'equal' answers by nobody, so
-the data are two independent binomials. Fisher's test conditions on the total of 'equal' answers as well and is conservative; Boschloo's
-takes Fisher's p-value as its statistic and computes that statistic's exact distribution under the two binomials, at the common probability
-that is least favourable. It never exceeds its level and its p-value is never above Fisher's, which it comes close to where trials are many.
-Two-sided p-values are twice the smaller one-sided ones: an order effect has a sign, and half the level is spent on each.
+The exact test is Boschloo's. The number of trials of each order is set by the experimenter and the
+number of 'equal' answers by nobody, so the data are two independent binomials. Fisher's test
+conditions on the total of 'equal' answers as well and is conservative; Boschloo's takes Fisher's
+p-value as its statistic and computes that statistic's exact distribution under the two binomials,
+at the common probability that is least favourable. It never exceeds its level and its p-value is
+never above Fisher's, which it comes close to where trials are many. Two-sided p-values are twice
+the smaller one-sided ones: an order effect has a sign, and half the level is spent on each.
 """
 
 from __future__ import annotations
@@ -52,7 +56,8 @@ class Comparison:
     s_weak, s_strong : float
         Natural-log intensities r < c.
     n_equal_weak_first, n_trials_weak_first : int
-        Answers to (r, c): the weaker stimulus first, the paper's red. Of 'which is stronger?' the wrong ones, here and below; files say so.
+        Answers to (r, c): the weaker stimulus first, the paper's red. Of 'which is stronger?' these
+        are the wrong ones, here and below; files say so.
     n_equal_strong_first, n_trials_strong_first : int
         Answers to (c, r): the stronger stimulus first, the paper's blue.
     q_weak_first : float
@@ -66,12 +71,12 @@ class Comparison:
     asymmetry_se : float
         Posterior standard deviation of the difference; both orders are independent.
     p_value : float
-        Exact two-sided test of the null that both orders share one probability; `test` names it (:mod:`bayes_toe.classical.asymmetry`).
+        Exact two-sided test of the null that both orders share one probability; `test` names it.
     p_adjusted : float
         The same by Holm's method over the comparisons of this subject.
     test : {"boschloo", "fisher"}
     probability_of_direction : float
-        Posterior P(q(c, r) > q(r, c)) under independent uniform priors: near 1 a positive asymmetry, near 0 a negative one.
+        Posterior P(q(c, r) > q(r, c)) under independent uniform priors.
     is_maximal : bool
         True for the comparison of the subject with the largest absolute asymmetry.
     """
@@ -96,7 +101,7 @@ class Comparison:
     is_maximal: bool
 
 
-ASYMMETRY_COLUMNS = (*(one.name for one in fields(Comparison)), "accuracy")
+ASYMMETRY_COLUMNS = (*(field.name for field in fields(Comparison)), "accuracy")
 
 
 @dataclass(frozen=True)
@@ -113,7 +118,8 @@ class SubjectAsymmetry:
     n_one_order : int
         Pairs of different stimuli left out because they were presented in one order only.
     pooled : bool
-        False for a subject with intervals (column isi), whose pairs are not pooled over them: there are no comparisons then.
+        False for a subject with intervals (column isi), whose pairs are not pooled over them: there
+        are no comparisons then.
     """
 
     subject: str
@@ -125,34 +131,31 @@ class SubjectAsymmetry:
     @property
     def maximal(self) -> Comparison | None:
         """The comparison with the largest absolute asymmetry."""
-        return next((one for one in self.comparisons if one.is_maximal), None)
+        return next((row for row in self.comparisons if row.is_maximal), None)
 
     @property
     def mean_asymmetry(self) -> float:
         """Mean of the asymmetries over comparisons; NaN where there is none."""
-        return (
-            float(np.mean([one.asymmetry for one in self.comparisons]))
-            if self.comparisons
-            else float("nan")
-        )
+        return _mean([row.asymmetry for row in self.comparisons])
 
     @property
     def mean_absolute_asymmetry(self) -> float:
         """Mean of the absolute asymmetries over comparisons; NaN where there is none."""
-        return (
-            float(np.mean([abs(one.asymmetry) for one in self.comparisons]))
-            if self.comparisons
-            else float("nan")
-        )
+        return _mean([abs(row.asymmetry) for row in self.comparisons])
+
+
+def _mean(values: Sequence[float]) -> float:
+    return float(np.mean(values)) if values else float("nan")
 
 
 @dataclass(frozen=True)
 class Population:
-    """How many subjects have a positive and a negative maximal asymmetry, and how many of them significantly.
+    """How many subjects have a positive and a negative maximal asymmetry, all and significant ones.
 
-    Source: Results, 'Across participants, 6 showed positive maximal asymmetries (5 significant at p < 0.05) ...'. The maximum is chosen by
-    the data, so `significant` means Holm's p-value over the subject's comparisons below `level`; `uncorrected` takes the plain p-value.
-    No correction over subjects.
+    Source: Results, 'Across participants, 6 showed positive maximal asymmetries (5 significant at
+    p < 0.05) ...'. The data choose the maximum, so `significant` means Holm's p-value over the
+    subject's comparisons below `level`; `uncorrected` takes the plain p-value. There is no
+    correction over subjects.
     """
 
     level: float
@@ -190,33 +193,37 @@ class AsymmetryTable(SubjectTable[SubjectAsymmetry]):
     @property
     def notes(self) -> tuple[str, ...]:
         """What the design does not show: pairs presented in one order only."""
-        found = []
+        notes = []
         for row in self.rows:
             if row.pooled and not row.comparisons:
-                found.append(
-                    f"{row.subject}: no pair of different stimuli was presented in both orders; its asymmetry cannot be observed"
+                notes.append(
+                    f"{row.subject}: no pair of different stimuli was presented in both orders; "
+                    "its asymmetry cannot be observed"
                 )
             elif row.pooled and row.n_one_order:
-                what = "pair was" if row.n_one_order == 1 else "pairs were"
-                found.append(
-                    f"{row.subject}: {row.n_one_order} {what} presented in one order only and left out"
+                pairs = "pair was" if row.n_one_order == 1 else "pairs were"
+                notes.append(
+                    f"{row.subject}: {row.n_one_order} {pairs} presented in one order only "
+                    "and left out"
                 )
-        return tuple(found)
+        return tuple(notes)
 
     def frame(self) -> pd.DataFrame:
-        """One row per subject and comparison, with the columns of asymmetry.csv, n_wrong for n_equal of 'which is stronger?'."""
-        rows = [
-            [*(getattr(one, key) for key in ASYMMETRY_COLUMNS[:-1]), row.accuracy]
-            for row in self.rows
-            for one in row.comparisons
-        ]
-        counted = "n_equal" if self.task == SAME_DIFFERENT else "n_wrong"
-        return pd.DataFrame(
-            rows, columns=[key.replace("n_equal", counted) for key in ASYMMETRY_COLUMNS]
-        )
+        """One row per subject and comparison, with the columns of asymmetry.csv.
+
+        Of 'which is stronger?' n_wrong stands for n_equal.
+        """
+        rows = []
+        for row in self.rows:
+            for comparison in row.comparisons:
+                values = [getattr(comparison, key) for key in ASYMMETRY_COLUMNS[:-1]]
+                rows.append([*values, row.accuracy])
+        count = "n_equal" if self.task == SAME_DIFFERENT else "n_wrong"
+        columns = [key.replace("n_equal", count) for key in ASYMMETRY_COLUMNS]
+        return pd.DataFrame(rows, columns=columns)
 
     def subjects(self) -> pd.DataFrame:
-        """One row per subject: accuracy, mean and mean absolute asymmetry, and the comparison where it is largest."""
+        """One row per subject: accuracy, mean asymmetries and the largest comparison."""
         keys = (
             "s_weak",
             "s_strong",
@@ -228,26 +235,24 @@ class AsymmetryTable(SubjectTable[SubjectAsymmetry]):
         )
         names = [f"maximal_{key}" if key.startswith("asymmetry") else key for key in keys]
         means = ("mean_asymmetry", "mean_absolute_asymmetry")
-        rows = [
-            (row.subject, row.accuracy, len(row.comparisons), *(getattr(row, key) for key in means),
-             *(getattr(row.maximal, key, None) for key in keys))
-            for row in self.rows
-        ]  # fmt: skip
+        rows = []
+        for row in self.rows:
+            of_subject = [getattr(row, key) for key in means]
+            of_maximal = [getattr(row.maximal, key, None) for key in keys]
+            n_comparisons = len(row.comparisons)
+            rows.append([row.subject, row.accuracy, n_comparisons, *of_subject, *of_maximal])
         return pd.DataFrame(rows, columns=["subject", "accuracy", "n_comparisons", *means, *names])
 
     def population(self, level: float = LEVEL) -> Population:
         """Signs of the maximal asymmetries over the subjects that have a comparison."""
-        found = [row.maximal for row in self.rows if row.maximal is not None]
-        sides = [[one for one in found if sign * one.asymmetry > 0] for sign in (1, -1)]
-        counts = [
-            (
-                len(side),
-                sum(one.p_adjusted < level for one in side),
-                sum(one.p_value < level for one in side),
-            )
-            for side in sides
-        ]
-        return Population(level, len(found), *counts[0], *counts[1])
+        maxima = [row.maximal for row in self.rows if row.maximal is not None]
+        counts = []
+        for sign in (1, -1):
+            side = [row for row in maxima if sign * row.asymmetry > 0]
+            counts.append(len(side))
+            counts.append(sum(row.p_adjusted < level for row in side))
+            counts.append(sum(row.p_value < level for row in side))
+        return Population(level, len(maxima), *counts)
 
 
 def asymmetry(study: Study) -> AsymmetryTable:
@@ -266,7 +271,8 @@ def asymmetry(study: Study) -> AsymmetryTable:
     Raises
     ------
     InputError
-        If no subject met any pair of different stimuli in both orders, or the study has intervals (column isi).
+        If no subject met a pair of different stimuli in both orders, or the study has intervals
+        (column isi).
 
     Examples
     --------
@@ -280,79 +286,103 @@ def asymmetry(study: Study) -> AsymmetryTable:
     table = AsymmetryTable(subject_asymmetries(study.subjects), study.task)
     if not any(row.comparisons for row in table):
         raise InputError(
-            f"{study.source}: no pair of different stimuli was presented in both orders to one subject, so its asymmetry cannot be "
-            "observed; sample the posterior for what the model predicts"
+            f"{study.source}: no pair of different stimuli was presented in both orders to one "
+            "subject, so its asymmetry cannot be observed; sample the posterior for what the model "
+            "predicts"
         )
     return table
 
 
 def subject_asymmetry(subject: Subject) -> SubjectAsymmetry:
-    """Model-free asymmetries of one subject; no comparison where no pair was presented in both orders, or with intervals."""
+    """Asymmetries of one subject; see :func:`subject_asymmetries`."""
     return subject_asymmetries([subject])[0]
 
 
 def subject_asymmetries(subjects: Sequence[Subject]) -> tuple[SubjectAsymmetry, ...]:
-    """Those of many subjects, all comparisons in one call of the tests."""
-    orders = [_orders(subject) for subject in subjects]
-    counts = [
-        np.stack([one.task.wrong(one.s2 - one.s1, one.n_yes, one.n_trials), one.n_trials])
-        for one in subjects
-    ]
-    weak, strong = (
-        np.concatenate(
-            [one[:, at[:, i]] for one, (at, _) in zip(counts, orders, strict=True)], axis=1
-        )
-        for i in (0, 1)
-    )
-    tested, direction = equality_test(*strong, *weak), probability_greater(*strong, *weak)
-    q, error = ((of(*weak), of(*strong)) for of in (laplace_estimate, laplace_error))
-    estimates = [q[0], error[0], q[1], error[1], q[1] - q[0], np.hypot(*error)]
-    found, first = [], 0
-    for one, (at, left_out) in zip(subjects, orders, strict=True):
-        some = slice(first, first := first + len(at))
-        p_value, size = tested.p_value[some], np.abs(estimates[4][some])
-        maximal = np.zeros(len(at), bool)
-        maximal[np.lexsort((p_value, -size))[:1]] = (
-            True  # of two alike, the one that is better established
-        )
-        counted = [
-            one.s1[at[:, 0]],
-            one.s2[at[:, 0]],
-            *weak[:, some],
-            *strong[:, some],
-            *(values[some] for values in estimates),
+    """Asymmetries of many subjects, all comparisons in one call of the tests.
+
+    A subject has no comparison if no pair was presented in both orders, or with intervals.
+    """
+    pairs, weak_counts, strong_counts = [], [], []
+    for subject in subjects:
+        rows = _both_orders(subject)
+        n_wrong = subject.task.wrong(subject.s2 - subject.s1, subject.n_yes, subject.n_trials)
+        counts = np.stack([n_wrong, subject.n_trials])
+        pairs.append(rows)
+        weak_counts.append(counts[:, rows[:, 0]])
+        strong_counts.append(counts[:, rows[:, 1]])
+    weak = np.concatenate(weak_counts, axis=1)
+    strong = np.concatenate(strong_counts, axis=1)
+    tests = equality_test(*strong, *weak)
+    direction = probability_greater(*strong, *weak)
+    q_weak, q_strong = laplace_estimate(*weak), laplace_estimate(*strong)
+    se_weak, se_strong = laplace_error(*weak), laplace_error(*strong)
+    difference, se = q_strong - q_weak, np.hypot(se_weak, se_strong)
+
+    results = []
+    first = 0
+    for subject, rows in zip(subjects, pairs, strict=True):
+        own = slice(first, first + len(rows))
+        first += len(rows)
+        p_value = tests.p_value[own]
+        is_maximal = np.zeros(len(rows), bool)
+        # Of two alike, the one with the smaller p-value.
+        is_maximal[np.lexsort((p_value, -np.abs(difference[own])))[:1]] = True
+        columns = [
+            subject.s1[rows[:, 0]],
+            subject.s2[rows[:, 0]],
+            *weak[:, own],
+            *strong[:, own],
+            q_weak[own],
+            se_weak[own],
+            q_strong[own],
+            se_strong[own],
+            difference[own],
+            se[own],
+            p_value,
+            holm(p_value),
+            tests.test[own],
+            direction[own],
+            is_maximal,
         ]
-        judged = [p_value, holm(p_value), tested.test[some], direction[some], maximal]
-        rows = zip(*(column.tolist() for column in (*counted, *judged)), strict=True)
-        comparisons = tuple(Comparison(one.name, *row) for row in rows)
-        found.append(
-            SubjectAsymmetry(one.name, accuracy(one), comparisons, left_out, pooled=one.isi is None)
+        values = zip(*(column.tolist() for column in columns), strict=True)
+        comparisons = tuple(Comparison(subject.name, *row) for row in values)
+        is_pooled = subject.isi is None
+        n_unequal = len({frozenset(pair) for pair in _pairs(subject) if pair[0] != pair[1]})
+        n_one_order = n_unequal - len(rows) if is_pooled else 0
+        results.append(
+            SubjectAsymmetry(
+                subject.name, accuracy(subject), comparisons, n_one_order, pooled=is_pooled
+            )
         )
-    return tuple(found)
+    return tuple(results)
 
 
-def _orders(subject: Subject) -> tuple[IndexArray, int]:
-    """Which pairs are the two orders of comparisons, weaker first and stronger first, (comparisons, 2); how many lack an order."""
+def _pairs(subject: Subject) -> list[tuple[float, float]]:
+    return list(zip(subject.s1.tolist(), subject.s2.tolist(), strict=True))
+
+
+def _both_orders(subject: Subject) -> IndexArray:
+    """Rows of pairs with both orders, weaker first and stronger first, (comparisons, 2)."""
     if subject.isi is not None:
-        return np.empty((0, 2), np.intp), 0
-    at = {
-        pair: i for i, pair in enumerate(zip(subject.s1.tolist(), subject.s2.tolist(), strict=True))
-    }
-    unequal = {(min(pair), max(pair)) for pair in at if pair[0] != pair[1]}
-    both = sorted(pair for pair in unequal if pair in at and pair[::-1] in at)
-    return np.array([(at[pair], at[pair[::-1]]) for pair in both], np.intp).reshape(-1, 2), len(
-        unequal
-    ) - len(both)
+        return np.empty((0, 2), np.intp)
+    row_of = {pair: row for row, pair in enumerate(_pairs(subject))}
+    rows = []
+    for s1, s2 in sorted(row_of):
+        if s1 < s2 and (s2, s1) in row_of:
+            rows.append((row_of[s1, s2], row_of[s2, s1]))
+    return np.array(rows, np.intp).reshape(-1, 2)
 
 
-#: Most trials n1 + n2 of Boschloo's test, of which SciPy's takes 6 ms at 100 and 25 ms at 150; beyond it, Fisher's is used.
+#: Most trials n1 + n2 of Boschloo's test, which takes 6 ms at 100 and 25 ms at 150; beyond it,
+#: Fisher's test is used.
 BOSCHLOO_TRIALS = 150
 #: Most trials in one comparison of which tails keep six digits.
 LARGEST_TOTAL = 10**10
 
 
 class ExactTest(NamedTuple):
-    """Two-sided p-values and the test that gave each, 'boschloo' or 'fisher', both of the shape of the counts."""
+    """Two-sided p-values and the test of each, 'boschloo' or 'fisher'."""
 
     p_value: FloatArray
     test: npt.NDArray[np.str_]
@@ -361,9 +391,9 @@ class ExactTest(NamedTuple):
 def equality_test(
     k1: npt.ArrayLike, n1: npt.ArrayLike, k2: npt.ArrayLike, n2: npt.ArrayLike
 ) -> ExactTest:
-    """Exact two-sided test of the null that k1 of n1 and k2 of n2 come from one probability. Arguments broadcast.
+    """Exact two-sided test that k1 of n1 and k2 of n2 have one probability; arguments broadcast.
 
-    Boschloo's test; Fisher's, doubled one-sided, for more than :data:`BOSCHLOO_TRIALS` trials n1 + n2.
+    Boschloo's test; Fisher's, doubled one-sided, for more than :data:`BOSCHLOO_TRIALS` trials.
 
     Examples
     --------
@@ -373,21 +403,22 @@ def equality_test(
     """
     tables = _tables(k1, n1, k2, n2)
     a, n, b, m = np.moveaxis(tables, -1, 0)
-    few = (n + m <= BOSCHLOO_TRIALS) & (n > 0) & (m > 0)
+    is_small = (n + m <= BOSCHLOO_TRIALS) & (n > 0) & (m > 0)
     tails = np.minimum(hypergeom.cdf(a, n + m, n, a + b), hypergeom.cdf(b, n + m, m, a + b))
     p_value = np.array(np.minimum(1.0, 2.0 * tails))
-    p_value[few] = [_boschloo(*row) for row in tables[few].tolist()]
-    return ExactTest(p_value, np.where(few, "boschloo", "fisher"))
+    p_value[is_small] = [_boschloo(*table) for table in tables[is_small].tolist()]
+    return ExactTest(p_value, np.where(is_small, "boschloo", "fisher"))
 
 
 def probability_greater(
     k1: npt.ArrayLike, n1: npt.ArrayLike, k2: npt.ArrayLike, n2: npt.ArrayLike
 ) -> FloatArray:
-    """Posterior probability that the first probability exceeds the second, under independent uniform priors. Arguments broadcast.
+    """Posterior P(q1 > q2) under independent uniform priors; arguments broadcast.
 
-    q1 ~ Beta(k1 + 1, n1 - k1 + 1), q2 ~ Beta(k2 + 1, n2 - k2 + 1); P(q1 > q2) = P(H <= k1) with H the number of marked items among
-    k1 + k2 + 1 drawn from n1 + n2 + 2 of which n1 + 1 are marked. (q1 is an order statistic of n1 + 1 uniform numbers, q2 one of
-    n2 + 1; q1 is the larger where at most k1 of the k1 + k2 + 1 smallest numbers of all are among the first.)
+    q1 ~ Beta(k1 + 1, n1 - k1 + 1), q2 ~ Beta(k2 + 1, n2 - k2 + 1); P(q1 > q2) = P(H <= k1) with H
+    the number of marked items among k1 + k2 + 1 drawn from n1 + n2 + 2 of which n1 + 1 are marked.
+    (q1 is an order statistic of n1 + 1 uniform numbers, q2 one of n2 + 1; q1 is the larger where at
+    most k1 of the k1 + k2 + 1 smallest numbers of all are among the first.)
 
     Examples
     --------
@@ -399,7 +430,7 @@ def probability_greater(
 
 
 def holm(p_values: npt.ArrayLike) -> FloatArray:
-    """Holm's step-down adjustment of the p-values of one family, shape (tests,); controls the chance of any false claim.
+    """Holm's adjustment of p-values, shape (tests,), which controls the chance of any false claim.
 
     Examples
     --------
@@ -416,25 +447,25 @@ def holm(p_values: npt.ArrayLike) -> FloatArray:
 
 def _tables(k1: npt.ArrayLike, n1: npt.ArrayLike, k2: npt.ArrayLike, n2: npt.ArrayLike) -> IntArray:
     """Counts, shape (..., 4)."""
-    tables = np.stack(
-        np.broadcast_arrays(*(np.asarray(values, np.int64) for values in (k1, n1, k2, n2))), axis=-1
-    )
-    if np.any((total := tables[..., 1] + tables[..., 3]) > LARGEST_TOTAL):
+    counts = [np.asarray(values, np.int64) for values in (k1, n1, k2, n2)]
+    tables = np.stack(np.broadcast_arrays(*counts), axis=-1)
+    totals = tables[..., 1] + tables[..., 3]
+    if np.any(totals > LARGEST_TOTAL):
         raise InputError(
-            f"{total.max()} trials in one comparison: exact tails are computed for at most {LARGEST_TOTAL}"
+            f"{totals.max()} trials in one comparison: exact tails are computed for at most "
+            f"{LARGEST_TOTAL}"
         )
     return tables
 
 
 @lru_cache(maxsize=1 << 16)
 def _boschloo(k1: int, n1: int, k2: int, n2: int) -> float:
-    """Twice the p-value of the side on which the frequencies differ, the smaller one; the same for orders, or answers, swapped."""
-    first = min(
-        (k1, n1, k2, n2), (k2, n2, k1, n1), (n1 - k1, n1, n2 - k2, n2), (n2 - k2, n2, n1 - k1, n1)
-    )
-    if first != (k1, n1, k2, n2):
-        return _boschloo(*first)
-    side, table = "less" if k1 * n2 < k2 * n1 else "greater", [[k1, k2], [n1 - k1, n2 - k2]]
-    return min(
-        1.0, 2.0 * float(boschloo_exact(table, alternative=side, n=64).pvalue)
-    )  # of 32 points, rarely, none leads to the supremum
+    """Twice the smaller one-sided p-value; the same with orders, or answers, exchanged."""
+    l1, l2 = n1 - k1, n2 - k2
+    smallest = min((k1, n1, k2, n2), (k2, n2, k1, n1), (l1, n1, l2, n2), (l2, n2, l1, n1))
+    if smallest != (k1, n1, k2, n2):
+        return _boschloo(*smallest)
+    side = "less" if k1 * n2 < k2 * n1 else "greater"
+    # Of 32 points, rarely, none leads to the supremum.
+    p_value = boschloo_exact([[k1, k2], [l1, l2]], alternative=side, n=64).pvalue
+    return min(1.0, 2.0 * float(p_value))
