@@ -42,16 +42,19 @@ class Remedy(NamedTuple):
 
     @property
     def typed(self) -> str:
-        """On the command line."""
+        """On the command line; an option without a value has the value ''."""
+        option = f"--{self.option.replace('_', '-')}"
+        if self.value == "":
+            return option
         text = self.value
         if not isinstance(text, str):
             text = ",".join(f"{ours}={theirs}" for ours, theirs in text)
-        return f"--{self.option.replace('_', '-')} {shlex.quote(text)}"
+        return f"{option} {shlex.quote(text)}"
 
     @property
     def python(self) -> str:
         """In Python."""
-        value = self.value if isinstance(self.value, str) else dict(self.value)
+        value: object = dict(self.value) if isinstance(self.value, tuple) else self.value or True
         return f"ReadOptions({self.option}={value!r})"
 
 

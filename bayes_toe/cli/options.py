@@ -161,6 +161,18 @@ class StudyFile:
         str | None,
         _how_to_read("--columns", "Names of your columns: s1=first,...", "OURS=THEIRS"),
     ] = None
+    standard_interval: Annotated[
+        str | None,
+        _how_to_read("--standard-interval", "Column with the standard's interval.", "COLUMN"),
+    ] = None
+    standard_first: Annotated[
+        bool,
+        _how_to_read("--standard-first", "The standard was always first.", ""),
+    ] = False
+    comparison_code: Annotated[
+        str | None,
+        _how_to_read("--comparison-code", "The code that means 'comparison'.", "CODE"),
+    ] = None
     decimal: Annotated[
         str | None,
         _how_to_read("--decimal", "Decimal sign: . or ,", "SIGN"),

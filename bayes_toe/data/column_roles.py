@@ -7,81 +7,17 @@ like ours. Stimuli are not: a column such as `stim1` may hold intensities or the
 from __future__ import annotations
 
 import re
-import unicodedata
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
+from bayes_toe.data.column_names import looks_like
 from bayes_toe.data.messages import bare, join_words, listed
 from bayes_toe.data.options import COLUMNS, LOOKED_AT, ReadOptions
 from bayes_toe.errors import Remedy
 
 _COUNTS = ("n_equal", "n_second", "n_trials")
 _STIMULI = ("s1", "s2", "i1", "i2")
-_REQUIRED = ("subject", *_STIMULI, "response", *_COUNTS)
-#: Names that are like ours, in small letters and digits, without accents.
-_SPELLINGS = {
-    "subject": {
-        *("subj", "subjects", "subjectid", "subjid", "subjectnr", "participant", "participantid"),
-        *("participantnumber", "observer", "observerid", "person", "listener", "vp", "vpn"),
-        *("proband", "versuchsperson", "teilnehmer", "sujet", "participante", "sujeto"),
-        *("soggetto", "partecipante"),
-    },
-    "response": {
-        *("resp", "responses", "answer", "judgment", "judgement", "choice", "antwort", "urteil"),
-        *("reponse", "respuesta", "risposta"),
-    },
-    "correct": {
-        *("accuracy", "acc", "hit", "hits", "iscorrect", "responsecorrect", "respcorr", "corr"),
-        *("keyrespcorr",),
-    },
-    "n_equal": {"nsame", "equal", "kequal"},
-    "n_second": {"second", "ksecond"},
-    "n_trials": {"trials", "ntotal", "total"},
-    "isi": {
-        *("isis", "isims", "isisec", "interval", "intervals", "intervalms", "soa", "soams"),
-        *("interstimulusinterval", "gap", "delay"),
-    },
-    "block": {
-        *("blocks", "blocknr", "blockno", "blocknum", "blocknumber", "blockindex", "blockid"),
-        *("run", "runnr"),
-    },
-    "session": {
-        *("sessions", "sess", "sessionnr", "sessionno", "sessionnum", "sessionnumber"),
-        *("sessionid", "day"),
-    },
-    "trial": {
-        *("trialnr", "trialno", "trialnum", "trialnumber", "trialindex", "trialid", "trialn"),
-    },
-    "iti": {"itis", "itims", "intertrialinterval", "rsi"},
-}
-#: Columns of which an empty cell says that nobody responded.
-_RESPONSE_SIGNS = {
-    *("key", "keys", "keyresp", "keyrespkeys", "keypress", "keypressed", "keyresprt", "resp"),
-    *("response", "responsekey", "button", "rt", "rts", "reactiontime", "responsetime", "latency"),
-}
-
-
-def plain_name(name: str) -> str:
-    """A name in small letters and digits, without accents.
-
-    Examples
-    --------
-    >>> plain_name("R\u00e9ponse"), plain_name("key_resp.rt")
-    ('reponse', 'keyresprt')
-    """
-    without_accents = unicodedata.normalize("NFKD", name.lower())
-    return re.sub("[^a-z0-9]", "", without_accents)
-
-
-def looks_like(name: str, ours: str) -> bool:
-    """Whether a column of a file looks like one of ours in another spelling."""
-    plain = plain_name(name)
-    return plain == ours.replace("_", "") or plain in _SPELLINGS.get(ours, ())
-
-
-def is_response_sign(name: str) -> bool:
-    """Whether an empty cell in this column says that nobody responded."""
-    return plain_name(name) in _RESPONSE_SIGNS
+_REQUIRED = ("subject", *_STIMULI, "standard", "comparison", "response", *_COUNTS)
 
 
 def with_likely_columns(names: Sequence[str], options: ReadOptions) -> ReadOptions:
@@ -93,7 +29,8 @@ def with_likely_columns(names: Sequence[str], options: ReadOptions) -> ReadOptio
     {'subject': 'Participant', 'response': 'answer'}
     """
     subject = () if options.subject_from is not None else ("subject",)
-    likely = _likely(names, options, (*subject, *_STIMULI))
+    stimuli = ("standard", "comparison") if options.has_standard else _STIMULI
+    likely = _likely(names, options, (*subject, *stimuli))
     if options.correct is None:
         answer = _likely(names, options, ("response",))
         counts = _likely(names, options, _COUNTS)
@@ -145,9 +82,16 @@ def columns_to_read(
                 f"column {bare(options.name('subject'))}: found together with --subject-from, "
                 "allowed: one of them"
             )
+    unordered = _unordered_stimuli(options)
+    if unordered:
+        problems.append(
+            f"columns {unordered} do not say which stimulus came first, so that an order effect "
+            "would cancel out."
+        )
+        return needed, problems, _order_remedies(names)
     missing = [name for name in options.where if name not in names]
     repeated = [name for name in options.where if names.count(name) > 1]
-    for ours in (*COLUMNS, "correct"):
+    for ours in (*COLUMNS, "correct", "standard_interval"):
         count = names.count(options.name(ours))
         if count == 0 and (ours in needed or ours in options.columns):
             missing.append(options.name(ours))
@@ -187,12 +131,13 @@ def _needed(names: Sequence[str], options: ReadOptions) -> list[str]:
     if options.condition or options.name("condition") in names:
         condition = ["condition"]
     is_condition = bool(condition) and options.name("isi") == options.name("condition")
+    interval = ["standard_interval"] if options.standard_interval is not None else []
     optional = []
     if options.name("isi") in names and not is_condition:
         optional.append("isi")
     optional += [*condition, *looked_at]
     read = [ours for ours in optional if ours not in options.ignore]
-    return ["subject", *options.stimuli, *answers, *read]
+    return ["subject", *options.stimuli, *interval, *answers, *read]
 
 
 def _answer_problems(
@@ -218,6 +163,26 @@ def _answer_problems(
         yield f"column {bare(response)}: {found}, allowed: {allowed}"
 
 
+def _unordered_stimuli(options: ReadOptions) -> str:
+    """The columns of both stimuli, where their names are those of a standard and a comparison."""
+    if options.has_standard:
+        return ""
+    theirs = [options.name(ours) for ours in options.stimuli]
+    for roles in (("standard", "comparison"), ("comparison", "standard")):
+        if all(looks_like(name, ours) for name, ours in zip(theirs, roles, strict=True)):
+            return f"{bare(theirs[0])} and {bare(theirs[1])}"
+    return ""
+
+
+def _order_remedies(names: Sequence[str]) -> list[Remedy]:
+    """What to type where a table has a standard and a comparison."""
+    alike = [name for name in names if looks_like(name, "standard_interval")]
+    return [
+        Remedy("standard_interval", (alike or ["NAME"])[0], "if it says 1 or 2 for the standard"),
+        Remedy("standard_first", "", "if the standard was always first"),
+    ]
+
+
 def _numbered_pair(names: Sequence[str]) -> tuple[str, str]:
     """The one pair of names that differ by 1 and 2, such as 'stim1' and 'stim2'; else empty."""
     pairs = []
@@ -235,6 +200,12 @@ def _remedies(
     missing = [ours for ours in needed if options.name(ours) not in names]
     free = [name for name in names if name not in {options.name(ours) for ours in needed}]
     to_name = [ours for ours in missing if ours in _REQUIRED]
+    has_both = all(
+        any(looks_like(name, ours) for name in names) for ours in ("standard", "comparison")
+    )
+    if {*options.stimuli} & set(missing) and not options.has_standard and has_both:
+        yield from _order_remedies(names)
+        return
     if to_name:
         stimuli = dict(zip(options.stimuli, _numbered_pair(free), strict=True))
         pairs = []

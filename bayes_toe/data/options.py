@@ -14,7 +14,8 @@ from bayes_toe.data.tasks import SAME_DIFFERENT, TASKS, WHICH_STRONGER, Task
 from bayes_toe.errors import InputError
 
 COLUMNS = (
-    *("subject", "s1", "s2", "i1", "i2", "response", "n_equal", "n_second", "n_trials"),
+    *("subject", "s1", "s2", "i1", "i2", "standard", "comparison", "response"),
+    *("n_equal", "n_second", "n_trials"),
     *("isi", "session", "block", "trial", "iti", "condition"),
 )
 #: Columns by which counts are no other: which trial came after which, for a look before answers are pooled and for models of history.
@@ -57,6 +58,13 @@ class ReadOptions:
         Whether levels that are numbers are names all the same, and not numbers of which there is a slope.
     decimal : {".", ","}, optional
         The decimal sign of the stimuli, where '1.050' may be 1050; the other sign groups thousands.
+    standard_interval : str, optional
+        For columns `standard` and `comparison` in the place of s1 and s2: the column that says in which interval the standard was, 1 or 2.
+        A response 'comparison' is 'second' where the comparison was second, and else 'first'.
+    standard_first : bool
+        For the same columns: the standard was the first stimulus in all trials.
+    comparison_code : str, optional
+        The text that stands for the response 'comparison'; the other text is 'standard'.
 
     Raises
     ------
@@ -84,13 +92,14 @@ class ReadOptions:
     reference: str | None = None
     categorical: bool = False
     decimal: str | None = None
+    standard_interval: str | None = None
+    standard_first: bool = False
+    comparison_code: str | None = None
 
     def __post_init__(self) -> None:
         for key in (
             *(f"{answer}_code" for answer in _ANSWERS),
-            "correct",
-            "condition",
-            "reference",
+            *("correct", "condition", "reference", "standard_interval", "comparison_code"),
         ):
             given = getattr(self, key)
             text = given
@@ -114,6 +123,14 @@ class ReadOptions:
             )
         if self.decimal not in (None, ".", ","):
             problems.append(f"--decimal: found {self.decimal!r}, allowed: '.' or ','")
+        if self.standard_first and self.standard_interval is not None:
+            problems.append(
+                "--standard-first: found with --standard-interval, allowed: one of them"
+            )
+        if self.comparison_code is not None and not self.has_standard:
+            problems.append(
+                "--comparison-code: found alone, allowed: with --standard-interval or --standard-first"
+            )
         problems += self._code_problems()
         problems += _name_problems(f"{ours}={theirs}" for ours, theirs in self.columns.items())
         unknown = [quoted(one) for one in self.ignore if one not in _MAY_BE_IGNORED]
@@ -173,12 +190,24 @@ class ReadOptions:
 
     def name(self, ours: str) -> str:
         """What the file calls a column of ours."""
-        given = {"correct": self.correct, "condition": self.condition}.get(ours)
+        named = {
+            "correct": self.correct,
+            "condition": self.condition,
+            "standard_interval": self.standard_interval,
+        }
+        given = named.get(ours)
         return self.columns.get(ours, given if given else ours)
+
+    @property
+    def has_standard(self) -> bool:
+        """Whether the stimuli are a standard and a comparison."""
+        return self.standard_first or self.standard_interval is not None
 
     @property
     def stimuli(self) -> tuple[str, str]:
         """Our names of the columns of the two stimuli."""
+        if self.has_standard:
+            return "standard", "comparison"
         return ("s1", "s2") if self.intensity is None else ("i1", "i2")
 
 

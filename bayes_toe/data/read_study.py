@@ -18,12 +18,8 @@ import numpy as np
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray, run_starts
 from bayes_toe.data.answers import Reading
-from bayes_toe.data.column_roles import (
-    columns_to_read,
-    is_response_sign,
-    looks_like,
-    with_likely_columns,
-)
+from bayes_toe.data.column_names import is_response_sign, looks_like
+from bayes_toe.data.column_roles import columns_to_read, with_likely_columns
 from bayes_toe.data.messages import bare, counted, listed, quoted, said_intervals
 from bayes_toe.data.options import COLUMNS, ReadOptions, subject_in
 from bayes_toe.data.responses import (
@@ -33,6 +29,7 @@ from bayes_toe.data.responses import (
     without_missed,
 )
 from bayes_toe.data.several_files import read_together
+from bayes_toe.data.standards import ALLOWED_INTERVALS, StandardOrder
 from bayes_toe.data.study import Study, Subject, by_person
 from bayes_toe.data.tasks import (
     SAME_DIFFERENT,
@@ -249,6 +246,7 @@ class _Rows:
 
     The keys are s1 and s2 (natural-log intensities), and isi (seconds) where there is such a column.
     `signs` are columns of keys and reaction times, where responses are scored right or wrong.
+    `stimuli` are the numbers in the columns of stimuli: s1 and s2, or the standard and the comparison.
     """
 
     table: TextTable
@@ -256,6 +254,8 @@ class _Rows:
     keys: list[FloatArray]
     options: ReadOptions
     signs: list[Column]
+    stimuli: list[FloatArray]
+    order: StandardOrder
 
     @property
     def shown(self) -> list[Column]:
@@ -277,7 +277,9 @@ class _Rows:
             *([self.columns["condition"]] if "condition" in self.columns else []),
         ):
             require_texts(self.table, column, asked)
-        for column, values in zip(self.shown[:2], self.keys, strict=False):
+        if self.order.column is not None:
+            self.table.fault(self.order.column, asked & self.order.is_unknown, ALLOWED_INTERVALS)
+        for column, values in zip(self.shown[:2], self.stimuli, strict=True):
             require_numbers(
                 self.table,
                 column,
@@ -326,7 +328,7 @@ def _rows(path: str | Path | Frame, options: ReadOptions) -> _Rows:
 
     def choose(names: Sequence[str]) -> set[str]:
         likely = with_likely_columns(names, options)
-        chosen = {likely.name(ours) for ours in (*COLUMNS, "correct")}
+        chosen = {likely.name(ours) for ours in (*COLUMNS, "correct", "standard_interval")}
         if options.correct is not None:
             chosen |= {name for name in names if is_response_sign(name)}
         return {*chosen, *others, *options.where} & set(names)
@@ -363,11 +365,15 @@ def _rows(path: str | Path | Frame, options: ReadOptions) -> _Rows:
     stimuli = [columns[ours] for ours in options.stimuli]
     if table.delimiter in _GROUPING_SIGNS and options.decimal is None:
         _require_decimal_sign(table, stimuli, options)
-    keys = [_stimulus(table, column, options) for column in stimuli]
+    values = [_stimulus(table, column, options) for column in stimuli]
+    order = StandardOrder(table, columns, options)
+    keys = order.in_order(*values)
+    if options.has_standard and "response" in columns:
+        columns["response"] = order.by_interval(table, columns["response"], options.comparison_code)
     if "isi" in columns:
         isi = numbers(table, columns["isi"])
         keys.append(np.where(isi > 0, isi, math.nan))
-    return _Rows(table, columns, keys, options, signs)
+    return _Rows(table, columns, keys, options, signs, values, order)
 
 
 def _asked_for(table: TextTable, where: Mapping[str, str]) -> BoolArray:

@@ -56,7 +56,7 @@ def responses(
     """
     judged = options.correct is not None
     untold, remedies = "", list[Remedy]()
-    if options.task is None:
+    if options.task is None and options.comparison_code is None:
         untold, remedies = _untold(column, difference)
     task = options.task or next((task for task in TASKS if _words_of(task, column)), SAME_DIFFERENT)
     names, words = (

@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from bayes_toe.data.options import ReadOptions, parse_columns
 from bayes_toe.data.read_study import read_study
 from bayes_toe.data.study import Study, Subject
+from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.data.validation import number, whole_number
 from bayes_toe.errors import InputError
 
@@ -482,7 +483,7 @@ def test_parse_columns_refuses(text, found):
     (problem,) = caught.value.problems
     assert problem.startswith(f"--columns: found {found}, allowed: ")
     assert problem.endswith(
-        "one of subject, s1, s2, i1, i2, response, n_equal, n_second, n_trials, isi, session, block, trial, iti, condition"
+        "one of subject, s1, s2, i1, i2, standard, comparison, response, n_equal, n_second, n_trials, isi, session, block, trial, iti, condition"
     )
 
 
@@ -584,6 +585,58 @@ def test_spaces_apostrophes_a_minus_sign_and_a_line_that_names_the_delimiter():
     data = "sep=;\nsubject;i1;i2;response\na;1'360;1 500;second\na;1\u202f500;1360;first\n"
     assert np.exp(read(data, intensity=1.0)["a"].s1) == pytest.approx([1360.0, 1500.0])
     assert content(read(f"{TRIALS}a,\u22120.3,0,same\n")) == {"a": [(-0.3, 0.0, 1, 1)]}
+
+
+STANDARDS = """subject,standard,comparison,interval,response
+a,0,0.3,1,comparison
+a,0,0.3,2,comparison
+a,0,0.3,1,standard
+a,0,-0.3,2,standard
+"""
+
+
+def test_a_standard_and_a_comparison_need_their_order():
+    for names in ({}, {"columns": {"s1": "standard", "s2": "comparison"}}):
+        with pytest.raises(InputError) as caught:
+            read(STANDARDS, **names)
+        assert [remedy.typed for remedy in caught.value.remedies] == [
+            "--standard-interval interval",
+            "--standard-first",
+        ]
+    with pytest.raises(InputError, match="an order effect would cancel out"):
+        read(STANDARDS, columns={"s1": "standard", "s2": "comparison"})
+
+
+def test_responses_to_a_standard_and_a_comparison_follow_the_interval():
+    # 'comparison' is 'second' exactly when the comparison was second.
+    expected = {"a": [(-0.3, 0.0, 1, 1), (0.0, 0.3, 1, 2), (0.3, 0.0, 0, 1)]}
+    study = read(STANDARDS, standard_interval="interval")
+    assert (study.task, content(study)) == (WHICH_STRONGER, expected)
+    coded = STANDARDS.replace(",comparison\n", ",c\n").replace(",standard\n", ",s\n")
+    coded = coded.replace("interval,response", "where,response")
+    options = {"standard_interval": "where", "comparison_code": "c"}
+    assert content(read(coded, **options)) == expected
+    in_words = STANDARDS.replace("3,1,", "3,first,").replace("3,2,", "3,second,")
+    assert content(read(in_words, standard_interval="interval")) == expected
+    # 'first' and 'second' name intervals themselves, whatever stood there.
+    absolute = "subject,std,comp,order,response\na,0,0.3,2,first\na,0,0.3,1,second\n"
+    found = content(read(absolute, standard_interval="order"))
+    assert found == {"a": [(0.0, 0.3, 1, 1), (0.3, 0.0, 0, 1)]}
+    always = content(read(absolute.replace(",2,first", ",1,first"), standard_first=True))
+    assert always == {"a": [(0.0, 0.3, 1, 2)]}
+
+
+def test_what_is_refused_of_a_standard_and_a_comparison():
+    (problem,) = refused(STANDARDS.replace("3,2,", "3,3,", 1), standard_interval="interval")
+    assert problem.startswith("row 3, column interval: found '3', allowed: 1 or 2")
+    (problem,) = refused(STANDARDS.replace("a,0,", "a,x,", 1), standard_interval="interval")
+    assert problem == "row 2, column standard: found 'x', allowed: a finite number"
+    (problem,) = refused(STANDARDS, standard_interval="interval", comparison_code="c")
+    assert problem.startswith("column response: found 'comparison', 'standard', allowed: 'c'")
+    with pytest.raises(InputError, match="allowed: one of them"):
+        ReadOptions(standard_interval="a", standard_first=True)
+    with pytest.raises(InputError, match="--comparison-code: found alone"):
+        ReadOptions(comparison_code="c")
 
 
 def test_codes_may_be_numbers_as_in_a_data_frame():

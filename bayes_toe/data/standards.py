@@ -1,0 +1,86 @@
+"""Tables of a standard and a comparison: which of the two stimuli came first.
+
+The order of presentation is what an order effect is about. A table that has a standard and a
+comparison must therefore say which of them came first: a column names the interval of the standard
+(1 or 2), or the standard was always first.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bayes_toe.arrays import FloatArray
+from bayes_toe.data.column_names import COMPARISON_WORDS, STANDARD_WORDS
+from bayes_toe.data.messages import bare, listed, quoted
+from bayes_toe.data.options import ReadOptions
+from bayes_toe.data.text_table import Column, TextTable
+from bayes_toe.data.validation import MISSING_WORDS
+from bayes_toe.errors import InputError
+
+_STANDARD_FIRST = frozenset({"1", "1.0", "first", "1st", *STANDARD_WORDS})
+_STANDARD_SECOND = frozenset({"2", "2.0", "second", "2nd", *COMPARISON_WORDS})
+#: What the column of the interval may hold.
+ALLOWED_INTERVALS = "1 or 2, the interval of the standard (also first or second)"
+
+
+class StandardOrder:
+    """In which trials the standard came first.
+
+    Attributes
+    ----------
+    is_first : ndarray of bool, shape (rows,)
+    is_unknown : ndarray of bool, shape (rows,)
+        Rows in which the column does not say it.
+    column : Column or None
+        None where the standard was always first.
+    """
+
+    def __init__(self, table: TextTable, columns: dict[str, Column], options: ReadOptions) -> None:
+        self.column = columns.get("standard_interval")
+        n_rows = len(table.rows)
+        self.is_first = np.ones(n_rows, np.bool_)
+        self.is_unknown = np.zeros(n_rows, np.bool_)
+        if options.standard_interval is not None and self.column is not None:
+            self.is_first = self.column.map(lambda text: text.lower() in _STANDARD_FIRST, np.bool_)
+            is_second = self.column.map(lambda text: text.lower() in _STANDARD_SECOND, np.bool_)
+            self.is_unknown = ~(self.is_first | is_second)
+
+    def in_order(self, standard: FloatArray, comparison: FloatArray) -> list[FloatArray]:
+        """First and second stimuli of every row."""
+        return [
+            np.where(self.is_first, standard, comparison),
+            np.where(self.is_first, comparison, standard),
+        ]
+
+    def by_interval(self, table: TextTable, column: Column, comparison_code: str | None) -> Column:
+        """Responses 'comparison' and 'standard' as 'second' and 'first'; other texts stay.
+
+        With the code of 'comparison', the other code of the column is 'standard'.
+
+        Raises
+        ------
+        InputError
+            If no response has the code, or if there are three codes.
+        """
+        texts = [text for text in column.texts if text.lower() not in MISSING_WORDS]
+        if comparison_code is not None and (comparison_code not in texts or len(texts) > 2):
+            codes = listed([quoted(text) for text in texts])
+            raise InputError(
+                f"{table.source}: column {bare(column.name)}: found {codes}, allowed: "
+                f"{quoted(comparison_code)} for 'comparison' and one other code for 'standard'"
+            )
+        is_comparison = column.map(lambda text: text.lower() in COMPARISON_WORDS, np.bool_)
+        is_standard = column.map(lambda text: text.lower() in STANDARD_WORDS, np.bool_)
+        if comparison_code is not None:
+            is_comparison = column.map(lambda text: text == comparison_code, np.bool_)
+            is_missing = column.map(lambda text: text.lower() in MISSING_WORDS, np.bool_)
+            is_standard = ~is_comparison & ~is_missing
+        if not (is_comparison.any() or is_standard.any()):
+            return column
+        is_second = np.where(self.is_first, is_comparison, is_standard)
+        is_first = np.where(self.is_first, is_standard, is_comparison)
+        n_texts = len(column.texts)
+        by_row = column.codes.copy()
+        by_row[is_second] = n_texts
+        by_row[is_first] = n_texts + 1
+        return Column.of(column.name, [*column.texts, "second", "first"], by_row)
