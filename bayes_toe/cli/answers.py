@@ -78,7 +78,8 @@ def subject_row(answer: OrderEffect, letters: Mapping[str, str]) -> list[str]:
         word = answer.words[question]
         letter = letters.get(answer.reasons.get(question, ""), "")
         cells.append(letter or str(word.value))
-    if len(set(answer.reasons.get(question) for question in QUESTIONS)) == 1 and answer.reasons:
+    reasons = {answer.reasons.get(question) for question in QUESTIONS}
+    if len(reasons) == 1 and answer.reasons:
         return [name, f"cannot be told {cells[1]}"]
     shift = _estimate(answer, "constant_error", "pse_shift_percent", _bare_percent)
     contraction = _estimate(answer, "contraction", "contraction_p", format_share)

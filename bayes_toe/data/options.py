@@ -196,7 +196,7 @@ class ReadOptions:
             "standard_interval": self.standard_interval,
         }
         given = named.get(ours)
-        return self.columns.get(ours, given if given else ours)
+        return self.columns.get(ours, given or ours)
 
     @property
     def has_standard(self) -> bool:

@@ -80,34 +80,27 @@ class Adaptive:
         draws: int = DRAWS,
         task: Task | str = SAME_DIFFERENT,
     ) -> None:
-        own_prior = observer_prior(prior)
-        self._begin(pairs, own_prior, root_seed(seed), about, draws, task_of(task))
-
-    def _begin(
-        self,
-        pairs: StudyDesign | npt.ArrayLike,
-        prior: ObserverPrior,
-        seed: int,
-        about: str,
-        draws: int,
-        task: Task,
-    ) -> None:
-        """Set up a session before its first answer."""
         if about not in (MODEL, PARAMETERS):
             raise InputError(f"about={about!r}: allowed: {MODEL}, {PARAMETERS}")
         if draws < _FEWEST_JUDGES:
             raise InputError(f"draws={draws}: allowed is at least {_FEWEST_JUDGES}")
-        self.pairs = pairs if isinstance(pairs, StudyDesign) else _make_design(pairs, task)
+        asked_task = task_of(task)
+        if not isinstance(pairs, StudyDesign):
+            pairs = _make_design(pairs, asked_task)
+        self.pairs = pairs
         if self.pairs.isi is not None:
             raise InputError("pairs: found intervals, allowed: s1 and s2 alone")
-        self.prior, self.seed, self.about, self.draws = prior, seed, about, draws
+        self.prior = observer_prior(prior)
+        self.seed = root_seed(seed)
+        self.about = about
+        self.draws = draws
         self._n_judges = min(draws, max(_FEWEST_JUDGES, _JUDGED // self.pairs.n_pairs))
         self._answers: list[tuple[Pair, bool]] = []
         self._predicted: dict[str, tuple[int, FloatArray]] = {}
         self._particles = {}
         for name in ORDER_MODELS:
-            rule = OrderModel(name).posterior(self.pairs.unanswered, prior)
-            rng = generator(seed, "adaptive", name, "prior")
+            rule = OrderModel(name).posterior(self.pairs.unanswered, self.prior)
+            rng = generator(self.seed, "adaptive", name, "prior")
             self._particles[name] = Particles.from_prior(rule, draws, rng)
 
     # --- A session --------------------------------------------------------------------------------
@@ -294,14 +287,17 @@ class Adaptive:
         InputError
             If the file cannot be read or was not written by :meth:`save`.
         """
-        session = cls.__new__(cls)
         try:
             content: dict[str, Any] = json.loads(Path(path).read_text(encoding="utf-8"))
             if content["format"] != _FORMAT:
                 raise ValueError(f"format {content['format']!r}, begin a new session")
-            prior, task = ObserverPrior(**content["prior"]), task_of(content["task"])
-            session._begin(
-                content["pairs"], prior, content["seed"], content["about"], content["draws"], task
+            session = cls(
+                content["pairs"],
+                Prior(observer=ObserverPrior(**content["prior"])),
+                seed=content["seed"],
+                about=content["about"],
+                draws=content["draws"],
+                task=content["task"],
             )
             for *pair, yes in content["answers"]:
                 session.answer(pair, yes)
