@@ -33,18 +33,21 @@ from bayes_toe.plots.style import (
 
 _CELLS = 120
 _ACROSS = 3
-_WIDTHS, _HEIGHTS = (
-    {1: 3.6, 2: 5.6, 3: PAGE},
-    {1: 3.2, 2: 2.5, 3: 2.15},
-)  # inches of figures and rows with so many columns
+# Inches of figures and rows with so many columns.
+_WIDTHS = {1: 3.6, 2: 5.6, 3: PAGE}
+_HEIGHTS = {1: 3.2, 2: 2.5, 3: 2.15}
+_CROWDED = 60  # pairs, beyond which marks are small
 AXIS = "#111111"
+#: Greys without the darkest, on which a black axis would be lost.
+GREYS = ListedColormap(colormaps["Greys"](np.linspace(0.0, 0.62, 256)))
 
 
 def plane_axes(draws: Draws, subject: str, ax: Axes) -> Axes:
-    """P('equal'), or P('second'), of any pair in grey, the symmetry axis with its central 60 %, and the pairs presented. Source: Fig. 5.
+    """P('equal'), or P('second'), of any pair in grey, with the symmetry axis and the pairs.
 
-    Grey is the posterior mean on a scale from 0 (white) to 1, thin lines are its levels 0.25, 0.5 and 0.75. Dashed: the diagonal, which
-    would be the axis without an order effect. Open marks: pairs presented, in the colour of their order.
+    Source: Fig. 5. Grey is the posterior mean on a scale from 0 (white) to 1, thin lines are its
+    levels 0.25, 0.5 and 0.75. The axis has its central 60 %. Dashed: the diagonal, which would be
+    the axis without an order effect. Open marks: pairs presented, in the colour of their order.
     """
     counts, fitted = draws.subject(subject), fitted_curve(draws, subject)
     refuse_intervals([counts], "plane of pairs")
@@ -53,57 +56,26 @@ def plane_axes(draws: Draws, subject: str, ax: Axes) -> Axes:
     low, high = float(both.min()) - pad, float(both.max()) + pad
     side = np.linspace(low, high, _CELLS)
     mean = np.stack([fitted(np.full(_CELLS, s1), side).mean(axis=0) for s1 in side], axis=1)
-    half = 0.5 * float(side[1] - side[0])
-    ends = (
-        low - half,
-        high + half,
-    )  # of an image whose outermost pixels are centred on the ends of the grid
-    ax.imshow(
-        mean,
-        origin="lower",
-        extent=(*ends, *ends),
-        cmap=_greys(),
-        vmin=0.0,
-        vmax=1.0,
-        interpolation="bilinear",
-        zorder=0,
-    )
-    ax.contour(
-        side, side, mean, levels=[0.25, 0.5, 0.75], colors="#FFFFFF", linewidths=0.5, zorder=1
-    )
+    ax.pcolormesh(side, side, mean, cmap=GREYS, vmin=0.0, vmax=1.0, rasterized=True, zorder=0)
+    levels: dict[str, Any] = {"colors": "#FFFFFF", "linewidths": 0.5, "zorder": 1}
+    ax.contour(side, side, mean, levels=[0.25, 0.5, 0.75], **levels)
     ax.plot([low, high], [low, high], "--", color="#444444", lw=0.8, label="diagonal")
-    low_edge, middle, high_edge = np.quantile(
-        evolved_mean(
-            side[:, None], *(draws.values(subject, name).ravel() for name in ("mu1", "gamma"))
-        ),
-        [0.2, 0.5, 0.8],
-        axis=1,
-    )
-    ax.plot(side, middle, color=AXIS, lw=1.5, label="symmetry axis")
-    for edge in (low_edge, high_edge):
-        ax.plot(side, edge, ":", color=AXIS, lw=0.9)
-    order, crowded = presentation_order(counts), counts.n_pairs > 60
+    mu1, gamma = (draws.values(subject, name).ravel() for name in ("mu1", "gamma"))
+    axis = np.quantile(evolved_mean(side[:, None], mu1, gamma), [0.2, 0.5, 0.8], axis=1)
+    ax.plot(side, axis[1], color=AXIS, lw=1.5, label="symmetry axis")
+    ax.plot(side, axis[[0, 2]].T, ":", color=AXIS, lw=0.9)
+    order = presentation_order(counts)
+    style: dict[str, Any] = {"ms": 4.6, "mew": 1.2, "mfc": "white", "zorder": 4, "ls": ""}
+    if counts.n_pairs > _CROWDED:
+        style |= {"ms": 2.0, "mew": 0.6}
     for kind, mark in ORDERS.items():
         at = order == kind
         if at.any():
-            style: dict[str, Any] = {"ms": 2.0, "mew": 0.6} if crowded else {"ms": 4.6, "mew": 1.2}
-            ax.plot(
-                counts.s1[at],
-                counts.s2[at],
-                mark.marker,
-                mfc="white",
-                mec=mark.colour,
-                label=mark.label,
-                zorder=4,
-                **style,
-            )
-    ax.set(
-        xlim=(low, high),
-        ylim=(low, high),
-        xlabel="first stimulus $s_1$ (ln intensity)",
-        ylabel="second stimulus $s_2$ (ln intensity)",
-    )
-    ax.set_aspect("equal")
+            s1, s2 = counts.s1[at], counts.s2[at]
+            ax.plot(s1, s2, marker=mark.marker, mec=mark.colour, label=mark.label, **style)
+    ax.set(xlabel="first stimulus $s_1$ (ln intensity)")
+    ax.set(ylabel="second stimulus $s_2$ (ln intensity)")
+    ax.set(xlim=(low, high), ylim=(low, high), aspect="equal")
     ticks = [tick for tick in ax.get_xticks() if low <= tick <= high]  # the same to both sides
     ax.set(xticks=ticks, yticks=ticks)
     return dress(ax)
@@ -120,14 +92,8 @@ def plane_figure(draws: Draws, subjects: Sequence[str]) -> Figure:
         ax.set_title(over_panel(draws, subject), fontsize=LETTERS)
         if i % across:
             ax.set_ylabel("")
-    bar = figure.colorbar(
-        ScalarMappable(cmap=_greys()), ax=panels, fraction=0.02, pad=0.01, aspect=30, shrink=0.85
-    )
+    scale = ScalarMappable(cmap=GREYS)
+    bar = figure.colorbar(scale, ax=panels, fraction=0.02, pad=0.01, aspect=30, shrink=0.85)
     dress_bar(bar, chance(draws.task))
     legend_below(figure, size=SMALL, columns=5 if across > 2 else 3)
     return figure
-
-
-def _greys() -> Any:
-    """Greys without the darkest, on which a black axis would be lost."""
-    return ListedColormap(colormaps["Greys"](np.linspace(0.0, 0.62, 256)))

@@ -315,11 +315,10 @@ _CAPTIONS = {
     "subject's comparisons; large: the largest of the subject.",
     "figure_3_examples": "Subjects {subjects}. Top: Laplace estimators with standard deviations; lines: posterior mean; {curves}. "
     "Middle: prior at the medians of the identified coordinates (thick) and at some draws (thin); triangles: stimuli; bar: two sigma_l "
-    "wide; an arrow points to a prior beyond the panel. Bottom: the same answers{divided} over the normalised distance (posterior median, "
+    "wide. Bottom: the same answers{divided} over the normalised distance (posterior median, "
     "horizontal bars 60 % of the draws). Colours follow the text and Fig. 1C; those of the paper's caption are swapped.",
     "figure_4_map": "Dots: posterior medians of (mu_1, sigma_p); bars: their central 60 %; "
-    "colour: sigma_l at the medians of the identified coordinates. Grey range and lines: the stimuli. Insets as in Fig. 3, top, for the "
-    "subjects whose prior means lie farthest out.{truth}",
+    "colour: sigma_l at the medians of the identified coordinates. Grey range and lines: the stimuli.{truth}",
     "figure_5_plane": "Subjects {subjects}. Grey: posterior mean of {chance}, with its levels 0.25, 0.5 and 0.75; solid: median of the "
     "symmetry axis s2 = mu_2(s1), dotted: its central 60 %; marks: pairs presented.",
     "appendix_c_evidence": "Left: log evidence per trial of the paper's model (H1) against free frequencies (H0). Right: log Bayes "

@@ -43,6 +43,7 @@ from bayes_toe.plots.style import (
 
 _ACROSS = 3  # columns of one block of rows
 _OF_PRIOR = ("mu1", "sigma_p", "sigma_l")
+_CROWDED = 60  # pairs, beyond which marks are small
 _SHADOWS = 40  # draws whose priors are shown behind the central one
 
 
@@ -83,9 +84,10 @@ def answers_axes(counts: Subject, curve: Curve, ax: Axes, *, size: float = 4.0) 
 
 
 def prior_axes(draws: Draws, subject: str, ax: Axes) -> Axes:
-    """Fitted prior of a subject, Normal(mu_1, sigma_1^2), among the stimuli. Source: Fig. 3, middle row.
+    """Fitted prior of a subject, Normal(mu_1, sigma_1^2), among the stimuli.
 
-    Thick in their middle, see :func:`central`, thin at some of the draws; triangles: stimuli; bar: likelihood noise, 2 sigma_l wide.
+    Source: Fig. 3, middle row. Thick in their middle, see :func:`central`, thin at some of the
+    draws; triangles: stimuli; bar: likelihood noise, 2 sigma_l wide.
     """
     counts, middle = draws.subject(subject), central(draws, subject)
     refuse_intervals([counts], "panel of the prior")
@@ -103,54 +105,16 @@ def prior_axes(draws: Draws, subject: str, ax: Axes) -> Axes:
     ax.plot(x, np.minimum(shadows, 1.6).T, color=BELIEF, lw=0.4, alpha=0.25)
     ax.fill_between(x, 0.0, density, color=BELIEF, alpha=0.18, lw=0)
     ax.plot(x, density, color=BELIEF, lw=1.4)
-    ax.plot(
-        stimuli,
-        np.full_like(stimuli, -0.09),
-        "^",
-        ms=4.0,
-        color="black",
-        mec="white",
-        mew=0.4,
-        clip_on=False,
-    )
+    ax.plot(stimuli, np.full_like(stimuli, -0.12), "^", ms=4.0, color="black", mec="white", mew=0.4)
     centre, noise = float(stimuli.mean()), middle["sigma_l"]
-    ax.plot(
-        [centre - noise, centre + noise],
-        [-0.3, -0.3],
-        color="#333333",
-        lw=2.2,
-        solid_capstyle="butt",
-    )
-    ax.text(
-        centre + noise + 0.015 * (high - low),
-        -0.3,
-        r"$\sigma_\ell$",
-        ha="left",
-        va="center",
-        fontsize=SMALL,
-    )
-    ax.set(
-        xlim=(low, high),
-        ylim=(-0.42, 1.5),
-        yticks=[],
-        xlabel="stimulus (ln intensity)",
-        ylabel="prior density",
-    )
-    ax.set_title(rf"$\mu_1$ = {middle['mu1']:.2f}, $\sigma_1$ = {sd:.2f}".replace("-", "−"))
+    ax.hlines(-0.3, centre - noise, centre + noise, color="#333333", lw=2.2)
+    ax.text(centre + noise, -0.3, r" $\sigma_\ell$", va="center", fontsize=SMALL)
+    ax.set(xlim=(low, high), ylim=(-0.42, 1.5), yticks=[])
+    ax.set(xlabel="stimulus (ln intensity)", ylabel="prior density")
+    ax.set_title(rf"$\mu_1$ = {mean:.2f}, $\sigma_1$ = {sd:.2f}".replace("-", "−"))
     dress(ax)
     ax.title.set_fontsize(SMALL)
     ax.spines["left"].set_visible(False)
-    if not low <= mean <= high:  # an arrow to where it is
-        side, way = (0.02, 1.0) if mean < low else (0.98, -1.0)
-        style: dict[str, Any] = {"arrowstyle": "->", "color": BELIEF, "lw": 1.2}
-        ax.annotate(
-            "",
-            (side, 0.6),
-            (side + 0.14 * way, 0.6),
-            xycoords="axes fraction",
-            textcoords="axes fraction",
-            arrowprops=style,
-        )
     return ax
 
 
@@ -164,17 +128,17 @@ def _reach(stimuli: FloatArray, mean: float, sd: float) -> tuple[float, float]:
     """Stimuli and prior, but no farther from the stimuli than keeps them apart on paper."""
     first, last = float(stimuli.min()), float(stimuli.max())
     span = max(last - first, 1.5 * sd)
-    low, high = mean - 2.5 * sd, mean + 2.5 * sd
-    return max(min(first - 0.15 * span, low), first - 4.0 * span), min(
-        max(last + 0.15 * span, high), last + 4.0 * span
-    )
+    low = np.clip(mean - 2.5 * sd, first - 4.0 * span, first - 0.15 * span)
+    high = np.clip(mean + 2.5 * sd, last + 0.15 * span, last + 4.0 * span)
+    return float(low), float(high)
 
 
 def collapse_axes(draws: Draws, subject: str, ax: Axes) -> Axes:
-    """Both orders over the normalised distance (s2 - mu_2)/w, where they fall on one curve q/q0 = 2^(-z^2). Source: Fig. 3, lower row.
+    """Both orders over the normalised distance (s2 - mu_2)/w: one curve q/q0 = 2^(-z^2).
 
-    Horizontal bars hold 60 % of the draws; vertical ones are the standard deviation of the Laplace estimator over q0. The curve is that of
-    the medians; of 'which is stronger' nothing is divided.
+    Source: Fig. 3, lower row. Horizontal bars hold 60 % of the draws; vertical ones are the
+    standard deviation of the Laplace estimator over q0. The curve is that of the medians; of 'which
+    is stronger' nothing is divided.
     """
     posterior, points = draws.posterior(subject), np.concatenate(list(draws.points(subject)))
     assert isinstance(posterior, PaperPosterior)
@@ -183,60 +147,44 @@ def collapse_axes(draws: Draws, subject: str, ax: Axes) -> Axes:
     found = collapse(posterior, points, mass=0.6)
     reach = max(1.5, 1.08 * float(np.abs([found.z_low, found.z_high]).max()))
     x = np.linspace(-reach, reach, 300)
-    ax.plot(
-        x,
-        posterior.yes_at_distance(np.median(points, axis=0, keepdims=True), x)[0] / found.top,
-        color="#333333",
-        lw=1.2,
-    )
-    crowded, style = counts.n_pairs > 60, dict[str, Any]()
+    curve = posterior.yes_at_distance(np.median(points, axis=0, keepdims=True), x)[0]
+    ax.plot(x, curve / found.top, color="#333333", lw=1.2)
+    style: dict[str, Any] = {"ms": 4.0, "elinewidth": 0.8, "mec": "white", "mew": 0.4}
+    if counts.n_pairs > _CROWDED:
+        style |= {"ms": 2.2, "alpha": 0.4, "elinewidth": 0.3}
     for order, mark in ORDERS.items():
         at = found.order == order
         if at.any():
             across = np.stack([found.z - found.z_low, found.z_high - found.z])[:, at]
-            style = (
-                {"ms": 2.2, "alpha": 0.4, "elinewidth": 0.3}
-                if crowded
-                else {"ms": 4.0, "elinewidth": 0.8}
-            )
-            style |= {"fmt": mark.marker, "color": mark.colour, "mec": "white", "mew": 0.4}
-            ax.errorbar(found.z[at], found.ratio[at], found.error[at], across, **style)
-    top, divided = (
-        max(1.14, 1.04 * float((found.ratio + found.error).max())),
-        "$/q_0$" if found.top < 1.0 else "",
-    )
-    ax.set(
-        xlim=(-reach, reach),
-        ylim=(-0.03, top),
-        xlabel=r"$(s_2 - \mu_2)/w$",
-        ylabel=chance(counts.task) + divided,
-    )
+            z, ratio, error = found.z[at], found.ratio[at], found.error[at]
+            ax.errorbar(z, ratio, error, across, fmt=mark.marker, color=mark.colour, **style)
+    top = max(1.14, 1.04 * float((found.ratio + found.error).max()))
+    divided = "$/q_0$" if found.top < 1.0 else ""
+    ax.set(xlim=(-reach, reach), ylim=(-0.03, top))
+    ax.set(xlabel=r"$(s_2 - \mu_2)/w$", ylabel=chance(counts.task) + divided)
     return dress(ax)
 
 
 def examples_figure(draws: Draws, subjects: Sequence[str]) -> Figure:
-    """Three rows for each subject: :func:`answers_axes`, :func:`prior_axes`, :func:`collapse_axes`; three columns before it starts anew."""
+    """For each subject a column of :func:`answers_axes`, :func:`prior_axes`, :func:`collapse_axes`.
+
+    After three columns it starts anew.
+    """
     across = even_columns(len(subjects), _ACROSS)
     blocks = -(-len(subjects) // across)
     figure = new_figure({1: COLUMN, 2: 5.0}.get(across, PAGE), 5.6 * blocks + 0.3)
-    grid = figure.subplots(
-        3 * blocks, across, squeeze=False, gridspec_kw={"height_ratios": (1.25, 0.85, 1.1) * blocks}
-    )
-    columns = [
-        grid[3 * block : 3 * block + 3, column]
-        for block in range(blocks)
-        for column in range(across)
-    ]
-    for ax in (ax for axes in columns[len(subjects) :] for ax in axes):
-        ax.remove()
-    for place, (subject, (top, middle, bottom)) in enumerate(zip(subjects, columns, strict=False)):
+    grid = figure.add_gridspec(3 * blocks, across, height_ratios=(1.25, 0.85, 1.1) * blocks)
+    for i, subject in enumerate(subjects):
+        block, column = divmod(i, across)
+        panels = [figure.add_subplot(grid[3 * block + row, column]) for row in range(3)]
         counts = draws.subject(subject)
-        answers_axes(counts, fitted_curve(draws, subject), top)
-        prior_axes(draws, subject, middle)
-        collapse_axes(draws, subject, bottom)
+        answers_axes(counts, fitted_curve(draws, subject), panels[0])
+        prior_axes(draws, subject, panels[1])
+        collapse_axes(draws, subject, panels[2])
         about = which_weaker(counts, main_weaker(counts))
-        top.set_title(over_panel(draws, subject) + (about and f"\n{about}"), fontsize=LETTERS)
-        for ax in (top, middle, bottom) if place % across else ():
+        title = over_panel(draws, subject)
+        panels[0].set_title(f"{title}\n{about}" if about else title, fontsize=LETTERS)
+        for ax in panels if column else ():
             ax.set_ylabel("")
     legend_below(figure, size=SMALL)
     return figure

@@ -20,7 +20,7 @@ from bayes_toe.plots.asymmetry import asymmetry_height, order_axes
 from bayes_toe.plots.curves import fitted_curve
 from bayes_toe.plots.figure_files import picture
 from bayes_toe.plots.geometry import plane_axes
-from bayes_toe.plots.map import farthest, map_axes, map_figure, posterior_clouds
+from bayes_toe.plots.map import map_figure, posterior_clouds, write_names
 from bayes_toe.plots.paper_figures import (
     CAPTIONS,
     FIGURES,
@@ -158,19 +158,25 @@ def test_bars_of_the_map_reach_over_the_central_60_percent_of_draws_or_of_replic
 
 
 def map_panel(figure):
-    """The panel of the map, which has no legend of its own and stands beside the insets."""
-    return next(ax for ax in figure.axes if "prior mean" in ax.get_xlabel())
+    """The panel of the map, beside the bar of its colours."""
+    return figure.axes[0]
 
 
-def test_the_map_names_everybody_by_a_letter_and_shows_true_values(analysis):
+def clouds_at(analysis, *places):
+    """Replicates of the three subjects that differ by hardly anything."""
+    rng = np.random.default_rng(1)
+    return {
+        name: tuple(rng.normal([[mu1], [0.3]], 0.02, (2, 500)))
+        for name, mu1 in zip("ABC", places, strict=True)
+    }
+
+
+def test_the_map_names_everybody_and_shows_true_values(analysis):
     material = material_of(analysis)
     ax = map_panel(FIGURES["figure_4_map"](material))
     assert ax.get_title(loc="left") == "bars: 60 %"
     assert "central 60 %" in captions(material)
-    order = sorted("ABC", key=lambda name: central(analysis.draws, name)["mu1"])
-    assert {text.get_text() for text in ax.texts} - {""} == {
-        f"{letter}: {name}" for letter, name in zip("ABC", order, strict=True)
-    }
+    assert {text.get_text() for text in ax.texts} == set("ABC")
     known = material_of(analysis, truth={"A": {"mu1": -9.0, "sigma_p": 0.25}, "B": {"mu1": 1.0}})
     ax = map_panel(FIGURES["figure_4_map"](known))
     assert [line.get_xydata().tolist() for line in ax.lines if line.get_marker() == "s"] == [
@@ -180,28 +186,22 @@ def test_the_map_names_everybody_by_a_letter_and_shows_true_values(analysis):
     assert "Squares: true values." in captions(known)
 
 
-def test_a_subject_far_away_is_named_at_the_edge():
-    rng = np.random.default_rng(1)
-    clouds = {
-        "near": tuple(rng.normal(0.3, 0.02, (2, 500))),
-        "far": (rng.normal(300.0, 0.02, 500), rng.normal(0.3, 0.02, 500)),
-    }
-    ax = map_axes(clouds, stimuli=[0.0, 0.5])
+def test_a_subject_far_away_is_counted_and_the_others_are_seen(analysis):
+    clouds = clouds_at(analysis, 0.1, 300.0, 0.5)
+    ax = map_panel(map_figure(analysis.draws, clouds=clouds))
     assert ax.get_xlim()[1] < 10
-    assert any("far" in text.get_text() and "3e+02" in text.get_text() for text in ax.texts)
-    with pytest.raises(InputError, match="at least one subject"):
-        map_axes({})
+    assert {text.get_text() for text in ax.texts} == {"A", "C"}
+    assert ax.get_title(loc="left") == "bars: 60 %; 1 subject beyond the panel"
 
 
 def test_names_on_the_map_are_not_written_over_each_other():
+    ax = new_figure(2.4, 2.2).subplots()
+    ax.set(xlim=(-3.0, 3.0), ylim=(0.0, 0.6))
     places = {"west": -2.0, "east": 2.0} | {f"subject {i:02d}": 0.0 for i in range(20)}
-    ax = map_axes(
-        {name: (np.full(9, at), np.full(9, 0.3)) for name, at in places.items()},
-        new_figure(2.4, 2.2).subplots(),
-    )
+    n_unnamed = write_names(ax, {name: np.array([x, 0.3]) for name, x in places.items()})
     require_legible(ax.figure)
-    named = {text.get_text() for text in ax.texts} - {""}
-    assert f"no room for {len(places) - len(named)} names" in ax.get_title(loc="left")
+    named = {text.get_text() for text in ax.texts}
+    assert len(named) + n_unnamed == len(places)
     assert {"west", "east"} < named < set(places)
 
 
@@ -247,21 +247,13 @@ def test_many_subjects_are_sorted_by_their_largest_asymmetry_in_a_figure_of_one_
     assert [text.get_text() for text in ax.texts] == ["no pair in both orders: 1"]
 
 
-def test_of_very_many_subjects_the_map_names_a_few():
-    rng = np.random.default_rng(2)
-    clouds = {f"S{i}": tuple(rng.normal([[i / 100], [0.3]], 0.02, (2, 60))) for i in range(70)}
-    words = {text.get_text() for text in map_axes(clouds).texts} - {""}
-    assert words == {f"S{i}" for i in (*range(4), *range(66, 70))}
-
-
 def test_subjects_are_chosen_in_the_roles_of_the_paper(table):
-    """Likeliest 'equal' with the weaker first, with the stronger first, and alike; the farthest on the map."""
+    """Likeliest 'equal' with the weaker first, with the stronger first, and alike."""
     rows = [
         replace(row, subject=f"{row.subject}{i}")
         for i, row in enumerate((table["C"], table["B"], table["A"], table["C"]))
     ]
     assert representative(AsymmetryTable(tuple(rows)))[:2] == ("A2", "B1")
-    assert farthest([3.0, 1.0, 2.0], 5) == [1, 2, 0]
 
 
 # --- words ------------------------------------------------------------------------------------------------------------------------
@@ -336,10 +328,9 @@ def test_names_of_any_kind_are_drawn(small_study):
         [replace(one, name=name) for name, one in zip(names, small_study, strict=True)]
     )
     assert picture(asymmetry_figure(bt.asymmetry(study)), "pdf").startswith(b"%PDF")
-    rng = np.random.default_rng(1)
-    assert picture(
-        map_axes({name: rng.normal(0.3, 0.1, (2, 99)) for name in names}).figure, "pdf"
-    ).startswith(b"%PDF")
+    ax = one_panel()
+    write_names(ax, {name: np.array([0.2 * i, 0.5]) for i, name in enumerate(names)})
+    assert picture(ax.figure, "pdf").startswith(b"%PDF")
 
 
 def test_captions_say_what_is_left_out_and_what_did_not_converge(analysis):
