@@ -52,7 +52,7 @@ from bayes_toe.model.observer import OrderModel
 from bayes_toe.model.paper_model import PAPER_MODEL, paper_posterior
 from bayes_toe.model.posterior import SampledPosterior
 from bayes_toe.model.prior import Prior
-from bayes_toe.model.study_prior import prior_for
+from bayes_toe.model.prior_file import prior_for
 from bayes_toe.result_store import ResultStore, StoredResults, open_store
 from bayes_toe.seeds import generator
 from bayes_toe.workers import Failed, Progress, Workers, run_in_order

@@ -43,7 +43,7 @@ from bayes_toe.model.parameters import (
     Parameter,
 )
 from bayes_toe.model.prior import Prior
-from bayes_toe.model.study_prior import prior_for
+from bayes_toe.model.prior_file import prior_for
 from bayes_toe.result_store import open_store
 from bayes_toe.seeds import generator
 from bayes_toe.workers import Progress, Workers

@@ -33,7 +33,7 @@ from bayes_toe.model.observer import OrderModel
 from bayes_toe.model.parameters import ObserverPrior
 from bayes_toe.model.posterior import SampledPosterior
 from bayes_toe.model.prior import Prior
-from bayes_toe.model.study_prior import prior_for
+from bayes_toe.model.prior_file import prior_for
 from bayes_toe.model.trial_history import TrialHistory, TrialHistoryPosterior
 from bayes_toe.result_store import open_store
 from bayes_toe.seeds import generator

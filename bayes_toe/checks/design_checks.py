@@ -25,7 +25,7 @@ from bayes_toe.data.study import Study, Subject, by_person, require_study, stimu
 from bayes_toe.data.units import follows_from_pairs
 from bayes_toe.data.validation import number, runs
 from bayes_toe.model.prior import Prior
-from bayes_toe.model.study_prior import preset_or_file
+from bayes_toe.model.prior_file import preset_or_file
 
 #: Natural-log intensities beyond which stimuli look raw.
 LARGEST_LOG = 5.0

@@ -25,7 +25,7 @@ from bayes_toe.errors import InputError, require_kind, require_share
 from bayes_toe.model.distributions import LOG_2PI
 from bayes_toe.model.paper_equations import Natural, natural_names
 from bayes_toe.model.prior import Prior
-from bayes_toe.model.study_prior import prior_for
+from bayes_toe.model.prior_file import prior_for
 from bayes_toe.seeds import generator, root_seed
 from bayes_toe.workers import Progress, Workers, run_in_order
 

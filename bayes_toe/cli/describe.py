@@ -25,7 +25,7 @@ def check(*, study: StudyFile, task: Annotated[Task, Takes("prior")]) -> None:
     [bold]Example[/bold]: bayes-toe check study.csv
     """
     from bayes_toe.cli.check_screen import print_check
-    from bayes_toe.model.study_prior import preset_or_file
+    from bayes_toe.model.prior_file import preset_or_file
 
     prior = preset_or_file(task.prior)
     # Whatever the stimuli are: `check` reports what cannot be analysed.

@@ -70,7 +70,7 @@ class Task:
 
     def read(self, study: StudyFile) -> tuple[Study, Prior]:
         """The study and the prior; the prior is read first, because it is the shorter file."""
-        from bayes_toe.model.study_prior import preset_or_file, prior_for
+        from bayes_toe.model.prior_file import preset_or_file, prior_for
 
         prior, read = preset_or_file(self.prior), study.read()
         return read, prior_for(read, prior)

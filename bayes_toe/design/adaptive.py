@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,11 +19,12 @@ from bayes_toe.data.messages import shown
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task, task_of
 from bayes_toe.data.whole_files import whole_file
-from bayes_toe.design.particles import ENOUGH, Particles
 from bayes_toe.design.power import observer_prior
 from bayes_toe.design.study_design import StudyDesign, each_once
 from bayes_toe.errors import InputError
-from bayes_toe.model.observer import OrderModel
+from bayes_toe.inference.adaptation import adapt_proposal, redrawn, refreshed
+from bayes_toe.inference.proposal import FittedProposal, efficiency
+from bayes_toe.model.observer import ObserverPosterior, OrderModel
 from bayes_toe.model.parameters import MODEL_PRIOR, ORDER_MODELS, ObserverPrior
 from bayes_toe.model.prior import Prior
 from bayes_toe.seeds import generator, root_seed
@@ -36,6 +37,89 @@ DRAWS = 4000
 #: Draws of a model by which pairs are compared, at least, and their answers to all pairs, about.
 _FEWEST_JUDGES, _JUDGED = 512, 512_000
 _FORMAT = "bayes-toe adaptive 2"
+#: Share of the draws that counted when they were made, below which they are made anew.
+_ENOUGH = 0.5
+#: Efficiency below which a proposal that was brought up to date is fitted from the beginning.
+_POOR = 0.25
+
+
+@dataclass(eq=False)
+class Particles:
+    """Draws of one model with their weights, which change when answers come.
+
+    When fewer than half of the draws count that did, the mixture that they came from is refitted to
+    them and all are drawn again, each with its weight, so that no error is handed on.
+
+    Attributes
+    ----------
+    rule : ObserverPosterior
+        That of the pairs without answers: prior and scales.
+    x : ndarray, shape (draws, k)
+    log_posterior : ndarray, shape (draws,)
+        Joint log density of draws and answers.
+    log_weight : ndarray, shape (draws,)
+        The same over the density that draws came from.
+    fitted : FittedProposal, optional
+        The mixture that they came from; none before the first renewal.
+    generation : int
+        How often they were made anew.
+    """
+
+    rule: ObserverPosterior
+    x: FloatArray
+    log_posterior: FloatArray
+    log_weight: FloatArray
+    fitted: FittedProposal | None = None
+    generation: int = 0
+
+    @classmethod
+    def from_prior(cls, rule: ObserverPosterior, draws: int, rng: np.random.Generator) -> Particles:
+        """Before any answer."""
+        x = rule.sample_prior(rng, draws)
+        return cls(rule, x, rule.log_prior(x), np.zeros(draws))
+
+    @property
+    def shares(self) -> FloatArray:
+        """Weights that sum to 1, shape (draws,)."""
+        return np.asarray(np.exp(self.log_weight - logsumexp(self.log_weight)))
+
+    @property
+    def log_evidence(self) -> float:
+        """Of all answers, nats."""
+        return float(logsumexp(self.log_weight) - np.log(len(self.x)))
+
+    @property
+    def effective(self) -> float:
+        """How many draws count."""
+        return efficiency(self.log_weight) * len(self.x)
+
+    @property
+    def left(self) -> float:
+        """Share of the draws that counted when they were made, that count still."""
+        first_efficiency = 1.0 if self.fitted is None else self.fitted.efficiency
+        return self.effective / (len(self.x) * first_efficiency)
+
+    def add(self, answer: Subject) -> None:
+        """Take in further answers."""
+        gained = self.rule.for_subject(answer).log_likelihood(self.x)
+        self.log_posterior = self.log_posterior + gained
+        self.log_weight = self.log_weight + gained
+
+    def renew(self, subject: Subject, rng: np.random.Generator) -> None:
+        """Make the draws anew, for all answers so far."""
+        posterior, size = self.rule.for_subject(subject), len(self.x)
+        fitted = None
+        if self.fitted is not None:
+            fitted = refreshed(self.fitted, posterior, self.log_posterior, rng)
+        if fitted is None or not fitted.trusted or fitted.efficiency < _POOR:
+            fitted = adapt_proposal(posterior, rng, draws=size)
+            if not fitted.independent:
+                fitted = redrawn(fitted, rng, size)
+        self.x = fitted.draws.x
+        self.log_posterior = fitted.draws.log_posterior
+        self.log_weight = fitted.draws.log_weights
+        self.fitted = fitted
+        self.generation += 1
 
 
 class Adaptive:
@@ -145,7 +229,7 @@ class Adaptive:
         error = {
             name: share[name] / np.sqrt(particles.effective)
             for name, particles in self._particles.items()
-            if particles.left < ENOUGH
+            if particles.left < _ENOUGH
         }
         if error:
             worst = max(error, key=lambda name: error[name])
@@ -263,7 +347,7 @@ class Adaptive:
     # --- Files ------------------------------------------------------------------------------------
 
     def save(self, path: str | Path, *, overwrite: bool = True) -> Path:
-        """Write all that :meth:`resume` needs, whole or not at all; after every trial, if one likes."""
+        """Write all that :meth:`resume` needs, whole or not at all; after every trial, if wanted."""
         content = {
             "format": _FORMAT,
             "task": self.pairs.task.name,
@@ -303,8 +387,8 @@ class Adaptive:
                 session.answer(pair, yes)
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise InputError(
-                f"{shown(Path(path))}: not a session that can be read ({error}); allowed: a file of "
-                "Adaptive.save"
+                f"{shown(Path(path))}: not a session that can be read ({error}); "
+                "allowed: a file of Adaptive.save"
             ) from error
         return session
 

@@ -29,7 +29,7 @@ from bayes_toe.errors import InputError
 from bayes_toe.inference.order_evidence import BATCH, order_evidence
 from bayes_toe.model.parameters import ObserverPrior
 from bayes_toe.model.prior import Prior
-from bayes_toe.model.study_prior import preset_or_file
+from bayes_toe.model.prior_file import preset_or_file
 from bayes_toe.seeds import root_seed
 from bayes_toe.workers import Progress, Workers, run_in_order
 

@@ -13,7 +13,7 @@ from bayes_toe.data.answers import Reading
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.model.prior import Prior
-from bayes_toe.model.study_prior import prior_for
+from bayes_toe.model.prior_file import prior_for
 
 FUZZ = settings(max_examples=200, deadline=None, derandomize=True, database=None)
 GRID = list(itertools.product([-0.3, 0.0, 0.4], repeat=2))

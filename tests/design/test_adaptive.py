@@ -11,9 +11,8 @@ import bayes_toe as bt
 from bayes_toe.answers.words import Word
 from bayes_toe.data.study import pooled
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
-from bayes_toe.design.adaptive import Adaptive
+from bayes_toe.design.adaptive import Adaptive, Particles
 from bayes_toe.design.observers import make_observer
-from bayes_toe.design.particles import Particles
 from bayes_toe.design.study_design import each_once
 from bayes_toe.errors import InputError
 from bayes_toe.inference.order_evidence import MODEL_NAMES, order_evidence

@@ -14,7 +14,7 @@ from bayes_toe.model.intervals import interval_units
 from bayes_toe.model.models import MODEL_NAMES, model_posterior, require_model
 from bayes_toe.model.prior import DEFAULT
 from bayes_toe.model.prior_fields import OF_STIMULI
-from bayes_toe.model.study_prior import preset_or_file, prior_for
+from bayes_toe.model.prior_file import preset_or_file, prior_for
 
 
 def subject(name="S", factor=1.0, shift=0.0, isi=None):
