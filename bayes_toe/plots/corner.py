@@ -111,68 +111,65 @@ def corner(
         For an unknown subject or quantity, no quantity at all, or a true value that cannot be one; for more than four subjects.
     """
     require_draws(draws)
-    subjects, alone = ([subject], True) if isinstance(subject, str) else (list(subject), False)
-    if not alone and (
-        not 2 <= len(subjects) <= len(OVERLAID) or len(set(subjects)) < len(subjects)
-    ):
+    alone = isinstance(subject, str)
+    names = [subject] if isinstance(subject, str) else list(subject)
+    is_few = 2 <= len(set(names)) == len(names) <= len(OVERLAID)
+    if not alone and not is_few:
+        found = listed([*map(repr, names)])
         raise InputError(
-            f"subjects in one corner plot: found {listed([*map(repr, subjects)])}; allowed: 2 to {len(OVERLAID)}, each once"
+            f"subjects in one corner plot: found {found}; allowed: 2 to {len(OVERLAID)}, each once"
         )
     known = _truths_by_subject(truths, subject)
-    shown = [_Shown.of(draws, name, coordinates, known.get(name)) for name in subjects]
-    spans = [
-        (min(low for low, _ in of), max(high for _, high in of))
-        for of in zip(
-            *(spans_of(one.samples.T, one.names, one.target) for one in shown), strict=True
-        )
-    ]
-    if alone:
-        words = _words_of_one(draws, shown[0], spans)
-    else:
-        words = _words_of_several(draws, shown)
+    shown = [_Shown.of(draws, name, coordinates, known.get(name)) for name in names]
+    limits = np.array([spans_of(one.samples.T, one.names, one.target) for one in shown])
+    lowest, highest = limits[..., 0].min(axis=0), limits[..., 1].max(axis=0)
+    spans = list(zip(lowest.tolist(), highest.tolist(), strict=True))
+    words = _words(draws, shown, spans, alone=alone)
     if prior is not None:
         words.append(_Words("grey: prior"))
     if not set(shown[0].names) <= {*IN_PERCENT, *_WITHOUT_UNIT}:
         words.append(_Words("intensities: natural log"))
     figure = _new_figure(len(spans), words) if fig is None else fig
+    counts = []
     for one, (colour, line) in zip(shown, OVERLAID, strict=False):
         _draw_posterior(figure, one, spans, colour, line, alone=alone)
+        counts.append(_counts(dict(zip(one.names, one.samples.T, strict=True)), spans))
     diagonal = np.array(figure.axes).reshape(len(spans), len(spans)).diagonal()
-    believed = [] if prior is None else [one.believed(prior, spans) for one in shown]
-    for i, (ax, span) in enumerate(zip(diagonal, spans, strict=True)):
-        bars = [np.histogram(one.samples[:, i], BINS, span)[0] for one in shown] + [
-            of[i] for of in believed
-        ]
-        ax.set_ylim(
-            0.0, 1.1 * max(float(one.max()) for one in bars)
-        )  # each subject's panels were fitted to it alone
-        for of, (_, line) in zip(believed, OVERLAID, strict=False):
-            if of is believed[0] or not np.array_equal(of[i], believed[0][i]):
-                ax.stairs(
-                    of[i], np.linspace(*span, BINS + 1), color=PRIOR, lw=1.4, ls=line, label="prior"
-                )
+    if prior is not None:
+        for one, (_, line) in zip(shown, OVERLAID, strict=False):
+            drawn = one.prior_values(prior)
+            counts.append(_counts(drawn, spans) * (len(one.samples) / PRIOR_DRAWS))
+            for ax, heights, span in zip(diagonal, counts[-1], spans, strict=True):
+                edges = np.linspace(*span, BINS + 1)
+                ax.stairs(heights, edges, color=PRIOR, lw=1.4, ls=line, label="prior")
+    for ax, highest in zip(diagonal, np.max(counts, axis=(0, 2)), strict=True):
+        ax.set_ylim(0.0, 1.1 * highest)  # the panels were fitted to the last subject
     _lay_out(figure, spans, words)
     return figure
+
+
+def _counts(columns: Mapping[str, FloatArray], spans: Sequence[Span]) -> FloatArray:
+    """Draws in the bins of each panel of the diagonal, shape (quantities, BINS)."""
+    counts = [
+        np.histogram(values, BINS, span)[0]
+        for values, span in zip(columns.values(), spans, strict=True)
+    ]
+    return np.array(counts, np.float64)
 
 
 def _truths_by_subject(
     truths: Values | Mapping[str, Values] | None, subject: str | Sequence[str]
 ) -> Mapping[str, Values]:
     """True values by subject, of one or of several."""
-    nested = [name for name, value in (truths or {}).items() if isinstance(value, Mapping)]
-    if isinstance(subject, str) and nested:
-        own = f"truths[{nested[0]!r}]"
+    if truths is None:
+        return {}
+    by_subject = {subject: truths} if isinstance(subject, str) else truths
+    if not all(isinstance(values, Mapping) for values in by_subject.values()):
         raise InputError(
-            f"truths: found values by subject ({nested[0]!r}), allowed for one subject: its own, such as {own}"
+            "truths: found numbers, allowed for several subjects: "
+            "a mapping of each one's values by its name"
         )
-    if not isinstance(subject, str) and len(nested) < len(truths or {}):
-        raise InputError(
-            "truths: found numbers, allowed for several subjects: a mapping of each one's values by its name"
-        )
-    return cast(
-        "Mapping[str, Values]",
-        {} if truths is None else {subject: truths} if isinstance(subject, str) else truths,
-    )
+    return cast("Mapping[str, Values]", by_subject)
 
 
 # --- what is shown of a subject -----------------------------------------------------------------------------------------------------
@@ -208,16 +205,12 @@ class _Shown:
         known = {} if truths is None else known_from(truths, target)
         return cls(subject, target, draws.model, names, np.column_stack(samples), known)
 
-    def believed(self, prior: Prior, spans: Sequence[Span]) -> list[FloatArray]:
-        """Draws from a prior, counted in the bins of the panels as if there were as many as of the posterior."""
+    def prior_values(self, prior: Prior) -> dict[str, FloatArray]:
+        """Draws from a prior, as axes show them."""
         subject = self.target.subject
         model = stored_model(self.model, subject.task)
         drawn = prior_values(model_posterior(model, subject, prior))
-        counted = [
-            np.histogram(axis_values(name, drawn[name]), BINS, span)[0]
-            for name, span in zip(self.names, spans, strict=True)
-        ]
-        return [len(self.samples) / PRIOR_DRAWS * of.astype(np.float64) for of in counted]
+        return {name: axis_values(name, drawn[name]) for name in self.names}
 
 
 def _shown_names(target: AnswerPosterior, coordinates: str | Sequence[str]) -> tuple[str, ...]:
@@ -430,56 +423,37 @@ class _Words(NamedTuple):
     colour: str = "#444444"
 
 
-def _words_of_one(draws: Draws, one: _Shown, spans: Sequence[Span]) -> list[_Words]:
-    """Who it is, what is drawn, and true values that lie outside their panels."""
-    found = [
-        _Words(plain(one.subject, 24), 14.0, "bold", "black"),
-        _Words(model_title(draws.model), 11.0, colour="black"),
-    ]
-    found += [_Words("synthetic data", 11.0, colour="black")] if draws.synthetic else []
-    found += (
-        [_Words("NOT CONVERGED", 13.0, "bold", "black")]
-        if one.subject in draws.not_converged
-        else []
-    )
-    found += [
-        _Words("blue: posterior" + (", contours 50 and 95 %" if len(spans) > 1 else "")),
-        _Words("dashed: median, 95 % interval"),
-    ]
-    known = {
-        name: (one.known[name], low <= one.known[name] <= high)
-        for name, (low, high) in zip(one.names, spans, strict=True)
-        if name in one.known
-    }
-    outside = [
-        f"{axis_label(name)} = {value:.5g}".replace("-", "−")
-        for name, (value, inside) in known.items()
-        if not inside
-    ]
-    found += [_Words("red: true value")] if len(outside) < len(known) else []
-    return found + ([_Words(f"true value outside: {', '.join(outside)}")] if outside else [])
-
-
-def _words_of_several(draws: Draws, shown: Sequence[_Shown]) -> list[_Words]:
-    """Each subject in its colour, with its line in words, for who cannot tell the colours apart."""
-    found, several = [], len(shown[0].names) > 1
+def _words(
+    draws: Draws, shown: Sequence[_Shown], spans: Sequence[Span], *, alone: bool
+) -> list[_Words]:
+    """The subjects, with line and colour of each of several; what is drawn; true values."""
+    words = []
     for one, (colour, line) in zip(shown, OVERLAID, strict=False):
-        missed = ", NOT CONVERGED" if one.subject in draws.not_converged else ""
-        found.append(_Words(f"{plain(one.subject, 20)} ({line}{missed})", 12.0, "bold", colour))
-    found.append(
-        _Words(
-            model_title(draws.model) + (", synthetic data" if draws.synthetic else ""),
-            11.0,
-            colour="black",
-        )
-    )
-    found += [_Words("contours: 50 and 95 %")] if several else []
-    marked = any(name in one.known for one in shown for name in one.names)
-    return [
-        *found,
-        _Words("upright: medians"),
-        *([_Words(f"{'squares, ' if several else ''}triangles: true values")] if marked else []),
-    ]
+        if alone:
+            words.append(_Words(plain(one.subject, 24), 14.0, "bold", "black"))
+        else:
+            words.append(_Words(f"{plain(one.subject, 20)} ({line})", 12.0, "bold", colour))
+        if one.subject in draws.not_converged:
+            words.append(_Words("NOT CONVERGED", 13.0, "bold", "black"))
+    synthetic = ", synthetic data" if draws.synthetic else ""
+    words.append(_Words(model_title(draws.model) + synthetic, 11.0, colour="black"))
+    if len(spans) > 1:
+        words.append(_Words("contours: 50 and 95 %"))
+    words.append(_Words("dashed: median, 95 % interval" if alone else "upright: medians"))
+    outside, n_inside = list[str](), 0
+    for one in shown:
+        for name, (low, high) in zip(one.names, spans, strict=True):
+            value = one.known.get(name, np.nan)
+            if low <= value <= high:
+                n_inside += 1
+            elif np.isfinite(value):
+                outside.append(f"{axis_label(name)} = {value:.5g}".replace("-", "−"))
+    if n_inside:
+        squares = "squares, " if len(spans) > 1 else ""
+        words.append(_Words("red: true value" if alone else f"{squares}triangles: true values"))
+    if outside:
+        words.append(_Words(f"true value outside: {', '.join(outside)}"))
+    return words
 
 
 def _new_figure(count: int, words: Sequence[_Words]) -> Figure:

@@ -110,7 +110,7 @@ def test_draws_that_are_one_point_have_one_level():
         ({"truths": {"mu_1": 0.0}}, "unknown quantity 'mu_1'"),
         ({"truths": {"mu1": float("nan")}}, "mu1=nan"),
         ({"truths": {"sigma_p": 0.0}}, "a positive finite number"),
-        ({"truths": {"A": TRUE}}, "its own, such as truths"),
+        ({"truths": {"A": TRUE}}, "unknown quantity 'A'"),
         ({"subject": ["A"]}, "allowed: 2 to 4, each once"),
         ({"subject": ["A", "A"]}, "found 'A', 'A'; allowed"),
         ({"subject": ["A", "B"], "truths": TRUE}, "a mapping of each one's values by its name"),
