@@ -52,6 +52,7 @@ window.explorer = (() => {
   }
 
   const shown = () => LETTERS.filter(letter => state[letter] !== null);
+  const symbol = name => index.quantities[name]?.[0] ?? name ?? "";
   const places = () => range(index.entries.length).filter(place => index.entries[place].tab === state.tab);
   const labels = () => [...new Set(places().map(place => index.entries[place].label))];
   const prior = letter => entry(letter)?.prior ?? null;
@@ -264,9 +265,9 @@ window.explorer = (() => {
     table.hidden = found === null;
     if (found === null) return;
     const head = element("tr"), body = state.names.filter(name => has(found, name)).map(name => {
-      const line = element("tr"), first = element("th", index.symbols[name]);
+      const line = element("tr"), first = element("th", symbol(name));
       first.scope = "row";
-      first.title = index.meanings[name];
+      first.title = index.quantities[name]?.[1] ?? "";
       if (found.badges.some(([kind, what]) => kind === "dominated" && what === name)) first.append(" ", element("span", "prior", "badge dominated"));
       const having = found.with[found.names.indexOf(name)];
       if (having < found.of) first.append(element("small", ` in ${count(having)} of ${count(found.of)} draws`));
@@ -283,7 +284,7 @@ window.explorer = (() => {
   function drawBadges(letter, found) {
     const words = { unconverged: "not converged: ", misfit: "the model does not fit: ", untold: "", fine: "" };
     const told = found === null ? [] : found.badges.filter(([kind]) => kind !== "dominated").map(([kind, what]) => element("span", words[kind] + what, `badge ${kind}`));
-    const ruled = found === null ? [] : found.badges.filter(([kind]) => kind === "dominated").map(([, name]) => index.symbols[name]);
+    const ruled = found === null ? [] : found.badges.filter(([kind]) => kind === "dominated").map(([, name]) => symbol(name));
     if (ruled.length > 0) told.push(element("span", `dominated by the prior: ${ruled.join(", ")}`, "badge dominated"));
     if (found?.synthetic) told.push(element("span", "synthetic data" + (Object.keys(found.truth).length > 0 ? ", truth marked" : ""), "badge"));
     at(`badges-${letter}`).replaceChildren(...told);
@@ -328,7 +329,7 @@ window.explorer = (() => {
     at("share").replaceChildren(...told);
     const ends = ([low, high]) => (low === -Infinity ? `up to ${written(high)}` : high === Infinity ? `from ${written(low)}` : `${written(low)} to ${written(high)}`);
     at("where").textContent = state.brush === null ? "nothing is selected"
-      : "selected: " + Object.entries(state.brush.limits).map(([name, limits]) => `${index.symbols[name]} ${ends(limits)}`).join(", ");
+      : "selected: " + Object.entries(state.brush.limits).map(([name, limits]) => `${symbol(name)} ${ends(limits)}`).join(", ");
     drawBoxes();
   }
 
@@ -383,11 +384,11 @@ window.explorer = (() => {
       cell.style.gridArea = `${row + 1} / ${column + 1}`;
       const panel = model(`panel-${row}-${column}`), left = column === 0, bottom = row === many - 1;
       panel.setv({ min_border_left: left ? WORDS_LEFT : AROUND, min_border_bottom: bottom ? WORDS_BELOW : AROUND });
-      panel.below[0].setv({ visible: bottom, axis_label: index.symbols[state.names[column]] });
-      panel.left[0].setv({ visible: left && row > 0, axis_label: index.symbols[state.names[row]] });
+      panel.below[0].setv({ visible: bottom, axis_label: symbol(state.names[column]) });
+      panel.left[0].setv({ visible: left && row > 0, axis_label: symbol(state.names[row]) });
       for (const [axis, slot] of [[panel.below[0], column], [panel.left[0], row]]) axis.ticker.ticks = ticks(...limits(slot), side < 85 ? 2 : 3);
       if (row > column) {
-        const value = (slot, axis) => [index.symbols[state.names[slot]], `@${axis}{0.000}`];
+        const value = (slot, axis) => [symbol(state.names[slot]), `@${axis}{0.000}`];
         const toward = (column + 0.5) * side + WORDS_LEFT < corner.clientWidth / 2 ? "right" : "left";  // so that the page does not grow
         model(`hover-panel-${row}-${column}`).setv({ attachment: toward, tooltips: [["", "$name"], value(column, "x"), value(row, "y")] });
       }
@@ -428,7 +429,7 @@ window.explorer = (() => {
 
   const quoted = text => /[",\n\r]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text;
 
-  const heading = name => index.symbols[name].endsWith("%") ? `${name}_percent` : name;
+  const heading = name => symbol(name).endsWith("%") ? `${name}_percent` : name;
 
   function csv() {  // chain and draw count from 0, as in posterior.nc
     const names = [...new Set(shown().flatMap(letter => entry(letter).names))], lines = [["which", "subject", "posterior", "chain", "draw", ...names.map(heading)].join(",")];
@@ -502,12 +503,12 @@ window.explorer = (() => {
     if (state.brush !== null && !Object.keys(state.brush.limits).every(name => known.includes(name))) state.brush = null;
     at("boxes").replaceChildren(...known.map(name => {
       const label = element("label"), box = Object.assign(element("input"), { type: "checkbox", value: name, checked: state.names.includes(name) });
-      label.title = index.meanings[name];
+      label.title = index.quantities[name]?.[1] ?? "";
       box.addEventListener("change", () => toggle(name, box));
-      label.append(box, ` ${index.symbols[name]}`);
+      label.append(box, ` ${symbol(name)}`);
       return label;
     }));
-    options(at("range-name"), known, known.map(name => index.symbols[name]));
+    options(at("range-name"), known, known.map(name => symbol(name)));
     const titles = entry("a").slices.map(slice => slice.title);
     options(at("slice"), titles.map((_, k) => k), titles);
     at("slice").value = state.slice;

@@ -30,7 +30,7 @@ from bayes_toe.version import __version__
 #: Subjects of one page; posteriors of a subject count each.
 MOST_ENTRIES = 200
 #: About how many bytes a subject takes in a page of its own or of few.
-EXPLORER_BYTES = 700_000
+EXPLORER_BYTES = 1_200_000
 #: Bytes of draws and curves in all, of all where entries are few, of one where they are not; as text they take a third more.
 _BYTES, _FEW, _OWN = 20e6, 4e6, 300e3
 _ROWS = 2000  # draws of an entry, at most
@@ -39,16 +39,16 @@ _HIGH = 1150  # pixels in a notebook
 _Given: TypeAlias = "Draws | Sequence[Draws] | Mapping[str, Draws]"
 #: What quantities are called on the page: a short symbol and what it is in words.
 _QUANTITIES = {
-    "mu1": ("μ₁", "where the first stimulus is pulled to: the prior's mean"),
+    "mu1": ("μ₁", "centre of the contraction: the prior's mean"),
     "sigma_p": ("σₚ", "noise that is added between the stimuli"),
     "sigma_l": ("σℓ", "noise of the measurement"),
     "q0": ("q₀", "P(equal) at the peak"),
     "gamma": ("γ", "σℓ²/σₚ²"),
     "sigma1": ("σ₁", "spread of the prior"),
-    "gain": ("gain K", "weight of the first stimulus; 1: no pull"),
+    "gain": ("gain K", "weight of the first stimulus; 1: no contraction"),
     "width": ("width w", "width of the curve"),
     "offset": ("offset c", "constant part of the order effect"),
-    "pull": ("pull p", "share by which the first stimulus is pulled; 0: none"),
+    "pull": ("contraction p", "share of the way to the centre; 0: none"),
     "noise_slope": ("slope b", "change of log noise with intensity"),
     "lapse_rate": ("lapse λ", "share of responses that ignore the stimuli"),
     "noise": ("noise σ", "standard deviation of the perceived difference"),
@@ -165,20 +165,16 @@ def entries(
 
 def _named(draws: _Given) -> dict[str, Draws]:
     """Draws by what they are called."""
-    if isinstance(draws, Draws):
-        return {model_title(draws.model): draws}
     if isinstance(draws, Mapping):
         found = dict(draws)
     else:
-        several = draws if isinstance(draws, Sequence) else [draws]
-        for one in several:
+        found = {}
+        for one in draws if isinstance(draws, Sequence) else [draws]:
             require_draws(one)
-        models = [model_title(one.model) for one in several]
-        again = [
-            f" ({models[: i + 1].count(name)})" if models.count(name) > 1 else ""
-            for i, name in enumerate(models)
-        ]
-        found = {name + more: one for name, more, one in zip(models, again, several, strict=True)}
+            label = title = model_title(one.model)
+            while label in found:
+                label = f"{title} ({len(found) + 1})"
+            found[label] = one
     if not found:
         raise InputError("explore: found no draws, allowed: those of one model or more")
     return found
@@ -200,15 +196,13 @@ def page(
         told.append({"subject": name, "label": entry.label, "tab": entry.tab})
         if progress is not None:
             progress(name)
-    names = list(dict.fromkeys(name for entry in found for name in entry.names))
     task = found[0].target.subject.task
     if any(entry.target.subject.task != task for entry in found):
         raise InputError("explore: found draws of two tasks, allowed: one in a page")
     index = {
         "entries": told,
         "tabs": [tab for tab in (EFFECTS_TAB, PAPER_TAB) if any(e["tab"] == tab for e in told)],
-        "symbols": {name: symbol(name) for name in names},
-        "meanings": {name: _QUANTITIES.get(name, ("", ""))[1] for name in names},
+        "quantities": _QUANTITIES,
         "slots": SLOTS,
         "fixed": FIXED[task],
         "footer": f"bayes_toe {__version__}. Intensities without % are natural logarithms.",
@@ -239,24 +233,13 @@ def require_few(found: int, what: str) -> None:
         )
 
 
-def symbol(name: str) -> str:
-    """What an axis is called.
-
-    Examples
-    --------
-    >>> symbol("mu1"), symbol("contraction")
-    ('μ₁', 'contraction p')
-    """
-    return _QUANTITIES.get(name, (name, ""))[0]
-
-
 @cache
 def _frame(task: Task) -> str:
     """The page without its posteriors: the same for all of a task."""
     from bokeh.embed import file_html
     from bokeh.resources import INLINE
 
-    from bayes_toe.explorer.panels import corner_names, document
+    from bayes_toe.explorer.panels import SLOTS, document
 
     own = {
         name: (files("bayes_toe.explorer") / name).read_text(encoding="utf-8")
@@ -266,7 +249,7 @@ def _frame(task: Task) -> str:
         "style": own["page.css"],
         "script": own["explorer.js"],
         "islands": _ISLANDS,
-        "corner": corner_names(),
+        "slots": SLOTS,
         "yes": task.yes,
     }
     return str(

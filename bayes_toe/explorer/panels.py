@@ -69,11 +69,6 @@ def document(task: Task) -> Document:
     return made
 
 
-def corner_names() -> list[tuple[int, int, str]]:
-    """Rows, columns and names of the figures of the corner."""
-    return [(i, j, f"panel-{i}-{j}") for i in range(SLOTS) for j in range(i + 1)]
-
-
 class _Sources(dict[str, ColumnDataSource]):
     """Sources by name, each made when it is first asked for, with empty columns."""
 

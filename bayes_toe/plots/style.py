@@ -46,7 +46,7 @@ LABELS = {
     "gain": r"gain $K$",
     "width": r"width $w$",
     "offset": r"offset $c$",
-    "pull": r"pull $p$",
+    "pull": r"contraction $p$",
     "noise": r"noise $\sigma_d$",
     "criterion_slope": r"criterion slope $g$",
     "constant_error": r"constant error $c$",

@@ -16,7 +16,7 @@ from commands import good, refused
 import bayes_toe as bt
 from bayes_toe.explorer import page as page_module
 from bayes_toe.explorer.entry import Entry, badges, outlined, slices
-from bayes_toe.explorer.page import MOST_ENTRIES, entries, page, symbol
+from bayes_toe.explorer.page import MOST_ENTRIES, entries, page
 from bayes_toe.inference.prediction import Predictor
 from bayes_toe.inference.predictive_checks import FitSummary
 
@@ -110,7 +110,8 @@ def test_draws_of_the_four_models_open_with_shift_contraction_and_jnd(small_stud
         == list(packed["names"][:3])
         == ["constant_error", "contraction", "jnd"]
     )
-    assert symbol("constant_error") == "PSE shift c, %"
+    quantities = islands(page([entry]).html)["index"]["quantities"]
+    assert quantities["constant_error"][0] == "PSE shift c, %"
     # A pair on the axis seems equal: its distance is 0 at the draw to which the axis belongs.
     points = draws.points("A").reshape(-1, 7)
     x = points[rows(packed)]
