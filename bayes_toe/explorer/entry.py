@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import base64
 import json
-from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import astuple, dataclass, field, replace
 from itertools import combinations
@@ -230,7 +229,7 @@ class Entry:
                 }
                 for one in shown
             ],
-            "undrawn": len(_trials(counts)) - len(shown),
+            "undrawn": len(slice_keys(counts)) - len(shown),
             "reference": getattr(self.target, "reference", None) if knows_intervals else None,
             "ends": ends,
             "axis": text_of(axis(quantities, self.target.sbar, ends)),
@@ -387,25 +386,24 @@ class Slice:
 
 
 def slices(counts: Subject) -> list[Slice]:
-    """The slices with the most trials of different stimuli, in the order of fixed stimulus and interval."""
-    chosen = [key for key, _ in _trials(counts).most_common(MOST_SLICES)]
-    return [
-        _slice(counts, low, isi)
-        for low, isi in sorted(chosen, key=lambda key: (key[0], key[1] or 0.0))
-    ]
+    """The slices with the most trials, in the order of fixed stimulus and interval."""
+    chosen = sorted(slice_keys(counts)[:MOST_SLICES].tolist())
+    return [_slice(counts, fixed, isi) for fixed, isi in chosen]
 
 
-def _trials(counts: Subject) -> Counter[tuple[float, float | None]]:
-    """Trials of different stimuli by fixed stimulus and interval; without any, of all stimuli at once."""
-    weaker, order = _fixed(counts), presentation_order(counts)
-    seconds = [None] * counts.n_pairs if counts.isi is None else counts.isi.tolist()
-    found: Counter[tuple[float, float | None]] = Counter()
-    for low, isi, kind, count in zip(
-        weaker.tolist(), seconds, order.tolist(), counts.n_trials.tolist(), strict=True
-    ):
-        if kind:
-            found[low, isi] += count
-    return found or Counter({(float(weaker.min()), seconds[0]): 1})
+def slice_keys(counts: Subject) -> FloatArray:
+    """Fixed stimulus and interval (or 0) of every slice, shape (slices, 2).
+
+    The one with the most trials of different stimuli comes first. One without any counts only if
+    there is no other.
+    """
+    isi = np.zeros(counts.n_pairs) if counts.isi is None else counts.isi
+    pairs = np.column_stack([_fixed(counts), isi])
+    keys, index = np.unique(pairs, axis=0, return_inverse=True)
+    n_different = counts.n_trials * (presentation_order(counts) != 0)
+    n_trials = np.bincount(index.ravel(), n_different, len(keys))
+    most_first = np.argsort(-n_trials, kind="stable")
+    return np.asarray(keys[most_first][: max(1, np.count_nonzero(n_trials))])
 
 
 def _fixed(counts: Subject) -> FloatArray:
@@ -415,31 +413,33 @@ def _fixed(counts: Subject) -> FloatArray:
 
 def along(counts: Subject) -> FloatArray:
     """Where every pair stands along its slice: at its stronger stimulus, or at s2 - s1, shape (pairs,)."""
-    return (
-        counts.s2 - counts.s1 if counts.task == WHICH_STRONGER else np.maximum(counts.s1, counts.s2)
-    )
-
-
-def _slice(counts: Subject, weaker: float, isi: float | None) -> Slice:
-    low, high, order = _fixed(counts), along(counts), presentation_order(counts)
-    at = np.ones(counts.n_pairs, bool) if isi is None else np.asarray(counts.isi) == isi
     if counts.task == WHICH_STRONGER:
-        pad = _BEYOND * max(float(np.ptp(high)), 1e-9)
-        x = np.linspace(high.min() - pad, high.max() + pad, POINTS)
-        return Slice(counts.task, weaker, isi, np.flatnonzero(at & (low == weaker)), x, (0,))
-    shown = at & ((low == weaker) | ((order == 0) & (high >= weaker)))
-    top = max(float(high[shown].max()), weaker + 1e-9)
-    x = np.linspace(weaker, top + _BEYOND * (top - weaker), POINTS)
-    orders = [one for one in (-1, 1) if (order[shown] == one).any()]
-    several = len(np.unique(high[shown & (order == 0)])) > 1 or not orders
-    return Slice(
-        counts.task,
-        weaker,
-        isi,
-        np.flatnonzero(shown),
-        x,
-        (*orders, 0) if several else tuple(orders),
-    )
+        return counts.s2 - counts.s1
+    return np.maximum(counts.s1, counts.s2)
+
+
+def _slice(counts: Subject, fixed: float, isi: float) -> Slice:
+    position, order = along(counts), presentation_order(counts)
+    is_in = _fixed(counts) == fixed
+    if counts.isi is not None:
+        is_in &= counts.isi == isi
+    if counts.task == WHICH_STRONGER:
+        orders = [0]
+        start, end = float(position.min()), float(position.max())
+    else:
+        is_equal = (order == 0) & (position >= fixed)
+        if counts.isi is not None:
+            is_equal &= counts.isi == isi
+        is_in |= is_equal
+        orders = [one for one in (-1, 1) if one in order[is_in]]
+        if is_equal.sum() > 1 or not orders:
+            orders.append(0)
+        start, end = fixed, float(position[is_in].max())
+    pad = _BEYOND * max(end - start, 1e-9)
+    before = pad if counts.task == WHICH_STRONGER else 0.0
+    x = np.linspace(start - before, end + pad, POINTS)
+    seconds = None if counts.isi is None else isi
+    return Slice(counts.task, fixed, seconds, np.flatnonzero(is_in), x, tuple(orders))
 
 
 def axis(quantities: Mapping[str, FloatArray], sbar: float, ends: Sequence[float]) -> FloatArray:
