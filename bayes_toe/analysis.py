@@ -1,4 +1,6 @@
-"""The verbs of a study: sample, evidence, or both; every subject goes through the one pipeline (:mod:`bayes_toe.inference.subject`).
+"""The verbs of a study: sample, evidence, or both.
+
+Every subject goes through the one pipeline (:mod:`bayes_toe.inference.subject`).
 
 All take the same options: seed, prior, draws, workers, progress, keep.
 """
@@ -141,8 +143,8 @@ def run(
     prior : Prior or str, optional
         Or a preset, "default" or "paper", or a TOML file, see :mod:`bayes_toe.model.prior`.
     workers : int or distributed.Client, optional
-        Processes, by default one per processor; or a client of a Dask cluster, whose workers take their place. The numbers do not depend on
-        it.
+        Processes, by default one per processor; or a client of a Dask cluster, whose workers take
+        their place. The numbers do not depend on it.
     progress : callable, optional
         Called with a subject's name when that subject is done.
     keep : path, optional
@@ -250,7 +252,8 @@ def sample(
     Warns
     -----
     ConvergenceWarning
-        For subjects that missed the criteria, or a quantile of whom is not precise enough; they are marked in the result as well.
+        For subjects that missed the criteria, or a quantile of whom is not precise enough; they are
+        marked in the result as well.
 
     Examples
     --------
@@ -345,7 +348,8 @@ def evidence(
 def smooth_curve_evidence(draws: Draws, *, workers: Workers = None) -> EvidenceTable:
     """Appendix C's evidence of subjects who have draws: H1 against free frequencies (H0), without rivals of H1 and without bootstrap.
 
-    Study, prior and seed are those of the draws, and so the values are those of the :func:`run` that made them; no chain is run again.
+    Study, prior and seed are those of the draws, and so the values are those of the :func:`run`
+    that made them; no chain is run again.
 
     Raises
     ------
@@ -376,7 +380,9 @@ def _against_frequencies(target: SampledPosterior, seed: int, wanted: Wanted) ->
 
 @dataclass(frozen=True, eq=False)
 class _Analysed:
-    """One subject: the row of the evidence table; draws and, but for intervals, which it does not know, the fit, where asked for.
+    """One subject: the row of the evidence table.
+
+    Draws and, but for intervals, which it does not know, the fit, where asked for.
 
     `shown`, shape (draws, k), are draws averaged over the four models, where chains were asked for.
     """

@@ -1,6 +1,7 @@
 """The exceptions and warnings a user may catch.
 
-Every exception is a :class:`BayesToeError`; the command line turns each into one line per problem and exit code 2.
+Every exception is a :class:`BayesToeError`; the command line turns each into one line per problem
+and exit code 2.
 """
 
 from __future__ import annotations

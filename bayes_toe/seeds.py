@@ -15,7 +15,10 @@ LARGEST_SEED = 2**63 - 1
 
 
 def root_seed(seed: int | None) -> int:
-    """The seed asked for, or fresh entropy that is then reported and stored; an InputError where it is none of 0 to 2**63 - 1."""
+    """The seed asked for, or fresh entropy that is then reported and stored.
+
+    An InputError where it is none of 0 to 2**63 - 1.
+    """
     return secrets.randbits(32) if seed is None else _whole(seed)
 
 
@@ -31,7 +34,10 @@ def _whole(seed: int) -> int:
 
 
 def stream(seed: int, *keys: str | int) -> np.random.SeedSequence:
-    """Seed sequence of one purpose, the same for the same keys; never spawned, because spawning changes the parent's state."""
+    """Seed sequence of one purpose, the same for the same keys.
+
+    Never spawned, because spawning changes the parent's state.
+    """
     # Length-prefixed, so that no two lists of keys run together to the same text.
     text = "".join(f"{len(str(key))}:{key};" for key in keys)
     digest = hashlib.sha256(text.encode("utf-8", "surrogatepass")).digest()

@@ -76,7 +76,8 @@ class Comparison:
         The same by Holm's method over the comparisons of this subject.
     test : {"boschloo", "fisher"}
     probability_of_direction : float
-        Posterior P(q(c, r) > q(r, c)) under independent uniform priors.
+        Posterior P(q(c, r) > q(r, c)) under independent uniform priors: near 1 a positive
+        asymmetry, near 0 a negative one.
     is_maximal : bool
         True for the comparison of the subject with the largest absolute asymmetry.
     """

@@ -1,8 +1,9 @@
 """The paper's fit of a study: maximum-likelihood parameters of every subject with the bootstrap's intervals, beside the posterior's.
 
-The bootstrap says how far the fit would move if the same subject did the experiment again: each pair's frequency
-q' ~ Beta(n_yes + 1, n_no + 1), new answers n' ~ Binomial(n, q'), refit. Source: Methods, with the exponent corrected: p(q | n_Eq) is
-q^n_Eq (1 - q)^n_Diff. All replicates are fitted in one batch of Newton ascents.
+The bootstrap says how far the fit would move if the same subject did the experiment again: each
+pair's frequency q' ~ Beta(n_yes + 1, n_no + 1), new answers n' ~ Binomial(n, q'), refit. Source:
+Methods, with the exponent corrected: p(q | n_Eq) is q^n_Eq (1 - q)^n_Diff. All replicates are
+fitted in one batch of Newton ascents.
 """
 
 from __future__ import annotations
@@ -46,7 +47,10 @@ _SAID = {
 
 @dataclass(frozen=True, eq=False)
 class Bootstrap:
-    """Fits of one subject's bootstrap replicates; the random stream is keyed by the seed and the subject's name."""
+    """Fits of one subject's bootstrap replicates.
+
+    The random stream is keyed by the seed and the subject's name.
+    """
 
     subject: str
     fitted: Fits  # of the subject's own answers, one row
@@ -59,7 +63,8 @@ class Bootstrap:
     def intervals(self, level: float = 0.95) -> FloatArray:
         """Percentile interval of the four parameters, shape (4, 2): order statistics, so that infinite ones stay what they are.
 
-        Over the replicates that determine the parameter; NaN where the fit or most replicates do not.
+        Over the replicates that determine the parameter; NaN where the fit or most replicates do
+        not.
         """
         require_share("level", level)
         result = np.full((self.fits.parameters.shape[1], 2), np.nan)
@@ -84,7 +89,9 @@ class Bootstrap:
         return np.asarray(np.quantile(self.fits.curves.yes(first, second), [low, high], axis=0))
 
     def covariance(self) -> FloatArray | None:
-        """Covariance of (mu1, sigma_p^2, sigma_l^2, q0) over the replicates, (4, 4); None where one is infinite or not determined.
+        """Covariance of (mu1, sigma_p^2, sigma_l^2, q0) over the replicates, (4, 4).
+
+        None where one is infinite or not determined.
 
         Source: Appendix C, "the covariance matrix from the synthetic data".
         """
@@ -122,7 +129,10 @@ def bootstrap_subject(
     replicates: int = 1000,
     fitted: Fits | None = None,
 ) -> Bootstrap:
-    """Bootstrap the fit of one subject; the prior's normal of mu1 is the penalty. The paper has of the order of 1,000 replicates."""
+    """Bootstrap the fit of one subject; the prior's normal of mu1 is the penalty.
+
+    The paper has of the order of 1,000 replicates.
+    """
     counts = resample(subject, generator(seed, subject.name, "bootstrap"), replicates)
     own = fit_counts(subject, prior) if fitted is None else fitted
     return Bootstrap(subject.name, own, fit_counts(subject, prior, counts), seed)
@@ -141,11 +151,12 @@ def resample(subject: Subject, rng: np.random.Generator, replicates: int) -> Int
 def bootstrap_evidence(replicates: Bootstrap, prior: Prior) -> tuple[float | None, str]:
     """Log evidence of H1, of same or different, by Appendix C's own recipe, and what is to be said of it.
 
-    log p(n | theta*) + log p(theta*) + log det(2 pi Sigma) / 2 with theta* the fit and Sigma the covariance of the replicates, both in the
-    paper's coordinates (mu1, sigma_p^2, sigma_l^2, q0); the density of the prior, which is one of numbers, is transformed to them.
-    Natural log, no binomial coefficients.
-    None, with the reason, where there is no such number. Where theta* lies on an edge the number is the paper's, and the second value
-    says that the Gaussian then reaches beyond the edge. Source: Eq. app:evidapprox.
+    log p(n | theta*) + log p(theta*) + log det(2 pi Sigma) / 2 with theta* the fit and Sigma the
+    covariance of the replicates, both in the paper's coordinates (mu1, sigma_p^2, sigma_l^2, q0);
+    the density of the prior, which is one of numbers, is transformed to them. Natural log, no
+    binomial coefficients. None, with the reason, where there is no such number. Where theta* lies
+    on an edge the number is the paper's, and the second value says that the Gaussian then reaches
+    beyond the edge. Source: Eq. app:evidapprox.
     """
     fitted, covariance = replicates.fitted, replicates.covariance()
     theta, edge = fitted.parameters[0], fitted.at_edge[0]
@@ -202,12 +213,18 @@ class SubjectFit:
 
     @property
     def parameters(self) -> FloatArray:
-        """mu1, sigma_p, sigma_l (natural-log intensity) and q0, or lapse_rate; NaN where the data leave one open, which `at_edge` says."""
+        """mu1, sigma_p, sigma_l (natural-log intensity) and q0, or lapse_rate.
+
+        NaN where the data leave one open, which `at_edge` says.
+        """
         return np.asarray(self.fitted.parameters[0])
 
     @property
     def log_likelihood(self) -> float:
-        """At the maximum, without binomial coefficients and without the penalty on mu1; natural log."""
+        """At the maximum, without binomial coefficients and without the penalty on mu1.
+
+        Natural log.
+        """
         return float(self.fitted.log_likelihood[0])
 
     @property
@@ -239,7 +256,10 @@ class FitTable(SubjectTable[SubjectFit]):
     task: Task = SAME_DIFFERENT
 
     def frame(self) -> pd.DataFrame:
-        """The table with the columns of fit.csv; NaN (in the file: empty) where the data leave a parameter open."""
+        """The table with the columns of fit.csv.
+
+        NaN (in the file: empty) where the data leave a parameter open.
+        """
         penalty = None if self.prior is None else self.prior.describe_penalty()
         limits = (row.bootstrap.intervals(self.level).ravel() for row in self)
         fits = (
@@ -254,9 +274,10 @@ class FitTable(SubjectTable[SubjectFit]):
     def beside(self, draws: Draws) -> pd.DataFrame:
         """Central posterior interval beside the bootstrap interval of every subject and natural parameter, both at the table's level.
 
-        Columns: :data:`UNCERTAINTY_COLUMNS`; the standard deviations and mu1 in natural-log intensity. The two answer different questions:
-        the posterior weighs parameters by the prior and the answers given, the bootstrap says where the maximum would fall if the
-        experiment were done again.
+        Columns: :data:`UNCERTAINTY_COLUMNS`; the standard deviations and mu1 in natural-log
+        intensity. The two answer different questions: the posterior weighs parameters by the prior
+        and the answers given, the bootstrap says where the maximum would fall if the experiment
+        were done again.
 
         Raises
         ------
@@ -308,8 +329,8 @@ def fit(
     Raises
     ------
     InputError
-        If `replicates` or `workers` is less than 1, `level` not between 0 and 1, `seed` not a whole number from 0 to 2**63 - 1, or the
-        study has intervals (column isi).
+        If `replicates` or `workers` is less than 1, `level` not between 0 and 1, `seed` not a whole
+        number from 0 to 2**63 - 1, or the study has intervals (column isi).
 
     Examples
     --------

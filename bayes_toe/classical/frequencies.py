@@ -1,7 +1,10 @@
-"""What the answers alone say: frequencies of 'equal' with their uncertainty, accuracy, order; and their collapse on the model's curve.
+"""What the answers alone say: frequencies of 'equal' with their uncertainty, accuracy, order.
 
-The Laplace estimator is the mean, and its error the standard deviation, of the posterior Beta(n_Eq + 1, n_Diff + 1) that a uniform prior
-gives each frequency; neither degenerates where every answer was the same.
+Their collapse on the model's curve is here too.
+
+The Laplace estimator is the mean, and its error the standard deviation, of the posterior Beta(n_Eq
++ 1, n_Diff + 1) that a uniform prior gives each frequency; neither degenerates where every answer
+was the same.
 """
 
 from __future__ import annotations
@@ -33,7 +36,9 @@ def laplace_estimate(n_yes: npt.ArrayLike, n_trials: npt.ArrayLike) -> FloatArra
 
 
 def laplace_error(n_yes: npt.ArrayLike, n_trials: npt.ArrayLike) -> FloatArray:
-    """Uncertainty of qhat, sigmahat_q = sqrt(qhat (1 - qhat)/(n + 3)); arguments as for :func:`laplace_estimate`.
+    """Uncertainty of qhat, sigmahat_q = sqrt(qhat (1 - qhat)/(n + 3)).
+
+    Arguments as for :func:`laplace_estimate`.
 
     Source: Eq. e:2b, in the form in which nothing cancels.
     """
@@ -74,7 +79,9 @@ def presentation_order(subject: Subject) -> IntArray:
 
 @dataclass(frozen=True, eq=False)
 class Collapse:
-    """Model-free frequencies on the normalised distance, where both orders fall on q/q0 = 2^(-z^2). Source: Fig. 3, lower row.
+    """Model-free frequencies on the normalised distance, where both orders fall on q/q0 = 2^(-z^2).
+
+    Source: Fig. 3, lower row.
 
     Arrays have shape (pairs,). Bands are quantiles over the draws that were given.
     """
@@ -89,7 +96,10 @@ class Collapse:
 
 
 def collapse(posterior: PaperPosterior, x: npt.ArrayLike, *, mass: float = 0.9) -> Collapse:
-    """Data of Fig. 3's lower row at unconstrained points x, shape (draws, k) or (k,); bands hold `mass` of the draws."""
+    """Data of Fig. 3's lower row at unconstrained points x, shape (draws, k) or (k,).
+
+    Bands hold `mass` of the draws.
+    """
     points = require_points(x, len(posterior.coordinates))
     low, middle, high = np.quantile(
         posterior.distance(points), [0.5 - 0.5 * mass, 0.5, 0.5 + 0.5 * mass], axis=0

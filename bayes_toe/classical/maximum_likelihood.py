@@ -1,16 +1,22 @@
 """Maximum-likelihood fit of the paper's observer with its penalty on mu1, for one count vector or thousands at once, in either task.
 
-Maximised is log likelihood (no binomial coefficients) - (mu1 - mean)^2 / (2 V_1) over 0 <= gamma <= 1, a share of 0..1 of answers that
-lapses leave, q0 or 1 - lambda, and any width. The supremum often lies on an edge, sometimes where a parameter is infinite or 0 or does not
-matter: each of these is found and said. Source: Eq. mod:logp_grouped. (The paper calls it minimising the log-likelihood; it is maximising.)
+Maximised is log likelihood (no binomial coefficients) - (mu1 - mean)^2 / (2 V_1) over 0 <= gamma <=
+1, a share of 0..1 of answers that lapses leave, q0 or 1 - lambda, and any width. The supremum often
+lies on an edge, sometimes where a parameter is infinite or 0 or does not matter: each of these is
+found and said. Source: Eq. mod:logp_grouped. (The paper calls it minimising the log-likelihood; it
+is maximising.)
 
-The likelihood is that of the task's predictive update, ascended in u = (c, -log(p/p_max), -log w, -log share): gamma = 1 and a whole share
-are the bounds u_1 = 0 and u_3 = 0, on which Newton can rest. gamma = 0 (mu1 at the penalty's mean, no order effect) is fitted on its own.
-Other edges lie at infinity: an ascent that ends where going there costs nothing, and going elsewhere does, is on its way there.
+The likelihood is that of the task's predictive update, ascended in u = (c, -log(p/p_max), -log w,
+-log share): gamma = 1 and a whole share are the bounds u_1 = 0 and u_3 = 0, on which Newton can
+rest. gamma = 0 (mu1 at the penalty's mean, no order effect) is fitted on its own. Other edges lie
+at infinity: an ascent that ends where going there costs nothing, and going elsewhere does, is on
+its way there.
 
-Ascents start at the highest points of the parts of a grid. Several maxima differ in the pull: a vanishing one with the prior mean far to
-either side, a middle one, the largest. At each pull the rest is nearly determined, so that the highest grid point of a range of pulls lies
-close to the ridge. At points of a grid the probabilities are the same for all rows: their likelihoods there are one matrix product.
+Ascents start at the highest points of the parts of a grid. Several maxima differ in the pull: a
+vanishing one with the prior mean far to either side, a middle one, the largest. At each pull the
+rest is nearly determined, so that the highest grid point of a range of pulls lies close to the
+ridge. At points of a grid the probabilities are the same for all rows: their likelihoods there are
+one matrix product.
 """
 
 from __future__ import annotations
@@ -73,10 +79,12 @@ _OFFSETS, _WIDTHS, _SHARES = (
 
 @dataclass(frozen=True, eq=False)
 class PenalisedLikelihood:
-    """What a fit maximises, for the counts of many rows, (rows, pairs); points u have the shape (points, 4) and belong to rows (points,).
+    """What a fit maximises, for the counts of many rows, (rows, pairs).
 
-    It is the likelihood of a subject's predictive update; of its prior the normal of mu1 is the penalty, the paper's has mean 0 and
-    V_1 = 10^2.
+    Points u have the shape (points, 4) and belong to rows (points,).
+
+    It is the likelihood of a subject's predictive update; of its prior the normal of mu1 is the
+    penalty, the paper's has mean 0 and V_1 = 10^2.
     """
 
     posterior: PaperPosterior
@@ -86,7 +94,10 @@ class PenalisedLikelihood:
     def of(
         cls, subject: Subject, prior: Prior | None = None, n_yes: npt.ArrayLike | None = None
     ) -> PenalisedLikelihood:
-        """Of counts, (rows, pairs), over a subject's pairs, by default its own; at one interval, with a normal prior of mu1."""
+        """Of counts, (rows, pairs), over a subject's pairs, by default its own.
+
+        At one interval, with a normal prior of mu1.
+        """
         refuse_intervals([subject], "maximum-likelihood fit")
         posterior = paper_posterior(subject, DEFAULT if prior is None else prior)
         return cls(
@@ -120,7 +131,10 @@ class PenalisedLikelihood:
         ) - self.penalty(u)
 
     def gradient(self, u: FloatArray, row: IndexArray) -> FloatArray:
-        """Its gradient, (points, 4); that of the penalty follows from mu1 = sbar + c/p and d(1/p)/du_1 = 1/p."""
+        """Its gradient, (points, 4).
+
+        That of the penalty follows from mu1 = sbar + c/p and d(1/p)/du_1 = 1/p.
+        """
         x, blocks, one = self.coordinates(u), self._blocks(len(u)), np.ones(len(u))
         slopes = np.concatenate(
             [self.posterior.likelihood_gradient(x[at], self.n_yes[row[at]])[1] for at in blocks]
@@ -133,7 +147,10 @@ class PenalisedLikelihood:
         return slopes
 
     def penalty(self, u: FloatArray) -> FloatArray:
-        """(mu1 - mean)^2 / (2 V_1), (points,); at p = 0 the offset is 0 and mu1 rests at the mean."""
+        """(mu1 - mean)^2 / (2 V_1), (points,).
+
+        At p = 0 the offset is 0 and mu1 rests at the mean.
+        """
         sd = self.posterior.prior.penalty.sd
         return np.asarray(0.5 * np.square(self._far(u) * sd))
 
@@ -169,8 +186,9 @@ class PenalisedLikelihood:
 class Fits:
     """Maximum-likelihood fits of one design to one or many count vectors.
 
-    Parameters, (rows, 4), are mu1, sigma_p, sigma_l (natural-log intensity) and q0 or the lapse rate; NaN where the data leave one open
-    ("not unique"). Curves follow from the points, (rows, 4), in the coordinates of the posterior, also where this has no value.
+    Parameters, (rows, 4), are mu1, sigma_p, sigma_l (natural-log intensity) and q0 or the lapse
+    rate; NaN where the data leave one open ("not unique"). Curves follow from the points, (rows,
+    4), in the coordinates of the posterior, also where this has no value.
     """
 
     parameters: FloatArray
@@ -236,7 +254,8 @@ def fit_counts(
 def _starts(fitted: PenalisedLikelihood) -> FloatArray:
     """The highest points of the parts of the grid, (rows, parts, 4).
 
-    Of 6,400 rows (replicates of 16 subjects, blunt and hard ones most) 3 stayed below the best that these or other grids led to.
+    Of 6,400 rows (replicates of 16 subjects, blunt and hard ones most) 3 stayed below the best that
+    these or other grids led to.
     """
     found = []
     for shares, sides in _PARTS:
@@ -257,7 +276,10 @@ def _ascended(
     iterations: int,
     rivals: IndexArray | None = None,
 ) -> tuple[Differenced, Ascent]:
-    """Newton from starts, (points, 4), of rows, (points,); on the edge gamma = 0 offset and pull stay."""
+    """Newton from starts, (points, 4), of rows, (points,).
+
+    On the edge gamma = 0 offset and pull stay.
+    """
     held = (start[:, 1:2] == _NONE) & [True, True, False, False]
     lower = np.array([-np.inf, _WHOLE, -np.log(fitted.scale) - _FAR, _WHOLE])[:, None]
     climb = Differenced(

@@ -24,16 +24,20 @@ class Answers:
     Parameters
     ----------
     keys : array, shape (rows, 2 or 3)
-        The pair of each row: s1 and s2 (natural-log intensities), and isi (seconds) where the study has intervals.
+        The pair of each row: s1 and s2 (natural-log intensities), and isi (seconds) where the study
+        has intervals.
     n_yes, n_trials : array of int, shape (rows,)
-        The answers that the task counts and all answers, of which a trial has one, or none where nobody answered in time.
+        The answers that the task counts and all answers, of which a trial has one, or none where
+        nobody answered in time.
     block : array of int, shape (rows,), or None
-        Where in `blocks`, names in their order, that of each row's block stands; None without such a column.
+        Where in `blocks`, names in their order, that of each row's block stands; None without such
+        a column.
     blocks : tuple of str
     trials : bool
         Whether rows are trials.
     place : array of int, shape (rows,), or None
-        Of trials whose order is known: one more than in the row before where memory goes on from there.
+        Of trials whose order is known: one more than in the row before where memory goes on from
+        there.
     iti : array, shape (rows,), or None
         Seconds between a trial and the one before it; NaN where that is not known.
     span : tuple of int, or None
@@ -76,7 +80,10 @@ class Answers:
         return np.asarray(np.diff(self.place, prepend=self.place[:1] - 2) != 1)
 
     def rows_of(self, blocks: Sequence[str]) -> BoolArray:
-        """Which rows are in one of these blocks; all rows where none is named. An InputError where there is no such block."""
+        """Which rows are in one of these blocks; all rows where none is named.
+
+        An InputError where there is no such block.
+        """
         if not blocks:
             return np.ones(len(self.n_trials), np.bool_)
         if self.block is None:
@@ -95,7 +102,10 @@ class Answers:
         return replace(self, n_yes=np.where(rows, self.n_trials - self.n_yes, self.n_yes))
 
     def without(self, rows: BoolArray) -> Answers:
-        """All other rows, with the blocks that they are in; memory begins anew behind those left out."""
+        """All other rows, with the blocks that they are in.
+
+        Memory begins anew behind those left out.
+        """
         by_row = {
             key: getattr(self, key)
             for key in ("keys", "n_yes", "n_trials", "block", "place", "iti")
@@ -113,8 +123,9 @@ class Answers:
 class Reading:
     """What a file told besides the counts.
 
-    `read` are the columns that were, by our names, `ignored` those that were not, by their names in the file; `doubts` say what is probably
-    a mistake in the file, a sentence each, without its full stop.
+    `read` are the columns that were, by our names, `ignored` those that were not, by their names in
+    the file; `doubts` say what is probably a mistake in the file, a sentence each, without its full
+    stop.
     """
 
     read: tuple[str, ...] = ()
@@ -125,7 +136,10 @@ class Reading:
 def counted_rows(
     name: str, keys: Sequence[npt.ArrayLike | None], n_yes: npt.ArrayLike, n_trials: npt.ArrayLike
 ) -> Answers:
-    """Rows of stimuli and, where there are some, intervals, with counts within what can be counted; all of one length."""
+    """Rows of stimuli and, where there are some, intervals, with counts within what can be counted.
+
+    All of one length.
+    """
     counts = {
         key: np.asarray(values).ravel()
         for key, values in (("n_yes", n_yes), ("n_trials", n_trials))

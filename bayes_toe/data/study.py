@@ -1,7 +1,7 @@
 """Who answered what: the counts of each subject, validated once and immutable.
 
-The likelihood needs only how often each answer was given to each ordered pair of stimuli, so trials are grouped on the way in: a million
-trials cost what their distinct pairs cost.
+The likelihood needs only how often each answer was given to each ordered pair of stimuli, so trials
+are grouped on the way in: a million trials cost what their distinct pairs cost.
 """
 
 from __future__ import annotations
@@ -42,7 +42,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Subject:
-    """Counts of one subject, one entry per ordered pair of stimuli, sorted by (s1, s2); with intervals, by (s1, s2, isi).
+    """Counts of one subject, one entry per ordered pair of stimuli, sorted by (s1, s2).
+
+    With intervals, by (s1, s2, isi).
 
     Parameters
     ----------
@@ -51,25 +53,29 @@ class Subject:
     s1, s2 : array_like, shape (pairs,)
         Natural-log intensities of the first and the second stimulus.
     n_yes, n_trials : array_like of int, shape (pairs,)
-        How often the answer that the task counts was given, 'equal' or 'second', and how often the pair was answered.
+        How often the answer that the task counts was given, 'equal' or 'second', and how often the
+        pair was answered.
     isi : array_like, shape (pairs,), optional
-        Inter-stimulus interval, seconds, positive: the same stimuli at another interval are another pair. None, the default, where the
-        study has one interval, which is then the unit of time.
+        Inter-stimulus interval, seconds, positive: the same stimuli at another interval are another
+        pair. None, the default, where the study has one interval, which is then the unit of time.
     task : Task
         What was asked: same or different (the default), or which is stronger.
     condition : str
-        Of a unit, a subject at a level of a condition, that level; its name is then the subject's with @ and the level.
+        Of a unit, a subject at a level of a condition, that level; its name is then the subject's
+        with @ and the level.
     felt : Stimuli, optional
-        Location and scales of the stimuli that the subject of a unit felt in all conditions; they stand in the place of the unit's own.
+        Location and scales of the stimuli that the subject of a unit felt in all conditions; they
+        stand in the place of the unit's own.
     answers : Answers, optional
-        Row by row what the counts are the sums of, as read: for a look before pooling, and for models of what a trial leaves to the next.
-        Only where they do add up to the counts; else None takes their place.
+        Row by row what the counts are the sums of, as read: for a look before pooling, and for
+        models of what a trial leaves to the next. Only where they do add up to the counts; else
+        None takes their place.
 
     Raises
     ------
     InputError
-        If shapes differ, a value is not finite, an interval is not positive, a pair is repeated, or counts are outside
-        0 <= n_yes <= n_trials, n_trials >= 1.
+        If shapes differ, a value is not finite, an interval is not positive, a pair is repeated, or
+        counts are outside 0 <= n_yes <= n_trials, n_trials >= 1.
 
     Examples
     --------
@@ -184,7 +190,10 @@ class Subject:
 
     @property
     def intervals(self) -> tuple[float, ...]:
-        """Distinct inter-stimulus intervals, seconds, shortest first; empty where the study has one that was not given."""
+        """Distinct inter-stimulus intervals, seconds, shortest first.
+
+        Empty where the study has one that was not given.
+        """
         return () if self.isi is None else tuple(np.unique(self.isi).tolist())
 
     def at_isi(self, isi: float) -> Subject:
@@ -224,7 +233,10 @@ class Subject:
 
     @property
     def n_pairs(self) -> int:
-        """Number of distinct ordered pairs; with intervals, of distinct ordered pairs and intervals."""
+        """Number of distinct ordered pairs.
+
+        With intervals, of distinct ordered pairs and intervals.
+        """
         return len(self.s1)
 
     @property
@@ -258,7 +270,8 @@ class Study:
     reading : Reading
         What the file holds besides the counts, for checks before pooling; no inference uses it.
     changes : sequence of str
-        Responses that were swapped and subjects that were excluded (:meth:`swap`, :meth:`exclude`), as options: "--swap 946:2,4".
+        Responses that were swapped and subjects that were excluded (:meth:`swap`, :meth:`exclude`),
+        as options: "--swap 946:2,4".
     conditions : Conditions, optional
         Levels of a condition within subjects, where subjects are units such as S01@left.
 
@@ -331,12 +344,17 @@ class Study:
 
     @cached_property
     def intervals(self) -> tuple[float, ...]:
-        """Distinct inter-stimulus intervals of all subjects, seconds, shortest first; empty where the study has no column isi."""
+        """Distinct inter-stimulus intervals of all subjects, seconds, shortest first.
+
+        Empty where the study has no column isi.
+        """
         known = [subject.isi for subject in self if subject.isi is not None]
         return tuple(np.unique(np.concatenate(known)).tolist()) if known else ()
 
     def at_isi(self, isi: float) -> Study:
-        """The study at one interval (seconds), for everything that knows one interval only; subjects that never met it are left out.
+        """The study at one interval (seconds), for everything that knows one interval only.
+
+        Subjects that never met it are left out.
 
         Raises
         ------
@@ -442,8 +460,9 @@ class Study:
     def frame(self) -> pd.DataFrame:
         """The counts, one row a subject and pair: a table that :func:`~bayes_toe.read_study` reads to the same study.
 
-        Columns subject, condition of units, s1, s2 (natural-log intensity), isi (seconds) where there are intervals, n_equal or n_second,
-        n_trials; of a synthetic study also `synthetic`, which is 1.
+        Columns subject, condition of units, s1, s2 (natural-log intensity), isi (seconds) where
+        there are intervals, n_equal or n_second, n_trials; of a synthetic study also `synthetic`,
+        which is 1.
 
         Examples
         --------
@@ -513,7 +532,8 @@ def felt_together(units: Iterable[Subject]) -> tuple[Subject, ...]:
 def stimuli_of(*subjects: Subject) -> Stimuli | None:
     """Location and scales of the stimuli of several subjects together, or of one.
 
-    Those of a unit are of its subject over all conditions. None without a pair of different stimuli.
+    Those of a unit are of its subject over all conditions. None without a pair of different
+    stimuli.
     """
     if len(subjects) == 1 and subjects[0].felt is not None:
         return subjects[0].felt

@@ -1,6 +1,7 @@
-"""Tables of results: rows to go through and to look up, as a frame, and in a CSV or Parquet file that is whole or not there.
+"""Tables of results: rows to go through and to look up, as a frame, and as a file.
 
-And names of files that every system takes: one stem for each subject, whatever the subject is called.
+A CSV or Parquet file appears whole or not at all. The names of files for subjects are here too: one
+stem for each subject that every system takes, whatever the subject is called.
 """
 
 from __future__ import annotations
@@ -94,7 +95,10 @@ def frame_of(rows: Iterable[object], columns: Sequence[str]) -> pd.DataFrame:
 
 @dataclass(frozen=True, eq=False)
 class SubjectTable(Table[Row]):
-    """A table with one row for each subject, looked up by the subject's name; an InputError where there is none of that name."""
+    """A table with one row for each subject, looked up by the subject's name.
+
+    An InputError where there is none of that name.
+    """
 
     def __getitem__(self, name: str | int) -> Row:
         if as_name(name) not in self._by_name:
@@ -118,11 +122,13 @@ def write_table(
 ) -> Path:
     """A table as a CSV file: UTF-8, one line per row, numbers that read back to the same bits, missing as empty, no index.
 
-    Where the name ends in .parquet, as a Parquet file (pyarrow, the extra `parquet`). With `spreadsheet_safe`, an apostrophe is put before
-    texts of a CSV file that a spreadsheet would run (:func:`~bayes_toe.data.validation.runs`); our readers take it off the names of
-    subjects again. With `units`, subjects are units such as S01@left, which become columns subject and condition.
+    Where the name ends in .parquet, as a Parquet file (pyarrow, the extra `parquet`). With
+    `spreadsheet_safe`, an apostrophe is put before texts of a CSV file that a spreadsheet would run
+    (:func:`~bayes_toe.data.validation.runs`); our readers take it off the names of subjects again.
+    With `units`, subjects are units such as S01@left, which become columns subject and condition.
 
-    An OutputError where the file cannot be written, or exists and may not be replaced; an InputError for Parquet without pyarrow.
+    An OutputError where the file cannot be written, or exists and may not be replaced; an
+    InputError for Parquet without pyarrow.
     """
     target = Path(path)
     require_parquet(target)
@@ -147,8 +153,9 @@ def write_table(
 def file_stems(names: Sequence[str]) -> dict[str, str]:
     """A file name without suffix for each subject, safe and distinct on every system.
 
-    ASCII letters, digits, ``-``, ``_`` and ``.`` only, 60 characters at most. A name that had to be changed, or that
-    differs from another one in case only, carries 8 hexadecimal digits of its SHA-256.
+    ASCII letters, digits, ``-``, ``_`` and ``.`` only, 60 characters at most. A name that had to be
+    changed, or that differs from another one in case only, carries 8 hexadecimal digits of its
+    SHA-256.
 
     Examples
     --------

@@ -24,7 +24,8 @@ class Task:
     yes, no : str
         The answer that is counted, and the other one; ``n_yes`` of a subject counts the first.
     lapses : str
-        The fourth parameter of the paper's observer in this task: how answers come that the curve does not explain.
+        The fourth parameter of the paper's observer in this task: how answers come that the curve
+        does not explain.
     """
 
     name: str

@@ -27,8 +27,9 @@ def answers_in_order(
 ) -> tuple[dict[str, Answers], list[str], list[str]]:
     """What each subject answered, notes of what is missing, and doubts about trials that are there twice.
 
-    Columns are by our names; `keys` are the pair of every row, NaN where a cell cannot be read; `parts` the rows of every subject that have
-    answers; k answers that the task counts and n all answers of each row, none of a trial that nobody answered.
+    Columns are by our names; `keys` are the pair of every row, NaN where a cell cannot be read;
+    `parts` the rows of every subject that have answers; k answers that the task counts and n all
+    answers of each row, none of a trial that nobody answered.
     """
     trials, pairs = "n_trials" not in columns, np.column_stack(keys)
     runs = {name: _ranked(table, columns[name]) for name in _RUNS if name in columns}
@@ -100,7 +101,10 @@ def answers_in_order(
 
 
 def _felt(subject: Column, pairs: FloatArray, units: bool) -> dict[str, IndexArray]:
-    """Rows of every subject that have a pair, with an answer or without; of a unit those of its subject in all conditions."""
+    """Rows of every subject that have a pair, with an answer or without.
+
+    Of a unit those of its subject in all conditions.
+    """
     people = [text.partition(AT)[0] if units else text for text in subject.texts]
     places = {person: place for place, person in enumerate(people)}
     whose = np.array([places[person] for person in people])[subject.codes]
@@ -150,7 +154,10 @@ def _repeated(
     k: IntArray,
     n: IntArray,
 ) -> list[str]:
-    """What is said of answered trials with the number, subject and block of an earlier row; a row without a number repeats none."""
+    """What is said of answered trials with the number, subject and block of an earlier row.
+
+    A row without a number repeats none.
+    """
     block, trial, subject = (
         columns.get("block"),
         numbers(table, columns["trial"]),

@@ -347,7 +347,10 @@ class Adaptive:
     # --- Files ------------------------------------------------------------------------------------
 
     def save(self, path: str | Path, *, overwrite: bool = True) -> Path:
-        """Write all that :meth:`resume` needs, whole or not at all; after every trial, if wanted."""
+        """Write all that :meth:`resume` needs, whole or not at all.
+
+        After every trial, if wanted.
+        """
         content = {
             "format": _FORMAT,
             "task": self.pairs.task.name,

@@ -1,9 +1,10 @@
 """What one trial tells about the effects of order: Fisher information about assumed observers.
 
-An answer to a pair with P(yes) = q has the information g g' q/(1 - q), g the gradient of log q in the
-coordinates of 'both'. With the curvature of the prior and the information of all trials it makes a
-normal approximation of the posterior at each observer's true values. A design's utility is half the
-log determinant of the precision of what is asked about, once all other parameters are estimated.
+An answer to a pair with P(yes) = q has the information g g' q/(1 - q), g the gradient of log q in
+the coordinates of 'both'. With the curvature of the prior and the information of all trials it
+makes a normal approximation of the posterior at each observer's true values. A design's utility is
+half the log determinant of the precision of what is asked about, once all other parameters are
+estimated.
 
 Trials are moved, a portion at a time, to the pair where they tell most, until no move is worth it
 (Fedorov 1972).
@@ -138,7 +139,10 @@ def information(
 
 @dataclass(eq=False)
 class _Exchange:
-    """Trials that are put on pairs, beside some that are fixed; a pair and its turn share theirs."""
+    """Trials that are put on pairs, beside some that are fixed.
+
+    A pair and its turn share theirs.
+    """
 
     information: Information
     fixed: IntArray

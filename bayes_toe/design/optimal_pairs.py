@@ -244,7 +244,10 @@ def compare_designs(
     seed: int = 0,
     prior: ObserverPrior = DEFAULT_PRIOR,
 ) -> tuple[dict[str, Candidate], FloatArray]:
-    """The best design and its rivals, by the closed form; and what one more trial of each pair adds."""
+    """The best design and its rivals, by the closed form.
+
+    The second value is what one more trial of each pair adds.
+    """
     plane = _pairs_to_show(levels, goal)
     fixed = np.zeros(plane.n_pairs, np.int64)
     if goal.keep is not None:

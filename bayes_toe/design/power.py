@@ -1,8 +1,8 @@
 """How often a design answers the three questions: simulate assumed observers, count the words.
 
-Every simulated data set goes the way of a subject: the evidences of the four models, then the words.
-Counted are the words about the order effect, the constant error and the contraction; beside them
-stand the mean widths of the 95 % intervals of the sizes.
+Every simulated data set goes the way of a subject: the evidences of the four models, then the
+words. Counted are the words about the order effect, the constant error and the contraction; beside
+them stand the mean widths of the 95 % intervals of the sizes.
 """
 
 from __future__ import annotations
@@ -260,7 +260,9 @@ def _count_words(key: tuple[str, int, str], members: Sequence[DataSet]) -> list[
 
 
 def share(hits: int, size: int) -> tuple[float, float, float]:
-    """A share and its 95 % interval, by Jeffreys' prior; an end is 0 or 1 where no or every try hits.
+    """A share and its 95 % interval, by Jeffreys' prior.
+
+    An end is 0 or 1 where no or every try hits.
 
     Examples
     --------

@@ -116,11 +116,11 @@ def paper_population(
 ) -> list[PaperObserver]:
     """Observers of the paper's kinds in turn: A, B, C, B, A, and every sixteenth the inset C.
 
-    A: prior mean below the stimuli, mu1 ~ Normal(-0.5, 0.15); more accurate with the weaker stimulus
-    first. B: above the stimuli, mu1 ~ Normal(0.95, 0.2); more accurate with the stronger first.
-    C: among the stimuli, mu1 ~ Normal(0.25, 0.08); nearly symmetric. Inset C of Fig. 4: mu1 = -0.6
-    but sigma_l = 0.02, so symmetric all the same. For all: sigma_p = 0.22 exp(0.15 Normal(0, 1)),
-    gamma ~ Uniform(0.1, 0.5), q0 ~ Beta(40, 4), or the lapse rate ~ Beta(2, 30).
+    A: prior mean below the stimuli, mu1 ~ Normal(-0.5, 0.15); more accurate with the weaker
+    stimulus first. B: above the stimuli, mu1 ~ Normal(0.95, 0.2); more accurate with the stronger
+    first. C: among the stimuli, mu1 ~ Normal(0.25, 0.08); nearly symmetric. Inset C of Fig. 4: mu1
+    = -0.6 but sigma_l = 0.02, so symmetric all the same. For all: sigma_p = 0.22 exp(0.15 Normal(0,
+    1)), gamma ~ Uniform(0.1, 0.5), q0 ~ Beta(40, 4), or the lapse rate ~ Beta(2, 30).
     """
     kinds = np.array([(-0.5, 0.15), (0.95, 0.2), (0.25, 0.08), (0.95, 0.2), (-0.5, 0.15)])
     of_subject = kinds[np.arange(size) % 5]

@@ -1,7 +1,7 @@
 """The order in which a design's trials are shown, and the file that an experiment reads.
 
-Blocks are alike, both orders of two stimuli are equally frequent in each, and few equal pairs follow
-each other.
+Blocks are alike, both orders of two stimuli are equally frequent in each, and few equal pairs
+follow each other.
 """
 
 from __future__ import annotations
@@ -52,7 +52,10 @@ class TrialList:
     condition: npt.NDArray[np.str_] | None = field(default=None, kw_only=True)
 
     def frame(self, reference: float | None = None) -> pd.DataFrame:
-        """A row a trial; raw amplitudes stand beside the intensities where their reference is given."""
+        """A row a trial.
+
+        Raw amplitudes stand beside the intensities where their reference is given.
+        """
         import pandas as pd
 
         columns: dict[str, npt.ArrayLike] = {"subject": self.subject}
@@ -178,7 +181,10 @@ def _units(design: StudyDesign) -> list[tuple[list[int], int]]:
 def _places_of_equals(
     n_equal: IntArray, n_different: IntArray, rng: np.random.Generator
 ) -> list[BoolArray]:
-    """Which trials of every block are equal pairs, (trials,) each; all ways are equally probable."""
+    """Which trials of every block are equal pairs, (trials,) each.
+
+    All ways are equally probable.
+    """
     tables = _count_ways(n_equal, n_different)
     places, run = [], 0
     for log_ways in tables:

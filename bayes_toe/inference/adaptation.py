@@ -1,8 +1,9 @@
 """Fitting of a proposal to a posterior: adaptive importance sampling.
 
-Fitting alternates between drawing from the current proposal and EM steps on the draws of the last rounds, weighted against the
-average of the proposals that made them (deterministic-mixture weights, Cornuet et al. 2012). While weights are uneven they are
-tempered; where sixteen components stay poor, more draws and twenty-four take over.
+Fitting alternates between drawing from the current proposal and EM steps on the draws of the last
+rounds, weighted against the average of the proposals that made them (deterministic-mixture weights,
+Cornuet et al. 2012). While weights are uneven they are tempered; where sixteen components stay
+poor, more draws and twenty-four take over.
 """
 
 from __future__ import annotations
@@ -82,8 +83,9 @@ def fit_proposal(
 ) -> FittedProposal:
     """Adapt a proposal to a posterior and judge it by so many draws that are independent of it, twice as many where refits were needed.
 
-    It may start from maxima that are known already. Or from a proposal for this posterior that was fitted to a similar one, and draws from
-    it with this posterior's densities: the first round is then from what these make of it, and maxima are not looked for.
+    It may start from maxima that are known already. Or from a proposal for this posterior that was
+    fitted to a similar one, and draws from it with this posterior's densities: the first round is
+    then from what these make of it, and maxima are not looked for.
     """
     return with_fresh_draws(adapt_proposal(posterior, rng, start=start, draws=draws), rng)
 
@@ -93,7 +95,8 @@ def quick_proposal(
 ) -> FittedProposal:
     """A proposal from a cloud of draws about a maximum, shapes (draws, k) and (1, k), judged by 2,500 draws.
 
-    Where these show what it misses it is refitted to them and judged by as many others, three times at most.
+    Where these show what it misses it is refitted to them and judged by as many others, three times
+    at most.
     """
     transform = posterior.transform(modes)
     y = transform.forward(cloud)[0]
@@ -163,9 +166,13 @@ def redrawn(fitted: FittedProposal, rng: np.random.Generator, size: int) -> Fitt
 
 
 def with_trusted_draws(fitted: FittedProposal, rng: np.random.Generator) -> FittedProposal:
-    """The same; where the weights of these cannot be trusted, a refit to them, and then a second proposal from the beginning.
+    """The same.
 
-    Each is judged by at least 20,000 draws, which an evidence with fewer may lack. The first, where none of them can be trusted.
+    Where the weights of these cannot be trusted, a refit to them, and then a second proposal from
+    the beginning.
+
+    Each is judged by at least 20,000 draws, which an evidence with fewer may lack. The first, where
+    none of them can be trusted.
     """
     found = with_fresh_draws(fitted, rng)
     for start in (found, None):
@@ -184,8 +191,9 @@ def refreshed(
 ) -> FittedProposal:
     """A proposal for a posterior like the one that it was fitted to, by one round of EM on the draws that it has, and new draws from it.
 
-    `log_posterior` is that of the new posterior at the old draws, shape (draws,); the centre and the prior are the same. For posteriors to
-    which a few answers come at a time: most of a fit's work is saved, and how good it is the new draws tell.
+    `log_posterior` is that of the new posterior at the old draws, shape (draws,); the centre and
+    the prior are the same. For posteriors to which a few answers come at a time: most of a fit's
+    work is saved, and how good it is the new draws tell.
     """
     known = replace(fitted.draws, log_posterior=log_posterior)
     begun = replace(fitted, proposal=replace(fitted.proposal, posterior=posterior), draws=known)

@@ -1,10 +1,12 @@
 """Convergence, Monte Carlo errors and Pareto smoothing, by arviz_stats.
 
-Chains here are independent ensembles and draws within a chain are walker-major; for walkers as chains, or step-major draws,
-rank R-hat and ESS are not valid because the walkers of one ensemble interact.
+Chains here are independent ensembles and draws within a chain are walker-major; for walkers as
+chains, or step-major draws, rank R-hat and ESS are not valid because the walkers of one ensemble
+interact.
 
-Sources: Vehtari, Gelman, Simpson, Carpenter, Buerkner 2021, Rank-normalization, folding, and localization, Bayesian Analysis 16, 667-718;
-Vehtari, Simpson, Gelman, Yao, Gabry 2024, Pareto smoothed importance sampling, Journal of Machine Learning Research 25(72), 1-58.
+Sources: Vehtari, Gelman, Simpson, Carpenter, Buerkner 2021, Rank-normalization, folding, and
+localization, Bayesian Analysis 16, 667-718; Vehtari, Simpson, Gelman, Yao, Gabry 2024, Pareto
+smoothed importance sampling, Journal of Machine Learning Research 25(72), 1-58.
 """
 
 from __future__ import annotations
@@ -56,14 +58,17 @@ _ERRORS = (
 def convergence(draws: npt.ArrayLike) -> Convergence:
     """Diagnostics of draws, shape (chains, draws).
 
-    A constant quantity has no such diagnostics; all three are then NaN. So are those of draws with a NaN, of fewer than four draws, and
-    R-hat of a single chain.
+    A constant quantity has no such diagnostics; all three are then NaN. So are those of draws with
+    a NaN, of fewer than four draws, and R-hat of a single chain.
     """
     return Convergence(*_found(_CONVERGENCE, np.asarray(draws, np.float64)[None])[0])
 
 
 def errors(draws: npt.ArrayLike) -> Errors:
-    """Monte Carlo standard errors of what is said of draws, shape (chains, draws); NaN where there is no convergence to judge."""
+    """Monte Carlo standard errors of what is said of draws, shape (chains, draws).
+
+    NaN where there is no convergence to judge.
+    """
     return Errors(*_found(_ERRORS, np.asarray(draws, np.float64)[None])[0])
 
 
@@ -94,7 +99,10 @@ def errors_of(quantities: Mapping[str, FloatArray]) -> dict[str, Errors]:
 def _found(
     measures: tuple[Callable[[FloatArray], FloatArray], ...], draws: FloatArray
 ) -> list[list[float]]:
-    """What the measures say of draws, shape (quantities, chains, draws); of constants ArviZ itself says that all draws count."""
+    """What the measures say of draws, shape (quantities, chains, draws).
+
+    Of constants ArviZ itself says that all draws count.
+    """
     found = np.full((len(draws), len(measures)), np.nan)
     varies = draws.max(axis=(1, 2)) > draws.min(axis=(1, 2))  # NaN is above nothing
     if varies.any():
@@ -104,7 +112,10 @@ def _found(
 
 
 def worst(found: Mapping[str, Convergence]) -> tuple[tuple[str, float], tuple[str, float]]:
-    """What has the fewest effective draws, bulk or tail, and how many; what has the largest R-hat, and which. NaN is worst."""
+    """What has the fewest effective draws, bulk or tail, and how many.
+
+    What has the largest R-hat, and which. NaN is worst.
+    """
     ess = {name: float(np.nan_to_num(np.min(one[:2]))) for name, one in found.items()}
     r_hat = {name: float(np.nan_to_num(one.r_hat, nan=np.inf)) for name, one in found.items()}
     return min(ess.items(), key=lambda item: item[1]), max(r_hat.items(), key=lambda item: item[1])
@@ -123,10 +134,13 @@ def shortfall(found: Mapping[str, Convergence], draws: int, max_r_hat: float) ->
 
 
 def quantile_errors(draws: npt.ArrayLike, probabilities: npt.ArrayLike, ess: float) -> FloatArray:
-    """Monte Carlo errors of quantiles where the effective sample size is known; draws of any shape, one error a probability.
+    """Monte Carlo errors of quantiles where the effective sample size is known.
 
-    The share of draws below the quantile is as uncertain as in `ess` independent ones, Beta(ess p + 1, ess (1 - p) + 1): half of the
-    distance between the draws at the ends of its central 68 %. With the smallest of several sizes it is an upper bound.
+    Draws of any shape, one error a probability.
+
+    The share of draws below the quantile is as uncertain as in `ess` independent ones, Beta(ess p +
+    1, ess (1 - p) + 1): half of the distance between the draws at the ends of its central 68 %.
+    With the smallest of several sizes it is an upper bound.
 
     Source: Vehtari et al. 2021, section 4.4.
     """
@@ -163,7 +177,10 @@ def pareto_k(log_weights: npt.ArrayLike) -> float:
 
 
 def smoothed_weights(log_weights: npt.ArrayLike) -> SmoothedWeights:
-    """Pareto-smoothed importance weights of log weights, shape (draws,); in sum 1. Where no tail can be fitted, the raw ones."""
+    """Pareto-smoothed importance weights of log weights, shape (draws,); in sum 1.
+
+    Where no tail can be fitted, the raw ones.
+    """
     raw = np.asarray(log_weights, np.float64)
     with np.errstate(all="ignore"):  # weights of zero, and tails that are all but flat
         try:

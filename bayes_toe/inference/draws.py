@@ -1,7 +1,8 @@
 """Posterior draws of a study under any model: what is stored, what follows from it, summary, ArviZ, saving and loading.
 
-Stored are draws of natural parameters, their density and the counts (:mod:`bayes_toe.inference.draws_file`); derived quantities, log
-likelihoods and predicted answers follow from these. A chain is an independent ensemble; draws are walker-major within it.
+Stored are draws of natural parameters, their density and the counts
+(:mod:`bayes_toe.inference.draws_file`); derived quantities, log likelihoods and predicted answers
+follow from these. A chain is an independent ensemble; draws are walker-major within it.
 """
 
 from __future__ import annotations
@@ -53,8 +54,8 @@ class Draws:
     Attributes
     ----------
     tree : xarray.DataTree
-        What is stored, in ArviZ's groups; :meth:`to_arviz` has all of them. Of a large file, draws are read when they
-        are asked for.
+        What is stored, in ArviZ's groups; :meth:`to_arviz` has all of them. Of a large file, draws
+        are read when they are asked for.
     file : Path or None
         The file that they are read from.
     """
@@ -96,7 +97,10 @@ class Draws:
 
     @property
     def seed(self) -> int:
-        """The root seed; with it, the same study and the same settings the same draws come again."""
+        """The root seed.
+
+        With it, the same study and the same settings the same draws come again.
+        """
         return int(self.tree.attrs["seed"])
 
     @property
@@ -122,7 +126,10 @@ class Draws:
 
     @property
     def intervals(self) -> tuple[float, ...]:
-        """Distinct inter-stimulus intervals of the study, seconds, shortest first; empty where it has no column isi."""
+        """Distinct inter-stimulus intervals of the study, seconds, shortest first.
+
+        Empty where it has no column isi.
+        """
         observed = self.group("observed_data")
         return tuple(np.unique(observed["isi"].values).tolist()) if "isi" in observed.coords else ()
 
@@ -259,7 +266,8 @@ class Draws:
         name : str
             Subject.
         parameter : str
-            One of :attr:`parameters`, or of the model's other quantities, such as `offset` or `pull`.
+            One of :attr:`parameters`, or of the model's other quantities, such as `offset` or
+            `pull`.
 
         Raises
         ------
@@ -307,8 +315,9 @@ class Draws:
     def to_arviz(self) -> Any:
         """Everything that ArviZ asks for: an InferenceData for ArviZ 0.x, an xarray.DataTree for 1.x.
 
-        Groups: posterior with every reported quantity, sample_stats, and over `obs`, an entry for each subject and pair, observed_data,
-        constant_data, log_likelihood and posterior_predictive (answers to a repeated experiment) of every draw. For one subject,
+        Groups: posterior with every reported quantity, sample_stats, and over `obs`, an entry for
+        each subject and pair, observed_data, constant_data, log_likelihood and posterior_predictive
+        (answers to a repeated experiment) of every draw. For one subject,
         `draws["S01"].to_arviz()`.
 
         Examples

@@ -1,8 +1,10 @@
 """Log evidence of one subject under one model: by importance sampling, with its error, or the reason why there is none; and by Laplace.
 
-Laplace: log Z = log p(n, x0) - log |-H| / 2 + (k / 2) log 2 pi at the maximum x0 of the joint density, H its Hessian there. Source: Eq.
-app:evidapprox with the covariance of the local Gaussian. A density has another maximum in other coordinates, and so another value: in
-the paper's (mu1, sigma_p^2, sigma_l^2, q0) the maximum often lies on an edge, sigma_l = sigma_p or q0 = 1, where there is no such value.
+Laplace: log Z = log p(n, x0) - log |-H| / 2 + (k / 2) log 2 pi at the maximum x0 of the joint
+density, H its Hessian there. Source: Eq. app:evidapprox with the covariance of the local Gaussian.
+A density has another maximum in other coordinates, and so another value: in the paper's (mu1,
+sigma_p^2, sigma_l^2, q0) the maximum often lies on an edge, sigma_l = sigma_p or q0 = 1, where
+there is no such value.
 """
 
 from __future__ import annotations
@@ -23,7 +25,10 @@ from bayes_toe.model.paper_model import PaperPosterior, log_jacobian, log_jacobi
 
 @dataclass(frozen=True)
 class Evidence:
-    """Log evidence in nats, without binomial coefficients; value and standard error are None where it is withheld."""
+    """Log evidence in nats, without binomial coefficients.
+
+    Value and standard error are None where it is withheld.
+    """
 
     value: float | None
     se: float | None
@@ -37,8 +42,9 @@ class Evidence:
 def importance_evidence(fitted: FittedProposal) -> Evidence:
     """Log evidence and its standard error by importance sampling from the fitted proposal.
 
-    The estimate is the log mean weight of independent draws; its standard error is that of the mean, relative to it.
-    Withheld, with a reason, where the weights' Pareto k-hat says that neither can be trusted.
+    The estimate is the log mean weight of independent draws; its standard error is that of the
+    mean, relative to it. Withheld, with a reason, where the weights' Pareto k-hat says that neither
+    can be trusted.
     """
     if not fitted.independent:
         raise ValueError(
@@ -66,7 +72,10 @@ _STILL = 1e-3  # Newton step, in any unconstrained coordinate, below which a poi
 
 
 def laplace_evidence(maxima: Maxima) -> tuple[float | None, str]:
-    """Log evidence at the highest maximum in unconstrained identified coordinates, nats; None, with the reason, where there is none."""
+    """Log evidence at the highest maximum in unconstrained identified coordinates, nats.
+
+    None, with the reason, where there is none.
+    """
     if not maxima.arrived:
         return (
             None,
@@ -78,11 +87,15 @@ def laplace_evidence(maxima: Maxima) -> tuple[float | None, str]:
 def laplace_evidence_natural(
     posterior: PaperPosterior, maxima: Maxima, starts: FloatArray | None = None
 ) -> tuple[float | None, str]:
-    """Log evidence at the highest maximum in (mu1, sigma_p^2, sigma_l^2, q0), nats; None, with the reason, where that is on an edge.
+    """Log evidence at the highest maximum in (mu1, sigma_p^2, sigma_l^2, q0), nats.
 
-    `maxima` are those in unconstrained identified coordinates. The search runs in these coordinates, in which an edge lies at infinity: a
-    Newton ascent toward it goes on in steps of about one, however little it gains. At a stationary point determinants of the Hessian differ
-    by the square of the Jacobian alone. `starts`, shape (starts, 4), are by default a few about these maxima.
+    None, with the reason, where that is on an edge.
+
+    `maxima` are those in unconstrained identified coordinates. The search runs in these
+    coordinates, in which an edge lies at infinity: a Newton ascent toward it goes on in steps of
+    about one, however little it gains. At a stationary point determinants of the Hessian differ by
+    the square of the Jacobian alone. `starts`, shape (starts, 4), are by default a few about these
+    maxima.
     """
     label = "Laplace of H1 in the paper's coordinates"
 
@@ -125,8 +138,9 @@ def laplace_evidence_natural(
 def _starts(log_density: Callable[[FloatArray], FloatArray], maxima: Maxima) -> FloatArray:
     """The highest maxima in the other coordinates, and around them the highest point of each part of a grid, shape (starts, 4).
 
-    Maxima differ in the pull, and at each pull the rest is nearly determined. In 1,000 data sets (bundled, hard, real and simulated) the
-    maximum was the same from these as from every point of a coarse grid over all that a study can look like.
+    Maxima differ in the pull, and at each pull the rest is nearly determined. In 1,000 data sets
+    (bundled, hard, real and simulated) the maximum was the same from these as from every point of a
+    coarse grid over all that a study can look like.
     """
     offset, _, log_width, logit_q0 = maxima.x[0]
     far = np.exp(log_width) * _OFFSETS

@@ -1,6 +1,7 @@
 """The maxima of a log density in unconstrained coordinates: safeguarded Newton ascent of many points at once, inside bounds.
 
-The objective may differ from point to point. Arrays have their points on the last axis, so that every operation runs along memory.
+The objective may differ from point to point. Arrays have their points on the last axis, so that
+every operation runs along memory.
 """
 
 from __future__ import annotations
@@ -30,7 +31,8 @@ OfStarts = Callable[[FloatArray, IndexArray], FloatArray]
 class Differenced:
     """An objective of which value and gradient are known, with Hessians by differences whose steps follow from the last ones.
 
-    Of points, (points, k), and the start that each came from, (points,), the value has shape (points,) and the gradient (points, k).
+    Of points, (points, k), and the start that each came from, (points,), the value has shape
+    (points,) and the gradient (points, k).
     """
 
     def __init__(self, value: OfStarts, gradient: OfStarts, starts: int, k: int) -> None:
@@ -91,12 +93,15 @@ def ascend(
     iterations: int = 200,
     rivals: IndexArray | None = None,
 ) -> Ascent:
-    """Levenberg-damped Newton ascent of every start, (k, points), by steps of `most` at most; none is kept that lowers the value.
+    """Levenberg-damped Newton ascent of every start, (k, points), by steps of `most` at most.
 
-    Starts are inside the bounds, where the value is finite. A coordinate that is on its lower bound and would fall stays there until its
-    slope turns; one that is fixed stays where it starts. `rivals`, (points,), are numbers from 0 of the problems to which the starts
-    belong, where only the highest maximum of each is wanted: a start that comes to where a higher one already is goes no further, and does
-    not count as arrived.
+    None is kept that lowers the value.
+
+    Starts are inside the bounds, where the value is finite. A coordinate that is on its lower bound
+    and would fall stays there until its slope turns; one that is fixed stays where it starts.
+    `rivals`, (points,), are numbers from 0 of the problems to which the starts belong, where only
+    the highest maximum of each is wanted: a start that comes to where a higher one already is goes
+    no further, and does not count as arrived.
     """
     at = np.arange(x.shape[1])
     now = Ascent(
@@ -157,7 +162,10 @@ class _Leaders:
         self.x, self.value = np.empty((len(x), problems)), np.full(problems, -np.inf)
 
     def followed(self, at: IndexArray, x: FloatArray, value: FloatArray) -> BoolArray:
-        """Which of the starts `at`, close to a maximum, are where a higher one is; the others may lead from now on."""
+        """Which of the starts `at`, close to a maximum, are where a higher one is.
+
+        The others may lead from now on.
+        """
         order = np.argsort(value, kind="stable")
         order = order[value[order] >= self.value[self.rivals[at[order]]]]
         first = self.rivals[
@@ -175,8 +183,9 @@ def _steps(
 ) -> tuple[FloatArray, FloatArray, BoolArray]:
     """Ascent steps (k, points) in the free coordinates, twice their predicted gains, and whether -H is positive definite.
 
-    -H is scaled to a unit diagonal, which the damping, (points,), raises. Where the result is positive definite the step follows by
-    elimination; elsewhere eigenvalues enter by size, so that the step leads uphill, away from a saddle too.
+    -H is scaled to a unit diagonal, which the damping, (points,), raises. Where the result is
+    positive definite the step follows by elimination; elsewhere eigenvalues enter by size, so that
+    the step leads uphill, away from a saddle too.
     """
     diagonal = np.arange(len(gradient)), np.arange(len(gradient))
     size = np.abs(hessian[diagonal])
@@ -197,7 +206,9 @@ def _steps(
 def _solve(
     matrix: FloatArray, right: FloatArray, damping: FloatArray
 ) -> tuple[FloatArray, BoolArray]:
-    """Solve many small symmetric systems with raised diagonals by elimination; False where a pivot is not positive.
+    """Solve many small symmetric systems with raised diagonals by elimination.
+
+    False where a pivot is not positive.
 
     LAPACK, called for each, takes several times as long.
     """
@@ -236,7 +247,10 @@ class Maxima:
 
 
 def find_maxima(target: SampledPosterior, starts: FloatArray | None = None) -> Maxima:
-    """Maxima of the log density from several starts, shape (starts, k), of finite density; by default those that the data suggest."""
+    """Maxima of the log density from several starts, shape (starts, k), of finite density.
+
+    By default those that the data suggest.
+    """
     x = target.starts() if starts is None else starts
     density = Differenced(
         lambda x, _: target.log_density(x), lambda x, _: target.gradient(x)[1], *x.shape

@@ -64,8 +64,9 @@ def predict(
 ) -> pd.DataFrame:
     """Posterior of P('equal'), or of P('second'), for pairs at intervals, one row each: mean and quantiles over the draws.
 
-    The bands hold what the parameters leave open, not the scatter of a finite number of answers. An interval far from those that were
-    tested rests on the random walk of :mod:`bayes_toe.model.intervals`, which the data there may contradict.
+    The bands hold what the parameters leave open, not the scatter of a finite number of answers. An
+    interval far from those that were tested rests on the random walk of
+    :mod:`bayes_toe.model.intervals`, which the data there may contradict.
 
     Parameters
     ----------
@@ -74,7 +75,8 @@ def predict(
     s1, s2 : array_like
         Natural-log intensities; broadcast with isi.
     isi : array_like, optional
-        Intervals, seconds, tested or not. Needed for a study with intervals; not known to one without.
+        Intervals, seconds, tested or not. Needed for a study with intervals; not known to one
+        without.
 
     Returns
     -------
@@ -84,7 +86,8 @@ def predict(
     Raises
     ------
     InputError
-        For an unknown subject, an interval that is not positive and finite, or isi given to draws without intervals or missing with them.
+        For an unknown subject, an interval that is not positive and finite, or isi given to draws
+        without intervals or missing with them.
 
     Examples
     --------

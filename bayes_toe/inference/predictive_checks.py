@@ -36,9 +36,10 @@ def binomial_deviance(
 ) -> FloatArray:
     """Deviance of k answers in n from their probability q, that of the other answer being 1 - q, in nats times 2. Arguments broadcast.
 
-    D = 2 [k ln(k/(n q)) + (n - k) ln((n - k)/(n (1 - q)))], twice the log likelihood that the saturated model has more, to the rounding of
-    that. The logs of q and of 1 - q are given apart: either probability may be below the smallest float. Infinite where an answer was given
-    that has probability 0.
+    D = 2 [k ln(k/(n q)) + (n - k) ln((n - k)/(n (1 - q)))], twice the log likelihood that the
+    saturated model has more, to the rounding of that. The logs of q and of 1 - q are given apart:
+    either probability may be below the smallest float. Infinite where an answer was given that has
+    probability 0.
     """
     k, n = np.asarray(n_yes, np.float64), np.asarray(n_trials, np.float64)
     saturated = xlogy(k, k / n) + xlogy(n - k, (n - k) / n)
@@ -59,7 +60,10 @@ class Fit:
 
 
 def fit_at(posterior: AnswerPosterior, x: npt.ArrayLike) -> Fit:
-    """Deviance and residuals at one unconstrained point x, shape (k,); meant for the maximum of the likelihood."""
+    """Deviance and residuals at one unconstrained point x, shape (k,).
+
+    Meant for the maximum of the likelihood.
+    """
     (log_q,), (log_rest,) = posterior.log_answers(np.asarray(x, np.float64).reshape(1, -1))
     subject, q = posterior.subject, np.exp(log_q)
     pairs = binomial_deviance(subject.n_yes, subject.n_trials, log_q, log_rest)
@@ -74,11 +78,14 @@ def fit_at(posterior: AnswerPosterior, x: npt.ArrayLike) -> Fit:
 def deviance_p_value(
     value: float, freedom: int, n_trials: npt.ArrayLike, log_q: FloatArray, log_rest: FloatArray
 ) -> float:
-    """P(deviance >= value) of a fit with so many degrees of freedom, by a scaled chi-square; NaN where there are none.
+    """P(deviance >= value) of a fit with so many degrees of freedom, by a scaled chi-square.
 
-    Chi-square itself where every pair has many answers of both kinds. Elsewhere the deviance of a pair has another mean and variance,
-    known from the logs of q and 1 - q: the reference has those of the sum, times degrees of freedom over pairs. Logs of shape
-    (draws, pairs) are averaged over: the maximum itself, shape (pairs,), promises too little scatter where answers are few.
+    NaN where there are none.
+
+    Chi-square itself where every pair has many answers of both kinds. Elsewhere the deviance of a
+    pair has another mean and variance, known from the logs of q and 1 - q: the reference has those
+    of the sum, times degrees of freedom over pairs. Logs of shape (draws, pairs) are averaged over:
+    the maximum itself, shape (pairs,), promises too little scatter where answers are few.
 
     Examples
     --------
@@ -129,7 +136,8 @@ def _moments(
 class PredictiveCheck:
     """Observed answers against what the posterior predicts for a repetition of the experiment, of each pair and overall.
 
-    P(n_rep <= n_yes) and P(n_rep >= n_yes) for replicated counts are binomial tails averaged over draws, not simulated.
+    P(n_rep <= n_yes) and P(n_rep >= n_yes) for replicated counts are binomial tails averaged over
+    draws, not simulated.
     """
 
     expected: (
@@ -142,14 +150,18 @@ class PredictiveCheck:
 
     @property
     def p_value(self) -> FloatArray:
-        """Two-sided p-value of every pair, twice the smaller tail; conservative, since the same answers shaped the posterior."""
+        """Two-sided p-value of every pair, twice the smaller tail.
+
+        Conservative, since the same answers shaped the posterior.
+        """
         return np.asarray(np.minimum(1.0, 2.0 * np.minimum(self.p_fewer, self.p_more)))
 
 
 def predictive_check(posterior: AnswerPosterior, x: npt.ArrayLike, seed: int) -> PredictiveCheck:
     """Posterior predictive p-values of one subject from draws x, shape (draws, k), unconstrained.
 
-    The seed is that of the replicated counts, which enter `p_overall` only; the stream is keyed by subject and model.
+    The seed is that of the replicated counts, which enter `p_overall` only; the stream is keyed by
+    subject and model.
     """
     points, subject = require_points(x, len(posterior.coordinates)), posterior.subject
     k, n = subject.n_yes, subject.n_trials
@@ -191,9 +203,10 @@ class PairFit:
 class FitSummary:
     """Goodness of fit of one subject in a few numbers, for tables.
 
-    The deviance is the smallest over the draws: with thousands of draws within about 0.1 of that of the maximum of the likelihood. The
-    worst pairs are those with the largest residuals at that draw, at most three, largest first, all but the first beyond 2; they are not
-    stored with draws: none where the summary comes from a file.
+    The deviance is the smallest over the draws: with thousands of draws within about 0.1 of that of
+    the maximum of the likelihood. The worst pairs are those with the largest residuals at that
+    draw, at most three, largest first, all but the first beyond 2; they are not stored with draws:
+    none where the summary comes from a file.
     """
 
     deviance: float
@@ -216,7 +229,10 @@ class FitSummary:
 
     @property
     def describes(self) -> bool | None:
-        """Whether the model describes the answers; None where it cannot be told: with no more pairs than parameters it fits them all."""
+        """Whether the model describes the answers.
+
+        None where it cannot be told: with no more pairs than parameters it fits them all.
+        """
         return None if self.degrees_of_freedom <= 0 and not self.misfit else not self.misfit
 
 
@@ -230,8 +246,8 @@ def summarise_fit(
 ) -> FitSummary:
     """Deviance and posterior predictive p-values of one subject from draws x, shape (draws, k), unconstrained.
 
-    The predictive check takes `most` draws, evenly spaced; the smallest deviance is sought over all, by their log likelihood, shape
-    (draws,), which is evaluated where it is not given.
+    The predictive check takes `most` draws, evenly spaced; the smallest deviance is sought over
+    all, by their log likelihood, shape (draws,), which is evaluated where it is not given.
     """
     points, subject = require_points(x, len(posterior.coordinates)), posterior.subject
     check = predictive_check(posterior, points[:: max(1, -(-len(points) // most))], seed)

@@ -1,12 +1,15 @@
-"""A global proposal for one posterior: a Student-t mixture, a cover with wide tails and the prior; draws from it, and their weights.
+"""A global proposal for one posterior: a Student-t mixture, a cover with wide tails and the prior.
+
+Also its draws, with their weights.
 
 The cover, a few Student-t components fitted to the posterior flattened by a power, shows long thin tails that hold little mass. With the
 prior in the mixture, importance weights are bounded by the largest likelihood over the prior's share: their variance is finite, their error
 bars mean something, and no region that the prior reaches is closed to the sampler. How the mixture is fitted:
 :mod:`bayes_toe.inference.adaptation`.
 
-Two choices make the mixture cheap, and fitting a proposal is mostly this. Points are whitened for all components by one matrix product. And
-half the sum of degrees of freedom and dimension is a whole number, so that each density is a power by multiplication, without a logarithm.
+Two choices make the mixture cheap, and fitting a proposal is mostly this. Points are whitened for
+all components by one matrix product. And half the sum of degrees of freedom and dimension is a
+whole number, so that each density is a power by multiplication, without a logarithm.
 """
 
 from __future__ import annotations
@@ -28,7 +31,9 @@ _BLOCK = 1024  # points done together: with some tens of components the temporar
 
 @dataclass(frozen=True, eq=False)
 class StudentMixture:
-    """Mixture of J Student-t components in D dimensions, with common degrees of freedom df; df + D is even.
+    """Mixture of J Student-t components in D dimensions, with common degrees of freedom df.
+
+    df + D is even.
 
     Examples
     --------
@@ -189,7 +194,8 @@ _PRIOR_SHARE = 0.01
 class Proposal:
     """Density over unconstrained coordinates: shares of the prior, of a cover with wide tails, and the rest of a fitted mixture.
 
-    Mixture and cover live in the coordinates of the transform, in which the posterior has no funnel.
+    Mixture and cover live in the coordinates of the transform, in which the posterior has no
+    funnel.
     """
 
     posterior: SampledPosterior

@@ -37,15 +37,16 @@ class SamplerSettings:
     ensembles : int
         Independent ensembles (chains), at least 4.
     walkers : int
-        Walkers of an ensemble, even and at least 8. 0, the default, stands for one for every forty draws, 64 to 256: many short walks
-        cost less than few long ones, because a step of an ensemble costs much the same however many walkers it has.
+        Walkers of an ensemble, even and at least 8. 0, the default, stands for one for every forty
+        draws, 64 to 256: many short walks cost less than few long ones, because a step of an
+        ensemble costs much the same however many walkers it has.
     max_r_hat : float
         Largest rank-normalised split R-hat.
     max_thin : int
         Limit on the effort: sampling gives up after a pass that keeps only every max_thin-th step.
     max_quantile_error : float
-        Largest Monte Carlo standard error of the 5 and 95 % quantiles of natural quantities, in units of the range between the two;
-        infinite where quantiles are not wanted.
+        Largest Monte Carlo standard error of the 5 and 95 % quantiles of natural quantities, in
+        units of the range between the two; infinite where quantiles are not wanted.
 
     Raises
     ------
@@ -96,7 +97,8 @@ class SamplerSettings:
     def required(self) -> int:
         """Effective draws to reach: those asked for, but at least four a walker.
 
-        With fewer, walkers that never moved from dispersed starts would pass for a converged sample.
+        With fewer, walkers that never moved from dispersed starts would pass for a converged
+        sample.
         """
         return max(self.draws, 4 * self.ensembles * self.walkers)
 
@@ -105,8 +107,8 @@ class SamplerSettings:
 class Chains:
     """Draws of one subject.
 
-    Every thin-th step of the final pass was kept; what came before it, of the steps of each walker, was burn-in. More draws of a sample
-    that has converged mend a quantile that is `imprecise`.
+    Every thin-th step of the final pass was kept; what came before it, of the steps of each walker,
+    was burn-in. More draws of a sample that has converged mend a quantile that is `imprecise`.
     """
 
     x: FloatArray  # (ensembles, draws, k): unconstrained coordinates, walker-major within an ensemble
@@ -123,8 +125,9 @@ class Chains:
 def sample_chains(fitted: FittedProposal, settings: SamplerSettings, seed: int) -> Chains:
     """Run the ensembles until every judged quantity meets the settings, or up to their limit.
 
-    Each pass goes on from where the last one ended, throws away what was before, and keeps the same number of draws over twice as
-    many steps: from the second pass on burn-in is about half of everything, and the file has the size that was asked for.
+    Each pass goes on from where the last one ended, throws away what was before, and keeps the same
+    number of draws over twice as many steps: from the second pass on burn-in is about half of
+    everything, and the file has the size that was asked for.
     """
     posterior = fitted.proposal.posterior
     ensembles = [_Ensemble(fitted, settings, seed, k) for k in range(settings.ensembles)]
@@ -169,9 +172,10 @@ def burn_in(fitted: FittedProposal) -> int:
 class GlobalMove(emcee.moves.Move):  # type: ignore[misc]  # emcee has no types
     """Independence Metropolis move: all walkers propose from the fitted proposal at once.
 
-    The first proposals are draws by which the proposal was judged, whose posterior densities are known; when they are used up, more are
-    made in large batches. That these draws let the proposal pass leaves out of them no more than points of a weight for which it would have
-    been fitted again: some ten-thousandths of the posterior, far below the Monte Carlo error of as many draws.
+    The first proposals are draws by which the proposal was judged, whose posterior densities are
+    known; when they are used up, more are made in large batches. That these draws let the proposal
+    pass leaves out of them no more than points of a weight for which it would have been fitted
+    again: some ten-thousandths of the posterior, far below the Monte Carlo error of as many draws.
     """
 
     def __init__(self, proposal: Proposal, first: WeightedDraws) -> None:
@@ -199,7 +203,9 @@ class GlobalMove(emcee.moves.Move):  # type: ignore[misc]  # emcee has no types
 
 
 def moves(fitted: FittedProposal, first: WeightedDraws) -> list[tuple[Any, float]]:
-    """Emcee moves and their weights: the better the proposal, the fewer local moves; mostly local ones where it may not be trusted.
+    """Emcee moves and their weights: the better the proposal, the fewer local moves.
+
+    Mostly local ones where it may not be trusted.
 
     emcee's snooker move is never used: in release 3.1.6 it is biased.
     """
@@ -244,7 +250,10 @@ class _Ensemble(emcee.EnsembleSampler):  # type: ignore[misc]  # emcee has no ty
         return x, self.get_log_prob().T.ravel(), float(np.mean(self.acceptance_fraction))
 
     def compute_log_prob(self, coords: FloatArray) -> tuple[FloatArray, None]:
-        """Log densities as the array that they come in; emcee itself goes through them one by one."""
+        """Log densities as the array that they come in.
+
+        emcee itself goes through them one by one.
+        """
         log_density = self._posterior.log_density(coords)
         require_defined(log_density, self._posterior)
         return log_density, None
@@ -258,7 +267,8 @@ class _Ensemble(emcee.EnsembleSampler):  # type: ignore[misc]  # emcee has no ty
 def _dispersed(fitted: FittedProposal, random: np.random.RandomState, walkers: int) -> emcee.State:
     """Starting points wider than the posterior: weighted draws, blown up about the posterior mean.
 
-    Points of zero density are drawn again: emcee would leave such walkers there for good, without a word.
+    Points of zero density are drawn again: emcee would leave such walkers there for good, without a
+    word.
     """
     posterior, draws = fitted.proposal.posterior, fitted.draws
     mean = draws.shares @ draws.x
@@ -281,7 +291,8 @@ def _uncertain_quantile(
 ) -> tuple[str, bool]:
     """What is said of the natural quantity with the most uncertain 5 or 95 % quantile, empty where it is certain enough.
 
-    With it, whether draws further apart would be in vain: where as many independent ones were not enough either.
+    With it, whether draws further apart would be in vain: where as many independent ones were not
+    enough either.
     """
     if limit == np.inf:
         return "", False

@@ -1,4 +1,7 @@
-"""The one pipeline of a subject under a model: modes, proposal, chains, evidence, goodness of fit; and what a file keeps of it."""
+"""The one pipeline of a subject under a model: modes, proposal, chains, evidence, goodness of fit.
+
+Also what a file stores of its result.
+"""
 
 from __future__ import annotations
 
@@ -69,7 +72,10 @@ SummaryRow: TypeAlias = tuple[str | float, ...]
 
 @dataclass(frozen=True)
 class Settings:
-    """Everything that decides the numbers, stored with the results; streams are keyed by the seed, the subject's name and the model's."""
+    """Everything that decides the numbers, stored with the results.
+
+    Streams are keyed by the seed, the subject's name and the model's.
+    """
 
     seed: int
     prior: Prior = DEFAULT
@@ -99,7 +105,10 @@ class Wanted:
 
 @dataclass(frozen=True, eq=False)
 class SubjectResult:
-    """What was asked for of one subject under one model, None for the rest; small enough to send to another process."""
+    """What was asked for of one subject under one model, None for the rest.
+
+    Small enough to send to another process.
+    """
 
     target: AnswerPosterior
     efficiency: float  # and k-hat: how good the fitted proposal is; 1 and NaN where draws come from the posterior itself
@@ -150,7 +159,10 @@ def _chains_fit(target: AnswerPosterior, chains: Chains | None, seed: int) -> Fi
 
 
 def weighted_fit(fitted: FittedProposal, seed: int) -> FitSummary | None:
-    """Goodness of fit without chains: by the draws of a proposal, resampled by their weights; None where these cannot be trusted."""
+    """Goodness of fit without chains: by the draws of a proposal, resampled by their weights.
+
+    None where these cannot be trusted.
+    """
     if not fitted.trusted:
         return None
     target, draws = fitted.proposal.posterior, fitted.draws

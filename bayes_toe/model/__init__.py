@@ -1,4 +1,6 @@
-"""What is assumed of the observer. The stub beside this file lists its public names, which load on first use.
+"""What is assumed of the observer.
+
+The stub beside this file lists its public names, which load on first use.
 
 Examples
 --------

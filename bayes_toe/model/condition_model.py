@@ -15,8 +15,8 @@ then differ by N(0, (h unit)^2), whichever is the reference. The units are
     q0               1.2 of its logit, by 0.6
 
 The mean first stimulus sbar and the scales D and R are those over all conditions: otherwise c would
-move with the stimuli of a condition. The evidence is one integral over all conditions; where nothing
-differs it is that of the pooled answers.
+move with the stimuli of a condition. The evidence is one integral over all conditions; where
+nothing differs it is that of the pooled answers.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 """Families of prior distributions: normalised densities with their slopes, distribution function, quantiles and draws.
 
-A prior names a family for every parameter (:class:`bayes_toe.model.prior.Prior`); whatever meets :class:`Distribution` will do.
+A prior names a family for every parameter (:class:`bayes_toe.model.prior.Prior`); whatever meets
+:class:`Distribution` will do.
 """
 
 from __future__ import annotations
@@ -227,7 +228,8 @@ class Beta:
     def sample_logit(self, rng: Random, size: int) -> FloatArray:
         """Logits of independent draws, shape (size,), however near an edge: x/(1 - x) is a ratio of gamma variates.
 
-        Of shape a such a variate is one of shape a + 1 times U^(1/a), and -ln U is exponential; in logs nothing underflows.
+        Of shape a such a variate is one of shape a + 1 times U^(1/a), and -ln U is exponential; in
+        logs nothing underflows.
         """
         above, below = (
             np.log(rng.standard_gamma(k + 1.0, size)) - rng.standard_exponential(size) / k

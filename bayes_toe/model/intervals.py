@@ -1,22 +1,27 @@
 """How pull and width of the paper's model (H1) depend on the inter-stimulus interval: a random walk of the memory.
 
-The coordinates of H1 (offset c, pull p, width w) and their prior refer to a reference interval, by default the geometric mean of the
-study's, in which time is counted here: t = 1 is the reference. The prior mean mu1 is the same at every interval and the offset at t is
-p_t (mu1 - sbar), so with r = p_t/p_1 and v = w_t/w_1
+The coordinates of H1 (offset c, pull p, width w) and their prior refer to a reference interval, by
+default the geometric mean of the study's, in which time is counted here: t = 1 is the reference.
+The prior mean mu1 is the same at every interval and the offset at t is p_t (mu1 - sbar), so with r
+= p_t/p_1 and v = w_t/w_1
 
     z = ((s2 - s1) + r [p_1 (s1 - sbar) - c]) / (w_1 v).
 
-Both scales are 1 at the reference, so a study with one interval is one without. They follow from the same filtering equations as the model
-at one interval: a stimulus is measured, the belief evolves for t, the next stimulus meets it.
+Both scales are 1 at the reference, so a study with one interval is one without. They follow from
+the same filtering equations as the model at one interval: a stimulus is measured, the belief
+evolves for t, the next stimulus meets it.
 
-The variance grows by sigma_p^2 t, so gamma_t = gamma/t, r = (G_1/G_t)^2 / t and v = sqrt(t) (G_t/G_1)^(3/2); asked which is stronger,
-v = sqrt(t) G_t/G_1. The longer the interval, the nearer the weight of the first stimulus comes to 1, and the width grows without end. In
-seconds everything that the paper derives for one interval holds with sigma_p sqrt(t) in the place of sigma_p, which then is in
-natural-log intensity per square root of a second; mu1, sigma_l and q0 are common to all intervals. Assumed is that each interval has its
-own self-consistent prior, of variance G_t sigma_p^2 t, as it has when its trials are run in a block. Were intervals mixed at random and
-the prior one for all of them, the first stimulus would be weighted alike at every interval, and only the width would depend on it; data
-from mixed intervals can tell. Forgetting shows in the width alone (erratum 6; see docs/background.md), which is least, 2 sigma_l, where
-gamma_t = 2: at shorter intervals the memory is so narrow that the second stimulus moves it little.
+The variance grows by sigma_p^2 t, so gamma_t = gamma/t, r = (G_1/G_t)^2 / t and v = sqrt(t)
+(G_t/G_1)^(3/2); asked which is stronger, v = sqrt(t) G_t/G_1. The longer the interval, the nearer
+the weight of the first stimulus comes to 1, and the width grows without end. In seconds everything
+that the paper derives for one interval holds with sigma_p sqrt(t) in the place of sigma_p, which
+then is in natural-log intensity per square root of a second; mu1, sigma_l and q0 are common to all
+intervals. Assumed is that each interval has its own self-consistent prior, of variance G_t
+sigma_p^2 t, as it has when its trials are run in a block. Were intervals mixed at random and the
+prior one for all of them, the first stimulus would be weighted alike at every interval, and only
+the width would depend on it; data from mixed intervals can tell. Forgetting shows in the width
+alone (erratum 6; see docs/background.md), which is least, 2 sigma_l, where gamma_t = 2: at shorter
+intervals the memory is so narrow that the second stimulus moves it little.
 """
 
 from __future__ import annotations
@@ -39,7 +44,8 @@ def at_interval(theta: Natural, isi: npt.ArrayLike) -> Natural:
     Parameters
     ----------
     theta : Natural
-        mu1, sigma_l (natural-log intensity), sigma_p (natural-log intensity per square root of a second), q0; broadcast with isi.
+        mu1, sigma_l (natural-log intensity), sigma_p (natural-log intensity per square root of a
+        second), q0; broadcast with isi.
     isi : array_like
         Intervals, seconds.
 
@@ -100,7 +106,8 @@ def reference_interval(given: float | None, *subjects: Subject) -> float:
 def random_walk_scales(logit_pull: FloatArray, intervals: FloatArray, power: float = 1.5) -> Scales:
     """Scales of a memory that diffuses by sigma_p^2 a reference interval, shapes (points,) and (intervals,).
 
-    The width is sigma_p G^power. As gamma -> 0, r -> 1/t and v -> sqrt(t): nothing is lost however small the pull.
+    The width is sigma_p G^power. As gamma -> 0, r -> 1/t and v -> sqrt(t): nothing is lost however
+    small the pull.
 
     Examples
     --------

@@ -1,13 +1,15 @@
 """Nearly normal coordinates of H1: the funnel of its posterior straightened out, so that ordinary mixtures fit it.
 
-Given pull p and width w, two things fix the offset c = p (mu1 - sbar): the prior, with mean p (m - sbar) and standard deviation p V^(1/2),
-and the data, about c_0 with a precision that goes as 1/w^2. For a normal likelihood the conditional of c is then normal with
+Given pull p and width w, two things fix the offset c = p (mu1 - sbar): the prior, with mean p (m -
+sbar) and standard deviation p V^(1/2), and the data, about c_0 with a precision that goes as 1/w^2.
+For a normal likelihood the conditional of c is then normal with
 
     s^-2 = 1 / (p^2 V) + kappa (w_0 / w)^2,    mean = share p (m - sbar) + (1 - share) c_0,    share = s^2 / (p^2 V).
 
-The coordinates y replace c by (c - mean) / s: as p -> 0 the posterior in c narrows in proportion to p, which no mixture with a fixed
-scale can follow; in y it keeps its width. Pull and q0 enter by probit instead of logit: where the data leave them open their logits have
-exponential tails, their probits normal ones.
+The coordinates y replace c by (c - mean) / s: as p -> 0 the posterior in c narrows in proportion to
+p, which no mixture with a fixed scale can follow; in y it keeps its width. Pull and q0 enter by
+probit instead of logit: where the data leave them open their logits have exponential tails, their
+probits normal ones.
 """
 
 from __future__ import annotations
@@ -31,7 +33,10 @@ _NO_DENSITY = (0.0, 0.0, 400.0, 0.0)
 
 @dataclass(frozen=True)
 class Funnel:
-    """Normal distribution of the offset c given pull and width; the first coordinates are c, logit(p/p_max), log w."""
+    """Normal distribution of the offset c given pull and width.
+
+    The first coordinates are c, logit(p/p_max), log w.
+    """
 
     prior_mean: float  # m - sbar: prior mean of mu1 from the mean first stimulus, natural-log units
     log_prior_sd: float  # of mu1
@@ -44,7 +49,8 @@ class Funnel:
     def at(cls, modes: FloatArray, slope: Gradient, mu1: Distribution, sbar: float) -> Funnel:
         """From what the data say of the offset at modes of the posterior, shape (modes, k), best first.
 
-        `slope` is the gradient of the log likelihood, `mu1` the distribution of the prior mean, sbar that from which the offset counts.
+        `slope` is the gradient of the log likelihood, `mu1` the distribution of the prior mean,
+        sbar that from which the offset counts.
         """
         best = modes[0]
         precision = -float(hessian(slope, best[None])[0, 0, 0])
@@ -63,7 +69,10 @@ class Funnel:
         )
 
     def conditional(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Mean and log standard deviation of c given the other coordinates, shape (points,) each; in logs, since p may be tiny."""
+        """Mean and log standard deviation of c given the other coordinates, shape (points,) each.
+
+        In logs, since p may be tiny.
+        """
         log_pull = np.log(MAX_PULL) + log_expit(x[:, 1])
         of_prior = -2.0 * (log_pull + self.log_prior_sd)
         narrowing = 2.0 * (x[:, 2] - self.log_width) if self.follows_width else 0.0
@@ -89,8 +98,9 @@ class NormalScores:
     def inverse(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Coordinates x of y, and log |dy/dx| there, shape (points,).
 
-        A probit beyond 37 (:data:`FARTHEST`) stands for a pull or a lapse below the smallest float; the posterior has no mass there to
-        any digit. Such points go to where its density is 0, at a width of e^400: draws without weight, proposals that are refused.
+        A probit beyond 37 (:data:`FARTHEST`) stands for a pull or a lapse below the smallest float;
+        the posterior has no mass there to any digit. Such points go to where its density is 0, at a
+        width of e^400: draws without weight, proposals that are refused.
         """
         x = y.copy()
         is_beyond = (np.abs(y[:, _LOGITS]) > FARTHEST).any(axis=1)

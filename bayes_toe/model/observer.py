@@ -770,7 +770,10 @@ class ObserverPosterior:
         return {name: found[name] for name in found if name not in self.names.monotone}
 
     def points(self, quantities: Mapping[str, FloatArray]) -> FloatArray:
-        """Points, shape (..., k), from quantities of shape (...); the inverse of :meth:`quantities`."""
+        """Points, shape (..., k), from quantities of shape (...).
+
+        The inverse of :meth:`quantities`.
+        """
         step, prior, units = self.scales.step, self.prior, self._units
         columns = []
         for name in self.coordinates:

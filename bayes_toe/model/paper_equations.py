@@ -1,13 +1,15 @@
 """The equations of the paper's model: arrays in, arrays out.
 
-An observer holds a Gaussian prior over log-intensity, measures the first stimulus with noise sigma_l, and keeps the result in a
-memory that diffuses with standard deviation sigma_p until the second stimulus arrives. With gamma = sigma_l^2 / sigma_p^2 and
-G = (1 + sqrt(1 + 4 gamma)) / 2 everything has a closed form in which nothing cancels (arXiv 2604.19662, Methods and Appendix B).
+An observer holds a Gaussian prior over log-intensity, measures the first stimulus with noise
+sigma_l, and keeps the result in a memory that diffuses with standard deviation sigma_p until the
+second stimulus arrives. With gamma = sigma_l^2 / sigma_p^2 and G = (1 + sqrt(1 + 4 gamma)) / 2
+everything has a closed form in which nothing cancels (arXiv 2604.19662, Methods and Appendix B).
 
 All functions broadcast; intensities and standard deviations are in natural-log units.
 
-Errata of the paper that matter here: in Eq. axis0 the factor must read (1 - sigma_p^2/sigma^2), and in Appendix B the second form
-of mu_2 lacks a factor sigma_x^2; the code follows the corrected forms.
+Errata of the paper that matter here: in Eq. axis0 the factor must read (1 - sigma_p^2/sigma^2), and
+in Appendix B the second form of mu_2 lacks a factor sigma_x^2; the code follows the corrected
+forms.
 """
 
 from __future__ import annotations
@@ -137,7 +139,10 @@ def evolved_mean(s1: npt.ArrayLike, mu1: npt.ArrayLike, gamma: npt.ArrayLike) ->
 
 
 class Axis(NamedTuple):
-    """The symmetry axis s2 = slope s1 + intercept; slope without unit, intercept in natural-log intensity."""
+    """The symmetry axis s2 = slope s1 + intercept.
+
+    Slope without unit, intercept in natural-log intensity.
+    """
 
     slope: FloatArray
     intercept: FloatArray
@@ -146,8 +151,9 @@ class Axis(NamedTuple):
 def axis(mu1: npt.ArrayLike, gamma: npt.ArrayLike) -> Axis:
     """Symmetry axis s2 = K s1 + p mu_1 of the plane of pairs, on which s2 is the evolved mean of s1.
 
-    P(equal) depends on a pair through its distance from this line, s2 - mu_2(s1), and on its size only. Slope
-    K = (G - 1)/gamma = 1/G and p = (G - 1)/G = gamma/G^2 are in the form in which nothing cancels. Source: Eq. axis2.
+    P(equal) depends on a pair through its distance from this line, s2 - mu_2(s1), and on its size
+    only. Slope K = (G - 1)/gamma = 1/G and p = (G - 1)/G = gamma/G^2 are in the form in which
+    nothing cancels. Source: Eq. axis2.
 
     Examples
     --------
@@ -229,7 +235,9 @@ def equal_probability(
     sigma_l: npt.ArrayLike,
     q0: npt.ArrayLike,
 ) -> FloatArray:
-    """P(equal) = q0 2^(-z^2) in natural parameters; intensities and standard deviations in natural-log units.
+    """P(equal) = q0 2^(-z^2) in natural parameters.
+
+    Intensities and standard deviations in natural-log units.
 
     Source: Eq. mod:q.
 

@@ -13,8 +13,8 @@ sbar is the mean first stimulus of the subject; p, gamma and G are those of
 q0. Where there are several inter-stimulus intervals, c, p and w are those at the reference interval,
 and r and v scale them (:mod:`bayes_toe.model.intervals`); else r = v = 1.
 
-The map between coordinates is a bijection for 0 < gamma < 1. In natural coordinates only p (mu1 - s1)
-enters the likelihood, so gamma and mu1 form a funnel as gamma -> 0.
+The map between coordinates is a bijection for 0 < gamma < 1. In natural coordinates only p (mu1 -
+s1) enters the likelihood, so gamma and mu1 form a funnel as gamma -> 0.
 
 The log posterior is the log likelihood, without binomial coefficients, plus the log prior density
 with respect to the unconstrained coordinates: its integral over them is the evidence.
@@ -199,7 +199,8 @@ class PaperPosterior:
     prior : Prior
         "stimuli" in it become numbers of this subject's stimuli.
     centre : float, optional
-        Intensity from which the offset counts, natural-log units; by default the mean first stimulus.
+        Intensity from which the offset counts, natural-log units; by default the mean first
+        stimulus.
     interval : float, optional
         The reference, to which coordinates, quantities and their prior refer, seconds: the prior's,
         or else the subject's geometric mean.
@@ -282,7 +283,10 @@ class PaperPosterior:
         return log_likelihoods(subject.n_yes, subject.n_trials, answers)
 
     def log_answers(self, x: npt.ArrayLike) -> LogAnswers:
-        """Log probability of both answers to every pair, (points, pairs) each. Source: Eq. mod:q."""
+        """Log probability of both answers to every pair, (points, pairs) each.
+
+        Source: Eq. mod:q.
+        """
         points = require_points(x, 4)
         return self._answers_at(self.distance(points), points[:, 3:])
 
@@ -324,8 +328,9 @@ class PaperPosterior:
 
         `n_yes`, shape (points, pairs), has other counts of the same pairs, a row for each point.
 
-        The distance is z = N e^(-L), with the numerator N and the log of the width L. A coordinate i
-        that moves both adds A_z (N_i e^(-L) - z L_i), for the slope A_z of the log likelihood in z.
+        The distance is z = N e^(-L), with the numerator N and the log of the width L. A coordinate
+        i that moves both adds A_z (N_i e^(-L) - z L_i), for the slope A_z of the log likelihood in
+        z.
         """
         subject = self.subject
         counts = subject.n_yes if n_yes is None else n_yes
@@ -514,9 +519,9 @@ class PaperPosterior:
     def quantities(self, x: FloatArray) -> dict[str, FloatArray]:
         """Every named quantity, each with the shape of x without its last axis.
 
-        The shift of the point of subjective equality, at the mean first stimulus, is the offset. The
-        just noticeable difference is the distance at which 'equal' is half as frequent as at its
-        peak, or P(second) 75 % without lapses.
+        The shift of the point of subjective equality, at the mean first stimulus, is the offset.
+        The just noticeable difference is the distance at which 'equal' is half as frequent as at
+        its peak, or P(second) 75 % without lapses.
         """
         p, w = MAX_PULL * expit(x[..., 1]), np.exp(x[..., 2])
         gain = 1.0 - p
@@ -552,7 +557,10 @@ class PaperPosterior:
         return x
 
     def prior_quantile(self, name: str, probability: float) -> float:
-        """Prior quantile of a quantity; that of the offset by draws, to half a percent of its range."""
+        """Prior quantile of a quantity.
+
+        That of the offset by draws, to half a percent of its range.
+        """
         if name not in self.names.all:
             raise InputError(f"unknown quantity {name!r}; there are: {', '.join(self.names.all)}")
         if name in ("offset", "pse_shift"):
@@ -626,7 +634,9 @@ def inverse_pull(a: npt.ArrayLike) -> FloatArray:
 
 
 def unconstrained(theta: Natural, sbar: float) -> FloatArray:
-    """Natural coordinates, each of shape (...), to unconstrained ones of shape (..., 4); needs 0 < gamma < 1, 0 < q0 < 1.
+    """Natural coordinates, each of shape (...), to unconstrained ones of shape (..., 4).
+
+    Needs 0 < gamma < 1, 0 < q0 < 1.
 
     Notes
     -----
@@ -679,7 +689,8 @@ def log_jacobian_slope_of_pull(a: FloatArray) -> FloatArray:
 def log_noise_ratio(a: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Log gamma and log(1 - gamma) at a = logit(p / p_max), gamma = p/(1 - p)^2; neither cancels.
 
-    p_max and 1/p_max are the roots of (1 - p)^2 = p, so 1 - gamma = (p_max - p) (1/p_max - p) / (1 - p)^2 with p_max - p = p_max expit(-a).
+    p_max and 1/p_max are the roots of (1 - p)^2 = p, so 1 - gamma = (p_max - p) (1/p_max - p) / (1
+    - p)^2 with p_max - p = p_max expit(-a).
     """
     p = MAX_PULL * expit(a)
     log_gamma = np.log(MAX_PULL) + log_expit(a) - 2.0 * np.log1p(-p)
@@ -702,7 +713,8 @@ def log_density_of_noise_ratio(distribution: Distribution, a: FloatArray) -> Flo
 def slope_of_noise_ratio(distribution: Distribution, a: FloatArray) -> FloatArray:
     """Derivative of :func:`log_density_of_noise_ratio` in a.
 
-    log gamma has the slope expit(-a) (1 + p)/(1 - p), log(1 - gamma) the slope -expit(a) (1 + p)/((1 - p) (1/p_max - p)).
+    log gamma has the slope expit(-a) (1 + p)/(1 - p), log(1 - gamma) the slope -expit(a) (1 +
+    p)/((1 - p) (1/p_max - p)).
     """
     p, down = MAX_PULL * expit(a), expit(-a)
     rise = (1.0 + p) / (1.0 - p)
@@ -720,7 +732,10 @@ def slope_of_noise_ratio(distribution: Distribution, a: FloatArray) -> FloatArra
 
 
 def _noise_ratio(a: FloatArray) -> FloatArray:
-    """Noise ratio gamma = p/(1 - p)^2 at a = logit(p/p_max); a rounding may not carry it beyond its limit, 1."""
+    """Noise ratio gamma = p/(1 - p)^2 at a = logit(p/p_max).
+
+    A rounding may not carry it beyond its limit, 1.
+    """
     p = MAX_PULL * expit(a)
     return np.asarray(np.minimum(p / (1.0 - p) ** 2, 1.0))
 
@@ -728,9 +743,10 @@ def _noise_ratio(a: FloatArray) -> FloatArray:
 def prior_quantile(prior: Prior, parameter: str, probability: float, power: float = 1.5) -> float:
     """Prior quantile of mu1, sigma_p, sigma_l, gamma, sigma1, gain or width, where the width is sigma_p G^power.
 
-    sigma_p, sigma_l, sigma1 and width are each other's multiples by powers of gamma and G, and one of them has a distribution of its own:
-    another one's distribution function is the average over gamma of that one's at x / h(gamma), one smooth integral over the quantiles of
-    gamma. The gain falls with gamma and takes its quantiles.
+    sigma_p, sigma_l, sigma1 and width are each other's multiples by powers of gamma and G, and one
+    of them has a distribution of its own: another one's distribution function is the average over
+    gamma of that one's at x / h(gamma), one smooth integral over the quantiles of gamma. The gain
+    falls with gamma and takes its quantiles.
 
     Examples
     --------

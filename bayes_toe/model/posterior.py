@@ -80,7 +80,10 @@ class Transform(Protocol):
         """Coordinates y of x, shape (points, k), and log |dy/dx|, shape (points,)."""
 
     def inverse(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Coordinates x of y, shape (points, k), and log |dy/dx| there; points beyond all floats go where the density is 0."""
+        """Coordinates x of y, shape (points, k), and log |dy/dx| there.
+
+        Points beyond all floats go where the density is 0.
+        """
 
 
 class SameCoordinates:
@@ -174,9 +177,10 @@ class SampledPosterior(AnswerPosterior, Protocol):
 def contraction(target: AnswerPosterior, parameter: str, low: float, high: float) -> float:
     """How much the answers narrowed a parameter whose posterior quantiles at 5 and 95 % are `low` and `high`.
 
-    contraction = 1 - (posterior width / prior width)^2, widths from the 5 % to the 95 % quantile. For normal densities that is one minus
-    the ratio of variances; where mu1 has a funnel its variance is ruled by rare far draws, its quantiles are not. 1: all from the data;
-    0: as wide as the prior; negative: wider.
+    contraction = 1 - (posterior width / prior width)^2, widths from the 5 % to the 95 % quantile.
+    For normal densities that is one minus the ratio of variances; where mu1 has a funnel its
+    variance is ruled by rare far draws, its quantiles are not. 1: all from the data; 0: as wide as
+    the prior; negative: wider.
 
     Examples
     --------

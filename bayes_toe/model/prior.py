@@ -46,14 +46,18 @@ class Prior(PriorFields):
     Parameters
     ----------
     mu1_mean, mu1_sd : float or "stimuli"
-        Mean and standard deviation of mu1, natural-log intensity; "stimuli" stands for a property of what the subject felt, here and below,
-        and becomes a number where the prior meets the subject (:meth:`at`).
+        Mean and standard deviation of mu1, natural-log intensity; "stimuli" stands for a property
+        of what the subject felt, here and below, and becomes a number where the prior meets the
+        subject (:meth:`at`).
     sigma_p_scale : float or "stimuli"
-        Scale of the half-normal of sigma_p, natural-log intensity, where the width has no prior of its own.
+        Scale of the half-normal of sigma_p, natural-log intensity, where the width has no prior of
+        its own.
     width_median, width_sd : float or "stimuli"
-        Median of a lognormal prior of the width w, natural-log intensity, in the place of sigma_p's; standard deviation of its logarithm.
+        Median of a lognormal prior of the width w, natural-log intensity, in the place of
+        sigma_p's; standard deviation of its logarithm.
     gamma_a, gamma_b, q0_a, q0_b, lapse_rate_a, lapse_rate_b : float
-        Of the beta distributions of gamma, q0 and the lapse rate, the share of answers given without regard to the stimuli.
+        Of the beta distributions of gamma, q0 and the lapse rate, the share of answers given
+        without regard to the stimuli.
     reference_interval : float, optional
         Seconds over which sigma_p and gamma have their prior, in a study with intervals.
 
@@ -128,7 +132,8 @@ class Prior(PriorFields):
         Raises
         ------
         InputError
-            For a parameter that has none of its own, or whose numbers are still those of the stimuli.
+            For a parameter that has none of its own, or whose numbers are still those of the
+            stimuli.
         """
         if parameter in self._known:
             return self._known[parameter]
@@ -215,7 +220,8 @@ class Prior(PriorFields):
     def log_density_variances(self, theta: Natural) -> FloatArray:
         """Log density with respect to the paper's coordinates (mu1, sigma_p^2, sigma_l^2, q0), edges included; -inf outside.
 
-        d sigma_p / d sigma_p^2 = 1 / (2 sigma_p) and, at fixed sigma_p, d gamma / d sigma_l^2 = 1 / sigma_p^2. Source: Appendix C.
+        d sigma_p / d sigma_p^2 = 1 / (2 sigma_p) and, at fixed sigma_p, d gamma / d sigma_l^2 = 1 /
+        sigma_p^2. Source: Appendix C.
         """
         gamma, width_too = theta.gamma, self.spread == "width"
         inside = (

@@ -1,7 +1,8 @@
 """What a prior is made of: each of its numbers declared once, with parameter, kind, unit, words and range; how a file says them.
 
-Everything that shows, reads, varies or refuses a prior's numbers iterates over :meth:`PriorFields.declared` and names none of them. The
-numbers are apart from what is computed with them (:mod:`bayes_toe.model.prior`), so that a help text loads no SciPy.
+Everything that shows, reads, varies or refuses a prior's numbers iterates over
+:meth:`PriorFields.declared` and names none of them. The numbers are apart from what is computed
+with them (:mod:`bayes_toe.model.prior`), so that a help text loads no SciPy.
 """
 
 from __future__ import annotations
@@ -95,7 +96,10 @@ def prior_field(
     limits: tuple[float, float] | None = None,
     stimuli: str = "",
 ) -> Any:
-    """Declare one number of a prior, as the default of a dataclass field; see :class:`PriorField` for the arguments."""
+    """Declare one number of a prior, as the default of a dataclass field.
+
+    See :class:`PriorField` for the arguments.
+    """
     least, most = (
         (-LARGEST if kind == "location" else SMALLEST, LARGEST) if limits is None else limits
     )
@@ -231,7 +235,10 @@ def toml_table(path: str | Path, lines: str) -> Mapping[str, Any]:
 
 
 def number_problems(keys: Mapping[str, PriorField], key: str, value: object) -> list[str]:
-    """What is wrong with one number, in one line that ends in what is allowed; nothing where it is right."""
+    """What is wrong with one number, in one line that ends in what is allowed.
+
+    Nothing where it is right.
+    """
     if key not in keys:
         return [f"key {quoted(key)}: unknown, allowed: {', '.join(keys)}"]
     one = keys[key]
