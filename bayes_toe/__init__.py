@@ -1,7 +1,8 @@
 """Bayesian inference for time-order effects in comparing two stimuli (arXiv 2604.19662).
 
-Verbs and records are here, figures in `bt.plots`, studies still to be made in `bt.design`, the equations in `bt.model`. The stub beside
-each of these files lists its public names; they load on first use, so that importing the package costs next to nothing.
+Verbs and records are here, figures in `bt.plots`, studies still to be made in `bt.design`, the
+equations in `bt.model`. The stub beside each of these files lists its public names; they load on
+first use, so that importing the package costs next to nothing.
 
 >>> import bayes_toe as bt
 >>> study = bt.example_study()          # or bt.read_study("study.csv")

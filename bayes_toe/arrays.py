@@ -10,11 +10,13 @@ IntArray = npt.NDArray[np.int64]
 IndexArray = npt.NDArray[np.intp]
 BoolArray = npt.NDArray[np.bool_]
 
-#: Values of one temporary array: small enough for a processor's cache, so memory stays flat however many pairs or points there are.
+#: Values of one temporary array: small enough for a processor's cache, so memory stays flat however
+#: many pairs or points there are.
 BLOCK = 1 << 16
 
-# The C library of Linux gives memory of more than 128 KiB back to the system as soon as it is free, and fetches it anew, page by page, for
-# the next temporary array, until a larger piece was freed once. This one is never written to, so it costs nothing.
+# The C library of Linux gives memory of more than 128 KiB back to the system as soon as it is free,
+# and fetches it anew, page by page, for the next temporary array, until a larger piece was freed
+# once. This one is never written to, so it costs nothing.
 np.empty(1 << 21)
 
 

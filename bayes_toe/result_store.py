@@ -376,7 +376,10 @@ def _refuse(value: object) -> object:
 
 
 def _call_by_name(value: object) -> object:
-    """A function as its name and, for a method, its object; a partial call as what it consists of."""
+    """A function as its name and, for a method, its object.
+
+    A partial call as what it consists of.
+    """
     if isinstance(value, partial):
         return value.func, value.args, value.keywords
     if not callable(value) or "<" in getattr(value, "__qualname__", "<"):

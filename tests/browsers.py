@@ -17,7 +17,10 @@ BROWSERS = (
 
 @contextmanager
 def launched():
-    """Chromium, wherever it is: on the path, or Playwright's own; without one the test is skipped and says so."""
+    """Chromium, wherever it is: on the path, or Playwright's own.
+
+    Without one the test is skipped and says so.
+    """
     sync_api = pytest.importorskip("playwright.sync_api")
     found = next(filter(None, map(shutil.which, BROWSERS)), None)
     with sync_api.sync_playwright() as playwright:
@@ -55,5 +58,8 @@ class Opened:
         self.page.goto(path.as_uri())
 
     def wide(self):
-        """Pixels that the page takes; more than the window is wide, and it has to be pushed sideways."""
+        """Pixels that the page takes.
+
+        More than the window is wide, and it has to be pushed sideways.
+        """
         return self.page.evaluate("document.documentElement.scrollWidth")

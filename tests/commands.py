@@ -1,4 +1,7 @@
-"""The command line as a user calls it, in a process of its own; and the same in this process, where that changes nothing."""
+"""The command line as a user calls it, in a process of its own.
+
+And the same in this process, where that changes nothing.
+"""
 
 import io
 import os

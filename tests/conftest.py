@@ -182,6 +182,7 @@ os.environ.setdefault("COLUMNS", "140")
 os.environ.setdefault(
     "LOKY_MAX_CPU_COUNT", "1"
 )  # workers where a test asks for some: others would load all libraries for a job or two
-# HYPOTHESIS_PROFILE=night: other files each night, and many of them; tests that set their own numbers keep these.
+# HYPOTHESIS_PROFILE=night: other files each night, and many of them; tests that set their own
+# numbers keep these.
 settings.register_profile("day", max_examples=60, deadline=None, derandomize=True, database=None)
 settings.register_profile("night", max_examples=20_000, deadline=None)

@@ -1,7 +1,8 @@
 """Log posteriors term by term with as many digits as asked for, from the definitions and with no stable form.
 
-Parameters from coordinates, probabilities by subtraction, scales of an interval from the filter's own quantities, slopes by differences
-whose steps are so small that half of the digits are left. An independent route to values and gradients over the whole range of floats.
+Parameters from coordinates, probabilities by subtraction, scales of an interval from the filter's
+own quantities, slopes by differences whose steps are so small that half of the digits are left. An
+independent route to values and gradients over the whole range of floats.
 """
 
 import mpmath
@@ -210,7 +211,10 @@ def criterion(peak):
 
 
 def observer_answers(found, bare_k, sbar, s1, s2):
-    """P of the counted answer to a pair and of the other one; the criterion at the mean intensity."""
+    """P of the counted answer to a pair and of the other one.
+
+    The criterion at the mean intensity.
+    """
     middle = (s1 + s2) / 2 - sbar
     shifted = s2 - s1 - found["constant_error"] + found["contraction"] * (s1 - sbar)
     z = shifted / (found["noise"] * exp(found["noise_slope"] * middle))

@@ -24,7 +24,10 @@ def texts_of(figure):
 
 
 def require_legible(figure, smallest=7.0):
-    """No word on another one, none outside the page, none below 7 points; a slack of one point for the boxes' own margins. The words."""
+    """No word on another one, none outside the page, none below 7 points.
+
+    A slack of one point for the boxes' own margins. The words.
+    """
     texts, page, slack = texts_of(figure), figure.bbox, figure.dpi / 72.0
     words = [text.get_text() for text in texts]
     x0, y0, x1, y1 = np.array([text.get_window_extent().extents for text in texts]).T

@@ -60,7 +60,8 @@ def members(session):
     return found
 
 
-# --- jobs; in this file because a worker that begins loads the file of its job, and with that of a test all libraries of all tests ---
+# --- jobs; in this file because a worker that begins loads the file of its job, and with that of a
+# test all libraries of all tests ---
 
 
 def slow(value, seconds):
@@ -85,7 +86,10 @@ def blas_threads():
 
 
 def die(main, marks, deaths):
-    """A job that kills the worker that is at it, as often as told; no job that kills is ever tried in the main process."""
+    """A job that kills the worker that is at it, as often as told.
+
+    No job that kills is ever tried in the main process.
+    """
     assert os.getpid() != main
     with open(marks, "a") as file:
         file.write("x")
@@ -115,7 +119,8 @@ def save_on_a_full_disk(source, target, room):
 
 def until(true, running=None):
     """Wait for something to become true, or for the command to end that would make it so."""
-    looks = 0  # counted, not timed: only what hangs is looked at so often, and a slow machine looks less often
+    # counted, not timed: only what hangs is looked at so often, and a slow machine looks less often
+    looks = 0
     while not true() and (running is None or running.poll() is None):
         looks += 1
         assert running is not None or looks < 30_000

@@ -154,7 +154,7 @@ def test_a_closed_client_is_refused(dask, two):
         bt.sample(two, workers=closed)
 
 
-# --- commands -----------------------------------------------------------------------------------------------------------------------
+# --- commands -------------------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -223,7 +223,7 @@ def test_where_an_event_loop_runs_already_as_in_a_notebook(client):
     assert asyncio.run(cell()).nthreads() == client.nthreads()
 
 
-# --- deaths, last: a fresh worker loads everything anew --------------------------------------------------------------------------------
+# --- deaths, last: a fresh worker loads everything anew -------------------------------------------
 
 
 @pytest.mark.parametrize(

@@ -54,7 +54,7 @@ def analysis(study):
         return bt.run(study, draws=300, seed=2, workers=1)
 
 
-# --- reading ------------------------------------------------------------------------------------------------------------------------
+# --- reading --------------------------------------------------------------------------------------
 
 
 def read(tmp_path, text, **options):
@@ -179,7 +179,7 @@ def test_check_says_what_intervals_change():
     assert messages["delays"].endswith("analyse the delays as a condition.")
 
 
-# --- simulation ---------------------------------------------------------------------------------------------------------------------
+# --- simulation -----------------------------------------------------------------------------------
 
 
 def test_simulated_trials_have_their_intervals_and_read_back(tmp_path):
@@ -196,7 +196,7 @@ def test_simulated_trials_have_their_intervals_and_read_back(tmp_path):
     assert back.isi.tolist() == [0.5, 2.0]
 
 
-# --- posterior and evidence ---------------------------------------------------------------------------------------------------------
+# --- posterior and evidence -----------------------------------------------------------------------
 
 
 def answering(s1, s2, isi, trials):
@@ -212,7 +212,8 @@ def fitted(subject):
 
 
 def test_one_first_stimulus_at_several_intervals_tells_the_pull():
-    # At one interval the pull drops out of the likelihood and sigma_l over sigma_p is as the prior has it.
+    # At one interval the pull drops out of the likelihood and sigma_l over sigma_p is as the prior
+    # has it.
     s2 = np.array([-0.3, -0.15, 0.0, 0.15, 0.3])
 
     def spread(isi):
@@ -226,7 +227,8 @@ def test_one_first_stimulus_at_several_intervals_tells_the_pull():
 
 
 def test_evidence_and_moments_agree_with_quadrature():
-    # reference.quadrature.integrate of this posterior: errors 2e-5 nat, 2e-6 in means and standard deviations.
+    # reference.quadrature.integrate of this posterior: errors 2e-5 nat, 2e-6 in means and standard
+    # deviations.
     evidence, means, sds = (
         -890.1292755,
         (-0.6155167, 0.2134129, 0.1408259, 0.9295392),
@@ -270,7 +272,7 @@ def test_draws_are_stored_with_intervals_and_units(analysis, study, tmp_path):
     assert back.values("S01", "offset").shape == back.values("S01", "mu1").shape
 
 
-# --- prediction ---------------------------------------------------------------------------------------------------------------------
+# --- prediction -----------------------------------------------------------------------------------
 
 
 def test_predictions_hold_the_truth_at_intervals_never_run(analysis):
@@ -303,7 +305,7 @@ def test_without_intervals_none_may_be_asked_for(study):
         bt.predict(plain, "S01", 0.0, 0.3, 1.0)
 
 
-# --- figures, report, and what refuses ----------------------------------------------------------------------------------------------
+# --- figures, report, and what refuses ------------------------------------------------------------
 
 
 def test_panels_that_show_one_of_several_weaker_stimuli_name_it():

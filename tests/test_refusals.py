@@ -35,7 +35,8 @@ READERS = {
     "prior": lambda path: bt.model.read_prior(path).describe(),
     "hyperprior": lambda path: read_hyperprior(path).describe(SAME_DIFFERENT),
 }
-#: What breaks readers: quotes, delimiters, line ends, marks, escapes, numbers that are none, brackets without an end.
+#: What breaks readers: quotes, delimiters, line ends, marks, escapes, numbers that are none,
+#: brackets without an end.
 _WORDS = b"nan inf 1e999 -1e-999 =1+1 '=1 [ # 1_0 subject s1 response n_trials synthetic trial mu1_sd stimuli True 1979-05-27"
 _MARKS = [
     b",",

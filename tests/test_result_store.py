@@ -1,4 +1,7 @@
-"""Records as bytes, exact and whole; finished work that is kept, and computed again where anything is not the same; root seeds."""
+"""Records as bytes, exact and whole.
+
+Finished work that is kept, and computed again where anything is not the same; root seeds.
+"""
 
 import json
 import os

@@ -1,7 +1,7 @@
 """The house: every file stands in a room, imports point one way, and a library has one owner.
 
-version errors arrays seeds library_settings cluster workers < data < result_store < model < checks < inference < groups < classical
-< answers < analysis < design < plots < explorer < cli
+version errors arrays seeds library_settings cluster workers < data < result_store < model < checks
+< inference < groups < classical < answers < analysis < design < plots < explorer < cli
 """
 
 import ast

@@ -1,4 +1,7 @@
-"""Commands on a small study: each ends well and writes what it promises; what takes draws has tests in its own room's files."""
+"""Commands on a small study: each ends well and writes what it promises.
+
+What takes draws has tests in its own room's files.
+"""
 
 import pytest
 from commands import good

@@ -1,7 +1,8 @@
 """The row of evidence.csv: the answer of a subject, and the paper's comparison of its model (H1) with free frequencies (H0).
 
-All log evidences are natural logs and leave binomial coefficients out, so their differences are log Bayes factors.
-Source of H1 against H0: Appendix C, with the likelihood (not its log) inside the integral.
+All log evidences are natural logs and leave binomial coefficients out, so their differences are log
+Bayes factors. Source of H1 against H0: Appendix C, with the likelihood (not its log) inside the
+integral.
 """
 
 from __future__ import annotations
@@ -51,7 +52,9 @@ _NO_REPLICATES = "evidence from the bootstrap's covariance left out: the maximum
 
 @dataclass(frozen=True)
 class SubjectEvidence:
-    """The answer and log evidences (nats) of one subject; None where a value does not exist, with the reason in `notes` or `footnotes`.
+    """The answer and log evidences (nats) of one subject.
+
+    None where a value does not exist, with the reason in `notes` or `footnotes`.
 
     Attributes
     ----------
@@ -90,7 +93,11 @@ class SubjectEvidence:
 
     @property
     def log_bayes_factor(self) -> float | None:
-        """H1 minus H0; positive where one smooth curve predicts the responses better than one free probability per pair."""
+        """H1 minus H0.
+
+        Positive where one smooth curve predicts the responses better than one free probability per
+        pair.
+        """
         return None if self.log_evidence_h1 is None else self.log_evidence_h1 - self.log_evidence_h0
 
     @property
@@ -118,7 +125,9 @@ class EvidenceTable(SubjectTable[SubjectEvidence]):
     task: Task = SAME_DIFFERENT
 
     def frame(self) -> pd.DataFrame:
-        """The table with the columns of evidence.csv; natural logs, empty where a value does not exist; every row names the prior.
+        """The table with the columns of evidence.csv.
+
+        Natural logs, empty where a value does not exist; every row names the prior.
 
         Subjects that failed come last and have no value.
         """
@@ -152,8 +161,9 @@ def subject_evidence(
 ) -> SubjectEvidence:
     """Everything the evidence table says of one subject, of the pipeline's result under H1 and of what it found on its way.
 
-    `by_bootstrap` is the evidence by Appendix C's recipe with what is said of it (:mod:`bayes_toe.classical.fit`), None with intervals;
-    `fit` is None where draws of H1 cannot be trusted.
+    `by_bootstrap` is the evidence by Appendix C's recipe with what is said of it
+    (:mod:`bayes_toe.classical.fit`), None with intervals; `fit` is None where draws of H1 cannot be
+    trusted.
     """
     posterior, found = fitted.proposal.proposal.posterior, result.evidence
     if (
@@ -205,7 +215,8 @@ def frequency_evidence(subject: Subject) -> float:
 def frequency_evidence_laplace(subject: Subject) -> float:
     """Log evidence of H0 by Appendix C's recipe: the Laplace estimator qhat, sigmahat_q of every pair (Eq. e:2b).
 
-    Sum of n_Eq log qhat + n_Diff log(1 - qhat) + log sigmahat_q + log(2 pi) / 2; sigmahat_q^2 = qhat (1 - qhat) / (n + 3).
+    Sum of n_Eq log qhat + n_Diff log(1 - qhat) + log sigmahat_q + log(2 pi) / 2; sigmahat_q^2 =
+    qhat (1 - qhat) / (n + 3).
     """
     k, n = subject.n_yes.astype(np.float64), subject.n_trials.astype(np.float64)
     log_q, log_rest = np.log(k + 1.0) - np.log(n + 2.0), np.log(n - k + 1.0) - np.log(n + 2.0)

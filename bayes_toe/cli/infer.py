@@ -191,7 +191,8 @@ def _require_room(
 ) -> None:
     """Refuse before the work draws that will not fit on the disk, with `others`: bytes a subject of what goes beside them.
 
-    Two copies, since the draws of each subject are kept until all are in one file, of which some are there already.
+    Two copies, since the draws of each subject are kept until all are in one file, of which some
+    are there already.
     """
     from bayes_toe.data.whole_files import require_room
     from bayes_toe.inference.draws import stored_bytes

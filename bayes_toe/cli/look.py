@@ -70,8 +70,9 @@ def explore(
 def read_truth(path: Path, draws: Sequence[bt.Draws], subjects: Sequence[str]) -> Truth:
     """True values by subject, to draw marks at: a column subject, and one for each quantity that is known, empty where it is not.
 
-    With intervals sigma_p is per square root of a second in the file, as `simulate` writes it, and over the draws' reference interval here.
-    Refused with a line per problem, also where there is no true value of any of these subjects that a model of these draws has.
+    With intervals sigma_p is per square root of a second in the file, as `simulate` writes it, and
+    over the draws' reference interval here. Refused with a line per problem, also where there is no
+    true value of any of these subjects that a model of these draws has.
     """
     from bayes_toe.data.validation import read_numbers
 

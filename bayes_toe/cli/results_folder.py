@@ -42,7 +42,8 @@ Figure = Any  # of matplotlib, which is of another room
 GROUP_PRODUCTS = ("population.csv", "population_subjects.csv", "population.png", "population.nc")
 CONTRAST_PRODUCTS = ("contrast.csv", "contrast.png")
 ALWAYS = ("summary.csv", "evidence.csv", "report.html", "methods.md", "methods.bib")
-#: What a results folder may hold: draws, the group, corner plots, an explorer, pages of very many subjects.
+#: What a results folder may hold: draws, the group, corner plots, an explorer, pages of very many
+#: subjects.
 PRODUCTS = (
     *(
         "posterior.nc",
@@ -99,8 +100,9 @@ def write_results(
 ) -> Path:
     """Write posterior.nc, summary.csv, evidence.csv, methods.md, corner/*.png, report.html, of very many also subjects/*.html.
 
-    With a group its tables, figure and draws, and a section of the report. Other files of the folder are left alone; if it holds products
-    already that may not be replaced, or cannot be written, nothing is changed. Progress is told of the subjects that are drawn.
+    With a group its tables, figure and draws, and a section of the report. Other files of the
+    folder are left alone; if it holds products already that may not be replaced, or cannot be
+    written, nothing is changed. Progress is told of the subjects that are drawn.
     """
     draws, marked = analysis.draws, flagged(analysis.evidence, analysis.draws.not_converged)
     drawn = {"all": draws.names, "flagged": tuple(marked), "none": ()}[figures.which]
@@ -181,7 +183,10 @@ def write_results(
 
 @lru_cache(maxsize=1)
 def opened(posterior: Path, changed: int) -> Draws:
-    """A file of draws, which a process opens once for all its jobs; by the time of its last change, since another may get its name."""
+    """A file of draws, which a process opens once for all its jobs.
+
+    By the time of its last change, since another may get its name.
+    """
     return load_draws(posterior)
 
 
@@ -215,7 +220,7 @@ def _write_tables(
         group.found.save(folder / "population.nc")
 
 
-# --- pictures, each drawn wherever there is a worker --------------------------------------------------
+# --- pictures, each drawn wherever there is a worker ----------------------------------------------
 
 
 def _draw_overview(

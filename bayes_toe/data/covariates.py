@@ -28,8 +28,8 @@ class Covariates:
     Attributes
     ----------
     values : mapping of str to mapping of str to str or float
-        By covariate and subject: a finite number (else an InputError) where the covariate is numeric, a text where it is not; what is
-        missing is left out.
+        By covariate and subject: a finite number (else an InputError) where the covariate is
+        numeric, a text where it is not; what is missing is left out.
     """
 
     values: Mapping[str, Mapping[str, str | float]]
@@ -58,11 +58,14 @@ def level_words(values: Iterable[str | float]) -> list[str]:
 
 
 def read_covariates(path: Covariates | str | Path) -> Covariates:
-    r"""Covariates from a CSV file with a column `subject` and one column per covariate; those that are some stay what they are.
+    r"""Covariates from a CSV file with a column `subject` and one column per covariate.
 
-    Comma, semicolon or tab between cells; UTF-8, or UTF-16 with a byte-order mark; a decimal comma where the comma does not separate cells.
-    Empty cells and NA are missing. A covariate whose cells are all texts, none of them a number, is a category with any number of levels,
-    and so is one with two different texts; all others hold numbers.
+    Those that are some stay what they are.
+
+    Comma, semicolon or tab between cells; UTF-8, or UTF-16 with a byte-order mark; a decimal comma
+    where the comma does not separate cells. Empty cells and NA are missing. A covariate whose cells
+    are all texts, none of them a number, is a category with any number of levels, and so is one
+    with two different texts; all others hold numbers.
 
     Raises
     ------
@@ -98,7 +101,8 @@ def read_covariates(path: Covariates | str | Path) -> Covariates:
     for name, column in table.columns.items():
         if name == "subject":
             continue
-        # What each distinct text stands for: a number, NaN where it is none, or a level's text; None where missing.
+        # What each distinct text stands for: a number, NaN where it is none, or a level's text;
+        # None where missing.
         given = {
             text: number(text, table.decimal_comma)
             for text in column.texts

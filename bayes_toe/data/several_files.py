@@ -22,9 +22,12 @@ _FILES_SHOWN = 2
 
 
 def read_together(paths: Sequence[Any], read: Callable[[Any], Study]) -> Study:
-    """The study in several files, or frames, each of which `read` reads; what was noted of every file is noted once.
+    """The study in several files, or frames, each of which `read` reads.
 
-    An InputError for no file, a file given twice, files of which only some have intervals; and with the problems of the first files.
+    What was noted of every file is noted once.
+
+    An InputError for no file, a file given twice, files of which only some have intervals; and with
+    the problems of the first files.
     """
     named = [Path(path).absolute() for path in paths if isinstance(path, str | Path)]
     if not paths:

@@ -1,11 +1,12 @@
 """Any source of a table as columns of text: CSV files, Parquet, MATLAB, data frames of pandas or polars.
 
-Everything is read as text first, so that subject '01' stays '01' and subject 'NA' stays 'NA' whatever the source. What the columns mean,
-and what of it is allowed, is for :mod:`bayes_toe.data.validation` and its users to say, once for all sources.
+Everything is read as text first, so that subject '01' stays '01' and subject 'NA' stays 'NA'
+whatever the source. What the columns mean, and what of it is allowed, is for
+:mod:`bayes_toe.data.validation` and its users to say, once for all sources.
 
-MATLAB files hold trials as fields of one struct, of vectors or of a struct array, or else vectors of one length, by name; a single value
-stands in every row, such as the subject whose file it is. MATLAB's own table objects are in no documented format: they are refused, with
-what to save instead.
+MATLAB files hold trials as fields of one struct, of vectors or of a struct array, or else vectors
+of one length, by name; a single value stands in every row, such as the subject whose file it is.
+MATLAB's own table objects are in no documented format: they are refused, with what to save instead.
 """
 
 from __future__ import annotations
@@ -42,7 +43,8 @@ Frame: TypeAlias = Any
 #: Which columns are read, of the names in a header.
 Choice: TypeAlias = Callable[[Sequence[str]], Collection[str]]
 DELIMITERS = {",": "comma", ";": "semicolon", "\t": "tab"}
-#: Bytes. A study of 10^7 trials has some 300 million, pairs and covariates of 10^5 subjects some 5 million.
+#: Bytes. A study of 10^7 trials has some 300 million, pairs and covariates of 10^5 subjects some 5
+#: million.
 LARGEST_STUDY, LARGEST_SMALL_FILE = 2**30, 2**25
 
 _ENCODINGS = (
@@ -128,7 +130,8 @@ class Problems:
 class TextTable:
     """The columns that were asked for, by their names in the source, and the row that each record starts at there.
 
-    `form` is an encoding, a format or a library, `delimiter` empty where it is no CSV file; `head` is the place of the names in messages.
+    `form` is an encoding, a format or a library, `delimiter` empty where it is no CSV file; `head`
+    is the place of the names in messages.
     """
 
     form: str
@@ -186,8 +189,9 @@ def read_table(
 ) -> TextTable:
     """The columns that are chosen of a CSV file, a file whose name ends in .parquet or .mat, or a data frame.
 
-    The delimiter of a CSV file, comma, semicolon or tab, is the one under which most columns of its first record are chosen. An InputError where
-    the source cannot be read, has more than `largest` bytes, is not text in UTF-8 or marked UTF-16, is empty, or its head cannot be split.
+    The delimiter of a CSV file, comma, semicolon or tab, is the one under which most columns of its
+    first record are chosen. An InputError where the source cannot be read, has more than `largest`
+    bytes, is not text in UTF-8 or marked UTF-16, is empty, or its head cannot be split.
     """
     if hasattr(source, "collect") and not hasattr(source, "to_series"):
         raise InputError(
@@ -220,7 +224,10 @@ def _places(found: Sequence[str], choice: Choice) -> dict[str, int]:
 
 
 def input_bytes(path: str | Path, largest: int = LARGEST_STUDY) -> bytes:
-    """The content of a file; an OSError where it is larger than `largest`, or a pipe or a device, which may have no end."""
+    """The content of a file.
+
+    An OSError where it is larger than `largest`, or a pipe or a device, which may have no end.
+    """
     status = os.stat(path)
     if not stat.S_ISREG(status.st_mode) and not stat.S_ISDIR(status.st_mode):
         raise OSError(errno.EINVAL, "a pipe or device, not a file")
@@ -229,12 +236,13 @@ def input_bytes(path: str | Path, largest: int = LARGEST_STUDY) -> bytes:
     return Path(path).read_bytes()
 
 
-# --- CSV --------------------------------------------------------------------------------------------
+# --- CSV ------------------------------------------------------------------------------------------
 
 
 def _of_csv(source: str, data: bytes, choice: Choice) -> TextTable:
     text, label = _decoded(source, data)
-    # Spreadsheets name the delimiter in a line of its own; an empty line leaves row numbers as they are.
+    # Spreadsheets name the delimiter in a line of its own; an empty line leaves row numbers as they
+    # are.
     text = _DELIMITER_LINE.sub("", text, count=1)
     heads = {one: next(_records(text, one), (0, [])) for one in DELIMITERS}
     cells = {
@@ -252,7 +260,8 @@ def _of_csv(source: str, data: bytes, choice: Choice) -> TextTable:
     if not first:
         raise InputError(f"{source}: found an empty file, allowed: a header and at least one row")
     places = _places(found, choice)
-    # Files of experiments are much wider than what is read of them, and most texts are there many times.
+    # Files of experiments are much wider than what is read of them, and most texts are there many
+    # times.
     rows, codes = array("q"), {name: array("q") for name in places}
     texts: dict[str, dict[str, int]] = {
         name: defaultdict(itertools.count().__next__) for name in places
@@ -274,7 +283,10 @@ def _of_csv(source: str, data: bytes, choice: Choice) -> TextTable:
 
 
 def _decoded(source: str, data: bytes) -> tuple[str, str]:
-    """The text of a file and its encoding; what cannot be decoded, and NUL characters, are refused; so are Excel's and other archives."""
+    """The text of a file and its encoding; what cannot be decoded, and NUL characters, are refused.
+
+    So are Excel's and other archives.
+    """
     if data.startswith((b"PK\x03\x04", b"\xd0\xcf\x11\xe0")):
         raise InputError(
             f"{source}: found a spreadsheet or an archive, allowed: {_TEXT_ALLOWED}; save its sheet as CSV"
@@ -296,8 +308,12 @@ def _decoded(source: str, data: bytes) -> tuple[str, str]:
 
 
 def _records(text: str, delimiter: str) -> Iterator[tuple[int, list[str] | csv.Error]]:
-    """First physical row and cells of every record that is not blank; the error where a row cannot be split."""
-    # Not strict, the csv module would read '"12"3' as 123 and a quote left open as one giant cell, without a word.
+    """First physical row and cells of every record that is not blank.
+
+    The error where a row cannot be split.
+    """
+    # Not strict, the csv module would read '"12"3' as 123 and a quote left open as one giant cell,
+    # without a word.
     reader = csv.reader(
         io.StringIO(text, newline=""), delimiter=delimiter, skipinitialspace=True, strict=True
     )
@@ -322,7 +338,7 @@ def _broken(row: int, record: list[str] | csv.Error, width: int) -> str:
     return f"row {row}: found {found}, allowed: quotes around whole cells, doubled inside"
 
 
-# --- Frames, MATLAB, Parquet: values --------------------------------------------------------------------
+# --- Frames, MATLAB, Parquet: values --------------------------------------------------------------
 
 
 def _of_values(
@@ -428,7 +444,10 @@ def _matlab_columns(source: str, found: dict[str, Any]) -> dict[str, list[Any]]:
 
 
 def _of_parquet(source: str, data: bytes, choice: Choice) -> TextTable:
-    """The schema stands for a header. Row 1 is the first record; a missing value is an empty cell."""
+    """The schema stands for a header.
+
+    Row 1 is the first record; a missing value is an empty cell.
+    """
     import pyarrow as pa
     import pyarrow.parquet as pq
 

@@ -74,7 +74,10 @@ class TrialSequence:
 
 
 def require_order(subject: Subject) -> Answers:
-    """The answers of a subject in the order of presentation; an InputError where it is not known."""
+    """The answers of a subject in the order of presentation.
+
+    An InputError where it is not known.
+    """
     answers = subject.answers
     if answers is None or answers.place is None:
         raise InputError(

@@ -1,4 +1,7 @@
-"""What every reader asks of the columns of a table alike: numbers, counts, names; and small tables of numbers."""
+"""What every reader asks of the columns of a table alike: numbers, counts, names.
+
+Small tables of numbers are read here too.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +29,8 @@ MISSING_WORDS = frozenset(
 )
 # Alternatives never overlap, so that a cell of 100,000 digits costs linear time.
 _NUMBER = re.compile(r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
-# '5.0' is how pandas writes a 5 beside missing cells; '5.000' may be a German five thousand, so it is not read at all.
+# '5.0' is how pandas writes a 5 beside missing cells; '5.000' may be a German five thousand, so it
+# is not read at all.
 _COUNT = re.compile(r"\+?0*(\d{1,16})(?:\.(?!000$)0*)?", re.ASCII)
 # Spaces, apostrophes and narrow spaces between groups of three digits.
 _SPACES = "['\u2019 \u00a0\u2009\u202f]"
@@ -149,7 +153,7 @@ def require_texts(
         )
 
 
-# --- Small tables of numbers: a design, a population, pairs to predict, true parameters ---------------
+# --- Small tables of numbers: a design, a population, pairs to predict, true parameters -----------
 
 
 def read_numbers(
@@ -163,9 +167,10 @@ def read_numbers(
 ) -> tuple[list[str], dict[str, FloatArray]]:
     """Columns of finite numbers by name, optional ones where they are there, and, where `key` names one, a column of distinct texts.
 
-    Columns that are `counts` hold whole numbers of at least 1; with `gaps` empty cells are NaN; other columns are ignored. Returned are the
-    texts in the order of the rows, empty without `key`, and the columns, shape (rows,) each, in the units of the file. An InputError has a
-    line per problem of the file, ten at most, with row and column.
+    Columns that are `counts` hold whole numbers of at least 1; with `gaps` empty cells are NaN;
+    other columns are ignored. Returned are the texts in the order of the rows, empty without `key`,
+    and the columns, shape (rows,) each, in the units of the file. An InputError has a line per
+    problem of the file, ten at most, with row and column.
     """
     keys = () if key is None else (key,)
     table = _read(path, (*keys, *names), optional)

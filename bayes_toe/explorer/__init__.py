@@ -1,1 +1,4 @@
-"""Posteriors to touch: one page that answers back, with Bokeh inside; the only room that imports it."""
+"""Posteriors to touch: one page that answers back, with Bokeh inside.
+
+It is the only room that imports it.
+"""

@@ -1,1 +1,4 @@
-"""What a group of subjects has in common: the hierarchical posterior of a population; names no model."""
+"""What a group of subjects has in common: the hierarchical posterior of a population.
+
+It names no model.
+"""

@@ -230,8 +230,8 @@ class GroupPoint(NamedTuple):
 class GroupPosterior:
     """Log density of the joint posterior, with its gradient.
 
-    A point theta has the means, scores of the standard deviations and effects, then a block for each
-    subject: xi of its coefficients, and the parameters that are not shared, counted from their
+    A point theta has the means, scores of the standard deviations and effects, then a block for
+    each subject: xi of its coefficients, and the parameters that are not shared, counted from their
     mode; that of a slope moves with the coefficients, because slopes trade off against p.
 
     Attributes

@@ -1,4 +1,7 @@
-"""Figures; the only room that imports matplotlib and corner. The stub beside this file lists its public names, which load on first use."""
+"""Figures; the only room that imports matplotlib and corner.
+
+The stub beside this file lists its public names, which load on first use.
+"""
 
 from lazy_loader import attach_stub
 

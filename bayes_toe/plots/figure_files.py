@@ -31,7 +31,10 @@ def png(figure: Figure, *, dpi: int = 150) -> bytes:
 
 
 def picture(figure: Figure, suffix: str, *, dpi: int = 300) -> bytes:
-    """A figure as the content of a file; without dates or random names, so that the same figure gives the same bytes."""
+    """A figure as the content of a file.
+
+    Without dates or random names, so that the same figure gives the same bytes.
+    """
     buffer = io.BytesIO()
     _write(figure, buffer, _require_suffix(f"figure.{suffix}"), dpi)
     return buffer.getvalue()
@@ -84,8 +87,8 @@ def require_formats(formats: Sequence[str]) -> tuple[str, ...]:
 
 
 def _write(figure: Figure, where: Any, suffix: str, dpi: int) -> None:
-    # Only in here: letters as they are, since browsers scale pictures; fonts as fonts, not as outlines, which some journals refuse;
-    # names in an SVG from its content, not from chance.
+    # Only in here: letters as they are, since browsers scale pictures; fonts as fonts, not as
+    # outlines, which some journals refuse; names in an SVG from its content, not from chance.
     settings: dict[Any, Any] = {
         "text.hinting": "no_hinting",
         "pdf.fonttype": 42,

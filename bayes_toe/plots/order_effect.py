@@ -157,7 +157,10 @@ def forests(
 
 
 def _sorted_answers(table: EvidenceTable) -> list[OrderEffect]:
-    """The answers of a table; those of very many subjects by the Bayes factor of an order effect."""
+    """The answers of a table.
+
+    Those of very many subjects by the Bayes factor of an order effect.
+    """
     answers = list(table.answers)
     if len(answers) < len(table):
         raise InputError("this table has no answers of order effects; bt.evidence computes them")
@@ -365,8 +368,9 @@ def evidence_axes(ax: Axes, table: EvidenceTable) -> Axes:
 def evidence_plane_axes(table: EvidenceTable, ax: Axes) -> Axes:
     """Log evidence of the paper's model (H1, upward) against the saturated model (H0, to the right), as the paper's figure in Appendix C.
 
-    Per trial, so that studies and subjects of any length share one scale; above the diagonal one smooth curve does better than one free
-    probability per pair. Subjects without a reliable estimate are counted in the panel.
+    Per trial, so that studies and subjects of any length share one scale; above the diagonal one
+    smooth curve does better than one free probability per pair. Subjects without a reliable
+    estimate are counted in the panel.
     """
     known = [
         (row.log_evidence_h0, row.log_evidence_h1, row.n_trials)

@@ -48,7 +48,8 @@ def test_one_comparison_by_hand():
 
 @pytest.mark.parametrize(("mu1", "sign"), [(-0.7, 1), (1.2, -1)])
 def test_a_prior_below_the_stimuli_makes_the_asymmetry_positive(small_study, mu1, sign):
-    # Paper, Fig. 3: prior left of the stimuli (A), more accurate with the weaker stimulus first; right of them (B), the opposite.
+    # Paper, Fig. 3: prior left of the stimuli (A), more accurate with the weaker stimulus first;
+    # right of them (B), the opposite.
     row = bt.asymmetry(small_study)["A" if sign > 0 else "B"]
     assert all(sign * one.asymmetry > 0 for one in row.comparisons)
     assert (row.maximal.probability_of_direction > 0.5) == (sign > 0)
@@ -114,7 +115,8 @@ def test_pairs_in_one_order_are_left_out_and_said():
 
 
 def test_under_the_null_p_values_are_not_too_small():
-    # 400 subjects without order effect, 4 comparisons each: Holm's claim fails for at most 5 % of subjects (99.99 % bound 0.05 + 4 sd).
+    # 400 subjects without order effect, 4 comparisons each: Holm's claim fails for at most 5 % of
+    # subjects (99.99 % bound 0.05 + 4 sd).
     rng = np.random.default_rng(11)
     s1, s2 = [0.0] * 4 + [0.1, 0.2, 0.3, 0.4], [0.1, 0.2, 0.3, 0.4] + [0.0] * 4
     q = np.tile([0.8, 0.6, 0.4, 0.2], 2)
@@ -204,7 +206,8 @@ def test_fisher_for_many_trials_and_close_to_what_it_replaces():
 @given(tables)
 def test_direction_in_exact_fractions(table):
     k1, n1, k2, n2 = table
-    # P(q1 > q2) = sum over j of the integral of Beta(q1) q1^j (1 - q1)^(n2 + 1 - j) C(n2 + 1, j): q2 < q1 where j >= k2 + 1 of n2 + 1.
+    # P(q1 > q2) = sum over j of the integral of Beta(q1) q1^j (1 - q1)^(n2 + 1 - j) C(n2 + 1, j):
+    # q2 < q1 where j >= k2 + 1 of n2 + 1.
     whole = Fraction(factorial(k1) * factorial(n1 - k1), factorial(n1 + 1))
     exact = sum(
         Fraction(

@@ -1,4 +1,7 @@
-"""Model-free estimates against the paper's formula in exact fractions; their collapse on the curve of a known observer."""
+"""Model-free estimates against the paper's formula in exact fractions.
+
+Their collapse on the curve of a known observer.
+"""
 
 from fractions import Fraction
 

@@ -18,7 +18,8 @@ CASES = hard_cases()
 SUBJECTS = {**CASES, **{subject.name: subject for subject in bt.example_study("same/different")}}
 STRONGER = {subject.name: subject for subject in bt.example_study(WHICH_STRONGER)}
 GRID = [side.ravel() for side in np.meshgrid(np.linspace(-0.5, 0.5, 5), np.linspace(-0.5, 0.5, 5))]
-#: Random starts of the general optimiser in a routine run, one of each of its methods; 50 were run once for every subject of both studies.
+#: Random starts of the general optimiser in a routine run, one of each of its methods; 50 were run
+#: once for every subject of both studies.
 STARTS = 3
 
 

@@ -1,6 +1,7 @@
 """The real command line: outputs, exit codes, messages, and nothing half-written.
 
-Every exit code is seen in a process of its own once; what a process would not change runs inside this one.
+Every exit code is seen in a process of its own once; what a process would not change runs inside
+this one.
 """
 
 import itertools
@@ -40,7 +41,7 @@ def results(folder):
         )
 
 
-# --- run ---------------------------------------------------------------------------------------------------------------------------
+# --- run ------------------------------------------------------------------------------------------
 
 
 def test_run_writes_everything(results):
@@ -197,7 +198,7 @@ def test_subjects_may_be_any_text_and_are_never_paths_or_html(tmp_path, blank_pi
     assert sorted(path.name for path in tmp_path.iterdir()) == ["out", "s.csv"]
 
 
-# --- evidence, sample, fit ----------------------------------------------------------------------------------------------------------
+# --- evidence, sample, fit ------------------------------------------------------------------------
 
 
 def test_evidence_leads_with_model_evidence_and_has_the_table_of_run(folder, results):
@@ -262,7 +263,7 @@ def test_fit_of_degenerate_answers_is_empty_and_said(tmp_path):
     )
 
 
-# --- saved draws -------------------------------------------------------------------------------------------------------------------
+# --- saved draws ----------------------------------------------------------------------------------
 
 
 def test_corner_of_one_subject_and_of_two_with_prior_and_truth_in_any_quantities(folder, results):
@@ -352,7 +353,7 @@ def test_run_writes_the_figures_of_the_paper(folder, monkeypatch, blank_pictures
     assert names == {*figures, "captions.md"}
 
 
-# --- simulate, check, priors -------------------------------------------------------------------------------------------------------
+# --- simulate, check, priors ----------------------------------------------------------------------
 
 
 def test_simulate_then_check_then_quiet(tmp_path):
@@ -398,7 +399,10 @@ def test_trials_that_are_there_twice_are_said_by_every_command(tmp_path):
 
 
 def test_a_block_with_swapped_buttons_is_told_by_check_and_report(tmp_path, blank_pictures):
-    """A study of trials, in which one block was answered the wrong way round; its columns have names of their own."""
+    """A study of trials, in which one block was answered the wrong way round.
+
+    Its columns have names of their own.
+    """
     rng, rows = np.random.default_rng(3), ["subject,s1,s2,response,[b]Run,ISI,rt"]
     for block in range(1, 6):
         for s1, s2 in list(itertools.product((0.0, 0.2, 0.5), repeat=2)) * 12:
@@ -514,7 +518,7 @@ def test_a_bad_prior_file_is_one_line_for_every_command(folder, command):
     assert refused(command, *words, "--prior", "bad.toml", cwd=folder) == said
 
 
-# --- the program itself ------------------------------------------------------------------------------------------------------------
+# --- the program itself ---------------------------------------------------------------------------
 
 
 def test_the_installed_command_is_there_and_has_the_version():

@@ -1,4 +1,7 @@
-"""Functions become commands: records become options, in one order; errors become lines and exit codes; help loses nothing."""
+"""Functions become commands: records become options, in one order.
+
+Errors become lines and exit codes; help loses nothing.
+"""
 
 import inspect
 import re

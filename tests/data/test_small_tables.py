@@ -177,7 +177,7 @@ def test_commands_refuse_with_exit_code_2_and_write_nothing(tmp_path, written, k
     assert not (tmp_path / "out.csv").exists()
 
 
-# --- Covariates ---------------------------------------------------------------------------------------------
+# --- Covariates -----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

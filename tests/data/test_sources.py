@@ -241,7 +241,7 @@ def test_a_study_gives_the_frame_that_it_is_read_from(isi):
     }
 
 
-# --- Files that are damaged, too large, or none --------------------------------------------------------------
+# --- Files that are damaged, too large, or none ---------------------------------------------------
 
 
 def test_a_damaged_parquet_file_is_one_line(tmp_path):

@@ -121,7 +121,7 @@ def test_parquet_tables_keep_every_bit_and_no_apostrophe_is_put(tmp_path):
     )
 
 
-# --- Names of files -------------------------------------------------------------------------------------------
+# --- Names of files -------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

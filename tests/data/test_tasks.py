@@ -1,4 +1,7 @@
-"""'Which was stronger?' beside 'same or different?': words tell the task, numbers never do; what is read, refused, doubted."""
+"""'Which was stronger?' beside 'same or different?': words tell the task, numbers never do.
+
+What is read, refused, doubted.
+"""
 
 import numpy as np
 import pandas as pd
@@ -279,7 +282,7 @@ def test_several_files_are_of_one_task(tmp_path):
         bt.read_study(frames)
 
 
-# --- Doubts --------------------------------------------------------------------------------------------------
+# --- Doubts ---------------------------------------------------------------------------------------
 
 
 def answering(name, p, trials=12, pairs=GRID, task=WHICH_STRONGER, seed=1):

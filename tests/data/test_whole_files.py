@@ -1,4 +1,7 @@
-"""A file appears whole or not at all; so do the files of a folder, together, and nobody else's files are touched."""
+"""A file appears whole or not at all.
+
+So do the files of a folder, together, and nobody else's files are touched.
+"""
 
 import json
 import os
@@ -25,7 +28,10 @@ from bayes_toe.errors import InputError, OutputError
 
 
 def tree(folder):
-    """Every file below a folder with its text, every empty folder with none; the manifest left out."""
+    """Every file below a folder with its text, every empty folder with none.
+
+    The manifest left out.
+    """
     found = {}
     for path in sorted(folder.rglob("*")):
         name = path.relative_to(folder).as_posix()
@@ -72,7 +78,7 @@ def produce(path, files, *, overwrite=False, names=NAMES, meanwhile=int):
         meanwhile()
 
 
-# --- A file -------------------------------------------------------------------------------------------------
+# --- A file ---------------------------------------------------------------------------------------
 
 
 def test_a_file_appears_whole(tmp_path):
@@ -286,7 +292,7 @@ def test_a_signal_while_files_move_leaves_the_whole_set(tmp_path):
     assert tree(tmp_path) == {"a.csv": "new", "b.csv": "new"}
 
 
-# --- A folder -----------------------------------------------------------------------------------------------
+# --- A folder -------------------------------------------------------------------------------------
 
 
 def test_a_folder_appears_whole_and_files_of_the_user_stay(tmp_path):

@@ -43,7 +43,10 @@ def found():
 
 
 def test_information_is_the_expected_square_of_the_slopes():
-    """Slopes of q by differences, over q (1 - q); coordinates of c and p count in D/2 and in 1/4."""
+    """Slopes of q by differences, over q (1 - q).
+
+    Coordinates of c and p count in D/2 and in 1/4.
+    """
     base = {"noise": 0.2, "q0": 0.9, "lapse_rate": 0.04, "constant_error": 0.1, "contraction": 0.2}
     task = PAIRS.task
     sbar = float(PAIRS.s1.mean())

@@ -1,4 +1,7 @@
-"""Simulated studies: populations, seeds, conditions; the bundled examples; observers of one's own."""
+"""Simulated studies: populations, seeds, conditions; the bundled examples.
+
+Observers of one's own.
+"""
 
 import shutil
 from pathlib import Path

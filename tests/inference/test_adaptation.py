@@ -26,7 +26,8 @@ def test_proposals_fit_every_hard_case(name):
 
 
 def test_a_fit_survives_starting_components_of_enormous_scale():
-    # With these answers the Laplace approximation reaches where levelled offsets are of the order 1e10.
+    # With these answers the Laplace approximation reaches where levelled offsets are of the order
+    # 1e10.
     design = reference_design(batches=5)
     order = np.lexsort((design.s2, design.s1))
     answers = [0, 2, 3, 2, 1, 3, 5, 3, 1, 2, 5, 1, 5]

@@ -32,7 +32,7 @@ PARAMETERS = (
 )
 
 
-# --- of any model -----------------------------------------------------------------------------------
+# --- of any model ---------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -82,7 +82,8 @@ def test_summary_fit_and_predictions_are_those_of_the_draws(draws):
         assert tuple(rows["parameter"]) == draws.posterior(name).names.reported
         assert np.isfinite(rows["mean"]).all()
         assert (rows["posterior_contraction"] < 1.0).all()
-        # Enough for the ranks of every judged quantity; a quantity that follows from others has about as many.
+        # Enough for the ranks of every judged quantity; a quantity that follows from others has
+        # about as many.
         assert (rows["ess_bulk"] > 300).all()
     x = draws.points("A").reshape(-1, len(target.coordinates))
     best = (
@@ -138,7 +139,7 @@ def test_a_retired_model_is_refused_with_the_one_to_type(two, retired, model):
         bt.sample(two, model=retired)
 
 
-# --- of the paper's: contents, summary, ArviZ ---------------------------------------------------------
+# --- of the paper's: contents, summary, ArviZ -----------------------------------------------------
 
 
 def test_seed_prior_settings_and_versions_come_back_as_they_went_in(

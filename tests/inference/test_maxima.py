@@ -1,4 +1,7 @@
-"""The batched ascent on surfaces whose maxima are known; maxima of posteriors against a general optimiser, several of them, and none."""
+"""The batched ascent on surfaces whose maxima are known.
+
+Maxima of posteriors against a general optimiser, several of them, and none.
+"""
 
 import numpy as np
 import pytest

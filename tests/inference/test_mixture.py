@@ -41,7 +41,8 @@ def test_mixture_density_in_any_dimension(dim, df):
 
 @pytest.mark.parametrize("apart", [1e2, 1e6, 1e12])
 def test_mixture_density_of_narrow_components_far_apart(apart):
-    # Whitening loses what the subtraction x - mean loses, digits in proportion to distance over scale, and no more.
+    # Whitening loses what the subtraction x - mean loses, digits in proportion to distance over
+    # scale, and no more.
     means = np.array([[0.0, 0.0], [apart, -apart]])
     one = StudentMixture(np.array([0.5, 0.5]), means, np.repeat(np.eye(2)[None], 2, 0), 8)
     x = means[1] + np.random.default_rng(1).normal(size=(500, 2))
@@ -50,7 +51,8 @@ def test_mixture_density_of_narrow_components_far_apart(apart):
 
 
 def test_em_leaves_a_component_that_holds_nothing_and_lies_far_away():
-    # So a fit may start where answers leave a coordinate open; moments about the mixture's own mean lost all digits there.
+    # So a fit may start where answers leave a coordinate open; moments about the mixture's own mean
+    # lost all digits there.
     rng = np.random.default_rng(5)
     x = rng.normal(size=(2000, 2)) @ np.array([[1.0, 0.9], [0.0, 0.1]])
     means, scales = np.array([[0.0, 0.0], [3e9, 0.0]]), np.array([np.eye(2), np.diag([1e21, 1.0])])
@@ -112,7 +114,8 @@ CASES = hard_cases()
 
 
 def test_log_proposal_density_integrates_to_one():
-    # Importance weights of the proposal's own density against its draws: prior / proposal averages to the prior's mass, 1.
+    # Importance weights of the proposal's own density against its draws: prior / proposal averages
+    # to the prior's mass, 1.
     posterior = paper_posterior(CASES["one batch"])
     proposal = fit_proposal(posterior, np.random.default_rng(9)).proposal
     draws = importance_draws(proposal, np.random.default_rng(10), 200_000)

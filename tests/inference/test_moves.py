@@ -70,7 +70,10 @@ def _fitted_for(target):
 
 
 def _worst_moment(move, target, index, runs=16):
-    """The largest |t| of means and variances over so many ensembles; they start from the target itself, which a wrong move leaves."""
+    """The largest |t| of means and variances over so many ensembles.
+
+    They start from the target itself, which a wrong move leaves.
+    """
     import emcee
 
     mean, variance = target.truth()
@@ -102,7 +105,8 @@ def test_every_move_that_is_used_leaves_known_moments_alone(index, skewed):
     fitted = _fitted_for(target)
     move = moves(fitted, fitted.draws)[index][0]
     assert type(move).__name__ != "DESnookerMove"
-    # 8 looks at a t distribution with 15 degrees of freedom, 6 parametrisations: |t| < 5 has a false-alarm rate near 0.8 %.
+    # 8 looks at a t distribution with 15 degrees of freedom, 6 parametrisations: |t| < 5 has a
+    # false-alarm rate near 0.8 %.
     assert _worst_moment(move, target, index) < 5.0
 
 

@@ -1,4 +1,7 @@
-"""Deviance against many digits and against the log likelihood; predictive p-values against scipy and simulation."""
+"""Deviance against many digits and against the log likelihood.
+
+Predictive p-values against scipy and simulation.
+"""
 
 from dataclasses import replace
 
@@ -108,7 +111,8 @@ def test_predictive_p_values_against_simulated_repetitions(small_study):
     ("n", "q", "pairs"), [(10**8, 0.3, 14), (3, 0.4, 200), (40, 0.01, 60), (10**7, 2e-7, 30)]
 )
 def test_the_reference_of_the_deviance_against_simulated_sessions(n, q, pairs):
-    # No parameter is fitted: as many degrees of freedom as pairs. P(p < 0.01) is 0.01; 4 s.e. of 20,000 sessions and 0.005 of the shape.
+    # No parameter is fitted: as many degrees of freedom as pairs. P(p < 0.01) is 0.01; 4 s.e. of
+    # 20,000 sessions and 0.005 of the shape.
     log_q, log_rest = np.full(pairs, np.log(q)), np.full(pairs, np.log1p(-q))
     again = np.random.default_rng(3).binomial(n, q, (20_000, pairs))
     values = gof.binomial_deviance(again, n, log_q, log_rest).sum(axis=1)

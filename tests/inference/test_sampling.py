@@ -39,7 +39,8 @@ def test_burn_in_is_as_long_as_the_proposal_needs():
 
 @pytest.mark.parametrize("name", ["S01", "S14"])
 def test_far_tails_do_not_come_in_lumps(name):
-    # An independence sampler sticks where the proposal is thin: each chain of a small sample must have about the tail that it should.
+    # An independence sampler sticks where the proposal is thin: each chain of a small sample must
+    # have about the tail that it should.
     posterior = paper_posterior(bt.example_study("same/different")[name])
     fitted = fit_proposal(posterior, generator(1, name, "proposal"))
     draws = importance_draws(fitted.proposal, np.random.default_rng(0), 400_000)
@@ -48,7 +49,8 @@ def test_far_tails_do_not_come_in_lumps(name):
     level = np.sort(q0)[np.searchsorted(np.cumsum(weights[np.argsort(q0)]), 0.997)]
     chains = sample_chains(fitted, SamplerSettings(draws=1000), 1)
     beyond = (posterior.natural(chains.x).q0 > level).mean(axis=1)
-    # 640 or more effective draws a chain expect two or more beyond; a walker that stuck for long would add one in 64.
+    # 640 or more effective draws a chain expect two or more beyond; a walker that stuck for long
+    # would add one in 64.
     assert beyond.max() < 0.003 + 5 * np.sqrt(0.003 / 600)
     assert beyond.mean() == pytest.approx(0.003, abs=5 * np.sqrt(0.003 / 2000))
 
@@ -76,7 +78,10 @@ def test_chains_meet_what_was_asked_and_are_walker_major(analysis):
 
 @pytest.fixture(scope="module")
 def replications():
-    """Forty independent runs of one subject, with its posterior; judging draws are part of a run."""
+    """Forty independent runs of one subject, with its posterior.
+
+    Judging draws are part of a run.
+    """
     posterior = paper_posterior(CASES["one order missing"])
     fitted = fit_proposal(posterior, generator(3, "claims"))
     judged = (
@@ -136,7 +141,8 @@ def test_sampling_goes_on_until_quantiles_of_natural_quantities_are_certain():
     assert longer.converged
     assert longer.thin > 1
     assert worst(longer) <= limit
-    # Beyond the reach of so many draws it says so at once, and how many would do; it has converged all the same.
+    # Beyond the reach of so many draws it says so at once, and how many would do; it has converged
+    # all the same.
     short = sample_chains(fitted, SamplerSettings(draws=5000, max_quantile_error=limit / 2), 1)
     assert (short.converged, short.reason, short.thin) == (True, "", 1)
     wanted = int(
@@ -160,7 +166,8 @@ def test_stated_errors_of_quantiles_are_the_spread_over_independent_runs(replica
         stated = np.sqrt(np.mean(np.square([errors(one)[1:] for one in values]), axis=0))
         spread = np.std([np.quantile(one, [0.05, 0.5, 0.95]) for one in values], axis=0, ddof=1)
         ratios.extend(np.log(stated / spread))
-    # The log of a standard deviation of 40 has an error of 0.113: 4 of them each, and 4 of the mean of nine, which hang together little.
+    # The log of a standard deviation of 40 has an error of 0.113: 4 of them each, and 4 of the mean
+    # of nine, which hang together little.
     assert np.abs(ratios).max() < 0.45
     assert (
         abs(np.mean(ratios)) < 0.17

@@ -70,7 +70,8 @@ def test_two_stimuli_are_two_steps_of_the_filter(s1, s2, mu1, sigma_p, gamma):
 
 
 def test_certainty_is_minus_infinity_without_a_warning():
-    # q0 = 1 to all digits is not reachable in these coordinates; a logit of 1e4 still has a finite log.
+    # q0 = 1 to all digits is not reachable in these coordinates; a logit of 1e4 still has a finite
+    # log.
     assert float(log_different(0.0, 1e4)) == -1e4
     assert float(log_different(1.0, 1e4)) == pytest.approx(np.log(0.5), rel=1e-15)
 

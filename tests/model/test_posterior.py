@@ -38,9 +38,11 @@ def test_nan_raises_and_impossible_is_minus_infinity():
         posterior.log_density([[np.nan, 0, 0, 0]])
     with pytest.raises(NumericalError, match="shape"):
         posterior.log_density([[0.0, 0.0]])
-    # Width e^-400 and an unequal pair called equal: z^2 is beyond the largest float, the probability is 0 to all digits.
+    # Width e^-400 and an unequal pair called equal: z^2 is beyond the largest float, the
+    # probability is 0 to all digits.
     assert posterior.log_density([[0.0, 0.0, -400.0, 0.0]])[0] == -np.inf
-    # All 'different' there: P(different) is 1, so the log likelihood is exactly 0, not 0 times infinity.
+    # All 'different' there: P(different) is 1, so the log likelihood is exactly 0, not 0 times
+    # infinity.
     assert (
         paper_posterior(CASES["all different"]).log_likelihood([[0.1, 0.0, -400.0, 0.0]])[0] == 0.0
     )
@@ -76,7 +78,8 @@ def subject(task, isi, scale=1, shift=0.0):
 def test_any_point(task, isi, prior, x):
     target = paper_posterior(subject(task, isi), prior)
     z = target.distance(np.array([x]))[0]
-    # Rounding a distance costs what its cancellation costs: only pairs off the axis are held to 1e-12.
+    # Rounding a distance costs what its cancellation costs: only pairs off the axis are held to
+    # 1e-12.
     assume(((z == 0.0) | (np.abs(z) > 1e-2)).all())
     assert_agrees(target, x)
 
@@ -149,7 +152,8 @@ def test_one_pair_over_the_whole_range_of_floats(gamma, sigma_p, lapse, z, mu1, 
         different < 1e300 * lapse
     )  # beyond, the odds of these answers at z = 0 are no floats, though the derivatives may be
     width, p = sigma_p * float(variance_ratio(gamma)) ** 1.5, float(pull(gamma))
-    # sbar is the pair's own first stimulus, so the displacement is s2 - s1 - c: the second stimulus is placed z widths away.
+    # sbar is the pair's own first stimulus, so the displacement is s2 - s1 - c: the second stimulus
+    # is placed z widths away.
     step = z * width + p * mu1
     assume(
         abs(step) < 1e150
@@ -163,7 +167,8 @@ def test_one_pair_over_the_whole_range_of_floats(gamma, sigma_p, lapse, z, mu1, 
         float(np.log(width)),
         float(np.log1p(-lapse) - np.log(lapse)),
     ]
-    # Rounding the displacement itself costs what its cancellation costs: only well-conditioned displacements are held to 1e-12.
+    # Rounding the displacement itself costs what its cancellation costs: only well-conditioned
+    # displacements are held to 1e-12.
     if z == 0.0 or abs(x[0]) < 4 * abs(step - x[0]):
         x[0] = x[0] if z else step
         assert_agrees(posterior, x, digits=650)

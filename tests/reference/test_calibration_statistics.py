@@ -1,4 +1,7 @@
-"""Bands for ranks: coverage by simulation, exact small cases, what they catch; stated probabilities: right ones pass, wrong ones fail."""
+"""Bands for ranks: coverage by simulation, exact small cases, what they catch.
+
+Stated probabilities: right ones pass, wrong ones fail.
+"""
 
 import numpy as np
 import pytest

@@ -73,7 +73,10 @@ class Nowhere(Normal):
 
 
 def quick(density, **options):
-    """The integration with 2 climbs of its 24, enough for one or two humps; the stored case below makes them all."""
+    """The integration with 2 climbs of its 24, enough for one or two humps.
+
+    The stored case below makes them all.
+    """
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(lattice, "_peaks", partial(lattice._peaks, climbs=2))
         return integrate(density, **options)

@@ -80,7 +80,8 @@ def parts(fitted, count):
 
 @pytest.mark.parametrize(("name", "fits"), [("S01", 5), ("one order missing", 5)])
 def test_error_bars_of_the_evidence_are_honest_over_a_hundred_estimates(name, fits):
-    # Parts of the draws are as independent as fits are, and error bars of fewer draws are harder to get right.
+    # Parts of the draws are as independent as fits are, and error bars of fewer draws are harder to
+    # get right.
     posterior, case = bt.model.paper_posterior(SUBJECTS[name], bt.Prior()), STORED["cases"][name]
     maxima = find_maxima(posterior)
     fitted = (

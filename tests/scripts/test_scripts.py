@@ -1,4 +1,7 @@
-"""The programs in scripts/, run as a user runs them; what a process of its own would not change is run in this one."""
+"""The programs in scripts/, run as a user runs them.
+
+What a process of its own would not change is run in this one.
+"""
 
 import io
 import runpy
