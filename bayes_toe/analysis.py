@@ -64,7 +64,7 @@ if TYPE_CHECKING:
 
 Result = TypeVar("Result")
 _SHOWN = 400  # draws averaged over the four models, for curves
-_LEVEL = 0.9  # of the bootstrap intervals beside the posterior's 5 and 95 %
+_LEVEL = 0.95  # of the bootstrap intervals beside those of the posterior
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -36,7 +36,7 @@ _LABELS = {CONSTANT_ERROR.name: "PSE shift", CONTRACTION.name: "contraction p", 
 _ROW_LABELS = {
     **_LABELS,
     CONSTANT_ERROR.name: "constant error",
-    PEAK.name: "P(equal) at equal stimuli",
+    PEAK.name: "largest P('equal')",
 }
 _DIFFERENCE_LABELS = {**_LABELS, NOISE.name: "JND (ratio)", PEAK.name: "P(equal), logit"}
 

@@ -8,12 +8,12 @@ import re
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from math import exp, nan
+from math import isnan, nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from scipy.special import softmax
 
 from bayes_toe.analysis import Analysis
@@ -23,11 +23,13 @@ from bayes_toe.answers.order_effect import (
     MISFIT_FLAG,
     PRIOR_FLAG,
     QUESTIONS,
+    SIZE_OF,
     OrderEffect,
     format_number,
     format_percent,
     format_probability,
     format_share,
+    percent,
 )
 from bayes_toe.answers.study_summary import (
     APPENDIX_C,
@@ -37,25 +39,40 @@ from bayes_toe.answers.study_summary import (
     study_lines,
 )
 from bayes_toe.answers.words import Word
+from bayes_toe.arrays import FloatArray
 from bayes_toe.checks.answer_checks import FLAG_KINDS, Finding
 from bayes_toe.checks.design_checks import NOTES, check
 from bayes_toe.classical.asymmetry import AsymmetryTable
+from bayes_toe.classical.fit import SubjectFit
 from bayes_toe.cli import headline
 from bayes_toe.cli.group_screen import group_answer, group_tables
-from bayes_toe.cli.terminal import allowed, allowed_in_order, allowed_quantiles, describe_subjects
+from bayes_toe.cli.terminal import allowed, allowed_in_order, describe_amount
 from bayes_toe.cli.within_screens import contrast_lines
-from bayes_toe.data.messages import capitalized, counted, format_p, listed, said_intervals, visible
+from bayes_toe.data.messages import (
+    capitalized,
+    counted,
+    describe_p,
+    format_p,
+    listed,
+    said_intervals,
+    visible,
+)
 from bayes_toe.data.tables import file_stems
-from bayes_toe.data.tasks import Task
+from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.groups.population import PopulationResult
 from bayes_toe.groups.predictive_check import PredictiveCheck
+from bayes_toe.inference.diagnostics import quantile_errors
+from bayes_toe.inference.predictive_checks import MISFIT
 from bayes_toe.model.posterior import DOMINATED
+from bayes_toe.plots.by_order import posterior_predictive
 from bayes_toe.plots.figure_files import png
 from bayes_toe.plots.report_figure import (
     has_curves,
     inline_svg,
+    is_by_first,
     report_height,
     responses_figure,
+    shown_subjects,
     sizes_figure,
 )
 from bayes_toe.plots.style import MOST_NAMED
@@ -63,11 +80,18 @@ from bayes_toe.plots.style import MOST_NAMED
 if TYPE_CHECKING:
     import pandas as pd
 
+Figure = Any  # of matplotlib, which is of another room
+
 #: Subjects up to which the report is one file.
 MOST_IN_ONE = 200
 #: Differences of natural logs that are published in per cent too.
 _PUBLISHED = ("pse_shift", "jnd")
 _MOST_LISTED = 10  # names or findings that a list of an index shows
+_MOST_MISFITS = 2  # subjects in the figure of poor fits
+_INTERVAL = (0.025, 0.5, 0.975)
+#: Words beside which no size stands, and the cell in its place.
+_WITHOUT_SIZE = (Word.NO, Word.PROBABLY_NOT, Word.NOT_INTERPRETABLE, Word.CANNOT_BE_TOLD)
+_NO_SIZE = (None, "–")
 #: Terms of the report, for those who meet them for the first time.
 GLOSSARY = {
     "PSE shift": "Second minus first stimulus when both seem equal, at the mean first stimulus. "
@@ -129,145 +153,213 @@ class Facts:
 def write_report(analysis: Analysis, facts: Facts, folder: Path) -> None:
     """Write report.html into a folder, and subjects/*.html where there are more than :data:`MOST_IN_ONE`.
 
-    Every text from outside is escaped by the template engine, its control characters too. Pages are written piece by piece: with its
-    pictures a report may be larger than memory.
+    Every text from outside is escaped by the template engine, its control characters too. Pages
+    are written piece by piece: with its figures a report may be larger than memory.
     """
-    names, paged, there = (
-        analysis.study.names,
-        len(analysis.study) > MOST_IN_ONE,
-        {path.name for path in folder.iterdir()},
-    )
-    stems = file_stems(names) if paged else {}
+    names = analysis.study.names
+    is_paged = len(names) > MOST_IN_ONE
+    links = {name: f"#subject-{i}" for i, name in enumerate(names, 1)}
+    if is_paged:
+        links = {name: f"subjects/{stem}.html" for name, stem in file_stems(names).items()}
     findings = check(analysis.study, analysis.settings.prior)
     warnings = [finding for finding in findings if finding.code not in NOTES]
-    notes = [finding.message.rstrip(".") for finding in findings if finding.code in NOTES]
-    context = _context(analysis, facts) | {
-        "links": {
-            name: f"subjects/{stems[name]}.html" if paged else f"#subject-{i + 1}"
-            for i, name in enumerate(names)
-        },
-        "paged": paged,
-        "most": _MOST_LISTED if paged else None,
-        # Of very many those come first who must be looked at.
-        "index": sorted(
-            (_overview_row(answer) for answer in analysis.answers),
-            key=lambda row: paged and row["subject"] not in facts.flagged,
-        ),
-        "beside": "../" if paged else "",
-        "folder": folder,
-        "there": there,
-        "posterior": next(
-            (name for name in sorted(there) if name.startswith("posterior.")), "posterior.nc"
-        ),
-        "findings": [finding.message for finding in warnings if finding.subject == ""],
-        "before_pooling": [finding for finding in warnings if finding.code in FLAG_KINDS],
-        "read": [*analysis.study.notes, *dict.fromkeys(notes)],
+    context = {
+        **_context(analysis, facts),
+        **_files(folder),
+        **_findings(analysis, findings),
+        "links": links,
+        "paged": is_paged,
+        "most": _MOST_LISTED if is_paged else None,
+        "index": _overview(analysis, facts, flagged_first=is_paged),
+        "beside": "../" if is_paged else "",
     }
-    subjects, templates = (
-        _subjects(analysis, facts, warnings),
-        _environment(analysis.study.task),
-    )
-    if paged:
+    subjects = _subjects(analysis, facts, warnings)
+    templates = _environment(analysis.study.task)
+    if is_paged:
         (folder / "subjects").mkdir()
+        page = templates.get_template("page.html")
         for subject in subjects:
-            with (folder / context["links"][subject["counts"].name]).open(
-                "w", encoding="utf-8"
-            ) as file:
-                file.writelines(
-                    templates.get_template("page.html").generate(context | {"subject": subject})
-                )
-    with (folder / "report.html").open("w", encoding="utf-8") as file:
-        file.writelines(
-            templates.get_template("report.html").generate(context | {"subjects": subjects})
-        )
+            path = folder / links[subject["counts"].name]
+            _write(page, {**context, "subject": subject}, path)
+    report = templates.get_template("report.html")
+    _write(report, {**context, "subjects": subjects}, folder / "report.html")
+
+
+def _write(template: Template, context: Mapping[str, Any], path: Path) -> None:
+    with path.open("w", encoding="utf-8") as file:
+        file.writelines(template.generate(context))
 
 
 def _environment(task: Task) -> Environment:
-    made = Environment(
+    """Templates, with the filters that they use."""
+    environment = Environment(
         loader=PackageLoader("bayes_toe", "cli"),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
-        finalize=lambda value: (
-            visible(value) if type(value) is str else value
-        ),  # markup is the template's own
+        finalize=_finalize,
     )
-    made.filters.update(
-        data_uri=lambda picture: (
-            f"data:image/png;base64,{base64.b64encode(picture.read_bytes()).decode('ascii')}"
-        ),
+    environment.filters.update(
         capitalized=capitalized,
-        deviance=headline.deviance,
+        data_uri=_data_uri,
         head=_head,
         misfit=headline.misfit,
-        number=lambda value, digits=2, error=nan: (
-            "–" if value is None or value != value else _typeset(allowed(value, error, digits))
-        ),
-        p_value=lambda value: "–" if value is None or value != value else format_p(value),
+        number=_number,
+        p_value=_p_value,
         typeset=_typeset,
     )
-    return made
+    return environment
+
+
+def _finalize(value: object) -> object:
+    """Texts from outside without control characters; markup is the template's own."""
+    return visible(value) if type(value) is str else value
+
+
+def _data_uri(picture: Path) -> str:
+    content = base64.b64encode(picture.read_bytes()).decode("ascii")
+    return f"data:image/png;base64,{content}"
+
+
+def _number(value: float | None, digits: int = 2, error: float = nan) -> str:
+    """A number with the digits that its Monte Carlo error allows; a dash where there is none."""
+    if value is None or isnan(value):
+        return "–"
+    return _typeset(allowed(value, error, digits))
+
+
+def _p_value(value: float | None) -> str:
+    return "–" if value is None or isnan(value) else format_p(value)
+
+
+def _files(folder: Path) -> dict[str, Any]:
+    """The files that stand beside the report."""
+    there = {path.name for path in folder.iterdir()}
+    draws = sorted(name for name in there if name.startswith("posterior."))
+    return {"folder": folder, "there": there, "posterior": draws[0] if draws else "posterior.nc"}
+
+
+def _findings(analysis: Analysis, findings: Sequence[Finding]) -> dict[str, Any]:
+    """Findings of the design and of the responses, by the place where they stand."""
+    warnings = [finding for finding in findings if finding.code not in NOTES]
+    notes = [finding.message.rstrip(".") for finding in findings if finding.code in NOTES]
+    return {
+        "findings": [finding.message for finding in warnings if finding.subject == ""],
+        "before_pooling": [finding for finding in warnings if finding.code in FLAG_KINDS],
+        "read": [*analysis.study.notes, *dict.fromkeys(notes)],
+    }
 
 
 def _context(analysis: Analysis, facts: Facts) -> dict[str, Any]:
     """What does not depend on a subject, nor on whether there are pages of them."""
-    study, prior, attrs = analysis.study, analysis.settings.prior, analysis.draws.attrs
-    settings, versions = json.loads(attrs["settings"]), json.loads(attrs["versions"])
+    study, prior, draws = analysis.study, analysis.settings.prior, analysis.draws
+    group = facts.group
     return {
         "study": study,
         "facts": facts,
         "rows": analysis.evidence.rows,
-        "fitted": bool(analysis.fits.rows),
-        "failed": analysis.draws.failed,
-        "not_converged": analysis.draws.not_converged,
-        "imprecise": analysis.draws.imprecise,
-        "seed": attrs["seed"],
-        "sampler": analysis.settings.sampler,
-        "who": describe_subjects(study),
+        "has_fits": bool(analysis.fits.rows),
+        "failed": draws.failed,
+        "not_converged": draws.not_converged,
+        "imprecise": draws.imprecise,
+        "seed": draws.seed,
+        "amount": describe_amount(study),
         "answer": _answer(analysis),
         "glossary": GLOSSARY,
-        "trust": _trust(analysis, facts.group),
+        "trust": _trust(analysis, group),
+        "misfits": _misfit_figure(analysis),
         "reference": f"{prior.reference_interval or 1.0:g} s",
         "intervals": said_intervals(study.intervals) if study.intervals else "",
-        "settings": {
-            "model": settings["model"],
-            "prior": prior.describe_orders(study.task),
-            "seed": str(attrs["seed"]),
-            **{_SAMPLER.get(key, key): str(value) for key, value in settings["sampler"].items()},
-            "versions": ", ".join(f"{name} {version}" for name, version in versions.items()),
-        },
+        "settings": _settings(analysis),
         "texts": {
             "curves": headline.CURVES[study.task],
             "limits": headline.LIMITS,
             "flagged": headline.FLAGGED,
             "appendix_c": APPENDIX_C,
         },
-        **_figure(analysis, None if facts.group is None else facts.group.found),
+        "figure": _figure(analysis, None if group is None else group.found),
+        "caption": _caption(analysis, group),
         "asymmetry_drawn": (facts.place / "asymmetry.png").exists(),
         "dominated": DOMINATED,
         "crowded": len(study) > MOST_NAMED,
-        "group": None if facts.group is None else _group(facts.group),
+        "group": None if group is None else _group(group),
         "contrast": None if analysis.contrast is None else _by_condition(analysis.contrast),
     }
 
 
-def _figure(analysis: Analysis, group: PopulationResult | None) -> dict[str, Any]:
-    """Figure 1 in two parts, as SVG with the colours of the page; of very many subjects as PNG."""
+def _settings(analysis: Analysis) -> dict[str, str]:
+    """The settings of the analysis, with their names in words."""
+    attrs = analysis.draws.attrs
+    settings = json.loads(attrs["settings"])
+    versions = json.loads(attrs["versions"])
+    sampler = {_SAMPLER.get(key, key): str(value) for key, value in settings["sampler"].items()}
+    return {
+        "sampled model": "the paper's model (H1)",
+        "prior": analysis.settings.prior.describe_orders(analysis.study.task),
+        "seed": str(attrs["seed"]),
+        **sampler,
+        "versions": ", ".join(f"{name} {version}" for name, version in versions.items()),
+    }
+
+
+def _figure(analysis: Analysis, group: PopulationResult | None) -> list[tuple[str, str]]:
+    """The parts of figure 1, each with its class: responses, then the sizes for wide and narrow windows."""
     height = report_height(analysis)
-    figures = {"PSE shift and contraction of every subject": sizes_figure(analysis, group, height)}
+    sizes = "PSE shift and contraction of every subject"
+    figures = {
+        "sizes wide": (sizes, sizes_figure(analysis, group, height)),
+        "sizes narrow": (sizes, sizes_figure(analysis, group, height, is_narrow=True)),
+    }
     if has_curves(analysis):
-        responses = responses_figure(analysis, height)
-        figures = {"Responses and curves of some subjects": responses, **figures}
-    parts = []
-    for label, figure in figures.items():
-        if len(analysis.study) <= MOST_NAMED:
-            parts.append(inline_svg(figure, label))
-            continue
-        content = base64.b64encode(png(figure)).decode("ascii")
-        parts.append(f'<img alt="{label}" src="data:image/png;base64,{content}">')
-    return {"figure": parts, "has_curves": has_curves(analysis)}
+        label = "Responses and curves of some subjects"
+        figures = {"responses": (label, responses_figure(analysis, height)), **figures}
+    is_crowded = len(analysis.study) > MOST_NAMED
+    embed = _inline_png if is_crowded else inline_svg
+    return [(name, embed(figure, label)) for name, (label, figure) in figures.items()]
+
+
+def _inline_png(figure: Figure, label: str) -> str:
+    """A figure of very many subjects, whose SVG is too large."""
+    content = base64.b64encode(png(figure)).decode("ascii")
+    return f'<img alt="{label}" src="data:image/png;base64,{content}">'
+
+
+def _caption(analysis: Analysis, group: Group | None) -> str:
+    """What figure 1 shows."""
+    sizes = (
+        "PSE shift and contraction p: medians with 95 % intervals, averaged over the models that "
+        "have the effect. A full marker means 'yes', a half one 'probably'"
+    )
+    if group is not None:
+        sizes += "; the last row is the mean of the group"
+    if not has_curves(analysis):
+        return f"{sizes}."
+    return f"{_responses_caption(analysis)} {sizes}."
+
+
+def _responses_caption(analysis: Analysis) -> str:
+    """What the panels of responses show."""
+    shown = [analysis.study[name] for name in shown_subjects(analysis.answers)]
+    colours = "orange: weaker stimulus first, blue: stronger stimulus first"
+    if analysis.study.task == SAME_DIFFERENT:
+        colours += ", grey: equal stimuli"
+    if any(is_by_first(counts) for counts in shown):
+        colours = "a colour for each first stimulus"
+    return (
+        "Responses with standard errors, and curves averaged over the four models with 95 % bands "
+        f"({colours})."
+    )
+
+
+def _misfit_figure(analysis: Analysis) -> str:
+    """Observed and expected shares of the first subjects whom the model does not fit."""
+    names = [answer.subject for answer in analysis.answers if answer.fits is False]
+    if not names:
+        return ""
+    figure = posterior_predictive(analysis, names[:_MOST_MISFITS])
+    return inline_svg(figure, "Observed shares and posterior predictive intervals")
 
 
 def _answer(analysis: Analysis) -> list[str]:
@@ -282,12 +374,13 @@ def _answer(analysis: Analysis) -> list[str]:
 
 def _trust(analysis: Analysis, group: Group | None) -> list[tuple[str, str]]:
     """A sentence or two each on design, fit, prior, convergence and serial dependence."""
+    interpreted = [answer for answer in analysis.answers if answer.is_interpretable]
     return [
         ("Design", _design(analysis.answers)),
-        ("Fit", _fit(analysis.answers)),
-        ("Prior", _prior(analysis.answers)),
+        ("Fit", _fit(interpreted)),
+        ("Prior", _prior(interpreted)),
         ("Convergence", _convergence(analysis, group)),
-        ("Serial dependence", _serial_dependence(analysis.answers)),
+        ("Serial dependence", _serial_dependence(interpreted)),
     ]
 
 
@@ -363,28 +456,30 @@ def _name_subjects(names: Sequence[str]) -> str:
     return f"{counted(len(names), 'subject')} ({listed(names, _MOST_LISTED)})"
 
 
+def _overview(analysis: Analysis, facts: Facts, *, flagged_first: bool) -> list[dict[str, Any]]:
+    """The rows of the table of all subjects; those of very many begin with who needs action."""
+    rows = [_overview_row(answer) for answer in analysis.answers]
+    if flagged_first:
+        rows.sort(key=lambda row: row["subject"] not in facts.flagged)
+    return rows
+
+
 def _overview_row(answer: OrderEffect) -> dict[str, Any]:
     """A subject in the table of all subjects; its marks stand for two of the flags."""
-    marked = [flag for flag in answer.flags if flag.startswith((MISFIT_FLAG, PRIOR_FLAG))]
+    others = [flag for flag in answer.flags if not flag.startswith((MISFIT_FLAG, PRIOR_FLAG))]
     sizes = []
-    for question, size in (
-        ("constant_error", "pse_shift_percent"),
-        ("contraction", "contraction_p"),
-    ):
-        word = answer.words[question]
-        is_hidden = word in (Word.NO, Word.PROBABLY_NOT, Word.NOT_INTERPRETABLE)
-        is_hidden |= word is Word.CANNOT_BE_TOLD and question == "contraction"
-        sizes.append((None, "–") if is_hidden else _size(answer, size))
-    sizes.append(_size(answer, "jnd_percent") if answer.is_interpretable else (None, "–"))
+    for question, size in SIZE_OF.items():
+        is_hidden = answer.words[question] in _WITHOUT_SIZE
+        sizes.append(_NO_SIZE if is_hidden else _size(answer, size))
+    sizes.append(_size(answer, "jnd_percent") if answer.is_interpretable else _NO_SIZE)
+    words = [(_probability(answer, question), *_word(answer, question)) for question in QUESTIONS]
     return {
         "subject": answer.subject,
         "is_interpretable": answer.is_interpretable,
-        "words": [
-            (_probability(answer, question), *_word(answer, question)) for question in QUESTIONS
-        ],
+        "words": words,
         "sizes": sizes,
-        "fit": _FITS[answer.fits],
-        "flags": "; ".join(flag for flag in answer.flags if flag not in marked),
+        "fit": _FITS[answer.fits] if answer.is_interpretable else "",
+        "flags": "; ".join(others),
     }
 
 
@@ -421,9 +516,15 @@ def _size(answer: OrderEffect, name: str) -> tuple[float, str]:
 def _subject_answer(answer: OrderEffect) -> dict[str, Any]:
     """What the section of a subject says of its answer."""
     words = [f"{_title(question)}: {_word(answer, question)[0]}" for question in QUESTIONS]
-    sizes = [
-        (label, _size(answer, name)[1]) for name, label in _SIZES.items() if name in answer.sizes
-    ]
+    cannot_be_told = {
+        size for question, size in SIZE_OF.items() if answer.words[question] is Word.CANNOT_BE_TOLD
+    }
+    sizes = []
+    for name, label in _SIZES.items():
+        if name.replace("_jnd", "_percent") in cannot_be_told:
+            sizes.append((label, Word.CANNOT_BE_TOLD.value))
+        elif name in answer.sizes:
+            sizes.append((label, _size(answer, name)[1]))
     return {
         "sentence": answer.describe(),
         "short": ", ".join(words) if answer.is_interpretable else "not interpreted",
@@ -452,18 +553,19 @@ def _models(answer: OrderEffect) -> list[tuple[str, str]]:
 
 
 def _factors(answer: OrderEffect) -> list[tuple[str, str]]:
-    """Log Bayes factors of the questions, and p-values of the best model."""
-    rows = [
-        (f"ln BF, {_title(question)}", f"{value:+.1f}")
-        for question, value in answer.log_bayes_factors.items()
-    ]
-    p_values = {
-        "predictive p": answer.predictive_p,
-        "p of the deviance": answer.deviance_p,
-        "p of the trial before": answer.history_p,
-    }
-    for label, p in p_values.items():
-        rows.append((label, "–" if p is None else format_p(p)))
+    """Log Bayes factors of the questions, the fit of the best model, and the serial dependence."""
+    rows = []
+    for question, value in answer.log_bayes_factors.items():
+        can_be_told = answer.words[question] is not Word.CANNOT_BE_TOLD
+        text = f"{value:+.1f}" if can_be_told else Word.CANNOT_BE_TOLD.value
+        rows.append((f"ln BF, {_title(question)}", text))
+    fit = _FITS[answer.fits]
+    if answer.predictive_p is not None and answer.deviance_p is not None:
+        smaller = min(answer.predictive_p, answer.deviance_p)
+        fit += f", predictive {describe_p(smaller)} (poor: below {MISFIT:g})"
+    rows.append(("fit of the best model", fit))
+    if answer.history_p is not None:
+        rows.append(("effect of the previous trial", describe_p(answer.history_p)))
     return rows
 
 
@@ -503,26 +605,19 @@ def _subjects(
     analysis: Analysis, facts: Facts, findings: Sequence[Finding]
 ) -> Iterator[dict[str, Any]]:
     """What each subject's section says, made when it is written."""
-    stats, messages = analysis.draws.group("sample_stats"), defaultdict[str, list[str]](list)
+    stats = analysis.draws.group("sample_stats")
+    messages = defaultdict[str, list[str]](list)
     for finding in findings:
         messages[finding.subject].append(finding.message)
     fits = {fit.subject: fit for fit in analysis.fits}
-    summaries = {
-        str(name): part.to_dict("records")
-        for name, part in facts.summary.groupby("subject", sort=False)
-    }
-    for i, (counts, row, asymmetry) in enumerate(
-        zip(analysis.study, analysis.evidence, facts.asymmetry, strict=True)
-    ):
-        name, fit = counts.name, fits.get(counts.name)
-        natural = analysis.draws.posterior(name).names.natural
-        limits = (
-            []
-            if fit is None
-            else zip(
-                natural, fit.parameters, fit.bootstrap.intervals(analysis.fits.level), strict=True
-            )
-        )
+    summaries = dict(list(facts.summary.groupby("subject", sort=False)))
+    parts = zip(analysis.study, analysis.evidence, facts.asymmetry, strict=True)
+    for i, (counts, row, asymmetry) in enumerate(parts):
+        summary = summaries[counts.name].to_dict("records")
+        natural = analysis.draws.posterior(counts.name).names.natural
+        remarks = list(messages[counts.name])
+        if counts.condition:
+            remarks += messages[counts.person]
         yield {
             "anchor": f"subject-{i + 1}",
             "counts": counts,
@@ -530,39 +625,52 @@ def _subjects(
             "answer": None if row.answer is None else _subject_answer(row.answer),
             "asymmetry": asymmetry,
             "stats": stats.isel(subject=i),
-            "fit": fit,
-            "fitted": {key: (best, *limit) for key, best, limit in limits},
-            "parameters": [
-                {
-                    **one,
-                    "quantiles": allowed_quantiles(one, 3),
-                    "percent": _in_percent(one) if one["parameter"] in _PUBLISHED else [],
-                }
-                for one in summaries[name]
-            ],
-            "remarks": [
-                *messages[name],
-                *(messages[counts.person] if counts.condition else ()),
-                *row.notes,
-            ],
-            "prior_dominated": [
-                one["parameter"]
-                for one in summaries[name]
-                if one["parameter"] in (*natural, "gamma")
-                and one["posterior_contraction"] < DOMINATED
-            ],
+            "fit": fits.get(counts.name),
+            "parameters": _parameters(analysis, counts.name, summary, fits.get(counts.name)),
+            "remarks": [*remarks, *row.notes],
+            "prior_dominated": _prior_dominated(summary, (*natural, "gamma")),
         }
 
 
-def _in_percent(row: Mapping[Any, Any]) -> list[str]:
-    """The 5 % quantile, median and 95 % quantile of a difference of natural logs, as a change of the intensity, exp - 1, in per cent."""
-    keys = ("q05", "q50", "q95")
-    factors = [100.0 * exp(row[key]) for key in keys]
-    return allowed_in_order(
-        [one - 100.0 for one in factors],
-        [one * row[f"mcse_{key}"] for one, key in zip(factors, keys, strict=True)],
-        1,
-    )
+def _prior_dominated(summary: Sequence[Mapping[Any, Any]], names: Sequence[str]) -> list[str]:
+    """Parameters whose posterior is hardly narrower than their prior."""
+    rows = [row for row in summary if row["parameter"] in names]
+    return [row["parameter"] for row in rows if row["posterior_contraction"] < DOMINATED]
+
+
+def _parameters(
+    analysis: Analysis, name: str, summary: Sequence[Mapping[Any, Any]], fit: SubjectFit | None
+) -> list[list[str]]:
+    """Parameters of the paper's model: estimates, maximum likelihood, and how well both are known."""
+    natural = analysis.draws.posterior(name).names.natural
+    fitted = {}
+    if fit is not None:
+        limits = fit.bootstrap.intervals(analysis.fits.level)
+        for parameter, best, (low, high) in zip(natural, fit.parameters, limits, strict=True):
+            fitted[parameter] = f"{_number(best, 3)} [{_number(low, 3)}, {_number(high, 3)}]"
+    rows = []
+    for row in summary:
+        parameter = row["parameter"]
+        draws = analysis.draws.values(name, parameter)
+        n_effective = min(row["ess_bulk"], row["ess_tail"])
+        cells = [parameter, _interval(draws, n_effective, 3)]
+        is_published = parameter in _PUBLISHED
+        cells.append(_interval(percent(draws), n_effective, 1, " %") if is_published else "")
+        if analysis.fits.rows:
+            cells.append(fitted.get(parameter, ""))
+        cells.append(_number(row["posterior_contraction"]))
+        cells.append(_number(n_effective, 0))
+        cells.append(_number(row["r_hat"], 4))
+        rows.append(cells)
+    return rows
+
+
+def _interval(draws: FloatArray, n_effective: float, digits: int, unit: str = "") -> str:
+    """Median and 95 % interval with the digits that their Monte Carlo errors allow."""
+    quantiles = np.quantile(draws, _INTERVAL).tolist()
+    errors = quantile_errors(draws, _INTERVAL, n_effective).tolist()
+    low, median, high = allowed_in_order(quantiles, errors, digits)
+    return _typeset(f"{median}{unit} [{low}, {high}]")
 
 
 def _typeset(words: str) -> str:
@@ -572,5 +680,6 @@ def _typeset(words: str) -> str:
 
 def _head(items: Mapping[Any, Any] | Sequence[Any], most: int | None) -> tuple[list[Any], int]:
     """The first items of a list, or all, and how many there are beyond them."""
-    found = list(items.items() if isinstance(items, Mapping) else items)
-    return found[:most], len(found) - len(found[:most])
+    every = list(items.items() if isinstance(items, Mapping) else items)
+    shown = every[:most]
+    return shown, len(every) - len(shown)

@@ -330,6 +330,11 @@ def merge_notes(notes: Iterable[tuple[str, str, str]]) -> list[tuple[list[str], 
 def describe_study(study: Study) -> str:
     """File, subjects, trials, task and pairs of a study in a line."""
     label = " (synthetic)" if study.synthetic and "synthetic" not in study.source else ""
+    return f"{study.source}{label}: {describe_amount(study)}"
+
+
+def describe_amount(study: Study) -> str:
+    """Subjects, trials, task and pairs of a study."""
     n_trials = sum(subject.total_trials for subject in study)
     n_pairs = {subject.n_pairs for subject in study}
     parts = [describe_subjects(study), f"{n_trials:,} trials", TASK_NAMES[study.task]]
@@ -337,7 +342,7 @@ def describe_study(study: Study) -> str:
         parts.append(counted(min(n_pairs), "pair"))
     else:
         parts.append(f"{min(n_pairs):,} to {max(n_pairs):,} pairs")
-    return f"{study.source}{label}: {', '.join(parts)}"
+    return ", ".join(parts)
 
 
 def describe_subjects(study: Study) -> str:

@@ -34,6 +34,7 @@ from bayes_toe.plots.style import (
     EQUAL,
     ORDERS,
     POSTERIOR,
+    Band,
     Mark,
     chance,
     draw_band,
@@ -215,17 +216,19 @@ def order_panel(
     weaker: float,
     *,
     size: float = 5.5,
+    points: int = 120,
+    bands: Sequence[Band] | None = None,
 ) -> Axes:
     """Both orders of all pairs with one weaker stimulus (ln) over the stronger one, marks of so many points; as in Fig. 3, upper row.
 
     Of 'which is stronger' the psychometric curves after every first stimulus, whatever the weaker one is. `equal` goes from the stimuli of
-    pairs, shape (pairs,) each, to P of the answer that is counted, shape (draws, pairs); None draws no curve.
+    pairs, shape (pairs,) each, to P of the answer that is counted, shape (draws, pairs); None draws no curve. By default bands are of 50 and
+    95 %, and of 50 % in 'which is stronger', where wide bands of many curves hide each other.
     """
     refuse_intervals([counts], "panel of both orders")
-    bands = (
-        BANDS if counts.task == SAME_DIFFERENT else BANDS[1:]
-    )  # wide ones of many curves would hide each other
-    for line in lines_along(counts, weaker, 120):
+    if bands is None:
+        bands = BANDS if counts.task == SAME_DIFFERENT else BANDS[1:]
+    for line in lines_along(counts, weaker, points):
         if equal is not None:
             draw_band(ax, line.x, equal(line.s1, line.s2), line.mark.colour, 0.3 * size, bands)
         _draw_points(

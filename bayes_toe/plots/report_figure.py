@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,7 @@ from bayes_toe.plots.style import (
     LETTERS,
     ORDERS,
     SMALL,
+    Band,
     draw_band,
     dress,
     first_panels,
@@ -37,7 +39,8 @@ from bayes_toe.plots.style import (
 #: Subjects whose responses are shown.
 MOST_SHOWN = 6
 _POINTS = 40  # along a curve
-_RESPONSES_WIDE, _SIZES_WIDE = 4.4, 5.6  # inches
+_LABEL_LETTERS = 20  # of a line below a panel
+_RESPONSES_WIDE, _SIZES_WIDE, _SIZES_NARROW = 3.6, 5.6, 3.6  # inches
 _BAND = ((0.025, 0.975, 0.2),)
 #: Colours of a page in the place of those of a printed figure.
 _PAGE_COLOURS = {"#000000": "var(--ink)", "#1c1c1c": "var(--ink)", "#ffffff": "var(--page)"}
@@ -58,27 +61,36 @@ def responses_figure(analysis: Analysis, height: float) -> Figure:
     figure = new_figure(_RESPONSES_WIDE, height)
     panels = first_panels(figure.add_gridspec(n_rows, n_columns), len(chosen), sharey=True)
     for i, (ax, name) in enumerate(zip(panels, chosen, strict=True)):
-        responses_panel(ax, analysis.study[name], analysis.curve(name).yes)
+        curve = analysis.curve(name).yes
+        responses_panel(ax, analysis.study[name], curve, points=_POINTS, bands=_BAND)
         ax.set_title(plain(name, 24), loc="left", fontsize=LETTERS)
         if i % n_columns:
             ax.set_ylabel("")
-        if i + n_columns < len(chosen):
-            ax.set_xlabel("")
+        is_lowest = i + n_columns >= len(chosen)
+        ax.set_xlabel(fill(ax.get_xlabel(), _LABEL_LETTERS) if is_lowest else "")
         dress(ax)
     legend_below(figure, size=SMALL, columns=3)
     return figure
 
 
-def sizes_figure(analysis: Analysis, group: PopulationResult | None, height: float) -> Figure:
-    """Draw the sizes of all subjects, and of the group."""
-    figure = new_figure(_SIZES_WIDE, height)
-    forests(figure.subplots(1, 2), analysis.evidence, group)
+def sizes_figure(
+    analysis: Analysis, group: PopulationResult | None, height: float, *, is_narrow: bool = False
+) -> Figure:
+    """Draw the sizes of all subjects, and of the group; narrow ones one below the other."""
+    if is_narrow:
+        figure = new_figure(_SIZES_NARROW, 2.0 * height)
+        panels = figure.subplots(2, 1, sharey=True)
+    else:
+        figure = new_figure(_SIZES_WIDE, height)
+        panels = figure.subplots(1, 2)
+    forests(panels, analysis.evidence, group)
     return figure
 
 
 def report_height(analysis: Analysis) -> float:
     """Inches of both figures."""
-    return max(4.6, forest_height(len(analysis.answers)))
+    n_rows = -(-len(shown_subjects(analysis.answers)) // 2)
+    return max(1.0 + 1.2 * n_rows, forest_height(len(analysis.answers)), 2.6)
 
 
 def has_curves(analysis: Analysis) -> bool:
@@ -112,7 +124,14 @@ def shown_subjects(answers: Sequence[OrderEffect]) -> list[str]:
 # --- Responses of a subject ----------------------------------------------------------------------
 
 
-def responses_panel(ax: Axes, counts: Subject, curve: Curve) -> None:
+def responses_panel(
+    ax: Axes,
+    counts: Subject,
+    curve: Curve,
+    *,
+    points: int = 120,
+    bands: Sequence[Band] | None = None,
+) -> None:
     """Draw responses and curves by order, with the axis in per cent of the mean first stimulus.
 
     In 'which was stronger', designs whose pairs have one or two sizes of step show the share of
@@ -121,21 +140,29 @@ def responses_panel(ax: Axes, counts: Subject, curve: Curve) -> None:
     """
     middle = float(np.average(counts.s1, weights=counts.n_trials))
     weaker = _only_weaker(counts)
+    along: dict[str, Any] = {"size": 3.5, "points": points, "bands": bands}
     if counts.task == WHICH_STRONGER and weaker is not None:
         _correct_panel(ax, counts, curve, weaker)
         _percent_axis(ax, "stronger stimulus, % of the mean", middle)
-    elif counts.task == WHICH_STRONGER and len(_steps(counts)) <= 2:
+    elif counts.task == WHICH_STRONGER and not is_by_first(counts):
         _correct_panel(ax, counts, curve)
         _percent_axis(ax, "middle of the pair, % of the mean", middle)
     elif counts.task == WHICH_STRONGER:
-        order_panel(ax, counts, curve, 0.0, size=3.5)
+        order_panel(ax, counts, curve, 0.0, **along)
         _percent_axis(ax, "second stimulus, % of the first", 0.0)
         ax.set_ylabel("share 'second'")
     else:
         reference = main_weaker(counts)
-        order_panel(ax, counts, curve, 0.0 if reference is None else reference, size=3.5)
+        order_panel(ax, counts, curve, 0.0 if reference is None else reference, **along)
         _percent_axis(ax, "stronger stimulus, % of the mean", middle)
         ax.set_ylabel("share 'equal'")
+
+
+def is_by_first(counts: Subject) -> bool:
+    """Whether a panel has a curve for each first stimulus, not for each order."""
+    if counts.task != WHICH_STRONGER or _only_weaker(counts) is not None:
+        return False
+    return len(_steps(counts)) > 2
 
 
 def _steps(counts: Subject) -> list[float]:
@@ -216,5 +243,9 @@ def inline_svg(figure: Figure, label: str) -> str:
         text = text.replace(printed, variable)
     # Letters without a colour of their own are black.
     text = text.replace("<svg ", f'<svg role="img" aria-label="{label}" fill="currentColor" ', 1)
-    # Coordinates need two decimals at most: the file is a third of the size.
-    return re.sub(r"(\d+\.\d{2})\d+", r"\1", text)
+    text = re.sub(r'<g id="[^"]*"', "<g", text)
+    text = re.sub(r"font-family: [^;\"]*", "font-family: 'DejaVu Sans', sans-serif", text)
+    text = re.sub(r"\n +", "\n", text)
+    # Curves need one decimal, other coordinates two: the file is a third of the size.
+    text = re.sub(r"(\.\d{2})\d+", r"\1", text)
+    return re.sub(r' d="[^"]*"', lambda path: re.sub(r"(\.\d)\d+", r"\1", path[0]), text)

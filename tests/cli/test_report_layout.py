@@ -5,6 +5,7 @@ import re
 import pytest
 from browsers import Opened
 
+import bayes_toe as bt
 from bayes_toe.cli.results_folder import FigureChoice, write_results
 
 SCREEN = 900  # pixels
@@ -80,6 +81,40 @@ def test_a_telephone_shows_a_card_for_each_subject(browser, path):
     assert made.wide() == 400
     made.page.close()
     assert made.problems == []
+
+
+@pytest.mark.parametrize(("width", "shown"), [(400, "narrow"), (1200, "wide")])
+def test_letters_of_figures_are_legible(browser, path, width, shown):
+    made = Opened(browser, path, width)
+    other = {"narrow": "wide", "wide": "narrow"}[shown]
+    assert made.page.locator(f"figure .{shown} svg").is_visible()
+    assert not made.page.locator(f"figure .{other} svg").is_visible()
+    pixels = made.page.locator("figure svg text").evaluate_all(
+        "texts => texts.filter(text => text.getClientRects().length)"
+        ".map(text => parseFloat(getComputedStyle(text).fontSize) * text.getScreenCTM().a)"
+        ".filter(size => size > 0)"
+    )
+    made.page.close()
+    assert len(pixels) > 30
+    assert min(pixels) >= 10.0
+    assert made.problems == []
+
+
+def test_figures_of_the_page_are_small_and_a_poor_fit_has_one(path):
+    text = path.read_text(encoding="utf-8")
+    figures = re.findall(r"<svg.*?</svg>", text, flags=re.DOTALL)
+    assert len(figures) == 4
+    assert max(map(len, figures)) < 90_000
+    assert 'class="misfits"' in text
+
+
+def test_one_subject_has_no_search_and_no_figure_of_poor_fits(small_study, tmp_path):
+    alone = bt.run(small_study.select(["B"]), draws=100, seed=1, prior="paper", workers=1)
+    folder = write_results(alone, tmp_path / "out", figures=FigureChoice("none"), workers=1)
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    assert 'type="search"' not in page
+    assert 'class="misfits"' not in page
+    assert "1 subject, 650 trials, same-different task, 13 pairs" in page
 
 
 def test_sentences_of_the_answer_end_once(path):

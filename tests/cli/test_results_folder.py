@@ -203,20 +203,22 @@ def test_a_report_on_which_is_stronger_speaks_of_it_alone(stronger, tmp_path):
         "Just noticeable difference",
         "lapse_rate",
         "% &#39;second&#39;",
-        "maximum likelihood at an edge",
+        "The maximum of the likelihood lies at an edge",
     ):
         assert own in text, own
     medians = stronger.summary().query("subject == 'pulled'").set_index("parameter")["q50"]
-    for published in (
-        "pse_shift",
-        "jnd",
-    ):  # in natural log and, below it, in per cent of the intensity
-        row = re.search(
-            rf">{published}</td><td>(−?[\d.]+)<br><span class=\"soft\">(−?[\d.]+) %", text
+    number = r"(−?[\d.]+)"
+    for published in ("pse_shift", "jnd"):  # in natural log, and in per cent of the intensity
+        interval = rf"{number} \[{number}, {number}\]</td>"
+        percent = rf"<td class=\"words\">{number} % \["
+        row = re.search(rf">{published}</td><td class=\"words\">{interval}{percent}", text)
+        shown, low, high, in_percent = (float(part.replace("−", "-")) for part in row.groups())
+        draws = stronger.draws.values("pulled", published)
+        assert [low, shown, high] == pytest.approx(
+            np.quantile(draws, [0.025, 0.5, 0.975]), abs=0.02
         )
-        shown, percent = (float(part.replace("−", "-")) for part in row.groups())
         assert shown == pytest.approx(medians[published], abs=6e-3)
-        assert percent == pytest.approx(100 * np.expm1(medians[published]), abs=0.6)
+        assert in_percent == pytest.approx(100 * np.expm1(medians[published]), abs=0.6)
     assert sorted(path.name for path in (out / "corner").iterdir()) == ["plain.png", "pulled.png"]
 
 
@@ -244,7 +246,9 @@ def test_a_run_has_the_contrast_in_its_folder_report_and_methods(tmp_path):
         (folder / name).read_text(encoding="utf-8") for name in ("report.html", "methods.md")
     )
     assert 'id="conditions"' in report
-    assert "1 subject in 2 conditions · seed" in report
+    assert (
+        "1 subject in 2 conditions, 720 trials, which was stronger (2AFC), 6 pairs · seed" in report
+    )
     assert "Order effect: 2 of 2 conditions of 1 subject yes." in report
     assert "An order effect was present in 2 of 2 conditions of 1 participant" in " ".join(
         methods.split()
