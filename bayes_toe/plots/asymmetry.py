@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import product
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.lines import Line2D
 
-from bayes_toe.arrays import FloatArray
 from bayes_toe.classical.asymmetry import LEVEL, AsymmetryTable, Comparison
 from bayes_toe.plots.style import (
     EQUAL,
@@ -20,7 +17,6 @@ from bayes_toe.plots.style import (
     STRONGER_FIRST,
     WEAKER_FIRST,
     dress,
-    legend_above,
     panel,
     plain,
 )
@@ -28,7 +24,7 @@ from bayes_toe.plots.style import (
 #: Colour and marker of the order in which 'equal', or a wrong answer, is likelier, by the sign of the asymmetry.
 _MARKS = {1: (STRONGER_FIRST, "s"), -1: (WEAKER_FIRST, "o"), 0: (EQUAL, "D")}
 # Inches: a subject's row with up to five comparisons, and what stands above and below the rows.
-_ROW, _MARGIN = 0.22, 1.05
+_ROW, _MARGIN, _HIGHEST = 0.22, 1.05, 9.0
 #: Comparisons of one subject beyond which the row shows them without error bars.
 _CROWDED = 12
 
@@ -66,12 +62,13 @@ def order_axes(
 
 
 def asymmetry(table: AsymmetryTable, ax: Axes | None = None) -> Axes:
-    """Asymmetry q(c, r) - q(r, c) of every subject (rows) and comparison (points), with its standard deviation.
+    """Asymmetry q(c, r) - q(r, c) of every subject (rows) and comparison (points), with its SD.
 
-    Blue: 'equal', or a wrong answer, likelier with the stronger stimulus first; red: with the weaker one first. Filled: the orders differ
-    (p < 0.05) by the exact test, corrected by Holm's method over the subject's comparisons. Large: the subject's largest asymmetry. Source:
-    Fig. 1C and Results, response asymmetries. More than :data:`~bayes_toe.plots.style.MOST_NAMED` subjects are sorted by their largest
-    asymmetry, without names and without the other comparisons.
+    Blue squares: 'equal', or a wrong response, is likelier with the stronger stimulus first;
+    orange circles: with the weaker one first. Filled: the orders differ (p < .05) by the exact
+    test, corrected by Holm's method over the subject's comparisons. Source: Fig. 1C and Results,
+    response asymmetries. More than 60 subjects are sorted by their largest asymmetry, without
+    names and without the other comparisons.
 
     Parameters
     ----------
@@ -79,171 +76,79 @@ def asymmetry(table: AsymmetryTable, ax: Axes | None = None) -> Axes:
     ax : matplotlib Axes, optional
         Drawn into, where given.
     """
-    rows = table.rows
     ax = panel(ax, high=asymmetry_height(table))
-    ax.axvline(0.0, color="black", lw=0.8)
-    ax.set_xlabel("asymmetry  $q(c, r) - q(r, c)$")
-    if len(rows) > MOST_NAMED:
-        _draw_largest(ax, table)
-        return dress(ax)
-    for i, row in enumerate(rows):
-        if i % 2:
+    rows = [list(row.comparisons) for row in table]
+    is_named = len(table) <= MOST_NAMED
+    if not is_named:
+        largest = [row.maximal for row in table if row.maximal is not None]
+        rows = [[one] for one in sorted(largest, key=lambda one: -one.asymmetry)]
+    for i, comparisons in enumerate(rows):
+        place: dict[str, Any] = {"transform": ax.get_yaxis_transform(), "color": EQUAL}
+        if is_named and i % 2:
             ax.axhspan(i - 0.5, i + 0.5, color="#F3F3F3", lw=0, zorder=0)
-        if not row.comparisons:
-            where = ax.get_yaxis_transform()
-            ax.text(
-                0.99,
-                i,
-                "no pair in both orders",
-                transform=where,
-                ha="right",
-                va="center",
-                fontsize=SMALL,
-                color=EQUAL,
-            )
-    counts = [len(row.comparisons) for row in rows]
-    y = np.array(
-        [
-            i + 0.7 * ((j + 0.5) / count - 0.5)
-            for i, count in enumerate(counts)
-            for j in range(count)
-        ]
-    )
-    value, error, p, largest = _columns([one for row in rows for one in row.comparisons])
-    barred = np.where((np.repeat(counts, counts) > _CROWDED) & (largest == 0), np.nan, error)
-    for (sign, (colour, marker)), sure, large in product(
-        _MARKS.items(), (False, True), (False, True)
-    ):
-        at = (np.sign(value) == sign) & ((p < LEVEL) == sure) & (largest == large)
-        if at.any():
-            style: dict[str, Any] = (
-                {"ms": 4.2, "elinewidth": 0.7, "zorder": 3}
-                if large
-                else {"ms": 2.4, "elinewidth": 0.4, "zorder": 2}
-            )
-            face = colour if sure else "white"
-            ax.errorbar(
-                value[at],
-                y[at],
-                xerr=barred[at],
-                fmt=marker,
-                color=colour,
-                mfc=face,
-                mew=0.7,
-                **style,
-            )
-    ax.set_yticks(range(len(rows)), [plain(row.subject, 16) for row in rows])
-    reach = (
-        min(1.05, 1.08 * float((np.abs(value) + error).max())) if len(value) else 1.0
-    )  # zero is in the middle
-    ax.set(ylim=(len(rows) - 0.5, -0.5), xlim=(-reach, reach))
+        if not comparisons:
+            ax.text(0.01, i, "no pair in both orders", va="center", fontsize=SMALL, **place)
+    reach = _draw_comparisons(ax, rows, 4.0 if is_named else 2.6)
+    ax.axvline(0.0, color="black", lw=0.8)
+    # Zero is in the middle.
+    ax.set(xlim=(-reach, reach), ylim=(len(rows) - 0.5, -0.5), yticks=[])
+    ax.set_xlabel("asymmetry  $q(c, r) - q(r, c)$")
+    ax.locator_params(axis="x", nbins=6)
+    if is_named:
+        ax.set_yticks(range(len(rows)), [plain(row.subject, 16) for row in table])
+    else:
+        label = f"{len(rows):,} subjects, sorted by their largest asymmetry"
+        if len(rows) < len(table):
+            label += f";\n{len(table) - len(rows):,} without a pair in both orders"
+        ax.set_ylabel(label)
     dress(ax).tick_params(axis="y", length=0)
     _draw_key(ax, table.share_of)
     return ax
 
 
 def asymmetry_height(table: AsymmetryTable) -> float:
-    """Inches that a figure of :func:`asymmetry` needs: rows are higher where most subjects have many comparisons."""
+    """Inches of :func:`asymmetry`: rows are higher where most subjects have many comparisons."""
     if len(table) > MOST_NAMED:
         return _MARGIN + HIGH
     usual = float(np.median([len(row.comparisons) for row in table.rows])) if table.rows else 0.0
-    return _MARGIN + _ROW * len(table.rows) * min(max(1.0, usual / 5.0), 4.0)
+    return min(_HIGHEST, _MARGIN + _ROW * len(table.rows) * min(max(1.0, usual / 5.0), 4.0))
 
 
-def _columns(comparisons: Sequence[Comparison]) -> FloatArray:
-    """Asymmetry, its standard deviation, adjusted p-value, and whether it is the subject's largest, shape (4, comparisons)."""
-    return (
-        np.array(
-            [
-                (one.asymmetry, one.asymmetry_se, one.p_adjusted, one.is_maximal)
-                for one in comparisons
-            ],
-            np.float64,
-        )
-        .reshape(-1, 4)
-        .T
-    )
-
-
-def _draw_largest(ax: Axes, table: AsymmetryTable) -> None:
-    """The largest asymmetry of each subject, sorted, those that are significant in colour."""
-    largest, subjects = [row.maximal for row in table if row.maximal is not None], len(table)
-    value, error, p, _ = _columns(sorted(largest, key=lambda one: -one.asymmetry))
-    y = np.arange(len(value))
-    ax.hlines(
-        y,
-        value - error,
-        value + error,
-        color="#D9D9D9",
-        lw=min(0.8, 250.0 / max(len(value), 1)),
-        zorder=1,
-    )
-    for (sign, (colour, marker)), sure in product(_MARKS.items(), (False, True)):
-        at = (np.sign(value) == sign) & ((p < LEVEL) == sure)
-        if at.any():
-            said = f"p < {LEVEL:g} (Holm)" if sure else f"p ≥ {LEVEL:g}"
-            words = (
-                f"{table.share_of} likelier {'stronger' if sign > 0 else 'weaker'} first, {said}"
-                if sign
-                else "neither order"
-            )
-            style: dict[str, Any] = {
-                "ms": 2.6,
-                "mew": 0.4,
-                "color": colour,
-                "mfc": colour if sure else "white",
-            }
-            ax.plot(value[at], y[at], marker, label=f"{words}: {at.sum():,}", **style)
-    if len(value) < subjects:
-        words = f"no pair in both orders: {subjects - len(value):,}"
-        ax.text(
-            0.98,
-            0.02,
-            words,
-            transform=ax.transAxes,
-            ha="right",
-            va="bottom",
-            fontsize=SMALL,
-            color=EQUAL,
-        )
-    reach = min(1.05, 1.08 * float((np.abs(value) + error).max(initial=0.1)))
-    ax.set(ylim=(len(value) - 0.5, -0.5), xlim=(-reach, reach), yticks=[])
-    ax.set_ylabel(f"{subjects:,} subjects, sorted by their largest asymmetry")
-    legend_above(ax)
+def _draw_comparisons(ax: Axes, rows: Sequence[Sequence[Comparison]], size: float) -> float:
+    """Draw the comparisons of every row, one below the other; return how far they reach from 0."""
+    points = []
+    for i, comparisons in enumerate(rows):
+        for j, one in enumerate(comparisons):
+            y = i + 0.7 * ((j + 0.5) / len(comparisons) - 0.5)
+            # Bars of many comparisons in one row would hide each other.
+            barred = one.asymmetry_se if len(comparisons) <= _CROWDED else np.nan
+            points.append((one.asymmetry, y, barred, one.p_adjusted, one.asymmetry_se))
+    value, places, bars, p, error = np.array(points, np.float64).reshape(-1, 5).T
+    for sign, (colour, marker) in _MARKS.items():
+        for is_sure in (False, True):
+            at = (np.sign(value) == sign) & ((p < LEVEL) == is_sure)
+            style: dict[str, Any] = {"ms": size, "mew": 0.7, "elinewidth": 0.6}
+            face = colour if is_sure else "white"
+            if at.any():
+                ax.errorbar(
+                    value[at], places[at], None, bars[at], marker, color=colour, mfc=face, **style
+                )
+    return min(1.05, 1.08 * float((np.abs(value) + error).max(initial=0.1)))
 
 
 def _draw_key(ax: Axes, share_of: str) -> None:
-    """What colour, filling and size mean; above the panel, where no point can be, and over the names where these are long."""
-
-    def mark(marker: str, colour: str, *, filled: bool, size: float = 4.2) -> Line2D:
-        return Line2D(
-            [],
-            [],
-            ls="",
-            marker=marker,
-            ms=size,
-            mec=colour,
-            mfc=colour if filled else "white",
-            mew=0.7,
-        )
-
-    key = {
-        f"{share_of} likelier weaker first": mark("o", WEAKER_FIRST, filled=True),
-        f"{share_of} likelier stronger first": mark("s", STRONGER_FIRST, filled=True),
-        f"filled: p < {LEVEL:g} (Holm)": mark("o", "#333333", filled=True),
-        "large: largest of the subject": mark("o", "#333333", filled=False),
-    }
-    style = {
-        "handletextpad": 0.1,
-        "columnspacing": 0.8,
-        "borderaxespad": 0.2,
-        "labelspacing": 0.25,
-        "frameon": False,
-        "fontsize": SMALL,
-    }
-    ax.legend(
-        key.values(), key.keys(), loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, **style
-    )
+    """What colour and filling mean, above the panel and over long names."""
+    style: dict[str, Any] = {"ls": "", "ms": 4.2, "mew": 0.7}
+    for order, sign in (("weaker", -1), ("stronger", 1)):
+        colour, marker = _MARKS[sign]
+        label = f"{share_of} likelier {order} first"
+        ax.plot([], [], marker=marker, color=colour, label=label, **style)
+    label = f"filled: p < {LEVEL:g} (Holm)"
+    ax.plot([], [], marker="o", color="#333333", label=label, **style)
+    place: dict[str, Any] = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0)}
+    place |= {"handletextpad": 0.1, "borderaxespad": 0.2, "labelspacing": 0.25}
+    handles = [line for line in ax.lines if not str(line.get_label()).startswith("_")]
+    ax.legend(handles=handles, fontsize=SMALL, frameon=False, **place)
 
 
 def _said(p_value: float) -> str:

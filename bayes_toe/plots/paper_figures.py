@@ -312,7 +312,7 @@ _CAPTIONS = {
     "figure_1c_asymmetry": "Left: P({share_of}) of the comparison with the smallest p-value in its two orders, Laplace estimator with its "
     "standard deviation (Eq. e:2b), plain p-value of the exact test. Right: q(c, r) - q(r, c) of every comparison with its standard "
     f"deviation; within a subject from the weakest pair above to the strongest below. Filled: p < {LEVEL:g}, Holm's correction over the "
-    "subject's comparisons; large: the largest of the subject.",
+    "subject's comparisons.",
     "figure_3_examples": "Subjects {subjects}. Top: Laplace estimators with standard deviations; lines: posterior mean; {curves}. "
     "Middle: prior at the medians of the identified coordinates (thick) and at some draws (thin); triangles: stimuli; bar: two sigma_l "
     "wide. Bottom: the same answers{divided} over the normalised distance (posterior median, "
