@@ -18,6 +18,8 @@ from bayes_toe.data.messages import counted
 from bayes_toe.errors import InputError
 from bayes_toe.groups.population import PopulationResult
 from bayes_toe.plots.style import (
+    BAND,
+    COLUMN,
     EQUAL,
     HIGH,
     LETTERS,
@@ -252,7 +254,7 @@ def _write_names(
         ax.set_ylabel(label, fontsize=LETTERS)
     else:
         rows += [float(row) for row in range(len(answers))]
-        names += [plain(answer.subject, 24) for answer in answers]
+        names += [plain(answer.subject, 20) for answer in answers]
     if group is not None:
         rows.append(len(answers) + 0.25)
         reliable = "" if group.is_reliable else "\nNOT RELIABLE"
@@ -284,7 +286,7 @@ def bayes_factors(table: EvidenceTable, *, synthetic: bool = False) -> Figure:
         If the table has no answers.
     """
     answers = _sorted_answers(table)
-    figure = new_figure(0.75 * PAGE, forest_height(len(answers)))
+    figure = new_figure(COLUMN, forest_height(len(answers)))
     ax = figure.subplots()
     rows = np.arange(len(answers))
     is_crowded = len(answers) > MOST_NAMED
@@ -301,8 +303,11 @@ def bayes_factors(table: EvidenceTable, *, synthetic: bool = False) -> Figure:
             ("<", 1.0 / _LARGEST, log_factors < -np.log(_LARGEST)),
         ):
             ax.plot(np.where(is_beyond, end, np.nan), y, marker, clip_on=False, **style)
+    n_bands = 0 if is_crowded else len(answers)
+    for row in range(1, n_bands, 2):
+        ax.axhspan(row - 0.5, row + 0.5, color=BAND, lw=0, zorder=-1)
     for mark in _MARKS:
-        ax.axvline(mark, color="black" if mark == 1.0 else "#D0D0D0", lw=0.7, zorder=0)
+        ax.axvline(mark, color="black" if mark == 1.0 else "#BDBDBD", lw=0.7, zorder=0)
     ax.set_xscale("log")
     ax.minorticks_off()
     ax.set_xticks(list(_MARKS), list(_MARKS.values()))
@@ -311,7 +316,7 @@ def bayes_factors(table: EvidenceTable, *, synthetic: bool = False) -> Figure:
     _write_names(dress(ax), answers, None, is_crowded=is_crowded)
     if synthetic:
         figure.suptitle("synthetic data", fontsize=LETTERS)
-    legend_below(figure, size=LETTERS, columns=3)
+    legend_below(figure, size=SMALL, columns=3)
     return figure
 
 
