@@ -1,6 +1,9 @@
-"""How the site is made from docs/, notebooks/, the docstrings and the command line; built by `sh scripts/docs`.
+"""How the site is made from docs/, notebooks/, the docstrings and the command line.
 
-The root of the sources is the checkout, so that links between documents, notebooks and programs are the same here and where code is hosted.
+Built by `sh scripts/docs`.
+
+The root of the sources is the checkout, so that links between documents, notebooks and programs are
+the same here and where code is hosted.
 """
 
 import sys
@@ -30,7 +33,7 @@ exclude_patterns = [".*", "build", "results", "bayes_toe_results"]
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.autosummary", "sphinx.ext.napoleon"]
 default_role = "code"
 
-# --- documents and notebooks ---------------------------------------------------------------------------------------------------------
+# --- documents and notebooks ----------------------------------------------------------------------
 myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 4
 nb_execution_mode = "force"
@@ -41,7 +44,7 @@ nb_render_image_options = {
     "width": "100%"
 }  # what has a width is a link to its full size; site.css leaves small ones as they are
 
-# --- docstrings ----------------------------------------------------------------------------------------------------------------------
+# --- docstrings -----------------------------------------------------------------------------------
 autosummary_generate = False
 autodoc_typehints = "none"  # docstrings say types, with shapes and units
 autodoc_member_order = "bysource"
@@ -49,7 +52,7 @@ napoleon_google_docstring = False
 napoleon_use_ivar = True
 napoleon_use_param = napoleon_use_rtype = False
 
-# --- what it looks like --------------------------------------------------------------------------------------------------------------
+# --- what it looks like ---------------------------------------------------------------------------
 html_theme = "furo"
 html_title = "bayes_toe"
 html_static_path = ["_static"]
@@ -70,7 +73,10 @@ def _filled(_app, docname, source):
 
 
 def _public(app, env, node, contnode):
-    """Docstrings name things by where they are defined; the site has them under the names that a user types."""
+    """Docstrings name things by where they are defined.
+
+    The site has them under the names that a user types.
+    """
     module, _, name = node.get("reftarget", "").rpartition(".")
     for face in FACES:
         package = import_module(face)

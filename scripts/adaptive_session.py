@@ -2,9 +2,10 @@
 
     python scripts/adaptive_session.py session.json --subject S01 --trials 40 --simulate
 
-In an experiment `show` and `ask` are those of PsychoPy, pygame or a vibrator's driver; here `--simulate` answers in the place of a person,
-and without it the terminal asks. The session is saved after every answer, and the same command goes on with it. At the end its trials are
-in session.csv, which `bayes-toe run` reads.
+In an experiment `show` and `ask` are those of PsychoPy, pygame or a vibrator's driver; here
+`--simulate` answers in the place of a person, and without it the terminal asks. The session is
+saved after every answer, and the same command goes on with it. At the end its trials are in
+session.csv, which `bayes-toe run` reads.
 """
 
 import argparse

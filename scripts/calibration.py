@@ -96,7 +96,10 @@ def _text(found: Calibration) -> str:
 
 
 def verdict_lines(found: Calibration) -> list[str]:
-    """The verdict in a few lines: what failed, or that nothing did; what did not converge; what was withheld."""
+    """The verdict in a few lines: what failed, or that nothing did; what did not converge.
+
+    What was withheld.
+    """
     lines = [f"NOT calibrated: {failure}" for failure in found.failures]
     if len(found.ranks):
         inside = (found.rank_verdicts["verdict"] == "inside").sum()

@@ -1,6 +1,7 @@
 """Draw corner plots of saved draws, one PNG a subject, for all subjects or one.
 
-Example: python scripts/corner_plots.py posterior.nc -o corner --subject S01 --coordinates identified
+Example: python scripts/corner_plots.py posterior.nc -o corner --subject S01 --coordinates
+identified
 """
 
 import argparse

@@ -1,7 +1,8 @@
 """Bring docs/data_dictionary.md up to date: a row for every declared column, in the words of a docstring or a comment beside the field.
 
-What no docstring says stands in the document alone. A column that is new and has no words is named: write its row there.
-Example: python scripts/data_dictionary.py -o docs/data_dictionary.md --overwrite
+What no docstring says stands in the document alone. A column that is new and has no words is named:
+write its row there. Example: python scripts/data_dictionary.py -o docs/data_dictionary.md
+--overwrite
 """
 
 import argparse
@@ -38,7 +39,10 @@ class File:
     better: Sequence[str] = ()
 
     def told(self, column: str) -> str:
-        """What a docstring or else a comment says of a column, as it is read in a file; empty where nothing does."""
+        """What a docstring or else a comment says of a column, as it is read in a file.
+
+        Empty where nothing does.
+        """
         if column in self.better:
             return ""
         found = next(
@@ -70,7 +74,10 @@ FILES = {
 
 
 def explanation(kind: type, name: str) -> str:
-    """What a docstring says of an attribute, or of a property; nothing where it says nothing of this one alone."""
+    """What a docstring says of an attribute, or of a property.
+
+    Nothing where it says nothing of this one alone.
+    """
     if isinstance(getattr(kind, name, None), property):
         return inspect.getdoc(getattr(kind, name)) or ""
     entry = re.search(

@@ -1,15 +1,17 @@
 """What users get, frozen: every command's tables on a study, held against those of an earlier commit within Monte Carlo error.
 
-Three words: `run` makes the tables, a folder a study and seed; `freeze` takes centre and tolerance of every number; `check` says what lies
-outside, exit code 3 where that is more than chance.
+Three words: `run` makes the tables, a folder a study and seed; `freeze` takes centre and tolerance
+of every number; `check` says what lies outside, exit code 3 where that is more than chance.
 
-    python scripts/frozen.py run made --study bundled=bayes_toe/data/example_same_different_study.csv --seeds 1 2 3
-    python scripts/frozen.py freeze made tests/reference/frozen.csv.gz
-    python scripts/frozen.py check made tests/reference/frozen.csv.gz
+    python scripts/frozen.py run made --study
+    bundled=bayes_toe/data/example_same_different_study.csv --seeds 1 2 3 python scripts/frozen.py
+    freeze made tests/reference/frozen.csv.gz python scripts/frozen.py check made
+    tests/reference/frozen.csv.gz
 
-A number's tolerance is six times the root sum of squares of its standard deviation over the seeds, the median one of its column, and the
-Monte Carlo error that its own table states; and a millionth, of a probability that depends on the seed 0.002. Up to one number in a
-thousand may lie outside, none by more than three tolerances.
+A number's tolerance is six times the root sum of squares of its standard deviation over the seeds,
+the median one of its column, and the Monte Carlo error that its own table states; and a millionth,
+of a probability that depends on the seed 0.002. Up to one number in a thousand may lie outside,
+none by more than three tolerances.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Reference pages of the site that are made from the code: the command line, and the public names. Text only; Sphinx is not needed."""
+"""Reference pages of the site that are made from the code: the command line, and the public names.
+
+Text only; Sphinx is not needed.
+"""
 
 import inspect
 import re

@@ -1,8 +1,8 @@
 """Sample a study on a SLURM cluster: each job of the queue brings as many workers as it has cores.
 
-Example: python scripts/slurm_example.py study.csv -o posterior.nc --jobs 4 --cores 8 --memory 16GB --walltime 02:00:00 --seed 1
-With --show the batch script of a job is printed, and nothing is submitted. Needs pip install 'bayes_toe[dask]' dask-jobqueue, in an
-environment that all nodes see.
+Example: python scripts/slurm_example.py study.csv -o posterior.nc --jobs 4 --cores 8 --memory 16GB
+--walltime 02:00:00 --seed 1 With --show the batch script of a job is printed, and nothing is
+submitted. Needs pip install 'bayes_toe[dask]' dask-jobqueue, in an environment that all nodes see.
 """
 
 import argparse

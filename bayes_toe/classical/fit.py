@@ -54,7 +54,8 @@ class Bootstrap:
 
     subject: str
     fitted: Fits  # of the subject's own answers, one row
-    fits: Fits  # one row a replicate: parameters (replicates, 4), log likelihoods, edges, arrived, curves
+    # one row a replicate: parameters (replicates, 4), log likelihoods, edges, arrived, curves
+    fits: Fits
     seed: int
 
     def __len__(self) -> int:

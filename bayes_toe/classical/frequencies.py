@@ -87,7 +87,8 @@ class Collapse:
     """
 
     order: IntArray  # -1 weaker stimulus first, 0 equal stimuli, 1 stronger first
-    z: FloatArray  # normalised distance (s2 - mu_2)/w, the median, and its lower and upper quantile; no unit
+    # normalised distance (s2 - mu_2)/w, the median, and its lower and upper quantile; no unit
+    z: FloatArray
     z_low: FloatArray
     z_high: FloatArray
     ratio: FloatArray  # qhat/q0, and sigmahat_q/q0, at the median q0. Source: Eq. e:2b

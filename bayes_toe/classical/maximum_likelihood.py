@@ -54,15 +54,18 @@ EDGES: Mapping[Task, tuple[str, ...]] = {
 }
 #: Values of one temporary array: of some tens together they stay in the processor's cache.
 _BLOCK = 1 << 14
-#: -log of a share that is 1 or 0 to all digits; how far a width may be from the steps between stimuli, natural log.
+#: -log of a share that is 1 or 0 to all digits; how far a width may be from the steps between
+#: stimuli, natural log.
 _WHOLE, _NONE, _FAR = 1e-15, 80.0, 30.0
-#: Curvatures below which a direction counts as flat: nats, and what differences can tell of those of its coordinates.
+#: Curvatures below which a direction counts as flat: nats, and what differences can tell of those
+#: of its coordinates.
 _FLAT, _ROUGH = 1e-6, 1e-7
-#: A parameter may change this little along a flat direction and still count as determined; the step by which that is seen.
+#: A parameter may change this little along a flat direction and still count as determined; the step
+#: by which that is seen.
 _STILL, _STEP = 1e-3, 1e-4
 _ITERATIONS = 40  # after which only the best start of each row goes on
-#: The grid: pulls as shares of the largest with sides of the offset, the edge gamma = 0 last; offsets and log widths on the scale of the
-#: design; shares of answers that lapses leave.
+#: The grid: pulls as shares of the largest with sides of the offset, the edge gamma = 0 last;
+#: offsets and log widths on the scale of the design; shares of answers that lapses leave.
 _PARTS = (
     ((0.003, 0.01, 0.03), (-1.0,)),
     ((0.003, 0.01, 0.03), (1.0,)),
@@ -192,10 +195,13 @@ class Fits:
     """
 
     parameters: FloatArray
-    log_likelihood: FloatArray  # (rows,): at the maximum, without binomial coefficients and without the penalty, nats
+    # (rows,): at the maximum, without binomial coefficients and without the penalty, nats
+    log_likelihood: FloatArray
     objective: FloatArray  # (rows,): log likelihood minus penalty: what was maximised
     edges: BoolArray  # (rows, edges): on which of the task's :data:`EDGES` the maximum lies
-    arrived: BoolArray  # (rows,): False where the ascent did not meet its criterion; the row is then the best point found
+    # (rows,): False where the ascent did not meet its criterion; the row is then the best point
+    # found
+    arrived: BoolArray
     points: FloatArray
     subject: Subject  # whose pairs they are
 
@@ -368,7 +374,8 @@ def _suprema(fitted: PenalisedLikelihood, u: FloatArray, value: FloatArray) -> _
     no_pull = (0.0, _NONE)
     wide = goes(np.ones(len(u), bool), (*no_pull, middle - _FAR, share), (*no_pull, middle, share))
     never = goes(~wide, (*no_pull, width, _NONE), (*no_pull, middle, np.log(2.0)))
-    # Without a width different stimuli are told apart for certain; identical ones still differ by p (mu1 - s1) / w.
+    # Without a width different stimuli are told apart for certain; identical ones still differ by p
+    # (mu1 - s1) / w.
     told = ~(wide | never) & bool(np.any(design.s1 != design.s2))
     vanished = goes(told, (c * np.exp(-_FAR), pull + _FAR, width + _FAR, share))
     narrow = goes(told & ~vanished, (c, pull, width + _FAR, share)) | vanished

@@ -39,13 +39,17 @@ if TYPE_CHECKING:
 Result = TypeVar("Result")
 NOBODY: Mapping[str, str] = {}
 BAD_INPUT, INCOMPLETE = 2, 3
-#: The shared options of commands that share their work among processes and write, and of those that compute with a model besides.
+#: The shared options of commands that share their work among processes and write, and of those that
+#: compute with a model besides.
 WORKERS = ("processes", "dask", "overwrite")
 MODEL = ("seed", "prior", *WORKERS)
 
 
 class Takes:
-    """Which fields of :class:`Task` are options of a command, besides quiet; by name those with a default of their own."""
+    """Which fields of :class:`Task` are options of a command, besides quiet.
+
+    By name those with a default of their own.
+    """
 
     def __init__(self, *names: str, **defaults: Any) -> None:
         self.names, self.defaults = {*names, *defaults, "quiet"}, defaults
@@ -66,7 +70,7 @@ class Task:
     quiet: Quiet = False
     inputs: tuple[Path, ...] = ()
 
-    # --- what is read -------------------------------------------------------------------------------
+    # --- what is read -----------------------------------------------------------------------------
 
     def read(self, study: StudyFile) -> tuple[Study, Prior]:
         """The study and the prior; the prior is read first, because it is the shorter file."""
@@ -99,7 +103,7 @@ class Task:
             TYPED.extend(map(str, asked.files) if asked.files else ["--example"])
         return asked, replace(self, inputs=(*self.inputs, *(asked.files or ())))
 
-    # --- the work -----------------------------------------------------------------------------------
+    # --- the work ---------------------------------------------------------------------------------
 
     @cached_property
     def out(self) -> Terminal:
@@ -162,7 +166,7 @@ class Task:
         if not failed:
             discard(folder)
 
-    # --- what is written ----------------------------------------------------------------------------
+    # --- what is written --------------------------------------------------------------------------
 
     def require_files(self, *files: Path) -> None:
         """Refuse before the work what could not be written after it, and what would take the place of a file that is read."""
@@ -235,8 +239,9 @@ class Task:
 def as_command(function: Callable[..., None]) -> Callable[..., None]:
     """The function as the command line calls it.
 
-    A parameter that is a record becomes one option for each of its fields (of :class:`Task` those that it :class:`Takes`), and the function
-    receives the record of them. Our errors become lines on standard error and exit code 2; anything else is a bug and shows its traceback.
+    A parameter that is a record becomes one option for each of its fields (of :class:`Task` those
+    that it :class:`Takes`), and the function receives the record of them. Our errors become lines
+    on standard error and exit code 2; anything else is a bug and shows its traceback.
     """
     signature = inspect.signature(function, eval_str=True)
     records = {
@@ -303,7 +308,10 @@ def print_labelled(label: str, text: str) -> None:
 
 
 def _record(annotation: Any) -> tuple[Any, Takes | None] | None:
-    """The record that a parameter is, and which fields of it are taken, all where that is not said; None where it is none."""
+    """The record that a parameter is, and which fields of it are taken, all where that is not said.
+
+    None where it is none.
+    """
     kind, takes = (
         get_args(annotation)[:2] if get_origin(annotation) is Annotated else (annotation, None)
     )

@@ -56,7 +56,7 @@ def _likely(names: Sequence[str], options: ReadOptions, roles: Iterable[str]) ->
     return likely
 
 
-# --- What is read, and what is wrong with the names ------------------------------------------------
+# --- What is read, and what is wrong with the names -----------------------------------------------
 
 
 def columns_to_read(

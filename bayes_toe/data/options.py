@@ -1,4 +1,7 @@
-"""How to read a file whose layout is not the default: intensities, answer codes, column names; and which of its columns are read."""
+"""How to read a file whose layout is not the default: intensities, answer codes, column names.
+
+The options also say which of its columns are read.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +21,8 @@ COLUMNS = (
     *("n_equal", "n_second", "n_trials"),
     *("isi", "session", "block", "trial", "iti", "condition"),
 )
-#: Columns by which counts are no other: which trial came after which, for a look before answers are pooled and for models of history.
+#: Columns by which counts are no other: which trial came after which, for a look before answers are
+#: pooled and for models of history.
 LOOKED_AT = ("session", "block", "trial", "iti")
 _MAY_BE_IGNORED = ("isi", *LOOKED_AT, "condition")
 _ANSWERS = {
@@ -33,34 +37,40 @@ class ReadOptions:
     Parameters
     ----------
     intensity : float, optional
-        REF: columns i1, i2 hold raw amplitudes i and are read as s = ln(i / REF). Positive, in the unit of the columns.
+        REF: columns i1, i2 hold raw amplitudes i and are read as s = ln(i / REF). Positive, in the
+        unit of the columns.
     equal_code, different_code, second_code, first_code : str, optional
-        The text that stands for this answer, which also decides the task; other texts for it are then refused.
+        The text that stands for this answer, which also decides the task; other texts for it are
+        then refused.
     correct : str, optional
-        A column that says whether the question which stimulus was the stronger was answered rightly: 'second' or 'first' then follows from
-        the sign of s2 - s1.
+        A column that says whether the question which stimulus was the stronger was answered
+        rightly: 'second' or 'first' then follows from the sign of s2 - s1.
     columns : mapping of str to str
         Our column names to those of the file, for columns that the file names otherwise.
     ignore : str or sequence of str
-        Columns isi, session, block, trial, iti or condition that are not read although they are there; without isi pairs are pooled over
-        the intervals.
+        Columns isi, session, block, trial, iti or condition that are not read although they are
+        there; without isi pairs are pooled over the intervals.
     where : mapping of str to str
-        Columns of the file to the exact text that a row must have there to be read, for files in which not every row is a trial.
+        Columns of the file to the exact text that a row must have there to be read, for files in
+        which not every row is a trial.
     subject_from : str, optional
-        For files without a column of subjects: how they are named, with {} where the subject stands and * for any other text, such as
-        "sub-{}_*.tsv"; with / the last folders are looked at, too.
+        For files without a column of subjects: how they are named, with {} where the subject stands
+        and * for any other text, such as "sub-{}_*.tsv"; with / the last folders are looked at,
+        too.
     condition : str, optional
-        The column of a condition that differs within subjects; by default one that is called condition, where there is one. With "isi"
-        intervals are levels, and no longer times.
+        The column of a condition that differs within subjects; by default one that is called
+        condition, where there is one. With "isi" intervals are levels, and no longer times.
     reference : str, optional
         The level with which others are compared; by default the first one, sorted.
     categorical : bool
-        Whether levels that are numbers are names all the same, and not numbers of which there is a slope.
+        Whether levels that are numbers are names all the same, and not numbers of which there is a
+        slope.
     decimal : {".", ","}, optional
         The decimal sign of the stimuli, where '1.050' may be 1050; the other sign groups thousands.
     standard_interval : str, optional
-        For columns `standard` and `comparison` in the place of s1 and s2: the column that says in which interval the standard was, 1 or 2.
-        A response 'comparison' is 'second' where the comparison was second, and else 'first'.
+        For columns `standard` and `comparison` in the place of s1 and s2: the column that says in
+        which interval the standard was, 1 or 2. A response 'comparison' is 'second' where the
+        comparison was second, and else 'first'.
     standard_first : bool
         For the same columns: the standard was the first stimulus in all trials.
     comparison_code : str, optional
@@ -69,8 +79,8 @@ class ReadOptions:
     Raises
     ------
     InputError
-        If REF is not positive and finite, a code is empty, both codes are one text, codes are of two tasks, a column name is unknown or
-        repeated, or the name of files has not one {}.
+        If REF is not positive and finite, a code is empty, both codes are one text, codes are of
+        two tasks, a column name is unknown or repeated, or the name of files has not one {}.
 
     Examples
     --------
@@ -212,7 +222,10 @@ class ReadOptions:
 
 
 def parse_columns(text: str) -> dict[str, str]:
-    """Column names as on the command line, ``subject=participant,s1=first``: ours to the file's. An InputError has a line a problem."""
+    """Column names as on the command line, ``subject=participant,s1=first``: ours to the file's.
+
+    An InputError has a line a problem.
+    """
     problems = _name_problems(text.split(","))
     if problems:
         raise InputError(problems)
@@ -223,7 +236,10 @@ def parse_columns(text: str) -> dict[str, str]:
 
 
 def parse_where(texts: Iterable[str]) -> dict[str, str]:
-    """Which rows are read, as on the command line, each COLUMN=TEXT. An InputError has a line for each that is wrong or named again."""
+    """Which rows are read, as on the command line, each COLUMN=TEXT.
+
+    An InputError has a line for each that is wrong or named again.
+    """
     pairs = [(text, *(part.strip() for part in text.partition("=")[::2])) for text in texts]
     names = [name for _, name, _ in pairs]
     wrong = [text for text, name, value in pairs if not name or not value or names.count(name) > 1]

@@ -1,7 +1,9 @@
-"""Studies as they come in: tables of trials or of counts, read strictly and reported by row; and the bundled study.
+"""Studies as they come in: tables of trials or of counts, read strictly and reported by row.
 
-Nothing is guessed in silence: what was detected, dropped or merged is in the study's notes, and what cannot be used is
-refused with all problems of the file at once.
+The bundled study is here too.
+
+Nothing is guessed in silence: what was detected, dropped or merged is in the study's notes, and
+what cannot be used is refused with all problems of the file at once.
 """
 
 from __future__ import annotations
@@ -89,13 +91,16 @@ def read_study(
 ) -> Study:
     r"""The study in a CSV file, or a data frame, of trials or of counts; the header decides which.
 
-    Trials: ``subject,s1,s2,response``, the response 'equal' or 'different' (also same), or 'second' or 'first' (also s2/s1, 2nd/1st), which
-    decides the task; numbers do not. Counts: ``subject,s1,s2,n_equal,n_trials``, or ``n_second``. s1 and s2 are natural-log intensities. A
-    column ``isi`` is the inter-stimulus interval in seconds, and makes the same stimuli at another interval another pair. Columns ``trial``
-    (numbers, over all trials or within each block or session), ``block`` and ``session`` (any text) and ``iti`` (seconds since the trial
-    before) change no count: they serve checks of the responses before pooling, and what a trial may leave to the next, for which
-    trials without an answer stay. A column ``condition`` (or another one that the options name) makes each subject at each of its levels a
-    unit, ``S01@left``; see :mod:`bayes_toe.data.conditions`. Other columns are ignored.
+    Trials: ``subject,s1,s2,response``, the response 'equal' or 'different' (also same), or 'second'
+    or 'first' (also s2/s1, 2nd/1st), which decides the task; numbers do not. Counts:
+    ``subject,s1,s2,n_equal,n_trials``, or ``n_second``. s1 and s2 are natural-log intensities. A
+    column ``isi`` is the inter-stimulus interval in seconds, and makes the same stimuli at another
+    interval another pair. Columns ``trial`` (numbers, over all trials or within each block or
+    session), ``block`` and ``session`` (any text) and ``iti`` (seconds since the trial before)
+    change no count: they serve checks of the responses before pooling, and what a trial may leave
+    to the next, for which trials without an answer stay. A column ``condition`` (or another one
+    that the options name) makes each subject at each of its levels a unit, ``S01@left``; see
+    :mod:`bayes_toe.data.conditions`. Other columns are ignored.
 
     Parameters
     ----------
@@ -115,8 +120,9 @@ def read_study(
     Raises
     ------
     InputError
-        If anything cannot be used: one line per problem of the file, ten at most, with row and column. For no file, a file that is given
-        twice, files of which only some have intervals, and answers to two tasks. If 'second' is rarer the larger s2 - s1 is, in all of it.
+        If anything cannot be used: one line per problem of the file, ten at most, with row and
+        column. For no file, a file that is given twice, files of which only some have intervals,
+        and answers to two tasks. If 'second' is rarer the larger s2 - s1 is, in all of it.
 
     Examples
     --------
@@ -183,8 +189,9 @@ def example_study(task: Task | str = WHICH_STRONGER) -> Study:
 
     "2afc", the default: 12 subjects were asked which stimulus was stronger, 40 times for each of
     ten ordered pairs of neighbouring levels. They have constant errors and contractions of both
-    signs; one subject has neither. Its seed was chosen among seven for few flags. "same/different": 16 subjects in the paper's design, simulated
-    by the paper's model (H1). The paper's own data are not public.
+    signs; one subject has neither. Its seed was chosen among seven for few flags. "same/different":
+    16 subjects in the paper's design, simulated by the paper's model (H1). The paper's own data are
+    not public.
 
     Parameters
     ----------
@@ -237,16 +244,17 @@ def example_truth(task: Task | str = WHICH_STRONGER) -> Truth:
     }
 
 
-# --- Rows of trials or of counts ----------------------------------------------------------------------
+# --- Rows of trials or of counts ------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class _Rows:
     """Rows that are asked for: columns by our names, and the keys of each row's pair, NaN where a cell cannot be read.
 
-    The keys are s1 and s2 (natural-log intensities), and isi (seconds) where there is such a column.
-    `signs` are columns of keys and reaction times, where responses are scored right or wrong.
-    `stimuli` are the numbers in the columns of stimuli: s1 and s2, or the standard and the comparison.
+    The keys are s1 and s2 (natural-log intensities), and isi (seconds) where there is such a
+    column. `signs` are columns of keys and reaction times, where responses are scored right or
+    wrong. `stimuli` are the numbers in the columns of stimuli: s1 and s2, or the standard and the
+    comparison.
     """
 
     table: TextTable
@@ -431,7 +439,10 @@ def _stimulus(table: TextTable, column: Column, options: ReadOptions) -> FloatAr
 
 
 def _study(rows: _Rows, notes: list[str], k: IntArray, n: IntArray, task: Task) -> Study:
-    """The study of valid rows; answers are kept as they were given where rows are trials or have a block."""
+    """The study of valid rows.
+
+    Answers are kept as they were given where rows are trials or have a block.
+    """
     owned = np.flatnonzero(n > 0)
     owned = owned[np.argsort(rows.subject.codes[owned], kind="stable")]
     parts = {

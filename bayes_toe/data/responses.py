@@ -1,4 +1,7 @@
-"""What a column of answers says: words tell the task, numbers never do; right and wrong become answers by the sign of s2 - s1."""
+"""What a column of answers says: words tell the task, numbers never do.
+
+Right and wrong become answers by the sign of s2 - s1.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +40,8 @@ _DIGIT = re.compile(r"(\d)[.,]0*")
 class Responses(NamedTuple):
     """The answers of trials: `yes` where the one was given that the task counts, `asked` where there is an answer, shape (rows,) each.
 
-    `no_answer` is where stimuli were equal, so that a right or wrong answer is none of the task's; `said` is how the texts were read.
+    `no_answer` is where stimuli were equal, so that a right or wrong answer is none of the task's;
+    `said` is how the texts were read.
     """
 
     task: Task
@@ -50,9 +54,12 @@ class Responses(NamedTuple):
 def responses(
     table: TextTable, column: Column, options: ReadOptions, difference: FloatArray
 ) -> Responses:
-    """The answers in a column, of trials with these differences s2 - s1; what cannot be read is noted in the table.
+    """The answers in a column, of trials with these differences s2 - s1.
 
-    Where no word is known, one line says so of the column, and another task than the one of the result may have been meant.
+    What cannot be read is noted in the table.
+
+    Where no word is known, one line says so of the column, and another task than the one of the
+    result may have been meant.
     """
     judged = options.correct is not None
     untold, remedies = "", list[Remedy]()
@@ -90,7 +97,10 @@ def responses(
 
 
 def require_task(table: TextTable, task: Task, column: Column | None) -> None:
-    """Refuse a column `task` that tells another task, or two; what tells none, such as the name of an experiment, is not looked at."""
+    """Refuse a column `task` that tells another task, or two.
+
+    What tells none, such as the name of an experiment, is not looked at.
+    """
     told = (
         {}
         if column is None
@@ -230,7 +240,9 @@ def _answer(text: str, given: Sequence[str | None], words: Sequence[Sequence[str
     if word in MISSING_WORDS:
         return _MISSING
     if any(code is not None and word == code.lower() for code in codes):
-        return _UNKNOWN  # where 'Different' was declared to mean equal, 'different' must not count as different by default
+        # where 'Different' was declared to mean equal, 'different' must not count as different by
+        # default
+        return _UNKNOWN
     for code, other, known, answer in zip(codes, codes[::-1], words, (_YES, _NO), strict=True):
         if code is None and (
             word in known or (other is not None and word == _OTHER.get(other.lower()))

@@ -174,7 +174,8 @@ class Subject:
         [3]
         """
         given = np.asarray(yes).ravel()
-        # Words would all count as True: only truth values, or the numbers 1 and 0, say which answer was given.
+        # Words would all count as True: only truth values, or the numbers 1 and 0, say which answer
+        # was given.
         if given.dtype.kind not in "biuf" or not np.isin(given, (0, 1)).all():
             raise InputError(
                 f"subject {name!r}: {task.yes} must hold True or False (or 1 or 0), found {given[:3].tolist()}"

@@ -13,7 +13,8 @@ from bayes_toe.data.messages import TWICE, bare, counted, listed
 from bayes_toe.data.text_table import Column, TextTable
 from bayes_toe.data.validation import AT, number, numbers
 
-#: Runs in which numbers of trials may begin anew, the shortest first; memory does so at each of the longest kind that there is.
+#: Runs in which numbers of trials may begin anew, the shortest first; memory does so at each of the
+#: longest kind that there is.
 _RUNS = ("block", "session")
 
 
@@ -176,7 +177,9 @@ def _repeated(
     later, earlier = np.array(again).T
     same = np.logical_and.reduce([key[later] == key[earlier] for key in (*keys, k)])
     if block is None and not same.all():
-        return []  # without blocks numbers may begin anew in each: only rows that are the same in everything count
+        # without blocks numbers may begin anew in each: only rows that are the same in everything
+        # count
+        return []
     verb = "repeats" if len(same) == 1 else "repeat"
     what = f"{counted(len(same), 'row')} {verb} {'' if block is None else 'block and '}trial of another row"
     row, other = (table.rows[one[0]] for one in (later, earlier))

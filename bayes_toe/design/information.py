@@ -31,7 +31,8 @@ AIMS = {
 }
 #: The lapse rate of observers who have none: at 0 its information is not defined.
 _SMALL_LAPSE_RATE = 1e-3
-#: Portions in which trials move, for each pair of a design; by how much a move has to raise the utility.
+#: Portions in which trials move, for each pair of a design; by how much a move has to raise the
+#: utility.
 _PORTIONS, _GAIN = 2, 1e-7
 
 

@@ -1,6 +1,7 @@
 """What the page keeps of one subject under one model: draws, contours, curves, counts, the answer.
 
-Arrays are text in a page: base64 of little-endian numbers, which a browser turns into typed arrays without parsing them.
+Arrays are text in a page: base64 of little-endian numbers, which a browser turns into typed arrays
+without parsing them.
 """
 
 from __future__ import annotations
@@ -349,16 +350,17 @@ def _fit_badge(fits: bool | None, p: float | None) -> tuple[str, str]:
     return ("fine", f"fit: good, {said}") if fits else ("misfit", said)
 
 
-# --- curves -------------------------------------------------------------------------------------------------------------------------
+# --- curves ---------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
 class Slice:
     """Pairs with one weaker stimulus (ln), at one interval (seconds): what one panel of curves shows.
 
-    Which of the subject's pairs these are; the stronger stimulus along the curves, shape (POINTS,); and the orders that have a curve: -1
-    weaker first, 1 stronger first, 0 equal stimuli of several intensities. Of 'which is stronger' pairs with one first stimulus, s2 - s1
-    along the curve, which is one, 0.
+    Which of the subject's pairs these are; the stronger stimulus along the curves, shape (POINTS,);
+    and the orders that have a curve: -1 weaker first, 1 stronger first, 0 equal stimuli of several
+    intensities. Of 'which is stronger' pairs with one first stimulus, s2 - s1 along the curve,
+    which is one, 0.
     """
 
     task: Task
@@ -454,7 +456,7 @@ def axis(quantities: Mapping[str, FloatArray], sbar: float, ends: Sequence[float
     return np.asarray(first - share * (first - sbar) + shift)
 
 
-# --- numbers as text ----------------------------------------------------------------------------------------------------------------
+# --- numbers as text ------------------------------------------------------------------------------
 
 
 def text_of(values: npt.ArrayLike, kind: str = "<f4") -> str:

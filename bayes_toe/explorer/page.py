@@ -31,7 +31,8 @@ from bayes_toe.version import __version__
 MOST_ENTRIES = 200
 #: About how many bytes a subject takes in a page of its own or of few.
 EXPLORER_BYTES = 1_200_000
-#: Bytes of draws and curves in all, of all where entries are few, of one where they are not; as text they take a third more.
+#: Bytes of draws and curves in all, of all where entries are few, of one where they are not; as
+#: text they take a third more.
 _BYTES, _FEW, _OWN = 20e6, 4e6, 300e3
 _ROWS = 2000  # draws of an entry, at most
 _ISLANDS = "<!-- posteriors -->"
@@ -110,11 +111,13 @@ def explore(
     Parameters
     ----------
     draws : Draws, sequence of Draws, or mapping of str to Draws
-        Of one model or several; a mapping says what they are called, otherwise they are called by their models.
+        Of one model or several; a mapping says what they are called, otherwise they are called by
+        their models.
     subjects : sequence of str, optional
         Only these.
     truths : mapping of str to (mapping of str to float), optional
-        Known values of synthetic subjects, by subject; natural parameters are enough. Those of the bundled study are known.
+        Known values of synthetic subjects, by subject; natural parameters are enough. Those of the
+        bundled study are known.
 
     Returns
     -------
@@ -123,8 +126,8 @@ def explore(
     Raises
     ------
     InputError
-        If Bokeh is not installed, there are no draws, an unknown subject is asked for, there are draws of two
-        tasks, or more than 200 posteriors of subjects.
+        If Bokeh is not installed, there are no draws, an unknown subject is asked for, there are
+        draws of two tasks, or more than 200 posteriors of subjects.
     """
     require_bokeh()
     return page(entries(draws, subjects, truths))

@@ -1,7 +1,8 @@
 """Panels of the page: empty Bokeh figures under names by which explorer.js finds and fills them.
 
-The corner has :data:`SLOTS` places for quantities, whatever these are: sources and columns are called by place, and a range belongs to a
-place. Draws have a source for every panel, so that those of panels which are not shown cost nothing.
+The corner has :data:`SLOTS` places for quantities, whatever these are: sources and columns are
+called by place, and a range belongs to a place. Draws have a source for every panel, so that those
+of panels which are not shown cost nothing.
 """
 
 from __future__ import annotations
@@ -139,7 +140,10 @@ def _panel(name: str, x: Range1d, y: Range1d, dimensions: Any, tools: list[Any])
 
 
 def _distribution(sources: _Sources, ranges: list[Range1d], i: int) -> Any:
-    """The diagonal: histogram of all draws and of the brushed ones, and the prior; a drag takes an interval."""
+    """The diagonal: histogram of all draws and of the brushed ones, and the prior.
+
+    A drag takes an interval.
+    """
     made = _panel(f"panel-{i}-{i}", ranges[i], Range1d(0, 1, name=f"height-{i}"), "width", [])
     x, y = f"x{i}", f"y{i}"
     for letter, (colour, _, dash) in LETTERS.items():

@@ -55,12 +55,14 @@ class Stage:
     cover_share: float
 
 
-#: Most posteriors are good after two or three rounds of the first stage; the second is for funnels and prior-dominated ones.
+#: Most posteriors are good after two or three rounds of the first stage; the second is for funnels
+#: and prior-dominated ones.
 STAGES = (
     Stage(components=12, draws=1000, rounds=8, enough=0.75, cover_share=0.05),
     Stage(components=24, draws=4000, rounds=10, enough=0.6, cover_share=0.1),
 )
-#: Of a proposal that begins with Laplace's approximation, for an evidence among many; a cover so large because that may miss a part.
+#: Of a proposal that begins with Laplace's approximation, for an evidence among many; a cover so
+#: large because that may miss a part.
 _QUICK = Stage(components=6, draws=700, rounds=5, enough=0.5, cover_share=0.15)
 _QUICK_DRAWS, _QUICK_REFITS = 2500, 3
 _POOR = 0.5  # efficiency below which the second stage runs
@@ -68,8 +70,9 @@ _REFITS = 5
 _HARD = 2  # times the judging draws, where refits were needed
 #: Independent draws behind an evidence, unless more are asked for.
 EVIDENCE_DRAWS = 20_000
-#: A weight that leads to a refit: a walker stays at such a point for as many steps, so a tail would come in lumps; and where 20,000 draws
-#: hold one such point, there are others that they missed, and the evidence is too low by more than its standard error says.
+#: A weight that leads to a refit: a walker stays at such a point for as many steps, so a tail would
+#: come in lumps; and where 20,000 draws hold one such point, there are others that they missed, and
+#: the evidence is too low by more than its standard error says.
 _HEAVY = 6.0
 _CALM = 0.5  # Pareto k-hat above which other draws may well have one that is not trusted
 

@@ -59,16 +59,18 @@ def importance_evidence(fitted: FittedProposal) -> Evidence:
     return Evidence(value, float(np.sqrt((1.0 / fitted.efficiency - 1.0) / n)), *quality)
 
 
-# --- Laplace ---------------------------------------------------------------------------------------
+# --- Laplace --------------------------------------------------------------------------------------
 
 _FAR = 60.0  # logits and log width beyond which a point counts as at an edge
-#: Where the search starts: logits of the pull, and by how much offset (in widths), log width and logit of q0 differ from those of the
-#: highest maximum in identified coordinates.
+#: Where the search starts: logits of the pull, and by how much offset (in widths), log width and
+#: logit of q0 differ from those of the highest maximum in identified coordinates.
 _SMALL, _LARGER = (-8.0, -6.0, -4.0), ((-3.0, -2.0, -1.0), (0.0, 1.0, 2.0), (3.0, 5.0))
 _OFFSETS = np.array([0.05, 0.2, 0.5, 1.0])
 _WIDTHS = np.array([-1.0, -0.5, 0.0, 0.5, 1.0])
 _PEAKS = np.array([-2.0, -1.0, 0.0, 1.0, 2.0])
-_STILL = 1e-3  # Newton step, in any unconstrained coordinate, below which a point is a maximum and not on its way to an edge
+# Newton step, in any unconstrained coordinate, below which a point is a maximum and not on its way
+# to an edge
+_STILL = 1e-3
 
 
 def laplace_evidence(maxima: Maxima) -> tuple[float | None, str]:
@@ -103,7 +105,8 @@ def laplace_evidence_natural(
         """With |d(sigma_p^2, sigma_l^2) / d(sigma_p, gamma)| = 2 sigma_p^3, and log sigma_p = b + 1.5 log(1 - p)."""
         log_sigma_p = x[:, 2] + 1.5 * np.log1p(-MAX_PULL * expit(x[:, 1]))
         value = posterior.log_density(x) - log_jacobian(x) - np.log(2.0) - 3.0 * log_sigma_p
-        # The density may grow without end toward sigma_p = 0; no maximum lies out there, and no number either.
+        # The density may grow without end toward sigma_p = 0; no maximum lies out there, and no
+        # number either.
         return np.where(np.abs(x[:, 1:]).max(axis=1) > _FAR, -np.inf, value)
 
     def gradient(x: FloatArray) -> FloatArray:
@@ -118,7 +121,8 @@ def laplace_evidence_natural(
     found = ascend(density, starts.T, rivals=np.zeros(len(starts), np.intp))
     best = np.lexsort((found.arrived, found.value))[-1:]  # of equals one that arrived
     curvature, x = density.curvature(found.x[:, best], best)[0], found.x[:, best[0]]
-    # Coordinate by coordinate: toward an edge slope and curvature vanish together, and nothing else tells that they do.
+    # Coordinate by coordinate: toward an edge slope and curvature vanish together, and nothing else
+    # tells that they do.
     slope, bend = np.abs(found.gradient[:, best[0]]), np.abs(np.diagonal(curvature))
     if not found.arrived[best[0]] or np.any(slope > _STILL * bend):
         edges = {

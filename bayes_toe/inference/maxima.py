@@ -116,7 +116,8 @@ def ascend(
         if not len(at):
             break
         free = ~(held | ((now.x <= floor) & (now.gradient <= 0.0)))
-        # Slopes close to the largest float, of which the step has a longest length; elimination of what is not positive definite.
+        # Slopes close to the largest float, of which the step has a longest length; elimination of
+        # what is not positive definite.
         with np.errstate(over="ignore", invalid="ignore"):
             step, decrement, proper = _steps(now.gradient, now.hessian, free, damping)
         step *= np.minimum(1.0, most / np.maximum(np.abs(step).max(axis=0), _TINY))
@@ -127,7 +128,8 @@ def ascend(
         now.gradient[:, better], now.hessian[:, :, better] = objective.derivatives(
             now.x[:, better], at[better]
         )
-        # A predicted gain below the rounding of the value cannot be seen: arrived, whether or not the step was taken.
+        # A predicted gain below the rounding of the value cannot be seen: arrived, whether or not
+        # the step was taken.
         now.arrived[:] = (decrement < _DECREMENT * (1.0 + np.abs(now.value) * 1e-3)) & (
             damping <= 1e-2
         )
@@ -237,7 +239,8 @@ class Maxima:
     x: FloatArray  # (modes, k)
     value: FloatArray  # (modes,)
     curvature: FloatArray  # (modes, k, k): negative Hessian; positive definite at a proper maximum
-    arrived: bool  # False where no start met the convergence criterion; the points are then the best found
+    # False where no start met the convergence criterion; the points are then the best found
+    arrived: bool
     hopeless: FloatArray  # (others, k): further ones, 30 nats and more below the best
 
     @property

@@ -14,7 +14,8 @@ from bayes_toe.model.answer_curves import times_counts
 from bayes_toe.model.posterior import AnswerPosterior, require_points
 from bayes_toe.seeds import generator
 
-#: Below this posterior predictive p-value, or p-value of the deviance, the model is said not to describe the answers.
+#: Below this posterior predictive p-value, or p-value of the deviance, the model is said not to
+#: describe the answers.
 MISFIT = 0.01
 _BLOCK = 1 << 18  # values of one temporary array
 _OFTEN, _COUNTS = (
@@ -28,7 +29,7 @@ _CONSPICUOUS, _NAMED = (
 )  # residual from which a pair is named among the worst, and how many are
 
 
-# --- Deviance ---------------------------------------------------------------------------------------
+# --- Deviance -------------------------------------------------------------------------------------
 
 
 def binomial_deviance(
@@ -53,10 +54,13 @@ class Fit:
     """Fit of one subject's answers at one point."""
 
     q: FloatArray  # (pairs,): their probability by the model
-    residual: FloatArray  # (pairs,): signed root of the deviance; positive where 'equal' was answered more often than the model has it
+    # (pairs,): signed root of the deviance; positive where 'equal' was answered more often than the
+    # model has it
+    residual: FloatArray
     deviance: float  # sum over pairs, against the saturated model
     degrees_of_freedom: int  # pairs less the free parameters
-    p_value: float  # P(deviance >= this one), see :func:`deviance_p_value`; NaN without degrees of freedom
+    # P(deviance >= this one), see :func:`deviance_p_value`; NaN without degrees of freedom
+    p_value: float
 
 
 def fit_at(posterior: AnswerPosterior, x: npt.ArrayLike) -> Fit:
@@ -129,7 +133,7 @@ def _moments(
     )
 
 
-# --- Posterior predictive check ---------------------------------------------------------------------
+# --- Posterior predictive check -------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,7 +149,8 @@ class PredictiveCheck:
     )
     p_fewer: FloatArray
     p_more: FloatArray
-    p_overall: float  # P(deviance of replicated counts >= deviance of the observed ones), both at the same draw
+    # P(deviance of replicated counts >= deviance of the observed ones), both at the same draw
+    p_overall: float
     p_overall_se: float  # its Monte Carlo standard error, counting draws as independent
 
     @property
@@ -211,9 +216,13 @@ class FitSummary:
 
     deviance: float
     degrees_of_freedom: int  # pairs less the free parameters
-    p_overall: float  # posterior predictive p-value of the deviance, and its Monte Carlo error, see :class:`PredictiveCheck`
+    # posterior predictive p-value of the deviance, and its Monte Carlo error, see
+    # :class:`PredictiveCheck`
+    p_overall: float
     p_overall_se: float
-    worst_p: float  # smallest two-sided posterior predictive p-value of a pair, not corrected for the number of pairs
+    # smallest two-sided posterior predictive p-value of a pair, not corrected for the number of
+    # pairs
+    worst_p: float
     worst_s1: float  # that pair, natural-log intensity, at its interval, seconds
     worst_s2: float
     worst_isi: float | None = None

@@ -26,7 +26,9 @@ from bayes_toe.model.distributions import Random
 from bayes_toe.model.posterior import SampledPosterior, Transform, require_defined
 
 _LEAST_SHARE = 1e-4  # of a component
-_BLOCK = 1024  # points done together: with some tens of components the temporary arrays stay in the processor's cache
+# points done together: with some tens of components the temporary arrays stay in the processor's
+# cache
+_BLOCK = 1024
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,8 +103,9 @@ class StudentMixture:
         Components that no longer hold any weight are dropped.
         """
         dim, n = x.shape[1], len(self.means)
-        # Moments are counted from the points' mean: a component that is kept is at most 100 of their standard deviations away, and
-        # what is subtracted below costs at most that squared in rounding errors, far less than the safeguard adds.
+        # Moments are counted from the points' mean: a component that is kept is at most 100 of
+        # their standard deviations away, and what is subtracted below costs at most that squared in
+        # rounding errors, far less than the safeguard adds.
         centre = weights @ x
         held, squares, moments = np.zeros(n), np.zeros(n), np.zeros((n, 1 + dim + dim * dim))
         for block in _blocks(len(x)):
@@ -115,7 +118,8 @@ class StudentMixture:
             moments += (shares / u) @ np.column_stack(
                 [np.ones(len(y)), y, _outer(y).reshape(len(y), -1)]
             )
-        # A component needs some points of its own for a covariance: the effective number behind its share.
+        # A component needs some points of its own for a covariance: the effective number behind its
+        # share.
         kept = (held > _LEAST_SHARE) & (held**2 > 3 * dim * squares)
         if not kept.any():
             return self
@@ -125,7 +129,8 @@ class StudentMixture:
             moments[:, dim + 1 :].reshape(-1, dim, dim) - moments[:, 0, None, None] * _outer(apart)
         ) / held[:, None, None]
         spread = weights @ np.square(x - centre)
-        # A thousandth of the overall spread is added, so that no component collapses onto a few points.
+        # A thousandth of the overall spread is added, so that no component collapses onto a few
+        # points.
         return StudentMixture(
             held / held.sum(), centre + apart, scales + 1e-3 * np.diag(spread), self.df
         )

@@ -16,13 +16,15 @@ from bayes_toe.inference.proposal import FittedProposal, Proposal, WeightedDraws
 from bayes_toe.model.posterior import SampledPosterior, require_defined
 from bayes_toe.seeds import stream
 
-#: Draws kept at least where quantiles are judged: with fewer, even independent ones leave long tails too uncertain.
+#: Draws kept at least where quantiles are judged: with fewer, even independent ones leave long
+#: tails too uncertain.
 _QUANTILE_DRAWS = 10_000
 _DISPERSION = 4.0  # starting points have this many times the posterior's variance
 _USUAL_BURN_IN = 5
 _BATCH = 1024  # draws made at once where those of the judging are used up
 _SAFE = 0.85  # of the largest error of a quantile: what the draws that are asked for aim at
-#: Efficiency of a proposal below which two draws of successive steps are worth less than one effective draw.
+#: Efficiency of a proposal below which two draws of successive steps are worth less than one
+#: effective draw.
 _SLOW = 0.86
 
 
@@ -111,7 +113,8 @@ class Chains:
     was burn-in. More draws of a sample that has converged mend a quantile that is `imprecise`.
     """
 
-    x: FloatArray  # (ensembles, draws, k): unconstrained coordinates, walker-major within an ensemble
+    # (ensembles, draws, k): unconstrained coordinates, walker-major within an ensemble
+    x: FloatArray
     log_posterior: FloatArray  # (ensembles, draws)
     acceptance: FloatArray  # (ensembles,): share of accepted proposals
     diagnostics: dict[str, Convergence]  # of every judged quantity
@@ -119,7 +122,9 @@ class Chains:
     steps: int
     converged: bool
     reason: str  # what was not reached; empty where converged
-    imprecise: str = ""  # the quantile that is not precise enough, and how many draws would do; empty where there is none
+    # the quantile that is not precise enough, and how many draws would do; empty where there is
+    # none
+    imprecise: str = ""
 
 
 def sample_chains(fitted: FittedProposal, settings: SamplerSettings, seed: int) -> Chains:
@@ -235,7 +240,8 @@ class _Ensemble(emcee.EnsembleSampler):  # type: ignore[misc]  # emcee has no ty
             vectorize=True,
             moves=mixed,
         )
-        # emcee ignores a seed or a Generator in silence; only the state of a RandomState reaches it.
+        # emcee ignores a seed or a Generator in silence; only the state of a RandomState reaches
+        # it.
         self.random_state = random.get_state()
         self._state = self._run(
             _dispersed(fitted, random, settings.walkers), burn_in(fitted), store=False
@@ -259,8 +265,8 @@ class _Ensemble(emcee.EnsembleSampler):  # type: ignore[misc]  # emcee has no ty
         return log_density, None
 
     def _run(self, state: Any, steps: int, **how: Any) -> Any:
-        # emcee refuses walkers that are close to one plane, where local moves stay. A posterior may be so thin (100 million trials), and
-        # global moves leave the plane.
+        # emcee refuses walkers that are close to one plane, where local moves stay. A posterior may
+        # be so thin (100 million trials), and global moves leave the plane.
         return self.run_mcmc(state, steps, skip_initial_state_check=True, **how)
 
 

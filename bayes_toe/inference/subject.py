@@ -61,7 +61,8 @@ FIT_COLUMNS = {
     "worst_isi": "worst_pair_isi",
     "p_deviance": "deviance_p",
 }
-#: Units of quantities that are no ln intensity; frequencies of pairs, q_1 and so on, have none either.
+#: Units of quantities that are no ln intensity; frequencies of pairs, q_1 and so on, have none
+#: either.
 _UNITS = {
     **dict.fromkeys(("gamma", "gain", "pull", "lapse_rate", "contraction"), "1"),
     **dict.fromkeys(("noise_slope", "criterion_slope"), "1 / ln intensity"),
@@ -111,7 +112,9 @@ class SubjectResult:
     """
 
     target: AnswerPosterior
-    efficiency: float  # and k-hat: how good the fitted proposal is; 1 and NaN where draws come from the posterior itself
+    # and k-hat: how good the fitted proposal is; 1 and NaN where draws come from the posterior
+    # itself
+    efficiency: float
     pareto_k: float
     evidence: Evidence | None
     chains: Chains | None

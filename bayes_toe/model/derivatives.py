@@ -9,7 +9,8 @@ import numpy as np
 from bayes_toe.arrays import FloatArray
 
 Gradient = Callable[[FloatArray], FloatArray]
-#: Steps in units of 1/sqrt abs H_ii: one-sided ones during a search, central ones where they are kept.
+#: Steps in units of 1/sqrt abs H_ii: one-sided ones during a search, central ones where they are
+#: kept.
 _SHORT, _LONG = 1e-6, 1e-4
 #: A curvature that is taken to be no smaller, and the smallest step over the coordinate.
 _FLAT, _FINEST = 1e-6, 1e-12

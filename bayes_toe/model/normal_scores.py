@@ -26,7 +26,8 @@ from bayes_toe.model.paper_equations import MAX_PULL
 
 #: Probits beyond which the logit stands for a pull or a lapse below the smallest float.
 FARTHEST = 37.0
-#: The coordinates that are logits, and a point (c, logit pull, log w, logit of the share) at which the density is 0.
+#: The coordinates that are logits, and a point (c, logit pull, log w, logit of the share) at which
+#: the density is 0.
 _LOGITS = (1, 3)
 _NO_DENSITY = (0.0, 0.0, 400.0, 0.0)
 
@@ -43,7 +44,8 @@ class Funnel:
     offset: float  # c_0, where the data put the offset
     log_precision: float  # of kappa, the data's precision of the offset at width w_0
     log_width: float  # of w_0
-    follows_width: bool  # whether that precision goes as 1/w^2; where several modes leave c open it does not depend on w
+    # whether that precision goes as 1/w^2; where several modes leave c open it does not depend on w
+    follows_width: bool
 
     @classmethod
     def at(cls, modes: FloatArray, slope: Gradient, mu1: Distribution, sbar: float) -> Funnel:
@@ -54,7 +56,8 @@ class Funnel:
         """
         best = modes[0]
         precision = -float(hessian(slope, best[None])[0, 0, 0])
-        # Where the likelihood is not concave in c the data say little of it: one width stands in for its spread.
+        # Where the likelihood is not concave in c the data say little of it: one width stands in
+        # for its spread.
         spread = np.exp(best[2]) if precision <= 0 else precision**-0.5
         # Several modes: the data leave c as open as the modes are apart.
         apart = float(modes[:, 0].std())

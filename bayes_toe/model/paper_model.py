@@ -81,7 +81,8 @@ from bayes_toe.model.prior import DEFAULT, Prior
 #: Its name in files and in the keys of its random streams.
 PAPER_MODEL = "predictive update"
 PRIOR_DRAWS = 100_000
-#: The just noticeable difference over the width: where P(equal) is half its peak, or P(second) 75 %.
+#: The just noticeable difference over the width: where P(equal) is half its peak, or P(second) 75
+#: %.
 _JND_OVER_WIDTH = {"q0": 1.0, "lapse_rate": float(ndtri(0.75))}
 #: Of G, in the width sigma_p G^power.
 _POWERS = {"q0": 1.5, "lapse_rate": 1.0}

@@ -16,7 +16,8 @@ from bayes_toe.model.distributions import Random
 
 #: The range of quantiles that :func:`contraction` compares.
 RANGE = (0.05, 0.95)
-#: Contraction below which a parameter is said to be dominated by its prior: a range narrowed by less than three tenths.
+#: Contraction below which a parameter is said to be dominated by its prior: a range narrowed by
+#: less than three tenths.
 DOMINATED = 0.5
 #: The order in which tables and figures name quantities.
 ORDER = (
@@ -33,9 +34,8 @@ class Names:
     natural: tuple[str, ...]  # what the model is written in
     identified: tuple[str, ...]  # what the answers depend on
     derived: tuple[str, ...] = ()  # further ones that tables report
-    monotone: tuple[
-        str, ...
-    ] = ()  # those that are a monotone function of a single other one, so that their ranks say nothing new
+    # Monotone functions of a single other one, so that their ranks say nothing new.
+    monotone: tuple[str, ...] = ()
 
     @property
     def reported(self) -> tuple[str, ...]:

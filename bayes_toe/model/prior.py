@@ -75,7 +75,8 @@ class Prior(PriorFields):
     #: The prior of the four models of the observer.
     observer: ObserverPrior = field(default_factory=ObserverPrior)
 
-    #: Family of every parameter, independent of the others; it takes the parameter's numbers in the order of their declaration.
+    #: Family of every parameter, independent of the others; it takes the parameter's numbers in the
+    #: order of their declaration.
     families: ClassVar[Mapping[str, Callable[..., Distribution]]] = {
         "mu1": Normal,
         "sigma_p": HalfNormal,

@@ -19,15 +19,16 @@ from bayes_toe.data.messages import bare, quoted, visible
 from bayes_toe.data.text_table import input_bytes
 from bayes_toe.errors import InputError
 
-#: A location moves a density, a scale stretches it, a shape does neither. Scales and shapes are positive and count in factors.
+#: A location moves a density, a scale stretches it, a shape does neither. Scales and shapes are
+#: positive and count in factors.
 Kind = Literal["location", "scale", "shape"]
 #: Beyond these a square would leave the range of floats.
 SMALLEST, LARGEST = 1e-100, 1e100
 LOG_INTENSITY = "natural-log intensity"
 #: What may stand for a number that a subject's stimuli give.
 STIMULI: Final = "stimuli"
-#: What that number is, in words, by its symbol: over the trials of a subject, M is the mean of all stimuli, R their standard deviation, D
-#: the root mean square of s2 - s1 over unequal pairs.
+#: What that number is, in words, by its symbol: over the trials of a subject, M is the mean of all
+#: stimuli, R their standard deviation, D the root mean square of s2 - s1 over unequal pairs.
 OF_STIMULI = {
     "M": "their mean",
     "2.5 R": "2.5 times their standard deviation",

@@ -1,8 +1,8 @@
 """What all figures share: colours, sizes, names and numbers as words, panels, legends.
 
-Functions take Axes or make a Figure of their own, return it, never show it and never touch global settings. Colours keep the
-paper's meaning in a palette safe for colour-blind readers: red weaker stimulus first, blue stronger first, grey equal stimuli;
-markers differ too.
+Functions take Axes or make a Figure of their own, return it, never show it and never touch global
+settings. Colours keep the paper's meaning in a palette safe for colour-blind readers: red weaker
+stimulus first, blue stronger first, grey equal stimuli; markers differ too.
 """
 
 from __future__ import annotations
@@ -26,7 +26,8 @@ POSTERIOR = "#0072B2"
 BELIEF = "#4B3B8F"
 #: What is wrong, and bands behind what is drawn.
 BAD, BAND = "#C00000", "#EDEDED"
-#: Inches of one and of two columns of a journal's page; points of small and of ordinary letters on it.
+#: Inches of one and of two columns of a journal's page; points of small and of ordinary letters on
+#: it.
 COLUMN, PAGE = 85.0 / 25.4, 175.0 / 25.4
 SMALL, LETTERS = 7.0, 8.0
 #: Subjects beyond which figures of a study sort them and name none; inches of such a panel.
@@ -80,7 +81,7 @@ ORDERS = {
 }
 
 
-# --- words --------------------------------------------------------------------------------------------------------------------------
+# --- words ----------------------------------------------------------------------------------------
 
 
 def plain(name: str, limit: int = 32) -> str:
@@ -116,7 +117,7 @@ def any_characters() -> Iterator[None]:
         yield
 
 
-# --- panels -------------------------------------------------------------------------------------------------------------------------
+# --- panels ---------------------------------------------------------------------------------------
 
 
 def new_figure(
@@ -184,7 +185,7 @@ def draw_band(
     ax.plot(x, values.mean(axis=0), color=colour, lw=line, label=label)
 
 
-# --- legends ------------------------------------------------------------------------------------------------------------------------
+# --- legends --------------------------------------------------------------------------------------
 
 
 def legend_below(
@@ -206,7 +207,10 @@ def legend_below(
 
 
 def legend_above(ax: Axes, *, columns: int = 1, title: str | None = None) -> None:
-    """One legend for a panel, above it, in small letters, perhaps with words over it; estimates with error bars come first."""
+    """One legend for a panel, above it, in small letters, perhaps with words over it.
+
+    Estimates with error bars come first.
+    """
     handles, labels = zip(*_main_first(ax), strict=True)
     place: dict[str, Any] = {
         "loc": "lower center",

@@ -50,7 +50,8 @@ _SHADOWS = 40  # draws whose priors are shown behind the central one
 def central(draws: Draws, subject: str) -> Mapping[str, float]:
     """One point in the middle of a subject's draws: medians of the identified coordinates, as quantities by name.
 
-    Medians of the natural parameters themselves need not lie together where mu_1 and gamma trade off.
+    Medians of the natural parameters themselves need not lie together where mu_1 and gamma trade
+    off.
     """
     points = draws.points(subject)
     found = draws.posterior(subject).quantities(
@@ -62,9 +63,10 @@ def central(draws: Draws, subject: str) -> Mapping[str, float]:
 def answers_axes(counts: Subject, curve: Curve, ax: Axes, *, size: float = 4.0) -> Axes:
     """Answers in both orders over the stronger stimulus, with fitted curves: posterior mean, central 50 % and 95 % bands.
 
-    Points, of so many points: Laplace estimator and its standard deviation (Eq. e:2b). Stars: the orders differ (exact test, Holm over the
-    subject's comparisons). Source: Fig. 3, upper row; colours as in the text and Fig. 1C, those of the caption's circles are swapped.
-    Of 'which is stronger' over s2 - s1 by the first stimulus, without stars.
+    Points, of so many points: Laplace estimator and its standard deviation (Eq. e:2b). Stars: the
+    orders differ (exact test, Holm over the subject's comparisons). Source: Fig. 3, upper row;
+    colours as in the text and Fig. 1C, those of the caption's circles are swapped. Of 'which is
+    stronger' over s2 - s1 by the first stimulus, without stars.
     """
     reference = main_weaker(counts)
     low = float(min(counts.s1.min(), counts.s2.min())) if reference is None else reference

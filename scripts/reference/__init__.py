@@ -1,1 +1,4 @@
-"""Deterministic integration and hard cases: what inference is checked against; no module of the package uses them."""
+"""Deterministic integration and hard cases: what inference is checked against.
+
+No module of the package uses them.
+"""

@@ -1,10 +1,12 @@
 """Calibration of posteriors and evidences on data from known observers, by the steps that `bayes-toe sample` and `evidence` take.
 
-Posteriors (simulation-based calibration): a subject drawn from the prior answers the trials of a design, the answers are analysed, and the
-true value of each quantity is ranked among its stored draws. Where everything is right, from the trials to the file, ranks are uniform.
+Posteriors (simulation-based calibration): a subject drawn from the prior answers the trials of a
+design, the answers are analysed, and the true value of each quantity is ranked among its stored
+draws. Where everything is right, from the trials to the file, ranks are uniform.
 
-Evidence: data sets from the predictive update (H1) or from free frequencies (H0), each with probability one half. Where everything is
-right, of the data sets with posterior probability P(H1 | data) near p a share p came from H1.
+Evidence: data sets from the predictive update (H1) or from free frequencies (H0), each with
+probability one half. Where everything is right, of the data sets with posterior probability P(H1 |
+data) near p a share p came from H1.
 """
 
 from __future__ import annotations
@@ -66,7 +68,8 @@ DRAWS = 1000
 #: Probability of any false alarm among all ranked quantities of all designs.
 FALSE_ALARM = 0.01
 
-#: By estimator of the log Bayes factor H1 - H0, its columns of the evidence table, and what these are; the first is the default.
+#: By estimator of the log Bayes factor H1 - H0, its columns of the evidence table, and what these
+#: are; the first is the default.
 ESTIMATORS = {
     "importance sampling": ("h1", "h0", "the default: H1 by importance sampling, H0 exactly"),
     "Laplace, identified": (
@@ -97,10 +100,12 @@ ESTIMATORS = {
 }
 DEFAULT = next(iter(ESTIMATORS))
 ABOUT = {name: words for name, (*_, words) in ESTIMATORS.items()}
-#: One row a study: true parameters, and the share of draws below the true value of each quantity, in 0..1, made continuous by drawing
-#: within the place that the truth takes among them; what sampling did not reach, empty where it converged.
+#: One row a study: true parameters, and the share of draws below the true value of each quantity,
+#: in 0..1, made continuous by drawing within the place that the truth takes among them; what
+#: sampling did not reach, empty where it converged.
 RANK_COLUMNS = ("design", "subject", *(f"true_{name}" for name in NATURAL), *RANKED, "shortfall")
-#: One row a data set: where it came from, and its log Bayes factor by every estimator, nats; NaN where there is none.
+#: One row a data set: where it came from, and its log Bayes factor by every estimator, nats; NaN
+#: where there is none.
 SET_COLUMNS = ("design", "data_set", "from", *ESTIMATORS)
 Row = dict[str, object]
 
@@ -137,7 +142,9 @@ class Job:
     with_evidence: bool
     settings: Settings
     truth: Prior | None = (
-        None  # what observers are drawn from, if not the prior of the analysis: tests analyse under another one
+        # what observers are drawn from, if not the prior of the analysis: tests analyse under
+        # another one
+        None
     )
 
 
@@ -173,7 +180,8 @@ def calibrate(
 ) -> Calibration:
     """Simulate data of known origin, analyse them as usual, and judge whether posteriors and evidences are calibrated.
 
-    Studies and data sets are those of :class:`Plan`; 0 leaves the ranks, or the evidence, out. Without a seed fresh entropy, stored there.
+    Studies and data sets are those of :class:`Plan`; 0 leaves the ranks, or the evidence, out.
+    Without a seed fresh entropy, stored there.
     """
     plan = Plan(studies, data_sets, root_seed(seed))
     jobs = list(jobs_of(plan, calibration_settings(plan.seed)))
@@ -237,7 +245,10 @@ def work(job: Job) -> tuple[Row, Row]:
 
 
 def observed(job: Job) -> tuple[Subject, Natural | None]:
-    """The subject's answers and, under H1, the observer that gave them; streams are keyed by seed and name."""
+    """The subject's answers and, under H1, the observer that gave them.
+
+    Streams are keyed by seed and name.
+    """
     design, seed, name = reference_design(batches=DESIGNS[job.design]), job.settings.seed, job.name
     rng = generator(seed, name, "observer")
     if job.from_h1:
@@ -261,7 +272,8 @@ def log_bayes_factors(row: SubjectEvidence) -> dict[str, float]:
 def ranks_of(draws: Draws, subject: Subject, theta: Natural, seed: int) -> Row:
     """Where the true parameters of a subject lie among its draws."""
     name, rng = subject.name, generator(seed, subject.name, "rank")
-    # Of each walker its last draw: walkers of a converged sample move every few steps, so these are as good as independent.
+    # Of each walker its last draw: walkers of a converged sample move every few steps, so these are
+    # as good as independent.
     last = np.flatnonzero(np.diff(draws.group("posterior")["walker"].values, append=-1))
     stored = Natural(*(values[:, last].ravel() for values in draws.natural(name)))
     truth, among = ranked_quantities(subject, theta), ranked_quantities(subject, stored)

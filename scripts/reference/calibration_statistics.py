@@ -1,11 +1,14 @@
 """How calibration is judged: whether ranks are uniform, and whether stated probabilities mean what they say.
 
-Ranks: at a point z the count of n uniform numbers below it is Binomial(n, z). A band cuts the same tail probability t off every one of
-these, and t is such that the whole function stays inside with the stated probability. That probability is exact: counts at successive
-points are sums of Poisson numbers given their total, so it takes one convolution a point. Source: Sailynoja, Buerkner and Vehtari (2022).
+Ranks: at a point z the count of n uniform numbers below it is Binomial(n, z). A band cuts the same
+tail probability t off every one of these, and t is such that the whole function stays inside with
+the stated probability. That probability is exact: counts at successive points are sums of Poisson
+numbers given their total, so it takes one convolution a point. Source: Sailynoja, Buerkner and
+Vehtari (2022).
 
-Probabilities: the expected calibration error is not 0 even where every probability is right, because frequencies in bins scatter. Its floor
-is what right probabilities would show: answers are drawn anew from the stated probabilities themselves.
+Probabilities: the expected calibration error is not 0 even where every probability is right,
+because frequencies in bins scatter. Its floor is what right probabilities would show: answers are
+drawn anew from the stated probabilities themselves.
 """
 
 from __future__ import annotations
@@ -70,7 +73,9 @@ def band(size: int, level: float) -> Band:
 
 
 def place(truth: float, among: FloatArray, rng: np.random.Generator) -> float:
-    """The place of the truth among draws, in 0..1; ties are broken at random, and so is the position within the place.
+    """The place of the truth among draws, in 0..1.
+
+    Ties are broken at random, and so is the position within the place.
 
     Source: Talts et al. (2018).
     """
@@ -114,7 +119,7 @@ def _cut(size: int, log_tail: float) -> Band:
     return Band(size, lower.astype(np.int64), upper.astype(np.int64))
 
 
-# --- probabilities ------------------------------------------------------------------------------------------------------------------
+# --- probabilities --------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,11 +138,13 @@ class Reliability:
     """How good stated probabilities are."""
 
     count: int
-    error: float  # expected calibration error: mean over statements of |observed - stated| of their bin
+    # expected calibration error: mean over statements of |observed - stated| of their bin
+    error: float
     floor: float  # its mean for right probabilities
     p_value: float  # share of simulations of right probabilities with an error as large
     brier: float  # mean square of probability minus truth
-    log_score: float  # mean of minus the log probability given to what was true, nats; infinite where that was 0
+    # mean of minus the log probability given to what was true, nats; infinite where that was 0
+    log_score: float
     unsure: float  # share of statements between 0.02 and 0.98: the others hardly test anything
 
     @property

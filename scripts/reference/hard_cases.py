@@ -1,6 +1,9 @@
-"""Named subjects on which inference for this model is hard; shared by the tests, the benchmark and the documentation.
+"""Named subjects on which inference for this model is hard.
 
-All are made, none is anybody's data. Counts that come from a model observer are the rounded expected counts, so a case has no seed.
+Shared by the tests, the benchmark and the documentation.
+
+All are made, none is anybody's data. Counts that come from a model observer are the rounded
+expected counts, so a case has no seed.
 """
 
 from __future__ import annotations
@@ -80,7 +83,10 @@ def _observer(
 
 
 def _many_pairs() -> Subject:
-    """20 x 20 pairs, 3 trials each; counts are expected counts rounded by a golden-ratio sequence, so they vary without a seed."""
+    """20 x 20 pairs, 3 trials each.
+
+    Counts are expected counts rounded by a golden-ratio sequence, so they vary without a seed.
+    """
     grid = np.linspace(0.0, 0.6, 20)
     s1, s2 = (side.ravel() for side in np.meshgrid(grid, grid, indexing="ij"))
     q = equal_probability(s1, s2, -0.4, 0.25, 0.25 * np.sqrt(0.3), 0.9)

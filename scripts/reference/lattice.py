@@ -20,7 +20,8 @@ _BATCH = 4096  # lattice points whose inner integrals are done together
 class Lattice:
     """Lattice points outer = origin + (step * index) @ basis.T that matter, and the inner integral at each.
 
-    The rows of `columns`: log of the integral and of its error, mean and standard deviation of c, guess of the latter for neighbours.
+    The rows of `columns`: log of the integral and of its error, mean and standard deviation of c,
+    guess of the latter for neighbours.
     """
 
     inner: Inner

@@ -23,7 +23,8 @@ LEVELS = (0.05, 0.5, 0.95)
 class _AlongLattice:
     """P(u < threshold), under signed weights, of a quantity u that grows by one unit with the coordinate of one lattice direction.
 
-    `own_error` is the error along that direction, as a probability; `others` are the characters that add to it.
+    `own_error` is the error along that direction, as a probability; `others` are the characters
+    that add to it.
     """
 
     def __init__(self, audit: Audit, direction: int, u: FloatArray) -> None:
@@ -76,7 +77,10 @@ _Cumulative = _AlongLattice | _AlongPanels
 
 
 class Quantiles(NamedTuple):
-    """Quantiles of mu1 - sbar, sigma_p, sigma_l, q0, gain and their errors, (5, 3); error along each direction in sds, (3,)."""
+    """Quantiles of mu1 - sbar, sigma_p, sigma_l, q0, gain and their errors, (5, 3).
+
+    Error along each direction in sds, (3,).
+    """
 
     values: FloatArray
     errors: FloatArray

@@ -19,7 +19,8 @@ _SHELL = 2.0  # nats: thickness of the outermost shell whose weight bounds what 
 class Audit:
     """Normalised weights of the lattice points, shape (nodes,), moments, and the errors of both.
 
-    `worst` is the error along each lattice direction, `outside` a bound in its units for what lies outside.
+    `worst` is the error along each lattice direction, `outside` a bound in its units for what lies
+    outside.
     """
 
     def __init__(self, lattice: Lattice, depth: float) -> None:
@@ -34,14 +35,16 @@ class Audit:
         self.means = self.weight @ first
         central = second - first**2 + (first - self.means) ** 2
         self.sds = np.sqrt(self.weight @ central)
-        # The columns whose sums are reported: 1, theta - mean, and (theta - mean)^2 - variance, the latter two in units of sd.
+        # The columns whose sums are reported: 1, theta - mean, and (theta - mean)^2 - variance, the
+        # latter two in units of sd.
         scaled = [
             np.ones(len(outer))[:, None],
             (first - self.means) / self.sds,
             0.5 * (central / self.sds**2 - 1.0),
         ]
         columns = np.column_stack(scaled)
-        #: Of the weighted sums of the columns: along the 7 characters of the lattice, outside, and inside; (9, columns).
+        #: Of the weighted sums of the columns: along the 7 characters of the lattice, outside, and
+        #: inside; (9, columns).
         rows = [np.abs((self.weight * self.sign(e)) @ columns) for e in CHARACTERS]
         outside = self.weight[self.shell] @ np.abs(columns[self.shell])
         self.errors = np.stack([*rows, outside, np.full(columns.shape[1], self.panel_error)])

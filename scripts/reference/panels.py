@@ -14,7 +14,8 @@ from bayes_toe.errors import NumericalError
 from bayes_toe.model.paper_equations import MAX_PULL, Natural
 
 _DROP = 18.0  # nats below its own maximum at which an inner integral ends
-_SHARP = 3.0  # nats by which the points fall about a local maximum, above which they may miss its top by 1 nat
+# nats by which the points fall about a local maximum, above which they may miss its top by 1 nat
+_SHARP = 3.0
 _ROWS = 1 << 18  # points of one call of the log density
 _ORDER = 16
 _EDGES = np.array([-7.0, -3.5, 0.0, 3.5, 7.0])
@@ -98,7 +99,10 @@ class Inner:
     def lines(
         self, outer: FloatArray, centre: FloatArray, scale: FloatArray, floor: float
     ) -> Lines:
-        """Integrals at outer (nodes, 3); centre and scale are guesses; floor is the log of a mass too small to be exact about."""
+        """Integrals at outer (nodes, 3); centre and scale are guesses.
+
+        Floor is the log of a mass too small to be exact about.
+        """
         panels = self._cut(outer, self._window(outer, centre, scale))
         finished: list[Panels] = []
         for halvings in range(60):
@@ -172,8 +176,9 @@ class Inner:
     ) -> tuple[FloatArray, FloatArray]:
         """How far the window must reach at least, left and right: past every hump that a probe finds outside it.
 
-        The likelihood has its humps in c within a few widths of where distances vanish; 17 points there show each as a rise and a fall,
-        however narrow it is. The window's own hump takes part as one more point.
+        The likelihood has its humps in c within a few widths of where distances vanish; 17 points
+        there show each as a rise and a fall, however narrow it is. The window's own hump takes part
+        as one more point.
         """
         n = len(outer)
         if not len(self._steps):
@@ -226,14 +231,18 @@ class Inner:
 
 
 def _outermost(values: FloatArray, side: int) -> FloatArray:
-    """Highest value among the last points on a side, (nodes,); values (nodes, points) are in order of c."""
+    """Highest value among the last points on a side, (nodes,).
+
+    Values (nodes, points) are in order of c.
+    """
     return np.asarray((values[:, :6] if side < 0 else values[:, -6:]).max(axis=1))
 
 
 def _sharpness(values: FloatArray) -> FloatArray:
     """How far each row falls on both sides of its local maxima within three points, nats; -1 where there is no maximum.
 
-    Three, because the top may lie half-way between two equal points; ends count as if what is beyond were mirrored.
+    Three, because the top may lie half-way between two equal points; ends count as if what is
+    beyond were mirrored.
     """
     padded = np.column_stack([values[:, [2, 1]], values, values[:, [-2, -3]]])
     with np.errstate(invalid="ignore"):

@@ -5,15 +5,18 @@ The integral over x = (c, a, b, l), with a = logit(p/p_max), b = log w, l = logi
 inside   g(a, b, l) = \int exp(log posterior) dc: adaptive Clenshaw-Curtis panels, so that the funnel (the spread of c shrinks with
          p) and several humps in c cost more panels and nothing else;
 outside  Z = h_1 h_2 h_3 |L| sum_k g(o + L (h k)): the trapezoidal rule, whose error falls exponentially because g is smooth and
-         decays on the whole space, on a sheared lattice (L lower triangular, the local shape of g at its highest point). Only
-         points with g > e^-depth max g are kept; they are found by walking from neighbour to neighbour, from every maximum.
+         decays on the whole space, on a sheared lattice (L lower triangular, the local shape of g
+         at its highest point). Only points with g > e^-depth max g are kept; they are found by
+         walking from neighbour to neighbour, from every maximum.
 
-Quantiles use the same two representations: along a lattice direction the integral of the band-limited interpolant, whose
-cumulative weight is S(x) = 1/2 + Si(pi x)/pi, and along c the integral of the panels' polynomials.
+Quantiles use the same two representations: along a lattice direction the integral of the
+band-limited interpolant, whose cumulative weight is S(x) = 1/2 + Si(pi x)/pi, and along c the
+integral of the panels' polynomials.
 
-Errors are measured, not assumed, and add up from: the sums with alternating signs along every lattice direction and diagonal (what
-halving the number of points would change), the outermost shell of 2 nats (what moving the limits in would change), and the panels'
-difference between 17 and 9 points. Each is the error of a coarser rule than the one whose value is returned.
+Errors are measured, not assumed, and add up from: the sums with alternating signs along every
+lattice direction and diagonal (what halving the number of points would change), the outermost shell
+of 2 nats (what moving the limits in would change), and the panels' difference between 17 and 9
+points. Each is the error of a coarser rule than the one whose value is returned.
 """
 
 from __future__ import annotations
@@ -42,10 +45,13 @@ _DEPTH, _DEEPER = (
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """Evidence (log, nats) and posterior moments by quadrature; every error is an estimate from above.
+    """Evidence (log, nats) and posterior moments by quadrature.
 
-    Moments are of :data:`QUANTITIES`, shape (5,): mu1, sigma_p, sigma_l (natural-log units), q0 and the Kalman gain; quantiles at 5, 50 and
-    95 %, shape (5, 3); evaluations are points at which the log density was computed.
+    Every error is an estimate from above.
+
+    Moments are of :data:`QUANTITIES`, shape (5,): mu1, sigma_p, sigma_l (natural-log units), q0 and
+    the Kalman gain; quantiles at 5, 50 and 95 %, shape (5, 3); evaluations are points at which the
+    log density was computed.
     """
 
     log_evidence: float
@@ -62,8 +68,9 @@ class Reference:
 def integrate(posterior: Density, *, tolerance: float = TOLERANCE) -> Reference:
     """Integrate a posterior until the estimated errors meet the tolerance, or the lattice has 600,000 points.
 
-    A posterior is anything with `sbar`, `log_density` and `natural`; the tolerance is that of the log evidence, nats: means and standard
-    deviations may have 10 times that in units of the posterior sd. The errors that were reached are in the result.
+    A posterior is anything with `sbar`, `log_density` and `natural`; the tolerance is that of the
+    log evidence, nats: means and standard deviations may have 10 times that in units of the
+    posterior sd. The errors that were reached are in the result.
     """
     lattice = start(posterior, tolerance)
     depth = _DEPTH

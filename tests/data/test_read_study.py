@@ -73,7 +73,7 @@ def content(study):
     }
 
 
-# --- What is read -----------------------------------------------------------------------------------
+# --- What is read ---------------------------------------------------------------------------------
 
 AMPLITUDES = "subject,i1,i2,response\n"
 ONE = {"a": [(0.0, 0.0, 1, 1)]}
@@ -82,7 +82,8 @@ ONE = {"a": [(0.0, 0.0, 1, 1)]}
 @pytest.mark.parametrize(
     ("data", "options", "expected"),
     [
-        # Grouped by subject and ordered pair; subjects in order of first appearance, also in rows without an answer.
+        # Grouped by subject and ordered pair; subjects in order of first appearance, also in rows
+        # without an answer.
         (
             TRIALS + "b,0.1,0.3,equal\nb,0.1,0.3,different\na,0,0,different\n",
             {},
@@ -113,7 +114,8 @@ ONE = {"a": [(0.0, 0.0, 1, 1)]}
             (f"{TRIALS}a,0,0,{text}\n", {}, {"a": [(0.0, 0.0, 0, 1)]})
             for text in ("different", "Different")
         ),
-        # Cells and headers are stripped; blank rows and other columns, also repeated ones, are ignored.
+        # Cells and headers are stripped; blank rows and other columns, also repeated ones, are
+        # ignored.
         (' subject , s1,"s2 ",response \n a , 0 ,\t0.5, "equal "\n', {}, {"a": [(0.0, 0.5, 1, 1)]}),
         ('x,subject,s1,,x,s2,response,\n\n1,a,0,,"free, text",0,equal,\n  \n,,,,,,,\n,\n', {}, ONE),
         ("subject;s1;s2;response;a,b,c,d,e,f,g\na;0;0;equal;y\n", {}, ONE),
@@ -123,7 +125,8 @@ ONE = {"a": [(0.0, 0.0, 1, 1)]}
             {"a": [(0.0, 0.0, 2, 3)]},
         ),
         ("block,s1,s2,response\na,0,0,equal\n", {"columns": {"subject": "block"}}, ONE),
-        # Codes are exact; one leaves the default words of the other side; one is never also read as its opposite.
+        # Codes are exact; one leaves the default words of the other side; one is never also read as
+        # its opposite.
         (
             f"{TRIALS}a,0,0,f\na,0,0, J \n",
             {"equal_code": "f", "different_code": "J"},
@@ -144,7 +147,8 @@ ONE = {"a": [(0.0, 0.0, 1, 1)]}
             {"equal_code": "None"},
             {"a": [(0.0, 0.0, 1, 2)]},
         ),
-        # Stimuli in both units are chosen by the option; columns may be swapped; the reference itself is exactly 0.
+        # Stimuli in both units are chosen by the option; columns may be swapped; the reference
+        # itself is exactly 0.
         ("subject,s1,s2,i1,i2,response\na,0,0,7,8,equal\n", {}, ONE),
         ("subject,s1,s2,i1,i2,response\na,7,8,0.087,0.087,equal\n", {"intensity": 0.087}, ONE),
         (
@@ -281,7 +285,7 @@ def test_synthetic_column(marks, synthetic):
     assert any("synthetic" in note for note in study.notes) is ("1" in marks or synthetic)
 
 
-# --- Answers in their order ---------------------------------------------------------------------------
+# --- Answers in their order -----------------------------------------------------------------------
 
 
 def test_blocks_and_trials_are_kept_in_order_beside_the_counts():
@@ -393,7 +397,7 @@ def test_columns_that_nobody_reads_are_told_by_name():
     )
 
 
-# --- Several files --------------------------------------------------------------------------------------
+# --- Several files --------------------------------------------------------------------------------
 
 
 def test_a_file_that_is_a_copy_of_another_is_told(tmp_path):
@@ -431,7 +435,7 @@ def test_of_several_files_the_problems_of_the_first_are_all_told_and_the_other_f
         assert refusal.value.problems[-1] == last
 
 
-# --- Options --------------------------------------------------------------------------------------------
+# --- Options --------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -487,7 +491,7 @@ def test_parse_columns_refuses(text, found):
     )
 
 
-# --- Dialects -----------------------------------------------------------------------------------------
+# --- Dialects -------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -512,7 +516,7 @@ def test_dialects(codec, label, end, delimiter, name):
     )
 
 
-# --- Files of other labs ------------------------------------------------------------------------------
+# --- Files of other labs --------------------------------------------------------------------------
 
 
 def test_names_that_are_alike_are_read_and_noted():
@@ -645,7 +649,7 @@ def test_codes_may_be_numbers_as_in_a_data_frame():
         assert content(read(rows, second_code=code)) == {"a": [(0.0, 0.3, 1, 1), (0.3, 0.0, 0, 1)]}
 
 
-# --- Refusals -----------------------------------------------------------------------------------------
+# --- Refusals -------------------------------------------------------------------------------------
 
 NUMBER = "a finite number"
 WHOLE = "a whole number from 0 to 2**53, without thousands separators"
@@ -948,9 +952,10 @@ def test_unreadable_paths(tmp_path, monkeypatch):
         read_study((tmp_path / "file.txt").rename(tmp_path / "study.csv"))
 
 
-# --- Properties ---------------------------------------------------------------------------------------------
+# --- Properties -----------------------------------------------------------------------------------
 
-# No bare carriage return: the csv module of Python before 3.13 writes it without quotes, which ends a row.
+# No bare carriage return: the csv module of Python before 3.13 writes it without quotes, which ends
+# a row.
 _names = (
     st.text(min_size=1, max_size=8)
     .map(str.strip)

@@ -147,7 +147,7 @@ def test_draws_from_before_these_numbers_keep_their_prior():
         assert draws.prior == expected
 
 
-# --- the unit of time -----------------------------------------------------------------------------------------------------------------
+# --- the unit of time -----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("seconds", [0.05, 3.0])

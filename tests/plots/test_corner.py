@@ -132,7 +132,8 @@ def test_words_and_ticks_are_clear_of_the_panels_and_of_each_other(analysis, nam
     )
     labelled = [label for ax in axes[-1] for label in ax.get_xticklabels()]
     at = [label.get_transform().transform(label.get_position())[0] for label in labelled]
-    # Labels at 45 degrees touch where their ticks are nearer than a line's height times the root of 2.
+    # Labels at 45 degrees touch where their ticks are nearer than a line's height times the root of
+    # 2.
     assert np.diff(at).min() > labelled[0].get_fontsize() * figure.dpi / 72 * 1.42
     assert all(2 <= len(ax.get_xticks()) <= 6 for ax in axes[-1])
 
@@ -189,7 +190,7 @@ def test_quantities_of_every_model_have_a_label_and_a_support(small_study, name)
     assert support(target, "q0") == (0.0, 1.0)
 
 
-# --- several subjects in the same panels -------------------------------------------------------------------------------------------
+# --- several subjects in the same panels ----------------------------------------------------------
 
 
 def test_several_subjects_share_their_panels(analysis):
@@ -250,7 +251,7 @@ def test_two_processes_may_import_arviz_for_the_first_time_of_a_day(tmp_path):
     assert (done.stdout.split(), done.stderr) == (["corner", "True"], "")
 
 
-# --- the four models of the observer ------------------------------------------------------------------------------------------------
+# --- the four models of the observer --------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
