@@ -113,7 +113,8 @@ def updated(document: str) -> str:
         }
         if None in said.values():
             raise SystemExit(
-                f"{OUTPUT.name}: {name}: nothing says what these mean: {', '.join(key for key in said if said[key] is None)}"
+                f"{OUTPUT.name}: {name}: nothing says what these mean: "
+                f"{', '.join(key for key in said if said[key] is None)}"
             )
         sections[place] = (
             before

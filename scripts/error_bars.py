@@ -203,7 +203,8 @@ def page(table: pd.DataFrame, file: str, is_order: bool) -> str:
     """The table as Markdown, what it shows, and single estimates that are far off."""
     bad, seeds = table.loc[~table["honest"], "case"], int(table["seeds"].iloc[0])
     far = ", ".join(
-        f"{row.case} ({row.largest_z:.1f} standard errors, about {row.largest_z * row.median_se:.2f} nat)"
+        f"{row.case} ({row.largest_z:.1f} standard errors, about "
+        f"{row.largest_z * row.median_se:.2f} nat)"
         for row in table[table["largest_z"] > 5.0].itertuples()
     )
     far_line = ""

@@ -28,7 +28,8 @@ def launched():
             opened = playwright.chromium.launch(executable_path=found, args=["--no-sandbox"])
         except sync_api.Error as error:
             pytest.skip(
-                f"no browser: none of {', '.join(BROWSERS)} on the path, nor Playwright's own ({str(error).splitlines()[0]})"
+                f"no browser: none of {', '.join(BROWSERS)} on the path, nor Playwright's own "
+                f"({str(error).splitlines()[0]})"
             )
         yield opened
         opened.close()

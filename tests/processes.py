@@ -104,7 +104,8 @@ def save_on_a_full_disk(source, target, room):
     With -B: Python would leave libraries half compiled, in which nobody could load them any more.
     """
     saves = (
-        "import resource, sys, bayes_toe as bt; draws = bt.load(sys.argv[1]); room = int(sys.argv[3]); "
+        "import resource, sys, bayes_toe as bt; draws = bt.load(sys.argv[1]); room = "
+        "int(sys.argv[3]); "
         "resource.setrlimit(resource.RLIMIT_FSIZE, (room, room)); draws.save(sys.argv[2])"
     )
     ended = subprocess.run(

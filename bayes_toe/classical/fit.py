@@ -117,7 +117,8 @@ class Bootstrap:
         limits = zip(self.fitted.names, self.fitted.parameters[0], self.intervals(), strict=True)
         if outside := [name for name, value, (low, high) in limits if value < low or value > high]:
             found.append(
-                f"outside its own 95 % interval: {', '.join(outside)}, because replicates are of smoothed frequencies"
+                f"outside its own 95 % interval: {', '.join(outside)}, because replicates are of "
+                "smoothed frequencies"
             )
         return tuple(found)
 

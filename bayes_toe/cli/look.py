@@ -90,7 +90,8 @@ def read_truth(path: Path, draws: Sequence[bt.Draws], subjects: Sequence[str]) -
     }
     if not any(found.get(name) for name in subjects):
         raise bt.InputError(
-            f"{bare(path.name)}: found no true values of {listed([*map(quoted, subjects)], 3)}, allowed: a row of each"
+            f"{bare(path.name)}: found no true values of {listed([*map(quoted, subjects)], 3)}, "
+            "allowed: a row of each"
         )
     return found
 
@@ -173,7 +174,8 @@ def _quantities(
         return "natural" if coordinates is None else coordinates
     if coordinates is not None:
         raise bt.InputError(
-            f"--parameters {parameters}: found --coordinates {coordinates} too, allowed: one of them"
+            f"--parameters {parameters}: found --coordinates {coordinates} too, allowed: one of "
+            "them"
         )
     names, allowed = (
         tuple(name.strip() for name in parameters.split(",")),
@@ -182,7 +184,8 @@ def _quantities(
     wrong = [name for name in names if name not in allowed or names.count(name) > 1]
     if wrong:
         raise bt.InputError(
-            f"--parameters {parameters}: found {quoted(wrong[0])}, allowed: each once, of {', '.join(allowed)}"
+            f"--parameters {parameters}: found {quoted(wrong[0])}, allowed: each once, of "
+            f"{', '.join(allowed)}"
         )
     return names
 

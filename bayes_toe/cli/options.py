@@ -240,6 +240,7 @@ class StudyFile:
         study = read_study([path for paths in found for path in paths], options)
         if asked not in (None, study.task):
             raise InputError(
-                f"--task: found {self.question!r}, allowed: {study.task.name!r}, which the answers in {study.source} are of"
+                f"--task: found {self.question!r}, allowed: {study.task.name!r}, which the answers "
+                f"in {study.source} are of"
             )
         return changed(study, self.swap or (), self.exclude or ())

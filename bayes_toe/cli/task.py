@@ -149,7 +149,8 @@ class Task:
         found = 0 if self.resume else count_stored(folder)
         if found and not self.overwrite:
             raise OutputError(
-                f"{shown(folder)}: found {found} results of a stopped command, go on with --resume or begin anew with --overwrite"
+                f"{shown(folder)}: found {found} results of a stopped command, go on with --resume "
+                "or begin anew with --overwrite"
             )
         if found:
             discard(folder)
@@ -190,7 +191,8 @@ class Task:
         for file in files:
             if file.resolve() in read:
                 raise InputError(
-                    f"{file}: this command reads that file, allowed: another --output, whose files leave it as it is"
+                    f"{file}: this command reads that file, allowed: another --output, whose files "
+                    "leave it as it is"
                 )
 
     def write(self, made: Mapping[Path, Callable[[Path], object]], *others: Path) -> None:

@@ -88,7 +88,8 @@ class Answers:
             return np.ones(len(self.n_trials), np.bool_)
         if self.block is None:
             raise InputError(
-                "found no column block, allowed: all answers of the subject, or a column with --columns block=NAME"
+                "found no column block, allowed: all answers of the subject, or a column with "
+                "--columns block=NAME"
             )
         unknown = [quoted(one) for one in blocks if one not in self.blocks]
         if unknown:
@@ -153,7 +154,8 @@ def counted_rows(
             )
         if np.sum(np.abs(values), dtype=np.float64) > LARGEST_COUNT:
             raise InputError(
-                f"subject {name!r}: {key} must add up to no more than 2**53 (larger counts are not exact)"
+                f"subject {name!r}: {key} must add up to no more than 2**53 (larger counts are not "
+                "exact)"
             )
     try:
         columns = [np.asarray(key, np.float64).ravel() for key in keys if key is not None]
@@ -162,7 +164,8 @@ def counted_rows(
     k, n = (values.astype(np.int64) for values in counts.values())
     if any(len(values) != len(k) for values in (*columns, n)):
         raise InputError(
-            f"subject {name!r}: {', '.join(KEYS[: len(columns)])}, n_yes and n_trials must be of one length"
+            f"subject {name!r}: {', '.join(KEYS[: len(columns)])}, n_yes and n_trials must be of "
+            "one length"
         )
     if np.any(
         (k < 0) | (k > n)

@@ -92,7 +92,8 @@ def read_covariates(path: Covariates | str | Path) -> Covariates:
         found = listed([quoted(name) for name in table.names])
         table.require(
             [
-                f"found columns {found}, allowed: subject and at least one covariate, each with a name of its own"
+                f"found columns {found}, allowed: subject and at least one covariate, each with a "
+                "name of its own"
             ]
         )
     table.require([])

@@ -139,7 +139,8 @@ class ReadOptions:
             )
         if self.comparison_code is not None and not self.has_standard:
             problems.append(
-                "--comparison-code: found alone, allowed: with --standard-interval or --standard-first"
+                "--comparison-code: found alone, allowed: with --standard-interval or "
+                "--standard-first"
             )
         problems += self._code_problems()
         problems += _name_problems(f"{ours}={theirs}" for ours, theirs in self.columns.items())
@@ -150,7 +151,8 @@ class ReadOptions:
         if self.subject_from is not None and self.subject_from.count("{}") != 1:
             found = quoted(self.subject_from)
             problems.append(
-                f"--subject-from: found {found}, allowed: a file's name with one {{}}, such as 'sub-{{}}_*.tsv'"
+                f"--subject-from: found {found}, allowed: a file's name with one {{}}, such as "
+                "'sub-{}_*.tsv'"
             )
         if problems:
             raise InputError(problems)
@@ -167,7 +169,8 @@ class ReadOptions:
             yes, no = self.codes(task)
             if yes and yes == no:
                 problems.append(
-                    f"--{task.no}-code: found {quoted(yes)} as --{task.yes}-code, allowed: two different texts"
+                    f"--{task.no}-code: found {quoted(yes)} as --{task.yes}-code, allowed: two "
+                    "different texts"
                 )
         if len({task for task, _ in self._telling().values()}) > 1 or (
             self.correct is not None and len(given) > 1
@@ -318,7 +321,8 @@ def _name_problems(entries: Iterable[str]) -> list[str]:
         if not known or again:
             how = "each name once, as OURS=NAME" if known else "OURS=NAME"
             problems.append(
-                f"--columns: found {quoted(entry.strip())}, allowed: {how} with OURS one of {', '.join(COLUMNS)}"
+                f"--columns: found {quoted(entry.strip())}, allowed: {how} with OURS one of "
+                f"{', '.join(COLUMNS)}"
             )
         taken |= {("ours", ours), ("theirs", theirs)}
     return problems

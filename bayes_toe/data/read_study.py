@@ -324,7 +324,8 @@ class _Rows:
         notes += [f"column {name} not read, as --ignore has it" for name in ignored]
         if options.intensity is not None:
             notes += [
-                f"column {bare(one.name)} read as amplitude in units of {float(options.intensity)!r}"
+                f"column {bare(one.name)} read as amplitude in units of "
+                f"{float(options.intensity)!r}"
                 for one in self.shown[:2]
             ]
         return notes
@@ -514,7 +515,8 @@ def _trial_study(rows: _Rows, column: Column) -> Study:
     require_task(table, found.task, rows.columns.get("task"))
     if not found.asked.any():
         raise InputError(
-            f"{table.source}: found no response in any of {len(found.asked)} rows, allowed: at least one answered trial"
+            f"{table.source}: found no response in any of {len(found.asked)} rows, allowed: at "
+            "least one answered trial"
         )
     notes = rows.layout("trial", found.said)
     if signs:
@@ -526,7 +528,8 @@ def _trial_study(rows: _Rows, column: Column) -> Study:
     ):
         if rows_of.any():
             notes.append(
-                f"{counted(int(rows_of.sum()), 'trial')} {what} dropped: {_listed_by_subject(rows, rows_of)}"
+                f"{counted(int(rows_of.sum()), 'trial')} {what} dropped: "
+                f"{_listed_by_subject(rows, rows_of)}"
             )
     answered = np.bincount(rows.subject.codes, found.asked, len(rows.subject.texts))
     gone = [

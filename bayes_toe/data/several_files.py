@@ -84,7 +84,8 @@ def _together(studies: Sequence[Study]) -> Study:
     timed = {bool(study.intervals): study.source for study in studies}
     if len(timed) > 1:
         raise InputError(
-            f"{timed[False]}: no column isi, which {timed[True]} has; allowed: in all files or in none"
+            f"{timed[False]}: no column isi, which {timed[True]} has; allowed: in all files or in "
+            "none"
         )
     parts: dict[str, list[Study]] = {}
     for study in studies:

@@ -178,7 +178,8 @@ class Subject:
         # was given.
         if given.dtype.kind not in "biuf" or not np.isin(given, (0, 1)).all():
             raise InputError(
-                f"subject {name!r}: {task.yes} must hold True or False (or 1 or 0), found {given[:3].tolist()}"
+                f"subject {name!r}: {task.yes} must hold True or False (or 1 or 0), found "
+                f"{given[:3].tolist()}"
             )
         answers = given.astype(np.int64)
         return cls.from_counts(name, s1, s2, answers, np.ones_like(answers), isi, task=task)
@@ -212,7 +213,8 @@ class Subject:
         """
         if self.isi is None or isi not in self.intervals:
             raise InputError(
-                f"subject {self.name!r}: no interval of {isi:g} s; there are: {said_intervals(self.intervals)}"
+                f"subject {self.name!r}: no interval of {isi:g} s; there are: "
+                f"{said_intervals(self.intervals)}"
             )
         at = (
             self.isi == isi
@@ -310,7 +312,8 @@ class Study:
             raise InputError("either every subject of a study has intervals (isi) or none")
         if len({subject.task for subject in subjects}) > 1:
             raise InputError(
-                "every subject of a study must have been asked the same: same or different, or which is stronger"
+                "every subject of a study must have been asked the same: same or different, or "
+                "which is stronger"
             )
         for key in ("subjects", "notes", "changes"):
             object.__setattr__(self, key, tuple(getattr(self, key)))
@@ -335,7 +338,8 @@ class Study:
         """A subject by name; a whole number stands for its digits, since files are full of them."""
         if as_name(name) not in self._by_name:
             raise InputError(
-                f"no subject {name!r} in {self.source}; there are: {listed([*map(repr, self.names)])}"
+                f"no subject {name!r} in {self.source}; there are: "
+                f"{listed([*map(repr, self.names)])}"
             )
         return self._by_name[as_name(name)]
 
@@ -364,7 +368,8 @@ class Study:
         """
         if isi not in self.intervals:
             raise InputError(
-                f"{self.source}: no interval of {isi:g} s; there are: {said_intervals(self.intervals)}"
+                f"{self.source}: no interval of {isi:g} s; there are: "
+                f"{said_intervals(self.intervals)}"
             )
         some = tuple(subject.at_isi(isi) for subject in self if isi in subject.intervals)
         notes = (*self.notes, f"only pairs with an interval of {isi:g} s")
@@ -567,6 +572,7 @@ def refuse_intervals(subjects: Iterable[Subject], what: str) -> None:
     for subject in subjects:
         if subject.isi is not None:
             raise InputError(
-                f"{what}: not for intervals (column isi), which subject {subject.name!r} has ({said_intervals(subject.intervals)}); "
+                f"{what}: not for intervals (column isi), which subject {subject.name!r} has "
+                f"({said_intervals(subject.intervals)}); "
                 "take one with Study.at_isi, or leave the column out"
             )

@@ -103,7 +103,8 @@ class SubjectTable(Table[Row]):
     def __getitem__(self, name: str | int) -> Row:
         if as_name(name) not in self._by_name:
             raise InputError(
-                f"no subject {name!r} in the table; there are: {listed([quoted(row.subject) for row in self.rows])}"
+                f"no subject {name!r} in the table; there are: "
+                f"{listed([quoted(row.subject) for row in self.rows])}"
             )
         return self._by_name[as_name(name)]
 

@@ -78,7 +78,8 @@ def task_of(given: Task | str) -> Task:
     )
     if found is None:
         raise InputError(
-            f"--task: found {given!r}, allowed: {SAME_DIFFERENT.name}, or 2afc ({WHICH_STRONGER.name})"
+            f"--task: found {given!r}, allowed: {SAME_DIFFERENT.name}, or 2afc "
+            f"({WHICH_STRONGER.name})"
         )
     return found
 

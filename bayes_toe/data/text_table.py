@@ -168,7 +168,8 @@ class TextTable:
         if not len(self.rows) and self.problems.count == 0:
             found = "a header only" if self.delimiter else "no row below it"
             raise InputError(
-                f"{self.source}: {self.head}: found {found}, allowed: at least one row{' below it' if self.delimiter else ''}"
+                f"{self.source}: {self.head}: found {found}, allowed: at least one "
+                f"row{' below it' if self.delimiter else ''}"
             )
 
     def fault(self, column: Column, bad: BoolArray, allowed: str | Callable[[int], str]) -> None:
@@ -195,13 +196,15 @@ def read_table(
     """
     if hasattr(source, "collect") and not hasattr(source, "to_series"):
         raise InputError(
-            f"{type(source).__name__}: found a lazy frame, allowed: a frame, which its collect() gives"
+            f"{type(source).__name__}: found a lazy frame, allowed: a frame, which its collect() "
+            "gives"
         )
     if hasattr(source, "columns") and (hasattr(source, "iloc") or hasattr(source, "to_series")):
         return _of_frame(source, choice)
     if not isinstance(source, str | os.PathLike):
         raise InputError(
-            f"found {quoted(type(source).__name__)}, allowed: the path of a file, or a pandas or polars DataFrame"
+            f"found {quoted(type(source).__name__)}, allowed: the path of a file, or a pandas or "
+            "polars DataFrame"
         )
     path = Path(source)
     require_parquet(path)
@@ -211,7 +214,8 @@ def read_table(
     except (OSError, ValueError) as error:  # a value where there is a NUL character in the path
         reason = getattr(error, "strerror", None) or str(error)
         raise InputError(
-            f"{visible(str(path))}: cannot be read ({reason}), allowed: a CSV file that exists and may be read"
+            f"{visible(str(path))}: cannot be read ({reason}), allowed: a CSV file that exists and "
+            "may be read"
         ) from error
     kinds = {".parquet": _of_parquet, ".mat": _of_matlab}
     return kinds.get(path.suffix.lower(), _of_csv)(bare(path.name), data, choice)
@@ -289,7 +293,8 @@ def _decoded(source: str, data: bytes) -> tuple[str, str]:
     """
     if data.startswith((b"PK\x03\x04", b"\xd0\xcf\x11\xe0")):
         raise InputError(
-            f"{source}: found a spreadsheet or an archive, allowed: {_TEXT_ALLOWED}; save its sheet as CSV"
+            f"{source}: found a spreadsheet or an archive, allowed: {_TEXT_ALLOWED}; save its "
+            "sheet as CSV"
         )
     mark, codec, label = next(entry for entry in _ENCODINGS if data.startswith(entry[0]))
     try:
@@ -356,7 +361,8 @@ def _of_values(
                 [
                     (
                         rows[at],
-                        f"row {rows[at]}, column {bare(name)}: {found}, allowed: text, numbers or truth values",
+                        f"row {rows[at]}, column {bare(name)}: {found}, allowed: text, numbers or "
+                        "truth values",
                     )
                 ]
             )
@@ -403,7 +409,8 @@ def _matlab_variables(source: str, data: bytes) -> dict[str, Any]:
     except Exception as error:  # of a damaged file the library raises whatever its parser meets
         said = bare(" ".join(str(error).split())[:200])
         raise InputError(
-            f"{source}: found a damaged MATLAB file ({said}), allowed: one that MATLAB has saved with '-v7'"
+            f"{source}: found a damaged MATLAB file ({said}), allowed: one that MATLAB has saved "
+            "with '-v7'"
         ) from None
     if "__function_workspace__" in found:
         raise InputError(
@@ -438,7 +445,9 @@ def _matlab_columns(source: str, found: dict[str, Any]) -> dict[str, list[Any]]:
     ]
     if wrong or not most:
         raise InputError(
-            f"{source}: found {f'{listed(wrong)}, not a column of {most}' if wrong else 'nothing'}, allowed: {_SAVED}"
+            f"{source}: found "
+            f"{f'{listed(wrong)}, not a column of {most}' if wrong else 'nothing'}, allowed: "
+            f"{_SAVED}"
         )
     return {name: column.ravel().tolist() for name, column in columns.items()}
 
@@ -471,7 +480,8 @@ def _of_parquet(source: str, data: bytes, choice: Choice) -> TextTable:
     ) as error:
         said = bare(" ".join(str(error).split())[:200])
         raise InputError(
-            f"{source}: found a damaged Parquet file ({said}), allowed: one that a Parquet writer has finished"
+            f"{source}: found a damaged Parquet file ({said}), allowed: one that a Parquet writer "
+            "has finished"
         ) from None
     return _of_values((source, "Parquet", "schema"), found, values, range(1, table.num_rows + 1))
 
@@ -499,5 +509,6 @@ def require_parquet(path: str | Path) -> None:
     if is_parquet(path) and importlib.util.find_spec("pyarrow") is None:
         found = "found a Parquet file and no pyarrow"
         raise InputError(
-            f"{bare(Path(path).name)}: {found}, allowed: pip install 'bayes_toe[parquet]', or a CSV file"
+            f"{bare(Path(path).name)}: {found}, allowed: pip install 'bayes_toe[parquet]', or a "
+            "CSV file"
         )

@@ -92,7 +92,8 @@ def answers_in_order(
         )
     if untimed:
         notes.append(
-            f"no time since the trial before for {counted(untimed, 'trial')} in column {bare(columns['iti'].name)}"
+            f"no time since the trial before for {counted(untimed, 'trial')} in column "
+            f"{bare(columns['iti'].name)}"
         )
     return (
         found,
@@ -192,5 +193,6 @@ def _repeated(
         else "none with the same stimuli and answer"
     )
     return [
-        f"{what}, {alike}, {where}: unless these are several sessions under the same numbers, {TWICE}"
+        f"{what}, {alike}, {where}: unless these are several sessions under the same numbers, "
+        f"{TWICE}"
     ]

@@ -178,7 +178,8 @@ def read_numbers(
         found = listed([quoted(name) for name in table.names])
         table.require(
             [
-                f"found {found}, allowed: {', '.join(map(bare, keys))} and some of {', '.join(optional)}"
+                f"found {found}, allowed: {', '.join(map(bare, keys))} and some of "
+                f"{', '.join(optional)}"
             ]
         )
     for name in keys:

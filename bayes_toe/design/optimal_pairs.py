@@ -184,7 +184,8 @@ def read_levels(path: str | Path, reference: float | None = None) -> FloatArray:
     levels = np.unique(levels)
     if len(levels) < 2:
         raise InputError(
-            f"{path}: column {name}: found {len(levels)} level, allowed: at least two different ones"
+            f"{path}: column {name}: found {len(levels)} level, allowed: at least two different "
+            "ones"
         )
     return np.asarray(levels)
 
@@ -285,7 +286,8 @@ def _pairs_to_show(levels: FloatArray, goal: DesignGoal) -> StudyDesign:
     number = len(levels) ** 2
     if number > _MOST_PAIRS:
         raise InputError(
-            f"{len(levels)} levels make {number:,} pairs: allowed are {_MOST_PAIRS:,}; a larger --step"
+            f"{len(levels)} levels make {number:,} pairs: allowed are {_MOST_PAIRS:,}; a larger "
+            "--step"
         )
     plane = all_pairs(levels, goal.task)
     if goal.keep is None:

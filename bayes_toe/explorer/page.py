@@ -232,7 +232,8 @@ def require_few(found: int, what: str) -> None:
         raise InputError("explore: found no subjects, allowed: at least one")
     if found > MOST_ENTRIES:
         raise InputError(
-            f"explore: found {found} {what}, allowed: at most {MOST_ENTRIES} in a page; name some with --subject or subjects="
+            f"explore: found {found} {what}, allowed: at most {MOST_ENTRIES} in a page; name some "
+            "with --subject or subjects="
         )
 
 

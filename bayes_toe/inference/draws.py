@@ -254,7 +254,8 @@ class Draws:
         missing = [key for key in NATURAL if key not in self.parameters]
         if missing:
             raise InputError(
-                f"model {self.model!r} has no {', '.join(missing)}; it has: {', '.join(self.parameters)}"
+                f"model {self.model!r} has no {', '.join(missing)}; it has: "
+                f"{', '.join(self.parameters)}"
             )
         return Natural(*(self.values(name, key) for key in NATURAL))
 
@@ -407,7 +408,8 @@ class Draws:
         """A subject's name, of whom there are draws."""
         if as_name(name) not in self._places:
             raise InputError(
-                f"no subject {name!r} among the draws; there are: {listed([*map(repr, self.names)], 20)}"
+                f"no subject {name!r} among the draws; there are: "
+                f"{listed([*map(repr, self.names)], 20)}"
             )
         return as_name(name)
 
@@ -470,7 +472,8 @@ def load_draws(path: str | Path) -> Draws:
     absent = sorted(needed - set(made.group("posterior").data_vars))
     if absent:
         raise InputError(
-            f"{name}: no {', '.join(absent)} among the draws of model {made.model!r}; {draws_file.ALLOWED}"
+            f"{name}: no {', '.join(absent)} among the draws of model {made.model!r}; "
+            f"{draws_file.ALLOWED}"
         )
     return made
 

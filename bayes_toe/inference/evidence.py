@@ -48,7 +48,8 @@ def importance_evidence(fitted: FittedProposal) -> Evidence:
     """
     if not fitted.independent:
         raise ValueError(
-            "these draws helped to choose the proposal: use bayes_toe.inference.adaptation.with_fresh_draws first"
+            "these draws helped to choose the proposal: use "
+            "bayes_toe.inference.adaptation.with_fresh_draws first"
         )
     quality, log_weights = (fitted.efficiency, fitted.pareto_k), fitted.draws.log_weights
     if not fitted.trusted:
@@ -81,7 +82,8 @@ def laplace_evidence(maxima: Maxima) -> tuple[float | None, str]:
     if not maxima.arrived:
         return (
             None,
-            "Laplace of H1 does not exist: the posterior has no interior maximum (it rises toward an edge)",
+            "Laplace of H1 does not exist: the posterior has no interior maximum (it rises toward "
+            "an edge)",
         )
     return _at(float(maxima.value[0]), maxima.curvature[0], "Laplace of H1")
 
@@ -134,7 +136,8 @@ def laplace_evidence_natural(
         }
         return (
             None,
-            f"{label} does not exist: the maximum lies on an edge ({max(edges, key=edges.__getitem__)})",
+            f"{label} does not exist: the maximum lies on an edge "
+            f"({max(edges, key=edges.__getitem__)})",
         )
     return _at(float(posterior.log_density(x)[0]), curvature, label)
 

@@ -105,7 +105,8 @@ def predict(
         )
     if isi is not None and not draws.intervals:
         raise InputError(
-            "isi: these draws were made without intervals, so their sigma_p is per interval and not per second"
+            "isi: these draws were made without intervals, so their sigma_p is per interval and "
+            "not per second"
         )
     asked = (s1, s2) if isi is None else (s1, s2, require_intervals(isi))
     columns = [

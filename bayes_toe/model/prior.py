@@ -116,7 +116,8 @@ class Prior(PriorFields):
             # A number that H1 does not use may stay open.
             if any(one.parameter in self.of_h1() for one in named.values()):
                 raise InputError(
-                    f"subject {subjects[0].name!r}: the prior takes its scale from pairs of different stimuli, found none; allowed: the "
+                    f"subject {subjects[0].name!r}: the prior takes its scale from pairs of "
+                    "different stimuli, found none; allowed: the "
                     "prior 'paper' (--prior paper), or one of numbers"
                 )
             return self
@@ -146,7 +147,8 @@ class Prior(PriorFields):
             name for name, value in self._numbers(parameter).items() if value in (STIMULI, None)
         )
         raise InputError(
-            f"prior: {open_ones} is to come from pairs of different stimuli, and there are none; allowed: a number"
+            f"prior: {open_ones} is to come from pairs of different stimuli, and there are none; "
+            "allowed: a number"
         )
 
     @cached_property
@@ -259,7 +261,8 @@ def stored_prior(values: Mapping[str, Any]) -> Prior:
     unknown = sorted(numbers.keys() - {one.name for one in Prior.declared()})
     if unknown:
         raise InputError(
-            f"draws made under a prior of your own, with {', '.join(unknown)}: only {Prior.__name__} itself can be told back"
+            f"draws made under a prior of your own, with {', '.join(unknown)}: only "
+            f"{Prior.__name__} itself can be told back"
         )
     if "width_median" not in numbers:
         numbers = {"lapse_rate_b": 1.0, **numbers}

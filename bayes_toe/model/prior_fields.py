@@ -192,7 +192,8 @@ class PriorFields:
                     f" or {STIMULI!r}" if one.stimuli else ""
                 )
                 raise InputError(
-                    f"prior: {one.name}={value if isinstance(value, str) else f'{value:g}'}, allowed: {allowed}"
+                    f"prior: {one.name}={value if isinstance(value, str) else f'{value:g}'}, "
+                    f"allowed: {allowed}"
                 )
 
     @classmethod

@@ -63,7 +63,8 @@ def picture_beside(table: Path) -> Path:
     picture = table.with_name(f"{table.stem}.png")
     if picture == table:
         raise InputError(
-            f"{table}: found the name of the figure for the table, allowed: another suffix, such as .csv"
+            f"{table}: found the name of the figure for the table, allowed: another suffix, such "
+            "as .csv"
         )
     return picture
 
@@ -104,6 +105,7 @@ def _require_suffix(path: str | Path) -> str:
     suffix = Path(path).suffix.lstrip(".").lower()
     if suffix not in FigureCanvasBase.get_supported_filetypes():
         raise InputError(
-            f"{path}: found suffix {suffix!r}, allowed: png, pdf, svg and what else matplotlib writes"
+            f"{path}: found suffix {suffix!r}, allowed: png, pdf, svg and what else matplotlib "
+            "writes"
         )
     return suffix

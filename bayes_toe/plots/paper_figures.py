@@ -272,14 +272,17 @@ def captions(material: Material) -> str:
     missing, draws = left_out(material), material.draws
     lines = [
         f"# Figures: {draws.attrs['source']}{' (synthetic data)' if draws.synthetic else ''}",
-        f"{len(draws.names)} subjects, seed {draws.seed}. Prior: {draws.attrs['prior']}. Stimuli and all parameters but "
+        f"{len(draws.names)} subjects, seed {draws.seed}. Prior: {draws.attrs['prior']}. Stimuli "
+        "and all parameters but "
         f"{draws.task.lapses} and gamma are "
-        "in natural-log intensity. Red: weaker stimulus first, (r, c); blue: stronger first, (c, r); grey: equal stimuli.",
+        "in natural-log intensity. Red: weaker stimulus first, (r, c); blue: stronger first, (c, "
+        "r); grey: equal stimuli.",
         capitalized(material.asymmetry.population().describe()) + ".",
     ]
     if draws.not_converged:
         lines.append(
-            f"Draws NOT CONVERGED, not to be reported as they stand: {', '.join(draws.not_converged)}."
+            "Draws NOT CONVERGED, not to be reported as they stand: "
+            f"{', '.join(draws.not_converged)}."
         )
     words = {
         "subjects": ", ".join(material.subjects),
@@ -310,17 +313,23 @@ _OF_TASK = {
 }
 _CAPTIONS = {
     "figure_1c_asymmetry": "Left: P({share_of}) of the comparison with the smallest p-value in its two orders, Laplace estimator with its "
-    "standard deviation (Eq. e:2b), plain p-value of the exact test. Right: q(c, r) - q(r, c) of every comparison with its standard "
-    f"deviation; within a subject from the weakest pair above to the strongest below. Filled: p < {LEVEL:g}, Holm's correction over the "
+    "standard deviation (Eq. e:2b), plain p-value of the exact test. Right: q(c, r) - q(r, c) of "
+    "every comparison with its standard "
+    "deviation; within a subject from the weakest pair above to the strongest below. Filled: p < "
+    f"{LEVEL:g}, Holm's correction over the "
     "subject's comparisons.",
     "figure_3_examples": "Subjects {subjects}. Top: Laplace estimators with standard deviations; lines: posterior mean; {curves}. "
-    "Middle: prior at the medians of the identified coordinates (thick) and at some draws (thin); triangles: stimuli; bar: two sigma_l "
+    "Middle: prior at the medians of the identified coordinates (thick) and at some draws (thin); "
+    "triangles: stimuli; bar: two sigma_l "
     "wide. Bottom: the same answers{divided} over the normalised distance (posterior median, "
-    "horizontal bars 60 % of the draws). Colours follow the text and Fig. 1C; those of the paper's caption are swapped.",
+    "horizontal bars 60 % of the draws). Colours follow the text and Fig. 1C; those of the paper's "
+    "caption are swapped.",
     "figure_4_map": "Dots: posterior medians of (mu_1, sigma_p); bars: their central 60 %; "
-    "colour: sigma_l at the medians of the identified coordinates. Grey range and lines: the stimuli.{truth}",
+    "colour: sigma_l at the medians of the identified coordinates. Grey range and lines: the "
+    "stimuli.{truth}",
     "figure_5_plane": "Subjects {subjects}. Grey: posterior mean of {chance}, with its levels 0.25, 0.5 and 0.75; solid: median of the "
     "symmetry axis s2 = mu_2(s1), dotted: its central 60 %; marks: pairs presented.",
     "appendix_c_evidence": "Left: log evidence per trial of the paper's model (H1) against free frequencies (H0). Right: log Bayes "
-    "factors by importance sampling with twice their standard error, and by Laplace's approximation.",
+    "factors by importance sampling with twice their standard error, and by Laplace's "
+    "approximation.",
 }

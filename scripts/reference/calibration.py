@@ -121,7 +121,8 @@ class Plan:
     def __post_init__(self) -> None:
         if self.studies < 0 or self.data_sets < 0 or self.studies + self.data_sets == 0:
             raise InputError(
-                f"studies={self.studies} and data_sets={self.data_sets} must not be negative, nor both 0"
+                f"studies={self.studies} and data_sets={self.data_sets} must not be negative, nor "
+                "both 0"
             )
 
     def from_h1(self, design: str) -> int:
@@ -163,7 +164,8 @@ class Calibration:
         """What is not as it should be, one line each: ranks outside their band, and a default evidence that is not calibrated."""
         return [
             *(
-                f"{row.design} design: ranks of {row.quantity} outside their band (p = {row.p_value:.2g})"
+                f"{row.design} design: ranks of {row.quantity} outside their band (p = "
+                f"{row.p_value:.2g})"
                 for row in self.rank_verdicts.itertuples()
                 if row.verdict != "inside"
             ),

@@ -539,7 +539,8 @@ LARGE = {"pandas", "xarray", "arviz", "arviz_stats", "emcee", "joblib", "matplot
             {*LARGE, "scipy"},
         ),
         (
-            "from bayes_toe.cli.app import app; app(['population', '--help'], standalone_mode=False)",
+            "from bayes_toe.cli.app import app; app(['population', '--help'], "
+            "standalone_mode=False)",
             {*LARGE, "scipy"},
         ),
         (

@@ -172,7 +172,8 @@ def test_what_is_read(data, options, expected):
             TRIALS + "a,0,0,1.0\na,0,0,0\n",
             {"equal_code": "1"},
             [
-                "trial rows, comma-separated, UTF-8, responses '1.0' as equal (1) / '0' as different (1)"
+                "trial rows, comma-separated, UTF-8, responses '1.0' as equal (1) / '0' as "
+                "different (1)"
             ],
         ),
         (
@@ -210,7 +211,8 @@ def test_what_is_read(data, options, expected):
             "subject;s1;s2;isi;response;task\na;0,5;0;0,5;same;x\na;0,5;0;2;same;x\nb;x;;;;y\n",
             {"where": {"task": "x"}},
             [
-                "trial rows, semicolon-separated, UTF-8, decimal comma, responses 'same' as equal (2) / 'different' (0)",
+                "trial rows, semicolon-separated, UTF-8, decimal comma, responses 'same' as equal "
+                "(2) / 'different' (0)",
                 *(
                     "only rows with x in column task",
                     "2 intervals in column isi: 0.5, 2 s; contrast --condition isi compares them",
@@ -326,7 +328,8 @@ def test_sessions_tell_the_order_and_where_memory_begins_anew():
     )
     np.testing.assert_array_equal(answers.iti, [np.nan, 2.5, np.nan, np.nan])
     assert study.notes[1:] == (
-        "trial numbers are missing (a 1); keep trials without a response in the file, with an empty response",
+        "trial numbers are missing (a 1); keep trials without a response in the file, with an "
+        "empty response",
         "no time since the trial before for 1 trial in column iti",
     )
     assert study.exclude("a", "2")["a"].answers.begins.tolist() == [True, True]
@@ -349,13 +352,13 @@ def test_trials_that_are_there_twice_are_told():
         ORDERED + rows + words("b,0,1,NA,1,1\na,0,0,0,1,2\nb,0,0,0,1,1\n")
     ).reading.doubts
     assert (
-        "2 rows repeat block and trial of another row with the same stimuli and answer, first row 6, which repeats row 3 ("
-        in same
+        "2 rows repeat block and trial of another row with the same stimuli and answer, first row "
+        "6, which repeats row 3 (" in same
     )
     (other,) = read(ORDERED + rows + words("b,0,0,1,1,1\n")).reading.doubts
     assert (
-        "1 row repeats block and trial of another row, none with the same stimuli and answer, first row 5"
-        in other
+        "1 row repeats block and trial of another row, none with the same stimuli and answer, "
+        "first row 5" in other
     )
     assert "unless these are several sessions" in other
     unblocked = "subject,s1,s2,response,trial\n" + words("a,0,1,1,1\na,0,1,1,1\n")
@@ -487,7 +490,8 @@ def test_parse_columns_refuses(text, found):
     (problem,) = caught.value.problems
     assert problem.startswith(f"--columns: found {found}, allowed: ")
     assert problem.endswith(
-        "one of subject, s1, s2, i1, i2, standard, comparison, response, n_equal, n_second, n_trials, isi, session, block, trial, iti, condition"
+        "one of subject, s1, s2, i1, i2, standard, comparison, response, n_equal, n_second, "
+        "n_trials, isi, session, block, trial, iti, condition"
     )
 
 
@@ -678,7 +682,8 @@ REFUSED = [
     # The header.
     no(
         "id,x,response\na,0,equal\n",
-        "row 1: there is no column subject, no column s1 and no column s2. The columns are id, x, response.",
+        "row 1: there is no column subject, no column s1 and no column s2. The columns are id, x, "
+        "response.",
     ),
     no("subject,s1,s2,n_equal\na,0,1,5\n", missing(f"{HEAD}, n_equal", "n_trials")),
     no("subject,s1,s2,n_trials\na,0,1,5\n", missing(f"{HEAD}, n_trials", "n_equal")),
@@ -731,7 +736,8 @@ REFUSED = [
     no(f'{TRIALS}a,"1"2,0,equal\n', f"row 2: found text after a closing quote, {QUOTES}"),
     no(
         f'{TRIALS}"{"x" * 200_000}",0,0,equal\n',
-        f"row 2: found a cell of more than 131072 characters (a quote that is never closed?), {QUOTES}",
+        "row 2: found a cell of more than 131072 characters (a quote that is never closed?), "
+        f"{QUOTES}",
     ),
     no(
         f'{TRIALS}"a\n\nb",0,0,equal\n\n"c\nd",x,0,equal\na,0\n',
@@ -773,7 +779,8 @@ REFUSED = [
     ),
     no(
         f'{TRIALS}a,"0,087",0,same\n',
-        f"row 2, column s1: found '0,087', allowed: {NUMBER}; decimal commas need ';' or tab between cells",
+        f"row 2, column s1: found '0,087', allowed: {NUMBER}; decimal commas need ';' or tab "
+        "between cells",
     ),
     *(
         no(
@@ -785,7 +792,8 @@ REFUSED = [
     ),
     no(
         "subject,s1,s2,isi,response\na,0,0,0,same\n",
-        "row 2, column isi: found '0', allowed: a positive finite number of seconds, in every row or no such column",
+        "row 2, column isi: found '0', allowed: a positive finite number of seconds, in every row "
+        "or no such column",
     ),
     *(
         no(f"{COUNTS}a,0,0,{cells}\n", f"row 2, column {column}: found {shown!r}, allowed: {WHOLE}")
@@ -815,7 +823,8 @@ REFUSED = [
         f"{COUNTS}a,0,0,1,2\nb,0,0,0,0\nb,0,1,0,0\nc,0,0,0,0\n",
         {},
         [
-            f"row {row}, column n_trials: found 0 in all rows of subject '{name}', allowed: at least 1 trial"
+            f"row {row}, column n_trials: found 0 in all rows of subject '{name}', allowed: at "
+            "least 1 trial"
             for row, name in ((3, "b"), (5, "c"))
         ],
     ),
@@ -829,7 +838,8 @@ REFUSED = [
     *(
         no(
             f"{TRIALS}a,0,0,{text}\n",
-            f"row 2, column response: found {text!r}, allowed: 'f' (equal) or 'J' (different), {ANSWERS.split('), ')[1]}",
+            f"row 2, column response: found {text!r}, allowed: 'f' (equal) or 'J' (different), "
+            f"{ANSWERS.split('), ')[1]}",
             equal_code="f",
             different_code="J",
         )

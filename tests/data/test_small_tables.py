@@ -94,7 +94,8 @@ def test_rows_of_another_width_are_refused(written, kind):
         [header, rows[0], "", rows[1].rpartition(",")[0], *(f"{rows[0]},7" for _ in range(11))]
     )
     said = [
-        f"row {4 + i}: found {width + (1 if i else -1)} cells, allowed: {width} cells as in the header"
+        f"row {4 + i}: found {width + (1 if i else -1)} cells, allowed: {width} cells as in the "
+        "header"
         for i in range(10)
     ]
     assert problems(READERS[kind], written(text)) == [*said, "... and 2 more problems"]
@@ -210,16 +211,19 @@ def test_numbers_levels_and_what_is_missing(written, text, values):
     [
         (
             "subject,age\na,23\nb,2O\nc,31\n",
-            "row 3, column age: found '2O', allowed: a finite number (or no number in the whole column)",
+            "row 3, column age: found '2O', allowed: a finite number (or no number in the whole "
+            "column)",
         ),
         ("subject,age\na,23\nb,inf\nc,31\n", "row 3, column age: found 'inf'"),
         (
             "subject,100% sure\na,x\nb,y\nc,3\n",
-            "row 2, column 100% sure: found 'x', allowed: a finite number (or no number in the whole",
+            "row 2, column 100% sure: found 'x', allowed: a finite number (or no number in the "
+            "whole",
         ),
         (
             "name,age\na,23\n",
-            "row 1: found columns 'name', 'age', allowed: subject and at least one covariate, each with a name of its own",
+            "row 1: found columns 'name', 'age', allowed: subject and at least one covariate, each "
+            "with a name of its own",
         ),
         (
             "subject\na\n",

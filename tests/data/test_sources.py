@@ -127,16 +127,19 @@ def test_a_study_is_the_same_as_from_csv(tmp_path, made, frame):
         ),
         (
             {"subject": ["a", "a\0b", "b"]},
-            "row {}, column subject: found 'a\\x00b' of type str, allowed: text, numbers or truth values",
+            "row {}, column subject: found 'a\\x00b' of type str, allowed: text, numbers or truth "
+            "values",
         ),
         (
             {"s1": ["0", "0,3", "0"]},
-            "row {}, column s1: found '0,3', allowed: a finite number, without thousands separators",
+            "row {}, column s1: found '0,3', allowed: a finite number, without thousands "
+            "separators",
         ),
         ({"n_equal": [1, 7, 3]}, "row {}, column n_equal: found '7', allowed: 0 to n_trials = 5"),
         (
             {"s1": [None, b"x", None]},
-            "row {}, column s1: found \"b'x'\" of type bytes, allowed: text, numbers or truth values",
+            "row {}, column s1: found \"b'x'\" of type bytes, allowed: text, numbers or truth "
+            "values",
         ),
     ],
     ids=["missing", "infinite", "name", "nul", "comma", "count", "bytes"],
@@ -163,7 +166,8 @@ def test_columns_that_are_missing_or_hold_something_else_or_nothing(tmp_path):
         s2=[[1.0], [2.0], [3.0]],
     )
     assert problems(as_parquet(dates, tmp_path)) == [
-        f"study.parquet: row 1, column {name}: found {found}, allowed: text, numbers or truth values"
+        f"study.parquet: row 1, column {name}: found {found}, allowed: text, numbers or truth "
+        "values"
         for name, found in (
             ("subject", "'2024-01-01 00:00:00' of type Timestamp"),
             ("s2", "'[1.0]' of type list"),

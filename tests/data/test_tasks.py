@@ -104,7 +104,8 @@ def test_right_answers_are_dropped_where_stimuli_are_equal_and_said(tmp_path):
         bt.ReadOptions(correct="acc"),
     )
     assert study.notes == (
-        "trial rows, comma-separated, UTF-8, responses '1' as right (2) / '0' as wrong (1), 'second' or 'first' by the sign of s2 - s1",
+        "trial rows, comma-separated, UTF-8, responses '1' as right (2) / '0' as wrong (1), "
+        "'second' or 'first' by the sign of s2 - s1",
         "1 trial without a response dropped: b 1",
         "1 trial with equal stimuli, of which no answer is right, dropped: a 1",
     )
@@ -256,7 +257,8 @@ REFUSED = [
         TRIALS,
         BACK * 3,
         "",
-        "less often the larger s2 - s1 is (correlation -0.82), allowed: 'second' where the second stimulus was called",
+        "less often the larger s2 - s1 is (correlation -0.82), allowed: 'second' where the second "
+        "stimulus was called",
     ),
     (TRIALS, BACK * 3, "", "if they mean the opposite, --second-code first --first-code second"),
 ]

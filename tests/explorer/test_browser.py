@@ -231,7 +231,8 @@ def test_hovering_reads_a_draw(opened):
     drawn = np.array([data["x"], data["y"]])
     low, high = np.transpose(
         opened.page.evaluate(
-            "[1, 2].map(slot => Bokeh.documents[0].get_model_by_name(`range-${slot}`)).map(r => [r.start, r.end])"
+            "[1, 2].map(slot => Bokeh.documents[0].get_model_by_name(`range-${slot}`)).map(r => "
+            "[r.start, r.end])"
         )
     )
     shares = (drawn.T - low) / (high - low)

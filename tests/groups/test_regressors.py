@@ -83,7 +83,8 @@ def test_the_unit_of_a_covariate_changes_nothing(factor, shift):
     [
         (
             {"age": dict.fromkeys(NAMES, 30.0)},
-            "covariate age: found 30 for every subject, allowed: at least two different values; leave",
+            "covariate age: found 30 for every subject, allowed: at least two different values; "
+            "leave",
         ),
         ({"site": dict.fromkeys(NAMES, "x")}, "covariate site: found 'x' for every subject"),
         (
@@ -104,7 +105,8 @@ def test_the_unit_of_a_covariate_changes_nothing(factor, shift):
         ),
         (
             {"age": {"a": 1.0, "b": 2.0}, "x": AGES},
-            "covariates: found 2 subjects with all of them, allowed: at least 4 for 2 columns; left out: 'c' ",
+            "covariates: found 2 subjects with all of them, allowed: at least 4 for 2 columns; "
+            "left out: 'c' ",
         ),
         (
             {"who": {name: name for name in NAMES}},
@@ -112,7 +114,8 @@ def test_the_unit_of_a_covariate_changes_nothing(factor, shift):
         ),
         (
             {"age": {"z": 3.0}},
-            "covariates: found 0 subjects with all of them, allowed: at least 3 for 1 column; left out: 'a' (no age)",
+            "covariates: found 0 subjects with all of them, allowed: at least 3 for 1 column; left "
+            "out: 'a' (no age)",
         ),
     ],
 )

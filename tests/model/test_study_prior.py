@@ -98,7 +98,8 @@ def test_presets_words_and_what_is_refused(tmp_path):
     assert prior_for(study(), "paper") == prior_for(study(), bt.Prior()) == bt.Prior()
     found = prior_for(study(), bt.Prior(mu1_mean="stimuli", mu1_sd=3.0))
     assert found.describe() == (
-        "mu1 ~ Normal(M, 3), sigma_p ~ HalfNormal(1), gamma ~ Uniform(0, 1), q0 ~ Uniform(0, 1); M mean and R sd of the stimuli, D rms step"
+        "mu1 ~ Normal(M, 3), sigma_p ~ HalfNormal(1), gamma ~ Uniform(0, 1), q0 ~ Uniform(0, 1); M "
+        "mean and R sd of the stimuli, D rms step"
     )
     with pytest.raises(
         bt.InputError,
