@@ -462,7 +462,10 @@ def _survivors(
     progress: Progress | None,
     store: ResultStore,
 ) -> tuple[Study, StoredResults[Result], dict[str, str]]:
-    """Do a job for each subject: the subjects that did not fail, their results, and by name why others did."""
+    """Do a job for each subject.
+
+    The subjects that did not fail, their results, and by name why others did.
+    """
     done = store.work(jobs, workers, progress, [(name,) for name in study.names])
     failed = {study.names[index]: one.reason for index, one in sorted(done.failed.items())}
     if len(failed) == len(study):

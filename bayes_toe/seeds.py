@@ -1,4 +1,7 @@
-"""Random streams keyed by root seed, subject and purpose: the same numbers in any order and on any number of workers."""
+"""Random streams keyed by root seed, subject and purpose.
+
+The same numbers in any order and on any number of workers.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""Bring docs/data_dictionary.md up to date: a row for every declared column, in the words of a docstring or a comment beside the field.
+"""Bring docs/data_dictionary.md up to date.
+
+A row for every declared column, in the words of a docstring or a comment beside the field.
 
 What no docstring says stands in the document alone. A column that is new and has no words is named:
 write its row there. Example: python scripts/data_dictionary.py -o docs/data_dictionary.md

@@ -1,4 +1,7 @@
-"""Exit code 0 where the network answers: the site's own links are always followed, those that leave it only then."""
+"""Exit code 0 where the network answers.
+
+The site's own links are always followed, those that leave it only then.
+"""
 
 import sys
 from urllib.error import HTTPError, URLError

@@ -27,7 +27,10 @@ def call(*args, cwd=None, **environment):
 
 
 def inside(*args, cwd="."):
-    """The same command in this process, which has its libraries already: for what follows a run by :func:`call`, and for refusals."""
+    """The same command in this process, which has its libraries already.
+
+    For what follows a run by :func:`call`, and for refusals.
+    """
     from bayes_toe.cli.app import app
 
     words, code = [str(word) for word in args], 0

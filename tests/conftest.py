@@ -92,7 +92,10 @@ def known_observers(names):
 
 @contextmanager
 def few_replicates():
-    """Analyses with few bootstrap replicates, which take longer than all evidences: for what does not look at their intervals."""
+    """Analyses with few bootstrap replicates, which take longer than all evidences.
+
+    For what does not look at their intervals.
+    """
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("bayes_toe.analysis.subject_fit", partial(subject_fit, replicates=40))
         patch.setattr("bayes_toe.analysis.REPLICATES", 40)
@@ -127,7 +130,10 @@ def stronger_counts(name, pull, mu1, n=60):
 
 @pytest.fixture(scope="session")
 def stronger() -> Analysis:
-    """Two observers who were asked which is stronger: one whose memory is pulled, and one whose is hardly."""
+    """Two observers who were asked which is stronger.
+
+    One whose memory is pulled, and one whose is hardly.
+    """
     study = bt.Study(
         [stronger_counts("pulled", 0.35, 0.4), stronger_counts("plain", 0.001, 0.6)],
         source="which is stronger",

@@ -100,7 +100,10 @@ def terms(target, x):
 
 
 def value_and_gradient(target, x, digits):
-    """Truth and sum of absolute contributions, to which rounding is in proportion: of the value, (1,), and of the gradient, (k,)."""
+    """Truth and sum of absolute contributions, to which rounding is in proportion.
+
+    Of the value, (1,), and of the gradient, (k,).
+    """
     with mpmath.workdps(digits):
         point, step = [mpf(float(v)) for v in x], mpf(10) ** (25 - digits // 2)
 

@@ -1,4 +1,7 @@
-"""A scalar Kalman filter with a random walk, written from its textbook equations: a reference for the closed forms of the model."""
+"""A scalar Kalman filter with a random walk, written from its textbook equations.
+
+A reference for the closed forms of the model.
+"""
 
 from typing import NamedTuple
 
@@ -25,7 +28,10 @@ def evolve(belief, diffusion, interval=1.0):
 
 
 def settled(mean, diffusion, noise, interval=1.0):
-    """The belief whose variance a stimulus and an interval leave as it is: the positive root of a quadratic equation."""
+    """The belief whose variance a stimulus and an interval leave as it is.
+
+    The positive root of a quadratic equation.
+    """
     step = interval * diffusion**2
     return Belief(mean, 0.5 * (step + np.sqrt(step**2 + 4.0 * step * noise**2)))
 

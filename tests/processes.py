@@ -99,7 +99,9 @@ def die(main, marks, deaths):
 
 
 def save_on_a_full_disk(source, target, room):
-    """Save draws again where no file may have more bytes than `room`: an error, and no other end of the process.
+    """Save draws again where no file may have more bytes than `room`.
+
+    An error, and no other end of the process.
 
     With -B: Python would leave libraries half compiled, in which nobody could load them any more.
     """

@@ -1,4 +1,7 @@
-"""The penalised likelihood maximised by general optimisers from random starts: an independent route for the fits."""
+"""The penalised likelihood maximised by general optimisers from random starts.
+
+An independent route for the fits.
+"""
 
 import warnings
 

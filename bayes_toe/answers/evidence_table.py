@@ -213,7 +213,9 @@ def frequency_evidence(subject: Subject) -> float:
 
 
 def frequency_evidence_laplace(subject: Subject) -> float:
-    """Log evidence of H0 by Appendix C's recipe: the Laplace estimator qhat, sigmahat_q of every pair (Eq. e:2b).
+    """Log evidence of H0 by Appendix C's recipe.
+
+    The Laplace estimator qhat, sigmahat_q of every pair (Eq. e:2b).
 
     Sum of n_Eq log qhat + n_Diff log(1 - qhat) + log sigmahat_q + log(2 pi) / 2; sigmahat_q^2 =
     qhat (1 - qhat) / (n + 3).

@@ -235,7 +235,9 @@ class Fits:
 def fit_counts(
     subject: Subject, prior: Prior | None = None, n_yes: npt.ArrayLike | None = None
 ) -> Fits:
-    """Fit counts, (rows, pairs), over a subject's pairs, by default its own: all in one batch of Newton ascents.
+    """Fit counts, (rows, pairs), over a subject's pairs, by default its own.
+
+    All in one batch of Newton ascents.
 
     Examples
     --------
@@ -349,7 +351,10 @@ class _Suprema(NamedTuple):
 
 
 def _suprema(fitted: PenalisedLikelihood, u: FloatArray, value: FloatArray) -> _Suprema:
-    """From where ascents ended, (rows, 4): the edge where going there costs nothing and going elsewhere does."""
+    """From where ascents ended, (rows, 4).
+
+    The edge where going there costs nothing and going elsewhere does.
+    """
     (c, pull, width, share), row, end = u.T, np.arange(len(u)), u.copy()
     design, middle, penalty = (
         fitted.posterior.subject,

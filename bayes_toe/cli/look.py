@@ -68,7 +68,9 @@ def explore(
 
 
 def read_truth(path: Path, draws: Sequence[bt.Draws], subjects: Sequence[str]) -> Truth:
-    """True values by subject, to draw marks at: a column subject, and one for each quantity that is known, empty where it is not.
+    """True values by subject, to draw marks at.
+
+    A column subject, and one for each quantity that is known, empty where it is not.
 
     With intervals sigma_p is per square root of a second in the file, as `simulate` writes it, and
     over the draws' reference interval here. Refused with a line per problem, also where there is no

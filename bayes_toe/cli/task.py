@@ -196,7 +196,10 @@ class Task:
                 )
 
     def write(self, made: Mapping[Path, Callable[[Path], object]], *others: Path) -> None:
-        """Write files of one folder, which appear all together or not at all: each by what writes it, `others` besides by one of those."""
+        """Write files of one folder, which appear all together or not at all.
+
+        Each by what writes it, `others` besides by one of those.
+        """
         from bayes_toe.data.whole_files import whole_together
 
         with whole_together(*made, *others, overwrite=self.overwrite) as folder:
@@ -209,7 +212,10 @@ class Task:
         return {"overwrite": self.overwrite, "spreadsheet_safe": self.spreadsheet_safe}
 
     def saving_of(self, study: Study) -> dict[str, Any]:
-        """How tables of subjects are written: with the condition of each, where subjects are units."""
+        """How tables of subjects are written.
+
+        With the condition of each, where subjects are units.
+        """
         return {**self.saving, "units": study.conditions is not None}
 
     def done(

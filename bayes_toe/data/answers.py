@@ -1,4 +1,7 @@
-"""Answers as they were given, block by block and in their order, before they are pooled: what can be turned back or left out."""
+"""Answers as they were given, block by block and in their order, before they are pooled.
+
+What can be turned back or left out.
+"""
 
 from __future__ import annotations
 
@@ -62,7 +65,10 @@ class Answers:
 
     @property
     def sums(self) -> list[npt.NDArray[Any]]:
-        """By distinct pair with an answer, sorted by its keys: the sums of `n_yes` and `n_trials`, and the keys, shape (pairs,) each."""
+        """By distinct pair with an answer, sorted by its keys.
+
+        The sums of `n_yes` and `n_trials`, and the keys, shape (pairs,) each.
+        """
         rows = np.flatnonzero(self.n_trials)
         rows = rows[np.lexsort(self.keys[rows].T[::-1])]
         starts = run_starts(*self.keys[rows].T)
@@ -74,7 +80,10 @@ class Answers:
 
     @property
     def begins(self) -> BoolArray:
-        """Where memory begins anew, shape (rows,): a place that is not one more than that of the row before."""
+        """Where memory begins anew, shape (rows,).
+
+        A place that is not one more than that of the row before.
+        """
         if self.place is None:
             return np.ones(len(self.n_trials), np.bool_)
         return np.asarray(np.diff(self.place, prepend=self.place[:1] - 2) != 1)

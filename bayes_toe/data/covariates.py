@@ -1,4 +1,7 @@
-"""What is known of each subject besides the answers: a CSV file with a column `subject` and one column per covariate."""
+"""What is known of each subject besides the answers.
+
+A CSV file with a column `subject` and one column per covariate.
+"""
 
 from __future__ import annotations
 

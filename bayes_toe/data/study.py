@@ -199,7 +199,9 @@ class Subject:
         return () if self.isi is None else tuple(np.unique(self.isi).tolist())
 
     def at_isi(self, isi: float) -> Subject:
-        """The pairs met at one interval (seconds), as a subject without intervals: the interval becomes the unit of time.
+        """The pairs met at one interval (seconds), as a subject without intervals.
+
+        The interval becomes the unit of time.
 
         Raises
         ------
@@ -464,7 +466,9 @@ class Study:
         return replace(self, subjects=remaining, notes=notes, changes=(*self.changes, done))
 
     def frame(self) -> pd.DataFrame:
-        """The counts, one row a subject and pair: a table that :func:`~bayes_toe.read_study` reads to the same study.
+        """The counts, one row a subject and pair.
+
+        A table that :func:`~bayes_toe.read_study` reads to the same study.
 
         Columns subject, condition of units, s1, s2 (natural-log intensity), isi (seconds) where
         there are intervals, n_equal or n_second, n_trials; of a synthetic study also `synthetic`,
@@ -568,7 +572,10 @@ def require_study(given: object) -> None:
 
 
 def refuse_intervals(subjects: Iterable[Subject], what: str) -> None:
-    """Refuse subjects with intervals where only one interval is known, with the way out: pairs at several intervals are never pooled."""
+    """Refuse subjects with intervals where only one interval is known, with the way out.
+
+    Pairs at several intervals are never pooled.
+    """
     for subject in subjects:
         if subject.isi is not None:
             raise InputError(

@@ -1,4 +1,7 @@
-"""Trials in the order in which they were given: what each subject answered row by row, and where memory begins anew."""
+"""Trials in the order in which they were given.
+
+What each subject answered row by row, and where memory begins anew.
+"""
 
 from __future__ import annotations
 
@@ -130,7 +133,10 @@ def _ranked(table: TextTable, column: Column) -> tuple[tuple[str, ...], IntArray
 
 
 def _order(trial: FloatArray, ranks: IntArray) -> IndexArray | None:
-    """The order in which trials were given: by their numbers where these are unique, else by block, or session, too; None if not known."""
+    """The order in which trials were given.
+
+    By their numbers where these are unique, else by block, or session, too; None if not known.
+    """
     for last in range(1, ranks.shape[1] + 1):
         keys = (trial, *ranks[:, :last].T)
         order = np.lexsort(keys)

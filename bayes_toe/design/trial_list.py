@@ -161,7 +161,10 @@ def _block_counts(design: StudyDesign, blocks: int, rng: np.random.Generator) ->
 
 
 def _units(design: StudyDesign) -> list[tuple[list[int], int]]:
-    """What stays together in a block, and how often: both orders of two stimuli, and what is left."""
+    """What stays together in a block, and how often.
+
+    Both orders of two stimuli, and what is left.
+    """
     places = {pair: place for place, pair in enumerate(design.pairs)}
     left = design.n_trials.copy()
     units = []

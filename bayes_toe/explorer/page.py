@@ -1,4 +1,7 @@
-"""One page of posteriors that answers to the mouse and the keyboard: a file that needs no server and no network."""
+"""One page of posteriors that answers to the mouse and the keyboard.
+
+A file that needs no server and no network.
+"""
 
 from __future__ import annotations
 

@@ -157,7 +157,10 @@ def adapt_proposal(
 
 
 def with_fresh_draws(fitted: FittedProposal, rng: np.random.Generator) -> FittedProposal:
-    """The proposal with draws that are independent of it: those that it has, or new ones and twice as many, because its tails are hard."""
+    """The proposal with draws that are independent of it.
+
+    Those that it has, or new ones and twice as many, because its tails are hard.
+    """
     return (
         fitted if fitted.independent else _judged(fitted.proposal, rng, _HARD * len(fitted.draws.x))
     )

@@ -1,4 +1,6 @@
-"""Posterior draws of a study under any model: what is stored, what follows from it, summary, ArviZ, saving and loading.
+"""Posterior draws of a study under any model.
+
+What is stored, what follows from it, summary, ArviZ, saving and loading.
 
 Stored are draws of natural parameters, their density and the counts
 (:mod:`bayes_toe.inference.draws_file`); derived quantities, log likelihoods and predicted answers
@@ -198,7 +200,10 @@ class Draws:
 
     @property
     def study(self) -> Study:
-        """The study that these are draws of: the counts of everybody who has draws, with the notes of reading them."""
+        """The study that these are draws of.
+
+        The counts of everybody who has draws, with the notes of reading them.
+        """
         notes, changes = (
             tuple(line for line in str(self.tree.attrs.get(key, "")).split("\n") if line)
             for key in ("notes", "changes")
@@ -314,7 +319,9 @@ class Draws:
         return pd.DataFrame(rows, columns=list(SUMMARY_COLUMNS))
 
     def to_arviz(self) -> Any:
-        """Everything that ArviZ asks for: an InferenceData for ArviZ 0.x, an xarray.DataTree for 1.x.
+        """Everything that ArviZ asks for.
+
+        An InferenceData for ArviZ 0.x, an xarray.DataTree for 1.x.
 
         Groups: posterior with every reported quantity, sample_stats, and over `obs`, an entry for
         each subject and pair, observed_data, constant_data, log_likelihood and posterior_predictive

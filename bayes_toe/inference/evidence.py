@@ -1,4 +1,6 @@
-"""Log evidence of one subject under one model: by importance sampling, with its error, or the reason why there is none; and by Laplace.
+"""Log evidence of one subject under one model.
+
+By importance sampling, with its error, or the reason why there is none; and by Laplace.
 
 Laplace: log Z = log p(n, x0) - log |-H| / 2 + (k / 2) log 2 pi at the maximum x0 of the joint
 density, H its Hessian there. Source: Eq. app:evidapprox with the covariance of the local Gaussian.

@@ -179,7 +179,10 @@ def _blocks(size: int) -> list[slice]:
 
 
 def _power(u: FloatArray, exponent: int) -> FloatArray:
-    """Whole power, at least 1, by repeated squaring: a few multiplications, where numpy's own power takes a logarithm."""
+    """Whole power, at least 1, by repeated squaring.
+
+    A few multiplications, where numpy's own power takes a logarithm.
+    """
     if exponent == 1:
         return u
     half = _power(u, exponent // 2)
@@ -322,6 +325,9 @@ class FittedProposal:
 
     @property
     def heaviest(self) -> float:
-        """The largest weight over the mean weight: about the number of steps for which a global sampler can stay at one point."""
+        """The largest weight over the mean weight.
+
+        About the number of steps for which a global sampler can stay at one point.
+        """
         log_weights = self.draws.log_weights
         return float(len(log_weights) / np.exp(log_weights - log_weights.max()).sum())

@@ -92,7 +92,10 @@ class SamplerSettings:
 
     @property
     def proposals(self) -> int:
-        """About how many proposals the ensembles need: by so many draws a proposal is judged, and these are then the first of them."""
+        """About how many proposals the ensembles need.
+
+        By so many draws a proposal is judged, and these are then the first of them.
+        """
         return self.ensembles * self.walkers * (self.kept_steps + _USUAL_BURN_IN)
 
     @property

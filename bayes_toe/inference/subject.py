@@ -97,7 +97,10 @@ class Wanted:
 
     @property
     def judging_draws(self) -> int:
-        """By how many draws a proposal is judged: those of an evidence, asked for or not (chains are then the same), or more for chains."""
+        """By how many draws a proposal is judged.
+
+        Those of an evidence, asked for or not (chains are then the same), or more for chains.
+        """
         return max(
             self.evidence_draws or EVIDENCE_DRAWS,
             0 if self.chains is None else self.chains.proposals,

@@ -17,7 +17,9 @@ _FLAT, _FINEST = 1e-6, 1e-12
 
 
 def one_sided(gradient: Gradient, x: FloatArray, bend: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Gradient (points, k) and Hessian (points, k, k) from one call: what a search needs of a gradient's differences.
+    """Gradient (points, k) and Hessian (points, k, k) from one call.
+
+    What a search needs of a gradient's differences.
 
     `bend`, shape (points, k), has the sizes of the Hessian's diagonal about there, which set the
     steps.

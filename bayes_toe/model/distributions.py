@@ -36,7 +36,10 @@ LOG_2PI = float(np.log(2.0 * np.pi))
 
 
 class Distribution(Hashable, Protocol):
-    """What a prior asks of the distribution of one parameter: a frozen record, its methods for arrays of any shape."""
+    """What a prior asks of the distribution of one parameter.
+
+    A frozen record, its methods for arrays of any shape.
+    """
 
     @property
     def spread(self) -> float:

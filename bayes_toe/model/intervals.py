@@ -1,4 +1,6 @@
-"""How pull and width of the paper's model (H1) depend on the inter-stimulus interval: a random walk of the memory.
+"""How pull and width of the paper's model (H1) depend on the inter-stimulus interval.
+
+A random walk of the memory.
 
 The coordinates of H1 (offset c, pull p, width w) and their prior refer to a reference interval, by
 default the geometric mean of the study's, in which time is counted here: t = 1 is the reference.
@@ -90,7 +92,10 @@ UNSCALED = Scales(np.ones((1, 1)), np.ones((1, 1)))
 
 
 def typical_interval(isi: FloatArray, n_trials: IntArray) -> FloatArray:
-    """Geometric mean over trials, seconds, shape (1,): where a search starts from widths on the scale of the stimuli."""
+    """Geometric mean over trials, seconds, shape (1,).
+
+    Where a search starts from widths on the scale of the stimuli.
+    """
     return np.asarray(np.exp(np.average(np.log(isi), weights=n_trials, keepdims=True)))
 
 

@@ -1,4 +1,6 @@
-"""Nearly normal coordinates of H1: the funnel of its posterior straightened out, so that ordinary mixtures fit it.
+"""Nearly normal coordinates of H1.
+
+The funnel of its posterior straightened out, so that ordinary mixtures fit it.
 
 Given pull p and width w, two things fix the offset c = p (mu1 - sbar): the prior, with mean p (m -
 sbar) and standard deviation p V^(1/2), and the data, about c_0 with a precision that goes as 1/w^2.

@@ -45,7 +45,9 @@ def variance_ratio(gamma: npt.ArrayLike) -> FloatArray:
 
 
 def gain(gamma: npt.ArrayLike) -> FloatArray:
-    """Kalman gain K = sigma_1^2 / (sigma_1^2 + sigma_l^2) = 1/G: the weight of the first stimulus in the evolved mean.
+    """Kalman gain K = sigma_1^2 / (sigma_1^2 + sigma_l^2) = 1/G.
+
+    The weight of the first stimulus in the evolved mean.
 
     Source: Eq. axis2, slope, with (G - 1)/gamma = 1/G.
 
@@ -111,7 +113,10 @@ def natural_names(task: Task) -> tuple[str, ...]:
 
 
 def quantities(theta: Natural, sbar: float) -> dict[str, FloatArray]:
-    """Every named quantity that follows from natural coordinates: they themselves, gamma, sigma1, gain and width, offset and pull."""
+    """Every named quantity that follows from natural coordinates.
+
+    They themselves, gamma, sigma1, gain and width, offset and pull.
+    """
     gamma = theta.gamma
     ratio, p = variance_ratio(gamma), pull(gamma)
     spreads = np.sqrt(ratio) * theta.sigma_p, 1.0 / ratio, width(theta.sigma_p, gamma)

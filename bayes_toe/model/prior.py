@@ -87,7 +87,10 @@ class Prior(PriorFields):
     }
 
     def of_h1(self, task: Task = SAME_DIFFERENT) -> tuple[str, ...]:
-        """The parameters of the predictive update (H1) that have a distribution: the width's, or in its place sigma_p's, among them."""
+        """The parameters of the predictive update (H1) that have a distribution.
+
+        The width's, or in its place sigma_p's, among them.
+        """
         return ("mu1", self.spread, "gamma", task.lapses)
 
     @property
@@ -208,7 +211,10 @@ class Prior(PriorFields):
 
     @property
     def remark(self) -> str:
-        """What else to know of its numbers, to be put behind a description: what its symbols mean, and their unit of time."""
+        """What else to know of its numbers, to be put behind a description.
+
+        What its symbols mean, and their unit of time.
+        """
         symbols = any(map(self.of_stimuli, self.of_h1()))
         stimuli = "M mean and R sd of the stimuli, D rms step" if symbols else ""
         time = "" if self.reference_interval is None else f"over {self.reference_interval:g} s"

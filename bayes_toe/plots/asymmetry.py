@@ -1,4 +1,7 @@
-"""Figures of the time-order asymmetry: one comparison in both orders (Fig. 1C), and q(c, r) - q(r, c) of all subjects and comparisons."""
+"""Figures of the time-order asymmetry.
+
+One comparison in both orders (Fig. 1C), and q(c, r) - q(r, c) of all subjects and comparisons.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +24,8 @@ from bayes_toe.plots.style import (
     plain,
 )
 
-#: Colour and marker of the order in which 'equal', or a wrong answer, is likelier, by the sign of the asymmetry.
+#: Colour and marker of the order in which 'equal', or a wrong answer, is likelier, by the sign of
+#: the asymmetry.
 _MARKS = {1: (STRONGER_FIRST, "s"), -1: (WEAKER_FIRST, "o"), 0: (EQUAL, "D")}
 # Inches: a subject's row with up to five comparisons, and what stands above and below the rows.
 _ROW, _MARGIN, _HIGHEST = 0.22, 1.05, 9.0

@@ -1,4 +1,7 @@
-"""Figures as files and as the content of files: the same figure gives the same bytes, and a file appears whole or not at all."""
+"""Figures as files and as the content of files.
+
+The same figure gives the same bytes, and a file appears whole or not at all.
+"""
 
 from __future__ import annotations
 

@@ -126,7 +126,10 @@ class Plan:
             )
 
     def from_h1(self, design: str) -> int:
-        """How many of the data sets for the evidence are from H1: a fair coin is thrown for each."""
+        """How many of the data sets for the evidence are from H1.
+
+        A fair coin is thrown for each.
+        """
         return int(
             (generator(self.seed, design, "hypothesis").uniform(size=self.data_sets) < 0.5).sum()
         )
@@ -222,7 +225,10 @@ def jobs_of(plan: Plan, settings: Settings) -> Iterator[Job]:
 
 
 def work(job: Job) -> tuple[Row, Row]:
-    """Simulate and analyse a subject as the commands would, with their streams: its rows of ranks and of data sets, or empty ones."""
+    """Simulate and analyse a subject as the commands would, with their streams.
+
+    Its rows of ranks and of data sets, or empty ones.
+    """
     (subject, theta), settings = observed(job), job.settings
     wanted = Wanted(
         settings.sampler if job.with_draws else None, EVIDENCE_DRAWS if job.with_evidence else 0

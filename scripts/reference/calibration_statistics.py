@@ -1,4 +1,6 @@
-"""How calibration is judged: whether ranks are uniform, and whether stated probabilities mean what they say.
+"""How calibration is judged.
+
+Whether ranks are uniform, and whether stated probabilities mean what they say.
 
 Ranks: at a point z the count of n uniform numbers below it is Binomial(n, z). A band cuts the same
 tail probability t off every one of these, and t is such that the whole function stays inside with

@@ -1,4 +1,7 @@
-"""The sheared lattice over (a, b, l) on which the reference quadrature sums: where it starts, and which of its points matter."""
+"""The sheared lattice over (a, b, l) on which the reference quadrature sums.
+
+Where it starts, and which of its points matter.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Integrals over the offset c at many (a, b, l) at once, by adaptive Clenshaw-Curtis panels: the inner part of the reference quadrature."""
+"""Integrals over the offset c at many (a, b, l) at once, by adaptive Clenshaw-Curtis panels.
+
+The inner part of the reference quadrature.
+"""
 
 from __future__ import annotations
 
@@ -209,7 +212,10 @@ class Inner:
         return np.asarray(self._steps + MAX_PULL * expit(outer[:, 0, None]) * self._levers)
 
     def _cut(self, outer: FloatArray, panels: Panels) -> Panels:
-        """Wide panels are cut where a pair's distance z vanishes: there the likelihood has features of width w."""
+        """Wide panels are cut where a pair's distance z vanishes.
+
+        There the likelihood has features of width w.
+        """
         high = panels.low + panels.width
         zeros = self._zeros(outer[panels.node])
         wide = panels.width > 4.0 * np.exp(outer[panels.node, 1])

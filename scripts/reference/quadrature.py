@@ -1,4 +1,6 @@
-r"""Evidence and posterior moments of one subject by deterministic integration: a reference that shares no code with the samplers.
+r"""Evidence and posterior moments of one subject by deterministic integration.
+
+A reference that shares no code with the samplers.
 
 The integral over x = (c, a, b, l), with a = logit(p/p_max), b = log w, l = logit q0, is nested:
 

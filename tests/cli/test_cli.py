@@ -118,7 +118,10 @@ def test_the_report_stands_alone(results):
 
 
 def test_a_misfit_is_loud_in_terminal_and_report(folder, small_study, blank_pictures):
-    """Answers that no smooth curve describes: those to two pairs of one observer are turned round."""
+    """Answers that no smooth curve describes.
+
+    Those to two pairs of one observer are turned round.
+    """
     subject = small_study["A"]
     equal = subject.n_yes.copy()
     equal[[2, 5]] = subject.n_trials[[2, 5]] - equal[[2, 5]]

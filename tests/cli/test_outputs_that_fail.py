@@ -1,4 +1,7 @@
-"""What cannot be written, by the real command: one line, exit code 2, what was there before is there; no traceback, no crash."""
+"""What cannot be written, by the real command.
+
+One line, exit code 2, what was there before is there; no traceback, no crash.
+"""
 
 import os
 import resource

@@ -1,4 +1,8 @@
-"""The report in a real browser: it fits a telephone and paper, sorts, filters and unfolds, needs no script for being read, asks nobody."""
+"""The report in a real browser.
+
+It fits a telephone and paper, sorts, filters and unfolds, needs no script for being read, asks
+nobody.
+"""
 
 import math
 

@@ -1,4 +1,7 @@
-"""Answers that are turned and subjects or blocks that are left out: what is changed, what stays, what is refused, who remembers it."""
+"""Answers that are turned and subjects or blocks that are left out.
+
+What is changed, what stays, what is refused, who remembers it.
+"""
 
 import pandas as pd
 import pytest

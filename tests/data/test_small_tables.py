@@ -1,4 +1,7 @@
-"""Pairs, designs, populations, covariates: the small files beside a study, all read by the study's strict reader."""
+"""Pairs, designs, populations, covariates.
+
+The small files beside a study, all read by the study's strict reader.
+"""
 
 import csv
 from importlib.resources import files

@@ -1,4 +1,7 @@
-"""The page in a real browser: what is dragged over is what is selected and drawn, and nothing is asked of the network."""
+"""The page in a real browser.
+
+What is dragged over is what is selected and drawn, and nothing is asked of the network.
+"""
 
 import csv
 

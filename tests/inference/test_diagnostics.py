@@ -1,4 +1,7 @@
-"""Convergence, Monte Carlo errors and Pareto smoothing: of draws of which the answer is known, and against the ArviZ that users have."""
+"""Convergence, Monte Carlo errors and Pareto smoothing.
+
+Of draws of which the answer is known, and against the ArviZ that users have.
+"""
 
 import importlib.metadata
 

@@ -1,4 +1,7 @@
-"""Draws of every model that is sampled: the same container, its summary, what ArviZ finds in it, and whose draws they are."""
+"""Draws of every model that is sampled.
+
+The same container, its summary, what ArviZ finds in it, and whose draws they are.
+"""
 
 import json
 import re

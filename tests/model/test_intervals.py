@@ -1,4 +1,7 @@
-"""The model at several intervals: the filter step by step, scales exactly 1 at one second, and the equations of their moments."""
+"""The model at several intervals.
+
+The filter step by step, scales exactly 1 at one second, and the equations of their moments.
+"""
 
 import numpy as np
 import pytest

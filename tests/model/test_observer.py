@@ -341,7 +341,10 @@ def test_priors_integrate_to_1_have_their_slope_and_their_quantiles(density):
 
 
 def test_draws_from_the_prior_follow_its_quantiles(posterior):
-    """Kolmogorov's test of at most nine quantities at 1e-4: a false alarm in a thousand such tests."""
+    """Kolmogorov's test of at most nine quantities at 1e-4.
+
+    A false alarm in a thousand such tests.
+    """
     x = prior_draws(posterior, 4000, seed=7)
     found = posterior.quantities(x)
     p = np.linspace(0.02, 0.98, 49)

@@ -124,7 +124,10 @@ def test_large_batches_of_points_are_done_in_parts():
 
 
 def test_a_session_starts_anew():
-    """The sessions of a subject one after the other, or in another sequence: the same likelihood."""
+    """The sessions of a subject one after the other, or in another sequence.
+
+    The same likelihood.
+    """
     subject = two_sessions(missed=0)
     answers = subject.answers
     rows = np.r_[20:60, 0:20]

@@ -36,7 +36,8 @@ from bayes_toe.plots.subject import answers_axes, central, collapse_axes, prior_
 NAMES = tuple(FIGURES)
 
 
-# --- what is drawn ----------------------------------------------------------------------------------------------------------------
+# --- what is drawn
+# ----------------------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -251,7 +252,8 @@ def test_subjects_are_chosen_in_the_roles_of_the_paper(table):
     assert representative(AsymmetryTable(tuple(rows)))[:2] == ("A2", "B1")
 
 
-# --- words ------------------------------------------------------------------------------------------------------------------------
+# --- words
+# ------------------------------------------------------------------------------------------------------------------------
 
 
 def sampled(study):
@@ -337,7 +339,8 @@ def test_captions_say_what_is_left_out_and_what_did_not_converge(analysis):
     assert "A, B, C" in captions(material_of(analysis))
 
 
-# --- files ------------------------------------------------------------------------------------------------------------------------
+# --- files
+# ------------------------------------------------------------------------------------------------------------------------
 
 
 def test_files_are_all_there_the_same_each_time_and_do_not_depend_on_workers(

@@ -96,7 +96,10 @@ def test_everything_planned_is_there(table):
 
 
 def test_what_is_judged_is_what_the_commands_say(monkeypatch):
-    """The same seed and subjects through the public verbs, which compute more: the numbers that the verdicts use are the same."""
+    """The same seed and subjects through the public verbs, which compute more.
+
+    The numbers that the verdicts use are the same.
+    """
     job = Job("sparse", True, "sparse-h1-0001", True, True, calibration_settings(3))
     subject, theta = calibration.observed(job)
     ranks, known = work(job)

@@ -30,7 +30,10 @@ def log_normal(x, mean, sd):
 
 
 class Normal:
-    """exp(5) times a correlated normal density of x: the evidence is 5, q0 is logit-normal, the gain a function of a normal a."""
+    """exp(5) times a correlated normal density of x.
+
+    The evidence is 5, q0 is logit-normal, the gain a function of a normal a.
+    """
 
     sbar = -0.4
     mean = np.array([0.2, -0.5, -1.2, 1.5])
