@@ -59,7 +59,7 @@ EFFECTS_TAB, PAPER_TAB = "effects", "paper's parameters"
 EFFECTS = ("constant_error", "contraction", "jnd")
 #: The label of draws that are averaged over the four models, and how many of them there are.
 AVERAGED, _N_AVERAGED = "four models averaged", 4000
-_PRECISION = Precision(effective_draws=1500.0)
+_PRECISION = Precision(effective_draws=3000.0)
 #: Draws with an effect below which the effect is not shown.
 _FEWEST_WITH = 100
 #: Of every curve; with straight lines between them a bell is a bell.

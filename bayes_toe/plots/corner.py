@@ -47,7 +47,7 @@ AROUND = 2
 LEVELS, SPANNED = (0.5, 0.95), (0.005, 0.995)
 #: Differences of natural-log intensities that axes show in per cent of intensity.
 IN_PERCENT = ("constant_error", "pse_shift", "jnd", "zone")
-#: Bins by which counts are smoothed, times the sixth root of the number of draws: about the
+#: Bins by which counts are smoothed, times the sixth root of the number of distinct draws: about the
 #: normal reference rule where a panel is six standard deviations wide.
 _SMOOTHED = 8.0
 _WITHOUT_UNIT = ("contraction", "pull", "gain", "gamma", "q0", "lapse_rate")
@@ -314,7 +314,8 @@ class Density(NamedTuple):
     def of(cls, x: FloatArray, y: FloatArray, across: Span, up: Span) -> Density:
         """Of draws, shape (draws,) each, in a panel that reaches so far."""
         counts = np.histogram2d(y, x, BINS, [up, across])[0]
-        smooth = gaussian_filter(counts, _SMOOTHED * len(x) ** (-1.0 / 6.0))
+        n_distinct = len(np.unique(x))  # a draw that is repeated says nothing new
+        smooth = gaussian_filter(counts, _SMOOTHED * n_distinct ** (-1.0 / 6.0))
         values = np.pad(np.pad(smooth, 1, mode="edge"), 1, constant_values=smooth.min())
         places = [
             (draws - low) / (high - low) * BINS + AROUND - 0.5
