@@ -322,16 +322,17 @@ def test_panels_that_show_one_of_several_weaker_stimuli_name_it():
 
 
 def test_figures_show_answers_where_they_were_given(analysis):
-    *panels, gain, pair = bt.plots.curves(analysis.draws, "S01").axes
+    *panels, gain = bt.plots.curves(analysis.draws, "S01").axes
     assert [ax.get_title() for ax in panels] == [f"{isi:g} s" for isi in THREE]
-    points = [
-        line
-        for line in pair.get_lines()
-        if len(line.get_xdata()) == len(THREE) and line.get_linestyle() == "None"
-    ]
-    assert len(points) >= 3  # both orders, and the bars that mark tested intervals
-    assert all(line.get_xdata() == pytest.approx(THREE, rel=0.05) for line in points)
+    counts = analysis.study["S01"]
+    for ax, isi in zip(panels, THREE, strict=True):
+        here = counts.at_isi(isi)
+        expected = np.sort((here.n_yes + 1.0) / (here.n_trials + 2.0))
+        drawn = np.concatenate([container.lines[0].get_ydata() for container in ax.containers])
+        assert np.sort(drawn) == pytest.approx(expected)
     assert gain.get_xlim() == (0.5 * min(THREE), 2.0 * max(THREE))
+    [tested] = [line for line in gain.lines if line.get_marker() == "|"]
+    assert tested.get_xdata() == pytest.approx(THREE)
 
 
 def test_a_results_folder_has_everything_but_what_knows_one_interval(

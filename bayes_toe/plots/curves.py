@@ -70,8 +70,8 @@ def curves(source: Analysis | Draws, subject: str, *, title: str | None = None) 
     curve of P('second') crosses one half is the point of subjective equality (PSE).
 
     One panel per weaker stimulus; designs with more than six of those are shown over the distance
-    z. With intervals, one panel for each of up to six of them, and below these, over the interval,
-    the probability of one pair; with the paper's model (H1) also the gain.
+    z. With intervals, one panel for each of up to six of them; with the paper's model (H1) also the
+    gain over the interval.
 
     Parameters
     ----------
@@ -337,104 +337,60 @@ def _draw_points(
 
 
 def _interval_figure(counts: Subject, fitted: Predictor, title: str) -> Figure:
-    """Answers and curves at each of up to six intervals, and below, gain and P of one pair over the interval."""
-    tested, weaker = counts.intervals, main_weaker(counts)
-    shown = tested if weaker is not None and len(tested) <= MOST_PANELS else ()
-    across = min(3, max(1, len(shown)))
-    rows, wide = -(-len(shown) // across), 6 // across
-    figure = new_figure(6.6, 2.3 * rows + 2.9)
-    grid = figure.add_gridspec(rows + 1, 6)
-    first: Axes | None = None
-    for i, isi in enumerate(shown):
-        ax = figure.add_subplot(
-            grid[i // across, wide * (i % across) : wide * (i % across + 1)], sharey=first
-        )
-        first = ax if first is None else first
+    """Responses and curves at up to six of the intervals; of the paper's model the gain below."""
+    tested = counts.intervals
+    last = len(tested) - 1
+    shown = [tested[i] for i in np.unique(np.linspace(0, last, MOST_PANELS).round().astype(int))]
+    across = min(3, len(shown))
+    n_rows = -(-len(shown) // across)
+    has_gain = isinstance(fitted.target, PaperPosterior)
+    heights = [2.3 * n_rows + 0.5] + [2.3] * has_gain
+    figure = new_figure(6.6, sum(heights) + 0.3)
+    parts = figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0]
+    panels = first_panels(parts[0].add_gridspec(n_rows, across), len(shown), sharey=True)
+    for i, (isi, ax) in enumerate(zip(shown, panels, strict=True)):
         here = counts.at_isi(isi)
-        own = weaker if weaker in np.minimum(here.s1, here.s2) else main_weaker(here)
-        low = float(here.s1.min()) if own is None else own
+        weaker = main_weaker(counts)
+        if weaker not in np.minimum(here.s1, here.s2):
+            weaker = main_weaker(here)
+        low = float(here.s1.min()) if weaker is None else weaker
         order_panel(ax, here, _at(fitted, isi), low, size=4.5)
         about = which_weaker(counts, low)
         ax.set(
             title=f"{isi:g} s" + (about and f", {about}"),
             xlabel=_ALONG[counts.task].replace(" intensity", ""),
+            ylabel="" if i % across else chance(counts.task),
             yticks=[0.0, 0.5, 1.0],
         )
-        ax.set_ylabel(chance(counts.task) if i % across == 0 else "")
         dress(ax)
-    if rows:
-        legend_below(figure, size=8.0)
+    legend_below(parts[0], size=8.0)
     if isinstance(fitted.target, PaperPosterior):
-        _gain_panel(figure.add_subplot(grid[rows, :3]), tested, fitted.target, fitted.x)
-        _pair_panel(figure.add_subplot(grid[rows, 3:]), counts, fitted)
-    else:
-        _pair_panel(figure.add_subplot(grid[rows, :]), counts, fitted)
+        _gain_panel(parts[1].subplots(), tested, fitted.target, fitted.x)
     figure.suptitle(title, fontsize=11)
     return figure
 
 
 def _at(fitted: Predictor, isi: float) -> Curve:
-    """P of the counted answer of pairs at one interval."""
+    """P of the counted response of pairs at one interval."""
     return lambda s1, s2: fitted.yes(s1, s2, np.full(len(s1), isi))
 
 
 def _gain_panel(
     ax: Axes, tested: tuple[float, ...], target: PaperPosterior, draws: FloatArray
 ) -> None:
-    """Kalman gain over the interval: the weight of the first stimulus; 1 means no order effect. Short bars: tested intervals."""
-    x = _dress_intervals(ax, tested)
+    """Kalman gain over the interval: the weight of the first stimulus, 1 without an order effect.
+
+    Short bars are the tested intervals.
+    """
+    x = np.geomspace(tested[0] / _BEYOND, tested[-1] * _BEYOND, 120)
     draw_band(ax, x, target.gain(draws, x), POSTERIOR, 1.3)
     ax.axhline(1.0, color=EQUAL, lw=0.8, ls=":")
-    ax.set(ylabel="gain K", ylim=(min(0.5, ax.get_ylim()[0]), 1.03))
-    dress(ax)
-
-
-def _pair_panel(ax: Axes, counts: Subject, fitted: Predictor) -> None:
-    """P in both orders over the interval of the pair whose answers tell most, with the answers a little beside their interval."""
-    x, (weak, strong) = _dress_intervals(ax, counts.intervals), _usual_pair(counts)
-    assert counts.isi is not None
-    for order, (s1, s2) in (
-        {-1: (weak, strong), 1: (strong, weak)} if weak < strong else {0: (weak, strong)}
-    ).items():
-        mark, at = ORDERS[order], (counts.s1 == s1) & (counts.s2 == s2)
-        draw_band(ax, x, fitted.yes(np.full(len(x), s1), np.full(len(x), s2), x), mark.colour, 1.3)
-        if at.any():
-            _draw_points(ax, counts.isi[at], counts, at, mark, size=4.5, aside=1.5 * order)
-    about = f"{weak:.3g} and {strong:.3g}" if weak != strong else f"{weak:.3g} twice"
-    ax.set(
-        xlim=(x[0], x[-1]), ylabel=chance(counts.task), ylim=(-0.03, 1.03), yticks=[0.0, 0.5, 1.0]
-    )
-    ax.set_title(f"stimuli {about}".replace("-", "−"))
-    dress(ax)
-
-
-def _dress_intervals(ax: Axes, tested: tuple[float, ...]) -> FloatArray:
-    """Intervals to draw at, along a logarithmic axis in plain numbers with a mark at every tested interval."""
-    x = np.geomspace(tested[0] / _BEYOND, tested[-1] * _BEYOND, 120)
     ax.set_xscale("log")
     ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if x[-1] / x[0] < 300.0 else (1.0,)))
     ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     ax.xaxis.set_minor_formatter(NullFormatter())
+    places = ax.get_xaxis_transform()
+    ax.plot(tested, np.full(len(tested), 0.03), "|", color="#111111", ms=7, transform=places)
     ax.set(xlabel="inter-stimulus interval (s)", xlim=(x[0], x[-1]))
-    ax.plot(
-        tested,
-        np.full(len(tested), 0.03),
-        "|",
-        color="#111111",
-        ms=7,
-        mew=1.2,
-        transform=ax.get_xaxis_transform(),
-    )
-    return x
-
-
-def _usual_pair(counts: Subject) -> tuple[float, float]:
-    """Of the pairs of different stimuli met at most intervals, that whose answers are nearest to half and half; else an equal pair."""
-    low, high = np.minimum(counts.s1, counts.s2), np.maximum(counts.s1, counts.s2)
-    found = []
-    for weak, strong in sorted(set(zip(low.tolist(), high.tolist(), strict=True))):
-        at = (low == weak) & (high == strong)
-        share = counts.n_yes[at].sum() / counts.n_trials[at].sum()
-        found.append((weak == strong, -int(at.sum()), abs(share - 0.5), weak, strong))
-    _, _, _, weak, strong = min(found)
-    return weak, strong
+    ax.set(ylabel="gain K", ylim=(min(0.5, ax.get_ylim()[0]), 1.03))
+    dress(ax)

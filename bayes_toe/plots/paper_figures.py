@@ -275,7 +275,7 @@ def captions(material: Material) -> str:
         f"{len(draws.names)} subjects, seed {draws.seed}. Prior: {draws.attrs['prior']}. Stimuli "
         "and all parameters but "
         f"{draws.task.lapses} and gamma are "
-        "in natural-log intensity. Red: weaker stimulus first, (r, c); blue: stronger first, (c, "
+        "in natural-log intensity. Orange: weaker stimulus first, (r, c); blue: stronger first, (c, "
         "r); grey: equal stimuli.",
         capitalized(material.asymmetry.population().describe()) + ".",
     ]

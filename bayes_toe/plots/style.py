@@ -1,7 +1,7 @@
 """What all figures share: colours, sizes, names and numbers as words, panels, legends.
 
 Functions take Axes or make a Figure of their own, return it, never show it and never touch global
-settings. Colours keep the paper's meaning in a palette safe for colour-blind readers: red weaker
+settings. Colours keep the paper's meaning in a palette safe for colour-blind readers: orange weaker
 stimulus first, blue stronger first, grey equal stimuli; markers differ too.
 """
 

@@ -108,13 +108,13 @@ def test_the_reference_is_the_weaker_stimulus_that_most_pairs_share():
 
 
 def test_a_model_that_knows_no_intervals_has_the_same_curve_at_each(small_study):
-    """Its figure has a panel for each interval and the pair over the interval, and no gain."""
+    """Its figure has a panel for each interval and no gain."""
     one = small_study["A"]
     isi = np.where(np.arange(one.n_pairs) % 2, 0.5, 2.0)
     timed = bt.Subject("A", one.s1, one.s2, one.n_yes, one.n_trials, isi=isi)
     draws = bt.sample(bt.Study([timed]), model="both", draws=200, seed=1, workers=1)
     figure = bt.plots.curves(draws, "A")
     require_legible(figure)
-    assert [ax.get_ylabel() for ax in figure.axes] == ["P('equal')", "", "P('equal')"]
+    assert [ax.get_ylabel() for ax in figure.axes] == ["P('equal')", ""]
     found = bt.predict(draws, "A", 0.0, 0.2, [0.5, 2.0])
     assert found["mean"][0] == found["mean"][1]
