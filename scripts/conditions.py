@@ -1,4 +1,4 @@
-"""Conditions within subjects: the numbers of docs/conditions.md.
+"""Conditions within subjects: the numbers of docs/validation.md.
 
     python scripts/conditions.py subjects [--data FOLDER]     # real studies: delays, and splits in which nothing differs
     python scripts/conditions.py simulated --number 30        # simulated subjects: nothing or one quantity differs

@@ -8,6 +8,7 @@ from functools import cache
 from importlib import import_module
 from pathlib import Path
 
+import count_words
 import pytest
 import reference_pages
 import typer.main
@@ -122,6 +123,14 @@ def test_tables_and_pictures_of_the_docs_are_used():
     assert [name for name in sorted(kept) if name not in text] == []
 
 
+def test_documents_are_short():
+    """Words of prose, code and tables that people write."""
+    assert sum(count_words.count_by_entry().values()) <= count_words.MOST_WORDS
+    counted = {name for files in count_words.ENTRIES.values() for name in files}
+    documents = {path.relative_to(ROOT).as_posix() for path in (*TEXTS, *NOTEBOOKS)}
+    assert counted == documents
+
+
 @pytest.mark.parametrize(("path", "most"), [(README, 600), (ROOT / "docs" / "tutorial.md", 2000)])
 def test_readme_and_tutorial_are_short(path, most):
     """Words of prose and code; printed text does not count."""
@@ -205,6 +214,6 @@ def test_every_public_name_has_its_entry_once(face):
 
 
 def test_every_figure_is_in_the_gallery():
-    gallery = (DOCS / "gallery.md").read_text(encoding="utf-8")
+    page = (DOCS / "report_it.md").read_text(encoding="utf-8")
     names = import_module("bayes_toe.plots").__all__
-    assert [name for name in names if f"bt.plots.{name}(" not in gallery] == []
+    assert [name for name in names if f"bt.plots.{name}(" not in page] == []

@@ -1,4 +1,4 @@
-"""docs/recipes.md is run: its commands and its programs, section by section, on files made up here as other programs write them."""
+"""docs/how_to.md is run: the commands and programs of reading files, section by section, on files made up here as other programs write them."""
 
 import re
 import shlex
@@ -13,7 +13,7 @@ from scipy.io import savemat
 
 import bayes_toe as bt
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "recipes.md"
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "how_to.md"
 PAIRS = [(0.087, 0.087), (0.087, 0.12), (0.12, 0.087), (0.12, 0.12)]
 
 
@@ -77,6 +77,19 @@ def wide_tables(folder):
     )
 
 
+def standards(folder):
+    rows = [
+        f"a,0,{comparison},{interval},{word}"
+        for comparison, interval, word in (
+            (0.3, 1, "comparison"),
+            (0.3, 2, "comparison"),
+            (-0.3, 1, "standard"),
+            (-0.3, 2, "comparison"),
+        )
+    ]
+    write(folder / "standards.csv", ["subject,standard,comparison,interval,response", *rows])
+
+
 def several_files(folder):
     for name in ("A_session1", "A_session2", "B_session1"):
         write(
@@ -118,6 +131,7 @@ def write(path, lines):
 
 
 SECTIONS = {
+    "A standard and a comparison": (standards, ["1 subject, 4 trials", "which was stronger"]),
     "PsychoPy": (
         psychopy,
         [
@@ -152,8 +166,13 @@ SECTIONS = {
 
 
 def sections():
-    parts = re.split(r"^## (.*)$", PAGE.read_text(encoding="utf-8"), flags=re.MULTILINE)
-    return dict(zip(parts[1::2], parts[2::2], strict=True))
+    """The sections about files of other programs, and that about leave-one-out."""
+    page = PAGE.read_text(encoding="utf-8")
+    files = page[: page.index("## Check the data")]
+    parts = re.split(r"^### (.*)$", files, flags=re.MULTILINE)
+    found = dict(zip(parts[1::2], parts[2::2], strict=True))
+    _, title, rest = page.partition("## Leave-one-out")
+    return {**found, title.removeprefix("## "): rest.partition("\n## ")[0]}
 
 
 @pytest.mark.filterwarnings("ignore:Estimated shape parameter of Pareto")  # by ArviZ, and said
@@ -176,10 +195,11 @@ def test_a_recipe_works_as_it_stands(name, tmp_path):
                 about["total"],
             )
             continue
-        program, *words = shlex.split(block)
-        assert program == "bayes-toe"
-        said = " ".join(good(*words, cwd=tmp_path).split())
-        assert [one for one in wanted if isinstance(one, str) and one not in said] == []
+        for line in block.splitlines():
+            program, *words = shlex.split(line)
+            assert program == "bayes-toe"
+            said = " ".join(good(*words, cwd=tmp_path).split())
+            assert [one for one in wanted if isinstance(one, str) and one not in said] == []
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 
 from bayes_toe.answers.order_effect import QUESTIONS
+from bayes_toe.answers.words import Word
 from bayes_toe.design.optimal_pairs import OPTIMISED, PAPER, OptimalDesign
 from bayes_toe.design.power import FOUND, PowerTable
 from bayes_toe.plots.style import (
@@ -26,6 +27,7 @@ from bayes_toe.plots.style import (
     plain,
 )
 
+_UNKNOWN = Word.CANNOT_BE_TOLD.value
 _COLOURS = (EQUAL, "#E69F00", WEAKER_FIRST, STRONGER_FIRST, "#009E73", "#CC79A7")
 _MARKERS = "Dos^vP"
 _LARGEST = 160.0  # area of the most frequent pair, square points
@@ -37,7 +39,8 @@ def power(table: PowerTable) -> Figure:
     """Share of each kind of observers with the answer 'yes' or 'probably', by trials.
 
     A row for each design, a panel for each question. Hollow markers: kinds that do not have the
-    effect asked about. Bars: 95 % of Monte Carlo error.
+    effect asked about. Bars: 95 % of Monte Carlo error. Where a design cannot show an effect, its
+    panel says so.
     """
     designs = table.different("design")
     figure = new_figure(PAGE, 2.1 * len(designs) + 0.6)
@@ -59,8 +62,13 @@ def _draw_question(ax: Axes, table: PowerTable, design: str, question: str) -> N
     trials = [number for name, number in table.designs if name == design]
     kinds = table.different("observers")
     for index, kind in enumerate(kinds):
-        rows = [table[design, number, kind, question, FOUND] for number in trials]
-        x = np.array(trials) * np.exp(_APART * (index - 0.5 * (len(kinds) - 1)))
+        shares = [table[design, number, kind, question, FOUND] for number in trials]
+        unknown = [table[design, number, kind, question, _UNKNOWN] for number in trials]
+        is_known = np.array([share.value < 1.0 for share in unknown])
+        if not is_known.any():
+            continue
+        rows = [share for share, known in zip(shares, is_known, strict=True) if known]
+        x = np.array(trials)[is_known] * np.exp(_APART * (index - 0.5 * (len(kinds) - 1)))
         y = np.array([row.value for row in rows])
         errors = np.array([(row.value - row.low, row.high - row.value) for row in rows]).T
         colour = _COLOURS[index % len(_COLOURS)]
@@ -74,6 +82,8 @@ def _draw_question(ax: Axes, table: PowerTable, design: str, question: str) -> N
         }
         label = plain(kind) if question == "order_effect" else None  # there most have the effect
         ax.errorbar(x, y, errors, lw=1.1, elinewidth=0.8, label=label, **style)
+    if not ax.lines:
+        ax.text(0.5, 0.5, _UNKNOWN, transform=ax.transAxes, ha="center", fontsize=LETTERS)
     ax.set(xscale="log", ylim=(-0.04, 1.04))
     ax.set_xlim(min(trials) / _MARGIN, max(trials) * _MARGIN)
     ax.set_xticks(trials, [f"{number:,}" for number in trials])
