@@ -72,13 +72,11 @@ CONTRAST_COLUMNS = (
     *("p_direction", "log_bf_differs", "log_bf_differs_se", "word", "robust", "model", "prior"),
 )
 #: What the words mean.
-WORDS_LEGEND = (
-    f"Words: a difference is stated from a Bayes factor of {SURELY:g} on and is probable from "
-    f"{PROBABLY:g}, none likewise"
-)
 LEGEND = (
-    f"{WORDS_LEGEND}; 'order effect': constant error, contraction or both; of more than two levels "
-    "that are no numbers any two may differ. Not robust: lapses that differ too change the word"
+    f"'Differs' needs a Bayes factor of at least {SURELY:g}, 'probably differs' of at least "
+    f"{PROBABLY:g}; 'no difference' and 'probably no difference' need at most 1/{SURELY:g} and "
+    f"1/{PROBABLY:g}. 'Order effect' is constant error, contraction or both. 'Not robust' means "
+    "that another lapse rate in each condition changes the word"
 )
 _PROBABILITIES = (0.025, 0.05, 0.5, 0.95, 0.975)
 _FAR = 10.0  # nats below the best maximum from which on others are left out

@@ -246,7 +246,10 @@ class OrderEffect:
         if word is Word.CANNOT_BE_TOLD:
             reason = self.reasons.get(question)
             return f"{heading}: {word.value}{f', because {reason}' if reason else ''}."
-        details = [f"{self.word(question)} (P {format_probability(self.probabilities[question])})"]
+        bracket = f"P {format_probability(self.probabilities[question])}"
+        if word.is_positive and question == "contraction":
+            bracket = f"{self.direction}, {bracket}"
+        details = [f"{word.value} ({bracket})"]
         if word.is_positive and question == "constant_error":
             details.append(f"PSE shift {format_percent(self.sizes['pse_shift_percent'])}")
         if word.is_positive and question == "contraction":

@@ -206,7 +206,8 @@ def frequency_line(answers: Sequence[OrderEffect]) -> str:
     error, contraction = (f"{100.0 * frequency.share:.0f} %" for frequency in frequencies)
     return (
         f"Expected share of subjects with an effect ({frequencies[0].n_subjects} subjects): "
-        f"constant error {error}, contraction {contraction}. A share is not a mean effect."
+        f"constant error {error}, contraction {contraction}. "
+        "These shares do not say how large the effects are."
     )
 
 

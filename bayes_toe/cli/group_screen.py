@@ -90,8 +90,9 @@ def group_answer(result: PopulationResult) -> list[str]:
             if row.level == level and row.parameter in result.identified:
                 label = _DIFFERENCE_LABELS[row.parameter]
                 difference = _format_difference(result, row.parameter, row)
-                parts.append(f"{label} {difference}, {_describe_factor(row.ln_bf_zero)}")
-        lines.append(f"{badge}{level}, group: {'; '.join(parts)}.")
+                equals = " =" if row.parameter == CONTRACTION.name else ""
+                parts.append(f"{label}{equals} {difference}, {_describe_factor(row.ln_bf_zero)}")
+        lines.append(f"{badge}Difference {level} in the group: {'; '.join(parts)}.")
     return lines
 
 

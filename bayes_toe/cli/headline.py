@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 
 from bayes_toe.answers.evidence_table import EvidenceTable
-from bayes_toe.answers.order_effect import OrderEffect
+from bayes_toe.answers.order_effect import OrderEffect, format_decimals
 from bayes_toe.answers.study_summary import describe_pair
 from bayes_toe.answers.words import (
     NO_UP_TO,
@@ -14,22 +14,25 @@ from bayes_toe.answers.words import (
     PROBABLY_NOT_UP_TO,
     YES_FROM,
 )
-from bayes_toe.data.messages import describe_p
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.inference.predictive_checks import FitSummary
 
-#: The limits of the words.
-LIMITS = (
-    f"An effect is 'yes' from a posterior probability of {YES_FROM} on, 'probably' from "
-    f"{PROBABLY_FROM} on, 'no' up to {NO_UP_TO}, 'probably not' up to {PROBABLY_NOT_UP_TO} where "
-    f"the log Bayes factor is at most {PROBABLY_NOT_LOG_BAYES_FACTOR:g}; otherwise 'undecided'"
-)
+#: The words, and the probabilities that they need.
+LIMITS = {
+    "yes": f"at least {format_decimals(YES_FROM)}",
+    "probably": f"at least {format_decimals(PROBABLY_FROM)}",
+    "undecided": "otherwise",
+    "probably not": f"at most {format_decimals(PROBABLY_NOT_UP_TO)}, with a log Bayes factor of at most "
+    f"{PROBABLY_NOT_LOG_BAYES_FACTOR:g}",
+    "no": f"at most {format_decimals(NO_UP_TO)}",
+}
 #: What the figure of a subject's responses shows, in either task.
 CURVES = {
-    SAME_DIFFERENT: "P('equal') averaged over the four models, central 50 % (dark) and 95 % "
-    "(light) bands",
-    WHICH_STRONGER: "P('second') over s2 − s1 averaged over the four models, after each first "
-    "stimulus s1; where a curve crosses one half (dotted) is the point of subjective equality (PSE)",
+    SAME_DIFFERENT: "Curves show P('equal') averaged over the four models, with 50 % (dark) and "
+    "95 % (light) bands.",
+    WHICH_STRONGER: "Curves show P('second') over s2 − s1, averaged over the four models, for "
+    "each first stimulus s1. The point of subjective equality (PSE) is where a curve crosses one "
+    "half (dotted line).",
 }
 #: Why a subject needs action.
 FLAGGED = "poor fit, not interpreted, draws not converged, or no answer"
@@ -69,12 +72,6 @@ def flagged(
     return reasons
 
 
-def deviance(fit: FitSummary) -> str:
-    """A deviance with its degrees of freedom."""
-    return f"{fit.deviance:.1f} ({fit.degrees_of_freedom})"
-
-
-def misfit(fit: FitSummary) -> str:
-    """A misfit in one line: how bad, and the worst pairs."""
-    size = f"predictive {describe_p(fit.p_overall)}, deviance {fit.deviance:.1f} on {fit.degrees_of_freedom} d.f."
-    return "; ".join([size, *map(describe_pair, fit.worst)])
+def worst_pairs(fit: FitSummary) -> str:
+    """The pairs with the largest residuals."""
+    return "; ".join(map(describe_pair, fit.worst))

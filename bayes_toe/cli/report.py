@@ -25,6 +25,7 @@ from bayes_toe.answers.order_effect import (
     QUESTIONS,
     SIZE_OF,
     OrderEffect,
+    format_decimals,
     format_number,
     format_percent,
     format_probability,
@@ -101,8 +102,7 @@ GLOSSARY = {
     "contraction": "The first stimulus is remembered as nearer to the mean by the share p; also "
     "contraction bias, central tendency. Repulsion is the opposite, p below 0.",
     "JND": "Just noticeable difference: from 50 to 75 % 'second' without lapses.",
-    "Bayes factor": "How much the data change the odds of the models with the effect against "
-    "those without it.",
+    "Bayes factor": "The factor by which the data change the odds for the effect.",
     "serial dependence": "The response depends on earlier trials.",
 }
 _FITS = {True: "good", False: "poor", None: "not testable"}
@@ -120,8 +120,8 @@ _SAMPLER = {
     "ensembles": "ensembles (chains)",
     "walkers": "walkers of an ensemble",
     "max_r_hat": "largest R-hat",
-    "max_thin": "thinning at which sampling gives up",
-    "max_quantile_error": "largest error of 5 and 95 % quantiles, of the range between them",
+    "max_thin": "largest thinning",
+    "max_quantile_error": "largest Monte Carlo error of the 5 and 95 % quantiles, as a share of their distance",
 }
 _MINUS = re.compile(
     r"(?<![\w.])-(?=\.?\d)"
@@ -205,10 +205,10 @@ def _environment(task: Task) -> Environment:
         capitalized=capitalized,
         data_uri=_data_uri,
         head=_head,
-        misfit=headline.misfit,
         number=_number,
         p_value=_p_value,
         typeset=_typeset,
+        worst_pairs=headline.worst_pairs,
     )
     return environment
 
@@ -330,7 +330,7 @@ def _caption(analysis: Analysis, group: Group | None) -> str:
     """What figure 1 shows."""
     sizes = (
         "PSE shift and contraction p: medians with 95 % intervals, averaged over the models that "
-        "have the effect. A full marker means 'yes', a half one 'probably'"
+        "have the effect. A full marker means 'yes', a half marker 'probably'"
     )
     if group is not None:
         sizes += "; the last row is the mean of the group"
@@ -562,7 +562,7 @@ def _factors(answer: OrderEffect) -> list[tuple[str, str]]:
     fit = _FITS[answer.fits]
     if answer.predictive_p is not None and answer.deviance_p is not None:
         smaller = min(answer.predictive_p, answer.deviance_p)
-        fit += f", predictive {describe_p(smaller)} (poor: below {MISFIT:g})"
+        fit += f", predictive {describe_p(smaller)} (poor: below {format_decimals(MISFIT)})"
     rows.append(("fit of the best model", fit))
     if answer.history_p is not None:
         rows.append(("effect of the previous trial", describe_p(answer.history_p)))

@@ -7,10 +7,10 @@ import math
 import re
 import shlex
 import sys
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from textwrap import wrap
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from bayes_toe.data.messages import counted, listed, visible
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
@@ -408,12 +408,6 @@ def allowed_in_order(values: Sequence[float], errors: Sequence[float], most: int
     while decimals < most and len({round(value, decimals) for value in values}) < len(set(values)):
         decimals += 1
     return [_rounded(value, decimals) for value in values]
-
-
-def allowed_quantiles(row: Mapping[Any, Any], most: int) -> list[str]:
-    """The 5 % quantile, median and 95 % quantile of a row of a summary as :func:`allowed_in_order` has them."""
-    keys = ("q05", "q50", "q95")
-    return allowed_in_order([row[key] for key in keys], [row[f"mcse_{key}"] for key in keys], most)
 
 
 def _decimals(error: float) -> int:

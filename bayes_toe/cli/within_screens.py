@@ -71,7 +71,8 @@ def _difference(row: Difference) -> str:
 
 def contrast_lines(table: ContrastTable) -> list[str]:
     """In how many subjects each quantity differs; each subject counts once."""
-    lines = [f"Compared: {table.conditions.about}."]
+    column, _, levels = table.conditions.about.partition(": ")
+    lines = [f"Compared by {column}: {levels}."]
     for quantity in table.quantities:
         first = dict[str, str]()
         for row in table.select(quantity):

@@ -95,7 +95,7 @@ def test_frequency_is_that_of_the_beta_binomial_where_every_answer_is_certain():
 def test_frequency_needs_two_interpretable_subjects():
     assert frequency_line(STUDY[:1]) == ""
     assert frequency_line([STUDY[0], STUDY[3]]) == ""
-    assert "A share is not a mean effect" in frequency_line(STUDY[:3])
+    assert "These shares do not say how large" in frequency_line(STUDY[:3])
 
 
 def test_run_fits_the_group_of_six_interpretable_subjects_and_no_fewer(monkeypatch):

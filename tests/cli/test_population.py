@@ -141,7 +141,7 @@ def test_an_sd_near_zero_is_given_as_a_bound():
 def test_conditions_have_a_line_and_a_table():
     made = made_result(two_conditions(1, n_subjects=4))
     lines = group_answer(made)
-    assert lines[1].startswith("right - left, group: PSE shift ")
+    assert lines[1].startswith("Difference right - left in the group: PSE shift ")
     assert lines[1].count("BF") == 3
     (title, _, differences), (group, headings, rows) = group_tables(made)
     assert title == "Differences between conditions"

@@ -35,8 +35,8 @@ def section(folder):
 @pytest.mark.parametrize(
     ("which", "drawn", "said"),
     [
-        ("flagged", "AC", "There are figures for 2 subjects (--figures flagged: "),
-        ("none", "", "There are figures for no subjects"),
+        ("flagged", "AC", "Figures are drawn for subjects that need action (poor fit"),
+        ("none", "", "To draw figures of single subjects, type <code>--figures all"),
     ],
 )
 def test_pictures_are_of_the_flagged_or_of_none_and_the_report_says_of_whom(
@@ -52,7 +52,7 @@ def test_pictures_are_of_the_flagged_or_of_none_and_the_report_says_of_whom(
     assert told == list(drawn)
     text = page(tmp_path / "out")
     assert text.count("data:image/png") == 2 + 2 * len(drawn)
-    assert text.count("No figure (--figures") == 3 - len(drawn)
+    assert text.count("To draw the corner plot") == 3 - len(drawn)
     assert said in text
     assert {path.name for path in (tmp_path / "out").iterdir()} <= {
         *results_folder.PRODUCTS,
@@ -79,16 +79,16 @@ def test_of_very_many_subjects_the_report_is_an_index_with_a_page_for_each(
     ]  # flagged ones first
     assert index.count("data:image/png") == 2
     assert '<details class="subject' not in index
-    assert "2 of 3 need action" in index
+    assert "2 of 3 subjects need action" in index
     pages = {name: page(out / "subjects", f"{name}.html") for name in "ABC"}
     assert {name: text.count("data:image/png") for name, text in pages.items()} == {
         "A": 2,
         "B": 0,
         "C": 2,
     }
-    assert "The model does not fit: (0, 0.3): 'equal' in 90 %, expected 40 %" in pages["A"].replace(
-        "&#39;", "'"
-    )
+    assert "The model does not fit. Worst pairs: (0, 0.3): 'equal' in 90 %, expected 40 %" in pages[
+        "A"
+    ].replace("&#39;", "'")
     assert "Not interpreted: responses look swapped" in pages["C"]
     assert "<code>--swap C:2</code>" in pages["C"]
     assert all('href="../report.html#read"' in text for text in pages.values())
