@@ -472,7 +472,9 @@ def _survivors(
         raise WorkerError("\n".join(f"{name}: {reason}" for name, reason in failed.items()))
     return (
         (
-            replace(study, subjects=tuple(one for one in study if one.name not in failed))
+            replace(
+                study, subjects=tuple(subject for subject in study if subject.name not in failed)
+            )
             if failed
             else study
         ),

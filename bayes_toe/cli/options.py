@@ -223,7 +223,7 @@ class StudyFile:
         if not self.files:
             raise InputError(NO_FILE)
         given: dict[str, Any] = {
-            one.name: getattr(self, one.name, None) for one in fields(ReadOptions)
+            field.name: getattr(self, field.name, None) for field in fields(ReadOptions)
         }
         given |= {
             "columns": {} if self.columns is None else parse_columns(self.columns),
@@ -234,8 +234,8 @@ class StudyFile:
         )
         # Some shells leave a name with * to us.
         found = [
-            [one] if os.path.exists(one) else sorted(map(Path, glob(str(one)))) or [one]
-            for one in self.files
+            [file] if os.path.exists(file) else sorted(map(Path, glob(str(file)))) or [file]
+            for file in self.files
         ]
         study = read_study([path for paths in found for path in paths], options)
         if asked not in (None, study.task):

@@ -272,7 +272,9 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
         inputs = tuple(one for some in values for one in some if isinstance(one, Path))
         for name, (kind, _) in records.items():
             told = {"inputs": inputs} if kind is Task else {}
-            given[name] = kind(**{one.name: given.pop(one.name) for one in options[name]}, **told)
+            given[name] = kind(
+                **{option.name: given.pop(option.name) for option in options[name]}, **told
+            )
         under_way.clear()  # An earlier call in this process may have stored results.
         try:
             function(**given)
@@ -282,7 +284,7 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
 
     parameters = [one for some in options.values() for one in some]
     command.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
-    command.__annotations__ = {one.name: one.annotation for one in parameters}
+    command.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
     return command
 
 
@@ -331,13 +333,13 @@ def _options(kind: Any, takes: Takes | None) -> list[inspect.Parameter]:
     hints, own = get_type_hints(kind, include_extras=True), {} if takes is None else takes.defaults
     return [
         inspect.Parameter(
-            one.name,
+            field.name,
             inspect.Parameter.KEYWORD_ONLY,
             default=own.get(
-                one.name, inspect.Parameter.empty if one.default is MISSING else one.default
+                field.name, inspect.Parameter.empty if field.default is MISSING else field.default
             ),
-            annotation=hints[one.name],
+            annotation=hints[field.name],
         )
-        for one in fields(kind)
-        if takes is None or one.name in takes.names
+        for field in fields(kind)
+        if takes is None or field.name in takes.names
     ]

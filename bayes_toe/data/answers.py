@@ -100,12 +100,12 @@ class Answers:
                 "found no column block, allowed: all answers of the subject, or a column with "
                 "--columns block=NAME"
             )
-        unknown = [quoted(one) for one in blocks if one not in self.blocks]
+        unknown = [quoted(block) for block in blocks if block not in self.blocks]
         if unknown:
             raise InputError(
                 f"found no block {listed(unknown)}, allowed: {listed([*map(bare, self.blocks)])}"
             )
-        return np.isin(self.block, [self.blocks.index(one) for one in blocks])
+        return np.isin(self.block, [self.blocks.index(block) for block in blocks])
 
     def turned(self, rows: BoolArray) -> Answers:
         """The same with each answer for the other one in these rows."""

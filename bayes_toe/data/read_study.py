@@ -155,7 +155,7 @@ def read_study(
             whole, notes=(*notes, f"{said}: not used; --condition {name} takes it all the same")
         )
     refuse_reversed(
-        study, _way_back(study, options, python=any(hasattr(one, "columns") for one in paths))
+        study, _way_back(study, options, python=any(hasattr(path, "columns") for path in paths))
     )
     return study
 
@@ -459,10 +459,14 @@ def _study(rows: _Rows, notes: list[str], k: IntArray, n: IntArray, task: Task) 
     else:
         values = (*rows.keys[:2], k, n, *rows.keys[2:])
         subjects = [
-            Subject.from_counts(name, *(one[at] for one in values), task=task)
+            Subject.from_counts(name, *(value[at] for value in values), task=task)
             for name, at in parts.items()
         ]
-    merged = {one.name: len(parts[one.name]) - one.n_pairs for one in subjects if not trials}
+    merged = {
+        subject.name: len(parts[subject.name]) - subject.n_pairs
+        for subject in subjects
+        if not trials
+    }
     if any(merged.values()):
         each = listed([f"{bare(name)} {count}" for name, count in merged.items() if count])
         notes.append(f"{counted(sum(merged.values()), 'repeated row')} merged: {each}")
@@ -496,7 +500,7 @@ def _study(rows: _Rows, notes: list[str], k: IntArray, n: IntArray, task: Task) 
     }
     ignored = dict.fromkeys(name for name in rows.table.names if name and name not in known | left)
     reading = Reading(
-        tuple(rows.columns), tuple(ignored), tuple(f"{source}: {one}" for one in doubts)
+        tuple(rows.columns), tuple(ignored), tuple(f"{source}: {doubt}" for doubt in doubts)
     )
     return Study(tuple(subjects), source, all(marks), tuple(notes), reading)
 

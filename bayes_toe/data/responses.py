@@ -80,11 +80,11 @@ def responses(
             f"{', '.join(some) if code is None else quoted(code)} ({name})"
             for code, some, name in shown
         )
-        python = f"ReadOptions({', '.join(f'{one}_code=...' for one in names)})"
+        python = f"ReadOptions({', '.join(f'{name}_code=...' for name in names)})"
         others = (
             ""
             if judged
-            else f"; other codes by {python if table.python else ', '.join(f'--{one}-code' for one in names)}"
+            else f"; other codes by {python if table.python else ', '.join(f'--{name}-code' for name in names)}"
         )
         table.fault(column, answer == _UNKNOWN, f"{texts}, or empty{others}")
     said = f"responses {' / '.join(_as_answered(column, answer == value, word) for value, word in zip((_YES, _NO), names, strict=True))}"

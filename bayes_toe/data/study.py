@@ -516,7 +516,7 @@ def pooled(units: Sequence[Subject]) -> Subject:
     keys = ("s1", "s2", "n_yes", "n_trials", *(() if units[0].isi is None else ("isi",)))
     return Subject.from_counts(
         units[0].person,
-        *(np.concatenate([getattr(one, key) for one in units]) for key in keys),
+        *(np.concatenate([getattr(unit, key) for unit in units]) for key in keys),
         task=units[0].task,
     )
 

@@ -248,7 +248,7 @@ def _of_csv(source: str, data: bytes, choice: Choice) -> TextTable:
     # Spreadsheets name the delimiter in a line of its own; an empty line leaves row numbers as they
     # are.
     text = _DELIMITER_LINE.sub("", text, count=1)
-    heads = {one: next(_records(text, one), (0, [])) for one in DELIMITERS}
+    heads = {delimiter: next(_records(text, delimiter), (0, [])) for delimiter in DELIMITERS}
     cells = {
         one: [] if isinstance(head, csv.Error) else [cell.strip() for cell in head]
         for one, (_, head) in heads.items()
@@ -433,7 +433,7 @@ def _matlab_columns(source: str, found: dict[str, Any]) -> dict[str, list[Any]]:
     for struct in structs.values():
         found = struct
     for trials in arrays.values():
-        found = {name: np.array([one[name] for one in trials], object) for name in trials[0]}
+        found = {name: np.array([trial[name] for trial in trials], object) for name in trials[0]}
     columns = {name: np.atleast_1d(np.asarray(value, object)) for name, value in found.items()}
     lengths = {
         name: column.size if column.size == max(column.shape) else 0

@@ -650,7 +650,7 @@ def truth_frame(trials: Sequence[SimulatedTrials]) -> pd.DataFrame:
     """True parameters, one row a subject, or a subject in a condition."""
     import pandas as pd
 
-    return pd.DataFrame([{"subject": one.subject} | one.truth for one in trials])
+    return pd.DataFrame([{"subject": trial.subject} | trial.truth for trial in trials])
 
 
 def _numbers(option: str, given: str | Sequence[float]) -> list[float]:

@@ -118,7 +118,7 @@ class Draws:
         """The settings that these draws were made with."""
         stored, known = (
             json.loads(self.tree.attrs["settings"])["sampler"],
-            {one.name for one in fields(SamplerSettings)},
+            {field.name for field in fields(SamplerSettings)},
         )
         return SamplerSettings(**{name: value for name, value in stored.items() if name in known})
 

@@ -118,7 +118,7 @@ def predict(
     return _table(
         dict(zip(keys, columns, strict=False)),
         len(fitted.x),
-        lambda rows: fitted.yes(*(one[rows] for one in columns)),
+        lambda rows: fitted.yes(*(column[rows] for column in columns)),
     )
 
 

@@ -146,8 +146,8 @@ class StudentMixture:
                     for one, kept in zip(parts, left * [1.0, *[share] * len(others)], strict=True)
                 ]
             ),
-            np.concatenate([one.means for one in parts]),
-            np.concatenate([one.scales for one in parts]),
+            np.concatenate([part.means for part in parts]),
+            np.concatenate([part.scales for part in parts]),
             self.df,
         )
 

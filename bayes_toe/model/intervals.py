@@ -101,7 +101,7 @@ def typical_interval(isi: FloatArray, n_trials: IntArray) -> FloatArray:
 
 def reference_interval(given: float | None, *subjects: Subject) -> float:
     """The interval given, or the geometric mean of the subjects' own over all trials, seconds; 1 where they have none."""
-    known = [(one.isi, one.n_trials) for one in subjects if one.isi is not None]
+    known = [(subject.isi, subject.n_trials) for subject in subjects if subject.isi is not None]
     if given is not None or not known:
         return 1.0 if given is None else given
     isi, n_trials = (np.concatenate(columns) for columns in zip(*known, strict=True))

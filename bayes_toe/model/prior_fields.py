@@ -200,7 +200,9 @@ class PriorFields:
     @cache
     def declared(cls) -> tuple[PriorField, ...]:
         """Its numbers in the order of their declaration."""
-        return tuple(PriorField(one.name, **one.metadata) for one in fields(cls) if one.metadata)
+        return tuple(
+            PriorField(field.name, **field.metadata) for field in fields(cls) if field.metadata
+        )
 
 
 def toml_table(path: str | Path, lines: str) -> Mapping[str, Any]:

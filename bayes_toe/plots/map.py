@@ -75,7 +75,7 @@ def map_figure(
     """
     if clouds is None:
         clouds = posterior_clouds(draws)
-    stimuli = np.concatenate([np.concatenate([one.s1, one.s2]) for one in draws.study])
+    stimuli = np.concatenate([np.concatenate([subject.s1, subject.s2]) for subject in draws.study])
     figure = new_figure(1.4 * COLUMN, COLUMN + 0.2)
     ax = figure.subplots()
     places = {name: _quantiles(cloud) for name, cloud in clouds.items()}

@@ -164,11 +164,11 @@ def test_real_vibrotactile_subjects_go_both_ways(real_data):
     )
     assert sum(subject.total_trials for subject in study) == 11904
     found = [
-        fitted_result(paper_posterior(one, bt.Prior()), 1, Wanted(evidence_draws=10_000))[
+        fitted_result(paper_posterior(subject, bt.Prior()), 1, Wanted(evidence_draws=10_000))[
             0
         ].evidence.value
-        - frequency_evidence(one)
-        for one in study
+        - frequency_evidence(subject)
+        for subject in study
     ]
     assert sum(one > 0 for one in found) == 6
     assert (min(found), max(found)) == pytest.approx((-17, 18.5), abs=0.5)

@@ -51,7 +51,7 @@ def test_a_prior_below_the_stimuli_makes_the_asymmetry_positive(small_study, mu1
     # Paper, Fig. 3: prior left of the stimuli (A), more accurate with the weaker stimulus first;
     # right of them (B), the opposite.
     row = bt.asymmetry(small_study)["A" if sign > 0 else "B"]
-    assert all(sign * one.asymmetry > 0 for one in row.comparisons)
+    assert all(sign * comparison.asymmetry > 0 for comparison in row.comparisons)
     assert (row.maximal.probability_of_direction > 0.5) == (sign > 0)
     wrong_weak, wrong_strong = row.maximal.q_weak_first, row.maximal.q_strong_first
     assert sign * (wrong_strong - wrong_weak) > 0
@@ -84,11 +84,13 @@ def test_maxima_correction_and_counts_over_subjects(tmp_path):
         "4 positive (2 significant at p < .05, 3 before correction), 1 negative (1 significant"
         in found.describe()
     )
-    assert sum(one.is_maximal for one in table["two alike"].comparisons) == 1
+    assert sum(comparison.is_maximal for comparison in table["two alike"].comparisons) == 1
     for row in table:
-        sizes, p = np.array([[abs(one.asymmetry), one.p_value] for one in row.comparisons]).T
+        sizes, p = np.array(
+            [[abs(comparison.asymmetry), comparison.p_value] for comparison in row.comparisons]
+        ).T
         assert abs(row.maximal.asymmetry) == sizes.max()
-        assert min(one.p_adjusted for one in row.comparisons) == pytest.approx(
+        assert min(comparison.p_adjusted for comparison in row.comparisons) == pytest.approx(
             min(1, len(p) * p.min())
         )
         assert row.mean_absolute_asymmetry == pytest.approx(sizes.mean())
@@ -123,7 +125,7 @@ def test_under_the_null_p_values_are_not_too_small():
     subjects = [bt.Subject(str(i), s1, s2, rng.binomial(50, q), [50] * 8) for i in range(400)]
     false = np.mean(
         [
-            min(one.p_adjusted for one in row.comparisons) < 0.05
+            min(comparison.p_adjusted for comparison in row.comparisons) < 0.05
             for row in bt.asymmetry(bt.Study(subjects))
         ]
     )
@@ -163,9 +165,15 @@ def test_real_vibrotactile_subjects(real_data):
 
 def test_real_morse_listeners(real_data):
     row = bt.asymmetry(bt.read_study(real_data / "morse_rothkopf_1957" / "dots.csv"))["dots"]
-    significant = [(one.s_weak, one.s_strong) for one in row.comparisons if one.p_adjusted < 0.05]
+    significant = [
+        (comparison.s_weak, comparison.s_strong)
+        for comparison in row.comparisons
+        if comparison.p_adjusted < 0.05
+    ]
     assert significant == [(1.098612, 1.609438), (1.609438, 1.94591)]  # I and S, S and H
-    assert all(one.asymmetry < 0 for one in row.comparisons if one.p_adjusted < 0.05)
+    assert all(
+        comparison.asymmetry < 0 for comparison in row.comparisons if comparison.p_adjusted < 0.05
+    )
 
 
 tables = st.tuples(st.integers(1, 40), st.integers(1, 40)).flatmap(

@@ -122,4 +122,6 @@ def test_sentences_of_the_answer_end_once(path):
     sentences = re.findall(r'<p class="lead">(.*?)</p>', text)
     sentences += re.findall(r"<dd>(.*?)</dd>", text)
     assert len(sentences) > 8
-    assert [one for one in sentences if not one.endswith(".") or one.endswith("..")] == []
+    assert [
+        sentence for sentence in sentences if not sentence.endswith(".") or sentence.endswith("..")
+    ] == []

@@ -60,16 +60,16 @@ def refused(data, **options):
 
 def content(study):
     return {
-        one.name: list(
+        subject.name: list(
             zip(
-                one.s1.tolist(),
-                one.s2.tolist(),
-                one.n_yes.tolist(),
-                one.n_trials.tolist(),
+                subject.s1.tolist(),
+                subject.s2.tolist(),
+                subject.n_yes.tolist(),
+                subject.n_trials.tolist(),
                 strict=True,
             )
         )
-        for one in study
+        for subject in study
     }
 
 
@@ -162,7 +162,7 @@ def test_what_is_read(data, options, expected):
     study = read(data, **options)
     assert content(study) == expected
     assert list(study.names) == list(expected)
-    assert not any(np.signbit(one.s1[one.s1 == 0]).any() for one in study)
+    assert not any(np.signbit(subject.s1[subject.s1 == 0]).any() for subject in study)
 
 
 @pytest.mark.parametrize(

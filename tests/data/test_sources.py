@@ -69,24 +69,24 @@ EVERY = pytest.mark.parametrize("made", SOURCES)
 def content(study):
     counts = [
         (
-            one.name,
-            one.s1.tolist(),
-            one.s2.tolist(),
-            one.n_yes.tolist(),
-            one.n_trials.tolist(),
-            one.intervals,
+            subject.name,
+            subject.s1.tolist(),
+            subject.s2.tolist(),
+            subject.n_yes.tolist(),
+            subject.n_trials.tolist(),
+            subject.intervals,
         )
-        for one in study
+        for subject in study
     ]
     looked_at = {
-        one.name: (
+        subject.name: (
             of.keys.tolist(),
             of.n_yes.tolist(),
             None if of.block is None else of.block.tolist(),
             of.blocks,
         )
-        for one in study
-        if (of := one.answers)
+        for subject in study
+        if (of := subject.answers)
     }
     return counts, looked_at, study.reading.read, study.reading.ignored
 
@@ -206,7 +206,10 @@ def test_values_of_other_types_are_read_as_what_they_say(tmp_path):
         bt.ReadOptions(columns={"subject": "who", "s1": "i.1"}, equal_code="1"),
     )
     assert study.synthetic
-    assert [(one.name, one.s1.tolist(), one.s2.tolist(), one.n_yes.tolist()) for one in study] == [
+    assert [
+        (subject.name, subject.s1.tolist(), subject.s2.tolist(), subject.n_yes.tolist())
+        for subject in study
+    ] == [
         ("b", [0.1], [0.3], [1]),
         ("a", [0.2], [0.25], [0]),
     ]

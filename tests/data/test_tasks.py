@@ -333,4 +333,7 @@ def test_real_studies_are_read_as_they_were_asked(real_data):
         ("weights", "counts.csv", {}, 1000),
     ):
         study = bt.read_study(real_data / name / file, bt.ReadOptions(**options))
-        assert (study.task, sum(one.total_trials for one in study)) == (WHICH_STRONGER, trials)
+        assert (study.task, sum(subject.total_trials for subject in study)) == (
+            WHICH_STRONGER,
+            trials,
+        )

@@ -109,7 +109,7 @@ def test_draws_of_an_earlier_study_are_observers(tmp_path):
     draws = bt.sample(subject, model="both", draws=300, seed=1, workers=1)
     path = draws.save(tmp_path / "posterior.nc")
     observers = assume_observers(path, 3, 1, [paper_study_design()])
-    assert [one.kind for one in observers] == ["earlier study"] * 3 + ["none"] * 3
+    assert [observer.kind for observer in observers] == ["earlier study"] * 3 + ["none"] * 3
     values = draws.values("S01", "contraction").ravel()
     for one, without in zip(observers[:3], observers[3:], strict=True):
         assert np.isclose(values, one.parameters["contraction"], rtol=1e-9).any()

@@ -101,9 +101,9 @@ def test_the_examples_show_effects_of_both_signs_and_one_subject_without():
 def test_answers_of_the_papers_observers_follow_its_model():
     study, truth = bt.simulate({"A": PAPER, "B": {**PAPER, "mu1": 0.9}}, batches=4000, seed=1)
     assert truth["B"]["mu1"] == 0.9
-    for one in study:
-        q = bt.model.equal_probability(one.s1, one.s2, **truth[one.name])
-        assert within(one.n_yes, 4000, q)
+    for subject in study:
+        q = bt.model.equal_probability(subject.s1, subject.s2, **truth[subject.name])
+        assert within(subject.n_yes, 4000, q)
     assert bt.simulate({"A": PAPER}, isi=(0.5, 2.0), batches=2).study.intervals == (0.5, 2.0)
 
 

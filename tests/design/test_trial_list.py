@@ -126,7 +126,7 @@ def test_a_filled_in_list_is_a_study_that_run_reads(tmp_path):
     for subject in study:
         assert np.array_equal(subject.s1, design.s1)
         assert np.array_equal(subject.n_trials, design.n_trials)
-    assert sum(one.n_yes.sum() for one in study) == sum(said)
+    assert sum(subject.n_yes.sum() for subject in study) == sum(said)
     good("check", "answers.csv", cwd=tmp_path)
 
 

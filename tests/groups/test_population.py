@@ -93,9 +93,14 @@ def test_units_of_intensity_do_not_matter():
     moved = bt.Study(
         [
             bt.Subject(
-                one.name, 3 * one.s1 + 2, 3 * one.s2 + 2, one.n_yes, one.n_trials, task=one.task
+                subject.name,
+                3 * subject.s1 + 2,
+                3 * subject.s2 + 2,
+                subject.n_yes,
+                subject.n_trials,
+                task=subject.task,
             )
-            for one in study
+            for subject in study
         ]
     )
     here, there = (bt.population(each, seed=3) for each in (study, moved))

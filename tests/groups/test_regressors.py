@@ -24,7 +24,9 @@ def test_least_squares_on_them_finds_slopes_and_differences():
     ages = np.array(list(AGES.values()))
     assert (mean, slope) == pytest.approx((0.3 * ages.mean() + 2.0, 0.3 * ages.std(ddof=1)))
     assert differences == pytest.approx([-3.0, 2.5])
-    assert [(one.covariate, one.level, one.label, one.about) for one in found.columns] == [
+    assert [
+        (column.covariate, column.level, column.label, column.about) for column in found.columns
+    ] == [
         ("age", "", "age", f"age, per sd of {ages.std(ddof=1):.4g} about {ages.mean():.4g}"),
         ("site", "north", "site north", "site north against east"),
         ("site", "west", "site west", "site west against east"),
@@ -60,9 +62,11 @@ def test_subjects_in_the_studys_order_and_those_left_out_by_name(tmp_path):
 
 def test_numbers_are_numbers_unless_asked():
     dose = dict(zip(NAMES, [10.0, 2.0, 0.0, 10.0, 2.0, 0.0, 2.0, 0.0], strict=True))
-    assert [one.level for one in regressors(Covariates({"dose": dose}), NAMES).columns] == [""]
+    assert [column.level for column in regressors(Covariates({"dose": dose}), NAMES).columns] == [
+        ""
+    ]
     found = regressors(Covariates({"dose": dose}), NAMES, categorical=["dose"])
-    assert [one.about for one in found.columns] == [
+    assert [column.about for column in found.columns] == [
         "dose 2 against 0",
         "dose 10 against 0",
     ]  # in the order of numbers

@@ -163,8 +163,8 @@ def test_stated_errors_of_quantiles_are_the_spread_over_independent_runs(replica
     ratios = []
     for key in ("mu1", "sigma_p", "q0"):
         values = [posterior.quantities(run.x)[key] for run in runs]
-        stated = np.sqrt(np.mean(np.square([errors(one)[1:] for one in values]), axis=0))
-        spread = np.std([np.quantile(one, [0.05, 0.5, 0.95]) for one in values], axis=0, ddof=1)
+        stated = np.sqrt(np.mean(np.square([errors(value)[1:] for value in values]), axis=0))
+        spread = np.std([np.quantile(value, [0.05, 0.5, 0.95]) for value in values], axis=0, ddof=1)
         ratios.extend(np.log(stated / spread))
     # The log of a standard deviation of 40 has an error of 0.113: 4 of them each, and 4 of the mean
     # of nine, which hang together little.

@@ -49,7 +49,7 @@ def test_distributions_by_name():
         "mu1 ~ Normal(0.4, 2.5)",
     )
     names = [one.name for one in Prior.declared()]
-    assert [*names, "observer"] == [one.name for one in fields(Prior)]
+    assert [*names, "observer"] == [field.name for field in fields(Prior)]
 
 
 @pytest.mark.parametrize(
@@ -148,7 +148,7 @@ def test_what_is_read(tmp_path, text, expected):
 
 def test_every_number_of_the_observer_has_a_key():
     keys = {f"{section}_{key}" for section, values in sections().items() for key in values}
-    assert {one.name for one in fields(ObserverPrior)} <= keys
+    assert {field.name for field in fields(ObserverPrior)} <= keys
 
 
 @pytest.mark.parametrize(

@@ -205,16 +205,18 @@ def test_several_subjects_share_their_panels(analysis):
     for i, name in enumerate(["gain", "offset"]):
         values = [analysis.draws.values(one, name).ravel() for one in ("A", "C")]
         low, high = axes[i, i].get_xlim()
-        assert all(low < np.quantile(one, 0.01) and np.quantile(one, 0.99) < high for one in values)
+        assert all(
+            low < np.quantile(value, 0.01) and np.quantile(value, 0.99) < high for value in values
+        )
         upright = {
             line.get_color(): line.get_xdata()[0]
             for line in axes[i, i].lines
             if len(line.get_xdata()) == 2
         }
         assert [upright[colour] for colour, _ in OVERLAID[:2]] == pytest.approx(
-            [np.median(one) for one in values]
+            [np.median(value) for value in values]
         )
-        tallest = max(np.histogram(one, np.linspace(low, high, 41))[0].max() for one in values)
+        tallest = max(np.histogram(value, np.linspace(low, high, 41))[0].max() for value in values)
         assert axes[i, i].get_ylim()[1] >= 1.09 * tallest
     [square] = [
         line

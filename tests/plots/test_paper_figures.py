@@ -109,7 +109,11 @@ def test_stars_stand_where_the_orders_differ(analysis, table):
     ax = answers_axes(analysis.study["A"], fitted_curve(analysis.draws, "A"), one_panel())
     stars = sorted(text.get_position()[0] for text in ax.texts if text.get_text() == "*")
     assert stars == pytest.approx(
-        [one.s_strong for one in table["A"].comparisons if one.p_adjusted < 0.05]
+        [
+            comparison.s_strong
+            for comparison in table["A"].comparisons
+            if comparison.p_adjusted < 0.05
+        ]
     )
     assert stars
 

@@ -90,7 +90,11 @@ def test_error_bars_of_the_evidence_are_honest_over_a_hundred_estimates(name, fi
     )
     estimates = [importance_evidence(part) for one in fitted for part in parts(one, 100 // fits)]
     z = np.array(
-        [(one.value - case["log_evidence"]) / one.se for one in estimates if one.value is not None]
+        [
+            (estimate.value - case["log_evidence"]) / estimate.se
+            for estimate in estimates
+            if estimate.value is not None
+        ]
     )
     assert len(z) >= 95
     assert 0.8 < z.std(ddof=1) < 1.25
