@@ -288,7 +288,7 @@ def entries_of(
         answer, _ = answer_subject(subject, draws.seed, prior)
         words = tuple((key.replace("_", " "), answer.word(key)) for key in QUESTIONS)
         if name in refused:
-            words = (("not interpreted", refused[name]),)
+            words = (("not interpreted:", refused[name]),)
         own = Entry(
             label,
             draws.posterior(name),

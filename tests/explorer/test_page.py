@@ -147,7 +147,7 @@ def test_a_fault_of_the_responses_stands_in_the_place_of_the_words(tmp_path):
     # The counts, which the draws have, do not show it.
     loaded = bt.load(draws.save(tmp_path / "posterior.nc"))
     [entry] = entries(loaded)
-    assert entry.words == (("not interpreted", "responses look swapped"),)
+    assert entry.words == (("not interpreted:", "responses look swapped"),)
 
 
 def test_curves_are_of_the_weaker_stimuli_with_most_trials_at_each_interval(monkeypatch):
