@@ -24,8 +24,6 @@ from bayes_toe.groups.group_sampler import GroupDraws
 from bayes_toe.groups.hyperprior import HyperpriorNumbers
 from bayes_toe.inference.diagnostics import errors
 
-#: A log Bayes factor below this one is known as a bound only.
-LOWEST = -10.0
 _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(40)
 _LOG_WEIGHTS = np.log(_WEIGHTS / _WEIGHTS.sum())
 
@@ -42,14 +40,6 @@ class ZeroBayesFactor(NamedTuple):
 
     log_bf: float
     error: float
-
-    @property
-    def words(self) -> str:
-        """The log Bayes factor, or the bound below which it is."""
-        if self.log_bf < LOWEST:
-            return f"below {LOWEST:.0f}"
-        # Adding 0 turns -0.0 into 0.0.
-        return f"{round(self.log_bf, 1) + 0.0:.1f}"
 
 
 def zero_mean(

@@ -43,7 +43,12 @@ _LABEL_LETTERS = 20  # of a line below a panel
 _RESPONSES_WIDE, _SIZES_WIDE, _SIZES_NARROW = 3.6, 5.6, 3.6  # inches
 _BAND = ((0.025, 0.975, 0.2),)
 #: Colours of a page in the place of those of a printed figure.
-_PAGE_COLOURS = {"#000000": "var(--ink)", "#1c1c1c": "var(--ink)", "#ffffff": "var(--page)"}
+_PAGE_COLOURS = {
+    "#000000": "var(--ink)",
+    "#1c1c1c": "var(--ink)",
+    "#ffffff": "var(--page)",
+    "#bdbdbd": "var(--line)",
+}
 
 
 def responses_figure(analysis: Analysis, height: float) -> Figure:
