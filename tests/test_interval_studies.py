@@ -316,8 +316,8 @@ def test_panels_that_show_one_of_several_weaker_stimuli_name_it():
     )
     panels = bt.plots.curves(draws, "S").axes[:2]
     assert [ax.get_title() for ax in panels] == [
-        "0.5 s, weaker stimulus −0.5",
-        "2 s, weaker stimulus −0.5",
+        "0.5 s, weaker stimulus 77 %",
+        "2 s, weaker stimulus 77 %",
     ]
 
 

@@ -42,6 +42,7 @@ from bayes_toe.plots.style import (
     first_panels,
     legend_below,
     new_figure,
+    percent_axis,
     plain,
 )
 
@@ -114,13 +115,32 @@ def fitted_figure(fitted: Predictor, title: str) -> Figure:
     for i, ax in enumerate(panels):
         if several:
             order_panel(ax, counts, fitted.yes, weaker[i])
-            ax.set_title(_said_weaker(weaker[i]) if count > 1 else "", fontsize=10)
+            label_in_percent(ax, counts)
+            ax.set_title(_percent_weaker(counts, weaker[i]) if count > 1 else "", fontsize=10)
         else:
             _distance_panel(ax, counts, fitted)
         ax.set_ylabel("" if i % across else chance(counts.task))
     figure.suptitle(title, fontsize=12)
     legend_below(figure)
     return figure
+
+
+def mean_first(counts: Subject) -> float:
+    """The mean first stimulus, of which axes show per cent, natural-log intensity."""
+    return float(np.average(counts.s1, weights=counts.n_trials))
+
+
+def label_in_percent(ax: Axes, counts: Subject) -> None:
+    """The axis below :func:`order_panel` in per cent."""
+    if counts.task == WHICH_STRONGER:
+        percent_axis(ax, "second stimulus, % of the first", 0.0)
+    else:
+        percent_axis(ax, "stronger stimulus, % of the mean", mean_first(counts))
+
+
+def _percent_weaker(counts: Subject, weaker: float) -> str:
+    """Words for a panel in per cent that shows the pairs with one weaker stimulus (ln)."""
+    return f"weaker stimulus {100.0 * np.exp(weaker - mean_first(counts)):.0f} %"
 
 
 def over_panel(draws: Draws, subject: str) -> str:
@@ -355,10 +375,11 @@ def _interval_figure(counts: Subject, fitted: Predictor, title: str) -> Figure:
             weaker = main_weaker(here)
         low = float(here.s1.min()) if weaker is None else weaker
         order_panel(ax, here, _at(fitted, isi), low, size=4.5)
-        about = which_weaker(counts, low)
+        about = _percent_weaker(counts, low) if which_weaker(counts, low) else ""
+        label_in_percent(ax, counts)
+        ax.set_xlabel(ax.get_xlabel(), fontsize=8)
         ax.set(
             title=f"{isi:g} s" + (about and f", {about}"),
-            xlabel=_ALONG[counts.task].replace(" intensity", ""),
             ylabel="" if i % across else chance(counts.task),
             yticks=[0.0, 0.5, 1.0],
         )

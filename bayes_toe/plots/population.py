@@ -111,6 +111,9 @@ def _heading(result: PopulationResult) -> str:
         lines.append("NOT RELIABLE, not to be reported as it stands")
     lines.append(f"Group of {len(result.subjects)} subjects{synthetic}")
     for name, label in ((CONSTANT_ERROR.name, "PSE shift"), (CONTRACTION.name, "contraction p")):
+        if name not in result.identified:
+            lines.append(f"{label} cannot be told")
+            continue
         effect = result.effect(name)
         mean = format_share(Size(*effect.mean))
         if effect.percent is not None:

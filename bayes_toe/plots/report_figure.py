@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
 from bayes_toe.analysis import Analysis
 from bayes_toe.answers.order_effect import OrderEffect
@@ -19,7 +18,7 @@ from bayes_toe.data.messages import visible
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.groups.population import PopulationResult
-from bayes_toe.plots.curves import Curve, main_weaker, order_panel
+from bayes_toe.plots.curves import Curve, label_in_percent, main_weaker, mean_first, order_panel
 from bayes_toe.plots.figure_files import picture
 from bayes_toe.plots.order_effect import forest_height, forests
 from bayes_toe.plots.style import (
@@ -33,6 +32,7 @@ from bayes_toe.plots.style import (
     first_panels,
     legend_below,
     new_figure,
+    percent_axis,
     plain,
 )
 
@@ -143,23 +143,23 @@ def responses_panel(
     correct responses over the middle of the pair, and designs with one weaker stimulus over the
     stronger one; other designs show P('second').
     """
-    middle = float(np.average(counts.s1, weights=counts.n_trials))
+    middle = mean_first(counts)
     weaker = _only_weaker(counts)
     along: dict[str, Any] = {"size": 3.5, "points": points, "bands": bands}
     if counts.task == WHICH_STRONGER and weaker is not None:
         _correct_panel(ax, counts, curve, weaker)
-        _percent_axis(ax, "stronger stimulus, % of the mean", middle)
+        percent_axis(ax, "stronger stimulus, % of the mean", middle)
     elif counts.task == WHICH_STRONGER and not is_by_first(counts):
         _correct_panel(ax, counts, curve)
-        _percent_axis(ax, "middle of the pair, % of the mean", middle)
+        percent_axis(ax, "middle of the pair, % of the mean", middle)
     elif counts.task == WHICH_STRONGER:
         order_panel(ax, counts, curve, 0.0, **along)
-        _percent_axis(ax, "second stimulus, % of the first", 0.0)
+        label_in_percent(ax, counts)
         ax.set_ylabel("share 'second'")
     else:
         reference = main_weaker(counts)
         order_panel(ax, counts, curve, 0.0 if reference is None else reference, **along)
-        _percent_axis(ax, "stronger stimulus, % of the mean", middle)
+        percent_axis(ax, "stronger stimulus, % of the mean", middle)
         ax.set_ylabel("share 'equal'")
 
 
@@ -221,16 +221,6 @@ def _correct_panel(ax: Axes, counts: Subject, curve: Curve, weaker: float | None
             draw_band(ax, x, p_correct, mark.colour, 1.2, _BAND)
     ax.axhline(0.5, color=EQUAL, lw=0.6, ls=":", zorder=0)
     ax.set(ylim=(-0.03, 1.03), yticks=[0.0, 0.5, 1.0], ylabel="share correct")
-
-
-def _percent_axis(ax: Axes, label: str, reference: float) -> None:
-    """Label an axis of natural logs in per cent of a reference, at round numbers."""
-    low, high = ax.get_xlim()
-    ends = 100.0 * np.exp(np.array([low, high]) - reference)
-    percent = MaxNLocator(4, steps=[1, 2, 2.5, 5, 10]).tick_values(*ends)
-    shown = percent[(percent >= ends[0]) & (percent <= ends[1])]
-    ax.set_xticks(reference + np.log(shown / 100.0), [f"{value:g}" for value in shown])
-    ax.set(xlim=(low, high), xlabel=label)
 
 
 # --- As part of a page ---------------------------------------------------------------------------

@@ -19,6 +19,7 @@ from bayes_toe.plots.style import (
     dress,
     legend_below,
     new_figure,
+    percent_axis,
     plain,
 )
 
@@ -95,10 +96,9 @@ def _draw_row(left: Axes, right: Axes, table: SerialDependence, row: SubjectDepe
     _draw_groups(right, [has_before[group] for group in groups], places, residual, variance, change)
 
     low, median, high = row.rho
-    left.set(
-        xlabel="mean stimulus of the trial before (ln intensity)",
-        ylabel=f"P({yes}), difference\nfrom no history",
-    )
+    overall = float(np.average(0.5 * (trials.first + trials.second)))
+    percent_axis(left, "mean stimulus of the trial before (% of the mean)", overall)
+    left.set(ylabel=f"P({yes}), difference\nfrom no history")
     left.set_title(
         f"{plain(row.subject, 24)}, carry-over: {row.word('carry_over')}\n"
         f"rho {median:.2f} [{low:.2f}, {high:.2f}]",

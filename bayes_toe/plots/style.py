@@ -17,6 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.colorbar import Colorbar
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.gridspec import GridSpecBase
+from matplotlib.ticker import MaxNLocator
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.tasks import Task
@@ -149,6 +150,16 @@ def first_panels(grid: GridSpecBase, panels: int, *, sharey: bool = False) -> li
     for ax in axes[panels:]:
         ax.remove()
     return list(axes[:panels])
+
+
+def percent_axis(ax: Axes, label: str, reference: float) -> None:
+    """Label an axis of natural logs in per cent of a reference, at round numbers."""
+    low, high = ax.get_xlim()
+    ends = 100.0 * np.exp(np.array([low, high]) - reference)
+    percent = MaxNLocator(4, steps=[1, 2, 2.5, 5, 10]).tick_values(*ends)
+    shown = percent[(percent >= ends[0]) & (percent <= ends[1])]
+    ax.set_xticks(reference + np.log(shown / 100.0), [f"{value:g}" for value in shown])
+    ax.set(xlim=(low, high), xlabel=label)
 
 
 def dress(ax: Axes) -> Axes:

@@ -46,7 +46,7 @@ def test_designs_without_a_reference_get_panels_and_wild_ones_the_common_curve()
     for figure in figures:
         require_legible(figure)
     panels, [common] = (figure.axes for figure in figures)
-    assert [ax.get_title() for ax in panels] == ["weaker stimulus 0", "weaker stimulus 0.182"]
+    assert [ax.get_title() for ax in panels] == ["weaker stimulus 82 %", "weaker stimulus 99 %"]
     assert "normalised distance" in common.get_xlabel()
     assert MOST_PANELS < 19
 

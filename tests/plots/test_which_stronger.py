@@ -13,7 +13,7 @@ from bayes_toe.plots.paper_figures import captions, material_of
 def test_psychometric_curves_cross_one_half_at_the_point_of_subjective_equality(stronger):
     figure = bt.plots.curves(stronger.draws, "pulled")
     [ax] = figure.axes
-    assert (ax.get_xlabel(), ax.get_ylabel()) == ("$s_2 - s_1$ (ln intensity)", "P('second')")
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("second stimulus, % of the first", "P('second')")
     counts, [offset, pull] = (
         stronger.study["pulled"],
         [stronger.draws.values("pulled", name).mean() for name in ("offset", "pull")],
