@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import Annotated, Any, NoReturn
 
 import typer
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
 
 import bayes_toe as bt
 from bayes_toe.cli import (
@@ -20,6 +20,7 @@ from bayes_toe.cli import (
     infer,
     look,
 )
+from bayes_toe.cli.options import LAYOUT
 from bayes_toe.cli.task import BAD_INPUT, as_command
 from bayes_toe.cli.terminal import TYPED
 
@@ -120,6 +121,22 @@ class Commands(TyperGroup):
         return super().resolve_command(ctx, [command, *words])
 
 
+class Command(TyperCommand):
+    """A command whose help is one screen: only `check` lists how to read files in other layouts."""
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        """Write the help."""
+        parameters: list[Any] = self.get_params(ctx)
+        for parameter in parameters:
+            if parameter.param_type_name == "argument" or parameter.name == "help":
+                # Otherwise the help shows Python's type, `<list[Path]>`.
+                parameter.display_type_rich = lambda ctx: ""
+            if self.name != "check" and getattr(parameter, "rich_help_panel", None) == LAYOUT:
+                parameter.hidden = True
+                self.epilog = "Files in another layout, other codes: bayes-toe check --help"
+        super().format_help(ctx, formatter)
+
+
 def _present_name(word: str) -> str:
     """A word of the command line, with the present name of an option in place of a former one."""
     option, equals, value = word.partition("=")
@@ -142,7 +159,7 @@ app = typer.Typer(
 )
 for _purpose, _commands in COMMANDS.items():
     for _command in _commands:
-        app.command(rich_help_panel=_purpose)(as_command(_command))
+        app.command(cls=Command, rich_help_panel=_purpose)(as_command(_command))
 
 
 @app.callback(invoke_without_command=True)

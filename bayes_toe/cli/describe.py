@@ -43,11 +43,11 @@ def fit(
             min=1,
             max=10**6,
             metavar=NUMBER,
-            help="Bootstrap replicates of each subject.",
+            help="Bootstrap replicates.",
         ),
     ] = 1000,
     level: Annotated[
-        float, rare("--level", metavar=NUMBER, help="Coverage of the intervals.")
+        float, rare("--level", metavar=NUMBER, help="Coverage of bootstrap percentiles.")
     ] = 0.95,
     asymmetry_output: Annotated[
         Path | None,

@@ -26,7 +26,7 @@ Observers = Annotated[
     rare(
         "--observers",
         metavar="NAME",
-        help="Observers: none, contraction, both, a file.",
+        help="none, contraction, both, a file.",
     ),
 ]
 
@@ -50,7 +50,7 @@ def power(
         typer.Option("--trials", metavar="N,N", help="Trials of a subject."),
     ] = "325,650,1300",
     data_sets: Annotated[
-        int, rare("--data-sets", min=1, metavar=NUMBER, help="Simulated observers of each effect.")
+        int, rare("--data-sets", min=1, metavar=NUMBER, help="Observers of each effect.")
     ] = 50,
     observers: Observers = None,
     task: Annotated[Task, Takes(*MODEL, "spreadsheet_safe")],
@@ -142,9 +142,7 @@ class GoalOptions:
         float | None,
         typer.Option("--highest", metavar=NUMBER, help="Strongest stimulus, ln intensity."),
     ] = None
-    step: Annotated[
-        float, rare("--step", metavar=NUMBER, help="Step between levels, ln intensity.")
-    ] = 0.05
+    step: Annotated[float, rare("--step", metavar=NUMBER, help="Step, ln.")] = 0.05
     levels: Annotated[
         Path | None,
         rare(
@@ -161,20 +159,19 @@ class GoalOptions:
             help="Use intensities: s = ln(i / REF).",
         ),
     ] = None
-    max_pairs: Annotated[
-        int, rare("--max-pairs", metavar=NUMBER, help="Most pairs of a design.")
-    ] = 26
+    max_pairs: Annotated[int, rare("--max-pairs", metavar=NUMBER, help="Most pairs.")] = 26
     aim: Annotated[
         str,
         rare(
             "--for",
             metavar="NAME",
-            help="order-effect, constant-error or contraction.",
+            help="order-effect (default), constant-error or contraction.",
+            show_default=False,
         ),
     ] = "order-effect"
     keep: Annotated[
         Path | None,
-        rare("--keep", metavar="DESIGN.csv", help="Pairs that must stay, with their trials."),
+        rare("--keep", metavar="DESIGN.csv", help="Pairs that must stay."),
     ] = None
 
     def require(self, given: Path | None, has_list: bool) -> None:
@@ -311,7 +308,7 @@ def design(
             "--data-sets",
             min=1,
             metavar=NUMBER,
-            help="Simulated observers of each effect.",
+            help="Observers of each effect.",
         ),
     ] = 16,
     observers: Observers = None,

@@ -36,7 +36,7 @@ class GroupOptions:
         rare(
             "--categorical",
             metavar="NAME",
-            help="Covariate whose numbers are names.",
+            help="Covariate whose numbers are names; repeatable.",
         ),
     ] = None
     hyperprior: Annotated[

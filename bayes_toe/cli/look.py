@@ -104,7 +104,9 @@ def corner(
     output: Annotated[Path, writes("DIR", "Folder.")] = Path("corner"),
     subject: Annotated[
         list[str] | None,
-        typer.Option("--subject", metavar="NAME", help="Only this subject; 2 to 4 in one figure."),
+        typer.Option(
+            "--subject", metavar="NAME", help="Only this subject; repeatable, 2 to 4 in one figure."
+        ),
     ] = None,
     parameters: Annotated[
         str | None,

@@ -24,6 +24,8 @@ NUMBER = "N"
 #: An option without a value; an option that few need, which help has in a panel of its own.
 flag: Any = partial(typer.Option, metavar="")
 rare: Any = partial(typer.Option, rich_help_panel="Advanced")
+#: The panel of options that only the help of `check` lists.
+LAYOUT = "Files in another layout"
 
 
 Seed = Annotated[
@@ -32,15 +34,15 @@ Seed = Annotated[
 ]
 DrawCount = Annotated[
     int,
-    rare("--draws", min=1, max=10**6, metavar=NUMBER, help="Effective draws of every parameter."),
+    rare("--draws", min=1, max=10**6, metavar=NUMBER, help="Effective draws."),
 ]
 Processes = Annotated[
     int | None,
-    rare("--workers", min=1, metavar=NUMBER, help="Processes; default: one per processor."),
+    rare("--workers", min=1, metavar=NUMBER, help="Processes (default: all cores)."),
 ]
 DaskAddress = Annotated[
     str | None,
-    rare("--dask", metavar="tcp://HOST:PORT", help="Use the workers of a Dask cluster."),
+    rare("--dask", metavar="tcp://HOST:PORT", help="Use a Dask cluster."),
 ]
 PriorFile = Annotated[
     str | None,
@@ -48,7 +50,7 @@ PriorFile = Annotated[
 ]
 SpreadsheetSafe = Annotated[
     bool,
-    rare("--spreadsheet-safe", metavar="", help="Put an apostrophe before texts like formulas."),
+    rare("--spreadsheet-safe", metavar="", help="Put ' before texts like formulas."),
 ]
 Resume = Annotated[bool, flag("--resume", help="Continue a stopped command.")]
 Overwrite = Annotated[bool, flag("--overwrite", help="Replace existing output.")]
@@ -86,9 +88,7 @@ def writes(metavar: str, help_text: str) -> Any:
 
 
 def _how_to_read(name: str, help_text: str, metavar: str | None = None) -> Any:
-    return typer.Option(
-        name, metavar=metavar, help=help_text, rich_help_panel="Files in another layout"
-    )
+    return typer.Option(name, metavar=metavar, help=help_text, rich_help_panel=LAYOUT)
 
 
 #: The error of a command without a file; :func:`~bayes_toe.cli.task.as_command` adds what to type.
@@ -108,22 +108,24 @@ class StudyFile:
         list[Path] | None,
         typer.Argument(
             metavar="STUDY.csv...",
-            help="Columns subject,s1,s2,response.",
+            help="Files with columns subject,s1,s2,response.",
             show_default=False,
         ),
     ] = None
     example: Annotated[bool, flag("--example", help="Analyse the synthetic example.")] = False
     swap: Annotated[
         list[str] | None,
-        typer.Option("--swap", metavar="A08:2,4", help="Swap responses: subject, or its blocks."),
+        typer.Option("--swap", metavar="A08:2,4", help="Swap a subject's responses; repeatable."),
     ] = None
     exclude: Annotated[
         list[str] | None,
-        typer.Option("--exclude", metavar="A08:2,4", help="Exclude a subject, or its blocks."),
+        typer.Option(
+            "--exclude", metavar="A08:2,4", help="Exclude a subject or blocks; repeatable."
+        ),
     ] = None
     intensity: Annotated[
         float | None,
-        _how_to_read("--intensity", "Read intensities i1,i2: s = ln(i / REF).", "REF"),
+        _how_to_read("--intensity", "Read i1,i2: s = ln(i / REF).", "REF"),
     ] = None
     equal_code: Annotated[
         str | None, _how_to_read("--equal-code", "The code that means 'equal'.", "CODE")
@@ -139,11 +141,11 @@ class StudyFile:
     ] = None
     correct: Annotated[
         str | None,
-        _how_to_read("--correct", "Column of correct and wrong responses.", "COLUMN"),
+        _how_to_read("--correct", "Column with correct or wrong.", "COLUMN"),
     ] = None
     ignore: Annotated[
         list[str] | None,
-        _how_to_read("--ignore", "Column to ignore, such as isi or block.", "COLUMN"),
+        _how_to_read("--ignore", "Column to ignore; repeatable.", "COLUMN"),
     ] = None
     question: Annotated[
         str | None,
@@ -151,19 +153,19 @@ class StudyFile:
     ] = None
     where: Annotated[
         list[str] | None,
-        _how_to_read("--where", "Read only rows with this text.", "COLUMN=TEXT"),
+        _how_to_read("--where", "Rows with this text; repeatable.", "COLUMN=TEXT"),
     ] = None
     subject_from: Annotated[
         str | None,
-        _how_to_read("--subject-from", "File name with the subject: 'sub-{}_*'.", "NAME"),
+        _how_to_read("--subject-from", "Subject in the name: 'sub-{}_*'.", "NAME"),
     ] = None
     columns: Annotated[
         str | None,
-        _how_to_read("--columns", "Names of your columns: s1=first,...", "OURS=THEIRS"),
+        _how_to_read("--columns", "Your column names: s1=first,...", "OURS=THEIRS"),
     ] = None
     standard_interval: Annotated[
         str | None,
-        _how_to_read("--standard-interval", "Column with the standard's interval.", "COLUMN"),
+        _how_to_read("--standard-interval", "Column: the standard's interval.", "COLUMN"),
     ] = None
     standard_first: Annotated[
         bool,
@@ -171,7 +173,7 @@ class StudyFile:
     ] = False
     comparison_code: Annotated[
         str | None,
-        _how_to_read("--comparison-code", "The code that means 'comparison'.", "CODE"),
+        _how_to_read("--comparison-code", "Code that means 'comparison'.", "CODE"),
     ] = None
     decimal: Annotated[
         str | None,
@@ -179,15 +181,15 @@ class StudyFile:
     ] = None
     condition: Annotated[
         str | None,
-        _how_to_read("--condition", "Column of a condition within subjects.", "COLUMN"),
+        _how_to_read("--condition", "Column of the condition.", "COLUMN"),
     ] = None
     reference: Annotated[
         str | None,
-        _how_to_read("--reference", "Level that others are compared with.", "LEVEL"),
+        _how_to_read("--reference", "Level to compare others with.", "LEVEL"),
     ] = None
     named_levels: Annotated[
         bool,
-        rare("--categorical-condition", metavar="", help="Take numeric levels as names."),
+        _how_to_read("--categorical-condition", "Take numeric levels as names.", ""),
     ] = False
 
     def truth(self) -> Truth:

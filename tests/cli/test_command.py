@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 
 import bayes_toe as bt
 from bayes_toe.cli.app import COMMANDS, app
-from bayes_toe.cli.options import StudyFile
+from bayes_toe.cli.options import LAYOUT, StudyFile
 from bayes_toe.cli.task import Takes, Task, as_command
 from bayes_toe.errors import InputError
 
@@ -156,7 +156,9 @@ def test_every_command_lists_shared_options_last_in_one_order_and_its_help_has_e
     assert shared[-1] == "quiet"
     done = inside(function.__name__, "--help")
     assert done.returncode == 0
-    said = "".join(done.stdout.replace("│", " ").split())
+    layouts = inside("check", "--help").stdout.partition(LAYOUT)[2]
+    said = "".join((done.stdout + layouts).replace("│", " ").split())
+    assert "<" not in done.stdout.replace("<=", "")  # Python's types
     assert f"Example:bayes-toe{function.__name__}" in said
     for one in typer.main.get_command(app).commands[function.__name__].params:
         assert "".join(Text.from_markup(one.help).plain.split()) in said, one.name
@@ -200,6 +202,7 @@ def test_the_help_of_a_command_fits_on_a_screen_in_short_phrases(function, monke
     ends = [number for number, line in enumerate(lines) if line.startswith("╰")]
     options = next(number for number, line in enumerate(lines) if line.startswith("╭─ Options"))
     assert next(end for end in ends if end > options) <= 24, "\n".join(lines)
+    assert len(lines) <= 42, "\n".join(lines)
     assert max(map(len, lines)) <= 80
     for one in typer.main.get_command(app).commands[function.__name__].params:
         assert len(one.help.split()) <= 12, one.name
