@@ -184,7 +184,7 @@ def test_a_command_on_a_cluster_writes_what_it_writes_without(dask, folder):
         (("--engine", "dask"), "`--engine` is retired: `--dask tcp://HOST:PORT`"),
         (
             ("--dask", "tcp://127.0.0.1:1", "--workers", "2"),
-            "--workers 2: not with --dask, which uses all workers of a cluster",
+            "--workers 2 and --dask exclude each other.",
         ),
         (
             ("--dask", "nonsense"),

@@ -59,42 +59,44 @@ RETIRED_COMMANDS = {
 }
 #: Options that are gone, by their command, with what to type instead.
 RETIRED_OPTIONS = {
-    "contrast": {"--model": "leave it out, every condition has a constant error and a contraction"},
+    "contrast": {
+        "--model": "omit it, because every condition has a constant error and a contraction"
+    },
     "evidence": {
-        "--more-trials": "`bayes-toe power design.csv --trials 650,1300` says what more trials tell",
+        "--more-trials": "`bayes-toe power design.csv --trials 650,1300` estimates what more trials show",
     },
     "explore": {
         "--population": "`bayes-toe population` draws the subjects of a group in population.png",
     },
     "design": {
-        "--isi": "leave it out, a design is for one interval between the stimuli",
+        "--isi": "omit it, because a design is for one interval between the stimuli",
     },
     "population": {
-        "--correlations": "leave it out, parameters are independent between subjects",
-        "--no-correlations": "leave it out, parameters are independent between subjects",
-        "--model": "leave it out, a group is analysed by the observer with both effects",
-        "--population": "leave it out, subjects are normally distributed",
-        "--posterior": "leave it out, the group does not need draws of its subjects",
+        "--correlations": "omit it, because parameters are independent between subjects",
+        "--no-correlations": "omit it, because parameters are independent between subjects",
+        "--model": "omit it, because a group is analysed by the observer with both effects",
+        "--population": "omit it, because subjects are normally distributed",
+        "--posterior": "omit it, because the group does not need draws of its subjects",
         "--prior": "`--hyperprior FILE.toml` changes the prior of a group",
-        "--resume": "leave it out, a group takes less than a minute",
+        "--resume": "omit it, because a group takes less than a minute",
     },
     "power": {
-        "--carry-over": "leave it out, `bayes-toe power` plans for the order effect alone",
+        "--carry-over": "omit it, because `bayes-toe power` plans for the order effect alone",
         "--differ": "`bayes-toe simulate --conditions a,b --differ contraction=0.2`, then "
         "`bayes-toe contrast`",
-        "--look": "leave it out, `bayes-toe power` simulates fixed numbers of trials",
+        "--look": "omit it, because `bayes-toe power` simulates fixed numbers of trials",
         "--population": "`bayes-toe simulate --population both`, then `bayes-toe population`",
-        "--resume": "leave it out, `bayes-toe power` takes minutes",
-        "--stop": "leave it out, `bayes-toe power` simulates fixed numbers of trials",
+        "--resume": "omit it, because `bayes-toe power` takes minutes",
+        "--stop": "omit it, because `bayes-toe power` simulates fixed numbers of trials",
         "--studies": "`bayes-toe simulate --population both`, then `bayes-toe population`",
-        "--subjects": "leave it out, `bayes-toe power` is about single subjects",
+        "--subjects": "omit it, because `bayes-toe power` is about single subjects",
     },
     "simulate": {
-        "--prior": "leave it out, `--population prior` is the default prior of the four models",
+        "--prior": "omit it, because `--population prior` is the default prior of the four models",
     },
     "run": {
-        "--population": "leave it out, run fits the group from six interpretable subjects on",
-        "--store": "leave it out, draws are written to posterior.nc",
+        "--population": "omit it, because run fits the group from six interpretable subjects on",
+        "--store": "omit it, because draws are written to posterior.nc",
     },
 }
 #: Options of every command that are gone.

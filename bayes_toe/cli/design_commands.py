@@ -107,7 +107,7 @@ def _read_designs(files: list[Path] | None, question: str) -> Mapping[str, Study
     for file in files:
         if file.stem in designs:
             raise bt.InputError(
-                f"designs: found {quoted(file.stem)} twice, allowed: files with different names"
+                f"Two design files have the name {quoted(file.stem)}. Names must differ."
             )
         designs[file.stem] = bt.design.read_study_design(file, question)
     return designs
@@ -121,8 +121,7 @@ def _whole_numbers(option: str, text: str) -> list[int]:
         numbers = []
     if not numbers or numbers[0] < 1:
         raise bt.InputError(
-            f"{option}: found {quoted(text)}, allowed: whole numbers of at least 1, separated by "
-            "commas"
+            f"{option} is {quoted(text)}. It must be whole numbers from 1, separated by commas."
         )
     return numbers
 
@@ -178,17 +177,15 @@ class GoalOptions:
         """Refuse an intensity of nothing, and a design beside what another one is looked for."""
         if self.intensity is not None and not 0.0 < self.intensity < float("inf"):
             raise bt.InputError(
-                f"--intensity: found {self.intensity!r}, allowed: a positive finite number"
+                f"--intensity is {self.intensity!r}. It must be a positive finite number."
             )
         if self.intensity is not None and self.levels is None and not has_list:
-            raise bt.InputError(
-                "--intensity: allowed with --levels levels.csv, or with --list trials.csv"
-            )
+            raise bt.InputError("--intensity needs --levels levels.csv or --list trials.csv.")
         is_search = (self.lowest, self.highest, self.levels) != (None, None, None)
         if given is not None and (not has_list or is_search):
             raise bt.InputError(
-                f"{given}: allowed with --list trials.csv, and without --lowest, --highest, "
-                "--levels"
+                f"{given}: a given design needs --list trials.csv, without --lowest, --highest and "
+                "--levels."
             )
 
     def log_levels(self) -> FloatArray:
@@ -198,14 +195,13 @@ class GoalOptions:
         if self.levels is not None:
             if self.lowest is not None or self.highest is not None:
                 raise bt.InputError(
-                    "--levels and --lowest, --highest: allowed is one of the two ways to say what "
-                    "can be shown"
+                    "The range is given twice. Use either --levels, or --lowest and --highest."
                 )
             return read_levels(self.levels, self.intensity)
         if self.lowest is None or self.highest is None:
             raise bt.InputError(
-                "allowed: --lowest and --highest, natural-log intensity, or --levels levels.csv "
-                "(with --intensity REF)"
+                "No range of stimuli is given. Use --lowest and --highest (natural-log intensity), "
+                "or --levels levels.csv (with --intensity REF)."
             )
         return grid(self.lowest, self.highest, self.step)
 
@@ -254,7 +250,7 @@ class ListOptions:
 
         if self.conditions is not None and self.list_output is None:
             raise bt.InputError(
-                "--conditions: allowed with --list trials.csv, in which trials are split over them"
+                "--conditions needs --list trials.csv, which has trials of each condition."
             )
         differences = read_differences(self.conditions, None)
         return () if differences is None else differences.conditions.levels
@@ -332,9 +328,7 @@ def design(
         lists.write(bt.design.read_study_design(given), seed, wanted.intensity, task)
         return
     if output.suffix != ".csv":
-        raise bt.InputError(
-            f"{output}: found the ending {output.suffix!r}, allowed: .csv, for a design"
-        )
+        raise bt.InputError(f"{output}: the ending is {output.suffix!r}. A design needs .csv.")
     compared = output.with_name(f"{output.stem}_compared.csv")
     files = (output, compared, output.with_suffix(".md"), output.with_suffix(".png"))
     task.require_files(*files, *list_files)

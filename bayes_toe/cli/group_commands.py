@@ -66,12 +66,12 @@ def population(
 
     if output.suffix != ".nc":
         raise bt.InputError(
-            f"{output}: the ending is {output.suffix!r}, allowed is .nc, for draws; "
-            "tables and figure go beside it"
+            f"{output}: the ending is {output.suffix!r}. Draws need .nc; tables and figure have "
+            "the same name with another ending."
         )
     if asked.categorical and asked.covariates is None:
         name = asked.categorical[0]
-        raise bt.InputError(f"--categorical {name}: allowed with --covariates FILE.csv")
+        raise bt.InputError(f"--categorical {name} needs --covariates FILE.csv.")
     table, figure = output.with_suffix(".csv"), output.with_suffix(".png")
     subjects = output.with_name(f"{output.stem}_subjects.csv")
     task.require_files(output, table, subjects, figure)

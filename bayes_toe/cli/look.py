@@ -92,8 +92,8 @@ def read_truth(path: Path, draws: Sequence[bt.Draws], subjects: Sequence[str]) -
     }
     if not any(found.get(name) for name in subjects):
         raise bt.InputError(
-            f"{bare(path.name)}: found no true values of {listed([*map(quoted, subjects)], 3)}, "
-            "allowed: a row of each"
+            f"{bare(path.name)}: there are no true values of "
+            f"{listed([*map(quoted, subjects)], 3)}. Each subject needs a row."
         )
     return found
 
@@ -178,8 +178,7 @@ def _quantities(
         return "natural" if coordinates is None else coordinates
     if coordinates is not None:
         raise bt.InputError(
-            f"--parameters {parameters}: found --coordinates {coordinates} too, allowed: one of "
-            "them"
+            f"--parameters {parameters} and --coordinates {coordinates} exclude each other."
         )
     names, allowed = (
         tuple(name.strip() for name in parameters.split(",")),
@@ -188,8 +187,8 @@ def _quantities(
     wrong = [name for name in names if name not in allowed or names.count(name) > 1]
     if wrong:
         raise bt.InputError(
-            f"--parameters {parameters}: found {quoted(wrong[0])}, allowed: each once, of "
-            f"{', '.join(allowed)}"
+            f"--parameters {parameters}: {quoted(wrong[0])} is unknown or named twice. The "
+            f"parameters are {', '.join(allowed)}."
         )
     return names
 

@@ -218,7 +218,7 @@ class StudyFile:
 
         asked = None if self.question is None else task_of(self.question)
         if self.example and self.files:
-            raise InputError("--example: found with STUDY.csv, allowed: one of the two")
+            raise InputError("--example and STUDY.csv exclude each other.")
         if self.example:
             study = example_study(asked or WHICH_STRONGER)
             return changed(study, self.swap or (), self.exclude or ())
@@ -242,7 +242,7 @@ class StudyFile:
         study = read_study([path for paths in found for path in paths], options)
         if asked not in (None, study.task):
             raise InputError(
-                f"--task: found {self.question!r}, allowed: {study.task.name!r}, which the answers "
-                f"in {study.source} are of"
+                f"--task is {self.question!r}, but the responses in {study.source} are of the task "
+                f"{study.task.name!r}."
             )
         return changed(study, self.swap or (), self.exclude or ())

@@ -81,7 +81,9 @@ class FigureChoice:
 
     def __post_init__(self) -> None:
         if self.which not in FIGURE_BYTES:
-            raise InputError(f"--figures {self.which}: allowed are {', '.join(FIGURE_BYTES)}")
+            raise InputError(
+                f"--figures is {self.which!r}. It must be one of {', '.join(FIGURE_BYTES)}."
+            )
 
 
 ALL = FigureChoice()

@@ -27,7 +27,7 @@ from bayes_toe.cli.options import (
     StudyFile,
 )
 from bayes_toe.cli.terminal import TYPED, WIDTH, Terminal
-from bayes_toe.data.messages import capitalized, visible
+from bayes_toe.data.messages import capitalized, counted, visible
 from bayes_toe.data.whole_files import describe_stored, under_way
 from bayes_toe.errors import BayesToeError, InputError
 
@@ -125,9 +125,7 @@ class Task:
         if self.dask is None:
             return self.processes
         if self.processes is not None:
-            raise InputError(
-                f"--workers {self.processes}: not with --dask, which uses all workers of a cluster"
-            )
+            raise InputError(f"--workers {self.processes} and --dask exclude each other.")
         from bayes_toe.cluster import connect
 
         client = connect(self.dask)
@@ -149,8 +147,8 @@ class Task:
         found = 0 if self.resume else count_stored(folder)
         if found and not self.overwrite:
             raise OutputError(
-                f"{shown(folder)}: found {found} results of a stopped command, go on with --resume "
-                "or begin anew with --overwrite"
+                f"{shown(folder)} holds {counted(found, 'result')} of a stopped command. "
+                "--resume continues it, --overwrite starts again."
             )
         if found:
             discard(folder)
@@ -191,8 +189,7 @@ class Task:
         for file in files:
             if file.resolve() in read:
                 raise InputError(
-                    f"{file}: this command reads that file, allowed: another --output, whose files "
-                    "leave it as it is"
+                    f"{file}: this command reads that file and must not replace it. Use another --output."
                 )
 
     def write(self, made: Mapping[Path, Callable[[Path], object]], *others: Path) -> None:

@@ -323,17 +323,17 @@ def test_corner_of_one_subject_and_of_two_with_prior_and_truth_in_any_quantities
     [
         (
             "corner POSTERIOR --parameters gain,mu_1",
-            "found 'mu_1', allowed: each once, of mu1, sigma_p",
+            "'mu_1' is unknown or named twice. The parameters are mu1, sigma_p",
         ),
-        ("corner POSTERIOR --parameters gain,gain", "found 'gain', allowed: each once"),
-        ("corner POSTERIOR --parameters gain --coordinates natural", "allowed: one of them"),
+        ("corner POSTERIOR --parameters gain,gain", "'gain' is unknown or named twice"),
+        ("corner POSTERIOR --parameters gain --coordinates natural", "exclude each other"),
         ("corner POSTERIOR --format gif", "format 'gif': allowed: pdf, png, svg"),
         ("corner POSTERIOR --subject A --subject Z", "no subject 'Z'"),
         (
             "corner POSTERIOR --truth study.csv",
             "found 'subject', 's1', 's2', 'n_equal', 'n_trials', allowed: subject and some of mu1",
         ),
-        ("run study.csv --figures some", "allowed are all, flagged, none"),
+        ("run study.csv --figures some", "must be one of all, flagged, none"),
         ("run study.csv -o out", "overwrite"),
         ("run study.csv -o study.csv/new", "study.csv"),
         ("run study.csv -o study.csv", "study.csv"),

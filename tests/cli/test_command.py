@@ -103,7 +103,7 @@ def test_the_example_takes_the_place_of_a_file(tmp_path):
     assert paper.read().task.yes == "equal"
     assert (study.truth(), len(paper.truth())) == ({}, 16)
     said = refused("check", "a.csv", "--example", cwd=tmp_path)
-    assert said == "error: --example: found with STUDY.csv, allowed: one of the two\n"
+    assert said == "error: --example and STUDY.csv exclude each other.\n"
 
 
 @pytest.mark.parametrize(

@@ -180,7 +180,7 @@ def test_a_command_that_is_killed_and_resumed_is_as_one_that_was_not(four):
     killed(four, *words, kept=2)
     said = refused(*words, cwd=four)
     if not (four / "posterior.nc").exists():
-        assert "go on with --resume or begin anew with --overwrite" in said
+        assert "--resume continues it, --overwrite" in said
         assert "of 4 subjects taken from posterior.nc.partial" in good(*words, "--resume", cwd=four)
     assert sorted(path.name for path in four.iterdir()) == ["posterior.nc", "study.csv"]
     good("sample", "study.csv", "-o", "calm.nc", *options, cwd=four)
@@ -193,9 +193,7 @@ def test_what_was_kept_is_thrown_away_where_that_is_asked_for(four):
     (four / "evidence.csv.partial" / ".bayes_toe_store").touch()
     (four / "evidence.csv.partial" / "0.result").write_text("of another time")
     options = ("evidence", "study.csv", "-o", "evidence.csv", "--seed", "1", "--workers", "1")
-    assert "evidence.csv.partial: found 1 results of a stopped command" in refused(
-        *options, cwd=four
-    )
+    assert "evidence.csv.partial holds 1 result of a stopped command" in refused(*options, cwd=four)
     good(*options, "--overwrite", cwd=four)
     assert sorted(path.name for path in four.iterdir()) == ["evidence.csv", "study.csv"]
 

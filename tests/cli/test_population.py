@@ -77,8 +77,8 @@ def test_files_are_those_of_the_group(done, folder):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("-o", "other.csv"), "other.csv: the ending is '.csv', allowed is .nc"),
-        (("--categorical", "site"), "--categorical site: allowed with --covariates FILE.csv"),
+        (("-o", "other.csv"), "other.csv: the ending is '.csv'. Draws need .nc"),
+        (("--categorical", "site"), "--categorical site needs --covariates FILE.csv"),
         (("--hyperprior", "none.toml"), "none.toml: no such file"),
         (
             ("--covariates", "people.csv", "--categorical", "size"),
@@ -88,7 +88,7 @@ def test_files_are_those_of_the_group(done, folder):
         (
             # study.csv would be beside it.
             ("-o", "study.nc", "--overwrite"),
-            "study.csv: this command reads that file, allowed: another --output",
+            "study.csv: this command reads that file",
         ),
         (("--draws", "5"), "draws=5; allowed is a whole number from 100"),
     ],

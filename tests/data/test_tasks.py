@@ -245,7 +245,7 @@ REFUSED = [
         TRIALS,
         ["a,0,1,second"],
         "--task same/different",
-        "--task: found 'same/different', allowed: 'which is stronger', which the answers in",
+        "--task is 'same/different', but the responses in",
     ),
     (
         TRIALS,

@@ -191,12 +191,12 @@ REFUSED = [
     (("--lowest", "1", "--highest", "1"), "--lowest 1 --highest 1: allowed are finite numbers"),
     ((*FROM_0, "1", "--step", "2"), "--step 2: allowed is above 0 and at most the range, 1"),
     ((*FROM_0, "1", "--step", "0.001"), "1001 levels make 1,002,001 pairs: allowed are 20,000"),
-    (("--lowest", "0"), "allowed: --lowest and --highest, natural-log intensity, or --levels"),
+    (("--lowest", "0"), "No range of stimuli is given. Use --lowest and --highest"),
     ((*FROM_0, "1", "--max-pairs", "3"), "--max-pairs 3: allowed is at least 4"),
     ((*FROM_0, "1", "--for", "gain"), "--for: found 'gain', allowed: order-effect, constant-error"),
-    ((*FROM_0, "1", "--intensity", "2"), "--intensity: allowed with --levels levels.csv, or with"),
-    (("--levels", "l.csv", "--intensity", "-1"), "--intensity: found -1.0, allowed: a positive"),
-    (("given.csv",), "given.csv: allowed with --list trials.csv, and without --lowest"),
+    ((*FROM_0, "1", "--intensity", "2"), "--intensity needs --levels levels.csv or"),
+    (("--levels", "l.csv", "--intensity", "-1"), "--intensity is -1.0. It must be a positive"),
+    (("given.csv",), "given.csv: a given design needs --list trials.csv, without --lowest"),
     ((*FROM_0, "1", "--isi", "1"), "`--isi` is retired"),
 ]
 

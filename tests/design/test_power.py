@@ -125,7 +125,7 @@ def test_the_command(tmp_path):
 @pytest.mark.parametrize(
     ("more", "message"),
     [
-        (("--trials", "0"), "--trials: found '0', allowed: whole numbers of at least 1"),
+        (("--trials", "0"), "--trials is '0'. It must be whole numbers from 1"),
         (("--trials", "12"), "12 trials for 13 pairs"),
         (("--observers", "nobody"), "--observers: found 'nobody'"),
         (("--subjects", "4"), "`--subjects` is retired"),
