@@ -92,6 +92,10 @@ class OutputError(BayesToeError, OSError):
     """An output that cannot be written, or exists and may not be replaced."""
 
 
+class OutputExistsError(OutputError):
+    """An output that is there already; `overwrite=True`, or `--overwrite`, replaces it."""
+
+
 class WorkerError(BayesToeError, RuntimeError):
     """Work that cannot be had: the processes that did it died, more than once."""
 

@@ -59,7 +59,7 @@ def refused(*words, cwd, silent=True):
     done = inside(*words, cwd=cwd)
     # What to type comes below the problem.
     problems = [
-        line for line in done.stderr.splitlines() if not line.startswith(("type:", "       --"))
+        line for line in done.stderr.splitlines() if not line.startswith(("type:", "       -"))
     ]
     assert (done.returncode, len(problems)) == (2, 1), (words, done.stderr)
     assert not (silent and done.stdout)

@@ -29,7 +29,7 @@ from bayes_toe.cli.options import (
 from bayes_toe.cli.terminal import TYPED, WIDTH, Terminal
 from bayes_toe.data.messages import capitalized, counted, visible
 from bayes_toe.data.whole_files import describe_stored, under_way
-from bayes_toe.errors import BayesToeError, InputError
+from bayes_toe.errors import BayesToeError, InputError, OutputExistsError
 
 if TYPE_CHECKING:
     from bayes_toe.data.study import Study
@@ -294,6 +294,8 @@ def print_error(error: BayesToeError, command: str) -> None:
         choices = [(remedy.typed, remedy.meaning) for remedy in error.remedies]
     if problems == NO_FILE:
         choices = [(f"bayes-toe {command} STUDY.csv", ""), (f"bayes-toe {command} --example", "")]
+    if isinstance(error, OutputExistsError):
+        choices = [("--overwrite", "to replace it"), ("-o NAME", "to write elsewhere")]
     stored = describe_stored()
     if stored:
         problems = f"{problems}; {stored}"

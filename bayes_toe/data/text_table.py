@@ -338,7 +338,7 @@ def _records(text: str, delimiter: str) -> Iterator[tuple[int, list[str] | csv.E
 def _broken(row: int, record: list[str] | csv.Error, width: int) -> str:
     """What is said about a row that cannot be split, or not into as many cells as the header has."""
     if not isinstance(record, csv.Error):
-        return f"row {row}: found {counted(len(record), 'cell')}, allowed: {width} cells as in the header"
+        return f"row {row}: found {counted(len(record), 'cell')}, allowed: {counted(width, 'cell')} as in the header"
     found = next((said for part, said in _SPLIT_ERRORS.items() if part in str(record)), str(record))
     return f"row {row}: found {found}, allowed: quotes around whole cells, doubled inside"
 

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bayes_toe.data.messages import shown
-from bayes_toe.errors import InputError, OutputError
+from bayes_toe.errors import InputError, OutputError, OutputExistsError
 
 #: Beginning of the name of a folder whose files are not finished, and of one whose files are
 #: complete and about to move; the machine and the process follow.
@@ -157,7 +157,7 @@ def _refuse_taken(target: Path, overwrite: bool) -> None:
     if not os.path.lexists(target):
         return
     if not overwrite:
-        raise OutputError(f"{shown(target)}: exists, choose another name or allow to overwrite it")
+        raise OutputExistsError(f"{shown(target)}: exists")
     if not stat.S_ISREG(os.lstat(target).st_mode):
         raise OutputError(f"{shown(target)}: is a link, pipe or device, choose another name")
 
@@ -173,9 +173,7 @@ def _refuse_taken_folder(target: Path, names: Sequence[str], overwrite: bool) ->
         problem = f"already holds {', '.join(taken[:3])}"
         if len(taken) > 3:
             problem += f" and {len(taken) - 3} more"
-        raise OutputError(
-            f"{shown(target)}: {problem}, choose another folder or allow to overwrite"
-        )
+        raise OutputExistsError(f"{shown(target)}: {problem}")
 
 
 def _require_there(new: Path, target: Path, files: Sequence[str]) -> None:
