@@ -15,6 +15,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "scripts"))
 
 from reference_pages import FACES, MADE  # noqa: E402
+from sphinx.pycode import ModuleAnalyzer  # noqa: E402
 
 project = "bayes_toe"
 version = release = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"][
@@ -92,8 +93,21 @@ def _public(app, env, node, contnode):
     return None
 
 
+def _described(_app, what, name, _value, _options, lines):
+    """A value has the comment of the module that defines it; its type's docstring says nothing."""
+    if what != "data":
+        return
+    face, _, short = name.rpartition(".")
+    for module in [module for module in sys.modules if module.startswith(f"{face}.")]:
+        comment = ModuleAnalyzer.for_module(module).find_attr_docs().get(("", short))
+        if comment:
+            lines[:] = comment
+            return
+
+
 def setup(app):
     """Called by Sphinx."""
     app.connect("source-read", _filled)
     app.connect("missing-reference", _public)
+    app.connect("autodoc-process-docstring", _described)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
