@@ -21,7 +21,7 @@ from bayes_toe.cli import (
     look,
 )
 from bayes_toe.cli.options import LAYOUT
-from bayes_toe.cli.task import BAD_INPUT, as_command
+from bayes_toe.cli.task import BAD_INPUT, as_command, print_labelled
 from bayes_toe.cli.terminal import TYPED
 
 #: In the order in which help lists them.
@@ -147,7 +147,7 @@ def _present_name(word: str) -> str:
 
 def refuse_retired(name: str, instead: str) -> NoReturn:
     """Say that a name is gone and what to type instead, and end with the exit code of bad input."""
-    typer.echo(f"error: `{name}` is retired: {instead}", err=True)
+    print_labelled("error:", f"`{name}` is retired: {instead}")
     raise typer.Exit(BAD_INPUT)
 
 
