@@ -138,6 +138,12 @@ def test_readme_and_tutorial_are_short(path, most):
     assert (
         len(re.sub(r"^```text\n.*?^```", "", text, flags=re.MULTILINE | re.DOTALL).split()) <= most
     )
+
+
+@pytest.mark.parametrize("path", TEXTS, ids=lambda path: path.name)
+def test_no_block_is_cut_on_the_site(path):
+    """A column of the site shows 92 characters at 1200 px."""
+    text = path.read_text(encoding="utf-8")
     blocks = re.findall(r"^```.*?^```", text, flags=re.MULTILINE | re.DOTALL)
     assert [line for block in blocks for line in block.splitlines() if len(line) > 88] == []
 

@@ -195,7 +195,7 @@ def test_a_recipe_works_as_it_stands(name, tmp_path):
                 about["total"],
             )
             continue
-        for line in block.splitlines():
+        for line in block.replace("\\\n", " ").splitlines():
             program, *words = shlex.split(line)
             assert program == "bayes-toe"
             said = " ".join(good(*words, cwd=tmp_path).split())
