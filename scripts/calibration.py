@@ -98,7 +98,7 @@ def _text(found: Calibration) -> str:
 def verdict_lines(found: Calibration) -> list[str]:
     """The verdict in a few lines: what failed, or that nothing did; what did not converge.
 
-    What was withheld.
+    What was not reported.
     """
     lines = [f"NOT calibrated: {failure}" for failure in found.failures]
     if len(found.ranks):
@@ -123,7 +123,7 @@ def verdict_lines(found: Calibration) -> list[str]:
         )
     withheld = found.data_sets["data_set"][found.data_sets[DEFAULT].isna()]
     return lines + (
-        [f"evidence withheld by the default estimator: {', '.join(withheld)}"]
+        [f"evidence not reported by the default estimator: {', '.join(withheld)}"]
         if len(withheld)
         else []
     )

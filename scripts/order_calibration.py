@@ -41,26 +41,25 @@ _DRAWS = 100  # among which a true value is ranked
 _CHUNK = 40  # observers of a job
 PAGE = """# Calibration of the four models
 
-{observers} observers of each of six designs are drawn from the prior: one of the four models with its prior probability, then
-its parameters. Their responses come from the formulas as on paper (`scripts/reference/tempering.py`) and are answered as `bayes-toe run`
-does.
+{observers} observers of each of six designs are drawn from the prior: first one of the four models, then its parameters.
+Their responses are simulated from the formulas as on paper (`scripts/reference/tempering.py`) and analysed as by `bayes-toe run`.
 
 {conclusion}
 
 ## Probabilities
 
-Of the observers with a probability near P of an effect, a share P has it. ECE is the expected calibration error over ten bins; its
-floor is the mean that right probabilities would show, and p the share of simulations with an error as large. They are calibrated
-where p is at least {least_p:g}. The log score is in bits.
+If probabilities are right, a share P of the observers with probability P has the effect. ECE is the expected calibration error over ten
+bins. Its floor is the mean that right probabilities show in simulations, and p is the share of simulations with an error as large.
+Calibrated: p at least {least_p:g}. The log score is in bits.
 
 | design | question | observers | with the effect | ECE | floor | p | log score | calibrated |
 |---|---|--:|--:|--:|--:|--:|--:|---|
 {probabilities}
 ## Ranks
 
-The true value is ranked among {draws} posterior draws: the constant error and the contraction of the observers who have one, among the
-draws of the models that have it; the JND of all observers among the draws of all models. The p-value is that of the largest deviation
-of their distribution function from the uniform one. Ranks are uniform where it is at least {least_p:g}.
+The true constant error or contraction of an observer who has one is ranked among {draws} posterior draws of the models that have it. The JND
+of every observer is ranked among draws of all models. The p-value is that of the largest deviation of the distribution function from
+the uniform one. Uniform: p at least {least_p:g}.
 
 | design | quantity | observers | largest difference | at | p | ranks |
 |---|---|--:|--:|--:|--:|---|

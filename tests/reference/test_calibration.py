@@ -199,7 +199,7 @@ def test_wrong_evidences_fail_and_withheld_ones_are_named():
     ]
     assert verdict_lines(found)[-2:] == [
         "evidence, sparse design: the default estimator gives no number",
-        "evidence withheld by the default estimator: s7, x",
+        "evidence not reported by the default estimator: s7, x",
     ]
     assert (
         list(found.evidence_verdicts.median_shift[:6])
