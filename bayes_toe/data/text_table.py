@@ -42,7 +42,7 @@ from bayes_toe.errors import InputError, Remedy
 Frame: TypeAlias = Any
 #: Which columns are read, of the names in a header.
 Choice: TypeAlias = Callable[[Sequence[str]], Collection[str]]
-DELIMITERS = {",": "comma", ";": "semicolon", "\t": "tab"}
+DELIMITERS = {",": "comma", ";": "semicolon", "\t": "tab", "|": "bar"}
 #: Bytes. A study of 10^7 trials has some 300 million, pairs and covariates of 10^5 subjects some 5
 #: million.
 LARGEST_STUDY, LARGEST_SMALL_FILE = 2**30, 2**25
@@ -155,7 +155,7 @@ class TextTable:
     @property
     def decimal_comma(self) -> bool:
         """Whether the delimiter leaves the comma free to be a decimal sign."""
-        return self.delimiter in (";", "\t")
+        return self.delimiter in (";", "\t", "|")
 
     def require(self, lines: Sequence[str]) -> None:
         """Refuse a head of which something is to be said, together with the rows that cannot be split; and a table without rows."""

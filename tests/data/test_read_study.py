@@ -504,16 +504,18 @@ def test_parse_columns_refuses(text, found):
     ids=str,
 )
 @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"], ids=["LF", "CRLF", "CR"])
-@pytest.mark.parametrize(("delimiter", "name"), [(",", "comma"), (";", "semicolon"), ("\t", "tab")])
+@pytest.mark.parametrize(
+    ("delimiter", "name"), [(",", "comma"), (";", "semicolon"), ("\t", "tab"), ("|", "bar")]
+)
 def test_dialects(codec, label, end, delimiter, name):
     lines = [
-        '"subject","a|b","s1","s2","response"',
+        '"subject","a~b","s1","s2","response"',
         "Zoë,0,0.5,-0.25,equal",
         "Ω,0,0,0,different",
         "",
     ]
     mark = b"\xfe\xff" if codec == "utf-16-be" else b""
-    study = read(mark + end.join(lines).replace(",", delimiter).replace("|", ",").encode(codec))
+    study = read(mark + end.join(lines).replace(",", delimiter).replace("~", ",").encode(codec))
     assert content(study) == {"Zoë": [(0.5, -0.25, 1, 1)], "Ω": [(0.0, 0.0, 0, 1)]}
     assert study.notes[0].startswith(
         f"trial rows, {name}-separated, {label}, responses 'equal' (1)"
