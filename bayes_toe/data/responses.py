@@ -16,7 +16,7 @@ from bayes_toe.data.messages import bare, listed, quoted
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.tasks import SAME_DIFFERENT, TASKS, WHICH_STRONGER, Task, task_named
 from bayes_toe.data.text_table import Column, TextTable
-from bayes_toe.data.validation import MISSING_WORDS
+from bayes_toe.data.validation import MISSING_WORDS, NO_RESPONSE_WORDS
 from bayes_toe.errors import InputError, Remedy
 
 if TYPE_CHECKING:
@@ -158,7 +158,7 @@ def _both_codes(
 ) -> tuple[str | None, str | None]:
     """The codes of both responses; of two codes in a column the one not given is the other."""
     yes, no = given
-    texts = {_plain(text) for text in column.texts if text.lower() not in MISSING_WORDS}
+    texts = {_plain(text) for text in column.texts if text.lower() not in NO_RESPONSE_WORDS}
     known = _plain(yes or no or "")
     if (yes is None) == (no is None) or len(texts) != 2 or known not in texts:
         return given
@@ -170,7 +170,7 @@ def _both_codes(
 
 def _untold(column: Column, difference: FloatArray) -> tuple[str, list[Remedy]]:
     """What is said of a column whose words tell no task, or two, and what to type."""
-    texts = [text for text in column.texts if text.lower() not in MISSING_WORDS]
+    texts = [text for text in column.texts if text.lower() not in NO_RESPONSE_WORDS]
     told = [_words_of(task, column) for task in TASKS]
     if all(told):
         both = " and ".join(quoted(words[0]) for words in told)
@@ -220,7 +220,7 @@ def _commoner_for_stronger_second(column: Column, difference: FloatArray) -> str
     sums = np.bincount(column.codes[is_number], away, len(column.texts))
     for code in np.argsort(-sums, kind="stable").tolist():
         text = column.texts[code]
-        if text.lower() not in MISSING_WORDS:
+        if text.lower() not in NO_RESPONSE_WORDS:
             return _plain(text)
     return ""
 
@@ -237,7 +237,7 @@ def _answer(text: str, given: Sequence[str | None], words: Sequence[Sequence[str
     if plain in codes:
         return (_YES, _NO)[codes.index(plain)]
     word = plain.lower()
-    if word in MISSING_WORDS:
+    if word in NO_RESPONSE_WORDS:
         return _MISSING
     if any(code is not None and word == code.lower() for code in codes):
         # where 'Different' was declared to mean equal, 'different' must not count as different by

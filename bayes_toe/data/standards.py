@@ -14,7 +14,7 @@ from bayes_toe.data.column_names import COMPARISON_WORDS, STANDARD_WORDS
 from bayes_toe.data.messages import bare, listed, quoted
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.text_table import Column, TextTable
-from bayes_toe.data.validation import MISSING_WORDS
+from bayes_toe.data.validation import NO_RESPONSE_WORDS
 from bayes_toe.errors import InputError
 
 _STANDARD_FIRST = frozenset({"1", "1.0", "first", "1st", *STANDARD_WORDS})
@@ -62,7 +62,7 @@ class StandardOrder:
         InputError
             If no response has the code, or if there are three codes.
         """
-        texts = [text for text in column.texts if text.lower() not in MISSING_WORDS]
+        texts = [text for text in column.texts if text.lower() not in NO_RESPONSE_WORDS]
         if comparison_code is not None and (comparison_code not in texts or len(texts) > 2):
             codes = listed([quoted(text) for text in texts])
             raise InputError(
@@ -73,7 +73,7 @@ class StandardOrder:
         is_standard = column.map(lambda text: text.lower() in STANDARD_WORDS, np.bool_)
         if comparison_code is not None:
             is_comparison = column.map(lambda text: text == comparison_code, np.bool_)
-            is_missing = column.map(lambda text: text.lower() in MISSING_WORDS, np.bool_)
+            is_missing = column.map(lambda text: text.lower() in NO_RESPONSE_WORDS, np.bool_)
             is_standard = ~is_comparison & ~is_missing
         if not (is_comparison.any() or is_standard.any()):
             return column

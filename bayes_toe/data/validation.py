@@ -21,12 +21,12 @@ LARGEST_COUNT = 2**53
 #: What stands between a subject and a level in the name of a unit.
 AT = "@"
 #: What a cell may say, in any case, where there is nothing to say.
-MISSING_WORDS = frozenset(
-    {
-        *("", "na", "n/a", "nan", "none", "null", ".", "-", "-99", "-999", "999"),
-        *("timeout", "time out", "no response", "noresponse", "missing", "missed"),
-    }
-)
+MISSING_WORDS = frozenset({"", "na", "n/a", "nan", "none", "null"})
+#: What a response may say besides, where nobody responded.
+NO_RESPONSE_WORDS = MISSING_WORDS | {
+    *(".", "-", "-99", "-999", "999", "timeout", "time out", "no response", "noresponse"),
+    *("missing", "missed"),
+}
 # Alternatives never overlap, so that a cell of 100,000 digits costs linear time.
 _NUMBER = re.compile(r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
 # '5.0' is how pandas writes a 5 beside missing cells; '5.000' may be a German five thousand, so it

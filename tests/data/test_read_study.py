@@ -567,6 +567,8 @@ def test_missed_trials_that_are_scored_wrong_are_no_responses():
     assert "2 trials without a response dropped: a 2" in study.notes
     # An empty cell beside a right response is no sign: the column says something else.
     assert read(MISSED.replace("0,,", "1,,"), correct="correct").subjects[0].total_trials == 4
+    # A reaction time of 999 ms is no sign either.
+    assert read(MISSED.replace("0,,", "0,f,999"), correct="correct").subjects[0].total_trials == 4
     without_signs = "subject,s1,s2,correct\na,0,0.3,1\na,0,0.3,0\na,0.3,0,1\na,0.3,0,0\n"
     assert read(without_signs, correct="correct").subjects[0].total_trials == 4
 
@@ -647,6 +649,13 @@ def test_what_is_refused_of_a_standard_and_a_comparison():
         ReadOptions(standard_interval="a", standard_first=True)
     with pytest.raises(InputError, match="--comparison-code: found alone"):
         ReadOptions(comparison_code="c")
+
+
+def test_texts_that_say_that_nobody_responded():
+    rows = "".join(f"a,0,0.3,{text}\n" for text in ("second", "timeout", "No response", "-99", "."))
+    study = read(f"{TRIALS}{rows}a,0.3,0,first\n")
+    assert study.subjects[0].total_trials == 2
+    assert "4 trials without a response dropped: a 4" in study.notes
 
 
 def test_codes_may_be_numbers_as_in_a_data_frame():
