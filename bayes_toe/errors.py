@@ -93,7 +93,20 @@ class OutputError(BayesToeError, OSError):
 
 
 class OutputExistsError(OutputError):
-    """An output that is there already; `overwrite=True`, or `--overwrite`, replaces it."""
+    """An output that exists and may not be replaced.
+
+    Parameters
+    ----------
+    problem : str
+        What exists; the message adds how to replace it in Python.
+    """
+
+    def __init__(self, problem: str) -> None:
+        self.problem = problem
+        super().__init__(f"{problem}; overwrite=True replaces it")
+
+    def __reduce__(self) -> tuple[type[OutputExistsError], tuple[str]]:
+        return type(self), (self.problem,)
 
 
 class WorkerError(BayesToeError, RuntimeError):

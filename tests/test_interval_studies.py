@@ -340,8 +340,8 @@ def test_a_results_folder_has_everything_but_what_knows_one_interval(
 ):
     write_results(analysis, tmp_path / "results", workers=1)
     text = (tmp_path / "results" / "report.html").read_text(encoding="utf-8")
-    assert "Inter-stimulus intervals: 0.25, 1, 4 s." in text
-    assert "Asymmetries are not pooled over inter-stimulus intervals" in text
+    assert "The inter-stimulus intervals are 0.25, 1, 4 s." in text
+    assert "does not pool asymmetries over inter-stimulus intervals" in text
     assert "maximum likelihood at an edge" not in text
     assert len(list((tmp_path / "results" / "corner").iterdir())) == 2
 

@@ -295,6 +295,7 @@ def print_error(error: BayesToeError, command: str) -> None:
     if problems == NO_FILE:
         choices = [(f"bayes-toe {command} STUDY.csv", ""), (f"bayes-toe {command} --example", "")]
     if isinstance(error, OutputExistsError):
+        problems = error.problem
         choices = [("--overwrite", "to replace it"), ("-o NAME", "to write elsewhere")]
     stored = describe_stored()
     if stored:

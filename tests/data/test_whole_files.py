@@ -103,7 +103,7 @@ def test_what_exists_or_appears_meanwhile_is_kept(tmp_path):
     for path in (target, link):
         with pytest.raises(
             OutputError,
-            match=rf"{path.name}: exists$",
+            match=rf"{path.name}: exists; overwrite=True replaces it$",
         ):
             write(path, "new", meanwhile=BEFORE_WORK)
     link.unlink()
@@ -323,7 +323,7 @@ def test_existing_names_are_refused_before_any_work(tmp_path, there, said):
         (tmp_path / name).mkdir() if name.endswith("/") else (tmp_path / name).write_text("mine")
     before, message = (
         tree(tmp_path),
-        re.escape(f"{tmp_path}: already holds {said}"),
+        re.escape(f"{tmp_path}: already holds {said}; overwrite=True replaces it"),
     )
     with pytest.raises(OutputError, match=f"^{message}$"):
         produce(tmp_path, {}, names=[*NAMES, *"abcd"], meanwhile=BEFORE_WORK)

@@ -142,7 +142,9 @@ def test_two_files_of_one_name_are_refused(tmp_path):
     (tmp_path / "other").mkdir()
     for folder in (tmp_path, tmp_path / "other"):
         paper_study_design(13).save(folder / "d.csv")
-    assert "found 'd' twice" in refused("power", "d.csv", "other/d.csv", cwd=tmp_path)
+    assert "Two design files have the name 'd'." in refused(
+        "power", "d.csv", "other/d.csv", cwd=tmp_path
+    )
 
 
 def test_the_figure_has_a_panel_for_each_design_and_question(table):
