@@ -85,9 +85,6 @@ def _call(file: str, limit: float, before: tuple[str, str], now: tuple[str, str]
 BARS = {
     "help": _command("--help", 1.0, "s"),
     "check, 10,000 subjects": _command("check many.csv", 10.0, "s"),
-    "asymmetry, 10,000 subjects": _command(
-        "asymmetry many.csv -o asymmetry.csv --overwrite", 10.0, "s"
-    ),
     "answer of 16 subjects, same/different": _call("study.csv", 0.06, _OLD_VERDICT, _NEW_ANSWER),
     "answer of 12 subjects, 2AFC": _call("stronger.csv", 0.3, _OLD_VERDICT, _NEW_ANSWER),
     "bt.run of 16 subjects, four at a time": _call("study.csv", 0.35, _RUN_SUBJECTS, _RUN_SUBJECTS),

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray, run_starts
 from bayes_toe.data.answers import Answers
+from bayes_toe.data.conditions import Stimuli
 from bayes_toe.data.study import Subject
-from bayes_toe.data.tasks import WHICH_STRONGER
+from bayes_toe.data.tasks import WHICH_STRONGER, Task
 from bayes_toe.model.observer import ObserverPosterior, OrderModel
 
 QUESTIONS = ("order_effect", "constant_error", "contraction")
@@ -88,7 +91,15 @@ def identify(subject: Subject) -> Identification:
     reason = _no_question(subject, order)
     if reason:
         return Identification(False, False, False, dict.fromkeys(QUESTIONS, reason), tuple(notes))
-    reason = _no_contraction(subject)
+    pairs = _Pairs(
+        subject.task,
+        tuple(subject.s1.tolist()),
+        tuple(subject.s2.tolist()),
+        tuple(subject.n_trials.tolist()),
+        None if subject.isi is None else tuple(subject.isi.tolist()),
+        subject.felt,
+    )
+    reason = _no_contraction(pairs)
     if reason:
         return Identification(True, True, False, {"contraction": reason}, tuple(notes))
     return Identification(True, True, True, {}, tuple(notes))
@@ -112,10 +123,29 @@ def _no_question(subject: Subject, order: FloatArray) -> str:
     return ""
 
 
-def _no_contraction(subject: Subject) -> str:
-    """Why a contraction cannot be told although a constant error can; empty if it can."""
-    pairs = np.column_stack([subject.s1, subject.s2])
-    offsets = pairs - pairs.mean(axis=0)
+class _Pairs(NamedTuple):
+    """What of a subject decides whether a contraction can be told."""
+
+    task: Task
+    s1: tuple[float, ...]
+    s2: tuple[float, ...]
+    n_trials: tuple[int, ...]
+    isi: tuple[float, ...] | None
+    felt: Stimuli | None
+
+
+@lru_cache(maxsize=1024)
+def _no_contraction(pairs: _Pairs) -> str:
+    """Why a contraction cannot be told although a constant error can; empty if it can.
+
+    The subjects of a study often have the same pairs, so that one answer serves them all.
+    """
+    s1, s2, n_trials = np.array(pairs.s1), np.array(pairs.s2), np.array(pairs.n_trials)
+    isi = None if pairs.isi is None else np.array(pairs.isi)
+    n_yes = np.zeros_like(n_trials)
+    subject = Subject("pairs", s1, s2, n_yes, n_trials, isi=isi, task=pairs.task, felt=pairs.felt)
+    stimuli = np.column_stack([subject.s1, subject.s2])
+    offsets = stimuli - stimuli.mean(axis=0)
     extent = np.abs(offsets).max()
     if np.ptp(subject.s1) <= ROUNDING * extent:
         return ONE_FIRST_STIMULUS
