@@ -140,7 +140,7 @@ def _measures(
     difference = rows.batch.difference[:, 0]
     n_wrong = task.wrong(difference[:, None], n_yes, n_trials[:, None])
 
-    def by_subject(values: FloatArray) -> FloatArray:
+    def by_subject(values: FloatArray | IntArray) -> FloatArray:
         return np.asarray(np.add.reduceat(values, rows.first_row, axis=0))
 
     weights = np.zeros(difference.shape)

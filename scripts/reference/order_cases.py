@@ -5,6 +5,7 @@ They are synthetic. Counts of an observer are its rounded expected counts, so a 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import permutations
 
@@ -54,7 +55,7 @@ def order_cases() -> dict[str, bt.Subject]:
 
 def _observer(
     task: Task,
-    pairs: list[tuple[float, float]],
+    pairs: Sequence[tuple[float, float]],
     n: int,
     *,
     sigma_d: float = 0.2,
