@@ -213,7 +213,7 @@ def _remedies(
             alike = [name for name in free if looks_like(name, ours)]
             pairs.append((ours, stimuli.get(ours) or (alike or ["NAME"])[0]))
         meaning = "with the names in your file"
-        if stimuli["s1" if "s1" in stimuli else "i1"] and options.intensity is None:
+        if stimuli.get("s1"):
             meaning = "if they are natural logs; for intensities i1, i2 and --intensity REF"
         yield Remedy("columns", tuple(pairs), meaning)
     if {"s1", "s2"} & set(missing):

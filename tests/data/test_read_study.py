@@ -643,6 +643,9 @@ def test_what_is_refused_of_a_standard_and_a_comparison():
     assert problem.startswith("row 3, column interval: found '3', allowed: 1 or 2")
     (problem,) = refused(STANDARDS.replace("a,0,", "a,x,", 1), standard_interval="interval")
     assert problem == "row 2, column standard: found 'x', allowed: a finite number"
+    without_comparison = STANDARDS.replace("comparison,interval", "level,interval")
+    (problem,) = refused(without_comparison, standard_interval="interval")
+    assert problem.startswith("row 1: there is no column comparison.")
     (problem,) = refused(STANDARDS, standard_interval="interval", comparison_code="c")
     assert problem.startswith("column response: found 'comparison', 'standard', allowed: 'c'")
     with pytest.raises(InputError, match="allowed: one of them"):
