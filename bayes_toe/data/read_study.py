@@ -375,7 +375,7 @@ def _rows(path: str | Path | Frame, options: ReadOptions) -> _Rows:
     if table.delimiter in _GROUPING_SIGNS and options.decimal is None:
         _require_decimal_sign(table, stimuli, options)
     values = [_stimulus(table, column, options) for column in stimuli]
-    order = StandardOrder(table, columns, options)
+    order = StandardOrder(len(table.rows), columns.get("standard_interval"))
     keys = order.in_order(*values)
     if options.has_standard and "response" in columns:
         columns["response"] = order.by_interval(table, columns["response"], options.comparison_code)

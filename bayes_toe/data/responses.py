@@ -16,7 +16,7 @@ from bayes_toe.data.messages import bare, listed, quoted
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.tasks import SAME_DIFFERENT, TASKS, WHICH_STRONGER, Task, task_named
 from bayes_toe.data.text_table import Column, TextTable
-from bayes_toe.data.validation import MISSING_WORDS, NO_RESPONSE_WORDS
+from bayes_toe.data.validation import MISSING_WORDS, is_no_response
 from bayes_toe.errors import InputError, Remedy
 
 if TYPE_CHECKING:
@@ -135,6 +135,8 @@ def without_missed(
     Experiment programs score a missed trial as wrong. An empty key or reaction time shows it: a
     column is a sign where some of its cells are empty, and no response in these rows is right.
     """
+    if not signs:
+        return found, []
     is_right = column.map(lambda text: _answer(text, (None, None), _RIGHT_WRONG) == _YES, np.bool_)
     is_missed = np.zeros(len(found.asked), np.bool_)
     names = []
@@ -158,7 +160,7 @@ def _both_codes(
 ) -> tuple[str | None, str | None]:
     """The codes of both responses; of two codes in a column the one not given is the other."""
     yes, no = given
-    texts = {_plain(text) for text in column.texts if text.lower() not in NO_RESPONSE_WORDS}
+    texts = {_plain(text) for text in column.texts if not is_no_response(text)}
     known = _plain(yes or no or "")
     if (yes is None) == (no is None) or len(texts) != 2 or known not in texts:
         return given
@@ -170,7 +172,7 @@ def _both_codes(
 
 def _untold(column: Column, difference: FloatArray) -> tuple[str, list[Remedy]]:
     """What is said of a column whose words tell no task, or two, and what to type."""
-    texts = [text for text in column.texts if text.lower() not in NO_RESPONSE_WORDS]
+    texts = [text for text in column.texts if not is_no_response(text)]
     told = [_words_of(task, column) for task in TASKS]
     if all(told):
         both = " and ".join(quoted(words[0]) for words in told)
@@ -220,7 +222,7 @@ def _commoner_for_stronger_second(column: Column, difference: FloatArray) -> str
     sums = np.bincount(column.codes[is_number], away, len(column.texts))
     for code in np.argsort(-sums, kind="stable").tolist():
         text = column.texts[code]
-        if text.lower() not in NO_RESPONSE_WORDS:
+        if not is_no_response(text):
             return _plain(text)
     return ""
 
@@ -237,7 +239,7 @@ def _answer(text: str, given: Sequence[str | None], words: Sequence[Sequence[str
     if plain in codes:
         return (_YES, _NO)[codes.index(plain)]
     word = plain.lower()
-    if word in NO_RESPONSE_WORDS:
+    if is_no_response(word):
         return _MISSING
     if any(code is not None and word == code.lower() for code in codes):
         # where 'Different' was declared to mean equal, 'different' must not count as different by

@@ -12,9 +12,8 @@ import numpy as np
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.column_names import COMPARISON_WORDS, STANDARD_WORDS
 from bayes_toe.data.messages import bare, listed, quoted
-from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.text_table import Column, TextTable
-from bayes_toe.data.validation import NO_RESPONSE_WORDS
+from bayes_toe.data.validation import is_no_response
 from bayes_toe.errors import InputError
 
 _STANDARD_FIRST = frozenset({"1", "1.0", "first", "1st", *STANDARD_WORDS})
@@ -24,23 +23,26 @@ ALLOWED_INTERVALS = "1 or 2, the interval of the standard (also first or second)
 
 
 class StandardOrder:
-    """In which trials the standard came first.
+    """In which trials the standard came first; s1 is the standard where nothing else is said.
+
+    Parameters
+    ----------
+    n_rows : int
+    column : Column or None
+        The interval of the standard; None where the standard was always first.
 
     Attributes
     ----------
     is_first : ndarray of bool, shape (rows,)
     is_unknown : ndarray of bool, shape (rows,)
         Rows in which the column does not say it.
-    column : Column or None
-        None where the standard was always first.
     """
 
-    def __init__(self, table: TextTable, columns: dict[str, Column], options: ReadOptions) -> None:
-        self.column = columns.get("standard_interval")
-        n_rows = len(table.rows)
+    def __init__(self, n_rows: int, column: Column | None) -> None:
+        self.column = column
         self.is_first = np.ones(n_rows, np.bool_)
         self.is_unknown = np.zeros(n_rows, np.bool_)
-        if options.standard_interval is not None and self.column is not None:
+        if self.column is not None:
             self.is_first = self.column.map(lambda text: text.lower() in _STANDARD_FIRST, np.bool_)
             is_second = self.column.map(lambda text: text.lower() in _STANDARD_SECOND, np.bool_)
             self.is_unknown = ~(self.is_first | is_second)
@@ -62,7 +64,7 @@ class StandardOrder:
         InputError
             If no response has the code, or if there are three codes.
         """
-        texts = [text for text in column.texts if text.lower() not in NO_RESPONSE_WORDS]
+        texts = [text for text in column.texts if not is_no_response(text)]
         if comparison_code is not None and (comparison_code not in texts or len(texts) > 2):
             codes = listed([quoted(text) for text in texts])
             raise InputError(
@@ -73,7 +75,7 @@ class StandardOrder:
         is_standard = column.map(lambda text: text.lower() in STANDARD_WORDS, np.bool_)
         if comparison_code is not None:
             is_comparison = column.map(lambda text: text == comparison_code, np.bool_)
-            is_missing = column.map(lambda text: text.lower() in NO_RESPONSE_WORDS, np.bool_)
+            is_missing = column.map(is_no_response, np.bool_)
             is_standard = ~is_comparison & ~is_missing
         if not (is_comparison.any() or is_standard.any()):
             return column

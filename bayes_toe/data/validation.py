@@ -23,7 +23,7 @@ AT = "@"
 #: What a cell may say, in any case, where there is nothing to say.
 MISSING_WORDS = frozenset({"", "na", "n/a", "nan", "none", "null"})
 #: What a response may say besides, where nobody responded.
-NO_RESPONSE_WORDS = MISSING_WORDS | {
+_NO_RESPONSE_WORDS = MISSING_WORDS | {
     *(".", "-", "-99", "-999", "999", "timeout", "time out", "no response", "noresponse"),
     *("missing", "missed"),
 }
@@ -36,6 +36,11 @@ _COUNT = re.compile(r"\+?0*(\d{1,16})(?:\.(?!000$)0*)?", re.ASCII)
 _SPACES = "['\u2019 \u00a0\u2009\u202f]"
 _GROUPED_BY_SPACE = re.compile(rf"[+-]?\d{{1,3}}(?:{_SPACES}\d{{3}})+(?![\d' ])")
 _RUN = ("=", "+", "-", "@", "\t", "\r")
+
+
+def is_no_response(text: str) -> bool:
+    """Whether a cell of responses says that nobody responded."""
+    return text.lower() in _NO_RESPONSE_WORDS
 
 
 def number(text: str, decimal_comma: bool = False) -> float:

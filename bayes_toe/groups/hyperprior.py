@@ -19,12 +19,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.special import erfinv, log_ndtr, ndtr, ndtri_exp
+from scipy.special import log_ndtr, ndtr, ndtri_exp
 
 from bayes_toe.arrays import BoolArray, FloatArray
 from bayes_toe.data.messages import shown
 from bayes_toe.data.tasks import Task
 from bayes_toe.errors import InputError, require_kind
+from bayes_toe.model.answer_curves import half_normal_quantile
 from bayes_toe.model.paper_equations import LN2
 from bayes_toe.model.parameters import (
     CONSTANT_ERROR,
@@ -232,21 +233,20 @@ class StandardDeviations(NamedTuple):
     prior_slope: FloatArray
 
 
-def half_normal_quantile(score: FloatArray) -> FloatArray:
-    """The quantile u >= 0 with 2 Phi(u) - 1 = Phi(score), accurate in both tails.
+def from_half_normal_score(score: FloatArray) -> FloatArray:
+    """The u >= 0 with 2 Phi(u) - 1 = Phi(score), accurate in both tails.
 
     Examples
     --------
-    >>> half_normal_quantile(np.array([-10.0, 0.0, 10.0])).round(4).tolist()
+    >>> from_half_normal_score(np.array([-10.0, 0.0, 10.0])).round(4).tolist()
     [0.0, 0.6745, 10.0684]
     """
-    lower = np.sqrt(2.0) * erfinv(ndtr(np.minimum(score, 0.0)))
-    upper = -ndtri_exp(log_ndtr(-np.maximum(score, 0.0)) - LN2)
-    return np.asarray(np.where(score < 0.0, lower, upper))
+    probability, log_rest = ndtr(np.minimum(score, 0.0)), log_ndtr(-np.maximum(score, 0.0))
+    return half_normal_quantile(score < 0.0, probability, log_rest)
 
 
 def half_normal_score(u: FloatArray) -> FloatArray:
-    """Inverse of :func:`half_normal_quantile`."""
+    """Inverse of :func:`from_half_normal_score`."""
     return np.asarray(-ndtri_exp(log_ndtr(-u) + LN2))
 
 
@@ -284,7 +284,7 @@ class HyperpriorNumbers(NamedTuple):
         a normal tail; that of a log SD has a long one.
         """
         normal = StandardNormal()
-        u = half_normal_quantile(score)
+        u = from_half_normal_score(score)
         rise = 0.5 * np.exp(0.5 * (np.square(u) - np.square(score)))
         log_prior = normal.log_density(score) + self._log_density(u) - normal.log_density(u)
         slope = (self._slope(u) + u) * rise - score

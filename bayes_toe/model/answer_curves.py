@@ -99,9 +99,25 @@ def criterion(logit_peak: npt.ArrayLike) -> FloatArray:
     [0.6745, 9.7455]
     """
     logits = np.asarray(logit_peak, np.float64)
-    small = np.sqrt(2.0) * erfinv(expit(np.minimum(logits, 0.0)))
-    large = -ndtri_exp(log_expit(-np.maximum(logits, 0.0)) - LN2)
-    return np.asarray(np.where(logits < 0.0, small, large))
+    peak, log_rest = expit(np.minimum(logits, 0.0)), log_expit(-np.maximum(logits, 0.0))
+    return half_normal_quantile(logits < 0.0, peak, log_rest)
+
+
+def half_normal_quantile(
+    is_lower: BoolArray, probability: FloatArray, log_rest: FloatArray
+) -> FloatArray:
+    """The quantile u >= 0 with 2 Phi(u) - 1 = P, accurate in both tails.
+
+    Parameters
+    ----------
+    is_lower : ndarray of bool
+        Whether u follows from P, as it must where P is small, or from the log of 1 - P.
+    probability, log_rest : ndarray
+        P and ln(1 - P), each where it is used.
+    """
+    lower = np.sqrt(2.0) * erfinv(probability)
+    upper = -ndtri_exp(log_rest - LN2)
+    return np.asarray(np.where(is_lower, lower, upper))
 
 
 def criterion_slope(logit_peak: FloatArray, k: FloatArray) -> FloatArray:

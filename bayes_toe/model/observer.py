@@ -253,10 +253,14 @@ class ObserverBatch:
         lever = self.first - expectation
         shift = values["contraction"][..., None] * lever - values["constant_error"][..., None]
         numerator = self.difference + shift
-        log_scale = values["log_noise"][..., None] + values["noise_slope"][..., None] * self.middle
+        log_scale = self._log_scale_at(values)
         with np.errstate(divide="ignore", over="ignore"):
             # In logs, because 0 over a scale beyond the smallest float is 0.
             return np.sign(numerator) * np.exp(np.log(np.abs(numerator)) - log_scale)
+
+    def _log_scale_at(self, values: Mapping[str, FloatArray]) -> FloatArray:
+        """Log of the noise at every pair, (rows, points, pairs)."""
+        return values["log_noise"][..., None] + values["noise_slope"][..., None] * self.middle
 
     def criterion_at(self, values: Mapping[str, FloatArray]) -> FloatArray:
         """The criterion k_m of every pair, (rows, points, pairs)."""
@@ -340,8 +344,7 @@ class ObserverBatch:
         # Rounding could turn the difference of a window this narrow negative.
         is_narrow = k < _NARROW
         if is_narrow.any():
-            density = np.exp(-0.5 * (np.square(distance) + LOG_2PI))
-            inside = np.where(is_narrow, 2.0 * k * density, inside)
+            inside = np.where(is_narrow, 2.0 * k * _density(distance), inside)
         yes = lapse * erf(k * np.sqrt(0.5)) + attend * inside
         no = lapse * 2.0 * ndtr(-k) + attend * (ndtr(-near) + ndtr(far))
         return yes, no
@@ -385,13 +388,11 @@ class ObserverBatch:
         lapse_rise = np.exp(log_rise) / prior.lapse_rate_b
 
         by_noise = -in_z * z
-        log_scale = values["log_noise"][..., None] + values["noise_slope"][..., None] * self.middle
+        log_scale = self._log_scale_at(values)
         by_shift = in_z * np.exp(-log_scale)
         slopes = [prior.noise_sd * by_noise.sum(axis=-1)]
         if k is not None:
-            peak = values["logit_q0"]
-            bare_k = criterion(peak)
-            slopes.append(criterion_slope(peak, bare_k) / bare_k * in_log_k.sum(axis=-1))
+            slopes.append(_log_criterion_slope(values["logit_q0"]) * in_log_k.sum(axis=-1))
         slopes.append(lapse_rise * in_lapse)
         noise_slope_unit = prior.noise_slope_scale * self.slope_unit
         slopes.append(noise_slope_unit * (by_noise * self.middle).sum(axis=-1))
@@ -422,7 +423,7 @@ class ObserverBatch:
             np.logaddexp(log_lapse + blind.no, log_attend + attending.no),
         )
         # Derivatives of z, of log k and of the lapse rate in the coordinates.
-        log_scale = values["log_noise"][..., None] + values["noise_slope"][..., None] * self.middle
+        log_scale = self._log_scale_at(values)
         inverse_scale = np.exp(-log_scale)
         score = values["lapse_score"]
         log_normal = -0.5 * (np.square(score) + LOG_2PI)
@@ -430,9 +431,7 @@ class ObserverBatch:
         log_rise = log_normal - log_ndtr(-score) - np.log(prior.lapse_rate_b)
         slope_unit = self.slope_unit[..., None]
         if in_k is not None:
-            peak = values["logit_q0"]
-            bare_k = criterion(peak)
-            relative = (criterion_slope(peak, bare_k) / bare_k)[..., None]
+            relative = _log_criterion_slope(values["logit_q0"])[..., None]
         yes_slopes: list[FloatArray] = []
         no_slopes: list[FloatArray] = []
         sides = (
@@ -521,6 +520,12 @@ def _per_answer(counts: FloatArray, probability: FloatArray) -> FloatArray:
     counts, probability = np.broadcast_arrays(counts, probability)
     zeros = np.zeros(probability.shape)
     return np.divide(counts, probability, out=zeros, where=counts > 0.0)
+
+
+def _log_criterion_slope(logit_q0: FloatArray) -> FloatArray:
+    """Derivative of ln k in the logit of q0."""
+    k = criterion(logit_q0)
+    return criterion_slope(logit_q0, k) / k
 
 
 def _density(x: FloatArray) -> FloatArray:

@@ -19,7 +19,7 @@ from bayes_toe.data.messages import counted
 from bayes_toe.data.study import Subject, refuse_intervals
 from bayes_toe.errors import InputError
 from bayes_toe.inference.prediction import Predictor
-from bayes_toe.plots.order_effect import FILLS, QUESTIONS, WITHOUT_SIZE
+from bayes_toe.plots.order_effect import QUESTIONS, WITHOUT_SIZE, fill_style
 from bayes_toe.plots.report_figure import responses_panel
 from bayes_toe.plots.style import (
     COLUMN,
@@ -136,11 +136,8 @@ def jnd_by_order(analysis: Analysis) -> Figure:
     figure = new_figure(COLUMN, COLUMN + 0.3)
     ax = figure.subplots()
     for word, label in _LABELS.items():
-        style: dict[str, Any] = {
-            "fillstyle": FILLS.get(word, "none"),
-            "markerfacecoloralt": "white",
-        }
-        ax.plot([], [], question.marker, color=question.colour, label=label, ms=4.5, **style)
+        style: dict[str, Any] = {"color": question.colour, "ms": 4.5, **fill_style(word)}
+        ax.plot([], [], question.marker, label=label, **style)
     medians = []
     for answer in analysis.answers:
         word = answer.words[question.name]
@@ -151,8 +148,8 @@ def jnd_by_order(analysis: Analysis) -> Figure:
         line: dict[str, Any] = {"color": question.colour, "lw": 0.7, "alpha": 0.5}
         ax.plot([left, right], [y, y], **line)
         ax.plot([x, x], [low, high], **line)
-        style = {"fillstyle": FILLS.get(word, "none"), "markerfacecoloralt": "white"}
-        ax.plot(x, y, question.marker, color=question.colour, ms=4.5, **style)
+        style = {"color": question.colour, "ms": 4.5, **fill_style(word)}
+        ax.plot(x, y, question.marker, **style)
         medians.append((x, y))
     _square_axes(ax, np.array(medians).reshape(-1, 2))
     ax.set_xlabel("JND, standard first (%)")

@@ -75,8 +75,9 @@ QUESTIONS = (
 #: Bayes factors with a line, and that at which the axis ends.
 _MARKS = {1 / 30: "1/30", 1 / 10: "1/10", 1 / 3: "1/3", 1.0: "1", 3.0: "3", 10.0: "10", 30.0: "30"}
 _LARGEST = 80.0
-#: How much of a marker is filled, by the word; without a size for these words.
-FILLS = {Word.YES: "full", Word.PROBABLY: "left"}
+#: How much of a marker is filled, by the word.
+_FILLS = {Word.YES: "full", Word.PROBABLY: "left"}
+#: Words beside which no size stands.
 WITHOUT_SIZE = (Word.CANNOT_BE_TOLD, Word.NOT_INTERPRETABLE)
 _LINEAR = 50.0  # nats, beyond which a sorted axis is logarithmic
 
@@ -121,6 +122,11 @@ def order_effect(
     if synthetic:
         figure.suptitle("synthetic data", fontsize=LETTERS)
     return figure
+
+
+def fill_style(word: Word) -> dict[str, Any]:
+    """How a marker is filled: full for 'yes', half for 'probably', else empty."""
+    return {"fillstyle": _FILLS.get(word, "none"), "markerfacecoloralt": "white"}
 
 
 def forest_height(subjects: int) -> float:
@@ -190,8 +196,7 @@ def _draw_sizes(
             question.marker,
             color=question.colour,
             ms=marker_size,
-            fillstyle=FILLS.get(word, "none"),
-            markerfacecoloralt="white",
+            **fill_style(word),
         )
         ends.append((size.q025, size.q50, size.q975))
     return ends

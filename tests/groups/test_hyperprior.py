@@ -10,8 +10,8 @@ from bayes_toe.errors import InputError
 from bayes_toe.groups.hyperprior import (
     Hyperprior,
     HyperpriorNumbers,
+    from_half_normal_score,
     group_parameters,
-    half_normal_quantile,
     half_normal_score,
     read_hyperprior,
 )
@@ -74,7 +74,7 @@ def test_slopes_of_scores_are_derivatives():
 
 def test_scores_of_a_half_normal_reach_far_into_both_tails():
     score = np.array([-30.0, -8.0, -1.0, 0.0, 1e-9, 3.0, 8.0, 30.0])
-    u = half_normal_quantile(score)
+    u = from_half_normal_score(score)
     # Phi(u) - 1/2 = Phi(score) / 2 is u / sqrt(2 pi) near 0.
     assert u[:2] == pytest.approx(np.sqrt(0.5 * np.pi) * stats.norm.cdf(score[:2]), rel=1e-12)
     assert u[2:6] == pytest.approx(stats.halfnorm.ppf(stats.norm.cdf(score[2:6])), rel=1e-12)
