@@ -479,7 +479,7 @@ def order_effect(
     worst_first = sorted(flags, key=lambda flag: flag.is_interpretable)
     problems = {flag.words: Problem(flag.message, flag.option) for flag in worst_first}
     if fit is not None and fit.misfit:
-        message = "The model does not fit. Report no conclusion for this subject."
+        message = "The model does not fit. Report this with the conclusion."
         option = f"--exclude {as_option(evidence.subject.name)}"
         problems[MISFIT_FLAG] = Problem(message, option)
     problems |= _screen_problems(screen)
