@@ -34,7 +34,7 @@ from bayes_toe.data.study import Study, Subject, require_study
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.errors import ConvergenceWarning, NumericalError, WorkerError
 from bayes_toe.groups.population import PopulationResult, population
-from bayes_toe.inference.draws import Draws, require_paper_model
+from bayes_toe.inference.draws import Draws
 from bayes_toe.inference.draws_file import assembled_tree
 from bayes_toe.inference.prediction import Predictor
 from bayes_toe.inference.sampling import SamplerSettings
@@ -52,12 +52,11 @@ from bayes_toe.inference.subject import (
 from bayes_toe.model.models import model_posterior, require_model, stored_model
 from bayes_toe.model.observer import OrderModel
 from bayes_toe.model.paper_model import PAPER_MODEL, paper_posterior
-from bayes_toe.model.posterior import SampledPosterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.prior_file import prior_for
 from bayes_toe.result_store import ResultStore, StoredResults, open_store
 from bayes_toe.seeds import generator
-from bayes_toe.workers import Failed, Progress, Workers, run_in_order
+from bayes_toe.workers import Failed, Progress, Workers
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -343,39 +342,6 @@ def evidence(
         ]
         _, done, failed = _survivors(study, jobs, workers, progress, store)
         return _table(done, settings, failed, study.task)
-
-
-def smooth_curve_evidence(draws: Draws, *, workers: Workers = None) -> EvidenceTable:
-    """Appendix C's evidence of subjects who have draws: H1 against free frequencies (H0), without rivals of H1 and without bootstrap.
-
-    Study, prior and seed are those of the draws, and so the values are those of the :func:`run`
-    that made them; no chain is run again.
-
-    Raises
-    ------
-    InputError
-        For draws of another model than the predictive update.
-    """
-    require_paper_model(draws, "evidence of saved draws")
-    study, prior, seed = draws.study, draws.prior, draws.seed
-    wanted = Wanted(
-        evidence_draws=max(EVIDENCE_DRAWS, draws.sampler.proposals)
-    )  # by as many a run judges its proposal
-    jobs = [
-        partial(
-            _against_frequencies,
-            paper_posterior(subject, prior),
-            seed,
-            wanted,
-        )
-        for subject in study
-    ]
-    rows = run_in_order(jobs, workers, None, [(name,) for name in study.names])
-    return EvidenceTable(tuple(rows), seed, prior, task=study.task)
-
-
-def _against_frequencies(target: SampledPosterior, seed: int, wanted: Wanted) -> SubjectEvidence:
-    return subject_evidence(*fitted_result(target, seed, wanted), None)
 
 
 @dataclass(frozen=True, eq=False)

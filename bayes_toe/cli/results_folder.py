@@ -134,9 +134,7 @@ def write_results(
         _write_tables(analysis, summary, group, target, spreadsheet_safe=spreadsheet_safe)
         write_methods(analysis, None if group is None else group.found, target / "methods.md")
         if figures.paper_figures:
-            write_figures(
-                analysis, target / "paper_figures", truth=figures.truth or None, workers=1
-            )
+            write_figures(analysis, target / "paper_figures")
         if figures.explorer:
             explore(draws, truths=figures.truth or None).save(target / "explorer.html")
         asymmetry = AsymmetryTable(

@@ -42,7 +42,7 @@ from bayes_toe.inference.subject import (
 from bayes_toe.model.models import SampledModel, describe_prior, model_posterior, stored_model
 from bayes_toe.model.observer import ObserverPosterior
 from bayes_toe.model.paper_equations import NATURAL, Natural
-from bayes_toe.model.paper_model import PAPER_MODEL, PaperPosterior
+from bayes_toe.model.paper_model import PaperPosterior
 from bayes_toe.model.prior import Prior, stored_prior
 from bayes_toe.seeds import generator
 
@@ -449,20 +449,6 @@ def require_draws(given: object) -> None:
         Draws,
         "Draws, such as bt.sample(study), bt.run(study).draws or bt.load('posterior.nc')",
     )
-
-
-def require_paper_model(draws: Draws, what: str) -> None:
-    """Refuse draws of another model than the paper's.
-
-    Raises
-    ------
-    InputError
-        `what` is the name of the draws in the message.
-    """
-    if draws.model != PAPER_MODEL:
-        raise InputError(
-            f"{what}: found draws of the model {draws.model!r}, allowed: {PAPER_MODEL!r}"
-        )
 
 
 def load_draws(path: str | Path) -> Draws:

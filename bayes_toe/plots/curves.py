@@ -118,7 +118,7 @@ def fitted_figure(fitted: Predictor, title: str) -> Figure:
             label_in_percent(ax, counts)
             ax.set_title(_percent_weaker(counts, weaker[i]) if count > 1 else "", fontsize=10)
         else:
-            _distance_panel(ax, counts, fitted)
+            distance_panel(ax, fitted)
         ax.set_ylabel("" if i % across else chance(counts.task))
     figure.suptitle(title, fontsize=12)
     legend_below(figure)
@@ -143,23 +143,15 @@ def _percent_weaker(counts: Subject, weaker: float) -> str:
     return f"weaker stimulus {100.0 * np.exp(weaker - mean_first(counts)):.0f} %"
 
 
-def over_panel(draws: Draws, subject: str) -> str:
+def title_of(draws: Draws, subject: str) -> str:
     """The title of a panel of one subject among others."""
-    return (
-        plain(subject, 20)
-        + (" (synthetic)" if draws.synthetic else "")
-        + _unconverged(draws, subject)
-    )
+    synthetic = " (synthetic)" if draws.synthetic else ""
+    return f"{plain(subject, 20)}{synthetic}{_unconverged(draws, subject)}"
 
 
 def _unconverged(draws: Draws, subject: str) -> str:
     """A line below a title where the draws are not to be believed; else nothing."""
     return "\nNOT CONVERGED" if subject in draws.not_converged else ""
-
-
-def fitted_curve(draws: Draws, subject: str) -> Curve:
-    """P of the counted answer of pairs at a few hundred of a subject's draws, as the panel takes it."""
-    return Predictor.of(draws, subject, most=CURVE_DRAWS).yes
 
 
 # --- panels -------------------------------------------------------------------------------------------------------------------------
@@ -267,8 +259,9 @@ def order_panel(
     return ax
 
 
-def _distance_panel(ax: Axes, counts: Subject, fitted: Predictor) -> None:
-    """All pairs over their distance z (posterior median) on the common curve; as in Fig. 3, lower row."""
+def distance_panel(ax: Axes, fitted: Predictor) -> None:
+    """All pairs over their distance z (posterior median) on the common curve (Fig. 3, lower row)."""
+    counts = fitted.target.subject
     z = np.median(fitted.target.distance(fitted.x), axis=0)
     reach = 1.05 * max(float(np.abs(z).max()), 1.43)
     x = np.linspace(-reach, reach, 200)

@@ -1,106 +1,146 @@
-"""The paper's figures of any study: composed from the panels of the plot modules, and written as files, all of them or none."""
+"""The figures of arXiv 2604.19662 for any analysed study, and their captions."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import partial
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+import numpy.typing as npt
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
+from matplotlib.transforms import Bbox
 
-from bayes_toe.analysis import Analysis, smooth_curve_evidence
+from bayes_toe.analysis import Analysis
 from bayes_toe.answers.evidence_table import EvidenceTable
+from bayes_toe.arrays import FloatArray
 from bayes_toe.classical.asymmetry import (
     LEVEL,
     AsymmetryTable,
     subject_asymmetries,
+    subject_asymmetry,
 )
-from bayes_toe.data.messages import capitalized
-from bayes_toe.data.read_study import Truth
+from bayes_toe.classical.frequencies import presentation_order
+from bayes_toe.data.messages import capitalized, counted
 from bayes_toe.data.study import refuse_intervals
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
-from bayes_toe.data.whole_files import whole_folder
 from bayes_toe.errors import InputError
-from bayes_toe.inference.draws import Draws, require_paper_model
+from bayes_toe.inference.draws import Draws
+from bayes_toe.inference.prediction import Predictor
+from bayes_toe.model.paper_equations import evolved_mean
 from bayes_toe.plots.asymmetry import asymmetry, asymmetry_height, order_axes
-from bayes_toe.plots.figure_files import picture, require_formats
-from bayes_toe.plots.geometry import plane_figure
-from bayes_toe.plots.map import map_figure
+from bayes_toe.plots.curves import (
+    CURVE_DRAWS,
+    distance_panel,
+    lines_along,
+    main_weaker,
+    order_panel,
+    title_of,
+    which_weaker,
+)
+from bayes_toe.plots.figure_files import picture
 from bayes_toe.plots.order_effect import evidence_axes, evidence_plane_axes
 from bayes_toe.plots.style import (
+    BAND,
+    BELIEF,
     COLUMN,
+    LETTERS,
+    MOST_NAMED,
+    ORDERS,
     PAGE,
     SMALL,
     any_characters,
     chance,
     dress,
+    dress_bar,
+    even_columns,
+    first_panels,
     legend_above,
+    legend_below,
     new_figure,
+    plain,
 )
-from bayes_toe.plots.subject import examples_figure
-from bayes_toe.workers import Progress, Workers, run_in_order
 
 CAPTIONS = "captions.md"
-#: How many subjects the figures of single subjects show, where none are chosen.
-_EXAMPLES = 3
-_DPI = 300
+#: Suffixes of the files.
+FORMATS = ("pdf", "png")
+#: Draws or replicates of mu_1 and of sigma_p, each of shape (R,), by subject.
+Clouds = Mapping[str, tuple[npt.ArrayLike, npt.ArrayLike]]
+
+_EXAMPLES = 3  # subjects in figures of single subjects, where none are chosen
 _HIGHEST = 9.0  # inches of a page
+_MOST_ACROSS = 3  # columns of panels
+_CROWDED = 60  # pairs, beyond which marks are small
+_SHADOWS = 40  # draws whose priors are drawn behind the median one
+_CENTRAL = (0.2, 0.5, 0.8)  # the median and the ends of the central 60 %
+_FARTHEST = 4.0  # the map reaches so many ranges of the stimuli beyond these at most
+_CELLS = 120  # of a side of the plane
+#: Without the lightest colours, which are lost on paper.
+_NOISE_COLOURS = ListedColormap(colormaps["viridis"](np.linspace(0.0, 0.85, 256)))
+#: Without the darkest greys, on which a black line would be lost.
+_GREYS = ListedColormap(colormaps["Greys"](np.linspace(0.0, 0.62, 256)))
+#: Places of a name beside its dot, in points, with its alignment.
+_NAME_PLACES = (
+    ((3.0, 0.0), "left", "center"),
+    ((-3.0, 0.0), "right", "center"),
+    ((0.0, 3.0), "center", "bottom"),
+    ((0.0, -3.0), "center", "top"),
+)
 
 
-@dataclass(frozen=True, eq=False)
-class Material:
-    """All that the figures need; small enough to send to another process."""
+def paper_figures(analysis: Analysis, subjects: Sequence[str] | None = None) -> dict[str, Figure]:
+    """The paper's figures of an analysed study, by file name.
 
-    draws: Draws
-    evidence: EvidenceTable
-    asymmetry: AsymmetryTable
-    subjects: tuple[str, ...]
-    truth: Truth | None = None
+    Figure 1C is absent if no pair of different stimuli was presented in both orders.
 
+    Parameters
+    ----------
+    analysis : Analysis
+        From :func:`bayes_toe.run`.
+    subjects : sequence of str, optional
+        Shown in Figs. 3 and 5; by default three in the paper's roles, see :func:`representative`.
 
-def material_of(
-    analysis: Analysis | Draws,
-    subjects: Sequence[str] | None = None,
-    *,
-    truth: Truth | None = None,
-    workers: Workers = None,
-) -> Material:
-    """What the figures need of an analysis, or of saved draws, with the errors of :func:`paper_figures`.
-
-    Of saved draws Appendix C's evidence is then computed, and nothing sampled.
+    Raises
+    ------
+    InputError
+        For an unknown or repeated subject, and for a study with intervals.
     """
-    draws, study = analysis if isinstance(analysis, Draws) else analysis.draws, analysis.study
-    require_paper_model(draws, "the paper's figures")
-    refuse_intervals(study, "the paper's figures")
-    table = AsymmetryTable(subject_asymmetries(study.subjects), study.task)
-    chosen = representative(table) if subjects is None else require_subjects(subjects, study.names)
-    evidence = (
-        smooth_curve_evidence(analysis, workers=workers)
-        if isinstance(analysis, Draws)
-        else analysis.evidence
-    )
-    # Pointwise groups are most of the size, and no figure needs them.
-    slim = Draws(
-        draws.tree.filter(
-            lambda group: group.name not in ("log_likelihood", "posterior_predictive")
-        )
-    )
-    return Material(slim, evidence, table, chosen, truth)
+    refuse_intervals(analysis.study, "the paper's figures")
+    draws, is_synthetic = analysis.draws, analysis.draws.synthetic
+    table = AsymmetryTable(subject_asymmetries(analysis.study.subjects), analysis.study.task)
+    names = _shown_subjects(analysis, table, subjects)
+    figures = {}
+    if any(row.comparisons for row in table):
+        figures["figure_1c_asymmetry"] = asymmetry_figure(table, synthetic=is_synthetic)
+    figures["figure_3_examples"] = examples_figure(draws, names)
+    figures["figure_4_map"] = map_figure(draws)
+    figures["figure_5_plane"] = plane_figure(draws, names)
+    figures["appendix_c_evidence"] = evidence_figure(analysis.evidence, synthetic=is_synthetic)
+    return figures
 
 
-def require_subjects(subjects: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
-    """The subjects asked for, refused where one is unknown or repeated, or there is none."""
-    unknown = [name for name in subjects if name not in known]
-    if unknown:
-        raise InputError(f"no subject {unknown[0]!r}; there are: {', '.join(map(repr, known))}")
-    if not subjects or len(set(subjects)) < len(subjects):
-        raise InputError("subjects: allowed is at least one, each once")
-    return tuple(subjects)
+def write_figures(analysis: Analysis, folder: Path) -> None:
+    """Write all figures, as PDF and PNG, and their captions into a new folder."""
+    folder.mkdir()
+    for name, figure in paper_figures(analysis).items():
+        with any_characters():
+            figure.draw_without_rendering()
+        figure.set_layout_engine("none")  # so that every format has the same layout
+        for suffix in FORMATS:
+            (folder / f"{name}.{suffix}").write_bytes(picture(figure, suffix))
+    (folder / CAPTIONS).write_text(captions(analysis), encoding="utf-8")
 
 
 def representative(table: AsymmetryTable) -> tuple[str, ...]:
-    """Three subjects in the roles of the paper's Fig. 3: mean asymmetry most positive (A), most negative (B), nearest to zero (C)."""
+    """Three subjects in the roles of the paper's Fig. 3.
+
+    Their mean asymmetry is the most positive (A), the most negative (B), the nearest to zero (C).
+    """
     rows = [row for row in table if row.comparisons]
     if len(table.rows) <= _EXAMPLES or len(rows) < _EXAMPLES:
         return tuple(row.subject for row in table.rows[:_EXAMPLES])
@@ -109,29 +149,39 @@ def representative(table: AsymmetryTable) -> tuple[str, ...]:
     return ordered[-1].subject, ordered[0].subject, middle.subject
 
 
-# --- single figures -----------------------------------------------------------------------------------------------------------------
+def _shown_subjects(
+    analysis: Analysis, table: AsymmetryTable, subjects: Sequence[str] | None
+) -> tuple[str, ...]:
+    """The chosen subjects, or else three representative ones."""
+    if subjects is None:
+        return representative(table)
+    for name in subjects:
+        analysis.draws.subject(name)  # refuses an unknown name
+    if not subjects or len(set(subjects)) < len(subjects):
+        raise InputError("subjects: allowed is at least one, each once")
+    return tuple(subjects)
+
+
+# --- Fig. 1C and Appendix C ----------------------------------------------------------------------
 
 
 def asymmetry_figure(table: AsymmetryTable, *, synthetic: bool = False) -> Figure:
-    """Fig. 1C and its kin: the clearest comparison in both orders, and the asymmetries of all subjects and comparisons."""
+    """Fig. 1C: the clearest comparison in both orders, and all asymmetries beside it."""
     high = min(_HIGHEST, max(2.7, asymmetry_height(table) + 0.15))
     figure = new_figure(1.9 + COLUMN, high)
-    grid = figure.add_gridspec(
-        2, 2, width_ratios=(1.0, 2.1), height_ratios=(2.4, max(0.01, high - 2.4))
-    )
-    clearest = min((one for row in table for one in row.comparisons), key=lambda one: one.p_value)
-    order_axes(
-        clearest,
-        figure.add_subplot(grid[0, 0] if high > 3.2 else grid[:, 0]),
-        share_of=table.share_of,
-    )
+    heights = (2.4, max(0.01, high - 2.4))
+    grid = figure.add_gridspec(2, 2, width_ratios=(1.0, 2.1), height_ratios=heights)
+    comparisons = [comparison for row in table for comparison in row.comparisons]
+    clearest = min(comparisons, key=lambda comparison: comparison.p_value)
+    left = figure.add_subplot(grid[0, 0] if high > 3.2 else grid[:, 0])
+    order_axes(clearest, left, share_of=table.share_of)
     asymmetry(table, figure.add_subplot(grid[:, 1]))
     figure.suptitle("synthetic data" if synthetic else "", fontsize=SMALL)
     return figure
 
 
-def evidence_pair_figure(table: EvidenceTable, *, synthetic: bool = False) -> Figure:
-    """Appendix C's figure, evidence of H1 against H0, beside the log Bayes factor of every subject."""
+def evidence_figure(table: EvidenceTable, *, synthetic: bool = False) -> Figure:
+    """Appendix C: evidence of H1 against H0, and the log Bayes factor of every subject."""
     figure = new_figure(PAGE, min(_HIGHEST, max(3.0, 1.1 + 0.17 * len(table.rows))))
     left, right = figure.subplots(1, 2, width_ratios=(1.0, 1.1))
     evidence_plane_axes(table, left)
@@ -141,195 +191,332 @@ def evidence_pair_figure(table: EvidenceTable, *, synthetic: bool = False) -> Fi
     return figure
 
 
-# --- all figures --------------------------------------------------------------------------------------------------------------------
+# --- Fig. 3 --------------------------------------------------------------------------------------
 
 
-#: Figures by file name, without suffix, in the paper's order.
-FIGURES: Mapping[str, Callable[[Material], Figure]] = {
-    "figure_1c_asymmetry": lambda of: asymmetry_figure(of.asymmetry, synthetic=of.draws.synthetic),
-    "figure_3_examples": lambda of: examples_figure(of.draws, of.subjects),
-    "figure_4_map": lambda of: map_figure(of.draws, truth=of.truth),
-    "figure_5_plane": lambda of: plane_figure(of.draws, of.subjects),
-    "appendix_c_evidence": lambda of: evidence_pair_figure(
-        of.evidence, synthetic=of.draws.synthetic
-    ),
-}
+def examples_figure(draws: Draws, subjects: Sequence[str]) -> Figure:
+    """Fig. 3: responses and curves, the prior, and the common curve; a column for each subject."""
+    across = even_columns(len(subjects), _MOST_ACROSS)
+    n_blocks = -(-len(subjects) // across)
+    figure = new_figure({1: COLUMN, 2: 5.0}.get(across, PAGE), 5.6 * n_blocks + 0.3)
+    heights = (1.25, 0.85, 1.1) * n_blocks
+    grid = figure.add_gridspec(3 * n_blocks, across, height_ratios=heights)
+    for i, subject in enumerate(subjects):
+        block, column = divmod(i, across)
+        top, middle, bottom = (figure.add_subplot(grid[3 * block + k, column]) for k in range(3))
+        fitted = Predictor.of(draws, subject, most=CURVE_DRAWS)
+        response_axes(fitted, top)
+        top.set_title(_example_title(draws, subject), fontsize=LETTERS)
+        prior_axes(draws, subject, middle)
+        distance_panel(bottom, fitted)
+        bottom.set_ylabel(chance(draws.task))
+        dress(bottom)
+        if column:
+            for ax in (top, middle, bottom):
+                ax.set_ylabel("")
+    legend_below(figure, size=SMALL)
+    return figure
 
 
-def left_out(material: Material) -> dict[str, str]:
-    """Figures that this study does not allow, with the reason."""
-    if any(row.comparisons for row in material.asymmetry):
-        return {}
-    return {
-        "figure_1c_asymmetry": "no pair of different stimuli was presented in both orders to one subject"
-    }
+def _example_title(draws: Draws, subject: str) -> str:
+    """The subject, and the weaker stimulus where the design has several."""
+    counts = draws.subject(subject)
+    weaker = which_weaker(counts, main_weaker(counts))
+    return "\n".join(filter(None, (title_of(draws, subject), weaker)))
 
 
-def paper_figures(
-    analysis: Analysis | Draws,
-    subjects: Sequence[str] | None = None,
-    *,
-    truth: Truth | None = None,
-) -> dict[str, Figure]:
-    """The paper's figures of an analysed study, by file name.
+def response_axes(fitted: Predictor, ax: Axes) -> Axes:
+    """Responses in both orders with fitted curves, as :func:`order_panel` has them.
+
+    Stars: the orders differ (exact test, Holm's correction over the subject's comparisons).
+    """
+    counts = fitted.target.subject
+    reference = main_weaker(counts)
+    low = float(min(counts.s1.min(), counts.s2.min())) if reference is None else reference
+    order_panel(ax, counts, fitted.yes, low, size=4.0)
+    places = np.concatenate([line.x[[0, -1]] for line in lines_along(counts, low, 2)])
+    pad = max(0.06 * float(np.ptp(places)), 0.05)
+    ax.set(xlim=(places.min() - pad, places.max() + pad), ylim=(-0.03, 1.14))
+    ax.set(yticks=[0.0, 0.5, 1.0], ylabel=chance(counts.task))
+    if counts.task == SAME_DIFFERENT:
+        for comparison in subject_asymmetry(counts).comparisons:
+            if comparison.s_weak == reference and comparison.p_adjusted < LEVEL:
+                ax.text(comparison.s_strong, 1.09, "*", ha="center", va="center_baseline")
+    return dress(ax)
+
+
+def prior_axes(draws: Draws, subject: str, ax: Axes) -> Axes:
+    """Prior of a subject, Normal(mu_1, sigma_1^2), among the stimuli.
+
+    Thick: at the posterior medians; thin: at some of the draws; triangles: stimuli; bar: likelihood
+    noise, 2 sigma_l wide.
+    """
+    counts = draws.subject(subject)
+    stimuli = np.unique(np.concatenate([counts.s1, counts.s2]))
+    means, sds = draws.values(subject, "mu1").ravel(), draws.values(subject, "sigma1").ravel()
+    mean, sd = float(np.median(means)), float(np.median(sds))
+    low, high = _prior_limits(stimuli, mean, sd)
+    x = np.linspace(low, high, 400)
+    every = max(1, means.size // _SHADOWS)
+    some_means, some_sds = means[every // 2 :: every, None], sds[every // 2 :: every, None]
+    # Densities are in units of the peak of the median prior.
+    shadows = sd / some_sds * np.exp(-0.5 * ((x - some_means) / some_sds) ** 2)
+    density = np.exp(-0.5 * ((x - mean) / sd) ** 2)
+    ax.plot(x, shadows.T, color=BELIEF, lw=0.4, alpha=0.25)
+    ax.fill_between(x, 0.0, density, color=BELIEF, alpha=0.18, lw=0)
+    ax.plot(x, density, color=BELIEF, lw=1.4)
+    ax.plot(stimuli, np.full_like(stimuli, -0.12), "^", ms=4.0, color="black", mec="white", mew=0.4)
+    centre, noise = float(stimuli.mean()), float(np.median(draws.values(subject, "sigma_l")))
+    ax.hlines(-0.3, centre - noise, centre + noise, color="#333333", lw=2.2)
+    ax.text(centre + noise, -0.3, r" $\sigma_\ell$", va="center", fontsize=SMALL)
+    ax.set(xlim=(low, high), ylim=(-0.42, 1.5), yticks=[])
+    ax.set(xlabel="stimulus (ln intensity)", ylabel="prior density")
+    ax.set_title(rf"$\mu_1$ = {mean:.2f}, $\sigma_1$ = {sd:.2f}".replace("-", "−"))
+    dress(ax)
+    ax.title.set_fontsize(SMALL)
+    ax.spines["left"].set_visible(False)
+    return ax
+
+
+def _prior_limits(stimuli: FloatArray, mean: float, sd: float) -> tuple[float, float]:
+    """Ends of an axis with the stimuli and the prior, near enough to keep stimuli apart."""
+    first, last = float(stimuli.min()), float(stimuli.max())
+    span = max(last - first, 1.5 * sd)
+    low = np.clip(mean - 2.5 * sd, first - 4.0 * span, first - 0.15 * span)
+    high = np.clip(mean + 2.5 * sd, last + 0.15 * span, last + 4.0 * span)
+    return float(low), float(high)
+
+
+# --- Fig. 4 --------------------------------------------------------------------------------------
+
+
+def map_figure(draws: Draws, *, clouds: Clouds | None = None) -> Figure:
+    """Fig. 4: medians of (mu_1, sigma_p), a dot for each subject, with bars over the central 60 %.
+
+    The paper has ellipses. The colour is the posterior median of sigma_l. The title counts names
+    without room and subjects too far from the stimuli.
 
     Parameters
     ----------
-    analysis : Analysis or Draws
-        From :func:`bayes_toe.run`, or draws that it saved, from :func:`bayes_toe.load`: nothing is sampled again.
-    subjects : sequence of str, optional
-        Shown in Figs. 3 and 5; by default three in the paper's roles, see :func:`representative`.
-    truth : mapping, optional
-        True natural parameters by subject, such as ``bt.example_truth("same/different")`` has them: squares in Fig. 4.
-
-    Raises
-    ------
-    InputError
-        For an unknown or repeated subject.
+    draws : Draws
+        Of the paper's model.
+    clouds : mapping of str to pair of array_like, shape (R,), optional
+        Bootstrap replicates of mu_1 and sigma_p instead of the draws, natural-log intensity.
     """
-    material = material_of(analysis, subjects, truth=truth)
-    return {
-        name: draw(material) for name, draw in FIGURES.items() if name not in left_out(material)
-    }
+    if clouds is None:
+        clouds = posterior_clouds(draws)
+    figure = new_figure(1.4 * COLUMN, COLUMN + 0.2)
+    ax = figure.subplots()
+    places = {name: _central_quantiles(cloud) for name, cloud in clouds.items()}
+    noise = {name: float(np.median(draws.values(name, "sigma_l"))) for name in places}
+    scale = ScalarMappable(Normalize(0.0, max(noise.values())), _NOISE_COLOURS)
+    bar = figure.colorbar(scale, ax=ax, fraction=0.05, pad=0.02, aspect=30)
+    dress_bar(bar, r"likelihood noise $\sigma_\ell$ (ln intensity)")
+    weight = min(1.0, MOST_NAMED / len(places))
+    for name, ((left, bottom), (x, y), (right, top)) in places.items():
+        colour = scale.to_rgba(np.array([noise[name]]))[0]
+        ax.plot([left, right], [y, y], color=colour, lw=1.1 * weight)
+        ax.plot([x, x], [bottom, top], color=colour, lw=1.1 * weight)
+        ax.plot(x, y, "o", ms=2.5 + weight, color=colour)
+    _set_map_limits(ax, np.concatenate(list(places.values())), draws)
+    ax.set_xlabel(r"prior mean $\mu_1$ (ln intensity)")
+    ax.set_ylabel(r"memory diffusion $\sigma_p$ (ln intensity)")
+    dress(ax)
+    if draws.synthetic:
+        ax.set_title("synthetic data", fontsize=SMALL, loc="right")
+    notes = ["bars: 60 %"]
+    ax.set_title(notes[0], fontsize=SMALL, loc="left")  # decides where the panel is
+    low, high = ax.get_xlim()
+    centres = {name: rows[1] for name, rows in places.items() if low <= rows[1][0] <= high}
+    n_unnamed = write_names(ax, centres)
+    if n_unnamed:
+        notes.append(f"no room for {counted(n_unnamed, 'name')}")
+    if len(centres) < len(places):
+        notes.append(f"{counted(len(places) - len(centres), 'subject')} beyond the panel")
+    ax.set_title("; ".join(notes), fontsize=SMALL, loc="left")
+    return figure
 
 
-def products(formats: Sequence[str]) -> tuple[str, ...]:
-    """Every file that :func:`write_figures` may make in formats of which none is unknown."""
-    return (
-        *(f"{name}.{suffix}" for name in FIGURES for suffix in require_formats(formats)),
-        CAPTIONS,
-    )
+def posterior_clouds(draws: Draws) -> dict[str, tuple[FloatArray, FloatArray]]:
+    """Posterior draws of (mu_1, sigma_p) by subject."""
+    clouds = {}
+    for name in draws.names:
+        clouds[name] = draws.values(name, "mu1").ravel(), draws.values(name, "sigma_p").ravel()
+    return clouds
 
 
-def write_figures(
-    analysis: Analysis | Draws,
-    folder: str | Path,
-    *,
-    subjects: Sequence[str] | None = None,
-    formats: Sequence[str] = ("pdf", "png"),
-    truth: Truth | None = None,
-    overwrite: bool = False,
-    workers: int | None = None,
-    progress: Progress | None = None,
-) -> Path:
-    """Write all figures and their captions into `folder`.
+def _central_quantiles(cloud: tuple[npt.ArrayLike, npt.ArrayLike]) -> FloatArray:
+    """Lower end, median and upper end of both coordinates, shape (3, 2), of finite points."""
+    points = np.stack([np.ravel(np.asarray(values, np.float64)) for values in cloud], axis=-1)
+    # Infinite points keep their order only where no two quantiles are averaged.
+    ends = np.nanquantile(points, _CENTRAL, axis=0, method="closest_observation")
+    return np.asarray(ends)
 
-    Parameters
-    ----------
-    analysis : Analysis or Draws
-        As in :func:`paper_figures`.
-    folder : path
-        Made where it is missing; other files in it are left alone.
-    subjects, truth
-        As in :func:`paper_figures`.
-    formats : sequence of str
-        Of pdf, png (300 dots an inch) and svg.
-    overwrite : bool
-        Whether existing products may be replaced.
-    workers : int, optional
-        Processes; by default one per processor. The files do not depend on it.
-    progress : callable, optional
-        Called with a figure's name when that figure is done.
 
-    Raises
-    ------
-    InputError
-        For an unknown subject or format.
-    OutputError
-        If the folder cannot be written or holds products already; nothing is changed then.
+def _set_map_limits(ax: Axes, points: FloatArray, draws: Draws) -> None:
+    """Room for the points that are not too far from the stimuli, which are drawn behind them."""
+    stimuli = np.concatenate([np.concatenate([subject.s1, subject.s2]) for subject in draws.study])
+    first, last = float(stimuli.min()), float(stimuli.max())
+    reach = _FARTHEST * max(last - first, 0.5)
+    finite = points[np.isfinite(points).all(axis=1)]
+    near = finite[(finite[:, 0] >= first - reach) & (finite[:, 0] <= last + reach)]
+    x = np.append(near[:, 0], [first, last])
+    y = near[:, 1] if len(near) else np.array([0.0, 1.0])
+    pad_x = 0.08 * float(np.ptp(x)) + 1e-9
+    pad_y = 0.08 * float(np.ptp(y)) + 1e-3 * float(y.max()) + 1e-12
+    ax.axvspan(first, last, color=BAND, lw=0, zorder=0)
+    for level in np.unique(stimuli):
+        ax.axvline(level, color="#CFCFCF", lw=0.4, zorder=0)
+    ax.set(xlim=(x.min() - pad_x, x.max() + pad_x))
+    ax.set(ylim=(max(0.0, y.min() - pad_y), y.max() + pad_y))
+
+
+@any_characters()
+def write_names(ax: Axes, centres: Mapping[str, FloatArray]) -> int:
+    """Write each name beside its dot where no other name or dot is; return how many have none."""
+    figure = ax.get_figure(root=True)
+    assert figure is not None
+    figure.draw_without_rendering()  # decides where the panel is
+    panel = ax.get_window_extent()
+    marks = {name: ax.transData.transform(centre) for name, centre in centres.items()}
+    taken = [Bbox([mark - 2.0, mark + 2.0]) for mark in marks.values()]
+    n_unnamed = 0
+    for name in sorted(marks, key=lambda name: float(marks[name][0])):
+        centre = tuple(centres[name])
+        text = ax.annotate(plain(name, 12), centre, (0.0, 0.0), textcoords="offset points")
+        text.set(fontsize=SMALL, zorder=6)
+        text.set_path_effects([withStroke(linewidth=1.6, foreground="white")])
+        for place, horizontal, vertical in _NAME_PLACES:
+            text.set(position=place, ha=horizontal, va=vertical)
+            box = text.get_window_extent()
+            is_inside = panel.contains(box.x0, box.y0) and panel.contains(box.x1, box.y1)
+            if is_inside and not any(box.overlaps(other) for other in taken):
+                taken.append(box)
+                break
+        else:
+            text.remove()
+            n_unnamed += 1
+    return n_unnamed
+
+
+# --- Fig. 5 --------------------------------------------------------------------------------------
+
+
+def plane_figure(draws: Draws, subjects: Sequence[str]) -> Figure:
+    """Fig. 5: a :func:`plane_axes` for each subject, at most three in a row."""
+    across = even_columns(len(subjects), _MOST_ACROSS)
+    down = -(-len(subjects) // across)
+    width, row_height = {1: (3.6, 3.2), 2: (5.6, 2.5), 3: (PAGE, 2.15)}[across]
+    figure = new_figure(width, row_height * down + 0.6)
+    panels = first_panels(figure.add_gridspec(down, across), len(subjects))
+    for i, (ax, subject) in enumerate(zip(panels, subjects, strict=True)):
+        plane_axes(draws, subject, ax)
+        ax.set_title(title_of(draws, subject), fontsize=LETTERS)
+        if i % across:
+            ax.set_ylabel("")
+    scale = ScalarMappable(cmap=_GREYS)
+    bar = figure.colorbar(scale, ax=panels, fraction=0.02, pad=0.01, aspect=30, shrink=0.85)
+    dress_bar(bar, chance(draws.task))
+    legend_below(figure, size=SMALL, columns=5 if across > 2 else 3)
+    return figure
+
+
+def plane_axes(draws: Draws, subject: str, ax: Axes) -> Axes:
+    """Probability of the counted response for any pair, in grey, with the symmetry axis.
+
+    Grey is the posterior mean on a scale from 0 (white) to 1, thin lines are its levels 0.25, 0.5
+    and 0.75. The axis s2 = mu_2(s1) has its central 60 %. Dashed: the diagonal, which would be the
+    axis without an order effect. Open marks: pairs presented, in the colour of their order.
     """
-    names, material = (
-        products(formats),
-        material_of(analysis, subjects, truth=truth, workers=workers),
-    )
-    shown = [name for name in FIGURES if name not in left_out(material)]
-    jobs = [partial(_draw, name, material, tuple(dict.fromkeys(formats))) for name in shown]
-    required = (CAPTIONS, *(f"{name}.{suffix}" for name in shown for suffix in formats))
-    with whole_folder(folder, names, required=required, overwrite=overwrite) as target:
-        for name, files in zip(
-            shown, run_in_order(jobs, workers, progress, [(name,) for name in shown]), strict=True
-        ):
-            for suffix, content in files.items():
-                (target / f"{name}.{suffix}").write_bytes(content)
-        (target / CAPTIONS).write_text(captions(material), encoding="utf-8")
-    return Path(folder)
+    counts, fitted = draws.subject(subject), Predictor.of(draws, subject, most=CURVE_DRAWS)
+    both = np.concatenate([counts.s1, counts.s2])
+    pad = max(0.18 * float(np.ptp(both)), 0.1)
+    low, high = float(both.min()) - pad, float(both.max()) + pad
+    side = np.linspace(low, high, _CELLS)
+    columns = [fitted.yes(np.full(_CELLS, s1), side).mean(axis=0) for s1 in side]
+    mean = np.stack(columns, axis=1)
+    ax.pcolormesh(side, side, mean, cmap=_GREYS, vmin=0.0, vmax=1.0, rasterized=True, zorder=0)
+    levels: dict[str, Any] = {"colors": "#FFFFFF", "linewidths": 0.5, "zorder": 1}
+    ax.contour(side, side, mean, levels=[0.25, 0.5, 0.75], **levels)
+    ax.plot([low, high], [low, high], "--", color="#444444", lw=0.8, label="diagonal")
+    mu1, gamma = (draws.values(subject, name).ravel() for name in ("mu1", "gamma"))
+    axis = np.quantile(evolved_mean(side[:, None], mu1, gamma), _CENTRAL, axis=1)
+    ax.plot(side, axis[1], color="#111111", lw=1.5, label="symmetry axis")
+    ax.plot(side, axis[[0, 2]].T, ":", color="#111111", lw=0.9)
+    style: dict[str, Any] = {"ms": 4.6, "mew": 1.2, "mfc": "white", "zorder": 4, "ls": ""}
+    if counts.n_pairs > _CROWDED:
+        style |= {"ms": 2.0, "mew": 0.6}
+    orders = presentation_order(counts)
+    for order, mark in ORDERS.items():
+        rows = orders == order
+        if rows.any():
+            s1, s2 = counts.s1[rows], counts.s2[rows]
+            ax.plot(s1, s2, marker=mark.marker, mec=mark.colour, label=mark.label, **style)
+    ax.set(xlabel="first stimulus $s_1$ (ln intensity)")
+    ax.set(ylabel="second stimulus $s_2$ (ln intensity)")
+    ax.set(xlim=(low, high), ylim=(low, high), aspect="equal")
+    ticks = [tick for tick in ax.get_xticks() if low <= tick <= high]  # the same to both sides
+    ax.set(xticks=ticks, yticks=ticks)
+    return dress(ax)
 
 
-def _draw(name: str, material: Material, formats: Sequence[str]) -> dict[str, bytes]:
-    """One figure in every format, by suffix."""
-    figure = FIGURES[name](material)
-    with any_characters():
-        figure.draw_without_rendering()
-    figure.set_layout_engine("none")  # laid out once, so that every format has it alike
-    return {suffix: picture(figure, suffix, dpi=_DPI) for suffix in formats}
+# --- captions ------------------------------------------------------------------------------------
 
-
-# --- captions -----------------------------------------------------------------------------------------------------------------------
-
-
-def captions(material: Material) -> str:
-    """What each figure shows, with every level and band, as Markdown."""
-    missing, draws = left_out(material), material.draws
-    lines = [
-        f"# Figures: {draws.attrs['source']}{' (synthetic data)' if draws.synthetic else ''}",
-        f"{len(draws.names)} subjects, seed {draws.seed}. Prior: {draws.attrs['prior']}. Stimuli "
-        "and all parameters but "
-        f"{draws.task.lapses} and gamma are "
-        "in natural-log intensity. Orange: weaker stimulus first, (r, c); blue: stronger first, (c, "
-        "r); grey: equal stimuli.",
-        capitalized(material.asymmetry.population().describe()) + ".",
-    ]
-    if draws.not_converged:
-        lines.append(
-            "Draws NOT CONVERGED, not to be reported as they stand: "
-            f"{', '.join(draws.not_converged)}."
-        )
-    words = {
-        "subjects": ", ".join(material.subjects),
-        "truth": " Squares: true values." if material.truth else "",
-        "chance": chance(draws.task),
-        "share_of": material.asymmetry.share_of,
-        **_OF_TASK[draws.task],
-    }
-    for name, text in _CAPTIONS.items():
-        lines.append(
-            f"**{name}.** "
-            + (f"Left out: {missing[name]}." if name in missing else text.format(**words))
-        )
-    return "\n\n".join(lines) + "\n"
-
-
-#: What captions say of either task.
-_OF_TASK = {
-    SAME_DIFFERENT: {
-        "curves": f"bands: central 50 % and 95 % of the posterior; stars: the orders differ at p < {LEVEL:g} (exact test, Holm)",
-        "divided": ", divided by the median q0, and the curve 2^(-z^2),",
-    },
-    WHICH_STRONGER: {
-        "curves": "bands: central 50 % of the posterior; a curve for each first stimulus, which crosses one half (dotted) at its point of "
-        "subjective equality (PSE)",
-        "divided": " and the curve at the medians",
-    },
+_CURVES = {
+    SAME_DIFFERENT: "bands: central 50 % and 95 % of the posterior; stars: the orders differ at "
+    f"p < {LEVEL:g} (exact test, Holm's correction)",
+    WHICH_STRONGER: "bands: central 50 % of the posterior; a curve for each first stimulus, which "
+    "crosses one half (dotted) at its point of subjective equality (PSE)",
 }
 _CAPTIONS = {
-    "figure_1c_asymmetry": "Left: P({share_of}) of the comparison with the smallest p-value in its two orders, Laplace estimator with its "
-    "standard deviation (Eq. e:2b), plain p-value of the exact test. Right: q(c, r) - q(r, c) of "
-    "every comparison with its standard "
-    "deviation; within a subject from the weakest pair above to the strongest below. Filled: p < "
-    f"{LEVEL:g}, Holm's correction over the "
-    "subject's comparisons.",
-    "figure_3_examples": "Subjects {subjects}. Top: Laplace estimators with standard deviations; lines: posterior mean; {curves}. "
-    "Middle: prior at the medians of the identified coordinates (thick) and at some draws (thin); "
-    "triangles: stimuli; bar: two sigma_l "
-    "wide. Bottom: the same answers{divided} over the normalised distance (posterior median, "
-    "horizontal bars 60 % of the draws). Colours follow the text and Fig. 1C; those of the paper's "
-    "caption are swapped.",
+    "figure_1c_asymmetry": "Left: P({share_of}) of the comparison with the smallest p-value in its "
+    "two orders, Laplace estimator with its standard deviation (Eq. e:2b), p-value of the exact "
+    "test. Right: q(c, r) - q(r, c) of every comparison with its standard deviation; within a "
+    "subject from the weakest pair above to the strongest below. Filled: "
+    f"p < {LEVEL:g}, Holm's correction over the subject's comparisons.",
+    "figure_3_examples": "Subjects {subjects}. Top: Laplace estimators with standard deviations; "
+    "lines: posterior mean; {curves}. Middle: prior at the posterior medians of mu_1 and sigma_1 "
+    "(thick) and at some draws (thin); triangles: stimuli; bar: two sigma_l wide. Bottom: the same "
+    "responses over the normalised distance (posterior median). Colours follow the text and "
+    "Fig. 1C; those of the paper's caption are swapped.",
     "figure_4_map": "Dots: posterior medians of (mu_1, sigma_p); bars: their central 60 %; "
-    "colour: sigma_l at the medians of the identified coordinates. Grey range and lines: the "
-    "stimuli.{truth}",
-    "figure_5_plane": "Subjects {subjects}. Grey: posterior mean of {chance}, with its levels 0.25, 0.5 and 0.75; solid: median of the "
-    "symmetry axis s2 = mu_2(s1), dotted: its central 60 %; marks: pairs presented.",
-    "appendix_c_evidence": "Left: log evidence per trial of the paper's model (H1) against free frequencies (H0). Right: log Bayes "
-    "factors by importance sampling with twice their standard error, and by Laplace's "
-    "approximation.",
+    "colour: posterior median of sigma_l. Grey range and lines: the stimuli.",
+    "figure_5_plane": "Subjects {subjects}. Grey: posterior mean of {chance}, with its levels "
+    "0.25, 0.5 and 0.75; solid: median of the symmetry axis s2 = mu_2(s1), dotted: its central "
+    "60 %; marks: pairs presented.",
+    "appendix_c_evidence": "Left: log evidence per trial of the paper's model (H1) against the "
+    "saturated model (H0). Right: log Bayes factors by importance sampling with twice their "
+    "standard error, and by Laplace's approximation.",
 }
+
+
+def captions(analysis: Analysis) -> str:
+    """What each figure shows, with every level and band, as Markdown."""
+    draws = analysis.draws
+    table = AsymmetryTable(subject_asymmetries(analysis.study.subjects), analysis.study.task)
+    title = f"# Figures: {draws.attrs['source']}"
+    if draws.synthetic and "synthetic" not in title:
+        title += " (synthetic data)"
+    lines = [
+        title,
+        f"{len(draws.names)} subjects, seed {draws.seed}. Prior: {draws.attrs['prior']}. Stimuli "
+        f"and all parameters but {draws.task.lapses} and gamma are in natural-log intensity. "
+        "Orange: weaker stimulus first, (r, c); blue: stronger first, (c, r); grey: equal stimuli.",
+        capitalized(table.population().describe()) + ".",
+    ]
+    if draws.not_converged:
+        names = ", ".join(draws.not_converged)
+        lines.append(f"Draws NOT CONVERGED, not to be reported as they stand: {names}.")
+    words = {
+        "subjects": ", ".join(representative(table)),
+        "chance": chance(draws.task),
+        "share_of": table.share_of,
+        "curves": _CURVES[draws.task],
+    }
+    has_comparison = any(row.comparisons for row in table)
+    for name, caption in _CAPTIONS.items():
+        text = caption.format(**words)
+        if name == "figure_1c_asymmetry" and not has_comparison:
+            text = "Left out: no pair of different stimuli was presented in both orders."
+        lines.append(f"**{name}.** {text}")
+    return "\n\n".join(lines) + "\n"

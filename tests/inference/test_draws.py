@@ -14,7 +14,6 @@ from commands import good, refused
 from conftest import grouped_csv
 
 import bayes_toe as bt
-from bayes_toe.analysis import smooth_curve_evidence
 from bayes_toe.errors import InputError
 from bayes_toe.inference.predictive_checks import binomial_deviance
 from bayes_toe.inference.subject import SUMMARY_COLUMNS
@@ -112,10 +111,6 @@ def test_the_command_samples_any_model(tmp_path, small_study):
     )
     draws = bt.load(tmp_path / "bias.nc")
     assert draws.model == "constant error"
-    with pytest.raises(
-        InputError, match=r"^the paper's figures: found draws of the model 'constant error'"
-    ):
-        bt.plots.paper_figures(draws)
     with pytest.raises(
         InputError,
         match="model 'constant error' has no mu1, sigma_p, sigma_l; it has: noise, q0, lapse_rate",
@@ -255,16 +250,6 @@ def test_log_likelihoods_and_predicted_answers_follow_from_the_draws(analysis, d
     assert np.array_equal(
         analysis.draws["C"].to_arviz()["posterior_predictive"]["n_equal"].values, predicted
     )
-
-
-# --- Evidence of saved draws ---------------------------------------------------------------------
-
-
-def test_evidence_of_saved_draws_is_that_of_the_run(analysis):
-    found = smooth_curve_evidence(analysis.draws, workers=1)
-    assert [row.log_evidence_h1 for row in found] == [
-        row.log_evidence_h1 for row in analysis.evidence
-    ]
 
 
 @pytest.mark.parametrize(

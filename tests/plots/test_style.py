@@ -8,10 +8,9 @@ from matplotlib.image import imread
 
 import bayes_toe as bt
 from bayes_toe.plots.figure_files import picture
-from bayes_toe.plots.geometry import plane_figure
 from bayes_toe.plots.order_effect import QUESTIONS
+from bayes_toe.plots.paper_figures import examples_figure, plane_figure
 from bayes_toe.plots.style import POSTERIOR, new_figure, plain
-from bayes_toe.plots.subject import examples_figure
 
 
 def test_synthetic_data_are_labelled_wherever_they_are_shown(analysis):

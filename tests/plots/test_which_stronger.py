@@ -7,7 +7,7 @@ from matplotlib.text import Text
 
 import bayes_toe as bt
 from bayes_toe.plots.curves import lines_along
-from bayes_toe.plots.paper_figures import captions, material_of
+from bayes_toe.plots.paper_figures import captions
 
 
 def test_psychometric_curves_cross_one_half_at_the_point_of_subjective_equality(stronger):
@@ -74,7 +74,7 @@ def test_no_figure_speaks_of_another_task(stronger):
 
 
 def test_captions_speak_of_it_too(stronger):
-    said = captions(material_of(stronger))
+    said = captions(stronger)
     assert "'equal'" not in said
     assert "q0" not in said
     assert "P('second')" in said
