@@ -104,12 +104,12 @@ def verdict_lines(found: Calibration) -> list[str]:
     if len(found.ranks):
         inside = (found.rank_verdicts["verdict"] == "inside").sum()
         lines.append(
-            f"ranks: {inside} of {len(found.rank_verdicts)} inside their bands (all of them with "
-            f"{100 * (1 - FALSE_ALARM):g} % if right)"
+            f"ranks: {inside} of {len(found.rank_verdicts)} inside their bands (a correct analysis "
+            f"has all inside with probability {100 * (1 - FALSE_ALARM):g} %)"
         )
     for row in found.evidence_verdicts.itertuples():
         if row.estimator == DEFAULT:
-            said = f"{row.verdict.replace('not', 'NOT')}, ECE {row.error:.4f}, floor {row.floor:.4f}, allowed {MARGIN:g} more"
+            said = f"{row.verdict.replace('not', 'NOT')}, ECE {row.error:.4f}, floor {row.floor:.4f}, limit {MARGIN:g} above the floor"
             lines.append(
                 f"evidence, {row.design} design: "
                 f"{said if row.error == row.error else 'the default estimator gives no number'}"
@@ -118,8 +118,7 @@ def verdict_lines(found: Calibration) -> list[str]:
         missed = found.ranks["subject"][found.ranks["shortfall"] != ""]
         named = f": {', '.join(missed)}" if len(missed) else ""
         lines.append(
-            f"not converged, ranked with the others: {len(missed)} of {len(found.ranks)} "
-            f"studies{named}"
+            f"not converged, but ranked: {len(missed)} of {len(found.ranks)} studies{named}"
         )
     withheld = found.data_sets["data_set"][found.data_sets[DEFAULT].isna()]
     return lines + (

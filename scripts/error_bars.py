@@ -39,15 +39,15 @@ BAND, PRECISE = (0.8, 1.25), 0.012
 FAR = 6.0
 PAGE = """# Are the standard errors of {evidences} right?
 
-{seeds} seeds a case, the fit of the proposal included; z = (estimate - reference) / stated standard error. Its standard
-deviation should be 1 and must lie in {band[0]} to {band[1]} ({seeds} seeds determine it to about {precision:.0f} %):
+Each case is estimated with {seeds} seeds, and with a new fit of the proposal for each seed. z = (estimate -
+reference) / reported standard error. Its standard deviation should be 1 and must lie between {band[0]} and {band[1]}.
+{seeds} seeds determine it to about {precision:.0f} %.
 {conclusion}
 {far}
-`python scripts/error_bars.py -o docs --seeds {seeds} {option}--overwrite` makes this page again. The references are in `tests/reference`.
-In full: [{table}]({table}).
-bayes_toe {version}, Python {python}, numpy {numpy}.
+`python scripts/error_bars.py -o docs --seeds {seeds} {option}--overwrite` writes this page and [{table}]({table}). The references are in
+`tests/reference`. bayes_toe {version}, Python {python}, numpy {numpy}.
 
-| case | not reported | mean z | sd of z | largest z | median s.e. (nat) | largest s.e. | {quality} |
+| case | not reported | mean z | SD of z | largest absolute z | median s.e. (nats) | largest s.e. | {quality} |
 |---|--:|--:|--:|--:|--:|--:|--:|
 """
 ROW = (
@@ -202,7 +202,7 @@ def row(name: str, estimates: Estimates, reference: float, quality: str) -> dict
 def page(table: pd.DataFrame, file: str, is_order: bool) -> str:
     """The table as Markdown, what it shows, and single estimates that are far off."""
     bad, seeds = table.loc[~table["honest"], "case"], int(table["seeds"].iloc[0])
-    far = ", ".join(
+    far = "; ".join(
         f"{row.case} ({row.largest_z:.1f} standard errors, about "
         f"{row.largest_z * row.median_se:.2f} nat)"
         for row in table[table["largest_z"] > 5.0].itertuples()
@@ -210,11 +210,12 @@ def page(table: pd.DataFrame, file: str, is_order: bool) -> str:
     far_line = ""
     if far:
         far_line = (
-            f"Single estimates further than 5 standard errors off, without a warning: {far}.\n"
+            "Single estimates that are wrong by more than 5 standard errors, without a warning: "
+            f"{far}.\n"
         )
-    conclusion = "every case lies in that range."
+    conclusion = "Every case lies in this range."
     if not bad.empty:
-        conclusion = f"outside it: {', '.join(bad)}."
+        conclusion = f"Cases outside this range: {'; '.join(bad)}."
     head = PAGE.format(
         table=file,
         evidences="the four models' evidences" if is_order else "the evidence",

@@ -41,30 +41,33 @@ _DRAWS = 100  # among which a true value is ranked
 _CHUNK = 40  # observers of a job
 PAGE = """# Calibration of the four models
 
-{observers} observers of each of six designs are drawn from the prior: first one of the four models, then its parameters.
-Their responses are simulated from the formulas as on paper (`scripts/reference/tempering.py`) and analysed as by `bayes-toe run`.
+For each of six designs, {observers} observers are drawn from the prior: first one of the four models, then its
+parameters. An independent implementation of the model (`scripts/reference/tempering.py`) simulates their responses.
+The analysis is that of `bayes-toe run`.
 
 {conclusion}
 
 ## Probabilities
 
-If probabilities are right, a share P of the observers with probability P has the effect. ECE is the expected calibration error over ten
-bins. Its floor is the mean that right probabilities show in simulations, and p is the share of simulations with an error as large.
-Calibrated: p at least {least_p:g}. The log score is in bits.
+If the probabilities are correct, a share P of the observers with probability P has the effect. ECE is the expected
+calibration error over ten bins. Simulations with correct probabilities give the *floor*, which is their mean ECE, and
+*p*, the share with an ECE at least as large as the observed one. A row is calibrated if p is at least {least_p:g}.
+The log score is in bits.
 
 | design | question | observers | with the effect | ECE | floor | p | log score | calibrated |
 |---|---|--:|--:|--:|--:|--:|--:|---|
 {probabilities}
 ## Ranks
 
-The true constant error or contraction of an observer who has one is ranked among {draws} posterior draws of the models that have it. The JND
-of every observer is ranked among draws of all models. The p-value is that of the largest deviation of the distribution function from
-the uniform one. Uniform: p at least {least_p:g}.
+If the intervals are correct, the ranks of the true values among posterior draws are uniform. A true constant error or
+contraction is ranked among {draws} draws of the models that have it, and every JND among draws of all models. The
+p-value tests the largest deviation of the distribution function from the uniform one. Ranks count as uniform if p is
+at least {least_p:g}.
 
 | design | quantity | observers | largest difference | at | p | ranks |
 |---|---|--:|--:|--:|--:|---|
 {ranks}
-`python scripts/order_calibration.py -o docs --observers {observers} --seed {seed} --overwrite` makes this page again, with
+`python scripts/order_calibration.py -o docs --observers {observers} --seed {seed} --overwrite` writes this page and
 [{table}]({table}). bayes_toe {version}, Python {python}, numpy {numpy}.
 """
 

@@ -172,7 +172,7 @@ def test_failures_and_what_did_not_converge_are_named():
         == len(failed.failures)
         == len(RANKED)
     )
-    assert lines[-1] == "not converged, ranked with the others: 1 of 50 studies: p3"
+    assert lines[-1] == "not converged, but ranked: 1 of 50 studies: p3"
     assert (failed.rank_verdicts.not_converged == 1).all()
 
 
