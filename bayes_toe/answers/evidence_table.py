@@ -93,9 +93,9 @@ class SubjectEvidence:
 
     @property
     def log_bayes_factor(self) -> float | None:
-        """H1 minus H0.
+        """Log evidence of H1 minus that of H0.
 
-        Positive where one smooth curve predicts the responses better than one free probability per
+        If positive, one smooth curve predicts the responses better than one free probability per
         pair.
         """
         return None if self.log_evidence_h1 is None else self.log_evidence_h1 - self.log_evidence_h0

@@ -56,30 +56,30 @@ class Comparison:
     s_weak, s_strong : float
         Natural-log intensities r < c.
     n_equal_weak_first, n_trials_weak_first : int
-        Answers to (r, c): the weaker stimulus first, the paper's red. Of 'which is stronger?' these
-        are the wrong ones, here and below; files say so.
+        Responses 'equal' to (r, c): the weaker stimulus first, the paper's red. In 'which was
+        stronger?' wrong responses, here and below; the file names the column accordingly.
     n_equal_strong_first, n_trials_strong_first : int
-        Answers to (c, r): the stronger stimulus first, the paper's blue.
+        Responses 'equal' to (c, r): the stronger stimulus first, the paper's blue.
     q_weak_first : float
-        Laplace estimator of q(r, c). Source: Eq. e:2b.
+        Laplace estimator of q(r, c), with the weaker stimulus first. Source: Eq. e:2b.
     q_strong_first : float
-        Laplace estimator of q(c, r). Source: Eq. e:2b.
+        Laplace estimator of q(c, r), with the stronger stimulus first. Source: Eq. e:2b.
     q_weak_first_se, q_strong_first_se : float
         Their uncertainties.
     asymmetry : float
-        q(c, r) - q(r, c), the posterior mean of the difference, -1..1.
+        Posterior mean of q(c, r) - q(r, c), from -1 to 1.
     asymmetry_se : float
-        Posterior standard deviation of the difference; both orders are independent.
+        Posterior standard deviation of this difference, with independent orders.
     p_value : float
-        Exact two-sided test of the null that both orders share one probability; `test` names it.
+        P-value of the exact two-sided `test` that both orders have the same probability.
     p_adjusted : float
-        The same by Holm's method over the comparisons of this subject.
+        P-value adjusted by Holm's method over the comparisons of this subject.
     test : {"boschloo", "fisher"}
     probability_of_direction : float
-        Posterior P(q(c, r) > q(r, c)) under independent uniform priors: near 1 a positive
-        asymmetry, near 0 a negative one.
+        Posterior P(q(c, r) > q(r, c)) with independent uniform priors; near 1 for a
+        positive asymmetry, near 0 for a negative one.
     is_maximal : bool
-        True for the comparison of the subject with the largest absolute asymmetry.
+        True for the comparison with the largest absolute asymmetry of the subject.
     """
 
     subject: str
@@ -113,7 +113,7 @@ class SubjectAsymmetry:
     ----------
     subject : str
     accuracy : float
-        Share of correct answers, all pairs, 0..1.
+        Share of correct responses over all pairs, from 0 to 1.
     comparisons : tuple of Comparison
         By (s_weak, s_strong); empty where no pair was presented in both orders.
     n_one_order : int

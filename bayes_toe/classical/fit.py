@@ -223,9 +223,9 @@ class SubjectFit:
 
     @property
     def log_likelihood(self) -> float:
-        """At the maximum, without binomial coefficients and without the penalty on mu1.
+        """Log likelihood at the maximum.
 
-        Natural log.
+        It has no binomial coefficients and no penalty on mu1.
         """
         return float(self.fitted.log_likelihood[0])
 

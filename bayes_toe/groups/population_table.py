@@ -23,19 +23,19 @@ class PopulationRow(NamedTuple):
     ----------
     parameter : str
         `constant_error` (c/D), `contraction` (p), `noise` (log(sigma_d/D)), `q0` (logit q0), or
-        what follows from these: `pse_shift_percent`, `jnd_percent`, `peak_probability`.
+        a quantity computed from these: `pse_shift_percent`, `jnd_percent`, `peak_probability`.
     quantity : {"mean", "sd", "new_subject", "effect", "difference", "difference_sd"}
         Of the subjects; effects are those of covariates, differences those of conditions.
     level : str
-        The covariate of an effect, the two conditions of a difference; otherwise empty.
+        The covariate of an effect, or the two conditions of a difference; otherwise empty.
     q025, q50, q975 : float
         Median and 95 % interval.
     ess_bulk, ess_tail, r_hat : float
     p_direction : float or None
-        Probability of the likelier sign.
+        Probability of the more probable sign.
     ln_bf_zero : float or None
-        Natural log of the Bayes factor of 0 against any other value. Below -10 only the bound is
-        meant.
+        Natural log of the Bayes factor of 0 against any other value. Values below -10 are
+        bounds.
     ln_bf_zero_se : float or None
         Its Monte Carlo standard error.
     """
