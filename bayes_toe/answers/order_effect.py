@@ -28,7 +28,7 @@ from bayes_toe.answers.serial_screen import SerialScreen, serial_screen
 from bayes_toe.answers.words import Word, side_of, word_for
 from bayes_toe.arrays import BoolArray, FloatArray
 from bayes_toe.checks.identification import Identification, identify
-from bayes_toe.data.messages import as_option, capitalized, join_words
+from bayes_toe.data.messages import capitalized, join_words
 from bayes_toe.data.study import Subject
 from bayes_toe.inference.order_evidence import MODEL_NAMES, OrderEvidence, order_evidence
 from bayes_toe.inference.predictive_checks import MISFIT, FitSummary, PairFit, summarise_fit
@@ -170,7 +170,7 @@ class OrderEffect:
 
     @property
     def depends_on_prior(self) -> bool:
-        """Whether a prior scale, halved or doubled, changes the side of a word."""
+        """Whether a prior scale, halved or doubled, moves a probability past .25 or .75."""
         return any(flag.startswith(PRIOR_FLAG) for flag in self.flags)
 
     @property
@@ -480,8 +480,7 @@ def order_effect(
     problems = {flag.words: Problem(flag.message, flag.option) for flag in worst_first}
     if fit is not None and fit.misfit:
         message = "The model does not fit. Report this with the conclusion."
-        option = f"--exclude {as_option(evidence.subject.name)}"
-        problems[MISFIT_FLAG] = Problem(message, option)
+        problems[MISFIT_FLAG] = Problem(message)
     problems |= _screen_problems(screen)
     questions = [question for question in QUESTIONS if getattr(identification, question)]
     problems |= _prior_problems(evidence, questions)
@@ -612,7 +611,7 @@ def _error_flags(evidence: OrderEvidence) -> list[str]:
 
 
 def _prior_problems(evidence: OrderEvidence, questions: Sequence[str]) -> dict[str, Problem]:
-    """The flag of questions that a prior scale, halved or doubled, moves to another side."""
+    """The flag of questions whose probability passes .25 or .75 with another prior scale."""
     own = _questions(evidence.log_evidence)
     varied = [_questions(values) for values in rescaled_evidences(evidence)]
     changes: dict[str, list[str]] = {}

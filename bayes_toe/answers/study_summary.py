@@ -58,7 +58,9 @@ def study_lines(
     misfits = [answer.subject for answer in counted_answers if answer.fits is False]
     if misfits:
         n_misfits = counted(len(misfits), "subject")
-        lines.append(f"The model does not fit {n_misfits}: {listed(misfits, _MOST_NAMES)}.")
+        names = listed(misfits, _MOST_NAMES)
+        claims = "this conclusion" if len(misfits) == 1 else "these conclusions"
+        lines.append(f"The model does not fit {n_misfits}: {names}. Base no claim on {claims}.")
     return lines
 
 

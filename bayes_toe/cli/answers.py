@@ -120,7 +120,7 @@ def print_problems(out: Terminal, answers: Sequence[OrderEffect], file: str = OU
                 option = f"{typed_command()} {option}"
             message = problem.message
             if mark == "?" and len(answers) >= MANY_SUBJECTS:
-                message = "A prior half or twice as wide changes a conclusion."
+                message = "A prior half or twice as wide moves a probability past .25 or .75."
             by_mark[mark].append((answer.subject, message, option))
     for mark, notes in by_mark.items():
         out.notes(notes, mark, file=file)
@@ -144,7 +144,7 @@ def _marked_problems(answer: OrderEffect) -> list[tuple[str, Problem]]:
         message = problem.message
         if flag == MISFIT_FLAG and answer.worst_pairs:
             message += f" Worst pair: {describe_pair(answer.worst_pairs[0])}."
-        mark = "!" if problem.option else "-"
+        mark = "!" if problem.option or flag == MISFIT_FLAG else "-"
         marked.append(
             ("?" if flag.startswith(PRIOR_FLAG) else mark, Problem(message, problem.option))
         )

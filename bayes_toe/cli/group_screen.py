@@ -78,9 +78,9 @@ def group_answer(result: PopulationResult) -> list[str]:
             parts.append(f"{_ROW_LABELS[name].removesuffix(' p')} cannot be told")
             continue
         mean, spread = _parameter_cells(result, name)
-        equals = "" if name == CONSTANT_ERROR.name else " ="
         factor = _describe_factor(result.effect(name).zero_mean.log_bf)
-        parts.append(f"{_LABELS[name]}{equals} {mean}, SD {spread.partition(' [')[0]}, {factor}")
+        sd = spread.partition(" [")[0]
+        parts.append(f"mean {_LABELS[name]} {mean}, SD {sd}, differs from 0: {factor}")
     n_subjects = len(result.subjects)
     lines = [f"{badge}Group of {n_subjects}{_reference(result)}: {'; '.join(parts)}."]
     for levels in result.comparisons:
@@ -90,8 +90,8 @@ def group_answer(result: PopulationResult) -> list[str]:
             if row.level == level and row.parameter in result.identified:
                 label = _DIFFERENCE_LABELS[row.parameter]
                 difference = _format_difference(result, row.parameter, row)
-                equals = " =" if row.parameter == CONTRACTION.name else ""
-                parts.append(f"{label}{equals} {difference}, {_describe_factor(row.ln_bf_zero)}")
+                factor = _describe_factor(row.ln_bf_zero)
+                parts.append(f"{label} {difference}, differs from 0: {factor}")
         lines.append(f"{badge}Difference {level} in the group: {'; '.join(parts)}.")
     return lines
 
@@ -99,7 +99,8 @@ def group_answer(result: PopulationResult) -> list[str]:
 def _describe_factor(log_bf_zero: float | None) -> str:
     """The Bayes factor of a value that is not 0, with its word."""
     log_factor = -(log_bf_zero or 0.0)
-    return f"BF {format_bayes_factor(log_factor)} ({word_of_bayes_factor(log_factor).value})"
+    word = word_of_bayes_factor(log_factor).value
+    return f"{word} (BF {format_bayes_factor(log_factor)})"
 
 
 def _parameter_row(result: PopulationResult, name: str) -> list[str]:

@@ -194,7 +194,7 @@ def _group(group: PopulationResult) -> list[str]:
     if "contraction" in group.identified:
         low, median, high = contraction.mean
         share = format_share(Size(low, median, high))
-        means.append(f"contraction of p = {share} {_factor(contraction)}")
+        means.append(f"contraction of {share} {_factor(contraction)}")
     sentences = []
     if means:
         both = " and a mean ".join(means)
@@ -206,7 +206,7 @@ def _group(group: PopulationResult) -> list[str]:
 
 def _factor(effect: GroupEffect) -> str:
     """The Bayes factor of a mean that is not 0, in brackets."""
-    return f"(BF {format_bayes_factor(-effect.zero_mean.log_bf)})"
+    return f"(Bayes factor against 0: {format_bayes_factor(-effect.zero_mean.log_bf)})"
 
 
 def _limits(analysis: Analysis) -> list[str]:
@@ -231,7 +231,9 @@ def _limits(analysis: Analysis) -> list[str]:
     n_dependent = sum(answer.depends_on_prior for answer in answers)
     if n_dependent and len(answers) > 1:
         share = f"{n_dependent} of {len(answers)}"
-        sentences.append(f"A prior half or twice as wide changes a conclusion for {share}.")
+        sentences.append(
+            f"For {share}, a prior half or twice as wide moves a probability past .25 or .75."
+        )
     return sentences
 
 
@@ -281,7 +283,7 @@ def _table_note(analysis: Analysis) -> str:
     if any(answer.fits is False for answer in analysis.answers):
         sentences.append("!: the model does not fit.")
     if any(answer.depends_on_prior for answer in analysis.answers):
-        sentences.append("?: a prior half or twice as wide changes the conclusion.")
+        sentences.append("?: a prior half or twice as wide moves a probability past .25 or .75.")
     sentences.append(f"Priors: `{draws.prior.observer.describe(analysis.study.task)}`.")
     return " ".join(sentences)
 

@@ -102,7 +102,7 @@ GLOSSARY = {
     "contraction": "The first stimulus is remembered as nearer to the mean by the share p; also "
     "contraction bias, central tendency. Repulsion is the opposite, p below 0.",
     "JND": "Just noticeable difference: from 50 to 75 % 'second' without lapses.",
-    "Bayes factor": "The factor by which the data change the odds for the effect.",
+    "Bayes factor": "Mean evidence of the models with the effect over that of the models without it.",
     "serial dependence": "The response depends on earlier trials.",
 }
 _FITS = {True: "good", False: "poor", None: "not testable"}
@@ -330,7 +330,7 @@ def _caption(analysis: Analysis, group: Group | None) -> str:
     """What figure 1 shows."""
     sizes = (
         "PSE shift and contraction p: medians with 95 % intervals, averaged over the models that "
-        "have the effect. A full marker means 'yes', a half marker 'probably'"
+        "have the effect. A full marker of a subject means 'yes', a half marker 'probably'"
     )
     if group is not None:
         sizes += "; the last row is the mean of the group"
@@ -408,16 +408,16 @@ def _fit(answers: Sequence[OrderEffect]) -> str:
         sentences.append(f"The model does not fit {_name_subjects(poor)}.")
     if untestable:
         sentences.append(f"The fit is not testable for {_name_subjects(untestable)}.")
-    return " ".join(sentences) or "The fit is good for every subject."
+    return " ".join(sentences) or "No subject has a poor fit (p < .01)."
 
 
 def _prior(answers: Sequence[OrderEffect]) -> str:
-    """Subjects whose conclusion another prior scale changes."""
+    """Subjects of whom another prior scale moves a probability past a limit."""
     dependent = [answer.subject for answer in answers if answer.depends_on_prior]
-    change = "A prior half or twice as wide changes"
+    change = "A prior half or twice as wide moves"
     if not dependent:
-        return f"{change} no conclusion."
-    return f"{change} the conclusion of {_name_subjects(dependent)}."
+        return f"{change} no probability past .25 or .75."
+    return f"{change} a probability past .25 or .75 for {_name_subjects(dependent)}."
 
 
 def _convergence(analysis: Analysis, group: Group | None) -> str:
@@ -444,7 +444,7 @@ def _serial_dependence(answers: Sequence[OrderEffect]) -> str:
         return "Not testable: the order of the trials is not known."
     dependent = [answer.subject for answer in answers if answer.depends_on_previous_trial]
     if not dependent:
-        return "No subject's responses depend on the previous trial."
+        return "No subject shows a dependence on the previous trial (p < .01)."
     return (
         f"The responses of {_name_subjects(dependent)} depend on the previous trial. "
         "The command bayes-toe history estimates by how much."

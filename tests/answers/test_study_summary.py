@@ -58,7 +58,7 @@ def test_directions_and_exceptions_are_named():
         "Constant error: 2 yes (1 overestimates the first stimulus, 1 underestimates it), "
         "1 undecided.",
         "Contraction: 1 yes, 1 probably (1 repulsion), 1 no.",
-        "The model does not fit 1 subject: C.",
+        "The model does not fit 1 subject: C. Base no claim on this conclusion.",
     ]
 
 

@@ -87,11 +87,9 @@ def test_the_group_has_its_means_with_intervals_and_bayes_factors(
     )
     text = text_of(analysis, tmp_path, group)
     factor = {-20.0: "> 100", -2.9: "18", 9.0: "< 1/100"}[log_bf]
-    pattern = (
-        r"mean PSE shift of [+-]\S+ % \[\S+, \S+\] \(BF ([^)]+)\) and a mean contraction of p = "
-    )
+    pattern = r"mean PSE shift of [+-]\S+ % \[\S+, \S+\] \(Bayes factor against 0: ([^)]+)\) and a mean contraction of "
     assert re.search(pattern, text).group(1) == factor
-    assert f"] (BF {factor})." in text
+    assert f"] (Bayes factor against 0: {factor})." in text
 
 
 def test_a_mean_that_no_pairs_can_show_is_not_reported(analysis, small_study, tmp_path):

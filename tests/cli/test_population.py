@@ -53,8 +53,8 @@ def test_files_and_answer(done, folder):
     interval = rf"{number} \[{number}, {number}\]"
     signed = r"[-+][\d.]+ % \[[-+][\d.]+, [-+][\d.]+\]"
     assert re.search(
-        rf"Answer Group of 5 \(site 0, age mean\): PSE shift {signed}, SD .*, BF .* \(\w+\); "
-        rf"contraction p = {interval}, SD .*, BF [^ ]+ \(",
+        rf"Answer Group of 5 \(site 0, age mean\): mean PSE shift {signed}, SD .*, differs from 0: [\w ]+ \(BF .*\); "
+        rf"mean contraction p {interval}, SD .*, differs from 0: [\w ]+ \(BF ",
         text,
     )
     assert "Effects of covariates" in text
@@ -112,7 +112,7 @@ def test_same_or_different_and_what_is_not_reliable(tmp_path, monkeypatch):
     run = inside("population", "study.csv", *OPTIONS, cwd=tmp_path)
     assert run.returncode == 3
     text = " ".join(run.stdout.split())
-    assert "NOT RELIABLE: Group of 3: PSE shift" in text
+    assert "NOT RELIABLE: Group of 3: mean PSE shift" in text
     assert "! The group's result is not reliable: 2 of 4000 trajectories diverged" in text
     assert "contraction cannot be told" in text
     result = bt.load(tmp_path / "population.nc")
@@ -135,7 +135,7 @@ def test_an_sd_near_zero_is_given_as_a_bound():
         GroupDraws(draws.mean, small, draws.effects, draws.subjects),
     )
     [line] = group_answer(made)
-    assert "], SD at most .02, BF" in line.partition("contraction")[2]
+    assert "], SD at most .02, differs from 0: " in line.partition("contraction")[2]
 
 
 def test_conditions_have_a_line_and_a_table():

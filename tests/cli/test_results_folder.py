@@ -159,7 +159,7 @@ def test_run_computes_the_group_and_leaves_with_3_where_it_did_not_converge(
     done = inside("run", "study.csv", "-o", "out", *options, cwd=tmp_path)
     assert done.returncode == 3
     printed = " ".join(done.stdout.split())
-    assert "NOT RELIABLE: Group of 4: PSE shift" in printed
+    assert "NOT RELIABLE: Group of 4: mean PSE shift" in printed
     assert "! The group's result is not reliable: 2 of 1600 trajectories" in printed
     assert "trajectories diverged" in section(tmp_path / "out")
 
