@@ -75,8 +75,8 @@ CONTRAST_COLUMNS = (
 LEGEND = (
     f"'Differs' needs a Bayes factor of at least {SURELY:g}, 'probably differs' of at least "
     f"{PROBABLY:g}; 'no difference' and 'probably no difference' need at most 1/{SURELY:g} and "
-    f"1/{PROBABLY:g}. 'Order effect' is constant error, contraction or both. 'Not robust' means "
-    "that another lapse rate in each condition changes the word"
+    f"1/{PROBABLY:g}. 'Order effect' is constant error, contraction or both. 'Depends on "
+    "lapses' means that the word changes if the lapse rate may differ between conditions"
 )
 _PROBABILITIES = (0.025, 0.05, 0.5, 0.95, 0.975)
 _FAR = 10.0  # nats below the best maximum from which on others are left out
@@ -171,7 +171,7 @@ class Difference(NamedTuple):
     def conclusion(self) -> str:
         """Its word and the Bayes factor of a difference."""
         text = f"{self.word} (BF {self.factor})" if self.word else "no evidence"
-        return f"{text}, not robust" if self.robust == "no" else text
+        return f"{text}, depends on lapses" if self.robust == "no" else text
 
 
 def word_of(log_bf: float | None) -> str:
@@ -263,9 +263,9 @@ def sentences(frame: pd.DataFrame) -> tuple[str, ...]:
         if counts[""]:
             parts.append(f"no Bayes factor {counts['']}")
         line = f"{quantity}, of {counted(len(rows), 'subject')}: {', '.join(parts)}"
-        n_not_robust = int((rows["robust"] == "no").sum())
-        if n_not_robust:
-            line += f"; in {n_not_robust} it depends on the lapses"
+        n_dependent = int((rows["robust"] == "no").sum())
+        if n_dependent:
+            line += f"; {n_dependent} of them depend on lapses"
         lines.append(line)
     return tuple(lines)
 

@@ -201,15 +201,19 @@ def _log_mean(log_values: FloatArray) -> float:
 
 
 def frequency_line(answers: Sequence[OrderEffect]) -> str:
-    """The sentence about few subjects; empty where there is none."""
-    frequencies = effect_frequencies(answers)
-    if not frequencies:
+    """The sentence about few subjects, with the effects that the design can show; may be empty."""
+    interpretable = [answer for answer in answers if answer.is_interpretable]
+    shares = []
+    for frequency in effect_frequencies(answers):
+        words = {answer.words[frequency.question] for answer in interpretable}
+        if words != {Word.CANNOT_BE_TOLD}:
+            name = frequency.question.replace("_", " ")
+            shares.append(f"{name} {100.0 * frequency.share:.0f} %")
+    if not shares:
         return ""
-    error, contraction = (f"{100.0 * frequency.share:.0f} %" for frequency in frequencies)
     return (
-        f"Expected share of subjects with an effect ({frequencies[0].n_subjects} subjects): "
-        f"constant error {error}, contraction {contraction}. "
-        "These shares do not say how large the effects are."
+        f"Expected share of subjects with an effect ({len(interpretable)} subjects): "
+        f"{', '.join(shares)}. These shares do not say how large the effects are."
     )
 
 

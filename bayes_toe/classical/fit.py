@@ -39,9 +39,9 @@ _LABEL = "Appendix C's evidence of H1"
 _SINGULAR = 1e-10
 #: What is said of replicates on such edges.
 _SAID = {
-    "sigma_p=0": "sigma_p = 0",
-    "sigma_p=inf": "an infinite sigma_p",
-    "not unique": "a maximum that leaves a parameter open; its interval rests on the others",
+    "sigma_p=0": "have sigma_p = 0",
+    "sigma_p=inf": "have an infinite sigma_p",
+    "not unique": "do not determine a parameter; its interval uses the other replicates",
 }
 
 
@@ -105,20 +105,22 @@ class Bootstrap:
         count, lost = len(self), int((~self.fits.arrived).sum())
         on_edge = dict(zip(self.fits.edge_names, self.fits.edges.sum(axis=0).tolist(), strict=True))
         found = (
-            [f"{lost} of {count} bootstrap replicates did not converge; their best points are used"]
+            [
+                f"{lost} of {count} bootstrap replicates did not converge; intervals use their best points"
+            ]
             if lost
             else []
         )
         found += [
-            f"{on_edge[name]} of {count} bootstrap replicates have {said}"
+            f"{on_edge[name]} of {count} bootstrap replicates {said}"
             for name, said in _SAID.items()
             if on_edge[name]
         ]
         limits = zip(self.fitted.names, self.fitted.parameters[0], self.intervals(), strict=True)
         if outside := [name for name, value, (low, high) in limits if value < low or value > high]:
             found.append(
-                f"outside its own 95 % interval: {', '.join(outside)}, because replicates are of "
-                "smoothed frequencies"
+                f"outside the 95 % interval: {', '.join(outside)}, because the replicates come "
+                "from smoothed frequencies"
             )
         return tuple(found)
 

@@ -278,7 +278,7 @@ class ListOptions:
         task.out.line()
         task.out.line(
             f"{self.list_output}: {counted(self.subjects, 'subject')}, {n_trials} trials each in "
-            f"{self.blocks} blocks{split}. Blocks balance the order of the stimuli as the design "
+            f"{self.blocks} blocks{split}. Each block balances the order of the stimuli as the design "
             f"does, with at most {MOST_EQUAL} equal pairs in a row. Seed {seed}."
         )
 

@@ -66,7 +66,7 @@ def power_lines(table: PowerTable, only: str = "") -> list[str]:
             text = name if detected is None else f"{name} {100.0 * detected[0]:.0f} %"
             parts.append(text if wrong is None else f"{text} ({100.0 * wrong[0]:.0f} %)")
         lines.append(f"{capitalized(design)}, {trials:,} trials: {', '.join(parts)}.")
-    return ["Effects detected (and reported wrongly):", *lines]
+    return ["Effects detected (false positives in brackets):", *lines]
 
 
 def _is_known(table: PowerTable, design: str, trials: int, question: str) -> bool:

@@ -300,7 +300,7 @@ def print_model_evidence(out: Terminal, table: EvidenceTable, file: str = OUTPUT
         cells.append("-" if factor is None else f"{factor:+.1f}")
         rows.append(cells)
     out.line()
-    out.line("Log model evidence. * the largest of the four models of order.")
+    out.line("Log model evidence. * marks the largest of the four models.")
     if len(rows) < MANY_SUBJECTS:
         out.lines(format_table(headings, rows, range(1, 8)))
     else:

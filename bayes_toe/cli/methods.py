@@ -161,7 +161,7 @@ def _results(analysis: Analysis, group: PopulationResult | None) -> list[str]:
     elif len(answers) < FEWEST_FOR_GROUP and not is_by_unit:
         frequencies = frequency_line(answers)
         if frequencies:
-            sentences.append(f"{frequencies} [@penny2010]")
+            sentences.append(f"{frequencies[:-1]} [@penny2010].")
     if analysis.contrast is not None:
         _, *differences = contrast_lines(analysis.contrast)
         sentences += [_text(line) for line in differences]

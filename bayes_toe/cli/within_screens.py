@@ -51,7 +51,7 @@ def print_contrast(out: Terminal, table: ContrastTable, file: str = OUTPUT) -> N
         out.line()
         out.line(f"All {len(table.subjects):,} subjects: {file}")
     if any(row.robust == "no" for row in table):
-        out.line("? Another lapse rate in each condition changes the word.")
+        out.line("? The word changes if the lapse rate may differ between conditions.")
     missing = [
         (name, f"Not compared: {reason}.", "")
         for name, reason in table.left_out.items()
@@ -72,7 +72,7 @@ def _difference(row: Difference) -> str:
 def contrast_lines(table: ContrastTable) -> list[str]:
     """In how many subjects each quantity differs; each subject counts once."""
     column, _, levels = table.conditions.about.partition(": ")
-    lines = [f"Compared by {column}: {levels}."]
+    lines = [f"Condition {column}: {levels}."]
     for quantity in table.quantities:
         first = dict[str, str]()
         for row in table.select(quantity):

@@ -484,11 +484,11 @@ def _study(rows: _Rows, notes: list[str], k: IntArray, n: IntArray, task: Task) 
         else [False]
     )
     if any(marks):
-        said = "synthetic data: column synthetic says so in every row"
+        said = "synthetic data: the column synthetic marks every row"
         notes.append(
             said
             if all(marks)
-            else "column synthetic says so in some rows only: not marked synthetic"
+            else "the column synthetic marks only some rows, so the study is not marked"
         )
     known = {column.name for column in (*rows.columns.values(), *rows.signs)}
     source = rows.table.source

@@ -98,6 +98,13 @@ def test_frequency_needs_two_interpretable_subjects():
     assert "These shares do not say how large" in frequency_line(STUDY[:3])
 
 
+def test_frequency_names_no_effect_that_the_design_cannot_show():
+    words = (Word.YES, Word.YES, Word.CANNOT_BE_TOLD)
+    answers = [answer("S01", words), answer("S02", words)]
+    assert "constant error" in frequency_line(answers)
+    assert "contraction" not in frequency_line(answers)
+
+
 def test_run_fits_the_group_of_six_interpretable_subjects_and_no_fewer(monkeypatch):
     asked = []
     monkeypatch.setattr(

@@ -174,7 +174,7 @@ def test_what_has_no_value_is_missing_and_said_and_wrong_options_raise(small_stu
     open_ = bootstrap_subject(CASES["single pair"], seed=1, prior=Prior(), replicates=50)
     assert np.isnan(open_.intervals()[1:]).all()
     assert open_.covariance() is None
-    assert "leaves a parameter open" in open_.remarks()[0]
+    assert "do not determine a parameter" in open_.remarks()[0]
     blunt = bootstrap_subject(CASES["all equal"], seed=1, prior=Prior(), replicates=200)
     assert blunt.intervals()[1, 1] == np.inf
     assert any("infinite sigma_p" in text for text in blunt.remarks())
