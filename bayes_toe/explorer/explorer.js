@@ -246,7 +246,7 @@ window.explorer = (() => {
   function sayShare(letter, found, kept) {
     const mark = element("div", "", letter), name = element("b", `${letter.toUpperCase()} ${found.subject}`);
     const all = `${count(found.rows)} of ${count(found.of)} draws are shown`;
-    const words = state.brush === null ? all : kept === null ? `lacks the quantity that is brushed: ${all}`
+    const words = state.brush === null ? all : kept === null ? `does not have the selected quantity: ${all}`
       : kept.length === 0 ? `none of ${count(found.rows)} shown draws is selected` : `${count(kept.length)} of ${count(found.rows)} shown draws are selected (${share(kept.length / found.rows)})`;
     mark.append(name, `: ${words}` + (kept !== null && kept.length > 0 && kept.length < FEW ? ": too few" : ""));
     return mark;
@@ -277,7 +277,7 @@ window.explorer = (() => {
     });
     head.append(...["quantity", "all draws: median [95 % interval]", "selected"].map(text => Object.assign(element("th", text), { scope: "col" })));
     const nothing = element("tr");
-    nothing.append(Object.assign(element("td", "none of the quantities that are shown"), { colSpan: 3 }));
+    nothing.append(Object.assign(element("td", "has none of the shown quantities"), { colSpan: 3 }));
     table.replaceChildren(element("caption", titled(letter, found)), head, ...(body.length > 0 ? body : [nothing]));
   }
 
@@ -285,7 +285,7 @@ window.explorer = (() => {
     const words = { unconverged: "not converged: ", misfit: "the model does not fit: ", untold: "", fine: "" };
     const told = found === null ? [] : found.badges.filter(([kind]) => kind !== "dominated").map(([kind, what]) => element("span", words[kind] + what, `badge ${kind}`));
     const ruled = found === null ? [] : found.badges.filter(([kind]) => kind === "dominated").map(([, name]) => symbol(name));
-    if (ruled.length > 0) told.push(element("span", `dominated by the prior: ${ruled.join(", ")}`, "badge dominated"));
+    if (ruled.length > 0) told.push(element("span", `determined by the prior: ${ruled.join(", ")}`, "badge dominated"));
     if (found?.synthetic) told.push(element("span", "synthetic data" + (Object.keys(found.truth).length > 0 ? ", truth marked" : ""), "badge"));
     at(`badges-${letter}`).replaceChildren(...told);
     const answers = found === null ? [] : found.words.map(([question, word]) => { const line = element("span", `${question} `); line.append(element("b", word)); return line; });
@@ -308,7 +308,7 @@ window.explorer = (() => {
 
   function drawFooter() {
     const sources = [...new Set(shown().map(letter => entry(letter).about))].join(" ");
-    at("footer").textContent = `${sources} ${index.footer} The page shows evenly spaced draws; contours, and medians and intervals of all draws, are of all of them.`;
+    at("footer").textContent = `${sources} ${index.footer} The page shows evenly spaced draws. Contours, medians and intervals for all draws use every draw.`;
   }
 
   // --- The whole page ------------------------------------------------------------------------------------------------------------------
@@ -358,7 +358,7 @@ window.explorer = (() => {
       if (found === null) continue;
       at(`name-${letter}`).textContent = titled(letter, found);
       const words = [];
-      if (found.reference !== null) words.push(`Quantities and axis are those at ${written(found.reference)} s.`);
+      if (found.reference !== null) words.push(`Quantities and axis refer to an interval of ${written(found.reference)} s.`);
       if (found.undrawn > 0) words.push(`Curves: the ${found.slices.length} of ${found.slices.length + found.undrawn} ${index.fixed} stimuli with the most trials.`);
       at(`words-${letter}`).textContent = words.join(" ");
     }

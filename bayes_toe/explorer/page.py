@@ -65,7 +65,7 @@ _QUANTITIES = {
     "zone": ("zone, %", "half-width of the differences that are called 'equal'"),
     "pse_shift": (
         "PSE shift, %",
-        "where the second stimulus seems as strong as the mean first one, from that one",
+        "second minus first stimulus when both seem equal, at the mean first stimulus",
     ),
     "jnd": ("JND, %", "just noticeable difference"),
 }

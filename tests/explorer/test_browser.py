@@ -189,7 +189,7 @@ def test_subjects_and_models_can_be_switched(opened, symmetric):
     label = "Bokeh.documents[0].get_model_by_name('panel-3-2').below[0].axis_label"
     assert opened.page.evaluate(label) == "JND, %"
     opened.drag("1-1", (0.2, 0.5), (0.5, 0.6))
-    assert "lacks the quantity" in opened.page.inner_text("#share .b")
+    assert "does not have the selected quantity" in opened.page.inner_text("#share .b")
 
 
 def test_effects_are_averaged_over_the_four_models_with_the_words_of_the_answer(opened, analysis):
@@ -256,7 +256,7 @@ def test_hovering_reads_a_draw(opened):
 def test_what_is_known_and_badged_and_fits_a_wide_screen(opened):
     assert opened.data("truth-a")["0"].tolist() == [-0.7]
     assert opened.data("prior-a")["y0"].max() > 0.0
-    assert "dominated by the prior" in opened.page.inner_text("#badges-a")
+    assert "determined by the prior" in opened.page.inner_text("#badges-a")
     assert opened.wide() <= 1200
 
 
