@@ -179,6 +179,10 @@ class StudyFile:
         str | None,
         _how_to_read("--decimal", "Decimal sign: . or ,", "SIGN"),
     ] = None
+    sheet: Annotated[str | None, _how_to_read("--sheet", "Sheet of an Excel file.", "NAME")] = None
+    encoding: Annotated[
+        str | None, _how_to_read("--encoding", "Such as cp1252 or latin-1.", "NAME")
+    ] = None
     condition: Annotated[
         str | None,
         _how_to_read("--condition", "Column of the condition.", "COLUMN"),

@@ -169,7 +169,7 @@ class Task:
 
     def require_files(self, *files: Path) -> None:
         """Refuse before the work what could not be written after it, and what would take the place of a file that is read."""
-        from bayes_toe.data.text_table import require_parquet
+        from bayes_toe.data.read_table import require_parquet
         from bayes_toe.data.whole_files import require_writable
 
         self._require_unread(*files)

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from bayes_toe.data.messages import bare, listed, quoted
-from bayes_toe.data.text_table import read_table
+from bayes_toe.data.read_table import read_table
 from bayes_toe.data.validation import (
     MISSING_WORDS,
     bare_names,

@@ -75,6 +75,10 @@ class ReadOptions:
         For the same columns: the standard was the first stimulus in all trials.
     comparison_code : str, optional
         The text that stands for the response 'comparison'; the other text is 'standard'.
+    encoding : str, optional
+        Of a text that is neither UTF-8 nor UTF-16, such as 'cp1252'.
+    sheet : str, optional
+        The sheet of an Excel file of which several have tables.
 
     Raises
     ------
@@ -105,6 +109,8 @@ class ReadOptions:
     standard_interval: str | None = None
     standard_first: bool = False
     comparison_code: str | None = None
+    encoding: str | None = None
+    sheet: str | None = None
 
     def __post_init__(self) -> None:
         for key in (

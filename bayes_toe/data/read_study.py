@@ -24,6 +24,7 @@ from bayes_toe.data.column_names import is_response_sign, looks_like
 from bayes_toe.data.column_roles import columns_to_read, with_likely_columns
 from bayes_toe.data.messages import bare, counted, listed, quoted, said_intervals
 from bayes_toe.data.options import COLUMNS, ReadOptions, subject_in
+from bayes_toe.data.read_table import LARGEST_STUDY, read_table
 from bayes_toe.data.responses import (
     refuse_reversed,
     require_task,
@@ -43,11 +44,9 @@ from bayes_toe.data.tasks import (
 )
 from bayes_toe.data.text_table import (
     DELIMITERS,
-    LARGEST_STUDY,
     Column,
     Frame,
     TextTable,
-    read_table,
 )
 from bayes_toe.data.trial_order import answers_in_order
 from bayes_toe.data.units import follows_from_pairs, with_conditions, with_units
@@ -79,8 +78,6 @@ _TRUE_PARAMETERS = {
 #: True parameters by subject.
 Truth: TypeAlias = Mapping[str, Mapping[str, float]]
 
-#: By the delimiter the sign that may group thousands: the other one is decimal there.
-_GROUPING_SIGNS = {";": ".", "\t": ","}
 #: No natural log of an intensity is as large.
 _NO_LOG_INTENSITY = 100.0
 _TRUE_WORDS = frozenset({"1", "1.0", "true", "yes"})
@@ -309,6 +306,7 @@ class _Rows:
         )
         split = f"{DELIMITERS[table.delimiter]}-separated, " if table.delimiter else ""
         notes = [f"{what} rows, {split}{table.form}{', decimal comma' if comma else ''}, {answers}"]
+        notes += table.notes
         notes += [
             f"only rows with {bare(text)} in column {bare(name)}"
             for name, text in options.where.items()
@@ -342,7 +340,7 @@ def _rows(path: str | Path | Frame, options: ReadOptions) -> _Rows:
             chosen |= {name for name in names if is_response_sign(name)}
         return {*chosen, *others, *options.where} & set(names)
 
-    table = read_table(path, choose, LARGEST_STUDY)
+    table = read_table(path, choose, LARGEST_STUDY, encoding=options.encoding, sheet=options.sheet)
     options = with_likely_columns(table.names, options)
     needed, problems, remedies = columns_to_read(table.names, options, python=table.python)
     table.problems.remedies += remedies
@@ -372,7 +370,7 @@ def _rows(path: str | Path | Frame, options: ReadOptions) -> _Rows:
         columns["subject"] = Column("subject", [who], np.zeros(len(table.rows), np.int64))
     columns = with_units(table, columns, options.categorical)
     stimuli = [columns[ours] for ours in options.stimuli]
-    if table.delimiter in _GROUPING_SIGNS and options.decimal is None:
+    if table.grouping_sign and options.decimal is None:
         _require_decimal_sign(table, stimuli, options)
     values = [_stimulus(table, column, options) for column in stimuli]
     order = StandardOrder(len(table.rows), columns.get("standard_interval"))
@@ -407,7 +405,7 @@ def _require_decimal_sign(
     table: TextTable, stimuli: Sequence[Column], options: ReadOptions
 ) -> None:
     """Refuse stimuli such as '1.050' where nothing shows whether the sign is decimal."""
-    sign = _GROUPING_SIGNS[table.delimiter]
+    sign = table.grouping_sign
     text = ambiguous_number(stimuli, sign)
     if not text:
         return

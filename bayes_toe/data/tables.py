@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from bayes_toe.data.messages import as_html, as_name, listed, named_few, quoted
-from bayes_toe.data.text_table import is_parquet, require_parquet
+from bayes_toe.data.read_table import is_parquet, require_parquet
 from bayes_toe.data.validation import AT, runs
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError

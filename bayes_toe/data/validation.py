@@ -14,7 +14,8 @@ import numpy as np
 
 from bayes_toe.arrays import BoolArray, FloatArray
 from bayes_toe.data.messages import bare, listed, quoted
-from bayes_toe.data.text_table import Column, TextTable, read_table
+from bayes_toe.data.read_table import read_table
+from bayes_toe.data.text_table import Column, TextTable
 
 #: Beyond it, whole numbers are not exact in the floating point of the likelihood.
 LARGEST_COUNT = 2**53

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 from bayes_toe.data.messages import bare, quoted, visible
-from bayes_toe.data.text_table import input_bytes
+from bayes_toe.data.read_table import input_bytes
 from bayes_toe.errors import InputError
 
 #: A location moves a density, a scale stretches it, a shape does neither. Scales and shapes are

@@ -1,6 +1,7 @@
 """Frames, Parquet, MATLAB: the same study as from their CSV file, the same strictness, refusals by row and column of the source."""
 
 import importlib.util
+import json
 import os
 import random
 from contextlib import suppress
@@ -14,8 +15,8 @@ from commands import good, refused
 from scipy.io import savemat
 
 import bayes_toe as bt
+from bayes_toe.data.read_table import input_bytes, read_table
 from bayes_toe.data.tables import write_table
-from bayes_toe.data.text_table import input_bytes, read_table
 
 TRIALS = pd.DataFrame(
     {
@@ -344,3 +345,145 @@ def test_commands_read_and_write_parquet(tmp_path):
     words = ("--asymmetry", "a.parquet", "--replicates", 2, "--seed", 1, "--workers", 1)
     good("fit", "study.parquet", "-o", "f.parquet", *words, cwd=tmp_path)
     assert set(pd.read_parquet(tmp_path / "a.parquet")["subject"]) >= {"S01", "S02"}
+
+
+# --- Spreadsheets, JSON, encodings ---------------------------------------------------------------
+
+ROWS = [["subject", "s1", "s2", "response"], ["01", 0, 0.3, "second"], ["01", 0.3, 0, "first"]]
+
+
+def workbook(folder, sheets, name="study.xlsx"):
+    """An Excel file with these rows by sheet."""
+    openpyxl = pytest.importorskip("openpyxl")
+    book = openpyxl.Workbook()
+    book.remove(book.active)
+    for title, rows in sheets.items():
+        sheet = book.create_sheet(title)
+        for row in rows:
+            sheet.append(row)
+    book.save(folder / name)
+    return folder / name
+
+
+def test_excel_is_read_as_csv_is(tmp_path):
+    path = workbook(
+        tmp_path, {"Info": [["made by", "me"]], "Daten": [*ROWS, [], ["02", *ROWS[1][1:]]]}
+    )
+    study = bt.read_study(path)
+    assert study.names == ("01", "02")
+    assert "trial rows, Excel" in study.notes[0]
+    assert "sheet Daten read, not Info" in study.notes
+    assert (study["01"].s2 - study["01"].s1).tolist() == [0.3, -0.3]
+
+
+def test_german_excel_with_decimal_commas_and_a_title_is_read(tmp_path):
+    rows = [["Versuch 1"], ["Versuchsperson", "s1", "s2", "Antwort"]]
+    rows += [["A", "0,25", "0,5", "second"], ["A", "0,5", "0,25", "first"]]
+    study = bt.read_study(workbook(tmp_path, {"Tabelle1": rows}))
+    assert study["A"].s1.tolist() == [0.25, 0.5]
+    assert "rows above row 2 left out" in study.notes
+
+
+def test_which_sheet_is_asked(tmp_path):
+    path = workbook(tmp_path, {"A": ROWS, "B": ROWS})
+    text = refused("check", path.name, cwd=tmp_path)
+    assert "the sheets A and B have tables" in text
+    assert "--sheet A" in text
+    assert "A, B" not in good("check", path.name, "--sheet", "B", cwd=tmp_path)
+    with pytest.raises(bt.InputError, match="found the sheets A, B, allowed: one of them"):
+        bt.read_study(path, bt.ReadOptions(sheet="C"))
+
+
+@pytest.mark.parametrize(
+    ("cell", "said"),
+    [
+        ("=1+1", "sheet T, row 2, cell 2: found a formula without a value"),
+        ("#DIV/0!", "sheet T, row 2, cell 2: found the error #DIV/0!, allowed: a value"),
+    ],
+)
+def test_cells_of_excel_that_hold_no_value_are_refused(tmp_path, cell, said):
+    rows = [ROWS[0], ["01", cell, 0.3, "second"]]
+    (problem,) = problems(workbook(tmp_path, {"T": rows}))
+    assert said in problem
+
+
+def test_damaged_excel_files_are_one_line(tmp_path):
+    data = bytearray(workbook(tmp_path, {"T": ROWS}).read_bytes())
+    rng = random.Random(1)
+    for _ in range(25):
+        damaged = bytearray(data)
+        for _ in range(20):
+            damaged[rng.randrange(len(data))] = rng.randrange(256)
+        (tmp_path / "damaged.xlsx").write_bytes(damaged)
+        with suppress(bt.InputError):
+            bt.read_study(tmp_path / "damaged.xlsx")
+
+
+TRIAL_DICTS = [dict(zip(ROWS[0], row, strict=True)) for row in ROWS[1:]]
+
+
+@pytest.mark.parametrize(
+    ("suffix", "content"),
+    [
+        (".json", TRIAL_DICTS),
+        (".json", {"trials": TRIAL_DICTS, "version": 2}),
+        (".json", pd.DataFrame(TRIAL_DICTS).to_dict("list")),
+        (".json", [{"subject": "01", "data": [{**trial} for trial in TRIAL_DICTS]}]),
+        (".jsonl", None),
+    ],
+    ids=["trials", "in a key", "columns", "by participant", "lines"],
+)
+def test_json_is_read_as_csv_is(tmp_path, suffix, content):
+    text = json.dumps(content)
+    if content is None:
+        text = "\n".join(map(json.dumps, TRIAL_DICTS))
+    path = tmp_path / f"study{suffix}"
+    path.write_text(text, encoding="utf-8")
+    study = bt.read_study(path)
+    assert study.names == ("01",)
+    assert study["01"].s1.tolist() == [0.0, 0.3]
+    assert "JSON, UTF-8" in study.notes[0]
+
+
+@pytest.mark.parametrize("text", ["[1, 2]", "{", "[" * 100_000, "3"])
+def test_json_that_is_no_table_is_one_line(tmp_path, text):
+    (tmp_path / "study.json").write_text(text, encoding="utf-8")
+    (problem,) = problems(tmp_path / "study.json")
+    assert problem.startswith("study.json: found ")
+
+
+@pytest.mark.parametrize(
+    ("codec", "note", "options"),
+    [
+        ("cp1252", "Windows-1252 (--encoding NAME if that is wrong)", {}),
+        ("utf-16-le", "UTF-16", {}),
+        ("mac-roman", "mac-roman", {"encoding": "mac-roman"}),
+    ],
+)
+def test_encodings(tmp_path, codec, note, options):
+    text = "subject,s1,s2,response\n" + "Zoë,0,0.3,second\nZoë,0.3,0,first\n" * 3
+    (tmp_path / "study.csv").write_bytes(text.encode(codec))
+    study = bt.read_study(tmp_path / "study.csv", bt.ReadOptions(**options))
+    assert study.names == ("Zoë",)
+    assert f"comma-separated, {note}, " in study.notes[0]
+
+
+def test_an_unknown_encoding_is_refused(tmp_path):
+    (tmp_path / "study.csv").write_text("subject\n", encoding="utf-8")
+    with pytest.raises(bt.InputError, match=r"^--encoding: found 'klingon', allowed: a name such"):
+        bt.read_study(tmp_path / "study.csv", bt.ReadOptions(encoding="klingon"))
+
+
+def test_lines_above_the_names_are_left_out(tmp_path):
+    text = "Experiment 3\nroom 12;monitor B;\n\nsubject;s1;s2;response\nA;0;0,3;second\n"
+    (tmp_path / "study.csv").write_text(text, encoding="utf-8")
+    study = bt.read_study(tmp_path / "study.csv")
+    assert study["A"].s2.tolist() == [0.3]
+    assert "rows above row 4 left out" in study.notes
+
+
+@pytest.mark.parametrize("suffix", [".zip", ".xls", ".ods", ".RData", ".sav", ".gz"])
+def test_forms_that_are_not_read_say_what_to_save(tmp_path, suffix):
+    (tmp_path / f"study{suffix}").write_bytes(b"\0" * 100)
+    (problem,) = problems(tmp_path / f"study{suffix}")
+    assert ", allowed: " in problem

@@ -1,0 +1,481 @@
+"""Any source of a table as columns of text: CSV, Excel, JSON, Parquet, MATLAB, data frames.
+
+MATLAB files hold trials as fields of one struct, of vectors or of a struct array, or else vectors
+of one length, by name; a single value stands in every row, such as the subject whose file it is.
+MATLAB's own table objects are in no documented format: they are refused, with what to save instead.
+"""
+
+from __future__ import annotations
+
+import errno
+import importlib.util
+import io
+import json
+import os
+import stat
+import warnings
+import zipfile
+from collections.abc import Iterator, Sequence
+from decimal import Decimal
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bayes_toe.data.messages import bare, join_words, listed, quoted, visible
+from bayes_toe.data.text_table import (
+    EXCEL,
+    MOST_RECORDS,
+    Choice,
+    Column,
+    Frame,
+    Problems,
+    TextTable,
+    decoded,
+    header_place,
+    name_places,
+    read_csv,
+)
+from bayes_toe.data.whole_files import require_settled
+from bayes_toe.errors import InputError, Remedy
+
+#: Bytes. A study of 10^7 trials has some 300 million, pairs and covariates of 10^5 subjects some 5
+#: million.
+LARGEST_STUDY, LARGEST_SMALL_FILE = 2**30, 2**25
+
+# pandas' own missing values; they equal nothing, and say so in words that are no truth values
+_MISSING = ("NAType", "NaTType")
+_SAVED = (
+    "one struct, or vectors of one length: S = table2struct(T, 'ToScalar', true); "
+    "save('trials.mat', '-struct', 'S', '-v7')"
+)
+#: What to do with files that are not read, by their suffix.
+_NOT_READ = {
+    **dict.fromkeys((".gz", ".zip", ".7z", ".xz"), ("an archive", "the file in it")),
+    **dict.fromkeys((".xls", ".ods", ".numbers"), ("a spreadsheet", "its copy as .xlsx or CSV")),
+    **dict.fromkeys((".rdata", ".rda", ".rds"), ("R data", "a CSV file that write.csv makes")),
+    **dict.fromkeys((".sav", ".dta"), ("statistics data", "its copy as CSV")),
+}
+
+
+def read_table(
+    source: str | Path | Frame,
+    choice: Choice,
+    largest: int = LARGEST_SMALL_FILE,
+    *,
+    encoding: str | None = None,
+    sheet: str | None = None,
+) -> TextTable:
+    """The columns that are chosen of a file, whose suffix tells its form, or of a data frame.
+
+    Parameters
+    ----------
+    source : path, pandas.DataFrame or polars.DataFrame
+    choice : callable
+        Which columns are read, of the names in a header.
+    largest : int
+        Bytes beyond which a file is refused.
+    encoding : str, optional
+        Of a CSV or JSON file; see :func:`~bayes_toe.data.text_table.decoded`.
+    sheet : str, optional
+        Of an Excel file with several tables.
+
+    Raises
+    ------
+    InputError
+        If the source cannot be read, is too large or empty, or its head cannot be split.
+    """
+    if hasattr(source, "collect") and not hasattr(source, "to_series"):
+        raise InputError(
+            f"{type(source).__name__}: found a lazy frame, allowed: a frame, which its collect() "
+            "gives"
+        )
+    if hasattr(source, "columns") and (hasattr(source, "iloc") or hasattr(source, "to_series")):
+        return _read_frame(source, choice)
+    if not isinstance(source, str | os.PathLike):
+        raise InputError(
+            f"found {quoted(type(source).__name__)}, allowed: the path of a file, or a pandas or "
+            "polars DataFrame"
+        )
+    path = Path(source)
+    require_parquet(path)
+    require_settled(path)
+    try:
+        data = input_bytes(path, largest)
+    except (OSError, ValueError) as error:  # a value where there is a NUL character in the path
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError(
+            f"{visible(str(path))}: cannot be read ({reason}), allowed: a CSV file that exists and "
+            "may be read"
+        ) from error
+    name, suffix = bare(path.name), path.suffix.lower()
+    if suffix in _NOT_READ:
+        found, allowed = _NOT_READ[suffix]
+        raise InputError(f"{name}: found {found}, allowed: {allowed}")
+    if suffix in (".xlsx", ".xlsm"):
+        return _read_excel(name, data, choice, sheet)
+    if suffix in (".json", ".jsonl", ".ndjson"):
+        return _read_json(name, data, choice, encoding)
+    if suffix == ".parquet":
+        return _read_parquet(name, data, choice)
+    if suffix == ".mat":
+        return _read_matlab(name, data, choice)
+    return read_csv(name, data, choice, encoding)
+
+
+def input_bytes(path: str | Path, largest: int = LARGEST_STUDY) -> bytes:
+    """The content of a file.
+
+    An OSError where it is larger than `largest`, or a pipe or a device, which may have no end.
+    """
+    status = os.stat(path)
+    if not stat.S_ISREG(status.st_mode) and not stat.S_ISDIR(status.st_mode):
+        raise OSError(errno.EINVAL, "a pipe or device, not a file")
+    if status.st_size > largest:
+        raise OSError(errno.EFBIG, f"{status.st_size} bytes, more than {largest}")
+    return Path(path).read_bytes()
+
+
+# --- Values as text ------------------------------------------------------------------------------
+
+
+def _table_of_values(
+    named: tuple[str, str, str],
+    names: list[str],
+    values: dict[str, list[Any]],
+    rows: Sequence[int],
+    notes: tuple[str, ...] = (),
+) -> TextTable:
+    """The table of values by column; `named` are its source, its form and its head."""
+    source, form, head = named
+    columns, problems = {}, Problems(source)
+    for name, cells in values.items():
+        texts = [_text(cell) for cell in cells]
+        if None in texts:
+            index = texts.index(None)
+            row, cell = rows[index], cells[index]
+            what = f"{quoted(str(cell))} of type {type(cell).__name__}"
+            allowed = "text, numbers or truth values"
+            line = f"row {row}, column {bare(name)}: found {what}, allowed: {allowed}"
+            problems.add([(row, line)])
+        known_texts = ["" if text is None else text for text in texts]
+        columns[name] = Column.of(name, known_texts, range(len(texts)))
+    problems.refuse()
+    return TextTable(form, "", head, names, columns, np.array(rows, np.int64), problems, notes)
+
+
+def _text(value: object) -> str | None:
+    """What a CSV file would have; None where a value has no text."""
+    plain = value.item() if isinstance(value, np.generic) else value
+    if plain is None or type(plain).__name__ in _MISSING or plain != plain:
+        return ""
+    if isinstance(plain, bool):
+        return str(int(plain))
+    if isinstance(plain, float):
+        return str(int(plain)) if plain.is_integer() else repr(plain)
+    text = str(plain) if isinstance(plain, str | int | Decimal) else None
+    return None if text is not None and "\0" in text else text
+
+
+def _read_frame(frame: Any, choice: Choice) -> TextTable:
+    """Rows count from 0, as in `frame.iloc`."""
+    source = f"{type(frame).__module__.partition('.')[0]} {type(frame).__name__}"
+    names = [str(name).strip() for name in frame.columns]
+    values = {}
+    for name, place in name_places(names, choice).items():
+        if hasattr(frame, "iloc"):
+            values[name] = frame.iloc[:, place].tolist()
+        else:
+            values[name] = frame.to_series(place).to_list()
+    return _table_of_values((source, source, "columns"), names, values, range(len(frame)))
+
+
+# --- Excel ---------------------------------------------------------------------------------------
+
+
+def _read_excel(source: str, data: bytes, choice: Choice, sheet: str | None) -> TextTable:
+    """The sheet with the table, or the one that is named; rows count as in the sheet."""
+    sheets = _excel_sheets(source, data)
+    title = _chosen_sheet(source, sheets, choice, sheet)
+    rows = sheets[title]
+    first = header_place([_row_texts(cells) for cells in rows[:MOST_RECORDS]], choice)
+    names = _row_texts(rows[first])
+    filled = [i for i in range(first + 1, len(rows)) if any(_row_texts(rows[i]))]
+    values = {}
+    for name, place in name_places(names, choice).items():
+        values[name] = [rows[i][place] for i in filled]
+    notes = []
+    if len(sheets) > 1:
+        others = [bare(other) for other in sheets if other != title]
+        notes.append(f"sheet {bare(title)} read, not {listed(others)}")
+    if first and any(any(_row_texts(cells)) for cells in rows[:first]):
+        notes.append(f"rows above row {first + 1} left out")
+    head = (source, EXCEL, f"row {first + 1}")
+    return _table_of_values(head, names, values, [i + 1 for i in filled], tuple(notes))
+
+
+def _chosen_sheet(
+    source: str, sheets: dict[str, list[tuple[Any, ...]]], choice: Choice, sheet: str | None
+) -> str:
+    """The sheet that is named, or the only one with most of our columns."""
+    if sheet is not None:
+        if sheet not in sheets:
+            found = listed([*map(bare, sheets)])
+            raise InputError(f"{source}: found the sheets {found}, allowed: one of them")
+        return sheet
+    n_names = {}
+    for title, rows in sheets.items():
+        if rows:
+            texts = [_row_texts(cells) for cells in rows[:MOST_RECORDS]]
+            names = texts[header_place(texts, choice)]
+            n_names[title] = len(name_places(names, choice))
+    if not n_names:
+        raise InputError(f"{source}: found no table, allowed: a sheet with names and rows")
+    most = max(n_names.values())
+    tables = [title for title, count in n_names.items() if count == most]
+    if len(tables) > 1 and most:
+        remedies = [Remedy("sheet", title) for title in tables]
+        found = join_words([*map(bare, tables)])
+        raise InputError(f"{source}: the sheets {found} have tables.", remedies)
+    return tables[0]
+
+
+def _row_texts(cells: Sequence[Any]) -> list[str]:
+    """The cells of a row as names."""
+    return [(_text(cell) or "").strip() for cell in cells]
+
+
+def _excel_sheets(source: str, data: bytes) -> dict[str, list[tuple[Any, ...]]]:
+    """The values of every visible sheet; error cells and formulas without a value are refused."""
+    from openpyxl import load_workbook
+
+    try:
+        unpacked = sum(part.file_size for part in zipfile.ZipFile(io.BytesIO(data)).infolist())
+        if unpacked > LARGEST_STUDY:
+            raise InputError(
+                f"{source}: found {unpacked} bytes unpacked, allowed: at most {LARGEST_STUDY}"
+            )
+        with warnings.catch_warnings(action="ignore"):
+            values, formulas = (
+                load_workbook(io.BytesIO(data), read_only=True, data_only=is_value)
+                for is_value in (True, False)
+            )
+            sheets = {}
+            for with_values, with_formulas in zip(
+                values.worksheets, formulas.worksheets, strict=True
+            ):
+                if with_values.sheet_state == "visible":
+                    rows = _sheet_rows(source, with_values, with_formulas)
+                    sheets[with_values.title] = rows
+    except InputError:
+        raise
+    except Exception as error:  # of a damaged file the library raises whatever its parser meets
+        reason = bare(" ".join(str(error).split())[:200])
+        raise InputError(
+            f"{source}: found a damaged Excel file ({reason}), allowed: one that opens in Excel"
+        ) from None
+    return sheets
+
+
+def _sheet_rows(source: str, with_values: Any, with_formulas: Any) -> list[tuple[Any, ...]]:
+    """The values of a sheet, row by row, all of one width."""
+    rows: list[tuple[Any, ...]] = []
+    pairs = zip(with_values.iter_rows(), with_formulas.iter_rows(), strict=True)
+    for row, (cells, formulas) in enumerate(pairs, 1):
+        for place, (cell, formula) in enumerate(zip(cells, formulas, strict=True), 1):
+            where = f"{source}: sheet {bare(with_values.title)}, row {row}, cell {place}"
+            if cell.data_type == "e":
+                raise InputError(f"{where}: found the error {cell.value}, allowed: a value")
+            if formula.data_type == "f" and cell.value is None:
+                raise InputError(
+                    f"{where}: found a formula without a value, allowed: a file that Excel has "
+                    "computed and saved"
+                )
+        rows.append(tuple(cell.value for cell in cells))
+    width = max(map(len, rows), default=0)
+    return [cells + (None,) * (width - len(cells)) for cells in rows]
+
+
+# --- JSON ----------------------------------------------------------------------------------------
+
+
+def _read_json(source: str, data: bytes, choice: Choice, encoding: str | None) -> TextTable:
+    """A list of trials, a list of participants with their trials, columns, or a trial a line.
+
+    Row 1 is the first trial; a key that a trial lacks is an empty cell.
+    """
+    text, label = decoded(source, data, encoding)
+    records = list(_json_records(source, _parse_json(source, text), {}))
+    names = list(dict.fromkeys(key for record in records for key in record))
+    values = {}
+    for name in name_places(names, choice):
+        values[name] = [record.get(name) for record in records]
+    head = (source, f"JSON, {label}", "keys")
+    return _table_of_values(head, names, values, range(1, len(records) + 1))
+
+
+def _parse_json(source: str, text: str) -> object:
+    """The content of a file; numbers keep their text."""
+    load = partial(json.loads, parse_int=str, parse_float=str)
+    lines = [line for line in text.splitlines() if line.strip()]
+    try:
+        if len(lines) > 1 and all(line.lstrip().startswith("{") for line in lines):
+            return [load(line) for line in lines]
+        return load(text)
+    except (ValueError, RecursionError) as error:
+        reason = bare(" ".join(str(error).split())[:200])
+        raise InputError(
+            f"{source}: found no JSON ({reason}), allowed: a list of trials, or a trial a line"
+        ) from None
+
+
+def _json_records(
+    source: str, value: object, shared: dict[str, object]
+) -> Iterator[dict[str, object]]:
+    """The trials in a value; each has what its participant has."""
+    if isinstance(value, list):
+        for item in value:
+            yield from _json_records(source, item, shared)
+        return
+    if not isinstance(value, dict):
+        raise InputError(
+            f"{source}: found {quoted(str(value))} in the place of a trial, allowed: a list of "
+            "trials, each with the same keys"
+        )
+    fields = {**shared, **{str(key).strip(): item for key, item in value.items()}}
+    lists = {key: item for key, item in fields.items() if isinstance(item, list)}
+    nested = [key for key, item in lists.items() if item and isinstance(item[0], dict)]
+    lengths = {len(item) for item in lists.values()}
+    if len(nested) == 1:
+        others = {key: item for key, item in fields.items() if key != nested[0]}
+        yield from _json_records(source, lists[nested[0]], others)
+    elif len(lists) > 1 and len(lengths) == 1:
+        for i in range(lengths.pop()):
+            trial = dict(fields)
+            for key, items in lists.items():
+                trial[key] = items[i]
+            yield trial
+    else:
+        yield fields
+
+
+# --- MATLAB, Parquet -----------------------------------------------------------------------------
+
+
+def _read_matlab(source: str, data: bytes, choice: Choice) -> TextTable:
+    """Row 1 is the first trial; a single value stands in every row."""
+    columns = _matlab_columns(source, _matlab_variables(source, data))
+    rows = max(map(len, columns.values()))
+    values = {
+        name: columns[name] * (rows // len(columns[name]))
+        for name in name_places([*columns], choice)
+    }
+    return _table_of_values((source, "MATLAB", "variables"), [*columns], values, range(1, rows + 1))
+
+
+def _matlab_variables(source: str, data: bytes) -> dict[str, Any]:
+    from scipy.io import loadmat
+
+    try:
+        with warnings.catch_warnings(action="ignore"):
+            found = loadmat(io.BytesIO(data), simplify_cells=True)
+    except NotImplementedError:
+        raise InputError(
+            f"{source}: found a file of version 7.3, allowed: one saved with '-v7'"
+        ) from None
+    except Exception as error:  # of a damaged file the library raises whatever its parser meets
+        said = bare(" ".join(str(error).split())[:200])
+        raise InputError(
+            f"{source}: found a damaged MATLAB file ({said}), allowed: one that MATLAB has saved "
+            "with '-v7'"
+        ) from None
+    if "__function_workspace__" in found:
+        raise InputError(
+            f"{source}: found a table or another object of MATLAB's own, allowed: {_SAVED}"
+        )
+    return {name: value for name, value in found.items() if not name.startswith("__")}
+
+
+def _matlab_columns(source: str, found: dict[str, Any]) -> dict[str, list[Any]]:
+    """Columns of one length or of one value."""
+    structs = {name: value for name, value in found.items() if isinstance(value, dict)}
+    arrays = {
+        name: value
+        for name, value in found.items()
+        if np.ndim(value) == 1 and len(value) and isinstance(value[0], dict)
+    }
+    if len(structs) + len(arrays) > 1:
+        several = listed([bare(name) for name in found if name in {**structs, **arrays}])
+        raise InputError(f"{source}: found the structs {several}, allowed: {_SAVED}")
+    for struct in structs.values():
+        found = struct
+    for trials in arrays.values():
+        found = {name: np.array([trial[name] for trial in trials], object) for name in trials[0]}
+    columns = {name: np.atleast_1d(np.asarray(value, object)) for name, value in found.items()}
+    lengths = {
+        name: column.size if column.size == max(column.shape) else 0
+        for name, column in columns.items()
+    }
+    most = max(lengths.values(), default=0)
+    wrong = [
+        bare(name) for name, length in lengths.items() if length not in (1, most) or not length
+    ]
+    if wrong or not most:
+        raise InputError(
+            f"{source}: found "
+            f"{f'{listed(wrong)}, not a column of {most}' if wrong else 'nothing'}, allowed: "
+            f"{_SAVED}"
+        )
+    return {name: column.ravel().tolist() for name, column in columns.items()}
+
+
+def _read_parquet(source: str, data: bytes, choice: Choice) -> TextTable:
+    """The schema stands for a header.
+
+    Row 1 is the first record; a missing value is an empty cell.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        table = pq.read_table(pa.BufferReader(data), page_checksum_verification=True)
+        found, values = [name.strip() for name in table.column_names], {}
+        for name, place in name_places(found, choice).items():
+            column = table.column(place)
+            # In double precision 0.1 of single precision is another number.
+            values[name] = (
+                column.cast(pa.string()) if pa.types.is_float32(column.type) else column
+            ).to_pylist()
+    except (
+        pa.ArrowException,
+        OSError,
+        ValueError,
+        KeyError,
+        IndexError,
+        OverflowError,
+        MemoryError,
+    ) as error:
+        said = bare(" ".join(str(error).split())[:200])
+        raise InputError(
+            f"{source}: found a damaged Parquet file ({said}), allowed: one that a Parquet writer "
+            "has finished"
+        ) from None
+    return _table_of_values(
+        (source, "Parquet", "schema"), found, values, range(1, table.num_rows + 1)
+    )
+
+
+def is_parquet(path: str | Path) -> bool:
+    """Whether a file is one by its name."""
+    return Path(path).suffix.lower() == ".parquet"
+
+
+def require_parquet(path: str | Path) -> None:
+    """Refuse a Parquet file, to be read or written, where there is no pyarrow, with what to install; any other file passes."""
+    if is_parquet(path) and importlib.util.find_spec("pyarrow") is None:
+        found = "found a Parquet file and no pyarrow"
+        raise InputError(
+            f"{bare(Path(path).name)}: {found}, allowed: pip install 'bayes_toe[parquet]', or a "
+            "CSV file"
+        )
