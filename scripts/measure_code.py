@@ -27,8 +27,8 @@ HIGHEST_COMPLEXITY = 15
 #: 1000 nodes 4 comprehensions and 2 conditional expressions, 20 nested comprehensions, no others.
 LIMITS = {
     "bayes_toe": {
-        "files": 140,
-        "nodes": 239_300,
+        "files": 142,
+        "nodes": 243_278,
         "long lines": 316,
         "complex functions": 25,
         "comprehensions": 4.92,
@@ -38,8 +38,8 @@ LIMITS = {
         "import circles": 0,
     },
     "tests": {
-        "files": 115,
-        "nodes": 170_200,
+        "files": 116,
+        "nodes": 173_475,
         "long lines": 80,
         "complex functions": 13,
         "comprehensions": 5.28,

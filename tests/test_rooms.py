@@ -1,7 +1,7 @@
 """The house: every file stands in a room, imports point one way, and a library has one owner.
 
 version errors arrays seeds library_settings cluster workers < data < result_store < model < checks
-< inference < groups < classical < answers < analysis < design < plots < explorer < cli
+< inference < groups < classical < answers < analysis < design < plots < explorer < app < cli
 """
 
 import ast
@@ -34,6 +34,7 @@ ORDER = (
     "design",
     "plots",
     "explorer",
+    "app",
     "cli",
 )
 OWNERS = {
@@ -41,12 +42,13 @@ OWNERS = {
     "emcee": {"inference", "groups"},
     "arviz": {"inference.draws"},
     "xarray": {"inference.draws", "inference.draws_file", "groups.population_file"},
-    "pyarrow": {"data.text_table"},
+    "pyarrow": {"data.read_table"},
     "matplotlib": {"plots"},
     "corner": {"plots.corner"},
     "bokeh": {"explorer"},
     "joblib": {"workers"},
     "distributed": {"cluster", "workers"},
+    "tornado": {"app"},
     "typer": {"cli"},
     "rich": {"cli"},
     "jinja2": {"cli"},

@@ -34,6 +34,7 @@ COMMANDS = {
         look.corner,
         look.explore,
         describe.fit,
+        look.app,
     ),
     "Groups, conditions, trial order": (
         group_commands.population,

@@ -1,7 +1,8 @@
-"""Commands that show saved draws: explore and corner."""
+"""Commands that show saved draws, explore and corner, and the web page, app."""
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -11,6 +12,7 @@ import typer
 
 import bayes_toe as bt
 from bayes_toe.cli.options import (
+    NUMBER,
     SavedDraws,
     TrueValues,
     flag,
@@ -213,3 +215,31 @@ def _draw_corner(
         stem.with_name(f"{stem.name}.{ending}").write_bytes(
             png(figure, dpi=110) if ending == "png" else picture(figure, ending)
         )
+
+
+def app(
+    *,
+    folder: Annotated[
+        Path, typer.Option("--folder", metavar="DIR", help="Folder of the page's studies.")
+    ] = Path("~/bayes_toe_app"),
+    port: Annotated[
+        int, typer.Option("--port", min=0, max=65535, metavar=NUMBER, help="Port; 0: a free one.")
+    ] = 8750,
+    task: Annotated[Task, Takes()],
+) -> None:
+    """Analyse studies on a web page of this computer.
+
+    [bold]Example[/bold]: bayes-toe app
+    """
+    from importlib.util import find_spec
+
+    if find_spec("tornado") is None:
+        raise bt.InputError("app needs Tornado: pip install 'bayes_toe[app]'")
+    from bayes_toe.app.server import serve
+
+    def ready(address: str) -> None:
+        typer.echo(f"Open this address in a browser on this computer:\n{address}")
+        typer.echo("Ctrl+C ends the program. Finished subjects stay.")
+        sys.stdout.flush()
+
+    raise typer.Exit(128 + serve(folder.expanduser(), port, ready))

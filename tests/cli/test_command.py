@@ -165,7 +165,7 @@ def test_every_command_lists_shared_options_last_in_one_order_and_its_help_has_e
         assert not Text.from_markup(one.help).spans, one.name  # a bracket is a bracket
 
 
-def test_there_are_thirteen_commands_and_rare_options_stand_apart():
+def test_there_are_fourteen_commands_and_rare_options_stand_apart():
     text = inside("--help").stdout
     listed = re.findall(r"^│ (\w+)  ", text.partition("One study")[2], re.MULTILINE)
     assert listed == [
@@ -176,6 +176,7 @@ def test_there_are_thirteen_commands_and_rare_options_stand_apart():
         "corner",
         "explore",
         "fit",
+        "app",
         "population",
         "contrast",
         "history",

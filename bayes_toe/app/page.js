@@ -1,0 +1,626 @@
+"use strict";
+// The page of `bayes-toe app`. The server reads and analyses; texts of files are set as text only.
+
+const LARGEST = 64 * 2 ** 20; // bytes, as in server.py
+const MOST_PAIRS = 200;
+const OPTIONAL = ["condition", "isi", "session", "block", "trial", "iti"];
+const STIMULI = { log: ["s1", "s2"], intensity: ["i1", "i2"], standard: ["standard", "comparison"] };
+const ROLES = {
+  subject: "subject", s1: "first stimulus", s2: "second stimulus", i1: "first stimulus", i2: "second stimulus",
+  standard: "standard", comparison: "comparison", response: "response", correct: "right or wrong",
+  n_second: "number of 'second'", n_equal: "number of 'equal'", n_trials: "number of trials",
+  condition: "condition", isi: "seconds between the stimuli", session: "session", block: "block",
+  trial: "number of the trial", iti: "seconds since the previous trial",
+};
+const MEANINGS = {
+  second: "the second was stronger", first: "the first was stronger", equal: "equal", different: "different",
+  comparison: "the comparison was stronger",
+};
+const FIELDS = {
+  "--columns": "the columns", "--where": "'Only rows with'", "--ignore": "'none'", "--correct": "'right or wrong'",
+  "--subject-from": "'the name of the file'", "--condition": "'Condition'", "--decimal": "'Decimal sign'", "--intensity": "'Unit'", "--sheet": "'Sheet of the Excel file'",
+  "--standard-interval": "'The standard was first'", "--standard-first": "'The standard was first'",
+};
+const FIELD_OF_OPTION = {
+  equal_code: "meaning", second_code: "meaning", correct: "meaning", decimal: "stimuli", intensity: "stimuli",
+  standard_interval: "stimuli", standard_first: "stimuli", subject_from: "subject",
+};
+const STATES = { new: "not analysed", running: "is analysed now", stopped: "stopped", done: "results" };
+
+const $ = (selector) => document.querySelector(selector);
+const $$ = (selector) => [...document.querySelectorAll(selector)];
+let job = null;
+let waiting = null; // options that are not sent yet
+let isSending = false;
+let kinds = {}; // what was chosen of Unit and Responses, which options may not show yet
+let timer = 0;
+
+function element(name, text = "", attributes = {}) {
+  const made = document.createElement(name);
+  made.textContent = text;
+  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
+  return made;
+}
+
+function capital(text) { return text[0].toUpperCase() + text.slice(1); }
+
+function say(text) { $("#message").textContent = text; }
+
+// --- the server ----------------------------------------------------------------------------------
+
+async function ask(address, body) {
+  const options = body === undefined ? {} : { method: "POST", body, headers: { "X-Bayes-Toe": "1" } };
+  let answer;
+  try {
+    answer = await fetch(address, options);
+  } catch {
+    throw new Error("The program does not answer. Start `bayes-toe app` again, and open the address that it prints.");
+  }
+  const content = await answer.json().catch(() => ({ problem: "The program gave no answer." }));
+  if (!answer.ok) throw new Error(`${content.problem}.`.replace("..", "."));
+  return content;
+}
+
+async function attempt(work) {
+  try {
+    await work();
+    return true;
+  } catch (error) {
+    say(error.message);
+    return false;
+  }
+}
+
+const address = (action = "") => `api/jobs/${job.id}${action}`;
+
+// --- 1. the file ---------------------------------------------------------------------------------
+
+async function upload(files) {
+  if (!files.length) return;
+  let size = 0;
+  const body = new FormData();
+  for (const file of files) {
+    size += file.size;
+    body.append("files", file, file.name);
+  }
+  if (size > LARGEST - 2 ** 16) {
+    say("The page takes files of at most 64 MB. Use `bayes-toe run` for larger ones.");
+    return;
+  }
+  say("");
+  $("#start").setAttribute("aria-busy", "true");
+  await attempt(async () => {
+    const made = await ask("api/jobs", body);
+    kinds = {};
+    location.hash = made.id;
+    show(made);
+    await list();
+    $("#reading-title").focus();
+  });
+  $("#start").removeAttribute("aria-busy");
+  $("#files").value = "";
+}
+
+async function list() {
+  const { jobs } = await ask("api/jobs");
+  $("#studies").hidden = !jobs.length;
+  $("#studies").open = !job;
+  $("#studies tbody").replaceChildren(...jobs.map((one) => {
+    const row = element("tr");
+    const name = element("td");
+    name.append(element("a", fileNames(one.files), { href: `#${one.id}` }));
+    const remove = element("button", "Delete", { type: "button", "aria-label": `Delete ${fileNames(one.files)}` });
+    remove.addEventListener("click", async () => {
+      if (!confirm(`Delete ${fileNames(one.files)} with its results?`)) return;
+      await attempt(() => ask(`api/jobs/${one.id}/delete`, ""));
+      await attempt(list);
+      $("#start-title").focus();
+    });
+    const last = element("td");
+    last.append(remove);
+    const added = new Date(one.created).toLocaleString([], { dateStyle: "medium", timeStyle: "short" });
+    row.append(name, element("td", added, { class: "added" }), element("td", STATES[one.run]), last);
+    return row;
+  }));
+}
+
+function fileNames(files) {
+  return files.length > 1 ? `${files[0]} and ${files.length - 1} more` : files[0];
+}
+
+// --- 2. how it is read ---------------------------------------------------------------------------
+
+function fill(select, names, first) {
+  const key = JSON.stringify([names, first]);
+  if (select.dataset.names === key) return;
+  select.dataset.names = key;
+  select.replaceChildren(...first.map(([value, text]) => element("option", text, { value })),
+    ...names.map((name) => element("option", name, { value: name })));
+}
+
+function choose(select, value) {
+  select.value = value ?? "";
+  if (select.selectedIndex < 0) select.value = "";
+}
+
+function stimuliKind(options) {
+  if (kinds.stimuli) return kinds.stimuli;
+  if (options.standard_first || options.standard_interval) return "standard";
+  return "intensity" in options ? "intensity" : "log";
+}
+
+function responsesKind(options, roles) {
+  if (kinds.responses) return kinds.responses;
+  if (options.correct) return "correct";
+  if (roles.response || !roles.n_trials) return "response";
+  return roles.n_second ? "n_second" : "n_equal";
+}
+
+function showForm() {
+  const { options, reading } = job;
+  const table = reading.table;
+  $("#form").hidden = !table;
+  if (!table) return;
+  const { names, roles } = table;
+  const required = [["", "choose a column"]];
+  const none = [["", "none"]];
+  for (const select of $$("select[data-role]")) {
+    const role = select.dataset.role;
+    const isOptional = OPTIONAL.includes(role);
+    const first = role === "subject" ? [...required, ["*file", "the name of the file"]] : required;
+    fill(select, names, isOptional ? none : first);
+    const ignored = (options.ignore ?? []).includes(role);
+    choose(select, ignored ? "" : roles[role]);
+  }
+  if (options.subject_from) $("select[data-role=subject]").value = "*file";
+  if (options.condition) choose($("select[data-role=condition]"), options.condition);
+
+  const stimuli = stimuliKind(options);
+  $("#stimuli-kind").value = stimuli;
+  const [first, second] = STIMULI[stimuli];
+  for (const [selector, role] of [["#first", first], ["#second", second]]) {
+    const select = $(selector);
+    const chosen = select.value;
+    fill(select, names, required);
+    choose(select, roles[role] ?? (kinds.stimuli ? chosen : ""));
+    $(`${selector}-label`).textContent = capital(ROLES[role]);
+  }
+  $("#reference-label").hidden = stimuli !== "intensity";
+  if (options.intensity) $("#intensity").value = options.intensity;
+  $("#order-label").hidden = stimuli !== "standard";
+  fill($("#standard-order"), names, [["", "choose"], ["*always", "in all trials"]]);
+  for (const option of $("#standard-order").options) {
+    if (option.value && option.value !== "*always") option.textContent = `as column ${option.value} says: 1 or 2`;
+  }
+  choose($("#standard-order"), options.standard_first ? "*always" : options.standard_interval);
+  choose($("#decimal"), options.decimal);
+
+  const responses = responsesKind(options, roles);
+  $("#responses-kind").value = responses;
+  for (const label of $$("[data-kind]")) label.hidden = !label.dataset.kind.split(" ").includes(responses);
+  fill($("#correct"), names, required);
+  choose($("#correct"), options.correct);
+  showMeanings(responses, stimuli);
+
+  $("#sheet-label").hidden = !/\.xls[xm]$/i.test(job.files[0]);
+  if (document.activeElement !== $("#sheet")) $("#sheet").value = options.sheet ?? "";
+  fill($("#where-column"), names, none);
+  const [column, text] = Object.entries(options.where ?? {})[0] ?? [kinds.where ?? "", ""];
+  choose($("#where-column"), column);
+  $("#where-text").disabled = !column;
+  if (document.activeElement !== $("#where-text")) $("#where-text").value = text;
+}
+
+function showMeanings(responses, stimuli) {
+  const { options, reading } = job;
+  const texts = reading.table.texts[reading.table.roles.response] ?? [];
+  $("#meanings").hidden = responses !== "response" || !texts.length;
+  const total = texts.reduce((sum, [, count]) => sum + count, 0);
+  const key = JSON.stringify([texts, stimuli]);
+  const body = $("#meanings tbody");
+  if (body.dataset.key !== key) {
+    body.dataset.key = key;
+    const choices = Object.entries(MEANINGS).filter(([meaning]) => meaning !== "comparison" || stimuli === "standard");
+    body.replaceChildren(...texts.map(([text, count]) => {
+      const select = element("select", "", { "data-text": text, "aria-label": `Meaning of ${text || "an empty cell"}` });
+      fill(select, [], [["", "automatic"], ...choices]);
+      const row = element("tr");
+      const cell = element("td");
+      cell.append(select);
+      row.append(element("td", text || "(empty)"), element("td", `${count} (${Math.round((100 * count) / total)} %)`), cell);
+      return row;
+    }));
+  }
+  for (const select of body.querySelectorAll("select")) {
+    const given = Object.keys(MEANINGS).find((meaning) => options[`${meaning}_code`] === select.dataset.text);
+    choose(select, given);
+  }
+}
+
+function collect() {
+  const { automatic } = job.reading.table;
+  const options = {};
+  const columns = {};
+  const ignore = [];
+  const name = (role, value) => {
+    if (value && value !== role && value !== automatic[role]) columns[role] = value;
+  };
+  const subject = $("select[data-role=subject]").value;
+  if (subject === "*file") options.subject_from = `{}${job.files[0].match(/\.[^.]*$/)[0]}`;
+  else name("subject", subject);
+
+  const stimuli = $("#stimuli-kind").value;
+  name(STIMULI[stimuli][0], $("#first").value);
+  name(STIMULI[stimuli][1], $("#second").value);
+  if (stimuli === "intensity") options.intensity = $("#intensity").value.replace(",", ".") || "1";
+  const order = $("#standard-order").value;
+  if (stimuli === "standard" && order === "*always") options.standard_first = true;
+  else if (stimuli === "standard" && order) options.standard_interval = order;
+  if ($("#decimal").value) options.decimal = $("#decimal").value;
+
+  const responses = $("#responses-kind").value;
+  if (responses === "correct") {
+    if ($("#correct").value) options.correct = $("#correct").value;
+  } else if (responses === "response") {
+    name("response", $("select[data-role=response]").value);
+    for (const select of $$("#meanings select")) {
+      if (select.value) options[`${select.value}_code`] = select.dataset.text;
+    }
+  } else {
+    name(responses, $(`select[data-role=${responses}]`).value);
+    name("n_trials", $("select[data-role=n_trials]").value);
+  }
+  if (stimuli !== "standard" || !order) delete options.comparison_code;
+
+  for (const role of OPTIONAL) {
+    const value = $(`select[data-role=${role}]`).value;
+    if (!value && role in automatic) ignore.push(role);
+    else if (role === "condition" && value && value !== role) options.condition = value;
+    else name(role, value);
+  }
+  if (ignore.length) options.ignore = ignore;
+  if ($("#sheet").value) options.sheet = $("#sheet").value;
+  const column = $("#where-column").value;
+  if (column && $("#where-text").value) options.where = { [column]: $("#where-text").value };
+  for (const select of $$("#decisions select")) {
+    if (select.value) (options[select.value] ??= []).push(select.dataset.target);
+  }
+  if (Object.keys(columns).length) options.columns = columns;
+  return options;
+}
+
+async function send(options) {
+  waiting = options;
+  if (isSending) return;
+  isSending = true;
+  showRun();
+  say("");
+  await attempt(async () => {
+    let state;
+    while (waiting) {
+      const sent = JSON.stringify(waiting);
+      waiting = null;
+      state = await ask(address("/options"), sent);
+    }
+    show(state);
+  });
+  isSending = false;
+  showRun();
+}
+
+function plainWords(text) {
+  let words = text;
+  for (const file of job.files) words = words.replace(new RegExp(`^${file.replace(/[.*+?^${}()|[\]\\]/g, "\\$&")}: `), "");
+  return words.replace(/--[a-z]+-code(, --[a-z]+-code)*/g, "'Meaning of each response'").replace(/^row 1(, |: )(?=column|there|the)/, "").replace(/--[a-z-]+( [A-Z=]+)?/g, (option) => {
+    return FIELDS[option.split(" ")[0]] ?? option;
+  });
+}
+
+// The part of the form at which a problem stands; '' is above the form.
+function fieldOf(problem, remedies) {
+  for (const { option, value } of remedies) {
+    const field = option === "columns" ? fieldOfRole(value[0][0]) : FIELD_OF_OPTION[option];
+    if (field) return field;
+  }
+  const roles = Object.entries(job.reading.table?.roles ?? {});
+  const about = roles.find(([, name]) => problem.includes(`column ${name}:`));
+  return about ? fieldOfRole(about[0]) : "";
+}
+
+function fieldOfRole(role) {
+  if (role === "response") return "meaning";
+  if (role.startsWith("n_")) return "responses";
+  if (role === "subject") return "subject";
+  return OPTIONAL.includes(role) ? "others" : "stimuli";
+}
+
+function questionText(text, remedies) {
+  if (remedies.some(({ option }) => option.startsWith("standard"))) {
+    return "The columns do not say which stimulus came first, so that an order effect would cancel out.";
+  }
+  const columns = remedies.find((remedy) => remedy.option === "columns");
+  if (!columns) return capital(plainWords(text));
+  return `Choose the column of: ${columns.value.map(([role]) => ROLES[role]).join(", ")}.`;
+}
+
+function remedyText({ option, value, meaning }) {
+  const code = option.match(/^(equal|different|second|first)_code$/);
+  if (code) return `${value} means: ${MEANINGS[code[1]]}`;
+  if (option === "columns") return value.filter(isNamed).map(([role, name]) => `${ROLES[role]}: ${name}`).join(", ");
+  const texts = {
+    sheet: `sheet ${value}`,
+    correct: `column ${value} says right or wrong`,
+    intensity: "they are intensities, not logarithms",
+    standard_interval: `column ${value} says whether the standard was first (1) or second (2)`,
+    standard_first: "the standard was first in all trials",
+    subject_from: "the name of the file is the subject",
+  };
+  return texts[option] ?? meaning.replace(/^if /, "");
+}
+
+// The columns of the logarithms become those of the intensities.
+function toIntensities(options) {
+  const { s1, s2, ...others } = options.columns ?? {};
+  options.columns = { ...others, i1: s1 ?? job.reading.table.roles.s1, i2: s2 ?? job.reading.table.roles.s2 };
+  options.intensity = "1";
+}
+
+const isNamed = ([, name]) => name !== "NAME";
+
+function isComplete({ option, value }) {
+  if (option === "columns") return value.some(isNamed);
+  return value !== "NAME" && !(option === "subject_from" && job.files.length < 2);
+}
+
+function apply({ option, value }) {
+  const options = job.reading.table ? collect() : { ...job.options };
+  if (option === "columns") options.columns = { ...options.columns, ...Object.fromEntries(value.filter(isNamed)) };
+  else if (option === "standard_first") options.standard_first = true;
+  else if (option === "intensity") toIntensities(options);
+  else options[option] = value;
+  if (option === "correct" || option === "intensity" || option.startsWith("standard")) kinds = {};
+  if (option === "correct") for (const meaning of Object.keys(MEANINGS)) delete options[`${meaning}_code`];
+  send(options);
+}
+
+function question(text, remedies) {
+  const box = element("div", "", { class: "question" });
+  box.append(element("p", text));
+  for (const remedy of remedies) {
+    const button = element("button", remedyText(remedy), { type: "button" });
+    button.addEventListener("click", () => apply(remedy));
+    box.append(button);
+  }
+  return box;
+}
+
+function showQuestions() {
+  const boxes = Object.fromEntries($$(".questions").map((box) => [box.dataset.field, []]));
+  let field = "";
+  for (const [i, problem] of job.reading.problems.entries()) {
+    const remedies = i ? [] : job.reading.remedies;
+    if (!problem.startsWith("...")) field = fieldOf(problem, remedies);
+    boxes[field].push(question(questionText(problem, remedies), remedies.filter(isComplete)));
+    if (field === "others") $("#others").open = true;
+  }
+  const raw = job.reading.study?.findings.find(({ code }) => code === "raw_stimuli");
+  if (raw) boxes.stimuli.push(question(raw.message, [{ option: "intensity", value: "1" }]));
+  for (const box of $$(".questions")) box.replaceChildren(...boxes[box.dataset.field]);
+}
+
+function showTable() {
+  const table = job.reading.table;
+  $("#rows").parentElement.hidden = !table;
+  if (!table) return;
+  const roleOf = Object.fromEntries(Object.entries(table.roles).map(([role, name]) => [name, ROLES[role]]));
+  $("#rows caption").textContent = `${fileNames(job.files)}: first of ${table.size.toLocaleString("en")} rows`;
+  const head = element("tr");
+  for (const name of table.names) {
+    const cell = element("th", name);
+    cell.append(element("small", roleOf[name] ?? ""));
+    head.append(cell);
+  }
+  $("#rows thead").replaceChildren(head);
+  $("#rows tbody").replaceChildren(...table.rows.map((cells) => {
+    const row = element("tr");
+    row.append(...cells.map((cell) => element("td", cell)));
+    return row;
+  }));
+}
+
+function showStudy() {
+  const study = job.reading.study;
+  $("#study").hidden = !study;
+  if (!study) {
+    if (!job.options.swap && !job.options.exclude) $("#decisions").replaceChildren();
+    return;
+  }
+  const task = study.answer === "equal" ? "same or different" : "which was stronger (2AFC)";
+  $("#summary").textContent = `Read: ${study.subjects} ${study.subjects === 1 ? "subject" : "subjects"}${study.units > study.subjects ? " in several conditions" : ""}, ${study.trials.toLocaleString("en")} trials, ${task}. ${capital(study.notes[0])}.`;
+  const isi = study.pairs.some(([pair]) => pair.length > 2);
+  const head = element("tr");
+  for (const text of ["first (ln)", "second (ln)", ...(isi ? ["interval, s"] : []), "second is stronger by", "trials", `'${study.answer}'`]) {
+    head.append(element("th", text, { class: "number" }));
+  }
+  $("#pairs thead").replaceChildren(head);
+  $("#pairs tbody").replaceChildren(...study.pairs.slice(0, MOST_PAIRS).map(([pair, yes, trials]) => {
+    const row = element("tr");
+    const texts = [...pair.map(number), step(pair[1] - pair[0]), trials.toLocaleString("en"), `${Math.round((100 * yes) / trials)} %`];
+    row.append(...texts.map((text) => element("td", text, { class: "number" })));
+    return row;
+  }));
+  const shown = study.pairs.length > MOST_PAIRS ? `, the first ${MOST_PAIRS} of ${study.pairs.length}` : "";
+  $("#pairs caption").textContent = `Pairs, all subjects together${shown}`;
+  $("#notes").replaceChildren(...study.notes.slice(1).map((note) => element("li", plainWords(note))));
+  const open = study.findings.filter((finding) => finding.target);
+  const plain = study.findings.filter((finding) => !finding.target && finding.code !== "raw_stimuli");
+  $("#findings").replaceChildren(...plain.map((finding) => element("li", about(finding))));
+  $("#decisions").replaceChildren(...open.map((finding) => {
+    const box = element("label", "", { class: "question decision" });
+    const select = element("select", "", { "data-target": finding.target });
+    const choices = [["", "keep as it is"], ["exclude", "exclude"]];
+    if (finding.option.startsWith("--swap")) choices.push(["swap", "swap the responses"]);
+    fill(select, [], choices);
+    choose(select, ["swap", "exclude"].find((way) => (job.options[way] ?? []).includes(finding.target)));
+    select.addEventListener("change", () => send(collect()));
+    box.append(element("p", about(finding)), select);
+    return box;
+  }));
+}
+
+function number(value) { return String(Number(value.toPrecision(4))).replace("-", "−"); }
+
+// By how much the second stimulus is stronger.
+function step(difference) {
+  if (!difference) return "equal";
+  if (Math.abs(difference) > Math.log(100)) return `a factor of ${Math.exp(difference).toPrecision(3)}`;
+  const percent = number(Number((100 * Math.expm1(difference)).toPrecision(3)));
+  return `${difference > 0 ? "+" : ""}${percent} %`;
+}
+
+function about(finding) {
+  return plainWords(finding.subject ? `${finding.subject}: ${finding.message}` : finding.message);
+}
+
+// --- 3. the run, 4. the results ------------------------------------------------------------------
+
+function showRun() {
+  $("main").setAttribute("aria-busy", isSending);
+  $("#run").dataset.state = job.run;
+  const { run, reading } = job;
+  const study = reading?.study;
+  const done = Math.min(job.done, study?.units ?? 0); // comparisons of conditions are stored too
+  $("#run").hidden = !reading?.table;
+  const isRunning = run === "running";
+  $("#go").hidden = isRunning || run === "done";
+  $("#stop").hidden = !isRunning;
+  $("#go").textContent = run === "stopped" ? "Go on" : "Analyse";
+  $("#go").disabled = !study || isSending;
+  $("#progress").hidden = run === "new" || !study;
+  if (study) {
+    $("#progress").max = study.units;
+    $("#progress").value = run === "done" ? study.units : done;
+  }
+  $("#progress-text").textContent = progressText(run, done, study);
+  $("#log").hidden = !job.log;
+  if (run === "stopped" && !job.log.includes("stopped by")) $("#log").open = true;
+  $("#log pre").textContent = job.log;
+  for (const field of $$("#form select, #form input, #decisions select")) {
+    if (isRunning) field.disabled = true;
+    else if (field.id !== "where-text") field.disabled = false;
+  }
+  for (const button of $$(".question button")) button.disabled = isRunning;
+  $("#results").hidden = run !== "done";
+  if (run === "done" && $("#report").dataset.job !== job.id) {
+    $("#report").dataset.job = job.id;
+    const report = `${job.results}report.html`;
+    $("#report").src = report;
+    $("#open").href = report;
+    $("#zip").href = address("/zip");
+    $("#command").textContent = job.command;
+  }
+}
+
+function progressText(run, done, study) {
+  if (!study) return isSending ? "The file is read." : "Answer the questions above first.";
+  const parts = study.units > study.subjects ? "subjects in conditions" : "subjects";
+  const of = `${done} of ${study.units} ${parts} ${done === 1 ? "is" : "are"} finished.`;
+  if (run === "done") return "The analysis is finished. After a change above, you can analyse again.";
+  if (run === "stopped" && !job.log.includes("stopped by")) return "The analysis ended without results. What the program printed says why.";
+  if (run === "stopped") return `Stopped. ${of} Go on starts from there.`;
+  if (run !== "running") return "A subject takes seconds to a minute.";
+  return done < study.units ? of : `${of} The program writes the report.`;
+}
+
+function show(state) {
+  job = state;
+  $("#reading").hidden = false;
+  $("#start").classList.toggle("short", true);
+  showTable();
+  showForm();
+  showQuestions();
+  showStudy();
+  showRun();
+  clearTimeout(timer);
+  if (job.run === "running") timer = setTimeout(refresh, 1000);
+}
+
+async function refresh() {
+  if (!job || isSending) return;
+  const { id } = job;
+  const was = job.run;
+  const isFine = await attempt(async () => {
+    const state = await ask(address());
+    if (!job || job.id !== id) return;
+    if (was === "running" && state.run === "running") {
+      job = state;
+      showRun();
+      timer = setTimeout(refresh, 1000);
+      return;
+    }
+    show(state);
+    if (was === "running") await list();
+    if (was === "running" && state.run === "done") $("#results-title").focus();
+  });
+  if (!isFine && was === "running") timer = setTimeout(refresh, 3000);
+}
+
+async function act(action, focus) {
+  say("");
+  clearTimeout(timer);
+  $("#go").disabled = $("#stop").disabled = true;
+  const isFine = await attempt(async () => {
+    show(await ask(address(action), ""));
+    await list();
+  });
+  $("#stop").disabled = false;
+  if (isFine) $(focus).focus();
+  else await refresh();
+}
+
+// --- start ---------------------------------------------------------------------------------------
+
+async function openHash() {
+  const id = location.hash.slice(1);
+  clearTimeout(timer);
+  if (job && job.id === id) return;
+  say("");
+  job = null;
+  kinds = {};
+  for (const section of ["#reading", "#run", "#results"]) $(section).hidden = true;
+  if (/^[0-9a-f]{16}$/.test(id)) await attempt(async () => show(await ask(`api/jobs/${id}`)));
+  await attempt(list);
+}
+
+function listen() {
+  const drop = $("#drop");
+  $("#files").addEventListener("change", (event) => upload(event.target.files));
+  for (const [type, isOver] of [["dragenter", true], ["dragover", true], ["dragleave", false], ["drop", false]]) {
+    document.addEventListener(type, (event) => {
+      event.preventDefault();
+      drop.classList.toggle("over", isOver);
+    });
+  }
+  document.addEventListener("drop", (event) => upload(event.dataTransfer.files));
+  $("#form").addEventListener("submit", (event) => event.preventDefault());
+  $("#form").addEventListener("change", (event) => {
+    const field = event.target;
+    if (field.id === "stimuli-kind") kinds.stimuli = field.value;
+    if (field.id === "responses-kind") kinds.responses = field.value;
+    if (field.id === "where-column") kinds.where = field.value;
+    if (field.dataset.text !== undefined && field.value) {
+      for (const other of $$("#meanings select")) if (other !== field && other.value === field.value) other.value = "";
+    }
+    if (field.id === "where-column") $("#where-text").disabled = !field.value;
+    send(collect());
+  });
+  $("#go").addEventListener("click", () => act("/run", "#stop"));
+  $("#stop").addEventListener("click", () => act("/stop", "#go"));
+  $("#copy").addEventListener("click", () => navigator.clipboard.writeText(job.command));
+  window.addEventListener("hashchange", openHash);
+  window.addEventListener("focus", () => { if (job && job.run !== "running") refresh(); });
+}
+
+if (location.search) history.replaceState(null, "", `/${location.hash}`);
+listen();
+openHash();

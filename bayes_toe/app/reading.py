@@ -1,0 +1,130 @@
+"""Read the files of a study for the page, in a process of its own: a damaged file may end it."""
+
+from __future__ import annotations
+
+import json
+import shlex
+import sys
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import bayes_toe as bt
+from bayes_toe.app.job import Job
+from bayes_toe.checks.answer_checks import Finding
+from bayes_toe.data.column_roles import with_likely_columns
+from bayes_toe.data.messages import bare
+from bayes_toe.data.options import COLUMNS, changed
+from bayes_toe.data.read_table import LARGEST_STUDY, read_table
+from bayes_toe.data.text_table import TextTable
+
+_MOST_ROWS, _MOST_TEXTS = 6, 12
+
+
+def read_job(job: Job) -> dict[str, Any]:
+    """What the files hold, and the study, or what is wrong and what solves it."""
+    record = job.record()
+    paths = [job.folder / name for name in record["files"]]
+    options = dict(record["options"])
+    swap, exclude = options.pop("swap", ()), options.pop("exclude", ())
+    reading: dict[str, Any] = {"table": None, "problems": [], "remedies": [], "study": None}
+    try:
+        table = read_table(paths[0], set, LARGEST_STUDY, sheet=options.get("sheet"))
+        reading["table"] = describe_table(table, bt.ReadOptions())
+        read_options = _read_options(options)
+        reading["table"] = describe_table(table, read_options)
+        study = bt.read_study(paths, read_options)
+        findings = bt.check(study)  # before the decisions, which answer some of them
+        reading["study"] = describe_study(changed(study, swap, exclude), findings)
+    except bt.InputError as error:
+        reading["problems"] = error.problems
+        reading["remedies"] = [remedy._asdict() for remedy in error.remedies]
+    return reading
+
+
+def _read_options(options: dict[str, Any]) -> bt.ReadOptions:
+    """The options of the page; the command line has no word for some names."""
+    nameless = [name for name in options.get("columns", {}).values() if "," in name]
+    nameless += [name for name in options.get("where", {}) if "=" in name]
+    if nameless:
+        raise bt.InputError(
+            f"column {bare(nameless[0])}: its name has a comma or '=', so that no command can "
+            "name it. Change the name in the file."
+        )
+    if "intensity" in options:
+        try:
+            options["intensity"] = float(options["intensity"])
+        except ValueError:
+            raise bt.InputError("The reference intensity must be a positive number.") from None
+    return bt.ReadOptions(**options)
+
+
+def describe_table(table: TextTable, options: bt.ReadOptions) -> dict[str, Any]:
+    """Names, first rows, columns of roles, and the counts of texts of columns with few of them.
+
+    `automatic` are the columns of roles where the page names none.
+    """
+    texts = {}
+    for name, column in table.columns.items():
+        counts = Counter(column.codes.tolist()).most_common()
+        if len(counts) <= _MOST_TEXTS:
+            texts[name] = [(column.texts[code], count) for code, count in counts]
+    rows = []
+    for i in range(min(_MOST_ROWS, len(table.rows))):
+        rows.append([table.columns[name].text(i) for name in table.names])
+    return {
+        "names": table.names,
+        "rows": rows,
+        "size": len(table.rows),
+        "texts": texts,
+        "roles": _roles(table.names, options),
+        "automatic": _roles(table.names, replace(options, columns={})),
+    }
+
+
+def _roles(names: Sequence[str], options: bt.ReadOptions) -> dict[str, str]:
+    """The column of each of our roles that is in the table."""
+    likely = with_likely_columns(names, options)
+    return {ours: likely.name(ours) for ours in COLUMNS if likely.name(ours) in names}
+
+
+def describe_study(study: bt.Study, findings: Sequence[Finding]) -> dict[str, Any]:
+    """The pairs with their counts, notes of reading, and findings with what to do about them."""
+    n_trials: Counter[tuple[float, ...]] = Counter()
+    n_yes: Counter[tuple[float, ...]] = Counter()
+    for subject in study:
+        for pair, yes, trials in _counts(subject):
+            n_yes[pair] += yes
+            n_trials[pair] += trials
+    return {
+        "answer": study.task.yes,
+        "subjects": len({subject.person for subject in study}),
+        "units": len(study),  # subjects in conditions
+        "trials": n_trials.total(),
+        "pairs": [(pair, n_yes[pair], n_trials[pair]) for pair in sorted(n_trials)],
+        "notes": study.notes,
+        "findings": [_describe_finding(finding) for finding in findings],
+    }
+
+
+def _counts(subject: bt.Subject) -> Iterator[tuple[tuple[float, ...], int, int]]:
+    """Each pair, with its interval where there is one, and its counts."""
+    keys = [subject.s1, subject.s2]
+    if subject.isi is not None:
+        keys.append(subject.isi)
+    pairs = zip(*(key.tolist() for key in keys), strict=True)
+    return zip(pairs, subject.n_yes.tolist(), subject.n_trials.tolist(), strict=True)
+
+
+def _describe_finding(finding: Finding) -> dict[str, str]:
+    """A finding in words, and what `--swap` or `--exclude` are given to act on it."""
+    target = ""
+    if finding.option.startswith(("--swap ", "--exclude ")):
+        _, target = shlex.split(finding.option)
+    return {**asdict(finding), "target": target}
+
+
+if __name__ == "__main__":
+    json.dump(read_job(Job(Path(sys.argv[1]))), sys.stdout)

@@ -1,0 +1,366 @@
+"""The server of the web page: for this computer and this user, by a token and a cookie.
+
+Every request must name this server as its host, carry the cookie and, if it has an origin, the
+origin of the page. A request that changes something needs a header that no other site can set.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import hmac
+import json
+import mimetypes
+import os
+import secrets
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from importlib.resources import files
+from pathlib import Path
+from typing import IO, Any
+
+from tornado.httpserver import HTTPServer
+from tornado.netutil import bind_sockets
+from tornado.web import Application, HTTPError, RequestHandler
+
+from bayes_toe.app.job import (
+    RECORD,
+    RESULTS,
+    Job,
+    create_job,
+    end_group,
+    jobs,
+    require_options,
+    result_files,
+    running,
+)
+from bayes_toe.errors import InputError
+
+ADDRESS = "127.0.0.1"
+LARGEST_UPLOAD = 64 * 2**20  # bytes; app.js checks it too
+HEADER = "X-Bayes-Toe"
+#: Seconds that reading may take, and that a run may take to end.
+READING_TIME, ENDING_TIME = 120, 15
+_POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
+    "connect-src 'self'; frame-src 'self'; base-uri 'none'; form-action 'none'; "
+    "frame-ancestors 'none'"
+)
+#: The report has scripts inside, so that it gets an origin of its own.
+_REPORT_POLICY = "sandbox allow-scripts allow-downloads; frame-ancestors 'self'"
+
+
+@dataclass
+class Site:
+    """What the handlers share: the home folder, the port and the token."""
+
+    home: Path
+    port: int
+    token: str = field(default_factory=secrets.token_hex)
+    #: In addresses of results: links in a report have an origin of their own, and no cookie.
+    key: str = field(default_factory=secrets.token_hex)
+    #: One reading at a time, so that the last one belongs to the last options.
+    reading: asyncio.Lock = field(default_factory=asyncio.Lock)
+    process: subprocess.Popen[bytes] | None = None  # of the run
+
+    @property
+    def host(self) -> str:
+        """The host of every request."""
+        return f"{ADDRESS}:{self.port}"
+
+    @property
+    def address(self) -> str:
+        """The address that is printed."""
+        return f"http://{self.host}/?token={self.token}"
+
+    @property
+    def cookie(self) -> str:
+        """The name of the cookie; browsers share cookies between ports."""
+        return f"bayes_toe_{self.port}"
+
+    async def read(self, job: Job, options: dict[str, Any] | None = None) -> None:
+        """Read the files of a study in a process of its own, with new options or if need be."""
+        async with self.reading:
+            if options is not None:
+                job.save_options(options)
+            if job.reading() is None:
+                job.save_reading(await read_in_process(job))
+
+    async def stop(self) -> None:
+        """End the run, gently at first."""
+        _, group = running(self.home)
+        for number in (signal.SIGTERM, signal.SIGKILL):
+            end_group(group, number)
+            for _ in range(ENDING_TIME * 10):
+                if not running(self.home)[0]:
+                    return
+                await asyncio.sleep(0.1)
+
+
+async def read_in_process(job: Job) -> dict[str, Any]:
+    """What the reading process prints, or why it did not end well."""
+    process = await asyncio.create_subprocess_exec(
+        *(sys.executable, "-P", "-m", "bayes_toe.app.reading", str(job.folder)),
+        cwd=job.folder,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+    )
+    try:
+        printed, _ = await asyncio.wait_for(process.communicate(), READING_TIME)
+        reading: dict[str, Any] = json.loads(printed)
+    except TimeoutError:
+        process.kill()
+        await process.wait()
+        return _unread(f"Reading takes longer than {READING_TIME} seconds.")
+    except ValueError:
+        return _unread("The file cannot be read. It is probably damaged.")
+    return reading
+
+
+def _unread(text: str) -> dict[str, Any]:
+    return {"table": None, "problems": [text], "remedies": [], "study": None}
+
+
+# --- Requests -------------------------------------------------------------------------------------
+
+
+class Handler(RequestHandler):
+    """A request of the page, refused unless it comes from the page."""
+
+    @property
+    def site(self) -> Site:
+        """What the handlers share."""
+        site: Site = self.application.settings["site"]
+        return site
+
+    def set_default_headers(self) -> None:
+        """Keep pages out of caches, frames and other origins."""
+        self.clear_header("Server")
+        self.set_header("Content-Security-Policy", _POLICY)
+        self.set_header("X-Content-Type-Options", "nosniff")
+        self.set_header("Referrer-Policy", "no-referrer")
+        self.set_header("Cache-Control", "no-store")
+
+    def prepare(self) -> None:
+        """Refuse foreign requests."""
+        host, origin = self.request.headers.get("Host"), self.request.headers.get("Origin")
+        if host != self.site.host or origin not in (None, f"http://{self.site.host}"):
+            raise HTTPError(403, reason="Another site may not use this page")
+        token = self.token() or ""
+        if not hmac.compare_digest(token.encode(), self.site.token.encode()):
+            raise HTTPError(403, reason="Open the address that bayes-toe app has printed")
+        if self.request.method == "POST" and HEADER not in self.request.headers:
+            raise HTTPError(403, reason=f"The header {HEADER} is missing")
+
+    def token(self) -> str | None:
+        """The token of the cookie."""
+        return self.get_cookie(self.site.cookie)
+
+    def job(self, name: str) -> Job:
+        """The study that is asked for."""
+        job = Job(self.site.home / name)
+        if not (job.folder / RECORD).is_file():
+            raise HTTPError(404, reason="There is no such study")
+        return job
+
+    def send_state(self, job: Job) -> None:
+        """Send all that the page shows of a study."""
+        self.finish({**job.state(), "results": f"results/{self.site.key}/{job.name}/"})
+
+    def set_kind(self, name: str) -> None:
+        """Say what the file is that is sent."""
+        kind, _ = mimetypes.guess_type(name)
+        self.set_header("Content-Type", kind or "application/octet-stream")
+
+    async def send(self, file: IO[bytes]) -> None:
+        """Send a file in parts, since draws are large."""
+        while part := file.read(2**16):
+            self.write(part)
+            await self.flush()
+
+    def log_exception(self, kind: Any, error: Any, trace: Any) -> None:
+        """Log bugs only."""
+        if not isinstance(error, InputError):
+            super().log_exception(kind, error, trace)
+
+    def send_error(self, status_code: int = 500, **details: Any) -> None:
+        """Answer with the problem; our errors are bad requests."""
+        error = details["exc_info"][1]
+        self.clear()
+        self.set_status(status_code, getattr(error, "reason", None))
+        problem = self._reason
+        if isinstance(error, InputError):
+            self.set_status(400)
+            problem = str(error)
+        self.finish({"problem": problem})
+
+
+class Page(Handler):
+    """The page itself; a token in its address stands for the cookie and sets it."""
+
+    def token(self) -> str | None:
+        """The token of the address, which goes before an old cookie, or that of the cookie."""
+        return self.get_query_argument("token", None) or super().token()
+
+    def get(self, name: str) -> None:
+        """Send a file of the page."""
+        name, site = name or "page.html", self.site
+        self.set_cookie(site.cookie, site.token, httponly=True, samesite="Strict", path="/")
+        self.set_kind(name)
+        self.finish((files("bayes_toe.app") / name).read_bytes())
+
+
+class Jobs(Handler):
+    """The studies of the folder."""
+
+    def get(self) -> None:
+        """List names and states."""
+        listed = [
+            {"id": job.name, "run": job.run_state(), **job.record()} for job in jobs(self.site.home)
+        ]
+        self.finish({"jobs": listed})
+
+    async def post(self) -> None:
+        """Store dropped files as a study and read them."""
+        dropped = self.request.files.get("files", [])
+        job = create_job(self.site.home, [(file.filename, file.body) for file in dropped])
+        await self.site.read(job)
+        self.send_state(job)
+
+
+class OneJob(Handler):
+    """One study: its state, and what changes it."""
+
+    async def get(self, name: str, _: str) -> None:
+        """Send all that the page shows of it."""
+        job = self.job(name)
+        await self.site.read(job)
+        self.send_state(job)
+
+    async def post(self, name: str, action: str) -> None:
+        """Do what a button of the page says."""
+        job, site = self.job(name), self.site
+        run = job.run_state()
+        if action == "options" and run == "running":
+            raise InputError("The study is being analysed")
+        if action == "options":
+            await site.read(job, require_options(self.request.body))
+        elif action == "run":
+            site.process = job.start()
+        elif run == "running":
+            await site.stop()
+        if action == "delete":
+            shutil.rmtree(job.folder)
+            self.finish({})
+        else:
+            self.send_state(job)
+
+
+class Results(Handler):
+    """Files of a results folder; pages of it get an origin of their own."""
+
+    def token(self) -> str | None:
+        """The token of this server if the address has the key."""
+        is_key = hmac.compare_digest(self.path_args[0], self.site.key)
+        return self.site.token if is_key else None
+
+    async def get(self, _: str, name: str, path: str) -> None:
+        """Send a file that the folder lists."""
+        folder = self.job(name).folder / RESULTS
+        listed = {file.relative_to(folder).as_posix(): file for file in result_files(folder)}
+        if path not in listed:
+            raise HTTPError(404, reason="There is no such file")
+        self.set_header("Content-Security-Policy", _REPORT_POLICY)
+        self.set_kind(path)
+        with open(listed[path], "rb") as file:
+            await self.send(file)
+
+
+class Archive(Handler):
+    """The results as a zip archive."""
+
+    async def get(self, name: str) -> None:
+        """Send the results, the files and the command."""
+        job = self.job(name)
+        if job.run_state() != "done":
+            raise HTTPError(404, reason="There are no results yet")
+        with tempfile.TemporaryFile(dir=job.folder) as file:
+            await asyncio.to_thread(job.write_zip, file)
+            file.seek(0)
+            self.set_kind("results.zip")
+            await self.send(file)
+
+
+def application(site: Site) -> Application:
+    """The addresses of the page."""
+    job = "([0-9a-f]{16})"
+    return Application(
+        [
+            ("/(|page.js|page.css)", Page),
+            ("/api/jobs", Jobs),
+            (f"/api/jobs/{job}(?:|/(options|run|stop|delete))", OneJob),
+            (f"/api/jobs/{job}/zip", Archive),
+            (f"/results/([0-9a-f]+)/{job}/(.+)", Results),
+        ],
+        default_handler_class=Handler,
+        log_function=_no_log,
+        site=site,
+    )
+
+
+def _no_log(_: RequestHandler) -> None:
+    """Addresses hold the token, and belong in no log."""
+
+
+# --- The command ----------------------------------------------------------------------------------
+
+
+def serve(home: Path, port: int, ready: Callable[[str], None]) -> int:
+    """Serve the page until a signal arrives; return the signal's number.
+
+    Parameters
+    ----------
+    home : Path
+        The folder of the studies; it is made where it is missing.
+    port : int
+        0 takes a free one.
+    ready : callable
+        Called with the address of the page.
+
+    Raises
+    ------
+    InputError
+        If the folder or the port cannot be used.
+    """
+    if os.name != "posix":
+        raise InputError("app needs Linux or macOS; on Windows use WSL")
+    try:
+        home.mkdir(mode=0o700, parents=True, exist_ok=True)
+        running(home)
+    except OSError as error:
+        raise InputError(f"{home}: cannot be used ({error.strerror})") from None
+    return asyncio.run(_serve(home.resolve(), port, ready))
+
+
+async def _serve(home: Path, port: int, ready: Callable[[str], None]) -> int:
+    try:
+        sockets = bind_sockets(port, ADDRESS)
+    except OSError as error:
+        raise InputError(
+            f"port {port}: cannot be used ({error.strerror}); --port 0 takes a free one"
+        ) from None
+    site = Site(home, sockets[0].getsockname()[1])
+    server = HTTPServer(application(site), max_body_size=LARGEST_UPLOAD)
+    server.add_sockets(sockets)
+    signals: asyncio.Queue[int] = asyncio.Queue()
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        asyncio.get_running_loop().add_signal_handler(number, signals.put_nowait, number)
+    ready(site.address)
+    first = await signals.get()
+    server.stop()
+    await site.stop()
+    return first

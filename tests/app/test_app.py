@@ -1,0 +1,551 @@
+"""The web page: who may use it, what it reads and runs, what stays after a restart."""
+
+import asyncio
+import io
+import json
+import os
+import shlex
+import shutil
+import signal
+import stat
+import subprocess
+import time
+import zipfile
+from contextlib import closing, contextmanager, suppress
+from email.message import Message
+from http.client import HTTPConnection
+from typing import NamedTuple
+from urllib.parse import urlsplit
+
+import numpy as np
+import pytest
+from browsers import Opened
+from commands import PROGRAM, call
+
+pytest.importorskip("tornado")
+from bayes_toe.app.job import create_job
+from bayes_toe.app.server import read_in_process
+
+CODES = {"columns": {"s1": "stim1", "s2": "stim2"}, "second_code": "2"}
+
+
+def trials(path, subjects=("A", "B"), repeats=20):
+    """Write trials of subjects, with codes and column names that need an answer."""
+    rng = np.random.default_rng(1)
+    lines = ["participant,stim1,stim2,answer"]
+    for subject in subjects:
+        for first, second in ((0.0, 0.3), (0.3, 0.0), (0.3, 0.6), (0.6, 0.3)):
+            chance = 1 / (1 + np.exp(-8 * (second - first)))
+            codes = 1 + (rng.random(repeats) < chance)
+            lines += [f"{subject},{first},{second},{code}" for code in codes]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+class Answer(NamedTuple):
+    code: int
+    headers: Message
+    body: bytes
+
+
+class Server:
+    """A running `bayes-toe app`, and requests to it as the page makes them."""
+
+    def __init__(self, folder, port=0):
+        self.process = subprocess.Popen(
+            [*PROGRAM, "app", "--folder", folder, "--port", str(port)],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        self.process.stdout.readline()
+        self.address = self.process.stdout.readline().strip()
+        parts = urlsplit(self.address)
+        self.host, self.token = parts.netloc, parts.query.removeprefix("token=")
+        self.cookie = f"bayes_toe_{parts.port}={self.token}"
+
+    def ask(self, path, body=None, **headers):
+        """The answer to a request that the page could have sent, with some headers changed."""
+        sent = {"Cookie": self.cookie, "X-Bayes-Toe": "1", **headers}
+        sent = {name: value for name, value in sent.items() if value is not None}
+        with closing(HTTPConnection(self.host, timeout=60)) as connection:
+            connection.request("GET" if body is None else "POST", path, body, sent)
+            answer = connection.getresponse()
+            return Answer(answer.status, answer.headers, answer.read())
+
+    def state(self, path, body=None, **headers):
+        """The JSON of an answer."""
+        answer = self.ask(path, body, **headers)
+        assert answer.code == 200, answer.body
+        return json.loads(answer.body)
+
+    def upload(self, *files):
+        """The answer to new files, each a name and its content."""
+        body = b""
+        for name, content in files:
+            head = f'Content-Disposition: form-data; name="files"; filename="{name}"'
+            body += b"--b\r\n" + head.encode() + b"\r\n\r\n" + content + b"\r\n"
+        kind = "multipart/form-data; boundary=b"
+        return self.ask("/api/jobs", body + b"--b--\r\n", **{"Content-Type": kind})
+
+    def add(self, name, content):
+        """The state of a new study of one file."""
+        answer = self.upload((name, content))
+        assert answer.code == 200, answer.body
+        return json.loads(answer.body)
+
+    def add_trials(self, file, options=CODES):
+        """The name of a new study of a file with trials, with options."""
+        job = self.add(file.name, file.read_bytes())["id"]
+        self.state(f"/api/jobs/{job}/options", json.dumps(options))
+        return job
+
+    def wait(self, job, *runs, until=lambda state: True):
+        """The state of a study when its run is one of these."""
+        for _ in range(600):
+            state = self.state(f"/api/jobs/{job}")
+            if state["run"] in runs and until(state):
+                return state
+            time.sleep(0.2)
+        raise AssertionError(state)
+
+    def end(self):
+        """End the program as Ctrl+C does; its exit code and errors."""
+        self.process.send_signal(signal.SIGINT)
+        _, errors = self.process.communicate(timeout=30)
+        return self.process.returncode, errors
+
+
+@contextmanager
+def serving(folder, port=0):
+    server = Server(folder, port)
+    try:
+        yield server
+    finally:
+        if server.process.poll() is None:
+            server.end()
+
+
+@pytest.fixture(scope="module")
+def home(tmp_path_factory):
+    return tmp_path_factory.mktemp("app") / "home"
+
+
+@pytest.fixture(scope="module")
+def server(home):
+    with serving(home) as running:
+        yield running
+
+
+@pytest.fixture(scope="module")
+def job(server, tmp_path_factory):
+    file = trials(tmp_path_factory.mktemp("study") / "study.csv")
+    return server.add_trials(file, {})
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"Host": "example.org"},
+        {"Host": "localhost:80"},
+        {"Origin": "http://example.org"},
+        {"Origin": "null"},
+        {"Cookie": None},
+        {"Cookie": "bayes_toe_1=wrong"},
+        {"X-Bayes-Toe": None},
+    ],
+    ids=str,
+)
+def test_requests_of_others_are_refused(server, job, headers):
+    for path in (f"/api/jobs/{job}/run", f"/api/jobs/{job}/delete", "/api/jobs"):
+        assert server.ask(path, "", **headers).code == 403
+    if "X-Bayes-Toe" not in headers:
+        for path in ("/", "/page.js", "/api/jobs", f"/api/jobs/{job}", "/nothing"):
+            assert server.ask(path, **headers).code == 403
+    assert server.state(f"/api/jobs/{job}")["run"] == "new"
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        *("/../study", "/%2e%2e/study", "/..%2fstudy", "//etc/passwd", "/%2fetc%2fpasswd"),
+        *("/./report.html", "/report.html%00.png"),
+    ],
+)
+def test_only_files_of_the_results_are_sent(server, job, path):
+    results = server.state(f"/api/jobs/{job}")["results"]
+    assert server.ask(f"/{results}{path[1:]}").code == 404
+    assert server.ask(f"/results/0123/{job}{path}").code == 403
+
+
+def test_the_token_sets_a_cookie_and_goes_before_an_old_one(server):
+    old = f"{server.cookie.partition('=')[0]}=old"
+    answer = server.ask(f"/?token={server.token}", Cookie=old)
+    assert answer.code == 200
+    cookie = answer.headers["Set-Cookie"]
+    assert cookie.startswith(server.cookie)
+    assert "HttpOnly" in cookie
+    assert "SameSite=Strict" in cookie
+    assert "unsafe" not in answer.headers["Content-Security-Policy"]
+    assert server.ask("/?token=wrong").code == 403
+
+
+@pytest.mark.parametrize(
+    "body", ["{", "", "[1]", "3", '{"output": "x"}', '{"columns": {"s1": 3}}', '{"swap": "A"}']
+)
+def test_what_is_no_record_of_options_is_a_bad_request(server, job, body):
+    assert server.ask(f"/api/jobs/{job}/options", body).code == 400
+
+
+def test_unknown_names_of_studies_and_actions_are_not_found(server, job):
+    for path in (f"/api/jobs/{'0' * 16}", "/api/jobs/..", f"/api/jobs/{job.upper()}x"):
+        assert server.ask(path).code in (404, 405)
+    assert server.ask(f"/api/jobs/{job}/zip").code == 404
+
+
+def test_files_get_safe_names_and_others_are_refused(server, home):
+    state = server.add("../../-a<b>.csv", b"subject,s1\n")
+    assert state["files"] == ["a_b_.csv"]
+    folder = home / state["id"]
+    assert (folder / "a_b_.csv").is_file()
+    assert {stat.S_IMODE(path.stat().st_mode) for path in (home, folder)} == {0o700}
+    folders = {*home.iterdir()}
+    for names in (["x.xls"], ["x"], [".csv"], ["a.csv", "a.csv"], []):
+        answer = server.upload(*((name, b"x") for name in names))
+        assert answer.code == 400, names
+        assert json.loads(answer.body)["problem"]
+    assert {*home.iterdir()} == folders
+    server.state(f"/api/jobs/{state['id']}/delete", "")
+    assert not folder.exists()
+
+
+def test_a_large_upload_is_refused(server, home):
+    folders = {*home.iterdir()}
+    with suppress(OSError):  # The server may close the connection before it has read all.
+        assert server.upload(("x.csv", bytes(65 * 2**20))).code in (400, 413)
+    assert server.ask("/api/jobs").code == 200
+    assert {*home.iterdir()} == folders
+
+
+def test_questions_come_with_what_solves_them_and_no_run_starts_while_one_is_open(server, job):
+    reading = server.state(f"/api/jobs/{job}")["reading"]
+    assert reading["study"] is None
+    assert reading["table"]["roles"] == {"subject": "participant", "response": "answer"}
+    assert reading["remedies"][0]["value"] == [["s1", "stim1"], ["s2", "stim2"]]
+    assert server.ask(f"/api/jobs/{job}/run", "").code == 400
+    columns = {"columns": CODES["columns"]}
+    reading = server.state(f"/api/jobs/{job}/options", json.dumps(columns))["reading"]
+    assert {remedy["option"] for remedy in reading["remedies"]} == {"equal_code", "second_code"}
+    state = server.state(f"/api/jobs/{job}/options", json.dumps(CODES))
+    assert state["reading"]["problems"] == []
+    assert state["reading"]["study"]["subjects"] == 2
+    pairs = state["reading"]["study"]["pairs"]
+    assert [(pair, n) for pair, _, n in pairs][:2] == [([0.0, 0.3], 40), ([0.3, 0.0], 40)]
+    assert state["command"].endswith("--columns s1=stim1,s2=stim2 --second-code 2")
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("x.mat", b"MATLAB 5.0" + bytes(100)),
+        ("x.parquet", b"PAR1"),
+        ("x.csv", b"\xff\xfe\x00"),
+        ("x.csv", b""),
+    ],
+)
+def test_a_damaged_file_is_a_problem_of_the_file(server, name, content):
+    reading = server.add(name, content)["reading"]
+    assert reading["table"] is None
+    assert reading["problems"]
+
+
+def test_names_that_no_command_can_type_and_wrong_numbers_are_problems(server):
+    header = b'subject,s1,s2,"response (1, 2)"\nA,0,0.3,1\n'
+    job = server.add("x.csv", header)["id"]
+    for options in ({"columns": {"response": "response (1, 2)"}}, {"intensity": "x"}):
+        state = server.state(f"/api/jobs/{job}/options", json.dumps(options))
+        assert len(state["reading"]["problems"]) == 1
+        assert state["reading"]["table"]["names"][0] == "subject"
+
+
+def test_a_reader_that_takes_too_long_is_ended(monkeypatch, tmp_path):
+    monkeypatch.setattr("bayes_toe.app.server.READING_TIME", 0.01)
+    job = create_job(tmp_path, [("x.csv", b"subject,s1,s2,response\n")])
+    reading = asyncio.run(read_in_process(job))
+    assert reading["problems"] == ["Reading takes longer than 0.01 seconds."]
+
+
+# --- the run --------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory):
+    return trials(tmp_path_factory.mktemp("trials") / "my study.csv", ("A", "B", "C"))
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory, file):
+    """A server with a study that was stopped, and went on under another server."""
+    home = tmp_path_factory.mktemp("finished")
+    with serving(home) as server:
+        job, other = server.add_trials(file), server.add_trials(file)
+        assert server.state(f"/api/jobs/{job}/run", "")["run"] == "running"
+        assert server.ask(f"/api/jobs/{other}/run", "").code == 400
+        assert server.ask(f"/api/jobs/{job}/options", "{}").code == 400
+        server.wait(job, "running", until=lambda state: state["done"])
+        server.process.kill()
+        assert server.process.communicate()[1] == ""
+    with serving(home, server.host.partition(":")[2]) as server:
+        assert server.ask("/", Cookie="bayes_toe=old").code == 403
+        server.wait(job, "running")
+        state = server.state(f"/api/jobs/{job}/stop", "")
+        assert (state["run"], state["done"] > 0) == ("stopped", True)
+        assert "stopped by SIGTERM" in state["log"]
+        server.state(f"/api/jobs/{job}/run", "")
+        assert "taken from results.partial" in server.wait(job, "done")["log"]
+        yield server, home / job
+
+
+def test_results_equal_those_of_the_command_to_the_bit(finished, file, tmp_path):
+    server, folder = finished
+    command = server.state(f"/api/jobs/{folder.name}")["command"]
+    shutil.copy(file, tmp_path)
+    run = call(*shlex.split(command)[1:], cwd=tmp_path)
+    assert run.returncode == 0, run.stderr
+    tables = {path.name: path.read_bytes() for path in (tmp_path / "results").glob("*.csv")}
+    assert len(tables["evidence.csv"].splitlines()) == 4
+    for name, content in tables.items():
+        assert (folder / "results" / name).read_bytes() == content, name
+
+
+def test_the_report_has_an_origin_of_its_own_and_the_archive_repeats_the_run(finished):
+    server, folder = finished
+    results = server.state(f"/api/jobs/{folder.name}")["results"]
+    assert server.ask(f"/{results}methods.md", Cookie=None).code == 200
+    report = server.ask(f"/{results}report.html", Cookie=None)
+    policy = report.headers["Content-Security-Policy"]
+    assert policy.startswith("sandbox allow-scripts allow-downloads;")
+    assert b"my study.csv" in report.body
+    content = server.ask(f"/api/jobs/{folder.name}/zip").body
+    archive = zipfile.ZipFile(io.BytesIO(content))
+    assert {"my study.csv", "command.txt", "results/report.html"} <= {*archive.namelist()}
+    assert archive.read("command.txt").startswith(b"bayes-toe run 'my study.csv' -o results")
+
+
+def test_a_run_ends_with_the_program(tmp_path, file):
+    with serving(tmp_path) as server:
+        job = server.add_trials(file)
+        server.state(f"/api/jobs/{job}/run", "")
+        group = int((tmp_path / "lock").read_text().split()[1])
+        assert server.end() == (128 + signal.SIGINT, "")
+    with pytest.raises(ProcessLookupError):
+        os.killpg(group, 0)
+
+
+def test_a_folder_or_port_that_cannot_be_used_is_one_line(server, file):
+    port = server.host.partition(":")[2]
+    for words in (("--folder", file), ("--folder", file.parent, "--port", port)):
+        refusal = call("app", *words)
+        assert (refusal.returncode, refusal.stdout) == (2, "")
+        assert len(refusal.stderr.splitlines()) == 1
+        assert "cannot be used" in refusal.stderr
+
+
+# --- in a browser ---------------------------------------------------------------------------------
+
+
+class Page(Opened):
+    """The page of a server in a browser."""
+
+    def __init__(self, browser, server, width=1200, **options):
+        self.server = server
+        super().__init__(browser, self, width, **options)
+
+    def as_uri(self):
+        return self.server.address
+
+    def add(self, *files):
+        self.page.set_input_files("#files", files)
+        self.page.locator("#reading").wait_for()
+        self.settle()
+
+    def settle(self):
+        self.page.locator("main[aria-busy=false]").wait_for()
+
+    def tab_to(self, selector):
+        """Press Tab until an element has the focus, as somebody without a mouse does."""
+        for _ in range(60):
+            if self.page.locator(selector).first.evaluate("e => e === document.activeElement"):
+                return
+            self.page.keyboard.press("Tab")
+        raise AssertionError(selector)
+
+    def press(self, selector, *keys):
+        self.tab_to(selector)
+        for key in keys:
+            self.page.keyboard.press(key)
+        self.settle()
+
+    def wait(self, state):
+        self.page.locator(f"#run[data-state={state}]").wait_for(timeout=200_000)
+
+    def close(self):
+        """Close the page, which asked nobody else for anything."""
+        self.page.close()
+        own = f"http://{self.server.host}/"
+        return [problem for problem in self.problems if not problem.startswith(own)]
+
+
+def test_the_keyboard_alone_leads_from_the_file_to_a_run_that_stops_and_goes_on(
+    browser, server, tmp_path
+):
+    opened = Page(browser, server)
+    opened.add(trials(tmp_path / "study.csv", ("<b>A</b>", "<script>alert(1)</script>")))
+    page = opened.page
+    assert "token" not in page.url
+    assert page.locator("#go").is_disabled()
+    assert "Choose the column of: first stimulus" in page.inner_text("[data-field=stimuli]")
+    opened.press("[data-field=stimuli] button", "Enter")
+    assert "does not know what they mean" in page.inner_text("[data-field=meaning]")
+    opened.press("[data-field=meaning] button", "Tab", "Enter")
+    assert page.locator(".question").count() == 0
+    assert page.locator("#rows td b").count() == 0
+    assert "+35 %" in page.inner_text("#pairs")
+    opened.press("#go", "Enter")
+    opened.press("#stop", "Enter")
+    opened.wait("stopped")
+    page.reload()
+    opened.wait("stopped")
+    opened.press("#go", "Enter")
+    opened.wait("done")
+    assert (
+        page.frame_locator("#report").locator("h1").inner_text() == "Time-order effects: study.csv"
+    )
+    assert opened.close() == []
+
+
+def test_all_four_parts_are_there_in_another_tab_and_an_ended_program_is_told(browser, finished):
+    server, folder = finished
+    opened = Page(browser, server)
+    page = opened.page
+    page.locator(f"#studies a[href='#{folder.name}']").click()
+    opened.wait("done")
+    page.reload()
+    opened.wait("done")
+    report = page.frame_locator("#report")
+    report.get_by_role("link", name="methods.md").first.click()
+    report.get_by_text("For each").first.wait_for()
+    for section in ("#start", "#reading", "#run", "#results"):
+        assert page.locator(section).is_visible()
+    assert "--second-code 2" in page.inner_text("#command")
+    assert page.locator("#go").is_hidden()
+    page.select_option("#decimal", ".")
+    page.locator("#go").wait_for()
+    assert page.locator("#results").is_hidden()
+    page.select_option("#decimal", "")
+    opened.wait("done")
+    with page.expect_download() as download:
+        page.click("#zip")
+    assert zipfile.is_zipfile(download.value.path())
+    assert opened.close() == []
+
+
+def rows(header, line):
+    """A file with 20 trials of each pair: `line` writes its stimuli and what was stronger."""
+    lines = [header]
+    for first, second in ((1.0, 1.3), (1.3, 1.0), (1.3, 1.69), (1.69, 1.3)):
+        lines += [line(first, second, (second > first) == (k % 5 > 0)) for k in range(20)]
+    return "\n".join(lines) + "\n"
+
+
+WORDS = ["first", "second"]
+GRAMS = rows("vp,A (g),B (g),key", lambda a, b, second: f"1,{a},{b},{'fj'[second]}")
+STANDARD = rows(
+    "subject,standard,comparison,order,response",
+    lambda a, b, second: f"1,0,{b - a:.2f},1,{['standard', 'comparison'][second]}",
+)
+CORRECT = rows("subject,s1,s2,acc", lambda a, b, second: f"1,{a},{b},{int(second == (b > a))}")
+OWN_FILE = rows("s1,s2,response", lambda a, b, second: f"{a},{b},{WORDS[second]}")
+COUNTS = "subject,s1,s2,same,n,part\n1,0,0,40,50,x\n1,0,.3,20,50,x\n1,.3,0,9,50,y\n"
+BLOCKS = rows(
+    "subject,block,condition,s1,s2,response",
+    lambda a, b, second: f"1,1,left,{a},{b},{WORDS[second]}\n1,2,right,{a},{b},{WORDS[not second]}",
+)
+CASES = {
+    "intensities": (
+        {"x.csv": GRAMS},
+        {"#stimuli-kind": "intensity", "#first": "A (g)", "#second": "B (g)"}
+        | {"[data-role=response]": "key", "[data-text=j]": "second"},
+        ["--columns", "i1=A (g),i2=B (g),response=key", "--intensity", "1", "--second-code", "j"],
+    ),
+    "standard": (
+        {"x.csv": STANDARD},
+        {"#stimuli-kind": "standard", "#standard-order": "order"},
+        ["--standard-interval", "order"],
+    ),
+    "right or wrong": (
+        {"x.csv": CORRECT},
+        {"#responses-kind": "correct", "#correct": "acc"},
+        ["--correct", "acc"],
+    ),
+    "files": (
+        {"1.csv": OWN_FILE, "2.csv": OWN_FILE},
+        {"[data-role=subject]": "*file"},
+        ["--subject-from", "{}.csv"],
+    ),
+    "counts": (
+        {"x.csv": COUNTS},
+        {"#responses-kind": "n_equal", "[data-role=n_equal]": "same", "[data-role=n_trials]": "n"}
+        | {"#where-column": "part", "#where-text": "x"},
+        ["--columns", "n_equal=same,n_trials=n", "--where", "part=x"],
+    ),
+    "blocks": (
+        {"x.csv": BLOCKS},
+        {"[data-role=condition]": "", "#decisions [data-target='1:2']": "swap"},
+        ["--ignore", "condition", "--swap", "1:2"],
+    ),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_fields_become_the_options_of_the_command(browser, server, tmp_path, case):
+    contents, fields, words = CASES[case]
+    for name, content in contents.items():
+        (tmp_path / name).write_text(content, encoding="utf-8")
+    opened = Page(browser, server)
+    opened.add(*tmp_path.iterdir())
+    opened.page.click("#others summary")
+    for selector, value in fields.items():
+        field = opened.page.locator(selector)
+        if selector == "#where-text":
+            field.fill(value)
+            field.press("Tab")
+        else:
+            field.select_option(value)
+        opened.settle()
+    assert opened.page.locator(".question:not(.decision)").all_inner_texts() == []
+    job = opened.page.url.partition("#")[2]
+    command = shlex.split(server.state(f"/api/jobs/{job}")["command"])
+    assert sorted(command[command.index("--seed") + 2 :]) == sorted(words)
+    opened.page.reload()
+    opened.page.locator("#go:enabled").wait_for()
+    shown = {name: opened.page.locator(name).input_value() for name in fields}
+    assert shown == fields
+    assert opened.close() == []
+
+
+@pytest.mark.parametrize("width", [1200, 400])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_no_screen_is_pushed_sideways(browser, server, tmp_path, width, scheme):
+    opened = Page(browser, server, width, color_scheme=scheme)
+    opened.add(trials(tmp_path / f"{'a_long_name_of_a_study_' * 2}.csv"))
+    assert opened.wide() <= width
+    opened.page.click("[data-field=stimuli] button")
+    opened.settle()
+    opened.page.locator("[data-field=meaning] button", has_text="second").click()
+    opened.settle()
+    opened.page.locator("#others summary").click()
+    assert opened.wide() <= width
+    colour = opened.page.evaluate("getComputedStyle(document.body).backgroundColor")
+    assert colour == {"light": "rgb(255, 255, 255)", "dark": "rgb(23, 24, 27)"}[scheme]
+    assert opened.close() == []
