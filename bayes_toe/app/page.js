@@ -3,6 +3,7 @@
 
 const LARGEST = 64 * 2 ** 20; // bytes, as in server.py
 const MOST_PAIRS = 200;
+const MOST_NAMES = 5;
 const OPTIONAL = ["condition", "isi", "session", "block", "trial", "iti"];
 const STIMULI = { log: ["s1", "s2"], intensity: ["i1", "i2"], standard: ["standard", "comparison"] };
 const ROLES = {
@@ -88,7 +89,7 @@ async function upload(files) {
     return;
   }
   say("");
-  $("#start").setAttribute("aria-busy", "true");
+  $("#busy").textContent = "The file is being read ...";
   await attempt(async () => {
     const made = await ask("api/jobs", body);
     kinds = {};
@@ -97,7 +98,7 @@ async function upload(files) {
     await list();
     $("#reading-title").focus();
   });
-  $("#start").removeAttribute("aria-busy");
+  $("#busy").textContent = "";
   $("#files").value = "";
 }
 
@@ -293,6 +294,7 @@ async function send(options) {
   waiting = options;
   if (isSending) return;
   isSending = true;
+  $("#busy").textContent = "The file is being read ...";
   showRun();
   say("");
   await attempt(async () => {
@@ -305,6 +307,7 @@ async function send(options) {
     show(state);
   });
   isSending = false;
+  $("#busy").textContent = "";
   showRun();
 }
 
@@ -454,7 +457,12 @@ function showStudy() {
   $("#notes").replaceChildren(...study.notes.slice(1).map((note) => element("li", plainWords(note))));
   const open = study.findings.filter((finding) => finding.target);
   const plain = study.findings.filter((finding) => !finding.target && finding.code !== "raw_stimuli");
-  $("#findings").replaceChildren(...plain.map((finding) => element("li", about(finding))));
+  const subjectsOf = new Map();
+  for (const { subject, message } of plain) subjectsOf.set(message, [...(subjectsOf.get(message) ?? []), subject]);
+  $("#findings").replaceChildren(...[...subjectsOf].map(([message, subjects]) => {
+    const more = subjects.length > MOST_NAMES ? ` and ${subjects.length - MOST_NAMES} more` : "";
+    return element("li", about({ subject: subjects.slice(0, MOST_NAMES).join(", ") + more, message }));
+  }));
   $("#decisions").replaceChildren(...open.map((finding) => {
     const box = element("label", "", { class: "question decision" });
     const select = element("select", "", { "data-target": finding.target });
@@ -522,7 +530,7 @@ function showRun() {
 }
 
 function progressText(run, done, study) {
-  if (!study) return isSending ? "The file is read." : "Answer the questions above first.";
+  if (!study) return isSending ? "" : "Answer the questions above first.";
   const parts = study.units > study.subjects ? "subjects in conditions" : "subjects";
   const of = `${done} of ${study.units} ${parts} ${done === 1 ? "is" : "are"} finished.`;
   if (run === "done") return "The analysis is finished. After a change above, you can analyse again.";
