@@ -114,6 +114,7 @@ async function list() {
     remove.addEventListener("click", async () => {
       if (!confirm(`Delete ${fileNames(one.files)} with its results?`)) return;
       await attempt(() => ask(`api/jobs/${one.id}/delete`, ""));
+      if (job?.id === one.id) location.hash = "";
       await attempt(list);
       $("#start-title").focus();
     });
@@ -511,7 +512,7 @@ function showRun() {
   }
   $("#progress-text").textContent = progressText(run, done, study);
   $("#log").hidden = !job.log;
-  if (run === "stopped" && !job.log.includes("stopped by")) $("#log").open = true;
+  if (hasFailed()) $("#log").open = true;
   $("#log pre").textContent = job.log;
   for (const field of $$("#form select, #form input, #decisions select")) {
     if (isRunning) field.disabled = true;
@@ -529,12 +530,15 @@ function showRun() {
   }
 }
 
+// A run that is stopped early prints nothing.
+function hasFailed() { return job.run === "stopped" && job.log !== "" && !job.log.includes("stopped by"); }
+
 function progressText(run, done, study) {
   if (!study) return isSending ? "" : "Answer the questions above first.";
   const parts = study.units > study.subjects ? "subjects in conditions" : "subjects";
   const of = `${done} of ${study.units} ${parts} ${done === 1 ? "is" : "are"} finished.`;
   if (run === "done") return "The analysis is finished. After a change above, you can analyse again.";
-  if (run === "stopped" && !job.log.includes("stopped by")) return "The analysis ended without results. What the program printed says why.";
+  if (hasFailed()) return "The analysis ended without results. What the program printed says why.";
   if (run === "stopped") return `Stopped. ${of} Go on starts from there.`;
   if (run !== "running") return "A subject takes seconds to a minute.";
   return done < study.units ? of : `${of} The program writes the report.`;
