@@ -54,11 +54,9 @@ def print_group(out: Terminal, result: PopulationResult, check: PredictiveCheck)
         if name in result.identified
     ]
     out.line(f"New subject (prediction): {', '.join(new_subject)}.")
-    rows_of_group = [result.table.select(quantity, name) for quantity in ("mean", "sd") for name in result.names]  # fmt: skip
-    n_effective = min(min(row.ess_bulk, row.ess_tail) for [row] in rows_of_group)
-    r_hat = max(row.r_hat for [row] in rows_of_group)
+    n_effective, r_hat = _convergence(result, result.names)
     fit = "poor" if check.warnings else "good"
-    out.line(f"Fit of the group: {fit}. Draws: {n_effective:,.0f} effective, R-hat {r_hat:.3f}.")
+    out.line(f"Fit of the group: {fit}. Draws: {n_effective} effective, R-hat {r_hat}.")
     out.notes(("", note, "") for note in result.regressors.notes)
     print_problems(out, result, check.warnings)
 
@@ -221,16 +219,22 @@ def group_tables(
         if name not in result.identified:
             rows.append(cells)
             continue
-        [mean] = result.table.select("mean", name)
-        [sd] = result.table.select("sd", name)
-        n_effective = min(mean.ess_bulk, mean.ess_tail, sd.ess_bulk, sd.ess_tail)
-        r_hat = max(mean.r_hat, sd.r_hat)
         cells.insert(3, _new_subject(result, name))
-        rows.append([*cells, f"{n_effective:,.0f}", f"{r_hat:.3f}"])
+        rows.append([*cells, *_convergence(result, [name])])
     headings = ["", "group mean", "SD between subjects", "new subject", "BF of mean not 0", ""]
     headings += ["effective draws", "R-hat"]
     title = f"{counted(len(result.subjects), 'subject')}, median [95 % interval]"
     return [*_comparison_tables(result), (title, headings, rows)]
+
+
+def _convergence(result: PopulationResult, names: Sequence[str]) -> tuple[str, str]:
+    """The smallest number of effective draws of means and SDs, and the largest R-hat."""
+    n_effective, r_hats = [], []
+    for name in names:
+        for row in (*result.table.select("mean", name), *result.table.select("sd", name)):
+            n_effective += [row.ess_bulk, row.ess_tail]
+            r_hats.append(row.r_hat)
+    return f"{min(n_effective):,.0f}", f"{max(r_hats):.3f}"
 
 
 def _reference(result: PopulationResult) -> str:

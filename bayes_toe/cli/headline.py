@@ -6,7 +6,6 @@ from collections.abc import Collection
 
 from bayes_toe.answers.evidence_table import EvidenceTable
 from bayes_toe.answers.order_effect import OrderEffect, format_decimals
-from bayes_toe.answers.study_summary import describe_pair
 from bayes_toe.answers.words import (
     NO_UP_TO,
     PROBABLY_FROM,
@@ -15,7 +14,6 @@ from bayes_toe.answers.words import (
     YES_FROM,
 )
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
-from bayes_toe.inference.predictive_checks import FitSummary
 
 #: The words, and the probabilities that they need.
 LIMITS = {
@@ -70,8 +68,3 @@ def flagged(
         if own:
             reasons[row.subject] = tuple(own)
     return reasons
-
-
-def worst_pairs(fit: FitSummary) -> str:
-    """The pairs with the largest residuals."""
-    return "; ".join(map(describe_pair, fit.worst))

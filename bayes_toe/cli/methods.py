@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections import Counter
 from collections.abc import Callable, Sequence
 from importlib.resources import files
@@ -17,6 +18,7 @@ from bayes_toe.answers.order_effect import (
     OrderEffect,
     Size,
     format_bayes_factor,
+    format_decimals,
     format_percent,
     format_share,
 )
@@ -44,7 +46,7 @@ from bayes_toe.groups.population import GroupEffect, PopulationResult
 _MOST_NAMED = 10
 _WIDTH = 95
 #: What notes of reading a study say if something was done to the data.
-_DONE = ("dropped", "excluded", "merged", "swapped", "only rows", "only pairs")
+_DONE = re.compile("dropped|excluded|merged|swapped|only rows|only pairs")
 #: Letters that mean something in Markdown.
 _ESCAPED = str.maketrans({letter: f"\\{letter}" for letter in "\\`*_[]<>|#~$"})
 #: What participants report.
@@ -109,10 +111,11 @@ def _methods(analysis: Analysis) -> list[str]:
     )
     sentences.append(
         "An effect was called present ('yes') if its posterior probability was at least "
-        f"{_share(YES_FROM)}, 'probably' from {_share(PROBABLY_FROM)}, 'no' up to "
-        f"{_share(NO_UP_TO)}, and 'probably not' up to {_share(PROBABLY_NOT_UP_TO)} with a Bayes "
-        f"factor (BF) of at most {_share(exp(PROBABLY_NOT_LOG_BAYES_FACTOR))}; otherwise "
-        "'undecided'. Estimates are posterior medians [95 % intervals]."
+        f"{format_decimals(YES_FROM)}, 'probably' from {format_decimals(PROBABLY_FROM)}, 'no' up to "
+        f"{format_decimals(NO_UP_TO)}, and 'probably not' up to "
+        f"{format_decimals(PROBABLY_NOT_UP_TO)} with a Bayes factor (BF) of at most "
+        f"{format_decimals(exp(PROBABLY_NOT_LOG_BAYES_FACTOR))}; otherwise 'undecided'. "
+        "Estimates are posterior medians [95 % intervals]."
     )
     if analysis.contrast is not None:
         sentences.append(
@@ -135,9 +138,9 @@ def _data(analysis: Analysis) -> list[str]:
     sentences = [f"{participants} reported {_QUESTION_OF_TASK[study.task]} ({amount})."]
     if study.synthetic:
         sentences.append("These data are synthetic.")
-    done = [note for note in study.notes if any(word in note for word in _DONE)]
-    if done:
-        sentences.append(f"Before the analysis: {_text('; '.join(done))}.")
+    changes = [note for note in study.notes if _DONE.search(note)]
+    if changes:
+        sentences.append(f"Before the analysis: {_text('; '.join(changes))}.")
     return sentences
 
 
@@ -211,26 +214,34 @@ def _factor(effect: GroupEffect) -> str:
 
 def _limits(analysis: Analysis) -> list[str]:
     """What the design cannot identify, and which conclusions must not be used as they stand."""
-    answers = [answer for answer in analysis.answers if answer.is_interpretable]
-    not_interpreted = [a.subject for a in analysis.answers if not a.is_interpretable]
     sentences = _limits_of_design(analysis)
-    groups = {
-        "The model does not fit {}.": [a.subject for a in answers if a.fits is False],
-        "The fit is not testable for {}.": [a.subject for a in answers if a.fits is None],
-        "Not interpreted: {}.": not_interpreted,
-        "Responses depend on the previous trial for {}.": [
-            a.subject for a in answers if a.depends_on_previous_trial
-        ],
-        "There are no results for {}.": list(analysis.draws.failed),
-    }
-    for sentence, names in groups.items():
+    answers, not_interpreted = [], []
+    poor, untestable, dependent = [], [], []
+    for answer in analysis.answers:
+        if not answer.is_interpretable:
+            not_interpreted.append(answer.subject)
+            continue
+        answers.append(answer)
+        if answer.fits is None:
+            untestable.append(answer.subject)
+        elif not answer.fits:
+            poor.append(answer.subject)
+        if answer.depends_on_previous_trial:
+            dependent.append(answer.subject)
+    for sentence, names in (
+        ("The model does not fit {}.", poor),
+        ("The fit is not testable for {}.", untestable),
+        ("Not interpreted: {}.", not_interpreted),
+        ("Responses depend on the previous trial for {}.", dependent),
+        ("There are no results for {}.", list(analysis.draws.failed)),
+    ):
         if len(names) == len(answers) > 1:
             sentences.append(sentence.format("any participant"))
         elif names:
             sentences.append(sentence.format(_text(listed(names, _MOST_NAMED))))
-    n_dependent = sum(answer.depends_on_prior for answer in answers)
-    if n_dependent and len(answers) > 1:
-        share = f"{n_dependent} of {len(answers)}"
+    n_on_prior = sum(answer.depends_on_prior for answer in answers)
+    if n_on_prior and len(answers) > 1:
+        share = f"{n_on_prior} of {len(answers)}"
         sentences.append(
             f"For {share}, a prior half or twice as wide moves a probability past .25 or .75."
         )
@@ -293,11 +304,6 @@ def _estimate(answer: OrderEffect, question: str, form: Callable[[Size], str]) -
     if answer.words[question] is Word.CANNOT_BE_TOLD:
         return ""
     return form(answer.sizes[SIZE_OF[question]])
-
-
-def _share(value: float) -> str:
-    """A number with two decimals and no zero before its point."""
-    return f"{value + 0.0:.2f}".replace("0.", ".", 1)
 
 
 def _text(text: str) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from dataclasses import dataclass, fields, replace
 from functools import partial
@@ -15,6 +14,7 @@ import typer
 from bayes_toe.errors import InputError
 
 if TYPE_CHECKING:
+    from bayes_toe.data.options import ReadOptions
     from bayes_toe.data.read_study import Truth
     from bayes_toe.data.study import Study
 
@@ -216,37 +216,44 @@ class StudyFile:
 
     def read(self) -> Study:
         """The study; errors name file, row, column, what was found and what is allowed."""
-        from bayes_toe.data.options import ReadOptions, changed, parse_columns, parse_where
+        from bayes_toe.data.options import changed
         from bayes_toe.data.read_study import example_study, read_study
         from bayes_toe.data.tasks import WHICH_STRONGER, task_of
 
-        asked = None if self.question is None else task_of(self.question)
         if self.example and self.files:
             raise InputError("--example and STUDY.csv exclude each other.")
+        if not self.example and not self.files:
+            raise InputError(NO_FILE)
+        asked = None if self.question is None else task_of(self.question)
         if self.example:
             study = example_study(asked or WHICH_STRONGER)
-            return changed(study, self.swap or (), self.exclude or ())
-        if not self.files:
-            raise InputError(NO_FILE)
-        given: dict[str, Any] = {
-            field.name: getattr(self, field.name, None) for field in fields(ReadOptions)
-        }
-        given |= {
-            "columns": {} if self.columns is None else parse_columns(self.columns),
-            "where": parse_where(self.where or ()),
-        }
-        options = ReadOptions(
-            **given | {"ignore": self.ignore or (), "categorical": self.named_levels}
-        )
-        # Some shells leave a name with * to us.
-        found = [
-            [file] if os.path.exists(file) else sorted(map(Path, glob(str(file)))) or [file]
-            for file in self.files
-        ]
-        study = read_study([path for paths in found for path in paths], options)
+        else:
+            study = read_study(self._paths(), self._read_options())
         if asked not in (None, study.task):
             raise InputError(
                 f"--task is {self.question!r}, but the responses in {study.source} are of the task "
                 f"{study.task.name!r}."
             )
         return changed(study, self.swap or (), self.exclude or ())
+
+    def _paths(self) -> list[Path]:
+        """The files; some shells leave a name with * to the program."""
+        paths = []
+        for file in self.files or ():
+            matches = [] if file.exists() else sorted(map(Path, glob(str(file))))
+            paths += matches or [file]
+        return paths
+
+    def _read_options(self) -> ReadOptions:
+        """How to read the files."""
+        from bayes_toe.data.options import ReadOptions, parse_columns, parse_where
+
+        options: dict[str, Any] = {
+            field.name: getattr(self, field.name)
+            for field in fields(ReadOptions)
+            if hasattr(self, field.name)
+        }
+        options["columns"] = {} if self.columns is None else parse_columns(self.columns)
+        options["where"] = parse_where(self.where or ())
+        options["ignore"] = self.ignore or ()
+        return ReadOptions(**options, categorical=self.named_levels)

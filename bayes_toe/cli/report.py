@@ -1,4 +1,4 @@
-"""The report of one analysis: a single HTML file that needs nothing else; of very many subjects an index with a page for each of them."""
+"""The report of an analysis: one HTML file; of very many subjects an index and their pages."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import re
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from math import isnan, nan
+from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -47,7 +47,7 @@ from bayes_toe.classical.asymmetry import AsymmetryTable
 from bayes_toe.classical.fit import SubjectFit
 from bayes_toe.cli import headline
 from bayes_toe.cli.group_screen import group_answer, group_tables
-from bayes_toe.cli.terminal import allowed, allowed_in_order, describe_amount
+from bayes_toe.cli.terminal import allowed_in_order, describe_amount
 from bayes_toe.cli.within_screens import contrast_lines
 from bayes_toe.data.messages import (
     capitalized,
@@ -123,14 +123,13 @@ _SAMPLER = {
     "max_thin": "largest thinning",
     "max_quantile_error": "largest Monte Carlo error of the 5 and 95 % quantiles, as a share of their distance",
 }
-_MINUS = re.compile(
-    r"(?<![\w.])-(?=\.?\d)"
-)  # of a number; not the hyphen of a word, a range or an exponent
+#: The minus of a number; not the hyphen of a word, a range or an exponent.
+_MINUS = re.compile(r"(?<![\w.])-(?=\.?\d)")
 
 
 @dataclass(frozen=True, eq=False)
 class Group:
-    """What the subjects have in common, and whether a population of this form can be believed."""
+    """The group of the subjects, and its predictive check."""
 
     found: PopulationResult
     check: PredictiveCheck
@@ -142,16 +141,16 @@ class Facts:
 
     summary: pd.DataFrame  # of the draws
     asymmetry: AsymmetryTable
-    flagged: Mapping[str, tuple[str, ...]]  # who must be looked at, and why
+    flagged: Mapping[str, tuple[str, ...]]  # subjects that need action, with the reasons
     group: Group | None
-    place: Path  # of order_effect.png, evidence.png, asymmetry.png (may be missing) and map.png
-    curves: Mapping[str, Path]  # pictures of the subjects that were drawn
+    place: Path  # of evidence.png and asymmetry.png, which may be missing
+    curves: Mapping[str, Path]  # figures of the subjects that were drawn
     corner: Mapping[str, Path]
     which: str  # whose these are: "all", "flagged" or "none"
 
 
 def write_report(analysis: Analysis, facts: Facts, folder: Path) -> None:
-    """Write report.html into a folder, and subjects/*.html where there are more than :data:`MOST_IN_ONE`.
+    """Write report.html, and subjects/*.html of more than :data:`MOST_IN_ONE` subjects.
 
     Every text from outside is escaped by the template engine, its control characters too. Pages
     are written piece by piece: with its figures a report may be larger than memory.
@@ -161,19 +160,19 @@ def write_report(analysis: Analysis, facts: Facts, folder: Path) -> None:
     links = {name: f"#subject-{i}" for i, name in enumerate(names, 1)}
     if is_paged:
         links = {name: f"subjects/{stem}.html" for name, stem in file_stems(names).items()}
-    findings = check(analysis.study, analysis.settings.prior)
-    warnings = [finding for finding in findings if finding.code not in NOTES]
+    findings = _findings(analysis, check(analysis.study, analysis.settings.prior))
     context = {
         **_context(analysis, facts),
-        **_files(folder),
-        **_findings(analysis, findings),
+        **findings,
+        "folder": folder,
+        "there": {path.name for path in folder.iterdir()},
         "links": links,
         "paged": is_paged,
         "most": _MOST_LISTED if is_paged else None,
         "index": _overview(analysis, facts, flagged_first=is_paged),
         "beside": "../" if is_paged else "",
     }
-    subjects = _subjects(analysis, facts, warnings)
+    subjects = _subjects(analysis, facts, findings["warnings"])
     templates = _environment(analysis.study.task)
     if is_paged:
         (folder / "subjects").mkdir()
@@ -204,11 +203,11 @@ def _environment(task: Task) -> Environment:
     environment.filters.update(
         capitalized=capitalized,
         data_uri=_data_uri,
+        describe_pair=describe_pair,
         head=_head,
         number=_number,
         p_value=_p_value,
         typeset=_typeset,
-        worst_pairs=headline.worst_pairs,
     )
     return environment
 
@@ -223,30 +222,27 @@ def _data_uri(picture: Path) -> str:
     return f"data:image/png;base64,{content}"
 
 
-def _number(value: float | None, digits: int = 2, error: float = nan) -> str:
-    """A number with the digits that its Monte Carlo error allows; a dash where there is none."""
+def _number(value: float | None, digits: int = 2) -> str:
+    """A number with some decimals; a dash where there is none."""
     if value is None or isnan(value):
         return "–"
-    return _typeset(allowed(value, error, digits))
+    return _typeset(f"{value:.{digits}f}")
 
 
 def _p_value(value: float | None) -> str:
     return "–" if value is None or isnan(value) else format_p(value)
 
 
-def _files(folder: Path) -> dict[str, Any]:
-    """The files that stand beside the report."""
-    there = {path.name for path in folder.iterdir()}
-    draws = sorted(name for name in there if name.startswith("posterior."))
-    return {"folder": folder, "there": there, "posterior": draws[0] if draws else "posterior.nc"}
-
-
 def _findings(analysis: Analysis, findings: Sequence[Finding]) -> dict[str, Any]:
     """Findings of the design and of the responses, by the place where they stand."""
-    warnings = [finding for finding in findings if finding.code not in NOTES]
-    notes = [finding.message.rstrip(".") for finding in findings if finding.code in NOTES]
+    warnings, notes = [], list[str]()
+    for finding in findings:
+        if finding.code in NOTES:
+            notes.append(finding.message.rstrip("."))
+        else:
+            warnings.append(finding)
     return {
-        "findings": [finding.message for finding in warnings if finding.subject == ""],
+        "warnings": warnings,
         "before_pooling": [finding for finding in warnings if finding.code in FLAG_KINDS],
         "read": [*analysis.study.notes, *dict.fromkeys(notes)],
     }
@@ -305,7 +301,7 @@ def _settings(analysis: Analysis) -> dict[str, str]:
 
 
 def _figure(analysis: Analysis, group: PopulationResult | None) -> list[tuple[str, str]]:
-    """The parts of figure 1, each with its class: responses, then the sizes for wide and narrow windows."""
+    """The parts of figure 1 by their classes: responses, sizes in wide and in narrow windows."""
     height = report_height(analysis)
     sizes = "PSE shift and contraction of every subject"
     figures = {
@@ -532,7 +528,7 @@ def _subject_answer(answer: OrderEffect) -> dict[str, Any]:
         "fits": answer.fits,
         "flags": answer.flags,
         "options": answer.options,
-        "worst_pairs": [describe_pair(pair) for pair in answer.worst_pairs],
+        "worst_pairs": answer.worst_pairs,
         "notes": answer.notes,
         "sizes": sizes,
         "models": _models(answer),
@@ -574,7 +570,7 @@ def _title(question: str) -> str:
 
 
 def _by_condition(table: ContrastTable) -> dict[str, Any]:
-    """What the section of conditions says: a row for every subject and comparison, a column for every quantity."""
+    """The section of conditions, with a row for every subject and comparison."""
     rows = defaultdict[tuple[str, str], list[Difference]](list)
     for row in table:
         rows[row.subject, row.comparison].append(row)
@@ -641,7 +637,7 @@ def _prior_dominated(summary: Sequence[Mapping[Any, Any]], names: Sequence[str])
 def _parameters(
     analysis: Analysis, name: str, summary: Sequence[Mapping[Any, Any]], fit: SubjectFit | None
 ) -> list[list[str]]:
-    """Parameters of the paper's model: estimates, maximum likelihood, and how well both are known."""
+    """Parameters of the paper's model: estimates, maximum likelihood, and their precision."""
     natural = analysis.draws.posterior(name).names.natural
     fitted = {}
     if fit is not None:

@@ -1,4 +1,4 @@
-"""The results folder of one analysis: draws, tables, corner plots and report, all of them or none."""
+"""The results folder of an analysis: draws, tables, figures and report, all of them or none."""
 
 from __future__ import annotations
 
@@ -41,17 +41,19 @@ Figure = Any  # of matplotlib, which is of another room
 #: What a results folder has of a group and of conditions.
 GROUP_PRODUCTS = ("population.csv", "population_subjects.csv", "population.png", "population.nc")
 CONTRAST_PRODUCTS = ("contrast.csv", "contrast.png")
+#: What each results folder has beside the draws.
 ALWAYS = ("summary.csv", "evidence.csv", "report.html", "methods.md", "methods.bib")
 #: What a results folder may hold: draws, the group, corner plots, an explorer, pages of very many
 #: subjects.
 PRODUCTS = (
-    *(
-        "posterior.nc",
-        *ALWAYS[:2],
-        *CONTRAST_PRODUCTS,
-        *GROUP_PRODUCTS,
-    ),
-    *("corner", "explorer.html", *ALWAYS[2:], "subjects", "paper_figures"),
+    "posterior.nc",
+    *ALWAYS,
+    *CONTRAST_PRODUCTS,
+    *GROUP_PRODUCTS,
+    "corner",
+    "explorer.html",
+    "subjects",
+    "paper_figures",
 )
 #: Subjects whose figures may be drawn, and about how many bytes a subject takes in all.
 FIGURE_BYTES = {"all": 400_000, "flagged": 60_000, "none": 20_000}
@@ -100,36 +102,30 @@ def write_results(
     spreadsheet_safe: bool = False,
     group: Group | None = None,
 ) -> Path:
-    """Write posterior.nc, summary.csv, evidence.csv, methods.md, corner/*.png, report.html, of very many also subjects/*.html.
+    """Write draws, tables, figures, report and methods of an analysis: all of them, or none.
 
-    With a group its tables, figure and draws, and a section of the report. Other files of the
-    folder are left alone; if it holds products already that may not be replaced, or cannot be
-    written, nothing is changed. Progress is told of the subjects that are drawn.
+    Other files of the folder stay. If the folder holds products that may not be replaced, or cannot
+    be written, nothing is changed. `progress` is called with each subject whose figures are drawn.
     """
-    draws, marked = analysis.draws, flagged(analysis.evidence, analysis.draws.not_converged)
+    draws = analysis.draws
+    marked = flagged(analysis.evidence, draws.not_converged)
     drawn = {"all": draws.names, "flagged": tuple(marked), "none": ()}[figures.which]
-    stems, posterior = file_stems(draws.names), "posterior.nc"
-    parts = {
-        CONTRAST_PRODUCTS: analysis.contrast,
-        GROUP_PRODUCTS: group,
-    }
-    required = [
-        posterior,
-        *ALWAYS,
-        *(name for names, part in parts.items() if part is not None for name in names),
-    ]
-    required += [f"corner/{stems[name]}.png" for name in drawn] + [
-        "explorer.html"
-    ] * figures.explorer
+    stems = file_stems(draws.names)
+    corner_plots = {name: f"corner/{stems[name]}.png" for name in drawn}
+    required = ["posterior.nc", *ALWAYS, *corner_plots.values()]
+    if analysis.contrast is not None:
+        required += CONTRAST_PRODUCTS
+    if group is not None:
+        required += GROUP_PRODUCTS
+    if figures.explorer:
+        required.append("explorer.html")
     with (
         whole_folder(folder, PRODUCTS, required=required, overwrite=overwrite) as new,
-        TemporaryDirectory(dir=new.absolute()) as home,
+        TemporaryDirectory(dir=new.absolute()) as temporary,
     ):
-        target, place = (
-            new.absolute(),
-            Path(home),
-        )  # absolute, since a worker may be in another folder than this process
-        draws.save(target / posterior)
+        # Absolute, since a worker may be in another folder than this process.
+        target, pictures = new.absolute(), Path(temporary)
+        draws.save(target / "posterior.nc")
         summary = analysis.summary()
         _write_tables(analysis, summary, group, target, spreadsheet_safe=spreadsheet_safe)
         write_methods(analysis, None if group is None else group.found, target / "methods.md")
@@ -140,45 +136,42 @@ def write_results(
         asymmetry = AsymmetryTable(
             subject_asymmetries(analysis.study.subjects), analysis.study.task
         )
-        saved = partial(opened, target / posterior, (target / posterior).stat().st_mtime_ns)
-        curve_files, corner_plots = (
-            {name: at / f"{stems[name]}.png" for name in drawn}
-            for at in (place / "curves", target / "corner")
+        if drawn:
+            (target / "corner").mkdir()
+        corner_files = {name: target / file for name, file in corner_plots.items()}
+        curve_files = {name: pictures / f"curve_{stems[name]}.png" for name in drawn}
+        jobs = _overview_jobs(analysis, asymmetry, pictures)
+        names: list[tuple[str, ...]] = [()] * len(jobs)
+        saved = partial(
+            opened, target / "posterior.nc", (target / "posterior.nc").stat().st_mtime_ns
         )
-        for made in (place / "curves", *([target / "corner"] if drawn else [])):
-            made.mkdir()
-        overviews = ["evidence"]
-        overviews += ["asymmetry"] * any(
-            row.comparisons for row in asymmetry
-        )  # else no pair was presented in both orders
-        given = (analysis.evidence, asymmetry, analysis.study)
-        jobs = [partial(_draw_overview, place / f"{name}.png", *given) for name in overviews]
-        names: list[tuple[str, ...]] = [*((),) * len(jobs), *((name,) for name in drawn)]
-        prior, truth = analysis.settings.prior, figures.truth
         curves = {curve.target.subject.name: curve for curve in analysis.curves}
-        jobs += [
-            partial(
-                _draw_subject,
-                saved,
-                name,
-                prior,
-                truth.get(name),
-                curves[name],
-                corner_plots[name],
-                curve_files[name],
-            )
-            for name in drawn
-        ]
+        for name in drawn:
+            files = corner_files[name], curve_files[name]
+            truth = figures.truth.get(name)
+            prior = analysis.settings.prior
+            jobs.append(partial(_draw_subject, saved, name, prior, truth, curves[name], *files))
+            names.append((name,))
         run_in_order(jobs, of_this_machine(workers), progress, names)
         opened.cache_clear()
-        write_report(
-            analysis,
-            Facts(
-                summary, asymmetry, marked, group, place, curve_files, corner_plots, figures.which
-            ),
-            target,
+        facts = Facts(
+            summary, asymmetry, marked, group, pictures, curve_files, corner_files, figures.which
         )
+        write_report(analysis, facts, target)
     return Path(folder)
+
+
+def _overview_jobs(
+    analysis: Analysis, asymmetry: AsymmetryTable, folder: Path
+) -> list[Callable[[], None]]:
+    """Jobs that draw the figures of all subjects."""
+    title = _title(analysis.study)
+    jobs: list[Callable[[], None]] = [
+        partial(_draw_evidence, folder / "evidence.png", analysis.evidence, title)
+    ]
+    if any(row.comparisons for row in asymmetry):  # else no pair was presented in both orders
+        jobs.append(partial(_draw_asymmetry, folder / "asymmetry.png", asymmetry))
+    return jobs
 
 
 @lru_cache(maxsize=1)
@@ -223,19 +216,18 @@ def _write_tables(
 # --- pictures, each drawn wherever there is a worker ----------------------------------------------
 
 
-def _draw_overview(
-    file: Path, evidence: EvidenceTable, asymmetry: AsymmetryTable, study: Study
-) -> None:
-    """Draw the figure of the study that the report looks for under the name of the file."""
-    if file.stem == "asymmetry":
-        figure = new_figure(_WIDE, asymmetry_height(asymmetry))
-        plots.asymmetry(asymmetry, figure.subplots())
-    else:
-        figure = new_figure(_WIDE, forest_height(len(evidence)))
-        ax = figure.subplots()
-        evidence_axes(ax, evidence)
-        ax.set_title(_said(study), fontsize=LETTERS, loc="right")
-        legend_below(figure, size=LETTERS, columns=2)
+def _draw_evidence(file: Path, evidence: EvidenceTable, title: str) -> None:
+    figure = new_figure(_WIDE, forest_height(len(evidence)))
+    ax = figure.subplots()
+    evidence_axes(ax, evidence)
+    ax.set_title(title, fontsize=LETTERS, loc="right")
+    legend_below(figure, size=LETTERS, columns=2)
+    file.write_bytes(png(figure, dpi=_DOTS))
+
+
+def _draw_asymmetry(file: Path, asymmetry: AsymmetryTable) -> None:
+    figure = new_figure(_WIDE, asymmetry_height(asymmetry))
+    plots.asymmetry(asymmetry, figure.subplots())
     file.write_bytes(png(figure, dpi=_DOTS))
 
 
@@ -250,9 +242,9 @@ def _draw_subject(
 ) -> None:
     draws = saved()
     corner_file.write_bytes(png(corner(draws, name, truths=truth, prior=prior), dpi=110))
-    curve_file.write_bytes(png(fitted_figure(fitted, _said(draws)), dpi=120))
+    curve_file.write_bytes(png(fitted_figure(fitted, _title(draws)), dpi=120))
 
 
-def _said(of: Study | Draws) -> str:
+def _title(source: Study | Draws) -> str:
     """The title of a picture that stands under a heading."""
-    return "synthetic data" if of.synthetic else ""
+    return "synthetic data" if source.synthetic else ""

@@ -1,11 +1,11 @@
-"""A command at work: how a function becomes a command, the shared options that it takes, and what every command does with them."""
+"""How a function becomes a command, and what commands do with the options that they share."""
 
 from __future__ import annotations
 
 import inspect
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cached_property, wraps
 from pathlib import Path
 from textwrap import wrap
@@ -57,7 +57,7 @@ class Takes:
 
 @dataclass(frozen=True, kw_only=True)
 class Task:
-    """The shared options, in the order in which help lists them, after those that a command has for itself; and the files it reads."""
+    """The shared options, in the order in which help lists them, and the files that are read."""
 
     seed: Seed = None
     draws: DrawCount = 4000
@@ -113,11 +113,9 @@ class Task:
     def work(
         self, what: str, total: int, function: Callable[..., Result], *given: Any, **options: Any
     ) -> Result:
-        """What a function of the package makes with the task's seed and workers, unless others are given, beside a progress bar."""
+        """Call a function with seed, workers and a progress bar; return its result."""
         with self.out.progress(what, total) as tick:
-            return function(
-                *given, **{"seed": self.seed, "workers": self.workers, "progress": tick} | options
-            )
+            return function(*given, seed=self.seed, workers=self.workers, progress=tick, **options)
 
     @cached_property
     def workers(self) -> Workers:
@@ -155,7 +153,7 @@ class Task:
         return folder
 
     def finish(self, folder: Path, failed: Mapping[str, str]) -> None:
-        """Report what was not computed again, and remove the stored results unless a subject failed."""
+        """Say what was not computed again; remove the stored results unless a subject failed."""
         from bayes_toe.result_store import discard
 
         standing = under_way.get(folder)
@@ -168,7 +166,7 @@ class Task:
     # --- what is written --------------------------------------------------------------------------
 
     def require_files(self, *files: Path) -> None:
-        """Refuse before the work what could not be written after it, and what would take the place of a file that is read."""
+        """Refuse before the work files that could not be written after it, or that are read."""
         from bayes_toe.data.read_table import require_parquet
         from bayes_toe.data.whole_files import require_writable
 
@@ -189,19 +187,17 @@ class Task:
         for file in files:
             if file.resolve() in read:
                 raise InputError(
-                    f"{file}: this command reads that file and must not replace it. Use another --output."
+                    f"{file}: this command reads that file and must not replace it. "
+                    "Use another --output."
                 )
 
-    def write(self, made: Mapping[Path, Callable[[Path], object]], *others: Path) -> None:
-        """Write files of one folder, which appear all together or not at all.
-
-        Each by what writes it, `others` besides by one of those.
-        """
+    def write(self, writers: Mapping[Path, Callable[[Path], object]]) -> None:
+        """Write files of one folder, which appear all together or not at all."""
         from bayes_toe.data.whole_files import whole_together
 
-        with whole_together(*made, *others, overwrite=self.overwrite) as folder:
-            for file, make in made.items():
-                make(folder / file.name)
+        with whole_together(*writers, overwrite=self.overwrite) as folder:
+            for file, write in writers.items():
+                write(folder / file.name)
 
     @property
     def saving(self) -> dict[str, Any]:
@@ -249,40 +245,67 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
     on standard error and exit code 2; anything else is a bug and shows its traceback.
     """
     signature = inspect.signature(function, eval_str=True)
-    records = {
-        name: found
-        for name, one in signature.parameters.items()
-        if (found := _record(one.annotation)) is not None
-    }
-    options = {
-        name: _options(*records[name]) if name in records else [parameter]
-        for name, parameter in signature.parameters.items()
-    }
+    records: dict[str, tuple[Any, list[str]]] = {}
+    parameters: list[inspect.Parameter] = []
+    for name, parameter in signature.parameters.items():
+        kind, takes = parameter.annotation, None
+        if get_origin(kind) is Annotated:
+            kind, takes = get_args(kind)[:2]
+        if is_dataclass(kind):
+            options = _options(kind, takes)
+            records[name] = kind, [option.name for option in options]
+            parameters += options
+        else:
+            parameters.append(parameter)
 
     @wraps(function)
-    def command(**given: Any) -> None:
-        values = (
-            value if isinstance(value, list) else [value]
-            for name, value in given.items()
-            if not name.endswith("output")
-        )
-        inputs = tuple(one for some in values for one in some if isinstance(one, Path))
-        for name, (kind, _) in records.items():
-            told = {"inputs": inputs} if kind is Task else {}
-            given[name] = kind(
-                **{option.name: given.pop(option.name) for option in options[name]}, **told
-            )
+    def command(**values: Any) -> None:
+        inputs = _input_paths(values)
+        for name, (kind, options) in records.items():
+            of_record = {option: values.pop(option) for option in options}
+            if kind is Task:
+                of_record["inputs"] = inputs
+            values[name] = kind(**of_record)
         under_way.clear()  # An earlier call in this process may have stored results.
         try:
-            function(**given)
+            function(**values)
         except BayesToeError as error:
             print_error(error, function.__name__)
             raise typer.Exit(BAD_INPUT) from error
 
-    parameters = [one for some in options.values() for one in some]
     command.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
     command.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
     return command
+
+
+def _input_paths(values: Mapping[str, Any]) -> tuple[Path, ...]:
+    """The paths among the values of options, without those of outputs."""
+    paths = list[Path]()
+    for name, value in values.items():
+        if not name.endswith("output"):
+            items = value if isinstance(value, list) else [value]
+            paths += [item for item in items if isinstance(item, Path)]
+    return tuple(paths)
+
+
+def _options(kind: Any, takes: Takes | None) -> list[inspect.Parameter]:
+    """A parameter for each field of a record that is taken, in its order."""
+    hints = get_type_hints(kind, include_extras=True)
+    options = []
+    for field in fields(kind):
+        default = field.default
+        if takes is not None:
+            if field.name not in takes.names:
+                continue
+            default = takes.defaults.get(field.name, default)
+        parameter = inspect.Parameter(
+            field.name,
+            inspect.Parameter.KEYWORD_ONLY,
+            default=default,
+            annotation=hints[field.name],
+        )
+        options.append(parameter)
+    return options
 
 
 def print_error(error: BayesToeError, command: str) -> None:
@@ -315,31 +338,3 @@ def print_labelled(label: str, text: str) -> None:
         lines = wrap(text, WIDTH - 7, break_long_words=False, break_on_hyphens=False)
     for i, line in enumerate(lines):
         typer.echo(f"{'' if i else label:<7}{line}", err=True)
-
-
-def _record(annotation: Any) -> tuple[Any, Takes | None] | None:
-    """The record that a parameter is, and which fields of it are taken, all where that is not said.
-
-    None where it is none.
-    """
-    kind, takes = (
-        get_args(annotation)[:2] if get_origin(annotation) is Annotated else (annotation, None)
-    )
-    return (kind, takes) if is_dataclass(kind) else None
-
-
-def _options(kind: Any, takes: Takes | None) -> list[inspect.Parameter]:
-    """A parameter for each field of a record, in its order."""
-    hints, own = get_type_hints(kind, include_extras=True), {} if takes is None else takes.defaults
-    return [
-        inspect.Parameter(
-            field.name,
-            inspect.Parameter.KEYWORD_ONLY,
-            default=own.get(
-                field.name, inspect.Parameter.empty if field.default is MISSING else field.default
-            ),
-            annotation=hints[field.name],
-        )
-        for field in fields(kind)
-        if takes is None or field.name in takes.names
-    ]

@@ -152,9 +152,9 @@ def note_lines(mark: str, subjects: Sequence[str], text: str, option: str = "") 
     >>> note_lines("!", ["A08"], "Responses look swapped in block 2.", "--swap A08:2")
     ['! A08  Responses look swapped in block 2.', '       type: --swap A08:2']
     """
-    label = (
-        f"{mark} {listed([visible(name) for name in subjects], 5)}  " if subjects else f"{mark} "
-    )
+    label = f"{mark} "
+    if subjects:
+        label += f"{listed([visible(name) for name in subjects], 5)}  "
     indent = len(label) if len(label) <= 12 else 7
     lines = wrap_line(label + text, indent)
     if option:
@@ -219,7 +219,7 @@ def format_table(
     n_lines = max(heading.count("\n") + 1 for heading in headings)
     parts = [heading.split("\n") for heading in headings]
     filled = [[""] * (n_lines - len(part)) + part for part in parts]
-    heading_rows = [[part[k] for part in filled] for k in range(n_lines)]
+    heading_rows = zip(*filled, strict=True)
     return [_table_line(row, widths, gap, numeric) for row in (*heading_rows, *rows)]
 
 
@@ -305,10 +305,10 @@ def chosen(names: Iterable[str], first: Collection[str]) -> list[str]:
     >>> chosen(["S2", "S1"], {"S1"}), chosen(map(str, range(2000)), {"7", "1999"})
     (['S2', 'S1'], ['7', '1999'])
     """
-    found = list(names)
-    if len(found) < MANY_SUBJECTS:
-        return found
-    return [name for name in found if name in first]
+    all_names = list(names)
+    if len(all_names) < MANY_SUBJECTS:
+        return all_names
+    return [name for name in all_names if name in first]
 
 
 def merge_notes(notes: Iterable[tuple[str, str, str]]) -> list[tuple[list[str], str, str]]:
@@ -373,45 +373,34 @@ def without_zeros(text: str) -> str:
     return re.sub(r"(?<![\d.])0(?=\.\d)", "", without_sign)
 
 
-def allowed(value: float, error: float, most: int) -> str:
-    """A number down to the decimal in which its standard error begins, and to no more than `most` decimals.
-
-    Where the error is larger than 1, tens or hundreds are what is left. An error of 0 or NaN allows all.
-
-    Examples
-    --------
-    >>> allowed(0.123456, 0.004, 5), allowed(0.123456, 0.04, 5), allowed(1234.5, 30.0, 2), allowed(0.123456, float("nan"), 2)
-    ('0.123', '0.12', '1230', '0.12')
-    """
-    return (
-        _rounded(value, min(most, _decimals(error)))
-        if 0.0 < error < math.inf
-        else f"{value:.{most}f}"
-    )
-
-
 def allowed_in_order(values: Sequence[float], errors: Sequence[float], most: int) -> list[str]:
-    """Numbers that ascend, such as a median between its limits, each as :func:`allowed` has it; the order is still there to be seen.
+    """Numbers that ascend, with the decimals that their standard errors allow, at most `most`.
 
-    Where each by itself would hide it, because errors differ by orders of magnitude as they do before sampling has converged, all end where
-    the largest error begins or, where they would be alike there, with the first decimal in which they differ.
+    A number ends with the decimal in which its error begins; an error above 1 leaves tens or
+    hundreds, and an error of 0 or NaN allows all decimals. Where that would hide the order of the
+    numbers, all end where the largest error begins, or with the first decimal in which they differ.
 
     Examples
     --------
-    >>> allowed_in_order([49.6, 40_213.0, 86_443.6], [20.0, 3e5, 0.004], 2), allowed_in_order([0.12, 0.51, 2.3], [0.01, 0.02, 0.2], 2)
-    (['0', '40000', '90000'], ['0.12', '0.51', '2.3'])
+    >>> allowed_in_order([0.12, 0.51, 2.3], [0.01, 0.02, 0.2], 2)
+    ['0.12', '0.51', '2.3']
+    >>> allowed_in_order([49.6, 40_213.0, 86_443.6], [20.0, 3e5, 0.004], 2)
+    ['0', '40000', '90000']
     """
-    shown = [allowed(value, error, most) for value, error in zip(values, errors, strict=True)]
+    digits = [min(most, _decimals(error, most)) for error in errors]
+    shown = [_rounded(value, n) for value, n in zip(values, digits, strict=True)]
     if all(float(low) < float(high) for low, high in itertools.pairwise(shown)):
         return shown
-    decimals = min([most, *(_decimals(error) for error in errors if 0.0 < error < math.inf)])
+    decimals = min(digits)
     while decimals < most and len({round(value, decimals) for value in values}) < len(set(values)):
         decimals += 1
     return [_rounded(value, decimals) for value in values]
 
 
-def _decimals(error: float) -> int:
-    # As it is printed with one digit: 0.0096 is 0.01 and begins in the second decimal.
+def _decimals(error: float, most: int) -> int:
+    """The decimal in which an error begins, as it is printed with one digit: 0.0096 is 0.01."""
+    if not 0.0 < error < math.inf:
+        return most
     return -int(f"{error:.0e}".partition("e")[2])
 
 

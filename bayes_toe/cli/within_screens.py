@@ -30,23 +30,8 @@ DIFFERENCE_WORDS = {
 
 def print_contrast(out: Terminal, table: ContrastTable, file: str = OUTPUT) -> None:
     """A row for each subject, comparison and quantity; what is not compared."""
-    several = len({row.comparison for row in table}) > 1
-    rows, before = [], None
-    for row in table:
-        if row.quantity == "order effect" or len(table.subjects) >= MANY_SUBJECTS:
-            continue
-        name = f"{row.subject} {row.comparison}" if several else row.subject
-        word = DIFFERENCE_WORDS.get(row.word, "-")
-        dependent = " ?" if row.robust == "no" else ""
-        label = "" if name == before else name
-        factor = row.log_bf_differs
-        shown = "-" if factor is None else format_bayes_factor(factor)
-        rows.append([label, row.quantity, _difference(row), shown, f"{word}{dependent}"])
-        before = name
-    comparison = "difference" if several else table.rows[0].comparison
-    headings = ["subject", "", f"{comparison} [95 % interval]", "BF", "differs"]
-    if rows:
-        out.table(headings, rows)
+    if len(table.subjects) < MANY_SUBJECTS:
+        out.table(*_contrast_table(table))
     else:
         out.line()
         out.line(f"All {len(table.subjects):,} subjects: {file}")
@@ -57,8 +42,33 @@ def print_contrast(out: Terminal, table: ContrastTable, file: str = OUTPUT) -> N
         for name, reason in table.left_out.items()
         if name not in table.failed
     ]
-    notes = [(subject.subject, note, "") for subject in table.subjects for note in subject.notes]
+    notes = []
+    for subject in table.subjects:
+        notes += [(subject.subject, note, "") for note in subject.notes]
     out.notes([*missing, *notes], "-", file=file)
+
+
+def _contrast_table(table: ContrastTable) -> tuple[list[str], list[list[str]]]:
+    """Headings and rows; the name of a subject, or of its comparison, stands in its first row."""
+    comparisons = {row.comparison for row in table}
+    rows = []
+    label_before = ""
+    for row in table:
+        if row.quantity == "order effect":
+            continue
+        label = row.subject
+        if len(comparisons) > 1:
+            label = f"{row.subject} {row.comparison}"
+        word = DIFFERENCE_WORDS.get(row.word, "-")
+        if row.robust == "no":
+            word += " ?"
+        factor = row.log_bf_differs
+        shown_factor = "-" if factor is None else format_bayes_factor(factor)
+        shown_label = "" if label == label_before else label
+        rows.append([shown_label, row.quantity, _difference(row), shown_factor, word])
+        label_before = label
+    title = "difference" if len(comparisons) > 1 else table.rows[0].comparison
+    return ["subject", "", f"{title} [95 % interval]", "BF", "differs"], rows
 
 
 def _difference(row: Difference) -> str:
@@ -90,10 +100,9 @@ def _count(words: Iterable[str]) -> str:
         plain.append(word)
         if direction:
             directions.setdefault(word, Counter())[direction] += 1
-    named = {
-        word: ", ".join(f"{count} {direction}" for direction, count in counts.items())
-        for word, counts in directions.items()
-    }
+    named = {}
+    for word, counts in directions.items():
+        named[word] = ", ".join(f"{count} {direction}" for direction, count in counts.items())
     return count_words(plain, f" of {counted(len(plain), 'subject')}", named)
 
 

@@ -6,6 +6,7 @@ Errors become lines and exit codes; help loses nothing.
 import inspect
 import re
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Annotated
@@ -34,6 +35,11 @@ SHARED = [
     "overwrite",
     "quiet",
 ]
+
+
+of_every_command = pytest.mark.parametrize(
+    "function", [*chain.from_iterable(COMMANDS.values())], ids=lambda function: function.__name__
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,11 +150,7 @@ def test_problems_are_lines_and_a_code_and_a_bug_shows_itself(error, code, said)
     assert said or done.exception is error
 
 
-@pytest.mark.parametrize(
-    "function",
-    [one for commands in COMMANDS.values() for one in commands],
-    ids=lambda function: function.__name__,
-)
+@of_every_command
 def test_every_command_lists_shared_options_last_in_one_order_and_its_help_has_every_word(function):
     found = names(function)
     shared = [name for name in SHARED if name in found]
@@ -191,11 +193,7 @@ def test_there_are_fourteen_commands_and_rare_options_stand_apart():
         assert f"{name} " in rare
 
 
-@pytest.mark.parametrize(
-    "function",
-    [one for commands in COMMANDS.values() for one in commands],
-    ids=lambda function: function.__name__,
-)
+@of_every_command
 def test_the_help_of_a_command_fits_on_a_screen_in_short_phrases(function, monkeypatch):
     monkeypatch.setattr("typer.rich_utils.MAX_WIDTH", 80)
     lines = inside(function.__name__, "--help").stdout.splitlines()

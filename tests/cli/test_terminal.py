@@ -16,7 +16,6 @@ from bayes_toe.cli.terminal import (
     MANY_SUBJECTS,
     WIDTH,
     Terminal,
-    allowed,
     allowed_in_order,
     cell_width,
     command_lines,
@@ -165,7 +164,7 @@ def test_estimates_and_options_stay_on_one_line():
     ],
 )
 def test_digits_end_where_the_error_begins(value, error, most, shown):
-    assert allowed(value, error, most) == shown
+    assert allowed_in_order([value], [error], most) == [shown]
 
 
 @pytest.mark.parametrize(
