@@ -150,16 +150,17 @@ def _mean(values: Sequence[float]) -> float:
 
 
 @dataclass(frozen=True)
-class Population:
+class AsymmetryCounts:
     """How many subjects have a positive and a negative maximal asymmetry, all and significant ones.
 
     Source: Results, 'Across participants, 6 showed positive maximal asymmetries (5 significant at
     p < 0.05) ...'. The data choose the maximum, so `significant` means Holm's p-value over the
     subject's comparisons below `level`; `uncorrected` takes the plain p-value. There is no
-    correction over subjects.
+    correction over subjects. `share_of` says what q is the share of.
     """
 
     level: float
+    share_of: str
     n_subjects: int
     positive: int
     positive_significant: int
@@ -169,14 +170,15 @@ class Population:
     negative_uncorrected: int
 
     def describe(self) -> str:
-        """One line for terminals and reports."""
-        positive = (self.positive, "positive", self.positive_significant, self.positive_uncorrected)
-        negative = (self.negative, "negative", self.negative_significant, self.negative_uncorrected)
+        """A sentence for terminals and reports, without a full stop."""
         level = f"{self.level:g}".removeprefix("0")
-        words = f"{{}} {{}} ({{}} significant at p < {level}, {{}} before correction)"
         return (
-            f"Largest asymmetry of {counted(self.n_subjects, 'subject')}: "
-            f"{words.format(*positive)}, {words.format(*negative)}"
+            "In the pair whose two orders differ most, "
+            f"{self.positive} of {counted(self.n_subjects, 'subject')} gave more {self.share_of} "
+            f"responses with the stronger stimulus first ({self.positive_significant} significant "
+            f"at p < {level} after Holm's correction, {self.positive_uncorrected} before it), and "
+            f"{self.negative} with the weaker stimulus first ({self.negative_significant} "
+            f"significant, {self.negative_uncorrected} before correction)"
         )
 
 
@@ -223,28 +225,7 @@ class AsymmetryTable(SubjectTable[SubjectAsymmetry]):
         columns = [key.replace("n_equal", count) for key in ASYMMETRY_COLUMNS]
         return pd.DataFrame(rows, columns=columns)
 
-    def subjects(self) -> pd.DataFrame:
-        """One row per subject: accuracy, mean asymmetries and the largest comparison."""
-        keys = (
-            "s_weak",
-            "s_strong",
-            "asymmetry",
-            "asymmetry_se",
-            "p_value",
-            "p_adjusted",
-            "probability_of_direction",
-        )
-        names = [f"maximal_{key}" if key.startswith("asymmetry") else key for key in keys]
-        means = ("mean_asymmetry", "mean_absolute_asymmetry")
-        rows = []
-        for row in self.rows:
-            of_subject = [getattr(row, key) for key in means]
-            of_maximal = [getattr(row.maximal, key, None) for key in keys]
-            n_comparisons = len(row.comparisons)
-            rows.append([row.subject, row.accuracy, n_comparisons, *of_subject, *of_maximal])
-        return pd.DataFrame(rows, columns=["subject", "accuracy", "n_comparisons", *means, *names])
-
-    def population(self, level: float = LEVEL) -> Population:
+    def population(self, level: float = LEVEL) -> AsymmetryCounts:
         """Signs of the maximal asymmetries over the subjects that have a comparison."""
         maxima = [row.maximal for row in self.rows if row.maximal is not None]
         counts = []
@@ -253,7 +234,7 @@ class AsymmetryTable(SubjectTable[SubjectAsymmetry]):
             counts.append(len(side))
             counts.append(sum(row.p_adjusted < level for row in side))
             counts.append(sum(row.p_value < level for row in side))
-        return Population(level, len(maxima), *counts)
+        return AsymmetryCounts(level, self.share_of, len(maxima), *counts)
 
 
 def asymmetry(study: Study) -> AsymmetryTable:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
+from itertools import product
 from numbers import Integral
 from typing import TYPE_CHECKING
 
@@ -37,8 +38,8 @@ if TYPE_CHECKING:
 _LABEL = "Appendix C's evidence of H1"
 #: Smallest eigenvalue of a correlation matrix that still counts as invertible.
 _SINGULAR = 1e-10
-#: What is said of replicates on such edges.
-_SAID = {
+#: Words for replicates on an edge.
+_EDGE_WORDS = {
     "sigma_p=0": "have sigma_p = 0",
     "sigma_p=inf": "have an infinite sigma_p",
     "not unique": "do not determine a parameter; its interval uses the other replicates",
@@ -102,27 +103,26 @@ class Bootstrap:
 
     def remarks(self) -> tuple[str, ...]:
         """What a reader of the intervals has to know, one sentence each."""
-        count, lost = len(self), int((~self.fits.arrived).sum())
-        on_edge = dict(zip(self.fits.edge_names, self.fits.edges.sum(axis=0).tolist(), strict=True))
-        found = (
-            [
-                f"{lost} of {count} bootstrap replicates did not converge; intervals use their best points"
-            ]
-            if lost
-            else []
-        )
-        found += [
-            f"{on_edge[name]} of {count} bootstrap replicates {said}"
-            for name, said in _SAID.items()
-            if on_edge[name]
-        ]
-        limits = zip(self.fitted.names, self.fitted.parameters[0], self.intervals(), strict=True)
-        if outside := [name for name, value, (low, high) in limits if value < low or value > high]:
-            found.append(
-                f"outside the 95 % interval: {', '.join(outside)}, because the replicates come "
-                "from smoothed frequencies"
+        remarks = []
+        replicates = f"of {len(self)} bootstrap replicates"
+        n_lost = int((~self.fits.arrived).sum())
+        if n_lost:
+            remarks.append(
+                f"{n_lost} {replicates} did not converge; intervals use their best points"
             )
-        return tuple(found)
+        n_on_edge = self.fits.edges.sum(axis=0).tolist()
+        for name, n_there in zip(self.fits.edge_names, n_on_edge, strict=True):
+            if n_there and name in _EDGE_WORDS:
+                remarks.append(f"{n_there} {replicates} {_EDGE_WORDS[name]}")
+        value, (low, high) = self.fitted.parameters[0], self.intervals().T
+        is_outside = (value < low) | (value > high)
+        if is_outside.any():
+            names = ", ".join(np.array(self.fitted.names)[is_outside])
+            remarks.append(
+                f"outside the 95 % interval: {names}, because the replicates come from smoothed "
+                "frequencies"
+            )
+        return tuple(remarks)
 
 
 def bootstrap_subject(
@@ -193,17 +193,9 @@ UNCERTAINTY_COLUMNS = (
 def fit_columns(task: Task) -> tuple[str, ...]:
     """Columns of fit.csv."""
     natural = natural_names(task)
-    limits = (f"{name}_{side}" for name in natural for side in ("lower", "upper"))
-    return (
-        "subject",
-        *natural,
-        "log_likelihood",
-        "at_edge",
-        *limits,
-        "level",
-        "replicates",
-        "penalty",
-    )
+    limits = map("_".join, product(natural, ("lower", "upper")))
+    ending = ("level", "replicates", "penalty")
+    return ("subject", *natural, "log_likelihood", "at_edge", *limits, *ending)
 
 
 @dataclass(frozen=True, eq=False)
@@ -265,15 +257,13 @@ class FitTable(SubjectTable[SubjectFit]):
         NaN (in the file: empty) where the data leave a parameter open.
         """
         penalty = None if self.prior is None else self.prior.describe_penalty()
-        limits = (row.bootstrap.intervals(self.level).ravel() for row in self)
-        fits = (
-            (row.subject, *row.parameters, row.log_likelihood, row.at_edge, *some)
-            for row, some in zip(self, limits, strict=True)
-        )
-        return pd.DataFrame(
-            [(*cells, self.level, self.replicates, penalty) for cells in fits],
-            columns=list(fit_columns(self.task)),
-        )
+        ending = (self.level, self.replicates, penalty)
+        rows = []
+        for row in self:
+            limits = row.bootstrap.intervals(self.level).ravel()
+            fitted = (row.subject, *row.parameters, row.log_likelihood, row.at_edge)
+            rows.append((*fitted, *limits, *ending))
+        return pd.DataFrame(rows, columns=list(fit_columns(self.task)))
 
     def beside(self, draws: Draws) -> pd.DataFrame:
         """Central posterior interval beside the bootstrap interval of every subject and natural parameter, both at the table's level.
@@ -293,14 +283,10 @@ class FitTable(SubjectTable[SubjectFit]):
         tails = [0.5 - self.level / 2.0, 0.5, 0.5 + self.level / 2.0]
         rows = []
         for row in self:
-            for key, best, (lower, upper) in zip(
-                natural_names(self.task),
-                row.parameters,
-                row.bootstrap.intervals(self.level),
-                strict=True,
-            ):
+            intervals = row.bootstrap.intervals(self.level)
+            for key, best, limits in zip(row.fitted.names, row.parameters, intervals, strict=True):
                 low, middle, high = np.quantile(draws.values(row.subject, key), tails)
-                rows.append((row.subject, key, middle, low, high, best, lower, upper, row.at_edge))
+                rows.append((row.subject, key, middle, low, high, best, *limits, row.at_edge))
         return pd.DataFrame(rows, columns=list(UNCERTAINTY_COLUMNS))
 
 
@@ -363,12 +349,11 @@ def subject_fit(
     """Fit and bootstrap of one subject; arguments as in :func:`fit`."""
     fitted = fit_counts(subject, prior)
     made = bootstrap_subject(subject, seed=seed, prior=prior, replicates=replicates, fitted=fitted)
-    notes = [] if fitted.arrived[0] else ["the fit did not converge: the best point found is given"]
-    open_ = [
-        name
-        for name, value in zip(fitted.names, fitted.parameters[0], strict=True)
-        if np.isnan(value)
-    ]
-    if open_:
-        notes.append(f"not determined by these answers: {', '.join(open_)}")
+    notes = []
+    if not fitted.arrived[0]:
+        notes.append("the fit did not converge: the best point found is given")
+    is_open = np.isnan(fitted.parameters[0])
+    if is_open.any():
+        names = ", ".join(np.array(fitted.names)[is_open])
+        notes.append(f"not determined by these answers: {names}")
     return SubjectFit(subject.name, fitted, made, (*notes, *made.remarks()))

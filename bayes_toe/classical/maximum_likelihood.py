@@ -226,10 +226,8 @@ class Fits:
     @property
     def at_edge(self) -> tuple[str, ...]:
         """The edges of every row as text, joined with ';', empty for a maximum inside."""
-        return tuple(
-            ";".join(name for name, here in zip(self.edge_names, row, strict=True) if here)
-            for row in self.edges
-        )
+        names = np.array(self.edge_names)
+        return tuple(";".join(names[row]) for row in self.edges)
 
 
 def fit_counts(
@@ -249,12 +247,10 @@ def fit_counts(
     starts, rows = _starts(fitted), np.arange(len(fitted.n_yes))
     every = np.repeat(rows, starts.shape[1])
     found = _ascended(fitted, every, starts.reshape(-1, 4), iterations=_ITERATIONS, rivals=every)[1]
-    value = found.value.reshape(
-        len(rows), -1
-    )  # of equal ones the first: rather inside than on gamma = 0
-    best = (value > value.max(axis=1, keepdims=True) - _same(value)).argmax(
-        axis=1
-    ) + rows * starts.shape[1]
+    value = found.value.reshape(len(rows), -1)
+    is_highest = value > value.max(axis=1, keepdims=True) - _same(value)
+    # Of equal ones the first: rather inside than on gamma = 0.
+    best = is_highest.argmax(axis=1) + rows * starts.shape[1]
     climb, ended = _ascended(fitted, rows, found.x[:, best].T, iterations=10 * _ITERATIONS)
     return _described(fitted, ended, climb.curvature(ended.x, rows))
 

@@ -68,12 +68,9 @@ def save_group(
     constant = xr.Dataset(
         {"x": (("subject", "covariate"), regressors.x)}, {"subject": list(regressors.subjects)}
     )
-    counts = xr.Dataset(
-        {
-            key: (("count",), np.concatenate([getattr(unit, key) for unit in study]))
-            for key in ("s1", "s2", "n_yes", "n_trials")
-        }
-    )
+    counts = xr.Dataset()
+    for key in ("s1", "s2", "n_yes", "n_trials"):
+        counts[key] = ("count", np.concatenate([getattr(unit, key) for unit in study]))
     counts["unit"] = (("count",), np.repeat(np.arange(len(study)), [u.n_pairs for u in study]))
     groups = {"/posterior": posterior, "/constant_data": constant, "/observed_data": counts}
     tree = xr.DataTree.from_dict(groups)

@@ -117,10 +117,7 @@ def regressors(
     ['age, per sd of 8.539 about 28.75', 'group y against x']
     """
     table = covariates.values
-    unknown = [name for name in categorical if name not in table]
-    if unknown:
-        allowed = listed([quoted(name) for name in table])
-        raise InputError(f"categorical: found {quoted(unknown[0])}, allowed: {allowed}")
+    _require_known(categorical, table)
     left_out = _incomplete_subjects(covariates, subjects)
     reasons = listed([f"{quoted(subject)} ({reason})" for subject, reason in left_out.items()])
     complete = tuple(subject for subject in subjects if subject not in left_out)
@@ -147,6 +144,14 @@ def regressors(
     if reasons:
         notes.append(f"subjects left out: {reasons}")
     return Regressors(complete, x, tuple(columns), left_out, tuple(notes))
+
+
+def _require_known(categorical: Collection[str], names: Collection[str]) -> None:
+    """Refuse a categorical covariate that is not in the table."""
+    for name in categorical:
+        if name not in names:
+            allowed = listed([quoted(known) for known in names])
+            raise InputError(f"categorical: found {quoted(name)}, allowed: {allowed}")
 
 
 def _incomplete_subjects(covariates: Covariates, subjects: Sequence[str]) -> dict[str, str]:

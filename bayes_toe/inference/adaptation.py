@@ -292,10 +292,9 @@ def _refitted(
     rounds: Sequence[_Round | FittedProposal], stage: Stage, patches: int = 0
 ) -> Proposal:
     """EM on the pooled draws of rounds of one size, then so many new components, or as many as EM dropped if these are more."""
-    x, log_prior, log_posterior = (
-        np.concatenate([getattr(entry.draws, key) for entry in rounds])
-        for key in ("x", "log_prior", "log_posterior")
-    )
+    x = np.concatenate([entry.draws.x for entry in rounds])
+    log_prior = np.concatenate([entry.draws.log_prior for entry in rounds])
+    log_posterior = np.concatenate([entry.draws.log_posterior for entry in rounds])
     last = rounds[-1].proposal
     y, log_volume = last.transform.forward(x)  # one for all rounds of a fit
     made = np.logaddexp.reduce(

@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pandas as pd
 import xarray as xr
 
@@ -88,14 +87,9 @@ class Draws:
     @property
     def parameters(self) -> tuple[str, ...]:
         """The quantities that tables report, in order; :meth:`values` knows further ones that follow from them."""
-        return tuple(
-            dict.fromkeys(
-                (
-                    *self.posterior(self.names[0]).names.reported,
-                    *map(str, self.group("posterior").data_vars),
-                )
-            )
-        )
+        reported = self.posterior(self.names[0]).names.reported
+        stored = map(str, self.group("posterior").data_vars)
+        return tuple(dict.fromkeys((*reported, *stored)))
 
     @property
     def seed(self) -> int:
@@ -109,18 +103,16 @@ class Draws:
     def prior(self) -> Prior:
         """The prior that these draws were made under; :meth:`described_prior` is the line for a Methods section."""
         values = json.loads(self.tree.attrs["settings"])["prior"]
-        return stored_prior(
-            {"reference_interval": 1.0 if self.intervals else None, **values}
-        )  # as before this could be said
+        # Earlier versions stored no reference interval.
+        reference = 1.0 if self.intervals else None
+        return stored_prior({"reference_interval": reference, **values})
 
     @property
     def sampler(self) -> SamplerSettings:
         """The settings that these draws were made with."""
-        stored, known = (
-            json.loads(self.tree.attrs["settings"])["sampler"],
-            {field.name for field in fields(SamplerSettings)},
-        )
-        return SamplerSettings(**{name: value for name, value in stored.items() if name in known})
+        stored = json.loads(self.tree.attrs["settings"])["sampler"]
+        known = stored.keys() & {field.name for field in fields(SamplerSettings)}
+        return SamplerSettings(**{name: stored[name] for name in known})
 
     def described_prior(self) -> str:
         """The prior of every parameter of the model, in words."""
@@ -143,39 +135,31 @@ class Draws:
     @property
     def not_converged(self) -> dict[str, str]:
         """Subjects whose draws missed the convergence criteria, with what was missed."""
-        missed = self._said(
-            "shortfall", ~self.group("sample_stats")["converged"].values.astype(bool)
-        )
-        return {
-            name: reason for name, reason in missed.items() if not reason.startswith(_OF_QUANTILES)
-        }
+        has_converged = self.group("sample_stats")["converged"].values.astype(bool)
+        missed = {}
+        for name, reason, converged in zip(
+            self.names, self._texts("shortfall"), has_converged, strict=True
+        ):
+            if not converged and not reason.startswith(_OF_QUANTILES):
+                missed[name] = reason
+        return missed
 
     @property
     def imprecise(self) -> dict[str, str]:
         """Subjects of whom more draws are wanted, because a quantile is not precise enough, with how many would do."""
-        column = (
-            "imprecise" if "imprecise" in self.group("sample_stats") else "shortfall"
-        )  # as earlier versions had it
-        return {
-            name: reason
-            for name, reason in self._said(column).items()
-            if reason.startswith(_OF_QUANTILES)
-        }
+        # Earlier versions stored both reasons in one column.
+        column = "imprecise" if "imprecise" in self.group("sample_stats") else "shortfall"
+        reasons = dict(zip(self.names, self._texts(column), strict=True))
+        return {name: text for name, text in reasons.items() if text.startswith(_OF_QUANTILES)}
 
-    def _said(self, column: str, of: npt.ArrayLike = True) -> dict[str, str]:
-        """A text of every subject, or of some of them."""
-        texts = self.group("sample_stats")[column].values
-        return {
-            self.names[i]: str(texts[i]) for i in np.flatnonzero(np.broadcast_to(of, texts.shape))
-        }
+    def _texts(self, column: str) -> list[str]:
+        """A text of every subject."""
+        return [str(text) for text in self.group("sample_stats")[column].values]
 
     @property
     def failed(self) -> dict[str, str]:
         """Subjects of the study that there are no draws of because their work was lost, with the reason."""
-        return {
-            str(name): str(reason)
-            for name, reason in json.loads(self.tree.attrs.get("failed", "{}")).items()
-        }
+        return dict(json.loads(self.tree.attrs.get("failed", "{}")))
 
     @property
     def not_interpreted(self) -> dict[str, str]:
@@ -185,15 +169,12 @@ class Draws:
     def __getitem__(self, name: str | int) -> Draws:
         """Draws of one subject alone; of a large file, no others are read."""
         name = self._known(name)
+        groups = {}
         with self._reading():
-            groups = {
-                f"/{key}": self.group(key).sel(subject=[name]).load()
-                for key in ("posterior", "sample_stats")
-            }
-        groups |= {
-            f"/{key}": self.group(key).isel(obs=self._places[name])
-            for key in ("observed_data", "constant_data")
-        }
+            for key in ("posterior", "sample_stats"):
+                groups[f"/{key}"] = self.group(key).sel(subject=[name]).load()
+        for key in ("observed_data", "constant_data"):
+            groups[f"/{key}"] = self.group(key).isel(obs=self._places[name])
         tree = xr.DataTree.from_dict(groups)
         tree.attrs.update(self.tree.attrs)
         return Draws(tree)
@@ -204,19 +185,18 @@ class Draws:
 
         The counts of everybody who has draws, with the notes of reading them.
         """
-        notes, changes = (
-            tuple(line for line in str(self.tree.attrs.get(key, "")).split("\n") if line)
-            for key in ("notes", "changes")
-        )
-        subjects = tuple(map(self.subject, self.names))
         return Study(
-            subjects,
+            tuple(map(self.subject, self.names)),
             str(self.tree.attrs["source"]),
             self.synthetic,
-            notes,
-            changes=changes,
+            self._stored_lines("notes"),
+            changes=self._stored_lines("changes"),
             conditions=self._conditions[0],
         )
+
+    def _stored_lines(self, key: str) -> tuple[str, ...]:
+        """The lines of a stored text, without empty ones."""
+        return tuple(filter(None, str(self.tree.attrs.get(key, "")).split("\n")))
 
     @cached_property
     def _conditions(self) -> tuple[Conditions | None, dict[str, dict[str, Any]]]:
@@ -296,9 +276,8 @@ class Draws:
     def fit(self, name: str | int) -> FitSummary:
         """Goodness of fit of one subject: deviance and posterior predictive p-values."""
         stats = self.group("sample_stats").sel(subject=self._known(name))
-        return FitSummary(
-            **{key: stats[column].item() for key, column in FIT_COLUMNS.items() if column in stats}
-        )
+        stored = {key: column for key, column in FIT_COLUMNS.items() if column in stats}
+        return FitSummary(**{key: stats[column].item() for key, column in stored.items()})
 
     def summary(self) -> pd.DataFrame:
         """Posterior of every subject and parameter, and how well it is sampled.
@@ -313,9 +292,8 @@ class Draws:
         rows: list[SummaryRow] = []
         for name in self.names:
             target = self.posterior(name)
-            rows += summary_rows(
-                target, {key: self.values(name, key) for key in target.names.reported}
-            )
+            values = {key: self.values(name, key) for key in target.names.reported}
+            rows += summary_rows(target, values)
         return pd.DataFrame(rows, columns=list(SUMMARY_COLUMNS))
 
     def to_arviz(self) -> Any:
@@ -362,9 +340,8 @@ class Draws:
         target, x = self.posterior(name), self.points(name)
         rng = generator(self.seed, name, self.model, "posterior_predictive")
         log_likelihood, predicted = np.empty((2, *x.shape[:2], target.subject.n_pairs))
-        for chain, points in enumerate(
-            x
-        ):  # one at a time: temporaries of a large design stay small
+        # One chain at a time: temporaries of a large design stay small.
+        for chain, points in enumerate(x):
             answers = target.log_answers(points)
             log_likelihood[chain] = target.pair_log_likelihood(points, answers)
             predicted[chain] = rng.binomial(target.subject.n_trials, np.exp(answers[0]))
@@ -454,8 +431,10 @@ def require_draws(given: object) -> None:
 def load_draws(path: str | Path) -> Draws:
     """Read draws that :meth:`Draws.save` wrote; also those of earlier versions, which hold more."""
     made, name = Draws(draws_file.read_tree(path), Path(path)), shown(Path(path))
+    needed: set[str] = set()
     try:
-        needed = {key for name in made.names for key in made.posterior(name).names.natural}
+        for subject in made.names:
+            needed.update(made.posterior(subject).names.natural)
     except InputError as error:
         raise InputError(f"{name}: draws of {error}") from error
     except (TypeError, ArithmeticError, LookupError, ValueError, RecursionError) as error:

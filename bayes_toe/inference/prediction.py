@@ -109,12 +109,8 @@ def predict(
             "not per second"
         )
     asked = (s1, s2) if isi is None else (s1, s2, require_intervals(isi))
-    columns = [
-        values.ravel()
-        for values in np.broadcast_arrays(
-            *(np.atleast_1d(np.asarray(one, np.float64)) for one in asked)
-        )
-    ]
+    arrays = [np.atleast_1d(np.asarray(values, np.float64)) for values in asked]
+    columns = [values.ravel() for values in np.broadcast_arrays(*arrays)]
     return _table(
         dict(zip(keys, columns, strict=False)),
         len(fitted.x),

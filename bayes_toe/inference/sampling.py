@@ -144,14 +144,14 @@ def sample_chains(fitted: FittedProposal, settings: SamplerSettings, seed: int) 
     while True:
         passes = [ensemble.advance(thin, settings.kept_steps) for ensemble in ensembles]
         steps += thin * settings.kept_steps
-        x, log_posterior, acceptance = (np.stack([p[i] for p in passes]) for i in range(3))
+        x, log_posterior, acceptance = map(np.stack, zip(*passes, strict=True))
         diagnostics = convergence_of(posterior.judged(x))
         reason = shortfall(diagnostics, settings.required, settings.max_r_hat)
-        imprecise, hopeless = (
-            ("", False)
-            if reason
-            else _uncertain_quantile(posterior, x, diagnostics, settings.max_quantile_error)
-        )
+        imprecise, hopeless = "", False
+        if not reason:
+            imprecise, hopeless = _uncertain_quantile(
+                posterior, x, diagnostics, settings.max_quantile_error
+            )
         if hopeless or thin >= settings.max_thin or not (reason or imprecise):
             return Chains(
                 x,

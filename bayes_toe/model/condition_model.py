@@ -110,9 +110,10 @@ class ConditionPosterior:
     @property
     def coordinates(self) -> tuple[str, ...]:
         """Names of the coordinates."""
-        columns = range(1, self.design.shape[1] + 1)
-        differences = [f"{part.name} {column}" for part in self.differing for column in columns]
-        return (*self.shared.coordinates, *differences)
+        names = list(self.shared.coordinates)
+        for parameter in self.differing:
+            names += [f"{parameter.name} {i + 1}" for i in range(self.design.shape[1])]
+        return tuple(names)
 
     @cached_property
     def steps(self) -> FloatArray:

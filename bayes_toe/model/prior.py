@@ -111,21 +111,26 @@ class Prior(PriorFields):
         >>> Prior(mu1_mean="stimuli").at(Subject("S", [0.0, 0.0], [0.0, 0.5], [9, 4], [10, 10])).mu1_mean
         0.125
         """
-        named = {one.name: one for one in self.declared() if getattr(self, one.name) == STIMULI}
+        named = {}
+        for number in self.declared():
+            if getattr(self, number.name) == STIMULI:
+                named[number.name] = number
         if not named:
             return self
-        found = stimuli_of(*subjects)
-        if found is None:
+        stimuli = stimuli_of(*subjects)
+        if stimuli is None:
             # A number that H1 does not use may stay open.
-            if any(one.parameter in self.of_h1() for one in named.values()):
+            if any(number.parameter in self.of_h1() for number in named.values()):
                 raise InputError(
                     f"subject {subjects[0].name!r}: the prior takes its scale from pairs of "
                     "different stimuli, found none; allowed: the "
                     "prior 'paper' (--prior paper), or one of numbers"
                 )
             return self
-        numbers: dict[str, Any] = {name: found.number(one.stimuli) for name, one in named.items()}
-        return replace(self, **numbers)
+        values: dict[str, Any] = {}
+        for name, number in named.items():
+            values[name] = stimuli.number(number.stimuli)
+        return replace(self, **values)
 
     def of_stimuli(self, parameter: str) -> bool:
         """Whether a number of a parameter's distribution is that of the stimuli, and so in their unit."""
@@ -146,30 +151,27 @@ class Prior(PriorFields):
             raise InputError(
                 f"prior: no distribution of {parameter!r}, allowed: {', '.join(self.families)}"
             )
-        open_ones = ", ".join(
-            name for name, value in self._numbers(parameter).items() if value in (STIMULI, None)
-        )
+        numbers = self._numbers(parameter).items()
+        names = ", ".join(name for name, value in numbers if value in (STIMULI, None))
         raise InputError(
-            f"prior: {open_ones} is to come from pairs of different stimuli, and there are none; "
+            f"prior: {names} is to come from pairs of different stimuli, and there are none; "
             "allowed: a number"
         )
 
     @cached_property
     def _known(self) -> Mapping[str, Distribution]:
         """The distributions of which all is known."""
-        numbers = {parameter: [*self._numbers(parameter).values()] for parameter in self.families}
-        return {
-            name: self.families[name](*values)
-            for name, values in numbers.items()
-            if not {STIMULI, None} & set(values)
-        }
+        distributions = {}
+        for name, family in self.families.items():
+            numbers = self._numbers(name).values()
+            if STIMULI not in numbers and None not in numbers:
+                distributions[name] = family(*numbers)
+        return distributions
 
     def _numbers(self, parameter: str) -> dict[str, Any]:
-        return {
-            one.name: getattr(self, one.name)
-            for one in self.declared()
-            if one.parameter == parameter
-        }
+        """The numbers of a parameter's distribution by name."""
+        names = [number.name for number in self.declared() if number.parameter == parameter]
+        return {name: getattr(self, name) for name in names}
 
     def said(self, parameter: str) -> str:
         """The distribution of a parameter in words, as in 'Normal(M, 2.5 R)' where its numbers are those of the stimuli."""
@@ -215,16 +217,17 @@ class Prior(PriorFields):
 
         What its symbols mean, and their unit of time.
         """
-        symbols = any(map(self.of_stimuli, self.of_h1()))
-        stimuli = "M mean and R sd of the stimuli, D rms step" if symbols else ""
-        time = "" if self.reference_interval is None else f"over {self.reference_interval:g} s"
-        return "".join(f"; {part}" for part in (stimuli, time) if part)
+        remark = ""
+        if any(map(self.of_stimuli, self.of_h1())):
+            remark = "; M mean and R sd of the stimuli, D rms step"
+        if self.reference_interval is not None:
+            remark += f"; over {self.reference_interval:g} s"
+        return remark
 
     def describe_penalty(self) -> str:
         """:attr:`penalty` in words."""
-        return f"mu1 ~ {self.said('mu1')}" + (
-            "; M mean and R sd of the stimuli" if self.of_stimuli("mu1") else ""
-        )
+        words = f"mu1 ~ {self.said('mu1')}"
+        return f"{words}; M mean and R sd of the stimuli" if self.of_stimuli("mu1") else words
 
     def log_density_variances(self, theta: Natural) -> FloatArray:
         """Log density with respect to the paper's coordinates (mu1, sigma_p^2, sigma_l^2, q0), edges included; -inf outside.
@@ -233,19 +236,17 @@ class Prior(PriorFields):
         sigma_p^2. Source: Appendix C.
         """
         gamma, width_too = theta.gamma, self.spread == "width"
-        inside = (
-            (theta.sigma_p > 0) & (gamma >= 0) & (gamma <= 1) & (theta.q0 >= 0) & (theta.q0 <= 1)
-        )
-        stretch = (
-            variance_ratio(gamma) ** 1.5 if width_too else np.asarray(1.0)
-        )  # d width / d sigma_p
+        is_inside = (theta.sigma_p > 0) & (gamma >= 0) & (gamma <= 1)
+        is_inside &= (theta.q0 >= 0) & (theta.q0 <= 1)
+        # d width / d sigma_p
+        stretch = variance_ratio(gamma) ** 1.5 if width_too else np.asarray(1.0)
         values = (theta.mu1, theta.sigma_p * stretch, gamma, theta.q0)
         densities = [
             self.distribution(name).log_density(value)
             for name, value in zip(self.of_h1(), values, strict=True)
         ]
         volume = np.log(stretch) - np.log(2.0) - 3.0 * np.log(theta.sigma_p)
-        return np.where(inside, sum(densities) + volume, -np.inf)
+        return np.where(is_inside, sum(densities) + volume, -np.inf)
 
     def sample(self, rng: Random, size: int) -> Natural:
         """Independent draws, each array of shape (size,)."""

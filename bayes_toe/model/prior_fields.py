@@ -1,4 +1,4 @@
-"""What a prior is made of: each of its numbers declared once, with parameter, kind, unit, words and range; how a file says them.
+"""What a prior is made of: each of its numbers declared once, with parameter, unit, words and range; how a file says them.
 
 Everything that shows, reads, varies or refuses a prior's numbers iterates over
 :meth:`PriorFields.declared` and names none of them. The numbers are apart from what is computed
@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import cache
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -19,9 +19,6 @@ from bayes_toe.data.messages import bare, quoted, visible
 from bayes_toe.data.read_table import input_bytes
 from bayes_toe.errors import InputError
 
-#: A location moves a density, a scale stretches it, a shape does neither. Scales and shapes are
-#: positive and count in factors.
-Kind = Literal["location", "scale", "shape"]
 #: Beyond these a square would leave the range of floats.
 SMALLEST, LARGEST = 1e-100, 1e100
 LOG_INTENSITY = "natural-log intensity"
@@ -53,74 +50,58 @@ class PriorField:
     """One number of a prior."""
 
     name: str  # of the field, the key in a prior file
-    default: (
-        float | Literal["stimuli"] | None
-    )  # None where leaving the number out means something of its own, which `words` say
+    # None where leaving the number out means something of its own, which `words` say
+    default: float | Literal["stimuli"] | None
     parameter: str  # to whose distribution it belongs
-    kind: Kind
     words: str  # what it is, in a prior file's comment
     unit: str  # empty for a pure number
     smallest: float
     largest: float
-    stimuli: str = (
-        ""  # what "stimuli" stands for, a key of :data:`OF_STIMULI`; empty where it may not be said
-    )
+    # what "stimuli" stands for, a key of :data:`OF_STIMULI`; empty where it may not be said
+    stimuli: str = ""
 
     @property
-    def positive(self) -> bool:
-        """Whether it is a scale or a shape, which factors vary; a location is shifted."""
-        return self.kind != "location"
+    def is_positive(self) -> bool:
+        """Whether it is a scale or a shape, not a location."""
+        return self.smallest > 0
 
     @property
     def about(self) -> str:
         """Words, unit and sign in one line."""
-        ending = ("; positive" if self.positive else "") + (
-            f'; or "{STIMULI}", {OF_STIMULI[self.stimuli]}' if self.stimuli else ""
-        )
-        return ", ".join(part for part in (self.words, self.unit) if part) + ending
+        words = ", ".join(filter(None, (self.words, self.unit)))
+        if self.is_positive:
+            words += "; positive"
+        if self.stimuli:
+            words += f'; or "{STIMULI}", {OF_STIMULI[self.stimuli]}'
+        return words
 
     @property
     def allowed(self) -> str:
         """The range in words."""
-        return f"a number from {self.smallest:g} to {self.largest:g}" + (
-            f" or '{STIMULI}'" if self.stimuli else ""
-        )
+        words = f"a number from {self.smallest:g} to {self.largest:g}"
+        return f"{words} or '{STIMULI}'" if self.stimuli else words
 
 
 def prior_field(
-    default: float | str | None,
+    default: float | Literal["stimuli"] | None,
     *,
     parameter: str,
-    kind: Kind,
     words: str,
     unit: str = "",
-    limits: tuple[float, float] | None = None,
+    limits: tuple[float, float] = (SMALLEST, LARGEST),
     stimuli: str = "",
 ) -> Any:
     """Declare one number of a prior, as the default of a dataclass field.
 
     See :class:`PriorField` for the arguments.
     """
-    least, most = (
-        (-LARGEST if kind == "location" else SMALLEST, LARGEST) if limits is None else limits
-    )
-    said = {
-        "parameter": parameter,
-        "kind": kind,
-        "words": words,
-        "unit": unit,
-        "smallest": least,
-        "largest": most,
-        "stimuli": stimuli,
-    }
-    return field(default=default, metadata={"default": default, **said})
+    number = PriorField("", default, parameter, words, unit, *limits, stimuli)
+    return field(default=default, metadata={"number": number})
 
 
 def _of_beta(default: float, parameter: str, words: str) -> Any:
     """A number of a beta; beyond these limits it is all but an atom, at an edge or at one value."""
-    return prior_field(
-        default, parameter=parameter, kind="shape", words=words, limits=(0.05, 1000.0)
-    )
+    return prior_field(default, parameter=parameter, words=words, limits=(0.05, 1000.0))
 
 
 @dataclass(frozen=True)
@@ -136,7 +117,7 @@ class PriorFields:
     mu1_mean: float | Literal["stimuli"] = prior_field(
         0.0,
         parameter="mu1",
-        kind="location",
+        limits=(-LARGEST, LARGEST),
         words="mean of the normal prior of mu1",
         unit=LOG_INTENSITY,
         stimuli="M",
@@ -144,7 +125,6 @@ class PriorFields:
     mu1_sd: float | Literal["stimuli"] = prior_field(
         10.0,
         parameter="mu1",
-        kind="scale",
         words="its standard deviation",
         unit=LOG_INTENSITY,
         stimuli="2.5 R",
@@ -152,7 +132,6 @@ class PriorFields:
     sigma_p_scale: float | Literal["stimuli"] = prior_field(
         1.0,
         parameter="sigma_p",
-        kind="scale",
         words="scale of the half-normal prior of sigma_p",
         unit=LOG_INTENSITY,
         stimuli="D",
@@ -160,14 +139,11 @@ class PriorFields:
     width_median: float | Literal["stimuli"] | None = prior_field(
         None,
         parameter="width",
-        kind="scale",
         words="median of a lognormal prior of the width, in the place of sigma_p's; left out: sigma_p has its own",
         unit=LOG_INTENSITY,
         stimuli="D",
     )
-    width_sd: float = prior_field(
-        1.0, parameter="width", kind="scale", words="sd of the width's logarithm"
-    )
+    width_sd: float = prior_field(1.0, parameter="width", words="sd of the width's logarithm")
     gamma_a: float = _of_beta(1.0, "gamma", "a of the beta prior of gamma; 1 and 1 are uniform")
     gamma_b: float = _of_beta(1.0, "gamma", "its b")
     q0_a: float = _of_beta(1.0, "q0", "a of the beta prior of q0")
@@ -177,32 +153,35 @@ class PriorFields:
     reference_interval: float | None = prior_field(
         None,
         parameter="interval",
-        kind="scale",
         words="interval that the priors of sigma_p and gamma refer to; left out: the geometric mean of the study's",
         unit="s",
     )
 
     def __post_init__(self) -> None:
-        for one in self.declared():
-            value = getattr(self, one.name)
-            if (value is None and one.default is None) or (value == STIMULI and one.stimuli):
+        for number in self.declared():
+            value = getattr(self, number.name)
+            if (value is None and number.default is None) or (value == STIMULI and number.stimuli):
                 continue
-            if isinstance(value, str) or not math.isfinite(value) or (one.positive and value <= 0):
-                allowed = ("a positive finite number" if one.positive else "a finite number") + (
-                    f" or {STIMULI!r}" if one.stimuli else ""
-                )
-                raise InputError(
-                    f"prior: {one.name}={value if isinstance(value, str) else f'{value:g}'}, "
-                    f"allowed: {allowed}"
-                )
+            if (
+                isinstance(value, str)
+                or not math.isfinite(value)
+                or (number.is_positive and value <= 0)
+            ):
+                value = value if isinstance(value, str) else f"{value:g}"
+                allowed = "a positive finite number" if number.is_positive else "a finite number"
+                if number.stimuli:
+                    allowed += f" or {STIMULI!r}"
+                raise InputError(f"prior: {number.name}={value}, allowed: {allowed}")
 
     @classmethod
     @cache
     def declared(cls) -> tuple[PriorField, ...]:
         """Its numbers in the order of their declaration."""
-        return tuple(
-            PriorField(field.name, **field.metadata) for field in fields(cls) if field.metadata
-        )
+        numbers = []
+        for row in fields(cls):
+            if "number" in row.metadata:
+                numbers.append(replace(row.metadata["number"], name=row.name))
+        return tuple(numbers)
 
 
 def toml_table(path: str | Path, lines: str) -> Mapping[str, Any]:
@@ -213,25 +192,18 @@ def toml_table(path: str | Path, lines: str) -> Mapping[str, Any]:
     InputError
         In one line, if the file cannot be read or is not TOML.
     """
+    allowed = f"allowed: a TOML file with {lines}"
     try:
-        return tomllib.loads(
-            input_bytes(path, _LARGEST_FILE).decode("utf-8-sig")
-        )  # Windows' editors put a byte-order mark in front
+        # Windows' editors put a byte-order mark in front.
+        return tomllib.loads(input_bytes(path, _LARGEST_FILE).decode("utf-8-sig"))
+    except FileNotFoundError as error:
+        raise InputError(f"{path}: no such file; {allowed}") from error
     except OSError as error:
-        reason = (
-            "no such file"
-            if isinstance(error, FileNotFoundError)
-            else f"cannot be read ({error.strerror})"
-        )
-        raise InputError(f"{path}: {reason}; allowed: a TOML file with {lines}") from error
+        raise InputError(f"{path}: cannot be read ({error.strerror}); {allowed}") from error
     except UnicodeDecodeError as error:
-        raise InputError(
-            f"{path}: found bytes that are not UTF-8, allowed: a TOML file with {lines}"
-        ) from error
-    except (
-        ValueError,
-        RecursionError,
-    ) as error:  # the parser's own, Python's on integers of 5,000 digits, thousands of brackets
+        raise InputError(f"{path}: found bytes that are not UTF-8, {allowed}") from error
+    except (ValueError, RecursionError) as error:
+        # The parser's own, Python's on integers of 5,000 digits, thousands of brackets.
         what = visible(" ".join(str(error).split()))
         raise InputError(
             f"{path}: found text that is not TOML ({what}), allowed: lines {lines}"
@@ -245,22 +217,20 @@ def number_problems(keys: Mapping[str, PriorField], key: str, value: object) -> 
     """
     if key not in keys:
         return [f"key {quoted(key)}: unknown, allowed: {', '.join(keys)}"]
-    one = keys[key]
-    # bool is an int for Python, not for a reader; a NaN is in no range
-    if value == STIMULI and one.stimuli:
+    number = keys[key]
+    is_allowed = number.smallest <= real(value) <= number.largest  # a NaN is in no range
+    if is_allowed or (value == STIMULI and number.stimuli):
         return []
-    good = one.smallest <= real(value) <= one.largest
-    return [] if good else [f"key {key}: found {shown(value)}, allowed: {one.allowed}"]
+    return [f"key {key}: found {shown(value)}, allowed: {number.allowed}"]
 
 
 def real(value: object) -> float:
     """The number that a value is; NaN where it is none, or too large an integer."""
+    # bool is an int for Python, not for a reader.
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return math.nan
     try:
-        return (
-            float(value)
-            if isinstance(value, int | float) and not isinstance(value, bool)
-            else math.nan
-        )
+        return float(value)
     except OverflowError:
         return math.nan
 
@@ -271,12 +241,10 @@ def shown(value: object) -> str:
         return "a table"
     if isinstance(value, list):
         return "a list"
-    if isinstance(value, int) and not isinstance(value, bool) and math.isnan(real(value)):
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        return quoted(value)
+    if isinstance(value, int) and math.isnan(real(value)):
         return "an integer too large for a number"
-    return (
-        str(value).lower()
-        if isinstance(value, bool)
-        else quoted(value)
-        if isinstance(value, str)
-        else bare(str(value))
-    )
+    return bare(str(value))

@@ -42,23 +42,15 @@ _OBSERVER_WORDS: Mapping[str, Mapping[str, str]] = {
 
 def sections() -> dict[str, dict[str, PriorField]]:
     """Every section of a prior file, with its keys."""
-    found = {}
-    for section, words in _OBSERVER_WORDS.items():
-        found[section] = {
-            key: PriorField(
-                key,
-                getattr(ObserverPrior, f"{section}_{key}"),
-                section,
-                "scale",
-                text,
-                "",
-                1e-3,
-                1e3,
-            )
-            for key, text in words.items()
-        }
-    found[PAPER] = {one.name: one for one in Prior.declared()}
-    return found
+    by_section: dict[str, dict[str, PriorField]] = {}
+    for section, keys in _OBSERVER_WORDS.items():
+        by_section[section] = {}
+        for key, words in keys.items():
+            default = getattr(ObserverPrior, f"{section}_{key}")
+            number = PriorField(key, default, section, words, "", 1e-3, 1e3)
+            by_section[section][key] = number
+    by_section[PAPER] = {number.name: number for number in Prior.declared()}
+    return by_section
 
 
 def read_prior(path: str | Path) -> Prior:
@@ -146,11 +138,11 @@ def example_file() -> str:
     blocks = []
     for section, keys in sections().items():
         lines = [f"[{section}]"]
-        for one in keys.values():
-            line = f"{one.name} = {one.default!r}"
-            if one.default is None:
-                line = f"# {one.name} = 1.0"
-            lines.append(f"{line:<27} # {one.about}")
+        for number in keys.values():
+            line = f"{number.name} = {number.default!r}"
+            if number.default is None:
+                line = f"# {number.name} = 1.0"
+            lines.append(f"{line:<27} # {number.about}")
         blocks.append("\n".join(lines) + "\n")
     return "\n".join(blocks)
 

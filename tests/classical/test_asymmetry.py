@@ -81,7 +81,8 @@ def test_maxima_correction_and_counts_over_subjects(tmp_path):
         found.positive_uncorrected,
     ) == (6, 4, 2, 3)
     assert (
-        "4 positive (2 significant at p < .05, 3 before correction), 1 negative (1 significant"
+        "4 of 6 subjects gave more 'equal' responses with the stronger stimulus first (2 "
+        "significant at p < .05 after Holm's correction, 3 before it), and 1 with the weaker "
         in found.describe()
     )
     assert sum(comparison.is_maximal for comparison in table["two alike"].comparisons) == 1
@@ -109,7 +110,6 @@ def test_pairs_in_one_order_are_left_out_and_said():
     assert "partly: 1 pair was presented in one order only" in table.notes[0]
     assert "never: no pair of different stimuli was presented in both orders" in table.notes[1]
     assert table.population().n_subjects == 1
-    assert len(table.subjects()) == 2
     with pytest.raises(InputError, match="in both orders"):
         bt.asymmetry(bt.Study([never]))
     with pytest.raises(InputError, match="no subject 'x'"):
@@ -134,7 +134,7 @@ def test_under_the_null_p_values_are_not_too_small():
 
 def test_the_command(tmp_path, study_csv):
     words = ("fit", "study.csv", "-o", "fit.csv", "--replicates", 2, "--asymmetry", "out/a.csv")
-    assert "Largest asymmetry of 3 subjects" in good(*words, cwd=tmp_path)
+    assert "of 3 subjects gave more" in good(*words, cwd=tmp_path)
     assert len(pd.read_csv(tmp_path / "out" / "a.csv")) == 12
     assert "overwrite" in refused(*words, cwd=tmp_path)
     assert good(*words, "--overwrite", "--quiet", cwd=tmp_path) == ""
