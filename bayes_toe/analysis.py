@@ -20,7 +20,7 @@ from bayes_toe.answers.model_average import averaged_draws
 from bayes_toe.answers.order_effect import OrderEffect, answer_subject
 from bayes_toe.answers.study_summary import FEWEST_FOR_GROUP
 from bayes_toe.arrays import FloatArray
-from bayes_toe.checks.answer_checks import Flag, answer_flags
+from bayes_toe.checks.answer_checks import Finding, answer_flags
 from bayes_toe.classical.fit import (
     REPLICATES,
     FitTable,
@@ -376,7 +376,7 @@ def _drawn(subject: Subject, settings: Settings, wanted: Wanted) -> SubjectDraws
 
 
 def _analysed(
-    subject: Subject, settings: Settings, wanted: Wanted, flags: tuple[Flag, ...]
+    subject: Subject, settings: Settings, wanted: Wanted, flags: tuple[Finding, ...]
 ) -> _Analysed:
     """The answer, and the paper's model with all that is wanted."""
     prior, seed = settings.prior.at(subject), settings.seed

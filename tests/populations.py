@@ -7,6 +7,7 @@ import bayes_toe as bt
 from bayes_toe.data.conditions import Conditions
 from bayes_toe.data.study import felt_together
 from bayes_toe.data.tasks import WHICH_STRONGER
+from bayes_toe.design.study_design import each_once
 from bayes_toe.groups.group_sampler import GroupDraws
 from bayes_toe.groups.hyperprior import Hyperprior
 from bayes_toe.groups.population import (
@@ -97,3 +98,9 @@ def made_result(study, regressors=None, n_divergent=0, n_draws=1600):
     drawn = independent_draws(posterior, n_draws)
     draws = GroupDraws(drawn.mean, drawn.sd, drawn.effects, drawn.subjects, n_divergent)
     return PopulationResult(study, settings, scales, columns, draws)
+
+
+def grid_design(first, steps, trials):
+    """A design of every first stimulus with second ones at these distances."""
+    s1 = np.repeat(first, len(steps))
+    return each_once(s1, s1 + np.tile(steps, len(first))).with_total(trials)

@@ -13,7 +13,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import combinations
+from itertools import chain, combinations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
@@ -312,7 +312,7 @@ def contrast(
     failed = {names[i]: failure.reason for i, failure in sorted(done.failed.items())}
     if not subjects:
         raise WorkerError("\n".join(f"{name}: {reason}" for name, reason in failed.items()))
-    rows = tuple(row for subject in subjects for row in subject.rows)
+    rows = tuple(chain.from_iterable(subject.rows for subject in subjects))
     return ContrastTable(rows, subjects, conditions, numbers, root, study.task, left_out, failed)
 
 

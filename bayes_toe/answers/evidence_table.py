@@ -134,15 +134,12 @@ class EvidenceTable(SubjectTable[SubjectEvidence]):
         import pandas as pd
 
         prior = None if self.prior is None else self.prior.describe_orders(self.task)
-        rows = [
-            [prior if key == "prior" else row.cell(key) for key in EVIDENCE_COLUMNS]
-            for row in self.rows
-        ]
-        rows += [
-            [{"subject": name, "prior": prior}.get(key) for key in EVIDENCE_COLUMNS]
-            for name in self.failed
-        ]
-        frame = pd.DataFrame(rows, columns=list(EVIDENCE_COLUMNS))
+        rows: list[dict[str, object]] = []
+        for row in self.rows:
+            rows.append({key: row.cell(key) for key in EVIDENCE_COLUMNS if key != "prior"})
+        empty = dict.fromkeys(EVIDENCE_COLUMNS)
+        rows += [{**empty, "subject": name} for name in self.failed]
+        frame = pd.DataFrame(rows, columns=list(EVIDENCE_COLUMNS)).assign(prior=prior)
         return frame.astype(dict.fromkeys(_COUNTS, "Int64")) if self.failed else frame
 
     @property

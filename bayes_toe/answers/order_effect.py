@@ -10,7 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from itertools import chain, product
+from typing import Any
 
 import numpy as np
 from scipy.special import logsumexp
@@ -27,6 +28,7 @@ from bayes_toe.answers.model_average import (
 from bayes_toe.answers.serial_screen import SerialScreen, serial_screen
 from bayes_toe.answers.words import Word, side_of, word_for
 from bayes_toe.arrays import BoolArray, FloatArray
+from bayes_toe.checks.answer_checks import Finding
 from bayes_toe.checks.identification import Identification, identify
 from bayes_toe.data.messages import capitalized, join_words
 from bayes_toe.data.study import Subject
@@ -47,6 +49,7 @@ SIZES = ("pse_shift_percent", "pse_shift_jnd", "contraction_p", "jnd_percent", "
 #: The size that stands beside the word for an effect.
 SIZE_OF = {"constant_error": "pse_shift_percent", "contraction": "contraction_p"}
 QUANTILES = {"q025": 0.025, "q50": 0.5, "q975": 0.975}
+_EVIDENCES = tuple(f"log_evidence_{name.replace(' ', '_')}" for name in MODEL_NAMES)
 #: Columns with which evidence.csv begins.
 ANSWER_COLUMNS = (
     "subject",
@@ -55,16 +58,12 @@ ANSWER_COLUMNS = (
     "flags",
     *(f"p_{question}" for question in QUESTIONS),
     *(f"ln_bf_{question}" for question in QUESTIONS),
-    *(f"{size}_{quantile}" for size in SIZES for quantile in QUANTILES),
+    *("_".join(parts) for parts in product(SIZES, QUANTILES)),
     "best_model",
     "predictive_p",
     "deviance_p",
     "history_p",
-    *(
-        f"log_evidence_{name.replace(' ', '_')}{ending}"
-        for name in MODEL_NAMES
-        for ending in ("", "_se", "_laplace")
-    ),
+    *("".join(parts) for parts in product(_EVIDENCES, ("", "_se", "_laplace"))),
 )
 #: By what a prior scale is multiplied to see whether it decides a word.
 SCALE_FACTORS = (0.5, 2.0)
@@ -233,11 +232,8 @@ class OrderEffect:
         if not self.is_interpretable:
             return f"Not interpreted: {', '.join(self.flags)}."
         sentences = [self._describe_question(question) for question in QUESTIONS]
-        return " ".join([*sentences, *self._flag_sentences()])
-
-    def _flag_sentences(self) -> list[str]:
-        """Each flag as a sentence."""
-        return [f"{capitalized(flag)}." for flag in self.flags]
+        sentences += [f"{capitalized(flag)}." for flag in self.flags]
+        return " ".join(sentences)
 
     def _describe_question(self, question: str) -> str:
         """Word, probability and size of one question."""
@@ -420,30 +416,10 @@ def word_of_bayes_factor(log_bayes_factor: float) -> Word:
 # --- From evidences to the answer ----------------------------------------------------------------
 
 
-class FlagLike(Protocol):
-    """A finding about the responses of a subject."""
-
-    @property
-    def words(self) -> str:
-        """What it is, in a few words."""
-
-    @property
-    def message(self) -> str:
-        """What it is, in a sentence."""
-
-    @property
-    def option(self) -> str:
-        """The option of a command that acts on it; empty where there is none."""
-
-    @property
-    def is_interpretable(self) -> bool:
-        """Whether the responses may be interpreted all the same."""
-
-
 def order_effect(
     evidence: OrderEvidence,
     identification: Identification,
-    flags: Sequence[FlagLike] = (),
+    flags: Sequence[Finding] = (),
     fit: FitSummary | None = None,
     screen: SerialScreen | None = None,
 ) -> OrderEffect:
@@ -468,21 +444,15 @@ def order_effect(
             values["order_effect"] = values["constant_error"]
     sizes, upper_bounds, size_flags = _sizes(evidence)
     is_interpretable = all(flag.is_interpretable for flag in flags)
-    words = {}
-    for question in QUESTIONS:
-        if not is_interpretable:
-            words[question] = Word.NOT_INTERPRETABLE
-        elif not getattr(identification, question):
-            words[question] = Word.CANNOT_BE_TOLD
-        else:
-            words[question] = word_for(probabilities[question], log_bayes_factors[question])
-    worst_first = sorted(flags, key=lambda flag: flag.is_interpretable)
-    problems = {flag.words: Problem(flag.message, flag.option) for flag in worst_first}
-    if fit is not None and fit.misfit:
-        message = "The model does not fit. Report this with the conclusion."
-        problems[MISFIT_FLAG] = Problem(message)
-    problems |= _screen_problems(screen)
     questions = [question for question in QUESTIONS if getattr(identification, question)]
+    words = dict.fromkeys(QUESTIONS, Word.CANNOT_BE_TOLD)
+    for question in questions:
+        words[question] = word_for(probabilities[question], log_bayes_factors[question])
+    if not is_interpretable:
+        words = dict.fromkeys(QUESTIONS, Word.NOT_INTERPRETABLE)
+    is_misfit = fit is not None and fit.misfit
+    problems = _response_problems(flags, is_misfit)
+    problems |= _screen_problems(screen)
     problems |= _prior_problems(evidence, questions)
     for flag_words in (*size_flags, *_error_flags(evidence)):
         problems[flag_words] = Problem(f"{capitalized(flag_words)}.")
@@ -508,8 +478,18 @@ def order_effect(
         notes=(*identification.notes, *dict.fromkeys(identification.reasons.values())),
         reasons=identification.reasons,
         problems=tuple(problems.values()),
-        worst_pairs=fit.worst if fit is not None and fit.misfit else (),
+        worst_pairs=fit.worst if fit is not None and is_misfit else (),
     )
+
+
+def _response_problems(flags: Sequence[Finding], is_misfit: bool) -> dict[str, Problem]:
+    """The flags of the responses, those that forbid a conclusion first, and that of a misfit."""
+    worst_first = sorted(flags, key=lambda flag: flag.is_interpretable)
+    problems = {flag.words: Problem(flag.message, flag.option) for flag in worst_first}
+    if is_misfit:
+        message = "The model does not fit. Report this with the conclusion."
+        problems[MISFIT_FLAG] = Problem(message)
+    return problems
 
 
 def _by_model(values: FloatArray) -> dict[str, float]:
@@ -624,8 +604,8 @@ def _prior_problems(evidence: OrderEvidence, questions: Sequence[str]) -> dict[s
     if not changes:
         return {}
     sentences = [change.format(join_words(names)) for change, names in changes.items()]
-    dependent = [name for names in changes.values() for name in names]
-    return {f"{PRIOR_FLAG}: {', '.join(dependent)}": Problem(" ".join(sentences))}
+    dependent = ", ".join(chain(*changes.values()))
+    return {f"{PRIOR_FLAG}: {dependent}": Problem(" ".join(sentences))}
 
 
 def _describe_change(
@@ -685,7 +665,7 @@ def answer_subject(
     subject: Subject,
     seed: int,
     prior: ObserverPrior = DEFAULT_PRIOR,
-    flags: Sequence[FlagLike] = (),
+    flags: Sequence[Finding] = (),
 ) -> tuple[OrderEffect, OrderEvidence]:
     """The answer of one subject, and the evidences and draws that it rests on.
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
@@ -51,17 +52,18 @@ HAS: Mapping[str, BoolArray] = {
 #: What sentences call both effects.
 EFFECT_NAMES = {"carry_over": "carry-over", "previous_response": "previous response"}
 _QUANTILES = {"q025": 0.025, "q50": 0.5, "q975": 0.975}
+_EVIDENCES = tuple(f"log_evidence_{name}" for name in HISTORIES)
 #: Columns of history.csv.
 HISTORY_COLUMNS = (
     "subject",
     *HAS,
     *(f"p_{effect}" for effect in HAS),
     *(f"ln_bf_{effect}" for effect in HAS),
-    *(f"{size}_{quantile}" for size in ("rho", "kappa") for quantile in _QUANTILES),
+    *("_".join(parts) for parts in product(("rho", "kappa"), _QUANTILES)),
     "order_model",
     "carry_over_order_model",
     "best_history",
-    *(f"log_evidence_{name}{ending}" for name in HISTORIES for ending in ("", "_se")),
+    *("".join(parts) for parts in product(_EVIDENCES, ("", "_se"))),
     "history_p",
     "answer_p",
     "stimuli_p",
@@ -200,8 +202,8 @@ class SerialDependence(SubjectTable[SubjectDependence]):
         """The table with the columns of history.csv; natural logs, empty where there is none."""
         import pandas as pd
 
-        cells = [[row.cell(column) for column in HISTORY_COLUMNS] for row in self.rows]
-        return pd.DataFrame(cells, columns=list(HISTORY_COLUMNS))
+        columns = {name: [row.cell(name) for row in self.rows] for name in HISTORY_COLUMNS}
+        return pd.DataFrame(columns)
 
 
 def serial_dependence(

@@ -122,12 +122,20 @@ def describe_directions(answers: Sequence[OrderEffect], question: str, word: Wor
     if not word.is_positive or question == "order_effect":
         return ""
     if question == "contraction":
-        n_repulsion = sum(answer.direction == "repulsion" for answer in chosen)
-        n_contraction = len(chosen) - n_repulsion
-        if not n_repulsion:
-            return ""
-        repulsion = f"{n_repulsion} repulsion"
-        return f"{n_contraction} contraction, {repulsion}" if n_contraction else repulsion
+        return _contraction_directions(chosen)
+    return _error_directions(chosen)
+
+
+def _contraction_directions(chosen: Sequence[OrderEffect]) -> str:
+    n_repulsion = sum(answer.direction == "repulsion" for answer in chosen)
+    n_contraction = len(chosen) - n_repulsion
+    if not n_repulsion:
+        return ""
+    repulsion = f"{n_repulsion} repulsion"
+    return f"{n_contraction} contraction, {repulsion}" if n_contraction else repulsion
+
+
+def _error_directions(chosen: Sequence[OrderEffect]) -> str:
     over = sum(answer.first_is_overestimated is True for answer in chosen)
     under = sum(answer.first_is_overestimated is False for answer in chosen)
     names = []

@@ -98,55 +98,29 @@ class Finding:
     message: str
     option: str = ""
 
+    @property
+    def words(self) -> str:
+        """What tables call a problem of the responses."""
+        return FLAG_KINDS[self.code].words
 
-@dataclass(frozen=True)
-class Flag:
-    """A finding about the responses of a subject, in the words of tables.
-
-    Attributes
-    ----------
-    code : str
-        A key of :data:`FLAG_KINDS`.
-    words : str
-    message : str
-        One sentence that says what to conclude.
-    option : str
-        What to type after a command to act on it; empty if there is nothing to type.
-    is_interpretable : bool
-        Whether the subject is interpreted all the same.
-    """
-
-    code: str
-    words: str
-    message: str
-    option: str
-    is_interpretable: bool
-
-    def __str__(self) -> str:
-        return f"{self.words} ({self.option})" if self.option else self.words
+    @property
+    def is_interpretable(self) -> bool:
+        """Whether a subject with this problem of the responses is interpreted all the same."""
+        return FLAG_KINDS[self.code].is_interpretable
 
 
-def answer_flags(study: Study) -> list[tuple[Flag, ...]]:
-    """The flags of every subject, in the order of the study; the same for the same study.
+def answer_flags(study: Study) -> list[tuple[Finding, ...]]:
+    """The findings about the responses of every subject, in the order of the study; the same for the same study.
 
     Examples
     --------
     >>> subject = Subject("S01", [0, 0, 1, 1], [0, 1, 0, 1], [9, 9, 9, 9], [9] * 4)
-    >>> [[str(flag) for flag in flags] for flags in answer_flags(Study([subject]))]
-    [['fewer than 60 trials', 'all responses are the same (--exclude S01)']]
+    >>> [flag.words for flag in answer_flags(Study([subject]))[0]]
+    ['fewer than 60 trials', 'all responses are the same']
     """
-    flags: dict[str, list[Flag]] = {name: [] for name in study.names}
+    flags: dict[str, list[Finding]] = {name: [] for name in study.names}
     for finding in check_answers(study):
-        kind = FLAG_KINDS[finding.code]
-        flags[finding.subject].append(
-            Flag(
-                code=finding.code,
-                words=kind.words,
-                message=finding.message,
-                option=finding.option,
-                is_interpretable=kind.is_interpretable,
-            )
-        )
+        flags[finding.subject].append(finding)
     return [tuple(flags[name]) for name in study.names]
 
 
@@ -160,10 +134,8 @@ def not_interpreted(study: Study) -> dict[str, str]:
     {'S01': 'all responses are the same'}
     """
     faults = dict[str, str]()
-    for finding in check_answers(study):
-        kind = FLAG_KINDS[finding.code]
-        if not kind.is_interpretable:
-            faults.setdefault(finding.subject, kind.words)
+    for finding in uninterpretable_findings(study):
+        faults.setdefault(finding.subject, finding.words)
     return faults
 
 
@@ -182,8 +154,7 @@ def check_answers(study: Study) -> tuple[Finding, ...]:
 
 def uninterpretable_findings(study: Study) -> list[Finding]:
     """Findings that forbid the interpretation of a subject."""
-    findings = check_answers(study)
-    return [item for item in findings if not FLAG_KINDS[item.code].is_interpretable]
+    return [finding for finding in check_answers(study) if not finding.is_interpretable]
 
 
 def _subject_findings(subject: Subject, level: float) -> Iterator[Finding]:

@@ -115,9 +115,9 @@ def information(
     for observer in observers:
         lapse_rate = max(observer.parameters["lapse_rate"], _SMALL_LAPSE_RATE)
         quantities.append({**observer.parameters, "lapse_rate": lapse_rate})
-    arrays = {
-        name: np.array([values[name] for values in quantities]) for name in posterior.coordinates
-    }
+    arrays = {}
+    for name in posterior.coordinates:
+        arrays[name] = np.array([values[name] for values in quantities])
     points = posterior.full_points(posterior.points(arrays))
     answers, yes_slopes, _ = posterior.batch.answer_slopes(points)
     odds_root = np.exp(0.5 * (answers.yes - answers.no))[0]

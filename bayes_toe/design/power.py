@@ -11,6 +11,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
+from itertools import chain, product
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -329,7 +330,9 @@ def power(
     root, own_prior = root_seed(seed), observer_prior(prior)
     assumed = assume_observers(observers, data_sets, root, list(designs.values()), own_prior)
     totals = dict.fromkeys(trials)
-    planned = [(name, one.with_total(n)) for name, one in designs.items() for n in totals]
+    planned = []
+    for (name, own_design), total in product(designs.items(), totals):
+        planned.append((name, own_design.with_total(total)))
     return simulate_power(planned, assumed, root, own_prior, workers, progress)
 
 
@@ -365,7 +368,7 @@ def simulate_power(
             jobs.append(partial(simulate_batch, name, design, batch, seed, prior))
             names.append(tuple(observer.name for observer in batch))
     results = run_in_order(jobs, workers, progress, names)
-    return PowerTable.from_data_sets((row for batch in results for row in batch), seed)
+    return PowerTable.from_data_sets(chain.from_iterable(results), seed)
 
 
 def simulate_batch(

@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
@@ -529,7 +530,7 @@ def draw_population(
         # All four models in turn.
         drawn = assume_observers(PRIOR, -(-size // 4), seed, [shown])
         n_each = len(drawn) // 4
-        drawn = [drawn[model * n_each + i] for i in range(n_each) for model in range(4)]
+        drawn = list(chain.from_iterable(drawn[i::n_each] for i in range(n_each)))
     else:
         drawn = assume_observers(population, size, seed, [shown])
     return [

@@ -202,15 +202,6 @@ def paper_study_design(trials: int | None = None, task: Task | str = SAME_DIFFER
     return design if trials is None else design.with_total(trials)
 
 
-def narrow_study_design(
-    first: FloatArray, steps: FloatArray, trials: int, task: Task | str = SAME_DIFFERENT
-) -> StudyDesign:
-    """First stimuli, and second ones so many steps from each (natural-log intensities)."""
-    s1 = np.repeat(first, len(steps))
-    s2 = s1 + np.tile(steps, len(first))
-    return StudyDesign(s1, s2, apportioned(np.ones(len(s1)), trials), task=task_of(task))
-
-
 # --- Batches: all pairs in a random order, again and again ----------------------------------------
 
 

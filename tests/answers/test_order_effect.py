@@ -18,7 +18,7 @@ from bayes_toe.answers.order_effect import (
     rescaled_evidences,
 )
 from bayes_toe.answers.words import Word, word_for
-from bayes_toe.checks.answer_checks import Flag
+from bayes_toe.checks.answer_checks import Finding
 from bayes_toe.checks.identification import IMITATION, ONE_FIRST_STIMULUS, Identification
 from bayes_toe.data.options import changed
 from bayes_toe.data.study import Subject
@@ -140,7 +140,7 @@ def test_what_the_design_cannot_tell_has_no_word():
 
 def test_a_flag_that_forbids_interpretation_comes_before_every_word():
     (evidence,) = order_evidence([compared(c=0.15)], seed=1)
-    flag = Flag("swapped_blocks", "responses look swapped", "In block 2.", "--swap S:2", False)
+    flag = Finding("S", "swapped_blocks", "In block 2.", "--swap S:2")
     answer = order_effect(evidence, EVERYTHING, [flag])
     assert {answer.word(question) for question in QUESTIONS} == {"not interpretable"}
     assert answer.cell("interpretable") == "no"

@@ -10,7 +10,7 @@ import pytest
 from scipy.special import ndtr
 
 import bayes_toe as bt
-from bayes_toe.checks.answer_checks import FLAG_KINDS, Flag, answer_flags, check_answers
+from bayes_toe.checks.answer_checks import FLAG_KINDS, Finding, answer_flags, check_answers
 from bayes_toe.data.answers import Answers
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
@@ -93,9 +93,9 @@ def test_flags_are_those_of_each_subject_in_the_order_of_the_study():
     swapped = replace(make_study(0, swapped=(3,))["S0"], name="S 1")
     flags = answer_flags(Study((straight, swapped)))
     message = "Responses look swapped in block 4."
-    flag = Flag("swapped_blocks", "responses look swapped", message, "--swap 'S 1:4'", False)
+    flag = Finding("S 1", "swapped_blocks", message, "--swap 'S 1:4'")
     assert flags == [(), (flag,)]
-    assert str(flag) == "responses look swapped (--swap 'S 1:4')"
+    assert (flag.words, flag.is_interpretable) == ("responses look swapped", False)
 
 
 # --- False alarms --------------------------------------------------------------------------------

@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from commands import good, refused
+from populations import grid_design
 
 import bayes_toe as bt
 from bayes_toe.answers.order_effect import QUESTIONS, answer_subject
@@ -20,14 +21,14 @@ from bayes_toe.design.power import (
     power,
     share,
 )
-from bayes_toe.design.study_design import narrow_study_design, paper_study_design
+from bayes_toe.design.study_design import paper_study_design
 from bayes_toe.errors import InputError
 
 
 @pytest.fixture(scope="module")
 def designs():
     steps = np.linspace(-0.3, 0.3, 5)
-    wide = narrow_study_design(np.linspace(-0.75, 1.25, 5), steps, 650)
+    wide = grid_design(np.linspace(-0.75, 1.25, 5), steps, 650)
     return {"paper": paper_study_design(), "wide": wide}
 
 

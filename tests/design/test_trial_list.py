@@ -7,17 +7,16 @@ import numpy as np
 import pandas as pd
 import pytest
 from commands import good, refused
+from populations import grid_design
 
 import bayes_toe as bt
-from bayes_toe.design.study_design import StudyDesign, narrow_study_design, paper_study_design
+from bayes_toe.design.study_design import StudyDesign, paper_study_design
 from bayes_toe.design.trial_list import save_trials, trial_list
 from bayes_toe.errors import InputError
 
 DESIGNS = {
     "paper": paper_study_design(),
-    "narrow": narrow_study_design(
-        np.linspace(-0.75, 1.25, 5), np.array([-0.3, -0.15, 0.0, 0.15, 0.3]), 654
-    ),
+    "narrow": grid_design(np.linspace(-0.75, 1.25, 5), [-0.3, -0.15, 0.0, 0.15, 0.3], 654),
     "many equal": StudyDesign([0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [130, 24, 24]),
     "odd": StudyDesign(
         [0.0, 0.0, 0.3, 0.3], [0.0, 0.3, 0.0, 0.3], [7, 33, 21, 9], isi=[1, 1, 1, 2]
