@@ -249,8 +249,7 @@ def identification_findings(study: Study) -> Iterator[Finding]:
     for (questions, reason), names in names_by_reason.items():
         text = join_words([question.replace("_", " ") for question in questions])
         message = f"{capitalized(text)} cannot be told, because {reason}."
-        for name in [""] if len(names) == len(study) else names:
-            yield Finding(name, "not_identified", message)
+        yield from _once_for_all(study, names, "not_identified", message)
 
 
 def _notes(study: Study) -> Iterator[Finding]:
@@ -261,8 +260,13 @@ def _notes(study: Study) -> Iterator[Finding]:
             names_by_note.setdefault(note, []).append(subject.name)
     for note, names in names_by_note.items():
         message = f"{capitalized(note)}."
-        for name in [""] if len(names) == len(study) else names:
-            yield Finding(name, _NOTE_CODES[note], message)
+        yield from _once_for_all(study, names, _NOTE_CODES[note], message)
+
+
+def _once_for_all(study: Study, names: Sequence[str], code: str, message: str) -> Iterator[Finding]:
+    """A finding of each of these subjects, or of the study if these are all."""
+    for name in [""] if len(names) == len(study) else names:
+        yield Finding(name, code, message)
 
 
 def _one_order(subject: Subject) -> Iterator[Finding]:

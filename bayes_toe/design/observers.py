@@ -139,6 +139,11 @@ class Observer:
         return design.answered(rng.binomial(design.n_trials, self.p_design(design)), self.name)
 
 
+def parameter_names(task: Task) -> list[str]:
+    """The parameters of an observer in a task."""
+    return [parameter.name for parameter in task_parameters(task)]
+
+
 def make_observer(name: str, kind: str, given: Mapping[str, float], task: Task) -> Observer:
     """An observer of these parameters; what is not given is 0.
 
@@ -150,13 +155,13 @@ def make_observer(name: str, kind: str, given: Mapping[str, float], task: Task) 
     problems = list(_parameter_problems(given, task))
     if problems:
         raise InputError([f"observer {name!r}: {problem}" for problem in problems])
-    names = [parameter.name for parameter in task_parameters(task)]
-    return Observer(name, kind, {key: float(given.get(key, 0.0)) for key in names}, task)
+    parameters = {key: float(given.get(key, 0.0)) for key in parameter_names(task)}
+    return Observer(name, kind, parameters, task)
 
 
 def _parameter_problems(given: Mapping[str, float], task: Task) -> Iterator[str]:
     """What is wrong with the parameters of an observer, a line each."""
-    names = [parameter.name for parameter in task_parameters(task)]
+    names = parameter_names(task)
     for name in ("noise", "q0"):
         if name in names and name not in given:
             yield f"{name} is missing"
@@ -240,9 +245,14 @@ def assume_observers(
 
 def _kinds(task: Task) -> dict[str, Mapping[str, Range]]:
     """The default kinds with all ranges of a task."""
-    names = [parameter.name for parameter in task_parameters(task)]
-    common = {name: limits for name, limits in COMMON.items() if name in names}
+    common = _common_ranges(task)
     return {kind: {**common, **effects} for kind, effects in KINDS.items()}
+
+
+def _common_ranges(task: Task) -> dict[str, Range]:
+    """Ranges of the parameters of a task that are no effects of order."""
+    names = parameter_names(task)
+    return {name: limits for name, limits in COMMON.items() if name in names}
 
 
 def _in_ranges(
@@ -271,17 +281,17 @@ def read_ranges(path: str | Path, task: Task = SAME_DIFFERENT) -> dict[str, dict
         One line per problem of the file.
     """
     table = toml_table(path, _FORM)
-    names = [parameter.name for parameter in task_parameters(task)]
+    names = parameter_names(task)
     problems = [] if table else [f"found no kind of observers, allowed: {_FORM}"]
-    kinds = {}
+    kinds: dict[str, dict[str, Range]] = {}
     for kind, section in table.items():
         if not isinstance(section, Mapping):
             retired = f"key {kind!r} is retired: {_RETIRED[kind]}" if kind in _RETIRED else ""
             problems.append(retired or f"key {quoted(kind)}: allowed: {_FORM}")
             continue
         problems += [f"[{kind}]: {line}" for line in _range_problems(section, names)]
-        common = {name: limits for name, limits in COMMON.items() if name in names}
-        kinds[kind] = {**common, **{name: _range(value) for name, value in section.items()}}
+        kinds[kind] = _common_ranges(task)
+        kinds[kind] |= {name: _range(value) for name, value in section.items()}
     if problems:
         raise InputError([f"{path}: {problem}" for problem in problems])
     return kinds
@@ -335,7 +345,7 @@ def _from_point(name: str, kind: str, posterior: ObserverPosterior, x: FloatArra
     """The observer at a point, shape (1, k), of a posterior."""
     quantities = posterior.quantities(x)
     values = {key: float(quantities[key][0]) for key in posterior.coordinates}
-    names = [parameter.name for parameter in task_parameters(posterior.subject.task)]
+    names = parameter_names(posterior.subject.task)
     parameters = {key: values.get(key, 0.0) for key in names}
     return Observer(name, kind, parameters, posterior.subject.task)
 

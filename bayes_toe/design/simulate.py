@@ -24,7 +24,14 @@ from bayes_toe.data.read_study import Truth
 from bayes_toe.data.study import Study, Subject, felt_together
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task, task_of
 from bayes_toe.data.validation import AT, number, read_numbers
-from bayes_toe.design.observers import KINDS, PRIOR, Observer, assume_observers, make_observer
+from bayes_toe.design.observers import (
+    KINDS,
+    PRIOR,
+    Observer,
+    assume_observers,
+    make_observer,
+    parameter_names,
+)
 from bayes_toe.design.study_design import (
     PAPER_AMPLITUDES,
     PAPER_BATCHES,
@@ -45,7 +52,6 @@ from bayes_toe.model.paper_equations import (
     require_natural,
     variance_ratio,
 )
-from bayes_toe.model.parameters import task_parameters
 from bayes_toe.seeds import generator, root_seed
 
 if TYPE_CHECKING:
@@ -543,13 +549,7 @@ def stated_observers(observers: Truth, task: Task) -> list[SimulatedObserver]:
     """Observers of parameters by name, those of the four models or of the paper's."""
     if not observers:
         raise InputError("observers: found none, allowed: at least one")
-    stated: list[SimulatedObserver] = []
-    for name, values in observers.items():
-        if "mu1" in values:
-            stated.append(_paper_observer(name, values, task, "observers"))
-        else:
-            stated.append(make_observer(name, "stated", values, task))
-    return stated
+    return [_stated_observer(name, values, task, "observers") for name, values in observers.items()]
 
 
 def read_observers(path: str, task: Task) -> list[SimulatedObserver]:
@@ -560,24 +560,23 @@ def read_observers(path: str, task: Task) -> list[SimulatedObserver]:
     if is_paper:
         names, columns = read_numbers(path, natural_names(task), key="subject")
     else:
-        all_names = tuple(parameter.name for parameter in task_parameters(task))
+        all_names = parameter_names(task)
         needed = tuple(name for name in all_names if name in ("noise", "q0"))
         optional = tuple(name for name in all_names if name not in needed)
         names, columns = read_numbers(path, needed, optional=optional, key="subject")
     observers: list[SimulatedObserver] = []
     for i, name in enumerate(names):
         values = {key: float(column[i]) for key, column in columns.items()}
-        if is_paper:
-            observers.append(_paper_observer(name, values, task, path))
-        else:
-            observers.append(make_observer(name, "stated", values, task))
+        observers.append(_stated_observer(name, values, task, path))
     return observers
 
 
-def _paper_observer(
+def _stated_observer(
     name: str, values: Mapping[str, float], task: Task, source: str
-) -> PaperObserver:
-    """An observer of the paper's model; the error of a parameter names the source."""
+) -> SimulatedObserver:
+    """An observer of either model; the error of a parameter of the paper's names the source."""
+    if "mu1" not in values:
+        return make_observer(name, "stated", values, task)
     names = natural_names(task)
     if set(values) != set(names):
         raise InputError(

@@ -238,11 +238,6 @@ class BatchDesign:
             if self.isi.shape != self.s1.shape:
                 raise InputError("design: isi must have the length of s1 and s2")
 
-    def pairs(self, task: Task) -> Subject:
-        """The pairs as a subject who never gave the answer that the task counts."""
-        counts = np.zeros(len(self.s1), np.int64), np.full(len(self.s1), self.batches)
-        return Subject.from_counts("design", self.s1, self.s2, *counts, self.isi, task=task)
-
 
 def reference_design(
     amplitudes: Iterable[float] = PAPER_AMPLITUDES, batches: int = PAPER_BATCHES
