@@ -427,38 +427,43 @@ class _Pool:
         log_new = mixture.log_density(self.points[None], self.log_prior[None])[0] + np.log(n)
         self.log_made = np.logaddexp(self.log_made, log_new)
         self.mixtures.append((mixture, n))
-        log_made = np.logaddexp.reduce(
-            [
-                known.log_density(points[None], log_prior[None])[0] + np.log(count)
-                for known, count in self.mixtures
-            ]
-        )
+        made = []
+        for known, count in self.mixtures:
+            log_density = known.log_density(points[None], log_prior[None])[0]
+            made.append(log_density + np.log(count))
+        log_made = np.logaddexp.reduce(made)
         self.points = np.concatenate([self.points, points])
         self.log_target = np.concatenate([self.log_target, log_target])
         self.log_prior = np.concatenate([self.log_prior, log_prior])
         self.log_made = np.concatenate([self.log_made, log_made])
 
 
+class _Draws(NamedTuple):
+    """Draws of one row's fixed mixture."""
+
+    points: FloatArray  # (n, k)
+    log_target: FloatArray  # (n,)
+    log_prior: FloatArray  # (n,)
+    log_weights: FloatArray  # (n,)
+
+
 @dataclass(eq=False)
 class _Row:
-    """Fresh draws of one row's fixed mixture, and how often it went back."""
+    """Fresh draws of one row's fixed mixture by rounds, and how often it went back."""
 
-    points: list[FloatArray]
-    log_priors: list[FloatArray]
-    log_targets: list[FloatArray]
-    log_weights: list[FloatArray]
+    rounds: list[_Draws]
     returns: int = 0
     poor_returns: int = 0
 
     @property
-    def all_log_weights(self) -> FloatArray:
+    def log_weights(self) -> FloatArray:
         """Of all fresh draws, (n,)."""
-        return np.concatenate(self.log_weights)
+        return np.concatenate([draws.log_weights for draws in self.rounds])
 
-    def clear(self) -> None:
-        """Forget the fresh draws, because their mixture has changed."""
-        for parts in (self.points, self.log_priors, self.log_targets, self.log_weights):
-            parts.clear()
+    @property
+    def draws(self) -> _Draws:
+        """All fresh draws."""
+        return _Draws(*map(np.concatenate, zip(*self.rounds, strict=True)))
 
 
 class _Estimate(NamedTuple):
@@ -622,9 +627,7 @@ class _Sampler:
         for i, row in enumerate(rows):
             rng = self.generators[row // _N_MODELS]
             uniform = rng.uniform(size=(_POOL, self.k))
-            from_prior = np.empty((_POOL, self.k))
-            for j, density in enumerate(self.batch.rows(np.array([row])).priors):
-                from_prior[:, j] = np.ravel(density.quantile(uniform[None, :, j]))
+            from_prior = self.batch.rows(np.array([row])).prior_points(uniform)
             from_prior *= self.is_free[row]
             draws[i] = mixtures[row].sample(rng, 0, from_prior)
         return draws
@@ -641,17 +644,14 @@ class _Sampler:
         """Two rounds of draws, and the mixtures adapted to them."""
         all_rows = np.arange(self.n_rows)
         row_numbers = range(self.n_rows)
-        pools: list[_Pool] = []
-        for round_number in range(2):
+        nothing = np.empty(0)
+        pools = [_Pool(np.empty((0, self.k)), nothing, nothing, nothing, []) for _ in row_numbers]
+        for _ in range(2):
             mixtures = [_row_mixture(mixture, row) for row in row_numbers]
             points = self._sample(mixtures, row_numbers)
             log_target, log_prior = self._densities(points, all_rows)
             for row in row_numbers:
-                own = points[row], log_target[row], log_prior[row]
-                if round_number == 0:
-                    pools.append(_new_pool(mixtures[row], *own))
-                else:
-                    pools[row].join(mixtures[row], *own)
+                pools[row].join(mixtures[row], points[row], log_target[row], log_prior[row])
             pooled = np.stack([pool.points for pool in pools])
             log_weights = np.stack([pool.log_target - pool.log_made for pool in pools])
             mixture = mixture.updated(pooled, _tempered(log_weights))
@@ -659,7 +659,7 @@ class _Sampler:
 
     def _draw(self, mixtures: list[RowMixtures], pools: list[_Pool]) -> list[_Row]:
         """Fresh draws of every row, until its evidence is known well enough."""
-        fresh = [_Row([], [], [], []) for _ in range(self.n_rows)]
+        fresh = [_Row([]) for _ in range(self.n_rows)]
         active = list(range(self.n_rows))
         while active:
             rows = np.array(active)
@@ -667,10 +667,9 @@ class _Sampler:
             log_target, log_prior = self._densities(points, rows)
             log_made = _joined(mixtures, active).log_density(points, log_prior)
             for i, row in enumerate(active):
-                fresh[row].points.append(points[i])
-                fresh[row].log_priors.append(log_prior[i])
-                fresh[row].log_targets.append(log_target[i])
-                fresh[row].log_weights.append(log_target[i] - log_made[i])
+                log_weights = log_target[i] - log_made[i]
+                draws = _Draws(points[i], log_target[i], log_prior[i], log_weights)
+                fresh[row].rounds.append(draws)
             active = self._unfinished(active, fresh, mixtures, pools)
         return fresh
 
@@ -682,15 +681,14 @@ class _Sampler:
         pools: Sequence[_Pool],
     ) -> list[int]:
         """The rows that need more draws; those that fit badly get a new mixture first."""
-        known = [_estimate(row.all_log_weights) if row.log_weights else None for row in fresh]
+        estimates = [_estimate(row.log_weights) for row in fresh]
         going = []
         for row in active:
-            estimate = known[row]
-            if estimate is None or not np.isfinite(estimate.log_evidence):
+            estimate = estimates[row]
+            if not np.isfinite(estimate.log_evidence):
                 self._refuse(row)
             first = row - row % _N_MODELS
-            siblings = [other for other in known[first : first + _N_MODELS] if other is not None]
-            best = max(other.log_evidence for other in siblings)
+            best = max(other.log_evidence for other in estimates[first : first + _N_MODELS])
             is_far = estimate.log_evidence + 3.0 * estimate.standard_error < best - _FAR
             if is_far or estimate.n_draws >= self.precision.most_draws:
                 continue
@@ -726,11 +724,8 @@ class _Sampler:
         self, i: int, modes: FloatArray, laplace: FloatArray, fresh: Sequence[_Row]
     ) -> OrderEvidence:
         rows = range(_N_MODELS * i, _N_MODELS * (i + 1))
-        estimates = [_estimate(fresh[row].all_log_weights) for row in rows]
-        draws = tuple(
-            ModelDraws(np.concatenate(fresh[row].points), fresh[row].all_log_weights)
-            for row in rows
-        )
+        draws = [fresh[row].draws for row in rows]
+        estimates = [_estimate(entry.log_weights) for entry in draws]
         return OrderEvidence(
             self.subjects[i],
             self.prior,
@@ -739,7 +734,7 @@ class _Sampler:
             np.array([estimate.standard_error for estimate in estimates]),
             laplace[list(rows)],
             modes[list(rows)],
-            draws,
+            tuple(ModelDraws(entry.points, entry.log_weights) for entry in draws),
             np.array([estimate.efficiency * estimate.n_draws for estimate in estimates]),
         )
 
@@ -781,21 +776,12 @@ def _joined(mixtures: Sequence[RowMixtures], rows: Sequence[int]) -> RowMixtures
     return RowMixtures(is_free, weights, means, factors)
 
 
-def _new_pool(
-    mixture: RowMixtures, points: FloatArray, log_target: FloatArray, log_prior: FloatArray
-) -> _Pool:
-    """The pool of the first round."""
-    n = len(points)
-    log_made = mixture.log_density(points[None], log_prior[None])[0] + np.log(n)
-    return _Pool(points, log_target, log_prior, log_made, [(mixture, n)])
-
-
 def _refitted(mixture: RowMixtures, pool: _Pool, row: _Row) -> RowMixtures:
     """A row's mixture with a component at its heaviest draw, adapted to all that were made."""
-    points = np.concatenate(row.points)
-    heaviest = points[np.argmax(row.all_log_weights)]
-    pool.join(mixture, points, np.concatenate(row.log_targets), np.concatenate(row.log_priors))
-    row.clear()
+    draws = row.draws
+    heaviest = draws.points[np.argmax(draws.log_weights)]
+    pool.join(mixture, draws.points, draws.log_target, draws.log_prior)
+    row.rounds.clear()  # because the mixture changes
     log_weights = (pool.log_target - pool.log_made)[None]
     apart = pool.points - heaviest
     spread = np.maximum(pool.points.std(axis=0), 1e-12)

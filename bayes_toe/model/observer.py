@@ -29,6 +29,7 @@ from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.errors import InputError
 from bayes_toe.model.answer_curves import (
     LogAnswers,
+    Slopes,
     criterion,
     criterion_slope,
     equal_answers,
@@ -63,6 +64,11 @@ DEFAULT_PRIOR = ObserverPrior()
 #: JND over sigma_d: the z at which 75 % of the answers are 'second'.
 JND_OVER_NOISE = 0.6744897501960817
 _PRIOR_DRAWS = 100_000
+#: The arrays of a batch that have rows.
+_ROW_ARRAYS = ("first", "difference", "middle", "n_yes", "n_no", "slope_unit", "contraction_sd")
+#: Responses of an observer who ignores the stimuli and is asked which one is stronger.
+_GUESS = LogAnswers(np.array(-LN2), np.array(-LN2))
+_NO_SLOPES = Slopes(np.zeros(1), np.zeros(1))
 
 
 @dataclass(frozen=True)
@@ -189,32 +195,13 @@ class ObserverBatch:
         slope_unit = np.array([[scale.step / scale.spread] for scale in scales])
         contraction_sd = np.array([[scale.contraction_sd(prior)] for scale in scales])
         is_same_different = subjects[0].task == SAME_DIFFERENT
-        first, difference, middle, n_yes, n_no = arrays
-        return cls(
-            is_same_different,
-            prior,
-            first,
-            difference,
-            middle,
-            n_yes,
-            n_no,
-            slope_unit,
-            contraction_sd,
-        )
+        values = (*arrays, slope_unit, contraction_sd)
+        return cls(is_same_different, prior, **dict(zip(_ROW_ARRAYS, values, strict=True)))
 
     def rows(self, index: npt.NDArray[np.intp]) -> ObserverBatch:
         """Some rows, in this order; a row may come more than once."""
-        return ObserverBatch(
-            self.is_same_different,
-            self.prior,
-            self.first[index],
-            self.difference[index],
-            self.middle[index],
-            self.n_yes[index],
-            self.n_no[index],
-            self.slope_unit[index],
-            self.contraction_sd[index],
-        )
+        arrays = {name: getattr(self, name)[index] for name in _ROW_ARRAYS}
+        return ObserverBatch(self.is_same_different, self.prior, **arrays)
 
     @property
     def n_coordinates(self) -> int:
@@ -262,8 +249,10 @@ class ObserverBatch:
         """Log of the noise at every pair, (rows, points, pairs)."""
         return values["log_noise"][..., None] + values["noise_slope"][..., None] * self.middle
 
-    def criterion_at(self, values: Mapping[str, FloatArray]) -> FloatArray:
-        """The criterion k_m of every pair, (rows, points, pairs)."""
+    def criterion_at(self, values: Mapping[str, FloatArray]) -> FloatArray | None:
+        """The criterion k_m of every pair, (rows, points, pairs); None of which is stronger."""
+        if not self.is_same_different:
+            return None
         log_k = np.log(criterion(values["logit_q0"]))[..., None]
         with np.errstate(over="ignore"):
             return np.exp(log_k + values["criterion_slope"][..., None] * self.middle)
@@ -273,8 +262,7 @@ class ObserverBatch:
     def log_answers(self, u: FloatArray) -> LogAnswers:
         """Log probability of both answers to every pair, (rows, points, pairs) each."""
         values = self.quantities(u)
-        k = self.criterion_at(values) if self.is_same_different else None
-        return self._answers_at(values, self.distance_at(values), k)
+        return self._answers_at(values, self.distance_at(values), self.criterion_at(values))
 
     def answers_at_distance(self, u: FloatArray, z: FloatArray) -> LogAnswers:
         """Log probability of both answers at distances z, (n,) -> (rows, points, n) each.
@@ -290,18 +278,18 @@ class ObserverBatch:
         self, values: Mapping[str, FloatArray], z: FloatArray, k: FloatArray | None
     ) -> LogAnswers:
         """Log probability of both answers at distances and criteria, with lapses."""
-        log_lapse, log_attend = self._lapse_logs(values)
         if k is None:
-            yes, no = second_answers(z)
-            blind = log_lapse - LN2
-            return LogAnswers(
-                np.logaddexp(blind, log_attend + yes), np.logaddexp(blind, log_attend + no)
-            )
-        attending, blind_answers = equal_answers(z, k), equal_answers(np.zeros(1), k)
-        return LogAnswers(
-            np.logaddexp(log_lapse + blind_answers.yes, log_attend + attending.yes),
-            np.logaddexp(log_lapse + blind_answers.no, log_attend + attending.no),
-        )
+            return self._with_lapses(values, second_answers(z), _GUESS)
+        return self._with_lapses(values, equal_answers(z, k), equal_answers(np.zeros(1), k))
+
+    def _with_lapses(
+        self, values: Mapping[str, FloatArray], attending: LogAnswers, blind: LogAnswers
+    ) -> LogAnswers:
+        """Log probability of both answers from those with and without regard to the stimuli."""
+        log_lapse, log_attend = self._lapse_logs(values)
+        yes = np.logaddexp(log_lapse + blind.yes, log_attend + attending.yes)
+        no = np.logaddexp(log_lapse + blind.no, log_attend + attending.no)
+        return LogAnswers(yes, no)
 
     def _lapse_logs(self, values: Mapping[str, FloatArray]) -> tuple[FloatArray, FloatArray]:
         """Log of the lapse rate and of its complement, (rows, points, 1) each."""
@@ -321,9 +309,7 @@ class ObserverBatch:
         nats of the best point; far from there this one may be -inf.
         """
         values = self.quantities(u)
-        z = self.distance_at(values)
-        k = self.criterion_at(values) if self.is_same_different else None
-        yes, no = self.plain_answers_at(values, z, k)
+        yes, no = self.plain_answers_at(values, self.distance_at(values), self.criterion_at(values))
         return np.asarray((xlogy(self.n_yes, yes) + xlogy(self.n_no, no)).sum(axis=-1))
 
     def plain_answers_at(
@@ -349,6 +335,7 @@ class ObserverBatch:
         no = lapse * 2.0 * ndtr(-k) + attend * (ndtr(-near) + ndtr(far))
         return yes, no
 
+    @np.errstate(over="ignore", divide="ignore", invalid="ignore")
     def plain_gradient(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
         """:meth:`gradient` by plain probabilities, as :meth:`plain_log_likelihood`.
 
@@ -356,14 +343,9 @@ class ObserverBatch:
         these are summed over the answers first, and follow the coordinates after that. Where an
         answer that was given has a probability of 0, the slopes are not finite.
         """
-        with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
-            return self._plain_gradient(u)
-
-    def _plain_gradient(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
         prior = self.prior
         values = self.quantities(u)
-        z = self.distance_at(values)
-        k = self.criterion_at(values) if self.is_same_different else None
+        z, k = self.distance_at(values), self.criterion_at(values)
         yes, no = self.plain_answers_at(values, z, k)
         value = np.asarray((xlogy(self.n_yes, yes) + xlogy(self.n_no, no)).sum(axis=-1))
         by_yes = _per_answer(self.n_yes, yes) - _per_answer(self.n_no, no)
@@ -407,21 +389,16 @@ class ObserverBatch:
         """Log answers, and the slopes of both in every coordinate, (rows, points, k, pairs)."""
         values, prior = self.quantities(u), self.prior
         log_lapse, log_attend = self._lapse_logs(values)
-        z = self.distance_at(values)
-        in_k = None
-        if self.is_same_different:
-            k = self.criterion_at(values)
+        z, k = self.distance_at(values), self.criterion_at(values)
+        if k is None:
+            attending, blind = second_answers(z), _GUESS
+            in_z, in_k, blind_in_k = second_slopes(z), _NO_SLOPES, _NO_SLOPES
+        else:
             attending, blind = equal_answers(z, k), equal_answers(np.zeros(1), k)
             in_z, in_k = equal_slopes(z, k, attending)
             _, blind_in_k = equal_slopes(np.zeros(1), k, blind)
-        else:
-            attending = second_answers(z)
-            blind = LogAnswers(np.full(z.shape, -LN2), np.full(z.shape, -LN2))
-            in_z = second_slopes(z)
-        answers = LogAnswers(
-            np.logaddexp(log_lapse + blind.yes, log_attend + attending.yes),
-            np.logaddexp(log_lapse + blind.no, log_attend + attending.no),
-        )
+            relative = _log_criterion_slope(values["logit_q0"])[..., None]
+        answers = self._with_lapses(values, attending, blind)
         # Derivatives of z, of log k and of the lapse rate in the coordinates.
         log_scale = self._log_scale_at(values)
         inverse_scale = np.exp(-log_scale)
@@ -430,32 +407,28 @@ class ObserverBatch:
         # d lambda/du = phi(u) (1 - lambda) / (b (1 - Phi(u)))
         log_rise = log_normal - log_ndtr(-score) - np.log(prior.lapse_rate_b)
         slope_unit = self.slope_unit[..., None]
-        if in_k is not None:
-            relative = _log_criterion_slope(values["logit_q0"])[..., None]
-        yes_slopes: list[FloatArray] = []
-        no_slopes: list[FloatArray] = []
-        sides = (
-            (answers.yes, attending.yes, blind.yes, in_z.yes, yes_slopes, 0),
-            (answers.no, attending.no, blind.no, in_z.no, no_slopes, 1),
-        )
-        for log_p, log_attending, log_blind, z_slope, slopes, side in sides:
+        stacked = []
+        sides = zip(answers, attending, blind, in_z, in_k, blind_in_k, strict=True)
+        for log_p, log_attending, log_blind, z_slope, k_slope, blind_k_slope in sides:
             attended = np.exp(log_attend + log_attending - log_p)
             lapsed = np.exp(log_lapse + log_blind - log_p)
             along_z = attended * z_slope
             noise = -along_z * z
-            slopes.append(prior.noise_sd * noise)
-            if in_k is not None:
-                along_k = attended * in_k[side] + lapsed * blind_in_k[side]
+            slopes = [prior.noise_sd * noise]
+            if k is not None:
+                along_k = attended * k_slope + lapsed * blind_k_slope
                 slopes.append(along_k * k * relative)
             rate = log_rise[..., None] + log_attend - log_p
             slopes.append(np.exp(rate + log_blind) - np.exp(rate + log_attending))
             slopes.append(prior.noise_slope_scale * slope_unit * self.middle * noise)
-            if in_k is not None:
+            if k is not None:
                 scale = prior.criterion_slope_scale * slope_unit
                 slopes.append(along_k * k * scale * self.middle)
             slopes.append(-along_z * inverse_scale * prior.constant_error_scale)
             slopes.append(along_z * inverse_scale * self.first * self.contraction_sd[..., None])
-        return answers, _stacked(yes_slopes), _stacked(no_slopes)
+            stacked.append(np.stack(np.broadcast_arrays(*slopes), axis=-2))
+        yes_slopes, no_slopes = stacked
+        return answers, yes_slopes, no_slopes
 
     def gradient(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Log likelihood (rows, points), and its gradient (rows, points, k)."""
@@ -506,6 +479,13 @@ class ObserverBatch:
             total += values
         return total
 
+    def prior_points(self, probability: FloatArray) -> FloatArray:
+        """The prior's quantiles of the first row, (points, k)."""
+        points = np.empty_like(probability)
+        for j, density in enumerate(self.priors):
+            points[:, j] = density.quantile(probability[None, :, j])[0]
+        return points
+
     def prior_slopes(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Gradient and positive curvature of the log prior, (rows, points, k) each."""
         slopes, curvatures = np.empty_like(u), np.empty_like(u)
@@ -531,11 +511,6 @@ def _log_criterion_slope(logit_q0: FloatArray) -> FloatArray:
 def _density(x: FloatArray) -> FloatArray:
     """Standard normal density."""
     return np.asarray(np.exp(-0.5 * (np.square(x) + LOG_2PI)))
-
-
-def _stacked(slopes: Sequence[FloatArray]) -> FloatArray:
-    """Slopes in one coordinate after the other, (..., pairs) each -> (..., k, pairs)."""
-    return np.stack(np.broadcast_arrays(*slopes), axis=-2)
 
 
 #: What the models say of the order of the stimuli.
@@ -705,11 +680,7 @@ class ObserverPosterior:
     def sample_prior(self, rng: Random, size: int) -> FloatArray:
         """Independent draws from the prior, shape (size, k)."""
         uniform = rng.uniform(size=(size, self.batch.n_coordinates))
-        columns = [
-            np.ravel(density.quantile(uniform[None, :, j]))
-            for j, density in enumerate(self.batch.priors)
-        ]
-        return np.stack(columns, axis=-1)[:, self.is_free]
+        return self.batch.prior_points(uniform)[:, self.is_free]
 
     def quantities(self, x: FloatArray) -> dict[str, FloatArray]:
         """Every named quantity, each with the shape of x without its last axis.
@@ -754,13 +725,10 @@ class ObserverPosterior:
         if name == "zone" and name in self.names.all:
             return self.scales.step * float(np.quantile(_prior_zones(self.prior), probability))
         parameter = "noise" if name == "jnd" else name
-        names = [one.name for one in task_parameters(self.subject.task)]
         if parameter not in self.coordinates:
             raise InputError(f"unknown quantity {name!r}; there are: {', '.join(self.names.all)}")
-        density = self.batch.priors[names.index(parameter)]
-        u = float(np.ravel(density.quantile(np.full((1, 1), probability)))[0])
-        point = np.zeros((1, len(self.coordinates)))
-        point[0, self.coordinates.index(parameter)] = u
+        probabilities = np.full((1, self.batch.n_coordinates), probability)
+        point = self.batch.prior_points(probabilities)[:, self.is_free]
         return float(self.quantities(point)[name][0])
 
     @cached_property

@@ -210,7 +210,7 @@ class TrialHistoryPosterior:
         if self.model.has_carry_over:
             expectation = self.expectation(x)[self.trials.is_answered].T[None]
         z = batch.distance_at(values, expectation)
-        k = batch.criterion_at(values) if batch.is_same_different else None
+        k = batch.criterion_at(values)
         if self.model.has_previous_response:
             shift = self._previous_response(x)[:, None] * self._cells.response
             if k is None:
