@@ -445,11 +445,9 @@ def order_effect(
     sizes, upper_bounds, size_flags = _sizes(evidence)
     is_interpretable = all(flag.is_interpretable for flag in flags)
     questions = [question for question in QUESTIONS if getattr(identification, question)]
-    words = dict.fromkeys(QUESTIONS, Word.CANNOT_BE_TOLD)
-    for question in questions:
-        words[question] = word_for(probabilities[question], log_bayes_factors[question])
-    if not is_interpretable:
-        words = dict.fromkeys(QUESTIONS, Word.NOT_INTERPRETABLE)
+    words = dict.fromkeys(QUESTIONS, Word.NOT_INTERPRETABLE)
+    if is_interpretable:
+        words = _words(questions, probabilities, log_bayes_factors)
     is_misfit = fit is not None and fit.misfit
     problems = _response_problems(flags, is_misfit)
     problems |= _screen_problems(screen)
@@ -457,7 +455,7 @@ def order_effect(
     for flag_words in (*size_flags, *_error_flags(evidence)):
         problems[flag_words] = Problem(f"{capitalized(flag_words)}.")
     best = int(np.argmax(evidence.log_evidence))
-    is_testable = fit is not None and fit.describes is not None
+    predictive_p, deviance_p = _fit_p_values(fit)
     return OrderEffect(
         subject=evidence.subject.name,
         words=words,
@@ -469,8 +467,8 @@ def order_effect(
         sizes=sizes,
         upper_bounds=upper_bounds,
         best_model=MODEL_NAMES[best],
-        predictive_p=fit.p_overall if fit is not None and is_testable else None,
-        deviance_p=fit.p_deviance if fit is not None and is_testable else None,
+        predictive_p=predictive_p,
+        deviance_p=deviance_p,
         history_p=None if screen is None else screen.joint_p,
         log_evidence=_by_model(evidence.log_evidence),
         standard_error=_by_model(evidence.standard_error),
@@ -480,6 +478,23 @@ def order_effect(
         problems=tuple(problems.values()),
         worst_pairs=fit.worst if fit is not None and is_misfit else (),
     )
+
+
+def _words(
+    questions: Sequence[str], probabilities: _Numbers, log_bayes_factors: _Numbers
+) -> dict[str, Word]:
+    """The word for each question; the questions that the design can answer are given."""
+    words = dict.fromkeys(QUESTIONS, Word.CANNOT_BE_TOLD)
+    for question in questions:
+        words[question] = word_for(probabilities[question], log_bayes_factors[question])
+    return words
+
+
+def _fit_p_values(fit: FitSummary | None) -> tuple[float | None, float | None]:
+    """The p-values of the predictive check and of the deviance; None where nothing is testable."""
+    if fit is None or fit.describes is None:
+        return None, None
+    return fit.p_overall, fit.p_deviance
 
 
 def _response_problems(flags: Sequence[Finding], is_misfit: bool) -> dict[str, Problem]:

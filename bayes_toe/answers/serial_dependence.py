@@ -202,7 +202,9 @@ class SerialDependence(SubjectTable[SubjectDependence]):
         """The table with the columns of history.csv; natural logs, empty where there is none."""
         import pandas as pd
 
-        columns = {name: [row.cell(name) for row in self.rows] for name in HISTORY_COLUMNS}
+        columns = dict[str, list[object]]()
+        for name in HISTORY_COLUMNS:
+            columns[name] = [row.cell(name) for row in self.rows]
         return pd.DataFrame(columns)
 
 

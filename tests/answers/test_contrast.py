@@ -20,7 +20,8 @@ from bayes_toe.answers.contrast import (
 from bayes_toe.model.condition_model import ConditionPosterior
 from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION, NOISE
 
-PAIRS = [(a, b) for a in (0.0, 0.3, 0.6, 0.9) for b in (a - 0.3, a + 0.3)]
+FIRST = np.repeat([0.0, 0.3, 0.6, 0.9], 2)
+SECOND = FIRST + np.tile([-0.3, 0.3], 4)
 
 
 def answers(
@@ -33,20 +34,14 @@ def answers(
     shift=0.0,
 ):
     """Subjects whose constant error, or contraction, depends on the condition."""
-    rng, s = np.random.default_rng(3), np.array(PAIRS)
+    rng = np.random.default_rng(3)
+    pairs = {"s1": scale * FIRST + shift, "s2": scale * SECOND + shift}
     rows = []
     for who in subjects:
         for level, offset, contraction in zip(levels, offsets, contractions, strict=False):
-            distance = (s[:, 1] - s[:, 0]) - offset + contraction * (s[:, 0] - 0.45)
-            p = ndtr(distance / 0.25)
-            k = rng.binomial(trials, p)
-            told = {
-                "subject": who,
-                "condition": level,
-                "s1": scale * s[:, 0] + shift,
-                "s2": scale * s[:, 1] + shift,
-            }
-            rows.append(pd.DataFrame({**told, "n_second": k, "n_trials": trials}))
+            distance = SECOND - FIRST - offset + contraction * (FIRST - 0.45)
+            counts = {"n_second": rng.binomial(trials, ndtr(distance / 0.25)), "n_trials": trials}
+            rows.append(pd.DataFrame({"subject": who, "condition": level, **pairs, **counts}))
     return pd.concat(rows)
 
 
@@ -69,6 +64,9 @@ def test_what_differs_has_its_sign_and_size(table):
         assert row.p_direction is None
         assert row.q05 < 0.16 < row.q95
     assert {row.word for row in table.select("contraction")} <= {*WORDS[2:]}
+
+
+def test_the_table_has_a_sentence_and_the_prior(table):
     assert table.sentences()[0] == "constant error, of 2 subjects: differs 2"
     (described,) = set(table.frame()["prior"])
     assert "contraction ~ Normal(0, 0.25) on (-1, 1)" in described
@@ -95,7 +93,7 @@ def test_a_contraction_that_differs_moves_the_shift_by_the_spread_of_first_stimu
     (contraction,), (order,) = table.select("contraction"), table.select(ORDER_EFFECT)
     assert contraction.word == WORDS[0]
     assert contraction.q025 < 0.5 < contraction.q975
-    spread = np.std(np.array(PAIRS)[:, 0])
+    spread = np.std(FIRST)
     assert order.q50 == pytest.approx(abs(contraction.q50) * spread, rel=0.1)
 
 

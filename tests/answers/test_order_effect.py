@@ -53,14 +53,18 @@ def answers():
     return {name: answer_subject(subject, seed=1)[0] for name, subject in cases.items()}
 
 
+@pytest.fixture(scope="module")
+def evidence():
+    (with_error,) = order_evidence([compared(c=0.15)], seed=1)
+    return with_error
+
+
 def test_words_and_directions(answers):
-    words = {
-        name: [answer.word(question) for question in QUESTIONS] for name, answer in answers.items()
-    }
-    assert words["positive error"][:2] == words["negative error"][:2] == ["yes", "yes"]
-    assert words["contraction"][2] == "yes (contraction)"
-    assert words["repulsion"][2] == "yes (repulsion)"
-    assert words["contraction"][0] == words["repulsion"][0] == "yes"
+    for name in ("positive error", "negative error"):
+        assert answers[name].word("order_effect") == answers[name].word("constant_error") == "yes"
+    for name in ("contraction", "repulsion"):
+        assert answers[name].word("order_effect") == "yes"
+        assert answers[name].word("contraction") == f"yes ({name})"
     assert answers["none"].words["constant_error"] in (Word.NO, Word.PROBABLY_NOT)
     assert answers["positive error"].first_is_overestimated is True
     assert answers["negative error"].first_is_overestimated is False
@@ -120,8 +124,7 @@ def test_reweighting_is_a_fresh_run_with_another_scale():
         assert np.abs(fresh.log_evidence - values).max() < 0.15
 
 
-def test_what_the_design_cannot_tell_has_no_word():
-    (evidence,) = order_evidence([compared(c=0.15)], seed=1)
+def test_what_the_design_cannot_tell_has_no_word(evidence):
     nothing = Identification(False, False, False, dict.fromkeys(QUESTIONS, "one order only"))
     answer = order_effect(evidence, nothing)
     assert {answer.word(question) for question in QUESTIONS} == {"cannot be told"}
@@ -138,8 +141,7 @@ def test_what_the_design_cannot_tell_has_no_word():
     assert f"because {IMITATION}." in answer.describe()
 
 
-def test_a_flag_that_forbids_interpretation_comes_before_every_word():
-    (evidence,) = order_evidence([compared(c=0.15)], seed=1)
+def test_a_flag_that_forbids_interpretation_comes_before_every_word(evidence):
     flag = Finding("S", "swapped_blocks", "In block 2.", "--swap S:2")
     answer = order_effect(evidence, EVERYTHING, [flag])
     assert {answer.word(question) for question in QUESTIONS} == {"not interpretable"}
@@ -167,9 +169,10 @@ def test_a_misfit_stands_beside_the_words():
 
 
 def test_the_file_gives_the_answer_back(answers):
-    frame = pd.DataFrame(
-        [{column: answer.cell(column) for column in ANSWER_COLUMNS} for answer in answers.values()]
-    )
+    columns = {}
+    for column in ANSWER_COLUMNS:
+        columns[column] = [answer.cell(column) for answer in answers.values()]
+    frame = pd.DataFrame(columns)
     text = io.StringIO(frame.to_csv(index=False))
     rows = pd.read_csv(text, keep_default_na=False).to_dict("records")
     for row, answer in zip(rows, answers.values(), strict=True):
@@ -187,15 +190,6 @@ def test_the_file_gives_the_answer_back(answers):
         )
         for name, size in answer.sizes.items():
             assert again.sizes[name].q50 == pytest.approx(size.q50)
-
-
-def test_columns_begin_as_promised():
-    beginning = (
-        "subject,order_effect,constant_error,contraction,interpretable,flags,p_order_effect,"
-        "p_constant_error,p_contraction,ln_bf_order_effect,ln_bf_constant_error,ln_bf_contraction,"
-        "pse_shift_percent_q025"
-    )
-    assert ",".join(ANSWER_COLUMNS).startswith(beginning)
 
 
 def test_weighted_quantiles_are_those_of_repeated_values():

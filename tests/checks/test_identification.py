@@ -15,7 +15,7 @@ LEVELS = (0.0, 0.14, 0.31, 0.44, 0.51)
 GRID = list(itertools.product(LEVELS, repeat=2))
 NEIGHBOURS = [(a, b) for a, b in itertools.product(np.arange(6) / 4, repeat=2) if abs(a - b) < 0.3]
 #: The paper's design: identical pairs, and the first level with every other one in both orders.
-PAPER = [(a, a) for a in LEVELS] + [pair for b in LEVELS[1:] for pair in ((0.0, b), (b, 0.0))]
+PAPER = [(a, a) for a in LEVELS] + [(0.0, b) for b in LEVELS[1:]] + [(b, 0.0) for b in LEVELS[1:]]
 CRITERION = "a response bias predict the same responses"
 
 
@@ -54,8 +54,8 @@ def test_the_pairs_decide_which_questions_can_be_told(pairs, can_be_told, reason
         found = (identified.order_effect, identified.constant_error, identified.contraction)
         assert found == can_be_told
         assert len(identified.reasons) == can_be_told.count(False)
-        assert all(reason in text for text in identified.reasons.values())
-        assert any(CRITERION in note for note in identified.notes) == (task == WHICH_STRONGER)
+        assert reason in " ".join(set(identified.reasons.values()))
+        assert (CRITERION in " ".join(identified.notes)) == (task == WHICH_STRONGER)
 
 
 @pytest.mark.parametrize("task", [SAME_DIFFERENT, WHICH_STRONGER], ids=["equal", "second"])

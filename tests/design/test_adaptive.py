@@ -1,5 +1,6 @@
 """Adaptive sessions: the posterior, the next pair, and files that bring a session back."""
 
+import itertools
 import pickle
 from copy import deepcopy
 
@@ -20,7 +21,7 @@ from bayes_toe.model.observer import OrderModel
 from bayes_toe.model.parameters import MODEL_PRIOR, ORDER_MODELS
 
 LEVELS = np.linspace(-0.75, 1.25, 9)
-PAIRS = [(a, b) for a in LEVELS for b in LEVELS]
+PAIRS = list(itertools.product(LEVELS, repeat=2))
 DESIGN = each_once(*np.transpose(PAIRS))
 CONTRACTION = make_observer(
     "O", "k", {"noise": 0.2, "q0": 0.93, "lapse_rate": 0.03, "contraction": 0.3}, SAME_DIFFERENT

@@ -34,11 +34,9 @@ def designs():
 
 @pytest.fixture(scope="module")
 def table(designs):
-    observers = [
-        observer
-        for kind in ("none", "large constant error", "contraction")
-        for observer in assume_observers(kind, 3, 1, list(designs.values()))
-    ]
+    observers = []
+    for kind in ("none", "large constant error", "contraction"):
+        observers += assume_observers(kind, 3, 1, list(designs.values()))
     return power(designs, [650], observers, seed=1, workers=1)
 
 

@@ -73,10 +73,10 @@ def test_both_orders_equally_often_in_every_block():
 
 def test_all_orders_are_equally_probable_over_the_end_of_a_block_too():
     design = StudyDesign([0.0, 0.0], [0.0, 0.3], [6, 2])
-    found = Counter(
-        tuple((one.s1 == one.s2).tolist())
-        for one in (trial_list(design, blocks=2, subject=str(i), seed=1) for i in range(400))
-    )
+    found = Counter()
+    for i in range(400):
+        trials = trial_list(design, blocks=2, subject=str(i), seed=1)
+        found[tuple((trials.s1 == trials.s2).tolist())] += 1
     assert (
         len(found) == 10
     )  # a different pair at any of 4 places of each block: 16, but for 6 with more than three equal ones in a row
