@@ -222,7 +222,7 @@ def _prior_scale(study: Study, prior: Prior) -> Iterator[Finding]:
     stimuli = stimuli_of(*study)
     if stimuli is None or prior.of_stimuli(prior.spread):
         return
-    step, spread = stimuli.step, prior.distribution(prior.spread)
+    step, spread = stimuli.step, prior.spread_distribution
     p_near = float(spread.cdf(_NEAR * step) - spread.cdf(step / _NEAR))
     if p_near >= _SELDOM:
         return

@@ -1,7 +1,6 @@
-"""Families of prior distributions: normalised densities with their slopes, distribution function, quantiles and draws.
+"""Families of prior distributions: normalised densities with their slopes, quantiles and draws.
 
-A prior names a family for every parameter (:class:`bayes_toe.model.prior.Prior`); whatever meets
-:class:`Distribution` will do.
+A prior names a family for every parameter (:class:`bayes_toe.model.prior.Prior`).
 """
 
 from __future__ import annotations
@@ -14,7 +13,6 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 from scipy.special import (
-    betainc,
     betaincinv,
     betaln,
     erf,
@@ -41,18 +39,11 @@ class Distribution(Hashable, Protocol):
     A frozen record, its methods for arrays of any shape.
     """
 
-    @property
-    def spread(self) -> float:
-        """Standard deviation, in the parameter's unit."""
-
     def log_density(self, x: npt.ArrayLike) -> FloatArray:
         """Normalised log density; -inf outside the support, finite or a limit on its edges."""
 
     def slope(self, x: npt.ArrayLike) -> FloatArray:
         """Derivative of the log density, inside the support."""
-
-    def cdf(self, x: npt.ArrayLike) -> FloatArray:
-        """Distribution function."""
 
     def quantile(self, p: npt.ArrayLike) -> FloatArray:
         """Inverse of the distribution function, 0 < p < 1."""
@@ -71,11 +62,6 @@ class Normal:
     mean: float
     sd: float
 
-    @property
-    def spread(self) -> float:
-        """Standard deviation."""
-        return self.sd
-
     def log_density(self, x: npt.ArrayLike) -> FloatArray:
         """-ln(2 pi)/2 - (x - mean)^2 / (2 sd^2) - ln sd."""
         with np.errstate(over="ignore"):  # a square beyond the largest float: the density is 0
@@ -87,10 +73,6 @@ class Normal:
     def slope(self, x: npt.ArrayLike) -> FloatArray:
         """-(x - mean)/sd^2."""
         return np.asarray((self.mean - np.asarray(x, np.float64)) / self.sd**2)
-
-    def cdf(self, x: npt.ArrayLike) -> FloatArray:
-        """Distribution function."""
-        return np.asarray(ndtr((np.asarray(x) - self.mean) / self.sd))
 
     def quantile(self, p: npt.ArrayLike) -> FloatArray:
         """Inverse of the distribution function, 0 < p < 1."""
@@ -110,11 +92,6 @@ class HalfNormal:
     """The absolute value of a normal of mean 0 and standard deviation `scale`; support x >= 0."""
 
     scale: float
-
-    @property
-    def spread(self) -> float:
-        """Standard deviation."""
-        return self.scale * math.sqrt(1.0 - 2.0 / math.pi)
 
     def log_density(self, x: npt.ArrayLike) -> FloatArray:
         """-ln(pi/2)/2 - x^2 / (2 scale^2) - ln scale; -inf below 0."""
@@ -150,11 +127,6 @@ class Uniform:
 
     top: float = 1.0
 
-    @property
-    def spread(self) -> float:
-        """Standard deviation."""
-        return self.top / math.sqrt(12.0)
-
     def log_density(self, x: npt.ArrayLike) -> FloatArray:
         """-ln top, edges included; -inf outside."""
         points = np.asarray(x, np.float64)
@@ -164,10 +136,6 @@ class Uniform:
     def slope(self, x: npt.ArrayLike) -> FloatArray:
         """Zeros."""
         return np.zeros(np.shape(x))
-
-    def cdf(self, x: npt.ArrayLike) -> FloatArray:
-        """Distribution function."""
-        return np.clip(np.asarray(x) / self.top, 0.0, 1.0)
 
     def quantile(self, p: npt.ArrayLike) -> FloatArray:
         """Inverse of the distribution function, 0 < p < 1."""
@@ -188,11 +156,6 @@ class Beta:
 
     a: float
     b: float
-
-    @property
-    def spread(self) -> float:
-        """Standard deviation."""
-        return math.sqrt(self.a * self.b / (self.a + self.b + 1.0)) / (self.a + self.b)
 
     def log_density(self, x: npt.ArrayLike) -> FloatArray:
         """(a - 1) ln x + (b - 1) ln(1 - x) - ln B(a, b), limits on the edges; -inf outside."""
@@ -215,10 +178,6 @@ class Beta:
         """(a - 1)/x - (b - 1)/(1 - x)."""
         points = np.asarray(x, np.float64)
         return np.asarray((self.a - 1.0) / points - (self.b - 1.0) / (1.0 - points))
-
-    def cdf(self, x: npt.ArrayLike) -> FloatArray:
-        """Distribution function."""
-        return np.asarray(betainc(self.a, self.b, np.clip(x, 0.0, 1.0)))
 
     def quantile(self, p: npt.ArrayLike) -> FloatArray:
         """Inverse of the distribution function, 0 < p < 1."""
@@ -256,11 +215,6 @@ class LogNormal:
 
     median: float
     sd: float
-
-    @property
-    def spread(self) -> float:
-        """Standard deviation."""
-        return self.median * math.exp(self.sd**2 / 2.0) * math.sqrt(math.expm1(self.sd**2))
 
     @property
     def of_log(self) -> Normal:

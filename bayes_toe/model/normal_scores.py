@@ -23,7 +23,7 @@ from scipy.special import erfcx, log_expit, log_ndtr, ndtri_exp
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.model.derivatives import Gradient, hessian
-from bayes_toe.model.distributions import Distribution
+from bayes_toe.model.distributions import Normal
 from bayes_toe.model.paper_equations import MAX_PULL
 
 #: Probits beyond which the logit stands for a pull or a lapse below the smallest float.
@@ -50,7 +50,7 @@ class Funnel:
     follows_width: bool
 
     @classmethod
-    def at(cls, modes: FloatArray, slope: Gradient, mu1: Distribution, sbar: float) -> Funnel:
+    def at(cls, modes: FloatArray, slope: Gradient, mu1: Normal, sbar: float) -> Funnel:
         """From what the data say of the offset at modes of the posterior, shape (modes, k), best first.
 
         `slope` is the gradient of the log likelihood, `mu1` the distribution of the prior mean,
@@ -64,7 +64,7 @@ class Funnel:
         # Several modes: the data leave c as open as the modes are apart.
         apart = float(modes[:, 0].std())
         log_precision = float(-2.0 * np.log(np.hypot(spread, apart)))
-        believed = float(mu1.quantile(0.5)) - sbar, float(np.log(mu1.spread))
+        believed = float(mu1.mean) - sbar, float(np.log(mu1.sd))
         return cls(
             *believed,
             float(modes[:, 0].mean()),

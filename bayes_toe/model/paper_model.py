@@ -46,6 +46,8 @@ from bayes_toe.model.answer_curves import (
 from bayes_toe.model.distributions import (
     Beta,
     Distribution,
+    HalfNormal,
+    LogNormal,
     Random,
     log_density_of_log,
     log_density_of_logit,
@@ -487,9 +489,7 @@ class PaperPosterior:
 
     def transform(self, modes: FloatArray) -> NormalScores:
         """Nearly normal coordinates about modes of the posterior, (modes, 4), best first."""
-        return NormalScores(
-            Funnel.at(modes, self._likelihood_slope, self._distributions[0], self.sbar)
-        )
+        return NormalScores(Funnel.at(modes, self._likelihood_slope, self.prior.penalty, self.sbar))
 
     def _likelihood_slope(self, x: FloatArray) -> FloatArray:
         """Gradient of the log likelihood, (points, 4)."""
@@ -597,7 +597,7 @@ def _sample_update(rng: Random, size: int, prior: Prior, sbar: float, power: flo
     gamma itself rounds to an edge.
     """
     mu1 = prior.distribution("mu1").sample(rng, size)
-    spread = prior.distribution(prior.spread).sample(rng, size)
+    spread = prior.spread_distribution.sample(rng, size)
     logit_gamma = sample_logits(prior.distribution("gamma"), rng, size)
     gamma = expit(logit_gamma)
     p = pull(gamma)
@@ -760,13 +760,13 @@ def prior_quantile(prior: Prior, parameter: str, probability: float, power: floa
     if parameter == "gain":
         return float(1.0 / variance_ratio(of_gamma.quantile(1.0 - probability)))
     return _product_quantile(
-        prior.distribution(prior.spread), of_gamma, prior.spread, parameter, probability, power
+        prior.spread_distribution, of_gamma, prior.spread, parameter, probability, power
     )
 
 
 @cache
 def _product_quantile(
-    of_spread: Distribution,
+    of_spread: HalfNormal | LogNormal,
     of_gamma: Distribution,
     spread: str,
     parameter: str,

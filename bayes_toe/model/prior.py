@@ -18,7 +18,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Self, cast
 
 import numpy as np
 
@@ -189,19 +189,13 @@ class Prior(PriorFields):
 
     @property
     def penalty(self) -> Normal:
-        """The normal of mu1, which is the penalty of a maximum-likelihood fit.
+        """The normal of mu1, which is the penalty of a maximum-likelihood fit."""
+        return cast(Normal, self.distribution("mu1"))
 
-        Raises
-        ------
-        InputError
-            If this prior's mu1 is not normal.
-        """
-        found = self.distribution("mu1")
-        if not isinstance(found, Normal):
-            raise InputError(
-                f"prior: found mu1 ~ {found.describe()}, allowed as a penalty: a normal"
-            )
-        return found
+    @property
+    def spread_distribution(self) -> HalfNormal | LogNormal:
+        """The distribution of the width, or of sigma_p."""
+        return cast(HalfNormal | LogNormal, self.distribution(self.spread))
 
     def describe(self, task: Task = SAME_DIFFERENT) -> str:
         """H1's in one line for tables, files and Methods sections."""
