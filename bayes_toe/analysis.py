@@ -114,7 +114,7 @@ class Analysis:
         return self.curves[self.study.names.index(self.study[subject].name)]
 
     def summary(self) -> pd.DataFrame:
-        """The same as :meth:`bayes_toe.inference.draws.Draws.summary`, made already where the draws were."""
+        """The same as :meth:`bayes_toe.inference.draws.Draws.summary`."""
         import pandas as pd
 
         return pd.DataFrame(self.summary_rows, columns=list(SUMMARY_COLUMNS))
@@ -153,11 +153,7 @@ def run(
     """
     with open_store(keep) as store:
         settings = _settings(study, draws, store.seed(seed), prior)
-        wanted = Wanted(settings.sampler, EVIDENCE_DRAWS)
-        jobs = [
-            partial(_refusing, _analysed, subject, settings, wanted, flags)
-            for subject, flags in zip(study, answer_flags(study), strict=True)
-        ]
+        jobs = _analysis_jobs(study, settings, Wanted(settings.sampler, EVIDENCE_DRAWS))
         study, done, failed = _survivors(study, jobs, workers, progress, store)
         drawn = StoredResults(
             done.size, done.failed, lambda index: cast(SubjectDraws, done.read(index).drawn)
@@ -182,11 +178,11 @@ def run(
                 study[one.evidence.subject], settings.prior.observer
             )
             curves.append(Predictor(posterior, one.shown))
-    apart = (
-        None
-        if study.conditions is None
-        else contrast(study, seed=settings.seed, prior=settings.prior, workers=workers, keep=keep)
-    )
+    differences = None
+    if study.conditions is not None:
+        differences = contrast(
+            study, seed=settings.seed, prior=settings.prior, workers=workers, keep=keep
+        )
     return Analysis(
         study,
         made,
@@ -195,7 +191,7 @@ def run(
         fits,
         tuple(curves),
         tuple(summary),
-        apart,
+        differences,
         _interpretable_group(study, small, settings.seed),
     )
 
@@ -262,38 +258,6 @@ def sample(
     >>> found.model, found.parameters
     ('constant error', ('noise', 'q0', 'lapse_rate', 'noise_slope', 'criterion_slope', 'constant_error', 'jnd', 'zone'))
     """
-    made = draw(
-        study,
-        model=model,
-        draws=draws,
-        seed=seed,
-        prior=prior,
-        workers=workers,
-        progress=progress,
-        keep=keep,
-    )
-    for what, of in (
-        (" is left out, ", made.failed),
-        (" did not converge: ", made.not_converged),
-        (": ", made.imprecise),
-    ):
-        for name, reason in of.items():
-            warnings.warn(f"subject {name!r}{what}{reason}", ConvergenceWarning, stacklevel=2)
-    return made
-
-
-def draw(
-    study: Study,
-    *,
-    model: str = "paper",
-    draws: int = 4000,
-    seed: int | None = None,
-    prior: Prior | str | None = None,
-    workers: Workers = None,
-    progress: Progress | None = None,
-    keep: str | Path | None = None,
-) -> Draws:
-    """:func:`sample` without its warning, for callers that say themselves who did not converge."""
     require_study(study)
     name = require_model(model, study.task).name
     with open_store(keep) as store:
@@ -301,7 +265,15 @@ def draw(
         wanted = Wanted(settings.sampler)
         jobs = [partial(_refusing, _drawn, subject, settings, wanted) for subject in study]
         study, done, failed = _survivors(study, jobs, workers, progress, store)
-        return Draws(assembled_tree(study, done, settings, failed))
+        made = Draws(assembled_tree(study, done, settings, failed))
+    for what, reasons in (
+        (" is left out, ", made.failed),
+        (" did not converge: ", made.not_converged),
+        (": ", made.imprecise),
+    ):
+        for subject, reason in reasons.items():
+            warnings.warn(f"subject {subject!r}{what}{reason}", ConvergenceWarning, stacklevel=2)
+    return made
 
 
 def evidence(
@@ -332,14 +304,8 @@ def evidence(
     True
     """
     with open_store(keep) as store:
-        settings, wanted = (
-            _settings(study, draws, store.seed(seed), prior),
-            Wanted(evidence_draws=draws),
-        )
-        jobs = [
-            partial(_refusing, _analysed, subject, settings, wanted, flags)
-            for subject, flags in zip(study, answer_flags(study), strict=True)
-        ]
+        settings = _settings(study, draws, store.seed(seed), prior)
+        jobs = _analysis_jobs(study, settings, Wanted(evidence_draws=draws))
         _, done, failed = _survivors(study, jobs, workers, progress, store)
         return _table(done, settings, failed, study.task)
 
@@ -357,6 +323,15 @@ class _Analysed:
     evidence: SubjectEvidence
     fit: SubjectFit | None
     shown: FloatArray | None
+
+
+def _analysis_jobs(
+    study: Study, settings: Settings, wanted: Wanted
+) -> list[Callable[[], _Analysed]]:
+    jobs: list[Callable[[], _Analysed]] = []
+    for subject, flags in zip(study, answer_flags(study), strict=True):
+        jobs.append(partial(_refusing, _analysed, subject, settings, wanted, flags))
+    return jobs
 
 
 def _refusing(work: Callable[..., Result], *arguments: object) -> Result:
@@ -436,14 +411,7 @@ def _survivors(
     failed = {study.names[index]: one.reason for index, one in sorted(done.failed.items())}
     if len(failed) == len(study):
         raise WorkerError("\n".join(f"{name}: {reason}" for name, reason in failed.items()))
-    return (
-        (
-            replace(
-                study, subjects=tuple(subject for subject in study if subject.name not in failed)
-            )
-            if failed
-            else study
-        ),
-        done,
-        failed,
-    )
+    if failed:
+        subjects = tuple(subject for subject in study if subject.name not in failed)
+        study = replace(study, subjects=subjects)
+    return study, done, failed

@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import math
 import platform
 import sys
-from collections.abc import Callable, Generator, Mapping, Sequence
+import time
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, nullcontext
 from functools import cache
@@ -25,13 +27,17 @@ from bayes_toe.errors import InputError, WorkerError
 from bayes_toe.version import library_versions
 
 if TYPE_CHECKING:
-    from distributed import Client
+    from distributed import Client, Future, as_completed
 
 Result = TypeVar("Result")
 Failure = TypeVar("Failure")
 _NO_CONNECTION = "the connection to the Dask scheduler is lost"
 #: Seconds for a scheduler to answer.
 PATIENCE = 8.0
+#: Seconds that a cluster which has lost all its workers may take to start another one.
+PATIENCE_WITHOUT_WORKERS = 600.0
+#: Seconds between two looks for results, and between two counts of the workers.
+_LOOK, _COUNT = 0.02, 1.0
 _one_at_a_time = Lock()
 
 
@@ -95,7 +101,8 @@ def run_on(
     InputError
         If `client` is no client, or scheduler or workers lack this package or have other versions.
     WorkerError
-        If the client is closed or the scheduler cannot be reached any more.
+        If the client is closed, the scheduler cannot be reached any more, or all workers are gone
+        and none comes back.
     """
     _require_fit(client)
     from dask import config
@@ -116,12 +123,13 @@ def run_on(
                 futures.add(client.submit(_run_there, versions(), job, key=key, pure=False))
 
     try:
-        submit_up_to(_n_workers(client))
-        for future in futures:
+        # With no worker a job waits on the cluster for the first that comes.
+        submit_up_to(max(1, _n_workers(client)))
+        for future in _in_order_of_end(client, futures):
             if future.cancelled():
                 raise WorkerError(_NO_CONNECTION)
             # Before the result is fetched, so that no worker waits.
-            submit_up_to(_n_workers(client) + 1)
+            submit_up_to(max(1, _n_workers(client)) + 1)
             try:
                 yield index_of_key[future.key], future.result()
             except KilledWorker as error:
@@ -133,10 +141,28 @@ def run_on(
             client.cancel([Future(key, client) for key in index_of_key])
 
 
+def _in_order_of_end(client: Client, futures: as_completed) -> Iterator[Future]:
+    """Futures as they end; waiting has an end too where the cluster has lost all its workers."""
+    last_seen = math.inf
+    while not futures.is_empty():
+        next_count = 0.0
+        while not futures.has_ready():
+            now = time.monotonic()
+            if now >= next_count:
+                next_count = now + _COUNT
+                if _n_workers(client) > 0:
+                    last_seen = now
+                elif now - last_seen > PATIENCE_WITHOUT_WORKERS:
+                    raise WorkerError(
+                        f"the Dask cluster has no worker for {PATIENCE_WITHOUT_WORKERS:g} s"
+                    )
+            time.sleep(_LOOK)
+        yield next(futures)
+
+
 def _n_workers(client: Client) -> int:
-    """The number of workers, at least one: a job waits on the cluster for the first that comes."""
     try:
-        return max(1, len(client.nthreads()))
+        return len(client.nthreads())
     except OSError as error:
         raise WorkerError(_NO_CONNECTION) from error
 

@@ -6,6 +6,7 @@ import socket
 from _thread import interrupt_main
 from contextlib import closing
 from functools import partial
+from itertools import chain, repeat
 from threading import Timer
 
 import pytest
@@ -41,7 +42,7 @@ def dask():
 @pytest.fixture
 def client(dask):
     with distributed.Client(dask) as made:
-        made.wait_for_workers(2)
+        made.wait_for_workers(2, timeout=120)  # a cluster gives up a worker that starts too slowly
         yield made
 
 
@@ -152,6 +153,14 @@ def test_a_closed_client_is_refused(dask, two):
         pass
     with pytest.raises(WorkerError, match=r"^the Dask client is closed$"):
         bt.sample(two, workers=closed)
+
+
+def test_a_cluster_that_loses_all_workers_is_no_endless_wait(client, monkeypatch):
+    counts = chain([{"tcp://a:1": 1}] * 2, repeat({}))
+    monkeypatch.setattr(client, "nthreads", lambda: next(counts))
+    monkeypatch.setattr(cluster, "PATIENCE_WITHOUT_WORKERS", 0.5)
+    with pytest.raises(WorkerError, match=r"^the Dask cluster has no worker for 0\.5 s$"):
+        run_in_order([partial(slow, 1, 4.0)], client, None, [()])
 
 
 # --- commands -------------------------------------------------------------------------------------

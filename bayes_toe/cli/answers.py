@@ -54,7 +54,8 @@ def print_subjects(out: Terminal, answers: Sequence[OrderEffect], file: str = OU
     longest = max((len(row[0]) for row in rows), default=0)
     for long, short in ((", ", ","), ("probably not", "prob. not")):
         if not is_narrow(_HEADINGS, rows, max(longest, len(_HEADINGS[0]))):
-            rows = [[row[0], *(cell.replace(long, short) for cell in row[1:])] for row in rows]
+            for row in rows:
+                row[1:] = [cell.replace(long, short) for cell in row[1:]]
     if rows:
         out.table(_HEADINGS, rows)
     for reason, letter in letters.items():
@@ -88,12 +89,10 @@ def subject_row(answer: OrderEffect, letters: Mapping[str, str]) -> list[str]:
 
 def reason_letters(answers: Sequence[OrderEffect]) -> dict[str, str]:
     """A letter for each reason why a question cannot be told: (a), (b)."""
-    reasons = dict.fromkeys(
-        reason
-        for answer in answers
-        if answer.is_interpretable
-        for reason in answer.reasons.values()
-    )
+    reasons = dict[str, None]()
+    for answer in answers:
+        if answer.is_interpretable:
+            reasons |= dict.fromkeys(answer.reasons.values())
     return {reason: f"({chr(ord('a') + i)})" for i, reason in enumerate(reasons)}
 
 
@@ -112,27 +111,24 @@ def _bare_percent(size: Size) -> str:
 def print_problems(out: Terminal, answers: Sequence[OrderEffect], file: str = OUTPUT) -> None:
     """What needs action, with what to type; then what depends on the prior, and the rest."""
     by_mark: dict[str, list[tuple[str, str, str]]] = {"!": [], "?": [], "-": []}
-    options = [option for answer in answers for option in _own_options(answer)]
-    for answer in answers:
-        for mark, problem in _marked_problems(answer):
+    marked = {answer.subject: _marked_problems(answer) for answer in answers}
+    options = list[str]()  # the first of each subject
+    for problems in marked.values():
+        options += [problem.option for _, problem in problems if problem.option][:1]
+    for subject, problems in marked.items():
+        for mark, problem in problems:
             option = problem.option
             if option and len(options) == 1:
                 option = f"{typed_command()} {option}"
             message = problem.message
             if mark == "?" and len(answers) >= MANY_SUBJECTS:
                 message = "A prior half or twice as wide moves a probability past .25 or .75."
-            by_mark[mark].append((answer.subject, message, option))
+            by_mark[mark].append((subject, message, option))
     for mark, notes in by_mark.items():
         out.notes(notes, mark, file=file)
         if mark == "!" and len(options) > 1:
             out.line("To apply all of these, type:")
             out.lines(command_lines(f"{typed_command()} {' '.join(options)}", "  "))
-
-
-def _own_options(answer: OrderEffect) -> list[str]:
-    """The first option of the problems of a subject that are printed, if there is one."""
-    options = [problem.option for _, problem in _marked_problems(answer) if problem.option]
-    return options[:1]
 
 
 def _marked_problems(answer: OrderEffect) -> list[tuple[str, Problem]]:
@@ -144,10 +140,12 @@ def _marked_problems(answer: OrderEffect) -> list[tuple[str, Problem]]:
         message = problem.message
         if flag == MISFIT_FLAG and answer.worst_pairs:
             message += f" Worst pair: {describe_pair(answer.worst_pairs[0])}."
-        mark = "!" if problem.option or flag == MISFIT_FLAG else "-"
-        marked.append(
-            ("?" if flag.startswith(PRIOR_FLAG) else mark, Problem(message, problem.option))
-        )
+        mark = "-"
+        if flag.startswith(PRIOR_FLAG):
+            mark = "?"
+        elif problem.option or flag == MISFIT_FLAG:
+            mark = "!"
+        marked.append((mark, Problem(message, problem.option)))
     return marked
 
 
@@ -162,10 +160,11 @@ def print_answer(
     units = study.conditions is not None
     lines = study_lines(answers, synthetic=study.synthetic, units=units)
     lines += group
-    notes = dict.fromkeys(
-        note for answer in answers for note in answer.notes if note not in answer.reasons.values()
-    )
-    lines += [f"{capitalized(note)}." for note in notes]
+    for answer in answers:
+        for note in answer.notes:
+            line = f"{capitalized(note)}."
+            if note not in answer.reasons.values() and line not in lines:
+                lines.append(line)
     out.answer([*lines, " ".join([*not_counted(answers), *closing])])
 
 
@@ -181,7 +180,7 @@ def not_counted(answers: Sequence[OrderEffect]) -> list[str]:
     names = [answer.subject for answer in answers if not answer.is_interpretable]
     if not names or len(answers) == 1:
         return []
-    verb = "is" if len(names) == 1 else "are"
     if len(names) > _MOST_EXCLUDED:
         return [f"{listed(names, _MOST_EXCLUDED)} are not counted."]
+    verb = "is" if len(names) == 1 else "are"
     return [f"{join_words(names)} {verb} not counted."]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import bayes_toe as bt
@@ -19,7 +19,7 @@ from bayes_toe.cli.terminal import (
 from bayes_toe.data.messages import capitalized, counted
 
 if TYPE_CHECKING:
-    from bayes_toe.data.study import Study, Subject
+    from bayes_toe.data.study import Study
     from bayes_toe.model.prior import Prior
 
 _LONGEST_PROBLEM = 52  # characters of a problem in the table
@@ -110,7 +110,9 @@ def describe_pairs(study: Study) -> str:
     >>> describe_pairs(bt.Study([subject]))
     'Pairs: 1 equal one, and 1 different one, in both orders'
     """
-    shown = {pair for subject in study for pair in _pairs(subject)}
+    shown = set[tuple[float, float]]()
+    for subject in study:
+        shown.update(zip(subject.s1.tolist(), subject.s2.tolist(), strict=True))
     n_equal = sum(first == second for first, second in shown)
     different = {tuple(sorted(pair)) for pair in shown if pair[0] != pair[1]}
     n_both = sum((a, b) in shown and (b, a) in shown for a, b in different)
@@ -123,10 +125,6 @@ def describe_pairs(study: Study) -> str:
     if len(different) > n_both:
         parts.append(f"{counted(len(different) - n_both, 'different one')} in one order only")
     return f"Pairs: {', and '.join(parts)}"
-
-
-def _pairs(subject: Subject) -> Iterable[tuple[float, float]]:
-    return zip(subject.s1.tolist(), subject.s2.tolist(), strict=True)
 
 
 def _by_subject(findings: Sequence[Finding]) -> dict[str, list[Finding]]:

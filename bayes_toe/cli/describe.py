@@ -11,7 +11,7 @@ import typer
 import bayes_toe as bt
 from bayes_toe.cli.options import NUMBER, StudyFile, rare, writes
 from bayes_toe.cli.task import MODEL, Takes, Task
-from bayes_toe.cli.terminal import Terminal, number, without_zeros
+from bayes_toe.cli.terminal import Terminal, notes_of, number, without_zeros
 from bayes_toe.data.messages import format_p
 
 if TYPE_CHECKING:
@@ -123,4 +123,4 @@ def print_fits(out: Terminal, table: FitTable) -> None:
     level = f"{100 * table.level:g} %"
     title = f"Maximum likelihood [{level} interval of {table.replicates} bootstrap replicates]"
     out.table(["subject", *names, "log likelihood", "at edge"], rows, title=title)
-    out.notes(((row.subject, f"{note}.", "") for row in table for note in row.notes), "-")
+    out.notes(notes_of(table), "-")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,6 +16,7 @@ from bayes_toe.cli.terminal import (
     allowed_in_order,
     chosen,
     format_table,
+    notes_of,
     number,
     without_zeros,
 )
@@ -151,7 +153,6 @@ def sample(
 
     [bold]Example[/bold]: bayes-toe sample study.csv -o posterior.nc --model both --seed 1
     """
-    from bayes_toe.analysis import draw
     from bayes_toe.checks.design_checks import identification_findings
     from bayes_toe.inference.draws_file import refuse_store
     from bayes_toe.model.models import require_model
@@ -164,9 +165,19 @@ def sample(
     _require_room(task, output, keep, read, prior, model)
     task.introduce(read, prior)
     task.out.findings(identification_findings(read), "-")
-    draws = task.work(
-        "sampling", len(read), draw, read, model=model, draws=task.draws, prior=prior, keep=keep
-    )
+    with warnings.catch_warnings():
+        # They are printed below.
+        warnings.simplefilter("ignore", bt.ConvergenceWarning)
+        draws = task.work(
+            "sampling",
+            len(read),
+            bt.sample,
+            read,
+            model=model,
+            draws=task.draws,
+            prior=prior,
+            keep=keep,
+        )
     draws.save(output, overwrite=task.overwrite)
     print_draws(task.out, draws)
     task.finish(keep, draws.failed)
@@ -307,7 +318,7 @@ def print_model_evidence(out: Terminal, table: EvidenceTable, file: str = OUTPUT
         out.line(f"All {len(rows):,} subjects: {file}")
     out.line()
     out.line(describe_h1(table))
-    out.notes(((row.subject, f"{note}.", "") for row in table for note in row.notes), file=file)
+    out.notes(notes_of(table), file=file)
 
 
 def describe_h1(table: EvidenceTable) -> str:

@@ -158,7 +158,9 @@ def write_report(analysis: Analysis, facts: Facts, folder: Path) -> None:
     names = analysis.study.names
     is_paged = len(names) > MOST_IN_ONE
     links = {name: f"#subject-{i}" for i, name in enumerate(names, 1)}
+    answers = list(analysis.answers)
     if is_paged:
+        answers.sort(key=lambda answer: answer.subject not in facts.flagged)
         links = {name: f"subjects/{stem}.html" for name, stem in file_stems(names).items()}
     findings = _findings(analysis, check(analysis.study, analysis.settings.prior))
     context = {
@@ -169,7 +171,7 @@ def write_report(analysis: Analysis, facts: Facts, folder: Path) -> None:
         "links": links,
         "paged": is_paged,
         "most": _MOST_LISTED if is_paged else None,
-        "index": _overview(analysis, facts, flagged_first=is_paged),
+        "index": [_overview_row(answer) for answer in answers],
         "beside": "../" if is_paged else "",
     }
     subjects = _subjects(analysis, facts, findings["warnings"])
@@ -450,14 +452,6 @@ def _serial_dependence(answers: Sequence[OrderEffect]) -> str:
 def _name_subjects(names: Sequence[str]) -> str:
     """How many subjects, and which."""
     return f"{counted(len(names), 'subject')} ({listed(names, _MOST_LISTED)})"
-
-
-def _overview(analysis: Analysis, facts: Facts, *, flagged_first: bool) -> list[dict[str, Any]]:
-    """The rows of the table of all subjects; those of very many begin with who needs action."""
-    rows = [_overview_row(answer) for answer in analysis.answers]
-    if flagged_first:
-        rows.sort(key=lambda row: row["subject"] not in facts.flagged)
-    return rows
 
 
 def _overview_row(answer: OrderEffect) -> dict[str, Any]:

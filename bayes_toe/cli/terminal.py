@@ -10,7 +10,7 @@ import sys
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from textwrap import wrap
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from bayes_toe.data.messages import counted, listed, visible
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
@@ -101,12 +101,9 @@ class Terminal:
             self.line()
         for subjects, text, option in shown[:MOST_NOTES]:
             self.lines(note_lines(mark, subjects, text, option))
-        self.more(len(shown) - MOST_NOTES, file)
-
-    def more(self, count: int, file: str = OUTPUT) -> None:
-        """How many notes are not shown, if any, and where they are."""
-        if count > 0:
-            self.line(f"... and {count:,} more in {file}")
+        n_more = len(shown) - MOST_NOTES
+        if n_more > 0:
+            self.line(f"... and {n_more:,} more in {file}")
 
     def answer(self, lines: Iterable[str]) -> None:
         """The answer, after an empty line and its heading."""
@@ -249,7 +246,9 @@ def _split_table(
         n_first -= 1
     lines = list[str]()
     for index in (range(n_first), [0, *range(n_first, len(headings))]):
-        part_rows = [[row[i] for i in index if i < len(row)] for row in rows]
+        part_rows = []
+        for row in rows:
+            part_rows.append([row[i] for i in index if i < len(row)])
         moved = [place for place, i in enumerate(index) if i in numeric]
         lines += ["", *format_table([headings[i] for i in index], part_rows, moved)]
     return lines[1:]
@@ -311,6 +310,14 @@ def chosen(names: Iterable[str], first: Collection[str]) -> list[str]:
     return [name for name in all_names if name in first]
 
 
+def notes_of(rows: Iterable[Any]) -> list[tuple[str, str, str]]:
+    """The notes of the rows of a table, for :meth:`Terminal.notes`."""
+    notes = list[tuple[str, str, str]]()
+    for row in rows:
+        notes += [(row.subject, f"{note}.", "") for note in row.notes]
+    return notes
+
+
 def merge_notes(notes: Iterable[tuple[str, str, str]]) -> list[tuple[list[str], str, str]]:
     """Notes, each a subject, a text and an option; those that are alike become one.
 
@@ -337,20 +344,15 @@ def describe_amount(study: Study) -> str:
     """Subjects, trials, task and pairs of a study."""
     n_trials = sum(subject.total_trials for subject in study)
     n_pairs = {subject.n_pairs for subject in study}
-    parts = [describe_subjects(study), f"{n_trials:,} trials", TASK_NAMES[study.task]]
+    subjects = counted(len({subject.person for subject in study}), "subject")
+    if study.conditions is not None:
+        subjects += f" in {len(study.conditions.levels)} conditions"
+    parts = [subjects, f"{n_trials:,} trials", TASK_NAMES[study.task]]
     if len(n_pairs) == 1:
         parts.append(counted(min(n_pairs), "pair"))
     else:
         parts.append(f"{min(n_pairs):,} to {max(n_pairs):,} pairs")
     return ", ".join(parts)
-
-
-def describe_subjects(study: Study) -> str:
-    """How many subjects there are, and in how many conditions."""
-    text = counted(len({subject.person for subject in study}), "subject")
-    if study.conditions is not None:
-        text += f" in {len(study.conditions.levels)} conditions"
-    return text
 
 
 # --- numbers, with no more digits than their Monte Carlo errors allow ----------------------------

@@ -13,6 +13,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
@@ -88,9 +89,7 @@ def frame_of(rows: Iterable[object], columns: Sequence[str]) -> pd.DataFrame:
     """A frame of what rows have under the names of its columns."""
     import pandas as pd
 
-    return pd.DataFrame(
-        [[getattr(row, name) for name in columns] for row in rows], columns=list(columns)
-    )
+    return pd.DataFrame(list(map(attrgetter(*columns), rows)), columns=list(columns))
 
 
 @dataclass(frozen=True, eq=False)

@@ -257,9 +257,9 @@ def require_settled(path: str | Path) -> None:
 
 
 def _finish(*targets: Path) -> None:
-    finished.extend(
-        target for target in targets if not any(part.startswith(HIDDEN) for part in target.parts)
-    )
+    for target in targets:
+        if not any(part.startswith(HIDDEN) for part in target.parts):
+            finished.append(target)
 
 
 def _listed_files(folder: Path) -> list[str]:

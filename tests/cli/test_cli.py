@@ -532,7 +532,6 @@ LARGE = {"pandas", "xarray", "arviz", "arviz_stats", "emcee", "joblib", "matplot
     ("code", "libraries"),
     [
         ("import bayes_toe", {*LARGE, "scipy", "numpy"}),
-        ("import bayes_toe.cli.app", {*LARGE, "scipy"}),
         (
             "from bayes_toe.cli.app import app; app(['--help'], standalone_mode=False)",
             {*LARGE, "scipy"},

@@ -19,7 +19,7 @@ from rich.text import Text
 from typer.testing import CliRunner
 
 import bayes_toe as bt
-from bayes_toe.cli.app import COMMANDS, app
+from bayes_toe.cli.app import COMMANDS, RETIRED_COMMANDS, app
 from bayes_toe.cli.options import LAYOUT, StudyFile
 from bayes_toe.cli.task import Takes, Task, as_command
 from bayes_toe.errors import InputError
@@ -219,27 +219,12 @@ def test_a_former_name_of_an_option_still_works(tmp_path, former, present):
     assert [done.returncode for done in texts] == [0, 0]
 
 
-def test_the_sections_of_a_hyperprior_are_named_by_help():
-    said = " ".join(inside("population", "--help").stdout.replace("│", " ").split())
-    assert all(f"[{name}]" in said for name in ("constant_error", "contraction", "noise", "q0"))
-
-
-@pytest.mark.parametrize(
-    ("words", "instead"),
-    [
-        (("compare", "study.csv", "--history"), "bayes-toe history"),
-        (("compare", "--help"), "bayes-toe evidence"),
-        (("sensitivity", "--reach", "2"), "bayes-toe evidence --prior prior.toml"),
-        (("asymmetry", "study.csv"), "bayes-toe fit STUDY.csv --asymmetry asymmetry.csv"),
-        (("methods", "results"), "bayes-toe run"),
-        (("figures", "study.csv"), "bayes-toe run STUDY.csv --paper-figures"),
-        (("predict", "posterior.nc"), "bt.predict"),
-    ],
-)
-def test_a_retired_command_says_what_to_type_instead(tmp_path, words, instead):
-    line = refused(*words, cwd=tmp_path)
-    assert line.startswith(f"error: `{words[0]}` is retired: ")
-    assert f"`{instead}`" in line
+@pytest.mark.parametrize(("name", "instead"), RETIRED_COMMANDS.items())
+def test_a_retired_command_says_what_to_type_instead(tmp_path, name, instead):
+    for word in ("study.csv", "--help"):
+        assert refused(name, word, cwd=tmp_path) == f"error: `{name}` is retired: {instead}\n"
+    present = {command.__name__ for command in chain.from_iterable(COMMANDS.values())}
+    assert present.issuperset(re.findall(r"`bayes-toe (\w+)", instead))
 
 
 @pytest.mark.parametrize(
