@@ -305,16 +305,6 @@ class SimulatedTrials:
         return self.observer.name
 
     @property
-    def task(self) -> Task:
-        """What was asked."""
-        return self.observer.task
-
-    @property
-    def truth(self) -> dict[str, float]:
-        """The observer's parameters by name."""
-        return dict(self.observer.parameters)
-
-    @property
     def answered(self) -> Subject:
         """The subject with these answers, in their order."""
         columns = [self.s1, self.s2] if self.isi is None else [self.s1, self.s2, self.isi]
@@ -322,7 +312,7 @@ class SimulatedTrials:
         n_trials = np.where(self.is_missed, 0, 1)
         place = np.arange(len(self.yes))
         answers = Answers(np.column_stack(columns), n_yes, n_trials, None, (), True, place)
-        subject = Subject.from_answers(self.subject, answers, self.task)
+        subject = Subject.from_answers(self.subject, answers, self.observer.task)
         return replace(subject, condition=self.condition)
 
 
@@ -509,7 +499,7 @@ def simulate(  # noqa: PLR0913  # each is a choice of its own, and has a default
     )
     truth = {}
     for answered in trials:
-        truth[answered.subject] = answered.truth
+        truth[answered.subject] = dict(answered.observer.parameters)
         if carry_over:
             truth[answered.subject]["carry_over"] = carry_over
     subjects = tuple(answered.answered for answered in trials)
@@ -635,7 +625,8 @@ def trial_frame(trials: Sequence[SimulatedTrials]) -> pd.DataFrame:
         columns |= {"batch": answered.batch, "trial": 0, "s1": answered.s1, "s2": answered.s2}
         if answered.isi is not None:
             columns["isi"] = answered.isi
-        response = np.where(answered.yes, answered.task.yes, answered.task.no)
+        task = answered.observer.task
+        response = np.where(answered.yes, task.yes, task.no)
         columns |= {"response": np.where(answered.is_missed, "", response), "synthetic": 1}
         parts.append(pd.DataFrame(columns))
     frame = pd.concat(parts, ignore_index=True)
@@ -650,7 +641,8 @@ def truth_frame(trials: Sequence[SimulatedTrials]) -> pd.DataFrame:
     """True parameters, one row a subject, or a subject in a condition."""
     import pandas as pd
 
-    return pd.DataFrame([{"subject": trial.subject} | trial.truth for trial in trials])
+    rows = [{"subject": trial.subject, **trial.observer.parameters} for trial in trials]
+    return pd.DataFrame(rows)
 
 
 def _numbers(option: str, given: str | Sequence[float]) -> list[float]:

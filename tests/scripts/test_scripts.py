@@ -189,23 +189,6 @@ def test_a_small_calibration_of_the_four_models_is_written(folder):
     assert "| all | order effect | 18 |" in (folder / "cal" / "calibration_order.md").read_text()
 
 
-def test_before_and_after_of_the_same_commit(folder):
-    if subprocess.run(["git", "-C", SCRIPTS, "rev-parse", "HEAD"], capture_output=True).returncode:
-        pytest.skip("not a checkout")
-    done = inside(
-        "before_after.py", "HEAD", "-o", "ba.csv", "--only", "help", "--repeats", "1", cwd=folder
-    )
-    assert done.returncode == 0, done.stderr
-    table = pd.read_csv(folder / "ba.csv")
-    assert list(table.what) == ["help"]
-    assert (table[["before_s", "now_s", "ratio"]] > 0).all(axis=None)
-    assert list(table.met == "yes") == list(table.now_s <= 1.0)
-
-    refused = inside("before_after.py", "nothing-like-it", "--only", "help", cwd=folder)
-    assert refused.returncode == 2
-    assert "commit 'nothing-like-it': " in refused.stderr
-
-
 def test_a_session_is_saved_goes_on_and_leaves_a_study(tmp_path, monkeypatch, capsys):
     for trials in (3, 6):
         monkeypatch.setattr(
