@@ -38,6 +38,7 @@ from bayes_toe.inference.subject import (
     summary_rows,
     unit,
 )
+from bayes_toe.model.answer_curves import log_likelihoods
 from bayes_toe.model.models import SampledModel, describe_prior, model_posterior, stored_model
 from bayes_toe.model.observer import ObserverPosterior
 from bayes_toe.model.paper_equations import NATURAL, Natural
@@ -338,13 +339,14 @@ class Draws:
     def _answers(self, name: str) -> tuple[FloatArray, IndexArray]:
         """Log likelihood and predicted 'equal' answers of one subject, shape (chains, draws, pairs) each; the same whenever asked for."""
         target, x = self.posterior(name), self.points(name)
+        subject = target.subject
         rng = generator(self.seed, name, self.model, "posterior_predictive")
-        log_likelihood, predicted = np.empty((2, *x.shape[:2], target.subject.n_pairs))
+        log_likelihood, predicted = np.empty((2, *x.shape[:2], subject.n_pairs))
         # One chain at a time: temporaries of a large design stay small.
         for chain, points in enumerate(x):
             answers = target.log_answers(points)
-            log_likelihood[chain] = target.pair_log_likelihood(points, answers)
-            predicted[chain] = rng.binomial(target.subject.n_trials, np.exp(answers[0]))
+            log_likelihood[chain] = log_likelihoods(subject.n_yes, subject.n_trials, answers)
+            predicted[chain] = rng.binomial(subject.n_trials, np.exp(answers[0]))
         return log_likelihood, predicted.astype(np.int64)
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> Path:

@@ -13,7 +13,7 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.errors import InputError, require_kind
 from bayes_toe.inference.diagnostics import Convergence, convergence_of, shortfall, tail_error
 from bayes_toe.inference.proposal import FittedProposal, Proposal, WeightedDraws, importance_draws
-from bayes_toe.model.posterior import SampledPosterior, require_defined
+from bayes_toe.model.posterior import SampledPosterior, judged_quantities, require_defined
 from bayes_toe.seeds import stream
 
 #: Draws kept at least where quantiles are judged: with fewer, even independent ones leave long
@@ -145,7 +145,7 @@ def sample_chains(fitted: FittedProposal, settings: SamplerSettings, seed: int) 
         passes = [ensemble.advance(thin, settings.kept_steps) for ensemble in ensembles]
         steps += thin * settings.kept_steps
         x, log_posterior, acceptance = map(np.stack, zip(*passes, strict=True))
-        diagnostics = convergence_of(posterior.judged(x))
+        diagnostics = convergence_of(judged_quantities(posterior, x))
         reason = shortfall(diagnostics, settings.required, settings.max_r_hat)
         imprecise, hopeless = "", False
         if not reason:

@@ -34,7 +34,6 @@ from bayes_toe.model.answer_curves import (
     criterion_slope,
     equal_answers,
     equal_slopes,
-    log_likelihoods,
     second_answers,
     second_slopes,
     times_counts,
@@ -623,13 +622,6 @@ class ObserverPosterior:
         """P of the answer that the task counts at distances z, (n,) -> (points, n)."""
         return np.asarray(np.exp(self.batch.answers_at_distance(self.full_points(x), z).yes[0]))
 
-    def pair_log_likelihood(
-        self, x: npt.ArrayLike, answers: tuple[FloatArray, FloatArray] | None = None
-    ) -> FloatArray:
-        """Log likelihood of each pair, (points, pairs)."""
-        answers = self.log_answers(x) if answers is None else answers
-        return log_likelihoods(self.subject.n_yes, self.subject.n_trials, answers)
-
     def log_likelihood(self, x: npt.ArrayLike) -> FloatArray:
         """Log likelihood without binomial coefficients, (points, k) -> (points,)."""
         return np.asarray(self.batch.log_likelihood(self.full_points(x))[0])
@@ -736,11 +728,6 @@ class ObserverPosterior:
         """What the quantities are called."""
         derived = ("jnd", "zone") if "q0" in self.coordinates else ("jnd",)
         return Names(self.coordinates, self.coordinates, derived, ("jnd",))
-
-    def judged(self, x: FloatArray) -> dict[str, FloatArray]:
-        """The quantities by which draws are judged: those that follow from no single other one."""
-        found = self.quantities(x)
-        return {name: found[name] for name in found if name not in self.names.monotone}
 
     def points(self, quantities: Mapping[str, FloatArray]) -> FloatArray:
         """Points, shape (..., k), from quantities of shape (...).

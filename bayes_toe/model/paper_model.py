@@ -270,20 +270,12 @@ class PaperPosterior:
         """Log likelihood without binomial coefficients, (points, 4) -> (points,)."""
         points = require_points(x, 4)
         size = max(1, BLOCK // self.subject.n_pairs)
-        blocks = [points[i : i + size] for i in range(0, len(points), size)]
-        return np.concatenate([self.pair_log_likelihood(block).sum(axis=1) for block in blocks])
-
-    def pair_log_likelihood(
-        self, x: npt.ArrayLike, answers: tuple[FloatArray, FloatArray] | None = None
-    ) -> FloatArray:
-        """Log likelihood of each pair, (points, 4) -> (points, pairs).
-
-        `answers` are :meth:`log_answers` at x, where these are known.
-        """
-        subject = self.subject
-        if answers is None:
-            answers = self.log_answers(x)
-        return log_likelihoods(subject.n_yes, subject.n_trials, answers)
+        blocks = []
+        for i in range(0, len(points), size):
+            answers = self.log_answers(points[i : i + size])
+            pairs = log_likelihoods(self.subject.n_yes, self.subject.n_trials, answers)
+            blocks.append(pairs.sum(axis=1))
+        return np.concatenate(blocks)
 
     def log_answers(self, x: npt.ArrayLike) -> LogAnswers:
         """Log probability of both answers to every pair, (points, pairs) each.
@@ -541,11 +533,6 @@ class PaperPosterior:
             "jnd": w * _JND_OVER_WIDTH[self.share],
             "pse_shift": x[..., 0],
         }
-
-    def judged(self, x: FloatArray) -> dict[str, FloatArray]:
-        """The quantities by which draws are judged: those that follow from no single other one."""
-        repeated = self.names.monotone
-        return {name: values for name, values in self.quantities(x).items() if name not in repeated}
 
     def points(self, quantities: Mapping[str, FloatArray]) -> FloatArray:
         """Unconstrained coordinates, shape (..., 4), from the natural quantities of shape (...)."""

@@ -131,11 +131,6 @@ class AnswerPosterior(Protocol):
     def log_answers(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Log probability of both answers to every pair, (points, pairs) each."""
 
-    def pair_log_likelihood(
-        self, x: npt.ArrayLike, answers: tuple[FloatArray, FloatArray] | None = None
-    ) -> FloatArray:
-        """Log likelihood of each pair, (points, pairs)."""
-
     def log_likelihood(self, x: npt.ArrayLike) -> FloatArray:
         """Log likelihood without binomial coefficients, (points,)."""
 
@@ -154,9 +149,6 @@ class AnswerPosterior(Protocol):
     def quantities(self, x: FloatArray) -> dict[str, FloatArray]:
         """Every quantity, each with the shape of x without its last axis."""
 
-    def judged(self, x: FloatArray) -> dict[str, FloatArray]:
-        """The quantities by which the convergence of draws is judged."""
-
     def points(self, quantities: Mapping[str, FloatArray]) -> FloatArray:
         """Points from quantities, the inverse of :meth:`quantities`."""
 
@@ -172,6 +164,12 @@ class SampledPosterior(AnswerPosterior, Protocol):
 
     def transform(self, modes: FloatArray) -> Transform:
         """Coordinates in which mixtures of Student-t densities fit the posterior."""
+
+
+def judged_quantities(target: AnswerPosterior, x: FloatArray) -> dict[str, FloatArray]:
+    """The quantities by which draws are judged: those that follow from no single other one."""
+    repeated = target.names.monotone
+    return {name: values for name, values in target.quantities(x).items() if name not in repeated}
 
 
 def contraction(target: AnswerPosterior, parameter: str, low: float, high: float) -> float:

@@ -16,6 +16,7 @@ from bayes_toe.inference.diagnostics import TAIL, convergence, errors
 from bayes_toe.inference.proposal import importance_draws
 from bayes_toe.inference.sampling import SamplerSettings, burn_in, sample_chains
 from bayes_toe.model.paper_model import paper_posterior
+from bayes_toe.model.posterior import judged_quantities
 from bayes_toe.seeds import generator
 
 CASES = hard_cases()
@@ -97,7 +98,7 @@ def replications():
 def test_claimed_effective_sizes_hold_over_independent_runs(replications):
     posterior, runs = replications
     for key in ("sigma_p", "sigma_l", "q0", "gamma", "offset"):
-        values = [posterior.judged(run.x)[key] for run in runs]
+        values = [judged_quantities(posterior, run.x)[key] for run in runs]
         spread = np.var([v.mean() for v in values], ddof=1)
         true_size = np.mean([v.var() for v in values]) / spread
         claimed = np.median([run.diagnostics[key].ess_bulk for run in runs])

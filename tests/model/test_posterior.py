@@ -27,9 +27,6 @@ def test_points_in_blocks_are_points_one_by_one():
     x = np.random.default_rng(0).normal(size=(500, 4))
     one_by_one = np.array([posterior.log_density(point)[0] for point in x])
     assert posterior.log_density(x) == pytest.approx(one_by_one, rel=1e-13)
-    assert posterior.pair_log_likelihood(x).sum(axis=1) == pytest.approx(
-        posterior.log_likelihood(x), rel=1e-13
-    )
 
 
 def test_nan_raises_and_impossible_is_minus_infinity():
