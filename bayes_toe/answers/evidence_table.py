@@ -156,47 +156,52 @@ def subject_evidence(
     answer: OrderEffect | None = None,
     fit: FitSummary | None = None,
 ) -> SubjectEvidence:
-    """Everything the evidence table says of one subject, of the pipeline's result under H1 and of what it found on its way.
+    """The row of one subject in the evidence table, from the fit of H1.
 
-    `by_bootstrap` is the evidence by Appendix C's recipe with what is said of it
+    `by_bootstrap` is the evidence by Appendix C's recipe with a note on it
     (:mod:`bayes_toe.classical.fit`), None with intervals; `fit` is None where draws of H1 cannot be
     trusted.
     """
-    posterior, found = fitted.proposal.proposal.posterior, result.evidence
+    posterior, estimate = fitted.proposal.proposal.posterior, result.evidence
     if (
         not isinstance(posterior, PaperPosterior)
-        or found is None
-        or found.pareto_k is None
-        or found.efficiency is None
+        or estimate is None
+        or estimate.pareto_k is None
+        or estimate.efficiency is None
     ):
         raise ValueError("the row of an evidence table needs an evidence by importance sampling")
     subject = posterior.subject
     laplace, why_no_laplace = laplace_evidence(fitted.maxima)
+    natural: float | None = None
+    notes = [why_no_laplace]
     # The paper's coordinates are those of its task.
-    known = "q0" in posterior.names.natural
-    natural, why_no_natural = (
-        laplace_evidence_natural(posterior, fitted.maxima) if known else (None, "")
-    )
-    bootstrap, about_bootstrap = (
-        (None, _NO_REPLICATES if known else "") if by_bootstrap is None else by_bootstrap
-    )
+    is_paper_task = "q0" in posterior.names.natural
+    if is_paper_task:
+        natural, why_no_natural = laplace_evidence_natural(posterior, fitted.maxima)
+        notes.append(why_no_natural)
+    bootstrap: float | None = None
+    if by_bootstrap is not None:
+        bootstrap, about_bootstrap = by_bootstrap
+        notes.append(about_bootstrap)
+    elif is_paper_task:
+        notes.append(_NO_REPLICATES)
     return SubjectEvidence(
         subject=subject.name,
         n_pairs=subject.n_pairs,
         n_trials=subject.total_trials,
-        log_evidence_h1=found.value,
-        log_evidence_h1_se=found.se,
+        log_evidence_h1=estimate.value,
+        log_evidence_h1_se=estimate.se,
         log_evidence_h0=frequency_evidence(subject),
         log_evidence_h1_laplace=laplace,
         log_evidence_h0_laplace=frequency_evidence_laplace(subject),
         log_evidence_h1_laplace_natural=natural,
         log_evidence_h1_bootstrap=bootstrap,
-        efficiency=found.efficiency,
-        pareto_k=found.pareto_k,
+        efficiency=estimate.efficiency,
+        pareto_k=estimate.pareto_k,
         fit=fit,
         answer=answer,
-        notes=(f"H1: {found.why_not}",) if found.why_not else (),
-        footnotes=tuple(note for note in (why_no_laplace, why_no_natural, about_bootstrap) if note),
+        notes=(f"H1: {estimate.why_not}",) if estimate.why_not else (),
+        footnotes=tuple(note for note in notes if note),
     )
 
 
