@@ -344,11 +344,15 @@ class AnswerTable:
     n: IntArray
     k: IntArray
 
-    def informative(self) -> AnswerTable:
-        """The pairs that were answered in both ways: the others cannot deviate."""
+    @property
+    def is_mixed(self) -> BoolArray:
+        """Which pairs were answered in both ways: the others cannot deviate."""
         n_yes, n_all = self.k.sum(1), self.n.sum(1)
-        is_mixed: BoolArray = (n_yes > 0) & (n_yes < n_all)
-        return AnswerTable(self.n[is_mixed], self.k[is_mixed])
+        return np.asarray((n_yes > 0) & (n_yes < n_all))
+
+    def informative(self) -> AnswerTable:
+        """The pairs that were answered in both ways."""
+        return AnswerTable(self.n[self.is_mixed], self.k[self.is_mixed])
 
     @property
     def freedom(self) -> int:
@@ -510,8 +514,8 @@ def _drift(subject: Subject, answers: Answers, level: float) -> Iterator[Finding
     n_rows = len(answers.n_trials)
     n_stretches = min(_STRETCHES, n_rows)
     pairs, table = _tabulate(answers, np.arange(n_rows) * n_stretches // n_rows)
-    is_mixed = (table.k.sum(1) > 0) & (table.k.sum(1) < table.n.sum(1))
-    difference, table = (pairs[:, 1] - pairs[:, 0])[is_mixed], table.informative()
+    difference = (pairs[:, 1] - pairs[:, 0])[table.is_mixed]
+    table = table.informative()
     if table.freedom == 0:
         return
     kinds = _kinds_of_drift(subject, difference)
@@ -525,8 +529,9 @@ def _drift(subject: Subject, answers: Answers, level: float) -> Iterator[Finding
     def largest_power(k: IntArray) -> FloatArray:
         return np.asarray(np.square(amplitudes(k)).sum(-1).max(-1))
 
-    course = amplitudes(table.k) @ waves
-    largest = int(np.argmax(np.square(amplitudes(table.k)).sum(-1)))
+    observed = amplitudes(table.k)
+    course = observed @ waves
+    largest = int(np.argmax(np.square(observed).sum(-1)))
     change = float(np.ptp(course[largest]))
     if change < SMALL_DRIFT:
         return

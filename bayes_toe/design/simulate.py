@@ -497,11 +497,8 @@ def simulate(  # noqa: PLR0913  # each is a choice of its own, and has a default
         missed=missed,
         differences=differences,
     )
-    truth = {}
-    for answered in trials:
-        truth[answered.subject] = dict(answered.observer.parameters)
-        if carry_over:
-            truth[answered.subject]["carry_over"] = carry_over
+    carried = {"carry_over": carry_over} if carry_over else {}
+    truth = {answered.subject: {**answered.observer.parameters, **carried} for answered in trials}
     subjects = tuple(answered.answered for answered in trials)
     study = Study(subjects, f"simulated, seed {root}", synthetic=True)
     if differences is not None:

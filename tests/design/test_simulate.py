@@ -65,13 +65,9 @@ def test_a_subjects_answers_do_not_depend_on_the_others():
 def test_the_paper_population_shows_its_three_kinds():
     theta = [observer.natural for observer in paper_population(400, np.random.default_rng(1))]
     low, high = 0.0, np.log(1.55)
-    asymmetry = np.array(
-        [
-            bt.model.equal_probability(high, low, *one)
-            - bt.model.equal_probability(low, high, *one)
-            for one in theta
-        ]
-    )
+    parameters = np.transpose(theta)
+    asymmetry = bt.model.equal_probability(high, low, *parameters)
+    asymmetry = asymmetry - bt.model.equal_probability(low, high, *parameters)
     kinds, usual = np.arange(400) % 5, np.arange(400) % 16 != 15
     assert (asymmetry[(kinds == 0) & usual] > 0).all()
     assert (asymmetry[(kinds == 1) & usual] < 0).all()
@@ -139,9 +135,9 @@ def test_answers_of_observers_follow_the_four_models(task, parameters):
 def test_what_is_expected_after_a_trial_is_carried_over():
     first, second, p = np.array([0.4, -0.2, 0.1]), np.array([0.5, 0.3, 0.0]), 0.25
     expected = carried_expectation(first, second, np.full(3, p), 0.8)
-    one = 0.8 * (0.75 * 0.5 + p * (0.75 * 0.4))
-    two = 0.8 * (0.75 * 0.3 + p * (0.75 * -0.2 + p * one))
-    assert expected == pytest.approx([0.0, one, two])
+    after_first = 0.8 * (0.75 * 0.5 + p * (0.75 * 0.4))
+    after_second = 0.8 * (0.75 * 0.3 + p * (0.75 * -0.2 + p * after_first))
+    assert expected == pytest.approx([0.0, after_first, after_second])
     study, truth = bt.simulate({"A": PAPER}, batches=30, seed=1, carry_over=0.8, missed=0.1)
     assert truth["A"]["carry_over"] == 0.8
     assert 0.06 < np.mean(study["A"].answers.n_trials == 0) < 0.14
