@@ -10,6 +10,7 @@ import sys
 from dataclasses import replace
 from functools import partial
 from io import BytesIO
+from itertools import product
 from zipfile import BadZipFile
 
 import numpy as np
@@ -88,10 +89,8 @@ def test_a_fingerprint_tells_every_argument_apart():
     other = Subject("S01", [0.0, 0.3], [0.3, 0.0], [20, 16], [50, 50])
     models = MODEL_NAMES
     calls = [
-        partial(max, one, seed=seed, model=model)
-        for one in (SUBJECT, other)
-        for seed in (1, 2)
-        for model in models
+        partial(max, subject, seed=seed, model=model)
+        for subject, seed, model in product((SUBJECT, other), (1, 2), models)
     ]
     calls += [
         partial(min, SUBJECT, seed=1, model=models[0]),

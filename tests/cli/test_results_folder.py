@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pandas as pd
@@ -223,10 +224,8 @@ def test_a_report_on_which_is_stronger_speaks_of_it_alone(stronger, tmp_path):
 
 
 def test_a_run_has_the_contrast_in_its_folder_report_and_methods(tmp_path):
-    rng, s = (
-        np.random.default_rng(1),
-        np.array([(a, a + step) for a in (0.0, 0.3, 0.6) for step in (-0.3, 0.3)]),
-    )
+    rng = np.random.default_rng(1)
+    s = np.array([(a, a + step) for a, step in product((0.0, 0.3, 0.6), (-0.3, 0.3))])
     rows = []
     for level, offset in (("left", 0.12), ("right", -0.12)):
         p = 1.0 / (1.0 + np.exp(-(s[:, 1] - s[:, 0] - offset) / 0.12))

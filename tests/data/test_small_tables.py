@@ -154,11 +154,11 @@ def test_the_bundled_truth_is_read_to_the_last_bit():
     with (files("bayes_toe.data") / "example_same_different_truth.csv").open(
         encoding="utf-8", newline=""
     ) as file:
-        rows = {
-            row.pop("subject"): {name: float(cell) for name, cell in row.items()}
-            for row in csv.DictReader(file)
-        }
-    assert bt.example_truth("same/different") == rows
+        truth = {}
+        for row in csv.DictReader(file):
+            subject = row.pop("subject")
+            truth[subject] = {name: float(cell) for name, cell in row.items()}
+    assert bt.example_truth("same/different") == truth
 
 
 @pytest.mark.parametrize(
