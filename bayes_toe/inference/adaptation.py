@@ -31,14 +31,11 @@ from bayes_toe.model.posterior import SampledPosterior
 
 #: With what a fit may begin.
 Start: TypeAlias = Maxima | FittedProposal | None
-_COVER_DF, _DF = (
-    4,
-    8,
-)  # one more in an odd number of dimensions, because the sum of both is to be even
-_COVERS, _FLAT = (
-    4,
-    0.3,
-)  # components of the cover, and the power by which the posterior is flattened for them
+# Degrees of freedom; one more in an odd number of dimensions, because the sum of both is even.
+_COVER_DF = 4
+_DF = 8
+_COVERS = 4  # components of the cover
+_FLAT = 0.3  # the power by which the posterior is flattened for them
 _PATCH_SHARE, _PATCHES = 0.01, 8
 _HISTORY = 4  # rounds whose draws are pooled
 _LARGE = 4000  # draws of the round after these, which shows more of the tails
@@ -137,11 +134,11 @@ def adapt_proposal(
     stage = STAGES[0]
     if start is None:
         start = find_maxima(posterior)
-    history = _adapt(
-        _first(posterior, start, rng) if isinstance(start, Maxima) else _refitted([start], stage),
-        stage,
-        rng,
-    )
+    if isinstance(start, Maxima):
+        proposal = _first(posterior, start, rng)
+    else:
+        proposal = _refitted([start], stage)
+    history = _adapt(proposal, stage, rng)
     if max(entry.efficiency for entry in history) < _POOR:
         stage = STAGES[1]
         history = _adapt(_refitted(history[-_HISTORY:], stage), stage, rng)
@@ -150,9 +147,9 @@ def adapt_proposal(
     judged = [_judged(_refitted([sharper], stage, _PATCHES), rng, draws)]
     while len(judged) <= _REFITS and not _good(judged[-1], best):
         judged.append(_judged(_refitted(judged[-1:], stage, _PATCHES), rng, draws))
-    chosen = (
-        judged[-1] if _good(judged[-1], best) else max(judged, key=lambda fitted: fitted.efficiency)
-    )
+    chosen = judged[-1]
+    if not _good(chosen, best):
+        chosen = max(judged, key=lambda fitted: fitted.efficiency)
     return replace(chosen, independent=len(judged) == 1)
 
 
@@ -161,9 +158,9 @@ def with_fresh_draws(fitted: FittedProposal, rng: np.random.Generator) -> Fitted
 
     Those that it has, or new ones and twice as many, because its tails are hard.
     """
-    return (
-        fitted if fitted.independent else _judged(fitted.proposal, rng, _HARD * len(fitted.draws.x))
-    )
+    if fitted.independent:
+        return fitted
+    return _judged(fitted.proposal, rng, _HARD * len(fitted.draws.x))
 
 
 def redrawn(fitted: FittedProposal, rng: np.random.Generator, size: int) -> FittedProposal:
@@ -248,22 +245,18 @@ def _first(posterior: SampledPosterior, maxima: Maxima, rng: np.random.Generator
     y = transform.forward(x)[0]
     spread = _covariance(y, weights)
     few = STAGES[0].components // 2
-    centres, scales = (
-        [y[rng.choice(len(y), few, p=weights)]],
-        [np.repeat(spread[None], few, axis=0)],
-    )
+    centres = [y[rng.choice(len(y), few, p=weights)]]
+    scales = [np.repeat(spread[None], few, axis=0)]
     around = STAGES[0].components // len(maxima.x) + 1
     for mode, curvature in zip(maxima.x, maxima.curvature, strict=True):
-        if (
-            np.linalg.eigvalsh(curvature)[0] > 0.01
-        ):  # flatter than ten units: a ridge running to infinity, no use as a scale
+        # Flatter than ten units is a ridge that runs to infinity, no use as a scale.
+        if np.linalg.eigvalsh(curvature)[0] > 0.01:
             cloud = mode + rng.standard_normal((500, len(mode))) @ np.linalg.inv(
                 np.linalg.cholesky(curvature)
             )
             transformed = transform.forward(cloud)[0]
-            centres.append(
-                transformed.mean(axis=0) + 0.7 * (transformed[:around] - transformed.mean(axis=0))
-            )
+            mean = transformed.mean(axis=0)
+            centres.append(mean + 0.7 * (transformed[:around] - mean))
             scales.append(np.repeat(1.5 * _covariance(transformed)[None], around, axis=0))
     means = np.concatenate(centres)
     mixture = StudentMixture(
@@ -301,10 +294,8 @@ def _refitted(
         [entry.proposal.transformed_log_density(y, log_volume, log_prior) for entry in rounds]
     ) - np.log(len(rounds))
     flattened = _FLAT * (log_posterior - log_volume) - (made - log_volume)
-    weights, flat = (
-        _tempered(log_posterior - made, least=0.05 * len(x)),
-        _tempered(flattened, least=0.02 * len(x)),
-    )
+    weights = _tempered(log_posterior - made, least=0.05 * len(x))
+    flat = _tempered(flattened, least=0.02 * len(x))
     mixture, cover = last.mixture, last.cover
     for _ in range(3):
         mixture, cover = mixture.updated(y, weights), cover.updated(y, flat)

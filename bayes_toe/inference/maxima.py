@@ -18,10 +18,8 @@ from bayes_toe.model.derivatives import Gradient, hessian, one_sided
 from bayes_toe.model.posterior import SampledPosterior
 
 _DECREMENT = 1e-12  # twice the predicted gain, in nats, at which a point counts as arrived
-_NEAR, _CLOSE = (
-    1e-2,
-    1e-2,
-)  # decrement below which a start counts as close to a maximum; distance, in every coordinate, of the same one
+_NEAR = 1e-2  # decrement below which a start counts as close to a maximum
+_CLOSE = 1e-2  # distance, in every coordinate, of the same one
 _TINY = 1e-300
 
 

@@ -18,15 +18,11 @@ from bayes_toe.seeds import generator
 #: describe the answers.
 MISFIT = 0.01
 _BLOCK = 1 << 18  # values of one temporary array
-_OFTEN, _COUNTS = (
-    20.0,
-    101,
-)  # expected rarer answers from which chi-square holds for a pair; counts that matter where there are fewer
+_OFTEN = 20.0  # expected rarer answers from which chi-square holds for a pair
+_COUNTS = 101  # counts that matter where there are fewer
 _OF_MOMENTS = 3000  # draws times pairs over which the moments of a deviance are averaged
-_CONSPICUOUS, _NAMED = (
-    2.0,
-    3,
-)  # residual from which a pair is named among the worst, and how many are
+_CONSPICUOUS = 2.0  # residual from which a pair is named among the worst
+_NAMED = 3  # how many are
 
 
 # --- Deviance -------------------------------------------------------------------------------------
@@ -71,10 +67,8 @@ def fit_at(posterior: AnswerPosterior, x: npt.ArrayLike) -> Fit:
     (log_q,), (log_rest,) = posterior.log_answers(np.asarray(x, np.float64).reshape(1, -1))
     subject, q = posterior.subject, np.exp(log_q)
     pairs = binomial_deviance(subject.n_yes, subject.n_trials, log_q, log_rest)
-    sign, freedom = (
-        np.sign(subject.n_yes - subject.n_trials * q),
-        subject.n_pairs - len(posterior.coordinates),
-    )
+    sign = np.sign(subject.n_yes - subject.n_trials * q)
+    freedom = subject.n_pairs - len(posterior.coordinates)
     p_value = deviance_p_value(float(pairs.sum()), freedom, subject.n_trials, log_q, log_rest)
     return Fit(q, sign * np.sqrt(pairs), float(pairs.sum()), freedom, p_value)
 
@@ -117,11 +111,8 @@ def _moments(
     k = np.arange(min(_COUNTS, int(n.max()) + 1), dtype=np.float64).reshape(
         -1, *(1,) * np.ndim(log_q)
     )
-    log_rare, log_other, at = (
-        np.minimum(log_q, log_rest),
-        np.maximum(log_q, log_rest),
-        np.minimum(k, n),
-    )
+    log_rare, log_other = np.minimum(log_q, log_rest), np.maximum(log_q, log_rest)
+    at = np.minimum(k, n)
     log_ways = gammaln(n + 1.0) - gammaln(at + 1.0) - gammaln(n - at + 1.0)
     chance = np.where(
         k <= n, np.exp(log_ways + times_counts(at, log_rare) + times_counts(n - at, log_other)), 0.0
@@ -242,7 +233,9 @@ class FitSummary:
 
         None where it cannot be told: with no more pairs than parameters it fits them all.
         """
-        return None if self.degrees_of_freedom <= 0 and not self.misfit else not self.misfit
+        if self.degrees_of_freedom <= 0 and not self.misfit:
+            return None
+        return not self.misfit
 
 
 def summarise_fit(
@@ -260,20 +253,18 @@ def summarise_fit(
     """
     points, subject = require_points(x, len(posterior.coordinates)), posterior.subject
     check = predictive_check(posterior, points[:: max(1, -(-len(points) // most))], seed)
-    best = int(
-        np.argmax(posterior.log_likelihood(points) if log_likelihood is None else log_likelihood)
-    )
+    if log_likelihood is None:
+        log_likelihood = posterior.log_likelihood(points)
+    best = int(np.argmax(log_likelihood))
     fit, worst = fit_at(posterior, points[best]), int(np.argmin(check.p_value))
     isi = [None] * subject.n_pairs if subject.isi is None else subject.isi.tolist()
     s1, s2, observed, expected = (
         column.tolist()
         for column in (subject.s1, subject.s2, subject.n_yes / subject.n_trials, fit.q)
     )
-    order, far = (
-        np.argsort(-np.abs(fit.residual), kind="stable").tolist(),
-        np.abs(fit.residual) >= _CONSPICUOUS,
-    )
-    named = [i for place, i in enumerate(order[:_NAMED]) if place == 0 or far[i]]
+    size = np.abs(fit.residual)
+    largest, *others = np.argsort(-size, kind="stable").tolist()[:_NAMED]
+    named = [largest, *(i for i in others if size[i] >= _CONSPICUOUS)]
     few = points[:: max(1, -(-len(points) * subject.n_pairs // _OF_MOMENTS))]
     return FitSummary(
         fit.deviance,

@@ -140,18 +140,15 @@ def fitted_result(
     target: SampledPosterior, seed: int, wanted: Wanted
 ) -> tuple[SubjectResult, Fitted]:
     """The pipeline where a proposal has to be fitted, with what it found on its way."""
-    maxima, rng = (
-        find_maxima(target),
-        generator(seed, target.subject.name, target.model.name, "proposal"),
-    )
+    maxima = find_maxima(target)
+    rng = generator(seed, target.subject.name, target.model.name, "proposal")
     adapted = adapt_proposal(target, rng, start=maxima, draws=wanted.judging_draws)
     chains = None if wanted.chains is None else sample_chains(adapted, wanted.chains, seed)
     fitted = with_trusted_draws(adapted, rng) if wanted.evidence_draws else adapted
     evidence = importance_evidence(fitted) if wanted.evidence_draws else None
     fit = _chains_fit(target, chains, seed)
-    return SubjectResult(
-        target, adapted.efficiency, adapted.pareto_k, evidence, chains, fit
-    ), Fitted(maxima, fitted)
+    quality = adapted.efficiency, adapted.pareto_k
+    return SubjectResult(target, *quality, evidence, chains, fit), Fitted(maxima, fitted)
 
 
 def _chains_fit(target: AnswerPosterior, chains: Chains | None, seed: int) -> FitSummary | None:
@@ -191,18 +188,15 @@ class SubjectDraws:
     """Draws of one subject under one model, and what is said of them."""
 
     subject: Subject
-    quantities: Mapping[
-        str, FloatArray
-    ]  # (chains, draws): the natural ones, from which all others follow
+    # (chains, draws): the natural ones, from which all others follow
+    quantities: Mapping[str, FloatArray]
     units: Mapping[str, str]
-    coordinates: tuple[
-        str, ...
-    ]  # of the unconstrained space in which `log_posterior`, (chains, draws), is a density
+    # of the unconstrained space in which `log_posterior`, (chains, draws), is a density
+    coordinates: tuple[str, ...]
     log_posterior: FloatArray
     acceptance: FloatArray  # (chains,)
-    statistics: Mapping[
-        str, float | int | str
-    ]  # by column: convergence, effort, quality of the proposal and of the fit
+    # by column: convergence, effort, quality of the proposal and of the fit
+    statistics: Mapping[str, float | int | str]
     summary: tuple[SummaryRow, ...]  # with the columns of summary.csv; empty where not asked for
 
 
@@ -213,11 +207,9 @@ def subject_draws(result: SubjectResult, *, summarised: bool = False) -> Subject
         raise InputError(f"subject {result.subject.name!r} was analysed without sampling")
     found = target.quantities(chains.x)
     natural = {name: found[name] for name in target.names.natural}
-    (_, ess), (_, r_hat) = (
-        worst(chains.diagnostics)
-        if chains.diagnostics
-        else (("", chains.log_posterior.size), ("", 1.0))
-    )
+    ess, r_hat = float(chains.log_posterior.size), 1.0
+    if chains.diagnostics:
+        (_, ess), (_, r_hat) = worst(chains.diagnostics)
     statistics: dict[str, float | int | str | None] = {
         "converged": int(chains.converged),
         "shortfall": chains.reason,
@@ -230,6 +222,10 @@ def subject_draws(result: SubjectResult, *, summarised: bool = False) -> Subject
         "pareto_k": result.pareto_k,
         **{column: getattr(fit, key, None) for key, column in FIT_COLUMNS.items()},
     }
+    rows: tuple[SummaryRow, ...] = ()
+    if summarised:
+        reported = {name: found[name] for name in target.names.reported}
+        rows = summary_rows(target, reported, chains.diagnostics)
     return SubjectDraws(
         result.subject,
         natural,
@@ -238,11 +234,7 @@ def subject_draws(result: SubjectResult, *, summarised: bool = False) -> Subject
         chains.log_posterior,
         chains.acceptance,
         {name: value for name, value in statistics.items() if value is not None},
-        summary_rows(
-            target, {name: found[name] for name in target.names.reported}, chains.diagnostics
-        )
-        if summarised
-        else (),
+        rows,
     )
 
 
