@@ -49,8 +49,6 @@ HAS: Mapping[str, BoolArray] = {
     "carry_over": np.array([False, False, True, True]),
     "previous_response": np.array([False, True, False, True]),
 }
-#: What sentences call both effects.
-EFFECT_NAMES = {"carry_over": "carry-over", "previous_response": "previous response"}
 _QUANTILES = {"q025": 0.025, "q50": 0.5, "q975": 0.975}
 _EVIDENCES = tuple(f"log_evidence_{name}" for name in HISTORIES)
 #: Columns of history.csv.
@@ -171,18 +169,6 @@ class SubjectDependence:
             return self.order_models[int(column.startswith("carry_over"))]
         size, _, quantile = column.partition("_")
         return getattr(self, size)[list(_QUANTILES).index(quantile)]
-
-    def describe(self) -> str:
-        """Both answers in words, without the subject's name."""
-        if not self.is_known:
-            return f"no result: {self.note}"
-        sizes = {"carry_over": ("rho", self.rho), "previous_response": ("kappa", self.kappa)}
-        parts = []
-        for effect, (symbol, (low, median, high)) in sizes.items():
-            size = f"{symbol} {median:.2f} [{low:.2f}, {high:.2f}]"
-            details = f"P {self.probability(effect):.2f}, {size}"
-            parts.append(f"{EFFECT_NAMES[effect]}: {self.word(effect)} ({details})")
-        return "; ".join(parts)
 
 
 @dataclass(frozen=True, eq=False)

@@ -103,10 +103,6 @@ def test_the_table_is_a_file(table, tmp_path):
         assert cells.log_evidence_carry_over_se == pytest.approx(row.standard_error[2])
 
 
-def test_a_subject_is_described_with_its_direction(table):
-    assert "alternation" in table["alternates"].describe()
-
-
 def test_a_seed_gives_the_same_numbers_whatever_else_is_in_the_study(table, study):
     alone = bt.serial_dependence(bt.Study([study["carries"]]), seed=1, workers=1)["carries"]
     assert alone.log_evidence.tolist() == table["carries"].log_evidence.tolist()
