@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from dataclasses import dataclass, fields, replace
 from functools import partial
@@ -240,7 +241,7 @@ class StudyFile:
         """The files; some shells leave a name with * to the program."""
         paths = []
         for file in self.files or ():
-            matches = [] if file.exists() else sorted(map(Path, glob(str(file))))
+            matches = [] if os.path.exists(file) else sorted(map(Path, glob(str(file))))
             paths += matches or [file]
         return paths
 

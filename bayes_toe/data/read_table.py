@@ -238,7 +238,7 @@ def _chosen_sheet(
         remedies = [Remedy("sheet", title) for title in tables]
         found = join_words([*map(bare, tables)])
         raise InputError(f"{source}: the sheets {found} have tables.", remedies)
-    return tables[0]
+    return max(tables, key=lambda title: len(sheets[title]))
 
 
 def _row_texts(cells: Sequence[Any]) -> list[str]:

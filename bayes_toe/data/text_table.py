@@ -42,7 +42,7 @@ _MARKS = (
 _BYTES_LOOKED_AT = 2000  # that tell UTF-16 without a mark
 #: Records among which the names are looked for.
 MOST_RECORDS = 10
-_FEWEST_NAMES = 3  # of ours in a record below the first one that has the names
+_MORE_NAMES = 2  # of ours in a record below the first one that has the names
 _DELIMITER_LINE = re.compile(r"\Asep=[,;\t]?(?=\r|\n)")
 _TEXT_ALLOWED = "text in UTF-8 or UTF-16, or the encoding that --encoding names"
 # What the csv module says, and what we say.
@@ -251,7 +251,7 @@ def header_place(names: Sequence[Sequence[str]], choice: Choice) -> int:
     if not counts or counts[0] > 1:
         return 0
     most = max(counts)
-    return counts.index(most) if most >= _FEWEST_NAMES else 0
+    return counts.index(most) if most - counts[0] >= _MORE_NAMES else 0
 
 
 def decoded(source: str, data: bytes, encoding: str | None = None) -> tuple[str, str]:

@@ -384,6 +384,15 @@ def test_german_excel_with_decimal_commas_and_a_title_is_read(tmp_path):
     assert "rows above row 2 left out" in study.notes
 
 
+def test_the_names_of_a_table_without_our_names_are_shown(tmp_path):
+    rows = [["Lab"], ["Versuchsperson", "Reiz 1", "Reiz 2", "Antwort"], ["A", 1, 2, "second"]]
+    path = workbook(tmp_path, {"Info": [["made by", "me"]], "Daten": rows})
+    (problem,) = problems(path)
+    assert problem.endswith("The columns are Versuchsperson, Reiz 1, Reiz 2, Antwort.")
+    columns = {"s1": "Reiz 1", "s2": "Reiz 2"}
+    assert bt.read_study(path, bt.ReadOptions(columns=columns)).names == ("A",)
+
+
 def test_which_sheet_is_asked(tmp_path):
     path = workbook(tmp_path, {"A": ROWS, "B": ROWS})
     text = refused("check", path.name, cwd=tmp_path)
