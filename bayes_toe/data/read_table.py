@@ -50,6 +50,10 @@ _SAVED = (
     "one struct, or vectors of one length: S = table2struct(T, 'ToScalar', true); "
     "save('trials.mat', '-struct', 'S', '-v7')"
 )
+_EXCEL_SUFFIXES = (".xlsx", ".xlsm")
+_JSON_SUFFIXES = (".json", ".jsonl", ".ndjson")
+#: Suffixes that tell the form of a file; a file with another suffix is a text.
+SUFFIXES = (*_EXCEL_SUFFIXES, *_JSON_SUFFIXES, ".mat", ".parquet")
 #: What to do with files that are not read, by their suffix.
 _NOT_READ = {
     **dict.fromkeys((".gz", ".zip", ".7z", ".xz"), ("an archive", "the file in it")),
@@ -113,9 +117,9 @@ def read_table(
     if suffix in _NOT_READ:
         found, allowed = _NOT_READ[suffix]
         raise InputError(f"{name}: found {found}, allowed: {allowed}")
-    if suffix in (".xlsx", ".xlsm"):
+    if suffix in _EXCEL_SUFFIXES:
         return _read_excel(name, data, choice, sheet)
-    if suffix in (".json", ".jsonl", ".ndjson"):
+    if suffix in _JSON_SUFFIXES:
         return _read_json(name, data, choice, encoding)
     if suffix == ".parquet":
         return _read_parquet(name, data, choice)
@@ -135,6 +139,11 @@ def input_bytes(path: str | Path, largest: int = LARGEST_STUDY) -> bytes:
     if status.st_size > largest:
         raise OSError(errno.EFBIG, f"{status.st_size} bytes, more than {largest}")
     return Path(path).read_bytes()
+
+
+def _one_line(error: Exception) -> str:
+    """What a library says of a file, on one line of bounded length."""
+    return bare(" ".join(str(error).split())[:200])
 
 
 # --- Values as text ------------------------------------------------------------------------------
@@ -199,8 +208,7 @@ def _read_excel(source: str, data: bytes, choice: Choice, sheet: str | None) -> 
     sheets = _excel_sheets(source, data)
     title = _chosen_sheet(source, sheets, choice, sheet)
     rows = sheets[title]
-    first = header_place([_row_texts(cells) for cells in rows[:MOST_RECORDS]], choice)
-    names = _row_texts(rows[first])
+    first, names = _sheet_names(rows, choice)
     filled = [i for i in range(first + 1, len(rows)) if any(_row_texts(rows[i]))]
     values = {}
     for name, place in name_places(names, choice).items():
@@ -227,8 +235,7 @@ def _chosen_sheet(
     n_names = {}
     for title, rows in sheets.items():
         if rows:
-            texts = [_row_texts(cells) for cells in rows[:MOST_RECORDS]]
-            names = texts[header_place(texts, choice)]
+            _, names = _sheet_names(rows, choice)
             n_names[title] = len(name_places(names, choice))
     if not n_names:
         raise InputError(f"{source}: found no table, allowed: a sheet with names and rows")
@@ -239,6 +246,13 @@ def _chosen_sheet(
         found = join_words([*map(bare, tables)])
         raise InputError(f"{source}: the sheets {found} have tables.", remedies)
     return max(tables, key=lambda title: len(sheets[title]))
+
+
+def _sheet_names(rows: Sequence[tuple[Any, ...]], choice: Choice) -> tuple[int, list[str]]:
+    """Which row has the names, from 0, and the names."""
+    texts = [_row_texts(cells) for cells in rows[:MOST_RECORDS]]
+    place = header_place(texts, choice)
+    return place, texts[place]
 
 
 def _row_texts(cells: Sequence[Any]) -> list[str]:
@@ -271,9 +285,9 @@ def _excel_sheets(source: str, data: bytes) -> dict[str, list[tuple[Any, ...]]]:
     except InputError:
         raise
     except Exception as error:  # of a damaged file the library raises whatever its parser meets
-        reason = bare(" ".join(str(error).split())[:200])
         raise InputError(
-            f"{source}: found a damaged Excel file ({reason}), allowed: one that opens in Excel"
+            f"{source}: found a damaged Excel file ({_one_line(error)}), "
+            "allowed: one that opens in Excel"
         ) from None
     return sheets
 
@@ -284,14 +298,16 @@ def _sheet_rows(source: str, with_values: Any, with_formulas: Any) -> list[tuple
     pairs = zip(with_values.iter_rows(), with_formulas.iter_rows(), strict=True)
     for row, (cells, formulas) in enumerate(pairs, 1):
         for place, (cell, formula) in enumerate(zip(cells, formulas, strict=True), 1):
-            where = f"{source}: sheet {bare(with_values.title)}, row {row}, cell {place}"
+            found = ""
             if cell.data_type == "e":
-                raise InputError(f"{where}: found the error {cell.value}, allowed: a value")
-            if formula.data_type == "f" and cell.value is None:
-                raise InputError(
-                    f"{where}: found a formula without a value, allowed: a file that Excel has "
-                    "computed and saved"
+                found = f"the error {cell.value}, allowed: a value"
+            elif formula.data_type == "f" and cell.value is None:
+                found = (
+                    "a formula without a value, allowed: a file that Excel has computed and saved"
                 )
+            if found:
+                where = f"sheet {bare(with_values.title)}, row {row}, cell {place}"
+                raise InputError(f"{source}: {where}: found {found}")
         rows.append(tuple(cell.value for cell in cells))
     width = max(map(len, rows), default=0)
     return [cells + (None,) * (width - len(cells)) for cells in rows]
@@ -324,9 +340,9 @@ def _parse_json(source: str, text: str) -> object:
             return [load(line) for line in lines]
         return load(text)
     except (ValueError, RecursionError) as error:
-        reason = bare(" ".join(str(error).split())[:200])
         raise InputError(
-            f"{source}: found no JSON ({reason}), allowed: a list of trials, or a trial a line"
+            f"{source}: found no JSON ({_one_line(error)}), "
+            "allowed: a list of trials, or a trial a line"
         ) from None
 
 
@@ -385,10 +401,9 @@ def _matlab_variables(source: str, data: bytes) -> dict[str, Any]:
             f"{source}: found a file of version 7.3, allowed: one saved with '-v7'"
         ) from None
     except Exception as error:  # of a damaged file the library raises whatever its parser meets
-        said = bare(" ".join(str(error).split())[:200])
         raise InputError(
-            f"{source}: found a damaged MATLAB file ({said}), allowed: one that MATLAB has saved "
-            "with '-v7'"
+            f"{source}: found a damaged MATLAB file ({_one_line(error)}), "
+            "allowed: one that MATLAB has saved with '-v7'"
         ) from None
     if "__function_workspace__" in found:
         raise InputError(
@@ -456,10 +471,9 @@ def _read_parquet(source: str, data: bytes, choice: Choice) -> TextTable:
         OverflowError,
         MemoryError,
     ) as error:
-        said = bare(" ".join(str(error).split())[:200])
         raise InputError(
-            f"{source}: found a damaged Parquet file ({said}), allowed: one that a Parquet writer "
-            "has finished"
+            f"{source}: found a damaged Parquet file ({_one_line(error)}), "
+            "allowed: one that a Parquet writer has finished"
         ) from None
     return _table_of_values(
         (source, "Parquet", "schema"), found, values, range(1, table.num_rows + 1)

@@ -247,7 +247,7 @@ def _find_names(source: str, text: str, choice: Choice) -> tuple[str, int, int, 
 
 def header_place(names: Sequence[Sequence[str]], choice: Choice) -> int:
     """Which of the first records has the names: the first one, unless a later one is clearer."""
-    counts = [len(name_places(record, choice)) for record in names[:MOST_RECORDS]]
+    counts = [len(name_places(record, choice)) for record in names]
     if not counts or counts[0] > 1:
         return 0
     most = max(counts)
