@@ -24,16 +24,14 @@ from pathlib import Path
 from typing import IO, Any
 
 from bayes_toe.data.messages import quoted
+from bayes_toe.data.read_table import SUFFIXES
 from bayes_toe.data.whole_files import write_whole
 from bayes_toe.errors import InputError
 from bayes_toe.result_store import count_stored, discard
 from bayes_toe.version import __version__
 
 #: Files that a study may have. Files of the page have other names.
-SUFFIXES = (
-    *(".csv", ".tsv", ".txt", ".dat", ".xlsx", ".xlsm", ".json", ".jsonl", ".ndjson"),
-    *(".mat", ".parquet"),
-)
+STUDY_SUFFIXES = (".csv", ".tsv", ".txt", ".dat", *SUFFIXES)
 RESULTS = "results"
 RECORD, _COMMAND, _LOG, _LOCK = "study", "command", "run.log", "lock"
 #: Another version may read a file in another way.
@@ -73,11 +71,11 @@ class Job:
     def save_options(self, options: Mapping[str, Any]) -> None:
         """Store how the files are read; the former reading is no longer valid."""
         self.save_reading(None)
-        self._write(RECORD, {**self.record(), "options": options})
+        self.write(RECORD, {**self.record(), "options": options})
 
     def save_reading(self, reading: Mapping[str, Any] | None) -> None:
         """Store what reading the files gave."""
-        self._write(_READING, reading)
+        self.write(_READING, reading)
 
     def reading(self) -> dict[str, Any] | None:
         """What reading the files gave; None where they were not read with these options."""
@@ -131,7 +129,7 @@ class Job:
             if self._read(_COMMAND) != words:
                 discard(store)
                 shutil.rmtree(self.folder / RESULTS, ignore_errors=True)
-            self._write(_COMMAND, words)
+            self.write(_COMMAND, words)
             resume = ["--resume"] if count_stored(store) else []
             with open(self.folder / _LOG, "wb") as log:
                 process = subprocess.Popen(
@@ -156,7 +154,8 @@ class Job:
                 archive.write(path, path.relative_to(self.folder).as_posix())
             archive.writestr("command.txt", self.state()["command"])
 
-    def _write(self, name: str, content: object) -> None:
+    def write(self, name: str, content: object) -> None:
+        """Write a file of ours, whole or not at all."""
         write_whole(self.folder / name, json.dumps(content).encode())
 
     def _read(self, name: str) -> Any:
@@ -191,7 +190,7 @@ def create_job(home: Path, files: Sequence[tuple[str, bytes]]) -> Job:
         "options": {},
         "created": datetime.now().astimezone().isoformat(),
     }
-    write_whole(job.folder / RECORD, json.dumps(record).encode())
+    job.write(RECORD, record)
     return job
 
 
@@ -205,9 +204,9 @@ def file_name(path: str) -> str:
     """
     last = path.replace("\\", "/").rpartition("/")[2]
     stem, suffix = os.path.splitext(re.sub(r"[^\w .+()@-]", "_", last).lstrip(" .-"))
-    if suffix.lower() not in SUFFIXES:
+    if suffix.lower() not in STUDY_SUFFIXES:
         raise InputError(
-            f"{quoted(last)}: the page reads files whose names end in {', '.join(SUFFIXES)}"
+            f"{quoted(last)}: the page reads files whose names end in {', '.join(STUDY_SUFFIXES)}"
         )
     return f"{stem[:_LONGEST_NAME]}{suffix}"
 

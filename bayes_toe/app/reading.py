@@ -32,9 +32,9 @@ def read_job(job: Job) -> dict[str, Any]:
     reading: dict[str, Any] = {"table": None, "problems": [], "remedies": [], "study": None}
     try:
         table = read_table(paths[0], set, LARGEST_STUDY, sheet=options.get("sheet"))
-        reading["table"] = describe_table(table, bt.ReadOptions())
+        reading["table"] = {**describe_table(table), **describe_roles(table, bt.ReadOptions())}
         read_options = _read_options(options)
-        reading["table"] = describe_table(table, read_options)
+        reading["table"] |= describe_roles(table, read_options)
         study = bt.read_study(paths, read_options)
         findings = bt.check(study)  # before the decisions, which answer some of them
         reading["study"] = describe_study(changed(study, swap, exclude), findings)
@@ -61,11 +61,8 @@ def _read_options(options: dict[str, Any]) -> bt.ReadOptions:
     return bt.ReadOptions(**options)
 
 
-def describe_table(table: TextTable, options: bt.ReadOptions) -> dict[str, Any]:
-    """Names, first rows, columns of roles, and the counts of texts of columns with few of them.
-
-    `automatic` are the columns of roles where the page names none.
-    """
+def describe_table(table: TextTable) -> dict[str, Any]:
+    """Names, first rows, and the counts of texts of columns with few of them."""
     texts = {}
     for name, column in table.columns.items():
         counts = Counter(column.codes.tolist()).most_common()
@@ -79,6 +76,12 @@ def describe_table(table: TextTable, options: bt.ReadOptions) -> dict[str, Any]:
         "rows": rows,
         "size": len(table.rows),
         "texts": texts,
+    }
+
+
+def describe_roles(table: TextTable, options: bt.ReadOptions) -> dict[str, dict[str, str]]:
+    """Columns of roles; `automatic` are those where the page names none."""
+    return {
         "roles": _roles(table.names, options),
         "automatic": _roles(table.names, replace(options, columns={})),
     }

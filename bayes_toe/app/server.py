@@ -41,7 +41,7 @@ from bayes_toe.app.job import (
 from bayes_toe.errors import InputError
 
 ADDRESS = "127.0.0.1"
-LARGEST_UPLOAD = 64 * 2**20  # bytes; app.js checks it too
+LARGEST_UPLOAD = 64 * 2**20  # bytes; page.js checks it too
 HEADER = "X-Bayes-Toe"
 #: Seconds that reading may take, and that a run may take to end.
 READING_TIME, ENDING_TIME = 120, 15
