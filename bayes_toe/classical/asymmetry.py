@@ -265,7 +265,7 @@ def asymmetry(study: Study) -> AsymmetryTable:
     """
     require_study(study)
     refuse_intervals(study, "asymmetry")
-    table = AsymmetryTable(subject_asymmetries(study.subjects), study.task)
+    table = asymmetry_table(study)
     if not any(row.comparisons for row in table):
         raise InputError(
             f"{study.source}: no pair of different stimuli was presented in both orders to one "
@@ -278,6 +278,11 @@ def asymmetry(study: Study) -> AsymmetryTable:
 def subject_asymmetry(subject: Subject) -> SubjectAsymmetry:
     """Asymmetries of one subject; see :func:`subject_asymmetries`."""
     return subject_asymmetries([subject])[0]
+
+
+def asymmetry_table(study: Study) -> AsymmetryTable:
+    """The table of :func:`asymmetry`, perhaps without a comparison."""
+    return AsymmetryTable(subject_asymmetries(study.subjects), study.task)
 
 
 def subject_asymmetries(subjects: Sequence[Subject]) -> tuple[SubjectAsymmetry, ...]:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from bayes_toe import plots
 from bayes_toe.analysis import Analysis
 from bayes_toe.answers.evidence_table import EvidenceTable
-from bayes_toe.classical.asymmetry import AsymmetryTable, subject_asymmetries
+from bayes_toe.classical.asymmetry import AsymmetryTable, asymmetry_table
 from bayes_toe.cli.headline import flagged
 from bayes_toe.cli.methods import write_methods
 from bayes_toe.cli.report import Facts, Group, write_report
@@ -133,9 +133,7 @@ def write_results(
             write_figures(analysis, target / "paper_figures")
         if figures.explorer:
             explore(draws, truths=figures.truth or None).save(target / "explorer.html")
-        asymmetry = AsymmetryTable(
-            subject_asymmetries(analysis.study.subjects), analysis.study.task
-        )
+        asymmetry = asymmetry_table(analysis.study)
         if drawn:
             (target / "corner").mkdir()
         corner_files = {name: target / file for name, file in corner_plots.items()}

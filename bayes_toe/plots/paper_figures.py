@@ -22,7 +22,7 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.classical.asymmetry import (
     LEVEL,
     AsymmetryTable,
-    subject_asymmetries,
+    asymmetry_table,
     subject_asymmetry,
 )
 from bayes_toe.classical.frequencies import presentation_order
@@ -67,8 +67,7 @@ from bayes_toe.plots.style import (
 )
 
 CAPTIONS = "captions.md"
-#: Suffixes of the files.
-FORMATS = ("pdf", "png")
+_SUFFIXES = ("pdf", "png")
 #: Draws or replicates of mu_1 and of sigma_p, each of shape (R,), by subject.
 Clouds = Mapping[str, tuple[npt.ArrayLike, npt.ArrayLike]]
 
@@ -112,7 +111,7 @@ def paper_figures(analysis: Analysis, subjects: Sequence[str] | None = None) -> 
     """
     refuse_intervals(analysis.study, "the paper's figures")
     draws, is_synthetic = analysis.draws, analysis.draws.synthetic
-    table = AsymmetryTable(subject_asymmetries(analysis.study.subjects), analysis.study.task)
+    table = asymmetry_table(analysis.study)
     names = _shown_subjects(analysis, table, subjects)
     figures = {}
     if any(row.comparisons for row in table):
@@ -131,7 +130,7 @@ def write_figures(analysis: Analysis, folder: Path) -> None:
         with any_characters():
             figure.draw_without_rendering()
         figure.set_layout_engine("none")  # so that every format has the same layout
-        for suffix in FORMATS:
+        for suffix in _SUFFIXES:
             (folder / f"{name}.{suffix}").write_bytes(picture(figure, suffix))
     (folder / CAPTIONS).write_text(captions(analysis), encoding="utf-8")
 
@@ -493,7 +492,7 @@ _CAPTIONS = {
 def captions(analysis: Analysis) -> str:
     """What each figure shows, with every level and band, as Markdown."""
     draws = analysis.draws
-    table = AsymmetryTable(subject_asymmetries(analysis.study.subjects), analysis.study.task)
+    table = asymmetry_table(analysis.study)
     title = f"# Figures: {draws.attrs['source']}"
     if draws.synthetic and "synthetic" not in title:
         title += " (synthetic data)"
