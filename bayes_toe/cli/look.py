@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from itertools import chain
+from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -53,20 +55,16 @@ def explore(
     require_bokeh()
     task.require_files(output)
     loaded = [load_draws(path) for path in posteriors]
-    known = (
-        None
-        if truth is None
-        else read_truth(truth, loaded, subject or [name for one in loaded for name in one.names])
-    )
-    found = entries(loaded, subject, known)
-    with task.out.progress("packing", len(found)) as tick:
-        made = page(found, tick)
-    made.save(output, overwrite=task.overwrite)
-    task.done(
-        "explorer in",
-        output,
-        ending=f": {len(made.html.encode()) / 1e6:.1f} MB, open it in a browser",
-    )
+    truths = None
+    if truth is not None:
+        names = chain.from_iterable(draws.names for draws in loaded)
+        truths = read_truth(truth, loaded, subject or [*names])
+    shown = entries(loaded, subject, truths)
+    with task.out.progress("packing", len(shown)) as tick:
+        explorer = page(shown, tick)
+    explorer.save(output, overwrite=task.overwrite)
+    size = len(explorer.html.encode()) / 1e6
+    task.done("explorer in", output, ending=f": {size:.1f} MB, open it in a browser")
 
 
 def read_truth(path: Path, draws: Sequence[bt.Draws], subjects: Sequence[str]) -> Truth:
@@ -80,24 +78,23 @@ def read_truth(path: Path, draws: Sequence[bt.Draws], subjects: Sequence[str]) -
     """
     from bayes_toe.data.validation import read_numbers
 
-    quantities = list(
-        dict.fromkeys(name for one in draws for name in one.posterior(one.names[0]).names.all)
-    )
-    names, columns = read_numbers(path, (), "subject", optional=quantities, gaps=True)
+    quantities = dict[str, None]()
+    for one in draws:
+        quantities |= dict.fromkeys(one.posterior(one.names[0]).names.all)
+    names, columns = read_numbers(path, (), "subject", optional=list(quantities), gaps=True)
     interval = next((one.prior.reference_interval for one in draws if one.intervals), None)
     if interval is not None and "sigma_p" in columns:
         columns["sigma_p"] = columns["sigma_p"] * interval**0.5
-    values = {key: column.tolist() for key, column in columns.items()}
-    found = {
-        name: {key: cells[row] for key, cells in values.items() if cells[row] == cells[row]}
-        for row, name in enumerate(names)
-    }
-    if not any(found.get(name) for name in subjects):
+    truth: dict[str, dict[str, float]] = {}
+    for row, name in enumerate(names):
+        values = {key: float(column[row]) for key, column in columns.items()}
+        truth[name] = {key: value for key, value in values.items() if not isnan(value)}
+    if not any(truth.get(name) for name in subjects):
         raise bt.InputError(
             f"{bare(path.name)}: there are no true values of "
             f"{listed([*map(quoted, subjects)], 3)}. Each subject needs a row."
         )
-    return found
+    return truth
 
 
 def corner(
@@ -140,36 +137,36 @@ def corner(
     from bayes_toe.plots.figure_files import require_formats
     from bayes_toe.workers import of_this_machine, run_in_order
 
-    endings, draws = require_formats(["png"] if formats is None else formats), load_draws(posterior)
-    chosen = draws.names if subject is None else tuple(subject)
-    for name in chosen:
+    endings = require_formats(["png"] if formats is None else formats)
+    draws = load_draws(posterior)
+    for name in subject or ():
         draws.subject(name)  # refuses who is not there
-    known = {} if truth is None else read_truth(truth, [draws], chosen)
-    look = {
+    if subject is not None and len(subject) > 1:
+        groups = [tuple(subject)]
+    else:
+        groups = [(name,) for name in subject or draws.names]
+    truths = {} if truth is None else read_truth(truth, [draws], subject or draws.names)
+    options = {
         "coordinates": _quantities(coordinates, parameters, draws),
         "prior": draws.prior if show_prior else None,
     }
-    stems, together = file_stems(draws.names), subject is not None and len(chosen) > 1
-    pictures = {
-        names: "+".join(stems[name] for name in names)
-        for names in ([chosen] if together else [(name,) for name in chosen])
-    }
-    files = [f"{stem}.{ending}" for stem in pictures.values() for ending in endings]
+    stems = file_stems(draws.names)
+    figure_stems = ["+".join(stems[name] for name in names) for names in groups]
+    files = [f"{stem}.{ending}" for stem in figure_stems for ending in endings]
     task.require_folder(output, files)
-    made = whole_folder(output, files, required=files, overwrite=task.overwrite)
-    with made as target, task.out.progress("drawing", len(pictures)) as tick:
-        here = partial(
-            _draw_corner,
-            partial(opened, posterior.absolute(), posterior.stat().st_mtime_ns),
-            endings=endings,
-            look=look,
-        )
-        jobs = [
-            partial(here, {name: known.get(name) for name in names}, target.absolute() / stem)
-            for names, stem in pictures.items()
-        ]
-        run_in_order(jobs, of_this_machine(task.workers), tick, [(names[0],) for names in pictures])
-    task.done(f"{counted(len(pictures), 'corner plot')} in", output)
+    with (
+        whole_folder(output, files, required=files, overwrite=task.overwrite) as folder,
+        task.out.progress("drawing", len(groups)) as tick,
+    ):
+        # Absolute, since a worker may be in another folder than this process.
+        saved = partial(opened, posterior.absolute(), posterior.stat().st_mtime_ns)
+        jobs = []
+        for names, stem in zip(groups, figure_stems, strict=True):
+            known = {name: truths[name] for name in names if name in truths}
+            targets = [folder.absolute() / f"{stem}.{ending}" for ending in endings]
+            jobs.append(partial(_draw_corner, saved, names, known, options, targets))
+        run_in_order(jobs, of_this_machine(task.workers), tick, [names[:1] for names in groups])
+    task.done(f"{counted(len(groups), 'corner plot')} in", output)
 
 
 def _quantities(
@@ -182,39 +179,35 @@ def _quantities(
         raise bt.InputError(
             f"--parameters {parameters} and --coordinates {coordinates} exclude each other."
         )
-    names, allowed = (
-        tuple(name.strip() for name in parameters.split(",")),
-        draws.posterior(draws.names[0]).names.all,
-    )
-    wrong = [name for name in names if name not in allowed or names.count(name) > 1]
-    if wrong:
-        raise bt.InputError(
-            f"--parameters {parameters}: {quoted(wrong[0])} is unknown or named twice. The "
-            f"parameters are {', '.join(allowed)}."
-        )
+    names = tuple(name.strip() for name in parameters.split(","))
+    allowed = draws.posterior(draws.names[0]).names.all
+    for name in names:
+        if name not in allowed or names.count(name) > 1:
+            raise bt.InputError(
+                f"--parameters {parameters}: {quoted(name)} is unknown or named twice. The "
+                f"parameters are {', '.join(allowed)}."
+            )
     return names
 
 
 def _draw_corner(
-    draws: Any,
-    truths: Mapping[str, Any],
-    stem: Path,
-    *,
-    endings: Sequence[str],
-    look: Mapping[str, Any],
+    saved: Callable[[], bt.Draws],
+    names: tuple[str, ...],
+    truths: Truth,
+    options: Mapping[str, Any],
+    targets: Sequence[Path],
 ) -> None:
-    """One picture of one subject or of several, in every format; `draws` opens them where this is run."""
+    """Draw a corner plot of a subject, or of several, in every format."""
     from bayes_toe.plots.figure_files import picture, png
 
-    names, known = tuple(truths), {name: true for name, true in truths.items() if true is not None}
-    one = len(names) == 1
-    figure = bt.plots.corner(
-        draws(), names[0] if one else names, truths=known.get(names[0]) if one else known, **look
-    )
-    for ending in endings:
-        stem.with_name(f"{stem.name}.{ending}").write_bytes(
-            png(figure, dpi=110) if ending == "png" else picture(figure, ending)
-        )
+    if len(names) == 1:
+        figure = bt.plots.corner(saved(), names[0], truths=truths.get(names[0]), **options)
+    else:
+        figure = bt.plots.corner(saved(), names, truths=truths, **options)
+    for target in targets:
+        ending = target.suffix.removeprefix(".")
+        content = png(figure, dpi=110) if ending == "png" else picture(figure, ending)
+        target.write_bytes(content)
 
 
 def app(
