@@ -502,7 +502,7 @@ def _response_problems(flags: Sequence[Finding], is_misfit: bool) -> dict[str, P
     worst_first = sorted(flags, key=lambda flag: flag.is_interpretable)
     problems = {flag.words: Problem(flag.message, flag.option) for flag in worst_first}
     if is_misfit:
-        message = "The model does not fit. Report this with the conclusion."
+        message = "The model does not fit. Report no conclusion for this subject."
         problems[MISFIT_FLAG] = Problem(message)
     return problems
 

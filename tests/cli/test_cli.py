@@ -135,7 +135,7 @@ def test_a_misfit_is_loud_in_terminal_and_report(folder, small_study, blank_pict
         "run", "bent.csv", "-o", "bent", "--draws", 300, "--figures", "none", *ONE, cwd=folder
     )
     assert "The model does not fit 1 subject: bent." in said
-    assert "! bent  The model does not fit. Report this with the conclusion." in said
+    assert "! bent  The model does not fit. Report no conclusion for this subject." in said
     places = [said.index(words) for words in ("contraction p", "! bent", "Answer")]
     assert places == sorted(places)
     text = (folder / "bent" / "report.html").read_text(encoding="utf-8")
