@@ -202,6 +202,16 @@ class OrderEffect:
                 word += " ?"
         return word
 
+    def format_size(self, name: str) -> str:
+        """One of :data:`SIZES` with its 95 % interval and its unit."""
+        size = self.sizes[name]
+        if name == "contraction_p":
+            return format_share(size)
+        if name.startswith("pse_shift"):
+            return format_percent(size, "" if name.endswith("jnd") else " %")
+        low, median, high = (format_number(value) for value in (size.q025, size.q50, size.q975))
+        return f"{median} % [{low}, {high}]"
+
     def cell(self, column: str) -> object:
         """The entry of one of :data:`ANSWER_COLUMNS`; None where it is empty."""
         if column in QUESTIONS:
@@ -247,9 +257,9 @@ class OrderEffect:
             bracket = f"{self.direction}, {bracket}"
         details = [f"{word.value} ({bracket})"]
         if word.is_positive and question == "constant_error":
-            details.append(f"PSE shift {format_percent(self.sizes['pse_shift_percent'])}")
+            details.append(f"PSE shift {self.format_size('pse_shift_percent')}")
         if word.is_positive and question == "contraction":
-            details.append(f"p = {format_share(self.sizes['contraction_p'])}")
+            details.append(f"p = {self.format_size('contraction_p')}")
         bound = self.upper_bounds.get(question, 0.0)
         if not word.is_positive and bound > 0.0:
             details.append(f"at most {format_number(bound)} JND (95 %)")

@@ -1,23 +1,22 @@
-"""The answer on the screen: a table of subjects, what needs action, then the study."""
+"""The answer on the screen: a table of subjects, what needs action, then the study.
+
+And what screens and report share: which subjects need action, and the sizes beside the words.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from bayes_toe.answers.order_effect import (
     MISFIT_FLAG,
     PRIOR_FLAG,
     QUESTIONS,
+    SIZE_OF,
     OrderEffect,
-    Problem,
-    Size,
-    format_percent,
-    format_share,
 )
 from bayes_toe.answers.study_summary import describe_pair, study_lines
 from bayes_toe.answers.words import Word
-from bayes_toe.cli.headline import needs_action
 from bayes_toe.cli.terminal import (
     MANY_SUBJECTS,
     OUTPUT,
@@ -40,17 +39,61 @@ _HEADINGS = (
     "PSE shift, %\n[95 % interval]",
     "contraction p\n[95 % int.]",
 )
-#: Words without a size in the table.
-_WITHOUT_SIZE = (Word.NO, Word.PROBABLY_NOT, Word.CANNOT_BE_TOLD)
+#: Words beside which no size stands.
+_WITHOUT_SIZE = (Word.NO, Word.PROBABLY_NOT, Word.NOT_INTERPRETABLE, Word.CANNOT_BE_TOLD)
 _MOST_EXCLUDED = 5  # names of subjects that are not counted
+
+
+# --- What screens and report share ---------------------------------------------------------------
+
+
+def action_reasons(answer: OrderEffect) -> list[str]:
+    """Why a subject needs a decision before its conclusion is used, in a word or two."""
+    reasons = []
+    if answer.fits is False:
+        reasons.append("poor fit")
+    if not answer.is_interpretable:
+        reasons.append("not interpreted")
+    elif answer.options:
+        reasons.append("action possible")
+    return reasons
+
+
+def flagged(
+    answers: Iterable[OrderEffect], not_converged: Collection[str] = ()
+) -> dict[str, list[str]]:
+    """Subjects that need action, in their order, with the reasons.
+
+    Examples
+    --------
+    >>> flagged([])
+    {}
+    """
+    reasons = {}
+    for answer in answers:
+        own = action_reasons(answer)
+        if answer.subject in not_converged:
+            own.append("not converged")
+        if own:
+            reasons[answer.subject] = own
+    return reasons
+
+
+def effect_size(answer: OrderEffect, question: str) -> str:
+    """The size of an effect; empty beside a word that has none."""
+    is_hidden = answer.words[question] in _WITHOUT_SIZE
+    return "" if is_hidden else answer.format_size(SIZE_OF[question])
+
+
+# --- The screen ----------------------------------------------------------------------------------
 
 
 def print_subjects(out: Terminal, answers: Sequence[OrderEffect], file: str = OUTPUT) -> None:
     """A row for every subject, the reasons of `(a)`, and what needs action."""
-    by_name = {answer.subject: answer for answer in answers}
-    names = chosen(by_name, {answer.subject for answer in answers if needs_action(answer)})
-    letters = reason_letters([by_name[name] for name in names])
-    rows = [subject_row(by_name[name], letters) for name in names]
+    names = chosen([answer.subject for answer in answers], flagged(answers))
+    shown = [answer for answer in answers if answer.subject in names]
+    letters = reason_letters(shown)
+    rows = [subject_row(answer, letters) for answer in shown]
     longest = max((len(row[0]) for row in rows), default=0)
     for long, short in ((", ", ","), ("probably not", "prob. not")):
         if not is_narrow(_HEADINGS, rows, max(longest, len(_HEADINGS[0]))):
@@ -60,9 +103,9 @@ def print_subjects(out: Terminal, answers: Sequence[OrderEffect], file: str = OU
         out.table(_HEADINGS, rows)
     for reason, letter in letters.items():
         out.line(f"{letter} Cannot be told, because {reason}.", indent=4)
-    n_others = len(answers) - len(names)
+    n_others = len(answers) - len(rows)
     if n_others:
-        others = f"The other {n_others:,} subjects need no" if names else "No subject needs"
+        others = f"The other {n_others:,} subjects need no" if rows else "No subject needs"
         out.line()
         out.line(f"{others} action. All {len(answers):,} subjects: {file}")
     print_problems(out, answers, file)
@@ -70,82 +113,71 @@ def print_subjects(out: Terminal, answers: Sequence[OrderEffect], file: str = OU
 
 def subject_row(answer: OrderEffect, letters: Mapping[str, str]) -> list[str]:
     """The conclusion of a subject as a row of the table."""
-    mark = "!" if needs_action(answer) else "?" if answer.depends_on_prior else ""
-    name = f"{answer.subject} {mark}".rstrip()
+    mark = ""
+    if action_reasons(answer):
+        mark = " !"
+    elif answer.depends_on_prior:
+        mark = " ?"
+    name = answer.subject + mark
     if not answer.is_interpretable:
         return [name, f"not interpreted: {answer.flags[0]}"]
+    reasons = [answer.reasons.get(question, "") for question in QUESTIONS]
+    if reasons[0] and len(set(reasons)) == 1:
+        return [name, f"cannot be told {letters[reasons[0]]}"]
     cells = [name]
-    for question in QUESTIONS:
-        word = answer.words[question]
-        letter = letters.get(answer.reasons.get(question, ""), "")
-        cells.append(letter or str(word.value))
-    reasons = {answer.reasons.get(question) for question in QUESTIONS}
-    if len(reasons) == 1 and answer.reasons:
-        return [name, f"cannot be told {cells[1]}"]
-    shift = _estimate(answer, "constant_error", "pse_shift_percent", _bare_percent)
-    contraction = _estimate(answer, "contraction", "contraction_p", format_share)
-    return [*cells, shift, contraction]
+    for question, reason in zip(QUESTIONS, reasons, strict=True):
+        cells.append(letters.get(reason) or str(answer.words[question].value))
+    for question in SIZE_OF:
+        cells.append(effect_size(answer, question).replace(" %", "") or "-")
+    return cells
 
 
-def reason_letters(answers: Sequence[OrderEffect]) -> dict[str, str]:
+def reason_letters(answers: Iterable[OrderEffect]) -> dict[str, str]:
     """A letter for each reason why a question cannot be told: (a), (b)."""
-    reasons = dict[str, None]()
+    letters: dict[str, str] = {}
     for answer in answers:
         if answer.is_interpretable:
-            reasons |= dict.fromkeys(answer.reasons.values())
-    return {reason: f"({chr(ord('a') + i)})" for i, reason in enumerate(reasons)}
-
-
-def _estimate(answer: OrderEffect, question: str, size: str, form: Callable[[Size], str]) -> str:
-    """A size with its interval; '-' if the question has no size."""
-    if answer.words[question] in _WITHOUT_SIZE:
-        return "-"
-    return form(answer.sizes[size])
-
-
-def _bare_percent(size: Size) -> str:
-    """A size in per cent for a column that names the unit."""
-    return format_percent(size, "")
+            for reason in answer.reasons.values():
+                letters.setdefault(reason, f"({chr(ord('a') + len(letters))})")
+    return letters
 
 
 def print_problems(out: Terminal, answers: Sequence[OrderEffect], file: str = OUTPUT) -> None:
     """What needs action, with what to type; then what depends on the prior, and the rest."""
-    by_mark: dict[str, list[tuple[str, str, str]]] = {"!": [], "?": [], "-": []}
-    marked = {answer.subject: _marked_problems(answer) for answer in answers}
+    notes: dict[str, list[tuple[str, str, str]]] = {"!": [], "?": [], "-": []}
     options = list[str]()  # the first of each subject
+    marked = {answer.subject: _marked_problems(answer) for answer in answers}
     for problems in marked.values():
-        options += [problem.option for _, problem in problems if problem.option][:1]
+        options += [option for _, _, option in problems if option][:1]
+    command = typed_command()
     for subject, problems in marked.items():
-        for mark, problem in problems:
-            option = problem.option
+        for mark, message, option in problems:
             if option and len(options) == 1:
-                option = f"{typed_command()} {option}"
-            message = problem.message
+                option = f"{command} {option}"
             if mark == "?" and len(answers) >= MANY_SUBJECTS:
                 message = "A prior half or twice as wide moves a probability past .25 or .75."
-            by_mark[mark].append((subject, message, option))
-    for mark, notes in by_mark.items():
-        out.notes(notes, mark, file=file)
+            notes[mark].append((subject, message, option))
+    for mark, of_mark in notes.items():
+        out.notes(of_mark, mark, file=file)
         if mark == "!" and len(options) > 1:
             out.line("To apply all of these, type:")
-            out.lines(command_lines(f"{typed_command()} {' '.join(options)}", "  "))
+            out.lines(command_lines(f"{command} {' '.join(options)}", "  "))
 
 
-def _marked_problems(answer: OrderEffect) -> list[tuple[str, Problem]]:
-    """The problems of a subject with their marks; only the first if it is not interpreted."""
+def _marked_problems(answer: OrderEffect) -> list[tuple[str, str, str]]:
+    """Mark, message and option of each problem; only the first if it is not interpreted."""
     if not answer.is_interpretable:
-        return [("!", problem) for problem in answer.problems[:1]]
+        return [("!", problem.message, problem.option) for problem in answer.problems[:1]]
     marked = []
     for flag, problem in zip(answer.flags, answer.problems, strict=True):
-        message = problem.message
+        message, mark = problem.message, "-"
         if flag == MISFIT_FLAG and answer.worst_pairs:
             message += f" Worst pair: {describe_pair(answer.worst_pairs[0])}."
-        mark = "-"
         if flag.startswith(PRIOR_FLAG):
             mark = "?"
         elif problem.option or flag == MISFIT_FLAG:
             mark = "!"
-        marked.append((mark, Problem(message, problem.option)))
+        marked.append((mark, message, problem.option))
     return marked
 
 
@@ -158,19 +190,16 @@ def print_answer(
 ) -> None:
     """The answer of a study: counts, directions, the group, and what is not counted."""
     units = study.conditions is not None
-    lines = study_lines(answers, synthetic=study.synthetic, units=units)
-    lines += group
+    lines = [*study_lines(answers, synthetic=study.synthetic, units=units), *group]
     for answer in answers:
-        for note in answer.notes:
-            line = f"{capitalized(note)}."
-            if note not in answer.reasons.values() and line not in lines:
-                lines.append(line)
-    out.answer([*lines, " ".join([*not_counted(answers), *closing])])
+        notes = [note for note in answer.notes if note not in answer.reasons.values()]
+        lines += [f"{capitalized(note)}." for note in notes]
+    out.answer([*dict.fromkeys(lines), " ".join([*not_counted(answers), *closing])])
 
 
 def without_decision(answers: Sequence[OrderEffect], problems: Mapping[str, str]) -> list[str]:
     """A sentence that no subject needs a decision; empty if one does, or has another problem."""
-    if len(answers) == 1 or problems or any(needs_action(answer) for answer in answers):
+    if len(answers) == 1 or problems or flagged(answers):
         return []
     return ["No subject needs a decision."]
 
@@ -180,7 +209,7 @@ def not_counted(answers: Sequence[OrderEffect]) -> list[str]:
     names = [answer.subject for answer in answers if not answer.is_interpretable]
     if not names or len(answers) == 1:
         return []
-    if len(names) > _MOST_EXCLUDED:
-        return [f"{listed(names, _MOST_EXCLUDED)} are not counted."]
     verb = "is" if len(names) == 1 else "are"
-    return [f"{join_words(names)} {verb} not counted."]
+    is_short = len(names) <= _MOST_EXCLUDED
+    listing = join_words(names) if is_short else listed(names, _MOST_EXCLUDED)
+    return [f"{listing} {verb} not counted."]

@@ -38,6 +38,12 @@ _ROW_LABELS = {
     CONSTANT_ERROR.name: "constant error",
     PEAK.name: "largest P('equal')",
 }
+#: Rows of the table of the group that have a parameter in the unit of screens.
+_QUANTITY_OF = {
+    CONSTANT_ERROR.name: "pse_shift_percent",
+    NOISE.name: "jnd_percent",
+    PEAK.name: "peak_probability",
+}
 _DIFFERENCE_LABELS = {**_LABELS, NOISE.name: "JND (ratio)", PEAK.name: "P(equal), logit"}
 
 
@@ -49,7 +55,7 @@ def print_group(out: Terminal, result: PopulationResult, check: PredictiveCheck)
         out.table(headings, others, title=title)
     out.line()
     new_subject = [
-        f"{_LABELS[name]} {_new_subject(result, name)}"
+        f"{_LABELS[name]} {group_estimate(result, name, 'new_subject')}"
         for name in _SHOWN
         if name in result.identified
     ]
@@ -75,59 +81,65 @@ def group_answer(result: PopulationResult) -> list[str]:
         if name not in result.identified:
             parts.append(f"{_ROW_LABELS[name].removesuffix(' p')} cannot be told")
             continue
-        mean, spread = _parameter_cells(result, name)
-        factor = _describe_factor(result.effect(name).zero_mean.log_bf)
-        sd = spread.partition(" [")[0]
-        parts.append(f"mean {_LABELS[name]} {mean}, SD {sd}, differs from 0: {factor}")
+        estimate = f"mean {_LABELS[name]} {group_estimate(result, name)}"
+        sd = _spread(result, name).partition(" [")[0]
+        factor, word = _factor_and_word(log_factor_of_mean(result, name))
+        parts.append(f"{estimate}, SD {sd}, differs from 0: {word} (BF {factor})")
     n_subjects = len(result.subjects)
     lines = [f"{badge}Group of {n_subjects}{_reference(result)}: {'; '.join(parts)}."]
-    for levels in result.comparisons:
-        level = " - ".join(levels)
-        parts = []
-        for row in result.table.select("difference"):
-            if row.level == level and row.parameter in result.identified:
-                label = _DIFFERENCE_LABELS[row.parameter]
-                difference = _format_difference(result, row.parameter, row)
-                factor = _describe_factor(row.ln_bf_zero)
-                parts.append(f"{label} {difference}, differs from 0: {factor}")
-        lines.append(f"{badge}Difference {level} in the group: {'; '.join(parts)}.")
+    differences: dict[str, list[str]] = {}
+    for level, label, difference, factor, word in _comparison_rows(result, "difference"):
+        text = f"{label} {difference}, differs from 0: {word} (BF {factor})"
+        differences.setdefault(level, []).append(text)
+    for level, texts in differences.items():
+        lines.append(f"{badge}Difference {level} in the group: {'; '.join(texts)}.")
     return lines
-
-
-def _describe_factor(log_bf_zero: float | None) -> str:
-    """The Bayes factor of a value that is not 0, with its word."""
-    log_factor = -(log_bf_zero or 0.0)
-    word = word_of_bayes_factor(log_factor).value
-    return f"{word} (BF {format_bayes_factor(log_factor)})"
 
 
 def _parameter_row(result: PopulationResult, name: str) -> list[str]:
     """Mean, SD between subjects, Bayes factor and word of a parameter."""
     if name not in result.identified:
         return [_ROW_LABELS[name], "cannot be told: no subject has pairs that can show it"]
-    mean, spread = _parameter_cells(result, name)
+    cells = [_ROW_LABELS[name], group_estimate(result, name), _spread(result, name)]
     if name not in _EFFECTS:
-        return [_ROW_LABELS[name], mean, spread, "-", ""]
-    log_factor = -result.effect(name).zero_mean.log_bf
-    word = word_of_bayes_factor(log_factor).value
-    return [_ROW_LABELS[name], mean, spread, format_bayes_factor(log_factor), str(word)]
+        return [*cells, "-", ""]
+    return [*cells, *_factor_and_word(log_factor_of_mean(result, name))]
 
 
-def _parameter_cells(result: PopulationResult, name: str) -> tuple[str, str]:
-    """Mean and SD between subjects with their intervals; an SD that may be 0 as a bound."""
+def group_estimate(result: PopulationResult, name: str, quantity: str = "mean") -> str:
+    """Median and 95 % interval of a mean, or of a new subject: per cent, p, or a probability."""
+    [row] = result.table.select(quantity, _QUANTITY_OF.get(name, name))
+    return _format_size(name, row.q025, row.q50, row.q975, is_signed=name == CONSTANT_ERROR.name)
+
+
+def log_factor_of_mean(result: PopulationResult, name: str) -> float:
+    """The log Bayes factor of a mean that is not 0."""
+    [row] = result.table.select("mean", name)
+    return _log_factor(row)
+
+
+def _log_factor(row: PopulationRow) -> float:
+    return -(row.ln_bf_zero or 0.0)
+
+
+def _factor_and_word(log_factor: float) -> tuple[str, str]:
+    """The Bayes factor of a value that is not 0, and its word."""
+    return format_bayes_factor(log_factor), str(word_of_bayes_factor(log_factor).value)
+
+
+def _spread(result: PopulationResult, name: str) -> str:
+    """The SD between subjects with its interval; one that may be 0 as a bound."""
     j = result.index(name)
     mean, sd = result.draws.mean[..., j], result.draws.sd[..., j]
     # The SD is half the difference of subjects one SD above and one SD below the mean.
     above, below = _in_unit(result, name, mean + sd), _in_unit(result, name, mean - sd)
     with np.errstate(invalid="ignore"):
         spread = 0.5 * (above - below)
-    mean_text = _format_quantity(name, *_quantiles(_in_unit(result, name, mean)))
-    at_most = result.effect(name).sd_at_most if name in _EFFECTS else None
-    if at_most is not None:
-        bound = float(np.quantile(spread, 0.95))
-        limit = format_decimals(bound) if name in _SHARES else f"{format_number(bound)} %"
-        return mean_text, f"at most {limit}"
-    return mean_text, _format_spread(name, *_quantiles(spread))
+    low, median, high, bound = np.quantile(spread, [0.025, 0.5, 0.975, 0.95]).tolist()
+    if name not in _EFFECTS or result.effect(name).sd_at_most is None:
+        return _format_size(name, low, median, high)
+    limit = format_decimals(bound) if name in _SHARES else f"{format_number(bound)} %"
+    return f"at most {limit}"
 
 
 def _in_unit(result: PopulationResult, name: str, values: FloatArray) -> FloatArray:
@@ -141,72 +153,56 @@ def _in_unit(result: PopulationResult, name: str, values: FloatArray) -> FloatAr
     return values
 
 
-def _new_subject(result: PopulationResult, name: str) -> str:
-    """Median and 95 % interval of a further subject."""
-    values = result.new_subject[..., result.index(name)]
-    return _format_quantity(name, *_quantiles(_in_unit(result, name, values)))
-
-
-def _quantiles(values: FloatArray) -> tuple[float, float, float]:
-    low, median, high = np.quantile(values, [0.025, 0.5, 0.975]).tolist()
-    return low, median, high
-
-
-def _format_quantity(name: str, low: float, median: float, high: float) -> str:
-    """A mean in its unit: PSE shifts have a sign."""
+def _format_size(
+    name: str, low: float, median: float, high: float, *, is_signed: bool = False
+) -> str:
+    """A value with its interval, as a share or in per cent."""
     size = Size(low, median, high)
     if name in _SHARES:
         return format_share(size)
     text = format_percent(size)
-    return text if name == CONSTANT_ERROR.name else text.replace("+", "")
+    return text if is_signed else text.replace("+", "")
 
 
-def _format_spread(name: str, low: float, median: float, high: float) -> str:
-    """An SD between subjects in the unit of its parameter."""
-    size = Size(low, median, high)
-    return format_share(size) if name in _SHARES else format_percent(size).replace("+", "")
-
-
-def _format_difference(result: PopulationResult, name: str, row: PopulationRow) -> str:
-    """An effect on a mean: per cent of the PSE, p, or the ratio of JNDs."""
+def _format_difference(result: PopulationResult, row: PopulationRow) -> str:
+    """An effect on a mean: per cent of the PSE, p, the ratio of JNDs, or a logit."""
     values = np.array([row.q025, row.q50, row.q975])
-    if name == CONTRACTION.name:
-        return format_share(Size(*values.tolist()))
-    if name == CONSTANT_ERROR.name:
+    if row.parameter == CONSTANT_ERROR.name:
         return format_percent(Size(*result.shift_percent(values).tolist()))
-    if name == NOISE.name:
-        low, median, high = np.exp(values).tolist()
-        return f"{median:.2f} [{low:.2f}, {high:.2f}]"
-    low, median, high = values.tolist()
-    return f"{median:+.2f} [{low:+.2f}, {high:+.2f}]"
+    if row.parameter == CONTRACTION.name:
+        return format_share(Size(*values.tolist()))
+    sign = "+"
+    if row.parameter == NOISE.name:
+        values, sign = np.exp(values), ""
+    low, median, high = (f"{value:{sign}.2f}" for value in values)
+    return f"{median} [{low}, {high}]"
 
 
 def _comparison_tables(
     result: PopulationResult,
 ) -> list[tuple[str, list[str], list[list[str]]]]:
     """Title, headings and rows of the effects of covariates and of conditions, if any."""
+    covariates = "; ".join(column.about for column in result.regressors.columns)
     tables = []
     for quantity, title, first in (
         ("difference", "Differences between conditions", "conditions"),
-        ("effect", f"Effects of covariates ({_covariates(result)})", "covariate"),
+        ("effect", f"Effects of covariates ({covariates})", "covariate"),
     ):
-        rows = []
-        for row in result.table.select(quantity):
-            if row.parameter not in result.identified:
-                continue
-            log_factor = -(row.ln_bf_zero or 0.0)
-            effect = _format_difference(result, row.parameter, row)
-            factor = format_bayes_factor(log_factor)
-            word = str(word_of_bayes_factor(log_factor).value)
-            rows.append([row.level, _DIFFERENCE_LABELS[row.parameter], effect, factor, word])
+        rows = _comparison_rows(result, quantity)
         if rows:
             tables.append((title, [first, "of the", "median [95 % interval]", "BF", ""], rows))
     return tables
 
 
-def _covariates(result: PopulationResult) -> str:
-    """What the covariates are."""
-    return "; ".join(column.about for column in result.regressors.columns)
+def _comparison_rows(result: PopulationResult, quantity: str) -> list[list[str]]:
+    """What is compared, the parameter, its difference, Bayes factor and word."""
+    rows = []
+    for row in result.table.select(quantity):
+        if row.parameter in result.identified:
+            difference = _format_difference(result, row)
+            words = _factor_and_word(_log_factor(row))
+            rows.append([row.level, _DIFFERENCE_LABELS[row.parameter], difference, *words])
+    return rows
 
 
 def group_tables(
@@ -219,7 +215,7 @@ def group_tables(
         if name not in result.identified:
             rows.append(cells)
             continue
-        cells.insert(3, _new_subject(result, name))
+        cells.insert(3, group_estimate(result, name, "new_subject"))
         rows.append([*cells, *_convergence(result, [name])])
     headings = ["", "group mean", "SD between subjects", "new subject", "BF of mean not 0", ""]
     headings += ["effective draws", "R-hat"]
@@ -239,8 +235,7 @@ def _convergence(result: PopulationResult, names: Sequence[str]) -> tuple[str, s
 
 def _reference(result: PopulationResult) -> str:
     """The covariates for which the means hold."""
-    columns = result.regressors.columns
-    levels = {column.covariate: column.reference or "mean" for column in columns}
-    if not levels:
-        return ""
-    return f" ({', '.join(f'{name} {level}' for name, level in levels.items())})"
+    levels = {}
+    for column in result.regressors.columns:
+        levels[column.covariate] = f"{column.covariate} {column.reference or 'mean'}"
+    return f" ({', '.join(levels.values())})" if levels else ""

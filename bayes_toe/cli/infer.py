@@ -13,11 +13,11 @@ from bayes_toe.cli.terminal import (
     MANY_SUBJECTS,
     OUTPUT,
     Terminal,
-    allowed_in_order,
     chosen,
     format_table,
     notes_of,
     number,
+    quantile_texts,
     without_zeros,
 )
 from bayes_toe.data.messages import capitalized, counted
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from bayes_toe.answers.evidence_table import EvidenceTable
     from bayes_toe.cli.report import Group
 
-_SHOWN_QUANTILES = [0.025, 0.5, 0.975]
 #: Columns of the paper's model, and of the four models of the observer.
 _PAPER_SHOWN = ("mu1", "gain", "sigma_p", "sigma_l", "q0", "lapse_rate")
 _ORDER_SHOWN = ("constant_error", "contraction", "jnd")
@@ -248,38 +247,30 @@ def evidence(
 
 def print_draws(out: Terminal, draws: bt.Draws, file: str = OUTPUT) -> None:
     """Medians, intervals and convergence of every subject."""
-    import numpy as np
-
-    from bayes_toe.inference.diagnostics import quantile_errors
     from bayes_toe.model.models import model_title
 
     stats, missed = draws.group("sample_stats"), {**draws.not_converged, **draws.imprecise}
     columns = _PAPER_SHOWN if "mu1" in draws.parameters else _ORDER_SHOWN
     shown = [key for key in columns if key in draws.parameters]
-    rows, places = [], {name: i for i, name in enumerate(draws.names)}
-    for name in chosen(places, missed):
-        i = places[name]
+    rows, index = [], {name: i for i, name in enumerate(draws.names)}
+    for name in chosen(draws.names, missed):
+        # The smallest effective size of all quantities: errors that are rather too large.
+        n_effective = float(stats["min_ess"][index[name]])
         row = [f"{name} !" if name in missed else name]
         for key in shown:
-            values = draws.values(name, key)
-            # The smallest effective size of all quantities: errors that are rather too large.
-            errors = quantile_errors(values, _SHOWN_QUANTILES, float(stats["min_ess"][i]))
-            quantiles = np.quantile(values, _SHOWN_QUANTILES).tolist()
-            low, middle, high = allowed_in_order(quantiles, errors.tolist(), 2)
-            text = middle + (f" [{low}, {high}]" if key in _WITH_RANGE else "")
+            low, median, high = quantile_texts(draws.values(name, key), n_effective, 2)
+            text = f"{median} [{low}, {high}]" if key in _WITH_RANGE else median
             row.append(without_zeros(text))
-        row.append(f"{float(stats['min_ess'][i]):.0f}")
-        row.append(f"{float(stats['max_r_hat'][i]):.3f}")
+        row.append(f"{n_effective:.0f}")
+        row.append(f"{float(stats['max_r_hat'][index[name]]):.3f}")
         rows.append(row)
     headings = ["subject", *(_HEADINGS.get(key, key) for key in shown), "ESS", "R-hat"]
-    model = model_title(draws.model)
-    title = f"{capitalized(model)}: medians [95 % interval]"
     if rows:
-        n_columns = len(headings)
-        out.table(headings, rows, range(n_columns - 2, n_columns), title=title)
-    if len(rows) < len(places):
-        others = len(places) - len(rows)
-        out.line(f"The draws of {others:,} other subjects converged. Table: {file}")
+        title = f"{capitalized(model_title(draws.model))}: medians [95 % interval]"
+        out.table(headings, rows, (len(shown) + 1, len(shown) + 2), title=title)
+    n_others = len(index) - len(rows)
+    if n_others:
+        out.line(f"The draws of {n_others:,} other subjects converged. Table: {file}")
     print_failed(out, draws, file)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from importlib.resources import files
 from math import exp
 from pathlib import Path
@@ -16,18 +16,14 @@ from bayes_toe.answers.order_effect import (
     QUESTIONS,
     SIZE_OF,
     OrderEffect,
-    Size,
     format_bayes_factor,
     format_decimals,
-    format_percent,
-    format_share,
 )
 from bayes_toe.answers.study_summary import (
-    FEWEST_FOR_GROUP,
     count_all,
     count_words,
     describe_directions,
-    frequency_line,
+    few_subjects_lines,
 )
 from bayes_toe.answers.words import (
     NO_UP_TO,
@@ -38,12 +34,13 @@ from bayes_toe.answers.words import (
     Word,
 )
 from bayes_toe.checks.identification import identify
+from bayes_toe.cli.group_screen import group_estimate, log_factor_of_mean
 from bayes_toe.cli.within_screens import contrast_lines
 from bayes_toe.data.messages import capitalized, counted, listed, visible
+from bayes_toe.data.study import Study
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
-from bayes_toe.groups.population import GroupEffect, PopulationResult
+from bayes_toe.groups.population import PopulationResult
 
-_MOST_NAMED = 10
 _WIDTH = 95
 #: What notes of reading a study say if something was done to the data.
 _DONE = re.compile("dropped|excluded|merged|swapped|only rows|only pairs")
@@ -63,60 +60,54 @@ _NUISANCE = {
 
 def write_methods(analysis: Analysis, group: PopulationResult | None, path: Path) -> None:
     """Write the document in Markdown, and its citations as NAME.bib."""
-    paragraph = " ".join([*_methods(analysis), *_results(analysis, group)])
+    version = json.loads(analysis.draws.attrs["versions"])["bayes_toe"]
+    paragraph = " ".join([*_methods(analysis, version), *_results(analysis, group)])
     table = "\n".join(_table(analysis.answers))
     parts = ["# Methods and results", _wrap(paragraph), table, _wrap(_table_note(analysis))]
     text = "\n\n".join(parts) + "\n"
     path.write_text(text, encoding="utf-8")
-    path.with_suffix(".bib").write_text(_citations(text, analysis), encoding="utf-8")
+    path.with_suffix(".bib").write_text(_citations(text, version), encoding="utf-8")
 
 
 def _wrap(paragraph: str) -> str:
     return fill(paragraph, _WIDTH, break_long_words=False, break_on_hyphens=False)
 
 
-def _citations(text: str, analysis: Analysis) -> str:
+def _citations(text: str, version: str) -> str:
     """Entries of the references that the text cites."""
     bibliography = (files("bayes_toe") / "cli" / "references.bib").read_text(encoding="utf-8")
     cited = []
-    for entry in bibliography.split("\n\n"):
+    for entry in bibliography.strip().split("\n\n"):
         key = entry.partition("{")[2].partition(",")[0]
         if f"@{key}" in text:
-            cited.append(entry.strip())
-    version = json.loads(analysis.draws.attrs["versions"])["bayes_toe"]
+            cited.append(entry)
     return "\n\n".join(cited).replace("VERSION", version) + "\n"
 
 
 # --- What was done ------------------------------------------------------------------------------
 
 
-def _methods(analysis: Analysis) -> list[str]:
+def _methods(analysis: Analysis, version: str) -> list[str]:
     """Sentences about data, models and computation."""
-    draws = analysis.draws
     is_2afc = analysis.study.task == WHICH_STRONGER
-    version = json.loads(draws.attrs["versions"])["bayes_toe"]
-    sentences = _data(analysis)
-    sentences.append(
+    sentences = [
+        *_data(analysis.study),
         "For each participant we estimated whether the point of subjective equality (PSE) "
         "depended on presentation order through a constant error, a contraction bias, or both. "
         "A constant error shifts the PSE by the same amount at every intensity; the shift is "
         "positive if the first stimulus is overestimated. Contraction moves the remembered first "
         "stimulus by a share p toward the mean first stimulus. We compared four models: no order "
         "effect (prior probability 1/2), constant error, contraction, and both (1/6 each), all "
-        f"with free {_NUISANCE[is_2afc]}."
-    )
-    sentences.append(
+        f"with free {_NUISANCE[is_2afc]}.",
         "Marginal likelihoods were computed by adaptive importance sampling [@cornuet2012] in "
-        f"bayes_toe {version} [@bayes_toe; @avetta2026], seed {draws.seed}."
-    )
-    sentences.append(
+        f"bayes_toe {version} [@bayes_toe; @avetta2026], seed {analysis.draws.seed}.",
         "An effect was called present ('yes') if its posterior probability was at least "
-        f"{format_decimals(YES_FROM)}, 'probably' from {format_decimals(PROBABLY_FROM)}, 'no' up to "
-        f"{format_decimals(NO_UP_TO)}, and 'probably not' up to "
+        f"{format_decimals(YES_FROM)}, 'probably' from {format_decimals(PROBABLY_FROM)}, 'no' up "
+        f"to {format_decimals(NO_UP_TO)}, and 'probably not' up to "
         f"{format_decimals(PROBABLY_NOT_UP_TO)} with a Bayes factor (BF) of at most "
         f"{format_decimals(exp(PROBABLY_NOT_LOG_BAYES_FACTOR))}; otherwise 'undecided'. "
-        "Estimates are posterior medians [95 % intervals]."
-    )
+        "Estimates are posterior medians [95 % intervals].",
+    ]
     if analysis.contrast is not None:
         sentences.append(
             "Conditions were compared within participants by joint fits in which constant error, "
@@ -125,16 +116,14 @@ def _methods(analysis: Analysis) -> list[str]:
     return sentences
 
 
-def _data(analysis: Analysis) -> list[str]:
+def _data(study: Study) -> list[str]:
     """What participants did, how much there is, and what was done to it."""
-    study = analysis.study
     trials = [subject.total_trials for subject in study.without_conditions()]
-    each = f"{min(trials):,} to {max(trials):,} each"
-    if len(set(trials)) == 1:
-        each = f"{trials[0]:,} each"
+    amount = f"{sum(trials):,} trials"
+    if len(trials) > 1:
+        each = f"{min(trials):,} to {max(trials):,}"
+        amount += f", {trials[0]:,} each" if len(set(trials)) == 1 else f", {each} each"
     participants = counted(len(trials), "participant")
-    total = f"{sum(trials):,} trials"
-    amount = total if len(trials) == 1 else f"{total}, {each}"
     sentences = [f"{participants} reported {_QUESTION_OF_TASK[study.task]} ({amount})."]
     if study.synthetic:
         sentences.append("These data are synthetic.")
@@ -152,52 +141,50 @@ def _results(analysis: Analysis, group: PopulationResult | None) -> list[str]:
     answers = [answer for answer in analysis.answers if answer.is_interpretable]
     is_by_unit = analysis.study.conditions is not None
     sentences = []
-    whole = f" of {count_all(answers, 'participant', is_by_unit)}"
     if len(answers) == 1:
         sentences.append(answers[0].describe())
-    for question in QUESTIONS if len(answers) > 1 else ():
-        if any(answer.words[question] is not Word.CANNOT_BE_TOLD for answer in answers):
-            sentences.append(_count_present(answers, question, whole))
-            whole = ""
+    elif answers:
+        sentences += _count_present(answers, f" of {count_all(answers, 'participant', is_by_unit)}")
     if group is not None:
         sentences += _group(group)
-    elif len(answers) < FEWEST_FOR_GROUP and not is_by_unit:
-        frequencies = frequency_line(answers)
-        if frequencies:
-            sentences.append(f"{frequencies[:-1]} [@penny2010].")
+    elif not is_by_unit:
+        for line in few_subjects_lines(answers):
+            sentences.append(f"{line[:-1]} [@penny2010].")
     if analysis.contrast is not None:
         _, *differences = contrast_lines(analysis.contrast)
         sentences += [_text(line) for line in differences]
-    sentences += _limits(analysis)
+    return [*sentences, *_limits_of_design(analysis.study), *_limits(analysis)]
+
+
+def _count_present(answers: Sequence[OrderEffect], whole: str) -> list[str]:
+    """In how many participants effects are present, with directions, and the other words."""
+    sentences = []
+    for question in QUESTIONS:
+        words = [str(answer.words[question].value) for answer in answers]
+        others = [word for word in words if word != Word.YES.value]
+        if set(others) == {Word.CANNOT_BE_TOLD.value} and len(others) == len(words):
+            continue
+        name = question.replace("_", " ")
+        article = "An" if name.startswith("order") else "A"
+        text = f"{article} {name} was present in {len(words) - len(others)}{whole}"
+        directions = describe_directions(answers, question, Word.YES)
+        if directions:
+            text += f" ({directions})"
+        if others:
+            text += f"; the others: {count_words(others)}"
+        sentences.append(f"{text}.")
+        whole = ""
     return sentences
-
-
-def _count_present(answers: Sequence[OrderEffect], question: str, whole: str) -> str:
-    """In how many participants an effect is present, with directions, and the other words."""
-    words = [str(answer.words[question].value) for answer in answers]
-    name = question.replace("_", " ")
-    article = "An" if name.startswith("order") else "A"
-    text = f"{article} {name} was present in {words.count(Word.YES.value)}{whole}"
-    directions = describe_directions(answers, question, Word.YES)
-    if directions:
-        text += f" ({directions})"
-    others = [word for word in words if word != Word.YES.value]
-    if others:
-        text += f"; the others: {count_words(others)}"
-    return f"{text}."
 
 
 def _group(group: PopulationResult) -> list[str]:
     """Means of the group with intervals and Bayes factors."""
     means = []
-    error, contraction = group.effect("constant_error"), group.effect("contraction")
-    if "constant_error" in group.identified and error.percent is not None:
-        low, median, high = error.percent
-        means.append(f"PSE shift of {format_percent(Size(low, median, high))} {_factor(error)}")
-    if "contraction" in group.identified:
-        low, median, high = contraction.mean
-        share = format_share(Size(low, median, high))
-        means.append(f"contraction of {share} {_factor(contraction)}")
+    for name, label in (("constant_error", "PSE shift"), ("contraction", "contraction")):
+        if name in group.identified:
+            factor = format_bayes_factor(log_factor_of_mean(group, name))
+            estimate = group_estimate(group, name)
+            means.append(f"{label} of {estimate} (Bayes factor against 0: {factor})")
     sentences = []
     if means:
         both = " and a mean ".join(means)
@@ -207,38 +194,24 @@ def _group(group: PopulationResult) -> list[str]:
     return sentences
 
 
-def _factor(effect: GroupEffect) -> str:
-    """The Bayes factor of a mean that is not 0, in brackets."""
-    return f"(Bayes factor against 0: {format_bayes_factor(-effect.zero_mean.log_bf)})"
-
-
 def _limits(analysis: Analysis) -> list[str]:
-    """What the design cannot identify, and which conclusions must not be used as they stand."""
-    sentences = _limits_of_design(analysis)
-    answers, not_interpreted = [], []
-    poor, untestable, dependent = [], [], []
-    for answer in analysis.answers:
-        if not answer.is_interpretable:
-            not_interpreted.append(answer.subject)
-            continue
-        answers.append(answer)
-        if answer.fits is None:
-            untestable.append(answer.subject)
-        elif not answer.fits:
-            poor.append(answer.subject)
-        if answer.depends_on_previous_trial:
-            dependent.append(answer.subject)
-    for sentence, names in (
-        ("The model does not fit {}.", poor),
-        ("The fit is not testable for {}.", untestable),
-        ("Not interpreted: {}.", not_interpreted),
-        ("Responses depend on the previous trial for {}.", dependent),
-        ("There are no results for {}.", list(analysis.draws.failed)),
-    ):
+    """Which conclusions must not be used as they stand."""
+    answers = [answer for answer in analysis.answers if answer.is_interpretable]
+    subjects = {
+        "The model does not fit {}.": [a.subject for a in answers if a.fits is False],
+        "The fit is not testable for {}.": [a.subject for a in answers if a.fits is None],
+        "Not interpreted: {}.": [a.subject for a in analysis.answers if not a.is_interpretable],
+        "Responses depend on the previous trial for {}.": [
+            a.subject for a in answers if a.depends_on_previous_trial
+        ],
+        "There are no results for {}.": list(analysis.draws.failed),
+    }
+    sentences = []
+    for sentence, names in subjects.items():
         if len(names) == len(answers) > 1:
             sentences.append(sentence.format("any participant"))
         elif names:
-            sentences.append(sentence.format(_text(listed(names, _MOST_NAMED))))
+            sentences.append(sentence.format(_text(listed(names))))
     n_on_prior = sum(answer.depends_on_prior for answer in answers)
     if n_on_prior and len(answers) > 1:
         share = f"{n_on_prior} of {len(answers)}"
@@ -248,62 +221,50 @@ def _limits(analysis: Analysis) -> list[str]:
     return sentences
 
 
-def _limits_of_design(analysis: Analysis) -> list[str]:
+def _limits_of_design(study: Study) -> list[str]:
     """What the pairs and the order of trials cannot identify, and for how many participants."""
-    subjects = analysis.study.subjects
     limits = Counter[str]()
-    for subject in subjects:
+    for subject in study:
         identification = identify(subject)
-        reasons = dict[str, list[str]]()
+        questions: dict[str, list[str]] = {}
         for question, reason in identification.reasons.items():
-            reasons.setdefault(reason, []).append(question.replace("_", " "))
-        for reason, questions in reasons.items():
-            limits[f"the design cannot identify {' or '.join(questions)}, because {reason}"] += 1
+            questions.setdefault(reason, []).append(question.replace("_", " "))
+        for reason, names in questions.items():
+            limits[f"the design cannot identify {' or '.join(names)}, because {reason}"] += 1
         limits.update(identification.notes)
     sentences = []
     for limit, count in limits.items():
-        whose = "" if count == len(subjects) else f" ({count} of {len(subjects)})"
+        whose = "" if count == len(study) else f" ({count} of {len(study)})"
         sentences.append(f"{capitalized(limit)}{whose}.")
     return sentences
 
 
 def _table(answers: Sequence[OrderEffect]) -> list[str]:
     """The conclusions and sizes of every participant, in Markdown."""
-    heads = ["participant", "order effect", "constant error", "contraction"]
-    heads += ["PSE shift [95 %]", "contraction p [95 %]"]
-    lines = [f"| {' | '.join(heads)} |", f"|{'---|' * len(heads)}"]
+    heads = "participant | order effect | constant error | contraction | PSE shift [95 %]"
+    lines = [f"| {heads} | contraction p [95 %] |", f"|{'---|' * 6}"]
     for answer in answers:
-        cells = [_text(answer.subject)]
+        cells = ["not interpreted", "", "", "", ""]
         if answer.is_interpretable:
-            cells += [answer.marked_word(question) for question in QUESTIONS]
-            cells.append(_estimate(answer, "constant_error", format_percent))
-            cells.append(_estimate(answer, "contraction", format_share))
-        else:
-            cells += ["not interpreted", *[""] * (len(heads) - 2)]
-        lines.append(f"| {' | '.join(cells)} |")
+            cells = [answer.marked_word(question) for question in QUESTIONS]
+            for question, size in SIZE_OF.items():
+                is_known = answer.words[question] is not Word.CANNOT_BE_TOLD
+                cells.append(answer.format_size(size) if is_known else "")
+        lines.append(f"| {' | '.join([_text(answer.subject), *cells])} |")
     return lines
 
 
 def _table_note(analysis: Analysis) -> str:
     """What the table's signs and marks mean, and the priors."""
-    draws = analysis.draws
-    sentences = [
+    note = (
         "Note. Estimates are averaged over the models that have the effect. p above 0 is "
         "contraction, below 0 repulsion."
-    ]
+    )
     if any(answer.fits is False for answer in analysis.answers):
-        sentences.append("!: the model does not fit.")
+        note += " !: the model does not fit."
     if any(answer.depends_on_prior for answer in analysis.answers):
-        sentences.append("?: a prior half or twice as wide moves a probability past .25 or .75.")
-    sentences.append(f"Priors: `{draws.prior.observer.describe(analysis.study.task)}`.")
-    return " ".join(sentences)
-
-
-def _estimate(answer: OrderEffect, question: str, form: Callable[[Size], str]) -> str:
-    """The size of an effect; empty if the design cannot show it."""
-    if answer.words[question] is Word.CANNOT_BE_TOLD:
-        return ""
-    return form(answer.sizes[SIZE_OF[question]])
+        note += " ?: a prior half or twice as wide moves a probability past .25 or .75."
+    return f"{note} Priors: `{analysis.draws.prior.observer.describe(analysis.study.task)}`."
 
 
 def _text(text: str) -> str:

@@ -8,9 +8,10 @@ import re
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from math import isnan
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
@@ -26,10 +27,7 @@ from bayes_toe.answers.order_effect import (
     SIZE_OF,
     OrderEffect,
     format_decimals,
-    format_number,
-    format_percent,
     format_probability,
-    format_share,
     percent,
 )
 from bayes_toe.answers.study_summary import (
@@ -39,15 +37,22 @@ from bayes_toe.answers.study_summary import (
     frequency_line,
     study_lines,
 )
-from bayes_toe.answers.words import Word
+from bayes_toe.answers.words import (
+    NO_UP_TO,
+    PROBABLY_FROM,
+    PROBABLY_NOT_LOG_BAYES_FACTOR,
+    PROBABLY_NOT_UP_TO,
+    YES_FROM,
+    Word,
+)
 from bayes_toe.arrays import FloatArray
 from bayes_toe.checks.answer_checks import FLAG_KINDS, Finding
 from bayes_toe.checks.design_checks import NOTES, check
 from bayes_toe.classical.asymmetry import AsymmetryTable
 from bayes_toe.classical.fit import SubjectFit
-from bayes_toe.cli import headline
+from bayes_toe.cli.answers import effect_size
 from bayes_toe.cli.group_screen import group_answer, group_tables
-from bayes_toe.cli.terminal import allowed_in_order, describe_amount
+from bayes_toe.cli.terminal import describe_amount, merge_notes, notes_of, quantile_texts
 from bayes_toe.cli.within_screens import contrast_lines
 from bayes_toe.data.messages import (
     capitalized,
@@ -59,10 +64,9 @@ from bayes_toe.data.messages import (
     visible,
 )
 from bayes_toe.data.tables import file_stems
-from bayes_toe.data.tasks import SAME_DIFFERENT, Task
+from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 from bayes_toe.groups.population import PopulationResult
 from bayes_toe.groups.predictive_check import PredictiveCheck
-from bayes_toe.inference.diagnostics import quantile_errors
 from bayes_toe.inference.predictive_checks import MISFIT
 from bayes_toe.model.posterior import DOMINATED
 from bayes_toe.plots.by_order import posterior_predictive
@@ -78,9 +82,6 @@ from bayes_toe.plots.report_figure import (
 )
 from bayes_toe.plots.style import MOST_NAMED
 
-if TYPE_CHECKING:
-    import pandas as pd
-
 Figure = Any  # of matplotlib, which is of another room
 
 #: Subjects up to which the report is one file.
@@ -89,10 +90,6 @@ MOST_IN_ONE = 200
 _PUBLISHED = ("pse_shift", "jnd")
 _MOST_LISTED = 10  # names or findings that a list of an index shows
 _MOST_MISFITS = 2  # subjects in the figure of poor fits
-_INTERVAL = (0.025, 0.5, 0.975)
-#: Words beside which no size stands, and the cell in its place.
-_WITHOUT_SIZE = (Word.NO, Word.PROBABLY_NOT, Word.NOT_INTERPRETABLE, Word.CANNOT_BE_TOLD)
-_NO_SIZE = (None, "–")
 #: Terms of the report, for those who meet them for the first time.
 GLOSSARY = {
     "PSE shift": "Second minus first stimulus when both seem equal, at the mean first stimulus. "
@@ -102,17 +99,37 @@ GLOSSARY = {
     "contraction": "The first stimulus is remembered as nearer to the mean by the share p; also "
     "contraction bias, central tendency. Repulsion is the opposite, p below 0.",
     "JND": "Just noticeable difference: from 50 to 75 % 'second' without lapses.",
-    "Bayes factor": "Mean evidence of the models with the effect over that of the models without it.",
+    "Bayes factor": "Mean evidence of the models with the effect over that of the models without "
+    "it.",
     "serial dependence": "The response depends on earlier trials.",
 }
+#: The words, and the probabilities that they need.
+LIMITS = {
+    "yes": f"at least {format_decimals(YES_FROM)}",
+    "probably": f"at least {format_decimals(PROBABLY_FROM)}",
+    "undecided": "otherwise",
+    "probably not": f"at most {format_decimals(PROBABLY_NOT_UP_TO)}, with a log Bayes factor of at "
+    f"most {PROBABLY_NOT_LOG_BAYES_FACTOR:g}",
+    "no": f"at most {format_decimals(NO_UP_TO)}",
+}
+#: What the figure of a subject's responses shows, in either task.
+CURVES = {
+    SAME_DIFFERENT: "Curves show P('equal') averaged over the four models, with 50 % (dark) and "
+    "95 % (light) bands.",
+    WHICH_STRONGER: "Curves show P('second') over s2 − s1, averaged over the four models, for "
+    "each first stimulus s1. The point of subjective equality (PSE) is where a curve crosses one "
+    "half (dotted line).",
+}
+#: Why a subject needs action.
+FLAGGED = "poor fit, not interpreted, draws not converged, or no answer"
 _FITS = {True: "good", False: "poor", None: "not testable"}
-#: Sizes of a subject, in words.
+#: Sizes of a subject, in words, with the question that must be known.
 _SIZES = {
-    "pse_shift_percent": "PSE shift",
-    "pse_shift_jnd": "PSE shift, JND",
-    "contraction_p": "contraction p",
-    "jnd_percent": "JND",
-    "zone_percent": "zone of 'equal'",
+    "pse_shift_percent": ("PSE shift", "constant_error"),
+    "pse_shift_jnd": ("PSE shift, JND", "constant_error"),
+    "contraction_p": ("contraction p", "contraction"),
+    "jnd_percent": ("JND", ""),
+    "zone_percent": ("zone of 'equal'", ""),
 }
 #: What the settings of the sampler are.
 _SAMPLER = {
@@ -121,7 +138,8 @@ _SAMPLER = {
     "walkers": "walkers of an ensemble",
     "max_r_hat": "largest R-hat",
     "max_thin": "largest thinning",
-    "max_quantile_error": "largest Monte Carlo error of the 5 and 95 % quantiles, as a share of their distance",
+    "max_quantile_error": "largest Monte Carlo error of the 5 and 95 % quantiles, as a share of "
+    "their distance",
 }
 #: The minus of a number; not the hyphen of a word, a range or an exponent.
 _MINUS = re.compile(r"(?<![\w.])-(?=\.?\d)")
@@ -139,9 +157,8 @@ class Group:
 class Facts:
     """What a report says and shows besides the analysis."""
 
-    summary: pd.DataFrame  # of the draws
     asymmetry: AsymmetryTable
-    flagged: Mapping[str, tuple[str, ...]]  # subjects that need action, with the reasons
+    flagged: Mapping[str, Sequence[str]]  # subjects that need action, with the reasons
     group: Group | None
     place: Path  # of evidence.png and asymmetry.png, which may be missing
     curves: Mapping[str, Path]  # figures of the subjects that were drawn
@@ -162,10 +179,10 @@ def write_report(analysis: Analysis, facts: Facts, folder: Path) -> None:
     if is_paged:
         answers.sort(key=lambda answer: answer.subject not in facts.flagged)
         links = {name: f"subjects/{stem}.html" for name, stem in file_stems(names).items()}
-    findings = _findings(analysis, check(analysis.study, analysis.settings.prior))
+    findings = check(analysis.study, analysis.settings.prior)
     context = {
         **_context(analysis, facts),
-        **findings,
+        **_findings(analysis, findings),
         "folder": folder,
         "there": {path.name for path in folder.iterdir()},
         "links": links,
@@ -174,8 +191,8 @@ def write_report(analysis: Analysis, facts: Facts, folder: Path) -> None:
         "index": [_overview_row(answer) for answer in answers],
         "beside": "../" if is_paged else "",
     }
-    subjects = _subjects(analysis, facts, findings["warnings"])
-    templates = _environment(analysis.study.task)
+    subjects = _subjects(analysis, facts, findings)
+    templates = _environment()
     if is_paged:
         (folder / "subjects").mkdir()
         page = templates.get_template("page.html")
@@ -191,7 +208,7 @@ def _write(template: Template, context: Mapping[str, Any], path: Path) -> None:
         file.writelines(template.generate(context))
 
 
-def _environment(task: Task) -> Environment:
+def _environment() -> Environment:
     """Templates, with the filters that they use."""
     environment = Environment(
         loader=PackageLoader("bayes_toe", "cli"),
@@ -206,9 +223,8 @@ def _environment(task: Task) -> Environment:
         capitalized=capitalized,
         data_uri=_data_uri,
         describe_pair=describe_pair,
-        head=_head,
         number=_number,
-        p_value=_p_value,
+        p_value=format_p,
         typeset=_typeset,
     )
     return environment
@@ -220,8 +236,11 @@ def _finalize(value: object) -> object:
 
 
 def _data_uri(picture: Path) -> str:
-    content = base64.b64encode(picture.read_bytes()).decode("ascii")
-    return f"data:image/png;base64,{content}"
+    return _png_uri(picture.read_bytes())
+
+
+def _png_uri(content: bytes) -> str:
+    return f"data:image/png;base64,{base64.b64encode(content).decode('ascii')}"
 
 
 def _number(value: float | None, digits: int = 2) -> str:
@@ -231,20 +250,12 @@ def _number(value: float | None, digits: int = 2) -> str:
     return _typeset(f"{value:.{digits}f}")
 
 
-def _p_value(value: float | None) -> str:
-    return "–" if value is None or isnan(value) else format_p(value)
-
-
 def _findings(analysis: Analysis, findings: Sequence[Finding]) -> dict[str, Any]:
     """Findings of the design and of the responses, by the place where they stand."""
-    warnings, notes = [], list[str]()
-    for finding in findings:
-        if finding.code in NOTES:
-            notes.append(finding.message.rstrip("."))
-        else:
-            warnings.append(finding)
+    warnings = [finding for finding in findings if finding.code not in NOTES]
+    notes = [finding.message.rstrip(".") for finding in findings if finding.code in NOTES]
     return {
-        "warnings": warnings,
+        "warnings": [finding for finding in warnings if not finding.subject],
         "before_pooling": [finding for finding in warnings if finding.code in FLAG_KINDS],
         "read": [*analysis.study.notes, *dict.fromkeys(notes)],
     }
@@ -272,12 +283,12 @@ def _context(analysis: Analysis, facts: Facts) -> dict[str, Any]:
         "intervals": said_intervals(study.intervals) if study.intervals else "",
         "settings": _settings(analysis),
         "texts": {
-            "curves": headline.CURVES[study.task],
-            "limits": headline.LIMITS,
-            "flagged": headline.FLAGGED,
+            "curves": CURVES[study.task],
+            "limits": LIMITS,
+            "flagged": FLAGGED,
             "appendix_c": APPENDIX_C,
         },
-        "figure": _figure(analysis, None if group is None else group.found),
+        "figure": _figure(analysis, group),
         "caption": _caption(analysis, group),
         "asymmetry_drawn": (facts.place / "asymmetry.png").exists(),
         "dominated": DOMINATED,
@@ -302,26 +313,28 @@ def _settings(analysis: Analysis) -> dict[str, str]:
     }
 
 
-def _figure(analysis: Analysis, group: PopulationResult | None) -> list[tuple[str, str]]:
+def _figure(analysis: Analysis, group: Group | None) -> list[tuple[str, str]]:
     """The parts of figure 1 by their classes: responses, sizes in wide and in narrow windows."""
     height = report_height(analysis)
-    sizes = "PSE shift and contraction of every subject"
-    figures = {
-        "sizes wide": (sizes, sizes_figure(analysis, group, height)),
-        "sizes narrow": (sizes, sizes_figure(analysis, group, height, is_narrow=True)),
-    }
+    result = None if group is None else group.found
+    label = "PSE shift and contraction of every subject"
+    parts = []
     if has_curves(analysis):
-        label = "Responses and curves of some subjects"
-        figures = {"responses": (label, responses_figure(analysis, height)), **figures}
-    is_crowded = len(analysis.study) > MOST_NAMED
-    embed = _inline_png if is_crowded else inline_svg
-    return [(name, embed(figure, label)) for name, (label, figure) in figures.items()]
+        responses = responses_figure(analysis, height)
+        parts.append(
+            ("responses", _embed(analysis, responses, "Responses and curves of some subjects"))
+        )
+    for name, is_narrow in (("sizes wide", False), ("sizes narrow", True)):
+        sizes = sizes_figure(analysis, result, height, is_narrow=is_narrow)
+        parts.append((name, _embed(analysis, sizes, label)))
+    return parts
 
 
-def _inline_png(figure: Figure, label: str) -> str:
-    """A figure of very many subjects, whose SVG is too large."""
-    content = base64.b64encode(png(figure)).decode("ascii")
-    return f'<img alt="{label}" src="data:image/png;base64,{content}">'
+def _embed(analysis: Analysis, figure: Figure, label: str) -> str:
+    """A figure as a part of the page; the SVG of very many subjects is too large."""
+    if len(analysis.study) > MOST_NAMED:
+        return f'<img alt="{label}" src="{_png_uri(png(figure))}">'
+    return inline_svg(figure, label)
 
 
 def _caption(analysis: Analysis, group: Group | None) -> str:
@@ -384,17 +397,11 @@ def _trust(analysis: Analysis, group: Group | None) -> list[tuple[str, str]]:
 
 def _design(answers: Sequence[OrderEffect]) -> str:
     """What the design cannot show."""
-    subjects = defaultdict[str, list[str]](list)
-    for answer in answers:
-        for note in answer.notes:
-            subjects[note].append(answer.subject)
-    if not subjects:
-        return "The design can show a constant error and a contraction."
     sentences = []
-    for note, names in subjects.items():
+    for names, note, _ in merge_notes(notes_of(answers)):
         whom = "" if len(names) == len(answers) else f" This concerns {_name_subjects(names)}."
-        sentences.append(f"{capitalized(note.rstrip('.'))}.{whom}")
-    return " ".join(sentences)
+        sentences.append(f"{capitalized(note)}{whom}")
+    return " ".join(sentences) or "The design can show a constant error and a contraction."
 
 
 def _fit(answers: Sequence[OrderEffect]) -> str:
@@ -420,20 +427,18 @@ def _prior(answers: Sequence[OrderEffect]) -> str:
 
 def _convergence(analysis: Analysis, group: Group | None) -> str:
     """Whether the draws of the paper's model and of the group can be used."""
-    missed = analysis.draws.not_converged
-    if missed:
-        reasons = [f"{name} ({reason})" for name, reason in missed.items()]
-        sentence = (
+    reasons = [f"{name} ({reason})" for name, reason in analysis.draws.not_converged.items()]
+    sentences = ["The draws of the paper's model converged for every subject."]
+    if reasons:
+        sentences = [
             f"The draws of {counted(len(reasons), 'subject')} did not converge. Do not report "
-            f"their parameters of the paper's model: {listed(reasons, _MOST_LISTED)}."
-        )
-    else:
-        sentence = "The draws of the paper's model converged for every subject."
-    if group is None:
-        return sentence
-    if group.found.is_reliable:
-        return f"{sentence} The draws of the group converged."
-    return f"{sentence} Do not report the group: {group.found.draws.shortfall}."
+            f"their parameters of the paper's model: {listed(reasons)}."
+        ]
+    if group is not None and group.found.is_reliable:
+        sentences.append("The draws of the group converged.")
+    elif group is not None:
+        sentences.append(f"Do not report the group: {group.found.draws.shortfall}.")
+    return " ".join(sentences)
 
 
 def _serial_dependence(answers: Sequence[OrderEffect]) -> str:
@@ -451,83 +456,51 @@ def _serial_dependence(answers: Sequence[OrderEffect]) -> str:
 
 def _name_subjects(names: Sequence[str]) -> str:
     """How many subjects, and which."""
-    return f"{counted(len(names), 'subject')} ({listed(names, _MOST_LISTED)})"
+    return f"{counted(len(names), 'subject')} ({listed(names)})"
 
 
 def _overview_row(answer: OrderEffect) -> dict[str, Any]:
     """A subject in the table of all subjects; its marks stand for two of the flags."""
     others = [flag for flag in answer.flags if not flag.startswith((MISFIT_FLAG, PRIOR_FLAG))]
-    sizes = []
-    for question, size in SIZE_OF.items():
-        is_hidden = answer.words[question] in _WITHOUT_SIZE
-        sizes.append(_NO_SIZE if is_hidden else _size(answer, size))
-    sizes.append(_size(answer, "jnd_percent") if answer.is_interpretable else _NO_SIZE)
-    words = [(_probability(answer, question), *_word(answer, question)) for question in QUESTIONS]
+    shown = {size: effect_size(answer, question) for question, size in SIZE_OF.items()}
+    shown["jnd_percent"] = answer.format_size("jnd_percent") if answer.is_interpretable else ""
     return {
         "subject": answer.subject,
         "is_interpretable": answer.is_interpretable,
-        "words": words,
-        "sizes": sizes,
+        "words": [_word(answer, question) for question in QUESTIONS],
+        "sizes": [(answer.sizes[size].q50 if text else "", text) for size, text in shown.items()],
         "fit": _FITS[answer.fits] if answer.is_interpretable else "",
         "flags": "; ".join(others),
     }
 
 
-def _word(answer: OrderEffect, question: str) -> tuple[str, str]:
-    """The word with its marks, and its probability with the upper bound of the size."""
+def _word(answer: OrderEffect, question: str) -> tuple[float | None, str, str]:
+    """The probability that orders a column, the word with its marks, and the probability shown."""
     if not answer.is_interpretable:
-        return "not interpreted", ""
+        return None, "not interpreted", ""
     word = answer.words[question]
     if word is Word.CANNOT_BE_TOLD:
-        return word.value, ""
-    detail = f"P {format_probability(answer.probabilities[question])}"
-    return answer.marked_word(question), detail
+        return None, word.value, ""
+    probability = answer.probabilities[question]
+    return probability, answer.marked_word(question), f"P {format_probability(probability)}"
 
 
-def _probability(answer: OrderEffect, question: str) -> float | None:
-    """The probability by which a column of words is sorted."""
-    has_none = answer.words[question] in (Word.CANNOT_BE_TOLD, Word.NOT_INTERPRETABLE)
-    return None if has_none else answer.probabilities[question]
+def _short_answer(answer: OrderEffect) -> str:
+    """The words of a subject in a line."""
+    if not answer.is_interpretable:
+        return "not interpreted"
+    return ", ".join(f"{_title(name)}: {_word(answer, name)[1]}" for name in QUESTIONS)
 
 
-def _size(answer: OrderEffect, name: str) -> tuple[float, str]:
-    """The median of a size, and the size in words."""
-    size = answer.sizes[name]
-    if name == "contraction_p":
-        return size.q50, format_share(size)
-    if name == "pse_shift_jnd":
-        return size.q50, format_percent(size).replace(" %", "", 1)
-    if name == "pse_shift_percent":
-        return size.q50, format_percent(size)
-    numbers = [format_number(value) for value in (size.q50, size.q025, size.q975)]
-    return size.q50, f"{numbers[0]} % [{numbers[1]}, {numbers[2]}]"
-
-
-def _subject_answer(answer: OrderEffect) -> dict[str, Any]:
-    """What the section of a subject says of its answer."""
-    words = [f"{_title(question)}: {_word(answer, question)[0]}" for question in QUESTIONS]
-    cannot_be_told = {
-        size for question, size in SIZE_OF.items() if answer.words[question] is Word.CANNOT_BE_TOLD
-    }
+def _sizes(answer: OrderEffect) -> list[tuple[str, str]]:
+    """The sizes that the task has, with their names."""
     sizes = []
-    for name, label in _SIZES.items():
-        if name.replace("_jnd", "_percent") in cannot_be_told:
+    for name, (label, question) in _SIZES.items():
+        if answer.words.get(question) is Word.CANNOT_BE_TOLD:
             sizes.append((label, Word.CANNOT_BE_TOLD.value))
         elif name in answer.sizes:
-            sizes.append((label, _size(answer, name)[1]))
-    return {
-        "sentence": answer.describe(),
-        "short": ", ".join(words) if answer.is_interpretable else "not interpreted",
-        "is_interpretable": answer.is_interpretable,
-        "fits": answer.fits,
-        "flags": answer.flags,
-        "options": answer.options,
-        "worst_pairs": answer.worst_pairs,
-        "notes": answer.notes,
-        "sizes": sizes,
-        "models": _models(answer),
-        "factors": _factors(answer),
-    }
+            sizes.append((label, answer.format_size(name)))
+    return sizes
 
 
 def _models(answer: OrderEffect) -> list[tuple[str, str]]:
@@ -568,13 +541,14 @@ def _by_condition(table: ContrastTable) -> dict[str, Any]:
     rows = defaultdict[tuple[str, str], list[Difference]](list)
     for row in table:
         rows[row.subject, row.comparison].append(row)
+    missing = table.left_out | table.failed
     return {
         "answer": contrast_lines(table),
         "legend": LEGEND,
         "several": len(table.conditions.comparisons) > 1,
         "quantities": table.quantities,
-        "rows": [(*who, cells) for who, cells in rows.items()],
-        "left_out": [f"{name} ({why})" for name, why in (table.left_out | table.failed).items()],
+        "rows": [(*names, cells) for names, cells in rows.items()],
+        "left_out": [f"{name} ({reason})" for name, reason in missing.items()],
     }
 
 
@@ -598,78 +572,73 @@ def _subjects(
     stats = analysis.draws.group("sample_stats")
     messages = defaultdict[str, list[str]](list)
     for finding in findings:
-        messages[finding.subject].append(finding.message)
+        if finding.code not in NOTES:
+            messages[finding.subject].append(finding.message)
     fits = {fit.subject: fit for fit in analysis.fits}
-    summaries = dict(list(facts.summary.groupby("subject", sort=False)))
-    parts = zip(analysis.study, analysis.evidence, facts.asymmetry, strict=True)
-    for i, (counts, row, asymmetry) in enumerate(parts):
-        summary = summaries[counts.name].to_dict("records")
-        natural = analysis.draws.posterior(counts.name).names.natural
-        remarks = list(messages[counts.name])
-        if counts.condition:
-            remarks += messages[counts.person]
+    summaries = dict(list(analysis.summary().groupby("subject", sort=False)))
+    parts = zip(analysis.study, analysis.evidence, analysis.answers, facts.asymmetry, strict=True)
+    for i, (counts, row, answer, asymmetry) in enumerate(parts):
+        name, fit = counts.name, fits.get(counts.name)
+        summary: list[Any] = list(summaries[name].itertuples())
+        natural = analysis.draws.posterior(name).names.natural
+        fitted = _fitted(fit, natural, analysis.fits.level)
+        persons = dict.fromkeys([name, counts.person])
         yield {
             "anchor": f"subject-{i + 1}",
             "counts": counts,
             "row": row,
-            "answer": None if row.answer is None else _subject_answer(row.answer),
+            "answer": answer,
+            "short": _short_answer(answer),
+            "sizes": _sizes(answer),
+            "models": _models(answer),
+            "factors": _factors(answer),
             "asymmetry": asymmetry,
             "stats": stats.isel(subject=i),
-            "fit": fits.get(counts.name),
-            "parameters": _parameters(analysis, counts.name, summary, fits.get(counts.name)),
-            "remarks": [*remarks, *row.notes],
+            "fit": fit,
+            "parameters": [_parameter(analysis, parameter, fitted) for parameter in summary],
+            "remarks": [*chain.from_iterable(messages[person] for person in persons), *row.notes],
             "prior_dominated": _prior_dominated(summary, (*natural, "gamma")),
         }
 
 
-def _prior_dominated(summary: Sequence[Mapping[Any, Any]], names: Sequence[str]) -> list[str]:
+def _prior_dominated(summary: Sequence[Any], names: Sequence[str]) -> list[str]:
     """Parameters whose posterior is hardly narrower than their prior."""
-    rows = [row for row in summary if row["parameter"] in names]
-    return [row["parameter"] for row in rows if row["posterior_contraction"] < DOMINATED]
+    rows = [row for row in summary if row.parameter in names]
+    return [row.parameter for row in rows if row.posterior_contraction < DOMINATED]
 
 
-def _parameters(
-    analysis: Analysis, name: str, summary: Sequence[Mapping[Any, Any]], fit: SubjectFit | None
-) -> list[list[str]]:
-    """Parameters of the paper's model: estimates, maximum likelihood, and their precision."""
-    natural = analysis.draws.posterior(name).names.natural
-    fitted = {}
-    if fit is not None:
-        limits = fit.bootstrap.intervals(analysis.fits.level)
-        for parameter, best, (low, high) in zip(natural, fit.parameters, limits, strict=True):
-            fitted[parameter] = f"{_number(best, 3)} [{_number(low, 3)}, {_number(high, 3)}]"
-    rows = []
-    for row in summary:
-        parameter = row["parameter"]
-        draws = analysis.draws.values(name, parameter)
-        n_effective = min(row["ess_bulk"], row["ess_tail"])
-        cells = [parameter, _interval(draws, n_effective, 3)]
-        is_published = parameter in _PUBLISHED
-        cells.append(_interval(percent(draws), n_effective, 1, " %") if is_published else "")
-        if analysis.fits.rows:
-            cells.append(fitted.get(parameter, ""))
-        cells.append(_number(row["posterior_contraction"]))
-        cells.append(_number(n_effective, 0))
-        cells.append(_number(row["r_hat"], 4))
-        rows.append(cells)
-    return rows
+def _fitted(fit: SubjectFit | None, names: Sequence[str], level: float) -> dict[str, str]:
+    """Maximum-likelihood estimates of parameters with their intervals; empty without a fit."""
+    if fit is None:
+        return {}
+    texts = {}
+    limits = fit.bootstrap.intervals(level)
+    for name, best, (low, high) in zip(names, fit.parameters, limits, strict=True):
+        texts[name] = f"{_number(best, 3)} [{_number(low, 3)}, {_number(high, 3)}]"
+    return texts
+
+
+def _parameter(analysis: Analysis, row: Any, fitted: Mapping[str, str]) -> list[str]:
+    """A parameter of the paper's model: estimate, maximum likelihood, and their precision."""
+    draws = analysis.draws.values(row.subject, row.parameter)
+    n_effective = min(row.ess_bulk, row.ess_tail)
+    cells = [row.parameter, _interval(draws, n_effective, 3)]
+    is_published = row.parameter in _PUBLISHED
+    cells.append(_interval(percent(draws), n_effective, 1, " %") if is_published else "")
+    if analysis.fits.rows:
+        cells.append(fitted.get(row.parameter, ""))
+    cells.append(_number(row.posterior_contraction))
+    cells.append(_number(n_effective, 0))
+    cells.append(_number(row.r_hat, 4))
+    return cells
 
 
 def _interval(draws: FloatArray, n_effective: float, digits: int, unit: str = "") -> str:
     """Median and 95 % interval with the digits that their Monte Carlo errors allow."""
-    quantiles = np.quantile(draws, _INTERVAL).tolist()
-    errors = quantile_errors(draws, _INTERVAL, n_effective).tolist()
-    low, median, high = allowed_in_order(quantiles, errors, digits)
+    low, median, high = quantile_texts(draws, n_effective, digits)
     return _typeset(f"{median}{unit} [{low}, {high}]")
 
 
 def _typeset(words: str) -> str:
     """Words with minus signs before numbers."""
     return _MINUS.sub("−", words)
-
-
-def _head(items: Mapping[Any, Any] | Sequence[Any], most: int | None) -> tuple[list[Any], int]:
-    """The first items of a list, or all, and how many there are beyond them."""
-    every = list(items.items() if isinstance(items, Mapping) else items)
-    shown = every[:most]
-    return shown, len(every) - len(shown)

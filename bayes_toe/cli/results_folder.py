@@ -13,7 +13,7 @@ from bayes_toe import plots
 from bayes_toe.analysis import Analysis
 from bayes_toe.answers.evidence_table import EvidenceTable
 from bayes_toe.classical.asymmetry import AsymmetryTable, asymmetry_table
-from bayes_toe.cli.headline import flagged
+from bayes_toe.cli.answers import flagged
 from bayes_toe.cli.methods import write_methods
 from bayes_toe.cli.report import Facts, Group, write_report
 from bayes_toe.data.read_study import Truth
@@ -108,7 +108,7 @@ def write_results(
     be written, nothing is changed. `progress` is called with each subject whose figures are drawn.
     """
     draws = analysis.draws
-    marked = flagged(analysis.evidence, draws.not_converged)
+    marked = flagged(analysis.answers, draws.not_converged)
     drawn = {"all": draws.names, "flagged": tuple(marked), "none": ()}[figures.which]
     stems = file_stems(draws.names)
     corner_plots = {name: f"corner/{stems[name]}.png" for name in drawn}
@@ -152,9 +152,7 @@ def write_results(
             names.append((name,))
         run_in_order(jobs, of_this_machine(workers), progress, names)
         opened.cache_clear()
-        facts = Facts(
-            summary, asymmetry, marked, group, pictures, curve_files, corner_files, figures.which
-        )
+        facts = Facts(asymmetry, marked, group, pictures, curve_files, corner_files, figures.which)
         write_report(analysis, facts, target)
     return Path(folder)
 

@@ -16,6 +16,7 @@ from bayes_toe.data.messages import counted, listed, visible
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
 
 if TYPE_CHECKING:
+    from bayes_toe.arrays import FloatArray
     from bayes_toe.checks.answer_checks import Finding
     from bayes_toe.data.study import Study
     from bayes_toe.model.prior import Prior
@@ -33,6 +34,7 @@ TASK_NAMES = {
 }
 #: The words that were typed after `bayes-toe`.
 TYPED: list[str] = []
+_SHOWN_QUANTILES = [0.025, 0.5, 0.975]
 #: Between words that stay on one line: an estimate with its unit and interval, or an option with
 #: its value.
 _GLUE = "\ufffe"
@@ -373,6 +375,17 @@ def without_zeros(text: str) -> str:
     """
     without_sign = re.sub(r"-(?=0\.0+\b)", "", text)
     return re.sub(r"(?<![\d.])0(?=\.\d)", "", without_sign)
+
+
+def quantile_texts(draws: FloatArray, n_effective: float, most: int) -> list[str]:
+    """The ends of the central 95 % interval and the median of so many effective draws, in order."""
+    import numpy as np
+
+    from bayes_toe.inference.diagnostics import quantile_errors
+
+    quantiles = np.quantile(draws, _SHOWN_QUANTILES).tolist()
+    errors = quantile_errors(draws, _SHOWN_QUANTILES, n_effective).tolist()
+    return allowed_in_order(quantiles, errors, most)
 
 
 def allowed_in_order(values: Sequence[float], errors: Sequence[float], most: int) -> list[str]:

@@ -72,24 +72,18 @@ def test_what_must_not_be_used_as_it_stands_is_named(analysis, tmp_path):
     assert "of 2 participants" in text
 
 
-@pytest.mark.parametrize("log_bf", [-20.0, -2.9, 9.0])
+@pytest.mark.parametrize(("log_bf", "factor"), [(-20.0, "> 100"), (-2.9, "18"), (9.0, "< 1/100")])
 def test_the_group_has_its_means_with_intervals_and_bayes_factors(
-    analysis, small_study, tmp_path, monkeypatch, log_bf
+    analysis, small_study, tmp_path, monkeypatch, log_bf, factor
 ):
     group = made_result(small_study)
+    rows = tuple(row._replace(ln_bf_zero=log_bf) for row in group.table)
     monkeypatch.setattr(type(group), "identified", {"constant_error", "contraction"})
-    effect = group.effect("contraction")
-    zero = effect.zero_mean._replace(log_bf=log_bf)
-    monkeypatch.setattr(
-        type(group),
-        "effect",
-        lambda self, name: effect._replace(percent=effect.mean, zero_mean=zero),
-    )
-    text = text_of(analysis, tmp_path, group)
-    factor = {-20.0: "> 100", -2.9: "18", 9.0: "< 1/100"}[log_bf]
-    pattern = r"mean PSE shift of [+-]\S+ % \[\S+, \S+\] \(Bayes factor against 0: ([^)]+)\) and a mean contraction of "
-    assert re.search(pattern, text).group(1) == factor
-    assert f"] (Bayes factor against 0: {factor})." in text
+    monkeypatch.setitem(vars(group), "table", replace(group.table, rows=rows))
+    shift = r"mean PSE shift of [+-]\S+ % \[\S+, \S+\] \(Bayes factor against 0: ([^)]+)\)"
+    share = r" and a mean contraction of \S+ \[\S+, \S+\] \(Bayes factor against 0: ([^)]+)\)\."
+    match = re.search(shift + share, text_of(analysis, tmp_path, group))
+    assert match.groups() == (factor, factor)
 
 
 def test_a_mean_that_no_pairs_can_show_is_not_reported(analysis, small_study, tmp_path):

@@ -8,9 +8,8 @@ import pytest
 
 import bayes_toe as bt
 from bayes_toe.answers.order_effect import MISFIT_FLAG, Problem
-from bayes_toe.cli.answers import print_subjects, without_decision
+from bayes_toe.cli.answers import flagged, print_subjects, without_decision
 from bayes_toe.cli.describe import print_fits
-from bayes_toe.cli.headline import flagged
 from bayes_toe.cli.infer import print_draws
 from bayes_toe.cli.terminal import (
     MANY_SUBJECTS,
@@ -200,8 +199,5 @@ def test_a_p_value_below_the_limit_of_a_misfit_looks_so(value):
 
 
 def test_who_must_be_looked_at_and_why(marked):
-    assert flagged(marked.evidence) == {
-        "A": ("poor fit",),
-        "C": ("not interpreted",),
-    }
-    assert flagged(marked.evidence, {"B": "few draws"})["B"] == ("not converged",)
+    assert flagged(marked.answers) == {"A": ["poor fit"], "C": ["not interpreted"]}
+    assert flagged(marked.answers, {"B": "few draws"})["B"] == ["not converged"]
