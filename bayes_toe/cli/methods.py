@@ -197,17 +197,8 @@ def _group(group: PopulationResult) -> list[str]:
 def _limits(analysis: Analysis) -> list[str]:
     """Which conclusions must not be used as they stand."""
     answers = [answer for answer in analysis.answers if answer.is_interpretable]
-    subjects = {
-        "The model does not fit {}.": [a.subject for a in answers if a.fits is False],
-        "The fit is not testable for {}.": [a.subject for a in answers if a.fits is None],
-        "Not interpreted: {}.": [a.subject for a in analysis.answers if not a.is_interpretable],
-        "Responses depend on the previous trial for {}.": [
-            a.subject for a in answers if a.depends_on_previous_trial
-        ],
-        "There are no results for {}.": list(analysis.draws.failed),
-    }
     sentences = []
-    for sentence, names in subjects.items():
+    for sentence, names in _doubtful_subjects(analysis).items():
         if len(names) == len(answers) > 1:
             sentences.append(sentence.format("any participant"))
         elif names:
@@ -219,6 +210,29 @@ def _limits(analysis: Analysis) -> list[str]:
             f"For {share}, a prior half or twice as wide moves a probability past .25 or .75."
         )
     return sentences
+
+
+def _doubtful_subjects(analysis: Analysis) -> dict[str, list[str]]:
+    """What stands against conclusions, and the names of the participants."""
+    names: dict[str, list[str]] = {
+        "The model does not fit {}.": [],
+        "The fit is not testable for {}.": [],
+        "Not interpreted: {}.": [],
+        "Responses depend on the previous trial for {}.": [],
+        "There are no results for {}.": list(analysis.draws.failed),
+    }
+    poor, untestable, excluded, dependent, _ = names.values()
+    for answer in analysis.answers:
+        if not answer.is_interpretable:
+            excluded.append(answer.subject)
+            continue
+        if answer.fits is None:
+            untestable.append(answer.subject)
+        elif not answer.fits:
+            poor.append(answer.subject)
+        if answer.depends_on_previous_trial:
+            dependent.append(answer.subject)
+    return names
 
 
 def _limits_of_design(study: Study) -> list[str]:
