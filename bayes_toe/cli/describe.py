@@ -6,10 +6,8 @@ from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
 import bayes_toe as bt
-from bayes_toe.cli.options import NUMBER, StudyFile, rare, writes
+from bayes_toe.cli.options import NUMBER, StudyFile, option, rare, writes
 from bayes_toe.cli.task import MODEL, Takes, Task
 from bayes_toe.cli.terminal import Terminal, notes_of, number, without_zeros
 from bayes_toe.data.messages import format_p
@@ -37,21 +35,11 @@ def fit(
     study: StudyFile,
     output: Annotated[Path, writes("FILE.csv", "Table.")] = Path("fit.csv"),
     replicates: Annotated[
-        int,
-        rare(
-            "--replicates",
-            min=1,
-            max=10**6,
-            metavar=NUMBER,
-            help="Bootstrap replicates.",
-        ),
+        int, rare("--replicates", NUMBER, "Bootstrap replicates.", min=1, max=10**6)
     ] = 1000,
-    level: Annotated[
-        float, rare("--level", metavar=NUMBER, help="Coverage of bootstrap percentiles.")
-    ] = 0.95,
+    level: Annotated[float, rare("--level", NUMBER, "Coverage of bootstrap percentiles.")] = 0.95,
     asymmetry_output: Annotated[
-        Path | None,
-        typer.Option("--asymmetry", metavar="FILE.csv", help="Write the asymmetries, too."),
+        Path | None, option("--asymmetry", "FILE.csv", "Write the asymmetries, too.")
     ] = None,
     task: Annotated[Task, Takes(*MODEL, "spreadsheet_safe")],
 ) -> None:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 import bayes_toe as bt
-from bayes_toe.cli.options import NUMBER, Question, rare, writes
+from bayes_toe.cli.options import NUMBER, Question, option, rare, writes
 from bayes_toe.cli.task import MODEL, Takes, Task
 from bayes_toe.data.messages import counted, listed, quoted
 
@@ -21,14 +21,7 @@ if TYPE_CHECKING:
     from bayes_toe.design.study_design import StudyDesign
 
 _POWER_FILES = ("power.csv", "power_data_sets.csv", "power.png", "power.pdf")
-Observers = Annotated[
-    str | None,
-    rare(
-        "--observers",
-        metavar="NAME",
-        help="none, contraction, both, a file.",
-    ),
-]
+Observers = Annotated[str | None, rare("--observers", "NAME", "none, contraction, both, a file.")]
 
 
 # --- power ----------------------------------------------------------------------------------------
@@ -45,13 +38,8 @@ def power(
     ] = None,
     output: Annotated[Path, writes("DIR", "Folder.")] = Path("power"),
     question: Question = "same/different",
-    trials: Annotated[
-        str,
-        typer.Option("--trials", metavar="N,N", help="Trials of a subject."),
-    ] = "325,650,1300",
-    data_sets: Annotated[
-        int, rare("--data-sets", min=1, metavar=NUMBER, help="Observers of each effect.")
-    ] = 50,
+    trials: Annotated[str, option("--trials", "N,N", "Trials of a subject.")] = "325,650,1300",
+    data_sets: Annotated[int, rare("--data-sets", NUMBER, "Observers of each effect.", min=1)] = 50,
     observers: Observers = None,
     task: Annotated[Task, Takes(*MODEL, "spreadsheet_safe")],
 ) -> None:
@@ -134,44 +122,29 @@ class GoalOptions:
     """What a design is for, and which pairs can be shown."""
 
     lowest: Annotated[
-        float | None,
-        typer.Option("--lowest", metavar=NUMBER, help="Weakest stimulus, ln intensity."),
+        float | None, option("--lowest", NUMBER, "Weakest stimulus, ln intensity.")
     ] = None
     highest: Annotated[
-        float | None,
-        typer.Option("--highest", metavar=NUMBER, help="Strongest stimulus, ln intensity."),
+        float | None, option("--highest", NUMBER, "Strongest stimulus, ln intensity.")
     ] = None
-    step: Annotated[float, rare("--step", metavar=NUMBER, help="Step, ln.")] = 0.05
+    step: Annotated[float, rare("--step", NUMBER, "Step, ln.")] = 0.05
     levels: Annotated[
-        Path | None,
-        rare(
-            "--levels",
-            metavar="levels.csv",
-            help="Levels that can be presented.",
-        ),
+        Path | None, rare("--levels", "levels.csv", "Levels that can be presented.")
     ] = None
     intensity: Annotated[
-        float | None,
-        rare(
-            "--intensity",
-            metavar="REF",
-            help="Use intensities: s = ln(i / REF).",
-        ),
+        float | None, rare("--intensity", "REF", "Use intensities: s = ln(i / REF).")
     ] = None
-    max_pairs: Annotated[int, rare("--max-pairs", metavar=NUMBER, help="Most pairs.")] = 26
+    max_pairs: Annotated[int, rare("--max-pairs", NUMBER, "Most pairs.")] = 26
     aim: Annotated[
         str,
         rare(
             "--for",
-            metavar="NAME",
-            help="order-effect (default), constant-error or contraction.",
+            "NAME",
+            "order-effect (default), constant-error or contraction.",
             show_default=False,
         ),
     ] = "order-effect"
-    keep: Annotated[
-        Path | None,
-        rare("--keep", metavar="DESIGN.csv", help="Pairs that must stay."),
-    ] = None
+    keep: Annotated[Path | None, rare("--keep", "DESIGN.csv", "Pairs that must stay.")] = None
 
     def require(self, given: Path | None, has_list: bool) -> None:
         """Refuse an intensity of nothing, and a design beside what another one is looked for."""
@@ -218,30 +191,12 @@ class ListOptions:
     """A list of the trials of a design, in their order."""
 
     list_output: Annotated[
-        Path | None,
-        typer.Option(
-            "--list",
-            metavar="trials.csv",
-            help="List of trials for the experiment.",
-        ),
+        Path | None, option("--list", "trials.csv", "List of trials for the experiment.")
     ] = None
-    blocks: Annotated[int, rare("--blocks", min=1, metavar=NUMBER, help="Blocks of --list.")] = 10
-    subjects: Annotated[
-        int,
-        typer.Option(
-            "--subjects",
-            min=1,
-            metavar=NUMBER,
-            help="Subjects of --list.",
-        ),
-    ] = 1
+    blocks: Annotated[int, rare("--blocks", NUMBER, "Blocks of --list.", min=1)] = 10
+    subjects: Annotated[int, option("--subjects", NUMBER, "Subjects of --list.", min=1)] = 1
     conditions: Annotated[
-        str | None,
-        typer.Option(
-            "--conditions",
-            metavar="left,right",
-            help="Conditions of --list.",
-        ),
+        str | None, option("--conditions", "left,right", "Conditions of --list.")
     ] = None
 
     def levels(self) -> tuple[str, ...]:
@@ -293,20 +248,10 @@ def design(
         ),
     ] = None,
     output: Annotated[Path, writes("FILE.csv", "Design.")] = Path("design.csv"),
-    trials: Annotated[
-        int, typer.Option("--trials", min=1, metavar=NUMBER, help="Trials of a subject.")
-    ] = 650,
+    trials: Annotated[int, option("--trials", NUMBER, "Trials of a subject.", min=1)] = 650,
     question: Question = "same/different",
     wanted: GoalOptions,
-    data_sets: Annotated[
-        int,
-        rare(
-            "--data-sets",
-            min=1,
-            metavar=NUMBER,
-            help="Observers of each effect.",
-        ),
-    ] = 16,
+    data_sets: Annotated[int, rare("--data-sets", NUMBER, "Observers of each effect.", min=1)] = 16,
     observers: Observers = None,
     lists: ListOptions,
     task: Annotated[Task, Takes(*MODEL, "spreadsheet_safe")],
@@ -364,43 +309,19 @@ def design(
 class PopulationOptions:
     """The observers of a simulated study."""
 
-    subjects: Annotated[
-        int, typer.Option("--subjects", min=1, metavar=NUMBER, help="Number of observers.")
-    ] = 16
+    subjects: Annotated[int, option("--subjects", NUMBER, "Number of observers.", min=1)] = 16
     population: Annotated[
-        str,
-        typer.Option(
-            "--population",
-            metavar="NAME",
-            help="Observers: paper, both, a file.",
-        ),
+        str, option("--population", "NAME", "Observers: paper, both, a file.")
     ] = "paper"
     carry_over: Annotated[
-        float,
-        rare(
-            "--carry-over",
-            metavar=NUMBER,
-            help="Carry-over from trial to trial, 0 to 1.",
-        ),
+        float, rare("--carry-over", NUMBER, "Carry-over from trial to trial, 0 to 1.")
     ] = 0.0
-    missed: Annotated[
-        float, rare("--missed", metavar=NUMBER, help="Share of trials without a response.")
-    ] = 0.0
+    missed: Annotated[float, rare("--missed", NUMBER, "Share of trials without a response.")] = 0.0
     conditions: Annotated[
-        str | None,
-        typer.Option(
-            "--conditions",
-            metavar="left,right",
-            help="Conditions, each with all pairs.",
-        ),
+        str | None, option("--conditions", "left,right", "Conditions, each with all pairs.")
     ] = None
     differ: Annotated[
-        str | None,
-        typer.Option(
-            "--differ",
-            metavar="NAME=MEAN",
-            help="Difference between the conditions.",
-        ),
+        str | None, option("--differ", "NAME=MEAN", "Difference between the conditions.")
     ] = None
     question: Question = "same/different"
 
@@ -409,27 +330,16 @@ def simulate(
     *,
     output: Annotated[Path, writes("FILE.csv", "Trials.")],
     truth_output: Annotated[
-        Path | None,
-        typer.Option("--truth", metavar="FILE.csv", help="Write the true parameters, too."),
+        Path | None, option("--truth", "FILE.csv", "Write the true parameters, too.")
     ] = None,
-    batches: Annotated[
-        int, typer.Option("--batches", min=1, metavar=NUMBER, help="Repetitions of all pairs.")
-    ] = 50,
+    batches: Annotated[int, option("--batches", NUMBER, "Repetitions of all pairs.", min=1)] = 50,
     amplitudes: Annotated[
-        str, rare("--amplitudes", metavar="N,N", help="Intensities relative to the reference.")
+        str, rare("--amplitudes", "N,N", "Intensities relative to the reference.")
     ] = "1,1.15,1.36,1.55,1.66",
     design: Annotated[
-        str,
-        typer.Option(
-            "--design",
-            metavar="NAME",
-            help="Pairs: reference, full, or a CSV.",
-        ),
+        str, option("--design", "NAME", "Pairs: reference, full, or a CSV.")
     ] = "reference",
-    isi: Annotated[
-        str | None,
-        rare("--isi", metavar="N,N", help="Inter-stimulus intervals, s."),
-    ] = None,
+    isi: Annotated[str | None, rare("--isi", "N,N", "Inter-stimulus intervals, s.")] = None,
     observers: PopulationOptions,
     task: Annotated[Task, Takes("seed", "spreadsheet_safe", "overwrite")],
 ) -> None:

@@ -9,10 +9,8 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 import bayes_toe as bt
-from bayes_toe.cli.options import StudyFile, rare, writes
+from bayes_toe.cli.options import StudyFile, option, rare, writes
 from bayes_toe.cli.task import MODEL, Takes, Task
 
 #: In words, because the module of the hyperprior loads SciPy.
@@ -24,24 +22,13 @@ class GroupOptions:
     """What may move the means of a group, and its prior."""
 
     covariates: Annotated[
-        Path | None,
-        typer.Option(
-            "--covariates",
-            metavar="FILE.csv",
-            help="Table of subject and covariates.",
-        ),
+        Path | None, option("--covariates", "FILE.csv", "Table of subject and covariates.")
     ] = None
     categorical: Annotated[
         list[str] | None,
-        rare(
-            "--categorical",
-            metavar="NAME",
-            help="Covariate whose numbers are names; repeatable.",
-        ),
+        rare("--categorical", "NAME", "Covariate whose numbers are names; repeatable."),
     ] = None
-    hyperprior: Annotated[
-        Path | None, rare("--hyperprior", metavar="FILE.toml", help=_HYPERPRIOR)
-    ] = None
+    hyperprior: Annotated[Path | None, rare("--hyperprior", "FILE.toml", _HYPERPRIOR)] = None
 
 
 def population(

@@ -45,12 +45,11 @@ def run(
     study: StudyFile,
     output: Annotated[Path, writes("DIR", "Folder.")] = Path("bayes_toe_results"),
     figures: Annotated[
-        str,
-        rare("--figures", metavar="all|flagged|none", help="Subjects with figures."),
+        str, rare("--figures", "all|flagged|none", "Subjects with figures.")
     ] = "all",
-    explore: Annotated[bool, flag("--explore", help="Write explorer.html, too.")] = False,
+    explore: Annotated[bool, flag("--explore", "Write explorer.html, too.")] = False,
     paper_figures: Annotated[
-        bool, flag("--paper-figures", help="Write the paper's figures, too.")
+        bool, flag("--paper-figures", "Write the paper's figures, too.")
     ] = False,
     task: Annotated[Task, Takes(*MODEL, "draws", "spreadsheet_safe", "resume")],
 ) -> None:

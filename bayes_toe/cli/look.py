@@ -18,6 +18,7 @@ from bayes_toe.cli.options import (
     SavedDraws,
     TrueValues,
     flag,
+    option,
     rare,
     writes,
 )
@@ -39,8 +40,7 @@ def explore(
     ],
     output: Annotated[Path, writes("FILE.html", "Page.")] = Path("explorer.html"),
     subject: Annotated[
-        list[str] | None,
-        typer.Option("--subject", metavar="NAME", help="Only this subject; repeatable."),
+        list[str] | None, option("--subject", "NAME", "Only this subject; repeatable.")
     ] = None,
     truth: TrueValues = None,
     task: Annotated[Task, Takes("overwrite")],
@@ -103,26 +103,18 @@ def corner(
     output: Annotated[Path, writes("DIR", "Folder.")] = Path("corner"),
     subject: Annotated[
         list[str] | None,
-        typer.Option(
-            "--subject", metavar="NAME", help="Only this subject; repeatable, 2 to 4 in one figure."
-        ),
+        option("--subject", "NAME", "Only this subject; repeatable, 2 to 4 in one figure."),
     ] = None,
     parameters: Annotated[
-        str | None,
-        typer.Option(
-            "--parameters",
-            metavar="gain,mu1",
-            help="Parameters to show.",
-        ),
+        str | None, option("--parameters", "gain,mu1", "Parameters to show.")
     ] = None,
     coordinates: Annotated[
-        str | None, rare("--coordinates", metavar="NAME", help="natural (default) or identified.")
+        str | None, rare("--coordinates", "NAME", "natural (default) or identified.")
     ] = None,
-    show_prior: Annotated[bool, flag("--show-prior", help="Show the prior in grey.")] = False,
+    show_prior: Annotated[bool, flag("--show-prior", "Show the prior in grey.")] = False,
     truth: TrueValues = None,
     formats: Annotated[
-        list[str] | None,
-        typer.Option("--format", metavar="NAME", help="png (default), pdf or svg; repeatable."),
+        list[str] | None, option("--format", "NAME", "png (default), pdf or svg; repeatable.")
     ] = None,
     task: Annotated[Task, Takes(*WORKERS)],
 ) -> None:
@@ -212,12 +204,10 @@ def _draw_corner(
 
 def app(
     *,
-    folder: Annotated[
-        Path, typer.Option("--folder", metavar="DIR", help="Folder of the page's studies.")
-    ] = Path("~/bayes_toe_app"),
-    port: Annotated[
-        int, typer.Option("--port", min=0, max=65535, metavar=NUMBER, help="Port; 0: a free one.")
-    ] = 8750,
+    folder: Annotated[Path, option("--folder", "DIR", "Folder of the page's studies.")] = Path(
+        "~/bayes_toe_app"
+    ),
+    port: Annotated[int, option("--port", NUMBER, "Port; 0: a free one.", min=0, max=65535)] = 8750,
     task: Annotated[Task, Takes()],
 ) -> None:
     """Analyse studies on a web page of this computer.

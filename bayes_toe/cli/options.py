@@ -22,74 +22,57 @@ if TYPE_CHECKING:
 
 #: A whole number as help shows it.
 NUMBER = "N"
-#: An option without a value; an option that few need, which help has in a panel of its own.
-flag: Any = partial(typer.Option, metavar="")
-rare: Any = partial(typer.Option, rich_help_panel="Advanced")
 #: The panel of options that only the help of `check` lists.
 LAYOUT = "Files in another layout"
 
 
-Seed = Annotated[
-    int | None,
-    typer.Option("--seed", min=0, metavar=NUMBER, help="Random seed, printed and stored."),
-]
-DrawCount = Annotated[
-    int,
-    rare("--draws", min=1, max=10**6, metavar=NUMBER, help="Effective draws."),
-]
+def option(name: str, metavar: str, help_text: str, panel: str | None = None, **limits: Any) -> Any:
+    """An option with a value, in a panel of help."""
+    return typer.Option(name, metavar=metavar, help=help_text, rich_help_panel=panel, **limits)
+
+
+def flag(name: str, help_text: str) -> Any:
+    """An option without a value."""
+    return option(name, "", help_text)
+
+
+#: An option that few need, and one that says how to read files.
+rare = partial(option, panel="Advanced")
+layout = partial(option, panel=LAYOUT)
+
+Seed = Annotated[int | None, option("--seed", NUMBER, "Random seed, printed and stored.", min=0)]
+DrawCount = Annotated[int, rare("--draws", NUMBER, "Effective draws.", min=1, max=10**6)]
 Processes = Annotated[
-    int | None,
-    rare("--workers", min=1, metavar=NUMBER, help="Processes (default: all cores)."),
+    int | None, rare("--workers", NUMBER, "Processes (default: all cores).", min=1)
 ]
-DaskAddress = Annotated[
-    str | None,
-    rare("--dask", metavar="tcp://HOST:PORT", help="Use a Dask cluster."),
-]
+DaskAddress = Annotated[str | None, rare("--dask", "tcp://HOST:PORT", "Use a Dask cluster.")]
 PriorFile = Annotated[
-    str | None,
-    typer.Option("--prior", metavar="PRIOR", help="Prior: default, paper, or a TOML file."),
+    str | None, option("--prior", "PRIOR", "Prior: default, paper, or a TOML file.")
 ]
 SpreadsheetSafe = Annotated[
-    bool,
-    rare("--spreadsheet-safe", metavar="", help="Put ' before texts like formulas."),
+    bool, rare("--spreadsheet-safe", "", "Put ' before texts like formulas.")
 ]
-Resume = Annotated[bool, flag("--resume", help="Continue a stopped command.")]
-Overwrite = Annotated[bool, flag("--overwrite", help="Replace existing output.")]
-Quiet = Annotated[bool, flag("--quiet", "-q", help="Print problems only.")]
+Resume = Annotated[bool, flag("--resume", "Continue a stopped command.")]
+Overwrite = Annotated[bool, flag("--overwrite", "Replace existing output.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", metavar="", help="Print problems only.")]
 
 SavedDraws = Annotated[
     Path, typer.Argument(metavar="posterior.nc", help="Draws saved by run or sample.")
 ]
 TrueValues = Annotated[
-    Path | None,
-    rare("--truth", metavar="truth.csv", help="True values to mark, as simulate writes them."),
+    Path | None, rare("--truth", "truth.csv", "True values to mark, as simulate writes them.")
 ]
 Question = Annotated[
-    str,
-    typer.Option(
-        "--task",
-        metavar="TASK",
-        help="same/different (default) or 2afc.",
-        show_default=False,
-    ),
+    str, option("--task", "TASK", "same/different (default) or 2afc.", show_default=False)
 ]
 ModelName = Annotated[
-    str,
-    typer.Option(
-        "--model",
-        metavar="MODEL",
-        help="none, constant-error, contraction, both or paper.",
-    ),
+    str, option("--model", "MODEL", "none, constant-error, contraction, both or paper.")
 ]
 
 
 def writes(metavar: str, help_text: str) -> Any:
     """The option that names what is written."""
     return typer.Option("-o", "--output", metavar=metavar, help=help_text)
-
-
-def _how_to_read(name: str, help_text: str, metavar: str | None = None) -> Any:
-    return typer.Option(name, metavar=metavar, help=help_text, rich_help_panel=LAYOUT)
 
 
 #: The error of a command without a file; :func:`~bayes_toe.cli.task.as_command` adds what to type.
@@ -113,88 +96,66 @@ class StudyFile:
             show_default=False,
         ),
     ] = None
-    example: Annotated[bool, flag("--example", help="Analyse the synthetic example.")] = False
+    example: Annotated[bool, flag("--example", "Analyse the synthetic example.")] = False
     swap: Annotated[
-        list[str] | None,
-        typer.Option("--swap", metavar="A08:2,4", help="Swap a subject's responses; repeatable."),
+        list[str] | None, option("--swap", "A08:2,4", "Swap a subject's responses; repeatable.")
     ] = None
     exclude: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--exclude", metavar="A08:2,4", help="Exclude a subject or blocks; repeatable."
-        ),
+        list[str] | None, option("--exclude", "A08:2,4", "Exclude a subject or blocks; repeatable.")
     ] = None
     intensity: Annotated[
-        float | None,
-        _how_to_read("--intensity", "Read i1,i2: s = ln(i / REF).", "REF"),
+        float | None, layout("--intensity", "REF", "Read i1,i2: s = ln(i / REF).")
     ] = None
     equal_code: Annotated[
-        str | None, _how_to_read("--equal-code", "The code that means 'equal'.", "CODE")
+        str | None, layout("--equal-code", "CODE", "The code that means 'equal'.")
     ] = None
     different_code: Annotated[
-        str | None, _how_to_read("--different-code", "The code that means 'different'.", "CODE")
+        str | None, layout("--different-code", "CODE", "The code that means 'different'.")
     ] = None
     second_code: Annotated[
-        str | None, _how_to_read("--second-code", "The code that means 'second'.", "CODE")
+        str | None, layout("--second-code", "CODE", "The code that means 'second'.")
     ] = None
     first_code: Annotated[
-        str | None, _how_to_read("--first-code", "The code that means 'first'.", "CODE")
+        str | None, layout("--first-code", "CODE", "The code that means 'first'.")
     ] = None
     correct: Annotated[
-        str | None,
-        _how_to_read("--correct", "Column with correct or wrong.", "COLUMN"),
+        str | None, layout("--correct", "COLUMN", "Column with correct or wrong.")
     ] = None
     ignore: Annotated[
-        list[str] | None,
-        _how_to_read("--ignore", "Column to ignore; repeatable.", "COLUMN"),
+        list[str] | None, layout("--ignore", "COLUMN", "Column to ignore; repeatable.")
     ] = None
-    question: Annotated[
-        str | None,
-        _how_to_read("--task", "same/different or 2afc.", "TASK"),
-    ] = None
+    question: Annotated[str | None, layout("--task", "TASK", "same/different or 2afc.")] = None
     where: Annotated[
-        list[str] | None,
-        _how_to_read("--where", "Rows with this text; repeatable.", "COLUMN=TEXT"),
+        list[str] | None, layout("--where", "COLUMN=TEXT", "Rows with this text; repeatable.")
     ] = None
     subject_from: Annotated[
-        str | None,
-        _how_to_read("--subject-from", "Subject in the name: 'sub-{}_*'.", "NAME"),
+        str | None, layout("--subject-from", "NAME", "Subject in the name: 'sub-{}_*'.")
     ] = None
     columns: Annotated[
-        str | None,
-        _how_to_read("--columns", "Your column names: s1=first,...", "OURS=THEIRS"),
+        str | None, layout("--columns", "OURS=THEIRS", "Your column names: s1=first,...")
     ] = None
     standard_interval: Annotated[
-        str | None,
-        _how_to_read("--standard-interval", "Column: the standard's interval.", "COLUMN"),
+        str | None, layout("--standard-interval", "COLUMN", "Column: the standard's interval.")
     ] = None
     standard_first: Annotated[
-        bool,
-        _how_to_read("--standard-first", "The standard was always first.", ""),
+        bool, layout("--standard-first", "", "The standard was always first.")
     ] = False
     comparison_code: Annotated[
-        str | None,
-        _how_to_read("--comparison-code", "Code that means 'comparison'.", "CODE"),
+        str | None, layout("--comparison-code", "CODE", "Code that means 'comparison'.")
     ] = None
-    decimal: Annotated[
-        str | None,
-        _how_to_read("--decimal", "Decimal sign: . or ,", "SIGN"),
-    ] = None
-    sheet: Annotated[str | None, _how_to_read("--sheet", "Sheet of an Excel file.", "NAME")] = None
-    encoding: Annotated[
-        str | None, _how_to_read("--encoding", "Such as cp1252 or latin-1.", "NAME")
-    ] = None
+    decimal: Annotated[str | None, layout("--decimal", "SIGN", "Decimal sign: . or ,")] = None
+    sheet: Annotated[str | None, layout("--sheet", "NAME", "Sheet of an Excel file.")] = None
+    encoding: Annotated[str | None, layout("--encoding", "NAME", "Such as cp1252 or latin-1.")] = (
+        None
+    )
     condition: Annotated[
-        str | None,
-        _how_to_read("--condition", "Column of the condition.", "COLUMN"),
+        str | None, layout("--condition", "COLUMN", "Column of the condition.")
     ] = None
     reference: Annotated[
-        str | None,
-        _how_to_read("--reference", "Level to compare others with.", "LEVEL"),
+        str | None, layout("--reference", "LEVEL", "Level to compare others with.")
     ] = None
     named_levels: Annotated[
-        bool,
-        _how_to_read("--categorical-condition", "Take numeric levels as names.", ""),
+        bool, layout("--categorical-condition", "", "Take numeric levels as names.")
     ] = False
 
     def truth(self) -> Truth:
