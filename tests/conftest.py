@@ -145,9 +145,10 @@ def stronger() -> Analysis:
 @pytest.fixture
 def blank_pictures(monkeypatch):
     """Figures of a results folder are made and not drawn: for what stands around them."""
-    monkeypatch.setattr(
-        "bayes_toe.cli.results_folder.png", lambda figure, **_: b"\x89PNG" + bytes(1000)
-    )
+    for module in ("results_folder", "report"):
+        monkeypatch.setattr(
+            f"bayes_toe.cli.{module}.png", lambda figure, **_: b"\x89PNG" + bytes(1000)
+        )
 
 
 @pytest.fixture(scope="module")

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -47,7 +47,7 @@ def power(
 
     [bold]Example[/bold]: bayes-toe power design.csv --trials 325,650,1300 -o power --seed 1
     """
-    from bayes_toe.cli.design_screens import power_lines, print_power
+    from bayes_toe.cli.design_screens import print_power
     from bayes_toe.data.tables import write_table
     from bayes_toe.data.whole_files import whole_folder
     from bayes_toe.design.observers import assume_observers
@@ -55,32 +55,21 @@ def power(
     task.require_folder(output, _POWER_FILES)
     designs, numbers = _read_designs(design, question), _whole_numbers("--trials", trials)
     # Refuses a bad file before any work.
-    kinds = {one.kind for one in assume_observers(observers, 1, 0, list(designs.values()))}
-    total = len(designs) * len(numbers) * len(kinds) * data_sets
-    table = task.work(
-        "simulating and analysing",
-        total,
-        bt.design.power,
-        designs,
-        numbers,
-        observers,
-        data_sets=data_sets,
-        prior=task.prior,
-    )
-    with whole_folder(
-        output, _POWER_FILES, required=_POWER_FILES, overwrite=task.overwrite
-    ) as target:
-        table.save(target / _POWER_FILES[0], spreadsheet_safe=task.spreadsheet_safe)
-        write_table(
-            table.data_sets_frame(),
-            target / _POWER_FILES[1],
-            spreadsheet_safe=task.spreadsheet_safe,
-        )
-        for name in _POWER_FILES[2:]:
-            bt.plots.save_figure(bt.plots.power(table), target / name)
+    assumed = assume_observers(observers, data_sets, 0, list(designs.values()))
+    options: dict[str, Any] = {"data_sets": data_sets, "prior": task.prior}
+    total = len(designs) * len(numbers) * len(assumed)
+    given = (designs, numbers, observers)
+    table = task.work("simulating and analysing", total, bt.design.power, *given, **options)
+    frames = (table.frame(), table.data_sets_frame())
+    names = _POWER_FILES
+    with whole_folder(output, names, required=names, overwrite=task.overwrite) as folder:
+        for name, frame in zip(names, frames, strict=False):
+            write_table(frame, folder / name, spreadsheet_safe=task.spreadsheet_safe)
+        for name in names[len(frames) :]:
+            bt.plots.save_figure(bt.plots.power(table), folder / name)
     print_power(task.out, table)
     written = f"Tables and figure in {output}. Seed {table.seed}."
-    task.out.answer([*power_lines(table), written])
+    task.out.answer([*table.sentences(), written])
 
 
 def _read_designs(files: list[Path] | None, question: str) -> Mapping[str, StudyDesign]:
@@ -89,15 +78,14 @@ def _read_designs(files: list[Path] | None, question: str) -> Mapping[str, Study
 
     if not files:
         return name_designs(None, question)
+    designs = {file.stem: bt.design.read_study_design(file, question) for file in files}
     if len(files) == 1:
-        return name_designs(bt.design.read_study_design(files[0], question))
-    designs = {}
-    for file in files:
-        if file.stem in designs:
+        return name_designs(designs[files[0].stem])
+    for name in designs:
+        if [file.stem for file in files].count(name) > 1:
             raise bt.InputError(
-                f"Two design files have the name {quoted(file.stem)}. Names must differ."
+                f"Two design files have the name {quoted(name)}. Names must differ."
             )
-        designs[file.stem] = bt.design.read_study_design(file, question)
     return designs
 
 
@@ -148,12 +136,13 @@ class GoalOptions:
 
     def require(self, given: Path | None, has_list: bool) -> None:
         """Refuse an intensity of nothing, and a design beside what another one is looked for."""
-        if self.intensity is not None and not 0.0 < self.intensity < float("inf"):
-            raise bt.InputError(
-                f"--intensity is {self.intensity!r}. It must be a positive finite number."
-            )
-        if self.intensity is not None and self.levels is None and not has_list:
-            raise bt.InputError("--intensity needs --levels levels.csv or --list trials.csv.")
+        if self.intensity is not None:
+            if not 0.0 < self.intensity < float("inf"):
+                raise bt.InputError(
+                    f"--intensity is {self.intensity!r}. It must be a positive finite number."
+                )
+            if self.levels is None and not has_list:
+                raise bt.InputError("--intensity needs --levels levels.csv or --list trials.csv.")
         is_search = (self.lowest, self.highest, self.levels) != (None, None, None)
         if given is not None and (not has_list or is_search):
             raise bt.InputError(
@@ -218,13 +207,9 @@ class ListOptions:
         if self.list_output is None:
             return
         levels = self.levels()
-        lists = []
-        for name in subject_names(self.subjects):
-            lists.append(
-                bt.design.trial_list(
-                    design, blocks=self.blocks, subject=name, seed=seed, conditions=levels
-                )
-            )
+        names = subject_names(self.subjects)
+        options: dict[str, Any] = {"blocks": self.blocks, "seed": seed, "conditions": levels}
+        lists = [bt.design.trial_list(design, subject=name, **options) for name in names]
         save_trials(lists, self.list_output, reference=reference, overwrite=task.overwrite)
         split = ""
         if levels:
@@ -233,8 +218,8 @@ class ListOptions:
         task.out.line()
         task.out.line(
             f"{self.list_output}: {counted(self.subjects, 'subject')}, {n_trials} trials each in "
-            f"{self.blocks} blocks{split}. Each block balances the order of the stimuli as the design "
-            f"does, with at most {MOST_EQUAL} equal pairs in a row. Seed {seed}."
+            f"{self.blocks} blocks{split}. Each block balances the order of the stimuli as the "
+            f"design does, with at most {MOST_EQUAL} equal pairs in a row. Seed {seed}."
         )
 
 
@@ -260,7 +245,7 @@ def design(
 
     [bold]Example[/bold]: bayes-toe design -o design.csv --lowest -0.75 --highest 1.25
     """
-    from bayes_toe.cli.design_screens import power_lines, print_design
+    from bayes_toe.cli.design_screens import print_design
     from bayes_toe.design.optimal_pairs import OPTIMISED
     from bayes_toe.seeds import root_seed
 
@@ -275,31 +260,25 @@ def design(
     if output.suffix != ".csv":
         raise bt.InputError(f"{output}: the ending is {output.suffix!r}. A design needs .csv.")
     compared = output.with_name(f"{output.stem}_compared.csv")
-    files = (output, compared, output.with_suffix(".md"), output.with_suffix(".png"))
-    task.require_files(*files, *list_files)
-    levels, goal = wanted.log_levels(), wanted.goal(question)
+    text, figure = output.with_suffix(".md"), output.with_suffix(".png")
+    task.require_files(output, compared, text, figure, *list_files)
+    search = (wanted.log_levels(), trials // n_levels, wanted.goal(question), observers)
+    options: dict[str, Any] = {"data_sets": data_sets, "prior": task.prior}
+    total = 4 * 6 * data_sets
     found = task.work(
-        "simulating and analysing",
-        4 * 6 * data_sets,
-        bt.design.optimal_design,
-        levels,
-        trials // n_levels,
-        goal,
-        observers,
-        data_sets=data_sets,
-        prior=task.prior,
+        "simulating and analysing", total, bt.design.optimal_design, *search, **options
     )
-    writers = (
-        found.design.save,
-        partial(found.power.save, spreadsheet_safe=task.spreadsheet_safe),
-        lambda file: file.write_text(found.text(), encoding="utf-8"),
-        partial(bt.plots.save_figure, bt.plots.design(found)),
-    )
-    task.write(dict(zip(files, writers, strict=True)))
+    files: dict[Path, Callable[[Path], object]] = {
+        output: found.design.save,
+        compared: partial(found.power.save, spreadsheet_safe=task.spreadsheet_safe),
+        text: lambda file: file.write_text(found.text(), encoding="utf-8"),
+        figure: partial(bt.plots.save_figure, bt.plots.design(found)),
+    }
+    task.write(files)
     print_design(task.out, found)
     lists.write(found.design, found.seed, wanted.intensity, task)
     written = f"Written: {', '.join(map(str, [*files, *list_files]))}. Seed {found.seed}."
-    task.out.answer([*found.reasons(), *power_lines(found.power, OPTIMISED), written])
+    task.out.answer([*found.reasons(), *found.power.sentences(OPTIMISED), written])
 
 
 # --- simulate -------------------------------------------------------------------------------------
@@ -363,9 +342,8 @@ def simulate(
     task.require_files(*files)
     seed = root_seed(task.seed)
     pairs = make_batch_design(design, amplitudes, batches, isi)
-    simulated = draw_population(
-        observers.population, observers.subjects, seed, pairs, task_of(observers.question)
-    )
+    asked = task_of(observers.question)
+    simulated = draw_population(observers.population, observers.subjects, seed, pairs, asked)
     trials = simulate_trials(
         simulated,
         pairs,
@@ -374,15 +352,8 @@ def simulate(
         missed=observers.missed,
         differences=read_differences(observers.conditions, observers.differ),
     )
-    frames = dict(zip(files, (trial_frame(trials), truth_frame(trials)), strict=False))
-    for folder in {file.parent for file in files}:
-        task.write(
-            {
-                file: partial(write_table, frame, **task.saving)
-                for file, frame in frames.items()
-                if file.parent == folder
-            }
-        )
+    for file, frame in zip(files, (trial_frame(trials), truth_frame(trials)), strict=False):
+        write_table(frame, file, **task.saving)
     total = sum(len(answered.yes) for answered in trials)
     what = f"{len(simulated)} synthetic subjects, {total:,} trials in"
     task.done(what, output, seed=seed)

@@ -18,14 +18,12 @@ if TYPE_CHECKING:
 
 def print_power(out: Terminal, table: PowerTable, only: str = "") -> None:
     """Shares of 'yes' and 'probably' by observers, a table for each design; of one with `only`."""
-    for design in table.different("design"):
-        if only not in ("", design):
-            continue
+    headings = ["trials", "observers", *(name.replace("_", " ") for name in QUESTIONS)]
+    for design in [only] if only else table.different("design"):
         rows = []
         for name, trials in table.designs:
             if name == design:
                 rows += _power_rows(table, name, trials)
-        headings = ["trials", "observers", *(name.replace("_", " ") for name in QUESTIONS)]
         title = f"{capitalized(design)}: observers with 'yes' or 'probably' [95 % interval]"
         out.table(headings, rows, title=title)
     out.line("In brackets: false positives, from observers without the effect.")
@@ -47,35 +45,6 @@ def _power_rows(table: PowerTable, design: str, trials: int) -> list[list[str]]:
                 cells.append(f"({estimate.hits})")
         rows.append(cells)
     return rows
-
-
-def power_lines(table: PowerTable, only: str = "") -> list[str]:
-    """How often each effect is detected if it is there, a sentence for each design."""
-    lines = []
-    for design, trials in table.designs:
-        if only not in ("", design):
-            continue
-        parts = []
-        for question in QUESTIONS:
-            name = question.replace("_", " ")
-            if not _is_known(table, design, trials, question):
-                parts.append(f"{name} cannot be told")
-                continue
-            detected = table.found(design, trials, question, has_effect=True)
-            wrong = table.found(design, trials, question, has_effect=False)
-            text = name if detected is None else f"{name} {100.0 * detected[0]:.0f} %"
-            parts.append(text if wrong is None else f"{text} ({100.0 * wrong[0]:.0f} %)")
-        lines.append(f"{capitalized(design)}, {trials:,} trials: {', '.join(parts)}.")
-    return ["Effects detected (false positives in brackets):", *lines]
-
-
-def _is_known(table: PowerTable, design: str, trials: int, question: str) -> bool:
-    """Whether the pairs of a design can show an effect."""
-    unknown = [
-        table[design, trials, kind, question, Word.CANNOT_BE_TOLD.value].value
-        for kind in table.different("observers")
-    ]
-    return min(unknown) < 1.0
 
 
 def print_design(out: Terminal, found: OptimalDesign) -> None:

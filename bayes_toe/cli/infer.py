@@ -25,7 +25,6 @@ from bayes_toe.data.messages import capitalized, counted
 if TYPE_CHECKING:
     from bayes_toe.analysis import Analysis
     from bayes_toe.answers.evidence_table import EvidenceTable
-    from bayes_toe.cli.report import Group
 
 #: Columns of the paper's model, and of the four models of the observer.
 _PAPER_SHOWN = ("mu1", "gain", "sigma_p", "sigma_l", "q0", "lapse_rate")
@@ -58,10 +57,12 @@ def run(
     [bold]Example[/bold]: bayes-toe run study.csv -o results --seed 1
     """
     from bayes_toe.cli.answers import print_answer, print_subjects, without_decision
+    from bayes_toe.cli.group_screen import print_problems
     from bayes_toe.cli.results_folder import FIGURE_BYTES, PRODUCTS, FigureChoice, write_results
     from bayes_toe.cli.within_screens import print_contrast
     from bayes_toe.data.study import refuse_intervals
     from bayes_toe.explorer.page import EXPLORER_BYTES, require_bokeh, require_few
+    from bayes_toe.groups.predictive_check import predictive_check
 
     if explore:
         require_bokeh()
@@ -90,40 +91,21 @@ def run(
     print_failed(task.out, analysis.draws)
     if analysis.contrast is not None:
         print_contrast(task.out, analysis.contrast)
-    group = _group(analysis, task)
-    with task.out.progress("drawing", len(read)) as tick:
-        write_results(
-            analysis,
-            output,
-            figures=choice,
-            workers=task.workers,
-            progress=tick,
-            group=group,
-            **task.saving,
-        )
-    task.finish(keep, analysis.draws.failed)
+    check = None if analysis.group is None else predictive_check(analysis.group)
     missed = {**analysis.draws.not_converged, **analysis.draws.imprecise}
-    if group is not None and not group.found.is_reliable:
-        missed["group"] = group.found.draws.shortfall
+    if analysis.group is not None and check is not None:
+        print_problems(task.out, analysis.group, check.warnings)
+        if not analysis.group.is_reliable:
+            missed["group"] = analysis.group.draws.shortfall
+    with task.out.progress("drawing", len(read)) as tick:
+        options = {**task.saving, "figures": choice, "workers": task.workers, "progress": tick}
+        write_results(analysis, output, check=check, **options)
+    task.finish(keep, analysis.draws.failed)
     closing = without_decision(analysis.answers, {**analysis.draws.failed, **missed})
     closing += [f"Start with {report}.", f"Seed {analysis.settings.seed}."]
     task.print_failed(analysis.draws.failed)
     print_answer(task.out, analysis.answers, read, _group_lines(analysis), closing)
     task.end(analysis.draws.failed, missed)
-
-
-def _group(analysis: Analysis, task: Task) -> Group | None:
-    """The group of the interpretable subjects, whose problems are printed; None if they are few."""
-    from bayes_toe.cli.group_screen import print_problems
-    from bayes_toe.cli.report import Group
-    from bayes_toe.groups.predictive_check import predictive_check
-
-    result = analysis.group
-    if result is None:
-        return None
-    group = Group(result, predictive_check(result))
-    print_problems(task.out, result, group.check.warnings)
-    return group
 
 
 def _group_lines(analysis: Analysis) -> list[str]:

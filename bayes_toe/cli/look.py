@@ -122,7 +122,7 @@ def corner(
 
     [bold]Example[/bold]: bayes-toe corner posterior.nc -o corner --subject S01
     """
-    from bayes_toe.cli.results_folder import opened
+    from bayes_toe.cli.results_folder import open_later
     from bayes_toe.data.tables import file_stems
     from bayes_toe.data.whole_files import whole_folder
     from bayes_toe.inference.draws import load_draws
@@ -150,8 +150,7 @@ def corner(
         whole_folder(output, files, required=files, overwrite=task.overwrite) as folder,
         task.out.progress("drawing", len(groups)) as tick,
     ):
-        # Absolute, since a worker may be in another folder than this process.
-        saved = partial(opened, posterior.absolute(), posterior.stat().st_mtime_ns)
+        saved = open_later(posterior)
         jobs = []
         for names, stem in zip(groups, figure_stems, strict=True):
             known = {name: truths[name] for name in names if name in truths}

@@ -58,10 +58,10 @@ _NUISANCE = {
 }
 
 
-def write_methods(analysis: Analysis, group: PopulationResult | None, path: Path) -> None:
+def write_methods(analysis: Analysis, path: Path) -> None:
     """Write the document in Markdown, and its citations as NAME.bib."""
     version = json.loads(analysis.draws.attrs["versions"])["bayes_toe"]
-    paragraph = " ".join([*_methods(analysis, version), *_results(analysis, group)])
+    paragraph = " ".join([*_methods(analysis, version), *_results(analysis)])
     table = "\n".join(_table(analysis.answers))
     parts = ["# Methods and results", _wrap(paragraph), table, _wrap(_table_note(analysis))]
     text = "\n\n".join(parts) + "\n"
@@ -136,7 +136,7 @@ def _data(study: Study) -> list[str]:
 # --- What came out ------------------------------------------------------------------------------
 
 
-def _results(analysis: Analysis, group: PopulationResult | None) -> list[str]:
+def _results(analysis: Analysis) -> list[str]:
     """Sentences about the conclusions, the group, and their limits."""
     answers = [answer for answer in analysis.answers if answer.is_interpretable]
     is_by_unit = analysis.study.conditions is not None
@@ -145,8 +145,8 @@ def _results(analysis: Analysis, group: PopulationResult | None) -> list[str]:
         sentences.append(answers[0].describe())
     elif answers:
         sentences += _count_present(answers, f" of {count_all(answers, 'participant', is_by_unit)}")
-    if group is not None:
-        sentences += _group(group)
+    if analysis.group is not None:
+        sentences += _group(analysis.group)
     elif not is_by_unit:
         for line in few_subjects_lines(answers):
             sentences.append(f"{line[:-1]} [@penny2010].")

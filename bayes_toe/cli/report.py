@@ -17,6 +17,7 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from scipy.special import softmax
 
+from bayes_toe import plots
 from bayes_toe.analysis import Analysis
 from bayes_toe.answers.contrast import LEGEND, ContrastTable, Difference
 from bayes_toe.answers.model_average import PRIOR_PROBABILITIES
@@ -48,7 +49,7 @@ from bayes_toe.answers.words import (
 from bayes_toe.arrays import FloatArray
 from bayes_toe.checks.answer_checks import FLAG_KINDS, Finding
 from bayes_toe.checks.design_checks import NOTES, check
-from bayes_toe.classical.asymmetry import AsymmetryTable
+from bayes_toe.classical.asymmetry import AsymmetryTable, asymmetry_table
 from bayes_toe.classical.fit import SubjectFit
 from bayes_toe.cli.answers import effect_size
 from bayes_toe.cli.group_screen import group_answer, group_tables
@@ -69,8 +70,10 @@ from bayes_toe.groups.population import PopulationResult
 from bayes_toe.groups.predictive_check import PredictiveCheck
 from bayes_toe.inference.predictive_checks import MISFIT
 from bayes_toe.model.posterior import DOMINATED
+from bayes_toe.plots.asymmetry import asymmetry_height
 from bayes_toe.plots.by_order import posterior_predictive
 from bayes_toe.plots.figure_files import png
+from bayes_toe.plots.order_effect import evidence_axes, forest_height
 from bayes_toe.plots.report_figure import (
     has_curves,
     inline_svg,
@@ -80,7 +83,7 @@ from bayes_toe.plots.report_figure import (
     shown_subjects,
     sizes_figure,
 )
-from bayes_toe.plots.style import MOST_NAMED
+from bayes_toe.plots.style import LETTERS, MOST_NAMED, legend_below, new_figure
 
 Figure = Any  # of matplotlib, which is of another room
 
@@ -88,6 +91,7 @@ Figure = Any  # of matplotlib, which is of another room
 MOST_IN_ONE = 200
 #: Differences of natural logs that are published in per cent too.
 _PUBLISHED = ("pse_shift", "jnd")
+_WIDE, _DOTS = 4.8, 160  # inches of a picture, legible on a telephone, and dots in an inch
 _MOST_LISTED = 10  # names or findings that a list of an index shows
 _MOST_MISFITS = 2  # subjects in the figure of poor fits
 #: Terms of the report, for those who meet them for the first time.
@@ -146,21 +150,11 @@ _MINUS = re.compile(r"(?<![\w.])-(?=\.?\d)")
 
 
 @dataclass(frozen=True, eq=False)
-class Group:
-    """The group of the subjects, and its predictive check."""
-
-    found: PopulationResult
-    check: PredictiveCheck
-
-
-@dataclass(frozen=True, eq=False)
 class Facts:
     """What a report says and shows besides the analysis."""
 
-    asymmetry: AsymmetryTable
     flagged: Mapping[str, Sequence[str]]  # subjects that need action, with the reasons
-    group: Group | None
-    place: Path  # of evidence.png and asymmetry.png, which may be missing
+    check: PredictiveCheck | None  # of the group
     curves: Mapping[str, Path]  # figures of the subjects that were drawn
     corner: Mapping[str, Path]
     which: str  # whose these are: "all", "flagged" or "none"
@@ -180,8 +174,11 @@ def write_report(analysis: Analysis, facts: Facts, folder: Path) -> None:
         answers.sort(key=lambda answer: answer.subject not in facts.flagged)
         links = {name: f"subjects/{stem}.html" for name, stem in file_stems(names).items()}
     findings = check(analysis.study, analysis.settings.prior)
+    asymmetry = asymmetry_table(analysis.study)
     context = {
         **_context(analysis, facts),
+        "asymmetry": asymmetry,
+        "asymmetry_image": _asymmetry_image(asymmetry),
         **_findings(analysis, findings),
         "folder": folder,
         "there": {path.name for path in folder.iterdir()},
@@ -191,7 +188,7 @@ def write_report(analysis: Analysis, facts: Facts, folder: Path) -> None:
         "index": [_overview_row(answer) for answer in answers],
         "beside": "../" if is_paged else "",
     }
-    subjects = _subjects(analysis, facts, findings)
+    subjects = _subjects(analysis, asymmetry, findings)
     templates = _environment()
     if is_paged:
         (folder / "subjects").mkdir()
@@ -264,7 +261,6 @@ def _findings(analysis: Analysis, findings: Sequence[Finding]) -> dict[str, Any]
 def _context(analysis: Analysis, facts: Facts) -> dict[str, Any]:
     """What does not depend on a subject, nor on whether there are pages of them."""
     study, prior, draws = analysis.study, analysis.settings.prior, analysis.draws
-    group = facts.group
     return {
         "study": study,
         "facts": facts,
@@ -277,7 +273,7 @@ def _context(analysis: Analysis, facts: Facts) -> dict[str, Any]:
         "amount": describe_amount(study),
         "answer": _answer(analysis),
         "glossary": GLOSSARY,
-        "trust": _trust(analysis, group),
+        "trust": _trust(analysis),
         "misfits": _misfit_figure(analysis),
         "reference": f"{prior.reference_interval or 1.0:g} s",
         "intervals": said_intervals(study.intervals) if study.intervals else "",
@@ -288,13 +284,13 @@ def _context(analysis: Analysis, facts: Facts) -> dict[str, Any]:
             "flagged": FLAGGED,
             "appendix_c": APPENDIX_C,
         },
-        "figure": _figure(analysis, group),
-        "caption": _caption(analysis, group),
-        "asymmetry_drawn": (facts.place / "asymmetry.png").exists(),
+        "figure": _figure(analysis),
+        "caption": _caption(analysis),
+        "evidence_image": _evidence_image(analysis),
         "dominated": DOMINATED,
         "crowded": len(study) > MOST_NAMED,
-        "group": None if group is None else _group(group),
-        "contrast": None if analysis.contrast is None else _by_condition(analysis.contrast),
+        "group": _group(analysis.group, facts.check),
+        "contrast": _by_condition(analysis.contrast),
     }
 
 
@@ -313,10 +309,9 @@ def _settings(analysis: Analysis) -> dict[str, str]:
     }
 
 
-def _figure(analysis: Analysis, group: Group | None) -> list[tuple[str, str]]:
+def _figure(analysis: Analysis) -> list[tuple[str, str]]:
     """The parts of figure 1 by their classes: responses, sizes in wide and in narrow windows."""
     height = report_height(analysis)
-    result = None if group is None else group.found
     label = "PSE shift and contraction of every subject"
     parts = []
     if has_curves(analysis):
@@ -325,7 +320,7 @@ def _figure(analysis: Analysis, group: Group | None) -> list[tuple[str, str]]:
             ("responses", _embed(analysis, responses, "Responses and curves of some subjects"))
         )
     for name, is_narrow in (("sizes wide", False), ("sizes narrow", True)):
-        sizes = sizes_figure(analysis, result, height, is_narrow=is_narrow)
+        sizes = sizes_figure(analysis, analysis.group, height, is_narrow=is_narrow)
         parts.append((name, _embed(analysis, sizes, label)))
     return parts
 
@@ -337,13 +332,33 @@ def _embed(analysis: Analysis, figure: Figure, label: str) -> str:
     return inline_svg(figure, label)
 
 
-def _caption(analysis: Analysis, group: Group | None) -> str:
+def _evidence_image(analysis: Analysis) -> str:
+    """The log Bayes factors of the paper's model."""
+    figure = new_figure(_WIDE, forest_height(len(analysis.evidence)))
+    ax = figure.subplots()
+    evidence_axes(ax, analysis.evidence)
+    title = "synthetic data" if analysis.study.synthetic else ""
+    ax.set_title(title, fontsize=LETTERS, loc="right")
+    legend_below(figure, size=LETTERS, columns=2)
+    return _png_uri(png(figure, dpi=_DOTS))
+
+
+def _asymmetry_image(table: AsymmetryTable) -> str:
+    """The asymmetries of all subjects; empty if no pair was presented in both orders."""
+    if not any(row.comparisons for row in table):
+        return ""
+    figure = new_figure(_WIDE, asymmetry_height(table))
+    plots.asymmetry(table, figure.subplots())
+    return _png_uri(png(figure, dpi=_DOTS))
+
+
+def _caption(analysis: Analysis) -> str:
     """What figure 1 shows."""
     sizes = (
         "PSE shift and contraction p: medians with 95 % intervals, averaged over the models that "
         "have the effect. A full marker of a subject means 'yes', a half marker 'probably'"
     )
-    if group is not None:
+    if analysis.group is not None:
         sizes += "; the last row is the mean of the group"
     if not has_curves(analysis):
         return f"{sizes}."
@@ -383,14 +398,14 @@ def _answer(analysis: Analysis) -> list[str]:
     return [_typeset(line) for line in lines if line]
 
 
-def _trust(analysis: Analysis, group: Group | None) -> list[tuple[str, str]]:
+def _trust(analysis: Analysis) -> list[tuple[str, str]]:
     """A sentence or two each on design, fit, prior, convergence and serial dependence."""
     interpreted = [answer for answer in analysis.answers if answer.is_interpretable]
     return [
         ("Design", _design(analysis.answers)),
         ("Fit", _fit(interpreted)),
         ("Prior", _prior(interpreted)),
-        ("Convergence", _convergence(analysis, group)),
+        ("Convergence", _convergence(analysis)),
         ("Serial dependence", _serial_dependence(interpreted)),
     ]
 
@@ -425,7 +440,7 @@ def _prior(answers: Sequence[OrderEffect]) -> str:
     return f"{change} a probability past .25 or .75 for {_name_subjects(dependent)}."
 
 
-def _convergence(analysis: Analysis, group: Group | None) -> str:
+def _convergence(analysis: Analysis) -> str:
     """Whether the draws of the paper's model and of the group can be used."""
     reasons = [f"{name} ({reason})" for name, reason in analysis.draws.not_converged.items()]
     sentences = ["The draws of the paper's model converged for every subject."]
@@ -434,10 +449,11 @@ def _convergence(analysis: Analysis, group: Group | None) -> str:
             f"The draws of {counted(len(reasons), 'subject')} did not converge. Do not report "
             f"their parameters of the paper's model: {listed(reasons)}."
         ]
-    if group is not None and group.found.is_reliable:
+    group = analysis.group
+    if group is not None and group.is_reliable:
         sentences.append("The draws of the group converged.")
     elif group is not None:
-        sentences.append(f"Do not report the group: {group.found.draws.shortfall}.")
+        sentences.append(f"Do not report the group: {group.draws.shortfall}.")
     return " ".join(sentences)
 
 
@@ -536,8 +552,10 @@ def _title(question: str) -> str:
     return question.replace("_", " ")
 
 
-def _by_condition(table: ContrastTable) -> dict[str, Any]:
+def _by_condition(table: ContrastTable | None) -> dict[str, Any] | None:
     """The section of conditions, with a row for every subject and comparison."""
+    if table is None:
+        return None
     rows = defaultdict[tuple[str, str], list[Difference]](list)
     for row in table:
         rows[row.subject, row.comparison].append(row)
@@ -552,21 +570,22 @@ def _by_condition(table: ContrastTable) -> dict[str, Any]:
     }
 
 
-def _group(group: Group) -> dict[str, Any]:
+def _group(result: PopulationResult | None, check: PredictiveCheck | None) -> dict[str, Any] | None:
     """What the section of the group says: warnings first, then the answer, tables."""
-    found = group.found
+    if result is None or check is None:
+        return None
     return {
-        "problems": [*found.problems, *group.check.warnings],
-        "is_reliable": found.is_reliable,
-        "answer": [_typeset(line) for line in group_answer(found)],
-        "tables": group_tables(found),
-        "hyperprior": found.settings.hyperprior.describe(found.study.task),
-        "subjects": len(found.subjects),
+        "problems": [*result.problems, *check.warnings],
+        "is_reliable": result.is_reliable,
+        "answer": [_typeset(line) for line in group_answer(result)],
+        "tables": group_tables(result),
+        "hyperprior": result.settings.hyperprior.describe(result.study.task),
+        "subjects": len(result.subjects),
     }
 
 
 def _subjects(
-    analysis: Analysis, facts: Facts, findings: Sequence[Finding]
+    analysis: Analysis, asymmetries: AsymmetryTable, findings: Sequence[Finding]
 ) -> Iterator[dict[str, Any]]:
     """What each subject's section says, made when it is written."""
     stats = analysis.draws.group("sample_stats")
@@ -576,7 +595,7 @@ def _subjects(
             messages[finding.subject].append(finding.message)
     fits = {fit.subject: fit for fit in analysis.fits}
     summaries = dict(list(analysis.summary().groupby("subject", sort=False)))
-    parts = zip(analysis.study, analysis.evidence, analysis.answers, facts.asymmetry, strict=True)
+    parts = zip(analysis.study, analysis.evidence, analysis.answers, asymmetries, strict=True)
     for i, (counts, row, answer, asymmetry) in enumerate(parts):
         name, fit = counts.name, fits.get(counts.name)
         summary: list[Any] = list(summaries[name].itertuples())

@@ -21,7 +21,7 @@ from scipy.special import betaincinv, ndtri
 from bayes_toe.answers.order_effect import QUESTIONS, OrderEffect, order_effect
 from bayes_toe.answers.words import Word
 from bayes_toe.checks.identification import identify
-from bayes_toe.data.messages import listed
+from bayes_toe.data.messages import capitalized, listed
 from bayes_toe.data.tables import Table, frame_of
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.design.observers import Observer, assume_observers
@@ -223,28 +223,31 @@ class PowerTable(Table[PowerEstimate]):
         return pd.DataFrame(cells, columns=list(DATA_SET_COLUMNS))
 
     def sentences(self, only: str = "") -> list[str]:
-        """How often each effect is detected, and how often wrongly, by design and question.
+        """How often each effect is detected, and how often wrongly, a line for each design.
 
         With `only`, the lines of one design.
         """
-        lines = []
+        lines = ["Effects detected (false positives in brackets):"]
         for design, trials in self.designs:
-            if only not in ("", design):
-                continue
-            for question in QUESTIONS:
-                seen, wrong = [], []
-                for kind in self.different("observers"):
-                    estimate = self[design, trials, kind, question, FOUND]
-                    if self.has_effect(kind, question):
-                        seen.append(f"{kind} {estimate.percent}")
-                    else:
-                        wrong.append(f"{kind} {estimate.hits}")
-                parts = [f"detected in {', '.join(seen)}"] if seen else []
-                parts += [f"reported wrongly in {', '.join(wrong)}"] if wrong else []
-                lines.append(
-                    f"{design}, {trials} trials, {question.replace('_', ' ')}: {'; '.join(parts)}."
-                )
+            if only in ("", design):
+                effects = [self._describe_effect(design, trials, name) for name in QUESTIONS]
+                lines.append(f"{capitalized(design)}, {trials:,} trials: {', '.join(effects)}.")
         return lines
+
+    def _describe_effect(self, design: str, trials: int, question: str) -> str:
+        """The share of observers with an effect who have 'yes' or 'probably', and of others."""
+        text = question.replace("_", " ")
+        kinds = self.different("observers")
+        unknown = Word.CANNOT_BE_TOLD.value
+        if all(self[design, trials, kind, question, unknown].value == 1.0 for kind in kinds):
+            return f"{text} {unknown}"
+        detected = self.found(design, trials, question, has_effect=True)
+        if detected is not None:
+            text += f" {100.0 * detected[0]:.0f} %"
+        wrong = self.found(design, trials, question, has_effect=False)
+        if wrong is not None:
+            text += f" ({100.0 * wrong[0]:.0f} %)"
+        return text
 
 
 def _count_words(key: tuple[str, int, str], members: Sequence[DataSet]) -> list[PowerEstimate]:

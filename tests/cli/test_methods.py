@@ -13,7 +13,7 @@ from bayes_toe.cli.methods import write_methods
 
 
 def text_of(analysis, folder, group=None):
-    write_methods(analysis, group, folder / "methods.md")
+    write_methods(replace(analysis, group=group), folder / "methods.md")
     return " ".join((folder / "methods.md").read_text(encoding="utf-8").split())
 
 

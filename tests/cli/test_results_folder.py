@@ -13,7 +13,6 @@ from populations import made_result, simulated_group
 
 import bayes_toe as bt
 from bayes_toe.cli import report, results_folder
-from bayes_toe.cli.report import Group
 from bayes_toe.cli.results_folder import GROUP_PRODUCTS, FigureChoice, opened, write_results
 from bayes_toe.explorer.page import Explorer
 from bayes_toe.groups.predictive_check import PredictiveCheck, Statistic
@@ -111,8 +110,9 @@ def test_a_group_and_an_explorer_stand_beside_the_report_where_asked_for_and_go_
     column = Regressor("group", "<b>", "group <b> against a", reference="a")
     who = Regressors(study.names, np.array([[0.0], [1.0], [0.0], [1.0]]), (column,))
     made = made_result(study, who, n_divergent=2)
-    group = Group(made, PredictiveCheck((WRONG,), 500))
-    write_results(marked, out, figures=FigureChoice("none"), workers=1, group=group)
+    with_group = replace(marked, group=made)
+    check = PredictiveCheck((WRONG,), 500)
+    write_results(with_group, out, figures=FigureChoice("none"), workers=1, check=check)
     assert "bayes-toe explore" in page(out)
     said = section(out)
     order = [

@@ -87,8 +87,8 @@ def test_words_are_counted(table):
     assert list(shares.values()) == pytest.approx([0.2, 0.4, 0.6, 0.2, 0.0, 0.2])
     assert counted.found("paper", 650, "contraction", has_effect=False) == share(3, 5)
     assert counted.found("paper", 650, "contraction", has_effect=True) is None
-    assert counted.sentences()[0] == (
-        "paper, 650 trials, order effect: reported wrongly in none 3 of 5."
+    assert counted.sentences()[1] == (
+        "Paper, 650 trials: order effect (60 %), constant error (60 %), contraction (60 %)."
     )
     with pytest.raises(InputError, match="nothing counted for"):
         counted["paper", 650, "none", "contraction", "maybe"]
