@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import bayes_toe as bt
 from bayes_toe.cli.options import NUMBER, StudyFile, option, rare, writes
-from bayes_toe.cli.task import MODEL, Takes, Task
+from bayes_toe.cli.task import MODEL, Task
 from bayes_toe.cli.terminal import Terminal, notes_of, number, without_zeros
 from bayes_toe.data.messages import format_p
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from bayes_toe.classical.fit import FitTable
 
 
-def check(*, study: StudyFile, task: Annotated[Task, Takes("prior")]) -> None:
+def check(*, study: StudyFile, task: Annotated[Task, "prior"]) -> None:
     """Check a study: what was read, its design, and its responses.
 
     [bold]Example[/bold]: bayes-toe check study.csv
@@ -41,7 +41,7 @@ def fit(
     asymmetry_output: Annotated[
         Path | None, option("--asymmetry", "FILE.csv", "Write the asymmetries, too.")
     ] = None,
-    task: Annotated[Task, Takes(*MODEL, "spreadsheet_safe")],
+    task: Annotated[Task, *MODEL, "spreadsheet_safe"],
 ) -> None:
     """Fit the paper's model by maximum likelihood; test asymmetries.
 
@@ -72,7 +72,7 @@ def fit(
         print_asymmetry(task.out, asymmetries)
         if asymmetry_output is not None:
             asymmetries.save(asymmetry_output, **task.saving_of(read))
-    task.done("table in", *outputs, seed=table.seed)
+    task.done(f"Table in {', '.join(map(str, outputs))}", table.seed)
 
 
 def print_asymmetry(out: Terminal, table: AsymmetryTable) -> None:

@@ -12,7 +12,7 @@ import typer
 
 import bayes_toe as bt
 from bayes_toe.cli.options import NUMBER, Question, option, rare, writes
-from bayes_toe.cli.task import MODEL, Takes, Task
+from bayes_toe.cli.task import MODEL, Task
 from bayes_toe.data.messages import counted, listed, quoted
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ def power(
     trials: Annotated[str, option("--trials", "N,N", "Trials of a subject.")] = "325,650,1300",
     data_sets: Annotated[int, rare("--data-sets", NUMBER, "Observers of each effect.", min=1)] = 50,
     observers: Observers = None,
-    task: Annotated[Task, Takes(*MODEL, "spreadsheet_safe")],
+    task: Annotated[Task, *MODEL, "spreadsheet_safe"],
 ) -> None:
     """Estimate how often a design detects an order effect.
 
@@ -239,7 +239,7 @@ def design(
     data_sets: Annotated[int, rare("--data-sets", NUMBER, "Observers of each effect.", min=1)] = 16,
     observers: Observers = None,
     lists: ListOptions,
-    task: Annotated[Task, Takes(*MODEL, "spreadsheet_safe")],
+    task: Annotated[Task, *MODEL, "spreadsheet_safe"],
 ) -> None:
     """Find the pairs that show an order effect best.
 
@@ -320,7 +320,7 @@ def simulate(
     ] = "reference",
     isi: Annotated[str | None, rare("--isi", "N,N", "Inter-stimulus intervals, s.")] = None,
     observers: PopulationOptions,
-    task: Annotated[Task, Takes("seed", "spreadsheet_safe", "overwrite")],
+    task: Annotated[Task, "seed", "spreadsheet_safe", "overwrite"],
 ) -> None:
     """Simulate a study with known order effects.
 
@@ -355,5 +355,4 @@ def simulate(
     for file, frame in zip(files, (trial_frame(trials), truth_frame(trials)), strict=False):
         write_table(frame, file, **task.saving)
     total = sum(len(answered.yes) for answered in trials)
-    what = f"{len(simulated)} synthetic subjects, {total:,} trials in"
-    task.done(what, output, seed=seed)
+    task.done(f"{len(simulated)} synthetic subjects, {total:,} trials in {output}", seed)

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import bayes_toe as bt
-from bayes_toe.cli.options import StudyFile, option, rare, writes
-from bayes_toe.cli.task import MODEL, Takes, Task
+from bayes_toe.cli.options import DrawCount, StudyFile, option, rare, writes
+from bayes_toe.cli.task import MODEL, Task
 
 #: In words, because the module of the hyperprior loads SciPy.
 _HYPERPRIOR = r"Prior of the group: \[constant_error], \[contraction], \[noise], \[q0]."
@@ -42,7 +40,8 @@ def population(
         ),
     ] = Path("population.nc"),
     asked: GroupOptions,
-    task: Annotated[Task, Takes("seed", "overwrite", "spreadsheet_safe", draws=3200)],
+    draws: DrawCount = 3200,
+    task: Annotated[Task, "seed", "overwrite", "spreadsheet_safe"],
 ) -> None:
     """Estimate the group mean and the SD between subjects.
 
@@ -62,33 +61,28 @@ def population(
     table, figure = output.with_suffix(".csv"), output.with_suffix(".png")
     subjects = output.with_name(f"{output.stem}_subjects.csv")
     task.require_files(output, table, subjects, figure)
-    read, prior = task.read(study)
-    task.introduce(read, prior)
-    with warnings.catch_warnings():
-        # They are printed below.
-        warnings.simplefilter("ignore", bt.ConvergenceWarning)
-        result = bt.population(
-            read,
-            covariates=asked.covariates,
-            categorical=tuple(asked.categorical or ()),
-            draws=task.draws,
-            seed=task.seed,
-            hyperprior=asked.hyperprior,
-        )
+    read, _ = task.opened(study)
+    result = bt.population(
+        read,
+        covariates=asked.covariates,
+        categorical=tuple(asked.categorical or ()),
+        draws=draws,
+        seed=task.seed,
+        hyperprior=asked.hyperprior,
+    )
     check = predictive_check(result)
-    files: dict[Path, Callable[[Path], object]] = {
-        output: result.save,
-        table: partial(result.table.save, **task.saving),
-        subjects: partial(result.subject_table.save, **task.saving),
-        figure: partial(bt.plots.save_figure, bt.plots.population(result, check)),
-    }
-    task.write(files)
+    written = task.write(
+        {
+            output: result.save,
+            table: partial(result.table.save, **task.saving),
+            subjects: partial(result.subject_table.save, **task.saving),
+            figure: partial(bt.plots.save_figure, bt.plots.population(result, check)),
+        }
+    )
     print_group(task.out, result, check)
     task.print_uninterpretable(read)
-    missed = {} if result.is_reliable else {"group": result.draws.shortfall}
-    written = f"Written: {', '.join(map(str, files))}. Seed {result.settings.seed}."
-    task.out.answer([*group_answer(result), written])
-    task.end(missed)
+    task.out.answer([*group_answer(result), f"{written} Seed {result.settings.seed}."])
+    task.end({} if result.is_reliable else {"group": result.draws.shortfall})
 
 
 def contrast(
@@ -97,7 +91,7 @@ def contrast(
     output: Annotated[Path, writes("FILE.csv", "Table; the figure is FILE.png.")] = Path(
         "contrast.csv"
     ),
-    task: Annotated[Task, Takes(*MODEL, "spreadsheet_safe", "resume")],
+    task: Annotated[Task, *MODEL, "spreadsheet_safe", "resume"],
 ) -> None:
     """Estimate differences between the conditions of each subject.
 
@@ -106,25 +100,24 @@ def contrast(
     from bayes_toe.cli.within_screens import contrast_lines, print_contrast
     from bayes_toe.plots.figure_files import picture_beside
 
-    files = [output, picture_beside(output)]
-    task.require_files(*files)
+    figure_file = picture_beside(output)
+    task.require_files(output, figure_file)
     keep = task.partial(output)
     read, prior = task.opened(study)
     n_subjects = len({subject.person for subject in read})
     table = task.work("comparing conditions", n_subjects, bt.contrast, read, prior=prior, keep=keep)
     figure = bt.plots.contrast(table, synthetic=read.synthetic)
-    task.write(
+    written = task.write(
         {
             output: partial(table.save, **task.saving),
-            picture_beside(output): partial(bt.plots.save_figure, figure),
+            figure_file: partial(bt.plots.save_figure, figure),
         }
     )
     task.finish(keep, table.failed)
     print_contrast(task.out, table, output.name)
     task.print_uninterpretable(read)
     task.print_failed(table.failed)
-    written = f"Written: {', '.join(map(str, files))}. Seed {table.seed}."
-    task.out.answer([*contrast_lines(table), written])
+    task.out.answer([*contrast_lines(table), f"{written} Seed {table.seed}."])
     task.end(table.failed)
 
 
@@ -134,7 +127,7 @@ def history(
     output: Annotated[Path, writes("FILE.csv", "Table; the figure is FILE.png.")] = Path(
         "history.csv"
     ),
-    task: Annotated[Task, Takes(*MODEL, "spreadsheet_safe")],
+    task: Annotated[Task, *MODEL, "spreadsheet_safe"],
 ) -> None:
     """Estimate serial dependence: the effect of the previous trial.
 
@@ -151,7 +144,7 @@ def history(
         require_order(subject)
     table = task.work("serial dependence", len(read), bt.serial_dependence, read, prior=prior)
     figure = bt.plots.serial(table)
-    task.write(
+    written = task.write(
         {
             output: partial(table.save, **task.saving_of(read)),
             figure_file: partial(bt.plots.save_figure, figure),
@@ -159,6 +152,4 @@ def history(
     )
     print_histories(task.out, table, output.name)
     task.print_uninterpretable(read)
-    task.out.answer(
-        [*history_lines(table), f"Written: {output}, {figure_file}. Seed {table.seed}."]
-    )
+    task.out.answer([*history_lines(table), f"{written} Seed {table.seed}."])

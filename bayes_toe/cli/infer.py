@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import bayes_toe as bt
 from bayes_toe.cli.options import ModelName, StudyFile, flag, rare, writes
-from bayes_toe.cli.task import MODEL, Takes, Task
+from bayes_toe.cli.task import MODEL, Task
 from bayes_toe.cli.terminal import (
     MANY_SUBJECTS,
     OUTPUT,
@@ -50,7 +49,7 @@ def run(
     paper_figures: Annotated[
         bool, flag("--paper-figures", "Write the paper's figures, too.")
     ] = False,
-    task: Annotated[Task, Takes(*MODEL, "draws", "spreadsheet_safe", "resume")],
+    task: Annotated[Task, *MODEL, "draws", "spreadsheet_safe", "resume"],
 ) -> None:
     """Estimate the order effects of every subject and of the group.
 
@@ -127,7 +126,7 @@ def sample(
     study: StudyFile,
     output: Annotated[Path, writes("FILE.nc", "Draws.")] = Path("posterior.nc"),
     model: ModelName = "paper",
-    task: Annotated[Task, Takes(*MODEL, "draws", "resume")],
+    task: Annotated[Task, *MODEL, "draws", "resume"],
 ) -> None:
     """Sample the posterior of one model for every subject.
 
@@ -145,29 +144,14 @@ def sample(
     _require_room(task, output, keep, read, prior, model)
     task.introduce(read, prior)
     task.out.findings(identification_findings(read), "-")
-    with warnings.catch_warnings():
-        # They are printed below.
-        warnings.simplefilter("ignore", bt.ConvergenceWarning)
-        draws = task.work(
-            "sampling",
-            len(read),
-            bt.sample,
-            read,
-            model=model,
-            draws=task.draws,
-            prior=prior,
-            keep=keep,
-        )
+    options: dict[str, Any] = {"model": model, "draws": task.draws, "prior": prior, "keep": keep}
+    draws = task.work("sampling", len(read), bt.sample, read, **options)
     draws.save(output, overwrite=task.overwrite)
     print_draws(task.out, draws)
     task.finish(keep, draws.failed)
-    task.done(
-        "draws in",
-        output,
-        seed=draws.seed,
-        failed=draws.failed,
-        missed={**draws.not_converged, **draws.imprecise},
-    )
+    task.print_failed(draws.failed)
+    task.done(f"Draws in {output}", draws.seed)
+    task.end(draws.failed, draws.not_converged, draws.imprecise)
 
 
 def _require_room(
@@ -201,7 +185,7 @@ def evidence(
     *,
     study: StudyFile,
     output: Annotated[Path, writes("FILE.csv", "Table.")] = Path("evidence.csv"),
-    task: Annotated[Task, Takes(*MODEL, "spreadsheet_safe", "resume")],
+    task: Annotated[Task, *MODEL, "spreadsheet_safe", "resume"],
 ) -> None:
     """Compute the model evidences of every subject, and the answer.
 

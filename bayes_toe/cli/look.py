@@ -22,7 +22,7 @@ from bayes_toe.cli.options import (
     rare,
     writes,
 )
-from bayes_toe.cli.task import WORKERS, Takes, Task
+from bayes_toe.cli.task import WORKERS, Task
 from bayes_toe.data.messages import bare, counted, listed, quoted
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ def explore(
         list[str] | None, option("--subject", "NAME", "Only this subject; repeatable.")
     ] = None,
     truth: TrueValues = None,
-    task: Annotated[Task, Takes("overwrite")],
+    task: Annotated[Task, "overwrite"],
 ) -> None:
     """Write a page that shows saved draws in a browser.
 
@@ -64,7 +64,7 @@ def explore(
         explorer = page(shown, tick)
     explorer.save(output, overwrite=task.overwrite)
     size = len(explorer.html.encode()) / 1e6
-    task.done("explorer in", output, ending=f": {size:.1f} MB, open it in a browser")
+    task.done(f"Explorer in {output}: {size:.1f} MB, open it in a browser")
 
 
 def read_truth(path: Path, draws: Sequence[bt.Draws], subjects: Sequence[str]) -> Truth:
@@ -116,7 +116,7 @@ def corner(
     formats: Annotated[
         list[str] | None, option("--format", "NAME", "png (default), pdf or svg; repeatable.")
     ] = None,
-    task: Annotated[Task, Takes(*WORKERS)],
+    task: Annotated[Task, *WORKERS],
 ) -> None:
     """Draw corner plots of saved draws.
 
@@ -157,7 +157,7 @@ def corner(
             targets = [folder.absolute() / f"{stem}.{ending}" for ending in endings]
             jobs.append(partial(_draw_corner, saved, names, known, options, targets))
         run_in_order(jobs, of_this_machine(task.workers), tick, [names[:1] for names in groups])
-    task.done(f"{counted(len(groups), 'corner plot')} in", output)
+    task.done(f"{counted(len(groups), 'corner plot')} in {output}")
 
 
 def _quantities(
@@ -207,7 +207,7 @@ def app(
         "~/bayes_toe_app"
     ),
     port: Annotated[int, option("--port", NUMBER, "Port; 0: a free one.", min=0, max=65535)] = 8750,
-    task: Annotated[Task, Takes()],
+    task: Task,
 ) -> None:
     """Analyse studies on a web page of this computer.
 

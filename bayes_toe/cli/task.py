@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import inspect
 import sys
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cached_property, wraps
 from pathlib import Path
 from textwrap import wrap
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Any, TypeVar, get_args, get_type_hints
 
 import typer
 
@@ -27,9 +28,9 @@ from bayes_toe.cli.options import (
     StudyFile,
 )
 from bayes_toe.cli.terminal import TYPED, WIDTH, Terminal
-from bayes_toe.data.messages import capitalized, counted, visible
+from bayes_toe.data.messages import counted, visible
 from bayes_toe.data.whole_files import describe_stored, under_way
-from bayes_toe.errors import BayesToeError, InputError, OutputExistsError
+from bayes_toe.errors import BayesToeError, ConvergenceWarning, InputError, OutputExistsError
 
 if TYPE_CHECKING:
     from bayes_toe.data.study import Study
@@ -37,22 +38,12 @@ if TYPE_CHECKING:
     from bayes_toe.workers import Workers
 
 Result = TypeVar("Result")
-NOBODY: Mapping[str, str] = {}
 BAD_INPUT, INCOMPLETE = 2, 3
-#: The shared options of commands that share their work among processes and write, and of those that
-#: compute with a model besides.
+#: The fields of :class:`Task` that are options of commands that share their work among processes
+#: and write, and of those that compute with a model besides. An annotation of a command names those
+#: that the command has, besides quiet.
 WORKERS = ("processes", "dask", "overwrite")
 MODEL = ("seed", "prior", *WORKERS)
-
-
-class Takes:
-    """Which fields of :class:`Task` are options of a command, besides quiet.
-
-    By name those with a default of their own.
-    """
-
-    def __init__(self, *names: str, **defaults: Any) -> None:
-        self.names, self.defaults = {*names, *defaults, "quiet"}, defaults
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -191,13 +182,14 @@ class Task:
                     "Use another --output."
                 )
 
-    def write(self, writers: Mapping[Path, Callable[[Path], object]]) -> None:
-        """Write files of one folder, which appear all together or not at all."""
+    def write(self, writers: Mapping[Path, Callable[[Path], object]]) -> str:
+        """Write files of one folder, which appear all together or not at all; say which."""
         from bayes_toe.data.whole_files import whole_together
 
         with whole_together(*writers, overwrite=self.overwrite) as folder:
             for file, write in writers.items():
                 write(folder / file.name)
+        return f"Written: {', '.join(map(str, writers))}."
 
     @property
     def saving(self) -> dict[str, Any]:
@@ -211,21 +203,10 @@ class Task:
         """
         return {**self.saving, "units": study.conditions is not None}
 
-    def done(
-        self,
-        what: str,
-        *files: Path,
-        seed: int | None = None,
-        ending: str = "",
-        failed: Mapping[str, str] = NOBODY,
-        missed: Mapping[str, str] = NOBODY,
-    ) -> None:
-        """Print what was written and the seed, then end the command."""
-        text = f"{capitalized(what)} {', '.join(map(str, files))}{ending}."
-        self.print_failed(failed)
+    def done(self, text: str, seed: int | None = None) -> None:
+        """Print what was written, and the seed."""
         self.out.line()
-        self.out.line(text if seed is None else f"{text} Seed {seed}.")
-        self.end(failed, missed)
+        self.out.line(f"{text}." if seed is None else f"{text}. Seed {seed}.")
 
     def print_failed(self, failed: Mapping[str, str]) -> None:
         """Subjects without a result, with the reason."""
@@ -241,18 +222,16 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
     """The function as the command line calls it.
 
     A parameter that is a record becomes one option for each of its fields (of :class:`Task` those
-    that it :class:`Takes`), and the function receives the record of them. Our errors become lines
-    on standard error and exit code 2; anything else is a bug and shows its traceback.
+    that its annotation names), and the function receives the record of them. Our errors become
+    lines on standard error and exit code 2; anything else is a bug and shows its traceback.
     """
     signature = inspect.signature(function, eval_str=True)
     records: dict[str, tuple[Any, list[str]]] = {}
     parameters: list[inspect.Parameter] = []
     for name, parameter in signature.parameters.items():
-        kind, takes = parameter.annotation, None
-        if get_origin(kind) is Annotated:
-            kind, takes = get_args(kind)[:2]
+        kind, *names = get_args(parameter.annotation) or [parameter.annotation]
         if is_dataclass(kind):
-            options = _options(kind, takes)
+            options = _options(kind, names)
             records[name] = kind, [option.name for option in options]
             parameters += options
         else:
@@ -268,7 +247,10 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
             values[name] = kind(**of_record)
         under_way.clear()  # An earlier call in this process may have stored results.
         try:
-            function(**values)
+            with warnings.catch_warnings():
+                # Every screen names what did not converge.
+                warnings.simplefilter("ignore", ConvergenceWarning)
+                function(**values)
         except BayesToeError as error:
             print_error(error, function.__name__)
             raise typer.Exit(BAD_INPUT) from error
@@ -288,23 +270,15 @@ def _input_paths(values: Mapping[str, Any]) -> tuple[Path, ...]:
     return tuple(paths)
 
 
-def _options(kind: Any, takes: Takes | None) -> list[inspect.Parameter]:
-    """A parameter for each field of a record that is taken, in its order."""
+def _options(kind: Any, names: Sequence[str]) -> list[inspect.Parameter]:
+    """A parameter for each field of a record, in its order; of a task those that are named."""
     hints = get_type_hints(kind, include_extras=True)
     options = []
     for field in fields(kind):
-        default = field.default
-        if takes is not None:
-            if field.name not in takes.names:
-                continue
-            default = takes.defaults.get(field.name, default)
-        parameter = inspect.Parameter(
-            field.name,
-            inspect.Parameter.KEYWORD_ONLY,
-            default=default,
-            annotation=hints[field.name],
-        )
-        options.append(parameter)
+        if kind is not Task or field.name in (*names, "quiet"):
+            parameter = inspect.Parameter(field.name, inspect.Parameter.KEYWORD_ONLY)
+            annotation = hints[field.name]
+            options.append(parameter.replace(default=field.default, annotation=annotation))
     return options
 
 
@@ -315,20 +289,21 @@ def print_error(error: BayesToeError, command: str) -> None:
     if isinstance(error, InputError):
         problems = "\n".join(error.problems)
         choices = [(remedy.typed, remedy.meaning) for remedy in error.remedies]
-    if problems == NO_FILE:
-        choices = [(f"bayes-toe {command} STUDY.csv", ""), (f"bayes-toe {command} --example", "")]
-    if isinstance(error, OutputExistsError):
+    elif isinstance(error, OutputExistsError):
         problems = error.problem
         choices = [("--overwrite", "to replace it"), ("-o NAME", "to write elsewhere")]
+    if problems == NO_FILE:
+        choices = [(f"bayes-toe {command} {what}", "") for what in ("STUDY.csv", "--example")]
     stored = describe_stored()
     if stored:
         problems = f"{problems}; {stored}"
     for problem in problems.split("\n"):
         print_labelled("error:", visible(problem))
     width = max((len(typed) for typed, _ in choices), default=0)
-    for i, (typed, meaning) in enumerate(choices):
-        label = "" if i else "type:"
+    label = "type:"
+    for typed, meaning in choices:
         print_labelled(label, visible(f"{typed:<{width}}  {meaning}".rstrip()))
+        label = ""
 
 
 def print_labelled(label: str, text: str) -> None:
@@ -336,5 +311,6 @@ def print_labelled(label: str, text: str) -> None:
     lines = [text]
     if sys.stderr.isatty():
         lines = wrap(text, WIDTH - 7, break_long_words=False, break_on_hyphens=False)
-    for i, line in enumerate(lines):
-        typer.echo(f"{'' if i else label:<7}{line}", err=True)
+    for line in lines:
+        typer.echo(f"{label:<7}{line}", err=True)
+        label = ""
