@@ -36,11 +36,13 @@ def print_check(out: Terminal, study: Study, prior: Prior, *, shows_prior: bool 
     if shows_prior:
         out.line(f"Prior: {prior.describe_orders(study.task)}", indent=2)
     _print_problems(out, study, by_subject)
-    of_study = [finding for finding in findings if not finding.subject]
-    out.findings(finding for finding in of_study if finding.code not in (*NOTES, "not_identified"))
-    notes = [*study.notes[1:], *(item.message for item in of_study if item.code in NOTES)]
-    out.notes((("", f"{capitalized(note.rstrip('.'))}.", "") for note in notes), "-")
-    lines, commands = answer_of_check(study, of_study, by_subject)
+    own = ("not_identified", *NOTES)
+    out.findings(item for item in findings if not item.subject and item.code not in own)
+    notes = [item.message for item in findings if not item.subject and item.code in NOTES]
+    texts = [f"{capitalized(note.rstrip('.'))}." for note in (*study.notes[1:], *notes)]
+    out.notes((("", text, "") for text in texts), "-")
+    limits = [item.message for item in findings if item.code == "not_identified"]
+    lines, commands = answer_of_check(study, limits, by_subject)
     out.answer(lines)
     for command in commands:
         out.lines(command_lines(command, "  "))
@@ -48,9 +50,9 @@ def print_check(out: Terminal, study: Study, prior: Prior, *, shows_prior: bool 
 
 def _print_problems(out: Terminal, study: Study, by_subject: dict[str, list[Finding]]) -> None:
     """A row for each subject with a problem, and in full what does not fit into it."""
-    names, others = list(by_subject), [name for name in study.names if name not in by_subject]
+    names = list(by_subject)
     if not names and len(study) < MANY_SUBJECTS:
-        names, others = others, []
+        names = list(study.names)
     rows, full = [], list[Finding]()
     for name in names:
         subject, findings = study[name], by_subject.get(name, [])
@@ -58,39 +60,35 @@ def _print_problems(out: Terminal, study: Study, by_subject: dict[str, list[Find
         if findings:
             sentence = findings[0].message.partition(". ")[0].rstrip(".")
             problem = f"{sentence[0].lower()}{sentence[1:]}"
-            full += findings if len(problem) > _LONGEST_PROBLEM else findings[1:]
+        is_long = len(problem) > _LONGEST_PROBLEM
+        full += findings if is_long else findings[1:]
+        if is_long:
+            problem = f"{problem[: _LONGEST_PROBLEM - 3].rstrip()}..."
         share = f"{100.0 * subject.fraction_yes:.0f} %"
-        rows.append([name, str(subject.total_trials), share, _cut(problem)])
-    if others:
-        rows.append([f"{len(others):,} more" if names else f"all {len(others):,}", "", "", "none"])
+        rows.append([name, str(subject.total_trials), share, problem])
+    n_others = len(study) - len(names)
+    if n_others:
+        rows.append([f"{n_others:,} more" if names else f"all {n_others:,}", "", "", "none"])
     out.table(["subject", "trials", f"'{study.task.yes}'", "problem"], rows, (1, 2))
     out.notes((item.subject, item.message, "") for item in full)
 
 
-def _cut(problem: str) -> str:
-    """A problem that fits into its column."""
-    if len(problem) <= _LONGEST_PROBLEM:
-        return problem
-    return f"{problem[: _LONGEST_PROBLEM - 3].rstrip()}..."
-
-
 def answer_of_check(
-    study: Study, of_study: Sequence[Finding], by_subject: Mapping[str, Sequence[Finding]]
+    study: Study, limits: list[str], by_subject: Mapping[str, Sequence[Finding]]
 ) -> tuple[list[str], list[str]]:
     """What the design can show, who needs a decision, and the commands to type."""
-    lines = [finding.message for finding in of_study if finding.code == "not_identified"]
-    if not lines:
+    lines = limits
+    if not limits:
         lines = ["The design can show a constant error and a contraction."]
     elif identify(study.subjects[0]).constant_error:
-        lines = ["The design can show a constant error.", *lines]
+        lines = ["The design can show a constant error.", *limits]
     options = []
     for findings in by_subject.values():
         options += [finding.option for finding in findings if finding.option][:1]
     run = typed_command("run")
     if not options:
         return [*lines, "No subject needs a decision. Type:"], [run]
-    exclude = [option.replace("--swap", "--exclude") for option in options]
-    commands = [f"{run} {' '.join(exclude)}"]
+    commands = [f"{run} {' '.join(options)}".replace("--swap", "--exclude")]
     swap = [option for option in options if option.startswith("--swap")]
     if swap:
         commands.insert(0, f"{run} {' '.join(swap)}")
@@ -113,17 +111,18 @@ def describe_pairs(study: Study) -> str:
     shown = set[tuple[float, float]]()
     for subject in study:
         shown.update(zip(subject.s1.tolist(), subject.s2.tolist(), strict=True))
-    n_equal = sum(first == second for first, second in shown)
-    different = {tuple(sorted(pair)) for pair in shown if pair[0] != pair[1]}
-    n_both = sum((a, b) in shown and (b, a) in shown for a, b in different)
+    different = {(first, second) for first, second in shown if first != second}
+    n_equal = len(shown) - len(different)
+    n_both = sum((second, first) in different for first, second in different) // 2
+    n_single = len(different) - 2 * n_both
     parts = []
     if n_equal:
         parts.append(counted(n_equal, "equal one"))
     if n_both:
         each = ", each" if n_both > 1 else ","
         parts.append(f"{counted(n_both, 'different one')}{each} in both orders")
-    if len(different) > n_both:
-        parts.append(f"{counted(len(different) - n_both, 'different one')} in one order only")
+    if n_single:
+        parts.append(f"{counted(n_single, 'different one')} in one order only")
     return f"Pairs: {', and '.join(parts)}"
 
 

@@ -241,12 +241,11 @@ def print_draws(out: Terminal, draws: bt.Draws, file: str = OUTPUT) -> None:
 
 def print_failed(out: Terminal, draws: bt.Draws, file: str = OUTPUT) -> None:
     """Subjects whose draws did not converge, or are too few."""
-    for label, reasons in (
+    for text, reasons in (
         ("The draws did not converge", draws.not_converged),
         ("The draws are not precise enough", draws.imprecise),
     ):
-        notes = [(name, f"{label}: {reason}.", "") for name, reason in reasons.items()]
-        out.notes(notes, file=file)
+        out.notes([(name, f"{text}: {why}.", "") for name, why in reasons.items()], file=file)
 
 
 def print_model_evidence(out: Terminal, table: EvidenceTable, file: str = OUTPUT) -> None:
@@ -254,15 +253,11 @@ def print_model_evidence(out: Terminal, table: EvidenceTable, file: str = OUTPUT
     headings = ["subject", "none ", "constant ", "contraction ", "both "]
     headings += ["H0", "paper's\nH1", "ln BF\nH1:H0"]
     rows = []
-    for row in table:
+    for row, answer in zip(table, table.answers, strict=True):
         cells = [row.subject]
-        models = {} if row.answer is None else row.answer.log_evidence
-        for model, value in models.items():
-            is_best = row.answer is not None and model == row.answer.best_model
-            cells.append(f"{value:.2f}{'*' if is_best else ' '}")
-        cells += [""] * (5 - len(cells))
-        cells.append(f"{row.log_evidence_h0:.2f}")
-        cells.append(number(row.log_evidence_h1))
+        for model, value in answer.log_evidence.items():
+            cells.append(f"{value:.2f}{'*' if model == answer.best_model else ' '}")
+        cells += [f"{row.log_evidence_h0:.2f}", number(row.log_evidence_h1)]
         factor = row.log_bayes_factor
         cells.append("-" if factor is None else f"{factor:+.1f}")
         rows.append(cells)

@@ -55,10 +55,8 @@ def explore(
     require_bokeh()
     task.require_files(output)
     loaded = [load_draws(path) for path in posteriors]
-    truths = None
-    if truth is not None:
-        names = chain.from_iterable(draws.names for draws in loaded)
-        truths = read_truth(truth, loaded, subject or [*names])
+    names = subject or list(chain.from_iterable(draws.names for draws in loaded))
+    truths = None if truth is None else read_truth(truth, loaded, names)
     shown = entries(loaded, subject, truths)
     with task.out.progress("packing", len(shown)) as tick:
         explorer = page(shown, tick)
@@ -79,16 +77,17 @@ def read_truth(path: Path, draws: Sequence[bt.Draws], subjects: Sequence[str]) -
     from bayes_toe.data.validation import read_numbers
 
     quantities = dict[str, None]()
-    for one in draws:
-        quantities |= dict.fromkeys(one.posterior(one.names[0]).names.all)
+    for loaded in draws:
+        quantities |= dict.fromkeys(loaded.posterior(loaded.names[0]).names.all)
     names, columns = read_numbers(path, (), "subject", optional=list(quantities), gaps=True)
-    interval = next((one.prior.reference_interval for one in draws if one.intervals), None)
+    interval = next((loaded.prior.reference_interval for loaded in draws if loaded.intervals), None)
     if interval is not None and "sigma_p" in columns:
         columns["sigma_p"] = columns["sigma_p"] * interval**0.5
-    truth: dict[str, dict[str, float]] = {}
-    for row, name in enumerate(names):
-        values = {key: float(column[row]) for key, column in columns.items()}
-        truth[name] = {key: value for key, value in values.items() if not isnan(value)}
+    truth: dict[str, dict[str, float]] = {name: {} for name in names}
+    for key, column in columns.items():
+        for name, value in zip(names, column.tolist(), strict=True):
+            if not isnan(value):
+                truth[name][key] = value
     if not any(truth.get(name) for name in subjects):
         raise bt.InputError(
             f"{bare(path.name)}: there are no true values of "
@@ -129,35 +128,38 @@ def corner(
     from bayes_toe.plots.figure_files import require_formats
     from bayes_toe.workers import of_this_machine, run_in_order
 
-    endings = require_formats(["png"] if formats is None else formats)
+    endings = require_formats(formats or ["png"])
     draws = load_draws(posterior)
+    names = tuple(subject or draws.names)
     for name in subject or ():
         draws.subject(name)  # refuses who is not there
-    if subject is not None and len(subject) > 1:
-        groups = [tuple(subject)]
-    else:
-        groups = [(name,) for name in subject or draws.names]
-    truths = {} if truth is None else read_truth(truth, [draws], subject or draws.names)
+    truths = {} if truth is None else read_truth(truth, [draws], names)
     options = {
         "coordinates": _quantities(coordinates, parameters, draws),
         "prior": draws.prior if show_prior else None,
     }
     stems = file_stems(draws.names)
-    figure_stems = ["+".join(stems[name] for name in names) for names in groups]
-    files = [f"{stem}.{ending}" for stem in figure_stems for ending in endings]
+    if subject is not None and len(subject) > 1:
+        known = {name: truths[name] for name in names if name in truths}
+        figures: dict[str, dict[str, Any]] = {
+            "+".join(stems[name] for name in names): {"subject": names, "truths": known}
+        }
+    else:
+        figures = {stems[name]: {"subject": name, "truths": truths.get(name)} for name in names}
+    files = [f"{stem}.{ending}" for stem in figures for ending in endings]
     task.require_folder(output, files)
     with (
         whole_folder(output, files, required=files, overwrite=task.overwrite) as folder,
-        task.out.progress("drawing", len(groups)) as tick,
+        task.out.progress("drawing", len(figures)) as tick,
     ):
         saved = open_later(posterior)
+        # Absolute, since a worker may be in another folder than this process.
+        target = folder.absolute()
         jobs = []
-        for names, stem in zip(groups, figure_stems, strict=True):
-            known = {name: truths[name] for name in names if name in truths}
-            targets = [folder.absolute() / f"{stem}.{ending}" for ending in endings]
-            jobs.append(partial(_draw_corner, saved, names, known, options, targets))
-        run_in_order(jobs, of_this_machine(task.workers), tick, [names[:1] for names in groups])
-    task.done(f"{counted(len(groups), 'corner plot')} in {output}")
+        for stem, given in figures.items():
+            jobs.append(partial(_draw_corner, saved, {**given, **options}, target / stem, endings))
+        run_in_order(jobs, of_this_machine(task.workers), tick, [(stem,) for stem in figures])
+    task.done(f"{counted(len(figures), 'corner plot')} in {output}")
 
 
 def _quantities(
@@ -165,7 +167,7 @@ def _quantities(
 ) -> str | tuple[str, ...]:
     """Which quantities are drawn, from --coordinates or --parameters."""
     if parameters is None:
-        return "natural" if coordinates is None else coordinates
+        return coordinates or "natural"
     if coordinates is not None:
         raise bt.InputError(
             f"--parameters {parameters} and --coordinates {coordinates} exclude each other."
@@ -182,23 +184,15 @@ def _quantities(
 
 
 def _draw_corner(
-    saved: Callable[[], bt.Draws],
-    names: tuple[str, ...],
-    truths: Truth,
-    options: Mapping[str, Any],
-    targets: Sequence[Path],
+    saved: Callable[[], bt.Draws], options: Mapping[str, Any], target: Path, endings: Sequence[str]
 ) -> None:
     """Draw a corner plot of a subject, or of several, in every format."""
-    from bayes_toe.plots.figure_files import picture, png
+    from bayes_toe.plots.figure_files import picture
 
-    if len(names) == 1:
-        figure = bt.plots.corner(saved(), names[0], truths=truths.get(names[0]), **options)
-    else:
-        figure = bt.plots.corner(saved(), names, truths=truths, **options)
-    for target in targets:
-        ending = target.suffix.removeprefix(".")
-        content = png(figure, dpi=110) if ending == "png" else picture(figure, ending)
-        target.write_bytes(content)
+    figure = bt.plots.corner(saved(), **options)
+    for ending in endings:
+        content = picture(figure, ending, dpi=110 if ending == "png" else 300)
+        target.with_name(f"{target.name}.{ending}").write_bytes(content)
 
 
 def app(

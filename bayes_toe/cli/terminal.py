@@ -243,33 +243,30 @@ def _split_table(
     headings: Sequence[str], rows: Sequence[Sequence[str]], numeric: Collection[int]
 ) -> list[str]:
     """A table whose last columns follow below, with the first column again."""
-    n_first = len(headings)
-    while n_first > 2 and not is_narrow(headings[:n_first], [row[:n_first] for row in rows]):
-        n_first -= 1
-    lines = list[str]()
-    for index in (range(n_first), [0, *range(n_first, len(headings))]):
-        part_rows = []
-        for row in rows:
-            part_rows.append([row[i] for i in index if i < len(row)])
-        moved = [place for place, i in enumerate(index) if i in numeric]
-        lines += ["", *format_table([headings[i] for i in index], part_rows, moved)]
-    return lines[1:]
+    n = len(headings) - 1
+    while n > 2 and not is_narrow(headings[:n], [row[:n] for row in rows]):
+        n -= 1
+    rest = [headings[0], *headings[n:]], [[row[0], *row[n:]] for row in rows]
+    moved = [i - n + 1 for i in numeric if i >= n]
+    first = format_table(headings[:n], [row[:n] for row in rows], numeric)
+    return [*first, "", *format_table(*rest, moved)]
 
 
 def _table_line(
     row: Sequence[str], widths: Sequence[int], gap: int, numeric: Collection[int]
 ) -> str:
     """A row of a table; the last cell of a short row goes across the other columns."""
-    cells = []
+    line = ""
     for i, cell in enumerate(row):
         width = widths[i]
         is_spanning = i == len(row) - 1 < len(widths) - 1
         if is_spanning:
-            width = WIDTH - sum(widths[:i]) - gap * i
-        shown = shorten(cell, width)
-        padding = " " * (width - cell_width(shown))
-        cells.append(padding + shown if i in numeric and not is_spanning else shown + padding)
-    return (" " * gap).join(cells).rstrip()
+            width = WIDTH - cell_width(line)
+        text = shorten(cell, width)
+        padding = " " * (width - cell_width(text))
+        line += padding + text if i in numeric and not is_spanning else text + padding
+        line += " " * gap
+    return line.rstrip()
 
 
 def shorten(text: str, width: int) -> str:
@@ -328,12 +325,12 @@ def merge_notes(notes: Iterable[tuple[str, str, str]]) -> list[tuple[list[str], 
     >>> merge_notes([("A", "few trials", ""), ("B", "few trials", "")])
     [(['A', 'B'], 'few trials', '')]
     """
-    merged: dict[tuple[str, str], list[str]] = {}
+    merged: dict[tuple[str, str], dict[str, None]] = {}
     for subject, text, option in notes:
-        subjects = merged.setdefault((text, option), [])
-        if subject and subject not in subjects:
-            subjects.append(subject)
-    return [(subjects, text, option) for (text, option), subjects in merged.items()]
+        subjects = merged.setdefault((text, option), {})
+        if subject:
+            subjects[subject] = None
+    return [(list(subjects), *note) for note, subjects in merged.items()]
 
 
 def describe_study(study: Study) -> str:
@@ -345,16 +342,14 @@ def describe_study(study: Study) -> str:
 def describe_amount(study: Study) -> str:
     """Subjects, trials, task and pairs of a study."""
     n_trials = sum(subject.total_trials for subject in study)
-    n_pairs = {subject.n_pairs for subject in study}
+    numbers = [subject.n_pairs for subject in study]
     subjects = counted(len({subject.person for subject in study}), "subject")
     if study.conditions is not None:
         subjects += f" in {len(study.conditions.levels)} conditions"
-    parts = [subjects, f"{n_trials:,} trials", TASK_NAMES[study.task]]
-    if len(n_pairs) == 1:
-        parts.append(counted(min(n_pairs), "pair"))
-    else:
-        parts.append(f"{min(n_pairs):,} to {max(n_pairs):,} pairs")
-    return ", ".join(parts)
+    pairs = f"{min(numbers):,} to {max(numbers):,} pairs"
+    if len(set(numbers)) == 1:
+        pairs = counted(numbers[0], "pair")
+    return f"{subjects}, {n_trials:,} trials, {TASK_NAMES[study.task]}, {pairs}"
 
 
 # --- numbers, with no more digits than their Monte Carlo errors allow ----------------------------

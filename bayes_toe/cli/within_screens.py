@@ -13,7 +13,7 @@ from bayes_toe.data.messages import capitalized, counted
 
 if TYPE_CHECKING:
     from bayes_toe.answers.contrast import ContrastTable, Difference
-    from bayes_toe.answers.serial_dependence import SerialDependence, SubjectDependence
+    from bayes_toe.answers.serial_dependence import SerialDependence
 
 #: The words of files for differences, as screens have them.
 DIFFERENCE_WORDS = {
@@ -37,37 +37,34 @@ def print_contrast(out: Terminal, table: ContrastTable, file: str = OUTPUT) -> N
         out.line(f"All {len(table.subjects):,} subjects: {file}")
     if any(row.robust == "no" for row in table):
         out.line("? The word changes if the lapse rate may differ between conditions.")
-    missing = [
-        (name, f"Not compared: {reason}.", "")
-        for name, reason in table.left_out.items()
-        if name not in table.failed
-    ]
     notes = []
+    for name, reason in table.left_out.items():
+        if name not in table.failed:
+            notes.append((name, f"Not compared: {reason}.", ""))
     for subject in table.subjects:
         notes += [(subject.subject, note, "") for note in subject.notes]
-    out.notes([*missing, *notes], "-", file=file)
+    out.notes(notes, "-", file=file)
 
 
 def _contrast_table(table: ContrastTable) -> tuple[list[str], list[list[str]]]:
     """Headings and rows; the name of a subject, or of its comparison, stands in its first row."""
-    comparisons = {row.comparison for row in table}
+    is_one = len({row.comparison for row in table}) == 1
     rows = []
     label_before = ""
     for row in table:
         if row.quantity == "order effect":
             continue
-        label = row.subject
-        if len(comparisons) > 1:
-            label = f"{row.subject} {row.comparison}"
+        label = row.subject if is_one else f"{row.subject} {row.comparison}"
         word = DIFFERENCE_WORDS.get(row.word, "-")
         if row.robust == "no":
             word += " ?"
-        factor = row.log_bf_differs
-        shown_factor = "-" if factor is None else format_bayes_factor(factor)
-        shown_label = "" if label == label_before else label
-        rows.append([shown_label, row.quantity, _difference(row), shown_factor, word])
+        factor = "-"
+        if row.log_bf_differs is not None:
+            factor = format_bayes_factor(row.log_bf_differs)
+        cells = [row.quantity, _difference(row), factor, word]
+        rows.append(["" if label == label_before else label, *cells])
         label_before = label
-    title = "difference" if len(comparisons) > 1 else table.rows[0].comparison
+    title = table.rows[0].comparison if is_one else "difference"
     return ["subject", "", f"{title} [95 % interval]", "BF", "differs"], rows
 
 
@@ -111,35 +108,27 @@ def _count(words: Iterable[str]) -> str:
 
 def print_histories(out: Terminal, table: SerialDependence, file: str = OUTPUT) -> None:
     """Both effects of every subject, and the meaning of their sizes."""
-    known = [row for row in table if row.is_known]
-    rows = [_history_row(row) for row in known] if len(known) < MANY_SUBJECTS else []
+    rows, notes = [], []
+    for row in table:
+        if row.is_known:
+            carry_over, previous = row.word("carry_over"), row.word("previous_response")
+            sizes = _size(carry_over, row.rho), _size(previous, row.kappa)
+            rows.append([row.subject, carry_over, sizes[0], previous, sizes[1]])
+        else:
+            notes.append((row.subject, f"No result: {row.note}.", ""))
     headings = ["subject", "carry-over", "rho [95 %]", "previous\nresponse", "kappa [95 %]"]
-    if rows:
+    if len(rows) >= MANY_SUBJECTS:
+        out.line()
+        out.line(f"All {len(rows):,} subjects: {file}")
+    elif rows:
         out.table(headings, rows)
         out.line("rho: share of a stimulus that is carried over to the next trial.")
         out.line("kappa: above 0 subjects repeat their response, below 0 they alternate.")
-    elif known:
-        out.line()
-        out.line(f"All {len(known):,} subjects: {file}")
-    out.notes(
-        ((row.subject, f"No result: {row.note}.", "") for row in table if not row.is_known),
-        file=file,
-    )
-
-
-def _history_row(row: SubjectDependence) -> list[str]:
-    """Words and sizes of both effects; no size if there is probably no effect."""
-    carry_over, previous = row.word("carry_over"), row.word("previous_response")
-    return [
-        row.subject,
-        carry_over,
-        _size(carry_over, row.rho),
-        previous,
-        _size(previous, row.kappa),
-    ]
+    out.notes(notes, file=file)
 
 
 def _size(word: str, quantiles: tuple[float, ...]) -> str:
+    """The size of an effect; '-' if there is probably none."""
     if word in ("no", "probably not") or not quantiles:
         return "-"
     return format_share(Size(*quantiles))
@@ -148,8 +137,8 @@ def _size(word: str, quantiles: tuple[float, ...]) -> str:
 def history_lines(table: SerialDependence) -> list[str]:
     """How many subjects have each word, for both effects."""
     known = [row for row in table if row.is_known]
-    lines = []
-    for effect, name in (("carry_over", "Carry-over"), ("previous_response", "Previous response")):
-        if known:
-            lines.append(f"{name}: {_count(row.word(effect) for row in known)}.")
-    return lines
+    if not known:
+        return []
+    carry_over = _count(row.word("carry_over") for row in known)
+    previous = _count(row.word("previous_response") for row in known)
+    return [f"Carry-over: {carry_over}.", f"Previous response: {previous}."]
