@@ -5,6 +5,7 @@ And the same in this process, where that changes nothing.
 
 import io
 import os
+import shlex
 import subprocess
 import sys
 from contextlib import chdir, redirect_stderr, redirect_stdout
@@ -29,11 +30,12 @@ def call(*args, cwd=None, **environment):
 def inside(*args, cwd="."):
     """The same command in this process, which has its libraries already.
 
-    For what follows a run by :func:`call`, and for refusals.
+    The first word may be the beginning of a line as it is typed.
     """
     from bayes_toe.cli.app import app
 
-    words, code = [str(word) for word in args], 0
+    line, *more = map(str, args)
+    words, code = [*shlex.split(line), *more], 0
     with (
         chdir(cwd),
         redirect_stdout(io.StringIO()) as out,

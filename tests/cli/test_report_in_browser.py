@@ -11,32 +11,31 @@ from browsers import Opened
 
 from bayes_toe.cli.results_folder import FigureChoice, write_results
 
+SCREEN = 900  # pixels
+A4 = 680  # pixels less the margins: narrower than a page that is not printed may be
+
 
 @pytest.fixture(scope="module")
 def path(marked, tmp_path_factory):
-    return (
-        write_results(
-            marked,
-            tmp_path_factory.mktemp("report") / "out",
-            figures=FigureChoice("flagged"),
-            workers=1,
-        )
-        / "report.html"
-    )
+    folder = tmp_path_factory.mktemp("report") / "out"
+    write_results(marked, folder, figures=FigureChoice("flagged"), workers=1)
+    return folder / "report.html"
 
 
 @pytest.fixture
 def opened(browser, path):
-    made = Opened(browser, path, 1200)
-    yield made
-    made.page.close()
-    assert made.problems == []
+    """Open the report at some width; in the end no page has had a problem."""
+    pages = []
 
+    def open_page(width=1200, medium="screen", scheme="light", **options):
+        pages.append(Opened(browser, path, width, color_scheme=scheme, **options))
+        pages[-1].page.emulate_media(media=medium, color_scheme=scheme)
+        return pages[-1]
 
-def values(page, column):
-    return page.locator(f"#overview-table tbody td:nth-child({column})").evaluate_all(
-        "cells => cells.map(cell => cell.dataset.value)"
-    )
+    yield open_page
+    for made in pages:
+        made.page.close()
+        assert made.problems == []
 
 
 def names(page):
@@ -44,83 +43,109 @@ def names(page):
 
 
 @pytest.mark.parametrize(
-    ("medium", "width", "scheme", "dark"),
+    ("medium", "width", "scheme", "background"),
     [
-        ("screen", 400, "light", False),
-        ("screen", 400, "dark", True),
-        ("screen", 1200, "dark", True),
-        ("print", 718, "dark", False),
+        ("screen", 400, "light", "rgb(255, 255, 255)"),
+        ("screen", 400, "dark", "rgb(23, 24, 27)"),
+        ("screen", 1200, "dark", "rgb(23, 24, 27)"),
+        ("print", A4, "dark", "rgb(255, 255, 255)"),
     ],
 )
-def test_nothing_overflows(browser, path, medium, width, scheme, dark):
-    made = Opened(browser, path, width, color_scheme=scheme)
-    made.page.emulate_media(media=medium, color_scheme=scheme)
+def test_nothing_overflows(opened, medium, width, scheme, background):
+    made = opened(width, medium, scheme)
     if medium == "screen":
         made.page.evaluate("document.querySelectorAll('details').forEach(part => part.open = true)")
     assert made.wide() == width
-    assert dark == (
-        made.page.evaluate("getComputedStyle(document.body).backgroundColor")
-        != "rgb(255, 255, 255)"
+    colour = "getComputedStyle(document.body).backgroundColor"
+    assert made.page.evaluate(colour) == background
+
+
+def test_folded_it_has_four_screens_with_answer_and_figure_in_the_first(opened):
+    page = opened().page
+    assert page.locator("details[open]").count() == 0
+    assert page.evaluate("document.documentElement.scrollHeight") <= 4 * SCREEN
+    places = (".lead", "#answer figure .parts", "#overview-table", "#trust", "#details")
+    boxes = [page.locator(place).first.bounding_box() for place in places]
+    assert [box["y"] for box in boxes] == sorted(box["y"] for box in boxes)
+    assert boxes[1]["y"] + 0.5 * boxes[1]["height"] < SCREEN
+
+
+@pytest.mark.parametrize(
+    ("scheme", "ink"), [("light", "rgb(28, 28, 28)"), ("dark", "rgb(228, 228, 228)")]
+)
+def test_figures_follow_the_colours_of_the_page(opened, scheme, ink):
+    text = opened(scheme=scheme).page.locator("figure svg text").first
+    assert text.evaluate("text => getComputedStyle(text).fill") == ink
+
+
+def test_paper_has_answer_table_and_trust_but_nothing_else(opened):
+    page = opened(A4, "print", "dark").page
+    for name in ("#answer", "#overview", "#overview-table thead", "#trust"):
+        assert page.locator(name).is_visible(), name
+    for name in ("#files", "#details", "header a"):
+        assert not page.locator(name).first.is_visible(), name
+
+
+def test_a_telephone_shows_a_card_for_each_subject(opened):
+    page = opened(400).page
+    assert not page.locator("#overview-table thead").is_visible()
+    cells = page.locator("#overview-table tbody tr").first.locator("td").all()
+    boxes = [cell.bounding_box() for cell in cells]
+    assert len({box["x"] for box in boxes}) == 1
+    assert [box["y"] for box in boxes] == sorted({box["y"] for box in boxes})
+
+
+@pytest.mark.parametrize(
+    ("width", "shown", "hidden"), [(400, "narrow", "wide"), (1200, "wide", "narrow")]
+)
+def test_letters_of_figures_are_legible(opened, width, shown, hidden):
+    page = opened(width).page
+    assert page.locator(f"figure .{shown} svg").is_visible()
+    assert not page.locator(f"figure .{hidden} svg").is_visible()
+    pixels = page.locator("figure svg text").evaluate_all(
+        "texts => texts.filter(text => text.getClientRects().length)"
+        ".map(text => parseFloat(getComputedStyle(text).fontSize) * text.getScreenCTM().a)"
+        ".filter(size => size > 0)"
     )
-    made.page.close()
-    assert made.problems == []
+    assert len(pixels) > 30
+    assert min(pixels) >= 10.0
 
 
 def test_a_link_unfolds_its_subject(opened):
-    page = opened.page
-    assert page.locator("details[open]").count() == 0
-    page.locator("#overview-table td.name a", has_text="C").click()
+    page = opened().page
+    link = page.locator("#overview-table td.name a", has_text="C")
+    link.click()
     page.wait_for_function("scrollY > 300")
     assert page.locator("details.subject[open] summary h3").all_inner_texts() == ["C"]
     page.locator("details.subject[open] summary").click()
-    page.locator("#overview-table td.name a", has_text="C").click()  # the same address once more
+    link.click()  # the same address once more
     page.wait_for_selector("details.subject[open]")
     page.click("#every")
     assert page.locator("details.subject[open]").count() == 3
 
 
-def test_folded_it_has_four_screens_and_figures_follow_the_colours_of_the_page(browser, path):
-    made = Opened(browser, path, 1200)
-    assert made.page.evaluate("document.documentElement.scrollHeight") <= 4 * 900
-    made.page.close()
-    inks = []
-    for scheme in ("light", "dark"):
-        made = Opened(browser, path, 1200, color_scheme=scheme)
-        text = made.page.locator("figure svg text").first
-        inks.append(text.evaluate("text => getComputedStyle(text).fill"))
-        made.page.close()
-    assert inks == ["rgb(28, 28, 28)", "rgb(228, 228, 228)"]
-
-
-def test_print_has_the_answer_subjects_and_trust_alone(browser, path):
-    made = Opened(browser, path, 718)
-    made.page.emulate_media(media="print")
-    assert made.page.locator("#trust").is_visible()
-    assert made.page.locator("#details").is_hidden()
-    made.page.close()
-
-
 def test_a_column_sorts_both_ways_and_what_has_no_value_stays_last(opened, marked):
     known = [answer.probabilities["constant_error"] for answer in marked.answers[:2]]
-    head = opened.page.locator("#overview-table thead tr:last-child th:nth-child(3)")
+    page = opened().page
+    head = page.locator("#overview-table thead tr:last-child th:nth-child(3)")
+    cells = page.locator("#overview-table tbody td:nth-child(3)")
     for order in ("ascending", "descending"):
         head.click()
-        found = [float(one) if one else math.nan for one in values(opened.page, 3)]
+        values = cells.evaluate_all("cells => cells.map(cell => cell.dataset.value)")
+        numbers = [float(value or math.nan) for value in values]
         assert head.get_attribute("aria-sort") == order
-        assert found[:2] == sorted(known, reverse=order == "descending")
-        assert math.isnan(found[2])
-    opened.page.locator("#overview-table thead tr:last-child th:first-child button").press("Enter")
-    assert names(opened.page) == ["A", "B", "C"]
+        assert numbers[:2] == sorted(known, reverse=order == "descending")
+        assert math.isnan(numbers[2])
+    page.locator("#overview-table thead tr:last-child th:first-child button").press("Enter")
+    assert names(page) == ["A", "B", "C"]
 
 
 def test_the_filter_is_of_table_contents_and_subjects(opened):
-    page = opened.page
+    page = opened().page
     page.check("#filter input[type=checkbox]")
     assert names(page) == ["A", "C"]
-    assert page.locator("details.subject:not([hidden]) summary h3").all_text_contents() == [
-        "A",
-        "C",
-    ]
+    headings = page.locator("details.subject:not([hidden]) summary h3")
+    assert headings.all_text_contents() == ["A", "C"]
     page.fill("#filter input[type=search]", "c")
     assert names(page) == ["C"]
     assert page.locator("#filter output").inner_text() == "1 of 3 shown"
@@ -129,24 +154,12 @@ def test_the_filter_is_of_table_contents_and_subjects(opened):
     assert names(page) == ["A", "B", "C"]
 
 
-def test_the_answer_is_in_sight_first_and_the_table_below_it(browser, path):
-    made = Opened(browser, path, 1200, 900)
-    places = (".lead", "figure", "#overview-table", "#trust", "#details")
-    tops = [made.page.locator(place).first.bounding_box()["y"] for place in places]
-    assert tops == sorted(tops)
-    assert tops[1] < 900
-    made.page.close()
-    assert made.problems == []
-
-
-def test_without_javascript_it_is_whole(browser, path):
-    made = Opened(browser, path, 400, java_script_enabled=False)
-    assert names(made.page) == ["A", "B", "C"]
-    assert not made.page.locator("#filter").is_visible()
-    made.page.locator("#subjects").click()
-    subject = made.page.locator("details.subject").nth(1)
+def test_without_javascript_it_is_whole(opened):
+    page = opened(400, java_script_enabled=False).page
+    assert names(page) == ["A", "B", "C"]
+    assert not page.locator("#filter").is_visible()
+    page.locator("#subjects").click()
+    subject = page.locator("details.subject").nth(1)
     assert subject.locator("table").first.is_hidden()
     subject.locator("summary").first.click()
     assert subject.locator("table").first.is_visible()
-    made.page.close()
-    assert made.problems == []
