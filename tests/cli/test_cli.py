@@ -4,7 +4,6 @@ import itertools
 import re
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -90,21 +89,6 @@ def test_the_report_has_its_sections_and_needs_nothing_but_the_files_beside_it(o
     assert all(f'id="{anchor}"' in text for anchor in re.findall(r'href="#([^"]+)"', text))
 
 
-def test_a_misfit_is_loud_in_terminal_and_report(folder, small_study, blank_pictures):
-    """Two pairs of one observer have the opposite responses, which no smooth curve describes."""
-    subject = small_study["A"]
-    equal = subject.n_yes.copy()
-    equal[[2, 5]] = subject.n_trials[[2, 5]] - equal[[2, 5]]
-    bent = replace(subject, name="bent", n_yes=equal)
-    grouped_csv(folder / "bent.csv", bt.Study([bent, small_study["B"]]))
-    screen = good(f"run bent.csv -o bent {QUICK}", cwd=folder)
-    assert "The model does not fit 1 subject: bent." in screen
-    line = "! bent  The model does not fit. Report no conclusion for this subject."
-    places = [screen.index(words) for words in ("contraction p", line, "Answer")]
-    assert places == sorted(places)
-    assert read(folder / "bent").count('<div class="misfit">') == 1
-
-
 def test_not_converged_is_exit_code_3_and_marked_everywhere(monkeypatch, tmp_path, blank_pictures):
     # One pass and an R-hat that chance alone exceeds.
     defaults = SamplerSettings.__init__.__defaults__
@@ -178,6 +162,12 @@ def test_a_design_that_cannot_tell_everything_is_named_before_sampling(folder):
         assert f"Order effect, {sentence}" in " ".join(screen.split())
 
 
+def test_what_answers_do_not_determine_is_named_by_fit(tmp_path):
+    (tmp_path / "s.csv").write_text("subject,s1,s2,n_equal,n_trials\nx,0,0.3,20,50\n")
+    screen = good(f"fit s.csv -o fit.csv --replicates 5 {ONE}", cwd=tmp_path)
+    assert "not determined by these answers: sigma_p, sigma_l, q0" in screen
+
+
 def test_fit_writes_its_columns_and_states_its_level(folder):
     command = "fit study.csv -o fit.csv"
     screen = good(f"{command} --replicates 50 --level 0.8 {ONE}", cwd=folder)
@@ -191,14 +181,6 @@ def test_fit_writes_its_columns_and_states_its_level(folder):
     assert (frame.sigma_p_lower < frame.sigma_p_upper).all()
     assert "exists" in refused(command, cwd=folder)
     refused("fit study.csv -o x.csv --level 1.5", cwd=folder)
-
-
-def test_fit_of_degenerate_answers_is_empty(tmp_path):
-    (tmp_path / "s.csv").write_text("subject,s1,s2,n_equal,n_trials\nx,0,0.3,20,50\n")
-    screen = good(f"fit s.csv -o fit.csv --replicates 20 {ONE}", cwd=tmp_path)
-    assert "not determined by these answers: sigma_p, sigma_l, q0" in screen
-    row = pd.read_csv(tmp_path / "fit.csv", keep_default_na=False).iloc[0]
-    assert (row.at_edge, row.sigma_p, row.sigma_l_upper) == ("not unique", "", "")
 
 
 # --- saved draws ----------------------------------------------------------------------------------

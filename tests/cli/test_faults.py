@@ -1,7 +1,7 @@
-"""Workers that die, and commands that are stopped or killed: what is said, what is left on the disk, that no process is,
-and that those go on that were killed."""
+"""Workers that die, and commands that are stopped or killed: what is printed and what is left."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -14,7 +14,14 @@ from conftest import few_pairs, grouped_csv, known_observers
 from processes import members, needs_proc, start, until, until_gone, workers
 
 import bayes_toe as bt
-from bayes_toe.data.whole_files import HIDDEN, finished, unfinished, whole_file, whole_folder
+from bayes_toe.data.whole_files import (
+    HIDDEN,
+    finished,
+    unfinished,
+    whole_file,
+    whole_folder,
+    write_whole,
+)
 from bayes_toe.workers import Failed
 
 pytestmark = needs_proc
@@ -42,19 +49,7 @@ def without_the_first(monkeypatch):
 def test_a_subject_whose_workers_die_is_marked_and_the_study_goes_on(
     folder, without_the_first, blank_pictures
 ):
-    done = inside(
-        "run",
-        "study.csv",
-        "-o",
-        "out",
-        "--draws",
-        100,
-        "--figures",
-        "none",
-        "--seed",
-        1,
-        cwd=folder,
-    )
+    done = inside("run study.csv -o out --draws 100 --figures none --seed 1", cwd=folder)
     assert (done.returncode, done.stderr) == (3, "")
     assert f"! A  No result: {FATAL}" in done.stdout
     table = pd.read_csv(folder / "out" / "evidence.csv", dtype=str)
@@ -70,12 +65,9 @@ def test_a_subject_whose_workers_die_is_marked_and_the_study_goes_on(
 
 def listening(running):
     """Whether a command would hear SIGTERM."""
-    caught = next(
-        line
-        for line in Path(f"/proc/{running.pid}/status").read_text().splitlines()
-        if line.startswith("SigCgt")
-    )
-    return int(caught.split()[1], 16) >> (signal.SIGTERM - 1) & 1
+    status = Path(f"/proc/{running.pid}/status").read_text()
+    caught = re.search(r"SigCgt:\s*(\w+)", status)[1]
+    return int(caught, 16) >> (signal.SIGTERM - 1) & 1
 
 
 def sampling(running):
@@ -84,25 +76,12 @@ def sampling(running):
 
 @pytest.fixture
 def running(folder):
-    """A command at work, whose results are never there in time, and whose processes are gone in the end."""
-    asked = {
-        signal.SIGINT: signal.default_int_handler,
-        signal.SIGHUP: signal.SIG_DFL,
-    }  # not ignored, as in the background or by nohup
+    """A command at work, whose results are never there in time, and that ends with the test."""
+    # Not ignored, as in the background or by nohup.
+    asked = {signal.SIGINT: signal.default_int_handler, signal.SIGHUP: signal.SIG_DFL}
     before = {number: signal.signal(number, action) for number, action in asked.items()}
-    yield start(
-        "run",
-        "study.csv",
-        "-o",
-        "out",
-        "--seed",
-        "1",
-        "--workers",
-        "2",
-        "--draws",
-        "100",
-        cwd=folder,
-    )
+    line = "run study.csv -o out --seed 1 --workers 2 --draws 100"
+    yield start(*line.split(), cwd=folder)
     for number, action in before.items():
         signal.signal(number, action)
 
@@ -131,30 +110,27 @@ def test_a_signal_ends_a_command_with_one_line_and_leaves_what_is_finished(
     finally:
         for pid in members(running.pid):
             os.kill(pid, signal.SIGKILL)
-    kept = len(list(folder.glob("out.partial/*.result")))
-    assert kept < 2, errors
-    left = (
-        f"{kept} of 2 subjects are saved in out.partial; type --resume to continue"
-        if kept
-        else "nothing written"
-    )
+    n_stored = len(list(folder.glob("out.partial/*.result")))
+    assert n_stored < 2, errors
+    left, files = "nothing written", ["study.csv"]
+    if n_stored:
+        left = f"{n_stored} of 2 subjects are saved in out.partial; type --resume to continue"
+        files = ["out.partial", "study.csv"]
     assert errors == f"stopped by {number.name}: {left}\n"
     assert running.returncode == 128 + number
-    assert sorted(path.name for path in folder.iterdir()) == (
-        ["out.partial", "study.csv"] if kept else ["study.csv"]
-    )
+    assert sorted(path.name for path in folder.iterdir()) == files
 
 
 def test_what_a_killed_command_leaves_is_swept(tmp_path):
-    bt.sample(known_observers("ABCD"), model="none", draws=20, seed=1, workers=1).save(
-        tmp_path / "posterior.nc"
-    )
-    drawing = start("corner", "posterior.nc", "-o", "out", "--workers", "1", cwd=tmp_path)
+    draws = bt.sample(known_observers("ABCD"), model="none", draws=20, seed=1, workers=1)
+    draws.save(tmp_path / "posterior.nc")
+    line = "corner posterior.nc -o out --workers 1"
+    drawing = start(*line.split(), cwd=tmp_path)
     until(lambda: any(tmp_path.glob(f"{HIDDEN}*/*.png")), drawing)
     drawing.kill()
     drawing.communicate()
     assert list(tmp_path.glob(f"{HIDDEN}*"))
-    assert inside("run", "none.csv", "-o", "out", cwd=tmp_path).returncode == 2
+    assert inside("run none.csv -o out", cwd=tmp_path).returncode == 2
     assert [path.name for path in tmp_path.iterdir()] == ["posterior.nc"]
 
 
@@ -165,36 +141,33 @@ def four(tmp_path):
     return tmp_path
 
 
-def killed(folder, *words, kept):
-    """A command that is killed without warning when so many subjects are there."""
-    running = start(*words, cwd=folder)
-    until(lambda: len(list(folder.glob("*.partial/*.result"))) >= kept, running)
+def test_a_command_that_is_killed_and_resumed_is_as_another(four):
+    options = "--seed 1 --draws 100 --model none --workers 1"
+    line = f"sample study.csv -o posterior.nc {options}"
+    running = start(*line.split(), cwd=four)
+    until(lambda: len(list(four.glob("*.partial/*.result"))) >= 2, running)
     running.kill()
     running.communicate()
     until_gone(running.pid)
-
-
-def test_a_command_that_is_killed_and_resumed_is_as_one_that_was_not(four):
-    options = ("--seed", "1", "--draws", "100", "--model", "none", "--workers", "1")
-    words = ("sample", "study.csv", "-o", "posterior.nc", *options)
-    killed(four, *words, kept=2)
-    said = refused(*words, cwd=four)
+    message = refused(line, cwd=four)
     if not (four / "posterior.nc").exists():
-        assert "--resume continues it, --overwrite" in said
-        assert "of 4 subjects taken from posterior.nc.partial" in good(*words, "--resume", cwd=four)
+        assert "--resume continues it, --overwrite" in message
+        screen = good(f"{line} --resume", cwd=four)
+        assert "of 4 subjects taken from posterior.nc.partial" in screen
     assert sorted(path.name for path in four.iterdir()) == ["posterior.nc", "study.csv"]
-    good("sample", "study.csv", "-o", "calm.nc", *options, cwd=four)
+    good(f"sample study.csv -o calm.nc {options}", cwd=four)
     assert (four / "posterior.nc").read_bytes() == (four / "calm.nc").read_bytes()
 
 
-def test_what_was_kept_is_thrown_away_where_that_is_asked_for(four):
+def test_what_is_stored_is_thrown_away_with_overwrite(four):
     grouped_csv(four / "study.csv", known_observers("A"))
-    (four / "evidence.csv.partial").mkdir()
-    (four / "evidence.csv.partial" / ".bayes_toe_store").touch()
-    (four / "evidence.csv.partial" / "0.result").write_text("of another time")
-    options = ("evidence", "study.csv", "-o", "evidence.csv", "--seed", "1", "--workers", "1")
-    assert "evidence.csv.partial holds 1 result of a stopped command" in refused(*options, cwd=four)
-    good(*options, "--overwrite", cwd=four)
+    partial = four / "evidence.csv.partial"
+    partial.mkdir()
+    (partial / ".bayes_toe_store").touch()
+    (partial / "0.result").write_text("of another time")
+    line = "evidence study.csv -o evidence.csv --seed 1 --workers 1"
+    assert "evidence.csv.partial holds 1 result of a stopped command" in refused(line, cwd=four)
+    good(f"{line} --overwrite", cwd=four)
     assert sorted(path.name for path in four.iterdir()) == ["evidence.csv", "study.csv"]
 
 
@@ -253,9 +226,7 @@ def test_a_signal_that_is_ignored_on_purpose_goes_on_being_ignored():
     assert subprocess.run([sys.executable, "-c", UNDER_NOHUP], timeout=60).returncode == 0
 
 
-def test_what_has_its_name_already_is_known_and_what_is_inside_an_unfinished_folder_is_not(
-    tmp_path,
-):
+def test_finished_files_are_known_and_those_of_an_unfinished_folder_are_not(tmp_path):
     del finished[:]
     with unfinished(tmp_path) as inside, whole_file(inside / "a.csv") as path:
         path.touch()
@@ -264,7 +235,6 @@ def test_what_has_its_name_already_is_known_and_what_is_inside_an_unfinished_fol
     assert finished == []
     with whole_folder(tmp_path / "out", ["b"]) as folder:
         (folder / "b").touch()
-    with whole_file(tmp_path / "c.csv") as path:
-        path.touch()
+    write_whole(tmp_path / "c.csv", b"")
     assert finished == [tmp_path / "out", tmp_path / "c.csv"]
     assert not list(tmp_path.glob(f"{HIDDEN}*"))

@@ -10,31 +10,21 @@ import subprocess
 from functools import partial
 
 import pytest
-from commands import PROGRAM, call, inside
+from commands import PROGRAM, call, good, inside
 from conftest import few_pairs, grouped_csv
 
+from bayes_toe.cli.report import write_report
 from bayes_toe.errors import OutputError
+
+ONE = "--seed 1 --workers 1"
 
 
 @pytest.fixture(scope="module")
 def place(tmp_path_factory):
     """A folder with a study of one subject."""
     folder = tmp_path_factory.mktemp("place")
-    assert (
-        inside(
-            "simulate", "-o", folder / "study.csv", "--subjects", 1, "--seed", 1, "-q"
-        ).returncode
-        == 0
-    )
+    good("simulate -o study.csv --subjects 1 --seed 1", cwd=folder)
     return folder
-
-
-def content(folder):
-    return {
-        path.relative_to(folder).as_posix(): path.read_bytes()
-        for path in folder.rglob("*")
-        if path.is_file()
-    }
 
 
 def one_line(done):
@@ -44,50 +34,30 @@ def one_line(done):
     return done.stderr
 
 
-def shell(ending, *words, **options):
+def shell(ending, line, **options):
     """A command with some of its streams elsewhere."""
-    return subprocess.run(
-        ["sh", "-c", f'"$@" {ending}', "sh", *PROGRAM, *map(str, words)],
-        capture_output=True,
-        text=True,
-        **options,
-    )
+    words = ["sh", "-c", f'"$@" {ending}', "sh", *PROGRAM, *line.split()]
+    return subprocess.run(words, capture_output=True, text=True, **options)
 
 
 @pytest.mark.parametrize(
     ("command", "name"), [("sample", "posterior.nc.partial"), ("run", "out.partial")]
 )
 def test_a_full_disk_is_one_line_and_leaves_what_was_there(place, tmp_path, command, name):
-    limit = 100_000  # of a file, in bytes
     out = tmp_path / "out"
     out.mkdir()
     (out / "posterior.nc").write_text("old")
     output = out / "posterior.nc" if command == "sample" else out
-    words = [
-        command,
-        place / "study.csv",
-        "-o",
-        output,
-        "--draws",
-        100,
-        "--seed",
-        1,
-        "--workers",
-        1,
-        "--overwrite",
-        "-q",
-    ]
+    line = f"{command} {place}/study.csv -o {output} --draws 100 {ONE} --overwrite -q"
+    limit = 100_000  # of a file, in bytes
     full = partial(resource.setrlimit, resource.RLIMIT_FSIZE, (limit, limit))
-    whole = {
-        **os.environ,
-        "PYTHONDONTWRITEBYTECODE": "1",
-    }  # Python would leave libraries half compiled
-    done = subprocess.run(
-        [*PROGRAM, *map(str, words)], capture_output=True, text=True, preexec_fn=full, env=whole
-    )
+    # Python would leave libraries half compiled.
+    whole = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1"}
+    options = {"capture_output": True, "text": True, "preexec_fn": full, "env": whole}
+    done = subprocess.run([*PROGRAM, *line.split()], **options)
     assert f"{name}: cannot be written (File too large)" in one_line(done)
     assert ".bayes_toe" not in done.stderr
-    assert content(out) == {"posterior.nc": b"old"}
+    assert [(path.name, path.read_text()) for path in out.iterdir()] == [("posterior.nc", "old")]
 
 
 @pytest.mark.parametrize("command", ["sample", "run", "evidence"])
@@ -95,7 +65,7 @@ def test_what_will_not_fit_is_known_before_the_work(place, tmp_path, monkeypatch
     free = 10**5 if command != "evidence" else 10**4
     monkeypatch.setattr(shutil, "disk_usage", lambda path: shutil._ntuple_diskusage(free, 0, free))
     monkeypatch.setattr("bayes_toe.analysis._survivors", lambda *_: pytest.fail("the work began"))
-    done = inside(command, place / "study.csv", "-o", tmp_path / "out", "-q")
+    done = inside(f"{command} {place}/study.csv -o {tmp_path}/out -q")
     assert "MB are needed, " in one_line(done)
     assert list(tmp_path.iterdir()) == []
 
@@ -103,98 +73,61 @@ def test_what_will_not_fit_is_known_before_the_work(place, tmp_path, monkeypatch
 def test_an_output_folder_that_is_deleted_meanwhile_is_no_success(
     place, tmp_path, monkeypatch, blank_pictures
 ):
-    from bayes_toe.cli import results_folder
-
-    out, write = tmp_path / "out", results_folder.write_report
-    out.mkdir()
-
     def deleted(*given):
-        shutil.rmtree(out)
-        write(*given)
+        shutil.rmtree(tmp_path / "out")
+        write_report(*given)
 
-    words = (
-        "run",
-        place / "study.csv",
-        "-o",
-        out,
-        "--draws",
-        100,
-        "--seed",
-        1,
-        "--workers",
-        1,
-        "--figures",
-        "none",
-    )
-    monkeypatch.setattr(results_folder, "write_report", deleted)
-    done = inside(*words)
-    assert "cannot be written" in one_line(done)
-    assert "results in" not in done.stdout
-    monkeypatch.setattr(results_folder, "write_report", lambda *_: None)
-    assert "report.html is missing" in one_line(inside(*words, "--resume"))
-    monkeypatch.setattr(results_folder, "write_report", write)
-    draw = results_folder._draw_subject
-
-    def lost(*given):
-        draw(*given)
-        given[-2].unlink()
-
-    monkeypatch.setattr(results_folder, "_draw_subject", lost)
-    assert "cannot be written" in one_line(inside(*words, "--figures", "all", "--resume"))
+    (tmp_path / "out").mkdir()
+    line = f"run {place}/study.csv -o {tmp_path}/out --draws 100 {ONE} --figures none"
+    monkeypatch.setattr("bayes_toe.cli.results_folder.write_report", deleted)
+    assert "cannot be written" in one_line(inside(line))
+    monkeypatch.setattr("bayes_toe.cli.results_folder.write_report", lambda *_: None)
+    assert "report.html is missing" in one_line(inside(f"{line} --resume"))
 
 
-def test_what_is_kept_already_needs_no_more_room(place, tmp_path, monkeypatch):
-    words = ("sample", place / "study.csv", "-o", tmp_path / "out.nc", "--resume", "-q")
-    monkeypatch.setattr(
-        shutil, "disk_usage", lambda path: shutil._ntuple_diskusage(10**5, 0, 10**5)
-    )
-    monkeypatch.setattr(
-        "bayes_toe.analysis._survivors",
-        lambda *_: (_ for _ in ()).throw(OutputError("the work began")),
-    )
-    assert "MB are needed, " in one_line(inside(*words))
-    kept = tmp_path / "out.nc.partial" / "0.result"
-    kept.parent.mkdir()
-    (kept.parent / ".bayes_toe_store").touch()
-    with kept.open("wb") as file:
+def test_what_is_stored_already_needs_no_more_room(place, tmp_path, monkeypatch):
+    def begun(*_):
+        raise OutputError("the work began")
+
+    line = f"sample {place}/study.csv -o {tmp_path}/out.nc --resume -q"
+    free = shutil._ntuple_diskusage(10**5, 0, 10**5)
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: free)
+    monkeypatch.setattr("bayes_toe.analysis._survivors", begun)
+    assert "MB are needed, " in one_line(inside(line))
+    folder = tmp_path / "out.nc.partial"
+    folder.mkdir()
+    (folder / ".bayes_toe_store").touch()
+    with (folder / "0.result").open("wb") as file:
         file.truncate(10**9)
-    assert "the work began" in one_line(inside(*words))
+    assert "the work began" in one_line(inside(line))
 
 
 def test_a_log_that_is_closed_costs_no_subject(tmp_path):
     """Nor do workers lose theirs."""
     grouped_csv(tmp_path / "study.csv", few_pairs("AB"))
-    words = ("fit", "study.csv", "--seed", 1, "--replicates", 5, "-o")
-    assert inside(*words, "calm.csv", "--workers", 1, cwd=tmp_path).returncode == 0
-    done = shell("<&- >&- 2>&-", *words, "out.csv", "--workers", 2, cwd=tmp_path)
+    line = "fit study.csv --seed 1 --replicates 5"
+    good(f"{line} -o calm.csv --workers 1", cwd=tmp_path)
+    done = shell("<&- >&- 2>&-", f"{line} -o out.csv --workers 2", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     assert (tmp_path / "out.csv").read_bytes() == (tmp_path / "calm.csv").read_bytes()
 
 
 def test_closed_and_full_streams(place, tmp_path):
-    for ending in ("<&- >&- 2>&-", "| :"):
-        done = shell(ending, "--help")
-        assert (done.returncode, done.stderr) == (0, "")
-    done = shell(
-        ">/dev/full", "fit", place / "study.csv", "-o", tmp_path / "fit.csv", "--replicates", 2
-    )
+    done = shell("| :", "--help")
+    assert (done.returncode, done.stderr) == (0, "")
+    done = shell(">/dev/full", f"fit {place}/study.csv -o {tmp_path}/fit.csv --replicates 2")
     assert one_line(done) == "error: standard output: cannot be written (No space left on device)\n"
     assert (tmp_path / "fit.csv").exists()  # a log that is full costs no results
 
 
 def test_a_plain_environment_without_a_home_and_a_temporary_folder(place, tmp_path):
-    """Libraries that keep a cache at home end in a traceback there, or leave a folder ~ where the command was called."""
-    plain = {
-        "LC_ALL": "C",
-        "PYTHONIOENCODING": "ascii",
-        "PYTHONUTF8": "0",
-        "PYTHONCOERCECLOCALE": "0",
-    }
-    nowhere = str(place / "study.csv" / "home")
+    """Libraries with a cache at home fail there, or leave a folder ~ in the working folder."""
+    plain = {"LC_ALL": "C", "PYTHONIOENCODING": "ascii"}
+    plain |= dict.fromkeys(["PYTHONUTF8", "PYTHONCOERCECLOCALE"], "0")
+    plain |= dict.fromkeys(["HOME", "TMPDIR"], str(place / "study.csv" / "home"))
     grouped_csv(tmp_path / "study.csv", few_pairs(["\xe9"]))
-    options = ("--figures", "none", "--draws", 100, "--seed", 1, "--workers", 1)
-    words = ("run", "study.csv", "-o", "out", *options)  # which draws figures
-    done = call(*words, cwd=tmp_path, **plain, HOME=nowhere, TMPDIR=nowhere)
+    line = f"run study.csv -o out --figures none --draws 100 {ONE}"  # which draws figures
+    done = call(*line.split(), cwd=tmp_path, **plain)
     assert (done.returncode, done.stderr) == (0, "")
     assert r"\xe9" in done.stdout  # a letter that ASCII lacks
     assert sorted(path.name for path in tmp_path.iterdir()) == ["out", "study.csv"]
@@ -203,22 +136,22 @@ def test_a_plain_environment_without_a_home_and_a_temporary_folder(place, tmp_pa
 def test_pipes_and_devices_are_refused(place, tmp_path):
     os.mkfifo(tmp_path / "pipe")
     for path in (tmp_path / "pipe", "/dev/zero"):
-        for words in (["check", path], ["check", place / "study.csv", "--prior", path]):
-            assert "a pipe or device, not a file" in one_line(inside(*words))
+        for line in (f"check {path}", f"check {place}/study.csv --prior {path}"):
+            assert "a pipe or device, not a file" in one_line(inside(line))
 
 
 @pytest.mark.parametrize("command", ["sample", "run", "evidence"])
 def test_a_name_that_leaves_no_room_for_its_partial_folder_is_refused(place, tmp_path, command):
-    done = inside(command, place / "study.csv", "-o", tmp_path / ("y" * 250), "-q")
+    done = inside(f"{command} {place}/study.csv -o {tmp_path}/{'y' * 250} -q")
     assert "File name too long" in one_line(done)
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("name", ["", ".", ".."])
-def test_a_folder_where_a_file_should_be_is_refused(place, tmp_path, monkeypatch, name):
-    monkeypatch.chdir(tmp_path)
+@pytest.mark.parametrize("name", ["''", ".", ".."])
+def test_a_folder_where_a_file_should_be_is_refused(place, tmp_path, name):
     for command in ("evidence", "sample", "fit"):
-        assert "is a folder" in one_line(inside(command, place / "study.csv", "-o", name, "-q"))
+        done = inside(f"{command} {place}/study.csv -o {name} -q", cwd=tmp_path)
+        assert "is a folder" in one_line(done)
 
 
 def test_a_working_folder_that_is_gone_is_refused_in_one_line(tmp_path):
@@ -230,8 +163,6 @@ def test_a_working_folder_that_is_gone_is_refused_in_one_line(tmp_path):
     assert "the working folder cannot be used" in one_line(done)
 
 
-def test_python_without_docstrings_is_refused_in_one_line(place):
-    environment = {**os.environ, "PYTHONOPTIMIZE": "2", "PYTHONDONTWRITEBYTECODE": "1"}
-    words = [*PROGRAM, "check", str(place / "study.csv")]
-    done = subprocess.run(words, capture_output=True, text=True, env=environment)
+def test_python_without_docstrings_is_refused_in_one_line():
+    done = call("check", "study.csv", PYTHONOPTIMIZE="2", PYTHONDONTWRITEBYTECODE="1")
     assert "unset the variable" in one_line(done)
