@@ -136,50 +136,13 @@ class SubjectAsymmetry:
 
     @property
     def mean_asymmetry(self) -> float:
-        """Mean of the asymmetries over comparisons; NaN where there is none."""
-        return _mean([row.asymmetry for row in self.comparisons])
+        """Mean of the asymmetries over comparisons."""
+        return float(np.mean([row.asymmetry for row in self.comparisons]))
 
     @property
     def mean_absolute_asymmetry(self) -> float:
-        """Mean of the absolute asymmetries over comparisons; NaN where there is none."""
-        return _mean([abs(row.asymmetry) for row in self.comparisons])
-
-
-def _mean(values: Sequence[float]) -> float:
-    return float(np.mean(values)) if values else float("nan")
-
-
-@dataclass(frozen=True)
-class AsymmetryCounts:
-    """How many subjects have a positive and a negative maximal asymmetry, all and significant ones.
-
-    Source: Results, 'Across participants, 6 showed positive maximal asymmetries (5 significant at
-    p < 0.05) ...'. The data choose the maximum, so `significant` means Holm's p-value over the
-    subject's comparisons below `level`; `uncorrected` takes the plain p-value. There is no
-    correction over subjects. `share_of` says what q is the share of.
-    """
-
-    level: float
-    share_of: str
-    n_subjects: int
-    positive: int
-    positive_significant: int
-    positive_uncorrected: int
-    negative: int
-    negative_significant: int
-    negative_uncorrected: int
-
-    def describe(self) -> str:
-        """A sentence for terminals and reports, without a full stop."""
-        level = f"{self.level:g}".removeprefix("0")
-        return (
-            "In the pair whose two orders differ most, "
-            f"{self.positive} of {counted(self.n_subjects, 'subject')} gave more {self.share_of} "
-            f"responses with the stronger stimulus first ({self.positive_significant} significant "
-            f"at p < {level} after Holm's correction, {self.positive_uncorrected} before it), and "
-            f"{self.negative} with the weaker stimulus first ({self.negative_significant} "
-            f"significant, {self.negative_uncorrected} before correction)"
-        )
+        """Mean of the absolute asymmetries over comparisons."""
+        return float(np.mean([abs(row.asymmetry) for row in self.comparisons]))
 
 
 @dataclass(frozen=True)
@@ -225,16 +188,29 @@ class AsymmetryTable(SubjectTable[SubjectAsymmetry]):
         columns = [key.replace("n_equal", count) for key in ASYMMETRY_COLUMNS]
         return pd.DataFrame(rows, columns=columns)
 
-    def population(self, level: float = LEVEL) -> AsymmetryCounts:
-        """Signs of the maximal asymmetries over the subjects that have a comparison."""
+    def describe(self) -> str:
+        """How many subjects have a positive and a negative maximal asymmetry, without a full stop.
+
+        Source: Results, 'Across participants, 6 showed positive maximal asymmetries (5 significant
+        at p < 0.05) ...'. The data choose the maximum, so 'significant' means Holm's p-value over
+        the subject's comparisons. There is no correction over subjects.
+        """
         maxima = [row.maximal for row in self.rows if row.maximal is not None]
         counts = []
         for sign in (1, -1):
             side = [row for row in maxima if sign * row.asymmetry > 0]
             counts.append(len(side))
-            counts.append(sum(row.p_adjusted < level for row in side))
-            counts.append(sum(row.p_value < level for row in side))
-        return AsymmetryCounts(level, self.share_of, len(maxima), *counts)
+            counts.append(sum(row.p_adjusted < LEVEL for row in side))
+            counts.append(sum(row.p_value < LEVEL for row in side))
+        n_positive, positive, positive_before, n_negative, negative, negative_before = counts
+        level = f"{LEVEL:g}".removeprefix("0")
+        return (
+            f"In the pair whose two orders differ most, {n_positive} of "
+            f"{counted(len(maxima), 'subject')} gave more {self.share_of} responses with the "
+            f"stronger stimulus first ({positive} significant at p < {level} after Holm's "
+            f"correction, {positive_before} before it), and {n_negative} with the weaker stimulus "
+            f"first ({negative} significant, {negative_before} before correction)"
+        )
 
 
 def asymmetry(study: Study) -> AsymmetryTable:
@@ -273,11 +249,6 @@ def asymmetry(study: Study) -> AsymmetryTable:
             "predicts"
         )
     return table
-
-
-def subject_asymmetry(subject: Subject) -> SubjectAsymmetry:
-    """Asymmetries of one subject; see :func:`subject_asymmetries`."""
-    return subject_asymmetries([subject])[0]
 
 
 def asymmetry_table(study: Study) -> AsymmetryTable:

@@ -48,16 +48,12 @@ _EDGE_WORDS = {
 
 @dataclass(frozen=True, eq=False)
 class Bootstrap:
-    """Fits of one subject's bootstrap replicates.
-
-    The random stream is keyed by the seed and the subject's name.
-    """
+    """Fits of one subject's bootstrap replicates."""
 
     subject: str
     fitted: Fits  # of the subject's own answers, one row
     # one row a replicate: parameters (replicates, 4), log likelihoods, edges, arrived, curves
     fits: Fits
-    seed: int
 
     def __len__(self) -> int:
         return len(self.fits)
@@ -102,8 +98,14 @@ class Bootstrap:
         return np.cov(columns) if np.isfinite(columns).all() and len(self) > 1 else None
 
     def remarks(self) -> tuple[str, ...]:
-        """What a reader of the intervals has to know, one sentence each."""
+        """What a reader of the fit and its intervals has to know, one sentence each."""
         remarks = []
+        if not self.fitted.arrived[0]:
+            remarks.append("the fit did not converge: the best point found is given")
+        value = self.fitted.parameters[0]
+        if np.isnan(value).any():
+            names = ", ".join(np.array(self.fitted.names)[np.isnan(value)])
+            remarks.append(f"not determined by these answers: {names}")
         replicates = f"of {len(self)} bootstrap replicates"
         n_lost = int((~self.fits.arrived).sum())
         if n_lost:
@@ -114,7 +116,7 @@ class Bootstrap:
         for name, n_there in zip(self.fits.edge_names, n_on_edge, strict=True):
             if n_there and name in _EDGE_WORDS:
                 remarks.append(f"{n_there} {replicates} {_EDGE_WORDS[name]}")
-        value, (low, high) = self.fitted.parameters[0], self.intervals().T
+        low, high = self.intervals().T
         is_outside = (value < low) | (value > high)
         if is_outside.any():
             names = ", ".join(np.array(self.fitted.names)[is_outside])
@@ -129,17 +131,16 @@ def bootstrap_subject(
     subject: Subject,
     *,
     seed: int,
-    prior: Prior | None = None,
+    prior: Prior,
     replicates: int = 1000,
-    fitted: Fits | None = None,
 ) -> Bootstrap:
     """Bootstrap the fit of one subject; the prior's normal of mu1 is the penalty.
 
-    The paper has of the order of 1,000 replicates.
+    The random stream is keyed by the seed and the subject's name. The paper has of the order of
+    1,000 replicates.
     """
     counts = resample(subject, generator(seed, subject.name, "bootstrap"), replicates)
-    own = fit_counts(subject, prior) if fitted is None else fitted
-    return Bootstrap(subject.name, own, fit_counts(subject, prior, counts), seed)
+    return Bootstrap(subject.name, fit_counts(subject, prior), fit_counts(subject, prior, counts))
 
 
 def resample(subject: Subject, rng: np.random.Generator, replicates: int) -> IntArray:
@@ -200,12 +201,24 @@ def fit_columns(task: Task) -> tuple[str, ...]:
 
 @dataclass(frozen=True, eq=False)
 class SubjectFit:
-    """Fit of one subject: the maximum, its bootstrap, and what has to be said of them."""
+    """Fit of one subject: the maximum, with its bootstrap."""
 
-    subject: str
-    fitted: Fits
     bootstrap: Bootstrap
-    notes: tuple[str, ...] = ()
+
+    @property
+    def subject(self) -> str:
+        """Name of the subject."""
+        return self.bootstrap.subject
+
+    @property
+    def fitted(self) -> Fits:
+        """The maximum."""
+        return self.bootstrap.fitted
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What has to be said of them."""
+        return self.bootstrap.remarks()
 
     @property
     def parameters(self) -> FloatArray:
@@ -347,13 +360,4 @@ def subject_fit(
     subject: Subject, prior: Prior, *, seed: int, replicates: int = REPLICATES
 ) -> SubjectFit:
     """Fit and bootstrap of one subject; arguments as in :func:`fit`."""
-    fitted = fit_counts(subject, prior)
-    made = bootstrap_subject(subject, seed=seed, prior=prior, replicates=replicates, fitted=fitted)
-    notes = []
-    if not fitted.arrived[0]:
-        notes.append("the fit did not converge: the best point found is given")
-    is_open = np.isnan(fitted.parameters[0])
-    if is_open.any():
-        names = ", ".join(np.array(fitted.names)[is_open])
-        notes.append(f"not determined by these answers: {names}")
-    return SubjectFit(subject.name, fitted, made, (*notes, *made.remarks()))
+    return SubjectFit(bootstrap_subject(subject, seed=seed, prior=prior, replicates=replicates))

@@ -93,21 +93,6 @@ class PenalisedLikelihood:
     posterior: PaperPosterior
     n_yes: npt.NDArray[np.int64]
 
-    @classmethod
-    def of(
-        cls, subject: Subject, prior: Prior | None = None, n_yes: npt.ArrayLike | None = None
-    ) -> PenalisedLikelihood:
-        """Of counts, (rows, pairs), over a subject's pairs, by default its own.
-
-        At one interval, with a normal prior of mu1.
-        """
-        refuse_intervals([subject], "maximum-likelihood fit")
-        posterior = paper_posterior(subject, DEFAULT if prior is None else prior)
-        return cls(
-            replace(posterior, centre=posterior.sbar),
-            np.atleast_2d(np.asarray(subject.n_yes if n_yes is None else n_yes)),
-        )
-
     @cached_property
     def scale(self) -> float:
         """Root mean square step between the stimuli of a pair, natural-log intensity."""
@@ -231,11 +216,11 @@ class Fits:
 
 
 def fit_counts(
-    subject: Subject, prior: Prior | None = None, n_yes: npt.ArrayLike | None = None
+    subject: Subject, prior: Prior = DEFAULT, n_yes: npt.ArrayLike | None = None
 ) -> Fits:
-    """Fit counts, (rows, pairs), over a subject's pairs, by default its own.
+    """Fit counts, (rows, pairs), over a subject's pairs at one interval, by default its own.
 
-    All in one batch of Newton ascents.
+    All in one batch of Newton ascents. The prior's normal of mu1 is the penalty.
 
     Examples
     --------
@@ -243,7 +228,11 @@ def fit_counts(
     >>> found.at_edge, bool(found.arrived[0])
     (('q0=1',), True)
     """
-    fitted = PenalisedLikelihood.of(subject, prior, n_yes)
+    refuse_intervals([subject], "maximum-likelihood fit")
+    posterior = paper_posterior(subject, prior)
+    posterior = replace(posterior, centre=posterior.sbar)
+    counts = np.atleast_2d(np.asarray(subject.n_yes if n_yes is None else n_yes))
+    fitted = PenalisedLikelihood(posterior, counts)
     starts, rows = _starts(fitted), np.arange(len(fitted.n_yes))
     every = np.repeat(rows, starts.shape[1])
     found = _ascended(fitted, every, starts.reshape(-1, 4), iterations=_ITERATIONS, rivals=every)[1]

@@ -91,7 +91,7 @@ def print_asymmetry(out: Terminal, table: AsymmetryTable) -> None:
         rows.append(cells)
     headings = ["subject", "pairs", "largest q(c, r) - q(r, c)", "r, c", "p", "p (Holm)"]
     out.table(headings, rows, (1,), title="Asymmetry of the orders, without a model")
-    out.line(f"{table.population().describe()}.")
+    out.line(f"{table.describe()}.")
     out.line(f"q: share of {table.share_of} responses; r: weaker, c: stronger stimulus.")
     out.notes((("", f"{note}.", "") for note in table.notes), "-")
 
