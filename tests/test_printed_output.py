@@ -10,6 +10,7 @@ import pytest
 from conftest import few_replicates
 
 import bayes_toe as bt
+from bayes_toe.answers.words import Word
 
 #: What costs time and changes no printed number.
 CHEAP = {
@@ -89,27 +90,25 @@ def truth():
 
 @pytest.mark.parametrize("effect", SIZES)
 def test_words_and_sizes_of_the_example_agree_with_its_truth(example, truth, effect):
-    answers = example.evidence.frame().set_index("subject")
     n_covered = 0
-    for subject, true in truth[effect].items():
-        answer = answers.loc[subject]
-        low, median, high = (answer[f"{SIZES[effect]}_{q}"] for q in ("q025", "q50", "q975"))
-        word = answer[effect].partition(" ")[0]
+    for answer in example.answers:
+        true = truth[effect][answer.subject]
+        size, word = answer.sizes[SIZES[effect]], answer.words[effect]
         if true == 0.0:
-            assert answer[effect] in {"undecided", "probably not", "no"}, subject
+            assert not word.is_positive, answer.subject
         else:
-            assert word in {"yes", "probably", "undecided"}, subject
-            assert word == "undecided" or median * true > 0.0, subject
-        n_covered += low <= true <= high
+            assert word is Word.UNDECIDED or word.is_positive, answer.subject
+            assert word is Word.UNDECIDED or size.q50 * true > 0.0, answer.subject
+        n_covered += size.q025 <= true <= size.q975
     assert n_covered >= 11
 
 
 def test_the_order_effects_of_the_example_agree_with_its_truth(example, truth):
-    words = example.evidence.frame().set_index("subject")["order_effect"]
-    has_effect = (truth != 0.0).any(axis=1)
-    assert set(words[has_effect]) <= {"yes", "probably", "undecided"}
-    assert set(words[~has_effect]) <= {"undecided", "probably not", "no"}
-    assert (words == "yes").sum() >= 8
+    words = {answer.subject: answer.words["order_effect"] for answer in example.answers}
+    for subject, effects in truth.iterrows():
+        word = words[subject]
+        assert word is Word.UNDECIDED or word.is_positive == effects.any(), subject
+    assert list(words.values()).count(Word.YES) >= 8
 
 
 def test_the_group_of_the_example_agrees_with_its_truth(example):
