@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import bayes_toe as bt
-from bayes_toe.cli.options import NUMBER, StudyFile, option, rare, writes
+from bayes_toe.cli.options import NUMBER, File, StudyFile, option, rare, writes
 from bayes_toe.cli.task import MODEL, Task
 from bayes_toe.cli.terminal import Terminal, notes_of, number, without_zeros
 from bayes_toe.data.messages import format_p
@@ -39,7 +39,7 @@ def fit(
     ] = 1000,
     level: Annotated[float, rare("--level", NUMBER, "Coverage of bootstrap percentiles.")] = 0.95,
     asymmetry_output: Annotated[
-        Path | None, option("--asymmetry", "FILE.csv", "Write the asymmetries, too.")
+        File, option("--asymmetry", "FILE.csv", "Write the asymmetries, too.")
     ] = None,
     task: Annotated[Task, *MODEL, "spreadsheet_safe"],
 ) -> None:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 import bayes_toe as bt
-from bayes_toe.cli.options import NUMBER, Question, option, rare, writes
+from bayes_toe.cli.options import NUMBER, File, Number, Question, Text, option, rare, writes
 from bayes_toe.cli.task import MODEL, Task
 from bayes_toe.data.messages import counted, listed, quoted
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from bayes_toe.design.study_design import StudyDesign
 
 _POWER_FILES = ("power.csv", "power_data_sets.csv", "power.png", "power.pdf")
-Observers = Annotated[str | None, rare("--observers", "NAME", "none, contraction, both, a file.")]
+Observers = Annotated[Text, rare("--observers", "NAME", "none, contraction, both, a file.")]
 
 
 # --- power ----------------------------------------------------------------------------------------
@@ -109,18 +109,14 @@ def _whole_numbers(option: str, text: str) -> list[int]:
 class GoalOptions:
     """What a design is for, and which pairs can be shown."""
 
-    lowest: Annotated[
-        float | None, option("--lowest", NUMBER, "Weakest stimulus, ln intensity.")
-    ] = None
-    highest: Annotated[
-        float | None, option("--highest", NUMBER, "Strongest stimulus, ln intensity.")
-    ] = None
+    lowest: Annotated[Number, option("--lowest", NUMBER, "Weakest stimulus, ln intensity.")] = None
+    highest: Annotated[Number, option("--highest", NUMBER, "Strongest stimulus, ln intensity.")] = (
+        None
+    )
     step: Annotated[float, rare("--step", NUMBER, "Step, ln.")] = 0.05
-    levels: Annotated[
-        Path | None, rare("--levels", "levels.csv", "Levels that can be presented.")
-    ] = None
+    levels: Annotated[File, rare("--levels", "levels.csv", "Levels that can be presented.")] = None
     intensity: Annotated[
-        float | None, rare("--intensity", "REF", "Use intensities: s = ln(i / REF).")
+        Number, rare("--intensity", "REF", "Use intensities: s = ln(i / REF).")
     ] = None
     max_pairs: Annotated[int, rare("--max-pairs", NUMBER, "Most pairs.")] = 26
     aim: Annotated[
@@ -132,7 +128,7 @@ class GoalOptions:
             show_default=False,
         ),
     ] = "order-effect"
-    keep: Annotated[Path | None, rare("--keep", "DESIGN.csv", "Pairs that must stay.")] = None
+    keep: Annotated[File, rare("--keep", "DESIGN.csv", "Pairs that must stay.")] = None
 
     def require(self, given: Path | None, has_list: bool) -> None:
         """Refuse an intensity of nothing, and a design beside what another one is looked for."""
@@ -180,13 +176,13 @@ class ListOptions:
     """A list of the trials of a design, in their order."""
 
     list_output: Annotated[
-        Path | None, option("--list", "trials.csv", "List of trials for the experiment.")
+        File, option("--list", "trials.csv", "List of trials for the experiment.")
     ] = None
     blocks: Annotated[int, rare("--blocks", NUMBER, "Blocks of --list.", min=1)] = 10
     subjects: Annotated[int, option("--subjects", NUMBER, "Subjects of --list.", min=1)] = 1
-    conditions: Annotated[
-        str | None, option("--conditions", "left,right", "Conditions of --list.")
-    ] = None
+    conditions: Annotated[Text, option("--conditions", "left,right", "Conditions of --list.")] = (
+        None
+    )
 
     def levels(self) -> tuple[str, ...]:
         """Those of the condition, none without one."""
@@ -226,7 +222,7 @@ class ListOptions:
 def design(
     *,
     given: Annotated[
-        Path | None,
+        File,
         typer.Argument(
             metavar="[DESIGN.csv]",
             help="Design for --list.",
@@ -297,10 +293,10 @@ class PopulationOptions:
     ] = 0.0
     missed: Annotated[float, rare("--missed", NUMBER, "Share of trials without a response.")] = 0.0
     conditions: Annotated[
-        str | None, option("--conditions", "left,right", "Conditions, each with all pairs.")
+        Text, option("--conditions", "left,right", "Conditions, each with all pairs.")
     ] = None
     differ: Annotated[
-        str | None, option("--differ", "NAME=MEAN", "Difference between the conditions.")
+        Text, option("--differ", "NAME=MEAN", "Difference between the conditions.")
     ] = None
     question: Question = "same/different"
 
@@ -309,7 +305,7 @@ def simulate(
     *,
     output: Annotated[Path, writes("FILE.csv", "Trials.")],
     truth_output: Annotated[
-        Path | None, option("--truth", "FILE.csv", "Write the true parameters, too.")
+        File, option("--truth", "FILE.csv", "Write the true parameters, too.")
     ] = None,
     batches: Annotated[int, option("--batches", NUMBER, "Repetitions of all pairs.", min=1)] = 50,
     amplitudes: Annotated[
@@ -318,7 +314,7 @@ def simulate(
     design: Annotated[
         str, option("--design", "NAME", "Pairs: reference, full, or a CSV.")
     ] = "reference",
-    isi: Annotated[str | None, rare("--isi", "N,N", "Inter-stimulus intervals, s.")] = None,
+    isi: Annotated[Text, rare("--isi", "N,N", "Inter-stimulus intervals, s.")] = None,
     observers: PopulationOptions,
     task: Annotated[Task, "seed", "spreadsheet_safe", "overwrite"],
 ) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Annotated
 
 import bayes_toe as bt
-from bayes_toe.cli.options import DrawCount, StudyFile, option, rare, writes
+from bayes_toe.cli.options import DrawCount, File, StudyFile, Texts, option, rare, writes
 from bayes_toe.cli.task import MODEL, Task
 
 #: In words, because the module of the hyperprior loads SciPy.
@@ -20,13 +20,13 @@ class GroupOptions:
     """What may move the means of a group, and its prior."""
 
     covariates: Annotated[
-        Path | None, option("--covariates", "FILE.csv", "Table of subject and covariates.")
+        File, option("--covariates", "FILE.csv", "Table of subject and covariates.")
     ] = None
     categorical: Annotated[
-        list[str] | None,
+        Texts,
         rare("--categorical", "NAME", "Covariate whose numbers are names; repeatable."),
     ] = None
-    hyperprior: Annotated[Path | None, rare("--hyperprior", "FILE.toml", _HYPERPRIOR)] = None
+    hyperprior: Annotated[File, rare("--hyperprior", "FILE.toml", _HYPERPRIOR)] = None
 
 
 def population(

@@ -16,6 +16,8 @@ import bayes_toe as bt
 from bayes_toe.cli.options import (
     NUMBER,
     SavedDraws,
+    Text,
+    Texts,
     TrueValues,
     flag,
     option,
@@ -39,9 +41,7 @@ def explore(
         ),
     ],
     output: Annotated[Path, writes("FILE.html", "Page.")] = Path("explorer.html"),
-    subject: Annotated[
-        list[str] | None, option("--subject", "NAME", "Only this subject; repeatable.")
-    ] = None,
+    subject: Annotated[Texts, option("--subject", "NAME", "Only this subject; repeatable.")] = None,
     truth: TrueValues = None,
     task: Annotated[Task, "overwrite"],
 ) -> None:
@@ -101,19 +101,17 @@ def corner(
     posterior: SavedDraws,
     output: Annotated[Path, writes("DIR", "Folder.")] = Path("corner"),
     subject: Annotated[
-        list[str] | None,
+        Texts,
         option("--subject", "NAME", "Only this subject; repeatable, 2 to 4 in one figure."),
     ] = None,
-    parameters: Annotated[
-        str | None, option("--parameters", "gain,mu1", "Parameters to show.")
-    ] = None,
+    parameters: Annotated[Text, option("--parameters", "gain,mu1", "Parameters to show.")] = None,
     coordinates: Annotated[
-        str | None, rare("--coordinates", "NAME", "natural (default) or identified.")
+        Text, rare("--coordinates", "NAME", "natural (default) or identified.")
     ] = None,
     show_prior: Annotated[bool, flag("--show-prior", "Show the prior in grey.")] = False,
     truth: TrueValues = None,
     formats: Annotated[
-        list[str] | None, option("--format", "NAME", "png (default), pdf or svg; repeatable.")
+        Texts, option("--format", "NAME", "png (default), pdf or svg; repeatable.")
     ] = None,
     task: Annotated[Task, *WORKERS],
 ) -> None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields, replace
 from functools import partial
 from glob import glob
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
 
@@ -20,7 +20,12 @@ if TYPE_CHECKING:
     from bayes_toe.data.study import Study
 
 
-#: A whole number as help shows it.
+#: Options that may be absent.
+Text: TypeAlias = str | None
+Texts: TypeAlias = list[str] | None
+File: TypeAlias = Path | None
+Number: TypeAlias = float | None
+#: A number as help shows it.
 NUMBER = "N"
 #: The panel of options that only the help of `check` lists.
 LAYOUT = "Files in another layout"
@@ -45,10 +50,8 @@ DrawCount = Annotated[int, rare("--draws", NUMBER, "Effective draws.", min=1, ma
 Processes = Annotated[
     int | None, rare("--workers", NUMBER, "Processes (default: all cores).", min=1)
 ]
-DaskAddress = Annotated[str | None, rare("--dask", "tcp://HOST:PORT", "Use a Dask cluster.")]
-PriorFile = Annotated[
-    str | None, option("--prior", "PRIOR", "Prior: default, paper, or a TOML file.")
-]
+DaskAddress = Annotated[Text, rare("--dask", "tcp://HOST:PORT", "Use a Dask cluster.")]
+PriorFile = Annotated[Text, option("--prior", "PRIOR", "Prior: default, paper, or a TOML file.")]
 SpreadsheetSafe = Annotated[
     bool, rare("--spreadsheet-safe", "", "Put ' before texts like formulas.")
 ]
@@ -60,7 +63,7 @@ SavedDraws = Annotated[
     Path, typer.Argument(metavar="posterior.nc", help="Draws saved by run or sample.")
 ]
 TrueValues = Annotated[
-    Path | None, rare("--truth", "truth.csv", "True values to mark, as simulate writes them.")
+    File, rare("--truth", "truth.csv", "True values to mark, as simulate writes them.")
 ]
 Question = Annotated[
     str, option("--task", "TASK", "same/different (default) or 2afc.", show_default=False)
@@ -98,62 +101,54 @@ class StudyFile:
     ] = None
     example: Annotated[bool, flag("--example", "Analyse the synthetic example.")] = False
     swap: Annotated[
-        list[str] | None, option("--swap", "A08:2,4", "Swap a subject's responses; repeatable.")
+        Texts, option("--swap", "A08:2,4", "Swap a subject's responses; repeatable.")
     ] = None
     exclude: Annotated[
-        list[str] | None, option("--exclude", "A08:2,4", "Exclude a subject or blocks; repeatable.")
+        Texts, option("--exclude", "A08:2,4", "Exclude a subject or blocks; repeatable.")
     ] = None
-    intensity: Annotated[
-        float | None, layout("--intensity", "REF", "Read i1,i2: s = ln(i / REF).")
-    ] = None
-    equal_code: Annotated[
-        str | None, layout("--equal-code", "CODE", "The code that means 'equal'.")
-    ] = None
+    intensity: Annotated[Number, layout("--intensity", "REF", "Read i1,i2: s = ln(i / REF).")] = (
+        None
+    )
+    equal_code: Annotated[Text, layout("--equal-code", "CODE", "The code that means 'equal'.")] = (
+        None
+    )
     different_code: Annotated[
-        str | None, layout("--different-code", "CODE", "The code that means 'different'.")
+        Text, layout("--different-code", "CODE", "The code that means 'different'.")
     ] = None
     second_code: Annotated[
-        str | None, layout("--second-code", "CODE", "The code that means 'second'.")
+        Text, layout("--second-code", "CODE", "The code that means 'second'.")
     ] = None
-    first_code: Annotated[
-        str | None, layout("--first-code", "CODE", "The code that means 'first'.")
-    ] = None
-    correct: Annotated[
-        str | None, layout("--correct", "COLUMN", "Column with correct or wrong.")
-    ] = None
-    ignore: Annotated[
-        list[str] | None, layout("--ignore", "COLUMN", "Column to ignore; repeatable.")
-    ] = None
-    question: Annotated[str | None, layout("--task", "TASK", "same/different or 2afc.")] = None
+    first_code: Annotated[Text, layout("--first-code", "CODE", "The code that means 'first'.")] = (
+        None
+    )
+    correct: Annotated[Text, layout("--correct", "COLUMN", "Column with correct or wrong.")] = None
+    ignore: Annotated[Texts, layout("--ignore", "COLUMN", "Column to ignore; repeatable.")] = None
+    question: Annotated[Text, layout("--task", "TASK", "same/different or 2afc.")] = None
     where: Annotated[
-        list[str] | None, layout("--where", "COLUMN=TEXT", "Rows with this text; repeatable.")
+        Texts, layout("--where", "COLUMN=TEXT", "Rows with this text; repeatable.")
     ] = None
     subject_from: Annotated[
-        str | None, layout("--subject-from", "NAME", "Subject in the name: 'sub-{}_*'.")
+        Text, layout("--subject-from", "NAME", "Subject in the name: 'sub-{}_*'.")
     ] = None
     columns: Annotated[
-        str | None, layout("--columns", "OURS=THEIRS", "Your column names: s1=first,...")
+        Text, layout("--columns", "OURS=THEIRS", "Your column names: s1=first,...")
     ] = None
     standard_interval: Annotated[
-        str | None, layout("--standard-interval", "COLUMN", "Column: the standard's interval.")
+        Text, layout("--standard-interval", "COLUMN", "Column: the standard's interval.")
     ] = None
     standard_first: Annotated[
         bool, layout("--standard-first", "", "The standard was always first.")
     ] = False
     comparison_code: Annotated[
-        str | None, layout("--comparison-code", "CODE", "Code that means 'comparison'.")
+        Text, layout("--comparison-code", "CODE", "Code that means 'comparison'.")
     ] = None
-    decimal: Annotated[str | None, layout("--decimal", "SIGN", "Decimal sign: . or ,")] = None
-    sheet: Annotated[str | None, layout("--sheet", "NAME", "Sheet of an Excel file.")] = None
-    encoding: Annotated[str | None, layout("--encoding", "NAME", "Such as cp1252 or latin-1.")] = (
+    decimal: Annotated[Text, layout("--decimal", "SIGN", "Decimal sign: . or ,")] = None
+    sheet: Annotated[Text, layout("--sheet", "NAME", "Sheet of an Excel file.")] = None
+    encoding: Annotated[Text, layout("--encoding", "NAME", "Such as cp1252 or latin-1.")] = None
+    condition: Annotated[Text, layout("--condition", "COLUMN", "Column of the condition.")] = None
+    reference: Annotated[Text, layout("--reference", "LEVEL", "Level to compare others with.")] = (
         None
     )
-    condition: Annotated[
-        str | None, layout("--condition", "COLUMN", "Column of the condition.")
-    ] = None
-    reference: Annotated[
-        str | None, layout("--reference", "LEVEL", "Level to compare others with.")
-    ] = None
     named_levels: Annotated[
         bool, layout("--categorical-condition", "", "Take numeric levels as names.")
     ] = False

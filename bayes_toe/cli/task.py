@@ -27,7 +27,7 @@ from bayes_toe.cli.options import (
     SpreadsheetSafe,
     StudyFile,
 )
-from bayes_toe.cli.terminal import TYPED, WIDTH, Terminal
+from bayes_toe.cli.terminal import TYPED, WIDTH, Terminal, describe_study
 from bayes_toe.data.messages import counted, visible
 from bayes_toe.data.whole_files import describe_stored, under_way
 from bayes_toe.errors import BayesToeError, ConvergenceWarning, InputError, OutputExistsError
@@ -77,9 +77,15 @@ class Task:
         return read, prior
 
     def introduce(self, study: Study, prior: Prior) -> None:
-        """Describe a study on the screen, and name a prior that is not the default."""
-        lines = [] if self.prior is None else [f"Prior: {self.prior}"]
-        self.out.introduce(study, *lines, prior=prior)
+        """Describe a study on the screen, with a prior that is named and probable mistakes."""
+        from bayes_toe.checks.design_checks import urgent_findings
+
+        self.out.line(describe_study(study))
+        if study.changes:
+            self.out.line(f"With {' '.join(study.changes)}")
+        if self.prior is not None:
+            self.out.line(f"Prior: {self.prior}")
+        self.out.findings(urgent_findings(study, prior))
 
     def print_uninterpretable(self, study: Study) -> None:
         """Subjects that this command uses although their responses cannot be interpreted."""

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from bayes_toe.arrays import FloatArray
     from bayes_toe.checks.answer_checks import Finding
     from bayes_toe.data.study import Study
-    from bayes_toe.model.prior import Prior
 
 #: Columns of every line and table, whatever the width of the terminal.
 WIDTH = 80
@@ -112,17 +111,6 @@ class Terminal:
         self.lines(["", "Answer"], "bold")
         for line in lines:
             self.line(line)
-
-    def introduce(self, study: Study, *lines: str, prior: Prior | None = None) -> None:
-        """What was read, at most two further lines, and probable mistakes."""
-        from bayes_toe.checks.design_checks import urgent_findings
-
-        self.line(describe_study(study))
-        if study.changes:
-            self.line(f"With {' '.join(study.changes)}")
-        for line in lines:
-            self.line(line)
-        self.findings(urgent_findings(study, prior))
 
     def findings(self, findings: Iterable[Finding], mark: str = "!") -> None:
         """Each message once, with its subjects, and what to type."""
