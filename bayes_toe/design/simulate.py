@@ -42,7 +42,7 @@ from bayes_toe.design.study_design import (
     reference_design,
 )
 from bayes_toe.errors import InputError
-from bayes_toe.model.intervals import at_interval
+from bayes_toe.model.intervals import at_interval, require_intervals
 from bayes_toe.model.paper_equations import (
     Natural,
     equal_probability,
@@ -66,12 +66,6 @@ _ALLOWED_DIFFERENCE = (
     f"QUANTITY=SIZE, or QUANTITY=SIZE:SD with the sd between subjects, of {', '.join(DIFFERING)}, "
     "separated by commas"
 )
-_RETIRED_DIFFERENCES = {
-    "pull": "contraction",
-    "gain": "contraction",
-    "constant error": "constant_error",
-    "width": "noise",
-}
 _DESIGNS = {"reference": reference_design, "full": full_design}
 Sizes: TypeAlias = Mapping[str, float | tuple[float, float]]
 
@@ -195,11 +189,6 @@ class ConditionDifferences:
         sizes = {}
         for name, value in (differ or {}).items():
             size, sd = (value, 0.0) if isinstance(value, int | float) else value
-            if name in _RETIRED_DIFFERENCES:
-                raise InputError(
-                    f"--differ: {name!r} is retired: {_RETIRED_DIFFERENCES[name]}, of observers "
-                    "such as --population both"
-                )
             if name not in DIFFERING or not (np.isfinite([size, sd]).all() and sd >= 0.0):
                 raise InputError(
                     f"--differ: found {quoted(f'{name}={size:g}:{sd:g}')}, "
@@ -241,6 +230,17 @@ class ConditionDifferences:
         return moved
 
 
+def condition_differences(
+    levels: Sequence[str], differ: Sizes | None
+) -> ConditionDifferences | None:
+    """The differences between conditions; None without conditions."""
+    if levels:
+        return ConditionDifferences.of(levels, differ)
+    if differ:
+        raise InputError("--differ: allowed with --conditions, between which observers differ")
+    return None
+
+
 def read_differences(conditions: str | None, differ: str | None) -> ConditionDifferences | None:
     """What `--conditions` and `--differ` say; None without conditions.
 
@@ -249,10 +249,6 @@ def read_differences(conditions: str | None, differ: str | None) -> ConditionDif
     >>> read_differences("left,right", "contraction=0.2:0.1,noise=0.3").sizes
     {'contraction': (0.2, 0.1), 'noise': (0.3, 0.0)}
     """
-    if conditions is None:
-        if differ is not None:
-            raise InputError("--differ: allowed with --conditions, between which observers differ")
-        return None
     sizes = {}
     for part in differ.split(",") if differ else ():
         name, _, value = part.partition("=")
@@ -263,8 +259,8 @@ def read_differences(conditions: str | None, differ: str | None) -> ConditionDif
             raise InputError(
                 f"--differ: found {quoted(part)}, allowed: {_ALLOWED_DIFFERENCE}"
             ) from None
-    levels = [level.strip() for level in conditions.split(",")]
-    return ConditionDifferences.of(levels, sizes)
+    levels = [] if conditions is None else [level.strip() for level in conditions.split(",")]
+    return condition_differences(levels, sizes)
 
 
 # --- Trials ---------------------------------------------------------------------------------------
@@ -434,7 +430,8 @@ def simulate(  # noqa: PLR0913  # each is a choice of its own, and has a default
         paper's model, mu1, sigma_p, sigma_l and q0 (lapse_rate of 'which is stronger').
     population : str
         "paper", of the paper's model; "none", "small constant error", "large constant error",
-        "contraction", "repulsion", "both", or "prior", of the four models.
+        "contraction", "repulsion", "both", or "prior", of the four models; or a CSV file of
+        parameters.
     design : {"reference", "full"} or BatchDesign
         The paper's pairs, all ordered pairs of the amplitudes, or pairs of your own.
     amplitudes : sequence of float
@@ -473,19 +470,12 @@ def simulate(  # noqa: PLR0913  # each is a choice of its own, and has a default
     """
     task, root = task_of(task), root_seed(seed)
     batch_design = make_batch_design(design, amplitudes, batches, isi)
-    if differ is not None and not conditions:
-        raise InputError("differ: allowed with conditions, between which observers differ")
-    differences = ConditionDifferences.of(conditions, differ) if conditions else None
+    differences = condition_differences(conditions, differ)
     if isinstance(observers, Mapping):
         simulated: Sequence[SimulatedObserver] = stated_observers(observers, task)
     elif isinstance(observers, bool) or not isinstance(observers, int) or observers < 1:
         raise InputError(
             f"observers: found {observers!r}, allowed: a whole number from 1, or parameters by name"
-        )
-    elif population not in POPULATIONS:
-        raise InputError(
-            f"population: found {population!r}, allowed: {', '.join(POPULATIONS)}; parameters of "
-            "your own go to `observers`"
         )
     else:
         simulated = draw_population(population, observers, root, batch_design, task)
@@ -515,10 +505,9 @@ def draw_population(
     if population not in POPULATIONS:
         return read_observers(population, task)
     counts = np.full(len(design.s1), design.batches)
-    pairs = np.column_stack([design.s1, design.s2])
-    unique, index = np.unique(pairs, axis=0, return_inverse=True)
-    n_trials = np.bincount(index.ravel(), counts).astype(np.int64)
-    shown = StudyDesign(unique[:, 0], unique[:, 1], n_trials, task=task)
+    no_answers = np.zeros_like(counts)
+    pairs = Subject.from_counts("design", design.s1, design.s2, no_answers, counts)
+    shown = StudyDesign(pairs.s1, pairs.s2, pairs.n_trials, task=task)
     if population == PRIOR:
         # All four models in turn.
         drawn = assume_observers(PRIOR, -(-size // 4), seed, [shown])
@@ -602,7 +591,11 @@ def make_batch_design(
     else:
         require_file(design, "--design", _DESIGNS)
         _, columns = read_numbers(design, ("s1", "s2"), optional=("isi",))
+        if "isi" in columns:
+            require_intervals(columns["isi"])
         made = BatchDesign(columns["s1"], columns["s2"], batches, columns.get("isi"))
+    if made.batches < 1:
+        raise InputError(f"design: batches={made.batches} must be at least 1")
     return made if isi is None else at_intervals(made, _numbers("--isi", isi))
 
 

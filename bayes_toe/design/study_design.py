@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -205,16 +205,15 @@ def paper_study_design(trials: int | None = None, task: Task | str = SAME_DIFFER
 # --- Batches: all pairs in a random order, again and again ----------------------------------------
 
 
-@dataclass(frozen=True, eq=False)
-class BatchDesign:
+class BatchDesign(NamedTuple):
     """Ordered pairs of one batch and the number of batches; the order in a batch is random.
 
-    Parameters
+    Attributes
     ----------
-    s1, s2 : array_like, shape (pairs,)
+    s1, s2 : ndarray, shape (pairs,)
         Natural-log intensities.
     batches : int
-    isi : array_like, shape (pairs,), optional
+    isi : ndarray, shape (pairs,), optional
         Inter-stimulus intervals, seconds.
     """
 
@@ -222,21 +221,6 @@ class BatchDesign:
     s2: FloatArray
     batches: int
     isi: FloatArray | None = None
-
-    def __post_init__(self) -> None:
-        for name in ("s1", "s2"):
-            object.__setattr__(self, name, np.array(getattr(self, name), np.float64, ndmin=1))
-        is_pairs = self.s1.shape == self.s2.shape and len(self.s1) > 0
-        if not is_pairs or not np.isfinite([self.s1, self.s2]).all():
-            raise InputError(
-                "design: s1 and s2 must be finite and have one common length of at least 1"
-            )
-        if self.batches < 1:
-            raise InputError(f"design: batches={self.batches} must be at least 1")
-        if self.isi is not None:
-            object.__setattr__(self, "isi", np.atleast_1d(require_intervals(self.isi)))
-            if self.isi.shape != self.s1.shape:
-                raise InputError("design: isi must have the length of s1 and s2")
 
 
 def reference_design(
@@ -264,7 +248,7 @@ def full_design(
 
 def at_intervals(design: BatchDesign, isi: Iterable[float]) -> BatchDesign:
     """Every pair of a design at every one of these intervals (seconds), each once."""
-    seconds = np.array(list(isi), np.float64)
+    seconds = require_intervals(list(isi))
     n = len(seconds)
     if design.isi is not None or n == 0 or len(np.unique(seconds)) < n:
         raise InputError(

@@ -57,12 +57,8 @@ def test_ranges_of_a_file(tmp_path):
     assert kinds["weak"]["contraction"] == (0.1, 0.1)
     assert kinds["weak"]["q0"] == (0.85, 0.98)
     observers = assume_observers(path, 2, 1, [paper_study_design()])
-    assert [observer.name for observer in observers] == [
-        "weak 1",
-        "weak 2",
-        "no effect 1",
-        "no effect 2",
-    ]
+    names = [observer.name for observer in observers]
+    assert names == ["weak 1", "weak 2", "no effect 1", "no effect 2"]
     assert observers[0].parameters["contraction"] == 0.1
     assert observers[2].parameters["q0"] == 0.9
 

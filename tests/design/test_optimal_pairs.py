@@ -85,30 +85,30 @@ def test_brute_force_finds_nothing_better_than_exchange(aim):
     assert known.utility(known.total(found)) == pytest.approx(best, abs=0.02)
 
 
-def test_utilities_of_single_effects_are_their_standard_deviations():
-    for aim in ("constant-error", "contraction"):
-        known = information_about(aim, OBSERVERS[:1])
-        total = known.total(np.full(5, 40))
-        (sd,) = known.standard_deviations(total)
-        own_unit = SCALES.step / 2 if aim == "constant-error" else 0.25
-        assert known.utility(total) == pytest.approx(-np.log(sd / own_unit))
+@pytest.mark.parametrize(
+    ("aim", "unit"), [("constant-error", SCALES.step / 2), ("contraction", 0.25)]
+)
+def test_utilities_of_single_effects_are_their_standard_deviations(aim, unit):
+    known = information_about(aim, OBSERVERS[:1])
+    total = known.total(np.full(5, 40))
+    (sd,) = known.standard_deviations(total)
+    assert known.utility(total) == pytest.approx(-np.log(sd / unit))
 
 
 def test_the_expected_sd_is_that_of_the_posterior():
     """For one subject with expected counts, against draws of 'both'."""
-    observer = make_observer(
-        "O", "k", {"noise": 0.2, "q0": 0.9, "lapse_rate": 0.04, "contraction": 0.25}, PAIRS.task
-    )
+    parameters = {"noise": 0.2, "q0": 0.9, "lapse_rate": 0.04, "contraction": 0.25}
+    observer = make_observer("O", "k", parameters, PAIRS.task)
     s1 = np.repeat(np.linspace(-0.6, 0.9, 4), 5)
     s2 = s1 + np.tile([-0.3, -0.15, 0.0, 0.15, 0.3], 4)
     design = StudyDesign(s1, s2, np.full(20, 50))
     scales = StimulusScales.from_subject(design.unanswered)
     known = information(design, [observer], "order-effect", DEFAULT_PRIOR, scales)
-    sd_error, sd_contraction = known.standard_deviations(known.total(design.n_trials))
+    expected = known.standard_deviations(known.total(design.n_trials))
     subject = design.answered(np.rint(50 * observer.p_design(design)), "S")
     draws = bt.sample(bt.Study((subject,)), model="both", draws=500, seed=1, workers=1)
-    assert draws.values("S", "constant_error").std() == pytest.approx(sd_error, rel=0.2)
-    assert draws.values("S", "contraction").std() == pytest.approx(sd_contraction, rel=0.2)
+    for name, sd in zip(("constant_error", "contraction"), expected, strict=True):
+        assert draws.values("S", name).std() == pytest.approx(sd, rel=0.2)
 
 
 def test_an_optimised_design_shows_a_contraction_and_beats_its_rivals(found):
@@ -117,10 +117,8 @@ def test_an_optimised_design_shows_a_contraction_and_beats_its_rivals(found):
     assert list(found.candidates) == [OPTIMISED, PAPER, FULL, RANDOM]
     utilities = [candidate.utility for candidate in found.candidates.values()]
     assert utilities[0] == max(utilities)
-    assert (
-        found.candidates[PAPER].sd["contraction"]
-        > 3 * found.candidates[OPTIMISED].sd["contraction"]
-    )
+    sds = {name: candidate.sd["contraction"] for name, candidate in found.candidates.items()}
+    assert sds[PAPER] > 3 * sds[OPTIMISED]
     assert found.power.found(OPTIMISED, 650, "contraction", has_effect=True)[0] == 1.0
     counts = dict(zip(found.design.pairs, found.design.n_trials.tolist(), strict=True))
     assert all(counts[s2, s1] == n for (s1, s2), n in counts.items())
@@ -166,45 +164,39 @@ def test_levels_of_hardware(tmp_path):
 
 def test_the_command(tmp_path):
     KEPT.save(tmp_path / "kept.csv")
-    words = ("--lowest", "-0.75", "--highest", "1.25", "--step", "0.5", "--trials", 200)
-    goal = ("--max-pairs", 9, "--for", "contraction", "--keep", "kept.csv")
-    more = ("--observers", "contraction", "--data-sets", 1, "--seed", 1, "--workers", 1)
-    text = good("design", "-o", "d.csv", *words, *goal, *more, "--list", "t.csv", cwd=tmp_path)
-    assert sorted(path.name for path in tmp_path.glob("[dt]*")) == [
-        "d.csv",
-        "d.md",
-        "d.png",
-        "d_compared.csv",
-        "t.csv",
-    ]
+    text = good(
+        "design -o d.csv --lowest -0.75 --highest 1.25 --step 0.5 --trials 200 --max-pairs 9 "
+        "--for contraction --keep kept.csv --observers contraction --data-sets 1 --seed 1 "
+        "--workers 1 --list t.csv",
+        cwd=tmp_path,
+    )
+    assert "Expected posterior SD" in text
+    files = ["d.csv", "d.md", "d.png", "d_compared.csv", "t.csv"]
+    assert sorted(path.name for path in tmp_path.glob("[dt]*")) == files
     assert len(pd.read_csv(tmp_path / "t.csv")) == 200
     assert bt.design.read_study_design(tmp_path / "d.csv").total == 200
     assert set(pd.read_csv(tmp_path / "d_compared.csv").design) == {OPTIMISED, PAPER, FULL, RANDOM}
     markdown = (tmp_path / "d.md").read_text(encoding="utf-8")
     assert markdown.startswith("# A design of 200 trials, for: contraction\n\n* Most trials have")
-    assert "Expected posterior SD" in text
 
 
-FROM_0 = ("--lowest", "0", "--highest")
 REFUSED = [
-    (("--lowest", "-1", "--highest", "1", "--trials", "3"), "--trials 3: allowed is at least 4"),
-    (("--lowest", "1", "--highest", "1"), "--lowest 1 --highest 1: allowed are finite numbers"),
-    ((*FROM_0, "1", "--step", "2"), "--step 2: allowed is above 0 and at most the range, 1"),
-    ((*FROM_0, "1", "--step", "0.001"), "1001 levels make 1,002,001 pairs: allowed are 20,000"),
-    (("--lowest", "0"), "No range of stimuli is given. Use --lowest and --highest"),
-    ((*FROM_0, "1", "--max-pairs", "3"), "--max-pairs 3: allowed is at least 4"),
-    ((*FROM_0, "1", "--for", "gain"), "--for: found 'gain', allowed: order-effect, constant-error"),
-    ((*FROM_0, "1", "--intensity", "2"), "--intensity needs --levels levels.csv or"),
-    (("--levels", "l.csv", "--intensity", "-1"), "--intensity is -1.0. It must be a positive"),
-    (("given.csv",), "given.csv: a given design needs --list trials.csv, without --lowest"),
-    ((*FROM_0, "1", "--isi", "1"), "`--isi` is retired"),
+    ("--lowest -1 --highest 1 --trials 3", "--trials 3: allowed is at least 4"),
+    ("--lowest 1 --highest 1", "--lowest 1 --highest 1: allowed are finite numbers"),
+    ("--lowest 0 --highest 1 --step 2", "--step 2: allowed is above 0 and at most the range, 1"),
+    ("--lowest 0 --highest 1 --step 0.001", "1001 levels make 1,002,001 pairs: allowed are 20,000"),
+    ("--lowest 0", "No range of stimuli is given. Use --lowest and --highest"),
+    ("--lowest 0 --highest 1 --max-pairs 3", "--max-pairs 3: allowed is at least 4"),
+    ("--lowest 0 --highest 1 --for gain", "--for: found 'gain', allowed: order-effect, constant"),
+    ("--lowest 0 --highest 1 --intensity 2", "--intensity needs --levels levels.csv or"),
+    ("--levels l.csv --intensity -1", "--intensity is -1.0. It must be a positive"),
+    ("given.csv", "given.csv: a given design needs --list trials.csv, without --lowest"),
 ]
 
 
 @pytest.mark.parametrize(("more", "message"), REFUSED)
 def test_what_cannot_be_designed_is_refused_in_one_line(tmp_path, more, message):
-    words = ("--data-sets", "1", "--seed", "1")
-    assert message in refused("design", "-o", "d.csv", *more, *words, cwd=tmp_path)
+    assert message in refused(f"design -o d.csv {more} --data-sets 1 --seed 1", cwd=tmp_path)
 
 
 def test_the_figure_has_the_design_on_the_plane(found):

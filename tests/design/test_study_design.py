@@ -5,7 +5,6 @@ import pytest
 
 import bayes_toe as bt
 from bayes_toe.design.study_design import (
-    BatchDesign,
     apportioned,
     full_design,
     paper_study_design,
@@ -27,11 +26,8 @@ def test_every_pair_keeps_its_share_and_at_least_one_trial(trials):
     design = paper_study_design(trials)
     assert (design.total, design.n_trials.min() >= 1) == (trials, True)
     assert np.ptp(design.n_trials) <= 1
-    assert apportioned(np.array([0.001, 0.3, 0.699]), 100).tolist() == [
-        1,
-        30,
-        69,
-    ]  # as far as whole numbers can
+    # As far as whole numbers can.
+    assert apportioned(np.array([0.001, 0.3, 0.699]), 100).tolist() == [1, 30, 69]
 
 
 @pytest.mark.parametrize(
@@ -74,5 +70,3 @@ def test_batches_of_the_paper_and_of_all_pairs():
     assert design.batches == 50
     full = full_design([1, 2, 3])
     assert len(set(zip(full.s1, full.s2, strict=True))) == 9
-    with pytest.raises(InputError, match="batches=0"):
-        BatchDesign(np.zeros(1), np.zeros(1), 0)
