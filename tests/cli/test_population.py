@@ -11,6 +11,7 @@ from conftest import grouped_csv
 from populations import independent_draws, made_result, simulated_group, two_conditions
 
 import bayes_toe as bt
+from bayes_toe.answers.order_effect import Size, format_percent, format_share
 from bayes_toe.cli.group_screen import group_answer, group_tables
 
 FILES = ("group.csv", "group.nc", "group.png", "group_subjects.csv")
@@ -59,6 +60,11 @@ def test_files_and_answer(done, folder):
 
 def test_files_are_those_of_the_group(done, folder):
     result = bt.load(folder / "group.nc")
+    text = " ".join(done.split())
+    assert (
+        f"mean PSE shift {format_percent(Size(*result.effect('constant_error').percent))}" in text
+    )
+    assert f"mean contraction p {format_share(Size(*result.effect('contraction').mean))}" in text
     assert result.subjects == ("P000", "P001", "P002", "P003", "P004")
     assert dict(result.left_out) == {"P005": "no age"}
     assert result.settings.hyperprior.contraction.sd_scale == 0.5
