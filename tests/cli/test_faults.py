@@ -14,14 +14,8 @@ from conftest import few_pairs, grouped_csv, known_observers
 from processes import members, needs_proc, start, until, until_gone, workers
 
 import bayes_toe as bt
-from bayes_toe.data.whole_files import (
-    HIDDEN,
-    finished,
-    unfinished,
-    whole_file,
-    whole_folder,
-    write_whole,
-)
+from bayes_toe.cli.stopping import say_stopped
+from bayes_toe.data.whole_files import HIDDEN, finished, unfinished, write_whole
 from bayes_toe.workers import Failed
 
 pytestmark = needs_proc
@@ -226,15 +220,10 @@ def test_a_signal_that_is_ignored_on_purpose_goes_on_being_ignored():
     assert subprocess.run([sys.executable, "-c", UNDER_NOHUP], timeout=60).returncode == 0
 
 
-def test_finished_files_are_known_and_those_of_an_unfinished_folder_are_not(tmp_path):
+def test_finished_files_are_named_and_those_of_an_unfinished_folder_are_not(tmp_path, capsys):
     del finished[:]
-    with unfinished(tmp_path) as inside, whole_file(inside / "a.csv") as path:
-        path.touch()
-    with pytest.raises(ValueError, match="not done"), whole_folder(tmp_path / "broken", ["a"]):
-        raise ValueError("not done")
-    assert finished == []
-    with whole_folder(tmp_path / "out", ["b"]) as folder:
-        (folder / "b").touch()
-    write_whole(tmp_path / "c.csv", b"")
-    assert finished == [tmp_path / "out", tmp_path / "c.csv"]
-    assert not list(tmp_path.glob(f"{HIDDEN}*"))
+    with unfinished(tmp_path) as folder:
+        write_whole(folder / "a.csv", b"")
+    write_whole(tmp_path / "b.csv", b"")
+    say_stopped(signal.SIGTERM)
+    assert capsys.readouterr().err == f"stopped by SIGTERM: written: {tmp_path / 'b.csv'}\n"

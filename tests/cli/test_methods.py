@@ -65,9 +65,11 @@ def test_what_must_not_be_used_as_it_stands_is_named(analysis, tmp_path):
     words = dict.fromkeys(analysis.answers[0].words, Word.NOT_INTERPRETABLE)
     poor = {"predictive_p": 0.001, "deviance_p": 0.001}
     excluded = {"words": words, "is_interpretable": False}
-    text = text_of(with_answers(analysis, poor, excluded), tmp_path)
-    first, second = analysis.draws.names[:2]
+    untestable = {"predictive_p": None}
+    text = text_of(with_answers(analysis, poor, excluded, untestable), tmp_path)
+    first, second, third = analysis.draws.names
     assert f"The model does not fit {first}." in text
+    assert f"The fit is not testable for {third}." in text
     assert f"Not interpreted: {second}." in text
     assert "of 2 participants" in text
 

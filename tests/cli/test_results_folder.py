@@ -2,22 +2,23 @@
 
 import re
 from dataclasses import replace
-from itertools import product
 
 import numpy as np
 import pandas as pd
 import pytest
 from commands import inside, refused
 from conftest import grouped_csv
-from populations import made_result, simulated_group
+from populations import made_result, simulated_group, two_conditions
 
 import bayes_toe as bt
+from bayes_toe.answers.order_effect import QUESTIONS
 from bayes_toe.cli import report, results_folder
 from bayes_toe.cli.results_folder import GROUP_PRODUCTS, FigureChoice, opened, write_results
 from bayes_toe.explorer.page import Explorer
 from bayes_toe.groups.predictive_check import PredictiveCheck, Statistic
 from bayes_toe.groups.regressors import Regressor, Regressors
 from bayes_toe.model.parameters import ObserverPrior
+from bayes_toe.model.posterior import DOMINATED
 
 pytestmark = pytest.mark.usefixtures("blank_pictures")
 NO_FIGURES = {"figures": FigureChoice("none"), "workers": 1}
@@ -45,6 +46,11 @@ def test_figures_are_of_the_flagged_or_of_none_and_the_report_says_so(
     text = page(out)
     assert text.count("data:image/png") == 2 + 2 * len(drawn)
     assert text.count("To draw the corner plot") == 3 - len(drawn)
+    row = text.partition('<tr data-subject="B"')[2].partition("</tr>")[0]
+    answer = marked.answers[1]
+    words = [answer.marked_word(question) for question in QUESTIONS]
+    cells = re.findall(r'data-label="[^f][^"]*" data-value="[^"]*">([^<]*)', row)
+    assert [cell.strip() for cell in cells[:3]] == words
     assert note in text
     sentences = re.findall(r'<p class="lead">(.*?)</p>|<dd>(.*?)</dd>', text)
     assert len(sentences) > 8
@@ -163,7 +169,9 @@ def test_a_process_opens_the_draws_once_and_again_if_the_file_is_another(tmp_pat
 
 def test_a_report_on_which_is_stronger_speaks_of_it_alone(stronger, tmp_path):
     out = write_results(stronger, tmp_path / "out", workers=1)
-    text = re.sub(r"data:image[^\"]*", "", page(out)) + page(out, "methods.md")
+    methods = page(out, "methods.md")
+    assert "a constant error and a response bias predict the same responses" in methods
+    text = re.sub(r"data:image[^\"]*", "", page(out)) + methods
     for other in ("'equal'", "called equal", "P(equal)", "q0", "half-width"):
         assert other not in text, other
     for own in (
@@ -184,43 +192,43 @@ def test_a_report_on_which_is_stronger_speaks_of_it_alone(stronger, tmp_path):
         expected = np.quantile(draws, [0.5, 0.025, 0.975])
         assert shown == pytest.approx(expected, abs=0.02)
         assert in_percent == pytest.approx(100.0 * np.expm1(expected[0]), abs=0.6)
+    summary = stronger.summary().set_index("subject")
+    names = [*stronger.draws.posterior("plain").names.natural, "gamma"]
+    is_weak = summary.parameter.isin(names) & (summary.posterior_contraction < DOMINATED)
+    assert is_weak.any()
+    for subject, rows in summary[is_weak].groupby("subject"):
+        assert f"data, determines {', '.join(rows.parameter)} (posterior" in text, subject
     assert sorted(path.name for path in (out / "corner").iterdir()) == ["plain.png", "pulled.png"]
 
 
 def test_a_run_has_the_contrast_in_its_folder_report_and_methods(tmp_path):
-    rng = np.random.default_rng(1)
-    pairs = [(a, a + step) for a, step in product((0.0, 0.3, 0.6), (-0.3, 0.3))]
-    rows = []
-    for (level, shift), (s1, s2) in product((("left", 0.12), ("right", -0.12)), pairs):
-        n_second = rng.binomial(60, 1.0 / (1.0 + np.exp(-(s2 - s1 - shift) / 0.12)))
-        rows.append(("A", level, s1, s2, 60, n_second))
-    columns = ["subject", "condition", "s1", "s2", "n_trials", "n_second"]
-    study = bt.read_study(pd.DataFrame(rows, columns=columns))
+    study = two_conditions(1, n_subjects=1, n_each=60, difference=2.0)
     out = write_results(bt.run(study, draws=100, seed=1, workers=1), tmp_path / "out", **NO_FIGURES)
     contrast = pd.read_csv(out / "contrast.csv")
     assert contrast[contrast.quantity == "constant error"].word.tolist() == ["differs"]
     for name in ("evidence.csv", "summary.csv"):
         units = pd.read_csv(out / name)[["subject", "condition"]].drop_duplicates()
-        assert units.to_numpy().tolist() == [["A", "left"], ["A", "right"]]
+        assert units.to_numpy().tolist() == [["P000", "left"], ["P000", "right"]]
+    amount = "1 subject in 2 conditions, 1,200 trials, which was stronger (2AFC), 10 pairs · seed"
     text, methods = page(out), page(out, "methods.md")
     for words in (
         'id="conditions"',
-        "1 subject in 2 conditions, 720 trials, which was stronger (2AFC), 6 pairs · seed",
+        amount,
         "Order effect: 2 of 2 conditions of 1 subject yes.",
         "Constant error differs: 1 of 1 subject yes.",
         "Differences (right − left) are medians",
     ):
         assert words in text, words
-    assert re.search(r">−\d+\.\d % \(.*<span class=\"soft\">differs \(BF ", text)
+    assert re.search(r">\d+\.\d % \(.*<span class=\"soft\">differs \(BF ", text)
     for words in (
         "An order effect was present in 2 of 2 conditions of 1 participant",
         "Conditions were compared within",
-        "was stronger (720 trials)",
+        "was stronger (1,200 trials)",
     ):
         assert words in methods, words
     draws = bt.load(out / "posterior.nc")
     assert draws.study.conditions == study.conditions
-    assert draws.subject("A@left").felt == study["A@left"].felt
+    assert draws.subject("P000@left").felt == study["P000@left"].felt
 
 
 def test_the_report_of_one_subject_has_no_search_and_no_figure_of_poor_fits(small_study, tmp_path):

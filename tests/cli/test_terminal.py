@@ -8,12 +8,9 @@ import pytest
 
 import bayes_toe as bt
 from bayes_toe.answers.order_effect import MISFIT_FLAG, Problem
-from bayes_toe.classical.fit import SubjectFit
 from bayes_toe.cli.answers import flagged, print_subjects, without_decision
-from bayes_toe.cli.describe import print_fits
 from bayes_toe.cli.infer import print_draws
 from bayes_toe.cli.terminal import (
-    MANY_SUBJECTS,
     WIDTH,
     Terminal,
     allowed_in_order,
@@ -22,8 +19,6 @@ from bayes_toe.cli.terminal import (
     format_table,
     wrap_line,
 )
-from bayes_toe.data.messages import format_p
-from bayes_toe.inference.predictive_checks import MISFIT
 
 
 def shown_subjects(text):
@@ -58,17 +53,7 @@ def test_of_many_subjects_the_table_has_those_that_need_action(many, capsys, mon
 
 def test_it_is_said_that_no_subject_needs_a_decision_only_if_none_does(many):
     assert without_decision(many[:98], {}) == ["No subject needs a decision."]
-    assert without_decision(many[:98], {"S3": "R-hat 1.2"}) == []
-    assert without_decision(many[:99], {}) == []
-    assert without_decision([*many[:2], many[99]], {}) == []
-
-
-def test_of_few_subjects_all_are_in_the_table_in_their_order(many, capsys):
-    few = [many[99], *many[: MANY_SUBJECTS - 2]]
-    print_subjects(Terminal(), few)
-    text = capsys.readouterr().out
-    assert shown_subjects(text) == [answer.subject for answer in few]
-    assert "other" not in text
+    assert without_decision(many[:98], {"S3": "R-hat 1.2"}) == without_decision(many, {}) == []
 
 
 def test_many_draws_are_shown_if_they_did_not_converge(analysis, capsys, monkeypatch):
@@ -81,9 +66,8 @@ def test_many_draws_are_shown_if_they_did_not_converge(analysis, capsys, monkeyp
     assert "! C  The draws did not converge: few draws." in text
 
 
-def test_notes_that_are_cut_say_so(analysis, capsys, monkeypatch):
-    monkeypatch.setattr(SubjectFit, "notes", tuple(f"note {i}" for i in range(25)))
-    print_fits(Terminal(), replace(analysis.fits, rows=analysis.fits.rows[:1]))
+def test_notes_that_are_cut_say_so(capsys):
+    Terminal().notes([("", f"note {i}", "") for i in range(25)])
     assert "... and 5 more in the output" in capsys.readouterr().out
 
 
@@ -173,11 +157,6 @@ def test_digits_end_where_the_error_begins(value, error, most, shown):
 )
 def test_a_median_is_shown_between_its_limits(values, errors, shown):
     assert allowed_in_order(values, errors, 2) == shown
-
-
-@pytest.mark.parametrize("value", [0.00951, 0.00999, 0.0099999, MISFIT, 0.01001, 0.0149])
-def test_a_p_value_below_the_limit_of_a_misfit_looks_so(value):
-    assert (float(format_p(value)) < MISFIT) == (value < MISFIT)
 
 
 def test_who_must_be_looked_at_and_why(marked):
