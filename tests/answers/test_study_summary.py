@@ -62,12 +62,9 @@ def test_a_question_that_no_subject_can_answer_has_one_sentence():
     assert study_lines([STUDY[3]] * 2) == ["No subject can be interpreted."]
 
 
-def test_one_subject_is_described_in_full():
+def test_one_subject_is_described_in_full_and_synthetic_ones_are_called_so():
     (line,) = study_lines(STUDY[:1])
     assert line.startswith("A: Order effect: yes (P = .50). Constant error: yes")
-
-
-def test_synthetic_subjects_are_called_so():
     assert "of 3 synthetic subjects" in study_lines(STUDY, synthetic=True)[0]
 
 

@@ -171,6 +171,7 @@ def test_populations_of_files(tmp_path):
 FILES = {
     "missing.csv": "subject,mu1,sigma_p,sigma_l\nx,0,0.3,0.1\n",
     "negative.csv": "subject,mu1,sigma_p,sigma_l,q0\nx,0,-1,0.1,0.9\n",
+    "interval.csv": "s1,s2,isi\n0,0.3,-1\n",
     "twice.csv": "subject,mu1,sigma_p,sigma_l,q0\nx,0,1,0.1,0.9\nx,0,1,0.1,0.9\n",
 }
 CONDITIONS = {"conditions": ("a", "b")}
@@ -193,6 +194,7 @@ REFUSED = [
     ({"amplitudes": "1,two"}, "--amplitudes"),
     ({"amplitudes": (1, -2)}, "positive"),
     ({"design": "mine"}, "--design"),
+    ({"design": "interval.csv"}, "positive finite numbers of seconds"),
     ({"batches": 0}, "batches=0 must be at least 1"),
     ({"carry_over": 1.0}, "--carry-over: found 1, allowed: a number from 0"),
     ({"conditions": ("a", "a")}, "--conditions: found 'a,a', allowed: two levels"),

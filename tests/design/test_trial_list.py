@@ -95,7 +95,7 @@ def test_a_filled_in_list_is_a_study_that_run_reads(tmp_path):
     good("design design.csv", *options.split(), cwd=tmp_path)
     assert "found no response in any of 260 rows" in refused("check trials.csv", cwd=tmp_path)
     frame = pd.read_csv(tmp_path / "trials.csv")
-    assert np.allclose(np.log(frame.i1 / 0.087), frame.s1)
+    assert np.allclose(np.log(frame[["i1", "i2"]] / 0.087), frame[["s1", "s2"]])
     frame["response"] = np.where(frame.s1 == frame.s2, "equal", "different")
     frame.to_csv(tmp_path / "answers.csv", index=False)
     study = bt.read_study(tmp_path / "answers.csv")

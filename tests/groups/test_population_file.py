@@ -84,11 +84,3 @@ def test_damage_is_refused(tmp_path):
         del file["posterior/subjects"]
     with pytest.raises(InputError, match=r"population\.nc: not a population that can be read"):
         load_population(path)
-
-
-def test_a_file_is_not_replaced_unasked(tmp_path):
-    made = MADE["which is stronger"]()
-    made.save(tmp_path / "population.nc")
-    with pytest.raises(bt.BayesToeError, match="overwrite"):
-        made.save(tmp_path / "population.nc")
-    assert made.save(tmp_path / "population.nc", overwrite=True).exists()
