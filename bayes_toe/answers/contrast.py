@@ -9,7 +9,6 @@ is averaged over the sets in which the quantity differs, by their evidence.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -20,9 +19,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple, cast
 import numpy as np
 from scipy.special import logsumexp, softmax
 
+from bayes_toe.answers.study_summary import count_words
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.conditions import Conditions
-from bayes_toe.data.messages import bare, counted, listed
+from bayes_toe.data.messages import bare, capitalized, counted, listed
 from bayes_toe.data.study import Study, Subject, by_person, require_study
 from bayes_toe.data.tables import Table, frame_of
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
@@ -67,6 +67,8 @@ _ASKED: Mapping[str, frozenset[Parameter]] = {
 #: Bayes factors from which a difference, or none, is probable, and from which it is stated.
 PROBABLY, SURELY = 3.0, 20.0
 WORDS = ("differs", "probably differs", "undecided", "probably no difference", "no difference")
+#: The words of screens for them.
+_SHORT_WORDS = ("yes", "probably", "undecided", "probably not", "no")
 CONTRAST_COLUMNS = (
     *("subject", "quantity", "comparison", "mean", "sd", "q025", "q05", "q50", "q95", "q975"),
     *("p_direction", "log_bf_differs", "log_bf_differs_se", "word", "robust", "model", "prior"),
@@ -123,6 +125,11 @@ class Difference(NamedTuple):
     def word(self) -> str:
         """One of :data:`WORDS`; empty where there is no Bayes factor."""
         return word_of(self.log_bf_differs)
+
+    @property
+    def short_word(self) -> str:
+        """The word of screens; empty where there is no Bayes factor."""
+        return _SHORT_WORDS[WORDS.index(self.word)] if self.word else ""
 
     @property
     def unit(self) -> str:
@@ -239,35 +246,22 @@ class ContrastTable(Table[Difference]):
         """The quantities, in order."""
         return tuple(_ASKED)
 
-    def sentences(self) -> tuple[str, ...]:
-        """In how many subjects each quantity differs, a sentence each."""
-        return sentences(self.frame())
+    def sentences(self) -> list[str]:
+        """The conditions, and in how many subjects each quantity differs; each counts once."""
+        column, _, levels = self.conditions.about.partition(": ")
+        lines = [f"Condition {column}: {levels}."]
+        for quantity in self.quantities:
+            first: dict[str, str] = {}
+            for row in self.select(quantity):
+                first.setdefault(row.subject, row.short_word or "no Bayes factor")
+            counts = count_words(first.values(), f" of {counted(len(first), 'subject')}")
+            lines.append(f"{capitalized(quantity)} differs: {counts}.")
+        return lines
 
     def select(self, quantity: str, comparison: str | None = None) -> tuple[Difference, ...]:
         """The rows of a quantity, and of a comparison."""
         rows = [row for row in self.rows if row.quantity == quantity]
         return tuple(row for row in rows if comparison in (None, row.comparison))
-
-
-def sentences(frame: pd.DataFrame) -> tuple[str, ...]:
-    """In how many subjects each quantity differs, from the rows of a contrast.csv.
-
-    Each subject counts once, whatever the comparisons are: the Bayes factor is that of a difference
-    between any levels.
-    """
-    once = frame.drop_duplicates(["subject", "quantity"])
-    lines = []
-    for quantity, rows in once.groupby("quantity", sort=False):
-        counts = Counter(rows["word"])
-        parts = [f"{word} {counts[word]}" for word in WORDS if counts[word]]
-        if counts[""]:
-            parts.append(f"no Bayes factor {counts['']}")
-        line = f"{quantity}, of {counted(len(rows), 'subject')}: {', '.join(parts)}"
-        n_dependent = int((rows["robust"] == "no").sum())
-        if n_dependent:
-            line += f"; {n_dependent} of them depend on lapses"
-        lines.append(line)
-    return tuple(lines)
 
 
 def contrast(

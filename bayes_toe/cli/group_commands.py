@@ -97,7 +97,7 @@ def contrast(
 
     [bold]Example[/bold]: bayes-toe contrast study.csv --condition hand -o contrast.csv --seed 1
     """
-    from bayes_toe.cli.within_screens import contrast_lines, print_contrast
+    from bayes_toe.cli.within_screens import print_contrast
     from bayes_toe.plots.figure_files import picture_beside
 
     figure_file = picture_beside(output)
@@ -117,7 +117,7 @@ def contrast(
     print_contrast(task.out, table, output.name)
     task.print_uninterpretable(read)
     task.print_failed(table.failed)
-    task.out.answer([*contrast_lines(table), f"{written} Seed {table.seed}."])
+    task.out.answer([*table.sentences(), f"{written} Seed {table.seed}."])
     task.end(table.failed)
 
 

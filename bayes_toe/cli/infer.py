@@ -111,9 +111,8 @@ def _group_lines(analysis: Analysis) -> list[str]:
     """What the answer of a study says of the group."""
     from bayes_toe.answers.study_summary import few_subjects_lines
     from bayes_toe.cli.group_screen import group_answer
-    from bayes_toe.cli.within_screens import contrast_lines
 
-    lines = [] if analysis.contrast is None else contrast_lines(analysis.contrast)
+    lines = [] if analysis.contrast is None else analysis.contrast.sentences()
     if analysis.group is not None:
         return [*group_answer(analysis.group), *lines]
     if analysis.study.conditions is not None:

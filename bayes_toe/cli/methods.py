@@ -35,7 +35,6 @@ from bayes_toe.answers.words import (
 )
 from bayes_toe.checks.identification import identify
 from bayes_toe.cli.group_screen import group_estimate, log_factor_of_mean
-from bayes_toe.cli.within_screens import contrast_lines
 from bayes_toe.data.messages import capitalized, counted, listed, visible
 from bayes_toe.data.study import Study
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
@@ -151,7 +150,7 @@ def _results(analysis: Analysis) -> list[str]:
         for line in few_subjects_lines(answers):
             sentences.append(f"{line[:-1]} [@penny2010].")
     if analysis.contrast is not None:
-        _, *differences = contrast_lines(analysis.contrast)
+        _, *differences = analysis.contrast.sentences()
         sentences += [_text(line) for line in differences]
     return [*sentences, *_limits_of_design(analysis.study), *_limits(analysis)]
 

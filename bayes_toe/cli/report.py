@@ -54,7 +54,6 @@ from bayes_toe.classical.fit import SubjectFit
 from bayes_toe.cli.answers import effect_size
 from bayes_toe.cli.group_screen import group_answer, group_tables
 from bayes_toe.cli.terminal import describe_amount, merge_notes, notes_of, quantile_texts
-from bayes_toe.cli.within_screens import contrast_lines
 from bayes_toe.data.messages import (
     capitalized,
     counted,
@@ -561,7 +560,7 @@ def _by_condition(table: ContrastTable | None) -> dict[str, Any] | None:
         rows[row.subject, row.comparison].append(row)
     missing = table.left_out | table.failed
     return {
-        "answer": contrast_lines(table),
+        "answer": table.sentences(),
         "legend": LEGEND,
         "several": len(table.conditions.comparisons) > 1,
         "quantities": table.quantities,

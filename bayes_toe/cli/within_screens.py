@@ -9,21 +9,11 @@ from typing import TYPE_CHECKING
 from bayes_toe.answers.order_effect import Size, format_bayes_factor, format_percent, format_share
 from bayes_toe.answers.study_summary import count_words
 from bayes_toe.cli.terminal import MANY_SUBJECTS, OUTPUT, Terminal
-from bayes_toe.data.messages import capitalized, counted
+from bayes_toe.data.messages import counted
 
 if TYPE_CHECKING:
     from bayes_toe.answers.contrast import ContrastTable, Difference
     from bayes_toe.answers.serial_dependence import SerialDependence
-
-#: The words of files for differences, as screens have them.
-DIFFERENCE_WORDS = {
-    "differs": "yes",
-    "probably differs": "probably",
-    "undecided": "undecided",
-    "probably no difference": "probably not",
-    "no difference": "no",
-}
-
 
 # --- Conditions ----------------------------------------------------------------------------------
 
@@ -55,7 +45,7 @@ def _contrast_table(table: ContrastTable) -> tuple[list[str], list[list[str]]]:
         if row.quantity == "order effect":
             continue
         label = row.subject if is_one else f"{row.subject} {row.comparison}"
-        word = DIFFERENCE_WORDS.get(row.word, "-")
+        word = row.short_word or "-"
         if row.robust == "no":
             word += " ?"
         factor = "-"
@@ -70,37 +60,10 @@ def _contrast_table(table: ContrastTable) -> tuple[list[str], list[list[str]]]:
 
 def _difference(row: Difference) -> str:
     """A difference with its interval; '-' if there is probably none."""
-    if DIFFERENCE_WORDS.get(row.word) in ("no", "probably not"):
+    if row.short_word in ("no", "probably not"):
         return "-"
     size = Size(*row.shown)
     return format_percent(size) if row.unit == "%" else format_share(size, "+")
-
-
-def contrast_lines(table: ContrastTable) -> list[str]:
-    """In how many subjects each quantity differs; each subject counts once."""
-    column, _, levels = table.conditions.about.partition(": ")
-    lines = [f"Condition {column}: {levels}."]
-    for quantity in table.quantities:
-        first = dict[str, str]()
-        for row in table.select(quantity):
-            first.setdefault(row.subject, DIFFERENCE_WORDS.get(row.word, "no Bayes factor"))
-        lines.append(f"{capitalized(quantity)} differs: {_count(first.values())}.")
-    return lines
-
-
-def _count(words: Iterable[str]) -> str:
-    """How often each word is given, with its directions: 'yes (repetition)' is a 'yes'."""
-    plain = list[str]()
-    directions: dict[str, Counter[str]] = {}
-    for text in words:
-        word, _, direction = text.removesuffix(")").partition(" (")
-        plain.append(word)
-        if direction:
-            directions.setdefault(word, Counter())[direction] += 1
-    named = {}
-    for word, counts in directions.items():
-        named[word] = ", ".join(f"{count} {direction}" for direction, count in counts.items())
-    return count_words(plain, f" of {counted(len(plain), 'subject')}", named)
 
 
 # --- Serial dependence ---------------------------------------------------------------------------
@@ -142,3 +105,18 @@ def history_lines(table: SerialDependence) -> list[str]:
     carry_over = _count(row.word("carry_over") for row in known)
     previous = _count(row.word("previous_response") for row in known)
     return [f"Carry-over: {carry_over}.", f"Previous response: {previous}."]
+
+
+def _count(words: Iterable[str]) -> str:
+    """How often each word is given, with its directions: 'yes (repetition)' is a 'yes'."""
+    plain = list[str]()
+    directions: dict[str, Counter[str]] = {}
+    for text in words:
+        word, _, direction = text.removesuffix(")").partition(" (")
+        plain.append(word)
+        if direction:
+            directions.setdefault(word, Counter())[direction] += 1
+    named = {}
+    for word, counts in directions.items():
+        named[word] = ", ".join(f"{count} {direction}" for direction, count in counts.items())
+    return count_words(plain, f" of {counted(len(plain), 'subject')}", named)
