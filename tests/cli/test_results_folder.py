@@ -17,7 +17,6 @@ from bayes_toe.cli.results_folder import GROUP_PRODUCTS, FigureChoice, opened, w
 from bayes_toe.explorer.page import Explorer
 from bayes_toe.groups.predictive_check import PredictiveCheck, Statistic
 from bayes_toe.groups.regressors import Regressor, Regressors
-from bayes_toe.model.parameters import ObserverPrior
 from bayes_toe.model.posterior import DOMINATED
 
 pytestmark = pytest.mark.usefixtures("blank_pictures")
@@ -125,15 +124,12 @@ def test_an_explorer_stands_beside_the_report_if_asked_for(marked, tmp_path, mon
         return Explorer("explored")
 
     monkeypatch.setattr(results_folder, "explore", explore)
-    prior = replace(marked.settings.prior, observer=ObserverPrior(constant_error_scale=0.4))
-    changed = replace(marked, settings=replace(marked.settings, prior=prior))
     choice = FigureChoice("none", explorer=True)
-    out = write_results(changed, tmp_path / "out", figures=choice, workers=1)
+    out = write_results(marked, tmp_path / "out", figures=choice, workers=1)
     assert page(out, "explorer.html") == "explored"
     assert explored == [(marked.draws, None)]
     assert page(out).count('href="explorer.html"') == 2
     assert "bayes-toe explore" not in page(out)
-    assert "constant_error ~ Student(3, 0.4 D)" in page(out)
 
 
 def test_run_leaves_with_3_if_the_group_did_not_converge(analysis, tmp_path, monkeypatch):
