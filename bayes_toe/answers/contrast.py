@@ -233,13 +233,12 @@ class ContrastTable(Table[Difference]):
     task: Task = SAME_DIFFERENT
     left_out: dict[str, str] = field(default_factory=dict)
     failed: dict[str, str] = field(default_factory=dict)
-    model: str = "both"
 
     def frame(self) -> pd.DataFrame:
         """With the columns of contrast.csv."""
         frame = frame_of(self.rows, CONTRAST_COLUMNS[:-2])
-        prior = OrderModel(self.model).describe(self.prior, self.task)
-        return frame.assign(model=self.model, prior=prior)
+        prior = OrderModel("both").describe(self.prior, self.task)
+        return frame.assign(model="both", prior=prior)
 
     @property
     def quantities(self) -> tuple[str, ...]:

@@ -88,7 +88,7 @@ class SubjectEvidence:
     def cell(self, column: str) -> object:
         """The entry of a column of evidence.csv but the prior's."""
         if column in ANSWER_COLUMNS[1:]:
-            return None if self.answer is None else self.answer.cell(column)
+            return None if self.answer is None else self.answer.cells[column]
         return getattr(self, column)
 
     @property

@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import chain, product
-from typing import Any
 
 import numpy as np
 from scipy.special import logsumexp
@@ -212,30 +211,29 @@ class OrderEffect:
         low, median, high = (format_number(value) for value in (size.q025, size.q50, size.q975))
         return f"{median} % [{low}, {high}]"
 
-    def cell(self, column: str) -> object:
-        """The entry of one of :data:`ANSWER_COLUMNS`; None where it is empty."""
-        if column in QUESTIONS:
-            return self.word(column)
-        if column == "interpretable":
-            return "yes" if self.is_interpretable else "no"
-        if column == "flags":
-            return "; ".join(self.flags)
-        for prefix, values in (("p_", self.probabilities), ("ln_bf_", self.log_bayes_factors)):
-            if column.startswith(prefix) and column.removeprefix(prefix) in QUESTIONS:
-                return values[column.removeprefix(prefix)]
-        size, _, quantile = column.rpartition("_")
-        if size in SIZES:
-            return getattr(self.sizes[size], quantile) if size in self.sizes else None
-        if column.startswith("log_evidence_"):
-            return self._evidence_cell(column.removeprefix("log_evidence_"))
-        return getattr(self, column)
-
-    def _evidence_cell(self, name: str) -> float:
-        """The log evidence of a model, its standard error or Laplace's value."""
-        for ending, values in (("_se", self.standard_error), ("_laplace", self.laplace)):
-            if name.endswith(ending):
-                return values[name.removesuffix(ending).replace("_", " ")]
-        return self.log_evidence[name.replace("_", " ")]
+    @property
+    def cells(self) -> Mapping[str, object]:
+        """The entries of :data:`ANSWER_COLUMNS`; None where one is empty."""
+        cells: dict[str, object] = {
+            "subject": self.subject,
+            "interpretable": "yes" if self.is_interpretable else "no",
+            "flags": "; ".join(self.flags),
+            "best_model": self.best_model,
+            "predictive_p": self.predictive_p,
+            "deviance_p": self.deviance_p,
+            "history_p": self.history_p,
+        }
+        for question in QUESTIONS:
+            cells[question] = self.word(question)
+            cells[f"p_{question}"] = self.probabilities[question]
+            cells[f"ln_bf_{question}"] = self.log_bayes_factors[question]
+        for size, quantile in product(SIZES, QUANTILES):
+            cells[f"{size}_{quantile}"] = getattr(self.sizes.get(size), quantile, None)
+        for name, column in zip(MODEL_NAMES, _EVIDENCES, strict=True):
+            cells[column] = self.log_evidence[name]
+            cells[f"{column}_se"] = self.standard_error[name]
+            cells[f"{column}_laplace"] = self.laplace[name]
+        return cells
 
     def describe(self) -> str:
         """The conclusion in sentences, without the name of the subject."""
@@ -265,43 +263,6 @@ class OrderEffect:
             details.append(f"at most {format_number(bound)} JND (95 %)")
         return f"{heading}: {', '.join(details)}."
 
-    @classmethod
-    def from_row(cls, row: Mapping[Any, Any]) -> OrderEffect:
-        """The answer that a row of evidence.csv holds; empty cells are empty texts or NaN."""
-        words, direction = {}, ""
-        for question in QUESTIONS:
-            value, _, bracket = str(row[question]).partition(" (")
-            words[question] = Word(value)
-            direction = direction or bracket.removesuffix(")")
-        sizes = {}
-        for size in SIZES:
-            values = [_number(row[f"{size}_{quantile}"]) for quantile in QUANTILES]
-            if None not in values:
-                sizes[size] = Size(*values)  # type: ignore[arg-type]
-
-        def numbers(form: str, names: Sequence[str]) -> dict[str, float]:
-            columns = {name: form.format(name.replace(" ", "_")) for name in names}
-            return {name: float(row[column]) for name, column in columns.items()}
-
-        return cls(
-            subject=str(row["subject"]),
-            words=words,
-            direction=direction,
-            is_interpretable=row["interpretable"] == "yes",
-            flags=tuple(flag for flag in str(row["flags"]).split("; ") if flag),
-            probabilities=numbers("p_{}", tuple(QUESTIONS)),
-            log_bayes_factors=numbers("ln_bf_{}", tuple(QUESTIONS)),
-            sizes=sizes,
-            upper_bounds={},
-            best_model=str(row["best_model"]),
-            predictive_p=_number(row["predictive_p"]),
-            deviance_p=_number(row["deviance_p"]),
-            history_p=_number(row["history_p"]),
-            log_evidence=numbers("log_evidence_{}", MODEL_NAMES),
-            standard_error=numbers("log_evidence_{}_se", MODEL_NAMES),
-            laplace=numbers("log_evidence_{}_laplace", MODEL_NAMES),
-        )
-
 
 #: Flags that are not about the responses alone.
 MISFIT_FLAG = "the model does not fit"
@@ -310,14 +271,6 @@ PREVIOUS_TRIAL_FLAG = "responses depend on the previous trial"
 DRIFT_FLAG = "responses drift"
 OUTSIDE_FLAG = "the PSE lies outside the pairs shown, so its size rests on the prior"
 ROVING_FLAG = "the size of the contraction rests on the prior"
-
-
-def _number(cell: object) -> float | None:
-    """A cell as a number; None where it is empty."""
-    if cell is None or cell == "":
-        return None
-    number = float(str(cell))
-    return None if np.isnan(number) else number
 
 
 def format_probability(probability: float) -> str:

@@ -143,32 +143,32 @@ class SubjectDependence:
         order = OrderModel(self.order_models[int(has_carry_over)])
         return TrialHistory(order, bool(HAS["previous_response"][i]), has_carry_over)
 
-    def cell(self, column: str) -> object:
-        """The entry of one of :data:`HISTORY_COLUMNS`; None where it is empty."""
-        if column in ("subject", "note", "best_history"):
-            return getattr(self, column)
-        if column in HAS:
-            return self.word(column)
-        screen = {"history_p": "joint_p"}.get(column, column)
-        if hasattr(self.screen, screen):
-            return getattr(self.screen, screen)
+    @property
+    def cells(self) -> Mapping[str, object]:
+        """The entries of :data:`HISTORY_COLUMNS`, without those that are empty."""
+        cells: dict[str, object] = {
+            "subject": self.subject,
+            "best_history": self.best_history,
+            "history_p": self.screen.joint_p,
+            "answer_p": self.screen.answer_p,
+            "stimuli_p": self.screen.stimuli_p,
+            "moving_criterion_p": self.screen.moving_criterion_p,
+            "note": self.note,
+        }
+        for effect in HAS:
+            cells[effect] = self.word(effect)
         if not self.is_known:
-            return None
-        return self._result_cell(column)
-
-    def _result_cell(self, column: str) -> object:
-        if column.startswith("log_evidence_"):
-            name = column.removeprefix("log_evidence_")
-            values = self.standard_error if name.endswith("_se") else self.log_evidence
-            return float(values[HISTORIES.index(name.removesuffix("_se"))])
-        if column.startswith("ln_bf_"):
-            return self.log_bayes_factor(column.removeprefix("ln_bf_"))
-        if column.startswith("p_"):
-            return self.probability(column.removeprefix("p_"))
-        if column.endswith("order_model"):
-            return self.order_models[int(column.startswith("carry_over"))]
-        size, _, quantile = column.partition("_")
-        return getattr(self, size)[list(_QUANTILES).index(quantile)]
+            return cells
+        cells["order_model"], cells["carry_over_order_model"] = self.order_models
+        for effect in HAS:
+            cells[f"p_{effect}"] = self.probability(effect)
+            cells[f"ln_bf_{effect}"] = self.log_bayes_factor(effect)
+        for i, quantile in enumerate(_QUANTILES):
+            cells[f"rho_{quantile}"], cells[f"kappa_{quantile}"] = self.rho[i], self.kappa[i]
+        for i, column in enumerate(_EVIDENCES):
+            cells[column] = float(self.log_evidence[i])
+            cells[f"{column}_se"] = float(self.standard_error[i])
+        return cells
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,10 +188,7 @@ class SerialDependence(SubjectTable[SubjectDependence]):
         """The table with the columns of history.csv; natural logs, empty where there is none."""
         import pandas as pd
 
-        columns = dict[str, list[object]]()
-        for name in HISTORY_COLUMNS:
-            columns[name] = [row.cell(name) for row in self.rows]
-        return pd.DataFrame(columns)
+        return pd.DataFrame([row.cells for row in self.rows], columns=list(HISTORY_COLUMNS))
 
 
 def serial_dependence(

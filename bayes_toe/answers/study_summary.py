@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import logsumexp
@@ -151,85 +150,51 @@ def _error_directions(chosen: Sequence[OrderEffect]) -> str:
 # --- Few subjects: how frequent an effect is ------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class EffectFrequency:
-    """How frequent an effect is in the population, by random effects over subjects.
-
-    Attributes
-    ----------
-    question : str
-    n_subjects : int
-    share : float
-        Expected frequency of the effect; it says nothing of the effect's mean.
-    """
-
-    question: str
-    n_subjects: int
-    share: float
-
-
-def effect_frequencies(answers: Sequence[OrderEffect]) -> list[EffectFrequency]:
-    """The frequency of a constant error and of a contraction among the subjects' population.
+def effect_frequencies(answers: Sequence[OrderEffect]) -> dict[str, float]:
+    """The expected frequency of a constant error and of a contraction in the population.
 
     A subject has the effect with an unknown frequency, uniform beforehand, which is summed over.
-    Source: Penny et al. 2010 (PLoS Comput. Biol. 6:e1000709), with two families. Empty with fewer
-    than two interpretable subjects.
+    Source: Penny et al. 2010 (PLoS Comput. Biol. 6:e1000709), with two families.
     """
-    chosen = [answer for answer in answers if answer.is_interpretable]
-    if len(chosen) < 2:
-        return []
-    frequencies = []
+    frequencies = {}
     for parameter in (CONSTANT_ERROR, CONTRACTION):
+        has_effect = np.array([parameter in effects for effects in ORDER_MODELS.values()])
         log_likelihood = np.zeros(len(_SHARES))
-        for answer in chosen:
-            log_with, log_without = _families(answer, parameter.name)
-            highest = max(log_with, log_without)
-            mean = _SHARES * np.exp(log_with - highest)
-            mean += (1.0 - _SHARES) * np.exp(log_without - highest)
+        for answer in answers:
+            evidences = np.array([answer.log_evidence[name] for name in ORDER_MODELS])
+            families = [_log_mean(evidences[has]) for has in (has_effect, ~has_effect)]
+            log_with, log_without = np.array(families) - max(families)
+            mean = _SHARES * np.exp(log_with) + (1.0 - _SHARES) * np.exp(log_without)
             with np.errstate(divide="ignore"):
                 log_likelihood += np.log(mean)
         weights = np.exp(log_likelihood - log_likelihood.max())
-        share = float(_SHARES @ weights / weights.sum())
-        frequencies.append(EffectFrequency(parameter.name, len(chosen), share))
+        frequencies[parameter.name] = float(_SHARES @ weights / weights.sum())
     return frequencies
-
-
-def _families(answer: OrderEffect, parameter: str) -> tuple[float, float]:
-    """Log mean evidence of the models with and without an effect."""
-    values: tuple[list[float], list[float]] = ([], [])
-    for name, effects in ORDER_MODELS.items():
-        has_effect = any(effect.name == parameter for effect in effects)
-        values[0 if has_effect else 1].append(answer.log_evidence[name])
-    with_effect, without_effect = (_log_mean(np.array(family)) for family in values)
-    return with_effect, without_effect
 
 
 def _log_mean(log_values: FloatArray) -> float:
     return float(logsumexp(log_values) - np.log(len(log_values)))
 
 
-def frequency_line(answers: Sequence[OrderEffect]) -> str:
-    """The sentence about few subjects, with the effects that the design can show; may be empty."""
+def few_subjects_lines(answers: Sequence[OrderEffect]) -> list[str]:
+    """The sentence about too few subjects for a group, with the effects that the design can show.
+
+    A list of at most that sentence.
+    """
     interpretable = [answer for answer in answers if answer.is_interpretable]
+    if not 2 <= len(interpretable) < FEWEST_FOR_GROUP:
+        return []
     shares = []
-    for frequency in effect_frequencies(answers):
-        words = {answer.words[frequency.question] for answer in interpretable}
+    for question, share in effect_frequencies(interpretable).items():
+        words = {answer.words[question] for answer in interpretable}
         if words != {Word.CANNOT_BE_TOLD}:
-            name = frequency.question.replace("_", " ")
-            shares.append(f"{name} {100.0 * frequency.share:.0f} %")
+            shares.append(f"{question.replace('_', ' ')} {100.0 * share:.0f} %")
     if not shares:
-        return ""
-    return (
+        return []
+    return [
         f"Expected share of subjects with an effect ({len(interpretable)} subjects): "
         f"{', '.join(shares)}. These shares do not say how large the effects are."
-    )
-
-
-def few_subjects_lines(answers: Sequence[OrderEffect]) -> list[str]:
-    """The sentence about few subjects as a list; empty if there are enough for a group."""
-    n_subjects = sum(answer.is_interpretable for answer in answers)
-    line = frequency_line(answers) if n_subjects < FEWEST_FOR_GROUP else ""
-    return [line] if line else []
+    ]
 
 
 # --- Poor fits -----------------------------------------------------------------------------------

@@ -33,9 +33,8 @@ from bayes_toe.answers.order_effect import (
 )
 from bayes_toe.answers.study_summary import (
     APPENDIX_C,
-    FEWEST_FOR_GROUP,
     describe_pair,
-    frequency_line,
+    few_subjects_lines,
     study_lines,
 )
 from bayes_toe.answers.words import (
@@ -392,8 +391,8 @@ def _answer(analysis: Analysis) -> list[str]:
     units = analysis.study.conditions is not None
     answers = analysis.answers
     lines = study_lines(answers, synthetic=analysis.study.synthetic, units=units)
-    if len(answers) < FEWEST_FOR_GROUP and not units:
-        lines.append(frequency_line(answers))
+    if not units:
+        lines += few_subjects_lines(answers)
     return [_typeset(line) for line in lines if line]
 
 

@@ -187,11 +187,6 @@ class PopulationResult:
         """The parameters that the group has a distribution of."""
         return tuple(row.name for row in group_parameters(self.study.task))
 
-    @property
-    def labels(self) -> dict[str, str]:
-        """What they are called, with the unit of their scale."""
-        return {row.name: row.label for row in group_parameters(self.study.task)}
-
     @cached_property
     def subjects(self) -> tuple[str, ...]:
         """Names of the subjects."""

@@ -86,11 +86,9 @@ class PredictiveCheck:
     ----------
     statistics : tuple of Statistic
         Asymmetries are missing where fewer than two subjects met a pair in both orders.
-    n_groups : int
     """
 
     statistics: tuple[Statistic, ...]
-    n_groups: int
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -112,7 +110,7 @@ def predictive_check(result: PopulationResult, *, n_groups: int = _N_GROUPS) -> 
     statistics: list[Statistic] = []
     for quantity, values, kinds in _measures(result.study.subjects, rows, counts, n_trials):
         statistics += _statistics(quantity, values, kinds)
-    return PredictiveCheck(tuple(statistics), n_groups)
+    return PredictiveCheck(tuple(statistics))
 
 
 def _new_subjects(result: PopulationResult, rng: np.random.Generator, n_groups: int) -> FloatArray:

@@ -8,8 +8,7 @@ levels and at the means of numeric covariates.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from itertools import compress
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -70,21 +69,10 @@ class Regressors:
     left_out: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
-    def __post_init__(self) -> None:
-        x = np.array(self.x, np.float64)
-        x.setflags(write=False)
-        object.__setattr__(self, "x", x)
-
     @classmethod
     def none(cls, subjects: Sequence[str]) -> Regressors:
         """Subjects without covariates."""
         return cls(tuple(subjects), np.empty((len(subjects), 0)))
-
-    def without(self, subjects: Collection[str]) -> Regressors:
-        """The same columns without some subjects."""
-        selected = [name not in subjects for name in self.subjects]
-        names = tuple(compress(self.subjects, selected))
-        return replace(self, subjects=names, x=self.x[selected])
 
 
 def regressors(

@@ -8,7 +8,7 @@ import pytest
 import bayes_toe as bt
 from bayes_toe.analysis import _interpretable_group
 from bayes_toe.answers.order_effect import QUESTIONS, OrderEffect, Size
-from bayes_toe.answers.study_summary import effect_frequencies, frequency_line, study_lines
+from bayes_toe.answers.study_summary import effect_frequencies, few_subjects_lines, study_lines
 from bayes_toe.answers.words import Word
 from bayes_toe.inference.order_evidence import MODEL_NAMES
 
@@ -77,22 +77,23 @@ def test_frequency_is_that_of_the_beta_binomial_where_every_answer_is_certain():
         return replace(own, log_evidence=values)
 
     answers = [certain(str(i), i < 3) for i in range(4)]
-    error, contraction = effect_frequencies(answers)
-    assert error.share == pytest.approx((3 + 1) / (4 + 2), abs=1e-3)
-    assert contraction.share == pytest.approx(0.5, abs=1e-3)
+    expected = {"constant_error": (3 + 1) / (4 + 2), "contraction": 0.5}
+    assert effect_frequencies(answers) == pytest.approx(expected, abs=1e-3)
 
 
 def test_frequency_needs_two_interpretable_subjects():
-    assert frequency_line(STUDY[:1]) == ""
-    assert frequency_line([STUDY[0], STUDY[3]]) == ""
-    assert "These shares do not say how large" in frequency_line(STUDY[:3])
+    assert few_subjects_lines(STUDY[:1]) == few_subjects_lines([STUDY[0], STUDY[3]]) == []
+    assert few_subjects_lines(STUDY[:1] * 6) == []
+    (line,) = few_subjects_lines(STUDY[:3])
+    assert "These shares do not say how large" in line
 
 
 def test_frequency_names_no_effect_that_the_design_cannot_show():
     words = (Word.YES, Word.YES, Word.CANNOT_BE_TOLD)
     answers = [answer("S01", words), answer("S02", words)]
-    assert "constant error" in frequency_line(answers)
-    assert "contraction" not in frequency_line(answers)
+    (line,) = few_subjects_lines(answers)
+    assert "constant error" in line
+    assert "contraction" not in line
 
 
 def test_run_fits_the_group_of_six_interpretable_subjects_and_no_fewer(monkeypatch):

@@ -91,7 +91,7 @@ def test_a_group_stands_in_the_report_and_goes_if_there_is_none(marked, tmp_path
     covariates = Regressors(study.names, np.array([[0.0], [1.0], [0.0], [1.0]]), (column,))
     group = made_result(study, covariates, n_divergent=2)
     wrong = Statistic("spread", "accuracy", 0.3, 0.1, 0.15, 0.2, 0.004, is_above=True)
-    check = PredictiveCheck((wrong,), 500)
+    check = PredictiveCheck((wrong,))
     out = write_results(replace(marked, group=group), tmp_path / "out", check=check, **NO_FIGURES)
     section = page(out).partition('<summary id="group">')[2].partition('id="subjects"')[0]
     order = [

@@ -18,7 +18,6 @@ CHECK = PredictiveCheck(
         Statistic("spread", "accuracy", 0.3, 0.1, 0.15, 0.2, 0.004, True),
         Statistic("farthest", "share of 'second'", 1.5, 1.4, 1.6, 2.2, 0.7, False),
     ),
-    500,
 )
 
 
