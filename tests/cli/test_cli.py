@@ -235,6 +235,15 @@ def test_simulate_then_check_then_quiet(tmp_path):
     assert good("evidence s.csv -o e.csv --quiet --workers 1", cwd=tmp_path) == ""
 
 
+def test_design_shares_its_trials_among_conditions(tmp_path):
+    search = "--lowest 0 --highest 1 --step 0.25 --observers both --data-sets 1"
+    screen = good(f"design {search} --trials 100 --list l.csv --conditions a,b {ONE}", cwd=tmp_path)
+    assert pd.read_csv(tmp_path / "design.csv").n_trials.sum() == 50
+    trials = pd.read_csv(tmp_path / "l.csv")
+    assert trials.condition.value_counts().to_dict() == {"a": 50, "b": 50}
+    assert "100 trials each in 10 blocks (50 in each of a, b" in " ".join(screen.split())
+
+
 def test_repeated_trials_are_named_by_every_command(tmp_path):
     rows = [f"[i]x,1,{i},{i % 2},{i % 3},{('same', 'different')[i % 2]}" for i in range(12)]
     text = "\n".join(["subject,block,trial,s1,s2,response", *rows, *rows])

@@ -1,13 +1,14 @@
 """The screens as texts: a table of subjects with all its marks, and no line over 80 columns."""
 
 import re
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
 import pandas as pd
 import pytest
 from commands import inside
-from populations import independent_draws
+from populations import independent_draws, two_conditions
 
 import bayes_toe as bt
 from bayes_toe.answers.order_effect import (
@@ -23,6 +24,7 @@ from bayes_toe.checks.identification import ONE_FIRST_STIMULUS
 from bayes_toe.cli.answers import print_answer, print_subjects
 from bayes_toe.cli.check_screen import describe_pairs
 from bayes_toe.cli.terminal import WIDTH, Terminal, cell_width
+from bayes_toe.cli.within_screens import print_contrast
 from bayes_toe.inference.order_evidence import MODEL_NAMES
 from bayes_toe.inference.predictive_checks import PairFit
 
@@ -163,7 +165,7 @@ COMMANDS = {
     "population": "trials.csv --draws 4000 -o group.nc --seed 1",
     "contrast": f"trials.csv --condition hand -o hands.csv {SEED}",
     "history": f"trials.csv -o history.csv {SEED}",
-    "power": f"--trials 130 --data-sets 1 --observers both {SEED}",
+    "power": f"--trials 130 --data-sets 1 --observers none {SEED}",
     "design": f"--lowest 0 --highest 1 --step 0.25 --observers both --data-sets 1 --trials 100 {SEED}",
     "design design.csv": "--list list.csv --seed 1",
     "simulate": "-o made.csv --subjects 2 --batches 2 --seed 1",
@@ -213,3 +215,17 @@ def test_swapped_responses_are_named_with_what_to_type(screens, name):
     text = " ".join(screens[name].split())
     assert f"--swap '{LONG}:1'" in text
     assert text.index("swapped") < text.index("Answer")
+
+
+def test_false_positives_are_counted_in_brackets(screens):
+    assert len(re.findall(r" \([01] of 1\)", screens["power"])) == 2
+
+
+def test_a_word_that_depends_on_lapses_has_a_mark(capsys):
+    table = bt.contrast(two_conditions(1, n_subjects=1), seed=1, workers=1)
+    rows = tuple(row._replace(robust="no") for row in table)
+    for changed, n_marks in ((table, 0), (replace(table, rows=rows), len(table.quantities) - 1)):
+        print_contrast(Terminal(), changed)
+        text = capsys.readouterr().out
+        assert len(re.findall(r" \?$", text, re.MULTILINE)) == n_marks
+        assert ("? The word changes if the lapse rate" in text) == (n_marks > 0)
