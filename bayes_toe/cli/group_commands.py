@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Annotated
@@ -15,31 +14,19 @@ from bayes_toe.cli.task import MODEL, Task
 _HYPERPRIOR = r"Prior of the group: \[constant_error], \[contraction], \[noise], \[q0]."
 
 
-@dataclass(frozen=True, kw_only=True)
-class GroupOptions:
-    """What may move the means of a group, and its prior."""
-
-    covariates: Annotated[
-        File, option("--covariates", "FILE.csv", "Table of subject and covariates.")
-    ] = None
-    categorical: Annotated[
-        Texts,
-        rare("--categorical", "NAME", "Covariate whose numbers are names; repeatable."),
-    ] = None
-    hyperprior: Annotated[File, rare("--hyperprior", "FILE.toml", _HYPERPRIOR)] = None
-
-
 def population(
     *,
     study: StudyFile,
-    output: Annotated[
-        Path,
-        writes(
-            "FILE.nc",
-            "Draws; tables and figure beside them.",
-        ),
-    ] = Path("population.nc"),
-    asked: GroupOptions,
+    output: Annotated[Path, writes("FILE.nc", "Draws; tables and figure beside them.")] = Path(
+        "population.nc"
+    ),
+    covariates: Annotated[
+        File, option("--covariates", "FILE.csv", "Table of subject and covariates.")
+    ] = None,
+    categorical: Annotated[
+        Texts, rare("--categorical", "NAME", "Covariate whose numbers are names; repeatable.")
+    ] = None,
+    hyperprior: Annotated[File, rare("--hyperprior", "FILE.toml", _HYPERPRIOR)] = None,
     draws: DrawCount = 3200,
     task: Annotated[Task, "seed", "overwrite", "spreadsheet_safe"],
 ) -> None:
@@ -55,20 +42,19 @@ def population(
             f"{output}: the ending is {output.suffix!r}. Draws need .nc; tables and figure have "
             "the same name with another ending."
         )
-    if asked.categorical and asked.covariates is None:
-        name = asked.categorical[0]
-        raise bt.InputError(f"--categorical {name} needs --covariates FILE.csv.")
+    if categorical and covariates is None:
+        raise bt.InputError(f"--categorical {categorical[0]} needs --covariates FILE.csv.")
     table, figure = output.with_suffix(".csv"), output.with_suffix(".png")
     subjects = output.with_name(f"{output.stem}_subjects.csv")
     task.require_files(output, table, subjects, figure)
     read, _ = task.opened(study)
     result = bt.population(
         read,
-        covariates=asked.covariates,
-        categorical=tuple(asked.categorical or ()),
+        covariates=covariates,
+        categorical=tuple(categorical or ()),
         draws=draws,
         seed=task.seed,
-        hyperprior=asked.hyperprior,
+        hyperprior=hyperprior,
     )
     check = predictive_check(result)
     written = task.write(
