@@ -52,18 +52,6 @@ _LIMITS: Mapping[str, tuple[float, float, str]] = {
     "constant_error": (-np.inf, np.inf, "finite"),
     "contraction": (-1.0, 1.0, "above -1 and below 1"),
 }
-#: Keys of older files, with what takes their place.
-_RETIRED = {
-    "pull": "contraction, the share by which the first stimulus is drawn to the mean",
-    "gain": "contraction = 1 - gain",
-    "offset": "constant_error",
-    "width": "noise, the standard deviation of the perceived difference",
-    "mu1": "contraction, which is to the mean first stimulus of the design",
-    "sigma_p": "noise",
-    "sigma_l": "contraction",
-    "share": "leave it out, kinds are simulated one by one",
-    "at": "leave it out, contraction is to the mean first stimulus of the design",
-}
 _FORM = "sections such as [contraction] of NAME = NUMBER or NAME = [LOWEST, HIGHEST]"
 _NEVER = 0.01  # probability of an answer below which the other one is practically certain
 
@@ -152,33 +140,29 @@ def make_observer(name: str, kind: str, given: Mapping[str, float], task: Task) 
     InputError
         If a parameter is missing, unknown or out of its range.
     """
-    problems = list(_parameter_problems(given, task))
+    names = parameter_names(task)
+    needed = [key for key in ("noise", "q0") if key in names]
+    problems = [f"{key} is missing" for key in needed if key not in given]
+    problems += _problems(given, names)
     if problems:
         raise InputError([f"observer {name!r}: {problem}" for problem in problems])
-    parameters = {key: float(given.get(key, 0.0)) for key in parameter_names(task)}
+    parameters = {key: float(given.get(key, 0.0)) for key in names}
     return Observer(name, kind, parameters, task)
 
 
-def _parameter_problems(given: Mapping[str, float], task: Task) -> Iterator[str]:
-    """What is wrong with the parameters of an observer, a line each."""
-    names = parameter_names(task)
-    for name in ("noise", "q0"):
-        if name in names and name not in given:
-            yield f"{name} is missing"
-    for name, value in given.items():
+def _problems(
+    values: Mapping[str, object], names: Sequence[str], *, has_ranges: bool = False
+) -> Iterator[str]:
+    """What is wrong with parameters, or with ranges of them, a line each."""
+    for name, value in values.items():
         if name not in names:
-            yield _unknown(name, names)
+            yield f"key {quoted(name)}: unknown, allowed: {', '.join(names)}"
             continue
-        low, high, allowed = _LIMITS[name]
-        if not low < real(value) < high:
-            yield f"{name}: found {shown(value)}, allowed: a number {allowed}"
-
-
-def _unknown(name: str, names: Sequence[str]) -> str:
-    """The line about a key that is no parameter."""
-    if name in _RETIRED:
-        return f"key {name!r} is retired: {_RETIRED[name]}"
-    return f"key {quoted(name)}: unknown, allowed: {', '.join(names)}"
+        low, high = _range(value) if has_ranges else (real(value), real(value))
+        least, most, allowed = _LIMITS[name]
+        if not least < low <= high < most:
+            or_range = ", or [LOWEST, HIGHEST] of such" if has_ranges else ""
+            yield f"{name}: found {shown(value)}, allowed: a number {allowed}{or_range}"
 
 
 # --- Sources of observers -------------------------------------------------------------------------
@@ -220,15 +204,15 @@ def assume_observers(
     if size < 1:
         raise InputError(f"data_sets={size}: allowed is at least 1")
     task = designs[0].task
+    kinds = _kinds(task)
     if source is None:
-        observers: Sequence[Observer] = _in_ranges(_kinds(task), size, seed, task)
+        observers: Sequence[Observer] = _in_ranges(kinds, size, seed, task)
     elif not isinstance(source, str | Path):
         observers = source
     elif source == PRIOR:
         return _from_prior(prior, _all_pairs_of(designs), size, seed)
     elif source in KINDS:
-        kinds = {str(source): _kinds(task)[str(source)]}
-        observers = _in_ranges(kinds, size, seed, task)
+        observers = _in_ranges({str(source): kinds[str(source)]}, size, seed, task)
     elif Path(source).suffix == ".toml":
         observers = _in_ranges(read_ranges(source, task), size, seed, task)
     elif Path(source).suffix == ".nc":
@@ -286,29 +270,15 @@ def read_ranges(path: str | Path, task: Task = SAME_DIFFERENT) -> dict[str, dict
     kinds: dict[str, dict[str, Range]] = {}
     for kind, section in table.items():
         if not isinstance(section, Mapping):
-            retired = f"key {kind!r} is retired: {_RETIRED[kind]}" if kind in _RETIRED else ""
-            problems.append(retired or f"key {quoted(kind)}: allowed: {_FORM}")
+            problems.append(f"key {quoted(kind)}: allowed: {_FORM}")
             continue
-        problems += [f"[{kind}]: {line}" for line in _range_problems(section, names)]
+        lines = _problems(section, names, has_ranges=True)
+        problems += [f"[{kind}]: {line}" for line in lines]
         kinds[kind] = _common_ranges(task)
         kinds[kind] |= {name: _range(value) for name, value in section.items()}
     if problems:
         raise InputError([f"{path}: {problem}" for problem in problems])
     return kinds
-
-
-def _range_problems(section: Mapping[str, object], names: Sequence[str]) -> Iterator[str]:
-    """What is wrong with the ranges of a kind, a line each."""
-    for name, value in section.items():
-        if name not in names:
-            yield _unknown(name, names)
-            continue
-        (low, high), (least, most, allowed) = _range(value), _LIMITS[name]
-        if not least < low <= high < most:
-            yield (
-                f"{name}: found {shown(value)}, allowed: a number {allowed}, "
-                "or [LOWEST, HIGHEST] of such"
-            )
 
 
 def _range(value: object) -> Range:

@@ -36,7 +36,6 @@ ASSUMED, JUDGED = 5, 16
 _MOST_PAIRS = 20_000  # that can be shown
 _FEWEST = 4  # trials, and pairs
 _LEVELS = 5  # of the full factorial
-_WORDS = {"constant_error": "constant error", "contraction": "contraction"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,8 +89,8 @@ class Candidate:
 
     def describe(self) -> str:
         """The sizes of its errors in words."""
-        parts = [f"{_WORDS[name]} {value:.2g}" for name, value in self.sd.items()]
-        return ", ".join(parts)
+        sizes = [f"{name.replace('_', ' ')} {value:.2g}" for name, value in self.sd.items()]
+        return ", ".join(sizes)
 
 
 @dataclass(frozen=True, eq=False)

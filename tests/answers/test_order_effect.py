@@ -74,6 +74,8 @@ def test_sizes_hold_the_truth(answers):
     jnd = answers["none"].sizes["jnd_percent"]
     assert jnd.q025 < 100.0 * np.expm1(0.6745 * 0.2) < jnd.q975
     assert "zone_percent" not in answers["none"].sizes
+    bounds = answers["none"].upper_bounds
+    assert bounds["order_effect"] >= max(bounds["constant_error"], bounds["contraction"])
 
 
 def test_probabilities_follow_from_the_evidences(answers):

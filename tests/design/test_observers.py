@@ -67,11 +67,6 @@ def test_ranges_of_a_file(tmp_path):
     ("text", "message"),
     [
         ("", "found no kind of observers"),
-        ("[a]\npull = 0.3\n", "[a]: key 'pull' is retired: contraction"),
-        ("[a]\nwidth = 0.3\n", "[a]: key 'width' is retired: noise"),
-        ("[a]\nmu1 = 0.3\n", "[a]: key 'mu1' is retired: contraction"),
-        ("at = 0.3\n[a]\nnoise = 0.2\n", "key 'at' is retired: leave it out"),
-        ("[a]\nshare = 1\n", "[a]: key 'share' is retired"),
         ("[a]\nluck = 1\n", "[a]: key 'luck': unknown, allowed: noise, q0, lapse_rate"),
         ("[a]\nnoise = 0\n", "[a]: noise: found 0, allowed: a number above 0"),
         ("[a]\ncontraction = [0.3, 0.1]\n", "[a]: contraction: found a list, allowed: a number"),
