@@ -23,7 +23,7 @@ from bayes_toe.inference.evidence import (
     laplace_evidence,
     laplace_evidence_natural,
 )
-from bayes_toe.inference.maxima import Maxima, find_maxima
+from bayes_toe.inference.maxima import find_maxima
 from bayes_toe.inference.subject import Wanted, fitted_result
 from bayes_toe.model.paper_model import paper_posterior
 
@@ -39,21 +39,6 @@ def test_h0_laplace_is_appendix_c_term_by_term():
         total += k * math.log(q) + (n - k) * math.log(1 - q)
         total += math.log(sigma) + 0.5 * math.log(2 * math.pi)
     assert frequency_evidence_laplace(subject) == pytest.approx(total, rel=1e-12)
-
-
-def test_laplace_is_exact_for_a_normal_density_and_there_is_none_at_a_saddle():
-    covariance = np.array([[2.0, 0.3, 0, 0], [0.3, 1.0, 0.1, 0], [0, 0.1, 0.5, 0], [0, 0, 0, 3.0]])
-    top = -0.5 * np.log(np.linalg.det(2 * np.pi * covariance))
-
-    def laplace(value, curvature):
-        return laplace_evidence(
-            Maxima(np.zeros((1, 4)), np.array([value]), curvature[None], True, np.zeros((0, 4)))
-        )
-
-    assert laplace(top, np.linalg.inv(covariance)) == (pytest.approx(0.0, abs=1e-12), "")
-    value, why_not = laplace(0.0, np.diag([1.0, 1.0, -1.0, 1.0]))
-    assert value is None
-    assert "not negative definite" in why_not
 
 
 def test_laplace_that_does_not_exist_is_empty_and_says_why():

@@ -85,16 +85,6 @@ def test_brute_force_finds_nothing_better_than_exchange(aim):
     assert known.utility(known.total(found)) == pytest.approx(best, abs=0.02)
 
 
-@pytest.mark.parametrize(
-    ("aim", "unit"), [("constant-error", SCALES.step / 2), ("contraction", 0.25)]
-)
-def test_utilities_of_single_effects_are_their_standard_deviations(aim, unit):
-    known = information_about(aim, OBSERVERS[:1])
-    total = known.total(np.full(5, 40))
-    (sd,) = known.standard_deviations(total)
-    assert known.utility(total) == pytest.approx(-np.log(sd / unit))
-
-
 def test_the_expected_sd_is_that_of_the_posterior():
     """For one subject with expected counts, against draws of 'both'."""
     parameters = {"noise": 0.2, "q0": 0.9, "lapse_rate": 0.04, "contraction": 0.25}

@@ -10,6 +10,7 @@ from bayes_toe.errors import InputError
 from bayes_toe.groups.hyperprior import (
     Hyperprior,
     HyperpriorNumbers,
+    ParameterHyperprior,
     from_half_normal_score,
     group_parameters,
     half_normal_score,
@@ -30,40 +31,13 @@ def test_densities_are_those_of_the_table():
         stats.norm.logpdf(1.1, 1.8, 1.0),
     ]
     assert NUMBERS.log_mean(at) == pytest.approx(expected, rel=1e-12)
-    sd, effect_sd = np.abs(at), np.array([0.3, 0.15, 0.4, 1.0])
-    expected_sd = np.array(
-        [
-            np.log(2.0) + student.logpdf(0.4 / 0.3) - np.log(0.3),
-            stats.halfnorm.logpdf(0.1, scale=0.15),
-            stats.halfnorm.logpdf(0.7, scale=0.4),
-            stats.halfnorm.logpdf(1.1, scale=1.0),
-        ]
-    )
-    sds = NUMBERS.sds(half_normal_score(sd / effect_sd))
+    sd = np.abs(at)
+    sds = NUMBERS.sds(half_normal_score(sd / [0.3, 0.15, 0.4, 1.0]))
     assert sds.values == pytest.approx(sd, rel=1e-12)
-    found = sds.log_prior - np.log(sds.rise)
-    assert found - found[1] == pytest.approx(expected_sd - expected_sd[1], abs=1e-12)
-    expected_effect = stats.norm.logpdf(at, 0.0, effect_sd)
-    assert NUMBERS.log_effect(at) == pytest.approx(expected_effect, rel=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("log_density", "slope"),
-    [("log_mean", "mean_slope"), ("log_effect", "effect_slope")],
-)
-def test_slopes_are_derivatives(log_density, slope):
-    at, step = np.array([0.4, 0.2, 0.7, 1.1]), 1e-6
-    rise = getattr(NUMBERS, log_density)(at + step) - getattr(NUMBERS, log_density)(at - step)
-    assert getattr(NUMBERS, slope)(at) == pytest.approx(rise / (2.0 * step), rel=1e-6)
-
-
-def test_slopes_of_scores_are_derivatives():
-    at, step = np.array([-1.4, 0.2, -0.7, 2.1]), 1e-6
-    here, ahead, behind = (NUMBERS.sds(at + size) for size in (0.0, step, -step))
-    rise = (ahead.values - behind.values) / (2.0 * step)
-    assert here.rise == pytest.approx(rise, rel=1e-6)
-    slope = (ahead.log_prior - behind.log_prior) / (2.0 * step)
-    assert here.prior_slope == pytest.approx(slope, rel=1e-6)
+def test_a_difference_is_half_as_wide_as_a_mean():
+    assert Hyperprior().q0.difference == ParameterHyperprior(0.0, 0.5, 0.5)
 
 
 def test_scores_of_a_half_normal_reach_far_into_both_tails():

@@ -75,22 +75,6 @@ def test_a_subject_of_another_kind_contradicts_a_normal_group():
     )
 
 
-def test_units_of_intensity_do_not_matter():
-    study = simulated_group(5, n_subjects=6, n_each=20, mean_c=0.4, mean_p=0.1)
-    moved = []
-    for subject in study:
-        s1, s2 = 3 * subject.s1 + 2, 3 * subject.s2 + 2
-        moved.append(replace(subject, s1=s1, s2=s2))
-    here, there = (bt.population(each, seed=3) for each in (study, bt.Study(moved)))
-    assert there.scales.step == pytest.approx(3.0 * here.scales.step)
-    for name in ("constant_error", "contraction"):
-        first, second = here.effect(name), there.effect(name)
-        width = first.mean.high - first.mean.low
-        assert second.mean == pytest.approx(first.mean, abs=0.08 * width)
-        error = 4.0 * np.hypot(first.zero_mean.error, second.zero_mean.error)
-        assert second.zero_mean.log_bf == pytest.approx(first.zero_mean.log_bf, abs=error)
-
-
 def test_covariates_move_the_means():
     rng = np.random.default_rng(4)
     low, high = (simulated_group(i, 8, 20, mean_c=c).subjects for i, c in ((1, 0.0), (2, 0.8)))
@@ -125,22 +109,13 @@ def test_conditions_differ_by_what_they_differ():
 
 
 def test_delays_are_taken_together():
-    subject, other = simulated_group(2, n_subjects=2, n_each=20)
-    n_yes, n_trials = subject.n_yes // 2, subject.n_trials // 2
-    split = bt.Subject(
-        subject.name,
-        np.tile(subject.s1, 2),
-        np.tile(subject.s2, 2),
-        np.concatenate([n_yes, n_yes + 1]),
-        np.concatenate([n_trials, n_trials + 1]),
-        isi=np.repeat([0.5, 2.0], len(subject.s1)),
-        task=subject.task,
-    )
-    other = replace(other, isi=0 * other.s1 + 1.0)
-    pooled = module._without_intervals(bt.Study([split, other]))
+    study = bt.simulate(2, isi=(0.5, 2.0), batches=3, seed=1).study
+    pooled = module._without_intervals(study)
     assert pooled.intervals == ()
-    assert pooled[subject.name].n_yes.tolist() == (2 * n_yes + 1).tolist()
-    assert pooled[subject.name].n_trials.tolist() == (2 * n_trials + 1).tolist()
+    for subject in study:
+        parts = [subject.at_isi(isi) for isi in (0.5, 2.0)]
+        assert pooled[subject.name].n_yes.tolist() == sum(part.n_yes for part in parts).tolist()
+        assert set(pooled[subject.name].n_trials) == {6}
 
 
 AGES = Covariates({"age": {"P000": 20.0, "P001": 30.0}})
