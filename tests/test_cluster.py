@@ -190,7 +190,6 @@ def test_a_command_on_a_cluster_writes_what_it_writes_without(dask, folder):
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (("--engine", "dask"), "`--engine` is retired: `--dask tcp://HOST:PORT`"),
         (
             ("--dask", "tcp://127.0.0.1:1", "--workers", "2"),
             "--workers 2 and --dask exclude each other.",

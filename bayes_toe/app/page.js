@@ -19,11 +19,11 @@ const MEANINGS = {
 };
 const FIELDS = {
   "--columns": "the columns", "--where": "'Only rows with'", "--ignore": "'none'", "--correct": "'right or wrong'",
-  "--subject-from": "'the name of the file'", "--condition": "'Condition'", "--decimal": "'Decimal sign'", "--intensity": "'Unit'", "--sheet": "'Sheet of the Excel file'",
+  "--subject-from": "'the name of the file'", "--condition": "'Condition'", "--decimal": "'Decimal sign'", "--intensity": "'Unit'", "--unit": "'Kind of logarithm'", "--sheet": "'Sheet of the Excel file'",
   "--standard-interval": "'The standard was first'", "--standard-first": "'The standard was first'",
 };
 const FIELD_OF_OPTION = {
-  equal_code: "meaning", second_code: "meaning", correct: "meaning", decimal: "stimuli", intensity: "stimuli",
+  equal_code: "meaning", second_code: "meaning", correct: "meaning", decimal: "stimuli", intensity: "stimuli", unit: "stimuli",
   standard_interval: "stimuli", standard_first: "stimuli", subject_from: "subject",
 };
 const STATES = { new: "not analysed", running: "is analysed now", stopped: "stopped", done: "results" };
@@ -188,6 +188,8 @@ function showForm() {
     $(`${selector}-label`).textContent = capital(ROLES[role]);
   }
   $("#reference-label").hidden = stimuli !== "intensity";
+  $("#scale-label").hidden = stimuli === "intensity";
+  choose($("#scale"), options.unit);
   if (options.intensity) $("#intensity").value = options.intensity;
   $("#order-label").hidden = stimuli !== "standard";
   fill($("#standard-order"), names, [["", "choose"], ["*always", "in all trials"]]);
@@ -255,6 +257,7 @@ function collect() {
   name(STIMULI[stimuli][0], $("#first").value);
   name(STIMULI[stimuli][1], $("#second").value);
   if (stimuli === "intensity") options.intensity = $("#intensity").value.replace(",", ".") || "1";
+  else if ($("#scale").value) options.unit = $("#scale").value;
   const order = $("#standard-order").value;
   if (stimuli === "standard" && order === "*always") options.standard_first = true;
   else if (stimuli === "standard" && order) options.standard_interval = order;

@@ -19,11 +19,11 @@ from bayes_toe.checks.identification import (
 )
 from bayes_toe.data.answers import Reading
 from bayes_toe.data.column_names import looks_like
-from bayes_toe.data.messages import bare, capitalized, counted, join_words, listed, quoted
+from bayes_toe.data.messages import bare, capitalized, counted, join_words, listed
 from bayes_toe.data.options import LOOKED_AT
 from bayes_toe.data.study import Study, Subject, by_person, require_study, stimuli_of
 from bayes_toe.data.units import follows_from_pairs
-from bayes_toe.data.validation import number, runs
+from bayes_toe.data.validation import number
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.prior_file import preset_or_file
 
@@ -81,7 +81,6 @@ def check_design(study: Study, prior: Prior | None = None) -> tuple[Finding, ...
     findings = [
         *urgent_findings(study, prior),
         *_similar_names(study.names),
-        *_formula_names(study.names),
     ]
     findings += [*_times(study), *_two_scales(study), *_conditions(study), *_columns(study.reading)]
     findings += [*identification_findings(study), *_notes(study)]
@@ -108,7 +107,8 @@ def _raw_stimuli(study: Study) -> Iterator[Finding]:
     """Stimuli that are too large, or too far apart, to be natural logs."""
     stimuli = np.concatenate([np.concatenate([subject.s1, subject.s2]) for subject in study])
     low, high = float(stimuli.min()), float(stimuli.max())
-    if "i1" in study.reading.read or max(high - low, low) <= LARGEST_LOG:
+    is_known = "i1" in study.reading.read or study.reading.unit != ""
+    if is_known or max(high - low, low) <= LARGEST_LOG:
         return
     message = (
         f"Stimuli from {low:.4g} to {high:.4g} look like raw intensities, but the program reads "
@@ -140,6 +140,9 @@ def _columns(reading: Reading) -> Iterator[Finding]:
             message = f"Column {bare(alike[0])} looks like {ours}{unit}, but it is ignored."
             option = f"--columns {ours}={bare(alike[0])}"
             yield Finding("", "column_alike", message, option)
+    for name in reading.pooled:
+        message = f"Column {bare(name)} differs within subjects, and its levels are pooled."
+        yield Finding("", "pooled_condition", message, f"--condition {bare(name)}")
     if reading.ignored:
         names = listed([bare(name) for name in reading.ignored])
         yield Finding("", "columns_ignored", f"Ignored columns: {names}.")
@@ -201,13 +204,6 @@ def _look(name: str) -> str:
     look = unicodedata.normalize("NFKC", folded)
     value = number(look, False)
     return look if math.isnan(value) else repr(value)
-
-
-def _formula_names(names: Iterable[str]) -> Iterator[Finding]:
-    formulas = [quoted(name) for name in names if runs(name)]
-    if formulas:
-        message = f"A spreadsheet runs these names of subjects as formulas: {listed(formulas)}."
-        yield Finding("", "names_are_formulas", message, "--spreadsheet-safe")
 
 
 # --- The prior of the paper's model --------------------------------------------------------------

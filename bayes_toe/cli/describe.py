@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import bayes_toe as bt
 from bayes_toe.cli.options import NUMBER, File, StudyFile, option, rare, writes
 from bayes_toe.cli.task import MODEL, Task
-from bayes_toe.cli.terminal import Terminal, notes_of, number, without_zeros
+from bayes_toe.cli.terminal import TYPED, Terminal, notes_of, number, without_zeros
 from bayes_toe.data.messages import format_p
 
 if TYPE_CHECKING:
@@ -17,17 +17,38 @@ if TYPE_CHECKING:
     from bayes_toe.classical.fit import FitTable
 
 
-def check(*, study: StudyFile, task: Annotated[Task, "prior"]) -> None:
+def check(
+    *,
+    study: StudyFile,
+    study_output: Annotated[
+        Path | None, option("--save", "STUDY.toml", "Save how the files are read.")
+    ] = None,
+    task: Annotated[Task, "prior", "overwrite"],
+) -> None:
     """Check a study: what was read, its design, and its responses.
 
     [bold]Example[/bold]: bayes-toe check study.csv
     """
     from bayes_toe.cli.check_screen import print_check
+    from bayes_toe.data.study_file import SUFFIX
     from bayes_toe.model.prior_file import preset_or_file
 
+    text = ""
+    if study_output is not None:
+        if study_output.suffix.lower() != SUFFIX:
+            raise bt.InputError(
+                f"--save is {str(study_output)!r}. Use a name that ends in {SUFFIX}."
+            )
+        task.require_files(study_output)
+        text = study.source().text(study_output.parent)
     prior = preset_or_file(task.prior)
     # Whatever the stimuli are: `check` reports what cannot be analysed.
-    print_check(task.out, study.read(), prior, shows_prior=task.prior is not None)
+    read = study.read()
+    if study_output is not None:
+        TYPED[1:] = [str(study_output)]  # The next command reads that file.
+    print_check(task.out, read, prior, shows_prior=task.prior is not None)
+    if study_output is not None:
+        task.write({study_output: lambda path: path.write_text(text, encoding="utf-8")})
 
 
 def fit(
@@ -41,7 +62,7 @@ def fit(
     asymmetry_output: Annotated[
         File, option("--asymmetry", "FILE.csv", "Write the asymmetries, too.")
     ] = None,
-    task: Annotated[Task, *MODEL, "spreadsheet_safe"],
+    task: Annotated[Task, *MODEL],
 ) -> None:
     """Fit the paper's model by maximum likelihood; test asymmetries.
 

@@ -41,7 +41,7 @@ def power(
     trials: Annotated[str, option("--trials", "N,N", "Trials of a subject.")] = "325,650,1300",
     data_sets: Annotated[int, rare("--data-sets", NUMBER, "Observers of each effect.", min=1)] = 50,
     observers: Observers = None,
-    task: Annotated[Task, *MODEL, "spreadsheet_safe"],
+    task: Annotated[Task, *MODEL],
 ) -> None:
     """Estimate how often a design detects an order effect.
 
@@ -64,7 +64,7 @@ def power(
     names = _POWER_FILES
     with whole_folder(output, names, required=names, overwrite=task.overwrite) as folder:
         for name, frame in zip(names, frames, strict=False):
-            write_table(frame, folder / name, spreadsheet_safe=task.spreadsheet_safe)
+            write_table(frame, folder / name)
         for name in names[len(frames) :]:
             bt.plots.save_figure(bt.plots.power(table), folder / name)
     print_power(task.out, table)
@@ -235,7 +235,7 @@ def design(
     data_sets: Annotated[int, rare("--data-sets", NUMBER, "Observers of each effect.", min=1)] = 16,
     observers: Observers = None,
     lists: ListOptions,
-    task: Annotated[Task, *MODEL, "spreadsheet_safe"],
+    task: Annotated[Task, *MODEL],
 ) -> None:
     """Find the pairs that show an order effect best.
 
@@ -266,7 +266,7 @@ def design(
     )
     files: dict[Path, Callable[[Path], object]] = {
         output: found.design.save,
-        compared: partial(found.power.save, spreadsheet_safe=task.spreadsheet_safe),
+        compared: partial(found.power.save),
         text: lambda file: file.write_text(found.text(), encoding="utf-8"),
         figure: partial(bt.plots.save_figure, bt.plots.design(found)),
     }
@@ -316,7 +316,7 @@ def simulate(
     ] = "reference",
     isi: Annotated[Text, rare("--isi", "N,N", "Inter-stimulus intervals, s.")] = None,
     observers: PopulationOptions,
-    task: Annotated[Task, "seed", "spreadsheet_safe", "overwrite"],
+    task: Annotated[Task, "seed", "overwrite"],
 ) -> None:
     """Simulate a study with known order effects.
 
@@ -349,6 +349,6 @@ def simulate(
         differences=read_differences(observers.conditions, observers.differ),
     )
     for file, frame in zip(files, (trial_frame(trials), truth_frame(trials)), strict=False):
-        write_table(frame, file, **task.saving)
+        write_table(frame, file, overwrite=task.overwrite)
     total = sum(len(answered.yes) for answered in trials)
     task.done(f"{len(simulated)} synthetic subjects, {total:,} trials in {output}", seed)

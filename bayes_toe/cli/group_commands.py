@@ -28,7 +28,7 @@ def population(
     ] = None,
     hyperprior: Annotated[File, rare("--hyperprior", "FILE.toml", _HYPERPRIOR)] = None,
     draws: DrawCount = 3200,
-    task: Annotated[Task, "seed", "overwrite", "spreadsheet_safe"],
+    task: Annotated[Task, "seed", "overwrite"],
 ) -> None:
     """Estimate the group mean and the SD between subjects.
 
@@ -60,8 +60,8 @@ def population(
     written = task.write(
         {
             output: result.save,
-            table: partial(result.table.save, **task.saving),
-            subjects: partial(result.subject_table.save, **task.saving),
+            table: partial(result.table.save, overwrite=task.overwrite),
+            subjects: partial(result.subject_table.save, overwrite=task.overwrite),
             figure: partial(bt.plots.save_figure, bt.plots.population(result, check)),
         }
     )
@@ -77,7 +77,7 @@ def contrast(
     output: Annotated[Path, writes("FILE.csv", "Table; the figure is FILE.png.")] = Path(
         "contrast.csv"
     ),
-    task: Annotated[Task, *MODEL, "spreadsheet_safe", "resume"],
+    task: Annotated[Task, *MODEL, "resume"],
 ) -> None:
     """Estimate differences between the conditions of each subject.
 
@@ -95,7 +95,7 @@ def contrast(
     figure = bt.plots.contrast(table, synthetic=read.synthetic)
     written = task.write(
         {
-            output: partial(table.save, **task.saving),
+            output: partial(table.save, overwrite=task.overwrite),
             figure_file: partial(bt.plots.save_figure, figure),
         }
     )
@@ -113,7 +113,7 @@ def history(
     output: Annotated[Path, writes("FILE.csv", "Table; the figure is FILE.png.")] = Path(
         "history.csv"
     ),
-    task: Annotated[Task, *MODEL, "spreadsheet_safe"],
+    task: Annotated[Task, *MODEL],
 ) -> None:
     """Estimate serial dependence: the effect of the previous trial.
 

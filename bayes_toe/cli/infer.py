@@ -49,7 +49,7 @@ def run(
     paper_figures: Annotated[
         bool, flag("--paper-figures", "Write the paper's figures, too.")
     ] = False,
-    task: Annotated[Task, *MODEL, "draws", "spreadsheet_safe", "resume"],
+    task: Annotated[Task, *MODEL, "draws", "resume"],
 ) -> None:
     """Estimate the order effects of every subject and of the group.
 
@@ -97,8 +97,15 @@ def run(
         if not analysis.group.is_reliable:
             missed["group"] = analysis.group.draws.shortfall
     with task.out.progress("drawing", len(read)) as tick:
-        options = {**task.saving, "figures": choice, "workers": task.workers, "progress": tick}
-        write_results(analysis, output, check=check, **options)
+        write_results(
+            analysis,
+            output,
+            check=check,
+            figures=choice,
+            workers=task.workers,
+            progress=tick,
+            overwrite=task.overwrite,
+        )
     task.finish(keep, analysis.draws.failed)
     closing = without_decision(analysis.answers, {**analysis.draws.failed, **missed})
     closing += [f"Start with {report}.", f"Seed {analysis.settings.seed}."]
@@ -132,10 +139,8 @@ def sample(
     [bold]Example[/bold]: bayes-toe sample study.csv -o posterior.nc --model both --seed 1
     """
     from bayes_toe.checks.design_checks import identification_findings
-    from bayes_toe.inference.draws_file import refuse_store
     from bayes_toe.model.models import require_model
 
-    refuse_store(output)
     task.require_files(output)
     keep = task.partial(output)
     read, prior = task.read(study)
@@ -184,7 +189,7 @@ def evidence(
     *,
     study: StudyFile,
     output: Annotated[Path, writes("FILE.csv", "Table.")] = Path("evidence.csv"),
-    task: Annotated[Task, *MODEL, "spreadsheet_safe", "resume"],
+    task: Annotated[Task, *MODEL, "resume"],
 ) -> None:
     """Compute the model evidences of every subject, and the answer.
 

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from bayes_toe.data.options import ReadOptions
     from bayes_toe.data.read_study import Truth
     from bayes_toe.data.study import Study
+    from bayes_toe.data.study_file import StudySource
 
 
 #: Options that may be absent.
@@ -52,9 +53,6 @@ Processes = Annotated[
 ]
 DaskAddress = Annotated[Text, rare("--dask", "tcp://HOST:PORT", "Use a Dask cluster.")]
 PriorFile = Annotated[Text, option("--prior", "PRIOR", "Prior: default, paper, or a TOML file.")]
-SpreadsheetSafe = Annotated[
-    bool, rare("--spreadsheet-safe", "", "Put ' before texts like formulas.")
-]
 Resume = Annotated[bool, flag("--resume", "Continue a stopped command.")]
 Overwrite = Annotated[bool, flag("--overwrite", "Replace existing output.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", metavar="", help="Print problems only.")]
@@ -74,8 +72,16 @@ ModelName = Annotated[
 
 
 def writes(metavar: str, help_text: str) -> Any:
-    """The option that names what is written."""
-    return typer.Option("-o", "--output", metavar=metavar, help=help_text)
+    """The option that names what is written; only a folder may end in a separator."""
+
+    def parse(value: str | Path) -> Path:
+        text = str(value)  # a default is a path already
+        is_folder_name = text.endswith(("/", os.sep)) and metavar != "DIR"
+        if text == "-" or is_folder_name:
+            raise typer.BadParameter(f"found {text!r}, allowed: the name of a file or folder")
+        return Path(text)
+
+    return typer.Option("-o", "--output", metavar=metavar, help=help_text, parser=parse)
 
 
 #: The error of a command without a file; :func:`~bayes_toe.cli.task.as_command` adds what to type.
@@ -109,6 +115,7 @@ class StudyFile:
     intensity: Annotated[Number, layout("--intensity", "REF", "Read i1,i2: s = ln(i / REF).")] = (
         None
     )
+    unit: Annotated[Text, layout("--unit", "UNIT", "dB, dB-power, log10, ln, g, ...")] = None
     equal_code: Annotated[Text, layout("--equal-code", "CODE", "The code that means 'equal'.")] = (
         None
     )
@@ -192,6 +199,17 @@ class StudyFile:
                 f"{study.task.name!r}."
             )
         return changed(study, self.swap or (), self.exclude or ())
+
+    def source(self) -> StudySource:
+        """The files and how they are read, as a study file has them."""
+        from bayes_toe.data.study_file import StudySource, study_source
+
+        if not self.files:
+            raise InputError("--save needs files; the bundled example has none.")
+        paths, options = self._paths(), self._read_options()
+        source = study_source(paths, options) or StudySource(tuple(paths), options)
+        swap = (*source.swap, *(self.swap or ()))
+        return replace(source, swap=swap, exclude=(*source.exclude, *(self.exclude or ())))
 
     def _paths(self) -> list[Path]:
         """The files; some shells leave a name with * to the program."""

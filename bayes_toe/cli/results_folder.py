@@ -88,7 +88,6 @@ def write_results(
     figures: FigureChoice = ALL,
     workers: Workers = None,
     progress: Progress | None = None,
-    spreadsheet_safe: bool = False,
     check: PredictiveCheck | None = None,
 ) -> Path:
     """Write draws, tables, figures, report and methods of an analysis: all of them, or none.
@@ -117,8 +116,8 @@ def write_results(
         # Absolute, since a worker may be in another folder than this process.
         target = new.absolute()
         draws.save(target / "posterior.nc")
-        _write_tables(analysis, target, spreadsheet_safe=spreadsheet_safe)
-        _write_group(analysis, check, target, spreadsheet_safe=spreadsheet_safe)
+        _write_tables(analysis, target)
+        _write_group(analysis, check, target)
         write_methods(analysis, target / "methods.md")
         if figures.paper_figures:
             write_figures(analysis, target / "paper_figures")
@@ -155,7 +154,7 @@ def opened(posterior: Path, changed: int) -> Draws:
     return load_draws(posterior)
 
 
-def _write_tables(analysis: Analysis, folder: Path, *, spreadsheet_safe: bool) -> None:
+def _write_tables(analysis: Analysis, folder: Path) -> None:
     """The tables of subjects, and the figure of their conditions."""
     study, contrast = analysis.study, analysis.contrast
     units = study.conditions is not None
@@ -163,22 +162,20 @@ def _write_tables(analysis: Analysis, folder: Path, *, spreadsheet_safe: bool) -
         ("summary.csv", analysis.summary()),
         ("evidence.csv", analysis.evidence.frame()),
     ):
-        write_table(frame, folder / name, spreadsheet_safe=spreadsheet_safe, units=units)
+        write_table(frame, folder / name, units=units)
     if contrast is not None:
-        contrast.save(folder / "contrast.csv", spreadsheet_safe=spreadsheet_safe)
+        contrast.save(folder / "contrast.csv")
         figure = plots.contrast(contrast, analysis.group, synthetic=study.synthetic)
         (folder / "contrast.png").write_bytes(png(figure))
 
 
-def _write_group(
-    analysis: Analysis, check: PredictiveCheck | None, folder: Path, *, spreadsheet_safe: bool
-) -> None:
+def _write_group(analysis: Analysis, check: PredictiveCheck | None, folder: Path) -> None:
     """Tables, figure and draws of the group, if there is one."""
     group = analysis.group
     if group is not None:
-        group.table.save(folder / "population.csv", spreadsheet_safe=spreadsheet_safe)
+        group.table.save(folder / "population.csv")
         subjects = folder / "population_subjects.csv"
-        group.subject_table.save(subjects, spreadsheet_safe=spreadsheet_safe)
+        group.subject_table.save(subjects)
         (folder / "population.png").write_bytes(png(plots.population(group, check)))
         group.save(folder / "population.nc")
 

@@ -24,7 +24,6 @@ from bayes_toe.cli.options import (
     Quiet,
     Resume,
     Seed,
-    SpreadsheetSafe,
     StudyFile,
 )
 from bayes_toe.cli.terminal import TYPED, WIDTH, Terminal, describe_study
@@ -55,7 +54,6 @@ class Task:
     processes: Processes = None
     dask: DaskAddress = None
     prior: PriorFile = None
-    spreadsheet_safe: SpreadsheetSafe = False
     resume: Resume = False
     overwrite: Overwrite = False
     quiet: Quiet = False
@@ -197,17 +195,12 @@ class Task:
                 write(folder / file.name)
         return f"Written: {', '.join(map(str, writers))}."
 
-    @property
-    def saving(self) -> dict[str, Any]:
-        """How tables are written."""
-        return {"overwrite": self.overwrite, "spreadsheet_safe": self.spreadsheet_safe}
-
     def saving_of(self, study: Study) -> dict[str, Any]:
         """How tables of subjects are written.
 
         With the condition of each, where subjects are units.
         """
-        return {**self.saving, "units": study.conditions is not None}
+        return {"overwrite": self.overwrite, "units": study.conditions is not None}
 
     def done(self, text: str, seed: int | None = None) -> None:
         """Print what was written, and the seed."""
@@ -297,7 +290,8 @@ def print_error(error: BayesToeError, command: str) -> None:
         choices = [(remedy.typed, remedy.meaning) for remedy in error.remedies]
     elif isinstance(error, OutputExistsError):
         problems = error.problem
-        choices = [("--overwrite", "to replace it"), ("-o NAME", "to write elsewhere")]
+        other = "--save NAME" if command == "check" else "-o NAME"
+        choices = [("--overwrite", "to replace it"), (other, "to write elsewhere")]
     if problems == NO_FILE:
         choices = [(f"bayes-toe {command} {what}", "") for what in ("STUDY.csv", "--example")]
     stored = describe_stored()

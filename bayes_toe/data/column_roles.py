@@ -10,7 +10,7 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
-from bayes_toe.data.column_names import looks_like
+from bayes_toe.data.column_names import looks_like, unit_in
 from bayes_toe.data.messages import bare, join_words, listed
 from bayes_toe.data.options import COLUMNS, LOOKED_AT, ReadOptions
 from bayes_toe.errors import Remedy
@@ -89,6 +89,30 @@ def columns_to_read(
             "would cancel out."
         )
         return needed, problems, _order_remedies(names)
+    in_unit = [
+        name for name in map(options.name, options.stimuli) if name in names and unit_in(name)
+    ]
+    if in_unit and options.unit is None:
+        unit = unit_in(in_unit[0])
+        problems.append(f"column {bare(in_unit[0])} seems to be in {unit}.")
+        return needed, problems, _unit_remedies(unit)
+    missing, repeated = _missing_and_repeated(names, needed, options)
+    for name in repeated:
+        problems.append(
+            f"column {bare(name)}: found {names.count(name)} columns of this name, allowed: one"
+        )
+    if not missing:
+        return needed, problems, []
+    absent = join_words([f"no column {bare(name)}" for name in missing])
+    there = listed([bare(name) for name in names if name])
+    problems.append(f"there is {absent}. The columns are {there}.")
+    return needed, problems, [*_remedies(names, needed, options)]
+
+
+def _missing_and_repeated(
+    names: Sequence[str], needed: Sequence[str], options: ReadOptions
+) -> tuple[list[str], list[str]]:
+    """Columns that must be there once, and are not there or are there more than once."""
     missing = [name for name in options.where if name not in names]
     repeated = [name for name in options.where if names.count(name) > 1]
     for ours in (*COLUMNS, "correct", "standard_interval"):
@@ -97,16 +121,7 @@ def columns_to_read(
             missing.append(options.name(ours))
         elif count > 1 and ours in needed:
             repeated.append(options.name(ours))
-    for name in dict.fromkeys(repeated):
-        problems.append(
-            f"column {bare(name)}: found {names.count(name)} columns of this name, allowed: one"
-        )
-    if not missing:
-        return needed, problems, []
-    absent = join_words([f"no column {bare(name)}" for name in dict.fromkeys(missing)])
-    there = listed([bare(name) for name in names if name])
-    problems.append(f"there is {absent}. The columns are {there}.")
-    return needed, problems, [*_remedies(names, needed, options)]
+    return list(dict.fromkeys(missing)), list(dict.fromkeys(repeated))
 
 
 def _needed(names: Sequence[str], options: ReadOptions) -> list[str]:
@@ -183,6 +198,17 @@ def _order_remedies(names: Sequence[str]) -> list[Remedy]:
     ]
 
 
+def _unit_remedies(unit: str) -> list[Remedy]:
+    """What to type where the name of a column tells its unit."""
+    remedies = [Remedy("unit", "ln", "if they are natural logs all the same")]
+    if unit == "dB":
+        remedies.insert(0, Remedy("unit", "dB-power", "if 10 dB are a factor of ten"))
+        remedies.insert(0, Remedy("unit", "dB", "if 20 dB are a factor of ten"))
+    else:
+        remedies.insert(0, Remedy("unit", unit, "if they are decadic logs"))
+    return remedies
+
+
 def _numbered_pair(names: Sequence[str]) -> tuple[str, str]:
     """The one pair of names that differ by 1 and 2, such as 'stim1' and 'stim2'; else empty."""
     pairs = []
@@ -198,35 +224,45 @@ def _remedies(
 ) -> Iterator[Remedy]:
     """What to type where columns are missing."""
     missing = [ours for ours in needed if options.name(ours) not in names]
-    free = [name for name in names if name not in {options.name(ours) for ours in needed}]
-    to_name = [ours for ours in missing if ours in _REQUIRED]
     has_both = all(
         any(looks_like(name, ours) for name in names) for ours in ("standard", "comparison")
     )
     if {*options.stimuli} & set(missing) and not options.has_standard and has_both:
         yield from _order_remedies(names)
         return
+    to_name = [ours for ours in missing if ours in _REQUIRED]
     if to_name:
-        stimuli = dict(zip(options.stimuli, _numbered_pair(free), strict=True))
-        pairs = []
-        for ours in to_name:
-            alike = [name for name in free if looks_like(name, ours)]
-            pairs.append((ours, stimuli.get(ours) or (alike or ["NAME"])[0]))
-        meaning = "with the names in your file"
-        if stimuli.get("s1"):
-            meaning = "if they are natural logs; for intensities i1, i2 and --intensity REF"
-        yield Remedy("columns", tuple(pairs), meaning)
+        others = {options.name(ours) for ours in needed}
+        yield _columns_remedy([name for name in names if name not in others], to_name, options)
+    if missing == ["n_equal"] and options.name("n_trials") in names:
+        count = (("n_second", "NAME"),)
+        yield Remedy("columns", count, "if it counts 'the second was stronger' (2AFC)")
     if {"s1", "s2"} & set(missing):
         amplitudes = [options.name(ours) for ours in ("i1", "i2")]
         if set(amplitudes) <= set(names):
             meaning = f"if {bare(amplitudes[0])} and {bare(amplitudes[1])} are intensities"
             yield Remedy("intensity", "REF", meaning)
+    scores = [name for name in names if looks_like(name, "correct")]
     if "response" in missing:
-        for name in names:
-            if looks_like(name, "correct"):
-                yield Remedy("correct", name, f"if {bare(name)} says right or wrong (2AFC)")
+        for name in scores:
+            yield Remedy("correct", name, f"if {bare(name)} says right or wrong (2AFC)")
     if "correct" in missing:
-        right = next((name for name in names if looks_like(name, "correct")), "NAME")
-        yield Remedy("correct", right, "with the name in your file")
+        yield Remedy("correct", (scores or ["NAME"])[0], "with the name in your file")
     if "subject" in missing:
         yield Remedy("subject_from", "{}.csv", "if the name of the file is the subject")
+
+
+def _columns_remedy(free: Sequence[str], to_name: Sequence[str], options: ReadOptions) -> Remedy:
+    """The option that names columns, with the names that are likely."""
+    stimuli = dict(zip(options.stimuli, _numbered_pair(free), strict=True))
+    pairs = []
+    for ours in to_name:
+        alike = [name for name in free if looks_like(name, ours)]
+        pairs.append((ours, stimuli.get(ours) or (alike or ["NAME"])[0]))
+    meaning = "with the names in your file"
+    unit = unit_in(stimuli.get("s1", ""))
+    if unit:
+        meaning = f"and --unit {unit}, if they are in {unit}"
+    elif stimuli.get("s1"):
+        meaning = "if they are natural logs; for intensities i1, i2 and --intensity REF"
+    return Remedy("columns", tuple(pairs), meaning)

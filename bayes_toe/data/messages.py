@@ -143,3 +143,8 @@ def as_html(caption: str, frame: pd.DataFrame, rows: int | None = None) -> str:
     )
     more = f"<p>and {count - MOST_ROWS:,} more rows</p>" if count > MOST_ROWS else ""
     return f"<p><b>{escape(caption)}</b></p>{shown}{more}"
+
+
+def one_line(error: Exception) -> str:
+    """What a library says of a file, on one line of bounded length."""
+    return bare(" ".join(str(error).split())[:200])

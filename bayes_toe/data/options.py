@@ -24,7 +24,14 @@ COLUMNS = (
 #: Columns by which counts are no other: which trial came after which, for a look before answers are
 #: pooled and for models of history.
 LOOKED_AT = ("session", "block", "trial", "iti")
-_MAY_BE_IGNORED = ("isi", *LOOKED_AT, "condition")
+#: Units of logarithms: natural logs in one of them.
+LOG_UNITS = {
+    "ln": 1.0,
+    "log10": math.log(10.0),
+    "dB": math.log(10.0) / 20.0,
+    "dB-power": math.log(10.0) / 10.0,
+}
+_MAY_BE_IGNORED = ("isi", *LOOKED_AT, "condition", "practice")
 _ANSWERS = {
     answer: task for task in (SAME_DIFFERENT, WHICH_STRONGER) for answer in (task.yes, task.no)
 }
@@ -39,6 +46,10 @@ class ReadOptions:
     intensity : float, optional
         REF: columns i1, i2 hold raw amplitudes i and are read as s = ln(i / REF). Positive, in the
         unit of the columns.
+    unit : str, optional
+        Of the stimuli: "ln" (natural logs, the default), "log10", "dB" (20 per factor of ten of
+        the amplitude) or "dB-power" (10 per factor of ten). Any other text, such as "g" or "Hz",
+        is the unit of raw intensities in i1 and i2; REF is then 1 where no other one is given.
     equal_code, different_code, second_code, first_code : str, optional
         The text that stands for this answer, which also decides the task; other texts for it are
         then refused.
@@ -49,7 +60,8 @@ class ReadOptions:
         Our column names to those of the file, for columns that the file names otherwise.
     ignore : str or sequence of str
         Columns isi, session, block, trial, iti or condition that are not read although they are
-        there; without isi pairs are pooled over the intervals.
+        there; without isi pairs are pooled over the intervals. With "practice", rows that are
+        marked as practice are read.
     where : mapping of str to str
         Columns of the file to the exact text that a row must have there to be read, for files in
         which not every row is a trial.
@@ -93,6 +105,7 @@ class ReadOptions:
     """
 
     intensity: float | None = None
+    unit: str | None = None
     equal_code: str | None = None
     different_code: str | None = None
     columns: Mapping[str, str] = field(default_factory=dict)
@@ -116,6 +129,7 @@ class ReadOptions:
         for key in (
             *(f"{answer}_code" for answer in _ANSWERS),
             *("correct", "condition", "reference", "standard_interval", "comparison_code"),
+            "unit",
         ):
             given = getattr(self, key)
             text = given
@@ -137,6 +151,12 @@ class ReadOptions:
             problems.append(
                 f"--intensity: found {self.intensity!r}, allowed: a positive finite number"
             )
+        if self.intensity is not None and self.unit in LOG_UNITS:
+            problems.append(
+                f"--intensity: found with --unit {self.unit}, allowed: --unit alone for logarithms"
+            )
+        if self.unit == "":
+            problems.append("--unit: found '', allowed: ln, log10, dB, dB-power, or such as g")
         if self.decimal not in (None, ".", ","):
             problems.append(f"--decimal: found {self.decimal!r}, allowed: '.' or ','")
         if self.standard_first and self.standard_interval is not None:
@@ -227,7 +247,20 @@ class ReadOptions:
         """Our names of the columns of the two stimuli."""
         if self.has_standard:
             return "standard", "comparison"
-        return ("s1", "s2") if self.intensity is None else ("i1", "i2")
+        return ("i1", "i2") if self.has_intensities else ("s1", "s2")
+
+    @property
+    def unit_in_words(self) -> str:
+        """How the stimuli are read; empty for natural logs without a word."""
+        unit = "" if self.unit is None else bare(self.unit)
+        if self.intensity is not None:
+            return f"amplitude in units of {float(self.intensity)!r} {unit}".rstrip()
+        return f"amplitude in {unit}" if self.has_intensities else unit
+
+    @property
+    def has_intensities(self) -> bool:
+        """Whether the stimuli are raw intensities."""
+        return self.intensity is not None or self.unit not in (None, *LOG_UNITS)
 
 
 def parse_columns(text: str) -> dict[str, str]:

@@ -13,6 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib.resources import as_file, files
+from itertools import chain
 from pathlib import Path
 from typing import TypeAlias
 
@@ -20,10 +21,16 @@ import numpy as np
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray, run_starts
 from bayes_toe.data.answers import Reading
-from bayes_toe.data.column_names import is_response_sign, looks_like
+from bayes_toe.data.column_names import (
+    is_percentage,
+    is_practice,
+    is_response_sign,
+    looks_like,
+    may_mark_practice,
+)
 from bayes_toe.data.column_roles import columns_to_read, with_likely_columns
 from bayes_toe.data.messages import bare, counted, listed, quoted, said_intervals
-from bayes_toe.data.options import COLUMNS, ReadOptions, subject_in
+from bayes_toe.data.options import COLUMNS, LOG_UNITS, ReadOptions, changed, subject_in
 from bayes_toe.data.read_table import LARGEST_STUDY, read_table
 from bayes_toe.data.responses import (
     refuse_reversed,
@@ -34,6 +41,7 @@ from bayes_toe.data.responses import (
 from bayes_toe.data.several_files import read_together
 from bayes_toe.data.standards import ALLOWED_INTERVALS, StandardOrder
 from bayes_toe.data.study import Study, Subject, by_person
+from bayes_toe.data.study_file import study_source
 from bayes_toe.data.tasks import (
     SAME_DIFFERENT,
     WHICH_STRONGER,
@@ -80,6 +88,9 @@ Truth: TypeAlias = Mapping[str, Mapping[str, float]]
 
 #: No natural log of an intensity is as large.
 _NO_LOG_INTENSITY = 100.0
+#: Columns that tell something of the whole file.
+_MARKS = ("synthetic", "task")
+_FEWEST_PERCENTAGES = 4  # rows with 100 trials that may be a table of percentages
 _TRUE_WORDS = frozenset({"1", "1.0", "true", "yes"})
 
 
@@ -106,6 +117,7 @@ def read_study(
         the extra `parquet`): the same columns, of text or numbers; its rows count from 1. Or MATLAB trials by their suffix, .mat, see
         :mod:`bayes_toe.data.text_table`. Rows of a frame count from 0. Several files or frames in a list make one study: the answers of a
         subject who is in more than one of them are put together, file by file a block.
+        Or a study file by its suffix, .toml, which names files and options; `bayes-toe check` writes one.
     options : ReadOptions, optional
         For raw amplitudes, other answer codes or other column names.
 
@@ -139,6 +151,10 @@ def read_study(
         "a ReadOptions, such as bt.ReadOptions(columns={'subject': 'participant'})",
     )
     paths = list(path) if isinstance(path, list | tuple) else [path]
+    source = study_source(paths, options)
+    if source is not None:
+        study = read_study(source.files, source.options)
+        return changed(study, source.swap, source.exclude)
     study = with_conditions(read_together(paths, partial(_read, options=options)), options)
     asked = options.condition is not None or options.reference is not None or options.categorical
     if study.conditions is not None and not asked and follows_from_pairs(by_person(study).values()):
@@ -274,14 +290,39 @@ class _Rows:
         """Whose row it is."""
         return self.columns["subject"]
 
+    @property
+    def names_not_read(self) -> list[str]:
+        """The columns that are not read, without those that the options ignore."""
+        columns = (*self.columns.values(), *self.signs)
+        others = {column.name for column in columns} | {*self.options.where}
+        for name in self.table.names:
+            if any(
+                name == self.options.name(ours) or looks_like(name, ours)
+                for ours in self.options.ignore
+            ):
+                others.add(name)
+        return [name for name in dict.fromkeys(self.table.names) if name and name not in others]
+
+    @property
+    def pooled_conditions(self) -> list[str]:
+        """Columns that are not read and look like a condition with several levels of a subject."""
+        names = list[str]()
+        if "condition" in self.columns:
+            return names
+        n_subjects = len(np.unique(self.subject.codes))
+        for name in self.names_not_read:
+            if looks_like(name, "condition"):
+                pairs = np.column_stack([self.subject.codes, self.table.columns[name].codes])
+                if len(np.unique(pairs, axis=0)) > n_subjects:
+                    names.append(name)
+        return names
+
     def require_pairs(self, asked: BoolArray) -> None:
         """Note subjects without a name, stimuli and intervals without a number, in these rows."""
         positive = "a positive finite number"
-        for column in (
-            self.subject,
-            *([self.columns["condition"]] if "condition" in self.columns else []),
-        ):
-            require_texts(self.table, column, asked)
+        for ours in ("subject", "condition"):
+            if ours in self.columns:
+                require_texts(self.table, self.columns[ours], asked)
         if self.order.column is not None:
             self.table.fault(self.order.column, asked & self.order.is_unknown, ALLOWED_INTERVALS)
         for column, values in zip(self.shown[:2], self.stimuli, strict=True):
@@ -289,7 +330,7 @@ class _Rows:
                 self.table,
                 column,
                 asked & np.isnan(values),
-                "a finite number" if self.options.intensity is None else positive,
+                positive if self.options.has_intensities else "a finite number",
             )
         for column, values in zip(self.shown[2:], self.keys[2:], strict=True):
             self.table.fault(
@@ -301,12 +342,13 @@ class _Rows:
     def layout(self, what: str, answers: str) -> list[str]:
         """Notes of how the table is written, which rows were asked for, which columns have another name or another unit."""
         table, options = self.table, self.options
-        comma = table.decimal_comma and any(
-            "," in text for column in self.shown for text in column.texts
-        )
-        split = f"{DELIMITERS[table.delimiter]}-separated, " if table.delimiter else ""
-        notes = [f"{what} rows, {split}{table.form}{', decimal comma' if comma else ''}, {answers}"]
-        notes += table.notes
+        texts = chain.from_iterable(column.texts for column in self.shown)
+        parts = [f"{what} rows", table.form, answers]
+        if table.delimiter:
+            parts.insert(1, f"{DELIMITERS[table.delimiter]}-separated")
+        if table.decimal_comma and any("," in text for text in texts):
+            parts.insert(-1, "decimal comma")
+        notes = [", ".join(parts), *table.notes]
         notes += [
             f"only rows with {bare(text)} in column {bare(name)}"
             for name, text in options.where.items()
@@ -320,54 +362,37 @@ class _Rows:
             bare(options.name(ours)) for ours in options.ignore if options.name(ours) in table.names
         ]
         notes += [f"column {name} not read, as --ignore has it" for name in ignored]
-        if options.intensity is not None:
-            notes += [
-                f"column {bare(one.name)} read as amplitude in units of "
-                f"{float(options.intensity)!r}"
-                for one in self.shown[:2]
-            ]
+        unit = options.unit_in_words
+        if unit:
+            notes += [f"column {bare(column.name)} read as {unit}" for column in self.shown[:2]]
         return notes
 
 
 def _rows(path: str | Path | Frame, options: ReadOptions) -> _Rows:
     """The rows that are asked for; all others are left out before anything is checked."""
-    others = ("synthetic", "task")
-
-    def choose(names: Sequence[str]) -> set[str]:
-        likely = with_likely_columns(names, options)
-        chosen = {likely.name(ours) for ours in (*COLUMNS, "correct", "standard_interval")}
-        if options.correct is not None:
-            chosen |= {name for name in names if is_response_sign(name)}
-        return {*chosen, *others, *options.where} & set(names)
-
-    table = read_table(path, choose, LARGEST_STUDY, encoding=options.encoding, sheet=options.sheet)
+    table = read_table(
+        path,
+        lambda names: _columns_looked_at(names, options),
+        LARGEST_STUDY,
+        encoding=options.encoding,
+        sheet=options.sheet,
+    )
     options = with_likely_columns(table.names, options)
     needed, problems, remedies = columns_to_read(table.names, options, python=table.python)
     table.problems.remedies += remedies
     table.require(problems)
-    named = {ours: options.name(ours) for ours in needed} | {
-        ours: ours for ours in others if ours in table.columns
-    }
-    columns = {ours: table.columns[theirs] for ours, theirs in named.items()}
-    signs: list[Column] = []
-    if options.correct is not None:
-        unnamed = [name for name in table.columns if name not in named.values()]
-        signs = [table.columns[name] for name in unnamed if is_response_sign(name)]
-    if "subject" in columns:
-        columns["subject"] = bare_names(table, columns["subject"])
-    if options.where:
-        kept = _asked_for(table, options.where)
-        table = replace(table, rows=table.rows[kept])
-        columns = {ours: column.only(kept) for ours, column in columns.items()}
-        signs = [column.only(kept) for column in signs]
+    table = _without_practice(_asked_for(table, options.where), options)
+    columns = {ours: table.columns[options.name(ours)] for ours in needed}
+    for mark in _MARKS:
+        if mark in table.columns:
+            columns[mark] = table.columns[mark]
     if "task" in columns and not any(map(task_named, columns["task"].texts)):
         del columns["task"]  # another kind of task, such as the name of a part of the experiment
     if options.subject_from is not None:
-        who = None if table.python else subject_in(Path(str(path)), options.subject_from)
-        if who is None:
-            allowed = f"a file named as --subject-from {options.subject_from}"
-            raise InputError(f"{table.source}: found no subject in its name, allowed: {allowed}")
-        columns["subject"] = Column("subject", [who], np.zeros(len(table.rows), np.int64))
+        columns["subject"] = _subject_of_file(table, path, options.subject_from)
+    else:
+        columns["subject"] = bare_names(table, columns["subject"])
+    signs = _response_signs(table, columns) if options.correct is not None else []
     columns = with_units(table, columns, options.categorical)
     stimuli = [columns[ours] for ours in options.stimuli]
     if table.grouping_sign and options.decimal is None:
@@ -383,8 +408,38 @@ def _rows(path: str | Path | Frame, options: ReadOptions) -> _Rows:
     return _Rows(table, columns, keys, options, signs, values, order)
 
 
-def _asked_for(table: TextTable, where: Mapping[str, str]) -> BoolArray:
+def _response_signs(table: TextTable, columns: Mapping[str, Column]) -> list[Column]:
+    """Columns that are not read and show by an empty cell that nobody responded."""
+    named = {column.name for column in columns.values()}
+    others = [column for name, column in table.columns.items() if name not in named]
+    return [column for column in others if is_response_sign(column.name)]
+
+
+def _columns_looked_at(names: Sequence[str], options: ReadOptions) -> set[str]:
+    """The columns that tell something, of the names in a table."""
+    likely = with_likely_columns(names, options)
+    roles = {likely.name(ours) for ours in (*COLUMNS, "correct", "standard_interval")}
+    chosen = {*roles, *_MARKS, *options.where}
+    for name in names:
+        is_sign = options.correct is not None and is_response_sign(name)
+        if is_sign or may_mark_practice(name) or looks_like(name, "condition"):
+            chosen.add(name)
+    return chosen & set(names)
+
+
+def _subject_of_file(table: TextTable, path: str | Path | Frame, pattern: str) -> Column:
+    """The column of the one subject that the name of a file tells."""
+    subject = None if table.python else subject_in(Path(str(path)), pattern)
+    if subject is None:
+        allowed = f"a file named as --subject-from {pattern}"
+        raise InputError(f"{table.source}: found no subject in its name, allowed: {allowed}")
+    return Column("subject", [subject], np.zeros(len(table.rows), np.int64))
+
+
+def _asked_for(table: TextTable, where: Mapping[str, str]) -> TextTable:
     """The rows that have in all of these columns the text that is asked for."""
+    if not where:
+        return table
     kept = np.ones(len(table.rows), np.bool_)
     for name, asked in where.items():
         column = table.columns[name]
@@ -398,7 +453,26 @@ def _asked_for(table: TextTable, where: Mapping[str, str]) -> BoolArray:
         raise InputError(
             f"{table.source}: found no row that is as --where has it in all of {', '.join(where)}"
         )
-    return kept
+    return table.only(kept)
+
+
+def _without_practice(table: TextTable, options: ReadOptions) -> TextTable:
+    """The table without rows that a column marks as practice, unless all are."""
+    if "practice" in options.ignore:
+        return table
+    for name in table.columns:
+        if name in options.where or not may_mark_practice(name):
+            continue
+        column = table.columns[name]
+        practice = [text for text in column.texts if is_practice(name, text)]
+        is_marked = column.map(practice.__contains__, np.bool_)
+        if not is_marked.any() or is_marked.all():
+            continue
+        rows = counted(int(is_marked.sum()), "row")
+        marks = listed([*map(quoted, practice)])
+        note = f"{rows} left out as practice (column {bare(name)}: {marks})"
+        table = replace(table.only(~is_marked), notes=(*table.notes, note))
+    return table
 
 
 def _require_decimal_sign(
@@ -411,7 +485,7 @@ def _require_decimal_sign(
         return
     others = [other for column in stimuli for other in column.texts if sign not in other]
     has_large = any(abs(number(other)) >= _NO_LOG_INTENSITY for other in others)
-    if options.intensity is None and not has_large:
+    if not options.has_intensities and not has_large:
         # Logarithms of intensities are no thousands.
         return
     digits, decimal = text.replace(sign, ""), text.replace(sign, ".")
@@ -430,9 +504,11 @@ def _stimulus(table: TextTable, column: Column, options: ReadOptions) -> FloatAr
         values = [number(text, table.decimal_comma) for text in column.texts]
     else:
         values = [number_by_sign(text, options.decimal) for text in column.texts]
-    if options.intensity is not None:
+    if options.unit in LOG_UNITS:
+        values = [value * LOG_UNITS[options.unit] for value in values]
+    if options.has_intensities:
         # The difference of logs, because the ratio itself may overflow.
-        log_reference = math.log(options.intensity)
+        log_reference = math.log(options.intensity or 1.0)
         values = [math.log(value) - log_reference if value > 0 else math.nan for value in values]
     return np.array(values, np.float64)[column.codes]
 
@@ -444,30 +520,26 @@ def _study(rows: _Rows, notes: list[str], k: IntArray, n: IntArray, task: Task) 
     """
     owned = np.flatnonzero(n > 0)
     owned = owned[np.argsort(rows.subject.codes[owned], kind="stable")]
-    parts = {
-        rows.subject.text(part[0]): part
-        for part in np.split(owned, run_starts(rows.subject.codes[owned])[1:])
-    }
-    trials, missing, doubts = "n_trials" not in rows.columns, list[str](), list[str]()
-    if trials or "block" in rows.columns:
+    parts = {}
+    for part in np.split(owned, run_starts(rows.subject.codes[owned])[1:]):
+        parts[rows.subject.text(part[0])] = part
+    is_trials = "n_trials" not in rows.columns
+    missing, doubts = list[str](), list[str]()
+    subjects = []
+    if is_trials or "block" in rows.columns:
         answers, missing, doubts = answers_in_order(
             rows.table, rows.columns, rows.keys, parts, k, n
         )
-        subjects = [Subject.from_answers(name, one, task) for name, one in answers.items()]
+        for name, given in answers.items():
+            subjects.append(Subject.from_answers(name, given, task))
     else:
         values = (*rows.keys[:2], k, n, *rows.keys[2:])
-        subjects = [
-            Subject.from_counts(name, *(value[at] for value in values), task=task)
-            for name, at in parts.items()
-        ]
-    merged = {
-        subject.name: len(parts[subject.name]) - subject.n_pairs
-        for subject in subjects
-        if not trials
-    }
-    if any(merged.values()):
-        each = listed([f"{bare(name)} {count}" for name, count in merged.items() if count])
-        notes.append(f"{counted(sum(merged.values()), 'repeated row')} merged: {each}")
+        for name, part in parts.items():
+            counts = [value[part] for value in values]
+            subjects.append(Subject.from_counts(name, *counts, task=task))
+    if not is_trials:
+        notes += _merged_note({name: len(part) for name, part in parts.items()}, subjects)
+        doubts += _percentage_doubts(rows.columns, n)
     if "isi" in rows.columns:
         isi = tuple(np.unique(rows.keys[2][owned]).tolist())
         column = bare(rows.columns["isi"].name)
@@ -476,31 +548,49 @@ def _study(rows: _Rows, notes: list[str], k: IntArray, n: IntArray, task: Task) 
             note += f"; contrast --condition {column} compares them"
         notes.append(note)
     notes += missing
-    marks = (
-        [text.lower() in _TRUE_WORDS for text in rows.columns["synthetic"].texts]
-        if "synthetic" in rows.columns
-        else [False]
-    )
-    if any(marks):
-        said = "synthetic data: the column synthetic marks every row"
-        notes.append(
-            said
-            if all(marks)
-            else "the column synthetic marks only some rows, so the study is not marked"
-        )
-    known = {column.name for column in (*rows.columns.values(), *rows.signs)}
+    is_synthetic, synthetic_notes = _synthetic(rows.columns)
+    notes += synthetic_notes
     source = rows.table.source
-    left = {
-        name
-        for name in rows.table.names
-        for ours in rows.options.ignore
-        if looks_like(name, ours) or name == rows.options.name(ours)
-    }
-    ignored = dict.fromkeys(name for name in rows.table.names if name and name not in known | left)
     reading = Reading(
-        tuple(rows.columns), tuple(ignored), tuple(f"{source}: {doubt}" for doubt in doubts)
+        tuple(rows.columns),
+        tuple(rows.names_not_read),
+        tuple(f"{source}: {doubt}" for doubt in doubts),
+        tuple(rows.pooled_conditions),
+        rows.options.unit or "",
     )
-    return Study(tuple(subjects), source, all(marks), tuple(notes), reading)
+    return Study(tuple(subjects), source, is_synthetic, tuple(notes), reading)
+
+
+def _synthetic(columns: Mapping[str, Column]) -> tuple[bool, list[str]]:
+    """Whether a column marks every row as synthetic, and what is noted of it."""
+    marks = []
+    if "synthetic" in columns:
+        marks = [text.lower() in _TRUE_WORDS for text in columns["synthetic"].texts]
+    if not any(marks):
+        return False, []
+    if all(marks):
+        return True, ["synthetic data: the column synthetic marks every row"]
+    return False, ["the column synthetic marks only some rows, so the study is not marked"]
+
+
+def _merged_note(n_rows: Mapping[str, int], subjects: Sequence[Subject]) -> list[str]:
+    """How many rows of counts repeat a pair."""
+    merged = {subject.name: n_rows[subject.name] - subject.n_pairs for subject in subjects}
+    each = [f"{bare(name)} {count}" for name, count in merged.items() if count]
+    if not each:
+        return []
+    return [f"{counted(sum(merged.values()), 'repeated row')} merged: {listed(each)}"]
+
+
+def _percentage_doubts(columns: Mapping[str, Column], n: IntArray) -> list[str]:
+    """What is said where each pair has 100 trials, as in a table of percentages."""
+    if len(n) < _FEWEST_PERCENTAGES or not (n == 100).all():
+        return []
+    count = next(columns[name] for name in ("n_equal", "n_second") if name in columns)
+    return [
+        f"each row has 100 trials. If column {bare(count.name)} has percentages, write numbers "
+        "of responses and of trials"
+    ]
 
 
 # --- Trials ---------------------------------------------------------------------------------------
@@ -563,6 +653,11 @@ def _count_study(rows: _Rows) -> Study:
     task = task_counted(rows.columns)
     assert task is not None  # the header was checked
     given = rows.columns[task.count]
+    if is_percentage(given.name):
+        raise InputError(
+            f"{table.source}: column {bare(given.name)}: found shares or percentages by its name, "
+            "allowed: how many of the trials were answered so"
+        )
     k, n = (
         column.map(lambda text: whole_number(text, table.decimal_comma), np.int64)
         for column in (given, trials)

@@ -1,9 +1,4 @@
-"""Any source of a table as columns of text: CSV, Excel, JSON, Parquet, MATLAB, data frames.
-
-MATLAB files hold trials as fields of one struct, of vectors or of a struct array, or else vectors
-of one length, by name; a single value stands in every row, such as the subject whose file it is.
-MATLAB's own table objects are in no documented format: they are refused, with what to save instead.
-"""
+"""Any source of a table as columns of text: CSV, Excel, JSON, Parquet, MATLAB, data frames."""
 
 from __future__ import annotations
 
@@ -13,17 +8,18 @@ import io
 import json
 import os
 import stat
+import tomllib
 import warnings
 import zipfile
-from collections.abc import Iterator, Sequence
-from decimal import Decimal
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from bayes_toe.data.messages import bare, join_words, listed, quoted, visible
+from bayes_toe.data.matlab_file import matlab_texts
+from bayes_toe.data.messages import bare, join_words, listed, one_line, quoted, visible
 from bayes_toe.data.text_table import (
     EXCEL,
     MOST_RECORDS,
@@ -36,6 +32,7 @@ from bayes_toe.data.text_table import (
     header_place,
     name_places,
     read_csv,
+    value_text,
 )
 from bayes_toe.data.whole_files import require_settled
 from bayes_toe.errors import InputError, Remedy
@@ -44,12 +41,7 @@ from bayes_toe.errors import InputError, Remedy
 #: million.
 LARGEST_STUDY, LARGEST_SMALL_FILE = 2**30, 2**25
 
-# pandas' own missing values; they equal nothing, and say so in words that are no truth values
-_MISSING = ("NAType", "NaTType")
-_SAVED = (
-    "one struct, or vectors of one length: S = table2struct(T, 'ToScalar', true); "
-    "save('trials.mat', '-struct', 'S', '-v7')"
-)
+_LARGEST_TOML = 2**16  # bytes; a complete prior file has some 2,000
 _EXCEL_SUFFIXES = (".xlsx", ".xlsm")
 _JSON_SUFFIXES = (".json", ".jsonl", ".ndjson")
 #: Suffixes that tell the form of a file; a file with another suffix is a text.
@@ -141,9 +133,30 @@ def input_bytes(path: str | Path, largest: int = LARGEST_STUDY) -> bytes:
     return Path(path).read_bytes()
 
 
-def _one_line(error: Exception) -> str:
-    """What a library says of a file, on one line of bounded length."""
-    return bare(" ".join(str(error).split())[:200])
+def toml_table(path: str | Path, lines: str) -> Mapping[str, Any]:
+    """What a TOML file holds; `lines` says which ones are allowed.
+
+    Raises
+    ------
+    InputError
+        In one line, if the file cannot be read or is not TOML.
+    """
+    allowed = f"allowed: a TOML file with {lines}"
+    try:
+        # Windows' editors put a byte-order mark in front.
+        return tomllib.loads(input_bytes(path, _LARGEST_TOML).decode("utf-8-sig"))
+    except FileNotFoundError as error:
+        raise InputError(f"{path}: no such file; {allowed}") from error
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); {allowed}") from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: found bytes that are not UTF-8, {allowed}") from error
+    except (ValueError, RecursionError) as error:
+        # The parser's own, Python's on integers of 5,000 digits, thousands of brackets.
+        what = visible(" ".join(str(error).split()))
+        raise InputError(
+            f"{path}: found text that is not TOML ({what}), allowed: lines {lines}"
+        ) from error
 
 
 # --- Values as text ------------------------------------------------------------------------------
@@ -160,7 +173,7 @@ def _table_of_values(
     source, form, head = named
     columns, problems = {}, Problems(source)
     for name, cells in values.items():
-        texts = [_text(cell) for cell in cells]
+        texts = [value_text(cell) for cell in cells]
         if None in texts:
             index = texts.index(None)
             row, cell = rows[index], cells[index]
@@ -172,19 +185,6 @@ def _table_of_values(
         columns[name] = Column.of(name, known_texts, range(len(texts)))
     problems.refuse()
     return TextTable(form, "", head, names, columns, np.array(rows, np.int64), problems, notes)
-
-
-def _text(value: object) -> str | None:
-    """What a CSV file would have; None where a value has no text."""
-    plain = value.item() if isinstance(value, np.generic) else value
-    if plain is None or type(plain).__name__ in _MISSING or plain != plain:
-        return ""
-    if isinstance(plain, bool):
-        return str(int(plain))
-    if isinstance(plain, float):
-        return str(int(plain)) if plain.is_integer() else repr(plain)
-    text = str(plain) if isinstance(plain, str | int | Decimal) else None
-    return None if text is not None and "\0" in text else text
 
 
 def _read_frame(frame: Any, choice: Choice) -> TextTable:
@@ -257,7 +257,7 @@ def _sheet_names(rows: Sequence[tuple[Any, ...]], choice: Choice) -> tuple[int, 
 
 def _row_texts(cells: Sequence[Any]) -> list[str]:
     """The cells of a row as names."""
-    return [(_text(cell) or "").strip() for cell in cells]
+    return [(value_text(cell) or "").strip() for cell in cells]
 
 
 def _excel_sheets(source: str, data: bytes) -> dict[str, list[tuple[Any, ...]]]:
@@ -286,7 +286,7 @@ def _excel_sheets(source: str, data: bytes) -> dict[str, list[tuple[Any, ...]]]:
         raise
     except Exception as error:  # of a damaged file the library raises whatever its parser meets
         raise InputError(
-            f"{source}: found a damaged Excel file ({_one_line(error)}), "
+            f"{source}: found a damaged Excel file ({one_line(error)}), "
             "allowed: one that opens in Excel"
         ) from None
     return sheets
@@ -341,7 +341,7 @@ def _parse_json(source: str, text: str) -> object:
         return load(text)
     except (ValueError, RecursionError) as error:
         raise InputError(
-            f"{source}: found no JSON ({_one_line(error)}), "
+            f"{source}: found no JSON ({one_line(error)}), "
             "allowed: a list of trials, or a trial a line"
         ) from None
 
@@ -380,69 +380,12 @@ def _json_records(
 
 
 def _read_matlab(source: str, data: bytes, choice: Choice) -> TextTable:
-    """Row 1 is the first trial; a single value stands in every row."""
-    columns = _matlab_columns(source, _matlab_variables(source, data))
-    rows = max(map(len, columns.values()))
-    values = {
-        name: columns[name] * (rows // len(columns[name]))
-        for name in name_places([*columns], choice)
-    }
-    return _table_of_values((source, "MATLAB", "variables"), [*columns], values, range(1, rows + 1))
-
-
-def _matlab_variables(source: str, data: bytes) -> dict[str, Any]:
-    from scipy.io import loadmat
-
-    try:
-        with warnings.catch_warnings(action="ignore"):
-            found = loadmat(io.BytesIO(data), simplify_cells=True)
-    except NotImplementedError:
-        raise InputError(
-            f"{source}: found a file of version 7.3, allowed: one saved with '-v7'"
-        ) from None
-    except Exception as error:  # of a damaged file the library raises whatever its parser meets
-        raise InputError(
-            f"{source}: found a damaged MATLAB file ({_one_line(error)}), "
-            "allowed: one that MATLAB has saved with '-v7'"
-        ) from None
-    if "__function_workspace__" in found:
-        raise InputError(
-            f"{source}: found a table or another object of MATLAB's own, allowed: {_SAVED}"
-        )
-    return {name: value for name, value in found.items() if not name.startswith("__")}
-
-
-def _matlab_columns(source: str, found: dict[str, Any]) -> dict[str, list[Any]]:
-    """Columns of one length or of one value."""
-    structs = {name: value for name, value in found.items() if isinstance(value, dict)}
-    arrays = {
-        name: value
-        for name, value in found.items()
-        if np.ndim(value) == 1 and len(value) and isinstance(value[0], dict)
-    }
-    if len(structs) + len(arrays) > 1:
-        several = listed([bare(name) for name in found if name in {**structs, **arrays}])
-        raise InputError(f"{source}: found the structs {several}, allowed: {_SAVED}")
-    for struct in structs.values():
-        found = struct
-    for trials in arrays.values():
-        found = {name: np.array([trial[name] for trial in trials], object) for name in trials[0]}
-    columns = {name: np.atleast_1d(np.asarray(value, object)) for name, value in found.items()}
-    lengths = {
-        name: column.size if column.size == max(column.shape) else 0
-        for name, column in columns.items()
-    }
-    most = max(lengths.values(), default=0)
-    wrong = [
-        bare(name) for name, length in lengths.items() if length not in (1, most) or not length
-    ]
-    if wrong or not most:
-        raise InputError(
-            f"{source}: found "
-            f"{f'{listed(wrong)}, not a column of {most}' if wrong else 'nothing'}, allowed: "
-            f"{_SAVED}"
-        )
-    return {name: column.ravel().tolist() for name, column in columns.items()}
+    """Row 1 is the first trial."""
+    columns = matlab_texts(source, data)
+    values = {name: columns[name] for name in name_places([*columns], choice)}
+    n_rows = len(next(iter(columns.values())))
+    head = (source, "MATLAB", "variables")
+    return _table_of_values(head, [*columns], values, range(1, n_rows + 1))
 
 
 def _read_parquet(source: str, data: bytes, choice: Choice) -> TextTable:
@@ -472,7 +415,7 @@ def _read_parquet(source: str, data: bytes, choice: Choice) -> TextTable:
         MemoryError,
     ) as error:
         raise InputError(
-            f"{source}: found a damaged Parquet file ({_one_line(error)}), "
+            f"{source}: found a damaged Parquet file ({one_line(error)}), "
             "allowed: one that a Parquet writer has finished"
         ) from None
     return _table_of_values(

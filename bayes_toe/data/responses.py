@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from bayes_toe.arrays import BoolArray, FloatArray
+from bayes_toe.data.column_names import without_accents
 from bayes_toe.data.messages import bare, listed, quoted
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.tasks import SAME_DIFFERENT, TASKS, WHICH_STRONGER, Task, task_named
@@ -24,9 +25,22 @@ if TYPE_CHECKING:
 
 _YES, _NO, _MISSING, _UNKNOWN = 1, 0, -1, -2
 #: The words of each task's two answers, in any case; and those of columns that say right or wrong.
-_WORDS = {
+_WORDS: dict[Task, tuple[tuple[str, ...], tuple[str, ...]]] = {
     SAME_DIFFERENT: (("equal", "same"), ("different",)),
     WHICH_STRONGER: (("second", "s2", "2nd"), ("first", "s1", "1st")),
+}
+#: The same words in German, French, Spanish and Italian, without accents.
+_TRANSLATIONS = {
+    "equal": {"gleich", "identisch", "egal", "pareil", "meme", "identique", "igual", "uguale"},
+    "different": {"verschieden", "ungleich", "unterschiedlich", "anders", "diferente", "diverso"},
+    "second": {
+        *("zweiter", "zweite", "zweites", "deuxieme", "seconde", "segundo", "segunda"),
+        *("secondo", "seconda"),
+    },
+    "first": {
+        *("erster", "erste", "erstes", "premier", "premiere", "primero", "primera"),
+        *("primo", "prima"),
+    },
 }
 _RIGHT_WRONG = (
     ("1", "true", "yes", "correct", "right", "hit"),
@@ -66,9 +80,9 @@ def responses(
     if options.task is None and options.comparison_code is None:
         untold, remedies = _untold(column, difference)
     task = options.task or next((task for task in TASKS if _words_of(task, column)), SAME_DIFFERENT)
-    names, words = (
-        (("right", "wrong"), _RIGHT_WRONG) if judged else ((task.yes, task.no), _WORDS[task])
-    )
+    names, words = (task.yes, task.no), _WORDS[task]
+    if judged:
+        names, words = ("right", "wrong"), _RIGHT_WRONG
     codes = _both_codes(column, options.codes(task))
     answer = column.map(lambda text: _answer(text, codes, words), np.int64)
     if untold:
@@ -124,7 +138,23 @@ def require_task(table: TextTable, task: Task, column: Column | None) -> None:
 
 def _words_of(task: Task, column: Column) -> list[str]:
     """The texts of a column that are words of a task."""
-    return [text for text in column.texts if text.lower() in {*_WORDS[task][0], *_WORDS[task][1]}]
+    known = {word for words in _WORDS[task] for word in words}
+    return [text for text in column.texts if _english(text.lower()) in known]
+
+
+def _english(word: str) -> str:
+    """The word of a task that a word of another language stands for; else the word itself.
+
+    Examples
+    --------
+    >>> _english("deuxi\u00e8me"), _english("j")
+    ('second', 'j')
+    """
+    plain = without_accents(word)
+    for english, translations in _TRANSLATIONS.items():
+        if plain in translations:
+            return english
+    return word
 
 
 def without_missed(
@@ -247,7 +277,7 @@ def _answer(text: str, given: Sequence[str | None], words: Sequence[Sequence[str
         return _UNKNOWN
     for code, other, known, answer in zip(codes, codes[::-1], words, (_YES, _NO), strict=True):
         if code is None and (
-            word in known or (other is not None and word == _OTHER.get(other.lower()))
+            _english(word) in known or (other is not None and word == _OTHER.get(other.lower()))
         ):
             return answer
     return _UNKNOWN

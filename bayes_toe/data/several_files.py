@@ -1,10 +1,14 @@
-"""A study in several files: the answers of a subject who is in more than one of them are put together, file by file a block."""
+"""A study in several files.
+
+The answers of a subject who is in more than one file are put together, each file as a block.
+"""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -77,96 +81,107 @@ def _of_all_files(faulty: Sequence[InputError]) -> InputError:
 
 
 def _together(studies: Sequence[Study]) -> Study:
-    asked = {study.task.name: study.source for study in studies}
-    if len(asked) > 1:
-        (one, first), (other, second) = asked.items()
-        raise InputError(f"{second}: asked {other}, and {first} {one}; allowed: files of one task")
-    timed = {bool(study.intervals): study.source for study in studies}
-    if len(timed) > 1:
-        raise InputError(
-            f"{timed[False]}: no column isi, which {timed[True]} has; allowed: in all files or in "
-            "none"
-        )
-    parts: dict[str, list[Study]] = {}
-    for study in studies:
-        for name in study.names:
-            parts.setdefault(name, []).append(study)
-    subjects, doubts = (
-        list[Subject](),
-        [doubt for study in studies for doubt in study.reading.doubts],
-    )
-    for name, of in parts.items():
-        rows = [(study.source, study[name].answers) for study in of]
-        known = [(source, one) for source, one in rows if one is not None]
-        doubts += _copies(name, known)
-        if len(of) == 1:
-            subjects.append(of[0][name])
-        elif len(known) == len(of):
-            subjects.append(Subject.from_answers(name, _joined(known), of[0].task))
+    """One study of the subjects of several."""
+    _require_alike(studies)
+    doubts = [doubt for study in studies for doubt in study.reading.doubts]
+    subjects, several = list[Subject](), list[str]()
+    for name in dict.fromkeys(name for study in studies for name in study.names):
+        files = [study for study in studies if name in study.names]
+        answers = []
+        for study in files:
+            given = study[name].answers
+            if given is not None:
+                answers.append((study.source, given))
+        doubts += _copies(name, answers)
+        if len(files) == 1:
+            subjects.append(files[0][name])
+            continue
+        several.append(f"{bare(name)} {len(files)}")
+        if len(answers) == len(files):
+            subjects.append(Subject.from_answers(name, _joined(answers), files[0].task))
         else:
-            subjects.append(pooled([study[name] for study in of]))
-    several = [f"{bare(name)} {len(of)}" for name, of in parts.items() if len(of) > 1]
-    joined = (
-        [f"{counted(len(several), 'subject')} in several files, put together: {listed(several)}"]
-        if several
-        else []
-    )
-    read, ignored = (
-        tuple(dict.fromkeys(one for study in studies for one in getattr(study.reading, key)))
-        for key in ("read", "ignored")
-    )
+            subjects.append(pooled([study[name] for study in files]))
+    notes = [*_common_notes(studies)]
+    if several:
+        count = counted(len(several), "subject")
+        notes.append(f"{count} in several files, put together: {listed(several)}")
+    names = {}
+    for key in ("read", "ignored", "pooled"):
+        of_files = chain.from_iterable(getattr(study.reading, key) for study in studies)
+        names[key] = tuple(dict.fromkeys(of_files))
+    reading = Reading(**names, doubts=tuple(doubts), unit=studies[0].reading.unit)
     source = f"{len(studies)} files, {studies[0].source} to {studies[-1].source}"
-    reading = Reading(read, ignored, tuple(doubts))
-    return Study(
-        tuple(subjects),
-        source,
-        all(study.synthetic for study in studies),
-        (*_common_notes(studies), *joined),
-        reading,
-    )
+    is_synthetic = all(study.synthetic for study in studies)
+    return Study(tuple(subjects), source, is_synthetic, tuple(notes), reading)
 
 
-def _copies(name: str, of: Sequence[tuple[str, Answers]]) -> Iterable[str]:
-    """What is said of files that have the same answers of a subject, trial by trial."""
-    found: dict[tuple[bytes, bytes], str] = {}
-    for source, one in of:
-        earlier = found.setdefault((one.keys.tobytes(), one.n_yes.tobytes()), source)
-        if earlier != source and one.trials and len(one.n_yes) >= _FEWEST:
-            what = f"{source} has the same {len(one.n_yes)} trials of subject {bare(name)} as {earlier}"
-            yield f"{what}: {TWICE}, remove one file"
-
-
-def _joined(of: Sequence[tuple[str, Answers]]) -> Answers:
-    """Answers in the order of the files, which are blocks or, where they have blocks, are named before these."""
-    columns = {
-        key: [getattr(one, key) for _, one in of]
-        for key in ("keys", "n_yes", "n_trials", "place", "iti")
-    } | {"block": []}
-    names, begin = list[str](), 0
-    for at, (source, one) in enumerate(of):
-        columns["block"].append(
-            len(names) + (np.zeros(len(one.n_trials), np.int64) if one.block is None else one.block)
+def _require_alike(studies: Sequence[Study]) -> None:
+    """Refuse files of two tasks, and files of which only some have intervals."""
+    by_task = {study.task.name: study.source for study in studies}
+    if len(by_task) > 1:
+        (task, source), (other_task, other_source) = by_task.items()
+        raise InputError(
+            f"{other_source}: asked {other_task}, and {source} {task}; allowed: files of one task"
         )
-        names += [f"{source}: {block}" for block in one.blocks] or [source]
-        if one.place is not None:
-            columns["place"][at] = one.place - one.place[0] + begin
-            begin = columns["place"][at][-1] + 2
-    whole: dict[str, Any] = {
-        key: np.concatenate(some)
-        for key, some in columns.items()
-        if not any(one is None for one in some)
-    }
-    return Answers(**whole, blocks=tuple(names), trials=all(one.trials for _, one in of))
+    has_intervals = {bool(study.intervals): study.source for study in studies}
+    if len(has_intervals) > 1:
+        raise InputError(
+            f"{has_intervals[False]}: no column isi, which {has_intervals[True]} has; allowed: in "
+            "all files or in none"
+        )
+
+
+def _copies(name: str, answers: Sequence[tuple[str, Answers]]) -> Iterable[str]:
+    """What is said of files that have the same answers of a subject, trial by trial."""
+    first_source: dict[tuple[bytes, bytes], str] = {}
+    for source, given in answers:
+        content = given.keys.tobytes(), given.n_yes.tobytes()
+        earlier = first_source.setdefault(content, source)
+        n_trials = len(given.n_yes)
+        if earlier != source and given.trials and n_trials >= _FEWEST:
+            copies = f"{source} has the same {n_trials} trials of subject {bare(name)} as {earlier}"
+            yield f"{copies}: {TWICE}, remove one file"
+
+
+def _joined(answers: Sequence[tuple[str, Answers]]) -> Answers:
+    """Answers in the order of the files.
+
+    Files are blocks; a block of a file is one of its own, whose name begins with the file.
+    """
+    columns: dict[str, list[Any]] = {}
+    for key in ("keys", "n_yes", "n_trials", "place", "iti"):
+        columns[key] = [getattr(given, key) for _, given in answers]
+    columns["block"] = []
+    names, first_place = list[str](), 0
+    for i, (source, given) in enumerate(answers):
+        block = given.block
+        if block is None:
+            block = np.zeros(len(given.n_trials), np.int64)
+        columns["block"].append(len(names) + block)
+        names += [f"{source}: {name}" for name in given.blocks] or [source]
+        if given.place is not None:
+            columns["place"][i] = given.place - given.place[0] + first_place
+            first_place = columns["place"][i][-1] + 2
+    whole: dict[str, Any] = {}
+    for key, parts in columns.items():
+        if all(part is not None for part in parts):
+            whole[key] = np.concatenate(parts)
+    is_trials = all(given.trials for _, given in answers)
+    return Answers(**whole, blocks=tuple(names), trials=is_trials)
 
 
 def _common_notes(studies: Sequence[Study]) -> Iterable[str]:
     """What was noted, once where files differ in numbers only."""
-    found: dict[str, list[tuple[str, str]]] = {}
+    alike: dict[str, list[tuple[str, str]]] = {}
     for study in studies:
         for note in study.notes:
-            found.setdefault(re.sub(r"\d+", "0", note), []).append((study.source, note))
-    for said in found.values():
-        source, note = said[0]
-        everywhere = len({note for _, note in said}) == 1 and len(said) == len(studies)
-        such = source if len(said) == 1 else f"{len(said)} files, such as {source}"
-        yield note if everywhere else f"{such}: {note}"
+            alike.setdefault(re.sub(r"\d+", "0", note), []).append((study.source, note))
+    for notes in alike.values():
+        source, note = notes[0]
+        is_one_note = len({note for _, note in notes}) == 1
+        if is_one_note and len(notes) == len(studies):
+            yield note
+        elif len(notes) == 1:
+            yield f"{source}: {note}"
+        else:
+            yield f"{len(notes)} files, such as {source}: {note}"

@@ -30,6 +30,7 @@ _LONGEST_STEM = 60
 _HASH_DIGITS = 8
 _PLAIN = re.compile(r"[A-Za-z0-9_-](?:[A-Za-z0-9._-]*[A-Za-z0-9_-])?")  # no dot at either end
 _FORBIDDEN = re.compile(r"[^A-Za-z0-9._-]+")
+_CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")  # but no tab and no end of a line
 _RESERVED = re.compile(r"(?:con|prn|aux|nul|com\d|lpt\d)(?:\..*)?", re.IGNORECASE)
 
 
@@ -76,13 +77,10 @@ class Table(ABC, Generic[Row]):
         path: str | Path,
         *,
         overwrite: bool = False,
-        spreadsheet_safe: bool = False,
         units: bool = False,
     ) -> Path:
         """Write the table as a CSV file, or a Parquet file by its suffix, whole or not at all: see :func:`write_table`."""
-        return write_table(
-            self.frame(), path, overwrite=overwrite, spreadsheet_safe=spreadsheet_safe, units=units
-        )
+        return write_table(self.frame(), path, overwrite=overwrite, units=units)
 
 
 def frame_of(rows: Iterable[object], columns: Sequence[str]) -> pd.DataFrame:
@@ -117,14 +115,14 @@ def write_table(
     path: str | Path,
     *,
     overwrite: bool = False,
-    spreadsheet_safe: bool = False,
     units: bool = False,
 ) -> Path:
     """A table as a CSV file: UTF-8, one line per row, numbers that read back to the same bits, missing as empty, no index.
 
-    Where the name ends in .parquet, as a Parquet file (pyarrow, the extra `parquet`). With
-    `spreadsheet_safe`, an apostrophe is put before texts of a CSV file that a spreadsheet would run
-    (:func:`~bayes_toe.data.validation.runs`); our readers take it off the names of subjects again.
+    Where the name ends in .parquet, as a Parquet file (pyarrow, the extra `parquet`). In a CSV file
+    texts that a spreadsheet would run get an apostrophe, which our readers take off the names of
+    subjects again, and control characters are escapes.
+
     With `units`, subjects are units such as S01@left, which become columns subject and condition.
 
     An OutputError where the file cannot be written, or exists and may not be replaced; an
@@ -136,18 +134,22 @@ def write_table(
         told = frame["subject"].str.partition(AT)
         frame = frame.assign(subject=told[0])
         frame.insert([*frame].index("subject") + 1, "condition", told[2])
-    if spreadsheet_safe and not is_parquet(target):
-
-        def inert(value: object) -> object:
-            return f"'{value}" if isinstance(value, str) and runs(value) else value
-
-        frame = frame.map(inert).rename(columns=inert)
+    if not is_parquet(target):
+        frame = frame.map(_inert).rename(columns=_inert)
     with whole_file(target, overwrite=overwrite) as temporary:
         if is_parquet(target):
             frame.to_parquet(temporary, engine="pyarrow", index=False, write_page_checksum=True)
         else:
             frame.to_csv(temporary, index=False, encoding="utf-8", lineterminator="\n", na_rep="")
     return target
+
+
+def _inert(value: object) -> object:
+    """A cell that neither a spreadsheet nor a terminal obeys."""
+    if not isinstance(value, str):
+        return value
+    text = _CONTROL.sub(lambda match: repr(match[0])[1:-1], value)
+    return f"'{text}" if runs(text) else text
 
 
 def file_stems(names: Sequence[str]) -> dict[str, str]:

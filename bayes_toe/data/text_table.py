@@ -15,7 +15,8 @@ import re
 from array import array
 from collections import defaultdict
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from decimal import Decimal
 from operator import itemgetter
 from typing import Any, TypeAlias
 
@@ -53,6 +54,10 @@ _SPLIT_ERRORS = {
 }
 
 
+# pandas' own missing values; they equal nothing, and say so in words that are no truth values
+_MISSING = ("NAType", "NaTType")
+
+
 @dataclass(frozen=True)
 class Column:
     """One column: its name in the source, its distinct texts, and the place of each row's text among them."""
@@ -82,6 +87,19 @@ class Column:
     def text(self, index: int) -> str:
         """The text of one row."""
         return self.texts[int(self.codes[index])]
+
+
+def value_text(value: object) -> str | None:
+    """What a CSV file would have; None where a value has no text."""
+    plain = value.item() if isinstance(value, np.generic) else value
+    if plain is None or type(plain).__name__ in _MISSING or plain != plain:
+        return ""
+    if isinstance(plain, bool):
+        return str(int(plain))
+    if isinstance(plain, float):
+        return str(int(plain)) if plain.is_integer() else repr(plain)
+    text = str(plain) if isinstance(plain, str | int | Decimal) else None
+    return None if text is not None and "\0" in text else text
 
 
 class Problems:
@@ -149,6 +167,11 @@ class TextTable:
         if self.form == EXCEL:
             return ","
         return {";": ".", "\t": ","}.get(self.delimiter, "")
+
+    def only(self, kept: BoolArray) -> TextTable:
+        """The table of these rows."""
+        columns = {name: column.only(kept) for name, column in self.columns.items()}
+        return replace(self, rows=self.rows[kept], columns=columns)
 
     def require(self, lines: Sequence[str]) -> None:
         """Refuse a head of which something is to be said, together with the rows that cannot be split; and a table without rows."""

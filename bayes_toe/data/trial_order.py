@@ -35,124 +35,148 @@ def answers_in_order(
     `parts` the rows of every subject that have answers; k answers that the task counts and n all
     answers of each row, none of a trial that nobody answered.
     """
-    trials, pairs = "n_trials" not in columns, np.column_stack(keys)
+    is_trials = "n_trials" not in columns
+    pairs, subject = np.column_stack(keys), columns["subject"]
     runs = {name: _ranked(table, columns[name]) for name in _RUNS if name in columns}
-    trial, iti = (
-        numbers(table, columns[name]) if trials and name in columns else None
-        for name in ("trial", "iti")
-    )
-    blocks, rank = runs.get("block", ((), None))
-    ranks = np.column_stack([np.zeros(len(n), np.int64), *(one for _, one in runs.values())])
-    felt = parts if trial is None else _felt(columns["subject"], pairs, "condition" in columns)
-    found, disordered, gaps, untimed = dict[str, Answers](), list[str](), dict[str, int](), 0
+    blocks, block_rank = runs.get("block", ((), None))
+    ranks = np.column_stack([np.zeros(len(n), np.int64), *(rank for _, rank in runs.values())])
+    trial, iti = None, None
+    if is_trials and "trial" in columns:
+        trial = numbers(table, columns["trial"])
+    if trial is not None and "iti" in columns:
+        iti = numbers(table, columns["iti"])
+        iti = np.where(iti >= 0.0, iti, math.nan)
+    shown = parts
+    if trial is not None:
+        shown = _rows_with_a_pair(subject, pairs, "condition" in columns)
+
+    answers, unordered, n_missing, n_untimed = dict[str, Answers](), list[str](), {}, 0
     for name, part in parts.items():
-        at, place, timed = part, None, None
-        if trial is not None:  # rows without an answer may be something else than trials
-            ordered = next(
-                (
-                    some[order]
-                    for some in (felt[name], part)
-                    if (order := _order(trial[some], ranks[some])) is not None
-                ),
-                None,
-            )
-            disordered += [bare(name)] if ordered is None else []
-            if ordered is not None:
-                at, place, missing = ordered, *_places(trial[ordered], ranks[ordered, -1])
-                timed = None if iti is None else np.where(iti[at] >= 0.0, iti[at], math.nan)
-                gaps |= (
-                    {name.partition(AT)[0] if "condition" in columns else name: missing}
-                    if missing
-                    else {}
-                )
-        own = columns["subject"].codes[at] == columns["subject"].codes[part[0]]
-        n_yes, n_trials = (np.where(own, counts[at], 0) for counts in (k, n))
-        span = (int(part.min()), int(part.max())) if trials else None
+        rows, place, time_before = part, None, None
+        if trial is not None:
+            # Rows without an answer may be something else than trials.
+            ordered = _ordered(shown[name], trial, ranks)
+            if ordered is None:
+                ordered = _ordered(part, trial, ranks)
+            if ordered is None:
+                unordered.append(bare(name))
+            else:
+                rows = ordered
+                place, missing = _places(trial[rows], ranks[rows, -1])
+                person = name.partition(AT)[0] if "condition" in columns else name
+                if missing:
+                    n_missing[person] = missing
+                if iti is not None:
+                    time_before = iti[rows]
+        is_own = subject.codes[rows] == subject.codes[part[0]]
         every = Answers(
-            pairs[at],
-            n_yes,
-            n_trials,
-            None if rank is None else rank[at],
+            pairs[rows],
+            np.where(is_own, k[rows], 0),
+            np.where(is_own, n[rows], 0),
+            None if block_rank is None else block_rank[rows],
             blocks,
-            trials,
+            is_trials,
             place,
-            timed,
-            span,
+            time_before,
+            (int(part.min()), int(part.max())) if is_trials else None,
         )
-        found[name] = every.without(
-            np.zeros(len(at), np.bool_)
-        )  # with the blocks that are this subject's
-        untimed += 0 if timed is None else int(np.isnan(timed[~every.begins]).sum())
+        nothing = np.zeros(len(rows), np.bool_)
+        answers[name] = every.without(nothing)  # with the blocks that are this subject's
+        if time_before is not None:
+            n_untimed += int(np.isnan(time_before[~every.begins]).sum())
+    notes = _order_notes(columns, unordered, n_missing, n_untimed)
+    # No trial is there twice where the order is known.
+    doubts = _repeated(table, columns, keys, k, n) if unordered else []
+    return answers, notes, doubts
+
+
+def _order_notes(
+    columns: Mapping[str, Column],
+    unordered: Sequence[str],
+    n_missing: Mapping[str, int],
+    n_untimed: int,
+) -> list[str]:
+    """What is noted of trials whose order, number or time is not known."""
     notes = []
-    if disordered:
-        what = f"column {bare(columns['trial'].name)} does not order all trials"
-        notes.append(f"{what}, so the order of the file is used: {listed(disordered)}")
-    if gaps:
-        missed = listed([f"{bare(name)} {count}" for name, count in gaps.items()])
+    if unordered:
+        problem = f"column {bare(columns['trial'].name)} does not order all trials"
+        notes.append(f"{problem}, so the order of the file is used: {listed(unordered)}")
+    if n_missing:
+        missing = listed([f"{bare(name)} {count}" for name, count in n_missing.items()])
         notes.append(
-            f"trial numbers are missing ({missed}); keep trials without a response in the file, "
+            f"trial numbers are missing ({missing}); keep trials without a response in the file, "
             "with an empty response"
         )
-    if untimed:
+    if n_untimed:
         notes.append(
-            f"no time since the trial before for {counted(untimed, 'trial')} in column "
+            f"no time since the trial before for {counted(n_untimed, 'trial')} in column "
             f"{bare(columns['iti'].name)}"
         )
-    return (
-        found,
-        notes,
-        _repeated(table, columns, keys, k, n) if disordered else [],
-    )  # no trial is there twice where the order is known
+    return notes
 
 
-def _felt(subject: Column, pairs: FloatArray, units: bool) -> dict[str, IndexArray]:
+def _rows_with_a_pair(
+    subject: Column, pairs: FloatArray, has_conditions: bool
+) -> dict[str, IndexArray]:
     """Rows of every subject that have a pair, with an answer or without.
 
     Of a unit those of its subject in all conditions.
     """
-    people = [text.partition(AT)[0] if units else text for text in subject.texts]
-    places = {person: place for place, person in enumerate(people)}
-    whose = np.array([places[person] for person in people])[subject.codes]
+    persons = subject.texts
+    if has_conditions:
+        persons = [text.partition(AT)[0] for text in subject.texts]
+    places = {person: place for place, person in enumerate(persons)}
+    person_of_row = np.array([places[person] for person in persons])[subject.codes]
     rows = np.flatnonzero(~np.isnan(pairs).any(axis=1))
-    rows = rows[np.argsort(whose[rows], kind="stable")]
-    of = {people[whose[some[0]]]: some for some in np.split(rows, run_starts(whose[rows])[1:])}
-    return {
-        text: of[person] for text, person in zip(subject.texts, people, strict=True) if person in of
-    }
+    rows = rows[np.argsort(person_of_row[rows], kind="stable")]
+    rows_of = {}
+    for part in np.split(rows, run_starts(person_of_row[rows])[1:]):
+        rows_of[persons[person_of_row[part[0]]]] = part
+    units = zip(subject.texts, persons, strict=True)
+    return {unit: rows_of[person] for unit, person in units if person in rows_of}
 
 
 def _ranked(table: TextTable, column: Column) -> tuple[tuple[str, ...], IntArray]:
-    """Names of blocks or sessions in their order, by number where all are numbers, else by appearance; and which of them each row's is."""
-    values = [number(text, table.decimal_comma) for text in column.texts]
-    order = (
-        np.arange(len(values))
-        if any(map(math.isnan, values))
-        else np.argsort(values, kind="stable")
-    )
-    return tuple(column.texts[one] for one in order.tolist()), np.argsort(order)[column.codes]
+    """Names of blocks or sessions in their order, and which of them each row's is.
 
-
-def _order(trial: FloatArray, ranks: IntArray) -> IndexArray | None:
-    """The order in which trials were given.
-
-    By their numbers where these are unique, else by block, or session, too; None if not known.
+    The order is that of numbers where all are numbers, else that of appearance.
     """
+    values = np.array([number(text, table.decimal_comma) for text in column.texts])
+    order = np.arange(len(values))
+    if not np.isnan(values).any():
+        order = np.argsort(values, kind="stable")
+    names = tuple(column.texts[place] for place in order.tolist())
+    return names, np.argsort(order)[column.codes]
+
+
+def _ordered(rows: IndexArray, trial: FloatArray, ranks: IntArray) -> IndexArray | None:
+    """Rows in the order in which their trials were given; None if that is not known.
+
+    By their numbers where these are unique, else by block, or session, too.
+    """
+    numbers_of_rows = trial[rows]
+    if np.isnan(numbers_of_rows).any():
+        return None
     for last in range(1, ranks.shape[1] + 1):
-        keys = (trial, *ranks[:, :last].T)
+        keys = (numbers_of_rows, *ranks[rows, :last].T)
         order = np.lexsort(keys)
-        if not np.isnan(trial).any() and len(run_starts(*(key[order] for key in keys))) == len(
-            trial
-        ):
-            return np.asarray(order)
+        is_unique = len(run_starts(*(key[order] for key in keys))) == len(rows)
+        if is_unique:
+            return np.asarray(rows[order])
     return None
 
 
 def _places(trial: FloatArray, run: IntArray) -> tuple[IntArray, int]:
-    """Places of trials in their order, with a gap where another run begins, and how many numbers are left out within runs."""
-    anew = np.diff(run) != 0
-    steps = np.diff(trial)[~anew]
-    missing = int((steps[steps > 1] - 1).sum()) if (trial == np.floor(trial)).all() else 0
-    return np.arange(len(trial)) + np.r_[0, np.cumsum(anew)], missing
+    """Places of trials in their order, and how many numbers are left out within runs.
+
+    There is a gap between places where another run begins.
+    """
+    is_new_run = np.diff(run) != 0
+    missing = 0
+    if (trial == np.floor(trial)).all():
+        steps = np.diff(trial)[~is_new_run]
+        missing = int((steps[steps > 1] - 1).sum())
+    return np.arange(len(trial)) + np.r_[0, np.cumsum(is_new_run)], missing
 
 
 def _repeated(
@@ -166,39 +190,32 @@ def _repeated(
 
     A row without a number repeats none.
     """
-    block, trial, subject = (
-        columns.get("block"),
-        numbers(table, columns["trial"]),
-        columns["subject"],
-    )
-    seen, again = dict[tuple[float, ...], int](), list[tuple[int, int]]()
-    blocks = np.column_stack(
-        [column.codes for column in (block, columns.get("session")) if column]
-        or [np.zeros(len(n), np.int64)]
-    )
+    block, subject = columns.get("block"), columns["subject"]
+    trial = numbers(table, columns["trial"])
+    runs = [columns[name].codes for name in _RUNS if name in columns]
+    run_of_row = np.column_stack([*runs, np.zeros(len(n), np.int64)])
+    seen, repeats = dict[tuple[float, ...], int](), list[tuple[int, int]]()
     for row in np.flatnonzero((n > 0) & ~np.isnan(trial)).tolist():
-        first = seen.setdefault((subject.codes[row], *blocks[row], trial[row]), row)
-        again += [(row, first)] if first != row else []
-    if not again:
+        first = seen.setdefault((subject.codes[row], *run_of_row[row], trial[row]), row)
+        if first != row:
+            repeats.append((row, first))
+    if not repeats:
         return []
-    later, earlier = np.array(again).T
-    same = np.logical_and.reduce([key[later] == key[earlier] for key in (*keys, k)])
-    if block is None and not same.all():
-        # without blocks numbers may begin anew in each: only rows that are the same in everything
-        # count
+    later, earlier = np.array(repeats).T
+    is_same = np.logical_and.reduce([key[later] == key[earlier] for key in (*keys, k)])
+    if block is None and not is_same.all():
+        # Without blocks numbers may begin anew in each: only rows that are the same in everything
+        # count.
         return []
-    verb = "repeats" if len(same) == 1 else "repeat"
-    what = f"{counted(len(same), 'row')} {verb} {'' if block is None else 'block and '}trial of another row"
-    row, other = (table.rows[one[0]] for one in (later, earlier))
+    verb = "repeats" if len(repeats) == 1 else "repeat"
+    number_words = "trial" if block is None else "block and trial"
+    problem = f"{counted(len(repeats), 'row')} {verb} {number_words} of another row"
+    row, other = table.rows[later[0]], table.rows[earlier[0]]
     where = f"first row {row}, which repeats row {other} (subject {bare(subject.text(later[0]))})"
-    if same.all():
-        return [f"{what} with the same stimuli and answer, {where}: {TWICE}, remove them"]
-    alike = (
-        f"{same.sum()} of them with the same stimuli and answer"
-        if same.any()
-        else "none with the same stimuli and answer"
-    )
+    if is_same.all():
+        return [f"{problem} with the same stimuli and answer, {where}: {TWICE}, remove them"]
+    n_same = f"{is_same.sum()} of them" if is_same.any() else "none"
     return [
-        f"{what}, {alike}, {where}: unless these are several sessions under the same numbers, "
-        f"{TWICE}"
+        f"{problem}, {n_same} with the same stimuli and answer, {where}: unless these are several "
+        f"sessions under the same numbers, {TWICE}"
     ]

@@ -103,8 +103,9 @@ def whole_number(text: str, decimal_comma: bool = False) -> int:
 
 
 def runs(text: str) -> bool:
-    """Whether a spreadsheet takes a cell for a formula; a number is none."""
-    return text.startswith(_RUN) and _NUMBER.fullmatch(text) is None
+    """Whether a spreadsheet takes a cell for a formula but for its apostrophes; a number is none."""
+    cell = text.lstrip("'")
+    return cell.startswith(_RUN) and _NUMBER.fullmatch(cell) is None
 
 
 def bare_names(table: TextTable, column: Column) -> Column:

@@ -16,13 +16,14 @@ from scipy.special import ndtr, ndtri
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.messages import quoted
+from bayes_toe.data.read_table import toml_table
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task
 from bayes_toe.design.study_design import StudyDesign
 from bayes_toe.errors import InputError
 from bayes_toe.model.observer import DEFAULT_PRIOR, ObserverPosterior, OrderModel
 from bayes_toe.model.parameters import ORDER_MODELS, ObserverPrior, task_parameters
-from bayes_toe.model.prior_fields import real, shown, toml_table
+from bayes_toe.model.prior_fields import real, shown
 from bayes_toe.seeds import generator
 
 Range = tuple[float, float]

@@ -23,6 +23,7 @@ from scipy.special import log_ndtr, ndtr, ndtri_exp
 
 from bayes_toe.arrays import BoolArray, FloatArray
 from bayes_toe.data.messages import shown
+from bayes_toe.data.read_table import toml_table
 from bayes_toe.data.tasks import Task
 from bayes_toe.errors import InputError, require_kind
 from bayes_toe.model.answer_curves import half_normal_quantile
@@ -36,7 +37,6 @@ from bayes_toe.model.parameters import (
     StandardNormal,
     StandardStudent,
 )
-from bayes_toe.model.prior_fields import toml_table
 
 _LARGEST = 1e3
 _SMALLEST = 1e-3

@@ -21,7 +21,7 @@ from bayes_toe.data.whole_files import require_settled, whole_file
 from bayes_toe.errors import InputError
 from bayes_toe.groups.group_sampler import GroupDraws
 from bayes_toe.groups.regressors import Regressor, Regressors
-from bayes_toe.inference.draws_file import as_netcdf
+from bayes_toe.inference.draws_file import as_netcdf, problem_of_links
 from bayes_toe.version import library_versions
 
 _ALLOWED = "allowed: a population.nc written by bayes-toe"
@@ -114,7 +114,8 @@ def _study_record(study: Study) -> dict[str, Any]:
 
 def is_group_file(path: str | Path) -> bool:
     """Whether the file is a population.nc."""
-    with suppress(OSError), h5py.File(path) as file:
+    # A damaged file makes the library raise other errors too.
+    with suppress(OSError, RuntimeError, LookupError, ValueError), h5py.File(path) as file:
         return _MARK in file.attrs
     return False
 
@@ -127,6 +128,9 @@ def load_group(path: str | Path) -> tuple[Study, Regressors, GroupDraws, dict[st
         raise InputError(f"{name}: {problem}; {_ALLOWED}")
     require_settled(path)
     try:
+        problem = problem_of_links(Path(path))
+        if problem:
+            raise InputError(problem)
         with closing(xr.open_datatree(path, engine="h5netcdf", decode_times=False)) as tree:
             return _read(tree.load())
     except Exception as error:  # a damaged file makes the libraries raise nearly anything

@@ -354,12 +354,9 @@ class Draws:
 
         Raises
         ------
-        InputError
-            If the name ends with .zarr.
         OutputError
             If the file exists and may not be replaced, is a folder, or cannot be written.
         """
-        draws_file.refuse_store(Path(path))
         with whole_file(path, overwrite=overwrite) as target:
             with self._reading():
                 content = draws_file.as_netcdf(self.tree)

@@ -17,6 +17,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 import xarray as xr
 
@@ -48,11 +49,14 @@ _LAYOUT: dict[str, dict[str, tuple[str, ...]]] = {
     "observed_data": {**_BY_PAIR},
     "constant_data": {**_BY_PAIR, "n_trials": ("obs",)},
 }
-_ATTRIBUTES: dict[str, Any] = {
-    "model": str,
-    "settings": str,
-    "seed": int | np.integer,
-    "synthetic": int | np.integer,
+_TEXT_ATTRIBUTES = ("model", "settings")
+_COUNT_ATTRIBUTES = ("seed", "synthetic")
+_JSON_ATTRIBUTES = ("failed", "versions", "not_interpreted")
+#: Where draws may lie: shares, standard deviations, and all other quantities.
+_SHARE, _POSITIVE, _ANYWHERE = (0.0, 1.0), (0.0, 1e100), (-1e100, 1e100)
+_RANGES = {
+    **dict.fromkeys(("q0", "lapse_rate", "gamma"), _SHARE),
+    **dict.fromkeys(("sigma_p", "sigma_l", "noise"), _POSITIVE),
 }
 
 
@@ -223,12 +227,6 @@ def require_fitting(n_bytes: int) -> None:
         )
 
 
-def refuse_store(path: Path) -> None:
-    """Refuse a folder in Zarr's format, which earlier versions wrote and read."""
-    if path.suffix == ".zarr":
-        raise InputError(f"{shown(path)}: Zarr stores are retired, allowed: a NetCDF file, NAME.nc")
-
-
 # --- Reading --------------------------------------------------------------------------------------
 
 
@@ -241,13 +239,15 @@ def read_tree(path: str | Path) -> xr.DataTree:
         If the file is missing or damaged, or is no file of draws.
     """
     path = Path(path)
-    refuse_store(path)
     require_settled(path)
     # A Path refuses names that are too long with an error of its own.
     if not os.path.isfile(path):
         problem = "not a file" if os.path.exists(path) else "no such file"
         raise InputError(f"{shown(path)}: {problem}; {ALLOWED}")
     try:
+        problem = problem_of_links(path)
+        if problem:
+            raise InputError(f"{shown(path)}: {problem}; {ALLOWED}")
         # No units are times.
         tree = xr.open_datatree(path, decode_times=False, engine="h5netcdf")
         is_read_at_once = path.stat().st_size <= AT_ONCE
@@ -256,11 +256,33 @@ def read_tree(path: str | Path) -> xr.DataTree:
                 tree = tree.load()
         tree = tree.map_over_datasets(_with_small_in_memory)
         problem = next(_problems(tree, is_read_at_once), "")
+    except InputError:
+        raise
     except Exception as error:  # The libraries raise nearly anything for a damaged file.
         raise unreadable(path, error) from error
     if problem:
         raise InputError(f"{shown(path)}: {problem}; {ALLOWED}")
     return tree
+
+
+def problem_of_links(path: Path) -> str:
+    """What a file has besides groups of variables; empty if nothing.
+
+    A link may lead to another file or around in a circle, which reading would follow.
+    """
+    with h5py.File(path) as file:
+        for name in file:
+            if not isinstance(file.get(name, getlink=True), h5py.HardLink):
+                return f"{quoted(name)} is a link"
+            group = file[name]
+            if not isinstance(group, h5py.Group):
+                continue
+            for inner in group:
+                if not isinstance(group.get(inner, getlink=True), h5py.HardLink):
+                    return f"{quoted(inner)} in {name} is a link"
+                if isinstance(group[inner], h5py.Group):
+                    return f"{quoted(inner)} in {name} is a group"
+    return ""
 
 
 def _with_small_in_memory(group: xr.Dataset) -> xr.Dataset:
@@ -284,9 +306,16 @@ def unreadable(path: Path, error: Exception) -> InputError:
 
 def _problems(tree: xr.DataTree, is_read_at_once: bool) -> Iterator[str]:
     """What differs from the layout of draws; later checks may rest on earlier ones."""
-    for name, kind in _ATTRIBUTES.items():
-        if not isinstance(tree.attrs.get(name), kind):
-            yield f"attribute {name} is not a {'text' if kind is str else 'whole number'}"
+    for name in _TEXT_ATTRIBUTES:
+        if not isinstance(tree.attrs.get(name), str):
+            yield f"attribute {name} is not a text"
+    for name in _COUNT_ATTRIBUTES:
+        value = tree.attrs.get(name)
+        if not isinstance(value, int | np.integer) or value < 0:
+            yield f"attribute {name} is not a whole number"
+    for name in _JSON_ATTRIBUTES:
+        if not _is_json_object(tree.attrs.get(name, "{}")):
+            yield f"attribute {name} is not an object of JSON"
     for group, expected in _LAYOUT.items():
         if group not in tree.children:
             yield f"no group {group}"
@@ -294,7 +323,9 @@ def _problems(tree: xr.DataTree, is_read_at_once: bool) -> Iterator[str]:
         for name, dims in expected.items():
             if name not in variables or variables[name].dims != dims:
                 yield f"no variable {group}/{name} over ({', '.join(dims)})"
-    for quantity, draws in tree["posterior"].to_dataset().data_vars.items():
+    quantities = dict(tree["posterior"].to_dataset().data_vars)
+    quantities["lp"] = tree["sample_stats"].to_dataset()["lp"]
+    for quantity, draws in quantities.items():
         yield from _problems_of_draws(str(quantity), draws, is_read_at_once)
     yield from _problems_of_counts(tree)
 
@@ -305,9 +336,20 @@ def _problems_of_draws(name: str, draws: xr.DataArray, is_read_at_once: bool) ->
         yield f"{quoted(name)} is not a number over ({', '.join(BY_SUBJECT)})"
     if is_read_at_once:
         is_number = np.isfinite(draws.values).all(axis=(0, 1))
-        is_missing = np.isnan(draws.values).all(axis=(0, 1))
+        is_missing = np.isnan(draws.values).all(axis=(0, 1)) & (name != "lp")
         if not (is_number | is_missing).all():
             yield f"draws of {quoted(name)} are no numbers"
+        low, high = _RANGES.get(name, _ANYWHERE)
+        values = draws.values[:, :, is_number]
+        if ((values < low) | (values > high)).any():
+            yield f"draws of {quoted(name)} are beyond {low:g} to {high:g}"
+
+
+def _is_json_object(text: object) -> bool:
+    try:
+        return isinstance(text, str) and isinstance(json.loads(text), dict)
+    except (ValueError, RecursionError):
+        return False
 
 
 def _problems_of_counts(tree: xr.DataTree) -> Iterator[str]:

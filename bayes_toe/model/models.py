@@ -19,20 +19,6 @@ SampledModel = OrderModel | PaperModel
 MODEL_NAMES = (*(name.replace(" ", "-") for name in ORDER_MODELS), "paper")
 #: Former names of the paper's model.
 _PAPER_NAMES = ("paper", "update", "predictive update", "predictive-update")
-#: Words of retired models, and the name to type instead; the first word that a name has decides.
-_RETIRED = {
-    "update": "paper",
-    "mean-reverting": "paper",
-    "free weighting": "both",
-    "free frequencies": "both",
-    "contraction": "both",
-    "constant": "constant-error",
-    "differencing": "constant-error",
-    "offset": "constant-error",
-    "symmetric": "none",
-    "none": "none",
-    "no lapses": "paper",
-}
 
 
 def require_model(name: str, task: Task) -> SampledModel:
@@ -41,7 +27,7 @@ def require_model(name: str, task: Task) -> SampledModel:
     Raises
     ------
     InputError
-        For another name; of a retired model with what to type instead.
+        For another name.
 
     Examples
     --------
@@ -57,15 +43,7 @@ def require_model(name: str, task: Task) -> SampledModel:
     spaced = name.replace("-", " ")
     if spaced in ORDER_MODELS:
         return OrderModel(spaced)
-    raise InputError(f"model {name!r}{_instead(name)}")
-
-
-def _instead(name: str) -> str:
-    """What to type in the place of a name that is no model."""
-    for word, model in _RETIRED.items():
-        if word in name.casefold():
-            return f" is retired; type: --model {model} (in Python model={model!r})"
-    return f": no such model; allowed: {', '.join(MODEL_NAMES)}"
+    raise InputError(f"model {name!r}: no such model; allowed: {', '.join(MODEL_NAMES)}")
 
 
 def stored_model(name: str, task: Task) -> SampledModel:
@@ -74,13 +52,13 @@ def stored_model(name: str, task: Task) -> SampledModel:
     Raises
     ------
     InputError
-        For a model that an earlier version had.
+        For another name, such as that of a model of an earlier state.
     """
     if name in ORDER_MODELS:
         return OrderModel(name)
     if name == PAPER_MODEL:
         return PaperModel(task)
-    raise InputError(f"model {name!r}{_instead(name)}")
+    raise InputError(f"model {name!r}: no such model; allowed: {', '.join(MODEL_NAMES)}")
 
 
 def model_title(name: str) -> str:

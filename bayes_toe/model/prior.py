@@ -36,7 +36,7 @@ from bayes_toe.model.distributions import (
 )
 from bayes_toe.model.paper_equations import Natural, variance_ratio
 from bayes_toe.model.parameters import ObserverPrior
-from bayes_toe.model.prior_fields import RETIRED, STIMULI, PriorFields
+from bayes_toe.model.prior_fields import STIMULI, PriorFields
 
 
 @dataclass(frozen=True)
@@ -251,12 +251,19 @@ class Prior(PriorFields):
         return Natural(mu1, sigma_p, sigma_p * np.sqrt(gamma), q0)
 
 
-def stored_prior(values: Mapping[str, Any]) -> Prior:
-    """The prior that a file of results holds; numbers of models that are retired are left out.
+_OF_OTHER_MODELS = (
+    *("offset_sd", "noise_slope_sd", "peak_slope_sd", "exponent_median", "exponent_sd"),
+    *("icc_a", "icc_b", "answer_bias_sd"),
+)
 
-    Before the width could have a distribution it was the paper's with what the file says.
+
+def stored_prior(values: Mapping[str, Any]) -> Prior:
+    """The prior that a file of results holds.
+
+    Numbers of models that this version does not have are left out. Before the width could have a
+    distribution it was the paper's with what the file says.
     """
-    numbers = {name: value for name, value in values.items() if name not in RETIRED}
+    numbers = {name: value for name, value in values.items() if name not in _OF_OTHER_MODELS}
     numbers.pop("origin", None)
     observer = ObserverPrior(**numbers.pop("observer", {}))
     unknown = sorted(numbers.keys() - {one.name for one in Prior.declared()})

@@ -8,15 +8,12 @@ with them (:mod:`bayes_toe.model.prior`), so that a help text loads no SciPy.
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cache
-from pathlib import Path
 from typing import Any, Final, Literal
 
-from bayes_toe.data.messages import bare, quoted, visible
-from bayes_toe.data.read_table import input_bytes
+from bayes_toe.data.messages import bare, quoted
 from bayes_toe.errors import InputError
 
 #: Beyond these a square would leave the range of floats.
@@ -31,18 +28,6 @@ OF_STIMULI = {
     "2.5 R": "2.5 times their standard deviation",
     "D": "the root mean square step between different ones",
 }
-#: Numbers of retired models, and where a number stands now; empty where nothing has it.
-RETIRED = {
-    "offset_sd": "[constant_error] scale",
-    "noise_slope_sd": "[noise_slope] scale",
-    "peak_slope_sd": "[criterion_slope] scale",
-    "exponent_median": "",
-    "exponent_sd": "",
-    "icc_a": "",
-    "icc_b": "",
-    "answer_bias_sd": "",
-}
-_LARGEST_FILE = 2**16  # bytes; a complete prior file has some 2,000
 
 
 @dataclass(frozen=True)
@@ -182,32 +167,6 @@ class PriorFields:
             if "number" in row.metadata:
                 numbers.append(replace(row.metadata["number"], name=row.name))
         return tuple(numbers)
-
-
-def toml_table(path: str | Path, lines: str) -> Mapping[str, Any]:
-    """What a TOML file holds; `lines` says which ones are allowed.
-
-    Raises
-    ------
-    InputError
-        In one line, if the file cannot be read or is not TOML.
-    """
-    allowed = f"allowed: a TOML file with {lines}"
-    try:
-        # Windows' editors put a byte-order mark in front.
-        return tomllib.loads(input_bytes(path, _LARGEST_FILE).decode("utf-8-sig"))
-    except FileNotFoundError as error:
-        raise InputError(f"{path}: no such file; {allowed}") from error
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}); {allowed}") from error
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: found bytes that are not UTF-8, {allowed}") from error
-    except (ValueError, RecursionError) as error:
-        # The parser's own, Python's on integers of 5,000 digits, thousands of brackets.
-        what = visible(" ".join(str(error).split()))
-        raise InputError(
-            f"{path}: found text that is not TOML ({what}), allowed: lines {lines}"
-        ) from error
 
 
 def number_problems(keys: Mapping[str, PriorField], key: str, value: object) -> list[str]:

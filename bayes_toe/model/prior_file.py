@@ -9,18 +9,17 @@ from pathlib import Path
 from typing import Any
 
 from bayes_toe.data.messages import quoted
+from bayes_toe.data.read_table import toml_table
 from bayes_toe.data.study import Study, require_study
 from bayes_toe.errors import InputError, require_kind
 from bayes_toe.model.intervals import reference_interval
 from bayes_toe.model.parameters import ObserverPrior
 from bayes_toe.model.prior import DEFAULT, Prior
 from bayes_toe.model.prior_fields import (
-    RETIRED,
     STIMULI,
     PriorField,
     number_problems,
     real,
-    toml_table,
 )
 
 #: The section of the paper's model (H1).
@@ -109,24 +108,17 @@ def _key_problems(
     """What is wrong with the keys of a section, one line each."""
     problems = []
     for key, value in values.items():
-        if key in RETIRED:
-            problems.append(_misplaced(known, key))
-        else:
-            problems += number_problems(known[section], key, value)
+        problems += number_problems(known[section], key, value)
     return [f"[{section}] {line}" for line in problems]
 
 
 def _misplaced(known: Mapping[str, Mapping[str, PriorField]], key: str) -> str:
-    """What is wrong with a key that stands outside the sections, or that is retired."""
+    """What is wrong with a key that stands outside the sections."""
     allowed = f"allowed: sections {', '.join(f'[{section}]' for section in known)}"
     if key in known:
         return f"{key}: found no section, allowed: [{key}] and below it {', '.join(known[key])}"
     if key in known[PAPER]:
         return f"key {key}: found outside of the sections, allowed: in the section [{PAPER}]"
-    if RETIRED.get(key):
-        return f"key {key}: retired, allowed in its place: {RETIRED[key]}"
-    if key in RETIRED:
-        return f"key {key}: retired with its model, {allowed}"
     return f"key {quoted(key)}: unknown, {allowed}"
 
 

@@ -159,7 +159,6 @@ def test_stimuli_on_two_scales():
         (("S01", "S\u200b01", "s01\ufe0f"), "names_look_alike", "Subjects 'S01', 'S\\u200b01', 's"),
         (("007", "7", "17"), "names_are_one_number", "Subjects '007', '7' are the same number. If"),
         (("1e5", "100000"), "names_are_one_number", "Subjects '1e5', '100000' are the same number"),
-        (("=1+1", "-1"), "names_are_formulas", "A spreadsheet runs these names of subjects as"),
         (("7", "17", "a", "b"), "", ""),
     ],
 )

@@ -162,3 +162,11 @@ def test_a_working_folder_that_is_gone_is_refused_in_one_line(tmp_path):
 def test_python_without_docstrings_is_refused_in_one_line():
     done = call("check", "study.csv", PYTHONOPTIMIZE="2", PYTHONDONTWRITEBYTECODE="1")
     assert "unset the variable" in one_line(done)
+
+
+@pytest.mark.parametrize("name", ["-", "new/"])
+def test_names_that_are_no_file_are_refused(tmp_path, name):
+    result = inside("fit", "--example", "-o", name, cwd=tmp_path)
+    assert result.returncode == 2
+    assert "allowed: the name of a file or folder" in " ".join(result.stderr.split())
+    assert list(tmp_path.iterdir()) == []

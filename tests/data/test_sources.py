@@ -15,6 +15,7 @@ from commands import good, refused
 from scipy.io import savemat
 
 import bayes_toe as bt
+from bayes_toe.data import matlab_file
 from bayes_toe.data.read_table import input_bytes, read_table
 from bayes_toe.data.tables import write_table
 
@@ -296,6 +297,37 @@ def test_a_damaged_matlab_file_is_one_line(tmp_path):
     (problem,) = problems(tmp_path / "trials.mat")
     assert problem.startswith("trials.mat: found a damaged MATLAB file (")
     assert problem.endswith("), allowed: one that MATLAB has saved with '-v7'")
+
+
+@pytest.mark.parametrize(
+    ("reader", "found"),
+    [
+        ("import os; os.abort()", "found a damaged MATLAB file (its reader ended with -"),
+        ("import time; time.sleep(60)", "not read within 0.5 s"),
+    ],
+)
+def test_a_matlab_file_that_ends_or_stops_its_reader(reader, found, tmp_path, monkeypatch):
+    monkeypatch.setattr(matlab_file, "_READER", reader)
+    monkeypatch.setattr(matlab_file, "_LONGEST", 0.5)
+    savemat(tmp_path / "trials.mat", {"subject": "M1", "s1": 0.0, "s2": 0.3, "response": 1})
+    (problem,) = problems(tmp_path / "trials.mat")
+    assert problem.startswith(f"trials.mat: {found}")
+    assert problem.endswith("allowed: one that MATLAB has saved with '-v7'")
+
+
+def test_changed_bytes_of_a_matlab_file(tmp_path):
+    stimuli = np.linspace(0.0, 1.0, 40)
+    path = tmp_path / "trials.mat"
+    savemat(path, {"subject": "M1", "s1": stimuli, "s2": stimuli[::-1], "response": 1})
+    whole = path.read_bytes()
+    random_bytes = random.Random(1)
+    for _ in range(12):
+        changed = bytearray(whole)
+        for _ in range(3):
+            changed[random_bytes.randrange(128, 500)] = random_bytes.randrange(256)
+        path.write_bytes(changed)
+        with suppress(bt.InputError):
+            bt.read_study(path, bt.ReadOptions(equal_code="1"))
 
 
 def test_files_without_an_end_and_files_that_are_too_large(tmp_path):

@@ -4,7 +4,6 @@ The same container, its summary, what ArviZ finds in it, and whose draws they ar
 """
 
 import json
-import re
 
 import arviz as az
 import matplotlib.pyplot as plt
@@ -118,23 +117,6 @@ def test_the_command_samples_any_model(tmp_path, small_study):
         draws.natural("A")
     said = refused("sample", "study.csv", "-o", "none.nc", "--model", "biased", cwd=tmp_path)
     assert "model 'biased': no such model; allowed: none, constant-error, contraction" in said
-
-
-@pytest.mark.parametrize(
-    ("retired", "model"),
-    [
-        ("update plus drift", "paper"),
-        ("update + sloped + both ways", "paper"),
-        ("symmetric", "none"),
-        ("constant bias", "constant-error"),
-        ("contraction + no lapses", "both"),
-        ("free weighting", "both"),
-    ],
-)
-def test_a_retired_model_is_refused_with_the_one_to_type(two, retired, model):
-    said = rf"^model '{re.escape(retired)}' is retired; type: --model {model} \(in Python"
-    with pytest.raises(InputError, match=said):
-        bt.sample(two, model=retired)
 
 
 # --- of the paper's: contents, summary, ArviZ -----------------------------------------------------

@@ -1,7 +1,9 @@
 """Files of draws: whole or not at all, old ones readable, damaged ones refused in one line, and nobody else's folder."""
 
+import contextlib
 import json
 import os
+import random
 import shutil
 import tarfile
 from pathlib import Path
@@ -75,7 +77,7 @@ def test_files_of_earlier_versions_are_read_where_the_model_is_still_there(tmp_p
     with tarfile.open(Path(__file__).with_name("old_posteriors.tar.xz")) as archive:
         archive.extractall(tmp_path, filter="data")
     files = {file: bt.load(tmp_path / file) for file in ("old_intervals.nc", "old_update.nc")}
-    with pytest.raises(InputError, match=r"draws of model '.*' is retired; type: --model"):
+    with pytest.raises(InputError, match=r"draws of model '.*': no such model; allowed"):
         bt.load(tmp_path / "old_frequencies.nc")
     for key, mean in json.loads((tmp_path / "expected.json").read_text()).items():
         file, subject, quantity = key.split(" ")
@@ -124,6 +126,14 @@ def _put(name, at, value):
     return lambda file: file[name].__setitem__(at, value)
 
 
+def _link(name, link):
+    return lambda file: file.__setitem__(name, link)
+
+
+def _inside_itself(file):
+    file["posterior/loop"] = file["/"]
+
+
 @pytest.mark.parametrize(
     ("damage", "said"),
     [
@@ -140,6 +150,18 @@ def _put(name, at, value):
         (_put("observed_data/n_equal", 0, -1), "n_yes"),
         (_put("constant_data/s1", 0, 7.0), "of other pairs"),
         (_put("posterior/mu1", (0, 0, 0), np.inf), "draws of 'mu1' are no numbers"),
+        (_put("posterior/mu1", ..., 1e308), "draws of 'mu1' are beyond -1e\\+100 to 1e\\+100"),
+        (_put("posterior/sigma_p", ..., -1.0), "draws of 'sigma_p' are beyond 0 to"),
+        (_put("posterior/q0", ..., 2.0), "draws of 'q0' are beyond 0 to 1"),
+        (_put("sample_stats/lp", ..., np.nan), "draws of 'lp' are no numbers"),
+        (_attribute(seed=-1), "attribute seed is not a whole number"),
+        (_attribute(failed="[1"), "attribute failed is not an object of JSON"),
+        (_attribute(failed='["A"]'), "attribute failed is not an object of JSON"),
+        (_attribute(versions="4"), "attribute versions is not an object of JSON"),
+        (_link("posterior/loop", h5py.SoftLink("/")), "'loop' in posterior is a link"),
+        (_link("posterior/other", h5py.ExternalLink("p.nc", "/x")), "'other' in posterior is a"),
+        (_link("extra", h5py.SoftLink("/extra")), "'extra' is a link"),
+        (_inside_itself, "'loop' in posterior is a group"),
     ],
 )
 def test_a_file_of_what_draws_are_not_is_refused_in_one_line(path, damage, said):
@@ -153,6 +175,19 @@ def one_line(path, said):
         bt.load(path).points("A")
     assert str(path) in str(refused.value)
     assert len(str(refused.value).splitlines()) == 1
+
+
+def test_changed_bytes_are_refused_in_one_line_or_harmless(path):
+    whole = path.read_bytes()
+    random_bytes = random.Random(1)
+    for i in range(40):
+        changed = bytearray(whole)
+        end = len(whole) if i % 2 else 20_000
+        for _ in range(3):
+            changed[random_bytes.randrange(end)] = random_bytes.randrange(256)
+        path.write_bytes(changed)
+        with contextlib.suppress(InputError):
+            bt.load(path).summary()
 
 
 def test_a_damaged_file_is_refused_in_one_line(path):
@@ -191,16 +226,6 @@ def test_more_draws_than_a_file_is_written_from_are_refused_with_the_way_out(
     monkeypatch.setattr("bayes_toe.analysis._survivors", lambda *_: pytest.fail("the work began"))
     said = "allowed in a NetCDF file: 0.001 GB; fewer --draws, or files of some subjects each"
     assert said in refused("sample", study_csv, "-o", "posterior.nc", cwd=tmp_path)
-
-
-@pytest.mark.parametrize(
-    "words", [("sample", "STUDY", "-o", "p.zarr"), ("corner", "p.zarr", "-o", "out")]
-)
-def test_a_store_of_an_earlier_version_is_refused_in_one_line(study_csv, tmp_path, words):
-    (tmp_path / "p.zarr").mkdir()
-    given = (study_csv if word == "STUDY" else word for word in words)
-    said = refused(*given, cwd=tmp_path)
-    assert said == "error: p.zarr: Zarr stores are retired, allowed: a NetCDF file, NAME.nc\n"
 
 
 def test_commands_take_the_file(small_study, tmp_path, blank_pictures):

@@ -149,9 +149,6 @@ def test_every_number_of_the_observer_has_a_key():
         ("[prior]\nmu1_sd = 2", "key 'prior': unknown, allowed: sections [noise]"),
         ("noise = 2", "noise: found no section, allowed: [noise] and below it median, sd"),
         ("[[paper]]", "paper: found no section, allowed: [paper] and below it mu1_mean, mu1_sd"),
-        ("offset_sd = 2", "key offset_sd: retired, allowed in its place: [constant_error] scale"),
-        ("[paper]\nnoise_slope_sd = 1", "retired, allowed in its place: [noise_slope] scale"),
-        ("icc_b = 2", "key icc_b: retired with its model, allowed: sections [noise]"),
         ("[noise]\nscale = 1", "[noise] key 'scale': unknown, allowed: median, sd"),
         ("[contraction]\nsd = 0", "[contraction] key sd: found 0, allowed: a number from 0.001 to"),
         (

@@ -1,0 +1,154 @@
+"""Study files: TOML with the files of a study and how they are read, to read them again."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+from bayes_toe.data.messages import listed, quoted
+from bayes_toe.data.options import ReadOptions
+from bayes_toe.data.read_table import toml_table
+from bayes_toe.errors import InputError
+
+SUFFIX = ".toml"
+_FORM = 'files = ["FILE.csv"] and options of `check`, as in second_code = "j"'
+_LISTS = ("files", "ignore", "swap", "exclude")
+_KINDS = {
+    list: "a list of texts",
+    dict: "a section of lines NAME = TEXT",
+    bool: "true or false",
+    float: "a number",
+    str: "a text",
+}
+#: The options that a file may have, with their defaults.
+_DEFAULTS = {field.name: getattr(ReadOptions(), field.name) for field in fields(ReadOptions)}
+
+
+@dataclass(frozen=True)
+class StudySource:
+    """The files of a study, how they are read, and what is swapped or excluded.
+
+    Attributes
+    ----------
+    files : tuple of Path
+    options : ReadOptions
+    swap, exclude : tuple of str
+        Each SUBJECT or SUBJECT:BLOCK,BLOCK.
+    """
+
+    files: tuple[Path, ...]
+    options: ReadOptions
+    swap: tuple[str, ...] = ()
+    exclude: tuple[str, ...] = ()
+
+    def text(self, folder: Path) -> str:
+        """The content of a study file in this folder, from which the files are named.
+
+        Examples
+        --------
+        >>> source = StudySource((Path("a.csv"),), ReadOptions(second_code="j"))
+        >>> print(source.text(Path()))
+        files = ["a.csv"]
+        second_code = "j"
+        <BLANKLINE>
+        """
+        names = [os.path.relpath(file, folder).replace(os.sep, "/") for file in self.files]
+        values: dict[str, Any] = {"files": names}
+        for key, default in _DEFAULTS.items():
+            value = getattr(self.options, key)
+            if value != default:
+                values[key] = value
+        values |= {"swap": self.swap, "exclude": self.exclude}
+        lines, sections = [], []
+        for key, value in values.items():
+            if isinstance(value, Mapping):
+                sections += ["", f"[{key}]"]
+                sections += [f"{_toml(name)} = {_toml(text)}" for name, text in value.items()]
+            elif value or value == 0:
+                lines.append(f"{key} = {_toml(value)}")
+        return "\n".join([*lines, *sections, ""])
+
+
+def _toml(value: object) -> str:
+    """A text, a number, a truth value or a list of texts; JSON writes them as TOML does."""
+    return json.dumps(list(value) if isinstance(value, tuple) else value, ensure_ascii=False)
+
+
+def study_source(paths: Sequence[Any], options: ReadOptions) -> StudySource | None:
+    """What the study file among the paths names; None where there is none.
+
+    Raises
+    ------
+    InputError
+        If there are other files too, or options that the file should have.
+    """
+    names = [str(path) for path in paths if isinstance(path, str | Path)]
+    files = [name for name in names if name.lower().endswith(SUFFIX)]
+    if not files:
+        return None
+    if len(paths) > 1:
+        raise InputError(f"{files[0]}: found with other files, allowed: a study file alone")
+    if options != ReadOptions():
+        raise InputError(
+            f"{files[0]}: found with options for files in another layout, allowed: a study file "
+            "with these options in it"
+        )
+    return read_study_file(files[0])
+
+
+def read_study_file(path: str | Path) -> StudySource:
+    """What a study file names; files are relative to its folder.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, has unknown keys or values of another kind, or names no files.
+    """
+    table = toml_table(path, _FORM)
+    problems = []
+    for key, value in table.items():
+        if key not in (*_DEFAULTS, *_LISTS):
+            allowed = listed([*_LISTS, *_DEFAULTS], 40)
+            problems.append(f"{path}: key {quoted(key)}: unknown, allowed: {allowed}")
+        elif not _is_of(value, _kind(key)):
+            allowed = _KINDS[_kind(key)]
+            problems.append(f"{path}: key {key}: found {quoted(str(value))}, allowed: {allowed}")
+    if not table.get("files"):
+        problems.append(f"{path}: found no files, allowed: {_FORM}")
+    if problems:
+        raise InputError(problems)
+    options = {key: value for key, value in table.items() if key in _DEFAULTS}
+    folder = Path(path).parent
+    return StudySource(
+        tuple(folder / file for file in table["files"]),
+        ReadOptions(**options),
+        tuple(table.get("swap", ())),
+        tuple(table.get("exclude", ())),
+    )
+
+
+def _kind(key: str) -> type:
+    """The kind of value that a key has."""
+    if key in _LISTS:
+        return list
+    if key == "intensity":
+        return float
+    default = _DEFAULTS[key]
+    return str if default is None else type(default)
+
+
+def _is_of(value: object, kind: type) -> bool:
+    if kind is float and type(value) is int:
+        return True
+    if type(value) is not kind:
+        return False
+    texts: list[object] = []
+    if isinstance(value, list):
+        texts = value
+    elif isinstance(value, dict):
+        texts = list(value.values())
+    return all(isinstance(text, str) for text in texts)

@@ -1,0 +1,451 @@
+"""Files as labs have them: each is read as it is meant, or refused with what to type.
+
+All files hold the same trials of two subjects, 'which was stronger?', in another shape.
+"""
+
+import csv as csv_module
+import gzip
+import io
+import json
+import random
+import shlex
+from collections import Counter
+from contextlib import suppress
+
+import numpy as np
+import pandas as pd
+import pytest
+from commands import inside
+from scipy.io import savemat
+
+import bayes_toe as bt
+from bayes_toe.errors import Remedy
+
+GRAMS = (740, 905, 1105, 1350)
+
+
+def made_up_trials():
+    """A table with all columns that a shape may need."""
+    rng = np.random.default_rng(1)
+    first, second = (rng.choice(GRAMS, 80) for _ in range(2))
+    difference = np.log(second / first)
+    second_is_stronger = difference + rng.normal(0.05, 0.2, 80) > 0
+    table = pd.DataFrame({"subject": np.repeat(["P03", "P12"], 40), "w1": first, "w2": second})
+    table["s1"], table["s2"] = np.log(first / 1000).round(4), np.log(second / 1000).round(4)
+    table["response"] = np.where(second_is_stronger, "second", "first")
+    table["correct"] = np.where(difference != 0, second_is_stronger == (difference > 0), False)
+    return table
+
+
+TRIALS = made_up_trials()
+IN_LOGS = TRIALS[["subject", "s1", "s2", "response"]]
+IN_GRAMS = TRIALS[["subject", "w1", "w2", "response"]]
+UNEQUAL = TRIALS[TRIALS.w1 != TRIALS.w2]
+COUNTS = (
+    IN_LOGS.assign(n_second=TRIALS.response == "second")
+    .groupby(["subject", "s1", "s2"])
+    .n_second.agg(["sum", "size"])
+    .reset_index()
+    .set_axis(["subject", "s1", "s2", "n_second", "n_trials"], axis=1)
+)
+STANDARD = TRIALS.assign(
+    standard=np.log(0.905).round(4),
+    interval=np.where(TRIALS.w1 == 905, 1, 2),
+    comparison=np.where(TRIALS.w1 == 905, TRIALS.s2, TRIALS.s1),
+)[(TRIALS.w1 == 905) | (TRIALS.w2 == 905)]
+
+
+def counts_of(table):
+    """Counts by subject and pair; only the steps between levels count, to 0.003."""
+    is_second = table.response == "second"
+    levels = [table.s1 - table.s1.min(), table.s2 - table.s1.min()]
+    groups = is_second.groupby([table.subject, *(level.round(2) for level in levels)])
+    return {key: (int(part.sum()), len(part)) for key, part in groups}
+
+
+def counts_read(study, names):
+    """The same of a study that was read."""
+    lowest = min(subject.s1.min() for subject in study)
+    counts = {}
+    for subject, name in zip(study, names, strict=True):
+        levels = [(values - lowest).round(2) + 0.0 for values in (subject.s1, subject.s2)]
+        for first, second, n_yes, n in zip(*levels, subject.n_yes, subject.n_trials, strict=True):
+            counts[name, float(first), float(second)] = (int(n_yes), int(n))
+    return counts
+
+
+def csv(table, encoding="utf-8", **style):
+    return table.to_csv(index=False, **style).encode(encoding)
+
+
+def excel(**sheets):
+    data = io.BytesIO()
+    with pd.ExcelWriter(data) as writer:
+        for name, table in sheets.items():
+            table.to_excel(writer, sheet_name=name, index=False)
+    return data.getvalue()
+
+
+def matlab(variables):
+    data = io.BytesIO()
+    savemat(data, variables)
+    return data.getvalue()
+
+
+def named(table, **names):
+    return table.rename(columns=names)
+
+
+def answered(table, first, second, column="response"):
+    words = table.response.map({"first": first, "second": second})
+    return table.assign(response=words).rename(columns={"response": column})
+
+
+def with_rows(table, rows):
+    return pd.concat([pd.DataFrame(rows, columns=table.columns), table])
+
+
+def german_number(value):
+    return f"{value:.4f}".replace(".", ",")
+
+
+GERMAN = pd.DataFrame(
+    {
+        "Versuchsperson": TRIALS.subject,
+        "Reiz 1": TRIALS.s1.map(german_number),
+        "Reiz 2": TRIALS.s2.map(german_number),
+        "Urteil": TRIALS.response.map({"first": "erster", "second": "zweiter"}),
+    }
+)
+REIZE = {"s1": "Reiz 1", "s2": "Reiz 2"}
+WEIGHTS = {"intensity": 1000.0, "columns": {"i1": "w1", "i2": "w2"}}
+KEYS = {"second_code": "j", "first_code": "f"}
+RECORDS = json.loads(IN_LOGS.to_json(orient="records"))
+BY_PERSON = [
+    {"subject": name, "trials": json.loads(part.to_json(orient="records"))}
+    for name, part in IN_LOGS.drop(columns="subject").groupby(IN_LOGS.subject)
+]
+DECIBEL = IN_GRAMS[["subject", "response"]].assign(
+    s1_dB=20 * np.log10(TRIALS.w1), s2_dB=20 * np.log10(TRIALS.w2)
+)
+SCORED = UNEQUAL[["subject", "s1", "s2", "correct"]].assign(key="j", rt="0.4")
+MISSED = with_rows(SCORED, [["P03", 0.3, 0.0, False, "", ""]] * 9)
+PRACTICE = [["P03", 0, 0.3, "second"]] * 8
+
+#: Name, content, options, and the trials that are meant where these are not all.
+READ = {
+    "comma.csv": (csv(IN_LOGS), {}),
+    "semicolon.csv": (csv(IN_LOGS, sep=";"), {}),
+    "tab.tsv": (csv(IN_LOGS, sep="\t"), {}),
+    "bar.txt": (csv(IN_LOGS, sep="|"), {}),
+    "mark.csv": (csv(IN_LOGS, "utf-8-sig"), {}),
+    "utf16.csv": (csv(IN_LOGS, "utf-16"), {}),
+    "utf16_without_mark.csv": (csv(IN_LOGS, "utf-16-le"), {}),
+    "windows.csv": (csv(IN_LOGS.assign(note="größer"), "cp1252"), {}),
+    "encoding.csv": (csv(IN_LOGS.assign(note="größer"), "mac_roman"), {"encoding": "mac_roman"}),
+    "lines_above.csv": (b"Experiment 1\n\nlab 3\n" + csv(IN_LOGS), {}),
+    "sep_line.csv": (b"sep=;\n" + csv(IN_LOGS, sep=";"), {}),
+    "last_comma.csv": (csv(IN_LOGS.assign(**{"": ""})), {}),
+    "quoted.csv": (csv(IN_LOGS.assign(note="two\nlines"), quoting=1), {}),
+    "german.csv": (csv(GERMAN, sep=";"), {"columns": REIZE}),
+    "german_windows.csv": (csv(GERMAN, "cp1252", sep=";"), {"columns": REIZE}),
+    "french.csv": (csv(answered(IN_LOGS, "première", "deuxième", "réponse")), {}),
+    "participant.csv": (csv(named(IN_LOGS, subject="Participant ID", response="choice")), {}),
+    "psychopy.csv": (
+        csv(named(answered(IN_LOGS, "f", "j", "key_resp.keys"), subject="participant")),
+        {"columns": {"response": "key_resp.keys"}, **KEYS},
+    ),
+    "one_code.csv": (csv(answered(IN_LOGS, "left", "right")), {"second_code": "right"}),
+    "digits.csv": (csv(answered(IN_LOGS, 1, 2)), {"second_code": "2"}),
+    "zero_and_one.csv": (csv(answered(IN_LOGS, 0, 1)), {"second_code": "1"}),
+    "true_false.csv": (csv(answered(IN_LOGS, False, True)), {"second_code": "True"}),
+    "trials.json": (json.dumps(RECORDS).encode(), {}),
+    "lines.jsonl": ("\n".join(map(json.dumps, RECORDS)).encode(), {}),
+    "by_person.json": (json.dumps(BY_PERSON).encode(), {}),
+    "by_column.json": (json.dumps(IN_LOGS.to_dict(orient="list")).encode(), {}),
+    "table.xlsx": (excel(Trials=IN_LOGS), {}),
+    "german.xlsx": (excel(Info=pd.DataFrame({"by": ["lab"]}), Daten=GERMAN), {"columns": REIZE}),
+    "two_sheets.xlsx": (excel(A=IN_LOGS, B=IN_LOGS), {"sheet": "B"}),
+    "vectors.mat": (
+        matlab({"subject": [*TRIALS.subject], "s1": [*TRIALS.s1], "s2": [*TRIALS.s2],
+                "response": [*TRIALS.response]}),
+        {},
+    ),
+    "struct.mat": (
+        matlab({"data": {"subject": [*TRIALS.subject], "s1": [*TRIALS.s1], "s2": [*TRIALS.s2],
+                         "response": [*TRIALS.response]}}),
+        {},
+    ),
+    "counts.csv": (csv(COUNTS), {}),
+    "other_counts.csv": (csv(named(COUNTS, n_second="second", n_trials="total")), {}),
+    "grams.csv": (csv(IN_GRAMS), WEIGHTS),
+    "grams_by_unit.csv": (csv(named(IN_GRAMS, w1="i1", w2="i2")), {"unit": "g"}),
+    "decibel.csv": (csv(DECIBEL), {"unit": "dB", "columns": {"s1": "s1_dB", "s2": "s2_dB"}}),
+    "decadic.csv": (
+        csv(IN_LOGS.assign(s1=np.log10(TRIALS.w1), s2=np.log10(TRIALS.w2))), {"unit": "log10"},
+    ),
+    "apostrophe.csv": (
+        csv(IN_GRAMS.assign(w1=IN_GRAMS.w1.map("{:,}".format).str.replace(",", "'"))),
+        WEIGHTS,
+    ),
+    "point_for_thousands.csv": (
+        csv(IN_GRAMS.assign(w1=IN_GRAMS.w1.map("{:,}".format).str.replace(",", ".")), sep=";"),
+        {**WEIGHTS, "decimal": ","},
+    ),
+    "missing_words.csv": (
+        csv(with_rows(IN_LOGS, [["P03", 0, 0.3, word] for word in
+                                ("NA", "n/a", "", "none", "null", "-99", "999", ".",
+                                 "timeout", "no response")])),
+        {},
+    ),
+    "practice.csv": (
+        csv(with_rows(IN_LOGS, PRACTICE).assign(phase=["practice"] * 8 + ["main"] * 80)),
+        {},
+    ),
+    "practice_flag.csv": (
+        csv(with_rows(IN_LOGS, PRACTICE).assign(is_practice=[1] * 8 + [0] * 80)),
+        {},
+    ),
+    "where.csv": (
+        csv(with_rows(IN_LOGS, PRACTICE).assign(kind=["other"] * 8 + ["main"] * 80)),
+        {"where": {"kind": "main"}},
+    ),
+    "instructions.csv": (csv(with_rows(IN_LOGS, [["P03", "", "", ""]] * 2)), {}),
+    "standard.csv": (
+        csv(STANDARD[["subject", "standard", "comparison", "interval", "response"]]),
+        {"standard_interval": "interval"},
+        STANDARD,
+    ),
+    "right_or_wrong.csv": (
+        csv(UNEQUAL[["subject", "s1", "s2", "correct"]]), {"correct": "correct"}, UNEQUAL,
+    ),
+    "missed_trials.csv": (csv(MISSED), {"correct": "correct"}, UNEQUAL),
+    "more_columns.csv": (csv(IN_LOGS.assign(rt=0.5, confidence=3, index=range(80))), {}),
+}  # fmt: skip
+
+#: Name, content, and parts of what is said, with the option that helps.
+REFUSED = {
+    "no_names.csv": (csv(IN_LOGS, header=False), ["--columns subject=NAME"]),
+    "keys.csv": (csv(answered(IN_LOGS, "f", "j")), ["'f' (", "--equal-code", "--second-code j"]),
+    "one_and_two.csv": (csv(answered(IN_LOGS, 1, 2)), ["The program does not know what they mean"]),
+    "german_names.csv": (csv(GERMAN, sep=";"), ["--columns 's1=Reiz 1,s2=Reiz 2'"]),
+    "two_sheets.xlsx": (excel(A=IN_LOGS, B=IN_LOGS), ["--sheet A"]),
+    "no_interval.csv": (
+        csv(STANDARD[["subject", "standard", "comparison", "response"]]),
+        ["--standard-interval", "--standard-first"],
+    ),
+    "standard_as_s1.csv": (
+        csv(STANDARD[["subject", "standard", "comparison", "interval", "response"]]),
+        ["--standard-interval interval"],
+    ),
+    "point_for_thousands.csv": (
+        csv(named(IN_GRAMS, w1="i1", w2="i2").replace({"i1": {1105: "1.105", 1350: "1.350"}}),
+            sep=";").replace(b"1105", b"1.105").replace(b"1350", b"1.350"),
+        ["'1.105' can be 1105 or 1.105", "--decimal ,"],
+        {"intensity": 1000},
+    ),
+    "decibel_by_name.csv": (csv(DECIBEL), ["--columns s1=s1_dB,s2=s2_dB", "--unit dB"]),
+    "decibel.csv": (
+        csv(DECIBEL),
+        ["column s1_dB seems to be in dB", "--unit dB ", "--unit dB-power"],
+        {"columns": {"s1": "s1_dB", "s2": "s2_dB"}},
+    ),
+    "decibel_as_intensity.csv": (
+        csv(DECIBEL),
+        ["column s1_dB seems to be in dB"],
+        {"intensity": 1, "columns": {"i1": "s1_dB", "i2": "s2_dB"}},
+    ),
+    "percent.csv": (csv(named(COUNTS, n_second="percent second")), ["--columns", "n_second=NAME"]),
+    "proportions.csv": (
+        csv(COUNTS.assign(n_second=COUNTS.n_second / COUNTS.n_trials)),
+        ["a whole number from 0"],
+    ),
+    "right_or_wrong.csv": (csv(TRIALS[["subject", "s1", "s2", "correct"]]), ["--correct correct"]),
+    "missing_stimulus.csv": (
+        csv(with_rows(IN_LOGS, [["P03", "NA", 0.3, "second"]])), ["row 2, column s1: found 'NA'"],
+    ),
+    "wide.csv": (csv(pd.DataFrame({"subject": ["P03"], "740_905": [3]})), ["no column s1"]),
+    "sheet.xls": (b"\xd0\xcf\x11\xe0", ["a spreadsheet, allowed: its copy as .xlsx or CSV"]),
+    "table.ods": (b"PK", ["its copy as .xlsx or CSV"]),
+    "table.csv.gz": (gzip.compress(csv(IN_LOGS)), ["an archive, allowed: the file in it"]),
+    "data.RData": (b"RDX3", ["R data"]),
+    "data.sav": (b"$FL2", ["its copy as CSV"]),
+    "new.mat": (b"MATLAB 7.3 MAT-file, Platform" + bytes(95) + b"\0\2IM", ["version 7.3"]),
+    "matrix.mat": (matlab({"data": TRIALS[["s1", "s2"]].to_numpy()}), ["not a column"]),
+    "three_answers.csv": (
+        csv(with_rows(IN_LOGS, [["P03", 0, 0, "equal"]])), ["words of two tasks"],
+    ),
+    "likert.csv": (csv(IN_LOGS.assign(response=np.arange(80) % 5)), ["does not know"]),
+    "zero.csv": (
+        csv(named(IN_GRAMS, w1="i1", w2="i2").replace({"i1": {740: 0}})),
+        ["column i1: found '0', allowed: a positive finite number"],
+        {"intensity": 1000},
+    ),
+    "reversed.csv": (csv(answered(IN_LOGS, "second", "first")), ["--second-code first"]),
+}  # fmt: skip
+
+#: Name, content, and what the screen of `check` warns of.
+WARNED = {
+    "grams_as_logs.csv": (csv(named(IN_GRAMS, w1="s1", w2="s2")), "look like raw intensities"),
+    "two_conditions.csv": (
+        csv(IN_LOGS.assign(modality=["light", "sound"] * 40)), "--condition modality",
+    ),
+    "twice.csv": (csv(pd.concat([IN_LOGS[:40], IN_LOGS[:40], IN_LOGS[40:]])), "twice"),
+    "percent_of_100.csv": (
+        csv(COUNTS.assign(n_second=np.arange(len(COUNTS)), n_trials=100)), "percentages",
+    ),
+    "same_number.csv": (
+        csv(IN_LOGS.replace({"subject": {"P03": "3", "P12": "03"}})), "are the same number",
+    ),
+    "case.csv": (
+        csv(IN_LOGS.replace({"subject": {"P03": "vp03", "P12": "VP03"}})), "differ in case only",
+    ),
+    "milliseconds.csv": (csv(IN_LOGS.assign(isi=[600, 1200] * 40)), "milliseconds"),
+    "fixed_standard.csv": (
+        csv(STANDARD[STANDARD.w1 == 905][["subject", "s1", "s2", "response"]]),
+        "in one order only",
+    ),
+    "missing_code.csv": (csv(with_rows(IN_LOGS, [["P03", 999, 0.3, "second"]])), "two groups"),
+}  # fmt: skip
+
+
+def typed(options):
+    """Options of :func:`bayes_toe.read_study` as words of a command."""
+    words = []
+    for option, value in options.items():
+        values = tuple(value.items()) if isinstance(value, dict) else str(value)
+        words += shlex.split(Remedy(option, values).typed)
+    return words
+
+
+def check(folder, name, content, options):
+    """What `check` says of such a file."""
+    (folder / name).write_bytes(content)
+    return inside("check", name, *typed(options), cwd=folder)
+
+
+@pytest.mark.parametrize("name", READ)
+def test_a_shape_is_read_as_it_is_meant(name, tmp_path):
+    content, options, *meant = READ[name]
+    table = meant[0] if meant else TRIALS
+    result = check(tmp_path, name, content, options)
+    assert (result.returncode, result.stderr) == (0, "")
+    study = bt.read_study(tmp_path / name, bt.ReadOptions(**options))
+    assert counts_read(study, ["P03", "P12"]) == counts_of(table)
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_a_shape_that_needs_a_word_is_refused_with_it(name, tmp_path):
+    content, parts, *options = REFUSED[name]
+    result = check(tmp_path, name, content, *(options or [{}]))
+    assert result.returncode == 2
+    assert all(part in result.stderr for part in parts), result.stderr
+
+
+@pytest.mark.parametrize("name", WARNED)
+def test_a_shape_that_may_mislead_is_warned_of(name, tmp_path):
+    content, part = WARNED[name]
+    result = check(tmp_path, name, content, {})
+    assert result.returncode == 0
+    assert part in " ".join(result.stdout.split())
+
+
+@pytest.mark.parametrize("name", ["german.csv", "grams.csv", "where.csv", "two_sheets.xlsx"])
+def test_a_study_file_reads_a_study_again(name, tmp_path):
+    content, options = READ[name]
+    (tmp_path / "data").mkdir()
+    check(tmp_path / "data", name, content, options)
+    words = typed(options)
+    decisions = ["--exclude", "P12"]
+    result = inside(
+        "check", f"data/{name}", *words, *decisions, "--save", "study.toml", cwd=tmp_path
+    )
+    assert (result.returncode, result.stderr) == (0, "")
+    assert "bayes-toe run study.toml" in result.stdout
+    study = bt.read_study(tmp_path / "study.toml")
+    meant = bt.read_study(tmp_path / "data" / name, bt.ReadOptions(**options)).exclude("P12")
+    assert (study.names, study.notes) == (meant.names, meant.notes)
+    assert counts_read(study, ["P03"]) == counts_read(meant, ["P03"])
+
+
+@pytest.mark.parametrize(
+    ("lines", "words", "said"),
+    [
+        ("", (), "found no files, allowed: files ="),
+        ('files = ["a.csv"]\nunit2 = "dB"', (), "key 'unit2': unknown, allowed: files, ignore"),
+        ('files = ["a.csv"]\nsecond_code = 1', (), "key second_code: found '1', allowed: a text"),
+        ('files = "a.csv"', (), "key files: found 'a.csv', allowed: a list of texts"),
+        ('files = ["a.csv"]\n[columns]\ns1 = 1', (), "allowed: a section of lines NAME = TEXT"),
+        ('files = ["a.csv"]', ("--sheet", "A"), "found with options for files in another layout"),
+        ('files = ["a.csv"]', ("b.csv",), "found with other files, allowed: a study file alone"),
+        ('files = ["b.csv"]', (), "b.csv: cannot be read"),
+        ('files = ["a.csv"]', ("--save", "b.csv"), "Use a name that ends in .toml"),
+    ],
+)
+def test_a_study_file_that_is_wrong_is_refused(lines, words, said, tmp_path):
+    (tmp_path / "study.toml").write_text(lines, encoding="utf-8")
+    result = inside("check", "study.toml", *words, cwd=tmp_path)
+    assert result.returncode == 2
+    assert said in result.stderr
+
+
+def mutated(text, rng):
+    """A table with some characters, cells or rows changed."""
+    for _ in range(rng.choice([1, 1, 2, 5])):
+        place = rng.randrange(len(text) or 1)
+        kind = rng.randrange(5)
+        if kind == 0:
+            text = text[:place] + text[place + 1 :]
+        elif kind == 1:
+            text = text[:place] + rng.choice(",;\t|.\"'059 -e\nx\u2212\u00a0é") + text[place:]
+        elif kind == 2:
+            rows = text.split("\n")
+            rows.insert(rng.randrange(len(rows)), rng.choice(rows))
+            text = "\n".join(rows)
+        elif kind == 3:
+            cells = ["", "NA", "999", "1,5", "1.050", "equal", "1e3", "inf", "+0.1", "0.30", "½"]
+            text = text.replace(rng.choice(text.split(",")), rng.choice(cells), 1)
+        else:
+            text = text.replace(rng.choice(",."), rng.choice(",;\t"))
+    return text
+
+
+def read_strictly(text):
+    """How often each subject, pair and response is there; None where a cell is not plain."""
+    records = list(csv_module.reader(io.StringIO(text), strict=True))
+    if records[:1] != [["subject", "s1", "s2", "response"]]:
+        return None
+    counts = Counter()
+    for record in records[1:]:
+        if len(record) != 4 or record[3] not in ("second", "first") or not record[0].strip():
+            return None
+        try:
+            first, second = map(float, record[1:3])
+        except ValueError:
+            return None
+        counts[record[0].strip(), first + 0.0, second + 0.0, record[3]] += 1
+    return counts
+
+
+def test_a_changed_table_is_read_as_it_stands_or_refused(tmp_path):
+    text, path, n_equal = csv(IN_LOGS).decode(), tmp_path / "changed.csv", 0
+    rng = random.Random(1)
+    for _ in range(400):
+        changed = mutated(text, rng)
+        path.write_text(changed, encoding="utf-8")
+        try:
+            study = bt.read_study(path)
+        except bt.InputError:
+            continue
+        with suppress(csv_module.Error):
+            meant = read_strictly(changed)
+            if meant is not None:
+                n_equal += 1
+                counts = Counter()
+                for subject in study:
+                    rows = zip(subject.s1, subject.s2, subject.n_yes, subject.n_trials, strict=True)
+                    for first, second, n_yes, n in rows:
+                        counts[subject.name, first, second, "second"] += n_yes
+                        counts[subject.name, first, second, "first"] += n - n_yes
+                assert +counts == meant, changed
+    assert n_equal > 50
