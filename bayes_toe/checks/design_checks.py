@@ -18,7 +18,7 @@ from bayes_toe.checks.identification import (
     identify,
 )
 from bayes_toe.data.answers import Reading
-from bayes_toe.data.column_names import looks_like
+from bayes_toe.data.column_roles import looks_like
 from bayes_toe.data.messages import bare, capitalized, counted, join_words, listed
 from bayes_toe.data.options import LOOKED_AT
 from bayes_toe.data.study import Study, Subject, by_person, require_study, stimuli_of

@@ -21,14 +21,15 @@ import numpy as np
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray, run_starts
 from bayes_toe.data.answers import Reading
-from bayes_toe.data.column_names import (
+from bayes_toe.data.column_roles import (
+    columns_to_read,
     is_percentage,
     is_practice,
     is_response_sign,
     looks_like,
     may_mark_practice,
+    with_likely_columns,
 )
-from bayes_toe.data.column_roles import columns_to_read, with_likely_columns
 from bayes_toe.data.messages import bare, counted, listed, quoted, said_intervals
 from bayes_toe.data.options import COLUMNS, LOG_UNITS, ReadOptions, changed, subject_in
 from bayes_toe.data.read_table import LARGEST_STUDY, read_table

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from bayes_toe.arrays import BoolArray, FloatArray
-from bayes_toe.data.column_names import without_accents
+from bayes_toe.data.column_roles import without_accents
 from bayes_toe.data.messages import bare, listed, quoted
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.tasks import SAME_DIFFERENT, TASKS, WHICH_STRONGER, Task, task_named

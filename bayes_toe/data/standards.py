@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.data.column_names import COMPARISON_WORDS, STANDARD_WORDS
+from bayes_toe.data.column_roles import COMPARISON_WORDS, STANDARD_WORDS
 from bayes_toe.data.messages import bare, listed, quoted
 from bayes_toe.data.text_table import Column, TextTable
 from bayes_toe.data.validation import is_no_response
