@@ -61,6 +61,7 @@ from bayes_toe.data.messages import (
     listed,
     said_intervals,
     visible,
+    with_policy,
 )
 from bayes_toe.data.tables import file_stems
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
@@ -199,8 +200,7 @@ def write_report(analysis: Analysis, facts: Facts, folder: Path) -> None:
 
 
 def _write(template: Template, context: Mapping[str, Any], path: Path) -> None:
-    with path.open("w", encoding="utf-8") as file:
-        file.writelines(template.generate(context))
+    path.write_text(with_policy(template.render(context)), encoding="utf-8")
 
 
 def _environment() -> Environment:

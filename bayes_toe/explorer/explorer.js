@@ -427,6 +427,8 @@ window.explorer = (() => {
     follow();
   }
 
+  const inert = text => /^'*([=+@\t\r]|-(?![\d.]))/.test(text) ? `'${text}` : text;  // no formula of a spreadsheet
+
   const quoted = text => /[",\n\r]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text;
 
   const heading = name => symbol(name).endsWith("%") ? `${name}_percent` : name;
@@ -439,7 +441,7 @@ window.explorer = (() => {
         const place = Math.floor(row * found.of / found.rows);
         const number = value => value === undefined || isNaN(value) ? "" : String(Number(value.toPrecision(9)));
         const numbers = names.map(name => number(found.samples.get(name)?.[row]));
-        lines.push([letter.toUpperCase(), quoted(found.subject), quoted(found.label), Math.floor(place / found.perChain), place % found.perChain, ...numbers].join(","));
+        lines.push([letter.toUpperCase(), quoted(inert(found.subject)), quoted(inert(found.label)), Math.floor(place / found.perChain), place % found.perChain, ...numbers].join(","));
       }
     }
     return lines.join("\n") + "\n";

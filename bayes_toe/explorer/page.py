@@ -13,7 +13,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TypeAlias
 
-from bayes_toe.data.messages import listed
+from bayes_toe.data.messages import listed, visible, with_policy
 from bayes_toe.data.read_study import Truth, example_truth
 from bayes_toe.data.tasks import Task
 from bayes_toe.data.whole_files import whole_file
@@ -199,7 +199,7 @@ def page(
     for place, entry in enumerate(found):
         name = entry.target.subject.name
         islands.append((f"entry-{place}", island(entry.packed(rows))))
-        told.append({"subject": name, "label": entry.label, "tab": entry.tab})
+        told.append({"subject": visible(name), "label": visible(entry.label), "tab": entry.tab})
         if progress is not None:
             progress(name)
     task = found[0].target.subject.task
@@ -218,7 +218,8 @@ def page(
         f'<script type="application/json" id="{name}">{content}</script>\n'
         for name, content in [("index", island(index)), *islands]
     )
-    return Explorer("".join([before, *scripts, after]))
+    # Bokeh makes functions of texts.
+    return Explorer(with_policy("".join([before, *scripts, after]), "'unsafe-eval'"))
 
 
 def require_bokeh() -> None:

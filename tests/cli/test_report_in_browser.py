@@ -111,6 +111,18 @@ def test_letters_of_figures_are_legible(opened, width, shown, hidden):
     assert min(pixels) >= 10.0
 
 
+def test_only_the_scripts_of_the_report_run(browser, path, tmp_path):
+    page = path.read_text(encoding="utf-8")
+    for script in ("<script>document.title = 'other'</script>", "<script src='x.js'></script>"):
+        page = page.replace("</body>", f"{script}</body>")
+    (tmp_path / "x.js").write_text("document.title = 'other'", encoding="utf-8")
+    (tmp_path / "report.html").write_text(page, encoding="utf-8")
+    opened = Opened(browser, tmp_path / "report.html", 1200)
+    assert opened.page.title() != "other"
+    assert any("Content Security Policy" in problem for problem in opened.problems)
+    opened.page.close()
+
+
 def test_a_link_unfolds_its_subject(opened):
     page = opened().page
     link = page.locator("#overview-table td.name a", has_text="C")

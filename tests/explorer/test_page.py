@@ -200,6 +200,11 @@ def test_a_name_cannot_end_the_page(small_study):
     assert "</script><b>" not in html
 
 
+def test_characters_that_turn_a_text_around_are_escapes(small_study):
+    html = shown(replace(small_study["A"], name="a\u202eb"), 30)
+    assert islands(html)["index"]["entries"][0]["subject"] == "a\\u202eb"
+
+
 MANY = {"H1": SimpleNamespace(names=[f"S{i}" for i in range(MOST_ENTRIES + 1)])}
 
 
