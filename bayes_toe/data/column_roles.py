@@ -7,85 +7,20 @@ like ours. Stimuli are not: a column such as `stim1` may hold intensities or the
 from __future__ import annotations
 
 import re
+import tomllib
 import unicodedata
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from importlib.resources import files
 
 from bayes_toe.data.messages import bare, join_words, listed
 from bayes_toe.data.options import COLUMNS, LOOKED_AT, ReadOptions
 from bayes_toe.errors import Remedy
 
-#: Names that are like ours, in small letters and digits, without accents.
-_SPELLINGS: dict[str, set[str]] = {
-    "subject": {
-        *("subj", "subjects", "subjectid", "subjid", "subjectnr", "participant", "participantid"),
-        *("participantnumber", "observer", "observerid", "person", "listener", "vp", "vpn"),
-        *("proband", "versuchsperson", "teilnehmer", "sujet", "participante", "sujeto"),
-        *("soggetto", "partecipante"),
-    },
-    "response": {
-        *("resp", "responses", "answer", "judgment", "judgement", "choice", "antwort", "urteil"),
-        *("reponse", "respuesta", "risposta"),
-    },
-    "correct": {
-        *("accuracy", "acc", "hit", "hits", "iscorrect", "responsecorrect", "respcorr", "corr"),
-        *("keyrespcorr",),
-    },
-    "n_equal": {"nsame", "equal", "kequal"},
-    "n_second": {"second", "ksecond"},
-    "n_trials": {"trials", "ntotal", "total"},
-    "standard": {
-        *("std", "reference", "ref", "standardstimulus", "stimulusstandard", "standardintensity"),
-        *("referencestimulus", "standardlevel"),
-    },
-    "comparison": {
-        *("comp", "cmp", "test", "variable", "comparisonstimulus", "stimuluscomparison"),
-        *("comparisonintensity", "teststimulus", "comparisonlevel"),
-    },
-    "standard_interval": {
-        *("interval", "order", "position", "presentationorder", "stimulusorder", "stdinterval"),
-        *("standardposition", "intervalstandard", "stdposition", "whichfirst", "firststimulus"),
-    },
-    "isi": {
-        *("isis", "isims", "isisec", "interval", "intervals", "intervalms", "soa", "soams"),
-        *("interstimulusinterval", "gap", "delay"),
-    },
-    "block": {
-        *("blocks", "blocknr", "blockno", "blocknum", "blocknumber", "blockindex", "blockid"),
-        *("run", "runnr"),
-    },
-    "session": {
-        *("sessions", "sess", "sessionnr", "sessionno", "sessionnum", "sessionnumber"),
-        *("sessionid", "day"),
-    },
-    "trial": {
-        *("trialnr", "trialno", "trialnum", "trialnumber", "trialindex", "trialid", "trialn"),
-    },
-    "iti": {"itis", "itims", "intertrialinterval", "rsi"},
-    "condition": {
-        *("conditions", "cond", "conditionname", "bedingung", "kondition", "condicion"),
-        *("condizione", "modality", "modalitat", "modalite", "modalidad", "modalita", "factor"),
-        *("manipulation", "treatment", "context", "stimulustype", "stimtype", "side", "seite"),
-        *("hand", "hemifield", "location", "attention", "load", "feedback", "drug"),
-    },
-}
-#: Columns that may mark rows as practice, and the beginnings of texts that do so.
-_PRACTICE_COLUMNS = {
-    *("practice", "ispractice", "practicetrial", "phase", "stage", "part", "blocktype"),
-    *("blockname", "trialtype", "typeoftrial", "block", "session", "ubung", "uebung"),
-}
-_PRACTICE_TEXTS = (
-    *("practice", "practise", "training", "train", "warmup", "familiari", "instruction", "demo"),
-    *("ubung", "uebung", "entrainement", "practica", "entrenamiento", "allenamento", "pratica"),
+#: Words of other labs by section and key.
+VOCABULARY: dict[str, dict[str, list[str]]] = tomllib.loads(
+    (files("bayes_toe.data") / "vocabulary.toml").read_text(encoding="utf-8")
 )
-_PERCENTAGE_WORDS = ("percent", "pct", "prozent", "pourcent", "porcentaje", "proportion", "anteil")
-_DECIBEL_WORDS = {"db", "dbspl", "dbsl", "dbhl", "dbfs", "dba", "dezibel"}
-_FLAG_COLUMNS = {"practice", "ispractice", "practicetrial"}
-#: Columns of which an empty cell says that nobody responded.
-_RESPONSE_SIGNS = {
-    *("key", "keys", "keyresp", "keyrespkeys", "keypress", "keypressed", "keyresprt", "resp"),
-    *("response", "responsekey", "button", "rt", "rts", "reactiontime", "responsetime", "latency"),
-}
 
 
 def plain_name(name: str) -> str:
@@ -108,17 +43,17 @@ def without_accents(text: str) -> str:
 def looks_like(name: str, ours: str) -> bool:
     """Whether a column of a file looks like one of ours in another spelling."""
     plain = plain_name(name)
-    return plain == ours.replace("_", "") or plain in _SPELLINGS.get(ours, ())
+    return plain == ours.replace("_", "") or plain in VOCABULARY["columns"].get(ours, ())
 
 
 def is_response_sign(name: str) -> bool:
     """Whether an empty cell in this column says that nobody responded."""
-    return plain_name(name) in _RESPONSE_SIGNS
+    return plain_name(name) in VOCABULARY["signs"]["response"]
 
 
 def may_mark_practice(name: str) -> bool:
     """Whether a column may say which rows are practice."""
-    return plain_name(name) in _PRACTICE_COLUMNS
+    return plain_name(name) in VOCABULARY["practice"]["columns"]
 
 
 def is_practice(name: str, text: str) -> bool:
@@ -130,9 +65,9 @@ def is_practice(name: str, text: str) -> bool:
     (True, True, False)
     """
     plain = plain_name(text)
-    if plain_name(name) in _FLAG_COLUMNS and plain in ("1", "10", "true", "yes"):
+    if plain_name(name) in VOCABULARY["practice"]["flags"] and plain in ("1", "10", "true", "yes"):
         return True
-    return plain.startswith(_PRACTICE_TEXTS)
+    return plain.startswith(tuple(VOCABULARY["practice"]["texts"]))
 
 
 def unit_in(name: str) -> str:
@@ -146,8 +81,7 @@ def unit_in(name: str) -> str:
     words = re.findall("[a-z]+|[0-9]+", name.lower().replace("log10", "decadic"))
     if "decadic" in words:
         return "log10"
-    is_decibel = any(word.startswith("decibel") or word in _DECIBEL_WORDS for word in words)
-    return "dB" if is_decibel else ""
+    return "dB" if set(words).intersection(VOCABULARY["units"]["decibel"]) else ""
 
 
 def is_percentage(name: str) -> bool:
@@ -158,7 +92,8 @@ def is_percentage(name: str) -> bool:
     >>> is_percentage("percent_second"), is_percentage("% second"), is_percentage("n_second")
     (True, True, False)
     """
-    return "%" in name or any(word in plain_name(name) for word in _PERCENTAGE_WORDS)
+    words = VOCABULARY["units"]["percentage"]
+    return "%" in name or any(word in plain_name(name) for word in words)
 
 
 #: Words by which a response, or the column of the interval, names one of two stimuli.

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from bayes_toe.arrays import BoolArray, FloatArray
-from bayes_toe.data.column_roles import without_accents
+from bayes_toe.data.column_roles import VOCABULARY, without_accents
 from bayes_toe.data.messages import bare, listed, quoted
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.tasks import SAME_DIFFERENT, TASKS, WHICH_STRONGER, Task, task_named
@@ -28,19 +28,6 @@ _YES, _NO, _MISSING, _UNKNOWN = 1, 0, -1, -2
 _WORDS: dict[Task, tuple[tuple[str, ...], tuple[str, ...]]] = {
     SAME_DIFFERENT: (("equal", "same"), ("different",)),
     WHICH_STRONGER: (("second", "s2", "2nd"), ("first", "s1", "1st")),
-}
-#: The same words in German, French, Spanish and Italian, without accents.
-_TRANSLATIONS = {
-    "equal": {"gleich", "identisch", "egal", "pareil", "meme", "identique", "igual", "uguale"},
-    "different": {"verschieden", "ungleich", "unterschiedlich", "anders", "diferente", "diverso"},
-    "second": {
-        *("zweiter", "zweite", "zweites", "deuxieme", "seconde", "segundo", "segunda"),
-        *("secondo", "seconda"),
-    },
-    "first": {
-        *("erster", "erste", "erstes", "premier", "premiere", "primero", "primera"),
-        *("primo", "prima"),
-    },
 }
 _RIGHT_WRONG = (
     ("1", "true", "yes", "correct", "right", "hit"),
@@ -151,7 +138,7 @@ def _english(word: str) -> str:
     ('second', 'j')
     """
     plain = without_accents(word)
-    for english, translations in _TRANSLATIONS.items():
+    for english, translations in VOCABULARY["responses"].items():
         if plain in translations:
             return english
     return word
