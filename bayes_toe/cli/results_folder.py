@@ -33,6 +33,8 @@ GROUP_PRODUCTS = ("population.csv", "population_subjects.csv", "population.png",
 CONTRAST_PRODUCTS = ("contrast.csv", "contrast.png")
 #: What each results folder has beside the draws.
 ALWAYS = ("summary.csv", "evidence.csv", "report.html", "methods.md", "methods.bib")
+#: How the files of the study were read.
+STUDY_FILE = "study.toml"
 #: What a results folder may hold: draws, the group, corner plots, an explorer, pages of very many
 #: subjects.
 PRODUCTS = (
@@ -44,6 +46,7 @@ PRODUCTS = (
     "explorer.html",
     "subjects",
     "paper_figures",
+    STUDY_FILE,
 )
 #: Subjects whose figures may be drawn, and about how many bytes a subject takes in all.
 FIGURE_BYTES = {"all": 400_000, "flagged": 60_000, "none": 20_000}
@@ -89,12 +92,13 @@ def write_results(
     workers: Workers = None,
     progress: Progress | None = None,
     check: PredictiveCheck | None = None,
+    study_file: str = "",
 ) -> Path:
     """Write draws, tables, figures, report and methods of an analysis: all of them, or none.
 
     Other files of the folder stay. If the folder holds products that may not be replaced, or cannot
     be written, nothing is changed. `progress` is called with each subject whose figures are drawn,
-    `check` is the one of the group, if it was made before.
+    `check` is the one of the group, if it was made before, `study_file` the content of study.toml.
     """
     draws = analysis.draws
     if analysis.group is not None and check is None:
@@ -116,6 +120,8 @@ def write_results(
         # Absolute, since a worker may be in another folder than this process.
         target = new.absolute()
         draws.save(target / "posterior.nc")
+        if study_file:
+            (target / STUDY_FILE).write_text(study_file, encoding="utf-8")
         _write_tables(analysis, target)
         _write_group(analysis, check, target)
         write_methods(analysis, target / "methods.md")
