@@ -46,8 +46,6 @@ from bayes_toe.model.paper_model import PaperPosterior
 from bayes_toe.model.prior import Prior, stored_prior
 from bayes_toe.seeds import generator
 
-_OF_QUANTILES = "a 5 or 95 % quantile"
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Draws:
@@ -103,10 +101,7 @@ class Draws:
     @property
     def prior(self) -> Prior:
         """The prior that these draws were made under; :meth:`described_prior` is the line for a Methods section."""
-        values = json.loads(self.tree.attrs["settings"])["prior"]
-        # Earlier versions stored no reference interval.
-        reference = 1.0 if self.intervals else None
-        return stored_prior({"reference_interval": reference, **values})
+        return stored_prior(json.loads(self.tree.attrs["settings"])["prior"])
 
     @property
     def sampler(self) -> SamplerSettings:
@@ -141,17 +136,15 @@ class Draws:
         for name, reason, converged in zip(
             self.names, self._texts("shortfall"), has_converged, strict=True
         ):
-            if not converged and not reason.startswith(_OF_QUANTILES):
+            if not converged:
                 missed[name] = reason
         return missed
 
     @property
     def imprecise(self) -> dict[str, str]:
         """Subjects of whom more draws are wanted, because a quantile is not precise enough, with how many would do."""
-        # Earlier versions stored both reasons in one column.
-        column = "imprecise" if "imprecise" in self.group("sample_stats") else "shortfall"
-        reasons = dict(zip(self.names, self._texts(column), strict=True))
-        return {name: text for name, text in reasons.items() if text.startswith(_OF_QUANTILES)}
+        reasons = zip(self.names, self._texts("imprecise"), strict=True)
+        return {name: reason for name, reason in reasons if reason}
 
     def _texts(self, column: str) -> list[str]:
         """A text of every subject."""
@@ -428,7 +421,7 @@ def require_draws(given: object) -> None:
 
 
 def load_draws(path: str | Path) -> Draws:
-    """Read draws that :meth:`Draws.save` wrote; also those of earlier versions, which hold more."""
+    """Read draws that :meth:`Draws.save` wrote."""
     made, name = Draws(draws_file.read_tree(path), Path(path)), shown(Path(path))
     needed: set[str] = set()
     try:

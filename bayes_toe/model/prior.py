@@ -251,31 +251,11 @@ class Prior(PriorFields):
         return Natural(mu1, sigma_p, sigma_p * np.sqrt(gamma), q0)
 
 
-_OF_OTHER_MODELS = (
-    *("offset_sd", "noise_slope_sd", "peak_slope_sd", "exponent_median", "exponent_sd"),
-    *("icc_a", "icc_b", "answer_bias_sd"),
-)
-
-
 def stored_prior(values: Mapping[str, Any]) -> Prior:
-    """The prior that a file of results holds.
-
-    Numbers of models that this version does not have are left out. Before the width could have a
-    distribution it was the paper's with what the file says.
-    """
-    numbers = {name: value for name, value in values.items() if name not in _OF_OTHER_MODELS}
-    numbers.pop("origin", None)
-    observer = ObserverPrior(**numbers.pop("observer", {}))
-    unknown = sorted(numbers.keys() - {one.name for one in Prior.declared()})
-    if unknown:
-        raise InputError(
-            f"draws made under a prior of your own, with {', '.join(unknown)}: only "
-            f"{Prior.__name__} itself can be told back"
-        )
-    if "width_median" not in numbers:
-        numbers = {"lapse_rate_b": 1.0, **numbers}
-    given = {name: value for name, value in numbers.items() if value is not None}
-    return Prior(observer=observer, **given)
+    """The prior that a file of results holds."""
+    numbers = dict(values)
+    observer = ObserverPrior(**numbers.pop("observer"))
+    return Prior(observer=observer, **numbers)
 
 
 #: What is used where nothing is said: every scale is that of the stimuli that a subject felt.

@@ -1,11 +1,9 @@
 """Files of draws: whole or not at all, old ones readable, damaged ones refused in one line, and nobody else's folder."""
 
 import contextlib
-import json
 import os
 import random
 import shutil
-import tarfile
 from pathlib import Path
 
 import h5py
@@ -70,31 +68,6 @@ def test_natural_parameters_are_stored_and_all_else_follows(saved, analysis):
     for key in here.posterior("B").names.all:
         assert np.array_equal(there.values("B", key), here.values("B", key))
     there.save(saved, overwrite=True)  # a file is not locked by having been read
-
-
-def test_files_of_earlier_versions_are_read_where_the_model_is_still_there(tmp_path):
-    """With all reported quantities, pointwise groups and a seal behind the end of the file; 2 chains of 4 draws were cut out."""
-    with tarfile.open(Path(__file__).with_name("old_posteriors.tar.xz")) as archive:
-        archive.extractall(tmp_path, filter="data")
-    files = {file: bt.load(tmp_path / file) for file in ("old_intervals.nc", "old_update.nc")}
-    with pytest.raises(InputError, match=r"draws of model '.*': no such model; allowed"):
-        bt.load(tmp_path / "old_frequencies.nc")
-    for key, mean in json.loads((tmp_path / "expected.json").read_text()).items():
-        file, subject, quantity = key.split(" ")
-        if file not in files:
-            continue
-        draws, target = files[file], files[file].posterior(subject)
-        assert draws.values(subject, quantity).mean() == pytest.approx(mean, rel=1e-12, nan_ok=True)
-        assert target.quantities(draws.points(subject))[quantity] == pytest.approx(
-            draws.values(subject, quantity), rel=1e-9
-        )
-    for draws in files.values():
-        assert draws.to_arviz()["log_likelihood"]["n_equal"].shape[:2] == (2, 4)
-        assert draws.study.names == ("a", "b")
-        xr.testing.assert_equal(
-            bt.load(draws.save(tmp_path / "again.nc", overwrite=True)).tree.load(),
-            draws.tree.load(),
-        )
 
 
 def test_draws_of_much_data_are_read_when_they_are_asked_for(

@@ -1,6 +1,5 @@
 """The default prior: its scales from what each subject felt, its densities, no unit of intensity, and no unit of time."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -122,30 +121,13 @@ def test_every_verb_stores_it_as_it_was_said(tmp_path):
     assert bt.fit(one, replicates=2, seed=1, workers=1).prior == DEFAULT
 
 
-def test_draws_from_before_these_numbers_keep_their_prior():
+def test_the_reference_interval_of_draws_is_the_mean_of_the_trials():
     draws = bt.sample(
         study(isi=[0.5, 0.5, 2.0, 1.0, 1.0]), draws=300, seed=1, prior="paper", workers=1
     )
     assert draws.prior.reference_interval == pytest.approx(
         np.exp(np.average(np.log([0.5, 0.5, 2, 1, 1]), weights=[50, 50, 50, 40, 50]))
     )
-    settings = json.loads(draws.tree.attrs["settings"])
-    old = {"mu1_mean": 0.0, "mu1_sd": 10.0, "sigma_p_scale": 1.0}
-    # Numbers of retired models are left out; the lapse rate was uniform.
-    for said, expected in (
-        ({}, bt.Prior(lapse_rate_b=1.0, reference_interval=1.0)),
-        (
-            {"lapse_rate_b": 3.0, "icc_b": 2.0, "origin": ""},
-            bt.Prior(lapse_rate_b=3.0, reference_interval=1.0),
-        ),
-        (
-            {"offset_sd": None, "noise_slope_sd": 1.0, "reference_interval": None},
-            bt.Prior(lapse_rate_b=1.0),
-        ),
-    ):
-        settings["prior"] = {**old, **said}
-        draws.tree.attrs["settings"] = json.dumps(settings)
-        assert draws.prior == expected
 
 
 # --- the unit of time -----------------------------------------------------------------------------
