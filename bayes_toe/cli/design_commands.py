@@ -197,16 +197,24 @@ class ListOptions:
 
     def write(self, design: StudyDesign, seed: int, reference: float | None, task: Task) -> None:
         """A randomised, counterbalanced list, which run reads once the answers are filled in."""
+        import pandas as pd
+
+        from bayes_toe.data.tables import write_table
         from bayes_toe.design.simulate import subject_names
-        from bayes_toe.design.trial_list import MOST_EQUAL, save_trials
+        from bayes_toe.design.trial_list import MOST_EQUAL
 
         if self.list_output is None:
             return
         levels = self.levels()
         names = subject_names(self.subjects)
-        options: dict[str, Any] = {"blocks": self.blocks, "seed": seed, "conditions": levels}
+        options: dict[str, Any] = {
+            "blocks": self.blocks,
+            "seed": seed,
+            "conditions": levels,
+            "reference": reference,
+        }
         lists = [bt.design.trial_list(design, subject=name, **options) for name in names]
-        save_trials(lists, self.list_output, reference=reference, overwrite=task.overwrite)
+        write_table(pd.concat(lists), self.list_output, overwrite=task.overwrite)
         split = ""
         if levels:
             split = f" ({design.total} in each of {listed([*levels])}, mixed within blocks)"

@@ -7,68 +7,19 @@ follow each other.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
+import pandas as pd
 from scipy.special import logsumexp
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray
-from bayes_toe.data.tables import write_table
 from bayes_toe.design.study_design import StudyDesign
 from bayes_toe.errors import InputError
 from bayes_toe.seeds import generator
 
-if TYPE_CHECKING:
-    import pandas as pd
-
 #: Equal pairs that may follow each other.
 MOST_EQUAL = 3
-
-
-@dataclass(frozen=True, eq=False)
-class TrialList:
-    """Trials of one subject in the order in which they are shown; the answers are still to come.
-
-    Attributes
-    ----------
-    subject : str
-    block : ndarray of int, shape (trials,)
-        From 1.
-    s1, s2 : ndarray, shape (trials,)
-        Natural-log intensities.
-    isi : ndarray, shape (trials,), optional
-        Seconds.
-    condition : ndarray of str, shape (trials,), optional
-    """
-
-    subject: str
-    block: IntArray
-    s1: FloatArray
-    s2: FloatArray
-    isi: FloatArray | None = None
-    condition: npt.NDArray[np.str_] | None = field(default=None, kw_only=True)
-
-    def frame(self, reference: float | None = None) -> pd.DataFrame:
-        """A row a trial.
-
-        Raw amplitudes stand beside the intensities where their reference is given.
-        """
-        import pandas as pd
-
-        columns: dict[str, npt.ArrayLike] = {"subject": self.subject}
-        if self.condition is not None:
-            columns["condition"] = self.condition
-        trial = np.arange(1, len(self.s1) + 1)
-        columns |= {"block": self.block, "trial": trial, "s1": self.s1, "s2": self.s2}
-        if self.isi is not None:
-            columns["isi"] = self.isi
-        if reference is not None:
-            columns["i1"] = reference * np.exp(self.s1)
-            columns["i2"] = reference * np.exp(self.s2)
-        return pd.DataFrame({**columns, "response": ""})
 
 
 def trial_list(
@@ -78,8 +29,9 @@ def trial_list(
     subject: str = "S01",
     seed: int,
     conditions: Sequence[str] = (),
-) -> TrialList:
-    """A random order of all trials of a design.
+    reference: float | None = None,
+) -> pd.DataFrame:
+    """A random order of all trials of a design, a row a trial; the responses are still to come.
 
     Every block has its share of every pair, and two stimuli in both orders equally often where the
     design has them so; no more than three equal pairs follow each other, also over the end of a
@@ -95,6 +47,8 @@ def trial_list(
     conditions : sequence of str
         Levels of a condition within subjects, each of which has all trials of the design; they are
         mixed within blocks.
+    reference : float, optional
+        With it raw amplitudes i1 and i2 stand beside the natural-log intensities.
 
     Raises
     ------
@@ -119,25 +73,18 @@ def trial_list(
     for trials, place in zip(order, places, strict=True):
         equal, different = trials[is_equal[trials]], trials[~is_equal[trials]]
         trials[place], trials[~place] = equal, different
-    block = np.repeat(np.arange(1, blocks + 1), counts.sum(axis=1))
     level, pair = np.divmod(np.concatenate(order), design.n_pairs)
-    condition = np.array(conditions)[level] if conditions else None
-    columns = [column[pair] for column in design.columns]
-    return TrialList(subject, block, *columns, condition=condition)
-
-
-def save_trials(
-    lists: Sequence[TrialList],
-    path: str | Path,
-    *,
-    reference: float | None = None,
-    overwrite: bool = False,
-) -> Path:
-    """Write trial lists as one CSV file, which `run` reads once the column response is filled in."""
-    import pandas as pd
-
-    frame = pd.concat([trials.frame(reference) for trials in lists])
-    return write_table(frame, path, overwrite=overwrite)
+    columns: dict[str, npt.ArrayLike] = {"subject": subject}
+    if conditions:
+        columns["condition"] = np.array(conditions)[level]
+    columns["block"] = np.repeat(np.arange(1, blocks + 1), counts.sum(axis=1))
+    columns["trial"] = np.arange(1, len(pair) + 1)
+    for name, values in zip(("s1", "s2", "isi"), design.columns, strict=False):
+        columns[name] = values[pair]
+    if reference is not None:
+        columns["i1"] = reference * np.exp(design.s1[pair])
+        columns["i2"] = reference * np.exp(design.s2[pair])
+    return pd.DataFrame({**columns, "response": ""})
 
 
 # --- Which pairs in which block -------------------------------------------------------------------

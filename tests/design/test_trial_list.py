@@ -11,7 +11,7 @@ from populations import grid_design
 
 import bayes_toe as bt
 from bayes_toe.design.study_design import StudyDesign, paper_study_design
-from bayes_toe.design.trial_list import save_trials, trial_list
+from bayes_toe.design.trial_list import trial_list
 from bayes_toe.errors import InputError
 
 DESIGNS = {
@@ -106,10 +106,13 @@ def test_a_filled_in_list_is_a_study_that_run_reads(tmp_path):
         assert np.array_equal(subject.n_yes > 0, design.s1 == design.s2)
 
 
-def test_intervals_come_back(tmp_path):
-    trials = trial_list(DESIGNS["odd"], blocks=2, seed=1)
-    file = save_trials([trials], tmp_path / "t.csv")
-    assert pd.read_csv(file).isi.tolist() == trials.isi.tolist()
+def test_intervals_are_those_of_the_pairs():
+    design = DESIGNS["odd"]
+    trials = trial_list(design, blocks=2, seed=1, conditions=("left", "right"))
+    shown = Counter(zip(trials.s1, trials.s2, trials.isi, strict=True))
+    assert shown == dict(zip(design.pairs, (2 * design.n_trials).tolist(), strict=True))
+    assert set(Counter(trials.condition).values()) == {design.total}
+    assert trials.trial.tolist() == list(range(1, 2 * design.total + 1))
 
 
 @pytest.mark.parametrize(
