@@ -258,12 +258,6 @@ class PopulationResult:
             jnd = JND_OVER_NOISE * self.scales.step * np.exp(log_noise)
             return np.asarray(100.0 * np.expm1(jnd))
 
-    def covariate_effect(self, i: int, name: str) -> tuple[FloatArray, ZeroBayesFactor]:
-        """Draws of what a covariate does to a mean, and the Bayes factor of nothing."""
-        j = self.index(name)
-        zero = zero_effect(self.draws, self.numbers, self.regressors.x, i, j)
-        return self.draws.effects[..., i, j], zero
-
     def difference_columns(self, name: str) -> list[int]:
         """The coefficients by which a parameter differs between conditions."""
         if self.study.conditions is None:
@@ -369,9 +363,11 @@ class PopulationResult:
 
     def _covariate_rows(self) -> list[PopulationRow]:
         rows = []
+        x = self.regressors.x
         for i, column in enumerate(self.regressors.columns):
-            for name in self.names:
-                values, zero = self.covariate_effect(i, name)
+            for j, name in enumerate(self.names):
+                zero = zero_effect(self.draws, self.numbers, x, i, j)
+                values = self.draws.effects[..., i, j]
                 rows.append(summary_row(name, "effect", values, column.label, zero))
         return rows
 

@@ -38,8 +38,6 @@ class Regressor(NamedTuple):
     covariate: str
     level: str
     about: str
-    mean: float = 0.0
-    sd: float = 1.0
     reference: str = ""
 
     @property
@@ -160,8 +158,7 @@ def _column_of_numbers(name: str, values: FloatArray) -> tuple[list[Regressor], 
     unit = float(np.abs(values).max())
     mean, sd = float(np.mean(values / unit)), float(np.std(values / unit, ddof=1))
     about = f"{bare(name)}, per sd of {unit * sd:.4g} about {unit * mean:.4g}"
-    column = Regressor(name, "", about, unit * mean, unit * sd)
-    return [column], ((values / unit - mean) / sd)[:, None]
+    return [Regressor(name, "", about)], ((values / unit - mean) / sd)[:, None]
 
 
 def _columns_of_category(

@@ -4,12 +4,10 @@ from dataclasses import astuple, replace
 
 import numpy as np
 import pytest
-from scipy.optimize import minimize
 from scipy.special import logit
 from scipy.stats import kstest, norm
 from serial_observers import LAPSE_RATE, NOISE, Q0, answered
 
-import bayes_toe as bt
 from bayes_toe.answers.serial_screen import SerialScreen, logit_slopes, serial_screen
 from bayes_toe.data.answers import Answers
 from bayes_toe.data.study import Subject
@@ -118,35 +116,3 @@ def test_slopes_are_those_of_the_logit_in_a_shift(task):
     )
     expected = (ahead - behind) / (2e-5 * posterior.prior.constant_error_scale)
     np.testing.assert_allclose(logit_slopes(posterior, x), expected, rtol=1e-6, atol=1e-8)
-
-
-def test_public_studies(real_data):
-    """Listeners follow the stimuli before, those who count dots the answer before."""
-    options = bt.ReadOptions(ignore=("isi",))
-    listeners = bt.read_study(real_data / "auditory_pwm" / "trials.csv", options)
-    counters = bt.read_study(real_data / "numerosity" / "trials.csv")
-    found = {}
-    for study in (listeners, counters):
-        screens = [serial_screen(subject, *highest(subject)) for subject in study]
-        names = ("joint_p", "answer_p", "stimuli_p", "moving_criterion_p")
-        found[len(study)] = [np.count_nonzero(p_values(screens, name) < 0.01) for name in names]
-    np.testing.assert_allclose(found[46], [33, 1, 34, 1], atol=2)
-    np.testing.assert_allclose(found[109], [14, 18, 2, 8], atol=2)
-
-
-def highest(subject):
-    """The posterior of 'both' and its maximum, sought from several starts."""
-    posterior = OrderModel("both").posterior(subject)
-
-    def negative(x):
-        value, slope = posterior.gradient(x[None])
-        return -value[0], -slope[0]
-
-    searches = []
-    for error in (-2.0, 0.0, 2.0):
-        for lapses in (-1.5, 0.5):
-            start = {"constant_error": error, "lapse_rate": lapses}
-            x = np.array([start.get(name, 0.0) for name in posterior.coordinates])
-            searches.append(minimize(negative, x, jac=True, method="BFGS"))
-    best = min(searches, key=lambda search: search.fun)
-    return posterior, best.x

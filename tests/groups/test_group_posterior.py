@@ -133,3 +133,11 @@ def test_stimuli_count_from_the_subjects_own_mean_in_steps_of_the_whole_study():
     assert rows.batch.first[0] == pytest.approx(rows.batch.first[1])
     assert rows.batch.slope_unit.ravel().tolist() == pytest.approx([0.25 / scales.spread] * 2)
     assert scales.contraction_share == 1.0
+
+
+def test_roved_first_stimuli_narrow_the_prior_of_the_contraction():
+    s1 = np.repeat([-2.0, 2.0], 2)
+    s2 = s1 + np.tile([-0.1, 0.1], 2)
+    subject = bt.Subject("roved", s1, s2, [1, 2, 1, 2], [3] * 4)
+    scales = StudyScales.from_study(bt.Study([subject]))
+    assert scales.contraction_share == pytest.approx(4.0 * 0.1 / 2.0)
