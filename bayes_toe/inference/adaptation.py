@@ -23,9 +23,10 @@ from bayes_toe.inference.proposal import (
     Proposal,
     StudentMixture,
     WeightedDraws,
-    effective_number,
     efficiency,
     importance_draws,
+    joined_draws,
+    tempered,
 )
 from bayes_toe.model.posterior import SampledPosterior
 
@@ -241,7 +242,7 @@ def _first(posterior: SampledPosterior, maxima: Maxima, rng: np.random.Generator
     transform = posterior.transform(maxima.x[maxima.value > maxima.value[0] - 3.0])
     x = posterior.sample_prior(rng, 2 * STAGES[0].draws)
     x = x[np.isfinite(x).all(axis=1)]
-    weights = _tempered(posterior.log_likelihood(x), least=200.0)
+    weights = tempered(posterior.log_likelihood(x)[None], least=200.0)[0]
     y = transform.forward(x)[0]
     spread = _covariance(y, weights)
     few = STAGES[0].components // 2
@@ -272,35 +273,25 @@ def _covariance(y: FloatArray, weights: FloatArray | None = None) -> FloatArray:
     return np.atleast_2d(np.cov(y.T, aweights=weights, ddof=1 if weights is None else 0))
 
 
-def _tempered(log_weights: FloatArray, least: float) -> FloatArray:
-    """Normalised weights w^beta with the largest beta <= 1 (on a geometric grid) that leaves `least` effective draws."""
-    below = log_weights - log_weights.max()
-    for power in 0.8 ** np.arange(200):
-        if effective_number(weights := np.exp(power * below)) >= least:
-            break
-    return np.asarray(weights / weights.sum())
-
-
 def _refitted(
     rounds: Sequence[_Round | FittedProposal], stage: Stage, patches: int = 0
 ) -> Proposal:
     """EM on the pooled draws of rounds of one size, then so many new components, or as many as EM dropped if these are more."""
-    x = np.concatenate([entry.draws.x for entry in rounds])
-    log_prior = np.concatenate([entry.draws.log_prior for entry in rounds])
-    log_posterior = np.concatenate([entry.draws.log_posterior for entry in rounds])
+    draws = joined_draws(entry.draws for entry in rounds)
     last = rounds[-1].proposal
-    y, log_volume = last.transform.forward(x)  # one for all rounds of a fit
-    made = np.logaddexp.reduce(
-        [entry.proposal.transformed_log_density(y, log_volume, log_prior) for entry in rounds]
-    ) - np.log(len(rounds))
-    flattened = _FLAT * (log_posterior - log_volume) - (made - log_volume)
-    weights = _tempered(log_posterior - made, least=0.05 * len(x))
-    flat = _tempered(flattened, least=0.02 * len(x))
+    y, log_volume = last.transform.forward(draws.x)  # one for all rounds of a fit
+    densities = [
+        entry.proposal.transformed_log_density(y, log_volume, draws.log_prior) for entry in rounds
+    ]
+    made = np.logaddexp.reduce(densities) - np.log(len(rounds))
+    draws = replace(draws, log_proposal=made)
+    flattened = _FLAT * (draws.log_posterior - log_volume) - (made - log_volume)
+    (weights,) = tempered(draws.log_weights[None], least=0.05 * len(y))
+    (flat,) = tempered(flattened[None], least=0.02 * len(y))
     mixture, cover = last.mixture, last.cover
     for _ in range(3):
         mixture, cover = mixture.updated(y, weights), cover.updated(y, flat)
     proposal = Proposal(last.posterior, last.transform, mixture, cover, stage.cover_share)
-    draws = WeightedDraws(x, log_prior, log_posterior, made)
     return _patched(
         proposal, draws, y, log_volume, max(patches, stage.components - len(mixture.weights))
     )

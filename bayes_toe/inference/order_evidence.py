@@ -20,6 +20,7 @@ from scipy.special import gammaln, logsumexp
 from bayes_toe.arrays import BoolArray, FloatArray, IndexArray
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import NumericalError
+from bayes_toe.inference.proposal import WeightedDraws, efficiency, joined_draws, tempered
 from bayes_toe.model.derivatives import hessian
 from bayes_toe.model.distributions import LOG_2PI
 from bayes_toe.model.observer import (
@@ -387,21 +388,6 @@ def _mixture_of_maxima(maxima: Maxima, rows: IndexArray, is_free: BoolArray) -> 
     return RowMixtures(is_free, weights, means, _factors(scales, is_free))
 
 
-def _tempered(log_weights: FloatArray) -> FloatArray:
-    """Normalised weights of rows, flattened until :data:`_TEMPERED` draws count, (rows, n)."""
-    below = log_weights - log_weights.max(axis=1, keepdims=True)
-    weights = np.empty_like(below)
-    rows = np.arange(len(below))
-    for power in 0.8 ** np.arange(60):
-        flattened = np.exp(power * below[rows])
-        flattened /= flattened.sum(axis=1, keepdims=True)
-        weights[rows] = flattened
-        rows = rows[1.0 / np.square(flattened).sum(axis=1) < _TEMPERED]
-        if not len(rows):
-            break
-    return np.asarray(weights)
-
-
 # --- Draws ---------------------------------------------------------------------------------------
 
 
@@ -409,61 +395,32 @@ def _tempered(log_weights: FloatArray) -> FloatArray:
 class _Pool:
     """Draws of one row, of all rounds by which its mixture was adapted."""
 
-    points: FloatArray  # (n, k)
-    log_target: FloatArray  # (n,)
-    log_prior: FloatArray  # (n,)
-    log_made: FloatArray  # (n,): log of the sum over rounds of draws times density
+    draws: WeightedDraws  # their proposal: the sum over rounds of draws times density
     mixtures: list[tuple[RowMixtures, int]]  # of every round, with its number of draws
 
-    def join(
-        self,
-        mixture: RowMixtures,
-        points: FloatArray,
-        log_target: FloatArray,
-        log_prior: FloatArray,
-    ) -> None:
+    def join(self, mixture: RowMixtures, draws: WeightedDraws) -> None:
         """Add the draws that a mixture made."""
-        n = len(points)
-        log_new = mixture.log_density(self.points[None], self.log_prior[None])[0] + np.log(n)
-        self.log_made = np.logaddexp(self.log_made, log_new)
-        self.mixtures.append((mixture, n))
+        self.mixtures.append((mixture, len(draws.x)))
+        pooled = joined_draws([self.draws, draws])
         made = []
         for known, count in self.mixtures:
-            log_density = known.log_density(points[None], log_prior[None])[0]
+            log_density = known.log_density(pooled.x[None], pooled.log_prior[None])[0]
             made.append(log_density + np.log(count))
-        log_made = np.logaddexp.reduce(made)
-        self.points = np.concatenate([self.points, points])
-        self.log_target = np.concatenate([self.log_target, log_target])
-        self.log_prior = np.concatenate([self.log_prior, log_prior])
-        self.log_made = np.concatenate([self.log_made, log_made])
-
-
-class _Draws(NamedTuple):
-    """Draws of one row's fixed mixture."""
-
-    points: FloatArray  # (n, k)
-    log_target: FloatArray  # (n,)
-    log_prior: FloatArray  # (n,)
-    log_weights: FloatArray  # (n,)
+        self.draws = replace(pooled, log_proposal=np.logaddexp.reduce(made))
 
 
 @dataclass(eq=False)
 class _Row:
     """Fresh draws of one row's fixed mixture by rounds, and how often it went back."""
 
-    rounds: list[_Draws]
+    rounds: list[WeightedDraws]
     returns: int = 0
     poor_returns: int = 0
 
     @property
-    def log_weights(self) -> FloatArray:
-        """Of all fresh draws, (n,)."""
-        return np.concatenate([draws.log_weights for draws in self.rounds])
-
-    @property
-    def draws(self) -> _Draws:
+    def draws(self) -> WeightedDraws:
         """All fresh draws."""
-        return _Draws(*map(np.concatenate, zip(*self.rounds, strict=True)))
+        return joined_draws(self.rounds)
 
 
 class _Estimate(NamedTuple):
@@ -482,10 +439,10 @@ def _estimate(log_weights: FloatArray) -> _Estimate:
     highest = log_weights.max()
     weights = np.exp(log_weights - highest)
     total = weights.sum()
-    efficiency = float(total**2 / np.square(weights).sum() / n)
+    share_used = efficiency(log_weights)
     log_evidence = float(np.log(total / n) + highest)
-    error = float(np.sqrt((1.0 / efficiency - 1.0) / n))
-    return _Estimate(log_evidence, error, efficiency, n, float(weights.max() / total))
+    error = float(np.sqrt((1.0 / share_used - 1.0) / n))
+    return _Estimate(log_evidence, error, share_used, n, float(weights.max() / total))
 
 
 class _Sampler:
@@ -621,40 +578,36 @@ class _Sampler:
 
     # --- Draws -----------------------------------------------------------------------------------
 
-    def _sample(self, mixtures: Sequence[RowMixtures], rows: Sequence[int]) -> FloatArray:
-        """A round of draws of some rows, (rows, n, k), each from its own mixture."""
-        draws = np.empty((len(rows), _POOL, self.k))
+    def _round(self, mixtures: Sequence[RowMixtures], rows: Sequence[int]) -> list[WeightedDraws]:
+        """Draws of some rows, each from its own mixture."""
+        points = np.empty((len(rows), _POOL, self.k))
         for i, row in enumerate(rows):
             rng = self.generators[row // _N_MODELS]
             uniform = rng.uniform(size=(_POOL, self.k))
             from_prior = self.batch.rows(np.array([row])).prior_points(uniform)
             from_prior *= self.is_free[row]
-            draws[i] = mixtures[row].sample(rng, 0, from_prior)
-        return draws
-
-    def _densities(self, points: FloatArray, rows: IndexArray) -> tuple[FloatArray, FloatArray]:
-        """Log target and log prior of draws, (rows, n) each."""
-        batch = self.batch.rows(rows)
-        log_prior = batch.log_prior(points, self.is_free[rows])
+            points[i] = mixtures[row].sample(rng, 0, from_prior)
+        index = np.array(rows)
+        batch = self.batch.rows(index)
+        log_prior = batch.log_prior(points, self.is_free[index])
         log_target = batch.plain_log_likelihood(points) + log_prior
         # Beyond the edges of the contraction the density is 0.
-        return np.where(np.isfinite(log_prior), log_target, -np.inf), log_prior
+        log_target[~np.isfinite(log_prior)] = -np.inf
+        log_made = _joined(mixtures, rows).log_density(points, log_prior)
+        return list(map(WeightedDraws, points, log_prior, log_target, log_made))
 
     def _adapt(self, mixture: RowMixtures) -> tuple[list[RowMixtures], list[_Pool]]:
         """Two rounds of draws, and the mixtures adapted to them."""
-        all_rows = np.arange(self.n_rows)
         row_numbers = range(self.n_rows)
-        nothing = np.empty(0)
-        pools = [_Pool(np.empty((0, self.k)), nothing, nothing, nothing, []) for _ in row_numbers]
+        nothing = WeightedDraws(np.empty((0, self.k)), *np.empty((3, 0)))
+        pools = [_Pool(nothing, []) for _ in row_numbers]
         for _ in range(2):
             mixtures = [_row_mixture(mixture, row) for row in row_numbers]
-            points = self._sample(mixtures, row_numbers)
-            log_target, log_prior = self._densities(points, all_rows)
-            for row in row_numbers:
-                pools[row].join(mixtures[row], points[row], log_target[row], log_prior[row])
-            pooled = np.stack([pool.points for pool in pools])
-            log_weights = np.stack([pool.log_target - pool.log_made for pool in pools])
-            mixture = mixture.updated(pooled, _tempered(log_weights))
+            for row, draws in enumerate(self._round(mixtures, row_numbers)):
+                pools[row].join(mixtures[row], draws)
+            pooled = np.stack([pool.draws.x for pool in pools])
+            log_weights = np.stack([pool.draws.log_weights for pool in pools])
+            mixture = mixture.updated(pooled, tempered(log_weights, _TEMPERED))
         return [_row_mixture(mixture, row) for row in row_numbers], pools
 
     def _draw(self, mixtures: list[RowMixtures], pools: list[_Pool]) -> list[_Row]:
@@ -662,13 +615,7 @@ class _Sampler:
         fresh = [_Row([]) for _ in range(self.n_rows)]
         active = list(range(self.n_rows))
         while active:
-            rows = np.array(active)
-            points = self._sample(mixtures, active)
-            log_target, log_prior = self._densities(points, rows)
-            log_made = _joined(mixtures, active).log_density(points, log_prior)
-            for i, row in enumerate(active):
-                log_weights = log_target[i] - log_made[i]
-                draws = _Draws(points[i], log_target[i], log_prior[i], log_weights)
+            for row, draws in zip(active, self._round(mixtures, active), strict=True):
                 fresh[row].rounds.append(draws)
             active = self._unfinished(active, fresh, mixtures, pools)
         return fresh
@@ -681,7 +628,7 @@ class _Sampler:
         pools: Sequence[_Pool],
     ) -> list[int]:
         """The rows that need more draws; those that fit badly get a new mixture first."""
-        estimates = [_estimate(row.log_weights) for row in fresh]
+        estimates = [_estimate(row.draws.log_weights) for row in fresh]
         going = []
         for row in active:
             estimate = estimates[row]
@@ -734,7 +681,7 @@ class _Sampler:
             np.array([estimate.standard_error for estimate in estimates]),
             laplace[list(rows)],
             modes[list(rows)],
-            tuple(ModelDraws(entry.points, entry.log_weights) for entry in draws),
+            tuple(ModelDraws(entry.x, entry.log_weights) for entry in draws),
             np.array([estimate.efficiency * estimate.n_draws for estimate in estimates]),
         )
 
@@ -779,12 +726,12 @@ def _joined(mixtures: Sequence[RowMixtures], rows: Sequence[int]) -> RowMixtures
 def _refitted(mixture: RowMixtures, pool: _Pool, row: _Row) -> RowMixtures:
     """A row's mixture with a component at its heaviest draw, adapted to all that were made."""
     draws = row.draws
-    heaviest = draws.points[np.argmax(draws.log_weights)]
-    pool.join(mixture, draws.points, draws.log_target, draws.log_prior)
+    heaviest = draws.x[np.argmax(draws.log_weights)]
+    pool.join(mixture, draws)
     row.rounds.clear()  # because the mixture changes
-    log_weights = (pool.log_target - pool.log_made)[None]
-    apart = pool.points - heaviest
-    spread = np.maximum(pool.points.std(axis=0), 1e-12)
+    points = pool.draws.x
+    apart = points - heaviest
+    spread = np.maximum(points.std(axis=0), 1e-12)
     distance = np.square(apart / spread).sum(axis=1)
     near = np.argpartition(distance, _NEIGHBOURS)[:_NEIGHBOURS]
     scale = apart[near].T @ apart[near] / _NEIGHBOURS
@@ -796,4 +743,5 @@ def _refitted(mixture: RowMixtures, pool: _Pool, row: _Row) -> RowMixtures:
         means=np.concatenate([mixture.means, heaviest[None, None]], axis=1),
         factors=np.concatenate([mixture.factors, factor], axis=1),
     )
-    return widened.updated(pool.points[None], _tempered(log_weights))
+    weights = tempered(pool.draws.log_weights[None], _TEMPERED)
+    return widened.updated(points[None], weights)

@@ -14,7 +14,7 @@ whole number, so that each density is a power by multiplication, without a logar
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -241,9 +241,9 @@ class Proposal:
 
 @dataclass(frozen=True, eq=False)
 class WeightedDraws:
-    """Draws from one proposal with the log densities that their weights need, each of shape (draws,)."""
+    """Draws with the log densities that their weights need, each of shape (draws,)."""
 
-    x: FloatArray
+    x: FloatArray  # (draws, k)
     log_prior: FloatArray
     log_posterior: FloatArray
     log_proposal: FloatArray
@@ -274,14 +274,34 @@ class WeightedDraws:
         )
 
 
+def joined_draws(parts: Iterable[WeightedDraws]) -> WeightedDraws:
+    """The draws of all parts, in order."""
+    columns = [(part.x, part.log_prior, part.log_posterior, part.log_proposal) for part in parts]
+    return WeightedDraws(*map(np.concatenate, zip(*columns, strict=True)))
+
+
 def efficiency(log_weights: FloatArray) -> float:
     """Importance-sampling efficiency, (sum w)^2 / (n sum w^2), in 0..1."""
-    return float(effective_number(np.exp(log_weights - log_weights.max())) / len(log_weights))
+    weights = np.exp(log_weights - log_weights.max())
+    return float(weights.sum() ** 2 / (weights @ weights) / len(weights))
 
 
-def effective_number(weights: FloatArray) -> float:
-    """Effective number of weights, (sum w)^2 / sum w^2."""
-    return float(weights.sum() ** 2 / (weights @ weights))
+def tempered(log_weights: FloatArray, least: float) -> FloatArray:
+    """Normalised weights w^beta of every row, (rows, n).
+
+    beta is the largest number up to 1, on a geometric grid, that leaves `least` effective draws.
+    """
+    below = log_weights - log_weights.max(axis=1, keepdims=True)
+    weights = np.empty_like(below)
+    rows = np.arange(len(below))
+    for power in 0.8 ** np.arange(200):
+        flattened = np.exp(power * below[rows])
+        flattened /= flattened.sum(axis=1, keepdims=True)
+        weights[rows] = flattened
+        rows = rows[1.0 / np.square(flattened).sum(axis=1) < least]
+        if not len(rows):
+            break
+    return np.asarray(weights)
 
 
 def importance_draws(proposal: Proposal, rng: Random, size: int) -> WeightedDraws:
