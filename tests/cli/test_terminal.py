@@ -116,7 +116,7 @@ def test_tables_are_fixed_and_fit(headings, rows, expected):
 def test_numbers_stay_at_the_right_in_columns_that_follow_below():
     rows = [["A", "l" * 40, "r" * 40, "5"], ["B", "l", "r", "12"]]
     lines = format_table(["subject", "left", "right", "n"], rows, (3,))
-    assert [line[-3:] for line in lines[-3:]] == ["  n", "  5", " 12"]
+    assert [line[-4:] for line in lines[-3:]] == ["   n", "   5", "  12"]
 
 
 def test_estimates_and_options_stay_on_one_line():
