@@ -102,15 +102,12 @@ def test_damaged_numbers_of_draws_are_refused(analysis, tmp_path):
     path = analysis.draws["A"].save(tmp_path / "posterior.nc")
     whole = path.read_bytes()
     with h5py.File(path) as file:
-        chunks = [
-            (one.byte_offset, one.size)
-            for one in (file[f"posterior/{name}"].id.get_chunk_info(0) for name in ("mu1", "q0"))
-        ]
+        chunk = file["posterior/mu1"].id.get_chunk_info(0)
 
     @settings(FUZZ, max_examples=FUZZ.max_examples // 4)
-    @given(st.sampled_from(chunks), st.floats(0.0, 0.99), st.binary(min_size=1, max_size=64))
-    def look(chunk, place, other):
-        first = chunk[0] + int(place * (chunk[1] - 64))
+    @given(st.integers(0, chunk.size - 65), st.binary(min_size=1, max_size=64))
+    def look(place, other):
+        first = chunk.byte_offset + place
         data = whole[:first] + other + whole[first + len(other) :]
         path.write_bytes(data)
         assert (only_lines(bt.load, path) is not None) == (data == whole)

@@ -146,6 +146,8 @@ def test_evidence_leads_with_model_evidence_and_has_the_table_of_run(folder, out
     places = ("Log model evidence.", "contraction p", "Answer\nB: Order effect: yes")
     assert sorted(places, key=screen.index) == [*places]
     [row] = pd.read_csv(folder / "evidence.csv").itertuples()
+    best = getattr(row, f"log_evidence_{row.best_model.replace(' ', '_')}")
+    assert re.findall(r"\S+\*", screen.partition("contraction p")[0]) == [f"{best:.2f}*"]
     assert re.search(rf"^{row.subject} .*{row.order_effect}", screen, re.MULTILINE)
 
 
@@ -163,6 +165,7 @@ def test_what_answers_do_not_determine_is_named_by_fit(tmp_path):
     (tmp_path / "s.csv").write_text("subject,s1,s2,n_equal,n_trials\nx,0,0.3,20,50\n")
     screen = good(f"fit s.csv -o fit.csv --replicates 5 {ONE}", cwd=tmp_path)
     assert "not determined by these answers: sigma_p, sigma_l, q0" in screen
+    assert "nan" not in screen
 
 
 def test_fit_writes_its_columns_and_states_its_level(folder):
