@@ -126,13 +126,8 @@ def information(
     k = curvature.shape[1]
     is_wanted = np.array([name in AIMS[aim] for name in posterior.coordinates])
     unit_point = posterior.quantities(np.eye(k))
-    units = np.array(
-        [
-            unit_point[name][i] if is_wanted[i] else 1.0
-            for i, name in enumerate(posterior.coordinates)
-        ]
-    )
-    return Information(rows, curvature[:, :, None] * np.eye(k), is_wanted, units)
+    units = [unit_point[name][i] for i, name in enumerate(posterior.coordinates)]
+    return Information(rows, curvature[:, :, None] * np.eye(k), is_wanted, np.array(units))
 
 
 # --- Exchange -------------------------------------------------------------------------------------

@@ -308,8 +308,9 @@ class PopulationResult:
 
     @property
     def own_names(self) -> tuple[str, ...]:
-        """All parameters of a subject."""
-        return tuple(parameter.name for parameter in task_parameters(self.study.task))
+        """The parameters of a subject that the group does not share."""
+        names = [parameter.name for parameter in task_parameters(self.study.task)]
+        return tuple(name for name in names if name not in self.names)
 
     def _own_quantity(self, name: str, u: FloatArray) -> FloatArray:
         """A parameter that the group does not share, from its coordinate."""
@@ -384,14 +385,13 @@ class PopulationResult:
     @cached_property
     def subject_table(self) -> GroupSubjects:
         """The rows of population_subjects.csv: every subject in the group."""
-        own = [name for name in self.own_names if name not in self.names]
         n_coefficients = self.draws.mean.shape[-1]
         rows = []
         for i, subject in enumerate(self.subjects):
             draws = self.draws.subjects[:, :, i]
             values = {name: draws[..., j] for j, name in enumerate(self.names)}
             values |= self.quantities(draws)
-            for j, name in enumerate(own):
+            for j, name in enumerate(self.own_names):
                 values[name] = self._own_quantity(name, draws[..., n_coefficients + j])
             rows += [subject_row(subject, name, column) for name, column in values.items()]
         return GroupSubjects(tuple(rows))
@@ -419,7 +419,7 @@ class PopulationResult:
             self.draws,
             record,
             coefficients=coefficients,
-            own=[name for name in self.own_names if name not in self.names],
+            own=self.own_names,
             overwrite=overwrite,
         )
 

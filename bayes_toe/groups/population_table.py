@@ -54,6 +54,11 @@ class PopulationRow(NamedTuple):
     ln_bf_zero_se: float | None = None
 
 
+def _summary(draws: FloatArray) -> tuple[float, ...]:
+    """Quantiles and diagnostics, as rows have them."""
+    return *np.quantile(draws, _QUANTILES).tolist(), *convergence(draws)
+
+
 def summary_row(
     parameter: str,
     quantity: str,
@@ -62,8 +67,7 @@ def summary_row(
     zero: ZeroBayesFactor | None = None,
 ) -> PopulationRow:
     """The row of a quantity, draws of shape (chains, draws)."""
-    q025, q50, q975 = np.quantile(draws, _QUANTILES).tolist()
-    row = PopulationRow(parameter, quantity, level, q025, q50, q975, *convergence(draws))
+    row = PopulationRow(parameter, quantity, level, *_summary(draws))
     if zero is None:
         return row
     p_positive = float((draws > 0.0).mean())
@@ -107,8 +111,7 @@ class GroupSubjectRow(NamedTuple):
 
 def subject_row(subject: str, parameter: str, draws: FloatArray) -> GroupSubjectRow:
     """The row of a subject's parameter, draws of shape (chains, draws)."""
-    q025, q50, q975 = np.quantile(draws, _QUANTILES).tolist()
-    return GroupSubjectRow(subject, parameter, q025, q50, q975, *convergence(draws))
+    return GroupSubjectRow(subject, parameter, *_summary(draws))
 
 
 @dataclass(frozen=True, eq=False)
