@@ -22,7 +22,6 @@ the smaller one-sided ones: an order effect has a sign, and half the level is sp
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import lru_cache
 from typing import NamedTuple
@@ -253,67 +252,50 @@ def asymmetry(study: Study) -> AsymmetryTable:
 
 def asymmetry_table(study: Study) -> AsymmetryTable:
     """The table of :func:`asymmetry`, perhaps without a comparison."""
-    return AsymmetryTable(subject_asymmetries(study.subjects), study.task)
+    return AsymmetryTable(tuple(map(subject_asymmetry, study)), study.task)
 
 
-def subject_asymmetries(subjects: Sequence[Subject]) -> tuple[SubjectAsymmetry, ...]:
-    """Asymmetries of many subjects, all comparisons in one call of the tests.
+def subject_asymmetry(subject: Subject) -> SubjectAsymmetry:
+    """Asymmetries of one subject.
 
-    A subject has no comparison if no pair was presented in both orders, or with intervals.
+    There is no comparison if no pair was presented in both orders, or with intervals.
     """
-    pairs, weak_counts, strong_counts = [], [], []
-    for subject in subjects:
-        rows = _both_orders(subject)
-        n_wrong = subject.task.wrong(subject.s2 - subject.s1, subject.n_yes, subject.n_trials)
-        counts = np.stack([n_wrong, subject.n_trials])
-        pairs.append(rows)
-        weak_counts.append(counts[:, rows[:, 0]])
-        strong_counts.append(counts[:, rows[:, 1]])
-    weak = np.concatenate(weak_counts, axis=1)
-    strong = np.concatenate(strong_counts, axis=1)
+    weak_rows, strong_rows = _both_orders(subject).T
+    n_wrong = subject.task.wrong(subject.s2 - subject.s1, subject.n_yes, subject.n_trials)
+    counts = np.stack([n_wrong, subject.n_trials])
+    weak, strong = counts[:, weak_rows], counts[:, strong_rows]
     tests = equality_test(*strong, *weak)
-    direction = probability_greater(*strong, *weak)
     q_weak, q_strong = laplace_estimate(*weak), laplace_estimate(*strong)
     se_weak, se_strong = laplace_error(*weak), laplace_error(*strong)
-    difference, se = q_strong - q_weak, np.hypot(se_weak, se_strong)
-
-    results = []
-    first = 0
-    for subject, rows in zip(subjects, pairs, strict=True):
-        own = slice(first, first + len(rows))
-        first += len(rows)
-        p_value = tests.p_value[own]
-        is_maximal = np.zeros(len(rows), bool)
-        # Of two alike, the one with the smaller p-value.
-        is_maximal[np.lexsort((p_value, -np.abs(difference[own])))[:1]] = True
-        columns = [
-            subject.s1[rows[:, 0]],
-            subject.s2[rows[:, 0]],
-            *weak[:, own],
-            *strong[:, own],
-            q_weak[own],
-            se_weak[own],
-            q_strong[own],
-            se_strong[own],
-            difference[own],
-            se[own],
-            p_value,
-            holm(p_value),
-            tests.test[own],
-            direction[own],
-            is_maximal,
-        ]
-        values = zip(*(column.tolist() for column in columns), strict=True)
-        comparisons = tuple(Comparison(subject.name, *row) for row in values)
-        is_pooled = subject.isi is None
-        n_unequal = len({frozenset(pair) for pair in _pairs(subject) if pair[0] != pair[1]})
-        n_one_order = n_unequal - len(rows) if is_pooled else 0
-        results.append(
-            SubjectAsymmetry(
-                subject.name, accuracy(subject), comparisons, n_one_order, pooled=is_pooled
-            )
-        )
-    return tuple(results)
+    difference = q_strong - q_weak
+    is_maximal = np.zeros(len(weak_rows), bool)
+    # Of two alike, the one with the smaller p-value.
+    is_maximal[np.lexsort((tests.p_value, -np.abs(difference)))[:1]] = True
+    columns = [
+        subject.s1[weak_rows],
+        subject.s2[weak_rows],
+        *weak,
+        *strong,
+        q_weak,
+        se_weak,
+        q_strong,
+        se_strong,
+        difference,
+        np.hypot(se_weak, se_strong),
+        tests.p_value,
+        holm(tests.p_value),
+        tests.test,
+        probability_greater(*strong, *weak),
+        is_maximal,
+    ]
+    values = zip(*(column.tolist() for column in columns), strict=True)
+    comparisons = tuple(Comparison(subject.name, *row) for row in values)
+    is_pooled = subject.isi is None
+    n_unequal = len({frozenset(pair) for pair in _pairs(subject) if pair[0] != pair[1]})
+    n_one_order = n_unequal - len(comparisons) if is_pooled else 0
+    return SubjectAsymmetry(
+        subject.name, accuracy(subject), comparisons, n_one_order, pooled=is_pooled
+    )
 
 
 def _pairs(subject: Subject) -> list[tuple[float, float]]:

@@ -23,7 +23,7 @@ from bayes_toe.classical.asymmetry import (
     LEVEL,
     AsymmetryTable,
     asymmetry_table,
-    subject_asymmetries,
+    subject_asymmetry,
 )
 from bayes_toe.classical.frequencies import presentation_order
 from bayes_toe.data.messages import capitalized, counted
@@ -238,7 +238,7 @@ def response_axes(fitted: Predictor, ax: Axes) -> Axes:
     ax.set(xlim=(places.min() - pad, places.max() + pad), ylim=(-0.03, 1.14))
     ax.set(yticks=[0.0, 0.5, 1.0], ylabel=chance(counts.task))
     if counts.task == SAME_DIFFERENT:
-        for comparison in subject_asymmetries([counts])[0].comparisons:
+        for comparison in subject_asymmetry(counts).comparisons:
             if comparison.s_weak == reference and comparison.p_adjusted < LEVEL:
                 ax.text(comparison.s_strong, 1.09, "*", ha="center", va="center_baseline")
     return dress(ax)
