@@ -59,7 +59,9 @@ def test_tables_have_what_the_draws_say(result):
 def test_a_normal_group_is_not_contradicted(result):
     check = predictive_check(result)
     assert check.warnings == ()
-    assert all(CONTRADICTED < row.p_value <= 1.0 for row in check.statistics)
+    p_values = [row.p_value for row in check.statistics]
+    assert min(p_values) > CONTRADICTED
+    assert 0.7 < max(p_values) <= 1.0  # two-sided
     kinds = ["spread", "farthest", "spread", "skewness", "farthest"]
     assert [row.kind for row in check.statistics] == kinds
 
