@@ -31,10 +31,16 @@ import numpy.typing as npt
 import pandas as pd
 from scipy.stats import boschloo_exact, hypergeom
 
-from bayes_toe.arrays import FloatArray, IndexArray, IntArray
+from bayes_toe.arrays import FloatArray, IntArray
 from bayes_toe.classical.frequencies import accuracy, laplace_error, laplace_estimate
 from bayes_toe.data.messages import counted
-from bayes_toe.data.study import Study, Subject, refuse_intervals, require_study
+from bayes_toe.data.study import (
+    Study,
+    Subject,
+    pairs_in_both_orders,
+    refuse_intervals,
+    require_study,
+)
 from bayes_toe.data.tables import SubjectTable
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task
 from bayes_toe.errors import InputError
@@ -260,7 +266,7 @@ def subject_asymmetry(subject: Subject) -> SubjectAsymmetry:
 
     There is no comparison if no pair was presented in both orders, or with intervals.
     """
-    weak_rows, strong_rows = _both_orders(subject).T
+    weak_rows, strong_rows = pairs_in_both_orders(subject).T
     n_wrong = subject.task.wrong(subject.s2 - subject.s1, subject.n_yes, subject.n_trials)
     counts = np.stack([n_wrong, subject.n_trials])
     weak, strong = counts[:, weak_rows], counts[:, strong_rows]
@@ -291,27 +297,12 @@ def subject_asymmetry(subject: Subject) -> SubjectAsymmetry:
     values = zip(*(column.tolist() for column in columns), strict=True)
     comparisons = tuple(Comparison(subject.name, *row) for row in values)
     is_pooled = subject.isi is None
-    n_unequal = len({frozenset(pair) for pair in _pairs(subject) if pair[0] != pair[1]})
+    pairs = zip(subject.s1.tolist(), subject.s2.tolist(), strict=True)
+    n_unequal = len({frozenset(pair) for pair in pairs if pair[0] != pair[1]})
     n_one_order = n_unequal - len(comparisons) if is_pooled else 0
     return SubjectAsymmetry(
         subject.name, accuracy(subject), comparisons, n_one_order, pooled=is_pooled
     )
-
-
-def _pairs(subject: Subject) -> list[tuple[float, float]]:
-    return list(zip(subject.s1.tolist(), subject.s2.tolist(), strict=True))
-
-
-def _both_orders(subject: Subject) -> IndexArray:
-    """Rows of pairs with both orders, weaker first and stronger first, (comparisons, 2)."""
-    if subject.isi is not None:
-        return np.empty((0, 2), np.intp)
-    row_of = {pair: row for row, pair in enumerate(_pairs(subject))}
-    rows = []
-    for s1, s2 in sorted(row_of):
-        if s1 < s2 and (s2, s1) in row_of:
-            rows.append((row_of[s1, s2], row_of[s2, s1]))
-    return np.array(rows, np.intp).reshape(-1, 2)
 
 
 #: Most trials n1 + n2 of Boschloo's test, which takes 6 ms at 100 and 25 ms at 150; beyond it,

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from bayes_toe.arrays import BoolArray, FloatArray, IntArray, run_starts
+from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, IntArray, run_starts
 from bayes_toe.data.answers import KEYS, Answers, Reading, counted_rows
 from bayes_toe.data.conditions import Conditions, Stimuli
 from bayes_toe.data.messages import (
@@ -569,6 +569,22 @@ def require_study(given: object) -> None:
         if isinstance(given, list | tuple)
         else f"{found} bt.read_study(path or DataFrame)"
     )
+
+
+def pairs_in_both_orders(subject: Subject) -> IndexArray:
+    """Rows of pairs that were presented in both orders at one interval, shape (pairs, 2).
+
+    First the row with the weaker stimulus first, then that with the stronger one first.
+    """
+    if subject.isi is not None:
+        return np.empty((0, 2), np.intp)
+    pairs = zip(subject.s1.tolist(), subject.s2.tolist(), strict=True)
+    row_of = {pair: row for row, pair in enumerate(pairs)}
+    rows = []
+    for s1, s2 in sorted(row_of):
+        if s1 < s2 and (s2, s1) in row_of:
+            rows.append((row_of[s1, s2], row_of[s2, s1]))
+    return np.array(rows, np.intp).reshape(-1, 2)
 
 
 def refuse_intervals(subjects: Iterable[Subject], what: str) -> None:

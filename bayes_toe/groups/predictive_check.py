@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bayes_toe.arrays import FloatArray, IntArray
-from bayes_toe.data.study import Subject
+from bayes_toe.data.study import Subject, pairs_in_both_orders
 from bayes_toe.groups.group_posterior import SubjectRows
 from bayes_toe.groups.population import PopulationResult, subject_rows
 from bayes_toe.seeds import generator
@@ -143,7 +143,7 @@ def _measures(
 
     weights = np.zeros(difference.shape)
     for i, unit in enumerate(units):
-        for strong_first, weak_first in _pairs_in_both_orders(unit):
+        for weak_first, strong_first in pairs_in_both_orders(unit):
             weights[i, strong_first], weights[i, weak_first] = 1.0, -1.0
     n_compared = by_subject((weights > 0.0).sum(axis=1))
     has_both = n_compared > 0
@@ -160,18 +160,6 @@ def _measures(
         yield "accuracy", 1.0 - wrong[has_judged] / judged[has_judged, None], ("spread",)
     share = by_subject(n_yes.sum(axis=2)) / by_subject(n_trials.sum(axis=1))[:, None]
     yield f"share of {task.yes!r}", share, ("skewness", "farthest")
-
-
-def _pairs_in_both_orders(unit: Subject) -> list[tuple[int, int]]:
-    """Places of pairs with the stronger stimulus first and with the weaker one first."""
-    places = {
-        pair: i for i, pair in enumerate(zip(unit.s1.tolist(), unit.s2.tolist(), strict=True))
-    }
-    return [
-        (place, places[second, first])
-        for (first, second), place in places.items()
-        if first > second and (second, first) in places
-    ]
 
 
 def _statistics(quantity: str, values: FloatArray, kinds: Sequence[str]) -> Iterator[Statistic]:
