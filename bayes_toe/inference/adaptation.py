@@ -242,7 +242,7 @@ def _first(posterior: SampledPosterior, maxima: Maxima, rng: np.random.Generator
     transform = posterior.transform(maxima.x[maxima.value > maxima.value[0] - 3.0])
     x = posterior.sample_prior(rng, 2 * STAGES[0].draws)
     x = x[np.isfinite(x).all(axis=1)]
-    weights = tempered(posterior.log_likelihood(x)[None], least=200.0)[0]
+    weights = tempered(posterior.log_likelihood(x), least=200.0)
     y = transform.forward(x)[0]
     spread = _covariance(y, weights)
     few = STAGES[0].components // 2
@@ -286,8 +286,8 @@ def _refitted(
     made = np.logaddexp.reduce(densities) - np.log(len(rounds))
     draws = replace(draws, log_proposal=made)
     flattened = _FLAT * (draws.log_posterior - log_volume) - (made - log_volume)
-    (weights,) = tempered(draws.log_weights[None], least=0.05 * len(y))
-    (flat,) = tempered(flattened[None], least=0.02 * len(y))
+    weights = tempered(draws.log_weights, least=0.05 * len(y))
+    flat = tempered(flattened, least=0.02 * len(y))
     mixture, cover = last.mixture, last.cover
     for _ in range(3):
         mixture, cover = mixture.updated(y, weights), cover.updated(y, flat)

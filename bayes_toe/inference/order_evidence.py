@@ -1,4 +1,4 @@
-"""Log evidences of the four models of the observer, all rows of one array: maxima, mixture, draws.
+"""Log evidences of the four models of the observer: maxima, a mixture for each row, draws.
 
 A row is a subject under a model. Fisher scoring finds the maxima from starts along the constant
 error, with lapse rates held at three values, and from a flat curve. They become the components of
@@ -15,12 +15,18 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple, Never
 
 import numpy as np
-from scipy.special import gammaln, logsumexp
+from scipy.special import logsumexp
 
 from bayes_toe.arrays import BoolArray, FloatArray, IndexArray
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import NumericalError
-from bayes_toe.inference.proposal import WeightedDraws, efficiency, joined_draws, tempered
+from bayes_toe.inference.proposal import (
+    StudentMixture,
+    WeightedDraws,
+    efficiency,
+    joined_draws,
+    tempered,
+)
 from bayes_toe.model.derivatives import hessian
 from bayes_toe.model.distributions import LOG_2PI
 from bayes_toe.model.observer import (
@@ -57,7 +63,8 @@ _LEAST_WEIGHT = 0.05  # of a component, beside the root of its Laplace evidence
 _POOL = 500  # draws of a round
 _TEMPERED = 60.0  # effective draws that weights are flattened to
 _FLOOR = 0.4  # weight that all components keep, beside the 1 that the draws distribute
-_NEIGHBOURS = 120
+_NEIGHBOURS = 120  # draws that give a component its shape where one is added at a heavy draw
+_ADDED_SHARE = 1.0 / 16.0  # of that component
 
 # --- Evidence ---
 _FAR = 8.0  # nats below the best at which a model needs no further draws
@@ -251,141 +258,48 @@ def _damped_step(
 
 
 @dataclass(frozen=True, eq=False)
-class RowMixtures:
-    """A mixture of Student-t densities and the prior for every row.
+class RowMixture:
+    """The proposal of one row: a mixture of Student-t densities, and a share of the prior.
 
-    A coordinate that a row does not have stays at 0 and is no dimension of its mixture. Degrees of
-    freedom and dimensions add up to the same even number in all rows, so densities are powers.
+    A coordinate that the row does not have stays at 0 and is no dimension of the mixture.
     """
 
-    is_free: BoolArray  # (rows, k)
-    weights: FloatArray  # (rows, components): they sum to 1; 0 for a component that is not used
-    means: FloatArray  # (rows, components, k)
-    factors: FloatArray  # (rows, components, k, k): Cholesky factors of the scale matrices
-
-    @property
-    def half_power(self) -> int:
-        """Half the sum of degrees of freedom and dimensions."""
-        return (int(self.is_free.shape[1]) + 5) // 2
-
-    @property
-    def freedom(self) -> FloatArray:
-        """Degrees of freedom of the rows, (rows,)."""
-        return np.asarray(2.0 * self.half_power - self.is_free.sum(axis=1))
-
-    def kernels(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Components' kernels (1 + d^2 / nu)^-(nu + k)/2, and 1 / (1 + d^2 / nu).
-
-        Of points, (rows, n, k), both have the shape (rows, components, n).
-        """
-        n_rows, n_components, k = self.means.shape
-        whitener = np.linalg.inv(self.factors) / np.sqrt(self.freedom)[:, None, None, None]
-        centres = (whitener @ self.means[..., None])[..., 0]
-        stacked = whitener.reshape(n_rows, n_components * k, k) @ np.swapaxes(points, 1, 2)
-        apart = stacked.reshape(n_rows, n_components, k, -1) - centres[..., None]
-        closeness = 1.0 / (1.0 + np.square(apart).sum(axis=2))
-        kernel = closeness.copy()
-        for _ in range(self.half_power - 1):
-            kernel *= closeness
-        return kernel, closeness
-
-    def log_tops(self) -> FloatArray:
-        """Log of weight times highest density of every component, (rows, components)."""
-        dimensions, freedom = self.is_free.sum(axis=1), self.freedom
-        diagonal = np.diagonal(self.factors, axis1=2, axis2=3)
-        log_volume = np.log(diagonal).sum(axis=2)
-        log_norm = gammaln(self.half_power) - gammaln(0.5 * freedom)
-        log_norm = log_norm - 0.5 * dimensions * np.log(freedom * np.pi)
-        with np.errstate(divide="ignore"):
-            return np.asarray(np.log(self.weights) + log_norm[:, None] - log_volume)
+    is_free: BoolArray  # (k,)
+    student: StudentMixture
 
     def log_density(self, points: FloatArray, log_prior: FloatArray) -> FloatArray:
-        """Log density with the prior's share, (rows, n)."""
-        kernel, _ = self.kernels(points)
-        log_tops = self.log_tops()
-        highest = log_tops.max(axis=1, keepdims=True)
-        total = (np.exp(log_tops - highest)[:, None, :] @ kernel)[:, 0]
-        with np.errstate(divide="ignore"):
-            student = np.log(total) + highest + np.log1p(-_PRIOR_SHARE)
+        """Log density at points, (n, k) -> (n,)."""
+        student = self.student.log_density(points[:, self.is_free]) + np.log1p(-_PRIOR_SHARE)
         return np.asarray(np.logaddexp(student, log_prior + np.log(_PRIOR_SHARE)))
 
-    def updated(self, points: FloatArray, weights: FloatArray) -> RowMixtures:
-        """A step of EM toward weighted points, (rows, n, k) and normalised (rows, n).
+    def updated(self, draws: WeightedDraws) -> RowMixture:
+        """A step of EM toward draws whose weights are flattened."""
+        weights = tempered(draws.log_weights, _TEMPERED)
+        inertia = 2.0 * len(self.is_free)
+        student = self.student.drawn_toward(draws.x[:, self.is_free], weights, _FLOOR, inertia)
+        return replace(self, student=student)
 
-        A component that holds few of the effective points keeps most of its old shape.
-        """
-        k = points.shape[2]
-        effective = 1.0 / np.square(weights).sum(axis=1)
-        kernel, closeness = self.kernels(points)
-        log_tops = self.log_tops()
-        tops = np.exp(log_tops - log_tops.max(axis=1, keepdims=True))
-        shares = tops[:, :, None] * kernel
-        shares *= weights[:, None, :] / shares.sum(axis=1, keepdims=True)
-        held = shares.sum(axis=2)
-        ratio = 2.0 * self.half_power / self.freedom
-        pulls = shares * closeness * ratio[:, None, None]
-        trust = _trust(held * effective[:, None], k)
-        mean = (pulls @ points) / np.maximum(pulls.sum(axis=2), 1e-300)[..., None]
-        means = self.means + trust[..., None] * (mean - self.means)
-        apart = points[:, None] - means[:, :, None]
-        scatter = np.swapaxes(apart * pulls[..., None], 2, 3) @ apart
-        scatter /= np.maximum(held, 1e-300)[..., None, None]
-        old = self.factors @ np.swapaxes(self.factors, 2, 3)
-        scales = old + trust[..., None, None] * (scatter - old)
-        is_used = self.weights > 0.0
-        floor = _FLOOR / is_used.sum(axis=1, keepdims=True)
-        new_weights = np.where(is_used, held + floor, 0.0)
-        new_weights /= new_weights.sum(axis=1, keepdims=True)
-        return RowMixtures(self.is_free, new_weights, means, _factors(scales, self.is_free))
-
-    def sample(self, rng: np.random.Generator, row: int, prior: FloatArray) -> FloatArray:
-        """Draws of one row, shape (n, k); some of `prior`, shape (n, k), take the prior's share."""
+    def sample(self, rng: np.random.Generator, prior: FloatArray) -> FloatArray:
+        """Draws, shape (n, k); some of `prior`, shape (n, k), take the prior's share."""
         n, k = prior.shape
-        component = np.searchsorted(np.cumsum(self.weights[row])[:-1], rng.uniform(size=n), "right")
-        normal = rng.standard_normal((n, k)) * self.is_free[row]
-        freedom = self.freedom[row]
-        stretch = np.sqrt(freedom / rng.chisquare(freedom, n))
-        offsets = (self.factors[row, component] @ normal[..., None])[..., 0]
-        points = self.means[row, component] + offsets * stretch[:, None]
+        component = self.student.sample_components(rng, n)
+        normal = rng.standard_normal((n, k))[:, self.is_free]
+        points = np.zeros((n, k))
+        points[:, self.is_free] = self.student.offset(component, normal, rng)
         is_prior = np.asarray(rng.uniform(size=n)) < _PRIOR_SHARE
         points[is_prior] = prior[is_prior]
-        return np.asarray(points)
+        return points
 
 
-def _trust(effective: FloatArray, k: int) -> FloatArray:
-    """Share by which a component follows its points, of which so many are effective."""
-    return np.asarray(effective / (effective + 2.0 * k))
-
-
-def _factors(scales: FloatArray, is_free: BoolArray) -> FloatArray:
-    """Cholesky factors of scale matrices, (rows, components, k, k); 1 where a row has none."""
-    both_free = (is_free[:, :, None] & is_free[:, None, :])[:, None]
-    matrices = np.where(both_free, scales, 0.0)
-    diagonal = np.arange(scales.shape[-1])
-    own = matrices[..., diagonal, diagonal]
-    matrices[..., diagonal, diagonal] = np.where(is_free[:, None], own * (1.0 + 1e-9), 1.0)
-    return np.linalg.cholesky(matrices)
-
-
-def _mixture_of_maxima(maxima: Maxima, rows: IndexArray, is_free: BoolArray) -> RowMixtures:
+def _mixture_of_maxima(maxima: Maxima, is_free: BoolArray) -> RowMixture:
     """A component at every maximum of a row, weighted by the root of its Laplace evidence."""
-    n_rows, k = is_free.shape
-    order = np.argsort(rows, kind="stable")
-    counts = np.bincount(rows, minlength=n_rows)
-    n_components = int(counts.max())
-    means = np.zeros((n_rows, n_components, k))
-    scales = np.broadcast_to(np.eye(k), (n_rows, n_components, k, k)).copy()
-    log_mass = np.full((n_rows, n_components), -np.inf)
-    place = np.arange(len(rows)) - np.repeat(np.cumsum(counts) - counts, counts)
-    curvature = maxima.curvature[order]
-    log_determinant = np.linalg.slogdet(curvature)[1]
-    means[rows[order], place] = maxima.points[order]
-    scales[rows[order], place] = np.linalg.inv(curvature)
-    log_mass[rows[order], place] = maxima.log_density[order] - 0.5 * log_determinant
-    root = np.exp(0.5 * (log_mass - log_mass.max(axis=1, keepdims=True)))
-    weights = np.where(np.isfinite(log_mass), root + _LEAST_WEIGHT, 0.0)
-    weights /= weights.sum(axis=1, keepdims=True)
-    return RowMixtures(is_free, weights, means, _factors(scales, is_free))
+    log_mass = maxima.log_density - 0.5 * np.linalg.slogdet(maxima.curvature)[1]
+    weights = np.exp(0.5 * (log_mass - log_mass.max())) + _LEAST_WEIGHT
+    scales = np.asarray(np.linalg.inv(maxima.curvature[:, is_free][:, :, is_free]))
+    # Degrees of freedom and dimensions add up to the same even number in all rows.
+    df = 2 * ((len(is_free) + 5) // 2) - int(is_free.sum())
+    student = StudentMixture(weights / weights.sum(), maxima.points[:, is_free], scales, df)
+    return RowMixture(is_free, student)
 
 
 # --- Draws ---------------------------------------------------------------------------------------
@@ -396,15 +310,15 @@ class _Pool:
     """Draws of one row, of all rounds by which its mixture was adapted."""
 
     draws: WeightedDraws  # their proposal: the sum over rounds of draws times density
-    mixtures: list[tuple[RowMixtures, int]]  # of every round, with its number of draws
+    mixtures: list[tuple[RowMixture, int]]  # of every round, with its number of draws
 
-    def join(self, mixture: RowMixtures, draws: WeightedDraws) -> None:
+    def join(self, mixture: RowMixture, draws: WeightedDraws) -> None:
         """Add the draws that a mixture made."""
         self.mixtures.append((mixture, len(draws.x)))
         pooled = joined_draws([self.draws, draws])
         made = []
         for known, count in self.mixtures:
-            log_density = known.log_density(pooled.x[None], pooled.log_prior[None])[0]
+            log_density = known.log_density(pooled.x, pooled.log_prior)
             made.append(log_density + np.log(count))
         self.draws = replace(pooled, log_proposal=np.logaddexp.reduce(made))
 
@@ -439,10 +353,10 @@ def _estimate(log_weights: FloatArray) -> _Estimate:
     highest = log_weights.max()
     weights = np.exp(log_weights - highest)
     total = weights.sum()
-    share_used = efficiency(log_weights)
+    quality = efficiency(log_weights)
     log_evidence = float(np.log(total / n) + highest)
-    error = float(np.sqrt((1.0 / share_used - 1.0) / n))
-    return _Estimate(log_evidence, error, share_used, n, float(weights.max() / total))
+    error = float(np.sqrt((1.0 / quality - 1.0) / n))
+    return _Estimate(log_evidence, error, quality, n, float(weights.max() / total))
 
 
 class _Sampler:
@@ -464,8 +378,11 @@ class _Sampler:
         """The evidences of every subject."""
         maxima, rows = self._search()
         modes, laplace = self._laplace(maxima, rows)
-        mixture = _mixture_of_maxima(maxima, rows, self.is_free)
-        mixtures, pools = self._adapt(mixture)
+        mixtures = []
+        for row in range(self.n_rows):
+            of_row = Maxima(*(values[rows == row] for values in maxima))
+            mixtures.append(_mixture_of_maxima(of_row, self.is_free[row]))
+        pools = self._adapt(mixtures)
         fresh = self._draw(mixtures, pools)
         return [self._result(i, modes, laplace, fresh) for i in range(len(self.subjects))]
 
@@ -578,7 +495,7 @@ class _Sampler:
 
     # --- Draws -----------------------------------------------------------------------------------
 
-    def _round(self, mixtures: Sequence[RowMixtures], rows: Sequence[int]) -> list[WeightedDraws]:
+    def _round(self, mixtures: Sequence[RowMixture], rows: Sequence[int]) -> list[WeightedDraws]:
         """Draws of some rows, each from its own mixture."""
         points = np.empty((len(rows), _POOL, self.k))
         for i, row in enumerate(rows):
@@ -586,31 +503,30 @@ class _Sampler:
             uniform = rng.uniform(size=(_POOL, self.k))
             from_prior = self.batch.rows(np.array([row])).prior_points(uniform)
             from_prior *= self.is_free[row]
-            points[i] = mixtures[row].sample(rng, 0, from_prior)
+            points[i] = mixtures[row].sample(rng, from_prior)
         index = np.array(rows)
         batch = self.batch.rows(index)
         log_prior = batch.log_prior(points, self.is_free[index])
         log_target = batch.plain_log_likelihood(points) + log_prior
         # Beyond the edges of the contraction the density is 0.
         log_target[~np.isfinite(log_prior)] = -np.inf
-        log_made = _joined(mixtures, rows).log_density(points, log_prior)
-        return list(map(WeightedDraws, points, log_prior, log_target, log_made))
+        densities = zip(points, log_prior, log_target, strict=True)
+        draws = []
+        for row, (x, prior, target) in zip(rows, densities, strict=True):
+            draws.append(WeightedDraws(x, prior, target, mixtures[row].log_density(x, prior)))
+        return draws
 
-    def _adapt(self, mixture: RowMixtures) -> tuple[list[RowMixtures], list[_Pool]]:
-        """Two rounds of draws, and the mixtures adapted to them."""
-        row_numbers = range(self.n_rows)
+    def _adapt(self, mixtures: list[RowMixture]) -> list[_Pool]:
+        """Adapt mixtures by two rounds of draws, which are the pools."""
         nothing = WeightedDraws(np.empty((0, self.k)), *np.empty((3, 0)))
-        pools = [_Pool(nothing, []) for _ in row_numbers]
+        pools = [_Pool(nothing, []) for _ in mixtures]
         for _ in range(2):
-            mixtures = [_row_mixture(mixture, row) for row in row_numbers]
-            for row, draws in enumerate(self._round(mixtures, row_numbers)):
+            for row, draws in enumerate(self._round(mixtures, range(self.n_rows))):
                 pools[row].join(mixtures[row], draws)
-            pooled = np.stack([pool.draws.x for pool in pools])
-            log_weights = np.stack([pool.draws.log_weights for pool in pools])
-            mixture = mixture.updated(pooled, tempered(log_weights, _TEMPERED))
-        return [_row_mixture(mixture, row) for row in row_numbers], pools
+                mixtures[row] = mixtures[row].updated(pools[row].draws)
+        return pools
 
-    def _draw(self, mixtures: list[RowMixtures], pools: list[_Pool]) -> list[_Row]:
+    def _draw(self, mixtures: list[RowMixture], pools: list[_Pool]) -> list[_Row]:
         """Fresh draws of every row, until its evidence is known well enough."""
         fresh = [_Row([]) for _ in range(self.n_rows)]
         active = list(range(self.n_rows))
@@ -624,7 +540,7 @@ class _Sampler:
         self,
         active: Sequence[int],
         fresh: Sequence[_Row],
-        mixtures: list[RowMixtures],
+        mixtures: list[RowMixture],
         pools: Sequence[_Pool],
     ) -> list[int]:
         """The rows that need more draws; those that fit badly get a new mixture first."""
@@ -699,49 +615,18 @@ def _two_best_local(values: FloatArray, heights: FloatArray) -> IndexArray:
     return np.asarray(ranked[:2])
 
 
-def _row_mixture(mixture: RowMixtures, row: int) -> RowMixtures:
-    """One row as a mixture of its own."""
-    part = slice(row, row + 1)
-    return RowMixtures(
-        mixture.is_free[part], mixture.weights[part], mixture.means[part], mixture.factors[part]
-    )
-
-
-def _joined(mixtures: Sequence[RowMixtures], rows: Sequence[int]) -> RowMixtures:
-    """Rows as one mixture; those with fewer components get some without weight."""
-    chosen = [mixtures[row] for row in rows]
-    n_components = max(mixture.weights.shape[1] for mixture in chosen)
-    k = chosen[0].means.shape[2]
-    weights = np.zeros((len(rows), n_components))
-    means = np.zeros((len(rows), n_components, k))
-    factors = np.broadcast_to(np.eye(k), (len(rows), n_components, k, k)).copy()
-    for i, mixture in enumerate(chosen):
-        own = mixture.weights.shape[1]
-        weights[i, :own], means[i, :own] = mixture.weights[0], mixture.means[0]
-        factors[i, :own] = mixture.factors[0]
-    is_free = np.concatenate([mixture.is_free for mixture in chosen])
-    return RowMixtures(is_free, weights, means, factors)
-
-
-def _refitted(mixture: RowMixtures, pool: _Pool, row: _Row) -> RowMixtures:
+def _refitted(mixture: RowMixture, pool: _Pool, row: _Row) -> RowMixture:
     """A row's mixture with a component at its heaviest draw, adapted to all that were made."""
     draws = row.draws
-    heaviest = draws.x[np.argmax(draws.log_weights)]
+    heaviest = draws.x[np.argmax(draws.log_weights), mixture.is_free]
     pool.join(mixture, draws)
     row.rounds.clear()  # because the mixture changes
-    points = pool.draws.x
+    points = pool.draws.x[:, mixture.is_free]
     apart = points - heaviest
-    spread = np.maximum(points.std(axis=0), 1e-12)
-    distance = np.square(apart / spread).sum(axis=1)
+    distance = np.square(apart / points.std(axis=0)).sum(axis=1)
     near = np.argpartition(distance, _NEIGHBOURS)[:_NEIGHBOURS]
     scale = apart[near].T @ apart[near] / _NEIGHBOURS
-    factor = _factors(scale[None, None], mixture.is_free)
-    share = 1.0 / (1.0 + mixture.weights.shape[1])
-    widened = replace(
-        mixture,
-        weights=np.concatenate([(1.0 - share) * mixture.weights, [[share]]], axis=1),
-        means=np.concatenate([mixture.means, heaviest[None, None]], axis=1),
-        factors=np.concatenate([mixture.factors, factor], axis=1),
-    )
-    weights = tempered(pool.draws.log_weights[None], _TEMPERED)
-    return widened.updated(points[None], weights)
+    student = mixture.student
+    component = StudentMixture(np.ones(1), heaviest[None], scale[None], student.df)
+    widened = replace(mixture, student=student.joined([component], _ADDED_SHARE))
+    return widened.updated(pool.draws)

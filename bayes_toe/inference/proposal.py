@@ -17,15 +17,17 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import gammaln
 
-from bayes_toe.arrays import FloatArray
+from bayes_toe.arrays import FloatArray, IndexArray
 from bayes_toe.model.distributions import Random
 from bayes_toe.model.posterior import SampledPosterior, Transform, require_defined
 
 _LEAST_SHARE = 1e-4  # of a component
+_TINY = 1e-300  # weight of a component that no point comes near
 # points done together: with some tens of components the temporary arrays stay in the processor's
 # cache
 _BLOCK = 1024
@@ -89,19 +91,59 @@ class StudentMixture:
 
     def sample(self, rng: Random, size: int) -> FloatArray:
         """Draws, shape (size, D); works with numpy's old and new generators."""
-        which = np.searchsorted(np.cumsum(self.weights)[:-1], rng.uniform(size=size), side="right")
-        normal = rng.standard_normal((size, self.means.shape[1]))
-        stretch = np.sqrt(self.df / rng.chisquare(self.df, size=size))
-        return np.asarray(
-            self.means[which]
-            + np.einsum("nij,nj->ni", self._factors[which], normal) * stretch[:, None]
-        )
+        which = self.sample_components(rng, size)
+        return self.offset(which, rng.standard_normal((size, self.means.shape[1])), rng)
+
+    def sample_components(self, rng: Random, size: int) -> IndexArray:
+        """Which components draws come from, shape (size,)."""
+        bounds = np.cumsum(self.weights)[:-1]
+        return np.searchsorted(bounds, rng.uniform(size=size), side="right")
+
+    def offset(self, which: IndexArray, normal: FloatArray, rng: Random) -> FloatArray:
+        """Draws from these components, shape (size,), by standard normal numbers, (size, D)."""
+        stretch = np.sqrt(self.df / rng.chisquare(self.df, size=len(which)))
+        offsets = np.einsum("nij,nj->ni", self._factors[which], normal)
+        return np.asarray(self.means[which] + offsets * stretch[:, None])
 
     def updated(self, x: FloatArray, weights: FloatArray) -> StudentMixture:
         """One EM step toward the density that points x, shape (N, D), with normalised weights (N,) stand for.
 
         Components that no longer hold any weight are dropped.
         """
+        dim = x.shape[1]
+        sums = self._sums(x, weights)
+        # A component needs some points of its own for a covariance: the effective number behind its
+        # share.
+        kept = (sums.held > _LEAST_SHARE) & (sums.held**2 > 3 * dim * sums.squares)
+        if not kept.any():
+            return self
+        held, means, scales = sums.held[kept], sums.means[kept], sums.scales[kept]
+        centre = weights @ x
+        spread = weights @ np.square(x - centre)
+        # A thousandth of the overall spread is added, so that no component collapses onto a few
+        # points.
+        return StudentMixture(held / held.sum(), means, scales + 1e-3 * np.diag(spread), self.df)
+
+    def drawn_toward(
+        self, x: FloatArray, weights: FloatArray, floor: float, inertia: float
+    ) -> StudentMixture:
+        """The same step for few points: every component stays, and shares `floor` with all others.
+
+        A component that holds `inertia` effective points goes half the way from its old shape.
+        """
+        sums = self._sums(x, weights)
+        effective = sums.held * effective_number(weights)
+        trust = effective / (effective + inertia)
+        means = self.means + trust[:, None] * (sums.means - self.means)
+        moved = _outer(sums.means - means) * (sums.pulls / sums.held)[:, None, None]
+        change = sums.scales + moved - self.scales
+        scales = self.scales + trust[:, None, None] * change
+        scales += 1e-9 * scales * np.eye(x.shape[1])
+        shares = sums.held + floor / len(means)
+        return StudentMixture(shares / shares.sum(), means, scales, self.df)
+
+    def _sums(self, x: FloatArray, weights: FloatArray) -> _Sums:
+        """What the components hold of weighted points."""
         dim, n = x.shape[1], len(self.means)
         # Moments are counted from the points' mean: a component that is kept is at most 100 of
         # their standard deviations away, and what is subtracted below costs at most that squared in
@@ -118,22 +160,12 @@ class StudentMixture:
             moments += (shares / u) @ np.column_stack(
                 [np.ones(len(y)), y, _outer(y).reshape(len(y), -1)]
             )
-        # A component needs some points of its own for a covariance: the effective number behind its
-        # share.
-        kept = (held > _LEAST_SHARE) & (held**2 > 3 * dim * squares)
-        if not kept.any():
-            return self
-        held, moments = held[kept], moments[kept] * ((self.df + dim) / self.df)
-        apart = moments[:, 1 : dim + 1] / moments[:, :1]
-        scales = (
-            moments[:, dim + 1 :].reshape(-1, dim, dim) - moments[:, 0, None, None] * _outer(apart)
-        ) / held[:, None, None]
-        spread = weights @ np.square(x - centre)
-        # A thousandth of the overall spread is added, so that no component collapses onto a few
-        # points.
-        return StudentMixture(
-            held / held.sum(), centre + apart, scales + 1e-3 * np.diag(spread), self.df
-        )
+        moments *= (self.df + dim) / self.df
+        held, pulls = np.maximum(held, _TINY), np.maximum(moments[:, 0], _TINY)
+        apart = moments[:, 1 : dim + 1] / pulls[:, None]
+        around = moments[:, dim + 1 :].reshape(-1, dim, dim)
+        scales = (around - pulls[:, None, None] * _outer(apart)) / held[:, None, None]
+        return _Sums(held, squares, pulls, centre + apart, scales)
 
     def joined(self, others: Sequence[StudentMixture], share: float) -> StudentMixture:
         """This mixture with others of the same degrees of freedom, each of which takes a share of what was before it."""
@@ -172,6 +204,16 @@ class StudentMixture:
 
     def _kernel(self, u: FloatArray) -> FloatArray:
         return 1.0 / _power(u, (self.df + self.means.shape[1]) // 2)
+
+
+class _Sums(NamedTuple):
+    """What J components hold of weighted points."""
+
+    held: FloatArray  # (J,): weight
+    squares: FloatArray  # (J,): sum of squared weights
+    pulls: FloatArray  # (J,): weight where near points count more
+    means: FloatArray  # (J, D): of the points
+    scales: FloatArray  # (J, D, D): of the points about these means
 
 
 def _blocks(size: int) -> list[slice]:
@@ -282,26 +324,25 @@ def joined_draws(parts: Iterable[WeightedDraws]) -> WeightedDraws:
 
 def efficiency(log_weights: FloatArray) -> float:
     """Importance-sampling efficiency, (sum w)^2 / (n sum w^2), in 0..1."""
-    weights = np.exp(log_weights - log_weights.max())
-    return float(weights.sum() ** 2 / (weights @ weights) / len(weights))
+    return effective_number(np.exp(log_weights - log_weights.max())) / len(log_weights)
+
+
+def effective_number(weights: FloatArray) -> float:
+    """Effective number of weights, (sum w)^2 / sum w^2."""
+    return float(weights.sum() ** 2 / (weights @ weights))
 
 
 def tempered(log_weights: FloatArray, least: float) -> FloatArray:
-    """Normalised weights w^beta of every row, (rows, n).
+    """Normalised weights w^beta.
 
     beta is the largest number up to 1, on a geometric grid, that leaves `least` effective draws.
     """
-    below = log_weights - log_weights.max(axis=1, keepdims=True)
-    weights = np.empty_like(below)
-    rows = np.arange(len(below))
+    below = log_weights - log_weights.max()
     for power in 0.8 ** np.arange(200):
-        flattened = np.exp(power * below[rows])
-        flattened /= flattened.sum(axis=1, keepdims=True)
-        weights[rows] = flattened
-        rows = rows[1.0 / np.square(flattened).sum(axis=1) < least]
-        if not len(rows):
+        weights = np.exp(power * below)
+        if effective_number(weights) >= least:
             break
-    return np.asarray(weights)
+    return np.asarray(weights / weights.sum())
 
 
 def importance_draws(proposal: Proposal, rng: Random, size: int) -> WeightedDraws:

@@ -110,6 +110,31 @@ def test_em_climbs_and_recovers_the_mixture(mixture):
     assert likelihoods[-1] == pytest.approx(weights @ mixture.log_density(x), abs=0.005)
 
 
+def test_a_step_with_inertia_lies_between_the_old_mixture_and_the_whole_step(mixture):
+    rng = np.random.default_rng(4)
+    x = rng.normal(0.3, 1.0, (3000, 2))
+    weights = rng.dirichlet(np.ones(len(x)))
+    whole = mixture.updated(x, weights)
+    spread = 1e-3 * np.diag(weights @ np.square(x - weights @ x))  # only the whole step adds it
+    free = mixture.drawn_toward(x, weights, floor=0.0, inertia=0.0)
+    assert free.weights == pytest.approx(whole.weights, rel=1e-12)
+    assert free.means == pytest.approx(whole.means, rel=1e-12)
+    assert free.scales == pytest.approx(whole.scales - spread, rel=1e-8, abs=1e-8)
+
+    effective = whole.weights / np.square(weights).sum()
+    share = (effective / (effective + 50.0))[:, None]
+    half = mixture.drawn_toward(x, weights, floor=1.0, inertia=50.0)
+    assert half.weights == pytest.approx((whole.weights + 0.5) / 2.0)
+    assert half.means == pytest.approx(mixture.means + share * (whole.means - mixture.means))
+    apart = whole.means - half.means
+    about = np.einsum("ja,jb->jab", apart, apart)
+    # Near points count more: their weights do not sum to what a component holds.
+    scatter = (half.scales - mixture.scales) / share[..., None] + mixture.scales
+    ratio = (scatter - free.scales)[:, 0, 0] / about[:, 0, 0]
+    assert scatter - free.scales == pytest.approx(ratio[:, None, None] * about, rel=1e-5, abs=1e-6)
+    assert np.all((ratio > 0.5) & (ratio < 8.0 / 6.0))
+
+
 CASES = hard_cases()
 
 
