@@ -42,7 +42,16 @@ _LONGEST_NAME = 60  # characters of up to four bytes
 #: The options of the page, which have the names of the command's, with the kind of their value.
 _TEXTS = (
     *("equal_code", "different_code", "second_code", "first_code", "comparison_code", "correct"),
-    *("standard_interval", "subject_from", "decimal", "condition", "intensity", "unit", "sheet"),
+    *(
+        "standard_interval",
+        "subject_from",
+        "decimal",
+        "condition",
+        "intensity",
+        "unit",
+        "sheet",
+        "encoding",
+    ),
 )
 _KINDS: dict[str, type] = {
     **dict.fromkeys(_TEXTS, str),

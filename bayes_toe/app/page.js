@@ -19,7 +19,7 @@ const MEANINGS = {
 };
 const FIELDS = {
   "--columns": "the columns", "--where": "'Only rows with'", "--ignore": "'none'", "--correct": "'right or wrong'",
-  "--subject-from": "'the name of the file'", "--condition": "'Condition'", "--decimal": "'Decimal sign'", "--intensity": "'Unit'", "--unit": "'Kind of logarithm'", "--sheet": "'Sheet of the Excel file'",
+  "--subject-from": "'the name of the file'", "--condition": "'Condition'", "--decimal": "'Decimal sign'", "--intensity": "'Unit'", "--unit": "'Kind of logarithm'", "--sheet": "'Sheet of the Excel file'", "--encoding": "'Encoding of the text'",
   "--standard-interval": "'The standard was first'", "--standard-first": "'The standard was first'",
 };
 const FIELD_OF_OPTION = {
@@ -207,7 +207,10 @@ function showForm() {
   showMeanings(responses, stimuli);
 
   $("#sheet-label").hidden = !/\.xls[xm]$/i.test(job.files[0]);
-  if (document.activeElement !== $("#sheet")) $("#sheet").value = options.sheet ?? "";
+  $("#encoding-label").hidden = /\.(xls[xm]|mat|parquet)$/i.test(job.files[0]);
+  for (const name of ["sheet", "encoding"]) {
+    if (document.activeElement !== $(`#${name}`)) $(`#${name}`).value = options[name] ?? "";
+  }
   fill($("#where-column"), names, none);
   const [column, text] = Object.entries(options.where ?? {})[0] ?? [kinds.where ?? "", ""];
   choose($("#where-column"), column);
@@ -284,7 +287,7 @@ function collect() {
     else name(role, value);
   }
   if (ignore.length) options.ignore = ignore;
-  if ($("#sheet").value) options.sheet = $("#sheet").value;
+  for (const name of ["sheet", "encoding"]) if ($(`#${name}`).value) options[name] = $(`#${name}`).value;
   const column = $("#where-column").value;
   if (column && $("#where-text").value) options.where = { [column]: $("#where-text").value };
   for (const select of $$("#decisions select")) {

@@ -31,7 +31,8 @@ def read_job(job: Job) -> dict[str, Any]:
     swap, exclude = options.pop("swap", ()), options.pop("exclude", ())
     reading: dict[str, Any] = {"table": None, "problems": [], "remedies": [], "study": None}
     try:
-        table = read_table(paths[0], set, LARGEST_STUDY, sheet=options.get("sheet"))
+        form = {key: options.get(key) for key in ("sheet", "encoding")}
+        table = read_table(paths[0], set, LARGEST_STUDY, **form)
         reading["table"] = {**describe_table(table), **describe_roles(table, bt.ReadOptions())}
         read_options = _read_options(options)
         reading["table"] |= describe_roles(table, read_options)

@@ -7,7 +7,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import bayes_toe as bt
-from bayes_toe.cli.options import NUMBER, File, StudyFile, option, rare, writes
+from bayes_toe.cli.options import (
+    NUMBER,
+    File,
+    StudyFile,
+    file_name,
+    option,
+    rare,
+    writes,
+)
 from bayes_toe.cli.task import MODEL, Task
 from bayes_toe.cli.terminal import TYPED, Terminal, notes_of, number, without_zeros
 from bayes_toe.data.messages import format_p
@@ -21,7 +29,8 @@ def check(
     *,
     study: StudyFile,
     study_output: Annotated[
-        Path | None, option("--save", "STUDY.toml", "Save how the files are read.")
+        File,
+        option("--save", "STUDY.toml", "Save how the files are read.", parser=file_name),
     ] = None,
     task: Annotated[Task, "prior", "overwrite"],
 ) -> None:
@@ -60,7 +69,8 @@ def fit(
     ] = 1000,
     level: Annotated[float, rare("--level", NUMBER, "Coverage of bootstrap percentiles.")] = 0.95,
     asymmetry_output: Annotated[
-        File, option("--asymmetry", "FILE.csv", "Write the asymmetries, too.")
+        File,
+        option("--asymmetry", "FILE.csv", "Write the asymmetries, too.", parser=file_name),
     ] = None,
     task: Annotated[Task, *MODEL],
 ) -> None:

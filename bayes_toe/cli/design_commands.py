@@ -11,7 +11,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 import bayes_toe as bt
-from bayes_toe.cli.options import NUMBER, File, Number, Question, Text, option, rare, writes
+from bayes_toe.cli.options import (
+    NUMBER,
+    File,
+    Number,
+    Question,
+    Text,
+    file_name,
+    option,
+    rare,
+    writes,
+)
 from bayes_toe.cli.task import MODEL, Task
 from bayes_toe.data.messages import counted, listed, quoted
 
@@ -313,7 +323,8 @@ def simulate(
     *,
     output: Annotated[Path, writes("FILE.csv", "Trials.")],
     truth_output: Annotated[
-        File, option("--truth", "FILE.csv", "Write the true parameters, too.")
+        File,
+        option("--truth", "FILE.csv", "Write the true parameters, too.", parser=file_name),
     ] = None,
     batches: Annotated[int, option("--batches", NUMBER, "Repetitions of all pairs.", min=1)] = 50,
     amplitudes: Annotated[

@@ -72,16 +72,17 @@ ModelName = Annotated[
 
 
 def writes(metavar: str, help_text: str) -> Any:
-    """The option that names what is written; only a folder may end in a separator."""
+    """The option that names what is written."""
+    parser = Path if metavar == "DIR" else file_name
+    return typer.Option("-o", "--output", metavar=metavar, help=help_text, parser=parser)
 
-    def parse(value: str | Path) -> Path:
-        text = str(value)  # a default is a path already
-        is_folder_name = text.endswith(("/", os.sep)) and metavar != "DIR"
-        if text == "-" or is_folder_name:
-            raise typer.BadParameter(f"found {text!r}, allowed: the name of a file or folder")
-        return Path(text)
 
-    return typer.Option("-o", "--output", metavar=metavar, help=help_text, parser=parse)
+def file_name(value: str | Path) -> Path:
+    """The name of a file that is written; a default is a path already."""
+    text = str(value)
+    if text == "-" or text.endswith(("/", os.sep)):
+        raise typer.BadParameter(f"found {text!r}, allowed: the name of a file")
+    return Path(text)
 
 
 #: The error of a command without a file; :func:`~bayes_toe.cli.task.as_command` adds what to type.

@@ -427,7 +427,7 @@ window.explorer = (() => {
     follow();
   }
 
-  const inert = text => /^'*([=+@\t\r]|-(?![\d.]))/.test(text) ? `'${text}` : text;  // no formula of a spreadsheet
+  const inert = text => /^'*[=+\-@\t\r]/.test(text) && isNaN(text) ? `'${text}` : text;  // no formula of a spreadsheet
 
   const quoted = text => /[",\n\r]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text;
 

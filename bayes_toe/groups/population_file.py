@@ -163,6 +163,12 @@ def _read(tree: xr.DataTree) -> tuple[Study, Regressors, GroupDraws, dict[str, A
     )
     n_chains, n_draws, n_coefficients = draws.mean.shape
     expected = n_chains, n_draws, len(regressors.subjects)
+    is_number = all(
+        np.isfinite(values).all()
+        for values in (draws.mean, draws.sd, draws.effects, draws.subjects)
+    )
+    if not is_number or (draws.sd < 0.0).any():
+        raise InputError("its draws are no numbers, or a standard deviation is below 0")
     if draws.subjects.shape[:3] != expected or draws.subjects.shape[3] < n_coefficients:
         raise InputError("its draws are of other subjects")
     return study, regressors, draws, record

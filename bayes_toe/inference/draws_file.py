@@ -279,9 +279,9 @@ def problem_of_links(path: Path) -> str:
                 continue
             for inner in group:
                 if not isinstance(group.get(inner, getlink=True), h5py.HardLink):
-                    return f"{quoted(inner)} in {name} is a link"
+                    return f"{quoted(inner)} in {quoted(name)} is a link"
                 if isinstance(group[inner], h5py.Group):
-                    return f"{quoted(inner)} in {name} is a group"
+                    return f"{quoted(inner)} in {quoted(name)} is a group"
     return ""
 
 
@@ -306,16 +306,7 @@ def unreadable(path: Path, error: Exception) -> InputError:
 
 def _problems(tree: xr.DataTree, is_read_at_once: bool) -> Iterator[str]:
     """What differs from the layout of draws; later checks may rest on earlier ones."""
-    for name in _TEXT_ATTRIBUTES:
-        if not isinstance(tree.attrs.get(name), str):
-            yield f"attribute {name} is not a text"
-    for name in _COUNT_ATTRIBUTES:
-        value = tree.attrs.get(name)
-        if not isinstance(value, int | np.integer) or value < 0:
-            yield f"attribute {name} is not a whole number"
-    for name in _JSON_ATTRIBUTES:
-        if not _is_json_object(tree.attrs.get(name, "{}")):
-            yield f"attribute {name} is not an object of JSON"
+    yield from _problems_of_attributes(tree.attrs)
     for group, expected in _LAYOUT.items():
         if group not in tree.children:
             yield f"no group {group}"
@@ -323,11 +314,30 @@ def _problems(tree: xr.DataTree, is_read_at_once: bool) -> Iterator[str]:
         for name, dims in expected.items():
             if name not in variables or variables[name].dims != dims:
                 yield f"no variable {group}/{name} over ({', '.join(dims)})"
+    statistics = tree["sample_stats"].to_dataset()
+    if not np.isin(statistics["converged"], (0, 1)).all():
+        yield "sample_stats/converged is neither 0 nor 1"
+    if (statistics["min_ess"] < 0.0).any():
+        yield "sample_stats/min_ess is below 0"
     quantities = dict(tree["posterior"].to_dataset().data_vars)
-    quantities["lp"] = tree["sample_stats"].to_dataset()["lp"]
+    quantities["lp"] = statistics["lp"]
     for quantity, draws in quantities.items():
         yield from _problems_of_draws(str(quantity), draws, is_read_at_once)
     yield from _problems_of_counts(tree)
+
+
+def _problems_of_attributes(attributes: Mapping[Any, Any]) -> Iterator[str]:
+    """Attributes that are missing, or of another kind."""
+    for name in _TEXT_ATTRIBUTES:
+        if not isinstance(attributes.get(name), str):
+            yield f"attribute {name} is not a text"
+    for name in _COUNT_ATTRIBUTES:
+        value = attributes.get(name)
+        if not isinstance(value, int | np.integer) or value < 0:
+            yield f"attribute {name} is not a whole number"
+    for name in _JSON_ATTRIBUTES:
+        if not _is_json_object(attributes.get(name, "{}")):
+            yield f"attribute {name} is not an object of JSON"
 
 
 def _problems_of_draws(name: str, draws: xr.DataArray, is_read_at_once: bool) -> Iterator[str]:

@@ -424,6 +424,25 @@ def test_the_keyboard_alone_leads_from_the_file_to_a_run_that_stops_and_goes_on(
     assert opened.close() == []
 
 
+def test_decibels_practice_and_an_encoding_have_their_fields(browser, server, tmp_path):
+    rows = ["Versuchsperson;dB1;dB2;Antwort;Phase;Gerät"]
+    rows += ["A;60;63;zweiter;Übung;ä", "A;60;63;zweiter;main;ä", "A;63;60;erster;main;ä"]
+    (tmp_path / "pegel.csv").write_bytes("\n".join(rows).encode("mac_roman"))
+    opened = Page(browser, server)
+    page = opened.page
+    opened.add(tmp_path / "pegel.csv")
+    opened.press("[data-field=stimuli] button", "Enter")
+    assert "seems to be in dB" in page.inner_text("[data-field=stimuli]")
+    opened.press("[data-field=stimuli] button", "Enter")
+    assert page.input_value("#scale") == "dB"
+    page.locator("#others summary").click()
+    page.fill("#encoding", "mac_roman")
+    page.press("#encoding", "Enter")
+    page.get_by_text("1 row left out as practice (column Phase: 'Übung')").wait_for()
+    assert "+41.3 %" in page.inner_text("#pairs")
+    assert opened.close() == []
+
+
 def test_all_four_parts_are_there_in_another_tab_and_an_ended_program_is_told(browser, finished):
     server, folder = finished
     opened = Page(browser, server)

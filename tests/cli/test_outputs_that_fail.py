@@ -165,8 +165,12 @@ def test_python_without_docstrings_is_refused_in_one_line():
 
 
 @pytest.mark.parametrize("name", ["-", "new/"])
-def test_names_that_are_no_file_are_refused(tmp_path, name):
-    result = inside("fit", "--example", "-o", name, cwd=tmp_path)
+@pytest.mark.parametrize(
+    "line", ["fit -o", "fit --asymmetry", "check --save", "simulate -o a.csv --truth"]
+)
+def test_names_that_are_no_file_are_refused(tmp_path, line, name):
+    example = "" if line.startswith("simulate") else "--example"
+    result = inside(f"{line} {name} {example}", cwd=tmp_path)
     assert result.returncode == 2
-    assert "allowed: the name of a file or folder" in " ".join(result.stderr.split())
+    assert "allowed: the name of a file" in " ".join(result.stderr.split())
     assert list(tmp_path.iterdir()) == []

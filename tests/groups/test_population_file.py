@@ -84,3 +84,12 @@ def test_damage_is_refused(tmp_path):
         del file["posterior/subjects"]
     with pytest.raises(InputError, match=r"population\.nc: not a population that can be read"):
         load_population(path)
+
+
+@pytest.mark.parametrize(("name", "value"), [("mean", np.nan), ("sd", -1.0)])
+def test_draws_that_no_group_has_are_refused(tmp_path, name, value):
+    MADE["conditions"]().save(tmp_path / "p.nc")
+    with h5py.File(tmp_path / "p.nc", "r+") as file:
+        file["posterior"][name][0, 0] = value
+    with pytest.raises(InputError, match="its draws are no numbers, or a standard deviation"):
+        load_population(tmp_path / "p.nc")
