@@ -15,7 +15,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import expit, logsumexp
+from scipy.special import expit
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.inference.maxima import Differenced, Maxima, ascend
@@ -53,13 +53,11 @@ def importance_evidence(fitted: FittedProposal) -> Evidence:
             "these draws helped to choose the proposal: use "
             "bayes_toe.inference.adaptation.with_fresh_draws first"
         )
-    quality, log_weights = (fitted.efficiency, fitted.pareto_k), fitted.draws.log_weights
+    quality = fitted.efficiency, fitted.pareto_k
     if not fitted.trusted:
         reason = f"importance weights are unreliable (Pareto k-hat {fitted.pareto_k:.2f}, efficiency {fitted.efficiency:.3f})"
         return Evidence(None, None, *quality, f"evidence withheld: {reason}")
-    n = len(log_weights)
-    value = float(logsumexp(log_weights) - np.log(n))
-    return Evidence(value, float(np.sqrt((1.0 / fitted.efficiency - 1.0) / n)), *quality)
+    return Evidence(fitted.draws.log_evidence, fitted.draws.standard_error, *quality)
 
 
 # --- Laplace --------------------------------------------------------------------------------------

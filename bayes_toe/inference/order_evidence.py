@@ -23,7 +23,6 @@ from bayes_toe.errors import NumericalError
 from bayes_toe.inference.proposal import (
     StudentMixture,
     WeightedDraws,
-    efficiency,
     joined_draws,
     tempered,
 )
@@ -337,28 +336,6 @@ class _Row:
         return joined_draws(self.rounds)
 
 
-class _Estimate(NamedTuple):
-    """What fresh draws say of an evidence."""
-
-    log_evidence: float
-    standard_error: float
-    efficiency: float
-    n_draws: int
-    largest_share: float  # of the weight, of one draw
-
-
-def _estimate(log_weights: FloatArray) -> _Estimate:
-    """From log weights, (n,)."""
-    n = len(log_weights)
-    highest = log_weights.max()
-    weights = np.exp(log_weights - highest)
-    total = weights.sum()
-    quality = efficiency(log_weights)
-    log_evidence = float(np.log(total / n) + highest)
-    error = float(np.sqrt((1.0 / quality - 1.0) / n))
-    return _Estimate(log_evidence, error, quality, n, float(weights.max() / total))
-
-
 class _Sampler:
     """The rows of some subjects, from maxima to evidences."""
 
@@ -544,33 +521,34 @@ class _Sampler:
         pools: Sequence[_Pool],
     ) -> list[int]:
         """The rows that need more draws; those that fit badly get a new mixture first."""
-        estimates = [_estimate(row.draws.log_weights) for row in fresh]
+        all_draws = [row.draws for row in fresh]
+        log_evidences = [draws.log_evidence for draws in all_draws]
         going = []
         for row in active:
-            estimate = estimates[row]
-            if not np.isfinite(estimate.log_evidence):
+            draws, log_evidence = all_draws[row], log_evidences[row]
+            if not np.isfinite(log_evidence):
                 self._refuse(row)
             first = row - row % _N_MODELS
-            best = max(other.log_evidence for other in estimates[first : first + _N_MODELS])
-            is_far = estimate.log_evidence + 3.0 * estimate.standard_error < best - _FAR
-            if is_far or estimate.n_draws >= self.precision.most_draws:
+            best = max(log_evidences[first : first + _N_MODELS])
+            is_far = log_evidence + 3.0 * draws.standard_error < best - _FAR
+            if is_far or len(draws.x) >= self.precision.most_draws:
                 continue
-            if self._must_return(fresh[row], estimate):
+            if self._must_return(fresh[row], draws):
                 mixtures[row] = _refitted(mixtures[row], pools[row], fresh[row])
                 going.append(row)
                 continue
-            n_effective = estimate.efficiency * estimate.n_draws
-            is_precise = estimate.standard_error <= self.precision.standard_error
-            if not is_precise or n_effective < self.precision.effective_draws:
+            is_precise = draws.standard_error <= self.precision.standard_error
+            if not is_precise or draws.effective_number < self.precision.effective_draws:
                 going.append(row)
         return going
 
-    def _must_return(self, row: _Row, estimate: _Estimate) -> bool:
+    def _must_return(self, row: _Row, draws: WeightedDraws) -> bool:
         """Whether a row's mixture misses a part of its posterior; counts how often it did."""
-        if estimate.n_draws < _JUDGED_FROM or row.returns >= _MOST_RETURNS:
+        n_draws = len(draws.x)
+        if n_draws < _JUDGED_FROM or row.returns >= _MOST_RETURNS:
             return False
-        is_heavy = estimate.largest_share > _HEAVY
-        is_poor = estimate.efficiency < _POOR and row.poor_returns < _MOST_POOR_RETURNS
+        is_heavy = draws.shares.max() > _HEAVY
+        is_poor = draws.effective_number < _POOR * n_draws and row.poor_returns < _MOST_POOR_RETURNS
         if not (is_heavy or is_poor):
             return False
         row.returns += 1
@@ -588,17 +566,16 @@ class _Sampler:
     ) -> OrderEvidence:
         rows = range(_N_MODELS * i, _N_MODELS * (i + 1))
         draws = [fresh[row].draws for row in rows]
-        estimates = [_estimate(entry.log_weights) for entry in draws]
         return OrderEvidence(
             self.subjects[i],
             self.prior,
             self.scales[i],
-            np.array([estimate.log_evidence for estimate in estimates]),
-            np.array([estimate.standard_error for estimate in estimates]),
+            np.array([entry.log_evidence for entry in draws]),
+            np.array([entry.standard_error for entry in draws]),
             laplace[list(rows)],
             modes[list(rows)],
             tuple(ModelDraws(entry.x, entry.log_weights) for entry in draws),
-            np.array([estimate.efficiency * estimate.n_draws for estimate in estimates]),
+            np.array([entry.effective_number for entry in draws]),
         )
 
 

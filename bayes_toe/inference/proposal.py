@@ -20,7 +20,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import gammaln
+from scipy.special import gammaln, logsumexp
 
 from bayes_toe.arrays import FloatArray, IndexArray
 from bayes_toe.model.distributions import Random
@@ -301,6 +301,21 @@ class WeightedDraws:
         log_weights = self.log_weights
         weights = np.exp(log_weights - log_weights.max())
         return np.asarray(weights / weights.sum())
+
+    @property
+    def effective_number(self) -> float:
+        """Effective number of draws."""
+        return effective_number(self.shares)
+
+    @property
+    def log_evidence(self) -> float:
+        """Log of the mean weight, which estimates the evidence."""
+        return float(logsumexp(self.log_weights) - np.log(len(self.x)))
+
+    @property
+    def standard_error(self) -> float:
+        """Standard error of the mean weight, relative to it."""
+        return float(np.sqrt(1.0 / self.effective_number - 1.0 / len(self.x)))
 
     def resampled(self, rng: Random, size: int) -> FloatArray:
         """Draws by their shares, so of equal weight, shape (size, k)."""

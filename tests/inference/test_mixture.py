@@ -9,7 +9,7 @@ from scipy.special import logsumexp
 from scipy.stats import multivariate_t
 
 from bayes_toe.inference.adaptation import fit_proposal
-from bayes_toe.inference.proposal import StudentMixture, efficiency, importance_draws
+from bayes_toe.inference.proposal import StudentMixture, efficiency, importance_draws, tempered
 from bayes_toe.model.paper_model import paper_posterior
 
 
@@ -151,3 +151,14 @@ def test_log_proposal_density_integrates_to_one():
 def test_efficiency_of_even_and_of_single_weights():
     assert efficiency(np.full(7, -1e6)) == pytest.approx(1.0)
     assert efficiency(np.array([0.0] + [-1e4] * 9)) == pytest.approx(0.1)
+
+
+def test_weights_are_flattened_only_until_enough_draws_count():
+    log_weights = np.random.default_rng(6).normal(0.0, 4.0, 1000)
+    raw = log_weights - logsumexp(log_weights)
+    assert np.log(tempered(log_weights, 1.0)) == pytest.approx(raw)
+    flattened = tempered(log_weights, 60.0)
+    assert 60.0 <= 1.0 / np.square(flattened).sum() < 150.0
+    power = np.log(flattened[0] / flattened[1]) / (raw[0] - raw[1])
+    assert 0.0 < power < 1.0
+    assert np.diff(np.log(flattened)) == pytest.approx(power * np.diff(raw))
