@@ -149,3 +149,16 @@ def test_a_criterion_near_zero_is_no_numerical_failure(shifted):
     assert np.allclose(plain, batch.log_likelihood(u), rtol=1e-9)
     slope = batch.gradient(u)[1]
     assert np.allclose(batch.plain_gradient(u)[1], slope, rtol=1e-5, atol=1e-6)
+
+
+def test_draws_by_which_a_mixture_is_changed_do_not_count(shifted, known, monkeypatch):
+    module = "bayes_toe.inference.order_evidence"
+    monkeypatch.setattr(f"{module}._JUDGED_FROM", 500)
+    monkeypatch.setattr(f"{module}._HEAVY", 0.0)  # eight times a new mixture
+    changed = order_evidence([shifted], seed=3)[0]
+    error = np.hypot(known.standard_error, changed.standard_error)
+    assert np.all(np.abs(changed.log_evidence - known.log_evidence) < 4.0 * error)
+    assert np.all(changed.log_evidence != known.log_evidence)
+    n_draws = np.array([len(draws.points) for draws in changed.draws])
+    assert np.all(n_draws <= 1500)
+    assert np.all(changed.effective_draws > 0.6 * n_draws)
