@@ -1,4 +1,6 @@
-"""The row of evidence.csv: the answer of a subject, and the paper's comparison of its model (H1) with free frequencies (H0).
+"""The row of evidence.csv.
+
+It holds the answer of a subject, and the paper's comparison of H1 with free frequencies (H0).
 
 All log evidences are natural logs and leave binomial coefficients out, so their differences are log
 Bayes factors. Source of H1 against H0: Appendix C, with the likelihood (not its log) inside the

@@ -1,4 +1,6 @@
-"""Serial dependence: whether responses depend on the response, or on the stimuli, of the trial before.
+"""Serial dependence.
+
+Whether responses depend on the response, or on the stimuli, of the trial before.
 
 Four models of a subject are equally probable beforehand: previous response {no, yes} times stimuli
 {static, carry-over}. The models without carry-over have the likeliest of the four models of order,

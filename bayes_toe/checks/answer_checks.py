@@ -110,7 +110,9 @@ class Finding:
 
 
 def answer_flags(study: Study) -> list[tuple[Finding, ...]]:
-    """The findings about the responses of every subject, in the order of the study; the same for the same study.
+    """The findings about the responses of every subject, in the order of the study.
+
+    The same for the same study.
 
     Examples
     --------

@@ -59,7 +59,9 @@ class Bootstrap:
         return len(self.fits)
 
     def intervals(self, level: float = 0.95) -> FloatArray:
-        """Percentile interval of the four parameters, shape (4, 2): order statistics, so that infinite ones stay what they are.
+        """Percentile interval of the four parameters, shape (4, 2).
+
+        Order statistics, so that infinite ones stay what they are.
 
         Over the replicates that determine the parameter; NaN where the fit or most replicates do
         not.
@@ -144,7 +146,10 @@ def bootstrap_subject(
 
 
 def resample(subject: Subject, rng: np.random.Generator, replicates: int) -> IntArray:
-    """New counts of every pair, (replicates, pairs): q' ~ Beta(n_yes + 1, n_no + 1), n' ~ Binomial(n, q')."""
+    """New counts of every pair, (replicates, pairs).
+
+    Q' ~ Beta(n_yes + 1, n_no + 1), n' ~ Binomial(n, q').
+    """
     q = rng.beta(
         subject.n_yes + 1.0,
         subject.n_trials - subject.n_yes + 1.0,
@@ -238,7 +243,10 @@ class SubjectFit:
 
     @property
     def at_edge(self) -> str:
-        """Edges on which the maximum lies, joined with ';', empty inside: :data:`bayes_toe.classical.maximum_likelihood.EDGES`."""
+        """Edges on which the maximum lies, joined with ';', empty inside.
+
+        :data:`bayes_toe.classical.maximum_likelihood.EDGES`.
+        """
         return self.fitted.at_edge[0]
 
 

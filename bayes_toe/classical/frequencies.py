@@ -58,7 +58,9 @@ def accuracy(subject: Subject) -> float:
 
 
 def presentation_order(subject: Subject) -> IntArray:
-    """Order of every pair, sign(s1 - s2): -1 weaker first (the paper's red), 0 equal stimuli (grey), 1 stronger first (blue).
+    """Order of every pair, sign(s1 - s2).
+
+    -1 weaker first (the paper's red), 0 equal stimuli (grey), 1 stronger first (blue).
 
     Source: Methods and Fig. 1C; the caption of Fig. 3 swaps the colours of its circles.
 

@@ -169,7 +169,9 @@ def _require_room(
     *,
     others: int = 0,
 ) -> None:
-    """Refuse before the work draws that will not fit on the disk, with `others`: bytes a subject of what goes beside them.
+    """Refuse before the work draws that will not fit on the disk.
+
+    `others` are bytes a subject of what goes beside them.
 
     Two copies, since the draws of each subject are kept until all are in one file, of which some
     are there already.

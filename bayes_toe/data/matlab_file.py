@@ -64,7 +64,7 @@ def matlab_texts(source: str, data: bytes) -> dict[str, list[str]]:
     return columns
 
 
-# --- In the process of the reader ------------------------------------------------------------------
+# --- In the process of the reader -----------------------------------------------------------------
 
 
 def write_texts(source: str) -> None:

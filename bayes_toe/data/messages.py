@@ -1,4 +1,6 @@
-"""How messages show what was found: quoted, on one line, of bounded length, and nothing that a terminal would obey.
+"""How messages show what was found.
+
+Quoted, on one line, of bounded length, and nothing that a terminal would obey.
 
 And how studies, draws and tables show themselves: a line at a prompt, a small table in a notebook.
 """
@@ -32,7 +34,10 @@ MOST_ROWS = 20
 
 
 def visible(text: str) -> str:
-    """A text without what a terminal or a browser would obey: control, bidirectional and invisible characters as their escapes."""
+    """A text without what a terminal or a browser would obey.
+
+    Control, bidirectional and invisible characters as their escapes.
+    """
     return (
         text
         if text.isprintable()
@@ -141,7 +146,10 @@ def said_intervals(intervals: Sequence[float]) -> str:
 
 
 def as_html(caption: str, frame: pd.DataFrame, rows: int | None = None) -> str:
-    """A caption and a frame of which the first rows are shown; `rows` says how many there are, where the frame has only the first."""
+    """A caption and a frame of which the first rows are shown.
+
+    `rows` says how many there are, where the frame has only the first.
+    """
     count = len(frame) if rows is None else rows
     shown = frame.head(MOST_ROWS).to_html(
         index=False, border=0, na_rep="", float_format=lambda value: f"{value:.4g}"

@@ -114,11 +114,13 @@ def read_study(
     Parameters
     ----------
     path : str, Path, pandas.DataFrame or polars.DataFrame
-        Comma, semicolon or tab between cells; UTF-8, or UTF-16 with a byte-order mark. Or a Parquet file by its suffix, .parquet (pyarrow,
-        the extra `parquet`): the same columns, of text or numbers; its rows count from 1. Or MATLAB trials by their suffix, .mat, see
-        :mod:`bayes_toe.data.text_table`. Rows of a frame count from 0. Several files or frames in a list make one study: the answers of a
-        subject who is in more than one of them are put together, file by file a block.
-        Or a study file by its suffix, .toml, which names files and options; `bayes-toe check` writes one.
+        Comma, semicolon or tab between cells; UTF-8, or UTF-16 with a byte-order mark. Or a Parquet
+        file by its suffix, .parquet (pyarrow, the extra `parquet`): the same columns, of text or
+        numbers; its rows count from 1. Or MATLAB trials by their suffix, .mat, see
+        :mod:`bayes_toe.data.text_table`. Rows of a frame count from 0. Several files or frames in a
+        list make one study: the answers of a subject who is in more than one of them are put
+        together, file by file a block. Or a study file by its suffix, .toml, which names files and
+        options; `bayes-toe check` writes one.
     options : ReadOptions, optional
         For raw amplitudes, other answer codes or other column names.
 
@@ -263,7 +265,9 @@ def example_truth(task: Task | str = WHICH_STRONGER) -> Truth:
 
 @dataclass(frozen=True)
 class _Rows:
-    """Rows that are asked for: columns by our names, and the keys of each row's pair, NaN where a cell cannot be read.
+    """Rows that are asked for.
+
+    Columns by our names, and the keys of each row's pair, NaN where a cell cannot be read.
 
     The keys are s1 and s2 (natural-log intensities), and isi (seconds) where there is such a
     column. `signs` are columns of keys and reaction times, where responses are scored right or

@@ -39,7 +39,10 @@ _DIGIT = re.compile(r"(\d)[.,]0*")
 
 
 class Responses(NamedTuple):
-    """The answers of trials: `yes` where the one was given that the task counts, `asked` where there is an answer, shape (rows,) each.
+    """The answers of trials.
+
+    `yes` where the one was given that the task counts, `asked` where there is an answer, shape
+    (rows,) each.
 
     `no_answer` is where stimuli were equal, so that a right or wrong answer is none of the task's;
     `said` is how the texts were read.

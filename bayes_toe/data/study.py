@@ -145,7 +145,9 @@ class Subject:
         *,
         task: Task = SAME_DIFFERENT,
     ) -> Subject:
-        """A subject from rows of counts: repeated pairs are added up, pairs never answered are left out.
+        """A subject from rows of counts.
+
+        Repeated pairs are added up, pairs never answered are left out.
 
         Examples
         --------
@@ -166,7 +168,9 @@ class Subject:
         *,
         task: Task = SAME_DIFFERENT,
     ) -> Subject:
-        """A subject from single trials; `yes` is True where the answer was the one that the task counts, 'equal' or 'second'.
+        """A subject from single trials.
+
+        `yes` is True where the answer was the one that the task counts, 'equal' or 'second'.
 
         Examples
         --------

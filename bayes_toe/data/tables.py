@@ -79,7 +79,10 @@ class Table(ABC, Generic[Row]):
         overwrite: bool = False,
         units: bool = False,
     ) -> Path:
-        """Write the table as a CSV file, or a Parquet file by its suffix, whole or not at all: see :func:`write_table`."""
+        """Write the table as a CSV file, or a Parquet file by its suffix, whole or not at all.
+
+        See :func:`write_table`.
+        """
         return write_table(self.frame(), path, overwrite=overwrite, units=units)
 
 
@@ -117,7 +120,9 @@ def write_table(
     overwrite: bool = False,
     units: bool = False,
 ) -> Path:
-    """A table as a CSV file: UTF-8, one line per row, numbers that read back to the same bits, missing as empty, no index.
+    """A table as a CSV file.
+
+    UTF-8, one line per row, numbers that read back to the same bits, missing as empty, no index.
 
     Where the name ends in .parquet, as a Parquet file (pyarrow, the extra `parquet`). In a CSV file
     texts that a spreadsheet would run get an apostrophe, which our readers take off the names of

@@ -49,7 +49,9 @@ class Task:
         return np.where(difference == 0, 1, -1) if self == SAME_DIFFERENT else np.sign(difference)
 
     def wrong(self, difference: FloatArray, n_yes: IntArray, n_trials: IntArray) -> IntArray:
-        """How often the wrong answer was given, where the counted one was so often, of s2 - s1; 0 where neither is wrong. Broadcasts.
+        """How often the wrong answer was given, where the counted one was so often, of s2 - s1.
+
+        0 where neither is wrong. Broadcasts.
 
         Examples
         --------

@@ -189,7 +189,10 @@ class TextTable:
             )
 
     def fault(self, column: Column, bad: BoolArray, allowed: str | Callable[[int], str]) -> None:
-        """Note the cells of a column that are bad; `allowed` says what would have been right, of the index of a record where it differs."""
+        """Note the cells of a column that are bad.
+
+        `allowed` says what would have been right, of the index of a record where it differs.
+        """
         wrong = np.flatnonzero(bad)
         lines = []
         for index in wrong[:MOST_SHOWN].tolist():

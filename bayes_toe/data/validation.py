@@ -103,7 +103,10 @@ def whole_number(text: str, decimal_comma: bool = False) -> int:
 
 
 def runs(text: str) -> bool:
-    """Whether a spreadsheet takes a cell for a formula but for its apostrophes; a number is none."""
+    """Whether a spreadsheet takes a cell for a formula but for its apostrophes.
+
+    A number is none.
+    """
     cell = text.lstrip("'")
     return cell.startswith(_RUN) and _NUMBER.fullmatch(cell) is None
 

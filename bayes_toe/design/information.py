@@ -58,7 +58,10 @@ class Information:
     units: FloatArray
 
     def total(self, n_trials: IntArray) -> FloatArray:
-        """Information of so many trials of each pair, (pairs,), and the prior: (observers, k, k)."""
+        """Information of so many trials of each pair, (pairs,), and the prior.
+
+        The shape is (observers, k, k).
+        """
         shown = np.flatnonzero(n_trials)
         rows = self.rows[:, shown]
         weighted = rows * n_trials[shown][:, None]

@@ -355,7 +355,9 @@ def _fit_badge(fits: bool | None, p: float | None) -> tuple[str, str]:
 
 @dataclass(frozen=True, eq=False)
 class Slice:
-    """Pairs with one weaker stimulus (ln), at one interval (seconds): what one panel of curves shows.
+    """Pairs with one weaker stimulus (ln), at one interval (seconds).
+
+    What one panel of curves shows.
 
     Which of the subject's pairs these are; the stronger stimulus along the curves, shape (POINTS,);
     and the orders that have a curve: -1 weaker first, 1 stronger first, 0 equal stimuli of several
@@ -409,12 +411,18 @@ def slice_keys(counts: Subject) -> FloatArray:
 
 
 def _fixed(counts: Subject) -> FloatArray:
-    """What a slice has one of: the weaker stimulus of every pair, or the first one, shape (pairs,)."""
+    """What a slice has one of.
+
+    The weaker stimulus of every pair, or the first one, shape (pairs,).
+    """
     return counts.s1 if counts.task == WHICH_STRONGER else np.minimum(counts.s1, counts.s2)
 
 
 def along(counts: Subject) -> FloatArray:
-    """Where every pair stands along its slice: at its stronger stimulus, or at s2 - s1, shape (pairs,)."""
+    """Where every pair stands along its slice.
+
+    At its stronger stimulus, or at s2 - s1, shape (pairs,).
+    """
     if counts.task == WHICH_STRONGER:
         return counts.s2 - counts.s1
     return np.maximum(counts.s1, counts.s2)
@@ -445,7 +453,9 @@ def _slice(counts: Subject, fixed: float, isi: float) -> Slice:
 
 
 def axis(quantities: Mapping[str, FloatArray], sbar: float, ends: Sequence[float]) -> FloatArray:
-    """Second stimulus that seems equal to the first, at both ends of a line: s2 = s1 - p (s1 - sbar) + c, (draws,) -> (2, draws).
+    """Second stimulus that seems equal to the first, at both ends of a line.
+
+    s2 = s1 - p (s1 - sbar) + c, (draws,) -> (2, draws).
 
     At the reference interval, where there are several.
     """

@@ -109,7 +109,9 @@ def explore(
     subjects: Sequence[str] | None = None,
     truths: Truth | None = None,
 ) -> Explorer:
-    """A corner plot that answers back: drag over points, and draws, curves, quantiles and shares follow, of two posteriors at once.
+    """A corner plot that answers back.
+
+    Drag over points, and draws, curves, quantiles and shares follow, of two posteriors at once.
 
     Parameters
     ----------

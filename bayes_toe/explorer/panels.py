@@ -271,7 +271,11 @@ def _band(made: Any, source: ColumnDataSource, colour: str) -> None:
 
 
 def _plane(sources: _Sources, letter: str, task: Task) -> Any:
-    """The plane of stimuli: pairs that were presented, filled by how often the counted answer was given, and the axis of symmetry."""
+    """The plane of stimuli.
+
+    Pairs that were presented, filled by how often the counted answer was given, and the axis of
+    symmetry.
+    """
     side = Range1d(0, 1, name=f"plane-{letter}-range")
     made = _plot(f"plane-{letter}", [], x_range=side, y_range=side)
     made.xaxis.axis_label, made.yaxis.axis_label = (

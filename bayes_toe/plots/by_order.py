@@ -1,4 +1,7 @@
-"""Figures for a paper: responses with curves by order, the posterior predictive check, the JND by order."""
+"""Figures for a paper.
+
+Responses with curves by order, the posterior predictive check, the JND by order.
+"""
 
 from __future__ import annotations
 

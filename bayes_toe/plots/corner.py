@@ -1,8 +1,11 @@
-"""Corner plots by the corner package, with areas of our own on its panels: they hold the stated shares of the draws.
+"""Corner plots by the corner package, with areas of our own on its panels.
 
-A level is a quantile of the density at the draws themselves. The share of the smoothed density that lies above a level, which corner's own
-contours take, is another: smoothing spreads a narrow peak, such as that of mu_1 and sigma_p amid their long tails, and an area that holds
-half of what was smoothed held up to 70 % of the draws.
+The areas hold the stated shares of the draws.
+
+A level is a quantile of the density at the draws themselves. The share of the smoothed density that
+lies above a level, which corner's own contours take, is another: smoothing spreads a narrow peak,
+such as that of mu_1 and sigma_p amid their long tails, and an area that holds half of what was
+smoothed held up to 70 % of the draws.
 """
 
 from __future__ import annotations
@@ -47,8 +50,8 @@ AROUND = 2
 LEVELS, SPANNED = (0.5, 0.95), (0.005, 0.995)
 #: Differences of natural-log intensities that axes show in per cent of intensity.
 IN_PERCENT = ("constant_error", "pse_shift", "jnd", "zone")
-#: Bins by which counts are smoothed, times the sixth root of the number of distinct draws: about the
-#: normal reference rule where a panel is six standard deviations wide.
+#: Bins by which counts are smoothed, times the sixth root of the number of distinct draws: about
+#: the normal reference rule where a panel is six standard deviations wide.
 _SMOOTHED = 8.0
 _WITHOUT_UNIT = ("contraction", "pull", "gain", "gamma", "q0", "lapse_rate")
 PRIOR, TRUTH = "#999999", WEAKER_FIRST
@@ -59,7 +62,8 @@ OVERLAID = (
     ("#00704F", "dotted"),
     ("#A0458A", "dashdot"),
 )
-#: Inches: a panel, a lone one, the gap between two; margins; from panels to their labels; the least that words beside them need.
+#: Inches: a panel, a lone one, the gap between two; margins; from panels to their labels; the least
+#: that words beside them need.
 _PANEL, _LONE_PANEL, _GAP, _LEFT, _BELOW, _MARGIN, _LABEL, _WORDS = (
     1.6,
     2.6,
@@ -91,24 +95,26 @@ def corner(
     ----------
     draws : Draws
     subject : str or sequence of str
-        One, or two to four in the same panels, distinguished by colours and lines; upright lines are then their medians.
+        One, or two to four in the same panels, distinguished by colours and lines; upright lines
+        are then their medians.
     coordinates : {"natural", "identified"} or sequence of str
         Which quantities. "natural": of the paper's model (H1) its parameters, of the four models
         those of constant error, contraction and JND that the model has. "identified": what the
         answers depend on. A sequence names quantities, such as `gain` or `zone`.
     truths : mapping of str to float, optional
-        Known values of a synthetic subject; of several subjects, such a mapping by name. What follows from them is drawn too: natural
-        parameters are enough for any quantity.
+        Known values of a synthetic subject; of several subjects, such a mapping by name. What
+        follows from them is drawn too: natural parameters are enough for any quantity.
     prior : Prior, optional
-        Its marginals are drawn in grey on the diagonal, on the scale of the posterior's histograms; `draws.prior` is the one
-        that the draws were made under.
+        Its marginals are drawn in grey on the diagonal, on the scale of the posterior's histograms;
+        `draws.prior` is the one that the draws were made under.
     fig : matplotlib Figure or SubFigure, optional
         Drawn into, where given.
 
     Raises
     ------
     InputError
-        For an unknown subject or quantity, no quantity at all, or a true value that cannot be one; for more than four subjects.
+        For an unknown subject or quantity, no quantity at all, or a true value that cannot be one;
+        for more than four subjects.
     """
     require_draws(draws)
     alone = isinstance(subject, str)
@@ -172,7 +178,7 @@ def _truths_by_subject(
     return cast("Mapping[str, Values]", by_subject)
 
 
-# --- what is shown of a subject -----------------------------------------------------------------------------------------------------
+# --- what is shown of a subject -------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,7 +220,10 @@ class _Shown:
 
 
 def _shown_names(target: AnswerPosterior, coordinates: str | Sequence[str]) -> tuple[str, ...]:
-    """The quantities of a choice; 'natural' leaves out what all four models of the observer have."""
+    """The quantities of a choice.
+
+    'natural' leaves out what all four models of the observer have.
+    """
     if not isinstance(coordinates, str):
         return tuple(coordinates)
     if coordinates == "identified":
@@ -295,7 +304,7 @@ def known_from(truths: Values, target: AnswerPosterior) -> dict[str, float]:
     return {name: float(axis_values(name, value)) for name, value in known.items()}
 
 
-# --- panels -------------------------------------------------------------------------------------------------------------------------
+# --- panels ---------------------------------------------------------------------------------------
 
 
 class Density(NamedTuple):
@@ -331,9 +340,12 @@ class Density(NamedTuple):
 
 
 def corner_package() -> Any:
-    """The corner package, which takes a second to import: who only wants spans and densities need not wait.
+    """The corner package, which takes a second to import.
 
-    ArviZ 0.23, which it imports, announces its refactoring once a day, and notes the day in a file that two processes at once lose.
+    Who only wants spans and densities need not wait.
+
+    ArviZ 0.23, which it imports, announces its refactoring once a day, and notes the day in a file
+    that two processes at once lose.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", FutureWarning)
@@ -347,7 +359,10 @@ def corner_package() -> Any:
 def _draw_posterior(
     figure: Figure, one: _Shown, spans: Sequence[Span], colour: str, line: str, *, alone: bool
 ) -> None:
-    """Histograms, contours and true values of one subject; in a figure that has panels already, over what is there."""
+    """Histograms, contours and true values of one subject.
+
+    In a figure that has panels already, over what is there.
+    """
     library, truths = corner_package(), [one.known.get(name, np.nan) for name in one.names]
     library.corner(
         one.samples,
@@ -393,7 +408,10 @@ def _draw_posterior(
 
 
 def _draw_contours(ax: Axes, found: Density, colour: str, line: str, *, filled: bool) -> None:
-    """Areas or outlines that hold the shares :data:`LEVELS` of the draws; where all draws are one point there is one level."""
+    """Areas or outlines that hold the shares :data:`LEVELS` of the draws.
+
+    Where all draws are one point there is one level.
+    """
     levels = np.unique(found.levels)
     if filled:
         colours = [(colour, 1.0 / 3.0), colour][-len(levels) :]
@@ -412,7 +430,7 @@ def _draw_contours(ax: Axes, found: Density, colour: str, line: str, *, filled: 
     )
 
 
-# --- words and layout ---------------------------------------------------------------------------------------------------------------
+# --- words and layout -----------------------------------------------------------------------------
 
 
 class _Words(NamedTuple):

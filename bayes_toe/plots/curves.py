@@ -1,9 +1,13 @@
-"""Fitted curves over the answers of a subject: over the stimuli, the normalised distance, or the inter-stimulus interval.
+"""Fitted curves over the answers of a subject.
 
-Of 'same or different' over the stronger stimulus in both orders; of 'which is stronger' psychometric curves, over s2 - s1 by the first
-stimulus, of which one half is the point of subjective equality (PSE).
+Over the stimuli, the normalised distance, or the inter-stimulus interval.
 
-Bands are central 50 % and 95 % of the posterior; between and beyond tested intervals they are predictions of the random walk.
+Of 'same or different' over the stronger stimulus in both orders; of 'which is stronger'
+psychometric curves, over s2 - s1 by the first stimulus, of which one half is the point of
+subjective equality (PSE).
+
+Bands are central 50 % and 95 % of the posterior; between and beyond tested intervals they are
+predictions of the random walk.
 """
 
 from __future__ import annotations
@@ -46,10 +50,12 @@ from bayes_toe.plots.style import (
     plain,
 )
 
-#: Panels of one weaker stimulus each, or of one interval, beyond which curves give way to a single panel.
+#: Panels of one weaker stimulus each, or of one interval, beyond which curves give way to a single
+#: panel.
 MOST_PANELS = 6
 CURVE_DRAWS = 600
-#: From the stimuli of pairs, shape (pairs,) each, to P of the answer that is counted, shape (draws, pairs).
+#: From the stimuli of pairs, shape (pairs,) each, to P of the answer that is counted, shape (draws,
+#: pairs).
 Curve = Callable[[FloatArray, FloatArray], FloatArray]
 _ASIDE = 0.7  # of a mark's size: how far marks of both orders stand beside their stimulus, so that none hides another
 #: What panels of answers are drawn over.
@@ -60,7 +66,7 @@ _ALONG = {
 _BEYOND = 2.0  # the default range goes so many times below the shortest and above the longest tested interval
 
 
-# --- one subject, over the stimuli --------------------------------------------------------------------------------------------------
+# --- one subject, over the stimuli ----------------------------------------------------------------
 
 
 def curves(source: Analysis | Draws, subject: str, *, title: str | None = None) -> Figure:
@@ -154,14 +160,15 @@ def _unconverged(draws: Draws, subject: str) -> str:
     return "\nNOT CONVERGED" if subject in draws.not_converged else ""
 
 
-# --- panels -------------------------------------------------------------------------------------------------------------------------
+# --- panels ---------------------------------------------------------------------------------------
 
 
 class Line(NamedTuple):
     """A curve along a panel, and the answers to which it belongs.
 
-    How both are drawn; which pairs these are and where every pair stands along the panel, shape (pairs,) each; how far to the side their
-    marks are set; places along the curve and the pairs there, shape (points,) each.
+    How both are drawn; which pairs these are and where every pair stands along the panel, shape
+    (pairs,) each; how far to the side their marks are set; places along the curve and the pairs
+    there, shape (points,) each.
     """
 
     mark: Mark
@@ -174,7 +181,11 @@ class Line(NamedTuple):
 
 
 def lines_along(counts: Subject, weaker: float, points: int) -> list[Line]:
-    """Curves of a panel: of both orders and of equal stimuli over the stronger one, with one weaker one (ln); or by the first stimulus."""
+    """Curves of a panel.
+
+    Of both orders and of equal stimuli over the stronger one, with one weaker one (ln); or by the
+    first stimulus.
+    """
     if counts.task == WHICH_STRONGER:
         return _by_first(counts, points)
     stronger, shown, order = (
@@ -291,7 +302,10 @@ def main_weaker(counts: Subject) -> float | None:
 
 
 def which_weaker(counts: Subject, weaker: float | None) -> str:
-    """Words for a panel that shows the pairs with one weaker stimulus: none where there is no other."""
+    """Words for a panel that shows the pairs with one weaker stimulus.
+
+    None where there is no other.
+    """
     return "" if weaker is None or len(_panels(counts)) < 2 else _said_weaker(weaker)
 
 
@@ -300,7 +314,10 @@ def _said_weaker(weaker: float) -> str:
 
 
 def _in_order_panel(counts: Subject, weaker: float) -> BoolArray:
-    """Pairs with this weaker stimulus, and equal ones from it on; with the weakest one, which is shown anyway, all equal ones."""
+    """Pairs with this weaker stimulus, and equal ones from it on.
+
+    With the weakest one, which is shown anyway, all equal ones.
+    """
     lower, alike = np.minimum(counts.s1, counts.s2), counts.s1 == counts.s2
     weakest = weaker <= _weaker(counts).min(initial=np.inf)
     return np.asarray((lower == weaker) | (alike & ((counts.s1 >= weaker) | weakest)))
@@ -316,7 +333,10 @@ def _draw_points(
     size: float = 5.5,
     aside: float = 0.0,
 ) -> None:
-    """The Laplace estimator and its standard deviation, Eq. e:2b; size of the marks, and how far beside their place they are, points."""
+    """The Laplace estimator and its standard deviation, Eq. e:2b.
+
+    Size of the marks, and how far beside their place they are, points.
+    """
     figure = ax.get_figure(root=True)
     assert figure is not None
     beside = ax.transData + ScaledTranslation(aside / 72.0, 0.0, figure.dpi_scale_trans)
@@ -346,7 +366,7 @@ def _draw_points(
     ax.autoscale_view()
 
 
-# --- over the interval --------------------------------------------------------------------------------------------------------------
+# --- over the interval ----------------------------------------------------------------------------
 
 
 def _interval_figure(counts: Subject, fitted: Predictor, title: str) -> Figure:

@@ -163,7 +163,10 @@ def percent_axis(ax: Axes, label: str, reference: float) -> None:
 
 
 def dress(ax: Axes) -> Axes:
-    """Letters and lines of a panel as a journal prints them: 7 points for numbers, 8 for words, no box."""
+    """Letters and lines of a panel as a journal prints them.
+
+    7 points for numbers, 8 for words, no box.
+    """
     ax.tick_params(labelsize=SMALL, width=0.6, length=2.5, pad=2.0)
     for text in (ax.xaxis.label, ax.yaxis.label, ax.title):
         text.set_fontsize(LETTERS)
@@ -243,6 +246,9 @@ def legend_above(ax: Axes, *, columns: int = 1, title: str | None = None) -> Non
 
 
 def _main_first(ax: Axes) -> list[tuple[Any, str]]:
-    """Handles and labels, estimates with error bars before plain points: matplotlib itself lists all lines first."""
+    """Handles and labels, estimates with error bars before plain points.
+
+    Matplotlib itself lists all lines first.
+    """
     pairs = list(zip(*ax.get_legend_handles_labels(), strict=True))
     return sorted(pairs, key=lambda pair: not isinstance(pair[0], tuple))
