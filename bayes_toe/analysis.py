@@ -68,7 +68,7 @@ _LEVEL = 0.95  # of the bootstrap intervals beside those of the posterior
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Analysis:
-    """Answers, evidence, draws of the paper's model and its fits, of one study, with their settings.
+    """Answers, evidence, draws and fits of one study, with their settings.
 
     The study is without subjects that failed, see :attr:`bayes_toe.inference.draws.Draws.failed`.
 
@@ -130,7 +130,7 @@ def run(
     progress: Progress | None = None,
     keep: str | Path | None = None,
 ) -> Analysis:
-    """Answers of every subject, draws under the paper's model (H1), and every evidence, in one pass.
+    """Analyse a study: answers, draws of the paper's model (H1) and evidence of every subject.
 
     Parameters
     ----------

@@ -168,7 +168,10 @@ def _n_workers(client: Client) -> int:
 
 
 def _run_there(expected: Mapping[str, str], job: Callable[[], Result]) -> Result:
-    """In a worker: run a job alone, since matplotlib is not made for threads, with one BLAS thread."""
+    """Run a job alone in a worker, with one BLAS thread.
+
+    Matplotlib is not made for threads.
+    """
     # The worker may have joined after all were asked.
     _require_same(f"the worker on {platform.node()}", versions(), expected)
     with _one_at_a_time:

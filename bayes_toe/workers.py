@@ -217,7 +217,7 @@ def _run_numbered(index: int, job: Callable[[], Result]) -> tuple[int, Result]:
 
 @contextmanager
 def _safe_path() -> Iterator[None]:
-    """Workers that start in the block import nothing, such as a json.py, from the working folder."""
+    """Keep workers that start in the block from importing files of the working folder."""
     earlier_value = os.environ.get(_SAFE_PATH)
     os.environ[_SAFE_PATH] = "1"
     try:

@@ -111,7 +111,9 @@ class SubjectEvidence:
 
 @dataclass(frozen=True)
 class EvidenceTable(SubjectTable[SubjectEvidence]):
-    """Evidence of every subject of a study, in the study's order, with the seed and the prior that it belongs to.
+    """Evidence of every subject of a study, in the study's order.
+
+    The table keeps its seed and its prior.
 
     Attributes
     ----------

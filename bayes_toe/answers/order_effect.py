@@ -599,7 +599,10 @@ def _describe_change(
 
 
 def rescaled_evidences(evidence: OrderEvidence) -> list[FloatArray]:
-    """Log evidences, (4,) each, with one prior scale of c or p halved or doubled, by re-weighting."""
+    """Log evidences with one prior scale of c or p halved or doubled, by re-weighting.
+
+    Each has the shape (4,).
+    """
     varied = []
     for has, log_ratio in ((HAS_ERROR, _error_ratio), (HAS_CONTRACTION, _contraction_ratio)):
         for factor in SCALE_FACTORS:

@@ -362,7 +362,10 @@ class AnswerTable:
         return int(np.maximum((self.n > 0).sum(1) - 1, 0).sum())
 
     def block_chi_square(self, k: IntArray) -> FloatArray:
-        """What each block adds to X^2 of tables with these margins, (..., pairs, blocks) to (..., blocks)."""
+        """What each block adds to X^2 of tables with these margins.
+
+        From the shape (..., pairs, blocks) to (..., blocks).
+        """
         share = self.k.sum(1, keepdims=True) / self.n.sum(1, keepdims=True)
         expected = self.n * share
         variance = np.where(self.n > 0, expected * (1 - share), 1.0)

@@ -1,4 +1,6 @@
-"""The paper's fit of a study: maximum-likelihood parameters of every subject with the bootstrap's intervals, beside the posterior's.
+"""The paper's fit of a study: maximum likelihood with bootstrap intervals.
+
+The intervals of the posterior stand beside them.
 
 The bootstrap says how far the fit would move if the same subject did the experiment again: each
 pair's frequency q' ~ Beta(n_yes + 1, n_no + 1), new answers n' ~ Binomial(n, q'), refit. Source:
@@ -79,7 +81,9 @@ class Bootstrap:
     def bands(
         self, s1: npt.ArrayLike, s2: npt.ArrayLike, low: float = 0.2, high: float = 0.8
     ) -> FloatArray:
-        """Quantiles of the replicates' P of the answer that the task counts for pairs s1, s2 (natural-log intensity), shape (2, pairs).
+        """Quantiles of the replicates' P of the counted answer, shape (2, pairs).
+
+        The pairs are s1, s2 (natural-log intensity).
 
         The default is the paper's central 60 % range. Source: Methods; Fig. 3, shaded.
         """
@@ -159,7 +163,9 @@ def resample(subject: Subject, rng: np.random.Generator, replicates: int) -> Int
 
 
 def bootstrap_evidence(replicates: Bootstrap, prior: Prior) -> tuple[float | None, str]:
-    """Log evidence of H1, of same or different, by Appendix C's own recipe, and what is to be said of it.
+    """Log evidence of H1 by Appendix C's own recipe, with a remark.
+
+    It is for 'same or different' only.
 
     log p(n | theta*) + log p(theta*) + log det(2 pi Sigma) / 2 with theta* the fit and Sigma the
     covariance of the replicates, both in the paper's coordinates (mu1, sigma_p^2, sigma_l^2, q0);
@@ -287,7 +293,9 @@ class FitTable(SubjectTable[SubjectFit]):
         return pd.DataFrame(rows, columns=list(fit_columns(self.task)))
 
     def beside(self, draws: Draws) -> pd.DataFrame:
-        """Central posterior interval beside the bootstrap interval of every subject and natural parameter, both at the table's level.
+        """Posterior and bootstrap interval of every subject and natural parameter.
+
+        Both are central intervals at the table's level.
 
         Columns: :data:`UNCERTAINTY_COLUMNS`; the standard deviations and mu1 in natural-log
         intensity. The two answer different questions: the posterior weighs parameters by the prior
@@ -321,7 +329,9 @@ def fit(
     workers: Workers = None,
     progress: Progress | None = None,
 ) -> FitTable:
-    """Maximum-likelihood fit of every subject, with a penalty on mu1 as in the paper, and percentile bootstrap intervals.
+    """Fit the paper's model to every subject by maximum likelihood, with bootstrap intervals.
+
+    The fit has the paper's penalty on mu1. The intervals are those of percentiles.
 
     Parameters
     ----------

@@ -1,4 +1,6 @@
-"""Maximum-likelihood fit of the paper's observer with its penalty on mu1, for one count vector or thousands at once, in either task.
+"""Maximum-likelihood fit of the paper's observer with its penalty on mu1.
+
+It takes one count vector or thousands at once, in either task.
 
 Maximised is log likelihood (no binomial coefficients) - (mu1 - mean)^2 / (2 V_1) over 0 <= gamma <=
 1, a share of 0..1 of answers that lapses leave, q0 or 1 - lambda, and any width. The supremum often
@@ -326,7 +328,10 @@ def _described(fitted: PenalisedLikelihood, ended: Ascent, curvature: FloatArray
 
 
 class _Suprema(NamedTuple):
-    """Where suprema lie, (rows, 4), and which are at an infinite width, a share of 0, no width, no width with no pull."""
+    """Where suprema lie, (rows, 4), and which of them lie at an edge.
+
+    The edges are an infinite width, a share of 0, no width, and no width with no pull.
+    """
 
     u: FloatArray
     wide: BoolArray

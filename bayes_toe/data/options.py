@@ -184,7 +184,10 @@ class ReadOptions:
             raise InputError(problems)
 
     def _code_problems(self) -> list[str]:
-        """What is said of codes that are empty, that are one text, and of what tells the task twice."""
+        """Problems of the codes of responses, a line each.
+
+        A code may be empty, both may be one text, and two options may tell the task.
+        """
         given = {option: text for option, (_, text) in self._telling().items()}
         problems = [
             f"{name}: found '', allowed: a text that is not empty"
@@ -352,7 +355,10 @@ def subject_in(path: Path, pattern: str) -> str | None:
 
 
 def _name_problems(entries: Iterable[str]) -> list[str]:
-    """What is said of entries OURS=NAME that name no column of ours or of the file, or that name one twice."""
+    """Problems of entries OURS=NAME, a line each.
+
+    An entry may name no column of ours or of the file, or name one twice.
+    """
     problems, taken = [], set[tuple[str, str]]()
     for entry in entries:
         ours, theirs = (part.strip() for part in entry.partition("=")[::2])

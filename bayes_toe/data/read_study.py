@@ -345,7 +345,10 @@ class _Rows:
             )
 
     def layout(self, what: str, answers: str) -> list[str]:
-        """Notes of how the table is written, which rows were asked for, which columns have another name or another unit."""
+        """Notes of how the table is written and read.
+
+        They name the form, the rows that were asked for, and columns with another name or unit.
+        """
         table, options = self.table, self.options
         texts = chain.from_iterable(column.texts for column in self.shown)
         parts = [f"{what} rows", table.form, answers]

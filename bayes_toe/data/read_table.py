@@ -429,7 +429,10 @@ def is_parquet(path: str | Path) -> bool:
 
 
 def require_parquet(path: str | Path) -> None:
-    """Refuse a Parquet file, to be read or written, where there is no pyarrow, with what to install; any other file passes."""
+    """Refuse a Parquet file where there is no pyarrow, with what to install.
+
+    Any other file passes.
+    """
     if is_parquet(path) and importlib.util.find_spec("pyarrow") is None:
         found = "found a Parquet file and no pyarrow"
         raise InputError(

@@ -254,7 +254,7 @@ def _plain(text: str) -> str:
 
 
 def _answer(text: str, given: Sequence[str | None], words: Sequence[Sequence[str]]) -> int:
-    """The answer that a cell stands for, by the codes that were given for the two, and by words where none was."""
+    """The answer that a cell stands for: by the given codes, else by words."""
     plain, codes = _plain(text), [None if code is None else _plain(code) for code in given]
     if plain in codes:
         return (_YES, _NO)[codes.index(plain)]

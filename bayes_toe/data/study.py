@@ -124,7 +124,7 @@ class Subject:
             object.__setattr__(self, "answers", None)
 
     def _are_sums_of(self, answers: Answers) -> bool:
-        """Whether the counts are those of the answers, as they no longer are in a copy with others."""
+        """Whether the counts are those of the answers; in a copy they may be others."""
         own = [
             column
             for column in (self.n_yes, self.n_trials, self.s1, self.s2, self.isi)

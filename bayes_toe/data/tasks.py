@@ -1,4 +1,4 @@
-"""What observers are asked after two stimuli in sequence, and which of the two answers is counted."""
+"""What observers are asked after two stimuli, and which of the two answers is counted."""
 
 from __future__ import annotations
 
@@ -39,7 +39,9 @@ class Task:
         return f"n_{self.yes}"
 
     def right(self, difference: FloatArray) -> FloatArray:
-        """1 where the answer that is counted is right, -1 where the other one is, 0 where neither is, of s2 - s1.
+        """1 where the counted answer is right, -1 where the other one is, 0 where neither is.
+
+        It depends on the difference s2 - s1.
 
         Examples
         --------

@@ -60,7 +60,7 @@ _MISSING = ("NAType", "NaTType")
 
 @dataclass(frozen=True)
 class Column:
-    """One column: its name in the source, its distinct texts, and the place of each row's text among them."""
+    """One column: its name, its distinct texts, and which of them each row has."""
 
     name: str
     texts: list[str]
@@ -131,7 +131,9 @@ class Problems:
 
 @dataclass(frozen=True)
 class TextTable:
-    """The columns that were asked for, by their names in the source, and the row that each record starts at there.
+    """The columns that were asked for, and the row at which each record starts.
+
+    Columns have their names in the source.
 
     `form` is an encoding, a format or a library, `delimiter` empty where it is no CSV file; `head`
     is the place of the names in messages.
@@ -153,7 +155,7 @@ class TextTable:
 
     @property
     def python(self) -> bool:
-        """Whether it is a frame, so that messages name arguments and not options of the command line."""
+        """Whether it is a frame: messages then name arguments and not options."""
         return self.head == "columns"
 
     @property
@@ -174,7 +176,10 @@ class TextTable:
         return replace(self, rows=self.rows[kept], columns=columns)
 
     def require(self, lines: Sequence[str]) -> None:
-        """Refuse a head of which something is to be said, together with the rows that cannot be split; and a table without rows."""
+        """Refuse a head with problems, and a table without rows.
+
+        Rows that cannot be split are told with the head.
+        """
         if lines:
             self.problems.add(
                 (0, f"{self.head}{', ' if line.startswith('column') else ': '}{line}")
@@ -359,7 +364,7 @@ def _records(text: str, delimiter: str) -> Iterator[tuple[int, list[str] | csv.E
 
 
 def _broken(row: int, record: list[str] | csv.Error, width: int) -> str:
-    """What is said about a row that cannot be split, or not into as many cells as the header has."""
+    """The problem of a row that cannot be split into as many cells as the header has."""
     if not isinstance(record, csv.Error):
         return f"row {row}: found {counted(len(record), 'cell')}, allowed: {counted(width, 'cell')} as in the header"
     found = next((said for part, said in _SPLIT_ERRORS.items() if part in str(record)), str(record))

@@ -29,7 +29,9 @@ def answers_in_order(
     k: IntArray,
     n: IntArray,
 ) -> tuple[dict[str, Answers], list[str], list[str]]:
-    """What each subject answered, notes of what is missing, and doubts about trials that are there twice.
+    """What each subject answered, with notes and doubts.
+
+    Notes say what is missing; doubts are about trials that are there twice.
 
     Columns are by our names; `keys` are the pair of every row, NaN where a cell cannot be read;
     `parts` the rows of every subject that have answers; k answers that the task counts and n all

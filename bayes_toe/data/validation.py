@@ -112,7 +112,10 @@ def runs(text: str) -> bool:
 
 
 def bare_names(table: TextTable, column: Column) -> Column:
-    """Names of a CSV file without the apostrophe that keeps a spreadsheet from running them, where that makes no two of them one."""
+    """Names of a CSV file without the apostrophe that keeps a spreadsheet from running them.
+
+    They stay as they are where two of them would become one.
+    """
     texts = [text[1:] if text[:1] == "'" and runs(text[1:]) else text for text in column.texts]
     return (
         Column(column.name, texts, column.codes)
@@ -150,7 +153,10 @@ def require_numbers(
 def require_texts(
     table: TextTable, column: Column, rows: BoolArray | None = None, *, once: bool = False
 ) -> None:
-    """Note cells, of these rows or of all, that are empty, or that an earlier row has where each may stand `once`."""
+    """Note cells that are empty, of these rows or of all.
+
+    If each text may stand `once`, note those that an earlier row has.
+    """
     blank = empty(column)
     table.fault(column, blank if rows is None else blank & rows, "a text that is not empty")
     if once:
@@ -175,7 +181,9 @@ def read_numbers(
     counts: Sequence[str] = (),
     gaps: bool = False,
 ) -> tuple[list[str], dict[str, FloatArray]]:
-    """Columns of finite numbers by name, optional ones where they are there, and, where `key` names one, a column of distinct texts.
+    """Columns of finite numbers by name, and one of distinct texts if `key` names it.
+
+    Optional columns are read where they are there.
 
     Columns that are `counts` hold whole numbers of at least 1; with `gaps` empty cells are NaN;
     other columns are ignored. Returned are the texts in the order of the rows, empty without `key`,

@@ -218,7 +218,10 @@ def _hover(renderers: list[Any], task: Task) -> HoverTool:
 
 
 def _curves(sources: _Sources, letter: str, task: Task) -> Any:
-    """P of the counted answer of both orders over the stronger stimulus, or over s2 - s1, with the answers."""
+    """P of the counted answer in both orders, with the answers.
+
+    The axis is the stronger stimulus, or s2 - s1.
+    """
     made = _plot(
         f"curves-{letter}",
         [],

@@ -337,7 +337,10 @@ class GroupPosterior:
         return np.concatenate([coefficients, values], axis=-1)
 
     def _split(self, theta: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Means, scores of sds, effects, and the blocks of the subjects, (subjects, points, ...)."""
+        """Means, scores of sds, effects, and the blocks of the subjects.
+
+        The blocks have the shape (subjects, points, ...).
+        """
         q, n_points = self.rows.n_coefficients, len(theta)
         mean, log_sd, effects, block = np.split(theta, (q, 2 * q, self.n_shared), axis=1)
         block = block.reshape(n_points, self.rows.n_subjects, self.rows.n_coordinates)

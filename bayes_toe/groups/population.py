@@ -130,7 +130,7 @@ class GroupEffect(NamedTuple):
 
 
 class StudyScales(NamedTuple):
-    """D and R of all trials of a study, and by how much roved first stimuli narrow the prior of p."""
+    """D and R of all trials of a study, and how roved first stimuli narrow the prior of p."""
 
     step: float
     spread: float

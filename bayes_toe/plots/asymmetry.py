@@ -36,7 +36,9 @@ _CROWDED = 12
 def order_axes(
     comparison: Comparison, ax: Axes | None = None, *, share_of: str = "'equal'"
 ) -> Axes:
-    """P('equal'), or P(wrong), of one comparison in its two orders with the p-value of their difference. Source: Fig. 1C, with its colours.
+    """Draw P('equal'), or P(wrong), of one comparison in its two orders.
+
+    The p-value is that of their difference. The source is Fig. 1C, with its colours.
 
     Laplace estimators and their errors (Eq. e:2b), and the exact test's plain p-value.
     """

@@ -308,7 +308,9 @@ def known_from(truths: Values, target: AnswerPosterior) -> dict[str, float]:
 
 
 class Density(NamedTuple):
-    """Smoothed counts of draws in the bins of a panel, two more bins on every side, and the levels of its contours.
+    """Smoothed counts of draws in the bins of a panel, and the levels of its contours.
+
+    There are two more bins on every side.
 
     Middles of the bins, shape (BINS + 4,) each; values, up and across: the outermost bins have the least of all, the next ones those of
     their neighbours within; levels: densities above which the shares :data:`LEVELS` of all draws lie, linear between middles of bins.
@@ -476,7 +478,10 @@ def _words(
 
 
 def _new_figure(count: int, words: Sequence[_Words]) -> Figure:
-    """A figure of its own for so many panels a side, with room above them for words that have none beside them."""
+    """A figure for so many panels a side.
+
+    There is room above the panels for words that have none beside them.
+    """
     panel = _LONE_PANEL if count == 1 else _PANEL
     side = count * panel + (count - 1) * _GAP
     wide, high = _LEFT + side + _MARGIN, _BELOW + side + _MARGIN

@@ -208,7 +208,10 @@ def lines_along(counts: Subject, weaker: float, points: int) -> list[Line]:
 
 
 def _by_first(counts: Subject, points: int) -> list[Line]:
-    """P('second') over s2 - s1 by the first stimulus, of which neighbouring ones are taken together where there are more than six."""
+    """P('second') over s2 - s1 by the first stimulus.
+
+    Neighbouring first stimuli are taken together where there are more than six.
+    """
     firsts, place = np.unique(counts.s1), counts.s2 - counts.s1
     pad = 0.05 * max(float(np.ptp(place)), 1e-9)
     x, groups = (
@@ -242,7 +245,9 @@ def order_panel(
     points: int = 120,
     bands: Sequence[Band] | None = None,
 ) -> Axes:
-    """Both orders of all pairs with one weaker stimulus (ln) over the stronger one, marks of so many points; as in Fig. 3, upper row.
+    """Draw both orders of all pairs with one weaker stimulus (ln), as in Fig. 3, upper row.
+
+    The axis is the stronger stimulus; `size` is that of the marks in points.
 
     Of 'which is stronger' the psychometric curves after every first stimulus, whatever the weaker one is. `equal` goes from the stimuli of
     pairs, shape (pairs,) each, to P of the answer that is counted, shape (draws, pairs); None draws no curve. By default bands are of 50 and
@@ -271,7 +276,10 @@ def order_panel(
 
 
 def distance_panel(ax: Axes, fitted: Predictor) -> None:
-    """All pairs over their distance z (posterior median) on the common curve (Fig. 3, lower row)."""
+    """Draw all pairs over their distance z on the common curve (Fig. 3, lower row).
+
+    The distance is the posterior median.
+    """
     counts = fitted.target.subject
     z = np.median(fitted.target.distance(fitted.x), axis=0)
     reach = 1.05 * max(float(np.abs(z).max()), 1.43)
@@ -296,7 +304,10 @@ def _weaker(counts: Subject) -> FloatArray:
 
 
 def main_weaker(counts: Subject) -> float | None:
-    """The weaker stimulus that most pairs of different stimuli share (the reference r of the paper's design); None without such pairs."""
+    """The weaker stimulus that most pairs of different stimuli share; None without such pairs.
+
+    It is the reference r of the paper's design.
+    """
     weaker = _weaker(counts)
     return float(mode(weaker).mode) if weaker.size else None
 

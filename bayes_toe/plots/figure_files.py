@@ -62,7 +62,7 @@ def save_figure(
 
 
 def picture_beside(table: Path) -> Path:
-    """Where the figure of a table goes, as PNG, refused if the table itself is to have that name."""
+    """The PNG file of a table's figure; refused if the table has that name."""
     picture = table.with_name(f"{table.stem}.png")
     if picture == table:
         raise InputError(

@@ -338,7 +338,9 @@ def _log_bayes_factors(answers: Sequence[OrderEffect], question: Question) -> Fl
 
 
 def evidence_axes(ax: Axes, table: EvidenceTable) -> Axes:
-    """Log Bayes factor of H1 against H0 of every subject, with twice its standard error, and Laplace's.
+    """Draw the log Bayes factor of H1 against H0 of every subject, and Laplace's.
+
+    Bars are twice the standard error.
 
     More than :data:`~bayes_toe.plots.style.MOST_NAMED` subjects are sorted by it, without names and
     without Laplace's.
@@ -376,7 +378,9 @@ def evidence_axes(ax: Axes, table: EvidenceTable) -> Axes:
 
 
 def evidence_plane_axes(table: EvidenceTable, ax: Axes) -> Axes:
-    """Log evidence of the paper's model (H1, upward) against the saturated model (H0, to the right), as the paper's figure in Appendix C.
+    """Draw the log evidence of H1 (upward) against that of H0 (to the right).
+
+    The source is the paper's figure in Appendix C.
 
     Per trial, so that studies and subjects of any length share one scale; above the diagonal one
     smooth curve does better than one free probability per pair. Subjects without a reliable

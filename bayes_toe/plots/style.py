@@ -86,7 +86,9 @@ ORDERS = {
 
 
 def plain(name: str, limit: int = 32) -> str:
-    r"""A subject's name as matplotlib may draw it: no dollar sign read as mathematics, and shortened in the middle.
+    r"""A subject's name as matplotlib may draw it, shortened in the middle.
+
+    rNo dollar sign is read as mathematics.
 
     Names of a study begin alike and end with what tells them apart.
 
@@ -191,7 +193,10 @@ def draw_band(
     bands: Sequence[Band] = BANDS,
     label: str | None = None,
 ) -> None:
-    """Mean over draws, the first axis of `values`, and bands between quantiles, by default central 50 % and 95 % ones."""
+    """Draw the mean over draws and bands between quantiles, by default of 50 % and 95 %.
+
+    Draws are the first axis of `values`.
+    """
     for low, high, opacity in bands:
         ax.fill_between(
             x, *np.quantile(values, [low, high], axis=0), color=colour, alpha=opacity, lw=0
@@ -209,7 +214,10 @@ def legend_below(
     columns: int = 3,
     side: Literal["lower", "upper"] = "lower",
 ) -> None:
-    """One legend for the figure, outside the panels, since points may be anywhere in them, or above them; size of letters in points."""
+    """Put one legend outside the panels, below or above them.
+
+    Points may be anywhere in the panels. `size` is that of the letters in points.
+    """
     found = {label: handle for ax in figure.axes for handle, label in _main_first(ax)}
     style: dict[str, Any] = (
         {"handletextpad": 0.3, "columnspacing": 1.2, "borderaxespad": 0.2}
