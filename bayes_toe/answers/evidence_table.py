@@ -31,9 +31,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-#: Columns of evidence.csv: the answer, then the paper's comparison.
-EVIDENCE_COLUMNS = (
-    *ANSWER_COLUMNS,
+_COMPARISON_COLUMNS = (
     "n_pairs",
     "n_trials",
     "log_evidence_h1",
@@ -46,8 +44,9 @@ EVIDENCE_COLUMNS = (
     "pareto_k",
     "log_evidence_h1_laplace_natural",
     "log_evidence_h1_bootstrap",
-    "prior",
 )
+#: Columns of evidence.csv: the answer, then the paper's comparison.
+EVIDENCE_COLUMNS = (*ANSWER_COLUMNS, *_COMPARISON_COLUMNS, "prior")
 _COUNTS = ("n_pairs", "n_trials")
 _NO_REPLICATES = "evidence from the bootstrap's covariance left out: the maximum-likelihood fit knows one interval only (column isi)"
 
@@ -87,11 +86,15 @@ class SubjectEvidence:
     notes: tuple[str, ...] = ()
     footnotes: tuple[str, ...] = ()
 
-    def cell(self, column: str) -> object:
-        """The entry of a column of evidence.csv but the prior's."""
-        if column in ANSWER_COLUMNS[1:]:
-            return None if self.answer is None else self.answer.cells[column]
-        return getattr(self, column)
+    @property
+    def cells(self) -> Mapping[str, object]:
+        """The entries of evidence.csv but the prior's; None where one is empty."""
+        cells: dict[str, object] = dict.fromkeys(ANSWER_COLUMNS)
+        if self.answer is not None:
+            cells |= self.answer.cells
+        for column in ("subject", *_COMPARISON_COLUMNS):
+            cells[column] = getattr(self, column)
+        return cells
 
     @property
     def log_bayes_factor(self) -> float | None:
@@ -138,9 +141,7 @@ class EvidenceTable(SubjectTable[SubjectEvidence]):
         import pandas as pd
 
         prior = None if self.prior is None else self.prior.describe_orders(self.task)
-        rows: list[dict[str, object]] = []
-        for row in self.rows:
-            rows.append({key: row.cell(key) for key in EVIDENCE_COLUMNS if key != "prior"})
+        rows = [row.cells for row in self.rows]
         empty = dict.fromkeys(EVIDENCE_COLUMNS)
         rows += [{**empty, "subject": name} for name in self.failed]
         frame = pd.DataFrame(rows, columns=list(EVIDENCE_COLUMNS)).assign(prior=prior)

@@ -297,31 +297,27 @@ def format_percent(size: Size, unit: str = " %") -> str:
     ('+5.6 % [+2.5, +8.3]', '+12 [-0, +22]')
     """
     largest = max(abs(size.q025), abs(size.q50), abs(size.q975))
-    digits = _digits(largest)
+    digits = _digits(largest, most=2)
     low, median, high = (f"{value:+.{digits}f}" for value in (size.q025, size.q50, size.q975))
     return f"{median}{unit} [{low}, {high}]"
 
 
-def _digits(value: float, most: int = 2) -> int:
+def _digits(value: float, most: int) -> int:
     """Decimals that show two significant digits of a number, at most some."""
     if not np.isfinite(value) or value <= 0.0:
         return 0
     return int(min(max(1 - np.floor(np.log10(float(f"{value:.2g}"))), 0), most))
 
 
-def format_number(value: float, sign: str = "") -> str:
-    """A number with two significant digits and no exponent; `sign` '+' shows the sign always.
+def format_number(value: float) -> str:
+    """A number with two significant digits and no exponent.
 
     Examples
     --------
-    >>> format_number(112.4), format_number(8.0, "+"), format_number(-0.0312), format_number(0.0)
-    ('110', '+8.0', '-0.031', '0')
+    >>> format_number(112.4), format_number(8.0), format_number(-0.0312), format_number(0.0)
+    ('110', '8.0', '-0.031', '0')
     """
-    if value == 0.0 or not np.isfinite(value):
-        return f"{value:{sign}g}"
-    rounded = float(f"{value:.2g}")
-    digits = max(1 - int(np.floor(np.log10(abs(rounded)))), 0)
-    return f"{rounded:{sign}.{digits}f}"
+    return f"{float(f'{value:.2g}'):.{_digits(abs(value), most=400)}f}"
 
 
 def format_share(size: Size, sign: str = "") -> str:
@@ -337,7 +333,7 @@ def format_share(size: Size, sign: str = "") -> str:
     return f"{median} [{low}, {high}]"
 
 
-def format_decimals(value: float, digits: int = 2, sign: str = "") -> str:
+def format_decimals(value: float, sign: str = "") -> str:
     """A number between -1 and 1 without the zero before its point, and never -0.
 
     Examples
@@ -345,7 +341,7 @@ def format_decimals(value: float, digits: int = 2, sign: str = "") -> str:
     >>> format_decimals(-0.047), format_decimals(-0.001), format_decimals(1.0)
     ('-.05', '.00', '1.00')
     """
-    text = f"{round(value, digits) + 0.0:{sign}.{digits}f}"
+    text = f"{round(value, 2) + 0.0:{sign}.2f}"
     return text.replace("0.", ".", 1) if text.lstrip("+-").startswith("0.") else text
 
 

@@ -42,22 +42,20 @@ def check(
     from bayes_toe.data.study_file import SUFFIX
     from bayes_toe.model.prior_file import preset_or_file
 
-    text = ""
     if study_output is not None:
-        if study_output.suffix.lower() != SUFFIX:
+        if study.example or study_output.suffix.lower() != SUFFIX:
             raise bt.InputError(
-                f"--save is {str(study_output)!r}. Use a name that ends in {SUFFIX}."
+                f"--save is '{study_output}'. Use a name that ends in {SUFFIX}, and your files."
             )
         task.require_files(study_output)
-        text = study.source().text(study_output.parent)
     prior = preset_or_file(task.prior)
     # Whatever the stimuli are: `check` reports what cannot be analysed.
     read = study.read()
     if study_output is not None:
+        text = study.source.text(study_output.parent)
+        task.write({study_output: lambda path: path.write_text(text, encoding="utf-8")})
         TYPED[1:] = [str(study_output)]  # The next command reads that file.
     print_check(task.out, read, prior, shows_prior=task.prior is not None)
-    if study_output is not None:
-        task.write({study_output: lambda path: path.write_text(text, encoding="utf-8")})
 
 
 def fit(

@@ -105,7 +105,7 @@ def run(
             workers=task.workers,
             progress=tick,
             overwrite=task.overwrite,
-            study_file="" if study.example else study.source().text(output),
+            study_file="" if study.example else study.source.text(output),
         )
     task.finish(keep, analysis.draws.failed)
     closing = without_decision(analysis.answers, {**analysis.draws.failed, **missed})

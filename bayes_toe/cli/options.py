@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from dataclasses import dataclass, fields, replace
-from functools import partial
+from functools import cached_property, partial
 from glob import glob
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
@@ -73,16 +73,22 @@ ModelName = Annotated[
 
 def writes(metavar: str, help_text: str) -> Any:
     """The option that names what is written."""
-    parser = Path if metavar == "DIR" else file_name
+    parser = folder_name if metavar == "DIR" else file_name
     return typer.Option("-o", "--output", metavar=metavar, help=help_text, parser=parser)
 
 
+def folder_name(value: str | Path) -> Path:
+    """The name of a folder that is written; a default is a path already."""
+    if str(value) == "-":
+        raise typer.BadParameter("found '-', allowed: the name of a file or folder")
+    return Path(value)
+
+
 def file_name(value: str | Path) -> Path:
-    """The name of a file that is written; a default is a path already."""
-    text = str(value)
-    if text == "-" or text.endswith(("/", os.sep)):
-        raise typer.BadParameter(f"found {text!r}, allowed: the name of a file")
-    return Path(text)
+    """The name of a file that is written."""
+    if str(value).endswith(("/", os.sep)):
+        raise typer.BadParameter(f"found '{value}', allowed: the name of a file")
+    return folder_name(value)
 
 
 #: The error of a command without a file; :func:`~bayes_toe.cli.task.as_command` adds what to type.
@@ -190,27 +196,36 @@ class StudyFile:
         if not self.example and not self.files:
             raise InputError(NO_FILE)
         asked = None if self.question is None else task_of(self.question)
+        swap, exclude = tuple(self.swap or ()), tuple(self.exclude or ())
         if self.example:
             study = example_study(asked or WHICH_STRONGER)
         else:
-            study = read_study(self._paths(), self._read_options())
+            study = read_study(self.source.files, self.source.options)
+            swap, exclude = self.source.swap, self.source.exclude
         if asked not in (None, study.task):
             raise InputError(
                 f"--task is {self.question!r}, but the responses in {study.source} are of the task "
                 f"{study.task.name!r}."
             )
-        return changed(study, self.swap or (), self.exclude or ())
+        return changed(study, swap, exclude)
 
+    @cached_property
     def source(self) -> StudySource:
         """The files and how they are read, as a study file has them."""
         from bayes_toe.data.study_file import StudySource, study_source
 
-        if not self.files:
-            raise InputError("--save needs files; the bundled example has none.")
         paths, options = self._paths(), self._read_options()
         source = study_source(paths, options) or StudySource(tuple(paths), options)
         swap = (*source.swap, *(self.swap or ()))
         return replace(source, swap=swap, exclude=(*source.exclude, *(self.exclude or ())))
+
+    def data_files(self) -> tuple[Path, ...]:
+        """The files that a study file names; none where there is no study file alone."""
+        from bayes_toe.data.study_file import SUFFIX, read_study_file
+
+        if self.files and self.files[0].suffix.lower() == SUFFIX:
+            return read_study_file(self.files[0]).files
+        return ()
 
     def _paths(self) -> list[Path]:
         """The files; some shells leave a name with * to the program."""

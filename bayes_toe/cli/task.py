@@ -239,13 +239,15 @@ def as_command(function: Callable[..., None]) -> Callable[..., None]:
     @wraps(function)
     def command(**values: Any) -> None:
         inputs = _input_paths(values)
-        for name, (kind, options) in records.items():
-            of_record = {option: values.pop(option) for option in options}
-            if kind is Task:
-                of_record["inputs"] = inputs
-            values[name] = kind(**of_record)
         under_way.clear()  # An earlier call in this process may have stored results.
         try:
+            for name, (kind, options) in records.items():
+                of_record = {option: values.pop(option) for option in options}
+                if kind is Task:
+                    of_record["inputs"] = inputs
+                values[name] = kind(**of_record)
+                if kind is StudyFile:
+                    inputs += values[name].data_files()
             with warnings.catch_warnings():
                 # Every screen names what did not converge.
                 warnings.simplefilter("ignore", ConvergenceWarning)

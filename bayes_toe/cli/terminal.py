@@ -65,9 +65,9 @@ class Terminal:
             task = bar.add_task(what, total=total)
             yield lambda _: bar.advance(task)
 
-    def line(self, text: str = "", style: str = "", indent: int = 0) -> None:
+    def line(self, text: str = "", indent: int = 0) -> None:
         """A text, wrapped at :data:`WIDTH`; further lines are indented."""
-        self.lines(wrap_line(text, indent), style)
+        self.lines(wrap_line(text, indent))
 
     def lines(self, lines: Iterable[str], style: str = "") -> None:
         """Lines as they stand."""

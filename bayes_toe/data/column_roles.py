@@ -11,6 +11,7 @@ import tomllib
 import unicodedata
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from importlib.resources import files
 
 from bayes_toe.data.messages import bare, join_words, listed
@@ -23,6 +24,12 @@ VOCABULARY: dict[str, dict[str, list[str]]] = tomllib.loads(
 )
 
 
+#: What a cell says where something holds, and where it does not.
+TRUE_WORDS = frozenset({"1", "1.0", "true", "yes"})
+_FALSE_WORDS = frozenset({"0", "0.0", "false", "no", ""})
+
+
+@lru_cache(maxsize=2**16)
 def plain_name(name: str) -> str:
     """A name in small letters and digits, without accents.
 
@@ -36,8 +43,7 @@ def plain_name(name: str) -> str:
 
 def without_accents(text: str) -> str:
     """A text whose letters have lost their accents."""
-    decomposed = unicodedata.normalize("NFKD", text)
-    return "".join(character for character in decomposed if not unicodedata.combining(character))
+    return re.sub("[\u0300-\u036f]", "", unicodedata.normalize("NFKD", text))
 
 
 def looks_like(name: str, ours: str) -> bool:
@@ -56,18 +62,27 @@ def may_mark_practice(name: str) -> bool:
     return plain_name(name) in VOCABULARY["practice"]["columns"]
 
 
-def is_practice(name: str, text: str) -> bool:
-    """Whether a cell of such a column says that its row is practice.
+def practice_texts(name: str, texts: Sequence[str]) -> list[str]:
+    """The texts of such a column that say that a row is practice.
+
+    A column such as `practice` may hold 1 and 0. If it holds other numbers too, it counts trials.
 
     Examples
     --------
-    >>> is_practice("phase", "Practice 1"), is_practice("practice", "TRUE"), is_practice("phase", "1")
-    (True, True, False)
+    >>> practice_texts("phase", ["Practice 1", "1"]), practice_texts("practice", ["TRUE", "FALSE"])
+    (['Practice 1'], ['TRUE'])
+    >>> practice_texts("practice", ["1", "2", "3"])
+    []
     """
-    plain = plain_name(text)
-    if plain_name(name) in VOCABULARY["practice"]["flags"] and plain in ("1", "10", "true", "yes"):
-        return True
-    return plain.startswith(tuple(VOCABULARY["practice"]["texts"]))
+    beginnings = tuple(VOCABULARY["practice"]["texts"])
+    is_flag = plain_name(name) in VOCABULARY["practice"]["flags"]
+    has_flags = is_flag and {*map(str.lower, texts)} <= TRUE_WORDS | _FALSE_WORDS
+    marks = []
+    for text in texts:
+        is_true = has_flags and text.lower() in TRUE_WORDS
+        if is_true or plain_name(text).startswith(beginnings):
+            marks.append(text)
+    return marks
 
 
 def unit_in(name: str) -> str:
@@ -96,13 +111,14 @@ def is_percentage(name: str) -> bool:
     return "%" in name or any(word in plain_name(name) for word in words)
 
 
-#: Words by which a response, or the column of the interval, names one of two stimuli.
-STANDARD_WORDS = frozenset({"standard", "std", "reference", "ref"})
-COMPARISON_WORDS = frozenset({"comparison", "comp", "test", "variable"})
-
-
 # --- Roles ----------------------------------------------------------------------------------------
 
+_UNIT_MEANINGS = {
+    "dB": "20 dB are a factor of ten",
+    "dB-power": "10 dB are a factor of ten",
+    "log10": "they are decadic logs",
+    "ln": "they are natural logs all the same",
+}
 _COUNTS = ("n_equal", "n_second", "n_trials")
 _STIMULI = ("s1", "s2", "i1", "i2")
 _REQUIRED = ("subject", *_STIMULI, "standard", "comparison", "response", *_COUNTS)
@@ -177,9 +193,8 @@ def columns_to_read(
             "would cancel out."
         )
         return needed, problems, _order_remedies(names)
-    in_unit = [
-        name for name in map(options.name, options.stimuli) if name in names and unit_in(name)
-    ]
+    stimuli = map(options.name, options.stimuli)
+    in_unit = [name for name in stimuli if name in names and unit_in(name)]
     if in_unit and options.unit is None:
         unit = unit_in(in_unit[0])
         problems.append(f"column {bare(in_unit[0])} seems to be in {unit}.")
@@ -288,13 +303,8 @@ def _order_remedies(names: Sequence[str]) -> list[Remedy]:
 
 def _unit_remedies(unit: str) -> list[Remedy]:
     """What to type where the name of a column tells its unit."""
-    remedies = [Remedy("unit", "ln", "if they are natural logs all the same")]
-    if unit == "dB":
-        remedies.insert(0, Remedy("unit", "dB-power", "if 10 dB are a factor of ten"))
-        remedies.insert(0, Remedy("unit", "dB", "if 20 dB are a factor of ten"))
-    else:
-        remedies.insert(0, Remedy("unit", unit, "if they are decadic logs"))
-    return remedies
+    choices = ("dB", "dB-power", "ln") if unit == "dB" else (unit, "ln")
+    return [Remedy("unit", choice, f"if {_UNIT_MEANINGS[choice]}") for choice in choices]
 
 
 def _numbered_pair(names: Sequence[str]) -> tuple[str, str]:

@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from bayes_toe.data.messages import bare, listed, one_line, quoted
-from bayes_toe.data.text_table import value_text
+from bayes_toe.data.messages import bare, listed, one_line
+from bayes_toe.data.text_table import cell_texts
 from bayes_toe.errors import InputError
 
 _SAVED = (
@@ -34,11 +34,11 @@ _READER = (
 )
 
 
-def matlab_texts(source: str, data: bytes) -> dict[str, list[str]]:
-    """The columns of a file, as text, all of one length.
+def matlab_texts(source: str, data: bytes) -> tuple[dict[str, list[str]], dict[str, list[str]]]:
+    """The columns of a file, as text, all of one length; and the problems of some, by name.
 
     Trials are fields of one struct, of vectors or of a struct array, or vectors of one length by
-    name. A single value stands in every row.
+    name. A single value stands in every row. Arrays in the cells of a column are its problem.
 
     Raises
     ------
@@ -60,8 +60,7 @@ def matlab_texts(source: str, data: bytes) -> dict[str, list[str]]:
     result = json.loads(reader.stdout)
     if "problems" in result:
         raise InputError(result["problems"])
-    columns: dict[str, list[str]] = result["columns"]
-    return columns
+    return result["columns"], result["faults"]
 
 
 # --- In the process of the reader -----------------------------------------------------------------
@@ -69,13 +68,15 @@ def matlab_texts(source: str, data: bytes) -> dict[str, list[str]]:
 
 def write_texts(source: str) -> None:
     """Read a file from standard input and write its columns, or its problems, as JSON."""
-    result: dict[str, object]
     try:
-        variables = _variables(source, sys.stdin.buffer.read())
-        result = {"columns": _texts(source, _columns(source, variables))}
+        columns = _columns(source, _variables(source, sys.stdin.buffer.read()))
+        texts, faults = {}, {}
+        for name, cells in columns.items():
+            texts[name], lines = cell_texts(name, cells, range(1, len(cells) + 1))
+            faults[name] = [f"{source}: {line}" for _, line in lines]
+        json.dump({"columns": texts, "faults": faults}, sys.stdout)
     except InputError as error:
-        result = {"problems": error.problems}
-    json.dump(result, sys.stdout)
+        json.dump({"problems": error.problems}, sys.stdout)
 
 
 def _variables(source: str, data: bytes) -> dict[str, Any]:
@@ -140,20 +141,3 @@ def _fields(struct: Any) -> dict[str, Any]:
     for name in struct[0]:
         values[name] = np.array([trial[name] for trial in struct], object)
     return values
-
-
-def _texts(source: str, columns: dict[str, list[Any]]) -> dict[str, list[str]]:
-    """The columns as text."""
-    texts: dict[str, list[str]] = {}
-    for name, cells in columns.items():
-        texts[name] = []
-        for row, cell in enumerate(cells, 1):
-            text = value_text(cell)
-            if text is None:
-                found = f"{quoted(str(cell))} of type {type(cell).__name__}"
-                raise InputError(
-                    f"{source}: row {row}, column {bare(name)}: found {found}, "
-                    "allowed: text, numbers or truth values"
-                )
-            texts[name].append(text)
-    return texts

@@ -116,10 +116,10 @@ def describe_p(value: float) -> str:
     return f"p {shown}" if shown.startswith("<") else f"p = {shown}"
 
 
-def named_few(names: Sequence[str], most: int = 4) -> str:
-    """The first names, and how many there are beyond them."""
-    more = f" and {len(names) - most:,} more" if len(names) > most else ""
-    return ", ".join(map(repr, names[:most])) + more
+def named_few(names: Sequence[str]) -> str:
+    """The first four names, and how many there are beyond them."""
+    more = f" and {len(names) - 4:,} more" if len(names) > 4 else ""
+    return ", ".join(map(repr, names[:4])) + more
 
 
 def as_name(name: object) -> str:

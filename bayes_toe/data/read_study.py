@@ -19,15 +19,16 @@ from typing import TypeAlias
 
 import numpy as np
 
-from bayes_toe.arrays import BoolArray, FloatArray, IntArray, run_starts
+from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, IntArray, run_starts
 from bayes_toe.data.answers import Reading
 from bayes_toe.data.column_roles import (
+    TRUE_WORDS,
     columns_to_read,
     is_percentage,
-    is_practice,
     is_response_sign,
     looks_like,
     may_mark_practice,
+    practice_texts,
     with_likely_columns,
 )
 from bayes_toe.data.messages import bare, counted, listed, quoted, said_intervals
@@ -92,7 +93,6 @@ _NO_LOG_INTENSITY = 100.0
 #: Columns that tell something of the whole file.
 _MARKS = ("synthetic", "task")
 _FEWEST_PERCENTAGES = 4  # rows with 100 trials that may be a table of percentages
-_TRUE_WORDS = frozenset({"1", "1.0", "true", "yes"})
 
 
 def read_study(
@@ -300,12 +300,9 @@ class _Rows:
         """The columns that are not read, without those that the options ignore."""
         columns = (*self.columns.values(), *self.signs)
         others = {column.name for column in columns} | {*self.options.where}
-        for name in self.table.names:
-            if any(
-                name == self.options.name(ours) or looks_like(name, ours)
-                for ours in self.options.ignore
-            ):
-                others.add(name)
+        for ours in self.options.ignore:
+            others.add(self.options.name(ours))
+            others.update(name for name in self.table.names if looks_like(name, ours))
         return [name for name in dict.fromkeys(self.table.names) if name and name not in others]
 
     @property
@@ -472,7 +469,7 @@ def _without_practice(table: TextTable, options: ReadOptions) -> TextTable:
         if name in options.where or not may_mark_practice(name):
             continue
         column = table.columns[name]
-        practice = [text for text in column.texts if is_practice(name, text)]
+        practice = practice_texts(name, column.texts)
         is_marked = column.map(practice.__contains__, np.bool_)
         if not is_marked.any() or is_marked.all():
             continue
@@ -546,8 +543,8 @@ def _study(rows: _Rows, notes: list[str], k: IntArray, n: IntArray, task: Task) 
             counts = [value[part] for value in values]
             subjects.append(Subject.from_counts(name, *counts, task=task))
     if not is_trials:
-        notes += _merged_note({name: len(part) for name, part in parts.items()}, subjects)
-        doubts += _percentage_doubts(rows.columns, n)
+        notes += _merged_note(parts, subjects)
+        doubts += _percentage_doubts(rows.columns[task.count], n)
     if "isi" in rows.columns:
         isi = tuple(np.unique(rows.keys[2][owned]).tolist())
         column = bare(rows.columns["isi"].name)
@@ -573,7 +570,7 @@ def _synthetic(columns: Mapping[str, Column]) -> tuple[bool, list[str]]:
     """Whether a column marks every row as synthetic, and what is noted of it."""
     marks = []
     if "synthetic" in columns:
-        marks = [text.lower() in _TRUE_WORDS for text in columns["synthetic"].texts]
+        marks = [text.lower() in TRUE_WORDS for text in columns["synthetic"].texts]
     if not any(marks):
         return False, []
     if all(marks):
@@ -581,20 +578,19 @@ def _synthetic(columns: Mapping[str, Column]) -> tuple[bool, list[str]]:
     return False, ["the column synthetic marks only some rows, so the study is not marked"]
 
 
-def _merged_note(n_rows: Mapping[str, int], subjects: Sequence[Subject]) -> list[str]:
-    """How many rows of counts repeat a pair."""
-    merged = {subject.name: n_rows[subject.name] - subject.n_pairs for subject in subjects}
+def _merged_note(parts: Mapping[str, IndexArray], subjects: Sequence[Subject]) -> list[str]:
+    """How many rows of counts repeat a pair; `parts` are the rows of every subject."""
+    merged = {subject.name: len(parts[subject.name]) - subject.n_pairs for subject in subjects}
     each = [f"{bare(name)} {count}" for name, count in merged.items() if count]
     if not each:
         return []
     return [f"{counted(sum(merged.values()), 'repeated row')} merged: {listed(each)}"]
 
 
-def _percentage_doubts(columns: Mapping[str, Column], n: IntArray) -> list[str]:
+def _percentage_doubts(count: Column, n: IntArray) -> list[str]:
     """What is said where each pair has 100 trials, as in a table of percentages."""
     if len(n) < _FEWEST_PERCENTAGES or not (n == 100).all():
         return []
-    count = next(columns[name] for name in ("n_equal", "n_second") if name in columns)
     return [
         f"each row has 100 trials. If column {bare(count.name)} has percentages, write numbers "
         "of responses and of trials"

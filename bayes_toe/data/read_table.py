@@ -28,6 +28,7 @@ from bayes_toe.data.text_table import (
     Frame,
     Problems,
     TextTable,
+    cell_texts,
     decoded,
     header_place,
     name_places,
@@ -173,16 +174,9 @@ def _table_of_values(
     source, form, head = named
     columns, problems = {}, Problems(source)
     for name, cells in values.items():
-        texts = [value_text(cell) for cell in cells]
-        if None in texts:
-            index = texts.index(None)
-            row, cell = rows[index], cells[index]
-            what = f"{quoted(str(cell))} of type {type(cell).__name__}"
-            allowed = "text, numbers or truth values"
-            line = f"row {row}, column {bare(name)}: found {what}, allowed: {allowed}"
-            problems.add([(row, line)])
-        known_texts = ["" if text is None else text for text in texts]
-        columns[name] = Column.of(name, known_texts, range(len(texts)))
+        texts, lines = cell_texts(name, cells, rows)
+        problems.add(lines)
+        columns[name] = Column.of(name, texts, range(len(texts)))
     problems.refuse()
     return TextTable(form, "", head, names, columns, np.array(rows, np.int64), problems, notes)
 
@@ -381,8 +375,12 @@ def _json_records(
 
 def _read_matlab(source: str, data: bytes, choice: Choice) -> TextTable:
     """Row 1 is the first trial."""
-    columns = matlab_texts(source, data)
-    values = {name: columns[name] for name in name_places([*columns], choice)}
+    columns, faults = matlab_texts(source, data)
+    chosen = name_places([*columns], choice)
+    for name in chosen:
+        if faults[name]:
+            raise InputError(faults[name])
+    values = {name: columns[name] for name in chosen}
     n_rows = len(next(iter(columns.values())))
     head = (source, "MATLAB", "variables")
     return _table_of_values(head, [*columns], values, range(1, n_rows + 1))

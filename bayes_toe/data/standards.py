@@ -10,14 +10,16 @@ from __future__ import annotations
 import numpy as np
 
 from bayes_toe.arrays import FloatArray
-from bayes_toe.data.column_roles import COMPARISON_WORDS, STANDARD_WORDS
+from bayes_toe.data.column_roles import VOCABULARY
 from bayes_toe.data.messages import bare, listed, quoted
 from bayes_toe.data.text_table import Column, TextTable
 from bayes_toe.data.validation import is_no_response
 from bayes_toe.errors import InputError
 
-_STANDARD_FIRST = frozenset({"1", "1.0", "first", "1st", *STANDARD_WORDS})
-_STANDARD_SECOND = frozenset({"2", "2.0", "second", "2nd", *COMPARISON_WORDS})
+_STANDARD_WORDS = VOCABULARY["stimuli"]["standard"]
+_COMPARISON_WORDS = VOCABULARY["stimuli"]["comparison"]
+_STANDARD_FIRST = frozenset({"1", "1.0", "first", "1st", *_STANDARD_WORDS})
+_STANDARD_SECOND = frozenset({"2", "2.0", "second", "2nd", *_COMPARISON_WORDS})
 #: What the column of the interval may hold.
 ALLOWED_INTERVALS = "1 or 2, the interval of the standard (also first or second)"
 
@@ -71,8 +73,8 @@ class StandardOrder:
                 f"{table.source}: column {bare(column.name)}: found {codes}, allowed: "
                 f"{quoted(comparison_code)} for 'comparison' and one other code for 'standard'"
             )
-        is_comparison = column.map(lambda text: text.lower() in COMPARISON_WORDS, np.bool_)
-        is_standard = column.map(lambda text: text.lower() in STANDARD_WORDS, np.bool_)
+        is_comparison = column.map(lambda text: text.lower() in _COMPARISON_WORDS, np.bool_)
+        is_standard = column.map(lambda text: text.lower() in _STANDARD_WORDS, np.bool_)
         if comparison_code is not None:
             is_comparison = column.map(lambda text: text == comparison_code, np.bool_)
             is_missing = column.map(is_no_response, np.bool_)

@@ -57,25 +57,24 @@ class StudySource:
         <BLANKLINE>
         """
         names = [os.path.relpath(file, folder).replace(os.sep, "/") for file in self.files]
-        values: dict[str, Any] = {"files": names}
+        values: dict[str, Any] = {"files": names, "swap": self.swap, "exclude": self.exclude}
         for key, default in _DEFAULTS.items():
             value = getattr(self.options, key)
             if value != default:
                 values[key] = value
-        values |= {"swap": self.swap, "exclude": self.exclude}
         lines, sections = [], []
         for key, value in values.items():
             if isinstance(value, Mapping):
                 sections += ["", f"[{key}]"]
                 sections += [f"{_toml(name)} = {_toml(text)}" for name, text in value.items()]
-            elif value or value == 0:
+            elif value:
                 lines.append(f"{key} = {_toml(value)}")
         return "\n".join([*lines, *sections, ""])
 
 
 def _toml(value: object) -> str:
     """A text, a number, a truth value or a list of texts; JSON writes them as TOML does."""
-    return json.dumps(list(value) if isinstance(value, tuple) else value, ensure_ascii=False)
+    return json.dumps(value, ensure_ascii=False)
 
 
 def study_source(paths: Sequence[Any], options: ReadOptions) -> StudySource | None:
@@ -117,6 +116,9 @@ def read_study_file(path: str | Path) -> StudySource:
         elif not _is_of(value, _kind(key)):
             allowed = _KINDS[_kind(key)]
             problems.append(f"{path}: key {key}: found {quoted(str(value))}, allowed: {allowed}")
+    for file in table.get("files", ()):
+        if str(file).lower().endswith(SUFFIX):
+            problems.append(f"{path}: key files: found {quoted(file)}, allowed: data files")
     if not table.get("files"):
         problems.append(f"{path}: found no files, allowed: {_FORM}")
     if problems:

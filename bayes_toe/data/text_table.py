@@ -18,7 +18,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from operator import itemgetter
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -92,14 +92,18 @@ class Column:
 def value_text(value: object) -> str | None:
     """What a CSV file would have; None where a value has no text."""
     plain = value.item() if isinstance(value, np.generic) else value
-    if plain is None or type(plain).__name__ in _MISSING or plain != plain:
+    if plain is None or type(plain).__name__ in _MISSING:
+        return ""
+    if not isinstance(plain, str | int | float | Decimal):
+        return None
+    if plain != plain:
         return ""
     if isinstance(plain, bool):
         return str(int(plain))
     if isinstance(plain, float):
         return str(int(plain)) if plain.is_integer() else repr(plain)
-    text = str(plain) if isinstance(plain, str | int | Decimal) else None
-    return None if text is not None and "\0" in text else text
+    text = str(plain)
+    return None if "\0" in text else text
 
 
 class Problems:
@@ -127,6 +131,20 @@ class Problems:
         )
         problems = [f"{self.source}: {text}" for _, text in shown]
         raise InputError([*problems, *more], self.remedies)
+
+
+def cell_texts(
+    name: str, cells: Sequence[object], rows: Sequence[int]
+) -> tuple[list[str], list[tuple[int, str]]]:
+    """The values of a column as text; and the first row whose value has no text, in words."""
+    texts = [value_text(cell) for cell in cells]
+    if None not in texts:
+        return cast("list[str]", texts), []
+    index = texts.index(None)
+    found = f"{quoted(str(cells[index]))} of type {type(cells[index]).__name__}"
+    allowed = "text, numbers or truth values"
+    line = f"row {rows[index]}, column {bare(name)}: found {found}, allowed: {allowed}"
+    return [], [(rows[index], line)]
 
 
 @dataclass(frozen=True)

@@ -162,14 +162,14 @@ class Hamiltonian:
         self.step = 0.5 * start.shape[1] ** -0.25
         self.n_gradients = len(start)
 
-    def warm_up(self, rounds: tuple[int, ...] = _ROUNDS) -> None:
+    def warm_up(self) -> None:
         """Let the chains settle, then learn step and metric over rounds of so many draws."""
         self._adapt_step(_SETTLING, np.min, _FEW_STEPS)
-        for i, size in enumerate(rounds):
+        for i, size in enumerate(_ROUNDS):
             most_steps = _MOST_STEPS if i else _FIRST_STEPS
             draws = self._adapt_step(size, most_steps=most_steps)[size // 4 :]
             self._metric.learn(draws.reshape(-1, draws.shape[-1]))
-        self._adapt_step(rounds[0])
+        self._adapt_step(_ROUNDS[0])
 
     def advance(self, n_draws: int) -> Trace:
         """More draws of every chain.
@@ -298,20 +298,18 @@ class GroupDraws:
         return "; ".join(problems)
 
 
-def sample_group(
-    posterior: GroupPosterior, n_draws: int, rng: np.random.Generator, n_chains: int = N_CHAINS
-) -> GroupDraws:
+def sample_group(posterior: GroupPosterior, n_draws: int, rng: np.random.Generator) -> GroupDraws:
     """So many draws of all chains together.
 
     Where these are too few to be reliable, as many again are added to them. Where trajectories
     diverged, twice as many by shorter steps take their place.
     """
-    start = posterior.start(n_chains, rng)
+    start = posterior.start(N_CHAINS, rng)
     rows = posterior.rows
     metric = Metric(posterior.n_shared, rows.n_subjects, rows.n_coordinates)
     sampler = Hamiltonian(posterior, start, metric, rng)
     sampler.warm_up()
-    n_each = -(-n_draws // n_chains)
+    n_each = -(-n_draws // N_CHAINS)
     trace = sampler.advance(n_each)
     draws = _group_draws(posterior, trace)
     if not draws.shortfall:

@@ -21,7 +21,7 @@ from bayes_toe.data.whole_files import require_settled, whole_file
 from bayes_toe.errors import InputError
 from bayes_toe.groups.group_sampler import GroupDraws
 from bayes_toe.groups.regressors import Regressor, Regressors
-from bayes_toe.inference.draws_file import as_netcdf, problem_of_links
+from bayes_toe.inference.draws_file import as_netcdf, require_no_links
 from bayes_toe.version import library_versions
 
 _ALLOWED = "allowed: a population.nc written by bayes-toe"
@@ -128,9 +128,7 @@ def load_group(path: str | Path) -> tuple[Study, Regressors, GroupDraws, dict[st
         raise InputError(f"{name}: {problem}; {_ALLOWED}")
     require_settled(path)
     try:
-        problem = problem_of_links(Path(path))
-        if problem:
-            raise InputError(problem)
+        require_no_links(Path(path))
         with closing(xr.open_datatree(path, engine="h5netcdf", decode_times=False)) as tree:
             return _read(tree.load())
     except Exception as error:  # a damaged file makes the libraries raise nearly anything

@@ -96,14 +96,14 @@ class PredictiveCheck:
         return tuple(row.warning for row in self.statistics if row.p_value < CONTRADICTED)
 
 
-def predictive_check(result: PopulationResult, *, n_groups: int = _N_GROUPS) -> PredictiveCheck:
+def predictive_check(result: PopulationResult) -> PredictiveCheck:
     """How subjects differ, beside so many new groups drawn from the posterior."""
     rng = generator(result.settings.seed, "population", "predictive check")
     rows = subject_rows(result.study, result.scales)
     batch = rows.batch
     observed = batch.n_yes[:, 0].astype(np.int64)
     n_trials = (batch.n_yes + batch.n_no)[:, 0].astype(np.int64)
-    points = rows.row_points(_new_subjects(result, rng, n_groups))
+    points = rows.row_points(_new_subjects(result, rng))
     p_yes = np.exp(np.minimum(batch.log_answers(points).yes, 0.0))
     simulated = rng.binomial(n_trials[:, None], p_yes)
     counts = np.concatenate([observed[:, None], simulated], axis=1)
@@ -113,11 +113,11 @@ def predictive_check(result: PopulationResult, *, n_groups: int = _N_GROUPS) -> 
     return PredictiveCheck(tuple(statistics))
 
 
-def _new_subjects(result: PopulationResult, rng: np.random.Generator, n_groups: int) -> FloatArray:
+def _new_subjects(result: PopulationResult, rng: np.random.Generator) -> FloatArray:
     """Points of new subjects, (subjects, groups, q + own)."""
     draws = result.draws
     n_draws, q = draws.mean.shape[0] * draws.mean.shape[1], draws.mean.shape[2]
-    chosen = np.linspace(0, n_draws - 1, n_groups).astype(int)
+    chosen = np.linspace(0, n_draws - 1, _N_GROUPS).astype(int)
     mean = draws.mean.reshape(n_draws, q)[chosen]
     sd = draws.sd.reshape(n_draws, q)[chosen]
     effects = draws.effects.reshape(n_draws, -1, q)[chosen]

@@ -245,9 +245,7 @@ def read_tree(path: str | Path) -> xr.DataTree:
         problem = "not a file" if os.path.exists(path) else "no such file"
         raise InputError(f"{shown(path)}: {problem}; {ALLOWED}")
     try:
-        problem = problem_of_links(path)
-        if problem:
-            raise InputError(f"{shown(path)}: {problem}; {ALLOWED}")
+        require_no_links(path)
         # No units are times.
         tree = xr.open_datatree(path, decode_times=False, engine="h5netcdf")
         is_read_at_once = path.stat().st_size <= AT_ONCE
@@ -256,8 +254,8 @@ def read_tree(path: str | Path) -> xr.DataTree:
                 tree = tree.load()
         tree = tree.map_over_datasets(_with_small_in_memory)
         problem = next(_problems(tree, is_read_at_once), "")
-    except InputError:
-        raise
+    except InputError as error:
+        raise InputError(f"{shown(path)}: {error}; {ALLOWED}") from error
     except Exception as error:  # The libraries raise nearly anything for a damaged file.
         raise unreadable(path, error) from error
     if problem:
@@ -265,24 +263,23 @@ def read_tree(path: str | Path) -> xr.DataTree:
     return tree
 
 
-def problem_of_links(path: Path) -> str:
-    """What a file has besides groups of variables; empty if nothing.
+def require_no_links(path: Path) -> None:
+    """Refuse a file that has anything besides groups of variables.
 
     A link may lead to another file or around in a circle, which reading would follow.
     """
     with h5py.File(path) as file:
         for name in file:
             if not isinstance(file.get(name, getlink=True), h5py.HardLink):
-                return f"{quoted(name)} is a link"
+                raise InputError(f"{quoted(name)} is a link")
             group = file[name]
             if not isinstance(group, h5py.Group):
                 continue
             for inner in group:
                 if not isinstance(group.get(inner, getlink=True), h5py.HardLink):
-                    return f"{quoted(inner)} in {quoted(name)} is a link"
+                    raise InputError(f"{quoted(inner)} in {quoted(name)} is a link")
                 if isinstance(group[inner], h5py.Group):
-                    return f"{quoted(inner)} in {quoted(name)} is a group"
-    return ""
+                    raise InputError(f"{quoted(inner)} in {quoted(name)} is a group")
 
 
 def _with_small_in_memory(group: xr.Dataset) -> xr.Dataset:

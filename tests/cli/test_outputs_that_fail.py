@@ -164,13 +164,17 @@ def test_python_without_docstrings_is_refused_in_one_line():
     assert "unset the variable" in one_line(done)
 
 
-@pytest.mark.parametrize("name", ["-", "new/"])
 @pytest.mark.parametrize(
-    "line", ["fit -o", "fit --asymmetry", "check --save", "simulate -o a.csv --truth"]
+    "line",
+    [
+        *("fit --example -o -", "fit --example -o new/", "run --example -o -"),
+        *("fit --example --asymmetry -", "fit --example --asymmetry new/"),
+        *("check --example --save -", "check --example --save new/"),
+        *("simulate -o a.csv --truth -", "simulate -o a.csv --truth new/"),
+    ],
 )
-def test_names_that_are_no_file_are_refused(tmp_path, line, name):
-    example = "" if line.startswith("simulate") else "--example"
-    result = inside(f"{line} {name} {example}", cwd=tmp_path)
+def test_names_that_are_no_file_are_refused(tmp_path, line):
+    result = inside(line, cwd=tmp_path)
     assert result.returncode == 2
     assert "allowed: the name of a file" in " ".join(result.stderr.split())
     assert list(tmp_path.iterdir()) == []

@@ -15,7 +15,7 @@ from contextlib import suppress
 import numpy as np
 import pandas as pd
 import pytest
-from commands import inside
+from commands import good, inside, refused
 from scipy.io import savemat
 
 import bayes_toe as bt
@@ -65,13 +65,11 @@ def counts_of(table):
 
 def counts_read(study, names):
     """The same of a study that was read."""
-    lowest = min(subject.s1.min() for subject in study)
-    counts = {}
-    for subject, name in zip(study, names, strict=True):
-        levels = [(values - lowest).round(2) + 0.0 for values in (subject.s1, subject.s2)]
-        for first, second, n_yes, n in zip(*levels, subject.n_yes, subject.n_trials, strict=True):
-            counts[name, float(first), float(second)] = (int(n_yes), int(n))
-    return counts
+    frame = study.frame()
+    levels = (frame[["s1", "s2"]] - frame.s1.min()).round(2) + 0.0
+    subjects = frame.subject.map(dict(zip(study.names, names, strict=True)))
+    counts = zip(frame.n_second, frame.n_trials, strict=True)
+    return dict(zip(zip(subjects, levels.s1, levels.s2, strict=True), counts, strict=True))
 
 
 def csv(table, encoding="utf-8", **style):
@@ -120,6 +118,7 @@ GERMAN = pd.DataFrame(
 REIZE = {"s1": "Reiz 1", "s2": "Reiz 2"}
 WEIGHTS = {"intensity": 1000.0, "columns": {"i1": "w1", "i2": "w2"}}
 KEYS = {"second_code": "j", "first_code": "f"}
+LISTS = IN_LOGS.to_dict(orient="list")
 RECORDS = json.loads(IN_LOGS.to_json(orient="records"))
 BY_PERSON = [
     {"subject": name, "trials": json.loads(part.to_json(orient="records"))}
@@ -130,6 +129,7 @@ DECIBEL = IN_GRAMS[["subject", "response"]].assign(
 )
 SCORED = UNEQUAL[["subject", "s1", "s2", "correct"]].assign(key="j", rt="0.4")
 MISSED = with_rows(SCORED, [["P03", 0.3, 0.0, False, "", ""]] * 9)
+NO_RESPONSES = "NA|n/a||none|null|-99|999|.|timeout|no response"
 PRACTICE = [["P03", 0, 0.3, "second"]] * 8
 
 #: Name, content, options, and the trials that are meant where these are not all.
@@ -162,20 +162,12 @@ READ = {
     "trials.json": (json.dumps(RECORDS).encode(), {}),
     "lines.jsonl": ("\n".join(map(json.dumps, RECORDS)).encode(), {}),
     "by_person.json": (json.dumps(BY_PERSON).encode(), {}),
-    "by_column.json": (json.dumps(IN_LOGS.to_dict(orient="list")).encode(), {}),
+    "by_column.json": (json.dumps(LISTS).encode(), {}),
     "table.xlsx": (excel(Trials=IN_LOGS), {}),
     "german.xlsx": (excel(Info=pd.DataFrame({"by": ["lab"]}), Daten=GERMAN), {"columns": REIZE}),
     "two_sheets.xlsx": (excel(A=IN_LOGS, B=IN_LOGS), {"sheet": "B"}),
-    "vectors.mat": (
-        matlab({"subject": [*TRIALS.subject], "s1": [*TRIALS.s1], "s2": [*TRIALS.s2],
-                "response": [*TRIALS.response]}),
-        {},
-    ),
-    "struct.mat": (
-        matlab({"data": {"subject": [*TRIALS.subject], "s1": [*TRIALS.s1], "s2": [*TRIALS.s2],
-                         "response": [*TRIALS.response]}}),
-        {},
-    ),
+    "vectors.mat": (matlab(LISTS), {}),
+    "struct.mat": (matlab({"data": LISTS}), {}),
     "counts.csv": (csv(COUNTS), {}),
     "other_counts.csv": (csv(named(COUNTS, n_second="second", n_trials="total")), {}),
     "grams.csv": (csv(IN_GRAMS), WEIGHTS),
@@ -193,9 +185,7 @@ READ = {
         {**WEIGHTS, "decimal": ","},
     ),
     "missing_words.csv": (
-        csv(with_rows(IN_LOGS, [["P03", 0, 0.3, word] for word in
-                                ("NA", "n/a", "", "none", "null", "-99", "999", ".",
-                                 "timeout", "no response")])),
+        csv(with_rows(IN_LOGS, [["P03", 0, 0.3, word] for word in NO_RESPONSES.split("|")])),
         {},
     ),
     "practice.csv": (
@@ -206,6 +196,7 @@ READ = {
         csv(with_rows(IN_LOGS, PRACTICE).assign(is_practice=[1] * 8 + [0] * 80)),
         {},
     ),
+    "practice_counter.csv": (csv(IN_LOGS.assign(practice=range(80))), {}),
     "where.csv": (
         csv(with_rows(IN_LOGS, PRACTICE).assign(kind=["other"] * 8 + ["main"] * 80)),
         {"where": {"kind": "main"}},
@@ -268,6 +259,7 @@ REFUSED = {
     "sheet.xls": (b"\xd0\xcf\x11\xe0", ["a spreadsheet, allowed: its copy as .xlsx or CSV"]),
     "table.ods": (b"PK", ["its copy as .xlsx or CSV"]),
     "table.csv.gz": (gzip.compress(csv(IN_LOGS)), ["an archive, allowed: the file in it"]),
+    "table.zip": (b"PK", ["an archive, allowed: the file in it"]),
     "data.RData": (b"RDX3", ["R data"]),
     "data.sav": (b"$FL2", ["its copy as CSV"]),
     "new.mat": (b"MATLAB 7.3 MAT-file, Platform" + bytes(95) + b"\0\2IM", ["version 7.3"]),
@@ -379,6 +371,7 @@ def test_a_study_file_reads_a_study_again(name, tmp_path):
         ('files = ["a.csv"]', ("--sheet", "A"), "found with options for files in another layout"),
         ('files = ["a.csv"]', ("b.csv",), "found with other files, allowed: a study file alone"),
         ('files = ["b.csv"]', (), "b.csv: cannot be read"),
+        ('files = ["study.toml"]', (), "key files: found 'study.toml', allowed: data files"),
         ('files = ["a.csv"]', ("--save", "b.csv"), "Use a name that ends in .toml"),
     ],
 )
@@ -442,10 +435,15 @@ def test_a_changed_table_is_read_as_it_stands_or_refused(tmp_path):
             if meant is not None:
                 n_equal += 1
                 counts = Counter()
-                for subject in study:
-                    rows = zip(subject.s1, subject.s2, subject.n_yes, subject.n_trials, strict=True)
-                    for first, second, n_yes, n in rows:
-                        counts[subject.name, first, second, "second"] += n_yes
-                        counts[subject.name, first, second, "first"] += n - n_yes
+                for subject, first, second, n_yes, n in study.frame().to_numpy().tolist():
+                    counts[subject, first, second, "second"] += n_yes
+                    counts[subject, first, second, "first"] += n - n_yes
                 assert +counts == meant, changed
     assert n_equal > 50
+
+
+def test_a_file_that_a_study_file_names_is_not_replaced(tmp_path):
+    check(tmp_path, "a.csv", csv(IN_LOGS), {})
+    good("check a.csv --save study.toml", cwd=tmp_path)
+    line = "fit study.toml -o a.csv --overwrite --replicates 2"
+    assert "this command reads that file and must not replace it" in refused(line, cwd=tmp_path)
