@@ -166,15 +166,24 @@ def real_data():
     return REAL
 
 
+def counts(subject):
+    """The pairs of a subject, each with its counts."""
+    columns = subject.s1, subject.s2, subject.n_yes, subject.n_trials
+    return list(zip(*(column.tolist() for column in columns), strict=True))
+
+
+def problems(call, *arguments):
+    """The problems of a call that is refused."""
+    with pytest.raises(bt.InputError) as refusal:
+        call(*arguments)
+    return list(refusal.value.problems)
+
+
 def grouped_csv(path, study):
     """Write a study as counts."""
     lines = ["subject,s1,s2,n_equal,n_trials"]
-    for s in study:
-        rows = zip(s.s1, s.s2, s.n_yes, s.n_trials, strict=True)
-        lines += [
-            f"{s.name},{a!r},{b!r},{k},{n}"
-            for a, b, k, n in ((float(a), float(b), int(k), int(n)) for a, b, k, n in rows)
-        ]
+    for subject in study:
+        lines += [f"{subject.name},{s1!r},{s2!r},{k},{n}" for s1, s2, k, n in counts(subject)]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     return path
 

@@ -103,6 +103,14 @@ def with_rows(table, rows):
     return pd.concat([pd.DataFrame(rows, columns=table.columns), table])
 
 
+def titled(table):
+    """A table below a title."""
+    head = pd.DataFrame([table.columns], columns=table.columns)
+    rows = pd.concat([head, table])
+    rows.columns = ["Versuch 1", *[""] * (len(rows.columns) - 1)]
+    return rows
+
+
 def german_number(value):
     return f"{value:.4f}".replace(".", ",")
 
@@ -162,9 +170,11 @@ READ = {
     "trials.json": (json.dumps(RECORDS).encode(), {}),
     "lines.jsonl": ("\n".join(map(json.dumps, RECORDS)).encode(), {}),
     "by_person.json": (json.dumps(BY_PERSON).encode(), {}),
+    "in_a_key.json": (json.dumps({"trials": RECORDS, "version": 2}).encode(), {}),
     "by_column.json": (json.dumps(LISTS).encode(), {}),
     "table.xlsx": (excel(Trials=IN_LOGS), {}),
     "german.xlsx": (excel(Info=pd.DataFrame({"by": ["lab"]}), Daten=GERMAN), {"columns": REIZE}),
+    "title.xlsx": (excel(Daten=titled(GERMAN)), {"columns": REIZE}),
     "two_sheets.xlsx": (excel(A=IN_LOGS, B=IN_LOGS), {"sheet": "B"}),
     "vectors.mat": (matlab(LISTS), {}),
     "struct.mat": (matlab({"data": LISTS}), {}),
@@ -214,13 +224,46 @@ READ = {
     "more_columns.csv": (csv(IN_LOGS.assign(rt=0.5, confidence=3, index=range(80))), {}),
 }  # fmt: skip
 
+#: What the notes say of some of these.
+NOTES = {
+    "windows.csv": "trial rows, comma-separated, Windows-1252 (--encoding NAME if that is wrong), ",
+    "utf16_without_mark.csv": "trial rows, comma-separated, UTF-16, ",
+    "encoding.csv": "trial rows, comma-separated, mac_roman, ",
+    "lines_above.csv": "rows above row 4 left out",
+    "participant.csv": "column Participant ID read as subject",
+    "lines.jsonl": "trial rows, JSON, UTF-8, ",
+    "table.xlsx": "trial rows, Excel, ",
+    "german.xlsx": "sheet Daten read, not Info",
+    "title.xlsx": "rows above row 2 left out",
+    "missing_words.csv": "10 trials without a response dropped: P03 10",
+}
+
 #: Name, content, and parts of what is said, with the option that helps.
 REFUSED = {
     "no_names.csv": (csv(IN_LOGS, header=False), ["--columns subject=NAME"]),
     "keys.csv": (csv(answered(IN_LOGS, "f", "j")), ["'f' (", "--equal-code", "--second-code j"]),
     "one_and_two.csv": (csv(answered(IN_LOGS, 1, 2)), ["The program does not know what they mean"]),
     "german_names.csv": (csv(GERMAN, sep=";"), ["--columns 's1=Reiz 1,s2=Reiz 2'"]),
-    "two_sheets.xlsx": (excel(A=IN_LOGS, B=IN_LOGS), ["--sheet A"]),
+    "german_names.xlsx": (
+        excel(Info=pd.DataFrame({"by": ["lab"]}), Daten=GERMAN),
+        ["The columns are Versuchsperson, Reiz 1, Reiz 2, Urteil."],
+    ),
+    "two_sheets.xlsx": (
+        excel(A=IN_LOGS, B=IN_LOGS), ["the sheets A and B have tables", "--sheet A"],
+    ),
+    "other_sheets.xlsx": (
+        excel(A=IN_LOGS, B=IN_LOGS),
+        ["found the sheets A, B, allowed: one of them"],
+        {"sheet": "C"},
+    ),
+    "formula.xlsx": (
+        excel(T=IN_LOGS.assign(s1="=1+1")),
+        ["sheet T, row 2, cell 2: found a formula without a value"],
+    ),
+    "error.xlsx": (
+        excel(T=IN_LOGS.assign(s1="#DIV/0!")),
+        ["sheet T, row 2, cell 2: found the error #DIV/0!, allowed: a value"],
+    ),
     "no_interval.csv": (
         csv(STANDARD[["subject", "standard", "comparison", "response"]]),
         ["--standard-interval", "--standard-first"],
@@ -324,6 +367,14 @@ def test_a_shape_is_read_as_it_is_meant(name, tmp_path):
     assert (result.returncode, result.stderr) == (0, "")
     study = bt.read_study(tmp_path / name, bt.ReadOptions(**options))
     assert counts_read(study, ["P03", "P12"]) == counts_of(table)
+
+
+@pytest.mark.parametrize("name", NOTES)
+def test_what_is_found_in_a_shape_is_noted(name, tmp_path):
+    content, options = READ[name]
+    (tmp_path / name).write_bytes(content)
+    notes = bt.read_study(tmp_path / name, bt.ReadOptions(**options)).notes
+    assert any(note.startswith(NOTES[name]) for note in notes), notes
 
 
 @pytest.mark.parametrize("name", REFUSED)
