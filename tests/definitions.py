@@ -59,15 +59,15 @@ def answers(task, z, share):
     return tuple(share / 2 + (1 - share) * mpmath.ncdf(sign * z) for sign in (1, -1))
 
 
-def of_counts(yes, no, k, n):
+def log_counts(yes, no, k, n):
     """Log probability of counts, without binomial coefficient."""
     return (k * log(yes) if k else 0) + ((n - k) * log(no) if n > k else 0)
 
 
-def of_spread(own, width, prior):
+def log_width_prior(sigma_p, width, prior):
     """Log density of the log of what has the prior: sigma_p, or the width."""
     if prior.width_median is None:
-        return half_normal(own, prior.sigma_p_scale) + log(own)
+        return half_normal(sigma_p, prior.sigma_p_scale) + log(sigma_p)
     return normal(log(width), log(mpf(prior.width_median)), prior.width_sd)
 
 
@@ -76,80 +76,48 @@ def beta(x, a, b):
     return a * log(expit(x)) + b * log(1 - expit(x)) - log(mpmath.beta(a, b))
 
 
-def numbers(prior, name):
-    return mpf(getattr(prior, f"{name}_a")), mpf(getattr(prior, f"{name}_b"))
-
-
 def terms(target, x):
     """Every term of the log posterior of H1: one for each pair, and those of the prior."""
     s, sbar, prior = target.subject, mpf(target.sbar), target.prior
     offset, a, log_width, logit_share = x
     p, width, power = mpf(MAX_PULL) * expit(a), exp(log_width), width_power(target)
     seconds = np.full(s.n_pairs, target.reference) if s.isi is None else s.isi
-    found = []
+    result = []
     for s1, s2, k, n, t in zip(s.s1, s.s2, s.n_yes, s.n_trials, seconds, strict=True):
         first, second = mpf(float(s1)), mpf(float(s2))
         r, v = scales(p, mpf(float(t)) / mpf(target.reference), power)
         z = ((second - first) + r * (p * (first - sbar) - offset)) / (width * v)
-        found.append(of_counts(*answers(s.task, z, expit(logit_share)), int(k), int(n)))
-    found.append(normal(offset / p + sbar, prior.mu1_mean, prior.mu1_sd))
-    found.append(of_spread(width * (1 - p) ** power, width, prior))
-    found.append(log((1 + p) / (1 - p) ** 3 * (1 - p / mpf(MAX_PULL))))  # d(mu1, gamma)/d(c, a)
-    found.append(beta(logit_share, *numbers(prior, s.task.lapses)))
-    return found
-
-
-def value_and_gradient(target, x, digits):
-    """Truth and sum of absolute contributions, to which rounding is in proportion.
-
-    Of the value, (1,), and of the gradient, (k,).
-    """
-    with mpmath.workdps(digits):
-        point, step = [mpf(float(v)) for v in x], mpf(10) ** (25 - digits // 2)
-
-        def moved(i, sign):
-            return terms(target, [v + sign * step * (i == j) for j, v in enumerate(point)])
-
-        slopes = [
-            [(a - b) / (2 * step) for a, b in zip(moved(i, 1), moved(i, -1), strict=True)]
-            for i in range(len(point))
-        ]
-        return [
-            tuple(
-                np.array([as_float(mpmath.fsum(part, absolute=absolute)) for part in parts])
-                for absolute in (False, True)
-            )
-            for parts in ([terms(target, point)], slopes)
-        ]
-
-
-def as_float(value):
-    """A float, infinite where the value is beyond the largest one."""
-    return (
-        float(value)
-        if abs(value) < mpf("1.79e308")
-        else float(np.sign(float(mpmath.sign(value))) * np.inf)
-    )
+        result.append(log_counts(*answers(s.task, z, expit(logit_share)), int(k), int(n)))
+    result.append(normal(offset / p + sbar, prior.mu1_mean, prior.mu1_sd))
+    result.append(log_width_prior(width * (1 - p) ** power, width, prior))
+    result.append(log((1 + p) / (1 - p) ** 3 * (1 - p / mpf(MAX_PULL))))  # d(mu1, gamma)/d(c, a)
+    a, b = (mpf(getattr(prior, f"{s.task.lapses}_{end}")) for end in "ab")
+    result.append(beta(logit_share, a, b))
+    return result
 
 
 def assert_agrees(target, x, tolerance=1e-12, digits=120, slope_tolerance=1e-11):
-    """Value and gradient within so much of the contributions."""
+    """Value and gradient within so much of the sum of their terms' sizes, as rounding is."""
     value, gradient = target.gradient([x])
-    expected = value_and_gradient(target, x, digits)
-    for found, (truth, size), allowed in zip(
-        (value, gradient[0]), expected, (tolerance, slope_tolerance), strict=True
-    ):
-        some = size < 1e300  # a term beyond the largest float is nothing to compare
+    with mpmath.workdps(digits):
+        point, step = [mpf(float(v)) for v in x], mpf(10) ** (25 - digits // 2)
+        assert_sum_of_terms(value[0], terms(target, point), tolerance)
+        for i, slope in enumerate(gradient[0]):
+            ahead, behind = list(point), list(point)
+            ahead[i] += step
+            behind[i] -= step
+            ends = zip(terms(target, ahead), terms(target, behind), strict=True)
+            slopes = [(high - low) / (2 * step) for high, low in ends]
+            assert_sum_of_terms(slope, slopes, slope_tolerance)
+
+
+def assert_sum_of_terms(value, summands, tolerance):
+    """A float within so much of the terms' sizes; terms beyond the largest float do not count."""
+    size = mpmath.fsum(summands, absolute=True)
+    if size < mpf("1e300"):
         near = 4e-16  # of a coordinate next to the middle of its prior: its own rounding
-        assert (
-            np.abs(found - truth)[some] <= allowed * np.maximum(size, 1e-80)[some] + near
-        ).all(), (
-            target.model.name,
-            x,
-            found,
-            truth,
-            size,
-        )
+        error = abs(mpf(float(value)) - mpmath.fsum(summands))
+        assert error <= tolerance * max(size, mpf("1e-80")) + near, (value, summands)
 
 
 # --- The observer of the four models --------------------------------------------------------------
@@ -179,20 +147,20 @@ def observer_contraction_sd(scales, prior):
     return sd * min(mpf(1), 4 * step / first_spread) if first_spread else sd
 
 
-def observer_quantities(at, scales, prior):
+def observer_quantities(u, scales, prior):
     """Parameters of the observer, on the scale of the stimuli, from coordinates by name."""
     _, step, spread, _ = scales
-    found = {
-        "noise": step * mpf(prior.noise_median) * exp(mpf(prior.noise_sd) * at["noise"]),
-        "lapse_rate": 1 - ncdf(-at["lapse_rate"]) ** (1 / mpf(prior.lapse_rate_b)),
-        "noise_slope": mpf(prior.noise_slope_scale) / spread * at["noise_slope"],
-        "constant_error": mpf(prior.constant_error_scale) * step * at.get("constant_error", 0),
-        "contraction": observer_contraction_sd(scales, prior) * at.get("contraction", 0),
+    values = {
+        "noise": step * mpf(prior.noise_median) * exp(mpf(prior.noise_sd) * u["noise"]),
+        "lapse_rate": 1 - ncdf(-u["lapse_rate"]) ** (1 / mpf(prior.lapse_rate_b)),
+        "noise_slope": mpf(prior.noise_slope_scale) / spread * u["noise_slope"],
+        "constant_error": mpf(prior.constant_error_scale) * step * u.get("constant_error", 0),
+        "contraction": observer_contraction_sd(scales, prior) * u.get("contraction", 0),
     }
-    if "q0" in at:
-        found["q0"] = expit(at["q0"])
-        found["criterion_slope"] = mpf(prior.criterion_slope_scale) / spread * at["criterion_slope"]
-    return found
+    if "q0" in u:
+        values["q0"] = expit(u["q0"])
+        values["criterion_slope"] = mpf(prior.criterion_slope_scale) / spread * u["criterion_slope"]
+    return values
 
 
 def ncdf(x):
@@ -213,18 +181,18 @@ def criterion(peak):
     return sqrt(2) * mpmath.erfinv(peak)
 
 
-def observer_answers(found, bare_k, sbar, s1, s2):
+def observer_answers(values, bare_k, sbar, s1, s2):
     """P of the counted answer to a pair and of the other one.
 
     The criterion at the mean intensity.
     """
     middle = (s1 + s2) / 2 - sbar
-    shifted = s2 - s1 - found["constant_error"] + found["contraction"] * (s1 - sbar)
-    z = shifted / (found["noise"] * exp(found["noise_slope"] * middle))
-    rate = found["lapse_rate"]
-    if "q0" not in found:
+    shifted = s2 - s1 - values["constant_error"] + values["contraction"] * (s1 - sbar)
+    z = shifted / (values["noise"] * exp(values["noise_slope"] * middle))
+    rate = values["lapse_rate"]
+    if "q0" not in values:
         return rate / 2 + (1 - rate) * ncdf(z), rate / 2 + (1 - rate) * ncdf(-z)
-    k = bare_k * exp(found["criterion_slope"] * middle)
+    k = bare_k * exp(values["criterion_slope"] * middle)
     blind, attending = areas(mpf(0), k), areas(z, k)
     return tuple(rate * b + (1 - rate) * a for b, a in zip(blind, attending, strict=True))
 
@@ -236,38 +204,37 @@ def student(u):
     )
 
 
-def observer_log_prior(at, scales, prior):
+def observer_log_prior(u, scales, prior):
     """Log density of the coordinates."""
     total = mpf(0)
-    for name, u in at.items():
+    for name, x in u.items():
         if name in ("noise", "lapse_rate"):
-            total += normal(u, 0, 1)
+            total += normal(x, 0, 1)
         elif name == "q0":
-            total += beta(u, mpf(prior.q0_a), mpf(prior.q0_b))
+            total += beta(x, mpf(prior.q0_a), mpf(prior.q0_b))
         elif name == "contraction":
             limit = 1 / observer_contraction_sd(scales, prior)
-            total += normal(u, 0, 1) - log(ncdf(limit) - ncdf(-limit))
+            total += normal(x, 0, 1) - log(ncdf(limit) - ncdf(-limit))
         else:
-            total += student(u)
+            total += student(x)
     return total
 
 
-def observer_log_likelihood(at, subject, scales, prior):
+def observer_log_likelihood(u, subject, scales, prior):
     """Log likelihood of a subject without binomial coefficients."""
-    found, total = observer_quantities(at, scales, prior), mpf(0)
-    bare_k = criterion(found["q0"]) if "q0" in found else None
+    values, total = observer_quantities(u, scales, prior), mpf(0)
+    bare_k = criterion(values["q0"]) if "q0" in values else None
     columns = (subject.s1, subject.s2, subject.n_yes, subject.n_trials)
     for s1, s2, k, n in zip(*(column.tolist() for column in columns), strict=True):
-        yes, no = observer_answers(found, bare_k, scales[0], mpf(s1), mpf(s2))
-        total += of_counts(yes, no, k, n)
+        yes, no = observer_answers(values, bare_k, scales[0], mpf(s1), mpf(s2))
+        total += log_counts(yes, no, k, n)
     return total
 
 
 def observer_log_density(posterior, x):
-    """Log posterior density of one of the four models at one point, shape (k,)."""
-    at = dict(zip(posterior.coordinates, map(mpf, np.asarray(x).tolist()), strict=True))
+    """Log likelihood, and log prior density, of one of the four models at one point."""
+    coordinates = dict(zip(posterior.coordinates, map(mpf, x), strict=True))
     subject, prior = posterior.subject, posterior.prior
     scales = observer_scales(subject.s1, subject.s2, subject.n_trials)
-    return observer_log_likelihood(at, subject, scales, prior) + observer_log_prior(
-        at, scales, prior
-    )
+    likelihood = observer_log_likelihood(coordinates, subject, scales, prior)
+    return likelihood, observer_log_prior(coordinates, scales, prior)

@@ -10,10 +10,7 @@ from hypothesis import strategies as st
 from kalman import evolve, settled, shift, update
 
 from bayes_toe.errors import InputError
-from bayes_toe.model.intervals import (
-    at_interval,
-    random_walk_scales,
-)
+from bayes_toe.model.intervals import at_interval, random_walk_scales
 from bayes_toe.model.paper_equations import MAX_PULL, Natural, equal_probability, gain, pull, width
 
 OBSERVER = Natural(*map(np.asarray, (-0.6, 0.21, 0.14, 0.93)))
@@ -38,13 +35,13 @@ def test_an_interval_is_positive(bad):
         at_interval(OBSERVER, [1.0, bad])
 
 
-def one(scales, *coordinates):
-    return [float(part[0, 0]) for part in scales(*(np.array([value]) for value in coordinates))]
+def scales_of(a, t):
+    return np.ravel(random_walk_scales(np.array([a]), np.array([t]))).tolist()
 
 
 @given(a=st.floats(-700.0, 700.0))
 def test_one_second_is_exactly_one(a):
-    assert one(random_walk_scales, a, 1.0) == [1.0, 1.0]
+    assert scales_of(a, 1.0) == [1.0, 1.0]
 
 
 @given(a=st.floats(-600, 30), t=st.floats(1e-3, 1e3))
@@ -52,7 +49,5 @@ def test_random_walk_is_the_closed_form_of_its_interval(a, t):
     p = MAX_PULL / (1 + np.exp(-a))
     theta = Natural(np.array(0.0), np.array(1.0), np.array(np.sqrt(p) / (1 - p)), np.array(0.9))
     there = at_interval(theta, t)
-    expected = pull(there.gamma) / p, width(there.sigma_p, there.gamma) / width(1.0, theta.gamma)
-    assert one(random_walk_scales, a, t) == pytest.approx(
-        [float(value) for value in expected], rel=1e-12
-    )
+    ratio = float(width(there.sigma_p, there.gamma) / width(1.0, theta.gamma))
+    assert scales_of(a, t) == pytest.approx([float(pull(there.gamma) / p), ratio], rel=1e-12)

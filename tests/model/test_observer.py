@@ -5,6 +5,7 @@ from dataclasses import replace
 import definitions
 import mpmath
 import numpy as np
+import pandas as pd
 import pytest
 from scipy import stats
 from scipy.integrate import quad
@@ -49,16 +50,6 @@ def prior_draws(posterior, size=200, seed=1):
     return posterior.sample_prior(np.random.default_rng(seed), size)
 
 
-def near_the_best(posterior, nats):
-    """Points about the maximum that are at most so many nats below it."""
-    best = find_maxima(posterior).x[0]
-    rng = np.random.default_rng(2)
-    scales = rng.choice([0.01, 0.1, 0.5, 1.0, 2.0], size=(3000, 1))
-    points = np.concatenate([best + scales * rng.normal(size=(3000, len(best))), [best]])
-    values = posterior.log_likelihood(points)
-    return points[values > values.max() - nats]
-
-
 # --- Against many digits --------------------------------------------------------------------------
 
 
@@ -66,127 +57,96 @@ DISTANCES = (0.0, 1e-8, 0.1, 0.7, 1.0, 2.5, 6.0, 12.0, 25.0, 38.0)
 LOGITS = (-300.0, -40.0, -12.0, -3.0, -0.5, 0.0, 0.5, 3.0, 12.0, 40.0, 300.0)
 
 
-def close_logs(found, expected):
-    """Logs of probabilities within 1e-12 of their size; below the smallest float, within 1e-300."""
-    assert found == pytest.approx(float(mpmath.log(expected)), rel=1e-12, abs=1e-300)
+def assert_close_logs(logs, *probabilities):
+    """Within 1e-12 of their size; below the smallest float, within 1e-300."""
+    expected = [float(mpmath.log(probability)) for probability in probabilities]
+    assert logs == pytest.approx(expected, rel=1e-12, abs=1e-300)
 
 
 @pytest.mark.parametrize("logit", LOGITS)
 def test_log_answers_of_same_or_different_keep_twelve_digits(logit):
+    k = float(criterion(logit))
     with mpmath.workdps(400):
-        k = definitions.criterion(definitions.expit(mpmath.mpf(logit)))
-        own = float(criterion(logit))
-        assert own == pytest.approx(float(k), rel=1e-13)
+        exact_k = definitions.criterion(definitions.expit(mpmath.mpf(logit)))
+        assert k == pytest.approx(float(exact_k), rel=1e-13)
         for z in DISTANCES:
             # At the criterion that the floats have: its own rounding is no error of the answers.
-            inside, outside = definitions.areas(mpmath.mpf(z), mpmath.mpf(own))
-            answers = equal_answers(np.array([z, -z]), np.array([own]))
-            for i in range(2):
-                close_logs(answers.yes[i], inside)
-                close_logs(answers.no[i], outside)
+            inside, outside = definitions.areas(mpmath.mpf(z), mpmath.mpf(k))
+            answers = equal_answers(np.array([z, -z]), np.array([k]))
+            assert_close_logs(answers.yes, inside, inside)
+            assert_close_logs(answers.no, outside, outside)
 
 
-def test_log_answers_of_which_is_stronger_keep_twelve_digits():
+@pytest.mark.parametrize("z", DISTANCES)
+def test_log_answers_of_which_is_stronger_keep_twelve_digits(z):
     with mpmath.workdps(400):
-        for z in (*DISTANCES, *(-z for z in DISTANCES)):
-            answers = second_answers(np.array([z]))
-            close_logs(answers.yes[0], mpmath.ncdf(mpmath.mpf(z)))
-            close_logs(answers.no[0], mpmath.ncdf(-mpmath.mpf(z)))
+        above, below = mpmath.ncdf(mpmath.mpf(z)), mpmath.ncdf(mpmath.mpf(-z))
+        answers = second_answers(np.array([z, -z]))
+        assert_close_logs(answers.yes, above, below)
+        assert_close_logs(answers.no, below, above)
 
 
 @pytest.mark.parametrize("model", ORDER_MODELS)
-def test_the_log_density_is_the_definition(subject, model):
+def test_log_density_and_gradient_are_those_of_the_definition(subject, model):
+    """Also far from the draws of the prior, where the density is low."""
     posterior = ObserverPosterior(subject, OrderModel(model), PRIOR)
-    x = prior_draws(posterior, 6)
-    with mpmath.workdps(60):
-        expected = [float(definitions.observer_log_density(posterior, point)) for point in x]
-    assert posterior.log_density(x) == pytest.approx(expected, rel=1e-12)
+    far = np.clip(4.0 * prior_draws(posterior, 2, seed=5), -3.5, 3.5)
+    x = np.concatenate([prior_draws(posterior, 4), far])
+    values, gradient = posterior.gradient(x)
+    assert posterior.log_density(x) == pytest.approx(values, rel=1e-12)
+    step = mpmath.mpf(10) ** -25
+
+    def log_density(point):
+        return sum(definitions.observer_log_density(posterior, point))
+
+    with mpmath.workdps(70):
+        assert values == pytest.approx([float(log_density(point)) for point in x], rel=1e-12)
+        for point, slopes in zip(x[2:], gradient[2:], strict=True):
+            for j, slope in enumerate(slopes):
+                ahead, behind = list(map(mpmath.mpf, point)), list(map(mpmath.mpf, point))
+                ahead[j] += step
+                behind[j] -= step
+                expected = (log_density(ahead) - log_density(behind)) / (2 * step)
+                assert slope == pytest.approx(float(expected), rel=1e-9, abs=1e-9)
 
 
-def test_far_out_the_log_density_is_the_definition_and_never_nan(posterior):
-    k = len(posterior.coordinates)
-    lapse = posterior.coordinates.index("lapse_rate")
-    contraction = posterior.coordinates.index("contraction")
-    for place in range(k):
-        for value in FAR:
-            point = np.full(k, 0.3)
-            point[place] = value
-            found = posterior.log_likelihood(point)[0]
-            assert not np.isnan(found)
-            assert not np.isnan(posterior.log_density(point)[0])
-            if place == lapse and abs(value) > 38.0:
-                continue  # a lapse rate that differs from 0 or 1 by less than e^-240000
-            digits = 400 if posterior.coordinates[place] == "q0" else 80  # 1 - q0 is e^-700
-            with mpmath.workdps(digits):
-                subject = posterior.subject
-                scales = definitions.observer_scales(subject.s1, subject.s2, subject.n_trials)
-                at = dict(zip(posterior.coordinates, map(mpmath.mpf, point.tolist()), strict=True))
-                expected = definitions.observer_log_likelihood(at, subject, scales, PRIOR)
-            assert found == pytest.approx(float(expected), rel=1e-11), (place, value)
-            if place == contraction and abs(value) * PRIOR.contraction_sd >= 1.0:
-                assert posterior.log_density(point)[0] == -np.inf
+@pytest.mark.parametrize("value", FAR)
+def test_far_out_the_log_density_is_the_definition_and_never_nan(posterior, value):
+    for j, name in enumerate(posterior.coordinates):
+        point = np.full(len(posterior.coordinates), 0.3)
+        point[j] = value
+        log_likelihood = posterior.log_likelihood(point)[0]
+        assert not np.isnan(log_likelihood)
+        assert not np.isnan(posterior.log_density(point)[0])
+        if name == "contraction" and abs(value) * PRIOR.contraction_sd >= 1.0:
+            assert posterior.log_density(point)[0] == -np.inf
+        if name == "lapse_rate" and abs(value) > 38.0:
+            continue  # a lapse rate that differs from 0 or 1 by less than e^-240000
+        with mpmath.workdps(400 if name == "q0" else 80):  # 1 - q0 is e^-700
+            expected, _ = definitions.observer_log_density(posterior, point)
+        assert log_likelihood == pytest.approx(float(expected), rel=1e-11), name
 
 
 @pytest.mark.parametrize("signs", [1.0, -1.0])
 def test_all_coordinates_far_out_at_once_give_no_nan(posterior, signs):
     rng = np.random.default_rng(3)
     x = signs * rng.choice([700.0, -700.0, 40.0, -40.0, 0.0], (400, len(posterior.coordinates)))
-    assert not np.isnan(posterior.log_likelihood(x)).any()
     assert not np.isnan(posterior.log_density(x)).any()
     for answers in posterior.log_answers(x):
         assert (answers <= 1e-15).all()  # the rounding of a sum of two shares
 
 
-@pytest.mark.parametrize("model", ORDER_MODELS)
-def test_the_gradient_is_that_of_the_definition(subject, model):
-    posterior = ObserverPosterior(subject, OrderModel(model), PRIOR)
-    x = prior_draws(posterior, 2, seed=4)
-    _, gradient = posterior.gradient(x)
-    step = mpmath.mpf(10) ** -25
-    with mpmath.workdps(70):
-        for row, slopes in zip(x, gradient, strict=True):
-            middle = [mpmath.mpf(value) for value in row.tolist()]
-            for j, slope in enumerate(slopes):
-                ahead, behind = list(middle), list(middle)
-                ahead[j] += step
-                behind[j] -= step
-                ends = [definition_at(posterior, point) for point in (ahead, behind)]
-                expected = float((ends[0] - ends[1]) / (2 * step))
-                assert slope == pytest.approx(expected, rel=1e-9, abs=1e-9)
-
-
-def definition_at(posterior, point):
-    """The log density at numbers of many digits."""
-    at = dict(zip(posterior.coordinates, point, strict=True))
-    subject = posterior.subject
-    scales = definitions.observer_scales(subject.s1, subject.s2, subject.n_trials)
-    return definitions.observer_log_likelihood(
-        at, subject, scales, posterior.prior
-    ) + definitions.observer_log_prior(at, scales, posterior.prior)
-
-
-def test_the_gradient_is_that_of_differences_where_the_density_is_low(posterior):
-    x = 4.0 * prior_draws(posterior, 60, seed=5)
-    contraction = posterior.coordinates.index("contraction")
-    x[:, contraction] = np.clip(x[:, contraction], -3.5, 3.5)
-    _, gradient = posterior.gradient(x)
-    for j in range(x.shape[1]):
-        step = 1e-5 * np.maximum(1.0, np.abs(x[:, j]))
-        ahead, behind = x.copy(), x.copy()
-        ahead[:, j] += step
-        behind[:, j] -= step
-        value = np.abs(posterior.log_density(x))
-        expected = (posterior.log_density(ahead) - posterior.log_density(behind)) / (2.0 * step)
-        error = np.abs(gradient[:, j] - expected)
-        assert (error < 1e-5 * np.abs(expected) + 1e-9 * value + 1e-6).all()
-
-
 def test_the_plain_form_is_the_log_form_within_200_nats(posterior):
-    points = near_the_best(posterior, 200.0)
-    assert len(points) > 1000
-    full = posterior.full_points(points)
+    best = find_maxima(posterior).x[0]
+    rng = np.random.default_rng(2)
+    scales = rng.choice([0.01, 0.1, 0.5, 1.0, 2.0], size=(3000, 1))
+    points = best + scales * rng.normal(size=(3000, len(best)))
+    values = posterior.log_likelihood(points)
+    is_near = values > posterior.log_likelihood(best)[0] - 200.0
+    assert is_near.sum() > 1000
+    full = posterior.full_points(points[is_near])
     plain = posterior.batch.plain_log_likelihood(full)[0]
-    assert plain == pytest.approx(posterior.log_likelihood(points), rel=1e-12)
+    assert plain == pytest.approx(values[is_near], rel=1e-12)
     value, slope = posterior.batch.gradient(full)
     plain_value, plain_slope = posterior.batch.plain_gradient(full)
     assert plain_value == pytest.approx(value, rel=1e-12)
@@ -197,39 +157,28 @@ def test_the_plain_form_is_the_log_form_within_200_nats(posterior):
 # --- Rows and pairs -------------------------------------------------------------------------------
 
 
+def first_pairs(subject, n_pairs):
+    columns = ("s1", "s2", "n_yes", "n_trials")
+    return replace(subject, **{name: getattr(subject, name)[:n_pairs] for name in columns})
+
+
 def test_rows_are_single_posteriors_and_pairs_without_trials_change_nothing(task):
-    study = bt.example_study(task)
-    fewer = study.subjects[1]
-    fewer = replace(
-        fewer, **{key: getattr(fewer, key)[:-2] for key in ("s1", "s2", "n_yes", "n_trials")}
-    )
-    subjects = [study.subjects[0], fewer, study.subjects[2]]
+    first, second, third = bt.example_study(task).subjects[:3]
+    subjects = [first, first_pairs(second, second.n_pairs - 2), third]
     batch = ObserverBatch.from_subjects(subjects, PRIOR)
     u = np.random.default_rng(6).normal(size=(3, 50, batch.n_coordinates))
     values, slopes = batch.gradient(u)
-    for row, one in enumerate(subjects):
-        alone = ObserverPosterior(one, OrderModel("both"), PRIOR)
-        assert batch.log_likelihood(u)[row] == pytest.approx(
-            alone.log_likelihood(u[row]), rel=1e-14
-        )
-        density, gradient = alone.gradient(u[row])
-        assert values[row] + batch.log_prior(u)[row] == pytest.approx(density, rel=1e-14)
-        assert slopes[row] + batch.prior_slopes(u)[0][row] == pytest.approx(
-            gradient, rel=1e-11, abs=1e-11
-        )
-        assert batch.log_likelihood(u)[row] == pytest.approx(
-            batch.rows(np.array([row])).log_likelihood(u[[row]])[0], rel=1e-15
-        )
-
-
-def test_a_model_is_both_with_its_effect_at_0(subject):
-    both = ObserverPosterior(subject, OrderModel("both"), PRIOR)
-    for name in ORDER_MODELS:
-        one = ObserverPosterior(subject, OrderModel(name), PRIOR)
-        x = prior_draws(one, 20)
-        full = np.zeros((20, len(both.coordinates)))
-        full[:, [both.coordinates.index(free) for free in one.coordinates]] = x
-        assert one.log_likelihood(x) == pytest.approx(both.log_likelihood(full), rel=1e-15)
+    values = values + batch.log_prior(u)
+    slopes = slopes + batch.prior_slopes(u)[0]
+    for i, subject in enumerate(subjects):
+        alone = ObserverPosterior(subject, OrderModel("both"), PRIOR)
+        density, gradient = alone.gradient(u[i])
+        assert values[i] == pytest.approx(density, rel=1e-14)
+        assert slopes[i] == pytest.approx(gradient, rel=1e-11, abs=1e-11)
+        log_likelihood = alone.log_likelihood(u[i])
+        assert batch.log_likelihood(u)[i] == pytest.approx(log_likelihood, rel=1e-14)
+        row = batch.rows(np.array([i])).log_likelihood(u[[i]])[0]
+        assert row == pytest.approx(log_likelihood, rel=1e-14)
 
 
 # --- What alters nothing --------------------------------------------------------------------------
@@ -249,11 +198,9 @@ def test_a_model_is_both_with_its_effect_at_0(subject):
     ids=["3 s + 2", "2^-40", "1e-12", "1e8", "1e100", "about 20.72"],
 )
 def test_the_unit_and_the_origin_of_intensity_change_no_density(posterior, change, tolerance):
-    both = np.concatenate([posterior.subject.s1, posterior.subject.s2])
-    changed = change(both)
-    n_pairs = posterior.subject.n_pairs
-    other = replace(posterior.subject, s1=changed[:n_pairs], s2=changed[n_pairs:])
-    moved = ObserverPosterior(other, OrderModel("both"), PRIOR)
+    subject = posterior.subject
+    s1, s2 = np.split(change(np.concatenate([subject.s1, subject.s2])), 2)
+    moved = ObserverPosterior(replace(subject, s1=s1, s2=s2), OrderModel("both"), PRIOR)
     x = prior_draws(posterior, 300)
     assert moved.log_density(x) == pytest.approx(posterior.log_density(x), rel=tolerance)
     for name in ("contraction", "lapse_rate"):
@@ -262,12 +209,10 @@ def test_the_unit_and_the_origin_of_intensity_change_no_density(posterior, chang
 
 def test_exchanged_answers_to_stimuli_of_the_other_sign_turn_both_shift_and_slope():
     subject = bt.example_study(WHICH_STRONGER).subjects[0]
-    turned = replace(
-        subject, s1=-subject.s1, s2=-subject.s2, n_yes=subject.n_trials - subject.n_yes
-    )
-    posterior, other = (
-        ObserverPosterior(one, OrderModel("both"), PRIOR) for one in (subject, turned)
-    )
+    n_first = subject.n_trials - subject.n_yes
+    turned = replace(subject, s1=-subject.s1, s2=-subject.s2, n_yes=n_first)
+    posterior = ObserverPosterior(subject, OrderModel("both"), PRIOR)
+    other = ObserverPosterior(turned, OrderModel("both"), PRIOR)
     x = prior_draws(posterior, 200)
     y = x.copy()
     for name in ("constant_error", "noise_slope"):
@@ -276,12 +221,8 @@ def test_exchanged_answers_to_stimuli_of_the_other_sign_turn_both_shift_and_slop
 
 
 def test_a_thousand_million_trials_a_pair(posterior):
-    many = replace(
-        posterior.subject,
-        n_yes=posterior.subject.n_yes * 10**7,
-        n_trials=posterior.subject.n_trials * 10**7,
-    )
-    assert many.n_trials.min() >= 10**8
+    subject = posterior.subject
+    many = replace(subject, n_yes=subject.n_yes * 10**7, n_trials=subject.n_trials * 10**7)
     large = ObserverPosterior(many, OrderModel("both"), PRIOR)
     x = prior_draws(posterior, 100)
     assert large.log_likelihood(x) == pytest.approx(1e7 * posterior.log_likelihood(x), rel=1e-12)
@@ -291,19 +232,31 @@ def test_a_thousand_million_trials_a_pair(posterior):
 
 
 def test_scales_by_hand():
-    s1, s2, n = np.array([0.0, 1.0, 1.0]), np.array([3.0, 0.0, 1.0]), np.array([5.0, 15.0, 20.0])
-    found = StimulusScales.from_counts(s1, s2, n)
-    sbar, mean = 35.0 / 40.0, (35.0 + 35.0) / 80.0
-    squares = (s1 - mean) ** 2 + (s2 - mean) ** 2
-    assert found.sbar == pytest.approx(sbar)
-    assert found.step == pytest.approx(np.sqrt((5 * 9 + 15 * 1) / 20))
-    assert found.spread == pytest.approx(np.sqrt(squares @ n / 80))
-    assert found.first_spread == pytest.approx(np.sqrt((s1 - sbar) ** 2 @ n / 40))
-    assert found.contraction_sd(ObserverPrior()) == 0.25
+    s1, s2, n = np.array([0.0, 1.0, 1.0]), np.array([3.0, 0.0, 1.0]), np.array([5, 15, 20])
+    scales = StimulusScales.from_counts(s1, s2, n)
+    assert (scales.sbar, scales.step) == pytest.approx((35 / 40, np.sqrt((5 * 9 + 15) / 20)))
+    stimuli = np.repeat(np.concatenate([s1, s2]), np.tile(n, 2))
+    assert scales.spread == pytest.approx(stimuli.std())
+    assert scales.first_spread == pytest.approx(np.repeat(s1, n).std())
+    assert scales.contraction_sd(ObserverPrior()) == 0.25
     roved = StimulusScales(0.0, 1.0, 5.0, 10.0)
     assert roved.contraction_sd(ObserverPrior()) == pytest.approx(0.1)
     with pytest.raises(bt.InputError, match="no pair has two different stimuli"):
         StimulusScales.from_counts(s1, s1, n)
+
+
+def test_a_subject_in_one_condition_has_the_scales_of_all_conditions():
+    rows = []
+    for condition, start in (("left", 0.0), ("right", 0.5)):
+        for first, second in ((0.0, 0.3), (0.3, 0.0), (0.0, 0.6)):
+            rows.append(("S", condition, start + first, start + second, 6, 10))
+    columns = ["subject", "condition", "s1", "s2", "n_second", "n_trials"]
+    frame = pd.DataFrame(rows, columns=columns)
+    left, right = bt.read_study(frame, bt.ReadOptions(condition="condition"))
+    scales, others = StimulusScales.from_subject(left), StimulusScales.from_subject(right)
+    assert scales.sbar == pytest.approx(0.25 + 0.1)
+    assert scales == others
+    assert StimulusScales.from_subject(replace(left, felt=None)).sbar == pytest.approx(0.1)
 
 
 # --- Prior, quantities ----------------------------------------------------------------------------
@@ -327,30 +280,25 @@ def test_priors_integrate_to_1_have_their_slope_and_their_quantiles(density):
     def height(u):
         return float(np.exp(density.log_density(np.array(u))))
 
-    mass, _ = quad(height, -limit, limit, epsabs=1e-11, limit=400)
-    assert mass == pytest.approx(1.0, abs=1e-9)
+    def mass_below(u):
+        return quad(height, -limit, u, epsabs=1e-11, limit=400)[0]
+
+    assert mass_below(limit) == pytest.approx(1.0, abs=1e-9)
     for p in (0.003, 0.3, 0.9):
-        quantile = float(density.quantile(np.array(p)))
-        assert quad(height, -limit, quantile, epsabs=1e-11, limit=400)[0] == pytest.approx(
-            p, abs=1e-8
-        )
-        at = quantile + 1e-5 * np.array([-1.0, 1.0])
-        expected = np.diff(density.log_density(at)) / 2e-5
-        assert density.slope(np.array([quantile])) == pytest.approx(expected, rel=1e-6, abs=1e-8)
-        assert density.curvature(np.array([quantile])) > 0.0
+        quantile = density.quantile(np.array([p]))
+        assert mass_below(quantile[0]) == pytest.approx(p, abs=1e-8)
+        rise = density.log_density(quantile + 1e-5) - density.log_density(quantile - 1e-5)
+        assert density.slope(quantile) == pytest.approx(rise / 2e-5, rel=1e-6, abs=1e-8)
+        assert density.curvature(quantile) > 0.0
 
 
 def test_draws_from_the_prior_follow_its_quantiles(posterior):
-    """Kolmogorov's test of at most nine quantities at 1e-4.
-
-    A false alarm in a thousand such tests.
-    """
-    x = prior_draws(posterior, 4000, seed=7)
-    found = posterior.quantities(x)
+    """Kolmogorov's test of at most nine quantities at 1e-4: a false alarm in a thousand."""
+    values = posterior.quantities(prior_draws(posterior, 4000, seed=7))
     p = np.linspace(0.02, 0.98, 49)
     for name in posterior.names.reported:
-        quantiles = np.array([posterior.prior_quantile(name, one) for one in p])
-        shares = (found[name][:, None] <= quantiles).mean(axis=0)
+        quantiles = np.array([posterior.prior_quantile(name, share) for share in p])
+        shares = (values[name][:, None] <= quantiles).mean(axis=0)
         assert np.abs(shares - p).max() < stats.kstwobign.isf(1e-4) / np.sqrt(4000), name
     with pytest.raises(bt.InputError, match="unknown quantity 'width'; there are: noise"):
         posterior.prior_quantile("width", 0.5)
@@ -358,37 +306,33 @@ def test_draws_from_the_prior_follow_its_quantiles(posterior):
 
 def test_quantities_are_those_of_the_definition_and_points_their_inverse(posterior):
     x = prior_draws(posterior, 40)
-    found, subject = posterior.quantities(x), posterior.subject
-    assert posterior.points(found) == pytest.approx(x, rel=1e-9, abs=1e-9)
+    values, subject = posterior.quantities(x), posterior.subject
+    assert posterior.points(values) == pytest.approx(x, rel=1e-9, abs=1e-9)
     with mpmath.workdps(50):
         scales = definitions.observer_scales(subject.s1, subject.s2, subject.n_trials)
         for i in range(5):
-            at = dict(zip(posterior.coordinates, map(mpmath.mpf, x[i].tolist()), strict=True))
-            expected = definitions.observer_quantities(at, scales, PRIOR)
+            coordinates = dict(zip(posterior.coordinates, map(mpmath.mpf, x[i]), strict=True))
+            expected = definitions.observer_quantities(coordinates, scales, PRIOR)
             expected["jnd"] = mpmath.erfinv(0.5) * mpmath.sqrt(2) * expected["noise"]
             if "q0" in expected:
                 expected["zone"] = definitions.criterion(expected["q0"]) * expected["noise"]
-            assert found.keys() == expected.keys()
-            for name, value in expected.items():
-                assert found[name][i] == pytest.approx(float(value), rel=1e-12), name
+            found = {name: value[i] for name, value in values.items()}
+            expected = {name: float(value) for name, value in expected.items()}
+            assert found == pytest.approx(expected, rel=1e-12)
 
 
 def test_other_pairs_keep_the_scales_and_the_curve_is_that_of_its_distances(posterior):
     x = prior_draws(posterior, 30)
-    subject = posterior.subject
-    part = replace(
-        subject, **{key: getattr(subject, key)[:3] for key in ("s1", "s2", "n_yes", "n_trials")}
-    )
-    some = posterior.for_subject(part)
-    assert some.log_answers(x).yes == pytest.approx(posterior.log_answers(x).yes[:, :3], rel=1e-13)
+    part = posterior.for_subject(first_pairs(posterior.subject, 3))
+    assert part.log_answers(x).yes == pytest.approx(posterior.log_answers(x).yes[:, :3], rel=1e-13)
     # At the mean intensity the answers depend on the distance alone.
-    sbar = posterior.sbar
-    pairs = np.array([[sbar - d, sbar + d] for d in (-0.1, 0.05, 0.2)])
-    asked = bt.Subject("asked", pairs[:, 0], pairs[:, 1], [1, 1, 1], [2, 2, 2], task=subject.task)
-    central = posterior.for_subject(asked)
-    z = central.distance(x)
-    curve = np.stack([central.yes_at_distance(x, one)[i] for i, one in enumerate(z)])
-    assert curve == pytest.approx(np.exp(central.log_answers(x).yes), rel=1e-9)
+    half = np.array([-0.1, 0.05, 0.2])
+    s1, s2 = posterior.sbar - half, posterior.sbar + half
+    subject = bt.Subject("central", s1, s2, [1] * 3, [2] * 3, task=posterior.subject.task)
+    central = posterior.for_subject(subject)
+    for i, z in enumerate(central.distance(x)):
+        yes = central.log_answers(x).yes[i]
+        assert central.yes_at_distance(x, z)[i] == pytest.approx(np.exp(yes), rel=1e-9)
 
 
 # --- Two samplers ---------------------------------------------------------------------------------
@@ -401,30 +345,13 @@ def test_emcee_and_importance_sampling_agree(subject):
     weights = np.exp(weighted.log_weights - weighted.log_weights.max())
     weights /= weights.sum()
     effective = 1.0 / np.square(weights).sum()
-    posterior = draws.posterior(subject.name)
-    assert isinstance(posterior, ObserverPosterior)
-    found = posterior.quantities(weighted.points)
     assert effective > 250
+    posterior = draws.posterior(subject.name)
+    values = posterior.quantities(weighted.points)
     for name in posterior.names.natural:
-        values = draws.values(subject.name, name).ravel()
         for p in (0.05, 0.5, 0.95):
             # The share of weight below emcee's quantile, at 4.5 standard errors.
-            share = weights[found[name] <= np.quantile(values, p)].sum()
+            quantile = np.quantile(draws.values(subject.name, name), p)
+            share = weights[values[name] <= quantile].sum()
             error = np.sqrt(p * (1.0 - p) * (1.0 / effective + 1.0 / 2000.0))
             assert abs(share - p) < 4.5 * error, (name, p)
-
-
-def test_a_subject_in_one_condition_has_the_scales_of_all_conditions(tmp_path):
-    rows = "subject,condition,s1,s2,n_second,n_trials\n"
-    for condition, start in (("left", 0.0), ("right", 0.5)):
-        for first, second in ((0.0, 0.3), (0.3, 0.0), (0.0, 0.6)):
-            rows += f"S,{condition},{start + first},{start + second},6,10\n"
-    (tmp_path / "s.csv").write_text(rows)
-    study = bt.read_study(tmp_path / "s.csv", bt.ReadOptions(condition="condition"))
-    scales = [StimulusScales.from_subject(unit) for unit in study]
-    assert len(scales) == 2
-    assert scales[0].sbar == scales[1].sbar == pytest.approx(0.25 + 0.1)
-    assert scales[0].step == scales[1].step
-    assert scales[0].spread == scales[1].spread
-    alone = replace(study.subjects[0], felt=None)
-    assert StimulusScales.from_subject(alone).sbar == pytest.approx(0.1)

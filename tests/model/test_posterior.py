@@ -25,24 +25,22 @@ CASES = hard_cases()
 def test_points_in_blocks_are_points_one_by_one():
     posterior = paper_posterior(CASES["400 pairs with 3 trials"])
     x = np.random.default_rng(0).normal(size=(500, 4))
-    one_by_one = np.array([posterior.log_density(point)[0] for point in x])
+    one_by_one = np.concatenate([posterior.log_density(point) for point in x])
     assert posterior.log_density(x) == pytest.approx(one_by_one, rel=1e-13)
 
 
-def test_nan_raises_and_impossible_is_minus_infinity():
-    posterior = paper_posterior(CASES["all equal"])
-    with pytest.raises(NumericalError, match="NaN"):
-        posterior.log_density([[np.nan, 0, 0, 0]])
-    with pytest.raises(NumericalError, match="shape"):
-        posterior.log_density([[0.0, 0.0]])
-    # Width e^-400 and an unequal pair called equal: z^2 is beyond the largest float, the
-    # probability is 0 to all digits.
-    assert posterior.log_density([[0.0, 0.0, -400.0, 0.0]])[0] == -np.inf
-    # All 'different' there: P(different) is 1, so the log likelihood is exactly 0, not 0 times
-    # infinity.
-    assert (
-        paper_posterior(CASES["all different"]).log_likelihood([[0.1, 0.0, -400.0, 0.0]])[0] == 0.0
-    )
+@pytest.mark.parametrize(("point", "message"), [([np.nan, 0, 0, 0], "NaN"), ([0.0, 0.0], "shape")])
+def test_points_that_are_refused(point, message):
+    with pytest.raises(NumericalError, match=message):
+        paper_posterior(CASES["all equal"]).log_density([point])
+
+
+def test_impossible_is_minus_infinity():
+    # Width e^-400, so that z^2 of an unequal pair is beyond the largest float: P(equal) is 0.
+    x = [[0.1, 0.0, -400.0, 0.0]]
+    assert paper_posterior(CASES["all equal"]).log_density(x)[0] == -np.inf
+    # P(different) is 1: the log likelihood is exactly 0, not 0 times infinity.
+    assert paper_posterior(CASES["all different"]).log_likelihood(x)[0] == 0.0
 
 
 NUMBERS = {"mu1_mean": 0.4, "mu1_sd": 2.0, "reference_interval": 1.0}
@@ -99,21 +97,19 @@ def test_far_out(task, isi, place, value):
 def test_a_hessian_by_differences(task):
     target = paper_posterior(subject(task, None), PRIOR)
     x = np.array([MIDDLE])
+    exact = np.empty((4, 4))
     with mpmath.workdps(80):
-        h, unit, k = mpmath.mpf(10) ** -20, np.eye(x.shape[1], dtype=int), range(x.shape[1])
+        h = mpmath.mpf(10) ** -20
 
-        def value(steps):
-            return mpmath.fsum(
-                terms(
-                    target,
-                    [mpmath.mpf(float(v)) + int(s) * h for v, s in zip(x[0], steps, strict=True)],
-                )
-            )
+        def log_density(steps):
+            point = [mpmath.mpf(v) + int(n) * h for v, n in zip(MIDDLE, steps, strict=True)]
+            return mpmath.fsum(terms(target, point))
 
-        def bend(e, f):
-            return (value(e + f) - value(e - f) - value(f - e) + value(-e - f)) / (4 * h**2)
-
-        exact = np.array([[float(bend(unit[i], unit[j])) for j in k] for i in k])
+        for i, e in enumerate(np.eye(4)):
+            for j, f in enumerate(np.eye(4)):
+                corners = log_density(e + f) - log_density(e - f)
+                corners += log_density(-e - f) - log_density(f - e)
+                exact[i, j] = float(corners / (4 * h**2))
 
     def gradient(x):
         return target.gradient(x)[1]
@@ -142,39 +138,28 @@ counts = st.integers(0, 10**9)
     answers=st.tuples(counts, counts),
 )
 def test_one_pair_over_the_whole_range_of_floats(gamma, sigma_p, lapse, z, mu1, answers):
-    equal, different = answers
-    if equal + different == 0:
-        equal = 1
-    assume(
-        different < 1e300 * lapse
-    )  # beyond, the odds of these answers at z = 0 are no floats, though the derivatives may be
+    n_equal, n_different = answers
+    # Beyond, the odds of these answers at z = 0 are no floats, though the derivatives may be.
+    assume(0 < n_equal + n_different < 1e300 * lapse)
     width, p = sigma_p * float(variance_ratio(gamma)) ** 1.5, float(pull(gamma))
     # sbar is the pair's own first stimulus, so the displacement is s2 - s1 - c: the second stimulus
     # is placed z widths away.
     step = z * width + p * mu1
-    assume(
-        abs(step) < 1e150
-    )  # beyond, the standard deviation of the stimuli, a prior's scale, is no float
-    subject = Subject("S", [0.0], [step], [equal], [equal + different])
-    posterior = paper_posterior(subject, Prior())
-    # 1 - q0 may be far below machine precision.
-    x = [
-        p * mu1,
-        float(logit(p / MAX_PULL)),
-        float(np.log(width)),
-        float(np.log1p(-lapse) - np.log(lapse)),
-    ]
+    assume(abs(step) < 1e150)  # beyond, the sd of the stimuli, a prior's scale, is no float
+    subject = Subject("S", [0.0], [step], [n_equal], [n_equal + n_different])
+    offset = p * mu1 if z else step
     # Rounding the displacement itself costs what its cancellation costs: only well-conditioned
     # displacements are held to 1e-12.
-    if z == 0.0 or abs(x[0]) < 4 * abs(step - x[0]):
-        x[0] = x[0] if z else step
-        assert_agrees(posterior, x, digits=650)
+    assume(z == 0.0 or abs(offset) < 4 * abs(step - offset))
+    logit_q0 = np.log1p(-lapse) - np.log(lapse)  # 1 - q0 may be far below machine precision
+    x = offset, float(logit(p / MAX_PULL)), float(np.log(width)), float(logit_q0)
+    assert_agrees(paper_posterior(subject, Prior()), x, digits=650)
 
 
 @pytest.mark.parametrize("a", [-1e4, -745.0, 745.0, 1e4])
 @pytest.mark.parametrize("top", [-1e4, -745.0, 745.0, 1e4])
 def test_far_beyond_any_float_nothing_is_nan(a, top):
-    s1, s2 = np.array([0.0, 0.0, 0.3]), np.array([0.0, 0.3, 0.0])
-    posterior = paper_posterior(Subject("S", s1, s2, [5, 2, 3], [10, 10, 10]), Prior())
+    subject = Subject("S", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [5, 2, 3], [10, 10, 10])
+    posterior = paper_posterior(subject, Prior())
     for c in (0.0, 1e-320, 0.5):
         assert not np.isnan(posterior.log_density([[c, a, 0.0, top]])[0])
