@@ -6,7 +6,7 @@ What is changed, what stays, what is refused, who remembers it.
 import pandas as pd
 import pytest
 from commands import good, inside, refused
-from conftest import few_pairs, grouped_csv
+from conftest import counts, few_pairs, grouped_csv
 
 import bayes_toe as bt
 from bayes_toe.data.options import changed
@@ -33,36 +33,28 @@ def study():
     return bt.read_study(FRAME)
 
 
-def counts(subject):
-    return list(
-        zip(
-            subject.s1.tolist(),
-            subject.s2.tolist(),
-            subject.n_yes.tolist(),
-            subject.n_trials.tolist(),
-            strict=True,
-        )
-    )
-
-
-def same(one, other):
-    return [(of.name, counts(of)) for of in one] == [(of.name, counts(of)) for of in other]
+def content(study):
+    return {subject.name: counts(subject) for subject in study}
 
 
 def test_turning_blocks_is_as_if_the_file_had_them_the_other_way_round(study):
     turned = study.swap("a", [2, "3"])
-    assert same(turned, bt.read_study(FRAME.assign(response=words(1, 0, 0, 0, 0, 0, 1, 0))))
+    assert content(turned) == content(
+        bt.read_study(FRAME.assign(response=words(1, 0, 0, 0, 0, 0, 1, 0)))
+    )
     assert turned["a"].answers.n_yes.tolist() == [1, 0, 0, 0, 0, 0]
     assert turned["b:1"] is study["b:1"]
     assert turned.changes == ("--swap a:2,3",)
     assert turned.notes == (*study.notes, "subject a, blocks 2, 3: responses swapped")
-    assert same(turned.swap("a", (2, 3)), study)
-    assert same(study.swap("a"), study.swap("a", [1, 2, 3]))
+    assert content(turned.swap("a", (2, 3))) == content(study)
+    assert content(study.swap("a")) == content(study.swap("a", [1, 2, 3]))
 
 
 def test_leaving_out_is_as_if_the_file_had_no_such_rows(study):
     left = study.exclude("a", 2)
-    assert same(left, bt.read_study(FRAME[(FRAME.subject != "a") | (FRAME.block != 2)]))
+    assert content(left) == content(
+        bt.read_study(FRAME[(FRAME.subject != "a") | (FRAME.block != 2)])
+    )
     assert (left["a"].answers.blocks, left["a"].answers.block.tolist()) == (
         ("1", "3"),
         [0, 0, 1, 1],
@@ -91,7 +83,7 @@ def test_counts_without_blocks_can_be_turned_and_left_out_whole():
 def test_options_name_subjects_and_blocks_and_are_done_in_one_order(study):
     made = changed(study, swap=["a:2", "a: 3", "b:1"], exclude=["b:1:2"])
     assert made.changes == ("--swap a:2,3", "--swap b:1", "--exclude b:1:2")
-    assert same(made, study.swap("a", [2, 3]).swap("b:1").exclude("b:1", 2))
+    assert content(made) == content(study.swap("a", [2, 3]).swap("b:1").exclude("b:1", 2))
     assert changed(study) is study
 
 
@@ -144,38 +136,20 @@ def test_blocks_of_a_file_without_blocks_and_files_that_are_not_there_are_refuse
         few_pairs("AB").swap("C")
 
 
-def test_every_command_that_reads_answers_has_the_options():
-    for command in (
-        "check",
-        "run",
-        "sample",
-        "evidence",
-        "fit",
-        "population",
-        "contrast",
-        "history",
-    ):
-        shown = inside(command, "--help").stdout
-        assert "--swap" in shown, command
-        assert "--exclude" in shown, command
+@pytest.mark.parametrize(
+    "command", ["check", "run", "sample", "evidence", "fit", "population", "contrast", "history"]
+)
+def test_every_command_that_reads_answers_has_the_options(command):
+    screen = inside(f"{command} --help").stdout
+    assert "--swap" in screen
+    assert "--exclude" in screen
 
 
 def test_results_remember_what_was_changed(tmp_path):
     grouped_csv(tmp_path / "study.csv", few_pairs("ABC"))
-    options = ("--seed", 1, "--draws", 100, "--workers", 1)
-    made = good(
-        "sample",
-        "study.csv",
-        "-o",
-        "draws.nc",
-        "--swap",
-        "A",
-        "--exclude",
-        "C",
-        *options,
-        cwd=tmp_path,
-    )
-    assert "\nWith --swap A --exclude C\n" in made
-    draws = bt.load(tmp_path / "draws.nc")
-    assert draws.study.changes == ("--swap A", "--exclude C")
-    assert draws.study["A"].n_yes.tolist() == [5, 30, 35, 4]
+    options = "--swap A --exclude C --seed 1 --draws 100 --workers 1"
+    screen = good(f"sample study.csv -o draws.nc {options}", cwd=tmp_path)
+    assert "\nWith --swap A --exclude C\n" in screen
+    study = bt.load(tmp_path / "draws.nc").study
+    assert study.changes == ("--swap A", "--exclude C")
+    assert study["A"].n_yes.tolist() == [5, 30, 35, 4]

@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+from conftest import counts
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -19,37 +20,24 @@ def subject(name="S01"):
     return Subject(name, [0.3, 0.0], [0.0, 0.3], [2, 7], [8, 10])
 
 
-def columns(one):
-    return {key: getattr(one, key).tolist() for key in COLUMNS}
-
-
 def test_pairs_are_sorted_together_with_their_counts():
-    one = Subject("S01", [0.3, 0, 0.3], [0.5, 0.3, 0.0], [1.0, 2.0, 3.0], [4, 5, 6])
-    assert columns(one) == {
-        "s1": [0.0, 0.3, 0.3],
-        "s2": [0.3, 0.0, 0.5],
-        "n_yes": [2, 3, 1],
-        "n_trials": [5, 6, 4],
-    }
-    assert [getattr(one, key).dtype for key in COLUMNS] == [
-        np.float64,
-        np.float64,
-        np.int64,
-        np.int64,
-    ]
+    sorted_pairs = Subject("S01", [0.3, 0, 0.3], [0.5, 0.3, 0.0], [1.0, 2.0, 3.0], [4, 5, 6])
+    assert counts(sorted_pairs) == [(0.0, 0.3, 2, 5), (0.3, 0.0, 3, 6), (0.3, 0.5, 1, 4)]
+    types = [getattr(sorted_pairs, column).dtype for column in COLUMNS]
+    assert types == [np.float64, np.float64, np.int64, np.int64]
     assert (subject().n_pairs, subject().total_trials, subject().fraction_yes) == (2, 18, 0.5)
 
 
 def test_arrays_are_copies_and_read_only():
     s1 = np.array([0.0, 0.3])
-    one = Subject("S01", s1, [0.0, 0.0], [1, 1], [2, 2])
+    copied = Subject("S01", s1, [0.0, 0.0], [1, 1], [2, 2])
     s1[0] = 9.0
-    assert one.s1.tolist() == [0.0, 0.3]
-    for key in COLUMNS:
+    assert copied.s1.tolist() == [0.0, 0.3]
+    for column in COLUMNS:
         with pytest.raises(ValueError, match="read-only"):
-            getattr(one, key)[0] = 1
+            getattr(copied, column)[0] = 1
     with pytest.raises(dataclasses.FrozenInstanceError):
-        one.name = "S02"
+        copied.name = "S02"
 
 
 @pytest.mark.parametrize(
@@ -86,28 +74,25 @@ def test_invalid_subjects_are_refused(change, message):
 
 
 def test_counts_are_added_up():
-    one = Subject.from_counts(
-        "S01", [0.3, 0.0, 0.3, 1.0], [0.0, 0.3, 0.0, 1.0], [1, 2, 3, 0], [5, 5, 6, 0]
-    )
-    assert columns(one) == {
-        "s1": [0.0, 0.3],
-        "s2": [0.3, 0.0],
-        "n_yes": [2, 4],
-        "n_trials": [5, 11],
-    }
-    assert Subject.from_counts("S01", [0, np.nan], [0, 0], [1, 0], [5, 0]).n_pairs == 1, (
-        "pairs never answered are not looked at"
-    )
-    assert Subject.from_counts("S01", [0.0, -0.0], [1, 1], [1, 0], [1, 1]).n_pairs == 1, (
-        "zero has no sign"
-    )
-    for equal, trials, said in (
+    rows = [0.3, 0.0, 0.3, 1.0], [0.0, 0.3, 0.0, 1.0], [1, 2, 3, 0], [5, 5, 6, 0]
+    added = Subject.from_counts("S01", *rows)
+    assert counts(added) == [(0.0, 0.3, 2, 5), (0.3, 0.0, 4, 11)]
+    # Pairs that were never answered are not looked at, and zero has no sign.
+    assert Subject.from_counts("S01", [0, np.nan], [0, 0], [1, 0], [5, 0]).n_pairs == 1
+    assert Subject.from_counts("S01", [0.0, -0.0], [1, 1], [1, 0], [1, 1]).n_pairs == 1
+
+
+@pytest.mark.parametrize(
+    ("n_yes", "n_trials", "message"),
+    [
         ([7, 0], [5, 5], "n_yes must lie in"),
         ([-1, 2], [5, 5], "n_yes must lie in"),
         ([0, 0], [0, 0], "no answered"),
-    ):
-        with pytest.raises(InputError, match=said):
-            Subject.from_counts("S01", [0, 0], [0, 0], equal, trials)
+    ],
+)
+def test_counts_that_cannot_be_are_refused(n_yes, n_trials, message):
+    with pytest.raises(InputError, match=message):
+        Subject.from_counts("S01", [0, 0], [0, 0], n_yes, n_trials)
 
 
 _trials = st.lists(
@@ -121,38 +106,26 @@ _trials = st.lists(
 @FUZZ
 @given(trials=_trials, data=st.data())
 def test_trials_are_counted_one_by_one_whatever_their_order(trials, data):
-    one, other = (
-        Subject.from_trials("S01", *zip(*rows, strict=True))
-        for rows in (trials, data.draw(st.permutations(trials)))
-    )
-    assert columns(one) == columns(other)
-    for s1, s2, k, n in zip(*columns(one).values(), strict=True):
+    counted = Subject.from_trials("S01", *zip(*trials, strict=True))
+    shuffled = data.draw(st.permutations(trials))
+    assert counts(Subject.from_trials("S01", *zip(*shuffled, strict=True))) == counts(counted)
+    for s1, s2, k, n in counts(counted):
         answers = [equal for first, second, equal in trials if (first, second) == (s1, s2)]
         assert (k, n) == (sum(answers), len(answers))
-    assert one.total_trials == len(trials)
-    again = Subject.from_counts("S01", *columns(one).values())
-    assert columns(again) == columns(one)
+    assert counted.total_trials == len(trials)
+    columns = [getattr(counted, column) for column in COLUMNS]
+    assert counts(Subject.from_counts("S01", *columns)) == counts(counted)
 
 
 def test_a_study_is_a_sequence_of_its_subjects():
-    subjects = [subject("b"), subject("a")]
+    subjects = [subject("b"), subject("a"), subject("c")]
     study = Study(subjects, "pilot", synthetic=True, notes=["n"])
-    assert (len(study), study.names, list(study), study["a"]) == (
-        2,
-        ("b", "a"),
-        subjects,
-        subjects[1],
-    )
-    assert (study.subjects, study.notes) == (tuple(subjects), ("n",))
-    part = Study((subject("a"), subject("b"), subject("c")), "pilot", True, ("n",)).select(
-        ["c", "a"]
-    )
-    assert (part.names, part.source, part.synthetic, part.notes) == (
-        ("c", "a"),
-        "pilot",
-        True,
-        ("n",),
-    )
+    assert (len(study), study.names) == (3, ("b", "a", "c"))
+    assert list(study) == subjects
+    assert study["a"] is subjects[1]
+    part = study.select(["c", "b"])
+    assert (part.names, part.source, part.synthetic) == (("c", "b"), "pilot", True)
+    assert part.notes == study.notes == ("n",)
 
 
 def test_unknown_subjects_are_refused_with_those_there_are():
@@ -174,10 +147,9 @@ def test_answers_counts_and_stimuli_that_are_no_such_numbers_are_refused():
     for answers in (["equal", "different"], [1.0, math.nan], [2, 0]):
         with pytest.raises(InputError, match="True or False"):
             Subject.from_trials("S01", [0.0, 0.0], [0.3, 0.3], answers)
-    for counts in ([1e300], [math.inf], [2**53 + 2], [2**53] * 3000):
+    for n_trials in ([1e300], [math.inf], [2**53 + 2], [2**53] * 3000):
+        n = len(n_trials)
         with pytest.raises(InputError, match=r"2\*\*53"):
-            Subject.from_counts(
-                "S01", [0.0] * len(counts), [0.3] * len(counts), [0] * len(counts), counts
-            )
+            Subject.from_counts("S01", [0.0] * n, [0.3] * n, [0] * n, n_trials)
     with pytest.raises(InputError, match="must be numbers"):
         Subject.from_counts("S01", ["a"], [0.3], [0], [1])

@@ -1,4 +1,4 @@
-"""Tables of results, the CSV and Parquet files that they become, and names of files that are safe and distinct on every system."""
+"""Tables of results as CSV and Parquet, and names of files that are safe on every system."""
 
 import math
 import re
