@@ -12,15 +12,15 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import combinations
-from textwrap import wrap
+from textwrap import fill
 from typing import Any, NamedTuple, cast
 
 import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 from scipy.ndimage import gaussian_filter, map_coordinates
 
@@ -52,7 +52,7 @@ LEVELS, SPANNED = (0.5, 0.95), (0.005, 0.995)
 IN_PERCENT = ("constant_error", "pse_shift", "jnd", "zone")
 #: Bins by which counts are smoothed, times the sixth root of the number of distinct draws: about
 #: the normal reference rule where a panel is six standard deviations wide.
-_SMOOTHED = 8.0
+_SMOOTHING = 8.0
 _WITHOUT_UNIT = ("contraction", "pull", "gain", "gamma", "q0", "lapse_rate")
 PRIOR, TRUTH = "#999999", WEAKER_FIRST
 #: Of several subjects in the same panels: colour, and the line that tells them apart in grey.
@@ -62,19 +62,11 @@ OVERLAID = (
     ("#00704F", "dotted"),
     ("#A0458A", "dashdot"),
 )
-#: Inches: a panel, a lone one, the gap between two; margins; from panels to their labels; the least
-#: that words beside them need.
-_PANEL, _LONE_PANEL, _GAP, _LEFT, _BELOW, _MARGIN, _LABEL, _WORDS = (
-    1.6,
-    2.6,
-    0.1,
-    0.95,
-    0.95,
-    0.15,
-    0.63,
-    2.7,
-)
-_LINE = 1.3 / 72.0  # inches from a line of words to the next, by its points
+#: Inches of a panel with its gap, and of a lone one, beside the margins that corner leaves; panels a
+#: side that leave no corner free for the key, and the share of the height below the key.
+_PANEL, _MARGINS, _LONE_PANEL = 1.68, 1.1, 3.7
+_FEW_PANELS, _BELOW_KEY = 2, 0.76
+_LABEL_LETTERS = 40  # of a line of the key
 
 
 def corner(
@@ -117,50 +109,44 @@ def corner(
         for more than four subjects.
     """
     require_draws(draws)
-    alone = isinstance(subject, str)
-    names = [subject] if isinstance(subject, str) else list(subject)
-    is_few = 2 <= len(set(names)) == len(names) <= len(OVERLAID)
-    if not alone and not is_few:
-        found = listed([*map(repr, names)])
-        raise InputError(
-            f"subjects in one corner plot: found {found}; allowed: 2 to {len(OVERLAID)}, each once"
-        )
-    known = _truths_by_subject(truths, subject)
-    shown = [_Shown.of(draws, name, coordinates, known.get(name)) for name in names]
-    limits = np.array([spans_of(one.samples.T, one.names, one.target) for one in shown])
+    is_single = isinstance(subject, str)
+    truth_of = _truths_by_subject(truths, subject)
+    subjects = []
+    for name, (colour, line) in zip(_subject_names(subject), OVERLAID, strict=False):
+        target = draws.posterior(name)
+        names = _quantity_names(target, coordinates)
+        columns = [axis_values(key, draws.values(name, key).ravel()) for key in names]
+        truth = known_from(truth_of.get(name, {}), target)
+        subjects.append(_SubjectDraws(target, names, np.stack(columns), truth, colour, line))
+    limits = np.array([spans_of(panel.columns, panel.names, panel.target) for panel in subjects])
     lowest, highest = limits[..., 0].min(axis=0), limits[..., 1].max(axis=0)
     spans = list(zip(lowest.tolist(), highest.tolist(), strict=True))
-    words = _words(draws, shown, spans, alone=alone)
-    if prior is not None:
-        words.append(_Words("grey: prior"))
-    if not set(shown[0].names) <= {*IN_PERCENT, *_WITHOUT_UNIT}:
-        words.append(_Words("intensities: natural log"))
-    figure = _new_figure(len(spans), words) if fig is None else fig
-    counts = []
-    for one, (colour, line) in zip(shown, OVERLAID, strict=False):
-        _draw_posterior(figure, one, spans, colour, line, alone=alone)
-        counts.append(_counts(dict(zip(one.names, one.samples.T, strict=True)), spans))
+    figure = _new_figure(len(spans)) if fig is None else fig
+    for panel in subjects:
+        _draw_posterior(figure, panel, spans, is_single=is_single)
     diagonal = np.array(figure.axes).reshape(len(spans), len(spans)).diagonal()
     if prior is not None:
-        for one, (_, line) in zip(shown, OVERLAID, strict=False):
-            drawn = one.prior_values(prior)
-            counts.append(_counts(drawn, spans) * (len(one.samples) / PRIOR_DRAWS))
-            for ax, heights, span in zip(diagonal, counts[-1], spans, strict=True):
-                edges = np.linspace(*span, BINS + 1)
-                ax.stairs(heights, edges, color=PRIOR, lw=1.4, ls=line, label="prior")
-    for ax, highest in zip(diagonal, np.max(counts, axis=(0, 2)), strict=True):
-        ax.set_ylim(0.0, 1.1 * highest)  # the panels were fitted to the last subject
-    _lay_out(figure, spans, words)
+        for panel in subjects:
+            _draw_prior(diagonal, panel, spans, draws.model, prior)
+    for ax in diagonal:
+        ax.margins(y=0.1)
+        ax.autoscale(axis="y")  # corner fits a panel to the last subject
+    _set_ticks(figure, spans)
+    _write_key(figure, draws, subjects, spans, has_prior=prior is not None)
     return figure
 
 
-def _counts(columns: Mapping[str, FloatArray], spans: Sequence[Span]) -> FloatArray:
-    """Draws in the bins of each panel of the diagonal, shape (quantities, BINS)."""
-    counts = [
-        np.histogram(values, BINS, span)[0]
-        for values, span in zip(columns.values(), spans, strict=True)
-    ]
-    return np.array(counts, np.float64)
+def _subject_names(subject: str | Sequence[str]) -> list[str]:
+    """The subjects of a plot: one, or two to four."""
+    if isinstance(subject, str):
+        return [subject]
+    names = list(subject)
+    if not 2 <= len(set(names)) == len(names) <= len(OVERLAID):
+        raise InputError(
+            f"subjects in one corner plot: found {listed([*map(repr, names)])}; "
+            f"allowed: 2 to {len(OVERLAID)}, each once"
+        )
+    return names
 
 
 def _truths_by_subject(
@@ -178,54 +164,38 @@ def _truths_by_subject(
     return cast("Mapping[str, Values]", by_subject)
 
 
-# --- what is shown of a subject -------------------------------------------------------------------
+# --- quantities -----------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, eq=False)
-class _Shown:
-    """Quantities of one subject: their draws, shape (draws, quantities), and true values."""
+class _SubjectDraws(NamedTuple):
+    """Draws of a subject as axes show them, (quantities, draws), its true values, its line."""
 
-    subject: str
     target: AnswerPosterior
-    model: str
     names: tuple[str, ...]
-    samples: FloatArray
-    known: Values
+    columns: FloatArray
+    truth: Values
+    colour: str
+    line: str
 
-    @classmethod
-    def of(
-        cls, draws: Draws, subject: str, coordinates: str | Sequence[str], truths: Values | None
-    ) -> _Shown:
-        """What is asked for, refused where it cannot be."""
-        target = draws.posterior(subject)
-        if len(coordinates) == 0:
-            raise InputError(
-                f"coordinates: found none, allowed: {', '.join(COORDINATES)} or some of {', '.join(target.names.all)}"
-            )
-        if isinstance(coordinates, str) and coordinates not in COORDINATES:
-            raise InputError(
-                f"coordinates {coordinates!r} must be one of: {', '.join(COORDINATES)}"
-            )
-        names = _shown_names(target, coordinates)
-        samples = [axis_values(name, draws.values(subject, name).ravel()) for name in names]
-        known = {} if truths is None else known_from(truths, target)
-        return cls(subject, target, draws.model, names, np.column_stack(samples), known)
-
-    def prior_values(self, prior: Prior) -> dict[str, FloatArray]:
-        """Draws from a prior, as axes show them."""
-        subject = self.target.subject
-        model = stored_model(self.model, subject.task)
-        drawn = prior_values(model_posterior(model, subject, prior))
-        return {name: axis_values(name, drawn[name]) for name in self.names}
+    def true_value(self, name: str) -> float:
+        """The true value of a quantity, NaN where it is not known."""
+        return self.truth.get(name, np.nan)
 
 
-def _shown_names(target: AnswerPosterior, coordinates: str | Sequence[str]) -> tuple[str, ...]:
+def _quantity_names(target: AnswerPosterior, coordinates: str | Sequence[str]) -> tuple[str, ...]:
     """The quantities of a choice.
 
     'natural' leaves out what all four models of the observer have.
     """
+    if len(coordinates) == 0:
+        raise InputError(
+            f"coordinates: found none, allowed: {', '.join(COORDINATES)} or some of "
+            f"{', '.join(target.names.all)}"
+        )
     if not isinstance(coordinates, str):
         return tuple(coordinates)
+    if coordinates not in COORDINATES:
+        raise InputError(f"coordinates {coordinates!r} must be one of: {', '.join(COORDINATES)}")
     if coordinates == "identified":
         return target.names.identified
     if isinstance(target, ObserverPosterior):
@@ -245,7 +215,7 @@ def axis_values(name: str, values: npt.ArrayLike) -> FloatArray:
 
 
 def axis_label(name: str) -> str:
-    """What the axis of a quantity is called."""
+    """The label of the axis of a quantity."""
     label = LABELS.get(name, name)
     return f"{label}, %" if name in IN_PERCENT else label
 
@@ -255,14 +225,14 @@ def spans_of(
 ) -> list[Span]:
     """Axis limits of quantities, within their support.
 
-    A few draws far out in a funnel do not squeeze the rest into one bin.
+    A few draws far out in a funnel do not squeeze all others into one bin.
     """
     spans = []
     for values, name in zip(columns, names, strict=True):
         low, high = np.quantile(values, SPANNED).tolist()
         pad = 0.08 * (high - low) if high > low else 0.5 * abs(low) + 1e-12
-        least, most = axis_values(name, support(target, name)).tolist()
-        spans.append((max(low - pad, least), min(high + pad, most)))
+        lowest, highest = axis_values(name, support(target, name)).tolist()
+        spans.append((max(low - pad, lowest), min(high + pad, highest)))
     return spans
 
 
@@ -274,33 +244,30 @@ def support(target: AnswerPosterior, name: str) -> Span:
         return 0.0, 1.0
     if name.startswith("sigma") or name in ("width", "jnd", "zone"):
         return 0.0, np.inf
-    return target.prior_quantile(name, 0.0), target.prior_quantile(
-        name, 1.0
-    )  # as far as the model's prior reaches
+    return target.prior_quantile(name, 0.0), target.prior_quantile(name, 1.0)
 
 
 def known_from(truths: Values, target: AnswerPosterior) -> dict[str, float]:
-    """The true values given and all that follow from them, as axes show them."""
-    allowed = target.names.all
+    """True values and all that follow from them, as axes show them."""
     for name, value in truths.items():
-        if name not in allowed:
-            raise InputError(f"truths: unknown quantity {name!r}; there are: {', '.join(allowed)}")
-        if not np.isfinite(value) or (name == "sigma_p" and value <= 0):
+        if name not in target.names.all:
             raise InputError(
-                f"truths: {name}={value!r}, allowed: a {'positive ' if name == 'sigma_p' else ''}finite number"
+                f"truths: unknown quantity {name!r}; there are: {', '.join(target.names.all)}"
             )
-    # NaN stands for what was not given, and marks what cannot be known without it.
-    given = {
-        name: np.asarray(truths.get(name, np.nan), np.float64) for name in target.names.natural
-    }
-    if isinstance(target, PaperPosterior) and set(NATURAL) <= set(
-        given
-    ):  # the paper's parameters may also lie outside the prior's support
-        found = quantities(Natural(*(given[name] for name in NATURAL)), target.sbar)
+        sign = "positive " if name == "sigma_p" else ""
+        if not np.isfinite(value) or (sign and value <= 0.0):
+            raise InputError(f"truths: {name}={value!r}, allowed: a {sign}finite number")
+    # NaN stands for an unknown value, and marks what cannot be known without it.
+    natural = {}
+    for name in target.names.natural:
+        natural[name] = np.asarray(truths.get(name, np.nan), np.float64)
+    if isinstance(target, PaperPosterior) and set(NATURAL) <= set(natural):
+        # The paper's parameters may also lie outside the prior's support.
+        values = quantities(Natural(*(natural[name] for name in NATURAL)), target.sbar)
     else:
-        found = target.quantities(target.points(given))
-    follow = {name: float(value) for name, value in found.items() if np.isfinite(value)}
-    known = {**follow, **truths}
+        values = target.quantities(target.points(natural))
+    known = {name: float(value) for name, value in values.items() if np.isfinite(value)}
+    known |= truths
     return {name: float(axis_values(name, value)) for name, value in known.items()}
 
 
@@ -312,8 +279,15 @@ class Density(NamedTuple):
 
     There are two more bins on every side.
 
-    Middles of the bins, shape (BINS + 4,) each; values, up and across: the outermost bins have the least of all, the next ones those of
-    their neighbours within; levels: densities above which the shares :data:`LEVELS` of all draws lie, linear between middles of bins.
+    Attributes
+    ----------
+    x, y : ndarray, shape (BINS + 4,)
+        Middles of the bins.
+    values : ndarray, shape (BINS + 4, BINS + 4)
+        Upward and across. The outermost bins have the least of all, the next ones those of their
+        inner neighbours.
+    levels : tuple of float
+        Densities above which the shares :data:`LEVELS` of all draws lie, linear between middles.
     """
 
     x: FloatArray
@@ -326,15 +300,13 @@ class Density(NamedTuple):
         """Of draws, shape (draws,) each, in a panel that reaches so far."""
         counts = np.histogram2d(y, x, BINS, [up, across])[0]
         n_distinct = len(np.unique(x))  # a draw that is repeated says nothing new
-        smooth = gaussian_filter(counts, _SMOOTHED * n_distinct ** (-1.0 / 6.0))
+        smooth = gaussian_filter(counts, _SMOOTHING * n_distinct ** (-1.0 / 6.0))
         values = np.pad(np.pad(smooth, 1, mode="edge"), 1, constant_values=smooth.min())
-        places = [
-            (draws - low) / (high - low) * BINS + AROUND - 0.5
-            for draws, (low, high) in ((y, up), (x, across))
-        ]
-        at_draws = map_coordinates(
-            values, places, order=1, mode="constant", cval=-1.0
-        )  # outside, less than any density
+        bins = []
+        for draws, (low, high) in ((y, up), (x, across)):
+            bins.append((draws - low) / (high - low) * BINS + AROUND - 0.5)
+        # Outside it is less than any density.
+        at_draws = map_coordinates(values, bins, order=1, mode="constant", cval=-1.0)
         middles = (np.arange(-AROUND, BINS + AROUND) + 0.5) / BINS
         levels = np.quantile(at_draws, 1.0 - np.array(LEVELS)).tolist()
         middle_x, middle_y = (low + (high - low) * middles for low, high in (across, up))
@@ -359,195 +331,175 @@ def corner_package() -> Any:
 
 
 def _draw_posterior(
-    figure: Figure, one: _Shown, spans: Sequence[Span], colour: str, line: str, *, alone: bool
+    figure: Figure, panel: _SubjectDraws, spans: Sequence[Span], *, is_single: bool
 ) -> None:
-    """Histograms, contours and true values of one subject.
-
-    In a figure that has panels already, over what is there.
-    """
-    library, truths = corner_package(), [one.known.get(name, np.nan) for name in one.names]
+    """Histograms, contours and true values of one subject, over what the panels have already."""
+    library = corner_package()
+    hist_style: dict[str, Any] = {"color": panel.colour}
+    if not is_single:
+        hist_style |= {"linestyle": panel.line, "linewidth": 1.4}
     library.corner(
-        one.samples,
+        panel.columns.T,
         fig=figure,
         bins=BINS,
         range=list(spans),
-        labels=[axis_label(name) for name in one.names],
+        labels=[axis_label(name) for name in panel.names],
         label_kwargs={"fontsize": 12},
+        labelpad=0.05,
         max_n_ticks=0,
-        color=colour,
-        hist_kwargs={"color": colour}
-        if alone
-        else {"color": colour, "linestyle": line, "linewidth": 1.4},
-        quantiles=MARKED if alone else None,
+        color=panel.colour,
+        hist_kwargs=hist_style,
+        quantiles=MARKED if is_single else None,
         plot_datapoints=False,
         plot_density=False,
         plot_contours=False,
     )
     axes = np.array(figure.axes).reshape(len(spans), len(spans))
     for j, i in combinations(range(len(spans)), 2):
-        _draw_contours(
-            axes[i, j],
-            Density.of(one.samples[:, j], one.samples[:, i], spans[j], spans[i]),
-            colour,
-            line,
-            filled=alone,
-        )
-    if alone:  # corner's own lines fail in a figure of one quantity
-        for i in np.flatnonzero(np.isfinite(truths)).tolist():
-            for ax in axes[i:, i]:
-                ax.axvline(truths[i], color=TRUTH)
-            for ax in axes[i, :i]:
-                ax.axhline(truths[i], color=TRUTH)
+        density = Density.of(panel.columns[j], panel.columns[i], spans[j], spans[i])
+        _draw_contours(axes[i, j], density, panel, filled=is_single)
+    truths = [panel.true_value(name) for name in panel.names]
+    if is_single:
         library.overplot_points(figure, [truths], marker="s", color=TRUTH)
+        _draw_lines(axes, truths, color=TRUTH)
     else:  # lines would be taken for medians
-        style: dict[str, Any] = {"color": colour, "mec": "black", "mew": 0.8, "zorder": 5}
+        style: dict[str, Any] = {"color": panel.colour, "mec": "black", "mew": 0.8, "zorder": 5}
         library.overplot_points(figure, [truths], marker="s", ms=5, **style)
-        for ax, median, value in zip(
-            axes.diagonal(), np.median(one.samples, axis=0), truths, strict=True
-        ):
-            ax.axvline(median, color=colour, lw=1.0, ls=line)
+        medians = np.median(panel.columns, axis=1)
+        for ax, median, value in zip(axes.diagonal(), medians, truths, strict=True):
+            ax.axvline(median, color=panel.colour, lw=1.0, ls=panel.line)
             ax.plot(value, 0.0, "^", ms=7, clip_on=False, **style)
 
 
-def _draw_contours(ax: Axes, found: Density, colour: str, line: str, *, filled: bool) -> None:
+def _draw_lines(axes: npt.NDArray[Any], values: Sequence[float], **style: Any) -> None:
+    """Lines at finite values through all panels; corner's own fail where there is one quantity."""
+    for i in np.flatnonzero(np.isfinite(values)).tolist():
+        for ax in axes[i:, i]:
+            ax.axvline(values[i], **style)
+        for ax in axes[i, :i]:
+            ax.axhline(values[i], **style)
+
+
+def _draw_contours(ax: Axes, density: Density, panel: _SubjectDraws, *, filled: bool) -> None:
     """Areas or outlines that hold the shares :data:`LEVELS` of the draws.
 
     Where all draws are one point there is one level.
     """
-    levels = np.unique(found.levels)
+    x, y, values, _ = density
+    levels = np.unique(density.levels)
     if filled:
-        colours = [(colour, 1.0 / 3.0), colour][-len(levels) :]
-        ax.contourf(
-            found.x, found.y, found.values, [*levels, 2.0 * found.values.max()], colors=colours
-        )
-    ax.contour(
-        found.x,
-        found.y,
-        found.values,
-        levels,
-        colors=colour,
-        linestyles=line,
-        linewidths=1.5,
-        zorder=1.5,
-    )
+        colours = [(panel.colour, 1.0 / 3.0), panel.colour][-len(levels) :]
+        ax.contourf(x, y, values, [*levels, 2.0 * values.max()], colors=colours)
+    lines: dict[str, Any] = {"colors": panel.colour, "linestyles": panel.line}
+    ax.contour(x, y, values, levels, linewidths=1.5, zorder=1.5, **lines)
 
 
-# --- words and layout -----------------------------------------------------------------------------
+def _draw_prior(
+    diagonal: npt.NDArray[Any],
+    panel: _SubjectDraws,
+    spans: Sequence[Span],
+    model: str,
+    prior: Prior,
+) -> None:
+    """Marginals of a prior, in numbers of draws of the posterior."""
+    subject = panel.target.subject
+    drawn = prior_values(model_posterior(stored_model(model, subject.task), subject, prior))
+    scale = panel.columns.shape[1] / PRIOR_DRAWS
+    for ax, name, span in zip(diagonal, panel.names, spans, strict=True):
+        counts, edges = np.histogram(axis_values(name, drawn[name]), BINS, span)
+        ax.stairs(scale * counts, edges, color=PRIOR, lw=1.4, ls=panel.line, label="prior")
 
 
-class _Words(NamedTuple):
-    """A line of the title or the key; its size in points."""
-
-    text: str
-    size: float = 10.0
-    weight: str = "normal"
-    colour: str = "#444444"
+# --- key and layout -------------------------------------------------------------------------------
 
 
-def _words(
-    draws: Draws, shown: Sequence[_Shown], spans: Sequence[Span], *, alone: bool
-) -> list[_Words]:
-    """The subjects, with line and colour of each of several; what is drawn; true values."""
-    words = []
-    for one, (colour, line) in zip(shown, OVERLAID, strict=False):
-        if alone:
-            words.append(_Words(plain(one.subject, 24), 14.0, "bold", "black"))
-        else:
-            words.append(_Words(f"{plain(one.subject, 20)} ({line})", 12.0, "bold", colour))
-        if one.subject in draws.not_converged:
-            words.append(_Words("NOT CONVERGED", 13.0, "bold", "black"))
-    synthetic = ", synthetic data" if draws.synthetic else ""
-    words.append(_Words(model_title(draws.model) + synthetic, 11.0, colour="black"))
-    if len(spans) > 1:
-        words.append(_Words("contours: 50 and 95 %"))
-    words.append(_Words("dashed: median, 95 % interval" if alone else "upright: medians"))
-    outside, n_inside = list[str](), 0
-    for one in shown:
-        for name, (low, high) in zip(one.names, spans, strict=True):
-            value = one.known.get(name, np.nan)
-            if low <= value <= high:
-                n_inside += 1
-            elif np.isfinite(value):
-                outside.append(f"{axis_label(name)} = {value:.5g}".replace("-", "−"))
-    if n_inside:
-        squares = "squares, " if len(spans) > 1 else ""
-        words.append(_Words("red: true value" if alone else f"{squares}triangles: true values"))
-    if outside:
-        words.append(_Words(f"true value outside: {', '.join(outside)}"))
-    return words
+def _new_figure(n_panels: int) -> Figure:
+    """A figure for so many panels a side, with room above few panels for the key."""
+    side = _LONE_PANEL if n_panels == 1 else n_panels * _PANEL + _MARGINS
+    high = side / _BELOW_KEY if n_panels <= _FEW_PANELS else side
+    return new_figure(side, high, layout=None)
 
 
-def _new_figure(count: int, words: Sequence[_Words]) -> Figure:
-    """A figure for so many panels a side.
-
-    There is room above the panels for words that have none beside them.
-    """
-    panel = _LONE_PANEL if count == 1 else _PANEL
-    side = count * panel + (count - 1) * _GAP
-    wide, high = _LEFT + side + _MARGIN, _BELOW + side + _MARGIN
-    return new_figure(wide, high + _header(count, panel, words, wide), layout=None)
-
-
-def _header(count: int, panel: float, words: Sequence[_Words], wide: float) -> float:
-    """Inches of words above the panels: none where they stand beside the topmost one."""
-    beside = (count - 1) * (panel + _GAP) >= _WORDS
-    return (
-        0.0
-        if beside
-        else _MARGIN + sum(_LINE * one.size for one, _ in _lines(words, wide - 2.0 * _MARGIN))
-    )
-
-
-def _lines(words: Sequence[_Words], room: float) -> list[tuple[_Words, str]]:
-    """Words in lines that are no wider than so many inches."""
-    letters = [room * 72.0 / ((0.68 if one.weight == "bold" else 0.54) * one.size) for one in words]
-    return [
-        (one, line)
-        for one, most in zip(words, letters, strict=True)
-        for line in wrap(one.text, max(8, int(most)))
-    ]
-
-
-def _lay_out(figure: Figure, spans: Sequence[Span], words: Sequence[_Words]) -> None:
-    """Place panels, ticks and words; all measures in inches."""
-    count = len(spans)
-    wide, high = (float(side) / figure.dpi for side in (figure.bbox.width, figure.bbox.height))
-    across = (wide - _LEFT - _MARGIN - (count - 1) * _GAP) / count
-    header = _header(count, across, words, wide)
-    down = (high - _BELOW - _MARGIN - header - (count - 1) * _GAP) / count
-    figure.subplots_adjust(
-        _LEFT / wide,
-        _BELOW / high,
-        1.0 - _MARGIN / wide,
-        1.0 - (_MARGIN + header) / high,
-        _GAP / across,
-        _GAP / down,
-    )
-    axes = np.array(figure.axes).reshape(count, count)
-    for i, (start, end) in enumerate(spans):
-        found, margin = np.asarray(MaxNLocator(4).tick_values(start, end)), 0.06 * (end - start)
-        ticks = found[
-            (found >= start + margin) & (found <= end - margin)
-        ]  # whose labels do not touch the next panel's
+def _set_ticks(figure: Figure, spans: Sequence[Span]) -> None:
+    """Ticks whose labels do not touch those of the next panel."""
+    axes = np.array(figure.axes).reshape(len(spans), len(spans))
+    for i, (low, high) in enumerate(spans):
+        ticks = np.asarray(MaxNLocator(4).tick_values(low, high))
+        margin = 0.06 * (high - low)
+        ticks = ticks[(ticks >= low + margin) & (ticks <= high - margin)]
         for ax in axes[i:, i]:
             ax.set_xticks(ticks)
         for ax in axes[i, :i]:
             ax.set_yticks(ticks)
         axes[-1, i].tick_params(axis="x", labelrotation=45)
-        axes[-1, i].xaxis.set_label_coords(0.5, -_LABEL / down)
-        axes[i, 0].yaxis.set_label_coords(-_LABEL / across, 0.5)
-    above, room = (True, wide - 2.0 * _MARGIN) if header else (False, (count - 1) * (across + _GAP))
-    y = high - _MARGIN
-    for one, line in _lines(words, room):
-        x, side = (_MARGIN, "left") if above else (wide - _MARGIN, "right")
-        figure.text(
-            x / wide,
-            y / high,
-            line,
-            size=one.size,
-            weight=one.weight,
-            color=one.colour,
-            ha=side,
-            va="top",
-        )
-        y -= _LINE * one.size
+
+
+def _write_key(
+    figure: Figure,
+    draws: Draws,
+    subjects: Sequence[_SubjectDraws],
+    spans: Sequence[Span],
+    *,
+    has_prior: bool,
+) -> None:
+    """Subjects, model, lines and marks: above few panels, or in the corner that more leave free."""
+    style: dict[str, Any] = {"frameon": False, "borderaxespad": 0.4, "labelspacing": 0.35}
+    if len(spans) > _FEW_PANELS:
+        style |= {"loc": "upper right", "markerfirst": False, "alignment": "right"}
+    else:
+        style |= {"loc": "upper left", "alignment": "left"}
+        margins = figure.subplotpars
+        figure.subplots_adjust(bottom=_BELOW_KEY * margins.bottom, top=_BELOW_KEY * margins.top)
+    names = []
+    for panel in subjects:
+        name = panel.target.subject.name
+        missing = "\nNOT CONVERGED" if name in draws.not_converged else ""
+        names.append(plain(name, 24) + missing)
+    synthetic = ", synthetic data" if draws.synthetic else ""
+    handles = [_note(model_title(draws.model) + synthetic)]
+    if len(spans) > 1:
+        handles.append(_note("contours: 50 and 95 %"))
+    inside, outside = _true_values(subjects, spans)
+    if len(names) == 1:
+        style |= {"title": names[0], "title_fontproperties": {"size": 14.0, "weight": "bold"}}
+        handles.append(_line("median, 95 % interval", color=POSTERIOR, ls="dashed"))
+        truth = _line("true value", color=TRUTH, marker="s")
+    else:
+        for panel, name in zip(subjects, names, strict=True):
+            handles.append(_line(f"{name}, median", color=panel.colour, ls=panel.line))
+        truth = _line("true values", ls="", marker="^", ms=7, mfc="white", mec="black")
+    if has_prior:
+        handles.append(_line("prior", color=PRIOR))
+    if inside:
+        handles.append(truth)
+    if outside:
+        handles.append(_note(f"true value outside: {', '.join(outside)}"))
+    if not {*IN_PERCENT, *_WITHOUT_UNIT}.issuperset(subjects[0].names):
+        handles.append(_note("intensities: natural log"))
+    figure.legend(handles=handles, **style)
+
+
+def _true_values(
+    subjects: Sequence[_SubjectDraws], spans: Sequence[Span]
+) -> tuple[list[str], list[str]]:
+    """The true values that the panels show, and those that lie outside."""
+    inside, outside = [], []
+    for panel in subjects:
+        for name, (low, high) in zip(panel.names, spans, strict=True):
+            value = panel.true_value(name)
+            text = f"{axis_label(name)} = {value:.5g}".replace("-", "−")
+            if low <= value <= high:
+                inside.append(text)
+            elif np.isfinite(value):
+                outside.append(text)
+    return inside, outside
+
+
+def _line(label: str, **style: Any) -> Line2D:
+    """A line of the key."""
+    return Line2D([], [], label=label, **style)
+
+
+def _note(text: str) -> Line2D:
+    """Words of the key without a line."""
+    return _line(fill(text, _LABEL_LETTERS), ls="")

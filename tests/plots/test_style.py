@@ -5,6 +5,7 @@ import io
 import numpy as np
 from matplotlib.colors import to_hex, to_rgb
 from matplotlib.image import imread
+from matplotlib.text import Text
 
 import bayes_toe as bt
 from bayes_toe.plots.figure_files import picture
@@ -17,7 +18,7 @@ def test_synthetic_data_are_labelled_wherever_they_are_shown(analysis):
     marked = bt.Draws(analysis.draws.tree.copy())
     marked.tree.attrs["synthetic"] = 1
     for figure in (bt.plots.corner(marked, "A"), bt.plots.curves(marked, "A")):
-        words = " ".join(text.get_text() for text in figure.texts) + (figure.get_suptitle() or "")
+        words = " ".join(text.get_text() for text in figure.findobj(Text))
         assert "synthetic" in words
     figure = bt.plots.order_effect(analysis.evidence, synthetic=True)
     assert "synthetic" in figure.get_suptitle()
