@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from bayes_toe.data.messages import bare, listed, one_line
-from bayes_toe.data.text_table import cell_texts
+from bayes_toe.data.text_table import ColumnTexts, cell_texts
 from bayes_toe.errors import InputError
 
 _SAVED = (
@@ -34,8 +34,8 @@ _READER = (
 )
 
 
-def matlab_texts(source: str, data: bytes) -> tuple[dict[str, list[str]], dict[str, list[str]]]:
-    """The columns of a file, as text, all of one length; and the problems of some, by name.
+def matlab_texts(source: str, data: bytes) -> dict[str, ColumnTexts]:
+    """The columns of a file, as text, all of one length, with their problems.
 
     Trials are fields of one struct, of vectors or of a struct array, or vectors of one length by
     name. A single value stands in every row. Arrays in the cells of a column are its problem.
@@ -60,7 +60,8 @@ def matlab_texts(source: str, data: bytes) -> tuple[dict[str, list[str]], dict[s
     result = json.loads(reader.stdout)
     if "problems" in result:
         raise InputError(result["problems"])
-    return result["columns"], result["faults"]
+    columns: dict[str, ColumnTexts] = result["columns"]
+    return columns
 
 
 # --- In the process of the reader -----------------------------------------------------------------
@@ -70,11 +71,10 @@ def write_texts(source: str) -> None:
     """Read a file from standard input and write its columns, or its problems, as JSON."""
     try:
         columns = _columns(source, _variables(source, sys.stdin.buffer.read()))
-        texts, faults = {}, {}
+        texts = {}
         for name, cells in columns.items():
-            texts[name], lines = cell_texts(name, cells, range(1, len(cells) + 1))
-            faults[name] = [f"{source}: {line}" for _, line in lines]
-        json.dump({"columns": texts, "faults": faults}, sys.stdout)
+            texts[name] = cell_texts(name, cells, range(1, len(cells) + 1))
+        json.dump({"columns": texts}, sys.stdout)
     except InputError as error:
         json.dump({"problems": error.problems}, sys.stdout)
 

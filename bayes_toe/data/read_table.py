@@ -25,7 +25,9 @@ from bayes_toe.data.text_table import (
     MOST_RECORDS,
     Choice,
     Column,
+    ColumnTexts,
     Frame,
+    NoValue,
     Problems,
     TextTable,
     cell_texts,
@@ -42,6 +44,9 @@ from bayes_toe.errors import InputError, Remedy
 #: million.
 LARGEST_STUDY, LARGEST_SMALL_FILE = 2**30, 2**25
 
+_NOT_COMPUTED = NoValue(
+    "found a formula without a value, allowed: a file that Excel has computed and saved"
+)
 _LARGEST_TOML = 2**16  # bytes; a complete prior file has some 2,000
 _EXCEL_SUFFIXES = (".xlsx", ".xlsm")
 _JSON_SUFFIXES = (".json", ".jsonl", ".ndjson")
@@ -163,35 +168,35 @@ def toml_table(path: str | Path, lines: str) -> Mapping[str, Any]:
 # --- Values as text ------------------------------------------------------------------------------
 
 
-def _table_of_values(
+def _table_of_texts(
     named: tuple[str, str, str],
     names: list[str],
-    values: dict[str, list[Any]],
+    column_texts: Mapping[str, ColumnTexts],
     rows: Sequence[int],
-    notes: tuple[str, ...] = (),
+    notes: Sequence[str] = (),
 ) -> TextTable:
-    """The table of values by column; `named` are its source, its form and its head."""
+    """The table of texts by column; `named` are its source, its form and its head."""
     source, form, head = named
     columns, problems = {}, Problems(source)
-    for name, cells in values.items():
-        texts, lines = cell_texts(name, cells, rows)
+    for name, (texts, lines) in column_texts.items():
         problems.add(lines)
         columns[name] = Column.of(name, texts, range(len(texts)))
-    problems.refuse()
-    return TextTable(form, "", head, names, columns, np.array(rows, np.int64), problems, notes)
+    row_numbers = np.array(rows, np.int64)
+    return TextTable(form, "", head, names, columns, row_numbers, problems, tuple(notes))
 
 
 def _read_frame(frame: Any, choice: Choice) -> TextTable:
     """Rows count from 0, as in `frame.iloc`."""
     source = f"{type(frame).__module__.partition('.')[0]} {type(frame).__name__}"
     names = [str(name).strip() for name in frame.columns]
-    values = {}
+    texts, rows = {}, range(len(frame))
     for name, place in name_places(names, choice).items():
         if hasattr(frame, "iloc"):
-            values[name] = frame.iloc[:, place].tolist()
+            values = frame.iloc[:, place].tolist()
         else:
-            values[name] = frame.to_series(place).to_list()
-    return _table_of_values((source, source, "columns"), names, values, range(len(frame)))
+            values = frame.to_series(place).to_list()
+        texts[name] = cell_texts(name, values, rows)
+    return _table_of_texts((source, source, "columns"), names, texts, rows)
 
 
 # --- Excel ---------------------------------------------------------------------------------------
@@ -203,22 +208,25 @@ def _read_excel(source: str, data: bytes, choice: Choice, sheet: str | None) -> 
     title = _chosen_sheet(source, sheets, choice, sheet)
     rows = sheets[title]
     first, names = _sheet_names(rows, choice)
-    filled = [i for i in range(first + 1, len(rows)) if any(_row_texts(rows[i]))]
-    values = {}
+    filled = {}
+    for i in range(first + 1, len(rows)):
+        if _is_filled(rows[i]):
+            filled[i + 1] = rows[i]
+    texts = {}
     for name, place in name_places(names, choice).items():
-        values[name] = [rows[i][place] for i in filled]
+        texts[name] = cell_texts(name, [cells[place] for cells in filled.values()], filled)
     notes = []
     if len(sheets) > 1:
         others = [bare(other) for other in sheets if other != title]
         notes.append(f"sheet {bare(title)} read, not {listed(others)}")
-    if first and any(any(_row_texts(cells)) for cells in rows[:first]):
+    if any(map(_is_filled, rows[:first])):
         notes.append(f"rows above row {first + 1} left out")
     head = (source, EXCEL, f"row {first + 1}")
-    return _table_of_values(head, names, values, [i + 1 for i in filled], tuple(notes))
+    return _table_of_texts(head, names, texts, [*filled], notes)
 
 
 def _chosen_sheet(
-    source: str, sheets: dict[str, list[tuple[Any, ...]]], choice: Choice, sheet: str | None
+    source: str, sheets: dict[str, list[list[Any]]], choice: Choice, sheet: str | None
 ) -> str:
     """The sheet that is named, or the only one with most of our columns."""
     if sheet is not None:
@@ -226,13 +234,12 @@ def _chosen_sheet(
             found = listed([*map(bare, sheets)])
             raise InputError(f"{source}: found the sheets {found}, allowed: one of them")
         return sheet
+    if not sheets:
+        raise InputError(f"{source}: found no table, allowed: a sheet with names and rows")
     n_names = {}
     for title, rows in sheets.items():
-        if rows:
-            _, names = _sheet_names(rows, choice)
-            n_names[title] = len(name_places(names, choice))
-    if not n_names:
-        raise InputError(f"{source}: found no table, allowed: a sheet with names and rows")
+        _, names = _sheet_names(rows, choice)
+        n_names[title] = len(name_places(names, choice))
     most = max(n_names.values())
     tables = [title for title, count in n_names.items() if count == most]
     if len(tables) > 1 and most:
@@ -242,7 +249,7 @@ def _chosen_sheet(
     return max(tables, key=lambda title: len(sheets[title]))
 
 
-def _sheet_names(rows: Sequence[tuple[Any, ...]], choice: Choice) -> tuple[int, list[str]]:
+def _sheet_names(rows: Sequence[Sequence[Any]], choice: Choice) -> tuple[int, list[str]]:
     """Which row has the names, from 0, and the names."""
     texts = [_row_texts(cells) for cells in rows[:MOST_RECORDS]]
     place = header_place(texts, choice)
@@ -254,8 +261,13 @@ def _row_texts(cells: Sequence[Any]) -> list[str]:
     return [(value_text(cell) or "").strip() for cell in cells]
 
 
-def _excel_sheets(source: str, data: bytes) -> dict[str, list[tuple[Any, ...]]]:
-    """The values of every visible sheet; error cells and formulas without a value are refused."""
+def _is_filled(cells: Sequence[Any]) -> bool:
+    """Whether a row has a cell that is not blank."""
+    return any(str(cell).strip() for cell in cells if cell is not None)
+
+
+def _excel_sheets(source: str, data: bytes) -> dict[str, list[list[Any]]]:
+    """The values of every visible sheet that is not empty."""
     from openpyxl import load_workbook
 
     try:
@@ -270,11 +282,10 @@ def _excel_sheets(source: str, data: bytes) -> dict[str, list[tuple[Any, ...]]]:
                 for is_value in (True, False)
             )
             sheets = {}
-            for with_values, with_formulas in zip(
-                values.worksheets, formulas.worksheets, strict=True
-            ):
-                if with_values.sheet_state == "visible":
-                    rows = _sheet_rows(source, with_values, with_formulas)
+            pairs = zip(values.worksheets, formulas.worksheets, strict=True)
+            for with_values, with_formulas in pairs:
+                rows = _sheet_rows(with_values, with_formulas)
+                if rows and with_values.sheet_state == "visible":
                     sheets[with_values.title] = rows
     except InputError:
         raise
@@ -286,25 +297,22 @@ def _excel_sheets(source: str, data: bytes) -> dict[str, list[tuple[Any, ...]]]:
     return sheets
 
 
-def _sheet_rows(source: str, with_values: Any, with_formulas: Any) -> list[tuple[Any, ...]]:
+def _sheet_rows(with_values: Any, with_formulas: Any) -> list[list[Any]]:
     """The values of a sheet, row by row, all of one width."""
-    rows: list[tuple[Any, ...]] = []
+    rows = []
     pairs = zip(with_values.iter_rows(), with_formulas.iter_rows(), strict=True)
-    for row, (cells, formulas) in enumerate(pairs, 1):
-        for place, (cell, formula) in enumerate(zip(cells, formulas, strict=True), 1):
-            found = ""
+    for cells, formulas in pairs:
+        values = []
+        for cell, formula in zip(cells, formulas, strict=True):
+            value = cell.value
             if cell.data_type == "e":
-                found = f"the error {cell.value}, allowed: a value"
-            elif formula.data_type == "f" and cell.value is None:
-                found = (
-                    "a formula without a value, allowed: a file that Excel has computed and saved"
-                )
-            if found:
-                where = f"sheet {bare(with_values.title)}, row {row}, cell {place}"
-                raise InputError(f"{source}: {where}: found {found}")
-        rows.append(tuple(cell.value for cell in cells))
+                value = NoValue(f"found the error {value}, allowed: a value")
+            elif formula.data_type == "f" and value is None and cell.data_type != "str":
+                value = _NOT_COMPUTED
+            values.append(value)
+        rows.append(values)
     width = max(map(len, rows), default=0)
-    return [cells + (None,) * (width - len(cells)) for cells in rows]
+    return [values + [None] * (width - len(values)) for values in rows]
 
 
 # --- JSON ----------------------------------------------------------------------------------------
@@ -318,11 +326,10 @@ def _read_json(source: str, data: bytes, choice: Choice, encoding: str | None) -
     text, label = decoded(source, data, encoding)
     records = list(_json_records(source, _parse_json(source, text), {}))
     names = list(dict.fromkeys(key for record in records for key in record))
-    values = {}
+    texts, rows = {}, range(1, len(records) + 1)
     for name in name_places(names, choice):
-        values[name] = [record.get(name) for record in records]
-    head = (source, f"JSON, {label}", "keys")
-    return _table_of_values(head, names, values, range(1, len(records) + 1))
+        texts[name] = cell_texts(name, [record.get(name) for record in records], rows)
+    return _table_of_texts((source, f"JSON, {label}", "keys"), names, texts, rows)
 
 
 def _parse_json(source: str, text: str) -> object:
@@ -375,15 +382,11 @@ def _json_records(
 
 def _read_matlab(source: str, data: bytes, choice: Choice) -> TextTable:
     """Row 1 is the first trial."""
-    columns, faults = matlab_texts(source, data)
-    chosen = name_places([*columns], choice)
-    for name in chosen:
-        if faults[name]:
-            raise InputError(faults[name])
-    values = {name: columns[name] for name in chosen}
-    n_rows = len(next(iter(columns.values())))
+    columns = matlab_texts(source, data)
+    chosen = {name: columns[name] for name in name_places([*columns], choice)}
+    texts, _ = next(iter(columns.values()))
     head = (source, "MATLAB", "variables")
-    return _table_of_values(head, [*columns], values, range(1, n_rows + 1))
+    return _table_of_texts(head, [*columns], chosen, range(1, len(texts) + 1))
 
 
 def _read_parquet(source: str, data: bytes, choice: Choice) -> TextTable:
@@ -396,13 +399,13 @@ def _read_parquet(source: str, data: bytes, choice: Choice) -> TextTable:
 
     try:
         table = pq.read_table(pa.BufferReader(data), page_checksum_verification=True)
-        found, values = [name.strip() for name in table.column_names], {}
-        for name, place in name_places(found, choice).items():
+        names, texts, rows = [*map(str.strip, table.column_names)], {}, range(1, table.num_rows + 1)
+        for name, place in name_places(names, choice).items():
             column = table.column(place)
-            # In double precision 0.1 of single precision is another number.
-            values[name] = (
-                column.cast(pa.string()) if pa.types.is_float32(column.type) else column
-            ).to_pylist()
+            if pa.types.is_float32(column.type):
+                # In double precision 0.1 of single precision is another number.
+                column = column.cast(pa.string())
+            texts[name] = cell_texts(name, column.to_pylist(), rows)
     except (
         pa.ArrowException,
         OSError,
@@ -416,9 +419,7 @@ def _read_parquet(source: str, data: bytes, choice: Choice) -> TextTable:
             f"{source}: found a damaged Parquet file ({one_line(error)}), "
             "allowed: one that a Parquet writer has finished"
         ) from None
-    return _table_of_values(
-        (source, "Parquet", "schema"), found, values, range(1, table.num_rows + 1)
-    )
+    return _table_of_texts((source, "Parquet", "schema"), names, texts, rows)
 
 
 def is_parquet(path: str | Path) -> bool:

@@ -18,7 +18,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from operator import itemgetter
-from typing import Any, TypeAlias, cast
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -31,6 +31,8 @@ from bayes_toe.errors import InputError, Remedy
 Frame: TypeAlias = Any
 #: Which columns are read, of the names in a header.
 Choice: TypeAlias = Callable[[Sequence[str]], Collection[str]]
+#: The cells of a column as text, and what is said of rows whose cell has none.
+ColumnTexts: TypeAlias = tuple[list[str], list[tuple[int, str]]]
 #: The form of a spreadsheet.
 EXCEL = "Excel"
 DELIMITERS = {",": "comma", ";": "semicolon", "\t": "tab", "|": "bar"}
@@ -133,18 +135,25 @@ class Problems:
         raise InputError([*problems, *more], self.remedies)
 
 
-def cell_texts(
-    name: str, cells: Sequence[object], rows: Sequence[int]
-) -> tuple[list[str], list[tuple[int, str]]]:
+class NoValue(NamedTuple):
+    """A cell without a value, such as an error of Excel."""
+
+    problem: str
+
+
+def cell_texts(name: str, cells: Iterable[object], rows: Iterable[int]) -> ColumnTexts:
     """The values of a column as text; and the first row whose value has no text, in words."""
-    texts = [value_text(cell) for cell in cells]
-    if None not in texts:
-        return cast("list[str]", texts), []
-    index = texts.index(None)
-    found = f"{quoted(str(cells[index]))} of type {type(cells[index]).__name__}"
-    allowed = "text, numbers or truth values"
-    line = f"row {rows[index]}, column {bare(name)}: found {found}, allowed: {allowed}"
-    return [], [(rows[index], line)]
+    texts, problems = list[str](), list[tuple[int, str]]()
+    for row, cell in zip(rows, cells, strict=True):
+        text = value_text(cell)
+        texts.append(text or "")
+        if text is None and not problems:
+            problem = f"found {quoted(str(cell))} of type {type(cell).__name__}, allowed: "
+            problem += "text, numbers or truth values"
+            if isinstance(cell, NoValue):
+                problem = cell.problem
+            problems.append((row, f"row {row}, column {bare(name)}: {problem}"))
+    return texts, problems
 
 
 @dataclass(frozen=True)
@@ -194,15 +203,14 @@ class TextTable:
         return replace(self, rows=self.rows[kept], columns=columns)
 
     def require(self, lines: Sequence[str]) -> None:
-        """Refuse a head with problems, and a table without rows.
+        """Refuse a head with problems, a table without rows, and cells without a value.
 
         Rows that cannot be split are told with the head.
         """
-        if lines:
-            self.problems.add(
-                (0, f"{self.head}{', ' if line.startswith('column') else ': '}{line}")
-                for line in lines
-            )
+        self.problems.add(
+            (0, f"{self.head}{', ' if line.startswith('column') else ': '}{line}") for line in lines
+        )
+        if lines or not self.delimiter:
             self.problems.refuse()
         if not len(self.rows) and self.problems.count == 0:
             found = "a header only" if self.delimiter else "no row below it"

@@ -8,7 +8,9 @@ import gzip
 import io
 import json
 import random
+import re
 import shlex
+import zipfile
 from collections import Counter
 from contextlib import suppress
 
@@ -81,6 +83,15 @@ def excel(**sheets):
     with pd.ExcelWriter(data) as writer:
         for name, table in sheets.items():
             table.to_excel(writer, sheet_name=name, index=False)
+    return data.getvalue()
+
+
+def with_empty_texts(workbook):
+    """A workbook as Excel saves it if all formulas give an empty text."""
+    data = io.BytesIO()
+    with zipfile.ZipFile(io.BytesIO(workbook)) as book, zipfile.ZipFile(data, "w") as saved:
+        for name in book.namelist():
+            saved.writestr(name, re.sub(rb'("[A-Z]\d+")(?=><f>)', rb'\1 t="str"', book.read(name)))
     return data.getvalue()
 
 
@@ -176,6 +187,12 @@ READ = {
     "german.xlsx": (excel(Info=pd.DataFrame({"by": ["lab"]}), Daten=GERMAN), {"columns": REIZE}),
     "title.xlsx": (excel(Daten=titled(GERMAN)), {"columns": REIZE}),
     "two_sheets.xlsx": (excel(A=IN_LOGS, B=IN_LOGS), {"sheet": "B"}),
+    "errors_elsewhere.xlsx": (
+        excel(Trials=IN_LOGS.assign(mean="#DIV/0!", sum="=A2"), Info=pd.DataFrame(["#REF!"])), {},
+    ),
+    "empty_texts.xlsx": (
+        with_empty_texts(excel(T=with_rows(IN_LOGS, [["P03", 0, 0.3, '=IF(A2="", "", B2)']]))), {},
+    ),
     "vectors.mat": (matlab(LISTS), {}),
     "struct.mat": (matlab({"data": LISTS}), {}),
     "counts.csv": (csv(COUNTS), {}),
@@ -258,11 +275,11 @@ REFUSED = {
     ),
     "formula.xlsx": (
         excel(T=IN_LOGS.assign(s1="=1+1")),
-        ["sheet T, row 2, cell 2: found a formula without a value"],
+        ["row 2, column s1: found a formula without a value"],
     ),
     "error.xlsx": (
         excel(T=IN_LOGS.assign(s1="#DIV/0!")),
-        ["sheet T, row 2, cell 2: found the error #DIV/0!, allowed: a value"],
+        ["row 2, column s1: found the error #DIV/0!, allowed: a value"],
     ),
     "no_interval.csv": (
         csv(STANDARD[["subject", "standard", "comparison", "response"]]),
