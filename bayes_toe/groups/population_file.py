@@ -134,8 +134,6 @@ def load_group(path: str | Path) -> tuple[Study, Regressors, GroupDraws, dict[st
     except Exception as error:  # a damaged file makes the libraries raise nearly anything
         reason = f" ({error})" if isinstance(error, InputError) else ""
         problem = f"not a population that can be read{reason}"
-        if isinstance(error, KeyError) and error.args == (_MARK,):
-            problem = "made before version 0.1; make it again by bayes-toe population"
         raise InputError(f"{name}: {problem}; {_ALLOWED}") from error
 
 

@@ -226,6 +226,16 @@ def test_answers_to_the_other_question_flag_every_subject(task):
     assert "other_task" not in codes(right)
 
 
+@pytest.mark.parametrize("digits", [2, 3, 6])
+@pytest.mark.parametrize("task", ["which is stronger", "same/different"])
+def test_rounded_intensities_are_no_reason_against_responses(task, digits):
+    table = bt.example_study(task).frame()
+    for ours, raw in (("s1", "i1"), ("s2", "i2")):
+        table[raw] = [float(f"{10.0 * np.exp(s):.{digits}g}") for s in table.pop(ours)]
+    study = bt.read_study(table, bt.ReadOptions(unit="g"))
+    assert codes(study) & {"other_task", "reversed_answers"} == set()
+
+
 @BOTH_TASKS
 def test_the_number_of_trials_costs_nothing(task):
     s1, s2 = np.transpose(NEIGHBOURS)
