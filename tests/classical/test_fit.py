@@ -22,16 +22,21 @@ def replicates():
     return bootstrap_subject(SUBJECTS["S01"], seed=3, prior=Prior(), replicates=400)
 
 
-def made_up(parameters, fitted=(0.1, 0.3, 0.1, 0.9)):
+def make_bootstrap(replicates, fitted=(0.1, 0.3, 0.1, 0.9)):
     """A bootstrap with these parameters, (replicates, 4)."""
 
-    def fits(rows):
-        n = len(rows)
-        value, edges = np.full(n, -5.0), np.zeros((n, 7), bool)
+    def fits(parameters):
+        n = len(parameters)
+        value, edges, arrived = np.full(n, -5.0), np.zeros((n, 7), bool), np.ones(n, bool)
         points = np.zeros((n, 4))
-        return Fits(rows, value, value, edges, np.ones(n, bool), points, SUBJECTS["S01"])
+        return Fits(parameters, value, value, edges, arrived, points, SUBJECTS["S01"])
 
-    return Bootstrap("x", fits(np.array([fitted])), fits(parameters))
+    return Bootstrap("x", fits(np.array([fitted])), fits(replicates))
+
+
+def variance_scale(parameters):
+    """Mu1, sigma_p^2, sigma_l^2 and q0, the scale of Appendix C."""
+    return parameters ** [1, 2, 2, 1]
 
 
 def test_resampled_counts_are_beta_binomial():
@@ -75,28 +80,23 @@ def test_intervals_bands_and_covariance_are_those_of_the_replicates(replicates):
     q = np.array([bt.model.equal_probability(subject.s1, subject.s2, *theta) for theta in values])
     bands = replicates.bands(subject.s1, subject.s2)
     assert bands == pytest.approx(np.quantile(q, [0.2, 0.8], axis=0), rel=1e-9)
-    squares = np.column_stack([values[:, 0], values[:, 1] ** 2, values[:, 2] ** 2, values[:, 3]])
-    assert replicates.covariance() == pytest.approx(np.cov(squares.T))
+    assert replicates.covariance() == pytest.approx(np.cov(variance_scale(values).T))
 
 
 def test_evidence_by_appendix_c_is_the_formula():
     rng = np.random.default_rng(2)
     values = np.array([0.1, 0.3, 0.1, 0.9]) + rng.normal(size=(500, 4)) * [0.2, 0.02, 0.01, 0.02]
-    made = made_up(values)
-    value, note = bootstrap_evidence(made, Prior())
+    value, note = bootstrap_evidence(make_bootstrap(values), Prior())
     mu1, v_p, v_l = 0.1, 0.09, 0.01
-    squares = np.column_stack([values[:, 0], values[:, 1] ** 2, values[:, 2] ** 2, values[:, 3]])
     # The prior density in (mu1, v_p, v_l, q0) by finite differences of its distribution functions.
     h = 1e-6
     of_p = (norm.cdf(np.sqrt(v_p + h)) - norm.cdf(np.sqrt(v_p - h))) * 2 / (2 * h)
     of_l = ((v_l + h) / v_p - (v_l - h) / v_p) / (2 * h)
-    expected = (
-        -5.0
-        + norm.logpdf(mu1, 0, 10)
-        + np.log(of_p * of_l)
-        + 0.5 * np.linalg.slogdet(2 * np.pi * np.cov(squares.T))[1]
-    )
-    assert (value, note) == (pytest.approx(expected, abs=1e-6), "")
+    log_prior = norm.logpdf(mu1, 0, 10) + np.log(of_p * of_l)
+    covariance = 2 * np.pi * np.cov(variance_scale(values).T)
+    expected = -5.0 + log_prior + 0.5 * np.linalg.slogdet(covariance)[1]
+    assert value == pytest.approx(expected, abs=1e-6)
+    assert note == ""
 
 
 @pytest.mark.parametrize(
@@ -110,8 +110,8 @@ def test_evidence_by_appendix_c_is_the_formula():
     ],
 )
 def test_evidence_says_what_is_wrong_with_it(name, has_value, word):
-    made = bootstrap_subject(SUBJECTS[name], seed=1, prior=Prior(), replicates=200)
-    value, note = bootstrap_evidence(made, Prior())
+    bootstrap = bootstrap_subject(SUBJECTS[name], seed=1, prior=Prior(), replicates=200)
+    value, note = bootstrap_evidence(bootstrap, Prior())
     assert (value is not None) == has_value
     assert word in note
 
@@ -119,13 +119,13 @@ def test_evidence_says_what_is_wrong_with_it(name, has_value, word):
 @pytest.mark.parametrize("mu1", [-9.0, 9.0])
 def test_a_fit_outside_its_interval_is_said_to_be_so(mu1):
     values = np.array([0.1, 0.3, 0.1, 0.9]) + np.random.default_rng(2).normal(size=(50, 4)) / 10
-    (remark,) = made_up(values, (mu1, 0.3, 0.1, 0.9)).remarks()
+    (remark,) = make_bootstrap(values, (mu1, 0.3, 0.1, 0.9)).remarks()
     assert remark.startswith("outside the 95 % interval: mu1, because")
 
 
 def test_a_covariance_that_is_singular_gives_no_evidence():
     same = np.random.default_rng(1).normal(size=(50, 4)) * [1, 0, 0.1, 0.1] + [0, 0.3, 0.5, 0.5]
-    value, note = bootstrap_evidence(made_up(same), Prior())
+    value, note = bootstrap_evidence(make_bootstrap(same), Prior())
     assert value is None
     assert note.endswith("singular")
 
@@ -135,14 +135,9 @@ def test_posterior_and_bootstrap_side_by_side(analysis):
     frame = table.beside(analysis.draws).set_index(["subject", "parameter"])
     assert len(frame) == 4 * len(analysis.study)
     row = frame.loc["A", "q0"].drop("at_edge").astype(float)
-    middle, low, high = np.quantile(analysis.draws.values("A", "q0"), [0.5, 0.1, 0.9])
-    expected = [
-        middle,
-        low,
-        high,
-        table["A"].parameters[3],
-        *table["A"].bootstrap.intervals(0.8)[3],
-    ]
+    quantiles = np.quantile(analysis.draws.values("A", "q0"), [0.5, 0.1, 0.9])
+    fit = table["A"]
+    expected = [*quantiles, fit.parameters[3], *fit.bootstrap.intervals(0.8)[3]]
     assert row.tolist() == pytest.approx(expected)
     with pytest.raises(InputError, match="same subjects"):
         bt.fit(analysis.study.select(["A"]), replicates=5, seed=1, workers=1).beside(analysis.draws)

@@ -14,7 +14,6 @@ from bayes_toe.model.prior import Prior
 CASES = hard_cases()
 SUBJECTS = {**CASES, **{subject.name: subject for subject in bt.example_study("same/different")}}
 STRONGER = {subject.name: subject for subject in bt.example_study(WHICH_STRONGER)}
-GRID = [side.ravel() for side in np.meshgrid(np.linspace(-0.5, 0.5, 5), np.linspace(-0.5, 0.5, 5))]
 #: Random starts of the general optimiser in a routine run, one of each of its methods; 50 were run
 #: once for every subject of both studies.
 STARTS = 3
@@ -48,12 +47,12 @@ def test_never_below_a_general_optimiser_on_real_studies(real_data):
             assert fit_counts(subject, Prior()).objective[0] >= best - 1e-9
 
 
-def small(s1, s2, n_equal):
+def same_different(s1, s2, n_equal):
     return Subject("x", s1, s2, n_equal, [50] * len(s1))
 
 
 def stronger(share):
-    s1, s2 = GRID
+    s1, s2 = np.tile(np.linspace(-0.5, 0.5, 5), 5), np.repeat(np.linspace(-0.5, 0.5, 5), 5)
     n_second = 50 * share(np.round(s2 - s1, 9))
     return Subject("x", s1, s2, n_second.astype(int), np.full(25, 50), task=WHICH_STRONGER)
 
@@ -74,15 +73,15 @@ ANY = "any"  # a number
         (stronger(lambda s: np.sign(s) / 2 + 0.5), (0, 0, 0, 0), "gamma=0;lapse_rate=0;sigma_p=0"),
         (stronger(lambda s: 0.5 + 0 * s), (0, NAN, NAN, 1), "lapse_rate=1;not unique"),
         (
-            small([0, 0.1, 0.3, 0.5], [0, 0.1, 0.3, 0.5], [48, 40, 30, 20]),
+            same_different([0, 0.1, 0.3, 0.5], [0, 0.1, 0.3, 0.5], [48, 40, 30, 20]),
             (ANY, NAN, NAN, ANY),
             "q0=1;not unique",
         ),
-        (small([0, 0], [0, 0.3], [45, 20]), (ANY, NAN, NAN, ANY), "not unique"),
-        (small([0], [0], [50]), (ANY, NAN, NAN, ANY), "q0=1;not unique"),
-        (small([0, 0, 0.3], [0, 0.3, 0], [45, 20, 20]), (ANY, ANY, ANY, ANY), "gamma=0"),
+        (same_different([0, 0], [0, 0.3], [45, 20]), (ANY, NAN, NAN, ANY), "not unique"),
+        (same_different([0], [0], [50]), (ANY, NAN, NAN, ANY), "q0=1;not unique"),
+        (same_different([0, 0, 0.3], [0, 0.3, 0], [45, 20, 20]), (ANY, ANY, ANY, ANY), "gamma=0"),
         (
-            small([0, 0.3, 0, 0.3], [0, 0.3, 0.3, 0], [45, 30, 0, 0]),
+            same_different([0, 0.3, 0, 0.3], [0, 0.3, 0.3, 0], [45, 30, 0, 0]),
             (ANY, ANY, ANY, ANY),
             "gamma=0;sigma_p=0",
         ),

@@ -15,10 +15,10 @@ from bayes_toe.errors import InputError
 
 def test_a_design_comes_back_from_its_file(tmp_path):
     design = bt.design.StudyDesign([0.3, 0.0], [0.0, 0.1 + 0.2], [4, 7], isi=[1.0, 0.5])
-    found = bt.design.read_study_design(design.save(tmp_path / "design.csv"))
+    loaded = bt.design.read_study_design(design.save(tmp_path / "design.csv"))
     for key in ("s1", "s2", "n_trials", "isi"):
-        assert np.array_equal(getattr(found, key), getattr(design, key))
-    assert found.s1.tolist() == [0.0, 0.3]
+        assert np.array_equal(getattr(loaded, key), getattr(design, key))
+    assert loaded.s1.tolist() == [0.0, 0.3]
 
 
 @pytest.mark.parametrize("trials", [13, 25, 70, 649, 651])
@@ -31,7 +31,7 @@ def test_every_pair_keeps_its_share_and_at_least_one_trial(trials):
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("s1,s2\n0,0\n", "design.csv: row 1, column n_trials: missing"),
         (
@@ -47,11 +47,11 @@ def test_every_pair_keeps_its_share_and_at_least_one_trial(trials):
         ("s1,s2,n_trials,isi\n0,0,1,-1\n", "isi must be positive"),
     ],
 )
-def test_what_is_wrong_is_said_with_its_place(tmp_path, text, said):
+def test_what_is_wrong_is_said_with_its_place(tmp_path, text, message):
     (tmp_path / "design.csv").write_text(text, encoding="utf-8")
     with pytest.raises(InputError) as caught:
         bt.design.read_study_design(tmp_path / "design.csv")
-    assert said in str(caught.value)
+    assert message in str(caught.value)
     assert "\n" not in str(caught.value)
 
 

@@ -22,7 +22,7 @@ NUMBERS = HyperpriorNumbers.from_rows(ROWS)
 
 
 def test_densities_are_those_of_the_table():
-    at = np.array([0.4, -0.1, 0.7, 1.1])
+    means = np.array([0.4, -0.1, 0.7, 1.1])
     student = stats.t(3)
     expected = [
         student.logpdf(0.4 / 0.5) - np.log(0.5),
@@ -30,8 +30,8 @@ def test_densities_are_those_of_the_table():
         stats.norm.logpdf(0.7, 0.0, 0.6),
         stats.norm.logpdf(1.1, 1.8, 1.0),
     ]
-    assert NUMBERS.log_mean(at) == pytest.approx(expected, rel=1e-12)
-    sd = np.abs(at)
+    assert NUMBERS.log_mean(means) == pytest.approx(expected, rel=1e-12)
+    sd = np.abs(means)
     sds = NUMBERS.sds(half_normal_score(sd / [0.3, 0.15, 0.4, 1.0]))
     assert sds.values == pytest.approx(sd, rel=1e-12)
 

@@ -15,16 +15,16 @@ SITES = dict(
 
 
 def test_least_squares_on_them_finds_slopes_and_differences():
-    found = regressors(Covariates({"age": AGES, "site": SITES}), NAMES)
+    result = regressors(Covariates({"age": AGES, "site": SITES}), NAMES)
     level = {"east": 2.0, "north": -1.0, "west": 4.5}
     y = np.array([0.3 * AGES[name] + level[SITES[name]] for name in NAMES])
     mean, slope, *differences = np.linalg.lstsq(
-        np.column_stack([np.ones(8), found.x]), y, rcond=None
+        np.column_stack([np.ones(8), result.x]), y, rcond=None
     )[0]
     ages = np.array(list(AGES.values()))
     assert (mean, slope) == pytest.approx((0.3 * ages.mean() + 2.0, 0.3 * ages.std(ddof=1)))
     assert differences == pytest.approx([-3.0, 2.5])
-    labels = [(column.label, column.about) for column in found.columns]
+    labels = [(column.label, column.about) for column in result.columns]
     assert labels == [
         ("age", f"age, per sd of {ages.std(ddof=1):.4g} about {ages.mean():.4g}"),
         ("site north", "site north against east"),
@@ -38,12 +38,12 @@ def test_subjects_in_the_studys_order_and_those_left_out_by_name(tmp_path):
         "subject,age,site\nz,90,south\na,23,x\nb,NA,y\nc,40,y\nd,28,x\ne,61,\nf,19,x\ng,,\n",
         encoding="utf-8",
     )
-    found = regressors(read_covariates(path), ["h", "g", "f", "e", "d", "c", "b", "a"])
-    assert found.subjects == ("f", "d", "c", "a")
-    assert found.x[:, 1].tolist() == [0.0, 0.0, 1.0, 0.0]
-    assert (found.x[:, 0].mean(), found.x[:, 0].std(ddof=1)) == pytest.approx((0, 1), abs=1e-12)
-    assert found.columns[0].about.endswith("about 27.5")  # the mean over those kept
-    assert found.notes == (
+    result = regressors(read_covariates(path), ["h", "g", "f", "e", "d", "c", "b", "a"])
+    assert result.subjects == ("f", "d", "c", "a")
+    assert result.x[:, 1].tolist() == [0.0, 0.0, 1.0, 0.0]
+    assert (result.x[:, 0].mean(), result.x[:, 0].std(ddof=1)) == pytest.approx((0, 1), abs=1e-12)
+    assert result.columns[0].about.endswith("about 27.5")  # the mean over those kept
+    assert result.notes == (
         "covariates of subjects that are not in the study ignored: 'z'",
         "subjects left out: 'h' (no covariates), 'g' (no covariates), 'e' (no site), 'b' (no age)",
     )
@@ -53,24 +53,26 @@ def test_numbers_are_numbers_unless_asked():
     dose = dict(zip(NAMES, [10.0, 2.0, 0.0, 10.0, 2.0, 0.0, 2.0, 0.0], strict=True))
     (column,) = regressors(Covariates({"dose": dose}), NAMES).columns
     assert column.level == ""
-    found = regressors(Covariates({"dose": dose}), NAMES, categorical=["dose"])
+    result = regressors(Covariates({"dose": dose}), NAMES, categorical=["dose"])
     # In the order of numbers.
-    abouts = [column.about for column in found.columns]
+    abouts = [column.about for column in result.columns]
     assert abouts == ["dose 2 against 0", "dose 10 against 0"]
-    assert found.x.sum(axis=0).tolist() == [3.0, 2.0]
+    assert result.x.sum(axis=0).tolist() == [3.0, 2.0]
     with pytest.raises(InputError, match="categorical: found 'doze', allowed: 'dose'"):
         regressors(Covariates({"dose": dose}), NAMES, categorical=["doze"])
 
 
 @pytest.mark.parametrize(("factor", "shift"), [(1e-300, 1e3), (1e300, 0.0), (1e300, 1e3)])
 def test_the_unit_of_a_covariate_changes_nothing(factor, shift):
-    there = {name: (age + shift) * factor for name, age in AGES.items()}
-    plain, moved = (regressors(Covariates({"age": values}), NAMES).x for values in (AGES, there))
+    moved_ages = {name: (age + shift) * factor for name, age in AGES.items()}
+    plain, moved = (
+        regressors(Covariates({"age": values}), NAMES).x for values in (AGES, moved_ages)
+    )
     assert moved == pytest.approx(plain, abs=1e-10)
 
 
 @pytest.mark.parametrize(
-    ("columns", "said"),
+    ("columns", "message"),
     [
         (
             {"age": dict.fromkeys(NAMES, 30.0)},
@@ -110,8 +112,8 @@ def test_the_unit_of_a_covariate_changes_nothing(factor, shift):
         ),
     ],
 )
-def test_what_cannot_be_used_is_one_line(columns, said):
+def test_what_cannot_be_used_is_one_line(columns, message):
     with pytest.raises(InputError) as refused:
         regressors(Covariates(columns), NAMES)
     (line,) = refused.value.problems
-    assert line.startswith(said)
+    assert line.startswith(message)

@@ -38,8 +38,8 @@ def test_of_a_mean_with_either_prior(centre):
             limit=200,
         )
         expected = likelihood.logpdf(0.0) - np.log(evidence)
-        found = zero_mean(known_draws(y), numbers, np.zeros((9, 0)), j)
-        assert found.log_bf == pytest.approx(expected, abs=1e-4)
+        result = zero_mean(known_draws(y), numbers, np.zeros((9, 0)), j)
+        assert result.log_bf == pytest.approx(expected, abs=1e-4)
 
 
 def test_of_an_effect_given_all_else():
@@ -53,8 +53,10 @@ def test_of_an_effect_given_all_else():
     residual = y[:, 0] - 0.3 - 0.1 * x[:, 1]
     none = stats.norm.logpdf(residual, 0.0, TAU[0]).sum()
     covariance = np.square(0.25) * np.outer(x[:, 0], x[:, 0]) + np.square(TAU[0]) * np.eye(8)
-    some = stats.multivariate_normal(np.zeros(8), covariance).logpdf(residual)
-    assert zero_effect(draws, numbers, x, 0, 0).log_bf == pytest.approx(none - some, abs=1e-9)
+    with_effect = stats.multivariate_normal(np.zeros(8), covariance).logpdf(residual)
+    assert zero_effect(draws, numbers, x, 0, 0).log_bf == pytest.approx(
+        none - with_effect, abs=1e-9
+    )
 
 
 def test_of_a_difference_of_several_columns():
@@ -69,5 +71,5 @@ def test_of_a_difference_of_several_columns():
     )
     prior = stats.norm(0.0, 0.4 * np.sqrt(np.square(weights).sum()))
     expected = posterior.logpdf(0.0) - prior.logpdf(0.0)
-    found = zero_difference(known_draws(y), numbers, [0, 1], weights)
-    assert found.log_bf == pytest.approx(expected, abs=1e-9)
+    result = zero_difference(known_draws(y), numbers, [0, 1], weights)
+    assert result.log_bf == pytest.approx(expected, abs=1e-9)

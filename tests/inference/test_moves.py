@@ -2,11 +2,19 @@
 
 from dataclasses import replace
 
+import emcee
 import numpy as np
 import pytest
 from reference.hard_cases import hard_cases
+from scipy.special import digamma, polygamma
 
 from bayes_toe.inference.adaptation import fit_proposal
+from bayes_toe.inference.proposal import (
+    FittedProposal,
+    Proposal,
+    StudentMixture,
+    importance_draws,
+)
 from bayes_toe.inference.sampling import GlobalMove, moves
 from bayes_toe.model.paper_model import paper_posterior
 from bayes_toe.seeds import generator, stream
@@ -20,22 +28,16 @@ class Target:
         self.shape = np.array([0.7, 1.5, 3.0, 8.0])
 
     def log_density(self, x):
-        return (
-            (self.shape * x - np.exp(x)).sum(axis=1)
-            if self.skewed
-            else -0.5 * np.square(x).sum(axis=1)
-        )
+        if self.skewed:
+            return (self.shape * x - np.exp(x)).sum(axis=1)
+        return -0.5 * np.square(x).sum(axis=1)
 
     def sample(self, random, size):
-        return (
-            np.log(random.gamma(self.shape, size=(size, 4)))
-            if self.skewed
-            else random.standard_normal((size, 4))
-        )
+        if self.skewed:
+            return np.log(random.gamma(self.shape, size=(size, 4)))
+        return random.standard_normal((size, 4))
 
     def truth(self):
-        from scipy.special import digamma, polygamma
-
         if not self.skewed:
             return np.zeros(4), np.ones(4)
         return digamma(self.shape), polygamma(1, self.shape)
@@ -43,8 +45,6 @@ class Target:
 
 def _fitted_for(target):
     """A proposal deliberately off the target, so that a wrong acceptance rule shows."""
-    from bayes_toe.inference import proposal as module
-    from bayes_toe.inference.proposal import StudentMixture
 
     class Known:
         log_density = staticmethod(target.log_density)
@@ -62,11 +62,10 @@ def _fitted_for(target):
         forward = staticmethod(lambda x: (x, np.zeros(len(x))))
         inverse = staticmethod(lambda y: (y.copy(), np.zeros(len(y))))
 
-    one = StudentMixture(np.ones(1), np.full((1, 4), 0.4), 1.7 * np.eye(4)[None], 4)
-    made = module.Proposal(Known(), Same(), one, one, 0.05)
-    return module.FittedProposal(
-        made, module.importance_draws(made, np.random.default_rng(3), 4000), 0.5, 0.1
-    )
+    mixture = StudentMixture(np.ones(1), np.full((1, 4), 0.4), 1.7 * np.eye(4)[None], 4)
+    proposal = Proposal(Known(), Same(), mixture, mixture, 0.05)
+    draws = importance_draws(proposal, np.random.default_rng(3), 4000)
+    return FittedProposal(proposal, draws, 0.5, 0.1)
 
 
 def _worst_moment(move, target, index, runs=16):
@@ -74,8 +73,6 @@ def _worst_moment(move, target, index, runs=16):
 
     They start from the target itself, which a wrong move leaves.
     """
-    import emcee
-
     mean, variance = target.truth()
     means, variances = [], []
     for k in range(runs):
@@ -89,13 +86,9 @@ def _worst_moment(move, target, index, runs=16):
         x = sampler.get_chain(flat=True)
         means.append(x.mean(axis=0))
         variances.append(np.square(x - mean).mean(axis=0))
-    sides = ((np.array(means), mean), (np.array(variances), variance))
-    return max(
-        np.abs(
-            (found.mean(axis=0) - truth) / (found.std(axis=0, ddof=1) / np.sqrt(len(found)))
-        ).max()
-        for found, truth in sides
-    )
+    values = np.concatenate([means, variances], axis=1)
+    error = values.std(axis=0, ddof=1) / np.sqrt(runs)
+    return np.abs((values.mean(axis=0) - np.concatenate([mean, variance])) / error).max()
 
 
 @pytest.mark.parametrize("skewed", [False, True])
@@ -108,14 +101,6 @@ def test_every_move_that_is_used_leaves_known_moments_alone(index, skewed):
     # 8 looks at a t distribution with 15 degrees of freedom, 6 parametrisations: |t| < 5 has a
     # false-alarm rate near 0.8 %.
     assert _worst_moment(move, target, index) < 5.0
-
-
-def density(fitted, x):
-    return fitted.proposal.log_density(x, fitted.proposal.posterior.log_prior(x))
-
-
-def global_move(fitted):
-    return GlobalMove(fitted.proposal, fitted.draws)
 
 
 @pytest.fixture(scope="module")
@@ -132,10 +117,11 @@ def test_the_moves_are_weighted_to_one_and_local_where_the_proposal_is_poor(fitt
 def test_the_global_move_deals_the_judging_draws_and_then_new_ones_with_their_densities(fitted):
     first, random = fitted.draws.part(slice(1000)), np.random.RandomState(1)
     dealt = list(map(GlobalMove(fitted.proposal, first).take, [300] * 5, [random] * 5))
-    assert np.array_equal(np.concatenate([one.x for one in dealt[:3]]), first.x[:900])
-    for one in dealt:
-        assert one.log_posterior == pytest.approx(
-            fitted.proposal.posterior.log_density(one.x), rel=1e-12, abs=1e-12
-        )
-        assert one.log_proposal == pytest.approx(density(fitted, one.x), rel=1e-9, abs=1e-9)
+    assert np.array_equal(np.concatenate([draws.x for draws in dealt[:3]]), first.x[:900])
+    proposal, posterior = fitted.proposal, fitted.proposal.posterior
+    for draws in dealt:
+        log_density = posterior.log_density(draws.x)
+        assert draws.log_posterior == pytest.approx(log_density, rel=1e-12, abs=1e-12)
+        log_proposal = proposal.log_density(draws.x, posterior.log_prior(draws.x))
+        assert draws.log_proposal == pytest.approx(log_proposal, rel=1e-9, abs=1e-9)
     assert not np.isin(dealt[3].x, first.x).any()

@@ -222,8 +222,8 @@ def test_exchanged_answers_to_stimuli_of_the_other_sign_turn_both_shift_and_slop
 
 def test_a_thousand_million_trials_a_pair(posterior):
     subject = posterior.subject
-    many = replace(subject, n_yes=subject.n_yes * 10**7, n_trials=subject.n_trials * 10**7)
-    large = ObserverPosterior(many, OrderModel("both"), PRIOR)
+    large_counts = replace(subject, n_yes=subject.n_yes * 10**7, n_trials=subject.n_trials * 10**7)
+    large = ObserverPosterior(large_counts, OrderModel("both"), PRIOR)
     x = prior_draws(posterior, 100)
     assert large.log_likelihood(x) == pytest.approx(1e7 * posterior.log_likelihood(x), rel=1e-12)
     maxima = find_maxima(large)
@@ -239,7 +239,7 @@ def test_scales_by_hand():
     assert scales.spread == pytest.approx(stimuli.std())
     assert scales.first_spread == pytest.approx(np.repeat(s1, n).std())
     assert scales.contraction_sd(ObserverPrior()) == 0.25
-    roved = StimulusScales(0.0, 1.0, 5.0, 10.0)
+    roved = StimulusScales(0.0, 2.0, 5.0, 20.0)
     assert roved.contraction_sd(ObserverPrior()) == pytest.approx(0.1)
     with pytest.raises(bt.InputError, match="no pair has two different stimuli"):
         StimulusScales.from_counts(s1, s1, n)
@@ -253,9 +253,9 @@ def test_a_subject_in_one_condition_has_the_scales_of_all_conditions():
     columns = ["subject", "condition", "s1", "s2", "n_second", "n_trials"]
     frame = pd.DataFrame(rows, columns=columns)
     left, right = bt.read_study(frame, bt.ReadOptions(condition="condition"))
-    scales, others = StimulusScales.from_subject(left), StimulusScales.from_subject(right)
+    scales, right_scales = StimulusScales.from_subject(left), StimulusScales.from_subject(right)
     assert scales.sbar == pytest.approx(0.25 + 0.1)
-    assert scales == others
+    assert scales == right_scales
     assert StimulusScales.from_subject(replace(left, felt=None)).sbar == pytest.approx(0.1)
 
 

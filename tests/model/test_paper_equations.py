@@ -9,7 +9,9 @@ from kalman import evolve, settled, shift, update
 
 import bayes_toe as bt
 from bayes_toe.errors import NumericalError
+from bayes_toe.model.intervals import at_interval
 from bayes_toe.model.paper_equations import (
+    Natural,
     axis,
     equal_probability,
     evolved_mean,
@@ -52,20 +54,24 @@ def test_logs_of_both_answers_agree_with_fifty_digits(z, logit_q0):
 @given(
     s1=st.floats(-2, 2), s2=st.floats(-2, 2), mu1=st.floats(-5, 5),
     sigma_p=st.floats(-2, 2).map(lambda e: 10.0**e), gamma=st.floats(-6, 0).map(lambda e: 10.0**e),
+    isi=st.sampled_from([0.05, 0.3, 1.0, 4.0, 60.0]),
 )  # fmt: skip
-def test_two_stimuli_are_two_steps_of_the_filter(s1, s2, mu1, sigma_p, gamma):
-    sigma_l = sigma_p * np.sqrt(gamma)
-    prior = settled(mu1, sigma_p, sigma_l)
-    evolved = evolve(update(prior, s1, sigma_l), sigma_p)
-    ratio = noise_ratio(sigma_p, sigma_l)
+def test_two_stimuli_are_two_steps_of_the_filter(s1, s2, mu1, sigma_p, gamma, isi):
+    sigma_l, q0 = sigma_p * np.sqrt(gamma), 0.93
+    prior = settled(mu1, sigma_p, sigma_l, isi)
+    evolved = evolve(update(prior, s1, sigma_l), sigma_p, isi)
     assert evolved.variance == pytest.approx(prior.variance, rel=1e-14)
-    assert float(evolved_mean(s1, mu1, ratio)) == pytest.approx(evolved.mean, rel=1e-14, abs=1e-14)
-    sd = np.sqrt(evolved.variance)
-    assert float(width(sigma_p, ratio)) == pytest.approx(sd + sigma_l**2 / sd, rel=1e-14)
-    distance = float(normalised_distance(s1, s2, mu1, sigma_p, sigma_l))
-    assert distance == pytest.approx(
-        shift(evolved, s2, sigma_l), rel=1e-9, abs=1e-13 + 1e-13 / sigma_p
-    )
+    theta = at_interval(Natural(*map(np.asarray, (mu1, sigma_p, sigma_l, q0))), isi)
+    gamma = noise_ratio(theta.sigma_p, theta.sigma_l)
+    mean, sd = float(evolved_mean(s1, mu1, gamma)), np.sqrt(evolved.variance)
+    assert mean == pytest.approx(evolved.mean, rel=1e-14, abs=1e-14)
+    assert float(width(theta.sigma_p, gamma)) == pytest.approx(sd + sigma_l**2 / sd, rel=1e-14)
+    weight = prior.variance / (prior.variance + sigma_l**2)
+    assert float(gain(gamma)) == pytest.approx(weight, rel=1e-12)
+    z, expected = float(normalised_distance(s1, s2, *theta[:3])), shift(evolved, s2, sigma_l)
+    assert z == pytest.approx(expected, rel=1e-9, abs=1e-13 + 1e-13 / sigma_p)
+    q = float(equal_probability(s1, s2, *theta))
+    assert q == pytest.approx(q0 * 2.0 ** -(z**2), rel=1e-12, abs=1e-300)
 
 
 def test_certainty_is_minus_infinity_without_a_warning():
@@ -78,7 +84,7 @@ def test_no_measurement_noise_means_no_order_effect():
 
 
 @pytest.mark.parametrize(
-    ("values", "named"),
+    ("values", "name"),
     [
         ((np.nan, 0.2, 0.1, 0.9), "mu1"),
         ((0.0, 0.0, 0.1, 0.9), "sigma_p"),
@@ -86,8 +92,8 @@ def test_no_measurement_noise_means_no_order_effect():
         ((0.0, 0.2, 0.1, 1.1), "q0"),
     ],
 )
-def test_unusable_parameters_raise_and_are_named(values, named):
-    with pytest.raises(NumericalError, match=named):
+def test_unusable_parameters_raise_and_are_named(values, name):
+    with pytest.raises(NumericalError, match=name):
         equal_probability(0.0, 0.1, *values)
 
 

@@ -84,10 +84,10 @@ FAR = [(1, -80.0), (1, -20.0), (1, 25.0), (2, -5.0), (2, 3.0), (3, -25.0), (3, 6
 
 
 @OF_ALL
-@pytest.mark.parametrize(("place", "value"), FAR)
-def test_far_out(task, isi, place, value):
+@pytest.mark.parametrize(("coordinate", "value"), FAR)
+def test_far_out(task, isi, coordinate, value):
     target = paper_posterior(subject(task, isi, scale=1000, shift=1e6), FLAT)
-    x = [value if i == place else middle for i, middle in enumerate(MIDDLE)]
+    x = [value if i == coordinate else middle for i, middle in enumerate(MIDDLE)]
     if value == -80.0:
         x[0] = 1e-20  # mu1 within reach
     assert_agrees(target, x, digits=150)
