@@ -98,6 +98,11 @@ def several_files(folder):
         )
 
 
+def proportions(folder):
+    rows = ["A,0,0.3,0.9,10", "A,0.3,0,0.2,10"]
+    write(folder / "shares.csv", ["subject,s1,s2,p_second,n", *rows])
+
+
 def bids(folder):
     for who in ("01", "02"):
         rows = [
@@ -148,7 +153,9 @@ SECTIONS = {
     ),
     "Which was stronger?": (which_was_stronger, ["1 subject, 3 trials", "'right' as second (2)"]),
     "Right or wrong": (right_or_wrong, ["1 subject, 2 trials"]),
+    "Proportions": (proportions, ["1 subject, 20 trials", "Column p_second read as shares of n."]),
     "Wide tables": (wide_tables, {"names": ("01", "02"), "total": 400}),
+    "Excel": (lambda folder: None, []),
     "Several files a subject": (
         several_files,
         ["2 subjects, 9 trials", "1 subject in several files, put together: A 2"],
@@ -205,7 +212,7 @@ def test_a_recipe_works_as_it_stands(name, tmp_path):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("--where", "task"), "--where: found 'task', allowed: COLUMN=TEXT, each column once"),
+        (("--where", "task"), "--where: found 'task', allowed: COLUMN=TEXT, each name once"),
         (
             ("--where", "task=compare"),
             "column task: found 'instructions', 'comparison', allowed: 'compare', as --where has it",

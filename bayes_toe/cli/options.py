@@ -237,14 +237,15 @@ class StudyFile:
 
     def _read_options(self) -> ReadOptions:
         """How to read the files."""
-        from bayes_toe.data.options import ReadOptions, parse_columns, parse_where
+        from bayes_toe.data.options import ReadOptions, parse_pairs
 
         options: dict[str, Any] = {
             field.name: getattr(self, field.name)
             for field in fields(ReadOptions)
             if hasattr(self, field.name)
         }
-        options["columns"] = {} if self.columns is None else parse_columns(self.columns)
-        options["where"] = parse_where(self.where or ())
+        columns = [] if self.columns is None else self.columns.split(",")
+        options["columns"] = parse_pairs("--columns", columns, "OURS=NAME")
+        options["where"] = parse_pairs("--where", self.where or (), "COLUMN=TEXT")
         options["ignore"] = self.ignore or ()
         return ReadOptions(**options, categorical=self.named_levels)

@@ -104,7 +104,7 @@ def is_percentage(name: str) -> bool:
 
     Examples
     --------
-    >>> is_percentage("percent_second"), is_percentage("% second"), is_percentage("n_second")
+    >>> is_percentage("p_second"), is_percentage("% second"), is_percentage("n_second")
     (True, True, False)
     """
     words = VOCABULARY["units"]["percentage"]
@@ -140,7 +140,10 @@ def with_likely_columns(names: Sequence[str], options: ReadOptions) -> ReadOptio
         counts = _likely(names, options, _COUNTS)
         has = {ours for ours in (*_COUNTS, "response") if options.name(ours) in names}
         counted = has | counts.keys()
-        if "response" not in has and "n_trials" in counted and len(counted) == 2:
+        is_counts = "n_trials" in counted and len(counted) == 2
+        if not answer and "n_trials" not in counted:
+            is_counts = True
+        if "response" not in has and is_counts:
             likely |= counts
         elif not has:
             likely |= answer

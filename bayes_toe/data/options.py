@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -31,6 +31,7 @@ LOG_UNITS = {
     "dB": math.log(10.0) / 20.0,
     "dB-power": math.log(10.0) / 10.0,
 }
+_TEXTS = ("correct", "condition", "reference", "standard_interval", "comparison_code", "unit")
 _MAY_BE_IGNORED = ("isi", *LOOKED_AT, "condition", "practice")
 _ANSWERS = {
     answer: task for task in (SAME_DIFFERENT, WHICH_STRONGER) for answer in (task.yes, task.no)
@@ -126,17 +127,17 @@ class ReadOptions:
     sheet: str | None = None
 
     def __post_init__(self) -> None:
-        for key in (
-            *(f"{answer}_code" for answer in _ANSWERS),
-            *("correct", "condition", "reference", "standard_interval", "comparison_code"),
-            "unit",
-        ):
-            given = getattr(self, key)
-            text = given
-            if isinstance(given, bool | int | float):
+        problems = []
+        for key in (*(f"{answer}_code" for answer in _ANSWERS), *_TEXTS):
+            text = getattr(self, key)
+            if isinstance(text, bool | int | float):
                 # As the cells of a data frame are read: True and 1.0 are '1'.
-                text = f"{given:g}"
-            object.__setattr__(self, key, None if text is None else text.strip())
+                text = f"{text:g}"
+            if text is not None:
+                object.__setattr__(self, key, text.strip())
+            if text is not None and not text.strip():
+                option = key.replace("_", "-")
+                problems.append(f"--{option}: found '', allowed: a text that is not empty")
         for key in ("columns", "where"):
             object.__setattr__(
                 self, key, {name.strip(): text.strip() for name, text in getattr(self, key).items()}
@@ -144,7 +145,6 @@ class ReadOptions:
         object.__setattr__(
             self, "ignore", (self.ignore,) if isinstance(self.ignore, str) else tuple(self.ignore)
         )
-        problems = []
         if self.intensity is not None and not (
             math.isfinite(self.intensity) and self.intensity > 0
         ):
@@ -155,8 +155,6 @@ class ReadOptions:
             problems.append(
                 f"--intensity: found with --unit {self.unit}, allowed: --unit alone for logarithms"
             )
-        if self.unit == "":
-            problems.append("--unit: found '', allowed: ln, log10, dB, dB-power, or such as g")
         if self.decimal not in (None, ".", ","):
             problems.append(f"--decimal: found {self.decimal!r}, allowed: '.' or ','")
         if self.standard_first and self.standard_interval is not None:
@@ -169,31 +167,16 @@ class ReadOptions:
                 "--standard-first"
             )
         problems += self._code_problems()
-        problems += _name_problems(f"{ours}={theirs}" for ours, theirs in self.columns.items())
-        unknown = [quoted(one) for one in self.ignore if one not in _MAY_BE_IGNORED]
-        problems += [
-            f"--ignore: found {one}, allowed: {', '.join(_MAY_BE_IGNORED)}" for one in unknown
-        ]
-        if self.subject_from is not None and self.subject_from.count("{}") != 1:
-            found = quoted(self.subject_from)
-            problems.append(
-                f"--subject-from: found {found}, allowed: a file's name with one {{}}, such as "
-                "'sub-{}_*.tsv'"
-            )
+        problems += self._name_problems()
         if problems:
             raise InputError(problems)
 
     def _code_problems(self) -> list[str]:
         """Problems of the codes of responses, a line each.
 
-        A code may be empty, both may be one text, and two options may tell the task.
+        Both codes may be one text, and two options may tell the task.
         """
-        given = {option: text for option, (_, text) in self._telling().items()}
-        problems = [
-            f"{name}: found '', allowed: a text that is not empty"
-            for name, text in given.items()
-            if text == ""
-        ]
+        problems = []
         for task in TASKS:
             yes, no = self.codes(task)
             if yes and yes == no:
@@ -201,30 +184,41 @@ class ReadOptions:
                     f"--{task.no}-code: found {quoted(yes)} as --{task.yes}-code, allowed: two "
                     "different texts"
                 )
-        if len({task for task, _ in self._telling().values()}) > 1 or (
-            self.correct is not None and len(given) > 1
-        ):
+        tasks = self._task_by_option()
+        if len({*tasks.values()}) > 1 or (self.correct is not None and len(tasks) > 1):
             problems.append(
-                f"{', '.join(given)}: found together, allowed: what tells one task in one way"
+                f"{', '.join(tasks)}: found together, allowed: what tells one task in one way"
             )
         return problems
 
-    def _telling(self) -> dict[str, tuple[Task, str]]:
-        """What was given that tells the task, by option: the task and the text."""
-        codes = {
-            f"--{answer}-code": (task, getattr(self, f"{answer}_code"))
-            for answer, task in _ANSWERS.items()
-        }
-        return {
-            option: one
-            for option, one in {**codes, "--correct": (WHICH_STRONGER, self.correct)}.items()
-            if one[1] is not None
-        }
+    def _name_problems(self) -> Iterator[str]:
+        """Problems of the names of columns and files, a line each."""
+        for ours, name in self.columns.items():
+            if ours not in COLUMNS or not name:
+                found = quoted(f"{ours}={name}")
+                allowed = f"OURS=NAME with OURS one of {', '.join(COLUMNS)}"
+                yield f"--columns: found {found}, allowed: {allowed}"
+        for ours in self.ignore:
+            if ours not in _MAY_BE_IGNORED:
+                yield f"--ignore: found {quoted(ours)}, allowed: {', '.join(_MAY_BE_IGNORED)}"
+        if self.subject_from is not None and self.subject_from.count("{}") != 1:
+            allowed = "a file's name with one {}, such as 'sub-{}_*.tsv'"
+            yield f"--subject-from: found {quoted(self.subject_from)}, allowed: {allowed}"
+
+    def _task_by_option(self) -> dict[str, Task]:
+        """The task that each option tells."""
+        tasks = {}
+        for answer, task in _ANSWERS.items():
+            if getattr(self, f"{answer}_code") is not None:
+                tasks[f"--{answer}-code"] = task
+        if self.correct is not None:
+            tasks["--correct"] = WHICH_STRONGER
+        return tasks
 
     @property
     def task(self) -> Task | None:
         """The task that the options tell, if they do."""
-        return next((task for task, _ in self._telling().values()), None)
+        return next(iter(self._task_by_option().values()), None)
 
     def codes(self, task: Task) -> tuple[str | None, str | None]:
         """The texts that were given for the two answers of a task."""
@@ -266,36 +260,27 @@ class ReadOptions:
         return self.intensity is not None or self.unit not in (None, *LOG_UNITS)
 
 
-def parse_columns(text: str) -> dict[str, str]:
-    """Column names as on the command line, ``subject=participant,s1=first``: ours to the file's.
+def parse_pairs(option: str, entries: Iterable[str], form: str) -> dict[str, str]:
+    """Texts by name, as on the command line, where each entry is NAME=TEXT.
 
-    An InputError has a line a problem.
+    Raises
+    ------
+    InputError
+        For the first entry of another form, or with a name that an earlier one has.
+
+    Examples
+    --------
+    >>> parse_pairs("--columns", ["subject=participant", "s1 = first"], "OURS=NAME")
+    {'subject': 'participant', 's1': 'first'}
     """
-    problems = _name_problems(text.split(","))
-    if problems:
-        raise InputError(problems)
-    return {
-        ours.strip(): theirs.strip()
-        for ours, _, theirs in (entry.partition("=") for entry in text.split(","))
-    }
-
-
-def parse_where(texts: Iterable[str]) -> dict[str, str]:
-    """Which rows are read, as on the command line, each COLUMN=TEXT.
-
-    An InputError has a line for each that is wrong or named again.
-    """
-    pairs = [(text, *(part.strip() for part in text.partition("=")[::2])) for text in texts]
-    names = [name for _, name, _ in pairs]
-    wrong = [text for text, name, value in pairs if not name or not value or names.count(name) > 1]
-    if wrong:
-        raise InputError(
-            [
-                f"--where: found {quoted(text)}, allowed: COLUMN=TEXT, each column once"
-                for text in wrong
-            ]
-        )
-    return {name: value for _, name, value in pairs}
+    pairs = dict[str, str]()
+    for entry in entries:
+        name, text = (part.strip() for part in entry.partition("=")[::2])
+        if not name or not text or name in pairs:
+            found = quoted(entry.strip())
+            raise InputError(f"{option}: found {found}, allowed: {form}, each name once")
+        pairs[name] = text
+    return pairs
 
 
 def changed(study: Study, swap: Iterable[str] = (), exclude: Iterable[str] = ()) -> Study:
@@ -352,22 +337,3 @@ def subject_in(path: Path, pattern: str) -> str | None:
         "".join(kinds.get(part, re.escape(part)) for part in re.split(r"(\{\}|\*)", pattern)), tail
     )
     return None if found is None else found[1]
-
-
-def _name_problems(entries: Iterable[str]) -> list[str]:
-    """Problems of entries OURS=NAME, a line each.
-
-    An entry may name no column of ours or of the file, or name one twice.
-    """
-    problems, taken = [], set[tuple[str, str]]()
-    for entry in entries:
-        ours, theirs = (part.strip() for part in entry.partition("=")[::2])
-        known, again = ours in COLUMNS and theirs, taken & {("ours", ours), ("theirs", theirs)}
-        if not known or again:
-            how = "each name once, as OURS=NAME" if known else "OURS=NAME"
-            problems.append(
-                f"--columns: found {quoted(entry.strip())}, allowed: {how} with OURS one of "
-                f"{', '.join(COLUMNS)}"
-            )
-        taken |= {("ours", ours), ("theirs", theirs)}
-    return problems

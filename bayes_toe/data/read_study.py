@@ -63,13 +63,16 @@ from bayes_toe.data.units import follows_from_pairs, with_conditions, with_units
 from bayes_toe.data.validation import (
     ambiguous_number,
     bare_names,
+    column_counts,
+    counts_of_shares,
+    empty,
+    has_shares,
     number,
     number_by_sign,
     numbers,
     read_numbers,
     require_numbers,
     require_texts,
-    whole_number,
 )
 from bayes_toe.errors import InputError, Remedy, require_kind
 
@@ -544,7 +547,7 @@ def _study(rows: _Rows, notes: list[str], k: IntArray, n: IntArray, task: Task) 
             subjects.append(Subject.from_counts(name, *counts, task=task))
     if not is_trials:
         notes += _merged_note(parts, subjects)
-        doubts += _percentage_doubts(rows.columns[task.count], n)
+        doubts += _percentage_doubts(n)
     if "isi" in rows.columns:
         isi = tuple(np.unique(rows.keys[2][owned]).tolist())
         column = bare(rows.columns["isi"].name)
@@ -587,13 +590,13 @@ def _merged_note(parts: Mapping[str, IndexArray], subjects: Sequence[Subject]) -
     return [f"{counted(sum(merged.values()), 'repeated row')} merged: {listed(each)}"]
 
 
-def _percentage_doubts(count: Column, n: IntArray) -> list[str]:
+def _percentage_doubts(n: IntArray) -> list[str]:
     """What is said where each pair has 100 trials, as in a table of percentages."""
     if len(n) < _FEWEST_PERCENTAGES or not (n == 100).all():
         return []
     return [
-        f"each row has 100 trials. If column {bare(count.name)} has percentages, write numbers "
-        "of responses and of trials"
+        "each row has 100 trials, as in a table of percentages. If there were fewer, write their "
+        "number"
     ]
 
 
@@ -656,37 +659,24 @@ def _count_study(rows: _Rows) -> Study:
     table, subject, trials = rows.table, rows.subject, rows.columns["n_trials"]
     task = task_counted(rows.columns)
     assert task is not None  # the header was checked
-    given = rows.columns[task.count]
-    if is_percentage(given.name):
-        raise InputError(
-            f"{table.source}: column {bare(given.name)}: found shares or percentages by its name, "
-            "allowed: how many of the trials were answered so"
-        )
-    k, n = (
-        column.map(lambda text: whole_number(text, table.decimal_comma), np.int64)
-        for column in (given, trials)
-    )
+    column = rows.columns[task.count]
+    n = column_counts(table, trials)
+    share_notes = []
+    if is_percentage(column.name) or has_shares(table, column):
+        share_notes.append(f"column {bare(column.name)} read as shares of {bare(trials.name)}")
+        k = counts_of_shares(table, column, n)
+    else:
+        k = column_counts(table, column)
     rows.require_pairs(np.ones(len(n), np.bool_))
-    for column, count in ((given, k), (trials, n)):
-        table.fault(
-            column, count < 0, "a whole number from 0 to 2**53, without thousands separators"
-        )
-    table.fault(given, (n >= 0) & (k > n), lambda index: f"0 to {bare(trials.name)} = {n[index]}")
+    table.fault(column, (n >= 0) & (k > n), lambda index: f"0 to {bare(trials.name)} = {n[index]}")
     first = np.unique(subject.codes, return_index=True)[1]
-    empty = np.bincount(subject.codes, n != 0, len(subject.texts)) == 0
-    for code in (code for code in np.flatnonzero(empty).tolist() if subject.texts[code]):
-        found = f"found 0 in all rows of subject {quoted(subject.texts[code])}, allowed: at least 1 trial"
-        table.problems.add(
-            [
-                (
-                    row := int(table.rows[first[code]]),
-                    f"row {row}, column {bare(trials.name)}: {found}",
-                )
-            ]
-        )
+    is_without_trials = np.bincount(subject.codes, n != 0) == 0
+    is_first_row = np.isin(np.arange(len(n)), first[is_without_trials]) & ~empty(subject)
+    table.fault(trials, is_first_row, "at least 1 trial in some row of the subject")
     table.problems.refuse()
     require_task(table, task, rows.columns.get("task"))
     notes = rows.layout("grouped", f"{k.sum()} of {n.sum()} trials answered '{task.yes}'")
+    notes += share_notes
     if (n == 0).any():
         notes.append(f"{counted(int(np.count_nonzero(n == 0)), 'row')} with n_trials = 0 left out")
     return _study(rows, notes, k, n, task)

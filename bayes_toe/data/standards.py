@@ -73,18 +73,14 @@ class StandardOrder:
                 f"{table.source}: column {bare(column.name)}: found {codes}, allowed: "
                 f"{quoted(comparison_code)} for 'comparison' and one other code for 'standard'"
             )
-        is_comparison = column.map(lambda text: text.lower() in _COMPARISON_WORDS, np.bool_)
-        is_standard = column.map(lambda text: text.lower() in _STANDARD_WORDS, np.bool_)
-        if comparison_code is not None:
-            is_comparison = column.map(lambda text: text == comparison_code, np.bool_)
-            is_missing = column.map(is_no_response, np.bool_)
-            is_standard = ~is_comparison & ~is_missing
-        if not (is_comparison.any() or is_standard.any()):
-            return column
-        is_second = np.where(self.is_first, is_comparison, is_standard)
-        is_first = np.where(self.is_first, is_standard, is_comparison)
+        is_comparison = {}
+        for text in texts:
+            if comparison_code is not None:
+                is_comparison[text] = text == comparison_code
+            elif text.lower() in (*_COMPARISON_WORDS, *_STANDARD_WORDS):
+                is_comparison[text] = text.lower() in _COMPARISON_WORDS
+        is_word = column.map(is_comparison.__contains__, np.bool_)
+        is_second = column.map(is_comparison.get, np.bool_) == self.is_first
         n_texts = len(column.texts)
-        by_row = column.codes.copy()
-        by_row[is_second] = n_texts
-        by_row[is_first] = n_texts + 1
+        by_row = np.where(is_word, np.where(is_second, n_texts, n_texts + 1), column.codes)
         return Column.of(column.name, [*column.texts, "second", "first"], by_row)

@@ -213,11 +213,8 @@ class TextTable:
         if lines or not self.delimiter:
             self.problems.refuse()
         if not len(self.rows) and self.problems.count == 0:
-            found = "a header only" if self.delimiter else "no row below it"
-            raise InputError(
-                f"{self.source}: {self.head}: found {found}, allowed: at least one "
-                f"row{' below it' if self.delimiter else ''}"
-            )
+            found = "found no row below it, allowed: at least one row"
+            raise InputError(f"{self.source}: {self.head}: {found}")
 
     def fault(self, column: Column, bad: BoolArray, allowed: str | Callable[[int], str]) -> None:
         """Note the cells of a column that are bad.

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bayes_toe.arrays import BoolArray, FloatArray
+from bayes_toe.arrays import BoolArray, FloatArray, IntArray
 from bayes_toe.data.messages import bare, listed, quoted
 from bayes_toe.data.read_table import read_table
 from bayes_toe.data.text_table import Column, TextTable
@@ -36,6 +36,8 @@ _COUNT = re.compile(r"\+?0*(\d{1,16})(?:\.(?!000$)0*)?", re.ASCII)
 # Spaces, apostrophes and narrow spaces between groups of three digits.
 _SPACES = "['\u2019 \u00a0\u2009\u202f]"
 _GROUPED_BY_SPACE = re.compile(rf"[+-]?\d{{1,3}}(?:{_SPACES}\d{{3}})+(?![\d' ])")
+_MOST_DECIMALS = 16
+_ROUNDING = 1e-6  # of a number of trials in double precision
 _RUN = ("=", "+", "-", "@", "\t", "\r")
 
 
@@ -127,6 +129,42 @@ def bare_names(table: TextTable, column: Column) -> Column:
 def numbers(table: TextTable, column: Column) -> FloatArray:
     """The finite number of every row, NaN where the cell holds none."""
     return column.map(lambda text: number(text, table.decimal_comma), np.float64)
+
+
+def column_counts(table: TextTable, column: Column) -> IntArray:
+    """The whole number of every row, -1 where the cell holds none, which is noted."""
+    counts = column.map(lambda text: whole_number(text, table.decimal_comma), np.int64)
+    table.fault(column, counts < 0, "a whole number from 0 to 2**53, without thousands separators")
+    return counts
+
+
+def has_shares(table: TextTable, column: Column) -> bool:
+    """Whether a column has numbers from 0 to 1 only, and some between them."""
+    shares = numbers(table, column)
+    return bool(((shares >= 0.0) & (shares <= 1.0)).all() and (shares % 1.0 > 0.0).any())
+
+
+def counts_of_shares(table: TextTable, column: Column, n: IntArray) -> IntArray:
+    """How many of n trials the shares in a column stand for; what is none is noted.
+
+    The shares are percentages where one of them is larger than 1. All are rounded to the decimals
+    of the most precise one.
+    """
+    shares = column.map(lambda text: number(text.rstrip(" %"), table.decimal_comma), np.float64)
+    whole = 100.0 if (shares > 1.0).any() else 1.0
+    n_decimals = 0
+    while n_decimals < _MOST_DECIMALS and (shares.round(n_decimals) != shares).any():
+        n_decimals += 1
+    largest_error = 0.5 * 10.0**-n_decimals / whole * n
+    exact_counts = shares / whole * n
+    counts = np.rint(exact_counts)
+    # Beyond one half, another count has the same share.
+    is_precise = largest_error <= 0.5
+    is_near = abs(exact_counts - counts) <= largest_error + _ROUNDING
+    is_count = (n == 0) | (is_precise & is_near & (counts >= 0) & (counts <= n))
+    allowed = "a share that makes a whole number of"
+    table.fault(column, ~is_count, lambda index: f"{allowed} {n[index]} trials")
+    return np.where(is_count & (n > 0), counts, 0.0).astype(np.int64)
 
 
 def empty(column: Column) -> BoolArray:

@@ -50,6 +50,7 @@ COUNTS = (
     .reset_index()
     .set_axis(["subject", "s1", "s2", "n_second", "n_trials"], axis=1)
 )
+SHARES = COUNTS.assign(n_second=(COUNTS.n_second / COUNTS.n_trials).round(3))
 STANDARD = TRIALS.assign(
     standard=np.log(0.905).round(4),
     interval=np.where(TRIALS.w1 == 905, 1, 2),
@@ -197,6 +198,13 @@ READ = {
     "struct.mat": (matlab({"data": LISTS}), {}),
     "counts.csv": (csv(COUNTS), {}),
     "other_counts.csv": (csv(named(COUNTS, n_second="second", n_trials="total")), {}),
+    "proportions.csv": (csv(SHARES), {}),
+    "p_and_n.csv": (csv(named(SHARES, n_second="p_second", n_trials="n")), {}),
+    "percent_and_n.csv": (
+        csv(named(SHARES.assign(n_second=SHARES.n_second.map("{:.1%}".format)),
+                  n_second="% second", n_trials="N")),
+        {},
+    ),
     "grams.csv": (csv(IN_GRAMS), WEIGHTS),
     "grams_by_unit.csv": (csv(named(IN_GRAMS, w1="i1", w2="i2")), {"unit": "g"}),
     "decibel.csv": (csv(DECIBEL), {"unit": "dB", "columns": {"s1": "s1_dB", "s2": "s2_dB"}}),
@@ -306,10 +314,20 @@ REFUSED = {
         ["column s1_dB seems to be in dB"],
         {"intensity": 1, "columns": {"i1": "s1_dB", "i2": "s2_dB"}},
     ),
-    "percent.csv": (csv(named(COUNTS, n_second="percent second")), ["--columns", "n_second=NAME"]),
-    "proportions.csv": (
-        csv(COUNTS.assign(n_second=COUNTS.n_second / COUNTS.n_trials)),
-        ["a whole number from 0"],
+    "percent.csv": (
+        csv(named(COUNTS, n_second="percent second").drop(columns="n_trials")),
+        ["there is no column n_trials", "--columns n_trials=NAME"],
+    ),
+    "proportion_of_others.csv": (
+        csv(named(SHARES.assign(n_trials=7), n_second="p_second")),
+        ["column p_second: found '0.", "a share that makes a whole number of 7 trials"],
+    ),
+    "few_decimals.csv": (
+        csv(SHARES.assign(n_second=0.5, n_trials=40)),
+        ["row 2, column n_second: found '0.5', allowed: a share that makes a whole number of 40"],
+    ),
+    "mean_counts.csv": (
+        csv(COUNTS.assign(n_second=COUNTS.n_second + 0.5)), ["a whole number from 0 to"],
     ),
     "right_or_wrong.csv": (csv(TRIALS[["subject", "s1", "s2", "correct"]]), ["--correct correct"]),
     "missing_stimulus.csv": (
