@@ -19,7 +19,7 @@ from bayes_toe.inference.diagnostics import (
     smoothed_weights,
 )
 
-ONE = int(importlib.metadata.version("arviz").split(".")[0]) >= 1
+IS_ARVIZ_1 = int(importlib.metadata.version("arviz").split(".")[0]) >= 1
 RNG = np.random.default_rng(6)
 
 
@@ -61,7 +61,7 @@ def test_every_number_is_that_of_the_arviz_that_users_have(case):
     np.testing.assert_allclose(
         [*convergence(draws), *errors(draws)],
         expected,
-        rtol=0.02 if "odd" in case and not ONE else 1e-9,
+        rtol=0.02 if "odd" in case and not IS_ARVIZ_1 else 1e-9,
     )
 
 

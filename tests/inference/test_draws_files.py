@@ -39,9 +39,9 @@ def content(folder):
     }
 
 
-def flip(file, at=None):
+def flip(file, index=None):
     data = bytearray(file.read_bytes())
-    data[len(data) // 2 if at is None else at] ^= 4
+    data[len(data) // 2 if index is None else index] ^= 4
     file.write_bytes(data)
 
 
@@ -49,25 +49,25 @@ def flip(file, at=None):
 
 
 def test_natural_parameters_are_stored_and_all_else_follows(saved, analysis):
-    there, here = bt.load(saved), analysis.draws
-    assert set(there.tree.children) == {
+    loaded, draws = bt.load(saved), analysis.draws
+    assert set(loaded.tree.children) == {
         "posterior",
         "sample_stats",
         "observed_data",
         "constant_data",
     }
-    assert set(there.group("posterior").data_vars) == {"mu1", "sigma_p", "sigma_l", "q0"}
-    xr.testing.assert_identical(there.tree.load(), here.tree)
-    assert (there.parameters, there.attrs, there.names) == (
-        here.parameters,
-        here.attrs,
+    assert set(loaded.group("posterior").data_vars) == {"mu1", "sigma_p", "sigma_l", "q0"}
+    xr.testing.assert_identical(loaded.tree.load(), draws.tree)
+    assert (loaded.parameters, loaded.attrs, loaded.names) == (
+        draws.parameters,
+        draws.attrs,
         ("A", "B", "C"),
     )
     half_a_megabyte_each = 3 * 1.06e6
     assert saved.stat().st_size < half_a_megabyte_each
-    for key in here.posterior("B").names.all:
-        assert np.array_equal(there.values("B", key), here.values("B", key))
-    there.save(saved, overwrite=True)  # a file is not locked by having been read
+    for key in draws.posterior("B").names.all:
+        assert np.array_equal(loaded.values("B", key), draws.values("B", key))
+    loaded.save(saved, overwrite=True)  # a file is not locked by having been read
 
 
 def test_draws_of_much_data_are_read_when_they_are_asked_for(
@@ -79,7 +79,9 @@ def test_draws_of_much_data_are_read_when_they_are_asked_for(
         draws["B"].group("posterior"), analysis.draws["B"].group("posterior")
     )
     assert np.array_equal(draws.points("C"), analysis.draws.points("C"))
-    assert not any(one.variable._in_memory for one in draws.group("posterior").data_vars.values())
+    assert not any(
+        variable.variable._in_memory for variable in draws.group("posterior").data_vars.values()
+    )
     again = bt.load(draws.save(tmp_path / "again.nc"))
     xr.testing.assert_identical(again.tree.load(), analysis.draws.tree)
 
@@ -95,8 +97,8 @@ def _attribute(**values):
     return lambda file: file.attrs.update(values)
 
 
-def _put(name, at, value):
-    return lambda file: file[name].__setitem__(at, value)
+def _set(name, index, value):
+    return lambda file: file[name].__setitem__(index, value)
 
 
 def _link(name, link):
@@ -108,7 +110,7 @@ def _inside_itself(file):
 
 
 @pytest.mark.parametrize(
-    ("damage", "said"),
+    ("damage", "message"),
     [
         (_delete("constant_data"), "no group constant_data"),
         (_delete("sample_stats/lp"), "no variable sample_stats/lp over"),
@@ -119,16 +121,16 @@ def _inside_itself(file):
             _attribute(model="psychic"),
             "draws of model 'psychic': no such model; allowed: none, constant-error",
         ),
-        (_put("observed_data/subject", 0, "Z"), "not of the same subjects"),
-        (_put("observed_data/n_equal", 0, -1), "n_yes"),
-        (_put("constant_data/s1", 0, 7.0), "of other pairs"),
-        (_put("posterior/mu1", (0, 0, 0), np.inf), "draws of 'mu1' are no numbers"),
-        (_put("posterior/mu1", ..., 1e308), "draws of 'mu1' are beyond -1e\\+100 to 1e\\+100"),
-        (_put("posterior/sigma_p", ..., -1.0), "draws of 'sigma_p' are beyond 0 to"),
-        (_put("posterior/q0", ..., 2.0), "draws of 'q0' are beyond 0 to 1"),
-        (_put("sample_stats/lp", ..., np.nan), "draws of 'lp' are no numbers"),
-        (_put("sample_stats/converged", ..., 77), "converged is neither 0 nor 1"),
-        (_put("sample_stats/min_ess", ..., -3.0), "min_ess is below 0"),
+        (_set("observed_data/subject", 0, "Z"), "not of the same subjects"),
+        (_set("observed_data/n_equal", 0, -1), "n_yes"),
+        (_set("constant_data/s1", 0, 7.0), "of other pairs"),
+        (_set("posterior/mu1", (0, 0, 0), np.inf), "draws of 'mu1' are no numbers"),
+        (_set("posterior/mu1", ..., 1e308), "draws of 'mu1' are beyond -1e\\+100 to 1e\\+100"),
+        (_set("posterior/sigma_p", ..., -1.0), "draws of 'sigma_p' are beyond 0 to"),
+        (_set("posterior/q0", ..., 2.0), "draws of 'q0' are beyond 0 to 1"),
+        (_set("sample_stats/lp", ..., np.nan), "draws of 'lp' are no numbers"),
+        (_set("sample_stats/converged", ..., 77), "converged is neither 0 nor 1"),
+        (_set("sample_stats/min_ess", ..., -3.0), "min_ess is below 0"),
         (_attribute(seed=-1), "attribute seed is not a whole number"),
         (_attribute(failed="[1"), "attribute failed is not an object of JSON"),
         (_attribute(failed='["A"]'), "attribute failed is not an object of JSON"),
@@ -139,25 +141,25 @@ def _inside_itself(file):
         (_inside_itself, "'loop' in 'posterior' is a group"),
     ],
 )
-def test_a_file_of_what_draws_are_not_is_refused_in_one_line(path, damage, said):
+def test_a_file_of_what_draws_are_not_is_refused_in_one_line(path, damage, message):
     with h5py.File(path, "r+") as file:
         damage(file)
-    one_line(path, said)
+    one_line(path, message)
 
 
-def one_line(path, said):
-    with pytest.raises(InputError, match=said) as refused:
+def one_line(path, message):
+    with pytest.raises(InputError, match=message) as refused:
         bt.load(path).points("A")
     assert str(path) in str(refused.value)
     assert len(str(refused.value).splitlines()) == 1
 
 
 def test_changed_bytes_are_refused_in_one_line_or_harmless(path):
-    whole = path.read_bytes()
+    content_before = path.read_bytes()
     random_bytes = random.Random(1)
     for i in range(40):
-        changed = bytearray(whole)
-        end = len(whole) if i % 2 else 20_000
+        changed = bytearray(content_before)
+        end = len(content_before) if i % 2 else 20_000
         for _ in range(3):
             changed[random_bytes.randrange(end)] = random_bytes.randrange(256)
         path.write_bytes(changed)
@@ -167,8 +169,8 @@ def test_changed_bytes_are_refused_in_one_line_or_harmless(path):
 
 def test_a_damaged_file_is_refused_in_one_line(path):
     with h5py.File(path) as file:
-        at = file["posterior/q0"].id.get_chunk_info(0).byte_offset
-    flip(path, at + 100)
+        index = file["posterior/q0"].id.get_chunk_info(0).byte_offset
+    flip(path, index + 100)
     one_line(path, "damaged: its numbers do not fit their checksums")
     path.write_bytes(path.read_bytes()[:10_000])
     one_line(path, "not a NetCDF file that can be read")
@@ -199,8 +201,8 @@ def test_more_draws_than_a_file_is_written_from_are_refused_with_the_way_out(
 ):
     monkeypatch.setattr(draws_file, "LARGEST", 10**6)
     monkeypatch.setattr("bayes_toe.analysis._survivors", lambda *_: pytest.fail("the work began"))
-    said = "allowed in a NetCDF file: 0.001 GB; fewer --draws, or files of some subjects each"
-    assert said in refused("sample", study_csv, "-o", "posterior.nc", cwd=tmp_path)
+    message = "allowed in a NetCDF file: 0.001 GB; fewer --draws, or files of some subjects each"
+    assert message in refused("sample", study_csv, "-o", "posterior.nc", cwd=tmp_path)
 
 
 def test_commands_take_the_file(small_study, tmp_path, blank_pictures):

@@ -1,16 +1,12 @@
-"""Evidences of the four models: against integration over a grid, against seeds, on hard cases."""
-
-from dataclasses import replace
+"""Evidences of the four models on hard cases; their accuracy: reference/test_reference.py."""
 
 import numpy as np
 import pytest
-from scipy import stats
-from scipy.special import logsumexp
 
 from bayes_toe.answers.model_average import PRIOR_PROBABILITIES
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import WHICH_STRONGER
-from bayes_toe.inference.order_evidence import MODEL_NAMES, order_evidence
+from bayes_toe.inference.order_evidence import order_evidence
 from bayes_toe.model.observer import ObserverBatch
 
 STEPS = np.array([-0.5, -0.25, 0.25, 0.5])
@@ -18,97 +14,35 @@ S1 = np.concatenate([np.zeros(4), STEPS])
 S2 = np.concatenate([STEPS, np.zeros(4)])
 
 
-def compared(n_yes, n=20, name="S"):
+def make_subject(n_yes, n=20, name="S"):
     return Subject(name, S1, S2, n_yes, np.full(8, n), task=WHICH_STRONGER)
 
 
-@pytest.fixture(scope="module")
-def shifted():
-    """Somebody to whom the first stimulus seems stronger."""
-    return compared([1, 3, 11, 17, 15, 10, 2, 0])
+#: Somebody to whom the first stimulus seems stronger.
+SHIFTED = make_subject([1, 3, 11, 17, 15, 10, 2, 0])
 
 
 @pytest.fixture(scope="module")
-def known(shifted):
-    return order_evidence([shifted], seed=3)[0]
+def evidence():
+    return order_evidence([SHIFTED], seed=3)[0]
 
 
-def grid_evidence(subject, has_error):
-    """Log evidence by a sum over a grid, from the formulas of the observer as on paper."""
-    step = np.sqrt(np.mean(np.square(subject.s2 - subject.s1)))
-    sbar = subject.s1.mean()
-    spread = np.concatenate([subject.s1, subject.s2]).std()
-    t = np.linspace(-5.0, 5.0, 41)
-    width = t[1] - t[0]
-    axes = [t, t, t, t] if has_error else [t, t, t, np.zeros(1)]
-    log_sums = []
-    middle = 0.5 * (subject.s1 + subject.s2) - sbar
-    log_normal = stats.norm.logpdf(t)
-    # Student's t has long tails: its axis is sinh(t), with the derivative as a weight.
-    tails = np.sinh(t)
-    log_student = stats.t.logpdf(tails, 3) + np.log(np.cosh(t))
-    for i, noise in enumerate(axes[0]):
-        sigma = step * np.exp(0.7 * noise)
-        for j, score in enumerate(axes[1]):
-            lapse = stats.beta.ppf(stats.norm.cdf(score), 1, 9)
-            slope = 0.15 / spread * tails[:, None, None]
-            error = 0.5 * step * (tails if has_error else np.zeros(1))[None, :, None]
-            z = (subject.s2 - subject.s1 - error) / (sigma * np.exp(slope * middle))
-            p = 0.5 * lapse + (1.0 - lapse) * stats.norm.cdf(z)
-            terms = stats.binom.logpmf(subject.n_yes, subject.n_trials, p).sum(axis=-1)
-            terms = terms + log_student[:, None]
-            if has_error:
-                terms = terms + log_student[None, :]
-            log_sums.append(logsumexp(terms) + log_normal[i] + log_normal[j])
-    dimensions = 4 if has_error else 3
-    log_choices = stats.binom.logpmf(subject.n_yes, subject.n_trials, 0.5)
-    log_choices = (log_choices + subject.n_trials * np.log(2.0)).sum()
-    return logsumexp(log_sums) + dimensions * np.log(width) - log_choices
+def test_laplace_is_near(evidence):
+    assert np.abs(evidence.laplace - evidence.log_evidence).max() < 0.5
 
 
-@pytest.mark.parametrize("model", ["none", "constant error"])
-def test_evidence_is_that_of_a_grid(shifted, known, model):
-    i = MODEL_NAMES.index(model)
-    exact = grid_evidence(shifted, model == "constant error")
-    assert abs(known.log_evidence[i] - exact) < 4.0 * known.standard_error[i]
-    assert abs(known.laplace[i] - exact) < 0.5
-
-
-def test_mean_evidence_over_seeds_is_unbiased(shifted):
-    exact = grid_evidence(shifted, False)
-    weights = [
-        np.exp(order_evidence([shifted], seed)[0].log_evidence[0] - exact) for seed in range(30)
-    ]
-    assert abs(np.mean(weights) - 1.0) < 4.0 * np.std(weights) / np.sqrt(30)
-
-
-def test_a_seed_gives_the_same_bits_and_companions_change_nothing(shifted, known):
-    again = order_evidence([shifted], seed=3)[0]
-    assert np.array_equal(again.log_evidence, known.log_evidence)
-    other = compared([0, 1, 19, 20, 20, 18, 1, 0], name="T")
-    together = order_evidence([other, shifted], seed=3)[1]
-    assert np.abs(together.log_evidence - known.log_evidence).max() < 0.1
-
-
-@pytest.mark.parametrize("factor", [2.0**-40, 1e-12, 1e8, 1e100])
-def test_the_unit_of_intensity_does_not_matter(shifted, known, factor):
-    scaled = replace(shifted, s1=factor * shifted.s1, s2=factor * shifted.s2)
-    values = order_evidence([scaled], seed=3)[0].log_evidence
-    assert np.abs(values - known.log_evidence).max() < 1e-3
-
-
-def test_small_steps_about_a_large_intensity(shifted, known):
-    far = replace(shifted, s1=20.72 + 3e-5 * shifted.s1, s2=20.72 + 3e-5 * shifted.s2)
-    values = order_evidence([far], seed=3)[0].log_evidence
-    assert np.abs(values - known.log_evidence).max() < 0.1
+def test_a_seed_gives_the_same_bits_and_companions_change_nothing(evidence):
+    repeated = order_evidence([SHIFTED], seed=3)[0]
+    assert np.array_equal(repeated.log_evidence, evidence.log_evidence)
+    other = make_subject([0, 1, 19, 20, 20, 18, 1, 0], name="T")
+    together = order_evidence([other, SHIFTED], seed=3)[1]
+    assert np.abs(together.log_evidence - evidence.log_evidence).max() < 0.1
 
 
 def test_one_trial_says_next_to_nothing():
-    one = Subject("S", [0.0], [0.3], [1], [1], task=WHICH_STRONGER)
-    p = order_evidence([one], seed=1)[0].probabilities(PRIOR_PROBABILITIES)
-    assert abs(p[0] - 1 / 2) < 0.02
-    assert abs(p[1] + p[3] - 1 / 3) < 0.02
-    assert abs(p[2] + p[3] - 1 / 3) < 0.02
+    subject = Subject("S", [0.0], [0.3], [1], [1], task=WHICH_STRONGER)
+    p = order_evidence([subject], seed=1)[0].probabilities(PRIOR_PROBABILITIES)
+    assert [p[0], p[1] + p[3], p[2] + p[3]] == pytest.approx([1 / 2, 1 / 3, 1 / 3], abs=0.02)
 
 
 @pytest.mark.parametrize(
@@ -122,28 +56,18 @@ def test_one_trial_says_next_to_nothing():
     ],
 )
 def test_hard_counts_have_finite_evidences(n_yes, n):
-    evidence = order_evidence([compared(n_yes, n)], seed=1)[0]
+    evidence = order_evidence([make_subject(n_yes, n)], seed=1)[0]
     assert np.isfinite(evidence.log_evidence).all()
     assert np.isfinite(evidence.standard_error).all()
 
 
-def test_reversed_intensities_turn_the_constant_error(shifted, known):
-    reversed_subject = compared(20 - shifted.n_yes)
-    reversed_subject = replace(
-        reversed_subject, s1=-shifted.s1, s2=-shifted.s2, n_yes=20 - shifted.n_yes
-    )
-    values = order_evidence([reversed_subject], seed=4)[0].log_evidence
-    assert np.abs(values - known.log_evidence).max() < 0.2
-
-
-def test_a_criterion_near_zero_is_no_numerical_failure(shifted):
+def test_a_criterion_near_zero_is_no_numerical_failure():
     """Long runs draw logits of q0 far below 0 from the prior, where a plain difference rounds."""
     counts = Subject("S", S1, S2, [3, 9, 9, 3, 3, 9, 9, 3], np.full(8, 10))
     batch = ObserverBatch.from_subjects([counts])
     rng = np.random.default_rng(1)
-    u = np.zeros((1, 20_000, 7))
+    u = rng.normal(size=(1, 20_000, 7))
     u[..., 1] = rng.uniform(-60.0, -25.0, 20_000)
-    u[..., [0, 2, 3, 4, 5, 6]] = rng.normal(size=(20_000, 6))
     plain = batch.plain_log_likelihood(u)
     assert not np.isnan(plain).any()
     assert np.allclose(plain, batch.log_likelihood(u), rtol=1e-9)
@@ -151,14 +75,14 @@ def test_a_criterion_near_zero_is_no_numerical_failure(shifted):
     assert np.allclose(batch.plain_gradient(u)[1], slope, rtol=1e-5, atol=1e-6)
 
 
-def test_draws_by_which_a_mixture_is_changed_do_not_count(shifted, known, monkeypatch):
+def test_draws_by_which_a_mixture_is_changed_do_not_count(evidence, monkeypatch):
     module = "bayes_toe.inference.order_evidence"
     monkeypatch.setattr(f"{module}._JUDGED_FROM", 500)
     monkeypatch.setattr(f"{module}._HEAVY", 0.0)  # eight times a new mixture
-    changed = order_evidence([shifted], seed=3)[0]
-    error = np.hypot(known.standard_error, changed.standard_error)
-    assert np.all(np.abs(changed.log_evidence - known.log_evidence) < 4.0 * error)
-    assert np.all(changed.log_evidence != known.log_evidence)
+    changed = order_evidence([SHIFTED], seed=3)[0]
+    difference = np.abs(changed.log_evidence - evidence.log_evidence)
+    error = np.hypot(evidence.standard_error, changed.standard_error)
+    assert ((difference > 0.0) & (difference < 4.0 * error)).all()
     n_draws = np.array([len(draws.points) for draws in changed.draws])
     assert np.all(n_draws <= 1500)
     assert np.all(changed.effective_draws > 0.6 * n_draws)

@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -9,7 +10,6 @@ from reference.hard_cases import hard_cases, twins
 from scipy.special import logsumexp
 
 import bayes_toe as bt
-from bayes_toe import analysis as analysis_module
 from bayes_toe.errors import ConvergenceWarning, InputError
 from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.diagnostics import TAIL, convergence, errors
@@ -23,19 +23,26 @@ CASES = hard_cases()
 QUICK = SamplerSettings(draws=1000)
 
 
-def test_burn_in_is_as_long_as_the_proposal_needs():
-    fitted = fit_proposal(paper_posterior(CASES["funnel"]), generator(1, "x"))
-    steps = [
-        burn_in(replace(fitted, efficiency=efficiency)) for efficiency in (0.9, 0.75, 0.6, 0.3)
-    ]
-    assert steps == [3, 5, 8, 8]  # 0.1^3 and 0.25^5 are at most 1/1000, and never more than 8
-    assert burn_in(replace(fitted, efficiency=0.9, pareto_k=0.8)) == 8
-    chains = sample_chains(fitted, SamplerSettings(draws=500), 1)
-    assert chains.steps == burn_in(fitted) + chains.thin * SamplerSettings(draws=500).kept_steps
-    slow = replace(
-        fitted, efficiency=0.8
-    )  # successive steps are too much alike: every second one at once
-    assert (chains.thin, sample_chains(slow, SamplerSettings(draws=500), 1).thin) == (1, 2)
+@pytest.fixture(scope="module")
+def funnel():
+    return fit_proposal(paper_posterior(CASES["funnel"]), generator(1, "funnel"))
+
+
+@pytest.mark.parametrize(
+    ("efficiency", "pareto_k", "steps"),
+    # 0.1^3 and 0.25^5 are at most 1/1000, and never more than 8
+    [(0.9, 0.1, 3), (0.75, 0.1, 5), (0.6, 0.1, 8), (0.3, 0.1, 8), (0.9, 0.8, 8)],
+)
+def test_burn_in_is_as_long_as_the_proposal_needs(funnel, efficiency, pareto_k, steps):
+    assert burn_in(replace(funnel, efficiency=efficiency, pareto_k=pareto_k)) == steps
+
+
+def test_of_successive_steps_that_are_too_much_alike_every_second_counts(funnel):
+    settings = SamplerSettings(draws=500)
+    chains = sample_chains(funnel, settings, 1)
+    assert chains.steps == burn_in(funnel) + chains.thin * settings.kept_steps
+    slow = sample_chains(replace(funnel, efficiency=0.8), settings, 1)
+    assert (chains.thin, slow.thin) == (1, 2)
 
 
 @pytest.mark.parametrize("name", ["S01", "S14"])
@@ -57,22 +64,14 @@ def test_far_tails_do_not_come_in_lumps(name):
 
 
 def test_chains_meet_what_was_asked_and_are_walker_major(analysis):
-    tree = analysis.draws.tree
-    assert not analysis.draws.not_converged
-    sampler = analysis.settings.sampler
-    assert dict(tree["posterior"].sizes) == {
-        "chain": 4,
-        "draw": sampler.walkers * sampler.kept_steps,
-        "subject": 3,
-    }
-    for name in analysis.draws.names:
-        posterior = paper_posterior(analysis.draws.subject(name))
-        for parameter in ("mu1", "sigma_p", "sigma_l", "q0", "gamma", "gain", "width"):
-            found = convergence(analysis.draws.values(name, parameter))
-            assert min(found.ess_bulk, found.ess_tail) >= 2000
-            assert found.r_hat < 1.01
-        assert posterior.subject.total_trials == 650
-    walker = tree["posterior"]["walker"].values
+    draws, sampler = analysis.draws, analysis.settings.sampler
+    assert not draws.not_converged
+    n_draws = sampler.walkers * sampler.kept_steps
+    assert dict(draws.tree["posterior"].sizes) == {"chain": 4, "draw": n_draws, "subject": 3}
+    natural = draws.summary().query("parameter != ['pse_shift', 'jnd']")
+    assert natural[["ess_bulk", "ess_tail"]].to_numpy().min() >= 2000
+    assert natural["r_hat"].max() < 1.01
+    walker = draws.tree["posterior"]["walker"].values
     assert (np.diff(walker) >= 0).all()
     assert (np.bincount(walker) == sampler.kept_steps).all()
 
@@ -85,14 +84,11 @@ def replications():
     """
     posterior = paper_posterior(CASES["one order missing"])
     fitted = fit_proposal(posterior, generator(3, "claims"))
-    judged = (
-        importance_draws(fitted.proposal, generator(seed, "judged"), QUICK.proposals)
-        for seed in range(40)
-    )
-    return posterior, [
-        sample_chains(replace(fitted, draws=draws), QUICK, seed)
-        for seed, draws in enumerate(judged)
-    ]
+    runs = []
+    for seed in range(40):
+        draws = importance_draws(fitted.proposal, generator(seed, "judged"), QUICK.proposals)
+        runs.append(sample_chains(replace(fitted, draws=draws), QUICK, seed))
+    return posterior, runs
 
 
 def test_claimed_effective_sizes_hold_over_independent_runs(replications):
@@ -107,56 +103,45 @@ def test_claimed_effective_sizes_hold_over_independent_runs(replications):
 
 
 def test_a_limit_too_low_is_said_and_not_hidden(monkeypatch):
-    monkeypatch.setattr(
-        analysis_module,
-        "SamplerSettings",
-        lambda draws: SamplerSettings(draws=draws, max_r_hat=1.000001, max_thin=1),
-    )
+    strict = partial(SamplerSettings, max_r_hat=1.000001, max_thin=1)
+    monkeypatch.setattr("bayes_toe.analysis.SamplerSettings", strict)
     with pytest.warns(ConvergenceWarning, match="did not converge"):
         draws = bt.sample(bt.Study([CASES["guessing at 0.5"]]), seed=1, workers=1)
     assert "required" in draws.not_converged["guessing at 0.5"]
     assert not draws.imprecise
 
 
-def test_sampling_goes_on_until_quantiles_of_natural_quantities_are_certain():
-    posterior = paper_posterior(CASES["funnel"])
-    fitted = fit_proposal(posterior, generator(1, "funnel"))
-    natural = posterior.names.natural
+def test_sampling_goes_on_until_quantiles_of_natural_quantities_are_certain(funnel):
+    posterior = funnel.proposal.posterior
 
-    def worst(chains):
-        found = [
-            (errors(values), np.quantile(values, TAIL))
-            for key, values in posterior.quantities(chains.x).items()
-            if key in natural
-        ]
-        return max(max(one.q05, one.q95) / (high - low) for one, (low, high) in found)
+    def sampled(draws, max_quantile_error, **options):
+        """Chains, and the largest error of a 5 or 95 % quantile over the width between them."""
+        settings = SamplerSettings(draws=draws, max_quantile_error=max_quantile_error, **options)
+        chains = sample_chains(funnel, settings, 1)
+        values, worst = posterior.quantities(chains.x), 0.0
+        for name in posterior.names.natural:
+            error, (low, high) = errors(values[name]), np.quantile(values[name], TAIL)
+            worst = max(worst, error.q05 / (high - low), error.q95 / (high - low))
+        return chains, worst
 
-    once = sample_chains(
-        fitted, SamplerSettings(draws=5000, max_thin=1, max_quantile_error=np.inf), 1
-    )
-    alone = sample_chains(fitted, SamplerSettings(draws=1000, max_quantile_error=np.inf), 1)
+    once, worst_once = sampled(5000, np.inf, max_thin=1)
     assert once.converged
-    assert alone.log_posterior.size < 10_000 <= once.log_posterior.size
-    limit = 0.95 * worst(once)  # just missed by a single pass, within reach of independent draws
-    longer = sample_chains(fitted, SamplerSettings(draws=5000, max_quantile_error=limit), 1)
+    assert sampled(1000, np.inf)[0].log_posterior.size < 10_000 <= once.log_posterior.size
+    limit = 0.95 * worst_once  # just missed by a single pass, within reach of independent draws
+    longer, worst_longer = sampled(5000, limit)
     assert longer.converged
     assert longer.thin > 1
-    assert worst(longer) <= limit
-    # Beyond the reach of so many draws it says so at once, and how many would do; it has converged
-    # all the same.
-    short = sample_chains(fitted, SamplerSettings(draws=5000, max_quantile_error=limit / 2), 1)
+    assert worst_longer <= limit
+    # Beyond the reach of so many draws it says so at once, and how many would do.
+    short, _ = sampled(5000, limit / 2)
     assert (short.converged, short.reason, short.thin) == (True, "", 1)
-    wanted = int(
-        re.fullmatch(r"a 5 or 95 % quantile of .*: ([0-9,]+) draws would do", short.imprecise)[
-            1
-        ].replace(",", "")
-    )
-    enough = sample_chains(fitted, SamplerSettings(draws=wanted, max_quantile_error=limit / 2), 1)
-    assert (enough.imprecise, worst(enough) <= limit / 2) == ("", True)
-    cut = sample_chains(
-        fitted, SamplerSettings(draws=5000, max_quantile_error=limit, max_thin=1), 1
-    )
-    assert (cut.converged, cut.imprecise.endswith("draws would do")) == (True, True)
+    match = re.fullmatch(r"a 5 or 95 % quantile of .*: ([0-9,]+) draws would do", short.imprecise)
+    enough, worst_enough = sampled(int(match[1].replace(",", "")), limit / 2)
+    assert enough.imprecise == ""
+    assert worst_enough <= limit / 2
+    cut, _ = sampled(5000, limit, max_thin=1)
+    assert cut.converged
+    assert cut.imprecise.endswith("draws would do")
 
 
 def test_stated_errors_of_quantiles_are_the_spread_over_independent_runs(replications):
@@ -170,19 +155,16 @@ def test_stated_errors_of_quantiles_are_the_spread_over_independent_runs(replica
     # The log of a standard deviation of 40 has an error of 0.113: 4 of them each, and 4 of the mean
     # of nine, which hang together little.
     assert np.abs(ratios).max() < 0.45
-    assert (
-        abs(np.mean(ratios)) < 0.17
-    )  # draws in random order, that is, taken to be independent: -0.22
+    # Draws in random order, that is, taken to be independent: -0.22.
+    assert abs(np.mean(ratios)) < 0.17
 
 
 def test_same_numbers_for_any_order_and_any_number_of_workers(analysis, small_study):
-    """Evidences: in comparison/test_evidence_table."""
-    backward = bt.sample(
-        small_study.select(["C", "A"]), draws=2000, seed=5, prior="paper", workers=2
-    )
+    options = {"draws": 2000, "prior": "paper"}
+    backward = bt.sample(small_study.select(["C", "A"]), seed=5, workers=2, **options)
     for name in backward.names:
         assert np.array_equal(analysis.draws.points(name), backward.points(name))
-    changed = bt.sample(small_study.select(["B"]), draws=2000, seed=6, prior="paper", workers=1)
+    changed = bt.sample(small_study.select(["B"]), seed=6, workers=1, **options)
     assert not np.array_equal(changed.points("B"), analysis.draws.points("B"))
 
 
@@ -193,18 +175,18 @@ def test_subjects_whose_names_differ_in_case_are_two():
 
 
 @pytest.mark.parametrize(
-    ("wrong", "named"),
+    ("name", "value"),
     [
-        ({"draws": 0}, "draws"),
-        ({"ensembles": 3}, "ensembles"),
-        ({"walkers": 9}, "walkers"),
-        ({"max_r_hat": 1.0}, "max_r_hat"),
-        ({"max_quantile_error": 0.0}, "max_quantile_error"),
+        ("draws", 0),
+        ("ensembles", 3),
+        ("walkers", 9),
+        ("max_r_hat", 1.0),
+        ("max_quantile_error", 0.0),
     ],
 )
-def test_settings_out_of_range_are_refused(wrong, named):
-    with pytest.raises(InputError, match=named):
-        SamplerSettings(**wrong)
+def test_settings_out_of_range_are_refused(name, value):
+    with pytest.raises(InputError, match=name):
+        SamplerSettings(**{name: value})
 
 
 def test_walkers_that_never_move_do_not_pass_for_a_converged_sample():
