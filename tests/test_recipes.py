@@ -103,6 +103,12 @@ def proportions(folder):
     write(folder / "shares.csv", ["subject,s1,s2,p_second,n", *rows])
 
 
+def folder_of_tables(folder):
+    for name in ("A", "B"):
+        write(folder / "data" / f"{name}.csv", ["subject,s1,s2,response", f"{name},0,0.3,second"])
+        write(folder / "data" / f"{name}.log", ["12.3 EXP"])
+
+
 def bids(folder):
     for who in ("01", "02"):
         rows = [
@@ -156,6 +162,7 @@ SECTIONS = {
     "Proportions": (proportions, ["1 subject, 20 trials", "Column p_second read as shares of n."]),
     "Wide tables": (wide_tables, {"names": ("01", "02"), "total": 400}),
     "Excel": (lambda folder: None, []),
+    "A folder": (folder_of_tables, ["folder data: 2 .csv files read", "2 subjects, 2 trials"]),
     "Several files a subject": (
         several_files,
         ["2 subjects, 9 trials", "1 subject in several files, put together: A 2"],

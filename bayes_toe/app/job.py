@@ -24,14 +24,13 @@ from pathlib import Path
 from typing import IO, Any
 
 from bayes_toe.data.messages import quoted
-from bayes_toe.data.read_table import SUFFIXES
+from bayes_toe.data.read_table import TABLE_SUFFIXES
 from bayes_toe.data.whole_files import write_whole
 from bayes_toe.errors import InputError
 from bayes_toe.result_store import count_stored, discard
 from bayes_toe.version import __version__
 
 #: Files that a study may have. Files of the page have other names.
-STUDY_SUFFIXES = (".csv", ".tsv", ".txt", ".dat", *SUFFIXES)
 RESULTS = "results"
 RECORD, _COMMAND, _LOG, _LOCK = "study", "command", "run.log", "lock"
 #: Another version may read a file in another way.
@@ -213,9 +212,9 @@ def file_name(path: str) -> str:
     """
     last = path.replace("\\", "/").rpartition("/")[2]
     stem, suffix = os.path.splitext(re.sub(r"[^\w .+()@-]", "_", last).lstrip(" .-"))
-    if suffix.lower() not in STUDY_SUFFIXES:
+    if suffix.lower() not in TABLE_SUFFIXES:
         raise InputError(
-            f"{quoted(last)}: the page reads files whose names end in {', '.join(STUDY_SUFFIXES)}"
+            f"{quoted(last)}: the page reads files whose names end in {', '.join(TABLE_SUFFIXES)}"
         )
     return f"{stem[:_LONGEST_NAME]}{suffix}"
 

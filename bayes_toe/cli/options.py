@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, partial
 from glob import glob
@@ -220,12 +221,13 @@ class StudyFile:
         return replace(source, swap=swap, exclude=(*source.exclude, *(self.exclude or ())))
 
     def data_files(self) -> tuple[Path, ...]:
-        """The files that a study file names; none where there is no study file alone."""
-        from bayes_toe.data.study_file import SUFFIX, read_study_file
+        """The files that a study file names or a folder has, and all others."""
+        from bayes_toe.data.study_file import SUFFIX, read_study_file, table_files
 
-        if self.files and self.files[0].suffix.lower() == SUFFIX:
-            return read_study_file(self.files[0]).files
-        return ()
+        files: Sequence[Path] = self.files or ()
+        if files and files[0].suffix.lower() == SUFFIX:
+            files = read_study_file(files[0]).files
+        return tuple(table_files(files)[0])
 
     def _paths(self) -> list[Path]:
         """The files; some shells leave a name with * to the program."""

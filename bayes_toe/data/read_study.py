@@ -43,7 +43,7 @@ from bayes_toe.data.responses import (
 from bayes_toe.data.several_files import read_together
 from bayes_toe.data.standards import ALLOWED_INTERVALS, StandardOrder
 from bayes_toe.data.study import Study, Subject, by_person
-from bayes_toe.data.study_file import study_source
+from bayes_toe.data.study_file import study_source, table_files
 from bayes_toe.data.tasks import (
     SAME_DIFFERENT,
     WHICH_STRONGER,
@@ -122,8 +122,8 @@ def read_study(
         numbers; its rows count from 1. Or MATLAB trials by their suffix, .mat, see
         :mod:`bayes_toe.data.text_table`. Rows of a frame count from 0. Several files or frames in a
         list make one study: the answers of a subject who is in more than one of them are put
-        together, file by file a block. Or a study file by its suffix, .toml, which names files and
-        options; `bayes-toe check` writes one.
+        together, file by file a block. A folder stands for the tables in it. Or a study file by its
+        suffix, .toml, which names files and options; `bayes-toe check` writes one.
     options : ReadOptions, optional
         For raw amplitudes, other answer codes or other column names.
 
@@ -161,7 +161,9 @@ def read_study(
     if source is not None:
         study = read_study(source.files, source.options)
         return changed(study, source.swap, source.exclude)
-    study = with_conditions(read_together(paths, partial(_read, options=options)), options)
+    paths, folder_notes = table_files(paths)
+    study = read_together(paths, partial(_read, options=options))
+    study = with_conditions(replace(study, notes=(*folder_notes, *study.notes)), options)
     asked = options.condition is not None or options.reference is not None or options.categorical
     if study.conditions is not None and not asked and follows_from_pairs(by_person(study).values()):
         name = bare(study.conditions.name)

@@ -50,8 +50,13 @@ _NOT_COMPUTED = NoValue(
 _LARGEST_TOML = 2**16  # bytes; a complete prior file has some 2,000
 _EXCEL_SUFFIXES = (".xlsx", ".xlsm")
 _JSON_SUFFIXES = (".json", ".jsonl", ".ndjson")
-#: Suffixes that tell the form of a file; a file with another suffix is a text.
-SUFFIXES = (*_EXCEL_SUFFIXES, *_JSON_SUFFIXES, ".mat", ".parquet")
+#: Suffixes of tables. A file that is named and has another suffix is read as a text.
+TABLE_SUFFIXES = (
+    *(".csv", ".tsv", ".txt", ".dat"),
+    *_EXCEL_SUFFIXES,
+    *_JSON_SUFFIXES,
+    *(".mat", ".parquet"),
+)
 #: What to do with files that are not read, by their suffix.
 _NOT_READ = {
     **dict.fromkeys((".gz", ".zip", ".7z", ".xz"), ("an archive", "the file in it")),

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import json
 import os
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from bayes_toe.data.messages import listed, quoted
+from bayes_toe.data.messages import bare, counted, join_words, listed, quoted
 from bayes_toe.data.options import ReadOptions
-from bayes_toe.data.read_table import toml_table
+from bayes_toe.data.read_table import TABLE_SUFFIXES, toml_table
 from bayes_toe.errors import InputError
 
 SUFFIX = ".toml"
@@ -56,7 +57,8 @@ class StudySource:
         second_code = "j"
         <BLANKLINE>
         """
-        names = [os.path.relpath(file, folder).replace(os.sep, "/") for file in self.files]
+        files, _ = table_files(self.files)
+        names = [os.path.relpath(file, folder).replace(os.sep, "/") for file in files]
         values: dict[str, Any] = {"files": names, "swap": self.swap, "exclude": self.exclude}
         for key, default in _DEFAULTS.items():
             value = getattr(self.options, key)
@@ -70,6 +72,39 @@ class StudySource:
             elif value:
                 lines.append(f"{key} = {_toml(value)}")
         return "\n".join([*lines, *sections, ""])
+
+
+def table_files(paths: Sequence[Any]) -> tuple[list[Any], list[str]]:
+    """The files and frames of a study, the tables of a folder in its place; a note of each folder.
+
+    Raises
+    ------
+    InputError
+        If a folder has no tables, or tables of several suffixes.
+    """
+    files, notes = list[Any](), list[str]()
+    for path in paths:
+        if not isinstance(path, str | Path) or not os.path.isdir(path):
+            files.append(path)
+            continue
+        tables = sorted(Path(path).glob("sub-*/**/*_events.tsv"))  # BIDS
+        if not tables:
+            tables = sorted(filter(_is_table, Path(path).glob("*")))
+        counts = Counter(file.suffix.lower() for file in tables)
+        found = join_words([counted(n, f"{suffix} file") for suffix, n in counts.items()])
+        if len(counts) != 1:
+            commonest = max(counts, key=counts.__getitem__, default=".csv")
+            problem = f"{bare(str(path))}: found {found or 'no table'}"
+            allowed = f"tables of one suffix, such as {bare(f'{path}/*{commonest}')}"
+            raise InputError(f"{problem}, allowed: {allowed}")
+        files += tables
+        notes.append(f"folder {bare(str(path))}: {found} read")
+    return files, notes
+
+
+def _is_table(file: Path) -> bool:
+    """Whether a file of a folder may be a table, and not the mark of an open one: ~$a.xlsx."""
+    return file.suffix.lower() in TABLE_SUFFIXES and not file.name.startswith((".", "~$"))
 
 
 def _toml(value: object) -> str:

@@ -21,6 +21,7 @@ from commands import good, inside, refused
 from scipy.io import savemat
 
 import bayes_toe as bt
+from bayes_toe.data.messages import bare
 from bayes_toe.errors import Remedy
 
 GRAMS = (740, 905, 1105, 1350)
@@ -533,3 +534,33 @@ def test_a_file_that_a_study_file_names_is_not_replaced(tmp_path):
     good("check a.csv --save study.toml", cwd=tmp_path)
     line = "fit study.toml -o a.csv --overwrite --replicates 2"
     assert "this command reads that file and must not replace it" in refused(line, cwd=tmp_path)
+
+
+def write_folder(folder, *names):
+    (folder / "data").mkdir()
+    for name in names:
+        (folder / "data" / name).write_bytes(csv(IN_LOGS, sep="\t"))
+
+
+def test_a_folder_stands_for_its_tables(tmp_path):
+    write_folder(tmp_path, "1.csv", "2.CSV", "~$1.csv", ".3.csv", "1.log")
+    study = bt.read_study(tmp_path / "data")
+    assert study.source == "2 files, 1.csv to 2.CSV"
+    assert study.notes[0] == f"folder {bare(str(tmp_path / 'data'))}: 2 .csv files read"
+    good("check data --save study.toml", cwd=tmp_path)
+    assert 'files = ["data/1.csv", "data/2.CSV"]' in (tmp_path / "study.toml").read_text("utf-8")
+    line = "fit data -o data/1.csv --overwrite --replicates 2"
+    assert "this command reads that file and must not replace it" in refused(line, cwd=tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("names", "problem"),
+    [
+        ([], "data: found no table, allowed: tables of one suffix, such as data/*.csv"),
+        (["a.csv", "b.tsv", "c.tsv"], "data: found 1 .csv file and 2 .tsv files, allowed: "
+         "tables of one suffix, such as data/*.tsv"),
+    ],
+)  # fmt: skip
+def test_a_folder_that_may_mean_several_studies_is_asked_for(names, problem, tmp_path):
+    write_folder(tmp_path, *names)
+    assert problem in refused("check data", cwd=tmp_path)
