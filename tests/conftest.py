@@ -17,9 +17,12 @@ from hypothesis import settings
 
 import bayes_toe as bt
 from bayes_toe.analysis import Analysis
+from bayes_toe.answers.order_effect import QUESTIONS, OrderEffect
+from bayes_toe.answers.words import Word
 from bayes_toe.classical.fit import subject_fit
 from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.design.study_design import reference_design
+from bayes_toe.inference.order_evidence import MODEL_NAMES
 
 REAL = Path(__file__).resolve().parents[2] / "shared" / "data"
 
@@ -80,14 +83,9 @@ def few_pairs(names):
 
 
 def known_observers(names):
-    """Bundled subjects under other names: who has answered so much that a group of them is quickly sampled."""
-    return bt.Study(
-        [
-            replace(one, name=name)
-            for name, one in zip(names, bt.example_study("same/different"), strict=False)
-        ],
-        synthetic=True,
-    )
+    """Bundled subjects under other names: a group of them is quickly sampled."""
+    pairs = zip(names, bt.example_study("same/different"), strict=False)
+    return bt.Study([replace(subject, name=name) for name, subject in pairs], synthetic=True)
 
 
 @contextmanager
@@ -118,14 +116,14 @@ def analysis(small_study) -> Analysis:
 
 def stronger_counts(name, pull, mu1, n=60):
     """Rounded expected answers 'which is stronger' to neighbours of six levels in both orders."""
-    low, high = np.linspace(0.0, 1.25, 6)[:-1], np.linspace(0.0, 1.25, 6)[1:]
-    s1, s2 = np.concatenate([low, high]), np.concatenate([high, low])
-    asked = bt.Subject(name, s1, s2, np.zeros(10, int), np.full(10, n), task=WHICH_STRONGER)
-    target = bt.model.paper_posterior(asked)
-    gamma = pull / (1.0 - pull) ** 2
-    x = target.points({"mu1": mu1, "sigma_p": 0.2, "sigma_l": 0.2 * gamma**0.5, "lapse_rate": 0.04})
-    n_yes = np.rint(n * np.exp(target.log_answers(x[None])[0][0])).astype(int)
-    return replace(asked, n_yes=n_yes)
+    levels = np.linspace(0.0, 1.25, 6)
+    s1, s2 = np.r_[levels[:-1], levels[1:]], np.r_[levels[1:], levels[:-1]]
+    design = bt.Subject(name, s1, s2, np.zeros(10, int), np.full(10, n), task=WHICH_STRONGER)
+    target = bt.model.paper_posterior(design)
+    sigma_l = 0.2 * pull**0.5 / (1.0 - pull)
+    truth = {"mu1": mu1, "sigma_p": 0.2, "sigma_l": sigma_l, "lapse_rate": 0.04}
+    log_yes = target.log_answers(target.points(truth)[None])[0][0]
+    return replace(design, n_yes=np.rint(n * np.exp(log_yes)).astype(int))
 
 
 @pytest.fixture(scope="session")
@@ -177,6 +175,29 @@ def problems(call, *arguments):
     with pytest.raises(bt.InputError) as refusal:
         call(*arguments)
     return list(refusal.value.problems)
+
+
+def order_answer(subject, words, **fields):
+    """The answer of a subject in which only the words and these fields say something."""
+    unknown = dict.fromkeys(MODEL_NAMES, 0.0)
+    neutral = {
+        "direction": "contraction",
+        "is_interpretable": Word.NOT_INTERPRETABLE not in words,
+        "flags": (),
+        "probabilities": dict.fromkeys(QUESTIONS, 0.5),
+        "log_bayes_factors": dict.fromkeys(QUESTIONS, 0.0),
+        "sizes": {},
+        "upper_bounds": dict.fromkeys(QUESTIONS, 0.2),
+        "best_model": "both",
+        "predictive_p": 0.5,
+        "deviance_p": 0.5,
+        "history_p": None,
+        "log_evidence": unknown,
+        "standard_error": unknown,
+        "laplace": unknown,
+    }
+    words = dict(zip(QUESTIONS, words, strict=True))
+    return OrderEffect(subject=subject, words=words, **neutral | fields)
 
 
 def grouped_csv(path, study):

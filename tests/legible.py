@@ -1,7 +1,25 @@
-"""Whether the words of a figure can be read."""
+"""What is drawn in a figure, and whether its words can be read."""
 
 import numpy as np
 from matplotlib.text import Text
+
+
+def curves_of(ax, n_points):
+    """Lines of so many points."""
+    return [line for line in ax.lines if len(line.get_xdata()) == n_points]
+
+
+def marks_of(ax, marker):
+    """Lines with a marker."""
+    return [line for line in ax.lines if line.get_marker() == marker]
+
+
+def words_of(texts):
+    return [text.get_text() for text in texts]
+
+
+def titles_of(axes):
+    return [ax.get_title() for ax in axes]
 
 
 def texts_of(figure):

@@ -173,43 +173,31 @@ def folder(tmp_path, two):
 
 
 def test_a_command_on_a_cluster_writes_what_it_writes_without(dask, folder):
-    options = ("fit", "study.csv", "--replicates", "20", "--seed", "1")
-    said = good(
-        *options,
-        "-o",
-        "there.csv",
-        "--dask",
-        dask.scheduler_address,
-        cwd=folder,
-    )
-    assert f"Workers: 2 at {dask.scheduler_address}" in said
-    good(*options, "-o", "here.csv", "--workers", "1", cwd=folder)
+    line = "fit study.csv --replicates 20 --seed 1"
+    screen = good(f"{line} -o there.csv --dask {dask.scheduler_address}", cwd=folder)
+    assert f"Workers: 2 at {dask.scheduler_address}" in screen
+    good(f"{line} -o here.csv --workers 1", cwd=folder)
     assert (folder / "there.csv").read_bytes() == (folder / "here.csv").read_bytes()
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "message"),
     [
+        ("--dask tcp://127.0.0.1:1 --workers 2", "--workers 2 and --dask exclude each other."),
         (
-            ("--dask", "tcp://127.0.0.1:1", "--workers", "2"),
-            "--workers 2 and --dask exclude each other.",
-        ),
-        (
-            ("--dask", "nonsense"),
+            "--dask nonsense",
             "no Dask scheduler at 'nonsense': missing port number in address 'nonsense'",
         ),
         (
-            ("--dask", "tcp://127.0.0.1:1"),
+            "--dask tcp://127.0.0.1:1",
             "no Dask scheduler at 'tcp://127.0.0.1:1': no answer within 0.5 s",
         ),
     ],
 )
-def test_an_engine_that_cannot_be_had_is_one_line(folder, options, said, monkeypatch):
+def test_an_engine_that_cannot_be_had_is_one_line(folder, options, message, monkeypatch):
     monkeypatch.setattr(cluster, "PATIENCE", 0.5)
-    assert (
-        refused("fit", "study.csv", "-o", "fit.csv", *options, cwd=folder, silent=False)
-        == f"error: {said}\n"
-    )
+    line = f"fit study.csv -o fit.csv {options}"
+    assert refused(line, cwd=folder, silent=False) == f"error: {message}\n"
 
 
 def test_what_listens_and_is_no_scheduler_is_refused(client, monkeypatch):

@@ -1,4 +1,4 @@
-"""What is handed on: the sdist has what its texts link to, and the constraints are versions of everything that is required."""
+"""The sdist has what its texts link to, and constraints are versions of all that is required."""
 
 import re
 import tomllib

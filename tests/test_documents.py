@@ -60,9 +60,8 @@ def test_commands_and_options_are_there(path):
 
 @pytest.mark.parametrize("path", TEXTS, ids=lambda path: path.name)
 def test_public_names_are_there(path):
-    for face, name in re.findall(
-        r"\bbt\.(plots\.|model\.)?(\w+)", path.read_text(encoding="utf-8")
-    ):
+    text = path.read_text(encoding="utf-8")
+    for face, name in re.findall(r"\bbt\.(plots\.|model\.)?(\w+)", text):
         assert hasattr(getattr(bt, face[:-1]) if face else bt, name), face + name
 
 
@@ -106,15 +105,12 @@ def test_files_are_there(path):
 
 @pytest.mark.parametrize("path", [*TEXTS, *OTHERS], ids=lambda path: path.name)
 def test_headings_that_links_lead_to_are_there(path):
-    for file, heading in re.findall(r"\]\(([\w./-]*)#([\w-]+)\)", path.read_text(encoding="utf-8")):
-        known = re.findall(
-            "^#+ (.+)$",
-            (path.parent / file if file else path).read_text(encoding="utf-8"),
-            flags=re.MULTILINE,
-        )
-        assert heading in [
-            re.sub(r"[^\w -]", "", one.lower()).replace(" ", "-") for one in known
-        ], file
+    for file, anchor in re.findall(r"\]\(([\w./-]*)#([\w-]+)\)", path.read_text(encoding="utf-8")):
+        target = path.parent / file if file else path
+        text = target.read_text(encoding="utf-8").lower()
+        headings = re.findall("^#+ (.+)$", text, flags=re.MULTILINE)
+        anchors = [re.sub(r"[^\w -]", "", heading).replace(" ", "-") for heading in headings]
+        assert anchor in anchors, file
 
 
 def test_tables_and_pictures_of_the_docs_are_used():

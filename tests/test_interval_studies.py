@@ -1,10 +1,11 @@
-"""Studies with a column isi, from the file to the report: read, sampled, compared, predicted, drawn, and refused where unknown."""
+"""Studies with a column isi, from the file to the report, and what is refused of them."""
 
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import few_replicates
+from conftest import counts, few_replicates
+from legible import marks_of, titles_of
 from scipy.special import betaln
 
 import bayes_toe as bt
@@ -13,9 +14,7 @@ from bayes_toe.cli.results_folder import write_results
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.design.simulate import (
     PaperObserver,
-    make_batch_design,
     simulate_trials,
-    trial_frame,
 )
 from bayes_toe.design.study_design import at_intervals, reference_design
 from bayes_toe.errors import InputError
@@ -51,53 +50,39 @@ def read(tmp_path, text, **options):
     return bt.read_study(path, ReadOptions(**options))
 
 
-HEADER = "subject,s1,s2,isi,response\n"
-
-
 def test_trials_and_counts_keep_intervals_apart(tmp_path):
-    trials = read(
-        tmp_path,
-        f"{HEADER}a,0,0.3,1,equal\na,0,0.3,0.5,different\na,0,0.3,0.5,equal\n,,,,\na,,,,\n",
-    )
+    rows = "a,0,0.3,1,equal\na,0,0.3,0.5,different\na,0,0.3,0.5,equal\n,,,,\na,,,,\n"
+    trials = read(tmp_path, "subject,s1,s2,isi,response\n" + rows)
     assert trials["a"].isi.tolist() == [0.5, 1.0]
-    assert trials["a"].n_trials.tolist() == [2, 1]
+    assert counts(trials["a"]) == [(0.0, 0.3, 1, 2), (0.0, 0.3, 1, 1)]
     assert trials.intervals == (0.5, 1.0)
-    counts = read(
-        tmp_path,
-        "subject;s1;s2;n_equal;n_trials;gap\na;0;0,3;3;5;0,5\na;0;0,3;1;5;0,5\na;0;0,3;2;5;1\n",
-        columns={"isi": "gap"},
-    )
-    assert counts["a"].n_yes.tolist() == [4, 2]
-    assert counts["a"].isi.tolist() == [0.5, 1.0]
-    assert {
-        "column gap read as isi",
-        "2 intervals in column gap: 0.5, 1 s; contrast --condition gap compares them",
-    } <= set(counts.notes)
-
-
-@pytest.mark.parametrize("bad", ["", "abc", "1e400"])
-def test_a_cell_that_is_no_interval_is_named(tmp_path, bad):
-    allowed = "a positive finite number of seconds, in every row or no such column"
-    message = f"^study.csv: row 3, column isi: found '{bad}', allowed: {allowed}$"
-    with pytest.raises(InputError, match=message):
-        read(tmp_path, f"{HEADER}a,0,0.3,1,equal\na,0,0.3,{bad},different\n")
+    rows = "a;0;0,3;3;5;0,5\na;0;0,3;1;5;0,5\na;0;0,3;2;5;1\n"
+    columns = {"isi": "gap"}
+    grouped = read(tmp_path, "subject;s1;s2;n_equal;n_trials;gap\n" + rows, columns=columns)
+    assert counts(grouped["a"]) == [(0.0, 0.3, 4, 10), (0.0, 0.3, 2, 5)]
+    note = "2 intervals in column gap: 0.5, 1 s; contrast --condition gap compares them"
+    assert note in grouped.notes
 
 
 @pytest.mark.parametrize(
-    ("s1", "isi", "said"),
+    ("s1", "isi", "message"),
     [
         ([0.0, 0.0], [1.0, 1.0], "repeated"),
         ([0.0], [0.0], "positive finite numbers of seconds"),
         ([0.0], [1.0, 2.0], "s1, s2, isi, n_yes and n_trials"),
         ([0.0], ["long"], "isi must be numbers"),
-        ([0.0], None, "or none"),
     ],
 )
-def test_subjects_and_studies_refuse_what_is_no_interval(s1, isi, said):
-    one = bt.Subject("a", [0.0, 0.0], [0.3, 0.3], [1, 2], [5, 5], isi=[2.0, 1.0])
-    assert (one.intervals, one.n_yes.tolist()) == ((1.0, 2.0), [2, 1])
-    with pytest.raises(InputError, match=said):
-        bt.Study([one, bt.Subject("b", s1, [0.3] * len(s1), [1] * len(s1), [5] * len(s1), isi=isi)])
+def test_a_subject_refuses_what_is_no_interval(s1, isi, message):
+    with pytest.raises(InputError, match=message):
+        bt.Subject("b", s1, [0.3] * len(s1), [1] * len(s1), [5] * len(s1), isi=isi)
+
+
+def test_all_subjects_of_a_study_have_intervals_or_none():
+    timed = bt.Subject("a", [0.0, 0.0], [0.3, 0.3], [1, 2], [5, 5], isi=[2.0, 1.0])
+    assert (timed.intervals, timed.n_yes.tolist()) == ((1.0, 2.0), [2, 1])
+    with pytest.raises(InputError, match="or none"):
+        bt.Study([timed, bt.Subject("b", [0.0], [0.3], [1], [5])])
 
 
 def test_one_interval_of_a_study_is_open_to_everything(study):
@@ -128,76 +113,43 @@ def test_what_is_refused(study, analysis, call, message):
         call(study, analysis)
 
 
+def checked(isi):
+    """What `check` finds in two pairs at these intervals."""
+    subject = bt.Subject("a", [0.0, 0.3], [0.3, 0.0], [3, 4], [9, 9], isi=isi)
+    return {finding.code: finding.message for finding in bt.check(bt.Study([subject]))}
+
+
 def test_check_says_what_intervals_change():
-    lone = bt.Study([bt.Subject("a", [0.0, 0.3], [0.3, 0.0], [3, 4], [9, 9], isi=[500.0, 500.0])])
-    codes = [finding.code for finding in bt.check(lone)]
-    assert "long_intervals" in codes
-    assert "delays" not in codes
-    apart = bt.Subject("a", [0.0, 0.3], [0.3, 0.0], [3, 4], [9, 9], isi=[1.0, 2.0])
-    messages = {finding.code: finding.message for finding in bt.check(bt.Study([apart]))}
-    assert "one_order" not in messages, "both orders were shown, and the answer ignores delays"
-    assert messages["delays"].endswith("analyse the delays as a condition.")
-
-
-# --- simulation -----------------------------------------------------------------------------------
-
-
-def test_simulated_trials_have_their_intervals_and_read_back(tmp_path):
-    (tmp_path / "design.csv").write_text("s1,s2,isi\n0,0.3,0.5\n0.3,0,2\n", encoding="utf-8")
-    design = make_batch_design(str(tmp_path / "design.csv"), "", 5)
-    frame = trial_frame(simulate_trials([PaperObserver("a", FIRST)], design, seed=1))
-    assert list(frame.columns[3:7]) == ["s1", "s2", "isi", "response"]
-    frame.to_csv(tmp_path / "study.csv", index=False)
-    back = bt.read_study(tmp_path / "study.csv")["a"]
-    assert back.n_trials.tolist() == [5, 5]
-    assert back.isi.tolist() == [0.5, 2.0]
+    long = checked([500.0, 500.0])
+    assert "long_intervals" in long
+    assert "delays" not in long
+    apart = checked([1.0, 2.0])
+    assert "one_order" not in apart  # both orders were presented, and the answer ignores delays
+    assert apart["delays"].endswith("analyse the delays as a condition.")
 
 
 # --- posterior and evidence -----------------------------------------------------------------------
 
 
-def answering(s1, s2, isi, trials):
-    """Counts without scatter of the first observer to pairs at these intervals."""
-    q = bt.model.equal_probability(s1, s2, *at_interval(FIRST, isi))
-    return bt.Subject("a", s1, s2, np.rint(trials * q), np.full(len(q), trials), isi=isi)
-
-
-def fitted(subject):
-    """Weighted draws under the paper's prior: natural parameters, (4, draws), and the share of each."""
-    found = fit_proposal(bt.model.paper_posterior(subject, bt.Prior()), np.random.default_rng(5))
-    return found, found.proposal.posterior.natural(found.draws.x), found.draws.shares
-
-
-def test_one_first_stimulus_at_several_intervals_tells_the_pull():
-    # At one interval the pull drops out of the likelihood and sigma_l over sigma_p is as the prior
-    # has it.
-    s2 = np.array([-0.3, -0.15, 0.0, 0.15, 0.3])
-
-    def spread(isi):
-        t = np.repeat(isi, 5)
-        subject = answering(np.zeros(len(t)), np.tile(s2, len(isi)), t, 600 // len(isi))
-        _, theta, shares = fitted(subject)
-        return np.sqrt((theta.gamma - theta.gamma @ shares) ** 2 @ shares)
-
-    assert spread([1.0]) > 0.25  # of a uniform gamma 0.289
-    assert spread([0.25, 1.0, 4.0]) < 0.12
-
-
 def test_evidence_and_moments_agree_with_quadrature():
-    # reference.quadrature.integrate of this posterior: errors 2e-5 nat, 2e-6 in means and standard
-    # deviations.
+    # reference.quadrature.integrate: errors 2e-5 nat, 2e-6 in means and standard deviations.
     evidence = -890.1292755
     means = -0.6155167, 0.2134129, 0.1408259, 0.9295392
     sds = 0.0428065, 0.0106820, 0.0053121, 0.0123957
     design = at_intervals(reference_design(), THREE)
-    proposal, theta, shares = fitted(answering(design.s1, design.s2, design.isi, 50))
-    estimate = importance_evidence(proposal)
-    error = 4.5 / np.sqrt(proposal.efficiency * len(shares))
+    q = bt.model.equal_probability(design.s1, design.s2, *at_interval(FIRST, design.isi))
+    n_trials = np.full(len(q), 50)
+    subject = bt.Subject("a", design.s1, design.s2, np.rint(50 * q), n_trials, isi=design.isi)
+    rng = np.random.default_rng(5)
+    fitted = fit_proposal(bt.model.paper_posterior(subject, bt.Prior()), rng)
+    estimate = importance_evidence(fitted)
     assert estimate.value == pytest.approx(evidence, abs=4.5 * estimate.se)
-    for values, mean, sd in zip(theta, means, sds, strict=True):
-        own_mean = values @ shares
-        assert own_mean == pytest.approx(mean, abs=sd * error)
-        assert np.sqrt(np.square(values - own_mean) @ shares) == pytest.approx(sd, abs=sd * error)
+    theta = np.array(fitted.proposal.posterior.natural(fitted.draws.x))
+    shares = fitted.draws.shares
+    error = 4.5 / np.sqrt(fitted.efficiency * len(shares))
+    assert (np.abs(theta @ shares - means) < np.multiply(sds, error)).all()
+    variances = np.square(theta - (theta @ shares)[:, None]) @ shares
+    assert (np.abs(np.sqrt(variances) - sds) < np.multiply(sds, error)).all()
 
 
 def test_h0_has_one_frequency_for_each_pair_and_interval(study, analysis):
@@ -256,20 +208,16 @@ def test_without_intervals_none_may_be_asked_for(study):
 
 def test_panels_that_show_one_of_several_weaker_stimuli_name_it():
     s1, s2 = [-0.5, -0.2, -0.5, 0.0, -0.2, 0.0], [-0.2, -0.5, 0.0, -0.5, 0.0, -0.2]
-    twice = [np.tile(values, 2) for values in (s1, s2, [30, 20, 9, 8, 25, 30], [40] * 6)]
-    draws = bt.sample(
-        bt.Study([bt.Subject("S", *twice, np.repeat([0.5, 2.0], 6))]), draws=100, seed=1, workers=1
-    )
-    panels = bt.plots.curves(draws, "S").axes[:2]
-    assert [ax.get_title() for ax in panels] == [
-        "0.5 s, weaker stimulus 77 %",
-        "2 s, weaker stimulus 77 %",
-    ]
+    n_equal = [30, 20, 9, 8, 25, 30]
+    subject = bt.Subject("S", s1 * 2, s2 * 2, n_equal * 2, [40] * 12, isi=[0.5] * 6 + [2.0] * 6)
+    draws = bt.sample(bt.Study([subject]), draws=100, seed=1, workers=1)
+    titles = titles_of(bt.plots.curves(draws, "S").axes[:2])
+    assert titles == ["0.5 s, weaker stimulus 77 %", "2 s, weaker stimulus 77 %"]
 
 
 def test_figures_show_answers_where_they_were_given(analysis):
     *panels, gain = bt.plots.curves(analysis.draws, "S01").axes
-    assert [ax.get_title() for ax in panels] == [f"{isi:g} s" for isi in THREE]
+    assert titles_of(panels) == [f"{isi:g} s" for isi in THREE]
     counts = analysis.study["S01"]
     for ax, isi in zip(panels, THREE, strict=True):
         here = counts.at_isi(isi)
@@ -277,7 +225,7 @@ def test_figures_show_answers_where_they_were_given(analysis):
         drawn = np.concatenate([container.lines[0].get_ydata() for container in ax.containers])
         assert np.sort(drawn) == pytest.approx(expected)
     assert gain.get_xlim() == (0.5 * min(THREE), 2.0 * max(THREE))
-    [tested] = [line for line in gain.lines if line.get_marker() == "|"]
+    [tested] = marks_of(gain, "|")
     assert tested.get_xdata() == pytest.approx(THREE)
 
 
@@ -293,9 +241,7 @@ def test_a_results_folder_has_everything_but_what_knows_one_interval(
 
 
 def test_a_true_sigma_p_per_root_second_is_marked_over_the_reference_interval(analysis, tmp_path):
-    (tmp_path / "truth.csv").write_text(
-        "subject,mu1,sigma_p\nS01,0.5,0.25\nS02,,\n", encoding="utf-8"
-    )
+    (tmp_path / "truth.csv").write_text("subject,mu1,sigma_p\nS01,0.5,0.25\nS02,,\n")
     draws = analysis.draws
     over_four = SimpleNamespace(
         names=draws.names,
@@ -303,9 +249,8 @@ def test_a_true_sigma_p_per_root_second_is_marked_over_the_reference_interval(an
         intervals=draws.intervals,
         prior=bt.Prior(reference_interval=4.0),
     )
-    assert read_truth(tmp_path / "truth.csv", [over_four], ["S01"]) == {
-        "S01": {"mu1": 0.5, "sigma_p": 0.5},
-        "S02": {},
-    }
+    truths = read_truth(tmp_path / "truth.csv", [over_four], ["S01"])
+    assert truths == {"S01": {"mu1": 0.5, "sigma_p": 0.5}, "S02": {}}
     over_four.intervals = ()
-    assert read_truth(tmp_path / "truth.csv", [over_four], ["S01"])["S01"]["sigma_p"] == 0.25
+    truths = read_truth(tmp_path / "truth.csv", [over_four], ["S01"])
+    assert truths["S01"]["sigma_p"] == 0.25

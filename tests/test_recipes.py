@@ -1,7 +1,6 @@
-"""docs/how_to.md is run: the commands and programs of reading files, section by section, on files made up here as other programs write them."""
+"""Recipes of docs/how_to.md run as they stand, on files as other programs write them."""
 
 import re
-import shlex
 from contextlib import chdir
 from pathlib import Path
 
@@ -17,247 +16,207 @@ PAGE = Path(__file__).resolve().parents[1] / "docs" / "how_to.md"
 PAIRS = [(0.087, 0.087), (0.087, 0.12), (0.12, 0.087), (0.12, 0.12)]
 
 
-def psychopy(folder):
-    for who in ("P1", "P2"):
-        rows = [
-            f"{a},{b},{i},{key},0.61,{who},same_or_different"
-            for i, ((a, b), key) in enumerate(zip(PAIRS, "fjjf", strict=True))
-        ]
-        lines = [
-            "first_g,second_g,trials.thisN,key_resp.keys,key_resp.rt,participant,expName",
-            f",,,,,{who},same_or_different",
-            *rows,
-        ]
-        write(
-            folder / "data" / f"{who}_2026.csv",
-            [*lines, f"0.087,0.12,4,None,,{who},same_or_different"],
-        )
-
-
-def jspsych(folder):
-    rows = [f'"600","{key}","html-keyboard-response","{i + 1}","7","comparison","{a}","{b}"' for i, (a, b, key) in
-            enumerate([(0, 0, "s"), (0, 0.3, "d"), (0.3, 0, "s"), (0.3, 0.3, "null")])]  # fmt: skip
-    header = '"rt","response","trial_type","trial_index","participant_id","task","s1","s2"'
-    write(
-        folder / "jspsych.csv",
-        [header, '"1234"," ","html-keyboard-response","0","7","instructions","",""', *rows],
-    )
-
-
-def which_was_stronger(folder):
-    keys = [
-        (0.087, 0.12, "right"),
-        (0.12, 0.087, "left"),
-        (0.12, 0.15, "right"),
-        (0.15, 0.12, "None"),
-    ]
-    rows = [f"{a},{b},{i},{key},0.61,P1" for i, (a, b, key) in enumerate(keys)]
-    write(
-        folder / "data" / "P1_2026.csv",
-        ["first_g,second_g,trials.thisN,key_resp.keys,key_resp.rt,participant", *rows],
-    )
-
-
-def right_or_wrong(folder):
-    rows = [
-        f'"{a}","{b}","{right}","comparison","7"'
-        for a, b, right in ((0, 0.3, "true"), (0.3, 0, "false"), (0.3, 0.3, "true"))
-    ]
-    write(folder / "jspsych.csv", ['"s1","s2","correct","task","participant_id"', *rows])
-
-
-def wide_tables(folder):
-    write(
-        folder / "wide.csv",
-        [
-            "subject,equal_0_0,equal_0_0.3,equal_0.3_0,equal_0.3_0.3",
-            "01,46,20,12,45",
-            "02,48,31,9,47",
-        ],
-    )
-
-
-def standards(folder):
-    rows = [
-        f"a,0,{comparison},{interval},{word}"
-        for comparison, interval, word in (
-            (0.3, 1, "comparison"),
-            (0.3, 2, "comparison"),
-            (-0.3, 1, "standard"),
-            (-0.3, 2, "comparison"),
-        )
-    ]
-    write(folder / "standards.csv", ["subject,standard,comparison,interval,response", *rows])
-
-
-def several_files(folder):
-    for name in ("A_session1", "A_session2", "B_session1"):
-        write(
-            folder / "sessions" / f"{name}.csv",
-            ["s1;s2;response", "0;0,3;same", "0,3;0;different", "0;0;same"],
-        )
-
-
-def proportions(folder):
-    rows = ["A,0,0.3,0.9,10", "A,0.3,0,0.2,10"]
-    write(folder / "shares.csv", ["subject,s1,s2,p_second,n", *rows])
-
-
-def folder_of_tables(folder):
-    for name in ("A", "B"):
-        write(folder / "data" / f"{name}.csv", ["subject,s1,s2,response", f"{name},0,0.3,second"])
-        write(folder / "data" / f"{name}.log", ["12.3 EXP"])
-
-
-def bids(folder):
-    for who in ("01", "02"):
-        rows = [
-            "0.0\t0.3\tn/a\tn/a\tinstruction\tn/a",
-            "2.1\t0.7\t0.0\t0.3\tcomparison\tsame",
-            "4.5\t0.7\t0.3\t0.0\tcomparison\tn/a",
-        ]
-        write(folder / "bids" / f"sub-{who}" / "beh" / f"sub-{who}_task-same_events.tsv",
-              ["onset\tduration\tfirst\tsecond\ttrial_type\tresponse", *rows])  # fmt: skip
-
-
-def matlab(folder):
-    (folder / "matlab").mkdir()
-    amplitudes = np.array(PAIRS)
-    same = np.array([True, False, False, True])
-    savemat(
-        folder / "matlab" / "one.mat",
-        {"subject": "M1", "amp1": amplitudes[:, 0], "amp2": amplitudes[:, 1], "same": same},
-    )
-    trials = np.array(
-        [(3.0, a, b, k) for (a, b), k in zip(PAIRS, same, strict=True)],
-        [(x, "O") for x in ("subject", "amp1", "amp2", "same")],
-    )
-    savemat(folder / "matlab" / "two.mat", {"trials": trials})
-    savemat(folder / "nested.mat", {"session": {"log": {"amp": amplitudes, "same": same}}})
-
-
-def write(path, lines):
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
-
-
-SECTIONS = {
-    "A standard and a comparison": (standards, ["1 subject, 4 trials", "which was stronger"]),
+PSYCHOPY = """\
+first_g,second_g,trials.thisN,key_resp.keys,key_resp.rt,participant,expName
+,,,,,NAME,same_or_different
+0.087,0.087,0,f,0.61,NAME,same_or_different
+0.087,0.12,1,j,0.61,NAME,same_or_different
+0.12,0.087,2,j,0.61,NAME,same_or_different
+0.12,0.12,3,f,0.61,NAME,same_or_different
+0.087,0.12,4,None,,NAME,same_or_different
+"""
+WHICH_WAS_STRONGER = """\
+first_g,second_g,trials.thisN,key_resp.keys,key_resp.rt,participant
+0.087,0.12,0,right,0.61,P1
+0.12,0.087,1,left,0.61,P1
+0.12,0.15,2,right,0.61,P1
+0.15,0.12,3,None,0.61,P1
+"""
+JSPSYCH = """\
+"rt","response","trial_type","trial_index","participant_id","task","s1","s2"
+"1234"," ","html-keyboard-response","0","7","instructions","",""
+"600","s","html-keyboard-response","1","7","comparison","0","0"
+"600","d","html-keyboard-response","2","7","comparison","0","0.3"
+"600","d","html-keyboard-response","3","7","comparison","0.3","0"
+"600","null","html-keyboard-response","4","7","comparison","0.3","0.3"
+"""
+RIGHT_OR_WRONG = """\
+"s1","s2","correct","task","participant_id"
+"0","0.3","true","comparison","7"
+"0.3","0","false","comparison","7"
+"0.3","0.3","true","comparison","7"
+"""
+SHARES = "subject,s1,s2,p_second,n\nA,0,0.3,0.9,10\nA,0.3,0,0.2,10\n"
+WIDE = """\
+subject,equal_0_0,equal_0_0.3,equal_0.3_0,equal_0.3_0.3
+01,46,20,12,45
+02,48,31,9,47
+"""
+STANDARDS = """\
+subject,standard,comparison,interval,response
+a,0,0.3,1,comparison
+a,0,0.3,2,comparison
+a,0,-0.3,1,standard
+a,0,-0.3,2,comparison
+"""
+FOLDER = {
+    "data/A.csv": "subject,s1,s2,response\nA,0,0.3,second\n",
+    "data/B.csv": "subject,s1,s2,response\nB,0,0.3,second\n",
+    "data/A.log": "12.3 EXP\n",
+    "data/B.log": "12.3 EXP\n",
+}
+SESSION = "s1;s2;response\n0;0,3;same\n0,3;0;different\n0;0;same\n"
+SESSIONS = {f"sessions/{name}.csv": SESSION for name in ("A_session1", "A_session2", "B_session1")}
+EVENTS = """\
+onset\tduration\tfirst\tsecond\ttrial_type\tresponse
+0.0\t0.3\tn/a\tn/a\tinstruction\tn/a
+2.1\t0.7\t0.0\t0.3\tcomparison\tsame
+4.5\t0.7\t0.3\t0.0\tcomparison\tn/a
+"""
+#: The files of each recipe, and what the screen says of them.
+FILES = {
+    "A standard and a comparison": (
+        {"standards.csv": STANDARDS},
+        ["1 subject, 4 trials", "which was stronger"],
+    ),
     "PsychoPy": (
-        psychopy,
-        [
-            "2 subjects, 8 trials",
-            "2 trials without a response dropped",
-        ],
+        {
+            "data/P1_2026.csv": PSYCHOPY.replace("NAME", "P1"),
+            "data/P2_2026.csv": PSYCHOPY.replace("NAME", "P2"),
+        },
+        ["2 subjects, 8 trials", "2 trials without a response dropped"],
     ),
     "jsPsych": (
-        jspsych,
-        [
-            "1 subject, 3 trials",
-            "1 trial without a response dropped: 7 1",
-        ],
+        {"jspsych.csv": JSPSYCH},
+        ["1 subject, 3 trials", "1 trial without a response dropped: 7 1"],
     ),
-    "Which was stronger?": (which_was_stronger, ["1 subject, 3 trials", "'right' as second (2)"]),
-    "Right or wrong": (right_or_wrong, ["1 subject, 2 trials"]),
-    "Proportions": (proportions, ["1 subject, 20 trials", "Column p_second read as shares of n."]),
-    "Wide tables": (wide_tables, {"names": ("01", "02"), "total": 400}),
-    "Excel": (lambda folder: None, []),
-    "A folder": (folder_of_tables, ["folder data: 2 .csv files read", "2 subjects, 2 trials"]),
+    "Which was stronger?": (
+        {"data/P1_2026.csv": WHICH_WAS_STRONGER},
+        ["1 subject, 3 trials", "'right' as second (2)"],
+    ),
+    "Right or wrong": ({"jspsych.csv": RIGHT_OR_WRONG}, ["1 subject, 2 trials"]),
+    "Proportions": (
+        {"shares.csv": SHARES},
+        ["1 subject, 20 trials", "Column p_second read as shares of n."],
+    ),
+    "Wide tables": ({"wide.csv": WIDE}, []),
+    "Excel": ({}, []),
+    "A folder": (FOLDER, ["folder data: 2 .csv files read", "2 subjects, 2 trials"]),
     "Several files a subject": (
-        several_files,
+        SESSIONS,
         ["2 subjects, 9 trials", "1 subject in several files, put together: A 2"],
     ),
     "BIDS": (
-        bids,
+        {f"bids/sub-{name}/beh/sub-{name}_task-same_events.tsv": EVENTS for name in ("01", "02")},
         [
             "2 subjects, 2 trials",
             "2 files, such as sub-01_task-same_events.tsv: 1 trial without a response dropped",
         ],
     ),
-    "MATLAB": (matlab, ["2 subjects, 8 trials", "MATLAB", {"names": ("S07",), "total": 4}]),
-    "Leave-one-out": (lambda folder: None, {"names": ("S06",), "total": 650}),
+    "MATLAB": ({}, ["2 subjects, 8 trials", "MATLAB"]),
+    "Leave-one-out": ({}, []),
 }
+#: Names of the subjects and the number of trials of the study that a program has.
+STUDIES = {
+    "Wide tables": (("01", "02"), 400),
+    "MATLAB": (("S07",), 4),
+    "Leave-one-out": (("S06",), 650),
+}
+
+
+def write(folder, files):
+    for name, text in files.items():
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+
+
+def write_matlab(folder):
+    (folder / "matlab").mkdir()
+    first, second = np.transpose(PAIRS)
+    same = np.array([True, False, False, True])
+    columns = {"subject": "M1", "amp1": first, "amp2": second, "same": same}
+    savemat(folder / "matlab" / "one.mat", columns)
+    fields = [(name, "O") for name in columns]
+    rows = np.array([(3.0, *row) for row in zip(first, second, same, strict=True)], fields)
+    savemat(folder / "matlab" / "two.mat", {"trials": rows})
+    savemat(folder / "nested.mat", {"session": {"log": {"amp": np.array(PAIRS), "same": same}}})
 
 
 def sections():
     """The sections about files of other programs, and that about leave-one-out."""
     page = PAGE.read_text(encoding="utf-8")
     files = page[: page.index("## Check the data")]
-    parts = re.split(r"^### (.*)$", files, flags=re.MULTILINE)
-    found = dict(zip(parts[1::2], parts[2::2], strict=True))
-    _, title, rest = page.partition("## Leave-one-out")
-    return {**found, title.removeprefix("## "): rest.partition("\n## ")[0]}
+    _, *parts = re.split(r"^### (.*)$", files, flags=re.MULTILINE)
+    _, title, text = page.partition("## Leave-one-out")
+    parts += [title.removeprefix("## "), text.partition("\n## ")[0]]
+    return dict(zip(parts[::2], parts[1::2], strict=True))
+
+
+def blocks(section):
+    """The blocks of a section, each with its language."""
+    return re.findall(r"^```(\w+)\n(.*?)^```", section, flags=re.MULTILINE | re.DOTALL)
 
 
 @pytest.mark.filterwarnings("ignore:Estimated shape parameter of Pareto")  # by ArviZ, and said
-@pytest.mark.parametrize("name", SECTIONS)
+@pytest.mark.parametrize("name", FILES)
 def test_a_recipe_works_as_it_stands(name, tmp_path):
-    assert list(sections()) == list(SECTIONS)
-    made, expected = SECTIONS[name]
-    made(tmp_path)
-    wanted = [expected] if isinstance(expected, dict) else list(expected)
-    for language, block in re.findall(
-        r"^```(\w+)\n(.*?)^```", sections()[name], flags=re.MULTILINE | re.DOTALL
-    ):
+    files, sentences = FILES[name]
+    write(tmp_path, files)
+    if name == "MATLAB":
+        write_matlab(tmp_path)
+    for language, block in blocks(sections()[name]):
         if language == "python":
-            known = {}
+            names = {}
             with chdir(tmp_path):
-                exec(block, known)
-            study, about = known["study"], wanted.pop()
-            assert (study.names, sum(one.total_trials for one in study)) == (
-                about["names"],
-                about["total"],
-            )
+                exec(block, names)
+            study = names["study"]
+            n_trials = sum(subject.total_trials for subject in study)
+            assert (study.names, n_trials) == STUDIES[name]
             continue
         for line in block.replace("\\\n", " ").splitlines():
-            program, *words = shlex.split(line)
+            program, _, words = line.partition(" ")
             assert program == "bayes-toe"
-            said = " ".join(good(*words, cwd=tmp_path).split())
-            assert [one for one in wanted if isinstance(one, str) and one not in said] == []
+            screen = " ".join(good(words, cwd=tmp_path).split())
+            assert [sentence for sentence in sentences if sentence not in screen] == []
+
+
+def test_every_recipe_is_run():
+    assert list(sections()) == list(FILES)
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "message"),
     [
-        (("--where", "task"), "--where: found 'task', allowed: COLUMN=TEXT, each name once"),
+        ("--where task", "--where: found 'task', allowed: COLUMN=TEXT, each name once"),
         (
-            ("--where", "task=compare"),
-            "column task: found 'instructions', 'comparison', allowed: 'compare', as --where has it",
+            "--where task=compare",
+            "column task: found 'instructions', 'comparison', allowed: 'compare', as --where has "
+            "it",
         ),
-        (
-            ("--subject-from", "sub-{}.csv"),
-            "found no subject in its name, allowed: a file named as --subject-from sub-{}.csv",
-        ),
-        (("jspsych.csv",), "jspsych.csv: found twice, allowed: each file once"),
-        (("none*.csv",), "none*.csv: cannot be read (No such file or directory)"),
+        ("jspsych.csv", "jspsych.csv: found twice, allowed: each file once"),
+        ("none*.csv", "none*.csv: cannot be read (No such file or directory)"),
     ],
-    ids=lambda words: " ".join(words) if isinstance(words, tuple) else "",
 )
-def test_a_wrong_option_is_one_line(words, said, tmp_path):
-    jspsych(tmp_path)
-    names = () if "--subject-from" in words else ("--columns", "subject=participant_id")
-    assert said in refused(
-        "check",
-        "jspsych.csv",
-        *words,
-        *names,
-        "--equal-code",
-        "s",
-        "--different-code",
-        "d",
-        cwd=tmp_path,
-    )
+def test_a_wrong_option_is_one_line(words, message, tmp_path):
+    write(tmp_path, {"jspsych.csv": JSPSYCH})
+    options = "--columns subject=participant_id --equal-code s --different-code d"
+    assert message in refused(f"check jspsych.csv {words} {options}", cwd=tmp_path)
+
+
+def test_a_file_without_a_subject_in_its_name_is_refused(tmp_path):
+    write(tmp_path, {"session.csv": SESSION})
+    line = "check session.csv --subject-from sub-{}.csv"
+    message = "found no subject in its name, allowed: a file named as --subject-from sub-{}.csv"
+    assert message in refused(line, cwd=tmp_path)
 
 
 def test_problems_of_all_files_come_together(tmp_path):
-    for folder in ("a", "b"):
-        write(tmp_path / folder / "s.csv", ["subject,s1,s2,response", f"{folder},0,x,same"])
-    done = inside("check", "a/s.csv", "b/s.csv", cwd=tmp_path)
-    lines = [
-        f"error: {folder}/s.csv: row 2, column s2: found 'x', allowed: a finite number"
-        for folder in ("a", "b")
-    ]
-    assert done.stderr.splitlines() == lines
+    names = ["a/s.csv", "b/s.csv"]
+    write(tmp_path, dict.fromkeys(names, "subject,s1,s2,response\na,0,x,same\n"))
+    errors = inside("check", *names, cwd=tmp_path).stderr.splitlines()
+    problem = "row 2, column s2: found 'x', allowed: a finite number"
+    assert errors == [f"error: {name}: {problem}" for name in names]
 
 
 @pytest.mark.parametrize(
@@ -281,13 +240,12 @@ def test_other_matlab_files_are_refused(content, said, tmp_path):
 
 
 def test_blocks_of_a_subject_are_the_files(tmp_path):
-    several_files(tmp_path)
-    paths = sorted((tmp_path / "sessions").glob("*.csv"))
+    write(tmp_path, SESSIONS)
+    paths = [tmp_path / name for name in SESSIONS]
     study = bt.read_study(paths, bt.ReadOptions(subject_from="{}_session*.csv"))
     assert study["A"].answers.blocks == ("A_session1.csv", "A_session2.csv")
     assert study["A"].answers.block.tolist() == [0] * 3 + [1] * 3
     assert study.source == "3 files, A_session1.csv to B_session1.csv"
-    frames = [
-        pd.read_csv(path, sep=";", decimal=",").assign(subject=path.name[0]) for path in paths
-    ]
+    frames = [pd.read_csv(path, sep=";", decimal=",") for path in paths]
+    frames = [frame.assign(subject=path.name[0]) for frame, path in zip(frames, paths, strict=True)]
     pd.testing.assert_frame_equal(bt.read_study(frames).frame(), study.frame())

@@ -82,25 +82,18 @@ def test_results_are_in_the_order_of_the_jobs_and_progress_hears_each_name_once(
     assert sorted(said) == ["a", "b", "c", "d"]
 
 
+def installed(line, folder):
+    """The installed command in a data folder."""
+    program = Path(sys.executable).parent / "bayes-toe"
+    return subprocess.run([program, *line.split()], cwd=folder, capture_output=True, text=True)
+
+
 def test_workers_of_a_command_run_no_file_of_the_working_directory(tmp_path):
     """A data folder may hold a random.py or a json.py."""
     grouped_csv(tmp_path / "study.csv", few_pairs("AB"))
     for name in ("random", "json", "queue", "select"):
-        (tmp_path / f"{name}.py").write_text(
-            "raise SystemExit('a file of the data folder was run')"
-        )
-    words = [
-        Path(sys.executable).parent / "bayes-toe",
-        "fit",
-        "study.csv",
-        "-o",
-        "fit.csv",
-        "--replicates",
-        "2",
-        "--workers",
-        "2",
-    ]
-    done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True)
+        (tmp_path / f"{name}.py").write_text("raise SystemExit('a file of the data folder')")
+    done = installed("fit study.csv -o fit.csv --replicates 2 --workers 2", tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     assert "failed" not in done.stdout
 
@@ -139,25 +132,12 @@ def test_workers_of_a_script_run_no_file_of_the_working_directory(tmp_path):
 def test_a_command_takes_no_settings_from_the_data_folder(tmp_path, name, content):
     (tmp_path / name).write_bytes(content)
     grouped_csv(tmp_path / "study.csv", few_pairs("AB"))
-    program = Path(sys.executable).parent / "bayes-toe"
-    words = [
-        "sample",
-        "study.csv",
-        "-o",
-        "draws.nc",
-        "--seed",
-        "1",
-        "--draws",
-        "100",
-        "--workers",
-        "2",
-        "-q",
-    ]
-    sampled = subprocess.run([program, *words], cwd=tmp_path, capture_output=True, text=True)
-    assert (sampled.returncode in (0, 3), sampled.stderr) == (True, "")
-    words = ["corner", "draws.nc", "-o", "corner", "--workers", "1", "-q"]
-    drawn = subprocess.run([program, *words], cwd=tmp_path, capture_output=True, text=True)
-    assert (drawn.returncode, drawn.stderr) == (0, "")
+    sampled = installed(
+        "sample study.csv -o draws.nc --seed 1 --draws 100 --workers 2 -q", tmp_path
+    )
+    assert sampled.returncode in (0, 3)
+    drawn = installed("corner draws.nc -o corner --workers 1 -q", tmp_path)
+    assert (drawn.returncode, sampled.stderr, drawn.stderr) == (0, "", "")
 
 
 FORKED = """
@@ -177,11 +157,7 @@ print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs processes that are copies")
 def test_a_copy_of_a_process_that_has_workers_can_work(tmp_path):
-    quiet = [
-        "-W",
-        "ignore::DeprecationWarning",
-    ]  # from 3.12 on Python warns of a copy of a process with threads, which joblib's has
-    done = subprocess.run(
-        [sys.executable, *quiet, "-c", FORKED], cwd=tmp_path, capture_output=True, text=True
-    )
+    # From 3.12 on Python warns of a copy of a process with threads, which joblib's has.
+    words = [sys.executable, "-W", "ignore::DeprecationWarning", "-c", FORKED]
+    done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True)
     assert (done.stdout, done.stderr) == ("[1, 2, 4]\n[1, 2, 4]\n0\n", "")

@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from commands import good
+from legible import titles_of, words_of
 from populations import made_result, two_conditions
 from scipy.special import ndtr
 
@@ -68,8 +69,8 @@ def test_what_differs_has_its_sign_and_size(table):
 
 def test_the_table_has_a_sentence_and_the_prior(table):
     assert table.sentences()[1] == "Constant error differs: 2 of 2 subjects yes."
-    (described,) = set(table.frame()["prior"])
-    assert "contraction ~ Normal(0, 0.25) on (-1, 1)" in described
+    (prior,) = set(table.frame()["prior"])
+    assert "contraction ~ Normal(0, 0.25) on (-1, 1)" in prior
 
 
 def test_another_reference_turns_signs_and_another_unit_scales(table):
@@ -101,18 +102,19 @@ def test_bayes_factors_by_hand():
     study = bt.read_study(answers(subjects="A", trials=8))
     pooled = ConditionPosterior(study.subjects, study.conditions.design())
     evidences, with_lapses = condition_evidences(pooled, seed=1)
-    symbols = {CONSTANT_ERROR: "c", CONTRACTION: "p", NOISE: "s"}
-    z = {}
-    for evidence in evidences:
-        key = "".join(sorted(symbols[parameter] for parameter in evidence.differing))
-        z[key] = np.exp(evidence.log_evidence + 60.0)
-    assert z.keys() == {"", "c", "p", "s", "cp", "cs", "ps", "cps"}
-    value, _ = log_bayes_factor(evidences, frozenset([CONTRACTION]))
-    without = z[""] + z["c"] + z["s"] + z["cs"]
-    assert np.exp(value) == pytest.approx((z["p"] + z["cp"] + z["ps"] + z["cps"]) / without)
-    value, _ = log_bayes_factor(evidences, frozenset([CONSTANT_ERROR, CONTRACTION]))
-    differs = sum(z[key] for key in ("c", "p", "cp", "cs", "ps", "cps"))
-    assert np.exp(value) == pytest.approx(differs / 3.0 / (z[""] + z["s"]))
+    z = {evidence.differing: np.exp(evidence.log_evidence + 60.0) for evidence in evidences}
+    assert len(z) == 8
+
+    def bayes_factor(*parameters):
+        """Mean evidence of models in which some of them differ over that of the others."""
+        asked = frozenset(parameters)
+        differing = [value for key, value in z.items() if asked & key]
+        others = [value for key, value in z.items() if not asked & key]
+        return np.mean(differing) / np.mean(others)
+
+    for asked in ([CONTRACTION], [CONSTANT_ERROR, CONTRACTION]):
+        value, _ = log_bayes_factor(evidences, frozenset(asked))
+        assert np.exp(value) == pytest.approx(bayes_factor(*asked))
     for evidence in with_lapses:
         assert "lapse_rate 1" in evidence.posterior.coordinates
     withheld = [evidences[0]._replace(log_evidence=np.nan), *evidences[1:]]
@@ -141,62 +143,56 @@ def test_three_levels_numbers_and_a_missing_one():
 def test_a_study_without_conditions_is_refused_with_the_way_on():
     plain = answers().drop(columns="condition").assign(subject=lambda frame: range(len(frame)))
     delays = answers(("1", "3")).rename(columns={"condition": "isi"})
-    for frame, message in (
-        (plain, "found no condition within subjects, allowed: a column condition, or --condition"),
-        (delays, "--condition isi compares the intervals"),
-    ):
+    column = "found no condition within subjects, allowed: a column condition, or --condition"
+    for frame, message in ((plain, column), (delays, "--condition isi compares the intervals")):
         with pytest.raises(bt.InputError, match=message):
             bt.contrast(bt.read_study(frame))
 
 
-def test_intervals_are_compared_as_a_condition():
-    delays = answers(("1", "3"), subjects="A").rename(columns={"condition": "isi"})
-    study = bt.read_study(delays, bt.ReadOptions(condition="isi"))
-    (row,) = bt.contrast(study, seed=1, workers=1).select("constant error")
-    assert (row.comparison, row.word) == ("3 - 1", WORDS[0])
-
-
-def test_the_figures_show_every_subject(table):
-    study = bt.read_study(answers())
-    forest, curves = bt.plots.contrast(table), bt.plots.contrast_curves(study, table, "A")
-    assert [tick.get_text() for tick in forest.axes[0].get_yticklabels()] == ["A", "B"]
-    assert [ax.get_title() for ax in curves.axes] == ["condition left", "condition right"]
-    with pytest.raises(bt.InputError, match="no contrast of subject 'C'"):
-        bt.plots.contrast_curves(study, table, "C")
-    words = [text.get_text() for text in forest.legends[0].get_texts()]
-    assert words[0] == "differs"  # in their order, whichever panel has them first
-    missing = [row for row in table if row.quantity != "contraction"]  # no subject has it
-    panels = bt.plots.contrast(replace(table, rows=tuple(missing))).axes
-    assert [len(ax.collections[0].get_segments()) for ax in panels] == [2, 0, 2]
-    low, high = forest.axes[0].collections[0].get_segments()[0][:, 0]
+def test_the_forest_shows_every_subject(table):
+    figure = bt.plots.contrast(table)
+    assert words_of(figure.axes[0].get_yticklabels()) == ["A", "B"]
+    # Words are in their order, whichever panel has them first.
+    assert figure.legends[0].get_texts()[0].get_text() == "differs"
+    low, high = figure.axes[0].collections[0].get_segments()[0][:, 0]
     row = table.select("constant error")[0]
     assert (low, high) == pytest.approx((row.shown[0], row.shown[2]))
+    rows = tuple(row for row in table if row.quantity != "contraction")
+    panels = bt.plots.contrast(replace(table, rows=rows)).axes
+    assert [len(ax.collections[0].get_segments()) for ax in panels] == [2, 0, 2]
 
 
-def test_the_command(tmp_path):
+def test_the_curves_have_a_panel_for_each_condition(table):
+    study = bt.read_study(answers())
+    curves = bt.plots.contrast_curves(study, table, "A")
+    assert titles_of(curves.axes) == ["condition left", "condition right"]
+    with pytest.raises(bt.InputError, match="no contrast of subject 'C'"):
+        bt.plots.contrast_curves(study, table, "C")
+
+
+def test_the_commands(tmp_path):
     frame = answers(subjects="A", trials=10).rename(columns={"condition": "hand"})
     frame.to_csv(tmp_path / "study.csv", index=False)
-    words = "contrast study.csv --condition hand --reference right --seed 1"
-    assert "left - right" in good(words, cwd=tmp_path)
+    line = "contrast study.csv --condition hand --reference right --seed 1"
+    assert "left - right" in good(line, cwd=tmp_path)
     assert set(pd.read_csv(tmp_path / "contrast.csv").comparison) == {"left - right"}
     assert (tmp_path / "contrast.png").exists()
-    words = "fit study.csv --condition hand --asymmetry asymmetry.csv --replicates 2"
-    good(words, cwd=tmp_path)
-    asymmetry = pd.read_csv(tmp_path / "asymmetry.csv")
-    assert (set(asymmetry.subject), set(asymmetry.condition)) == ({"A"}, {"left", "right"})
+    good("fit study.csv --condition hand --asymmetry asymmetry.csv --replicates 2", cwd=tmp_path)
+    units = pd.read_csv(tmp_path / "asymmetry.csv")[["subject", "condition"]].drop_duplicates()
+    assert units.to_numpy().tolist() == [["A", "left"], ["A", "right"]]
 
 
 def test_the_mean_differences_of_the_group_are_bands(table):
     study = two_conditions(1, n_subjects=3)
     group = made_result(study)
     of_group = replace(table, conditions=study.conditions)
-    panels = bt.plots.contrast(of_group, group).axes
+    errors, contractions, jnds = bt.plots.contrast(of_group, group).axes
     draws, _, _ = group.difference("constant_error", ("right", "left"))
-    ends = np.quantile(group.shift_percent(draws), [0.025, 0.975])
-    [band] = panels[0].patches
-    assert (band.get_x(), band.get_x() + band.get_width()) == pytest.approx(tuple(ends))
+    low, high = np.quantile(group.shift_percent(draws), [0.025, 0.975])
+    [band] = errors.patches
+    assert (band.get_x(), band.get_width()) == pytest.approx((low, high - low))
     draws, _, _ = group.difference("contraction", ("right", "left"))
-    [band] = panels[1].patches
+    [band] = contractions.patches
     assert band.get_x() == pytest.approx(np.quantile(draws, 0.025))
     # The group has the ratio of JNDs, and subjects their difference.
-    assert not panels[2].patches
+    assert not jnds.patches

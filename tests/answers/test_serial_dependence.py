@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from commands import good
+from legible import marks_of, titles_of
 from scipy.stats import norm
 from serial_observers import answered
 
@@ -87,19 +88,21 @@ def test_same_or_different_has_both_effects_too():
 
 
 def test_the_table_is_a_file(table, tmp_path):
-    frame = table.frame()
-    assert tuple(frame.columns) == HISTORY_COLUMNS
     table.save(tmp_path / "history.csv")
-    back = pd.read_csv(tmp_path / "history.csv").set_index("subject")
-    for row in table:
-        cells = back.loc[row.subject]
-        assert cells.carry_over == row.word("carry_over")
-        assert cells.ln_bf_carry_over == pytest.approx(row.log_bayes_factor("carry_over"))
-        assert cells.rho_q50 == pytest.approx(row.rho[1])
-        assert cells.kappa_q975 == pytest.approx(row.kappa[2])
-        assert cells.history_p == pytest.approx(row.screen.joint_p)
-        assert cells.log_evidence_static == pytest.approx(row.log_evidence[0])
-        assert cells.log_evidence_carry_over_se == pytest.approx(row.standard_error[2])
+    back = pd.read_csv(tmp_path / "history.csv")
+    assert tuple(back.columns) == HISTORY_COLUMNS
+    row = table["carries"]
+    cells = back.set_index("subject").loc["carries"]
+    assert cells.carry_over == row.word("carry_over")
+    numbers = {
+        "ln_bf_carry_over": row.log_bayes_factor("carry_over"),
+        "rho_q50": row.rho[1],
+        "kappa_q975": row.kappa[2],
+        "history_p": row.screen.joint_p,
+        "log_evidence_static": row.log_evidence[0],
+        "log_evidence_carry_over_se": row.standard_error[2],
+    }
+    assert cells[[*numbers]].tolist() == pytest.approx(list(numbers.values()))
 
 
 def test_a_seed_gives_the_same_numbers_whatever_else_is_in_the_study(table, study):
@@ -115,13 +118,12 @@ def test_an_unknown_order_is_refused_in_a_line(study):
 
 
 def test_the_command_writes_the_table_and_the_figure(tmp_path):
-    subject = answered(40, repeats=12, share_repeated=0.5)
-    answers = subject.answers
-    frame = pd.DataFrame(answers.keys, columns=["s1", "s2"])
-    frame = frame.assign(subject="A", response=np.where(answers.n_yes, "second", "first"))
-    frame = frame.assign(session=np.cumsum(answers.begins), trial=np.arange(len(frame)))
+    answers = answered(40, repeats=12, share_repeated=0.5).answers
+    frame = pd.DataFrame(answers.keys, columns=["s1", "s2"]).assign(subject="A")
+    frame["response"] = np.where(answers.n_yes, "second", "first")
+    frame["session"], frame["trial"] = np.cumsum(answers.begins), np.arange(len(frame))
     frame.to_csv(tmp_path / "trials.csv", index=False)
-    screen = good("history", "trials.csv", "-o", "serial.csv", "--seed", "1", cwd=tmp_path)
+    screen = good("history trials.csv -o serial.csv --seed 1", cwd=tmp_path)
     assert "Previous response: 1 of 1 subject yes (1 repetition)." in screen
     (row,) = pd.read_csv(tmp_path / "serial.csv").itertuples()
     assert row.previous_response == "yes (repetition)"
@@ -131,7 +133,7 @@ def test_the_command_writes_the_table_and_the_figure(tmp_path):
 
 
 def test_the_figure_shows_every_subject(table):
-    titles = [ax.get_title() for ax in bt.plots.serial(table).axes]
+    titles = titles_of(bt.plots.serial(table).axes)
     assert len(titles) == 8
     assert any(title.startswith("carries, carry-over: yes\nrho") for title in titles)
     assert sum("previous response: yes (alternation)" in title for title in titles) == 1
@@ -145,17 +147,16 @@ def test_points_of_the_figure_are_the_shares_of_the_responses(table):
     expected = posterior.trial_probabilities(row.draws[0]).mean(axis=0)
     after_second = np.r_[False, trials.answer[:-1] > 0] & ~trials.begins
     residual = ((trials.answer > 0) - expected)[after_second].mean()
-    (points,) = [line for line in right.lines if line.get_marker() == "o"]
+    (points,) = marks_of(right, "o")
     assert points.get_ydata()[1] == pytest.approx(residual)
     assert residual > 0.03
 
 
 def test_listeners_carry_over(real_data):
-    study = bt.read_study(
-        real_data / "auditory_pwm" / "trials.csv", bt.ReadOptions(ignore=("isi",))
-    )
-    chosen = bt.Study([study["Sub01_Bimodal_l2"], study["SubA_Bimodal_l2"]])
-    table = bt.serial_dependence(chosen, seed=1, workers=1)
-    assert table["Sub01_Bimodal_l2"].log_bayes_factor("carry_over") == pytest.approx(17.8, abs=1.0)
-    static, _, carry_over, _ = table["SubA_Bimodal_l2"].log_evidence
+    options = bt.ReadOptions(ignore=("isi",))
+    study = bt.read_study(real_data / "auditory_pwm" / "trials.csv", options)
+    first, second = "Sub01_Bimodal_l2", "SubA_Bimodal_l2"
+    table = bt.serial_dependence(study.select([first, second]), seed=1, workers=1)
+    assert table[first].log_bayes_factor("carry_over") == pytest.approx(17.8, abs=1.0)
+    static, _, carry_over, _ = table[second].log_evidence
     assert carry_over - static == pytest.approx(3.2, abs=0.3)

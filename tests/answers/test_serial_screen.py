@@ -18,17 +18,11 @@ from bayes_toe.model.observer import OrderModel
 def screen(subject, p=0.0):
     """The screen at the observer's own point: any slopes are valid weights."""
     posterior = OrderModel("both").posterior(subject)
-    known = {
-        "noise": NOISE,
-        "q0": Q0,
-        "lapse_rate": LAPSE_RATE,
-        "noise_slope": 0.0,
-        "criterion_slope": 0.0,
-        "constant_error": 0.0,
-        "contraction": p,
-    }
-    point = posterior.points({name: np.array(known[name]) for name in posterior.coordinates})
-    return serial_screen(subject, posterior, point)
+    point = dict.fromkeys(posterior.coordinates, np.array(0.0))
+    known = {"noise": NOISE, "q0": Q0, "lapse_rate": LAPSE_RATE, "contraction": p}
+    for name in point.keys() & known.keys():
+        point[name] = np.array(known[name])
+    return serial_screen(subject, posterior, posterior.points(point))
 
 
 def p_values(screens, name):

@@ -1,46 +1,29 @@
 """The answer of a study: counts that add up, directions, how frequent an effect is."""
 
-from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
+from conftest import order_answer
 
 import bayes_toe as bt
 from bayes_toe.analysis import _interpretable_group
-from bayes_toe.answers.order_effect import QUESTIONS, OrderEffect, Size
+from bayes_toe.answers.order_effect import Size
 from bayes_toe.answers.study_summary import effect_frequencies, few_subjects_lines, study_lines
 from bayes_toe.answers.words import Word
-from bayes_toe.inference.order_evidence import MODEL_NAMES
 
 
-def answer(name, words, shift=5.0, direction="contraction", flags=(), fits=True, log_evidence=0.0):
-    """An answer with these words; the log evidences of models with an effect are as given."""
-    interval = Size(shift - 1.0, shift, shift + 1.0)
-    evidences = dict.fromkeys(MODEL_NAMES, log_evidence) | {"none": 0.0}
-    return OrderEffect(
-        subject=name,
-        words=dict(zip(QUESTIONS, words, strict=True)),
-        direction=direction,
-        is_interpretable=Word.NOT_INTERPRETABLE not in words,
-        flags=flags,
-        probabilities=dict.fromkeys(QUESTIONS, 0.5),
-        log_bayes_factors=dict.fromkeys(QUESTIONS, 0.0),
-        sizes={"pse_shift_percent": interval, "contraction_p": Size(0.1, 0.2, 0.3)},
-        upper_bounds=dict.fromkeys(QUESTIONS, 0.2),
-        best_model="both",
-        predictive_p=0.5 if fits else 0.001,
-        deviance_p=0.5,
-        history_p=None,
-        log_evidence=evidences,
-        standard_error=dict.fromkeys(MODEL_NAMES, 0.02),
-        laplace=dict.fromkeys(MODEL_NAMES, 0.0),
-    )
+def answer(name, words, shift=5.0, **fields):
+    sizes = {
+        "pse_shift_percent": Size(shift - 1.0, shift, shift + 1.0),
+        "contraction_p": Size(0.1, 0.2, 0.3),
+    }
+    return order_answer(name, words, sizes=sizes, **fields)
 
 
 STUDY = [
     answer("A", (Word.YES, Word.YES, Word.YES)),
     answer("B", (Word.YES, Word.YES, Word.PROBABLY), shift=-5.0, direction="repulsion"),
-    answer("C", (Word.PROBABLY, Word.UNDECIDED, Word.NO), fits=False),
+    answer("C", (Word.PROBABLY, Word.UNDECIDED, Word.NO), predictive_p=0.001),
     answer("D", (Word.NOT_INTERPRETABLE,) * 3, flags=("responses look swapped",)),
 ]
 
@@ -69,14 +52,11 @@ def test_one_subject_is_described_in_full_and_synthetic_ones_are_called_so():
 
 
 def test_frequency_is_that_of_the_beta_binomial_where_every_answer_is_certain():
-    def certain(name, has_error):
-        own = answer(name, (Word.YES,) * 3)
-        values = {"none": 0.0, "contraction": 0.0, "constant error": 300.0, "both": 300.0}
-        if not has_error:
-            values = {model: -value for model, value in values.items()}
-        return replace(own, log_evidence=values)
-
-    answers = [certain(str(i), i < 3) for i in range(4)]
+    answers = []
+    for i in range(4):
+        log_odds = 300.0 if i < 3 else -300.0
+        evidence = {"none": 0.0, "contraction": 0.0, "constant error": log_odds, "both": log_odds}
+        answers.append(answer(str(i), (Word.YES,) * 3, log_evidence=evidence))
     expected = {"constant_error": (3 + 1) / (4 + 2), "contraction": 0.5}
     assert effect_frequencies(answers) == pytest.approx(expected, abs=1e-3)
 
@@ -97,19 +77,22 @@ def test_frequency_names_no_effect_that_the_design_cannot_show():
 
 
 def test_run_fits_the_group_of_six_interpretable_subjects_and_no_fewer(monkeypatch):
-    asked = []
+    fitted = []
     monkeypatch.setattr(
         "bayes_toe.analysis.population",
-        lambda study, **options: asked.append((study.names, options)),
+        lambda study, **options: fitted.append((study.names, options)),
     )
     study = bt.example_study("same/different").select([f"S{i:02d}" for i in range(1, 8)])
-    rows = [
-        SimpleNamespace(evidence=SimpleNamespace(answer=answer(name, (Word.NO,) * 3)))
-        for name in study.names
-    ]
-    rows[0].evidence.answer = answer("S01", (Word.NOT_INTERPRETABLE,) * 3)
-    _interpretable_group(study, rows, seed=4)
-    assert asked == [(study.names[1:], {"seed": 4})]
-    rows[1].evidence.answer = answer("S02", (Word.NOT_INTERPRETABLE,) * 3)
-    assert _interpretable_group(study, rows, seed=4) is None
-    assert len(asked) == 1
+
+    def group_without(*names):
+        rows = []
+        for name in study.names:
+            word = Word.NOT_INTERPRETABLE if name in names else Word.NO
+            evidence = SimpleNamespace(answer=answer(name, (word,) * 3))
+            rows.append(SimpleNamespace(evidence=evidence))
+        return _interpretable_group(study, rows, seed=4)
+
+    group_without("S01")
+    assert fitted == [(study.names[1:], {"seed": 4})]
+    assert group_without("S01", "S02") is None
+    assert len(fitted) == 1

@@ -46,13 +46,8 @@ def done(folder):
 def test_files_and_answer(done, folder):
     assert sorted(path.name for path in folder.glob("group*")) == [*FILES]
     text = " ".join(done.split())
-    shift = r"[-+][\d.]+ % \[[-+][\d.]+, [-+][\d.]+\]"
-    share = r"-?[\d.]+ \[-?[\d.]+, -?[\d.]+\]"
-    factor = r"SD .*, differs from 0: [\w ]+ \(BF .*\)"
-    group = (
-        rf"Group of 5 \(site 0, age mean\): mean PSE shift {shift}, {factor}; mean contraction p"
-    )
-    assert re.search(rf"Answer {group} {share}, {factor}\.", text)
+    assert "Answer Group of 5 (site 0, age mean): mean PSE shift " in text
+    assert re.search(r"\], SD .*, differs from 0: [\w ]+ \(BF .*\)\.", text)
     assert "Effects of covariates" in text
     assert "! subjects left out: 'P005' (no age)" in text
     assert text.endswith("Written: group.nc, group.csv, group_subjects.csv, group.png. Seed 1.")
@@ -61,19 +56,18 @@ def test_files_and_answer(done, folder):
 def test_files_are_those_of_the_group(done, folder):
     result = bt.load(folder / "group.nc")
     text = " ".join(done.split())
-    assert (
-        f"mean PSE shift {format_percent(Size(*result.effect('constant_error').percent))}" in text
-    )
-    assert f"mean contraction p {format_share(Size(*result.effect('contraction').mean))}" in text
+    shift = format_percent(Size(*result.effect("constant_error").percent))
+    contraction = format_share(Size(*result.effect("contraction").mean))
+    assert f"mean PSE shift {shift}" in text
+    assert f"mean contraction p {contraction}" in text
     assert result.subjects == ("P000", "P001", "P002", "P003", "P004")
     assert dict(result.left_out) == {"P005": "no age"}
     assert result.settings.hyperprior.contraction.sd_scale == 0.5
     table = pd.read_csv(folder / "group.csv", keep_default_na=False, na_values=[""])
     assert np.array_equal(table["q50"], result.summary()["q50"])
-    effects = table[table.quantity == "effect"]
-    assert effects.level.unique().tolist() == ["site 1", "age"]
+    assert table.level[table.quantity == "effect"].unique().tolist() == ["site 1", "age"]
     subjects = pd.read_csv(folder / "group_subjects.csv").subject.unique()
-    assert subjects.tolist() == list(result.subjects)
+    assert tuple(subjects) == result.subjects
 
 
 @pytest.mark.parametrize(
@@ -107,10 +101,8 @@ def test_same_or_different_and_what_is_not_reliable(tmp_path, monkeypatch):
     assert "! The group's result is not reliable: 2 of 4000 trajectories diverged" in text
     assert "contraction cannot be told" in text
     result = bt.load(tmp_path / "population.nc")
-    assert (result.study.task.yes, result.names) == (
-        "equal",
-        ("constant_error", "contraction", "noise", "q0"),
-    )
+    assert result.study.task.yes == "equal"
+    assert result.names == ("constant_error", "contraction", "noise", "q0")
 
 
 def test_an_sd_near_zero_is_given_as_a_bound():

@@ -8,14 +8,13 @@ import numpy as np
 import pandas as pd
 import pytest
 from commands import inside
+from conftest import order_answer
 from populations import independent_draws, two_conditions
 
 import bayes_toe as bt
 from bayes_toe.answers.order_effect import (
     MISFIT_FLAG,
     PRIOR_FLAG,
-    QUESTIONS,
-    OrderEffect,
     Problem,
     Size,
 )
@@ -25,7 +24,6 @@ from bayes_toe.cli.answers import print_answer, print_subjects
 from bayes_toe.cli.check_screen import describe_pairs
 from bayes_toe.cli.terminal import WIDTH, Terminal, cell_width
 from bayes_toe.cli.within_screens import print_contrast
-from bayes_toe.inference.order_evidence import MODEL_NAMES
 from bayes_toe.inference.predictive_checks import PairFit
 
 WORDS = {
@@ -41,30 +39,19 @@ FLAT = (0, 0, 0)
 
 
 def conclusion(name, letters, shift=FLAT, p=FLAT, flag="", problem=""):
-    """A conclusion with these words, sizes and one flag; OrderEffect has no defaults for more."""
-    words = [WORDS[letter] for letter in letters]
-    numbers = dict.fromkeys(MODEL_NAMES, 0.0)
-    return OrderEffect(
-        subject=name,
-        words=dict(zip(QUESTIONS, words, strict=True)),
-        direction="contraction" if p[1] >= 0 else "repulsion",
-        is_interpretable="x" not in letters,
-        flags=(flag,) if flag else (),
-        probabilities=dict.fromkeys(QUESTIONS, 0.97),
-        log_bayes_factors=dict.fromkeys(QUESTIONS, 3.0),
-        sizes={"pse_shift_percent": Size(*shift), "contraction_p": Size(*p)},
-        upper_bounds=dict.fromkeys(QUESTIONS, 0.2),
-        best_model="both",
-        predictive_p=0.001 if flag == MISFIT_FLAG else 0.5,
-        deviance_p=0.5,
-        history_p=None,
-        log_evidence=numbers,
-        standard_error=numbers,
-        laplace=numbers,
-        reasons={"contraction": ONE_FIRST_STIMULUS} if letters[2] == "c" else {},
-        problems=(problem,) if problem else (),
-        worst_pairs=(PairFit(0.0, 0.3, 0.9, 0.4),) if flag == MISFIT_FLAG else (),
-    )
+    """An answer with these words, sizes and one flag."""
+    fields = {"sizes": {"pse_shift_percent": Size(*shift), "contraction_p": Size(*p)}}
+    if p[1] < 0:
+        fields["direction"] = "repulsion"
+    if flag:
+        fields["flags"] = (flag,)
+    if problem:
+        fields["problems"] = (problem,)
+    if flag == MISFIT_FLAG:
+        fields |= {"predictive_p": 0.001, "worst_pairs": (PairFit(0.0, 0.3, 0.9, 0.4),)}
+    if letters[2] == "c":
+        fields["reasons"] = {"contraction": ONE_FIRST_STIMULUS}
+    return order_answer(name, [WORDS[letter] for letter in letters], **fields)
 
 
 WIDER = Problem("A prior twice as wide changes contraction from 'undecided' to 'probably not'.")
@@ -143,9 +130,9 @@ def test_the_screen_of_run_is_this_text(capsys, monkeypatch):
     ],
 )
 def test_pairs_are_counted_whatever_their_order(s1, s2, text):
-    counts = [2] * len(s1), [4] * len(s1)
     for first, second in ((s1, s2), (s2, s1)):
-        subject = bt.Subject("A", [*map(int, first)], [*map(int, second)], *counts)
+        stimuli = [*map(int, first)], [*map(int, second)]
+        subject = bt.Subject("A", *stimuli, [2] * len(s1), [4] * len(s1))
         assert describe_pairs(bt.Study([subject])) == f"Pairs: {text}"
 
 
@@ -221,11 +208,13 @@ def test_false_positives_are_counted_in_brackets(screens):
     assert len(re.findall(r" \([01] of 1\)", screens["power"])) == 2
 
 
-def test_a_word_that_depends_on_lapses_has_a_mark(capsys):
+@pytest.mark.parametrize("is_robust", [True, False])
+def test_a_word_that_depends_on_lapses_has_a_mark(capsys, is_robust):
     table = bt.contrast(two_conditions(1, n_subjects=1), seed=1, workers=1)
-    rows = tuple(row._replace(robust="no") for row in table)
-    for changed, n_marks in ((table, 0), (replace(table, rows=rows), len(table.quantities) - 1)):
-        print_contrast(Terminal(), changed)
-        text = capsys.readouterr().out
-        assert len(re.findall(r" \?$", text, re.MULTILINE)) == n_marks
-        assert ("? The word changes if the lapse rate" in text) == (n_marks > 0)
+    if not is_robust:
+        table = replace(table, rows=tuple(row._replace(robust="no") for row in table))
+    print_contrast(Terminal(), table)
+    text = capsys.readouterr().out
+    n_marks = 0 if is_robust else len(table.quantities) - 1
+    assert len(re.findall(r" \?$", text, re.MULTILINE)) == n_marks
+    assert ("? The word changes if the lapse rate" in text) == (not is_robust)

@@ -11,21 +11,23 @@ from conftest import counts, few_pairs, grouped_csv
 import bayes_toe as bt
 from bayes_toe.data.options import changed
 
-
-def words(*equal):
-    return ["equal" if one else "different" for one in equal]
-
-
 FRAME = pd.DataFrame(
     {
         "subject": ["a"] * 6 + ["b:1"] * 2,
         "s1": [0.0, 0.0, 0.0, 0.3, 0.0, 0.3, 0.0, 0.3],
         "s2": [0.3, 0.3, 0.3, 0.0, 0.0, 0.0, 0.3, 0.0],
-        "response": words(1, 0, 1, 1, 1, 1, 1, 0),
         "block": [1, 1, 2, 2, 3, 3, 1, 2],
         "trial": [1, 2, 3, 4, 5, 6, 1, 2],
     }
 )
+
+
+def answered(codes):
+    """The trials with responses: 1 is equal, 0 different."""
+    return FRAME.assign(response=[{"1": "equal", "0": "different"}[code] for code in codes])
+
+
+FRAME = answered("10111110")
 
 
 @pytest.fixture
@@ -39,9 +41,7 @@ def content(study):
 
 def test_turning_blocks_is_as_if_the_file_had_them_the_other_way_round(study):
     turned = study.swap("a", [2, "3"])
-    assert content(turned) == content(
-        bt.read_study(FRAME.assign(response=words(1, 0, 0, 0, 0, 0, 1, 0)))
-    )
+    assert content(turned) == content(bt.read_study(answered("10000010")))
     assert turned["a"].answers.n_yes.tolist() == [1, 0, 0, 0, 0, 0]
     assert turned["b:1"] is study["b:1"]
     assert turned.changes == ("--swap a:2,3",)

@@ -9,16 +9,16 @@ from bayes_toe.data.conditions import Conditions
 from bayes_toe.data.study import stimuli_of
 from bayes_toe.data.tables import write_table
 
-ROWS = "subject,s1,s2,response,condition,isi\n" + "".join(
-    f"{who},{s1},{s2},{answer},{level},{isi}\n"
-    for who in ("a", "b")
-    for level, isi, far in (("right", 2, 0.0), ("left", "1.0", 1.0))
-    for s1, s2, answer in (
-        (far, far, "equal"),
-        (far, 0.3 + far, "different"),
-        (0.3 + far, far, "equal"),
-    )
-)
+ROWS = """\
+subject,s1,s2,response,condition,isi
+a,0.0,0.0,equal,right,2
+a,0.0,0.3,different,right,2
+a,0.3,0.0,equal,right,2
+a,1.0,1.0,equal,left,1.0
+a,1.0,1.3,different,left,1.0
+a,1.3,1.0,equal,left,1.0
+"""
+ROWS += "".join(f"{line}\n" for line in ROWS.replace("a,", "b,").splitlines()[1:])
 
 
 @pytest.fixture
@@ -31,93 +31,93 @@ def read(tmp_path):
     return read
 
 
-@pytest.mark.parametrize("levels", [("a", "b"), ("a", "b", "c"), tuple("abcde"), ("1", "4", "2")])
+@pytest.mark.parametrize("levels", ["ab", "abc", "abcde", "142"])
 def test_any_two_levels_differ_alike_and_effects_sum_to_nothing(levels):
-    x = Conditions("c", levels).design()
-    assert x.shape == (len(levels), len(levels) - 1)
+    n = len(levels)
+    x = Conditions("c", tuple(levels)).design()
+    assert x.shape == (n, n - 1)
     np.testing.assert_allclose(x.sum(axis=0), 0.0, atol=1e-14)
-    apart = np.square(x[:, None] - x[None]).sum(axis=-1)
-    np.testing.assert_allclose(apart, 1.0 - np.eye(len(levels)), atol=1e-14)
+    distances = np.square(x[:, None] - x[None]).sum(axis=-1)
+    np.testing.assert_allclose(distances, 1.0 - np.eye(n), atol=1e-14)
 
 
 def test_numbers_have_a_slope_over_their_range():
-    found = Conditions("delay", ("4", "2", "8"), numeric=True)
-    assert found.comparisons == (("8", "2"),)
-    np.testing.assert_allclose(found.design()[:, 0], (np.array([4, 2, 8]) - 14 / 3) / 6)
-    np.testing.assert_allclose(found.design(("8", "2"))[:, 0] @ [1.0, -1.0], 1.0)
+    delays = Conditions("delay", ("4", "2", "8"), numeric=True)
+    assert delays.comparisons == (("8", "2"),)
+    np.testing.assert_allclose(delays.design()[:, 0], (np.array([4, 2, 8]) - 14 / 3) / 6)
+    first, last = delays.design(("8", "2"))[:, 0]
+    assert first - last == pytest.approx(1.0)
 
 
 def test_units_have_the_scales_of_their_subject(read):
-    found, whole = read(), read(ignore="condition")
-    assert found.names == ("a@left", "a@right", "b@left", "b@right")
-    assert [(one.person, one.condition) for one in found][:2] == [("a", "left"), ("a", "right")]
-    assert found.conditions == Conditions("condition", ("left", "right"))
-    for one in found:
-        assert one.felt == stimuli_of(one) == pytest.approx(stimuli_of(whole[one.person]))
-        own, of_whole = bt.model.paper_posterior(one), bt.model.paper_posterior(whole[one.person])
-        assert (
-            own.sbar
-            == pytest.approx(of_whole.sbar)
-            != pytest.approx(np.average(one.s1, weights=one.n_trials))
-        )
-        assert own.prior.mu1_mean == pytest.approx(of_whole.prior.mu1_mean)
-    assert found.swap("a@left")["a@left"].felt == found["a@left"].felt
-    again = bt.read_study(found.frame())
-    assert (again.names, again.conditions) == (found.names, found.conditions)
+    study, whole = read(), read(ignore="condition")
+    assert study.names == ("a@left", "a@right", "b@left", "b@right")
+    assert [(unit.person, unit.condition) for unit in study][:2] == [("a", "left"), ("a", "right")]
+    assert study.conditions == Conditions("condition", ("left", "right"))
+    for unit in study:
+        subject = whole[unit.person]
+        assert unit.felt == stimuli_of(unit) == pytest.approx(stimuli_of(subject))
+        of_unit, of_subject = map(bt.model.paper_posterior, (unit, subject))
+        assert of_unit.sbar == pytest.approx(of_subject.sbar)
+        assert of_unit.sbar != pytest.approx(np.average(unit.s1, weights=unit.n_trials))
+        assert of_unit.prior.mu1_mean == pytest.approx(of_subject.prior.mu1_mean)
+    assert study.swap("a@left")["a@left"].felt == study["a@left"].felt
+    again = bt.read_study(study.frame())
+    assert (again.names, again.conditions) == (study.names, study.conditions)
     assert read(reference="right").conditions.comparisons == (("left", "right"),)
 
 
 def test_intervals_may_be_levels(read):
-    found = read(condition="isi")
-    assert found.intervals == ()
-    assert found.names[:2] == ("a@1", "a@2")
-    assert found.conditions.numeric
+    study = read(condition="isi")
+    assert study.intervals == ()
+    assert study.names[:2] == ("a@1", "a@2")
+    assert study.conditions.numeric
     assert not read(condition="isi", categorical=True).conditions.numeric
 
 
 def test_what_does_not_differ_within_subjects_is_no_condition(read):
-    between = ROWS.replace("left", "right").splitlines()
-    text = "\n".join(
-        line.replace("right", "left") if line.startswith("b,") else line for line in between
-    )
-    found = read(text)
-    assert found.names == ("a", "b")
-    assert found.conditions is None
-    assert any("no condition within" in note for note in found.notes)
-    assert all(one.answers is not None for one in found)
+    lines = ROWS.replace("left", "right").splitlines()
+    text = "\n".join([*lines[:7], *(line.replace("right", "left") for line in lines[7:])])
+    study = read(text)
+    assert (study.names, study.conditions) == (("a", "b"), None)
+    assert any("no condition within" in note for note in study.notes)
+    assert all(subject.answers is not None for subject in study)
     with pytest.raises(bt.InputError, match="every subject at one level"):
         read(text, condition="condition")
 
 
-@pytest.mark.parametrize("name", ["{0}-{1}", "{2}"])
-def test_names_of_pairs_or_of_their_order_are_no_condition_unless_asked_for(read, name):
-    pairs = [(0.0, 0.3, "up"), (0.3, 0.0, "down"), (0.0, 0.6, "up"), (0.6, 0.0, "down")] * 4
-    rows = [
-        f"a,{i},{s1},{s2},equal,{name.format(s1, s2, order)}"
-        for i, (s1, s2, order) in enumerate(pairs)
-    ]
-    text = "\n".join(["subject,trial,s1,s2,response,condition", *rows[:3], *rows[4:]])
-    found = read(text)
-    assert (found.names, found.conditions) == (("a",), None)
-    assert "found no pair at two of its levels" in found.notes[-1]
-    assert not any("as --ignore has it" in note for note in found.notes)
+PAIRS = [(0.0, 0.3, "up"), (0.3, 0.0, "down"), (0.0, 0.6, "up"), (0.6, 0.0, "down")]
+
+
+@pytest.mark.parametrize(("name", "n_levels"), [("{0}-{1}", 4), ("{2}", 2)])
+def test_names_of_pairs_or_of_their_order_are_no_condition_unless_asked_for(read, name, n_levels):
+    lines = ["subject,trial,s1,s2,response,condition"]
+    for i, pair in enumerate(PAIRS * 4):
+        lines.append(f"a,{i},{pair[0]},{pair[1]},equal,{name.format(*pair)}")
+    del lines[4]
+    text = "\n".join(lines)
+    study = read(text)
+    assert (study.names, study.conditions) == (("a",), None)
+    assert "found no pair at two of its levels" in study.notes[-1]
+    assert not any("as --ignore has it" in note for note in study.notes)
     asked = read(text, condition="condition")
-    assert len(asked) == len({row.rpartition(",")[2] for row in rows})
+    assert len(asked) == n_levels
     assert any("trial numbers are missing (a 1)" in note for note in asked.notes)
     assert read(text + "\na,16,0.0,0.3,equal,other").conditions is not None  # a pair at two levels
 
 
+def messages(study):
+    """What `check` says, by subject and code."""
+    return {(finding.subject, finding.code): finding.message for finding in bt.check(study)}
+
+
 def test_check_warns_where_no_pair_is_in_two_conditions(read):
-    rows = [
-        f"a,{s1},{s2},equal,{order}" for s1, s2, order in [(0.0, 0.3, "up"), (0.3, 0.0, "down")] * 6
-    ]
-    found = bt.check(
-        read("\n".join(["subject,s1,s2,response,condition", *rows]), condition="condition")
-    )
-    assert [one.message for one in found if one.code == "stimuli_by_condition"] == [
+    rows = "a,0.0,0.3,equal,up\na,0.3,0.0,equal,down\n" * 6
+    study = read("subject,s1,s2,response,condition\n" + rows, condition="condition")
+    assert messages(study)["a", "stimuli_by_condition"] == (
         "No pair was presented in two conditions. A difference between conditions may be an effect "
         "of the pairs."
-    ]
+    )
 
 
 @pytest.mark.parametrize(
@@ -142,37 +142,35 @@ def test_what_is_refused(read, text, options, said):
         read(text, **options)
 
 
-def test_tables_have_subject_and_condition_and_are_read_back_as_units(tmp_path):
+def test_tables_have_subject_and_condition(tmp_path):
     frame = pd.DataFrame({"model": ["m", "m"], "subject": ["a@left", "*"], "value": [1.0, 2.0]})
     path = write_table(frame, tmp_path / "table.csv", units=True)
-    assert pd.read_csv(path, keep_default_na=False).columns.tolist() == [
-        "model",
-        "subject",
-        "condition",
-        "value",
+    assert path.read_text().splitlines() == [
+        "model,subject,condition,value",
+        "m,a,left,1.0",
+        "m,*,,2.0",
     ]
 
 
 def test_check_warns_of_time_stimuli_and_missing_levels(read):
-    found = {(one.subject, one.code): one.message for one in bt.check(read())}
+    found = messages(read())
     assert "by 1.9 standard deviations" in found["a", "stimuli_by_condition"]
     assert "right, left, for 2 subjects" in found["", "conditions_in_order"]
     assert ("a", "missing_condition") not in found
-    lines = ROWS.splitlines()
-    mixed = read("\n".join([lines[0], *lines[1:7:2], *lines[2:7:2], *lines[7:10]]))
-    codes = {(one.subject, one.code): one.message for one in bt.check(mixed)}
-    assert ("", "conditions_in_order") not in codes
-    assert "No trials in condition left" in codes["b", "missing_condition"]
+    header, *lines = ROWS.splitlines()
+    mixed = messages(read("\n".join([header, *lines[0:6:2], *lines[1:6:2], *lines[6:9]])))
+    assert ("", "conditions_in_order") not in mixed
+    assert "No trials in condition left" in mixed["b", "missing_condition"]
 
 
 def test_files_have_the_condition_all_or_none(tmp_path):
-    (tmp_path / "one.csv").write_text(ROWS, encoding="utf-8")
-    (tmp_path / "other.csv").write_text(
-        ROWS.replace("condition", "hand").replace("a,", "c,"), encoding="utf-8"
-    )
+    files = [tmp_path / "one.csv", tmp_path / "other.csv"]
+    other = ROWS.replace("a,", "c,")
+    files[0].write_text(ROWS)
+    files[1].write_text(other.replace("condition", "hand"))
     with pytest.raises(bt.InputError, match="found column condition in some files only"):
-        bt.read_study([tmp_path / "one.csv", tmp_path / "other.csv"])
-    (tmp_path / "other.csv").write_text(ROWS.replace("a,", "c,"), encoding="utf-8")
-    together = bt.read_study([tmp_path / "one.csv", tmp_path / "other.csv"])
+        bt.read_study(files)
+    files[1].write_text(other)
+    together = bt.read_study(files)
     assert together.names == ("a@left", "a@right", "b@left", "b@right", "c@left", "c@right")
     assert together["b@left"].felt == pytest.approx(together["a@left"].felt)

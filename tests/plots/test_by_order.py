@@ -4,12 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from legible import require_legible
+from legible import curves_of, marks_of, require_legible
 from matplotlib.colors import to_hex
 from scipy.stats import binom
 
 import bayes_toe as bt
 from bayes_toe.answers.evidence_table import EvidenceTable
+from bayes_toe.answers.words import Word
 from bayes_toe.inference.prediction import Predictor
 from bayes_toe.model.observer import OrderModel
 from bayes_toe.plots.by_order import jnds_by_order, predictive_interval
@@ -20,35 +21,24 @@ FIGURES = (bt.plots.curves_by_order, bt.plots.posterior_predictive, bt.plots.jnd
 
 def many(analysis, size):
     """The analysis with so many subjects under other names."""
-    index = [i % len(analysis.study) for i in range(size)]
-    names = [f"participant number {i}" for i in range(size)]
-    subjects = [
-        replace(analysis.study[analysis.study.names[j]], name=name)
-        for j, name in zip(index, names, strict=True)
-    ]
-    rows = []
-    for j, name in zip(index, names, strict=True):
+    index = np.arange(size) % len(analysis.study)
+    subjects, rows = [], []
+    for i, j in enumerate(index):
+        name = f"participant number {i}"
         row = analysis.evidence.rows[j]
         rows.append(replace(row, subject=name, answer=replace(row.answer, subject=name)))
-    return replace(
-        analysis,
-        study=bt.Study(subjects, synthetic=True),
-        evidence=EvidenceTable(tuple(rows)),
-        curves=tuple(analysis.curves[j] for j in index),
-    )
+        subjects.append(replace(analysis.study.subjects[j], name=name))
+    study = bt.Study(subjects, synthetic=True)
+    curves = tuple(analysis.curves[j] for j in index)
+    return replace(analysis, study=study, evidence=EvidenceTable(tuple(rows)), curves=curves)
 
 
 def at_point(subject, **values):
     """A predictor with one draw, without slopes and lapses."""
     target = OrderModel("both").posterior(subject)
-    point = {
-        "noise": 0.2,
-        "lapse_rate": 1e-9,
-        "noise_slope": 0.0,
-        "constant_error": 0.0,
-        "contraction": 0.0,
-    }
-    return Predictor(target, target.points({**point, **values})[None])
+    point = dict.fromkeys(target.coordinates, 0.0)
+    point |= {"noise": 0.2, "lapse_rate": 1e-9, **values}
+    return Predictor(target, target.points(point)[None])
 
 
 @pytest.mark.parametrize("contraction", [-0.3, 0.0, 0.4])
@@ -56,9 +46,9 @@ def test_the_jnd_of_each_order_leads_from_50_to_75_percent(stronger, contraction
     fitted = at_point(stronger.study["pulled"], contraction=contraction)
     first, second = (np.log1p(jnd / 100.0) for jnd in jnds_by_order(fitted))
     standard = np.full(1, fitted.target.sbar)
-    assert fitted.yes(standard, standard + first)[0, 0] == pytest.approx(0.75)
-    assert fitted.yes(standard + second, standard)[0, 0] == pytest.approx(0.25)
-    assert second[0] / first[0] == pytest.approx(1.0 / (1.0 - contraction))
+    assert fitted.yes(standard, standard + first) == pytest.approx(0.75)
+    assert fitted.yes(standard + second, standard) == pytest.approx(0.25)
+    assert second / first == pytest.approx(1.0 / (1.0 - contraction))
 
 
 def test_the_predictive_interval_of_one_draw_is_that_of_the_binomial_distribution(stronger):
@@ -73,62 +63,54 @@ def test_the_predictive_interval_of_one_draw_is_that_of_the_binomial_distributio
 
 def test_observed_shares_stand_in_the_colour_of_their_order(analysis):
     ax = bt.plots.posterior_predictive(analysis, ["B"]).axes[0]
-    counts = analysis.study["B"]
+    subject = analysis.study["B"]
+    shares = subject.n_yes / subject.n_trials
+    direction = np.sign(subject.s1 - subject.s2)
     lines = {line.get_label(): line for line in ax.lines}
     for label, colour, sign in (
         ("weaker first", WEAKER_FIRST, -1),
         ("stronger first", STRONGER_FIRST, 1),
     ):
-        at = np.sign(counts.s1 - counts.s2) == sign
-        expected = np.sort(counts.n_yes[at] / counts.n_trials[at])
+        expected = np.sort(shares[direction == sign])
         assert np.sort(lines[label].get_ydata()) == pytest.approx(expected)
         assert to_hex(lines[label].get_color()) == colour.lower()
-    ends = predictive_interval(analysis.curve("B"), analysis.settings.seed)
-    bars = [(bar.get_y(), bar.get_y() + bar.get_height()) for bar in ax.patches]
-    index = np.lexsort((counts.s1 + counts.s2, np.sign(counts.s1 - counts.s2)))
-    assert np.array(bars) == pytest.approx(ends[:, index].T)
+    low, high = predictive_interval(analysis.curve("B"), analysis.settings.seed)
+    order = np.lexsort((subject.s1 + subject.s2, direction))
+    bars = np.array([(bar.get_y(), bar.get_height()) for bar in ax.patches])
+    assert bars == pytest.approx(np.column_stack([low, high - low])[order])
 
 
 def test_curves_of_one_weaker_stimulus_are_shares_of_correct_responses(analysis, stronger):
-    same, which = (
-        bt.plots.curves_by_order(one).axes[0].get_ylabel() for one in (analysis, stronger)
-    )
-    assert (same, which) == ("share 'equal'", "share correct")
-    counts = bt.Subject(
-        "one",
-        [0.0, 0.0, 0.2, 0.4],
-        [0.2, 0.4, 0.0, 0.0],
-        [30, 38, 16, 3],
-        [40] * 4,
-        task=stronger.study.task,
-    )
-    fitted = at_point(counts, contraction=0.2)
-    one = replace(many(stronger, 1), study=bt.Study([counts]), curves=(fitted,))
-    [ax] = bt.plots.curves_by_order(one).axes
-    curves = [line for line in ax.lines if len(line.get_xdata()) == 40]
-    [weaker, stronger_first] = curves
-    x, share = weaker.get_data()
+    labels = [
+        bt.plots.curves_by_order(source).axes[0].get_ylabel() for source in (analysis, stronger)
+    ]
+    assert labels == ["share 'equal'", "share correct"]
+    s1, s2 = [0.0, 0.0, 0.2, 0.4], [0.2, 0.4, 0.0, 0.0]
+    subject = bt.Subject("A", s1, s2, [30, 38, 16, 3], [40] * 4, task=stronger.study.task)
+    fitted = at_point(subject, contraction=0.2)
+    one_subject = replace(many(stronger, 1), study=bt.Study([subject]), curves=(fitted,))
+    [ax] = bt.plots.curves_by_order(one_subject).axes
+    weaker_first, stronger_first = curves_of(ax, 40)
+    x, share = weaker_first.get_data()
     assert share == pytest.approx(fitted.yes(0.0 * x, x)[0])
     x, share = stronger_first.get_data()
     assert share == pytest.approx(1.0 - fitted.yes(x, 0.0 * x)[0])
 
 
 def test_a_subject_without_an_estimate_of_contraction_is_counted(analysis):
-    row = analysis.evidence.rows[0]
-    rejected = replace(row, answer=replace(row.answer, is_interpretable=False))
-    rows = (rejected, *analysis.evidence.rows[1:])
+    first, second, third = analysis.evidence
+    words = {**second.answer.words, "contraction": Word.YES}
+    rows = (
+        replace(first, answer=replace(first.answer, is_interpretable=False)),
+        replace(second, answer=replace(second.answer, words=words)),
+        replace(third, answer=replace(third.answer, words=words)),
+    )
     doubtful = replace(analysis, evidence=EvidenceTable(rows))
     titles = [ax.get_title(loc="left") for ax in bt.plots.curves_by_order(doubtful).axes]
     assert titles == ["A\nnot interpreted", "B", "C"]
-    has_size = [
-        answer
-        for answer in doubtful.answers
-        if answer.is_interpretable and answer.words["contraction"].value != "cannot be told"
-    ]
     [ax] = bt.plots.jnd_by_order(doubtful).axes
-    markers = [line for line in ax.lines if line.get_marker() == "D" and len(line.get_xdata())]
-    assert len(markers) == len(has_size) < 3
-    assert ax.texts[0].get_text().startswith(f"{3 - len(has_size)} subject")
+    assert len([mark for mark in marks_of(ax, "D") if len(mark.get_xdata())]) == 2
+    assert ax.texts[0].get_text().startswith("1 subject")
 
 
 @pytest.mark.parametrize("draw", FIGURES)

@@ -1,11 +1,10 @@
 """Figures of the answer, by what is drawn in them."""
 
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
-from legible import require_legible, texts_of
+from legible import curves_of, marks_of, require_legible, texts_of, words_of
 from populations import made_result
 
 import bayes_toe as bt
@@ -30,10 +29,6 @@ def renamed(table, size, pattern="S{}"):
     return EvidenceTable(tuple(named))
 
 
-def words_of(ax):
-    return [text.get_text() for text in ax.texts]
-
-
 def medians(ax):
     """The markers of a forest."""
     return [line.get_xdata()[0] for line in ax.lines if line.get_marker() in ("s", "D")]
@@ -45,16 +40,14 @@ def intervals(ax):
 
 def test_forests_have_sizes_and_words_of_every_subject(analysis):
     errors, contractions = bt.plots.order_effect(analysis.evidence).axes
-    assert [label.get_text() for label in errors.get_yticklabels()] == ["A", "B", "C"]
+    assert words_of(errors.get_yticklabels()) == ["A", "B", "C"]
     for ax, question in zip((errors, contractions), QUESTIONS[1:], strict=True):
         expected = [answer.marked_word(question.name) for answer in analysis.answers]
-        assert words_of(ax) == expected
-        has_size = [
-            answer
-            for answer in analysis.answers
-            if answer.words[question.name] is not Word.CANNOT_BE_TOLD
-        ]
-        sizes = [answer.sizes[question.size] for answer in has_size]
+        assert words_of(ax.texts) == expected
+        sizes = []
+        for answer in analysis.answers:
+            if answer.words[question.name] is not Word.CANNOT_BE_TOLD:
+                sizes.append(answer.sizes[question.size])
         assert medians(ax) == [size.q50 for size in sizes]
         assert intervals(ax) == [(size.q025, size.q975) for size in sizes]
 
@@ -68,7 +61,7 @@ def test_the_group_stands_in_the_last_row(analysis, small_study, monkeypatch):
         (errors, group.effect("constant_error").percent),
         (contractions, group.effect("contraction").mean),
     ):
-        [mark] = [line for line in ax.lines if line.get_marker() == "d"]
+        [mark] = marks_of(ax, "d")
         assert mark.get_xdata()[0] == pytest.approx(interval[1])
         assert intervals(ax)[-1] == pytest.approx((interval[0], interval[2]))
 
@@ -76,10 +69,8 @@ def test_the_group_stands_in_the_last_row(analysis, small_study, monkeypatch):
 def test_a_mean_that_no_pairs_can_show_is_not_drawn(analysis, small_study):
     group = made_result(small_study)
     errors, contractions = bt.plots.order_effect(analysis.evidence, group).axes
-    drawn = [
-        [line for line in ax.lines if line.get_marker() == "d"] for ax in (errors, contractions)
-    ]
-    assert list(map(len, drawn)) == [1, 0]
+    assert len(marks_of(errors, "d")) == 1
+    assert marks_of(contractions, "d") == []
 
 
 def test_large_and_small_bayes_factors_are_triangles_at_the_ends_of_the_axis(analysis):
@@ -88,18 +79,13 @@ def test_large_and_small_bayes_factors_are_triangles_at_the_ends_of_the_axis(ana
     words = dict.fromkeys(first.answer.words, Word.UNDECIDED)
     table = EvidenceTable((changed(first, log_bayes_factors=factors, words=words), second, third))
     [ax] = bt.plots.bayes_factors(table).axes
-    drawn = {
-        line.get_label(): line.get_xdata()[0] for line in ax.lines if len(line.get_xdata()) == 3
-    }
-    assert np.isnan(drawn["order effect"])
+    drawn = {line.get_label(): line.get_xdata()[0] for line in curves_of(ax, 3)}
     assert drawn["constant error"] == pytest.approx(3.0)
-    assert np.isnan(drawn["contraction"])
-    ends = {line.get_marker(): [] for line in ax.lines}
-    for line in ax.lines:
-        ends[line.get_marker()].append(line.get_xdata()[0])
-    assert ends[">"][0] == pytest.approx(ax.get_xlim()[1])
-    assert ends["<"][2] == pytest.approx(ax.get_xlim()[0])
-    assert [label.get_text() for label in ax.get_xticklabels()][-3:] == ["3", "10", "30"]
+    assert np.isnan([drawn["order effect"], drawn["contraction"]]).all()
+    low, high = ax.get_xlim()
+    assert marks_of(ax, ">")[0].get_xdata()[0] == pytest.approx(high)
+    assert marks_of(ax, "<")[2].get_xdata()[0] == pytest.approx(low)
+    assert words_of(ax.get_xticklabels())[-3:] == ["3", "10", "30"]
 
 
 def test_a_subject_that_is_not_interpreted_has_no_size(analysis):
@@ -108,10 +94,10 @@ def test_a_subject_that_is_not_interpreted_has_no_size(analysis):
     rejected = changed(second, words=words, is_interpretable=False, flags=("swapped blocks",))
     table = EvidenceTable((first, rejected, third))
     errors, _ = bt.plots.order_effect(table).axes
-    assert words_of(errors)[1] == "not interpreted"
+    assert words_of(errors.texts)[1] == "not interpreted"
     assert len(medians(errors)) == 2
     [ax] = bt.plots.bayes_factors(table).axes
-    assert all(np.isnan(line.get_xdata()[1]) for line in ax.lines if len(line.get_xdata()) == 3)
+    assert np.isnan([line.get_xdata()[1] for line in curves_of(ax, 3)]).all()
 
 
 def test_poor_fit_and_prior_stand_beside_the_word(analysis):
@@ -119,7 +105,7 @@ def test_poor_fit_and_prior_stand_beside_the_word(analysis):
     flags = ("depends on the prior: constant error",)
     doubtful = changed(first, predictive_p=0.001, deviance_p=0.5, flags=flags)
     errors, _ = bt.plots.order_effect(EvidenceTable((doubtful, second, third))).axes
-    assert words_of(errors)[0].endswith(" ! ?")
+    assert words_of(errors.texts)[0].endswith(" ! ?")
 
 
 @pytest.mark.parametrize("size", [1, 8, 40])
@@ -147,7 +133,7 @@ def test_wide_intervals_do_not_hide_the_others_and_are_counted(analysis):
     wide = changed(first, sizes={**first.answer.sizes, "pse_shift_percent": size})
     errors = bt.plots.order_effect(EvidenceTable((wide, second, third))).axes[0]
     assert errors.get_xlim()[1] < 1e6
-    assert "1 interval beyond the panel" in words_of(errors)
+    assert "1 interval beyond the panel" in words_of(errors.texts)
 
 
 def test_a_table_without_answers_is_refused(analysis):
@@ -157,14 +143,12 @@ def test_a_table_without_answers_is_refused(analysis):
 
 
 def test_numbers_under_the_plane_of_evidences_have_room_between_them(analysis):
-    rows = [
-        replace(row, log_evidence_h0=-0.604 * row.n_trials, log_evidence_h1=-0.498 * row.n_trials)
-        for row in analysis.evidence
-    ]
-    # A range with many numbers of three decimals.
+    rows = []
+    for row in analysis.evidence:  # a range with many numbers of three decimals
+        h0, h1 = -0.604 * row.n_trials, -0.498 * row.n_trials
+        rows.append(replace(row, log_evidence_h0=h0, log_evidence_h1=h1))
     ax = evidence_plane_axes(EvidenceTable(tuple(rows)), panel(None, high=3.4))
-    drawn = [text for text in texts_of(ax.figure) if text in ax.get_xticklabels()]
-    boxes = sorted((text.get_window_extent().x0, text.get_window_extent().x1) for text in drawn)
+    drawn = set(texts_of(ax.figure)) & set(ax.get_xticklabels())
+    boxes = np.sort([text.get_window_extent().intervalx for text in drawn], axis=0)
     assert len(boxes) > 1
-    room = 10.0 * ax.figure.dpi / 72.0
-    assert all(after - end > room for (_, end), (after, _) in pairwise(boxes))
+    assert (boxes[1:, 0] - boxes[:-1, 1]).min() > 10.0 * ax.figure.dpi / 72.0

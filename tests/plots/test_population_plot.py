@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from legible import require_legible
+from legible import marks_of, require_legible, words_of
 from populations import made_result, simulated_group, two_conditions
 from scipy import stats
 
@@ -32,21 +32,19 @@ def panels(figure):
 
 
 def test_a_forest_has_every_subject_before_the_mean_and_a_new_subject(few):
-    ax = panels(bt.plots.population(few, CHECK))["contraction p"]
-    lines = {line.get_label(): np.asarray(line.get_xdata()) for line in ax.lines}
-    medians = np.median(few.draws.subjects[..., 1], axis=(0, 1))
-    assert lines["subject, median and 95 % interval"] == pytest.approx(medians)
-    bands = {
-        band.get_label(): (band.get_x(), band.get_x() + band.get_width()) for band in ax.patches
-    }
-    ends = (0.025, 0.975)
-    assert bands["group mean"] == pytest.approx(np.quantile(few.draws.mean[..., 1], ends))
-    assert bands["new subject"] == pytest.approx(np.quantile(few.new_subject[..., 1], ends))
-    first = panels(bt.plots.population(few, CHECK))["PSE shift (%)"]
-    shifts = few.shift_percent(np.median(few.draws.subjects[..., 0], axis=(0, 1)))
-    [points] = [line for line in first.lines if line.get_marker() == "o"]
-    assert points.get_xdata() == pytest.approx(shifts, rel=1e-3)
-    assert [label.get_text() for label in first.get_yticklabels()] == list(few.subjects)
+    forests = panels(bt.plots.population(few, CHECK))
+    ax = forests["contraction p"]
+    lines = {line.get_label(): line.get_xdata() for line in ax.lines}
+    medians = np.median(few.draws.subjects, axis=(0, 1))
+    assert lines["subject, median and 95 % interval"] == pytest.approx(medians[:, 1])
+    bands = {band.get_label(): band.get_bbox().intervalx for band in ax.patches}
+    for label, draws in (("group mean", few.draws.mean), ("new subject", few.new_subject)):
+        expected = np.quantile(draws[..., 1], [0.025, 0.975])
+        assert bands[label] == pytest.approx(expected)
+    ax = forests["PSE shift (%)"]
+    [points] = marks_of(ax, "o")
+    assert points.get_xdata() == pytest.approx(few.shift_percent(medians[:, 0]), rel=1e-3)
+    assert words_of(ax.get_yticklabels()) == list(few.subjects)
 
 
 def test_the_title_has_both_effects_and_warns(few):
@@ -62,26 +60,27 @@ def test_the_title_has_both_effects_and_warns(few):
     assert bt.plots.population(wrong, CHECK).get_suptitle().startswith("NOT RELIABLE")
 
 
-@pytest.mark.parametrize("j", [0, 1, 2])
-def test_the_mean_stands_before_its_prior(few, j):
-    ax = bt.plots.population(few, CHECK).axes[3 + j]
+@pytest.mark.parametrize(
+    ("place", "name", "family"),
+    [
+        (0, "constant_error", stats.t(3)),
+        (1, "contraction", stats.norm()),
+        (2, "noise", stats.norm()),
+    ],
+)
+def test_the_mean_stands_before_its_prior(few, place, name, family):
+    ax = bt.plots.population(few, CHECK).axes[3 + place]
     [prior] = [line for line in ax.lines if line.get_label() == "its prior"]
     x, density = prior.get_data()
     # The share of the prior between the ends of the panel, by its own distribution.
-    ends = x[[0, -1]]
-    units = (few.shift_percent, lambda p: p, few.jnd_percent)
-    row = few.settings.hyperprior
-    family, prior_of = (
-        (stats.t(3), row.constant_error),
-        (stats.norm(), row.contraction),
-        (stats.norm(), row.noise),
-    )[j]
+    unit = {0: few.shift_percent, 1: np.asarray, 2: few.jnd_percent}[place]
     grid = np.linspace(-3.0, 3.0, 60_001)
-    own = np.interp(ends, units[j](grid), grid)
-    low, high = family.cdf((own - prior_of.mean) / prior_of.mean_scale)
+    ends = np.interp(x[[0, -1]], unit(grid), grid)
+    hyperprior = getattr(few.settings.hyperprior, name)
+    low, high = family.cdf((ends - hyperprior.mean) / hyperprior.mean_scale)
     assert np.trapezoid(density, x) == pytest.approx(high - low, rel=0.01)
-    bars = [(bar.get_height(), bar.get_width()) for bar in ax.patches]
-    assert sum(height * width for height, width in bars) == pytest.approx(1.0)
+    areas = [bar.get_height() * bar.get_width() for bar in ax.patches]
+    assert sum(areas) == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize("n_subjects", [4, 40])
@@ -104,27 +103,29 @@ def test_many_subjects_are_sorted_and_have_no_names():
     made = made_result(simulated_group(2, n_subjects=MOST_NAMED_IN_GROUP + 1, n_each=4))
     ax = new_figure(3.0, 3.0).subplots()
     forest(ax, made, "constant_error")
-    [points] = [line for line in ax.lines if line.get_marker() == "o"]
+    [points] = marks_of(ax, "o")
     assert (np.diff(points.get_xdata()) >= 0.0).all()
     assert not ax.get_yticklabels()
 
 
-def test_effects_of_covariates_and_of_conditions():
+def require_effect(result, label, middle):
+    """A forest with one effect on the PSE shift."""
+    axes = bt.plots.population(result, CHECK).axes
+    ax = [ax for ax in axes if ax.get_xlabel() == "PSE shift (%)"][2]
+    assert [text.replace("\n", " ") for text in words_of(ax.get_yticklabels())] == [label]
+    [point] = marks_of(ax, "o")
+    assert point.get_xdata() == pytest.approx([float(result.shift_percent(middle))], rel=1e-3)
+
+
+def test_the_effect_of_a_covariate():
     study = simulated_group(1, n_subjects=6)
     ages = dict(zip(study.names, (20.0, 30.0, 25.0, 33.0, 28.0, 41.0), strict=True))
-    of_covariates = made_result(study, regressors(Covariates({"age": ages}), study.names))
-    of_conditions = made_result(two_conditions(1, n_subjects=3))
-    expected = np.median(of_covariates.draws.effects[..., 0, 0])
-    for made, label, middle in (
-        (of_covariates, "age, per sd of 7.176 about 29.5", expected),
-        (
-            of_conditions,
-            "hand right − left",
-            np.median(of_conditions.difference("constant_error", ("right", "left"))[0]),
-        ),
-    ):
-        figure = bt.plots.population(made, CHECK)
-        own = [ax for ax in figure.axes if ax.get_xlabel() == "PSE shift (%)"][2]
-        assert [text.get_text().replace("\n", " ") for text in own.get_yticklabels()] == [label]
-        [point] = [line for line in own.lines if line.get_marker() == "o"]
-        assert point.get_xdata() == pytest.approx([float(made.shift_percent(middle))], rel=1e-3)
+    result = made_result(study, regressors(Covariates({"age": ages}), study.names))
+    middle = np.median(result.draws.effects[..., 0, 0])
+    require_effect(result, "age, per sd of 7.176 about 29.5", middle)
+
+
+def test_the_effect_of_a_condition():
+    result = made_result(two_conditions(1, n_subjects=3))
+    draws, *_ = result.difference("constant_error", ("right", "left"))
+    require_effect(result, "hand right − left", np.median(draws))

@@ -1,5 +1,7 @@
 """docs/data_dictionary.md: as declarations and docstrings have it, and every column that is written is in it."""
 
+import re
+
 import data_dictionary
 import pandas as pd
 import pytest
@@ -25,20 +27,7 @@ AT_TIMES = {"isi", "condition", "n_intervals", "worst_pair_isi"}
 def written(analysis, small_study, tmp_path_factory):
     """By file, the columns of one that is made as its command makes it."""
     folder = tmp_path_factory.mktemp("dictionary")
-    pairs = folder / "pairs.csv"
-    pairs.write_text("s1,s2\n0,0.3\n", encoding="utf-8")
-    good(
-        "simulate",
-        "-o",
-        "study.csv",
-        "--truth",
-        "truth.csv",
-        "--subjects",
-        "1",
-        "--seed",
-        "1",
-        cwd=folder,
-    )
+    good("simulate -o study.csv --truth truth.csv --subjects 1 --seed 1", cwd=folder)
     judged = calibrate(studies=1, data_sets=1, seed=3, workers=1)
     group, asymmetry = made_result(small_study), bt.asymmetry(small_study)
     return {
@@ -63,7 +52,7 @@ def planned(folder):
     """Those of commands that plan a study."""
     table = bt.design.power(trials=[26], data_sets=1, seed=1, workers=1)
     (folder / "design.csv").write_text("s1,s2,n_trials\n0,0.3,2\n0.3,0,2\n", encoding="utf-8")
-    good("design", "design.csv", "--list", "trials.csv", "--blocks", "1", "--seed", "1", cwd=folder)
+    good("design design.csv --list trials.csv --blocks 1 --seed 1", cwd=folder)
     return {
         "power.csv": table.frame(),
         "power_data_sets.csv": table.data_sets_frame(),
@@ -78,14 +67,9 @@ def test_the_document_is_as_declared():
 
 
 def test_a_column_without_words_is_named():
+    without_words = re.sub(r"^\| `penalty` \|.*\n", "", DOCUMENT, flags=re.MULTILINE)
     with pytest.raises(SystemExit, match=r"fit\.csv: nothing says what these mean: penalty"):
-        data_dictionary.updated(
-            "".join(
-                line
-                for line in DOCUMENT.splitlines(keepends=True)
-                if not line.startswith("| `penalty` |")
-            )
-        )
+        data_dictionary.updated(without_words)
 
 
 @pytest.mark.parametrize(
