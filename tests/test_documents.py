@@ -6,6 +6,7 @@ import re
 import shlex
 from functools import cache
 from importlib import import_module
+from itertools import chain
 from pathlib import Path
 
 import count_words
@@ -18,7 +19,8 @@ from bayes_toe.cli.app import app
 
 ROOT = Path(__file__).resolve().parents[1]
 README = ROOT / "README.md"
-TEXTS = [README, *sorted((ROOT / "docs").glob("*.md"))]
+DOCS = ROOT / "docs"
+TEXTS = [README, *sorted(DOCS.glob("*.md"))]
 OTHERS = [
     ROOT / "CONTRIBUTING.md",
     ROOT / "CHANGELOG.md",
@@ -28,37 +30,40 @@ NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 OURS = ("bayes_toe", "constraints", "docs", "notebooks", "scripts", "tests")
 
 
+EACH_TEXT = pytest.mark.parametrize("path", TEXTS, ids=lambda path: path.name)
+
+
 @cache
 def options():
     """By command, the names of its options."""
-    found = typer.main.get_command(app).commands
-    return {
-        name: {word for one in command.params for word in (*one.opts, *one.secondary_opts)}
-        for name, command in found.items()
-    }
+    names = {}
+    for name, command in typer.main.get_command(app).commands.items():
+        spellings = [[*option.opts, *option.secondary_opts] for option in command.params]
+        names[name] = {"-h", "--help", *chain.from_iterable(spellings)}
+    return names
+
+
+def fenced(text, language):
+    """The blocks of a language in a text."""
+    return re.findall(rf"^```{language}\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL)
 
 
 def commands(text):
     """Words of every command in a text, in its blocks and between backticks."""
-    blocks = re.findall(r"^```sh\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL)
-    lines = [line for block in blocks for line in block.replace("\\\n", " ").splitlines()]
-    lines += [" ".join(one.split()) for one in re.findall(r"(?<!`)`(bayes-toe [^`]+)`", text)]
+    lines = "".join(fenced(text, "sh")).replace("\\\n", " ").splitlines()
+    lines += [" ".join(line.split()) for line in re.findall(r"(?<!`)`(bayes-toe [^`]+)`", text)]
     return [shlex.split(line, comments=True)[1:] for line in lines if line.startswith("bayes-toe ")]
 
 
-@pytest.mark.parametrize("path", TEXTS, ids=lambda path: path.name)
+@EACH_TEXT
 def test_commands_and_options_are_there(path):
     for command, *words in commands(path.read_text(encoding="utf-8")):
-        if command == "...":  # any
-            continue
-        known = options()[command]
-        given = [
-            word.split("=")[0] for word in words if re.match("--?[a-z]", word)
-        ]  # -0.75 is a number
-        assert [word for word in given if word not in {*known, "-h", "--help"}] == [], command
+        if command != "...":  # any
+            used = {word.split("=")[0] for word in words if re.match("--?[a-z]", word)}
+            assert used - options()[command] == set(), command
 
 
-@pytest.mark.parametrize("path", TEXTS, ids=lambda path: path.name)
+@EACH_TEXT
 def test_public_names_are_there(path):
     text = path.read_text(encoding="utf-8")
     for face, name in re.findall(r"\bbt\.(plots\.|model\.)?(\w+)", text):
@@ -70,37 +75,33 @@ def words(path):
     text = path.read_text(encoding="utf-8")
     if path.suffix != ".ipynb":
         return text
-    return "\n\n".join(
-        "".join(cell["source"])
-        for cell in json.loads(text)["cells"]
-        if cell["cell_type"] == "markdown"
-    )
+    cells = [cell for cell in json.loads(text)["cells"] if cell["cell_type"] == "markdown"]
+    return "\n\n".join("".join(cell["source"]) for cell in cells)
 
 
 @pytest.mark.parametrize("path", [*TEXTS, *OTHERS, *NOTEBOOKS], ids=lambda path: path.name)
-def test_files_are_there(path):
-    """Links, modules and places in the checkout; what a paragraph says of an earlier commit is that commit's."""
-    files = [
-        one.relative_to(ROOT).as_posix() for folder in OURS for one in (ROOT / folder).rglob("*.*")
-    ]
-    text = words(path)
-    links = [link for link in re.findall(r"\]\(([^)#\s]+)", text) if not re.match("[a-z]+:", link)]
-    assert [link for link in links if not (path.parent / link).exists()] == []
-    assert path == README or README not in [
-        (path.parent / link).resolve() for link in links
-    ]  # it is no page of the site
-    for paragraph in re.split(r"\n\s*\n", text):
+def test_links_lead_to_files(path):
+    links = re.findall(r"\]\(([^)#\s]+)", words(path))
+    targets = [(path.parent / link).resolve() for link in links if not re.match("[a-z]+:", link)]
+    assert [target for target in targets if not target.exists()] == []
+    assert path == README or README not in targets  # it is no page of the site
+
+
+@pytest.mark.parametrize("path", [*TEXTS, *OTHERS, *NOTEBOOKS], ids=lambda path: path.name)
+def test_modules_and_places_in_the_checkout_are_there(path):
+    """What a paragraph says of an earlier commit is that commit's."""
+    named = rf"(?<![\w/.-])(?:(?:{'|'.join(OURS)})/[\w./-]*\w|[\w/]+\.py\b)"
+    for paragraph in re.split(r"\n\s*\n", words(path)):
         if not re.search(r"commit `?[0-9a-f]{7}", paragraph):
-            named = re.findall(
-                rf"(?<![\w/.-])(?:(?:{'|'.join(OURS)})/[\w./-]*\w|[\w/]+\.py\b)", paragraph
-            )
-            gone = [
-                name
-                for name in named
-                if not (ROOT / name).exists()
-                and not any(f"/{one}".endswith(f"/{name}") for one in files)
-            ]
-            assert gone == [], paragraph
+            for name in re.findall(named, paragraph):
+                assert (ROOT / name).exists() or f"/{name}\n" in our_files(), paragraph
+
+
+@cache
+def our_files():
+    """The files of the checkout, a line each."""
+    paths = chain.from_iterable((ROOT / folder).rglob("*.*") for folder in OURS)
+    return "".join(f"/{path.relative_to(ROOT).as_posix()}\n" for path in paths)
 
 
 @pytest.mark.parametrize("path", [*TEXTS, *OTHERS], ids=lambda path: path.name)
@@ -115,7 +116,7 @@ def test_headings_that_links_lead_to_are_there(path):
 
 def test_tables_and_pictures_of_the_docs_are_used():
     text = "".join(words(path) for path in [*TEXTS, *OTHERS, *NOTEBOOKS])
-    kept = {one.name for ending in ("csv", "png") for one in (ROOT / "docs").glob(f"*.{ending}")}
+    kept = {one.name for ending in ("csv", "png") for one in DOCS.glob(f"*.{ending}")}
     assert [name for name in sorted(kept) if name not in text] == []
 
 
@@ -127,52 +128,33 @@ def test_documents_are_short():
     assert counted == documents
 
 
-@pytest.mark.parametrize(("path", "most"), [(README, 600), (ROOT / "docs" / "tutorial.md", 2000)])
+@pytest.mark.parametrize(("path", "most"), [(README, 600), (DOCS / "tutorial.md", 2000)])
 def test_readme_and_tutorial_are_short(path, most):
     """Words of prose and code; printed text does not count."""
     text = path.read_text(encoding="utf-8")
-    assert (
-        len(re.sub(r"^```text\n.*?^```", "", text, flags=re.MULTILINE | re.DOTALL).split()) <= most
-    )
+    prose = re.sub(r"^```text\n.*?^```", "", text, flags=re.MULTILINE | re.DOTALL)
+    assert len(prose.split()) <= most
 
 
-@pytest.mark.parametrize("path", TEXTS, ids=lambda path: path.name)
+@EACH_TEXT
 def test_no_block_is_cut_on_the_site(path):
     """A column of the site shows 92 characters at 1200 px."""
     text = path.read_text(encoding="utf-8")
-    blocks = re.findall(r"^```.*?^```", text, flags=re.MULTILINE | re.DOTALL)
-    assert [line for block in blocks for line in block.splitlines() if len(line) > 88] == []
-
-
-DOCS = ROOT / "docs"
+    for block in re.findall(r"^```.*?^```", text, flags=re.MULTILINE | re.DOTALL):
+        assert max(map(len, block.splitlines())) <= 88, block
 
 
 def contents():
     """The documents that the site's contents list, by their place in the checkout."""
-    trees = re.findall(
-        r"^```\{toctree\}\n(.*?)^```",
-        (DOCS / "index.md").read_text(encoding="utf-8"),
-        flags=re.MULTILINE | re.DOTALL,
-    )
-    words = [
-        line for tree in trees for line in tree.splitlines() if line and not line.startswith(":")
-    ]
-    return [str((DOCS / word).resolve().relative_to(ROOT)) for word in words]
+    trees = fenced((DOCS / "index.md").read_text(encoding="utf-8"), r"\{toctree\}")
+    lines = [line for line in "".join(trees).splitlines() if line and not line.startswith(":")]
+    return [(DOCS / line).resolve().relative_to(ROOT).as_posix() for line in lines]
 
 
 def test_every_document_is_reached_from_the_contents_and_no_other():
-    listed = contents()
-    assert len(listed) == len(set(listed))
-    documents = {
-        path
-        for folder, ending in ((DOCS, "md"), (ROOT / "notebooks", "ipynb"))
-        for path in folder.glob(f"*.{ending}")
-    }
-    others = {
-        ROOT / name for name in ("CHANGELOG.md", "CONTRIBUTING.md", "tests/reference/README.md")
-    }
-    wanted = {str(path.relative_to(ROOT).with_suffix("")) for path in documents | others}
-    assert set(listed) == wanted - {"docs/index"}
+    documents = {*DOCS.glob("*.md"), *NOTEBOOKS, *OTHERS} - {DOCS / "index.md"}
+    places = [path.relative_to(ROOT).with_suffix("").as_posix() for path in documents]
+    assert sorted(contents()) == sorted(places)
 
 
 def test_every_page_that_is_made_has_its_place_in_one_document():
@@ -182,25 +164,19 @@ def test_every_page_that_is_made_has_its_place_in_one_document():
 
 
 def test_every_command_and_option_is_in_the_reference():
-    text = reference_pages.command_reference()
-    sections = dict(
-        zip(*[iter(re.split(r"^### (\S+)$", text, flags=re.MULTILINE)[1:])] * 2, strict=True)
-    )
+    _, *parts = re.split(r"^### (\S+)$", reference_pages.command_reference(), flags=re.MULTILINE)
+    sections = dict(zip(parts[::2], parts[1::2], strict=True))
     commands = typer.main.get_command(app).commands
     assert list(sections) == list(commands)
     for name, command in commands.items():
-        assert f"bayes-toe {name}" in sections[name]  # the example
-        for one in command.params:
-            words = (
-                {*one.opts, *one.secondary_opts}
-                if one.param_type_name == "option"
-                else {one.metavar.replace("|", "\\|")}
-            )
-            assert words & {"--help"} or all(word in sections[name] for word in words), (
-                name,
-                one.name,
-            )
-        assert "[bold]" not in sections[name]
+        section = sections[name]
+        assert f"bayes-toe {name}" in section  # the example
+        assert "[bold]" not in section
+        for parameter in command.params:
+            names = {*parameter.opts, *parameter.secondary_opts} - {"--help", "-h"}
+            if parameter.param_type_name != "option":
+                names = {parameter.metavar.replace("|", "\\|")}
+            assert [word for word in names if word not in section] == [], name
 
 
 @pytest.mark.parametrize("face", reference_pages.FACES)
