@@ -1,5 +1,7 @@
 """Groups for tests: simulated subjects by formulas of their own, and results without a sampler."""
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.special import ndtr
 
@@ -20,43 +22,27 @@ from bayes_toe.groups.population import (
 from bayes_toe.groups.regressors import Regressors
 
 #: 2AFC neighbours: six levels .25 apart, the ten ordered pairs of neighbours.
-LEVELS = 0.25 * np.arange(6)
-PAIRS = np.array(
-    [(LEVELS[i], LEVELS[i + 1]) for i in range(5)] + [(LEVELS[i + 1], LEVELS[i]) for i in range(5)]
-)
 STEP = 0.25
+LOW = STEP * np.arange(5)
+S1, S2 = np.concatenate([LOW, LOW + STEP]), np.concatenate([LOW + STEP, LOW])
 
 
-def neighbours(name, c, p, sigma, n_each, rng, *, lapse=0.0, slope=0.0, **fields):
+def neighbours(name, c, p, sigma, n_each, rng, **fields):
     """A 2AFC subject: constant error c and contraction p, natural-log intensity."""
-    s1, s2 = PAIRS.T
-    away = s1 - s1.mean()
-    middle = 0.5 * (s1 + s2) - s1.mean()
-    z = (s2 - s1 - c + p * away) / (sigma * np.exp(slope * middle))
-    p_second = 0.5 * lapse + (1.0 - lapse) * ndtr(z)
-    n_trials = np.full(len(s1), n_each)
+    p_second = ndtr((S2 - S1 - c + p * (S1 - S1.mean())) / sigma)
+    n_trials = np.full(len(S1), n_each)
     n_second = rng.binomial(n_trials, p_second)
-    return bt.Subject(name, s1, s2, n_second, n_trials, task=WHICH_STRONGER, **fields)
+    return bt.Subject(name, S1, S2, n_second, n_trials, task=WHICH_STRONGER, **fields)
 
 
-def simulated_group(
-    seed, n_subjects=10, n_each=20, mean_c=0.0, sd_c=0.0, mean_p=0.0, sd_p=0.0, nuisance=False
-):
-    """A study of neighbours; c in units of D. With `nuisance`, some lapse and some slope."""
+def simulated_group(seed, n_subjects=10, n_each=20, mean_c=0.0, sd_c=0.0, mean_p=0.0):
+    """A study of neighbours who differ in c, in units of D, and not in p."""
     rng = np.random.default_rng(seed)
     subjects = []
     for i in range(n_subjects):
-        c = STEP * rng.normal(mean_c, sd_c)
-        p = rng.normal(mean_p, sd_p)
+        c, p = rng.normal([mean_c, mean_p], [sd_c, 0.0])
         sigma = 0.8 * STEP * np.exp(rng.normal(0.0, 0.35))
-        spread = np.sqrt(np.mean(np.square(PAIRS - PAIRS.mean())))
-        lapse = slope = 0.0
-        if nuisance and rng.uniform() < 0.5:
-            lapse = rng.beta(2, 14)
-        if nuisance and rng.uniform() < 0.5:
-            slope = rng.normal(-0.1, 0.25) / spread
-        name = f"P{i:03d}"
-        subjects.append(neighbours(name, c, p, sigma, n_each, rng, lapse=lapse, slope=slope))
+        subjects.append(neighbours(f"P{i:03d}", STEP * c, p, sigma, n_each, rng))
     return bt.Study(subjects, source="simulated", synthetic=True)
 
 
@@ -76,16 +62,10 @@ def two_conditions(seed, n_subjects=8, n_each=20, difference=0.5):
 def independent_draws(posterior, n_draws=DRAWS, rng=None, n_chains=8):
     """Draws in the place of the sampler's: independent points about the separate fits."""
     rng = np.random.default_rng(0) if rng is None else rng
-    n_each = -(-n_draws // n_chains)
-    point = posterior.points(posterior.start(n_chains * n_each, rng))
-    lead = n_chains, n_each
-    subjects = point.w.swapaxes(0, 1)
-    return GroupDraws(
-        point.mean.reshape(*lead, -1),
-        point.sd.reshape(*lead, -1),
-        point.effects.reshape(*lead, *point.effects.shape[1:]),
-        subjects.reshape(*lead, *subjects.shape[1:]),
-    )
+    lead = n_chains, -(-n_draws // n_chains)
+    point = posterior.points(posterior.start(lead[0] * lead[1], rng))
+    parts = point.mean, point.sd, point.effects, point.w.swapaxes(0, 1)
+    return GroupDraws(*(part.reshape(*lead, *part.shape[1:]) for part in parts))
 
 
 def made_result(study, regressors=None, n_divergent=0, n_draws=1600):
@@ -95,8 +75,7 @@ def made_result(study, regressors=None, n_divergent=0, n_draws=1600):
     persons = dict.fromkeys(subject.person for subject in study)
     columns = Regressors.none(tuple(persons)) if regressors is None else regressors
     posterior = group_posterior(study, scales, settings.hyperprior, columns.x)
-    drawn = independent_draws(posterior, n_draws)
-    draws = GroupDraws(drawn.mean, drawn.sd, drawn.effects, drawn.subjects, n_divergent)
+    draws = replace(independent_draws(posterior, n_draws), n_divergent=n_divergent)
     return PopulationResult(study, settings, scales, columns, draws)
 
 

@@ -1,6 +1,7 @@
 """Assumed observers: their answers, their sources, and what is refused."""
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import bayes_toe as bt
@@ -36,10 +37,10 @@ def test_observers_answer_as_the_model_both_predicts(task):
 
 def test_an_observer_is_the_same_whoever_else_there_is():
     designs = [paper_study_design()]
-    few, many = (assume_observers(None, size, 5, designs) for size in (1, 3))
+    few, all_observers = (assume_observers(None, size, 5, designs) for size in (1, 3))
     assert [observer.kind for observer in few] == list(KINDS)
-    assert all(observer in many for observer in few)
-    for observer in many:
+    assert all(observer in all_observers for observer in few)
+    for observer in all_observers:
         assert 0.15 <= observer.parameters["noise"] <= 0.25
         for name, (low, high) in KINDS[observer.kind].items():
             assert low <= observer.parameters[name] <= high
@@ -84,15 +85,13 @@ def test_a_wrong_file_is_refused_in_one_line(tmp_path, text, message):
 
 def test_observers_of_the_prior():
     observers = assume_observers("prior", 300, 1, [paper_study_design()], ObserverPrior())
-    by_kind = {kind: [] for kind in ("none", "constant error", "contraction", "both")}
-    for observer in observers:
-        by_kind[observer.kind].append(observer.parameters)
-    assert all(one["contraction"] == one["constant_error"] == 0 for one in by_kind["none"])
-    p = np.array([one["contraction"] for one in by_kind["contraction"]])
-    assert p.std() == pytest.approx(0.25, rel=0.15)
+    kinds = [observer.kind for observer in observers]
+    frame = pd.DataFrame([observer.parameters for observer in observers], index=kinds)
+    assert (frame.loc["none", ["contraction", "constant_error"]] == 0).all(axis=None)
+    assert frame.loc["contraction", "contraction"].std() == pytest.approx(0.25, rel=0.15)
     # Median noise is D, the root mean square of the paper's four different steps.
     step = np.sqrt(np.mean(np.square(np.log([1.15, 1.36, 1.55, 1.66]))))
-    assert np.median([one["noise"] for one in by_kind["both"]]) == pytest.approx(step, rel=0.15)
+    assert frame.loc["both", "noise"].median() == pytest.approx(step, rel=0.15)
 
 
 def test_draws_of_an_earlier_study_are_observers(tmp_path):
@@ -102,10 +101,11 @@ def test_draws_of_an_earlier_study_are_observers(tmp_path):
     observers = assume_observers(path, 3, 1, [paper_study_design()])
     assert [observer.kind for observer in observers] == ["earlier study"] * 3 + ["none"] * 3
     values = draws.values("S01", "contraction").ravel()
-    for one, without in zip(observers[:3], observers[3:], strict=True):
-        assert np.isclose(values, one.parameters["contraction"], rtol=1e-9).any()
-        assert without.parameters["contraction"] == without.parameters["constant_error"] == 0.0
-        assert without.parameters["noise"] == one.parameters["noise"]
+    for observer, without_effect in zip(observers[:3], observers[3:], strict=True):
+        parameters = observer.parameters
+        assert np.isclose(values, parameters["contraction"], rtol=1e-9).any()
+        no_effect = {**parameters, "contraction": 0.0, "constant_error": 0.0}
+        assert without_effect.parameters == no_effect
     with pytest.raises(InputError, match="draws of the task 'same/different'"):
         assume_observers(path, 1, 1, [paper_study_design(task="2afc")])
 

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 import pytest
 from commands import good, refused
 from populations import grid_design
@@ -13,9 +12,7 @@ from bayes_toe.answers.order_effect import QUESTIONS, answer_subject
 from bayes_toe.answers.words import Word
 from bayes_toe.design.observers import assume_observers
 from bayes_toe.design.power import (
-    DATA_SET_COLUMNS,
     FOUND,
-    POWER_COLUMNS,
     WIDTH,
     PowerTable,
     mean,
@@ -59,26 +56,21 @@ def test_first_stimuli_far_apart_show_a_contraction_that_the_papers_pairs_do_not
     assert table["wide", 650, "contraction", "constant_error", FOUND].value == 0.0
     assert table["wide", 650, "large constant error", "constant_error", "yes"].value == 1.0
     assert table["wide", 650, "none", "order_effect", "yes"].value == 0.0
-    widths = [
-        table[design, 650, "contraction", "contraction_p", WIDTH].value
-        for design in ("paper", "wide")
-    ]
-    assert widths[0] > 2.0 * widths[1]
+    of_paper = table["paper", 650, "contraction", "contraction_p", WIDTH].value
+    of_wide = table["wide", 650, "contraction", "contraction_p", WIDTH].value
+    assert of_paper > 2.0 * of_wide
 
 
 def test_words_are_counted(table):
-    base = table.data_sets[0]
-    words = [Word.YES, Word.PROBABLY, Word.PROBABLY, Word.UNDECIDED, Word.CANNOT_BE_TOLD]
-    rows = [
-        replace(base, answer=replace(base.answer, words=dict.fromkeys(QUESTIONS, word)))
-        for word in words
-    ]
+    base, rows = table.data_sets[0], []
+    for word in ("YES", "PROBABLY", "PROBABLY", "UNDECIDED", "CANNOT_BE_TOLD"):
+        words = dict.fromkeys(QUESTIONS, Word[word])
+        rows.append(replace(base, answer=replace(base.answer, words=words)))
     counted = PowerTable.from_data_sets(rows, 0)
-    shares = {
-        answer: counted["paper", 650, "none", "contraction", answer].value
-        for answer in ("yes", "probably", FOUND, "undecided", "no", "cannot be told")
-    }
-    assert list(shares.values()) == pytest.approx([0.2, 0.4, 0.6, 0.2, 0.0, 0.2])
+    expected = {"yes": 0.2, "probably": 0.4, "undecided": 0.2, "no": 0.0, "cannot be told": 0.2}
+    for answer, value in {**expected, FOUND: 0.6}.items():
+        share_of_answer = counted["paper", 650, "none", "contraction", answer].value
+        assert share_of_answer == pytest.approx(value)
     assert counted.found("paper", 650, "contraction", has_effect=False) == share(3, 5)
     assert counted.found("paper", 650, "contraction", has_effect=True) is None
     assert counted.sentences()[1] == (
@@ -106,16 +98,12 @@ def test_the_command(tmp_path):
     words = "power short.csv --trials 130 --data-sets 1 --observers both --seed 1 --workers 1"
     text = good(words, "-o", "out", cwd=tmp_path)
     assert "These pairs, 130 trials: order effect 100 %, constant error 100 %, contraction" in text
-    out = tmp_path / "out"
-    files = ["power.csv", "power.pdf", "power.png", "power_data_sets.csv"]
-    assert sorted(path.name for path in out.glob("power*")) == files
-    assert list(pd.read_csv(out / "power.csv")) == list(POWER_COLUMNS)
-    frame = pd.read_csv(out / "power_data_sets.csv")
-    assert (list(frame), len(frame)) == (list(DATA_SET_COLUMNS), 1)
+    names = {path.name for path in (tmp_path / "out").glob("power*")}
+    assert names == {"power.csv", "power.pdf", "power.png", "power_data_sets.csv"}
 
 
 @pytest.mark.parametrize(
-    ("more", "message"),
+    ("options", "message"),
     [
         ("--trials 0", "--trials is '0'. It must be whole numbers from 1"),
         ("--trials 12", "12 trials for 13 pairs"),
@@ -123,11 +111,11 @@ def test_the_command(tmp_path):
         ("d.csv other/d.csv", "Two design files have the name 'd'."),
     ],
 )
-def test_what_is_refused_in_one_line(tmp_path, more, message):
+def test_what_is_refused_in_one_line(tmp_path, options, message):
     (tmp_path / "other").mkdir()
     for folder in (tmp_path, tmp_path / "other"):
         paper_study_design(13).save(folder / "d.csv")
-    assert message in refused(f"power {more} --data-sets 1 --seed 1", cwd=tmp_path)
+    assert message in refused(f"power {options} --data-sets 1 --seed 1", cwd=tmp_path)
 
 
 def test_the_figure_has_a_panel_for_each_design_and_question(table):

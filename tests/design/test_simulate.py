@@ -34,7 +34,7 @@ OBSERVER = {"noise": 0.25, "q0": 0.9, "lapse_rate": 0.05, "constant_error": 0.1,
 OBSERVER_2AFC = {"noise": 0.25, "lapse_rate": 0.05, "constant_error": 0.1, "contraction": 0.3}
 
 
-def within(counts, n, p):
+def agree(counts, n, p):
     """Within 5 standard errors: of 13 pairs a false alarm in 100,000."""
     return np.all(np.abs(counts / n - p) < 5.0 * np.sqrt(p * (1.0 - p) / n) + 1e-9)
 
@@ -45,8 +45,8 @@ def test_every_batch_holds_every_pair_once_in_random_order():
     _, trials = simulate_trials(observers, design, seed=1)
     orders = set()
     for batch in range(1, 21):
-        is_here = trials.batch == batch
-        orders.add(tuple(zip(trials.s1[is_here], trials.s2[is_here], strict=True)))
+        is_batch = trials.batch == batch
+        orders.add(tuple(zip(trials.s1[is_batch], trials.s2[is_batch], strict=True)))
     assert len(orders) == 20
     assert all(len(set(order)) == 13 for order in orders)
     (alone,) = simulate_trials(observers[1:], design, seed=1)
@@ -57,8 +57,8 @@ def test_every_batch_holds_every_pair_once_in_random_order():
 def test_the_bundled_studies_are_what_their_commands_write(tmp_path, command):
     data = Path(read_study.__file__).parent
     words = command.split()[1:]
-    for given in {"example_pairs.csv", "example_truth.csv"}.intersection(words):
-        shutil.copy(data / given, tmp_path)
+    for name in {"example_pairs.csv", "example_truth.csv"}.intersection(words):
+        shutil.copy(data / name, tmp_path)
     good(*words, cwd=tmp_path)
     for written in tmp_path.iterdir():
         assert written.read_text() == (data / written.name).read_text()
@@ -77,7 +77,7 @@ def test_answers_of_the_papers_observers_follow_its_model():
     assert truth["B"]["mu1"] == 0.9
     for subject in study:
         q = bt.model.equal_probability(subject.s1, subject.s2, **truth[subject.name])
-        assert within(subject.n_yes, 4000, q)
+        assert agree(subject.n_yes, 4000, q)
     assert bt.simulate({"A": PAPER}, isi=(0.5, 2.0), batches=2).study.intervals == (0.5, 2.0)
 
 
@@ -90,7 +90,7 @@ def test_answers_of_the_papers_observers_to_which_is_stronger():
     ratio = (1 + np.sqrt(1 + 4 * gamma)) / 2
     memory = subject.s1 / ratio + (1 - 1 / ratio) * -0.7
     z = (subject.s2 - memory) / (ratio * 0.2 * np.sqrt(subject.isi))
-    assert within(subject.n_yes, 4000, 0.05 + 0.9 * ndtr(z))
+    assert agree(subject.n_yes, 4000, 0.05 + 0.9 * ndtr(z))
 
 
 def test_missed_trials_and_what_is_carried_over_are_in_study_and_truth():
@@ -105,8 +105,8 @@ def test_expectations_of_trials_are_those_of_serial_dependence(kind):
     paper = {"mu1": 0.3, "sigma_p": 0.2, "sigma_l": 0.15, "lapse_rate": 0.02}
     truth = {"A": paper if kind == "paper" else OBSERVER_2AFC}
     options = {"task": "2afc", "design": "full", "batches": 20, "seed": 1}
-    study, known = bt.simulate(truth, carry_over=0.7, **options)
-    assert known["A"]["carry_over"] == 0.7
+    study, parameters = bt.simulate(truth, carry_over=0.7, **options)
+    assert parameters["A"]["carry_over"] == 0.7
     subject = study["A"]
     history = TrialHistory(OrderModel("both"), False, True)
     posterior = TrialHistoryPosterior(subject, history)
@@ -139,8 +139,8 @@ def test_conditions_differ_by_what_is_asked():
     assert right["noise"] / left["noise"] == pytest.approx(2.0)
     assert left["constant_error"] + right["constant_error"] == pytest.approx(0.2)
     assert left["constant_error"] != 0.1
-    same = bt.simulate(2, conditions=("left", "right"), batches=2, seed=1).truth
-    assert same["S01@left"] == same["S01@right"]
+    without_sizes = bt.simulate(2, conditions=("left", "right"), batches=2, seed=1).truth
+    assert without_sizes["S01@left"] == without_sizes["S01@right"]
 
 
 def test_named_populations():

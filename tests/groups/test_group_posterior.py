@@ -1,5 +1,7 @@
 """The joint posterior of a group against its definition, written down without its coordinates."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from populations import simulated_group, two_conditions
@@ -53,15 +55,13 @@ def log_joint(study, scales, point, i):
 
 def log_volume(posterior, theta):
     """Log determinant of what subjects' coordinates are by theirs, by differences."""
-    n, q, size = posterior.rows.n_subjects, posterior.rows.n_coefficients, 1e-6
+    rows, steps = posterior.rows, 1e-6 * np.eye(theta.shape[1])
     total = np.zeros(len(theta))
-    for i in range(n):
-        for j in range(q):
-            place = posterior.n_shared + i * posterior.rows.n_coordinates + j
-            step = np.zeros(theta.shape[1])
-            step[place] = size
-            up, down = posterior.points(theta + step).w, posterior.points(theta - step).w
-            total += np.log((up[i, :, j] - down[i, :, j]) / (2.0 * size))
+    for i in range(rows.n_subjects):
+        for j in range(rows.n_coefficients):
+            step = steps[posterior.n_shared + i * rows.n_coordinates + j]
+            rise = posterior.points(theta + step).w - posterior.points(theta - step).w
+            total += np.log(rise[i, :, j] / 2e-6)
     return total
 
 
@@ -76,25 +76,19 @@ def test_density_is_that_of_the_definition(study):
     theta[:, 6 : posterior.n_shared] = np.random.default_rng(3).normal(0.0, 0.2, (4, 6))
     point = posterior.points(theta)
     expected = np.array([log_joint(study, scales, point, i) for i in range(4)])
-    found = posterior(theta)[0] - log_volume(posterior, theta)
+    log_density = posterior(theta)[0] - log_volume(posterior, theta)
     # Constants of the coordinates' scores are left out: differences between points count.
-    assert found - found[0] == pytest.approx(expected - expected[0], abs=1e-5)
+    assert log_density - log_density[0] == pytest.approx(expected - expected[0], abs=1e-5)
 
 
 @pytest.mark.parametrize("kind", ["covariates", "conditions", "same or different"])
 def test_gradient_is_the_derivative(kind, study):
-    if kind == "covariates":
-        posterior = posterior_of(study, X)
-    elif kind == "conditions":
-        posterior = posterior_of(two_conditions(1, n_subjects=3), np.zeros((3, 0)))
-    else:
-        example = bt.example_study("same/different").select(["S01", "S02", "S03"])
-        posterior = posterior_of(example, np.zeros((3, 0)))
+    example = bt.example_study("same/different").select(["S01", "S02", "S03"])
+    studies = {"conditions": two_conditions(1, n_subjects=3), "same or different": example}
+    posterior = posterior_of(studies.get(kind, study), X if kind == "covariates" else X[:, :0])
     theta = posterior.start(3, np.random.default_rng(1))
     gradient = posterior(theta)[1]
-    for j in range(posterior.n_coordinates):
-        step = np.zeros(posterior.n_coordinates)
-        step[j] = 1e-5
+    for j, step in enumerate(1e-5 * np.eye(posterior.n_coordinates)):
         rise = posterior(theta + step)[0] - posterior(theta - step)[0]
         assert gradient[:, j] == pytest.approx(rise / 2e-5, rel=1e-4, abs=1e-3)
 
@@ -122,11 +116,8 @@ def test_a_condition_moves_a_subject_by_half_of_the_difference_to_either_side():
 
 
 def test_stimuli_count_from_the_subjects_own_mean_in_steps_of_the_whole_study():
-    here, there = simulated_group(1, n_subjects=2)
-    there = bt.Subject(
-        "far", there.s1 + 3.0, there.s2 + 3.0, there.n_yes, there.n_trials, task=there.task
-    )
-    study = bt.Study([here, there])
+    near, far = simulated_group(1, n_subjects=2)
+    study = bt.Study([near, replace(far, s1=far.s1 + 3.0, s2=far.s2 + 3.0)])
     scales = StudyScales.from_study(study)
     rows = subject_rows(study, scales)
     assert scales.step == pytest.approx(0.25)
