@@ -35,7 +35,7 @@ Choice: TypeAlias = Callable[[Sequence[str]], Collection[str]]
 ColumnTexts: TypeAlias = tuple[list[str], list[tuple[int, str]]]
 #: The form of a spreadsheet.
 EXCEL = "Excel"
-DELIMITERS = {",": "comma", ";": "semicolon", "\t": "tab", "|": "bar"}
+DELIMITERS = {",": "comma", ";": "semicolon", "\t": "tab", "|": "bar", " ": "space"}
 
 _MARKS = (
     (codecs.BOM_UTF8, "utf-8", "UTF-8"),
@@ -47,6 +47,7 @@ _BYTES_LOOKED_AT = 2000  # that tell UTF-16 without a mark
 MOST_RECORDS = 10
 _MORE_NAMES = 2  # of ours in a record below the first one that has the names
 _DELIMITER_LINE = re.compile(r"\Asep=[,;\t]?(?=\r|\n)")
+_LAST_SPACES = re.compile(r" +(?=[\r\n]|\Z)")
 _TEXT_ALLOWED = "text in UTF-8 or UTF-16, or the encoding that --encoding names"
 # What the csv module says, and what we say.
 _SPLIT_ERRORS = {
@@ -188,14 +189,14 @@ class TextTable:
     @property
     def decimal_comma(self) -> bool:
         """Whether the delimiter leaves the comma free to be a decimal sign."""
-        return self.delimiter in (";", "\t", "|") or self.form == EXCEL
+        return self.delimiter not in ("", ",") or self.form == EXCEL
 
     @property
     def grouping_sign(self) -> str:
         """The sign that may group thousands where the other one is decimal; empty if none may."""
         if self.form == EXCEL:
             return ","
-        return {";": ".", "\t": ","}.get(self.delimiter, "")
+        return {";": ".", "\t": ",", " ": ","}.get(self.delimiter, "")
 
     def only(self, kept: BoolArray) -> TextTable:
         """The table of these rows."""
@@ -287,6 +288,8 @@ def _find_names(source: str, text: str, choice: Choice) -> tuple[str, int, int, 
         place = header_place(names, choice)
         head = names[place] if names else []
         fit = (len(name_places(head, choice)), len(head))
+        if delimiter == " ":
+            fit = (fit[0], 0)  # Names may have spaces.
         if fit > best_fit:
             row, record = records[place] if records else (0, [])
             best_fit, best = fit, (delimiter, place, row, head)
@@ -368,6 +371,9 @@ def _records(text: str, delimiter: str) -> Iterator[tuple[int, list[str] | csv.E
 
     The error where a row cannot be split.
     """
+    if delimiter == " ":
+        # Spaces that fill up a row are no cell; those in front of one are skipped.
+        text = _LAST_SPACES.sub("", text)
     # Not strict, the csv module would read '"12"3' as 123 and a quote left open as one giant cell,
     # without a word.
     reader = csv.reader(

@@ -159,6 +159,15 @@ READ = {
     "semicolon.csv": (csv(IN_LOGS, sep=";"), {}),
     "tab.tsv": (csv(IN_LOGS, sep="\t"), {}),
     "bar.txt": (csv(IN_LOGS, sep="|"), {}),
+    "aligned.txt": (IN_LOGS.to_string(index=False).encode(), {}),
+    "aligned_left.txt": (
+        "\n".join(
+            "".join(f"{cell:12}" for cell in cells)
+            for cells in [IN_LOGS.columns, *IN_LOGS.astype(str).to_numpy()]
+        ).encode(),
+        {},
+    ),
+    "spaces.txt": (csv(IN_LOGS, sep=" ", quoting=2), {}),
     "mark.csv": (csv(IN_LOGS, "utf-8-sig"), {}),
     "utf16.csv": (csv(IN_LOGS, "utf-16"), {}),
     "utf16_without_mark.csv": (csv(IN_LOGS, "utf-16-le"), {}),
@@ -267,6 +276,10 @@ NOTES = {
 #: Name, content, and parts of what is said, with the option that helps.
 REFUSED = {
     "no_names.csv": (csv(IN_LOGS, header=False), ["--columns subject=NAME"]),
+    "missing_cell.txt": (
+        IN_LOGS.replace({"subject": {"P03": ""}}).to_string(index=False).encode(),
+        ["row 2: found 3 cells, allowed: 4 cells as in the header"],
+    ),
     "keys.csv": (csv(answered(IN_LOGS, "f", "j")), ["'f' (", "--equal-code", "--second-code j"]),
     "one_and_two.csv": (csv(answered(IN_LOGS, 1, 2)), ["The program does not know what they mean"]),
     "german_names.csv": (csv(GERMAN, sep=";"), ["--columns 's1=Reiz 1,s2=Reiz 2'"]),
