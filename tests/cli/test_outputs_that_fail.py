@@ -20,9 +20,9 @@ ONE = "--seed 1 --workers 1"
 
 
 @pytest.fixture(scope="module")
-def place(tmp_path_factory):
+def study_folder(tmp_path_factory):
     """A folder with a study of one subject."""
-    folder = tmp_path_factory.mktemp("place")
+    folder = tmp_path_factory.mktemp("study_folder")
     good("simulate -o study.csv --subjects 1 --seed 1", cwd=folder)
     return folder
 
@@ -40,11 +40,11 @@ def shell(ending, line, **options):
     return subprocess.run(words, capture_output=True, text=True, **options)
 
 
-def test_a_full_disk_is_one_line_and_leaves_what_was_there(place, tmp_path):
+def test_a_full_disk_is_one_line_and_leaves_what_was_there(study_folder, tmp_path):
     file = tmp_path / "out" / "posterior.nc"
     file.parent.mkdir()
     file.write_text("old")
-    line = f"run {place}/study.csv -o {file.parent} --draws 100 {ONE} --overwrite -q"
+    line = f"run {study_folder}/study.csv -o {file.parent} --draws 100 {ONE} --overwrite -q"
     limit = 100_000  # of a file, in bytes
     full = partial(resource.setrlimit, resource.RLIMIT_FSIZE, (limit, limit))
     # Python would leave libraries half compiled.
@@ -57,35 +57,35 @@ def test_a_full_disk_is_one_line_and_leaves_what_was_there(place, tmp_path):
 
 
 @pytest.mark.parametrize("command", ["sample", "run"])
-def test_what_will_not_fit_is_known_before_the_work(place, tmp_path, monkeypatch, command):
+def test_what_will_not_fit_is_known_before_the_work(study_folder, tmp_path, monkeypatch, command):
     free = shutil._ntuple_diskusage(10**5, 0, 10**5)
     monkeypatch.setattr(shutil, "disk_usage", lambda path: free)
     monkeypatch.setattr("bayes_toe.analysis._survivors", lambda *_: pytest.fail("the work began"))
-    done = inside(f"{command} {place}/study.csv -o {tmp_path}/out -q")
+    done = inside(f"{command} {study_folder}/study.csv -o {tmp_path}/out -q")
     assert "MB are needed, " in one_line(done)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_an_output_folder_that_is_deleted_meanwhile_is_no_success(
-    place, tmp_path, monkeypatch, blank_pictures
+    study_folder, tmp_path, monkeypatch, blank_pictures
 ):
     def deleted(*given):
         shutil.rmtree(tmp_path / "out")
         write_report(*given)
 
     (tmp_path / "out").mkdir()
-    line = f"run {place}/study.csv -o {tmp_path}/out --draws 100 {ONE} --figures none"
+    line = f"run {study_folder}/study.csv -o {tmp_path}/out --draws 100 {ONE} --figures none"
     monkeypatch.setattr("bayes_toe.cli.results_folder.write_report", deleted)
     assert "cannot be written" in one_line(inside(line))
     monkeypatch.setattr("bayes_toe.cli.results_folder.write_report", lambda *_: None)
     assert "report.html is missing" in one_line(inside(f"{line} --resume"))
 
 
-def test_what_is_stored_already_needs_no_more_room(place, tmp_path, monkeypatch):
+def test_what_is_stored_already_needs_no_more_room(study_folder, tmp_path, monkeypatch):
     def begun(*_):
         raise OutputError("the work began")
 
-    line = f"sample {place}/study.csv -o {tmp_path}/out.nc --resume -q"
+    line = f"sample {study_folder}/study.csv -o {tmp_path}/out.nc --resume -q"
     free = shutil._ntuple_diskusage(10**5, 0, 10**5)
     monkeypatch.setattr(shutil, "disk_usage", lambda path: free)
     monkeypatch.setattr("bayes_toe.analysis._survivors", begun)
@@ -108,19 +108,19 @@ def test_a_log_that_is_closed_costs_no_subject(tmp_path):
     assert (tmp_path / "out.csv").read_bytes() == (tmp_path / "calm.csv").read_bytes()
 
 
-def test_closed_and_full_streams(place, tmp_path):
+def test_closed_and_full_streams(study_folder, tmp_path):
     done = shell("| :", "--help")
     assert (done.returncode, done.stderr) == (0, "")
-    done = shell(">/dev/full", f"fit {place}/study.csv -o {tmp_path}/fit.csv --replicates 2")
+    done = shell(">/dev/full", f"fit {study_folder}/study.csv -o {tmp_path}/fit.csv --replicates 2")
     assert one_line(done) == "error: standard output: cannot be written (No space left on device)\n"
     assert (tmp_path / "fit.csv").exists()  # a log that is full costs no results
 
 
-def test_a_plain_environment_without_a_home_and_a_temporary_folder(place, tmp_path):
+def test_a_plain_environment_without_a_home_and_a_temporary_folder(study_folder, tmp_path):
     """Libraries with a cache at home fail there, or leave a folder ~ in the working folder."""
     plain = {"LC_ALL": "C", "PYTHONIOENCODING": "ascii"}
     plain |= dict.fromkeys(["PYTHONUTF8", "PYTHONCOERCECLOCALE"], "0")
-    plain |= dict.fromkeys(["HOME", "TMPDIR"], str(place / "study.csv" / "home"))
+    plain |= dict.fromkeys(["HOME", "TMPDIR"], str(study_folder / "study.csv" / "home"))
     grouped_csv(tmp_path / "study.csv", few_pairs(["\xe9"]))
     line = f"run study.csv -o out --figures none --draws 100 {ONE}"  # which draws figures
     done = call(*line.split(), cwd=tmp_path, **plain)
@@ -129,24 +129,26 @@ def test_a_plain_environment_without_a_home_and_a_temporary_folder(place, tmp_pa
     assert sorted(path.name for path in tmp_path.iterdir()) == ["out", "study.csv"]
 
 
-def test_pipes_and_devices_are_refused(place, tmp_path):
+def test_pipes_and_devices_are_refused(study_folder, tmp_path):
     os.mkfifo(tmp_path / "pipe")
     for path in (tmp_path / "pipe", "/dev/zero"):
-        for line in (f"check {path}", f"check {place}/study.csv --prior {path}"):
+        for line in (f"check {path}", f"check {study_folder}/study.csv --prior {path}"):
             assert "a pipe or device, not a file" in one_line(inside(line))
 
 
 @pytest.mark.parametrize("command", ["sample", "run", "evidence"])
-def test_a_name_that_leaves_no_room_for_its_partial_folder_is_refused(place, tmp_path, command):
-    done = inside(f"{command} {place}/study.csv -o {tmp_path}/{'y' * 250} -q")
+def test_a_name_that_leaves_no_room_for_its_partial_folder_is_refused(
+    study_folder, tmp_path, command
+):
+    done = inside(f"{command} {study_folder}/study.csv -o {tmp_path}/{'y' * 250} -q")
     assert "File name too long" in one_line(done)
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("name", ["''", ".", ".."])
-def test_a_folder_where_a_file_should_be_is_refused(place, tmp_path, name):
+def test_a_folder_where_a_file_should_be_is_refused(study_folder, tmp_path, name):
     for command in ("evidence", "sample", "fit"):
-        done = inside(f"{command} {place}/study.csv -o {name} -q", cwd=tmp_path)
+        done = inside(f"{command} {study_folder}/study.csv -o {name} -q", cwd=tmp_path)
         assert "is a folder" in one_line(done)
 
 

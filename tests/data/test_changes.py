@@ -81,9 +81,9 @@ def test_counts_without_blocks_can_be_turned_and_left_out_whole():
 
 
 def test_options_name_subjects_and_blocks_and_are_done_in_one_order(study):
-    made = changed(study, swap=["a:2", "a: 3", "b:1"], exclude=["b:1:2"])
-    assert made.changes == ("--swap a:2,3", "--swap b:1", "--exclude b:1:2")
-    assert content(made) == content(study.swap("a", [2, 3]).swap("b:1").exclude("b:1", 2))
+    combined = changed(study, swap=["a:2", "a: 3", "b:1"], exclude=["b:1:2"])
+    assert combined.changes == ("--swap a:2,3", "--swap b:1", "--exclude b:1:2")
+    assert content(combined) == content(study.swap("a", [2, 3]).swap("b:1").exclude("b:1", 2))
     assert changed(study) is study
 
 
@@ -115,22 +115,25 @@ REFUSED = [
 ]
 
 
-@pytest.mark.parametrize(("options", "said"), REFUSED)
-def test_what_cannot_be_changed_is_refused_in_one_line(tmp_path, options, said):
+@pytest.mark.parametrize(("options", "message"), REFUSED)
+def test_what_cannot_be_changed_is_refused_in_one_line(tmp_path, options, message):
     FRAME.to_csv(tmp_path / "study.csv", index=False)
     for command in (["check"], ["fit", "-o", "out.csv"], ["run", "-o", "out"]):
         assert (
             refused(command[0], "study.csv", *command[1:], *options, cwd=tmp_path)
-            == f"error: {said}\n"
+            == f"error: {message}\n"
         )
 
 
 def test_blocks_of_a_file_without_blocks_and_files_that_are_not_there_are_refused(tmp_path):
     grouped_csv(tmp_path / "study.csv", few_pairs("AB"))
-    said = "found no column block, allowed: all answers of the subject, or a column with --columns block=NAME"
+    message = (
+        "found no column block, allowed: all answers of the subject, or a column with --columns "
+        "block=NAME"
+    )
     assert (
         refused("check", "study.csv", "--swap", "A:2", cwd=tmp_path)
-        == f"error: --swap A:2: {said}\n"
+        == f"error: --swap A:2: {message}\n"
     )
     with pytest.raises(bt.InputError, match="no subject 'C'"):
         few_pairs("AB").swap("C")

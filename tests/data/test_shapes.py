@@ -461,7 +461,7 @@ def test_a_study_file_reads_a_study_again(name, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("lines", "words", "said"),
+    ("lines", "words", "message"),
     [
         ("", (), "found no files, allowed: files ="),
         ('files = ["a.csv"]\nunit2 = "dB"', (), "key 'unit2': unknown, allowed: files, ignore"),
@@ -475,11 +475,11 @@ def test_a_study_file_reads_a_study_again(name, tmp_path):
         ('files = ["a.csv"]', ("--save", "b.csv"), "Use a name that ends in .toml"),
     ],
 )
-def test_a_study_file_that_is_wrong_is_refused(lines, words, said, tmp_path):
+def test_a_study_file_that_is_wrong_is_refused(lines, words, message, tmp_path):
     (tmp_path / "study.toml").write_text(lines, encoding="utf-8")
     result = inside("check", "study.toml", *words, cwd=tmp_path)
     assert result.returncode == 2
-    assert said in result.stderr
+    assert message in result.stderr
 
 
 def mutated(text, rng):

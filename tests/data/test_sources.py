@@ -66,7 +66,7 @@ SOURCES = {
     as_parquet: ("Parquet", 1),
 }
 VALUES = "allowed: text, numbers or truth values"
-EVERY = pytest.mark.parametrize("made", SOURCES)
+EVERY = pytest.mark.parametrize("as_source", SOURCES)
 
 
 def content(study):
@@ -83,9 +83,9 @@ def content(study):
 
 @EVERY
 @pytest.mark.parametrize("frame", [TRIALS, COUNTS], ids=["trials", "counts"])
-def test_a_study_is_the_same_as_from_csv(tmp_path, made, frame):
-    form = SOURCES[made][0]
-    read = bt.read_study(made(frame, tmp_path))
+def test_a_study_is_the_same_as_from_csv(tmp_path, as_source, frame):
+    form = SOURCES[as_source][0]
+    read = bt.read_study(as_source(frame, tmp_path))
     # A spreadsheet's apostrophe is taken off in CSV files alone.
     in_csv = frame.replace("'=q", "''=q")
     plain = bt.read_study(write_table(in_csv, tmp_path / "study.csv"))
@@ -108,9 +108,11 @@ def test_a_study_is_the_same_as_from_csv(tmp_path, made, frame):
         ("s1", [None, b"x", None], f"\"b'x'\" of type bytes, {VALUES}"),
     ],
 )
-def test_what_cannot_be_used_is_refused_by_row_and_column(tmp_path, made, column, cells, expected):
-    (problem,) = problems(bt.read_study, made(COUNTS.assign(**{column: cells}), tmp_path))
-    form, first = SOURCES[made]
+def test_what_cannot_be_used_is_refused_by_row_and_column(
+    tmp_path, as_source, column, cells, expected
+):
+    (problem,) = problems(bt.read_study, as_source(COUNTS.assign(**{column: cells}), tmp_path))
+    form, first = SOURCES[as_source]
     source = "study.parquet" if form == "Parquet" else form
     assert problem == f"{source}: row {first + 1}, column {column}: found {expected}"
 
@@ -220,12 +222,15 @@ def test_a_damaged_parquet_file_is_one_line(tmp_path):
 def test_without_pyarrow_one_line_says_what_to_install(tmp_path, monkeypatch):
     path = as_parquet(COUNTS, tmp_path)
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    said = "found a Parquet file and no pyarrow, allowed: pip install 'bayes_toe[parquet]', or a CSV file"
-    assert problems(bt.read_study, path) == [f"study.parquet: {said}"]
+    message = (
+        "found a Parquet file and no pyarrow, allowed: pip install 'bayes_toe[parquet]', or a CSV "
+        "file"
+    )
+    assert problems(bt.read_study, path) == [f"study.parquet: {message}"]
     with pytest.raises(bt.InputError, match="no pyarrow"):
         write_table(COUNTS, tmp_path / "t.parquet")
     before_the_work = refused("fit", "there is no such study.csv", "-o", "t.parquet", cwd=tmp_path)
-    assert before_the_work == f"error: t.parquet: {said}\n"
+    assert before_the_work == f"error: t.parquet: {message}\n"
 
 
 def test_a_damaged_matlab_file_is_one_line(tmp_path):

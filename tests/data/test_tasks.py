@@ -231,12 +231,12 @@ REFUSED = [
 ]
 
 
-@pytest.mark.parametrize(("head", "rows", "options", "said"), REFUSED, ids=range(len(REFUSED)))
+@pytest.mark.parametrize(("head", "rows", "options", "message"), REFUSED, ids=range(len(REFUSED)))
 def test_what_cannot_be_read_is_one_line_and_nothing_is_written(
-    tmp_path, head, rows, options, said
+    tmp_path, head, rows, options, message
 ):
     written(tmp_path, head, *rows)
-    assert said in refused("run", "study.csv", "-o", "out", *options.split(), cwd=tmp_path)
+    assert message in refused("run", "study.csv", "-o", "out", *options.split(), cwd=tmp_path)
 
 
 def test_several_files_are_of_one_task():
