@@ -59,10 +59,15 @@ TABLE_SUFFIXES = (
 )
 #: What to do with files that are not read, by their suffix.
 _NOT_READ = {
-    **dict.fromkeys((".gz", ".zip", ".7z", ".xz"), ("an archive", "the file in it")),
+    **dict.fromkeys(
+        (".gz", ".zip", ".7z", ".xz", ".tar", ".tgz"), ("an archive", "the file in it")
+    ),
     **dict.fromkeys((".xls", ".ods", ".numbers"), ("a spreadsheet", "its copy as .xlsx or CSV")),
     **dict.fromkeys((".rdata", ".rda", ".rds"), ("R data", "a CSV file that write.csv makes")),
-    **dict.fromkeys((".sav", ".dta"), ("statistics data", "its copy as CSV")),
+    **dict.fromkeys(
+        (".sav", ".dta", ".por", ".psydat", ".edat2", ".edat3"),
+        ("data of another program", "its copy as CSV"),
+    ),
 }
 
 

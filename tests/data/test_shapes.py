@@ -237,6 +237,10 @@ READ = {
         csv(with_rows(IN_LOGS, PRACTICE).assign(phase=["practice"] * 8 + ["main"] * 80)),
         {},
     ),
+    "practice_task.csv": (
+        csv(with_rows(IN_LOGS, PRACTICE).assign(task=["practice"] * 8 + ["comparison"] * 80)),
+        {},
+    ),
     "practice_flag.csv": (
         csv(with_rows(IN_LOGS, PRACTICE).assign(is_practice=[1] * 8 + [0] * 80)),
         {},
@@ -353,6 +357,7 @@ REFUSED = {
     "table.csv.gz": (gzip.compress(csv(IN_LOGS)), ["an archive, allowed: the file in it"]),
     "table.zip": (b"PK", ["an archive, allowed: the file in it"]),
     "data.RData": (b"RDX3", ["R data"]),
+    "1_stairs.psydat": (b"\x80\x04", ["data of another program, allowed: its copy as CSV"]),
     "data.sav": (b"$FL2", ["its copy as CSV"]),
     "new.mat": (b"MATLAB 7.3 MAT-file, Platform" + bytes(95) + b"\0\2IM", ["version 7.3"]),
     "matrix.mat": (matlab({"data": TRIALS[["s1", "s2"]].to_numpy()}), ["not a column"]),

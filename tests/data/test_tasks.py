@@ -66,7 +66,7 @@ READ = [
     ),
     (
         TASK,
-        ["a,0,1,second,comparison", "a,1,0,first,practice"],
+        ["a,0,1,second,comparison", "a,1,0,first,rating"],
         {},
         [(0.0, 1.0, 1, 1), (1.0, 0.0, 0, 1)],
     ),
