@@ -18,7 +18,7 @@ import pandas as pd
 from scipy.special import ndtr
 
 import bayes_toe as bt
-from bayes_toe.answers.serial_dependence import HAS, SubjectDependence, subject_dependence
+from bayes_toe.answers.serial_dependence import EFFECT_MODELS, SubjectDependence, subject_dependence
 from bayes_toe.data.answers import Answers
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import WHICH_STRONGER
@@ -73,7 +73,7 @@ def analyse(truth: str, n_trials: int, number: int, seed: int) -> SubjectDepende
 def count_words(rows: list[SubjectDependence]) -> dict[str, object]:
     """Words of both effects, sums, and what the screen sees."""
     found: dict[str, object] = {}
-    for effect in HAS:
+    for effect in EFFECT_MODELS:
         words = [row.word(effect).partition(" (")[0] for row in rows]
         for word in WORDS:
             found[f"{effect} {word}"] = words.count(word)

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, cast
 import numpy as np
 from scipy.special import logsumexp, softmax
 
+from bayes_toe.answers.order_effect import Size, format_bayes_factor, format_percent, format_share
 from bayes_toe.answers.study_summary import count_words
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.conditions import Conditions
@@ -60,7 +61,7 @@ QUANTITIES: Mapping[str, tuple[Parameter, str]] = {
     "JND": (NOISE, "jnd"),
 }
 ORDER_EFFECT = "order effect"
-_ASKED: Mapping[str, frozenset[Parameter]] = {
+_PARAMETERS_OF: Mapping[str, frozenset[Parameter]] = {
     **{name: frozenset([parameter]) for name, (parameter, _) in QUANTITIES.items()},
     ORDER_EFFECT: frozenset([CONSTANT_ERROR, CONTRACTION]),
 }
@@ -137,42 +138,32 @@ class Difference(NamedTuple):
         return "no unit" if self.quantity == "contraction" else "%"
 
     @property
-    def shown(self) -> tuple[float, float, float]:
-        """Quantiles at 2.5, 50 and 97.5 %; those of an intensity in per cent, 100 (e^x - 1)."""
+    def interval(self) -> Size:
+        """The median and 95 % interval; those of an intensity in per cent, 100 (e^x - 1)."""
         quantiles = np.array([self.q025, self.q50, self.q975])
         if self.unit == "%":
             quantiles = 100.0 * np.expm1(quantiles)
-        low, middle, high = quantiles.tolist()
-        return low, middle, high
+        return Size(*quantiles.tolist())
 
     @property
     def factor(self) -> str:
         """The Bayes factor of a difference against none, in words."""
-        if self.log_bf_differs is None:
-            return "-"
-        if self.log_bf_differs > np.log(1000.0):
-            return "> 1000"
-        if self.log_bf_differs < -np.log(1000.0):
-            return "< 0.001"
-        return f"{np.exp(self.log_bf_differs):.2g}"
+        return "-" if self.log_bf_differs is None else format_bayes_factor(self.log_bf_differs)
 
     @property
     def size(self) -> str:
-        """Median (2.5 %, 97.5 %), with two digits of the distance between these.
+        """The median with its 95 % interval; only a difference with a direction has a sign.
 
         Examples
         --------
         >>> ends = (-0.0012, 0.001, 0.0104, 0.018, 0.019)
         >>> Difference("S", "JND", "b - a", 0.01, 0.01, *ends, 0.98, 2.5, 0.01, "yes").size
-        '+1.0 % (-0.1, +1.9)'
+        '+1.0 % [-0.1, +1.9]'
         """
-        low, middle, high = self.shown
-        digits = 1
-        if high > low:
-            digits = max(digits, 1 - int(np.floor(np.log10(high - low))))
-        number = f"{'' if self.p_direction is None else '+'}.{digits}f"
-        unit = " %" if self.unit == "%" else ""
-        return f"{middle:{number}}{unit} ({low:{number}}, {high:{number}})"
+        if self.unit != "%":
+            return format_share(self.interval, "+")
+        text = format_percent(self.interval)
+        return text.replace("+", "") if self.p_direction is None else text
 
     @property
     def conclusion(self) -> str:
@@ -243,7 +234,7 @@ class ContrastTable(Table[Difference]):
     @property
     def quantities(self) -> tuple[str, ...]:
         """The quantities, in order."""
-        return tuple(_ASKED)
+        return tuple(_PARAMETERS_OF)
 
     def sentences(self) -> list[str]:
         """The conditions, and in how many subjects each quantity differs; each counts once."""
@@ -299,10 +290,10 @@ def contrast(
             partial(subject_contrast, units, conditions, numbers, root)
             for units in compared.values()
         ]
-        done = store.work(jobs, workers, progress, [(name,) for name in compared])
-        subjects = tuple(done)
+        results = store.work(jobs, workers, progress, [(name,) for name in compared])
+        subjects = tuple(results)
     names = list(compared)
-    failed = {names[i]: failure.reason for i, failure in sorted(done.failed.items())}
+    failed = {names[i]: failure.reason for i, failure in sorted(results.failed.items())}
     if not subjects:
         raise WorkerError("\n".join(f"{name}: {reason}" for name, reason in failed.items()))
     rows = tuple(chain.from_iterable(subject.rows for subject in subjects))
@@ -313,10 +304,10 @@ def _require_conditions(study: Study) -> Conditions:
     """The conditions of a study; an InputError where it has none."""
     if study.conditions is not None:
         return study.conditions
-    allowed = "a column condition, or --condition COLUMN"
+    choices = "a column condition, or --condition COLUMN"
     if len(study.intervals) > 1:
-        allowed += "; --condition isi compares the intervals"
-    raise InputError(f"{study.source}: found no condition within subjects, allowed: {allowed}")
+        choices += "; --condition isi compares the intervals"
+    raise InputError(f"{study.source}: found no condition within subjects, allowed: {choices}")
 
 
 def _compared_subjects(study: Study, conditions: Conditions) -> dict[str, tuple[Subject, ...]]:
@@ -362,7 +353,7 @@ def subject_contrast(
     rng = generator(seed, name, "differences")
 
     rows = []
-    for quantity, parameters in _ASKED.items():
+    for quantity, parameters in _PARAMETERS_OF.items():
         log_bf, se = log_bayes_factor(evidences, parameters)
         answer = log_bf, se, _robust(log_bf, log_bayes_factor(with_lapses, parameters)[0])
         differing = [evidence for evidence in evidences if evidence.differing & parameters]
@@ -421,10 +412,10 @@ def condition_evidences(
     maxima = find_maxima(cast("SampledPosterior", pooled))
     starts = maxima.x[maxima.value > maxima.value[0] - _FAR]
     lapses = [parameter for parameter in pooled.parameters if parameter in (LAPSE_RATE, PEAK)]
-    asked = [parameter for parameter, _ in QUANTITIES.values()]
+    compared = [parameter for parameter, _ in QUANTITIES.values()]
     evidences, with_lapses = [], []
-    for size in range(len(asked) + 1):
-        for differing in combinations(asked, size):
+    for size in range(len(compared) + 1):
+        for differing in combinations(compared, size):
             key = frozenset(differing)
             posterior = replace(pooled, differing=differing)
             evidences.append(_evidence(key, posterior, starts, seed))

@@ -48,7 +48,10 @@ _COMPARISON_COLUMNS = (
 #: Columns of evidence.csv: the answer, then the paper's comparison.
 EVIDENCE_COLUMNS = (*ANSWER_COLUMNS, *_COMPARISON_COLUMNS, "prior")
 _COUNTS = ("n_pairs", "n_trials")
-_NO_REPLICATES = "evidence from the bootstrap's covariance left out: the maximum-likelihood fit knows one interval only (column isi)"
+_NO_REPLICATES = (
+    "evidence from the bootstrap's covariance left out: the maximum-likelihood fit knows one "
+    "interval only (column isi)"
+)
 
 
 @dataclass(frozen=True)

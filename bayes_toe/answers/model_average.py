@@ -23,6 +23,7 @@ PRIOR_PROBABILITIES = np.array([MODEL_PRIOR[name] for name in MODEL_NAMES])
 HAS_ERROR = np.array([CONSTANT_ERROR in ORDER_MODELS[name] for name in MODEL_NAMES])
 HAS_CONTRACTION = np.array([CONTRACTION in ORDER_MODELS[name] for name in MODEL_NAMES])
 HAS_EFFECT = HAS_ERROR | HAS_CONTRACTION
+EVERY_MODEL = np.ones(len(MODEL_NAMES), np.bool_)
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,14 +58,14 @@ class AveragedDraws:
         return self.points[chosen]
 
 
-def averaged_draws(evidence: OrderEvidence, has: BoolArray | None = None) -> AveragedDraws:
-    """Draws of the models that `has`, shape (4,), selects; by default of all four."""
-    selected = np.flatnonzero(np.ones(4, np.bool_) if has is None else has)
+def averaged_draws(evidence: OrderEvidence, is_included: BoolArray = EVERY_MODEL) -> AveragedDraws:
+    """Draws of the models that are included, shape (4,); by default of all four."""
+    selected = np.flatnonzero(is_included)
     log_weights = []
     for i in selected:
-        own = evidence.draws[i].log_weights
+        log_weight = evidence.draws[i].log_weights
         log_model = evidence.log_evidence[i] + np.log(PRIOR_PROBABILITIES[i])
-        log_weights.append(own - logsumexp(own) + log_model)
+        log_weights.append(log_weight - logsumexp(log_weight) + log_model)
     joined = np.concatenate(log_weights)
     weights = np.exp(joined - logsumexp(joined))
     points = np.concatenate([evidence.draws[i].points for i in selected])

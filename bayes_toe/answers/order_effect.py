@@ -297,16 +297,16 @@ def format_percent(size: Size, unit: str = " %") -> str:
     ('+5.6 % [+2.5, +8.3]', '+12 [-0, +22]')
     """
     largest = max(abs(size.q025), abs(size.q50), abs(size.q975))
-    digits = _digits(largest, most=2)
+    digits = _digits(largest, max_digits=2)
     low, median, high = (f"{value:+.{digits}f}" for value in (size.q025, size.q50, size.q975))
     return f"{median}{unit} [{low}, {high}]"
 
 
-def _digits(value: float, most: int) -> int:
-    """Decimals that show two significant digits of a number, at most some."""
+def _digits(value: float, max_digits: int) -> int:
+    """Decimals that show two significant digits of a number, at most `max_digits`."""
     if not np.isfinite(value) or value <= 0.0:
         return 0
-    return int(min(max(1 - np.floor(np.log10(float(f"{value:.2g}"))), 0), most))
+    return int(min(max(1 - np.floor(np.log10(float(f"{value:.2g}"))), 0), max_digits))
 
 
 def format_number(value: float) -> str:
@@ -317,7 +317,7 @@ def format_number(value: float) -> str:
     >>> format_number(112.4), format_number(8.0), format_number(-0.0312), format_number(0.0)
     ('110', '8.0', '-0.031', '0')
     """
-    return f"{float(f'{value:.2g}'):.{_digits(abs(value), most=400)}f}"
+    return f"{float(f'{value:.2g}'):.{_digits(abs(value), max_digits=400)}f}"
 
 
 def format_share(size: Size, sign: str = "") -> str:
@@ -479,10 +479,10 @@ def _questions(log_evidence: FloatArray) -> tuple[dict[str, float], dict[str, fl
     log_joint = log_evidence + np.log(PRIOR_PROBABILITIES)
     log_total = logsumexp(log_joint)
     probabilities, log_bayes_factors = {}, {}
-    for question, has in QUESTIONS.items():
-        probabilities[question] = float(np.exp(logsumexp(log_joint[has]) - log_total))
-        log_mean_with = logsumexp(log_evidence[has]) - np.log(has.sum())
-        log_mean_without = logsumexp(log_evidence[~has]) - np.log((~has).sum())
+    for question, has_effect in QUESTIONS.items():
+        probabilities[question] = float(np.exp(logsumexp(log_joint[has_effect]) - log_total))
+        log_mean_with = logsumexp(log_evidence[has_effect]) - np.log(has_effect.sum())
+        log_mean_without = logsumexp(log_evidence[~has_effect]) - np.log((~has_effect).sum())
         log_bayes_factors[question] = float(log_mean_with - log_mean_without)
     return probabilities, log_bayes_factors
 
@@ -566,13 +566,13 @@ def _error_flags(evidence: OrderEvidence) -> list[str]:
 
 def _prior_problems(evidence: OrderEvidence, questions: Sequence[str]) -> dict[str, Problem]:
     """The flag of questions whose probability passes .25 or .75 with another prior scale."""
-    own = _questions(evidence.log_evidence)
+    default = _questions(evidence.log_evidence)
     varied = [_questions(values) for values in rescaled_evidences(evidence)]
     changes: dict[str, list[str]] = {}
     for question in questions:
-        for factor, other in zip(SCALE_FACTORS * 2, varied, strict=True):  # of c, then of p
-            if side_of(other[0][question]) != side_of(own[0][question]):
-                change = _describe_change(question, factor, own, other)
+        for factor, rescaled in zip(SCALE_FACTORS * 2, varied, strict=True):  # of c, then of p
+            if side_of(rescaled[0][question]) != side_of(default[0][question]):
+                change = _describe_change(question, factor, default, rescaled)
                 changes.setdefault(change, []).append(question.replace("_", " "))
                 break
     if not changes:
@@ -583,15 +583,20 @@ def _prior_problems(evidence: OrderEvidence, questions: Sequence[str]) -> dict[s
 
 
 def _describe_change(
-    question: str, factor: float, own: tuple[_Numbers, _Numbers], other: tuple[_Numbers, _Numbers]
+    question: str,
+    factor: float,
+    default: tuple[_Numbers, _Numbers],
+    rescaled: tuple[_Numbers, _Numbers],
 ) -> str:
     """How another prior scale changes the word of a question, or else its probability."""
     subject = f"A prior {'twice' if factor > 1.0 else 'half'} as wide changes"
-    before, after = (word_for(p[question], bf[question]).value for p, bf in (own, other))
-    if before != after:
-        return f"{subject} {{}} from '{before}' to '{after}'."
-    before, after = (format_decimals(p[question]) for p, _ in (own, other))
-    return f"{subject} the probability of {{}} from {before} to {after}."
+    words, probabilities = [], []
+    for probability, log_bayes_factor in (default, rescaled):
+        words.append(word_for(probability[question], log_bayes_factor[question]).value)
+        probabilities.append(format_decimals(probability[question]))
+    if words[0] != words[1]:
+        return f"{subject} {{}} from '{words[0]}' to '{words[1]}'."
+    return f"{subject} the probability of {{}} from {probabilities[0]} to {probabilities[1]}."
 
 
 def rescaled_evidences(evidence: OrderEvidence) -> list[FloatArray]:
@@ -600,10 +605,10 @@ def rescaled_evidences(evidence: OrderEvidence) -> list[FloatArray]:
     Each has the shape (4,).
     """
     varied = []
-    for has, log_ratio in ((HAS_ERROR, _error_ratio), (HAS_CONTRACTION, _contraction_ratio)):
+    for models, log_ratio in ((HAS_ERROR, _error_ratio), (HAS_CONTRACTION, _contraction_ratio)):
         for factor in SCALE_FACTORS:
             values = evidence.log_evidence.copy()
-            for i in np.flatnonzero(has):
+            for i in np.flatnonzero(models):
                 draws = evidence.draws[i]
                 log_weights = draws.log_weights
                 changed = log_weights + log_ratio(evidence, draws.points, factor)
@@ -622,13 +627,13 @@ def _error_ratio(evidence: OrderEvidence, points: FloatArray, factor: float) -> 
 def _contraction_ratio(evidence: OrderEvidence, points: FloatArray, factor: float) -> FloatArray:
     """Log ratio of the prior of p with another scale to the prior, (draws,)."""
     sd = evidence.scales.contraction_sd(evidence.prior)
-    own = CutNormal(1.0 / sd)
+    density = CutNormal(1.0 / sd)
     wider = CutNormal(1.0 / (factor * sd))
     u = points[:, -1]
     # Draws beyond abs(p) = 1 have no weight under either.
     is_inside = np.abs(u) * sd < 1.0
     inside = np.where(is_inside, u, 0.0)
-    ratio = wider.log_density(inside / factor) - np.log(factor) - own.log_density(inside)
+    ratio = wider.log_density(inside / factor) - np.log(factor) - density.log_density(inside)
     return np.where(is_inside, ratio, 0.0)
 
 
@@ -655,8 +660,8 @@ def answer_subject(
     """
     (evidence,) = order_evidence([subject], seed, prior)
     fit = best_model_fit(evidence, seed)
-    both = OrderModel("both").posterior(subject, prior)
-    screen = serial_screen(subject, both, evidence.modes[MODEL_NAMES.index("both")])
+    posterior = OrderModel("both").posterior(subject, prior)
+    screen = serial_screen(subject, posterior, evidence.modes[MODEL_NAMES.index("both")])
     return order_effect(evidence, identify(subject), flags, fit, screen), evidence
 
 

@@ -1,6 +1,4 @@
-"""Serial dependence.
-
-Whether responses depend on the response, or on the stimuli, of the trial before.
+"""Serial dependence: whether responses depend on response or stimuli of the trial before.
 
 Four models of a subject are equally probable beforehand: previous response {no, yes} times stimuli
 {static, carry-over}. The models without carry-over have the likeliest of the four models of order,
@@ -21,6 +19,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from bayes_toe.answers.model_average import weighted_quantiles
+from bayes_toe.answers.order_effect import QUANTILES
 from bayes_toe.answers.serial_screen import SerialScreen, serial_screen
 from bayes_toe.answers.words import Word, word_for
 from bayes_toe.arrays import BoolArray, FloatArray
@@ -47,19 +46,18 @@ if TYPE_CHECKING:
 
 #: The four models, in the order of their evidences, and which have each effect.
 HISTORIES = ("static", "previous_response", "carry_over", "carry_over_and_previous_response")
-HAS: Mapping[str, BoolArray] = {
+EFFECT_MODELS: Mapping[str, BoolArray] = {
     "carry_over": np.array([False, False, True, True]),
     "previous_response": np.array([False, True, False, True]),
 }
-_QUANTILES = {"q025": 0.025, "q50": 0.5, "q975": 0.975}
 _EVIDENCES = tuple(f"log_evidence_{name}" for name in HISTORIES)
 #: Columns of history.csv.
 HISTORY_COLUMNS = (
     "subject",
-    *HAS,
-    *(f"p_{effect}" for effect in HAS),
-    *(f"ln_bf_{effect}" for effect in HAS),
-    *("_".join(parts) for parts in product(("rho", "kappa"), _QUANTILES)),
+    *EFFECT_MODELS,
+    *(f"p_{effect}" for effect in EFFECT_MODELS),
+    *(f"ln_bf_{effect}" for effect in EFFECT_MODELS),
+    *("_".join(parts) for parts in product(("rho", "kappa"), QUANTILES)),
     "order_model",
     "carry_over_order_model",
     "best_history",
@@ -71,7 +69,7 @@ HISTORY_COLUMNS = (
     "note",
 )
 #: Draws of a proposal: from the posterior without history, fresh ones, and those that figures get.
-_CLOUD, _FRESH, _SHOWN = 500, 2500, 300
+_CLOUD, _FRESH, _FIGURE_DRAWS = 500, 2500, 300
 #: Spread of the coordinates of rho and kappa at the start, in prior standard deviations.
 _START_SPREAD = 0.7
 
@@ -109,28 +107,31 @@ class SubjectDependence:
     draws: tuple[FloatArray, ...] = ()
 
     @property
-    def is_known(self) -> bool:
+    def has_result(self) -> bool:
         """Whether there is a result."""
         return not self.note
 
     @property
     def best_history(self) -> str:
         """The one of the four models that has the highest evidence."""
-        return HISTORIES[int(np.argmax(self.log_evidence))] if self.is_known else ""
+        return HISTORIES[int(np.argmax(self.log_evidence))] if self.has_result else ""
 
     def probability(self, effect: str) -> float:
         """Posterior probability of one of the two effects."""
-        log_share = logsumexp(self.log_evidence[HAS[effect]]) - logsumexp(self.log_evidence)
+        log_share = logsumexp(self.log_evidence[EFFECT_MODELS[effect]]) - logsumexp(
+            self.log_evidence
+        )
         return float(np.exp(log_share))
 
     def log_bayes_factor(self, effect: str) -> float:
         """Log of the evidence with an effect over that without, nats."""
-        has = HAS[effect]
-        return float(logsumexp(self.log_evidence[has]) - logsumexp(self.log_evidence[~has]))
+        has_effect = EFFECT_MODELS[effect]
+        log_with = logsumexp(self.log_evidence[has_effect])
+        return float(log_with - logsumexp(self.log_evidence[~has_effect]))
 
     def word(self, effect: str) -> str:
         """The word for an effect; of the previous response with its direction."""
-        if not self.is_known:
+        if not self.has_result:
             return ""
         word = word_for(self.probability(effect), self.log_bayes_factor(effect))
         if effect == "previous_response" and word in (Word.YES, Word.PROBABLY):
@@ -141,9 +142,9 @@ class SubjectDependence:
     def history(self, name: str) -> TrialHistory:
         """The model behind one of :data:`HISTORIES`."""
         i = HISTORIES.index(name)
-        has_carry_over = bool(HAS["carry_over"][i])
+        has_carry_over = bool(EFFECT_MODELS["carry_over"][i])
         order = OrderModel(self.order_models[int(has_carry_over)])
-        return TrialHistory(order, bool(HAS["previous_response"][i]), has_carry_over)
+        return TrialHistory(order, bool(EFFECT_MODELS["previous_response"][i]), has_carry_over)
 
     @property
     def cells(self) -> Mapping[str, object]:
@@ -157,15 +158,15 @@ class SubjectDependence:
             "moving_criterion_p": self.screen.moving_criterion_p,
             "note": self.note,
         }
-        for effect in HAS:
+        for effect in EFFECT_MODELS:
             cells[effect] = self.word(effect)
-        if not self.is_known:
+        if not self.has_result:
             return cells
         cells["order_model"], cells["carry_over_order_model"] = self.order_models
-        for effect in HAS:
+        for effect in EFFECT_MODELS:
             cells[f"p_{effect}"] = self.probability(effect)
             cells[f"ln_bf_{effect}"] = self.log_bayes_factor(effect)
-        for i, quantile in enumerate(_QUANTILES):
+        for i, quantile in enumerate(QUANTILES):
             cells[f"rho_{quantile}"], cells[f"kappa_{quantile}"] = self.rho[i], self.kappa[i]
         for i, column in enumerate(_EVIDENCES):
             cells[column] = float(self.log_evidence[i])
@@ -224,13 +225,13 @@ def serial_dependence(
         jobs: list[Callable[[], SubjectDependence]] = [
             partial(_analyse, subject, root, chosen.observer) for subject in study
         ]
-        done = store.work(jobs, workers, progress, [(name,) for name in study.names])
+        results = store.work(jobs, workers, progress, [(name,) for name in study.names])
         rows = []
         for i, name in enumerate(study.names):
-            if i in done.failed:
-                rows.append(SubjectDependence(name, note=done.failed[i].reason))
+            if i in results.failed:
+                rows.append(SubjectDependence(name, note=results.failed[i].reason))
             else:
-                rows.append(done.read(i))
+                rows.append(results.read(i))
     return SerialDependence(tuple(rows), study, root, chosen)
 
 
@@ -242,12 +243,11 @@ def _analyse(subject: Subject, seed: int, prior: ObserverPrior) -> SubjectDepend
 def subject_dependence(evidence: OrderEvidence, seed: int) -> SubjectDependence:
     """The serial dependence of one subject from the evidences of the four models of order."""
     subject, prior = evidence.subject, evidence.prior
-    both = MODEL_NAMES.index("both")
     posterior = OrderModel("both").posterior(subject, prior)
     row = SubjectDependence(
         subject.name,
         _order_models(evidence),
-        screen=serial_screen(subject, posterior, evidence.modes[both]),
+        screen=serial_screen(subject, posterior, evidence.modes[MODEL_NAMES.index("both")]),
     )
     order_index = MODEL_NAMES.index(row.order_models[0])
     log_evidence = np.array([evidence.log_evidence[order_index], np.nan, np.nan, np.nan])
@@ -263,9 +263,11 @@ def subject_dependence(evidence: OrderEvidence, seed: int) -> SubjectDependence:
 
     rng = generator(seed, subject.name, "history draws")
     static = TrialHistoryPosterior(subject, row.history("static"), prior)
-    static_draws = _without_history(static, evidence, rng, _SHOWN)
+    static_draws = _without_history(static, evidence, rng, _FIGURE_DRAWS)
     best = int(np.argmax(log_evidence))
-    shown = (static_draws, samples[best - 1][1].resampled(rng, _SHOWN) if best else static_draws)
+    best_draws = static_draws
+    if best:
+        best_draws = samples[best - 1][1].resampled(rng, _FIGURE_DRAWS)
     return SubjectDependence(
         subject.name,
         row.order_models,
@@ -274,7 +276,7 @@ def subject_dependence(evidence: OrderEvidence, seed: int) -> SubjectDependence:
         rho=_quantiles("carry_over", log_evidence, samples),
         kappa=_quantiles("previous_response", log_evidence, samples),
         screen=row.screen,
-        draws=shown,
+        draws=(static_draws, best_draws),
     )
 
 
@@ -305,9 +307,9 @@ def _sample(
     """
     rng = generator(seed, posterior.subject.name, posterior.model.name, "history")
     of_order = _without_history(posterior, evidence, rng, _CLOUD)
-    n_own = len(posterior.coordinates) - of_order.shape[1]
-    own = _START_SPREAD * rng.standard_normal((_CLOUD, n_own))
-    cloud = np.concatenate([of_order, own], axis=1)
+    n_history = len(posterior.coordinates) - of_order.shape[1]
+    of_history = _START_SPREAD * rng.standard_normal((_CLOUD, n_history))
+    cloud = np.concatenate([of_order, of_history], axis=1)
     # A quick proposal looks for no maxima, so that it asks for no gradient.
     target = cast(SampledPosterior, posterior)
     fitted = redrawn(quick_proposal(target, cloud.mean(axis=0)[None], cloud, rng), rng, _FRESH)
@@ -323,7 +325,7 @@ def _quantiles(
     samples: list[tuple[TrialHistoryPosterior, WeightedDraws]],
 ) -> tuple[float, ...]:
     """Quantiles of rho or kappa over the models that have it, weighted by their evidence."""
-    with_effect = [i for i in range(1, 4) if HAS[effect][i]]
+    with_effect = [i for i in range(1, 4) if EFFECT_MODELS[effect][i]]
     total = logsumexp(log_evidence[with_effect])
     values, weights = [], []
     for i in with_effect:
@@ -331,4 +333,4 @@ def _quantiles(
         values.append(posterior.quantities(draws.x)[effect])
         weights.append(draws.shares * np.exp(log_evidence[i] - total))
     joined = np.concatenate(values), np.concatenate(weights)
-    return tuple(weighted_quantiles(*joined, tuple(_QUANTILES.values())))
+    return tuple(weighted_quantiles(*joined, tuple(QUANTILES.values())))

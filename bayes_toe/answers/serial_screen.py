@@ -74,10 +74,10 @@ def serial_screen(subject: Subject, posterior: ObserverPosterior, mode: FloatArr
     scores, variance = _scores(subject, logit_slopes(posterior, mode))
     last_trial = (_ANSWER, _FIRST, _SECOND)
     return SerialScreen(
-        joint_p=_p_value(scores, variance, last_trial, given=()),
-        answer_p=_p_value(scores, variance, (_ANSWER,), given=(_FIRST, _SECOND)),
-        stimuli_p=_p_value(scores, variance, (_FIRST, _SECOND), given=(_ANSWER,)),
-        moving_criterion_p=_p_value(scores, variance, (_MOVING,), given=last_trial),
+        joint_p=_p_value(scores, variance, last_trial, adjusted_for=()),
+        answer_p=_p_value(scores, variance, (_ANSWER,), adjusted_for=(_FIRST, _SECOND)),
+        stimuli_p=_p_value(scores, variance, (_FIRST, _SECOND), adjusted_for=(_ANSWER,)),
+        moving_criterion_p=_p_value(scores, variance, (_MOVING,), adjusted_for=last_trial),
     )
 
 
@@ -96,9 +96,9 @@ def logit_slopes(posterior: ObserverPosterior, point: FloatArray) -> FloatArray:
 def _scores(subject: Subject, slopes: FloatArray) -> tuple[FloatArray, FloatArray]:
     """U and V of all four regressors."""
     trials = TrialSequence.from_subject(subject)
-    before = trials.earlier(1)
-    rows = np.flatnonzero(trials.is_answered & (before >= 0))
-    before, pair = before[rows], trials.pair[rows]
+    previous = trials.earlier(1)
+    rows = np.flatnonzero(trials.is_answered & (previous >= 0))
+    previous, pair = previous[rows], trials.pair[rows]
     is_yes = 0.5 * (trials.answer[rows] + 1.0)
 
     n_pairs = subject.n_pairs
@@ -110,16 +110,16 @@ def _scores(subject: Subject, slopes: FloatArray) -> tuple[FloatArray, FloatArra
 
     mean_stimulus = 0.5 * (trials.first.mean() + trials.second.mean())
     regressors = np.zeros((4, len(rows)))
-    regressors[_ANSWER] = trials.answer[before]
-    regressors[_FIRST] = slopes[pair] * (trials.first[before] - mean_stimulus)
-    regressors[_SECOND] = slopes[pair] * (trials.second[before] - mean_stimulus)
+    regressors[_ANSWER] = trials.answer[previous]
+    regressors[_FIRST] = slopes[pair] * (trials.first[previous] - mean_stimulus)
+    regressors[_SECOND] = slopes[pair] * (trials.second[previous] - mean_stimulus)
     corrections = np.zeros(4)
-    corrections[_ANSWER] = correction[pair[trials.pair[before] == pair]].sum()
+    corrections[_ANSWER] = correction[pair[trials.pair[previous] == pair]].sum()
     for lag in _LAGS:
         earlier = trials.earlier(lag)[rows]
-        is_known = earlier >= 0
-        regressors[_MOVING, is_known] += trials.answer[earlier[is_known]]
-        is_same_pair = is_known & (trials.pair[earlier] == pair)
+        has_earlier = earlier >= 0
+        regressors[_MOVING, has_earlier] += trials.answer[earlier[has_earlier]]
+        is_same_pair = has_earlier & (trials.pair[earlier] == pair)
         corrections[_MOVING] += correction[pair[is_same_pair]].sum()
 
     residual = is_yes - (k / n_safe)[pair]
@@ -131,14 +131,14 @@ def _scores(subject: Subject, slopes: FloatArray) -> tuple[FloatArray, FloatArra
 
 
 def _p_value(
-    scores: FloatArray, variance: FloatArray, tested: Sequence[int], given: Sequence[int]
+    scores: FloatArray, variance: FloatArray, tested: Sequence[int], adjusted_for: Sequence[int]
 ) -> float | None:
-    """P of the regressors that are tested, given others; None where they say nothing more."""
-    statistic, n_free = _chi_square(scores, variance, [*given, *tested])
-    statistic_given, n_given = _chi_square(scores, variance, list(given))
-    if n_free == n_given:
+    """p-value of some regressors beyond others; None where they have no information beyond them."""
+    statistic, n_free = _chi_square(scores, variance, [*adjusted_for, *tested])
+    base_statistic, n_base = _chi_square(scores, variance, list(adjusted_for))
+    if n_free == n_base:
         return None
-    return float(chdtrc(n_free - n_given, max(statistic - statistic_given, 0.0)))
+    return float(chdtrc(n_free - n_base, max(statistic - base_statistic, 0.0)))
 
 
 def _chi_square(
@@ -149,12 +149,12 @@ def _chi_square(
     scores, variance = scores.copy(), variance.copy()
     total = np.diagonal(variance).copy()
     for i in columns:
-        own = variance[i, i]
-        if own <= _COLLINEAR * total[i]:
+        remaining = variance[i, i]
+        if remaining <= _COLLINEAR * total[i]:
             continue
-        statistic += scores[i] ** 2 / own
+        statistic += scores[i] ** 2 / remaining
         n_free += 1
-        share = variance[:, i] / own
+        share = variance[:, i] / remaining
         scores -= share * scores[i]
         variance -= np.outer(share, variance[i])
     return float(statistic), n_free

@@ -48,12 +48,12 @@ def study_lines(
     if not counted_answers:
         return ["No subject can be interpreted."]
     noun = "synthetic subject" if synthetic else "subject"
-    whole = f" of {count_all(counted_answers, noun, units)}"
+    of_total = f" of {count_all(counted_answers, noun, units)}"
     lines = []
     for question in QUESTIONS:
-        text = _count_answers(counted_answers, question, whole)
+        text = _count_answers(counted_answers, question, of_total)
         lines.append(f"{_heading(question)}: {text}.")
-        whole = ""
+        of_total = ""
     misfits = [answer.subject for answer in counted_answers if answer.fits is False]
     if misfits:
         n_misfits = counted(len(misfits), "subject")
@@ -64,14 +64,14 @@ def study_lines(
 
 
 def count_words(
-    words: Iterable[str], whole: str = "", directions: Mapping[str, str] | None = None
+    words: Iterable[str], of_total: str = "", directions: Mapping[str, str] | None = None
 ) -> str:
     """How often each word is given, in the order of certainty.
 
     Parameters
     ----------
     words : iterable of str
-    whole : str
+    of_total : str
         Follows the first count, as in ' of 7 subjects'.
     directions : mapping of str to str, optional
         What follows a word in brackets.
@@ -87,20 +87,22 @@ def count_words(
     for word in in_order:
         if not counts[word]:
             continue
-        of_all = "" if parts else whole
+        text = f"{counts[word]}{of_total} {word}"
         direction = (directions or {}).get(word, "")
-        brackets = f" ({direction})" if direction else ""
-        parts.append(f"{counts[word]}{of_all} {word}{brackets}")
+        if direction:
+            text += f" ({direction})"
+        parts.append(text)
+        of_total = ""
     return ", ".join(parts)
 
 
-def _count_answers(answers: Sequence[OrderEffect], question: str, whole: str) -> str:
+def _count_answers(answers: Sequence[OrderEffect], question: str, of_total: str) -> str:
     """How many subjects have each word, as in '4 of 7 subjects yes, 1 probably'."""
     words = [str(answer.words[question].value) for answer in answers]
     if set(words) == {Word.CANNOT_BE_TOLD.value}:
         return f"{Word.CANNOT_BE_TOLD.value} in any subject"
     directions = {str(word.value): describe_directions(answers, question, word) for word in Word}
-    return count_words(words, whole, directions)
+    return count_words(words, of_total, directions)
 
 
 def _heading(question: str) -> str:
@@ -135,16 +137,14 @@ def _contraction_directions(chosen: Sequence[OrderEffect]) -> str:
 
 
 def _error_directions(chosen: Sequence[OrderEffect]) -> str:
-    over = sum(answer.first_is_overestimated is True for answer in chosen)
-    under = sum(answer.first_is_overestimated is False for answer in chosen)
-    names = []
-    if over:
-        verb = "overestimates" if over == 1 else "overestimate"
-        names.append(f"{over} {verb} the first stimulus")
-    if under:
-        verb = "underestimates" if under == 1 else "underestimate"
-        names.append(f"{under} {verb} {'it' if names else 'the first stimulus'}")
-    return ", ".join(names)
+    parts = []
+    stimulus = "the first stimulus"
+    for is_over, verb in ((True, "overestimate"), (False, "underestimate")):
+        count = sum(answer.first_is_overestimated is is_over for answer in chosen)
+        if count:
+            parts.append(f"{count} {verb}{'s' if count == 1 else ''} {stimulus}")
+            stimulus = "it"
+    return ", ".join(parts)
 
 
 # --- Few subjects: how frequent an effect is ------------------------------------------------------
@@ -162,8 +162,8 @@ def effect_frequencies(answers: Sequence[OrderEffect]) -> dict[str, float]:
         log_likelihood = np.zeros(len(_SHARES))
         for answer in answers:
             evidences = np.array([answer.log_evidence[name] for name in ORDER_MODELS])
-            families = [_log_mean(evidences[has]) for has in (has_effect, ~has_effect)]
-            log_with, log_without = np.array(families) - max(families)
+            means = [_log_mean(evidences[has_effect]), _log_mean(evidences[~has_effect])]
+            log_with, log_without = np.array(means) - max(means)
             mean = _SHARES * np.exp(log_with) + (1.0 - _SHARES) * np.exp(log_without)
             with np.errstate(divide="ignore"):
                 log_likelihood += np.log(mean)

@@ -71,12 +71,31 @@ def flagged(
     """
     reasons = {}
     for answer in answers:
-        own = action_reasons(answer)
+        of_subject = action_reasons(answer)
         if answer.subject in not_converged:
-            own.append("not converged")
-        if own:
-            reasons[answer.subject] = own
+            of_subject.append("not converged")
+        if of_subject:
+            reasons[answer.subject] = of_subject
     return reasons
+
+
+def doubtful_subjects(answers: Iterable[OrderEffect]) -> dict[str, list[str]]:
+    """Sentences on the use of conclusions, and the interpreted subjects that each concerns."""
+    poor_fit, no_fit, on_previous_trial = list[str](), list[str](), list[str]()
+    for answer in answers:
+        if not answer.is_interpretable:
+            continue
+        if answer.fits is False:
+            poor_fit.append(answer.subject)
+        elif answer.fits is None:
+            no_fit.append(answer.subject)
+        if answer.depends_on_previous_trial:
+            on_previous_trial.append(answer.subject)
+    return {
+        "The model does not fit {}.": poor_fit,
+        "The fit is not testable for {}.": no_fit,
+        "Responses depend on the previous trial for {}.": on_previous_trial,
+    }
 
 
 def effect_size(answer: OrderEffect, question: str) -> str:
@@ -91,9 +110,9 @@ def effect_size(answer: OrderEffect, question: str) -> str:
 def print_subjects(out: Terminal, answers: Sequence[OrderEffect], file: str = OUTPUT) -> None:
     """A row for every subject, the reasons of `(a)`, and what needs action."""
     names = chosen([answer.subject for answer in answers], flagged(answers))
-    shown = [answer for answer in answers if answer.subject in names]
-    letters = reason_letters(shown)
-    rows = [subject_row(answer, letters) for answer in shown]
+    selected = [answer for answer in answers if answer.subject in names]
+    letters = reason_letters(selected)
+    rows = [subject_row(answer, letters) for answer in selected]
     longest = max((len(row[0]) for row in rows), default=0)
     for long, short in ((", ", ","), ("probably not", "prob. not")):
         if not is_narrow(_HEADINGS, rows, max(longest, len(_HEADINGS[0]))):
@@ -105,9 +124,9 @@ def print_subjects(out: Terminal, answers: Sequence[OrderEffect], file: str = OU
         out.line(f"{letter} Cannot be told, because {reason}.", indent=4)
     n_others = len(answers) - len(rows)
     if n_others:
-        others = f"The other {n_others:,} subjects need no" if rows else "No subject needs"
+        needs = f"The other {n_others:,} subjects need no" if rows else "No subject needs"
         out.line()
-        out.line(f"{others} action. All {len(answers):,} subjects: {file}")
+        out.line(f"{needs} action. All {len(answers):,} subjects: {file}")
     print_problems(out, answers, file)
 
 

@@ -80,7 +80,8 @@ app = typer.Typer(
     rich_markup_mode="rich",
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
-    help="Bayesian inference for time-order effects in comparing two stimuli.\n\n[bold]Example[/bold]: bayes-toe run study.csv -o results",
+    help="Bayesian inference for time-order effects in comparing two stimuli.\n\n"
+    "[bold]Example[/bold]: bayes-toe run study.csv -o results",
 )
 for _purpose, _commands in COMMANDS.items():
     for _command in _commands:

@@ -36,12 +36,13 @@ def print_check(out: Terminal, study: Study, prior: Prior, *, shows_prior: bool 
     if shows_prior:
         out.line(f"Prior: {prior.describe_orders(study.task)}", indent=2)
     _print_problems(out, study, by_subject)
-    own = ("not_identified", *NOTES)
-    out.findings(item for item in findings if not item.subject and item.code not in own)
-    notes = [item.message for item in findings if not item.subject and item.code in NOTES]
+    of_study = [finding for finding in findings if not finding.subject]
+    limits = [finding.message for finding in findings if finding.code == "not_identified"]
+    separate = ("not_identified", *NOTES)
+    out.findings(finding for finding in of_study if finding.code not in separate)
+    notes = [finding.message for finding in of_study if finding.code in NOTES]
     texts = [f"{capitalized(note.rstrip('.'))}." for note in (*study.notes[1:], *notes)]
     out.notes((("", text, "") for text in texts), "-")
-    limits = [item.message for item in findings if item.code == "not_identified"]
     lines, commands = answer_of_check(study, limits, by_subject)
     out.answer(lines)
     for command in commands:
@@ -92,10 +93,10 @@ def answer_of_check(
     swap = [option for option in options if option.startswith("--swap")]
     if swap:
         commands.insert(0, f"{run} {' '.join(swap)}")
-    which = "one of these" if swap else "this"
+    choice = "one of these" if swap else "this"
     verb = "needs" if len(options) == 1 else "need"
     n_all = counted(len(study), "subject")
-    lines.append(f"{len(options)} of {n_all} {verb} a decision. Type {which}:")
+    lines.append(f"{len(options)} of {n_all} {verb} a decision. Type {choice}:")
     return lines, commands
 
 
@@ -108,19 +109,19 @@ def describe_pairs(study: Study) -> str:
     >>> describe_pairs(bt.Study([subject]))
     'Pairs: 1 equal one, and 1 different one, in both orders'
     """
-    shown = set[tuple[float, float]]()
+    pairs = set[tuple[float, float]]()
     for subject in study:
-        shown.update(zip(subject.s1.tolist(), subject.s2.tolist(), strict=True))
-    different = {(first, second) for first, second in shown if first != second}
-    n_equal = len(shown) - len(different)
+        pairs.update(zip(subject.s1.tolist(), subject.s2.tolist(), strict=True))
+    different = {(first, second) for first, second in pairs if first != second}
+    n_equal = len(pairs) - len(different)
     n_both = sum((second, first) in different for first, second in different) // 2
     n_single = len(different) - 2 * n_both
     parts = []
     if n_equal:
         parts.append(counted(n_equal, "equal one"))
     if n_both:
-        each = ", each" if n_both > 1 else ","
-        parts.append(f"{counted(n_both, 'different one')}{each} in both orders")
+        separator = ", each" if n_both > 1 else ","
+        parts.append(f"{counted(n_both, 'different one')}{separator} in both orders")
     if n_single:
         parts.append(f"{counted(n_single, 'different one')} in one order only")
     return f"Pairs: {', and '.join(parts)}"
@@ -132,6 +133,6 @@ def _by_subject(findings: Sequence[Finding]) -> dict[str, list[Finding]]:
     for finding in findings:
         if finding.subject:
             by_subject.setdefault(finding.subject, []).append(finding)
-    for own in by_subject.values():
-        own.sort(key=lambda finding: not finding.option.startswith("--swap"))
+    for of_subject in by_subject.values():
+        of_subject.sort(key=lambda finding: not finding.option.startswith("--swap"))
     return by_subject

@@ -101,7 +101,7 @@ def fit(
         print_asymmetry(task.out, asymmetries)
         if asymmetry_output is not None:
             asymmetries.save(asymmetry_output, **task.saving_of(read))
-    task.done(f"Table in {', '.join(map(str, outputs))}", table.seed)
+    task.print_written(f"Table in {', '.join(map(str, outputs))}", table.seed)
 
 
 def print_asymmetry(out: Terminal, table: AsymmetryTable) -> None:

@@ -68,8 +68,8 @@ def power(
     assumed = assume_observers(observers, data_sets, 0, list(designs.values()))
     options: dict[str, Any] = {"data_sets": data_sets, "prior": task.prior}
     total = len(designs) * len(numbers) * len(assumed)
-    given = (designs, numbers, observers)
-    table = task.work("simulating and analysing", total, bt.design.power, *given, **options)
+    planned = (designs, numbers, observers)
+    table = task.work("simulating and analysing", total, bt.design.power, *planned, **options)
     frames = (table.frame(), table.data_sets_frame())
     names = _POWER_FILES
     with whole_folder(output, names, required=names, overwrite=task.overwrite) as folder:
@@ -140,7 +140,7 @@ class GoalOptions:
     ] = "order-effect"
     keep: Annotated[File, rare("--keep", "DESIGN.csv", "Pairs that must stay.")] = None
 
-    def require(self, given: Path | None, has_list: bool) -> None:
+    def require(self, file: Path | None, has_list: bool) -> None:
         """Refuse an intensity of nothing, and a design beside what another one is looked for."""
         if self.intensity is not None:
             if not 0.0 < self.intensity < float("inf"):
@@ -150,9 +150,9 @@ class GoalOptions:
             if self.levels is None and not has_list:
                 raise bt.InputError("--intensity needs --levels levels.csv or --list trials.csv.")
         is_search = (self.lowest, self.highest, self.levels) != (None, None, None)
-        if given is not None and (not has_list or is_search):
+        if file is not None and (not has_list or is_search):
             raise bt.InputError(
-                f"{given}: a given design needs --list trials.csv, without --lowest, --highest and "
+                f"{file}: a given design needs --list trials.csv, without --lowest, --highest and "
                 "--levels."
             )
 
@@ -239,7 +239,7 @@ class ListOptions:
 
 def design(
     *,
-    given: Annotated[
+    file: Annotated[
         File,
         typer.Argument(
             metavar="[DESIGN.csv]",
@@ -249,7 +249,7 @@ def design(
     output: Annotated[Path, writes("FILE.csv", "Design.")] = Path("design.csv"),
     trials: Annotated[int, option("--trials", NUMBER, "Trials of a subject.", min=1)] = 650,
     question: Question = "same/different",
-    wanted: GoalOptions,
+    goal: GoalOptions,
     data_sets: Annotated[int, rare("--data-sets", NUMBER, "Observers of each effect.", min=1)] = 16,
     observers: Observers = None,
     lists: ListOptions,
@@ -265,34 +265,34 @@ def design(
 
     list_files = [] if lists.list_output is None else [lists.list_output]
     n_levels = max(1, len(lists.levels()))
-    wanted.require(given, bool(list_files))
-    if given is not None:
+    goal.require(file, bool(list_files))
+    if file is not None:
         task.require_files(*list_files)
         seed = root_seed(task.seed)
-        lists.write(bt.design.read_study_design(given), seed, wanted.intensity, task)
+        lists.write(bt.design.read_study_design(file), seed, goal.intensity, task)
         return
     if output.suffix != ".csv":
         raise bt.InputError(f"{output}: the ending is {output.suffix!r}. A design needs .csv.")
     compared = output.with_name(f"{output.stem}_compared.csv")
     text, figure = output.with_suffix(".md"), output.with_suffix(".png")
     task.require_files(output, compared, text, figure, *list_files)
-    search = (wanted.log_levels(), trials // n_levels, wanted.goal(question), observers)
+    search = (goal.log_levels(), trials // n_levels, goal.goal(question), observers)
     options: dict[str, Any] = {"data_sets": data_sets, "prior": task.prior}
     total = 4 * 6 * data_sets
-    found = task.work(
+    optimal = task.work(
         "simulating and analysing", total, bt.design.optimal_design, *search, **options
     )
     files: dict[Path, Callable[[Path], object]] = {
-        output: found.design.save,
-        compared: partial(found.power.save),
-        text: lambda file: file.write_text(found.text(), encoding="utf-8"),
-        figure: partial(bt.plots.save_figure, bt.plots.design(found)),
+        output: optimal.design.save,
+        compared: partial(optimal.power.save),
+        text: lambda path: path.write_text(optimal.text(), encoding="utf-8"),
+        figure: partial(bt.plots.save_figure, bt.plots.design(optimal)),
     }
     task.write(files)
-    print_design(task.out, found)
-    lists.write(found.design, found.seed, wanted.intensity, task)
-    written = f"Written: {', '.join(map(str, [*files, *list_files]))}. Seed {found.seed}."
-    task.out.answer([*found.reasons(), *found.power.sentences(OPTIMISED), written])
+    print_design(task.out, optimal)
+    lists.write(optimal.design, optimal.seed, goal.intensity, task)
+    written = f"Written: {', '.join(map(str, [*files, *list_files]))}. Seed {optimal.seed}."
+    task.out.answer([*optimal.reasons(), *optimal.power.sentences(OPTIMISED), written])
 
 
 # --- simulate -------------------------------------------------------------------------------------
@@ -357,8 +357,8 @@ def simulate(
     task.require_files(*files)
     seed = root_seed(task.seed)
     pairs = make_batch_design(design, amplitudes, batches, isi)
-    asked = task_of(observers.question)
-    simulated = draw_population(observers.population, observers.subjects, seed, pairs, asked)
+    question = task_of(observers.question)
+    simulated = draw_population(observers.population, observers.subjects, seed, pairs, question)
     trials = simulate_trials(
         simulated,
         pairs,
@@ -370,4 +370,4 @@ def simulate(
     for file, frame in zip(files, (trial_frame(trials), truth_frame(trials)), strict=False):
         write_table(frame, file, overwrite=task.overwrite)
     total = sum(len(answered.yes) for answered in trials)
-    task.done(f"{len(simulated)} synthetic subjects, {total:,} trials in {output}", seed)
+    task.print_written(f"{len(simulated)} synthetic subjects, {total:,} trials in {output}", seed)

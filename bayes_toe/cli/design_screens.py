@@ -9,17 +9,17 @@ from bayes_toe.answers.words import Word
 from bayes_toe.cli.terminal import Terminal
 from bayes_toe.data.messages import capitalized
 from bayes_toe.design.optimal_pairs import OPTIMISED
-from bayes_toe.design.power import FOUND
+from bayes_toe.design.power import DETECTED
 
 if TYPE_CHECKING:
     from bayes_toe.design.optimal_pairs import OptimalDesign
     from bayes_toe.design.power import PowerTable
 
 
-def print_power(out: Terminal, table: PowerTable, only: str = "") -> None:
-    """Shares of 'yes' and 'probably' by observers, a table for each design; of one with `only`."""
+def print_power(out: Terminal, table: PowerTable, selected: str = "") -> None:
+    """Shares of 'yes' and 'probably' by observers: a table for each design, or the selected one."""
     headings = ["trials", "observers", *(name.replace("_", " ") for name in QUESTIONS)]
-    for design in [only] if only else table.different("design"):
+    for design in [selected] if selected else table.different("design"):
         rows = []
         for name, trials in table.designs:
             if name == design:
@@ -35,7 +35,7 @@ def _power_rows(table: PowerTable, design: str, trials: int) -> list[list[str]]:
     for kind in table.different("observers"):
         cells = [f"{trials:,}" if not rows else "", kind]
         for question in QUESTIONS:
-            estimate = table[design, trials, kind, question, FOUND]
+            estimate = table[design, trials, kind, question, DETECTED]
             unknown = table[design, trials, kind, question, Word.CANNOT_BE_TOLD.value]
             if unknown.value == 1.0:
                 cells.append("cannot be told")
@@ -47,13 +47,13 @@ def _power_rows(table: PowerTable, design: str, trials: int) -> list[list[str]]:
     return rows
 
 
-def print_design(out: Terminal, found: OptimalDesign) -> None:
+def print_design(out: Terminal, optimal: OptimalDesign) -> None:
     """The expected errors of the design and its rivals, then the power of the design."""
-    candidates = found.candidates
+    candidates = optimal.candidates
     effects = list(candidates[OPTIMISED].sd)
     headings = ["design", *(f"SD of\n{name.replace('_', ' ')}" for name in effects)]
     rows = []
     for name, candidate in candidates.items():
         rows.append([name, *(f"{candidate.sd[effect]:.2g}" for effect in effects)])
     out.table(headings, rows, title="Expected posterior SD, smaller is better")
-    print_power(out, found.power, OPTIMISED)
+    print_power(out, optimal.power, OPTIMISED)

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.special import expit
 
 from bayes_toe.answers.order_effect import (
     Size,
@@ -17,7 +16,6 @@ from bayes_toe.answers.order_effect import (
     format_share,
     word_of_bayes_factor,
 )
-from bayes_toe.arrays import FloatArray
 from bayes_toe.cli.terminal import Terminal
 from bayes_toe.data.messages import capitalized, counted
 from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION, NOISE, PEAK
@@ -28,7 +26,7 @@ if TYPE_CHECKING:
     from bayes_toe.groups.predictive_check import PredictiveCheck
 
 _EFFECTS = (CONSTANT_ERROR.name, CONTRACTION.name)
-_SHOWN = (*_EFFECTS, NOISE.name)
+_QUANTITIES = (*_EFFECTS, NOISE.name)
 #: Parameters between 0 and 1, or -1 and 1; the others are in per cent of intensity.
 _SHARES = (CONTRACTION.name, PEAK.name)
 #: Names of the parameters of a group in sentences, as rows of its table, and of differences.
@@ -49,14 +47,14 @@ _DIFFERENCE_LABELS = {**_LABELS, NOISE.name: "JND (ratio)", PEAK.name: "P(equal)
 
 def print_group(out: Terminal, result: PopulationResult, check: PredictiveCheck) -> None:
     """The table of the group, its fit, a new subject, and what needs action."""
-    rows = [_parameter_row(result, name) for name in _SHOWN]
+    rows = [_parameter_row(result, name) for name in _QUANTITIES]
     out.table(["", "mean", "SD between\nsubjects", "BF of mean\nnot 0", ""], rows)
-    for title, headings, others in _comparison_tables(result):
-        out.table(headings, others, title=title)
+    for title, headings, comparisons in _comparison_tables(result):
+        out.table(headings, comparisons, title=title)
     out.line()
     new_subject = [
         f"{_LABELS[name]} {group_estimate(result, name, 'new_subject')}"
-        for name in _SHOWN
+        for name in _QUANTITIES
         if name in result.identified
     ]
     out.line(f"New subject (prediction): {', '.join(new_subject)}.")
@@ -132,7 +130,7 @@ def _spread(result: PopulationResult, name: str) -> str:
     j = result.index(name)
     mean, sd = result.draws.mean[..., j], result.draws.sd[..., j]
     # The SD is half the difference of subjects one SD above and one SD below the mean.
-    above, below = _in_unit(result, name, mean + sd), _in_unit(result, name, mean - sd)
+    above, below = result.in_units(name, mean + sd), result.in_units(name, mean - sd)
     with np.errstate(invalid="ignore"):
         spread = 0.5 * (above - below)
     low, median, high, bound = np.quantile(spread, [0.025, 0.5, 0.975, 0.95]).tolist()
@@ -140,17 +138,6 @@ def _spread(result: PopulationResult, name: str) -> str:
         return _format_size(name, low, median, high)
     limit = format_decimals(bound) if name in _SHARES else f"{format_number(bound)} %"
     return f"at most {limit}"
-
-
-def _in_unit(result: PopulationResult, name: str, values: FloatArray) -> FloatArray:
-    """Values of a parameter in the unit of the table: per cent, p, or a probability."""
-    if name == CONSTANT_ERROR.name:
-        return result.shift_percent(values)
-    if name == NOISE.name:
-        return result.jnd_percent(values)
-    if name == PEAK.name:
-        return np.asarray(expit(values))
-    return values
 
 
 def _format_size(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -24,10 +25,11 @@ from bayes_toe.data.messages import capitalized, counted
 if TYPE_CHECKING:
     from bayes_toe.analysis import Analysis
     from bayes_toe.answers.evidence_table import EvidenceTable
+    from bayes_toe.groups.predictive_check import PredictiveCheck
 
 #: Columns of the paper's model, and of the four models of the observer.
-_PAPER_SHOWN = ("mu1", "gain", "sigma_p", "sigma_l", "q0", "lapse_rate")
-_ORDER_SHOWN = ("constant_error", "contraction", "jnd")
+_PAPER_COLUMNS = ("mu1", "gain", "sigma_p", "sigma_l", "q0", "lapse_rate")
+_ORDER_COLUMNS = ("constant_error", "contraction", "jnd")
 _HEADINGS = {
     "constant_error": "constant\nerror, ln",
     "contraction": "contraction p",
@@ -35,7 +37,7 @@ _HEADINGS = {
     "lapse_rate": "lapse\nrate",
 }
 #: Quantities with their interval beside the median.
-_WITH_RANGE = ("mu1", "gain", *_ORDER_SHOWN)
+_WITH_RANGE = ("mu1", "gain", *_ORDER_COLUMNS)
 
 
 def run(
@@ -55,10 +57,7 @@ def run(
 
     [bold]Example[/bold]: bayes-toe run study.csv -o results --seed 1
     """
-    from bayes_toe.cli.answers import print_answer, print_subjects, without_decision
-    from bayes_toe.cli.group_screen import print_problems
     from bayes_toe.cli.results_folder import FIGURE_BYTES, PRODUCTS, FigureChoice, write_results
-    from bayes_toe.cli.within_screens import print_contrast
     from bayes_toe.data.study import refuse_intervals
     from bayes_toe.explorer.page import EXPLORER_BYTES, require_bokeh, require_few
     from bayes_toe.groups.predictive_check import predictive_check
@@ -74,28 +73,14 @@ def run(
         refuse_intervals(read, "--paper-figures")
     if explore:
         require_few(len(read), "subjects")
-    _require_room(
-        task,
-        output / "posterior.nc",
-        keep,
-        read,
-        prior,
-        others=FIGURE_BYTES[figures] + EXPLORER_BYTES * explore,
-    )
+    subject_bytes = FIGURE_BYTES[figures] + EXPLORER_BYTES * explore
+    posterior = output / "posterior.nc"
+    _require_room(task, posterior, keep, read, prior, subject_bytes=subject_bytes)
     analysis = task.work(
         "sampling", len(read), bt.run, read, draws=task.draws, prior=prior, keep=keep
     )
-    report = output / "report.html"
-    print_subjects(task.out, analysis.answers, f"{report} and {output / 'evidence.csv'}")
-    print_failed(task.out, analysis.draws)
-    if analysis.contrast is not None:
-        print_contrast(task.out, analysis.contrast)
     check = None if analysis.group is None else predictive_check(analysis.group)
-    missed = {**analysis.draws.not_converged, **analysis.draws.imprecise}
-    if analysis.group is not None and check is not None:
-        print_problems(task.out, analysis.group, check.warnings)
-        if not analysis.group.is_reliable:
-            missed["group"] = analysis.group.draws.shortfall
+    _print_analysis(task.out, analysis, check, output)
     with task.out.progress("drawing", len(read)) as tick:
         write_results(
             analysis,
@@ -107,12 +92,48 @@ def run(
             overwrite=task.overwrite,
             study_file="" if study.example else study.source.text(output),
         )
-    task.finish(keep, analysis.draws.failed)
-    closing = without_decision(analysis.answers, {**analysis.draws.failed, **missed})
-    closing += [f"Start with {report}.", f"Seed {analysis.settings.seed}."]
-    task.print_failed(analysis.draws.failed)
-    print_answer(task.out, analysis.answers, read, _group_lines(analysis), closing)
-    task.end(analysis.draws.failed, missed)
+    failed = analysis.draws.failed
+    task.finish(keep, failed)
+    task.print_failed(failed)
+    problems = _doubtful_draws(analysis)
+    _print_conclusion(task.out, analysis, {**failed, **problems}, output)
+    task.end(failed, problems)
+
+
+def _print_analysis(
+    out: Terminal, analysis: Analysis, check: PredictiveCheck | None, folder: Path
+) -> None:
+    """The tables of subjects and conditions, and what needs action."""
+    from bayes_toe.cli.answers import print_subjects
+    from bayes_toe.cli.group_screen import print_problems
+    from bayes_toe.cli.within_screens import print_contrast
+
+    files = f"{folder / 'report.html'} and {folder / 'evidence.csv'}"
+    print_subjects(out, analysis.answers, files)
+    print_failed(out, analysis.draws)
+    if analysis.contrast is not None:
+        print_contrast(out, analysis.contrast)
+    if analysis.group is not None and check is not None:
+        print_problems(out, analysis.group, check.warnings)
+
+
+def _doubtful_draws(analysis: Analysis) -> dict[str, str]:
+    """Subjects, and the group, whose draws cannot be used as they stand, with the reasons."""
+    reasons = {**analysis.draws.not_converged, **analysis.draws.imprecise}
+    if analysis.group is not None and not analysis.group.is_reliable:
+        reasons["group"] = analysis.group.draws.shortfall
+    return reasons
+
+
+def _print_conclusion(
+    out: Terminal, analysis: Analysis, problems: Mapping[str, str], folder: Path
+) -> None:
+    """The answer of the study and of the group, and where to go on."""
+    from bayes_toe.cli.answers import print_answer, without_decision
+
+    closing = without_decision(analysis.answers, problems)
+    closing += [f"Start with {folder / 'report.html'}.", f"Seed {analysis.settings.seed}."]
+    print_answer(out, analysis.answers, analysis.study, _group_lines(analysis), closing)
 
 
 def _group_lines(analysis: Analysis) -> list[str]:
@@ -155,7 +176,7 @@ def sample(
     print_draws(task.out, draws)
     task.finish(keep, draws.failed)
     task.print_failed(draws.failed)
-    task.done(f"Draws in {output}", draws.seed)
+    task.print_written(f"Draws in {output}", draws.seed)
     task.end(draws.failed, draws.not_converged, draws.imprecise)
 
 
@@ -167,14 +188,12 @@ def _require_room(
     prior: bt.Prior,
     model: str = "paper",
     *,
-    others: int = 0,
+    subject_bytes: int = 0,
 ) -> None:
     """Refuse before the work draws that will not fit on the disk.
 
-    `others` are bytes a subject of what goes beside them.
-
-    Two copies, since the draws of each subject are kept until all are in one file, of which some
-    are there already.
+    There are two copies, because the draws of each subject are stored until all are in one file.
+    `subject_bytes` is the size of figures and pages of a subject.
     """
     from bayes_toe.data.whole_files import require_room
     from bayes_toe.inference.draws import stored_bytes
@@ -185,7 +204,7 @@ def _require_room(
     record = require_model(model, study.task)
     draws = stored_bytes(study, prior, SamplerSettings(task.draws), record)
     require_fitting(draws)
-    require_room(file, 2 * draws + others * (len(study) + 1), used=keep)
+    require_room(file, 2 * draws + subject_bytes * (len(study) + 1), used=keep)
 
 
 def evidence(
@@ -222,24 +241,24 @@ def print_draws(out: Terminal, draws: bt.Draws, file: str = OUTPUT) -> None:
     from bayes_toe.model.models import model_title
 
     stats, missed = draws.group("sample_stats"), {**draws.not_converged, **draws.imprecise}
-    columns = _PAPER_SHOWN if "mu1" in draws.parameters else _ORDER_SHOWN
-    shown = [key for key in columns if key in draws.parameters]
+    columns = _PAPER_COLUMNS if "mu1" in draws.parameters else _ORDER_COLUMNS
+    keys = [key for key in columns if key in draws.parameters]
     rows, index = [], {name: i for i, name in enumerate(draws.names)}
     for name in chosen(draws.names, missed):
         # The smallest effective size of all quantities: errors that are rather too large.
         n_effective = float(stats["min_ess"][index[name]])
         row = [f"{name} !" if name in missed else name]
-        for key in shown:
+        for key in keys:
             low, median, high = quantile_texts(draws.values(name, key), n_effective, 2)
             text = f"{median} [{low}, {high}]" if key in _WITH_RANGE else median
             row.append(without_zeros(text))
         row.append(f"{n_effective:.0f}")
         row.append(f"{float(stats['max_r_hat'][index[name]]):.3f}")
         rows.append(row)
-    headings = ["subject", *(_HEADINGS.get(key, key) for key in shown), "ESS", "R-hat"]
+    headings = ["subject", *(_HEADINGS.get(key, key) for key in keys), "ESS", "R-hat"]
     if rows:
         title = f"{capitalized(model_title(draws.model))}: medians [95 % interval]"
-        out.table(headings, rows, (len(shown) + 1, len(shown) + 2), title=title)
+        out.table(headings, rows, (len(keys) + 1, len(keys) + 2), title=title)
     n_others = len(index) - len(rows)
     if n_others:
         out.line(f"The draws of {n_others:,} other subjects converged. Table: {file}")
@@ -252,7 +271,7 @@ def print_failed(out: Terminal, draws: bt.Draws, file: str = OUTPUT) -> None:
         ("The draws did not converge", draws.not_converged),
         ("The draws are not precise enough", draws.imprecise),
     ):
-        out.notes([(name, f"{text}: {why}.", "") for name, why in reasons.items()], file=file)
+        out.notes([(name, f"{text}: {reason}.", "") for name, reason in reasons.items()], file=file)
 
 
 def print_model_evidence(out: Terminal, table: EvidenceTable, file: str = OUTPUT) -> None:

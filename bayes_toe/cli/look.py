@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from itertools import chain
+from itertools import chain, product
 from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -57,12 +57,12 @@ def explore(
     loaded = [load_draws(path) for path in posteriors]
     names = subject or list(chain.from_iterable(draws.names for draws in loaded))
     truths = None if truth is None else read_truth(truth, loaded, names)
-    shown = entries(loaded, subject, truths)
-    with task.out.progress("packing", len(shown)) as tick:
-        explorer = page(shown, tick)
+    page_entries = entries(loaded, subject, truths)
+    with task.out.progress("packing", len(page_entries)) as tick:
+        explorer = page(page_entries, tick)
     explorer.save(output, overwrite=task.overwrite)
     size = len(explorer.html.encode()) / 1e6
-    task.done(f"Explorer in {output}: {size:.1f} MB, open it in a browser")
+    task.print_written(f"Explorer in {output}: {size:.1f} MB, open it in a browser")
 
 
 def read_truth(path: Path, draws: Sequence[bt.Draws], subjects: Sequence[str]) -> Truth:
@@ -120,7 +120,6 @@ def corner(
     [bold]Example[/bold]: bayes-toe corner posterior.nc -o corner --subject S01
     """
     from bayes_toe.cli.results_folder import open_later
-    from bayes_toe.data.tables import file_stems
     from bayes_toe.data.whole_files import whole_folder
     from bayes_toe.inference.draws import load_draws
     from bayes_toe.plots.figure_files import require_formats
@@ -136,15 +135,8 @@ def corner(
         "coordinates": _quantities(coordinates, parameters, draws),
         "prior": draws.prior if show_prior else None,
     }
-    stems = file_stems(draws.names)
-    if subject is not None and len(subject) > 1:
-        known = {name: truths[name] for name in names if name in truths}
-        figures: dict[str, dict[str, Any]] = {
-            "+".join(stems[name] for name in names): {"subject": names, "truths": known}
-        }
-    else:
-        figures = {stems[name]: {"subject": name, "truths": truths.get(name)} for name in names}
-    files = [f"{stem}.{ending}" for stem in figures for ending in endings]
+    figures = _figure_options(draws, names, truths, is_joint=subject is not None)
+    files = [f"{stem}.{ending}" for stem, ending in product(figures, endings)]
     task.require_folder(output, files)
     with (
         whole_folder(output, files, required=files, overwrite=task.overwrite) as folder,
@@ -154,10 +146,28 @@ def corner(
         # Absolute, since a worker may be in another folder than this process.
         target = folder.absolute()
         jobs = []
-        for stem, given in figures.items():
-            jobs.append(partial(_draw_corner, saved, {**given, **options}, target / stem, endings))
+        for stem, of_figure in figures.items():
+            parts = {**of_figure, **options}
+            jobs.append(partial(_draw_corner, saved, parts, target / stem, endings))
         run_in_order(jobs, of_this_machine(task.workers), tick, [(stem,) for stem in figures])
-    task.done(f"{counted(len(figures), 'corner plot')} in {output}")
+    task.print_written(f"{counted(len(figures), 'corner plot')} in {output}")
+
+
+def _figure_options(
+    draws: bt.Draws, names: Sequence[str], truths: Truth, *, is_joint: bool
+) -> dict[str, dict[str, Any]]:
+    """Subjects and true values of each figure, by the stem of its files."""
+    from bayes_toe.data.tables import file_stems
+
+    stems = file_stems(draws.names)
+    if is_joint and len(names) > 1:
+        joint = {name: truths[name] for name in names if name in truths}
+        stem = "+".join(map(stems.__getitem__, names))
+        return {stem: {"subject": names, "truths": joint}}
+    figures = {}
+    for name in names:
+        figures[stems[name]] = {"subject": name, "truths": truths.get(name)}
+    return figures
 
 
 def _quantities(
@@ -171,12 +181,12 @@ def _quantities(
             f"--parameters {parameters} and --coordinates {coordinates} exclude each other."
         )
     names = tuple(name.strip() for name in parameters.split(","))
-    allowed = draws.posterior(draws.names[0]).names.all
+    all_names = draws.posterior(draws.names[0]).names.all
     for name in names:
-        if name not in allowed or names.count(name) > 1:
+        if name not in all_names or names.count(name) > 1:
             raise bt.InputError(
                 f"--parameters {parameters}: {quoted(name)} is unknown or named twice. The "
-                f"parameters are {', '.join(allowed)}."
+                f"parameters are {', '.join(all_names)}."
             )
     return names
 

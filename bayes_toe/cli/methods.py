@@ -34,6 +34,7 @@ from bayes_toe.answers.words import (
     Word,
 )
 from bayes_toe.checks.identification import identify
+from bayes_toe.cli.answers import doubtful_subjects
 from bayes_toe.cli.group_screen import group_estimate, log_factor_of_mean
 from bayes_toe.data.messages import capitalized, counted, listed, visible
 from bayes_toe.data.study import Study
@@ -42,7 +43,7 @@ from bayes_toe.groups.population import PopulationResult
 
 _WIDTH = 95
 #: What notes of reading a study say if something was done to the data.
-_DONE = re.compile("dropped|excluded|merged|swapped|only rows|only pairs")
+_CHANGE = re.compile("dropped|excluded|merged|swapped|only rows|only pairs")
 #: Letters that mean something in Markdown.
 _ESCAPED = str.maketrans({letter: f"\\{letter}" for letter in "\\`*_[]<>|#~$"})
 #: What participants report.
@@ -120,13 +121,13 @@ def _data(study: Study) -> list[str]:
     trials = [subject.total_trials for subject in study.without_conditions()]
     amount = f"{sum(trials):,} trials"
     if len(trials) > 1:
-        each = f"{min(trials):,} to {max(trials):,}"
-        amount += f", {trials[0]:,} each" if len(set(trials)) == 1 else f", {each} each"
+        number = f"{min(trials):,} to {max(trials):,}"
+        amount += f", {trials[0]:,} each" if len(set(trials)) == 1 else f", {number} each"
     participants = counted(len(trials), "participant")
     sentences = [f"{participants} reported {_QUESTION_OF_TASK[study.task]} ({amount})."]
     if study.synthetic:
         sentences.append("These data are synthetic.")
-    changes = [note for note in study.notes if _DONE.search(note)]
+    changes = [note for note in study.notes if _CHANGE.search(note)]
     if changes:
         sentences.append(f"Before the analysis: {_text('; '.join(changes))}.")
     return sentences
@@ -155,24 +156,24 @@ def _results(analysis: Analysis) -> list[str]:
     return [*sentences, *_limits_of_design(analysis.study), *_limits(analysis)]
 
 
-def _count_present(answers: Sequence[OrderEffect], whole: str) -> list[str]:
+def _count_present(answers: Sequence[OrderEffect], of_total: str) -> list[str]:
     """In how many participants effects are present, with directions, and the other words."""
     sentences = []
     for question in QUESTIONS:
         words = [str(answer.words[question].value) for answer in answers]
-        others = [word for word in words if word != Word.YES.value]
-        if set(others) == {Word.CANNOT_BE_TOLD.value} and len(others) == len(words):
+        if set(words) == {Word.CANNOT_BE_TOLD.value}:
             continue
+        other_words = [word for word in words if word != Word.YES.value]
         name = question.replace("_", " ")
         article = "An" if name.startswith("order") else "A"
-        text = f"{article} {name} was present in {len(words) - len(others)}{whole}"
+        text = f"{article} {name} was present in {len(words) - len(other_words)}{of_total}"
         directions = describe_directions(answers, question, Word.YES)
         if directions:
             text += f" ({directions})"
-        if others:
-            text += f"; the others: {count_words(others)}"
+        if other_words:
+            text += f"; the others: {count_words(other_words)}"
         sentences.append(f"{text}.")
-        whole = ""
+        of_total = ""
     return sentences
 
 
@@ -186,8 +187,10 @@ def _group(group: PopulationResult) -> list[str]:
             means.append(f"{label} of {estimate} (Bayes factor against 0: {factor})")
     sentences = []
     if means:
-        both = " and a mean ".join(means)
-        sentences.append(f"In a hierarchical model with both effects, the group had a mean {both}.")
+        effects = " and a mean ".join(means)
+        sentences.append(
+            f"In a hierarchical model with both effects, the group had a mean {effects}."
+        )
     if not group.is_reliable:
         sentences.append(f"The draws of the group are NOT RELIABLE: {group.draws.shortfall}.")
     return sentences
@@ -196,8 +199,12 @@ def _group(group: PopulationResult) -> list[str]:
 def _limits(analysis: Analysis) -> list[str]:
     """Which conclusions must not be used as they stand."""
     answers = [answer for answer in analysis.answers if answer.is_interpretable]
+    names_of = doubtful_subjects(answers)
+    excluded = [answer.subject for answer in analysis.answers if not answer.is_interpretable]
+    names_of["Not interpreted: {}."] = excluded
+    names_of["There are no results for {}."] = list(analysis.draws.failed)
     sentences = []
-    for sentence, names in _doubtful_subjects(analysis).items():
+    for sentence, names in names_of.items():
         if len(names) == len(answers) > 1:
             sentences.append(sentence.format("any participant"))
         elif names:
@@ -209,29 +216,6 @@ def _limits(analysis: Analysis) -> list[str]:
             f"For {share}, a prior half or twice as wide moves a probability past .25 or .75."
         )
     return sentences
-
-
-def _doubtful_subjects(analysis: Analysis) -> dict[str, list[str]]:
-    """What stands against conclusions, and the names of the participants."""
-    names: dict[str, list[str]] = {
-        "The model does not fit {}.": [],
-        "The fit is not testable for {}.": [],
-        "Not interpreted: {}.": [],
-        "Responses depend on the previous trial for {}.": [],
-        "There are no results for {}.": list(analysis.draws.failed),
-    }
-    poor, untestable, excluded, dependent, _ = names.values()
-    for answer in analysis.answers:
-        if not answer.is_interpretable:
-            excluded.append(answer.subject)
-            continue
-        if answer.fits is None:
-            untestable.append(answer.subject)
-        elif not answer.fits:
-            poor.append(answer.subject)
-        if answer.depends_on_previous_trial:
-            dependent.append(answer.subject)
-    return names
 
 
 def _limits_of_design(study: Study) -> list[str]:
@@ -247,8 +231,8 @@ def _limits_of_design(study: Study) -> list[str]:
         limits.update(identification.notes)
     sentences = []
     for limit, count in limits.items():
-        whose = "" if count == len(study) else f" ({count} of {len(study)})"
-        sentences.append(f"{capitalized(limit)}{whose}.")
+        share = "" if count == len(study) else f" ({count} of {len(study)})"
+        sentences.append(f"{capitalized(limit)}{share}.")
     return sentences
 
 
@@ -261,8 +245,8 @@ def _table(answers: Sequence[OrderEffect]) -> list[str]:
         if answer.is_interpretable:
             cells = [answer.marked_word(question) for question in QUESTIONS]
             for question, size in SIZE_OF.items():
-                is_known = answer.words[question] is not Word.CANNOT_BE_TOLD
-                cells.append(answer.format_size(size) if is_known else "")
+                can_be_told = answer.words[question] is not Word.CANNOT_BE_TOLD
+                cells.append(answer.format_size(size) if can_be_told else "")
         lines.append(f"| {' | '.join([_text(answer.subject), *cells])} |")
     return lines
 

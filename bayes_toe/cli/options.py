@@ -180,8 +180,8 @@ class StudyFile:
         """Ask in a terminal which file to read, if neither a file nor the example is named."""
         if self.files or self.example or not (sys.stdin.isatty() and sys.stdout.isatty()):
             return self
-        given = typer.prompt(WHICH_FILE, default="", show_default=False, prompt_suffix="")
-        name = given.strip().strip("'\"")  # terminals quote a file that is dragged into them
+        typed = typer.prompt(WHICH_FILE, default="", show_default=False, prompt_suffix="")
+        name = typed.strip().strip("'\"")  # terminals quote a file that is dragged into them
         if not name:
             return replace(self, example=True)
         return replace(self, files=[Path(name).expanduser()])
@@ -196,14 +196,14 @@ class StudyFile:
             raise InputError("--example and STUDY.csv exclude each other.")
         if not self.example and not self.files:
             raise InputError(NO_FILE)
-        asked = None if self.question is None else task_of(self.question)
+        task = None if self.question is None else task_of(self.question)
         swap, exclude = tuple(self.swap or ()), tuple(self.exclude or ())
         if self.example:
-            study = example_study(asked or WHICH_STRONGER)
+            study = example_study(task or WHICH_STRONGER)
         else:
             study = read_study(self.source.files, self.source.options)
             swap, exclude = self.source.swap, self.source.exclude
-        if asked not in (None, study.task):
+        if task not in (None, study.task):
             raise InputError(
                 f"--task is {self.question!r}, but the responses in {study.source} are of the task "
                 f"{study.task.name!r}."

@@ -50,7 +50,7 @@ from bayes_toe.checks.answer_checks import FLAG_KINDS, Finding
 from bayes_toe.checks.design_checks import NOTES, check
 from bayes_toe.classical.asymmetry import AsymmetryTable, asymmetry_table
 from bayes_toe.classical.fit import SubjectFit
-from bayes_toe.cli.answers import effect_size
+from bayes_toe.cli.answers import doubtful_subjects, effect_size
 from bayes_toe.cli.group_screen import group_answer, group_tables
 from bayes_toe.cli.terminal import describe_amount, merge_notes, notes_of, quantile_texts
 from bayes_toe.data.messages import (
@@ -82,12 +82,12 @@ from bayes_toe.plots.report_figure import (
     shown_subjects,
     sizes_figure,
 )
-from bayes_toe.plots.style import LETTERS, MOST_NAMED, legend_below, new_figure
+from bayes_toe.plots.style import LETTERS, MAX_NAMES, legend_below, new_figure
 
 Figure = Any  # of matplotlib, which is of another room
 
 #: Subjects up to which the report is one file.
-MOST_IN_ONE = 200
+MAX_SUBJECTS = 200
 #: Differences of natural logs that are published in per cent too.
 _PUBLISHED = ("pse_shift", "jnd")
 _WIDE, _DOTS = 4.8, 160  # inches of a picture, legible on a telephone, and dots in an inch
@@ -156,17 +156,17 @@ class Facts:
     check: PredictiveCheck | None  # of the group
     curves: Mapping[str, Path]  # figures of the subjects that were drawn
     corner: Mapping[str, Path]
-    which: str  # whose these are: "all", "flagged" or "none"
+    choice: str  # of which subjects these are: "all", "flagged" or "none"
 
 
 def write_report(analysis: Analysis, facts: Facts, folder: Path) -> None:
-    """Write report.html, and subjects/*.html of more than :data:`MOST_IN_ONE` subjects.
+    """Write report.html, and subjects/*.html of more than :data:`MAX_SUBJECTS` subjects.
 
     Every text from outside is escaped by the template engine, its control characters too. Pages
     are written piece by piece: with its figures a report may be larger than memory.
     """
     names = analysis.study.names
-    is_paged = len(names) > MOST_IN_ONE
+    is_paged = len(names) > MAX_SUBJECTS
     links = {name: f"#subject-{i}" for i, name in enumerate(names, 1)}
     answers = list(analysis.answers)
     if is_paged:
@@ -286,7 +286,7 @@ def _context(analysis: Analysis, facts: Facts) -> dict[str, Any]:
         "caption": _caption(analysis),
         "evidence_image": _evidence_image(analysis),
         "dominated": DOMINATED,
-        "crowded": len(study) > MOST_NAMED,
+        "crowded": len(study) > MAX_NAMES,
         "group": _group(analysis.group, facts.check),
         "contrast": _by_condition(analysis.contrast),
     }
@@ -325,7 +325,7 @@ def _figure(analysis: Analysis) -> list[tuple[str, str]]:
 
 def _embed(analysis: Analysis, figure: Figure, label: str) -> str:
     """A figure as a part of the page; the SVG of very many subjects is too large."""
-    if len(analysis.study) > MOST_NAMED:
+    if len(analysis.study) > MAX_NAMES:
         return f'<img alt="{label}" src="{_png_uri(png(figure))}">'
     return inline_svg(figure, label)
 
@@ -365,11 +365,11 @@ def _caption(analysis: Analysis) -> str:
 
 def _responses_caption(analysis: Analysis) -> str:
     """What the panels of responses show."""
-    shown = [analysis.study[name] for name in shown_subjects(analysis.answers)]
+    subjects = [analysis.study[name] for name in shown_subjects(analysis.answers)]
     colours = "orange: weaker stimulus first, blue: stronger stimulus first"
     if analysis.study.task == SAME_DIFFERENT:
         colours += ", grey: equal stimuli"
-    if any(is_by_first(counts) for counts in shown):
+    if any(is_by_first(counts) for counts in subjects):
         colours = "a colour for each first stimulus"
     return (
         "Responses with standard errors, and curves averaged over the four models with 95 % bands "
@@ -401,7 +401,7 @@ def _trust(analysis: Analysis) -> list[tuple[str, str]]:
     interpreted = [answer for answer in analysis.answers if answer.is_interpretable]
     return [
         ("Design", _design(analysis.answers)),
-        ("Fit", _fit(interpreted)),
+        ("Fit", _doubts(interpreted, " fit ") or "No subject has a poor fit (p < .01)."),
         ("Prior", _prior(interpreted)),
         ("Convergence", _convergence(analysis)),
         ("Serial dependence", _serial_dependence(interpreted)),
@@ -412,21 +412,20 @@ def _design(answers: Sequence[OrderEffect]) -> str:
     """What the design cannot show."""
     sentences = []
     for names, note, _ in merge_notes(notes_of(answers)):
-        whom = "" if len(names) == len(answers) else f" This concerns {_name_subjects(names)}."
-        sentences.append(f"{capitalized(note)}{whom}")
+        sentence = capitalized(note)
+        if len(names) < len(answers):
+            sentence += f" This concerns {_name_subjects(names)}."
+        sentences.append(sentence)
     return " ".join(sentences) or "The design can show a constant error and a contraction."
 
 
-def _fit(answers: Sequence[OrderEffect]) -> str:
-    """Subjects whom the best of the four models does not fit, and subjects without a check."""
-    poor = [answer.subject for answer in answers if answer.fits is False]
-    untestable = [answer.subject for answer in answers if answer.fits is None]
+def _doubts(answers: Sequence[OrderEffect], topic: str) -> str:
+    """The sentences of a topic about subjects; empty if they concern none."""
     sentences = []
-    if poor:
-        sentences.append(f"The model does not fit {_name_subjects(poor)}.")
-    if untestable:
-        sentences.append(f"The fit is not testable for {_name_subjects(untestable)}.")
-    return " ".join(sentences) or "No subject has a poor fit (p < .01)."
+    for sentence, names in doubtful_subjects(answers).items():
+        if names and topic in sentence:
+            sentences.append(sentence.format(_name_subjects(names)))
+    return " ".join(sentences)
 
 
 def _prior(answers: Sequence[OrderEffect]) -> str:
@@ -459,13 +458,10 @@ def _serial_dependence(answers: Sequence[OrderEffect]) -> str:
     """Subjects whose responses depend on the previous trial."""
     if all(answer.history_p is None for answer in answers):
         return "Not testable: the order of the trials is not known."
-    dependent = [answer.subject for answer in answers if answer.depends_on_previous_trial]
+    dependent = _doubts(answers, "previous trial")
     if not dependent:
         return "No subject shows a dependence on the previous trial (p < .01)."
-    return (
-        f"The responses of {_name_subjects(dependent)} depend on the previous trial. "
-        "The command bayes-toe history estimates by how much."
-    )
+    return f"{dependent} The command bayes-toe history estimates by how much."
 
 
 def _name_subjects(names: Sequence[str]) -> str:
@@ -475,16 +471,16 @@ def _name_subjects(names: Sequence[str]) -> str:
 
 def _overview_row(answer: OrderEffect) -> dict[str, Any]:
     """A subject in the table of all subjects; its marks stand for two of the flags."""
-    others = [flag for flag in answer.flags if not flag.startswith((MISFIT_FLAG, PRIOR_FLAG))]
-    shown = {size: effect_size(answer, question) for question, size in SIZE_OF.items()}
-    shown["jnd_percent"] = answer.format_size("jnd_percent") if answer.is_interpretable else ""
+    flags = [flag for flag in answer.flags if not flag.startswith((MISFIT_FLAG, PRIOR_FLAG))]
+    sizes = {size: effect_size(answer, question) for question, size in SIZE_OF.items()}
+    sizes["jnd_percent"] = answer.format_size("jnd_percent") if answer.is_interpretable else ""
     return {
         "subject": answer.subject,
         "is_interpretable": answer.is_interpretable,
         "words": [_word(answer, question) for question in QUESTIONS],
-        "sizes": [(answer.sizes[size].q50 if text else "", text) for size, text in shown.items()],
+        "sizes": [(answer.sizes[size].q50 if text else "", text) for size, text in sizes.items()],
         "fit": _FITS[answer.fits] if answer.is_interpretable else "",
-        "flags": "; ".join(others),
+        "flags": "; ".join(flags),
     }
 
 

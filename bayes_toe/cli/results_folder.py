@@ -58,7 +58,7 @@ class FigureChoice:
 
     Attributes
     ----------
-    which : str
+    subjects : str
         Subjects with corner plot and curves: "all", "none", or "flagged", those that need action.
     truth : dict
         True values by subject, marked in corner plots.
@@ -68,15 +68,15 @@ class FigureChoice:
         Whether there is a folder with the figures of the paper.
     """
 
-    which: str = "all"
+    subjects: str = "all"
     truth: Truth = field(default_factory=dict)
     explorer: bool = False
     paper_figures: bool = False
 
     def __post_init__(self) -> None:
-        if self.which not in FIGURE_BYTES:
+        if self.subjects not in FIGURE_BYTES:
             raise InputError(
-                f"--figures is {self.which!r}. It must be one of {', '.join(FIGURE_BYTES)}."
+                f"--figures is {self.subjects!r}. It must be one of {', '.join(FIGURE_BYTES)}."
             )
 
 
@@ -104,15 +104,10 @@ def write_results(
     if analysis.group is not None and check is None:
         check = predictive_check(analysis.group)
     marked = flagged(analysis.answers, draws.not_converged)
-    drawn = {"all": draws.names, "flagged": tuple(marked), "none": ()}[figures.which]
+    names = {"all": draws.names, "flagged": tuple(marked), "none": ()}[figures.subjects]
     stems = file_stems(draws.names)
-    required = ["posterior.nc", *ALWAYS, *(f"corner/{stems[name]}.png" for name in drawn)]
-    if analysis.contrast is not None:
-        required += CONTRAST_PRODUCTS
-    if analysis.group is not None:
-        required += GROUP_PRODUCTS
-    if figures.explorer:
-        required.append("explorer.html")
+    corner_files = [f"corner/{stems[name]}.png" for name in names]
+    required = [*_required_products(analysis, figures), *corner_files]
     with (
         whole_folder(folder, PRODUCTS, required=required, overwrite=overwrite) as new,
         TemporaryDirectory(dir=new.absolute()) as pictures,
@@ -129,21 +124,33 @@ def write_results(
             write_figures(analysis, target / "paper_figures")
         if figures.explorer:
             explore(draws, truths=figures.truth or None).save(target / "explorer.html")
-        if drawn:
+        if names:
             (target / "corner").mkdir()
-        corner_files = {name: target / "corner" / f"{stems[name]}.png" for name in drawn}
-        curve_files = {name: Path(pictures, f"{stems[name]}.png") for name in drawn}
+        corners = {name: target / file for name, file in zip(names, corner_files, strict=True)}
+        curves = {name: Path(pictures, f"{stems[name]}.png") for name in names}
         saved = open_later(target / "posterior.nc")
+        prior = analysis.settings.prior
         jobs = []
-        for name in drawn:
-            given = (analysis.settings.prior, figures.truth.get(name), analysis.curve(name))
-            files = (corner_files[name], curve_files[name])
-            jobs.append(partial(_draw_subject, saved, name, *given, *files))
-        run_in_order(jobs, of_this_machine(workers), progress, [(name,) for name in drawn])
+        for name in names:
+            of_subject = (figures.truth.get(name), analysis.curve(name))
+            files = (corners[name], curves[name])
+            jobs.append(partial(_draw_subject, saved, name, prior, *of_subject, *files))
+        run_in_order(jobs, of_this_machine(workers), progress, [(name,) for name in names])
         opened.cache_clear()
-        facts = Facts(marked, check, curve_files, corner_files, figures.which)
-        write_report(analysis, facts, target)
+        write_report(analysis, Facts(marked, check, curves, corners, figures.subjects), target)
     return Path(folder)
+
+
+def _required_products(analysis: Analysis, figures: FigureChoice) -> list[str]:
+    """What the folder will have besides the figures of subjects."""
+    required = ["posterior.nc", *ALWAYS]
+    if analysis.contrast is not None:
+        required += CONTRAST_PRODUCTS
+    if analysis.group is not None:
+        required += GROUP_PRODUCTS
+    if figures.explorer:
+        required.append("explorer.html")
+    return required
 
 
 def open_later(posterior: Path) -> Callable[[], Draws]:

@@ -93,10 +93,11 @@ class Task:
 
     def ask(self, study: StudyFile) -> tuple[StudyFile, Task]:
         """The study that is asked for in a terminal, and the command that reads its files."""
-        asked = study.ask()
-        if asked is not study:
-            TYPED.extend(map(str, asked.files) if asked.files else ["--example"])
-        return asked, replace(self, inputs=(*self.inputs, *(asked.files or ())))
+        named_study = study.ask()
+        files = named_study.files or []
+        if named_study is not study:
+            TYPED.extend(map(str, files) if files else ["--example"])
+        return named_study, replace(self, inputs=(*self.inputs, *files))
 
     # --- the work ---------------------------------------------------------------------------------
 
@@ -106,11 +107,11 @@ class Task:
         return Terminal(self.quiet)
 
     def work(
-        self, what: str, total: int, function: Callable[..., Result], *given: Any, **options: Any
+        self, label: str, total: int, function: Callable[..., Result], *values: Any, **options: Any
     ) -> Result:
         """Call a function with seed, workers and a progress bar; return its result."""
-        with self.out.progress(what, total) as tick:
-            return function(*given, seed=self.seed, workers=self.workers, progress=tick, **options)
+        with self.out.progress(label, total) as tick:
+            return function(*values, seed=self.seed, workers=self.workers, progress=tick, **options)
 
     @cached_property
     def workers(self) -> Workers:
@@ -134,16 +135,16 @@ class Task:
         from bayes_toe.errors import OutputError
         from bayes_toe.result_store import count_stored, discard, require_ours
 
-        named = output if output.name not in ("", "..") else output.resolve()
-        folder = named.with_name(f"{named.name}.partial")
+        target = output if output.name not in ("", "..") else output.resolve()
+        folder = target.with_name(f"{target.name}.partial")
         require_ours(folder)
-        found = 0 if self.resume else count_stored(folder)
-        if found and not self.overwrite:
+        n_stored = 0 if self.resume else count_stored(folder)
+        if n_stored and not self.overwrite:
             raise OutputError(
-                f"{shown(folder)} holds {counted(found, 'result')} of a stopped command. "
+                f"{shown(folder)} holds {counted(n_stored, 'result')} of a stopped command. "
                 "--resume continues it, --overwrite starts again."
             )
-        if found:
+        if n_stored:
             discard(folder)
         return folder
 
@@ -153,8 +154,8 @@ class Task:
 
         standing = under_way.get(folder)
         if self.resume and standing is not None:
-            taken = f"{standing.taken} of {standing.jobs} {standing.what} taken from"
-            self.out.line(f"{taken} {folder}")
+            results = f"{standing.taken} of {standing.jobs} {standing.what}"
+            self.out.line(f"{results} taken from {folder}")
         if not failed:
             discard(folder)
 
@@ -202,7 +203,7 @@ class Task:
         """
         return {"overwrite": self.overwrite, "units": study.conditions is not None}
 
-    def done(self, text: str, seed: int | None = None) -> None:
+    def print_written(self, text: str, seed: int | None = None) -> None:
         """Print what was written, and the seed."""
         self.out.line()
         self.out.line(f"{text}." if seed is None else f"{text}. Seed {seed}.")
@@ -295,7 +296,7 @@ def print_error(error: BayesToeError, command: str) -> None:
         other = "--save NAME" if command == "check" else "-o NAME"
         choices = [("--overwrite", "to replace it"), (other, "to write elsewhere")]
     if problems == NO_FILE:
-        choices = [(f"bayes-toe {command} {what}", "") for what in ("STUDY.csv", "--example")]
+        choices = [(f"bayes-toe {command} {study}", "") for study in ("STUDY.csv", "--example")]
     stored = describe_stored()
     if stored:
         problems = f"{problems}; {stored}"

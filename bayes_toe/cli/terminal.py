@@ -1,4 +1,4 @@
-"""How commands print: lines of at most 80 columns, fixed tables, a progress bar; numbers."""
+"""How commands print: lines of at most 80 columns, tables, a progress bar; numbers."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ TASK_NAMES = {
 }
 #: The words that were typed after `bayes-toe`.
 TYPED: list[str] = []
-_SHOWN_QUANTILES = [0.025, 0.5, 0.975]
+_QUANTILES = [0.025, 0.5, 0.975]
 #: Between words that stay on one line: an estimate with its unit and interval, or an option with
 #: its value.
 _GLUE = "\ufffe"
@@ -53,7 +53,7 @@ class Terminal:
         self.console = Console(quiet=quiet, width=None if sys.stdout.isatty() else WIDTH)
 
     @contextmanager
-    def progress(self, what: str, total: int) -> Iterator[Callable[[str], None]]:
+    def progress(self, label: str, total: int) -> Iterator[Callable[[str], None]]:
         """A progress bar on a terminal; call what it gives once for each finished part."""
         from rich.progress import Progress
 
@@ -62,7 +62,7 @@ class Terminal:
             disable=not self.console.is_terminal or self.console.quiet,
             transient=True,
         ) as bar:
-            task = bar.add_task(what, total=total)
+            task = bar.add_task(label, total=total)
             yield lambda _: bar.advance(task)
 
     def line(self, text: str = "", indent: int = 0) -> None:
@@ -97,12 +97,12 @@ class Terminal:
 
         Notes with the same text and no option become one.
         """
-        shown = merge_notes(notes)
-        if shown:
+        merged = merge_notes(notes)
+        if merged:
             self.line()
-        for subjects, text, option in shown[:MOST_NOTES]:
+        for subjects, text, option in merged[:MOST_NOTES]:
             self.lines(note_lines(mark, subjects, text, option))
-        n_more = len(shown) - MOST_NOTES
+        n_more = len(merged) - MOST_NOTES
         if n_more > 0:
             self.line(f"... and {n_more:,} more in {file}")
 
@@ -125,9 +125,9 @@ def wrap_line(text: str, indent: int = 0) -> list[str]:
     >>> wrap_line("word " * 17, indent=2)[1]
     '  word'
     """
-    whole = _ESTIMATE.sub(lambda match: match[0].replace(" ", _GLUE), visible(text))
+    glued = _ESTIMATE.sub(lambda match: match[0].replace(" ", _GLUE), visible(text))
     indented = " " * indent
-    lines = wrap(whole, WIDTH, subsequent_indent=indented, break_on_hyphens=False)
+    lines = wrap(glued, WIDTH, subsequent_indent=indented, break_on_hyphens=False)
     return [line.replace(_GLUE, " ") for line in lines] or [""]
 
 
@@ -158,9 +158,9 @@ def command_lines(command: str, start: str) -> list[str]:
     ['  bayes-toe run study.csv']
     """
     indent = " " * (len(start) + 2)
-    whole = _OPTION.sub(rf"\1{_GLUE}", visible(command))
+    glued = _OPTION.sub(rf"\1{_GLUE}", visible(command))
     lines = wrap(
-        whole,
+        glued,
         WIDTH - 2,  # for the backslash
         initial_indent=start,
         subsequent_indent=indent,
@@ -234,10 +234,11 @@ def _split_table(
     n = len(headings) - 1
     while n > 2 and not is_narrow(headings[:n], [row[:n] for row in rows]):
         n -= 1
-    rest = [headings[0], *headings[n:]], [[row[0], *row[n:]] for row in rows]
-    moved = [i - n + 1 for i in numeric if i >= n]
-    first = format_table(headings[:n], [row[:n] for row in rows], numeric)
-    return [*first, "", *format_table(*rest, moved)]
+    upper = format_table(headings[:n], [row[:n] for row in rows], numeric)
+    lower_numeric = [i - n + 1 for i in numeric if i >= n]
+    lower_rows = [[row[0], *row[n:]] for row in rows]
+    lower = format_table([headings[0], *headings[n:]], lower_rows, lower_numeric)
+    return [*upper, "", *lower]
 
 
 def _table_line(
@@ -269,8 +270,8 @@ def shorten(text: str, width: int) -> str:
         return text
     n_last = max(width - 3, 0) // 3
     n_first = max(width - 3 - n_last, 0)
-    shown = f"{text[:n_first]}...{text[len(text) - n_last :]}"
-    return shown if cell_width(shown) <= width else shorten(text, width - 1)
+    short = f"{text[:n_first]}...{text[len(text) - n_last :]}"
+    return short if cell_width(short) <= width else shorten(text, width - 1)
 
 
 def cell_width(text: str) -> int:
@@ -360,19 +361,21 @@ def without_zeros(text: str) -> str:
     return re.sub(r"(?<![\d.])0(?=\.\d)", "", without_sign)
 
 
-def quantile_texts(draws: FloatArray, n_effective: float, most: int) -> list[str]:
+def quantile_texts(draws: FloatArray, n_effective: float, max_decimals: int) -> list[str]:
     """The ends of the central 95 % interval and the median of so many effective draws, in order."""
     import numpy as np
 
     from bayes_toe.inference.diagnostics import quantile_errors
 
-    quantiles = np.quantile(draws, _SHOWN_QUANTILES).tolist()
-    errors = quantile_errors(draws, _SHOWN_QUANTILES, n_effective).tolist()
-    return allowed_in_order(quantiles, errors, most)
+    quantiles = np.quantile(draws, _QUANTILES).tolist()
+    errors = quantile_errors(draws, _QUANTILES, n_effective).tolist()
+    return allowed_in_order(quantiles, errors, max_decimals)
 
 
-def allowed_in_order(values: Sequence[float], errors: Sequence[float], most: int) -> list[str]:
-    """Numbers that ascend, with the decimals that their standard errors allow, at most `most`.
+def allowed_in_order(
+    values: Sequence[float], errors: Sequence[float], max_decimals: int
+) -> list[str]:
+    """Ascending numbers with the decimals that their standard errors allow, at most `max_decimals`.
 
     A number ends with the decimal in which its error begins; an error above 1 leaves tens or
     hundreds, and an error of 0 or NaN allows all decimals. Where that would hide the order of the
@@ -385,20 +388,23 @@ def allowed_in_order(values: Sequence[float], errors: Sequence[float], most: int
     >>> allowed_in_order([49.6, 40_213.0, 86_443.6], [20.0, 3e5, 0.004], 2)
     ['0', '40000', '90000']
     """
-    digits = [min(most, _decimals(error, most)) for error in errors]
-    shown = [_rounded(value, n) for value, n in zip(values, digits, strict=True)]
-    if all(float(low) < float(high) for low, high in itertools.pairwise(shown)):
-        return shown
+    digits = [min(max_decimals, _decimals(error, max_decimals)) for error in errors]
+    texts = [_rounded(value, n) for value, n in zip(values, digits, strict=True)]
+    if all(float(low) < float(high) for low, high in itertools.pairwise(texts)):
+        return texts
     decimals = min(digits)
-    while decimals < most and len({round(value, decimals) for value in values}) < len(set(values)):
+    n_different = len(set(values))
+    while (
+        decimals < max_decimals and len({round(value, decimals) for value in values}) < n_different
+    ):
         decimals += 1
     return [_rounded(value, decimals) for value in values]
 
 
-def _decimals(error: float, most: int) -> int:
+def _decimals(error: float, max_decimals: int) -> int:
     """The decimal in which an error begins, as it is printed with one digit: 0.0096 is 0.01."""
     if not 0.0 < error < math.inf:
-        return most
+        return max_decimals
     return -int(f"{error:.0e}".partition("e")[2])
 
 

@@ -6,13 +6,13 @@ from collections import Counter
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
-from bayes_toe.answers.order_effect import Size, format_bayes_factor, format_percent, format_share
+from bayes_toe.answers.order_effect import Size, format_share
 from bayes_toe.answers.study_summary import count_words
 from bayes_toe.cli.terminal import MANY_SUBJECTS, OUTPUT, Terminal
 from bayes_toe.data.messages import counted
 
 if TYPE_CHECKING:
-    from bayes_toe.answers.contrast import ContrastTable, Difference
+    from bayes_toe.answers.contrast import ContrastTable
     from bayes_toe.answers.serial_dependence import SerialDependence
 
 # --- Conditions ----------------------------------------------------------------------------------
@@ -38,32 +38,22 @@ def print_contrast(out: Terminal, table: ContrastTable, file: str = OUTPUT) -> N
 
 def _contrast_table(table: ContrastTable) -> tuple[list[str], list[list[str]]]:
     """Headings and rows; the name of a subject, or of its comparison, stands in its first row."""
-    is_one = len({row.comparison for row in table}) == 1
+    has_one_comparison = len({row.comparison for row in table}) == 1
     rows = []
     label_before = ""
     for row in table:
         if row.quantity == "order effect":
             continue
-        label = row.subject if is_one else f"{row.subject} {row.comparison}"
+        label = row.subject if has_one_comparison else f"{row.subject} {row.comparison}"
         word = row.short_word or "-"
         if row.robust == "no":
             word += " ?"
-        factor = "-"
-        if row.log_bf_differs is not None:
-            factor = format_bayes_factor(row.log_bf_differs)
-        cells = [row.quantity, _difference(row), factor, word]
+        size = "-" if row.short_word in ("no", "probably not") else row.size
+        cells = [row.quantity, size, row.factor, word]
         rows.append(["" if label == label_before else label, *cells])
         label_before = label
-    title = table.rows[0].comparison if is_one else "difference"
+    title = table.rows[0].comparison if has_one_comparison else "difference"
     return ["subject", "", f"{title} [95 % interval]", "BF", "differs"], rows
-
-
-def _difference(row: Difference) -> str:
-    """A difference with its interval; '-' if there is probably none."""
-    if row.short_word in ("no", "probably not"):
-        return "-"
-    size = Size(*row.shown)
-    return format_percent(size) if row.unit == "%" else format_share(size, "+")
 
 
 # --- Serial dependence ---------------------------------------------------------------------------
@@ -73,7 +63,7 @@ def print_histories(out: Terminal, table: SerialDependence, file: str = OUTPUT) 
     """Both effects of every subject, and the meaning of their sizes."""
     rows, notes = [], []
     for row in table:
-        if row.is_known:
+        if row.has_result:
             carry_over, previous = row.word("carry_over"), row.word("previous_response")
             sizes = _size(carry_over, row.rho), _size(previous, row.kappa)
             rows.append([row.subject, carry_over, sizes[0], previous, sizes[1]])
@@ -99,11 +89,11 @@ def _size(word: str, quantiles: tuple[float, ...]) -> str:
 
 def history_lines(table: SerialDependence) -> list[str]:
     """How many subjects have each word, for both effects."""
-    known = [row for row in table if row.is_known]
-    if not known:
+    rows = [row for row in table if row.has_result]
+    if not rows:
         return []
-    carry_over = _count(row.word("carry_over") for row in known)
-    previous = _count(row.word("previous_response") for row in known)
+    carry_over = _count(row.word("carry_over") for row in rows)
+    previous = _count(row.word("previous_response") for row in rows)
     return [f"Carry-over: {carry_over}.", f"Previous response: {previous}."]
 
 
@@ -116,7 +106,7 @@ def _count(words: Iterable[str]) -> str:
         plain.append(word)
         if direction:
             directions.setdefault(word, Counter())[direction] += 1
-    named = {}
+    texts = {}
     for word, counts in directions.items():
-        named[word] = ", ".join(f"{count} {direction}" for direction, count in counts.items())
-    return count_words(plain, f" of {counted(len(plain), 'subject')}", named)
+        texts[word] = ", ".join(f"{count} {direction}" for direction, count in counts.items())
+    return count_words(plain, f" of {counted(len(plain), 'subject')}", texts)

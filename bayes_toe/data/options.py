@@ -36,6 +36,8 @@ _MAY_BE_IGNORED = ("isi", *LOOKED_AT, "condition", "practice")
 _ANSWERS = {
     answer: task for task in (SAME_DIFFERENT, WHICH_STRONGER) for answer in (task.yes, task.no)
 }
+#: Fields whose texts must not be empty.
+_TEXT_FIELDS = (*(f"{answer}_code" for answer in _ANSWERS), *_TEXTS)
 
 
 @dataclass(frozen=True)
@@ -127,24 +129,37 @@ class ReadOptions:
     sheet: str | None = None
 
     def __post_init__(self) -> None:
-        problems = []
-        for key in (*(f"{answer}_code" for answer in _ANSWERS), *_TEXTS):
+        self._strip_texts()
+        problems = [*self._text_problems(), *self._number_problems()]
+        problems += self._code_problems()
+        problems += self._name_problems()
+        if problems:
+            raise InputError(problems)
+
+    def _strip_texts(self) -> None:
+        """Texts without spaces around them; numbers as the cells of a data frame: 1.0 is '1'."""
+        for key in _TEXT_FIELDS:
             text = getattr(self, key)
             if isinstance(text, bool | int | float):
-                # As the cells of a data frame are read: True and 1.0 are '1'.
                 text = f"{text:g}"
             if text is not None:
                 object.__setattr__(self, key, text.strip())
-            if text is not None and not text.strip():
-                option = key.replace("_", "-")
-                problems.append(f"--{option}: found '', allowed: a text that is not empty")
         for key in ("columns", "where"):
-            object.__setattr__(
-                self, key, {name.strip(): text.strip() for name, text in getattr(self, key).items()}
-            )
-        object.__setattr__(
-            self, "ignore", (self.ignore,) if isinstance(self.ignore, str) else tuple(self.ignore)
-        )
+            texts = {name.strip(): text.strip() for name, text in getattr(self, key).items()}
+            object.__setattr__(self, key, texts)
+        names = [self.ignore] if isinstance(self.ignore, str) else self.ignore
+        object.__setattr__(self, "ignore", tuple(names))
+
+    def _text_problems(self) -> Iterator[str]:
+        """Problems of empty texts, a line each."""
+        for key in _TEXT_FIELDS:
+            if getattr(self, key) == "":
+                option = key.replace("_", "-")
+                yield f"--{option}: found '', allowed: a text that is not empty"
+
+    def _number_problems(self) -> list[str]:
+        """Problems of numbers, and of options that exclude or need each other, a line each."""
+        problems = []
         if self.intensity is not None and not (
             math.isfinite(self.intensity) and self.intensity > 0
         ):
@@ -166,10 +181,7 @@ class ReadOptions:
                 "--comparison-code: found alone, allowed: with --standard-interval or "
                 "--standard-first"
             )
-        problems += self._code_problems()
-        problems += self._name_problems()
-        if problems:
-            raise InputError(problems)
+        return problems
 
     def _code_problems(self) -> list[str]:
         """Problems of the codes of responses, a line each.

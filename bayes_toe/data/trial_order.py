@@ -42,39 +42,30 @@ def answers_in_order(
     runs = {name: _ranked(table, columns[name]) for name in _RUNS if name in columns}
     blocks, block_rank = runs.get("block", ((), None))
     ranks = np.column_stack([np.zeros(len(n), np.int64), *(rank for _, rank in runs.values())])
-    trial, iti = None, None
-    if is_trials and "trial" in columns:
-        trial = numbers(table, columns["trial"])
-    if trial is not None and "iti" in columns:
-        iti = numbers(table, columns["iti"])
-        iti = np.where(iti >= 0.0, iti, math.nan)
-    shown = parts
+    trial, iti = _trial_numbers(table, columns) if is_trials else (None, None)
+    rows_with_pair = parts
     if trial is not None:
-        shown = _rows_with_a_pair(subject, pairs, "condition" in columns)
+        rows_with_pair = _rows_with_a_pair(subject, pairs, "condition" in columns)
 
     answers, unordered, n_missing, n_untimed = dict[str, Answers](), list[str](), {}, 0
     for name, part in parts.items():
         rows, place, time_before = part, None, None
-        if trial is not None:
-            # Rows without an answer may be something else than trials.
-            ordered = _ordered(shown[name], trial, ranks)
-            if ordered is None:
-                ordered = _ordered(part, trial, ranks)
-            if ordered is None:
-                unordered.append(bare(name))
-            else:
-                rows = ordered
-                place, missing = _places(trial[rows], ranks[rows, -1])
+        ordered = _first_order((rows_with_pair[name], part), trial, ranks)
+        if trial is not None and ordered is None:
+            unordered.append(bare(name))
+        if trial is not None and ordered is not None:
+            rows = ordered
+            place, missing = _places(trial[rows], ranks[rows, -1])
+            if missing:
                 person = name.partition(AT)[0] if "condition" in columns else name
-                if missing:
-                    n_missing[person] = missing
-                if iti is not None:
-                    time_before = iti[rows]
-        is_own = subject.codes[rows] == subject.codes[part[0]]
-        every = Answers(
+                n_missing[person] = missing
+            if iti is not None:
+                time_before = iti[rows]
+        is_subject = subject.codes[rows] == subject.codes[part[0]]
+        all_answers = Answers(
             pairs[rows],
-            np.where(is_own, k[rows], 0),
-            np.where(is_own, n[rows], 0),
+            np.where(is_subject, k[rows], 0),
+            np.where(is_subject, n[rows], 0),
             None if block_rank is None else block_rank[rows],
             blocks,
             is_trials,
@@ -82,14 +73,39 @@ def answers_in_order(
             time_before,
             (int(part.min()), int(part.max())) if is_trials else None,
         )
-        nothing = np.zeros(len(rows), np.bool_)
-        answers[name] = every.without(nothing)  # with the blocks that are this subject's
+        no_rows = np.zeros(len(rows), np.bool_)
+        answers[name] = all_answers.without(no_rows)  # with the blocks that are this subject's
         if time_before is not None:
-            n_untimed += int(np.isnan(time_before[~every.begins]).sum())
+            n_untimed += int(np.isnan(time_before[~all_answers.begins]).sum())
     notes = _order_notes(columns, unordered, n_missing, n_untimed)
     # No trial is there twice where the order is known.
     doubts = _repeated(table, columns, keys, k, n) if unordered else []
     return answers, notes, doubts
+
+
+def _trial_numbers(
+    table: TextTable, columns: Mapping[str, Column]
+) -> tuple[FloatArray | None, FloatArray | None]:
+    """Numbers of trials, and the times before them; None without such a column."""
+    if "trial" not in columns:
+        return None, None
+    trial = numbers(table, columns["trial"])
+    if "iti" not in columns:
+        return trial, None
+    iti = numbers(table, columns["iti"])
+    return trial, np.where(iti >= 0.0, iti, math.nan)
+
+
+def _first_order(
+    choices: Sequence[IndexArray], trial: FloatArray | None, ranks: IntArray
+) -> IndexArray | None:
+    """The first choice of rows whose order is known: rows without an answer may be no trials."""
+    if trial is not None:
+        for rows in choices:
+            ordered = _ordered(rows, trial, ranks)
+            if ordered is not None:
+                return ordered
+    return None
 
 
 def _order_notes(

@@ -35,10 +35,10 @@ Pair = tuple[float, float]
 MODEL, PARAMETERS = "model", "parameters"
 DRAWS = 4000
 #: Draws of a model by which pairs are compared, at least, and their answers to all pairs, about.
-_FEWEST_JUDGES, _JUDGED = 512, 512_000
+_FEWEST_JUDGES, _PREDICTIONS = 512, 512_000
 _FORMAT = "bayes-toe adaptive 2"
 #: Share of the draws that counted when they were made, below which they are made anew.
-_ENOUGH = 0.5
+_RENEWAL_SHARE = 0.5
 #: Efficiency below which a proposal that was brought up to date is fitted from the beginning.
 _POOR = 0.25
 
@@ -178,7 +178,7 @@ class Adaptive:
         self.seed = root_seed(seed)
         self.about = about
         self.draws = draws
-        self._n_judges = min(draws, max(_FEWEST_JUDGES, _JUDGED // self.pairs.n_pairs))
+        self._n_judges = min(draws, max(_FEWEST_JUDGES, _PREDICTIONS // self.pairs.n_pairs))
         self._answers: list[tuple[Pair, bool]] = []
         self._predicted: dict[str, tuple[int, FloatArray]] = {}
         self._particles = {}
@@ -229,7 +229,7 @@ class Adaptive:
         error = {
             name: share[name] / np.sqrt(particles.effective)
             for name, particles in self._particles.items()
-            if particles.left < _ENOUGH
+            if particles.left < _RENEWAL_SHARE
         }
         if error:
             worst = max(error, key=lambda name: error[name])
@@ -326,9 +326,9 @@ class Adaptive:
         if not all(0.0 <= level <= 1.0 for level in levels):
             raise InputError(f"levels {list(levels)}: allowed are numbers from 0 to 1")
         log_share, values, weights = self._log_probabilities(), [], []
-        known = self._particles["both"].rule.names.all
-        if quantity not in known:
-            raise InputError(f"quantity {quantity!r}: allowed: {', '.join(known)}")
+        names = self._particles["both"].rule.names.all
+        if quantity not in names:
+            raise InputError(f"quantity {quantity!r}: allowed: {', '.join(names)}")
         for name, particles in self._particles.items():
             quantities = particles.rule.quantities(particles.x)
             if quantity in quantities:

@@ -46,15 +46,15 @@ class Information:
         The information of a trial is the outer product of its row with itself.
     prior : ndarray, shape (observers, k, k)
         Curvature of the prior.
-    is_wanted : ndarray of bool, shape (k,)
+    is_target : ndarray of bool, shape (k,)
         The coordinates that are asked about.
     units : ndarray, shape (k,)
-        The quantity at coordinate 1, of the wanted ones.
+        The quantity at coordinate 1, of the targets.
     """
 
     rows: FloatArray
     prior: FloatArray
-    is_wanted: BoolArray
+    is_target: BoolArray
     units: FloatArray
 
     def total(self, n_trials: IntArray) -> FloatArray:
@@ -62,34 +62,34 @@ class Information:
 
         The shape is (observers, k, k).
         """
-        shown = np.flatnonzero(n_trials)
-        rows = self.rows[:, shown]
-        weighted = rows * n_trials[shown][:, None]
+        index = np.flatnonzero(n_trials)
+        rows = self.rows[:, index]
+        weighted = rows * n_trials[index][:, None]
         return np.asarray(self.prior + np.swapaxes(rows, 1, 2) @ weighted)
 
     def utility(self, total: FloatArray) -> float:
         """Half the log determinant of the precision of what is asked about, mean over observers."""
-        rest = self._without_wanted(total)
-        precision = np.linalg.slogdet(total)[1] - np.linalg.slogdet(rest)[1]
+        nuisance = self._nuisance_block(total)
+        precision = np.linalg.slogdet(total)[1] - np.linalg.slogdet(nuisance)[1]
         return float(0.5 * precision.mean())
 
     def utilities(self, total: FloatArray, n_more: float) -> FloatArray:
         """The same with so many trials more of each pair, one pair after the other: (pairs,)."""
-        rest = self._without_wanted(total)
+        nuisance = self._nuisance_block(total)
         growth = _growth(total, self.rows, n_more)
-        rest_growth = _growth(rest, self.rows[..., ~self.is_wanted], n_more)
-        gain = 0.5 * (np.log(growth) - np.log(rest_growth)).mean(axis=0)
+        nuisance_growth = _growth(nuisance, self.rows[..., ~self.is_target], n_more)
+        gain = 0.5 * (np.log(growth) - np.log(nuisance_growth)).mean(axis=0)
         return np.asarray(self.utility(total) + gain)
 
     def standard_deviations(self, total: FloatArray) -> FloatArray:
-        """Posterior sd of each quantity asked about, root mean square over observers: (wanted,)."""
+        """Posterior sd of each quantity asked about, root mean square over observers, (k,)."""
         variance = np.diagonal(np.linalg.inv(total), axis1=1, axis2=2)
         sd = np.sqrt(variance.mean(axis=0)) * self.units
-        return np.asarray(sd[self.is_wanted])
+        return np.asarray(sd[self.is_target])
 
-    def _without_wanted(self, total: FloatArray) -> FloatArray:
+    def _nuisance_block(self, total: FloatArray) -> FloatArray:
         """The block of all other coordinates."""
-        return total[:, ~self.is_wanted][:, :, ~self.is_wanted]
+        return total[:, ~self.is_target][:, :, ~self.is_target]
 
 
 def _growth(total: FloatArray, rows: FloatArray, n_more: float) -> FloatArray:
@@ -127,10 +127,10 @@ def information(
     rows = np.swapaxes(yes_slopes[0], 1, 2) * odds_root[..., None]
     curvature = posterior.batch.prior_slopes(points)[1][0]
     k = curvature.shape[1]
-    is_wanted = np.array([name in AIMS[aim] for name in posterior.coordinates])
+    is_target = np.array([name in AIMS[aim] for name in posterior.coordinates])
     unit_point = posterior.quantities(np.eye(k))
     units = [unit_point[name][i] for i, name in enumerate(posterior.coordinates)]
-    return Information(rows, curvature[:, :, None] * np.eye(k), is_wanted, np.array(units))
+    return Information(rows, curvature[:, :, None] * np.eye(k), is_target, np.array(units))
 
 
 # --- Exchange -------------------------------------------------------------------------------------
@@ -138,7 +138,7 @@ def information(
 
 @dataclass(eq=False)
 class _Exchange:
-    """Trials that are put on pairs, beside some that are fixed.
+    """Trials that move between pairs, beside some that are fixed.
 
     A pair and its turn share theirs.
     """
@@ -147,11 +147,11 @@ class _Exchange:
     fixed: IntArray
     turned: IndexArray
     most_pairs: int
-    put: IntArray
+    movable: IntArray
 
     def n_trials(self) -> IntArray:
-        """Trials of every pair: half of what is put is that of the pair in the other order."""
-        return self.fixed + (self.put + self.put[self.turned]) // 2
+        """Trials of every pair: half of those that move are of the pair in the other order."""
+        return self.fixed + (self.movable + self.movable[self.turned]) // 2
 
     def utility(self) -> float:
         """Of the trials as they are."""
@@ -162,20 +162,20 @@ class _Exchange:
         n_trials = self.n_trials()
         utilities = self.information.utilities(self.information.total(n_trials), size)
         n_new = np.where(self.turned == np.arange(len(n_trials)), 1, 2)
-        is_allowed = (n_trials > 0) | (np.count_nonzero(n_trials) + n_new <= self.most_pairs)
+        is_possible = (n_trials > 0) | (np.count_nonzero(n_trials) + n_new <= self.most_pairs)
         both_orders = utilities + utilities[self.turned]
-        return int(np.where(is_allowed, both_orders, -np.inf).argmax())
+        return int(np.where(is_possible, both_orders, -np.inf).argmax())
 
     def move(self, pair: int, portion: int, utility: float) -> float:
         """Move portions of a pair elsewhere as long as that is worth it; the utility afterwards."""
-        while self.put[pair]:
-            self.put[pair] -= portion
+        while self.movable[pair]:
+            self.movable[pair] -= portion
             target = self.best(portion)
-            self.put[target] += portion
+            self.movable[target] += portion
             moved = self.utility()
             if moved < utility + _GAIN:
-                self.put[target] -= portion
-                self.put[pair] += portion
+                self.movable[target] -= portion
+                self.movable[pair] += portion
                 return utility
             utility = moved
         return utility
@@ -203,15 +203,15 @@ def exchange_trials(
     exchange = _Exchange(information, fixed, turned, most_pairs, np.zeros_like(fixed))
     portion = 2 * max(1, trials // (2 * _PORTIONS * most_pairs))
     for _ in range(trials // portion):
-        exchange.put[exchange.best(portion)] += portion
-    utility, before = exchange.utility(), -np.inf
-    while utility > before + _GAIN:
-        before = utility
-        for pair in np.flatnonzero(exchange.put).tolist():
+        exchange.movable[exchange.best(portion)] += portion
+    utility, last_utility = exchange.utility(), -np.inf
+    while utility > last_utility + _GAIN:
+        last_utility = utility
+        for pair in np.flatnonzero(exchange.movable).tolist():
             utility = exchange.move(pair, portion, utility)
     exchange.most_pairs = 0  # what is left goes to pairs that there are
     for _ in range(trials % portion // 2):
-        exchange.put[exchange.best(2)] += 2
+        exchange.movable[exchange.best(2)] += 2
     n_trials = exchange.n_trials()
     if (n_trials - fixed).sum() < trials:
         n_trials[exchange.best(1)] += 1

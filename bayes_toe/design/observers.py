@@ -133,8 +133,8 @@ def parameter_names(task: Task) -> list[str]:
     return [parameter.name for parameter in task_parameters(task)]
 
 
-def make_observer(name: str, kind: str, given: Mapping[str, float], task: Task) -> Observer:
-    """An observer of these parameters; what is not given is 0.
+def make_observer(name: str, kind: str, values: Mapping[str, float], task: Task) -> Observer:
+    """An observer of these parameters; others are 0.
 
     Raises
     ------
@@ -142,12 +142,14 @@ def make_observer(name: str, kind: str, given: Mapping[str, float], task: Task) 
         If a parameter is missing, unknown or out of its range.
     """
     names = parameter_names(task)
-    needed = [key for key in ("noise", "q0") if key in names]
-    problems = [f"{key} is missing" for key in needed if key not in given]
-    problems += _problems(given, names)
+    problems = []
+    for key in ("noise", "q0"):
+        if key in names and key not in values:
+            problems.append(f"{key} is missing")
+    problems += _problems(values, names)
     if problems:
         raise InputError([f"observer {name!r}: {problem}" for problem in problems])
-    parameters = {key: float(given.get(key, 0.0)) for key in names}
+    parameters = {key: float(values.get(key, 0.0)) for key in names}
     return Observer(name, kind, parameters, task)
 
 
@@ -160,10 +162,10 @@ def _problems(
             yield f"key {quoted(name)}: unknown, allowed: {', '.join(names)}"
             continue
         low, high = _range(value) if has_ranges else (real(value), real(value))
-        least, most, allowed = _LIMITS[name]
-        if not least < low <= high < most:
+        lower_limit, upper_limit, description = _LIMITS[name]
+        if not lower_limit < low <= high < upper_limit:
             or_range = ", or [LOWEST, HIGHEST] of such" if has_ranges else ""
-            yield f"{name}: found {shown(value)}, allowed: a number {allowed}{or_range}"
+            yield f"{name}: found {shown(value)}, allowed: a number {description}{or_range}"
 
 
 # --- Sources of observers -------------------------------------------------------------------------
@@ -346,8 +348,8 @@ def _from_draws(path: Path, size: int, seed: int, task: Task) -> list[Observer]:
             x = points[[int(rng.integers(len(points)))]]
             observer = _from_point(f"{kind} {number}", kind, posterior, x)
             if kind == "none":
-                without = {**observer.parameters, "constant_error": 0.0, "contraction": 0.0}
-                observer = Observer(observer.name, kind, without, task)
+                no_effects = {**observer.parameters, "constant_error": 0.0, "contraction": 0.0}
+                observer = Observer(observer.name, kind, no_effects, task)
             observers.append(observer)
     return observers
 

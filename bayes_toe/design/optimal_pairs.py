@@ -32,7 +32,7 @@ from bayes_toe.workers import Progress, Workers
 OPTIMISED, PAPER = "optimised", "the paper's pairs"
 FULL, RANDOM = "full factorial", "random pairs"
 #: Observers of each kind for whom a design is made, and data sets of each by which it is judged.
-ASSUMED, JUDGED = 5, 16
+ASSUMED, SIMULATED = 5, 16
 _MOST_PAIRS = 20_000  # that can be shown
 _FEWEST = 4  # trials, and pairs
 _LEVELS = 5  # of the full factorial
@@ -195,7 +195,7 @@ def optimal_design(
     goal: DesignGoal | None = None,
     observers: str | Path | Sequence[Observer] | None = None,
     *,
-    data_sets: int = JUDGED,
+    data_sets: int = SIMULATED,
     seed: int | None = None,
     prior: Prior | str | None = None,
     workers: Workers = None,
@@ -254,8 +254,8 @@ def compare_designs(
         fixed[[plane.pairs.index(pair) for pair in goal.keep.pairs]] = goal.keep.n_trials
     n_left, n_kept = trials - int(fixed.sum()), int((fixed > 0).sum())
     if n_left < _FEWEST:
-        taken = f", {trials - n_left} of which --keep has taken" if n_kept else ""
-        raise InputError(f"--trials {trials}{taken}: allowed is at least {_FEWEST} to distribute")
+        part = f", {trials - n_left} of which --keep has taken" if n_kept else ""
+        raise InputError(f"--trials {trials}{part}: allowed is at least {_FEWEST} to distribute")
     if n_kept >= goal.max_pairs:
         raise InputError(
             f"--max-pairs {goal.max_pairs}: --keep has {n_kept} already; allowed is more"
@@ -266,10 +266,10 @@ def compare_designs(
     n_trials = exchange_trials(of_plane, n_left, most_pairs, fixed, _turned(plane))
 
     def candidate(design: StudyDesign) -> Candidate:
-        own = information(design, observers, goal.aim, prior, scales)
-        total = own.total(design.n_trials)
-        sd = dict(zip(AIMS[goal.aim], own.standard_deviations(total).tolist(), strict=True))
-        return Candidate(design, own.utility(total), sd)
+        of_design = information(design, observers, goal.aim, prior, scales)
+        total = of_design.total(design.n_trials)
+        sd = dict(zip(AIMS[goal.aim], of_design.standard_deviations(total).tolist(), strict=True))
+        return Candidate(design, of_design.utility(total), sd)
 
     chosen = np.flatnonzero(n_trials)
     candidates = {OPTIMISED: candidate(plane.select(chosen, n_trials[chosen]))}
@@ -296,9 +296,9 @@ def _pairs_to_show(levels: FloatArray, goal: DesignGoal) -> StudyDesign:
 
 
 def _turned(plane: StudyDesign) -> IndexArray:
-    """The place of each pair in the other order; its own where that cannot be shown."""
-    places = {pair: place for place, pair in enumerate(plane.pairs)}
-    return np.array([places.get((s2, s1), place) for (s1, s2), place in places.items()])
+    """The index of each pair in the other order; its own where that cannot be shown."""
+    index = {pair: i for i, pair in enumerate(plane.pairs)}
+    return np.array([index.get((s2, s1), i) for (s1, s2), i in index.items()])
 
 
 def _rivals(
@@ -309,8 +309,8 @@ def _rivals(
     paper = paper_study_design(task=goal.task)
     if levels[0] <= paper.s1.min() and paper.s1.max() <= levels[-1]:
         rivals[PAPER] = paper
-    places = np.linspace(0, len(levels) - 1, min(_LEVELS, len(levels))).round().astype(int)
-    rivals[FULL] = all_pairs(levels[places], goal.task)
+    index = np.linspace(0, len(levels) - 1, min(_LEVELS, len(levels))).round().astype(int)
+    rivals[FULL] = all_pairs(levels[index], goal.task)
     n_pairs = min(goal.max_pairs, plane.n_pairs)
     rng = generator(seed, "random pairs")
     rivals[RANDOM] = plane.select(rng.choice(plane.n_pairs, n_pairs, replace=False))

@@ -12,6 +12,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import chain, product
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -58,7 +59,7 @@ DATA_SET_COLUMNS = (
     *(f"{size}_width" for size in WIDTHS),
 )
 #: The answer 'yes' or 'probably', and the entry of the mean width of an interval.
-FOUND, WIDTH = "yes or probably", "95 % width"
+DETECTED, WIDTH = "yes or probably", "95 % width"
 TRIALS, DATA_SETS = (325, 650, 1300), 50
 _WORDS = tuple(word for word in Word if word is not Word.NOT_INTERPRETABLE)
 _TAIL = 0.025  # of the intervals of Monte Carlo error, on each side
@@ -108,7 +109,7 @@ class PowerEstimate:
     quantity : str
         One of the three questions, or one of :data:`WIDTHS`.
     answer : str
-        The word that is counted, :data:`FOUND`, or :data:`WIDTH`.
+        The word that is counted, :data:`DETECTED`, or :data:`WIDTH`.
     value, low, high : float
     data_sets : int
     """
@@ -165,10 +166,8 @@ class PowerTable(Table[PowerEstimate]):
 
     @cached_property
     def _by_key(self) -> dict[tuple[str, int, str, str, str], PowerEstimate]:
-        return {
-            (row.design, row.trials, row.observers, row.quantity, row.answer): row
-            for row in self.rows
-        }
+        key = attrgetter("design", "trials", "observers", "quantity", "answer")
+        return {key(row): row for row in self.rows}
 
     def __getitem__(self, key: tuple[str, int, str, str, str]) -> PowerEstimate:
         """A row, by (design, trials, kind of observers, quantity, answer)."""
@@ -194,7 +193,7 @@ class PowerTable(Table[PowerEstimate]):
             if data_set.observer.kind == kind
         )
 
-    def found(
+    def detected(
         self, design: str, trials: int, question: str, *, has_effect: bool
     ) -> tuple[float, float, float] | None:
         """The share with 'yes' or 'probably' of all observers with an effect, or of all without.
@@ -222,14 +221,14 @@ class PowerTable(Table[PowerEstimate]):
         cells = [data_set.cells for data_set in self.data_sets]
         return pd.DataFrame(cells, columns=list(DATA_SET_COLUMNS))
 
-    def sentences(self, only: str = "") -> list[str]:
+    def sentences(self, selected: str = "") -> list[str]:
         """How often each effect is detected, and how often wrongly, a line for each design.
 
-        With `only`, the lines of one design.
+        With `selected`, the lines of one design.
         """
         lines = ["Effects detected (false positives in brackets):"]
         for design, trials in self.designs:
-            if only in ("", design):
+            if selected in ("", design):
                 effects = [self._describe_effect(design, trials, name) for name in QUESTIONS]
                 lines.append(f"{capitalized(design)}, {trials:,} trials: {', '.join(effects)}.")
         return lines
@@ -241,10 +240,10 @@ class PowerTable(Table[PowerEstimate]):
         unknown = Word.CANNOT_BE_TOLD.value
         if all(self[design, trials, kind, question, unknown].value == 1.0 for kind in kinds):
             return f"{text} {unknown}"
-        detected = self.found(design, trials, question, has_effect=True)
+        detected = self.detected(design, trials, question, has_effect=True)
         if detected is not None:
             text += f" {100.0 * detected[0]:.0f} %"
-        wrong = self.found(design, trials, question, has_effect=False)
+        wrong = self.detected(design, trials, question, has_effect=False)
         if wrong is not None:
             text += f" ({100.0 * wrong[0]:.0f} %)"
         return text
@@ -255,8 +254,8 @@ def _count_words(key: tuple[str, int, str], members: Sequence[DataSet]) -> list[
     rows = []
     for question in QUESTIONS:
         words = [member.answer.words[question] for member in members]
-        n_found = sum(word.is_positive for word in words)
-        counts = {word.value: words.count(word) for word in _WORDS} | {FOUND: n_found}
+        n_detected = sum(word.is_positive for word in words)
+        counts = {word.value: words.count(word) for word in _WORDS} | {DETECTED: n_detected}
         for answer, count in counts.items():
             estimate = share(count, len(words))
             rows.append(PowerEstimate(*key, question, answer, *estimate, len(words)))
@@ -330,13 +329,13 @@ def power(
     2
     """
     designs = name_designs(design)
-    root, own_prior = root_seed(seed), observer_prior(prior)
-    assumed = assume_observers(observers, data_sets, root, list(designs.values()), own_prior)
+    root, numbers = root_seed(seed), observer_prior(prior)
+    assumed = assume_observers(observers, data_sets, root, list(designs.values()), numbers)
     totals = dict.fromkeys(trials)
     planned = []
     for (name, own_design), total in product(designs.items(), totals):
         planned.append((name, own_design.with_total(total)))
-    return simulate_power(planned, assumed, root, own_prior, workers, progress)
+    return simulate_power(planned, assumed, root, numbers, workers, progress)
 
 
 def observer_prior(prior: Prior | str | None) -> ObserverPrior:

@@ -166,7 +166,7 @@ class ConditionDifferences:
 
     Examples
     --------
-    >>> differences = ConditionDifferences.of(["2", "6", "4"], {"contraction": 0.2})
+    >>> differences = ConditionDifferences.from_levels(["2", "6", "4"], {"contraction": 0.2})
     >>> differences.steps.tolist(), differences.sizes
     ([-0.5, 0.5, 0.0], {'contraction': (0.2, 0.0)})
     """
@@ -175,13 +175,15 @@ class ConditionDifferences:
     sizes: Mapping[str, tuple[float, float]]
 
     @classmethod
-    def of(cls, levels: Sequence[str], differ: Sizes | None = None) -> ConditionDifferences:
-        """Of these levels, by these sizes, each with the sd between subjects or without."""
+    def from_levels(
+        cls, levels: Sequence[str], differ: Sizes | None = None
+    ) -> ConditionDifferences:
+        """The differences between levels, each size with the sd between subjects or without."""
         values = [number(level, decimal_comma=False) for level in levels]
         is_numeric = bool(np.isfinite(values).all())
         names = tuple(level_words(values) if is_numeric else levels)
-        is_named = all(name and AT not in name for name in names)
-        if len(names) < 2 or len(set(names)) < len(names) or not is_named:
+        have_names = all(name and AT not in name for name in names)
+        if len(names) < 2 or len(set(names)) < len(names) or not have_names:
             raise InputError(
                 f"--conditions: found {quoted(','.join(levels))}, allowed: two levels and more, "
                 f"each once, without {AT}"
@@ -214,10 +216,9 @@ class ConditionDifferences:
                 )
             return [replace(observer, name=name) for name in names]
         rng = generator(seed, observer.name, "differences between conditions")
-        drawn = {
-            name: size + sd * float(rng.standard_normal())
-            for name, (size, sd) in self.sizes.items()
-        }
+        drawn = {}
+        for name, (size, sd) in self.sizes.items():
+            drawn[name] = size + sd * float(rng.standard_normal())
         moved: list[SimulatedObserver] = []
         for name, step in zip(names, self.steps.tolist(), strict=True):
             parameters = dict(observer.parameters)
@@ -235,7 +236,7 @@ def condition_differences(
 ) -> ConditionDifferences | None:
     """The differences between conditions; None without conditions."""
     if levels:
-        return ConditionDifferences.of(levels, differ)
+        return ConditionDifferences.from_levels(levels, differ)
     if differ:
         raise InputError("--differ: allowed with --conditions, between which observers differ")
     return None
@@ -306,8 +307,8 @@ class SimulatedTrials:
         columns = [self.s1, self.s2] if self.isi is None else [self.s1, self.s2, self.isi]
         n_yes = np.where(self.yes & ~self.is_missed, 1, 0)
         n_trials = np.where(self.is_missed, 0, 1)
-        place = np.arange(len(self.yes))
-        answers = Answers(np.column_stack(columns), n_yes, n_trials, None, (), True, place)
+        row = np.arange(len(self.yes))
+        answers = Answers(np.column_stack(columns), n_yes, n_trials, None, (), True, row)
         subject = Subject.from_answers(self.subject, answers, self.observer.task)
         return replace(subject, condition=self.condition)
 
@@ -507,14 +508,14 @@ def draw_population(
     counts = np.full(len(design.s1), design.batches)
     no_answers = np.zeros_like(counts)
     pairs = Subject.from_counts("design", design.s1, design.s2, no_answers, counts)
-    shown = StudyDesign(pairs.s1, pairs.s2, pairs.n_trials, task=task)
+    study_design = StudyDesign(pairs.s1, pairs.s2, pairs.n_trials, task=task)
     if population == PRIOR:
         # All four models in turn.
-        drawn = assume_observers(PRIOR, -(-size // 4), seed, [shown])
+        drawn = assume_observers(PRIOR, -(-size // 4), seed, [study_design])
         n_each = len(drawn) // 4
         drawn = list(chain.from_iterable(drawn[i::n_each] for i in range(n_each)))
     else:
-        drawn = assume_observers(population, size, seed, [shown])
+        drawn = assume_observers(population, size, seed, [study_design])
     return [
         replace(observer, name=name)
         for name, observer in zip(subject_names(size), drawn, strict=False)
@@ -537,9 +538,9 @@ def read_observers(path: str, task: Task) -> list[SimulatedObserver]:
         names, columns = read_numbers(path, natural_names(task), key="subject")
     else:
         all_names = parameter_names(task)
-        needed = tuple(name for name in all_names if name in ("noise", "q0"))
-        optional = tuple(name for name in all_names if name not in needed)
-        names, columns = read_numbers(path, needed, optional=optional, key="subject")
+        required = tuple(name for name in all_names if name in ("noise", "q0"))
+        optional = tuple(name for name in all_names if name not in required)
+        names, columns = read_numbers(path, required, optional=optional, key="subject")
     observers: list[SimulatedObserver] = []
     for i, name in enumerate(names):
         values = {key: float(column[i]) for key, column in columns.items()}
@@ -585,18 +586,20 @@ def make_batch_design(
 ) -> BatchDesign:
     """The design of `--design`, `--amplitudes`, `--isi`; no known word is a CSV of s1,s2 (isi)."""
     if isinstance(design, BatchDesign):
-        made = design
+        batch_design = design
     elif design in _DESIGNS:
-        made = _DESIGNS[design](_numbers("--amplitudes", amplitudes), batches)
+        batch_design = _DESIGNS[design](_numbers("--amplitudes", amplitudes), batches)
     else:
         require_file(design, "--design", _DESIGNS)
         _, columns = read_numbers(design, ("s1", "s2"), optional=("isi",))
         if "isi" in columns:
             require_intervals(columns["isi"])
-        made = BatchDesign(columns["s1"], columns["s2"], batches, columns.get("isi"))
-    if made.batches < 1:
-        raise InputError(f"design: batches={made.batches} must be at least 1")
-    return made if isi is None else at_intervals(made, _numbers("--isi", isi))
+        batch_design = BatchDesign(columns["s1"], columns["s2"], batches, columns.get("isi"))
+    if batch_design.batches < 1:
+        raise InputError(f"design: batches={batch_design.batches} must be at least 1")
+    if isi is None:
+        return batch_design
+    return at_intervals(batch_design, _numbers("--isi", isi))
 
 
 def trial_frame(trials: Sequence[SimulatedTrials]) -> pd.DataFrame:
@@ -635,11 +638,11 @@ def truth_frame(trials: Sequence[SimulatedTrials]) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def _numbers(option: str, given: str | Sequence[float]) -> list[float]:
-    parts = given.split(",") if isinstance(given, str) else given
+def _numbers(option: str, values: str | Sequence[float]) -> list[float]:
+    parts = values.split(",") if isinstance(values, str) else values
     try:
         return [float(part) for part in parts]
     except ValueError:
         raise InputError(
-            f"{option}: found {given!r}, allowed: positive numbers separated by commas"
+            f"{option}: found {values!r}, allowed: positive numbers separated by commas"
         ) from None

@@ -183,8 +183,8 @@ def read_study_design(path: str | Path, task: Task | str = SAME_DIFFERENT) -> St
     InputError
         One line per problem of the file, with row and column.
     """
-    needed, optional = DESIGN_COLUMNS[:3], DESIGN_COLUMNS[3:]
-    _, columns = read_numbers(path, needed, optional=optional, counts=("n_trials",))
+    required, optional = DESIGN_COLUMNS[:3], DESIGN_COLUMNS[3:]
+    _, columns = read_numbers(path, required, optional=optional, counts=("n_trials",))
     n_trials = columns["n_trials"].astype(np.int64)
     try:
         return StudyDesign(

@@ -69,10 +69,10 @@ def trial_list(
     is_equal = np.tile(design.s1 == design.s2, n_levels)
     n_equal, n_different = counts[:, is_equal].sum(axis=1), counts[:, ~is_equal].sum(axis=1)
     order = [rng.permutation(np.repeat(np.arange(len(is_equal)), row)) for row in counts]
-    places = _places_of_equals(n_equal, n_different, rng)
-    for trials, place in zip(order, places, strict=True):
+    masks = _masks_of_equals(n_equal, n_different, rng)
+    for trials, mask in zip(order, masks, strict=True):
         equal, different = trials[is_equal[trials]], trials[~is_equal[trials]]
-        trials[place], trials[~place] = equal, different
+        trials[mask], trials[~mask] = equal, different
     level, pair = np.divmod(np.concatenate(order), design.n_pairs)
     columns: dict[str, npt.ArrayLike] = {"subject": subject}
     if conditions:
@@ -112,23 +112,23 @@ def _units(design: StudyDesign) -> list[tuple[list[int], int]]:
 
     Both orders of two stimuli, and what is left.
     """
-    places = {pair: place for place, pair in enumerate(design.pairs)}
-    left = design.n_trials.copy()
+    index = {pair: i for i, pair in enumerate(design.pairs)}
+    n_left = design.n_trials.copy()
     units = []
-    for (s1, s2, *isi), place in places.items():
-        other = places.get((s2, s1, *isi), place)
-        if other > place:
-            both = int(min(left[place], left[other]))
-            left[[place, other]] -= both
-            units.append(([place, other], both))
-    units += [([place], count) for place, count in enumerate(left.tolist())]
+    for (s1, s2, *isi), i in index.items():
+        turned = index.get((s2, s1, *isi), i)
+        if turned > i:
+            n_common = int(min(n_left[i], n_left[turned]))
+            n_left[[i, turned]] -= n_common
+            units.append(([i, turned], n_common))
+    units += [([i], count) for i, count in enumerate(n_left.tolist())]
     return [(pairs, times) for pairs, times in units if times]
 
 
 # --- Where the equal pairs stand ------------------------------------------------------------------
 
 
-def _places_of_equals(
+def _masks_of_equals(
     n_equal: IntArray, n_different: IntArray, rng: np.random.Generator
 ) -> list[BoolArray]:
     """Which trials of every block are equal pairs, (trials,) each.
@@ -136,7 +136,7 @@ def _places_of_equals(
     All ways are equally probable.
     """
     tables = _count_ways(n_equal, n_different)
-    places, run = [], 0
+    masks, run = [], 0
     for log_ways in tables:
         d, e = (size - 1 for size in log_ways.shape)
         is_equal = np.ones(e, np.bool_)
@@ -147,9 +147,9 @@ def _places_of_equals(
             p = np.exp(log_p - logsumexp(log_p))
             sizes.append(e - fewest - int(rng.choice(len(p), p=p)))
             e, run = e - sizes[-1], 0
-        places.append(np.insert(is_equal, np.cumsum(sizes, dtype=np.int64), False))
+        masks.append(np.insert(is_equal, np.cumsum(sizes, dtype=np.int64), False))
         run += e
-    return places
+    return masks
 
 
 def _count_ways(n_equal: IntArray, n_different: IntArray) -> list[FloatArray]:
@@ -168,14 +168,14 @@ def _count_ways(n_equal: IntArray, n_different: IntArray) -> list[FloatArray]:
                 with_run = log_ways[left - 1, : e + 1 - size]
                 log_ways[left, size:] = np.logaddexp(log_ways[left, size:], with_run)
         tables.append(log_ways)
-        from_here = np.full(MOST_EQUAL + 1, -np.inf)
+        from_block = np.full(MOST_EQUAL + 1, -np.inf)
         for run in range(MOST_EQUAL + 1):
             if d:
                 fewest = max(0, e - MOST_EQUAL + run)
-                from_here[run] = logsumexp(log_ways[d - 1, fewest:])
+                from_block[run] = logsumexp(log_ways[d - 1, fewest:])
             elif run + e <= MOST_EQUAL:
-                from_here[run] = from_next[run + e]
-        from_next = from_here
+                from_block[run] = from_next[run + e]
+        from_next = from_block
     if np.isneginf(from_next[0]):
         worst = int((n_equal - MOST_EQUAL * n_different).argmax())
         n_trials = n_equal[worst] + n_different[worst]

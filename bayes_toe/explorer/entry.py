@@ -1,4 +1,4 @@
-"""What the page keeps of one subject under one model: draws, contours, curves, counts, the answer.
+"""What the page holds of one subject under one model: draws, contours, curves, counts, answer.
 
 Arrays are text in a page: base64 of little-endian numbers, which a browser turns into typed arrays
 without parsing them.
@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bayes_toe.answers.model_average import (
+    EVERY_MODEL,
     HAS_CONTRACTION,
     HAS_ERROR,
     PRIOR_PROBABILITIES,
@@ -44,8 +45,8 @@ from bayes_toe.model.posterior import DOMINATED, RANGE, contraction
 from bayes_toe.plots.corner import (
     Density,
     Span,
+    all_true_values,
     axis_values,
-    known_from,
     prior_values,
     spans_of,
 )
@@ -104,7 +105,7 @@ class Entry:
     estimates: Mapping[str, Size] = field(default_factory=dict)
     is_averaged: bool = False
     synthetic: bool = False
-    about: str = ""
+    description: str = ""
 
     @property
     def tab(self) -> str:
@@ -126,7 +127,7 @@ class Entry:
     @property
     def bytes_a_draw(self) -> int:
         """Bytes that :meth:`packed` keeps of every draw."""
-        n_curves = sum(len(one.orders) for one in slices(self.target.subject))
+        n_curves = sum(len(part.orders) for part in slices(self.target.subject))
         return 4 * (len(self.names) + 2) + 2 * POINTS * n_curves
 
     def columns(self, quantities: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
@@ -136,7 +137,7 @@ class Entry:
             values = quantities[name]
             if name in (CONSTANT_ERROR.name, CONTRACTION.name):
                 values = np.where(values == 0.0, np.nan, values)
-            if _has_enough(~np.isnan(values)):
+            if _is_plottable(~np.isnan(values)):
                 columns[name] = axis_values(name, values)
         return columns
 
@@ -144,21 +145,21 @@ class Entry:
         """What the page holds of it, with about so many draws."""
         x = self.x.reshape(-1, self.x.shape[-1])
         n_rows = min(len(x), rows)
-        kept = np.arange(n_rows) * len(x) // n_rows  # by the rule that explorer.js goes back by
+        index = np.arange(n_rows) * len(x) // n_rows  # by the rule that explorer.js goes back by
         quantities = self.target.quantities(x)
         columns = self.columns(quantities)
         present = {name: values[~np.isnan(values)] for name, values in columns.items()}
-        marked = {name: np.quantile(of, MARKED).tolist() for name, of in present.items()}
+        marked = {name: np.quantile(draws, MARKED).tolist() for name, draws in present.items()}
         marked |= {name: list(astuple(size)) for name, size in self.estimates.items()}
-        some = {name: values[kept] for name, values in quantities.items()}
-        known = self._known()
+        selected = {name: values[index] for name, values in quantities.items()}
+        true_values = self._true_values()
         spans = spans_of(present.values(), list(columns), self.target)
         prior = prior_values(self.target)
         return {
             "subject": self.target.subject.name,
             "label": self.label,
             "synthetic": self.synthetic,
-            "about": self.about,
+            "about": self.description,
             "badges": [*self.badges, *self._dominated(quantities)],
             "words": self.words,
             "rows": n_rows,
@@ -166,24 +167,26 @@ class Entry:
             "perChain": self.x.shape[1],
             "names": list(columns),
             "main": [name for name in self.main if name in columns],
-            "values": text_of([values[kept] for values in columns.values()]),
+            "values": text_of([values[index] for values in columns.values()]),
             "marked": [marked[name] for name in columns],
             "with": [len(values) for values in present.values()],
-            "truth": {name: known[name] for name in columns if name in known},
+            "truth": {name: true_values[name] for name in columns if name in true_values},
             "spans": spans,
             "contours": outlined(columns, spans),
             "prior": text_of(
                 [axis_values(name, np.quantile(prior[name], _QUANTILES)) for name in columns]
             ),
             "priorShares": _prior_shares(columns) if self.is_averaged else [1.0] * len(columns),
-            **self._responses(x[kept], some),
+            **self._responses(x[index], selected),
         }
 
-    def _known(self) -> dict[str, float]:
+    def _true_values(self) -> dict[str, float]:
         """True values of the quantities of the model."""
-        given = self.truth or {}
-        own = {name: value for name, value in given.items() if name in self.target.names.all}
-        return known_from(own, self.target) if own else {}
+        truth = {}
+        for name, value in (self.truth or {}).items():
+            if name in self.target.names.all:
+                truth[name] = value
+        return all_true_values(truth, self.target) if truth else {}
 
     def _dominated(self, quantities: Mapping[str, FloatArray]) -> list[tuple[str, str]]:
         """Quantities whose 5 to 95 % range is not much narrower than the prior's."""
@@ -199,45 +202,36 @@ class Entry:
     def _responses(self, x: FloatArray, quantities: Mapping[str, FloatArray]) -> dict[str, Any]:
         """Counts, and curves over them."""
         counts = self.target.subject
-        low, high = (float(edge([counts.s1, counts.s2])) for edge in (np.min, np.max))
+        stimuli = np.concatenate([counts.s1, counts.s2])
+        low, high = float(stimuli.min()), float(stimuli.max())
         pad = 0.08 * (high - low) if high > low else 0.5
         ends = [low - pad, high + pad]
         fitted = Predictor(self.target, x)
         knows_intervals = isinstance(self.target, PaperPosterior) and counts.isi is not None
-        shown = slices(counts)
+        pairs = {
+            "s1": counts.s1,
+            "s2": counts.s2,
+            "k": counts.n_yes,
+            "n": counts.n_trials,
+            "order": presentation_order(counts),
+            "estimate": laplace_estimate(counts.n_yes, counts.n_trials),
+            "error": laplace_error(counts.n_yes, counts.n_trials),
+            "along": along(counts),
+        }
+        if counts.isi is not None:
+            pairs["isi"] = counts.isi
+        panels = slices(counts)
         return {
-            "pairs": {
-                **{
-                    key: getattr(counts, key).tolist()
-                    for key in ("s1", "s2", "isi")
-                    if getattr(counts, key) is not None
-                },
-                "k": counts.n_yes.tolist(),
-                "n": counts.n_trials.tolist(),
-                "order": presentation_order(counts).tolist(),
-                "estimate": laplace_estimate(counts.n_yes, counts.n_trials).tolist(),
-                "error": laplace_error(counts.n_yes, counts.n_trials).tolist(),
-                "along": along(counts).tolist(),
-            },
-            "slices": [
-                {
-                    "title": one.title(len(shown) > 1),
-                    "isi": one.isi,
-                    "pairs": one.pairs.tolist(),
-                    "x": one.x.tolist(),
-                    "orders": one.orders,
-                    "yes": text_of(np.rint(one.yes(fitted) * TOP), "<u2"),
-                }
-                for one in shown
-            ],
-            "undrawn": len(slice_keys(counts)) - len(shown),
+            "pairs": {key: values.tolist() for key, values in pairs.items()},
+            "slices": [panel.packed(fitted, panel.title(len(panels) > 1)) for panel in panels],
+            "undrawn": len(slice_keys(counts)) - len(panels),
             "reference": getattr(self.target, "reference", None) if knows_intervals else None,
             "ends": ends,
             "axis": text_of(axis(quantities, self.target.sbar, ends)),
         }
 
 
-def _has_enough(is_present: BoolArray) -> bool:
+def _is_plottable(is_present: BoolArray) -> bool:
     """Whether enough draws have an effect to show it."""
     return bool(is_present.sum() >= min(_FEWEST_WITH, len(is_present)))
 
@@ -249,10 +243,10 @@ def outlined(columns: Mapping[str, FloatArray], spans: Sequence[Span]) -> list[l
     """
     packed = []
     for (x, across), (y, up) in combinations(zip(columns.values(), spans, strict=True), 2):
-        has_both = ~np.isnan(x + y)
+        is_present = ~np.isnan(x + y)
         lines = list[str]()
-        if _has_enough(has_both):
-            lines = _contours(Density.of(x[has_both], y[has_both], across, up))
+        if _is_plottable(is_present):
+            lines = _contours(Density.from_draws(x[is_present], y[is_present], across, up))
         packed.append(lines)
     return packed
 
@@ -270,54 +264,54 @@ def _contours(density: Density) -> list[str]:
 
 def _prior_shares(names: Iterable[str]) -> list[float]:
     """Prior probability of each quantity in the four models."""
-    has = {CONSTANT_ERROR.name: HAS_ERROR, CONTRACTION.name: HAS_CONTRACTION}
-    return [float(PRIOR_PROBABILITIES[has[name]].sum()) if name in has else 1.0 for name in names]
+    models = {CONSTANT_ERROR.name: HAS_ERROR, CONTRACTION.name: HAS_CONTRACTION}
+    return [float(PRIOR_PROBABILITIES[models.get(name, EVERY_MODEL)].sum()) for name in names]
 
 
 def entries_of(
     draws: Draws, label: str, subjects: tuple[str, ...], truths: Mapping[str, Mapping[str, float]]
 ) -> list[Entry]:
     """Subjects of a posterior file; of the paper's model with the average of the four models."""
-    missed, refused = draws.not_converged, draws.not_interpreted
+    refused = draws.not_interpreted
     source = f"{draws.attrs.get('source', '')}, seed {draws.seed}"
     average_label = label.replace(model_title(draws.model), AVERAGED)
     prior = draws.prior.observer
-    made = []
+    entries = []
     for name in subjects:
         subject = draws.subject(name)
         answer, _ = answer_subject(subject, draws.seed, prior)
         words = tuple((key.replace("_", " "), answer.word(key)) for key in QUESTIONS)
         if name in refused:
             words = (("not interpreted:", refused[name]),)
-        own = Entry(
+        entry = Entry(
             label,
             draws.posterior(name),
             draws.points(name),
-            badges(draws, name, missed),
+            badges(draws, name),
             words,
             truths.get(name),
             synthetic=draws.synthetic,
-            about=f"{label}: {source}, prior {draws.described_prior()}.",
+            description=f"{label}: {source}, prior {draws.described_prior()}.",
         )
-        made.append(own)
-        if own.tab == EFFECTS_TAB:
+        entries.append(entry)
+        if entry.tab == EFFECTS_TAB:
             continue
         (evidence,) = order_evidence([subject], draws.seed, prior, _PRECISION)
         average = averaged_draws(evidence)
         points = average.resampled(generator(draws.seed, name, "explorer"), _N_AVERAGED)
         averaged = replace(
-            own,
+            entry,
             label=average_label,
             target=average.posterior,
             x=points[None],
             badges=_badges_of_answer(answer),
             estimates=_estimates(answer),
             is_averaged=True,
-            about=f"{average_label} by their posterior probabilities: {source}, prior "
+            description=f"{average_label} by their posterior probabilities: {source}, prior "
             f"{prior.describe(subject.task)}. Draws are resampled by their weights.",
         )
-        made.append(averaged)
-    return made
+        entries.append(averaged)
+    return entries
 
 
 def _estimates(answer: OrderEffect) -> dict[str, Size]:
@@ -327,10 +321,12 @@ def _estimates(answer: OrderEffect) -> dict[str, Size]:
     return {name: answer.sizes[size] for name, size in sizes.items() if size in answer.sizes}
 
 
-def badges(draws: Draws, name: str, missed: Mapping[str, str]) -> tuple[tuple[str, str], ...]:
-    """Whether draws converged and the model fits; `missed` is what did not converge."""
+def badges(draws: Draws, name: str) -> tuple[tuple[str, str], ...]:
+    """Whether the draws converged and the model fits."""
     fit = draws.fit(name)
-    sampled = ("unconverged", missed[name]) if name in missed else ("fine", "converged")
+    sampled = ("fine", "converged")
+    if name in draws.not_converged:
+        sampled = ("unconverged", draws.not_converged[name])
     if np.isnan(fit.p_overall):
         return (sampled,)
     fits = None if fit.describes is None else not fit.misfit
@@ -346,8 +342,8 @@ def _badges_of_answer(answer: OrderEffect) -> tuple[tuple[str, str], ...]:
 def _fit_badge(fits: bool | None, p: float | None) -> tuple[str, str]:
     if fits is None or p is None:
         return "untold", "fit: not testable"
-    said = f"predictive p {p:.2g}" if p >= 0.001 else "predictive p < .001"
-    return ("fine", f"fit: good, {said}") if fits else ("misfit", said)
+    text = f"predictive p {p:.2g}" if p >= 0.001 else "predictive p < .001"
+    return ("fine", f"fit: good, {text}") if fits else ("misfit", text)
 
 
 # --- curves ---------------------------------------------------------------------------------------
@@ -357,12 +353,20 @@ def _fit_badge(fits: bool | None, p: float | None) -> tuple[str, str]:
 class Slice:
     """Pairs with one weaker stimulus (ln), at one interval (seconds).
 
-    What one panel of curves shows.
+    One panel of curves shows them. In 'which is stronger' they have one first stimulus.
 
-    Which of the subject's pairs these are; the stronger stimulus along the curves, shape (POINTS,);
-    and the orders that have a curve: -1 weaker first, 1 stronger first, 0 equal stimuli of several
-    intensities. Of 'which is stronger' pairs with one first stimulus, s2 - s1 along the curve,
-    which is one, 0.
+    Attributes
+    ----------
+    task : Task
+    weaker : float
+    isi : float or None
+    pairs : ndarray
+        Which of the subject's pairs these are.
+    x : ndarray, shape (POINTS,)
+        The stronger stimulus along the curves, or s2 - s1.
+    orders : tuple of int
+        The orders that have a curve: -1 weaker first, 1 stronger first, 0 equal stimuli of several
+        intensities, and the only curve of 'which is stronger'.
     """
 
     task: Task
@@ -372,12 +376,25 @@ class Slice:
     x: FloatArray
     orders: tuple[int, ...]
 
-    def title(self, several: bool) -> str:
-        """What tells it from others."""
-        words = [f"{FIXED[self.task]} stimulus {self.weaker:.3g}"] if several else []
-        return ", ".join(
-            words + ([] if self.isi is None else [f"interval {self.isi:g} s"])
-        ).replace("-", "−")
+    def title(self, has_stimulus: bool) -> str:
+        """Its stimulus, where there are several slices, and its interval."""
+        parts = []
+        if has_stimulus:
+            parts.append(f"{FIXED[self.task]} stimulus {self.weaker:.3g}")
+        if self.isi is not None:
+            parts.append(f"interval {self.isi:g} s")
+        return ", ".join(parts).replace("-", "−")
+
+    def packed(self, fitted: Predictor, title: str) -> dict[str, Any]:
+        """What the page holds of it."""
+        return {
+            "title": title,
+            "isi": self.isi,
+            "pairs": self.pairs.tolist(),
+            "x": self.x.tolist(),
+            "orders": self.orders,
+            "yes": text_of(np.rint(self.yes(fitted) * TOP), "<u2"),
+        }
 
     def yes(self, fitted: Predictor) -> FloatArray:
         """P of the counted answer at every draw, shape (orders, POINTS, draws)."""
@@ -430,26 +447,25 @@ def along(counts: Subject) -> FloatArray:
 
 def _slice(counts: Subject, fixed: float, isi: float) -> Slice:
     position, order = along(counts), presentation_order(counts)
-    is_in = _fixed(counts) == fixed
+    is_at_interval = np.ones(counts.n_pairs, np.bool_)
+    seconds = None
     if counts.isi is not None:
-        is_in &= counts.isi == isi
+        is_at_interval, seconds = counts.isi == isi, isi
+    is_member = (_fixed(counts) == fixed) & is_at_interval
     if counts.task == WHICH_STRONGER:
         orders = [0]
         start, end = float(position.min()), float(position.max())
+        pad = _BEYOND * max(end - start, 1e-9)
+        x = np.linspace(start - pad, end + pad, POINTS)
     else:
-        is_equal = (order == 0) & (position >= fixed)
-        if counts.isi is not None:
-            is_equal &= counts.isi == isi
-        is_in |= is_equal
-        orders = [one for one in (-1, 1) if one in order[is_in]]
+        is_equal = (order == 0) & (position >= fixed) & is_at_interval
+        is_member |= is_equal
+        orders = [sign for sign in (-1, 1) if sign in order[is_member]]
         if is_equal.sum() > 1 or not orders:
             orders.append(0)
-        start, end = fixed, float(position[is_in].max())
-    pad = _BEYOND * max(end - start, 1e-9)
-    before = pad if counts.task == WHICH_STRONGER else 0.0
-    x = np.linspace(start - before, end + pad, POINTS)
-    seconds = None if counts.isi is None else isi
-    return Slice(counts.task, fixed, seconds, np.flatnonzero(is_in), x, tuple(orders))
+        end = float(position[is_member].max())
+        x = np.linspace(fixed, end + _BEYOND * max(end - fixed, 1e-9), POINTS)
+    return Slice(counts.task, fixed, seconds, np.flatnonzero(is_member), x, tuple(orders))
 
 
 def axis(quantities: Mapping[str, FloatArray], sbar: float, ends: Sequence[float]) -> FloatArray:
@@ -488,6 +504,5 @@ def island(content: Any) -> str:
     >>> island({"subject": "</script>"})
     '{"subject":"\\u003c/script>"}'
     """
-    return json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":")).replace(
-        "<", r"\u003c"
-    )
+    text = json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    return text.replace("<", r"\u003c")

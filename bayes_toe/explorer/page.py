@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
+from itertools import chain
 from pathlib import Path
 from typing import TypeAlias
 
@@ -36,11 +37,11 @@ MOST_ENTRIES = 200
 EXPLORER_BYTES = 1_200_000
 #: Bytes of draws and curves in all, of all where entries are few, of one where they are not; as
 #: text they take a third more.
-_BYTES, _FEW, _OWN = 20e6, 4e6, 300e3
+_BYTES, _FEW_BYTES, _ENTRY_BYTES = 20e6, 4e6, 300e3
 _ROWS = 2000  # draws of an entry, at most
 _ISLANDS = "<!-- posteriors -->"
 _HIGH = 1150  # pixels in a notebook
-_Given: TypeAlias = "Draws | Sequence[Draws] | Mapping[str, Draws]"
+_Sources: TypeAlias = "Draws | Sequence[Draws] | Mapping[str, Draws]"
 #: What quantities are called on the page: a short symbol and what it is in words.
 _QUANTITIES = {
     "mu1": ("μ₁", "centre of the contraction: the prior's mean"),
@@ -100,7 +101,9 @@ class Explorer:
 
     def _repr_html_(self) -> str:
         """In a frame of its own, so that the notebook's styles and the page's do not meet."""
-        return f'<iframe srcdoc="{html.escape(self.html)}" style="width:100%;height:{_HIGH}px;border:0" title="bayes_toe explorer"></iframe>'
+        style = f"width:100%;height:{_HIGH}px;border:0"
+        page = html.escape(self.html)
+        return f'<iframe srcdoc="{page}" style="{style}" title="bayes_toe explorer"></iframe>'
 
 
 def explore(
@@ -109,9 +112,10 @@ def explore(
     subjects: Sequence[str] | None = None,
     truths: Truth | None = None,
 ) -> Explorer:
-    """A corner plot that answers back.
+    """A page of corner plots to explore.
 
-    Drag over points, and draws, curves, quantiles and shares follow, of two posteriors at once.
+    Dragging over points selects draws. Curves, quantiles and shares follow, also of two posteriors
+    at once.
 
     Parameters
     ----------
@@ -139,89 +143,99 @@ def explore(
 
 
 def entries(
-    draws: _Given,
+    draws: _Sources,
     subjects: Sequence[str] | None = None,
     truths: Truth | None = None,
 ) -> list[Entry]:
     """What the page will hold, with the arguments and errors of :func:`explore`."""
-    named = _named(draws)
-    known = list(dict.fromkeys(name for one in named.values() for name in one.names))
-    chosen = known if subjects is None else list(dict.fromkeys(subjects))
-    for name in chosen:
-        if name not in known:
-            raise InputError(
-                f"no subject {name!r} among the draws; there are: {listed([*map(repr, known)], 20)}"
-            )
-    n_shown = sum(name in one.names for one in named.values() for name in chosen)
-    require_few(n_shown, "subjects" if len(named) == 1 else "posteriors of subjects")
-    made = list[Entry]()
-    for label, one in named.items():
-        is_bundled = one.attrs.get("source") == "bundled example (synthetic)"
-        true = example_truth(one.study.task) if truths is None and is_bundled else truths or {}
-        own = tuple(name for name in chosen if name in one.names)
-        made += entries_of(one, label, own, true)
-    allowed = list(dict.fromkeys(name for entry in made for name in entry.target.names.all))
-    for subject, values in (truths or {}).items():
+    by_label = _draws_by_label(draws)
+    all_names = list(dict.fromkeys(chain.from_iterable(part.names for part in by_label.values())))
+    names = all_names if subjects is None else list(dict.fromkeys(subjects))
+    for name in names:
+        if name not in all_names:
+            listing = listed([*map(repr, all_names)], 20)
+            raise InputError(f"no subject {name!r} among the draws; there are: {listing}")
+    selected = {}
+    for label, part in by_label.items():
+        selected[label] = tuple(name for name in names if name in part.names)
+    n_entries = sum(map(len, selected.values()))
+    require_few(n_entries, "subjects" if len(by_label) == 1 else "posteriors of subjects")
+    page_entries = list[Entry]()
+    for label, part in by_label.items():
+        true_values = truths or {}
+        if truths is None and part.attrs.get("source") == "bundled example (synthetic)":
+            true_values = example_truth(part.study.task)
+        page_entries += entries_of(part, label, selected[label], true_values)
+    _require_quantities(truths or {}, page_entries)
+    return page_entries
+
+
+def _require_quantities(truths: Truth, page_entries: Sequence[Entry]) -> None:
+    """Refuse a true value of a quantity that no entry has."""
+    quantities = dict[str, None]()
+    for entry in page_entries:
+        quantities |= dict.fromkeys(entry.target.names.all)
+    for subject, values in truths.items():
         for name in values:
-            if name not in allowed:
+            if name not in quantities:
                 raise InputError(
                     f"truths of {subject!r}: unknown quantity {name!r}; "
-                    f"there are: {', '.join(allowed)}"
+                    f"there are: {', '.join(quantities)}"
                 )
-    return made
 
 
-def _named(draws: _Given) -> dict[str, Draws]:
-    """Draws by what they are called."""
+def _draws_by_label(draws: _Sources) -> dict[str, Draws]:
+    """Draws by their names on the page."""
     if isinstance(draws, Mapping):
-        found = dict(draws)
+        by_label = dict(draws)
     else:
-        found = {}
-        for one in draws if isinstance(draws, Sequence) else [draws]:
-            require_draws(one)
-            label = title = model_title(one.model)
-            while label in found:
-                label = f"{title} ({len(found) + 1})"
-            found[label] = one
-    if not found:
+        by_label = {}
+        for part in draws if isinstance(draws, Sequence) else [draws]:
+            require_draws(part)
+            label = title = model_title(part.model)
+            while label in by_label:
+                label = f"{title} ({len(by_label) + 1})"
+            by_label[label] = part
+    if not by_label:
         raise InputError("explore: found no draws, allowed: those of one model or more")
-    return found
+    return by_label
 
 
 def page(
-    found: Sequence[Entry],
+    page_entries: Sequence[Entry],
     progress: Callable[[str], None] | None = None,
 ) -> Explorer:
-    """The page of these entries; progress is told the name of every subject that is done."""
+    """The page of these entries; `progress` is called with the name of every finished subject."""
     from bayes_toe.explorer.panels import SLOTS
 
-    room = min(_BYTES / len(found), max(_FEW / len(found), _OWN))
-    rows = min(_ROWS, int(room / max(entry.bytes_a_draw for entry in found)))
-    islands, told = [], []
-    for place, entry in enumerate(found):
+    task = page_entries[0].target.subject.task
+    if any(entry.target.subject.task != task for entry in page_entries):
+        raise InputError("explore: found draws of two tasks, allowed: one in a page")
+    room = min(_BYTES / len(page_entries), max(_FEW_BYTES / len(page_entries), _ENTRY_BYTES))
+    rows = min(_ROWS, int(room / max(entry.bytes_a_draw for entry in page_entries)))
+    contents, list_of_entries = {}, []
+    for i, entry in enumerate(page_entries):
         name = entry.target.subject.name
-        islands.append((f"entry-{place}", island(entry.packed(rows))))
-        told.append({"subject": visible(name), "label": visible(entry.label), "tab": entry.tab})
+        contents[f"entry-{i}"] = entry.packed(rows)
+        names = {"subject": visible(name), "label": visible(entry.label)}
+        list_of_entries.append({**names, "tab": entry.tab})
         if progress is not None:
             progress(name)
-    task = found[0].target.subject.task
-    if any(entry.target.subject.task != task for entry in found):
-        raise InputError("explore: found draws of two tasks, allowed: one in a page")
+    tabs = {entry.tab for entry in page_entries}
     index = {
-        "entries": told,
-        "tabs": [tab for tab in (EFFECTS_TAB, PAPER_TAB) if any(e["tab"] == tab for e in told)],
+        "entries": list_of_entries,
+        "tabs": [tab for tab in (EFFECTS_TAB, PAPER_TAB) if tab in tabs],
         "quantities": _QUANTITIES,
         "slots": SLOTS,
         "fixed": FIXED[task],
         "footer": f"bayes_toe {__version__}. Intensities without % are natural logarithms.",
     }
-    before, after = _frame(task).split(_ISLANDS)
-    scripts = (
-        f'<script type="application/json" id="{name}">{content}</script>\n'
-        for name, content in [("index", island(index)), *islands]
-    )
+    head, tail = _frame(task).split(_ISLANDS)
+    parts = [head]
+    for name, content in {"index": index, **contents}.items():
+        parts.append(f'<script type="application/json" id="{name}">{island(content)}</script>\n')
     # Bokeh makes functions of texts.
-    return Explorer(with_policy("".join([before, *scripts, after]), "'unsafe-eval'"))
+    return Explorer(with_policy("".join([*parts, tail]), "'unsafe-eval'"))
 
 
 def require_bokeh() -> None:
@@ -232,14 +246,14 @@ def require_bokeh() -> None:
         raise InputError("explore needs Bokeh: pip install 'bayes_toe[explore]'")
 
 
-def require_few(found: int, what: str) -> None:
+def require_few(n_entries: int, noun: str) -> None:
     """Refuse none, and more than a page holds."""
-    if found == 0:
+    if n_entries == 0:
         raise InputError("explore: found no subjects, allowed: at least one")
-    if found > MOST_ENTRIES:
+    if n_entries > MOST_ENTRIES:
         raise InputError(
-            f"explore: found {found} {what}, allowed: at most {MOST_ENTRIES} in a page; name some "
-            "with --subject or subjects="
+            f"explore: found {n_entries} {noun}, allowed: at most {MOST_ENTRIES} in a page; name "
+            "some with --subject or subjects="
         )
 
 
@@ -251,13 +265,12 @@ def _frame(task: Task) -> str:
 
     from bayes_toe.explorer.panels import SLOTS, document
 
-    own = {
-        name: (files("bayes_toe.explorer") / name).read_text(encoding="utf-8")
-        for name in ("page.html", "page.css", "explorer.js")
-    }
+    parts = {}
+    for name in ("page.html", "page.css", "explorer.js"):
+        parts[name] = (files("bayes_toe.explorer") / name).read_text(encoding="utf-8")
     variables = {
-        "style": own["page.css"],
-        "script": own["explorer.js"],
+        "style": parts["page.css"],
+        "script": parts["explorer.js"],
         "islands": _ISLANDS,
         "slots": SLOTS,
         "yes": task.yes,
@@ -267,7 +280,7 @@ def _frame(task: Task) -> str:
             document(task),
             INLINE,
             "Explore a posterior",
-            template=own["page.html"],
+            template=parts["page.html"],
             template_variables=variables,
         )
     )

@@ -60,20 +60,20 @@ def document(task: Task) -> Document:
     ranges = [Range1d(0, 1, name=f"range-{i}") for i in range(SLOTS)]
     corner = [_distribution(sources, ranges, i) for i in range(SLOTS)]
     corner += [_cloud(sources, ranges, i, j) for j, i in combinations(range(SLOTS), 2)]
-    made = Document()
-    with made.models.freeze():  # otherwise all models are collected anew with every root
-        for root in (
-            *corner,
-            *(make(sources, letter, task) for letter in LETTERS for make in (_curves, _plane)),
-        ):
-            made.add_root(root)
-    return made
+    roots = list(corner)
+    for letter in LETTERS:
+        roots += [_curves(sources, letter, task), _plane(sources, letter, task)]
+    page = Document()
+    with page.models.freeze():  # otherwise all models are collected anew with every root
+        for root in roots:
+            page.add_root(root)
+    return page
 
 
 class _Sources(dict[str, ColumnDataSource]):
-    """Sources by name, each made when it is first asked for, with empty columns."""
+    """Sources by name, each plot when it is first asked for, with empty columns."""
 
-    def named(self, name: str, *columns: str) -> ColumnDataSource:
+    def get_source(self, name: str, *columns: str) -> ColumnDataSource:
         """The source, which has at least these columns."""
         source = self.setdefault(name, ColumnDataSource(name=name))
         for column in columns:
@@ -91,7 +91,7 @@ def _plot(name: str, tools: list[Any], **options: Any) -> Any:
         "width": 120,
         "height": 120,
     }
-    made = figure(
+    plot = figure(
         name=name,
         tools=tools,
         toolbar_location=None,
@@ -101,8 +101,8 @@ def _plot(name: str, tools: list[Any], **options: Any) -> Any:
         **size,
         **options,
     )
-    made.grid.grid_line_color = None
-    for axis in made.axis:
+    plot.grid.grid_line_color = None
+    for axis in plot.axis:
         axis.update(
             major_label_text_font_size="11px",
             axis_label_text_font_size="14px",
@@ -117,16 +117,16 @@ def _plot(name: str, tools: list[Any], **options: Any) -> Any:
             major_tick_in=0,
             major_tick_out=4,
         )
-    return made
+    return plot
 
 
-def _panel(name: str, x: Range1d, y: Range1d, dimensions: Any, tools: list[Any]) -> Any:
+def _panel(name: str, x: Range1d, y: Range1d, dimensions: Any) -> Any:
     """A panel of the corner, which can be brushed; axes are switched on where they are wanted."""
     select = BoxSelectTool(dimensions=dimensions, renderers=[], continuous=True)
-    made = _plot(name, [select, *tools], x_range=x, y_range=y)
-    made.toolbar.active_drag = select
-    made.js_on_event("selectiongeometry", CustomJS(code=_BRUSH))
-    for axis in made.axis:
+    plot = _plot(name, [select], x_range=x, y_range=y)
+    plot.toolbar.active_drag = select
+    plot.js_on_event("selectiongeometry", CustomJS(code=_BRUSH))
+    for axis in plot.axis:
         axis.update(visible=False, ticker=FixedTicker(ticks=[]))
     style = {
         "fill_color": "#000000",
@@ -135,8 +135,8 @@ def _panel(name: str, x: Range1d, y: Range1d, dimensions: Any, tools: list[Any])
         "line_alpha": 0.9,
         "line_width": 1.5,
     }
-    made.add_layout(BoxAnnotation(name=f"brush-{name}", visible=False, editable=False, **style))
-    return made
+    plot.add_layout(BoxAnnotation(name=f"brush-{name}", visible=False, editable=False, **style))
+    return plot
 
 
 def _distribution(sources: _Sources, ranges: list[Range1d], i: int) -> Any:
@@ -144,77 +144,77 @@ def _distribution(sources: _Sources, ranges: list[Range1d], i: int) -> Any:
 
     A drag takes an interval.
     """
-    made = _panel(f"panel-{i}-{i}", ranges[i], Range1d(0, 1, name=f"height-{i}"), "width", [])
+    plot = _panel(f"panel-{i}-{i}", ranges[i], Range1d(0, 1, name=f"height-{i}"), "width")
     x, y = f"x{i}", f"y{i}"
     for letter, (colour, _, dash) in LETTERS.items():
-        made.add_glyph(
-            sources.named(f"prior-{letter}", x, y),
+        plot.add_glyph(
+            sources.get_source(f"prior-{letter}", x, y),
             Line(x=x, y=y, line_color=PRIOR, line_width=2, line_dash=dash),
         )
-        bars = sources.named(f"bars-{letter}", x, f"all{i}", f"kept{i}")
-        made.add_glyph(bars, VArea(x=x, y1=0, y2=f"kept{i}", fill_color=colour, fill_alpha=0.35))
-        made.add_glyph(
+        bars = sources.get_source(f"bars-{letter}", x, f"all{i}", f"kept{i}")
+        plot.add_glyph(bars, VArea(x=x, y1=0, y2=f"kept{i}", fill_color=colour, fill_alpha=0.35))
+        plot.add_glyph(
             bars, Line(x=x, y=f"all{i}", line_color=colour, line_width=1.5, line_dash=dash)
         )
-        truth = sources.named(f"truth-{letter}", f"{i}")
-        made.add_glyph(
+        truth = sources.get_source(f"truth-{letter}", f"{i}")
+        plot.add_glyph(
             truth, VSpan(x=f"{i}", line_color=colour, line_width=2.5, line_dash="dotdash")
         )
-    return made
+    return plot
 
 
 def _cloud(sources: _Sources, ranges: list[Range1d], i: int, j: int) -> Any:
     """Below the diagonal: draws, contours, truth."""
     name, x, y = f"panel-{i}-{j}", f"{j}", f"{i}"
-    made = _panel(name, ranges[j], ranges[i], "both", [])
+    plot = _panel(name, ranges[j], ranges[i], "both")
     for letter, (colour, marker, _) in LETTERS.items():
         faint = Scatter(
             x="x", y="y", marker=marker, size=3, fill_color=colour, fill_alpha=0.12, line_color=None
         )
-        made.add_glyph(sources.named(f"all-{letter}-{i}-{j}", "x", "y"), faint)
-    kept = []
+        plot.add_glyph(sources.get_source(f"all-{letter}-{i}-{j}", "x", "y"), faint)
+    selected = []
     for letter, (colour, marker, dash) in LETTERS.items():
         strong = Scatter(
             x="x", y="y", marker=marker, size=4, fill_color=colour, fill_alpha=0.35, line_color=None
         )
-        kept.append(
-            made.add_glyph(
-                sources.named(f"kept-{letter}-{i}-{j}", "x", "y", "row"),
+        selected.append(
+            plot.add_glyph(
+                sources.get_source(f"kept-{letter}-{i}-{j}", "x", "y", "row"),
                 strong,
                 name=letter.upper(),
             )
         )
-        lines = sources.named(f"contour-{letter}-{i}-{j}", "xs", "ys", "width")
-        made.add_glyph(
+        lines = sources.get_source(f"contour-{letter}-{i}-{j}", "xs", "ys", "width")
+        plot.add_glyph(
             lines, MultiLine(xs="xs", ys="ys", line_color=_PAGE, line_width=4, line_alpha=0.7)
         )
-        made.add_glyph(
+        plot.add_glyph(
             lines,
             MultiLine(xs="xs", ys="ys", line_color=colour, line_width="width", line_dash=dash),
         )
     for letter, (colour, *_) in LETTERS.items():
-        truth = sources.named(f"truth-{letter}", x, y)
+        truth = sources.get_source(f"truth-{letter}", x, y)
         for edge, width in ((_PAGE, 6), (colour, 3)):
-            made.add_glyph(
+            plot.add_glyph(
                 truth,
                 Scatter(
                     x=x, y=y, marker=CROSSES[letter], size=13, line_color=edge, line_width=width
                 ),
             )
-    made.add_tools(
-        HoverTool(name=f"hover-{name}", renderers=kept, limit=1, tooltips=[("", "$name")])
+    plot.add_tools(
+        HoverTool(name=f"hover-{name}", renderers=selected, limit=1, tooltips=[("", "$name")])
     )
-    return made
+    return plot
 
 
 def _hover(renderers: list[Any], task: Task) -> HoverTool:
     """A pair under the mouse, and how often it was answered so."""
-    shown = [
+    tooltips = [
         ("", "$name"),
         ("first, second", "@s1{0.000}, @s2{0.000}"),
         (f"'{task.yes}'", "@k of @n"),
     ]
-    return HoverTool(renderers=renderers, tooltips=shown, limit=2)
+    return HoverTool(renderers=renderers, tooltips=tooltips, limit=2)
 
 
 def _curves(sources: _Sources, letter: str, task: Task) -> Any:
@@ -222,22 +222,22 @@ def _curves(sources: _Sources, letter: str, task: Task) -> Any:
 
     The axis is the stronger stimulus, or s2 - s1.
     """
-    made = _plot(
+    plot = _plot(
         f"curves-{letter}",
         [],
         x_range=Range1d(0, 1, name=f"stronger-{letter}"),
         y_range=Range1d(-0.03, 1.03),
     )
-    made.xaxis.axis_label, made.yaxis.axis_label = _ALONG[task], f"P({task.yes})"
-    _small_words(made)
+    plot.xaxis.axis_label, plot.yaxis.axis_label = _ALONG[task], f"P({task.yes})"
+    _small_words(plot)
     points = []
     for order, (kind, marker) in KINDS.items():
         colour = ORDERS[order].colour
-        _band(made, sources.named(f"curve-{letter}-{kind}", *_BAND), colour)
-        answers = sources.named(
+        _band(plot, sources.get_source(f"curve-{letter}-{kind}", *_BAND), colour)
+        answers = sources.get_source(
             f"answers-{letter}-{kind}", "x", "estimate", "low", "high", "s1", "s2", "k", "n"
         )
-        made.add_glyph(
+        plot.add_glyph(
             answers, Segment(x0="x", y0="low", x1="x", y1="high", line_color=colour, line_width=1.5)
         )
         point = Scatter(
@@ -248,9 +248,9 @@ def _curves(sources: _Sources, letter: str, task: Task) -> Any:
             line_color=_PAGE,
             size=10 if kind == "equal" else 8,
         )
-        points.append(made.add_glyph(answers, point, name=ORDERS[order].label))
-    made.add_tools(_hover(points, task))
-    made.add_layout(
+        points.append(plot.add_glyph(answers, point, name=ORDERS[order].label))
+    plot.add_tools(_hover(points, task))
+    plot.add_layout(
         Title(
             text="",
             name=f"curves-title-{letter}",
@@ -261,16 +261,16 @@ def _curves(sources: _Sources, letter: str, task: Task) -> Any:
         ),
         "above",
     )
-    return made
+    return plot
 
 
-def _band(made: Any, source: ColumnDataSource, colour: str) -> None:
+def _band(plot: Any, source: ColumnDataSource, colour: str) -> None:
     """A line over all draws, another over the brushed ones, and the band of these."""
-    made.add_glyph(source, VArea(x="x", y1="low", y2="high", fill_color=colour, fill_alpha=0.2))
-    made.add_glyph(
+    plot.add_glyph(source, VArea(x="x", y1="low", y2="high", fill_color=colour, fill_alpha=0.2))
+    plot.add_glyph(
         source, Line(x="x", y="all", line_color=colour, line_width=1.5, line_dash="dotted")
     )
-    made.add_glyph(source, Line(x="x", y="kept", line_color=colour, line_width=2.5))
+    plot.add_glyph(source, Line(x="x", y="kept", line_color=colour, line_width=2.5))
 
 
 def _plane(sources: _Sources, letter: str, task: Task) -> Any:
@@ -280,18 +280,18 @@ def _plane(sources: _Sources, letter: str, task: Task) -> Any:
     symmetry.
     """
     side = Range1d(0, 1, name=f"plane-{letter}-range")
-    made = _plot(f"plane-{letter}", [], x_range=side, y_range=side)
-    made.xaxis.axis_label, made.yaxis.axis_label = (
+    plot = _plot(f"plane-{letter}", [], x_range=side, y_range=side)
+    plot.xaxis.axis_label, plot.yaxis.axis_label = (
         "first stimulus (ln intensity)",
         "second stimulus",
     )
-    _small_words(made)
-    axis = sources.named(f"axis-{letter}", *_BAND)
-    made.add_glyph(axis, Line(x="x", y="x", line_color="#777777", line_dash="dashed"))
-    _band(made, axis, LETTERS[letter][0])
+    _small_words(plot)
+    axis = sources.get_source(f"axis-{letter}", *_BAND)
+    plot.add_glyph(axis, Line(x="x", y="x", line_color="#777777", line_dash="dashed"))
+    _band(plot, axis, LETTERS[letter][0])
     points = []
     for order, (kind, marker) in KINDS.items():
-        pairs_of = sources.named(f"pairs-{letter}-{kind}", "s1", "s2", "k", "n", "fill")
+        pairs_of = sources.get_source(f"pairs-{letter}-{kind}", "s1", "s2", "k", "n", "fill")
         size = 12 if kind == "equal" else 10
         point = Scatter(
             x="s1",
@@ -302,11 +302,11 @@ def _plane(sources: _Sources, letter: str, task: Task) -> Any:
             fill_color="fill",
             size=size,
         )
-        points.append(made.add_glyph(pairs_of, point, name=ORDERS[order].label))
-    made.add_tools(_hover(points, task))
-    return made
+        points.append(plot.add_glyph(pairs_of, point, name=ORDERS[order].label))
+    plot.add_tools(_hover(points, task))
+    return plot
 
 
-def _small_words(made: Any) -> None:
-    for axis in made.axis:
+def _small_words(plot: Any) -> None:
+    for axis in plot.axis:
         axis.update(axis_label_text_font_size="12px", ticker=BasicTicker(desired_num_ticks=4))

@@ -258,6 +258,14 @@ class PopulationResult:
             jnd = JND_OVER_NOISE * self.scales.step * np.exp(log_noise)
             return np.asarray(100.0 * np.expm1(jnd))
 
+    def in_units(self, name: str, coefficients: FloatArray) -> FloatArray:
+        """Coefficients of a parameter in the unit of results: per cent, p, or a probability."""
+        if name == CONSTANT_ERROR.name:
+            return self.shift_percent(coefficients)
+        if name == NOISE.name:
+            return self.jnd_percent(coefficients)
+        return expit(coefficients) if name == PEAK.name else coefficients
+
     def difference_columns(self, name: str) -> list[int]:
         """The coefficients by which a parameter differs between conditions."""
         if self.study.conditions is None:

@@ -15,11 +15,12 @@ from bayes_toe.classical.asymmetry import LEVEL, AsymmetryTable, Comparison
 from bayes_toe.plots.style import (
     EQUAL,
     HIGH,
-    MOST_NAMED,
+    MAX_NAMES,
     SMALL,
     STRONGER_FIRST,
     WEAKER_FIRST,
     dress,
+    legend_above,
     panel,
     plain,
 )
@@ -45,14 +46,14 @@ def order_axes(
     ax = panel(ax, wide=1.8, high=2.2)
     q = (comparison.q_weak_first, comparison.q_strong_first)
     errors = (comparison.q_weak_first_se, comparison.q_strong_first_se)
-    for x, (value, error, colour) in enumerate(
-        zip(q, errors, (WEAKER_FIRST, STRONGER_FIRST), strict=True)
-    ):
-        ax.bar(x, value, width=0.62, color=colour, alpha=0.35, lw=0)
-        ax.errorbar(x, value, error, fmt="os"[x], ms=4.5, color=colour, elinewidth=1.0, capsize=2.5)
-    top = max(value + error for value, error in zip(q, errors, strict=True)) + 0.05
+    for x, colour in enumerate((WEAKER_FIRST, STRONGER_FIRST)):
+        style: dict[str, Any] = {"fmt": "os"[x], "color": colour, "elinewidth": 1.0}
+        ax.bar(x, q[x], width=0.62, color=colour, alpha=0.35, lw=0)
+        ax.errorbar(x, q[x], errors[x], ms=4.5, capsize=2.5, **style)
+    top = float(np.add(q, errors).max()) + 0.05
     ax.plot([0, 0, 1, 1], [top, top + 0.02, top + 0.02, top], color="black", lw=0.8)
-    ax.text(0.5, top + 0.03, _said(comparison.p_value), ha="center", va="bottom", fontsize=SMALL)
+    text = _p_value_text(comparison.p_value)
+    ax.text(0.5, top + 0.03, text, ha="center", va="bottom", fontsize=SMALL)
     ax.set_xticks([0, 1], ["weaker\nfirst\n$q(r, c)$", "stronger\nfirst\n$q(c, r)$"])
     ax.set(
         ylabel=f"P({share_of})",
@@ -84,23 +85,25 @@ def asymmetry(table: AsymmetryTable, ax: Axes | None = None) -> Axes:
     """
     ax = panel(ax, high=asymmetry_height(table))
     rows = [list(row.comparisons) for row in table]
-    is_named = len(table) <= MOST_NAMED
-    if not is_named:
+    has_names = len(table) <= MAX_NAMES
+    if not has_names:
         largest = [row.maximal for row in table if row.maximal is not None]
-        rows = [[one] for one in sorted(largest, key=lambda one: -one.asymmetry)]
+        largest.sort(key=lambda comparison: -comparison.asymmetry)
+        rows = [[comparison] for comparison in largest]
+    style: dict[str, Any] = {"va": "center", "fontsize": SMALL, "color": EQUAL}
     for i, comparisons in enumerate(rows):
-        place: dict[str, Any] = {"transform": ax.get_yaxis_transform(), "color": EQUAL}
-        if is_named and i % 2:
+        if has_names and i % 2:
             ax.axhspan(i - 0.5, i + 0.5, color="#F3F3F3", lw=0, zorder=0)
         if not comparisons:
-            ax.text(0.01, i, "no pair in both orders", va="center", fontsize=SMALL, **place)
-    reach = _draw_comparisons(ax, rows, 4.0 if is_named else 2.6)
+            text = "no pair in both orders"
+            ax.text(0.01, i, text, transform=ax.get_yaxis_transform(), **style)
+    reach = _draw_comparisons(ax, rows, 4.0 if has_names else 2.6)
     ax.axvline(0.0, color="black", lw=0.8)
     # Zero is in the middle.
     ax.set(xlim=(-reach, reach), ylim=(len(rows) - 0.5, -0.5), yticks=[])
     ax.set_xlabel("asymmetry  $q(c, r) - q(r, c)$")
     ax.locator_params(axis="x", nbins=6)
-    if is_named:
+    if has_names:
         ax.set_yticks(range(len(rows)), [plain(row.subject, 16) for row in table])
     else:
         label = f"{len(rows):,} subjects, sorted by their largest asymmetry"
@@ -114,7 +117,7 @@ def asymmetry(table: AsymmetryTable, ax: Axes | None = None) -> Axes:
 
 def asymmetry_height(table: AsymmetryTable) -> float:
     """Inches of :func:`asymmetry`: rows are higher where most subjects have many comparisons."""
-    if len(table) > MOST_NAMED:
+    if len(table) > MAX_NAMES:
         return _MARGIN + HIGH
     usual = float(np.median([len(row.comparisons) for row in table.rows])) if table.rows else 0.0
     return min(_HIGHEST, _MARGIN + _ROW * len(table.rows) * min(max(1.0, usual / 5.0), 4.0))
@@ -124,22 +127,23 @@ def _draw_comparisons(ax: Axes, rows: Sequence[Sequence[Comparison]], size: floa
     """Draw the comparisons of every row, one below the other; return how far they reach from 0."""
     points = []
     for i, comparisons in enumerate(rows):
-        for j, one in enumerate(comparisons):
-            y = i + 0.7 * ((j + 0.5) / len(comparisons) - 0.5)
-            # Bars of many comparisons in one row would hide each other.
-            barred = one.asymmetry_se if len(comparisons) <= _CROWDED else np.nan
-            points.append((one.asymmetry, y, barred, one.p_adjusted, one.asymmetry_se))
-    value, places, bars, p, error = np.array(points, np.float64).reshape(-1, 5).T
+        # Bars of many comparisons in one row would hide each other.
+        visible = 1.0 if len(comparisons) <= _CROWDED else np.nan
+        for j, comparison in enumerate(comparisons):
+            height = i + 0.7 * ((j + 0.5) / len(comparisons) - 0.5)
+            error = comparison.asymmetry_se
+            points.append(
+                (comparison.asymmetry, height, visible * error, comparison.p_adjusted, error)
+            )
+    value, y, bars, p, errors = np.array(points, np.float64).reshape(-1, 5).T
     for sign, (colour, marker) in _MARKS.items():
-        for is_sure in (False, True):
-            at = (np.sign(value) == sign) & ((p < LEVEL) == is_sure)
-            style: dict[str, Any] = {"ms": size, "mew": 0.7, "elinewidth": 0.6}
-            face = colour if is_sure else "white"
-            if at.any():
-                ax.errorbar(
-                    value[at], places[at], None, bars[at], marker, color=colour, mfc=face, **style
-                )
-    return min(1.05, 1.08 * float((np.abs(value) + error).max(initial=0.1)))
+        for is_significant, face in ((False, "white"), (True, colour)):
+            is_selected = (np.sign(value) == sign) & ((p < LEVEL) == is_significant)
+            style: dict[str, Any] = {"ms": size, "mew": 0.7, "elinewidth": 0.6, "mfc": face}
+            if is_selected.any():
+                x, half = value[is_selected], bars[is_selected]
+                ax.errorbar(x, y[is_selected], None, half, marker, color=colour, **style)
+    return min(1.05, 1.08 * float((np.abs(value) + errors).max(initial=0.1)))
 
 
 def _draw_key(ax: Axes, share_of: str) -> None:
@@ -151,13 +155,10 @@ def _draw_key(ax: Axes, share_of: str) -> None:
         ax.plot([], [], marker=marker, color=colour, label=label, **style)
     label = f"filled: p < {LEVEL:g} (Holm)"
     ax.plot([], [], marker="o", color="#333333", label=label, **style)
-    place: dict[str, Any] = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0)}
-    place |= {"handletextpad": 0.1, "borderaxespad": 0.2, "labelspacing": 0.25}
-    handles = [line for line in ax.lines if not str(line.get_label()).startswith("_")]
-    ax.legend(handles=handles, fontsize=SMALL, frameon=False, **place)
+    legend_above(ax, side="right")
 
 
-def _said(p_value: float) -> str:
+def _p_value_text(p_value: float) -> str:
     """A p-value as text with mathematics."""
     if p_value >= 0.001:
         return f"$p$ = {p_value:.2g}" if p_value < 0.095 else f"$p$ = {p_value:.2f}"

@@ -6,13 +6,11 @@ Responses with curves by order, the posterior predictive check, the JND by order
 from __future__ import annotations
 
 from collections.abc import Sequence
-from textwrap import fill
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from bayes_toe.analysis import Analysis
 from bayes_toe.answers.words import Word
@@ -22,21 +20,26 @@ from bayes_toe.data.messages import counted
 from bayes_toe.data.study import Subject, refuse_intervals
 from bayes_toe.errors import InputError
 from bayes_toe.inference.prediction import Predictor
-from bayes_toe.plots.order_effect import QUESTIONS, WITHOUT_SIZE, fill_style
+from bayes_toe.plots.order_effect import QUESTIONS, WITHOUT_SIZE, marker_style
 from bayes_toe.plots.report_figure import responses_panel
 from bayes_toe.plots.style import (
     COLUMN,
     EQUAL,
     LETTERS,
     MARKED,
-    ORDERS,
     PAGE,
     SMALL,
     dress,
-    first_panels,
+    grid_panels,
+    label_outer,
     legend_below,
+    mark_synthetic,
+    n_rows,
     new_figure,
     plain,
+    plain_log_axis,
+    rows_by_order,
+    write_note,
 )
 from bayes_toe.seeds import generator
 
@@ -45,7 +48,6 @@ MOST_SUBJECTS = 40
 _MOST_OF_FOUR_COLUMNS = 12
 _PER_DRAW = 10  # replicated studies for each draw
 _LABEL_WIDE = 0.1  # inches of a pair with its label
-_LABEL_LETTERS = 22  # of a line below a narrow panel
 _INTERVAL = "#BDBDBD"
 _LABELS = {Word.YES: "contraction: yes", Word.PROBABLY: "probably", Word.UNDECIDED: "other"}
 
@@ -72,12 +74,12 @@ def curves_by_order(analysis: Analysis, subjects: Sequence[str] | None = None) -
     InputError
         For an unknown subject, more than 40 subjects, or several inter-stimulus intervals.
     """
-    shown = _chosen(analysis, subjects)
-    refuse_intervals(shown, "curves by order")
-    figure, panels = _small_multiples(analysis, shown)
-    for ax, counts in zip(panels, shown, strict=True):
+    selected = _select_subjects(analysis, subjects)
+    refuse_intervals(selected, "curves by order")
+    figure, panels = _small_multiples(analysis, selected)
+    for ax, counts in zip(panels, selected, strict=True):
         responses_panel(ax, counts, analysis.curve(counts.name).yes)
-    label_outer(panels)
+    label_outer(panels, _n_columns(len(panels)))
     _legend(figure)
     return figure
 
@@ -103,17 +105,18 @@ def posterior_predictive(analysis: Analysis, subjects: Sequence[str] | None = No
     InputError
         For an unknown subject, or more than 40 subjects.
     """
-    shown = _chosen(analysis, subjects)
-    figure, panels = _small_multiples(analysis, shown)
-    for ax, counts in zip(panels, shown, strict=True):
+    selected = _select_subjects(analysis, subjects)
+    figure, panels = _small_multiples(analysis, selected)
+    n_columns = _n_columns(len(panels))
+    for ax, counts in zip(panels, selected, strict=True):
         fitted = analysis.curve(counts.name)
         _draw_pairs(ax, counts, predictive_interval(fitted, analysis.settings.seed))
         ax.set_ylabel(f"share '{counts.task.yes}'")
-    labels = _pair_labels(shown, panels)
-    for ax in _bottom(panels):
+    labels = _pair_labels(selected, figure.get_figwidth() / n_columns - 0.3)
+    for ax in panels[-n_columns:]:
         ax.set_xticks(range(len(labels)), labels, rotation=90)
         ax.set_xlabel("first, second stimulus (% of mean)" if labels else "pairs by order")
-    label_outer(panels)
+    label_outer(panels, n_columns)
     _legend(figure)
     return figure
 
@@ -139,8 +142,7 @@ def jnd_by_order(analysis: Analysis) -> Figure:
     figure = new_figure(COLUMN, COLUMN + 0.3)
     ax = figure.subplots()
     for word, label in _LABELS.items():
-        style: dict[str, Any] = {"color": question.colour, "ms": 4.5, **fill_style(word)}
-        ax.plot([], [], question.marker, label=label, **style)
+        ax.plot([], [], label=label, **marker_style(question, word, 4.5))
     medians = []
     for answer in analysis.answers:
         word = answer.words[question.name]
@@ -151,19 +153,15 @@ def jnd_by_order(analysis: Analysis) -> Figure:
         line: dict[str, Any] = {"color": question.colour, "lw": 0.7, "alpha": 0.5}
         ax.plot([left, right], [y, y], **line)
         ax.plot([x, x], [low, high], **line)
-        style = {"color": question.colour, "ms": 4.5, **fill_style(word)}
-        ax.plot(x, y, question.marker, **style)
+        ax.plot(x, y, **marker_style(question, word, 4.5))
         medians.append((x, y))
     _square_axes(ax, np.array(medians).reshape(-1, 2))
     ax.set_xlabel("JND, standard first (%)")
     ax.set_ylabel("JND, standard second (%)")
     n_left_out = len(analysis.answers) - len(medians)
     if n_left_out:
-        text = f"{counted(n_left_out, 'subject')} without an estimate of contraction"
-        place: dict[str, Any] = {"transform": ax.transAxes, "ha": "right", "fontsize": SMALL}
-        ax.text(0.99, 0.02, text, color=EQUAL, **place)
-    if analysis.study.synthetic:
-        figure.suptitle("synthetic data", fontsize=LETTERS)
+        write_note(ax, f"{counted(n_left_out, 'subject')} without an estimate of contraction")
+    mark_synthetic(figure, analysis.study.synthetic)
     dress(ax)
     legend_below(figure, size=SMALL)
     return figure
@@ -189,7 +187,7 @@ def predictive_interval(fitted: Predictor, seed: int) -> FloatArray:
 # --- Panels --------------------------------------------------------------------------------------
 
 
-def _chosen(analysis: Analysis, subjects: Sequence[str] | None) -> list[Subject]:
+def _select_subjects(analysis: Analysis, subjects: Sequence[str] | None) -> list[Subject]:
     """The subjects asked for, at most as many as a page has room for."""
     names = analysis.study.names if subjects is None else subjects
     if not 1 <= len(names) <= MOST_SUBJECTS:
@@ -200,45 +198,26 @@ def _chosen(analysis: Analysis, subjects: Sequence[str] | None) -> list[Subject]
     return [analysis.study[name] for name in names]
 
 
-def _small_multiples(analysis: Analysis, shown: Sequence[Subject]) -> tuple[Figure, list[Axes]]:
+def _n_columns(n_subjects: int) -> int:
+    return min(n_subjects, 4) if n_subjects <= _MOST_OF_FOUR_COLUMNS else 5
+
+
+def _small_multiples(analysis: Analysis, subjects: Sequence[Subject]) -> tuple[Figure, list[Axes]]:
     """A figure as wide as a column or a page, and a panel for each subject."""
-    n_subjects = len(shown)
-    across = min(n_subjects, 4) if n_subjects <= _MOST_OF_FOUR_COLUMNS else 5
-    down = -(-n_subjects // across)
-    width = COLUMN if across <= 2 else PAGE
-    height = {1: 2.1, 2: 1.6}.get(across, 1.5 if across == 4 else 1.0)
-    figure = new_figure(width, down * height + 0.8)
-    panels = first_panels(figure.add_gridspec(down, across), n_subjects, sharey=True)
+    n_columns = _n_columns(len(subjects))
+    width = COLUMN if n_columns <= 2 else PAGE
+    row_height = {1: 2.1, 2: 1.6, 3: 1.5, 4: 1.5, 5: 1.0}[n_columns]
+    figure = new_figure(width, n_rows(len(subjects), n_columns) * row_height + 0.8)
+    panels = grid_panels(figure, len(subjects), n_columns, sharey=True)
     answers = {answer.subject: answer for answer in analysis.answers}
-    for ax, counts in zip(panels, shown, strict=True):
-        title = plain(counts.name, 20 if across < 5 else 14)
+    for ax, counts in zip(panels, subjects, strict=True):
+        title = plain(counts.name, 20 if n_columns < 5 else 14)
         answer = answers.get(counts.name)
         if answer is not None and not answer.is_interpretable:
-            title += ", not interpreted" if across < 3 else "\nnot interpreted"
+            title += ", not interpreted" if n_columns < 3 else "\nnot interpreted"
         ax.set_title(title, loc="left", fontsize=LETTERS)
-    if analysis.study.synthetic:
-        figure.suptitle("synthetic data", fontsize=LETTERS)
+    mark_synthetic(figure, analysis.study.synthetic)
     return figure, panels
-
-
-def _bottom(panels: Sequence[Axes]) -> list[Axes]:
-    """The last panel of every column."""
-    place = panels[0].get_subplotspec()
-    assert place is not None
-    return list(panels[-place.get_gridspec().ncols :])
-
-
-def label_outer(panels: Sequence[Axes]) -> None:
-    """Label the axes left of each row and below the last panels only."""
-    bottom = _bottom(panels)
-    n_columns = len(bottom)
-    for i, ax in enumerate(panels):
-        if i % n_columns:
-            ax.set_ylabel("")
-        label = ax.get_xlabel() if ax in bottom else ""
-        label = label.replace("% ", "%\u00a0")  # a line does not end behind a %
-        ax.set_xlabel(fill(label, _LABEL_LETTERS) if n_columns > 2 else label)
-        dress(ax)
 
 
 def _legend(figure: Figure) -> None:
@@ -262,39 +241,24 @@ def _draw_pairs(ax: Axes, counts: Subject, ends: FloatArray) -> None:
     # A bar of no height would not be seen.
     ax.hlines(0.5 * (low + high), x - 0.35, x + 0.35, color=_INTERVAL, lw=1.0)
     size = 4.0 if len(index) <= 20 else 2.0
-    for sign, mark in ORDERS.items():
-        at = order == sign
-        if at.any():
-            style: dict[str, Any] = {"ms": size, "mec": "white", "mew": 0.3, "clip_on": False}
-            ax.plot(
-                x[at],
-                share[at],
-                mark.marker,
-                color=mark.colour,
-                label=mark.label,
-                zorder=3,
-                **style,
-            )
+    style: dict[str, Any] = {"ms": size, "mec": "white", "mew": 0.3, "clip_on": False, "zorder": 3}
+    for mark, rows in rows_by_order(order):
+        style |= {"color": mark.colour, "label": mark.label}
+        ax.plot(x[rows], share[rows], mark.marker, **style)
     ax.set(ylim=(-0.03, 1.03), yticks=[0.0, 0.5, 1.0], xlim=(-0.7, len(index) - 0.3), xticks=[])
 
 
-def _pair_labels(shown: Sequence[Subject], panels: Sequence[Axes]) -> list[str]:
-    """What the pairs are called, where all subjects met the same ones and there is room."""
-    first = shown[0]
+def _pair_labels(subjects: Sequence[Subject], width: float) -> list[str]:
+    """What the pairs are called, where all subjects met the same ones and there is room, inches."""
+    first = subjects[0]
+    pairs = np.array([first.s1, first.s2])
     index = _in_order(first)
-    place = panels[0].get_subplotspec()
-    figure = panels[0].get_figure(root=True)
-    assert place is not None
-    assert figure is not None
-    width = figure.get_figwidth() / place.get_gridspec().ncols - 0.3
-    is_same = all(
-        np.array_equal(one.s1, first.s1) and np.array_equal(one.s2, first.s2) for one in shown
-    )
-    if not is_same or len(index) * _LABEL_WIDE > width:
+    has_same_pairs = all(np.array_equal([subject.s1, subject.s2], pairs) for subject in subjects)
+    if not has_same_pairs or len(index) * _LABEL_WIDE > width:
         return []
     mean = float(np.average(first.s1, weights=first.n_trials))
-    s1, s2 = (100.0 * np.exp(stimuli[index] - mean) for stimuli in (first.s1, first.s2))
-    return [f"{a:.0f}, {b:.0f}" for a, b in zip(s1, s2, strict=True)]
+    percent = 100.0 * np.exp(pairs[:, index] - mean)
+    return [f"{s1:.0f}, {s2:.0f}" for s1, s2 in percent.T]
 
 
 def _square_axes(ax: Axes, medians: FloatArray) -> None:
@@ -305,7 +269,5 @@ def _square_axes(ax: Axes, medians: FloatArray) -> None:
     ax.plot([low, high], [low, high], color=EQUAL, lw=0.8, ls="--", zorder=0)
     ax.set(xscale="log", yscale="log", xlim=(low, high), ylim=(low, high))
     ax.set_aspect("equal")
-    for axis in (ax.xaxis, ax.yaxis):
-        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        axis.set_minor_formatter(NullFormatter())
+    plain_log_axis(ax.xaxis)
+    plain_log_axis(ax.yaxis)

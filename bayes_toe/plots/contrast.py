@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import astuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -15,7 +16,6 @@ from bayes_toe.groups.population import PopulationResult
 from bayes_toe.inference.prediction import Predictor
 from bayes_toe.model.observer import OrderModel
 from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION
-from bayes_toe.plots.by_order import label_outer
 from bayes_toe.plots.report_figure import responses_panel
 from bayes_toe.plots.style import (
     BELIEF,
@@ -23,12 +23,13 @@ from bayes_toe.plots.style import (
     HIGH,
     LETTERS,
     MARKED,
-    MOST_NAMED,
+    MAX_NAMES,
     PAGE,
     POSTERIOR,
     SMALL,
     dress,
-    first_panels,
+    grid_panels,
+    label_outer,
     legend_below,
     new_figure,
     plain,
@@ -67,12 +68,10 @@ def contrast(
     quantities = [name for name in table.quantities if name != ORDER_EFFECT]
     comparisons = [f"{level} - {reference}" for level, reference in table.conditions.comparisons]
     subjects = [row.subject for row in table.subjects]
-    row_height = 0.6 * HIGH if len(subjects) > MOST_NAMED else max(0.7, 0.16 * len(subjects))
+    row_height = 0.6 * HIGH if len(subjects) > MAX_NAMES else max(0.7, 0.16 * len(subjects))
     figure = new_figure(PAGE, 0.7 + (0.9 + row_height) * len(comparisons))
-    grid = figure.add_gridspec(len(comparisons), len(quantities))
-    panels = first_panels(grid, len(comparisons) * len(quantities))
-    for i, ax in enumerate(panels):
-        row, column = divmod(i, len(quantities))
+    panels = figure.subplots(len(comparisons), len(quantities), squeeze=False)
+    for (row, column), ax in np.ndenumerate(panels):
         quantity, comparison = quantities[column], comparisons[row]
         _draw_subjects(ax, table.select(quantity, comparison), subjects)
         if group is not None:
@@ -91,15 +90,14 @@ def contrast(
     figure.suptitle(title, fontsize=LETTERS + 1.0)
     words = {row.word for row in table}
     for face, colour, label in dict.fromkeys(_MARKS[word] for word in _MARKS if word in words):
-        panels[0].plot([], [], "o", ms=3.4, mfc=face, mec=colour, mew=0.7, label=label)
+        panels[0, 0].plot([], [], "o", ms=3.4, mfc=face, mec=colour, mew=0.7, label=label)
     legend_below(figure, size=SMALL, columns=len(_MARKS))
     return figure
 
 
 def _draw_subjects(ax: Axes, rows: Sequence[Difference], subjects: Sequence[str]) -> None:
     """One quantity of every subject; sorted by size where there are too many names to show."""
-    is_named = len(subjects) <= MOST_NAMED
-    if is_named:
+    if len(subjects) <= MAX_NAMES:
         y = np.array([subjects.index(row.subject) for row in rows])
         names = [plain(row.subject, 16) for row in rows]
         ax.set_yticks(y, names, fontsize=SMALL)
@@ -107,7 +105,8 @@ def _draw_subjects(ax: Axes, rows: Sequence[Difference], subjects: Sequence[str]
         rows = sorted(rows, key=lambda row: row.q50)
         y = np.arange(len(rows))
         ax.set_yticks([])
-    low, middle, high = np.array([row.shown for row in rows]).reshape(-1, 3).T
+    sizes = [astuple(row.interval) for row in rows]
+    low, middle, high = np.array(sizes).reshape(-1, 3).T
     faces = [_MARKS[row.word][0] for row in rows]
     colours = [_MARKS[row.word][1] for row in rows]
     ax.axvline(0.0, color=EQUAL, lw=0.8, ls=":")
@@ -149,13 +148,13 @@ def contrast_curves(study: Study, table: ContrastTable, subject: str) -> Figure:
     posterior = OrderModel("both").posterior(pooled(units), table.prior)
     n_panels = min(len(units), _MOST_PANELS)
     figure = new_figure(PAGE, 2.6)
-    panels = first_panels(figure.add_gridspec(1, n_panels), n_panels, sharey=True)
+    panels = grid_panels(figure, n_panels, n_panels, sharey=True)
     for unit, ax in zip(units, panels, strict=False):
         fitted = Predictor(posterior, x[levels.index(unit.condition)])
         responses_panel(ax, unit, fitted.yes)
         title = f"{plain(table.conditions.name)} {plain(unit.condition)}"
         ax.set_title(title, fontsize=LETTERS)
-    label_outer(panels)
+    label_outer(panels, n_panels)
     title = plain(subject)
     if study.synthetic:
         title += " (synthetic data)"

@@ -62,8 +62,8 @@ OVERLAID = (
     ("#00704F", "dotted"),
     ("#A0458A", "dashdot"),
 )
-#: Inches of a panel with its gap, and of a lone one, beside the margins that corner leaves; panels a
-#: side that leave no corner free for the key, and the share of the height below the key.
+#: Inches of a panel with its gap, of the margins that corner leaves, and of a lone panel with its
+#: margins; panels a side that leave no corner free for the key, the share of the height below it.
 _PANEL, _MARGINS, _LONE_PANEL = 1.68, 1.1, 3.7
 _FEW_PANELS, _BELOW_KEY = 2, 0.76
 _LABEL_LETTERS = 40  # of a line of the key
@@ -116,7 +116,7 @@ def corner(
         target = draws.posterior(name)
         names = _quantity_names(target, coordinates)
         columns = [axis_values(key, draws.values(name, key).ravel()) for key in names]
-        truth = known_from(truth_of.get(name, {}), target)
+        truth = all_true_values(truth_of.get(name, {}), target)
         subjects.append(_SubjectDraws(target, names, np.stack(columns), truth, colour, line))
     limits = np.array([spans_of(panel.columns, panel.names, panel.target) for panel in subjects])
     lowest, highest = limits[..., 0].min(axis=0), limits[..., 1].max(axis=0)
@@ -247,7 +247,7 @@ def support(target: AnswerPosterior, name: str) -> Span:
     return target.prior_quantile(name, 0.0), target.prior_quantile(name, 1.0)
 
 
-def known_from(truths: Values, target: AnswerPosterior) -> dict[str, float]:
+def all_true_values(truths: Values, target: AnswerPosterior) -> dict[str, float]:
     """True values and all that follow from them, as axes show them."""
     for name, value in truths.items():
         if name not in target.names.all:
@@ -266,9 +266,9 @@ def known_from(truths: Values, target: AnswerPosterior) -> dict[str, float]:
         values = quantities(Natural(*(natural[name] for name in NATURAL)), target.sbar)
     else:
         values = target.quantities(target.points(natural))
-    known = {name: float(value) for name, value in values.items() if np.isfinite(value)}
-    known |= truths
-    return {name: float(axis_values(name, value)) for name, value in known.items()}
+    true_values = {name: float(value) for name, value in values.items() if np.isfinite(value)}
+    true_values |= truths
+    return {name: float(axis_values(name, value)) for name, value in true_values.items()}
 
 
 # --- panels ---------------------------------------------------------------------------------------
@@ -296,8 +296,8 @@ class Density(NamedTuple):
     levels: tuple[float, ...]
 
     @classmethod
-    def of(cls, x: FloatArray, y: FloatArray, across: Span, up: Span) -> Density:
-        """Of draws, shape (draws,) each, in a panel that reaches so far."""
+    def from_draws(cls, x: FloatArray, y: FloatArray, across: Span, up: Span) -> Density:
+        """The density of draws, shape (draws,) each, in a panel of these limits."""
         counts = np.histogram2d(y, x, BINS, [up, across])[0]
         n_distinct = len(np.unique(x))  # a draw that is repeated says nothing new
         smooth = gaussian_filter(counts, _SMOOTHING * n_distinct ** (-1.0 / 6.0))
@@ -356,7 +356,7 @@ def _draw_posterior(
     )
     axes = np.array(figure.axes).reshape(len(spans), len(spans))
     for j, i in combinations(range(len(spans)), 2):
-        density = Density.of(panel.columns[j], panel.columns[i], spans[j], spans[i])
+        density = Density.from_draws(panel.columns[j], panel.columns[i], spans[j], spans[i])
         _draw_contours(axes[i, j], density, panel, filled=is_single)
     truths = [panel.true_value(name) for name in panel.names]
     if is_single:

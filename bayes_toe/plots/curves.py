@@ -20,12 +20,11 @@ from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from matplotlib.transforms import ScaledTranslation
 from scipy.stats import mode
 
 from bayes_toe.analysis import Analysis
-from bayes_toe.arrays import BoolArray, FloatArray
+from bayes_toe.arrays import BoolArray, FloatArray, IntArray
 from bayes_toe.classical.frequencies import laplace_error, laplace_estimate, presentation_order
 from bayes_toe.data.study import Subject, refuse_intervals
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
@@ -43,11 +42,14 @@ from bayes_toe.plots.style import (
     chance,
     draw_band,
     dress,
-    first_panels,
+    grid_panels,
     legend_below,
+    n_rows,
     new_figure,
     percent_axis,
     plain,
+    plain_log_axis,
+    rows_by_order,
 )
 
 #: Panels of one weaker stimulus each, or of one interval, beyond which curves give way to a single
@@ -57,13 +59,16 @@ CURVE_DRAWS = 600
 #: From the stimuli of pairs, shape (pairs,) each, to P of the answer that is counted, shape (draws,
 #: pairs).
 Curve = Callable[[FloatArray, FloatArray], FloatArray]
-_ASIDE = 0.7  # of a mark's size: how far marks of both orders stand beside their stimulus, so that none hides another
+#: How far marks of several lines stand beside their stimulus, so that none hides another, in sizes
+#: of a mark.
+_MARK_SHIFT = 0.7
 #: What panels of answers are drawn over.
 _ALONG = {
     SAME_DIFFERENT: "stronger stimulus (ln intensity)",
     WHICH_STRONGER: "$s_2 - s_1$ (ln intensity)",
 }
-_BEYOND = 2.0  # the default range goes so many times below the shortest and above the longest tested interval
+#: How many times the axis goes below the shortest and above the longest tested interval.
+_BEYOND = 2.0
 
 
 # --- one subject, over the stimuli ----------------------------------------------------------------
@@ -100,9 +105,11 @@ def curves(source: Analysis | Draws, subject: str, *, title: str | None = None) 
     else:
         fitted, model, draws = source.curve(subject), "average of the four models", source.draws
     if title is None:
-        synthetic = " (synthetic data)" if draws.synthetic else ""
-        unconverged = _unconverged(draws, subject) if isinstance(source, Draws) else ""
-        title = f"{plain(subject)}: {model}{synthetic}{unconverged}"
+        title = f"{plain(subject)}: {model}"
+        if draws.synthetic:
+            title += " (synthetic data)"
+        if isinstance(source, Draws):
+            title += _unconverged(draws, subject)
     return fitted_figure(fitted, title)
 
 
@@ -112,20 +119,20 @@ def fitted_figure(fitted: Predictor, title: str) -> Figure:
     if counts.intervals:
         return _interval_figure(counts, fitted, title)
     weaker = _panels(counts)
-    several = 1 <= len(weaker) <= MOST_PANELS
-    count = len(weaker) if several else 1
-    across = min(2, count)
-    down = -(-count // across)
-    figure = new_figure(6.0, 3.8 if down == 1 else 2.5 * down + 0.6)
-    panels = first_panels(figure.add_gridspec(down, across), count, sharey=True)
-    for i, ax in enumerate(panels):
-        if several:
-            order_panel(ax, counts, fitted.yes, weaker[i])
-            label_in_percent(ax, counts)
-            ax.set_title(_percent_weaker(counts, weaker[i]) if count > 1 else "", fontsize=10)
-        else:
-            distance_panel(ax, fitted)
-        ax.set_ylabel("" if i % across else chance(counts.task))
+    is_by_stimulus = 1 <= len(weaker) <= MOST_PANELS
+    n_panels = len(weaker) if is_by_stimulus else 1
+    n_columns = min(2, n_panels)
+    figure = new_figure(6.0, max(3.8, 2.5 * n_rows(n_panels, n_columns) + 0.6))
+    panels = grid_panels(figure, n_panels, n_columns, sharey=True)
+    if not is_by_stimulus:
+        distance_panel(panels[0], fitted)
+    for ax, stimulus in zip(panels, weaker if is_by_stimulus else [], strict=False):
+        order_panel(ax, counts, fitted.yes, stimulus)
+        label_in_percent(ax, counts)
+        if n_panels > 1:
+            ax.set_title(_percent_weaker(counts, stimulus), fontsize=10)
+    for ax in panels[::n_columns]:
+        ax.set_ylabel(chance(counts.task))
     figure.suptitle(title, fontsize=12)
     legend_below(figure)
     return figure
@@ -164,17 +171,25 @@ def _unconverged(draws: Draws, subject: str) -> str:
 
 
 class Line(NamedTuple):
-    """A curve along a panel, and the answers to which it belongs.
+    """A curve along a panel, and the responses to which it belongs.
 
-    How both are drawn; which pairs these are and where every pair stands along the panel, shape
-    (pairs,) each; how far to the side their marks are set; places along the curve and the pairs
-    there, shape (points,) each.
+    Attributes
+    ----------
+    mark : Mark
+    rows : ndarray of bool, shape (pairs,)
+        The pairs of these responses.
+    position : ndarray, shape (pairs,)
+        Where every pair stands along the panel.
+    shift : float
+        How far to the side the marks are set, in steps.
+    x, s1, s2 : ndarray, shape (points,)
+        Positions along the curve and the pairs there.
     """
 
     mark: Mark
-    at: BoolArray
-    place: FloatArray
-    side: float
+    rows: BoolArray
+    position: FloatArray
+    shift: float
     x: FloatArray
     s1: FloatArray
     s2: FloatArray
@@ -187,58 +202,51 @@ def lines_along(counts: Subject, weaker: float, points: int) -> list[Line]:
     first stimulus.
     """
     if counts.task == WHICH_STRONGER:
-        return _by_first(counts, points)
-    stronger, shown, order = (
-        np.maximum(counts.s1, counts.s2),
-        _in_order_panel(counts, weaker),
-        presentation_order(counts),
-    )
-    low, high = (
-        float(stronger[shown].min(initial=weaker)),
-        float(stronger[shown].max(initial=weaker)),
-    )
-    x, alike = (np.linspace(start, max(high, weaker + 1e-9), points) for start in (weaker, low))
+        return _lines_by_first(counts, points)
+    stronger = np.maximum(counts.s1, counts.s2)
+    is_in_panel = _has_weaker(counts, weaker)
+    low = float(stronger[is_in_panel].min(initial=weaker))
+    high = max(float(stronger[is_in_panel].max(initial=weaker)), weaker + 1e-9)
+    x = np.linspace(weaker, high, points)
+    equal = np.linspace(low, high, points)
     fixed = np.full_like(x, weaker)
-    along = {0: (alike, alike, alike), -1: (x, fixed, x), 1: (x, x, fixed)}
-    found = (
-        Line(mark, shown & (order == side), stronger, side, *along[side])
-        for side, mark in ORDERS.items()
-    )
-    return [line for line in found if line.at.any()]
+    along = {0: (equal, equal, equal), -1: (x, fixed, x), 1: (x, x, fixed)}
+    order = presentation_order(counts)
+    lines = []
+    for sign, mark in ORDERS.items():
+        rows = is_in_panel & (order == sign)
+        if rows.any():
+            lines.append(Line(mark, rows, stronger, sign, *along[sign]))
+    return lines
 
 
-def _by_first(counts: Subject, points: int) -> list[Line]:
+def _lines_by_first(counts: Subject, points: int) -> list[Line]:
     """P('second') over s2 - s1 by the first stimulus.
 
     Neighbouring first stimuli are taken together where there are more than six.
     """
-    firsts, place = np.unique(counts.s1), counts.s2 - counts.s1
-    pad = 0.05 * max(float(np.ptp(place)), 1e-9)
-    x, groups = (
-        np.linspace(place.min() - pad, place.max() + pad, points),
-        np.array_split(firsts, min(len(firsts), MOST_PANELS)),
-    )
-    middle, colours = (
-        0.5 * (len(groups) - 1),
-        colormaps["viridis"](np.linspace(0.0, 0.85, len(groups))),
-    )
-    found = []
+    difference = counts.s2 - counts.s1
+    pad = 0.05 * max(float(np.ptp(difference)), 1e-9)
+    x = np.linspace(difference.min() - pad, difference.max() + pad, points)
+    firsts = np.unique(counts.s1)
+    groups = np.array_split(firsts, min(len(firsts), MOST_PANELS))
+    colours = colormaps["viridis"](np.linspace(0.0, 0.85, len(groups)))
+    lines = []
     for i, group in enumerate(groups):
-        ends = " to ".join(dict.fromkeys(f"{end:.3g}" for end in (group[0], group[-1]))).replace(
-            "-", "−"
-        )
-        mark, fixed = (
-            Mark(to_hex(colours[i]), "osD^vh"[i], f"$s_1$ = {ends}"),
-            np.full_like(x, group[len(group) // 2]),
-        )
-        found.append(Line(mark, np.isin(counts.s1, group), place, i - middle, x, fixed, fixed + x))
-    return found
+        ends = dict.fromkeys(f"{end:.3g}" for end in (group[0], group[-1]))
+        label = f"$s_1$ = {' to '.join(ends)}".replace("-", "−")
+        mark = Mark(to_hex(colours[i]), "osD^vh"[i], label)
+        rows = np.isin(counts.s1, group)
+        fixed = np.full_like(x, group[len(group) // 2])
+        shift = i - 0.5 * (len(groups) - 1)
+        lines.append(Line(mark, rows, difference, shift, x, fixed, fixed + x))
+    return lines
 
 
 def order_panel(
     ax: Axes,
     counts: Subject,
-    equal: Curve | None,
+    curve: Curve | None,
     weaker: float,
     *,
     size: float = 5.5,
@@ -249,24 +257,20 @@ def order_panel(
 
     The axis is the stronger stimulus; `size` is that of the marks in points.
 
-    Of 'which is stronger' the psychometric curves after every first stimulus, whatever the weaker one is. `equal` goes from the stimuli of
-    pairs, shape (pairs,) each, to P of the answer that is counted, shape (draws, pairs); None draws no curve. By default bands are of 50 and
-    95 %, and of 50 % in 'which is stronger', where wide bands of many curves hide each other.
+    In 'which is stronger' there is a psychometric curve after every first stimulus, whatever the
+    weaker one is. `curve` gives P of the counted response; None draws no curve. By default bands
+    hold 50 and 95 %, and 50 % in 'which is stronger', where wide bands hide each other.
     """
     refuse_intervals([counts], "panel of both orders")
     if bands is None:
         bands = BANDS if counts.task == SAME_DIFFERENT else BANDS[1:]
     for line in lines_along(counts, weaker, points):
-        if equal is not None:
-            draw_band(ax, line.x, equal(line.s1, line.s2), line.mark.colour, 0.3 * size, bands)
-        _draw_points(
-            ax,
-            line.place[line.at],
-            counts,
-            line.at,
-            line.mark,
-            size=size,
-            aside=_ASIDE * line.side * size,
+        if curve is not None:
+            draw_band(ax, line.x, curve(line.s1, line.s2), line.mark.colour, 0.3 * size, bands)
+        n_yes, n_trials = counts.n_yes[line.rows], counts.n_trials[line.rows]
+        shift = _MARK_SHIFT * line.shift * size
+        draw_shares(
+            ax, line.position[line.rows], n_yes, n_trials, line.mark, size=size, shift=shift
         )
     if counts.task == WHICH_STRONGER:
         ax.axhline(0.5, color=EQUAL, lw=0.8, ls=":", zorder=0, label="one half: PSE")
@@ -285,17 +289,16 @@ def distance_panel(ax: Axes, fitted: Predictor) -> None:
     reach = 1.05 * max(float(np.abs(z).max()), 1.43)
     x = np.linspace(-reach, reach, 200)
     draw_band(ax, x, fitted.target.yes_at_distance(fitted.x, x), "#333333")
-    order = presentation_order(counts)
-    for side, mark in ORDERS.items():
-        at = order == side
-        if at.any():
-            _draw_points(ax, z[at], counts, at, mark)
+    for mark, rows in rows_by_order(presentation_order(counts)):
+        draw_shares(ax, z[rows], counts.n_yes[rows], counts.n_trials[rows], mark)
     ax.set(xlabel="normalised distance $z$", ylim=(-0.03, 1.03))
 
 
 def _panels(counts: Subject) -> Sequence[float]:
     """The weaker stimulus of every panel; of 'which is stronger' there is one for all pairs."""
-    return [0.0] if counts.task == WHICH_STRONGER else np.unique(_weaker(counts)).tolist()
+    if counts.task == WHICH_STRONGER:
+        return [0.0]
+    return sorted(set(_weaker(counts).tolist()))
 
 
 def _weaker(counts: Subject) -> FloatArray:
@@ -312,68 +315,47 @@ def main_weaker(counts: Subject) -> float | None:
     return float(mode(weaker).mode) if weaker.size else None
 
 
-def which_weaker(counts: Subject, weaker: float | None) -> str:
-    """Words for a panel that shows the pairs with one weaker stimulus.
-
-    None where there is no other.
-    """
-    return "" if weaker is None or len(_panels(counts)) < 2 else _said_weaker(weaker)
+def has_several_weaker(counts: Subject) -> bool:
+    """Whether a panel of one weaker stimulus shows only some of the pairs."""
+    return len(_panels(counts)) > 1
 
 
-def _said_weaker(weaker: float) -> str:
-    return f"weaker stimulus {weaker:.3g}".replace("-", "−")
-
-
-def _in_order_panel(counts: Subject, weaker: float) -> BoolArray:
+def _has_weaker(counts: Subject, weaker: float) -> BoolArray:
     """Pairs with this weaker stimulus, and equal ones from it on.
 
     With the weakest one, which is shown anyway, all equal ones.
     """
-    lower, alike = np.minimum(counts.s1, counts.s2), counts.s1 == counts.s2
-    weakest = weaker <= _weaker(counts).min(initial=np.inf)
-    return np.asarray((lower == weaker) | (alike & ((counts.s1 >= weaker) | weakest)))
+    has_weaker = np.minimum(counts.s1, counts.s2) == weaker
+    is_equal = counts.s1 == counts.s2
+    is_weakest = weaker <= _weaker(counts).min(initial=np.inf)
+    return np.asarray(has_weaker | (is_equal & ((counts.s1 >= weaker) | is_weakest)))
 
 
-def _draw_points(
+def draw_shares(
     ax: Axes,
     x: FloatArray,
-    counts: Subject,
-    at: BoolArray,
+    n_yes: IntArray,
+    n_trials: IntArray,
     mark: Mark,
     *,
     size: float = 5.5,
-    aside: float = 0.0,
+    shift: float = 0.0,
 ) -> None:
     """The Laplace estimator and its standard deviation, Eq. e:2b.
 
-    Size of the marks, and how far beside their place they are, points.
+    `size` of the marks, and by how much they are moved to the right, points.
     """
     figure = ax.get_figure(root=True)
     assert figure is not None
-    beside = ax.transData + ScaledTranslation(aside / 72.0, 0.0, figure.dpi_scale_trans)
-    k, n = counts.n_yes[at], counts.n_trials[at]
-    crowded = at.sum() > 25
-    style: dict[str, Any] = (
-        {"ms": 3.0, "alpha": 0.35, "elinewidth": 0.4}
-        if crowded
-        else {"ms": size, "elinewidth": size / 4.6}
-    )
-    value, error = laplace_estimate(k, n), laplace_error(k, n)
-    ax.errorbar(
-        x,
-        value,
-        error,
-        fmt=mark.marker,
-        color=mark.colour,
-        mec="white",
-        mew=0.5,
-        label=mark.label,
-        transform=beside,
-        **style,
-    )
-    ax.update_datalim(
-        np.column_stack([x, value])
-    )  # marks that are set aside do not say where data are
+    moved = ax.transData + ScaledTranslation(shift / 72.0, 0.0, figure.dpi_scale_trans)
+    style: dict[str, Any] = {"ms": size, "elinewidth": size / 4.6}
+    if len(x) > 25:
+        style = {"ms": 3.0, "alpha": 0.35, "elinewidth": 0.4}
+    style |= {"color": mark.colour, "mec": "white", "mew": 0.5, "transform": moved}
+    value, error = laplace_estimate(n_yes, n_trials), laplace_error(n_yes, n_trials)
+    ax.errorbar(x, value, error, fmt=mark.marker, label=mark.label, **style)
+    # Marks that are moved do not say where data are.
+    ax.update_datalim(np.column_stack([x, value]))
     ax.autoscale_view()
 
 
@@ -383,31 +365,18 @@ def _draw_points(
 def _interval_figure(counts: Subject, fitted: Predictor, title: str) -> Figure:
     """Responses and curves at up to six of the intervals; of the paper's model the gain below."""
     tested = counts.intervals
-    last = len(tested) - 1
-    shown = [tested[i] for i in np.unique(np.linspace(0, last, MOST_PANELS).round().astype(int))]
-    across = min(3, len(shown))
-    n_rows = -(-len(shown) // across)
-    has_gain = isinstance(fitted.target, PaperPosterior)
-    heights = [2.3 * n_rows + 0.5] + [2.3] * has_gain
+    index = np.unique(np.linspace(0, len(tested) - 1, MOST_PANELS).round().astype(int))
+    n_columns = min(3, len(index))
+    heights = [2.3 * n_rows(len(index), n_columns) + 0.5]
+    if isinstance(fitted.target, PaperPosterior):
+        heights.append(2.3)
     figure = new_figure(6.6, sum(heights) + 0.3)
     parts = figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0]
-    panels = first_panels(parts[0].add_gridspec(n_rows, across), len(shown), sharey=True)
-    for i, (isi, ax) in enumerate(zip(shown, panels, strict=True)):
-        here = counts.at_isi(isi)
-        weaker = main_weaker(counts)
-        if weaker not in np.minimum(here.s1, here.s2):
-            weaker = main_weaker(here)
-        low = float(here.s1.min()) if weaker is None else weaker
-        order_panel(ax, here, _at(fitted, isi), low, size=4.5)
-        about = _percent_weaker(counts, low) if which_weaker(counts, low) else ""
-        label_in_percent(ax, counts)
-        ax.set_xlabel(ax.get_xlabel(), fontsize=8)
-        ax.set(
-            title=f"{isi:g} s" + (about and f", {about}"),
-            ylabel="" if i % across else chance(counts.task),
-            yticks=[0.0, 0.5, 1.0],
-        )
-        dress(ax)
+    panels = grid_panels(parts[0], len(index), n_columns, sharey=True)
+    for i, ax in zip(index, panels, strict=True):
+        _interval_panel(ax, counts, fitted, tested[i])
+    for ax in panels[::n_columns]:
+        ax.set_ylabel(chance(counts.task))
     legend_below(parts[0], size=8.0)
     if isinstance(fitted.target, PaperPosterior):
         _gain_panel(parts[1].subplots(), tested, fitted.target, fitted.x)
@@ -415,9 +384,24 @@ def _interval_figure(counts: Subject, fitted: Predictor, title: str) -> Figure:
     return figure
 
 
-def _at(fitted: Predictor, isi: float) -> Curve:
-    """P of the counted response of pairs at one interval."""
-    return lambda s1, s2: fitted.yes(s1, s2, np.full(len(s1), isi))
+def _interval_panel(ax: Axes, counts: Subject, fitted: Predictor, isi: float) -> None:
+    """Responses and curves at one interval."""
+    selected = counts.at_isi(isi)
+    weaker = main_weaker(counts)
+    if weaker not in np.minimum(selected.s1, selected.s2):
+        weaker = main_weaker(selected)
+    low = float(selected.s1.min()) if weaker is None else weaker
+
+    def curve(s1: FloatArray, s2: FloatArray) -> FloatArray:
+        return fitted.yes(s1, s2, np.full(len(s1), isi))
+
+    order_panel(ax, selected, curve, low, size=4.5)
+    label_in_percent(ax, counts)
+    title = f"{isi:g} s"
+    if has_several_weaker(counts):
+        title += f", {_percent_weaker(counts, low)}"
+    ax.set(title=title, yticks=[0.0, 0.5, 1.0])
+    dress(ax)
 
 
 def _gain_panel(
@@ -431,11 +415,10 @@ def _gain_panel(
     draw_band(ax, x, target.gain(draws, x), POSTERIOR, 1.3)
     ax.axhline(1.0, color=EQUAL, lw=0.8, ls=":")
     ax.set_xscale("log")
-    ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if x[-1] / x[0] < 300.0 else (1.0,)))
-    ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    ax.xaxis.set_minor_formatter(NullFormatter())
-    places = ax.get_xaxis_transform()
-    ax.plot(tested, np.full(len(tested), 0.03), "|", color="#111111", ms=7, transform=places)
+    is_wide = x[-1] / x[0] >= 300.0
+    plain_log_axis(ax.xaxis, (1.0,) if is_wide else (1.0, 2.0, 5.0))
+    transform = ax.get_xaxis_transform()
+    ax.plot(tested, np.full(len(tested), 0.03), "|", color="#111111", ms=7, transform=transform)
     ax.set(xlabel="inter-stimulus interval (s)", xlim=(x[0], x[-1]))
     ax.set(ylabel="gain K", ylim=(min(0.5, ax.get_ylim()[0]), 1.03))
     dress(ax)

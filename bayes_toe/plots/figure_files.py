@@ -81,16 +81,14 @@ def require_formats(formats: Sequence[str]) -> tuple[str, ...]:
     ('svg', 'png')
     """
     unknown = [name for name in formats if name not in FORMATS]
-    if unknown or not formats:
-        raise InputError(
-            f"format {unknown[0]!r}: allowed: {', '.join(FORMATS)}"
-            if unknown
-            else f"formats: allowed: {', '.join(FORMATS)}"
-        )
+    if unknown:
+        raise InputError(f"format {unknown[0]!r}: allowed: {', '.join(FORMATS)}")
+    if not formats:
+        raise InputError(f"formats: allowed: {', '.join(FORMATS)}")
     return tuple(dict.fromkeys(formats))
 
 
-def _write(figure: Figure, where: Any, suffix: str, dpi: int) -> None:
+def _write(figure: Figure, target: Any, suffix: str, dpi: int) -> None:
     # Only in here: letters as they are, since browsers scale pictures; fonts as fonts, not as
     # outlines, which some journals refuse; names in an SVG from its content, not from chance.
     settings: dict[Any, Any] = {
@@ -101,7 +99,7 @@ def _write(figure: Figure, where: Any, suffix: str, dpi: int) -> None:
         "svg.hashsalt": "bayes_toe",
     }
     with any_characters(), mpl.rc_context(settings):
-        figure.savefig(where, format=suffix, dpi=dpi, metadata=_UNDATED.get(suffix))
+        figure.savefig(target, format=suffix, dpi=dpi, metadata=_UNDATED.get(suffix))
 
 
 def _require_suffix(path: str | Path) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from operator import attrgetter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,7 +24,7 @@ from bayes_toe.plots.style import (
     EQUAL,
     HIGH,
     LETTERS,
-    MOST_NAMED,
+    MAX_NAMES,
     PAGE,
     POSTERIOR,
     SMALL,
@@ -31,8 +32,10 @@ from bayes_toe.plots.style import (
     dress,
     legend_above,
     legend_below,
+    mark_synthetic,
     new_figure,
     plain,
+    write_note,
 )
 
 
@@ -119,19 +122,20 @@ def order_effect(
     """
     figure = new_figure(PAGE, forest_height(len(table)))
     forests(figure.subplots(1, 2), table, group)
-    if synthetic:
-        figure.suptitle("synthetic data", fontsize=LETTERS)
+    mark_synthetic(figure, synthetic)
     return figure
 
 
-def fill_style(word: Word) -> dict[str, Any]:
-    """How a marker is filled: full for 'yes', half for 'probably', else empty."""
-    return {"fillstyle": _FILLS.get(word, "none"), "markerfacecoloralt": "white"}
+def marker_style(question: Question, word: Word, size: float) -> dict[str, Any]:
+    """The marker of an effect: full for 'yes', half for 'probably', else empty."""
+    style: dict[str, Any] = {"marker": question.marker, "color": question.colour, "ls": ""}
+    fill = _FILLS.get(word, "none")
+    return style | {"ms": size, "fillstyle": fill, "markerfacecoloralt": "white"}
 
 
 def forest_height(subjects: int) -> float:
     """Inches that a figure of so many subjects needs."""
-    if subjects > MOST_NAMED:
+    if subjects > MAX_NAMES:
         return 1.2 + HIGH
     return 1.2 + 0.17 * (subjects + 2)
 
@@ -141,17 +145,20 @@ def forests(
 ) -> None:
     """Draw PSE shifts and contractions, a row a subject, into two panels."""
     answers = _sorted_answers(table)
-    is_crowded = len(answers) > MOST_NAMED
+    is_crowded = len(answers) > MAX_NAMES
     last_row = len(answers) - 0.5 if group is None else len(answers) + 1.0
     for ax, question in zip(panels, QUESTIONS[1:], strict=True):
-        ends = _draw_sizes(ax, answers, question)
+        intervals = _draw_sizes(ax, answers, question)
         if group is not None:
             ax.axhline(len(answers) - 0.4, color=EQUAL, lw=0.5)
             if question.name in group.identified:
-                ends.append(_draw_group(ax, group, question, len(answers) + 0.25))
+                intervals.append(_draw_group(ax, group, question, len(answers) + 0.25))
         ax.axvline(0.0, color="black", lw=0.7, zorder=0)
-        limits = _limits(np.array(ends).reshape(-1, 3))
-        _mark_cut_intervals(ax, np.array(ends).reshape(-1, 3), limits)
+        sizes = np.array(intervals).reshape(-1, 3)
+        limits = _limits(sizes)
+        n_cut = int(np.sum((sizes[:, 0] < limits[0]) | (sizes[:, 2] > limits[1])))
+        if n_cut:
+            write_note(ax, f"{counted(n_cut, 'interval')} beyond the panel")
         title = question.title
         if is_crowded:
             counts = Counter(answer.words[question.name] for answer in answers)
@@ -172,7 +179,7 @@ def _sorted_answers(table: EvidenceTable) -> list[OrderEffect]:
     answers = list(table.answers)
     if len(answers) < len(table):
         raise InputError("this table has no answers of order effects; bt.evidence computes them")
-    if len(answers) > MOST_NAMED:
+    if len(answers) > MAX_NAMES:
         answers.sort(key=lambda answer: -answer.log_bayes_factors["order_effect"])
     return answers
 
@@ -181,7 +188,7 @@ def _draw_sizes(
     ax: Axes, answers: Sequence[OrderEffect], question: Question
 ) -> list[tuple[float, float, float]]:
     """Draw medians and 95 % intervals; return them from the first to the last row that has one."""
-    ends = []
+    intervals = []
     marker_size = _marker_size(len(answers))
     for row, answer in enumerate(answers):
         word = answer.words[question.name]
@@ -190,16 +197,9 @@ def _draw_sizes(
         size = answer.sizes[question.size]
         width = 0.3 * marker_size if word.is_positive else 0.15 * marker_size
         ax.hlines(row, size.q025, size.q975, color=question.colour, lw=width)
-        ax.plot(
-            size.q50,
-            row,
-            question.marker,
-            color=question.colour,
-            ms=marker_size,
-            **fill_style(word),
-        )
-        ends.append((size.q025, size.q50, size.q975))
-    return ends
+        ax.plot(size.q50, row, **marker_style(question, word, marker_size))
+        intervals.append((size.q025, size.q50, size.q975))
+    return intervals
 
 
 def _draw_group(
@@ -225,17 +225,8 @@ def _limits(sizes: FloatArray) -> tuple[float, float]:
     return min(low, 0.0) - pad, max(high, 0.0) + pad
 
 
-def _mark_cut_intervals(ax: Axes, sizes: FloatArray, limits: tuple[float, float]) -> None:
-    """Say below a panel that intervals continue beyond it."""
-    n_cut = int(np.sum((sizes[:, 0] < limits[0]) | (sizes[:, 2] > limits[1])))
-    if n_cut:
-        text = f"{counted(n_cut, 'interval')} beyond the panel"
-        style: dict[str, Any] = {"ha": "right", "va": "bottom", "fontsize": SMALL, "color": EQUAL}
-        ax.text(0.99, 0.005, text, transform=ax.transAxes, **style)
-
-
 def _marker_size(subjects: int) -> float:
-    return 4.5 if subjects <= MOST_NAMED else 2.5
+    return 4.5 if subjects <= MAX_NAMES else 2.5
 
 
 def _write_words(ax: Axes, answers: Sequence[OrderEffect], question: Question) -> None:
@@ -294,19 +285,16 @@ def bayes_factors(table: EvidenceTable, *, synthetic: bool = False) -> Figure:
     figure = new_figure(COLUMN, forest_height(len(answers)))
     ax = figure.subplots()
     rows = np.arange(len(answers))
-    is_crowded = len(answers) > MOST_NAMED
+    is_crowded = len(answers) > MAX_NAMES
     step = 0.0 if is_crowded else 0.24
     for number, question in enumerate(QUESTIONS):
         log_factors = _log_bayes_factors(answers, question)
         y = rows + step * (number - 1)
         style: dict[str, Any] = {"color": question.colour, "ms": _marker_size(len(answers))}
-        is_within = np.abs(log_factors) <= np.log(_LARGEST)
-        within = np.exp(np.where(is_within, log_factors, np.nan))
-        ax.plot(within, y, question.marker, label=question.words, **style)
-        for marker, end, is_beyond in (
-            (">", _LARGEST, log_factors > np.log(_LARGEST)),
-            ("<", 1.0 / _LARGEST, log_factors < -np.log(_LARGEST)),
-        ):
+        is_large, is_small = log_factors > np.log(_LARGEST), log_factors < -np.log(_LARGEST)
+        factors = np.exp(np.where(is_large | is_small, np.nan, log_factors))
+        ax.plot(factors, y, question.marker, label=question.words, **style)
+        for marker, end, is_beyond in ((">", _LARGEST, is_large), ("<", 1 / _LARGEST, is_small)):
             ax.plot(np.where(is_beyond, end, np.nan), y, marker, clip_on=False, **style)
     n_bands = 0 if is_crowded else len(answers)
     for row in range(1, n_bands, 2):
@@ -319,8 +307,7 @@ def bayes_factors(table: EvidenceTable, *, synthetic: bool = False) -> Figure:
     ax.set(xlim=(1 / _LARGEST, _LARGEST), xlabel="Bayes factor (above 1: for the effect)")
     ax.set(ylim=(len(answers) - 0.4, -0.6), yticks=[])
     _write_names(dress(ax), answers, None, is_crowded=is_crowded)
-    if synthetic:
-        figure.suptitle("synthetic data", fontsize=LETTERS)
+    mark_synthetic(figure, synthetic)
     legend_below(figure, size=SMALL, columns=3)
     return figure
 
@@ -342,11 +329,11 @@ def evidence_axes(ax: Axes, table: EvidenceTable) -> Axes:
 
     Bars are twice the standard error.
 
-    More than :data:`~bayes_toe.plots.style.MOST_NAMED` subjects are sorted by it, without names and
+    More than :data:`~bayes_toe.plots.style.MAX_NAMES` subjects are sorted by it, without names and
     without Laplace's.
     """
     columns = ("log_bayes_factor", "log_evidence_h1_se", "log_bayes_factor_laplace")
-    values = [[getattr(row, column) for column in columns] for row in table]
+    values = [attrgetter(*columns)(row) for row in table]
     value, error, laplace = np.array(values, np.float64).reshape(-1, 3).T  # None becomes NaN
     y = np.arange(len(table))
     ax.axvline(0.0, color="black", lw=1.0)
@@ -355,7 +342,7 @@ def evidence_axes(ax: Axes, table: EvidenceTable) -> Axes:
     )
     ax.set(ylim=(len(table) - 0.5, -0.5), yticks=[])
     ax.margins(x=0.08)
-    if len(table) > MOST_NAMED:
+    if len(table) > MAX_NAMES:
         n_known, n_above = int((~np.isnan(value)).sum()), int((value > 0.0).sum())
         label = f"importance sampling, above 0 for {n_above:,} of {n_known:,}"
         ax.plot(-np.sort(-value), y, "o", ms=2.0, color=POSTERIOR, label=label)
@@ -372,8 +359,8 @@ def evidence_axes(ax: Axes, table: EvidenceTable) -> Axes:
         words = "no reliable estimate"
         if not np.isnan(laplace[i]):
             words += ", Laplace only"
-        place: dict[str, Any] = {"transform": ax.get_yaxis_transform(), "ha": "right"}
-        ax.text(0.99, i, words, va="center", fontsize=LETTERS, color=EQUAL, **place)
+        style = {"ha": "right", "va": "center", "fontsize": LETTERS, "color": EQUAL}
+        ax.text(0.99, i, words, transform=ax.get_yaxis_transform(), **style)
     return ax
 
 
@@ -386,22 +373,20 @@ def evidence_plane_axes(table: EvidenceTable, ax: Axes) -> Axes:
     smooth curve does better than one free probability per pair. Subjects without a reliable
     estimate are counted in the panel.
     """
-    known = [
-        (row.log_evidence_h0, row.log_evidence_h1, row.n_trials)
-        for row in table.rows
-        if row.log_evidence_h1 is not None
-    ]
-    points = np.array([(h0 / trials, h1 / trials) for h0, h1, trials in known], np.float64).reshape(
-        -1, 2
-    )
+    values = []
+    for row in table.rows:
+        if row.log_evidence_h1 is not None:
+            values.append((row.log_evidence_h0 / row.n_trials, row.log_evidence_h1 / row.n_trials))
+    points = np.array(values, np.float64).reshape(-1, 2)
     ax.axline((0.0, 0.0), slope=1.0, color="black", lw=0.8)
-    for favoured, colour, marker, label in (
-        (True, POSTERIOR, "o", "the paper's model (H1)"),
-        (False, WEAKER_FIRST, "s", "saturated model (H0)"),
+    is_above = points[:, 1] > points[:, 0]
+    style: dict[str, Any] = {"ls": "", "ms": 4.5, "mfc": "none", "mew": 1.1}
+    for rows, colour, marker, label in (
+        (is_above, POSTERIOR, "o", "the paper's model (H1)"),
+        (~is_above, WEAKER_FIRST, "s", "saturated model (H0)"),
     ):
-        at = (points[:, 1] > points[:, 0]) == favoured
-        if at.any():
-            ax.plot(*points[at].T, marker, ms=4.5, mfc="none", mew=1.1, color=colour, label=label)
+        if rows.any():
+            ax.plot(*points[rows].T, marker=marker, color=colour, label=label, **style)
     if len(points):
         pad = max(0.08 * float(np.ptp(points)), 0.02)
         limits = (float(points.min()) - pad, float(points.max()) + pad)
@@ -409,17 +394,7 @@ def evidence_plane_axes(table: EvidenceTable, ax: Axes) -> Axes:
         ax.locator_params(nbins=4)  # so that numbers of three decimals do not touch
         legend_above(ax, columns=2)
     if len(points) < len(table.rows):
-        said = f"{len(table.rows) - len(points)} without a reliable estimate"
-        ax.text(
-            0.98,
-            0.03,
-            said,
-            transform=ax.transAxes,
-            ha="right",
-            va="bottom",
-            fontsize=SMALL,
-            color=EQUAL,
-        )
+        write_note(ax, f"{len(table.rows) - len(points)} without a reliable estimate")
     ax.set_aspect("equal")
     ax.set(xlabel="log evidence per trial, H0 (nats)", ylabel="log evidence per trial, H1 (nats)")
     return dress(ax)

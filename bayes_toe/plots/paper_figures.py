@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -37,11 +38,11 @@ from bayes_toe.plots.asymmetry import asymmetry, asymmetry_height, order_axes
 from bayes_toe.plots.curves import (
     CURVE_DRAWS,
     distance_panel,
+    has_several_weaker,
     lines_along,
     main_weaker,
     order_panel,
     title_of,
-    which_weaker,
 )
 from bayes_toe.plots.figure_files import picture
 from bayes_toe.plots.order_effect import evidence_axes, evidence_plane_axes
@@ -50,8 +51,7 @@ from bayes_toe.plots.style import (
     BELIEF,
     COLUMN,
     LETTERS,
-    MOST_NAMED,
-    ORDERS,
+    MAX_NAMES,
     PAGE,
     SMALL,
     any_characters,
@@ -59,11 +59,14 @@ from bayes_toe.plots.style import (
     dress,
     dress_bar,
     even_columns,
-    first_panels,
+    grid_panels,
     legend_above,
     legend_below,
+    mark_synthetic,
+    n_rows,
     new_figure,
     plain,
+    rows_by_order,
 )
 
 CAPTIONS = "captions.md"
@@ -83,8 +86,8 @@ _CELLS = 120  # of a side of the plane
 _NOISE_COLOURS = ListedColormap(colormaps["viridis"](np.linspace(0.0, 0.85, 256)))
 #: Without the darkest greys, on which a black line would be lost.
 _GREYS = ListedColormap(colormaps["Greys"](np.linspace(0.0, 0.62, 256)))
-#: Places of a name beside its dot, in points, with its alignment.
-_NAME_PLACES = (
+#: Offsets of a name from its dot, in points, with its alignment.
+_NAME_OFFSETS = (
     ((3.0, 0.0), "left", "center"),
     ((-3.0, 0.0), "right", "center"),
     ((0.0, 3.0), "center", "bottom"),
@@ -170,12 +173,12 @@ def asymmetry_figure(table: AsymmetryTable, *, synthetic: bool = False) -> Figur
     figure = new_figure(1.9 + COLUMN, high)
     heights = (2.4, max(0.01, high - 2.4))
     grid = figure.add_gridspec(2, 2, width_ratios=(1.0, 2.1), height_ratios=heights)
-    comparisons = [comparison for row in table for comparison in row.comparisons]
+    comparisons = chain.from_iterable(row.comparisons for row in table)
     clearest = min(comparisons, key=lambda comparison: comparison.p_value)
     left = figure.add_subplot(grid[0, 0] if high > 3.2 else grid[:, 0])
     order_axes(clearest, left, share_of=table.share_of)
     asymmetry(table, figure.add_subplot(grid[:, 1]))
-    figure.suptitle("synthetic data" if synthetic else "", fontsize=SMALL)
+    mark_synthetic(figure, synthetic)
     return figure
 
 
@@ -186,7 +189,7 @@ def evidence_figure(table: EvidenceTable, *, synthetic: bool = False) -> Figure:
     evidence_plane_axes(table, left)
     legend_above(dress(evidence_axes(right, table)))
     right.xaxis.label.set_fontsize(SMALL)
-    figure.suptitle("synthetic data" if synthetic else "", fontsize=SMALL)
+    mark_synthetic(figure, synthetic)
     return figure
 
 
@@ -195,14 +198,15 @@ def evidence_figure(table: EvidenceTable, *, synthetic: bool = False) -> Figure:
 
 def examples_figure(draws: Draws, subjects: Sequence[str]) -> Figure:
     """Fig. 3: responses and curves, the prior, and the common curve; a column for each subject."""
-    across = even_columns(len(subjects), _MOST_ACROSS)
-    n_blocks = -(-len(subjects) // across)
-    figure = new_figure({1: COLUMN, 2: 5.0}.get(across, PAGE), 5.6 * n_blocks + 0.3)
+    n_columns = even_columns(len(subjects), _MOST_ACROSS)
+    n_blocks = n_rows(len(subjects), n_columns)
+    figure = new_figure({1: COLUMN, 2: 5.0}.get(n_columns, PAGE), 5.6 * n_blocks + 0.3)
     heights = (1.25, 0.85, 1.1) * n_blocks
-    grid = figure.add_gridspec(3 * n_blocks, across, height_ratios=heights)
+    grid = figure.add_gridspec(3 * n_blocks, n_columns, height_ratios=heights)
     for i, subject in enumerate(subjects):
-        block, column = divmod(i, across)
-        top, middle, bottom = (figure.add_subplot(grid[3 * block + k, column]) for k in range(3))
+        block, column = divmod(i, n_columns)
+        panels = [figure.add_subplot(grid[3 * block + k, column]) for k in range(3)]
+        top, middle, bottom = panels
         fitted = Predictor.of(draws, subject, most=CURVE_DRAWS)
         response_axes(fitted, top)
         top.set_title(_example_title(draws, subject), fontsize=LETTERS)
@@ -211,7 +215,7 @@ def examples_figure(draws: Draws, subjects: Sequence[str]) -> Figure:
         bottom.set_ylabel(chance(draws.task))
         dress(bottom)
         if column:
-            for ax in (top, middle, bottom):
+            for ax in panels:
                 ax.set_ylabel("")
     legend_below(figure, size=SMALL)
     return figure
@@ -219,9 +223,12 @@ def examples_figure(draws: Draws, subjects: Sequence[str]) -> Figure:
 
 def _example_title(draws: Draws, subject: str) -> str:
     """The subject, and the weaker stimulus where the design has several."""
+    title = title_of(draws, subject)
     counts = draws.subject(subject)
-    weaker = which_weaker(counts, main_weaker(counts))
-    return "\n".join(filter(None, (title_of(draws, subject), weaker)))
+    weaker = main_weaker(counts)
+    if weaker is not None and has_several_weaker(counts):
+        title += f"\nweaker stimulus {weaker:.3g}".replace("-", "−")
+    return title
 
 
 def response_axes(fitted: Predictor, ax: Axes) -> Axes:
@@ -233,9 +240,9 @@ def response_axes(fitted: Predictor, ax: Axes) -> Axes:
     reference = main_weaker(counts)
     low = float(min(counts.s1.min(), counts.s2.min())) if reference is None else reference
     order_panel(ax, counts, fitted.yes, low, size=4.0)
-    places = np.concatenate([line.x[[0, -1]] for line in lines_along(counts, low, 2)])
-    pad = max(0.06 * float(np.ptp(places)), 0.05)
-    ax.set(xlim=(places.min() - pad, places.max() + pad), ylim=(-0.03, 1.14))
+    ends = np.concatenate([line.x for line in lines_along(counts, low, 2)])
+    pad = max(0.06 * float(np.ptp(ends)), 0.05)
+    ax.set(xlim=(ends.min() - pad, ends.max() + pad), ylim=(-0.03, 1.14))
     ax.set(yticks=[0.0, 0.5, 1.0], ylabel=chance(counts.task))
     if counts.task == SAME_DIFFERENT:
         for comparison in subject_asymmetry(counts).comparisons:
@@ -306,18 +313,18 @@ def map_figure(draws: Draws, *, clouds: Clouds | None = None) -> Figure:
         clouds = posterior_clouds(draws)
     figure = new_figure(1.4 * COLUMN, COLUMN + 0.2)
     ax = figure.subplots()
-    places = {name: _central_quantiles(cloud) for name, cloud in clouds.items()}
-    noise = {name: float(np.median(draws.values(name, "sigma_l"))) for name in places}
+    quantiles = {name: _central_quantiles(cloud) for name, cloud in clouds.items()}
+    noise = {name: float(np.median(draws.values(name, "sigma_l"))) for name in quantiles}
     scale = ScalarMappable(Normalize(0.0, max(noise.values())), _NOISE_COLOURS)
     bar = figure.colorbar(scale, ax=ax, fraction=0.05, pad=0.02, aspect=30)
     dress_bar(bar, r"likelihood noise $\sigma_\ell$ (ln intensity)")
-    weight = min(1.0, MOST_NAMED / len(places))
-    for name, ((left, bottom), (x, y), (right, top)) in places.items():
+    weight = min(1.0, MAX_NAMES / len(quantiles))
+    for name, ((left, bottom), (x, y), (right, top)) in quantiles.items():
         colour = scale.to_rgba(np.array([noise[name]]))[0]
         ax.plot([left, right], [y, y], color=colour, lw=1.1 * weight)
         ax.plot([x, x], [bottom, top], color=colour, lw=1.1 * weight)
         ax.plot(x, y, "o", ms=2.5 + weight, color=colour)
-    _set_map_limits(ax, np.concatenate(list(places.values())), draws)
+    _set_map_limits(ax, np.concatenate(list(quantiles.values())), draws)
     ax.set_xlabel(r"prior mean $\mu_1$ (ln intensity)")
     ax.set_ylabel(r"memory diffusion $\sigma_p$ (ln intensity)")
     dress(ax)
@@ -326,12 +333,13 @@ def map_figure(draws: Draws, *, clouds: Clouds | None = None) -> Figure:
     notes = ["bars: 60 %"]
     ax.set_title(notes[0], fontsize=SMALL, loc="left")  # decides where the panel is
     low, high = ax.get_xlim()
-    centres = {name: rows[1] for name, rows in places.items() if low <= rows[1][0] <= high}
+    medians = {name: ends[1] for name, ends in quantiles.items()}
+    centres = {name: median for name, median in medians.items() if low <= median[0] <= high}
     n_unnamed = write_names(ax, centres)
     if n_unnamed:
         notes.append(f"no room for {counted(n_unnamed, 'name')}")
-    if len(centres) < len(places):
-        notes.append(f"{counted(len(places) - len(centres), 'subject')} beyond the panel")
+    if len(centres) < len(medians):
+        notes.append(f"{counted(len(medians) - len(centres), 'subject')} beyond the panel")
     ax.set_title("; ".join(notes), fontsize=SMALL, loc="left")
     return figure
 
@@ -378,19 +386,19 @@ def write_names(ax: Axes, centres: Mapping[str, FloatArray]) -> int:
     figure.draw_without_rendering()  # decides where the panel is
     panel = ax.get_window_extent()
     marks = {name: ax.transData.transform(centre) for name, centre in centres.items()}
-    taken = [Bbox([mark - 2.0, mark + 2.0]) for mark in marks.values()]
+    occupied = [Bbox([mark - 2.0, mark + 2.0]) for mark in marks.values()]
     n_unnamed = 0
     for name in sorted(marks, key=lambda name: float(marks[name][0])):
         centre = tuple(centres[name])
         text = ax.annotate(plain(name, 12), centre, (0.0, 0.0), textcoords="offset points")
         text.set(fontsize=SMALL, zorder=6)
         text.set_path_effects([withStroke(linewidth=1.6, foreground="white")])
-        for place, horizontal, vertical in _NAME_PLACES:
-            text.set(position=place, ha=horizontal, va=vertical)
+        for offset, horizontal, vertical in _NAME_OFFSETS:
+            text.set(position=offset, ha=horizontal, va=vertical)
             box = text.get_window_extent()
             is_inside = panel.contains(box.x0, box.y0) and panel.contains(box.x1, box.y1)
-            if is_inside and not any(box.overlaps(other) for other in taken):
-                taken.append(box)
+            if is_inside and not box.count_overlaps(occupied):
+                occupied.append(box)
                 break
         else:
             text.remove()
@@ -403,20 +411,19 @@ def write_names(ax: Axes, centres: Mapping[str, FloatArray]) -> int:
 
 def plane_figure(draws: Draws, subjects: Sequence[str]) -> Figure:
     """Fig. 5: a :func:`plane_axes` for each subject, at most three in a row."""
-    across = even_columns(len(subjects), _MOST_ACROSS)
-    down = -(-len(subjects) // across)
-    width, row_height = {1: (3.6, 3.2), 2: (5.6, 2.5), 3: (PAGE, 2.15)}[across]
-    figure = new_figure(width, row_height * down + 0.6)
-    panels = first_panels(figure.add_gridspec(down, across), len(subjects))
+    n_columns = even_columns(len(subjects), _MOST_ACROSS)
+    width, row_height = {1: (3.6, 3.2), 2: (5.6, 2.5), 3: (PAGE, 2.15)}[n_columns]
+    figure = new_figure(width, row_height * n_rows(len(subjects), n_columns) + 0.6)
+    panels = grid_panels(figure, len(subjects), n_columns)
     for i, (ax, subject) in enumerate(zip(panels, subjects, strict=True)):
         plane_axes(draws, subject, ax)
         ax.set_title(title_of(draws, subject), fontsize=LETTERS)
-        if i % across:
+        if i % n_columns:
             ax.set_ylabel("")
-    scale = ScalarMappable(cmap=_GREYS)
+    scale = ScalarMappable(cmap=_GREYS)  # from 0 to 1
     bar = figure.colorbar(scale, ax=panels, fraction=0.02, pad=0.01, aspect=30, shrink=0.85)
     dress_bar(bar, chance(draws.task))
-    legend_below(figure, size=SMALL, columns=5 if across > 2 else 3)
+    legend_below(figure, size=SMALL, columns=5 if n_columns > 2 else 3)
     return figure
 
 
@@ -428,9 +435,9 @@ def plane_axes(draws: Draws, subject: str, ax: Axes) -> Axes:
     axis without an order effect. Open marks: pairs presented, in the colour of their order.
     """
     counts, fitted = draws.subject(subject), Predictor.of(draws, subject, most=CURVE_DRAWS)
-    both = np.concatenate([counts.s1, counts.s2])
-    pad = max(0.18 * float(np.ptp(both)), 0.1)
-    low, high = float(both.min()) - pad, float(both.max()) + pad
+    stimuli = np.concatenate([counts.s1, counts.s2])
+    pad = max(0.18 * float(np.ptp(stimuli)), 0.1)
+    low, high = float(stimuli.min()) - pad, float(stimuli.max()) + pad
     side = np.linspace(low, high, _CELLS)
     columns = [fitted.yes(np.full(_CELLS, s1), side).mean(axis=0) for s1 in side]
     mean = np.stack(columns, axis=1)
@@ -445,12 +452,9 @@ def plane_axes(draws: Draws, subject: str, ax: Axes) -> Axes:
     style: dict[str, Any] = {"ms": 4.6, "mew": 1.2, "mfc": "white", "zorder": 4, "ls": ""}
     if counts.n_pairs > _CROWDED:
         style |= {"ms": 2.0, "mew": 0.6}
-    orders = presentation_order(counts)
-    for order, mark in ORDERS.items():
-        rows = orders == order
-        if rows.any():
-            s1, s2 = counts.s1[rows], counts.s2[rows]
-            ax.plot(s1, s2, marker=mark.marker, mec=mark.colour, label=mark.label, **style)
+    for mark, rows in rows_by_order(presentation_order(counts)):
+        style |= {"marker": mark.marker, "mec": mark.colour, "label": mark.label}
+        ax.plot(counts.s1[rows], counts.s2[rows], **style)
     ax.set(xlabel="first stimulus $s_1$ (ln intensity)")
     ax.set(ylabel="second stimulus $s_2$ (ln intensity)")
     ax.set(xlim=(low, high), ylim=(low, high), aspect="equal")

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from scipy.special import expit
 
 from bayes_toe.answers.order_effect import Size, format_bayes_factor, format_percent, format_share
 from bayes_toe.arrays import FloatArray
@@ -21,22 +20,23 @@ from bayes_toe.plots.style import (
     BELIEF,
     EQUAL,
     LETTERS,
+    MARKED,
     PAGE,
-    POSTERIOR,
     SMALL,
+    draw_intervals,
     dress,
     even_columns,
-    first_panels,
+    grid_panels,
     legend_above,
     legend_below,
+    n_rows,
     new_figure,
     plain,
     rounded,
 )
 
 #: Subjects beyond which they have no names, and are sorted.
-MOST_NAMED_IN_GROUP = 40
-_QUANTILES = (0.025, 0.5, 0.975)
+MAX_NAMES_IN_GROUP = 40
 _MEAN_COLOUR = "#BDB3DD"
 _EFFECTS_ACROSS = 4
 _LABELS = {
@@ -64,15 +64,15 @@ def population(result: PopulationResult, check: PredictiveCheck | None = None) -
     check : PredictiveCheck, optional
         Computed here where it is not given.
     """
-    names, effects = result.names, _effects(result)
+    names, effects, labels = result.names, _effects(result), _effect_labels(result)
     n_subjects = len(result.subjects)
-    is_crowded = n_subjects > MOST_NAMED_IN_GROUP
+    is_crowded = n_subjects > MAX_NAMES_IN_GROUP
     forest_height = 3.6 if is_crowded else 0.9 + max(0.8, min(0.19 * n_subjects, 4.6))
     heights = [0.3 + forest_height, 1.4, 2.4]
-    across = even_columns(len(effects), _EFFECTS_ACROSS) if effects else 1
+    n_columns = 1
     if effects:
-        n_labels = len(_effect_labels(result))
-        heights.append(0.3 + -(-len(effects) // across) * (0.85 + 0.4 * n_labels))
+        n_columns = even_columns(len(effects), _EFFECTS_ACROSS)
+        heights.append(0.3 + n_rows(len(effects), n_columns) * (0.85 + 0.4 * len(labels)))
     figure = new_figure(PAGE, 0.6 + sum(heights))
     colour = "black" if result.is_reliable else BAD
     figure.suptitle(_heading(result), fontsize=LETTERS + 1.0, color=colour)
@@ -91,15 +91,14 @@ def population(result: PopulationResult, check: PredictiveCheck | None = None) -
     legend_below(parts[1], size=SMALL, side="upper")
     check_panel(parts[2].subplots(), predictive_check(result) if check is None else check)
     if effects:
-        what = "effects of covariates on the group means"
+        title = "effects of covariates on the group means, 95 % intervals"
         if result.comparisons:
-            what = "differences of the group means between conditions"
-        parts[3].suptitle(f"{what}, 95 % intervals", fontsize=SMALL)
-        down = -(-len(effects) // across)
-        grid = first_panels(parts[3].add_gridspec(down, across), len(effects))
-        for i, ((name, draws), ax) in enumerate(zip(effects.items(), grid, strict=True)):
-            effects_panel(ax, draws, _EFFECT_LABELS[name], _effect_labels(result))
-            ax.tick_params(labelleft=i % across == 0)
+            title = "differences of the group means between conditions, 95 % intervals"
+        parts[3].suptitle(title, fontsize=SMALL)
+        panels = grid_panels(parts[3], len(effects), n_columns)
+        for i, (name, ax) in enumerate(zip(effects, panels, strict=True)):
+            effects_panel(ax, effects[name], _EFFECT_LABELS[name], labels)
+            ax.tick_params(labelleft=i % n_columns == 0)
     return figure
 
 
@@ -123,15 +122,6 @@ def _heading(result: PopulationResult) -> str:
     return "\n".join(lines).replace("-", "−")
 
 
-def _in_units(result: PopulationResult, name: str, coefficients: FloatArray) -> FloatArray:
-    """Coefficients of a parameter in the unit of its panels."""
-    if name == CONSTANT_ERROR.name:
-        return result.shift_percent(coefficients)
-    if name == NOISE.name:
-        return result.jnd_percent(coefficients)
-    return expit(coefficients) if name == PEAK.name else coefficients
-
-
 def prior_panel(ax: Axes, result: PopulationResult, name: str) -> None:
     """The posterior of a group's mean before its prior density."""
     j = result.index(name)
@@ -143,13 +133,13 @@ def prior_panel(ax: Axes, result: PopulationResult, name: str) -> None:
     x = np.linspace(low - pad, high + pad, _POINTS)
     means = np.zeros((_POINTS, len(result.numbers.mean)))
     means[:, j] = x
-    shown = _in_units(result, name, x)
+    values = result.in_units(name, x)
     # A density in the unit of the panel follows from the slope of the unit.
-    prior = np.exp(result.numbers.log_mean(means)[:, j]) / np.gradient(shown, x)
+    prior = np.exp(result.numbers.log_mean(means)[:, j]) / np.gradient(values, x)
     style: dict[str, Any] = {"bins": _BINS, "density": True, "label": "posterior of the group mean"}
-    ax.hist(_in_units(result, name, draws), color=_MEAN_COLOUR, **style)
-    ax.plot(shown, prior, color="black", lw=1.0, ls="--", label="its prior")
-    ax.set(xlim=(shown[0], shown[-1]), xlabel=_LABELS[name], yticks=[])
+    ax.hist(result.in_units(name, draws), color=_MEAN_COLOUR, **style)
+    ax.plot(values, prior, color="black", lw=1.0, ls="--", label="its prior")
+    ax.set(xlim=(values[0], values[-1]), xlabel=_LABELS[name], yticks=[])
     ax.axvline(0.0, color=EQUAL, lw=0.8, ls=":")
     ax.locator_params(axis="x", nbins=4)
     dress(ax).spines["left"].set_visible(False)
@@ -159,31 +149,27 @@ def forest(ax: Axes, result: PopulationResult, name: str) -> None:
     """One parameter of every subject before the group's mean and a new subject."""
     j = result.index(name)
     reference = " at reference" if result.regressors.columns else ""
-    new_subject = _in_units(result, name, result.new_subject[..., j])
-    mean = _in_units(result, name, result.draws.mean[..., j])
-    subjects = _in_units(result, name, result.draws.subjects[..., j])
-    low, _, high = np.quantile(new_subject, _QUANTILES)
+    new_subject = result.in_units(name, result.new_subject[..., j])
+    mean = result.in_units(name, result.draws.mean[..., j])
+    subjects = result.in_units(name, result.draws.subjects[..., j])
+    low, _, high = np.quantile(new_subject, MARKED)
     ax.axvspan(low, high, color=BAND, lw=0, label=f"new subject{reference}")
-    low, middle, high = np.quantile(mean, _QUANTILES)
+    low, middle, high = np.quantile(mean, MARKED)
     ax.axvspan(low, high, color=_MEAN_COLOUR, lw=0, label=f"group mean{reference}")
     ax.axvline(middle, color=BELIEF, lw=0.8)
     if name in (CONSTANT_ERROR.name, CONTRACTION.name):
         ax.axvline(0.0, color=EQUAL, lw=0.8, ls=":")
-    low, middle, high = np.quantile(subjects, _QUANTILES, axis=(0, 1))
-    y = np.arange(len(middle))
-    if len(middle) > MOST_NAMED_IN_GROUP:
-        order = np.argsort(middle, kind="stable")
-        low, middle, high = low[order], middle[order], high[order]
+    quantiles = np.quantile(subjects, MARKED, axis=(0, 1))
+    n_subjects = quantiles.shape[1]
+    style: dict[str, Any] = {"label": "subject, median and 95 % interval"}
+    if n_subjects > MAX_NAMES_IN_GROUP:
+        quantiles = quantiles[:, np.argsort(quantiles[1], kind="stable")]
+        style |= {"size": 1.6, "line": min(1.6, 160.0 / n_subjects)}
         ax.set_yticks([])
     else:
-        ax.set_yticks(y, [plain(subject, 14) for subject in result.subjects])
-    width = min(1.6, 160.0 / len(y))
-    ax.hlines(y, low, high, color=POSTERIOR, lw=width)
-    size = 3.4 if len(y) <= MOST_NAMED_IN_GROUP else 1.6
-    ax.plot(middle, y, "o", ms=size, color=POSTERIOR, label="subject, median and 95 % interval")
-    ax.set(ylim=(len(y) - 0.5, -0.6), xlabel=_LABELS[name])
-    ax.locator_params(axis="x", nbins=4)
-    dress(ax).tick_params(axis="y", length=0)
+        ax.set_yticks(range(n_subjects), [plain(subject, 14) for subject in result.subjects])
+    draw_intervals(ax, np.arange(n_subjects), quantiles, **style)
+    ax.set(ylim=(n_subjects - 0.5, -0.6), xlabel=_LABELS[name])
 
 
 def check_panel(ax: Axes, check: PredictiveCheck) -> None:
@@ -195,14 +181,14 @@ def check_panel(ax: Axes, check: PredictiveCheck) -> None:
     for i, row in enumerate(check.statistics):
         colour = BAD if row.p_value < CONTRADICTED else "black"
         side = row.q95 - row.q50 if row.is_above else row.q50 - row.q05
-        place = (row.observed - row.q50) / side if side > 0.0 else 0.0
-        plotted = float(np.clip(place, -2.0, 2.0))
+        position = (row.observed - row.q50) / side if side > 0.0 else 0.0
         marker = "D"
-        if plotted != place:
-            marker = "<" if place < 0.0 else ">"
+        if abs(position) > 2.0:
+            marker = "<" if position < 0.0 else ">"
+            position = np.copysign(2.0, position)
         ax.barh(i, 2.0, 0.36, -1.0, color=BAND, label="" if i else "new groups, 5 to 95 %")
         ax.plot([0.0, 0.0], [i - 0.18, i + 0.18], color=EQUAL, lw=0.8)
-        ax.plot(plotted, i, marker, ms=4.0, color=colour, label="" if i else "observed", ls="")
+        ax.plot(position, i, marker, ms=4.0, color=colour, label="" if i else "observed", ls="")
         low, high, observed = rounded(row.q05, row.q95, row.q05, row.q95, row.observed)
         text = f"{observed}, expected {low} to {high}, p = {row.p_value:.2g}"
         ax.text(0.0, i - 0.24, text, ha="center", va="bottom", fontsize=SMALL, color=colour)
@@ -216,16 +202,13 @@ def check_panel(ax: Axes, check: PredictiveCheck) -> None:
 
 def effects_panel(ax: Axes, draws: FloatArray, label: str, labels: list[str]) -> None:
     """Effects on one mean, draws of shape (draws, effects): medians and 95 % intervals."""
-    y = np.arange(len(labels))
-    low, middle, high = np.quantile(draws, _QUANTILES, axis=0)
+    rows = np.arange(len(labels))
+    quantiles = np.quantile(draws, MARKED, axis=0)
     ax.axvline(0.0, color="black", lw=0.8)
-    ax.hlines(y, low, high, color=POSTERIOR, lw=1.6)
-    ax.plot(middle, y, "o", ms=3.4, color=POSTERIOR)
-    reach = 1.08 * float(max(np.abs(low).max(), np.abs(high).max()))
-    ax.set(xlim=(-reach, reach), ylim=(len(y) - 0.5, -0.5), xlabel=label)
-    ax.locator_params(axis="x", nbins=4)
-    ax.set_yticks(y, [plain(fill(about, 22), 70) for about in labels])
-    dress(ax).tick_params(axis="y", length=0)
+    ax.set_yticks(rows, [plain(fill(text, 22), 70) for text in labels])
+    draw_intervals(ax, rows, quantiles)
+    reach = 1.08 * float(np.abs(quantiles).max())
+    ax.set(xlim=(-reach, reach), ylim=(len(labels) - 0.5, -0.5), xlabel=label)
     ax.spines["left"].set_visible(False)
 
 

@@ -12,16 +12,16 @@ from matplotlib.ticker import NullLocator
 from bayes_toe.answers.order_effect import QUESTIONS
 from bayes_toe.answers.words import Word
 from bayes_toe.design.optimal_pairs import OPTIMISED, PAPER, OptimalDesign
-from bayes_toe.design.power import FOUND, PowerTable
+from bayes_toe.design.power import DETECTED, PowerTable
 from bayes_toe.plots.style import (
     EQUAL,
     LETTERS,
     PAGE,
-    SMALL,
     STRONGER_FIRST,
     WEAKER_FIRST,
     dress,
     dress_bar,
+    legend_above,
     legend_below,
     new_figure,
     plain,
@@ -32,7 +32,7 @@ _COLOURS = (EQUAL, "#E69F00", WEAKER_FIRST, STRONGER_FIRST, "#009E73", "#CC79A7"
 _MARKERS = "Dos^vP"
 _LARGEST = 160.0  # area of the most frequent pair, square points
 _MARGIN = 1.25  # factor from the outermost numbers of trials to the ends of a panel
-_APART = 0.02  # between the lines of two kinds, in natural logs of trials
+_KIND_SHIFT = 0.02  # between the lines of two kinds, in natural logs of trials
 
 
 def power(table: PowerTable) -> Figure:
@@ -62,26 +62,25 @@ def _draw_question(ax: Axes, table: PowerTable, design: str, question: str) -> N
     trials = [number for name, number in table.designs if name == design]
     kinds = table.different("observers")
     for index, kind in enumerate(kinds):
-        shares = [table[design, number, kind, question, FOUND] for number in trials]
-        unknown = [table[design, number, kind, question, _UNKNOWN] for number in trials]
-        is_known = np.array([share.value < 1.0 for share in unknown])
-        if not is_known.any():
+        points = []
+        for number in trials:
+            unknown = table[design, number, kind, question, _UNKNOWN]
+            if unknown.value < 1.0:
+                share = table[design, number, kind, question, DETECTED]
+                points.append((number, share.value, share.low, share.high))
+        if not points:
             continue
-        rows = [share for share, known in zip(shares, is_known, strict=True) if known]
-        x = np.array(trials)[is_known] * np.exp(_APART * (index - 0.5 * (len(kinds) - 1)))
-        y = np.array([row.value for row in rows])
-        errors = np.array([(row.value - row.low, row.high - row.value) for row in rows]).T
+        x, y, low, high = np.array(points).T
+        x *= np.exp(_KIND_SHIFT * (index - 0.5 * (len(kinds) - 1)))
         colour = _COLOURS[index % len(_COLOURS)]
-        has_effect = table.has_effect(kind, question)
-        style: dict[str, Any] = {
-            "fmt": _MARKERS[index % len(_MARKERS)],
-            "ls": "-" if has_effect else ":",
-            "color": colour,
-            "mfc": colour if has_effect else "white",
-            "ms": 4.0,
-        }
-        label = plain(kind) if question == "order_effect" else None  # there most have the effect
-        ax.errorbar(x, y, errors, lw=1.1, elinewidth=0.8, label=label, **style)
+        style: dict[str, Any] = {"fmt": _MARKERS[index % len(_MARKERS)], "color": colour, "ms": 4.0}
+        if not table.has_effect(kind, question):
+            style |= {"ls": ":", "mfc": "white"}
+        else:
+            style["ls"] = "-"
+        if question == "order_effect":  # most have it
+            style["label"] = plain(kind)
+        ax.errorbar(x, y, (y - low, high - y), lw=1.1, elinewidth=0.8, **style)
     if not ax.lines:
         ax.text(0.5, 0.5, _UNKNOWN, transform=ax.transAxes, ha="center", fontsize=LETTERS)
     ax.set(xscale="log", ylim=(-0.04, 1.04))
@@ -94,7 +93,7 @@ def _draw_question(ax: Axes, table: PowerTable, design: str, question: str) -> N
 # --- An optimised design --------------------------------------------------------------------------
 
 
-def design(found: OptimalDesign) -> Figure:
+def design(optimal: OptimalDesign) -> Figure:
     """The design on the stimulus plane, and beside it how often it and others show effects.
 
     Left: its pairs, as large as they are frequent, over what one more trial of every pair would
@@ -103,24 +102,24 @@ def design(found: OptimalDesign) -> Figure:
     """
     figure = new_figure(PAGE, 3.5)
     left, right = figure.subplots(1, 2, width_ratios=(1.15, 1.0))
-    _draw_pairs(left, found)
-    _draw_compared(right, found)
+    _draw_pairs(left, optimal)
+    _draw_compared(right, optimal)
     return figure
 
 
-def _draw_pairs(ax: Axes, found: OptimalDesign) -> None:
-    design, plane = found.design, found.plane
+def _draw_pairs(ax: Axes, optimal: OptimalDesign) -> None:
+    design, plane = optimal.design, optimal.plane
     first, second = np.unique(plane.s1), np.unique(plane.s2)
     values = np.full((len(second), len(first)), np.nan)
-    values[np.searchsorted(second, plane.s2), np.searchsorted(first, plane.s1)] = found.worth
+    values[np.searchsorted(second, plane.s2), np.searchsorted(first, plane.s1)] = optimal.worth
     mesh = ax.pcolormesh(
         first, second, 1000.0 * values, cmap="Greys", shading="nearest", vmin=0.0, rasterized=True
     )
     bar = ax.figure.colorbar(mesh, ax=ax, shrink=0.9, pad=0.02)
-    dress_bar(bar, "what one more trial adds, thousandths of a nat")
+    dress_bar(bar, "what one more trial adds,\nthousandths of a nat")
     ax.axline((float(first[0]),) * 2, slope=1.0, color=EQUAL, linewidth=0.6, linestyle=":")
-    if PAPER in found.candidates:
-        paper = found.candidates[PAPER].design
+    if PAPER in optimal.candidates:
+        paper = optimal.candidates[PAPER].design
         cross: dict[str, Any] = {"color": WEAKER_FIRST, "markersize": 4.0, "markeredgewidth": 1.0}
         ax.plot(paper.s1, paper.s2, "x", label=PAPER, **cross)
     ax.scatter(
@@ -138,51 +137,32 @@ def _draw_pairs(ax: Axes, found: OptimalDesign) -> None:
     ax.scatter([], [], _LARGEST / 3, facecolor=STRONGER_FIRST, label=label)
     ax.set(xlabel="first stimulus (natural log)", ylabel="second stimulus (natural log)")
     ax.set_aspect("equal")
-    ax.legend(
-        loc="lower left",
-        bbox_to_anchor=(0.0, 1.0),
-        frameon=False,
-        fontsize=SMALL,
-        handletextpad=0.3,
-        borderaxespad=0.1,
-    )
+    legend_above(ax, side="left")
     dress(ax)
 
 
-def _draw_compared(ax: Axes, found: OptimalDesign) -> None:
-    names, trials = list(found.candidates), found.design.total
+def _draw_compared(ax: Axes, optimal: OptimalDesign) -> None:
+    names, trials = list(optimal.candidates), optimal.design.total
     colours = (EQUAL, WEAKER_FIRST, STRONGER_FIRST)
     for index, (question, colour) in enumerate(zip(QUESTIONS, colours, strict=True)):
         for has_effect in (True, False):
-            shares = [
-                found.power.found(name, trials, question, has_effect=has_effect) for name in names
-            ]
-            places = [place for place, estimate in enumerate(shares) if estimate is not None]
-            x, low, high = np.array([shares[place] for place in places]).reshape(-1, 3).T
-            y = np.array(places) + 0.24 * (index - 1) + (0.0 if has_effect else 0.09)
-            ax.errorbar(
-                x,
-                y,
-                xerr=np.array([x - low, high - x]) if has_effect else None,
-                fmt=_MARKERS[index],
-                color=colour,
-                mfc=colour if has_effect else "white",
-                ms=4.5 if has_effect else 3.0,
-                elinewidth=0.8,
-                label=question.replace("_", " ") if has_effect else None,
-            )
+            rows, shares = [], []
+            for row, name in enumerate(names):
+                share = optimal.power.detected(name, trials, question, has_effect=has_effect)
+                if share is not None:
+                    rows.append(row)
+                    shares.append(share)
+            x, low, high = np.array(shares).reshape(-1, 3).T
+            y = np.array(rows) + 0.24 * (index - 1)
+            style: dict[str, Any] = {"fmt": _MARKERS[index], "color": colour, "elinewidth": 0.8}
+            if has_effect:
+                label = question.replace("_", " ")
+                ax.errorbar(x, y, xerr=(x - low, high - x), ms=4.5, label=label, **style)
+            else:
+                ax.errorbar(x, y + 0.09, mfc="white", ms=3.0, **style)
     labels = [plain("this design" if name == OPTIMISED else name) for name in names]
     ax.set_yticks(np.arange(len(names)), labels)
     ax.set(xlim=(-0.03, 1.03), ylim=(len(names) - 0.5, -0.5))
-    ax.set_xlabel("share with yes or probably (hollow: without effect)")
-    ax.set_title(f"{trials:,} trials", fontsize=LETTERS)
-    ax.legend(
-        loc="lower center",
-        bbox_to_anchor=(0.5, 1.08),
-        ncols=3,
-        frameon=False,
-        fontsize=SMALL,
-        handletextpad=0.2,
-        columnspacing=1.0,
-    )
+    ax.set_xlabel("share with yes or probably\n(hollow: without effect)")
+    legend_above(ax, columns=3, title=f"{trials:,} trials")
     dress(ax)

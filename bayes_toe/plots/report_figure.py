@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -13,12 +12,19 @@ from matplotlib.figure import Figure
 
 from bayes_toe.analysis import Analysis
 from bayes_toe.answers.order_effect import OrderEffect
-from bayes_toe.classical.frequencies import laplace_error, laplace_estimate, presentation_order
+from bayes_toe.classical.frequencies import presentation_order
 from bayes_toe.data.messages import visible
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import WHICH_STRONGER
 from bayes_toe.groups.population import PopulationResult
-from bayes_toe.plots.curves import Curve, label_in_percent, main_weaker, mean_first, order_panel
+from bayes_toe.plots.curves import (
+    Curve,
+    draw_shares,
+    label_in_percent,
+    main_weaker,
+    mean_first,
+    order_panel,
+)
 from bayes_toe.plots.figure_files import picture
 from bayes_toe.plots.order_effect import forest_height, forests
 from bayes_toe.plots.style import (
@@ -28,18 +34,19 @@ from bayes_toe.plots.style import (
     SMALL,
     Band,
     draw_band,
-    dress,
-    first_panels,
+    grid_panels,
+    label_outer,
     legend_below,
+    n_rows,
     new_figure,
     percent_axis,
     plain,
+    rows_by_order,
 )
 
 #: Subjects whose responses are shown.
-MOST_SHOWN = 6
+MAX_SUBJECTS = 6
 _POINTS = 40  # along a curve
-_LABEL_LETTERS = 20  # of a line below a panel
 _RESPONSES_WIDE, _SIZES_WIDE, _SIZES_NARROW = 3.6, 5.6, 3.6  # inches
 _BAND = ((0.025, 0.975, 0.2),)
 #: Colours of a page in the place of those of a printed figure.
@@ -60,20 +67,15 @@ def responses_figure(analysis: Analysis, height: float) -> Figure:
     height : float
         Inches.
     """
-    chosen = shown_subjects(analysis.answers)
-    n_columns = 2 if len(chosen) > 1 else 1
-    n_rows = -(-len(chosen) // n_columns)
+    names = shown_subjects(analysis.answers)
+    n_columns = min(2, len(names))
     figure = new_figure(_RESPONSES_WIDE, height)
-    panels = first_panels(figure.add_gridspec(n_rows, n_columns), len(chosen), sharey=True)
-    for i, (ax, name) in enumerate(zip(panels, chosen, strict=True)):
+    panels = grid_panels(figure, len(names), n_columns, sharey=True)
+    for ax, name in zip(panels, names, strict=True):
         curve = analysis.curve(name).yes
         responses_panel(ax, analysis.study[name], curve, points=_POINTS, bands=_BAND)
         ax.set_title(plain(name, 24), loc="left", fontsize=LETTERS)
-        if i % n_columns:
-            ax.set_ylabel("")
-        is_lowest = i + n_columns >= len(chosen)
-        ax.set_xlabel(fill(ax.get_xlabel(), _LABEL_LETTERS) if is_lowest else "")
-        dress(ax)
+    label_outer(panels, n_columns)
     legend_below(figure, size=SMALL, columns=3)
     return figure
 
@@ -94,8 +96,8 @@ def sizes_figure(
 
 def report_height(analysis: Analysis) -> float:
     """Inches of both figures."""
-    n_rows = -(-len(shown_subjects(analysis.answers)) // 2)
-    return max(1.0 + 1.2 * n_rows, forest_height(len(analysis.answers)), 2.6)
+    responses_height = 1.0 + 1.2 * n_rows(len(shown_subjects(analysis.answers)), 2)
+    return max(responses_height, forest_height(len(analysis.answers)), 2.6)
 
 
 def has_curves(analysis: Analysis) -> bool:
@@ -111,19 +113,20 @@ def shown_subjects(answers: Sequence[OrderEffect]) -> list[str]:
     subject without an effect takes the place of a subject that has one.
     """
     interpretable = [answer for answer in answers if answer.is_interpretable]
-    if len(interpretable) <= MOST_SHOWN:
+    if len(interpretable) <= MAX_SUBJECTS:
         return [answer.subject for answer in interpretable]
     interpretable.sort(key=lambda answer: answer.log_bayes_factors["order_effect"])
-    without, others = interpretable[0], interpretable[1:]
-    has_effect = [answer for answer in others if answer.words["order_effect"].is_positive]
-    if len(has_effect) < MOST_SHOWN:
-        shown = others[1 - MOST_SHOWN :]
+    least_probable, *candidates = interpretable
+    selected = [answer for answer in candidates if answer.words["order_effect"].is_positive]
+    n_low = 0
+    if len(selected) < MAX_SUBJECTS:
+        selected = candidates
     else:
-        has_effect.sort(key=lambda answer: answer.sizes["pse_shift_percent"].q50)
-        n_low = MOST_SHOWN // 2 - 1
-        shown = [*has_effect[:n_low], *has_effect[n_low + 1 - MOST_SHOWN :]]
-    chosen = {answer.subject for answer in (without, *shown)}
-    return [answer.subject for answer in answers if answer.subject in chosen]
+        selected.sort(key=lambda answer: answer.sizes["pse_shift_percent"].q50)
+        n_low = MAX_SUBJECTS // 2 - 1
+    selected = [*selected[:n_low], *selected[n_low + 1 - MAX_SUBJECTS :]]
+    names = {answer.subject for answer in (least_probable, *selected)}
+    return [answer.subject for answer in answers if answer.subject in names]
 
 
 # --- Responses of a subject ----------------------------------------------------------------------
@@ -189,35 +192,23 @@ def _correct_panel(ax: Axes, counts: Subject, curve: Curve, weaker: float | None
 
     Over the stronger stimulus if all pairs have one weaker stimulus, else over the middle.
     """
-    place = np.maximum(counts.s1, counts.s2)
-    if weaker is None:
-        place = 0.5 * (counts.s1 + counts.s2)
-    order = presentation_order(counts)
-    for sign, mark in ORDERS.items():
-        is_shown = order == sign
-        if sign == 0 or not is_shown.any():
+    position = 0.5 * (counts.s1 + counts.s2)
+    if weaker is not None:
+        position = np.maximum(counts.s1, counts.s2)
+    for mark, rows in rows_by_order(presentation_order(counts)):
+        if mark is ORDERS[0]:
             continue
-        is_weaker_first = sign < 0
-        n = counts.n_trials[is_shown]
-        n_second = counts.n_yes[is_shown]
-        n_correct = n_second if is_weaker_first else n - n_second
-        style: dict[str, Any] = {"fmt": mark.marker, "ms": 3.5, "mec": "white", "mew": 0.4}
-        ax.errorbar(
-            place[is_shown],
-            laplace_estimate(n_correct, n),
-            laplace_error(n_correct, n),
-            color=mark.colour,
-            label=mark.label,
-            elinewidth=0.8,
-            **style,
-        )
-        x = np.linspace(place[is_shown].min(), place[is_shown].max(), _POINTS)
+        is_weaker_first = mark is ORDERS[-1]
+        n_trials, n_correct = counts.n_trials[rows], counts.n_yes[rows]
+        if not is_weaker_first:
+            n_correct = n_trials - n_correct
+        draw_shares(ax, position[rows], n_correct, n_trials, mark, size=3.5)
+        x = np.linspace(position[rows].min(), position[rows].max(), _POINTS)
         pairs = [(x - 0.5 * step, x + 0.5 * step) for step in _steps(counts)]
         if weaker is not None:
             pairs = [(np.full_like(x, weaker), x)]
         for weak, strong in pairs:
-            p_second = curve(weak, strong) if is_weaker_first else curve(strong, weak)
-            p_correct = p_second if is_weaker_first else 1.0 - p_second
+            p_correct = curve(weak, strong) if is_weaker_first else 1.0 - curve(strong, weak)
             draw_band(ax, x, p_correct, mark.colour, 1.2, _BAND)
     ax.axhline(0.5, color=EQUAL, lw=0.6, ls=":", zorder=0)
     ax.set(ylim=(-0.03, 1.03), yticks=[0.0, 0.5, 1.0], ylabel="share correct")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -43,28 +45,48 @@ def serial(table: SerialDependence, *subjects: str) -> Figure:
     InputError
         If there is no result to show.
     """
-    given = [table[name] for name in subjects] or list(table.rows)
-    known = [row for row in given if row.is_known]
-    if not known:
+    candidates = [table[name] for name in subjects] or list(table.rows)
+    rows = [row for row in candidates if row.has_result]
+    if not rows:
         raise InputError("serial: no subject has a result; allowed: rows of bt.serial_dependence")
-    shown = known
     if not subjects:
-        shown = sorted(known, key=_gain, reverse=True)[:MOST_ROWS]
-    figure = new_figure(PAGE, _HIGH * len(shown) + 0.5)
-    axes = figure.subplots(len(shown), 2, squeeze=False, width_ratios=(1.6, 1.0))
-    for row, (left, right) in zip(shown, axes, strict=True):
+        rows = sorted(rows, key=_gain, reverse=True)[:MOST_ROWS]
+    figure = new_figure(PAGE, _HIGH * len(rows) + 0.5)
+    axes = figure.subplots(len(rows), 2, squeeze=False, width_ratios=(1.6, 1.0))
+    for row, (left, right) in zip(rows, axes, strict=True):
         _draw_row(left, right, table, row)
     for ax in axes[:-1].ravel():
         ax.set_xlabel("")
     notes = []
-    if len(shown) < len(given):
-        notes.append(f"{len(shown)} of {len(given)} subjects, strongest evidence first")
+    if len(rows) < len(candidates):
+        notes.append(f"{len(rows)} of {len(candidates)} subjects, strongest evidence first")
     if table.study.synthetic:
         notes.append("synthetic data")
     if notes:
         figure.suptitle("; ".join(notes), fontsize=SMALL)
     legend_below(figure, size=SMALL, columns=3)
     return figure
+
+
+class _Residuals(NamedTuple):
+    """Responses less the model without history, their variance, and the change by the best model.
+
+    Shapes are (trials,), (trials,) and (draws, trials).
+    """
+
+    residual: FloatArray
+    variance: FloatArray
+    change: FloatArray
+
+    def draw(self, ax: Axes, groups: list[IndexArray], x: FloatArray) -> None:
+        """Mean residual of each group with its standard error, and what the model says of it."""
+        means = np.array([self.residual[group].mean() for group in groups])
+        errors = [np.sqrt(self.variance[group].sum()) / len(group) for group in groups]
+        lines = np.stack([self.change[:, group].mean(axis=1) for group in groups], axis=1)
+        ax.axhline(0.0, color=EQUAL, linestyle="--", linewidth=0.8, label="no history")
+        draw_band(ax, x, lines, POSTERIOR, 1.2, _BAND, "best of the four models")
+        style: dict[str, Any] = {"fmt": "o", "color": "black", "ms": 3.5, "lw": 0.8}
+        ax.errorbar(x, means, errors, label="responses, 1 s.e.", **style)
 
 
 def _gain(row: SubjectDependence) -> float:
@@ -79,21 +101,19 @@ def _draw_row(left: Axes, right: Axes, table: SerialDependence, row: SubjectDepe
     expected = static.trial_probabilities(row.draws[0]).mean(axis=0)
     change = best.trial_probabilities(row.draws[1]) - expected
     trials = static.trials
-    rows = np.flatnonzero(trials.is_answered)
-    residual = 0.5 * (trials.answer[rows] + 1.0) - expected
-    variance = expected * (1.0 - expected)
-    before = trials.earlier(1)[rows]
-    has_before = np.flatnonzero(before >= 0)
-    before = before[has_before]
+    answered = np.flatnonzero(trials.is_answered)
+    residual = 0.5 * (trials.answer[answered] + 1.0) - expected
+    residuals = _Residuals(residual, expected * (1.0 - expected), change)
+    previous = trials.earlier(1)[answered]
+    rows = np.flatnonzero(previous >= 0)
+    previous = previous[rows]
 
-    groups, places = _stimulus_groups(trials, before)
-    _draw_groups(left, [has_before[group] for group in groups], places, residual, variance, change)
+    groups, means = _stimulus_groups(trials, previous)
+    residuals.draw(left, [rows[group] for group in groups], means)
     yes, no = static.subject.task.yes, static.subject.task.no
-    response = trials.answer[before]
-    groups = [np.flatnonzero(response < 0.0), np.flatnonzero(response > 0.0)]
-    groups = [group for group in groups if len(group)]
-    places = np.array([response[group[0]] for group in groups])
-    _draw_groups(right, [has_before[group] for group in groups], places, residual, variance, change)
+    response = trials.answer[previous]
+    values = np.unique(response[response != 0.0])
+    residuals.draw(right, [rows[response == value] for value in values], values)
 
     low, median, high = row.rho
     overall = float(np.average(0.5 * (trials.first + trials.second)))
@@ -117,10 +137,10 @@ def _draw_row(left: Axes, right: Axes, table: SerialDependence, row: SubjectDepe
 
 
 def _stimulus_groups(
-    trials: TrialSequence, before: IndexArray
+    trials: TrialSequence, previous: IndexArray
 ) -> tuple[list[IndexArray], FloatArray]:
     """Trials by the mean stimulus of the trial before, and the mean of each group."""
-    mean = 0.5 * (trials.first[before] + trials.second[before])
+    mean = 0.5 * (trials.first[previous] + trials.second[previous])
     edges = np.unique(mean)[1:]
     if len(edges) >= _MOST_DISTINCT:
         edges = np.unique(np.quantile(mean, np.linspace(0.0, 1.0, _GROUPS + 1)[1:-1]))
@@ -128,29 +148,3 @@ def _stimulus_groups(
     groups = [np.flatnonzero(number == i) for i in range(len(edges) + 1)]
     groups = [group for group in groups if len(group)]
     return groups, np.array([mean[group].mean() for group in groups])
-
-
-def _draw_groups(
-    ax: Axes,
-    groups: list[IndexArray],
-    places: FloatArray,
-    residual: FloatArray,
-    variance: FloatArray,
-    change: FloatArray,
-) -> None:
-    """Mean residual of each group with its standard error, and what the model says of it."""
-    means = np.array([residual[group].mean() for group in groups])
-    errors = np.array([np.sqrt(variance[group].sum()) / len(group) for group in groups])
-    lines = np.stack([change[:, group].mean(axis=1) for group in groups], axis=1)
-    ax.axhline(0.0, color=EQUAL, linestyle="--", linewidth=0.8, label="no history")
-    draw_band(ax, places, lines, POSTERIOR, 1.2, _BAND, "best of the four models")
-    ax.errorbar(
-        places,
-        means,
-        errors,
-        fmt="o",
-        color="black",
-        markersize=3.5,
-        linewidth=0.8,
-        label="responses, 1 s.e.",
-    )

@@ -10,16 +10,18 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from textwrap import fill
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.colorbar import Colorbar
 from matplotlib.figure import Figure, SubFigure
-from matplotlib.gridspec import GridSpecBase
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
-from bayes_toe.arrays import FloatArray
+from bayes_toe.arrays import BoolArray, FloatArray, IntArray
 from bayes_toe.data.tasks import Task
 
 WEAKER_FIRST, STRONGER_FIRST, EQUAL = "#D55E00", "#0072B2", "#6E6E6E"
@@ -32,7 +34,9 @@ BAD, BAND = "#C00000", "#EDEDED"
 COLUMN, PAGE = 85.0 / 25.4, 175.0 / 25.4
 SMALL, LETTERS = 7.0, 8.0
 #: Subjects beyond which figures of a study sort them and name none; inches of such a panel.
-MOST_NAMED, HIGH = 60, 5.6
+MAX_NAMES, HIGH = 60, 5.6
+#: Inches of a panel with room for a label in one line, and letters of a line below another panel.
+_WIDE_PANEL, _LABEL_LETTERS = 2.0, 20
 #: Quantiles that lines and intervals mark.
 MARKED = (0.025, 0.5, 0.975)
 Band = tuple[float, float, float]
@@ -88,9 +92,8 @@ ORDERS = {
 def plain(name: str, limit: int = 32) -> str:
     r"""A subject's name as matplotlib may draw it, shortened in the middle.
 
-    rNo dollar sign is read as mathematics.
-
-    Names of a study begin alike and end with what tells them apart.
+    No dollar sign is read as mathematics. Names of a study begin alike and end with what
+    distinguishes them.
 
     Examples
     --------
@@ -105,18 +108,15 @@ def plain(name: str, limit: int = 32) -> str:
 def rounded(low: float, high: float, *values: float) -> list[str]:
     """Numbers with two digits of the distance between two others."""
     digits = max(0, 1 - int(np.floor(np.log10(high - low)))) if high > low else 3
-    return [
-        f"{round(value, digits) + 0.0:.{digits}f}".replace("-", "−") for value in values
-    ]  # never -0.0
+    # Adding 0.0 leaves no -0.0.
+    return [f"{round(value, digits) + 0.0:.{digits}f}".replace("-", "−") for value in values]
 
 
 @contextmanager
 def any_characters() -> Iterator[None]:
     """Lay out or draw without a warning for characters that the font lacks: they become boxes."""
     with warnings.catch_warnings():
-        warnings.filterwarnings(
-            "ignore", message="Glyph .* missing from font", category=UserWarning
-        )
+        warnings.filterwarnings("ignore", "Glyph .* missing from font", UserWarning)
         yield
 
 
@@ -130,28 +130,71 @@ def new_figure(
     return Figure(figsize=(wide, high), layout=layout)
 
 
+def mark_synthetic(figure: Figure, is_synthetic: bool) -> None:
+    """State above a figure that its data are synthetic."""
+    if is_synthetic:
+        figure.suptitle("synthetic data", fontsize=LETTERS)
+
+
 def panel(ax: Axes | None, *, wide: float = COLUMN, high: float = 2.6) -> Axes:
     """The Axes given, or those of a new figure of so many inches."""
     return new_figure(wide, high).subplots() if ax is None else ax
 
 
-def even_columns(panels: int, most: int) -> int:
+def n_rows(n_panels: int, n_columns: int) -> int:
+    """Rows of a grid of panels.
+
+    Examples
+    --------
+    >>> n_rows(4, 3)
+    2
+    """
+    return -(-n_panels // n_columns)
+
+
+def even_columns(n_panels: int, largest: int) -> int:
     """Columns, at most so many, with which the rows of a grid of panels are as even as they can be.
 
     Examples
     --------
-    >>> even_columns(4, most=3), even_columns(7, most=3), even_columns(2, most=3)
+    >>> even_columns(4, largest=3), even_columns(7, largest=3), even_columns(2, largest=3)
     (2, 3, 2)
     """
-    return -(-panels // -(-panels // most))
+    return n_rows(n_panels, n_rows(n_panels, largest))
 
 
-def first_panels(grid: GridSpecBase, panels: int, *, sharey: bool = False) -> list[Axes]:
-    """So many panels of a grid, row by row; those left over are removed."""
-    axes = grid.subplots(squeeze=False, sharey=sharey).ravel()
-    for ax in axes[panels:]:
+def grid_panels(
+    figure: Figure | SubFigure, n_panels: int, n_columns: int, *, sharey: bool = False
+) -> list[Axes]:
+    """So many panels in a grid, row by row."""
+    axes = figure.subplots(n_rows(n_panels, n_columns), n_columns, squeeze=False, sharey=sharey)
+    panels = axes.ravel().tolist()
+    for ax in panels[n_panels:]:
         ax.remove()
-    return list(axes[:panels])
+    return panels[:n_panels]
+
+
+def label_outer(panels: Sequence[Axes], n_columns: int) -> None:
+    """Label the axes left of each row and below the last panels only."""
+    for i, ax in enumerate(panels):
+        if i % n_columns:
+            ax.set_ylabel("")
+        label = ""
+        if i + n_columns >= len(panels):
+            label = ax.get_xlabel().replace("% ", "%\u00a0")  # a line does not end behind a %
+        figure = ax.get_figure(root=True)
+        if figure is not None and figure.get_figwidth() < _WIDE_PANEL * n_columns:
+            label = fill(label, _LABEL_LETTERS)
+        ax.set_xlabel(label)
+        dress(ax)
+
+
+def rows_by_order(order: IntArray) -> Iterator[tuple[Mark, BoolArray]]:
+    """The mark of each order of the stimuli that occurs, and the rows that have it."""
+    for sign, mark in ORDERS.items():
+        has_order = order == sign
+        if has_order.any():
+            yield mark, has_order
 
 
 def percent_axis(ax: Axes, label: str, reference: float) -> None:
@@ -159,9 +202,22 @@ def percent_axis(ax: Axes, label: str, reference: float) -> None:
     low, high = ax.get_xlim()
     ends = 100.0 * np.exp(np.array([low, high]) - reference)
     percent = MaxNLocator(4, steps=[1, 2, 2.5, 5, 10]).tick_values(*ends)
-    shown = percent[(percent >= ends[0]) & (percent <= ends[1])]
-    ax.set_xticks(reference + np.log(shown / 100.0), [f"{value:g}" for value in shown])
+    ticks = percent[(percent >= ends[0]) & (percent <= ends[1])]
+    ax.set_xticks(reference + np.log(ticks / 100.0), [f"{value:g}" for value in ticks])
     ax.set(xlim=(low, high), xlabel=label)
+
+
+def plain_log_axis(axis: Axis, multiples: Sequence[float] = (1.0, 2.0, 5.0)) -> None:
+    """Plain numbers at these multiples of the powers of ten on a logarithmic axis."""
+    axis.set_major_locator(LogLocator(subs=multiples))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def write_note(ax: Axes, text: str) -> None:
+    """A note in small grey letters, in the lower right corner of a panel."""
+    style: dict[str, Any] = {"ha": "right", "va": "bottom", "fontsize": SMALL, "color": EQUAL}
+    ax.text(0.99, 0.01, text, transform=ax.transAxes, **style)
 
 
 def dress(ax: Axes) -> Axes:
@@ -198,10 +254,26 @@ def draw_band(
     Draws are the first axis of `values`.
     """
     for low, high, opacity in bands:
-        ax.fill_between(
-            x, *np.quantile(values, [low, high], axis=0), color=colour, alpha=opacity, lw=0
-        )
+        edges = np.quantile(values, [low, high], axis=0)
+        ax.fill_between(x, *edges, color=colour, alpha=opacity, lw=0)
     ax.plot(x, values.mean(axis=0), color=colour, lw=line, label=label)
+
+
+def draw_intervals(
+    ax: Axes,
+    y: npt.ArrayLike,
+    quantiles: FloatArray,
+    *,
+    size: float = 3.4,
+    line: float = 1.6,
+    label: str | None = None,
+) -> None:
+    """Draw rows of medians with intervals, from quantiles of shape (3, rows)."""
+    low, middle, high = quantiles
+    ax.hlines(y, low, high, color=POSTERIOR, lw=line)
+    ax.plot(middle, y, "o", ms=size, color=POSTERIOR, label=label)
+    ax.locator_params(axis="x", nbins=4)
+    dress(ax).tick_params(axis="y", length=0)
 
 
 # --- legends --------------------------------------------------------------------------------------
@@ -218,38 +290,35 @@ def legend_below(
 
     Points may be anywhere in the panels. `size` is that of the letters in points.
     """
-    found = {label: handle for ax in figure.axes for handle, label in _main_first(ax)}
-    style: dict[str, Any] = (
-        {"handletextpad": 0.3, "columnspacing": 1.2, "borderaxespad": 0.2}
-        if size <= LETTERS
-        else {}
-    )
-    style |= {"loc": f"outside {side} center", "ncols": columns, "frameon": False, "fontsize": size}
-    figure.legend(found.values(), found.keys(), **style)
+    handles = {}
+    for ax in figure.axes:
+        for handle, label in _main_first(ax):
+            handles[label] = handle
+    style: dict[str, Any] = {"loc": f"outside {side} center", "ncols": columns, "frameon": False}
+    if size <= LETTERS:
+        style |= {"handletextpad": 0.3, "columnspacing": 1.2, "borderaxespad": 0.2}
+    figure.legend(handles.values(), handles.keys(), fontsize=size, **style)
 
 
-def legend_above(ax: Axes, *, columns: int = 1, title: str | None = None) -> None:
+def legend_above(
+    ax: Axes, *, columns: int = 1, title: str | None = None, side: str = "center"
+) -> None:
     """One legend for a panel, above it, in small letters, perhaps with words over it.
 
-    Estimates with error bars come first.
+    Estimates with error bars come first. `side` is where its lower edge touches the panel.
     """
     handles, labels = zip(*_main_first(ax), strict=True)
-    place: dict[str, Any] = {
-        "loc": "lower center",
-        "bbox_to_anchor": (0.5, 1.0),
+    style: dict[str, Any] = {
+        "loc": f"lower {side}",
+        "bbox_to_anchor": ({"left": 0.0, "center": 0.5, "right": 1.0}[side], 1.0),
         "borderaxespad": 0.2,
+        "handletextpad": 0.3,
+        "columnspacing": 1.0,
+        "labelspacing": 0.25,
+        "frameon": False,
     }
-    space: dict[str, Any] = {"handletextpad": 0.3, "columnspacing": 1.0, "labelspacing": 0.25}
     ax.legend(
-        handles,
-        labels,
-        ncols=columns,
-        frameon=False,
-        fontsize=SMALL,
-        title=title,
-        title_fontsize=SMALL,
-        **place,
-        **space,
+        handles, labels, ncols=columns, title=title, fontsize=SMALL, title_fontsize=SMALL, **style
     )
 
 

@@ -66,7 +66,7 @@ def test_figures_are_of_the_flagged_or_of_none_and_the_report_says_so(
 def test_of_very_many_subjects_the_report_is_an_index_with_a_page_for_each(
     marked, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(report, "MOST_IN_ONE", 2)
+    monkeypatch.setattr(report, "MAX_SUBJECTS", 2)
     out = write_results(marked, tmp_path / "out", figures=FigureChoice("flagged"), workers=1)
     index = page(out)
     links = re.findall(r'href="subjects/([^"]+).html"', index)

@@ -113,7 +113,7 @@ def test_an_optimised_design_shows_a_contraction_and_beats_its_rivals(result):
     utilities = [candidate.utility for candidate in candidates.values()]
     assert utilities[0] == max(utilities)
     assert candidates[PAPER].sd["contraction"] > 3 * candidates[OPTIMISED].sd["contraction"]
-    assert result.power.found(OPTIMISED, 650, "contraction", has_effect=True)[0] == 1.0
+    assert result.power.detected(OPTIMISED, 650, "contraction", has_effect=True)[0] == 1.0
     counts = dict(zip(design.pairs, design.n_trials.tolist(), strict=True))
     assert all(counts[s2, s1] == n for (s1, s2), n in counts.items())
     assert (result.worth > 0).all()

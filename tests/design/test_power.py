@@ -12,7 +12,7 @@ from bayes_toe.answers.order_effect import QUESTIONS, answer_subject
 from bayes_toe.answers.words import Word
 from bayes_toe.design.observers import assume_observers
 from bayes_toe.design.power import (
-    FOUND,
+    DETECTED,
     WIDTH,
     PowerTable,
     mean,
@@ -52,8 +52,8 @@ def test_a_data_set_is_answered_as_a_subject_is(table, designs):
 
 
 def test_first_stimuli_far_apart_show_a_contraction_that_the_papers_pairs_do_not(table):
-    assert table["wide", 650, "contraction", "contraction", FOUND].value == 1.0
-    assert table["wide", 650, "contraction", "constant_error", FOUND].value == 0.0
+    assert table["wide", 650, "contraction", "contraction", DETECTED].value == 1.0
+    assert table["wide", 650, "contraction", "constant_error", DETECTED].value == 0.0
     assert table["wide", 650, "large constant error", "constant_error", "yes"].value == 1.0
     assert table["wide", 650, "none", "order_effect", "yes"].value == 0.0
     of_paper = table["paper", 650, "contraction", "contraction_p", WIDTH].value
@@ -68,11 +68,11 @@ def test_words_are_counted(table):
         rows.append(replace(base, answer=replace(base.answer, words=words)))
     counted = PowerTable.from_data_sets(rows, 0)
     expected = {"yes": 0.2, "probably": 0.4, "undecided": 0.2, "no": 0.0, "cannot be told": 0.2}
-    for answer, value in {**expected, FOUND: 0.6}.items():
+    for answer, value in {**expected, DETECTED: 0.6}.items():
         share_of_answer = counted["paper", 650, "none", "contraction", answer].value
         assert share_of_answer == pytest.approx(value)
-    assert counted.found("paper", 650, "contraction", has_effect=False) == share(3, 5)
-    assert counted.found("paper", 650, "contraction", has_effect=True) is None
+    assert counted.detected("paper", 650, "contraction", has_effect=False) == share(3, 5)
+    assert counted.detected("paper", 650, "contraction", has_effect=True) is None
     assert counted.sentences()[1] == (
         "Paper, 650 trials: order effect (60 %), constant error (60 %), contraction (60 %)."
     )
@@ -123,5 +123,5 @@ def test_the_figure_has_a_panel_for_each_design_and_question(table):
     assert len(figure.axes) == 6
     assert figure.axes[2].get_title() == "contraction: yes or probably"
     for bar, kind in zip(figure.axes[5].containers, table.different("observers"), strict=True):
-        expected = table["wide", 650, kind, "contraction", FOUND].value
+        expected = table["wide", 650, kind, "contraction", DETECTED].value
         assert bar.lines[0].get_ydata().tolist() == [expected]

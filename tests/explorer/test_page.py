@@ -176,7 +176,7 @@ def test_curves_are_of_the_weaker_stimuli_with_most_trials_at_each_interval(monk
 )
 def test_badges_say_what_is_wrong(missed, p_overall, p_deviance, freedom, said):
     fit = FitSummary(9.0, freedom, p_overall, 0.0, 0.5, 0.0, 0.0, p_deviance=p_deviance)
-    assert list(badges(SimpleNamespace(fit=lambda name: fit), "A", missed)) == said
+    assert list(badges(SimpleNamespace(fit=lambda name: fit, not_converged=missed), "A")) == said
 
 
 def test_a_name_cannot_end_the_page(small_study):

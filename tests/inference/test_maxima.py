@@ -81,31 +81,6 @@ def test_a_saddle_is_left_uphill():
     assert np.abs(result.x[0]) == pytest.approx(np.full(3, 0.5**0.5), abs=1e-6)
 
 
-class TiltedSaddle(Saddle):
-    """The maximum at negative x is the higher one."""
-
-    def value(self, x, index):
-        return super().value(x, index) - 0.1 * x[0]
-
-    def derivatives(self, x, index):
-        slope, hessian = super().derivatives(x, index)
-        return slope - np.array([[0.1], [0.0]]), hessian
-
-
-def test_of_rivals_one_goes_on_and_other_maxima_are_found_all_the_same():
-    """Two problems; the first has starts on both sides."""
-    start = np.array([[0.3, -0.4, 0.5, -0.6, 0.8, 0.9], [0.5, 0.4, 0.3, 0.2, 0.1, -0.2]])
-    rivals = np.array([0, 0, 0, 0, 1, 1])
-    alone, result = (ascend(TiltedSaddle(), start, rivals=which) for which in (None, rivals))
-    assert result.arrived.sum() < alone.arrived.sum() == 6
-    for problem in (0, 1):
-        is_start = rivals == problem
-        best = result.value[is_start & result.arrived].max()
-        assert best == pytest.approx(alone.value[is_start].max(), abs=1e-12)
-    assert (result.x[0, :4][result.arrived[:4]] < 0).any()
-    assert np.abs(result.x - alone.x).max() < 2e-2
-
-
 def test_what_does_not_arrive_says_so():
     class Slope:
         def value(self, x, index):

@@ -84,13 +84,13 @@ def _narrow_peak_with_long_tails(rng, n):
 def test_contours_hold_their_shares_of_the_draws(draw, n):
     x, y = draw(np.random.default_rng(1), n)
     spans = np.quantile([x, y], [0.005, 0.995], axis=1).T.tolist()
-    lines = drawn_contours(Density.of(x, y, *spans))
+    lines = drawn_contours(Density.from_draws(x, y, *spans))
     assert held(lines, np.column_stack([x, y])) == pytest.approx([0.95, 0.5], abs=0.01)
 
 
 def test_contours_of_a_normal_density_are_circles():
     x, y = np.random.default_rng(1).normal(size=(2, 20_000))
-    lines = drawn_contours(Density.of(x, y, (-3.5, 3.5), (-3.5, 3.5)))
+    lines = drawn_contours(Density.from_draws(x, y, (-3.5, 3.5), (-3.5, 3.5)))
     radii = [np.hypot(*line.vertices.T) for line in lines]
     assert [radius.mean() for radius in radii] == pytest.approx([2.448, 1.177], rel=0.02)
     assert radii[0].std() < 0.04  # 0.05 where counts are smoothed by one bin
@@ -98,7 +98,7 @@ def test_contours_of_a_normal_density_are_circles():
 
 def test_draws_that_are_one_point_have_one_level():
     x = np.full(100, 0.5 / BINS)  # the middle of the first bin, where the density is largest
-    found = Density.of(x, x, (0.0, 1.0), (0.0, 1.0))
+    found = Density.from_draws(x, x, (0.0, 1.0), (0.0, 1.0))
     assert found.levels == (found.values.max(),) * 2
 
 

@@ -10,7 +10,7 @@ import bayes_toe as bt
 from bayes_toe.data.covariates import Covariates
 from bayes_toe.groups.predictive_check import PredictiveCheck, Statistic
 from bayes_toe.groups.regressors import regressors
-from bayes_toe.plots.population import MOST_NAMED_IN_GROUP, forest
+from bayes_toe.plots.population import MAX_NAMES_IN_GROUP, forest
 from bayes_toe.plots.style import BAD, new_figure
 
 CHECK = PredictiveCheck(
@@ -100,7 +100,7 @@ def test_the_check_marks_what_contradicts_a_normal_group(few):
 
 
 def test_many_subjects_are_sorted_and_have_no_names():
-    made = made_result(simulated_group(2, n_subjects=MOST_NAMED_IN_GROUP + 1, n_each=4))
+    made = made_result(simulated_group(2, n_subjects=MAX_NAMES_IN_GROUP + 1, n_each=4))
     ax = new_figure(3.0, 3.0).subplots()
     forest(ax, made, "constant_error")
     [points] = marks_of(ax, "o")

@@ -30,7 +30,7 @@ def test_many_first_stimuli_are_taken_together(stronger):
     many = bt.Subject("many", s1, s1 + 0.1, [1] * 40, [2] * 40, task=stronger.study.task)
     lines = lines_along(many, 0.0, 9)
     assert len(lines) == 6
-    assert (np.sum([line.at for line in lines], axis=0) == 1).all()
+    assert (np.sum([line.rows for line in lines], axis=0) == 1).all()
     assert " to " in lines[0].mark.label
 
 
