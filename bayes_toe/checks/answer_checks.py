@@ -249,9 +249,9 @@ def _agreement(p: FloatArray) -> FloatArray:
 
 def _one_answer(subject: Subject) -> Finding:
     task = subject.task
-    only = task.yes if subject.n_yes.any() else task.no
+    answer = task.yes if subject.n_yes.any() else task.no
     option = f"--exclude {as_option(subject.name)}"
-    message = f"Every response is {only!r}."
+    message = f"Every response is {answer!r}."
     return Finding(subject.name, "one_answer", message, option)
 
 
@@ -500,8 +500,8 @@ def _swapped_blocks(table: AnswerTable, task: Task, difference: FloatArray) -> B
         if (is_likely == is_turned).all():
             break
         is_turned = is_likely
-    is_sure = is_turned.any() and gain[is_turned].max() > SWAPPED
-    return is_turned if is_sure else np.zeros_like(is_turned)
+    is_certain = is_turned.any() and gain[is_turned].max() > SWAPPED
+    return is_turned if is_certain else np.zeros_like(is_turned)
 
 
 def _swap_gain(table: AnswerTable, tilt: FloatArray) -> FloatArray:
@@ -513,13 +513,13 @@ def _swap_gain(table: AnswerTable, tilt: FloatArray) -> FloatArray:
     logits = table.other_logits()
     relative_tilt = tilt[:, None] / (np.abs(tilt).max() or 1.0)
     slopes = _TILTS if tilt.any() else np.zeros(1)
-    as_others, as_swapped = [], []
+    unswapped, swapped = [], []
     for preference, slope in product(_MOVES.tolist(), slopes.tolist()):
         moved = logits + preference + slope * relative_tilt
         log_prior = -abs(preference) - abs(slope) / _TILT_SCALE
-        as_others.append(log_prior + _log_likelihood(table.n, table.k, moved))
-        as_swapped.append(log_prior + _log_likelihood(table.n, table.n - table.k, moved))
-    return np.asarray(logsumexp(as_others, axis=0) - logsumexp(as_swapped, axis=0))
+        unswapped.append(log_prior + _log_likelihood(table.n, table.k, moved))
+        swapped.append(log_prior + _log_likelihood(table.n, table.n - table.k, moved))
+    return np.asarray(logsumexp(unswapped, axis=0) - logsumexp(swapped, axis=0))
 
 
 def _log_likelihood(n: IntArray, k: IntArray, logits: FloatArray) -> FloatArray:

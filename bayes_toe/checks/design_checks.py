@@ -45,7 +45,7 @@ _INVISIBLE = frozenset("\u034f\u115f\u1160\u17b4\u17b5\u2800\u3164\uffa0") | fro
 _NEAR = 10.0  # factor within which sigma_p of a prior in the stimuli's unit lies of their step
 _SELDOM = 0.1  # probability of that below which the prior has another unit
 _ROUNDED = 1e-6  # of the range of the stimuli: nobody perceives such a difference
-_APART = 0.25  # of the sd of the stimuli: how far their means may differ between conditions
+_DISTANT = 0.25  # of the sd of the stimuli: how far their means may differ between conditions
 _LONG = 100.0  # seconds; nobody compares two stimuli over that time, but 100 ms are common
 _TWO_SCALES = math.log(100.0)  # a gap between stimuli that is wider than all others together
 
@@ -107,8 +107,8 @@ def _raw_stimuli(study: Study) -> Iterator[Finding]:
     """Stimuli that are too large, or too far apart, to be natural logs."""
     stimuli = np.concatenate([np.concatenate([subject.s1, subject.s2]) for subject in study])
     low, high = float(stimuli.min()), float(stimuli.max())
-    is_known = "i1" in study.reading.read or study.reading.unit != ""
-    if is_known or max(high - low, low) <= LARGEST_LOG:
+    has_unit = "i1" in study.reading.read or study.reading.unit != ""
+    if has_unit or max(high - low, low) <= LARGEST_LOG:
         return
     message = (
         f"Stimuli from {low:.4g} to {high:.4g} look like raw intensities, but the program reads "
@@ -182,14 +182,14 @@ def _similar_names(names: Iterable[str]) -> Iterator[Finding]:
     for look, alike in groups.items():
         if len(alike) == 1:
             continue
-        shown = ", ".join(map(ascii, alike))
+        names_as_ascii = ", ".join(map(ascii, alike))
         if len({name.casefold() for name in alike}) == 1:
             message = f"Subjects {', '.join(map(repr, alike))} differ in case only. {join}"
             yield Finding("", "names_differ_in_case", message)
         elif math.isnan(number(look, False)):
-            yield Finding("", "names_look_alike", f"Subjects {shown} look alike. {join}")
+            yield Finding("", "names_look_alike", f"Subjects {names_as_ascii} look alike. {join}")
         else:
-            message = f"Subjects {shown} are the same number. {join}"
+            message = f"Subjects {names_as_ascii} are the same number. {join}"
             yield Finding("", "names_are_one_number", message)
 
 
@@ -222,9 +222,9 @@ def _prior_scale(study: Study, prior: Prior) -> Iterator[Finding]:
     p_near = float(spread.cdf(_NEAR * step) - spread.cdf(step / _NEAR))
     if p_near >= _SELDOM:
         return
-    how = "wide" if spread.cdf(step) < 0.5 else "narrow"
+    width = "wide" if spread.cdf(step) < 0.5 else "narrow"
     message = (
-        f"The prior is far too {how} for these stimuli: {prior.spread} ~ {spread.describe()}, "
+        f"The prior is far too {width} for these stimuli: {prior.spread} ~ {spread.describe()}, "
         f"with steps of {step:.2g} (root mean square of s2 - s1). If s1 and s2 are natural logs, "
         "use the default prior, which takes its scales from the stimuli."
     )
@@ -267,9 +267,11 @@ def _once_for_all(study: Study, names: Sequence[str], code: str, message: str) -
 
 def _one_order(subject: Subject) -> Iterator[Finding]:
     """A few pairs in one order among others that were shown in both, at whatever interval."""
-    shown = set(zip(subject.s1.tolist(), subject.s2.tolist(), strict=True))
-    lone = [pair for pair in sorted(shown) if pair[0] != pair[1] and pair[::-1] not in shown]
-    if not 0 < len(lone) < 0.5 * len(shown):
+    presented = set(zip(subject.s1.tolist(), subject.s2.tolist(), strict=True))
+    lone = [
+        pair for pair in sorted(presented) if pair[0] != pair[1] and pair[::-1] not in presented
+    ]
+    if not 0 < len(lone) < 0.5 * len(presented):
         return
     pairs = ", ".join(f"({first:.4g}, {second:.4g})" for first, second in lone[:_MOST_PAIRS_SHOWN])
     if len(lone) > _MOST_PAIRS_SHOWN:
@@ -281,21 +283,21 @@ def _one_order(subject: Subject) -> Iterator[Finding]:
 
 def _rounding(subject: Subject) -> Iterator[Finding]:
     """Stimuli so near each other that they were meant to be the same."""
-    both = np.concatenate([subject.s1, subject.s2])
-    gaps = np.diff(np.sort(both))
+    all_stimuli = np.concatenate([subject.s1, subject.s2])
+    gaps = np.diff(np.sort(all_stimuli))
     limit = _ROUNDED * gaps.sum()
     if not ((gaps > 0) & (gaps <= limit)).any():
         return
-    stimuli, index = np.unique(both, return_inverse=True)
+    stimuli, index = np.unique(all_stimuli, return_inverse=True)
     n_shown = np.bincount(index.ravel(), np.tile(subject.n_trials, 2))
     # Where every trial has a stimulus of its own, two may be near by chance.
     is_near = (np.diff(stimuli) <= limit) & (np.maximum(n_shown[1:], n_shown[:-1]) > 2)
     if not is_near.any():
         return
     n_near, first = int(np.count_nonzero(is_near)), int(np.argmax(is_near))
-    more = f" and {n_near - 1} more" if n_near > 1 else ""
+    further = f" and {n_near - 1} more" if n_near > 1 else ""
     message = (
-        f"Stimuli {float(stimuli[first])!r} and {float(stimuli[first + 1])!r}{more} differ by "
+        f"Stimuli {float(stimuli[first])!r} and {float(stimuli[first + 1])!r}{further} differ by "
         "rounding only. The program counts them as different. Give one stimulus one number."
     )
     yield Finding(subject.name, "rounding", message)
@@ -311,8 +313,8 @@ def _conditions(study: Study) -> Iterator[Finding]:
     orders = Counter[str]()
     subjects = by_person(study)
     for name, units in subjects.items():
-        shown = {unit.condition for unit in units}
-        missing = [level for level in study.conditions.levels if level not in shown]
+        unit_conditions = {unit.condition for unit in units}
+        missing = [level for level in study.conditions.levels if level not in unit_conditions]
         if missing:
             message = (
                 f"No trials in condition {listed(missing)}. The subject does not count in this "
@@ -337,11 +339,11 @@ def _stimuli_by_condition(name: str, units: Sequence[Subject]) -> Iterator[Findi
     for unit in units:
         means.append(0.5 * float(np.average(unit.s1 + unit.s2, weights=unit.n_trials)))
     scales = units[0].felt
-    apart = 0.0 if scales is None else (max(means) - min(means)) / scales.sd
-    if apart > _APART:
+    distance = 0.0 if scales is None else (max(means) - min(means)) / scales.sd
+    if distance > _DISTANT:
         message = (
-            f"The mean stimulus differs between conditions by {apart:.2g} standard deviations. A "
-            "difference between conditions may be an effect of the stimuli."
+            f"The mean stimulus differs between conditions by {distance:.2g} standard deviations. "
+            "A difference between conditions may be an effect of the stimuli."
         )
         yield Finding(name, "stimuli_by_condition", message)
     elif follows_from_pairs([units]):
@@ -362,7 +364,7 @@ def _order_of_conditions(units: Sequence[Subject]) -> str:
     spans.sort()
     if len(spans) < 2:
         return ""
-    for (before, _), (after, _) in pairwise(spans):
-        if before[1] >= after[0]:
+    for (earlier, _), (later, _) in pairwise(spans):
+        if earlier[1] >= later[0]:
             return ""
     return ", ".join(condition for _, condition in spans)

@@ -79,8 +79,8 @@ def identify(subject: Subject) -> Identification:
     >>> identified = identify(subject)
     >>> identified.constant_error, identified.contraction
     (True, False)
-    >>> identified.reasons
-    {'contraction': 'the first stimulus is always the same, so a contraction looks like a constant error'}
+    >>> identified.reasons["contraction"]
+    'the first stimulus is always the same, so a contraction looks like a constant error'
     """
     notes = []
     if subject.task == WHICH_STRONGER:
@@ -203,7 +203,6 @@ def contraction_information(subject: Subject) -> float:
     point = posterior.full_points(posterior.points(quantities)[None])
     information = posterior.batch.scoring(point)[2][0, 0] * TYPICAL_TRIALS / subject.total_trials
     curvature = posterior.batch.prior_slopes(point)[1][0, 0]
-    others = information[:-1, :-1] + np.diag(curvature[:-1])
+    other_coordinates = information[:-1, :-1] + np.diag(curvature[:-1])
     shared = information[-1, :-1]
-    own = information[-1, -1] - shared @ np.linalg.solve(others, shared)
-    return float(own)
+    return float(information[-1, -1] - shared @ np.linalg.solve(other_coordinates, shared))

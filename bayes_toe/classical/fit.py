@@ -71,10 +71,10 @@ class Bootstrap:
         require_share("level", level)
         result = np.full((self.fits.parameters.shape[1], 2), np.nan)
         for i, values in enumerate(self.fits.parameters.T):
-            known = values[~np.isnan(values)]
-            if 2 * len(known) > len(self) and not np.isnan(self.fitted.parameters[0, i]):
+            determined = values[~np.isnan(values)]
+            if 2 * len(determined) > len(self) and not np.isnan(self.fitted.parameters[0, i]):
                 result[i] = np.quantile(
-                    known, [0.5 - level / 2.0, 0.5 + level / 2.0], method="inverted_cdf"
+                    determined, [0.5 - level / 2.0, 0.5 + level / 2.0], method="inverted_cdf"
                 )
         return result
 
@@ -176,9 +176,12 @@ def bootstrap_evidence(replicates: Bootstrap, prior: Prior) -> tuple[float | Non
     """
     fitted, covariance = replicates.fitted, replicates.covariance()
     theta, edge = fitted.parameters[0], fitted.at_edge[0]
-    at = ";".join(part for part in edge.split(";") if part != "not unique")
+    open_edges = ";".join(part for part in edge.split(";") if part != "not unique")
     lies = " and ".join(
-        [*([f"lies at {at}"] if at else []), *(["is not unique"] if at != edge else [])]
+        [
+            *([f"lies at {open_edges}"] if open_edges else []),
+            *(["is not unique"] if open_edges != edge else []),
+        ]
     )
     if not np.isfinite(theta).all() or theta[1] == 0.0:
         return None, f"{_LABEL} does not exist: the maximum {lies}"

@@ -50,11 +50,11 @@ def accuracy(subject: Subject) -> float:
     0.75
     """
     difference = subject.s2 - subject.s1
-    wrong, n = (
-        subject.task.wrong(difference, subject.n_yes, subject.n_trials),
-        subject.n_trials[subject.task.right(difference) != 0].sum(),
-    )
-    return float(1.0 - wrong.sum() / n) if n else float("nan")
+    n_judged = subject.n_trials[subject.task.right(difference) != 0].sum()
+    if not n_judged:
+        return float("nan")
+    n_wrong = subject.task.wrong(difference, subject.n_yes, subject.n_trials).sum()
+    return float(1.0 - n_wrong / n_judged)
 
 
 def presentation_order(subject: Subject) -> IntArray:
@@ -66,7 +66,8 @@ def presentation_order(subject: Subject) -> IntArray:
 
     Examples
     --------
-    >>> presentation_order(Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [9, 4, 5], [10, 10, 10])).tolist()
+    >>> subject = Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [9, 4, 5], [10, 10, 10])
+    >>> presentation_order(subject).tolist()
     [0, -1, 1]
     """
     return np.sign(subject.s1 - subject.s2).astype(np.int64)

@@ -58,14 +58,14 @@ EDGES: Mapping[Task, tuple[str, ...]] = {
 _BLOCK = 1 << 14
 #: -log of a share that is 1 or 0 to all digits; how far a width may be from the steps between
 #: stimuli, natural log.
-_WHOLE, _NONE, _FAR = 1e-15, 80.0, 30.0
+_FULL, _EMPTY, _FAR = 1e-15, 80.0, 30.0
 #: Curvatures below which a direction counts as flat: nats, and what differences can tell of those
 #: of its coordinates.
 _FLAT, _ROUGH = 1e-6, 1e-7
 #: A parameter may change this little along a flat direction and still count as determined; the step
 #: by which that is seen.
 _STILL, _STEP = 1e-3, 1e-4
-_ITERATIONS = 40  # after which only the best start of each row goes on
+_MOST_STEPS = 40  # after which only the best start of each row goes on
 #: The grid: pulls as shares of the largest with sides of the offset, the edge gamma = 0 last;
 #: offsets and log widths on the scale of the design; shares of answers that lapses leave.
 _PARTS = (
@@ -110,7 +110,7 @@ class PenalisedLikelihood:
 
     def coordinates(self, u: FloatArray) -> FloatArray:
         """Those of the posterior, (points, 4)."""
-        logits = -u - np.log(-np.expm1(-np.maximum(u, _WHOLE)))
+        logits = -u - np.log(-np.expm1(-np.maximum(u, _FULL)))
         return np.stack([u[:, 0], logits[:, 1], -u[:, 2], self.sign * logits[:, 3]], axis=-1)
 
     def value(self, u: FloatArray, row: IndexArray) -> FloatArray:
@@ -120,21 +120,21 @@ class PenalisedLikelihood:
             [self._log_likelihood(x[at], self.n_yes[row[at]]) for at in blocks]
         ) - self.penalty(u)
 
-    def gradient(self, u: FloatArray, row: IndexArray) -> FloatArray:
-        """Its gradient, (points, 4).
+    def gradient(self, u: FloatArray, row: IndexArray) -> tuple[FloatArray, FloatArray]:
+        """What is maximised, (points,), and its gradient, (points, 4).
 
         That of the penalty follows from mu1 = sbar + c/p and d(1/p)/du_1 = 1/p.
         """
-        x, blocks, one = self.coordinates(u), self._blocks(len(u)), np.ones(len(u))
-        slopes = np.concatenate(
-            [self.posterior.likelihood_gradient(x[at], self.n_yes[row[at]])[1] for at in blocks]
-        )
-        of_logits = 1.0 / np.expm1(-np.maximum(u, _WHOLE))
-        slopes *= np.stack([one, of_logits[:, 1], -one, self.sign * of_logits[:, 3]], axis=-1)
-        slopes[:, :2] -= (self._far(u) * np.exp(u[:, 1]) / MAX_PULL)[:, None] * np.stack(
-            [one, u[:, 0]], axis=-1
-        )
-        return slopes
+        x, unit = self.coordinates(u), np.ones(len(u))
+        parts = []
+        for block in self._blocks(len(u)):
+            parts.append(self.posterior.likelihood_gradient(x[block], self.n_yes[row[block]]))
+        value, slopes = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+        of_logits = 1.0 / np.expm1(-np.maximum(u, _FULL))
+        slopes *= np.stack([unit, of_logits[:, 1], -unit, self.sign * of_logits[:, 3]], axis=-1)
+        by_mu1 = self._far(u) * np.exp(u[:, 1]) / MAX_PULL
+        slopes[:, :2] -= by_mu1[:, None] * np.stack([unit, u[:, 0]], axis=-1)
+        return value - self.penalty(u), slopes
 
     def penalty(self, u: FloatArray) -> FloatArray:
         """(mu1 - mean)^2 / (2 V_1), (points,).
@@ -148,7 +148,7 @@ class PenalisedLikelihood:
         """(mu1 - mean) / V_1."""
         penalty = self.posterior.prior.penalty
         far = self.posterior.sbar - penalty.mean + u[:, 0] * np.exp(u[:, 1]) / MAX_PULL
-        return np.asarray(np.where(u[:, 1] < _NONE, far, 0.0) / penalty.sd**2)
+        return np.asarray(np.where(u[:, 1] < _EMPTY, far, 0.0) / penalty.sd**2)
 
     def highest(self, u: FloatArray) -> FloatArray:
         """Of points, (points, 4), the one that is highest for each row, (rows, 4)."""
@@ -226,8 +226,9 @@ def fit_counts(
 
     Examples
     --------
-    >>> found = fit_counts(Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [49, 20, 15], [50, 50, 50]))
-    >>> found.at_edge, bool(found.arrived[0])
+    >>> subject = Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [49, 20, 15], [50, 50, 50])
+    >>> fits = fit_counts(subject)
+    >>> fits.at_edge, bool(fits.arrived[0])
     (('q0=1',), True)
     """
     refuse_intervals([subject], "maximum-likelihood fit")
@@ -236,14 +237,14 @@ def fit_counts(
     counts = np.atleast_2d(np.asarray(subject.n_yes if n_yes is None else n_yes))
     fitted = PenalisedLikelihood(posterior, counts)
     starts, rows = _starts(fitted), np.arange(len(fitted.n_yes))
-    every = np.repeat(rows, starts.shape[1])
-    found = _ascended(fitted, every, starts.reshape(-1, 4), iterations=_ITERATIONS, rivals=every)[1]
-    value = found.value.reshape(len(rows), -1)
-    is_highest = value > value.max(axis=1, keepdims=True) - _same(value)
+    row_of_start = np.repeat(rows, starts.shape[1])
+    ascent = _ascended(fitted, row_of_start, starts.reshape(-1, 4), most_steps=_MOST_STEPS)[1]
+    value = ascent.value.reshape(len(rows), -1)
+    is_highest = value > value.max(axis=1, keepdims=True) - _rounding(value)
     # Of equal ones the first: rather inside than on gamma = 0.
     best = is_highest.argmax(axis=1) + rows * starts.shape[1]
-    climb, ended = _ascended(fitted, rows, found.x[:, best].T, iterations=10 * _ITERATIONS)
-    return _described(fitted, ended, climb.curvature(ended.x, rows))
+    density, ended = _ascended(fitted, rows, ascent.x[best], most_steps=10 * _MOST_STEPS)
+    return _described(fitted, ended, density.curvature(ended.x, rows))
 
 
 def _starts(fitted: PenalisedLikelihood) -> FloatArray:
@@ -252,15 +253,15 @@ def _starts(fitted: PenalisedLikelihood) -> FloatArray:
     Of 6,400 rows (replicates of 16 subjects, blunt and hard ones most) 3 stayed below the best that
     these or other grids led to.
     """
-    found = []
+    starts = []
     for shares, sides in _PARTS:
         pulls = np.array(
-            [_NONE if share == 0.0 else max(-np.log(share), _WHOLE) for share in shares]
+            [_EMPTY if share == 0.0 else max(-np.log(share), _FULL) for share in shares]
         )
         offsets = fitted.scale * np.unique(np.outer(sides, _OFFSETS))
         axes = np.meshgrid(offsets, pulls, -np.log(fitted.scale) - _WIDTHS, -np.log(_SHARES))
-        found.append(fitted.highest(np.stack([axis.ravel() for axis in axes], axis=-1)))
-    return np.stack(found, axis=1)
+        starts.append(fitted.highest(np.stack([axis.ravel() for axis in axes], axis=-1)))
+    return np.stack(starts, axis=1)
 
 
 def _ascended(
@@ -268,33 +269,33 @@ def _ascended(
     row: IndexArray,
     start: FloatArray,
     *,
-    iterations: int,
-    rivals: IndexArray | None = None,
+    most_steps: int,
 ) -> tuple[Differenced, Ascent]:
     """Newton from starts, (points, 4), of rows, (points,).
 
     On the edge gamma = 0 offset and pull stay.
     """
-    held = (start[:, 1:2] == _NONE) & [True, True, False, False]
-    lower = np.array([-np.inf, _WHOLE, -np.log(fitted.scale) - _FAR, _WHOLE])[:, None]
-    climb = Differenced(
-        lambda u, at: fitted.value(u, row[at]),
-        lambda u, at: fitted.gradient(u, row[at]),
-        *start.shape,
-    )
-    return climb, ascend(
-        climb, start.T, lower=lower, fixed=held.T, most=3.0, iterations=iterations, rivals=rivals
+    is_held = (start[:, 1:2] == _EMPTY) & [True, True, False, False]
+    lower = np.array([-np.inf, _FULL, -np.log(fitted.scale) - _FAR, _FULL])
+    density = Differenced(lambda u, index: fitted.gradient(u, row[index]), *start.shape)
+    return density, ascend(
+        density.expand,
+        start,
+        lower=lower,
+        is_held=is_held,
+        largest_step=3.0,
+        most_steps=most_steps,
     )
 
 
-def _same(value: FloatArray) -> FloatArray:
+def _rounding(value: FloatArray) -> FloatArray:
     """Differences up to this are rounding, nats: two such values are one maximum, found twice."""
     return np.asarray(1e-9 + 4e-15 * np.abs(value))
 
 
 def _described(fitted: PenalisedLikelihood, ended: Ascent, curvature: FloatArray) -> Fits:
     """Natural parameters, edges and what stays open, all rows at once."""
-    sup = _suprema(fitted, ended.x.T, ended.value)
+    sup = _suprema(fitted, ended.x, ended.value)
     _, pull, _, share = sup.u.T
     beyond = sup.wide | sup.never
     open_ = _left_open(fitted, ended, curvature)
@@ -302,17 +303,17 @@ def _described(fitted: PenalisedLikelihood, ended: Ascent, curvature: FloatArray
     open_[:, 1:3] = (open_[:, 1:3] & ~sup.narrow[:, None]) | sup.never[:, None]
     open_[:, 3] &= ~sup.never
     x, posterior = fitted.coordinates(sup.u), fitted.posterior
-    found = posterior.quantities(x)
-    whole, no_pull = (share <= _WHOLE) & ~open_[:, 3], pull >= _NONE
-    parameters = np.stack([found[name] for name in posterior.names.natural], axis=-1)
+    quantities = posterior.quantities(x)
+    is_full, no_pull = (share <= _FULL) & ~open_[:, 3], pull >= _EMPTY
+    parameters = np.stack([quantities[name] for name in posterior.names.natural], axis=-1)
     parameters[no_pull, 0] = posterior.prior.penalty.mean
     parameters[no_pull, 2] = 0.0
     parameters[sup.narrow, 1:3], parameters[sup.wide, 1:3] = 0.0, np.inf
-    parameters[whole, 3], parameters[sup.never, 3] = (1.0, 0.0)[:: int(fitted.sign)]
+    parameters[is_full, 3], parameters[sup.never, 3] = (1.0, 0.0)[:: int(fitted.sign)]
     plain = ~(beyond | sup.narrow)
     edges = (
-        *((plain & no_pull) | sup.vanished, plain & (pull <= _WHOLE) & ~open_[:, 2]),
-        *(sup.never, whole)[:: int(fitted.sign)],
+        *((plain & no_pull) | sup.vanished, plain & (pull <= _FULL) & ~open_[:, 2]),
+        *(sup.never, is_full)[:: int(fitted.sign)],
         *(sup.narrow, sup.wide, open_.any(axis=1)),
     )
     objective = np.maximum(ended.value, fitted.value(sup.u, np.arange(len(x))))
@@ -321,7 +322,7 @@ def _described(fitted: PenalisedLikelihood, ended: Ascent, curvature: FloatArray
         log_likelihood=objective + fitted.penalty(sup.u),
         objective=objective,
         edges=np.stack(edges, axis=-1),
-        arrived=ended.arrived | beyond,
+        arrived=ended.has_converged | beyond,
         points=x,
         subject=posterior.subject,
     )
@@ -353,33 +354,33 @@ def _suprema(fitted: PenalisedLikelihood, u: FloatArray, value: FloatArray) -> _
     )
 
     def goes(
-        some: BoolArray, there: Sequence[npt.ArrayLike], elsewhere: Sequence[npt.ArrayLike] = ()
+        rows: BoolArray, toward: Sequence[npt.ArrayLike], against: Sequence[npt.ArrayLike] = ()
     ) -> BoolArray:
         """Which rows go there, of some."""
         points = [
             np.stack(np.broadcast_arrays(*where, row)[:4], axis=-1)
-            for where in (there, elsewhere)
+            for where in (toward, against)
             if where
         ]
-        high, *others = (fitted.value(at, row) >= value - _same(value) for at in points)
-        gone = np.asarray(some & high & ~np.any(others, axis=0))
-        end[gone] = points[0][gone]
-        return gone
+        high, *others = (fitted.value(at, row) >= value - _rounding(value) for at in points)
+        has_gone = np.asarray(rows & high & ~np.any(others, axis=0))
+        end[has_gone] = points[0][has_gone]
+        return has_gone
 
-    no_pull = (0.0, _NONE)
+    no_pull = (0.0, _EMPTY)
     wide = goes(np.ones(len(u), bool), (*no_pull, middle - _FAR, share), (*no_pull, middle, share))
-    never = goes(~wide, (*no_pull, width, _NONE), (*no_pull, middle, np.log(2.0)))
+    never = goes(~wide, (*no_pull, width, _EMPTY), (*no_pull, middle, np.log(2.0)))
     # Without a width different stimuli are told apart for certain; identical ones still differ by p
     # (mu1 - s1) / w.
-    told = ~(wide | never) & bool(np.any(design.s1 != design.s2))
-    vanished = goes(told, (c * np.exp(-_FAR), pull + _FAR, width + _FAR, share))
-    narrow = goes(told & ~vanished, (c, pull, width + _FAR, share)) | vanished
+    is_open = ~(wide | never) & bool(np.any(design.s1 != design.s2))
+    vanished = goes(is_open, (c * np.exp(-_FAR), pull + _FAR, width + _FAR, share))
+    narrow = goes(is_open & ~vanished, (c, pull, width + _FAR, share)) | vanished
     far = np.where(
-        pull < _NONE,
-        c * np.exp(np.minimum(pull, _NONE)),
+        pull < _EMPTY,
+        c * np.exp(np.minimum(pull, _EMPTY)),
         MAX_PULL * (penalty.mean - fitted.posterior.sbar),
     )
-    goes(~(wide | never | narrow), (*no_pull, width, share), (far, _WHOLE, width, share))
+    goes(~(wide | never | narrow), (*no_pull, width, share), (far, _FULL, width, share))
     return _Suprema(end, wide, never, narrow, vanished)
 
 
@@ -388,21 +389,21 @@ def _left_open(fitted: PenalisedLikelihood, ended: Ascent, curvature: FloatArray
 
     Directions count in units of the width for the offset and logarithmically for the rest.
     """
-    u = ended.x.T
-    held = (u[:, 1:2] == _NONE) & [True, True, False, False]
-    bound = (u <= _WHOLE) & (ended.gradient.T < -_FLAT) & [False, True, False, True]
+    u = ended.x
+    held = (u[:, 1:2] == _EMPTY) & [True, True, False, False]
+    bound = (u <= _FULL) & (ended.gradient < -_FLAT) & [False, True, False, True]
     free, unit = ~(held | bound), np.ones(u.shape)
     unit[:, 0] = np.exp(-u[:, 2])
-    both = free[:, :, None] & free[:, None, :]
-    bend = np.where(both, curvature * unit[:, :, None] * unit[:, None, :], np.eye(4))
+    both_free = free[:, :, None] & free[:, None, :]
+    bend = np.where(both_free, curvature * unit[:, :, None] * unit[:, None, :], np.eye(4))
     values, vectors = np.linalg.eigh(bend)
     flat = values < np.maximum(
         _FLAT, _ROUGH * np.einsum("rcd,rcc->rd", np.square(vectors), np.abs(bend))
     )
 
     def described(points: FloatArray) -> FloatArray:
-        found = fitted.posterior.quantities(fitted.coordinates(points))
-        first, *sigmas, last = (found[name] for name in fitted.posterior.names.natural)
+        quantities = fitted.posterior.quantities(fitted.coordinates(points))
+        first, *sigmas, last = (quantities[name] for name in fitted.posterior.names.natural)
         return np.stack([first, *map(np.log, sigmas), last], axis=-1)
 
     steps = _STEP * np.moveaxis(vectors * unit[:, :, None], 2, 0)  # (directions, rows, coordinates)

@@ -88,16 +88,16 @@ class SubjectRows:
         batch = ObserverBatch.from_subjects(rows, PLAIN_UNITS, scales)
         names = [parameter.name for parameter in task_parameters(rows[0].task)]
         shared = [parameter.name for parameter in group_parameters(rows[0].task)]
-        own = [name for name in names if name not in shared]
+        unshared = [name for name in names if name not in shared]
         n_columns = differences.shape[1]
         n_coefficients = len(shared) + len(differing) * n_columns
-        loading = np.zeros((len(rows), len(names), n_coefficients + len(own)))
+        loading = np.zeros((len(rows), len(names), n_coefficients + len(unshared)))
         for j, name in enumerate(shared):
             loading[:, names.index(name), j] = 1.0
         for j, name in enumerate(differing):
             first = len(shared) + j * n_columns
             loading[:, names.index(name), first : first + n_columns] = differences
-        for j, name in enumerate(own):
+        for j, name in enumerate(unshared):
             loading[:, names.index(name), n_coefficients + j] = 1.0
         return cls(batch, first_row, loading, n_coefficients)
 
@@ -121,8 +121,8 @@ class SubjectRows:
     @cached_property
     def own_priors(self) -> list[int]:
         """Which coordinates of the batch the group does not share."""
-        is_own = self.loading[0, :, self.n_coefficients :].any(axis=1)
-        return np.flatnonzero(is_own).tolist()
+        is_unshared = self.loading[0, :, self.n_coefficients :].any(axis=1)
+        return np.flatnonzero(is_unshared).tolist()
 
     def row_points(self, w: FloatArray) -> FloatArray:
         """Coordinates of the rows, (subjects, points, q + own) -> (rows, points, k)."""
@@ -143,13 +143,13 @@ class SubjectRows:
         first, second, third = (np.add.reduceat(part, self.first_row, axis=0) for part in parts)
         return first, second, third
 
-    def log_own_prior(self, own: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def log_own_prior(self, unshared: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Log prior of the parameters that are not shared, (..., own) -> (...), and its slopes."""
-        total, slopes = np.zeros(own.shape[:-1]), np.empty_like(own)
-        for j, place in enumerate(self.own_priors):
-            density = self.batch.priors[place]
-            total += density.log_density(own[..., j])
-            slopes[..., j] = density.slope(own[..., j])
+        total, slopes = np.zeros(unshared.shape[:-1]), np.empty_like(unshared)
+        for j, coordinate in enumerate(self.own_priors):
+            density = self.batch.priors[coordinate]
+            total += density.log_density(unshared[..., j])
+            slopes[..., j] = density.slope(unshared[..., j])
         return total, slopes
 
 
@@ -183,9 +183,9 @@ def separate_fits(rows: SubjectRows, numbers: HyperpriorNumbers) -> SeparateFits
 
     def scored(w: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         value, slope, information = rows.scoring(w[:, None])
-        away = w - centre
-        value = value[:, 0] - 0.5 * (precision * np.square(away)).sum(axis=1)
-        return value, slope[:, 0] - precision * away, information[:, 0] + np.diag(precision)
+        offset = w - centre
+        value = value[:, 0] - 0.5 * (precision * np.square(offset)).sum(axis=1)
+        return value, slope[:, 0] - precision * offset, information[:, 0] + np.diag(precision)
 
     w = np.tile(centre, (n, 1))
     value, slope, information = scored(w)
@@ -202,12 +202,12 @@ def separate_fits(rows: SubjectRows, numbers: HyperpriorNumbers) -> SeparateFits
         share = np.where(is_better[:, None], np.minimum(1.0, 2.0 * share), 0.25 * share)
     variance = np.diagonal(np.linalg.inv(information), axis1=1, axis2=2)
     by_responses = np.maximum(1.0 / variance[:, :q] - precision[:q], 0.0)
-    told = w[:, :q] / variance[:, :q] - precision[:q] * centre[:q]
-    told = np.where(by_responses > 0.0, told, 0.0)
+    weighted_centre = w[:, :q] / variance[:, :q] - precision[:q] * centre[:q]
+    weighted_centre = np.where(by_responses > 0.0, weighted_centre, 0.0)
     ridge = np.asarray(-np.linalg.solve(information[:, q:, q:], information[:, q:, :q]))
     # The lapse rate comes first. It trades off against the noise along a curve, not a line.
     ridge[:, 0] = 0.0
-    return SeparateFits(w, np.sqrt(variance), told, by_responses, ridge)
+    return SeparateFits(w, np.sqrt(variance), weighted_centre, by_responses, ridge)
 
 
 class GroupPoint(NamedTuple):
@@ -264,20 +264,20 @@ class GroupPosterior:
         sds = numbers.sds(sd_score)
         tau = sds.values
         expected = self._expected(mean, effects)
-        xi, own = block[..., :q], block[..., q:]
+        xi, unshared = block[..., :q], block[..., q:]
         ratio = self.fits.precision[:, None] * np.square(tau)
         share = 1.0 / (1.0 + ratio)
         root = np.sqrt(share)
         unit = tau * root
         pulled = self.fits.information[:, None] - self.fits.precision[:, None] * expected
-        away = np.square(unit) * pulled
+        offset = np.square(unit) * pulled
         score = tau * share * pulled + root * xi
-        coefficients = expected + away + unit * xi
-        w = self._with_own(coefficients, own)
+        coefficients = expected + offset + unit * xi
+        w = self._subject_points(coefficients, unshared)
         log_likelihood, slope = self.rows.gradient(w)
-        log_own, own_slope = self.rows.log_own_prior(w[..., q:])
-        by_own = slope[..., q:] + own_slope
-        by_coefficient = slope[..., :q] + by_own @ self.fits.ridge
+        log_unshared, unshared_slope = self.rows.log_own_prior(w[..., q:])
+        by_unshared = slope[..., q:] + unshared_slope
+        by_coefficient = slope[..., :q] + by_unshared @ self.fits.ridge
 
         by_xi = by_coefficient * unit - score * root
         precision_unit = self.fits.precision[:, None] * tau * share
@@ -289,12 +289,12 @@ class GroupPosterior:
         log_prior = numbers.log_mean(mean) + sds.log_prior
         log_prior = log_prior.sum(axis=-1) + numbers.log_effect(effects).sum(axis=(1, 2))
         log_scores = (0.5 * np.log(share) - 0.5 * np.square(score)).sum(axis=-1)
-        value = log_prior + (log_likelihood + log_own + log_scores).sum(axis=0)
+        value = log_prior + (log_likelihood + log_unshared + log_scores).sum(axis=0)
         mean_slope = numbers.mean_slope(mean) + by_expected.sum(axis=0)
         sd_slope = sds.prior_slope + by_sd.sum(axis=0) * sds.rise
         effect_slope = numbers.effect_slope(effects)
         effect_slope = effect_slope + np.einsum("nr,npq->prq", self.x, by_expected)
-        subject_slope = np.concatenate([by_xi, by_own], axis=-1)
+        subject_slope = np.concatenate([by_xi, by_unshared], axis=-1)
         parts = (mean_slope, sd_slope, effect_slope, subject_slope.swapaxes(0, 1))
         return value, np.concatenate([part.reshape(len(theta), -1) for part in parts], axis=1)
 
@@ -308,7 +308,7 @@ class GroupPosterior:
         unit = tau / np.sqrt(1.0 + precision * np.square(tau))
         pulled = self.fits.information[:, None] - precision * expected
         coefficients = expected + np.square(unit) * pulled + unit * block[..., :q]
-        w = self._with_own(coefficients, block[..., q:])
+        w = self._subject_points(coefficients, block[..., q:])
         return GroupPoint(mean, tau, effects, w)
 
     def start(self, n_points: int, rng: np.random.Generator) -> FloatArray:
@@ -328,12 +328,12 @@ class GroupPosterior:
         theta[:, self.n_shared :] = block.reshape(n_points, -1)
         return theta
 
-    def _with_own(self, coefficients: FloatArray, own: FloatArray) -> FloatArray:
+    def _subject_points(self, coefficients: FloatArray, unshared: FloatArray) -> FloatArray:
         """Points w; coordinates `own` count from the mode given the coefficients."""
         mode = self.fits.mode[:, None]
         q = self.rows.n_coefficients
-        away = coefficients - mode[..., :q]
-        values = mode[..., q:] + away @ self.fits.ridge.swapaxes(1, 2) + own
+        offset = coefficients - mode[..., :q]
+        values = mode[..., q:] + offset @ self.fits.ridge.swapaxes(1, 2) + unshared
         return np.concatenate([coefficients, values], axis=-1)
 
     def _split(self, theta: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:

@@ -115,8 +115,8 @@ class Metric:
         variance = self._shared @ self._shared.T
         together = weight * shared.T @ blocks / len(draws)
         self._following[:] = np.linalg.solve(variance, together)
-        rest = (blocks - shared @ self._following).reshape(-1, n_blocks, size).swapaxes(0, 1)
-        self._blocks = _shrunk_root(rest, self._blocks)
+        residual = (blocks - shared @ self._following).reshape(-1, n_blocks, size).swapaxes(0, 1)
+        self._blocks = _shrunk_root(residual, self._blocks)
 
     def _by_block(self, values: FloatArray, factors: FloatArray) -> FloatArray:
         """Each block of values times its factor, (chains, blocks x size)."""

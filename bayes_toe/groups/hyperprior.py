@@ -173,8 +173,8 @@ def hyperprior_from(value: Hyperprior | str | Path | None) -> Hyperprior:
         return Hyperprior()
     if isinstance(value, Hyperprior):
         return value
-    allowed = "a Hyperprior, or the path of a TOML file"
-    require_kind("hyperprior", value, (str, os.PathLike), allowed)
+    kinds = "a Hyperprior, or the path of a TOML file"
+    require_kind("hyperprior", value, (str, os.PathLike), kinds)
     return read_hyperprior(value)
 
 
@@ -206,8 +206,8 @@ def _require(source: str, sections: Mapping[str, Any]) -> None:
             least = -_LARGEST if key == "mean" else _SMALLEST
             is_number = isinstance(value, int | float) and not isinstance(value, bool)
             if not is_number or not least <= value <= _LARGEST:
-                allowed = f"a number from {least:g} to {_LARGEST:g}"
-                problems.append(f"[{name}] {key} is {value!r}; allowed is {allowed}")
+                number_range = f"a number from {least:g} to {_LARGEST:g}"
+                problems.append(f"[{name}] {key} is {value!r}; allowed is {number_range}")
     if problems:
         raise InputError("\n".join(f"{source}: {problem}" for problem in problems))
 

@@ -87,10 +87,10 @@ class GroupSettings:
     draws: int
 
     def __post_init__(self) -> None:
-        allowed = f"a whole number from {_FEWEST_DRAWS} to {_MOST_DRAWS}"
-        require_kind("draws", self.draws, Integral, allowed)
+        number_range = f"a whole number from {_FEWEST_DRAWS} to {_MOST_DRAWS}"
+        require_kind("draws", self.draws, Integral, number_range)
         if not _FEWEST_DRAWS <= self.draws <= _MOST_DRAWS:
-            raise InputError(f"population: draws={self.draws}; allowed is {allowed}")
+            raise InputError(f"population: draws={self.draws}; allowed is {number_range}")
 
 
 class Interval(NamedTuple):
@@ -143,8 +143,8 @@ class StudyScales(NamedTuple):
         s2 = np.concatenate([subject.s2 for subject in study])
         n_trials = np.concatenate([subject.n_trials for subject in study]).astype(np.float64)
         pooled = StimulusScales.from_counts(s1, s2, n_trials)
-        away = np.concatenate([subject.s1 - _mean_first([subject]) for subject in study])
-        first_spread = float(np.sqrt(np.average(np.square(away), weights=n_trials)))
+        offsets = np.concatenate([subject.s1 - _mean_first([subject]) for subject in study])
+        first_spread = float(np.sqrt(np.average(np.square(offsets), weights=n_trials)))
         roving = 4.0 * pooled.step
         share = min(1.0, roving / first_spread) if first_spread > 0.0 else 1.0
         return cls(pooled.step, pooled.spread, share)
@@ -212,7 +212,9 @@ class PopulationResult:
     @property
     def problems(self) -> tuple[str, ...]:
         """What to know before any number is believed, a line each."""
-        lines = [f"subject {name!r} is left out: {why}" for name, why in self.left_out.items()]
+        lines = [
+            f"subject {name!r} is left out: {reason}" for name, reason in self.left_out.items()
+        ]
         if not self.is_reliable:
             lines.append(f"the group's result is not reliable: {self.draws.shortfall}")
         return tuple(lines)
@@ -238,14 +240,14 @@ class PopulationResult:
         j = self.index(name)
         mean, sd = self.draws.mean[..., j], self.draws.sd[..., j]
         sd_interval = Interval.from_draws(sd)
-        at_most = None
+        sd_limit = None
         if sd_interval.low < _SMALL_SD[name]:
-            at_most = float(np.quantile(sd, 0.95))
+            sd_limit = float(np.quantile(sd, 0.95))
         percent = None
         if name == CONSTANT_ERROR.name:
             percent = Interval.from_draws(self.shift_percent(mean))
         zero = zero_mean(self.draws, self.numbers, self.regressors.x, j)
-        return GroupEffect(Interval.from_draws(mean), percent, sd_interval, at_most, zero)
+        return GroupEffect(Interval.from_draws(mean), percent, sd_interval, sd_limit, zero)
 
     def shift_percent(self, constant_error: FloatArray) -> FloatArray:
         """Shift of the point of subjective equality in per cent, of constant errors in D."""
@@ -427,7 +429,7 @@ class PopulationResult:
             self.draws,
             record,
             coefficients=coefficients,
-            own=self.own_names,
+            unshared=self.own_names,
             overwrite=overwrite,
         )
 
@@ -512,8 +514,8 @@ def _without_intervals(study: Study) -> Study:
     subjects = []
     for subject in study:
         columns = (subject.s1, subject.s2, subject.n_yes, subject.n_trials)
-        whole = Subject.from_counts(subject.name, *columns, task=subject.task)
-        subjects.append(replace(whole, condition=subject.condition, felt=subject.felt))
+        pooled = Subject.from_counts(subject.name, *columns, task=subject.task)
+        subjects.append(replace(pooled, condition=subject.condition, felt=subject.felt))
     return replace(study, subjects=tuple(subjects))
 
 
@@ -531,11 +533,11 @@ def subject_rows(study: Study, scales: StudyScales) -> SubjectRows:
     units: list[Subject] = []
     unit_scales: list[StimulusScales] = []
     first_row = []
-    for own in by_person(study).values():
+    for subject_units in by_person(study).values():
         first_row.append(len(units))
-        units += own
-        sbar = _mean_first(own)
-        unit_scales += [StimulusScales(sbar, scales.step, scales.spread, 0.0)] * len(own)
+        units += subject_units
+        sbar = _mean_first(subject_units)
+        unit_scales += [StimulusScales(sbar, scales.step, scales.spread, 0.0)] * len(subject_units)
     if study.conditions is None:
         return SubjectRows.from_subjects(
             units, unit_scales, np.array(first_row), np.zeros((len(units), 0)), ()

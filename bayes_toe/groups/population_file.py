@@ -24,7 +24,7 @@ from bayes_toe.groups.regressors import Regressor, Regressors
 from bayes_toe.inference.draws_file import as_netcdf, require_no_links
 from bayes_toe.version import library_versions
 
-_ALLOWED = "allowed: a population.nc written by bayes-toe"
+_READABLE = "allowed: a population.nc written by bayes-toe"
 _MARK = "group_record"
 
 
@@ -36,7 +36,7 @@ def save_group(
     record: Mapping[str, Any],
     *,
     coefficients: Sequence[str],
-    own: Sequence[str],
+    unshared: Sequence[str],
     overwrite: bool = False,
 ) -> Path:
     """Write the file, whole or not at all.
@@ -47,55 +47,65 @@ def save_group(
         What was analysed, and its draws.
     record : mapping
         Settings, as JSON has them.
-    coefficients, own : sequence of str
+    coefficients, unshared : sequence of str
         What the draws are of: those with a mean and an sd, then those that only subjects have.
     """
-    dims = ("chain", "draw")
-    posterior = xr.Dataset(
-        {
-            "mean": ((*dims, "coefficient"), draws.mean),
-            "sd": ((*dims, "coefficient"), draws.sd),
-            "effect": ((*dims, "covariate", "coefficient"), draws.effects),
-            "subjects": ((*dims, "subject", "parameter"), draws.subjects),
-        },
-        {
-            "coefficient": list(coefficients),
-            "parameter": [*coefficients, *own],
-            "covariate": [column.label for column in regressors.columns],
-            "subject": list(regressors.subjects),
-        },
-    )
-    constant = xr.Dataset(
-        {"x": (("subject", "covariate"), regressors.x)}, {"subject": list(regressors.subjects)}
-    )
     counts = xr.Dataset()
     for key in ("s1", "s2", "n_yes", "n_trials"):
         counts[key] = ("count", np.concatenate([getattr(unit, key) for unit in study]))
     counts["unit"] = (("count",), np.repeat(np.arange(len(study)), [u.n_pairs for u in study]))
-    groups = {"/posterior": posterior, "/constant_data": constant, "/observed_data": counts}
+    x = {"x": (("subject", "covariate"), regressors.x)}
+    groups = {
+        "/posterior": _posterior(regressors, draws, coefficients, unshared),
+        "/constant_data": xr.Dataset(x, {"subject": list(regressors.subjects)}),
+        "/observed_data": counts,
+    }
     tree = xr.DataTree.from_dict(groups)
     whole_record = {
         **record,
         "study": _study_record(study),
-        "regressors": {
-            "columns": [column._asdict() for column in regressors.columns],
-            "left_out": dict(regressors.left_out),
-            "notes": list(regressors.notes),
-        },
+        "regressors": _regressors_record(regressors),
         "n_divergent": draws.n_divergent,
     }
-    versions = library_versions("xarray")
-    tree.attrs.update(
-        {
-            _MARK: json.dumps(whole_record),
-            "inference_library": "bayes_toe",
-            "inference_library_version": versions["bayes_toe"],
-        }
-    )
+    tree.attrs[_MARK] = json.dumps(whole_record)
+    tree.attrs["inference_library"] = "bayes_toe"
+    tree.attrs["inference_library_version"] = library_versions("xarray")["bayes_toe"]
     target = whole_file(path, overwrite=overwrite)
     with target as temporary, as_netcdf(tree) as content, temporary.open("wb") as file:
         file.write(content)
     return Path(path)
+
+
+def _posterior(
+    regressors: Regressors,
+    draws: GroupDraws,
+    coefficients: Sequence[str],
+    unshared: Sequence[str],
+) -> xr.Dataset:
+    """The draws, with names on every axis."""
+    dims = ("chain", "draw")
+    variables = {
+        "mean": ((*dims, "coefficient"), draws.mean),
+        "sd": ((*dims, "coefficient"), draws.sd),
+        "effect": ((*dims, "covariate", "coefficient"), draws.effects),
+        "subjects": ((*dims, "subject", "parameter"), draws.subjects),
+    }
+    names = {
+        "coefficient": list(coefficients),
+        "parameter": [*coefficients, *unshared],
+        "covariate": [column.label for column in regressors.columns],
+        "subject": list(regressors.subjects),
+    }
+    return xr.Dataset(variables, names)
+
+
+def _regressors_record(regressors: Regressors) -> dict[str, Any]:
+    """What is known of covariates besides their values, as JSON has it."""
+    return {
+        "columns": [column._asdict() for column in regressors.columns],
+        "left_out": dict(regressors.left_out),
+        "notes": list(regressors.notes),
+    }
 
 
 def _study_record(study: Study) -> dict[str, Any]:
@@ -125,7 +135,7 @@ def load_group(path: str | Path) -> tuple[Study, Regressors, GroupDraws, dict[st
     name = shown(Path(path))
     if not Path(path).is_file():
         problem = "not a file" if Path(path).exists() else "no such file"
-        raise InputError(f"{name}: {problem}; {_ALLOWED}")
+        raise InputError(f"{name}: {problem}; {_READABLE}")
     require_settled(path)
     try:
         require_no_links(Path(path))
@@ -134,7 +144,7 @@ def load_group(path: str | Path) -> tuple[Study, Regressors, GroupDraws, dict[st
     except Exception as error:  # a damaged file makes the libraries raise nearly anything
         reason = f" ({error})" if isinstance(error, InputError) else ""
         problem = f"not a population that can be read{reason}"
-        raise InputError(f"{name}: {problem}; {_ALLOWED}") from error
+        raise InputError(f"{name}: {problem}; {_READABLE}") from error
 
 
 def _read(tree: xr.DataTree) -> tuple[Study, Regressors, GroupDraws, dict[str, Any]]:
@@ -175,8 +185,8 @@ def _study(record: Mapping[str, Any], counts: xr.Dataset) -> Study:
     task = task_of(record["task"])
     units = []
     for i, (name, condition) in enumerate(record["units"]):
-        own = counts.isel(count=np.flatnonzero(counts["unit"].values == i))
-        columns = [own[key].values for key in ("s1", "s2", "n_yes", "n_trials")]
+        unit_counts = counts.isel(count=np.flatnonzero(counts["unit"].values == i))
+        columns = [unit_counts[key].values for key in ("s1", "s2", "n_yes", "n_trials")]
         units.append(Subject(name, *columns, task=task, condition=condition))
     conditions = None
     if record["conditions"] is not None:

@@ -71,8 +71,8 @@ class Statistic(NamedTuple):
         elif self.kind == "skewness":
             text = f"the {self.quantity} of the subjects is more skewed than"
         else:
-            place = "farther out" if self.is_above else "nearer"
-            text = f"the subject farthest in its {self.quantity} is {place} than"
+            position = "farther out" if self.is_above else "nearer"
+            text = f"the subject farthest in its {self.quantity} is {position} than"
         expected = f"{self.q05:.2g} to {self.q95:.2g} expected"
         numbers = f"{self.observed:.2g}, {expected}, p = {self.p_value:.2g}"
         return f"{text} in a normal group ({numbers})"
@@ -146,18 +146,22 @@ def _measures(
         for weak_first, strong_first in pairs_in_both_orders(unit):
             weights[i, strong_first], weights[i, weak_first] = 1.0, -1.0
     n_compared = by_subject((weights > 0.0).sum(axis=1))
-    has_both = n_compared > 0
-    if has_both.sum() > 1:
+    is_compared = n_compared > 0
+    if is_compared.sum() > 1:
         # Laplace's estimator of the frequency of a wrong response.
         shares = (n_wrong + 1.0) / (n_trials[:, None] + 2.0)
         total = by_subject((weights[:, None] * shares).sum(axis=2))
-        yield "mean asymmetry", total[has_both] / n_compared[has_both, None], ("spread", "farthest")
+        yield (
+            "mean asymmetry",
+            total[is_compared] / n_compared[is_compared, None],
+            ("spread", "farthest"),
+        )
     n_judged = np.where(task.right(difference) == 0, 0, n_trials)
-    judged = by_subject(n_judged.sum(axis=1))
-    has_judged = judged > 0
-    if has_judged.sum() > 1:
+    subject_judged = by_subject(n_judged.sum(axis=1))
+    is_judged = subject_judged > 0
+    if is_judged.sum() > 1:
         wrong = by_subject(n_wrong.sum(axis=2))
-        yield "accuracy", 1.0 - wrong[has_judged] / judged[has_judged, None], ("spread",)
+        yield "accuracy", 1.0 - wrong[is_judged] / subject_judged[is_judged, None], ("spread",)
     share = by_subject(n_yes.sum(axis=2)) / by_subject(n_trials.sum(axis=1))[:, None]
     yield f"share of {task.yes!r}", share, ("skewness", "farthest")
 
@@ -166,8 +170,8 @@ def _statistics(quantity: str, values: FloatArray, kinds: Sequence[str]) -> Iter
     """The observed group, the first column of (subjects, groups), beside the others."""
     n_subjects = len(values)
     spread = values.std(axis=0, ddof=1)
-    away = values - values.mean(axis=0)
-    scores = np.divide(away, spread, out=np.zeros_like(away), where=spread > 0.0)
+    offsets = values - values.mean(axis=0)
+    scores = np.divide(offsets, spread, out=np.zeros_like(offsets), where=spread > 0.0)
     measures = {
         "spread": spread,
         "skewness": (scores**3).mean(axis=0),
@@ -176,8 +180,8 @@ def _statistics(quantity: str, values: FloatArray, kinds: Sequence[str]) -> Iter
     for kind in kinds:
         if kind != "spread" and n_subjects < _FEWEST_FOR_FORM:
             continue
-        observed, others = float(measures[kind][0]), measures[kind][1:]
-        tail = min(int((others >= observed).sum()), int((others <= observed).sum()))
-        p_value = min(1.0, 2.0 * (tail + 1) / (len(others) + 1))
-        q05, q50, q95 = np.quantile(others, (0.05, 0.5, 0.95)).tolist()
+        observed, simulated = float(measures[kind][0]), measures[kind][1:]
+        tail = min(int((simulated >= observed).sum()), int((simulated <= observed).sum()))
+        p_value = min(1.0, 2.0 * (tail + 1) / (len(simulated) + 1))
+        q05, q50, q95 = np.quantile(simulated, (0.05, 0.5, 0.95)).tolist()
         yield Statistic(kind, quantity, observed, q05, q50, q95, p_value, observed > q50)

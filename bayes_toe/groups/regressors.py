@@ -136,8 +136,8 @@ def _require_known(categorical: Collection[str], names: Collection[str]) -> None
     """Refuse a categorical covariate that is not in the table."""
     for name in categorical:
         if name not in names:
-            allowed = listed([quoted(known) for known in names])
-            raise InputError(f"categorical: found {quoted(name)}, allowed: {allowed}")
+            covariates = listed([quoted(name_of_table) for name_of_table in names])
+            raise InputError(f"categorical: found {quoted(name)}, allowed: {covariates}")
 
 
 def _incomplete_subjects(covariates: Covariates, subjects: Sequence[str]) -> dict[str, str]:
@@ -157,21 +157,21 @@ def _column_of_numbers(name: str, values: FloatArray) -> tuple[list[Regressor], 
     # Squares of numbers beyond 1e154 are beyond the largest float.
     unit = float(np.abs(values).max())
     mean, sd = float(np.mean(values / unit)), float(np.std(values / unit, ddof=1))
-    about = f"{bare(name)}, per sd of {unit * sd:.4g} about {unit * mean:.4g}"
-    return [Regressor(name, "", about)], ((values / unit - mean) / sd)[:, None]
+    words = f"{bare(name)}, per sd of {unit * sd:.4g} about {unit * mean:.4g}"
+    return [Regressor(name, "", words)], ((values / unit - mean) / sd)[:, None]
 
 
 def _columns_of_category(
     name: str, values: Sequence[str | float]
 ) -> tuple[list[Regressor], FloatArray]:
     different = levels(values)
-    reference, *others = level_words(different)
-    _require_several(name, quoted(reference), bool(others))
+    reference, *other_levels = level_words(different)
+    _require_several(name, quoted(reference), bool(other_levels))
     columns = []
-    for level in others:
-        about = f"{bare(name)} {bare(level)} against {bare(reference)}"
-        columns.append(Regressor(name, level, about, reference=reference))
-    x = np.empty((len(values), len(others)))
+    for level in other_levels:
+        words = f"{bare(name)} {bare(level)} against {bare(reference)}"
+        columns.append(Regressor(name, level, words, reference=reference))
+    x = np.empty((len(values), len(other_levels)))
     for i, value in enumerate(values):
         x[i] = [value == level for level in different[1:]]
     return columns, x
@@ -179,17 +179,17 @@ def _columns_of_category(
 
 def _require_several(name: str, value: str, has_several: bool) -> None:
     if not has_several:
-        allowed = "allowed: at least two different values; leave the column out"
-        raise InputError(f"covariate {bare(name)}: found {value} for every subject, {allowed}")
+        advice = "allowed: at least two different values; leave the column out"
+        raise InputError(f"covariate {bare(name)}: found {value} for every subject, {advice}")
 
 
 def _require_subjects(subjects: Sequence[str], n_columns: int, left_out: str) -> None:
     if n_columns and len(subjects) < n_columns + 2:
         problem = f"covariates: found {counted(len(subjects), 'subject')} with all of them"
-        allowed = f"allowed: at least {n_columns + 2} for {counted(n_columns, 'column')}"
+        advice = f"allowed: at least {n_columns + 2} for {counted(n_columns, 'column')}"
         if left_out:
-            allowed += f"; left out: {left_out}"
-        raise InputError(f"{problem}, {allowed}")
+            advice += f"; left out: {left_out}"
+        raise InputError(f"{problem}, {advice}")
 
 
 def _require_independent(columns: Sequence[Regressor], x: FloatArray) -> None:

@@ -61,9 +61,9 @@ def zero_effect(
     draws: GroupDraws, numbers: HyperpriorNumbers, x: FloatArray, i: int, j: int
 ) -> ZeroBayesFactor:
     """That of the effect of covariate i on coefficient j."""
-    others = np.delete(np.arange(x.shape[1]), i)
+    other_covariates = np.delete(np.arange(x.shape[1]), i)
     residual = draws.subjects[..., j] - draws.mean[..., j, None]
-    residual = residual - draws.effects[..., others, j] @ x[:, others].T
+    residual = residual - draws.effects[..., other_covariates, j] @ x[:, other_covariates].T
     squares = np.square(x[:, i]).sum()
     centre = residual @ x[:, i] / squares
     variance = np.square(draws.sd[..., j]) / squares

@@ -49,19 +49,19 @@ class Stage:
     components: int
     draws: int
     rounds: int
-    enough: float
+    least_efficiency: float
     cover_share: float
 
 
 #: Most posteriors are good after two or three rounds of the first stage; the second is for funnels
 #: and prior-dominated ones.
 STAGES = (
-    Stage(components=12, draws=1000, rounds=8, enough=0.75, cover_share=0.05),
-    Stage(components=24, draws=4000, rounds=10, enough=0.6, cover_share=0.1),
+    Stage(components=12, draws=1000, rounds=8, least_efficiency=0.75, cover_share=0.05),
+    Stage(components=24, draws=4000, rounds=10, least_efficiency=0.6, cover_share=0.1),
 )
 #: Of a proposal that begins with Laplace's approximation, for an evidence among many; a cover so
 #: large because that may miss a part.
-_QUICK = Stage(components=6, draws=700, rounds=5, enough=0.5, cover_share=0.15)
+_QUICK = Stage(components=6, draws=700, rounds=5, least_efficiency=0.5, cover_share=0.15)
 _QUICK_DRAWS, _QUICK_REFITS = 2500, 3
 _POOR = 0.5  # efficiency below which the second stage runs
 _REFITS = 5
@@ -82,11 +82,12 @@ def fit_proposal(
     start: Start = None,
     draws: int = 20_000,
 ) -> FittedProposal:
-    """Adapt a proposal to a posterior and judge it by so many draws that are independent of it, twice as many where refits were needed.
+    """Adapt a proposal to a posterior and judge it by draws that are independent of it.
 
-    It may start from maxima that are known already. Or from a proposal for this posterior that was
-    fitted to a similar one, and draws from it with this posterior's densities: the first round is
-    then from what these make of it, and maxima are not looked for.
+    These are so many, or twice as many where refits were needed. The fit may start from maxima that
+    are known already. Or from a proposal for this posterior that was fitted to a similar one, and
+    draws from it with this posterior's densities: the first round is then from what these make of
+    it, and maxima are not looked for.
     """
     return with_fresh_draws(adapt_proposal(posterior, rng, start=start, draws=draws), rng)
 
@@ -94,10 +95,10 @@ def fit_proposal(
 def quick_proposal(
     posterior: SampledPosterior, modes: FloatArray, cloud: FloatArray, rng: np.random.Generator
 ) -> FittedProposal:
-    """A proposal from a cloud of draws about a maximum, shapes (draws, k) and (1, k), judged by 2,500 draws.
+    """A proposal from a cloud of draws about a maximum, shapes (draws, k) and (1, k).
 
-    Where these show what it misses it is refitted to them and judged by as many others, three times
-    at most.
+    It is judged by 2,500 draws. Where these show what it misses it is refitted to them and judged
+    by as many others, three times at most.
     """
     transform = posterior.transform(modes)
     y = transform.forward(cloud)[0]
@@ -113,12 +114,12 @@ def quick_proposal(
     history = _adapt(
         Proposal(posterior, transform, mixture, cover, _QUICK.cover_share), _QUICK, rng
     )
-    found = _judged(_refitted(history[-_HISTORY:], _QUICK), rng, _QUICK_DRAWS)
+    fitted = _assessed(_refitted(history[-_HISTORY:], _QUICK), rng, _QUICK_DRAWS)
     for _ in range(_QUICK_REFITS):
-        if found.trusted and found.heaviest < _HEAVY:
+        if fitted.trusted and fitted.heaviest < _HEAVY:
             break
-        found = _judged(_refitted([found], _QUICK, _PATCHES // 2), rng, _QUICK_DRAWS)
-    return found
+        fitted = _assessed(_refitted([fitted], _QUICK, _PATCHES // 2), rng, _QUICK_DRAWS)
+    return fitted
 
 
 def adapt_proposal(
@@ -128,9 +129,10 @@ def adapt_proposal(
     start: Start = None,
     draws: int = 20_000,
 ) -> FittedProposal:
-    """:func:`fit_proposal` without its last step: judged on fresh draws, refitted on those where they reveal a gap, a few times.
+    """:func:`fit_proposal` without its last step.
 
-    All that a sampler needs; an evidence needs draws that the fit has not seen.
+    The proposal is judged on fresh draws and refitted, a few times, to those that reveal a gap. All
+    that a sampler needs; an evidence needs draws that the fit has not seen.
     """
     stage = STAGES[0]
     if start is None:
@@ -145,13 +147,13 @@ def adapt_proposal(
         history = _adapt(_refitted(history[-_HISTORY:], stage), stage, rng)
     best = max(entry.efficiency for entry in history)
     sharper = _round(_refitted(history[-_HISTORY:], stage), rng, _LARGE)
-    judged = [_judged(_refitted([sharper], stage, _PATCHES), rng, draws)]
-    while len(judged) <= _REFITS and not _good(judged[-1], best):
-        judged.append(_judged(_refitted(judged[-1:], stage, _PATCHES), rng, draws))
-    chosen = judged[-1]
-    if not _good(chosen, best):
-        chosen = max(judged, key=lambda fitted: fitted.efficiency)
-    return replace(chosen, independent=len(judged) == 1)
+    candidates = [_assessed(_refitted([sharper], stage, _PATCHES), rng, draws)]
+    while len(candidates) <= _REFITS and not _is_good(candidates[-1], best):
+        candidates.append(_assessed(_refitted(candidates[-1:], stage, _PATCHES), rng, draws))
+    chosen = candidates[-1]
+    if not _is_good(chosen, best):
+        chosen = max(candidates, key=lambda fitted: fitted.efficiency)
+    return replace(chosen, independent=len(candidates) == 1)
 
 
 def with_fresh_draws(fitted: FittedProposal, rng: np.random.Generator) -> FittedProposal:
@@ -161,30 +163,29 @@ def with_fresh_draws(fitted: FittedProposal, rng: np.random.Generator) -> Fitted
     """
     if fitted.independent:
         return fitted
-    return _judged(fitted.proposal, rng, _HARD * len(fitted.draws.x))
+    return _assessed(fitted.proposal, rng, _HARD * len(fitted.draws.x))
 
 
 def redrawn(fitted: FittedProposal, rng: np.random.Generator, size: int) -> FittedProposal:
     """The same proposal with so many new draws."""
-    return _judged(fitted.proposal, rng, size)
+    return _assessed(fitted.proposal, rng, size)
 
 
 def with_trusted_draws(fitted: FittedProposal, rng: np.random.Generator) -> FittedProposal:
-    """The same.
+    """The proposal with independent draws whose weights can be trusted, if there is one.
 
-    Where the weights of these cannot be trusted, a refit to them, and then a second proposal from
-    the beginning.
-
-    Each is judged by at least 20,000 draws, which an evidence with fewer may lack. The first, where
-    none of them can be trusted.
+    Where its own weights cannot be trusted, it is refitted to its draws, and then fitted anew. Both
+    are judged by at least 20,000 draws. Where neither can be trusted, the first proposal returns.
     """
-    found = with_fresh_draws(fitted, rng)
-    for start in (found, None):
-        if not found.trusted:
-            size = max(EVIDENCE_DRAWS, _HARD * len(found.draws.x))
-            again = fit_proposal(found.proposal.posterior, rng, start=start, draws=size)
-            found = again if again.trusted else found
-    return found
+    first = with_fresh_draws(fitted, rng)
+    if first.trusted:
+        return first
+    size = max(EVIDENCE_DRAWS, _HARD * len(first.draws.x))
+    for start in (first, None):
+        refit = fit_proposal(first.proposal.posterior, rng, start=start, draws=size)
+        if refit.trusted:
+            return refit
+    return first
 
 
 def refreshed(
@@ -193,18 +194,20 @@ def refreshed(
     log_posterior: FloatArray,
     rng: np.random.Generator,
 ) -> FittedProposal:
-    """A proposal for a posterior like the one that it was fitted to, by one round of EM on the draws that it has, and new draws from it.
+    """A proposal for a posterior like the one that it was fitted to.
 
-    `log_posterior` is that of the new posterior at the old draws, shape (draws,); the centre and
-    the prior are the same. For posteriors to which a few answers come at a time: most of a fit's
-    work is saved, and how good it is the new draws tell.
+    It comes from one round of EM on the draws that there are, and has new draws. `log_posterior` is
+    that of the new posterior at the old draws, shape (draws,); the centre and the prior are the
+    same. For posteriors to which a few answers come at a time: most of a fit's work is saved, and
+    how good it is the new draws tell.
     """
-    known = replace(fitted.draws, log_posterior=log_posterior)
-    begun = replace(fitted, proposal=replace(fitted.proposal, posterior=posterior), draws=known)
-    return _judged(_refitted([begun], STAGES[0]), rng, len(known.x))
+    proposal = replace(fitted.proposal, posterior=posterior)
+    draws = replace(fitted.draws, log_posterior=log_posterior)
+    start = replace(fitted, proposal=proposal, draws=draws)
+    return _assessed(_refitted([start], STAGES[0]), rng, len(draws.x))
 
 
-def _good(fitted: FittedProposal, promised: float) -> bool:
+def _is_good(fitted: FittedProposal, promised: float) -> bool:
     return (
         fitted.pareto_k < _CALM
         and fitted.trusted
@@ -213,9 +216,10 @@ def _good(fitted: FittedProposal, promised: float) -> bool:
     )
 
 
-def _judged(proposal: Proposal, rng: np.random.Generator, size: int) -> FittedProposal:
-    made = _round(proposal, rng, size)
-    return FittedProposal(proposal, made.draws, made.efficiency, pareto_k(made.draws.log_weights))
+def _assessed(proposal: Proposal, rng: np.random.Generator, size: int) -> FittedProposal:
+    sample = _round(proposal, rng, size)
+    k_hat = pareto_k(sample.draws.log_weights)
+    return FittedProposal(proposal, sample.draws, sample.efficiency, k_hat)
 
 
 class _Round(NamedTuple):
@@ -232,13 +236,13 @@ def _round(proposal: Proposal, rng: np.random.Generator, size: int) -> _Round:
 def _adapt(proposal: Proposal, stage: Stage, rng: np.random.Generator) -> list[_Round]:
     """Rounds of drawing and refitting, until the efficiency is enough."""
     history = [_round(proposal, rng, stage.draws)]
-    while len(history) < stage.rounds and history[-1].efficiency < stage.enough:
+    while len(history) < stage.rounds and history[-1].efficiency < stage.least_efficiency:
         history.append(_round(_refitted(history[-_HISTORY:], stage), rng, stage.draws))
     return history
 
 
 def _first(posterior: SampledPosterior, maxima: Maxima, rng: np.random.Generator) -> Proposal:
-    """Prior draws, tempered until two hundred count, and Laplace approximations at proper maxima."""
+    """Tempered prior draws, of which two hundred count, and a cloud at each proper maximum."""
     transform = posterior.transform(maxima.x[maxima.value > maxima.value[0] - 3.0])
     x = posterior.sample_prior(rng, 2 * STAGES[0].draws)
     x = x[np.isfinite(x).all(axis=1)]
@@ -252,9 +256,8 @@ def _first(posterior: SampledPosterior, maxima: Maxima, rng: np.random.Generator
     for mode, curvature in zip(maxima.x, maxima.curvature, strict=True):
         # Flatter than ten units is a ridge that runs to infinity, no use as a scale.
         if np.linalg.eigvalsh(curvature)[0] > 0.01:
-            cloud = mode + rng.standard_normal((500, len(mode))) @ np.linalg.inv(
-                np.linalg.cholesky(curvature)
-            )
+            factor = np.linalg.inv(np.linalg.cholesky(curvature))
+            cloud = mode + rng.standard_normal((500, len(mode))) @ factor
             transformed = transform.forward(cloud)[0]
             mean = transformed.mean(axis=0)
             centres.append(mean + 0.7 * (transformed[:around] - mean))
@@ -276,16 +279,19 @@ def _covariance(y: FloatArray, weights: FloatArray | None = None) -> FloatArray:
 def _refitted(
     rounds: Sequence[_Round | FittedProposal], stage: Stage, patches: int = 0
 ) -> Proposal:
-    """EM on the pooled draws of rounds of one size, then so many new components, or as many as EM dropped if these are more."""
+    """EM on the pooled draws of rounds of one size, then new components.
+
+    These are so many, or as many as EM dropped if these are more.
+    """
     draws = joined_draws(entry.draws for entry in rounds)
     last = rounds[-1].proposal
     y, log_volume = last.transform.forward(draws.x)  # one for all rounds of a fit
     densities = [
         entry.proposal.transformed_log_density(y, log_volume, draws.log_prior) for entry in rounds
     ]
-    made = np.logaddexp.reduce(densities) - np.log(len(rounds))
-    draws = replace(draws, log_proposal=made)
-    flattened = _FLAT * (draws.log_posterior - log_volume) - (made - log_volume)
+    log_proposal = np.logaddexp.reduce(densities) - np.log(len(rounds))
+    draws = replace(draws, log_proposal=log_proposal)
+    flattened = _FLAT * (draws.log_posterior - log_volume) - (log_proposal - log_volume)
     weights = tempered(draws.log_weights, least=0.05 * len(y))
     flat = tempered(flattened, least=0.02 * len(y))
     mixture, cover = last.mixture, last.cover
@@ -300,32 +306,32 @@ def _refitted(
 def _patched(
     proposal: Proposal, draws: WeightedDraws, y: FloatArray, log_volume: FloatArray, patches: int
 ) -> Proposal:
-    """The proposal with some components more, one after the other where it falls shortest of the posterior (Raftery and Bao 2010).
+    """The proposal with more components, each where it falls shortest of the posterior.
 
-    y and log_volume are the draws in nearly normal coordinates.
+    Source: Raftery and Bao 2010. y and log_volume are the draws in nearly normal coordinates.
     """
     of_mixture, of_cover = proposal.mixture.log_density(y), proposal.cover.log_density(y)
     white = y @ np.linalg.inv(np.linalg.cholesky(proposal.cover.covariance)).T
-    found: list[StudentMixture] = []
+    components: list[StudentMixture] = []
+    size = max(100, len(y) // 50)
     for _ in range(patches):
-        short = draws.log_posterior - proposal.combined(
-            of_mixture, of_cover, log_volume, draws.log_prior
-        )
-        worst = short.argmax()  # a component there, shaped like the points around it
-        distance = np.einsum("nd,nd->n", apart := white - white[worst], apart)
-        near = np.argpartition(distance, size := max(100, len(y) // 50))[:size]
-        weights, around = (
-            0.5 * np.exp(short[near] - logsumexp(short[near])) + 0.5 / size,
-            y[near] - y[worst],
-        )
+        log_proposal = proposal.combined(of_mixture, of_cover, log_volume, draws.log_prior)
+        shortfall = draws.log_posterior - log_proposal
+        worst = shortfall.argmax()
+        # A component there, shaped like the points around it.
+        offsets = white - white[worst]
+        distance = np.einsum("nd,nd->n", offsets, offsets)
+        near = np.argpartition(distance, size)[:size]
+        shares = np.exp(shortfall[near] - logsumexp(shortfall[near]))
+        weights = 0.5 * shares + 0.5 / size
+        around = y[near] - y[worst]
         scale = (weights[:, None] * around).T @ around
-        found.append(
-            StudentMixture(np.ones(1), y[worst][None], scale[None], _even(_DF, y.shape[1]))
-        )
-        of_mixture = np.logaddexp(
-            np.log1p(-_PATCH_SHARE) + of_mixture, np.log(_PATCH_SHARE) + found[-1].log_density(y)
-        )
-    return replace(proposal, mixture=proposal.mixture.joined(found, _PATCH_SHARE))
+        df = _even(_DF, y.shape[1])
+        component = StudentMixture(np.ones(1), y[worst][None], scale[None], df)
+        components.append(component)
+        of_component = np.log(_PATCH_SHARE) + component.log_density(y)
+        of_mixture = np.logaddexp(np.log1p(-_PATCH_SHARE) + of_mixture, of_component)
+    return replace(proposal, mixture=proposal.mixture.joined(components, _PATCH_SHARE))
 
 
 def _even(least: int, dim: int) -> int:

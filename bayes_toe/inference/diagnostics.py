@@ -28,7 +28,7 @@ _ONE_SD = (0.1586553, 0.8413447)  # of a normal, below and above its mean
 
 
 class Convergence(NamedTuple):
-    """Bulk and tail effective sample size and rank-normalised split R-hat of one scalar quantity."""
+    """Bulk and tail effective sample size and rank-normalised split R-hat of a quantity."""
 
     ess_bulk: float
     ess_tail: float
@@ -36,7 +36,7 @@ class Convergence(NamedTuple):
 
 
 class Errors(NamedTuple):
-    """Monte Carlo standard errors of the mean and of the 5, 50 and 95 % quantiles of one scalar quantity, in its unit."""
+    """Monte Carlo standard errors of the mean and of quantiles of a quantity, in its unit."""
 
     mean: float
     q05: float
@@ -61,7 +61,7 @@ def convergence(draws: npt.ArrayLike) -> Convergence:
     A constant quantity has no such diagnostics; all three are then NaN. So are those of draws with
     a NaN, of fewer than four draws, and R-hat of a single chain.
     """
-    return Convergence(*_found(_CONVERGENCE, np.asarray(draws, np.float64)[None])[0])
+    return Convergence(*_measured(_CONVERGENCE, np.asarray(draws, np.float64)[None])[0])
 
 
 def errors(draws: npt.ArrayLike) -> Errors:
@@ -69,67 +69,60 @@ def errors(draws: npt.ArrayLike) -> Errors:
 
     NaN where there is no convergence to judge.
     """
-    return Errors(*_found(_ERRORS, np.asarray(draws, np.float64)[None])[0])
+    return Errors(*_measured(_ERRORS, np.asarray(draws, np.float64)[None])[0])
 
 
 def convergence_of(quantities: Mapping[str, FloatArray]) -> dict[str, Convergence]:
     """:func:`convergence` of many quantities of one shape, by name, in one go."""
     if not quantities:
         return {}
-    return dict(
-        zip(
-            quantities,
-            map(Convergence._make, _found(_CONVERGENCE, np.stack(list(quantities.values())))),
-            strict=True,
-        )
-    )
+    values = _measured(_CONVERGENCE, np.stack(list(quantities.values())))
+    return dict(zip(quantities, map(Convergence._make, values), strict=True))
 
 
 def errors_of(quantities: Mapping[str, FloatArray]) -> dict[str, Errors]:
     """:func:`errors` of many quantities of one shape, by name, in one go."""
-    return dict(
-        zip(
-            quantities,
-            map(Errors._make, _found(_ERRORS, np.stack(list(quantities.values())))),
-            strict=True,
-        )
-    )
+    values = _measured(_ERRORS, np.stack(list(quantities.values())))
+    return dict(zip(quantities, map(Errors._make, values), strict=True))
 
 
-def _found(
+def _measured(
     measures: tuple[Callable[[FloatArray], FloatArray], ...], draws: FloatArray
 ) -> list[list[float]]:
     """What the measures say of draws, shape (quantities, chains, draws).
 
     Of constants ArviZ itself says that all draws count.
     """
-    found = np.full((len(draws), len(measures)), np.nan)
+    values = np.full((len(draws), len(measures)), np.nan)
     varies = draws.max(axis=(1, 2)) > draws.min(axis=(1, 2))  # NaN is above nothing
     if varies.any():
         with np.errstate(all="ignore"):  # of infinite draws, and of chains none of which varies
-            found[varies] = np.stack([measure(draws[varies]) for measure in measures], axis=-1)
-    return found.tolist()
+            values[varies] = np.stack([measure(draws[varies]) for measure in measures], axis=-1)
+    return values.tolist()
 
 
-def worst(found: Mapping[str, Convergence]) -> tuple[tuple[str, float], tuple[str, float]]:
+def worst(
+    convergences: Mapping[str, Convergence],
+) -> tuple[tuple[str, float], tuple[str, float]]:
     """What has the fewest effective draws, bulk or tail, and how many.
 
     What has the largest R-hat, and which. NaN is worst.
     """
-    ess = {name: float(np.nan_to_num(np.min(one[:2]))) for name, one in found.items()}
-    r_hat = {name: float(np.nan_to_num(one.r_hat, nan=np.inf)) for name, one in found.items()}
+    ess, r_hat = {}, {}
+    for name, convergence in convergences.items():
+        ess[name] = float(np.nan_to_num(np.min(convergence[:2])))
+        r_hat[name] = float(np.nan_to_num(convergence.r_hat, nan=np.inf))
     return min(ess.items(), key=lambda item: item[1]), max(r_hat.items(), key=lambda item: item[1])
 
 
-def shortfall(found: Mapping[str, Convergence], draws: int, max_r_hat: float) -> str:
+def shortfall(convergences: Mapping[str, Convergence], draws: int, max_r_hat: float) -> str:
     """What was not reached, in words; empty where everything was."""
-    (lowest, ess), (highest, r_hat) = worst(found)
-    problems = [f"{ess:.0f} effective draws of {lowest}, {draws} required"] if ess < draws else []
-    problems += (
-        [f"R-hat {r_hat:.3f} of {highest}, below {max_r_hat:g} required"]
-        if r_hat >= max_r_hat
-        else []
-    )
+    (lowest, ess), (highest, r_hat) = worst(convergences)
+    problems = []
+    if ess < draws:
+        problems.append(f"{ess:.0f} effective draws of {lowest}, {draws} required")
+    if r_hat >= max_r_hat:
+        problems.append(f"R-hat {r_hat:.3f} of {highest}, below {max_r_hat:g} required")
     return "; ".join(problems)
 
 
@@ -156,7 +149,10 @@ def quantile_errors(draws: npt.ArrayLike, probabilities: npt.ArrayLike, ess: flo
 
 
 def tail_error(draws: FloatArray, ess: float) -> float:
-    """The larger Monte Carlo error of the 5 and 95 % quantiles in units of the range between them, from so many effective draws."""
+    """The larger Monte Carlo error of the 5 and 95 % quantiles over the range between them.
+
+    `ess` is the effective number of draws.
+    """
     low, high = np.quantile(draws, TAIL)
     return float(quantile_errors(draws, TAIL, ess).max() / (high - low))
 
@@ -172,7 +168,10 @@ class SmoothedWeights(NamedTuple):
 
 
 def pareto_k(log_weights: npt.ArrayLike) -> float:
-    """Pareto k-hat of importance weights, shape (draws,): above 0.7 their average cannot be trusted; infinite where there is no tail."""
+    """Pareto k-hat of importance weights, shape (draws,); infinite where there is no tail.
+
+    Above 0.7 their average cannot be trusted.
+    """
     return smoothed_weights(log_weights).pareto_k
 
 

@@ -85,7 +85,7 @@ class Draws:
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """The quantities that tables report, in order; :meth:`values` knows further ones that follow from them."""
+        """The quantities that tables report, in order; :meth:`values` has further ones."""
         reported = self.posterior(self.names[0]).names.reported
         stored = map(str, self.group("posterior").data_vars)
         return tuple(dict.fromkeys((*reported, *stored)))
@@ -100,15 +100,15 @@ class Draws:
 
     @property
     def prior(self) -> Prior:
-        """The prior that these draws were made under; :meth:`described_prior` is the line for a Methods section."""
+        """The prior of these draws; :meth:`described_prior` is the line for a Methods section."""
         return stored_prior(json.loads(self.tree.attrs["settings"])["prior"])
 
     @property
     def sampler(self) -> SamplerSettings:
         """The settings that these draws were made with."""
         stored = json.loads(self.tree.attrs["settings"])["sampler"]
-        known = stored.keys() & {field.name for field in fields(SamplerSettings)}
-        return SamplerSettings(**{name: stored[name] for name in known})
+        names = stored.keys() & {field.name for field in fields(SamplerSettings)}
+        return SamplerSettings(**{name: stored[name] for name in names})
 
     def described_prior(self) -> str:
         """The prior of every parameter of the model, in words."""
@@ -142,7 +142,7 @@ class Draws:
 
     @property
     def imprecise(self) -> dict[str, str]:
-        """Subjects of whom more draws are wanted, because a quantile is not precise enough, with how many would do."""
+        """Subjects with a quantile that is not precise enough, with how many draws would do."""
         reasons = zip(self.names, self._texts("imprecise"), strict=True)
         return {name: reason for name, reason in reasons if reason}
 
@@ -152,7 +152,7 @@ class Draws:
 
     @property
     def failed(self) -> dict[str, str]:
-        """Subjects of the study that there are no draws of because their work was lost, with the reason."""
+        """Subjects of the study without draws, because their work was lost, with the reason."""
         return dict(json.loads(self.tree.attrs.get("failed", "{}")))
 
     @property
@@ -162,7 +162,7 @@ class Draws:
 
     def __getitem__(self, name: str | int) -> Draws:
         """Draws of one subject alone; of a large file, no others are read."""
-        name = self._known(name)
+        name = self._require_name(name)
         groups = {}
         with self._reading():
             for key in ("posterior", "sample_stats"):
@@ -200,17 +200,17 @@ class Draws:
     @property
     def task(self) -> Task:
         """What the subjects were asked."""
-        found = task_counted(self.tree["observed_data"])
-        assert found is not None  # as the layout has it
-        return found
+        task = task_counted(self.tree["observed_data"])
+        assert task is not None  # as the layout has it
+        return task
 
     def subject(self, name: str | int) -> Subject:
         """The counts behind one subject's draws."""
-        name = self._known(name)
+        name = self._require_name(name)
         columns = {**self.group("constant_data").variables, **self.group("observed_data").variables}
         keys = ("s1", "s2", self.task.count, "n_trials", *(["isi"] if "isi" in columns else []))
-        given = (columns[key].values[self._places[name]] for key in keys)
-        return Subject(name, *given, task=self.task, **self._conditions[1].get(name, {}))
+        values = (columns[key].values[self._places[name]] for key in keys)
+        return Subject(name, *values, task=self.task, **self._conditions[1].get(name, {}))
 
     def posterior(self, name: str | int) -> ObserverPosterior | PaperPosterior:
         """The posterior that one subject's draws are of."""
@@ -254,7 +254,7 @@ class Draws:
         InputError
             For an unknown subject or parameter.
         """
-        name = self._known(name)
+        name = self._require_name(name)
         if parameter in self.group("posterior"):
             return self._stored(name, parameter)
         target = self.posterior(name)
@@ -269,7 +269,7 @@ class Draws:
 
     def fit(self, name: str | int) -> FitSummary:
         """Goodness of fit of one subject: deviance and posterior predictive p-values."""
-        stats = self.group("sample_stats").sel(subject=self._known(name))
+        stats = self.group("sample_stats").sel(subject=self._require_name(name))
         stored = {key: column for key, column in FIT_COLUMNS.items() if column in stats}
         return FitSummary(**{key: stats[column].item() for key, column in stored.items()})
 
@@ -319,8 +319,8 @@ class Draws:
             values = np.stack([self.values(name, key) for name in self.names], axis=-1)
             groups["posterior"][key] = (dims, values, {"units": unit(key, target)})
         coords = {**groups["sample_stats"].coords, **groups["observed_data"].coords}
-        found = zip(*(self._answers(name) for name in self.names), strict=True)
-        for group, parts in zip(("log_likelihood", "posterior_predictive"), found, strict=True):
+        answers = zip(*(self._answers(name) for name in self.names), strict=True)
+        for group, parts in zip(("log_likelihood", "posterior_predictive"), answers, strict=True):
             groups[group] = xr.Dataset(
                 {self.task.count: ((*dims[:2], "obs"), np.concatenate(parts, axis=-1))}, coords
             )
@@ -330,7 +330,10 @@ class Draws:
         return tree if convert is None else convert(tree)
 
     def _answers(self, name: str) -> tuple[FloatArray, IndexArray]:
-        """Log likelihood and predicted 'equal' answers of one subject, shape (chains, draws, pairs) each; the same whenever asked for."""
+        """Log likelihood and predicted answers of a subject, (chains, draws, pairs) each.
+
+        The same draws give the same answers.
+        """
         target, x = self.posterior(name), self.points(name)
         subject = target.subject
         rng = generator(self.seed, name, self.model, "posterior_predictive")
@@ -378,9 +381,9 @@ class Draws:
     def _places(self) -> Mapping[str, IndexArray]:
         """Where the pairs of every subject stand."""
         owner = pd.Series(self.group("observed_data")["subject"].values.astype(str))
-        return {str(name): np.asarray(at) for name, at in owner.groupby(owner).indices.items()}
+        return {str(name): np.asarray(rows) for name, rows in owner.groupby(owner).indices.items()}
 
-    def _known(self, name: str | int) -> str:
+    def _require_name(self, name: str | int) -> str:
         """A subject's name, of whom there are draws."""
         if as_name(name) not in self._places:
             raise InputError(
@@ -391,11 +394,12 @@ class Draws:
 
     def __repr__(self) -> str:
         size = self.group("posterior").sizes
-        missed = (
-            f"; NOT CONVERGED: {named_few([*self.not_converged])}" if self.not_converged else ""
-        )
-        about = f"{size['chain']} chains of {size['draw']:,}, seed {self.seed}{missed}"
-        return f"<Draws of {self.model!r}: {len(self.names):,} subjects ({named_few(self.names)}), {about}>"
+        missed = ""
+        if self.not_converged:
+            missed = f"; NOT CONVERGED: {named_few([*self.not_converged])}"
+        size_and_seed = f"{size['chain']} chains of {size['draw']:,}, seed {self.seed}"
+        subjects = f"{len(self.names):,} subjects ({named_few(self.names)})"
+        return f"<Draws of {self.model!r}: {subjects}, {size_and_seed}{missed}>"
 
     def _repr_html_(self) -> str:
         rows = []
@@ -410,11 +414,11 @@ class Draws:
         )
 
 
-def require_draws(given: object) -> None:
+def require_draws(value: object) -> None:
     """Refuse what stands in the place of draws, with what makes them."""
     require_kind(
         "draws",
-        given,
+        value,
         Draws,
         "Draws, such as bt.sample(study), bt.run(study).draws or bt.load('posterior.nc')",
     )
@@ -422,24 +426,24 @@ def require_draws(given: object) -> None:
 
 def load_draws(path: str | Path) -> Draws:
     """Read draws that :meth:`Draws.save` wrote."""
-    made, name = Draws(draws_file.read_tree(path), Path(path)), shown(Path(path))
-    needed: set[str] = set()
+    draws, name = Draws(draws_file.read_tree(path), Path(path)), shown(Path(path))
+    natural: set[str] = set()
     try:
-        for subject in made.names:
-            needed.update(made.posterior(subject).names.natural)
+        for subject in draws.names:
+            natural.update(draws.posterior(subject).names.natural)
     except InputError as error:
         raise InputError(f"{name}: draws of {error}") from error
     except (TypeError, ArithmeticError, LookupError, ValueError, RecursionError) as error:
         raise InputError(
-            f"{name}: its prior or its pairs are none that draws have; {draws_file.ALLOWED}"
+            f"{name}: its prior or its pairs are none that draws have; {draws_file.READABLE}"
         ) from error
-    absent = sorted(needed - set(made.group("posterior").data_vars))
+    absent = sorted(natural - set(draws.group("posterior").data_vars))
     if absent:
         raise InputError(
-            f"{name}: no {', '.join(absent)} among the draws of model {made.model!r}; "
-            f"{draws_file.ALLOWED}"
+            f"{name}: no {', '.join(absent)} among the draws of model {draws.model!r}; "
+            f"{draws_file.READABLE}"
         )
-    return made
+    return draws
 
 
 def stored_bytes(study: Study, prior: Prior, sampler: SamplerSettings, model: SampledModel) -> int:

@@ -34,7 +34,7 @@ from bayes_toe.model.models import describe_prior, stored_model
 from bayes_toe.model.paper_model import PaperModel
 from bayes_toe.version import library_versions
 
-ALLOWED = "allowed: a posterior.nc written by bayes-toe"
+READABLE = "allowed: a posterior.nc written by bayes-toe"
 #: Bytes of a file whose draws are read at once. Of a larger one, draws are read subject by subject.
 AT_ONCE = 2**28
 #: Bytes of draws in one NetCDF file, which is written from memory.
@@ -155,9 +155,9 @@ def _by_pair(study: Study, count: str) -> xr.Dataset:
 
 def _attributes(study: Study, settings: Settings) -> dict[str, Any]:
     model = stored_model(settings.model, study.task)
-    about = model.about
+    model_words = model.about
     if study.intervals and isinstance(model, PaperModel):
-        about += f"; intervals isi in seconds: {model.about_intervals}"
+        model_words += f"; intervals isi in seconds: {model.about_intervals}"
     versions = library_versions("xarray") | {"python": platform.python_version()}
     return {
         "source": study.source,
@@ -167,7 +167,7 @@ def _attributes(study: Study, settings: Settings) -> dict[str, Any]:
         "not_interpreted": json.dumps(not_interpreted(study)),
         **_condition_attributes(study),
         "model": settings.model,
-        "about_model": about,
+        "about_model": model_words,
         "seed": settings.seed,
         "prior": describe_prior(model, settings.prior, study.task),
         "settings": json.dumps(settings.as_dict()),
@@ -243,7 +243,7 @@ def read_tree(path: str | Path) -> xr.DataTree:
     # A Path refuses names that are too long with an error of its own.
     if not os.path.isfile(path):
         problem = "not a file" if os.path.exists(path) else "no such file"
-        raise InputError(f"{shown(path)}: {problem}; {ALLOWED}")
+        raise InputError(f"{shown(path)}: {problem}; {READABLE}")
     try:
         require_no_links(path)
         # No units are times.
@@ -255,11 +255,11 @@ def read_tree(path: str | Path) -> xr.DataTree:
         tree = tree.map_over_datasets(_with_small_in_memory)
         problem = next(_problems(tree, is_read_at_once), "")
     except InputError as error:
-        raise InputError(f"{shown(path)}: {error}; {ALLOWED}") from error
+        raise InputError(f"{shown(path)}: {error}; {READABLE}") from error
     except Exception as error:  # The libraries raise nearly anything for a damaged file.
         raise unreadable(path, error) from error
     if problem:
-        raise InputError(f"{shown(path)}: {problem}; {ALLOWED}")
+        raise InputError(f"{shown(path)}: {problem}; {READABLE}")
     return tree
 
 
@@ -298,7 +298,7 @@ def unreadable(path: Path, error: Exception) -> InputError:
     reason = "not a NetCDF file that can be read"
     if "filter" in str(error) or "checksum" in str(error):  # the words of HDF5
         reason = "damaged: its numbers do not fit their checksums"
-    return InputError(f"{shown(path)}: {reason}; {ALLOWED}")
+    return InputError(f"{shown(path)}: {reason}; {READABLE}")
 
 
 def _problems(tree: xr.DataTree, is_read_at_once: bool) -> Iterator[str]:

@@ -1,7 +1,6 @@
-"""The maxima of a log density in unconstrained coordinates: safeguarded Newton ascent of many points at once, inside bounds.
+"""The maxima of log densities: damped Newton ascent of many points at once, inside bounds.
 
-The objective may differ from point to point. Arrays have their points on the last axis, so that
-every operation runs along memory.
+The density may differ from point to point.
 """
 
 from __future__ import annotations
@@ -14,262 +13,246 @@ import numpy as np
 import numpy.typing as npt
 
 from bayes_toe.arrays import BoolArray, FloatArray, IndexArray
-from bayes_toe.model.derivatives import Gradient, hessian, one_sided
+from bayes_toe.model.derivatives import hessian, one_sided
 from bayes_toe.model.posterior import SampledPosterior
 
-_DECREMENT = 1e-12  # twice the predicted gain, in nats, at which a point counts as arrived
-_NEAR = 1e-2  # decrement below which a start counts as close to a maximum
-_CLOSE = 1e-2  # distance, in every coordinate, of the same one
+_CONVERGED = 5e-13  # predicted gain, in nats, at which a search has converged
+_ROUNDING = 1e-3  # of the value, in units of this, where that is large
+_LIGHT, _HEAVY = 1e-2, 1e12  # damping of a search that converges, and of one that fails
+_FIRST, _LEAST = 1e-3, 1e-12  # damping to begin with, and the smallest
+_SMALL_DISTANCE = 1e-3  # distance, in every coordinate, of points that are one maximum
+_FAR = 30.0  # nats below the best at which a maximum does not matter
 _TINY = 1e-300
+#: What differences cannot distinguish from 0 is no curvature.
+LEAST_CURVATURE = 1e-8
 
 
-OfStarts = Callable[[FloatArray, IndexArray], FloatArray]
+class Expansion(NamedTuple):
+    """Log densities about points: value, gradient and curvature.
+
+    The curvature is the negative Hessian, or a positive definite approximation of it.
+    """
+
+    value: FloatArray  # (points,)
+    gradient: FloatArray  # (points, k)
+    curvature: FloatArray  # (points, k, k)
+
+
+#: From points, (points, k), and the start that each of them came from, (points,).
+Expand = Callable[[FloatArray, IndexArray], Expansion]
+ValueAndGradient = Callable[[FloatArray, IndexArray], tuple[FloatArray, FloatArray]]
 
 
 class Differenced:
-    """An objective of which value and gradient are known, with Hessians by differences whose steps follow from the last ones.
+    """Log densities with known gradients, and curvatures by differences of these.
 
-    Of points, (points, k), and the start that each came from, (points,), the value has shape
-    (points,) and the gradient (points, k).
+    The steps of the differences follow from the last curvature of each search.
     """
 
-    def __init__(self, value: OfStarts, gradient: OfStarts, starts: int, k: int) -> None:
-        self._value, self._gradient, self._bend = value, gradient, np.ones((starts, k))
+    def __init__(self, density: ValueAndGradient, n_starts: int, k: int) -> None:
+        self._density = density
+        self._bend = np.ones((n_starts, k))
 
-    def value(self, x: FloatArray, index: IndexArray) -> FloatArray:
-        """Value at x, (k, points) -> (points,)."""
-        return self._value(x.T, index)
+    def expand(self, x: FloatArray, index: IndexArray) -> Expansion:
+        """The log densities about points, as :data:`Expand`."""
 
-    def derivatives(self, x: FloatArray, index: IndexArray) -> tuple[FloatArray, FloatArray]:
-        """Gradient (k, points) and Hessian (k, k, points)."""
-        gradient, bends = one_sided(self._of(index), x.T, self._bend[index])
-        bend = np.abs(np.diagonal(bends, axis1=1, axis2=2))
+        def slopes(points: FloatArray) -> tuple[FloatArray, FloatArray]:
+            return self._density(points, np.resize(index, len(points)))
+
+        value, gradient, second = one_sided(slopes, x, self._bend[index])
+        bend = np.abs(np.diagonal(second, axis1=1, axis2=2))
         self._bend[index] = np.where(np.isfinite(bend), bend, self._bend[index])
-        return gradient.T, np.moveaxis(bends, 0, -1)
+        return Expansion(value, gradient, -second)
 
     def curvature(self, x: FloatArray, index: IndexArray) -> FloatArray:
-        """Negative Hessian, (k, points) -> (points, k, k), by central differences, where the ascent ended."""
-        return -hessian(self._of(index), x.T, self._bend[index])
+        """Negative Hessian where searches ended, (points, k, k), by central differences."""
 
-    def _of(self, index: IndexArray) -> Gradient:
-        """The gradient at points of these starts, in their order as often as it takes."""
-        return lambda x: self._gradient(x, np.resize(index, len(x)))
+        def gradient(points: FloatArray) -> FloatArray:
+            return self._density(points, np.resize(index, len(points)))[1]
+
+        return -hessian(gradient, x, self._bend[index])
 
 
 class Ascent(NamedTuple):
-    """Where every start ended: point, value, gradient, Hessian, and whether it met the convergence criterion."""
+    """Where every search ended, with the log density there, and whether it converged."""
 
-    x: FloatArray
-    value: FloatArray
-    gradient: FloatArray
-    hessian: FloatArray
-    arrived: BoolArray
-
-    def take(self, index: IndexArray) -> Ascent:
-        """A copy of some of them."""
-        return Ascent(
-            self.x[:, index],
-            self.value[index],
-            self.gradient[:, index],
-            self.hessian[:, :, index],
-            self.arrived[index],
-        )
-
-    def put(self, index: IndexArray, some: Ascent) -> None:
-        """Set some of them."""
-        for part, values in zip(self, some, strict=True):
-            part[..., index] = values
+    x: FloatArray  # (starts, k)
+    value: FloatArray  # (starts,)
+    gradient: FloatArray  # (starts, k)
+    curvature: FloatArray  # (starts, k, k)
+    has_converged: BoolArray  # (starts,)
 
 
 def ascend(
-    objective: Differenced,
-    x: FloatArray,
+    expand: Expand,
+    starts: FloatArray,
     *,
     lower: npt.ArrayLike = -np.inf,
-    fixed: npt.ArrayLike = False,
-    most: float = 5.0,
-    iterations: int = 200,
-    rivals: IndexArray | None = None,
+    is_held: npt.ArrayLike = False,
+    least_gain: float = 0.0,
+    largest_step: float = 5.0,
+    most_steps: int = 200,
+    retry_damping: float = 1e-3,
 ) -> Ascent:
-    """Levenberg-damped Newton ascent of every start, (k, points), by steps of `most` at most.
+    """Damped Newton ascent from every start; no step is taken that lowers the value.
 
-    None is kept that lowers the value.
-
-    Starts are inside the bounds, where the value is finite. A coordinate that is on its lower bound
-    and would fall stays there until its slope turns; one that is fixed stays where it starts.
-    `rivals`, (points,), are numbers from 0 of the problems to which the starts belong, where only
-    the highest maximum of each is wanted: a start that comes to where a higher one already is goes
-    no further, and does not count as arrived.
+    Parameters
+    ----------
+    expand : callable
+        The log density about points.
+    starts : ndarray, shape (starts, k)
+        Points inside the bounds, where the density is finite.
+    lower : array_like
+        Lower bounds. A coordinate on its bound stays there until its slope is positive.
+    is_held : array_like of bool
+        Coordinates that stay where they start.
+    least_gain : float
+        A search ends, without having converged, before a step that promises fewer nats.
+    largest_step : float
+        In every coordinate.
+    most_steps : int
+    retry_damping : float
+        Least damping after a step that would have lowered the value.
     """
-    at = np.arange(x.shape[1])
-    now = Ascent(
-        x.copy(), objective.value(x, at), *objective.derivatives(x, at), np.zeros(len(at), bool)
-    )
-    ended, floor, held = (
-        now,
-        *(np.array(np.broadcast_to(bound, x.shape)) for bound in (lower, fixed)),
-    )
-    damping, leaders = np.full(len(at), 1e-3), None if rivals is None else _Leaders(rivals, x)
-    for _ in range(iterations):
-        if not len(at):
+    active = np.arange(len(starts))
+    has_converged = np.zeros(len(starts), np.bool_)
+    ended = Ascent(starts.copy(), *expand(starts, active), has_converged)
+    x, value, gradient, curvature, _ = ended
+    floor = np.broadcast_to(lower, x.shape)
+    is_fixed = np.broadcast_to(is_held, x.shape)
+    damping = np.full(len(starts), _FIRST)
+    for _ in range(most_steps):
+        is_on_floor = (x[active] <= floor[active]) & (gradient[active] <= 0.0)
+        is_moving = ~(is_fixed[active] | is_on_floor)
+        step, gains = _steps(gradient[active], curvature[active], is_moving, damping[active])
+        is_worth_it = gains.sum(axis=1) >= least_gain
+        active, step, gains = active[is_worth_it], step[is_worth_it], gains[is_worth_it]
+        if not len(active):
             break
-        free = ~(held | ((now.x <= floor) & (now.gradient <= 0.0)))
-        # Slopes close to the largest float, of which the step has a longest length; elimination of
-        # what is not positive definite.
-        with np.errstate(over="ignore", invalid="ignore"):
-            step, decrement, proper = _steps(now.gradient, now.hessian, free, damping)
-        step *= np.minimum(1.0, most / np.maximum(np.abs(step).max(axis=0), _TINY))
-        trial = np.maximum(now.x + step, floor)
-        value = objective.value(trial, at)
-        better = value >= now.value
-        now.x[:, better], now.value[better] = trial[:, better], value[better]
-        now.gradient[:, better], now.hessian[:, :, better] = objective.derivatives(
-            now.x[:, better], at[better]
+        longest = np.abs(step).max(axis=1)
+        step *= np.minimum(1.0, largest_step / np.maximum(longest, _TINY))[:, None]
+        trial = np.maximum(x[active] + step, floor[active])
+        expansion = expand(trial, active)
+        is_better = expansion.value >= value[active]
+        better = active[is_better]
+        x[better] = trial[is_better]
+        for stored, new in zip((value, gradient, curvature), expansion, strict=True):
+            stored[better] = new[is_better]
+
+        # A gain below the rounding of the value cannot be seen: the search has converged, whether
+        # or not the step was taken.
+        is_small = np.abs(gains).sum(axis=1) < _CONVERGED * (
+            1.0 + _ROUNDING * np.abs(value[active])
         )
-        # A predicted gain below the rounding of the value cannot be seen: arrived, whether or not
-        # the step was taken.
-        now.arrived[:] = (decrement < _DECREMENT * (1.0 + np.abs(now.value) * 1e-3)) & (
-            damping <= 1e-2
-        )
-        damping = np.where(
-            better, np.maximum(damping / 16.0, 1e-12), np.maximum(8.0 * damping, 1e-3)
-        )
-        going = (
-            ~now.arrived & (damping < 1e12) & np.isfinite(now.hessian).all(axis=(0, 1))
-        )  # not beyond where slopes are floats
-        if leaders is not None:
-            near = np.flatnonzero(better & proper & (decrement < _NEAR))
-            going[near] &= ~leaders.followed(at[near], now.x[:, near], now.value[near])
-        if not going.all():
-            ended.put(at, now)
-            at, damping, floor, held, now = (
-                at[going],
-                damping[going],
-                floor[:, going],
-                held[:, going],
-                now.take(np.flatnonzero(going)),
-            )
-    ended.put(at, now)
+        has_converged[active] = is_small & (damping[active] <= _LIGHT)
+        lighter = np.maximum(0.1 * damping[active], _LEAST)
+        heavier = np.maximum(10.0 * damping[active], retry_damping)
+        damping[active] = np.where(is_better, lighter, heavier)
+        # No further where slopes are beyond all floats.
+        is_finite = np.isfinite(curvature[active]).all(axis=(1, 2))
+        active = active[~has_converged[active] & (damping[active] < _HEAVY) & is_finite]
     return ended
 
 
-class _Leaders:
-    """The highest start of every problem among those that are close to a maximum."""
-
-    def __init__(self, rivals: IndexArray, x: FloatArray) -> None:
-        problems = int(rivals.max(initial=-1)) + 1
-        self.rivals, self.at = rivals, np.full(problems, -1)
-        self.x, self.value = np.empty((len(x), problems)), np.full(problems, -np.inf)
-
-    def followed(self, at: IndexArray, x: FloatArray, value: FloatArray) -> BoolArray:
-        """Which of the starts `at`, close to a maximum, are where a higher one is.
-
-        The others may lead from now on.
-        """
-        order = np.argsort(value, kind="stable")
-        order = order[value[order] >= self.value[self.rivals[at[order]]]]
-        first = self.rivals[
-            at[order]
-        ]  # of several starts of a problem the last is kept, the highest
-        self.at[first], self.value[first], self.x[:, first] = at[order], value[order], x[:, order]
-        of = self.rivals[at]
-        with np.errstate(invalid="ignore"):  # coordinates that are fixed at infinity
-            close = (np.abs(x - self.x[:, of]) < _CLOSE) | (x == self.x[:, of])
-        return np.asarray((self.at[of] != at) & close.all(axis=0))
-
-
 def _steps(
-    gradient: FloatArray, hessian: FloatArray, free: BoolArray, damping: FloatArray
-) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """Ascent steps (k, points) in the free coordinates, twice their predicted gains, and whether -H is positive definite.
+    gradient: FloatArray, curvature: FloatArray, is_moving: BoolArray, damping: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Steps uphill in the moving coordinates, (points, k), and the gain that each predicts.
 
-    -H is scaled to a unit diagonal, which the damping, (points,), raises. Where the result is
-    positive definite the step follows by elimination; elsewhere eigenvalues enter by size, so that
-    the step leads uphill, away from a saddle too.
+    The curvature is scaled to a unit diagonal, which the damping raises. Where it is not positive
+    definite its eigenvalues count by their size, so that the step leads away from a saddle.
     """
-    diagonal = np.arange(len(gradient)), np.arange(len(gradient))
-    size = np.abs(hessian[diagonal])
-    scale = np.where(free & (size > 0.0), 1.0 / np.sqrt(np.maximum(size, _TINY)), free)
-    matrix = hessian * -scale[:, None] * scale
-    right = np.where(free, gradient, 0.0) * scale
-    matrix[diagonal] += ~free
-    step, proper = _solve(matrix, right, damping)
-    if not proper.all():
-        values, vectors = np.linalg.eigh(np.moveaxis(matrix[..., ~proper], -1, 0))
-        along = np.einsum("nij,in->nj", vectors, right[:, ~proper]) / (
-            np.abs(values) + damping[~proper, None]
-        )
-        step[:, ~proper] = np.einsum("nij,nj->in", vectors, along)
-    return step * scale, np.abs(step * right).sum(axis=0), proper
+    k = gradient.shape[1]
+    diagonal = np.arange(k)
+    size = np.abs(curvature[:, diagonal, diagonal])
+    scale = np.where(is_moving, 1.0, 0.0)
+    # Slopes may be close to the largest float.
+    with np.errstate(over="ignore", invalid="ignore"):
+        np.divide(1.0, np.sqrt(np.maximum(size, _TINY)), out=scale, where=is_moving & (size > 0.0))
+        matrix = curvature * scale[:, :, None] * scale[:, None, :]
+        matrix[:, diagonal, diagonal] += ~is_moving
+        slope = np.where(is_moving, gradient, 0.0) * scale
+        step, is_proper = _solve(matrix, slope, damping)
+        if not is_proper.all():
+            values, vectors = np.linalg.eigh(matrix[~is_proper])
+            along = np.einsum("nij,ni->nj", vectors, slope[~is_proper])
+            along /= np.abs(values) + damping[~is_proper, None]
+            step[~is_proper] = np.einsum("nij,nj->ni", vectors, along)
+        return step * scale, 0.5 * step * slope
 
 
 def _solve(
     matrix: FloatArray, right: FloatArray, damping: FloatArray
 ) -> tuple[FloatArray, BoolArray]:
-    """Solve many small symmetric systems with raised diagonals by elimination.
+    """Solve many small symmetric systems with raised diagonals, and tell which are definite.
 
-    False where a pivot is not positive.
-
-    LAPACK, called for each, takes several times as long.
+    Elimination along the points takes a fraction of the time of LAPACK for each.
     """
-    k, a, y, proper = len(right), matrix.copy(), right.copy(), np.ones(len(damping), bool)
+    a, y = np.moveaxis(matrix, 0, -1).copy(), right.T.copy()
+    k = len(y)
     a[np.arange(k), np.arange(k)] += damping
+    is_definite = np.ones(len(damping), np.bool_)
     for j in range(k):
-        good = a[j, j] > 1e-12
-        proper &= good
-        a[j, j][~good] = 1.0
+        is_positive = a[j, j] > 1e-12
+        is_definite &= is_positive
+        a[j, j][~is_positive] = 1.0
         factor = a[j, j + 1 :] / a[j, j]
-        for i in range(
-            j + 1, k
-        ):  # the rows below, of which the part on and behind the diagonal counts
+        for i in range(j + 1, k):
+            # Only the part on and behind the diagonal counts.
             a[i, i:] -= factor[i - j - 1] * a[j, i:]
         y[j + 1 :] -= factor * y[j]
     for j in reversed(range(k)):
         y[j] /= a[j, j]
         y[:j] -= a[:j, j] * y[j]
-    return y, proper
+    return y.T, is_definite
+
+
+# --- The maxima of a posterior -------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
 class Maxima:
-    """Distinct local maxima of a log density, best first, in unconstrained coordinates."""
+    """Distinct local maxima of a log density that matter, best first, unconstrained coordinates.
 
-    x: FloatArray  # (modes, k)
-    value: FloatArray  # (modes,)
-    curvature: FloatArray  # (modes, k, k): negative Hessian; positive definite at a proper maximum
-    # False where no start met the convergence criterion; the points are then the best found
-    arrived: bool
-    hopeless: FloatArray  # (others, k): further ones, 30 nats and more below the best
+    Attributes
+    ----------
+    x : ndarray, shape (modes, k)
+    value : ndarray, shape (modes,)
+    curvature : ndarray, shape (modes, k, k)
+        The negative Hessian; positive definite at a proper maximum.
+    has_converged : bool
+        False where no search converged; the points are then the best ones that were reached.
+    """
 
-    @property
-    def all(self) -> FloatArray:
-        """Every one of them, shape (maxima, k)."""
-        return np.concatenate([self.x, self.hopeless])
+    x: FloatArray
+    value: FloatArray
+    curvature: FloatArray
+    has_converged: bool
 
 
 def find_maxima(target: SampledPosterior, starts: FloatArray | None = None) -> Maxima:
     """Maxima of the log density from several starts, shape (starts, k), of finite density.
 
-    By default those that the data suggest.
+    The default starts are those that the data suggest.
     """
-    x = target.starts() if starts is None else starts
-    density = Differenced(
-        lambda x, _: target.log_density(x), lambda x, _: target.gradient(x)[1], *x.shape
-    )
-    found = ascend(density, x.T)
-    chosen: list[int] = []
-    for i in np.argsort(-found.value):
-        if (found.arrived[i] or not found.arrived.any()) and all(
-            np.abs(found.x[:, i] - found.x[:, j]).max() > 1e-3 for j in chosen
-        ):
-            chosen.append(int(i))
-    x, value = found.x.T[chosen], found.value[chosen]
-    near = value > value[0] - 30.0
-    kept = np.array(chosen)[near]
-    return Maxima(
-        x[near],
-        value[near],
-        density.curvature(found.x[:, kept], kept),
-        bool(found.arrived.any()),
-        x[~near],
-    )
+    if starts is None:
+        starts = target.starts()
+    density = Differenced(lambda x, _: target.gradient(x), *starts.shape)
+    ascent = ascend(density.expand, starts)
+    is_candidate = ascent.has_converged
+    if not is_candidate.any():
+        is_candidate = np.ones(len(starts), np.bool_)
+    distinct: list[int] = []
+    for i in np.argsort(-ascent.value).tolist():
+        distances = np.abs(ascent.x[distinct] - ascent.x[i]).max(axis=1)
+        if is_candidate[i] and (distances > _SMALL_DISTANCE).all():
+            distinct.append(i)
+    best = np.array(distinct)
+    best = best[ascent.value[best] > ascent.value[best[0]] - _FAR]
+    curvature = density.curvature(ascent.x[best], best)
+    # Without curvature in a coordinate a search has come to an edge, not to a maximum.
+    is_proper = np.diagonal(curvature, axis1=1, axis2=2).min(axis=1) > LEAST_CURVATURE
+    is_proper[0] = True
+    best, curvature = best[is_proper], curvature[is_proper]
+    has_converged = bool(ascent.has_converged.any())
+    return Maxima(ascent.x[best], ascent.value[best], curvature, has_converged)

@@ -20,6 +20,7 @@ from scipy.special import logsumexp
 from bayes_toe.arrays import BoolArray, FloatArray, IndexArray
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import NumericalError
+from bayes_toe.inference.maxima import Ascent, Expansion, ascend
 from bayes_toe.inference.proposal import (
     StudentMixture,
     WeightedDraws,
@@ -53,7 +54,7 @@ _START_NOISE = -0.5  # score of the noise there; a steep curve shows more than a
 _FLAT_NOISE = 2.0  # score of the noise of a flat curve
 _GAIN = 0.03  # nats of predicted gain below which a search ends
 _LARGEST_STEP = 2.0
-_ITERATIONS = 12
+_MOST_STEPS = 12
 _POLISH_GAIN = 1e-8  # the same for the maximum of a row, of which Laplace's evidence is
 
 # --- Mixture ---
@@ -67,7 +68,7 @@ _ADDED_SHARE = 1.0 / 16.0  # of that component
 
 # --- Evidence ---
 _FAR = 8.0  # nats below the best at which a model needs no further draws
-_JUDGED_FROM = 1000
+_FEWEST_ASSESSED = 1000
 _HEAVY = 0.03  # share of the weight of one draw that sends a row back
 _POOR = 0.25  # efficiency that sends a row back, twice at most
 _MOST_RETURNS, _MOST_POOR_RETURNS = 8, 2
@@ -166,23 +167,15 @@ def order_evidence(
 # --- Maxima --------------------------------------------------------------------------------------
 
 
-class Maxima(NamedTuple):
-    """Points at which searches ended, with the log density and its positive curvature there."""
-
-    points: FloatArray  # (searches, k)
-    log_density: FloatArray  # (searches,)
-    curvature: FloatArray  # (searches, k, k): Fisher information and prior; 1 where held
-
-
-def find_maxima(
+def _ascend(
     batch: ObserverBatch,
     is_free: BoolArray,
     rows: IndexArray,
     starts: FloatArray,
     is_held: BoolArray,
-    gain: float = _GAIN,
-) -> Maxima:
-    """Damped Fisher scoring from many starts at once.
+    least_gain: float = _GAIN,
+) -> Ascent:
+    """Fisher scoring from many starts at once.
 
     Parameters
     ----------
@@ -194,37 +187,23 @@ def find_maxima(
     starts : ndarray, shape (searches, k)
     is_held : ndarray of bool, shape (searches, k)
         Further coordinates that stay where they start.
-    gain : float
+    least_gain : float
         A search ends where the predicted gain, nats, is below this.
     """
-    own, free = batch.rows(rows), is_free[rows]
-    is_moving = free & ~is_held
-    points = starts.copy()
-    value, gradient, curvature = _expansion(own, free, points)
-    damping = np.full(len(rows), 1e-3)
-    active = np.arange(len(rows))
-    for _ in range(_ITERATIONS):
-        step, predicted = _damped_step(
-            gradient[active], curvature[active], is_moving[active], damping[active]
-        )
-        is_going = predicted > gain
-        active, step = active[is_going], step[is_going]
-        if not len(active):
-            break
-        trial = points[active] + step
-        new_value, new_gradient, new_curvature = _expansion(own.rows(active), free[active], trial)
-        is_better = new_value >= value[active]
-        better = active[is_better]
-        points[better], value[better] = trial[is_better], new_value[is_better]
-        gradient[better], curvature[better] = new_gradient[is_better], new_curvature[is_better]
-        damping[active] *= np.where(is_better, 0.1, 10.0)
-    return Maxima(points, value, curvature)
+    batch, is_free = batch.rows(rows), is_free[rows]
+    return ascend(
+        lambda x, index: _expansion(batch.rows(index), is_free[index], x),
+        starts,
+        is_held=~is_free | is_held,
+        least_gain=least_gain,
+        largest_step=_LARGEST_STEP,
+        most_steps=_MOST_STEPS,
+        retry_damping=0.0,
+    )
 
 
-def _expansion(
-    batch: ObserverBatch, is_free: BoolArray, points: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Log density (rows,), gradient (rows, k) and positive curvature (rows, k, k), a point a row."""
+def _expansion(batch: ObserverBatch, is_free: BoolArray, points: FloatArray) -> Expansion:
+    """The log density of each row about its point, (rows, k), by Fisher information and prior."""
     u = points[:, None, :]
     log_likelihood, gradient, information = batch.scoring(u)
     slopes, curvatures = batch.prior_slopes(u)
@@ -234,23 +213,7 @@ def _expansion(
     curvature = np.where(both_free, information[:, 0], 0.0)
     diagonal = np.arange(points.shape[1])
     curvature[:, diagonal, diagonal] += np.where(is_free, curvatures[:, 0], 1.0)
-    return value, gradient, curvature
-
-
-def _damped_step(
-    gradient: FloatArray, curvature: FloatArray, is_moving: BoolArray, damping: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Steps of at most :data:`_LARGEST_STEP` in every coordinate, and their predicted gains."""
-    both_move = is_moving[:, :, None] & is_moving[:, None, :]
-    matrix = np.where(both_move, curvature, 0.0)
-    diagonal = np.arange(gradient.shape[1])
-    own = matrix[:, diagonal, diagonal]
-    matrix[:, diagonal, diagonal] = np.where(is_moving, own * (1.0 + damping[:, None]), 1.0)
-    slope = np.where(is_moving, gradient, 0.0)
-    step = np.linalg.solve(matrix, slope[..., None])[..., 0]
-    predicted = 0.5 * (step * slope).sum(axis=1)
-    longest = np.abs(step).max(axis=1)
-    return step * np.minimum(1.0, _LARGEST_STEP / np.maximum(longest, 1e-300))[:, None], predicted
+    return Expansion(value, gradient, curvature)
 
 
 # --- Mixture -------------------------------------------------------------------------------------
@@ -290,14 +253,14 @@ class RowMixture:
         return points
 
 
-def _mixture_of_maxima(maxima: Maxima, is_free: BoolArray) -> RowMixture:
+def _mixture_of_maxima(maxima: Ascent, is_free: BoolArray) -> RowMixture:
     """A component at every maximum of a row, weighted by the root of its Laplace evidence."""
-    log_mass = maxima.log_density - 0.5 * np.linalg.slogdet(maxima.curvature)[1]
+    log_mass = maxima.value - 0.5 * np.linalg.slogdet(maxima.curvature)[1]
     weights = np.exp(0.5 * (log_mass - log_mass.max())) + _LEAST_WEIGHT
     scales = np.asarray(np.linalg.inv(maxima.curvature[:, is_free][:, :, is_free]))
     # Degrees of freedom and dimensions add up to the same even number in all rows.
     df = 2 * ((len(is_free) + 5) // 2) - int(is_free.sum())
-    student = StudentMixture(weights / weights.sum(), maxima.points[:, is_free], scales, df)
+    student = StudentMixture(weights / weights.sum(), maxima.x[:, is_free], scales, df)
     return RowMixture(is_free, student)
 
 
@@ -315,11 +278,11 @@ class _Pool:
         """Add the draws that a mixture made."""
         self.mixtures.append((mixture, len(draws.x)))
         pooled = joined_draws([self.draws, draws])
-        made = []
-        for known, count in self.mixtures:
-            log_density = known.log_density(pooled.x, pooled.log_prior)
-            made.append(log_density + np.log(count))
-        self.draws = replace(pooled, log_proposal=np.logaddexp.reduce(made))
+        densities = []
+        for earlier, count in self.mixtures:
+            log_density = earlier.log_density(pooled.x, pooled.log_prior)
+            densities.append(log_density + np.log(count))
+        self.draws = replace(pooled, log_proposal=np.logaddexp.reduce(densities))
 
 
 @dataclass(eq=False)
@@ -357,7 +320,7 @@ class _Sampler:
         modes, laplace = self._laplace(maxima, rows)
         mixtures = []
         for row in range(self.n_rows):
-            of_row = Maxima(*(values[rows == row] for values in maxima))
+            of_row = Ascent(*(values[rows == row] for values in maxima))
             mixtures.append(_mixture_of_maxima(of_row, self.is_free[row]))
         pools = self._adapt(mixtures)
         fresh = self._draw(mixtures, pools)
@@ -373,16 +336,16 @@ class _Sampler:
             point[1] = _START_PEAK
         return point
 
-    def _search(self) -> tuple[Maxima, IndexArray]:
+    def _search(self) -> tuple[Ascent, IndexArray]:
         """All maxima that become components, and their rows."""
         profile, profile_rows, values = self._profile()
         second_starts, second_rows, is_held = self._second_starts(profile, profile_rows, values)
-        second = find_maxima(self.batch, self.is_free, second_rows, second_starts, is_held)
+        second = _ascend(self.batch, self.is_free, second_rows, second_starts, is_held)
         # A search along the constant error is of the rows that have it.
         joined = [np.concatenate(parts) for parts in zip(profile, second, strict=True)]
-        return Maxima(*joined), np.concatenate([profile_rows, second_rows])
+        return Ascent(*joined), np.concatenate([profile_rows, second_rows])
 
-    def _profile(self) -> tuple[Maxima, IndexArray, FloatArray]:
+    def _profile(self) -> tuple[Ascent, IndexArray, FloatArray]:
         """Maxima along the constant error, and one from a flat curve for every row."""
         n_values = len(_CONSTANT_ERRORS)
         with_error = np.flatnonzero(self.is_free[:, self.k - 2])
@@ -394,13 +357,11 @@ class _Sampler:
         is_held[: len(held_rows), self.k - 2] = True
         flat = np.tile(self._start(_FLAT_NOISE), (self.n_rows, 1))
         rows = np.concatenate([held_rows, np.arange(self.n_rows)])
-        maxima = find_maxima(
-            self.batch, self.is_free, rows, np.concatenate([starts, flat]), is_held
-        )
+        maxima = _ascend(self.batch, self.is_free, rows, np.concatenate([starts, flat]), is_held)
         return maxima, rows, values
 
     def _second_starts(
-        self, profile: Maxima, rows: IndexArray, values: FloatArray
+        self, profile: Ascent, rows: IndexArray, values: FloatArray
     ) -> tuple[FloatArray, IndexArray, BoolArray]:
         """Starts of free maxima, and of those with lapse rates held."""
         starts: list[FloatArray] = []
@@ -409,11 +370,11 @@ class _Sampler:
         lapse = 2 if self.batch.is_same_different else 1
         for row in range(self.n_rows):
             chosen, at_row = self._profile_maxima(row, rows[: len(values)], values, profile)
-            heights = profile.log_density[at_row]
-            flat = profile.points[len(values) + row]
-            candidates = [profile.points[at_row[i]] for i in chosen]
+            heights = profile.value[at_row]
+            flat = profile.x[len(values) + row]
+            candidates = [profile.x[at_row[i]] for i in chosen]
             best = candidates[0]
-            if profile.log_density[len(values) + row] > heights[chosen[0]]:
+            if profile.value[len(values) + row] > heights[chosen[0]]:
                 best = flat
             for point in candidates:
                 starts.append(point)
@@ -429,7 +390,7 @@ class _Sampler:
         return np.array(starts), np.array(start_rows), is_held
 
     def _profile_maxima(
-        self, row: int, rows: IndexArray, values: FloatArray, profile: Maxima
+        self, row: int, rows: IndexArray, values: FloatArray, profile: Ascent
     ) -> tuple[IndexArray, IndexArray]:
         """Which maxima of a profile are the row's to start from, the best first, and the profile.
 
@@ -439,20 +400,18 @@ class _Sampler:
         profile_row = row if has_error else row + 1
         at_row = np.flatnonzero(rows == profile_row)
         if has_error:
-            return _two_best_local(values[at_row], profile.log_density[at_row]), at_row
+            return _two_best_local(values[at_row], profile.value[at_row]), at_row
         return np.flatnonzero(values[at_row] == 0.0), at_row
 
-    def _laplace(self, maxima: Maxima, rows: IndexArray) -> tuple[FloatArray, FloatArray]:
+    def _laplace(self, maxima: Ascent, rows: IndexArray) -> tuple[FloatArray, FloatArray]:
         """The highest maximum of every row, (rows, k), and Laplace's log evidence, (rows,)."""
         best = np.empty(self.n_rows, np.intp)
         for row in range(self.n_rows):
             at_row = np.flatnonzero(rows == row)
-            best[row] = at_row[np.argmax(maxima.log_density[at_row])]
+            best[row] = at_row[np.argmax(maxima.value[at_row])]
         own_rows = np.arange(self.n_rows)
         is_held = np.zeros(self.is_free.shape, np.bool_)
-        top = find_maxima(
-            self.batch, self.is_free, own_rows, maxima.points[best], is_held, _POLISH_GAIN
-        )
+        top = _ascend(self.batch, self.is_free, own_rows, maxima.x[best], is_held, _POLISH_GAIN)
 
         def gradient(points: FloatArray) -> FloatArray:
             batch = self.batch.rows(np.resize(own_rows, len(points)))
@@ -461,14 +420,14 @@ class _Sampler:
             return np.asarray(slope[:, 0])
 
         diagonal = np.arange(self.k)
-        curvature = -hessian(gradient, top.points, top.curvature[:, diagonal, diagonal])
+        curvature = -hessian(gradient, top.x, top.curvature[:, diagonal, diagonal])
         both_free = self.is_free[:, :, None] & self.is_free[:, None, :]
         curvature = np.where(both_free, curvature, np.eye(self.k))
         is_proper = np.linalg.eigvalsh(curvature)[:, 0] > 0.0
         log_determinant = np.linalg.slogdet(curvature)[1]
         dimensions = self.is_free.sum(axis=1)
-        laplace = top.log_density + 0.5 * dimensions * LOG_2PI - 0.5 * log_determinant
-        return top.points, np.where(is_proper, laplace, np.nan)
+        laplace = top.value + 0.5 * dimensions * LOG_2PI - 0.5 * log_determinant
+        return top.x, np.where(is_proper, laplace, np.nan)
 
     # --- Draws -----------------------------------------------------------------------------------
 
@@ -495,8 +454,8 @@ class _Sampler:
 
     def _adapt(self, mixtures: list[RowMixture]) -> list[_Pool]:
         """Adapt mixtures by two rounds of draws, which are the pools."""
-        nothing = WeightedDraws(np.empty((0, self.k)), *np.empty((3, 0)))
-        pools = [_Pool(nothing, []) for _ in mixtures]
+        no_draws = WeightedDraws(np.empty((0, self.k)), *np.empty((3, 0)))
+        pools = [_Pool(no_draws, []) for _ in mixtures]
         for _ in range(2):
             for row, draws in enumerate(self._round(mixtures, range(self.n_rows))):
                 pools[row].join(mixtures[row], draws)
@@ -545,7 +504,7 @@ class _Sampler:
     def _must_return(self, row: _Row, draws: WeightedDraws) -> bool:
         """Whether a row's mixture misses a part of its posterior; counts how often it did."""
         n_draws = len(draws.x)
-        if n_draws < _JUDGED_FROM or row.returns >= _MOST_RETURNS:
+        if n_draws < _FEWEST_ASSESSED or row.returns >= _MOST_RETURNS:
             return False
         is_heavy = draws.shares.max() > _HEAVY
         is_poor = draws.effective_number < _POOR * n_draws and row.poor_returns < _MOST_POOR_RETURNS
@@ -587,8 +546,8 @@ def _two_best_local(values: FloatArray, heights: FloatArray) -> IndexArray:
     local = order[is_local]
     ranked = local[np.argsort(-heights[local])]
     if len(ranked) < 2:
-        others = np.argsort(-heights)
-        ranked = np.concatenate([ranked, others[others != ranked[0]]])
+        by_height = np.argsort(-heights)
+        ranked = np.concatenate([ranked, by_height[by_height != ranked[0]]])
     return np.asarray(ranked[:2])
 
 
@@ -599,10 +558,10 @@ def _refitted(mixture: RowMixture, pool: _Pool, row: _Row) -> RowMixture:
     pool.join(mixture, draws)
     row.rounds.clear()  # because the mixture changes
     points = pool.draws.x[:, mixture.is_free]
-    apart = points - heaviest
-    distance = np.square(apart / points.std(axis=0)).sum(axis=1)
+    offsets = points - heaviest
+    distance = np.square(offsets / points.std(axis=0)).sum(axis=1)
     near = np.argpartition(distance, _NEIGHBOURS)[:_NEIGHBOURS]
-    scale = apart[near].T @ apart[near] / _NEIGHBOURS
+    scale = offsets[near].T @ offsets[near] / _NEIGHBOURS
     student = mixture.student
     component = StudentMixture(np.ones(1), heaviest[None], scale[None], student.df)
     widened = replace(mixture, student=student.joined([component], _ADDED_SHARE))

@@ -1,4 +1,4 @@
-"""Predictions from posterior draws, for pairs and intervals that were tested and for those that were not yet."""
+"""Predictions from posterior draws, for any pairs and intervals, tested or not."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _BLOCK = 1 << 20  # values of one temporary array
 
 @dataclass(frozen=True, eq=False)
 class Predictor:
-    """What posterior draws x of one subject predict, unconstrained coordinates of shape (draws, k), under whichever model they are of."""
+    """What posterior draws of one subject predict; x has the shape (draws, k)."""
 
     target: ObserverPosterior | PaperPosterior
     x: FloatArray
@@ -37,22 +37,22 @@ class Predictor:
         return cls(target, x if most is None else x[:: max(1, len(x) // most)])
 
     def yes(self, s1: FloatArray, s2: FloatArray, isi: FloatArray | None = None) -> FloatArray:
-        """P of the answer that the task counts, of any pairs, (pairs,) -> (draws, pairs); natural-log intensities, intervals in seconds."""
-        keys = np.column_stack(
-            np.broadcast_arrays(s1, s2) if isi is None else np.broadcast_arrays(s1, s2, isi)
-        )
-        pairs, which = np.unique(
-            keys, axis=0, return_inverse=True
-        )  # a subject has its pairs once, in this order
-        once = np.ones(len(pairs), np.int64)
-        subject = self.target.subject
-        isi = None if isi is None else pairs[:, 2]
-        asked = Subject(
-            subject.name, pairs[:, 0], pairs[:, 1], 0 * once, once, isi, task=subject.task
-        )
-        return np.asarray(
-            np.exp(self.target.for_subject(asked).log_answers(self.x)[0])[:, which.ravel()]
-        )
+        """P of the answer that the task counts, for any pairs, (pairs,) -> (draws, pairs).
+
+        Intensities are natural logs, intervals are in seconds.
+        """
+        columns = [s1, s2]
+        if isi is not None:
+            columns.append(isi)
+        keys = np.column_stack(np.broadcast_arrays(*columns))
+        # A subject has its pairs once, in this order.
+        pairs, index = np.unique(keys, axis=0, return_inverse=True)
+        n_trials = np.ones(len(pairs), np.int64)
+        intervals = None if isi is None else pairs[:, 2]
+        counts = (pairs[:, 0], pairs[:, 1], 0 * n_trials, n_trials, intervals)
+        subject = Subject(self.target.subject.name, *counts, task=self.target.subject.task)
+        log_yes, _ = self.target.for_subject(subject).log_answers(self.x)
+        return np.asarray(np.exp(log_yes)[:, index.ravel()])
 
 
 def predict(
@@ -62,7 +62,9 @@ def predict(
     s2: npt.ArrayLike,
     isi: npt.ArrayLike | None = None,
 ) -> pd.DataFrame:
-    """Posterior of P('equal'), or of P('second'), for pairs at intervals, one row each: mean and quantiles over the draws.
+    """Posterior of P('equal'), or of P('second'), for pairs at intervals, one row each.
+
+    The columns are the mean and quantiles over the draws.
 
     The bands hold what the parameters leave open, not the scatter of a finite number of answers. An
     interval far from those that were tested rests on the random walk of
@@ -93,8 +95,9 @@ def predict(
     --------
     >>> from bayes_toe.analysis import sample
     >>> from bayes_toe.data.study import Study, Subject
-    >>> one = Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [49, 20, 15], [50, 50, 50], isi=[1.0, 0.5, 2.0])
-    >>> draws = sample(Study([one]), draws=500, seed=1, workers=1)
+    >>> counts = [49, 20, 15], [50, 50, 50]
+    >>> subject = Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], *counts, isi=[1.0, 0.5, 2.0])
+    >>> draws = sample(Study([subject]), draws=500, seed=1, workers=1)
     >>> predict(draws, "S01", 0.0, 0.3, [0.5, 1.0, 2.0]).columns.tolist()
     ['s1', 's2', 'isi', 'mean', 'q05', 'q25', 'q50', 'q75', 'q95']
     """
@@ -108,8 +111,8 @@ def predict(
             "isi: these draws were made without intervals, so their sigma_p is per interval and "
             "not per second"
         )
-    asked = (s1, s2) if isi is None else (s1, s2, require_intervals(isi))
-    arrays = [np.atleast_1d(np.asarray(values, np.float64)) for values in asked]
+    inputs = (s1, s2) if isi is None else (s1, s2, require_intervals(isi))
+    arrays = [np.atleast_1d(np.asarray(values, np.float64)) for values in inputs]
     columns = [values.ravel() for values in np.broadcast_arrays(*arrays)]
     return _table(
         dict(zip(keys, columns, strict=False)),
@@ -121,7 +124,10 @@ def predict(
 def _table(
     columns: Mapping[str, FloatArray], draws: int, predicted: Callable[[slice], FloatArray]
 ) -> pd.DataFrame:
-    """The columns, each of shape (rows,), with mean and quantiles over draws of what is predicted for slices of their rows."""
+    """The columns, (rows,) each, with mean and quantiles over draws of the predictions.
+
+    `predicted` has the predictions for a slice of the rows.
+    """
     rows, size = len(next(iter(columns.values()))), max(1, _BLOCK // draws)
     values = [predicted(slice(i, i + size)) for i in range(0, rows, size)]
     mean = np.concatenate([part.mean(axis=0) for part in values])

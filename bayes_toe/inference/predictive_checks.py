@@ -22,7 +22,7 @@ _OFTEN = 20.0  # expected rarer answers from which chi-square holds for a pair
 _COUNTS = 101  # counts that matter where there are fewer
 _OF_MOMENTS = 3000  # draws times pairs over which the moments of a deviance are averaged
 _CONSPICUOUS = 2.0  # residual from which a pair is named among the worst
-_NAMED = 3  # how many are
+_MOST_WORST = 3  # how many are
 
 
 # --- Deviance -------------------------------------------------------------------------------------
@@ -31,7 +31,9 @@ _NAMED = 3  # how many are
 def binomial_deviance(
     n_yes: npt.ArrayLike, n_trials: npt.ArrayLike, log_q: FloatArray, log_rest: FloatArray
 ) -> FloatArray:
-    """Deviance of k answers in n from their probability q, that of the other answer being 1 - q, in nats times 2. Arguments broadcast.
+    """Deviance of k answers in n from their probability q, in nats times 2.
+
+    Arguments broadcast; the other answer has the probability 1 - q.
 
     D = 2 [k ln(k/(n q)) + (n - k) ln((n - k)/(n (1 - q)))], twice the log likelihood that the
     saturated model has more, to the rounding of that. The logs of q and of 1 - q are given apart:
@@ -88,7 +90,8 @@ def deviance_p_value(
     Examples
     --------
     >>> half = np.full(6, np.log(0.5))
-    >>> round(deviance_p_value(13.28, 4, np.full(6, 1000), half, half), 4)  # 13.28 is the 99 % quantile of chi-square with 4 of them
+    >>> quantile = 13.28  # at 99 %, of chi-square with 4 degrees of freedom
+    >>> round(deviance_p_value(quantile, 4, np.full(6, 1000), half, half), 4)
     0.01
     """
     if freedom <= 0:
@@ -107,17 +110,22 @@ def deviance_p_value(
 def _moments(
     n: FloatArray, log_q: FloatArray, log_rest: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Mean and variance of each pair's deviance, over the counts of its rarer answer; 1 and 2 where that is not rare."""
+    """Mean and variance of each pair's deviance, over the counts of its rarer answer.
+
+    Where that is not rare, they are 1 and 2.
+    """
     k = np.arange(min(_COUNTS, int(n.max()) + 1), dtype=np.float64).reshape(
         -1, *(1,) * np.ndim(log_q)
     )
     log_rare, log_other = np.minimum(log_q, log_rest), np.maximum(log_q, log_rest)
-    at = np.minimum(k, n)
-    log_ways = gammaln(n + 1.0) - gammaln(at + 1.0) - gammaln(n - at + 1.0)
+    count = np.minimum(k, n)
+    log_ways = gammaln(n + 1.0) - gammaln(count + 1.0) - gammaln(n - count + 1.0)
     chance = np.where(
-        k <= n, np.exp(log_ways + times_counts(at, log_rare) + times_counts(n - at, log_other)), 0.0
+        k <= n,
+        np.exp(log_ways + times_counts(count, log_rare) + times_counts(n - count, log_other)),
+        0.0,
     )
-    values = np.where(chance > 0.0, binomial_deviance(at, n, log_rare, log_other), 0.0)
+    values = np.where(chance > 0.0, binomial_deviance(count, n, log_rare, log_other), 0.0)
     mean, rare = (chance * values).sum(axis=0), n * np.exp(log_rare) < _OFTEN
     return np.where(rare, mean, 1.0), np.where(
         rare, (chance * (values - mean) ** 2).sum(axis=0), 2.0
@@ -129,7 +137,7 @@ def _moments(
 
 @dataclass(frozen=True, eq=False)
 class PredictiveCheck:
-    """Observed answers against what the posterior predicts for a repetition of the experiment, of each pair and overall.
+    """Observed answers against predictions for a repetition of the experiment.
 
     P(n_rep <= n_yes) and P(n_rep >= n_yes) for replicated counts are binomial tails averaged over
     draws, not simulated.
@@ -165,27 +173,30 @@ def predictive_check(posterior: AnswerPosterior, x: npt.ArrayLike, seed: int) ->
     sums, beyond = np.zeros((3, subject.n_pairs)), 0
     rows = max(1, _BLOCK // subject.n_pairs)
     for start in range(0, len(points), rows):
-        some = points[start : start + rows]
-        logs = posterior.log_answers(some)
-        q, rest = (np.exp(values) for values in logs)
+        block = points[start : start + rows]
+        logs = posterior.log_answers(block)
+        q, complement = (np.exp(values) for values in logs)
         tails = (
             np.where(x < n, betainc(np.maximum(n - x, 1), x + 1, share), 1.0)
-            for x, share in ((k, rest), (n - k, q))
+            for x, share in ((k, complement), (n - k, q))
         )
         sums += [values.sum(axis=0) for values in (np.exp(logs[0]), *tails)]
-        again, seen = (
+        replicated, observed = (
             binomial_deviance(counts, n, *logs).sum(axis=1) for counts in (rng.binomial(n, q), k)
         )
-        beyond += int(np.count_nonzero(again >= seen))
-    (expected, fewer, more), share = sums / len(points), beyond / len(points)
+        beyond += int(np.count_nonzero(replicated >= observed))
+    (expected, p_fewer, p_more), share = sums / len(points), beyond / len(points)
     return PredictiveCheck(
-        expected, fewer, more, share, float(np.sqrt(share * (1.0 - share) / len(points)))
+        expected, p_fewer, p_more, share, float(np.sqrt(share * (1.0 - share) / len(points)))
     )
 
 
 @dataclass(frozen=True)
 class PairFit:
-    """A pair (natural-log intensity, interval in seconds) with its observed share of an answer and the one that the model expects."""
+    """A pair with its observed share of an answer and the one that the model expects.
+
+    Stimuli are natural-log intensities, the interval is in seconds.
+    """
 
     s1: float
     s2: float
@@ -224,7 +235,7 @@ class FitSummary:
 
     @property
     def misfit(self) -> bool:
-        """Whether the model does not describe the answers: predictive p, or that of the deviance, below 0.01."""
+        """Whether the model does not describe the answers: a p-value is below 0.01."""
         return self.p_overall < MISFIT or self.p_deviance < MISFIT
 
     @property
@@ -246,7 +257,7 @@ def summarise_fit(
     log_likelihood: FloatArray | None = None,
     most: int = 2000,
 ) -> FitSummary:
-    """Deviance and posterior predictive p-values of one subject from draws x, shape (draws, k), unconstrained.
+    """Deviance and posterior predictive p-values of one subject from draws x, (draws, k).
 
     The predictive check takes `most` draws, evenly spaced; the smallest deviance is sought over
     all, by their log likelihood, shape (draws,), which is evaluated where it is not given.
@@ -263,8 +274,8 @@ def summarise_fit(
         for column in (subject.s1, subject.s2, subject.n_yes / subject.n_trials, fit.q)
     )
     size = np.abs(fit.residual)
-    largest, *others = np.argsort(-size, kind="stable").tolist()[:_NAMED]
-    named = [largest, *(i for i in others if size[i] >= _CONSPICUOUS)]
+    largest, *smaller = np.argsort(-size, kind="stable").tolist()[:_MOST_WORST]
+    conspicuous = [largest, *(i for i in smaller if size[i] >= _CONSPICUOUS)]
     few = points[:: max(1, -(-len(points) * subject.n_pairs // _OF_MOMENTS))]
     return FitSummary(
         fit.deviance,
@@ -279,6 +290,7 @@ def summarise_fit(
             fit.deviance, fit.degrees_of_freedom, subject.n_trials, *posterior.log_answers(few)
         ),
         tuple(
-            PairFit(s1[i], s2[i], observed[i], expected[i], isi[i], subject.task.yes) for i in named
+            PairFit(s1[i], s2[i], observed[i], expected[i], isi[i], subject.task.yes)
+            for i in conspicuous
         ),
     )

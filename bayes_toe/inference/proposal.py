@@ -2,9 +2,10 @@
 
 Also its draws, with their weights.
 
-The cover, a few Student-t components fitted to the posterior flattened by a power, shows long thin tails that hold little mass. With the
-prior in the mixture, importance weights are bounded by the largest likelihood over the prior's share: their variance is finite, their error
-bars mean something, and no region that the prior reaches is closed to the sampler. How the mixture is fitted:
+The cover, a few Student-t components fitted to the posterior flattened by a power, shows long thin
+tails that hold little mass. With the prior in the mixture, importance weights are bounded by the
+largest likelihood over the prior's share. So their variance is finite, their error bars mean
+something, and the sampler reaches every region that the prior reaches. How the mixture is fitted:
 :mod:`bayes_toe.inference.adaptation`.
 
 Two choices make the mixture cheap, and fitting a proposal is mostly this. Points are whitened for
@@ -41,8 +42,8 @@ class StudentMixture:
 
     Examples
     --------
-    >>> one = StudentMixture(np.ones(1), np.zeros((1, 1)), np.ones((1, 1, 1)), df=1)
-    >>> bool(np.isclose(np.exp(one.log_density(np.zeros((1, 1))))[0], 1 / np.pi))
+    >>> cauchy = StudentMixture(np.ones(1), np.zeros((1, 1)), np.ones((1, 1, 1)), df=1)
+    >>> bool(np.isclose(np.exp(cauchy.log_density(np.zeros((1, 1))))[0], 1 / np.pi))
     True
     """
 
@@ -84,29 +85,29 @@ class StudentMixture:
 
     def log_density(self, x: FloatArray) -> FloatArray:
         """Log density at x, shape (N, D) -> (N,)."""
-        found = np.empty(len(x))
+        density = np.empty(len(x))
         for block in _blocks(len(x)):
-            found[block] = self._tops @ self._kernel(self._distances(x[block]))
-        return np.asarray(np.log(found) + self._log_highest)
+            density[block] = self._tops @ self._kernel(self._distances(x[block]))
+        return np.asarray(np.log(density) + self._log_highest)
 
     def sample(self, rng: Random, size: int) -> FloatArray:
         """Draws, shape (size, D); works with numpy's old and new generators."""
-        which = self.sample_components(rng, size)
-        return self.offset(which, rng.standard_normal((size, self.means.shape[1])), rng)
+        component = self.sample_components(rng, size)
+        return self.offset(component, rng.standard_normal((size, self.means.shape[1])), rng)
 
     def sample_components(self, rng: Random, size: int) -> IndexArray:
         """Which components draws come from, shape (size,)."""
         bounds = np.cumsum(self.weights)[:-1]
         return np.searchsorted(bounds, rng.uniform(size=size), side="right")
 
-    def offset(self, which: IndexArray, normal: FloatArray, rng: Random) -> FloatArray:
+    def offset(self, component: IndexArray, normal: FloatArray, rng: Random) -> FloatArray:
         """Draws from these components, shape (size,), by standard normal numbers, (size, D)."""
-        stretch = np.sqrt(self.df / rng.chisquare(self.df, size=len(which)))
-        offsets = np.einsum("nij,nj->ni", self._factors[which], normal)
-        return np.asarray(self.means[which] + offsets * stretch[:, None])
+        stretch = np.sqrt(self.df / rng.chisquare(self.df, size=len(component)))
+        offsets = np.einsum("nij,nj->ni", self._factors[component], normal)
+        return np.asarray(self.means[component] + offsets * stretch[:, None])
 
     def updated(self, x: FloatArray, weights: FloatArray) -> StudentMixture:
-        """One EM step toward the density that points x, shape (N, D), with normalised weights (N,) stand for.
+        """One EM step toward points x, shape (N, D), with normalised weights, (N,).
 
         Components that no longer hold any weight are dropped.
         """
@@ -114,15 +115,18 @@ class StudentMixture:
         sums = self._sums(x, weights)
         # A component needs some points of its own for a covariance: the effective number behind its
         # share.
-        kept = (sums.held > _LEAST_SHARE) & (sums.held**2 > 3 * dim * sums.squares)
-        if not kept.any():
+        has_points = (sums.weight > _LEAST_SHARE) & (sums.weight**2 > 3 * dim * sums.squares)
+        if not has_points.any():
             return self
-        held, means, scales = sums.held[kept], sums.means[kept], sums.scales[kept]
+        weight, means = sums.weight[has_points], sums.means[has_points]
+        scales = sums.scales[has_points]
         centre = weights @ x
         spread = weights @ np.square(x - centre)
         # A thousandth of the overall spread is added, so that no component collapses onto a few
         # points.
-        return StudentMixture(held / held.sum(), means, scales + 1e-3 * np.diag(spread), self.df)
+        return StudentMixture(
+            weight / weight.sum(), means, scales + 1e-3 * np.diag(spread), self.df
+        )
 
     def drawn_toward(
         self, x: FloatArray, weights: FloatArray, floor: float, inertia: float
@@ -132,14 +136,14 @@ class StudentMixture:
         A component that holds `inertia` effective points goes half the way from its old shape.
         """
         sums = self._sums(x, weights)
-        effective = sums.held * effective_number(weights)
+        effective = sums.weight * effective_number(weights)
         trust = effective / (effective + inertia)
         means = self.means + trust[:, None] * (sums.means - self.means)
-        moved = _outer(sums.means - means) * (sums.pulls / sums.held)[:, None, None]
+        moved = _outer(sums.means - means) * (sums.pulls / sums.weight)[:, None, None]
         change = sums.scales + moved - self.scales
         scales = self.scales + trust[:, None, None] * change
         scales += 1e-9 * scales * np.eye(x.shape[1])
-        shares = sums.held + floor / len(means)
+        shares = sums.weight + floor / len(means)
         return StudentMixture(shares / shares.sum(), means, scales, self.df)
 
     def _sums(self, x: FloatArray, weights: FloatArray) -> _Sums:
@@ -149,35 +153,37 @@ class StudentMixture:
         # their standard deviations away, and what is subtracted below costs at most that squared in
         # rounding errors, far less than the safeguard adds.
         centre = weights @ x
-        held, squares, moments = np.zeros(n), np.zeros(n), np.zeros((n, 1 + dim + dim * dim))
+        weight, squares = np.zeros(n), np.zeros(n)
+        moments = np.zeros((n, 1 + dim + dim * dim))
         for block in _blocks(len(x)):
             u = self._distances(x[block])
             shares = self._tops[:, None] * self._kernel(u)
             shares *= weights[block] / shares.sum(axis=0)
-            held += shares.sum(axis=1)
+            weight += shares.sum(axis=1)
             squares += np.einsum("jn,jn->j", shares, shares)
             y = x[block] - centre
-            moments += (shares / u) @ np.column_stack(
-                [np.ones(len(y)), y, _outer(y).reshape(len(y), -1)]
-            )
+            powers = np.column_stack([np.ones(len(y)), y, _outer(y).reshape(len(y), -1)])
+            moments += (shares / u) @ powers
         moments *= (self.df + dim) / self.df
-        held, pulls = np.maximum(held, _TINY), np.maximum(moments[:, 0], _TINY)
-        apart = moments[:, 1 : dim + 1] / pulls[:, None]
+        weight, pulls = np.maximum(weight, _TINY), np.maximum(moments[:, 0], _TINY)
+        offsets = moments[:, 1 : dim + 1] / pulls[:, None]
         around = moments[:, dim + 1 :].reshape(-1, dim, dim)
-        scales = (around - pulls[:, None, None] * _outer(apart)) / held[:, None, None]
-        return _Sums(held, squares, pulls, centre + apart, scales)
+        scales = (around - pulls[:, None, None] * _outer(offsets)) / weight[:, None, None]
+        return _Sums(weight, squares, pulls, centre + offsets, scales)
 
-    def joined(self, others: Sequence[StudentMixture], share: float) -> StudentMixture:
-        """This mixture with others of the same degrees of freedom, each of which takes a share of what was before it."""
-        left = (1.0 - share) ** np.arange(len(others), -1, -1)
-        parts = [self, *others]
+    def joined(self, mixtures: Sequence[StudentMixture], share: float) -> StudentMixture:
+        """This mixture with others of the same degrees of freedom.
+
+        Each takes a share of what was before it.
+        """
+        n_left = np.arange(len(mixtures), -1, -1)
+        shares = (1.0 - share) ** n_left * [1.0, *[share] * len(mixtures)]
+        parts = [self, *mixtures]
+        weights = [
+            part.weights * part_share for part, part_share in zip(parts, shares, strict=True)
+        ]
         return StudentMixture(
-            np.concatenate(
-                [
-                    one.weights * kept
-                    for one, kept in zip(parts, left * [1.0, *[share] * len(others)], strict=True)
-                ]
-            ),
+            np.concatenate(weights),
             np.concatenate([part.means for part in parts]),
             np.concatenate([part.scales for part in parts]),
             self.df,
@@ -186,12 +192,9 @@ class StudentMixture:
     @property
     def covariance(self) -> FloatArray:
         """Covariance, shape (D, D); df is above 2."""
-        apart = self.means - self.weights @ self.means
-        return np.asarray(
-            np.einsum(
-                "j,jab->ab", self.weights, self.scales * (self.df / (self.df - 2)) + _outer(apart)
-            )
-        )
+        offsets = self.means - self.weights @ self.means
+        second = self.scales * (self.df / (self.df - 2)) + _outer(offsets)
+        return np.asarray(np.einsum("j,jab->ab", self.weights, second))
 
     def _distances(self, x: FloatArray) -> FloatArray:
         """1 + (squared Mahalanobis distance) / df to every component, shape (J, N)."""
@@ -209,7 +212,7 @@ class StudentMixture:
 class _Sums(NamedTuple):
     """What J components hold of weighted points."""
 
-    held: FloatArray  # (J,): weight
+    weight: FloatArray  # (J,)
     squares: FloatArray  # (J,): sum of squared weights
     pulls: FloatArray  # (J,): weight where near points count more
     means: FloatArray  # (J, D): of the points
@@ -242,7 +245,7 @@ _PRIOR_SHARE = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Proposal:
-    """Density over unconstrained coordinates: shares of the prior, of a cover with wide tails, and the rest of a fitted mixture.
+    """Density over unconstrained coordinates: a fitted mixture, with shares of prior and cover.
 
     Mixture and cover live in the coordinates of the transform, in which the posterior has no
     funnel.
@@ -255,7 +258,7 @@ class Proposal:
     cover_share: float
 
     def log_density(self, x: FloatArray, log_prior: FloatArray) -> FloatArray:
-        """Log density at x, shape (points, k) -> (points,); log_prior is the prior's log density there."""
+        """Log density at x, (points, k) -> (points,), where the prior has this log density."""
         return self.transformed_log_density(*self.transform.forward(x), log_prior)
 
     def transformed_log_density(
@@ -273,7 +276,7 @@ class Proposal:
         log_volume: FloatArray,
         log_prior: FloatArray,
     ) -> FloatArray:
-        """Log density where mixture, cover (both in the coordinates y) and prior have these log densities."""
+        """Log density from those of mixture and cover, in the coordinates y, and of the prior."""
         fitted = np.logaddexp(
             np.log1p(-_PRIOR_SHARE - self.cover_share) + of_mixture,
             np.log(self.cover_share) + of_cover,
@@ -321,13 +324,13 @@ class WeightedDraws:
         """Draws by their shares, so of equal weight, shape (size, k)."""
         return np.asarray(self.x[rng.choice(len(self.x), size, p=self.shares)])
 
-    def part(self, which: slice) -> WeightedDraws:
-        """Some of them, without a copy."""
+    def part(self, rows: slice) -> WeightedDraws:
+        """Some of the draws, without a copy."""
         return WeightedDraws(
-            self.x[which],
-            self.log_prior[which],
-            self.log_posterior[which],
-            self.log_proposal[which],
+            self.x[rows],
+            self.log_prior[rows],
+            self.log_posterior[rows],
+            self.log_proposal[rows],
         )
 
 
@@ -362,16 +365,17 @@ def tempered(log_weights: FloatArray, least: float) -> FloatArray:
 
 def importance_draws(proposal: Proposal, rng: Random, size: int) -> WeightedDraws:
     """Independent draws from the proposal with everything their weights need."""
-    target, mark, y = proposal.posterior, rng.uniform(size=size), proposal.mixture.sample(rng, size)
+    target = proposal.posterior
+    mark = rng.uniform(size=size)
+    y = proposal.mixture.sample(rng, size)
     from_prior, from_cover = mark < _PRIOR_SHARE, mark > 1.0 - proposal.cover_share
     y[from_cover] = proposal.cover.sample(rng, int(from_cover.sum()))
     x, log_volume = proposal.transform.inverse(y)
     x[from_prior] = target.sample_prior(rng, int(from_prior.sum()))
     y[from_prior], log_volume[from_prior] = proposal.transform.forward(x[from_prior])
     log_prior = target.log_prior(x)
-    log_proposal = proposal.transformed_log_density(
-        y, log_volume, log_prior
-    )  # cheaper than to begin with x
+    # From y, which is cheaper than from x.
+    log_proposal = proposal.transformed_log_density(y, log_volume, log_prior)
     log_posterior = target.log_likelihood(x) + log_prior
     require_defined(log_posterior, target)
     return WeightedDraws(x, log_prior, log_posterior, log_proposal)
@@ -381,22 +385,21 @@ def importance_draws(proposal: Proposal, rng: Random, size: int) -> WeightedDraw
 class FittedProposal:
     """A fitted proposal and what a large sample from it, made after fitting, says of its quality.
 
-    Where these draws had a say in which of several proposals it is, they are not `independent`: an evidence from them would be biased,
-    because those were taken that look good; for the start of a sampler they serve. See
-    :func:`bayes_toe.inference.adaptation.with_fresh_draws`.
+    Where these draws decided which of several proposals it is, they are not `independent`. An
+    evidence from them would be biased, because draws were chosen that look good; for the start of
+    a sampler they serve. See :func:`bayes_toe.inference.adaptation.with_fresh_draws`.
     """
 
     proposal: Proposal
     draws: WeightedDraws
     efficiency: float  # of importance sampling, 0..1
-    pareto_k: (
-        float  # of the weights; above 0.7 neither averages nor their error bars can be trusted
-    )
+    # of the weights; above 0.7 neither averages nor their error bars can be trusted
+    pareto_k: float
     independent: bool = True
 
     @property
     def trusted(self) -> bool:
-        """Whether the weights behave well enough for importance sampling and for a mostly global sampler."""
+        """Whether the weights suffice for importance sampling and a mostly global sampler."""
         return self.pareto_k < TRUSTED_K and self.efficiency > TRUSTED_EFFICIENCY
 
     @property

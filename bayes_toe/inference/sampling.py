@@ -1,4 +1,4 @@
-"""Posterior draws of one subject with emcee: independent ensembles, and a stated rule for stopping."""
+"""Posterior draws of one subject by independent ensembles of emcee, with a rule for stopping."""
 
 from __future__ import annotations
 
@@ -83,12 +83,16 @@ class SamplerSettings:
 
     @property
     def kept_steps(self) -> int:
-        """Steps kept of every walker: enough for twice the effective draws asked for, and never fewer than 16.
+        """Steps that are kept of every walker.
+
+        They give at least twice the effective draws asked for, and are never fewer than 16.
 
         Where quantiles are judged, enough for 10,000 draws.
         """
-        kept = max(2 * self.draws, _QUANTILE_DRAWS if self.max_quantile_error < np.inf else 0)
-        return max(16, -(-kept // (self.ensembles * self.walkers)))
+        n_draws = 2 * self.draws
+        if self.max_quantile_error < np.inf:
+            n_draws = max(n_draws, _QUANTILE_DRAWS)
+        return max(16, -(-n_draws // (self.ensembles * self.walkers)))
 
     @property
     def proposals(self) -> int:
@@ -168,13 +172,15 @@ def sample_chains(fitted: FittedProposal, settings: SamplerSettings, seed: int) 
 
 
 def burn_in(fitted: FittedProposal) -> int:
-    """Steps before the first pass: as many as leave one walker in a thousand where it started, at most 8.
+    """Steps before the first pass, at most 8.
+
+    So many leave one walker in a thousand where it started.
 
     About the efficiency of the proposal is also the share of steps at which a walker moves.
     """
-    return (
-        min(8, int(np.ceil(np.log(1e-3) / np.log1p(-fitted.efficiency)))) if fitted.trusted else 8
-    )
+    if not fitted.trusted:
+        return 8
+    return min(8, int(np.ceil(np.log(1e-3) / np.log1p(-fitted.efficiency))))
 
 
 class GlobalMove(emcee.moves.Move):  # type: ignore[misc]  # emcee has no types
@@ -206,8 +212,8 @@ class GlobalMove(emcee.moves.Move):  # type: ignore[misc]  # emcee has no types
         """The next draws from the proposal."""
         if len(self._left.x) < size:
             self._left = importance_draws(self.proposal, random, max(size, _BATCH))
-        taken, self._left = self._left.part(slice(size)), self._left.part(slice(size, None))
-        return taken
+        draws, self._left = self._left.part(slice(size)), self._left.part(slice(size, None))
+        return draws
 
 
 def moves(fitted: FittedProposal, first: WeightedDraws) -> list[tuple[Any, float]]:
@@ -223,7 +229,7 @@ def moves(fitted: FittedProposal, first: WeightedDraws) -> list[tuple[Any, float
 
 
 class _Ensemble(emcee.EnsembleSampler):  # type: ignore[misc]  # emcee has no types
-    """One ensemble with a random stream of its own, begun and burnt in; `advance` returns one pass, walker-major."""
+    """One ensemble with a random stream of its own, after its burn-in."""
 
     def __init__(
         self, fitted: FittedProposal, settings: SamplerSettings, seed: int, index: int
@@ -250,10 +256,10 @@ class _Ensemble(emcee.EnsembleSampler):  # type: ignore[misc]  # emcee has no ty
             _dispersed(fitted, random, settings.walkers), burn_in(fitted), store=False
         )
 
-    def advance(self, thin: int, kept: int) -> tuple[FloatArray, FloatArray, float]:
-        """Draws, shape (walkers x kept, k), their log densities and the share of accepted proposals."""
+    def advance(self, thin: int, n_steps: int) -> tuple[FloatArray, FloatArray, float]:
+        """Draws of one pass, (walkers x steps, k), walker-major, log densities and acceptance."""
         self.reset()
-        self._state = self._run(self._state, kept, thin_by=thin)
+        self._state = self._run(self._state, n_steps, thin_by=thin)
         chain = self.get_chain()
         x = chain.transpose(1, 0, 2).reshape(-1, chain.shape[2])
         return x, self.get_log_prob().T.ravel(), float(np.mean(self.acceptance_fraction))
@@ -267,10 +273,10 @@ class _Ensemble(emcee.EnsembleSampler):  # type: ignore[misc]  # emcee has no ty
         require_defined(log_density, self._posterior)
         return log_density, None
 
-    def _run(self, state: Any, steps: int, **how: Any) -> Any:
+    def _run(self, state: Any, steps: int, **options: Any) -> Any:
         # emcee refuses walkers that are close to one plane, where local moves stay. A posterior may
         # be so thin (100 million trials), and global moves leave the plane.
-        return self.run_mcmc(state, steps, skip_initial_state_check=True, **how)
+        return self.run_mcmc(state, steps, skip_initial_state_check=True, **options)
 
 
 def _dispersed(fitted: FittedProposal, random: np.random.RandomState, walkers: int) -> emcee.State:
@@ -286,43 +292,41 @@ def _dispersed(fitted: FittedProposal, random: np.random.RandomState, walkers: i
         chosen = draws.resampled(random, walkers)
         jitter = 0.1 * (chosen - chosen[::-1])  # resampled points repeat, walkers must not
         points = mean + np.sqrt(_DISPERSION) * (chosen + jitter - mean)
-        start, log_density = (
-            np.concatenate([start, points]),
-            np.concatenate([log_density, posterior.log_density(points)]),
-        )
-        some = np.isfinite(log_density)
-        start, log_density = start[some], log_density[some]
+        heights = posterior.log_density(points)
+        is_finite = np.isfinite(heights)
+        start = np.concatenate([start, points[is_finite]])
+        log_density = np.concatenate([log_density, heights[is_finite]])
     return emcee.State(start[:walkers], log_prob=log_density[:walkers])
 
 
 def _uncertain_quantile(
     posterior: SampledPosterior, x: FloatArray, diagnostics: dict[str, Convergence], limit: float
 ) -> tuple[str, bool]:
-    """What is said of the natural quantity with the most uncertain 5 or 95 % quantile, empty where it is certain enough.
+    """The natural quantity with the most uncertain 5 or 95 % quantile, in words.
+
+    The text is empty where that is certain enough.
 
     With it, whether draws further apart would be in vain: where as many independent ones were not
     enough either.
     """
     if limit == np.inf:
         return "", False
-    natural = {
-        name: values
-        for name, values in posterior.quantities(x).items()
-        if name in posterior.names.natural
-    }
-    known = diagnostics | convergence_of(
-        {name: values for name, values in natural.items() if name not in diagnostics}
-    )
-    errors = {name: tail_error(values, known[name].ess_tail) for name, values in natural.items()}
+    quantities = posterior.quantities(x)
+    natural = {name: quantities[name] for name in quantities if name in posterior.names.natural}
+    missing = {name: values for name, values in natural.items() if name not in diagnostics}
+    convergence = diagnostics | convergence_of(missing)
+    errors = {}
+    for name, values in natural.items():
+        errors[name] = tail_error(values, convergence[name].ess_tail)
     worst = max(errors, key=lambda name: np.nan_to_num(errors[name], nan=np.inf))
     if errors[worst] < limit:
         return "", False
     values, error = natural[worst], errors[worst]
-    needed = (
-        values.size / 2 * (error / (_SAFE * limit)) ** 2
-    )  # half of the draws kept are what a user asks for
-    digits = 10 ** (int(np.log10(needed)) - 1)
-    reason = f"a 5 or 95 % quantile of {worst} is uncertain by {error:.3f} of the range between them, below {limit:g} wanted"
-    return f"{reason}: {int(np.ceil(needed / digits)) * digits:,} draws would do", not tail_error(
-        values, values.size
-    ) < limit
+    # A user asks for half of the draws that are kept.
+    n_required = values.size / 2 * (error / (_SAFE * limit)) ** 2
+    digits = 10 ** (int(np.log10(n_required)) - 1)
+    reason = (
+        f"a 5 or 95 % quantile of {worst} is uncertain by {error:.3f} of the range between them, "
+        f"below {limit:g} wanted: {int(np.ceil(n_required / digits)) * digits:,} draws would do"
+    )
+    return reason, not tail_error(values, values.size) < limit

@@ -130,22 +130,22 @@ class SubjectResult:
 
 
 class Fitted(NamedTuple):
-    """What the pipeline found on its way: maxima and proposal, with fresh draws where an evidence was asked for."""
+    """Maxima and proposal of the pipeline, with fresh draws where an evidence was asked for."""
 
     maxima: Maxima
     proposal: FittedProposal
 
 
 def fitted_result(
-    target: SampledPosterior, seed: int, wanted: Wanted
+    target: SampledPosterior, seed: int, request: Wanted
 ) -> tuple[SubjectResult, Fitted]:
     """The pipeline where a proposal has to be fitted, with what it found on its way."""
     maxima = find_maxima(target)
     rng = generator(seed, target.subject.name, target.model.name, "proposal")
-    adapted = adapt_proposal(target, rng, start=maxima, draws=wanted.judging_draws)
-    chains = None if wanted.chains is None else sample_chains(adapted, wanted.chains, seed)
-    fitted = with_trusted_draws(adapted, rng) if wanted.evidence_draws else adapted
-    evidence = importance_evidence(fitted) if wanted.evidence_draws else None
+    adapted = adapt_proposal(target, rng, start=maxima, draws=request.judging_draws)
+    chains = None if request.chains is None else sample_chains(adapted, request.chains, seed)
+    fitted = with_trusted_draws(adapted, rng) if request.evidence_draws else adapted
+    evidence = importance_evidence(fitted) if request.evidence_draws else None
     fit = _chains_fit(target, chains, seed)
     quality = adapted.efficiency, adapted.pareto_k
     return SubjectResult(target, *quality, evidence, chains, fit), Fitted(maxima, fitted)
@@ -171,12 +171,12 @@ def weighted_fit(fitted: FittedProposal, seed: int) -> FitSummary | None:
     target, draws = fitted.proposal.posterior, fitted.draws
     weights = np.exp(smoothed_weights(draws.log_weights).log_weights)
     rng = generator(seed, target.subject.name, target.model.name, "resampling")
-    kept = rng.choice(len(weights), len(weights), p=weights / weights.sum())
+    rows = rng.choice(len(weights), len(weights), p=weights / weights.sum())
     return summarise_fit(
         target,
-        draws.x[kept],
+        draws.x[rows],
         seed,
-        log_likelihood=draws.log_posterior[kept] - draws.log_prior[kept],
+        log_likelihood=draws.log_posterior[rows] - draws.log_prior[rows],
     )
 
 
@@ -205,8 +205,8 @@ def subject_draws(result: SubjectResult, *, summarised: bool = False) -> Subject
     target, chains, fit = result.target, result.chains, result.fit
     if chains is None:
         raise InputError(f"subject {result.subject.name!r} was analysed without sampling")
-    found = target.quantities(chains.x)
-    natural = {name: found[name] for name in target.names.natural}
+    quantities = target.quantities(chains.x)
+    natural = {name: quantities[name] for name in target.names.natural}
     ess, r_hat = float(chains.log_posterior.size), 1.0
     if chains.diagnostics:
         (_, ess), (_, r_hat) = worst(chains.diagnostics)
@@ -224,7 +224,7 @@ def subject_draws(result: SubjectResult, *, summarised: bool = False) -> Subject
     }
     rows: tuple[SummaryRow, ...] = ()
     if summarised:
-        reported = {name: found[name] for name in target.names.reported}
+        reported = {name: quantities[name] for name in target.names.reported}
         rows = summary_rows(target, reported, chains.diagnostics)
     return SubjectDraws(
         result.subject,
@@ -241,18 +241,20 @@ def subject_draws(result: SubjectResult, *, summarised: bool = False) -> Subject
 def summary_rows(
     target: AnswerPosterior,
     values: Mapping[str, FloatArray],
-    known: Mapping[str, Convergence] | None = None,
+    convergences: Mapping[str, Convergence] | None = None,
 ) -> tuple[SummaryRow, ...]:
-    """Rows with the columns of summary.csv from values of shape (chains, draws), of some of which convergence is known."""
-    judged = dict({} if known is None else known)
-    judged |= convergence_of({name: draws for name, draws in values.items() if name not in judged})
-    uncertain, rows = errors_of(values), list[SummaryRow]()
+    """Rows with the columns of summary.csv from values of shape (chains, draws).
+
+    `convergences` has those that are computed already.
+    """
+    by_name = dict(convergences or {})
+    missing = {name: draws for name, draws in values.items() if name not in by_name}
+    by_name |= convergence_of(missing)
+    errors, rows = errors_of(values), list[SummaryRow]()
     for name, draws in values.items():
         located = location(draws)
         narrowed = contraction(target, name, located[2], located[-1])
-        rows.append(
-            (target.subject.name, name, *located, *judged[name], narrowed, *uncertain[name])
-        )
+        rows.append((target.subject.name, name, *located, *by_name[name], narrowed, *errors[name]))
     return tuple(rows)
 
 

@@ -1,4 +1,4 @@
-"""One observer in several conditions: some of its parameters differ between them, all others are shared.
+"""One observer in several conditions: some parameters differ between them, others are shared.
 
 The coordinates u are those of the observer 'both' (:mod:`bayes_toe.model.parameters`). Where a
 parameter differs, its coordinate in condition i is
@@ -125,8 +125,8 @@ class ConditionPosterior:
             unit = DIFFERENCE_UNITS[parameter]
             if parameter == NOISE:
                 unit /= self.prior.noise_sd
-            place = self.parameters.index(parameter)
-            steps[:, i, :, place] = DIFFERENCE_SD * unit * self.design
+            index = self.parameters.index(parameter)
+            steps[:, i, :, index] = DIFFERENCE_SD * unit * self.design
         return steps.reshape(n_conditions, -1, k)
 
     def in_conditions(self, x: FloatArray) -> FloatArray:

@@ -17,8 +17,6 @@ from scipy.special import (
     betaln,
     erf,
     erfinv,
-    expit,
-    log_expit,
     logit,
     ndtr,
     ndtri,
@@ -42,9 +40,6 @@ class Distribution(Hashable, Protocol):
     def log_density(self, x: npt.ArrayLike) -> FloatArray:
         """Normalised log density; -inf outside the support, finite or a limit on its edges."""
 
-    def slope(self, x: npt.ArrayLike) -> FloatArray:
-        """Derivative of the log density, inside the support."""
-
     def quantile(self, p: npt.ArrayLike) -> FloatArray:
         """Inverse of the distribution function, 0 < p < 1."""
 
@@ -65,10 +60,8 @@ class Normal:
     def log_density(self, x: npt.ArrayLike) -> FloatArray:
         """-ln(2 pi)/2 - (x - mean)^2 / (2 sd^2) - ln sd."""
         with np.errstate(over="ignore"):  # a square beyond the largest float: the density is 0
-            return np.asarray(
-                -0.5 * (LOG_2PI + ((np.asarray(x, np.float64) - self.mean) / self.sd) ** 2)
-                - np.log(self.sd)
-            )
+            score = (np.asarray(x, np.float64) - self.mean) / self.sd
+            return np.asarray(-0.5 * (LOG_2PI + score**2) - np.log(self.sd))
 
     def slope(self, x: npt.ArrayLike) -> FloatArray:
         """-(x - mean)/sd^2."""
@@ -100,9 +93,16 @@ class HalfNormal:
             inside = -0.5 * (np.log(np.pi / 2.0) + (points / self.scale) ** 2) - np.log(self.scale)
         return np.where(points < 0.0, -np.inf, inside)
 
-    def slope(self, x: npt.ArrayLike) -> FloatArray:
-        """-x/scale^2."""
-        return np.asarray(-np.asarray(x, np.float64) / self.scale**2)
+    def log_density_of_log(self, log_x: FloatArray) -> FloatArray:
+        """Log density of the logarithm of x, with respect to it."""
+        with np.errstate(over="ignore"):  # beyond the largest float the density is 0
+            return np.asarray(self.log_density(np.exp(log_x)) + log_x)
+
+    def slope_of_log(self, log_x: FloatArray) -> FloatArray:
+        """Derivative of :meth:`log_density_of_log`, 1 - x^2/scale^2."""
+        with np.errstate(over="ignore"):
+            x = np.exp(log_x)
+            return np.asarray(x * (-x / self.scale**2) + 1.0)
 
     def cdf(self, x: npt.ArrayLike) -> FloatArray:
         """Distribution function."""
@@ -122,35 +122,6 @@ class HalfNormal:
 
 
 @dataclass(frozen=True)
-class Uniform:
-    """Uniform distribution over 0 <= x <= top."""
-
-    top: float = 1.0
-
-    def log_density(self, x: npt.ArrayLike) -> FloatArray:
-        """-ln top, edges included; -inf outside."""
-        points = np.asarray(x, np.float64)
-        inside = np.where(np.isnan(points), np.nan, -np.log(self.top))
-        return np.where((points < 0.0) | (points > self.top), -np.inf, inside)
-
-    def slope(self, x: npt.ArrayLike) -> FloatArray:
-        """Zeros."""
-        return np.zeros(np.shape(x))
-
-    def quantile(self, p: npt.ArrayLike) -> FloatArray:
-        """Inverse of the distribution function, 0 < p < 1."""
-        return np.asarray(self.top * np.asarray(p))
-
-    def sample(self, rng: Random, size: int) -> FloatArray:
-        """Independent draws, shape (size,)."""
-        return rng.uniform(0.0, self.top, size)
-
-    def describe(self) -> str:
-        """Family and range."""
-        return f"Uniform(0, {self.top:g})"
-
-
-@dataclass(frozen=True)
 class Beta:
     """Beta distribution over 0 <= x <= 1, density in proportion to x^(a-1) (1-x)^(b-1)."""
 
@@ -160,24 +131,18 @@ class Beta:
     def log_density(self, x: npt.ArrayLike) -> FloatArray:
         """(a - 1) ln x + (b - 1) ln(1 - x) - ln B(a, b), limits on the edges; -inf outside."""
         points = np.asarray(x, np.float64)
-        outside = (points < 0.0) | (points > 1.0)
-        inside = np.where(outside, 0.5, points)
-        return np.where(
-            outside,
-            -np.inf,
-            xlogy(self.a - 1.0, inside) + xlog1py(self.b - 1.0, -inside) - betaln(self.a, self.b),
-        )
+        is_outside = (points < 0.0) | (points > 1.0)
+        inside = np.where(is_outside, 0.5, points)
+        kernel = xlogy(self.a - 1.0, inside) + xlog1py(self.b - 1.0, -inside)
+        return np.where(is_outside, -np.inf, kernel - betaln(self.a, self.b))
 
-    def log_density_of_logs(self, log_x: FloatArray, log_rest: FloatArray) -> FloatArray:
-        """:meth:`log_density` from ln x and ln(1 - x), where x is too near an edge for a float to tell."""
-        return np.asarray(
-            (self.a - 1.0) * log_x + (self.b - 1.0) * log_rest - betaln(self.a, self.b)
-        )
-
-    def slope(self, x: npt.ArrayLike) -> FloatArray:
-        """(a - 1)/x - (b - 1)/(1 - x)."""
-        points = np.asarray(x, np.float64)
-        return np.asarray((self.a - 1.0) / points - (self.b - 1.0) / (1.0 - points))
+    def log_density_of_logs(self, log_x: FloatArray, log_complement: FloatArray) -> FloatArray:
+        """:meth:`log_density` from ln x and ln(1 - x), where x rounds to an edge."""
+        total = np.full(log_x.shape, -betaln(self.a, self.b))
+        for exponent, values in ((self.a - 1.0, log_x), (self.b - 1.0, log_complement)):
+            if exponent != 0.0:  # 0 times an infinite logarithm is 0
+                total += exponent * values
+        return total
 
     def quantile(self, p: npt.ArrayLike) -> FloatArray:
         """Inverse of the distribution function, 0 < p < 1."""
@@ -185,55 +150,64 @@ class Beta:
 
     def sample(self, rng: Random, size: int) -> FloatArray:
         """Independent draws, shape (size,)."""
+        if self._is_uniform:
+            return rng.uniform(0.0, 1.0, size)
         return rng.beta(self.a, self.b, size)
 
-    def sample_logit(self, rng: Random, size: int) -> FloatArray:
-        """Logits of independent draws, shape (size,), however near an edge: x/(1 - x) is a ratio of gamma variates.
+    def sample_logits(self, rng: Random, size: int) -> FloatArray:
+        """Logits of independent draws, shape (size,), finite also where draws round to an edge.
 
-        Of shape a such a variate is one of shape a + 1 times U^(1/a), and -ln U is exponential; in
-        logs nothing underflows.
+        x/(1 - x) is a ratio of gamma variates. Of shape a such a variate is one of shape a + 1
+        times U^(1/a), and -ln U is exponential; in logs nothing underflows.
         """
-        above, below = (
-            np.log(rng.standard_gamma(k + 1.0, size)) - rng.standard_exponential(size) / k
-            for k in (self.a, self.b)
-        )
-        return np.asarray(above - below)
+        if min(self.a, self.b) >= 1.0:
+            return np.asarray(logit(self.sample(rng, size)))
+        log_ratio = np.zeros(size)
+        for sign, shape in ((1.0, self.a), (-1.0, self.b)):
+            log_variate = np.log(rng.standard_gamma(shape + 1.0, size))
+            log_ratio += sign * (log_variate - rng.standard_exponential(size) / shape)
+        return log_ratio
 
     def describe(self) -> str:
         """Family, a and b."""
+        if self._is_uniform:
+            return "Uniform(0, 1)"
         return f"Beta({self.a:g}, {self.b:g})"
 
-
-def share(a: float, b: float) -> Uniform | Beta:
-    """Beta(a, b), by its better known name where it is uniform."""
-    return Uniform() if a == b == 1.0 else Beta(a, b)
+    @property
+    def _is_uniform(self) -> bool:
+        return self.a == self.b == 1.0
 
 
 @dataclass(frozen=True)
 class LogNormal:
-    """Distribution over x > 0 whose logarithm is normal with mean ln median and standard deviation `sd`."""
+    """Distribution over x > 0 whose logarithm is Normal(ln median, sd)."""
 
     median: float
     sd: float
 
+    def log_density_of_log(self, log_x: FloatArray) -> FloatArray:
+        """Log density of the logarithm of x, with respect to it."""
+        return self._normal.log_density(log_x)
+
+    def slope_of_log(self, log_x: FloatArray) -> FloatArray:
+        """Derivative of :meth:`log_density_of_log`."""
+        return self._normal.slope(log_x)
+
     @property
-    def of_log(self) -> Normal:
+    def _normal(self) -> Normal:
         """Distribution of the logarithm."""
         return Normal(math.log(self.median), self.sd)
 
     def _score(self, x: npt.ArrayLike) -> FloatArray:
-        """Z = ln(x/median)/sd, -inf from 0 downward."""
+        """Z = ln(x/median)/sd, -inf for x <= 0."""
         with np.errstate(divide="ignore"):
             return np.asarray((np.log(np.maximum(x, 0.0)) - np.log(self.median)) / self.sd)
 
     def log_density(self, x: npt.ArrayLike) -> FloatArray:
-        """-z (z/2 + sd) - ln(median sd) - ln(2 pi)/2 with z = ln(x/median)/sd; -inf from 0 downward."""
+        """-z (z/2 + sd) - ln(median sd) - ln(2 pi)/2 with z = ln(x/median)/sd; -inf for x <= 0."""
         z = self._score(x)
         return np.asarray(-z * (0.5 * z + self.sd) - np.log(self.median * self.sd) - 0.5 * LOG_2PI)
-
-    def slope(self, x: npt.ArrayLike) -> FloatArray:
-        """-(1 + z/sd)/x."""
-        return np.asarray(-(1.0 + self._score(x) / self.sd) / np.asarray(x, np.float64))
 
     def cdf(self, x: npt.ArrayLike) -> FloatArray:
         """Distribution function."""
@@ -250,48 +224,3 @@ class LogNormal:
     def describe(self) -> str:
         """Family, median and standard deviation of the logarithm."""
         return f"LogNormal({self.median:g}, {self.sd:g})"
-
-
-# --- The same distributions on the scale of a coordinate ----------------------------------------
-
-
-def log_density_of_log(distribution: Distribution, x: FloatArray) -> FloatArray:
-    """Log density of the logarithm x of a quantity, with respect to x."""
-    if isinstance(distribution, LogNormal):
-        return distribution.of_log.log_density(x)
-    with np.errstate(over="ignore"):  # beyond the largest float the density is 0
-        return np.asarray(distribution.log_density(np.exp(x)) + x)
-
-
-def slope_of_log(distribution: Distribution, x: FloatArray) -> FloatArray:
-    """Derivative of :func:`log_density_of_log` in x."""
-    if isinstance(distribution, LogNormal):
-        return distribution.of_log.slope(x)
-    with np.errstate(over="ignore"):
-        value = np.exp(x)
-        return np.asarray(value * distribution.slope(value) + 1.0)
-
-
-def log_density_of_logit(distribution: Distribution, x: FloatArray) -> FloatArray:
-    """Log density of the logit x of a share, with respect to x."""
-    log_share, log_rest = log_expit(x), log_expit(-x)
-    if isinstance(distribution, Beta):
-        density = distribution.log_density_of_logs(log_share, log_rest)
-    else:
-        density = distribution.log_density(expit(x))
-    return np.asarray(density + log_share + log_rest)
-
-
-def slope_of_logit(distribution: Distribution, x: FloatArray) -> FloatArray:
-    """Derivative of :func:`log_density_of_logit` in x."""
-    share, rest = expit(x), expit(-x)
-    if isinstance(distribution, Beta):
-        return np.asarray(distribution.a * rest - distribution.b * share)
-    return np.asarray(distribution.slope(share) * share * rest - np.tanh(0.5 * x))
-
-
-def sample_logits(distribution: Distribution, rng: Random, size: int) -> FloatArray:
-    """Logits of independent draws of a share, shape (size,)."""
-    if isinstance(distribution, Beta) and min(distribution.a, distribution.b) < 1.0:
-        return distribution.sample_logit(rng, size)
-    return np.asarray(logit(distribution.sample(rng, size)))

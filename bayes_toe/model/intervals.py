@@ -41,7 +41,9 @@ from bayes_toe.model.paper_equations import MAX_PULL, Natural, pull, variance_ra
 
 
 def at_interval(theta: Natural, isi: npt.ArrayLike) -> Natural:
-    """The parameters of the one-interval model that describe an interval: sigma_p sqrt(isi) in the place of sigma_p.
+    """The parameters of the one-interval model that describe an interval.
+
+    sigma_p sqrt(isi) takes the place of sigma_p.
 
     Parameters
     ----------
@@ -77,14 +79,17 @@ def require_intervals(isi: npt.ArrayLike) -> FloatArray:
 
 
 class Scales(NamedTuple):
-    """Pull and width at intervals over those at the reference, r and v, each of shape (points, intervals); or their derivatives."""
+    """Pull and width at intervals over those at the reference, r and v, or derivatives.
+
+    Each has the shape (points, intervals).
+    """
 
     pull: FloatArray
     width: FloatArray
 
-    def of_pairs(self, which: IndexArray) -> Scales:
+    def of_pairs(self, interval: IndexArray) -> Scales:
         """Those of pairs, given the place of each pair's interval, shape (pairs,)."""
-        return Scales(self.pull[:, which], self.width[:, which])
+        return Scales(self.pull[:, interval], self.width[:, interval])
 
 
 #: At one interval: exactly 1.
@@ -99,24 +104,32 @@ def typical_interval(isi: FloatArray, n_trials: IntArray) -> FloatArray:
     return np.asarray(np.exp(np.average(np.log(isi), weights=n_trials, keepdims=True)))
 
 
-def reference_interval(given: float | None, *subjects: Subject) -> float:
-    """The interval given, or the geometric mean of the subjects' own over all trials, seconds; 1 where they have none."""
-    known = [(subject.isi, subject.n_trials) for subject in subjects if subject.isi is not None]
-    if given is not None or not known:
-        return 1.0 if given is None else given
-    isi, n_trials = (np.concatenate(columns) for columns in zip(*known, strict=True))
-    return float(isi[0] if np.ptp(isi) == 0.0 else typical_interval(isi, n_trials)[0])
+def reference_interval(reference: float | None, *subjects: Subject) -> float:
+    """An interval, or the geometric mean of the subjects' intervals over all trials, seconds.
+
+    It is 1 where subjects have none.
+    """
+    if reference is not None:
+        return reference
+    timed = [(subject.isi, subject.n_trials) for subject in subjects if subject.isi is not None]
+    if not timed:
+        return 1.0
+    isi, n_trials = (np.concatenate(columns) for columns in zip(*timed, strict=True))
+    if np.ptp(isi) == 0.0:
+        return float(isi[0])
+    return float(typical_interval(isi, n_trials)[0])
 
 
 def random_walk_scales(logit_pull: FloatArray, intervals: FloatArray, power: float = 1.5) -> Scales:
-    """Scales of a memory that diffuses by sigma_p^2 a reference interval, shapes (points,) and (intervals,).
+    """Scales of a memory that diffuses by sigma_p^2 a reference interval.
 
     The width is sigma_p G^power. As gamma -> 0, r -> 1/t and v -> sqrt(t): nothing is lost however
     small the pull.
 
     Examples
     --------
-    >>> [part.round(6).tolist() for part in random_walk_scales(np.array([-40.0]), np.array([1.0, 4.0]))]
+    >>> scales = random_walk_scales(np.array([-40.0]), np.array([1.0, 4.0]))
+    >>> [part.round(6).tolist() for part in scales]
     [[[1.0, 0.25]], [[1.0, 2.0]]]
     """
     gamma = noise_ratio_at(logit_pull)
@@ -126,21 +139,23 @@ def random_walk_scales(logit_pull: FloatArray, intervals: FloatArray, power: flo
 
 
 def random_walk_slopes(logit_pull: FloatArray, intervals: FloatArray, power: float = 1.5) -> Scales:
-    """Derivatives of the logs of :func:`random_walk_scales` in the logit of the pull, (points, intervals).
+    """Derivatives of the logs of :func:`random_walk_scales` in the logit of the pull.
 
     With e = log(G_t/G_1), log r = -2 e - log t and log v = power e + log(t)/2. With u = log gamma,
     de/du = p_t/(1 + p_t) - p_1/(1 + p_1) and du/da = expit(-a) (1 + p_1)/(1 - p_1).
     """
     gamma = noise_ratio_at(logit_pull)
     p1, pt = pull(gamma), pull(gamma / intervals)
-    slope = (
-        (pt / (1.0 + pt) - p1 / (1.0 + p1)) * expit(-logit_pull[:, None]) * (1.0 + p1) / (1.0 - p1)
-    )
+    by_log_gamma = pt / (1.0 + pt) - p1 / (1.0 + p1)
+    slope = by_log_gamma * expit(-logit_pull[:, None]) * (1.0 + p1) / (1.0 - p1)
     return Scales(-2.0 * slope, power * slope)
 
 
 def noise_ratio_at(logit_pull: FloatArray) -> FloatArray:
-    """Noise ratio at the reference interval, gamma = p/(1 - p)^2 with p = p_max expit(logit_pull), shape (points,) -> (points, 1)."""
+    """Noise ratio at the reference interval, (points,) -> (points, 1).
+
+    gamma = p/(1 - p)^2 with p = p_max expit(logit_pull).
+    """
     p = MAX_PULL * expit(logit_pull[:, None])
     return np.asarray(p / np.square(1.0 - p))
 

@@ -6,7 +6,8 @@ Given pull p and width w, two things fix the offset c = p (mu1 - sbar): the prio
 sbar) and standard deviation p V^(1/2), and the data, about c_0 with a precision that goes as 1/w^2.
 For a normal likelihood the conditional of c is then normal with
 
-    s^-2 = 1 / (p^2 V) + kappa (w_0 / w)^2,    mean = share p (m - sbar) + (1 - share) c_0,    share = s^2 / (p^2 V).
+    s^-2 = 1 / (p^2 V) + kappa (w_0 / w)^2,    mean = share p (m - sbar) + (1 - share) c_0,    share
+    = s^2 / (p^2 V).
 
 The coordinates y replace c by (c - mean) / s: as p -> 0 the posterior in c narrows in proportion to
 p, which no mixture with a fixed scale can follow; in y it keeps its width. Pull and q0 enter by
@@ -50,8 +51,8 @@ class Funnel:
     follows_width: bool
 
     @classmethod
-    def at(cls, modes: FloatArray, slope: Gradient, mu1: Normal, sbar: float) -> Funnel:
-        """From what the data say of the offset at modes of the posterior, shape (modes, k), best first.
+    def from_modes(cls, modes: FloatArray, slope: Gradient, mu1: Normal, sbar: float) -> Funnel:
+        """From what the data say of the offset at modes of the posterior, (modes, k), best first.
 
         `slope` is the gradient of the log likelihood, `mu1` the distribution of the prior mean,
         sbar that from which the offset counts.
@@ -62,15 +63,15 @@ class Funnel:
         # for its spread.
         spread = np.exp(best[2]) if precision <= 0 else precision**-0.5
         # Several modes: the data leave c as open as the modes are apart.
-        apart = float(modes[:, 0].std())
-        log_precision = float(-2.0 * np.log(np.hypot(spread, apart)))
+        distance = float(modes[:, 0].std())
+        log_precision = float(-2.0 * np.log(np.hypot(spread, distance)))
         believed = float(mu1.mean) - sbar, float(np.log(mu1.sd))
         return cls(
             *believed,
             float(modes[:, 0].mean()),
             log_precision,
             float(best[2]),
-            bool(apart < spread),
+            bool(distance < spread),
         )
 
     def conditional(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -88,7 +89,7 @@ class Funnel:
 
 @dataclass(frozen=True)
 class NormalScores:
-    """The bijection between unconstrained coordinates x of H1, shape (points, 4), and nearly normal ones y."""
+    """The bijection between coordinates x of H1, (points, 4), and nearly normal ones y."""
 
     funnel: Funnel
 
@@ -127,7 +128,9 @@ def logit_of_probit(probit: FloatArray) -> FloatArray:
 
 
 def log_slope(probit: FloatArray) -> FloatArray:
-    """Log d(probit)/d(logit) = log [Phi(y) Phi(-y) / phi(y)] at the probit y, by Mills' ratio: far out nothing cancels.
+    """Log d(probit)/d(logit) = log [Phi(y) Phi(-y) / phi(y)] at the probit y.
+
+    By Mills' ratio nothing cancels far out.
 
     Examples
     --------

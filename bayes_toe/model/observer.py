@@ -1,8 +1,8 @@
 """The observer: one likelihood for both tasks, four models of what the order of stimuli does.
 
-    z = ((s2 - s1) - c + p (s1 - sbar)) / (sigma_d exp(b m)),   m = (s1 + s2)/2 - sbar
-    which is stronger   P(second) = lambda/2 + (1 - lambda) Phi(z)
-    same or different   P(equal) = lambda (2 Phi(k_m) - 1) + (1 - lambda) (Phi(k_m - z) - Phi(-k_m - z))
+    z = ((s2 - s1) - c + p (s1 - sbar)) / (sigma_d exp(b m)),   m = (s1 + s2)/2 - sbar which is
+    stronger   P(second) = lambda/2 + (1 - lambda) Phi(z) same or different   P(equal) = lambda (2
+    Phi(k_m) - 1) + (1 - lambda) (Phi(k_m - z) - Phi(-k_m - z))
                         k_m = k exp(g m),  q0 = 2 Phi(k) - 1
 
 c is the constant error, p the contraction; the models are 'none', 'constant error', 'contraction'
@@ -108,8 +108,8 @@ class StimulusScales:
         mean = 0.5 * (sbar + float(share @ s2))
         unequal_share = n_trials[is_unequal] / n_trials[is_unequal].sum()
         step = _root_mean_square((s2 - s1)[is_unequal], unequal_share)
-        both = np.concatenate([s1 - mean, s2 - mean])
-        spread = _root_mean_square(both, 0.5 * np.concatenate([share, share]))
+        offsets = np.concatenate([s1 - mean, s2 - mean])
+        spread = _root_mean_square(offsets, 0.5 * np.concatenate([share, share]))
         first_spread = 0.0
         if (s1 != s1[0]).any():
             first_spread = _root_mean_square(s1 - sbar, share)
@@ -123,12 +123,12 @@ class StimulusScales:
         means the same in each.
         """
         try:
-            own = cls.from_counts(subject.s1, subject.s2, subject.n_trials.astype(np.float64))
+            scales = cls.from_counts(subject.s1, subject.s2, subject.n_trials.astype(np.float64))
         except InputError as error:
             raise InputError(f"subject {subject.name!r}: {error}") from None
         if subject.felt is None:
-            return own
-        return cls(subject.felt.first, subject.felt.step, subject.felt.sd, own.first_spread)
+            return scales
+        return cls(subject.felt.first, subject.felt.step, subject.felt.sd, scales.first_spread)
 
     def contraction_sd(self, prior: ObserverPrior) -> float:
         """Standard deviation of p: that of the prior, or less where first stimuli are roved."""
@@ -342,7 +342,6 @@ class ObserverBatch:
         these are summed over the answers first, and follow the coordinates after that. Where an
         answer that was given has a probability of 0, the slopes are not finite.
         """
-        prior = self.prior
         values = self.quantities(u)
         z, k = self.distance_at(values), self.criterion_at(values)
         yes, no = self.plain_answers_at(values, z, k)
@@ -351,6 +350,7 @@ class ObserverBatch:
 
         log_lapse, log_attend = self._lapse_logs(values)
         lapse, attend = np.exp(log_lapse), np.exp(log_attend)
+        in_log_k = None
         if k is None:
             blind = 0.5
             in_z = attend * by_yes * _density(z)
@@ -363,30 +363,16 @@ class ObserverBatch:
             in_log_k = in_k * k
         # P = lambda blind + (1 - lambda) attending, so that (1 - lambda) dP/dlambda = blind - P;
         # and d lambda/du = phi(u) (1 - lambda) / (b (1 - Phi(u))).
-        in_lapse = (by_yes * (blind - yes)).sum(axis=-1)
-        score = values["lapse_score"]
-        log_rise = -0.5 * (np.square(score) + LOG_2PI) - log_ndtr(-score)
-        lapse_rise = np.exp(log_rise) / prior.lapse_rate_b
-
-        by_noise = -in_z * z
-        log_scale = self._log_scale_at(values)
-        by_shift = in_z * np.exp(-log_scale)
-        slopes = [prior.noise_sd * by_noise.sum(axis=-1)]
-        if k is not None:
-            slopes.append(_log_criterion_slope(values["logit_q0"]) * in_log_k.sum(axis=-1))
-        slopes.append(lapse_rise * in_lapse)
-        noise_slope_unit = prior.noise_slope_scale * self.slope_unit
-        slopes.append(noise_slope_unit * (by_noise * self.middle).sum(axis=-1))
-        if k is not None:
-            criterion_slope_unit = prior.criterion_slope_scale * self.slope_unit
-            slopes.append(criterion_slope_unit * (in_log_k * self.middle).sum(axis=-1))
-        slopes.append(-prior.constant_error_scale * by_shift.sum(axis=-1))
-        slopes.append(self.contraction_sd * (by_shift * self.first).sum(axis=-1))
-        return value, np.stack(slopes, axis=-1)
+        in_lapse = by_yes * (blind - yes)
+        lapse_rise = np.exp(_log_hazard(values["lapse_score"])) / self.prior.lapse_rate_b
+        sums = [
+            term.sum(axis=-1) for term in self._slope_terms(values, z, in_z, in_log_k, in_lapse)
+        ]
+        return value, np.stack(sums, axis=-1) * self._slope_units(values, lapse_rise)
 
     def answer_slopes(self, u: FloatArray) -> tuple[LogAnswers, FloatArray, FloatArray]:
         """Log answers, and the slopes of both in every coordinate, (rows, points, k, pairs)."""
-        values, prior = self.quantities(u), self.prior
+        values = self.quantities(u)
         log_lapse, log_attend = self._lapse_logs(values)
         z, k = self.distance_at(values), self.criterion_at(values)
         if k is None:
@@ -396,38 +382,58 @@ class ObserverBatch:
             attending, blind = equal_answers(z, k), equal_answers(np.zeros(1), k)
             in_z, in_k = equal_slopes(z, k, attending)
             _, blind_in_k = equal_slopes(np.zeros(1), k, blind)
-            relative = _log_criterion_slope(values["logit_q0"])[..., None]
         answers = self._with_lapses(values, attending, blind)
-        # Derivatives of z, of log k and of the lapse rate in the coordinates.
-        log_scale = self._log_scale_at(values)
-        inverse_scale = np.exp(-log_scale)
-        score = values["lapse_score"]
-        log_normal = -0.5 * (np.square(score) + LOG_2PI)
         # d lambda/du = phi(u) (1 - lambda) / (b (1 - Phi(u)))
-        log_rise = log_normal - log_ndtr(-score) - np.log(prior.lapse_rate_b)
-        slope_unit = self.slope_unit[..., None]
-        stacked = []
+        log_rise = _log_hazard(values["lapse_score"]) - np.log(self.prior.lapse_rate_b)
+        units = self._slope_units(values, np.ones(1))[..., None]
+        in_log_k = None
+        slopes = []
         sides = zip(answers, attending, blind, in_z, in_k, blind_in_k, strict=True)
         for log_p, log_attending, log_blind, z_slope, k_slope, blind_k_slope in sides:
             attended = np.exp(log_attend + log_attending - log_p)
-            lapsed = np.exp(log_lapse + log_blind - log_p)
-            along_z = attended * z_slope
-            noise = -along_z * z
-            slopes = [prior.noise_sd * noise]
             if k is not None:
-                along_k = attended * k_slope + lapsed * blind_k_slope
-                slopes.append(along_k * k * relative)
-            rate = log_rise[..., None] + log_attend - log_p
-            slopes.append(np.exp(rate + log_blind) - np.exp(rate + log_attending))
-            slopes.append(prior.noise_slope_scale * slope_unit * self.middle * noise)
-            if k is not None:
-                scale = prior.criterion_slope_scale * slope_unit
-                slopes.append(along_k * k * scale * self.middle)
-            slopes.append(-along_z * inverse_scale * prior.constant_error_scale)
-            slopes.append(along_z * inverse_scale * self.first * self.contraction_sd[..., None])
-            stacked.append(np.stack(np.broadcast_arrays(*slopes), axis=-2))
-        yes_slopes, no_slopes = stacked
+                lapsed = np.exp(log_lapse + log_blind - log_p)
+                in_log_k = (attended * k_slope + lapsed * blind_k_slope) * k
+            log_rate = log_rise[..., None] + log_attend - log_p
+            in_lapse = np.exp(log_rate + log_blind) - np.exp(log_rate + log_attending)
+            terms = self._slope_terms(values, z, attended * z_slope, in_log_k, in_lapse)
+            slopes.append(np.stack(np.broadcast_arrays(*terms), axis=-2) * units)
+        yes_slopes, no_slopes = slopes
         return answers, yes_slopes, no_slopes
+
+    def _slope_terms(
+        self,
+        values: Mapping[str, FloatArray],
+        z: FloatArray,
+        in_z: FloatArray,
+        in_log_k: FloatArray | None,
+        in_lapse: FloatArray,
+    ) -> list[FloatArray]:
+        """Slopes of each pair in the quantities of which the coordinates are multiples.
+
+        They follow from those in z, in ln k (None of which is stronger) and in the lapse rate.
+        """
+        by_noise = -in_z * z
+        by_shift = in_z * np.exp(-self._log_scale_at(values))
+        if in_log_k is None:
+            terms = [by_noise, in_lapse, by_noise * self.middle]
+        else:
+            slope_terms = [by_noise * self.middle, in_log_k * self.middle]
+            terms = [by_noise, in_log_k, in_lapse, *slope_terms]
+        return [*terms, -by_shift, by_shift * self.first]
+
+    def _slope_units(self, values: Mapping[str, FloatArray], lapse_unit: FloatArray) -> FloatArray:
+        """Derivatives of those quantities in their coordinates, (rows, points, k)."""
+        prior = self.prior
+        noise, lapse = np.full((1, 1), prior.noise_sd), lapse_unit
+        noise_slope = prior.noise_slope_scale * self.slope_unit
+        units = [noise, lapse, noise_slope]
+        if self.is_same_different:
+            criterion_slope = prior.criterion_slope_scale * self.slope_unit
+            log_criterion = _log_criterion_slope(values["logit_q0"])
+            units = [noise, log_criterion, lapse, noise_slope, criterion_slope]
+        units += [np.full((1, 1), prior.constant_error_scale), self.contraction_sd]
+        return np.stack(np.broadcast_arrays(*units), axis=-1)
 
     def gradient(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Log likelihood (rows, points), and its gradient (rows, points, k)."""
@@ -501,6 +507,11 @@ def _per_answer(counts: FloatArray, probability: FloatArray) -> FloatArray:
     return np.divide(counts, probability, out=zeros, where=counts > 0.0)
 
 
+def _log_hazard(score: FloatArray) -> FloatArray:
+    """Log of phi(u) / (1 - Phi(u))."""
+    return np.asarray(-0.5 * (np.square(score) + LOG_2PI) - log_ndtr(-score))
+
+
 def _log_criterion_slope(logit_q0: FloatArray) -> FloatArray:
     """Derivative of ln k in the logit of q0."""
     k = criterion(logit_q0)
@@ -513,7 +524,7 @@ def _density(x: FloatArray) -> FloatArray:
 
 
 #: What the models say of the order of the stimuli.
-_ABOUT = {
+_MODEL_WORDS = {
     "none": "no order effect",
     "constant error": "a constant error",
     "contraction": "a contraction of the first stimulus to the mean",
@@ -530,7 +541,7 @@ class OrderModel:
     @property
     def about(self) -> str:
         """What it says of the order of the stimuli, in words."""
-        return _ABOUT[self.name]
+        return _MODEL_WORDS[self.name]
 
     @property
     def held(self) -> frozenset[Parameter]:
@@ -685,7 +696,7 @@ class ObserverPosterior:
         step = self.scales.step
         log_lapse, _ = lapse_logs(values["lapse_score"], self.prior.lapse_rate_b)
         noise = step * np.exp(values["log_noise"])
-        found = {
+        by_name = {
             "noise": noise,
             "lapse_rate": np.exp(log_lapse),
             "noise_slope": values["noise_slope"] / step,
@@ -694,11 +705,11 @@ class ObserverPosterior:
             "jnd": JND_OVER_NOISE * noise,
         }
         if "logit_q0" in values:
-            found["q0"] = expit(values["logit_q0"])
-            found["criterion_slope"] = values["criterion_slope"] / step
-            found["zone"] = criterion(values["logit_q0"]) * noise
+            by_name["q0"] = expit(values["logit_q0"])
+            by_name["criterion_slope"] = values["criterion_slope"] / step
+            by_name["zone"] = criterion(values["logit_q0"]) * noise
         names = self.names.all
-        return {name: found[name].reshape(x.shape[:-1]) for name in names}
+        return {name: by_name[name].reshape(x.shape[:-1]) for name in names}
 
     @property
     def _units(self) -> dict[str, float]:

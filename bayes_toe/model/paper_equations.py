@@ -73,7 +73,9 @@ def pull(gamma: npt.ArrayLike) -> FloatArray:
 
 
 def width(sigma_p: npt.ArrayLike, gamma: npt.ArrayLike) -> FloatArray:
-    """Width of the 'equal' curve, w = sigma_2 + sigma_l^2/sigma_2 = sigma_p G^(3/2), in natural-log intensity.
+    """Width of the 'equal' curve, w = sigma_2 + sigma_l^2/sigma_2 = sigma_p G^(3/2).
+
+    It is in natural-log intensity.
 
     Source: Eq. mod:q, denominator.
 
@@ -94,7 +96,7 @@ def noise_ratio(sigma_p: npt.ArrayLike, sigma_l: npt.ArrayLike) -> FloatArray:
 
 
 class Natural(NamedTuple):
-    """Prior mean mu1, memory diffusion sigma_p, measurement noise sigma_l (natural-log units) and q0."""
+    """Prior mean mu1, diffusion sigma_p, noise sigma_l (natural-log units) and q0."""
 
     mu1: FloatArray
     sigma_p: FloatArray
@@ -154,7 +156,7 @@ class Axis(NamedTuple):
 
 
 def axis(mu1: npt.ArrayLike, gamma: npt.ArrayLike) -> Axis:
-    """Symmetry axis s2 = K s1 + p mu_1 of the plane of pairs, on which s2 is the evolved mean of s1.
+    """Symmetry axis s2 = K s1 + p mu_1 of the pairs, where s2 is the evolved mean of s1.
 
     P(equal) depends on a pair through its distance from this line, s2 - mu_2(s1), and on its size
     only. Slope K = (G - 1)/gamma = 1/G and p = (G - 1)/G = gamma/G^2 are in the form in which
@@ -176,7 +178,7 @@ def normalised_distance(
     sigma_p: npt.ArrayLike,
     sigma_l: npt.ArrayLike,
 ) -> FloatArray:
-    """Distance of the second stimulus from the evolved mean in units of the width, z = (s2 - mu_2) / w; no unit.
+    """Distance of the second stimulus from the evolved mean over the width, (s2 - mu_2) / w.
 
     Source: Eqs. mod:qdphi and mod:q.
     """
@@ -206,9 +208,8 @@ def log_different(z: npt.ArrayLike, logit_q0: npt.ArrayLike) -> FloatArray:
     logit_q0 : array_like
         log(q0 / (1 - q0)); carries 1 - q0 below machine precision.
 
-    Notes
-    -----
-    1 - q = (1 - q0) + q0 (1 - 2^(-z^2)) adds positive terms only; where q is small, log1p(-q) keeps its relative accuracy.
+    Notes ----- 1 - q = (1 - q0) + q0 (1 - 2^(-z^2)) adds positive terms only; where q is small,
+    log1p(-q) keeps its relative accuracy.
 
     Examples
     --------
@@ -218,16 +219,16 @@ def log_different(z: npt.ArrayLike, logit_q0: npt.ArrayLike) -> FloatArray:
     t = LN2 * np.square(np.asarray(z, np.float64))
     logit = np.asarray(logit_q0, np.float64)
     q = np.exp(-np.logaddexp(0.0, -logit) - t)
-    rest = -np.expm1(-t)
+    fall = -np.expm1(-t)
     lapse = np.exp(-np.logaddexp(0.0, logit))
     with np.errstate(divide="ignore"):  # log(0) is the truth where 1 - q is 0
-        result = np.asarray(np.log(lapse + (1.0 - lapse) * rest))
+        result = np.asarray(np.log(lapse + (1.0 - lapse) * fall))
         np.log1p(-q, out=result, where=q < 0.5)
         if np.any(
             logit > 700.0
         ):  # 1 - q0 underflows there, its logarithm does not; q0 is 1 to all digits
             result = np.where(
-                (q >= 0.5) & (logit > 700.0), np.logaddexp(-logit, np.log(rest)), result
+                (q >= 0.5) & (logit > 700.0), np.logaddexp(-logit, np.log(fall)), result
             )
     return np.asarray(result)
 
@@ -266,12 +267,12 @@ def require_natural(
 ) -> None:
     """Raise NumericalError, naming the parameter, unless all natural parameters are usable."""
     sigma, noise, top = (np.asarray(v, np.float64) for v in (sigma_p, sigma_l, q0))
-    allowed = {
+    rules = {
         "mu1 must be finite": np.isfinite(np.asarray(mu1, np.float64)),
         "sigma_p must be finite and positive": np.isfinite(sigma) & (sigma > 0),
         "sigma_l must be finite and not negative": np.isfinite(noise) & (noise >= 0),
         "q0 must lie in 0..1": (top >= 0) & (top <= 1),
     }
-    for rule, holds in allowed.items():
+    for rule, holds in rules.items():
         if not np.all(holds):
             raise NumericalError(rule)

@@ -1,4 +1,4 @@
-"""The paper's model (H1): the posterior of one subject, and the coordinates in which it is computed.
+"""The paper's model (H1): the posterior of one subject, and its coordinates.
 
     natural        (mu1, sigma_p, sigma_l, q0)              what the paper reports
     identified     (offset c, pull p, width w, q0)          what the answers depend on
@@ -10,8 +10,8 @@
 
 sbar is the mean first stimulus of the subject; p, gamma and G are those of
 :mod:`bayes_toe.model.paper_equations`. Which is stronger has the lapse rate lambda in the place of
-q0. Where there are several inter-stimulus intervals, c, p and w are those at the reference interval,
-and r and v scale them (:mod:`bayes_toe.model.intervals`); else r = v = 1.
+q0. Where there are several inter-stimulus intervals, c, p and w are those at the reference
+interval, and r and v scale them (:mod:`bayes_toe.model.intervals`); else r = v = 1.
 
 The map between coordinates is a bijection for 0 < gamma < 1. In natural coordinates only p (mu1 -
 s1) enters the likelihood, so gamma and mu1 form a funnel as gamma -> 0.
@@ -25,6 +25,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, lru_cache
+from typing import cast
 
 import numpy as np
 import numpy.typing as npt
@@ -43,18 +44,7 @@ from bayes_toe.model.answer_curves import (
     second_slopes,
     times_counts,
 )
-from bayes_toe.model.distributions import (
-    Beta,
-    Distribution,
-    HalfNormal,
-    LogNormal,
-    Random,
-    log_density_of_log,
-    log_density_of_logit,
-    sample_logits,
-    slope_of_log,
-    slope_of_logit,
-)
+from bayes_toe.model.distributions import Beta, Distribution, HalfNormal, LogNormal, Random
 from bayes_toe.model.intervals import (
     UNSCALED,
     Scales,
@@ -77,6 +67,7 @@ from bayes_toe.model.paper_equations import (
     variance_ratio,
     width,
 )
+from bayes_toe.model.parameters import LogitOfBeta
 from bayes_toe.model.posterior import Names, require_points
 from bayes_toe.model.prior import DEFAULT, Prior
 
@@ -350,8 +341,9 @@ class PaperPosterior:
         gradient[:, 2] = along_log_width.sum(axis=1)
         gradient[:, 3] = along_share.sum(axis=1)
         if self._intervals is not None:
-            intervals, which = self._intervals
-            growth = random_walk_slopes(x[:, 1], intervals, self.power).of_pairs(which)
+            intervals, interval_of_pair = self._intervals
+            growth = random_walk_slopes(x[:, 1], intervals, self.power)
+            growth = growth.of_pairs(interval_of_pair)
             by_scale = inverse_width * (scales.pull * (p * lever - x[:, :1]) * growth.pull)
             gradient[:, 1] += _finite_product(along_z, by_scale).sum(axis=1)
             gradient[:, 1] += _finite_product(along_log_width, growth.width).sum(axis=1)
@@ -366,16 +358,26 @@ class PaperPosterior:
         """Pull and width of every pair over those at the reference; 1 at one interval."""
         if self._intervals is None:
             return UNSCALED
-        intervals, which = self._intervals
-        return random_walk_scales(x[:, 1], intervals, self.power).of_pairs(which)
+        intervals, interval_of_pair = self._intervals
+        scales = random_walk_scales(x[:, 1], intervals, self.power)
+        return scales.of_pairs(interval_of_pair)
 
     # --- Prior -----------------------------------------------------------------------------------
 
     @cached_property
-    def _distributions(self) -> tuple[Distribution, ...]:
-        """Of mu1, of sigma_p or the width, of gamma, and of q0 or the lapse rate."""
-        names = self.prior.of_h1(self.subject.task)
-        return tuple(self.prior.distribution(name) for name in names)
+    def _noise_ratio(self) -> Beta:
+        """The prior of gamma."""
+        return cast(Beta, self.prior.distribution("gamma"))
+
+    @cached_property
+    def _share(self) -> Beta:
+        """The prior of q0 or the lapse rate."""
+        return cast(Beta, self.prior.distribution(self.share))
+
+    @cached_property
+    def _logit_share(self) -> LogitOfBeta:
+        """The prior of its logit."""
+        return LogitOfBeta(self._share.a, self._share.b)
 
     @property
     def _spread_power(self) -> float:
@@ -388,45 +390,38 @@ class PaperPosterior:
         Where the width has a distribution, not sigma_p, |d(mu1, gamma)/d(c, a)| is the Jacobian.
         """
         points = require_points(x, 4)
-        of_mu1, of_spread, of_gamma, of_share = self._distributions
         a, log_width = points[:, 1], points[:, 2]
         log_gain = np.log1p(-MAX_PULL * expit(a))
         log_spread = log_width
         if self._spread_power:
             log_spread = log_width + self._spread_power * log_gain
         with np.errstate(over="ignore"):  # mu1 beyond the largest float: the density is 0
-            of_mu1_and_spread = of_mu1.log_density(self.sbar + reach(points)) + log_density_of_log(
-                of_spread, log_spread
-            )
-        of_update = (
-            of_mu1_and_spread
-            + log_density_of_noise_ratio(of_gamma, a)
-            + log_jacobian_of_pull(a)
-            - 1.5 * log_gain
-        )
-        return np.asarray(of_update + log_density_of_logit(of_share, points[:, 3]))
+            log_prior = self.prior.penalty.log_density(self.sbar + reach(points))
+        log_prior = log_prior + self.prior.spread_distribution.log_density_of_log(log_spread)
+        log_prior += self._noise_ratio.log_density_of_logs(*log_noise_ratio(a))
+        log_prior += log_jacobian_of_pull(a) - 1.5 * log_gain
+        return np.asarray(log_prior + self._logit_share.log_density(points[:, 3]))
 
     def prior_gradient(self, x: FloatArray) -> FloatArray:
         """Gradient of the log prior density, (points, 4)."""
-        of_mu1, of_spread, of_gamma, of_share = self._distributions
         a, log_width = x[:, 1], x[:, 2]
         p, down = MAX_PULL * expit(a), expit(-a)
         narrowing = -p * down / (1.0 - p)  # d log K / da
         with np.errstate(over="ignore"):  # 1/p beyond the largest float: infinite is right there
             far = reach(x)
-            score = of_mu1.slope(self.sbar + far)
+            score = self.prior.penalty.slope(self.sbar + far)
             log_spread = log_width
             if self._spread_power:
                 log_spread = log_width + self._spread_power * np.log1p(-p)
-            of_log_spread = slope_of_log(of_spread, log_spread)
+            of_log_spread = self.prior.spread_distribution.slope_of_log(log_spread)
             of_pull = log_jacobian_slope_of_pull(a) - score * far * down - 1.5 * narrowing
             if self._spread_power:
                 of_pull += self._spread_power * narrowing * of_log_spread
             columns = (
                 score * inverse_pull(a),
-                of_pull + slope_of_noise_ratio(of_gamma, a),
+                of_pull + slope_of_noise_ratio(self._noise_ratio, a),
                 of_log_spread,
-                slope_of_logit(of_share, x[:, 3]),
+                self._logit_share.slope(x[:, 3]),
             )
             return np.stack(columns, axis=-1)
 
@@ -447,7 +442,7 @@ class PaperPosterior:
     def sample_prior(self, rng: Random, size: int) -> FloatArray:
         """Independent draws from the prior, shape (size, 4)."""
         update = _sample_update(rng, size, self.prior, self.sbar, self.power)
-        return np.column_stack([update, sample_logits(self._distributions[3], rng, size)])
+        return np.column_stack([update, self._share.sample_logits(rng, size)])
 
     # --- What engines ask for --------------------------------------------------------------------
 
@@ -481,7 +476,9 @@ class PaperPosterior:
 
     def transform(self, modes: FloatArray) -> NormalScores:
         """Nearly normal coordinates about modes of the posterior, (modes, 4), best first."""
-        return NormalScores(Funnel.at(modes, self._likelihood_slope, self.prior.penalty, self.sbar))
+        return NormalScores(
+            Funnel.from_modes(modes, self._likelihood_slope, self.prior.penalty, self.sbar)
+        )
 
     def _likelihood_slope(self, x: FloatArray) -> FloatArray:
         """Gradient of the log likelihood, (points, 4)."""
@@ -495,7 +492,7 @@ class PaperPosterior:
         return np.asarray(1.0 - pull_at(x) * scales.pull)
 
     def yes_at_distance(self, x: FloatArray, z: FloatArray) -> FloatArray:
-        """P of the answer that the task counts at distances z, (points, 4) and (n,) -> (points, n)."""
+        """P of the counted answer at distances z, (points, 4) and (n,) -> (points, n)."""
         distances = np.broadcast_to(z, (len(x), len(z)))
         return np.asarray(np.exp(self._answers_at(distances, x[:, 3:]).yes))
 
@@ -555,7 +552,7 @@ class PaperPosterior:
             offsets = _prior_offsets(self.prior, self.sbar, self.power)
             return float(np.quantile(offsets, probability))
         if name == self.share:
-            return float(self._distributions[3].quantile(probability))
+            return float(self._share.quantile(probability))
         if name == "pull":
             return 1.0 - self.prior_quantile("gain", 1.0 - probability)
         if name == "jnd":
@@ -585,7 +582,7 @@ def _sample_update(rng: Random, size: int, prior: Prior, sbar: float, power: flo
     """
     mu1 = prior.distribution("mu1").sample(rng, size)
     spread = prior.spread_distribution.sample(rng, size)
-    logit_gamma = sample_logits(prior.distribution("gamma"), rng, size)
+    logit_gamma = cast(Beta, prior.distribution("gamma")).sample_logits(rng, size)
     gamma = expit(logit_gamma)
     p = pull(gamma)
     w = spread if prior.spread == "width" else spread * variance_ratio(gamma) ** power
@@ -608,7 +605,10 @@ def pull_at(x: FloatArray) -> FloatArray:
 
 
 def reach(x: npt.ArrayLike) -> FloatArray:
-    """Distance of the prior mean from the mean first stimulus, mu1 - sbar = c / p, natural-log units; infinite past the largest float."""
+    """Distance of the prior mean from the mean first stimulus, mu1 - sbar = c / p.
+
+    It is infinite past the largest float.
+    """
     points = np.asarray(x, np.float64)
     c, a = points[..., 0], points[..., 1]
     with np.errstate(over="ignore", invalid="ignore"):
@@ -626,10 +626,9 @@ def unconstrained(theta: Natural, sbar: float) -> FloatArray:
 
     Needs 0 < gamma < 1, 0 < q0 < 1.
 
-    Notes
-    -----
-    Where sigma_l and sigma_p differ by rounding only, gamma = 1 and the logit is infinite: such a point is on the edge, outside the open
-    support. Draws come there: from logit(p / p_max) = 36 on no pair of floats tells it.
+    Notes ----- Where sigma_l and sigma_p differ by rounding only, gamma = 1 and the logit is
+    infinite: such a point is on the edge, outside the open support. Draws come there: from logit(p
+    / p_max) = 36 on no pair of floats tells it.
     """
     gamma = theta.gamma
     p = pull(gamma)
@@ -644,19 +643,22 @@ def unconstrained(theta: Natural, sbar: float) -> FloatArray:
 
 
 def _logit_pull(theta: Natural, p: FloatArray) -> FloatArray:
-    """logit(p / p_max), with p_max - p by 1 - gamma (see :func:`log_noise_ratio`), and that by the difference of sigma_p and sigma_l."""
-    apart = (theta.sigma_p - theta.sigma_l) / theta.sigma_p
-    rest = np.where(
-        (apart < 0.0) & (apart >= -_ROUNDING), 0.0, apart * (1.0 + theta.sigma_l / theta.sigma_p)
-    )
-    return np.asarray(np.log(p) + np.log(1.0 / MAX_PULL - p) - 2.0 * np.log1p(-p) - np.log(rest))
+    """The logit of p / p_max from 1 - gamma, and that from the difference of the sigmas.
+
+    See :func:`log_noise_ratio` for p_max - p.
+    """
+    difference = (theta.sigma_p - theta.sigma_l) / theta.sigma_p
+    is_rounding = (difference < 0.0) & (difference >= -_ROUNDING)
+    complement = difference * (1.0 + theta.sigma_l / theta.sigma_p)
+    log_complement = np.log(np.where(is_rounding, 0.0, complement))
+    return np.asarray(np.log(p) + np.log(1.0 / MAX_PULL - p) - 2.0 * np.log1p(-p) - log_complement)
 
 
 def log_jacobian(x: npt.ArrayLike) -> FloatArray:
     """Log |d(mu1, sigma_p, gamma, q0) / dx| at unconstrained x, shape (..., 4) -> (...).
 
-    |d(mu1, sigma_p, gamma) / d(c, w, p)| = (1 + p) / (p (1 - p)^(3/2)); with dp/da = p expit(-a) the factor p cancels, so the
-    result stays finite however small the pull.
+    |d(mu1, sigma_p, gamma) / d(c, w, p)| = (1 + p) / (p (1 - p)^(3/2)); with dp/da = p expit(-a)
+    the factor p cancels, so the result stays finite however small the pull.
     """
     _, a, b, top = np.moveaxis(np.asarray(x, np.float64), -1, 0)
     return np.asarray(log_jacobian_of_pull(a) + b + log_expit(top) + log_expit(-top))
@@ -691,45 +693,20 @@ def log_noise_ratio(a: FloatArray) -> tuple[FloatArray, FloatArray]:
 # --- The prior of H1 in other quantities ---------------------------------------------------------
 
 
-def log_density_of_noise_ratio(distribution: Distribution, a: FloatArray) -> FloatArray:
-    """Log density of gamma, with respect to gamma, at a = logit(p/p_max), shape (...)."""
-    if isinstance(distribution, Beta):
-        return distribution.log_density_of_logs(*log_noise_ratio(a))
-    return distribution.log_density(_noise_ratio(a))
-
-
-def slope_of_noise_ratio(distribution: Distribution, a: FloatArray) -> FloatArray:
-    """Derivative of :func:`log_density_of_noise_ratio` in a.
+def slope_of_noise_ratio(distribution: Beta, a: FloatArray) -> FloatArray:
+    """Derivative in a = logit(p / p_max) of the log density of gamma, with respect to gamma.
 
     log gamma has the slope expit(-a) (1 + p)/(1 - p), log(1 - gamma) the slope -expit(a) (1 +
     p)/((1 - p) (1/p_max - p)).
     """
-    p, down = MAX_PULL * expit(a), expit(-a)
-    rise = (1.0 + p) / (1.0 - p)
-    if isinstance(
-        distribution, Beta
-    ):  # near an edge the slope of the density in gamma is huge, those of the logs are not
-        return np.asarray(
-            rise
-            * (
-                (distribution.a - 1.0) * down
-                - (distribution.b - 1.0) * expit(a) / (1.0 / MAX_PULL - p)
-            )
-        )
-    return np.asarray(distribution.slope(_noise_ratio(a)) * rise * p * down / np.square(1.0 - p))
-
-
-def _noise_ratio(a: FloatArray) -> FloatArray:
-    """Noise ratio gamma = p/(1 - p)^2 at a = logit(p/p_max).
-
-    A rounding may not carry it beyond its limit, 1.
-    """
     p = MAX_PULL * expit(a)
-    return np.asarray(np.minimum(p / (1.0 - p) ** 2, 1.0))
+    rise = (distribution.a - 1.0) * expit(-a)
+    fall = (distribution.b - 1.0) * expit(a) / (1.0 / MAX_PULL - p)
+    return np.asarray((1.0 + p) / (1.0 - p) * (rise - fall))
 
 
 def prior_quantile(prior: Prior, parameter: str, probability: float, power: float = 1.5) -> float:
-    """Prior quantile of mu1, sigma_p, sigma_l, gamma, sigma1, gain or width, where the width is sigma_p G^power.
+    """Prior quantile of mu1, sigma_p, sigma_l, gamma, sigma1, gain or width = sigma_p G^power.
 
     sigma_p, sigma_l, sigma1 and width are each other's multiples by powers of gamma and G, and one
     of them has a distribution of its own: another one's distribution function is the average over
@@ -738,7 +715,8 @@ def prior_quantile(prior: Prior, parameter: str, probability: float, power: floa
 
     Examples
     --------
-    >>> [round(prior_quantile(Prior(), name, 0.95), 4) for name in ("mu1", "sigma_p", "gamma", "gain")]
+    >>> names = "mu1", "sigma_p", "gamma", "gain"
+    >>> [round(prior_quantile(Prior(), name, 0.95), 4) for name in names]
     [16.4485, 1.96, 0.95, 0.9545]
     """
     if parameter in prior.of_h1():
@@ -760,11 +738,13 @@ def _product_quantile(
     probability: float,
     power: float,
 ) -> float:
-    """Quantile of the spread times h(gamma): between the smallest and the largest h times its own, so it is looked for in that unit."""
+    """Quantile of the spread times h(gamma).
+
+    It lies between the smallest and the largest h times the quantile of the spread.
+    """
     nodes, weights = np.polynomial.legendre.leggauss(_NODES)
-    root = 0.5 * (
-        nodes + 1.0
-    )  # of gamma's distribution function u: sigma_l is smooth in it, du = 2 root d root
+    # The root of gamma's distribution function u: sigma_l is smooth in it, du = 2 root d root.
+    root = 0.5 * (nodes + 1.0)
     gamma = of_gamma.quantile(np.square(root))
     ratio = variance_ratio(gamma)
     over_sigma_p = {

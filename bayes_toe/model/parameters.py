@@ -19,7 +19,18 @@ from dataclasses import dataclass, fields
 from typing import Protocol
 
 import numpy as np
-from scipy.special import betaln, expit, log_expit, log_ndtr, ndtr, ndtri, ndtri_exp, stdtrit
+from scipy.special import (
+    betaincinv,
+    betaln,
+    expit,
+    log_expit,
+    log_ndtr,
+    logit,
+    ndtr,
+    ndtri,
+    ndtri_exp,
+    stdtrit,
+)
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task
@@ -77,16 +88,16 @@ class ObserverPrior:
             CONSTANT_ERROR: f"Student(3, {self.constant_error_scale:g} D)",
             CONTRACTION: f"Normal(0, {self.contraction_sd:g}) on (-1, 1)",
         }
-        free = [one for one in task_parameters(task) if one not in held]
-        words = ", ".join(f"{one.name} ~ {distributions[one]}" for one in free)
+        free = [parameter for parameter in task_parameters(task) if parameter not in held]
+        words = ", ".join(f"{parameter.name} ~ {distributions[parameter]}" for parameter in free)
         return f"{words}; D rms step and R sd of the stimuli"
 
     def __post_init__(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name)
             if not isinstance(value, int | float) or not 1e-3 <= value <= 1e3:
-                allowed = "allowed is a number from 0.001 to 1000"
-                raise InputError(f"prior: {field.name} is {value!r}; {allowed}")
+                number_range = "allowed is a number from 0.001 to 1000"
+                raise InputError(f"prior: {field.name} is {value!r}; {number_range}")
 
 
 class PriorDensity(Protocol):
@@ -149,7 +160,7 @@ class StandardStudent:
 
 
 @dataclass(frozen=True)
-class CutNormal:
+class CutNormal(StandardNormal):
     """Normal(0, 1) on (-limit, limit); `limit` may be an array that broadcasts with u."""
 
     limit: FloatArray | float
@@ -159,14 +170,6 @@ class CutNormal:
         log_mass = np.log1p(-2.0 * ndtr(-np.asarray(self.limit)))
         inside = -0.5 * (np.square(u) + LOG_2PI) - log_mass
         return np.where(np.abs(u) < self.limit, inside, -np.inf)
-
-    def slope(self, u: FloatArray) -> FloatArray:
-        """-u."""
-        return -u
-
-    def curvature(self, u: FloatArray) -> FloatArray:
-        """1."""
-        return np.ones_like(u)
 
     def quantile(self, probability: FloatArray) -> FloatArray:
         """Inverse of the distribution function."""
@@ -182,12 +185,12 @@ class LogitOfBeta:
     b: float
 
     def log_density(self, u: FloatArray) -> FloatArray:
-        """A ln q + b ln(1 - q) - ln B(a, b), with respect to the logit."""
+        """Log of q^a (1 - q)^b / B(a, b), with respect to the logit."""
         log_norm = betaln(self.a, self.b)
         return np.asarray(self.a * log_expit(u) + self.b * log_expit(-u) - log_norm)
 
     def slope(self, u: FloatArray) -> FloatArray:
-        """A (1 - q) - b q."""
+        """Its derivative, a (1 - q) - b q."""
         return np.asarray(self.a * expit(-u) - self.b * expit(u))
 
     def curvature(self, u: FloatArray) -> FloatArray:
@@ -196,8 +199,6 @@ class LogitOfBeta:
 
     def quantile(self, probability: FloatArray) -> FloatArray:
         """Inverse of the distribution function."""
-        from scipy.special import betaincinv, logit
-
         return np.asarray(logit(betaincinv(self.a, self.b, probability)))
 
 

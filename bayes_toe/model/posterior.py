@@ -49,12 +49,9 @@ class Names:
 
 
 def _ordered(names: tuple[str, ...]) -> tuple[str, ...]:
-    return tuple(
-        sorted(
-            dict.fromkeys(names),
-            key=lambda name: ORDER.index(name) if name in ORDER else len(ORDER),
-        )
-    )
+    ordered = [name for name in ORDER if name in names]
+    unordered = [name for name in dict.fromkeys(names) if name not in ORDER]
+    return (*ordered, *unordered)
 
 
 def require_points(x: npt.ArrayLike, k: int) -> FloatArray:
@@ -74,7 +71,7 @@ def require_defined(log_posterior: FloatArray, target: AnswerPosterior) -> None:
 
 
 class Transform(Protocol):
-    """A bijection between the coordinates x and others, y, in which mixtures of Student-t densities fit the posterior."""
+    """A bijection between the coordinates x and others, y, in which mixtures fit the posterior."""
 
     def forward(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Coordinates y of x, shape (points, k), and log |dy/dx|, shape (points,)."""
@@ -173,7 +170,9 @@ def judged_quantities(target: AnswerPosterior, x: FloatArray) -> dict[str, Float
 
 
 def contraction(target: AnswerPosterior, parameter: str, low: float, high: float) -> float:
-    """How much the answers narrowed a parameter whose posterior quantiles at 5 and 95 % are `low` and `high`.
+    """How much the answers narrowed a parameter.
+
+    Its posterior quantiles at 5 and 95 % are `low` and `high`.
 
     contraction = 1 - (posterior width / prior width)^2, widths from the 5 % to the 95 % quantile.
     For normal densities that is one minus the ratio of variances; where mu1 has a funnel its
@@ -187,5 +186,5 @@ def contraction(target: AnswerPosterior, parameter: str, low: float, high: float
     >>> round(contraction(paper_posterior(subject), "q0", 0.5, 0.59), 2)
     0.97
     """
-    before = target.prior_quantile(parameter, RANGE[1]) - target.prior_quantile(parameter, RANGE[0])
-    return 1.0 - ((high - low) / before) ** 2
+    prior_low, prior_high = (target.prior_quantile(parameter, share) for share in RANGE)
+    return 1.0 - ((high - low) / (prior_high - prior_low)) ** 2

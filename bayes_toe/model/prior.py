@@ -27,12 +27,12 @@ from bayes_toe.data.study import Subject, stimuli_of
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.errors import InputError
 from bayes_toe.model.distributions import (
+    Beta,
     Distribution,
     HalfNormal,
     LogNormal,
     Normal,
     Random,
-    share,
 )
 from bayes_toe.model.paper_equations import Natural, variance_ratio
 from bayes_toe.model.parameters import ObserverPrior
@@ -41,7 +41,9 @@ from bayes_toe.model.prior_fields import STIMULI, PriorFields
 
 @dataclass(frozen=True)
 class Prior(PriorFields):
-    """Prior density of H1's (mu1, sigma_p, gamma, q0 or lapse rate), and of the observer's parameters; log densities are normalised.
+    """The prior of H1's mu1, sigma_p, gamma and q0 or lapse rate, and of the observer.
+
+    Log densities are normalised.
 
     Parameters
     ----------
@@ -81,9 +83,9 @@ class Prior(PriorFields):
         "mu1": Normal,
         "sigma_p": HalfNormal,
         "width": LogNormal,
-        "gamma": share,
-        "q0": share,
-        "lapse_rate": share,
+        "gamma": Beta,
+        "q0": Beta,
+        "lapse_rate": Beta,
     }
 
     def of_h1(self, task: Task = SAME_DIFFERENT) -> tuple[str, ...]:
@@ -108,19 +110,20 @@ class Prior(PriorFields):
 
         Examples
         --------
-        >>> Prior(mu1_mean="stimuli").at(Subject("S", [0.0, 0.0], [0.0, 0.5], [9, 4], [10, 10])).mu1_mean
+        >>> subject = Subject("S", [0.0, 0.0], [0.0, 0.5], [9, 4], [10, 10])
+        >>> Prior(mu1_mean="stimuli").at(subject).mu1_mean
         0.125
         """
-        named = {}
+        open_numbers = {}
         for number in self.declared():
             if getattr(self, number.name) == STIMULI:
-                named[number.name] = number
-        if not named:
+                open_numbers[number.name] = number
+        if not open_numbers:
             return self
         stimuli = stimuli_of(*subjects)
         if stimuli is None:
             # A number that H1 does not use may stay open.
-            if any(number.parameter in self.of_h1() for number in named.values()):
+            if any(number.parameter in self.of_h1() for number in open_numbers.values()):
                 raise InputError(
                     f"subject {subjects[0].name!r}: the prior takes its scale from pairs of "
                     "different stimuli, found none; allowed: the "
@@ -128,12 +131,12 @@ class Prior(PriorFields):
                 )
             return self
         values: dict[str, Any] = {}
-        for name, number in named.items():
+        for name, number in open_numbers.items():
             values[name] = stimuli.number(number.stimuli)
         return replace(self, **values)
 
     def of_stimuli(self, parameter: str) -> bool:
-        """Whether a number of a parameter's distribution is that of the stimuli, and so in their unit."""
+        """Whether a parameter's distribution has a number of the stimuli, and so their unit."""
         return STIMULI in self._numbers(parameter).values()
 
     def distribution(self, parameter: str) -> Distribution:
@@ -145,8 +148,8 @@ class Prior(PriorFields):
             For a parameter that has none of its own, or whose numbers are still those of the
             stimuli.
         """
-        if parameter in self._known:
-            return self._known[parameter]
+        if parameter in self._distributions:
+            return self._distributions[parameter]
         if parameter not in self.families:
             raise InputError(
                 f"prior: no distribution of {parameter!r}, allowed: {', '.join(self.families)}"
@@ -159,7 +162,7 @@ class Prior(PriorFields):
         )
 
     @cached_property
-    def _known(self) -> Mapping[str, Distribution]:
+    def _distributions(self) -> Mapping[str, Distribution]:
         """The distributions of which all is known."""
         distributions = {}
         for name, family in self.families.items():
@@ -173,10 +176,13 @@ class Prior(PriorFields):
         names = [number.name for number in self.declared() if number.parameter == parameter]
         return {name: getattr(self, name) for name in names}
 
-    def said(self, parameter: str) -> str:
-        """The distribution of a parameter in words, as in 'Normal(M, 2.5 R)' where its numbers are those of the stimuli."""
+    def describe_distribution(self, parameter: str) -> str:
+        """The distribution of a parameter in words.
+
+        As in 'Normal(M, 2.5 R)' where its numbers are those of the stimuli.
+        """
         numbers = self._numbers(parameter)
-        stimuli = {one.name: one.stimuli for one in self.declared()}
+        stimuli = {number.name: number.stimuli for number in self.declared()}
         symbols = {name: stimuli[name] for name, value in numbers.items() if value == STIMULI}
         if not symbols:
             return self.distribution(parameter).describe()
@@ -184,8 +190,10 @@ class Prior(PriorFields):
             *(1.0 if name in symbols else value for name, value in numbers.items())
         ).describe()
         family, words = stand_in.split("(")[0], stand_in[stand_in.index("(") + 1 : -1].split(", ")
-        said = [symbols.get(name, word) for name, word in zip(numbers, words, strict=True)]
-        return f"{family}({', '.join(said)})"
+        words_or_symbols = [
+            symbols.get(name, word) for name, word in zip(numbers, words, strict=True)
+        ]
+        return f"{family}({', '.join(words_or_symbols)})"
 
     @property
     def penalty(self) -> Normal:
@@ -199,7 +207,10 @@ class Prior(PriorFields):
 
     def describe(self, task: Task = SAME_DIFFERENT) -> str:
         """H1's in one line for tables, files and Methods sections."""
-        return ", ".join(f"{name} ~ {self.said(name)}" for name in self.of_h1(task)) + self.remark
+        return (
+            ", ".join(f"{name} ~ {self.describe_distribution(name)}" for name in self.of_h1(task))
+            + self.remark
+        )
 
     def describe_orders(self, task: Task = SAME_DIFFERENT) -> str:
         """That of the four models of the observer, and H1's, in one line."""
@@ -220,11 +231,13 @@ class Prior(PriorFields):
 
     def describe_penalty(self) -> str:
         """:attr:`penalty` in words."""
-        words = f"mu1 ~ {self.said('mu1')}"
+        words = f"mu1 ~ {self.describe_distribution('mu1')}"
         return f"{words}; M mean and R sd of the stimuli" if self.of_stimuli("mu1") else words
 
     def log_density_variances(self, theta: Natural) -> FloatArray:
-        """Log density with respect to the paper's coordinates (mu1, sigma_p^2, sigma_l^2, q0), edges included; -inf outside.
+        """Log density in the paper's coordinates (mu1, sigma_p^2, sigma_l^2, q0).
+
+        Edges are included; outside it is -inf.
 
         d sigma_p / d sigma_p^2 = 1 / (2 sigma_p) and, at fixed sigma_p, d gamma / d sigma_l^2 = 1 /
         sigma_p^2. Source: Appendix C.

@@ -1,4 +1,4 @@
-"""What a prior is made of: each of its numbers declared once, with parameter, unit, words and range; how a file says them.
+"""The numbers of a prior, each declared once with parameter, unit, words and range.
 
 Everything that shows, reads, varies or refuses a prior's numbers iterates over
 :meth:`PriorFields.declared` and names none of them. The numbers are apart from what is computed
@@ -91,7 +91,7 @@ def _of_beta(default: float, parameter: str, words: str) -> Any:
 
 @dataclass(frozen=True)
 class PriorFields:
-    """The numbers of the default prior; :class:`bayes_toe.model.prior.Prior` says what they are numbers of.
+    """The numbers of H1's prior; :class:`bayes_toe.model.prior.Prior` explains them.
 
     Raises
     ------
@@ -124,7 +124,10 @@ class PriorFields:
     width_median: float | Literal["stimuli"] | None = prior_field(
         None,
         parameter="width",
-        words="median of a lognormal prior of the width, in the place of sigma_p's; left out: sigma_p has its own",
+        words=(
+            "median of a lognormal prior of the width, in the place of sigma_p's; left out: "
+            "sigma_p has its own"
+        ),
         unit=LOG_INTENSITY,
         stimuli="D",
     )
@@ -138,7 +141,10 @@ class PriorFields:
     reference_interval: float | None = prior_field(
         None,
         parameter="interval",
-        words="interval that the priors of sigma_p and gamma refer to; left out: the geometric mean of the study's",
+        words=(
+            "interval that the priors of sigma_p and gamma refer to; left out: the geometric mean "
+            "of the study's"
+        ),
         unit="s",
     )
 
@@ -153,10 +159,10 @@ class PriorFields:
                 or (number.is_positive and value <= 0)
             ):
                 value = value if isinstance(value, str) else f"{value:g}"
-                allowed = "a positive finite number" if number.is_positive else "a finite number"
+                kinds = "a positive finite number" if number.is_positive else "a finite number"
                 if number.stimuli:
-                    allowed += f" or {STIMULI!r}"
-                raise InputError(f"prior: {number.name}={value}, allowed: {allowed}")
+                    kinds += f" or {STIMULI!r}"
+                raise InputError(f"prior: {number.name}={value}, allowed: {kinds}")
 
     @classmethod
     @cache
@@ -177,8 +183,8 @@ def number_problems(keys: Mapping[str, PriorField], key: str, value: object) -> 
     if key not in keys:
         return [f"key {quoted(key)}: unknown, allowed: {', '.join(keys)}"]
     number = keys[key]
-    is_allowed = number.smallest <= real(value) <= number.largest  # a NaN is in no range
-    if is_allowed or (value == STIMULI and number.stimuli):
+    is_in_range = number.smallest <= real(value) <= number.largest  # a NaN is in no range
+    if is_in_range or (value == STIMULI and number.stimuli):
         return []
     return [f"key {key}: found {shown(value)}, allowed: {number.allowed}"]
 

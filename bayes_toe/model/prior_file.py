@@ -76,24 +76,24 @@ def read_prior(path: str | Path) -> Prior:
     ...     read_prior(file).observer.contraction_sd
     0.5
     """
-    known = sections()
-    found = toml_table(path, "[SECTION] and NAME = NUMBER, as in [contraction] and sd = 0.25")
+    all_sections = sections()
+    table = toml_table(path, "[SECTION] and NAME = NUMBER, as in [contraction] and sd = 0.25")
     problems = []
-    for section, values in found.items():
-        if section in known and isinstance(values, Mapping):
-            problems += _key_problems(known, section, values)
+    for section, values in table.items():
+        if section in all_sections and isinstance(values, Mapping):
+            problems += _key_problems(all_sections, section, values)
         else:
-            problems.append(_misplaced(known, section))
+            problems.append(_misplaced(all_sections, section))
     if problems:
         raise InputError([f"{path}: {line}" for line in problems])
 
     observer = {}
     for section in _OBSERVER_WORDS:
-        for key, value in found.get(section, {}).items():
+        for key, value in table.get(section, {}).items():
             observer[f"{section}_{key}"] = real(value)
     prior = DEFAULT
-    if PAPER in found:
-        prior = Prior(**{key: _number(value) for key, value in found[PAPER].items()})
+    if PAPER in table:
+        prior = Prior(**{key: _number(value) for key, value in table[PAPER].items()})
     return replace(prior, observer=ObserverPrior(**observer))
 
 
@@ -103,23 +103,25 @@ def _number(value: Any) -> Any:
 
 
 def _key_problems(
-    known: Mapping[str, Mapping[str, PriorField]], section: str, values: Mapping[str, Any]
+    all_sections: Mapping[str, Mapping[str, PriorField]], section: str, values: Mapping[str, Any]
 ) -> list[str]:
     """What is wrong with the keys of a section, one line each."""
     problems = []
     for key, value in values.items():
-        problems += number_problems(known[section], key, value)
+        problems += number_problems(all_sections[section], key, value)
     return [f"[{section}] {line}" for line in problems]
 
 
-def _misplaced(known: Mapping[str, Mapping[str, PriorField]], key: str) -> str:
+def _misplaced(all_sections: Mapping[str, Mapping[str, PriorField]], key: str) -> str:
     """What is wrong with a key that stands outside the sections."""
-    allowed = f"allowed: sections {', '.join(f'[{section}]' for section in known)}"
-    if key in known:
-        return f"{key}: found no section, allowed: [{key}] and below it {', '.join(known[key])}"
-    if key in known[PAPER]:
+    section_names = ", ".join(f"[{section}]" for section in all_sections)
+    if key in all_sections:
+        return (
+            f"{key}: found no section, allowed: [{key}] and below it {', '.join(all_sections[key])}"
+        )
+    if key in all_sections[PAPER]:
         return f"key {key}: found outside of the sections, allowed: in the section [{PAPER}]"
-    return f"key {quoted(key)}: unknown, {allowed}"
+    return f"key {quoted(key)}: unknown, allowed: sections {section_names}"
 
 
 def example_file() -> str:
@@ -144,17 +146,17 @@ def example_file() -> str:
 PRESETS = {"default": DEFAULT, "paper": Prior()}
 
 
-def preset_or_file(given: str | Path | None) -> Prior:
+def preset_or_file(source: str | Path | None) -> Prior:
     """The preset of this name, or the prior in the file of this path; None is the default."""
-    if given is None:
+    if source is None:
         return DEFAULT
-    allowed = f"{', '.join(map(repr, PRESETS))}, a TOML file, or in Python a Prior"
-    require_kind("prior", given, (str, os.PathLike), allowed)
-    if str(given) in PRESETS:
-        return PRESETS[str(given)]
-    if not Path(given).suffix and not Path(given).exists():
-        raise InputError(f"prior {str(given)!r}: no such preset or file, allowed: {allowed}")
-    return read_prior(given)
+    kinds = f"{', '.join(map(repr, PRESETS))}, a TOML file, or in Python a Prior"
+    require_kind("prior", source, (str, os.PathLike), kinds)
+    if str(source) in PRESETS:
+        return PRESETS[str(source)]
+    if not Path(source).suffix and not Path(source).exists():
+        raise InputError(f"prior {str(source)!r}: no such preset or file, allowed: {kinds}")
+    return read_prior(source)
 
 
 def prior_for(study: Study, prior: Prior | str | None = None) -> Prior:
@@ -182,14 +184,14 @@ def prior_for(study: Study, prior: Prior | str | None = None) -> Prior:
     --------
     >>> from bayes_toe.data.study import Subject
     >>> study = Study([Subject("S", [0.0, 0.0], [0.0, 0.5], [9, 4], [10, 10])])
-    >>> prior_for(study).describe()
-    'mu1 ~ Normal(M, 2.5 R), width ~ LogNormal(D, 1), gamma ~ Uniform(0, 1), q0 ~ Beta(4, 1); M mean and R sd of the stimuli, D rms step'
+    >>> prior_for(study).describe().split("; ")[0]
+    'mu1 ~ Normal(M, 2.5 R), width ~ LogNormal(D, 1), gamma ~ Uniform(0, 1), q0 ~ Beta(4, 1)'
     """
     require_study(study)
-    given = prior if isinstance(prior, Prior) else preset_or_file(prior)
+    study_prior = prior if isinstance(prior, Prior) else preset_or_file(prior)
     for subject in study:
-        given.at(subject)
+        study_prior.at(subject)
     reference = None
     if study.intervals:
-        reference = reference_interval(given.reference_interval, *study)
-    return replace(given, reference_interval=reference)
+        reference = reference_interval(study_prior.reference_interval, *study)
+    return replace(study_prior, reference_interval=reference)

@@ -133,9 +133,9 @@ class TrialHistoryPosterior:
         """What the likelihood is a product over."""
         trials = self.trials
         rows = np.flatnonzero(trials.is_answered)
-        before = trials.earlier(1)[rows]
+        earlier = trials.earlier(1)[rows]
         pair, is_yes = trials.pair[rows], trials.answer[rows] > 0.0
-        response = np.where(before >= 0, trials.answer[before], 0.0)
+        response = np.where(earlier >= 0, trials.answer[earlier], 0.0)
         if self.model.has_carry_over:
             own_cell = np.arange(len(rows))
             return _Cells(pair, response, own_cell, is_yes.astype(float), (~is_yes).astype(float))
@@ -165,11 +165,11 @@ class TrialHistoryPosterior:
         first, second = self._stimuli
         expectation = rho * (1.0 - p) * (second + p * first)
         decay = rho * np.square(p)
-        before = np.zeros(len(x))
+        carried = np.zeros(len(x))
         for t, begins in enumerate(self.trials.begins):
-            own = np.zeros(len(x)) if begins else before
-            before = expectation[t] + decay * own
-            expectation[t] = own
+            drawn_to = np.zeros(len(x)) if begins else carried
+            carried = expectation[t] + decay * drawn_to
+            expectation[t] = drawn_to
         return np.asarray(expectation)
 
     def log_likelihood(self, x: FloatArray) -> FloatArray:
@@ -188,13 +188,15 @@ class TrialHistoryPosterior:
 
     def _part_likelihood(self, x: FloatArray) -> FloatArray:
         """The log likelihood of a few points, (points,)."""
-        yes, no = self._batch.plain_answers_at(*self._at(x))
+        yes, no = self._batch.plain_answers_at(*self._observer_at(x))
         terms = xlogy(self._cells.n_yes, yes) + xlogy(self._cells.n_no, no)
         return np.asarray(terms[0].sum(axis=1))
 
     def trial_probabilities(self, x: FloatArray) -> FloatArray:
         """P of the answer that the task counts in every answered trial, (points, trials)."""
-        cells = [self._batch.plain_answers_at(*self._at(part))[0][0] for part in self._parts(x)]
+        cells = [
+            self._batch.plain_answers_at(*self._observer_at(part))[0][0] for part in self._parts(x)
+        ]
         return np.asarray(np.concatenate(cells)[:, self._cells.cell])
 
     def _parts(self, x: FloatArray) -> list[FloatArray]:
@@ -202,7 +204,9 @@ class TrialHistoryPosterior:
         n_cells = len(self._cells.pair)
         return np.array_split(x, max(1, -(-len(x) * n_cells // _BLOCK)))
 
-    def _at(self, x: FloatArray) -> tuple[Mapping[str, FloatArray], FloatArray, FloatArray | None]:
+    def _observer_at(
+        self, x: FloatArray
+    ) -> tuple[Mapping[str, FloatArray], FloatArray, FloatArray | None]:
         """The observer's parameters at points, distances and criteria, (1, points, cells) each."""
         batch = self._batch
         values = batch.quantities(self.observer.full_points(self._of_order(x)))
@@ -221,8 +225,8 @@ class TrialHistoryPosterior:
 
     def log_prior(self, x: FloatArray) -> FloatArray:
         """Log prior density, (points, k) -> (points,)."""
-        own = x[:, len(self.observer.coordinates) :]
-        log_normal = -0.5 * (np.square(own) + LOG_2PI).sum(axis=1)
+        scores = x[:, len(self.observer.coordinates) :]
+        log_normal = -0.5 * (np.square(scores) + LOG_2PI).sum(axis=1)
         return np.asarray(self.observer.log_prior(self._of_order(x)) + log_normal)
 
     def sample_prior(self, rng: Random, size: int) -> FloatArray:

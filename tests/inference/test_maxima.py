@@ -8,7 +8,7 @@ import pytest
 from reference.hard_cases import hard_cases
 from scipy.optimize import minimize
 
-from bayes_toe.inference.maxima import ascend, find_maxima
+from bayes_toe.inference.maxima import Expansion, ascend, find_maxima
 from bayes_toe.model.paper_model import paper_posterior
 from bayes_toe.model.prior import Prior
 
@@ -21,26 +21,18 @@ class Quadratics:
     def __init__(self, matrices, maxima):
         self.matrices, self.maxima = matrices, maxima
 
-    def value(self, x, index):
-        return 0.5 * np.sum((x - self.maxima[:, index]) * self.derivatives(x, index)[0], axis=0)
-
-    def derivatives(self, x, index):
-        return -np.einsum(
-            "ijn,jn->in", self.matrices[:, :, index], x - self.maxima[:, index]
-        ), -self.matrices[:, :, index]
+    def expand(self, x, index):
+        distance = x - self.maxima[index]
+        gradient = -np.einsum("nij,nj->ni", self.matrices[index], distance)
+        return Expansion(0.5 * (distance * gradient).sum(axis=1), gradient, self.matrices[index])
 
 
-class Saddle:
+def saddle(x, index):
     """x^2 - x^4 - y^2: a saddle at 0, maxima at +-1/sqrt(2)."""
-
-    def value(self, x, index):
-        return x[0] ** 2 - x[0] ** 4 - x[1] ** 2
-
-    def derivatives(self, x, index):
-        a, b = x
-        hessian = np.zeros((2, 2, x.shape[1]))
-        hessian[0, 0], hessian[1, 1] = 2 - 12 * a**2, -2.0
-        return np.stack([2 * a - 4 * a**3, -2 * b]), hessian
+    a, b = x.T
+    curvature = np.zeros((len(x), 2, 2))
+    curvature[:, 0, 0], curvature[:, 1, 1] = 12 * a**2 - 2, 2.0
+    return Expansion(a**2 - a**4 - b**2, np.stack([2 * a - 4 * a**3, -2 * b], axis=-1), curvature)
 
 
 @pytest.fixture
@@ -48,55 +40,68 @@ def quadratics():
     rng = np.random.default_rng(1)
     factors = rng.normal(size=(50, 4, 4))
     matrices = factors @ factors.transpose(0, 2, 1) + 0.01 * np.eye(4)
-    return Quadratics(np.moveaxis(matrices, 0, -1), rng.normal(size=(4, 50)))
+    return Quadratics(matrices, rng.normal(size=(4, 50)).T)
 
 
 def test_every_start_reaches_its_own_maximum(quadratics):
-    result = ascend(quadratics, np.zeros((4, 50)))
-    assert result.arrived.all()
+    result = ascend(quadratics.expand, np.zeros((50, 4)))
+    assert result.has_converged.all()
     assert result.x == pytest.approx(quadratics.maxima, abs=1e-4)
     assert result.value == pytest.approx(np.zeros(50), abs=1e-11)
 
 
+def test_one_start_goes_the_way_of_many(quadratics):
+    together = ascend(quadratics.expand, np.zeros((50, 4)), most_steps=3)
+    alone = ascend(lambda x, _: quadratics.expand(x, np.array([7])), np.zeros((1, 4)), most_steps=3)
+    assert alone.x[0] == pytest.approx(together.x[7], rel=1e-9)
+    promised = -1.001 * quadratics.expand(np.zeros((50, 4)), np.arange(50)).value[7]
+    unmoved = ascend(
+        lambda x, _: quadratics.expand(x, np.array([7])), np.zeros((1, 4)), least_gain=promised
+    )
+    assert np.array_equal(unmoved.x, np.zeros((1, 4)))
+
+
 def test_bounds_hold_and_the_multipliers_have_the_right_sign(quadratics):
-    result = ascend(quadratics, np.full((4, 50), 1.0), lower=-0.2)
-    assert result.arrived.all()
+    result = ascend(quadratics.expand, np.full((50, 4), 1.0), lower=-0.2)
+    assert result.has_converged.all()
     assert (result.x >= -0.2).all()
     at_bound = result.x == -0.2
-    assert at_bound.any(axis=0).mean() > 0.5
+    assert at_bound.any(axis=1).mean() > 0.5
     assert (result.gradient[at_bound] <= 0).all()
     assert np.abs(result.gradient[~at_bound]).max() < 1e-4
 
 
-def test_fixed_coordinates_stay(quadratics):
-    start = np.random.default_rng(2).normal(size=(4, 50))
-    result = ascend(quadratics, start, fixed=np.array([True, False, True, False])[:, None])
-    assert np.array_equal(result.x[[0, 2]], start[[0, 2]])
-    assert np.abs(result.gradient[[1, 3]]).max() < 1e-4
+def test_held_coordinates_stay(quadratics):
+    start = np.random.default_rng(2).normal(size=(50, 4))
+    result = ascend(quadratics.expand, start, is_held=[True, False, True, False])
+    assert np.array_equal(result.x[:, [0, 2]], start[:, [0, 2]])
+    assert np.abs(result.gradient[:, [1, 3]]).max() < 1e-4
 
 
 def test_a_saddle_is_left_uphill():
-    result = ascend(Saddle(), np.array([[1e-6, -1e-6, 0.3], [0.5, 0.5, 0.5]]))
-    assert result.arrived.all()
-    assert np.abs(result.x[0]) == pytest.approx(np.full(3, 0.5**0.5), abs=1e-6)
+    result = ascend(saddle, np.array([[1e-6, 0.5], [-1e-6, 0.5], [0.3, 0.5]]))
+    assert result.has_converged.all()
+    assert np.abs(result.x[:, 0]) == pytest.approx(np.full(3, 0.5**0.5), abs=1e-6)
 
 
-def test_what_does_not_arrive_says_so():
-    class Slope:
-        def value(self, x, index):
-            return x[0]
+def test_what_does_not_converge_says_so():
+    def slope(x, index):
+        return Expansion(x[:, 0], np.ones_like(x), np.zeros((len(x), 1, 1)))
 
-        def derivatives(self, x, index):
-            return np.ones_like(x), np.zeros((1, *x.shape))
+    assert not ascend(slope, np.zeros((3, 1)), most_steps=20).has_converged.any()
 
-    assert not ascend(Slope(), np.zeros((1, 3)), iterations=20).arrived.any()
+
+def test_a_search_ends_before_a_step_that_promises_too_little(quadratics):
+    result = ascend(quadratics.expand, np.zeros((50, 4)), least_gain=1e9)
+    assert np.array_equal(result.x, np.zeros((50, 4)))
+    assert not result.has_converged.any()
 
 
 @pytest.mark.parametrize("name", ["funnel", "maximum on gamma = 1", "400 pairs with 3 trials"])
 def test_newton_is_never_beaten_by_a_general_optimiser(name):
     posterior = paper_posterior(CASES[name])
     maxima = find_maxima(posterior)
-    assert maxima.arrived
+    assert maxima.has_converged
     simplex = {"maxiter": 4000, "xatol": 1e-8, "fatol": 1e-9}
 
     def minus_log_density(x):
@@ -120,4 +125,4 @@ def test_two_maxima_are_both_found():
 
 def test_a_maximum_that_does_not_exist_is_not_claimed():
     # Under the paper's prior a perfect observer's density rises without end toward gamma = 0.
-    assert not find_maxima(paper_posterior(CASES["perfect observer"], Prior())).arrived
+    assert not find_maxima(paper_posterior(CASES["perfect observer"], Prior())).has_converged

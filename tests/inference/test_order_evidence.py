@@ -77,7 +77,7 @@ def test_a_criterion_near_zero_is_no_numerical_failure():
 
 def test_draws_by_which_a_mixture_is_changed_do_not_count(evidence, monkeypatch):
     module = "bayes_toe.inference.order_evidence"
-    monkeypatch.setattr(f"{module}._JUDGED_FROM", 500)
+    monkeypatch.setattr(f"{module}._FEWEST_ASSESSED", 500)
     monkeypatch.setattr(f"{module}._HEAVY", 0.0)  # eight times a new mixture
     changed = order_evidence([SHIFTED], seed=3)[0]
     difference = np.abs(changed.log_evidence - evidence.log_evidence)

@@ -227,7 +227,7 @@ def test_a_thousand_million_trials_a_pair(posterior):
     x = prior_draws(posterior, 100)
     assert large.log_likelihood(x) == pytest.approx(1e7 * posterior.log_likelihood(x), rel=1e-12)
     maxima = find_maxima(large)
-    assert maxima.arrived
+    assert maxima.has_converged
     assert np.linalg.eigvalsh(maxima.curvature[0])[0] > 0.0
 
 

@@ -115,7 +115,8 @@ def test_a_hessian_by_differences(task):
         return target.gradient(x)[1]
 
     assert np.abs(hessian(gradient, x)[0] - exact).max() < 1e-7 * np.abs(exact).max()
-    slopes, bends = one_sided(gradient, x, np.abs(np.diag(exact))[None])
+    value, slopes, bends = one_sided(target.gradient, x, np.abs(np.diag(exact))[None])
+    assert (value == target.log_density(x)).all()
     assert (slopes == gradient(x)).all()
     assert np.abs(bends[0] - exact).max() < 1e-5 * np.abs(exact).max()
 
