@@ -24,7 +24,12 @@ from reference.calibration_statistics import ecdf_difference, place, reliability
 from reference.tempering import MODELS, Observer, answer_probabilities
 
 import bayes_toe as bt
-from bayes_toe.answers.model_average import HAS_CONTRACTION, HAS_ERROR, averaged_draws
+from bayes_toe.answers.model_average import (
+    EVERY_MODEL,
+    HAS_CONTRACTION,
+    HAS_ERROR,
+    averaged_draws,
+)
 from bayes_toe.answers.order_effect import QUESTIONS
 from bayes_toe.data.tables import write_table
 from bayes_toe.data.whole_files import require_writable, whole_file
@@ -120,7 +125,7 @@ def row(
     for question, has in QUESTIONS.items():
         log_with = np.logaddexp.reduce(log_joint[has])
         entries[f"log_odds_{question}"] = log_with - np.logaddexp.reduce(log_joint[~has])
-    models = {"constant_error": HAS_ERROR, "contraction": HAS_CONTRACTION, "jnd": None}
+    models = {"constant_error": HAS_ERROR, "contraction": HAS_CONTRACTION, "jnd": EVERY_MODEL}
     for quantity, has in models.items():
         entries[f"rank_{quantity}"] = np.nan
         if quantity in observer.truth:

@@ -115,7 +115,7 @@ def assert_sum_of_terms(value, summands, tolerance):
     """A float within so much of the terms' sizes; terms beyond the largest float do not count."""
     size = mpmath.fsum(summands, absolute=True)
     if size < mpf("1e300"):
-        near = 4e-16  # of a coordinate next to the middle of its prior: its own rounding
+        near = 4e-15  # the rounding of a coordinate next to the middle of its prior
         error = abs(mpf(float(value)) - mpmath.fsum(summands))
         assert error <= tolerance * max(size, mpf("1e-80")) + near, (value, summands)
 

@@ -19,11 +19,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple, cast
 import numpy as np
 from scipy.special import logsumexp, softmax
 
-from bayes_toe.answers.order_effect import Size, format_bayes_factor, format_percent, format_share
+from bayes_toe.answers.order_effect import Size, format_bayes_factor, format_share, format_signed
 from bayes_toe.answers.study_summary import count_words
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.conditions import Conditions
 from bayes_toe.data.messages import bare, capitalized, counted, listed
+from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit
 from bayes_toe.data.study import Study, Subject, by_person, require_study
 from bayes_toe.data.tables import Table, frame_of
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
@@ -133,16 +134,15 @@ class Difference(NamedTuple):
         return _SHORT_WORDS[WORDS.index(self.word)] if self.word else ""
 
     @property
-    def unit(self) -> str:
-        """The unit in which figures and reports show it."""
-        return "no unit" if self.quantity == "contraction" else "%"
+    def has_unit(self) -> bool:
+        """Whether the quantity is an intensity."""
+        return self.quantity != "contraction"
 
-    @property
-    def interval(self) -> Size:
-        """The median and 95 % interval; those of an intensity in per cent, 100 (e^x - 1)."""
+    def interval(self, unit: StimulusUnit) -> Size:
+        """The median and 95 % interval; those of an intensity in the unit of differences."""
         quantiles = np.array([self.q025, self.q50, self.q975])
-        if self.unit == "%":
-            quantiles = 100.0 * np.expm1(quantiles)
+        if self.has_unit:
+            quantiles = unit.differences(quantiles)
         return Size(*quantiles.tolist())
 
     @property
@@ -150,19 +150,19 @@ class Difference(NamedTuple):
         """The Bayes factor of a difference against none, in words."""
         return "-" if self.log_bf_differs is None else format_bayes_factor(self.log_bf_differs)
 
-    @property
-    def size(self) -> str:
+    def size(self, unit: StimulusUnit) -> str:
         """The median with its 95 % interval; only a difference with a direction has a sign.
 
         Examples
         --------
         >>> ends = (-0.0012, 0.001, 0.0104, 0.018, 0.019)
-        >>> Difference("S", "JND", "b - a", 0.01, 0.01, *ends, 0.98, 2.5, 0.01, "yes").size
+        >>> row = Difference("S", "JND", "b - a", 0.01, 0.01, *ends, 0.98, 2.5, 0.01, "yes")
+        >>> row.size(StimulusUnit())
         '+1.0 % [-0.1, +1.9]'
         """
-        if self.unit != "%":
-            return format_share(self.interval, "+")
-        text = format_percent(self.interval)
+        if not self.has_unit:
+            return format_share(self.interval(unit), "+")
+        text = format_signed(self.interval(unit), f" {unit.of_differences}")
         return text.replace("+", "") if self.p_direction is None else text
 
     @property
@@ -222,6 +222,7 @@ class ContrastTable(Table[Difference]):
     prior: ObserverPrior
     seed: int
     task: Task = SAME_DIFFERENT
+    unit: StimulusUnit = UNKNOWN_UNIT
     left_out: dict[str, str] = field(default_factory=dict)
     failed: dict[str, str] = field(default_factory=dict)
 
@@ -297,7 +298,8 @@ def contrast(
     if not subjects:
         raise WorkerError("\n".join(f"{name}: {reason}" for name, reason in failed.items()))
     rows = tuple(chain.from_iterable(subject.rows for subject in subjects))
-    return ContrastTable(rows, subjects, conditions, numbers, root, study.task, left_out, failed)
+    about_study = (conditions, numbers, root, study.task, study.unit)
+    return ContrastTable(rows, subjects, *about_study, left_out, failed)
 
 
 def _require_conditions(study: Study) -> Conditions:

@@ -30,6 +30,7 @@ from bayes_toe.arrays import BoolArray, FloatArray
 from bayes_toe.checks.answer_checks import Finding
 from bayes_toe.checks.identification import Identification, identify
 from bayes_toe.data.messages import capitalized, join_words
+from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit, percent
 from bayes_toe.data.study import Subject
 from bayes_toe.inference.order_evidence import MODEL_NAMES, OrderEvidence, order_evidence
 from bayes_toe.inference.predictive_checks import MISFIT, FitSummary, PairFit, summarise_fit
@@ -81,6 +82,10 @@ class Size:
     q50: float
     q975: float
 
+    def from_percent(self, unit: StimulusUnit) -> Size:
+        """A difference in per cent of intensity in the unit of the stimuli."""
+        return Size(*unit.from_percent([self.q025, self.q50, self.q975]).tolist())
+
 
 @dataclass(frozen=True)
 class Problem:
@@ -123,6 +128,8 @@ class OrderEffect:
     predictive_p, deviance_p, history_p : float or None
     log_evidence, standard_error, laplace : mapping of str to float
         Of each model.
+    unit : StimulusUnit
+        The unit in which sizes are shown.
     notes : tuple of str
         What the design leaves open for this subject.
     reasons : mapping of str to str
@@ -149,6 +156,7 @@ class OrderEffect:
     log_evidence: Mapping[str, float]
     standard_error: Mapping[str, float]
     laplace: Mapping[str, float]
+    unit: StimulusUnit = UNKNOWN_UNIT
     notes: tuple[str, ...] = ()
     reasons: Mapping[str, str] = field(default_factory=dict)
     problems: tuple[Problem, ...] = ()
@@ -201,15 +209,23 @@ class OrderEffect:
                 word += " ?"
         return word
 
+    def size(self, name: str) -> Size:
+        """One of :data:`SIZES`; one in per cent in the unit of differences."""
+        size = self.sizes[name]
+        return size.from_percent(self.unit) if name.endswith("percent") else size
+
     def format_size(self, name: str) -> str:
         """One of :data:`SIZES` with its 95 % interval and its unit."""
-        size = self.sizes[name]
+        size = self.size(name)
         if name == "contraction_p":
             return format_share(size)
-        if name.startswith("pse_shift"):
-            return format_percent(size, "" if name.endswith("jnd") else " %")
+        if name == "pse_shift_jnd":
+            return format_signed(size)
+        unit = f" {self.unit.of_differences}"
+        if name == "pse_shift_percent":
+            return format_signed(size, unit)
         low, median, high = (format_number(value) for value in (size.q025, size.q50, size.q975))
-        return f"{median} % [{low}, {high}]"
+        return f"{median}{unit} [{low}, {high}]"
 
     @property
     def cells(self) -> Mapping[str, object]:
@@ -288,12 +304,12 @@ def format_probability(probability: float) -> str:
     return f"= {probability:.2f}".replace("0.", ".")
 
 
-def format_percent(size: Size, unit: str = " %") -> str:
-    """A signed size in per cent with its 95 % interval, two digits of the largest number.
+def format_signed(size: Size, unit: str = "") -> str:
+    """A signed size with its unit and 95 % interval, two digits of the largest number.
 
     Examples
     --------
-    >>> format_percent(Size(2.5, 5.61, 8.3)), format_percent(Size(-0.4, 11.7, 22.1), "")
+    >>> format_signed(Size(2.5, 5.61, 8.3), " %"), format_signed(Size(-0.4, 11.7, 22.1))
     ('+5.6 % [+2.5, +8.3]', '+12 [-0, +22]')
     """
     largest = max(abs(size.q025), abs(size.q50), abs(size.q975))
@@ -425,6 +441,7 @@ def order_effect(
         log_bayes_factors=log_bayes_factors,
         sizes=sizes,
         upper_bounds=upper_bounds,
+        unit=evidence.subject.unit,
         best_model=MODEL_NAMES[best],
         predictive_p=predictive_p,
         deviance_p=deviance_p,
@@ -525,12 +542,6 @@ def _sizes(evidence: OrderEvidence) -> tuple[dict[str, Size], dict[str, float], 
     if typical_lever > _FAR_ROVING * evidence.scales.step:
         flags.append(ROVING_FLAG)
     return sizes, upper_bounds, flags
-
-
-def percent(difference: FloatArray) -> FloatArray:
-    """Per cent of intensity that a difference of natural-log intensities is."""
-    with np.errstate(over="ignore"):
-        return np.asarray(100.0 * np.expm1(difference))
 
 
 def _size(draws: AveragedDraws, values: FloatArray) -> Size:

@@ -25,7 +25,6 @@ from bayes_toe.answers.words import Word, word_for
 from bayes_toe.arrays import BoolArray, FloatArray
 from bayes_toe.data.study import Study, Subject, require_study
 from bayes_toe.data.tables import SubjectTable
-from bayes_toe.data.trial_sequence import require_order
 from bayes_toe.errors import NumericalError
 from bayes_toe.inference.adaptation import quick_proposal, redrawn
 from bayes_toe.inference.evidence import importance_evidence
@@ -36,7 +35,7 @@ from bayes_toe.model.parameters import ObserverPrior
 from bayes_toe.model.posterior import SampledPosterior
 from bayes_toe.model.prior import Prior
 from bayes_toe.model.prior_file import prior_for
-from bayes_toe.model.trial_history import TrialHistory, TrialHistoryPosterior
+from bayes_toe.model.trial_history import TrialHistory, TrialHistoryPosterior, require_order
 from bayes_toe.result_store import open_store
 from bayes_toe.seeds import generator
 from bayes_toe.workers import Progress, Workers

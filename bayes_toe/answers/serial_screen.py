@@ -25,9 +25,9 @@ from scipy.special import chdtrc
 
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Subject
-from bayes_toe.data.trial_sequence import TrialSequence, knows_order
 from bayes_toe.model.observer import ObserverPosterior
 from bayes_toe.model.parameters import CONSTANT_ERROR, task_parameters
+from bayes_toe.model.trial_history import TrialSequence, knows_order
 
 #: Columns of the regressors.
 _ANSWER, _FIRST, _SECOND, _MOVING = range(4)

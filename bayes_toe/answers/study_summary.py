@@ -12,6 +12,7 @@ from bayes_toe.answers.order_effect import QUESTIONS, OrderEffect
 from bayes_toe.answers.words import Word
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.messages import capitalized, counted, listed
+from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit
 from bayes_toe.data.validation import AT
 from bayes_toe.inference.predictive_checks import PairFit
 from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION, ORDER_MODELS
@@ -200,7 +201,7 @@ def few_subjects_lines(answers: Sequence[OrderEffect]) -> list[str]:
 # --- Poor fits -----------------------------------------------------------------------------------
 
 
-def describe_pair(pair: PairFit) -> str:
+def describe_pair(pair: PairFit, unit: StimulusUnit = UNKNOWN_UNIT) -> str:
     """A pair with the observed and the expected share of the response that the task counts.
 
     Examples
@@ -211,4 +212,4 @@ def describe_pair(pair: PairFit) -> str:
     interval = "" if pair.isi is None else f" at {pair.isi:g} s"
     observed, expected = 100.0 * pair.observed, 100.0 * pair.expected
     response = f"{pair.answer!r} in {observed:.0f} %, expected {expected:.0f} %"
-    return f"({pair.s1:.3g}, {pair.s2:.3g}){interval}: {response}"
+    return f"({unit.describe(pair.s1)}, {unit.describe(pair.s2)}){interval}: {response}"

@@ -68,7 +68,6 @@ _ENOUGH_TRIALS = 1000.0  # that tell the shape of answers; more count as so many
 #: Differences at which a peak of 'equal' may lie: near equality, or wherever stimuli are.
 _NEAR_POINTS = (-0.5, -0.25, 0.0, 0.25, 0.5)
 _ALL_POINTS = (-1.0, *_NEAR_POINTS, 1.0)
-_ROUNDING = 0.25  # of the smallest difference, within which differences are one step
 _WINDOW = 16  # rows in sequence by which repeated trials are looked for
 #: Logits by which a block's answers may differ from those of the others, with Laplace's prior.
 _MOVES = np.linspace(-6.0, 6.0, 25)
@@ -318,25 +317,13 @@ def _shapes(subject: Subject, peaks: tuple[float, ...] = ()) -> tuple[float, flo
     That is s2 - s1. With peaks it is nearness to one of these differences, in units of the
     largest, to which a constant error may have moved the peak.
     """
-    difference = _without_rounding(subject.s2 - subject.s1)
+    # By single differences a shape could follow other properties of pairs in rounding errors.
+    difference = subject.steps
     largest = float(np.abs(difference).max())
     candidates = [-np.abs(difference - largest * peak) for peak in peaks] or [difference]
     rising = max(_isotonic(x, subject, True) for x in candidates)
     falling = max(_isotonic(x, subject, False) for x in candidates)
     return rising, falling
-
-
-def _without_rounding(difference: FloatArray) -> FloatArray:
-    """Differences of pairs; those that only the rounding of the stimuli distinguishes are equal.
-
-    Otherwise a shape could follow the other properties of pairs by the order of rounding errors.
-    """
-    values, index = np.unique(difference, return_inverse=True)
-    smallest = np.abs(values[values != 0.0]).min(initial=np.inf)
-    is_next_step = np.diff(values) > _ROUNDING * smallest
-    step = np.concatenate([[0], np.cumsum(is_next_step)])
-    means = np.bincount(step, values) / np.bincount(step)
-    return np.asarray(means[step][index])
 
 
 def _isotonic(x: FloatArray, subject: Subject, is_rising: bool) -> float:

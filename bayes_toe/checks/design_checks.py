@@ -107,7 +107,7 @@ def _raw_stimuli(study: Study) -> Iterator[Finding]:
     """Stimuli that are too large, or too far apart, to be natural logs."""
     stimuli = np.concatenate([np.concatenate([subject.s1, subject.s2]) for subject in study])
     low, high = float(stimuli.min()), float(stimuli.max())
-    has_unit = "i1" in study.reading.read or study.reading.unit != ""
+    has_unit = "i1" in study.reading.read or study.unit.name != ""
     if has_unit or max(high - low, low) <= LARGEST_LOG:
         return
     message = (

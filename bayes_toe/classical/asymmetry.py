@@ -34,6 +34,7 @@ from scipy.stats import boschloo_exact, hypergeom
 from bayes_toe.arrays import FloatArray, IntArray
 from bayes_toe.classical.frequencies import accuracy, laplace_error, laplace_estimate
 from bayes_toe.data.messages import counted
+from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit
 from bayes_toe.data.study import (
     Study,
     Subject,
@@ -155,6 +156,7 @@ class AsymmetryTable(SubjectTable[SubjectAsymmetry]):
     """Asymmetries of every subject of a study, in the study's order."""
 
     task: Task = SAME_DIFFERENT
+    unit: StimulusUnit = UNKNOWN_UNIT
 
     @property
     def share_of(self) -> str:
@@ -258,7 +260,7 @@ def asymmetry(study: Study) -> AsymmetryTable:
 
 def asymmetry_table(study: Study) -> AsymmetryTable:
     """The table of :func:`asymmetry`, perhaps without a comparison."""
-    return AsymmetryTable(tuple(map(subject_asymmetry, study)), study.task)
+    return AsymmetryTable(tuple(map(subject_asymmetry, study)), study.task, study.unit)
 
 
 def subject_asymmetry(subject: Subject) -> SubjectAsymmetry:

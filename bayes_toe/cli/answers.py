@@ -36,7 +36,7 @@ _HEADINGS = (
     "order\neffect",
     "constant\nerror",
     "contraction",
-    "PSE shift, %\n[95 % interval]",
+    "PSE shift, {unit}\n[95 % interval]",
     "contraction p\n[95 % int.]",
 )
 #: Words beside which no size stands.
@@ -113,13 +113,15 @@ def print_subjects(out: Terminal, answers: Sequence[OrderEffect], file: str = OU
     selected = [answer for answer in answers if answer.subject in names]
     letters = reason_letters(selected)
     rows = [subject_row(answer, letters) for answer in selected]
+    unit = answers[0].unit.of_differences
+    headings = [heading.format(unit=unit) for heading in _HEADINGS]
     longest = max((len(row[0]) for row in rows), default=0)
     for long, short in ((", ", ","), ("probably not", "prob. not")):
-        if not is_narrow(_HEADINGS, rows, max(longest, len(_HEADINGS[0]))):
+        if not is_narrow(headings, rows, max(longest, len(headings[0]))):
             for row in rows:
                 row[1:] = [cell.replace(long, short) for cell in row[1:]]
     if rows:
-        out.table(_HEADINGS, rows)
+        out.table(headings, rows)
     for reason, letter in letters.items():
         out.line(f"{letter} Cannot be told, because {reason}.", indent=4)
     n_others = len(answers) - len(rows)
@@ -144,10 +146,11 @@ def subject_row(answer: OrderEffect, letters: Mapping[str, str]) -> list[str]:
     if reasons[0] and len(set(reasons)) == 1:
         return [name, f"cannot be told {letters[reasons[0]]}"]
     cells = [name]
+    unit = f" {answer.unit.of_differences}"
     for question, reason in zip(QUESTIONS, reasons, strict=True):
         cells.append(letters.get(reason) or str(answer.words[question].value))
     for question in SIZE_OF:
-        cells.append(effect_size(answer, question).replace(" %", "") or "-")
+        cells.append(effect_size(answer, question).replace(unit, "") or "-")
     return cells
 
 
@@ -191,7 +194,7 @@ def _marked_problems(answer: OrderEffect) -> list[tuple[str, str, str]]:
     for flag, problem in zip(answer.flags, answer.problems, strict=True):
         message, mark = problem.message, "-"
         if flag == MISFIT_FLAG and answer.worst_pairs:
-            message += f" Worst pair: {describe_pair(answer.worst_pairs[0])}."
+            message += f" Worst pair: {describe_pair(answer.worst_pairs[0], answer.unit)}."
         if flag.startswith(PRIOR_FLAG):
             mark = "?"
         elif problem.option or flag == MISFIT_FLAG:

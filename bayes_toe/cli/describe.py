@@ -115,7 +115,8 @@ def print_asymmetry(out: Terminal, table: AsymmetryTable) -> None:
         else:
             size = f"{largest.asymmetry:+.2f} ± {largest.asymmetry_se:.2f}"
             cells.append(without_zeros(size))
-            cells.append(f"{largest.s_weak:.3g}, {largest.s_strong:.3g}")
+            pair = (largest.s_weak, largest.s_strong)
+            cells.append(", ".join(map(table.unit.describe, pair)))
             cells += [format_p(largest.p_value), format_p(largest.p_adjusted)]
         rows.append(cells)
     headings = ["subject", "pairs", "largest q(c, r) - q(r, c)", "r, c", "p", "p (Holm)"]

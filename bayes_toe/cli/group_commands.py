@@ -120,7 +120,7 @@ def history(
     [bold]Example[/bold]: bayes-toe history trials.csv -o history.csv --seed 1
     """
     from bayes_toe.cli.within_screens import history_lines, print_histories
-    from bayes_toe.data.trial_sequence import require_order
+    from bayes_toe.model.trial_history import require_order
     from bayes_toe.plots.figure_files import picture_beside
 
     figure_file = picture_beside(output)

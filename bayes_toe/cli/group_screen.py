@@ -12,8 +12,8 @@ from bayes_toe.answers.order_effect import (
     format_bayes_factor,
     format_decimals,
     format_number,
-    format_percent,
     format_share,
+    format_signed,
     word_of_bayes_factor,
 )
 from bayes_toe.cli.terminal import Terminal
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 _EFFECTS = (CONSTANT_ERROR.name, CONTRACTION.name)
 _QUANTITIES = (*_EFFECTS, NOISE.name)
-#: Parameters between 0 and 1, or -1 and 1; the others are in per cent of intensity.
+#: Parameters between 0 and 1, or -1 and 1; the others are in the unit of differences.
 _SHARES = (CONTRACTION.name, PEAK.name)
 #: Names of the parameters of a group in sentences, as rows of its table, and of differences.
 _LABELS = {CONSTANT_ERROR.name: "PSE shift", CONTRACTION.name: "contraction p", NOISE.name: "JND"}
@@ -105,9 +105,14 @@ def _parameter_row(result: PopulationResult, name: str) -> list[str]:
 
 
 def group_estimate(result: PopulationResult, name: str, quantity: str = "mean") -> str:
-    """Median and 95 % interval of a mean, or of a new subject: per cent, p, or a probability."""
+    """Median and 95 % interval of a mean, or of a new subject, in the unit of the table."""
     [row] = result.table.select(quantity, _QUANTITY_OF.get(name, name))
-    return _format_size(name, row.q025, row.q50, row.q975, is_signed=name == CONSTANT_ERROR.name)
+    size = Size(row.q025, row.q50, row.q975)
+    if name in _SHARES:
+        return format_share(size)
+    unit = result.study.unit
+    text = format_signed(size.from_percent(unit), f" {unit.of_differences}")
+    return text if name == CONSTANT_ERROR.name else text.replace("+", "")
 
 
 def log_factor_of_mean(result: PopulationResult, name: str) -> float:
@@ -128,6 +133,7 @@ def _factor_and_word(log_factor: float) -> tuple[str, str]:
 def _spread(result: PopulationResult, name: str) -> str:
     """The SD between subjects with its interval; one that may be 0 as a bound."""
     j = result.index(name)
+    unit = f" {result.study.unit.of_differences}"
     mean, sd = result.draws.mean[..., j], result.draws.sd[..., j]
     # The SD is half the difference of subjects one SD above and one SD below the mean.
     above, below = result.in_units(name, mean + sd), result.in_units(name, mean - sd)
@@ -135,27 +141,18 @@ def _spread(result: PopulationResult, name: str) -> str:
         spread = 0.5 * (above - below)
     low, median, high, bound = np.quantile(spread, [0.025, 0.5, 0.975, 0.95]).tolist()
     if name not in _EFFECTS or result.effect(name).sd_at_most is None:
-        return _format_size(name, low, median, high)
-    limit = format_decimals(bound) if name in _SHARES else f"{format_number(bound)} %"
+        size = Size(low, median, high)
+        return format_share(size) if name in _SHARES else format_signed(size, unit).replace("+", "")
+    limit = format_decimals(bound) if name in _SHARES else f"{format_number(bound)}{unit}"
     return f"at most {limit}"
 
 
-def _format_size(
-    name: str, low: float, median: float, high: float, *, is_signed: bool = False
-) -> str:
-    """A value with its interval, as a share or in per cent."""
-    size = Size(low, median, high)
-    if name in _SHARES:
-        return format_share(size)
-    text = format_percent(size)
-    return text if is_signed else text.replace("+", "")
-
-
 def _format_difference(result: PopulationResult, row: PopulationRow) -> str:
-    """An effect on a mean: per cent of the PSE, p, the ratio of JNDs, or a logit."""
+    """An effect on a mean: a shift of the PSE, p, the ratio of JNDs, or a logit."""
     values = np.array([row.q025, row.q50, row.q975])
     if row.parameter == CONSTANT_ERROR.name:
-        return format_percent(Size(*result.shift_percent(values).tolist()))
+        size = Size(*result.in_units(row.parameter, values).tolist())
+        return format_signed(size, f" {result.study.unit.of_differences}")
     if row.parameter == CONTRACTION.name:
         return format_share(Size(*values.tolist()))
     sign = "+"

@@ -29,7 +29,6 @@ from bayes_toe.answers.order_effect import (
     OrderEffect,
     format_decimals,
     format_probability,
-    percent,
 )
 from bayes_toe.answers.study_summary import (
     APPENDIX_C,
@@ -88,7 +87,7 @@ Figure = Any  # of matplotlib, which is of another room
 
 #: Subjects up to which the report is one file.
 MAX_SUBJECTS = 200
-#: Differences of natural logs that are published in per cent too.
+#: Differences of natural logs that are published in the unit of differences too.
 _PUBLISHED = ("pse_shift", "jnd")
 _WIDE, _DOTS = 4.8, 160  # inches of a picture, legible on a telephone, and dots in an inch
 _MOST_LISTED = 10  # names or findings that a list of an index shows
@@ -637,7 +636,12 @@ def _parameter(analysis: Analysis, row: Any, fitted: Mapping[str, str]) -> list[
     n_effective = min(row.ess_bulk, row.ess_tail)
     cells = [row.parameter, _interval(draws, n_effective, 3)]
     is_published = row.parameter in _PUBLISHED
-    cells.append(_interval(percent(draws), n_effective, 1, " %") if is_published else "")
+    difference = ""
+    if is_published:
+        unit = analysis.study.unit
+        suffix = f" {unit.of_differences}"
+        difference = _interval(unit.differences(draws), n_effective, 1, suffix)
+    cells.append(difference)
     if analysis.fits.rows:
         cells.append(fitted.get(row.parameter, ""))
     cells.append(_number(row.posterior_contraction))

@@ -48,7 +48,7 @@ def _contrast_table(table: ContrastTable) -> tuple[list[str], list[list[str]]]:
         word = row.short_word or "-"
         if row.robust == "no":
             word += " ?"
-        size = "-" if row.short_word in ("no", "probably not") else row.size
+        size = "-" if row.short_word in ("no", "probably not") else row.size(table.unit)
         cells = [row.quantity, size, row.factor, word]
         rows.append(["" if label == label_before else label, *cells])
         label_before = label

@@ -136,14 +136,12 @@ class Reading:
     `read` are the columns that were, by our names, `ignored` those that were not, by their names in
     the file; `doubts` say what is probably a mistake in the file, a sentence each, without its full
     stop; `pooled` are ignored columns that look like a condition with several levels of a subject;
-    `unit` is that of the stimuli, where it is named.
     """
 
     read: tuple[str, ...] = ()
     ignored: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
     pooled: tuple[str, ...] = ()
-    unit: str = ""
 
 
 def counted_rows(

@@ -5,13 +5,13 @@ The options also say which of its columns are read.
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from bayes_toe.data.messages import bare, listed, quoted
+from bayes_toe.data.stimulus_unit import LOG_UNITS, StimulusUnit
 from bayes_toe.data.study import Study
 from bayes_toe.data.tasks import SAME_DIFFERENT, TASKS, WHICH_STRONGER, Task
 from bayes_toe.errors import InputError
@@ -24,13 +24,6 @@ COLUMNS = (
 #: Columns by which counts are no other: which trial came after which, for a look before answers are
 #: pooled and for models of history.
 LOOKED_AT = ("session", "block", "trial", "iti")
-#: Units of logarithms: natural logs in one of them.
-LOG_UNITS = {
-    "ln": 1.0,
-    "log10": math.log(10.0),
-    "dB": math.log(10.0) / 20.0,
-    "dB-power": math.log(10.0) / 10.0,
-}
 _TEXTS = ("correct", "condition", "reference", "standard_interval", "comparison_code", "unit")
 _MAY_BE_IGNORED = ("isi", *LOOKED_AT, "condition", "practice")
 _ANSWERS = {
@@ -53,6 +46,7 @@ class ReadOptions:
         Of the stimuli: "ln" (natural logs, the default), "log10", "dB" (20 per factor of ten of
         the amplitude) or "dB-power" (10 per factor of ten). Any other text, such as "g" or "Hz",
         is the unit of raw intensities in i1 and i2; REF is then 1 where no other one is given.
+        Screens and figures show stimuli in this unit, and their differences in dB or per cent.
     equal_code, different_code, second_code, first_code : str, optional
         The text that stands for this answer, which also decides the task; other texts for it are
         then refused.
@@ -159,13 +153,11 @@ class ReadOptions:
 
     def _number_problems(self) -> list[str]:
         """Problems of numbers, and of options that exclude or need each other, a line each."""
-        problems = []
-        if self.intensity is not None and not (
-            math.isfinite(self.intensity) and self.intensity > 0
-        ):
-            problems.append(
-                f"--intensity: found {self.intensity!r}, allowed: a positive finite number"
-            )
+        problems = list[str]()
+        try:
+            _ = self.stimulus_unit
+        except InputError as error:
+            problems += error.problems
         if self.intensity is not None and self.unit in LOG_UNITS:
             problems.append(
                 f"--intensity: found with --unit {self.unit}, allowed: --unit alone for logarithms"
@@ -257,6 +249,12 @@ class ReadOptions:
         if self.has_standard:
             return "standard", "comparison"
         return ("i1", "i2") if self.has_intensities else ("s1", "s2")
+
+    @property
+    def stimulus_unit(self) -> StimulusUnit:
+        """The unit in which stimuli and their differences are shown."""
+        reference = 1.0 if self.intensity is None else float(self.intensity)
+        return StimulusUnit(self.unit or "", reference)
 
     @property
     def unit_in_words(self) -> str:

@@ -32,7 +32,7 @@ from bayes_toe.data.column_roles import (
     with_likely_columns,
 )
 from bayes_toe.data.messages import bare, counted, listed, quoted, said_intervals
-from bayes_toe.data.options import COLUMNS, LOG_UNITS, ReadOptions, changed, subject_in
+from bayes_toe.data.options import COLUMNS, ReadOptions, changed, subject_in
 from bayes_toe.data.read_table import LARGEST_STUDY, read_table
 from bayes_toe.data.responses import (
     refuse_reversed,
@@ -42,6 +42,7 @@ from bayes_toe.data.responses import (
 )
 from bayes_toe.data.several_files import read_together
 from bayes_toe.data.standards import ALLOWED_INTERVALS, StandardOrder
+from bayes_toe.data.stimulus_unit import LOG_UNITS
 from bayes_toe.data.study import Study, Subject, by_person
 from bayes_toe.data.study_file import study_source, table_files
 from bayes_toe.data.tasks import (
@@ -518,7 +519,7 @@ def _stimulus(table: TextTable, column: Column, options: ReadOptions) -> FloatAr
         values = [value * LOG_UNITS[options.unit] for value in values]
     if options.has_intensities:
         # The difference of logs, because the ratio itself may overflow.
-        log_reference = math.log(options.intensity or 1.0)
+        log_reference = math.log(options.stimulus_unit.reference)
         values = [math.log(value) - log_reference if value > 0 else math.nan for value in values]
     return np.array(values, np.float64)[column.codes]
 
@@ -536,17 +537,18 @@ def _study(rows: _Rows, notes: list[str], k: IntArray, n: IntArray, task: Task) 
     is_trials = "n_trials" not in rows.columns
     missing, doubts = list[str](), list[str]()
     subjects = []
+    unit = rows.options.stimulus_unit
     if is_trials or "block" in rows.columns:
         answers, missing, doubts = answers_in_order(
             rows.table, rows.columns, rows.keys, parts, k, n
         )
         for name, given in answers.items():
-            subjects.append(Subject.from_answers(name, given, task))
+            subjects.append(Subject.from_answers(name, given, task, unit))
     else:
         values = (*rows.keys[:2], k, n, *rows.keys[2:])
         for name, part in parts.items():
             counts = [value[part] for value in values]
-            subjects.append(Subject.from_counts(name, *counts, task=task))
+            subjects.append(Subject.from_counts(name, *counts, task=task, unit=unit))
     if not is_trials:
         notes += _merged_note(parts, subjects)
         doubts += _percentage_doubts(n)
@@ -566,7 +568,6 @@ def _study(rows: _Rows, notes: list[str], k: IntArray, n: IntArray, task: Task) 
         tuple(rows.names_not_read),
         tuple(f"{source}: {doubt}" for doubt in doubts),
         tuple(rows.pooled_conditions),
-        rows.options.unit or "",
     )
     return Study(tuple(subjects), source, is_synthetic, tuple(notes), reading)
 

@@ -98,7 +98,9 @@ def _together(studies: Sequence[Study]) -> Study:
             continue
         several.append(f"{bare(name)} {len(files)}")
         if len(answers) == len(files):
-            subjects.append(Subject.from_answers(name, _joined(answers), files[0].task))
+            subjects.append(
+                Subject.from_answers(name, _joined(answers), files[0].task, files[0].unit)
+            )
         else:
             subjects.append(pooled([study[name] for study in files]))
     notes = [*_common_notes(studies)]
@@ -109,7 +111,7 @@ def _together(studies: Sequence[Study]) -> Study:
     for key in ("read", "ignored", "pooled"):
         of_files = chain.from_iterable(getattr(study.reading, key) for study in studies)
         names[key] = tuple(dict.fromkeys(of_files))
-    reading = Reading(**names, doubts=tuple(doubts), unit=studies[0].reading.unit)
+    reading = Reading(**names, doubts=tuple(doubts))
     source = f"{len(studies)} files, {studies[0].source} to {studies[-1].source}"
     is_synthetic = all(study.synthetic for study in studies)
     return Study(tuple(subjects), source, is_synthetic, tuple(notes), reading)

@@ -31,6 +31,7 @@ from bayes_toe.data.messages import (
     named_few,
     said_intervals,
 )
+from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit
 from bayes_toe.data.tables import frame_of
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.data.validation import AT
@@ -38,6 +39,10 @@ from bayes_toe.errors import InputError, require_kind
 
 if TYPE_CHECKING:
     import pandas as pd
+
+
+#: Share of the smallest difference of stimuli within which differences are one step.
+_ROUNDING = 0.25
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -60,6 +65,8 @@ class Subject:
         pair. None, the default, where the study has one interval, which is then the unit of time.
     task : Task
         What was asked: same or different (the default), or which is stronger.
+    unit : StimulusUnit
+        The unit in which screens, figures and reports show the stimuli.
     condition : str
         Of a unit, a subject at a level of a condition, that level; its name is then the subject's
         with @ and the level.
@@ -90,6 +97,7 @@ class Subject:
     n_trials: IntArray
     isi: FloatArray | None = None
     task: Task = field(default=SAME_DIFFERENT, kw_only=True)
+    unit: StimulusUnit = field(default=UNKNOWN_UNIT, kw_only=True)
     condition: str = field(default="", kw_only=True)
     felt: Stimuli | None = field(default=None, kw_only=True)
     answers: Answers | None = field(default=None, kw_only=True)
@@ -144,6 +152,7 @@ class Subject:
         isi: npt.ArrayLike | None = None,
         *,
         task: Task = SAME_DIFFERENT,
+        unit: StimulusUnit = UNKNOWN_UNIT,
     ) -> Subject:
         """A subject from rows of counts.
 
@@ -155,7 +164,7 @@ class Subject:
         [3]
         """
         k, n, first, second, *at = counted_rows(name, (s1, s2, isi), n_yes, n_trials).sums
-        return cls(name, first, second, k, n, *at, task=task)
+        return cls(name, first, second, k, n, *at, task=task, unit=unit)
 
     @classmethod
     def from_trials(
@@ -189,10 +198,16 @@ class Subject:
         return cls.from_counts(name, s1, s2, answers, np.ones_like(answers), isi, task=task)
 
     @classmethod
-    def from_answers(cls, name: str, answers: Answers, task: Task = SAME_DIFFERENT) -> Subject:
+    def from_answers(
+        cls,
+        name: str,
+        answers: Answers,
+        task: Task = SAME_DIFFERENT,
+        unit: StimulusUnit = UNKNOWN_UNIT,
+    ) -> Subject:
         """A subject from rows as they were given, which it keeps."""
         k, n, first, second, *at = answers.sums
-        return cls(name, first, second, k, n, *at, task=task, answers=answers)
+        return cls(name, first, second, k, n, *at, task=task, unit=unit, answers=answers)
 
     @property
     def intervals(self) -> tuple[float, ...]:
@@ -247,6 +262,24 @@ class Subject:
         With intervals, of distinct ordered pairs and intervals.
         """
         return len(self.s1)
+
+    @property
+    def steps(self) -> FloatArray:
+        """The difference s2 - s1 of every pair, natural-log intensity, shape (pairs,).
+
+        Differences that only the rounding of the stimuli distinguishes are equal.
+
+        Examples
+        --------
+        >>> Subject("S01", [0.0, 0.3], [0.3, 0.599], [4, 2], [5, 5]).steps.round(4).tolist()
+        [0.2995, 0.2995]
+        """
+        values, index = np.unique(self.s2 - self.s1, return_inverse=True)
+        smallest = np.abs(values[values != 0.0]).min(initial=np.inf)
+        is_next_step = np.diff(values) > _ROUNDING * smallest
+        step = np.concatenate([[0], np.cumsum(is_next_step)])
+        means = np.bincount(step, values) / np.bincount(step)
+        return np.asarray(means[step][index])
 
     @property
     def total_trials(self) -> int:
@@ -333,6 +366,11 @@ class Study:
     def task(self) -> Task:
         """What was asked."""
         return self.subjects[0].task
+
+    @property
+    def unit(self) -> StimulusUnit:
+        """The unit in which the stimuli are shown."""
+        return self.subjects[0].unit
 
     def __len__(self) -> int:
         return len(self.subjects)
@@ -454,7 +492,7 @@ class Study:
             raise InputError(f"{done}: {error}") from None
         subjects = [other for other in self if other is not subject]
         if after.n_trials.any():
-            new = Subject.from_answers(subject.name, after, subject.task)
+            new = Subject.from_answers(subject.name, after, subject.task, subject.unit)
             answers = None if subject.answers is None else after
             new = replace(new, condition=subject.condition, answers=answers)
             subjects.insert(self.subjects.index(subject), new)
@@ -522,6 +560,7 @@ def pooled(units: Sequence[Subject]) -> Subject:
         units[0].person,
         *(np.concatenate([getattr(unit, key) for unit in units]) for key in keys),
         task=units[0].task,
+        unit=units[0].unit,
     )
 
 

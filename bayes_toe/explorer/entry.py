@@ -32,6 +32,7 @@ from bayes_toe.answers.order_effect import (
 )
 from bayes_toe.arrays import BoolArray, FloatArray, IndexArray
 from bayes_toe.classical.frequencies import laplace_error, laplace_estimate, presentation_order
+from bayes_toe.data.stimulus_unit import StimulusUnit
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task
 from bayes_toe.inference.draws import Draws
@@ -113,6 +114,11 @@ class Entry:
         return PAPER_TAB if isinstance(self.target, PaperPosterior) else EFFECTS_TAB
 
     @property
+    def unit(self) -> StimulusUnit:
+        """The unit of the stimuli."""
+        return self.target.subject.unit
+
+    @property
     def names(self) -> tuple[str, ...]:
         """All quantities, those that are shown first at the front."""
         return tuple(dict.fromkeys((*self.main, *self.target.names.all)))
@@ -138,7 +144,7 @@ class Entry:
             if name in (CONSTANT_ERROR.name, CONTRACTION.name):
                 values = np.where(values == 0.0, np.nan, values)
             if _is_plottable(~np.isnan(values)):
-                columns[name] = axis_values(name, values)
+                columns[name] = axis_values(name, values, self.unit)
         return columns
 
     def packed(self, rows: int) -> dict[str, Any]:
@@ -174,7 +180,10 @@ class Entry:
             "spans": spans,
             "contours": outlined(columns, spans),
             "prior": text_of(
-                [axis_values(name, np.quantile(prior[name], _QUANTILES)) for name in columns]
+                [
+                    axis_values(name, np.quantile(prior[name], _QUANTILES), self.unit)
+                    for name in columns
+                ]
             ),
             "priorShares": _prior_shares(columns) if self.is_averaged else [1.0] * len(columns),
             **self._responses(x[index], selected),
@@ -318,7 +327,7 @@ def _estimates(answer: OrderEffect) -> dict[str, Size]:
     """The intervals of the answer by quantity."""
     sizes = {"constant_error": "pse_shift_percent", "contraction": "contraction_p"}
     sizes |= {"jnd": "jnd_percent", "zone": "zone_percent"}
-    return {name: answer.sizes[size] for name, size in sizes.items() if size in answer.sizes}
+    return {name: answer.size(size) for name, size in sizes.items() if size in answer.sizes}
 
 
 def badges(draws: Draws, name: str) -> tuple[tuple[str, str], ...]:
@@ -370,6 +379,7 @@ class Slice:
     """
 
     task: Task
+    unit: StimulusUnit
     weaker: float
     isi: float | None
     pairs: IndexArray
@@ -380,7 +390,7 @@ class Slice:
         """Its stimulus, where there are several slices, and its interval."""
         parts = []
         if has_stimulus:
-            parts.append(f"{FIXED[self.task]} stimulus {self.weaker:.3g}")
+            parts.append(f"{FIXED[self.task]} stimulus {self.unit.describe(self.weaker)}")
         if self.isi is not None:
             parts.append(f"interval {self.isi:g} s")
         return ", ".join(parts).replace("-", "−")
@@ -465,7 +475,8 @@ def _slice(counts: Subject, fixed: float, isi: float) -> Slice:
             orders.append(0)
         end = float(position[is_member].max())
         x = np.linspace(fixed, end + _BEYOND * max(end - fixed, 1e-9), POINTS)
-    return Slice(counts.task, fixed, seconds, np.flatnonzero(is_member), x, tuple(orders))
+    index = np.flatnonzero(is_member)
+    return Slice(counts.task, counts.unit, fixed, seconds, index, x, tuple(orders))
 
 
 def axis(quantities: Mapping[str, FloatArray], sbar: float, ends: Sequence[float]) -> FloatArray:

@@ -59,16 +59,16 @@ _QUANTITIES = {
     "noise": ("noise σ", "standard deviation of the perceived difference"),
     "criterion_slope": ("slope g", "change of the log criterion for 'equal' with intensity"),
     "constant_error": (
-        "PSE shift c, %",
+        "PSE shift c, {unit}",
         "constant error: above 0 the first stimulus is overestimated",
     ),
     "contraction": ("contraction p", "above 0: contraction to the mean; below 0: repulsion"),
-    "zone": ("zone, %", "half-width of the differences that are called 'equal'"),
+    "zone": ("zone, {unit}", "half-width of the differences that are called 'equal'"),
     "pse_shift": (
-        "PSE shift, %",
+        "PSE shift, {unit}",
         "second minus first stimulus when both seem equal, at the mean first stimulus",
     ),
-    "jnd": ("JND, %", "just noticeable difference"),
+    "jnd": ("JND, {unit}", "just noticeable difference"),
 }
 
 
@@ -211,6 +211,13 @@ def page(
     task = page_entries[0].target.subject.task
     if any(entry.target.subject.task != task for entry in page_entries):
         raise InputError("explore: found draws of two tasks, allowed: one in a page")
+    units = {entry.unit.of_differences for entry in page_entries}
+    if len(units) > 1:
+        raise InputError("explore: found draws in per cent and in dB, allowed: one in a page")
+    (unit,) = units
+    quantities = {}
+    for name, (label, meaning) in _QUANTITIES.items():
+        quantities[name] = (label.format(unit=unit), meaning)
     room = min(_BYTES / len(page_entries), max(_FEW_BYTES / len(page_entries), _ENTRY_BYTES))
     rows = min(_ROWS, int(room / max(entry.bytes_a_draw for entry in page_entries)))
     contents, list_of_entries = {}, []
@@ -225,10 +232,10 @@ def page(
     index = {
         "entries": list_of_entries,
         "tabs": [tab for tab in (EFFECTS_TAB, PAPER_TAB) if tab in tabs],
-        "quantities": _QUANTITIES,
+        "quantities": quantities,
         "slots": SLOTS,
         "fixed": FIXED[task],
-        "footer": f"bayes_toe {__version__}. Intensities without % are natural logarithms.",
+        "footer": f"bayes_toe {__version__}. Intensities without a unit are natural logarithms.",
     }
     head, tail = _frame(task).split(_ISLANDS)
     parts = [head]

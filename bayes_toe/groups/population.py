@@ -261,11 +261,12 @@ class PopulationResult:
             return np.asarray(100.0 * np.expm1(jnd))
 
     def in_units(self, name: str, coefficients: FloatArray) -> FloatArray:
-        """Coefficients of a parameter in the unit of results: per cent, p, or a probability."""
+        """Coefficients of a parameter in the unit of differences, or p, or a probability."""
+        unit = self.study.unit
         if name == CONSTANT_ERROR.name:
-            return self.shift_percent(coefficients)
+            return unit.from_percent(self.shift_percent(coefficients))
         if name == NOISE.name:
-            return self.jnd_percent(coefficients)
+            return unit.from_percent(self.jnd_percent(coefficients))
         return expit(coefficients) if name == PEAK.name else coefficients
 
     def difference_columns(self, name: str) -> list[int]:
@@ -514,7 +515,7 @@ def _without_intervals(study: Study) -> Study:
     subjects = []
     for subject in study:
         columns = (subject.s1, subject.s2, subject.n_yes, subject.n_trials)
-        pooled = Subject.from_counts(subject.name, *columns, task=subject.task)
+        pooled = Subject.from_counts(subject.name, *columns, task=subject.task, unit=subject.unit)
         subjects.append(replace(pooled, condition=subject.condition, felt=subject.felt))
     return replace(study, subjects=tuple(subjects))
 

@@ -15,6 +15,7 @@ import xarray as xr
 
 from bayes_toe.data.conditions import Conditions
 from bayes_toe.data.messages import shown
+from bayes_toe.data.stimulus_unit import StimulusUnit
 from bayes_toe.data.study import Study, Subject, felt_together
 from bayes_toe.data.tasks import task_of
 from bayes_toe.data.whole_files import require_settled, whole_file
@@ -114,6 +115,7 @@ def _study_record(study: Study) -> dict[str, Any]:
     return {
         "units": [(unit.name, unit.condition) for unit in study],
         "task": study.task.name,
+        "stimulus_unit": asdict(study.unit),
         "source": study.source,
         "synthetic": study.synthetic,
         "notes": list(study.notes),
@@ -183,11 +185,13 @@ def _read(tree: xr.DataTree) -> tuple[Study, Regressors, GroupDraws, dict[str, A
 def _study(record: Mapping[str, Any], counts: xr.Dataset) -> Study:
     """The study from its record and its counts."""
     task = task_of(record["task"])
+    stimulus_unit = StimulusUnit(**record.get("stimulus_unit", {}))
     units = []
     for i, (name, condition) in enumerate(record["units"]):
         unit_counts = counts.isel(count=np.flatnonzero(counts["unit"].values == i))
         columns = [unit_counts[key].values for key in ("s1", "s2", "n_yes", "n_trials")]
-        units.append(Subject(name, *columns, task=task, condition=condition))
+        subject = Subject(name, *columns, task=task, unit=stimulus_unit, condition=condition)
+        units.append(subject)
     conditions = None
     if record["conditions"] is not None:
         parts = record["conditions"]

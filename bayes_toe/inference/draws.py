@@ -210,7 +210,9 @@ class Draws:
         columns = {**self.group("constant_data").variables, **self.group("observed_data").variables}
         keys = ("s1", "s2", self.task.count, "n_trials", *(["isi"] if "isi" in columns else []))
         values = (columns[key].values[self._places[name]] for key in keys)
-        return Subject(name, *values, task=self.task, **self._conditions[1].get(name, {}))
+        unit = draws_file.stored_unit(self.tree.attrs)
+        condition = self._conditions[1].get(name, {})
+        return Subject(name, *values, task=self.task, unit=unit, **condition)
 
     def posterior(self, name: str | int) -> ObserverPosterior | PaperPosterior:
         """The posterior that one subject's draws are of."""

@@ -25,6 +25,7 @@ from bayes_toe.checks.answer_checks import not_interpreted
 from bayes_toe.cluster import without_cluster
 from bayes_toe.data.conditions import Conditions, Stimuli
 from bayes_toe.data.messages import quoted, shown
+from bayes_toe.data.stimulus_unit import StimulusUnit
 from bayes_toe.data.study import Study
 from bayes_toe.data.tasks import SAME_DIFFERENT, task_counted
 from bayes_toe.data.whole_files import require_settled
@@ -164,6 +165,8 @@ def _attributes(study: Study, settings: Settings) -> dict[str, Any]:
         "synthetic": int(study.synthetic),
         "notes": "\n".join(study.notes),
         "changes": "\n".join(study.changes),
+        "unit": study.unit.name,
+        "unit_reference": study.unit.reference,
         "not_interpreted": json.dumps(not_interpreted(study)),
         **_condition_attributes(study),
         "model": settings.model,
@@ -183,6 +186,12 @@ def _condition_attributes(study: Study) -> dict[str, str]:
         return {}
     units = {unit.name: [unit.condition, unit.felt] for unit in study}
     return {"conditions": json.dumps({**asdict(study.conditions), "units": units})}
+
+
+def stored_unit(attributes: Mapping[Any, Any]) -> StimulusUnit:
+    """The unit of the stimuli; an InputError if it is not allowed."""
+    name, reference = attributes.get("unit", ""), attributes.get("unit_reference", 1.0)
+    return StimulusUnit(str(name), float(reference))
 
 
 def stored_conditions(tree: xr.DataTree) -> tuple[Conditions | None, dict[str, dict[str, Any]]]:
@@ -332,6 +341,7 @@ def _problems_of_attributes(attributes: Mapping[Any, Any]) -> Iterator[str]:
         value = attributes.get(name)
         if not isinstance(value, int | np.integer) or value < 0:
             yield f"attribute {name} is not a whole number"
+    stored_unit(attributes)
     for name in _JSON_ATTRIBUTES:
         if not _is_json_object(attributes.get(name, "{}")):
             yield f"attribute {name} is not an object of JSON"

@@ -17,6 +17,7 @@ from bayes_toe.answers.words import Word
 from bayes_toe.arrays import FloatArray, IndexArray
 from bayes_toe.classical.frequencies import presentation_order
 from bayes_toe.data.messages import counted
+from bayes_toe.data.stimulus_unit import StimulusUnit
 from bayes_toe.data.study import Subject, refuse_intervals
 from bayes_toe.errors import InputError
 from bayes_toe.inference.prediction import Predictor
@@ -115,7 +116,8 @@ def posterior_predictive(analysis: Analysis, subjects: Sequence[str] | None = No
     labels = _pair_labels(selected, figure.get_figwidth() / n_columns - 0.3)
     for ax in panels[-n_columns:]:
         ax.set_xticks(range(len(labels)), labels, rotation=90)
-        ax.set_xlabel("first, second stimulus (% of mean)" if labels else "pairs by order")
+        unit = selected[0].unit.of_stimuli or "% of mean"
+        ax.set_xlabel(f"first, second stimulus ({unit})" if labels else "pairs by order")
     label_outer(panels, n_columns)
     _legend(figure)
     return figure
@@ -156,8 +158,9 @@ def jnd_by_order(analysis: Analysis) -> Figure:
         ax.plot(x, y, **marker_style(question, word, 4.5))
         medians.append((x, y))
     _square_axes(ax, np.array(medians).reshape(-1, 2))
-    ax.set_xlabel("JND, standard first (%)")
-    ax.set_ylabel("JND, standard second (%)")
+    unit = analysis.study.unit.of_differences
+    ax.set_xlabel(f"JND, standard first ({unit})")
+    ax.set_ylabel(f"JND, standard second ({unit})")
     n_left_out = len(analysis.answers) - len(medians)
     if n_left_out:
         write_note(ax, f"{counted(n_left_out, 'subject')} without an estimate of contraction")
@@ -168,10 +171,11 @@ def jnd_by_order(analysis: Analysis) -> Figure:
 
 
 def jnds_by_order(fitted: Predictor) -> tuple[FloatArray, FloatArray]:
-    """Draws of the JND in per cent where the standard came first, and where it came second."""
+    """Draws of the JND where the standard came first, and where it came second."""
     quantities = fitted.target.quantities(fitted.x)
     jnd, contraction = quantities["jnd"], quantities["contraction"]
-    return 100.0 * np.expm1(jnd), 100.0 * np.expm1(jnd / (1.0 - contraction))
+    unit = fitted.target.subject.unit
+    return unit.differences(jnd), unit.differences(jnd / (1.0 - contraction))
 
 
 def predictive_interval(fitted: Predictor, seed: int) -> FloatArray:
@@ -257,8 +261,11 @@ def _pair_labels(subjects: Sequence[Subject], width: float) -> list[str]:
     if not has_same_pairs or len(index) * _LABEL_WIDE > width:
         return []
     mean = float(np.average(first.s1, weights=first.n_trials))
-    percent = 100.0 * np.exp(pairs[:, index] - mean)
-    return [f"{s1:.0f}, {s2:.0f}" for s1, s2 in percent.T]
+    unit, digits = first.unit, ".3g"
+    if not unit.of_stimuli:
+        unit, digits = StimulusUnit("%", 100.0 * np.exp(-mean)), ".0f"
+    stimuli = unit.stimuli(pairs[:, index])
+    return [f"{s1:{digits}}, {s2:{digits}}" for s1, s2 in stimuli.T]
 
 
 def _square_axes(ax: Axes, medians: FloatArray) -> None:

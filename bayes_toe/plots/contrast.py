@@ -67,16 +67,16 @@ def contrast(
     """
     quantities = [name for name in table.quantities if name != ORDER_EFFECT]
     comparisons = [f"{level} - {reference}" for level, reference in table.conditions.comparisons]
-    subjects = [row.subject for row in table.subjects]
-    row_height = 0.6 * HIGH if len(subjects) > MAX_NAMES else max(0.7, 0.16 * len(subjects))
+    n_subjects = len(table.subjects)
+    row_height = 0.6 * HIGH if n_subjects > MAX_NAMES else max(0.7, 0.16 * n_subjects)
     figure = new_figure(PAGE, 0.7 + (0.9 + row_height) * len(comparisons))
     panels = figure.subplots(len(comparisons), len(quantities), squeeze=False)
     for (row, column), ax in np.ndenumerate(panels):
         quantity, comparison = quantities[column], comparisons[row]
-        _draw_subjects(ax, table.select(quantity, comparison), subjects)
+        _draw_subjects(ax, table, table.select(quantity, comparison))
         if group is not None:
             _draw_group(ax, group, quantity, table.conditions.comparisons[row])
-        label = f"{quantity}, {plain(comparison)} (%)"
+        label = f"{quantity}, {plain(comparison)} ({table.unit.of_differences})"
         if quantity == CONTRACTION.name:
             label = f"contraction p, {plain(comparison)}"
         ax.set_xlabel(label.replace(" - ", " − "), fontsize=LETTERS)
@@ -95,8 +95,9 @@ def contrast(
     return figure
 
 
-def _draw_subjects(ax: Axes, rows: Sequence[Difference], subjects: Sequence[str]) -> None:
+def _draw_subjects(ax: Axes, table: ContrastTable, rows: Sequence[Difference]) -> None:
     """One quantity of every subject; sorted by size where there are too many names to show."""
+    subjects = [subject.subject for subject in table.subjects]
     if len(subjects) <= MAX_NAMES:
         y = np.array([subjects.index(row.subject) for row in rows])
         names = [plain(row.subject, 16) for row in rows]
@@ -105,7 +106,7 @@ def _draw_subjects(ax: Axes, rows: Sequence[Difference], subjects: Sequence[str]
         rows = sorted(rows, key=lambda row: row.q50)
         y = np.arange(len(rows))
         ax.set_yticks([])
-    sizes = [astuple(row.interval) for row in rows]
+    sizes = [astuple(row.interval(table.unit)) for row in rows]
     low, middle, high = np.array(sizes).reshape(-1, 3).T
     faces = [_MARKS[row.word][0] for row in rows]
     colours = [_MARKS[row.word][1] for row in rows]
@@ -124,7 +125,7 @@ def _draw_group(ax: Axes, group: PopulationResult, quantity: str, levels: tuple[
         return
     draws, _, _ = group.difference(parameter.name, levels)
     if parameter == CONSTANT_ERROR:
-        draws = group.shift_percent(draws)
+        draws = group.study.unit.from_percent(group.shift_percent(draws))
     low, middle, high = np.quantile(draws, MARKED).tolist()
     ax.axvspan(low, high, color="#BDB3DD", lw=0, zorder=0, label="group mean, 95 % interval")
     ax.axvline(middle, color=BELIEF, lw=0.9, zorder=0)

@@ -24,9 +24,9 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 from scipy.ndimage import gaussian_filter, map_coordinates
 
-from bayes_toe.answers.order_effect import percent
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.messages import listed
+from bayes_toe.data.stimulus_unit import StimulusUnit
 from bayes_toe.errors import InputError
 from bayes_toe.inference.draws import Draws, require_draws
 from bayes_toe.model.models import model_posterior, model_title, stored_model
@@ -48,8 +48,8 @@ BINS = 40
 AROUND = 2
 #: Shares of the draws inside the contours; quantiles between which a panel shows its quantity.
 LEVELS, SPANNED = (0.5, 0.95), (0.005, 0.995)
-#: Differences of natural-log intensities that axes show in per cent of intensity.
-IN_PERCENT = ("constant_error", "pse_shift", "jnd", "zone")
+#: Differences of natural-log intensities, which axes show in per cent or decibels.
+DIFFERENCES = ("constant_error", "pse_shift", "jnd", "zone")
 #: Bins by which counts are smoothed, times the sixth root of the number of distinct draws: about
 #: the normal reference rule where a panel is six standard deviations wide.
 _SMOOTHING = 8.0
@@ -81,7 +81,7 @@ def corner(
     """Corner plot of one subject: contours hold 50 and 95 % of its draws.
 
     Dashed lines mark the median and the central 95 % interval. Constant error, PSE shift, JND and
-    zone are in per cent of intensity.
+    zone are in per cent of intensity, or in decibels if the stimuli are.
 
     Parameters
     ----------
@@ -115,7 +115,8 @@ def corner(
     for name, (colour, line) in zip(_subject_names(subject), OVERLAID, strict=False):
         target = draws.posterior(name)
         names = _quantity_names(target, coordinates)
-        columns = [axis_values(key, draws.values(name, key).ravel()) for key in names]
+        unit = target.subject.unit
+        columns = [axis_values(key, draws.values(name, key).ravel(), unit) for key in names]
         truth = all_true_values(truth_of.get(name, {}), target)
         subjects.append(_SubjectDraws(target, names, np.stack(columns), truth, colour, line))
     limits = np.array([spans_of(panel.columns, panel.names, panel.target) for panel in subjects])
@@ -208,16 +209,16 @@ def prior_values(target: AnswerPosterior) -> Mapping[str, FloatArray]:
     return target.quantities(target.sample_prior(np.random.default_rng(0), PRIOR_DRAWS))
 
 
-def axis_values(name: str, values: npt.ArrayLike) -> FloatArray:
+def axis_values(name: str, values: npt.ArrayLike, unit: StimulusUnit) -> FloatArray:
     """Values of a quantity as its axis shows them."""
     values = np.asarray(values, np.float64)
-    return percent(values) if name in IN_PERCENT else values
+    return unit.differences(values) if name in DIFFERENCES else values
 
 
-def axis_label(name: str) -> str:
+def axis_label(name: str, unit: StimulusUnit) -> str:
     """The label of the axis of a quantity."""
     label = LABELS.get(name, name)
-    return f"{label}, %" if name in IN_PERCENT else label
+    return f"{label}, {unit.of_differences}" if name in DIFFERENCES else label
 
 
 def spans_of(
@@ -231,7 +232,7 @@ def spans_of(
     for values, name in zip(columns, names, strict=True):
         low, high = np.quantile(values, SPANNED).tolist()
         pad = 0.08 * (high - low) if high > low else 0.5 * abs(low) + 1e-12
-        lowest, highest = axis_values(name, support(target, name)).tolist()
+        lowest, highest = axis_values(name, support(target, name), target.subject.unit).tolist()
         spans.append((max(low - pad, lowest), min(high + pad, highest)))
     return spans
 
@@ -268,7 +269,8 @@ def all_true_values(truths: Values, target: AnswerPosterior) -> dict[str, float]
         values = target.quantities(target.points(natural))
     true_values = {name: float(value) for name, value in values.items() if np.isfinite(value)}
     true_values |= truths
-    return {name: float(axis_values(name, value)) for name, value in true_values.items()}
+    unit = target.subject.unit
+    return {name: float(axis_values(name, value, unit)) for name, value in true_values.items()}
 
 
 # --- panels ---------------------------------------------------------------------------------------
@@ -343,7 +345,7 @@ def _draw_posterior(
         fig=figure,
         bins=BINS,
         range=list(spans),
-        labels=[axis_label(name) for name in panel.names],
+        labels=[axis_label(name, panel.target.subject.unit) for name in panel.names],
         label_kwargs={"fontsize": 12},
         labelpad=0.05,
         max_n_ticks=0,
@@ -406,7 +408,7 @@ def _draw_prior(
     drawn = prior_values(model_posterior(stored_model(model, subject.task), subject, prior))
     scale = panel.columns.shape[1] / PRIOR_DRAWS
     for ax, name, span in zip(diagonal, panel.names, spans, strict=True):
-        counts, edges = np.histogram(axis_values(name, drawn[name]), BINS, span)
+        counts, edges = np.histogram(axis_values(name, drawn[name], subject.unit), BINS, span)
         ax.stairs(scale * counts, edges, color=PRIOR, lw=1.4, ls=panel.line, label="prior")
 
 
@@ -474,7 +476,7 @@ def _write_key(
         handles.append(truth)
     if outside:
         handles.append(_note(f"true value outside: {', '.join(outside)}"))
-    if not {*IN_PERCENT, *_WITHOUT_UNIT}.issuperset(subjects[0].names):
+    if not {*DIFFERENCES, *_WITHOUT_UNIT}.issuperset(subjects[0].names):
         handles.append(_note("intensities: natural log"))
     figure.legend(handles=handles, **style)
 
@@ -487,7 +489,7 @@ def _true_values(
     for panel in subjects:
         for name, (low, high) in zip(panel.names, spans, strict=True):
             value = panel.true_value(name)
-            text = f"{axis_label(name)} = {value:.5g}".replace("-", "−")
+            text = f"{axis_label(name, panel.target.subject.unit)} = {value:.5g}".replace("-", "−")
             if low <= value <= high:
                 inside.append(text)
             elif np.isfinite(value):

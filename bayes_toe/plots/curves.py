@@ -40,16 +40,17 @@ from bayes_toe.plots.style import (
     Band,
     Mark,
     chance,
+    difference_axis,
     draw_band,
     dress,
     grid_panels,
     legend_below,
     n_rows,
     new_figure,
-    percent_axis,
     plain,
     plain_log_axis,
     rows_by_order,
+    stimulus_axis,
 )
 
 #: Panels of one weaker stimulus each, or of one interval, beyond which curves give way to a single
@@ -128,9 +129,9 @@ def fitted_figure(fitted: Predictor, title: str) -> Figure:
         distance_panel(panels[0], fitted)
     for ax, stimulus in zip(panels, weaker if is_by_stimulus else [], strict=False):
         order_panel(ax, counts, fitted.yes, stimulus)
-        label_in_percent(ax, counts)
+        label_along(ax, counts)
         if n_panels > 1:
-            ax.set_title(_percent_weaker(counts, stimulus), fontsize=10)
+            ax.set_title(_describe_weaker(counts, stimulus), fontsize=10)
     for ax in panels[::n_columns]:
         ax.set_ylabel(chance(counts.task))
     figure.suptitle(title, fontsize=12)
@@ -143,16 +144,18 @@ def mean_first(counts: Subject) -> float:
     return float(np.average(counts.s1, weights=counts.n_trials))
 
 
-def label_in_percent(ax: Axes, counts: Subject) -> None:
-    """The axis below :func:`order_panel` in per cent."""
+def label_along(ax: Axes, counts: Subject) -> None:
+    """The axis below :func:`order_panel` in the unit of the stimuli."""
     if counts.task == WHICH_STRONGER:
-        percent_axis(ax, "second stimulus, % of the first", 0.0)
+        difference_axis(ax, counts.unit)
     else:
-        percent_axis(ax, "stronger stimulus, % of the mean", mean_first(counts))
+        stimulus_axis(ax, "stronger stimulus", counts.unit, mean_first(counts))
 
 
-def _percent_weaker(counts: Subject, weaker: float) -> str:
-    """Words for a panel in per cent that shows the pairs with one weaker stimulus (ln)."""
+def _describe_weaker(counts: Subject, weaker: float) -> str:
+    """Words for a panel that shows the pairs with one weaker stimulus (ln)."""
+    if counts.unit.of_stimuli:
+        return f"weaker stimulus {counts.unit.describe(weaker)}"
     return f"weaker stimulus {100.0 * np.exp(weaker - mean_first(counts)):.0f} %"
 
 
@@ -233,7 +236,7 @@ def _lines_by_first(counts: Subject, points: int) -> list[Line]:
     colours = colormaps["viridis"](np.linspace(0.0, 0.85, len(groups)))
     lines = []
     for i, group in enumerate(groups):
-        ends = dict.fromkeys(f"{end:.3g}" for end in (group[0], group[-1]))
+        ends = dict.fromkeys(counts.unit.describe(end) for end in (group[0], group[-1]))
         label = f"$s_1$ = {' to '.join(ends)}".replace("-", "−")
         mark = Mark(to_hex(colours[i]), "osD^vh"[i], label)
         rows = np.isin(counts.s1, group)
@@ -396,10 +399,10 @@ def _interval_panel(ax: Axes, counts: Subject, fitted: Predictor, isi: float) ->
         return fitted.yes(s1, s2, np.full(len(s1), isi))
 
     order_panel(ax, selected, curve, low, size=4.5)
-    label_in_percent(ax, counts)
+    label_along(ax, counts)
     title = f"{isi:g} s"
     if has_several_weaker(counts):
-        title += f", {_percent_weaker(counts, low)}"
+        title += f", {_describe_weaker(counts, low)}"
     ax.set(title=title, yticks=[0.0, 0.5, 1.0])
     dress(ax)
 

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bayes_toe.answers.evidence_table import EvidenceTable
-from bayes_toe.answers.order_effect import OrderEffect
+from bayes_toe.answers.order_effect import OrderEffect, Size
 from bayes_toe.answers.words import Word
 from bayes_toe.arrays import FloatArray
 from bayes_toe.data.messages import counted
@@ -64,7 +64,7 @@ QUESTIONS = (
         "s",
         "pse_shift_percent",
         "Constant error: PSE shift",
-        "PSE shift (%)\nabove 0: first stimulus overestimated",
+        "PSE shift ({unit})\nabove 0: first stimulus overestimated",
     ),
     Question(
         "contraction",
@@ -164,7 +164,8 @@ def forests(
             counts = Counter(answer.words[question.name] for answer in answers)
             title += f"\n{counts[Word.YES]} yes, {counts[Word.PROBABLY]} probably"
         ax.set_title(title, loc="left", fontsize=LETTERS)
-        ax.set(xlabel=question.axis, xlim=limits, ylim=(last_row, -0.6), yticks=[])
+        label = question.axis.format(unit=answers[0].unit.of_differences)
+        ax.set(xlabel=label, xlim=limits, ylim=(last_row, -0.6), yticks=[])
         dress(ax)
         if not is_crowded:
             _write_words(ax, answers, question)
@@ -194,7 +195,7 @@ def _draw_sizes(
         word = answer.words[question.name]
         if word in WITHOUT_SIZE:
             continue
-        size = answer.sizes[question.size]
+        size = answer.size(question.size)
         width = 0.3 * marker_size if word.is_positive else 0.15 * marker_size
         ax.hlines(row, size.q025, size.q975, color=question.colour, lw=width)
         ax.plot(size.q50, row, **marker_style(question, word, marker_size))
@@ -207,8 +208,10 @@ def _draw_group(
 ) -> tuple[float, float, float]:
     """Draw the group's mean with its 95 % interval; return low, median and high."""
     effect = group.effect(question.name)
-    interval = effect.mean if effect.percent is None else effect.percent
-    low, median, high = interval
+    size = Size(*effect.mean)
+    if effect.percent is not None:
+        size = Size(*effect.percent).from_percent(group.study.unit)
+    low, median, high = size.q025, size.q50, size.q975
     ax.hlines(row, low, high, color=question.colour, lw=2.2)
     ax.plot(median, row, "d", color=question.colour, ms=8.0, mec="black", mew=0.6)
     return low, median, high

@@ -9,8 +9,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bayes_toe.answers.order_effect import Size, format_bayes_factor, format_percent, format_share
+from bayes_toe.answers.order_effect import Size, format_bayes_factor, format_share, format_signed
 from bayes_toe.arrays import FloatArray
+from bayes_toe.data.stimulus_unit import percent
 from bayes_toe.groups.population import DIFFERING, PopulationResult
 from bayes_toe.groups.predictive_check import CONTRADICTED, PredictiveCheck, predictive_check
 from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION, NOISE, PEAK
@@ -40,13 +41,17 @@ MAX_NAMES_IN_GROUP = 40
 _MEAN_COLOUR = "#BDB3DD"
 _EFFECTS_ACROSS = 4
 _LABELS = {
-    CONSTANT_ERROR.name: "PSE shift (%)",
+    CONSTANT_ERROR.name: "PSE shift ({unit})",
     CONTRACTION.name: "contraction p",
-    NOISE.name: "JND (%)",
+    NOISE.name: "JND ({unit})",
     PEAK.name: "largest P('equal')",
 }
 #: Labels of effects on the means.
-_EFFECT_LABELS = {**_LABELS, PEAK.name: "logit of largest P('equal')"}
+_EFFECT_LABELS = {
+    **_LABELS,
+    NOISE.name: "JND (%)",
+    PEAK.name: "logit of largest P('equal')",
+}
 _POINTS = 200  # along a density
 _BINS = 30
 
@@ -97,7 +102,8 @@ def population(result: PopulationResult, check: PredictiveCheck | None = None) -
         parts[3].suptitle(title, fontsize=SMALL)
         panels = grid_panels(parts[3], len(effects), n_columns)
         for i, (name, ax) in enumerate(zip(effects, panels, strict=True)):
-            effects_panel(ax, effects[name], _EFFECT_LABELS[name], labels)
+            label = _EFFECT_LABELS[name].format(unit=result.study.unit.of_differences)
+            effects_panel(ax, effects[name], label, labels)
             ax.tick_params(labelleft=i % n_columns == 0)
     return figure
 
@@ -116,7 +122,10 @@ def _heading(result: PopulationResult) -> str:
         effect = result.effect(name)
         mean = format_share(Size(*effect.mean))
         if effect.percent is not None:
-            mean = format_percent(Size(*effect.percent))
+            unit = result.study.unit
+            mean = format_signed(
+                Size(*effect.percent).from_percent(unit), f" {unit.of_differences}"
+            )
         factor = format_bayes_factor(-effect.zero_mean.log_bf)
         lines.append(f"mean {label} {mean}, BF of a mean that is not 0: {factor}")
     return "\n".join(lines).replace("-", "−")
@@ -134,12 +143,13 @@ def prior_panel(ax: Axes, result: PopulationResult, name: str) -> None:
     means = np.zeros((_POINTS, len(result.numbers.mean)))
     means[:, j] = x
     values = result.in_units(name, x)
+    label = _LABELS[name].format(unit=result.study.unit.of_differences)
     # A density in the unit of the panel follows from the slope of the unit.
     prior = np.exp(result.numbers.log_mean(means)[:, j]) / np.gradient(values, x)
     style: dict[str, Any] = {"bins": _BINS, "density": True, "label": "posterior of the group mean"}
     ax.hist(result.in_units(name, draws), color=_MEAN_COLOUR, **style)
     ax.plot(values, prior, color="black", lw=1.0, ls="--", label="its prior")
-    ax.set(xlim=(values[0], values[-1]), xlabel=_LABELS[name], yticks=[])
+    ax.set(xlim=(values[0], values[-1]), xlabel=label, yticks=[])
     ax.axvline(0.0, color=EQUAL, lw=0.8, ls=":")
     ax.locator_params(axis="x", nbins=4)
     dress(ax).spines["left"].set_visible(False)
@@ -169,7 +179,8 @@ def forest(ax: Axes, result: PopulationResult, name: str) -> None:
     else:
         ax.set_yticks(range(n_subjects), [plain(subject, 14) for subject in result.subjects])
     draw_intervals(ax, np.arange(n_subjects), quantiles, **style)
-    ax.set(ylim=(n_subjects - 0.5, -0.6), xlabel=_LABELS[name])
+    label = _LABELS[name].format(unit=result.study.unit.of_differences)
+    ax.set(ylim=(n_subjects - 0.5, -0.6), xlabel=label)
 
 
 def check_panel(ax: Axes, check: PredictiveCheck) -> None:
@@ -223,7 +234,7 @@ def _effect_labels(result: PopulationResult) -> list[str]:
 def _effects(result: PopulationResult) -> dict[str, FloatArray]:
     """Draws of effects on the means by parameter, (draws, effects); empty without any.
 
-    Those on the PSE shift and on the JND are in per cent.
+    Those on the PSE shift are in the unit of differences, those on the JND in per cent.
     """
     effects = {}
     if result.comparisons:
@@ -235,6 +246,8 @@ def _effects(result: PopulationResult) -> dict[str, FloatArray]:
             draws = result.draws.effects[..., result.index(name)]
             effects[name] = draws.reshape(-1, len(result.regressors.columns))
     if effects:
-        effects[CONSTANT_ERROR.name] = result.shift_percent(effects[CONSTANT_ERROR.name])
-        effects[NOISE.name] = 100.0 * np.expm1(effects[NOISE.name])
+        for name in (CONSTANT_ERROR.name, NOISE.name):
+            values = effects[name]
+            is_noise = name == NOISE.name
+            effects[name] = percent(values) if is_noise else result.in_units(name, values)
     return effects

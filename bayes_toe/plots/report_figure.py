@@ -20,7 +20,7 @@ from bayes_toe.groups.population import PopulationResult
 from bayes_toe.plots.curves import (
     Curve,
     draw_shares,
-    label_in_percent,
+    label_along,
     main_weaker,
     mean_first,
     order_panel,
@@ -39,9 +39,9 @@ from bayes_toe.plots.style import (
     legend_below,
     n_rows,
     new_figure,
-    percent_axis,
     plain,
     rows_by_order,
+    stimulus_axis,
 )
 
 #: Subjects whose responses are shown.
@@ -140,7 +140,9 @@ def responses_panel(
     points: int = 120,
     bands: Sequence[Band] | None = None,
 ) -> None:
-    """Draw responses and curves by order, with the axis in per cent of the mean first stimulus.
+    """Draw responses and curves by order, with the axis in the unit of the stimuli.
+
+    Without a unit, it is in per cent of the mean first stimulus.
 
     In 'which was stronger', designs whose pairs have one or two sizes of step show the share of
     correct responses over the middle of the pair, and designs with one weaker stimulus over the
@@ -151,18 +153,18 @@ def responses_panel(
     along: dict[str, Any] = {"size": 3.5, "points": points, "bands": bands}
     if counts.task == WHICH_STRONGER and weaker is not None:
         _correct_panel(ax, counts, curve, weaker)
-        percent_axis(ax, "stronger stimulus, % of the mean", middle)
+        stimulus_axis(ax, "stronger stimulus", counts.unit, middle)
     elif counts.task == WHICH_STRONGER and not is_by_first(counts):
         _correct_panel(ax, counts, curve)
-        percent_axis(ax, "middle of the pair, % of the mean", middle)
+        stimulus_axis(ax, "middle of the pair", counts.unit, middle)
     elif counts.task == WHICH_STRONGER:
         order_panel(ax, counts, curve, 0.0, **along)
-        label_in_percent(ax, counts)
+        label_along(ax, counts)
         ax.set_ylabel("share 'second'")
     else:
         reference = main_weaker(counts)
         order_panel(ax, counts, curve, 0.0 if reference is None else reference, **along)
-        percent_axis(ax, "stronger stimulus, % of the mean", middle)
+        stimulus_axis(ax, "stronger stimulus", counts.unit, middle)
         ax.set_ylabel("share 'equal'")
 
 
@@ -175,7 +177,7 @@ def is_by_first(counts: Subject) -> bool:
 
 def _steps(counts: Subject) -> list[float]:
     """The different distances between the stimuli of a pair."""
-    steps = np.abs(counts.s2 - counts.s1)
+    steps = np.abs(counts.steps)
     largest = float(steps.max())
     return sorted(set(np.round(steps[steps > 0.0] / largest, 6) * largest))
 

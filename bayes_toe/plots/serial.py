@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 
 from bayes_toe.answers.serial_dependence import SerialDependence, SubjectDependence
 from bayes_toe.arrays import FloatArray, IndexArray
-from bayes_toe.data.trial_sequence import TrialSequence
 from bayes_toe.errors import InputError
+from bayes_toe.model.trial_history import TrialSequence
 from bayes_toe.plots.style import (
     EQUAL,
     PAGE,
@@ -21,8 +21,8 @@ from bayes_toe.plots.style import (
     dress,
     legend_below,
     new_figure,
-    percent_axis,
     plain,
+    stimulus_axis,
 )
 
 #: Mean stimuli of the trial before up to which each is a group of its own; groups of more.
@@ -117,7 +117,8 @@ def _draw_row(left: Axes, right: Axes, table: SerialDependence, row: SubjectDepe
 
     low, median, high = row.rho
     overall = float(np.average(0.5 * (trials.first + trials.second)))
-    percent_axis(left, "mean stimulus of the trial before (% of the mean)", overall)
+    unit = static.subject.unit
+    stimulus_axis(left, "mean stimulus of the trial before", unit, overall)
     left.set(ylabel=f"P({yes}), difference\nfrom no history")
     left.set_title(
         f"{plain(row.subject, 24)}, carry-over: {row.word('carry_over')}\n"

@@ -22,6 +22,7 @@ from matplotlib.figure import Figure, SubFigure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray
+from bayes_toe.data.stimulus_unit import StimulusUnit
 from bayes_toe.data.tasks import Task
 
 WEAKER_FIRST, STRONGER_FIRST, EQUAL = "#D55E00", "#0072B2", "#6E6E6E"
@@ -197,13 +198,30 @@ def rows_by_order(order: IntArray) -> Iterator[tuple[Mark, BoolArray]]:
             yield mark, has_order
 
 
-def percent_axis(ax: Axes, label: str, reference: float) -> None:
-    """Label an axis of natural logs in per cent of a reference, at round numbers."""
+def stimulus_axis(ax: Axes, stimulus: str, unit: StimulusUnit, mean: float) -> None:
+    """Label an axis of natural logs in the unit of the stimuli, or in per cent of their mean."""
+    if unit.of_stimuli:
+        _unit_axis(ax, f"{stimulus}, {unit.of_stimuli}", unit)
+    else:
+        _unit_axis(ax, f"{stimulus}, % of the mean", StimulusUnit("%", 100.0 * np.exp(-mean)))
+
+
+def difference_axis(ax: Axes, unit: StimulusUnit) -> None:
+    """Label an axis of s2 - s1 in decibels, or as the ratio of the stimuli in per cent."""
+    if unit.is_decibel:
+        _unit_axis(ax, "second minus first stimulus, dB", unit)
+    else:
+        _unit_axis(ax, "second stimulus, % of the first", StimulusUnit("%", 100.0))
+
+
+def _unit_axis(ax: Axes, label: str, unit: StimulusUnit) -> None:
+    """Round numbers in a unit along an axis of natural logs."""
     low, high = ax.get_xlim()
-    ends = 100.0 * np.exp(np.array([low, high]) - reference)
-    percent = MaxNLocator(4, steps=[1, 2, 2.5, 5, 10]).tick_values(*ends)
-    ticks = percent[(percent >= ends[0]) & (percent <= ends[1])]
-    ax.set_xticks(reference + np.log(ticks / 100.0), [f"{value:g}" for value in ticks])
+    start, end = unit.stimuli([low, high])
+    numbers = MaxNLocator(4, steps=[1, 2, 2.5, 5, 10]).tick_values(start, end)
+    numbers = numbers[(numbers >= start) & (numbers <= end)]
+    texts = [f"{number:g}".replace("-", "−") for number in numbers]
+    ax.set_xticks(unit.logs(numbers), texts)
     ax.set(xlim=(low, high), xlabel=label)
 
 

@@ -59,7 +59,7 @@ def test_what_differs_has_its_sign_and_size(table):
         assert (row.word, row.robust) == (WORDS[0], "yes")
         assert row.q025 < row.q05 < -0.16 < row.q95 < row.q975
         assert row.p_direction > 0.99
-        assert row.interval.q975 == pytest.approx(100.0 * np.expm1(row.q975))
+        assert row.interval(table.unit).q975 == pytest.approx(100.0 * np.expm1(row.q975))
     for row in table.select(ORDER_EFFECT):
         assert row.log_bf_differs > 3.0
         assert row.p_direction is None
@@ -156,7 +156,9 @@ def test_the_forest_shows_every_subject(table):
     assert figure.legends[0].get_texts()[0].get_text() == "differs"
     low, high = figure.axes[0].collections[0].get_segments()[0][:, 0]
     row = table.select("constant error")[0]
-    assert (low, high) == pytest.approx((row.interval.q025, row.interval.q975))
+    assert (low, high) == pytest.approx(
+        (row.interval(table.unit).q025, row.interval(table.unit).q975)
+    )
     rows = tuple(row for row in table if row.quantity != "contraction")
     panels = bt.plots.contrast(replace(table, rows=rows)).axes
     assert [len(ax.collections[0].get_segments()) for ax in panels] == [2, 0, 2]

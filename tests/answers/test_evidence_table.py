@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from conftest import few_pairs
 from reference.hard_cases import hard_cases
 
 import bayes_toe as bt
@@ -17,6 +18,7 @@ from bayes_toe.answers.evidence_table import (
     subject_evidence,
 )
 from bayes_toe.classical.fit import bootstrap_evidence, bootstrap_subject
+from bayes_toe.errors import NumericalError
 from bayes_toe.inference.adaptation import fit_proposal
 from bayes_toe.inference.evidence import (
     importance_evidence,
@@ -24,6 +26,7 @@ from bayes_toe.inference.evidence import (
     laplace_evidence_natural,
 )
 from bayes_toe.inference.maxima import find_maxima
+from bayes_toe.inference.order_evidence import order_evidence
 from bayes_toe.inference.subject import Wanted, fitted_result
 from bayes_toe.model.paper_model import paper_posterior
 
@@ -111,3 +114,27 @@ def test_real_vibrotactile_subjects_go_both_ways(real_data):
         factors.append(h1 - frequency_evidence(subject))
     assert np.count_nonzero(np.array(factors) > 0) == 6
     assert (min(factors), max(factors)) == pytest.approx((-17, 18.5), abs=0.5)
+
+
+def test_a_numerical_failure_leaves_the_other_subjects(monkeypatch):
+    def fails_for_one(subjects, *rest):
+        if subjects[0].name == "B":
+            raise NumericalError("subject 'B': the evidence of 'both' is not a finite number")
+        return order_evidence(subjects, *rest)
+
+    monkeypatch.setattr("bayes_toe.answers.order_effect.order_evidence", fails_for_one)
+    table = bt.evidence(few_pairs("ABC"), seed=1, workers=1)
+    assert [row.subject for row in table] == ["A", "C"]
+    assert table.failed == {"B": "subject 'B': the evidence of 'both' is not a finite number"}
+    frame = table.frame()
+    assert frame["subject"].tolist() == ["A", "C", "B"]
+    assert frame["p_order_effect"].isna().tolist() == [False, False, True]
+
+
+def test_where_every_subject_fails_the_call_fails(monkeypatch):
+    def fails(*_):
+        raise NumericalError("not a finite number")
+
+    monkeypatch.setattr("bayes_toe.answers.order_effect.order_evidence", fails)
+    with pytest.raises(bt.BayesToeError, match="A: not a finite number"):
+        bt.evidence(few_pairs("A"), seed=1, workers=1)

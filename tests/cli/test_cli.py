@@ -249,7 +249,7 @@ def test_repeated_trials_are_named_by_every_command(tmp_path):
         assert good(command, cwd=tmp_path).count(sentence) == 1
 
 
-def test_a_block_with_swapped_buttons_is_named_by_check(tmp_path):
+def test_a_block_with_swapped_buttons_is_named_by_check_and_report(tmp_path, blank_pictures):
     """A study of trials with columns of its own, in which block 2 has swapped responses."""
     rng, rows = np.random.default_rng(3), ["subject,s1,s2,response,[b]Run,ISI"]
     pairs = list(itertools.product((0.0, 0.2, 0.5), repeat=2))
@@ -264,6 +264,9 @@ def test_a_block_with_swapped_buttons_is_named_by_check(tmp_path):
     assert lines[-2:] == [f"{typed} --swap '[i]x:<2>'", f"{typed} --exclude '[i]x:<2>'"]
     assert "  type: --columns isi=ISI" in lines
     assert "look swapped" not in good(f"check {command} --swap '[i]x:<2>'", cwd=tmp_path)
+    good(f"run {command} -o out {QUICK}", cwd=tmp_path)
+    section = read(tmp_path / "out").partition('<summary id="pooling">')[2]
+    assert "<strong>[i]x</strong>: Responses look swapped in block &lt;2&gt;." in section
 
 
 def test_a_prior_file_is_used_shown_and_stored(folder, blank_pictures):

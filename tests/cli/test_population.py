@@ -11,7 +11,7 @@ from conftest import grouped_csv
 from populations import independent_draws, made_result, simulated_group, two_conditions
 
 import bayes_toe as bt
-from bayes_toe.answers.order_effect import Size, format_percent, format_share
+from bayes_toe.answers.order_effect import Size, format_share, format_signed
 from bayes_toe.cli.group_screen import group_answer, group_tables
 
 FILES = ("group.csv", "group.nc", "group.png", "group_subjects.csv")
@@ -56,7 +56,7 @@ def test_files_and_answer(done, folder):
 def test_files_are_those_of_the_group(done, folder):
     result = bt.load(folder / "group.nc")
     text = " ".join(done.split())
-    shift = format_percent(Size(*result.effect("constant_error").percent))
+    shift = format_signed(Size(*result.effect("constant_error").percent), " %")
     contraction = format_share(Size(*result.effect("contraction").mean))
     assert f"mean PSE shift {shift}" in text
     assert f"mean contraction p {contraction}" in text

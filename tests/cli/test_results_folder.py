@@ -215,7 +215,7 @@ def test_a_run_has_the_contrast_in_its_folder_report_and_methods(tmp_path):
         "Differences (right − left) are medians",
     ):
         assert words in text, words
-    assert re.search(r">\d+\.\d % \(.*<span class=\"soft\">differs \(BF ", text)
+    assert re.search(r">\d+(\.\d)? % \[.*<span class=\"soft\">differs \(BF ", text)
     for words in (
         "An order effect was present in 2 of 2 conditions of 1 participant",
         "Conditions were compared within",

@@ -10,10 +10,14 @@ from scipy import stats
 from bayes_toe.data.answers import Answers
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER
-from bayes_toe.data.trial_sequence import TrialSequence, looks_sorted
 from bayes_toe.errors import InputError
 from bayes_toe.model.observer import OrderModel
-from bayes_toe.model.trial_history import TrialHistory, TrialHistoryPosterior
+from bayes_toe.model.trial_history import (
+    TrialHistory,
+    TrialHistoryPosterior,
+    TrialSequence,
+    looks_sorted,
+)
 
 TASKS = pytest.mark.parametrize("task", [WHICH_STRONGER, SAME_DIFFERENT], ids=["2afc", "same"])
 HISTORIES = pytest.mark.parametrize(

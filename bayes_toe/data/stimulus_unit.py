@@ -1,0 +1,127 @@
+"""The unit of the stimuli: how screens, figures and reports show stimuli and their differences.
+
+The observer knows natural-log intensities only. A difference x of two of them is 100 (e^x - 1) per
+cent of intensity, or a number of decibels.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from bayes_toe.arrays import FloatArray
+from bayes_toe.data.messages import quoted
+from bayes_toe.errors import InputError
+
+#: Units of logarithms, each with its natural logs.
+LOG_UNITS = {
+    "ln": 1.0,
+    "log10": math.log(10.0),
+    "dB": math.log(10.0) / 20.0,
+    "dB-power": math.log(10.0) / 10.0,
+}
+#: Letters of a unit at most, and those with a meaning in figures and pages.
+_LONGEST, _NOT_ALLOWED = 16, frozenset("$\\<>&")
+
+
+def percent(logs: npt.ArrayLike) -> FloatArray:
+    """Differences of natural-log intensities in per cent of intensity."""
+    with np.errstate(over="ignore"):
+        return np.asarray(100.0 * np.expm1(np.asarray(logs, np.float64)))
+
+
+@dataclass(frozen=True)
+class StimulusUnit:
+    """A unit of stimuli.
+
+    Parameters
+    ----------
+    name : str
+        One of :data:`LOG_UNITS`, or the unit of raw intensities, as 'g'. Empty if none is known.
+    reference : float
+        The raw intensity at which the natural-log intensity is 0.
+
+    Raises
+    ------
+    InputError
+        If the name is too long or has characters that are not allowed, or the reference is not
+        positive.
+
+    Examples
+    --------
+    >>> decibel, gram = StimulusUnit("dB"), StimulusUnit("g", reference=10.0)
+    >>> float(decibel.differences(np.log(2.0)).round(2)), decibel.of_differences
+    (6.02, 'dB')
+    >>> gram.describe(np.log(2.0)), StimulusUnit().describe(np.log(2.0))
+    ('20 g', '0.693')
+    """
+
+    name: str = ""
+    reference: float = 1.0
+
+    def __post_init__(self) -> None:
+        is_text = self.name.isprintable() and not _NOT_ALLOWED.intersection(self.name)
+        if not is_text or len(self.name) > _LONGEST:
+            raise InputError(
+                f"--unit: found {quoted(self.name)}, allowed: ln, log10, dB, dB-power, or a unit "
+                f"of at most {_LONGEST} letters, such as g"
+            )
+        if not 0.0 < self.reference < math.inf:
+            raise InputError(
+                f"--intensity: found {self.reference!r}, allowed: a positive finite number"
+            )
+
+    @property
+    def is_decibel(self) -> bool:
+        """Whether differences are decibels."""
+        return self.name in ("dB", "dB-power")
+
+    @property
+    def of_differences(self) -> str:
+        """The unit of differences of stimuli."""
+        return "dB" if self.is_decibel else "%"
+
+    @property
+    def of_stimuli(self) -> str:
+        """The unit of stimuli; empty if they are logarithms of unknown intensities."""
+        if self.is_decibel:
+            return "dB"
+        return "" if self.name in LOG_UNITS else self.name
+
+    def differences(self, logs: npt.ArrayLike) -> FloatArray:
+        """Differences of natural-log intensities in per cent or decibels."""
+        return self.stimuli(logs) if self.is_decibel else percent(logs)
+
+    def from_percent(self, values: npt.ArrayLike) -> FloatArray:
+        """Differences in per cent of intensity in this unit."""
+        values = np.asarray(values, np.float64)
+        if self.is_decibel:
+            return self.stimuli(np.log1p(values / 100.0))
+        return values
+
+    def stimuli(self, logs: npt.ArrayLike) -> FloatArray:
+        """Natural-log intensities in this unit."""
+        logs = np.asarray(logs, np.float64)
+        if self.is_decibel:
+            return np.asarray(logs / LOG_UNITS[self.name])
+        return np.asarray(self.reference * np.exp(logs))
+
+    def logs(self, stimuli: npt.ArrayLike) -> FloatArray:
+        """Natural-log intensities of stimuli in this unit."""
+        stimuli = np.asarray(stimuli, np.float64)
+        if self.is_decibel:
+            return np.asarray(stimuli * LOG_UNITS[self.name])
+        return np.asarray(np.log(stimuli / self.reference))
+
+    def describe(self, log: float) -> str:
+        """A stimulus with its unit; its natural-log intensity if the unit is not known."""
+        if not self.of_stimuli:
+            return f"{log:.3g}"
+        return f"{float(self.stimuli(log)):.4g} {self.of_stimuli}"
+
+
+#: Logarithms of intensities of which nothing is known.
+UNKNOWN_UNIT = StimulusUnit()

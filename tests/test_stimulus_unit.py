@@ -1,0 +1,90 @@
+"""Stimuli in decibels and in grams: the numbers are those of natural logs, shown in the unit."""
+
+import numpy as np
+import pytest
+from commands import good, refused
+from legible import texts_of, words_of
+
+import bayes_toe as bt
+from bayes_toe.plots.report_figure import is_by_first
+
+DECIBELS_OF_E = 20.0 / np.log(10.0)
+
+
+@pytest.fixture(scope="module")
+def logs():
+    return bt.example_study().select(["S01", "S06"])
+
+
+@pytest.fixture(scope="module")
+def decibels(logs):
+    return as_read(logs, 60.0 + DECIBELS_OF_E * logs.frame()[["s1", "s2"]], "dB")
+
+
+def as_read(study, stimuli, unit, reference=None):
+    """The study as it is read from stimuli in a unit."""
+    table = study.frame().drop(columns=["s1", "s2", "synthetic"])
+    names = ["s1", "s2"] if unit == "dB" else ["i1", "i2"]
+    table[names] = stimuli
+    return bt.read_study(table, bt.ReadOptions(unit=unit, intensity=reference))
+
+
+@pytest.fixture(scope="module")
+def evidence(decibels):
+    return bt.evidence(decibels, seed=1)
+
+
+def test_decibels_change_what_is_shown_and_no_number(logs, decibels, evidence):
+    for in_decibels, in_logs in zip(
+        evidence.answers, bt.evidence(logs, seed=1).answers, strict=True
+    ):
+        percent = in_logs.sizes["pse_shift_percent"].q50
+        assert in_decibels.sizes["pse_shift_percent"].q50 == pytest.approx(percent, rel=1e-5)
+        shift = DECIBELS_OF_E * np.log1p(percent / 100.0)
+        assert in_decibels.size("pse_shift_percent").q50 == pytest.approx(shift, rel=1e-5)
+        assert in_logs.size("pse_shift_percent") == in_logs.sizes["pse_shift_percent"]
+    assert " dB [" in evidence.answers[0].describe()
+    assert "%" not in evidence.answers[0].format_size("jnd_percent")
+
+
+def test_a_file_of_draws_has_the_unit(decibels, tmp_path):
+    bt.sample(decibels.select("S01"), seed=1).save(tmp_path / "posterior.nc")
+    draws = bt.load(tmp_path / "posterior.nc")
+    assert draws.study.unit == decibels.unit
+    assert "PSE shift, dB" in words_of(
+        texts_of(bt.plots.corner(draws, "S01", coordinates=["pse_shift"]))
+    )
+    words = set(words_of(texts_of(bt.plots.curves(draws, "S01"))))
+    assert {"second minus first stimulus, dB", "$s_1$ = 60 dB"} <= words
+
+
+def test_figures_and_tables_name_the_unit(decibels, evidence):
+    words = words_of(texts_of(bt.plots.order_effect(evidence)))
+    assert "PSE shift (dB)\nabove 0: first stimulus overestimated" in words
+    assert bt.asymmetry(decibels).unit.describe(0.0) == "0 dB"
+
+
+def test_screens_have_the_unit(decibels, tmp_path):
+    table = decibels.frame()
+    table[["s1", "s2"]] *= DECIBELS_OF_E
+    table.to_csv(tmp_path / "levels.csv", index=False)
+    screen = good("evidence levels.csv --unit dB -o evidence.csv --seed 1", cwd=tmp_path)
+    assert "PSE shift, dB" in screen
+    assert "PSE shift, %" not in screen
+    assert (
+        refused("check levels.csv --unit '$x$'", cwd=tmp_path)
+        == "error: --unit: found '$x$', allowed: ln, log10, dB, dB-power, or a unit of at most 16 letters, such as g\n"
+    )
+
+
+def test_raw_intensities_are_shown_in_their_unit(logs):
+    grams = as_read(logs, 10.0 * np.exp(logs.frame()[["s1", "s2"]]), "g", 10.0)
+    assert grams.unit.describe(np.log(2.0)) == "20 g"
+    assert grams.unit.of_differences == "%"
+    assert grams.unit.stimuli(grams.unit.logs(12.5)) == pytest.approx(12.5)
+    assert grams.unit.describe(grams["S01"].s1[0]) == "10 g"
+
+
+def test_rounded_intensities_are_drawn_by_order(logs):
+    rounded = np.round(10.0 * np.exp(logs.frame()[["s1", "s2"]]), 1)
+    assert not is_by_first(as_read(logs, rounded, "g", 10.0)["S01"])
