@@ -4,10 +4,13 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from reference.hard_cases import hard_cases
 from scipy.special import logsumexp
 from scipy.stats import multivariate_t
 
-from bayes_toe.inference.proposal import StudentMixture, efficiency, tempered
+from bayes_toe.inference.adaptation import fit_proposal
+from bayes_toe.inference.proposal import StudentMixture, efficiency, importance_draws, tempered
+from bayes_toe.model.paper_model import paper_posterior
 
 
 @pytest.fixture
@@ -51,6 +54,21 @@ def test_mixture_density_of_narrow_components_far_apart(apart):
     assert mixture.log_density(x) == pytest.approx(expected, abs=1e-13 + 1e-15 * apart)
 
 
+def test_a_joined_mixture_is_the_weighted_sum(mixture):
+    x = np.random.default_rng(3).normal(size=(10, 2))
+    second = StudentMixture(np.ones(1), np.array([[5.0, 5.0]]), np.eye(2)[None], df=6)
+    third = StudentMixture(np.ones(1), np.array([[-3.0, 2.0]]), 2.0 * np.eye(2)[None], df=6)
+    first, *others = (np.exp(part.log_density(x)) for part in (mixture, second, third))
+    expected = 0.8 * (0.8 * first + 0.2 * others[0]) + 0.2 * others[1]
+    joined = mixture.joined([second, third], 0.2)
+    assert np.exp(joined.log_density(x)) == pytest.approx(expected, rel=1e-12)
+
+
+def test_the_covariance_is_that_of_draws(mixture):
+    x = mixture.sample(np.random.default_rng(1), 400_000)
+    assert mixture.covariance == pytest.approx(np.cov(x.T), abs=0.05)
+
+
 def test_em_climbs_and_recovers_the_mixture(mixture):
     x = mixture.sample(np.random.default_rng(2), 20_000)
     weights = np.full(len(x), 1 / len(x))
@@ -80,6 +98,22 @@ def test_a_step_with_inertia_lies_between_the_old_mixture_and_the_whole_step(mix
     half = mixture.drawn_toward(x, weights, floor=1.0, inertia=50.0)
     assert half.weights == pytest.approx((whole.weights + 0.5) / 2.0)
     assert half.means == pytest.approx(mixture.means + share * (whole.means - mixture.means))
+    separation = whole.means - half.means
+    outer = np.einsum("ja,jb->jab", separation, separation)
+    # Near points count more: their weights do not sum to what a component holds.
+    scatter = (half.scales - mixture.scales) / share[..., None] + mixture.scales
+    ratio = (scatter - free.scales)[:, 0, 0] / outer[:, 0, 0]
+    assert scatter - free.scales == pytest.approx(ratio[:, None, None] * outer, rel=1e-5, abs=1e-6)
+    assert np.all((ratio > 0.5) & (ratio < 8.0 / 6.0))
+
+
+def test_log_proposal_density_integrates_to_one():
+    """Prior over proposal density, at draws of the proposal, averages to the prior's mass."""
+    posterior = paper_posterior(hard_cases()["one batch"])
+    proposal = fit_proposal(posterior, np.random.default_rng(9)).proposal
+    draws = importance_draws(proposal, np.random.default_rng(10), 200_000)
+    ratio = np.exp(draws.log_prior - draws.log_proposal)
+    assert ratio.mean() == pytest.approx(1.0, abs=5 * ratio.std() / np.sqrt(len(ratio)))
 
 
 def test_efficiency_of_even_and_of_single_weights():
