@@ -6,6 +6,7 @@ from commands import good, refused
 from legible import texts_of, words_of
 
 import bayes_toe as bt
+from bayes_toe.checks.answer_checks import check_answers
 from bayes_toe.plots.report_figure import is_by_first
 
 DECIBELS_OF_E = 20.0 / np.log(10.0)
@@ -51,11 +52,10 @@ def test_a_file_of_draws_has_the_unit(decibels, tmp_path):
     bt.sample(decibels.select("S01"), seed=1).save(tmp_path / "posterior.nc")
     draws = bt.load(tmp_path / "posterior.nc")
     assert draws.study.unit == decibels.unit
-    assert "PSE shift, dB" in words_of(
-        texts_of(bt.plots.corner(draws, "S01", coordinates=["pse_shift"]))
-    )
-    words = set(words_of(texts_of(bt.plots.curves(draws, "S01"))))
-    assert {"second minus first stimulus, dB", "$s_1$ = 60 dB"} <= words
+    corner = bt.plots.corner(draws, "S01", coordinates=["pse_shift"])
+    assert "PSE shift, dB" in words_of(texts_of(corner))
+    words = words_of(texts_of(bt.plots.curves(draws, "S01")))
+    assert {"second minus first stimulus, dB", "$s_1$ = 60 dB"}.issubset(words)
 
 
 def test_figures_and_tables_name_the_unit(decibels, evidence):
@@ -85,6 +85,18 @@ def test_raw_intensities_are_shown_in_their_unit(logs):
     assert grams.unit.describe(grams["S01"].s1[0]) == "10 g"
 
 
-def test_rounded_intensities_are_drawn_by_order(logs):
-    rounded = np.round(10.0 * np.exp(logs.frame()[["s1", "s2"]]), 1)
-    assert not is_by_first(as_read(logs, rounded, "g", 10.0)["S01"])
+@pytest.mark.parametrize("digits", [2, 3, 6])
+@pytest.mark.parametrize("task", ["which is stronger", "same/different"])
+def test_rounded_intensities_are_judged_and_drawn_as_exact_ones(task, digits):
+    study = bt.example_study(task)
+    grams = 10.0 * np.exp(study.frame()[["s1", "s2"]])
+    rounded = as_read(study, grams.map(lambda value: float(f"{value:.{digits}g}")), "g", 10.0)
+    codes = {finding.code for finding in check_answers(rounded)}
+    assert codes.isdisjoint({"other_task", "reversed_answers"})
+    assert not is_by_first(rounded["S01"])
+
+
+@pytest.mark.parametrize("mean", [850.0, -850.0])
+def test_a_mean_beyond_all_exponentials_has_per_cent(mean):
+    unit = bt.example_study().unit.or_percent_of(mean)
+    assert unit.stimuli([mean, mean + np.log(1.2)]) == pytest.approx([100.0, 120.0])

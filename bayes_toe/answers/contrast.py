@@ -140,10 +140,10 @@ class Difference(NamedTuple):
 
     def interval(self, unit: StimulusUnit) -> Size:
         """The median and 95 % interval; those of an intensity in the unit of differences."""
-        quantiles = np.array([self.q025, self.q50, self.q975])
+        quantiles = [self.q025, self.q50, self.q975]
         if self.has_unit:
-            quantiles = unit.differences(quantiles)
-        return Size(*quantiles.tolist())
+            quantiles = unit.differences(quantiles).tolist()
+        return Size(*quantiles)
 
     @property
     def factor(self) -> str:
@@ -162,7 +162,7 @@ class Difference(NamedTuple):
         """
         if not self.has_unit:
             return format_share(self.interval(unit), "+")
-        text = format_signed(self.interval(unit), f" {unit.of_differences}")
+        text = format_signed(self.interval(unit), unit.of_differences)
         return text.replace("+", "") if self.p_direction is None else text
 
     @property
@@ -298,8 +298,17 @@ def contrast(
     if not subjects:
         raise WorkerError("\n".join(f"{name}: {reason}" for name, reason in failed.items()))
     rows = tuple(chain.from_iterable(subject.rows for subject in subjects))
-    about_study = (conditions, numbers, root, study.task, study.unit)
-    return ContrastTable(rows, subjects, *about_study, left_out, failed)
+    return ContrastTable(
+        rows,
+        subjects,
+        conditions,
+        numbers,
+        root,
+        task=study.task,
+        unit=study.unit,
+        left_out=left_out,
+        failed=failed,
+    )
 
 
 def _require_conditions(study: Study) -> Conditions:

@@ -221,11 +221,11 @@ class OrderEffect:
             return format_share(size)
         if name == "pse_shift_jnd":
             return format_signed(size)
-        unit = f" {self.unit.of_differences}"
+        unit = self.unit.of_differences
         if name == "pse_shift_percent":
             return format_signed(size, unit)
         low, median, high = (format_number(value) for value in (size.q025, size.q50, size.q975))
-        return f"{median}{unit} [{low}, {high}]"
+        return f"{median} {unit} [{low}, {high}]"
 
     @property
     def cells(self) -> Mapping[str, object]:
@@ -309,13 +309,14 @@ def format_signed(size: Size, unit: str = "") -> str:
 
     Examples
     --------
-    >>> format_signed(Size(2.5, 5.61, 8.3), " %"), format_signed(Size(-0.4, 11.7, 22.1))
+    >>> format_signed(Size(2.5, 5.61, 8.3), "%"), format_signed(Size(-0.4, 11.7, 22.1))
     ('+5.6 % [+2.5, +8.3]', '+12 [-0, +22]')
     """
-    largest = max(abs(size.q025), abs(size.q50), abs(size.q975))
-    digits = _digits(largest, max_digits=2)
-    low, median, high = (f"{value:+.{digits}f}" for value in (size.q025, size.q50, size.q975))
-    return f"{median}{unit} [{low}, {high}]"
+    quantiles = (size.q025, size.q50, size.q975)
+    digits = _digits(max(map(abs, quantiles)), max_digits=2)
+    low, median, high = (f"{value:+.{digits}f}" for value in quantiles)
+    estimate = f"{median} {unit}".rstrip()
+    return f"{estimate} [{low}, {high}]"
 
 
 def _digits(value: float, max_digits: int) -> int:

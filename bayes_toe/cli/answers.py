@@ -79,6 +79,12 @@ def flagged(
     return reasons
 
 
+#: Sentences on the use of conclusions.
+POOR_FIT = "The model does not fit {}."
+NO_FIT = "The fit is not testable for {}."
+ON_PREVIOUS_TRIAL = "Responses depend on the previous trial for {}."
+
+
 def doubtful_subjects(answers: Iterable[OrderEffect]) -> dict[str, list[str]]:
     """Sentences on the use of conclusions, and the interpreted subjects that each concerns."""
     poor_fit, no_fit, on_previous_trial = list[str](), list[str](), list[str]()
@@ -91,11 +97,7 @@ def doubtful_subjects(answers: Iterable[OrderEffect]) -> dict[str, list[str]]:
             no_fit.append(answer.subject)
         if answer.depends_on_previous_trial:
             on_previous_trial.append(answer.subject)
-    return {
-        "The model does not fit {}.": poor_fit,
-        "The fit is not testable for {}.": no_fit,
-        "Responses depend on the previous trial for {}.": on_previous_trial,
-    }
+    return {POOR_FIT: poor_fit, NO_FIT: no_fit, ON_PREVIOUS_TRIAL: on_previous_trial}
 
 
 def effect_size(answer: OrderEffect, question: str) -> str:
@@ -113,15 +115,8 @@ def print_subjects(out: Terminal, answers: Sequence[OrderEffect], file: str = OU
     selected = [answer for answer in answers if answer.subject in names]
     letters = reason_letters(selected)
     rows = [subject_row(answer, letters) for answer in selected]
-    unit = answers[0].unit.of_differences
-    headings = [heading.format(unit=unit) for heading in _HEADINGS]
-    longest = max((len(row[0]) for row in rows), default=0)
-    for long, short in ((", ", ","), ("probably not", "prob. not")):
-        if not is_narrow(headings, rows, max(longest, len(headings[0]))):
-            for row in rows:
-                row[1:] = [cell.replace(long, short) for cell in row[1:]]
     if rows:
-        out.table(headings, rows)
+        _print_rows(out, rows, answers[0].unit.of_differences)
     for reason, letter in letters.items():
         out.line(f"{letter} Cannot be told, because {reason}.", indent=4)
     n_others = len(answers) - len(rows)
@@ -130,6 +125,17 @@ def print_subjects(out: Terminal, answers: Sequence[OrderEffect], file: str = OU
         out.line()
         out.line(f"{needs} action. All {len(answers):,} subjects: {file}")
     print_problems(out, answers, file)
+
+
+def _print_rows(out: Terminal, rows: list[list[str]], unit: str) -> None:
+    """The table of subjects; cells are shortened where it would be too wide."""
+    headings = [heading.format(unit=unit) for heading in _HEADINGS]
+    longest = max(len(row[0]) for row in rows)
+    for long, short in ((", ", ","), ("probably not", "prob. not")):
+        if not is_narrow(headings, rows, max(longest, len(headings[0]))):
+            for row in rows:
+                row[1:] = [cell.replace(long, short) for cell in row[1:]]
+    out.table(headings, rows)
 
 
 def subject_row(answer: OrderEffect, letters: Mapping[str, str]) -> list[str]:

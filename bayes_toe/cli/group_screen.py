@@ -108,11 +108,19 @@ def group_estimate(result: PopulationResult, name: str, quantity: str = "mean") 
     """Median and 95 % interval of a mean, or of a new subject, in the unit of the table."""
     [row] = result.table.select(quantity, _QUANTITY_OF.get(name, name))
     size = Size(row.q025, row.q50, row.q975)
+    if name not in _SHARES:
+        size = size.from_percent(result.study.unit)
+    return _format_size(result, name, size, is_signed=name == CONSTANT_ERROR.name)
+
+
+def _format_size(
+    result: PopulationResult, name: str, size: Size, *, is_signed: bool = False
+) -> str:
+    """A size in the unit of the table with its interval."""
     if name in _SHARES:
         return format_share(size)
-    unit = result.study.unit
-    text = format_signed(size.from_percent(unit), f" {unit.of_differences}")
-    return text if name == CONSTANT_ERROR.name else text.replace("+", "")
+    text = format_signed(size, result.study.unit.of_differences)
+    return text if is_signed else text.replace("+", "")
 
 
 def log_factor_of_mean(result: PopulationResult, name: str) -> float:
@@ -133,7 +141,6 @@ def _factor_and_word(log_factor: float) -> tuple[str, str]:
 def _spread(result: PopulationResult, name: str) -> str:
     """The SD between subjects with its interval; one that may be 0 as a bound."""
     j = result.index(name)
-    unit = f" {result.study.unit.of_differences}"
     mean, sd = result.draws.mean[..., j], result.draws.sd[..., j]
     # The SD is half the difference of subjects one SD above and one SD below the mean.
     above, below = result.in_units(name, mean + sd), result.in_units(name, mean - sd)
@@ -141,10 +148,10 @@ def _spread(result: PopulationResult, name: str) -> str:
         spread = 0.5 * (above - below)
     low, median, high, bound = np.quantile(spread, [0.025, 0.5, 0.975, 0.95]).tolist()
     if name not in _EFFECTS or result.effect(name).sd_at_most is None:
-        size = Size(low, median, high)
-        return format_share(size) if name in _SHARES else format_signed(size, unit).replace("+", "")
-    limit = format_decimals(bound) if name in _SHARES else f"{format_number(bound)}{unit}"
-    return f"at most {limit}"
+        return _format_size(result, name, Size(low, median, high))
+    if name in _SHARES:
+        return f"at most {format_decimals(bound)}"
+    return f"at most {format_number(bound)} {result.study.unit.of_differences}"
 
 
 def _format_difference(result: PopulationResult, row: PopulationRow) -> str:
@@ -152,7 +159,7 @@ def _format_difference(result: PopulationResult, row: PopulationRow) -> str:
     values = np.array([row.q025, row.q50, row.q975])
     if row.parameter == CONSTANT_ERROR.name:
         size = Size(*result.in_units(row.parameter, values).tolist())
-        return format_signed(size, f" {result.study.unit.of_differences}")
+        return _format_size(result, row.parameter, size, is_signed=True)
     if row.parameter == CONTRACTION.name:
         return format_share(Size(*values.tolist()))
     sign = "+"

@@ -49,7 +49,13 @@ from bayes_toe.checks.answer_checks import FLAG_KINDS, Finding
 from bayes_toe.checks.design_checks import NOTES, check
 from bayes_toe.classical.asymmetry import AsymmetryTable, asymmetry_table
 from bayes_toe.classical.fit import SubjectFit
-from bayes_toe.cli.answers import doubtful_subjects, effect_size
+from bayes_toe.cli.answers import (
+    NO_FIT,
+    ON_PREVIOUS_TRIAL,
+    POOR_FIT,
+    doubtful_subjects,
+    effect_size,
+)
 from bayes_toe.cli.group_screen import group_answer, group_tables
 from bayes_toe.cli.terminal import describe_amount, merge_notes, notes_of, quantile_texts
 from bayes_toe.data.messages import (
@@ -400,7 +406,7 @@ def _trust(analysis: Analysis) -> list[tuple[str, str]]:
     interpreted = [answer for answer in analysis.answers if answer.is_interpretable]
     return [
         ("Design", _design(analysis.answers)),
-        ("Fit", _doubts(interpreted, " fit ") or "No subject has a poor fit (p < .01)."),
+        ("Fit", _doubts(interpreted, POOR_FIT, NO_FIT) or "No subject has a poor fit (p < .01)."),
         ("Prior", _prior(interpreted)),
         ("Convergence", _convergence(analysis)),
         ("Serial dependence", _serial_dependence(interpreted)),
@@ -418,13 +424,14 @@ def _design(answers: Sequence[OrderEffect]) -> str:
     return " ".join(sentences) or "The design can show a constant error and a contraction."
 
 
-def _doubts(answers: Sequence[OrderEffect], topic: str) -> str:
-    """The sentences of a topic about subjects; empty if they concern none."""
-    sentences = []
-    for sentence, names in doubtful_subjects(answers).items():
-        if names and topic in sentence:
-            sentences.append(sentence.format(_name_subjects(names)))
-    return " ".join(sentences)
+def _doubts(answers: Sequence[OrderEffect], *sentences: str) -> str:
+    """These sentences about subjects; empty if they concern none."""
+    subjects = doubtful_subjects(answers)
+    texts = []
+    for sentence in sentences:
+        if subjects[sentence]:
+            texts.append(sentence.format(_name_subjects(subjects[sentence])))
+    return " ".join(texts)
 
 
 def _prior(answers: Sequence[OrderEffect]) -> str:
@@ -457,7 +464,7 @@ def _serial_dependence(answers: Sequence[OrderEffect]) -> str:
     """Subjects whose responses depend on the previous trial."""
     if all(answer.history_p is None for answer in answers):
         return "Not testable: the order of the trials is not known."
-    dependent = _doubts(answers, "previous trial")
+    dependent = _doubts(answers, ON_PREVIOUS_TRIAL)
     if not dependent:
         return "No subject shows a dependence on the previous trial (p < .01)."
     return f"{dependent} The command bayes-toe history estimates by how much."
@@ -639,8 +646,7 @@ def _parameter(analysis: Analysis, row: Any, fitted: Mapping[str, str]) -> list[
     difference = ""
     if is_published:
         unit = analysis.study.unit
-        suffix = f" {unit.of_differences}"
-        difference = _interval(unit.differences(draws), n_effective, 1, suffix)
+        difference = _interval(unit.differences(draws), n_effective, 1, unit.of_differences)
     cells.append(difference)
     if analysis.fits.rows:
         cells.append(fitted.get(row.parameter, ""))
@@ -653,7 +659,8 @@ def _parameter(analysis: Analysis, row: Any, fitted: Mapping[str, str]) -> list[
 def _interval(draws: FloatArray, n_effective: float, digits: int, unit: str = "") -> str:
     """Median and 95 % interval with the digits that their Monte Carlo errors allow."""
     low, median, high = quantile_texts(draws, n_effective, digits)
-    return _typeset(f"{median}{unit} [{low}, {high}]")
+    estimate = f"{median} {unit}".rstrip()
+    return _typeset(f"{estimate} [{low}, {high}]")
 
 
 def _typeset(words: str) -> str:

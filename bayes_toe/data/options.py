@@ -5,6 +5,7 @@ The options also say which of its columns are read.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -24,13 +25,15 @@ COLUMNS = (
 #: Columns by which counts are no other: which trial came after which, for a look before answers are
 #: pooled and for models of history.
 LOOKED_AT = ("session", "block", "trial", "iti")
-_TEXTS = ("correct", "condition", "reference", "standard_interval", "comparison_code", "unit")
 _MAY_BE_IGNORED = ("isi", *LOOKED_AT, "condition", "practice")
 _ANSWERS = {
     answer: task for task in (SAME_DIFFERENT, WHICH_STRONGER) for answer in (task.yes, task.no)
 }
 #: Fields whose texts must not be empty.
-_TEXT_FIELDS = (*(f"{answer}_code" for answer in _ANSWERS), *_TEXTS)
+_TEXT_FIELDS = (
+    *(f"{answer}_code" for answer in _ANSWERS),
+    *("correct", "condition", "reference", "standard_interval", "comparison_code", "unit"),
+)
 
 
 @dataclass(frozen=True)
@@ -154,8 +157,12 @@ class ReadOptions:
     def _number_problems(self) -> list[str]:
         """Problems of numbers, and of options that exclude or need each other, a line each."""
         problems = list[str]()
+        if self.intensity is not None and not 0.0 < self.intensity < math.inf:
+            problems.append(
+                f"--intensity: found {self.intensity!r}, allowed: a positive finite number"
+            )
         try:
-            _ = self.stimulus_unit
+            StimulusUnit(self.unit or "")
         except InputError as error:
             problems += error.problems
         if self.intensity is not None and self.unit in LOG_UNITS:
@@ -253,8 +260,7 @@ class ReadOptions:
     @property
     def stimulus_unit(self) -> StimulusUnit:
         """The unit in which stimuli and their differences are shown."""
-        reference = 1.0 if self.intensity is None else float(self.intensity)
-        return StimulusUnit(self.unit or "", reference)
+        return StimulusUnit(self.unit or "", math.log(self.intensity or 1.0))
 
     @property
     def unit_in_words(self) -> str:

@@ -519,7 +519,7 @@ def _stimulus(table: TextTable, column: Column, options: ReadOptions) -> FloatAr
         values = [value * LOG_UNITS[options.unit] for value in values]
     if options.has_intensities:
         # The difference of logs, because the ratio itself may overflow.
-        log_reference = math.log(options.stimulus_unit.reference)
+        log_reference = options.stimulus_unit.log_reference
         values = [math.log(value) - log_reference if value > 0 else math.nan for value in values]
     return np.array(values, np.float64)[column.codes]
 

@@ -41,18 +41,18 @@ class StimulusUnit:
     ----------
     name : str
         One of :data:`LOG_UNITS`, or the unit of raw intensities, as 'g'. Empty if none is known.
-    reference : float
-        The raw intensity at which the natural-log intensity is 0.
+    log_reference : float
+        Natural log of the raw intensity at which the natural-log intensity is 0.
 
     Raises
     ------
     InputError
         If the name is too long or has characters that are not allowed, or the reference is not
-        positive.
+        finite.
 
     Examples
     --------
-    >>> decibel, gram = StimulusUnit("dB"), StimulusUnit("g", reference=10.0)
+    >>> decibel, gram = StimulusUnit("dB"), StimulusUnit("g", np.log(10.0))
     >>> float(decibel.differences(np.log(2.0)).round(2)), decibel.of_differences
     (6.02, 'dB')
     >>> gram.describe(np.log(2.0)), StimulusUnit().describe(np.log(2.0))
@@ -60,7 +60,7 @@ class StimulusUnit:
     """
 
     name: str = ""
-    reference: float = 1.0
+    log_reference: float = 0.0
 
     def __post_init__(self) -> None:
         is_text = self.name.isprintable() and not _NOT_ALLOWED.intersection(self.name)
@@ -69,10 +69,8 @@ class StimulusUnit:
                 f"--unit: found {quoted(self.name)}, allowed: ln, log10, dB, dB-power, or a unit "
                 f"of at most {_LONGEST} letters, such as g"
             )
-        if not 0.0 < self.reference < math.inf:
-            raise InputError(
-                f"--intensity: found {self.reference!r}, allowed: a positive finite number"
-            )
+        if not math.isfinite(self.log_reference):
+            raise InputError("the reference of the unit of the stimuli is not a finite number")
 
     @property
     def is_decibel(self) -> bool:
@@ -107,14 +105,20 @@ class StimulusUnit:
         logs = np.asarray(logs, np.float64)
         if self.is_decibel:
             return np.asarray(logs / LOG_UNITS[self.name])
-        return np.asarray(self.reference * np.exp(logs))
+        return np.asarray(np.exp(logs + self.log_reference))
 
     def logs(self, stimuli: npt.ArrayLike) -> FloatArray:
         """Natural-log intensities of stimuli in this unit."""
         stimuli = np.asarray(stimuli, np.float64)
         if self.is_decibel:
             return np.asarray(stimuli * LOG_UNITS[self.name])
-        return np.asarray(np.log(stimuli / self.reference))
+        return np.asarray(np.log(stimuli) - self.log_reference)
+
+    def or_percent_of(self, mean: float) -> StimulusUnit:
+        """This unit; per cent of a mean natural-log intensity if the unit is not known."""
+        if self.of_stimuli:
+            return self
+        return StimulusUnit("%", math.log(100.0) - mean)
 
     def describe(self, log: float) -> str:
         """A stimulus with its unit; its natural-log intensity if the unit is not known."""

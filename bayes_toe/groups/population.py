@@ -19,6 +19,7 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.checks.identification import identify
 from bayes_toe.data.covariates import Covariates, read_covariates
 from bayes_toe.data.messages import as_html, listed
+from bayes_toe.data.stimulus_unit import percent
 from bayes_toe.data.study import Study, Subject, by_person, require_study
 from bayes_toe.errors import ConvergenceWarning, InputError, require_kind
 from bayes_toe.groups.group_posterior import (
@@ -243,22 +244,21 @@ class PopulationResult:
         sd_limit = None
         if sd_interval.low < _SMALL_SD[name]:
             sd_limit = float(np.quantile(sd, 0.95))
-        percent = None
+        shift = None
         if name == CONSTANT_ERROR.name:
-            percent = Interval.from_draws(self.shift_percent(mean))
+            shift = Interval.from_draws(self.shift_percent(mean))
         zero = zero_mean(self.draws, self.numbers, self.regressors.x, j)
-        return GroupEffect(Interval.from_draws(mean), percent, sd_interval, sd_limit, zero)
+        return GroupEffect(Interval.from_draws(mean), shift, sd_interval, sd_limit, zero)
 
     def shift_percent(self, constant_error: FloatArray) -> FloatArray:
         """Shift of the point of subjective equality in per cent, of constant errors in D."""
-        with np.errstate(over="ignore"):
-            return np.asarray(100.0 * np.expm1(constant_error * self.scales.step))
+        return percent(constant_error * self.scales.step)
 
     def jnd_percent(self, log_noise: FloatArray) -> FloatArray:
         """Just noticeable difference in per cent, of log noises in D."""
         with np.errstate(over="ignore"):
             jnd = JND_OVER_NOISE * self.scales.step * np.exp(log_noise)
-            return np.asarray(100.0 * np.expm1(jnd))
+        return percent(jnd)
 
     def in_units(self, name: str, coefficients: FloatArray) -> FloatArray:
         """Coefficients of a parameter in the unit of differences, or p, or a probability."""

@@ -166,7 +166,7 @@ def _attributes(study: Study, settings: Settings) -> dict[str, Any]:
         "notes": "\n".join(study.notes),
         "changes": "\n".join(study.changes),
         "unit": study.unit.name,
-        "unit_reference": study.unit.reference,
+        "unit_log_reference": study.unit.log_reference,
         "not_interpreted": json.dumps(not_interpreted(study)),
         **_condition_attributes(study),
         "model": settings.model,
@@ -190,8 +190,8 @@ def _condition_attributes(study: Study) -> dict[str, str]:
 
 def stored_unit(attributes: Mapping[Any, Any]) -> StimulusUnit:
     """The unit of the stimuli; an InputError if it is not allowed."""
-    name, reference = attributes.get("unit", ""), attributes.get("unit_reference", 1.0)
-    return StimulusUnit(str(name), float(reference))
+    log_reference = float(attributes.get("unit_log_reference", 0.0))
+    return StimulusUnit(str(attributes.get("unit", "")), log_reference)
 
 
 def stored_conditions(tree: xr.DataTree) -> tuple[Conditions | None, dict[str, dict[str, Any]]]:

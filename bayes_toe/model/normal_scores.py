@@ -6,8 +6,8 @@ Given pull p and width w, two things fix the offset c = p (mu1 - sbar): the prio
 sbar) and standard deviation p V^(1/2), and the data, about c_0 with a precision that goes as 1/w^2.
 For a normal likelihood the conditional of c is then normal with
 
-    s^-2 = 1 / (p^2 V) + kappa (w_0 / w)^2,    mean = share p (m - sbar) + (1 - share) c_0,    share
-    = s^2 / (p^2 V).
+    s^-2 = 1 / (p^2 V) + kappa (w_0 / w)^2
+    mean = share p (m - sbar) + (1 - share) c_0,    share = s^2 / (p^2 V).
 
 The coordinates y replace c by (c - mean) / s: as p -> 0 the posterior in c narrows in proportion to
 p, which no mixture with a fixed scale can follow; in y it keeps its width. Pull and q0 enter by

@@ -1,8 +1,9 @@
 """The observer: one likelihood for both tasks, four models of what the order of stimuli does.
 
-    z = ((s2 - s1) - c + p (s1 - sbar)) / (sigma_d exp(b m)),   m = (s1 + s2)/2 - sbar which is
-    stronger   P(second) = lambda/2 + (1 - lambda) Phi(z) same or different   P(equal) = lambda (2
-    Phi(k_m) - 1) + (1 - lambda) (Phi(k_m - z) - Phi(-k_m - z))
+    z = ((s2 - s1) - c + p (s1 - sbar)) / (sigma_d exp(b m)),   m = (s1 + s2)/2 - sbar
+    which is stronger   P(second) = lambda/2 + (1 - lambda) Phi(z)
+    same or different   P(equal) = lambda (2 Phi(k_m) - 1)
+                                   + (1 - lambda) (Phi(k_m - z) - Phi(-k_m - z))
                         k_m = k exp(g m),  q0 = 2 Phi(k) - 1
 
 c is the constant error, p the contraction; the models are 'none', 'constant error', 'contraction'

@@ -208,8 +208,10 @@ def log_different(z: npt.ArrayLike, logit_q0: npt.ArrayLike) -> FloatArray:
     logit_q0 : array_like
         log(q0 / (1 - q0)); carries 1 - q0 below machine precision.
 
-    Notes ----- 1 - q = (1 - q0) + q0 (1 - 2^(-z^2)) adds positive terms only; where q is small,
-    log1p(-q) keeps its relative accuracy.
+    Notes
+    -----
+    1 - q = (1 - q0) + q0 (1 - 2^(-z^2)) adds positive terms only; where q is small, log1p(-q) keeps
+    its relative accuracy.
 
     Examples
     --------

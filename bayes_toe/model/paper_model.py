@@ -626,9 +626,11 @@ def unconstrained(theta: Natural, sbar: float) -> FloatArray:
 
     Needs 0 < gamma < 1, 0 < q0 < 1.
 
-    Notes ----- Where sigma_l and sigma_p differ by rounding only, gamma = 1 and the logit is
-    infinite: such a point is on the edge, outside the open support. Draws come there: from logit(p
-    / p_max) = 36 on no pair of floats tells it.
+    Notes
+    -----
+    Where sigma_l and sigma_p differ by rounding only, gamma = 1 and the logit is infinite: such a
+    point is on the edge, outside the open support. Draws come there: from logit(p / p_max) = 36 on
+    no pair of floats distinguishes it.
     """
     gamma = theta.gamma
     p = pull(gamma)

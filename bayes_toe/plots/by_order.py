@@ -17,10 +17,10 @@ from bayes_toe.answers.words import Word
 from bayes_toe.arrays import FloatArray, IndexArray
 from bayes_toe.classical.frequencies import presentation_order
 from bayes_toe.data.messages import counted
-from bayes_toe.data.stimulus_unit import StimulusUnit
 from bayes_toe.data.study import Subject, refuse_intervals
 from bayes_toe.errors import InputError
 from bayes_toe.inference.prediction import Predictor
+from bayes_toe.plots.curves import mean_first
 from bayes_toe.plots.order_effect import QUESTIONS, WITHOUT_SIZE, marker_style
 from bayes_toe.plots.report_figure import responses_panel
 from bayes_toe.plots.style import (
@@ -260,11 +260,8 @@ def _pair_labels(subjects: Sequence[Subject], width: float) -> list[str]:
     has_same_pairs = all(np.array_equal([subject.s1, subject.s2], pairs) for subject in subjects)
     if not has_same_pairs or len(index) * _LABEL_WIDE > width:
         return []
-    mean = float(np.average(first.s1, weights=first.n_trials))
-    unit, digits = first.unit, ".3g"
-    if not unit.of_stimuli:
-        unit, digits = StimulusUnit("%", 100.0 * np.exp(-mean)), ".0f"
-    stimuli = unit.stimuli(pairs[:, index])
+    stimuli = first.unit.or_percent_of(mean_first(first)).stimuli(pairs[:, index])
+    digits = ".3g" if first.unit.of_stimuli else ".0f"
     return [f"{s1:{digits}}, {s2:{digits}}" for s1, s2 in stimuli.T]
 
 

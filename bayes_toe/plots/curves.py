@@ -154,9 +154,9 @@ def label_along(ax: Axes, counts: Subject) -> None:
 
 def _describe_weaker(counts: Subject, weaker: float) -> str:
     """Words for a panel that shows the pairs with one weaker stimulus (ln)."""
-    if counts.unit.of_stimuli:
-        return f"weaker stimulus {counts.unit.describe(weaker)}"
-    return f"weaker stimulus {100.0 * np.exp(weaker - mean_first(counts)):.0f} %"
+    unit = counts.unit.or_percent_of(mean_first(counts))
+    digits = ".4g" if counts.unit.of_stimuli else ".0f"
+    return f"weaker stimulus {unit.stimuli(weaker):{digits}} {unit.of_stimuli}"
 
 
 def title_of(draws: Draws, subject: str) -> str:

@@ -102,7 +102,7 @@ def population(result: PopulationResult, check: PredictiveCheck | None = None) -
         parts[3].suptitle(title, fontsize=SMALL)
         panels = grid_panels(parts[3], len(effects), n_columns)
         for i, (name, ax) in enumerate(zip(effects, panels, strict=True)):
-            label = _EFFECT_LABELS[name].format(unit=result.study.unit.of_differences)
+            label = _label(result, _EFFECT_LABELS[name])
             effects_panel(ax, effects[name], label, labels)
             ax.tick_params(labelleft=i % n_columns == 0)
     return figure
@@ -123,12 +123,15 @@ def _heading(result: PopulationResult) -> str:
         mean = format_share(Size(*effect.mean))
         if effect.percent is not None:
             unit = result.study.unit
-            mean = format_signed(
-                Size(*effect.percent).from_percent(unit), f" {unit.of_differences}"
-            )
+            mean = format_signed(Size(*effect.percent).from_percent(unit), unit.of_differences)
         factor = format_bayes_factor(-effect.zero_mean.log_bf)
         lines.append(f"mean {label} {mean}, BF of a mean that is not 0: {factor}")
     return "\n".join(lines).replace("-", "−")
+
+
+def _label(result: PopulationResult, label: str) -> str:
+    """A label with the unit of differences."""
+    return label.format(unit=result.study.unit.of_differences)
 
 
 def prior_panel(ax: Axes, result: PopulationResult, name: str) -> None:
@@ -143,7 +146,7 @@ def prior_panel(ax: Axes, result: PopulationResult, name: str) -> None:
     means = np.zeros((_POINTS, len(result.numbers.mean)))
     means[:, j] = x
     values = result.in_units(name, x)
-    label = _LABELS[name].format(unit=result.study.unit.of_differences)
+    label = _label(result, _LABELS[name])
     # A density in the unit of the panel follows from the slope of the unit.
     prior = np.exp(result.numbers.log_mean(means)[:, j]) / np.gradient(values, x)
     style: dict[str, Any] = {"bins": _BINS, "density": True, "label": "posterior of the group mean"}
@@ -179,7 +182,7 @@ def forest(ax: Axes, result: PopulationResult, name: str) -> None:
     else:
         ax.set_yticks(range(n_subjects), [plain(subject, 14) for subject in result.subjects])
     draw_intervals(ax, np.arange(n_subjects), quantiles, **style)
-    label = _LABELS[name].format(unit=result.study.unit.of_differences)
+    label = _label(result, _LABELS[name])
     ax.set(ylim=(n_subjects - 0.5, -0.6), xlabel=label)
 
 

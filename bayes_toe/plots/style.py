@@ -22,7 +22,7 @@ from matplotlib.figure import Figure, SubFigure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from bayes_toe.arrays import BoolArray, FloatArray, IntArray
-from bayes_toe.data.stimulus_unit import StimulusUnit
+from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit
 from bayes_toe.data.tasks import Task
 
 WEAKER_FIRST, STRONGER_FIRST, EQUAL = "#D55E00", "#0072B2", "#6E6E6E"
@@ -200,10 +200,9 @@ def rows_by_order(order: IntArray) -> Iterator[tuple[Mark, BoolArray]]:
 
 def stimulus_axis(ax: Axes, stimulus: str, unit: StimulusUnit, mean: float) -> None:
     """Label an axis of natural logs in the unit of the stimuli, or in per cent of their mean."""
-    if unit.of_stimuli:
-        _unit_axis(ax, f"{stimulus}, {unit.of_stimuli}", unit)
-    else:
-        _unit_axis(ax, f"{stimulus}, % of the mean", StimulusUnit("%", 100.0 * np.exp(-mean)))
+    axis_unit = unit.or_percent_of(mean)
+    of_mean = "" if unit.of_stimuli else " of the mean"
+    _unit_axis(ax, f"{stimulus}, {axis_unit.of_stimuli}{of_mean}", axis_unit)
 
 
 def difference_axis(ax: Axes, unit: StimulusUnit) -> None:
@@ -211,7 +210,7 @@ def difference_axis(ax: Axes, unit: StimulusUnit) -> None:
     if unit.is_decibel:
         _unit_axis(ax, "second minus first stimulus, dB", unit)
     else:
-        _unit_axis(ax, "second stimulus, % of the first", StimulusUnit("%", 100.0))
+        _unit_axis(ax, "second stimulus, % of the first", UNKNOWN_UNIT.or_percent_of(0.0))
 
 
 def _unit_axis(ax: Axes, label: str, unit: StimulusUnit) -> None:

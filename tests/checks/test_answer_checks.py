@@ -199,16 +199,6 @@ def test_answers_to_the_other_question_flag_every_subject(task):
     assert "Responses look like another task." in findings[0].message
 
 
-@pytest.mark.parametrize("digits", [2, 3, 6])
-@pytest.mark.parametrize("task", ["which is stronger", "same/different"])
-def test_rounded_intensities_are_no_reason_against_responses(task, digits):
-    table = bt.example_study(task).frame()
-    for ours, raw in (("s1", "i1"), ("s2", "i2")):
-        table[raw] = [float(f"{10.0 * np.exp(s):.{digits}g}") for s in table.pop(ours)]
-    study = bt.read_study(table, bt.ReadOptions(unit="g"))
-    assert messages(*study).keys().isdisjoint({"other_task", "reversed_answers"})
-
-
 def p_yes(distance, task):
     if task == SAME_DIFFERENT:
         return 0.9 * np.exp(-((distance / 0.3) ** 2))

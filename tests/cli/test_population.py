@@ -56,7 +56,7 @@ def test_files_and_answer(done, folder):
 def test_files_are_those_of_the_group(done, folder):
     result = bt.load(folder / "group.nc")
     text = " ".join(done.split())
-    shift = format_signed(Size(*result.effect("constant_error").percent), " %")
+    shift = format_signed(Size(*result.effect("constant_error").percent), "%")
     contraction = format_share(Size(*result.effect("contraction").mean))
     assert f"mean PSE shift {shift}" in text
     assert f"mean contraction p {contraction}" in text

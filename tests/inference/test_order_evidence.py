@@ -31,35 +31,35 @@ def evidence():
 
 def grid_evidence(subject, has_error):
     """Log evidence by a sum over a grid, from the formulas of the observer as on paper."""
-    step = np.sqrt(np.mean(np.square(subject.s2 - subject.s1)))
-    sbar = subject.s1.mean()
+    difference = subject.s2 - subject.s1
+    step = np.sqrt(np.mean(np.square(difference)))
+    middle = 0.5 * (subject.s1 + subject.s2) - subject.s1.mean()
     spread = np.concatenate([subject.s1, subject.s2]).std()
     t = np.linspace(-5.0, 5.0, 41)
-    width = t[1] - t[0]
-    axes = [t, t, t, t] if has_error else [t, t, t, np.zeros(1)]
-    log_sums = []
-    middle = 0.5 * (subject.s1 + subject.s2) - sbar
     log_normal = stats.norm.logpdf(t)
+    sigmas = step * np.exp(0.7 * t)
+    lapses = stats.beta.ppf(stats.norm.cdf(t), 1, 9)
     # Student's t has long tails: its axis is sinh(t), with the derivative as a weight.
     tails = np.sinh(t)
     log_student = stats.t.logpdf(tails, 3) + np.log(np.cosh(t))
-    for i, noise in enumerate(axes[0]):
-        sigma = step * np.exp(0.7 * noise)
-        for j, score in enumerate(axes[1]):
-            lapse = stats.beta.ppf(stats.norm.cdf(score), 1, 9)
-            slope = 0.15 / spread * tails[:, None, None]
-            error = 0.5 * step * (tails if has_error else np.zeros(1))[None, :, None]
-            z = (subject.s2 - subject.s1 - error) / (sigma * np.exp(slope * middle))
-            p = 0.5 * lapse + (1.0 - lapse) * stats.norm.cdf(z)
-            terms = stats.binom.logpmf(subject.n_yes, subject.n_trials, p).sum(axis=-1)
-            terms = terms + log_student[:, None]
-            if has_error:
-                terms = terms + log_student[None, :]
-            log_sums.append(logsumexp(terms) + log_normal[i] + log_normal[j])
+    slope = 0.15 / spread * tails[:, None, None]
+    errors, log_error = (tails, log_student) if has_error else np.zeros((2, 1))
+    shifted = difference - 0.5 * step * errors[:, None]
+    log_sums = []
+    for i, j in np.ndindex(41, 41):
+        z = shifted / (sigmas[i] * np.exp(slope * middle))
+        p = 0.5 * lapses[j] + (1.0 - lapses[j]) * stats.norm.cdf(z)
+        terms = stats.binom.logpmf(subject.n_yes, subject.n_trials, p).sum(axis=-1)
+        terms += log_student[:, None] + log_error
+        log_sums.append(logsumexp(terms) + log_normal[i] + log_normal[j])
     dimensions = 4 if has_error else 3
-    log_choices = stats.binom.logpmf(subject.n_yes, subject.n_trials, 0.5)
-    log_choices = (log_choices + subject.n_trials * np.log(2.0)).sum()
-    return logsumexp(log_sums) + dimensions * np.log(width) - log_choices
+    log_half = stats.binom.logpmf(subject.n_yes, subject.n_trials, 0.5).sum()
+    log_choices = log_half + subject.total_trials * np.log(2.0)
+    return logsumexp(log_sums) + dimensions * np.log(t[1] - t[0]) - log_choices
+
+
+def test_laplace_is_near(evidence):
+    assert np.abs(evidence.laplace - evidence.log_evidence).max() < 0.5
 
 
 @pytest.mark.parametrize("model", ["none", "constant error"])
