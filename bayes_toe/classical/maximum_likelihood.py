@@ -65,7 +65,9 @@ _FLAT, _ROUGH = 1e-6, 1e-7
 #: A parameter may change this little along a flat direction and still count as determined; the step
 #: by which that is seen.
 _STILL, _STEP = 1e-3, 1e-4
-_MOST_STEPS = 40  # after which only the best start of each row goes on
+#: When only the best start of each row goes on: after this many steps, or where a step promises
+#: fewer nats than this.
+_MOST_STEPS, _LEAST_GAIN = 40, 1e-9
 #: The grid: pulls as shares of the largest with sides of the offset, the edge gamma = 0 last;
 #: offsets and log widths on the scale of the design; shares of answers that lapses leave.
 _PARTS = (
@@ -238,7 +240,13 @@ def fit_counts(
     fitted = PenalisedLikelihood(posterior, counts)
     starts, rows = _starts(fitted), np.arange(len(fitted.n_yes))
     row_of_start = np.repeat(rows, starts.shape[1])
-    ascent = _ascended(fitted, row_of_start, starts.reshape(-1, 4), most_steps=_MOST_STEPS)[1]
+    _, ascent = _ascended(
+        fitted,
+        row_of_start,
+        starts.reshape(-1, 4),
+        most_steps=_MOST_STEPS,
+        least_gain=_LEAST_GAIN,
+    )
     value = ascent.value.reshape(len(rows), -1)
     is_highest = value > value.max(axis=1, keepdims=True) - _rounding(value)
     # Of equal ones the first: rather inside than on gamma = 0.
@@ -270,6 +278,7 @@ def _ascended(
     start: FloatArray,
     *,
     most_steps: int,
+    least_gain: float = 0.0,
 ) -> tuple[Differenced, Ascent]:
     """Newton from starts, (points, 4), of rows, (points,).
 
@@ -285,6 +294,7 @@ def _ascended(
         is_held=is_held,
         largest_step=3.0,
         most_steps=most_steps,
+        least_gain=least_gain,
     )
 
 
