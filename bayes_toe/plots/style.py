@@ -182,10 +182,11 @@ def label_outer(panels: Sequence[Axes], n_columns: int) -> None:
             ax.set_ylabel("")
         label = ""
         if i + n_columns >= len(panels):
-            label = ax.get_xlabel().replace("% ", "%\u00a0")  # a line does not end behind a %
+            label = ax.get_xlabel()
         figure = ax.get_figure(root=True)
         if figure is not None and figure.get_figwidth() < _WIDE_PANEL * n_columns:
-            label = fill(label, _LABEL_LETTERS)
+            without_break = label.replace("% ", "%\u00a0")  # a line does not end behind a %
+            label = fill(without_break, _LABEL_LETTERS).replace("\u00a0", " ")
         ax.set_xlabel(label)
         dress(ax)
 

@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 from conftest import counts
 from legible import curves_of, require_legible, titles_of
+from matplotlib.text import Text
 from reference.hard_cases import hard_cases
 
 import bayes_toe as bt
 from bayes_toe.plots.curves import MOST_PANELS, main_weaker, order_panel
+from bayes_toe.plots.report_figure import responses_figure
 from bayes_toe.plots.style import STRONGER_FIRST, WEAKER_FIRST, new_figure
 
 
@@ -107,3 +109,10 @@ def test_a_model_that_knows_no_intervals_has_the_same_curve_at_each(small_study)
     assert [ax.get_ylabel() for ax in figure.axes] == ["P('equal')", ""]
     first, second = bt.predict(draws, "A", 0.0, 0.2, [0.5, 2.0])["mean"]
     assert first == second
+
+
+def test_labels_of_the_report_have_only_characters_that_can_be_drawn(analysis):
+    figure = responses_figure(analysis, 4.0)
+    labels = [text.get_text() for text in figure.findobj(Text)]
+    assert any("% of the mean" in label for label in labels)
+    assert all(label.replace("\n", " ").isprintable() for label in labels)
