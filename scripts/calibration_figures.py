@@ -19,9 +19,9 @@ from reference.calibration import (
 )
 from reference.calibration_statistics import POINTS, band, ecdf_difference, reliability_bins
 
+from bayes_toe.model.parameters import QUANTITY_BY_NAME
 from bayes_toe.plots.style import (
     EQUAL,
-    LABELS,
     LETTERS,
     PAGE,
     SMALL,
@@ -71,7 +71,10 @@ def ranks_figure(table: Calibration) -> Figure:
                 label=label,
             )
         ax.axhline(0.0, color="black", lw=0.5)
-        ax.set_title(LABELS.get(quantity, quantity.replace("_", " ")), fontsize=LETTERS)
+        title = quantity.replace("_", " ")
+        if quantity in QUANTITY_BY_NAME:
+            title = QUANTITY_BY_NAME[quantity].symbol
+        ax.set_title(title, fontsize=LETTERS)
         ax.set_xlim(0.0, 1.0)
         ax.set_xticks([0.0, 0.5, 1.0], ["0", "0.5", "1"])
 

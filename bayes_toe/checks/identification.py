@@ -15,6 +15,7 @@ from bayes_toe.data.conditions import Stimuli
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import WHICH_STRONGER, Task
 from bayes_toe.model.observer import ObserverPosterior, OrderModel
+from bayes_toe.model.parameters import NOISE, PARAMETERS
 
 QUESTIONS = ("order_effect", "constant_error", "contraction")
 #: Share of the largest difference, or of the extent of all pairs, below which stimuli are equal.
@@ -22,15 +23,6 @@ ROUNDING = 1e-6
 _FEWEST_IN_STRETCH = 8  # trials in blocks of one order: shorter stretches average block shifts out
 #: Trials of a typical observer in which pairs must say more about p than its prior says.
 TYPICAL_TRIALS = 300
-_TYPICAL_OBSERVER = {
-    "noise": 0.5,  # in D
-    "q0": 0.9,
-    "lapse_rate": 0.05,
-    "noise_slope": 0.0,
-    "criterion_slope": 0.0,
-    "constant_error": 0.0,
-    "contraction": 0.0,
-}
 
 NO_DIFFERENCE = "no pair has two different stimuli"
 ONE_ORDER = "unequal stimuli were presented in one order only"
@@ -196,10 +188,8 @@ def contraction_information(subject: Subject) -> float:
     prior says more than the answers. The observer has no order effect, noise D/2 and few lapses.
     """
     posterior: ObserverPosterior = OrderModel("both").posterior(subject)
-    scale = {"noise": posterior.scales.step}
-    quantities = {
-        name: np.asarray(value * scale.get(name, 1.0)) for name, value in _TYPICAL_OBSERVER.items()
-    }
+    quantities = {parameter.name: np.asarray(parameter.typical) for parameter in PARAMETERS}
+    quantities[NOISE.name] = quantities[NOISE.name] * posterior.scales.step
     point = posterior.full_points(posterior.points(quantities)[None])
     information = posterior.batch.scoring(point)[2][0, 0] * TYPICAL_TRIALS / subject.total_trials
     curvature = posterior.batch.prior_slopes(point)[1][0, 0]

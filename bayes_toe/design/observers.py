@@ -22,7 +22,7 @@ from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task
 from bayes_toe.design.study_design import StudyDesign
 from bayes_toe.errors import InputError
 from bayes_toe.model.observer import DEFAULT_PRIOR, ObserverPosterior, OrderModel
-from bayes_toe.model.parameters import ORDER_MODELS, ObserverPrior, task_parameters
+from bayes_toe.model.parameters import ORDER_MODELS, PARAMETERS, ObserverPrior, task_parameters
 from bayes_toe.model.prior_fields import real, shown
 from bayes_toe.seeds import generator
 
@@ -44,15 +44,6 @@ KINDS: Mapping[str, Mapping[str, Range]] = {
 }
 #: The source of observers that are drawn from the prior of the four models.
 PRIOR = "prior"
-_LIMITS: Mapping[str, tuple[float, float, str]] = {
-    "noise": (0.0, np.inf, "above 0"),
-    "q0": (0.0, 1.0, "above 0 and below 1"),
-    "lapse_rate": (-1e-300, 1.0, "from 0 to below 1"),  # limits are not allowed themselves
-    "noise_slope": (-np.inf, np.inf, "finite"),
-    "criterion_slope": (-np.inf, np.inf, "finite"),
-    "constant_error": (-np.inf, np.inf, "finite"),
-    "contraction": (-1.0, 1.0, "above -1 and below 1"),
-}
 _FORM = "sections such as [contraction] of NAME = NUMBER or NAME = [LOWEST, HIGHEST]"
 _NEVER = 0.01  # probability of an answer below which the other one is practically certain
 
@@ -157,12 +148,13 @@ def _problems(
     values: Mapping[str, object], names: Sequence[str], *, has_ranges: bool = False
 ) -> Iterator[str]:
     """What is wrong with parameters, or with ranges of them, a line each."""
+    limits = {parameter.name: parameter.limits for parameter in PARAMETERS}
     for name, value in values.items():
         if name not in names:
             yield f"key {quoted(name)}: unknown, allowed: {', '.join(names)}"
             continue
         low, high = _range(value) if has_ranges else (real(value), real(value))
-        lower_limit, upper_limit, description = _LIMITS[name]
+        lower_limit, upper_limit, description = limits[name]
         if not lower_limit < low <= high < upper_limit:
             or_range = ", or [LOWEST, HIGHEST] of such" if has_ranges else ""
             yield f"{name}: found {shown(value)}, allowed: a number {description}{or_range}"

@@ -29,6 +29,7 @@ from bayes_toe.explorer.entry import (
 )
 from bayes_toe.inference.draws import Draws, require_draws
 from bayes_toe.model.models import model_title
+from bayes_toe.model.parameters import QUANTITY_BY_NAME
 from bayes_toe.version import __version__
 
 #: Subjects of one page; posteriors of a subject count each.
@@ -42,34 +43,6 @@ _ROWS = 2000  # draws of an entry, at most
 _ISLANDS = "<!-- posteriors -->"
 _HIGH = 1150  # pixels in a notebook
 _Sources: TypeAlias = "Draws | Sequence[Draws] | Mapping[str, Draws]"
-#: What quantities are called on the page: a short symbol and what it is in words.
-_QUANTITIES = {
-    "mu1": ("μ₁", "centre of the contraction: the prior's mean"),
-    "sigma_p": ("σₚ", "noise that is added between the stimuli"),
-    "sigma_l": ("σℓ", "noise of the measurement"),
-    "q0": ("q₀", "P(equal) at the peak"),
-    "gamma": ("γ", "σℓ²/σₚ²"),
-    "sigma1": ("σ₁", "spread of the prior"),
-    "gain": ("gain K", "weight of the first stimulus; 1: no contraction"),
-    "width": ("width w", "width of the curve"),
-    "offset": ("offset c", "constant part of the order effect"),
-    "pull": ("contraction p", "share of the way to the centre; 0: none"),
-    "noise_slope": ("slope b", "change of log noise with intensity"),
-    "lapse_rate": ("lapse λ", "share of responses that ignore the stimuli"),
-    "noise": ("noise σ", "standard deviation of the perceived difference"),
-    "criterion_slope": ("slope g", "change of the log criterion for 'equal' with intensity"),
-    "constant_error": (
-        "PSE shift c, {unit}",
-        "constant error: above 0 the first stimulus is overestimated",
-    ),
-    "contraction": ("contraction p", "above 0: contraction to the mean; below 0: repulsion"),
-    "zone": ("zone, {unit}", "half-width of the differences that are called 'equal'"),
-    "pse_shift": (
-        "PSE shift, {unit}",
-        "second minus first stimulus when both seem equal, at the mean first stimulus",
-    ),
-    "jnd": ("JND, {unit}", "just noticeable difference"),
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,8 +189,8 @@ def page(
         raise InputError("explore: found draws in per cent and in dB, allowed: one in a page")
     (unit,) = units
     quantities = {}
-    for name, (label, meaning) in _QUANTITIES.items():
-        quantities[name] = (label.format(unit=unit), meaning)
+    for name, quantity in QUANTITY_BY_NAME.items():
+        quantities[name] = (quantity.label.format(unit=unit), quantity.words)
     room = min(_BYTES / len(page_entries), max(_FEW_BYTES / len(page_entries), _ENTRY_BYTES))
     rows = min(_ROWS, int(room / max(entry.bytes_a_draw for entry in page_entries)))
     contents, list_of_entries = {}, []

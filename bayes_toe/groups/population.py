@@ -51,10 +51,8 @@ from bayes_toe.model.observer import JND_OVER_NOISE, StimulusScales
 from bayes_toe.model.parameters import (
     CONSTANT_ERROR,
     CONTRACTION,
-    CRITERION_SLOPE,
     LAPSE_RATE,
     NOISE,
-    NOISE_SLOPE,
     PEAK,
     lapse_logs,
     task_parameters,
@@ -328,11 +326,8 @@ class PopulationResult:
         if name == LAPSE_RATE.name:
             log_rate, _ = lapse_logs(u, PLAIN_UNITS.lapse_rate_b)
             return np.exp(log_rate)
-        scales = {
-            NOISE_SLOPE.name: PLAIN_UNITS.noise_slope_scale,
-            CRITERION_SLOPE.name: PLAIN_UNITS.criterion_slope_scale,
-        }
-        return scales[name] / self.scales.spread * u
+        scale: float = getattr(PLAIN_UNITS, f"{name}_scale")
+        return scale / self.scales.spread * u
 
     @property
     def comparisons(self) -> tuple[tuple[str, str], ...]:

@@ -31,6 +31,7 @@ from bayes_toe.inference.proposal import FittedProposal
 from bayes_toe.inference.sampling import Chains, SamplerSettings, sample_chains
 from bayes_toe.model.intervals import interval_units, reference_interval
 from bayes_toe.model.paper_model import PaperPosterior
+from bayes_toe.model.parameters import quantity_named
 from bayes_toe.model.posterior import AnswerPosterior, SampledPosterior, contraction
 from bayes_toe.model.prior import DEFAULT, Prior
 from bayes_toe.seeds import generator
@@ -60,12 +61,6 @@ FIT_COLUMNS = {
     "worst_s2": "worst_pair_s2",
     "worst_isi": "worst_pair_isi",
     "p_deviance": "deviance_p",
-}
-#: Units of quantities that are no ln intensity; frequencies of pairs, q_1 and so on, have none
-#: either.
-_UNITS = {
-    **dict.fromkeys(("gamma", "gain", "pull", "lapse_rate", "contraction"), "1"),
-    **dict.fromkeys(("noise_slope", "criterion_slope"), "1 / ln intensity"),
 }
 
 SummaryRow: TypeAlias = tuple[str | float, ...]
@@ -269,7 +264,7 @@ def location(values: FloatArray) -> tuple[float, ...]:
 
 def unit(name: str, target: AnswerPosterior) -> str:
     """The unit of a quantity; at the reference interval where an interval acts on it."""
-    plain = _UNITS.get(name, "1" if name.startswith("q") else "ln intensity")
+    plain = quantity_named(name).unit
     if target.subject.isi is None or not isinstance(target, PaperPosterior):
         return plain
     reference = reference_interval(target.prior.reference_interval, target.subject)

@@ -1,4 +1,4 @@
-"""The parameters of the observer: one row each, with symbol, unit, words, prior and coordinate.
+"""The parameters of the observer: one row each, with names, unit, words, prior and limits.
 
 The observer of one subject works on stimuli about sbar in units of D, so that no unit of intensity
 matters. Every parameter has one unconstrained coordinate u, in units of its prior:
@@ -37,6 +37,7 @@ from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task
 from bayes_toe.errors import InputError
 from bayes_toe.model.distributions import LOG_2PI
 
+LOG_INTENSITY, PER_LOG_INTENSITY, PURE_NUMBER = "ln intensity", "1 / ln intensity", "1"
 _STUDENT_LOG_NORM = float(np.log(2.0 / (np.pi * np.sqrt(3.0))))
 
 
@@ -79,18 +80,10 @@ class ObserverPrior:
         >>> ObserverPrior().describe(WHICH_STRONGER, (CONSTANT_ERROR, CONTRACTION))[:56]
         'noise ~ LogNormal(1 D, 0.7), lapse_rate ~ Beta(1, 9), no'
         """
-        distributions = {
-            NOISE: f"LogNormal({self.noise_median:g} D, {self.noise_sd:g})",
-            PEAK: f"Beta({self.q0_a:g}, {self.q0_b:g})",
-            LAPSE_RATE: f"Beta(1, {self.lapse_rate_b:g})",
-            NOISE_SLOPE: f"Student(3, {self.noise_slope_scale:g}/R)",
-            CRITERION_SLOPE: f"Student(3, {self.criterion_slope_scale:g}/R)",
-            CONSTANT_ERROR: f"Student(3, {self.constant_error_scale:g} D)",
-            CONTRACTION: f"Normal(0, {self.contraction_sd:g}) on (-1, 1)",
-        }
         free = [parameter for parameter in task_parameters(task) if parameter not in held]
-        words = ", ".join(f"{parameter.name} ~ {distributions[parameter]}" for parameter in free)
-        return f"{words}; D rms step and R sd of the stimuli"
+        numbers = vars(self)
+        priors = [f"{parameter.name} ~ {parameter.prior.format_map(numbers)}" for parameter in free]
+        return f"{', '.join(priors)}; D rms step and R sd of the stimuli"
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -203,50 +196,130 @@ class LogitOfBeta:
 
 
 @dataclass(frozen=True)
-class Parameter:
-    """One parameter of the observer.
+class Quantity:
+    """A number that describes an observer, and how files, figures and pages name it.
 
     Attributes
     ----------
     name : str
         In files and in the interface.
     symbol : str
-        In formulas.
-    unit : str
-        Empty for a pure number.
+        The label of an axis, with formulas in TeX.
+    label : str
+        The same in plain text. {unit} stands for the unit of differences between stimuli.
     words : str
-        What it is, in a sentence.
-    tasks : tuple of Task
-        Those whose observer has it.
+        What it is.
+    unit : str
+        In files; '1' for a pure number.
     """
 
     name: str
     symbol: str
-    unit: str
+    label: str
     words: str
+    unit: str = LOG_INTENSITY
+
+
+@dataclass(frozen=True)
+class Parameter(Quantity):
+    """One parameter of the observer.
+
+    Attributes
+    ----------
+    prior : str
+        Its distribution; fields of :class:`ObserverPrior` stand in braces.
+    prior_keys : tuple of (str, str)
+        The numbers of its section in a prior file, and what they are. A number is the field of
+        :class:`ObserverPrior` that has the names of the parameter and of the key.
+    limits : tuple of (float, float, str)
+        Between which numbers it lies, without these, and the same in words.
+    typical : float
+        Its value in an observer without order effects; that of the noise is in D.
+    tasks : tuple of Task
+        Those whose observer has it.
+    """
+
+    prior: str = ""
+    prior_keys: tuple[tuple[str, str], ...] = ()
+    limits: tuple[float, float, str] = (-np.inf, np.inf, "finite")
+    typical: float = 0.0
     tasks: tuple[Task, ...] = (SAME_DIFFERENT, WHICH_STRONGER)
 
 
+_SLOPE_KEYS = (("scale", "scale of Student's t with 3 degrees of freedom, over R"),)
+
 NOISE = Parameter(
-    "noise", "sigma_d", "natural-log intensity", "standard deviation of the perceived difference"
+    "noise",
+    r"noise $\sigma_d$",
+    "noise σ",
+    "standard deviation of the perceived difference",
+    prior="LogNormal({noise_median:g} D, {noise_sd:g})",
+    prior_keys=(
+        ("median", "median of the lognormal prior of sigma_d, in D"),
+        ("sd", "sd of its logarithm"),
+    ),
+    limits=(0.0, np.inf, "above 0"),
+    typical=0.5,
 )
-PEAK = Parameter("q0", "q0", "", "largest probability of the answer 'equal'", (SAME_DIFFERENT,))
-LAPSE_RATE = Parameter("lapse_rate", "lambda", "", "share of answers that ignore the stimuli")
+PEAK = Parameter(
+    "q0",
+    r"$q_0$",
+    "q₀",
+    "P(equal) at the peak",
+    PURE_NUMBER,
+    prior="Beta({q0_a:g}, {q0_b:g})",
+    prior_keys=(("a", "a of the beta prior of q0"), ("b", "its b")),
+    limits=(0.0, 1.0, "above 0 and below 1"),
+    typical=0.9,
+    tasks=(SAME_DIFFERENT,),
+)
+LAPSE_RATE = Parameter(
+    "lapse_rate",
+    r"lapse rate $\lambda$",
+    "lapse λ",
+    "share of responses that ignore the stimuli",
+    PURE_NUMBER,
+    prior="Beta(1, {lapse_rate_b:g})",
+    prior_keys=(("b", "the lapse rate has the prior Beta(1, b)"),),
+    limits=(-1e-300, 1.0, "from 0 to below 1"),
+    typical=0.05,
+)
 NOISE_SLOPE = Parameter(
-    "noise_slope", "b", "per natural-log intensity", "change of log noise with intensity"
+    "noise_slope",
+    r"noise slope $b$",
+    "slope b",
+    "change of log noise with intensity",
+    PER_LOG_INTENSITY,
+    prior="Student(3, {noise_slope_scale:g}/R)",
+    prior_keys=_SLOPE_KEYS,
 )
 CRITERION_SLOPE = Parameter(
     "criterion_slope",
-    "g",
-    "per natural-log intensity",
+    r"criterion slope $g$",
+    "slope g",
     "change of the log criterion for 'equal' with intensity",
-    (SAME_DIFFERENT,),
+    PER_LOG_INTENSITY,
+    prior="Student(3, {criterion_slope_scale:g}/R)",
+    prior_keys=_SLOPE_KEYS,
+    tasks=(SAME_DIFFERENT,),
 )
 CONSTANT_ERROR = Parameter(
-    "constant_error", "c", "natural-log intensity", "mean shift of the point of subjective equality"
+    "constant_error",
+    r"constant error $c$",
+    "PSE shift c, {unit}",
+    "constant error: above 0 the first stimulus is overestimated",
+    prior="Student(3, {constant_error_scale:g} D)",
+    prior_keys=(("scale", "scale of Student's t with 3 degrees of freedom, in D"),),
 )
 CONTRACTION = Parameter(
-    "contraction", "p", "", "share by which the first stimulus is drawn to the mean"
+    "contraction",
+    r"contraction $p$",
+    "contraction p",
+    "above 0: contraction to the mean; below 0: repulsion",
+    PURE_NUMBER,
+    prior="Normal(0, {contraction_sd:g}) on (-1, 1)",
+    prior_keys=(("sd", "sd of the normal prior of p on (-1, 1)"),),
+    limits=(-1.0, 1.0, "above -1 and below 1"),
 )
 #: Every parameter, in the order of the coordinates.
 PARAMETERS = (
@@ -258,6 +331,60 @@ PARAMETERS = (
     CONSTANT_ERROR,
     CONTRACTION,
 )
+#: What posteriors describe, in the order of tables and figures, by name.
+QUANTITY_BY_NAME: Mapping[str, Quantity] = {
+    quantity.name: quantity
+    for quantity in (
+        NOISE,
+        Quantity("mu1", r"$\mu_1$", "μ₁", "centre of the contraction: the prior's mean"),
+        Quantity("sigma_p", r"$\sigma_p$", "σₚ", "noise that is added between the stimuli"),
+        Quantity("sigma_l", r"$\sigma_\ell$", "σℓ", "noise of the measurement"),
+        PEAK,
+        LAPSE_RATE,
+        NOISE_SLOPE,
+        CRITERION_SLOPE,
+        Quantity("gamma", r"$\gamma$", "γ", "σℓ²/σₚ²", PURE_NUMBER),
+        Quantity("sigma1", r"$\sigma_1$", "σ₁", "spread of the prior"),
+        Quantity(
+            "gain",
+            "gain $K$",
+            "gain K",
+            "weight of the first stimulus; 1: no contraction",
+            PURE_NUMBER,
+        ),
+        Quantity("width", "width $w$", "width w", "width of the curve"),
+        Quantity("offset", "offset $c$", "offset c", "constant part of the order effect"),
+        Quantity(
+            "pull",
+            "contraction $p$",
+            "contraction p",
+            "share of the way to the centre; 0: none",
+            PURE_NUMBER,
+        ),
+        Quantity(
+            "pse_shift",
+            "PSE shift",
+            "PSE shift, {unit}",
+            "second minus first stimulus when both seem equal, at the mean first stimulus",
+        ),
+        CONSTANT_ERROR,
+        CONTRACTION,
+        Quantity("jnd", "JND", "JND, {unit}", "just noticeable difference"),
+        Quantity(
+            "zone",
+            "zone",
+            "zone, {unit}",
+            "half-width of the differences that are called 'equal'",
+        ),
+    )
+}
+
+
+def quantity_named(name: str) -> Quantity:
+    """What a posterior describes, by its name. Others are frequencies of pairs, q_1 and so on."""
+    return QUANTITY_BY_NAME.get(name, Quantity(name, name, name, "", PURE_NUMBER))
+
+
 #: The models of the observer by name, each with the effects of order that are free in it.
 ORDER_MODELS: Mapping[str, tuple[Parameter, ...]] = {
     "none": (),
@@ -274,8 +401,8 @@ def task_parameters(task: Task) -> tuple[Parameter, ...]:
 
     Examples
     --------
-    >>> [parameter.symbol for parameter in task_parameters(WHICH_STRONGER)]
-    ['sigma_d', 'lambda', 'b', 'c', 'p']
+    >>> [parameter.name for parameter in task_parameters(WHICH_STRONGER)]
+    ['noise', 'lapse_rate', 'noise_slope', 'constant_error', 'contraction']
     """
     return tuple(parameter for parameter in PARAMETERS if task in parameter.tasks)
 

@@ -13,18 +13,13 @@ from bayes_toe.arrays import FloatArray
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import NumericalError
 from bayes_toe.model.distributions import Random
+from bayes_toe.model.parameters import QUANTITY_BY_NAME
 
 #: The range of quantiles that :func:`contraction` compares.
 RANGE = (0.05, 0.95)
 #: Contraction below which a parameter is said to be dominated by its prior: a range narrowed by
 #: less than three tenths.
 DOMINATED = 0.5
-#: The order in which tables and figures name quantities.
-ORDER = (
-    *("noise", "mu1", "sigma_p", "sigma_l", "q0", "lapse_rate", "noise_slope", "criterion_slope"),
-    *("gamma", "sigma1", "gain", "width", "offset", "pull", "pse_shift"),
-    *("constant_error", "contraction", "jnd", "zone"),
-)
 
 
 @dataclass(frozen=True)
@@ -49,8 +44,8 @@ class Names:
 
 
 def _ordered(names: tuple[str, ...]) -> tuple[str, ...]:
-    ordered = [name for name in ORDER if name in names]
-    unordered = [name for name in dict.fromkeys(names) if name not in ORDER]
+    ordered = [name for name in QUANTITY_BY_NAME if name in names]
+    unordered = [name for name in dict.fromkeys(names) if name not in QUANTITY_BY_NAME]
     return (*ordered, *unordered)
 
 

@@ -13,7 +13,7 @@ from bayes_toe.data.read_table import toml_table
 from bayes_toe.data.study import Study, require_study
 from bayes_toe.errors import InputError, require_kind
 from bayes_toe.model.intervals import reference_interval
-from bayes_toe.model.parameters import ObserverPrior
+from bayes_toe.model.parameters import PARAMETERS, ObserverPrior
 from bayes_toe.model.prior import DEFAULT, Prior
 from bayes_toe.model.prior_fields import (
     STIMULI,
@@ -24,30 +24,17 @@ from bayes_toe.model.prior_fields import (
 
 #: The section of the paper's model (H1).
 PAPER = "paper"
-#: Sections of the observer's parameters: the keys of each, in words. D and R are of the stimuli.
-_OBSERVER_WORDS: Mapping[str, Mapping[str, str]] = {
-    "noise": {
-        "median": "median of the lognormal prior of sigma_d, in D",
-        "sd": "sd of its logarithm",
-    },
-    "q0": {"a": "a of the beta prior of q0", "b": "its b"},
-    "lapse_rate": {"b": "the lapse rate has the prior Beta(1, b)"},
-    "noise_slope": {"scale": "scale of Student's t with 3 degrees of freedom, over R"},
-    "criterion_slope": {"scale": "scale of Student's t with 3 degrees of freedom, over R"},
-    "constant_error": {"scale": "scale of Student's t with 3 degrees of freedom, in D"},
-    "contraction": {"sd": "sd of the normal prior of p on (-1, 1)"},
-}
 
 
 def sections() -> dict[str, dict[str, PriorField]]:
     """Every section of a prior file, with its keys."""
     by_section: dict[str, dict[str, PriorField]] = {}
-    for section, keys in _OBSERVER_WORDS.items():
-        by_section[section] = {}
-        for key, words in keys.items():
-            default = getattr(ObserverPrior, f"{section}_{key}")
-            number = PriorField(key, default, section, words, "", 1e-3, 1e3)
-            by_section[section][key] = number
+    for parameter in PARAMETERS:
+        name = parameter.name
+        by_section[name] = {}
+        for key, words in parameter.prior_keys:
+            default = getattr(ObserverPrior, f"{name}_{key}")
+            by_section[name][key] = PriorField(key, default, name, words, "", 1e-3, 1e3)
     by_section[PAPER] = {number.name: number for number in Prior.declared()}
     return by_section
 
@@ -88,9 +75,9 @@ def read_prior(path: str | Path) -> Prior:
         raise InputError([f"{path}: {line}" for line in problems])
 
     observer = {}
-    for section in _OBSERVER_WORDS:
-        for key, value in table.get(section, {}).items():
-            observer[f"{section}_{key}"] = real(value)
+    for parameter in PARAMETERS:
+        for key, value in table.get(parameter.name, {}).items():
+            observer[f"{parameter.name}_{key}"] = real(value)
     prior = DEFAULT
     if PAPER in table:
         prior = Prior(**{key: _number(value) for key, value in table[PAPER].items()})

@@ -33,9 +33,10 @@ from bayes_toe.model.models import model_posterior, model_title, stored_model
 from bayes_toe.model.observer import ObserverPosterior
 from bayes_toe.model.paper_equations import NATURAL, Natural, quantities
 from bayes_toe.model.paper_model import PRIOR_DRAWS, PaperPosterior
+from bayes_toe.model.parameters import quantity_named
 from bayes_toe.model.posterior import AnswerPosterior
 from bayes_toe.model.prior import Prior
-from bayes_toe.plots.style import LABELS, MARKED, POSTERIOR, WEAKER_FIRST, new_figure, plain
+from bayes_toe.plots.style import MARKED, POSTERIOR, WEAKER_FIRST, new_figure, plain
 
 Values = Mapping[str, float]
 Span = tuple[float, float]
@@ -217,7 +218,7 @@ def axis_values(name: str, values: npt.ArrayLike, unit: StimulusUnit) -> FloatAr
 
 def axis_label(name: str, unit: StimulusUnit) -> str:
     """The label of the axis of a quantity."""
-    label = LABELS.get(name, name)
+    label = quantity_named(name).symbol
     return f"{label}, {unit.of_differences}" if name in DIFFERENCES else label
 
 

@@ -43,27 +43,6 @@ MARKED = (0.025, 0.5, 0.975)
 Band = tuple[float, float, float]
 #: Of fitted curves: lower and upper quantile, opacity.
 BANDS: tuple[Band, ...] = ((0.025, 0.975, 0.15), (0.25, 0.75, 0.35))
-LABELS = {
-    "mu1": r"$\mu_1$",
-    "sigma_p": r"$\sigma_p$",
-    "sigma_l": r"$\sigma_\ell$",
-    "q0": r"$q_0$",
-    "gamma": r"$\gamma$",
-    "sigma1": r"$\sigma_1$",
-    "gain": r"gain $K$",
-    "width": r"width $w$",
-    "offset": r"offset $c$",
-    "pull": r"contraction $p$",
-    "noise": r"noise $\sigma_d$",
-    "criterion_slope": r"criterion slope $g$",
-    "constant_error": r"constant error $c$",
-    "contraction": r"contraction $p$",
-    "zone": "zone",
-    "pse_shift": "PSE shift",
-    "jnd": "JND",
-    "noise_slope": r"noise slope $b$",
-    "lapse_rate": r"lapse rate $\lambda$",
-}
 
 
 def chance(task: Task) -> str:

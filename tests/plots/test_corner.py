@@ -16,8 +16,8 @@ from bayes_toe.errors import InputError
 from bayes_toe.model.models import MODEL_NAMES, model_posterior, require_model
 from bayes_toe.model.paper_equations import QUANTITIES, Natural, quantities
 from bayes_toe.model.paper_model import paper_posterior
+from bayes_toe.model.parameters import QUANTITY_BY_NAME, quantity_named
 from bayes_toe.plots.corner import BINS, OVERLAID, TRUTH, Density, support
-from bayes_toe.plots.style import LABELS
 
 TRUE = {"mu1": -0.7, "sigma_p": 0.25, "sigma_l": 0.17, "q0": 0.92}
 KNOWN = quantities(Natural(*map(np.float64, TRUE.values())), 0.0)
@@ -39,7 +39,7 @@ def marked(ax):
 def test_corner_shows_the_natural_parameters_with_prior_and_truth(analysis):
     figure = bt.plots.corner(analysis.draws, "A", truths=TRUE, prior=bt.Prior())
     axes = np.array(figure.axes).reshape(4, 4)
-    assert [ax.get_xlabel() for ax in axes[-1]] == [LABELS[name] for name in TRUE]
+    assert [ax.get_xlabel() for ax in axes[-1]] == [quantity_named(name).symbol for name in TRUE]
     for ax, (name, value) in zip(axes.diagonal(), TRUE.items(), strict=True):
         assert ax.get_xlim()[0] < value < ax.get_xlim()[1]
         drawn = [line.get_xdata()[0] for line in ax.lines]
@@ -184,7 +184,7 @@ def test_the_key_names_true_values_only_where_they_are_shown(analysis):
 @pytest.mark.parametrize("name", MODEL_NAMES)
 def test_quantities_of_every_model_have_a_label_and_a_support(small_study, name):
     target = model_posterior(require_model(name, small_study.task), small_study["A"])
-    assert set(target.names.reported) <= set(LABELS)
+    assert set(target.names.reported) <= set(QUANTITY_BY_NAME)
     assert support(target, "q0") == (0.0, 1.0)
 
 
