@@ -120,17 +120,9 @@ def test_workers_of_a_script_run_no_file_of_the_working_directory(tmp_path):
     assert (done.stdout, done.stderr, done.returncode) == ("[1, 2, 4]\n", "", 0)
 
 
-@pytest.mark.parametrize(
-    ("name", "content"),
-    [
-        ("matplotlibrc", b"text.usetex: True\n"),
-        ("matplotlibrc", b"\xff\xfe"),
-        ("arvizrc", b"plot.backend : evil\n"),
-    ],
-    ids=["TeX", "no text", "ArviZ"],
-)
-def test_a_command_takes_no_settings_from_the_data_folder(tmp_path, name, content):
-    (tmp_path / name).write_bytes(content)
+def test_commands_take_no_settings_from_the_data_folder(tmp_path):
+    (tmp_path / "matplotlibrc").write_bytes(b"text.usetex: True\n")
+    (tmp_path / "arvizrc").write_bytes(b"plot.backend : evil\n")
     grouped_csv(tmp_path / "study.csv", few_pairs("AB"))
     sampled = installed(
         "sample study.csv -o draws.nc --seed 1 --draws 100 --workers 2 -q", tmp_path
@@ -138,6 +130,9 @@ def test_a_command_takes_no_settings_from_the_data_folder(tmp_path, name, conten
     assert sampled.returncode in (0, 3)
     drawn = installed("corner draws.nc -o corner --workers 1 -q", tmp_path)
     assert (drawn.returncode, sampled.stderr, drawn.stderr) == (0, "", "")
+    (tmp_path / "matplotlibrc").write_bytes(b"\xff\xfe")
+    drawn = installed("corner draws.nc -o corner_again --workers 1 -q", tmp_path)
+    assert (drawn.returncode, drawn.stderr) == (0, "")
 
 
 FORKED = """

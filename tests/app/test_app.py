@@ -23,7 +23,7 @@ from browsers import Opened
 from commands import PROGRAM, call
 
 pytest.importorskip("tornado")
-from bayes_toe.app.job import create_job
+from bayes_toe.app.job import create_job, end_group, running
 from bayes_toe.app.server import read_in_process
 
 CODES = {"columns": {"s1": "stim1", "s2": "stim2"}, "second_code": "2"}
@@ -293,11 +293,14 @@ def finished(tmp_path_factory, file):
         assert server.ask(f"/api/jobs/{other}/run", "").code == 400
         assert server.ask(f"/api/jobs/{job}/options", "{}").code == 400
         server.wait(job, "running", until=lambda state: state["done"])
+        _, group = running(home)
+        end_group(group, signal.SIGSTOP)  # the run waits until the next server is there
         server.process.kill()
         assert server.process.communicate()[1] == ""
     with serving(home, server.host.partition(":")[2]) as server:
         assert server.ask("/", Cookie="bayes_toe=old").code == 403
         server.wait(job, "running")
+        end_group(group, signal.SIGCONT)
         state = server.state(f"/api/jobs/{job}/stop", "")
         assert (state["run"], state["done"] > 0) == ("stopped", True)
         assert "stopped by SIGTERM" in state["log"]
