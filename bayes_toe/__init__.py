@@ -7,7 +7,7 @@ first use, so that importing the package costs next to nothing.
 >>> import bayes_toe as bt
 >>> study = bt.example_study()          # or bt.read_study("study.csv")
 >>> table = bt.evidence(study.select(["S01"]), seed=1)
->>> table["S01"].log_bayes_factor > 0   # H1 (predictive update) against H0 (free frequencies), natural log
+>>> table["S01"].log_bayes_factor > 0   # H1 (predictive update) against H0, natural log
 True
 """
 

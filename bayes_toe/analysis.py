@@ -254,9 +254,9 @@ def sample(
     --------
     >>> from bayes_toe.data.study import Subject
     >>> one = Subject("S01", [0.0, 0.0, 0.3], [0.0, 0.3, 0.0], [49, 20, 15], [50, 50, 50])
-    >>> found = sample(Study([one]), model="constant-error", draws=500, seed=1, workers=1)
-    >>> found.model, found.parameters
-    ('constant error', ('noise', 'q0', 'lapse_rate', 'noise_slope', 'criterion_slope', 'constant_error', 'jnd', 'zone'))
+    >>> draws = sample(Study([one]), model="constant-error", draws=500, seed=1, workers=1)
+    >>> draws.model, draws.parameters[-3:]
+    ('constant error', ('constant_error', 'jnd', 'zone'))
     """
     require_study(study)
     name = require_model(model, study.task).name

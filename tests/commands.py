@@ -56,7 +56,7 @@ def good(*words, cwd):
 
 
 def refused(*words, cwd, silent=True):
-    """The one line of a command that is refused, by default before it says anything, and that leaves the folder as it was."""
+    """The line of a command that is refused and leaves the folder as it was."""
     before = content(cwd)
     done = inside(*words, cwd=cwd)
     # What to type comes below the problem.

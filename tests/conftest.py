@@ -1,4 +1,4 @@
-"""Shared pieces: small studies, one analysis of them, and the paths of the real data where they are present."""
+"""Small studies, an analysis of them, and the paths of the real data where they are present."""
 
 import gc
 import importlib
@@ -28,13 +28,17 @@ REAL = Path(__file__).resolve().parents[2] / "shared" / "data"
 
 
 def pytest_configure(config):
-    """Tests may be started in the background, where interrupts are ignored, by processes that they start as well."""
+    """Listen to interrupts, which processes started in the background ignore."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
     import_arviz_once(config)
 
 
 def import_arviz_once(config):
-    """ArviZ 0.23 notes the day of its warning in a file at its first import: two processes at once end in FileNotFoundError."""
+    """Import ArviZ in one process at a time.
+
+    ArviZ 0.23 notes the day of its warning in a file at its first import. Two processes at once end
+    in a FileNotFoundError.
+    """
     if config.getoption("numprocesses", None) and not hasattr(config, "workerinput"):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -42,7 +46,7 @@ def import_arviz_once(config):
 
 
 def pytest_collection():
-    """Libraries and thousands of tests stay: garbage is not looked for among them while they are loaded, nor later."""
+    """Do not look for garbage among libraries and tests, which all stay."""
     gc.disable()
 
 
@@ -151,7 +155,10 @@ def blank_pictures(monkeypatch):
 
 @pytest.fixture(scope="module")
 def browser():
-    """One browser for the pages of a file: as long as it is open an event loop runs, in which others could not begin theirs."""
+    """One browser for the pages of a file.
+
+    While it is open an event loop runs, in which no other can begin.
+    """
     with launched() as opened:
         yield opened
 

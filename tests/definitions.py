@@ -1,4 +1,4 @@
-"""Log posteriors term by term with as many digits as asked for, from the definitions and with no stable form.
+"""Log posteriors term by term with any number of digits, from the definitions.
 
 Parameters from coordinates, probabilities by subtraction, scales of an interval from the filter's
 own quantities, slopes by differences whose steps are so small that half of the digits are left. An
@@ -14,7 +14,10 @@ from bayes_toe.model.paper_equations import MAX_PULL, Natural
 
 
 def natural(x, sbar):
-    """The paper's parameters at x, shape (..., 4): K = 1 - p, sigma_p = w K^(3/2), gamma = p/K^2, mu1 = sbar + c/p."""
+    """The paper's parameters at x, shape (..., 4).
+
+    K = 1 - p, sigma_p = w K^(3/2), gamma = p/K^2, mu1 = sbar + c/p.
+    """
     c, a, log_width, top = np.moveaxis(np.asarray(x, np.float64), -1, 0)
     p = MAX_PULL / (1.0 + np.exp(-a))
     sigma_p = np.exp(log_width) * (1.0 - p) ** 1.5

@@ -14,7 +14,7 @@ from bayes_toe.model.prior import Prior
 
 
 def minus_objective(subject, prior):
-    """In natural parameters (mu1, sigma_p, gamma, q0 or lapse rate), written without the package."""
+    """In natural parameters (mu1, sigma_p, gamma, q0 or lapse rate), without the package."""
     k, d = subject.n_yes.astype(float), (subject.n_trials - subject.n_yes).astype(float)
 
     def value(theta):

@@ -1,4 +1,4 @@
-"""README and tutorial: what they print is what the program prints, and it agrees with the truth of the example."""
+"""README and tutorial print what the program prints, and agree with the truth of the example."""
 
 import re
 from contextlib import chdir

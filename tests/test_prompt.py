@@ -1,4 +1,4 @@
-"""What a person sees at a prompt and in a notebook: short, escaped, and what to do next where something else was meant."""
+"""What a person sees at a prompt and in a notebook: short, escaped, with what to do next."""
 
 from dataclasses import replace
 

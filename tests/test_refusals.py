@@ -1,4 +1,4 @@
-"""Files that nobody meant: what is read is read, and everything else is refused in one line a problem, with no other exception.
+"""Unsuitable files are refused in one line a problem, with no other exception.
 
 HYPOTHESIS_PROFILE=night looks at 20,000 of each kind.
 """
@@ -37,7 +37,8 @@ READERS = {
 }
 #: What breaks readers: quotes, delimiters, line ends, marks, escapes, numbers that are none,
 #: brackets without an end.
-_WORDS = b"nan inf 1e999 -1e-999 =1+1 '=1 [ # 1_0 subject s1 response n_trials synthetic trial mu1_sd stimuli True 1979-05-27"
+_WORDS = b"""nan inf 1e999 -1e-999 =1+1 '=1 [ # 1_0 subject s1 response n_trials synthetic trial
+mu1_sd stimuli True 1979-05-27"""
 _MARKS = [
     b",",
     b";",

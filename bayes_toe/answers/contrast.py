@@ -457,7 +457,7 @@ def _laplace_draws(maxima: Maxima, rng: np.random.Generator) -> FloatArray:
     log_evidence = maxima.value - 0.5 * np.log(curvatures).sum(axis=1)
     index = rng.choice(len(log_evidence), _CLOUD, p=softmax(log_evidence))
     scaled = rng.standard_normal((_CLOUD, maxima.x.shape[1])) / np.sqrt(curvatures[index])
-    return np.asarray(maxima.x[index] + np.einsum("nij,nj->ni", axes[index], scaled))
+    return maxima.x[index] + np.einsum("nij,nj->ni", axes[index], scaled)
 
 
 def log_bayes_factor(

@@ -633,7 +633,7 @@ def _error_ratio(evidence: OrderEvidence, points: FloatArray, factor: float) -> 
     """Log ratio of the prior of c with another scale to the prior, (draws,)."""
     u = points[:, -2]
     wider = _STUDENT.log_density(u / factor) - np.log(factor)
-    return np.asarray(wider - _STUDENT.log_density(u))
+    return wider - _STUDENT.log_density(u)
 
 
 def _contraction_ratio(evidence: OrderEvidence, points: FloatArray, factor: float) -> FloatArray:

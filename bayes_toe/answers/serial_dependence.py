@@ -293,7 +293,7 @@ def _without_history(
     draws = evidence.draws[MODEL_NAMES.index(posterior.model.order.name)]
     weights = np.exp(draws.log_weights - draws.log_weights.max())
     chosen = rng.choice(len(weights), size, p=weights / weights.sum())
-    return np.asarray(draws.points[chosen][:, posterior.observer.is_free])
+    return draws.points[chosen][:, posterior.observer.is_free]
 
 
 def _sample(

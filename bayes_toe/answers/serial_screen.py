@@ -90,7 +90,7 @@ def logit_slopes(posterior: ObserverPosterior, point: FloatArray) -> FloatArray:
     _, yes_slopes, no_slopes = batch.answer_slopes(posterior.full_points(point))
     coordinate = task_parameters(posterior.subject.task).index(CONSTANT_ERROR)
     in_constant_error = (yes_slopes - no_slopes)[0, 0, coordinate]
-    return np.asarray(-in_constant_error / batch.prior.constant_error_scale)
+    return -in_constant_error / batch.prior.constant_error_scale
 
 
 def _scores(subject: Subject, slopes: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -235,12 +235,12 @@ def _coincidence_nats(subject: Subject, answers: Answers) -> FloatArray:
     n_right = k[right > 0].sum() + (n - k)[right < 0].sum()
     accuracy = (n_right + 0.5) / (n[right != 0].sum() + 1.0)
     agreement = np.maximum(_agreement(by_pair), _agreement(accuracy))
-    return np.asarray(-np.log(agreement)[index.ravel()])
+    return -np.log(agreement)[index.ravel()]
 
 
 def _agreement(p: FloatArray) -> FloatArray:
     """Probability that two answers are the same."""
-    return np.asarray(np.square(p) + np.square(1.0 - p))
+    return np.square(p) + np.square(1.0 - p)
 
 
 # --- The counts of a subject ---------------------------------------------------------------------
@@ -351,7 +351,7 @@ class AnswerTable:
     def is_mixed(self) -> BoolArray:
         """Which pairs were answered in both ways: the others cannot deviate."""
         n_yes, n_all = self.k.sum(1), self.n.sum(1)
-        return np.asarray((n_yes > 0) & (n_yes < n_all))
+        return (n_yes > 0) & (n_yes < n_all)
 
     def informative(self) -> AnswerTable:
         """The pairs that were answered in both ways."""
@@ -370,17 +370,17 @@ class AnswerTable:
         share = self.k.sum(1, keepdims=True) / self.n.sum(1, keepdims=True)
         expected = self.n * share
         variance = np.where(self.n > 0, expected * (1 - share), 1.0)
-        return np.asarray((np.square(k - expected) / variance).sum(-2))
+        return (np.square(k - expected) / variance).sum(-2)
 
     def chi_square(self, k: IntArray) -> FloatArray:
         """X^2 of such tables, shape (...)."""
-        return np.asarray(self.block_chi_square(k).sum(-1))
+        return self.block_chi_square(k).sum(-1)
 
     def other_logits(self) -> FloatArray:
         """Logit of the counted answer in the other blocks, for each pair and block."""
         n_yes = self.k.sum(1, keepdims=True) - self.k
         n_all = self.n.sum(1, keepdims=True) - self.n
-        return np.asarray(logit((n_yes + 0.5) / (n_all + 1.0)))
+        return logit((n_yes + 0.5) / (n_all + 1.0))
 
     @property
     def ratio(self) -> float:
@@ -506,13 +506,13 @@ def _swap_gain(table: AnswerTable, tilt: FloatArray) -> FloatArray:
         log_prior = -abs(preference) - abs(slope) / _TILT_SCALE
         unswapped.append(log_prior + _log_likelihood(table.n, table.k, moved))
         swapped.append(log_prior + _log_likelihood(table.n, table.n - table.k, moved))
-    return np.asarray(logsumexp(unswapped, axis=0) - logsumexp(swapped, axis=0))
+    return logsumexp(unswapped, axis=0) - logsumexp(swapped, axis=0)
 
 
 def _log_likelihood(n: IntArray, k: IntArray, logits: FloatArray) -> FloatArray:
     """Log likelihood of each block, (pairs, blocks) -> (blocks,)."""
     terms = k * logits - n * np.logaddexp(0.0, logits)
-    return np.asarray(terms.sum(axis=0))
+    return terms.sum(axis=0)
 
 
 def _drift(subject: Subject, answers: Answers, level: float) -> Iterator[Finding]:
@@ -530,10 +530,10 @@ def _drift(subject: Subject, answers: Answers, level: float) -> Iterator[Finding
     weights = _wave_weights(table.n, waves, np.array([*kinds.values()]))
 
     def amplitudes(k: IntArray) -> FloatArray:
-        return np.asarray(np.tensordot(k, weights, ((-2, -1), (2, 3))))
+        return np.tensordot(k, weights, ((-2, -1), (2, 3)))
 
     def largest_power(k: IntArray) -> FloatArray:
-        return np.asarray(np.square(amplitudes(k)).sum(-1).max(-1))
+        return np.square(amplitudes(k)).sum(-1).max(-1)
 
     observed = amplitudes(table.k)
     course = observed @ waves
@@ -570,4 +570,4 @@ def _wave_weights(n: IntArray, waves: FloatArray, kinds: FloatArray) -> FloatArr
     centred = waves[:, None, :] - pair_means[:, :, None]
     weights = kinds[:, None, :, None] * centred
     squares = (n * np.square(weights)).sum((2, 3), keepdims=True)
-    return np.asarray(weights / np.where(squares > 0.0, squares, 1.0))
+    return weights / np.where(squares > 0.0, squares, 1.0)

@@ -359,7 +359,7 @@ def probability_greater(
     (0.5, 0.833333333333)
     """
     a, n, b, m = np.moveaxis(_tables(k1, n1, k2, n2), -1, 0)
-    return np.asarray(hypergeom.cdf(a, n + m + 2, n + 1, a + b + 1))
+    return hypergeom.cdf(a, n + m + 2, n + 1, a + b + 1)
 
 
 def holm(p_values: npt.ArrayLike) -> FloatArray:

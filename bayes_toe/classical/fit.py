@@ -90,7 +90,7 @@ class Bootstrap:
         first, second = np.broadcast_arrays(
             np.atleast_1d(np.asarray(s1, np.float64)), np.atleast_1d(np.asarray(s2, np.float64))
         )
-        return np.asarray(np.quantile(self.fits.curves.yes(first, second), [low, high], axis=0))
+        return np.quantile(self.fits.curves.yes(first, second), [low, high], axis=0)
 
     def covariance(self) -> FloatArray | None:
         """Covariance of (mu1, sigma_p^2, sigma_l^2, q0) over the replicates, (4, 4).
@@ -240,7 +240,7 @@ class SubjectFit:
 
         NaN where the data leave one open, which `at_edge` says.
         """
-        return np.asarray(self.fitted.parameters[0])
+        return self.fitted.parameters[0]
 
     @property
     def log_likelihood(self) -> float:

@@ -25,7 +25,7 @@ def laplace_estimate(n_yes: npt.ArrayLike, n_trials: npt.ArrayLike) -> FloatArra
     [0.02, 0.5, 0.98]
     """
     k, n = np.asarray(n_yes, np.float64), np.asarray(n_trials, np.float64)
-    return np.asarray((k + 1.0) / (n + 2.0))
+    return (k + 1.0) / (n + 2.0)
 
 
 def laplace_error(n_yes: npt.ArrayLike, n_trials: npt.ArrayLike) -> FloatArray:
@@ -36,7 +36,7 @@ def laplace_error(n_yes: npt.ArrayLike, n_trials: npt.ArrayLike) -> FloatArray:
     Source: Eq. e:2b, in the form in which nothing cancels.
     """
     k, n = np.asarray(n_yes, np.float64), np.asarray(n_trials, np.float64)
-    return np.asarray(np.sqrt((k + 1.0) / (n + 2.0) * ((n - k + 1.0) / (n + 2.0)) / (n + 3.0)))
+    return np.sqrt((k + 1.0) / (n + 2.0) * ((n - k + 1.0) / (n + 2.0)) / (n + 3.0))
 
 
 def accuracy(subject: Subject) -> float:

@@ -144,13 +144,13 @@ class PenalisedLikelihood:
         At p = 0 the offset is 0 and mu1 rests at the mean.
         """
         sd = self.posterior.prior.penalty.sd
-        return np.asarray(0.5 * np.square(self._far(u) * sd))
+        return 0.5 * np.square(self._far(u) * sd)
 
     def _far(self, u: FloatArray) -> FloatArray:
         """(mu1 - mean) / V_1."""
         penalty = self.posterior.prior.penalty
         far = self.posterior.sbar - penalty.mean + u[:, 0] * np.exp(u[:, 1]) / MAX_PULL
-        return np.asarray(np.where(u[:, 1] < _EMPTY, far, 0.0) / penalty.sd**2)
+        return np.where(u[:, 1] < _EMPTY, far, 0.0) / penalty.sd**2
 
     def highest(self, u: FloatArray) -> FloatArray:
         """Of points, (points, 4), the one that is highest for each row, (rows, 4)."""
@@ -161,7 +161,7 @@ class PenalisedLikelihood:
             (answers[i : i + size] @ table - penalty).argmax(axis=1)
             for i in range(0, len(answers), size)
         ]
-        return np.asarray(u[np.concatenate(best)])
+        return u[np.concatenate(best)]
 
     def _blocks(self, points: int) -> list[slice]:
         size = max(1, _BLOCK // self.n_yes.shape[1])
@@ -171,7 +171,7 @@ class PenalisedLikelihood:
         """Log likelihood of points of which each has counts of its own, (points, pairs)."""
         answers = self.posterior.log_answers(x)
         pairs = log_likelihoods(n_yes, self.posterior.subject.n_trials, answers)
-        return np.asarray(pairs.sum(axis=1))
+        return pairs.sum(axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -300,7 +300,7 @@ def _ascended(
 
 def _rounding(value: FloatArray) -> FloatArray:
     """Differences up to this are rounding, nats: two such values are one maximum, found twice."""
-    return np.asarray(1e-9 + 4e-15 * np.abs(value))
+    return 1e-9 + 4e-15 * np.abs(value)
 
 
 def _described(fitted: PenalisedLikelihood, ended: Ascent, curvature: FloatArray) -> Fits:
@@ -420,4 +420,4 @@ def _left_open(fitted: PenalisedLikelihood, ended: Ascent, curvature: FloatArray
     along = np.abs(
         np.stack([described(u + step) - described(u - step) for step in steps], axis=-1)
     ) / (2.0 * _STEP)
-    return np.asarray((flat[:, None, :] & (along > _STILL)).any(axis=2))
+    return (flat[:, None, :] & (along > _STILL)).any(axis=2)

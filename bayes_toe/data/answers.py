@@ -86,7 +86,7 @@ class Answers:
         """
         if self.place is None:
             return np.ones(len(self.n_trials), np.bool_)
-        return np.asarray(np.diff(self.place, prepend=self.place[:1] - 2) != 1)
+        return np.diff(self.place, prepend=self.place[:1] - 2) != 1
 
     def rows_of(self, blocks: Sequence[str]) -> BoolArray:
         """Which rows are in one of these blocks; all rows where none is named.

@@ -177,18 +177,12 @@ def columns_to_read(
     (['subject', 's1', 's2', 'n_equal', 'n_trials'], [], [])
     """
     needed = _needed(names, options)
-    theirs = [options.name(ours) for ours in needed]
-    problems = [*_answer_problems(names, needed, options, python)]
-    for name in dict.fromkeys(name for name in theirs if theirs.count(name) > 1):
-        roles = " and as ".join(ours for ours in needed if options.name(ours) == name)
-        problems.append(f"column {bare(name)}: found as {roles}, allowed: one meaning per column")
+    problems = [
+        *_answer_problems(names, needed, options, python),
+        *_meaning_problems(names, needed, options),
+    ]
     if options.subject_from is not None:
         needed.remove("subject")
-        if options.name("subject") in names:
-            problems.append(
-                f"column {bare(options.name('subject'))}: found together with --subject-from, "
-                "allowed: one of them"
-            )
     unordered = _unordered_stimuli(options)
     if unordered:
         problems.append(
@@ -196,11 +190,10 @@ def columns_to_read(
             "would cancel out."
         )
         return needed, problems, _order_remedies(names)
-    stimuli = map(options.name, options.stimuli)
-    in_unit = [name for name in stimuli if name in names and unit_in(name)]
-    if in_unit and options.unit is None:
-        unit = unit_in(in_unit[0])
-        problems.append(f"column {bare(in_unit[0])} seems to be in {unit}.")
+    stimulus_in_unit = _stimulus_in_unit(names, options)
+    if stimulus_in_unit:
+        unit = unit_in(stimulus_in_unit)
+        problems.append(f"column {bare(stimulus_in_unit)} seems to be in {unit}.")
         return needed, problems, _unit_remedies(unit)
     missing, repeated = _missing_and_repeated(names, needed, options)
     for name in repeated:
@@ -213,6 +206,30 @@ def columns_to_read(
     there = listed([bare(name) for name in names if name])
     problems.append(f"there is {absent}. The columns are {there}.")
     return needed, problems, [*_remedies(names, needed, options)]
+
+
+def _meaning_problems(
+    names: Sequence[str], needed: Sequence[str], options: ReadOptions
+) -> Iterator[str]:
+    """What is said of columns with two meanings, and of two columns for the subject."""
+    theirs = [options.name(ours) for ours in needed]
+    for name in dict.fromkeys(theirs):
+        if theirs.count(name) > 1:
+            roles = " and as ".join(ours for ours in needed if options.name(ours) == name)
+            yield f"column {bare(name)}: found as {roles}, allowed: one meaning per column"
+    subject = options.name("subject")
+    if options.subject_from is not None and subject in names:
+        found = "found together with --subject-from"
+        yield f"column {bare(subject)}: {found}, allowed: one of them"
+
+
+def _stimulus_in_unit(names: Sequence[str], options: ReadOptions) -> str:
+    """A column of stimuli whose name tells a unit that no option tells; else empty."""
+    if options.unit is None:
+        for name in map(options.name, options.stimuli):
+            if name in names and unit_in(name):
+                return name
+    return ""
 
 
 def _missing_and_repeated(
@@ -232,33 +249,42 @@ def _missing_and_repeated(
 
 def _needed(names: Sequence[str], options: ReadOptions) -> list[str]:
     """Our names of the columns that these names call for, and of those that there may be."""
+    needed = ["subject", *options.stimuli]
+    if options.standard_interval is not None:
+        needed.append("standard_interval")
+    needed += _answer_roles(names, options)
+    for ours in _optional_roles(names, options):
+        if ours not in options.ignore:
+            needed.append(ours)
+    return needed
+
+
+def _answer_roles(names: Sequence[str], options: ReadOptions) -> list[str]:
+    """Our names of the columns of responses or counts."""
+    if options.correct is not None:
+        return ["correct"]
+    counts = [ours for ours in _COUNTS if options.name(ours) in names]
+    if options.name("response") in names or not counts:
+        return ["response", *counts]
+    if counts == ["n_trials"]:
+        return ["n_equal", "n_trials"]
+    return [*(ours for ours in counts if ours != "n_trials"), "n_trials"]
+
+
+def _optional_roles(names: Sequence[str], options: ReadOptions) -> Iterator[str]:
+    """Our names of the columns that a table may have."""
+    has_condition = bool(options.condition) or options.name("condition") in names
+    is_condition = has_condition and options.name("isi") == options.name("condition")
+    if options.name("isi") in names and not is_condition:
+        yield "isi"
+    if has_condition:
+        yield "condition"
     # No inference reads block and trial: twice there, or named as something else, they are ignored.
     others = [options.name(ours) for ours in COLUMNS if ours not in LOOKED_AT]
-    looked_at = []
     for ours in LOOKED_AT:
-        is_free = options.name(ours) not in others
-        if is_free and names.count(options.name(ours)) == 1:
-            looked_at.append(ours)
-    counts = [ours for ours in _COUNTS if options.name(ours) in names]
-    if options.correct is not None:
-        answers = ["correct"]
-    elif options.name("response") in names or not counts:
-        answers = ["response", *counts]
-    elif counts == ["n_trials"]:
-        answers = ["n_equal", "n_trials"]
-    else:
-        answers = [*(ours for ours in counts if ours != "n_trials"), "n_trials"]
-    condition = []
-    if options.condition or options.name("condition") in names:
-        condition = ["condition"]
-    is_condition = bool(condition) and options.name("isi") == options.name("condition")
-    interval = ["standard_interval"] if options.standard_interval is not None else []
-    optional = []
-    if options.name("isi") in names and not is_condition:
-        optional.append("isi")
-    optional += [*condition, *looked_at]
-    read = [ours for ours in optional if ours not in options.ignore]
-    return ["subject", *options.stimuli, *interval, *answers, *read]
+        name = options.name(ours)
+        if name not in others and names.count(name) == 1:
+            yield ours
 
 
 def _answer_problems(
@@ -325,32 +351,48 @@ def _remedies(
 ) -> Iterator[Remedy]:
     """What to type where columns are missing."""
     missing = [ours for ours in needed if options.name(ours) not in names]
-    has_both = all(
-        any(looks_like(name, ours) for name in names) for ours in ("standard", "comparison")
-    )
-    if {*options.stimuli} & set(missing) and not options.has_standard and has_both:
+    lacks_stimuli = not set(missing).isdisjoint(options.stimuli)
+    if lacks_stimuli and not options.has_standard and _has_standard(names):
         yield from _order_remedies(names)
         return
     to_name = [ours for ours in missing if ours in _REQUIRED]
     if to_name:
         others = {options.name(ours) for ours in needed}
         yield _columns_remedy([name for name in names if name not in others], to_name, options)
+    yield from _stimulus_remedies(names, missing, options)
+    yield from _answer_remedies(names, missing)
+    if "subject" in missing:
+        yield Remedy("subject_from", "{}.csv", "if the name of the file is the subject")
+
+
+def _stimulus_remedies(
+    names: Sequence[str], missing: Sequence[str], options: ReadOptions
+) -> Iterator[Remedy]:
+    """What to type where counts of 'second' or intensities may stand for what is missing."""
     if missing == ["n_equal"] and options.name("n_trials") in names:
         count = (("n_second", "NAME"),)
         yield Remedy("columns", count, "if it counts 'the second was stronger' (2AFC)")
-    if {"s1", "s2"} & set(missing):
-        amplitudes = [options.name(ours) for ours in ("i1", "i2")]
-        if set(amplitudes) <= set(names):
-            meaning = f"if {bare(amplitudes[0])} and {bare(amplitudes[1])} are intensities"
-            yield Remedy("intensity", "REF", meaning)
+    first, second = options.name("i1"), options.name("i2")
+    if {"s1", "s2"} & set(missing) and first in names and second in names:
+        meaning = f"if {bare(first)} and {bare(second)} are intensities"
+        yield Remedy("intensity", "REF", meaning)
+
+
+def _has_standard(names: Sequence[str]) -> bool:
+    """Whether some columns look like a standard and its comparison."""
+    return any(looks_like(name, "standard") for name in names) and any(
+        looks_like(name, "comparison") for name in names
+    )
+
+
+def _answer_remedies(names: Sequence[str], missing: Sequence[str]) -> Iterator[Remedy]:
+    """What to type where the column of the responses, or of right and wrong, is missing."""
     scores = [name for name in names if looks_like(name, "correct")]
     if "response" in missing:
         for name in scores:
             yield Remedy("correct", name, f"if {bare(name)} says right or wrong (2AFC)")
     if "correct" in missing:
         yield Remedy("correct", (scores or ["NAME"])[0], "with the name in your file")
-    if "subject" in missing:
-        yield Remedy("subject_from", "{}.csv", "if the name of the file is the subject")
 
 
 def _columns_remedy(free: Sequence[str], to_name: Sequence[str], options: ReadOptions) -> Remedy:

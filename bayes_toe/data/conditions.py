@@ -101,10 +101,10 @@ class Conditions:
         if self.numeric:
             x = np.array(self.levels, np.float64)
             centred = np.array(chosen, np.float64) - x.mean()
-            return np.asarray((centred / np.ptp(x))[:, None])
+            return (centred / np.ptp(x))[:, None]
         contrasts = np.eye(len(chosen)) - 1.0 / len(chosen)
         columns = np.linalg.qr(contrasts[:, 1:])[0] / np.sqrt(2.0)
-        return np.asarray(columns * np.where(columns[-1] < 0.0, -1.0, 1.0))
+        return columns * np.where(columns[-1] < 0.0, -1.0, 1.0)
 
     @property
     def about(self) -> str:

@@ -80,18 +80,16 @@ def read_covariates(path: Covariates | str | Path) -> Covariates:
     >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     file = Path(folder, "people.csv")
-    ...     _ = file.write_text("subject,age,site\nS01,23,north\nS02,NA,south\nS03,31.5,west\n", encoding="utf-8")
+    ...     table = "subject,age,site\nS01,23,north\nS02,NA,south\nS03,31.5,west\n"
+    ...     _ = file.write_text(table, encoding="utf-8")
     ...     read_covariates(file).values["age"]
     {'S01': 23.0, 'S03': 31.5}
     """
     if isinstance(path, Covariates):
         return path
     table = read_table(path, set)
-    if (
-        "subject" not in table.names
-        or not len(table.names) == len(table.columns) > 1
-        or "" in table.names
-    ):
+    has_one_name_each = len(table.names) == len(table.columns) and "" not in table.names
+    if "subject" not in table.names or len(table.names) < 2 or not has_one_name_each:
         found = listed([quoted(name) for name in table.names])
         table.require(
             [
@@ -101,31 +99,35 @@ def read_covariates(path: Covariates | str | Path) -> Covariates:
         )
     table.require([])
     require_texts(table, table.columns["subject"], once=True)
-    subject, values = bare_names(table, table.columns["subject"]), {}
+    subject = bare_names(table, table.columns["subject"])
+    values: dict[str, dict[str, str | float]] = {}
     for name, column in table.columns.items():
         if name == "subject":
             continue
-        # What each distinct text stands for: a number, NaN where it is none, or a level's text;
-        # None where missing.
-        given = {
-            text: number(text, table.decimal_comma)
-            for text in column.texts
-            if text.lower() not in MISSING_WORDS
-        }
-        words = [math.isnan(value) for value in given.values()]
-        category = all(words) or (len(words) <= 2 and any(words))
-        meanings = [
-            text if category and text in given else given.get(text) for text in column.texts
-        ]
-        wrong = np.array(
-            [isinstance(value, float) and math.isnan(value) for value in meanings], np.bool_
-        )
-        require_numbers(
-            table, column, wrong[column.codes], "a finite number (or no number in the whole column)"
-        )
-        of_rows = (
-            (subject.text(row), meanings[code]) for row, code in enumerate(column.codes.tolist())
-        )
-        values[name] = {who: value for who, value in of_rows if value is not None}
+        meanings = _meanings(column.texts, table.decimal_comma)
+        no_numbers = [text for text, value in meanings.items() if value != value]  # NaN
+        is_wrong = column.map(no_numbers.__contains__, np.bool_)
+        allowed = "a finite number (or no number in the whole column)"
+        require_numbers(table, column, is_wrong, allowed)
+        values[name] = {}
+        for row, code in enumerate(column.codes.tolist()):
+            text = column.texts[code]
+            if text in meanings:
+                values[name][subject.text(row)] = meanings[text]
     table.problems.refuse()
     return Covariates(values)
+
+
+def _meanings(texts: Iterable[str], decimal_comma: bool) -> dict[str, str | float]:
+    """What each text of a column is: a level of a category, or a number, NaN where it is none.
+
+    Texts that say that a value is missing are left out.
+    """
+    values = {}
+    for text in texts:
+        if text.lower() not in MISSING_WORDS:
+            values[text] = number(text, decimal_comma)
+    is_word = [math.isnan(value) for value in values.values()]
+    if all(is_word) or (len(is_word) <= 2 and any(is_word)):
+        return {text: text for text in values}
+    return dict(values)

@@ -103,15 +103,11 @@ def _variables(source: str, data: bytes) -> dict[str, Any]:
 
 def _columns(source: str, variables: dict[str, Any]) -> dict[str, list[Any]]:
     """The values of every column, all of one length."""
-    structs = []
-    for name, value in variables.items():
-        is_array = np.ndim(value) == 1 and len(value) and isinstance(value[0], dict)
-        if is_array or isinstance(value, dict):
-            structs.append(name)
+    fields = variables
+    structs = _structs(variables)
     if len(structs) > 1:
         several = listed([*map(bare, structs)])
         raise InputError(f"{source}: found the structs {several}, allowed: {_SAVED}")
-    fields = variables
     for name in structs:
         fields = _fields(variables[name])
     columns = {name: np.atleast_1d(np.asarray(value, object)) for name, value in fields.items()}
@@ -131,6 +127,16 @@ def _columns(source: str, variables: dict[str, Any]) -> dict[str, list[Any]]:
         cells = column.ravel().tolist()
         values[name] = cells * (n_rows // len(cells))
     return values
+
+
+def _structs(variables: dict[str, Any]) -> list[str]:
+    """The names of the structs and struct arrays among variables."""
+    names = []
+    for name, value in variables.items():
+        is_array = np.ndim(value) == 1 and len(value) and isinstance(value[0], dict)
+        if is_array or isinstance(value, dict):
+            names.append(name)
+    return names
 
 
 def _fields(struct: Any) -> dict[str, Any]:

@@ -344,8 +344,10 @@ def subject_in(path: Path, pattern: str) -> str | None:
 
     Examples
     --------
-    >>> subject_in(Path("bids/sub-07/beh/sub-07_task-same_events.tsv"), "sub-{}_*"), subject_in(Path("S1/trials.csv"), "{}/trials.csv")
-    ('07', 'S1')
+    >>> subject_in(Path("sub-07/beh/sub-07_task-same_events.tsv"), "sub-{}_*")
+    '07'
+    >>> subject_in(Path("S1/trials.csv"), "{}/trials.csv")
+    'S1'
     """
     tail = "/".join(path.absolute().parts[-1 - pattern.count("/") :])
     kinds = {"{}": "([^/]+?)", "*": "[^/]*"}

@@ -145,7 +145,8 @@ def read_study(
     >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     pilot = Path(folder, "pilot.csv")
-    ...     _ = pilot.write_text("subject,s1,s2,response\n01,0,0.3,equal\n01,0.3,0,different\n", encoding="utf-8")
+    ...     rows = "subject,s1,s2,response\n01,0,0.3,equal\n01,0.3,0,different\n"
+    ...     _ = pilot.write_text(rows, encoding="utf-8")
     ...     study = read_study(pilot)
     >>> study.names, study.notes
     (('01',), ("trial rows, comma-separated, UTF-8, responses 'equal' (1) / 'different' (1)",))
@@ -165,21 +166,27 @@ def read_study(
     paths, folder_notes = table_files(paths)
     study = read_together(paths, partial(_read, options=options))
     study = with_conditions(replace(study, notes=(*folder_notes, *study.notes)), options)
-    asked = options.condition is not None or options.reference is not None or options.categorical
-    if study.conditions is not None and not asked and follows_from_pairs(by_person(study).values()):
-        name = bare(study.conditions.name)
-        said = f"column {name}: found no pair at two of its levels, as where it names pairs or their order, so that it is no condition"
-        whole = read_study(path, replace(options, ignore=(*options.ignore, "condition")))
-        notes = (
-            note for note in whole.notes if note != f"column {name} not read, as --ignore has it"
-        )
-        return replace(
-            whole, notes=(*notes, f"{said}: not used; --condition {name} takes it all the same")
-        )
-    refuse_reversed(
-        study, _way_back(study, options, python=any(hasattr(path, "columns") for path in paths))
-    )
+    is_chosen = options.categorical or (options.condition, options.reference) != (None, None)
+    condition = None if is_chosen else study.conditions
+    if condition is not None and follows_from_pairs(by_person(study).values()):
+        return _without_condition(path, options, condition.name)
+    is_python = any(hasattr(path, "columns") for path in paths)
+    refuse_reversed(study, _reversal_remedy(study, options, is_python))
     return study
+
+
+def _without_condition(
+    path: str | Path | Frame | Sequence[str | Path | Frame], options: ReadOptions, name: str
+) -> Study:
+    """The study, whose column `name` is no condition since it follows from the pairs."""
+    study = read_study(path, replace(options, ignore=(*options.ignore, "condition")))
+    column = f"column {bare(name)}"
+    notes = [note for note in study.notes if note != f"{column} not read, as --ignore has it"]
+    notes.append(
+        f"{column}: found no pair at two of its levels, as where it names pairs or their order, so "
+        f"that it is no condition: not used; --condition {bare(name)} takes it all the same"
+    )
+    return replace(study, notes=tuple(notes))
 
 
 def _read(path: str | Path | Frame, options: ReadOptions) -> Study:
@@ -188,7 +195,7 @@ def _read(path: str | Path | Frame, options: ReadOptions) -> Study:
     return _count_study(rows) if answers is None else _trial_study(rows, answers)
 
 
-def _way_back(study: Study, options: ReadOptions, python: bool) -> str:
+def _reversal_remedy(study: Study, options: ReadOptions, is_python: bool) -> str:
     """What to do where all answers mean the opposite of what they say."""
     if "n_trials" in study.reading.read:
         return f"{bare(options.name('n_second'))} counts those"
@@ -198,11 +205,9 @@ def _way_back(study: Study, options: ReadOptions, python: bool) -> str:
         code or word
         for code, word in zip(options.codes(WHICH_STRONGER), ("second", "first"), strict=True)
     )
-    codes = (
-        f"ReadOptions(second_code={first!r}, first_code={second!r})"
-        if python
-        else f"--second-code {first} --first-code {second}"
-    )
+    codes = f"--second-code {first} --first-code {second}"
+    if is_python:
+        codes = f"ReadOptions(second_code={first!r}, first_code={second!r})"
     return f"if they mean the opposite, {codes}"
 
 
@@ -394,11 +399,7 @@ def _rows(path: str | Path | Frame, options: ReadOptions) -> _Rows:
     table.require(problems)
     table = _without_practice(_asked_for(table, options.where), options)
     columns = {ours: table.columns[options.name(ours)] for ours in needed}
-    for mark in _MARKS:
-        if mark in table.columns:
-            columns[mark] = table.columns[mark]
-    if "task" in columns and not any(map(task_named, columns["task"].texts)):
-        del columns["task"]  # another kind of task, such as the name of a part of the experiment
+    columns |= _marks(table)
     if options.subject_from is not None:
         columns["subject"] = _subject_of_file(table, path, options.subject_from)
     else:
@@ -417,6 +418,14 @@ def _rows(path: str | Path | Frame, options: ReadOptions) -> _Rows:
         isi = numbers(table, columns["isi"])
         keys.append(np.where(isi > 0, isi, math.nan))
     return _Rows(table, columns, keys, options, signs, values, order)
+
+
+def _marks(table: TextTable) -> dict[str, Column]:
+    """The columns that tell something of the whole file."""
+    columns = {mark: table.columns[mark] for mark in _MARKS if mark in table.columns}
+    if "task" in columns and not any(map(task_named, columns["task"].texts)):
+        del columns["task"]  # another kind of task, such as the name of a part of the experiment
+    return columns
 
 
 def _response_signs(table: TextTable, columns: Mapping[str, Column]) -> list[Column]:
@@ -608,48 +617,47 @@ def _percentage_doubts(n: IntArray) -> list[str]:
 
 def _trial_study(rows: _Rows, column: Column) -> Study:
     table = rows.table
-    found = responses(table, column, rows.options, rows.keys[1] - rows.keys[0])
-    found, signs = without_missed(found, column, rows.signs)
-    rows.require_pairs(
-        found.asked | found.no_answer
-    )  # rows without an answer, such as instruction screens, may hold anything else
+    answers = responses(table, column, rows.options, rows.keys[1] - rows.keys[0])
+    answers, signs = without_missed(answers, column, rows.signs)
+    # Rows without an answer, such as instruction screens, may hold anything else.
+    rows.require_pairs(answers.is_answered | answers.is_unscorable)
     table.problems.refuse()
-    require_task(table, found.task, rows.columns.get("task"))
-    if not found.asked.any():
+    require_task(table, answers.task, rows.columns.get("task"))
+    if not answers.is_answered.any():
         raise InputError(
-            f"{table.source}: found no response in any of {len(found.asked)} rows, allowed: at "
-            "least one answered trial"
+            f"{table.source}: found no response in any of {len(answers.is_answered)} rows, "
+            "allowed: at least one answered trial"
         )
-    notes = rows.layout("trial", found.said)
+    notes = rows.layout("trial", answers.note)
     if signs:
         notes.append(f"no response where column {listed([bare(name) for name in signs])} is empty")
-    nothing = ~found.asked & ~found.no_answer
-    for rows_of, what in (
-        (nothing, "without a response"),
-        (found.no_answer, "with equal stimuli, of which no answer is right,"),
-    ):
-        if rows_of.any():
-            notes.append(
-                f"{counted(int(rows_of.sum()), 'trial')} {what} dropped: "
-                f"{_listed_by_subject(rows, rows_of)}"
-            )
-    answered = np.bincount(rows.subject.codes, found.asked, len(rows.subject.texts))
-    gone = [
-        bare(text)
-        for text, count in zip(rows.subject.texts, answered, strict=True)
-        if text and not count
-    ]
-    notes += (
-        [f"{counted(len(gone), 'subject')} without any response left out: {listed(gone)}"]
-        if gone
-        else []
-    )
+    unanswered = ~answers.is_answered & ~answers.is_unscorable
+    notes += _dropped_note(rows, unanswered, "without a response")
+    equal_stimuli = "with equal stimuli, of which no answer is right,"
+    notes += _dropped_note(rows, answers.is_unscorable, equal_stimuli)
+    n_answered = np.bincount(rows.subject.codes, answers.is_answered, len(rows.subject.texts))
+    silent = []
+    for text, count in zip(rows.subject.texts, n_answered, strict=True):
+        if text and not count:
+            silent.append(bare(text))
+    if silent:
+        subjects = counted(len(silent), "subject")
+        notes.append(f"{subjects} without any response left out: {listed(silent)}")
     # A trial is a count of one, a trial without an answer a count of none.
-    return _study(rows, notes, np.where(found.yes, 1, 0), np.where(found.asked, 1, 0), found.task)
+    n_yes, n_trials = answers.is_yes.astype(np.int64), answers.is_answered.astype(np.int64)
+    return _study(rows, notes, n_yes, n_trials, answers.task)
+
+
+def _dropped_note(rows: _Rows, is_dropped: BoolArray, reason: str) -> list[str]:
+    """How many trials of each subject are dropped for a reason; nothing where none is."""
+    if not is_dropped.any():
+        return []
+    trials = counted(int(is_dropped.sum()), "trial")
+    return [f"{trials} {reason} dropped: {_listed_by_subject(rows, is_dropped)}"]
 
 
 def _listed_by_subject(rows: _Rows, chosen: BoolArray) -> str:
-    """How many of these rows are whose."""
+    """How many of these rows each subject has."""
     counts = np.bincount(rows.subject.codes[chosen], minlength=len(rows.subject.texts))
     names = ["(no subject)" if text == "" else bare(text) for text in rows.subject.texts]
     return listed([f"{names[code]} {counts[code]}" for code in np.flatnonzero(counts).tolist()])

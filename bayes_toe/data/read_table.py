@@ -370,19 +370,17 @@ def _json_records(
             f"{source}: found {quoted(str(value))} in the place of a trial, allowed: a list of "
             "trials, each with the same keys"
         )
-    fields = {**shared, **{str(key).strip(): item for key, item in value.items()}}
+    fields = dict(shared)
+    for key, item in value.items():
+        fields[str(key).strip()] = item
     lists = {key: item for key, item in fields.items() if isinstance(item, list)}
-    nested = [key for key, item in lists.items() if item and isinstance(item[0], dict)]
-    lengths = {len(item) for item in lists.values()}
-    if len(nested) == 1:
-        others = {key: item for key, item in fields.items() if key != nested[0]}
-        yield from _json_records(source, lists[nested[0]], others)
-    elif len(lists) > 1 and len(lengths) == 1:
-        for i in range(lengths.pop()):
-            trial = dict(fields)
-            for key, items in lists.items():
-                trial[key] = items[i]
-            yield trial
+    lists_of_trials = [key for key, item in lists.items() if item and isinstance(item[0], dict)]
+    if len(lists_of_trials) == 1:
+        nested = fields.pop(lists_of_trials[0])
+        yield from _json_records(source, nested, fields)
+    elif len(lists) > 1 and len(set(map(len, lists.values()))) == 1:
+        for items in zip(*lists.values(), strict=True):
+            yield {**fields, **dict(zip(lists, items, strict=True))}
     else:
         yield fields
 

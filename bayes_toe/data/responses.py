@@ -39,65 +39,78 @@ _DIGIT = re.compile(r"(\d)[.,]0*")
 
 
 class Responses(NamedTuple):
-    """The answers of trials.
-
-    `yes` where the one was given that the task counts, `asked` where there is an answer, shape
-    (rows,) each.
-
-    `no_answer` is where stimuli were equal, so that a right or wrong answer is none of the task's;
-    `said` is how the texts were read.
-    """
+    """The responses of trials, shape (rows,) each."""
 
     task: Task
-    yes: BoolArray
-    asked: BoolArray
-    no_answer: BoolArray
-    said: str
+    is_yes: BoolArray  # the response that the task counts
+    is_answered: BoolArray
+    is_unscorable: BoolArray  # right or wrong, where equal stimuli have no right answer
+    note: str  # how the texts were read
 
 
 def responses(
     table: TextTable, column: Column, options: ReadOptions, difference: FloatArray
 ) -> Responses:
-    """The answers in a column, of trials with these differences s2 - s1.
+    """The responses in a column, of trials with these differences s2 - s1.
 
-    What cannot be read is noted in the table.
-
-    Where no word is known, one line says so of the column, and another task than the one of the
-    result may have been meant.
+    What cannot be read is noted in the table. Where no word is known, one line says so of the
+    column, and another task than the one of the result may have been meant.
     """
-    judged = options.correct is not None
-    untold, remedies = "", list[Remedy]()
-    if options.task is None and options.comparison_code is None:
-        untold, remedies = _untold(column, difference)
-    task = options.task or next((task for task in TASKS if _words_of(task, column)), SAME_DIFFERENT)
+    has_scores = options.correct is not None
+    task = options.task or _task_of_words(column)
     names, words = (task.yes, task.no), _WORDS[task]
-    if judged:
+    if has_scores:
         names, words = ("right", "wrong"), _RIGHT_WRONG
     codes = _both_codes(column, options.codes(task))
     answer = column.map(lambda text: _answer(text, codes, words), np.int64)
-    if untold:
-        table.problems.add([(0, f"column {bare(column.name)}: {untold}")])
+    problem, remedies = "", list[Remedy]()
+    if options.task is None and options.comparison_code is None:
+        problem, remedies = _unknown_meaning(column, difference)
+    if problem:
+        table.problems.add([(0, f"column {bare(column.name)}: {problem}")])
         table.problems.remedies += remedies
     else:
-        shown = zip(options.codes(task), words, names, strict=True)
-        texts = " or ".join(
-            f"{', '.join(some) if code is None else quoted(code)} ({name})"
-            for code, some, name in shown
-        )
-        python = f"ReadOptions({', '.join(f'{name}_code=...' for name in names)})"
-        others = (
-            ""
-            if judged
-            else f"; other codes by {python if table.python else ', '.join(f'--{name}-code' for name in names)}"
-        )
-        table.fault(column, answer == _UNKNOWN, f"{texts}, or empty{others}")
-    said = f"responses {' / '.join(_as_answered(column, answer == value, word) for value, word in zip((_YES, _NO), names, strict=True))}"
-    yes, asked, none = answer == _YES, answer != _MISSING, np.zeros(len(answer), np.bool_)
-    if judged:
-        said += f", '{task.yes}' or '{task.no}' by the sign of s2 - s1"
-        none = asked & (task.right(difference) == 0)
-        yes = yes == (task.right(difference) > 0)
-    return Responses(task, yes & asked & ~none, asked & ~none, none, said)
+        allowed = _allowed_texts(options.codes(task), words, names)
+        if not has_scores:
+            allowed += f"; other codes by {_code_options(names, table.python)}"
+        table.fault(column, answer == _UNKNOWN, allowed)
+    yes_texts = _as_answered(column, answer == _YES, names[0])
+    no_texts = _as_answered(column, answer == _NO, names[1])
+    note = f"responses {yes_texts} / {no_texts}"
+    is_yes, is_answered = answer == _YES, answer != _MISSING
+    is_unscorable = np.zeros(len(answer), np.bool_)
+    if has_scores:
+        note += f", '{task.yes}' or '{task.no}' by the sign of s2 - s1"
+        is_unscorable = is_answered & (task.right(difference) == 0)
+        is_yes = is_yes == (task.right(difference) > 0)
+    is_answered &= ~is_unscorable
+    return Responses(task, is_yes & is_answered, is_answered, is_unscorable, note)
+
+
+def _task_of_words(column: Column) -> Task:
+    """The task whose words are in a column; same-different where none is."""
+    for task in TASKS:
+        if _words_of(task, column):
+            return task
+    return SAME_DIFFERENT
+
+
+def _allowed_texts(
+    codes: Sequence[str | None], words: Sequence[Sequence[str]], names: Sequence[str]
+) -> str:
+    """The texts that stand for both answers, in words."""
+    parts = []
+    for code, known, name in zip(codes, words, names, strict=True):
+        texts = ", ".join(known) if code is None else quoted(code)
+        parts.append(f"{texts} ({name})")
+    return f"{' or '.join(parts)}, or empty"
+
+
+def _code_options(names: Sequence[str], python: bool) -> str:
+    """The options that tell the codes of both answers."""
+    if python:
+        return f"ReadOptions({', '.join(f'{name}_code=...' for name in names)})"
+    return ", ".join(f"--{name}-code" for name in names)
 
 
 def require_task(table: TextTable, task: Task, column: Column | None) -> None:
@@ -105,25 +118,22 @@ def require_task(table: TextTable, task: Task, column: Column | None) -> None:
 
     What tells none, such as the name of an experiment, is not looked at.
     """
-    told = (
-        {}
-        if column is None
-        else {named: text for text in column.texts if (named := task_named(text)) is not None}
-    )
-    if column is None or not told.keys() - {task}:
+    if column is None:
         return
-    found = f"{table.source}: column {bare(column.name)}: found {' and '.join(quoted(text) for text in told.values())}"
-    some = (
-        f"ReadOptions(where={{{column.name!r}: ...}})"
-        if table.python
-        else f"--where {bare(column.name)}=TEXT"
-    )
-    allowed = (
-        f"one task, which {some} chooses"
-        if len(told) > 1
-        else f"{task.name!r}, which the answers are of"
-    )
-    raise InputError(f"{found}, allowed: {allowed}")
+    texts = {}
+    for text in column.texts:
+        if task_named(text) is not None:
+            texts[task_named(text)] = text
+    if not texts.keys() - {task}:
+        return
+    allowed = f"{task.name!r}, which the answers are of"
+    if len(texts) > 1:
+        choice = f"--where {bare(column.name)}=TEXT"
+        if table.python:
+            choice = f"ReadOptions(where={{{column.name!r}: ...}})"
+        allowed = f"one task, which {choice} chooses"
+    found = f"column {bare(column.name)}: found {' and '.join(map(quoted, texts.values()))}"
+    raise InputError(f"{table.source}: {found}, allowed: {allowed}")
 
 
 def _words_of(task: Task, column: Column) -> list[str]:
@@ -148,7 +158,7 @@ def _english(word: str) -> str:
 
 
 def without_missed(
-    found: Responses, column: Column, signs: Sequence[Column]
+    answers: Responses, column: Column, signs: Sequence[Column]
 ) -> tuple[Responses, list[str]]:
     """Responses without trials that nobody answered, and the columns that say so.
 
@@ -156,23 +166,22 @@ def without_missed(
     column is a sign where some of its cells are empty, and no response in these rows is right.
     """
     if not signs:
-        return found, []
+        return answers, []
     is_right = column.map(lambda text: _answer(text, (None, None), _RIGHT_WRONG) == _YES, np.bool_)
-    is_missed = np.zeros(len(found.asked), np.bool_)
+    is_missed = np.zeros(len(answers.is_answered), np.bool_)
     names = []
     for sign in signs:
         is_empty = sign.map(lambda text: text.lower() in MISSING_WORDS, np.bool_)
-        some = is_empty.any() and not is_empty.all()
-        if some and not (is_empty & is_right).any():
+        has_both = is_empty.any() and not is_empty.all()
+        if has_both and not (is_empty & is_right).any():
             is_missed |= is_empty
             names.append(sign.name)
-    is_there = ~is_missed
-    answered = found._replace(
-        yes=found.yes & is_there,
-        asked=found.asked & is_there,
-        no_answer=found.no_answer & is_there,
+    remaining = answers._replace(
+        is_yes=answers.is_yes & ~is_missed,
+        is_answered=answers.is_answered & ~is_missed,
+        is_unscorable=answers.is_unscorable & ~is_missed,
     )
-    return answered, names
+    return remaining, names
 
 
 def _both_codes(
@@ -190,19 +199,32 @@ def _both_codes(
     return (yes, other) if no is None else (other, no)
 
 
-def _untold(column: Column, difference: FloatArray) -> tuple[str, list[Remedy]]:
+def _unknown_meaning(column: Column, difference: FloatArray) -> tuple[str, list[Remedy]]:
     """What is said of a column whose words tell no task, or two, and what to type."""
     texts = [text for text in column.texts if not is_no_response(text)]
-    told = [_words_of(task, column) for task in TASKS]
-    if all(told):
-        both = " and ".join(quoted(words[0]) for words in told)
+    words_by_task = [_words_of(task, column) for task in TASKS]
+    if all(words_by_task):
+        both = " and ".join(quoted(words[0]) for words in words_by_task)
         problem = (
             f"found {both}, words of two tasks, allowed: one task, such as the rows that "
             "--where COLUMN=TEXT chooses"
         )
         return problem, []
-    if any(told) or not texts:
+    if any(words_by_task) or not texts:
         return "", []
+    counts = np.bincount(column.codes, minlength=len(column.texts)).tolist()
+    shares = []
+    for text, count in zip(column.texts, counts, strict=True):
+        if text in texts:
+            shares.append(f"{quoted(text)} ({count:,})")
+    problem = f"the codes are {listed(shares, 4)}. The program does not know what they mean."
+    if len(texts) == 1:
+        problem = f"the only code is {shares[0]}. The program does not know what it means."
+    return problem, _code_remedies(column, texts, difference)
+
+
+def _code_remedies(column: Column, texts: Sequence[str], difference: FloatArray) -> list[Remedy]:
+    """What to type where these codes tell no task."""
     plain = dict.fromkeys(_plain(text) for text in texts)
     by_word = {text.lower(): text for text in plain}
     likely = next((by_word[word] for word in ("1", "true", "yes") if word in by_word), texts[0])
@@ -219,18 +241,7 @@ def _untold(column: Column, difference: FloatArray) -> tuple[str, list[Remedy]]:
     if by_word.keys() <= {*_RIGHT_WRONG[0], *_RIGHT_WRONG[1]}:
         meaning = f"if {likely} is a correct response (2AFC)"
         remedies.append(Remedy("correct", column.name, meaning))
-    counts = np.bincount(column.codes, minlength=len(column.texts)).tolist()
-    few = listed(
-        [
-            f"{quoted(text)} ({count:,})"
-            for text, count in zip(column.texts, counts, strict=True)
-            if text in texts
-        ],
-        4,
-    )
-    if len(texts) == 1:
-        return f"the only code is {few}. The program does not know what it means.", remedies
-    return f"the codes are {few}. The program does not know what they mean.", remedies
+    return remedies
 
 
 def _commoner_for_stronger_second(column: Column, difference: FloatArray) -> str:
@@ -276,8 +287,10 @@ def _answer(text: str, given: Sequence[str | None], words: Sequence[Sequence[str
 def _as_answered(column: Column, chosen: BoolArray, word: str) -> str:
     """Which texts were read as an answer, and how often it was given."""
     texts = [column.texts[code] for code in np.unique(column.codes[chosen]).tolist()]
-    meaning = "" if all(text.lower() == word for text in texts) else f" as {word}"
-    return f"{listed([quoted(text) for text in texts]) if texts else repr(word)}{meaning} ({np.count_nonzero(chosen)})"
+    shown = listed([*map(quoted, texts)]) if texts else repr(word)
+    if any(text.lower() != word for text in texts):
+        shown += f" as {word}"
+    return f"{shown} ({np.count_nonzero(chosen)})"
 
 
 _REVERSED, _STRAIGHT = -5.0, 3.0  # z scores that nobody has by chance

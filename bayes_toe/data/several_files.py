@@ -83,26 +83,14 @@ def _of_all_files(faulty: Sequence[InputError]) -> InputError:
 def _together(studies: Sequence[Study]) -> Study:
     """One study of the subjects of several."""
     _require_alike(studies)
-    doubts = [doubt for study in studies for doubt in study.reading.doubts]
+    doubts = list(chain.from_iterable(study.reading.doubts for study in studies))
     subjects, several = list[Subject](), list[str]()
-    for name in dict.fromkeys(name for study in studies for name in study.names):
+    for name in dict.fromkeys(chain.from_iterable(study.names for study in studies)):
         files = [study for study in studies if name in study.names]
-        answers = []
-        for study in files:
-            given = study[name].answers
-            if given is not None:
-                answers.append((study.source, given))
-        doubts += _copies(name, answers)
-        if len(files) == 1:
-            subjects.append(files[0][name])
-            continue
-        several.append(f"{bare(name)} {len(files)}")
-        if len(answers) == len(files):
-            subjects.append(
-                Subject.from_answers(name, _joined(answers), files[0].task, files[0].unit)
-            )
-        else:
-            subjects.append(pooled([study[name] for study in files]))
+        doubts += _copies(name, _answers_by_file(name, files))
+        subjects.append(_subject_of_files(name, files))
+        if len(files) > 1:
+            several.append(f"{bare(name)} {len(files)}")
     notes = [*_common_notes(studies)]
     if several:
         count = counted(len(several), "subject")
@@ -115,6 +103,27 @@ def _together(studies: Sequence[Study]) -> Study:
     source = f"{len(studies)} files, {studies[0].source} to {studies[-1].source}"
     is_synthetic = all(study.synthetic for study in studies)
     return Study(tuple(subjects), source, is_synthetic, tuple(notes), reading)
+
+
+def _answers_by_file(name: str, studies: Sequence[Study]) -> list[tuple[str, Answers]]:
+    """The answers of a subject in each file that has them in order."""
+    answers = []
+    for study in studies:
+        in_order = study[name].answers
+        if in_order is not None:
+            answers.append((study.source, in_order))
+    return answers
+
+
+def _subject_of_files(name: str, studies: Sequence[Study]) -> Subject:
+    """A subject of one file or several."""
+    first = studies[0]
+    if len(studies) == 1:
+        return first[name]
+    answers = _answers_by_file(name, studies)
+    if len(answers) == len(studies):
+        return Subject.from_answers(name, _joined(answers), first.task, first.unit)
+    return pooled([study[name] for study in studies])
 
 
 def _require_alike(studies: Sequence[Study]) -> None:

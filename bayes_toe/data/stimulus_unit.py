@@ -30,7 +30,7 @@ _LONGEST, _NOT_ALLOWED = 16, frozenset("$\\<>&")
 def percent(logs: npt.ArrayLike) -> FloatArray:
     """Differences of natural-log intensities in per cent of intensity."""
     with np.errstate(over="ignore"):
-        return np.asarray(100.0 * np.expm1(np.asarray(logs, np.float64)))
+        return 100.0 * np.expm1(np.asarray(logs, np.float64))
 
 
 @dataclass(frozen=True)
@@ -104,15 +104,15 @@ class StimulusUnit:
         """Natural-log intensities in this unit."""
         logs = np.asarray(logs, np.float64)
         if self.is_decibel:
-            return np.asarray(logs / LOG_UNITS[self.name])
-        return np.asarray(np.exp(logs + self.log_reference))
+            return logs / LOG_UNITS[self.name]
+        return np.exp(logs + self.log_reference)
 
     def logs(self, stimuli: npt.ArrayLike) -> FloatArray:
         """Natural-log intensities of stimuli in this unit."""
         stimuli = np.asarray(stimuli, np.float64)
         if self.is_decibel:
-            return np.asarray(stimuli * LOG_UNITS[self.name])
-        return np.asarray(np.log(stimuli) - self.log_reference)
+            return stimuli * LOG_UNITS[self.name]
+        return np.log(stimuli) - self.log_reference
 
     def or_percent_of(self, mean: float) -> StimulusUnit:
         """This unit; per cent of a mean natural-log intensity if the unit is not known."""

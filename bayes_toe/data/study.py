@@ -183,8 +183,9 @@ class Subject:
 
         Examples
         --------
-        >>> Subject.from_trials("S01", [0, 0, 0], [0.3, 0.3, 0.3], [True, False, True]).n_trials.tolist()
-        [3]
+        >>> subject = Subject.from_trials("S01", [0, 0, 0], [0.3, 0.3, 0.3], [True, False, True])
+        >>> subject.n_yes.tolist(), subject.n_trials.tolist()
+        ([2], [3])
         """
         given = np.asarray(yes).ravel()
         # Words would all count as True: only truth values, or the numbers 1 and 0, say which answer
@@ -229,7 +230,8 @@ class Subject:
 
         Examples
         --------
-        >>> Subject("S01", [0.0, 0.0], [0.3, 0.3], [4, 2], [5, 5], isi=[0.5, 2.0]).at_isi(2.0).n_yes.tolist()
+        >>> subject = Subject("S01", [0.0, 0.0], [0.3, 0.3], [4, 2], [5, 5], isi=[0.5, 2.0])
+        >>> subject.at_isi(2.0).n_yes.tolist()
         [2]
         """
         if self.isi is None or isi not in self.intervals:
@@ -279,7 +281,7 @@ class Subject:
         is_next_step = np.diff(values) > _ROUNDING * smallest
         step = np.concatenate([[0], np.cumsum(is_next_step)])
         means = np.bincount(step, values) / np.bincount(step)
-        return np.asarray(means[step][index])
+        return means[step][index]
 
     @property
     def total_trials(self) -> int:
@@ -292,7 +294,8 @@ class Subject:
         return float(self.n_yes.sum() / self.n_trials.sum())
 
     def __repr__(self) -> str:
-        return f"<Subject {self.name!r}: {self.n_pairs:,} pairs, {self.total_trials:,} trials, {self.fraction_yes:.0%} {self.task.yes!r}>"
+        size = f"{self.n_pairs:,} pairs, {self.total_trials:,} trials"
+        return f"<Subject {self.name!r}: {size}, {self.fraction_yes:.0%} {self.task.yes!r}>"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -541,9 +544,10 @@ class Study:
         return pd.DataFrame({**owner, **columns, **({"synthetic": 1} if self.synthetic else {})})
 
     def __repr__(self) -> str:
-        trials = sum(one.total_trials for one in self)
+        n_trials = sum(subject.total_trials for subject in self)
+        size = f"{len(self):,} subjects ({named_few(self.names)}), {n_trials:,} trials"
         mark = ", synthetic" if self.synthetic else ""
-        return f"<Study {self.source!r}{mark}: {len(self):,} subjects ({named_few(self.names)}), {trials:,} trials>"
+        return f"<Study {self.source!r}{mark}: {size}>"
 
     def _repr_html_(self) -> str:
         shown = frame_of(

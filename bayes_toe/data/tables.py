@@ -50,7 +50,8 @@ class Table(ABC, Generic[Row]):
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
-        cls.__repr__ = Table.__repr__  # type: ignore[method-assign]  # where a dataclass finds one, it makes none that lists everything
+        # Where a dataclass finds one, it makes none that lists everything.
+        cls.__repr__ = Table.__repr__  # type: ignore[method-assign]
 
     def __repr__(self) -> str:
         names = list(dict.fromkeys(str(getattr(row, "subject", "")) for row in self.rows))

@@ -45,7 +45,8 @@ class Task:
 
         Examples
         --------
-        >>> SAME_DIFFERENT.right(np.array([-1, 0, 1])).tolist(), WHICH_STRONGER.right(np.array([-1, 0, 1])).tolist()
+        >>> difference = np.array([-1, 0, 1])
+        >>> SAME_DIFFERENT.right(difference).tolist(), WHICH_STRONGER.right(difference).tolist()
         ([-1, 1, -1], [-1, 0, 1])
         """
         return np.where(difference == 0, 1, -1) if self == SAME_DIFFERENT else np.sign(difference)
@@ -57,7 +58,8 @@ class Task:
 
         Examples
         --------
-        >>> WHICH_STRONGER.wrong(np.array([-1, 0, 1]), np.array([2, 2, 2]), np.array([5, 5, 5])).tolist()
+        >>> difference, n_yes, n_trials = np.array([-1, 0, 1]), np.array([2, 2, 2]), np.array([5])
+        >>> WHICH_STRONGER.wrong(difference, n_yes, n_trials).tolist()
         [2, 0, 3]
         """
         right = self.right(difference)
@@ -98,8 +100,9 @@ def task_named(text: str) -> Task | None:
 
     Examples
     --------
-    >>> task_named("2AFC") == WHICH_STRONGER, task_named("same / different") == SAME_DIFFERENT, task_named("comparison")
-    (True, True, None)
+    >>> task_named("2AFC") == WHICH_STRONGER, task_named("same / different") == SAME_DIFFERENT
+    (True, True)
+    >>> task_named("comparison")
     """
     plain = re.sub("[^a-z0-9]", "", text.lower())
     return next((task for task, names in _CALLED.items() if plain in names), None)

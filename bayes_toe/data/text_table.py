@@ -78,7 +78,7 @@ class Column:
 
     def map(self, convert: Callable[[str], object], dtype: type) -> npt.NDArray[Any]:
         """One value per row; each distinct text is converted once."""
-        return np.asarray(np.array([convert(text) for text in self.texts], dtype)[self.codes])
+        return np.array([convert(text) for text in self.texts], dtype)[self.codes]
 
     def only(self, rows: BoolArray) -> Column:
         """The column of these rows, without the texts that only others have."""
@@ -395,6 +395,7 @@ def _records(text: str, delimiter: str) -> Iterator[tuple[int, list[str] | csv.E
 def _broken(row: int, record: list[str] | csv.Error, width: int) -> str:
     """The problem of a row that cannot be split into as many cells as the header has."""
     if not isinstance(record, csv.Error):
-        return f"row {row}: found {counted(len(record), 'cell')}, allowed: {counted(width, 'cell')} as in the header"
+        found, allowed = counted(len(record), "cell"), counted(width, "cell")
+        return f"row {row}: found {found}, allowed: {allowed} as in the header"
     found = next((said for part, said in _SPLIT_ERRORS.items() if part in str(record)), str(record))
     return f"row {row}: found {found}, allowed: quotes around whole cells, doubled inside"

@@ -49,18 +49,14 @@ def answers_in_order(
 
     answers, unordered, n_missing, n_untimed = dict[str, Answers](), list[str](), {}, 0
     for name, part in parts.items():
-        rows, place, time_before = part, None, None
-        ordered = _first_order((rows_with_pair[name], part), trial, ranks)
-        if trial is not None and ordered is None:
+        rows, place, n_absent = _in_order((rows_with_pair[name], part), trial, ranks)
+        if trial is not None and place is None:
             unordered.append(bare(name))
-        if trial is not None and ordered is not None:
-            rows = ordered
-            place, missing = _places(trial[rows], ranks[rows, -1])
-            if missing:
-                person = name.partition(AT)[0] if "condition" in columns else name
-                n_missing[person] = missing
-            if iti is not None:
-                time_before = iti[rows]
+        if n_absent:
+            n_missing[name.partition(AT)[0]] = n_absent
+        time_before = None
+        if iti is not None and place is not None:
+            time_before = iti[rows]
         is_subject = subject.codes[rows] == subject.codes[part[0]]
         all_answers = Answers(
             pairs[rows],
@@ -96,16 +92,20 @@ def _trial_numbers(
     return trial, np.where(iti >= 0.0, iti, math.nan)
 
 
-def _first_order(
+def _in_order(
     choices: Sequence[IndexArray], trial: FloatArray | None, ranks: IntArray
-) -> IndexArray | None:
-    """The first choice of rows whose order is known: rows without an answer may be no trials."""
+) -> tuple[IndexArray, IntArray | None, int]:
+    """The rows of a subject in order, their places, and how many trials are missing.
+
+    They are the first choice whose order is known: rows without an answer may be no trials. Where
+    no order is known, they are the last choice, without places.
+    """
     if trial is not None:
         for rows in choices:
             ordered = _ordered(rows, trial, ranks)
             if ordered is not None:
-                return ordered
-    return None
+                return ordered, *_places(trial[ordered], ranks[ordered, -1])
+    return choices[-1], None, 0
 
 
 def _order_notes(
@@ -180,7 +180,7 @@ def _ordered(rows: IndexArray, trial: FloatArray, ranks: IntArray) -> IndexArray
         order = np.lexsort(keys)
         is_unique = len(run_starts(*(key[order] for key in keys))) == len(rows)
         if is_unique:
-            return np.asarray(rows[order])
+            return rows[order]
     return None
 
 

@@ -81,7 +81,7 @@ class Particles:
     @property
     def shares(self) -> FloatArray:
         """Weights that sum to 1, shape (draws,)."""
-        return np.asarray(np.exp(self.log_weight - logsumexp(self.log_weight)))
+        return np.exp(self.log_weight - logsumexp(self.log_weight))
 
     @property
     def log_evidence(self) -> float:
@@ -249,7 +249,7 @@ class Adaptive:
                 left += np.exp(log_p) * _entropy(of_model)
             else:
                 left += np.exp(log_p) * (weights @ _entropy(p_yes))
-        return np.asarray(_entropy(mean_yes) - left)
+        return _entropy(mean_yes) - left
 
     def _predictions(self, name: str) -> tuple[FloatArray, FloatArray]:
         """P(yes) of some draws of a model for every pair, (draws, pairs), and their weights."""
@@ -403,7 +403,7 @@ class Adaptive:
 
 def _entropy(p_yes: FloatArray) -> FloatArray:
     """Entropy of an answer, nats."""
-    return np.asarray(entr(p_yes) + entr(1.0 - p_yes))
+    return entr(p_yes) + entr(1.0 - p_yes)
 
 
 def _make_design(pairs: npt.ArrayLike, task: Task) -> StudyDesign:

@@ -65,7 +65,7 @@ class Information:
         index = np.flatnonzero(n_trials)
         rows = self.rows[:, index]
         weighted = rows * n_trials[index][:, None]
-        return np.asarray(self.prior + np.swapaxes(rows, 1, 2) @ weighted)
+        return self.prior + np.swapaxes(rows, 1, 2) @ weighted
 
     def utility(self, total: FloatArray) -> float:
         """Half the log determinant of the precision of what is asked about, mean over observers."""
@@ -79,13 +79,13 @@ class Information:
         growth = _growth(total, self.rows, n_more)
         nuisance_growth = _growth(nuisance, self.rows[..., ~self.is_target], n_more)
         gain = 0.5 * (np.log(growth) - np.log(nuisance_growth)).mean(axis=0)
-        return np.asarray(self.utility(total) + gain)
+        return self.utility(total) + gain
 
     def standard_deviations(self, total: FloatArray) -> FloatArray:
         """Posterior sd of each quantity asked about, root mean square over observers, (k,)."""
         variance = np.diagonal(np.linalg.inv(total), axis1=1, axis2=2)
         sd = np.sqrt(variance.mean(axis=0)) * self.units
-        return np.asarray(sd[self.is_target])
+        return sd[self.is_target]
 
     def _nuisance_block(self, total: FloatArray) -> FloatArray:
         """The block of all other coordinates."""
@@ -95,7 +95,7 @@ class Information:
 def _growth(total: FloatArray, rows: FloatArray, n_more: float) -> FloatArray:
     """Factor by which the determinant grows with n more trials of each row: (observers, pairs)."""
     spread = rows @ np.linalg.inv(total)
-    return np.asarray(1.0 + n_more * (spread * rows).sum(axis=-1))
+    return 1.0 + n_more * (spread * rows).sum(axis=-1)
 
 
 def information(

@@ -102,11 +102,11 @@ class Observer:
         z = (s2 - s1 + shift) / (value["noise"] * np.exp(value["noise_slope"] * middle))
         lapse_rate = value["lapse_rate"]
         if self.task == WHICH_STRONGER:
-            return np.asarray(0.5 * lapse_rate + (1.0 - lapse_rate) * ndtr(z))
+            return 0.5 * lapse_rate + (1.0 - lapse_rate) * ndtr(z)
         k = ndtri(0.5 * (1.0 + value["q0"])) * np.exp(value["criterion_slope"] * middle)
         blind = ndtr(k) - ndtr(-k)
         attending = ndtr(k - z) - ndtr(-k - z)
-        return np.asarray(lapse_rate * blind + (1.0 - lapse_rate) * attending)
+        return lapse_rate * blind + (1.0 - lapse_rate) * attending
 
     def p_design(self, design: StudyDesign) -> FloatArray:
         """The same for the pairs of a design, shape (pairs,)."""

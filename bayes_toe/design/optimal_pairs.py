@@ -169,7 +169,7 @@ def grid(lowest: float, highest: float, step: float) -> FloatArray:
             f"--step {step:g}: allowed is above 0 and at most the range, {highest - lowest:g}"
         )
     n_steps = np.floor((highest - lowest) / step + 1e-9)
-    return np.asarray(np.round(lowest + step * np.arange(n_steps + 1), 12) + 0.0)
+    return np.round(lowest + step * np.arange(n_steps + 1), 12) + 0.0
 
 
 def read_levels(path: str | Path, reference: float | None = None) -> FloatArray:

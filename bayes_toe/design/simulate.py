@@ -106,10 +106,10 @@ class PaperObserver:
             expected = carried_expectation(s1 - middle, s2 - middle, contraction, share)
             natural = natural._replace(mu1=natural.mu1 + expected)
         if self.task == SAME_DIFFERENT:
-            return np.asarray(equal_probability(s1, s2, *natural))
+            return equal_probability(s1, s2, *natural)
         distance = s2 - evolved_mean(s1, natural.mu1, natural.gamma)
         z = distance / (variance_ratio(natural.gamma) * natural.sigma_p)
-        return np.asarray(0.5 * natural.q0 + (1.0 - natural.q0) * ndtr(z))
+        return 0.5 * natural.q0 + (1.0 - natural.q0) * ndtr(z)
 
 
 def paper_population(

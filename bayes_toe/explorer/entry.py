@@ -434,7 +434,7 @@ def slice_keys(counts: Subject) -> FloatArray:
     n_different = counts.n_trials * (presentation_order(counts) != 0)
     n_trials = np.bincount(index.ravel(), n_different, len(keys))
     most_first = np.argsort(-n_trials, kind="stable")
-    return np.asarray(keys[most_first][: max(1, np.count_nonzero(n_trials))])
+    return keys[most_first][: max(1, np.count_nonzero(n_trials))]
 
 
 def _fixed(counts: Subject) -> FloatArray:
@@ -490,7 +490,7 @@ def axis(quantities: Mapping[str, FloatArray], sbar: float, ends: Sequence[float
     none = np.zeros(len(next(iter(quantities.values()))))
     share = quantities.get("contraction", quantities.get("pull", none))
     shift = quantities.get("constant_error", quantities.get("offset", none))
-    return np.asarray(first - share * (first - sbar) + shift)
+    return first - share * (first - sbar) + shift
 
 
 # --- numbers as text ------------------------------------------------------------------------------

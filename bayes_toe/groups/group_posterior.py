@@ -126,7 +126,7 @@ class SubjectRows:
 
     def row_points(self, w: FloatArray) -> FloatArray:
         """Coordinates of the rows, (subjects, points, q + own) -> (rows, points, k)."""
-        return np.asarray(w[self.subject_of_row] @ self.loading.swapaxes(1, 2))
+        return w[self.subject_of_row] @ self.loading.swapaxes(1, 2)
 
     def gradient(self, w: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Log likelihood of subjects, (subjects, points), and its gradient in w."""
@@ -348,4 +348,4 @@ class GroupPosterior:
 
     def _expected(self, mean: FloatArray, effects: FloatArray) -> FloatArray:
         """The mean of subjects with their covariates, (subjects, points, q)."""
-        return np.asarray(mean + np.einsum("nr,prq->npq", self.x, effects))
+        return mean + np.einsum("nr,prq->npq", self.x, effects)

@@ -242,7 +242,7 @@ def _kinetic(momentum: FloatArray) -> FloatArray:
     """Kinetic energy, (chains,)."""
     # Where the density is 0 its slope may be anything; such a trajectory is divergent.
     with np.errstate(over="ignore"):
-        return np.asarray(0.5 * np.square(momentum).sum(axis=1))
+        return 0.5 * np.square(momentum).sum(axis=1)
 
 
 # --- A group -------------------------------------------------------------------------------------

@@ -247,7 +247,7 @@ def from_half_normal_score(score: FloatArray) -> FloatArray:
 
 def half_normal_score(u: FloatArray) -> FloatArray:
     """Inverse of :func:`from_half_normal_score`."""
-    return np.asarray(-ndtri_exp(log_ndtr(-u) + LN2))
+    return -ndtri_exp(log_ndtr(-u) + LN2)
 
 
 class HyperpriorNumbers(NamedTuple):

@@ -298,7 +298,7 @@ class PopulationResult:
         """
         rng = generator(self.settings.seed, "population", "new subject")
         score = rng.standard_normal(self.draws.mean.shape)
-        return np.asarray(self.draws.mean + self.draws.sd * score)
+        return self.draws.mean + self.draws.sd * score
 
     def quantities(self, coefficients: FloatArray) -> dict[str, FloatArray]:
         """What follows from coefficients, (..., coefficients) -> (...) each.

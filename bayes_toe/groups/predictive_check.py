@@ -139,7 +139,7 @@ def _measures(
     n_wrong = task.wrong(difference[:, None], n_yes, n_trials[:, None])
 
     def by_subject(values: FloatArray | IntArray) -> FloatArray:
-        return np.asarray(np.add.reduceat(values, rows.first_row, axis=0))
+        return np.add.reduceat(values, rows.first_row, axis=0)
 
     weights = np.zeros(difference.shape)
     for i, unit in enumerate(units):

@@ -87,7 +87,7 @@ def zero_difference(
 
 def _log_normal(distance: FloatArray, variance: FloatArray) -> FloatArray:
     """Log of a normal density."""
-    return np.asarray(-0.5 * (np.square(distance) / variance + np.log(2.0 * np.pi * variance)))
+    return -0.5 * (np.square(distance) / variance + np.log(2.0 * np.pi * variance))
 
 
 def _average(log_ratios: FloatArray) -> ZeroBayesFactor:

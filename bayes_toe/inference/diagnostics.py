@@ -145,7 +145,7 @@ def quantile_errors(draws: npt.ArrayLike, probabilities: npt.ArrayLike, ess: flo
         for level in _ONE_SD
     )
     ends = np.maximum(np.floor(low), 0.0), np.minimum(np.ceil(high), ascending.size - 1.0)
-    return np.asarray((ascending[ends[1].astype(int)] - ascending[ends[0].astype(int)]) / 2.0)
+    return (ascending[ends[1].astype(int)] - ascending[ends[0].astype(int)]) / 2.0
 
 
 def tail_error(draws: FloatArray, ess: float) -> float:
@@ -188,4 +188,4 @@ def smoothed_weights(log_weights: npt.ArrayLike) -> SmoothedWeights:
                 return SmoothedWeights(np.asarray(smoothed), float(k))
         except ValueError:  # a tail of fewer than five weights, or of equal ones
             pass
-        return SmoothedWeights(np.asarray(raw - logsumexp(raw)), float("inf"))
+        return SmoothedWeights(raw - logsumexp(raw), float("inf"))

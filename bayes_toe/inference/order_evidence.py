@@ -132,7 +132,7 @@ class OrderEvidence:
     def probabilities(self, prior_probabilities: FloatArray) -> FloatArray:
         """Posterior probabilities of the four models, shape (4,)."""
         log_joint = self.log_evidence + np.log(prior_probabilities)
-        return np.asarray(np.exp(log_joint - logsumexp(log_joint)))
+        return np.exp(log_joint - logsumexp(log_joint))
 
 
 def order_evidence(
@@ -232,7 +232,7 @@ class RowMixture:
     def log_density(self, points: FloatArray, log_prior: FloatArray) -> FloatArray:
         """Log density at points, (n, k) -> (n,)."""
         student = self.student.log_density(points[:, self.is_free]) + np.log1p(-_PRIOR_SHARE)
-        return np.asarray(np.logaddexp(student, log_prior + np.log(_PRIOR_SHARE)))
+        return np.logaddexp(student, log_prior + np.log(_PRIOR_SHARE))
 
     def updated(self, draws: WeightedDraws) -> RowMixture:
         """A step of EM toward draws whose weights are flattened."""
@@ -248,7 +248,7 @@ class RowMixture:
         normal = rng.standard_normal((n, k))[:, self.is_free]
         points = np.zeros((n, k))
         points[:, self.is_free] = self.student.offset(component, normal, rng)
-        is_prior = np.asarray(rng.uniform(size=n)) < _PRIOR_SHARE
+        is_prior = rng.uniform(size=n) < _PRIOR_SHARE
         points[is_prior] = prior[is_prior]
         return points
 
@@ -417,7 +417,7 @@ class _Sampler:
             batch = self.batch.rows(np.resize(own_rows, len(points)))
             u = points[:, None, :]
             slope = batch.gradient(u)[1] + batch.prior_slopes(u)[0]
-            return np.asarray(slope[:, 0])
+            return slope[:, 0]
 
         diagonal = np.arange(self.k)
         curvature = -hessian(gradient, top.x, top.curvature[:, diagonal, diagonal])
@@ -548,7 +548,7 @@ def _two_best_local(values: FloatArray, heights: FloatArray) -> IndexArray:
     if len(ranked) < 2:
         by_height = np.argsort(-heights)
         ranked = np.concatenate([ranked, by_height[by_height != ranked[0]]])
-    return np.asarray(ranked[:2])
+    return ranked[:2]
 
 
 def _refitted(mixture: RowMixture, pool: _Pool, row: _Row) -> RowMixture:

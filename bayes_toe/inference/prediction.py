@@ -52,7 +52,7 @@ class Predictor:
         counts = (pairs[:, 0], pairs[:, 1], 0 * n_trials, n_trials, intervals)
         subject = Subject(self.target.subject.name, *counts, task=self.target.subject.task)
         log_yes, _ = self.target.for_subject(subject).log_answers(self.x)
-        return np.asarray(np.exp(log_yes)[:, index.ravel()])
+        return np.exp(log_yes)[:, index.ravel()]
 
 
 def predict(

@@ -42,9 +42,7 @@ def binomial_deviance(
     """
     k, n = np.asarray(n_yes, np.float64), np.asarray(n_trials, np.float64)
     saturated = xlogy(k, k / n) + xlogy(n - k, (n - k) / n)
-    return np.asarray(
-        2.0 * np.maximum(saturated - times_counts(k, log_q) - times_counts(n - k, log_rest), 0.0)
-    )
+    return 2.0 * np.maximum(saturated - times_counts(k, log_q) - times_counts(n - k, log_rest), 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,7 +156,7 @@ class PredictiveCheck:
 
         Conservative, since the same answers shaped the posterior.
         """
-        return np.asarray(np.minimum(1.0, 2.0 * np.minimum(self.p_fewer, self.p_more)))
+        return np.minimum(1.0, 2.0 * np.minimum(self.p_fewer, self.p_more))
 
 
 def predictive_check(posterior: AnswerPosterior, x: npt.ArrayLike, seed: int) -> PredictiveCheck:

@@ -88,7 +88,7 @@ class StudentMixture:
         density = np.empty(len(x))
         for block in _blocks(len(x)):
             density[block] = self._tops @ self._kernel(self._distances(x[block]))
-        return np.asarray(np.log(density) + self._log_highest)
+        return np.log(density) + self._log_highest
 
     def sample(self, rng: Random, size: int) -> FloatArray:
         """Draws, shape (size, D); works with numpy's old and new generators."""
@@ -104,7 +104,7 @@ class StudentMixture:
         """Draws from these components, shape (size,), by standard normal numbers, (size, D)."""
         stretch = np.sqrt(self.df / rng.chisquare(self.df, size=len(component)))
         offsets = np.einsum("nij,nj->ni", self._factors[component], normal)
-        return np.asarray(self.means[component] + offsets * stretch[:, None])
+        return self.means[component] + offsets * stretch[:, None]
 
     def updated(self, x: FloatArray, weights: FloatArray) -> StudentMixture:
         """One EM step toward points x, shape (N, D), with normalised weights, (N,).
@@ -194,7 +194,7 @@ class StudentMixture:
         """Covariance, shape (D, D); df is above 2."""
         offsets = self.means - self.weights @ self.means
         second = self.scales * (self.df / (self.df - 2)) + _outer(offsets)
-        return np.asarray(np.einsum("j,jab->ab", self.weights, second))
+        return np.einsum("j,jab->ab", self.weights, second)
 
     def _distances(self, x: FloatArray) -> FloatArray:
         """1 + (squared Mahalanobis distance) / df to every component, shape (J, N)."""
@@ -203,7 +203,7 @@ class StudentMixture:
         points[0] = 1.0
         points[1:] = x.T
         white = (self._whiteners @ points).reshape(dim, -1, len(x))
-        return np.asarray(np.einsum("djn,djn->jn", white, white) + 1.0)
+        return np.einsum("djn,djn->jn", white, white) + 1.0
 
     def _kernel(self, u: FloatArray) -> FloatArray:
         return 1.0 / _power(u, (self.df + self.means.shape[1]) // 2)
@@ -235,7 +235,7 @@ def _power(u: FloatArray, exponent: int) -> FloatArray:
 
 
 def _outer(vectors: FloatArray) -> FloatArray:
-    return np.asarray(vectors[:, :, None] * vectors[:, None, :])
+    return vectors[:, :, None] * vectors[:, None, :]
 
 
 #: Pareto k-hat above which, and efficiency below which, a proposal is not trusted.
@@ -281,7 +281,7 @@ class Proposal:
             np.log1p(-_PRIOR_SHARE - self.cover_share) + of_mixture,
             np.log(self.cover_share) + of_cover,
         )
-        return np.asarray(np.logaddexp(fitted + log_volume, np.log(_PRIOR_SHARE) + log_prior))
+        return np.logaddexp(fitted + log_volume, np.log(_PRIOR_SHARE) + log_prior)
 
 
 @dataclass(frozen=True, eq=False)
@@ -303,7 +303,7 @@ class WeightedDraws:
         """The same as numbers that sum to 1."""
         log_weights = self.log_weights
         weights = np.exp(log_weights - log_weights.max())
-        return np.asarray(weights / weights.sum())
+        return weights / weights.sum()
 
     @property
     def effective_number(self) -> float:
@@ -322,7 +322,7 @@ class WeightedDraws:
 
     def resampled(self, rng: Random, size: int) -> FloatArray:
         """Draws by their shares, so of equal weight, shape (size, k)."""
-        return np.asarray(self.x[rng.choice(len(self.x), size, p=self.shares)])
+        return self.x[rng.choice(len(self.x), size, p=self.shares)]
 
     def part(self, rows: slice) -> WeightedDraws:
         """Some of the draws, without a copy."""
@@ -360,7 +360,7 @@ def tempered(log_weights: FloatArray, least: float) -> FloatArray:
         weights = np.exp(power * below)
         if effective_number(weights) >= least:
             break
-    return np.asarray(weights / weights.sum())
+    return weights / weights.sum()
 
 
 def importance_draws(proposal: Proposal, rng: Random, size: int) -> WeightedDraws:

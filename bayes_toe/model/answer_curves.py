@@ -76,7 +76,7 @@ def times_counts(counts: FloatArray, values: FloatArray) -> FloatArray:
 
 def second_answers(z: FloatArray) -> LogAnswers:
     """Log of Phi(z), 'second', and of Phi(-z), 'first'."""
-    return LogAnswers(np.asarray(log_ndtr(z)), np.asarray(log_ndtr(-z)))
+    return LogAnswers(log_ndtr(z), log_ndtr(-z))
 
 
 def second_slopes(z: FloatArray) -> Slopes:
@@ -84,7 +84,7 @@ def second_slopes(z: FloatArray) -> Slopes:
     root = np.sqrt(2.0 / np.pi)
     rise = root / erfcx(-z * np.sqrt(0.5))
     fall = root / erfcx(z * np.sqrt(0.5))
-    return Slopes(np.asarray(rise), np.asarray(-fall))
+    return Slopes(rise, -fall)
 
 
 # --- Same or different ---------------------------------------------------------------------------
@@ -117,13 +117,13 @@ def half_normal_quantile(
     """
     lower = np.sqrt(2.0) * erfinv(probability)
     upper = -ndtri_exp(log_rest - LN2)
-    return np.asarray(np.where(is_lower, lower, upper))
+    return np.where(is_lower, lower, upper)
 
 
 def criterion_slope(logit_peak: FloatArray, k: FloatArray) -> FloatArray:
     """Derivative of :func:`criterion`: 2 phi(k) dk/dl = expit(l) expit(-l)."""
     log_density = -0.5 * (np.square(k) + LOG_2PI)
-    return np.asarray(np.exp(log_expit(logit_peak) + log_expit(-logit_peak) - log_density - LN2))
+    return np.exp(log_expit(logit_peak) + log_expit(-logit_peak) - log_density - LN2)
 
 
 def equal_answers(z: FloatArray, k: FloatArray) -> LogAnswers:
@@ -197,11 +197,11 @@ def _log_inside(distance: FloatArray, k: FloatArray, near: FloatArray) -> FloatA
 
 def _is_narrow(distance: FloatArray, k: FloatArray) -> BoolArray:
     """Where the window is narrow and the density in it nearly level: there both terms cancel."""
-    return np.asarray((k < 0.5) & (np.minimum(k, 0.5) * distance < 0.5))
+    return (k < 0.5) & (np.minimum(k, 0.5) * distance < 0.5)
 
 
 def _log_window(distance: FloatArray, k: FloatArray) -> FloatArray:
     """Log of the integral of exp(-t^2/2 - d t) over -k < t < k, shape (n,), of positive terms."""
     t = k[:, None] * _NODES
     heights = np.exp(-0.5 * np.square(t)) * np.cosh(distance[:, None] * t)
-    return np.asarray(np.log(2.0 * k * (heights @ _WEIGHTS)))
+    return np.log(2.0 * k * (heights @ _WEIGHTS))

@@ -132,7 +132,7 @@ class ConditionPosterior:
     def in_conditions(self, x: FloatArray) -> FloatArray:
         """The observer's coordinates in each condition, (conditions, points, k)."""
         k = len(self.parameters)
-        return np.asarray(x[:, :k] + x[:, k:] @ self.steps)
+        return x[:, :k] + x[:, k:] @ self.steps
 
     def quantities(self, x: FloatArray) -> dict[str, FloatArray]:
         """The observer's quantities in each condition, natural units, (conditions, points) each."""
@@ -145,12 +145,12 @@ class ConditionPosterior:
         points = require_points(x, len(self.coordinates))
         k = len(self.parameters)
         of_differences = -0.5 * (np.square(points[:, k:]) + LOG_2PI).sum(axis=1)
-        return np.asarray(self.shared.log_prior(points[:, :k]) + of_differences)
+        return self.shared.log_prior(points[:, :k]) + of_differences
 
     def log_likelihood(self, x: npt.ArrayLike) -> FloatArray:
         """Log likelihood of all conditions, without binomial coefficients, (points,)."""
         points = require_points(x, len(self.coordinates))
-        return np.asarray(self.batch.log_likelihood(self.in_conditions(points)).sum(axis=0))
+        return self.batch.log_likelihood(self.in_conditions(points)).sum(axis=0)
 
     def log_density(self, x: npt.ArrayLike) -> FloatArray:
         """Log posterior density, (points,); its integral is the evidence."""

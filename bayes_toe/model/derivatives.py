@@ -55,4 +55,4 @@ def _symmetric(change: FloatArray, step: FloatArray) -> FloatArray:
     """Hessians from changes of gradients, (k, points, k), over steps of the same shape."""
     k = len(change)
     rows = change / step[np.arange(k), :, np.arange(k)][:, :, None]
-    return np.asarray(0.5 * (rows.transpose(1, 0, 2) + rows.transpose(1, 2, 0)))
+    return 0.5 * (rows.transpose(1, 0, 2) + rows.transpose(1, 2, 0))

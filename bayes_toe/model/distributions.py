@@ -61,15 +61,15 @@ class Normal:
         """-ln(2 pi)/2 - (x - mean)^2 / (2 sd^2) - ln sd."""
         with np.errstate(over="ignore"):  # a square beyond the largest float: the density is 0
             score = (np.asarray(x, np.float64) - self.mean) / self.sd
-            return np.asarray(-0.5 * (LOG_2PI + score**2) - np.log(self.sd))
+            return -0.5 * (LOG_2PI + score**2) - np.log(self.sd)
 
     def slope(self, x: npt.ArrayLike) -> FloatArray:
         """-(x - mean)/sd^2."""
-        return np.asarray((self.mean - np.asarray(x, np.float64)) / self.sd**2)
+        return (self.mean - np.asarray(x, np.float64)) / self.sd**2
 
     def quantile(self, p: npt.ArrayLike) -> FloatArray:
         """Inverse of the distribution function, 0 < p < 1."""
-        return np.asarray(self.mean + self.sd * ndtri(p))
+        return self.mean + self.sd * ndtri(p)
 
     def sample(self, rng: Random, size: int) -> FloatArray:
         """Independent draws, shape (size,)."""
@@ -96,21 +96,21 @@ class HalfNormal:
     def log_density_of_log(self, log_x: FloatArray) -> FloatArray:
         """Log density of the logarithm of x, with respect to it."""
         with np.errstate(over="ignore"):  # beyond the largest float the density is 0
-            return np.asarray(self.log_density(np.exp(log_x)) + log_x)
+            return self.log_density(np.exp(log_x)) + log_x
 
     def slope_of_log(self, log_x: FloatArray) -> FloatArray:
         """Derivative of :meth:`log_density_of_log`, 1 - x^2/scale^2."""
         with np.errstate(over="ignore"):
             x = np.exp(log_x)
-            return np.asarray(x * (-x / self.scale**2) + 1.0)
+            return x * (-x / self.scale**2) + 1.0
 
     def cdf(self, x: npt.ArrayLike) -> FloatArray:
         """Distribution function."""
-        return np.asarray(erf(np.maximum(x, 0.0) / (self.scale * math.sqrt(2.0))))
+        return erf(np.maximum(x, 0.0) / (self.scale * math.sqrt(2.0)))
 
     def quantile(self, p: npt.ArrayLike) -> FloatArray:
         """Inverse of the distribution function, 0 < p < 1."""
-        return np.asarray(self.scale * math.sqrt(2.0) * erfinv(p))
+        return self.scale * math.sqrt(2.0) * erfinv(p)
 
     def sample(self, rng: Random, size: int) -> FloatArray:
         """Independent draws, shape (size,)."""
@@ -146,7 +146,7 @@ class Beta:
 
     def quantile(self, p: npt.ArrayLike) -> FloatArray:
         """Inverse of the distribution function, 0 < p < 1."""
-        return np.asarray(betaincinv(self.a, self.b, p))
+        return betaincinv(self.a, self.b, p)
 
     def sample(self, rng: Random, size: int) -> FloatArray:
         """Independent draws, shape (size,)."""
@@ -161,7 +161,7 @@ class Beta:
         times U^(1/a), and -ln U is exponential; in logs nothing underflows.
         """
         if min(self.a, self.b) >= 1.0:
-            return np.asarray(logit(self.sample(rng, size)))
+            return logit(self.sample(rng, size))
         log_ratio = np.zeros(size)
         for sign, shape in ((1.0, self.a), (-1.0, self.b)):
             log_variate = np.log(rng.standard_gamma(shape + 1.0, size))
@@ -202,20 +202,20 @@ class LogNormal:
     def _score(self, x: npt.ArrayLike) -> FloatArray:
         """Z = ln(x/median)/sd, -inf for x <= 0."""
         with np.errstate(divide="ignore"):
-            return np.asarray((np.log(np.maximum(x, 0.0)) - np.log(self.median)) / self.sd)
+            return (np.log(np.maximum(x, 0.0)) - np.log(self.median)) / self.sd
 
     def log_density(self, x: npt.ArrayLike) -> FloatArray:
         """-z (z/2 + sd) - ln(median sd) - ln(2 pi)/2 with z = ln(x/median)/sd; -inf for x <= 0."""
         z = self._score(x)
-        return np.asarray(-z * (0.5 * z + self.sd) - np.log(self.median * self.sd) - 0.5 * LOG_2PI)
+        return -z * (0.5 * z + self.sd) - np.log(self.median * self.sd) - 0.5 * LOG_2PI
 
     def cdf(self, x: npt.ArrayLike) -> FloatArray:
         """Distribution function."""
-        return np.asarray(ndtr(self._score(x)))
+        return ndtr(self._score(x))
 
     def quantile(self, p: npt.ArrayLike) -> FloatArray:
         """Inverse of the distribution function, 0 < p < 1."""
-        return np.asarray(self.median * np.exp(self.sd * ndtri(p)))
+        return self.median * np.exp(self.sd * ndtri(p))
 
     def sample(self, rng: Random, size: int) -> FloatArray:
         """Independent draws, shape (size,)."""

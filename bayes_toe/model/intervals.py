@@ -65,9 +65,7 @@ def at_interval(theta: Natural, isi: npt.ArrayLike) -> Natural:
     [2.0, 1.0, 0.25]
     """
     interval = require_intervals(isi)
-    return theta._replace(
-        sigma_p=np.asarray(np.asarray(theta.sigma_p, np.float64) * np.sqrt(interval))
-    )
+    return theta._replace(sigma_p=np.asarray(theta.sigma_p, np.float64) * np.sqrt(interval))
 
 
 def require_intervals(isi: npt.ArrayLike) -> FloatArray:
@@ -101,7 +99,7 @@ def typical_interval(isi: FloatArray, n_trials: IntArray) -> FloatArray:
 
     Where a search starts from widths on the scale of the stimuli.
     """
-    return np.asarray(np.exp(np.average(np.log(isi), weights=n_trials, keepdims=True)))
+    return np.exp(np.average(np.log(isi), weights=n_trials, keepdims=True))
 
 
 def reference_interval(reference: float | None, *subjects: Subject) -> float:
@@ -157,7 +155,7 @@ def noise_ratio_at(logit_pull: FloatArray) -> FloatArray:
     gamma = p/(1 - p)^2 with p = p_max expit(logit_pull).
     """
     p = MAX_PULL * expit(logit_pull[:, None])
-    return np.asarray(p / np.square(1.0 - p))
+    return p / np.square(1.0 - p)
 
 
 def interval_units(reference: float) -> dict[str, str]:

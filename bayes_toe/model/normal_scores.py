@@ -119,12 +119,12 @@ class NormalScores:
 
 def probit_of_logit(logit: FloatArray) -> FloatArray:
     """Standard normal quantile of expit(logit), shape (...)."""
-    return np.asarray(np.sign(logit) * -ndtri_exp(log_expit(-np.abs(logit))))
+    return np.sign(logit) * -ndtri_exp(log_expit(-np.abs(logit)))
 
 
 def logit_of_probit(probit: FloatArray) -> FloatArray:
     """Inverse of :func:`probit_of_logit`."""
-    return np.asarray(log_ndtr(probit) - log_ndtr(-probit))
+    return log_ndtr(probit) - log_ndtr(-probit)
 
 
 def log_slope(probit: FloatArray) -> FloatArray:
@@ -138,4 +138,4 @@ def log_slope(probit: FloatArray) -> FloatArray:
     [-0.467, -27.631]
     """
     far = np.abs(probit)
-    return np.asarray(log_ndtr(far) + np.log(erfcx(far * np.sqrt(0.5))) + 0.5 * np.log(0.5 * np.pi))
+    return log_ndtr(far) + np.log(erfcx(far * np.sqrt(0.5))) + 0.5 * np.log(0.5 * np.pi)

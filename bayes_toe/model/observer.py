@@ -300,7 +300,7 @@ class ObserverBatch:
         """Log likelihood without binomial coefficients, (rows, points, k) -> (rows, points)."""
         answers = self.log_answers(u)
         terms = times_counts(self.n_yes, answers.yes) + times_counts(self.n_no, answers.no)
-        return np.asarray(terms.sum(axis=-1))
+        return terms.sum(axis=-1)
 
     def plain_log_likelihood(self, u: FloatArray) -> FloatArray:
         """:meth:`log_likelihood` by plain probabilities, at a third of its cost.
@@ -310,7 +310,7 @@ class ObserverBatch:
         """
         values = self.quantities(u)
         yes, no = self.plain_answers_at(values, self.distance_at(values), self.criterion_at(values))
-        return np.asarray((xlogy(self.n_yes, yes) + xlogy(self.n_no, no)).sum(axis=-1))
+        return (xlogy(self.n_yes, yes) + xlogy(self.n_no, no)).sum(axis=-1)
 
     def plain_answers_at(
         self, values: Mapping[str, FloatArray], z: FloatArray, k: FloatArray | None
@@ -346,7 +346,7 @@ class ObserverBatch:
         values = self.quantities(u)
         z, k = self.distance_at(values), self.criterion_at(values)
         yes, no = self.plain_answers_at(values, z, k)
-        value = np.asarray((xlogy(self.n_yes, yes) + xlogy(self.n_no, no)).sum(axis=-1))
+        value = (xlogy(self.n_yes, yes) + xlogy(self.n_no, no)).sum(axis=-1)
         by_yes = _per_answer(self.n_yes, yes) - _per_answer(self.n_no, no)
 
         log_lapse, log_attend = self._lapse_logs(values)
@@ -447,7 +447,7 @@ class ObserverBatch:
         terms = times_counts(self.n_yes, answers.yes) + times_counts(self.n_no, answers.no)
         in_yes = times_counts(self.n_yes[:, :, None], yes_slopes)
         in_no = times_counts(self.n_no[:, :, None], no_slopes)
-        return np.asarray(terms.sum(axis=-1)), np.asarray((in_yes + in_no).sum(axis=-1))
+        return terms.sum(axis=-1), (in_yes + in_no).sum(axis=-1)
 
     def scoring(self, u: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Log likelihood, gradient and Fisher information, (rows, points[, k[, k]])."""
@@ -510,7 +510,7 @@ def _per_answer(counts: FloatArray, probability: FloatArray) -> FloatArray:
 
 def _log_hazard(score: FloatArray) -> FloatArray:
     """Log of phi(u) / (1 - Phi(u))."""
-    return np.asarray(-0.5 * (np.square(score) + LOG_2PI) - log_ndtr(-score))
+    return -0.5 * (np.square(score) + LOG_2PI) - log_ndtr(-score)
 
 
 def _log_criterion_slope(logit_q0: FloatArray) -> FloatArray:
@@ -521,7 +521,7 @@ def _log_criterion_slope(logit_q0: FloatArray) -> FloatArray:
 
 def _density(x: FloatArray) -> FloatArray:
     """Standard normal density."""
-    return np.asarray(np.exp(-0.5 * (np.square(x) + LOG_2PI)))
+    return np.exp(-0.5 * (np.square(x) + LOG_2PI))
 
 
 #: What the models say of the order of the stimuli.
@@ -628,25 +628,25 @@ class ObserverPosterior:
 
     def distance(self, x: npt.ArrayLike) -> FloatArray:
         """The distance z of every pair in standard deviations of the noise, (points, pairs)."""
-        return np.asarray(self.batch.distance(self.full_points(x))[0])
+        return self.batch.distance(self.full_points(x))[0]
 
     def yes_at_distance(self, x: npt.ArrayLike, z: FloatArray) -> FloatArray:
         """P of the answer that the task counts at distances z, (n,) -> (points, n)."""
-        return np.asarray(np.exp(self.batch.answers_at_distance(self.full_points(x), z).yes[0]))
+        return np.exp(self.batch.answers_at_distance(self.full_points(x), z).yes[0])
 
     def log_likelihood(self, x: npt.ArrayLike) -> FloatArray:
         """Log likelihood without binomial coefficients, (points, k) -> (points,)."""
-        return np.asarray(self.batch.log_likelihood(self.full_points(x))[0])
+        return self.batch.log_likelihood(self.full_points(x))[0]
 
     def log_prior(self, x: npt.ArrayLike) -> FloatArray:
         """Log prior density of the coordinates, (points, k) -> (points,)."""
-        return np.asarray(self.batch.log_prior(self.full_points(x), self.is_free[None])[0])
+        return self.batch.log_prior(self.full_points(x), self.is_free[None])[0]
 
     def log_density(self, x: npt.ArrayLike) -> FloatArray:
         """Log posterior density, (points, k) -> (points,); its integral is the evidence."""
         full = self.full_points(x)
         log_prior = self.batch.log_prior(full, self.is_free[None])[0]
-        return np.asarray(self.batch.log_likelihood(full)[0] + log_prior)
+        return self.batch.log_likelihood(full)[0] + log_prior
 
     def gradient(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Log posterior density, (points,), and its gradient, (points, k)."""

@@ -41,7 +41,7 @@ def variance_ratio(gamma: npt.ArrayLike) -> FloatArray:
     >>> float(variance_ratio(2.0))
     2.0
     """
-    return np.asarray(0.5 * (1.0 + np.sqrt(1.0 + 4.0 * np.asarray(gamma, np.float64))))
+    return 0.5 * (1.0 + np.sqrt(1.0 + 4.0 * np.asarray(gamma, np.float64)))
 
 
 def gain(gamma: npt.ArrayLike) -> FloatArray:
@@ -56,7 +56,7 @@ def gain(gamma: npt.ArrayLike) -> FloatArray:
     >>> float(gain(2.0))
     0.5
     """
-    return np.asarray(1.0 / variance_ratio(gamma))
+    return 1.0 / variance_ratio(gamma)
 
 
 def pull(gamma: npt.ArrayLike) -> FloatArray:
@@ -69,7 +69,7 @@ def pull(gamma: npt.ArrayLike) -> FloatArray:
     >>> float(pull(2.0)), float(pull(1e-300))
     (0.5, 1e-300)
     """
-    return np.asarray(np.asarray(gamma, np.float64) / variance_ratio(gamma) ** 2)
+    return np.asarray(gamma, np.float64) / variance_ratio(gamma) ** 2
 
 
 def width(sigma_p: npt.ArrayLike, gamma: npt.ArrayLike) -> FloatArray:
@@ -84,7 +84,7 @@ def width(sigma_p: npt.ArrayLike, gamma: npt.ArrayLike) -> FloatArray:
     >>> round(float(width(0.5, 2.0)), 12) == round(0.5 * 2**1.5, 12)
     True
     """
-    return np.asarray(np.asarray(sigma_p, np.float64) * variance_ratio(gamma) ** 1.5)
+    return np.asarray(sigma_p, np.float64) * variance_ratio(gamma) ** 1.5
 
 
 def noise_ratio(sigma_p: npt.ArrayLike, sigma_l: npt.ArrayLike) -> FloatArray:
@@ -92,7 +92,7 @@ def noise_ratio(sigma_p: npt.ArrayLike, sigma_l: npt.ArrayLike) -> FloatArray:
 
     Source: Eq. axis1.
     """
-    return np.asarray((np.asarray(sigma_l, np.float64) / np.asarray(sigma_p, np.float64)) ** 2)
+    return (np.asarray(sigma_l, np.float64) / np.asarray(sigma_p, np.float64)) ** 2
 
 
 class Natural(NamedTuple):
@@ -142,7 +142,7 @@ def evolved_mean(s1: npt.ArrayLike, mu1: npt.ArrayLike, gamma: npt.ArrayLike) ->
     0.5
     """
     first = np.asarray(s1, np.float64)
-    return np.asarray(first + pull(gamma) * (np.asarray(mu1, np.float64) - first))
+    return first + pull(gamma) * (np.asarray(mu1, np.float64) - first)
 
 
 class Axis(NamedTuple):
@@ -187,7 +187,7 @@ def normalised_distance(
     displacement = (np.asarray(s2, np.float64) - first) - pull(gamma) * (
         np.asarray(mu1, np.float64) - first
     )
-    return np.asarray(displacement / width(sigma_p, gamma))
+    return displacement / width(sigma_p, gamma)
 
 
 def log_equal(z: npt.ArrayLike, log_q0: npt.ArrayLike) -> FloatArray:
@@ -195,7 +195,7 @@ def log_equal(z: npt.ArrayLike, log_q0: npt.ArrayLike) -> FloatArray:
 
     Source: Eq. mod:q.
     """
-    return np.asarray(np.asarray(log_q0, np.float64) - LN2 * np.square(np.asarray(z, np.float64)))
+    return np.asarray(log_q0, np.float64) - LN2 * np.square(np.asarray(z, np.float64))
 
 
 def log_different(z: npt.ArrayLike, logit_q0: npt.ArrayLike) -> FloatArray:
@@ -261,7 +261,7 @@ def equal_probability(
     """
     require_natural(mu1, sigma_p, sigma_l, q0)
     z = normalised_distance(s1, s2, mu1, sigma_p, sigma_l)
-    return np.asarray(np.asarray(q0, np.float64) * np.exp(-LN2 * np.square(z)))
+    return np.asarray(q0, np.float64) * np.exp(-LN2 * np.square(z))
 
 
 def require_natural(

@@ -352,7 +352,7 @@ class PaperPosterior:
 
     def _inverse_width(self, x: FloatArray, scales: Scales) -> FloatArray:
         """One over the width of every pair, (points, pairs) or (points, 1)."""
-        return np.asarray(np.exp(-x[:, 2:3]) / scales.width)
+        return np.exp(-x[:, 2:3]) / scales.width
 
     def _scales(self, x: FloatArray) -> Scales:
         """Pull and width of every pair over those at the reference; 1 at one interval."""
@@ -400,7 +400,7 @@ class PaperPosterior:
         log_prior = log_prior + self.prior.spread_distribution.log_density_of_log(log_spread)
         log_prior += self._noise_ratio.log_density_of_logs(*log_noise_ratio(a))
         log_prior += log_jacobian_of_pull(a) - 1.5 * log_gain
-        return np.asarray(log_prior + self._logit_share.log_density(points[:, 3]))
+        return log_prior + self._logit_share.log_density(points[:, 3])
 
     def prior_gradient(self, x: FloatArray) -> FloatArray:
         """Gradient of the log prior density, (points, 4)."""
@@ -472,7 +472,7 @@ class PaperPosterior:
                 f"subject {subject.name!r}: no point on the scale of the stimuli has a density "
                 "above 0 under this prior"
             )
-        return np.asarray(points[has_density])
+        return points[has_density]
 
     def transform(self, modes: FloatArray) -> NormalScores:
         """Nearly normal coordinates about modes of the posterior, (modes, 4), best first."""
@@ -489,12 +489,12 @@ class PaperPosterior:
     def gain(self, x: FloatArray, seconds: FloatArray) -> FloatArray:
         """Weight of the first stimulus at intervals, (points, 4) and (n,) -> (points, n)."""
         scales = random_walk_scales(x[:, 1], seconds / self.reference, self.power)
-        return np.asarray(1.0 - pull_at(x) * scales.pull)
+        return 1.0 - pull_at(x) * scales.pull
 
     def yes_at_distance(self, x: FloatArray, z: FloatArray) -> FloatArray:
         """P of the counted answer at distances z, (points, 4) and (n,) -> (points, n)."""
         distances = np.broadcast_to(z, (len(x), len(z)))
-        return np.asarray(np.exp(self._answers_at(distances, x[:, 3:]).yes))
+        return np.exp(self._answers_at(distances, x[:, 3:]).yes)
 
     @property
     def names(self) -> Names:
@@ -568,7 +568,7 @@ class PaperPosterior:
 def _finite_product(slope: FloatArray, factor: FloatArray) -> FloatArray:
     """Their product, 0 where the slope is: it falls faster than any factor may grow far out."""
     with np.errstate(over="ignore", invalid="ignore"):
-        product = np.asarray(slope * factor)
+        product = slope * factor
     if np.isfinite(product).all():
         return product
     return np.where(slope == 0.0, 0.0, product)
@@ -601,7 +601,7 @@ def _prior_offsets(prior: Prior, sbar: float, power: float) -> FloatArray:
 
 def pull_at(x: FloatArray) -> FloatArray:
     """Pull p at unconstrained points, (points, 4) -> (points, 1)."""
-    return np.asarray(MAX_PULL * expit(x[:, 1:2]))
+    return MAX_PULL * expit(x[:, 1:2])
 
 
 def reach(x: npt.ArrayLike) -> FloatArray:
@@ -618,7 +618,7 @@ def reach(x: npt.ArrayLike) -> FloatArray:
 def inverse_pull(a: npt.ArrayLike) -> FloatArray:
     """1/p at a = logit(p / p_max); infinite past the largest float."""
     with np.errstate(over="ignore"):
-        return np.asarray((1.0 + np.exp(-np.asarray(a, np.float64))) / MAX_PULL)
+        return (1.0 + np.exp(-np.asarray(a, np.float64))) / MAX_PULL
 
 
 def unconstrained(theta: Natural, sbar: float) -> FloatArray:
@@ -653,7 +653,7 @@ def _logit_pull(theta: Natural, p: FloatArray) -> FloatArray:
     is_rounding = (difference < 0.0) & (difference >= -_ROUNDING)
     complement = difference * (1.0 + theta.sigma_l / theta.sigma_p)
     log_complement = np.log(np.where(is_rounding, 0.0, complement))
-    return np.asarray(np.log(p) + np.log(1.0 / MAX_PULL - p) - 2.0 * np.log1p(-p) - log_complement)
+    return np.log(p) + np.log(1.0 / MAX_PULL - p) - 2.0 * np.log1p(-p) - log_complement
 
 
 def log_jacobian(x: npt.ArrayLike) -> FloatArray:
@@ -663,19 +663,19 @@ def log_jacobian(x: npt.ArrayLike) -> FloatArray:
     the factor p cancels, so the result stays finite however small the pull.
     """
     _, a, b, top = np.moveaxis(np.asarray(x, np.float64), -1, 0)
-    return np.asarray(log_jacobian_of_pull(a) + b + log_expit(top) + log_expit(-top))
+    return log_jacobian_of_pull(a) + b + log_expit(top) + log_expit(-top)
 
 
 def log_jacobian_of_pull(a: FloatArray) -> FloatArray:
     """The part of :func:`log_jacobian` that depends on a = logit(p / p_max), shape (...)."""
     p = MAX_PULL * expit(a)
-    return np.asarray(np.log1p(p) - 1.5 * np.log1p(-p) + log_expit(-a))
+    return np.log1p(p) - 1.5 * np.log1p(-p) + log_expit(-a)
 
 
 def log_jacobian_slope_of_pull(a: FloatArray) -> FloatArray:
     """Derivative of :func:`log_jacobian_of_pull`, shape (...)."""
     p, fall = MAX_PULL * expit(a), expit(-a)
-    return np.asarray(p * fall / (1.0 + p) + 1.5 * p * fall / (1.0 - p) - expit(a))
+    return p * fall / (1.0 + p) + 1.5 * p * fall / (1.0 - p) - expit(a)
 
 
 def log_noise_ratio(a: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -704,7 +704,7 @@ def slope_of_noise_ratio(distribution: Beta, a: FloatArray) -> FloatArray:
     p = MAX_PULL * expit(a)
     rise = (distribution.a - 1.0) * expit(-a)
     fall = (distribution.b - 1.0) * expit(a) / (1.0 / MAX_PULL - p)
-    return np.asarray((1.0 + p) / (1.0 - p) * (rise - fall))
+    return (1.0 + p) / (1.0 - p) * (rise - fall)
 
 
 def prior_quantile(prior: Prior, parameter: str, probability: float, power: float = 1.5) -> float:

@@ -115,7 +115,7 @@ class StandardNormal:
 
     def log_density(self, u: FloatArray) -> FloatArray:
         """-u^2/2 - ln(2 pi)/2."""
-        return np.asarray(-0.5 * (np.square(u) + LOG_2PI))
+        return -0.5 * (np.square(u) + LOG_2PI)
 
     def slope(self, u: FloatArray) -> FloatArray:
         """-u."""
@@ -127,7 +127,7 @@ class StandardNormal:
 
     def quantile(self, probability: FloatArray) -> FloatArray:
         """Inverse of the distribution function."""
-        return np.asarray(ndtri(probability))
+        return ndtri(probability)
 
 
 @dataclass(frozen=True)
@@ -136,15 +136,15 @@ class StandardStudent:
 
     def log_density(self, u: FloatArray) -> FloatArray:
         """ln(2 / (pi sqrt 3)) - 2 ln(1 + u^2 / 3)."""
-        return np.asarray(_STUDENT_LOG_NORM - 2.0 * np.log1p(np.square(u) / 3.0))
+        return _STUDENT_LOG_NORM - 2.0 * np.log1p(np.square(u) / 3.0)
 
     def slope(self, u: FloatArray) -> FloatArray:
         """-4 u / (3 + u^2)."""
-        return np.asarray(-4.0 * u / (3.0 + np.square(u)))
+        return -4.0 * u / (3.0 + np.square(u))
 
     def curvature(self, u: FloatArray) -> FloatArray:
         """4 / (3 + u^2), the weight of a normal that touches the density from below."""
-        return np.asarray(4.0 / (3.0 + np.square(u)))
+        return 4.0 / (3.0 + np.square(u))
 
     def quantile(self, probability: FloatArray) -> FloatArray:
         """Inverse of the distribution function."""
@@ -167,7 +167,7 @@ class CutNormal(StandardNormal):
     def quantile(self, probability: FloatArray) -> FloatArray:
         """Inverse of the distribution function."""
         outside = ndtr(-np.asarray(self.limit))
-        return np.asarray(ndtri(outside + probability * (1.0 - 2.0 * outside)))
+        return ndtri(outside + probability * (1.0 - 2.0 * outside))
 
 
 @dataclass(frozen=True)
@@ -180,19 +180,19 @@ class LogitOfBeta:
     def log_density(self, u: FloatArray) -> FloatArray:
         """Log of q^a (1 - q)^b / B(a, b), with respect to the logit."""
         log_norm = betaln(self.a, self.b)
-        return np.asarray(self.a * log_expit(u) + self.b * log_expit(-u) - log_norm)
+        return self.a * log_expit(u) + self.b * log_expit(-u) - log_norm
 
     def slope(self, u: FloatArray) -> FloatArray:
         """Its derivative, a (1 - q) - b q."""
-        return np.asarray(self.a * expit(-u) - self.b * expit(u))
+        return self.a * expit(-u) - self.b * expit(u)
 
     def curvature(self, u: FloatArray) -> FloatArray:
         """(a + b) q (1 - q)."""
-        return np.asarray((self.a + self.b) * expit(u) * expit(-u))
+        return (self.a + self.b) * expit(u) * expit(-u)
 
     def quantile(self, probability: FloatArray) -> FloatArray:
         """Inverse of the distribution function."""
-        return np.asarray(logit(betaincinv(self.a, self.b, probability)))
+        return logit(betaincinv(self.a, self.b, probability))
 
 
 @dataclass(frozen=True)
@@ -412,7 +412,7 @@ def lapse_logs(u: FloatArray, b: float) -> tuple[FloatArray, FloatArray]:
 
     1 - lambda = (1 - Phi(u))^(1/b).
     """
-    log_complement = np.asarray(log_ndtr(-u) / b)
+    log_complement = log_ndtr(-u) / b
     with np.errstate(divide="ignore", invalid="ignore"):
         log_rate = np.log(-np.expm1(log_complement))
         # Far out 1 - Phi(u) is 1 to all digits, and lambda is Phi(u) / b.
@@ -422,4 +422,4 @@ def lapse_logs(u: FloatArray, b: float) -> tuple[FloatArray, FloatArray]:
 
 def lapse_score(rate: FloatArray, b: float) -> FloatArray:
     """The normal score of a lapse rate under Beta(1, b), the inverse of :func:`lapse_logs`."""
-    return np.asarray(-ndtri_exp(b * np.log1p(-np.asarray(rate, np.float64))))
+    return -ndtri_exp(b * np.log1p(-np.asarray(rate, np.float64)))

@@ -193,14 +193,14 @@ class TrialHistoryPosterior:
         """The log likelihood of a few points, (points,)."""
         yes, no = self._batch.plain_answers_at(*self._observer_at(x))
         terms = xlogy(self._cells.n_yes, yes) + xlogy(self._cells.n_no, no)
-        return np.asarray(terms[0].sum(axis=1))
+        return terms[0].sum(axis=1)
 
     def trial_probabilities(self, x: FloatArray) -> FloatArray:
         """P of the answer that the task counts in every answered trial, (points, trials)."""
         cells = [
             self._batch.plain_answers_at(*self._observer_at(part))[0][0] for part in self._parts(x)
         ]
-        return np.asarray(np.concatenate(cells)[:, self._cells.cell])
+        return np.concatenate(cells)[:, self._cells.cell]
 
     def _parts(self, x: FloatArray) -> list[FloatArray]:
         """Points in parts of which temporary arrays stay small."""
@@ -230,7 +230,7 @@ class TrialHistoryPosterior:
         """Log prior density, (points, k) -> (points,)."""
         scores = x[:, len(self.observer.coordinates) :]
         log_normal = -0.5 * (np.square(scores) + LOG_2PI).sum(axis=1)
-        return np.asarray(self.observer.log_prior(self._of_order(x)) + log_normal)
+        return self.observer.log_prior(self._of_order(x)) + log_normal
 
     def sample_prior(self, rng: Random, size: int) -> FloatArray:
         """Independent draws from the prior, (size, k)."""
@@ -257,11 +257,11 @@ class TrialHistoryPosterior:
     def _previous_response(self, x: FloatArray) -> FloatArray:
         """Kappa, (points,)."""
         score = x[:, len(self.observer.coordinates)]
-        return np.asarray(response_sd(self.subject.task) * score)
+        return response_sd(self.subject.task) * score
 
     def _carry_over(self, x: FloatArray) -> FloatArray:
         """Rho, (points,)."""
-        return np.asarray(ndtr(x[:, -1]))
+        return ndtr(x[:, -1])
 
 
 # --- The order of the trials ----------------------------------------------------------------------
@@ -313,7 +313,7 @@ class TrialSequence:
     @property
     def is_answered(self) -> BoolArray:
         """Which trials have an answer."""
-        return np.asarray(self.answer != 0.0)
+        return self.answer != 0.0
 
     def earlier(self, lag: int) -> IndexArray:
         """Index of the trial `lag` trials before, of the same session; -1 where there is none."""

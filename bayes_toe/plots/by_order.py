@@ -185,7 +185,7 @@ def predictive_interval(fitted: Predictor, seed: int) -> FloatArray:
     rng = generator(seed, counts.name, "posterior predictive interval")
     replicated = rng.binomial(counts.n_trials, np.tile(share, (_PER_DRAW, 1)))
     ends = np.quantile(replicated, [MARKED[0], MARKED[2]], axis=0, method="inverted_cdf")
-    return np.asarray(ends / counts.n_trials)
+    return ends / counts.n_trials
 
 
 # --- Panels --------------------------------------------------------------------------------------

@@ -306,7 +306,7 @@ def _panels(counts: Subject) -> Sequence[float]:
 
 def _weaker(counts: Subject) -> FloatArray:
     """The weaker stimulus of every pair of different ones."""
-    return np.asarray(np.minimum(counts.s1, counts.s2)[counts.s1 != counts.s2])
+    return np.minimum(counts.s1, counts.s2)[counts.s1 != counts.s2]
 
 
 def main_weaker(counts: Subject) -> float | None:
@@ -331,7 +331,7 @@ def _has_weaker(counts: Subject, weaker: float) -> BoolArray:
     has_weaker = np.minimum(counts.s1, counts.s2) == weaker
     is_equal = counts.s1 == counts.s2
     is_weakest = weaker <= _weaker(counts).min(initial=np.inf)
-    return np.asarray(has_weaker | (is_equal & ((counts.s1 >= weaker) | is_weakest)))
+    return has_weaker | (is_equal & ((counts.s1 >= weaker) | is_weakest))
 
 
 def draw_shares(

@@ -1,4 +1,4 @@
-"""Asymmetry of the answers: sign convention, exact tests and direction, counts over subjects, files and the command."""
+"""Asymmetry of the answers: signs, exact tests and direction, counts over subjects, files."""
 
 import itertools
 from fractions import Fraction

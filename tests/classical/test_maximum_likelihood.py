@@ -1,4 +1,4 @@
-"""The fit of both tasks: against a general optimiser, at known edges, invariances, agreement with a probit regression."""
+"""The fit of both tasks, against a general optimiser, at known edges and under invariances."""
 
 import numpy as np
 import pytest

@@ -153,7 +153,9 @@ COMMANDS = {
     "contrast": f"trials.csv --condition hand -o hands.csv {SEED}",
     "history": f"trials.csv -o history.csv {SEED}",
     "power": f"--trials 130 --data-sets 1 --observers none {SEED}",
-    "design": f"--lowest 0 --highest 1 --step 0.25 --observers both --data-sets 1 --trials 100 {SEED}",
+    "design": (
+        f"--lowest 0 --highest 1 --step 0.25 --observers both --data-sets 1 --trials 100 {SEED}"
+    ),
     "design design.csv": "--list list.csv --seed 1",
     "simulate": "-o made.csv --subjects 2 --batches 2 --seed 1",
 }

@@ -1,4 +1,4 @@
-"""The screens: fixed tables, no digit that is not known, of many subjects those that need action."""
+"""Screens: fixed tables, only known digits, of many subjects only those that need action."""
 
 import math
 import re

@@ -18,7 +18,9 @@ from bayes_toe.errors import InputError
 
 TEXTS = {
     "design": "s1,s2,isi\n0,0.25,0.5\n0.5,-0.125,2\n0.75,0.5,8.5\n",
-    "population": "subject,mu1,sigma_p,sigma_l,q0\n01,-0.5,0.25,0.125,0.75\nNA,0.5,1.25,0.5,0.875\n",
+    "population": (
+        "subject,mu1,sigma_p,sigma_l,q0\n01,-0.5,0.25,0.125,0.75\nNA,0.5,1.25,0.5,0.875\n"
+    ),
     "covariates": "subject,age,gender\n01,20.5,f\nNA,30.25,m\nx,41.125,f\n",
 }
 

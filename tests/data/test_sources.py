@@ -1,4 +1,4 @@
-"""Frames, Parquet, MATLAB: read as their CSV file is, and refused by row and column of the source."""
+"""Frames, Parquet, MATLAB: read as their CSV file is, and refused by row and column."""
 
 import importlib.util
 import os

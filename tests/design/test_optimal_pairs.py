@@ -1,4 +1,4 @@
-"""Optimised designs and the information they are chosen by: against finite differences and brute force."""
+"""Optimised designs and their information, against finite differences and brute force."""
 
 from itertools import combinations_with_replacement
 

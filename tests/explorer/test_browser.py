@@ -11,7 +11,10 @@ from browsers import Opened
 
 import bayes_toe as bt
 
-DATA = "name => Object.fromEntries(Object.entries(Bokeh.documents[0].get_model_by_name(name).data).map(([k, v]) => [k, Array.from(v)]))"
+DATA = """name => {
+  const data = Bokeh.documents[0].get_model_by_name(name).data;
+  return Object.fromEntries(Object.entries(data).map(([key, values]) => [key, Array.from(values)]));
+}"""
 
 
 class Explorer(Opened):
@@ -90,7 +93,7 @@ def opened(page):
 
 
 def shown_rows(page):
-    """How many draws the page holds, and which of them it shows as selected, of the first subject."""
+    """How many draws of the first subject the page has, and which of them are selected."""
     return len(page.data("all-a-1-0")["x"]), page.data("kept-a-1-0")["row"].astype(int)
 
 

@@ -34,7 +34,7 @@ def log_likelihood(subject, scales, c, p, log_noise, lapse_score, slope):
 
 
 def log_joint(study, scales, point, i):
-    """Log density of means, scores of sds, effects and the subjects' own parameters, at one point."""
+    """Log density at one point: means, scores of SDs, effects and parameters of the subjects."""
     mean, sd, effects = point.mean[i], point.sd[i], point.effects[i]
     t3, scale = stats.t(3), np.array([0.5, 0.2, 0.6])
     total = t3.logpdf(mean[0] / 0.5) - np.log(0.5)

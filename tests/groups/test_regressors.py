@@ -1,4 +1,4 @@
-"""Covariates as columns: what a regression on them finds, who is left out, and what cannot be told apart."""
+"""Covariates as columns: what a regression finds, who is excluded, what cannot be told."""
 
 import numpy as np
 import pytest

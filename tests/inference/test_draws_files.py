@@ -1,4 +1,4 @@
-"""Files of draws: whole or not at all, old ones readable, damaged ones refused in one line, and nobody else's folder."""
+"""Files of draws: whole or not at all, and damaged or foreign ones refused in one line."""
 
 import contextlib
 import os

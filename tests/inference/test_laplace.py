@@ -1,4 +1,4 @@
-"""Laplace's approximation in the paper's coordinates, against a general optimiser and finite differences in those coordinates."""
+"""Laplace's approximation in the paper's coordinates, against independent numerical routes."""
 
 import json
 from pathlib import Path
@@ -27,7 +27,7 @@ def natural(name):
 
 
 def _joint(subject, theta):
-    """Log joint density of counts and (mu1, sigma_p^2, sigma_l^2, q0), written from the definitions."""
+    """Log joint density of counts and (mu1, sigma_p^2, sigma_l^2, q0), from the definitions."""
     mu1, v, small, q0 = theta
     if not (0 < small < v and 0 < q0 < 1):
         return -np.inf

@@ -21,7 +21,7 @@ from bayes_toe.seeds import generator, stream
 
 
 class Target:
-    """A known density in the place of a posterior: normal, or the log of a product of gammas (skewed, with known mean)."""
+    """A known density: normal, or the log of a product of gammas (skewed, with known mean)."""
 
     def __init__(self, skewed):
         self.skewed = skewed

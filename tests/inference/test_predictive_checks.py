@@ -92,8 +92,8 @@ def test_predictive_p_values_against_simulated_repetitions(small_study):
     ("n", "q", "pairs"), [(10**8, 0.3, 14), (3, 0.4, 200), (40, 0.01, 60), (10**7, 2e-7, 30)]
 )
 def test_the_reference_of_the_deviance_against_simulated_sessions(n, q, pairs):
-    # No parameter is fitted: as many degrees of freedom as pairs. P(p < 0.01) is 0.01, to 4 s.e. and
-    # 0.005 of the shape.
+    # No parameter is fitted, so there are as many degrees of freedom as pairs. P(p < 0.01) is 0.01,
+    # to 4 s.e. and 0.005 of the shape.
     session = np.full(pairs, n), np.full(pairs, np.log(q)), np.full(pairs, np.log1p(-q))
     counts = np.random.default_rng(3).binomial(n, q, (2000, pairs))
     values = gof.binomial_deviance(counts, n, *session[1:]).sum(axis=1)

@@ -1,4 +1,4 @@
-"""Natural, identified, unconstrained and levelled coordinates: bijections, volumes by differences, and the funnel gone."""
+"""Natural, identified, unconstrained and levelled coordinates: bijections and volumes."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The observer of the four models against definitions with many digits, and under changes that alter nothing."""
+"""The observer of the four models, against definitions with many digits and invariances."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Value and gradient of the paper's model against hundreds of digits, and over the whole range of floats."""
+"""Value and gradient of the paper's model, against many digits and over all floats."""
 
 from itertools import product
 

@@ -1,4 +1,4 @@
-"""The prior: quantiles and draws, general families against mpmath and SciPy, shares at their ends, contraction."""
+"""The prior: quantiles and draws, families against mpmath and SciPy, contraction."""
 
 from dataclasses import asdict, fields, replace
 

@@ -1,4 +1,4 @@
-"""The default prior: its scales from what each subject felt, its densities, no unit of intensity, and no unit of time."""
+"""The default prior: scales from the stimuli, densities, independence of units."""
 
 from dataclasses import replace
 

@@ -23,7 +23,10 @@ def subject(k=(40, 38, 35, 33, 20, 15, 12, 8), isi=None, s1=S1, s2=S2):
 
 
 def test_answers_are_those_of_a_simulated_belief():
-    """'Second' where a draw of the second percept exceeds one of what memory expects: N(s2, sigma_l^2) against N(mu_2, sigma_2^2)."""
+    """'Second' where a draw of the second percept exceeds one of what memory expects.
+
+    These are N(s2, sigma_l^2) and N(mu_2, sigma_2^2).
+    """
     mu1, sigma_p, sigma_l, n = -0.3, 0.2, 0.15, 400_000
     gamma = (sigma_l / sigma_p) ** 2
     ratio = variance_ratio(gamma)

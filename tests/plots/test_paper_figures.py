@@ -1,4 +1,4 @@
-"""The paper's figures: what is drawn in them, that words stay apart, that files are the same each time."""
+"""The paper's figures: what they show, that words stay apart, that files are reproduced."""
 
 import warnings
 from dataclasses import replace

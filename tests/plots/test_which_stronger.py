@@ -1,4 +1,4 @@
-"""Figures of 'which is stronger': the same functions, psychometric curves and words of that task."""
+"""Figures of 'which was stronger': psychometric curves and the words of that task."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Calibration of the chain: a right one passes, wrong densities are caught, and the folder says what was found."""
+"""Calibration: a correct posterior passes, wrong densities are caught, files say what was found."""
 
 import sys
 
@@ -52,9 +52,8 @@ def ranks_under(prior, studies=STUDIES):
 def test_a_right_density_passes_and_wrong_ones_are_caught(monkeypatch):
     assert (ranks_under(bt.Prior()).verdict == "inside").all()
     right = PaperPosterior.log_prior
-    with (
-        monkeypatch.context() as wrong
-    ):  # the Jacobian of (sigma_p^2, sigma_l^2), 2 sigma_p^3, where that of (sigma_p, gamma) belongs
+    # The Jacobian of (sigma_p^2, sigma_l^2), 2 sigma_p^3, in the place of that of (sigma_p, gamma).
+    with monkeypatch.context() as wrong:
         wrong.setattr(
             PaperPosterior,
             "log_prior",

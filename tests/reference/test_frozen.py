@@ -1,4 +1,7 @@
-"""What users get is what they got at commit 869a979, within Monte Carlo error: some subjects here, all of them by scripts/frozen.py."""
+"""Results are those of commit 869a979 within Monte Carlo error.
+
+Some subjects are tested here; scripts/frozen.py tests all.
+"""
 
 from pathlib import Path
 

@@ -55,7 +55,10 @@ class Normal:
 
 
 class Funnel(Normal):
-    """Independent a, b, l with exponential tails and two humps in mu1 that do not depend on them: c = p (mu1 - sbar) is a funnel."""
+    """Independent a, b, l with exponential tails, and two humps in mu1 that do not depend on them.
+
+    c = p (mu1 - sbar) is a funnel.
+    """
 
     sbar = 0.0
     humps = ((0.3, -2.0, 0.4), (0.7, 3.0, 0.8))  # weight, mean, standard deviation of mu1
@@ -96,7 +99,7 @@ def funnel():
 
 
 def test_evidence_of_a_normal_density_and_quantiles_of_functions_of_two_coordinates(normal):
-    """P(sigma < q) and P(mu1 < q) at the reported q, by one integral over a of an exact conditional probability."""
+    """P(sigma < q) and P(mu1 < q) at the reported q, by an integral of an exact probability."""
     assert normal.log_evidence == pytest.approx(5.0, abs=normal.log_evidence_error)
     assert normal.log_evidence_error < TOLERANCE
     covariance = Normal.factor @ Normal.factor.T

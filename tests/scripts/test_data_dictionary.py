@@ -1,4 +1,4 @@
-"""docs/data_dictionary.md: as declarations and docstrings have it, and every column that is written is in it."""
+"""docs/data_dictionary.md has every column that is written, as it is declared."""
 
 import re
 

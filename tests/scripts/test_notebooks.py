@@ -1,4 +1,4 @@
-"""The notebooks run, each from the first cell with none of the others' names, and are stored without output."""
+"""The notebooks run from the first cell, each by itself, and are stored without output."""
 
 import base64
 import re
@@ -10,7 +10,8 @@ from nbclient import NotebookClient
 
 NOTEBOOKS = sorted((Path(__file__).resolve().parents[2] / "notebooks").glob("*.ipynb"))
 EACH = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-#: As in the fixture with seven bundled subjects, and pictures drawn once; building the site runs the notebooks as they are.
+#: As in the fixture with seven bundled subjects, and pictures drawn once. The site runs the
+#: notebooks as they are.
 QUICKER = """
 from functools import partial
 import bayes_toe.analysis
@@ -27,7 +28,7 @@ IMAGES = {"corner_exploration": 4, "paper": 6}
 
 @pytest.fixture(scope="module")
 def run():
-    """One kernel for all, which is emptied before each: much of what a notebook takes is to import the libraries."""
+    """One kernel for all, emptied before each: most of the time is the import of the libraries."""
     client = NotebookClient(nbformat.v4.new_notebook(), timeout=300, kernel_name="python3")
 
     def executed(*cells):
