@@ -62,7 +62,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 Result = TypeVar("Result")
-_SHOWN = 400  # draws averaged over the four models, for curves
+_N_CURVE_DRAWS = 400  # draws averaged over the four models, for curves
 _LEVEL = 0.95  # of the bootstrap intervals beside those of the posterior
 
 
@@ -154,17 +154,19 @@ def run(
     with open_store(keep) as store:
         settings = _settings(study, draws, store.seed(seed), prior)
         jobs = _analysis_jobs(study, settings, Wanted(settings.sampler, EVIDENCE_DRAWS))
-        study, done, failed = _survivors(study, jobs, workers, progress, store)
+        study, analysed, failed = _survivors(study, jobs, workers, progress, store)
         drawn = StoredResults(
-            done.size, done.failed, lambda index: cast(SubjectDraws, done.read(index).drawn)
+            analysed.size,
+            analysed.failed,
+            lambda index: cast(SubjectDraws, analysed.read(index).drawn),
         )
-        made = Draws(assembled_tree(study, drawn, settings, failed))
+        all_draws = Draws(assembled_tree(study, drawn, settings, failed))
         small, summary = list[_Analysed](), list[SummaryRow]()
-        for one in done:  # draws do not stay in memory
-            summary += () if one.drawn is None else one.drawn.summary
-            small.append(replace(one, drawn=None))
+        for result in analysed:  # draws do not stay in memory
+            summary += () if result.drawn is None else result.drawn.summary
+            small.append(replace(result, drawn=None))
     fits = FitTable(
-        tuple(one.fit for one in small if one.fit is not None),
+        tuple(result.fit for result in small if result.fit is not None),
         _LEVEL,
         REPLICATES,
         settings.seed,
@@ -172,12 +174,12 @@ def run(
         study.task,
     )
     curves = []
-    for one in small:
-        if one.shown is not None:
+    for result in small:
+        if result.curve_draws is not None:
             posterior = OrderModel("both").posterior(
-                study[one.evidence.subject], settings.prior.observer
+                study[result.evidence.subject], settings.prior.observer
             )
-            curves.append(Predictor(posterior, one.shown))
+            curves.append(Predictor(posterior, result.curve_draws))
     differences = None
     if study.conditions is not None:
         differences = contrast(
@@ -185,7 +187,7 @@ def run(
         )
     return Analysis(
         study,
-        made,
+        all_draws,
         _table(small, settings, failed, study.task),
         settings,
         fits,
@@ -262,18 +264,18 @@ def sample(
     name = require_model(model, study.task).name
     with open_store(keep) as store:
         settings = _settings(study, draws, store.seed(seed), prior, name)
-        wanted = Wanted(settings.sampler)
-        jobs = [partial(_refusing, _drawn, subject, settings, wanted) for subject in study]
-        study, done, failed = _survivors(study, jobs, workers, progress, store)
-        made = Draws(assembled_tree(study, done, settings, failed))
-    for what, reasons in (
-        (" is left out, ", made.failed),
-        (" did not converge: ", made.not_converged),
-        (": ", made.imprecise),
+        request = Wanted(settings.sampler)
+        jobs = [partial(_refusing, _drawn, subject, settings, request) for subject in study]
+        study, analysed, failed = _survivors(study, jobs, workers, progress, store)
+        all_draws = Draws(assembled_tree(study, analysed, settings, failed))
+    for problem, reasons in (
+        (" is left out, ", all_draws.failed),
+        (" did not converge: ", all_draws.not_converged),
+        (": ", all_draws.imprecise),
     ):
         for subject, reason in reasons.items():
-            warnings.warn(f"subject {subject!r}{what}{reason}", ConvergenceWarning, stacklevel=2)
-    return made
+            warnings.warn(f"subject {subject!r}{problem}{reason}", ConvergenceWarning, stacklevel=2)
+    return all_draws
 
 
 def evidence(
@@ -306,8 +308,8 @@ def evidence(
     with open_store(keep) as store:
         settings = _settings(study, draws, store.seed(seed), prior)
         jobs = _analysis_jobs(study, settings, Wanted(evidence_draws=draws))
-        _, done, failed = _survivors(study, jobs, workers, progress, store)
-        return _table(done, settings, failed, study.task)
+        _, analysed, failed = _survivors(study, jobs, workers, progress, store)
+        return _table(analysed, settings, failed, study.task)
 
 
 @dataclass(frozen=True, eq=False)
@@ -322,15 +324,15 @@ class _Analysed:
     drawn: SubjectDraws | None
     evidence: SubjectEvidence
     fit: SubjectFit | None
-    shown: FloatArray | None
+    curve_draws: FloatArray | None
 
 
 def _analysis_jobs(
-    study: Study, settings: Settings, wanted: Wanted
+    study: Study, settings: Settings, request: Wanted
 ) -> list[Callable[[], _Analysed]]:
     jobs: list[Callable[[], _Analysed]] = []
     for subject, flags in zip(study, answer_flags(study), strict=True):
-        jobs.append(partial(_refusing, _analysed, subject, settings, wanted, flags))
+        jobs.append(partial(_refusing, _analysed, subject, settings, request, flags))
     return jobs
 
 
@@ -343,22 +345,22 @@ def _refusing(work: Callable[..., Result], *arguments: object) -> Result:
         return cast(Result, Failed(str(error)))
 
 
-def _drawn(subject: Subject, settings: Settings, wanted: Wanted) -> SubjectDraws:
+def _drawn(subject: Subject, settings: Settings, request: Wanted) -> SubjectDraws:
     model = stored_model(settings.model, subject.task)
     target = model_posterior(model, subject, settings.prior)
-    result, _ = fitted_result(target, settings.seed, wanted)
+    result, _ = fitted_result(target, settings.seed, request)
     return subject_draws(result)
 
 
 def _analysed(
-    subject: Subject, settings: Settings, wanted: Wanted, flags: tuple[Finding, ...]
+    subject: Subject, settings: Settings, request: Wanted, flags: tuple[Finding, ...]
 ) -> _Analysed:
     """The answer, and the paper's model with all that is wanted."""
     prior, seed = settings.prior.at(subject), settings.seed
     answer, order = answer_subject(subject, seed, settings.prior.observer, flags)
-    result, fitted = fitted_result(paper_posterior(subject, prior), seed, wanted)
+    result, fitted = fitted_result(paper_posterior(subject, prior), seed, request)
     fit, by_bootstrap = None, None
-    if subject.isi is None and wanted.chains is not None:
+    if subject.isi is None and request.chains is not None:
         # The maximum-likelihood fit knows no intervals.
         fit = subject_fit(subject, prior, seed=seed)
     if subject.isi is None and subject.task == SAME_DIFFERENT:
@@ -370,12 +372,14 @@ def _analysed(
         by_bootstrap = bootstrap_evidence(replicates, prior)
     described = weighted_fit(fitted.proposal, seed) if result.fit is None else result.fit
     row = subject_evidence(result, fitted, by_bootstrap, answer=answer, fit=described)
-    shown, drawn = None, None
-    if wanted.chains is not None:
-        shown = averaged_draws(order).resampled(generator(seed, subject.name, "shown"), _SHOWN)
+    curve_draws, drawn = None, None
+    if request.chains is not None:
+        curve_draws = averaged_draws(order).resampled(
+            generator(seed, subject.name, "shown"), _N_CURVE_DRAWS
+        )
     if result.chains is not None:
         drawn = subject_draws(result, summarised=True)
-    return _Analysed(drawn, row, fit, shown)
+    return _Analysed(drawn, row, fit, curve_draws)
 
 
 def _settings(
@@ -389,10 +393,10 @@ def _settings(
 
 
 def _table(
-    done: Iterable[_Analysed], settings: Settings, failed: Mapping[str, str], task: Task
+    analysed: Iterable[_Analysed], settings: Settings, failed: Mapping[str, str], task: Task
 ) -> EvidenceTable:
     return EvidenceTable(
-        tuple(one.evidence for one in done), settings.seed, settings.prior, failed, task
+        tuple(result.evidence for result in analysed), settings.seed, settings.prior, failed, task
     )
 
 
@@ -407,11 +411,13 @@ def _survivors(
 
     The subjects that did not fail, their results, and by name why others did.
     """
-    done = store.work(jobs, workers, progress, [(name,) for name in study.names])
-    failed = {study.names[index]: one.reason for index, one in sorted(done.failed.items())}
+    analysed = store.work(jobs, workers, progress, [(name,) for name in study.names])
+    failed = {
+        study.names[index]: result.reason for index, result in sorted(analysed.failed.items())
+    }
     if len(failed) == len(study):
         raise WorkerError("\n".join(f"{name}: {reason}" for name, reason in failed.items()))
     if failed:
         subjects = tuple(subject for subject in study if subject.name not in failed)
         study = replace(study, subjects=subjects)
-    return study, done, failed
+    return study, analysed, failed

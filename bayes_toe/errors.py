@@ -117,7 +117,7 @@ class NumericalError(BayesToeError, ArithmeticError):
     """A quantity that has to be finite was not: a bug or an impossible input, never hidden."""
 
 
-def require_kind(name: str, given: object, kinds: type | tuple[type, ...], allowed: str) -> None:
+def require_kind(name: str, given: object, kinds: type | tuple[type, ...], rule: str) -> None:
     """Refuse what is of another kind than its parameter takes.
 
     Examples
@@ -128,8 +128,8 @@ def require_kind(name: str, given: object, kinds: type | tuple[type, ...], allow
     bayes_toe.errors.InputError: draws: found '4000', allowed: a whole number from 1
     """
     if not isinstance(given, kinds):
-        found = repr(given) if isinstance(given, str | Real) else type(given).__name__
-        raise InputError(f"{name}: found {found}, allowed: {allowed}")
+        finding = repr(given) if isinstance(given, str | Real) else type(given).__name__
+        raise InputError(f"{name}: found {finding}, allowed: {rule}")
 
 
 def require_share(name: str, given: float) -> None:

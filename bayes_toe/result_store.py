@@ -28,7 +28,7 @@ import numpy as np
 import numpy.typing as npt
 from threadpoolctl import threadpool_info
 
-from bayes_toe.data.messages import shown
+from bayes_toe.data.messages import format_path
 from bayes_toe.data.whole_files import (
     Standing,
     make_folders,
@@ -200,7 +200,9 @@ def require_ours(folder: Path) -> None:
     with reporting(folder):
         is_link = folder.is_symlink() or (folder / _LOCK).is_symlink()
     if is_link:
-        raise OutputError(f"{shown(folder)}: is a link; the folder of results must be a real one")
+        raise OutputError(
+            f"{format_path(folder)}: is a link; the folder of results must be a real one"
+        )
     if not folder.is_dir() or (folder / MARK).is_file():
         return
     with reporting(folder):
@@ -208,7 +210,8 @@ def require_ours(folder: Path) -> None:
         is_empty = {path.name for path in folder.iterdir()} <= {_LOCK}
     if not is_empty:
         raise OutputError(
-            f"{shown(folder)}: holds files that this program did not write; choose another folder"
+            f"{format_path(folder)}: holds files that this program did not write; choose another "
+            "folder"
         )
 
 
@@ -236,9 +239,8 @@ def _held(folder: Path) -> Iterator[None]:
     with lock:
         if not _is_locked(lock):
             lock.seek(0)
-            raise OutputError(
-                f"{shown(folder)}: in use by {lock.read(1000) or 'another process'}; wait for it"
-            )
+            holder = lock.read(1000) or "another process"
+            raise OutputError(f"{format_path(folder)}: in use by {holder}; wait for it")
         with reporting(folder):
             lock.truncate(0)
             lock.write(f"process {os.getpid()} on {platform.node()}")

@@ -19,7 +19,7 @@ from contextlib import suppress
 from types import FrameType
 from typing import Any
 
-from bayes_toe.data.messages import shown
+from bayes_toe.data.messages import format_path
 from bayes_toe.data.whole_files import describe_stored, finished
 from bayes_toe.library_settings import ignore_settings_of_folder
 
@@ -160,7 +160,7 @@ def listen() -> list[signal.Signals]:
 
 def say_stopped(number: int) -> None:
     """Print on standard error what a signal has left of the command's work."""
-    written = ", ".join(shown(path) for path in finished if os.path.lexists(path))
+    written = ", ".join(format_path(path) for path in finished if os.path.lexists(path))
     result = "nothing written"
     if written:
         result = f"written: {written}"

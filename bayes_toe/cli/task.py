@@ -131,7 +131,7 @@ class Task:
 
         What a stopped command has left there is removed only with --overwrite.
         """
-        from bayes_toe.data.messages import shown
+        from bayes_toe.data.messages import format_path
         from bayes_toe.errors import OutputError
         from bayes_toe.result_store import count_stored, discard, require_ours
 
@@ -141,7 +141,7 @@ class Task:
         n_stored = 0 if self.resume else count_stored(folder)
         if n_stored and not self.overwrite:
             raise OutputError(
-                f"{shown(folder)} holds {counted(n_stored, 'result')} of a stopped command. "
+                f"{format_path(folder)} holds {counted(n_stored, 'result')} of a stopped command. "
                 "--resume continues it, --overwrite starts again."
             )
         if n_stored:

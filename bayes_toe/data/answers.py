@@ -125,8 +125,10 @@ class Answers:
         )
         if left.block is None:
             return left
-        own, block = np.unique(left.block, return_inverse=True)
-        return replace(left, block=block, blocks=tuple(self.blocks[one] for one in own.tolist()))
+        distinct, block = np.unique(left.block, return_inverse=True)
+        return replace(
+            left, block=block, blocks=tuple(self.blocks[index] for index in distinct.tolist())
+        )
 
 
 @dataclass(frozen=True, eq=False)

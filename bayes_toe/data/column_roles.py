@@ -138,26 +138,26 @@ def with_likely_columns(names: Sequence[str], options: ReadOptions) -> ReadOptio
     if options.correct is None:
         answer = _likely(names, options, ("response",))
         counts = _likely(names, options, _COUNTS)
-        has = {ours for ours in (*_COUNTS, "response") if options.name(ours) in names}
-        counted = has | counts.keys()
+        present = {ours for ours in (*_COUNTS, "response") if options.name(ours) in names}
+        counted = present | counts.keys()
         is_counts = "n_trials" in counted and len(counted) == 2
         if not answer and "n_trials" not in counted:
             is_counts = True
-        if "response" not in has and is_counts:
+        if "response" not in present and is_counts:
             likely |= counts
-        elif not has:
+        elif not present:
             likely |= answer
     return replace(options, columns={**likely, **options.columns})
 
 
 def _likely(names: Sequence[str], options: ReadOptions, roles: Iterable[str]) -> dict[str, str]:
     """The columns of these roles, of which each has one candidate."""
-    taken = {options.name(ours) for ours in COLUMNS}
+    names_in_use = {options.name(ours) for ours in COLUMNS}
     likely = {}
     for ours in roles:
         if ours in options.columns or ours in names:
             continue
-        candidates = [name for name in names if name not in taken and looks_like(name, ours)]
+        candidates = [name for name in names if name not in names_in_use and looks_like(name, ours)]
         if len(candidates) == 1:
             likely[ours] = candidates[0]
     return likely
@@ -176,51 +176,51 @@ def columns_to_read(
     >>> columns_to_read(["subject", "s1", "s2", "n_equal", "n_trials", "rt"], ReadOptions())
     (['subject', 's1', 's2', 'n_equal', 'n_trials'], [], [])
     """
-    needed = _needed(names, options)
+    roles_read = _roles_read(names, options)
     problems = [
-        *_answer_problems(names, needed, options, python),
-        *_meaning_problems(names, needed, options),
+        *_answer_problems(names, roles_read, options, python),
+        *_meaning_problems(names, roles_read, options),
     ]
     if options.subject_from is not None:
-        needed.remove("subject")
+        roles_read.remove("subject")
     unordered = _unordered_stimuli(options)
     if unordered:
         problems.append(
             f"columns {unordered} do not say which stimulus came first, so that an order effect "
             "would cancel out."
         )
-        return needed, problems, _order_remedies(names)
+        return roles_read, problems, _order_remedies(names)
     stimulus_in_unit = _stimulus_in_unit(names, options)
     if stimulus_in_unit:
         unit = unit_in(stimulus_in_unit)
         problems.append(f"column {bare(stimulus_in_unit)} seems to be in {unit}.")
-        return needed, problems, _unit_remedies(unit)
-    missing, repeated = _missing_and_repeated(names, needed, options)
+        return roles_read, problems, _unit_remedies(unit)
+    missing, repeated = _missing_and_repeated(names, roles_read, options)
     for name in repeated:
         problems.append(
             f"column {bare(name)}: found {names.count(name)} columns of this name, allowed: one"
         )
     if not missing:
-        return needed, problems, []
+        return roles_read, problems, []
     absent = join_words([f"no column {bare(name)}" for name in missing])
-    there = listed([bare(name) for name in names if name])
-    problems.append(f"there is {absent}. The columns are {there}.")
-    return needed, problems, [*_remedies(names, needed, options)]
+    column_list = listed([bare(name) for name in names if name])
+    problems.append(f"there is {absent}. The columns are {column_list}.")
+    return roles_read, problems, [*_remedies(names, roles_read, options)]
 
 
 def _meaning_problems(
-    names: Sequence[str], needed: Sequence[str], options: ReadOptions
+    names: Sequence[str], roles_read: Sequence[str], options: ReadOptions
 ) -> Iterator[str]:
     """What is said of columns with two meanings, and of two columns for the subject."""
-    theirs = [options.name(ours) for ours in needed]
+    theirs = [options.name(ours) for ours in roles_read]
     for name in dict.fromkeys(theirs):
         if theirs.count(name) > 1:
-            roles = " and as ".join(ours for ours in needed if options.name(ours) == name)
+            roles = " and as ".join(ours for ours in roles_read if options.name(ours) == name)
             yield f"column {bare(name)}: found as {roles}, allowed: one meaning per column"
     subject = options.name("subject")
     if options.subject_from is not None and subject in names:
-        found = "found together with --subject-from"
-        yield f"column {bare(subject)}: {found}, allowed: one of them"
+        finding = "found together with --subject-from"
+        yield f"column {bare(subject)}: {finding}, allowed: one of them"
 
 
 def _stimulus_in_unit(names: Sequence[str], options: ReadOptions) -> str:
@@ -233,30 +233,30 @@ def _stimulus_in_unit(names: Sequence[str], options: ReadOptions) -> str:
 
 
 def _missing_and_repeated(
-    names: Sequence[str], needed: Sequence[str], options: ReadOptions
+    names: Sequence[str], roles_read: Sequence[str], options: ReadOptions
 ) -> tuple[list[str], list[str]]:
     """Columns that must be there once, and are not there or are there more than once."""
     missing = [name for name in options.where if name not in names]
     repeated = [name for name in options.where if names.count(name) > 1]
     for ours in (*COLUMNS, "correct", "standard_interval"):
         count = names.count(options.name(ours))
-        if count == 0 and (ours in needed or ours in options.columns):
+        if count == 0 and (ours in roles_read or ours in options.columns):
             missing.append(options.name(ours))
-        elif count > 1 and ours in needed:
+        elif count > 1 and ours in roles_read:
             repeated.append(options.name(ours))
     return list(dict.fromkeys(missing)), list(dict.fromkeys(repeated))
 
 
-def _needed(names: Sequence[str], options: ReadOptions) -> list[str]:
+def _roles_read(names: Sequence[str], options: ReadOptions) -> list[str]:
     """Our names of the columns that these names call for, and of those that there may be."""
-    needed = ["subject", *options.stimuli]
+    roles_read = ["subject", *options.stimuli]
     if options.standard_interval is not None:
-        needed.append("standard_interval")
-    needed += _answer_roles(names, options)
+        roles_read.append("standard_interval")
+    roles_read += _answer_roles(names, options)
     for ours in _optional_roles(names, options):
         if ours not in options.ignore:
-            needed.append(ours)
-    return needed
+            roles_read.append(ours)
+    return roles_read
 
 
 def _answer_roles(names: Sequence[str], options: ReadOptions) -> list[str]:
@@ -280,34 +280,35 @@ def _optional_roles(names: Sequence[str], options: ReadOptions) -> Iterator[str]
     if has_condition:
         yield "condition"
     # No inference reads block and trial: twice there, or named as something else, they are ignored.
-    others = [options.name(ours) for ours in COLUMNS if ours not in LOOKED_AT]
+    other_names = [options.name(ours) for ours in COLUMNS if ours not in LOOKED_AT]
     for ours in LOOKED_AT:
         name = options.name(ours)
-        if name not in others and names.count(name) == 1:
+        if name not in other_names and names.count(name) == 1:
             yield ours
 
 
 def _answer_problems(
-    names: Sequence[str], needed: Sequence[str], options: ReadOptions, python: bool
+    names: Sequence[str], roles_read: Sequence[str], options: ReadOptions, python: bool
 ) -> Iterator[str]:
     """What is said where responses are there twice, are of two tasks, or are none."""
-    counts = [bare(options.name(ours)) for ours in _COUNTS if ours in needed]
+    counts = [bare(options.name(ours)) for ours in _COUNTS if ours in roles_read]
     response = options.name("response")
-    if "response" in needed and counts:
-        both = f"{bare(options.name('n_equal'))} and {bare(options.name('n_trials'))}"
-        allowed = f"{bare(response)} alone (one row per trial) or {both} alone (one row per pair)"
-        found = f"found together with {' and '.join(counts)}"
-        yield f"column {bare(response)}: {found}, allowed: {allowed}"
+    if "response" in roles_read and counts:
+        count_columns = f"{bare(options.name('n_equal'))} and {bare(options.name('n_trials'))}"
+        by_trial, by_pair = f"{bare(response)} alone", f"{count_columns} alone"
+        rule = f"{by_trial} (one row per trial) or {by_pair} (one row per pair)"
+        finding = f"found together with {' and '.join(counts)}"
+        yield f"column {bare(response)}: {finding}, allowed: {rule}"
     elif len(counts) > 2:
-        found = f"found together with {counts[0]}"
-        yield f"column {counts[1]}: {found}, allowed: one of them, since a study has one task"
-    if "response" in needed and response in names and looks_like(response, "correct"):
-        how = f"--correct {bare(response)}"
+        finding = f"found together with {counts[0]}"
+        yield f"column {counts[1]}: {finding}, allowed: one of them, since a study has one task"
+    if "response" in roles_read and response in names and looks_like(response, "correct"):
+        option = f"--correct {bare(response)}"
         if python:
-            how = f"ReadOptions(correct={response!r})"
-        found = "found as response, though it seems to say right or wrong"
-        allowed = f"{how} (which is stronger), or a column that has the answers"
-        yield f"column {bare(response)}: {found}, allowed: {allowed}"
+            option = f"ReadOptions(correct={response!r})"
+        finding = "found as response, though it seems to say right or wrong"
+        rule = f"{option} (which is stronger), or a column that has the answers"
+        yield f"column {bare(response)}: {finding}, allowed: {rule}"
 
 
 def _unordered_stimuli(options: ReadOptions) -> str:
@@ -347,18 +348,18 @@ def _numbered_pair(names: Sequence[str]) -> tuple[str, str]:
 
 
 def _remedies(
-    names: Sequence[str], needed: Sequence[str], options: ReadOptions
+    names: Sequence[str], roles_read: Sequence[str], options: ReadOptions
 ) -> Iterator[Remedy]:
     """What to type where columns are missing."""
-    missing = [ours for ours in needed if options.name(ours) not in names]
+    missing = [ours for ours in roles_read if options.name(ours) not in names]
     lacks_stimuli = not set(missing).isdisjoint(options.stimuli)
     if lacks_stimuli and not options.has_standard and _has_standard(names):
         yield from _order_remedies(names)
         return
     to_name = [ours for ours in missing if ours in _REQUIRED]
     if to_name:
-        others = {options.name(ours) for ours in needed}
-        yield _columns_remedy([name for name in names if name not in others], to_name, options)
+        other_names = {options.name(ours) for ours in roles_read}
+        yield _columns_remedy([name for name in names if name not in other_names], to_name, options)
     yield from _stimulus_remedies(names, missing, options)
     yield from _answer_remedies(names, missing)
     if "subject" in missing:

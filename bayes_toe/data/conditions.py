@@ -90,14 +90,14 @@ class Conditions:
             return ((max(self.levels, key=float), min(self.levels, key=float)),)
         return tuple((level, self.levels[0]) for level in self.levels[1:])
 
-    def design(self, some: Sequence[str] | None = None) -> FloatArray:
+    def design(self, chosen: Sequence[str] | None = None) -> FloatArray:
         """Columns X, shape (levels, columns), of all levels or some.
 
         With independent N(0, h^2) effects any two levels differ by N(0, h^2). Two levels are -1/2
         and 1/2. More have orthonormal columns that sum to 0, over 2^(1/2), so that no level is
         special. Numbers have one, (x - mean)/range, whose effect is that over the whole range.
         """
-        chosen = self.levels if some is None else tuple(some)
+        chosen = self.levels if chosen is None else tuple(chosen)
         if self.numeric:
             x = np.array(self.levels, np.float64)
             centred = np.array(chosen, np.float64) - x.mean()

@@ -41,9 +41,9 @@ class Covariates:
         for name, column in self.values.items():
             for subject, value in column.items():
                 if not isinstance(value, str) and not math.isfinite(value):
-                    found = f"covariate {bare(name)} of subject {quoted(subject)}: found {value}"
+                    finding = f"covariate {bare(name)} of subject {quoted(subject)}: found {value}"
                     raise InputError(
-                        f"{found}, allowed: a finite number or a text; leave out what is missing"
+                        f"{finding}, allowed: a finite number or a text; leave out what is missing"
                     )
 
 
@@ -90,11 +90,11 @@ def read_covariates(path: Covariates | str | Path) -> Covariates:
     table = read_table(path, set)
     has_one_name_each = len(table.names) == len(table.columns) and "" not in table.names
     if "subject" not in table.names or len(table.names) < 2 or not has_one_name_each:
-        found = listed([quoted(name) for name in table.names])
+        finding = listed([quoted(name) for name in table.names])
         table.require(
             [
-                f"found columns {found}, allowed: subject and at least one covariate, each with a "
-                "name of its own"
+                f"found columns {finding}, allowed: subject and at least one covariate, each with "
+                "a name of its own"
             ]
         )
     table.require([])
@@ -107,8 +107,8 @@ def read_covariates(path: Covariates | str | Path) -> Covariates:
         meanings = _meanings(column.texts, table.decimal_comma)
         no_numbers = [text for text, value in meanings.items() if value != value]  # NaN
         is_wrong = column.map(no_numbers.__contains__, np.bool_)
-        allowed = "a finite number (or no number in the whole column)"
-        require_numbers(table, column, is_wrong, allowed)
+        rule = "a finite number (or no number in the whole column)"
+        require_numbers(table, column, is_wrong, rule)
         values[name] = {}
         for row, code in enumerate(column.codes.tolist()):
             text = column.texts[code]

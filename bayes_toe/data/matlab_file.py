@@ -120,8 +120,8 @@ def _columns(source: str, variables: dict[str, Any]) -> dict[str, list[Any]]:
         if not is_vector or column.size not in (1, n_rows):
             wrong.append(bare(name))
     if wrong:
-        found = f"{listed(wrong)}, not a column of {n_rows}"
-        raise InputError(f"{source}: found {found}, allowed: {_SAVED}")
+        finding = f"{listed(wrong)}, not a column of {n_rows}"
+        raise InputError(f"{source}: found {finding}, allowed: {_SAVED}")
     values = {}
     for name, column in columns.items():
         cells = column.ravel().tolist()

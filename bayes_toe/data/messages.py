@@ -21,7 +21,7 @@ import numpy as np
 if TYPE_CHECKING:
     import pandas as pd
 
-MOST_SHOWN = 10
+MAX_LINES = 10
 #: Scripts of a page, without those that hold data.
 _SCRIPT = re.compile(r'<script(?: type="text/javascript")?>(.*?)</script>', re.DOTALL)
 _LONGEST_SHOWN = 40
@@ -41,14 +41,18 @@ def visible(text: str) -> str:
     return (
         text
         if text.isprintable()
-        else "".join(one if one.isprintable() else repr(one)[1:-1] for one in text)
+        else "".join(
+            character if character.isprintable() else repr(character)[1:-1] for character in text
+        )
     )
 
 
 def quoted(text: str) -> str:
     """A cell as messages show it: quoted, on one line, of bounded length."""
-    shown = repr(text)
-    return shown if len(shown) <= _LONGEST_SHOWN else f"{shown[: _LONGEST_SHOWN - 4]}...{shown[-1]}"
+    whole_text = repr(text)
+    if len(whole_text) <= _LONGEST_SHOWN:
+        return whole_text
+    return f"{whole_text[: _LONGEST_SHOWN - 4]}...{whole_text[-1]}"
 
 
 def bare(text: str) -> str:
@@ -56,15 +60,15 @@ def bare(text: str) -> str:
     return text if text.isprintable() and 0 < len(text) <= _LONGEST_SHOWN else quoted(text)
 
 
-def shown(path: Path) -> str:
+def format_path(path: Path) -> str:
     """A path as messages show it: on one line."""
     return str(path) if str(path).isprintable() else repr(str(path))
 
 
-def listed(items: Sequence[str], most: int = MOST_SHOWN) -> str:
+def listed(items: Sequence[str], max_items: int = MAX_LINES) -> str:
     """The first items, and how many there are beyond them."""
-    more = [f"... and {len(items) - most:,} more"] if len(items) > most else []
-    return ", ".join([*items[:most], *more])
+    ending = [f"... and {len(items) - max_items:,} more"] if len(items) > max_items else []
+    return ", ".join([*items[:max_items], *ending])
 
 
 def join_words(words: Sequence[str]) -> str:
@@ -112,14 +116,14 @@ def format_p(value: float) -> str:
 
 def describe_p(value: float) -> str:
     """A p-value in a sentence, 'p < .001' or 'p = .012'."""
-    shown = format_p(value)
-    return f"p {shown}" if shown.startswith("<") else f"p = {shown}"
+    number = format_p(value)
+    return f"p {number}" if number.startswith("<") else f"p = {number}"
 
 
 def named_few(names: Sequence[str]) -> str:
     """The first four names, and how many there are beyond them."""
-    more = f" and {len(names) - 4:,} more" if len(names) > 4 else ""
-    return ", ".join(map(repr, names[:4])) + more
+    ending = f" and {len(names) - 4:,} more" if len(names) > 4 else ""
+    return ", ".join(map(repr, names[:4])) + ending
 
 
 def as_name(name: object) -> str:
@@ -151,11 +155,11 @@ def as_html(caption: str, frame: pd.DataFrame, rows: int | None = None) -> str:
     `rows` says how many there are, where the frame has only the first.
     """
     count = len(frame) if rows is None else rows
-    shown = frame.head(MOST_ROWS).to_html(
+    table = frame.head(MOST_ROWS).to_html(
         index=False, border=0, na_rep="", float_format=lambda value: f"{value:.4g}"
     )
-    more = f"<p>and {count - MOST_ROWS:,} more rows</p>" if count > MOST_ROWS else ""
-    return f"<p><b>{escape(caption)}</b></p>{shown}{more}"
+    ending = f"<p>and {count - MOST_ROWS:,} more rows</p>" if count > MOST_ROWS else ""
+    return f"<p><b>{escape(caption)}</b></p>{table}{ending}"
 
 
 def with_policy(page: str, *more_sources: str) -> str:

@@ -206,15 +206,15 @@ class ReadOptions:
         """Problems of the names of columns and files, a line each."""
         for ours, name in self.columns.items():
             if ours not in COLUMNS or not name:
-                found = quoted(f"{ours}={name}")
-                allowed = f"OURS=NAME with OURS one of {', '.join(COLUMNS)}"
-                yield f"--columns: found {found}, allowed: {allowed}"
+                finding = quoted(f"{ours}={name}")
+                rule = f"OURS=NAME with OURS one of {', '.join(COLUMNS)}"
+                yield f"--columns: found {finding}, allowed: {rule}"
         for ours in self.ignore:
             if ours not in _MAY_BE_IGNORED:
                 yield f"--ignore: found {quoted(ours)}, allowed: {', '.join(_MAY_BE_IGNORED)}"
         if self.subject_from is not None and self.subject_from.count("{}") != 1:
-            allowed = "a file's name with one {}, such as 'sub-{}_*.tsv'"
-            yield f"--subject-from: found {quoted(self.subject_from)}, allowed: {allowed}"
+            rule = "a file's name with one {}, such as 'sub-{}_*.tsv'"
+            yield f"--subject-from: found {quoted(self.subject_from)}, allowed: {rule}"
 
     def _task_by_option(self) -> dict[str, Task]:
         """The task that each option tells."""
@@ -237,13 +237,13 @@ class ReadOptions:
 
     def name(self, ours: str) -> str:
         """What the file calls a column of ours."""
-        named = {
+        chosen_by_role = {
             "correct": self.correct,
             "condition": self.condition,
             "standard_interval": self.standard_interval,
         }
-        given = named.get(ours)
-        return self.columns.get(ours, given or ours)
+        chosen = chosen_by_role.get(ours)
+        return self.columns.get(ours, chosen or ours)
 
     @property
     def has_standard(self) -> bool:
@@ -293,8 +293,8 @@ def parse_pairs(option: str, entries: Iterable[str], form: str) -> dict[str, str
     for entry in entries:
         name, text = (part.strip() for part in entry.partition("=")[::2])
         if not name or not text or name in pairs:
-            found = quoted(entry.strip())
-            raise InputError(f"{option}: found {found}, allowed: {form}, each name once")
+            finding = quoted(entry.strip())
+            raise InputError(f"{option}: found {finding}, allowed: {form}, each name once")
         pairs[name] = text
     return pairs
 
@@ -316,9 +316,9 @@ def changed(study: Study, swap: Iterable[str] = (), exclude: Iterable[str] = ())
         blocks_of: dict[str, list[str]] = {}
         for text in texts:
             name, blocks = _subject_and_blocks(text, study, option)
-            before = blocks_of.get(name)
-            together = [*(before or ()), *blocks]
-            is_again = before is not None and not (blocks and before)
+            earlier_blocks = blocks_of.get(name)
+            together = [*(earlier_blocks or ()), *blocks]
+            is_again = earlier_blocks is not None and not (blocks and earlier_blocks)
             if is_again or len({*together}) < len(together):
                 raise InputError(f"{option} {text}: named twice; name each subject or block once")
             blocks_of[name] = together
@@ -332,8 +332,10 @@ def _subject_and_blocks(text: str, study: Study, option: str) -> tuple[str, list
     names = [name for name in study.names if text == name or text.startswith(f"{name}:")]
     name = max(names, key=len, default=text.partition(":")[0])
     if name not in study.names:
-        known = listed([bare(other) for other in study.names])
-        raise InputError(f"{option} {text}: no subject {quoted(name)}; the subjects are {known}")
+        subject_names = listed([bare(other) for other in study.names])
+        raise InputError(
+            f"{option} {text}: no subject {quoted(name)}; the subjects are {subject_names}"
+        )
     if text == name:
         return name, []
     return name, [block.strip() for block in text[len(name) + 1 :].split(",")]
@@ -351,7 +353,7 @@ def subject_in(path: Path, pattern: str) -> str | None:
     """
     tail = "/".join(path.absolute().parts[-1 - pattern.count("/") :])
     kinds = {"{}": "([^/]+?)", "*": "[^/]*"}
-    found = re.fullmatch(
+    finding = re.fullmatch(
         "".join(kinds.get(part, re.escape(part)) for part in re.split(r"(\{\}|\*)", pattern)), tail
     )
-    return None if found is None else found[1]
+    return None if finding is None else finding[1]

@@ -295,7 +295,7 @@ class _Rows:
     order: StandardOrder
 
     @property
-    def shown(self) -> list[Column]:
+    def key_columns(self) -> list[Column]:
         """The columns of the keys."""
         return [
             self.columns[ours] for ours in (*self.options.stimuli, "isi") if ours in self.columns
@@ -310,11 +310,13 @@ class _Rows:
     def names_not_read(self) -> list[str]:
         """The columns that are not read, without those that the options ignore."""
         columns = (*self.columns.values(), *self.signs)
-        others = {column.name for column in columns} | {*self.options.where}
+        other_columns = {column.name for column in columns} | {*self.options.where}
         for ours in self.options.ignore:
-            others.add(self.options.name(ours))
-            others.update(name for name in self.table.names if looks_like(name, ours))
-        return [name for name in dict.fromkeys(self.table.names) if name and name not in others]
+            other_columns.add(self.options.name(ours))
+            other_columns.update(name for name in self.table.names if looks_like(name, ours))
+        return [
+            name for name in dict.fromkeys(self.table.names) if name and name not in other_columns
+        ]
 
     @property
     def pooled_conditions(self) -> list[str]:
@@ -338,28 +340,28 @@ class _Rows:
                 require_texts(self.table, self.columns[ours], asked)
         if self.order.column is not None:
             self.table.fault(self.order.column, asked & self.order.is_unknown, ALLOWED_INTERVALS)
-        for column, values in zip(self.shown[:2], self.stimuli, strict=True):
+        for column, values in zip(self.key_columns[:2], self.stimuli, strict=True):
             require_numbers(
                 self.table,
                 column,
                 asked & np.isnan(values),
                 positive if self.options.has_intensities else "a finite number",
             )
-        for column, values in zip(self.shown[2:], self.keys[2:], strict=True):
+        for column, values in zip(self.key_columns[2:], self.keys[2:], strict=True):
             self.table.fault(
                 column,
                 asked & np.isnan(values),
                 f"{positive} of seconds, in every row or no such column",
             )
 
-    def layout(self, what: str, answers: str) -> list[str]:
+    def layout(self, form: str, answers: str) -> list[str]:
         """Notes of how the table is written and read.
 
         They name the form, the rows that were asked for, and columns with another name or unit.
         """
         table, options = self.table, self.options
-        texts = chain.from_iterable(column.texts for column in self.shown)
-        parts = [f"{what} rows", table.form, answers]
+        texts = chain.from_iterable(column.texts for column in self.key_columns)
+        parts = [f"{form} rows", table.form, answers]
         if table.delimiter:
             parts.insert(1, f"{DELIMITERS[table.delimiter]}-separated")
         if table.decimal_comma and any("," in text for text in texts):
@@ -380,7 +382,9 @@ class _Rows:
         notes += [f"column {name} not read, as --ignore has it" for name in ignored]
         unit = options.unit_in_words
         if unit:
-            notes += [f"column {bare(column.name)} read as {unit}" for column in self.shown[:2]]
+            notes += [
+                f"column {bare(column.name)} read as {unit}" for column in self.key_columns[:2]
+            ]
         return notes
 
 
@@ -394,11 +398,11 @@ def _rows(path: str | Path | Frame, options: ReadOptions) -> _Rows:
         sheet=options.sheet,
     )
     options = with_likely_columns(table.names, options)
-    needed, problems, remedies = columns_to_read(table.names, options, python=table.python)
+    roles_read, problems, remedies = columns_to_read(table.names, options, python=table.python)
     table.problems.remedies += remedies
     table.require(problems)
-    table = _without_practice(_asked_for(table, options.where), options)
-    columns = {ours: table.columns[options.name(ours)] for ours in needed}
+    table = _without_practice(_chosen_rows(table, options.where), options)
+    columns = {ours: table.columns[options.name(ours)] for ours in roles_read}
     columns |= _marks(table)
     if options.subject_from is not None:
         columns["subject"] = _subject_of_file(table, path, options.subject_from)
@@ -430,9 +434,9 @@ def _marks(table: TextTable) -> dict[str, Column]:
 
 def _response_signs(table: TextTable, columns: Mapping[str, Column]) -> list[Column]:
     """Columns that are not read and show by an empty cell that nobody responded."""
-    named = {column.name for column in columns.values()}
-    others = [column for name, column in table.columns.items() if name not in named]
-    return [column for column in others if is_response_sign(column.name)]
+    names_read = {column.name for column in columns.values()}
+    other_columns = [column for name, column in table.columns.items() if name not in names_read]
+    return [column for column in other_columns if is_response_sign(column.name)]
 
 
 def _columns_looked_at(names: Sequence[str], options: ReadOptions) -> set[str]:
@@ -451,29 +455,28 @@ def _subject_of_file(table: TextTable, path: str | Path | Frame, pattern: str) -
     """The column of the one subject that the name of a file tells."""
     subject = None if table.python else subject_in(Path(str(path)), pattern)
     if subject is None:
-        allowed = f"a file named as --subject-from {pattern}"
-        raise InputError(f"{table.source}: found no subject in its name, allowed: {allowed}")
+        rule = f"a file named as --subject-from {pattern}"
+        raise InputError(f"{table.source}: found no subject in its name, allowed: {rule}")
     return Column("subject", [subject], np.zeros(len(table.rows), np.int64))
 
 
-def _asked_for(table: TextTable, where: Mapping[str, str]) -> TextTable:
+def _chosen_rows(table: TextTable, where: Mapping[str, str]) -> TextTable:
     """The rows that have in all of these columns the text that is asked for."""
     if not where:
         return table
-    kept = np.ones(len(table.rows), np.bool_)
+    is_chosen_row = np.ones(len(table.rows), np.bool_)
     for name, asked in where.items():
         column = table.columns[name]
         if asked not in column.texts:
-            found = f"column {bare(name)}: found {listed([*map(quoted, column.texts)])}"
-            raise InputError(
-                f"{table.source}: {found}, allowed: {quoted(asked)}, as --where has it, in some row"
-            )
-        kept &= column.codes == column.texts.index(asked)
-    if not kept.any():
+            finding = f"column {bare(name)}: found {listed([*map(quoted, column.texts)])}"
+            rule = f"{quoted(asked)}, as --where has it, in some row"
+            raise InputError(f"{table.source}: {finding}, allowed: {rule}")
+        is_chosen_row &= column.codes == column.texts.index(asked)
+    if not is_chosen_row.any():
         raise InputError(
             f"{table.source}: found no row that is as --where has it in all of {', '.join(where)}"
         )
-    return table.only(kept)
+    return table.only(is_chosen_row)
 
 
 def _without_practice(table: TextTable, options: ReadOptions) -> TextTable:
@@ -503,8 +506,8 @@ def _require_decimal_sign(
     text = ambiguous_number(stimuli, sign)
     if not text:
         return
-    others = [other for column in stimuli for other in column.texts if sign not in other]
-    has_large = any(abs(number(other)) >= _NO_LOG_INTENSITY for other in others)
+    other_columns = [other for column in stimuli for other in column.texts if sign not in other]
+    has_large = any(abs(number(other)) >= _NO_LOG_INTENSITY for other in other_columns)
     if not options.has_intensities and not has_large:
         # Logarithms of intensities are no thousands.
         return
@@ -551,8 +554,8 @@ def _study(rows: _Rows, notes: list[str], k: IntArray, n: IntArray, task: Task) 
         answers, missing, doubts = answers_in_order(
             rows.table, rows.columns, rows.keys, parts, k, n
         )
-        for name, given in answers.items():
-            subjects.append(Subject.from_answers(name, given, task, unit))
+        for name, in_order in answers.items():
+            subjects.append(Subject.from_answers(name, in_order, task, unit))
     else:
         values = (*rows.keys[:2], k, n, *rows.keys[2:])
         for name, part in parts.items():
@@ -596,10 +599,10 @@ def _synthetic(columns: Mapping[str, Column]) -> tuple[bool, list[str]]:
 def _merged_note(parts: Mapping[str, IndexArray], subjects: Sequence[Subject]) -> list[str]:
     """How many rows of counts repeat a pair; `parts` are the rows of every subject."""
     merged = {subject.name: len(parts[subject.name]) - subject.n_pairs for subject in subjects}
-    each = [f"{bare(name)} {count}" for name, count in merged.items() if count]
-    if not each:
+    repeats = [f"{bare(name)} {count}" for name, count in merged.items() if count]
+    if not repeats:
         return []
-    return [f"{counted(sum(merged.values()), 'repeated row')} merged: {listed(each)}"]
+    return [f"{counted(sum(merged.values()), 'repeated row')} merged: {listed(repeats)}"]
 
 
 def _percentage_doubts(n: IntArray) -> list[str]:

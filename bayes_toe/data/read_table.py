@@ -123,8 +123,8 @@ def read_table(
         ) from error
     name, suffix = bare(path.name), path.suffix.lower()
     if suffix in _NOT_READ:
-        found, allowed = _NOT_READ[suffix]
-        raise InputError(f"{name}: found {found}, allowed: {allowed}")
+        finding, rule = _NOT_READ[suffix]
+        raise InputError(f"{name}: found {finding}, allowed: {rule}")
     if suffix in _EXCEL_SUFFIXES:
         return _read_excel(name, data, choice, sheet)
     if suffix in _JSON_SUFFIXES:
@@ -157,21 +157,21 @@ def toml_table(path: str | Path, lines: str) -> Mapping[str, Any]:
     InputError
         In one line, if the file cannot be read or is not TOML.
     """
-    allowed = f"allowed: a TOML file with {lines}"
+    rule = f"allowed: a TOML file with {lines}"
     try:
         # Windows' editors put a byte-order mark in front.
         return tomllib.loads(input_bytes(path, _LARGEST_TOML).decode("utf-8-sig"))
     except FileNotFoundError as error:
-        raise InputError(f"{path}: no such file; {allowed}") from error
+        raise InputError(f"{path}: no such file; {rule}") from error
     except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}); {allowed}") from error
+        raise InputError(f"{path}: cannot be read ({error.strerror}); {rule}") from error
     except UnicodeDecodeError as error:
-        raise InputError(f"{path}: found bytes that are not UTF-8, {allowed}") from error
+        raise InputError(f"{path}: found bytes that are not UTF-8, {rule}") from error
     except (ValueError, RecursionError) as error:
         # The parser's own, Python's on integers of 5,000 digits, thousands of brackets.
-        what = visible(" ".join(str(error).split()))
+        message = visible(" ".join(str(error).split()))
         raise InputError(
-            f"{path}: found text that is not TOML ({what}), allowed: lines {lines}"
+            f"{path}: found text that is not TOML ({message}), allowed: lines {lines}"
         ) from error
 
 
@@ -179,14 +179,14 @@ def toml_table(path: str | Path, lines: str) -> Mapping[str, Any]:
 
 
 def _table_of_texts(
-    named: tuple[str, str, str],
+    head_words: tuple[str, str, str],
     names: list[str],
     column_texts: Mapping[str, ColumnTexts],
     rows: Sequence[int],
     notes: Sequence[str] = (),
 ) -> TextTable:
     """The table of texts by column; `named` are its source, its form and its head."""
-    source, form, head = named
+    source, form, head = head_words
     columns, problems = {}, Problems(source)
     for name, (texts, lines) in column_texts.items():
         problems.add(lines)
@@ -200,11 +200,11 @@ def _read_frame(frame: Any, choice: Choice) -> TextTable:
     source = f"{type(frame).__module__.partition('.')[0]} {type(frame).__name__}"
     names = [str(name).strip() for name in frame.columns]
     texts, rows = {}, range(len(frame))
-    for name, place in name_places(names, choice).items():
+    for name, index in name_places(names, choice).items():
         if hasattr(frame, "iloc"):
-            values = frame.iloc[:, place].tolist()
+            values = frame.iloc[:, index].tolist()
         else:
-            values = frame.to_series(place).to_list()
+            values = frame.to_series(index).to_list()
         texts[name] = cell_texts(name, values, rows)
     return _table_of_texts((source, source, "columns"), names, texts, rows)
 
@@ -223,12 +223,12 @@ def _read_excel(source: str, data: bytes, choice: Choice, sheet: str | None) -> 
         if _is_filled(rows[i]):
             filled[i + 1] = rows[i]
     texts = {}
-    for name, place in name_places(names, choice).items():
-        texts[name] = cell_texts(name, [cells[place] for cells in filled.values()], filled)
+    for name, index in name_places(names, choice).items():
+        texts[name] = cell_texts(name, [cells[index] for cells in filled.values()], filled)
     notes = []
     if len(sheets) > 1:
-        others = [bare(other) for other in sheets if other != title]
-        notes.append(f"sheet {bare(title)} read, not {listed(others)}")
+        other_sheets = [bare(other) for other in sheets if other != title]
+        notes.append(f"sheet {bare(title)} read, not {listed(other_sheets)}")
     if any(map(_is_filled, rows[:first])):
         notes.append(f"rows above row {first + 1} left out")
     head = (source, EXCEL, f"row {first + 1}")
@@ -241,8 +241,8 @@ def _chosen_sheet(
     """The sheet that is named, or the only one with most of our columns."""
     if sheet is not None:
         if sheet not in sheets:
-            found = listed([*map(bare, sheets)])
-            raise InputError(f"{source}: found the sheets {found}, allowed: one of them")
+            finding = listed([*map(bare, sheets)])
+            raise InputError(f"{source}: found the sheets {finding}, allowed: one of them")
         return sheet
     if not sheets:
         raise InputError(f"{source}: found no table, allowed: a sheet with names and rows")
@@ -250,20 +250,20 @@ def _chosen_sheet(
     for title, rows in sheets.items():
         _, names = _sheet_names(rows, choice)
         n_names[title] = len(name_places(names, choice))
-    most = max(n_names.values())
-    tables = [title for title, count in n_names.items() if count == most]
-    if len(tables) > 1 and most:
+    largest_count = max(n_names.values())
+    tables = [title for title, count in n_names.items() if count == largest_count]
+    if len(tables) > 1 and largest_count:
         remedies = [Remedy("sheet", title) for title in tables]
-        found = join_words([*map(bare, tables)])
-        raise InputError(f"{source}: the sheets {found} have tables.", remedies)
+        finding = join_words([*map(bare, tables)])
+        raise InputError(f"{source}: the sheets {finding} have tables.", remedies)
     return max(tables, key=lambda title: len(sheets[title]))
 
 
 def _sheet_names(rows: Sequence[Sequence[Any]], choice: Choice) -> tuple[int, list[str]]:
     """Which row has the names, from 0, and the names."""
     texts = [_row_texts(cells) for cells in rows[:MOST_RECORDS]]
-    place = header_place(texts, choice)
-    return place, texts[place]
+    index = header_place(texts, choice)
+    return index, texts[index]
 
 
 def _row_texts(cells: Sequence[Any]) -> list[str]:
@@ -408,8 +408,8 @@ def _read_parquet(source: str, data: bytes, choice: Choice) -> TextTable:
     try:
         table = pq.read_table(pa.BufferReader(data), page_checksum_verification=True)
         names, texts, rows = [*map(str.strip, table.column_names)], {}, range(1, table.num_rows + 1)
-        for name, place in name_places(names, choice).items():
-            column = table.column(place)
+        for name, index in name_places(names, choice).items():
+            column = table.column(index)
             if pa.types.is_float32(column.type):
                 # In double precision 0.1 of single precision is another number.
                 column = column.cast(pa.string())
@@ -441,8 +441,8 @@ def require_parquet(path: str | Path) -> None:
     Any other file passes.
     """
     if is_parquet(path) and importlib.util.find_spec("pyarrow") is None:
-        found = "found a Parquet file and no pyarrow"
+        finding = "found a Parquet file and no pyarrow"
         raise InputError(
-            f"{bare(Path(path).name)}: {found}, allowed: pip install 'bayes_toe[parquet]', or a "
+            f"{bare(Path(path).name)}: {finding}, allowed: pip install 'bayes_toe[parquet]', or a "
             "CSV file"
         )

@@ -70,10 +70,10 @@ def responses(
         table.problems.add([(0, f"column {bare(column.name)}: {problem}")])
         table.problems.remedies += remedies
     else:
-        allowed = _allowed_texts(options.codes(task), words, names)
+        rule = _allowed_texts(options.codes(task), words, names)
         if not has_scores:
-            allowed += f"; other codes by {_code_options(names, table.python)}"
-        table.fault(column, answer == _UNKNOWN, allowed)
+            rule += f"; other codes by {_code_options(names, table.python)}"
+        table.fault(column, answer == _UNKNOWN, rule)
     yes_texts = _as_answered(column, answer == _YES, names[0])
     no_texts = _as_answered(column, answer == _NO, names[1])
     note = f"responses {yes_texts} / {no_texts}"
@@ -126,14 +126,14 @@ def require_task(table: TextTable, task: Task, column: Column | None) -> None:
             texts[task_named(text)] = text
     if not texts.keys() - {task}:
         return
-    allowed = f"{task.name!r}, which the answers are of"
+    rule = f"{task.name!r}, which the answers are of"
     if len(texts) > 1:
         choice = f"--where {bare(column.name)}=TEXT"
         if table.python:
             choice = f"ReadOptions(where={{{column.name!r}: ...}})"
-        allowed = f"one task, which {choice} chooses"
-    found = f"column {bare(column.name)}: found {' and '.join(map(quoted, texts.values()))}"
-    raise InputError(f"{table.source}: {found}, allowed: {allowed}")
+        rule = f"one task, which {choice} chooses"
+    finding = f"column {bare(column.name)}: found {' and '.join(map(quoted, texts.values()))}"
+    raise InputError(f"{table.source}: {finding}, allowed: {rule}")
 
 
 def _words_of(task: Task, column: Column) -> list[str]:
@@ -172,8 +172,8 @@ def without_missed(
     names = []
     for sign in signs:
         is_empty = sign.map(lambda text: text.lower() in MISSING_WORDS, np.bool_)
-        has_both = is_empty.any() and not is_empty.all()
-        if has_both and not (is_empty & is_right).any():
+        is_partly_empty = is_empty.any() and not is_empty.all()
+        if is_partly_empty and not (is_empty & is_right).any():
             is_missed |= is_empty
             names.append(sign.name)
     remaining = answers._replace(
@@ -204,9 +204,9 @@ def _unknown_meaning(column: Column, difference: FloatArray) -> tuple[str, list[
     texts = [text for text in column.texts if not is_no_response(text)]
     words_by_task = [_words_of(task, column) for task in TASKS]
     if all(words_by_task):
-        both = " and ".join(quoted(words[0]) for words in words_by_task)
+        words_of_both = " and ".join(quoted(words[0]) for words in words_by_task)
         problem = (
-            f"found {both}, words of two tasks, allowed: one task, such as the rows that "
+            f"found {words_of_both}, words of two tasks, allowed: one task, such as the rows that "
             "--where COLUMN=TEXT chooses"
         )
         return problem, []
@@ -249,8 +249,8 @@ def _commoner_for_stronger_second(column: Column, difference: FloatArray) -> str
     is_number = np.isfinite(difference)
     if not is_number.any():
         return ""
-    away = difference[is_number] - difference[is_number].mean()
-    sums = np.bincount(column.codes[is_number], away, len(column.texts))
+    deviation = difference[is_number] - difference[is_number].mean()
+    sums = np.bincount(column.codes[is_number], deviation, len(column.texts))
     for code in np.argsort(-sums, kind="stable").tolist():
         text = column.texts[code]
         if not is_no_response(text):
@@ -287,10 +287,10 @@ def _answer(text: str, given: Sequence[str | None], words: Sequence[Sequence[str
 def _as_answered(column: Column, chosen: BoolArray, word: str) -> str:
     """Which texts were read as an answer, and how often it was given."""
     texts = [column.texts[code] for code in np.unique(column.codes[chosen]).tolist()]
-    shown = listed([*map(quoted, texts)]) if texts else repr(word)
+    shown_texts = listed([*map(quoted, texts)]) if texts else repr(word)
     if any(text.lower() != word for text in texts):
-        shown += f" as {word}"
-    return f"{shown} ({np.count_nonzero(chosen)})"
+        shown_texts += f" as {word}"
+    return f"{shown_texts} ({np.count_nonzero(chosen)})"
 
 
 _REVERSED, _STRAIGHT = -5.0, 3.0  # z scores that nobody has by chance
@@ -322,6 +322,6 @@ def refuse_reversed(study: Study, remedy: str) -> None:
         largest_z = max(largest_z, own_covariance / np.sqrt(own_variance))
     if covariance < _REVERSED * np.sqrt(variance) and largest_z < _STRAIGHT:
         correlation = covariance / np.sqrt(squares * answer_variance)
-        found = f"found 'second' less often the larger s2 - s1 is (correlation {correlation:.2f})"
-        allowed = "allowed: 'second' where the second stimulus was called the stronger"
-        raise InputError(f"{study.source}: {found}, {allowed}; {remedy}")
+        finding = f"found 'second' less often the larger s2 - s1 is (correlation {correlation:.2f})"
+        rule = "allowed: 'second' where the second stimulus was called the stronger"
+        raise InputError(f"{study.source}: {finding}, {rule}; {remedy}")

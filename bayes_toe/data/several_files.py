@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from bayes_toe.data.answers import Answers, Reading
-from bayes_toe.data.messages import MOST_SHOWN, TWICE, bare, counted, listed
+from bayes_toe.data.messages import MAX_LINES, TWICE, bare, counted, listed
 from bayes_toe.data.study import Study, Subject, pooled
 from bayes_toe.errors import InputError
 
@@ -33,13 +33,13 @@ def read_together(paths: Sequence[Any], read: Callable[[Any], Study]) -> Study:
     An InputError for no file, a file given twice, files of which only some have intervals; and with
     the problems of the first files.
     """
-    named = [Path(path).absolute() for path in paths if isinstance(path, str | Path)]
+    absolute_paths = [Path(path).absolute() for path in paths if isinstance(path, str | Path)]
     if not paths:
         raise InputError("files: found none, allowed: some")
-    for i, path in enumerate(named):
-        if path in named[:i]:
+    for i, path in enumerate(absolute_paths):
+        if path in absolute_paths[:i]:
             raise InputError(f"{bare(path.name)}: found twice, allowed: each file once")
-    file_names = [path.name for path in named]
+    file_names = [path.name for path in absolute_paths]
     studies: list[Study] = []
     faulty: list[InputError] = []
     for path in paths:
@@ -63,21 +63,21 @@ def _of_all_files(faulty: Sequence[InputError]) -> InputError:
     for error in faulty:
         without_file = tuple(problem.partition(": ")[2] for problem in error.problems)
         groups.setdefault(without_file, []).append(error)
-    shown: list[str] = []
+    lines: list[str] = []
     remaining = len(faulty)
     for alike in groups.values():
         is_repeated = len(alike) > _FILES_SHOWN
-        told = alike[:1] if is_repeated else alike
-        problems = [problem for error in told for problem in error.problems]
-        if shown and len(shown) + len(problems) > MOST_SHOWN:
+        errors_listed = alike[:1] if is_repeated else alike
+        problems = [problem for error in errors_listed for problem in error.problems]
+        if lines and len(lines) + len(problems) > MAX_LINES:
             break
-        shown += problems
+        lines += problems
         remaining -= len(alike)
         if is_repeated:
-            shown.append(f"... and the same in {counted(len(alike) - 1, 'more file')}")
+            lines.append(f"... and the same in {counted(len(alike) - 1, 'more file')}")
     if remaining:
-        shown.append(f"... and problems in {counted(remaining, 'more file')}")
-    return InputError(shown, faulty[0].remedies)
+        lines.append(f"... and problems in {counted(remaining, 'more file')}")
+    return InputError(lines, faulty[0].remedies)
 
 
 def _together(studies: Sequence[Study]) -> Study:
@@ -145,11 +145,11 @@ def _require_alike(studies: Sequence[Study]) -> None:
 def _copies(name: str, answers: Sequence[tuple[str, Answers]]) -> Iterable[str]:
     """What is said of files that have the same answers of a subject, trial by trial."""
     first_source: dict[tuple[bytes, bytes], str] = {}
-    for source, given in answers:
-        content = given.keys.tobytes(), given.n_yes.tobytes()
+    for source, in_order in answers:
+        content = in_order.keys.tobytes(), in_order.n_yes.tobytes()
         earlier = first_source.setdefault(content, source)
-        n_trials = len(given.n_yes)
-        if earlier != source and given.trials and n_trials >= _FEWEST:
+        n_trials = len(in_order.n_yes)
+        if earlier != source and in_order.trials and n_trials >= _FEWEST:
             copies = f"{source} has the same {n_trials} trials of subject {bare(name)} as {earlier}"
             yield f"{copies}: {TWICE}, remove one file"
 
@@ -161,24 +161,24 @@ def _joined(answers: Sequence[tuple[str, Answers]]) -> Answers:
     """
     columns: dict[str, list[Any]] = {}
     for key in ("keys", "n_yes", "n_trials", "place", "iti"):
-        columns[key] = [getattr(given, key) for _, given in answers]
+        columns[key] = [getattr(in_order, key) for _, in_order in answers]
     columns["block"] = []
     names, first_place = list[str](), 0
-    for i, (source, given) in enumerate(answers):
-        block = given.block
+    for i, (source, in_order) in enumerate(answers):
+        block = in_order.block
         if block is None:
-            block = np.zeros(len(given.n_trials), np.int64)
+            block = np.zeros(len(in_order.n_trials), np.int64)
         columns["block"].append(len(names) + block)
-        names += [f"{source}: {name}" for name in given.blocks] or [source]
-        if given.place is not None:
-            columns["place"][i] = given.place - given.place[0] + first_place
+        names += [f"{source}: {name}" for name in in_order.blocks] or [source]
+        if in_order.place is not None:
+            columns["place"][i] = in_order.place - in_order.place[0] + first_place
             first_place = columns["place"][i][-1] + 2
-    whole: dict[str, Any] = {}
+    joined: dict[str, Any] = {}
     for key, parts in columns.items():
         if all(part is not None for part in parts):
-            whole[key] = np.concatenate(parts)
-    is_trials = all(given.trials for _, given in answers)
-    return Answers(**whole, blocks=tuple(names), trials=is_trials)
+            joined[key] = np.concatenate(parts)
+    is_trials = all(in_order.trials for _, in_order in answers)
+    return Answers(**joined, blocks=tuple(names), trials=is_trials)
 
 
 def _common_notes(studies: Sequence[Study]) -> Iterable[str]:

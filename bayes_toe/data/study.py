@@ -133,13 +133,13 @@ class Subject:
 
     def _are_sums_of(self, answers: Answers) -> bool:
         """Whether the counts are those of the answers; in a copy they may be others."""
-        own = [
+        counts = [
             column
             for column in (self.n_yes, self.n_trials, self.s1, self.s2, self.isi)
             if column is not None
         ]
         sums = answers.sums
-        return len(sums) == len(own) and all(map(np.array_equal, sums, own))
+        return len(sums) == len(counts) and all(map(np.array_equal, sums, counts))
 
     @classmethod
     def from_counts(
@@ -400,8 +400,8 @@ class Study:
 
         Empty where the study has no column isi.
         """
-        known = [subject.isi for subject in self if subject.isi is not None]
-        return tuple(np.unique(np.concatenate(known)).tolist()) if known else ()
+        of_subjects = [subject.isi for subject in self if subject.isi is not None]
+        return tuple(np.unique(np.concatenate(of_subjects)).tolist()) if of_subjects else ()
 
     def at_isi(self, isi: float) -> Study:
         """The study at one interval (seconds), for everything that knows one interval only.
@@ -484,15 +484,15 @@ class Study:
         subject = self[name]
         given_blocks = [blocks] if isinstance(blocks, str | int) else blocks
         asked = [as_name(block) for block in given_blocks]
-        done = f"{option} {as_option(subject.name, asked)}"
-        before = subject.answers
-        if before is None:
+        change_made = f"{option} {as_option(subject.name, asked)}"
+        earlier = subject.answers
+        if earlier is None:
             pairs = (subject.s1, subject.s2, subject.isi)
-            before = counted_rows(subject.name, pairs, subject.n_yes, subject.n_trials)
+            earlier = counted_rows(subject.name, pairs, subject.n_yes, subject.n_trials)
         try:
-            after = change(before, before.rows_of(asked))
+            after = change(earlier, earlier.rows_of(asked))
         except InputError as error:
-            raise InputError(f"{done}: {error}") from None
+            raise InputError(f"{change_made}: {error}") from None
         subjects = [other for other in self if other is not subject]
         if after.n_trials.any():
             new = Subject.from_answers(subject.name, after, subject.task, subject.unit)
@@ -500,15 +500,15 @@ class Study:
             new = replace(new, condition=subject.condition, answers=answers)
             subjects.insert(self.subjects.index(subject), new)
         if not subjects:
-            raise InputError(f"{done}: no subject is left; exclude fewer")
+            raise InputError(f"{change_made}: no subject is left; exclude fewer")
         remaining = tuple(subjects)
         if self.conditions is not None:
             remaining = felt_together(remaining)
-        where = f"subject {bare(subject.name)}"
+        owner_words = f"subject {bare(subject.name)}"
         if asked:
-            where += f", {counted(len(asked), 'block').partition(' ')[2]} {listed(asked)}"
-        notes = (*self.notes, f"{where}: {what}")
-        return replace(self, subjects=remaining, notes=notes, changes=(*self.changes, done))
+            owner_words += f", {counted(len(asked), 'block').partition(' ')[2]} {listed(asked)}"
+        notes = (*self.notes, f"{owner_words}: {what}")
+        return replace(self, subjects=remaining, notes=notes, changes=(*self.changes, change_made))
 
     def frame(self) -> pd.DataFrame:
         """The counts, one row a subject and pair.
@@ -608,13 +608,13 @@ def require_study(given: object) -> None:
         raise InputError(
             f"found {str(given)!r}, allowed: a Study, such as bt.read_study({str(given)!r})"
         )
-    found = f"found {type(given).__name__}, allowed: a Study, such as"
+    finding = f"found {type(given).__name__}, allowed: a Study, such as"
     if isinstance(given, Subject):
-        raise InputError(f"{found} bt.Study([subject])")
+        raise InputError(f"{finding} bt.Study([subject])")
     raise InputError(
-        f"{found} bt.Study(subjects)"
+        f"{finding} bt.Study(subjects)"
         if isinstance(given, list | tuple)
-        else f"{found} bt.read_study(path or DataFrame)"
+        else f"{finding} bt.read_study(path or DataFrame)"
     )
 
 

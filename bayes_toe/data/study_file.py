@@ -91,14 +91,14 @@ def table_files(paths: Sequence[Any]) -> tuple[list[Any], list[str]]:
         if not tables:
             tables = sorted(filter(_is_table, Path(path).glob("*")))
         counts = Counter(file.suffix.lower() for file in tables)
-        found = join_words([counted(n, f"{suffix} file") for suffix, n in counts.items()])
+        finding = join_words([counted(n, f"{suffix} file") for suffix, n in counts.items()])
         if len(counts) != 1:
             commonest = max(counts, key=counts.__getitem__, default=".csv")
-            problem = f"{bare(str(path))}: found {found or 'no table'}"
-            allowed = f"tables of one suffix, such as {bare(f'{path}/*{commonest}')}"
-            raise InputError(f"{problem}, allowed: {allowed}")
+            problem = f"{bare(str(path))}: found {finding or 'no table'}"
+            rule = f"tables of one suffix, such as {bare(f'{path}/*{commonest}')}"
+            raise InputError(f"{problem}, allowed: {rule}")
         files += tables
-        notes.append(f"folder {bare(str(path))}: {found} read")
+        notes.append(f"folder {bare(str(path))}: {finding} read")
     return files, notes
 
 
@@ -146,11 +146,11 @@ def read_study_file(path: str | Path) -> StudySource:
     problems = []
     for key, value in table.items():
         if key not in (*_DEFAULTS, *_LISTS):
-            allowed = listed([*_LISTS, *_DEFAULTS], 40)
-            problems.append(f"{path}: key {quoted(key)}: unknown, allowed: {allowed}")
-        elif not _is_of(value, _kind(key)):
-            allowed = _KINDS[_kind(key)]
-            problems.append(f"{path}: key {key}: found {quoted(str(value))}, allowed: {allowed}")
+            rule = listed([*_LISTS, *_DEFAULTS], 40)
+            problems.append(f"{path}: key {quoted(key)}: unknown, allowed: {rule}")
+        elif not _has_kind(value, _kind(key)):
+            rule = _KINDS[_kind(key)]
+            problems.append(f"{path}: key {key}: found {quoted(str(value))}, allowed: {rule}")
     for file in table.get("files", ()):
         if str(file).lower().endswith(SUFFIX):
             problems.append(f"{path}: key files: found {quoted(file)}, allowed: data files")
@@ -178,7 +178,7 @@ def _kind(key: str) -> type:
     return str if default is None else type(default)
 
 
-def _is_of(value: object, kind: type) -> bool:
+def _has_kind(value: object, kind: type) -> bool:
     if kind is float and type(value) is int:
         return True
     if type(value) is not kind:

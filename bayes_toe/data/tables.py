@@ -55,10 +55,9 @@ class Table(ABC, Generic[Row]):
 
     def __repr__(self) -> str:
         names = list(dict.fromkeys(str(getattr(row, "subject", "")) for row in self.rows))
-        whose = "" if names in ([], [""]) else f" of {named_few(names)}"
-        return (
-            f"<{type(self).__name__}: {len(self.rows):,} rows{whose}; frame() gives them to pandas>"
-        )
+        of_subjects = "" if names in ([], [""]) else f" of {named_few(names)}"
+        size = f"{len(self.rows):,} rows{of_subjects}"
+        return f"<{type(self).__name__}: {size}; frame() gives them to pandas>"
 
     def _repr_html_(self) -> str:
         return as_html(type(self).__name__, self.frame())
@@ -137,9 +136,9 @@ def write_table(
     target = Path(path)
     require_parquet(target)
     if units:
-        told = frame["subject"].str.partition(AT)
-        frame = frame.assign(subject=told[0])
-        frame.insert([*frame].index("subject") + 1, "condition", told[2])
+        parts = frame["subject"].str.partition(AT)
+        frame = frame.assign(subject=parts[0])
+        frame.insert([*frame].index("subject") + 1, "condition", parts[2])
     if not is_parquet(target):
         frame = frame.map(_inert).rename(columns=_inert)
     with whole_file(target, overwrite=overwrite) as temporary:
@@ -177,8 +176,10 @@ def file_stems(names: Sequence[str]) -> dict[str, str]:
     }
     stems = {name: name if name in plain else _marked(name) for name in names}
     while True:
-        seen = Counter(stem.lower() for stem in stems.values())
-        clashing = [name for name, stem in stems.items() if seen[stem.lower()] > 1 and stem == name]
+        n_stems = Counter(stem.lower() for stem in stems.values())
+        clashing = [
+            name for name, stem in stems.items() if n_stems[stem.lower()] > 1 and stem == name
+        ]
         if not clashing:
             return stems
         stems.update({name: _marked(name) for name in clashing})

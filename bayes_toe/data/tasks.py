@@ -79,15 +79,15 @@ _CALLED = {
 
 def task_of(given: Task | str) -> Task:
     """The task, or the one that is called so; an InputError where none is."""
-    found = (
+    finding = (
         given if isinstance(given, Task) else task_named(given) if isinstance(given, str) else None
     )
-    if found is None:
+    if finding is None:
         raise InputError(
             f"--task: found {given!r}, allowed: {SAME_DIFFERENT.name}, or 2afc "
             f"({WHICH_STRONGER.name})"
         )
-    return found
+    return finding
 
 
 def task_counted(columns: Container[Any]) -> Task | None:

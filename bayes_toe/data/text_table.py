@@ -24,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bayes_toe.arrays import BoolArray, IntArray
-from bayes_toe.data.messages import MOST_SHOWN, bare, counted, quoted
+from bayes_toe.data.messages import MAX_LINES, bare, counted, quoted
 from bayes_toe.errors import InputError, Remedy
 
 #: A pandas or polars DataFrame, neither of which is imported to know one.
@@ -72,9 +72,11 @@ class Column:
     @classmethod
     def of(cls, name: str, texts: Iterable[str], codes: npt.ArrayLike) -> Column:
         """The column whose texts have space around them, so that some may be the same."""
-        seen: dict[str, int] = {}
-        places = np.array([seen.setdefault(text.strip(), len(seen)) for text in texts], np.int64)
-        return cls(name, list(seen), places[np.asarray(codes, np.int64)])
+        code_of_text: dict[str, int] = {}
+        places = np.array(
+            [code_of_text.setdefault(text.strip(), len(code_of_text)) for text in texts], np.int64
+        )
+        return cls(name, list(code_of_text), places[np.asarray(codes, np.int64)])
 
     def map(self, convert: Callable[[str], object], dtype: type) -> npt.NDArray[Any]:
         """One value per row; each distinct text is converted once."""
@@ -118,15 +120,15 @@ class Problems:
 
     def add(self, lines: Iterable[tuple[int, str]], count: int | None = None) -> None:
         """Rows and what is said of them; the first of `count`."""
-        some = list(lines)
-        self._shown += some
-        self.count += len(some) if count is None else count
+        new_lines = list(lines)
+        self._shown += new_lines
+        self.count += len(new_lines) if count is None else count
 
     def refuse(self) -> None:
         """Raise ten of them as one InputError, and how many more there are."""
         if self.count == 0:
             return
-        shown = sorted(self._shown, key=itemgetter(0))[:MOST_SHOWN]
+        shown = sorted(self._shown, key=itemgetter(0))[:MAX_LINES]
         more = (
             [f"... and {counted(self.count - len(shown), 'more problem')}"]
             if self.count > len(shown)
@@ -214,21 +216,21 @@ class TextTable:
         if lines or not self.delimiter:
             self.problems.refuse()
         if not len(self.rows) and self.problems.count == 0:
-            found = "found no row below it, allowed: at least one row"
-            raise InputError(f"{self.source}: {self.head}: {found}")
+            finding = "found no row below it, allowed: at least one row"
+            raise InputError(f"{self.source}: {self.head}: {finding}")
 
-    def fault(self, column: Column, bad: BoolArray, allowed: str | Callable[[int], str]) -> None:
+    def fault(self, column: Column, bad: BoolArray, rule: str | Callable[[int], str]) -> None:
         """Note the cells of a column that are bad.
 
         `allowed` says what would have been right, of the index of a record where it differs.
         """
         wrong = np.flatnonzero(bad)
         lines = []
-        for index in wrong[:MOST_SHOWN].tolist():
-            right = allowed if isinstance(allowed, str) else allowed(index)
-            row, found = int(self.rows[index]), quoted(column.text(index))
+        for index in wrong[:MAX_LINES].tolist():
+            right = rule if isinstance(rule, str) else rule(index)
+            row, finding = int(self.rows[index]), quoted(column.text(index))
             lines.append(
-                (row, f"row {row}, column {bare(column.name)}: found {found}, allowed: {right}")
+                (row, f"row {row}, column {bare(column.name)}: found {finding}, allowed: {right}")
             )
         self.problems.add(lines, len(wrong))
 
@@ -259,14 +261,14 @@ def read_csv(source: str, data: bytes, choice: Choice, encoding: str | None = No
     texts: dict[str, dict[str, int]] = {
         name: defaultdict(itertools.count().__next__) for name in places
     }
-    wanted = [(codes[name].append, texts[name], column) for name, column in places.items()]
+    targets = [(codes[name].append, texts[name], column) for name, column in places.items()]
     for row, record in itertools.islice(_records(text, delimiter), place + 1, None):
         if isinstance(record, csv.Error) or len(record) != len(head):
-            is_shown = problems.count < MOST_SHOWN
-            problems.add([(row, _broken(row, record, len(head)))] if is_shown else [], 1)
+            is_listed = problems.count < MAX_LINES
+            problems.add([(row, _broken(row, record, len(head)))] if is_listed else [], 1)
             continue
         rows.append(row)
-        for append, code, column in wanted:
+        for append, code, column in targets:
             append(code[record[column]])
     columns = {name: Column.of(name, texts[name], codes[name]) for name in places}
     notes = (f"rows above row {first_row} left out",) if place else ()
@@ -307,8 +309,8 @@ def header_place(names: Sequence[Sequence[str]], choice: Choice) -> int:
     counts = [len(name_places(record, choice)) for record in names]
     if not counts or counts[0] > 1:
         return 0
-    most = max(counts)
-    return counts.index(most) if most - counts[0] >= _MORE_NAMES else 0
+    largest_count = max(counts)
+    return counts.index(largest_count) if largest_count - counts[0] >= _MORE_NAMES else 0
 
 
 def decoded(source: str, data: bytes, encoding: str | None = None) -> tuple[str, str]:
@@ -333,14 +335,14 @@ def decoded(source: str, data: bytes, encoding: str | None = None) -> tuple[str,
         ) from None
     except UnicodeDecodeError as error:
         offset = len(mark) + error.start
-        before = data[len(mark) : offset].decode(codec, errors="ignore")
+        prefix = data[len(mark) : offset].decode(codec, errors="ignore")
         what = f"byte 0x{data[offset]:02x} at offset {offset}, not {label}"
     else:
         if "\0" not in text:
             return text, label
-        before = text.partition("\0")[0]
-        what = f"a NUL character at offset {len(mark) + len(before.encode(codec))}"
-    row = 1 + len(re.findall(r"\r\n|\r|\n", before))
+        prefix = text.partition("\0")[0]
+        what = f"a NUL character at offset {len(mark) + len(prefix.encode(codec))}"
+    row = 1 + len(re.findall(r"\r\n|\r|\n", prefix))
     raise InputError(f"{source}: row {row}: found {what}, allowed: {_TEXT_ALLOWED}")
 
 
@@ -350,11 +352,11 @@ def _encoding_of(data: bytes) -> tuple[bytes, str, str]:
         if data.startswith(mark):
             return mark, codec, label
     start = data[:_BYTES_LOOKED_AT]
-    for codec, zeros, others in (
+    for codec, zeros, other_zeros in (
         ("utf-16-le", start[1::2], start[::2]),
         ("utf-16-be", start[::2], start[1::2]),
     ):
-        if len(zeros) > 1 and zeros.count(0) > 0.9 * len(zeros) and not others.count(0):
+        if len(zeros) > 1 and zeros.count(0) > 0.9 * len(zeros) and not other_zeros.count(0):
             return b"", codec, "UTF-16"
     try:
         data.decode("utf-8")
@@ -395,7 +397,9 @@ def _records(text: str, delimiter: str) -> Iterator[tuple[int, list[str] | csv.E
 def _broken(row: int, record: list[str] | csv.Error, width: int) -> str:
     """The problem of a row that cannot be split into as many cells as the header has."""
     if not isinstance(record, csv.Error):
-        found, allowed = counted(len(record), "cell"), counted(width, "cell")
-        return f"row {row}: found {found}, allowed: {allowed} as in the header"
-    found = next((said for part, said in _SPLIT_ERRORS.items() if part in str(record)), str(record))
-    return f"row {row}: found {found}, allowed: quotes around whole cells, doubled inside"
+        finding, rule = counted(len(record), "cell"), counted(width, "cell")
+        return f"row {row}: found {finding}, allowed: {rule} as in the header"
+    finding = next(
+        (said for part, said in _SPLIT_ERRORS.items() if part in str(record)), str(record)
+    )
+    return f"row {row}: found {finding}, allowed: quotes around whole cells, doubled inside"

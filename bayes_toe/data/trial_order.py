@@ -212,16 +212,16 @@ def _repeated(
     trial = numbers(table, columns["trial"])
     runs = [columns[name].codes for name in _RUNS if name in columns]
     run_of_row = np.column_stack([*runs, np.zeros(len(n), np.int64)])
-    seen, repeats = dict[tuple[float, ...], int](), list[tuple[int, int]]()
+    first_rows, repeats = dict[tuple[float, ...], int](), list[tuple[int, int]]()
     for row in np.flatnonzero((n > 0) & ~np.isnan(trial)).tolist():
-        first = seen.setdefault((subject.codes[row], *run_of_row[row], trial[row]), row)
+        first = first_rows.setdefault((subject.codes[row], *run_of_row[row], trial[row]), row)
         if first != row:
             repeats.append((row, first))
     if not repeats:
         return []
     later, earlier = np.array(repeats).T
-    is_same = np.logical_and.reduce([key[later] == key[earlier] for key in (*keys, k)])
-    if block is None and not is_same.all():
+    is_repeat = np.logical_and.reduce([key[later] == key[earlier] for key in (*keys, k)])
+    if block is None and not is_repeat.all():
         # Without blocks numbers may begin anew in each: only rows that are the same in everything
         # count.
         return []
@@ -229,11 +229,13 @@ def _repeated(
     number_words = "trial" if block is None else "block and trial"
     problem = f"{counted(len(repeats), 'row')} {verb} {number_words} of another row"
     row, other = table.rows[later[0]], table.rows[earlier[0]]
-    where = f"first row {row}, which repeats row {other} (subject {bare(subject.text(later[0]))})"
-    if is_same.all():
-        return [f"{problem} with the same stimuli and answer, {where}: {TWICE}, remove them"]
-    n_same = f"{is_same.sum()} of them" if is_same.any() else "none"
+    location = (
+        f"first row {row}, which repeats row {other} (subject {bare(subject.text(later[0]))})"
+    )
+    if is_repeat.all():
+        return [f"{problem} with the same stimuli and answer, {location}: {TWICE}, remove them"]
+    n_same = f"{is_repeat.sum()} of them" if is_repeat.any() else "none"
     return [
-        f"{problem}, {n_same} with the same stimuli and answer, {where}: unless these are several "
-        f"sessions under the same numbers, {TWICE}"
+        f"{problem}, {n_same} with the same stimuli and answer, {location}: unless these are "
+        f"several sessions under the same numbers, {TWICE}"
     ]

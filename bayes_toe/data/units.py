@@ -70,7 +70,7 @@ def with_conditions(study: Study, options: ReadOptions) -> Study:
             "allowed: in all or in none"
         )
     if len(persons) == len(parts):
-        return _without_units(study, column, is_asked_for=options.condition is not None)
+        return _without_units(study, column, is_option=options.condition is not None)
     values = [number(level, False) for level in unit_levels]
     is_numeric = not options.categorical and not any(map(math.isnan, values))
     order = level_words(levels(values if is_numeric else unit_levels))
@@ -87,10 +87,10 @@ def with_conditions(study: Study, options: ReadOptions) -> Study:
     return replace(study, subjects=felt_together(units), conditions=conditions, notes=notes)
 
 
-def _without_units(study: Study, column: str, *, is_asked_for: bool) -> Study:
+def _without_units(study: Study, column: str, *, is_option: bool) -> Study:
     """The study of subjects, where every subject has one level of the condition."""
     problem = f"column {bare(column)}: found every subject at one level of it"
-    if is_asked_for:
+    if is_option:
         raise InputError(
             f"{study.source}: {problem}, allowed: at two and more of some subject; "
             "between subjects it is a covariate"

@@ -162,8 +162,8 @@ def counts_of_shares(table: TextTable, column: Column, n: IntArray) -> IntArray:
     is_precise = largest_error <= 0.5
     is_near = abs(exact_counts - counts) <= largest_error + _ROUNDING
     is_count = (n == 0) | (is_precise & is_near & (counts >= 0) & (counts <= n))
-    allowed = "a share that makes a whole number of"
-    table.fault(column, ~is_count, lambda index: f"{allowed} {n[index]} trials")
+    rule = "a share that makes a whole number of"
+    table.fault(column, ~is_count, lambda index: f"{rule} {n[index]} trials")
     return np.where(is_count & (n > 0), counts, 0.0).astype(np.int64)
 
 
@@ -177,7 +177,7 @@ def require_numbers(
 ) -> None:
     """Note cells that hold no number of this kind, with the way out where the comma is to blame."""
 
-    def allowed(index: int) -> str:
+    def rule(index: int) -> str:
         text = column.text(index)
         if table.delimiter == "," and "," in text and not math.isnan(number(text, True)):
             return f"{kind}; decimal commas need ';' or tab between cells"
@@ -185,7 +185,7 @@ def require_numbers(
             f"{kind}, without thousands separators" if "," in text or text.count(".") > 1 else kind
         )
 
-    table.fault(column, bad, allowed)
+    table.fault(column, bad, rule)
 
 
 def require_texts(
@@ -231,10 +231,10 @@ def read_numbers(
     keys = () if key is None else (key,)
     table = _read(path, (*keys, *names), optional)
     if not names and len(table.columns) < 2:
-        found = listed([quoted(name) for name in table.names])
+        finding = listed([quoted(name) for name in table.names])
         table.require(
             [
-                f"found {found}, allowed: {', '.join(map(bare, keys))} and some of "
+                f"found {finding}, allowed: {', '.join(map(bare, keys))} and some of "
                 f"{', '.join(optional)}"
             ]
         )
@@ -247,14 +247,14 @@ def read_numbers(
     return [text for name in keys for text in _texts(table, name)], columns
 
 
-def _read(path: str | Path, needed: Sequence[str], optional: Sequence[str] = ()) -> TextTable:
+def _read(path: str | Path, required: Sequence[str], optional: Sequence[str] = ()) -> TextTable:
     """The table with columns of these names, each of them once."""
-    table = read_table(path, lambda _: {*needed, *optional})
-    counts = {name: table.names.count(name) for name in (*needed, *optional)}
-    found = listed([quoted(name) for name in table.names])
+    table = read_table(path, lambda _: {*required, *optional})
+    counts = {name: table.names.count(name) for name in (*required, *optional)}
+    finding = listed([quoted(name) for name in table.names])
     missing = [
-        f"column {bare(name)}: missing, found {found}, allowed: a column of this name"
-        for name in needed
+        f"column {bare(name)}: missing, found {finding}, allowed: a column of this name"
+        for name in required
         if counts[name] == 0
     ]
     twice = [

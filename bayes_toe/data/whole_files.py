@@ -21,7 +21,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from bayes_toe.data.messages import shown
+from bayes_toe.data.messages import format_path
 from bayes_toe.errors import InputError, OutputError, OutputExistsError
 
 #: Beginning of the name of a folder whose files are not finished, and of one whose files are
@@ -144,7 +144,8 @@ def _refuse_impossible(target: Path) -> None:
     """Refuse names that no file can have here, such as a name that is too long."""
     if "\0" in str(target):
         raise OutputError(
-            f"{shown(target)}: cannot be written (it has a NUL character), choose another name"
+            f"{format_path(target)}: cannot be written (it has a NUL character), choose another "
+            "name"
         )
     with reporting(target), suppress(FileNotFoundError):
         os.lstat(target)
@@ -153,19 +154,19 @@ def _refuse_impossible(target: Path) -> None:
 def _refuse_taken(target: Path, overwrite: bool) -> None:
     _refuse_impossible(target)
     if target.is_dir():
-        raise OutputError(f"{shown(target)}: is a folder, choose the name of a file")
+        raise OutputError(f"{format_path(target)}: is a folder, choose the name of a file")
     if not os.path.lexists(target):
         return
     if not overwrite:
-        raise OutputExistsError(f"{shown(target)}: exists")
+        raise OutputExistsError(f"{format_path(target)}: exists")
     if not stat.S_ISREG(os.lstat(target).st_mode):
-        raise OutputError(f"{shown(target)}: is a link, pipe or device, choose another name")
+        raise OutputError(f"{format_path(target)}: is a link, pipe or device, choose another name")
 
 
 def _refuse_taken_folder(target: Path, names: Sequence[str], overwrite: bool) -> None:
     _refuse_impossible(target)
     if os.path.lexists(target) and not target.is_dir():
-        raise OutputError(f"{shown(target)}: is a file, choose the name of a folder")
+        raise OutputError(f"{format_path(target)}: is a file, choose the name of a folder")
     if overwrite:
         return
     taken = [name for name in names if os.path.lexists(target / name)]
@@ -173,14 +174,14 @@ def _refuse_taken_folder(target: Path, names: Sequence[str], overwrite: bool) ->
         problem = f"already holds {', '.join(taken[:3])}"
         if len(taken) > 3:
             problem += f" and {len(taken) - 3} more"
-        raise OutputExistsError(f"{shown(target)}: {problem}")
+        raise OutputExistsError(f"{format_path(target)}: {problem}")
 
 
 def _require_there(new: Path, target: Path, files: Sequence[str]) -> None:
     for file in files:
         if not os.path.lexists(new / file):
             raise OutputError(
-                f"{shown(target)}: cannot be written ({file} is missing, deleted meanwhile), "
+                f"{format_path(target)}: cannot be written ({file} is missing, deleted meanwhile), "
                 "choose another place"
             )
 
@@ -251,8 +252,8 @@ def require_settled(path: str | Path) -> None:
             names = json.loads((folder / _ORDER).read_text(encoding="utf-8"))
             if file.name in names and not _is_of_living_process(folder.name, READY):
                 raise InputError(
-                    f"{shown(file)}: a command was stopped while it replaced the files of this "
-                    "folder, and they may be of two runs; run that command again"
+                    f"{format_path(file)}: a command was stopped while it replaced the files of "
+                    "this folder, and they may be of two runs; run that command again"
                 )
 
 
@@ -298,11 +299,11 @@ def reporting(target: Path, hidden: Path | None = None) -> Iterator[None]:
         yield
     except OSError as error:
         reason = error.strerror or error
-        message = f"{shown(target)}: cannot be written ({reason}), choose another place"
+        message = f"{format_path(target)}: cannot be written ({reason}), choose another place"
         if isinstance(error, OutputError):
             message = str(error)
         if hidden is not None:
-            message = message.replace(shown(hidden), shown(target))
+            message = message.replace(format_path(hidden), format_path(target))
         raise OutputError(message) from error
 
 
@@ -343,7 +344,9 @@ def require_room(place: Path, needed: int, *, used: Path | None = None) -> None:
             more -= sum(file.stat().st_size for file in used.iterdir())
     if more > free:
         sizes = f"about {more / 1e6:.3g} MB are needed, {free / 1e6:.3g} MB are free"
-        raise OutputError(f"{shown(place)}: cannot be written ({sizes}), choose another place")
+        raise OutputError(
+            f"{format_path(place)}: cannot be written ({sizes}), choose another place"
+        )
 
 
 @contextmanager

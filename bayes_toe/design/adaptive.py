@@ -15,7 +15,7 @@ from scipy.special import entr, logsumexp
 from bayes_toe.answers.model_average import weighted_quantiles
 from bayes_toe.answers.order_effect import OrderEffect, answer_subject
 from bayes_toe.arrays import FloatArray
-from bayes_toe.data.messages import shown
+from bayes_toe.data.messages import format_path
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task, task_of
 from bayes_toe.data.whole_files import whole_file
@@ -390,7 +390,7 @@ class Adaptive:
                 session.answer(pair, yes)
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise InputError(
-                f"{shown(Path(path))}: not a session that can be read ({error}); "
+                f"{format_path(Path(path))}: not a session that can be read ({error}); "
                 "allowed: a file of Adaptive.save"
             ) from error
         return session

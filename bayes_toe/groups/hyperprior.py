@@ -22,7 +22,7 @@ import numpy as np
 from scipy.special import log_ndtr, ndtr, ndtri_exp
 
 from bayes_toe.arrays import BoolArray, FloatArray
-from bayes_toe.data.messages import shown
+from bayes_toe.data.messages import format_path
 from bayes_toe.data.read_table import toml_table
 from bayes_toe.data.tasks import Task
 from bayes_toe.errors import InputError, require_kind
@@ -188,7 +188,7 @@ def read_hyperprior(path: str | Path) -> Hyperprior:
     """
     example = "NUMBER = VALUE below a line [PARAMETER], as in sd_scale = 0.3 below [contraction]"
     sections = toml_table(path, example)
-    _require(shown(Path(path)), sections)
+    _require(format_path(Path(path)), sections)
     return Hyperprior().changed(sections)
 
 

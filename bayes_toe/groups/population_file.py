@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 
 from bayes_toe.data.conditions import Conditions
-from bayes_toe.data.messages import shown
+from bayes_toe.data.messages import format_path
 from bayes_toe.data.stimulus_unit import StimulusUnit
 from bayes_toe.data.study import Study, Subject, felt_together
 from bayes_toe.data.tasks import task_of
@@ -134,7 +134,7 @@ def is_group_file(path: str | Path) -> bool:
 
 def load_group(path: str | Path) -> tuple[Study, Regressors, GroupDraws, dict[str, Any]]:
     """What :func:`save_group` wrote; anything else, and what is damaged, is refused."""
-    name = shown(Path(path))
+    name = format_path(Path(path))
     if not Path(path).is_file():
         problem = "not a file" if Path(path).exists() else "no such file"
         raise InputError(f"{name}: {problem}; {_READABLE}")

@@ -23,7 +23,7 @@ import xarray as xr
 
 from bayes_toe.arrays import FloatArray, IndexArray
 from bayes_toe.data.conditions import Conditions
-from bayes_toe.data.messages import MOST_ROWS, as_html, as_name, listed, named_few, shown
+from bayes_toe.data.messages import MOST_ROWS, as_html, as_name, format_path, listed, named_few
 from bayes_toe.data.study import Study, Subject
 from bayes_toe.data.tasks import Task, task_counted
 from bayes_toe.data.whole_files import whole_file
@@ -428,7 +428,7 @@ def require_draws(value: object) -> None:
 
 def load_draws(path: str | Path) -> Draws:
     """Read draws that :meth:`Draws.save` wrote."""
-    draws, name = Draws(draws_file.read_tree(path), Path(path)), shown(Path(path))
+    draws, name = Draws(draws_file.read_tree(path), Path(path)), format_path(Path(path))
     natural: set[str] = set()
     try:
         for subject in draws.names:

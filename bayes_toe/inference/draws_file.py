@@ -24,7 +24,7 @@ import xarray as xr
 from bayes_toe.checks.answer_checks import not_interpreted
 from bayes_toe.cluster import without_cluster
 from bayes_toe.data.conditions import Conditions, Stimuli
-from bayes_toe.data.messages import quoted, shown
+from bayes_toe.data.messages import format_path, quoted
 from bayes_toe.data.stimulus_unit import StimulusUnit
 from bayes_toe.data.study import Study
 from bayes_toe.data.tasks import SAME_DIFFERENT, task_counted
@@ -252,7 +252,7 @@ def read_tree(path: str | Path) -> xr.DataTree:
     # A Path refuses names that are too long with an error of its own.
     if not os.path.isfile(path):
         problem = "not a file" if os.path.exists(path) else "no such file"
-        raise InputError(f"{shown(path)}: {problem}; {READABLE}")
+        raise InputError(f"{format_path(path)}: {problem}; {READABLE}")
     try:
         require_no_links(path)
         # No units are times.
@@ -264,11 +264,11 @@ def read_tree(path: str | Path) -> xr.DataTree:
         tree = tree.map_over_datasets(_with_small_in_memory)
         problem = next(_problems(tree, is_read_at_once), "")
     except InputError as error:
-        raise InputError(f"{shown(path)}: {error}; {READABLE}") from error
+        raise InputError(f"{format_path(path)}: {error}; {READABLE}") from error
     except Exception as error:  # The libraries raise nearly anything for a damaged file.
         raise unreadable(path, error) from error
     if problem:
-        raise InputError(f"{shown(path)}: {problem}; {READABLE}")
+        raise InputError(f"{format_path(path)}: {problem}; {READABLE}")
     return tree
 
 
@@ -307,7 +307,7 @@ def unreadable(path: Path, error: Exception) -> InputError:
     reason = "not a NetCDF file that can be read"
     if "filter" in str(error) or "checksum" in str(error):  # the words of HDF5
         reason = "damaged: its numbers do not fit their checksums"
-    return InputError(f"{shown(path)}: {reason}; {READABLE}")
+    return InputError(f"{format_path(path)}: {reason}; {READABLE}")
 
 
 def _problems(tree: xr.DataTree, is_read_at_once: bool) -> Iterator[str]:
