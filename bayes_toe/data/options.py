@@ -353,7 +353,7 @@ def subject_in(path: Path, pattern: str) -> str | None:
     """
     tail = "/".join(path.absolute().parts[-1 - pattern.count("/") :])
     kinds = {"{}": "([^/]+?)", "*": "[^/]*"}
-    finding = re.fullmatch(
+    match = re.fullmatch(
         "".join(kinds.get(part, re.escape(part)) for part in re.split(r"(\{\}|\*)", pattern)), tail
     )
-    return None if finding is None else finding[1]
+    return None if match is None else match[1]

@@ -352,11 +352,11 @@ def _encoding_of(data: bytes) -> tuple[bytes, str, str]:
         if data.startswith(mark):
             return mark, codec, label
     start = data[:_BYTES_LOOKED_AT]
-    for codec, zeros, other_zeros in (
+    for codec, zeros, other_bytes in (
         ("utf-16-le", start[1::2], start[::2]),
         ("utf-16-be", start[::2], start[1::2]),
     ):
-        if len(zeros) > 1 and zeros.count(0) > 0.9 * len(zeros) and not other_zeros.count(0):
+        if len(zeros) > 1 and zeros.count(0) > 0.9 * len(zeros) and not other_bytes.count(0):
             return b"", codec, "UTF-16"
     try:
         data.decode("utf-8")

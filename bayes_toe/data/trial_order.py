@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import TypeVar
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from bayes_toe.data.messages import TWICE, bare, counted, listed
 from bayes_toe.data.text_table import Column, TextTable
 from bayes_toe.data.validation import AT, number, numbers
 
+Numbers = TypeVar("Numbers", FloatArray, IntArray)
 #: Runs in which numbers of trials may begin anew, the shortest first; memory does so at each of the
 #: longest kind that there is.
 _RUNS = ("block", "session")
@@ -54,15 +56,13 @@ def answers_in_order(
             unordered.append(bare(name))
         if n_absent:
             n_missing[name.partition(AT)[0]] = n_absent
-        time_before = None
-        if iti is not None and place is not None:
-            time_before = iti[rows]
+        time_before = None if place is None else _at_rows(iti, rows)
         is_subject = subject.codes[rows] == subject.codes[part[0]]
         all_answers = Answers(
             pairs[rows],
             np.where(is_subject, k[rows], 0),
             np.where(is_subject, n[rows], 0),
-            None if block_rank is None else block_rank[rows],
+            _at_rows(block_rank, rows),
             blocks,
             is_trials,
             place,
@@ -77,6 +77,11 @@ def answers_in_order(
     # No trial is there twice where the order is known.
     doubts = _repeated(table, columns, keys, k, n) if unordered else []
     return answers, notes, doubts
+
+
+def _at_rows(column: Numbers | None, rows: IndexArray) -> Numbers | None:
+    """The numbers of a column in these rows, where there is the column."""
+    return None if column is None else column[rows]
 
 
 def _trial_numbers(
