@@ -48,10 +48,16 @@ RIGHT_OR_WRONG = """\
 """
 SHARES = "subject,s1,s2,p_second,n\nA,0,0.3,0.9,10\nA,0.3,0,0.2,10\n"
 WIDE = """\
-subject,equal_0_0,equal_0_0.3,equal_0.3_0,equal_0.3_0.3
-01,46,20,12,45
-02,48,31,9,47
+subject,n_trials,equal_0_0,equal_0_0.3,equal_0.3_0,equal_0.3_0.3
+01,50,46,20,12,45
+02,50,48,31,9,47
 """
+SURVEY = """\
+subject,age,Q1_100_112,Q2_112_100,Q3_100_112
+01,23,second,first,first
+02,31,first,,second
+"""
+CELLS = "subject,pair,response\n01,100 vs 112,second\n02,112 vs 100,first\n"
 STANDARDS = """\
 subject,standard,comparison,interval,response
 a,0,0.3,1,comparison
@@ -99,7 +105,12 @@ FILES = {
         {"shares.csv": SHARES},
         ["1 subject, 20 trials", "Column p_second read as shares of n."],
     ),
-    "Wide tables": ({"wide.csv": WIDE}, []),
+    "Wide tables": (
+        {"survey.csv": SURVEY},
+        ["2 subjects, 5 trials", "3 columns named as 'Q*_{first}_{second}' read as pairs"],
+    ),
+    "Wide tables of counts": ({"wide.csv": WIDE}, ["2 subjects, 400 trials"]),
+    "Pairs in one cell": ({"cells.csv": CELLS}, ["Cells of column pair read as pairs"]),
     "Excel": ({}, []),
     "A folder": (FOLDER, ["folder data: 2 .csv files read", "2 subjects, 2 trials"]),
     "Several files a subject": (
@@ -118,7 +129,6 @@ FILES = {
 }
 #: Names of the subjects and the number of trials of the study that a program has.
 STUDIES = {
-    "Wide tables": (("01", "02"), 400),
     "MATLAB": (("S07",), 4),
     "Leave-one-out": (("S06",), 650),
 }

@@ -273,7 +273,8 @@ def _one_order(subject: Subject) -> Iterator[Finding]:
     ]
     if not 0 < len(lone) < 0.5 * len(presented):
         return
-    pairs = ", ".join(f"({first:.4g}, {second:.4g})" for first, second in lone[:_MOST_PAIRS_SHOWN])
+    describe = subject.unit.describe
+    pairs = ", ".join(f"({describe(s1)}, {describe(s2)})" for s1, s2 in lone[:_MOST_PAIRS_SHOWN])
     if len(lone) > _MOST_PAIRS_SHOWN:
         pairs += f" and {len(lone) - _MOST_PAIRS_SHOWN} more"
     verb = "was" if len(lone) == 1 else "were"
@@ -296,9 +297,13 @@ def _rounding(subject: Subject) -> Iterator[Finding]:
         return
     n_near, first = int(np.count_nonzero(is_near)), int(np.argmax(is_near))
     further = f" and {n_near - 1} more" if n_near > 1 else ""
+    unit = subject.unit
+    near = stimuli[first : first + 2]
+    lower, upper = (unit.stimuli(near) if unit.of_stimuli else near).tolist()
+    pair = f"Stimuli {lower} and {upper} {unit.of_stimuli}".rstrip()
     message = (
-        f"Stimuli {float(stimuli[first])!r} and {float(stimuli[first + 1])!r}{further} differ by "
-        "rounding only. The program counts them as different. Give one stimulus one number."
+        f"{pair}{further} differ by rounding only. The program counts them as different. Give one "
+        "stimulus one number."
     )
     yield Finding(subject.name, "rounding", message)
 

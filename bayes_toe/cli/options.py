@@ -157,6 +157,7 @@ class StudyFile:
     comparison_code: Annotated[
         Text, layout("--comparison-code", "CODE", "Code that means 'comparison'.")
     ] = None
+    wide: Annotated[Text, layout("--wide", "PATTERN", "Pairs as '{first}_{second}'.")] = None
     decimal: Annotated[Text, layout("--decimal", "SIGN", "Decimal sign: . or ,")] = None
     sheet: Annotated[Text, layout("--sheet", "NAME", "Sheet of an Excel file.")] = None
     encoding: Annotated[Text, layout("--encoding", "NAME", "Such as cp1252 or latin-1.")] = None

@@ -29,6 +29,8 @@ _MAY_BE_IGNORED = ("isi", *LOOKED_AT, "condition", "practice")
 _ANSWERS = {
     answer: task for task in (SAME_DIFFERENT, WHICH_STRONGER) for answer in (task.yes, task.no)
 }
+#: Splits a pattern of pairs into its parts.
+WIDE_PARTS = re.compile(r"(\{first\}|\{second\}|\*)")
 #: Fields whose texts must not be empty.
 _TEXT_FIELDS = (
     *(f"{answer}_code" for answer in _ANSWERS),
@@ -87,6 +89,12 @@ class ReadOptions:
         For the same columns: the standard was the first stimulus in all trials.
     comparison_code : str, optional
         The text that stands for the response 'comparison'; the other text is 'standard'.
+    wide : str, optional
+        For tables with a column for each pair: how these columns are named, with {first} and
+        {second} where the stimuli stand and * for any other text, such as "{first}_{second}". Their
+        cells are responses; a column of ours may have them by the name "cell" instead, such as
+        columns={"n_second": "cell"}. Where no column is named so, the cells of one column are,
+        such as "{first} vs {second}".
     encoding : str, optional
         Of a text that is neither UTF-8 nor UTF-16, such as 'cp1252'.
     sheet : str, optional
@@ -122,6 +130,7 @@ class ReadOptions:
     standard_interval: str | None = None
     standard_first: bool = False
     comparison_code: str | None = None
+    wide: str | None = None
     encoding: str | None = None
     sheet: str | None = None
 
@@ -212,6 +221,9 @@ class ReadOptions:
         for ours in self.ignore:
             if ours not in _MAY_BE_IGNORED:
                 yield f"--ignore: found {quoted(ours)}, allowed: {', '.join(_MAY_BE_IGNORED)}"
+        if self.wide is not None and not _is_pair_pattern(self.wide):
+            rule = "{first}, some text, {second}, such as '{first}_{second}'"
+            yield f"--wide: found {quoted(self.wide)}, allowed: {rule}"
         if self.subject_from is not None and self.subject_from.count("{}") != 1:
             rule = "a file's name with one {}, such as 'sub-{}_*.tsv'"
             yield f"--subject-from: found {quoted(self.subject_from)}, allowed: {rule}"
@@ -274,6 +286,12 @@ class ReadOptions:
     def has_intensities(self) -> bool:
         """Whether the stimuli are raw intensities."""
         return self.intensity is not None or self.unit not in (None, *LOG_UNITS)
+
+
+def _is_pair_pattern(pattern: str) -> bool:
+    """Whether a pattern has each stimulus once, the first before the second, and text between."""
+    stimuli = re.findall(r"\{(?:first|second)\}", pattern)
+    return stimuli == ["{first}", "{second}"] and "{first}{second}" not in pattern
 
 
 def parse_pairs(option: str, entries: Iterable[str], form: str) -> dict[str, str]:

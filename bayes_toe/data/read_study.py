@@ -31,6 +31,7 @@ from bayes_toe.data.column_roles import (
     practice_texts,
     with_likely_columns,
 )
+from bayes_toe.data.layouts import ALLOWED_INTERVALS, StandardOrder, wide_columns, with_pairs
 from bayes_toe.data.messages import bare, counted, listed, quoted, said_intervals
 from bayes_toe.data.options import COLUMNS, ReadOptions, changed, subject_in
 from bayes_toe.data.read_table import LARGEST_STUDY, read_table
@@ -41,7 +42,6 @@ from bayes_toe.data.responses import (
     without_missed,
 )
 from bayes_toe.data.several_files import read_together
-from bayes_toe.data.standards import ALLOWED_INTERVALS, StandardOrder
 from bayes_toe.data.stimulus_unit import LOG_UNITS
 from bayes_toe.data.study import Study, Subject, by_person
 from bayes_toe.data.study_file import study_source, table_files
@@ -397,6 +397,8 @@ def _rows(path: str | Path | Frame, options: ReadOptions) -> _Rows:
         encoding=options.encoding,
         sheet=options.sheet,
     )
+    if options.wide is not None:
+        table, options = with_pairs(table, options)
     options = with_likely_columns(table.names, options)
     roles_read, problems, remedies = columns_to_read(table.names, options, python=table.python)
     table.problems.remedies += remedies
@@ -441,9 +443,14 @@ def _response_signs(table: TextTable, columns: Mapping[str, Column]) -> list[Col
 
 def _columns_looked_at(names: Sequence[str], options: ReadOptions) -> set[str]:
     """The columns that tell something, of the names in a table."""
+    pairs = []
+    if options.wide is not None:
+        pairs = wide_columns(names, options.wide)
+        if not pairs:  # the cells of some column tell the pairs
+            return set(names)
     likely = with_likely_columns(names, options)
     roles = {likely.name(ours) for ours in (*COLUMNS, "correct", "standard_interval")}
-    chosen = {*roles, *_MARKS, *options.where}
+    chosen = {*roles, *_MARKS, *options.where, *pairs}
     for name in names:
         is_sign = options.correct is not None and is_response_sign(name)
         if is_sign or may_mark_practice(name) or looks_like(name, "condition"):

@@ -150,6 +150,14 @@ DECIBEL = IN_GRAMS[["subject", "response"]].assign(
 )
 SCORED = UNEQUAL[["subject", "s1", "s2", "correct"]].assign(key="j", rt="0.4")
 MISSED = with_rows(SCORED, [["P03", 0.3, 0.0, False, "", ""]] * 9)
+PAIRS = IN_GRAMS.assign(pair=TRIALS.w1.astype(str) + "_" + TRIALS.w2.astype(str))
+WIDE = (
+    PAIRS.assign(repetition=PAIRS.groupby(["subject", "pair"]).cumcount())
+    .pivot_table(
+        index=["subject", "repetition"], columns="pair", values="response", aggfunc="first"
+    )
+    .reset_index()
+)
 NO_RESPONSES = "NA|n/a||none|null|-99|999|.|timeout|no response"
 PRACTICE = [["P03", 0, 0.3, "second"]] * 8
 
@@ -228,6 +236,10 @@ READ = {
     "point_for_thousands.csv": (
         csv(IN_GRAMS.assign(w1=IN_GRAMS.w1.map("{:,}".format).str.replace(",", ".")), sep=";"),
         {**WEIGHTS, "decimal": ","},
+    ),
+    "wide.csv": (csv(WIDE), {"wide": "{first}_{second}", "unit": "g"}),
+    "pair_in_a_cell.csv": (
+        csv(PAIRS[["subject", "pair", "response"]]), {"wide": "{first}_{second}", "unit": "g"},
     ),
     "missing_words.csv": (
         csv(with_rows(IN_LOGS, [["P03", 0, 0.3, word] for word in NO_RESPONSES.split("|")])),
@@ -352,6 +364,16 @@ REFUSED = {
         csv(with_rows(IN_LOGS, [["P03", "NA", 0.3, "second"]])), ["row 2, column s1: found 'NA'"],
     ),
     "wide.csv": (csv(pd.DataFrame({"subject": ["P03"], "740_905": [3]})), ["no column s1"]),
+    "wide_by_another_name.csv": (
+        csv(WIDE),
+        ["found no column with names or cells as --wide '{first}-{second}'"],
+        {"wide": "{first}-{second}"},
+    ),
+    "wide_and_twice.csv": (
+        b"subject,1_2,1_2\nP03,first,first\n",
+        ["column 1_2: found 2 columns of this name, allowed: one"],
+        {"wide": "{first}_{second}"},
+    ),
     "sheet.xls": (b"\xd0\xcf\x11\xe0", ["a spreadsheet, allowed: its copy as .xlsx or CSV"]),
     "table.ods": (b"PK", ["its copy as .xlsx or CSV"]),
     "table.csv.gz": (gzip.compress(csv(IN_LOGS)), ["an archive, allowed: the file in it"]),
