@@ -107,10 +107,10 @@ FILES = {
     ),
     "Wide tables": (
         {"survey.csv": SURVEY},
-        ["2 subjects, 5 trials", "3 columns named as 'Q*_{first}_{second}' read as pairs"],
+        ["2 subjects, 5 trials", "Pairs read from names of 3 columns"],
     ),
     "Wide tables of counts": ({"wide.csv": WIDE}, ["2 subjects, 400 trials"]),
-    "Pairs in one cell": ({"cells.csv": CELLS}, ["Cells of column pair read as pairs"]),
+    "Pairs in one cell": ({"cells.csv": CELLS}, ["Pairs read from column pair"]),
     "Excel": ({}, []),
     "A folder": (FOLDER, ["folder data: 2 .csv files read", "2 subjects, 2 trials"]),
     "Several files a subject": (

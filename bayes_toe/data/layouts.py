@@ -14,10 +14,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from bayes_toe.arrays import FloatArray, IntArray
+from bayes_toe.arrays import FloatArray
 from bayes_toe.data.column_roles import VOCABULARY
 from bayes_toe.data.messages import bare, listed, quoted
-from bayes_toe.data.options import WIDE_PARTS, ReadOptions
+from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.text_table import Column, TextTable
 from bayes_toe.data.validation import is_no_response
 from bayes_toe.errors import InputError
@@ -94,44 +94,51 @@ class StandardOrder:
 
 # --- Pairs in the names of columns ----------------------------------------------------------------
 
-#: The column of the cells of a wide table.
-CELL = "cell"
-_WIDE_REGEX = {"{first}": r"(?P<first>-?[\d.,]+)", "{second}": r"(?P<second>-?[\d.,]+)", "*": ".*?"}
+#: What a wide table becomes: the names of its columns by row, and their cells.
+PAIR, CELL = "pair", "cell"
+_STIMULUS = r"(-?[\d.,]+)"
 
 
-def pair_of(text: str, pattern: str) -> tuple[str, str] | None:
-    """The stimuli that a name or a cell tells by a pattern; None where it does not fit.
+def pair_regex(pattern: str) -> re.Pattern[str]:
+    """What finds both stimuli in names or cells of a pattern.
 
     Examples
     --------
-    >>> pair_of("q_100_112", "*{first}_{second}"), pair_of("note", "{first}_{second}")
-    (('100', '112'), None)
+    >>> pair_regex("*{first}_{second}").fullmatch("q_100_112").groups()
+    ('100', '112')
     """
-    parts = [_WIDE_REGEX.get(part) or re.escape(part) for part in WIDE_PARTS.split(pattern)]
-    match = re.fullmatch("".join(parts), text)
-    return None if match is None else (match["first"], match["second"])
+    text = re.escape(pattern).replace(r"\*", ".*?")
+    return re.compile(text.replace(r"\{first\}", _STIMULUS).replace(r"\{second\}", _STIMULUS))
 
 
-def wide_columns(names: Sequence[str], pattern: str) -> list[str]:
-    """The columns whose names tell a pair."""
-    return [name for name in names if pair_of(name, pattern) is not None]
-
-
-def with_pairs(table: TextTable, options: ReadOptions) -> tuple[TextTable, ReadOptions]:
-    """A wide table with a row for each pair, and options that read it.
-
-    Columns whose names tell a pair become rows, in the order of the columns; their cells are in the
-    column `cell`. Where no name tells one, the cells of a single column must tell pairs.
+def with_pairs(table: TextTable, options: ReadOptions) -> TextTable:
+    """The table with columns of the stimuli, which names of columns or the cells of one tell.
 
     Raises
     ------
     InputError
         If neither names nor the cells of one column fit the pattern, or a name is there twice.
     """
-    pattern = options.wide or ""
-    names = wide_columns(table.names, pattern)
-    if not names:
-        return _with_split_cells(table, options), options
+    regex = pair_regex(options.wide or "")
+    names = list(filter(regex.fullmatch, table.names))
+    if names:
+        table = _by_pair(table, names)
+        column = table.columns[PAIR]
+    else:
+        column = _only_fitting(table, regex)
+    columns, other_names = dict(table.columns), list(table.names)
+    other_names.remove(column.name)
+    for i, name in enumerate(map(options.name, options.stimuli), start=1):
+        texts = [regex.sub(rf"\{i}", text) for text in column.texts]
+        columns[name] = Column.of(name, texts, column.codes)
+        other_names.append(name)
+    where = f"names of {len(names)} columns" if names else f"column {bare(column.name)}"
+    notes = (*table.notes, f"pairs read from {where}")
+    return replace(table, names=other_names, columns=columns, notes=notes)
+
+
+def _by_pair(table: TextTable, names: Sequence[str]) -> TextTable:
+    """A row for each of these columns, with its name and its cell."""
     for name in names:
         if names.count(name) > 1:
             finding = f"found {names.count(name)} columns of this name"
@@ -140,50 +147,22 @@ def with_pairs(table: TextTable, options: ReadOptions) -> tuple[TextTable, ReadO
     for name, column in table.columns.items():
         if name not in names:
             columns[name] = Column(name, column.texts, np.repeat(column.codes, len(names)))
-    texts, codes = list[str](), []
-    for name in names:
-        codes.append(table.columns[name].codes + len(texts))
-        texts += table.columns[name].texts
-    columns[CELL] = Column.of(CELL, texts, np.column_stack(codes).ravel())
-    which_pair = np.tile(np.arange(len(names)), len(table.rows))
-    rows = np.repeat(table.rows, len(names))
-    if CELL not in (*options.columns.values(), options.correct):
-        options = replace(options, columns={**options.columns, "response": CELL})
-    note = f"{len(names)} columns named as {quoted(pattern)} read as pairs"
-    other_names = [name for name in table.names if name not in names]
-    table = replace(
-        table, names=[*other_names, CELL], columns=columns, rows=rows, notes=(*table.notes, note)
-    )
-    return _with_stimuli(table, options, names, which_pair), options
+    n_rows = len(table.rows)
+    columns[PAIR] = Column(PAIR, list(names), np.tile(np.arange(len(names)), n_rows))
+    cells = [table.columns[name].text(row) for row in range(n_rows) for name in names]
+    columns[CELL] = Column.of(CELL, cells, range(len(cells)))
+    all_names = [*(name for name in table.names if name not in names), PAIR, CELL]
+    return replace(table, names=all_names, columns=columns, rows=np.repeat(table.rows, len(names)))
 
 
-def _with_split_cells(table: TextTable, options: ReadOptions) -> TextTable:
-    """The table with the stimuli that the cells of one column tell."""
-    pattern = options.wide or ""
+def _only_fitting(table: TextTable, regex: re.Pattern[str]) -> Column:
+    """The only column all of whose cells fit."""
     fitting = []
-    for name, column in table.columns.items():
-        if all(pair_of(text, pattern) is not None for text in column.texts):
-            fitting.append(name)
+    for column in table.columns.values():
+        if all(map(regex.fullmatch, column.texts)):
+            fitting.append(column)
     if len(fitting) != 1:
-        finding = f"{len(fitting)} columns" if fitting else "no column"
-        raise InputError(
-            f"{table.source}: found {finding} with names or cells as --wide {quoted(pattern)}, "
-            "allowed: columns whose names tell the pair, or one whose cells do"
-        )
-    column = table.columns[fitting[0]]
-    names = [name for name in table.names if name != column.name]
-    note = f"cells of column {bare(column.name)} read as pairs"
-    table = replace(table, names=names, notes=(*table.notes, note))
-    return _with_stimuli(table, options, column.texts, column.codes)
-
-
-def _with_stimuli(
-    table: TextTable, options: ReadOptions, texts: Sequence[str], codes: IntArray
-) -> TextTable:
-    """The table with columns of the stimuli that these texts tell."""
-    pairs = [pair_of(text, options.wide or "") or ("", "") for text in texts]
-    columns = dict(table.columns)
-    names = [options.name(ours) for ours in options.stimuli]
-    for name, stimuli in zip(names, zip(*pairs, strict=True), strict=True):
-        columns[name] = Column.of(name, stimuli, codes)
-    return replace(table, names=[*table.names, *names], columns=columns)
+        finding = f"found {len(fitting)} columns with names or cells as --wide has it"
+        rule = "columns whose names are pairs, or one whose cells are"
+        raise InputError(f"{table.source}: {finding}, allowed: {rule}")
+    return fitting[0]

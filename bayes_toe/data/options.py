@@ -29,8 +29,6 @@ _MAY_BE_IGNORED = ("isi", *LOOKED_AT, "condition", "practice")
 _ANSWERS = {
     answer: task for task in (SAME_DIFFERENT, WHICH_STRONGER) for answer in (task.yes, task.no)
 }
-#: Splits a pattern of pairs into its parts.
-WIDE_PARTS = re.compile(r"(\{first\}|\{second\}|\*)")
 #: Fields whose texts must not be empty.
 _TEXT_FIELDS = (
     *(f"{answer}_code" for answer in _ANSWERS),

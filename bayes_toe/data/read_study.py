@@ -31,7 +31,7 @@ from bayes_toe.data.column_roles import (
     practice_texts,
     with_likely_columns,
 )
-from bayes_toe.data.layouts import ALLOWED_INTERVALS, StandardOrder, wide_columns, with_pairs
+from bayes_toe.data.layouts import ALLOWED_INTERVALS, StandardOrder, pair_regex, with_pairs
 from bayes_toe.data.messages import bare, counted, listed, quoted, said_intervals
 from bayes_toe.data.options import COLUMNS, ReadOptions, changed, subject_in
 from bayes_toe.data.read_table import LARGEST_STUDY, read_table
@@ -398,7 +398,7 @@ def _rows(path: str | Path | Frame, options: ReadOptions) -> _Rows:
         sheet=options.sheet,
     )
     if options.wide is not None:
-        table, options = with_pairs(table, options)
+        table = with_pairs(table, options)
     options = with_likely_columns(table.names, options)
     roles_read, problems, remedies = columns_to_read(table.names, options, python=table.python)
     table.problems.remedies += remedies
@@ -445,7 +445,7 @@ def _columns_looked_at(names: Sequence[str], options: ReadOptions) -> set[str]:
     """The columns that tell something, of the names in a table."""
     pairs = []
     if options.wide is not None:
-        pairs = wide_columns(names, options.wide)
+        pairs = list(filter(pair_regex(options.wide).fullmatch, names))
         if not pairs:  # the cells of some column tell the pairs
             return set(names)
     likely = with_likely_columns(names, options)

@@ -366,7 +366,7 @@ REFUSED = {
     "wide.csv": (csv(pd.DataFrame({"subject": ["P03"], "740_905": [3]})), ["no column s1"]),
     "wide_by_another_name.csv": (
         csv(WIDE),
-        ["found no column with names or cells as --wide '{first}-{second}'"],
+        ["found 0 columns with names or cells as --wide has it"],
         {"wide": "{first}-{second}"},
     ),
     "wide_and_twice.csv": (
