@@ -11,7 +11,6 @@ import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar, cast
 
 from bayes_toe.answers.contrast import ContrastTable, contrast
@@ -19,7 +18,7 @@ from bayes_toe.answers.evidence_table import EvidenceTable, SubjectEvidence, sub
 from bayes_toe.answers.model_average import averaged_draws
 from bayes_toe.answers.order_effect import OrderEffect, answer_subject
 from bayes_toe.answers.study_summary import FEWEST_FOR_GROUP
-from bayes_toe.arrays import FloatArray
+from bayes_toe.arrays import FloatArray, StrPath
 from bayes_toe.checks.answer_checks import Finding, answer_flags
 from bayes_toe.classical.fit import (
     REPLICATES,
@@ -128,7 +127,7 @@ def run(
     prior: Prior | str | None = None,
     workers: Workers = None,
     progress: Progress | None = None,
-    keep: str | Path | None = None,
+    keep: StrPath | None = None,
 ) -> Analysis:
     """Analyse a study: answers, draws of the paper's model (H1) and evidence of every subject.
 
@@ -227,7 +226,7 @@ def sample(
     prior: Prior | str | None = None,
     workers: Workers = None,
     progress: Progress | None = None,
-    keep: str | Path | None = None,
+    keep: StrPath | None = None,
 ) -> Draws:
     """Posterior draws of every subject under a model.
 
@@ -286,7 +285,7 @@ def evidence(
     prior: Prior | str | None = None,
     workers: Workers = None,
     progress: Progress | None = None,
-    keep: str | Path | None = None,
+    keep: StrPath | None = None,
 ) -> EvidenceTable:
     """Answer of every subject, evidences of the four models, and the paper's H1 against H0.
 

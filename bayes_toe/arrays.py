@@ -1,6 +1,9 @@
-"""Array types that everyone uses, the size of temporary arrays, and runs of equal values."""
+"""Types that many modules use, the size of temporary arrays, and runs of equal values."""
 
 from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -9,6 +12,10 @@ FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 IndexArray = npt.NDArray[np.intp]
 BoolArray = npt.NDArray[np.bool_]
+Rng = np.random.Generator
+StrPath = str | Path
+#: Values by name, as a file or a page has them.
+Record = dict[str, Any]
 
 #: Values of one temporary array: small enough for a processor's cache, so memory stays flat however
 #: many pairs or points there are.

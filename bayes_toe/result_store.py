@@ -28,6 +28,7 @@ import numpy as np
 import numpy.typing as npt
 from threadpoolctl import threadpool_info
 
+from bayes_toe.arrays import StrPath
 from bayes_toe.data.messages import format_path
 from bayes_toe.data.whole_files import (
     Standing,
@@ -163,7 +164,7 @@ def versions() -> tuple[str, ...]:
 
 
 @contextmanager
-def open_store(folder: str | Path | None, what: str = "subjects") -> Iterator[ResultStore]:
+def open_store(folder: StrPath | None, what: str = "subjects") -> Iterator[ResultStore]:
     """Hold a folder of finished results; it is made where it is missing.
 
     A folder in which nothing was stored is removed again after a failure.

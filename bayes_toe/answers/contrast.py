@@ -13,7 +13,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import chain, combinations
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
@@ -21,7 +20,7 @@ from scipy.special import logsumexp, softmax
 
 from bayes_toe.answers.order_effect import Size, format_bayes_factor, format_share, format_signed
 from bayes_toe.answers.study_summary import count_words
-from bayes_toe.arrays import FloatArray
+from bayes_toe.arrays import FloatArray, Rng, StrPath
 from bayes_toe.data.conditions import Conditions
 from bayes_toe.data.messages import bare, capitalized, counted, listed
 from bayes_toe.data.stimulus_unit import UNKNOWN_UNIT, StimulusUnit
@@ -262,7 +261,7 @@ def contrast(
     prior: Prior | str | None = None,
     workers: Workers = None,
     progress: Progress | None = None,
-    keep: str | Path | None = None,
+    keep: StrPath | None = None,
 ) -> ContrastTable:
     """What differs between the conditions of each subject, and by how much.
 
@@ -450,7 +449,7 @@ def _evidence(
     return ConditionEvidence(differing, posterior, value, se, fitted.draws)
 
 
-def _laplace_draws(maxima: Maxima, rng: np.random.Generator) -> FloatArray:
+def _laplace_draws(maxima: Maxima, rng: Rng) -> FloatArray:
     """Draws of the normals at the maxima, by their evidence, (draws, coordinates)."""
     curvatures, axes = np.linalg.eigh(maxima.curvature)
     curvatures = np.maximum(curvatures, _LEAST_CURVATURE)
@@ -477,9 +476,7 @@ def log_bayes_factor(
     return float(log_odds - log_prior_odds), variance**0.5
 
 
-def _draws(
-    evidences: Sequence[ConditionEvidence], rng: np.random.Generator, size: int
-) -> FloatArray:
+def _draws(evidences: Sequence[ConditionEvidence], rng: Rng, size: int) -> FloatArray:
     """Draws in each condition, (conditions, draws, k), over some sets by their evidence.
 
     A set without evidence counts as the least probable one.

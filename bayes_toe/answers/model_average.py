@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 from scipy.special import logsumexp
 
-from bayes_toe.arrays import BoolArray, FloatArray
+from bayes_toe.arrays import BoolArray, FloatArray, Rng
 from bayes_toe.inference.order_evidence import MODEL_NAMES, OrderEvidence
 from bayes_toe.model.observer import ObserverPosterior, OrderModel
 from bayes_toe.model.parameters import CONSTANT_ERROR, CONTRACTION, MODEL_PRIOR, ORDER_MODELS
@@ -52,7 +52,7 @@ class AveragedDraws:
         """Every named quantity at the draws, (draws,) each."""
         return self.posterior.quantities(self.points)
 
-    def resampled(self, rng: np.random.Generator, size: int) -> FloatArray:
+    def resampled(self, rng: Rng, size: int) -> FloatArray:
         """So many points drawn by their weights, shape (size, k)."""
         chosen = rng.choice(len(self.weights), size, p=self.weights)
         return self.points[chosen]

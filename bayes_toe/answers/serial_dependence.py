@@ -12,7 +12,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import product
-from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
@@ -22,7 +21,7 @@ from bayes_toe.answers.model_average import weighted_quantiles
 from bayes_toe.answers.order_effect import QUANTILES
 from bayes_toe.answers.serial_screen import SerialScreen, serial_screen
 from bayes_toe.answers.words import Word, word_for
-from bayes_toe.arrays import BoolArray, FloatArray
+from bayes_toe.arrays import BoolArray, FloatArray, Rng, StrPath
 from bayes_toe.data.study import Study, Subject, require_study
 from bayes_toe.data.tables import SubjectTable
 from bayes_toe.errors import NumericalError
@@ -200,7 +199,7 @@ def serial_dependence(
     prior: Prior | str | None = None,
     workers: Workers = None,
     progress: Progress | None = None,
-    keep: str | Path | None = None,
+    keep: StrPath | None = None,
 ) -> SerialDependence:
     """Whether responses depend on the trial before, for every subject.
 
@@ -287,7 +286,7 @@ def _order_models(evidence: OrderEvidence) -> tuple[str, str]:
 
 
 def _without_history(
-    posterior: TrialHistoryPosterior, evidence: OrderEvidence, rng: np.random.Generator, size: int
+    posterior: TrialHistoryPosterior, evidence: OrderEvidence, rng: Rng, size: int
 ) -> FloatArray:
     """Draws of the posterior's order model, (size, k), by their importance weights."""
     draws = evidence.draws[MODEL_NAMES.index(posterior.model.order.name)]

@@ -23,6 +23,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import IO, Any
 
+from bayes_toe.arrays import Record
 from bayes_toe.data.messages import quoted
 from bayes_toe.data.read_table import TABLE_SUFFIXES
 from bayes_toe.data.whole_files import write_whole
@@ -71,9 +72,9 @@ class Job:
         """The name of the folder, 16 hexadecimal digits."""
         return self.folder.name
 
-    def record(self) -> dict[str, Any]:
+    def record(self) -> Record:
         """Names of the files, the seed and the options."""
-        record: dict[str, Any] = json.loads((self.folder / RECORD).read_text(encoding="utf-8"))
+        record: Record = json.loads((self.folder / RECORD).read_text(encoding="utf-8"))
         return record
 
     def save_options(self, options: Mapping[str, Any]) -> None:
@@ -85,9 +86,9 @@ class Job:
         """Store what reading the files gave."""
         self.write(_READING, reading)
 
-    def reading(self) -> dict[str, Any] | None:
+    def reading(self) -> Record | None:
         """What reading the files gave; None where they were not read with these options."""
-        reading: dict[str, Any] | None = self._read(_READING)
+        reading: Record | None = self._read(_READING)
         return reading
 
     def command(self) -> list[str]:
@@ -96,7 +97,7 @@ class Job:
         words = ["run", *record["files"], "-o", RESULTS, "--seed", str(record["seed"])]
         return [*words, *option_words(record["options"])]
 
-    def state(self) -> dict[str, Any]:
+    def state(self) -> Record:
         """All that the page shows of the study."""
         log = self.folder / _LOG
         return {
@@ -234,7 +235,7 @@ def result_files(results: Path) -> list[Path]:
 # --- Options --------------------------------------------------------------------------------------
 
 
-def require_options(content: bytes) -> dict[str, Any]:
+def require_options(content: bytes) -> Record:
     """The options in a request.
 
     Raises
@@ -243,7 +244,7 @@ def require_options(content: bytes) -> dict[str, Any]:
         If it is no JSON, or a name or the kind of a value is unknown.
     """
     try:
-        options = dict[str, Any](json.loads(content))
+        options = Record(json.loads(content))
     except (TypeError, ValueError):
         raise InputError("The options are no record") from None
     for name, value in options.items():

@@ -9,10 +9,10 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
 
 import bayes_toe as bt
 from bayes_toe.app.job import Job
+from bayes_toe.arrays import Record
 from bayes_toe.checks.answer_checks import Finding
 from bayes_toe.data.column_roles import with_likely_columns
 from bayes_toe.data.messages import bare
@@ -23,13 +23,13 @@ from bayes_toe.data.text_table import TextTable
 _MOST_ROWS, _MOST_TEXTS = 6, 12
 
 
-def read_job(job: Job) -> dict[str, Any]:
+def read_job(job: Job) -> Record:
     """What the files hold, and the study, or what is wrong and what solves it."""
     record = job.record()
     paths = [job.folder / name for name in record["files"]]
     options = dict(record["options"])
     swap, exclude = options.pop("swap", ()), options.pop("exclude", ())
-    reading: dict[str, Any] = {"table": None, "problems": [], "remedies": [], "study": None}
+    reading: Record = {"table": None, "problems": [], "remedies": [], "study": None}
     try:
         form = {key: options.get(key) for key in ("sheet", "encoding")}
         table = read_table(paths[0], set, LARGEST_STUDY, **form)
@@ -45,7 +45,7 @@ def read_job(job: Job) -> dict[str, Any]:
     return reading
 
 
-def _read_options(options: dict[str, Any]) -> bt.ReadOptions:
+def _read_options(options: Record) -> bt.ReadOptions:
     """The options of the page; the command line has no word for some names."""
     nameless = [name for name in options.get("columns", {}).values() if "," in name]
     nameless += [name for name in options.get("where", {}) if "=" in name]
@@ -62,7 +62,7 @@ def _read_options(options: dict[str, Any]) -> bt.ReadOptions:
     return bt.ReadOptions(**options)
 
 
-def describe_table(table: TextTable) -> dict[str, Any]:
+def describe_table(table: TextTable) -> Record:
     """Names, first rows, and the counts of texts of columns with few of them."""
     texts = {}
     for name, column in table.columns.items():
@@ -94,7 +94,7 @@ def _roles(names: Sequence[str], options: bt.ReadOptions) -> dict[str, str]:
     return {ours: likely.name(ours) for ours in COLUMNS if likely.name(ours) in names}
 
 
-def describe_study(study: bt.Study, findings: Sequence[Finding]) -> dict[str, Any]:
+def describe_study(study: bt.Study, findings: Sequence[Finding]) -> Record:
     """The pairs with their counts, notes of reading, and findings with what to do about them."""
     n_trials: Counter[tuple[float, ...]] = Counter()
     n_yes: Counter[tuple[float, ...]] = Counter()

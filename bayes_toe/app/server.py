@@ -38,6 +38,7 @@ from bayes_toe.app.job import (
     result_files,
     running,
 )
+from bayes_toe.arrays import Record
 from bayes_toe.errors import InputError
 
 ADDRESS = "127.0.0.1"
@@ -82,7 +83,7 @@ class Site:
         """The name of the cookie; browsers share cookies between ports."""
         return f"bayes_toe_{self.port}"
 
-    async def read(self, job: Job, options: dict[str, Any] | None = None) -> None:
+    async def read(self, job: Job, options: Record | None = None) -> None:
         """Read the files of a study in a process of its own, with new options or if need be."""
         async with self.reading:
             if options is not None:
@@ -101,7 +102,7 @@ class Site:
                 await asyncio.sleep(0.1)
 
 
-async def read_in_process(job: Job) -> dict[str, Any]:
+async def read_in_process(job: Job) -> Record:
     """What the reading process prints, or why it did not end well."""
     process = await asyncio.create_subprocess_exec(
         *(sys.executable, "-P", "-m", "bayes_toe.app.reading", str(job.folder)),
@@ -111,7 +112,7 @@ async def read_in_process(job: Job) -> dict[str, Any]:
     )
     try:
         printed, _ = await asyncio.wait_for(process.communicate(), READING_TIME)
-        reading: dict[str, Any] = json.loads(printed)
+        reading: Record = json.loads(printed)
     except TimeoutError:
         process.kill()
         await process.wait()
@@ -121,7 +122,7 @@ async def read_in_process(job: Job) -> dict[str, Any]:
     return reading
 
 
-def _unread(text: str) -> dict[str, Any]:
+def _unread(text: str) -> Record:
     return {"table": None, "problems": [text], "remedies": [], "study": None}
 
 

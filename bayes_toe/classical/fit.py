@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from bayes_toe.arrays import FloatArray, IntArray
+from bayes_toe.arrays import FloatArray, IntArray, Rng
 from bayes_toe.classical.maximum_likelihood import Fits, fit_counts
 from bayes_toe.data.study import Study, Subject, refuse_intervals, require_study
 from bayes_toe.data.tables import SubjectTable
@@ -149,7 +149,7 @@ def bootstrap_subject(
     return Bootstrap(subject.name, fit_counts(subject, prior), fit_counts(subject, prior, counts))
 
 
-def resample(subject: Subject, rng: np.random.Generator, replicates: int) -> IntArray:
+def resample(subject: Subject, rng: Rng, replicates: int) -> IntArray:
     """New counts of every pair, (replicates, pairs).
 
     Q' ~ Beta(n_yes + 1, n_no + 1), n' ~ Binomial(n, q').

@@ -44,7 +44,7 @@ from bayes_toe.answers.words import (
     YES_FROM,
     Word,
 )
-from bayes_toe.arrays import FloatArray
+from bayes_toe.arrays import FloatArray, Record
 from bayes_toe.checks.answer_checks import FLAG_KINDS, Finding
 from bayes_toe.checks.design_checks import NOTES, check
 from bayes_toe.classical.asymmetry import AsymmetryTable, asymmetry_table
@@ -250,7 +250,7 @@ def _number(value: float | None, digits: int = 2) -> str:
     return _typeset(f"{value:.{digits}f}")
 
 
-def _findings(analysis: Analysis, findings: Sequence[Finding]) -> dict[str, Any]:
+def _findings(analysis: Analysis, findings: Sequence[Finding]) -> Record:
     """Findings of the design and of the responses, by the place where they stand."""
     warnings = [finding for finding in findings if finding.code not in NOTES]
     notes = [finding.message.rstrip(".") for finding in findings if finding.code in NOTES]
@@ -261,7 +261,7 @@ def _findings(analysis: Analysis, findings: Sequence[Finding]) -> dict[str, Any]
     }
 
 
-def _context(analysis: Analysis, facts: Facts) -> dict[str, Any]:
+def _context(analysis: Analysis, facts: Facts) -> Record:
     """What does not depend on a subject, nor on whether there are pages of them."""
     study, prior, draws = analysis.study, analysis.settings.prior, analysis.draws
     return {
@@ -475,7 +475,7 @@ def _name_subjects(names: Sequence[str]) -> str:
     return f"{counted(len(names), 'subject')} ({listed(names)})"
 
 
-def _overview_row(answer: OrderEffect) -> dict[str, Any]:
+def _overview_row(answer: OrderEffect) -> Record:
     """A subject in the table of all subjects; its marks stand for two of the flags."""
     flags = [flag for flag in answer.flags if not flag.startswith((MISFIT_FLAG, PRIOR_FLAG))]
     sizes = {size: effect_size(answer, question) for question, size in SIZE_OF.items()}
@@ -552,7 +552,7 @@ def _title(question: str) -> str:
     return question.replace("_", " ")
 
 
-def _by_condition(table: ContrastTable | None) -> dict[str, Any] | None:
+def _by_condition(table: ContrastTable | None) -> Record | None:
     """The section of conditions, with a row for every subject and comparison."""
     if table is None:
         return None
@@ -570,7 +570,7 @@ def _by_condition(table: ContrastTable | None) -> dict[str, Any] | None:
     }
 
 
-def _group(result: PopulationResult | None, check: PredictiveCheck | None) -> dict[str, Any] | None:
+def _group(result: PopulationResult | None, check: PredictiveCheck | None) -> Record | None:
     """What the section of the group says: warnings first, then the answer, tables."""
     if result is None or check is None:
         return None
@@ -586,7 +586,7 @@ def _group(result: PopulationResult | None, check: PredictiveCheck | None) -> di
 
 def _subjects(
     analysis: Analysis, asymmetries: AsymmetryTable, findings: Sequence[Finding]
-) -> Iterator[dict[str, Any]]:
+) -> Iterator[Record]:
     """What each subject's section says, made when it is written."""
     stats = analysis.draws.group("sample_stats")
     messages = defaultdict[str, list[str]](list)

@@ -8,10 +8,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
+from bayes_toe.arrays import StrPath
 from bayes_toe.data.messages import bare, listed, quoted
 from bayes_toe.data.read_table import read_table
 from bayes_toe.data.validation import (
@@ -60,7 +60,7 @@ def level_words(values: Iterable[str | float]) -> list[str]:
     ]
 
 
-def read_covariates(path: Covariates | str | Path) -> Covariates:
+def read_covariates(path: Covariates | StrPath) -> Covariates:
     r"""Covariates from a CSV file with a column `subject` and one column per covariate.
 
     Those that are some stay what they are.

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from bayes_toe.arrays import Record
 from bayes_toe.data.messages import bare, listed, one_line
 from bayes_toe.data.text_table import ColumnTexts, cell_texts
 from bayes_toe.errors import InputError
@@ -79,7 +80,7 @@ def write_texts(source: str) -> None:
         json.dump({"problems": error.problems}, sys.stdout)
 
 
-def _variables(source: str, data: bytes) -> dict[str, Any]:
+def _variables(source: str, data: bytes) -> Record:
     from scipy.io import loadmat
 
     try:
@@ -101,7 +102,7 @@ def _variables(source: str, data: bytes) -> dict[str, Any]:
     return {name: value for name, value in variables.items() if not name.startswith("__")}
 
 
-def _columns(source: str, variables: dict[str, Any]) -> dict[str, list[Any]]:
+def _columns(source: str, variables: Record) -> dict[str, list[Any]]:
     """The values of every column, all of one length."""
     fields = variables
     structs = _structs(variables)
@@ -129,7 +130,7 @@ def _columns(source: str, variables: dict[str, Any]) -> dict[str, list[Any]]:
     return values
 
 
-def _structs(variables: dict[str, Any]) -> list[str]:
+def _structs(variables: Record) -> list[str]:
     """The names of the structs and struct arrays among variables."""
     names = []
     for name, value in variables.items():
@@ -139,7 +140,7 @@ def _structs(variables: dict[str, Any]) -> list[str]:
     return names
 
 
-def _fields(struct: Any) -> dict[str, Any]:
+def _fields(struct: Any) -> Record:
     """The fields of a struct, or the values of each field over a struct array."""
     if isinstance(struct, dict):
         return struct

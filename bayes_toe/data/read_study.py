@@ -19,7 +19,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, IntArray, run_starts
+from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, IntArray, StrPath, run_starts
 from bayes_toe.data.answers import Reading
 from bayes_toe.data.column_roles import (
     TRUE_WORDS,
@@ -100,7 +100,7 @@ _FEWEST_PERCENTAGES = 4  # rows with 100 trials that may be a table of percentag
 
 
 def read_study(
-    path: str | Path | Frame | Sequence[str | Path | Frame], options: ReadOptions | None = None
+    path: StrPath | Frame | Sequence[StrPath | Frame], options: ReadOptions | None = None
 ) -> Study:
     r"""The study in a CSV file, or a data frame, of trials or of counts; the header decides which.
 
@@ -176,7 +176,7 @@ def read_study(
 
 
 def _without_condition(
-    path: str | Path | Frame | Sequence[str | Path | Frame], options: ReadOptions, name: str
+    path: StrPath | Frame | Sequence[StrPath | Frame], options: ReadOptions, name: str
 ) -> Study:
     """The study, whose column `name` is no condition since it follows from the pairs."""
     study = read_study(path, replace(options, ignore=(*options.ignore, "condition")))
@@ -189,7 +189,7 @@ def _without_condition(
     return replace(study, notes=tuple(notes))
 
 
-def _read(path: str | Path | Frame, options: ReadOptions) -> Study:
+def _read(path: StrPath | Frame, options: ReadOptions) -> Study:
     rows = _rows(path, options)
     answers = rows.columns.get("response", rows.columns.get("correct"))
     return _count_study(rows) if answers is None else _trial_study(rows, answers)
@@ -388,7 +388,7 @@ class _Rows:
         return notes
 
 
-def _rows(path: str | Path | Frame, options: ReadOptions) -> _Rows:
+def _rows(path: StrPath | Frame, options: ReadOptions) -> _Rows:
     """The rows that are asked for; all others are left out before anything is checked."""
     table = read_table(
         path,
@@ -458,7 +458,7 @@ def _columns_looked_at(names: Sequence[str], options: ReadOptions) -> set[str]:
     return chosen & set(names)
 
 
-def _subject_of_file(table: TextTable, path: str | Path | Frame, pattern: str) -> Column:
+def _subject_of_file(table: TextTable, path: StrPath | Frame, pattern: str) -> Column:
     """The column of the one subject that the name of a file tells."""
     subject = None if table.python else subject_in(Path(str(path)), pattern)
     if subject is None:

@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from bayes_toe.arrays import StrPath
 from bayes_toe.data.matlab_file import matlab_texts
 from bayes_toe.data.messages import bare, join_words, listed, one_line, quoted, visible
 from bayes_toe.data.text_table import (
@@ -72,7 +73,7 @@ _NOT_READ = {
 
 
 def read_table(
-    source: str | Path | Frame,
+    source: StrPath | Frame,
     choice: Choice,
     largest: int = LARGEST_SMALL_FILE,
     *,
@@ -136,7 +137,7 @@ def read_table(
     return read_csv(name, data, choice, encoding)
 
 
-def input_bytes(path: str | Path, largest: int = LARGEST_STUDY) -> bytes:
+def input_bytes(path: StrPath, largest: int = LARGEST_STUDY) -> bytes:
     """The content of a file.
 
     An OSError where it is larger than `largest`, or a pipe or a device, which may have no end.
@@ -149,7 +150,7 @@ def input_bytes(path: str | Path, largest: int = LARGEST_STUDY) -> bytes:
     return Path(path).read_bytes()
 
 
-def toml_table(path: str | Path, lines: str) -> Mapping[str, Any]:
+def toml_table(path: StrPath, lines: str) -> Mapping[str, Any]:
     """What a TOML file holds; `lines` says which ones are allowed.
 
     Raises
@@ -430,12 +431,12 @@ def _read_parquet(source: str, data: bytes, choice: Choice) -> TextTable:
     return _table_of_texts((source, "Parquet", "schema"), names, texts, rows)
 
 
-def is_parquet(path: str | Path) -> bool:
+def is_parquet(path: StrPath) -> bool:
     """Whether a file is one by its name."""
     return Path(path).suffix.lower() == ".parquet"
 
 
-def require_parquet(path: str | Path) -> None:
+def require_parquet(path: StrPath) -> None:
     """Refuse a Parquet file where there is no pyarrow, with what to install.
 
     Any other file passes.

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from bayes_toe.arrays import StrPath
 from bayes_toe.data.answers import Answers, Reading
 from bayes_toe.data.messages import MAX_LINES, TWICE, bare, counted, listed
 from bayes_toe.data.study import Study, Subject, pooled
@@ -33,7 +34,7 @@ def read_together(paths: Sequence[Any], read: Callable[[Any], Study]) -> Study:
     An InputError for no file, a file given twice, files of which only some have intervals; and with
     the problems of the first files.
     """
-    absolute_paths = [Path(path).absolute() for path in paths if isinstance(path, str | Path)]
+    absolute_paths = [Path(path).absolute() for path in paths if isinstance(path, StrPath)]
     if not paths:
         raise InputError("files: found none, allowed: some")
     for i, path in enumerate(absolute_paths):
@@ -44,7 +45,7 @@ def read_together(paths: Sequence[Any], read: Callable[[Any], Study]) -> Study:
     faulty: list[InputError] = []
     for path in paths:
         folder = ""
-        if isinstance(path, str | Path) and file_names.count(Path(path).name) > 1:
+        if isinstance(path, StrPath) and file_names.count(Path(path).name) > 1:
             folder = f"{Path(path).absolute().parent.name}/"
         try:
             study = read(path)

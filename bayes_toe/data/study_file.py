@@ -10,6 +10,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
+from bayes_toe.arrays import StrPath
 from bayes_toe.data.messages import bare, counted, join_words, listed, quoted
 from bayes_toe.data.options import ReadOptions
 from bayes_toe.data.read_table import TABLE_SUFFIXES, toml_table
@@ -84,7 +85,7 @@ def table_files(paths: Sequence[Any]) -> tuple[list[Any], list[str]]:
     """
     files, notes = list[Any](), list[str]()
     for path in paths:
-        if not isinstance(path, str | Path) or not os.path.isdir(path):
+        if not isinstance(path, StrPath) or not os.path.isdir(path):
             files.append(path)
             continue
         tables = sorted(Path(path).glob("sub-*/**/*_events.tsv"))  # BIDS
@@ -120,7 +121,7 @@ def study_source(paths: Sequence[Any], options: ReadOptions) -> StudySource | No
     InputError
         If there are other files too, or options that the file should have.
     """
-    names = [str(path) for path in paths if isinstance(path, str | Path)]
+    names = [str(path) for path in paths if isinstance(path, StrPath)]
     files = [name for name in names if name.lower().endswith(SUFFIX)]
     if not files:
         return None
@@ -134,7 +135,7 @@ def study_source(paths: Sequence[Any], options: ReadOptions) -> StudySource | No
     return read_study_file(files[0])
 
 
-def read_study_file(path: str | Path) -> StudySource:
+def read_study_file(path: StrPath) -> StudySource:
     """What a study file names; files are relative to its folder.
 
     Raises

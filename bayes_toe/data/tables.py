@@ -17,6 +17,7 @@ from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
+from bayes_toe.arrays import StrPath
 from bayes_toe.data.messages import as_html, as_name, listed, named_few, quoted
 from bayes_toe.data.read_table import is_parquet, require_parquet
 from bayes_toe.data.validation import AT, runs
@@ -74,7 +75,7 @@ class Table(ABC, Generic[Row]):
 
     def save(
         self,
-        path: str | Path,
+        path: StrPath,
         *,
         overwrite: bool = False,
         units: bool = False,
@@ -115,7 +116,7 @@ class SubjectTable(Table[Row]):
 
 def write_table(
     frame: pd.DataFrame,
-    path: str | Path,
+    path: StrPath,
     *,
     overwrite: bool = False,
     units: bool = False,

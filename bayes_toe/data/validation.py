@@ -8,11 +8,10 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
-from bayes_toe.arrays import BoolArray, FloatArray, IntArray
+from bayes_toe.arrays import BoolArray, FloatArray, IntArray, StrPath
 from bayes_toe.data.messages import bare, listed, quoted
 from bayes_toe.data.read_table import read_table
 from bayes_toe.data.text_table import Column, TextTable
@@ -211,7 +210,7 @@ def require_texts(
 
 
 def read_numbers(
-    path: str | Path,
+    path: StrPath,
     names: Sequence[str],
     key: str | None = None,
     *,
@@ -247,7 +246,7 @@ def read_numbers(
     return [text for name in keys for text in _texts(table, name)], columns
 
 
-def _read(path: str | Path, required: Sequence[str], optional: Sequence[str] = ()) -> TextTable:
+def _read(path: StrPath, required: Sequence[str], optional: Sequence[str] = ()) -> TextTable:
     """The table with columns of these names, each of them once."""
     table = read_table(path, lambda _: {*required, *optional})
     counts = {name: table.names.count(name) for name in (*required, *optional)}

@@ -21,6 +21,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from bayes_toe.arrays import StrPath
 from bayes_toe.data.messages import format_path
 from bayes_toe.errors import InputError, OutputError, OutputExistsError
 
@@ -34,7 +35,7 @@ finished: list[Path] = []
 
 
 @contextmanager
-def whole_file(path: str | Path, *, overwrite: bool = False) -> Iterator[Path]:
+def whole_file(path: StrPath, *, overwrite: bool = False) -> Iterator[Path]:
     """A temporary path, which becomes `path` if the block ends well and is removed otherwise.
 
     Missing folders are made, and removed again on failure.
@@ -73,7 +74,7 @@ def write_whole(path: Path, content: bytes) -> None:
         temporary.write_bytes(content)
 
 
-def require_writable(path: str | Path, *, overwrite: bool) -> None:
+def require_writable(path: StrPath, *, overwrite: bool) -> None:
     """Refuse now what :func:`whole_file` would refuse after long work; leave nothing behind."""
     _refuse_taken(Path(path), overwrite)
     with unfinished(Path(path).parent):
@@ -82,7 +83,7 @@ def require_writable(path: str | Path, *, overwrite: bool) -> None:
 
 @contextmanager
 def whole_folder(
-    path: str | Path, names: Sequence[str], *, required: Sequence[str] = (), overwrite: bool = False
+    path: StrPath, names: Sequence[str], *, required: Sequence[str] = (), overwrite: bool = False
 ) -> Iterator[Path]:
     """A temporary folder, whose files move into `path` if the block ends well and vanish otherwise.
 
@@ -132,7 +133,7 @@ def whole_folder(
     _finish(target)
 
 
-def require_folder(path: str | Path, names: Sequence[str], *, overwrite: bool) -> None:
+def require_folder(path: StrPath, names: Sequence[str], *, overwrite: bool) -> None:
     """Refuse now what :func:`whole_folder` would refuse after long work; leave nothing behind."""
     target = Path(path)
     _refuse_taken_folder(target, names, overwrite)
@@ -238,7 +239,7 @@ def _put_in_place(new: Path, final: Path) -> None:
         os.replace(new, final)
 
 
-def require_settled(path: str | Path) -> None:
+def require_settled(path: StrPath) -> None:
     """Refuse a file of a set that a killed command has replaced only in part.
 
     Raises

@@ -14,7 +14,7 @@ from scipy.special import entr, logsumexp
 
 from bayes_toe.answers.model_average import weighted_quantiles
 from bayes_toe.answers.order_effect import OrderEffect, answer_subject
-from bayes_toe.arrays import FloatArray
+from bayes_toe.arrays import FloatArray, Rng, StrPath
 from bayes_toe.data.messages import format_path
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task, task_of
@@ -73,7 +73,7 @@ class Particles:
     generation: int = 0
 
     @classmethod
-    def from_prior(cls, rule: ObserverPosterior, draws: int, rng: np.random.Generator) -> Particles:
+    def from_prior(cls, rule: ObserverPosterior, draws: int, rng: Rng) -> Particles:
         """Before any answer."""
         x = rule.sample_prior(rng, draws)
         return cls(rule, x, rule.log_prior(x), np.zeros(draws))
@@ -105,7 +105,7 @@ class Particles:
         self.log_posterior = self.log_posterior + gained
         self.log_weight = self.log_weight + gained
 
-    def renew(self, subject: Subject, rng: np.random.Generator) -> None:
+    def renew(self, subject: Subject, rng: Rng) -> None:
         """Make the draws anew, for all answers so far."""
         posterior, size = self.rule.for_subject(subject), len(self.x)
         fitted = None
@@ -346,7 +346,7 @@ class Adaptive:
 
     # --- Files ------------------------------------------------------------------------------------
 
-    def save(self, path: str | Path, *, overwrite: bool = True) -> Path:
+    def save(self, path: StrPath, *, overwrite: bool = True) -> Path:
         """Write all that :meth:`resume` needs, whole or not at all.
 
         After every trial, if wanted.
@@ -366,7 +366,7 @@ class Adaptive:
         return Path(path)
 
     @classmethod
-    def resume(cls, path: str | Path) -> Adaptive:
+    def resume(cls, path: StrPath) -> Adaptive:
         """The session of a file, as it was: every answer is taken in again.
 
         Raises

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import ndtr, ndtri
 
-from bayes_toe.arrays import FloatArray
+from bayes_toe.arrays import FloatArray, StrPath
 from bayes_toe.data.messages import quoted
 from bayes_toe.data.read_table import toml_table
 from bayes_toe.data.study import Subject
@@ -164,7 +164,7 @@ def _problems(
 
 
 def assume_observers(
-    source: str | Path | Sequence[Observer] | None,
+    source: StrPath | Sequence[Observer] | None,
     size: int,
     seed: int,
     designs: Sequence[StudyDesign],
@@ -202,7 +202,7 @@ def assume_observers(
     kinds = _kinds(task)
     if source is None:
         observers: Sequence[Observer] = _in_ranges(kinds, size, seed, task)
-    elif not isinstance(source, str | Path):
+    elif not isinstance(source, StrPath):
         observers = source
     elif source == PRIOR:
         return _from_prior(prior, _all_pairs_of(designs), size, seed)
@@ -248,7 +248,7 @@ def _in_ranges(
     return observers
 
 
-def read_ranges(path: str | Path, task: Task = SAME_DIFFERENT) -> dict[str, dict[str, Range]]:
+def read_ranges(path: StrPath, task: Task = SAME_DIFFERENT) -> dict[str, dict[str, Range]]:
     """Ranges of each kind of observers from a TOML file; a number is a range of one value.
 
     A section is a kind, under any name. Noise, q0 and lapse rate that it does not give are those

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
-from bayes_toe.arrays import FloatArray, IndexArray
+from bayes_toe.arrays import FloatArray, IndexArray, StrPath
 from bayes_toe.checks.identification import TYPICAL_TRIALS, contraction_information
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task, task_of
 from bayes_toe.data.validation import read_numbers
@@ -172,7 +171,7 @@ def grid(lowest: float, highest: float, step: float) -> FloatArray:
     return np.round(lowest + step * np.arange(n_steps + 1), 12) + 0.0
 
 
-def read_levels(path: str | Path, reference: float | None = None) -> FloatArray:
+def read_levels(path: StrPath, reference: float | None = None) -> FloatArray:
     """Levels in the column s of a CSV file; or amplitudes in the column i, with their reference."""
     name = "s" if reference is None else "i"
     levels = read_numbers(path, (name,))[1][name]
@@ -193,7 +192,7 @@ def optimal_design(
     levels: FloatArray,
     trials: int = 650,
     goal: DesignGoal | None = None,
-    observers: str | Path | Sequence[Observer] | None = None,
+    observers: StrPath | Sequence[Observer] | None = None,
     *,
     data_sets: int = SIMULATED,
     seed: int | None = None,

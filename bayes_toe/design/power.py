@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import chain, product
 from operator import attrgetter
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,6 +20,7 @@ from scipy.special import betaincinv, ndtri
 
 from bayes_toe.answers.order_effect import QUESTIONS, OrderEffect, order_effect
 from bayes_toe.answers.words import Word
+from bayes_toe.arrays import StrPath
 from bayes_toe.checks.identification import identify
 from bayes_toe.data.messages import capitalized, listed
 from bayes_toe.data.tables import Table, frame_of
@@ -293,7 +293,7 @@ def mean(values: Sequence[float]) -> tuple[float, float, float]:
 def power(
     design: StudyDesign | Mapping[str, StudyDesign] | None = None,
     trials: Sequence[int] = TRIALS,
-    observers: str | Path | Sequence[Observer] | None = None,
+    observers: StrPath | Sequence[Observer] | None = None,
     *,
     data_sets: int = DATA_SETS,
     seed: int | None = None,

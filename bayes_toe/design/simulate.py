@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import ndtr
 
-from bayes_toe.arrays import BoolArray, FloatArray, IntArray
+from bayes_toe.arrays import BoolArray, FloatArray, IntArray, Rng
 from bayes_toe.data.answers import Answers
 from bayes_toe.data.conditions import Conditions
 from bayes_toe.data.covariates import level_words
@@ -112,9 +112,7 @@ class PaperObserver:
         return 0.5 * natural.q0 + (1.0 - natural.q0) * ndtr(z)
 
 
-def paper_population(
-    size: int, rng: np.random.Generator, task: Task = SAME_DIFFERENT
-) -> list[PaperObserver]:
+def paper_population(size: int, rng: Rng, task: Task = SAME_DIFFERENT) -> list[PaperObserver]:
     """Observers of the paper's kinds in turn: A, B, C, B, A, and every sixteenth the inset C.
 
     A: prior mean below the stimuli, mu1 ~ Normal(-0.5, 0.15); more accurate with the weaker

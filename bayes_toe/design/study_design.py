@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from bayes_toe.arrays import FloatArray, IndexArray, IntArray
+from bayes_toe.arrays import FloatArray, IndexArray, IntArray, StrPath
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tables import write_table
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task, task_of
@@ -134,7 +134,7 @@ class StudyDesign:
         names = DESIGN_COLUMNS if self.isi is not None else DESIGN_COLUMNS[:3]
         return pd.DataFrame({name: getattr(self, name) for name in names})
 
-    def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
+    def save(self, path: StrPath, *, overwrite: bool = False) -> Path:
         """Write them as a CSV file, whole or not at all."""
         return write_table(self.frame(), path, overwrite=overwrite)
 
@@ -175,7 +175,7 @@ def apportioned(share: FloatArray, trials: int) -> IntArray:
     return counts
 
 
-def read_study_design(path: str | Path, task: Task | str = SAME_DIFFERENT) -> StudyDesign:
+def read_study_design(path: StrPath, task: Task | str = SAME_DIFFERENT) -> StudyDesign:
     """A design from a CSV file with columns s1,s2,n_trials, and isi where there are intervals.
 
     Raises

@@ -13,7 +13,7 @@ import numpy.typing as npt
 import pandas as pd
 from scipy.special import logsumexp
 
-from bayes_toe.arrays import BoolArray, FloatArray, IntArray
+from bayes_toe.arrays import BoolArray, FloatArray, IntArray, Rng
 from bayes_toe.design.study_design import StudyDesign
 from bayes_toe.errors import InputError
 from bayes_toe.seeds import generator
@@ -90,7 +90,7 @@ def trial_list(
 # --- Which pairs in which block -------------------------------------------------------------------
 
 
-def _block_counts(design: StudyDesign, blocks: int, rng: np.random.Generator) -> IntArray:
+def _block_counts(design: StudyDesign, blocks: int, rng: Rng) -> IntArray:
     """Trials of each pair in each block, shape (blocks, pairs).
 
     Blocks differ by as little as they can. Both orders of two stimuli come first; single pairs then
@@ -128,9 +128,7 @@ def _units(design: StudyDesign) -> list[tuple[list[int], int]]:
 # --- Where the equal pairs stand ------------------------------------------------------------------
 
 
-def _masks_of_equals(
-    n_equal: IntArray, n_different: IntArray, rng: np.random.Generator
-) -> list[BoolArray]:
+def _masks_of_equals(n_equal: IntArray, n_different: IntArray, rng: Rng) -> list[BoolArray]:
     """Which trials of every block are equal pairs, (trials,) each.
 
     All ways are equally probable.

@@ -30,7 +30,7 @@ from bayes_toe.answers.order_effect import (
     Size,
     answer_subject,
 )
-from bayes_toe.arrays import BoolArray, FloatArray, IndexArray
+from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, Record
 from bayes_toe.classical.frequencies import laplace_error, laplace_estimate, presentation_order
 from bayes_toe.data.stimulus_unit import StimulusUnit
 from bayes_toe.data.study import Subject
@@ -147,7 +147,7 @@ class Entry:
                 columns[name] = axis_values(name, values, self.unit)
         return columns
 
-    def packed(self, rows: int) -> dict[str, Any]:
+    def packed(self, rows: int) -> Record:
         """What the page holds of it, with about so many draws."""
         x = self.x.reshape(-1, self.x.shape[-1])
         n_rows = min(len(x), rows)
@@ -208,7 +208,7 @@ class Entry:
                 dominated.append(("dominated", name))
         return dominated
 
-    def _responses(self, x: FloatArray, quantities: Mapping[str, FloatArray]) -> dict[str, Any]:
+    def _responses(self, x: FloatArray, quantities: Mapping[str, FloatArray]) -> Record:
         """Counts, and curves over them."""
         counts = self.target.subject
         stimuli = np.concatenate([counts.s1, counts.s2])
@@ -395,7 +395,7 @@ class Slice:
             parts.append(f"interval {self.isi:g} s")
         return ", ".join(parts).replace("-", "−")
 
-    def packed(self, fitted: Predictor, title: str) -> dict[str, Any]:
+    def packed(self, fitted: Predictor, title: str) -> Record:
         """What the page holds of it."""
         return {
             "title": title,

@@ -14,6 +14,7 @@ from itertools import chain
 from pathlib import Path
 from typing import TypeAlias
 
+from bayes_toe.arrays import StrPath
 from bayes_toe.data.messages import listed, visible, with_policy
 from bayes_toe.data.read_study import Truth, example_truth
 from bayes_toe.data.tasks import Task
@@ -57,7 +58,7 @@ class Explorer:
 
     html: str
 
-    def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
+    def save(self, path: StrPath, *, overwrite: bool = False) -> Path:
         """Write the page; whole or not at all.
 
         Raises

@@ -26,7 +26,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bayes_toe.arrays import FloatArray, IntArray
+from bayes_toe.arrays import FloatArray, IntArray, Rng
 from bayes_toe.data.study import Subject
 from bayes_toe.groups.hyperprior import (
     HyperpriorNumbers,
@@ -311,7 +311,7 @@ class GroupPosterior:
         w = self._subject_points(coefficients, block[..., q:])
         return GroupPoint(mean, tau, effects, w)
 
-    def start(self, n_points: int, rng: np.random.Generator) -> FloatArray:
+    def start(self, n_points: int, rng: Rng) -> FloatArray:
         """Points about what the separate fits suggest, farther apart than the posterior."""
         q, fits = self.rows.n_coefficients, self.fits
         mode = fits.mode[:, :q]

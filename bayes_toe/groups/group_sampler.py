@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bayes_toe.arrays import BoolArray, FloatArray
+from bayes_toe.arrays import BoolArray, FloatArray, Rng
 from bayes_toe.groups.group_posterior import GroupPosterior
 from bayes_toe.inference.diagnostics import Convergence, convergence_of, worst
 
@@ -153,9 +153,7 @@ class Hamiltonian:
         Gradients of single chains so far.
     """
 
-    def __init__(
-        self, density: Density, start: FloatArray, metric: Metric, rng: np.random.Generator
-    ) -> None:
+    def __init__(self, density: Density, start: FloatArray, metric: Metric, rng: Rng) -> None:
         self._density, self._metric, self._rng = density, metric, rng
         self._x = start.copy()
         self._value, self._gradient = density(start)
@@ -298,7 +296,7 @@ class GroupDraws:
         return "; ".join(problems)
 
 
-def sample_group(posterior: GroupPosterior, n_draws: int, rng: np.random.Generator) -> GroupDraws:
+def sample_group(posterior: GroupPosterior, n_draws: int, rng: Rng) -> GroupDraws:
     """So many draws of all chains together.
 
     Where these are too few to be reliable, as many again are added to them. Where trajectories

@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.special import log_ndtr, ndtr, ndtri_exp
 
-from bayes_toe.arrays import BoolArray, FloatArray
+from bayes_toe.arrays import BoolArray, FloatArray, StrPath
 from bayes_toe.data.messages import format_path
 from bayes_toe.data.read_table import toml_table
 from bayes_toe.data.tasks import Task
@@ -167,7 +167,7 @@ NUMBERS = ("mean", "mean_scale", "sd_scale")
 _SECTIONS = tuple(row.name for row in fields(Hyperprior))
 
 
-def hyperprior_from(value: Hyperprior | str | Path | None) -> Hyperprior:
+def hyperprior_from(value: Hyperprior | StrPath | None) -> Hyperprior:
     """A hyperprior, the one in the file of a path, or the default one."""
     if value is None:
         return Hyperprior()
@@ -178,7 +178,7 @@ def hyperprior_from(value: Hyperprior | str | Path | None) -> Hyperprior:
     return read_hyperprior(value)
 
 
-def read_hyperprior(path: str | Path) -> Hyperprior:
+def read_hyperprior(path: StrPath) -> Hyperprior:
     """The hyperprior in a TOML file with a section per parameter; what it omits is the default.
 
     Raises

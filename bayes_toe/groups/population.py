@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 from scipy.special import expit
 
-from bayes_toe.arrays import FloatArray
+from bayes_toe.arrays import FloatArray, StrPath
 from bayes_toe.checks.identification import identify
 from bayes_toe.data.covariates import Covariates, read_covariates
 from bayes_toe.data.messages import as_html, listed
@@ -406,7 +406,7 @@ class PopulationResult:
         """The table of the group as a frame."""
         return self.table.frame()
 
-    def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
+    def save(self, path: StrPath, *, overwrite: bool = False) -> Path:
         """Write population.nc, which ArviZ opens and :func:`bayes_toe.load` reads."""
         record = {
             "seed": self.settings.seed,
@@ -433,11 +433,11 @@ class PopulationResult:
 def population(
     study: Study,
     *,
-    covariates: Covariates | str | Path | None = None,
+    covariates: Covariates | StrPath | None = None,
     categorical: tuple[str, ...] = (),
     draws: int = DRAWS,
     seed: int | None = None,
-    hyperprior: Hyperprior | str | Path | None = None,
+    hyperprior: Hyperprior | StrPath | None = None,
 ) -> PopulationResult:
     """The joint posterior of all subjects and of the group that they are drawn from.
 
@@ -562,7 +562,7 @@ def _numbers(hyperprior: Hyperprior, study: Study, scales: StudyScales) -> Hyper
 # --- Reading -------------------------------------------------------------------------------------
 
 
-def load(path: str | Path) -> Draws | PopulationResult:
+def load(path: StrPath) -> Draws | PopulationResult:
     """Read what was saved: draws of subjects (posterior.nc), or a group (population.nc).
 
     Raises
@@ -574,7 +574,7 @@ def load(path: str | Path) -> Draws | PopulationResult:
     return load_population(path) if is_group_file(path) else load_draws(path)
 
 
-def load_population(path: str | Path) -> PopulationResult:
+def load_population(path: StrPath) -> PopulationResult:
     """Read what :meth:`PopulationResult.save` wrote.
 
     Raises

@@ -13,6 +13,7 @@ import h5py
 import numpy as np
 import xarray as xr
 
+from bayes_toe.arrays import Record, StrPath
 from bayes_toe.data.conditions import Conditions
 from bayes_toe.data.messages import format_path
 from bayes_toe.data.stimulus_unit import StimulusUnit
@@ -30,7 +31,7 @@ _MARK = "group_record"
 
 
 def save_group(
-    path: str | Path,
+    path: StrPath,
     study: Study,
     regressors: Regressors,
     draws: GroupDraws,
@@ -100,7 +101,7 @@ def _posterior(
     return xr.Dataset(variables, names)
 
 
-def _regressors_record(regressors: Regressors) -> dict[str, Any]:
+def _regressors_record(regressors: Regressors) -> Record:
     """What is known of covariates besides their values, as JSON has it."""
     return {
         "columns": [column._asdict() for column in regressors.columns],
@@ -109,7 +110,7 @@ def _regressors_record(regressors: Regressors) -> dict[str, Any]:
     }
 
 
-def _study_record(study: Study) -> dict[str, Any]:
+def _study_record(study: Study) -> Record:
     """A study without its counts, as JSON has it."""
     conditions = None if study.conditions is None else asdict(study.conditions)
     return {
@@ -124,7 +125,7 @@ def _study_record(study: Study) -> dict[str, Any]:
     }
 
 
-def is_group_file(path: str | Path) -> bool:
+def is_group_file(path: StrPath) -> bool:
     """Whether the file is a population.nc."""
     # A damaged file makes the library raise other errors too.
     with suppress(OSError, RuntimeError, LookupError, ValueError), h5py.File(path) as file:
@@ -132,7 +133,7 @@ def is_group_file(path: str | Path) -> bool:
     return False
 
 
-def load_group(path: str | Path) -> tuple[Study, Regressors, GroupDraws, dict[str, Any]]:
+def load_group(path: StrPath) -> tuple[Study, Regressors, GroupDraws, Record]:
     """What :func:`save_group` wrote; anything else, and what is damaged, is refused."""
     name = format_path(Path(path))
     if not Path(path).is_file():
@@ -149,7 +150,7 @@ def load_group(path: str | Path) -> tuple[Study, Regressors, GroupDraws, dict[st
         raise InputError(f"{name}: {problem}; {_READABLE}") from error
 
 
-def _read(tree: xr.DataTree) -> tuple[Study, Regressors, GroupDraws, dict[str, Any]]:
+def _read(tree: xr.DataTree) -> tuple[Study, Regressors, GroupDraws, Record]:
     record = json.loads(tree.attrs[_MARK])
     drawn = tree["posterior"].to_dataset()
     draws = GroupDraws(

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bayes_toe.arrays import FloatArray, IntArray
+from bayes_toe.arrays import FloatArray, IntArray, Rng
 from bayes_toe.data.study import Subject, pairs_in_both_orders
 from bayes_toe.groups.group_posterior import SubjectRows
 from bayes_toe.groups.population import PopulationResult, subject_rows
@@ -113,7 +113,7 @@ def predictive_check(result: PopulationResult) -> PredictiveCheck:
     return PredictiveCheck(tuple(statistics))
 
 
-def _new_subjects(result: PopulationResult, rng: np.random.Generator) -> FloatArray:
+def _new_subjects(result: PopulationResult, rng: Rng) -> FloatArray:
     """Points of new subjects, (subjects, groups, q + own)."""
     draws = result.draws
     n_draws, q = draws.mean.shape[0] * draws.mean.shape[1], draws.mean.shape[2]

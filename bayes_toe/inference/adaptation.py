@@ -15,7 +15,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from scipy.special import logsumexp
 
-from bayes_toe.arrays import FloatArray
+from bayes_toe.arrays import FloatArray, Rng
 from bayes_toe.inference.diagnostics import pareto_k
 from bayes_toe.inference.maxima import Maxima, find_maxima
 from bayes_toe.inference.proposal import (
@@ -77,7 +77,7 @@ _CALM = 0.5  # Pareto k-hat above which other draws may well have one that is no
 
 def fit_proposal(
     posterior: SampledPosterior,
-    rng: np.random.Generator,
+    rng: Rng,
     *,
     start: Start = None,
     draws: int = 20_000,
@@ -93,7 +93,7 @@ def fit_proposal(
 
 
 def quick_proposal(
-    posterior: SampledPosterior, modes: FloatArray, cloud: FloatArray, rng: np.random.Generator
+    posterior: SampledPosterior, modes: FloatArray, cloud: FloatArray, rng: Rng
 ) -> FittedProposal:
     """A proposal from a cloud of draws about a maximum, shapes (draws, k) and (1, k).
 
@@ -124,7 +124,7 @@ def quick_proposal(
 
 def adapt_proposal(
     posterior: SampledPosterior,
-    rng: np.random.Generator,
+    rng: Rng,
     *,
     start: Start = None,
     draws: int = 20_000,
@@ -156,7 +156,7 @@ def adapt_proposal(
     return replace(chosen, independent=len(candidates) == 1)
 
 
-def with_fresh_draws(fitted: FittedProposal, rng: np.random.Generator) -> FittedProposal:
+def with_fresh_draws(fitted: FittedProposal, rng: Rng) -> FittedProposal:
     """The proposal with draws that are independent of it.
 
     Those that it has, or new ones and twice as many, because its tails are hard.
@@ -166,12 +166,12 @@ def with_fresh_draws(fitted: FittedProposal, rng: np.random.Generator) -> Fitted
     return _assessed(fitted.proposal, rng, _HARD * len(fitted.draws.x))
 
 
-def redrawn(fitted: FittedProposal, rng: np.random.Generator, size: int) -> FittedProposal:
+def redrawn(fitted: FittedProposal, rng: Rng, size: int) -> FittedProposal:
     """The same proposal with so many new draws."""
     return _assessed(fitted.proposal, rng, size)
 
 
-def with_trusted_draws(fitted: FittedProposal, rng: np.random.Generator) -> FittedProposal:
+def with_trusted_draws(fitted: FittedProposal, rng: Rng) -> FittedProposal:
     """The proposal with independent draws whose weights can be trusted, if there is one.
 
     Where its own weights cannot be trusted, it is refitted to its draws, and then fitted anew. Both
@@ -192,7 +192,7 @@ def refreshed(
     fitted: FittedProposal,
     posterior: SampledPosterior,
     log_posterior: FloatArray,
-    rng: np.random.Generator,
+    rng: Rng,
 ) -> FittedProposal:
     """A proposal for a posterior like the one that it was fitted to.
 
@@ -216,7 +216,7 @@ def _is_good(fitted: FittedProposal, promised: float) -> bool:
     )
 
 
-def _assessed(proposal: Proposal, rng: np.random.Generator, size: int) -> FittedProposal:
+def _assessed(proposal: Proposal, rng: Rng, size: int) -> FittedProposal:
     sample = _round(proposal, rng, size)
     k_hat = pareto_k(sample.draws.log_weights)
     return FittedProposal(proposal, sample.draws, sample.efficiency, k_hat)
@@ -228,12 +228,12 @@ class _Round(NamedTuple):
     efficiency: float
 
 
-def _round(proposal: Proposal, rng: np.random.Generator, size: int) -> _Round:
+def _round(proposal: Proposal, rng: Rng, size: int) -> _Round:
     draws = importance_draws(proposal, rng, size)
     return _Round(proposal, draws, efficiency(draws.log_weights))
 
 
-def _adapt(proposal: Proposal, stage: Stage, rng: np.random.Generator) -> list[_Round]:
+def _adapt(proposal: Proposal, stage: Stage, rng: Rng) -> list[_Round]:
     """Rounds of drawing and refitting, until the efficiency is enough."""
     history = [_round(proposal, rng, stage.draws)]
     while len(history) < stage.rounds and history[-1].efficiency < stage.least_efficiency:
@@ -241,7 +241,7 @@ def _adapt(proposal: Proposal, stage: Stage, rng: np.random.Generator) -> list[_
     return history
 
 
-def _first(posterior: SampledPosterior, maxima: Maxima, rng: np.random.Generator) -> Proposal:
+def _first(posterior: SampledPosterior, maxima: Maxima, rng: Rng) -> Proposal:
     """Tempered prior draws, of which two hundred count, and a cloud at each proper maximum."""
     transform = posterior.transform(maxima.x[maxima.value > maxima.value[0] - 3.0])
     x = posterior.sample_prior(rng, 2 * STAGES[0].draws)

@@ -21,7 +21,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from bayes_toe.arrays import FloatArray, IndexArray
+from bayes_toe.arrays import FloatArray, IndexArray, Record, StrPath
 from bayes_toe.data.conditions import Conditions
 from bayes_toe.data.messages import MOST_ROWS, as_html, as_name, format_path, listed, named_few
 from bayes_toe.data.study import Study, Subject
@@ -74,7 +74,7 @@ class Draws:
         return tuple(str(name) for name in self.group("posterior")["subject"].values)
 
     @property
-    def attrs(self) -> dict[str, Any]:
+    def attrs(self) -> Record:
         """Model, seed, prior, settings, versions and what was left out, as stored in the file."""
         return {str(key): value for key, value in self.tree.attrs.items()}
 
@@ -193,7 +193,7 @@ class Draws:
         return tuple(filter(None, str(self.tree.attrs.get(key, "")).split("\n")))
 
     @cached_property
-    def _conditions(self) -> tuple[Conditions | None, dict[str, dict[str, Any]]]:
+    def _conditions(self) -> tuple[Conditions | None, dict[str, Record]]:
         """The conditions of the study, and for each unit what a Subject has besides its counts."""
         return draws_file.stored_conditions(self.tree)
 
@@ -347,7 +347,7 @@ class Draws:
             predicted[chain] = rng.binomial(subject.n_trials, np.exp(answers[0]))
         return log_likelihood, predicted.astype(np.int64)
 
-    def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
+    def save(self, path: StrPath, *, overwrite: bool = False) -> Path:
         """Write a NetCDF file, whole or not at all.
 
         Raises
@@ -426,7 +426,7 @@ def require_draws(value: object) -> None:
     )
 
 
-def load_draws(path: str | Path) -> Draws:
+def load_draws(path: StrPath) -> Draws:
     """Read draws that :meth:`Draws.save` wrote."""
     draws, name = Draws(draws_file.read_tree(path), Path(path)), format_path(Path(path))
     natural: set[str] = set()

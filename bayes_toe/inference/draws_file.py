@@ -21,6 +21,7 @@ import h5py
 import numpy as np
 import xarray as xr
 
+from bayes_toe.arrays import Record, StrPath
 from bayes_toe.checks.answer_checks import not_interpreted
 from bayes_toe.cluster import without_cluster
 from bayes_toe.data.conditions import Conditions, Stimuli
@@ -154,7 +155,7 @@ def _by_pair(study: Study, count: str) -> xr.Dataset:
     return table.set_coords(keys)
 
 
-def _attributes(study: Study, settings: Settings) -> dict[str, Any]:
+def _attributes(study: Study, settings: Settings) -> Record:
     model = stored_model(settings.model, study.task)
     model_words = model.about
     if study.intervals and isinstance(model, PaperModel):
@@ -194,7 +195,7 @@ def stored_unit(attributes: Mapping[Any, Any]) -> StimulusUnit:
     return StimulusUnit(str(attributes.get("unit", "")), log_reference)
 
 
-def stored_conditions(tree: xr.DataTree) -> tuple[Conditions | None, dict[str, dict[str, Any]]]:
+def stored_conditions(tree: xr.DataTree) -> tuple[Conditions | None, dict[str, Record]]:
     """The conditions in a tree, and for each unit what a Subject has besides its counts."""
     if "conditions" not in tree.attrs:
         return None, {}
@@ -214,7 +215,7 @@ def as_netcdf(tree: xr.DataTree) -> memoryview:
 
     In memory, because HDF5 ends the process where the disk that it writes to is full.
     """
-    encoding: dict[str, dict[str, dict[str, Any]]] = {}
+    encoding: dict[str, dict[str, Record]] = {}
     for group, node in tree.children.items():
         settings = encoding[f"/{group}"] = {}
         for name, variable in node.to_dataset().variables.items():
@@ -239,7 +240,7 @@ def require_fitting(n_bytes: int) -> None:
 # --- Reading --------------------------------------------------------------------------------------
 
 
-def read_tree(path: str | Path) -> xr.DataTree:
+def read_tree(path: StrPath) -> xr.DataTree:
     """All groups of a file of draws; draws of a large file are read when they are used.
 
     Raises

@@ -17,7 +17,7 @@ from typing import NamedTuple, Never
 import numpy as np
 from scipy.special import logsumexp
 
-from bayes_toe.arrays import BoolArray, FloatArray, IndexArray
+from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, Rng
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import NumericalError
 from bayes_toe.inference.maxima import Ascent, Expansion, ascend
@@ -241,7 +241,7 @@ class RowMixture:
         student = self.student.drawn_toward(draws.x[:, self.is_free], weights, _FLOOR, inertia)
         return replace(self, student=student)
 
-    def sample(self, rng: np.random.Generator, prior: FloatArray) -> FloatArray:
+    def sample(self, rng: Rng, prior: FloatArray) -> FloatArray:
         """Draws, shape (n, k); some of `prior`, shape (n, k), take the prior's share."""
         n, k = prior.shape
         component = self.student.sample_components(rng, n)

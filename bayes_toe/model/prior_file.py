@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from bayes_toe.arrays import StrPath
 from bayes_toe.data.messages import quoted
 from bayes_toe.data.read_table import toml_table
 from bayes_toe.data.study import Study, require_study
@@ -39,7 +40,7 @@ def sections() -> dict[str, dict[str, PriorField]]:
     return by_section
 
 
-def read_prior(path: str | Path) -> Prior:
+def read_prior(path: StrPath) -> Prior:
     """The prior in a TOML file; :func:`example_file` has all its sections and keys.
 
     Parameters
@@ -133,7 +134,7 @@ def example_file() -> str:
 PRESETS = {"default": DEFAULT, "paper": Prior()}
 
 
-def preset_or_file(source: str | Path | None) -> Prior:
+def preset_or_file(source: StrPath | None) -> Prior:
     """The preset of this name, or the prior in the file of this path; None is the default."""
     if source is None:
         return DEFAULT

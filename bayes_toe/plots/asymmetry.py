@@ -6,7 +6,6 @@ One comparison in both orders (Fig. 1C), and q(c, r) - q(r, c) of all subjects a
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -19,6 +18,7 @@ from bayes_toe.plots.style import (
     SMALL,
     STRONGER_FIRST,
     WEAKER_FIRST,
+    Style,
     dress,
     legend_above,
     panel,
@@ -47,7 +47,7 @@ def order_axes(
     q = (comparison.q_weak_first, comparison.q_strong_first)
     errors = (comparison.q_weak_first_se, comparison.q_strong_first_se)
     for x, colour in enumerate((WEAKER_FIRST, STRONGER_FIRST)):
-        style: dict[str, Any] = {"fmt": "os"[x], "color": colour, "elinewidth": 1.0}
+        style: Style = {"fmt": "os"[x], "color": colour, "elinewidth": 1.0}
         ax.bar(x, q[x], width=0.62, color=colour, alpha=0.35, lw=0)
         ax.errorbar(x, q[x], errors[x], ms=4.5, capsize=2.5, **style)
     top = float(np.add(q, errors).max()) + 0.05
@@ -90,7 +90,7 @@ def asymmetry(table: AsymmetryTable, ax: Axes | None = None) -> Axes:
         largest = [row.maximal for row in table if row.maximal is not None]
         largest.sort(key=lambda comparison: -comparison.asymmetry)
         rows = [[comparison] for comparison in largest]
-    style: dict[str, Any] = {"va": "center", "fontsize": SMALL, "color": EQUAL}
+    style: Style = {"va": "center", "fontsize": SMALL, "color": EQUAL}
     for i, comparisons in enumerate(rows):
         if has_names and i % 2:
             ax.axhspan(i - 0.5, i + 0.5, color="#F3F3F3", lw=0, zorder=0)
@@ -139,7 +139,7 @@ def _draw_comparisons(ax: Axes, rows: Sequence[Sequence[Comparison]], size: floa
     for sign, (colour, marker) in _MARKS.items():
         for is_significant, face in ((False, "white"), (True, colour)):
             is_selected = (np.sign(value) == sign) & ((p < LEVEL) == is_significant)
-            style: dict[str, Any] = {"ms": size, "mew": 0.7, "elinewidth": 0.6, "mfc": face}
+            style: Style = {"ms": size, "mew": 0.7, "elinewidth": 0.6, "mfc": face}
             if is_selected.any():
                 x, half = value[is_selected], bars[is_selected]
                 ax.errorbar(x, y[is_selected], None, half, marker, color=colour, **style)
@@ -148,7 +148,7 @@ def _draw_comparisons(ax: Axes, rows: Sequence[Sequence[Comparison]], size: floa
 
 def _draw_key(ax: Axes, share_of: str) -> None:
     """What colour and filling mean, above the panel and over long names."""
-    style: dict[str, Any] = {"ls": "", "ms": 4.2, "mew": 0.7}
+    style: Style = {"ls": "", "ms": 4.2, "mew": 0.7}
     for order, sign in (("weaker", -1), ("stronger", 1)):
         colour, marker = _MARKS[sign]
         label = f"{share_of} likelier {order} first"

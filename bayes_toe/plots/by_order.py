@@ -6,7 +6,6 @@ Responses with curves by order, the posterior predictive check, the JND by order
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -30,6 +29,7 @@ from bayes_toe.plots.style import (
     MARKED,
     PAGE,
     SMALL,
+    Style,
     dress,
     grid_panels,
     label_outer,
@@ -152,7 +152,7 @@ def jnd_by_order(analysis: Analysis) -> Figure:
             continue
         first, second = jnds_by_order(analysis.curve(answer.subject))
         (left, x, right), (low, y, high) = np.quantile([first, second], MARKED, axis=1).T
-        line: dict[str, Any] = {"color": question.colour, "lw": 0.7, "alpha": 0.5}
+        line: Style = {"color": question.colour, "lw": 0.7, "alpha": 0.5}
         ax.plot([left, right], [y, y], **line)
         ax.plot([x, x], [low, high], **line)
         ax.plot(x, y, **marker_style(question, word, 4.5))
@@ -245,7 +245,7 @@ def _draw_pairs(ax: Axes, counts: Subject, ends: FloatArray) -> None:
     # A bar of no height would not be seen.
     ax.hlines(0.5 * (low + high), x - 0.35, x + 0.35, color=_INTERVAL, lw=1.0)
     size = 4.0 if len(index) <= 20 else 2.0
-    style: dict[str, Any] = {"ms": size, "mec": "white", "mew": 0.3, "clip_on": False, "zorder": 3}
+    style: Style = {"ms": size, "mec": "white", "mew": 0.3, "clip_on": False, "zorder": 3}
     for mark, rows in rows_by_order(order):
         style |= {"color": mark.colour, "label": mark.label}
         ax.plot(x[rows], share[rows], mark.marker, **style)

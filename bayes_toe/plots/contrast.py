@@ -33,6 +33,7 @@ from bayes_toe.plots.style import (
     legend_below,
     new_figure,
     plain,
+    zero_line,
 )
 
 #: Quantities whose mean difference in a group has the unit of a subject's difference.
@@ -110,7 +111,7 @@ def _draw_subjects(ax: Axes, table: ContrastTable, rows: Sequence[Difference]) -
     low, middle, high = np.array(sizes).reshape(-1, 3).T
     faces = [_MARKS[row.word][0] for row in rows]
     colours = [_MARKS[row.word][1] for row in rows]
-    ax.axvline(0.0, color=EQUAL, lw=0.8, ls=":")
+    zero_line(ax)
     ax.hlines(y, low, high, colors=colours, lw=1.0)
     ax.scatter(middle, y, 3.4**2, faces, edgecolors=colours, linewidths=0.7, zorder=2)
     ax.set_ylim(len(subjects) - 0.4, -0.6)

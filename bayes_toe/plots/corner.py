@@ -36,7 +36,7 @@ from bayes_toe.model.paper_model import PRIOR_DRAWS, PaperPosterior
 from bayes_toe.model.parameters import quantity_named
 from bayes_toe.model.posterior import AnswerPosterior
 from bayes_toe.model.prior import Prior
-from bayes_toe.plots.style import MARKED, POSTERIOR, WEAKER_FIRST, new_figure, plain
+from bayes_toe.plots.style import MARKED, POSTERIOR, WEAKER_FIRST, Style, new_figure, plain
 
 Values = Mapping[str, float]
 Span = tuple[float, float]
@@ -338,7 +338,7 @@ def _draw_posterior(
 ) -> None:
     """Histograms, contours and true values of one subject, over what the panels have already."""
     library = corner_package()
-    hist_style: dict[str, Any] = {"color": panel.colour}
+    hist_style: Style = {"color": panel.colour}
     if not is_single:
         hist_style |= {"linestyle": panel.line, "linewidth": 1.4}
     library.corner(
@@ -366,7 +366,7 @@ def _draw_posterior(
         library.overplot_points(figure, [truths], marker="s", color=TRUTH)
         _draw_lines(axes, truths, color=TRUTH)
     else:  # lines would be taken for medians
-        style: dict[str, Any] = {"color": panel.colour, "mec": "black", "mew": 0.8, "zorder": 5}
+        style: Style = {"color": panel.colour, "mec": "black", "mew": 0.8, "zorder": 5}
         library.overplot_points(figure, [truths], marker="s", ms=5, **style)
         medians = np.median(panel.columns, axis=1)
         for ax, median, value in zip(axes.diagonal(), medians, truths, strict=True):
@@ -393,7 +393,7 @@ def _draw_contours(ax: Axes, density: Density, panel: _SubjectDraws, *, filled: 
     if filled:
         colours = [(panel.colour, 1.0 / 3.0), panel.colour][-len(levels) :]
         ax.contourf(x, y, values, [*levels, 2.0 * values.max()], colors=colours)
-    lines: dict[str, Any] = {"colors": panel.colour, "linestyles": panel.line}
+    lines: Style = {"colors": panel.colour, "linestyles": panel.line}
     ax.contour(x, y, values, levels, linewidths=1.5, zorder=1.5, **lines)
 
 
@@ -446,7 +446,7 @@ def _write_key(
     has_prior: bool,
 ) -> None:
     """Subjects, model, lines and marks: above few panels, or in the corner that more leave free."""
-    style: dict[str, Any] = {"frameon": False, "borderaxespad": 0.4, "labelspacing": 0.35}
+    style: Style = {"frameon": False, "borderaxespad": 0.4, "labelspacing": 0.35}
     if len(spans) > _FEW_PANELS:
         style |= {"loc": "upper right", "markerfirst": False, "alignment": "right"}
     else:

@@ -13,7 +13,7 @@ predictions of the random walk.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib import colormaps
@@ -39,6 +39,7 @@ from bayes_toe.plots.style import (
     POSTERIOR,
     Band,
     Mark,
+    Style,
     chance,
     difference_axis,
     draw_band,
@@ -51,6 +52,7 @@ from bayes_toe.plots.style import (
     plain_log_axis,
     rows_by_order,
     stimulus_axis,
+    zero_line,
 )
 
 #: Panels of one weaker stimulus each, or of one interval, beyond which curves give way to a single
@@ -277,7 +279,7 @@ def order_panel(
         )
     if counts.task == WHICH_STRONGER:
         ax.axhline(0.5, color=EQUAL, lw=0.8, ls=":", zorder=0, label="one half: PSE")
-        ax.axvline(0.0, color=EQUAL, lw=0.8, ls=":", zorder=0)
+        zero_line(ax)
     ax.set(xlabel=_ALONG[counts.task], ylim=(-0.03, 1.03))
     return ax
 
@@ -351,7 +353,7 @@ def draw_shares(
     figure = ax.get_figure(root=True)
     assert figure is not None
     moved = ax.transData + ScaledTranslation(shift / 72.0, 0.0, figure.dpi_scale_trans)
-    style: dict[str, Any] = {"ms": size, "elinewidth": size / 4.6}
+    style: Style = {"ms": size, "elinewidth": size / 4.6}
     if len(x) > 25:
         style = {"ms": 3.0, "alpha": 0.35, "elinewidth": 0.4}
     style |= {"color": mark.colour, "mec": "white", "mew": 0.5, "transform": moved}

@@ -14,6 +14,7 @@ import matplotlib as mpl
 from matplotlib.backend_bases import FigureCanvasBase
 from matplotlib.figure import Figure
 
+from bayes_toe.arrays import StrPath
 from bayes_toe.data.whole_files import whole_file
 from bayes_toe.errors import InputError
 from bayes_toe.plots.style import any_characters
@@ -43,9 +44,7 @@ def picture(figure: Figure, suffix: str, *, dpi: int = 300) -> bytes:
     return buffer.getvalue()
 
 
-def save_figure(
-    figure: Figure, path: str | Path, *, overwrite: bool = False, dpi: int = 200
-) -> Path:
+def save_figure(figure: Figure, path: StrPath, *, overwrite: bool = False, dpi: int = 200) -> Path:
     """Write a figure, whole or not at all; the format follows from the suffix.
 
     Raises
@@ -102,7 +101,7 @@ def _write(figure: Figure, target: Any, suffix: str, dpi: int) -> None:
         figure.savefig(target, format=suffix, dpi=dpi, metadata=_UNDATED.get(suffix))
 
 
-def _require_suffix(path: str | Path) -> str:
+def _require_suffix(path: StrPath) -> str:
     suffix = Path(path).suffix.lstrip(".").lower()
     if suffix not in FigureCanvasBase.get_supported_filetypes():
         raise InputError(

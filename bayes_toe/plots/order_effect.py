@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from operator import attrgetter
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -29,6 +29,7 @@ from bayes_toe.plots.style import (
     POSTERIOR,
     SMALL,
     WEAKER_FIRST,
+    Style,
     dress,
     legend_above,
     legend_below,
@@ -126,9 +127,9 @@ def order_effect(
     return figure
 
 
-def marker_style(question: Question, word: Word, size: float) -> dict[str, Any]:
+def marker_style(question: Question, word: Word, size: float) -> Style:
     """The marker of an effect: full for 'yes', half for 'probably', else empty."""
-    style: dict[str, Any] = {"marker": question.marker, "color": question.colour, "ls": ""}
+    style: Style = {"marker": question.marker, "color": question.colour, "ls": ""}
     fill = _FILLS.get(word, "none")
     return style | {"ms": size, "fillstyle": fill, "markerfacecoloralt": "white"}
 
@@ -234,7 +235,7 @@ def _marker_size(subjects: int) -> float:
 
 def _write_words(ax: Axes, answers: Sequence[OrderEffect], question: Question) -> None:
     """The word of every subject, right of its row."""
-    style: dict[str, Any] = {"va": "center", "fontsize": SMALL}
+    style: Style = {"va": "center", "fontsize": SMALL}
     for row, answer in enumerate(answers):
         word = "not interpreted"
         if answer.is_interpretable:
@@ -293,7 +294,7 @@ def bayes_factors(table: EvidenceTable, *, synthetic: bool = False) -> Figure:
     for number, question in enumerate(QUESTIONS):
         log_factors = _log_bayes_factors(answers, question)
         y = rows + step * (number - 1)
-        style: dict[str, Any] = {"color": question.colour, "ms": _marker_size(len(answers))}
+        style: Style = {"color": question.colour, "ms": _marker_size(len(answers))}
         is_large, is_small = log_factors > np.log(_LARGEST), log_factors < -np.log(_LARGEST)
         factors = np.exp(np.where(is_large | is_small, np.nan, log_factors))
         ax.plot(factors, y, question.marker, label=question.words, **style)
@@ -354,7 +355,7 @@ def evidence_axes(ax: Axes, table: EvidenceTable) -> Axes:
             ax.set_xscale("symlog", linthresh=_LINEAR)
         return ax
     ax.hlines(y, 0.0, 1.0, transform=ax.get_yaxis_transform(), color="#EEEEEE", lw=0.8, zorder=0)
-    style: dict[str, Any] = {"fmt": "o", "ms": 6, "label": "importance sampling, 2 s.e."}
+    style: Style = {"fmt": "o", "ms": 6, "label": "importance sampling, 2 s.e."}
     ax.errorbar(value, y, xerr=2.0 * error, color=POSTERIOR, **style)
     ax.plot(laplace, y, "D", ms=5, mfc="none", color=WEAKER_FIRST, label="Laplace (both models)")
     ax.set_yticks(y, [plain(row.subject, 24) for row in table])
@@ -383,7 +384,7 @@ def evidence_plane_axes(table: EvidenceTable, ax: Axes) -> Axes:
     points = np.array(values, np.float64).reshape(-1, 2)
     ax.axline((0.0, 0.0), slope=1.0, color="black", lw=0.8)
     is_above = points[:, 1] > points[:, 0]
-    style: dict[str, Any] = {"ls": "", "ms": 4.5, "mfc": "none", "mew": 1.1}
+    style: Style = {"ls": "", "ms": 4.5, "mfc": "none", "mew": 1.1}
     for rows, colour, marker, label in (
         (is_above, POSTERIOR, "o", "the paper's model (H1)"),
         (~is_above, WEAKER_FIRST, "s", "saturated model (H0)"),

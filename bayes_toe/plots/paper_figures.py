@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from itertools import chain
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -54,6 +53,7 @@ from bayes_toe.plots.style import (
     MAX_NAMES,
     PAGE,
     SMALL,
+    Style,
     any_characters,
     chance,
     dress,
@@ -442,14 +442,14 @@ def plane_axes(draws: Draws, subject: str, ax: Axes) -> Axes:
     columns = [fitted.yes(np.full(_CELLS, s1), side).mean(axis=0) for s1 in side]
     mean = np.stack(columns, axis=1)
     ax.pcolormesh(side, side, mean, cmap=_GREYS, vmin=0.0, vmax=1.0, rasterized=True, zorder=0)
-    levels: dict[str, Any] = {"colors": "#FFFFFF", "linewidths": 0.5, "zorder": 1}
+    levels: Style = {"colors": "#FFFFFF", "linewidths": 0.5, "zorder": 1}
     ax.contour(side, side, mean, levels=[0.25, 0.5, 0.75], **levels)
     ax.plot([low, high], [low, high], "--", color="#444444", lw=0.8, label="diagonal")
     mu1, gamma = (draws.values(subject, name).ravel() for name in ("mu1", "gamma"))
     axis = np.quantile(evolved_mean(side[:, None], mu1, gamma), _CENTRAL, axis=1)
     ax.plot(side, axis[1], color="#111111", lw=1.5, label="symmetry axis")
     ax.plot(side, axis[[0, 2]].T, ":", color="#111111", lw=0.9)
-    style: dict[str, Any] = {"ms": 4.6, "mew": 1.2, "mfc": "white", "zorder": 4, "ls": ""}
+    style: Style = {"ms": 4.6, "mew": 1.2, "mfc": "white", "zorder": 4, "ls": ""}
     if counts.n_pairs > _CROWDED:
         style |= {"ms": 2.0, "mew": 0.6}
     for mark, rows in rows_by_order(presentation_order(counts)):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from textwrap import fill
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -24,6 +23,7 @@ from bayes_toe.plots.style import (
     MARKED,
     PAGE,
     SMALL,
+    Style,
     draw_intervals,
     dress,
     even_columns,
@@ -34,6 +34,7 @@ from bayes_toe.plots.style import (
     new_figure,
     plain,
     rounded,
+    zero_line,
 )
 
 #: Subjects beyond which they have no names, and are sorted.
@@ -149,11 +150,11 @@ def prior_panel(ax: Axes, result: PopulationResult, name: str) -> None:
     label = _label(result, _LABELS[name])
     # A density in the unit of the panel follows from the slope of the unit.
     prior = np.exp(result.numbers.log_mean(means)[:, j]) / np.gradient(values, x)
-    style: dict[str, Any] = {"bins": _BINS, "density": True, "label": "posterior of the group mean"}
+    style: Style = {"bins": _BINS, "density": True, "label": "posterior of the group mean"}
     ax.hist(result.in_units(name, draws), color=_MEAN_COLOUR, **style)
     ax.plot(values, prior, color="black", lw=1.0, ls="--", label="its prior")
     ax.set(xlim=(values[0], values[-1]), xlabel=label, yticks=[])
-    ax.axvline(0.0, color=EQUAL, lw=0.8, ls=":")
+    zero_line(ax)
     ax.locator_params(axis="x", nbins=4)
     dress(ax).spines["left"].set_visible(False)
 
@@ -171,10 +172,10 @@ def forest(ax: Axes, result: PopulationResult, name: str) -> None:
     ax.axvspan(low, high, color=_MEAN_COLOUR, lw=0, label=f"group mean{reference}")
     ax.axvline(middle, color=BELIEF, lw=0.8)
     if name in (CONSTANT_ERROR.name, CONTRACTION.name):
-        ax.axvline(0.0, color=EQUAL, lw=0.8, ls=":")
+        zero_line(ax)
     quantiles = np.quantile(subjects, MARKED, axis=(0, 1))
     n_subjects = quantiles.shape[1]
-    style: dict[str, Any] = {"label": "subject, median and 95 % interval"}
+    style: Style = {"label": "subject, median and 95 % interval"}
     if n_subjects > MAX_NAMES_IN_GROUP:
         quantiles = quantiles[:, np.argsort(quantiles[1], kind="stable")]
         style |= {"size": 1.6, "line": min(1.6, 160.0 / n_subjects)}

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -19,6 +17,7 @@ from bayes_toe.plots.style import (
     PAGE,
     STRONGER_FIRST,
     WEAKER_FIRST,
+    Style,
     dress,
     dress_bar,
     legend_above,
@@ -73,7 +72,7 @@ def _draw_question(ax: Axes, table: PowerTable, design: str, question: str) -> N
         x, y, low, high = np.array(points).T
         x *= np.exp(_KIND_SHIFT * (index - 0.5 * (len(kinds) - 1)))
         colour = _COLOURS[index % len(_COLOURS)]
-        style: dict[str, Any] = {"fmt": _MARKERS[index % len(_MARKERS)], "color": colour, "ms": 4.0}
+        style: Style = {"fmt": _MARKERS[index % len(_MARKERS)], "color": colour, "ms": 4.0}
         if not table.has_effect(kind, question):
             style |= {"ls": ":", "mfc": "white"}
         else:
@@ -120,7 +119,7 @@ def _draw_pairs(ax: Axes, optimal: OptimalDesign) -> None:
     ax.axline((float(first[0]),) * 2, slope=1.0, color=EQUAL, linewidth=0.6, linestyle=":")
     if PAPER in optimal.candidates:
         paper = optimal.candidates[PAPER].design
-        cross: dict[str, Any] = {"color": WEAKER_FIRST, "markersize": 4.0, "markeredgewidth": 1.0}
+        cross: Style = {"color": WEAKER_FIRST, "markersize": 4.0, "markeredgewidth": 1.0}
         ax.plot(paper.s1, paper.s2, "x", label=PAPER, **cross)
     ax.scatter(
         design.s1,
@@ -154,7 +153,7 @@ def _draw_compared(ax: Axes, optimal: OptimalDesign) -> None:
                     shares.append(share)
             x, low, high = np.array(shares).reshape(-1, 3).T
             y = np.array(rows) + 0.24 * (index - 1)
-            style: dict[str, Any] = {"fmt": _MARKERS[index], "color": colour, "elinewidth": 0.8}
+            style: Style = {"fmt": _MARKERS[index], "color": colour, "elinewidth": 0.8}
             if has_effect:
                 label = question.replace("_", " ")
                 ax.errorbar(x, y, xerr=(x - low, high - x), ms=4.5, label=label, **style)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -33,6 +32,7 @@ from bayes_toe.plots.style import (
     ORDERS,
     SMALL,
     Band,
+    Style,
     draw_band,
     grid_panels,
     label_outer,
@@ -150,7 +150,7 @@ def responses_panel(
     """
     middle = mean_first(counts)
     weaker = _only_weaker(counts)
-    along: dict[str, Any] = {"size": 3.5, "points": points, "bands": bands}
+    along: Style = {"size": 3.5, "points": points, "bands": bands}
     if counts.task == WHICH_STRONGER and weaker is not None:
         _correct_panel(ax, counts, curve, weaker)
         stimulus_axis(ax, "stronger stimulus", counts.unit, middle)

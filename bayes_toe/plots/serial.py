@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -17,6 +17,7 @@ from bayes_toe.plots.style import (
     PAGE,
     POSTERIOR,
     SMALL,
+    Style,
     draw_band,
     dress,
     legend_below,
@@ -85,7 +86,7 @@ class _Residuals(NamedTuple):
         lines = np.stack([self.change[:, group].mean(axis=1) for group in groups], axis=1)
         ax.axhline(0.0, color=EQUAL, linestyle="--", linewidth=0.8, label="no history")
         draw_band(ax, x, lines, POSTERIOR, 1.2, _BAND, "best of the four models")
-        style: dict[str, Any] = {"fmt": "o", "color": "black", "ms": 3.5, "lw": 0.8}
+        style: Style = {"fmt": "o", "color": "black", "ms": 3.5, "lw": 0.8}
         ax.errorbar(x, means, errors, label="responses, 1 s.e.", **style)
 
 

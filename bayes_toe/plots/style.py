@@ -41,6 +41,8 @@ _WIDE_PANEL, _LABEL_LETTERS = 2.0, 20
 #: Quantiles that lines and intervals mark.
 MARKED = (0.025, 0.5, 0.975)
 Band = tuple[float, float, float]
+#: Arguments that several calls of matplotlib share.
+Style = dict[str, Any]
 #: Of fitted curves: lower and upper quantile, opacity.
 BANDS: tuple[Band, ...] = ((0.025, 0.975, 0.15), (0.25, 0.75, 0.35))
 
@@ -211,9 +213,14 @@ def plain_log_axis(axis: Axis, multiples: Sequence[float] = (1.0, 2.0, 5.0)) -> 
     axis.set_minor_formatter(NullFormatter())
 
 
+def zero_line(ax: Axes) -> None:
+    """A dotted vertical line at 0, behind the marks."""
+    ax.axvline(0.0, color=EQUAL, lw=0.8, ls=":", zorder=0)
+
+
 def write_note(ax: Axes, text: str) -> None:
     """A note in small grey letters, in the lower right corner of a panel."""
-    style: dict[str, Any] = {"ha": "right", "va": "bottom", "fontsize": SMALL, "color": EQUAL}
+    style: Style = {"ha": "right", "va": "bottom", "fontsize": SMALL, "color": EQUAL}
     ax.text(0.99, 0.01, text, transform=ax.transAxes, **style)
 
 
@@ -291,7 +298,7 @@ def legend_below(
     for ax in figure.axes:
         for handle, label in _main_first(ax):
             handles[label] = handle
-    style: dict[str, Any] = {"loc": f"outside {side} center", "ncols": columns, "frameon": False}
+    style: Style = {"loc": f"outside {side} center", "ncols": columns, "frameon": False}
     if size <= LETTERS:
         style |= {"handletextpad": 0.3, "columnspacing": 1.2, "borderaxespad": 0.2}
     figure.legend(handles.values(), handles.keys(), fontsize=size, **style)
@@ -305,7 +312,7 @@ def legend_above(
     Estimates with error bars come first. `side` is where its lower edge touches the panel.
     """
     handles, labels = zip(*_main_first(ax), strict=True)
-    style: dict[str, Any] = {
+    style: Style = {
         "loc": f"lower {side}",
         "bbox_to_anchor": ({"left": 0.0, "center": 0.5, "right": 1.0}[side], 1.0),
         "borderaxespad": 0.2,
