@@ -12,6 +12,7 @@ FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 IndexArray = npt.NDArray[np.intp]
 BoolArray = npt.NDArray[np.bool_]
+ArrayPair = tuple[FloatArray, FloatArray]
 Rng = np.random.Generator
 StrPath = str | Path
 #: Values by name, as a file or a page has them.

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtrc
 
-from bayes_toe.arrays import FloatArray
+from bayes_toe.arrays import ArrayPair, FloatArray
 from bayes_toe.data.study import Subject
 from bayes_toe.model.observer import ObserverPosterior
 from bayes_toe.model.parameters import CONSTANT_ERROR, task_parameters
@@ -93,7 +93,7 @@ def logit_slopes(posterior: ObserverPosterior, point: FloatArray) -> FloatArray:
     return -in_constant_error / batch.prior.constant_error_scale
 
 
-def _scores(subject: Subject, slopes: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _scores(subject: Subject, slopes: FloatArray) -> ArrayPair:
     """U and V of all four regressors."""
     trials = TrialSequence.from_subject(subject)
     previous = trials.earlier(1)

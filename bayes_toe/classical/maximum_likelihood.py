@@ -31,7 +31,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, IntArray
+from bayes_toe.arrays import ArrayPair, BoolArray, FloatArray, IndexArray, IntArray
 from bayes_toe.data.study import Subject, refuse_intervals
 from bayes_toe.data.tasks import TASKS, Task
 from bayes_toe.inference.maxima import Ascent, Differenced, ascend
@@ -122,7 +122,7 @@ class PenalisedLikelihood:
             [self._log_likelihood(x[at], self.n_yes[row[at]]) for at in blocks]
         ) - self.penalty(u)
 
-    def gradient(self, u: FloatArray, row: IndexArray) -> tuple[FloatArray, FloatArray]:
+    def gradient(self, u: FloatArray, row: IndexArray) -> ArrayPair:
         """What is maximised, (points,), and its gradient, (points, 4).
 
         That of the penalty follows from mu1 = sbar + c/p and d(1/p)/du_1 = 1/p.

@@ -1,7 +1,7 @@
 """MATLAB files as columns of text, read in a process of their own.
 
-The compiled reader of SciPy can end its process at a damaged file. A process of its own makes that
-one refused file.
+SciPy reads files up to version 7, and h5py those of version 7.3, which are HDF5. A damaged file can
+end the process of such a compiled reader. A process of its own makes that one refused file.
 """
 
 from __future__ import annotations
@@ -26,6 +26,8 @@ _SAVED = (
     "save('trials.mat', '-struct', 'S', '-v7')"
 )
 _DAMAGED_ALLOWED = "allowed: one that MATLAB has saved with '-v7'"
+#: Where objects of MATLAB's own leave a mark, in files of both kinds.
+_OBJECTS = {"__function_workspace__", "#subsystem#"}
 #: Seconds after which a file is refused; one of 10^6 trials takes some 10 s.
 _LONGEST = 120
 _PACKAGE_PARENT = Path(__file__).resolve().parents[2]
@@ -87,19 +89,61 @@ def _variables(source: str, data: bytes) -> Record:
         with warnings.catch_warnings(action="ignore"):
             variables = loadmat(io.BytesIO(data), simplify_cells=True)
     except NotImplementedError:
-        raise InputError(
-            f"{source}: found a file of version 7.3, allowed: one saved with '-v7'"
-        ) from None
+        variables = _hdf5_variables(source, data)
     except Exception as error:  # of a damaged file the library raises whatever its parser meets
-        raise InputError(
-            f"{source}: found a damaged MATLAB file ({one_line(error)}), {_DAMAGED_ALLOWED}"
-        ) from None
-    if "__function_workspace__" in variables:
+        raise _damaged(source, error) from None
+    if _OBJECTS & variables.keys():
         # MATLAB's own table objects are in no documented format.
         raise InputError(
             f"{source}: found a table or another object of MATLAB's own, allowed: {_SAVED}"
         )
-    return {name: value for name, value in variables.items() if not name.startswith("__")}
+    return {name: value for name, value in variables.items() if not name.startswith(("__", "#"))}
+
+
+def _damaged(source: str, error: Exception) -> InputError:
+    reason = one_line(error)
+    return InputError(f"{source}: found a damaged MATLAB file ({reason}), {_DAMAGED_ALLOWED}")
+
+
+def _hdf5_variables(source: str, data: bytes) -> Record:
+    """The variables of a file of version 7.3."""
+    import h5py
+
+    try:
+        with h5py.File(io.BytesIO(data)) as file:
+            return {name: _hdf5_value(file, name) for name in file}
+    except Exception as error:
+        raise _damaged(source, error) from None
+
+
+def _hdf5_value(group: Any, name: str) -> Any:
+    """A variable, a field or a cell: a struct by field, a text, or an array as MATLAB has it."""
+    import h5py
+
+    if name.startswith("#"):  # the cells, to which references lead, and objects
+        return None
+    if not isinstance(group.get(name, getlink=True), h5py.HardLink):
+        raise ValueError(f"{name} is a link")
+    item = group[name]
+    if isinstance(item, h5py.Group):
+        return {field: _hdf5_value(item, field) for field in item}
+    if item.external:
+        raise ValueError(f"{name} is in another file")
+    if "MATLAB_empty" in item.attrs:
+        return ""
+    values = item[()].T
+    kind = item.attrs.get("MATLAB_class", b"").decode()
+    if kind == "char":
+        texts = ["".join(map(chr, row)) for row in values]
+        return texts[0] if len(texts) == 1 else texts
+    if item.dtype == h5py.ref_dtype:
+        cells = np.empty(values.size, object)
+        for i, reference in enumerate(values.ravel("F")):
+            cells[i] = _hdf5_value(item.file["#refs#"], item.file[reference].name.split("/")[-1])
+        return cells
+    if kind == "logical":
+        values = values.astype(np.bool_)
+    return values.item() if values.size == 1 else np.squeeze(values)
 
 
 def _columns(source: str, variables: Record) -> dict[str, list[Any]]:

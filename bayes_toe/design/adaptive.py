@@ -14,7 +14,7 @@ from scipy.special import entr, logsumexp
 
 from bayes_toe.answers.model_average import weighted_quantiles
 from bayes_toe.answers.order_effect import OrderEffect, answer_subject
-from bayes_toe.arrays import FloatArray, Rng, StrPath
+from bayes_toe.arrays import ArrayPair, FloatArray, Rng, StrPath
 from bayes_toe.data.messages import format_path
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task, task_of
@@ -251,7 +251,7 @@ class Adaptive:
                 left += np.exp(log_p) * (weights @ _entropy(p_yes))
         return _entropy(mean_yes) - left
 
-    def _predictions(self, name: str) -> tuple[FloatArray, FloatArray]:
+    def _predictions(self, name: str) -> ArrayPair:
         """P(yes) of some draws of a model for every pair, (draws, pairs), and their weights."""
         particles = self._particles[name]
         if name not in self._predicted or self._predicted[name][0] != particles.generation:

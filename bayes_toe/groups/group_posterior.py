@@ -26,7 +26,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bayes_toe.arrays import FloatArray, IntArray, Rng
+from bayes_toe.arrays import ArrayPair, FloatArray, IntArray, Rng
 from bayes_toe.data.study import Subject
 from bayes_toe.groups.hyperprior import (
     HyperpriorNumbers,
@@ -128,7 +128,7 @@ class SubjectRows:
         """Coordinates of the rows, (subjects, points, q + own) -> (rows, points, k)."""
         return w[self.subject_of_row] @ self.loading.swapaxes(1, 2)
 
-    def gradient(self, w: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def gradient(self, w: FloatArray) -> ArrayPair:
         """Log likelihood of subjects, (subjects, points), and its gradient in w."""
         value, slope = self.batch.plain_gradient(self.row_points(w))
         value = np.add.reduceat(value, self.first_row, axis=0)
@@ -143,7 +143,7 @@ class SubjectRows:
         first, second, third = (np.add.reduceat(part, self.first_row, axis=0) for part in parts)
         return first, second, third
 
-    def log_own_prior(self, unshared: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def log_own_prior(self, unshared: FloatArray) -> ArrayPair:
         """Log prior of the parameters that are not shared, (..., own) -> (...), and its slopes."""
         total, slopes = np.zeros(unshared.shape[:-1]), np.empty_like(unshared)
         for j, coordinate in enumerate(self.own_priors):
@@ -257,7 +257,7 @@ class GroupPosterior:
         """Number of all coordinates."""
         return self.n_shared + self.rows.n_subjects * self.rows.n_coordinates
 
-    def __call__(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def __call__(self, theta: FloatArray) -> ArrayPair:
         """Log density, (points,), and gradient, (points, n_coordinates)."""
         numbers, q = self.numbers, self.rows.n_coefficients
         mean, sd_score, effects, block = self._split(theta)

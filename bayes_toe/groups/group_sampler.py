@@ -20,11 +20,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bayes_toe.arrays import BoolArray, FloatArray, Rng
+from bayes_toe.arrays import ArrayPair, BoolArray, FloatArray, Rng
 from bayes_toe.groups.group_posterior import GroupPosterior
 from bayes_toe.inference.diagnostics import Convergence, convergence_of, worst
 
-Density = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
+Density = Callable[[FloatArray], ArrayPair]
 
 _TARGET_ACCEPTANCE = 0.9
 #: Mean length of a trajectory.

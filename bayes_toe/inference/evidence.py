@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import expit
 
-from bayes_toe.arrays import FloatArray, IndexArray
+from bayes_toe.arrays import ArrayPair, FloatArray, IndexArray
 from bayes_toe.inference.maxima import LEAST_CURVATURE, Differenced, Maxima, ascend
 from bayes_toe.inference.proposal import FittedProposal
 from bayes_toe.model.distributions import LOG_2PI
@@ -116,7 +116,7 @@ def laplace_evidence_natural(
         # number either.
         return np.where(np.abs(x[:, 1:]).max(axis=1) > _FAR, -np.inf, value)
 
-    def density_and_gradient(x: FloatArray, _: IndexArray) -> tuple[FloatArray, FloatArray]:
+    def density_and_gradient(x: FloatArray, _: IndexArray) -> ArrayPair:
         log_joint, slope = posterior.gradient(x)
         p = MAX_PULL * expit(x[:, 1])
         slope[:, 1] += 4.5 * p * expit(-x[:, 1]) / (1.0 - p) - log_jacobian_slope_of_pull(x[:, 1])

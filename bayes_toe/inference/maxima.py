@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from bayes_toe.arrays import BoolArray, FloatArray, IndexArray
+from bayes_toe.arrays import ArrayPair, BoolArray, FloatArray, IndexArray
 from bayes_toe.model.derivatives import hessian, one_sided
 from bayes_toe.model.posterior import SampledPosterior
 
@@ -40,7 +40,7 @@ class Expansion(NamedTuple):
 
 #: From points, (points, k), and the start that each of them came from, (points,).
 Expand = Callable[[FloatArray, IndexArray], Expansion]
-ValueAndGradient = Callable[[FloatArray, IndexArray], tuple[FloatArray, FloatArray]]
+ValueAndGradient = Callable[[FloatArray, IndexArray], ArrayPair]
 
 
 class Differenced:
@@ -56,7 +56,7 @@ class Differenced:
     def expand(self, x: FloatArray, index: IndexArray) -> Expansion:
         """The log densities about points, as :data:`Expand`."""
 
-        def slopes(points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        def slopes(points: FloatArray) -> ArrayPair:
             return self._density(points, np.resize(index, len(points)))
 
         value, gradient, second = one_sided(slopes, x, self._bend[index])
@@ -156,7 +156,7 @@ def ascend(
 
 def _steps(
     gradient: FloatArray, curvature: FloatArray, is_moving: BoolArray, damping: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+) -> ArrayPair:
     """Steps uphill in the moving coordinates, (points, k), and the gain that each predicts.
 
     The curvature is scaled to a unit diagonal, which the damping raises. Where it is not positive

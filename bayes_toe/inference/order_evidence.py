@@ -17,7 +17,7 @@ from typing import NamedTuple, Never
 import numpy as np
 from scipy.special import logsumexp
 
-from bayes_toe.arrays import BoolArray, FloatArray, IndexArray, Rng
+from bayes_toe.arrays import ArrayPair, BoolArray, FloatArray, IndexArray, Rng
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import NumericalError
 from bayes_toe.inference.maxima import Ascent, Expansion, ascend
@@ -403,7 +403,7 @@ class _Sampler:
             return _two_best_local(values[at_row], profile.value[at_row]), at_row
         return np.flatnonzero(values[at_row] == 0.0), at_row
 
-    def _laplace(self, maxima: Ascent, rows: IndexArray) -> tuple[FloatArray, FloatArray]:
+    def _laplace(self, maxima: Ascent, rows: IndexArray) -> ArrayPair:
         """The highest maximum of every row, (rows, k), and Laplace's log evidence, (rows,)."""
         best = np.empty(self.n_rows, np.intp)
         for row in range(self.n_rows):

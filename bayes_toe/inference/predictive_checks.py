@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import betainc, chdtrc, gammaln, xlogy
 
-from bayes_toe.arrays import FloatArray
+from bayes_toe.arrays import ArrayPair, FloatArray
 from bayes_toe.data.tasks import SAME_DIFFERENT
 from bayes_toe.model.answer_curves import times_counts
 from bayes_toe.model.posterior import AnswerPosterior, require_points
@@ -105,9 +105,7 @@ def deviance_p_value(
     )
 
 
-def _moments(
-    n: FloatArray, log_q: FloatArray, log_rest: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def _moments(n: FloatArray, log_q: FloatArray, log_rest: FloatArray) -> ArrayPair:
     """Mean and variance of each pair's deviance, over the counts of its rarer answer.
 
     Where that is not rare, they are 1 and 2.

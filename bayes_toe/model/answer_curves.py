@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import erfcx, erfinv, expit, log_expit, log_ndtr, ndtri_exp
 
-from bayes_toe.arrays import BoolArray, FloatArray, IntArray
+from bayes_toe.arrays import ArrayPair, BoolArray, FloatArray, IntArray
 from bayes_toe.model.distributions import LOG_2PI
 from bayes_toe.model.paper_equations import LN2
 
@@ -42,9 +42,7 @@ class Slopes(NamedTuple):
 # --- Counts --------------------------------------------------------------------------------------
 
 
-def log_likelihoods(
-    n_yes: IntArray, n_trials: IntArray, answers: tuple[FloatArray, FloatArray]
-) -> FloatArray:
+def log_likelihoods(n_yes: IntArray, n_trials: IntArray, answers: ArrayPair) -> FloatArray:
     """Log likelihood of each pair, (points, pairs), without binomial coefficients.
 
     Parameters

@@ -28,7 +28,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from bayes_toe.arrays import FloatArray
+from bayes_toe.arrays import ArrayPair, FloatArray
 from bayes_toe.data.study import Subject, pooled
 from bayes_toe.model.distributions import LOG_2PI, Random
 from bayes_toe.model.observer import DEFAULT_PRIOR, ObserverBatch, ObserverPosterior, OrderModel
@@ -156,7 +156,7 @@ class ConditionPosterior:
         """Log posterior density, (points,); its integral is the evidence."""
         return self.log_likelihood(x) + self.log_prior(x)
 
-    def gradient(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+    def gradient(self, x: npt.ArrayLike) -> ArrayPair:
         """Log posterior density, (points,), and its gradient, (points, k + differences)."""
         points = require_points(x, len(self.coordinates))
         k = len(self.parameters)

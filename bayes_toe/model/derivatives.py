@@ -6,11 +6,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from bayes_toe.arrays import FloatArray
+from bayes_toe.arrays import ArrayPair, FloatArray
 
 Gradient = Callable[[FloatArray], FloatArray]
 #: Points, (points, k), to the value, (points,), and the gradient, (points, k).
-Slopes = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
+Slopes = Callable[[FloatArray], ArrayPair]
 #: Steps in units of 1/sqrt abs H_ii: one-sided ones during a search, central ones for results.
 _SHORT, _LONG = 1e-6, 1e-4
 #: Smallest size of a curvature, and smallest step over the size of the coordinate.

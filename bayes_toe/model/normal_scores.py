@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import erfcx, log_expit, log_ndtr, ndtri_exp
 
-from bayes_toe.arrays import FloatArray
+from bayes_toe.arrays import ArrayPair, FloatArray
 from bayes_toe.model.derivatives import Gradient, hessian
 from bayes_toe.model.distributions import Normal
 from bayes_toe.model.paper_equations import MAX_PULL
@@ -74,7 +74,7 @@ class Funnel:
             bool(distance < spread),
         )
 
-    def conditional(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def conditional(self, x: FloatArray) -> ArrayPair:
         """Mean and log standard deviation of c given the other coordinates, shape (points,) each.
 
         In logs, since p may be tiny.
@@ -93,7 +93,7 @@ class NormalScores:
 
     funnel: Funnel
 
-    def forward(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def forward(self, x: FloatArray) -> ArrayPair:
         """Coordinates y of x, and log |dy/dx|, shape (points,)."""
         mean, log_spread = self.funnel.conditional(x)
         y = x.copy()
@@ -101,7 +101,7 @@ class NormalScores:
         y[:, _LOGITS] = probit_of_logit(x[:, _LOGITS])
         return y, log_slope(y[:, _LOGITS]).sum(axis=1) - log_spread
 
-    def inverse(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def inverse(self, y: FloatArray) -> ArrayPair:
         """Coordinates x of y, and log |dy/dx| there, shape (points,).
 
         A probit beyond 37 (:data:`FARTHEST`) stands for a pull or a lapse below the smallest float;

@@ -24,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import erf, expit, log_ndtr, logit, ndtr, xlogy
 
-from bayes_toe.arrays import BoolArray, FloatArray
+from bayes_toe.arrays import ArrayPair, BoolArray, FloatArray
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.errors import InputError
@@ -291,7 +291,7 @@ class ObserverBatch:
         no = np.logaddexp(log_lapse + blind.no, log_attend + attending.no)
         return LogAnswers(yes, no)
 
-    def _lapse_logs(self, values: Mapping[str, FloatArray]) -> tuple[FloatArray, FloatArray]:
+    def _lapse_logs(self, values: Mapping[str, FloatArray]) -> ArrayPair:
         """Log of the lapse rate and of its complement, (rows, points, 1) each."""
         log_lapse, log_attend = lapse_logs(values["lapse_score"], self.prior.lapse_rate_b)
         return log_lapse[..., None], log_attend[..., None]
@@ -314,7 +314,7 @@ class ObserverBatch:
 
     def plain_answers_at(
         self, values: Mapping[str, FloatArray], z: FloatArray, k: FloatArray | None
-    ) -> tuple[FloatArray, FloatArray]:
+    ) -> ArrayPair:
         """Probability of both answers at distances and criteria, (rows, points, pairs) each."""
         lapse, attend = map(np.exp, self._lapse_logs(values))
         if k is None:
@@ -336,7 +336,7 @@ class ObserverBatch:
         return yes, no
 
     @np.errstate(over="ignore", divide="ignore", invalid="ignore")
-    def plain_gradient(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def plain_gradient(self, u: FloatArray) -> ArrayPair:
         """:meth:`gradient` by plain probabilities, as :meth:`plain_log_likelihood`.
 
         Both answers to a pair depend on z, on ln k and on the lapse rate alone. The slopes in
@@ -436,13 +436,13 @@ class ObserverBatch:
         units += [np.full((1, 1), prior.constant_error_scale), self.contraction_sd]
         return np.stack(np.broadcast_arrays(*units), axis=-1)
 
-    def gradient(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def gradient(self, u: FloatArray) -> ArrayPair:
         """Log likelihood (rows, points), and its gradient (rows, points, k)."""
         return self._summed(*self.answer_slopes(u))
 
     def _summed(
         self, answers: LogAnswers, yes_slopes: FloatArray, no_slopes: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
+    ) -> ArrayPair:
         """Log likelihood and its gradient, from what an answer to each pair adds."""
         terms = times_counts(self.n_yes, answers.yes) + times_counts(self.n_no, answers.no)
         in_yes = times_counts(self.n_yes[:, :, None], yes_slopes)
@@ -492,7 +492,7 @@ class ObserverBatch:
             points[:, j] = density.quantile(probability[None, :, j])[0]
         return points
 
-    def prior_slopes(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def prior_slopes(self, u: FloatArray) -> ArrayPair:
         """Gradient and positive curvature of the log prior, (rows, points, k) each."""
         slopes, curvatures = np.empty_like(u), np.empty_like(u)
         for j, density in enumerate(self.priors):
@@ -648,7 +648,7 @@ class ObserverPosterior:
         log_prior = self.batch.log_prior(full, self.is_free[None])[0]
         return self.batch.log_likelihood(full)[0] + log_prior
 
-    def gradient(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+    def gradient(self, x: npt.ArrayLike) -> ArrayPair:
         """Log posterior density, (points,), and its gradient, (points, k)."""
         full = self.full_points(x)
         value, slope = self.batch.gradient(full)

@@ -32,7 +32,7 @@ import numpy.typing as npt
 from scipy.optimize import brentq
 from scipy.special import expit, log_expit, logit, ndtri
 
-from bayes_toe.arrays import BLOCK, FloatArray, IndexArray, IntArray
+from bayes_toe.arrays import BLOCK, ArrayPair, FloatArray, IndexArray, IntArray
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.errors import InputError, NumericalError
@@ -307,9 +307,7 @@ class PaperPosterior:
                 z = np.where(shift == 0.0, 0.0, z)
             return z.T
 
-    def likelihood_gradient(
-        self, x: FloatArray, n_yes: IntArray | None = None
-    ) -> tuple[FloatArray, FloatArray]:
+    def likelihood_gradient(self, x: FloatArray, n_yes: IntArray | None = None) -> ArrayPair:
         """Log likelihood, (points,), and its gradient, (points, 4).
 
         `n_yes`, shape (points, pairs), has other counts of the same pairs, a row for each point.
@@ -430,7 +428,7 @@ class PaperPosterior:
         points = require_points(x, 4)
         return self.log_likelihood(points) + self.log_prior(points)
 
-    def gradient(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+    def gradient(self, x: npt.ArrayLike) -> ArrayPair:
         """Log posterior density, (points,), and its gradient, (points, 4)."""
         points = require_points(x, 4)
         size = max(1, BLOCK // self.subject.n_pairs)
@@ -678,7 +676,7 @@ def log_jacobian_slope_of_pull(a: FloatArray) -> FloatArray:
     return p * fall / (1.0 + p) + 1.5 * p * fall / (1.0 - p) - expit(a)
 
 
-def log_noise_ratio(a: FloatArray) -> tuple[FloatArray, FloatArray]:
+def log_noise_ratio(a: FloatArray) -> ArrayPair:
     """Log gamma and log(1 - gamma) at a = logit(p / p_max), gamma = p/(1 - p)^2; neither cancels.
 
     p_max and 1/p_max are the roots of (1 - p)^2 = p, so 1 - gamma = (p_max - p) (1/p_max - p) / (1

@@ -32,7 +32,7 @@ from scipy.special import (
     stdtrit,
 )
 
-from bayes_toe.arrays import FloatArray
+from bayes_toe.arrays import ArrayPair, FloatArray
 from bayes_toe.data.tasks import SAME_DIFFERENT, WHICH_STRONGER, Task
 from bayes_toe.errors import InputError
 from bayes_toe.model.distributions import LOG_2PI
@@ -407,7 +407,7 @@ def task_parameters(task: Task) -> tuple[Parameter, ...]:
     return tuple(parameter for parameter in PARAMETERS if task in parameter.tasks)
 
 
-def lapse_logs(u: FloatArray, b: float) -> tuple[FloatArray, FloatArray]:
+def lapse_logs(u: FloatArray, b: float) -> ArrayPair:
     """Log of the lapse rate and of its complement, from the normal score u of Beta(1, b).
 
     1 - lambda = (1 - Phi(u))^(1/b).

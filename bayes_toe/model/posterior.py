@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from bayes_toe.arrays import FloatArray
+from bayes_toe.arrays import ArrayPair, FloatArray
 from bayes_toe.data.study import Subject
 from bayes_toe.errors import NumericalError
 from bayes_toe.model.distributions import Random
@@ -68,10 +68,10 @@ def require_defined(log_posterior: FloatArray, target: AnswerPosterior) -> None:
 class Transform(Protocol):
     """A bijection between the coordinates x and others, y, in which mixtures fit the posterior."""
 
-    def forward(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def forward(self, x: FloatArray) -> ArrayPair:
         """Coordinates y of x, shape (points, k), and log |dy/dx|, shape (points,)."""
 
-    def inverse(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def inverse(self, y: FloatArray) -> ArrayPair:
         """Coordinates x of y, shape (points, k), and log |dy/dx| there.
 
         Points beyond all floats go where the density is 0.
@@ -81,11 +81,11 @@ class Transform(Protocol):
 class SameCoordinates:
     """The transform that changes nothing."""
 
-    def forward(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def forward(self, x: FloatArray) -> ArrayPair:
         """A copy of x, and 0."""
         return x.copy(), np.zeros(len(x))
 
-    def inverse(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def inverse(self, y: FloatArray) -> ArrayPair:
         """A copy of y, and 0."""
         return y.copy(), np.zeros(len(y))
 
@@ -120,7 +120,7 @@ class AnswerPosterior(Protocol):
     def names(self) -> Names:
         """Names of the quantities."""
 
-    def log_answers(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+    def log_answers(self, x: npt.ArrayLike) -> ArrayPair:
         """Log probability of both answers to every pair, (points, pairs) each."""
 
     def log_likelihood(self, x: npt.ArrayLike) -> FloatArray:
@@ -148,7 +148,7 @@ class AnswerPosterior(Protocol):
 class SampledPosterior(AnswerPosterior, Protocol):
     """A posterior that has to be explored: for maxima, importance sampling and emcee."""
 
-    def gradient(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
+    def gradient(self, x: npt.ArrayLike) -> ArrayPair:
         """Log density, (points,), and its gradient, (points, k)."""
 
     def starts(self) -> FloatArray:

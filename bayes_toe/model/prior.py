@@ -22,7 +22,7 @@ from typing import Any, ClassVar, Self, cast
 
 import numpy as np
 
-from bayes_toe.arrays import FloatArray
+from bayes_toe.arrays import FloatArray, Record
 from bayes_toe.data.study import Subject, stimuli_of
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
 from bayes_toe.errors import InputError
@@ -130,7 +130,7 @@ class Prior(PriorFields):
                     "prior 'paper' (--prior paper), or one of numbers"
                 )
             return self
-        values: dict[str, Any] = {}
+        values: Record = {}
         for name, number in open_numbers.items():
             values[name] = stimuli.number(number.stimuli)
         return replace(self, **values)
@@ -171,7 +171,7 @@ class Prior(PriorFields):
                 distributions[name] = family(*numbers)
         return distributions
 
-    def _numbers(self, parameter: str) -> dict[str, Any]:
+    def _numbers(self, parameter: str) -> Record:
         """The numbers of a parameter's distribution by name."""
         names = [number.name for number in self.declared() if number.parameter == parameter]
         return {name: getattr(self, name) for name in names}

@@ -26,7 +26,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import bdtr, ndtr, xlogy
 
-from bayes_toe.arrays import BoolArray, FloatArray, IndexArray
+from bayes_toe.arrays import ArrayPair, BoolArray, FloatArray, IndexArray
 from bayes_toe.data.answers import Answers
 from bayes_toe.data.study import Subject
 from bayes_toe.data.tasks import SAME_DIFFERENT, Task
@@ -124,7 +124,7 @@ class TrialHistoryPosterior:
         return TrialSequence.from_subject(self.subject)
 
     @cached_property
-    def _stimuli(self) -> tuple[FloatArray, FloatArray]:
+    def _stimuli(self) -> ArrayPair:
         """First and second stimuli of all trials about sbar, in D, (trials, 1) each."""
         scales = self.observer.scales
         first = (self.trials.first - scales.sbar) / scales.step

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from bayes_toe.analysis import Analysis
 from bayes_toe.answers.words import Word
-from bayes_toe.arrays import FloatArray, IndexArray
+from bayes_toe.arrays import ArrayPair, FloatArray, IndexArray
 from bayes_toe.classical.frequencies import presentation_order
 from bayes_toe.data.messages import counted
 from bayes_toe.data.study import Subject, refuse_intervals
@@ -170,7 +170,7 @@ def jnd_by_order(analysis: Analysis) -> Figure:
     return figure
 
 
-def jnds_by_order(fitted: Predictor) -> tuple[FloatArray, FloatArray]:
+def jnds_by_order(fitted: Predictor) -> ArrayPair:
     """Draws of the JND where the standard came first, and where it came second."""
     quantities = fitted.target.quantities(fitted.x)
     jnd, contraction = quantities["jnd"], quantities["contraction"]

@@ -18,7 +18,7 @@ from matplotlib.transforms import Bbox
 
 from bayes_toe.analysis import Analysis
 from bayes_toe.answers.evidence_table import EvidenceTable
-from bayes_toe.arrays import FloatArray
+from bayes_toe.arrays import ArrayPair, FloatArray
 from bayes_toe.classical.asymmetry import (
     LEVEL,
     AsymmetryTable,
@@ -344,7 +344,7 @@ def map_figure(draws: Draws, *, clouds: Clouds | None = None) -> Figure:
     return figure
 
 
-def posterior_clouds(draws: Draws) -> dict[str, tuple[FloatArray, FloatArray]]:
+def posterior_clouds(draws: Draws) -> dict[str, ArrayPair]:
     """Posterior draws of (mu_1, sigma_p) by subject."""
     clouds = {}
     for name in draws.names:

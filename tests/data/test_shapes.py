@@ -14,6 +14,7 @@ import zipfile
 from collections import Counter
 from contextlib import suppress
 
+import h5py
 import numpy as np
 import pandas as pd
 import pytest
@@ -25,6 +26,7 @@ from bayes_toe.data.messages import bare
 from bayes_toe.errors import Remedy
 
 GRAMS = (740, 905, 1105, 1350)
+TEXTS = ("subject", "response")
 
 
 def made_up_trials():
@@ -100,6 +102,36 @@ def with_empty_texts(workbook):
 def matlab(variables):
     data = io.BytesIO()
     savemat(data, variables)
+    return data.getvalue()
+
+
+def matlab_73(columns, is_struct=False):
+    """Vectors, or fields of a struct, as MATLAB writes them into a file of version 7.3."""
+    data = io.BytesIO()
+    with h5py.File(data, "w", userblock_size=512) as file:
+        references = file.create_group("#refs#")
+        home = file.create_group("data") if is_struct else file
+        for name, values in columns.items():
+            cells = np.empty((1, len(values)), h5py.ref_dtype)
+            for i, value in enumerate(values):
+                letters = np.array([list(map(ord, value))], np.uint16).T if name in TEXTS else value
+                cell = references.create_dataset(f"{name}{i}", data=letters)
+                cell.attrs["MATLAB_class"] = np.bytes_("char" if name in TEXTS else "double")
+                cells[0, i] = cell.ref
+            if name in TEXTS or is_struct:
+                home.create_dataset(name, data=cells)
+            else:
+                column = home.create_dataset(name, data=np.array([values]))
+                column.attrs["MATLAB_class"] = np.bytes_("double")
+    header = b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\0\2IM"
+    return header + data.getvalue()[128:]
+
+
+def linked_73():
+    """A file of version 7.3 that leads to another file."""
+    data = io.BytesIO(matlab_73({"s1": [0.0]}))
+    with h5py.File(data, "a") as file:
+        file["subject"] = h5py.ExternalLink("other.h5", "/subject")
     return data.getvalue()
 
 
@@ -214,6 +246,8 @@ READ = {
     ),
     "vectors.mat": (matlab(LISTS), {}),
     "struct.mat": (matlab({"data": LISTS}), {}),
+    "vectors_73.mat": (matlab_73(LISTS), {}),
+    "struct_array_73.mat": (matlab_73(LISTS, is_struct=True), {}),
     "counts.csv": (csv(COUNTS), {}),
     "other_counts.csv": (csv(named(COUNTS, n_second="second", n_trials="total")), {}),
     "proportions.csv": (csv(SHARES), {}),
@@ -381,7 +415,11 @@ REFUSED = {
     "data.RData": (b"RDX3", ["R data"]),
     "1_stairs.psydat": (b"\x80\x04", ["data of another program, allowed: its copy as CSV"]),
     "data.sav": (b"$FL2", ["its copy as CSV"]),
-    "new.mat": (b"MATLAB 7.3 MAT-file, Platform" + bytes(95) + b"\0\2IM", ["version 7.3"]),
+    "cut_73.mat": (matlab_73(LISTS)[:2000], ["found a damaged MATLAB file"]),
+    "link_73.mat": (linked_73(), ["damaged MATLAB file (subject is a link)"]),
+    "table_73.mat": (
+        matlab_73({"#subsystem#": [1.0]}), ["a table or another object of MATLAB's own"],
+    ),
     "matrix.mat": (matlab({"data": TRIALS[["s1", "s2"]].to_numpy()}), ["not a column"]),
     "three_answers.csv": (
         csv(with_rows(IN_LOGS, [["P03", 0, 0, "equal"]])), ["words of two tasks"],
