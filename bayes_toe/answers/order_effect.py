@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import chain, product
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import logsumexp
@@ -74,8 +75,7 @@ _COUNTS_WITHIN, _LARGEST_ERROR = 5.0, 0.1
 _STUDENT = StandardStudent()
 
 
-@dataclass(frozen=True)
-class Size:
+class Size(NamedTuple):
     """An estimate: the median and the ends of the central 95 % interval."""
 
     q025: float
@@ -84,7 +84,7 @@ class Size:
 
     def from_percent(self, unit: StimulusUnit) -> Size:
         """A difference in per cent of intensity in the unit of the stimuli."""
-        return Size(*unit.from_percent([self.q025, self.q50, self.q975]).tolist())
+        return Size(*unit.from_percent(self).tolist())
 
 
 @dataclass(frozen=True)
@@ -224,7 +224,7 @@ class OrderEffect:
         unit = self.unit.of_differences
         if name == "pse_shift_percent":
             return format_signed(size, unit)
-        low, median, high = (format_number(value) for value in (size.q025, size.q50, size.q975))
+        low, median, high = map(format_number, size)
         return f"{median} {unit} [{low}, {high}]"
 
     @property
@@ -312,9 +312,8 @@ def format_signed(size: Size, unit: str = "") -> str:
     >>> format_signed(Size(2.5, 5.61, 8.3), "%"), format_signed(Size(-0.4, 11.7, 22.1))
     ('+5.6 % [+2.5, +8.3]', '+12 [-0, +22]')
     """
-    quantiles = (size.q025, size.q50, size.q975)
-    digits = _digits(max(map(abs, quantiles)), max_digits=2)
-    low, median, high = (f"{value:+.{digits}f}" for value in quantiles)
+    digits = _digits(max(map(abs, size)), max_digits=2)
+    low, median, high = (f"{value:+.{digits}f}" for value in size)
     estimate = f"{median} {unit}".rstrip()
     return f"{estimate} [{low}, {high}]"
 
@@ -345,8 +344,7 @@ def format_share(size: Size, sign: str = "") -> str:
     >>> format_share(Size(-0.001, 0.16, 0.22)), format_share(Size(0.03, 0.17, 0.31), "+")
     ('.16 [.00, .22]', '+.17 [+.03, +.31]')
     """
-    values = (size.q025, size.q50, size.q975)
-    low, median, high = (format_decimals(value, sign=sign) for value in values)
+    low, median, high = (format_decimals(value, sign=sign) for value in size)
     return f"{median} [{low}, {high}]"
 
 

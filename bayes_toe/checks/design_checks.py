@@ -44,6 +44,7 @@ _INVISIBLE = frozenset("\u034f\u115f\u1160\u17b4\u17b5\u2800\u3164\uffa0") | fro
 )
 _NEAR = 10.0  # factor within which sigma_p of a prior in the stimuli's unit lies of their step
 _SELDOM = 0.1  # probability of that below which the prior has another unit
+_LONE = 0.01  # share of trials whose stimuli may be far from all others by mistake
 _ROUNDED = 1e-6  # of the range of the stimuli: nobody perceives such a difference
 _DISTANT = 0.25  # of the sd of the stimuli: how far their means may differ between conditions
 _LONG = 100.0  # seconds; nobody compares two stimuli over that time, but 100 ms are common
@@ -82,7 +83,7 @@ def check_design(study: Study, prior: Prior | None = None) -> tuple[Finding, ...
         *urgent_findings(study, prior),
         *_similar_names(study.names),
     ]
-    findings += [*_times(study), *_two_scales(study), *_conditions(study), *_columns(study.reading)]
+    findings += [*_times(study), *_conditions(study), *_columns(study.reading)]
     findings += [*identification_findings(study), *_notes(study)]
     for subject in study:
         findings += _one_order(subject)
@@ -92,7 +93,7 @@ def check_design(study: Study, prior: Prior | None = None) -> tuple[Finding, ...
 def urgent_findings(study: Study, prior: Prior | None = None) -> tuple[Finding, ...]:
     """Probable mistakes, which every command prints before its work."""
     findings = [Finding("", "repeated_rows", f"{doubt}.") for doubt in study.reading.doubts]
-    findings += _raw_stimuli(study)
+    findings += [*_raw_stimuli(study), *_two_scales(study)]
     if prior is not None:
         findings += _prior_scale(study, prior)
     for subject in study:
@@ -105,7 +106,7 @@ def urgent_findings(study: Study, prior: Prior | None = None) -> tuple[Finding, 
 
 def _raw_stimuli(study: Study) -> Iterator[Finding]:
     """Stimuli that are too large, or too far apart, to be natural logs."""
-    stimuli = np.concatenate([np.concatenate([subject.s1, subject.s2]) for subject in study])
+    stimuli = np.concatenate([subject.stimuli for subject in study])
     low, high = float(stimuli.min()), float(stimuli.max())
     has_unit = "i1" in study.reading.read or study.unit.name != ""
     if has_unit or max(high - low, low) <= LARGEST_LOG:
@@ -121,15 +122,23 @@ def _raw_stimuli(study: Study) -> Iterator[Finding]:
 def _two_scales(study: Study) -> Iterator[Finding]:
     """Stimuli in two groups that are far apart, as where some decimal points are missing."""
     for subject in study:
-        levels = np.unique(np.concatenate([subject.s1, subject.s2]))
+        levels = np.unique(subject.stimuli)
         gaps = np.diff(levels)
-        largest = float(gaps.max(initial=0.0))
-        if largest > _TWO_SCALES and largest > 2.0 * (gaps.sum() - largest):
-            message = (
-                f"Stimuli lie in two groups, a factor of {math.exp(min(largest, 700.0)):.2g} "
-                "apart. Check whether some rows lack a decimal point."
-            )
-            yield Finding(subject.name, "two_scales", message)
+        if not len(gaps):
+            continue
+        widest = int(gaps.argmax())
+        gap, others = float(gaps[widest]), float(np.delete(gaps, widest).sum())
+        n_below = int(np.tile(subject.n_trials, 2)[subject.stimuli <= levels[widest]].sum())
+        n_lone = min(n_below, 2 * subject.total_trials - n_below)
+        factor = f"a factor of {math.exp(min(gap, 700.0)):.2g}"
+        message = ""
+        if gap > _TWO_SCALES and gap > 2.0 * others:
+            message = f"Stimuli lie in two groups, {factor} apart. Check whether some rows lack a "
+        elif gap > others > 0.0 and n_lone <= _LONE * subject.total_trials:
+            trials = f"{counted(n_lone, 'trial')} of {subject.total_trials:,}"
+            message = f"In {trials}, a stimulus lies {factor} from all others. Check its "
+        if message:
+            yield Finding(subject.name, "two_scales", f"{message}decimal point.")
 
 
 def _columns(reading: Reading) -> Iterator[Finding]:
@@ -267,7 +276,7 @@ def _once_for_all(study: Study, names: Sequence[str], code: str, message: str) -
 
 def _one_order(subject: Subject) -> Iterator[Finding]:
     """A few pairs in one order among others that were shown in both, at whatever interval."""
-    presented = set(zip(subject.s1.tolist(), subject.s2.tolist(), strict=True))
+    presented = set(subject.pairs)
     lone = [
         pair for pair in sorted(presented) if pair[0] != pair[1] and pair[::-1] not in presented
     ]
@@ -284,12 +293,11 @@ def _one_order(subject: Subject) -> Iterator[Finding]:
 
 def _rounding(subject: Subject) -> Iterator[Finding]:
     """Stimuli so near each other that they were meant to be the same."""
-    all_stimuli = np.concatenate([subject.s1, subject.s2])
-    gaps = np.diff(np.sort(all_stimuli))
+    gaps = np.diff(np.sort(subject.stimuli))
     limit = _ROUNDED * gaps.sum()
     if not ((gaps > 0) & (gaps <= limit)).any():
         return
-    stimuli, index = np.unique(all_stimuli, return_inverse=True)
+    stimuli, index = np.unique(subject.stimuli, return_inverse=True)
     n_shown = np.bincount(index.ravel(), np.tile(subject.n_trials, 2))
     # Where every trial has a stimulus of its own, two may be near by chance.
     is_near = (np.diff(stimuli) <= limit) & (np.maximum(n_shown[1:], n_shown[:-1]) > 2)

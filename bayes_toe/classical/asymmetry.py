@@ -299,8 +299,7 @@ def subject_asymmetry(subject: Subject) -> SubjectAsymmetry:
     values = zip(*(column.tolist() for column in columns), strict=True)
     comparisons = tuple(Comparison(subject.name, *row) for row in values)
     is_pooled = subject.isi is None
-    pairs = zip(subject.s1.tolist(), subject.s2.tolist(), strict=True)
-    n_unequal = len({frozenset(pair) for pair in pairs if pair[0] != pair[1]})
+    n_unequal = len({frozenset(pair) for pair in subject.pairs if pair[0] != pair[1]})
     n_one_order = n_unequal - len(comparisons) if is_pooled else 0
     return SubjectAsymmetry(
         subject.name, accuracy(subject), comparisons, n_one_order, pooled=is_pooled

@@ -111,7 +111,7 @@ def describe_pairs(study: Study) -> str:
     """
     pairs = set[tuple[float, float]]()
     for subject in study:
-        pairs.update(zip(subject.s1.tolist(), subject.s2.tolist(), strict=True))
+        pairs.update(subject.pairs)
     different = {(first, second) for first, second in pairs if first != second}
     n_equal = len(pairs) - len(different)
     n_both = sum((second, first) in different for first, second in different) // 2

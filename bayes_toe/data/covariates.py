@@ -78,6 +78,7 @@ def read_covariates(path: Covariates | StrPath) -> Covariates:
     Examples
     --------
     >>> import tempfile
+    >>> from pathlib import Path
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     file = Path(folder, "people.csv")
     ...     table = "subject,age,site\nS01,23,north\nS02,NA,south\nS03,31.5,west\n"

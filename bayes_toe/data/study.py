@@ -266,6 +266,16 @@ class Subject:
         return len(self.s1)
 
     @property
+    def pairs(self) -> list[tuple[float, float]]:
+        """First and second stimulus of every pair, natural-log intensity."""
+        return list(zip(self.s1.tolist(), self.s2.tolist(), strict=True))
+
+    @property
+    def stimuli(self) -> FloatArray:
+        """The first stimuli of all pairs, then the second ones, natural-log intensity."""
+        return np.concatenate([self.s1, self.s2])
+
+    @property
     def steps(self) -> FloatArray:
         """The difference s2 - s1 of every pair, natural-log intensity, shape (pairs,).
 
@@ -625,8 +635,7 @@ def pairs_in_both_orders(subject: Subject) -> IndexArray:
     """
     if subject.isi is not None:
         return np.empty((0, 2), np.intp)
-    pairs = zip(subject.s1.tolist(), subject.s2.tolist(), strict=True)
-    row_of = {pair: row for row, pair in enumerate(pairs)}
+    row_of = {pair: row for row, pair in enumerate(subject.pairs)}
     rows = []
     for s1, s2 in sorted(row_of):
         if s1 < s2 and (s2, s1) in row_of:

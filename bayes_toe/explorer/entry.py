@@ -9,7 +9,7 @@ from __future__ import annotations
 import base64
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import astuple, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 from typing import Any
 
@@ -156,7 +156,7 @@ class Entry:
         columns = self.columns(quantities)
         present = {name: values[~np.isnan(values)] for name, values in columns.items()}
         marked = {name: np.quantile(draws, MARKED).tolist() for name, draws in present.items()}
-        marked |= {name: list(astuple(size)) for name, size in self.estimates.items()}
+        marked |= {name: list(size) for name, size in self.estimates.items()}
         selected = {name: values[index] for name, values in quantities.items()}
         true_values = self._true_values()
         spans = spans_of(present.values(), list(columns), self.target)
@@ -211,7 +211,7 @@ class Entry:
     def _responses(self, x: FloatArray, quantities: Mapping[str, FloatArray]) -> Record:
         """Counts, and curves over them."""
         counts = self.target.subject
-        stimuli = np.concatenate([counts.s1, counts.s2])
+        stimuli = counts.stimuli
         low, high = float(stimuli.min()), float(stimuli.max())
         pad = 0.08 * (high - low) if high > low else 0.5
         ends = [low - pad, high + pad]

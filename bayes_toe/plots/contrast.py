@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import astuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -107,7 +106,7 @@ def _draw_subjects(ax: Axes, table: ContrastTable, rows: Sequence[Difference]) -
         rows = sorted(rows, key=lambda row: row.q50)
         y = np.arange(len(rows))
         ax.set_yticks([])
-    sizes = [astuple(row.interval(table.unit)) for row in rows]
+    sizes = [row.interval(table.unit) for row in rows]
     low, middle, high = np.array(sizes).reshape(-1, 3).T
     faces = [_MARKS[row.word][0] for row in rows]
     colours = [_MARKS[row.word][1] for row in rows]

@@ -186,9 +186,7 @@ def _sorted_answers(table: EvidenceTable) -> list[OrderEffect]:
     return answers
 
 
-def _draw_sizes(
-    ax: Axes, answers: Sequence[OrderEffect], question: Question
-) -> list[tuple[float, float, float]]:
+def _draw_sizes(ax: Axes, answers: Sequence[OrderEffect], question: Question) -> list[Size]:
     """Draw medians and 95 % intervals; return them from the first to the last row that has one."""
     intervals = []
     marker_size = _marker_size(len(answers))
@@ -200,22 +198,19 @@ def _draw_sizes(
         width = 0.3 * marker_size if word.is_positive else 0.15 * marker_size
         ax.hlines(row, size.q025, size.q975, color=question.colour, lw=width)
         ax.plot(size.q50, row, **marker_style(question, word, marker_size))
-        intervals.append((size.q025, size.q50, size.q975))
+        intervals.append(size)
     return intervals
 
 
-def _draw_group(
-    ax: Axes, group: PopulationResult, question: Question, row: float
-) -> tuple[float, float, float]:
-    """Draw the group's mean with its 95 % interval; return low, median and high."""
+def _draw_group(ax: Axes, group: PopulationResult, question: Question, row: float) -> Size:
+    """Draw the group's mean with its 95 % interval, and return them."""
     effect = group.effect(question.name)
     size = Size(*effect.mean)
     if effect.percent is not None:
         size = Size(*effect.percent).from_percent(group.study.unit)
-    low, median, high = size.q025, size.q50, size.q975
-    ax.hlines(row, low, high, color=question.colour, lw=2.2)
-    ax.plot(median, row, "d", color=question.colour, ms=8.0, mec="black", mew=0.6)
-    return low, median, high
+    ax.hlines(row, size.q025, size.q975, color=question.colour, lw=2.2)
+    ax.plot(size.q50, row, "d", color=question.colour, ms=8.0, mec="black", mew=0.6)
+    return size
 
 
 def _limits(sizes: FloatArray) -> tuple[float, float]:

@@ -258,7 +258,7 @@ def prior_axes(draws: Draws, subject: str, ax: Axes) -> Axes:
     noise, 2 sigma_l wide.
     """
     counts = draws.subject(subject)
-    stimuli = np.unique(np.concatenate([counts.s1, counts.s2]))
+    stimuli = np.unique(counts.stimuli)
     means, sds = draws.values(subject, "mu1").ravel(), draws.values(subject, "sigma1").ravel()
     mean, sd = float(np.median(means)), float(np.median(sds))
     low, high = _prior_limits(stimuli, mean, sd)
@@ -362,7 +362,7 @@ def _central_quantiles(cloud: tuple[npt.ArrayLike, npt.ArrayLike]) -> FloatArray
 
 def _set_map_limits(ax: Axes, points: FloatArray, draws: Draws) -> None:
     """Room for the points that are not too far from the stimuli, which are drawn behind them."""
-    stimuli = np.concatenate([np.concatenate([subject.s1, subject.s2]) for subject in draws.study])
+    stimuli = np.concatenate([subject.stimuli for subject in draws.study])
     first, last = float(stimuli.min()), float(stimuli.max())
     reach = _FARTHEST * max(last - first, 0.5)
     finite = points[np.isfinite(points).all(axis=1)]
@@ -435,7 +435,7 @@ def plane_axes(draws: Draws, subject: str, ax: Axes) -> Axes:
     axis without an order effect. Open marks: pairs presented, in the colour of their order.
     """
     counts, fitted = draws.subject(subject), Predictor.of(draws, subject, most=CURVE_DRAWS)
-    stimuli = np.concatenate([counts.s1, counts.s2])
+    stimuli = counts.stimuli
     pad = max(0.18 * float(np.ptp(stimuli)), 0.1)
     low, high = float(stimuli.min()) - pad, float(stimuli.max()) + pad
     side = np.linspace(low, high, _CELLS)

@@ -129,7 +129,7 @@ def test_a_figure_of_many_subjects_is_sorted_and_no_higher(analysis):
 
 def test_wide_intervals_do_not_hide_the_others_and_are_counted(analysis):
     first, second, third = analysis.evidence
-    size = replace(first.answer.sizes["pse_shift_percent"], q975=1e9)
+    size = first.answer.sizes["pse_shift_percent"]._replace(q975=1e9)
     wide = changed(first, sizes={**first.answer.sizes, "pse_shift_percent": size})
     errors = bt.plots.order_effect(EvidenceTable((wide, second, third))).axes[0]
     assert errors.get_xlim()[1] < 1e6
