@@ -51,6 +51,8 @@ _TEXTS = (
         "unit",
         "sheet",
         "encoding",
+        "reference",
+        "wide",
     ),
 )
 _KINDS: dict[str, type] = {

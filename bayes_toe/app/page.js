@@ -4,6 +4,7 @@
 const LARGEST = 64 * 2 ** 20; // bytes, as in server.py
 const MOST_PAIRS = 200;
 const MOST_NAMES = 5;
+const TEXTS = ["reference", "sheet", "encoding", "wide"];
 const OPTIONAL = ["condition", "isi", "session", "block", "trial", "iti"];
 const STIMULI = { log: ["s1", "s2"], intensity: ["i1", "i2"], standard: ["standard", "comparison"] };
 const ROLES = {
@@ -188,6 +189,8 @@ function showForm() {
     $(`${selector}-label`).textContent = capital(ROLES[role]);
   }
   $("#reference-label").hidden = stimuli !== "intensity";
+  $("#unit-label").hidden = stimuli !== "intensity";
+  if (document.activeElement !== $("#unit")) $("#unit").value = options.unit ?? "";
   $("#scale-label").hidden = stimuli === "intensity";
   choose($("#scale"), options.unit);
   if (options.intensity) $("#intensity").value = options.intensity;
@@ -208,7 +211,7 @@ function showForm() {
 
   $("#sheet-label").hidden = !/\.xls[xm]$/i.test(job.files[0]);
   $("#encoding-label").hidden = /\.(xls[xm]|mat|parquet)$/i.test(job.files[0]);
-  for (const name of ["sheet", "encoding"]) {
+  for (const name of TEXTS) {
     if (document.activeElement !== $(`#${name}`)) $(`#${name}`).value = options[name] ?? "";
   }
   fill($("#where-column"), names, none);
@@ -259,8 +262,9 @@ function collect() {
   const stimuli = $("#stimuli-kind").value;
   name(STIMULI[stimuli][0], $("#first").value);
   name(STIMULI[stimuli][1], $("#second").value);
+  const unit = stimuli === "intensity" ? $("#unit").value : $("#scale").value;
+  if (unit) options.unit = unit;
   if (stimuli === "intensity") options.intensity = $("#intensity").value.replace(",", ".") || "1";
-  else if ($("#scale").value) options.unit = $("#scale").value;
   const order = $("#standard-order").value;
   if (stimuli === "standard" && order === "*always") options.standard_first = true;
   else if (stimuli === "standard" && order) options.standard_interval = order;
@@ -287,7 +291,7 @@ function collect() {
     else name(role, value);
   }
   if (ignore.length) options.ignore = ignore;
-  for (const name of ["sheet", "encoding"]) if ($(`#${name}`).value) options[name] = $(`#${name}`).value;
+  for (const name of TEXTS) if ($(`#${name}`).value) options[name] = $(`#${name}`).value;
   const column = $("#where-column").value;
   if (column && $("#where-text").value) options.where = { [column]: $("#where-text").value };
   for (const select of $$("#decisions select")) {
@@ -449,13 +453,15 @@ function showStudy() {
   $("#summary").textContent = `Read: ${study.subjects} ${study.subjects === 1 ? "subject" : "subjects"}${study.units > study.subjects ? " in several conditions" : ""}, ${study.trials.toLocaleString("en")} trials, ${task}. ${capital(study.notes[0])}.`;
   const isi = study.pairs.some(([pair]) => pair.length > 2);
   const head = element("tr");
-  for (const text of ["first (ln)", "second (ln)", ...(isi ? ["interval, s"] : []), "second is stronger by", "trials", `'${study.answer}'`]) {
+  const ln = study.unit ? "" : " (ln)";
+  for (const text of [`first${ln}`, `second${ln}`, ...(isi ? ["interval, s"] : []), "second is stronger by", "trials", `'${study.answer}'`]) {
     head.append(element("th", text, { class: "number" }));
   }
   $("#pairs thead").replaceChildren(head);
-  $("#pairs tbody").replaceChildren(...study.pairs.slice(0, MOST_PAIRS).map(([pair, yes, trials]) => {
+  $("#pairs tbody").replaceChildren(...study.pairs.slice(0, MOST_PAIRS).map(([pair, yes, trials], i) => {
     const row = element("tr");
-    const texts = [...pair.map(number), step(pair[1] - pair[0]), trials.toLocaleString("en"), `${Math.round((100 * yes) / trials)} %`];
+    const stimuli = study.unit ? [...study.stimuli[i], ...pair.slice(2).map(number)] : pair.map(number);
+    const texts = [...stimuli, step(pair[1] - pair[0]), trials.toLocaleString("en"), `${Math.round((100 * yes) / trials)} %`];
     row.append(...texts.map((text) => element("td", text, { class: "number" })));
     return row;
   }));

@@ -108,6 +108,8 @@ def describe_study(study: bt.Study, findings: Sequence[Finding]) -> Record:
         "units": len(study),  # subjects in conditions
         "trials": n_trials.total(),
         "pairs": [(pair, n_yes[pair], n_trials[pair]) for pair in sorted(n_trials)],
+        "stimuli": [[*map(study.unit.describe, pair[:2])] for pair in sorted(n_trials)],
+        "unit": study.unit.of_stimuli,
         "notes": study.notes,
         "findings": [_describe_finding(finding) for finding in findings],
     }

@@ -446,6 +446,28 @@ def test_decibels_practice_and_an_encoding_have_their_fields(browser, server, tm
     assert opened.close() == []
 
 
+def test_columns_that_are_pairs_and_a_level_to_compare_with_have_their_fields(
+    browser, server, tmp_path
+):
+    rows = ["subject,hand,100_112,112_100", "A,left,second,first", "A,right,second,second"]
+    (tmp_path / "survey.csv").write_text("\n".join(rows), encoding="utf-8")
+    opened = Page(browser, server)
+    page = opened.page
+    opened.add(tmp_path / "survey.csv")
+    page.select_option("#stimuli-kind", "intensity")
+    page.locator("#others summary").click()
+    page.select_option("select[data-role=condition]", "hand")
+    page.fill("#unit", "g")
+    page.fill("#reference", "right")
+    page.fill("#wide", "{first}_{second}")
+    page.press("#wide", "Enter")
+    page.get_by_text("Pairs read from names of 2 columns").wait_for()
+    assert page.input_value("#reference") == "right"
+    assert "100 g\t112 g\t+12 %" in page.inner_text("#pairs")
+    assert page.locator("#go").is_enabled()
+    assert opened.close() == []
+
+
 def test_all_four_parts_are_there_in_another_tab_and_an_ended_program_is_told(browser, finished):
     server, folder = finished
     opened = Page(browser, server)
